@@ -21,59 +21,66 @@ use crate::config::{self, Problem, Problems};
 use crate::krl::Kss;
 use crate::office::ArchiveSettings;
 use crate::recipe::RECIPE_KEYS;
-use crate::requirements::recipe_fits::{plausible, unfit};
+use crate::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
 use crate::requirements::{
-    CALIBRATION_ADVICE, Lack, Purpose, ReadNamed, Unmet, incomplete, not_looked_at, problems_of,
+    CALIBRATION_ADVICE, ProblemKind, Purpose, ReadNamed, UnmetRequirement, incomplete_files, skip_file, to_problems,
 };
-use describe::{say_archive, say_cell, say_correction, say_intrinsics, say_mount, say_recipe, say_removal};
+use describe::{
+    describe_archive, describe_cell, describe_correction, describe_intrinsics, describe_mount, describe_recipe,
+    describe_removal,
+};
 
 pub use krl::is_krl;
 pub use report::FileReport;
 use report::{RECIPE, of_kind};
-pub use text::{Decoded, NotText, decode, not_utf_8};
+pub use text::{DecodedText, EncodingError, decode, utf_8_error};
 
 /// A kind of file: its name, the keys at its top, how it is checked.
-struct Kind {
+struct FileKind {
     name: &'static str,
     keys: &'static [&'static str],
     check: fn(&str, &str) -> Result<Vec<String>, Problems>,
 }
 
-const KINDS: [Kind; 10] = [
-    Kind { name: CELL, keys: &CELL_KEYS, check: |name, text| Cell::check(name, text).map(|cell| say_cell(&cell)) },
-    Kind {
+const KINDS: [FileKind; 10] = [
+    FileKind {
+        name: CELL,
+        keys: &CELL_KEYS,
+        check: |name, text| Cell::check(name, text).map(|cell| describe_cell(&cell)),
+    },
+    FileKind {
         name: RECIPE,
         keys: &RECIPE_KEYS,
-        check: |name, text| plausible(name, text).map(|recipe| say_recipe(&recipe)),
+        check: |name, text| parse_plausible_recipe(name, text).map(|recipe| describe_recipe(&recipe)),
     },
-    Kind {
+    FileKind {
         name: "intrinsics",
         keys: &["camera", "scanner_errors"],
-        check: |name, text| Intrinsics::check(name, text).map(say_intrinsics),
+        check: |name, text| Intrinsics::check(name, text).map(describe_intrinsics),
     },
     mount::<ScannerMount>(&[ScannerMount::TABLE]),
     mount::<FlangeCameraMount>(&[FlangeCameraMount::TABLE]),
     mount::<ToolMount>(&[ToolMount::TABLE]),
     mount::<TargetMount>(&[TargetMount::TABLE]),
-    Kind {
+    FileKind {
         name: "robot_correction",
         keys: &["robot_correction"],
-        check: |name, text| RobotCorrection::check(name, text).map(|correction| say_correction(&correction)),
+        check: |name, text| RobotCorrection::check(name, text).map(|correction| describe_correction(&correction)),
     },
-    Kind {
+    FileKind {
         name: "removal",
         keys: &["removal"],
-        check: |name, text| RemovalCalibration::check(name, text).map(|found| say_removal(&found)),
+        check: |name, text| RemovalCalibration::check(name, text).map(|found| describe_removal(&found)),
     },
-    Kind {
+    FileKind {
         name: "archive",
         keys: &["broker", "database", "files", "fleet"],
-        check: |name, text| ArchiveSettings::check(name, text).map(|settings| say_archive(&settings)),
+        check: |name, text| ArchiveSettings::check(name, text).map(|settings| describe_archive(&settings)),
     },
 ];
 
-const fn mount<M: Mount>(keys: &'static [&'static str]) -> Kind {
-    Kind { name: M::TABLE, keys, check: |name, text| MountedPose::<M>::check(name, text).map(say_mount) }
+const fn mount<M: Mount>(keys: &'static [&'static str]) -> FileKind {
+    FileKind { name: M::TABLE, keys, check: |name, text| MountedPose::<M>::check(name, text).map(describe_mount) }
 }
 
 /// What the files are checked for.
@@ -82,7 +89,7 @@ pub struct CheckedFor<'a> {
     /// A cell's file must state all that this purpose needs; with `None`, only what commands on files need.
     pub purpose: Option<Purpose>,
     /// Missing files that the cell names are a warning, not a problem.
-    pub may_lack_files: bool,
+    pub are_missing_files_allowed: bool,
     /// Reads the files that the cell names.
     pub read: ReadNamed<'a>,
     /// KRL is checked for controllers with this version of KSS and higher ones, if it is known.
@@ -93,7 +100,7 @@ pub struct CheckedFor<'a> {
 /// messages and its text. If a purpose is given, a cell's file must state all that the purpose needs; the files
 /// that it names are not read.
 pub fn check_files(files: &[(&str, &str)], purpose: Option<Purpose>) -> Vec<FileReport> {
-    let checked_for = CheckedFor { purpose, may_lack_files: true, read: &not_looked_at, kss: None };
+    let checked_for = CheckedFor { purpose, are_missing_files_allowed: true, read: &skip_file, kss: None };
     check_files_for(files, &checked_for)
 }
 
@@ -105,15 +112,15 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
     for (place, &(name, text)) in files.iter().enumerate() {
         if is_krl(name) {
             programs.push((place, name, text));
-            reports.push(FileReport { kind: None, problems: vec![], warnings: vec![], says: vec![] });
+            reports.push(FileReport { kind: None, problems: vec![], warnings: vec![], descriptions: vec![] });
             continue;
         }
-        if Intrinsics::is_foreign(text) {
+        if Intrinsics::is_foreign_format(text) {
             let (problems, says) = match Intrinsics::check(name, text) {
-                Ok(intrinsics) => (vec![], say_intrinsics(intrinsics)),
+                Ok(intrinsics) => (vec![], describe_intrinsics(intrinsics)),
                 Err(problems) => (problems.list, vec![]),
             };
-            reports.push(FileReport { kind: Some("intrinsics"), problems, warnings: vec![], says });
+            reports.push(FileReport { kind: Some("intrinsics"), problems, warnings: vec![], descriptions: says });
             continue;
         }
         if is_yaml(name) {
@@ -121,28 +128,28 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
             continue;
         }
         if !is_eki(name, text) {
-            reports.push(check_ours(name, text, checked_for));
+            reports.push(check_own_format(name, text, checked_for));
             continue;
         }
-        let checked = eki::check(name, text);
+        let checked = eki::check_eki_file(name, text);
         channels.extend(checked.channel.map(|channel| (place, name, channel)));
-        let eki::Checked { problems, warnings, says, .. } = checked;
-        reports.push(FileReport { kind: Some("EthernetKRL"), problems, warnings, says });
+        let eki::EkiCheckResult { problems, warnings, descriptions: says, .. } = checked;
+        reports.push(FileReport { kind: Some("EthernetKRL"), problems, warnings, descriptions: says });
     }
     let channels: Vec<_> = channels.iter().map(|(place, name, channel)| (*place, *name, channel)).collect();
-    for (place, problem) in eki::clashes(&channels) {
+    for (place, problem) in eki::find_clashes(&channels) {
         reports[place].problems.push(problem);
     }
-    for (place, warning) in eki::addresses_apart(&channels) {
+    for (place, warning) in eki::differing_address_warnings(&channels) {
         reports[place].warnings.push(warning);
     }
-    for (place, report) in krl::check(&programs, checked_for.kss) {
+    for (place, report) in krl::check_krl_files(&programs, checked_for.kss) {
         reports[place] = report;
     }
-    hold_recipes_against_the_cell(files, checked_for.read, &mut reports);
-    match the_cell(files, &reports) {
+    check_recipes_against_cell(files, checked_for.read, &mut reports);
+    match single_cell(files, &reports) {
         Some((place, cell)) if cell.robot().kind() == RobotKind::Eki => {
-            controller::hold_against_the_cell(files, (place, &cell), &mut reports);
+            controller::compare_with_cell(files, (place, &cell), &mut reports);
         }
         _ => controller::hold_against_each_other(files, &mut reports),
     }
@@ -154,19 +161,19 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
 }
 
 /// Returns the only cell among the files with its index, if there is exactly one and it has no problem of its own.
-fn the_cell(files: &[(&str, &str)], reports: &[FileReport]) -> Option<(usize, Cell)> {
+fn single_cell(files: &[(&str, &str)], reports: &[FileReport]) -> Option<(usize, Cell)> {
     let [place] = of_kind(CELL, reports)[..] else { return None };
     Some((place, Cell::check(files[place].0, files[place].1).ok()?))
 }
 
 /// Reports what recipes need and the cell cannot do, if one cell is among the files.
-fn hold_recipes_against_the_cell(files: &[(&str, &str)], read: ReadNamed<'_>, reports: &mut [FileReport]) {
-    let Some((_, cell)) = the_cell(files, reports) else { return };
+fn check_recipes_against_cell(files: &[(&str, &str)], read: ReadNamed<'_>, reports: &mut [FileReport]) {
+    let Some((_, cell)) = single_cell(files, reports) else { return };
     for place in of_kind(RECIPE, reports) {
         let (name, text) = files[place];
-        let Ok(recipe) = plausible(name, text) else { continue };
-        let unfit = unfit(&cell, &recipe, read);
-        reports[place].problems.extend(problems_of(text, unfit));
+        let Ok(recipe) = parse_plausible_recipe(name, text) else { continue };
+        let unfit = unmet_demands(&cell, &recipe, read);
+        reports[place].problems.extend(to_problems(text, unfit));
     }
 }
 
@@ -189,13 +196,13 @@ fn check_zivid(name: &str, text: &str) -> FileReport {
         Ok(settings) => (vec![], settings.summary()),
         Err(problems) => (problems.list, vec![]),
     };
-    FileReport { kind: Some("zivid_settings"), problems, warnings: vec![], says }
+    FileReport { kind: Some("zivid_settings"), problems, warnings: vec![], descriptions: says }
 }
 
-fn check_ours(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> FileReport {
-    let Some(kind) = kind_of(&config::top_keys(text)) else {
+fn check_own_format(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> FileReport {
+    let Some(kind) = detect_kind(&config::top_keys(text)) else {
         let begins = KINDS.map(|kind| format!("{} ({})", kind.name, kind.keys.join(", ")));
-        return unclear(format!(
+        return unclear_kind_report(format!(
             "the kind of this file is not recognized: it has no top-level key of a known kind. The kinds and their \
              keys: {}",
             begins.join("; ")
@@ -204,13 +211,13 @@ fn check_ours(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> FileRepor
     match (kind.check)(name, text) {
         Ok(says) => {
             let (problems, warnings) = match kind.name {
-                CELL => completeness(name, text, checked_for),
+                CELL => check_completeness(name, text, checked_for),
                 _ => (vec![], vec![]),
             };
-            FileReport { kind: Some(kind.name), problems, warnings, says }
+            FileReport { kind: Some(kind.name), problems, warnings, descriptions: says }
         }
         Err(problems) => {
-            FileReport { kind: Some(kind.name), problems: problems.list, warnings: vec![], says: vec![] }
+            FileReport { kind: Some(kind.name), problems: problems.list, warnings: vec![], descriptions: vec![] }
         }
     }
 }
@@ -220,17 +227,21 @@ const CELL: &str = "cell";
 
 /// Finds what the purpose needs and a cell's file does not state, each at its line; the first problem names the
 /// purpose. Missing files give one warning, if they may be made later.
-fn completeness(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> (Vec<Problem>, Vec<Problem>) {
+fn check_completeness(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> (Vec<Problem>, Vec<Problem>) {
     let Ok(cell) = Cell::check(name, text) else { return (vec![], vec![]) };
     // Without a purpose no value is required, but the values that are present must be right.
-    let mut all = incomplete(&cell, checked_for.purpose.unwrap_or(Purpose::Cycle), checked_for.read);
-    all.retain(|unmet| checked_for.purpose.is_some() || matches!(unmet.lack, Lack::MissingFile | Lack::WrongFile));
-    let may_lack = |unmet: &Unmet| checked_for.may_lack_files && unmet.lack == Lack::MissingFile;
-    let (missing, unmet): (Vec<Unmet>, Vec<Unmet>) = all.into_iter().partition(may_lack);
+    let mut all = incomplete_files(&cell, checked_for.purpose.unwrap_or(Purpose::Cycle), checked_for.read);
+    all.retain(|unmet| {
+        checked_for.purpose.is_some() || matches!(unmet.kind, ProblemKind::MissingFile | ProblemKind::WrongFile)
+    });
+    let may_lack =
+        |unmet: &UnmetRequirement| checked_for.are_missing_files_allowed && unmet.kind == ProblemKind::MissingFile;
+    let (missing, unmet): (Vec<UnmetRequirement>, Vec<UnmetRequirement>) = all.into_iter().partition(may_lack);
     // The programs are accepted after the cell's file is written, so a new file is right without it.
-    let later = |unmet: &Unmet| checked_for.may_lack_files && unmet.lack == Lack::Acceptance;
-    let (open, unmet): (Vec<Unmet>, Vec<Unmet>) = unmet.into_iter().partition(later);
-    let mut problems = problems_of(text, unmet);
+    let later =
+        |unmet: &UnmetRequirement| checked_for.are_missing_files_allowed && unmet.kind == ProblemKind::Acceptance;
+    let (open, unmet): (Vec<UnmetRequirement>, Vec<UnmetRequirement>) = unmet.into_iter().partition(later);
+    let mut problems = to_problems(text, unmet);
     if let (Some(first), Some(purpose)) = (problems.first_mut(), checked_for.purpose) {
         first.message = format!(
             "{} ({} start only when all problems in this list are corrected)",
@@ -238,12 +249,12 @@ fn completeness(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> (Vec<Pr
             purpose.commands()
         );
     }
-    (problems, files_to_be_made(text, missing).into_iter().chain(problems_of(text, open)).collect())
+    (problems, missing_files_warning(text, missing).into_iter().chain(to_problems(text, open)).collect())
 }
 
 /// Returns one warning for all missing files, at the line of the first one.
-fn files_to_be_made(text: &str, missing: Vec<Unmet>) -> Option<Problem> {
-    let lines = missing.iter().map(|unmet| config::line_of_key(text, &unmet.key));
+fn missing_files_warning(text: &str, missing: Vec<UnmetRequirement>) -> Option<Problem> {
+    let lines = missing.iter().map(|unmet| config::key_line(text, &unmet.key));
     let line = lines.min()?;
     let keys: Vec<String> = missing.into_iter().map(|unmet| unmet.key).collect();
     let files = if keys.len() == 1 { "the named file does" } else { "the named files do" };
@@ -256,28 +267,28 @@ fn files_to_be_made(text: &str, missing: Vec<Unmet>) -> Option<Problem> {
     })
 }
 
-fn unclear(message: String) -> FileReport {
+fn unclear_kind_report(message: String) -> FileReport {
     let problems = vec![Problem { line: 1, key: String::new(), message }];
-    FileReport { kind: None, problems, warnings: vec![], says: vec![] }
+    FileReport { kind: None, problems, warnings: vec![], descriptions: vec![] }
 }
 
 /// Returns the one kind that shares the most names with the file. Misspelt names count if no name is right.
-fn kind_of(top: &[String]) -> Option<&'static Kind> {
+fn detect_kind(top: &[String]) -> Option<&'static FileKind> {
     let all: Vec<&str> = KINDS.iter().flat_map(|kind| kind.keys).copied().collect();
-    let right = |kind: &Kind| top.iter().filter(|key| kind.keys.contains(&key.as_str())).count();
+    let right = |kind: &FileKind| top.iter().filter(|key| kind.keys.contains(&key.as_str())).count();
     let meant: Vec<&str> = top.iter().filter_map(|key| config::nearest(key, &all)).map(|(name, _)| name).collect();
-    let near = |kind: &Kind| meant.iter().filter(|name| kind.keys.contains(name)).count();
+    let near = |kind: &FileKind| meant.iter().filter(|name| kind.keys.contains(name)).count();
     // A file with all names of one kind and no other names is of that kind, even if a larger kind has these names
     // too.
-    let is_whole = |kind: &Kind| top.len() == kind.keys.len() && right(kind) == top.len();
+    let is_whole = |kind: &FileKind| top.len() == kind.keys.len() && right(kind) == top.len();
     match KINDS.iter().find(|kind| is_whole(kind)) {
         Some(kind) => Some(kind),
-        None if KINDS.iter().any(|kind| right(kind) > 0) => most(right),
-        None => most(near),
+        None if KINDS.iter().any(|kind| right(kind) > 0) => best_scoring(right),
+        None => best_scoring(near),
     }
 }
 
-fn most(score: impl Fn(&Kind) -> usize) -> Option<&'static Kind> {
+fn best_scoring(score: impl Fn(&FileKind) -> usize) -> Option<&'static FileKind> {
     let best = KINDS.iter().map(&score).max().filter(|best| *best > 0)?;
     let mut kinds = KINDS.iter().filter(|kind| score(kind) == best);
     kinds.next().filter(|_| kinds.next().is_none())
@@ -385,7 +396,7 @@ mod tests {
     fn what_was_understood_is_said() {
         let cell = "[robot]\nkind = 'eki'\nhost = 'krc'\n[scanner]\nkind = 'zivid'\nsettings = 's.yml'\nsettings_2d = 'p.yml'\n[limits]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 2, 3]";
         assert_eq!(
-            check_file("c/cell.toml", cell).says,
+            check_file("c/cell.toml", cell).descriptions,
             [
                 "scanner: Zivid, the only one found",
                 "flange camera: simulated",
@@ -408,12 +419,12 @@ mod tests {
             "[camera]\nwidth_px = 1944\nheight_px = 1200\nfx_px = 1785\nfy_px = 1784\ncx_px = 972\ncy_px = 600
             k1 = 0\nk2 = 0\np1 = 0\np2 = 0\nk3 = 0\nrms_px = 0.2";
         assert_eq!(
-            check_file("a.toml", lens).says,
+            check_file("a.toml", lens).descriptions,
             ["camera of 1944 × 1200 px with a field of view of about 57.1° × 37.2°", "residual: 0.200 px rms"]
         );
         let mount = "[flange_from_tool]\nx_mm = 0\ny_mm = 10\nz_mm = 120\na_deg = 0\nb_deg = 90\nc_deg = 0";
         assert_eq!(
-            check_file("a.toml", mount).says,
+            check_file("a.toml", mount).descriptions,
             [
                 "tool at (0.0, 10.0, 120.0) mm in flange",
                 "its Z axis in that frame: (1.00, 0.00, 0.00)",

@@ -18,10 +18,10 @@ pub const MAX_BYTES: u64 = 512 << 20;
 pub fn open(file: &Path) -> Result<File> {
     // Opening a device may already have an effect, so the type is checked before the file is opened, and again after
     // it is opened.
-    is_regular(file.metadata()?.file_type())?;
+    check_regular_file(file.metadata()?.file_type())?;
     let without_waiting = rustix::fs::OFlags::NONBLOCK.bits().cast_signed();
     let opened = OpenOptions::new().read(true).custom_flags(without_waiting).open(file)?;
-    is_regular(opened.metadata()?.file_type())?;
+    check_regular_file(opened.metadata()?.file_type())?;
     Ok(opened)
 }
 
@@ -52,7 +52,7 @@ fn read_at_most(file: &Path, most_bytes: u64) -> Result<Vec<u8>> {
     }
 }
 
-fn is_regular(kind: FileType) -> Result<()> {
+fn check_regular_file(kind: FileType) -> Result<()> {
     let found = match kind {
         kind if kind.is_file() => return Ok(()),
         kind if kind.is_dir() => "a folder",

@@ -20,7 +20,7 @@ pub struct ImagingError {
 }
 
 /// Adds the name of the operation to OpenCV's error.
-pub(crate) fn named<T>(operation: &'static str, result: opencv::Result<T>) -> Result<T, ImagingError> {
+pub(crate) fn with_operation<T>(operation: &'static str, result: opencv::Result<T>) -> Result<T, ImagingError> {
     result.map_err(|error| ImagingError { operation, words: error.message })
 }
 
@@ -36,14 +36,14 @@ pub fn bilateral_filter(
 ) -> Result<GrayPicture, ImagingError> {
     const OPERATION: &str = "the bilateral filter";
     let mut filtered = Mat::default();
-    let source = named(OPERATION, view(picture.height, picture.width, &picture.gray))?;
+    let source = with_operation(OPERATION, view(picture.height, picture.width, &picture.gray))?;
     let border = BORDER_DEFAULT;
     let space = diameter_px as f64 / 2.0;
-    named(
+    with_operation(
         OPERATION,
         imgproc::bilateral_filter(&source, &mut filtered, diameter_px as i32, sigma_gray, space, border),
     )?;
-    let gray = named(OPERATION, filtered.data_bytes())?.to_vec();
+    let gray = with_operation(OPERATION, filtered.data_bytes())?.to_vec();
     Ok(GrayPicture { width: picture.width, height: picture.height, gray })
 }
 
@@ -54,13 +54,13 @@ pub fn bilateral_filter(
 pub fn outer_contours(mask: &Mask) -> Result<Vec<Vec<Pixel>>, ImagingError> {
     const OPERATION: &str = "contours";
     let bytes = mask.to_gray().gray;
-    let source = named(OPERATION, view(mask.height, mask.width, &bytes))?;
+    let source = with_operation(OPERATION, view(mask.height, mask.width, &bytes))?;
     let mut found: Vector<Vector<Point2i>> = Vector::new();
     let (mode, method) = (imgproc::RETR_EXTERNAL, imgproc::CHAIN_APPROX_NONE);
-    named(OPERATION, imgproc::find_contours(&source, &mut found, mode, method, Point2i::new(0, 0)))?;
+    with_operation(OPERATION, imgproc::find_contours(&source, &mut found, mode, method, Point2i::new(0, 0)))?;
     let mut contours: Vec<(f64, Vec<Pixel>)> = Vec::with_capacity(found.len());
     for contour in &found {
-        let area = named(OPERATION, imgproc::contour_area(&contour, false))?;
+        let area = with_operation(OPERATION, imgproc::contour_area(&contour, false))?;
         let pixels = contour.iter().map(|point| Pixel::at(point.x.into(), point.y.into())).collect();
         contours.push((area, pixels));
     }
@@ -73,16 +73,16 @@ pub fn outer_contours(mask: &Mask) -> Result<Vec<Vec<Pixel>>, ImagingError> {
 ///
 /// # Errors
 /// If OpenCV refuses the mask, for example an empty one.
-pub fn pieces(mask: &Mask, by_corners: bool) -> Result<Vec<Vec<usize>>, ImagingError> {
+pub fn connected_pieces(mask: &Mask, by_corners: bool) -> Result<Vec<Vec<usize>>, ImagingError> {
     const OPERATION: &str = "connected pieces";
     let bytes = mask.to_gray().gray;
-    let source = named(OPERATION, view(mask.height, mask.width, &bytes))?;
+    let source = with_operation(OPERATION, view(mask.height, mask.width, &bytes))?;
     let mut labels = Mat::default();
     let neighbours = if by_corners { 8 } else { 4 };
-    let count = named(OPERATION, imgproc::connected_components(&source, &mut labels, neighbours, CV_32S))?;
+    let count = with_operation(OPERATION, imgproc::connected_components(&source, &mut labels, neighbours, CV_32S))?;
     // The label 0 is the area outside of the mask.
     let mut pieces = vec![Vec::new(); usize::try_from(count).unwrap_or_default().saturating_sub(1)];
-    for (index, &label) in named(OPERATION, labels.data_typed::<i32>())?.iter().enumerate() {
+    for (index, &label) in with_operation(OPERATION, labels.data_typed::<i32>())?.iter().enumerate() {
         let piece = usize::try_from(label).ok().and_then(|label| pieces.get_mut(label.checked_sub(1)?));
         if let Some(piece) = piece {
             piece.push(index);
@@ -98,9 +98,9 @@ pub fn pieces(mask: &Mask, by_corners: bool) -> Result<Vec<Vec<usize>>, ImagingE
 pub fn min_area_box(pixels: &[Pixel]) -> Result<[Pixel; 4], ImagingError> {
     const OPERATION: &str = "the smallest box";
     let points: Vector<Point2f> = pixels.iter().map(|p| Point2f::new(p.u as f32, p.v as f32)).collect();
-    let rect = named(OPERATION, imgproc::min_area_rect(&points))?;
+    let rect = with_operation(OPERATION, imgproc::min_area_rect(&points))?;
     let mut corners = [Point2f::default(); 4];
-    named(OPERATION, rect.points(&mut corners))?;
+    with_operation(OPERATION, rect.points(&mut corners))?;
     Ok(corners.map(|corner| Pixel::at(corner.x.into(), corner.y.into())))
 }
 
@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     fn block(width: usize, height: usize, columns: std::ops::Range<usize>, rows: std::ops::Range<usize>) -> Mask {
-        let mut mask = Mask::empty(width, height);
+        let mut mask = Mask::all_outside(width, height);
         for row in rows {
             for column in columns.clone() {
                 mask.inside[row * width + column] = true;
@@ -148,6 +148,6 @@ mod tests {
 
     #[test]
     fn nothing_is_an_error_in_words() {
-        assert!(min_area_box(&[]).is_err() || outer_contours(&Mask::empty(0, 0)).is_err());
+        assert!(min_area_box(&[]).is_err() || outer_contours(&Mask::all_outside(0, 0)).is_err());
     }
 }

@@ -4,5 +4,5 @@ use panelprep::cli::args::Arguments;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    panelprep::cli::run(&Arguments::of_command_line())
+    panelprep::cli::run(&Arguments::parse_command_line())
 }

@@ -31,17 +31,17 @@ pub fn printable(text: &str, most_characters: usize) -> Result<(), String> {
 
 /// A number with a given number of digits after the point, without a sign if it rounds to zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fixed {
+pub struct FixedDecimals {
     value: f64,
     decimals: usize,
 }
 
-/// Returns a number with this many digits after the point: see [`Fixed`].
-pub fn fixed(value: f64, decimals: usize) -> Fixed {
-    Fixed { value, decimals }
+/// Returns a number with this many digits after the point: see [`FixedDecimals`].
+pub fn fixed_decimals(value: f64, decimals: usize) -> FixedDecimals {
+    FixedDecimals { value, decimals }
 }
 
-impl Display for Fixed {
+impl Display for FixedDecimals {
     /// Uses the given width, right-aligned as for numbers.
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let text = text(self.value, self.decimals);
@@ -65,7 +65,7 @@ fn text(value: f64, decimals: usize) -> String {
 }
 
 /// Returns the shortest text that reads back as the same number, without a sign if the number is zero.
-pub fn plain(value: f64) -> String {
+pub fn shortest_text(value: f64) -> String {
     if !value.is_finite() {
         return text(value, 0);
     }
@@ -75,7 +75,7 @@ pub fn plain(value: f64) -> String {
 
 /// Returns the found value and the limit that it violates, as texts that differ: `decimals` digits after the point,
 /// and more if the two cannot be distinguished otherwise. The limit has no zeros at its end.
-pub fn apart(found: f64, limit: f64, decimals: usize) -> [String; 2] {
+pub fn distinguishable_texts(found: f64, limit: f64, decimals: usize) -> [String; 2] {
     let at = |decimals: usize| [text(found, decimals), text(limit, decimals)];
     let differ = |decimals: &usize| {
         let [found, limit] = at(*decimals);
@@ -83,38 +83,38 @@ pub fn apart(found: f64, limit: f64, decimals: usize) -> [String; 2] {
     };
     let enough = (decimals..=MAX_DECIMALS).find(differ).unwrap_or(decimals);
     let [found_text, limit_text] = at(enough);
-    [found_text, trimmed(&limit_text).to_owned()]
+    [found_text, trim_zeros(&limit_text).to_owned()]
 }
 
 /// Returns numbers in brackets, each as the shortest text that reads back as the same number.
 pub fn list(numbers: &[f64]) -> String {
-    format!("[{}]", numbers.iter().map(|number| plain(*number)).collect::<Vec<_>>().join(", "))
+    format!("[{}]", numbers.iter().map(|number| shortest_text(*number)).collect::<Vec<_>>().join(", "))
 }
 
-/// Returns the same as [`apart`] for fractions 0…1, in percent.
-pub fn percent_apart(found: f64, limit: f64, decimals: usize) -> [String; 2] {
-    apart(100.0 * found, 100.0 * limit, decimals)
+/// Returns the same as [`distinguishable_texts`] for fractions 0…1, in percent.
+pub fn distinguishable_percents(found: f64, limit: f64, decimals: usize) -> [String; 2] {
+    distinguishable_texts(100.0 * found, 100.0 * limit, decimals)
 }
 
 /// Returns the UTC day of a time in seconds since 1970: `2026-05-31`.
 pub fn utc_day(unix_s: i64) -> String {
-    civil(unix_s).date().to_string()
+    civil_time(unix_s).date().to_string()
 }
 
 /// Returns UTC date and time of a time in seconds since 1970: `2026-05-31 09:00:00 UTC`.
-pub fn utc(unix_s: i64) -> String {
-    let time = civil(unix_s);
+pub fn utc_text(unix_s: i64) -> String {
+    let time = civil_time(unix_s);
     format!("{} {} UTC", time.date(), time.time())
 }
 
 /// Converts to a calendar time; a time beyond the years ±9999 becomes the last or first possible one.
-fn civil(unix_s: i64) -> DateTime {
+fn civil_time(unix_s: i64) -> DateTime {
     let beyond = if unix_s < 0 { Timestamp::MIN } else { Timestamp::MAX };
     Offset::UTC.to_datetime(Timestamp::from_second(unix_s).unwrap_or(beyond))
 }
 
 /// Removes the zeros at the end of the number's fraction.
-fn trimmed(text: &str) -> &str {
+fn trim_zeros(text: &str) -> &str {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { text }
 }
 
@@ -128,28 +128,31 @@ mod tests {
         for (value, decimals, words) in
             [(-0.04, 1, "0.0"), (-0.4, 0, "0"), (-0.06, 1, "-0.1"), (0.0, 3, "0.000"), (-12.0, 1, "-12.0")]
         {
-            assert_eq!(fixed(value, decimals).to_string(), words);
+            assert_eq!(fixed_decimals(value, decimals).to_string(), words);
         }
-        assert_eq!(format!("{:8}|", fixed(-1.25, 2)), "   -1.25|");
-        assert_eq!((plain(-0.0), plain(0.5), plain(f64::NAN)), ("0".into(), "0.5".into(), "unknown".into()));
+        assert_eq!(format!("{:8}|", fixed_decimals(-1.25, 2)), "   -1.25|");
+        assert_eq!(
+            (shortest_text(-0.0), shortest_text(0.5), shortest_text(f64::NAN)),
+            ("0".into(), "0.5".into(), "unknown".into())
+        );
     }
 
     #[test]
     fn a_number_that_is_none_is_called_so() {
-        assert_eq!(fixed(f64::NAN, 3).to_string(), "unknown");
-        assert_eq!(apart(f64::INFINITY, 0.1, 3), ["infinite", "0.1"]);
-        assert_eq!(apart(f64::NAN, 0.25, 3), ["unknown", "0.25"]);
+        assert_eq!(fixed_decimals(f64::NAN, 3).to_string(), "unknown");
+        assert_eq!(distinguishable_texts(f64::INFINITY, 0.1, 3), ["infinite", "0.1"]);
+        assert_eq!(distinguishable_texts(f64::NAN, 0.25, 3), ["unknown", "0.25"]);
     }
 
     /// Calculated by hand: 8.2 % compared with 8 % needs one digit, 0.5004 compared with 0.5 needs four.
     #[test]
     fn what_was_found_differs_from_what_is_allowed() {
-        assert_eq!(percent_apart(0.082, 0.08, 0), ["8.2", "8"]);
-        assert_eq!(apart(0.5004, 0.5, 2), ["0.5004", "0.5"]);
-        assert_eq!(apart(0.75, 0.25, 3), ["0.750", "0.25"]);
-        assert_eq!(apart(60.1, 60.0, 1), ["60.1", "60"]);
-        assert_eq!(apart(12.0, 100.0, 0), ["12", "100"]);
-        assert_eq!(apart(0.5, 0.5, 1), ["0.5", "0.5"], "the limit itself, where it is not allowed");
+        assert_eq!(distinguishable_percents(0.082, 0.08, 0), ["8.2", "8"]);
+        assert_eq!(distinguishable_texts(0.5004, 0.5, 2), ["0.5004", "0.5"]);
+        assert_eq!(distinguishable_texts(0.75, 0.25, 3), ["0.750", "0.25"]);
+        assert_eq!(distinguishable_texts(60.1, 60.0, 1), ["60.1", "60"]);
+        assert_eq!(distinguishable_texts(12.0, 100.0, 0), ["12", "100"]);
+        assert_eq!(distinguishable_texts(0.5, 0.5, 1), ["0.5", "0.5"], "the limit itself, where it is not allowed");
     }
 
     /// Expected values from `date -u -d @…`: leap days, also in a century year that is a leap year, and the last
@@ -163,18 +166,18 @@ mod tests {
             (1_709_251_199, "2024-02-29 23:59:59 UTC"),
             (1_795_297_432, "2026-11-21 21:43:52 UTC"),
         ] {
-            assert_eq!(utc(unix_s), words);
+            assert_eq!(utc_text(unix_s), words);
             assert_eq!(Some(utc_day(unix_s).as_str()), words.split(' ').next());
         }
-        assert!(utc(i64::MAX).starts_with("9999-12-3"), "{}", utc(i64::MAX));
+        assert!(utc_text(i64::MAX).starts_with("9999-12-3"), "{}", utc_text(i64::MAX));
     }
 
     proptest! {
         #[test]
         fn two_numbers_are_told_apart(found in -1e6_f64..1e6, step in prop::num::f64::POSITIVE, decimals in 0_usize..4) {
             let limit = found + step.clamp(1e-9, 1e3);
-            let [found_text, limit_text] = apart(found, limit, decimals);
-            prop_assert!(trimmed(&found_text) != limit_text, "{found_text} {limit_text}");
+            let [found_text, limit_text] = distinguishable_texts(found, limit, decimals);
+            prop_assert!(trim_zeros(&found_text) != limit_text, "{found_text} {limit_text}");
             let read: f64 = found_text.parse().expect("a number");
             prop_assert!((read - found).abs() <= 0.5 / 10_f64.powi(decimals as i32) + 1e-9);
             let is_zero = |text: &str| text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.');

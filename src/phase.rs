@@ -19,7 +19,7 @@ impl Phase {
     pub const ALL: &'static [Phase] = <Self as VariantArray>::VARIANTS;
 
     /// The phase's keyword in `clip.csv`.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         self.into()
     }
 }

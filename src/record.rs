@@ -12,15 +12,16 @@ mod part;
 mod removed;
 mod requests;
 
-pub use crate::verdict::{Check, Limit, SetBy, Severity};
-pub use conclusion::{Disposition, conclude, dispositions};
+pub use crate::verdict::{Check, Limit, LimitSource, Severity};
+pub use conclusion::{Disposition, conclude, finding_dispositions};
 pub use contact::{
-    Abraded, Bounds, Contact, ContactPath, EarlierPass, How, MotionRecord, Reached, Touched, abraded, passes,
+    AbradedGrid, AbrasionExtent, Bounds, Contact, ContactPath, EarlierPass, FirstReached, MotionRecord,
+    TouchedGrid, abraded_grids, touching_passes,
 };
 pub use finding::{CycleId, Finding, KeptFile, Kind, Picture, name};
 pub use part::{LostPasses, PartNames};
-pub use removed::{RemovedByPath, removed, removed_bound_um};
-pub use requests::{Answer, RequestRecord, RequestSource, RequestedAction, Who};
+pub use removed::{PathRemoval, removed, removed_bound_um};
+pub use requests::{Answer, RequestAuthor, RequestRecord, RequestSource, RequestedAction};
 
 use crate::cycle::{Path, Request};
 use crate::verdict::{Judgement, Verdict};
@@ -49,7 +50,7 @@ impl Budget {
     }
 
     /// Returns the budget without parts that are not finite, which count as not measured.
-    pub fn finite(self) -> Budget {
+    pub fn without_non_finite(self) -> Budget {
         let part = |mm: Option<f64>| mm.filter(|mm| mm.is_finite());
         Budget {
             hand_eye_mm: part(self.hand_eye_mm),
@@ -61,7 +62,7 @@ impl Budget {
     }
 
     /// Returns this budget, in which the parts that `newer` contains replace its own.
-    pub fn renewed(self, newer: Budget) -> Budget {
+    pub fn updated_by(self, newer: Budget) -> Budget {
         Budget {
             hand_eye_mm: newer.hand_eye_mm.or(self.hand_eye_mm),
             locate_mm: newer.locate_mm.or(self.locate_mm),
@@ -76,7 +77,7 @@ impl Budget {
 /// part's result is final.
 pub const PASSES_USED: &str = "passes_used";
 /// The name of the stored text in which a start reports that the fixture holds another part than before.
-pub const ANOTHER_PART: &str = "another_part";
+pub const ANOTHER_PART_TEXT: &str = "another_part";
 /// The name of the stored text in which a start reports that foam lies in the cell instead of a panel.
 pub const ON_FOAM: &str = "on_foam";
 
@@ -146,17 +147,17 @@ pub struct CycleRecord {
 impl CycleRecord {
     /// Returns what contradicts the verdict `pass` or `accept` of this record, in words: findings, and for `pass` a
     /// missing film. The list is empty for other verdicts.
-    pub fn unearned(&self) -> Vec<String> {
+    pub fn verdict_contradictions(&self) -> Vec<String> {
         let Some(verdict) = self.judgement.as_ref().map(|judgement| judgement.verdict) else { return Vec::new() };
         // The verdict of a run in the air refers only to the motions.
         let needs_film = verdict == Verdict::Pass && !self.is_air_run();
-        let no_film = (needs_film && !conclusion::is_shown_by_a_film(&self.findings)).then(|| {
+        let no_film = (needs_film && !conclusion::is_proven_by_film(&self.findings)).then(|| {
             format!(
                 "cycle {} has the verdict pass, but its last film did not pass, or an abrasion followed it",
                 self.id
             )
         });
-        let contradicting = conclusion::unearned(self.id, verdict, &self.findings, &self.asked);
+        let contradicting = conclusion::contradicting_findings(self.id, verdict, &self.findings, &self.asked);
         contradicting.into_iter().chain(no_film).collect()
     }
 
@@ -216,8 +217,8 @@ mod tests {
         };
         assert_eq!(budget.total_mm(), Some(85.0));
         let infinite = Budget { locate_mm: part(f64::INFINITY), ..budget };
-        assert_eq!(infinite.finite(), Budget { locate_mm: None, ..budget });
-        let renewed = budget.renewed(Budget { locate_mm: part(0.0), ..Budget::default() });
+        assert_eq!(infinite.without_non_finite(), Budget { locate_mm: None, ..budget });
+        let renewed = budget.updated_by(Budget { locate_mm: part(0.0), ..Budget::default() });
         assert_eq!(renewed, Budget { locate_mm: part(0.0), ..budget });
         budget.fit_mm = None;
         assert_eq!(budget.total_mm(), None);

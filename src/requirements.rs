@@ -1,59 +1,68 @@
 //! The contents that a cell's file needs for a purpose: decided here for every command.
 //!
 //! A file may omit what offline work does not need. A lack that would make a motion or a cycle refuse later is
-//! refused here before anything begins, and `panelprep check` reports it at the desk. [`unmet`] examines only the
-//! cell's file, [`incomplete`] also the files that it names; `check`, `doctor`, `run` and `cycle` all use these
+//! refused here before anything begins, and `panelprep check` reports it at the desk. [`unmet_requirements`] examines only the
+//! cell's file, [`incomplete_files`] also the files that it names; `check`, `doctor`, `run` and `cycle` all use these
 //! two. `panelprep doctor` checks whether devices answer.
 
 mod findings;
 mod named_files;
 pub mod recipe_fits;
 
-pub use findings::{Lack, Purpose, Unmet, problems_of};
-pub use named_files::{CALIBRATION_ADVICE, NamedFile, ReadNamed, is_measured_with, not_looked_at};
+pub use findings::{ProblemKind, Purpose, UnmetRequirement, to_problems};
+pub use named_files::{CALIBRATION_ADVICE, NamedFile, ReadNamed, is_same_correction, skip_file};
 
 use crate::cell::{Camera, Cell, Output, RobotKind};
 use crate::geometry::{Joints, Rigid};
-use crate::number_text::{fixed, plain};
+use crate::number_text::{fixed_decimals, shortest_text};
 use crate::path::Kinematics;
 use crate::path::reach::joint_motion;
 use nalgebra::Isometry3;
 
 /// Returns everything that this purpose needs and the cell's file does not contain; empty if nothing is missing.
-pub fn unmet(cell: &Cell, purpose: Purpose) -> Vec<Unmet> {
+pub fn unmet_requirements(cell: &Cell, purpose: Purpose) -> Vec<UnmetRequirement> {
     let is_mock = cell.robot().kind() == RobotKind::Mock;
     match purpose {
-        Purpose::Robot if is_mock => names(cell, true).into_iter().chain(park(cell)).collect(),
+        Purpose::Robot if is_mock => names(cell, true).into_iter().chain(check_park(cell)).collect(),
         Purpose::Robot => Vec::new(),
         Purpose::Cycle => {
-            let simulates = is_mock || simulated(cell).iter().any(|(_, is)| *is);
-            let parts =
-                [names(cell, simulates), park(cell), poses(cell), limits(cell), calibrations(cell), cameras(cell)];
+            let simulates = is_mock || simulated_cameras(cell).iter().any(|(_, is)| *is);
+            let parts = [
+                names(cell, simulates),
+                check_park(cell),
+                poses(cell),
+                limits(cell),
+                calibrations(cell),
+                cameras(cell),
+            ];
             parts.concat()
         }
     }
 }
 
-/// Returns the result of [`unmet`], the files named in the cell's file that are missing or wrong, and the missing
+/// Returns the result of [`unmet_requirements`], the files named in the cell's file that are missing or wrong, and the missing
 /// acceptance of a real controller's programs.
-pub fn incomplete(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<Unmet> {
-    let of_files = named_files::unmet(cell, purpose, read);
-    unmet(cell, purpose).into_iter().chain(of_files).chain(acceptance(cell, purpose)).collect()
+pub fn incomplete_files(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
+    let of_files = named_files::unmet_files(cell, purpose, read);
+    unmet_requirements(cell, purpose).into_iter().chain(of_files).chain(acceptance(cell, purpose)).collect()
 }
 
 /// Requires the sum of the programs with which the cell was accepted. A controller on this computer is a rehearsal
 /// with `mock-robot`.
-fn acceptance(cell: &Cell, purpose: Purpose) -> Option<Unmet> {
+fn acceptance(cell: &Cell, purpose: Purpose) -> Option<UnmetRequirement> {
     let robot = cell.robot();
     let message = "is missing: with which programs of the controller this cell was accepted is NOT PROVEN, and others would not \
                    be noticed; run `panelprep doctor --kuka DIR --accept` with the controller's files and add the \
                    line that it prints";
     let lacks = purpose == Purpose::Cycle && robot.is_real() && robot.programs_sum().is_none();
-    lacks.then(|| Unmet { lack: Lack::Acceptance, ..Unmet::new("robot.programs_sum", message) })
+    lacks.then(|| UnmetRequirement {
+        kind: ProblemKind::Acceptance,
+        ..UnmetRequirement::new("robot.programs_sum", message)
+    })
 }
 
 /// Returns the names of the cameras, each with a flag that states whether the camera is simulated.
-fn simulated(cell: &Cell) -> [(&'static str, bool); 2] {
+fn simulated_cameras(cell: &Cell) -> [(&'static str, bool); 2] {
     [
         ("scanner", matches!(cell.scanner(), Camera::Simulated)),
         ("flange_camera", matches!(cell.flange_camera(), Camera::Simulated)),
@@ -61,14 +70,14 @@ fn simulated(cell: &Cell) -> [(&'static str, bool); 2] {
 }
 
 /// Finds missing outputs and feedbacks. The simulated world reports the effect of an output by every feedback.
-fn names(cell: &Cell, simulates: bool) -> Vec<Unmet> {
-    let io = cell.io();
+fn names(cell: &Cell, simulates: bool) -> Vec<UnmetRequirement> {
+    let io = cell.inputs_outputs();
     let mut missing = Vec::new();
     for output in Output::ALL.iter().copied() {
         let (name, feedback) = (output.name(), output.feedback());
         if io.output(output).is_none() {
             let message = "is missing; a cycle switches this output: state the number n of its $OUT[n]";
-            missing.push(Unmet::new(format!("io.outputs.{name}"), message));
+            missing.push(UnmetRequirement::new(format!("io.outputs.{name}"), message));
         }
         // The light is proven by its output as the controller reports it, and by `light_on` only if that feedback
         // exists.
@@ -77,37 +86,38 @@ fn names(cell: &Cell, simulates: bool) -> Vec<Unmet> {
             let message = format!(
                 "is missing; this feedback proves that {name} was switched: state the number n of its $IN[n]"
             );
-            missing.push(Unmet::new(format!("io.feedbacks.{}", feedback.name()), message));
+            missing.push(UnmetRequirement::new(format!("io.feedbacks.{}", feedback.name()), message));
         }
     }
     missing.extend(io.undecided().into_iter().map(|name| {
         let message = "does not state what a stop does with it; state its time in [io.off_after_s] (0 for all that moves \
                        or lets water run), or name it in [io] may_stay_on";
-        Unmet::new(format!("io.outputs.{name}"), message)
+        UnmetRequirement::new(format!("io.outputs.{name}"), message)
     }));
     missing
 }
 
-fn park(cell: &Cell) -> Vec<Unmet> {
+fn check_park(cell: &Cell) -> Vec<UnmetRequirement> {
     let message = "is missing; every cycle starts from this pose: state the axis angles with the arm clear of the \
                    panel and of both cameras' view";
-    let missing = cell.park().is_none().then(|| Unmet::new("poses.park", message));
+    let missing = cell.park_pose().is_none().then(|| UnmetRequirement::new("poses.park", message));
     missing.into_iter().collect()
 }
 
 /// Checks that the arm can reach the poses of a cycle, and can turn its axes from one pose to the other without
 /// meeting an obstacle.
-fn poses(cell: &Cell) -> Vec<Unmet> {
-    let (park, ready) = (cell.park(), cell.pose("ready"));
+fn poses(cell: &Cell) -> Vec<UnmetRequirement> {
+    let (park, ready) = (cell.park_pose(), cell.pose("ready"));
     let named: Vec<(&str, Joints)> =
         [("park", park), ("ready", ready)].into_iter().filter_map(|(name, pose)| Some((name, pose?))).collect();
-    let beyond: Vec<Unmet> = named.iter().flat_map(|(name, pose)| beyond(cell, name, pose)).collect();
+    let beyond: Vec<UnmetRequirement> =
+        named.iter().flat_map(|(name, pose)| axes_beyond_limits(cell, name, pose)).collect();
     if !beyond.is_empty() {
         return beyond;
     }
     // The check ignores the tool, which a calibration determines: any obstacle of the arm alone is also an obstacle
     // with a tool.
-    let (arm, no_tool) = (Kinematics::new(cell.arm()), Rigid::claim(Isometry3::identity()));
+    let (arm, no_tool) = (Kinematics::new(cell.arm()), Rigid::from_isometry_unchecked(Isometry3::identity()));
     let first = named.first().map(|first| (*first, *first));
     let both = named.first().zip(named.get(1)).into_iter();
     let ways = first.into_iter().chain(both.flat_map(|(park, ready)| [(*park, *ready), (*ready, *park)]));
@@ -115,55 +125,59 @@ fn poses(cell: &Cell) -> Vec<Unmet> {
         let obstacle = joint_motion(&arm, no_tool, &start, &end).err()?;
         let way =
             if from == to { "in this pose,".to_owned() } else { format!("on the motion from [poses] {from}:") };
-        Some(Unmet::new(format!("poses.{to}"), format!("the arm cannot reach this pose: {way} {obstacle}")))
+        Some(UnmetRequirement::new(
+            format!("poses.{to}"),
+            format!("the arm cannot reach this pose: {way} {obstacle}"),
+        ))
     };
-    let mut met: Vec<Unmet> = ways.filter_map(met).collect();
+    let mut met: Vec<UnmetRequirement> = ways.filter_map(met).collect();
     met.truncate(1);
     met
 }
 
 /// Finds the axes of a pose that are beyond the arm's limits.
-fn beyond(cell: &Cell, name: &str, pose: &Joints) -> Vec<Unmet> {
+fn axes_beyond_limits(cell: &Cell, name: &str, pose: &Joints) -> Vec<UnmetRequirement> {
     let axes = cell.arm().axes();
     let angles = pose.degrees();
     let of_axis = |(axis, angle): (usize, f64)| {
         let (low, high) = (axes.min_deg[axis], axes.max_deg[axis]);
         let message = || {
-            let [angle, low, high] = [angle, low, high].map(plain);
+            let [angle, low, high] = [angle, low, high].map(shortest_text);
             format!(
                 "found {angle}, the limits are {low} to {high}: the arm's axis {} cannot turn farther",
                 axis + 1
             )
         };
-        (!(low..=high).contains(&angle)).then(|| Unmet::new(format!("poses.{name}.a{}_deg", axis + 1), message()))
+        (!(low..=high).contains(&angle))
+            .then(|| UnmetRequirement::new(format!("poses.{name}.a{}_deg", axis + 1), message()))
     };
     angles.into_iter().enumerate().filter_map(of_axis).collect()
 }
 
-fn limits(cell: &Cell) -> Vec<Unmet> {
+fn limits(cell: &Cell) -> Vec<UnmetRequirement> {
     let Some(space) = cell.limits().workspace() else {
         let message = "is missing, and box_max_mm, too; without this box for the tool centre point (TCP), the robot \
                        makes no linear motions";
-        return vec![Unmet::new("limits.box_min_mm", message)];
+        return vec![UnmetRequirement::new("limits.box_min_mm", message)];
     };
     let [low, high] = [space.min, space.max].map(|corner| [corner.mm.x, corner.mm.y, corner.mm.z]);
-    in_metres("limits.box_max_mm", low, high).into_iter().collect()
+    check_box_unit("limits.box_max_mm", low, high).into_iter().collect()
 }
 
 /// The working volume of a robot is never smaller than this, mm: the numbers of a smaller box are metres.
 const MIN_BOX_MM: f64 = 10.0;
 
 /// Reports a box with a longest edge so short that its numbers must be metres.
-fn in_metres(key: &str, low: [f64; 3], high: [f64; 3]) -> Option<Unmet> {
+fn check_box_unit(key: &str, low: [f64; 3], high: [f64; 3]) -> Option<UnmetRequirement> {
     let edges = [0, 1, 2].map(|axis| high[axis] - low[axis]);
     let message = || {
-        let [x, y, z] = edges.map(|edge| fixed(edge, 2));
+        let [x, y, z] = edges.map(|edge| fixed_decimals(edge, 2));
         format!("found a box of {x} × {y} × {z} mm; are these metres? write millimetres")
     };
-    edges.iter().all(|edge| *edge < MIN_BOX_MM).then(|| Unmet::new(key, message()))
+    edges.iter().all(|edge| *edge < MIN_BOX_MM).then(|| UnmetRequirement::new(key, message()))
 }
 
-fn calibrations(cell: &Cell) -> Vec<Unmet> {
+fn calibrations(cell: &Cell) -> Vec<UnmetRequirement> {
     let files = cell.calibration();
     let named = [
         ("scanner", files.scanner.is_some()),
@@ -175,11 +189,11 @@ fn calibrations(cell: &Cell) -> Vec<Unmet> {
     let missing = named.into_iter().filter(|(_, is_named)| !is_named);
     let message =
         "is missing; name the file that `panelprep calibrate` writes, or `panelprep render` for a simulated cell";
-    missing.map(|(key, _)| Unmet::new(format!("calibration.{key}"), message)).collect()
+    missing.map(|(key, _)| UnmetRequirement::new(format!("calibration.{key}"), message)).collect()
 }
 
 /// Checks whether the cameras match the robot, and have what they need for a shot.
-fn cameras(cell: &Cell) -> Vec<Unmet> {
+fn cameras(cell: &Cell) -> Vec<UnmetRequirement> {
     let mut wrong = Vec::new();
     let robot = cell.robot();
     if robot.is_real() {
@@ -188,8 +202,8 @@ fn cameras(cell: &Cell) -> Vec<Unmet> {
              real camera or a recording, or test with `panelprep mock-robot` and host = \"127.0.0.1\"",
             robot.host()
         );
-        let simulated = simulated(cell).into_iter().filter(|(_, is)| *is);
-        wrong.extend(simulated.map(|(table, _)| Unmet::new(format!("{table}.kind"), message.clone())));
+        let simulated = simulated_cameras(cell).into_iter().filter(|(_, is)| *is);
+        wrong.extend(simulated.map(|(table, _)| UnmetRequirement::new(format!("{table}.kind"), message.clone())));
     }
     if let Camera::Device(zivid) = cell.scanner() {
         for (key, is_named) in
@@ -197,13 +211,13 @@ fn cameras(cell: &Cell) -> Vec<Unmet> {
         {
             let message = "is missing; kind = \"zivid\" needs it to take a shot: name the file that Zivid Studio saved \
                            (settings for 3D shots with colour, settings_2d for pictures)";
-            wrong.extend((!is_named).then(|| Unmet::new(format!("scanner.{key}"), message)));
+            wrong.extend((!is_named).then(|| UnmetRequirement::new(format!("scanner.{key}"), message)));
         }
     }
     if cfg!(not(feature = "gige")) && matches!(cell.flange_camera(), Camera::Device(_)) {
         let message = "found \"gige\", but this program was built without the cargo feature gige; use a build with \
                        this feature; valid without it: \"simulated\" and \"recorded\"";
-        wrong.push(Unmet::new("flange_camera.kind", message));
+        wrong.push(UnmetRequirement::new("flange_camera.kind", message));
     }
     wrong
 }
@@ -216,7 +230,7 @@ mod tests {
 
     fn keys(text: &str, purpose: Purpose) -> Vec<String> {
         let cell = Cell::check("cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
-        unmet(&cell, purpose).into_iter().map(|unmet| unmet.key).collect()
+        unmet_requirements(&cell, purpose).into_iter().map(|unmet| unmet.key).collect()
     }
 
     /// Each case is one change of the shipped cell's file, and the keys that are then reported.
@@ -270,8 +284,8 @@ mod tests {
         let example = include_str!("../config/cell-example.toml");
         let needs = |text: &str, purpose| {
             let cell = Cell::check("cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
-            let all = incomplete(&cell, purpose, &not_looked_at);
-            all.into_iter().any(|unmet| unmet.lack == Lack::Acceptance && unmet.key == "robot.programs_sum")
+            let all = incomplete_files(&cell, purpose, &skip_file);
+            all.into_iter().any(|unmet| unmet.kind == ProblemKind::Acceptance && unmet.key == "robot.programs_sum")
         };
         let accepted = example.replacen("# programs_sum = ", "programs_sum = ", 1);
         assert_ne!(accepted, example);

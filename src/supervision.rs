@@ -17,12 +17,12 @@ pub struct ThreadFault {
     /// The thread's name.
     pub thread: String,
     /// What it did.
-    pub what: Failure,
+    pub failure: ThreadFailure,
 }
 
 /// How a thread fails.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Failure {
+pub enum ThreadFailure {
     /// The thread panicked; the panic was reported where it occurred.
     Panicked,
     /// The thread ended without a request to end.
@@ -33,11 +33,11 @@ pub enum Failure {
 
 impl fmt::Display for ThreadFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let ThreadFault { thread, what } = self;
+        let ThreadFault { thread, failure: what } = self;
         match what {
-            Failure::Panicked => write!(f, "the thread \"{thread}\" panicked")?,
-            Failure::Ended => write!(f, "the thread \"{thread}\" ended unexpectedly")?,
-            Failure::Silent(since) => {
+            ThreadFailure::Panicked => write!(f, "the thread \"{thread}\" panicked")?,
+            ThreadFailure::Ended => write!(f, "the thread \"{thread}\" ended unexpectedly")?,
+            ThreadFailure::Silent(since) => {
                 write!(f, "the thread \"{thread}\" has not responded for {:.1} s", since.as_secs_f64())?;
             }
         }
@@ -49,7 +49,7 @@ impl std::error::Error for ThreadFault {}
 
 /// A thread's last report about itself.
 #[derive(Debug, Clone, Copy)]
-enum Sign {
+enum ThreadSign {
     /// The thread worked at this time, and will report this again.
     Works(Instant),
     /// The thread waits until it is given work; it may be silent.
@@ -64,78 +64,80 @@ enum Sign {
 struct Thread {
     name: &'static str,
     longest_silence: Duration,
-    sign: Mutex<Sign>,
+    sign: Mutex<ThreadSign>,
 }
 
 impl Thread {
-    fn sign(&self) -> MutexGuard<'_, Sign> {
+    fn sign(&self) -> MutexGuard<'_, ThreadSign> {
         self.sign.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn fault(&self) -> Option<Failure> {
+    fn current_failure(&self) -> Option<ThreadFailure> {
         match *self.sign() {
-            Sign::Works(at) => {
-                Some(at.elapsed()).filter(|since| *since > self.longest_silence).map(Failure::Silent)
+            ThreadSign::Works(at) => {
+                Some(at.elapsed()).filter(|since| *since > self.longest_silence).map(ThreadFailure::Silent)
             }
-            Sign::Rests | Sign::Done => None,
-            Sign::Lost => Some(Failure::Ended),
+            ThreadSign::Rests | ThreadSign::Done => None,
+            ThreadSign::Lost => Some(ThreadFailure::Ended),
         }
     }
 }
 
-/// The thread's own end, which moves into the thread. If it is dropped without [`Supervised::done`], the thread is
+/// The thread's own end, which moves into the thread. If it is dropped without [`SupervisedThread::report_done`], the thread is
 /// lost.
 #[derive(Debug)]
-pub struct Supervised(Arc<Thread>);
+pub struct SupervisedThread(Arc<Thread>);
 
 /// The thread's other end, for the [`Supervisor`].
 #[derive(Debug, Clone)]
-pub struct Watched(Arc<Thread>);
+pub struct WatchedThread(Arc<Thread>);
 
 /// Creates both ends for a thread of this name. The thread reports at least once in `longest_silence` that it
 /// works, or reports that it rests.
-pub fn supervised(name: &'static str, longest_silence: Duration) -> (Supervised, Watched) {
+pub fn supervise(name: &'static str, longest_silence: Duration) -> (SupervisedThread, WatchedThread) {
     #[cfg(debug_assertions)]
-    let longest_silence = injected::shortened(longest_silence);
-    let thread = Arc::new(Thread { name, longest_silence, sign: Mutex::new(Sign::Rests) });
-    (Supervised(thread.clone()), Watched(thread))
+    let longest_silence = injected::format_silence(longest_silence);
+    let thread = Arc::new(Thread { name, longest_silence, sign: Mutex::new(ThreadSign::Rests) });
+    (SupervisedThread(thread.clone()), WatchedThread(thread))
 }
 
-impl Supervised {
+impl SupervisedThread {
     /// Reports that the thread works. Called in each round of its loop.
-    pub fn works(&self) {
-        *self.0.sign() = Sign::Works(Instant::now());
+    pub fn report_working(&self) {
+        *self.0.sign() = ThreadSign::Works(Instant::now());
         #[cfg(debug_assertions)]
-        injected::fails(self.0.name);
+        injected::failure_text(self.0.name);
     }
 
     /// Reports that the thread has nothing to do until it is given work.
-    pub fn rests(&self) {
-        *self.0.sign() = Sign::Rests;
+    pub fn report_resting(&self) {
+        *self.0.sign() = ThreadSign::Rests;
     }
 
     /// Reports that the thread ends because this was requested.
-    pub fn done(&self) {
-        *self.0.sign() = Sign::Done;
+    pub fn report_done(&self) {
+        *self.0.sign() = ThreadSign::Done;
     }
 }
 
-impl Drop for Supervised {
+impl Drop for SupervisedThread {
     fn drop(&mut self) {
         let mut sign = self.0.sign();
-        if !matches!(*sign, Sign::Done) {
-            *sign = Sign::Lost;
+        if !matches!(*sign, ThreadSign::Done) {
+            *sign = ThreadSign::Lost;
         }
     }
 }
 
-impl Watched {
+impl WatchedThread {
     /// Checks whether the thread fails.
     ///
     /// # Errors
     /// If the thread ended by itself or is silent for too long.
-    pub fn check(&self) -> Result<(), ThreadFault> {
-        self.0.fault().map_or(Ok(()), |what| Err(ThreadFault { thread: self.0.name.to_owned(), what }))
+    pub fn check_thread(&self) -> Result<(), ThreadFault> {
+        self.0
+            .current_failure()
+            .map_or(Ok(()), |what| Err(ThreadFault { thread: self.0.name.to_owned(), failure: what }))
     }
 }
 
@@ -146,7 +148,7 @@ thread_local! {
 
 /// From now on a panic of this thread is no fault of the cell. This is for a thread that runs foreign code on any
 /// network input and catches the panics: no input from there may stop the robot.
-pub fn stand_apart() {
+pub fn exempt_thread() {
     IS_APART.set(true);
 }
 
@@ -156,19 +158,19 @@ pub struct Supervisor(Arc<Mutex<Inside>>);
 
 #[derive(Debug, Default)]
 struct Inside {
-    threads: Vec<Watched>,
+    threads: Vec<WatchedThread>,
     panicked: Option<String>,
 }
 
 impl Supervisor {
     /// Adds this thread to those that are checked. A thread that is done is removed.
-    pub fn watch(&self, thread: Watched) {
+    pub fn add_thread(&self, thread: WatchedThread) {
         let mut inside = self.lock();
-        inside.threads.retain(|watched| !matches!(*watched.0.sign(), Sign::Done));
+        inside.threads.retain(|watched| !matches!(*watched.0.sign(), ThreadSign::Done));
         inside.threads.push(thread);
     }
 
-    /// From now on a panic of any thread of this process, named or not, is a fault that [`Supervisor::check`]
+    /// From now on a panic of any thread of this process, named or not, is a fault that [`Supervisor::check_threads`]
     /// reports.
     pub fn notice_panics(&self) {
         let (supervisor, report) = (self.clone(), panic::take_hook());
@@ -177,12 +179,12 @@ impl Supervisor {
             if IS_APART.get() {
                 return;
             }
-            supervisor.panicked(std::thread::current().name().unwrap_or("without a name"));
+            supervisor.record_panic(std::thread::current().name().unwrap_or("without a name"));
         }));
     }
 
     /// Records that a thread of this name panicked.
-    fn panicked(&self, thread: &str) {
+    fn record_panic(&self, thread: &str) {
         self.lock().panicked.get_or_insert_with(|| thread.to_owned());
     }
 
@@ -190,12 +192,12 @@ impl Supervisor {
     ///
     /// # Errors
     /// The first fault that is found.
-    pub fn check(&self) -> Result<(), ThreadFault> {
+    pub fn check_threads(&self) -> Result<(), ThreadFault> {
         let inside = self.lock();
         if let Some(thread) = &inside.panicked {
-            return Err(ThreadFault { thread: thread.clone(), what: Failure::Panicked });
+            return Err(ThreadFault { thread: thread.clone(), failure: ThreadFailure::Panicked });
         }
-        inside.threads.iter().try_for_each(Watched::check)
+        inside.threads.iter().try_for_each(WatchedThread::check_thread)
     }
 
     fn lock(&self) -> MutexGuard<'_, Inside> {
@@ -214,12 +216,12 @@ mod injected {
 
     static FILE: LazyLock<Option<String>> = LazyLock::new(|| std::env::var("PANELPREP_INJECT").ok());
 
-    pub(super) fn shortened(silence: Duration) -> Duration {
+    pub(super) fn format_silence(silence: Duration) -> Duration {
         if FILE.is_some() { silence.min(Duration::from_secs(3)) } else { silence }
     }
 
     #[expect(clippy::panic, reason = "the requested test fault")]
-    pub(super) fn fails(thread: &str) {
+    pub(super) fn failure_text(thread: &str) {
         // A second panic while the first one unwinds would end the process before it could report.
         if std::thread::panicking() {
             return;
@@ -242,7 +244,7 @@ mod tests {
     const LIMIT: Duration = Duration::from_millis(20);
 
     fn words(supervisor: &Supervisor) -> String {
-        supervisor.check().expect_err("a fault").to_string()
+        supervisor.check_threads().expect_err("a fault").to_string()
     }
 
     #[test]
@@ -253,7 +255,7 @@ mod tests {
             let thread = std::thread::Builder::new().name("apart".to_owned());
             let run = move || {
                 if is_apart {
-                    stand_apart();
+                    exempt_thread();
                 }
                 panic!("as it was asked to");
             };
@@ -265,42 +267,42 @@ mod tests {
         assert!(!is_told());
         supervisor.lock().panicked = None;
         panics(false);
-        assert!(is_told() || supervisor.check().is_err());
+        assert!(is_told() || supervisor.check_threads().is_err());
     }
 
     #[test]
     fn a_thread_that_works_is_silent_for_no_longer_than_it_may_be() {
         let supervisor = Supervisor::default();
-        let (thread, watched) = supervised("link", LIMIT);
-        supervisor.watch(watched);
+        let (thread, watched) = supervise("link", LIMIT);
+        supervisor.add_thread(watched);
         std::thread::sleep(2 * LIMIT);
-        assert_eq!(supervisor.check(), Ok(()), "it has no work yet");
-        thread.works();
-        assert_eq!(supervisor.check(), Ok(()));
+        assert_eq!(supervisor.check_threads(), Ok(()), "it has no work yet");
+        thread.report_working();
+        assert_eq!(supervisor.check_threads(), Ok(()));
         std::thread::sleep(2 * LIMIT);
         assert!(words(&supervisor).contains("the thread \"link\" has not responded for 0.0"));
-        thread.works();
-        assert_eq!(supervisor.check(), Ok(()));
-        thread.rests();
+        thread.report_working();
+        assert_eq!(supervisor.check_threads(), Ok(()));
+        thread.report_resting();
         std::thread::sleep(2 * LIMIT);
-        assert_eq!(supervisor.check(), Ok(()));
+        assert_eq!(supervisor.check_threads(), Ok(()));
     }
 
     #[test]
     fn a_thread_that_ends_unasked_is_a_fault() {
         let supervisor = Supervisor::default();
-        let (thread, watched) = supervised("socket", Duration::MAX);
-        supervisor.watch(watched);
-        thread.works();
+        let (thread, watched) = supervise("socket", Duration::MAX);
+        supervisor.add_thread(watched);
+        thread.report_working();
         drop(thread);
         assert!(words(&supervisor).contains("\"socket\" ended unexpectedly"));
 
         let supervisor = Supervisor::default();
-        let (thread, watched) = supervised("recorder", Duration::MAX);
-        supervisor.watch(watched);
-        thread.done();
+        let (thread, watched) = supervise("recorder", Duration::MAX);
+        supervisor.add_thread(watched);
+        thread.report_done();
         drop(thread);
-        assert_eq!(supervisor.check(), Ok(()));
+        assert_eq!(supervisor.check_threads(), Ok(()));
     }
 
     /// A panic is a fault even if the runtime of the thread catches it.
@@ -308,7 +310,7 @@ mod tests {
     fn a_panic_is_a_fault_whoever_catches_it() {
         let supervisor = Supervisor::default();
         let (one, other) = (supervisor.clone(), Supervisor::default());
-        supervisor.panicked("connection");
-        assert!(words(&one).contains("\"connection\" panicked") && other.check().is_ok());
+        supervisor.record_panic("connection");
+        assert!(words(&one).contains("\"connection\" panicked") && other.check_threads().is_ok());
     }
 }

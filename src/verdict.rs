@@ -3,5 +3,5 @@
 mod check;
 mod judgement;
 
-pub use check::{Check, Limit, SINCE_CHECKS, SetBy, Severity};
+pub use check::{Check, Limit, LimitSource, SINCE_CHECKS, Severity};
 pub use judgement::{Judgement, Reason, Verdict};

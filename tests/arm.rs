@@ -4,7 +4,7 @@
 use crate::boards::Side;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::calib::Board;
-use panelprep::calib::arm_errors::{ARM_NUMBERS, base_from_flange, usual};
+use panelprep::calib::arm_errors::{ARM_NUMBERS, base_from_flange, prior_std};
 use panelprep::cell::{Arm, Cell, CorrectionNumbers, FlangeCameraMount, Intrinsics, RobotCorrection, ScannerMount};
 use panelprep::files::write_gray_png;
 use panelprep::geometry::{Base, Flange, Joints, Point, Rigid};
@@ -42,8 +42,8 @@ fn wrong_arm(seed: u64) -> (Arm, [f64; ARM_NUMBERS]) {
     let arm = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}")).arm().clone();
     let mut random = Pcg64::seed_from_u64(seed);
     let errors = std::array::from_fn(|index| match index {
-        30 | 31 => usual()[index],
-        _ => (2.0 * random.random::<f64>() - 1.0) * usual()[index],
+        30 | 31 => prior_std()[index],
+        _ => (2.0 * random.random::<f64>() - 1.0) * prior_std()[index],
     });
     (arm, errors)
 }
@@ -78,7 +78,7 @@ fn pictures<A: Side>(
             true => (real * truth).inverse() * (drawn * truth * seen),
             false => truth.inverse() * real * (drawn.inverse() * truth * seen),
         };
-        shots.push(BoardShot { camera_from_board: Rigid::claim(real_seen), ..shot });
+        shots.push(BoardShot { camera_from_board: Rigid::from_isometry_unchecked(real_seen), ..shot });
         let _ = write!(poses, "[[poses]]\nimage = \"{:02}.png\"\naxes_deg = {}\n", shot.index, list(&joints));
         if shots.len() == POSES {
             break;
@@ -112,7 +112,7 @@ fn touches(cell: &BoardCell, (arm, errors): (&Arm, &[f64; ARM_NUMBERS])) -> Stri
             let (mut aim, mut joints) = (corner, Joints::default());
             for _ in 0..6 {
                 let flange = Isometry3::from_parts(Translation3::from(aim - turn * tip.mm.coords), turn);
-                joints = axes(arm, &Rigid::claim(flange))?;
+                joints = axes(arm, &Rigid::from_isometry_unchecked(flange))?;
                 aim += corner - (base_from_flange(arm.geometry(), &joints, errors) * tip).mm.coords;
             }
             Some(joints)

@@ -3,7 +3,7 @@
 
 use panelprep::calib::hand_eye::hand_eye;
 use panelprep::calib::intrinsics::{self, View};
-use panelprep::calib::three_points::{Touched, three_points};
+use panelprep::calib::three_points::{TouchedCorner, three_points};
 use panelprep::calib::{Arrangement, Board, BoardObservation, HandEye, Station, detect};
 use panelprep::cell::{FlangeCameraMount, LensCovariance, ScannerMount};
 use panelprep::geometry::{Base, KukaPose, PinholeCamera, Point, Rigid, Vector};
@@ -96,7 +96,7 @@ pub fn stations<A: Side>(shots: &[BoardShot<A::From>], corners: &[detect::Corner
     let station = |(shot, corners): (&BoardShot<A::From>, &detect::Corners)| Station {
         name: format!("{:02}.png", shot.index),
         base_from_flange: shot.base_from_flange,
-        seen: BoardObservation::Pixels(corners.clone()),
+        observation: BoardObservation::Pixels(corners.clone()),
     };
     shots.iter().zip(corners).map(station).collect()
 }
@@ -145,8 +145,8 @@ pub struct Error {
 }
 
 pub fn error<A: Side>(cell: &BoardCell, found: &HandEye<A>) -> Error {
-    let (pose, truth) = (found.adjusted.to_from_camera, A::truth(cell));
-    let off: Vector<A::To> = pose * found.at - truth * found.at;
+    let (pose, truth) = (found.adjustment.to_from_camera, A::truth(cell));
+    let off: Vector<A::To> = pose * found.stated_point - truth * found.stated_point;
     Error {
         mm: off.mm.norm(),
         deg: (truth.inverse() * pose).turn().0,
@@ -164,7 +164,9 @@ pub fn many_poses<A: Side>(lens: &Lens, shots: &[BoardShot<A::From>], corners: &
 pub fn calibrated<A: Side>(lens: &Lens, stations: &[Station<A::From>]) -> HandEye<A> {
     let found = hand_eye(&lens.camera, &board(), stations, None).expect("calibrated");
     match &lens.covariance {
-        Some(covariance) => found.with_lens(&lens.camera, stations, covariance).expect("in front of the camera"),
+        Some(covariance) => {
+            found.with_lens_uncertainty(&lens.camera, stations, covariance).expect("in front of the camera")
+        }
         None => found,
     }
 }
@@ -182,13 +184,13 @@ pub fn faulty<A: Side>(seed: u64, fault: usize) -> (Vec<String>, Vec<String>) {
     let mut wrong = vec![stations[at].name.clone()];
     match fault {
         0 => {
-            let BoardObservation::Pixels(corners) = &mut stations[at].seen else { unreachable!("pictures") };
+            let BoardObservation::Pixels(corners) = &mut stations[at].observation else { unreachable!("pictures") };
             let pixels: Vec<_> = corners.iter().rev().map(|(_, pixel)| *pixel).collect();
             corners.iter_mut().zip(pixels).for_each(|(corner, pixel)| corner.1 = pixel);
         }
         1 => {
-            let seen = stations[at].seen.clone();
-            stations[at].seen = std::mem::replace(&mut stations[other].seen, seen);
+            let seen = stations[at].observation.clone();
+            stations[at].observation = std::mem::replace(&mut stations[other].observation, seen);
             wrong.push(stations[other].name.clone());
         }
         _ => {
@@ -219,17 +221,17 @@ pub fn three_point_errors(seed: u64, noise_mm: f64, is_rendered: bool) -> [f64; 
     let camera = cell.scanner();
     let mut shot = cell.fixed_shots(1)[0];
     // The operator holds the board at the later position of the panel, roughly facing the camera.
-    let middle = board().middle().mm.coords;
+    let middle = board().centre().mm.coords;
     let turn = nalgebra::UnitQuaternion::from_scaled_axis(nalgebra::Vector3::new(0.2, -0.25, 0.05));
     let place = cell.panel_middle().mm.coords - turn * middle;
-    shot.camera_from_board = Rigid::claim(nalgebra::Isometry3::from_parts(place.into(), turn));
+    shot.camera_from_board = Rigid::from_isometry_unchecked(nalgebra::Isometry3::from_parts(place.into(), turn));
     let base_from_board = cell.base_from_camera() * shot.camera_from_board;
     let corners = board().corners_to_touch();
     let places: Vec<_> = corners.iter().map(|&(c, r)| board().corner(c, r).expect("on the board")).collect();
-    let touched: Vec<Touched> = corners
+    let touched: Vec<TouchedCorner> = corners
         .iter()
-        .zip(cell.touched(&base_from_board, &places, noise_mm))
-        .map(|(&corner, place)| Touched { corner, place })
+        .zip(cell.touch_points(&base_from_board, &places, noise_mm))
+        .map(|(&corner, place)| TouchedCorner { corner, place })
         .collect();
     let seen = if is_rendered {
         let picture = cell.picture(&camera, &shot);

@@ -76,7 +76,7 @@ fn real_pictures_give_opencv_s_own_camera() {
         return;
     };
     let views = opencv_views(&folder, Some(11));
-    let all = Options { keep_all: true, model: Some(LensModel::Full) };
+    let all = Options { keep_all_pictures: true, model: Some(LensModel::Full) };
     let found = calibrate((640, 480), &views, all).expect("a camera");
     let near =
         |value: f64, expected: f64, within: f64| assert!((value - expected).abs() < within, "{value}, {expected}");
@@ -94,7 +94,7 @@ fn real_pictures_give_opencv_s_own_camera() {
     let views = opencv_views(&folder, None);
     let chosen = calibrate((640, 480), &views, Options::default()).expect("a camera");
     assert!(chosen.rms_px < 0.3 && (chosen.camera.fx_px / c.fx_px - 1.0).abs() < 0.01, "{chosen:?}");
-    let aside = chosen.views.iter().filter(|view| view.set_aside.is_some()).count();
+    let aside = chosen.views.iter().filter(|view| view.exclusion_reason.is_some()).count();
     println!(
         "ok     opencv-doc, own corners: fx {:.3} ± {:.3}, cx {:.3} ± {:.3}, {:.3} px rms, {aside} pictures set aside",
         chosen.camera.fx_px, chosen.deviations[0], chosen.camera.cx_px, chosen.deviations[2], chosen.rms_px

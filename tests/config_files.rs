@@ -19,7 +19,7 @@ fn the_files_that_ship_are_right() {
                 let name = path.to_string_lossy();
                 let report = check_files(&[(&name, &text)], Some(Purpose::Cycle)).swap_remove(0);
                 assert_eq!(report.problems, vec![], "{}", path.display());
-                assert!(!report.says.is_empty());
+                assert!(!report.descriptions.is_empty());
                 kinds.push(report.kind);
             }
         }
@@ -127,7 +127,7 @@ fn the_camera_settings_that_ship_are_right() {
         let text = fs::read_to_string(root.join(name)).expect("it ships");
         let report = check_files(&[(name, &text)], None).swap_remove(0);
         assert_eq!((report.kind, report.problems.as_slice()), (Some("zivid_settings"), [].as_slice()), "{name}");
-        assert!(report.says[0].contains(says), "{:?}", report.says);
+        assert!(report.descriptions[0].contains(says), "{:?}", report.descriptions);
         let lit = check_files(&[(name, &text.replace("Brightness: 0", "Brightness: 1"))], None).swap_remove(0);
         assert_eq!(lit.problems.len(), usize::from(name == "film.yml"), "{lit:?}");
     }

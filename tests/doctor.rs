@@ -111,9 +111,10 @@ fn a_cell_without_trouble_has_none_and_each_planted_one_is_named() {
     database.set_modified(SystemTime::now() + Duration::from_secs(7_200)).expect("set");
     one_wrong(folder, DOCTOR, ["clock", "2.0 h ahead", "timedatectl"]);
     database.set_modified(written).expect("set back");
-    let last = Store::open(&store).expect("a store").last_verification("scanner").expect("read").expect("verified");
+    let last =
+        Store::open(&store).expect("a store").newest_verification("scanner").expect("read").expect("verified");
     let now = SystemTime::now().duration_since(UNIX_EPOCH).expect("after 1970").as_secs() as i64;
-    Store::keep_verification_in(&store, &Verification { at_unix_s: now - 48 * 3_600, ..last }).expect("kept");
+    Store::store_verification_in(&store, &Verification { at_unix_s: now - 48 * 3_600, ..last }).expect("kept");
     one_wrong(folder, DOCTOR, ["calibration of the scanner", "48.0 h ago", "calibrate verify --camera scanner"]);
     assert_eq!(json(folder, VERIFY[0]).0, 0);
     fs::rename(store.join("panelprep.sqlite"), folder.join("away.db")).expect("moved");

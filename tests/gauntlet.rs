@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 use panelprep::cell::{Cell, Workspace};
 use panelprep::geometry::{Base, Degrees, Flange, Joints, KukaPose, Point, Rigid, Tool, Vector};
-use panelprep::path::reach::{Leg, follow};
+use panelprep::path::reach::{PathLine, follow_path};
 use panelprep::path::{Kinematics, Route, WaypointLimits, judge_route};
 use panelprep::verdict::Verdict;
 use rand::{RngExt, SeedableRng};
@@ -59,14 +59,14 @@ impl Gates {
             return Err(format!("{:?}", judgement.reasons));
         }
         let arm = path.arm.as_ref().unwrap_or(&self.arm);
-        let followed = follow(arm, self.flange_from_tool, Some(&path.from), &path.legs);
+        let followed = follow_path(arm, self.flange_from_tool, Some(&path.from), &path.legs);
         followed.map(drop).map_err(|fault| fault.to_string())
     }
 }
 
 struct Path {
     from: Joints,
-    legs: Vec<Leg>,
+    legs: Vec<PathLine>,
     joints: Vec<Joints>,
     /// An arm that differs from the cell's arm or has other surroundings; `None` for the cell's own arm.
     arm: Option<Kinematics>,
@@ -90,14 +90,14 @@ fn random_path(random: &mut Pcg64Mcg, gates: &Gates) -> Option<Path> {
                 b_deg: 90.0 + lean_y,
                 c_deg: 0.0,
             };
-            legs.push(Leg { base_from_tool: pose.to_rigid(), feed_mm_s: share(20.0, 80.0), blend_mm: 2.0 });
+            legs.push(PathLine { base_from_tool: pose.to_rigid(), feed_mm_s: share(20.0, 80.0), blend_mm: 2.0 });
         }
     }
     // The arm starts 15 mm before the first point.
     let before = KukaPose { x_mm: x - 15.0, ..KukaPose::from_rigid(&legs[0].base_from_tool) };
-    let start = Leg { base_from_tool: before.to_rigid(), feed_mm_s: 50.0, blend_mm: 0.0 };
-    let whole: Vec<Leg> = std::iter::once(start).chain(legs.iter().copied()).collect();
-    let travel = follow(&gates.arm, gates.flange_from_tool, None, &whole).ok()?;
+    let start = PathLine { base_from_tool: before.to_rigid(), feed_mm_s: 50.0, blend_mm: 0.0 };
+    let whole: Vec<PathLine> = std::iter::once(start).chain(legs.iter().copied()).collect();
+    let travel = follow_path(&gates.arm, gates.flange_from_tool, None, &whole).ok()?;
     Some(Path { from: travel.joints[0], legs, joints: travel.joints[1..].to_vec(), arm: None })
 }
 

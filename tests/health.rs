@@ -88,10 +88,11 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     refused(folder, &["verification_other"]);
     replace(folder, "cell/scanner.toml", "# calibrated again\n[camera]", "[camera]");
     let store = folder.join("cell/store");
-    let last = Store::open(&store).expect("a store").last_verification("scanner").expect("read").expect("verified");
+    let last =
+        Store::open(&store).expect("a store").newest_verification("scanner").expect("read").expect("verified");
     let now = SystemTime::now().duration_since(UNIX_EPOCH).expect("after 1970").as_secs() as i64;
     let old = Verification { at_unix_s: now - 48 * 3600, ..last };
-    Store::keep_verification_in(&store, &old).expect("kept");
+    Store::store_verification_in(&store, &old).expect("kept");
     refused(folder, &["verification_old"]);
 }
 

@@ -226,7 +226,7 @@ fn what_is_no_clip_is_refused_in_words() {
     refused("clip.csv: the clip is empty");
     std::fs::write(clip.join("clip.csv"), "file,time_s\n1.png,0\n").expect("written");
     refused("1.png: No such file");
-    let picture = panelprep::files::write_color_png(&ColorPicture::filled(4, 2, [9; 3])).expect("packed");
+    let picture = panelprep::files::write_color_png(&ColorPicture::uniform(4, 2, [9; 3])).expect("packed");
     std::fs::write(clip.join("1.png"), picture).expect("written");
     std::fs::write(clip.join("labels.json"), "{\"version\": 7}").expect("written");
     refused("labels.json: the label file has version 7; this program reads version 1; move the file away");

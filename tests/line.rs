@@ -55,7 +55,7 @@ fn a_line_has_its_parts_prepared() {
         assert_eq!(record.judgement.map(|judged| judged.verdict), Some(Verdict::Pass));
         assert!(record.findings.iter().any(|finding| finding.kind == Kind::Abrade), "it was greasy");
         let names = PartNames { serial: None, order: Some("WO 7".to_owned()), operator: Some("Line 2".to_owned()) };
-        assert_eq!(store.part_of(id).expect("read"), Some(names));
+        assert_eq!(store.cycle_part(id).expect("read"), Some(names));
     }
     let asked: Vec<(String, bool)> = store
         .audit(None, 100)

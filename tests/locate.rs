@@ -2,12 +2,14 @@
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::geometry::{Base, Camera, Flange, FlangeCamera, OrganizedCloud, Panel, Pixel, Rigid, Vector};
-use panelprep::locate::refine::{self, CornerView, Refined};
-use panelprep::locate::{self, Fit, LocateError, Prepared, RangeErrors, TaughtModel, View, corner, gate};
+use panelprep::locate::refine::{self, CornerView, RefinedPose};
+use panelprep::locate::{self, Fit, LocateError, PreparedScan, RangeErrors, ScanView, TaughtModel, corner, gate};
 use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use panelprep::recipe::Recipe;
 use panelprep::report;
-use panelprep::sim::{Cell, PanelPosition, PlacementError, SEARCH_BOX_MM, Scene, TRIAL_BOX_MM, Trial, Wrong};
+use panelprep::sim::{
+    Cell, PanelPosition, PlacementError, SEARCH_BOX_MM, Scene, SceneDefect, TRIAL_BOX_MM, TrialScene,
+};
 use panelprep::verdict::{Judgement, Verdict};
 
 /// Returns the range errors of the trials' camera, which has no error in scale.
@@ -49,7 +51,7 @@ impl Bench {
 
     fn locate(&self, scan: &OrganizedCloud<Camera>) -> Result<Fit, LocateError> {
         let base_from_camera = self.cell.calibrated_base_from_camera();
-        let view = View { scan, camera: self.cell.scanner(), base_from_camera, range: range() };
+        let view = ScanView { scan, camera: self.cell.scanner(), base_from_camera, range: range() };
         locate::locate(&self.taught, &view, self.recipe.locate())
     }
 
@@ -87,7 +89,7 @@ impl Bench {
         Corners { taught, seen }
     }
 
-    fn refine(&self, located: Rigid<Base, Panel>, corners: &Corners, count: usize) -> Refined {
+    fn refine(&self, located: Rigid<Base, Panel>, corners: &Corners, count: usize) -> RefinedPose {
         let views: Vec<CornerView<'_>> = corners
             .taught
             .iter()
@@ -137,7 +139,7 @@ fn a_displaced_panel_is_found_and_its_corner_corrects_it() {
         assert!(error_mm < 0.3, "{count}: {error_mm} mm, {refined:?}");
     }
     // From a start 2 mm to the side, the corner corrects the panel's pose without 3D data.
-    let aside = fit.base_from_panel.displaced(Vector::new([0.0, 1.2, -1.6].into()));
+    let aside = fit.base_from_panel.followed_by_displacement(Vector::new([0.0, 1.2, -1.6].into()));
     let refined = bench.refine(aside, &corners, 1);
     assert!(bench.error_in_plane_mm(refined.base_from_panel, &corners, 0) < 0.2, "{refined:?}");
 }
@@ -151,7 +153,7 @@ fn a_far_panel_is_found() {
     let shift = Vector3::new(-10.0, 50.0, -30.0);
     for (shift, turn) in [(shift, turn), (Vector3::new(-10.0, -50.0, 30.0), turn.inverse())] {
         let shifted = Translation3::from(centre + shift - turn * centre);
-        let truth: Rigid<Base, Panel> = Rigid::claim(Isometry3::from_parts(shifted, turn));
+        let truth: Rigid<Base, Panel> = Rigid::from_isometry_unchecked(Isometry3::from_parts(shifted, turn));
         let fit = bench.locate(&bench.cell.scan_at(&truth, 0)).expect("a panel");
         let errors = bench.cell.truth().surface_points().into_iter();
         let max_mm = errors.map(|point| truth.distance_at_mm(fit.base_from_panel, point)).fold(0.0, f64::max);
@@ -198,24 +200,24 @@ fn one_and_two_threads_give_the_same_bits() {
 }
 
 /// Returns the number of reasons with a picture that is not the plain scan picture.
-fn pictures(trial: &Trial, judgement: &Judgement, fit: Option<&Fit>) -> usize {
+fn pictures(trial: &TrialScene, judgement: &Judgement, fit: Option<&Fit>) -> usize {
     let (taught, recipe) = learnt(trial);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
-    let view = View { scan: &scan, camera, base_from_camera, range: range() };
+    let view = ScanView { scan: &scan, camera, base_from_camera, range: range() };
     let model = TaughtModel::from_panel(&taught, view.range).expect("a panel was taught");
-    let prepared = Prepared::new((&taught, &model), &view, recipe.locate());
+    let prepared = PreparedScan::new((&taught, &model), &view, recipe.locate());
     let picture = scan.picture();
     let drawn = report::reason_pictures(&taught, (&picture, &view), (&prepared.explain(fit), fit), judgement);
     drawn.into_iter().filter(|it| *it.picture.as_ref().expect("drawn") != picture).count()
 }
 
 /// Teaches a panel of any shape and locates it in a scene that may have something wrong.
-fn tried(trial: &Trial) -> (Judgement, Option<Fit>) {
+fn tried(trial: &TrialScene) -> (Judgement, Option<Fit>) {
     let (taught, recipe) = learnt(trial);
     let (camera, base_from_camera) = (trial.camera(), trial.base_from_camera());
     match locate::locate(
         &taught,
-        &View { scan: &trial.scan(), camera, base_from_camera, range: range() },
+        &ScanView { scan: &trial.scan(), camera, base_from_camera, range: range() },
         recipe.locate(),
     ) {
         Ok(fit) => (gate::judge(&fit, &recipe), Some(fit)),
@@ -223,12 +225,12 @@ fn tried(trial: &Trial) -> (Judgement, Option<Fit>) {
     }
 }
 
-fn learnt(trial: &Trial) -> (TaughtPanel, Recipe) {
+fn learnt(trial: &TrialScene) -> (TaughtPanel, Recipe) {
     learnt_with(trial, "")
 }
 
 /// Teaches the trial's panel with additional keys in the recipe.
-fn learnt_with(trial: &Trial, keys: &str) -> (TaughtPanel, Recipe) {
+fn learnt_with(trial: &TrialScene, keys: &str) -> (TaughtPanel, Recipe) {
     let corners = trial.region_px().map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
     let text = format!(
@@ -247,7 +249,7 @@ fn learnt_with(trial: &Trial, keys: &str) -> (TaughtPanel, Recipe) {
 #[test]
 fn panels_of_many_shapes_are_found_wherever_they_stand() {
     let accepted = (1..=20).filter(|&seed| {
-        let trial = Trial::good(seed, 2);
+        let trial = TrialScene::good_scene(seed, 2);
         let (judgement, fit) = tried(&trial);
         let fit = fit.unwrap_or_else(|| panic!("seed {seed}: {judgement:?}"));
         let error = trial.error_mm(&fit.base_from_panel);
@@ -258,7 +260,7 @@ fn panels_of_many_shapes_are_found_wherever_they_stand() {
 }
 
 /// Teaches the trial's panel with an outline that was drawn by hand.
-fn drawn(trial: &Trial) -> (TaughtPanel, Recipe) {
+fn drawn(trial: &TrialScene) -> (TaughtPanel, Recipe) {
     let corners: Vec<[f64; 2]> = trial.outline_px().iter().map(|pixel| [pixel.u, pixel.v]).collect();
     learnt_with(trial, &format!(", outline_px = {corners:?}"))
 }
@@ -269,11 +271,11 @@ fn drawn(trial: &Trial) -> (TaughtPanel, Recipe) {
 #[test]
 fn a_holder_in_the_panels_plane_is_left_out_where_it_is_named() {
     for seed in [1, 6] {
-        let (alone, held) = (Trial::flat(seed, 2), Trial::flat(seed, 2).held());
+        let (alone, held) = (TrialScene::flat_scene(seed, 2), TrialScene::flat_scene(seed, 2).with_holder());
         let place: Vec<[[f64; 2]; 4]> =
-            held.held_px().iter().map(|held| held.map(|pixel| [pixel.u, pixel.v])).collect();
+            held.marked_holder_px().iter().map(|held| held.map(|pixel| [pixel.u, pixel.v])).collect();
         let (scan, camera, base_from_camera) = (held.scan(), held.camera(), held.base_from_camera());
-        let view = View { scan: &scan, camera, base_from_camera, range: range() };
+        let view = ScanView { scan: &scan, camera, base_from_camera, range: range() };
         let located = |keys: &str| {
             let (taught, recipe) = learnt_with(&alone, keys);
             let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");
@@ -292,15 +294,15 @@ fn a_holder_in_the_panels_plane_is_left_out_where_it_is_named() {
 /// measured. A corner of the region that lies among missing points is on the panel in this case.
 #[test]
 fn a_drawn_outline_stands_in_for_missing_points() {
-    let trial = Trial::flat(3, 2).patchy(0.4);
+    let trial = TrialScene::flat_scene(3, 2).with_missing_patches(0.4);
     let (drawn, recipe) = drawn(&trial);
-    let (whole, _) = learnt(&Trial::flat(3, 2));
+    let (whole, _) = learnt(&TrialScene::flat_scene(3, 2));
     let (area, of) = (drawn.mask.count() as f64, whole.mask.count() as f64);
     assert!((0.5..0.7).contains(&(area / of)), "{area} of {of} points");
-    let (scan, base_from_camera) = (Trial::flat(3, 2).taught_scan(), trial.base_from_camera());
-    let view = View { scan: &scan, camera: trial.camera(), base_from_camera, range: range() };
+    let (scan, base_from_camera) = (TrialScene::flat_scene(3, 2).taught_scan(), trial.base_from_camera());
+    let view = ScanView { scan: &scan, camera: trial.camera(), base_from_camera, range: range() };
     let model = TaughtModel::from_panel(&drawn, view.range).expect("a model");
-    let prepared = Prepared::new((&drawn, &model), &view, recipe.locate());
+    let prepared = PreparedScan::new((&drawn, &model), &view, recipe.locate());
     let seen = prepared.outline_seen();
     assert!(seen.by_colour > 0.5 && seen.unseen < 0.45, "{seen:?}");
 }
@@ -311,8 +313,8 @@ fn a_drawn_outline_stands_in_for_missing_points() {
 #[test]
 fn a_hole_at_a_grids_edge_is_bridged() {
     for seed in [3, 9] {
-        let (whole, _) = drawn(&Trial::good(seed, 1));
-        let (patchy, _) = drawn(&Trial::good(seed, 1).patchy(0.5));
+        let (whole, _) = drawn(&TrialScene::good_scene(seed, 1));
+        let (patchy, _) = drawn(&TrialScene::good_scene(seed, 1).with_missing_patches(0.5));
         let pairs = whole.grids.iter().zip(&patchy.grids).flat_map(|(a, b)| a.edge.iter().zip(&b.edge));
         let off_mm = pairs.map(|(a, b)| (*a).distance_mm(*b)).fold(0.0, f64::max);
         assert!(off_mm < 1.0, "seed {seed}: {off_mm} mm");
@@ -325,10 +327,10 @@ fn a_hole_at_a_grids_edge_is_bridged() {
 #[test]
 fn marks_hold_a_flat_panel_and_tell_it_from_its_mirror_image() {
     for seed in [2, 5] {
-        let trial = Trial::flat(seed, 1).marked();
+        let trial = TrialScene::flat_scene(seed, 1).with_marks();
         let (judgement, fit) = tried(&trial);
         let fit = fit.expect("found");
-        let (without, plain) = tried(&Trial::flat(seed, 1));
+        let (without, plain) = tried(&TrialScene::flat_scene(seed, 1));
         let error = trial.error_mm(&fit.base_from_panel);
         assert_eq!((judgement.verdict, without.verdict), (Verdict::Accept, Verdict::Accept), "{judgement:?}");
         assert!(error.max_mm < fit.uncertainty_mm, "seed {seed}: {error:?} {}", fit.uncertainty_mm);
@@ -343,7 +345,7 @@ fn marks_hold_a_flat_panel_and_tell_it_from_its_mirror_image() {
         };
         assert!(sideways_mm(&fit) < 0.9 * sideways_mm(&plain), "{} {}", sideways_mm(&fit), sideways_mm(&plain));
     }
-    let mirrored = Trial::bad(1, Wrong::MirroredMarks, 1);
+    let mirrored = TrialScene::defective_scene(1, SceneDefect::MirroredMarks, 1);
     let (judgement, fit) = tried(&mirrored);
     assert_ne!(judgement.verdict, Verdict::Accept, "{judgement:?}");
     assert!(judgement.reasons.iter().any(|reason| reason.code == "marks_differ"), "{judgement:?}");
@@ -355,11 +357,11 @@ fn marks_hold_a_flat_panel_and_tell_it_from_its_mirror_image() {
 /// the error at the taught place.
 #[test]
 fn what_a_camera_is_off_in_its_scale_is_in_the_stated_error() {
-    let trial = Trial::good(3, 4).with_scale([0.0, 0.0005]);
+    let trial = TrialScene::good_scene(3, 4).with_scale_error([0.0, 0.0005]);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
     let (taught, recipe) = learnt(&trial);
     let located = |range| {
-        let view = View { scan: &scan, camera, base_from_camera, range };
+        let view = ScanView { scan: &scan, camera, base_from_camera, range };
         let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");
         (trial.error_mm(&fit.base_from_panel).mean_mm, fit)
     };
@@ -370,7 +372,7 @@ fn what_a_camera_is_off_in_its_scale_is_in_the_stated_error() {
     assert!((0.25..0.45).contains(&error_mm) && error_mm > stated_mm, "{error_mm} {stated_mm}");
     assert_eq!(told(&without), [stated_mm; 3]);
 
-    let (error_mm, from_scan_to_scan) = located(RangeErrors { scale_between_scans: 0.0005, ..range() });
+    let (error_mm, from_scan_to_scan) = located(RangeErrors { scan_to_scan_scale: 0.0005, ..range() });
     let [with_mm, at_taught_place_mm, without_scale_mm] = told(&from_scan_to_scan);
     assert!(error_mm < with_mm && with_mm < 1.2, "{error_mm} {with_mm}");
     assert_eq!([at_taught_place_mm, without_scale_mm], [with_mm, stated_mm]);
@@ -387,25 +389,28 @@ fn what_a_camera_is_off_in_its_scale_is_in_the_stated_error() {
 /// millimetre.
 #[test]
 fn a_camera_that_moved_is_found_by_the_fixture() {
-    let camera = |trial: &Trial| tried(trial).1.and_then(|fit| fit.camera).expect("a fixture");
-    let still = camera(&Trial::good(2, 4));
-    assert!(still.uncertainty_mm < 0.4 && still.moved_mm < still.uncertainty_mm && still.same > 0.9, "{still:?}");
-    let moved = camera(&Trial::bad(2, Wrong::CameraMoved, 4));
-    assert!(moved.same < 0.4 || moved.moved_mm - moved.uncertainty_mm > 0.25, "{moved:?}");
+    let camera = |trial: &TrialScene| tried(trial).1.and_then(|fit| fit.camera).expect("a fixture");
+    let still = camera(&TrialScene::good_scene(2, 4));
+    assert!(
+        still.uncertainty_mm < 0.4 && still.moved_mm < still.uncertainty_mm && still.unmoved_share > 0.9,
+        "{still:?}"
+    );
+    let moved = camera(&TrialScene::defective_scene(2, SceneDefect::CameraMoved, 4));
+    assert!(moved.unmoved_share < 0.4 || moved.moved_mm - moved.uncertainty_mm > 0.25, "{moved:?}");
 }
 
 /// One scene of each kind that must not be accepted, at a quarter of the size; each of its reasons has a picture. A
 /// panel whose warp has grown by less than the recipe's 2 mm is still accepted if its outline lies on its edges.
 #[test]
 fn bad_scenes_are_never_accepted() {
-    for &wrong in Wrong::ALL {
-        let trial = Trial::bad(1, wrong, 4);
+    for &wrong in SceneDefect::ALL {
+        let trial = TrialScene::defective_scene(1, wrong, 4);
         let (judgement, fit) = tried(&trial);
         let pictures = pictures(&trial, &judgement, fit.as_ref());
         assert_eq!(pictures, judgement.reasons.len(), "{wrong:?}: {judgement:?}");
         let found = fit.map(|fit| fit.base_from_panel);
-        if wrong == Wrong::Warped && judgement.verdict == Verdict::Accept {
-            let aside_mm = found.and_then(|found| trial.aside_mm(&found));
+        if wrong == SceneDefect::Warped && judgement.verdict == Verdict::Accept {
+            let aside_mm = found.and_then(|found| trial.max_point_distance_mm(&found));
             assert!(aside_mm.is_some_and(|mm| mm < 0.3), "{aside_mm:?}");
             continue;
         }

@@ -4,9 +4,9 @@
 use super::commands::{json, panelprep};
 use panelprep::files::{read_mesh, write_stl};
 use panelprep::geometry::{Base, Camera, Drawing, KukaPose, OrganizedCloud, Panel, Point, Rigid};
-use panelprep::locate::{self, Fit, RangeErrors, View, gate};
-use panelprep::nominal::{Edges, Part, Rays, Seen};
-use panelprep::panel::{Reference, TaughtPanel};
+use panelprep::locate::{self, Fit, RangeErrors, ScanView, gate};
+use panelprep::nominal::{Part, PartEdges, PartRays, PartView};
+use panelprep::panel::{TaughtPanel, TaughtSource};
 use panelprep::recipe::Recipe;
 use panelprep::sim::{Cell, SEARCH_BOX_MM, Scene};
 use panelprep::verdict::Verdict;
@@ -37,12 +37,12 @@ fn drawn(cell: &Cell) -> OrganizedCloud<Camera> {
     let (mesh, base_from_drawing) = cell.drawing();
     let mesh = read_mesh(&write_stl(&mesh)).unwrap_or_else(|error| panic!("{error}"));
     let part = Part::choose(mesh, None, None).unwrap_or_else(|error| panic!("{error}"));
-    let edges = Edges::find(&part).unwrap_or_else(|error| panic!("{error}"));
+    let edges = PartEdges::find(&part).unwrap_or_else(|error| panic!("{error}"));
     assert!(!edges.borders.is_empty() && edges.facet_error_mm < 0.002, "{} mm", edges.facet_error_mm);
     let camera_from_drawing = cell.calibrated_base_from_camera().inverse() * base_from_drawing;
-    let rays = Rays::new(part, &camera_from_drawing);
+    let rays = PartRays::new(part, &camera_from_drawing);
     rays.check_crossings(&edges, &camera_from_drawing).unwrap_or_else(|error| panic!("{error}"));
-    let seen = Seen::look(&rays, cell.scanner()).unwrap_or_else(|error| panic!("{error}"));
+    let seen = PartView::view_part(&rays, cell.scanner()).unwrap_or_else(|error| panic!("{error}"));
     seen.and_then(|seen| seen.cloud()).expect("the drawing is seen")
 }
 
@@ -64,7 +64,7 @@ impl<'a> Taught<'a> {
     fn locate(&self, scan: &OrganizedCloud<Camera>) -> Fit {
         let range = RangeErrors { scale: 0.0, ..RangeErrors::default() };
         let base_from_camera = self.cell.calibrated_base_from_camera();
-        let view = View { scan, camera: self.cell.scanner(), base_from_camera, range };
+        let view = ScanView { scan, camera: self.cell.scanner(), base_from_camera, range };
         locate::locate(&self.panel, &view, self.recipe.locate()).unwrap_or_else(|error| panic!("{error}"))
     }
 }
@@ -79,7 +79,7 @@ fn contact_error_mm(cell: &Cell, base_from_panel: Rigid<Base, Panel>, is_drawn: 
     let base_from_base = cell.calibrated_base_from_camera() * truth.base_from_camera.inverse();
     let panel_from_panel: Rigid<Panel, Panel> = match is_drawn {
         true => Rigid::identity(),
-        false => Rigid::claim(*base_from_base.isometry()),
+        false => Rigid::from_isometry_unchecked(*base_from_base.isometry()),
     };
     let off_mm = |point: Point<Panel>| {
         let expected = base_from_base * (truth.base_from_panel * point);
@@ -97,8 +97,8 @@ fn a_panel_from_its_drawing_is_found_as_one_that_was_scanned() {
         let scan = cell.scan();
         let by_scan = Taught::new(&cell, &cell.taught_scan(), false);
         let by_drawing = Taught::new(&cell, &drawn(&cell), true);
-        assert_eq!(by_scan.panel.reference, Reference::Scan);
-        assert!(matches!(by_drawing.panel.reference, Reference::Drawing { .. }));
+        assert_eq!(by_scan.panel.reference, TaughtSource::Scan);
+        assert!(matches!(by_drawing.panel.reference, TaughtSource::Drawing { .. }));
         let [scanned, located] = [by_scan.locate(&scan), by_drawing.locate(&scan)];
         let judgement = gate::judge(&located, &by_drawing.recipe);
         // Without a fixture in the drawing, a camera that moved since cannot be noticed: nothing else is doubted.
@@ -124,7 +124,7 @@ fn region_mm() -> [[f64; 3]; 4] {
     let (mesh, base_from_drawing) = cell.drawing();
     let part = Part::choose(mesh, None, None).unwrap_or_else(|error| panic!("{error}"));
     let camera_from_drawing = cell.calibrated_base_from_camera().inverse() * base_from_drawing;
-    let rays = Rays::new(part, &camera_from_drawing);
+    let rays = PartRays::new(part, &camera_from_drawing);
     cell.region().corners_px.map(|pixel| {
         let direction = cell.scanner().unproject::<Camera>(pixel).expect("a ray").mm;
         let depth_mm = rays.nearest(&direction).expect("it meets the drawing").distance;
@@ -137,7 +137,7 @@ fn assert_base_from_drawing(located: &serde_json::Value) {
     let cell = Cell::new(1, Scene::Good, 4);
     let found: KukaPose = serde_json::from_value(located["base_from_drawing"].clone()).expect("a pose");
     let found: Rigid<Base, Drawing> = found.to_rigid();
-    let panel_from_drawing: Rigid<Panel, Drawing> = Rigid::claim(*cell.drawing().1.isometry());
+    let panel_from_drawing: Rigid<Panel, Drawing> = Rigid::from_isometry_unchecked(*cell.drawing().1.isometry());
     let expected = cell.truth().base_from_panel * panel_from_drawing;
     let off_mm = found.distance_at_mm(expected, Point::new(nalgebra::Point3::origin()));
     let stated_mm = located["uncertainty_mm"].as_f64().expect("a number");

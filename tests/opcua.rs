@@ -49,7 +49,7 @@ fn write_tables(folder: &Path) -> PathBuf {
     let methods = METHODS.iter().map(|method| {
         let arguments: Vec<_> = method.arguments.iter().map(|one| one.kind.name()).collect();
         let roles = Role::VARIANTS.iter().filter(|role| method.is_allowed(Some(**role)));
-        let roles: Vec<_> = roles.map(|role| role.word()).collect();
+        let roles: Vec<_> = roles.map(|role| role.keyword()).collect();
         json!({ "name": method.name, "arguments": arguments, "roles": roles })
     });
     let tables = json!({ "nodes": nodes.collect::<Vec<_>>(), "methods": methods.collect::<Vec<_>>() });
@@ -97,7 +97,7 @@ fn a_line_sees_and_runs_the_cell_as_each_role() {
     let strict = recipe.replace("[locate]\n", "[locate]\nmax_shift_mm = 1.0\n");
     assert_ne!(strict, recipe);
     std::fs::write(folder.join("cell/strict.toml"), strict).expect("written");
-    Role::VARIANTS.iter().for_each(|role| add_account(folder, role.word()));
+    Role::VARIANTS.iter().for_each(|role| add_account(folder, role.keyword()));
     let service = Service::start(folder);
     client(&python, "everything.py", (&address, folder), &service);
     drop(service);
@@ -117,7 +117,7 @@ fn a_line_sees_and_runs_the_cell_as_each_role() {
         })
     };
     for role in Role::VARIANTS.iter().filter(|role| **role != Role::Display) {
-        assert!(has("log in", Some(role.word()), "", None), "{role:?}: {audit:#?}");
+        assert!(has("log in", Some(role.keyword()), "", None), "{role:?}: {audit:#?}");
     }
     assert!(has("log in", Some("viewer"), "", Some("wrong name or password")), "{audit:#?}");
     assert!(
@@ -291,9 +291,12 @@ fn the_manual_has_every_node_and_method() {
         .map(|node| format!("| `{}` | {} | {} | {} |", node.path, node.kind.name(), dash(node.unit), node.meaning));
     let methods = METHODS.iter().map(|method| {
         let arguments = method.arguments.iter().map(|one| format!("{}: {}", one.name, one.kind.name()));
-        let roles: Vec<&str> =
-            Role::VARIANTS.iter().filter(|role| method.is_allowed(Some(**role))).map(|role| role.word()).collect();
-        let who = if method.needs.is_none() { "every session".to_owned() } else { roles.join(", ") };
+        let roles: Vec<&str> = Role::VARIANTS
+            .iter()
+            .filter(|role| method.is_allowed(Some(**role)))
+            .map(|role| role.keyword())
+            .collect();
+        let who = if method.required_permission.is_none() { "every session".to_owned() } else { roles.join(", ") };
         let arguments = dash(&arguments.collect::<Vec<_>>().join(", "));
         format!("| `{}` | {arguments} | {who} | {} |", method.name, method.meaning)
     });

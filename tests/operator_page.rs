@@ -96,7 +96,7 @@ fn a_part_is_run_and_signed_with_the_keyboard_alone() {
     looked_through(in_browser("keyboard.mjs", &base, &modules), &service);
     drop(service);
     let store = panelprep::store::Store::open(&folder.join("cell/store")).expect("a store");
-    let signed = store.signed_by_persons(panelprep::record::CycleId(1)).expect("read");
+    let signed = store.person_signatures(panelprep::record::CycleId(1)).expect("read");
     assert!(signed.iter().any(|(_, signature)| signature.user == "inspector"), "{signed:?}");
     assert_eq!(reasons_of_holds(&store), [["a hair on the lens"]]);
 }

@@ -7,7 +7,7 @@ use panelprep::cell::Cell;
 use panelprep::daemon::{PushParts, PushSender, PushStatus, RecordPdf, RecordSource};
 use panelprep::record::CycleId;
 use panelprep::signing::CellKey;
-use panelprep::store::{CycleStart, PersonSigns, Store};
+use panelprep::store::{CycleStart, PersonSigningRequest, Store};
 use panelprep::verdict::Verdict;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer};
 use std::collections::BTreeMap;
@@ -205,7 +205,7 @@ impl RecordSource for NoPages {
         Err("none".to_owned())
     }
 
-    fn sign(&self, _: &PersonSigns) -> Result<u64, String> {
+    fn sign(&self, _: &PersonSigningRequest) -> Result<u64, String> {
         Err("none".to_owned())
     }
 }
@@ -221,7 +221,7 @@ fn signed_cycle(store: &mut Store) {
     };
     let id = store.begin_cycle(&start).expect("begun");
     store.conclude(id, Verdict::Pass, &[]).expect("over");
-    store.sign_cycle(&CellKey::of_random(&[7; 32]), id).expect("signed");
+    store.sign_cycle(&CellKey::from_random_bytes(&[7; 32]), id).expect("signed");
 }
 
 /// A server with TLS that requires a token. An untrusted server, a wrong token and an address that leads elsewhere are

@@ -90,7 +90,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
             }
             continue;
         }
-        if motion.end_is_known() {
+        if motion.is_end_reported() {
             // Killed immediately after the robot had reported the end of the path.
             let done = format!("{} of {} waypoints", motion.done, motion.motion.waypoints);
             assert!(page.contains(&done), "no {done} in\n{page}");
@@ -100,7 +100,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
             }
             continue;
         }
-        let executed = motion.executed().expect("it was bounded");
+        let executed = motion.executed_bounds().expect("it was bounded");
         if executed.at_most == 0 {
             // The kill came between the journal's line and the motion's row: nothing was permitted yet.
             assert!(page.contains("no part of the motion was released for sending"), "{page}");
@@ -113,7 +113,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
         );
         assert!(page.contains(&bounds), "no {bounds} in\n{page}");
         assert!(!page.contains("the tool touched no grid"), "{page}");
-        let touched = motion.touched().expect("it was kept");
+        let touched = motion.touched_grids().expect("it was kept");
         assert!(!touched.is_empty(), "{motion:?}");
         for grid in touched {
             let words = if grid.is_sure { "touched, extent unknown" } else { "possibly touched, not confirmed" };
@@ -139,7 +139,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
     let ended = record(folder, cycle + 1);
     let store = Store::open(&folder.join("cell/store")).expect("opens");
     let twice: Vec<String> = {
-        let earlier = store.abraded_before(CycleId(cycle + 1)).expect("read");
+        let earlier = store.earlier_abrasions(CycleId(cycle + 1)).expect("read");
         let count = |grid: &Option<String>| earlier.iter().filter(|other| other.grid == *grid).count();
         earlier.iter().filter(|one| count(&one.grid) >= 2).filter_map(|one| one.grid.clone()).collect()
     };
@@ -178,7 +178,7 @@ fn a_page_that_was_not_written_is_made_at_the_next_start() {
     service.reset();
     service.done(START);
     service.reach("complete");
-    assert_eq!(record(folder, 2).judgement.map(|judgement| judgement.verdict.word()), Some("pass"));
+    assert_eq!(record(folder, 2).judgement.map(|judgement| judgement.verdict.keyword()), Some("pass"));
     service.killed();
     std::fs::remove_file(&reports).expect("removed");
     // One page that a power cut left half written; the other page is missing.

@@ -74,8 +74,8 @@ fn copied(from: &Path, to: &Path) {
 
 /// Signs these bytes with the cell's own key, as a person who has copied the key could.
 fn signed_by_the_cell(at: &Path, file: &Path, bytes: &[u8]) {
-    use panelprep::store::{KeyPlace, cell_key};
-    let key = cell_key(&at.join("cell/store"), &KeyPlace::InStore).expect("the key");
+    use panelprep::store::{KeyLocation, cell_key};
+    let key = cell_key(&at.join("cell/store"), &KeyLocation::InStore).expect("the key");
     fs::write(file.with_extension("json"), bytes).expect("written");
     fs::write(file.with_extension("sig"), key.sign(bytes)).expect("written");
 }

@@ -1,6 +1,6 @@
 //! Recorded cycles that are run again: `fixtures/` contains the recordings that `--record` wrote.
 
-use panelprep::tape::{Ending, Entries, Entry, Shot, Topic, Writer, check};
+use panelprep::tape::{Entry, EntryReader, RecordingEnd, Shot, Topic, Writer, check_recording};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -26,17 +26,17 @@ fn replay(file: &Path) -> (i32, Value) {
 /// Copies a recording with changed entries into a folder of its own.
 fn changed(name: &str, mut change: impl FnMut(&mut Entry)) -> (tempfile::TempDir, PathBuf) {
     let bytes = fs::read(fixture(name)).expect("the fixture");
-    let checked = check(&bytes[..]).expect("whole");
+    let checked = check_recording(&bytes[..]).expect("whole");
     let files: Vec<_> = checked.files.into_iter().collect();
-    let mut writer = Writer::begin(Vec::new(), &checked.start, &files, &[], &[]).expect("begun");
-    for entry in Entries::new(&bytes[..], checked.start.unix_ns) {
+    let mut writer = Writer::begin_recording(Vec::new(), &checked.start, &files, &[], &[]).expect("begun");
+    for entry in EntryReader::new(&bytes[..], checked.start.unix_ns) {
         let mut entry = entry.expect("read");
         change(&mut entry);
         writer.write(&entry).expect("written");
     }
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("changed.mcap");
-    fs::write(&file, writer.finish(&Ending::default()).expect("finished")).expect("written");
+    fs::write(&file, writer.finish(&RecordingEnd::default()).expect("finished")).expect("written");
     (folder, file)
 }
 
@@ -96,7 +96,7 @@ fn another_scan_is_seen_in_what_is_found() {
 fn another_command_is_named_with_both_numbers() {
     let mut done = false;
     let (_folder, file) = changed(REJECTED, |entry| {
-        if let Some(angle) = entry.said.pointer_mut("/send/move_j/joints/a2_deg").filter(|_| !done) {
+        if let Some(angle) = entry.action.pointer_mut("/send/move_j/joints/a2_deg").filter(|_| !done) {
             (*angle, done) = (12.5.into(), true);
         }
     });
@@ -112,8 +112,8 @@ fn another_command_is_named_with_both_numbers() {
 #[test]
 fn another_request_parts_them() {
     let (_folder, file) = changed(REJECTED, |entry| {
-        if entry.topic == Topic::Request && entry.heard.pointer("/for/start").is_some() {
-            entry.heard = serde_json::json!({ "for": "abort" });
+        if entry.topic == Topic::Request && entry.reply.pointer("/for/start").is_some() {
+            entry.reply = serde_json::json!({ "for": "abort" });
         }
     });
     let (exit, told) = replay(&file);

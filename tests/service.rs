@@ -289,7 +289,7 @@ fn a_signal_stops_the_cycle_and_ends_in_stopped() {
     assert_eq!(service.ended().code(), Some(0));
     let events = journal(folder);
     assert!(events.contains(&Event::Asked(Request::Stop)));
-    let state = panelprep::cycle::fold(events);
+    let state = panelprep::cycle::fold_journal(events);
     assert_eq!((state.at, state.intent), (At::Stopped, None));
 }
 

@@ -53,7 +53,12 @@ impl Known {
                 assert_eq!(message["seq"], 0, "{message}");
                 let metrics = metrics.expect("metrics");
                 for known in &METRICS {
-                    assert_eq!(metrics[known.name]["type"], known.datatype.word().to_uppercase(), "{}", known.name);
+                    assert_eq!(
+                        metrics[known.name]["type"],
+                        known.datatype.type_name().to_uppercase(),
+                        "{}",
+                        known.name
+                    );
                 }
                 self.values =
                     metrics.iter().map(|(name, metric)| (name.clone(), metric["value"].clone())).collect();

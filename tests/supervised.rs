@@ -55,7 +55,7 @@ fn a_thread_that_fails_ends_the_service() {
             let rests = recover(journal).at;
             assert!(matches!(rests, At::Stopped | At::Aborted { .. }), "{rests:?}");
             let next = service(folder);
-            assert_eq!(next.state(), rests.word(), "{failure} {thread}");
+            assert_eq!(next.state(), rests.keyword(), "{failure} {thread}");
             std::fs::remove_file(folder.join("run.log")).expect("the log of one failure at a time");
         }
     }

@@ -175,14 +175,17 @@ fn no_text_for_people_has_a_form_for_programmers() {
 }
 
 #[test]
-fn a_number_beside_its_limit_is_printed_by_words_apart() {
+fn a_number_beside_its_limit_is_printed_by_number_text() {
     let wrong: Vec<String> = texts()
         .iter()
         .flat_map(|(file, found)| found.iter().map(move |text| (file, text)))
         .filter(|(_, text)| rounds_beside_a_limit(text))
         .map(|(file, text)| format!("{file}: {text}"))
         .collect();
-    assert!(wrong.is_empty(), "rounded, both may read the same: print them by `words::apart`: {wrong:#?}");
+    assert!(
+        wrong.is_empty(),
+        "rounded, both may read the same: print them by `number_text::distinguishable_texts`: {wrong:#?}"
+    );
 }
 
 /// Checks that the rules find planted texts.

@@ -5,7 +5,7 @@ const MINUTE_MS: u64 = 60_000;
 
 /// Maximum numbers of lines in a minute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct MostLines {
+pub struct MaxLinesPerMinute {
     /// Maximum number of lines about completed actions.
     pub done: u32,
     /// Maximum number of lines about refused actions.
@@ -16,7 +16,7 @@ pub struct MostLines {
 /// jump.
 #[derive(Debug, Clone, Copy)]
 pub struct LineLimit {
-    most: MostLines,
+    limits: MaxLinesPerMinute,
     since_ms: u64,
     done: u32,
     refused: u32,
@@ -25,14 +25,14 @@ pub struct LineLimit {
 
 impl LineLimit {
     /// Starts with no line in the minute that begins now.
-    pub fn new(most: MostLines, now_ms: u64) -> Self {
-        LineLimit { most, since_ms: now_ms, done: 0, refused: 0, left_out: 0 }
+    pub fn new(most: MaxLinesPerMinute, now_ms: u64) -> Self {
+        LineLimit { limits: most, since_ms: now_ms, done: 0, refused: 0, left_out: 0 }
     }
 
     /// Returns whether this line is written; otherwise it is counted.
-    pub fn allows(&mut self, is_refused: bool) -> bool {
+    pub fn admit_line(&mut self, is_refused: bool) -> bool {
         let (count, most) =
-            if is_refused { (&mut self.refused, self.most.refused) } else { (&mut self.done, self.most.done) };
+            if is_refused { (&mut self.refused, self.limits.refused) } else { (&mut self.done, self.limits.done) };
         let is_allowed = *count < most;
         if is_allowed {
             *count += 1;
@@ -43,7 +43,7 @@ impl LineLimit {
     }
 
     /// Whether the minute is over.
-    pub fn is_over(&self, now_ms: u64) -> bool {
+    pub fn has_minute_elapsed(&self, now_ms: u64) -> bool {
         now_ms.saturating_sub(self.since_ms) >= MINUTE_MS
     }
 
@@ -58,12 +58,12 @@ impl LineLimit {
     }
 
     /// Ends the minute if it is over: returns how many of its lines were left out, if any, and begins another minute.
-    pub fn minute_over(&mut self, now_ms: u64) -> Option<u64> {
-        if !self.is_over(now_ms) {
+    pub fn end_elapsed_minute(&mut self, now_ms: u64) -> Option<u64> {
+        if !self.has_minute_elapsed(now_ms) {
             return None;
         }
         let left_out = self.left_out;
-        *self = LineLimit::new(self.most, now_ms);
+        *self = LineLimit::new(self.limits, now_ms);
         (left_out > 0).then_some(left_out)
     }
 }
@@ -74,12 +74,12 @@ mod tests {
 
     #[test]
     fn a_flood_is_a_few_lines_and_a_number() {
-        let mut limit = LineLimit::new(MostLines { done: 3, refused: 2 }, 500);
-        assert_eq!((0..10).filter(|_| limit.allows(true)).count(), 2);
-        assert_eq!((0..10).filter(|_| limit.allows(false)).count(), 3);
-        assert_eq!(limit.minute_over(60_499), None);
-        assert_eq!(limit.minute_over(60_500), Some(15));
-        assert!(limit.allows(true) && limit.allows(false));
-        assert_eq!(limit.minute_over(120_500), None, "nothing was left out");
+        let mut limit = LineLimit::new(MaxLinesPerMinute { done: 3, refused: 2 }, 500);
+        assert_eq!((0..10).filter(|_| limit.admit_line(true)).count(), 2);
+        assert_eq!((0..10).filter(|_| limit.admit_line(false)).count(), 3);
+        assert_eq!(limit.end_elapsed_minute(60_499), None);
+        assert_eq!(limit.end_elapsed_minute(60_500), Some(15));
+        assert!(limit.admit_line(true) && limit.admit_line(false));
+        assert_eq!(limit.end_elapsed_minute(120_500), None, "nothing was left out");
     }
 }

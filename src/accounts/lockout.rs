@@ -15,28 +15,28 @@ const BUCKETS: u64 = 256;
 
 /// The names with recent wrong passwords. Times are seconds of any clock that does not jump.
 #[derive(Debug, Default)]
-pub struct Lockout(BTreeMap<Who, Tried>);
+pub struct Lockout(BTreeMap<LockoutKey, FailedAttempts>);
 
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-enum Who {
+enum LockoutKey {
     Account(String),
     Bucket(u64),
 }
 
-impl Who {
+impl LockoutKey {
     fn new(name: &str, is_account: bool) -> Self {
         if is_account {
-            return Who::Account(name.to_owned());
+            return LockoutKey::Account(name.to_owned());
         }
         let mut hasher = DefaultHasher::new();
         name.hash(&mut hasher);
-        Who::Bucket(hasher.finish() % BUCKETS)
+        LockoutKey::Bucket(hasher.finish() % BUCKETS)
     }
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Tried {
-    wrong: u32,
+struct FailedAttempts {
+    failures: u32,
     /// End of the account's pause, s, if the last wrong password completed a row.
     until_s: Option<f64>,
 }
@@ -50,27 +50,27 @@ impl Lockout {
     /// Returns how long this name still pauses, s; `None` if its password may be tried. `is_account` states whether
     /// such an account exists.
     pub fn pauses_s(&self, (name, is_account): (&str, bool), now_s: f64) -> Option<f64> {
-        let left_s = self.0.get(&Who::new(name, is_account))?.until_s? - now_s;
+        let left_s = self.0.get(&LockoutKey::new(name, is_account))?.until_s? - now_s;
         (left_s > 0.0).then_some(left_s)
     }
 
     /// Counts a wrong password; returns whether the name pauses from now on. During the pause nothing is counted,
     /// and nothing ends the pause.
-    pub fn wrong(&mut self, (name, is_account): (&str, bool), now_s: f64) -> bool {
+    pub fn record_failure(&mut self, (name, is_account): (&str, bool), now_s: f64) -> bool {
         if self.pauses_s((name, is_account), now_s).is_some() {
             return true;
         }
-        let who = Who::new(name, is_account);
-        let former = self.0.get(&who).map_or(0, |tried| tried.wrong);
+        let who = LockoutKey::new(name, is_account);
+        let former = self.0.get(&who).map_or(0, |tried| tried.failures);
         let wrong = former.saturating_add(1);
         let until_s = wrong.is_multiple_of(MAX_ATTEMPTS).then(|| now_s + pause_s(wrong / MAX_ATTEMPTS));
-        self.0.insert(who, Tried { wrong, until_s });
+        self.0.insert(who, FailedAttempts { failures: wrong, until_s });
         until_s.is_some()
     }
 
     /// The right password.
-    pub fn right(&mut self, name: &str) {
-        self.0.remove(&Who::new(name, true));
+    pub fn record_success(&mut self, name: &str) {
+        self.0.remove(&LockoutKey::new(name, true));
     }
 }
 
@@ -88,14 +88,14 @@ mod tests {
         for pause_s in [60.0, 120.0, 240.0, 480.0, 960.0, 1_920.0, 3_600.0, 3_600.0] {
             for n in 1..=5 {
                 assert_eq!(lockout.pauses_s(ANNA, now_s), None);
-                assert_eq!(lockout.wrong(ANNA, now_s), n == 5);
+                assert_eq!(lockout.record_failure(ANNA, now_s), n == 5);
             }
             assert_eq!(lockout.pauses_s(ANNA, now_s + 1.0), Some(pause_s - 1.0));
             assert_eq!(lockout.pauses_s(("ben", true), now_s), None, "another account goes on");
             now_s += pause_s;
         }
-        lockout.right("anna");
-        assert!(!lockout.wrong(ANNA, now_s), "counted from the beginning");
+        lockout.record_success("anna");
+        assert!(!lockout.record_failure(ANNA, now_s), "counted from the beginning");
     }
 
     /// An attempt that was still in progress when the pause began neither shortens nor lengthens the pause.
@@ -103,15 +103,15 @@ mod tests {
     fn a_wrong_password_during_the_pause_does_not_lift_it() {
         let mut lockout = Lockout::default();
         for _ in 0..5 {
-            lockout.wrong(ANNA, 0.0);
+            lockout.record_failure(ANNA, 0.0);
         }
         for n in 1..200 {
-            assert!(lockout.wrong(ANNA, f64::from(n) / 10.0));
+            assert!(lockout.record_failure(ANNA, f64::from(n) / 10.0));
             assert!(lockout.pauses_s(ANNA, f64::from(n) / 10.0).is_some());
         }
         assert_eq!(lockout.pauses_s(ANNA, 59.0), Some(1.0));
         assert_eq!(lockout.pauses_s(ANNA, 60.0), None);
-        assert!(!lockout.wrong(ANNA, 60.0), "the first of the next row");
+        assert!(!lockout.record_failure(ANNA, 60.0), "the first of the next row");
     }
 
     /// An account's pause grows from row to row, independent of the number of invented names that are tried meanwhile.
@@ -121,15 +121,15 @@ mod tests {
         let mut lockout = Lockout::default();
         let engineer = ("engineer", true);
         for _ in 0..5 {
-            lockout.wrong(engineer, 0.0);
+            lockout.record_failure(engineer, 0.0);
         }
         for n in 0..3_000 {
-            lockout.wrong((&format!("n{n}"), false), 1.0);
+            lockout.record_failure((&format!("n{n}"), false), 1.0);
         }
         assert_eq!(lockout.pauses_s(engineer, 1.0), Some(59.0), "not evicted");
         assert!(lockout.0.len() <= BUCKETS as usize + 1, "{}", lockout.0.len());
         for _ in 0..5 {
-            lockout.wrong(engineer, 61.0);
+            lockout.record_failure(engineer, 61.0);
         }
         assert_eq!(lockout.pauses_s(engineer, 61.0), Some(120.0), "the second row counts as one");
         assert_eq!(lockout.pauses_s(("ben", true), 1.0), None, "an account pauses by its own passwords alone");

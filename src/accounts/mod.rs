@@ -11,10 +11,10 @@ mod name;
 mod password;
 mod role;
 
-pub use line_limit::{LineLimit, MostLines};
+pub use line_limit::{LineLimit, MaxLinesPerMinute};
 pub use lockout::{Lockout, MAX_ATTEMPTS, PAUSE_S};
 pub use name::{MAX_PRINTED, NameError, checked_name};
-pub use password::{MIN_CHARACTERS, PasswordError, hashed, is_right};
+pub use password::{MIN_CHARACTERS, PasswordError, hash_password, is_correct_password};
 pub use role::{Permission, Role};
 
 use crate::number_text::printable;
@@ -42,7 +42,7 @@ impl Account {
     ///
     /// # Errors
     /// If a name or the password is not allowed; the text states the problem.
-    pub fn checked(
+    pub fn create_validated(
         (name, printed_name): (&str, &str),
         (role, is_enabled): (Role, bool),
         (password, salt): (Option<&str>, [u8; 16]),
@@ -52,7 +52,9 @@ impl Account {
         printable(printed_name, MAX_PRINTED).map_err(|problem| format!("the printed name: {problem}"))?;
         let password_hash = match (password, former) {
             (None, Some(former)) => former.password_hash.clone(),
-            (password, _) => hashed(password.unwrap_or_default(), name, salt).map_err(|error| error.to_string())?,
+            (password, _) => {
+                hash_password(password.unwrap_or_default(), name, salt).map_err(|error| error.to_string())?
+            }
         };
         let (name, printed_name) = (name.to_owned(), printed_name.to_owned());
         Ok(Account { name, printed_name, role, password_hash, is_enabled })
@@ -64,7 +66,7 @@ impl Account {
         let Account { printed_name, role, password_hash, is_enabled, .. } = self;
         let enabled = if *is_enabled { "enabled" } else { "disabled" };
         let salt = password_hash.split('$').nth(4).and_then(|salt| salt.get(..6)).unwrap_or_default();
-        format!("{printed_name}, {}, {enabled}, password {salt}…", role.word())
+        format!("{printed_name}, {}, {enabled}, password {salt}…", role.keyword())
     }
 }
 
@@ -94,7 +96,7 @@ pub struct AuditEntry {
 
 impl AuditEntry {
     /// Returns a line about a completed action, without an object; the store sets its time.
-    pub fn done(who: Option<String>, role: Option<Role>, from: String, what: &str) -> Self {
+    pub fn for_completed_action(who: Option<String>, role: Option<Role>, from: String, what: &str) -> Self {
         AuditEntry {
             unix_ms: 0,
             who,

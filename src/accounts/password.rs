@@ -36,7 +36,7 @@ pub enum PasswordError {
 ///
 /// # Errors
 /// If the password is too short, too long or obvious.
-pub fn hashed(password: &str, name: &str, salt: [u8; 16]) -> Result<String, PasswordError> {
+pub fn hash_password(password: &str, name: &str, salt: [u8; 16]) -> Result<String, PasswordError> {
     let found = password.chars().count();
     if !(MIN_CHARACTERS..=MAX_CHARACTERS).contains(&found) {
         return Err(PasswordError::Length { found });
@@ -48,13 +48,13 @@ pub fn hashed(password: &str, name: &str, salt: [u8; 16]) -> Result<String, Pass
     {
         return Err(PasswordError::Obvious);
     }
-    let hash = hasher()?.hash_password_with_salt(password.as_bytes(), &salt);
+    let hash = password_hasher()?.hash_password_with_salt(password.as_bytes(), &salt);
     hash.map(|hash: PasswordHash| hash.to_string()).map_err(|error| PasswordError::Hash(error.to_string()))
 }
 
 /// Returns whether this is the password. The check takes a fraction of a second, also if the hash is invalid.
-pub fn is_right(password: &str, hash: &str) -> bool {
-    let Ok(hasher) = hasher() else { return false };
+pub fn is_correct_password(password: &str, hash: &str) -> bool {
+    let Ok(hasher) = password_hasher() else { return false };
     let is_short = password.chars().count() <= MAX_CHARACTERS;
     let bytes = if is_short { password.as_bytes() } else { b"" };
     match PasswordHash::new(hash) {
@@ -68,7 +68,7 @@ pub fn is_right(password: &str, hash: &str) -> bool {
     }
 }
 
-fn hasher() -> Result<Argon2<'static>, PasswordError> {
+fn password_hasher() -> Result<Argon2<'static>, PasswordError> {
     let params = Params::new(MEMORY_KIB, PASSES, 1, None);
     let params = params.map_err(|error| PasswordError::Hash(error.to_string()))?;
     Ok(Argon2::new(Algorithm::Argon2id, Version::V0x13, params))
@@ -80,18 +80,18 @@ mod tests {
 
     #[test]
     fn a_password_is_kept_as_a_salted_hash() {
-        let of = |salt| hashed("correct horse", "anna", [salt; 16]).expect("allowed");
+        let of = |salt| hash_password("correct horse", "anna", [salt; 16]).expect("allowed");
         let hash = of(1);
         assert!(hash.starts_with("$argon2id$v=19$m=19456,t=2,p=1$"), "{hash}");
         assert_ne!(of(2), hash, "the salt is part of it");
-        assert!(is_right("correct horse", &hash));
-        assert!(!is_right("correct horse ", &hash) && !is_right("", &hash));
-        assert!(!is_right("correct horse", "none") && !is_right("correct horse", ""));
+        assert!(is_correct_password("correct horse", &hash));
+        assert!(!is_correct_password("correct horse ", &hash) && !is_correct_password("", &hash));
+        assert!(!is_correct_password("correct horse", "none") && !is_correct_password("correct horse", ""));
     }
 
     #[test]
     fn weak_ones_are_refused() {
-        let of = |password: &str| hashed(password, "anna", [7; 16]).map(drop);
+        let of = |password: &str| hash_password(password, "anna", [7; 16]).map(drop);
         assert_eq!(of("short"), Err(PasswordError::Length { found: 5 }));
         assert_eq!(of(&"x1".repeat(101)), Err(PasswordError::Length { found: 202 }));
         assert_eq!(of("aaaaaaaaaaaa"), Err(PasswordError::Obvious));

@@ -59,17 +59,17 @@ pub enum Permission {
 
 impl Role {
     /// Returns the roles that have this permission.
-    pub fn allowed(permission: Permission) -> impl Iterator<Item = Role> {
-        Role::VARIANTS.iter().copied().filter(move |role| role.may(permission))
+    pub fn roles_with_permission(permission: Permission) -> impl Iterator<Item = Role> {
+        Role::VARIANTS.iter().copied().filter(move |role| role.has_permission(permission))
     }
 
     /// The role's keyword, as it is stored.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         self.into()
     }
 
     /// Returns whether this role has the permission.
-    pub fn may(self, permission: Permission) -> bool {
+    pub fn has_permission(self, permission: Permission) -> bool {
         use Permission::{Accept, Acknowledge, Audit, Configure, ManagePeople, Operate, Sign, View};
         match self {
             Role::Display | Role::Viewer => matches!(permission, View),
@@ -82,7 +82,7 @@ impl Role {
 }
 
 impl Choice for Role {
-    const WORDS: &'static [(&'static str, Self)] = &[
+    const KEYWORDS: &'static [(&'static str, Self)] = &[
         ("display", Role::Display),
         ("viewer", Role::Viewer),
         ("operator", Role::Operator),
@@ -100,7 +100,8 @@ mod tests {
     /// signs neither runs cycles nor changes recipes.
     #[test]
     fn duties_are_separate() {
-        let all = |permission| -> Vec<&str> { Role::allowed(permission).map(Role::word).collect() };
+        let all =
+            |permission| -> Vec<&str> { Role::roles_with_permission(permission).map(Role::keyword).collect() };
         assert_eq!(
             all(Permission::View),
             ["display", "viewer", "operator", "inspector", "engineer", "administrator"]
@@ -117,8 +118,8 @@ mod tests {
     #[test]
     fn words_read_back() {
         for role in Role::VARIANTS {
-            assert_eq!(role.word().parse(), Ok(*role));
-            assert!(Role::WORDS.contains(&(role.word(), *role)), "{role:?}");
+            assert_eq!(role.keyword().parse(), Ok(*role));
+            assert!(Role::KEYWORDS.contains(&(role.keyword(), *role)), "{role:?}");
         }
     }
 }

@@ -4,11 +4,11 @@
 
 use super::database;
 use super::error::ArchiveError;
-use super::files::{Files, Held};
+use super::files::{ContentFiles, FileState};
 use crate::cell::CellName;
 use crate::office::ArchiveSettings;
-use crate::office::{Body, Envelope, Kind, Listed, Message, Position, compare};
-use crate::signing::{BEGIN, Statement};
+use crate::office::{Body, ItemEnvelope, Kind, ListEntry, Message, Position, compare};
+use crate::signing::{CHAIN_BEGIN, Statement};
 use std::collections::{BTreeMap, BTreeSet};
 use tokio_postgres::{Client, Row};
 
@@ -23,7 +23,7 @@ pub struct CellList {
     /// The cell.
     pub cell: CellName,
     /// The cell's list (`panelprep store list`).
-    pub listed: Vec<Listed>,
+    pub entries: Vec<ListEntry>,
 }
 
 /// The result of the check of one cell.
@@ -38,22 +38,25 @@ pub struct CheckedCell {
     /// Number of files that the records name and that are complete.
     pub files: u64,
     /// Number of files that the cell no longer had.
-    pub gone: u64,
+    pub missing_in_cell: u64,
     /// Number of records that the cell has too, with the same hash; `None` if no list of the cell was given.
-    pub same: Option<u64>,
+    pub matching: Option<u64>,
     /// The keys with which the cell's statements are signed.
     pub keys: Vec<String>,
     /// The problems, as texts.
-    pub found: Vec<String>,
+    pub problems: Vec<String>,
 }
 
 /// Checks every cell of the archive, and those with a list.
 ///
 /// # Errors
 /// If the database or the folder cannot be read.
-pub async fn check(settings: &ArchiveSettings, lists: &[CellList]) -> Result<Vec<CheckedCell>, ArchiveError> {
+pub async fn check_archive(
+    settings: &ArchiveSettings,
+    lists: &[CellList],
+) -> Result<Vec<CheckedCell>, ArchiveError> {
     let client = database::open(&settings.database).await?;
-    let files = Files::at(&settings.files);
+    let files = ContentFiles::in_folder(&settings.files);
     let rows = client.query("SELECT DISTINCT cell FROM records", &[]).await;
     let rows = rows.map_err(ArchiveError::database("read its cells"))?;
     let mut cells: BTreeSet<String> = rows.iter().map(|row| row.get(0)).collect();
@@ -61,20 +64,20 @@ pub async fn check(settings: &ArchiveSettings, lists: &[CellList]) -> Result<Vec
     let mut checked = Vec::new();
     for cell in cells {
         let list = lists.iter().find(|list| list.cell.as_str() == cell);
-        checked.push(one(&client, &files, &cell, list).await?);
+        checked.push(check_cell(&client, &files, &cell, list).await?);
     }
     Ok(checked)
 }
 
-async fn one(
+async fn check_cell(
     client: &Client,
-    files: &Files,
+    files: &ContentFiles,
     cell: &str,
     list: Option<&CellList>,
 ) -> Result<CheckedCell, ArchiveError> {
     let mut checked = CheckedCell { cell: cell.to_owned(), ..CheckedCell::default() };
     let mut statements = BTreeMap::new();
-    let mut office: Vec<Listed> = Vec::new();
+    let mut office: Vec<ListEntry> = Vec::new();
     let mut after = Position { epoch: String::new(), number: 0 };
     loop {
         let page = page(client, cell, &after).await?;
@@ -83,24 +86,24 @@ async fn one(
         }
         for row in &page {
             let listed = record(row, cell, &mut checked, &mut statements);
-            gap(&after, &listed.position, &mut checked.found);
+            gap(&after, &listed.position, &mut checked.problems);
             after = listed.position.clone();
             if list.is_some() {
                 office.push(listed);
             }
         }
     }
-    checked.found.extend(unchained(&statements));
+    checked.problems.extend(find_chain_breaks(&statements));
     contradictions(client, cell, &mut checked).await?;
-    files_of(client, files, cell, &mut checked).await?;
+    check_files(client, files, cell, &mut checked).await?;
     if let Some(list) = list {
-        let compared = compare(&list.listed, &office);
-        checked.same = Some(compared.same);
-        checked.found.extend(compared.found);
+        let compared = compare(&list.entries, &office);
+        checked.matching = Some(compared.equal_items);
+        checked.problems.extend(compared.differences);
     }
-    let rest = checked.found.len().saturating_sub(MAX_MESSAGES);
-    checked.found.truncate(MAX_MESSAGES);
-    checked.found.extend((rest > 0).then(|| format!("{rest} more are not listed")));
+    let rest = checked.problems.len().saturating_sub(MAX_MESSAGES);
+    checked.problems.truncate(MAX_MESSAGES);
+    checked.problems.extend((rest > 0).then(|| format!("{rest} more are not listed")));
     Ok(checked)
 }
 
@@ -120,14 +123,19 @@ fn position(row: &Row) -> Position {
 type Link = (String, String);
 
 /// Checks a row: builds the message from it again, and verifies the message's hash and signature.
-fn record(row: &Row, cell: &str, checked: &mut CheckedCell, statements: &mut BTreeMap<u64, Vec<Link>>) -> Listed {
+fn record(
+    row: &Row,
+    cell: &str,
+    checked: &mut CheckedCell,
+    statements: &mut BTreeMap<u64, Vec<Link>>,
+) -> ListEntry {
     let position = position(row);
     let word: String = row.get(2);
     let (unix_ms, hash, content): (i64, String, Vec<u8>) = (row.get(3), row.get(4), row.get(5));
     let (signature, public_key): (Option<Vec<u8>>, Option<String>) = (row.get(6), row.get(7));
     checked.records += 1;
     let name = format!("number {} of epoch {}", position.number, position.epoch);
-    let kind = Kind::of_word(&word);
+    let kind = Kind::from_keyword(&word);
     let body = match (kind, signature, public_key) {
         (Some(Kind::Cycle), None, None) => Some(Body::Cycle(content)),
         (Some(Kind::Verification), None, None) => Some(Body::Verification(content)),
@@ -137,16 +145,18 @@ fn record(row: &Row, cell: &str, checked: &mut CheckedCell, statements: &mut BTr
         _ => None,
     };
     let Some(body) = body else {
-        checked.found.push(format!("{name}: the kind \"{word}\" does not match the rest of the row"));
-        return Listed { position, kind: kind.unwrap_or(Kind::Cycle), hash };
+        checked.problems.push(format!("{name}: the kind \"{word}\" does not match the rest of the row"));
+        return ListEntry { position, kind: kind.unwrap_or(Kind::Cycle), hash };
     };
-    let envelope = Envelope { position, unix_ms, body };
-    let listed = envelope.listed();
+    let envelope = ItemEnvelope { position, unix_ms, body };
+    let listed = envelope.list_line();
     if listed.hash != hash {
-        checked.found.push(format!("{name} was changed: its SHA-256 is {}, but {hash} was received", listed.hash));
+        checked
+            .problems
+            .push(format!("{name} was changed: its SHA-256 is {}, but {hash} was received", listed.hash));
     }
-    match read_again(cell, envelope) {
-        Err(problem) => checked.found.push(format!("{name}: {problem}")),
+    match reread_message(cell, envelope) {
+        Err(problem) => checked.problems.push(format!("{name}: {problem}")),
         Ok(Some((statement, public_key))) => {
             checked.signatures += 1;
             if !checked.keys.contains(&public_key) {
@@ -160,7 +170,7 @@ fn record(row: &Row, cell: &str, checked: &mut CheckedCell, statements: &mut BTr
 }
 
 /// Builds the received message from a stored record and reads it again, so that its signature is verified once more.
-fn read_again(cell: &str, envelope: Envelope) -> Result<Option<(Statement, String)>, String> {
+fn reread_message(cell: &str, envelope: ItemEnvelope) -> Result<Option<(Statement, String)>, String> {
     let message = Message { cell: CellName::new(cell)?, envelope };
     let bytes = message.bytes().map_err(|error| error.to_string())?;
     let read = Message::read(&bytes).map_err(|error| error.to_string())?;
@@ -184,7 +194,7 @@ fn gap(before: &Position, here: &Position, found: &mut Vec<String>) {
 }
 
 /// Finds statements that are missing, that do not follow from the one before, or that occur twice under one number.
-fn unchained(statements: &BTreeMap<u64, Vec<Link>>) -> Vec<String> {
+fn find_chain_breaks(statements: &BTreeMap<u64, Vec<Link>>) -> Vec<String> {
     let mut found = Vec::new();
     let mut before: Option<(u64, &str)> = None;
     for (number, links) in statements {
@@ -197,7 +207,7 @@ fn unchained(statements: &BTreeMap<u64, Vec<Link>>) -> Vec<String> {
         }
         let expected = match before {
             Some((last, hash)) if last + 1 == *number => Some(hash),
-            None if *number == 1 => Some(BEGIN),
+            None if *number == 1 => Some(CHAIN_BEGIN),
             _ => {
                 let first = before.map_or(1, |(last, _)| last + 1);
                 found.push(format!("signed records {first} to {} are missing", number - 1));
@@ -219,7 +229,7 @@ fn unchained(statements: &BTreeMap<u64, Vec<Link>>) -> Vec<String> {
 async fn contradictions(client: &Client, cell: &str, checked: &mut CheckedCell) -> Result<(), ArchiveError> {
     let sql = "SELECT epoch, number, hash FROM contradictions WHERE cell = $1 ORDER BY epoch, number";
     let rows = client.query(sql, &[&cell]).await.map_err(ArchiveError::database("read contradictions"))?;
-    checked.found.extend(rows.iter().map(|row| {
+    checked.problems.extend(rows.iter().map(|row| {
         let Position { epoch, number } = position(row);
         let hash: String = row.get(2);
         format!("record {number} of epoch {epoch} was received a second time with the SHA-256 {hash}")
@@ -227,9 +237,9 @@ async fn contradictions(client: &Client, cell: &str, checked: &mut CheckedCell) 
     Ok(())
 }
 
-async fn files_of(
+async fn check_files(
     client: &Client,
-    files: &Files,
+    files: &ContentFiles,
     cell: &str,
     checked: &mut CheckedCell,
 ) -> Result<(), ArchiveError> {
@@ -237,12 +247,12 @@ async fn files_of(
     let rows = client.query(sql, &[&cell]).await.map_err(ArchiveError::database("read the files of records"))?;
     for row in rows {
         let (hash, name, is_gone): (String, String, bool) = (row.get(0), row.get(1), row.get(2));
-        match files.held(&hash)? {
-            Held::Whole => checked.files += 1,
-            Held::Missing if is_gone => checked.gone += 1,
-            Held::Missing => checked.found.push(format!("the file {hash}, {name}, was not received")),
-            Held::Damaged(found) => {
-                checked.found.push(format!("the file {hash}, {name}, is damaged: its SHA-256 is {found}"));
+        match files.file_state(&hash)? {
+            FileState::Whole => checked.files += 1,
+            FileState::Missing if is_gone => checked.missing_in_cell += 1,
+            FileState::Missing => checked.problems.push(format!("the file {hash}, {name}, was not received")),
+            FileState::Damaged(found) => {
+                checked.problems.push(format!("the file {hash}, {name}, is damaged: its SHA-256 is {found}"));
             }
         }
     }

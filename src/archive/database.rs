@@ -2,7 +2,7 @@
 
 use super::error::ArchiveError;
 use super::tables;
-use crate::office::Database;
+use crate::office::DatabaseSettings;
 use crate::trust;
 use std::time::Duration;
 use tokio::time::timeout;
@@ -14,7 +14,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 const OPEN_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Describes the address of a database for people.
-fn place(Database { host, port, name, user, .. }: &Database) -> String {
+fn describe_address(DatabaseSettings { host, port, name, user, .. }: &DatabaseSettings) -> String {
     format!("{name} (user {user}) at {host}:{port}")
 }
 
@@ -22,7 +22,7 @@ fn place(Database { host, port, name, user, .. }: &Database) -> String {
 ///
 /// # Errors
 /// If the database does not answer in time, and the errors of the operation.
-pub(super) async fn within<T>(
+pub(super) async fn with_timeout<T>(
     limit: Duration,
     doing: impl Future<Output = Result<T, ArchiveError>>,
 ) -> Result<T, ArchiveError> {
@@ -30,7 +30,7 @@ pub(super) async fn within<T>(
 }
 
 /// Connects, and creates the tables or brings them up to date.
-pub(super) async fn open(database: &Database) -> Result<Client, ArchiveError> {
+pub(super) async fn open(database: &DatabaseSettings) -> Result<Client, ArchiveError> {
     let opening = async {
         let mut client = connect(database).await?;
         tables::raise(&mut client).await?;
@@ -38,14 +38,14 @@ pub(super) async fn open(database: &Database) -> Result<Client, ArchiveError> {
     };
     let silent = |_| {
         let problem = format!("no answer within {} s", OPEN_TIMEOUT.as_secs());
-        Err(ArchiveError::Connect { place: place(database), problem })
+        Err(ArchiveError::Connect { place: describe_address(database), problem })
     };
     timeout(OPEN_TIMEOUT, opening).await.unwrap_or_else(silent)
 }
 
-async fn connect(database: &Database) -> Result<Client, ArchiveError> {
-    let Database { host, port, name, user, password_file, ca } = database;
-    let place = place(database);
+async fn connect(database: &DatabaseSettings) -> Result<Client, ArchiveError> {
+    let DatabaseSettings { host, port, name, user, password_file, ca } = database;
+    let place = describe_address(database);
     let failed = |error: tokio_postgres::Error| {
         let below = std::error::Error::source(&error).map_or(String::new(), |source| format!(": {source}"));
         let below = match error.to_string().contains("unexpected") || below.contains("bytes remaining") {

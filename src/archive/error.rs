@@ -17,10 +17,10 @@ pub enum ArchiveError {
         problem: String,
     },
     /// The database refused something.
-    #[error("the database: cannot {doing}: {problem}")]
+    #[error("the database: cannot {operation}: {problem}")]
     Database {
         /// The attempted operation.
-        doing: &'static str,
+        operation: &'static str,
         /// PostgreSQL's message.
         problem: String,
     },
@@ -57,10 +57,10 @@ pub enum ArchiveError {
     #[error(transparent)]
     Kept(#[from] StoreError),
     /// A file refused.
-    #[error("cannot {doing} {}: {source}", path.display())]
+    #[error("cannot {operation} {}: {source}", path.display())]
     File {
         /// The attempted operation.
-        doing: &'static str,
+        operation: &'static str,
         /// The file.
         path: PathBuf,
         /// The system's message.
@@ -76,17 +76,20 @@ impl ArchiveError {
         move |error| {
             // The library's error contains the server's own message.
             let problem = error.as_db_error().map_or(error.to_string(), ToString::to_string);
-            ArchiveError::Database { doing, problem }
+            ArchiveError::Database { operation: doing, problem }
         }
     }
 
-    pub(super) fn file<'p>(doing: &'static str, path: &'p Path) -> impl Fn(std::io::Error) -> ArchiveError + 'p {
-        move |source| ArchiveError::File { doing, path: path.to_owned(), source }
+    pub(super) fn file_error<'p>(
+        doing: &'static str,
+        path: &'p Path,
+    ) -> impl Fn(std::io::Error) -> ArchiveError + 'p {
+        move |source| ArchiveError::File { operation: doing, path: path.to_owned(), source }
     }
 
     /// Returns whether the error may end without intervention, such as a network failure, a server restart or a full
     /// disk.
-    pub fn may_pass(&self) -> bool {
+    pub fn is_transient(&self) -> bool {
         !matches!(self, ArchiveError::Newer { .. } | ArchiveError::Encoding { .. } | ArchiveError::Trust(_))
     }
 }

@@ -11,43 +11,43 @@ use std::path::{Path, PathBuf};
 
 /// A folder of files that are named by their content.
 #[derive(Debug, Clone)]
-pub(super) struct Files(PathBuf);
+pub(super) struct ContentFiles(PathBuf);
 
 /// The state of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Held {
+pub(super) enum FileState {
     Whole,
     Missing,
     Damaged(String),
 }
 
-impl Files {
-    pub fn at(folder: &Path) -> Self {
-        Files(folder.to_owned())
+impl ContentFiles {
+    pub fn in_folder(folder: &Path) -> Self {
+        ContentFiles(folder.to_owned())
     }
 
     /// Creates the folder, then writes and removes a file there, so that a problem is found now and not with the first
     /// picture.
-    pub fn try_out(&self) -> Result<(), ArchiveError> {
+    pub fn check_writable(&self) -> Result<(), ArchiveError> {
         let trial = self.0.join(".trial");
-        fs::create_dir_all(&self.0).map_err(ArchiveError::file("make", &self.0))?;
-        fs::write(&trial, b"trial").map_err(ArchiveError::file("write", &trial))?;
-        fs::remove_file(&trial).map_err(ArchiveError::file("remove", &trial))
+        fs::create_dir_all(&self.0).map_err(ArchiveError::file_error("make", &self.0))?;
+        fs::write(&trial, b"trial").map_err(ArchiveError::file_error("write", &trial))?;
+        fs::remove_file(&trial).map_err(ArchiveError::file_error("remove", &trial))
     }
 
-    fn near(&self, hash: &str) -> Blobs {
-        Blobs::in_folder(self.0.join(hash.get(..2).unwrap_or("")))
+    fn blobs_for_hash(&self, hash: &str) -> Blobs {
+        Blobs::for_folder(self.0.join(hash.get(..2).unwrap_or("")))
     }
 
     /// Stores these bytes under their hash. A file that exists already is not written again; a damaged one is
     /// replaced.
-    pub fn put(&self, hash: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
-        let near = self.near(hash);
-        near.make()?;
-        match near.put(bytes) {
+    pub fn store(&self, hash: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
+        let near = self.blobs_for_hash(hash);
+        near.create_folder()?;
+        match near.store_bytes(bytes) {
             Err(StoreError::DamagedBlob { path, .. }) => {
-                fs::remove_file(&path).map_err(ArchiveError::file("remove", &path))?;
-                near.put(bytes)?;
+                fs::remove_file(&path).map_err(ArchiveError::file_error("remove", &path))?;
+                near.store_bytes(bytes)?;
             }
             put => drop(put?),
         }
@@ -56,21 +56,24 @@ impl Files {
 
     /// Returns the bytes of a file that is complete; `None` for a text that is not a hash.
     pub fn get(&self, hash: &str) -> Option<Vec<u8>> {
-        is_hex(hash, 64).then(|| self.near(hash).get(hash).ok()).flatten()
+        is_hex(hash, 64).then(|| self.blobs_for_hash(hash).get(hash).ok()).flatten()
     }
 
     /// Returns whether every file that this record names is here, except the files that its cell no longer had.
-    pub fn has_all_of(&self, message: &Message) -> bool {
+    pub fn has_all_files(&self, message: &Message) -> bool {
         let Body::Signature { files, .. } = &message.envelope.body else { return true };
-        files.iter().filter(|file| file.gone.is_none()).all(|file| self.near(&file.hash).has(&file.hash))
+        files
+            .iter()
+            .filter(|file| file.gone.is_none())
+            .all(|file| self.blobs_for_hash(&file.hash).contains(&file.hash))
     }
 
     /// Returns the state of the file with this hash.
-    pub fn held(&self, hash: &str) -> Result<Held, ArchiveError> {
-        match self.near(hash).get(hash) {
-            Ok(_) => Ok(Held::Whole),
-            Err(StoreError::DamagedBlob { found, .. }) => Ok(Held::Damaged(found)),
-            Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::NotFound => Ok(Held::Missing),
+    pub fn file_state(&self, hash: &str) -> Result<FileState, ArchiveError> {
+        match self.blobs_for_hash(hash).get(hash) {
+            Ok(_) => Ok(FileState::Whole),
+            Err(StoreError::DamagedBlob { found, .. }) => Ok(FileState::Damaged(found)),
+            Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::NotFound => Ok(FileState::Missing),
             Err(error) => Err(error.into()),
         }
     }
@@ -84,14 +87,14 @@ mod tests {
     #[test]
     fn a_file_that_was_damaged_is_written_anew_when_it_comes_again() {
         let folder = tempfile::tempdir().expect("a folder");
-        let files = Files::at(folder.path());
+        let files = ContentFiles::in_folder(folder.path());
         let hash = content_hash(b"picture");
-        assert_eq!(files.held(&hash).expect("looked"), Held::Missing);
-        files.put(&hash, b"picture").expect("kept");
-        assert_eq!(files.held(&hash).expect("looked"), Held::Whole);
+        assert_eq!(files.file_state(&hash).expect("looked"), FileState::Missing);
+        files.store(&hash, b"picture").expect("kept");
+        assert_eq!(files.file_state(&hash).expect("looked"), FileState::Whole);
         fs::write(folder.path().join(&hash[..2]).join(&hash), b"p1cture").expect("spoilt");
-        assert_eq!(files.held(&hash).expect("looked"), Held::Damaged(content_hash(b"p1cture")));
-        files.put(&hash, b"picture").expect("kept again");
-        assert_eq!(files.held(&hash).expect("looked"), Held::Whole);
+        assert_eq!(files.file_state(&hash).expect("looked"), FileState::Damaged(content_hash(b"p1cture")));
+        files.store(&hash, b"picture").expect("kept again");
+        assert_eq!(files.file_state(&hash).expect("looked"), FileState::Whole);
     }
 }

@@ -24,7 +24,7 @@ pub(super) struct BatchResult {
 }
 
 /// Stores these messages, in the order in which they came.
-pub(super) async fn keep(client: &mut Client, messages: &[Message]) -> Result<BatchResult, ArchiveError> {
+pub(super) async fn store_messages(client: &mut Client, messages: &[Message]) -> Result<BatchResult, ArchiveError> {
     let failed = ArchiveError::database("keep records");
     let transaction = client.transaction().await.map_err(&failed)?;
     let mut kept = BatchResult::default();
@@ -72,7 +72,7 @@ async fn insert(transaction: &Transaction<'_>, (message, hash): (&Message, &str)
                 &message.cell.as_str(),
                 &envelope.position.epoch,
                 &number(envelope.position.number),
-                &envelope.body.kind().word(),
+                &envelope.body.kind().keyword(),
                 &envelope.unix_ms,
                 &hash,
                 &content,
@@ -172,7 +172,7 @@ async fn cycle(transaction: &Transaction<'_>, cell: &str, end: &CycleEnd) -> Res
             first_unix_s = least(used.first_unix_s, EXCLUDED.first_unix_s),
             last_unix_s = greatest(used.last_unix_s, EXCLUDED.last_unix_s),
             cycles = used.cycles + 1, passed = used.passed + EXCLUDED.passed";
-    let passed = i64::from(end.verdict == Verdict::Pass.word());
+    let passed = i64::from(end.verdict == Verdict::Pass.keyword());
     let values: [&(dyn tokio_postgres::types::ToSql + Sync); 5] =
         [&end.panel, &end.recipe_hash, &cell, &end.started_unix_s, &passed];
     transaction.execute(sql, &values).await.map(drop).map_err(&failed)

@@ -25,7 +25,7 @@ mod recipe_offers;
 mod rows;
 mod tables;
 
-pub use checking::{CellList, CheckedCell, check};
+pub use checking::{CellList, CheckedCell, check_archive};
 pub use error::ArchiveError;
 pub use receiving::run;
-pub use recipe_offers::offer;
+pub use recipe_offers::publish_offer;

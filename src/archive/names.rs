@@ -11,23 +11,23 @@ pub(super) struct Names(BTreeMap<String, ReportedEpochs>);
 struct ReportedEpochs {
     /// The epochs that were reported last, and the different ones before them.
     last: Vec<String>,
-    before: Vec<String>,
-    is_told: bool,
+    previous_epochs: Vec<String>,
+    is_reported: bool,
 }
 
 impl Names {
     /// Returns true when it is detected for the first time that two cells use this name: the reported epochs changed
     /// and then changed back to the previous ones. A change of epochs without a change back may be a restored store.
-    pub fn are_two(&mut self, cell: &str, state: &CellState) -> bool {
+    pub fn detect_duplicate_name(&mut self, cell: &str, state: &CellState) -> bool {
         let mut epochs: Vec<String> = state.last.iter().map(|position| position.epoch.clone()).collect();
         epochs.sort();
         let heard = self.0.entry(cell.to_owned()).or_default();
         if epochs == heard.last {
             return false;
         }
-        let came_back = epochs == heard.before && !epochs.is_empty() && !heard.last.is_empty();
-        heard.before = std::mem::replace(&mut heard.last, epochs);
-        came_back && !std::mem::replace(&mut heard.is_told, true)
+        let came_back = epochs == heard.previous_epochs && !epochs.is_empty() && !heard.last.is_empty();
+        heard.previous_epochs = std::mem::replace(&mut heard.last, epochs);
+        came_back && !std::mem::replace(&mut heard.is_reported, true)
     }
 }
 
@@ -47,10 +47,12 @@ mod tests {
         };
         let mut names = Names::default();
         for epochs in [&["1"][..], &["1"], &["1", "2"], &["3"], &["3", "4"]] {
-            assert!(!names.are_two("a", &told(epochs)), "{epochs:?}");
+            assert!(!names.detect_duplicate_name("a", &told(epochs)), "{epochs:?}");
         }
-        let found: Vec<bool> =
-            [&["5"][..], &["6"], &["5"], &["6"]].iter().map(|epochs| names.are_two("b", &told(epochs))).collect();
+        let found: Vec<bool> = [&["5"][..], &["6"], &["5"], &["6"]]
+            .iter()
+            .map(|epochs| names.detect_duplicate_name("b", &told(epochs)))
+            .collect();
         assert_eq!(found, [false, false, true, false], "told once");
     }
 }

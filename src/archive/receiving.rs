@@ -2,14 +2,14 @@
 
 use super::database;
 use super::error::ArchiveError;
-use super::files::Files;
+use super::files::ContentFiles;
 use super::message_rows::{self, BatchResult};
 use super::names::Names;
 use super::recipe_offers;
-use crate::broker::{Delivery, OfficeLink, Receipt, States};
+use crate::broker::{Delivery, OfficeLink, Receipt, StateSubscription};
 use crate::office::{
-    ArchiveSettings, Assembled, Assembly, CellState, Chunk, ChunkOwner, Message, OfficeError, Position, Unfit,
-    subject,
+    ArchiveSettings, AssembledItem, CellState, Chunk, ChunkOwner, InvalidItem, Message, OfficeError, PartAssembly,
+    Position, subject,
 };
 use std::time::{Duration, Instant};
 use tokio_postgres::Client;
@@ -36,18 +36,18 @@ const WRITE_TIMEOUT: Duration = Duration::from_secs(60);
 /// used.
 pub async fn run(settings: &ArchiveSettings, ended: impl Future<Output = ()>) -> Result<(), ArchiveError> {
     tokio::select! {
-        failed = again_and_again(settings) => Err(failed),
+        failed = run_with_retries(settings) => Err(failed),
         () = ended => Ok(()),
     }
 }
 
-async fn again_and_again(settings: &ArchiveSettings) -> ArchiveError {
+async fn run_with_retries(settings: &ArchiveSettings) -> ArchiveError {
     let mut pause = Duration::from_secs(1);
     let mut told: Option<(String, Instant)> = None;
     loop {
         let since = Instant::now();
-        let Err(error) = work(settings).await;
-        if !error.may_pass() {
+        let Err(error) = run_receiver(settings).await;
+        if !error.is_transient() {
             return error;
         }
         let words = error.to_string();
@@ -65,17 +65,17 @@ async fn again_and_again(settings: &ArchiveSettings) -> ArchiveError {
     }
 }
 
-async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, ArchiveError> {
-    let files = Files::at(&settings.files);
-    files.try_out()?;
+async fn run_receiver(settings: &ArchiveSettings) -> Result<std::convert::Infallible, ArchiveError> {
+    let files = ContentFiles::in_folder(&settings.files);
+    files.check_writable()?;
     let mut client = database::open(&settings.database).await?;
-    let mut link = OfficeLink::connect(&settings.broker, settings.most_bytes()).await?;
+    let mut link = OfficeLink::connect(&settings.broker, settings.max_waiting_bytes()).await?;
     tracing::info!("receiving the messages of the cells through the broker {}", settings.broker.address);
     // A cell may have missed the archived position, or the broker may have lost it.
-    for (cell, epoch, archived) in database::within(WRITE_TIMEOUT, message_rows::epochs(&client)).await? {
-        link.say_archived(&cell, &epoch, archived).await?;
+    for (cell, epoch, archived) in database::with_timeout(WRITE_TIMEOUT, message_rows::epochs(&client)).await? {
+        link.publish_archived(&cell, &epoch, archived).await?;
     }
-    database::within(WRITE_TIMEOUT, recipe_offers::offer_again(&client, &link)).await?;
+    database::with_timeout(WRITE_TIMEOUT, recipe_offers::republish_offers(&client, &link)).await?;
     let listener = database::open(&settings.database).await?;
     let states = link.states().await?;
     let records = receive(&mut client, &mut link, files);
@@ -88,30 +88,30 @@ async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, Ar
 async fn receive(
     client: &mut Client,
     link: &mut OfficeLink,
-    files: Files,
+    files: ContentFiles,
 ) -> Result<std::convert::Infallible, ArchiveError> {
-    let mut receiver = Receiver { files, assembly: Assembly::default(), waiting: Vec::new() };
+    let mut receiver = Receiver { files, assembly: PartAssembly::default(), waiting: Vec::new() };
     loop {
         let batch = link.next(BATCH_MESSAGES).await?;
         receiver.receive_batch(client, link, batch).await?;
-        if link.begin_anew_where_stuck().await? {
+        if link.recreate_stuck_consumer().await? {
             receiver.forget();
         }
     }
 }
 
 /// Receives the states that cells report; a state that is missed comes again in two seconds.
-async fn listen(client: &Client, mut states: States) -> Result<std::convert::Infallible, ArchiveError> {
+async fn listen(client: &Client, mut states: StateSubscription) -> Result<std::convert::Infallible, ArchiveError> {
     let mut names = Names::default();
     loop {
         let (by, bytes) = states.next().await?;
-        database::within(WRITE_TIMEOUT, keep_state((client, &mut names), &by, &bytes)).await?;
+        database::with_timeout(WRITE_TIMEOUT, store_state((client, &mut names), &by, &bytes)).await?;
     }
 }
 
 struct Receiver {
-    files: Files,
-    assembly: Assembly<Receipt>,
+    files: ContentFiles,
+    assembly: PartAssembly<Receipt>,
     /// Records with a file that has not arrived yet. A cell is informed that the office has a record only after its
     /// files have arrived too.
     waiting: Vec<(Message, Vec<Receipt>)>,
@@ -126,7 +126,7 @@ impl Receiver {
     ) -> Result<(), ArchiveError> {
         let mut kept = Vec::new();
         for Delivery { bytes, subject, receipt } in batch {
-            let chunk = match Chunk::read(&bytes).and_then(|chunk| sent_by(&subject, chunk)) {
+            let chunk = match Chunk::read(&bytes).and_then(|chunk| check_sender(&subject, chunk)) {
                 Ok(chunk) => chunk,
                 Err(error) => {
                     refuse((&subject, &error), vec![receipt]).await?;
@@ -136,17 +136,17 @@ impl Receiver {
             let whole = match self.assembly.add(chunk, receipt) {
                 Ok(None) => continue,
                 Ok(Some(whole)) => whole,
-                Err(Unfit { error, receipts }) => {
+                Err(InvalidItem { error, receipts }) => {
                     refuse((&subject, &error), receipts).await?;
                     continue;
                 }
             };
             match &whole.what {
                 ChunkOwner::File(hash) => {
-                    self.files.put(hash, &whole.bytes)?;
+                    self.files.store(hash, &whole.bytes)?;
                     kept.extend(whole.receipts);
                 }
-                ChunkOwner::Message(position) => match message_of(&whole, position) {
+                ChunkOwner::Message(position) => match parse_message(&whole, position) {
                     Ok(message) => {
                         // A message that is delivered again has other receipts.
                         self.waiting.retain(|(before, _)| *before != message);
@@ -157,15 +157,15 @@ impl Receiver {
             }
         }
         let files = &self.files;
-        let whole = self.waiting.extract_if(.., |(message, _)| files.has_all_of(message));
+        let whole = self.waiting.extract_if(.., |(message, _)| files.has_all_files(message));
         let (messages, receipts): (Vec<Message>, Vec<Vec<Receipt>>) = whole.unzip();
         if !messages.is_empty() {
             let BatchResult { new, known, contradictions, archived } =
-                database::within(WRITE_TIMEOUT, message_rows::keep(client, &messages)).await?;
+                database::with_timeout(WRITE_TIMEOUT, message_rows::store_messages(client, &messages)).await?;
             contradictions.iter().for_each(|words| tracing::error!("{words}"));
             tracing::debug!("{new} new records, {known} already present");
             for ((cell, epoch), number) in archived {
-                link.say_archived(&cell, &epoch, number).await?;
+                link.publish_archived(&cell, &epoch, number).await?;
             }
         }
         for receipt in kept.iter().chain(receipts.iter().flatten()) {
@@ -180,12 +180,12 @@ impl Receiver {
             let Position { epoch, number } = &envelope.position;
             tracing::warn!("cell {cell}: record {number} of epoch {epoch} waits for its files");
         }
-        self.assembly = Assembly::default();
+        self.assembly = PartAssembly::default();
         self.waiting.clear();
     }
 }
 
-fn message_of(whole: &Assembled<Receipt>, position: &Position) -> Result<Message, OfficeError> {
+fn parse_message(whole: &AssembledItem<Receipt>, position: &Position) -> Result<Message, OfficeError> {
     let message = Message::read(&whole.bytes)?;
     match message.cell == whole.cell && message.envelope.position == *position {
         true => Ok(message),
@@ -198,7 +198,7 @@ fn message_of(whole: &Assembled<Receipt>, position: &Position) -> Result<Message
 
 /// Checks that a chunk came on the subject of the cell that it names. The broker decides which cell may send on which
 /// subject.
-fn sent_by(subject: &str, chunk: Chunk) -> Result<Chunk, OfficeError> {
+fn check_sender(subject: &str, chunk: Chunk) -> Result<Chunk, OfficeError> {
     match subject == subject::records(&chunk.cell) {
         true => Ok(chunk),
         false => Err(OfficeError::Form {
@@ -221,7 +221,7 @@ async fn refuse((subject, error): (&str, &OfficeError), receipts: Vec<Receipt>) 
 }
 
 /// Stores the newest state of each cell, for pages. A state that cannot be read is reported and dropped.
-async fn keep_state((client, names): (&Client, &mut Names), by: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
+async fn store_state((client, names): (&Client, &mut Names), by: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
     let (cell, state) = match CellState::read(bytes) {
         Ok(read) if by == subject::state(&read.0) => read,
         Ok((cell, _)) => {
@@ -233,7 +233,7 @@ async fn keep_state((client, names): (&Client, &mut Names), by: &str, bytes: &[u
             return Ok(());
         }
     };
-    if names.are_two(cell.as_str(), &state) {
+    if names.detect_duplicate_name(cell.as_str(), &state) {
         tracing::error!("two cells have the name {cell}: set another name for one of them at [office] cell");
     }
     let text = String::from_utf8_lossy(bytes).into_owned();

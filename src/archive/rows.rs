@@ -1,6 +1,6 @@
 //! The database rows that are derived from a message, for the pages of the office. Pure functions.
 
-use crate::history::{Known, PastCycle, Quantity};
+use crate::history::{KnownQuantity, PastCycle, Quantity};
 use crate::office::{Body, CycleEnd, Message, VerificationSeen};
 use crate::signing::{SignedCycle, Statement, StatementContent};
 use strum::IntoEnumIterator;
@@ -52,8 +52,8 @@ impl Rows {
 
 fn signature(statement: &Statement) -> SignatureRows {
     let (person, quantities) = match &statement.says {
-        StatementContent::Person(person) => (Some((person.name.clone(), person.meaning.words())), None),
-        StatementContent::Cycle(cycle) => (None, quantities(cycle)),
+        StatementContent::Person(person) => (Some((person.name.clone(), person.meaning.printed_text())), None),
+        StatementContent::Cycle(cycle) => (None, extract_quantities(cycle)),
     };
     SignatureRows {
         cycle: statement.cycle().0,
@@ -66,16 +66,16 @@ fn signature(statement: &Statement) -> SignatureRows {
 
 /// Returns the quantities of a cycle; `None` if the record is of another version of the program and cannot be read.
 /// The archive stores such a record all the same.
-fn quantities(cycle: &SignedCycle) -> Option<Quantities> {
+fn extract_quantities(cycle: &SignedCycle) -> Option<Quantities> {
     let record = cycle.cycle_record().ok()?;
     let past = PastCycle { record, part: cycle.part.clone(), disc: None };
     if past.record.is_air_run() {
         return None;
     }
-    let value = |known: Known| {
+    let value = |known: KnownQuantity| {
         let (value, limit) = Quantity::Known(known).value_and_limit(&past)?;
-        value.is_finite().then(|| (known.word(), value, serde_json::to_string(&limit).unwrap_or_default()))
+        value.is_finite().then(|| (known.keyword(), value, serde_json::to_string(&limit).unwrap_or_default()))
     };
-    let values = Known::iter().filter_map(value).collect();
+    let values = KnownQuantity::iter().filter_map(value).collect();
     Some(Quantities { started_unix_s: past.record.started_unix_s, panel: past.record.panel, values })
 }

@@ -62,7 +62,7 @@ impl Entry {
             return NAMED_KEYS.contains(&key).then(|| Entry::Named(key.to_owned()));
         }
         if let Some(path) = name.strip_prefix(RECIPES).and_then(|rest| rest.strip_prefix('/')) {
-            return is_plain(path).then(|| Entry::Recipe(path.to_owned()));
+            return is_plain_relative_path(path).then(|| Entry::Recipe(path.to_owned()));
         }
         let rest = name.strip_prefix(STORE)?.strip_prefix('/')?;
         if let Some(file) = ROW_FILES.into_iter().find(|file| *file == rest) {
@@ -74,13 +74,13 @@ impl Entry {
     }
 
     /// Returns whether the entry is part of the store.
-    pub fn is_of_store(&self) -> bool {
+    pub fn belongs_to_store(&self) -> bool {
         matches!(self, Entry::Rows(_) | Entry::Blob(_))
     }
 }
 
 /// Returns whether this is the relative path of a TOML file in the same folder or below, in its simplest notation.
-fn is_plain(path: &str) -> bool {
+fn is_plain_relative_path(path: &str) -> bool {
     let parts: Vec<Component<'_>> = Path::new(path).components().collect();
     let text = |part: &Component<'_>| match part {
         Component::Normal(name) => name.to_str().map(str::to_owned),

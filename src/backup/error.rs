@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum BackupError {
     /// The system refused access to a file or folder.
-    #[error("cannot {doing} {}: {source}", path.display())]
+    #[error("cannot {operation} {}: {source}", path.display())]
     File {
         /// What was tried.
-        doing: &'static str,
+        operation: &'static str,
         /// The file.
         path: PathBuf,
         /// The system's message.
@@ -30,7 +30,7 @@ pub enum BackupError {
     /// The archive was written by a later version of this program.
     #[error("{}: the backup has format {found}, this program supports formats up to {known}: restore it with the \
              newer program", path.display())]
-    Newer {
+    NewerVersion {
         /// The archive.
         path: PathBuf,
         /// Its format.
@@ -43,7 +43,7 @@ pub enum BackupError {
         "{}: the store in the backup has schema {found}, this program needs schema {known}. Restore the backup \
          with version {program}, which made it. Then install this version, which updates the store", path.display()
     )]
-    Earlier {
+    EarlierVersion {
         /// The archive.
         path: PathBuf,
         /// The version that made the archive.
@@ -55,7 +55,7 @@ pub enum BackupError {
     },
     /// A file exists already at the archive's path.
     #[error("{} already exists and is not overwritten; name another file, or move it away", path.display())]
-    IsThere {
+    AlreadyExists {
         /// The file.
         path: PathBuf,
     },
@@ -83,21 +83,21 @@ pub enum BackupError {
     },
     /// The archive does not contain the requested part.
     #[error("{}: the backup contains no {wanted}, because it was made with --only", path.display())]
-    NotInIt {
+    PartMissing {
         /// The archive.
         path: PathBuf,
         /// "store" or "configuration".
         wanted: &'static str,
     },
     /// Files of the configuration that are far larger than usual.
-    #[error("{} has {found} bytes; the limit for a file of the configuration is {most} bytes", path.display())]
+    #[error("{} has {found} bytes; the limit for a file of the configuration is {limit_bytes} bytes", path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
         /// Its size.
         found: u64,
         /// The limit.
-        most: u64,
+        limit_bytes: u64,
     },
     /// The disk has no room.
     #[error(
@@ -142,7 +142,7 @@ pub enum BackupError {
     },
     /// A step at the end of the restore failed, and not all earlier steps could be undone.
     #[error("{cause}; the earlier steps could not be undone: {}", undone.join("; "))]
-    NotUndone {
+    RollbackFailed {
         /// The first error.
         cause: Box<BackupError>,
         /// The remaining changes, in words.
@@ -151,8 +151,8 @@ pub enum BackupError {
 }
 
 impl BackupError {
-    pub(super) fn file(doing: &'static str, path: &Path) -> impl Fn(std::io::Error) -> BackupError {
-        move |source| BackupError::File { doing, path: path.to_owned(), source }
+    pub(super) fn file_error(doing: &'static str, path: &Path) -> impl Fn(std::io::Error) -> BackupError {
+        move |source| BackupError::File { operation: doing, path: path.to_owned(), source }
     }
 }
 

@@ -23,12 +23,12 @@ pub struct Manifest {
     /// Links of the store's chain; `None` without a store.
     pub links: Option<u64>,
     /// The entries that follow, in their order.
-    pub entries: Vec<Listed>,
+    pub entries: Vec<ManifestEntry>,
 }
 
 /// One of them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Listed {
+pub struct ManifestEntry {
     /// Its name.
     pub name: String,
     /// Its size.
@@ -42,9 +42,9 @@ impl Manifest {
     ///
     /// # Errors
     /// States in words what is wrong.
-    pub fn parsed(&self) -> Result<Vec<Entry>, String> {
+    pub fn parse_entries(&self) -> Result<Vec<Entry>, String> {
         let mut seen = BTreeSet::new();
-        let parse = |listed: &Listed| {
+        let parse = |listed: &ManifestEntry| {
             let name = &listed.name;
             let entry = Entry::parse(name).ok_or_else(|| {
                 format!("the backup contains \"{}\", which is not a file of a backup", name.escape_debug())
@@ -74,7 +74,8 @@ impl Manifest {
 
     /// Bytes of the store's files.
     pub fn store_bytes(&self) -> u64 {
-        let of_store = |listed: &&Listed| Entry::parse(&listed.name).is_some_and(|entry| entry.is_of_store());
+        let of_store =
+            |listed: &&ManifestEntry| Entry::parse(&listed.name).is_some_and(|entry| entry.belongs_to_store());
         self.entries.iter().filter(of_store).fold(0, |sum, listed| sum.saturating_add(listed.bytes))
     }
 }

@@ -22,7 +22,7 @@ mod write;
 
 pub use entry::Entry;
 pub use error::BackupError;
-pub use manifest::{Listed, Manifest};
+pub use manifest::{Manifest, ManifestEntry};
 pub use read::Archive;
-pub use restore::{Permission, Plan, Restored, RestoredParts, named_files, restore};
-pub use write::{Configuration, Written, write};
+pub use restore::{Permission, Plan, RestoreReport, RestoredParts, named_files, restore};
+pub use write::{BackupReport, Configuration, write};

@@ -16,53 +16,53 @@ enum Step {
     /// A file or folder was made beside its final path.
     Staged(PathBuf),
     /// The staged file or folder was moved to its final path, which was free.
-    Placed { staged: PathBuf, at: PathBuf },
+    Placed { staged: PathBuf, destination: PathBuf },
     /// The staged file or folder was exchanged with the one at the final path.
-    Swapped { staged: PathBuf, at: PathBuf },
+    Swapped { staged: PathBuf, destination: PathBuf },
     /// The replaced file or folder was renamed.
     Kept { staged: PathBuf, kept: PathBuf },
 }
 
 /// The steps done so far.
 #[derive(Debug, Default)]
-pub(super) struct Placing {
+pub(super) struct RestoreTransaction {
     steps: Vec<Step>,
 }
 
-impl Placing {
+impl RestoreTransaction {
     /// Makes a folder and its parents, if they do not exist.
     pub fn make_folder(&mut self, folder: &Path) -> Result<(), BackupError> {
         let is_there = |folder: &&Path| folder.as_os_str().is_empty() || folder.is_dir();
         let missing: Vec<&Path> = folder.ancestors().take_while(|folder| !is_there(folder)).collect();
         for folder in missing.into_iter().rev() {
-            fs::create_dir(folder).map_err(BackupError::file("create", folder))?;
+            fs::create_dir(folder).map_err(BackupError::file_error("create", folder))?;
             self.steps.push(Step::Folder(folder.to_owned()));
         }
         Ok(())
     }
 
     /// Notes a file or folder that was made beside its final path, so that undoing removes it.
-    pub fn staged(&mut self, path: &Path) {
+    pub fn record_staged(&mut self, path: &Path) {
         self.steps.push(Step::Staged(path.to_owned()));
     }
 
     /// Moves a staged file or folder to its final path. If `may_replace`, the present file or folder is kept beside it
     /// as `NAME.before-restore-N`; an empty folder is not kept.
-    pub fn put(&mut self, staged: &Path, at: &Path, may_replace: bool) -> Result<(), BackupError> {
+    pub fn move_to_final(&mut self, staged: &Path, at: &Path, may_replace: bool) -> Result<(), BackupError> {
         let rename = |from: &Path, to: &Path, flags: RenameFlags| {
             let renamed = renameat_with(CWD, from, CWD, to, flags);
-            renamed.map_err(|error| BackupError::file("rename", from)(error.into()))
+            renamed.map_err(|error| BackupError::file_error("rename", from)(error.into()))
         };
         let [own_staged, own_at] = [staged, at].map(Path::to_owned);
         let is_empty = is_empty_folder(at);
         let is_replaced = may_replace && at.symlink_metadata().is_ok();
         if !is_empty && !is_replaced {
             rename(staged, at, RenameFlags::NOREPLACE)?;
-            self.steps.push(Step::Placed { staged: own_staged, at: own_at });
+            self.steps.push(Step::Placed { staged: own_staged, destination: own_at });
             return Ok(());
         }
         rename(staged, at, RenameFlags::EXCHANGE)?;
-        self.steps.push(Step::Swapped { staged: own_staged, at: own_at });
+        self.steps.push(Step::Swapped { staged: own_staged, destination: own_at });
         if !is_empty {
             let kept = free_name(at);
             rename(staged, &kept, RenameFlags::NOREPLACE)?;
@@ -72,30 +72,30 @@ impl Placing {
     }
 
     /// Completes the restore: nothing is undone any more. Returns the paths of the replaced files that are kept.
-    pub fn done(self) -> Result<Vec<PathBuf>, BackupError> {
+    pub fn commit(self) -> Result<Vec<PathBuf>, BackupError> {
         let mut kept_all = Vec::new();
         for step in &self.steps {
             match step {
                 Step::Kept { kept, .. } => kept_all.push(kept.clone()),
                 // The empty folder that was at the final path.
                 Step::Swapped { staged, .. } => drop(fs::remove_dir(staged)),
-                Step::Placed { at, .. } => flush_folder_of(at)?,
+                Step::Placed { destination: at, .. } => flush_parent_folder(at)?,
                 Step::Folder(_) | Step::Staged(_) => {}
             }
-            if let Step::Swapped { at, .. } = step {
-                flush_folder_of(at)?;
+            if let Step::Swapped { destination: at, .. } = step {
+                flush_parent_folder(at)?;
             }
         }
         Ok(kept_all)
     }
 
     /// Undoes everything, the last step first, and returns the error, with a report of what could not be undone.
-    pub fn undo(self, cause: BackupError) -> BackupError {
+    pub fn roll_back(self, cause: BackupError) -> BackupError {
         for (index, step) in self.steps.iter().enumerate().rev() {
-            if let Err(words) = step.undo() {
+            if let Err(words) = step.roll_back() {
                 // Earlier steps depend on this one.
                 let more = (index > 0).then(|| format!("{index} earlier steps were not undone"));
-                return BackupError::NotUndone {
+                return BackupError::RollbackFailed {
                     cause: Box::new(cause),
                     undone: std::iter::once(words).chain(more).collect(),
                 };
@@ -106,7 +106,7 @@ impl Placing {
 }
 
 impl Step {
-    fn undo(&self) -> Result<(), String> {
+    fn roll_back(&self) -> Result<(), String> {
         let rename = |from: &Path, to: &Path, flags: RenameFlags| {
             renameat_with(CWD, from, CWD, to, flags)
                 .map_err(|error| format!("{} could not be renamed to {}: {error}", from.display(), to.display()))
@@ -118,8 +118,8 @@ impl Step {
             Step::Staged(path) if path.is_dir() => fs::remove_dir_all(path).map_err(|error| removed(path, error)),
             Step::Staged(path) if path.symlink_metadata().is_err() => Ok(()),
             Step::Staged(path) => fs::remove_file(path).map_err(|error| removed(path, error)),
-            Step::Placed { staged, at } => rename(at, staged, RenameFlags::NOREPLACE),
-            Step::Swapped { staged, at } => rename(staged, at, RenameFlags::EXCHANGE),
+            Step::Placed { staged, destination: at } => rename(at, staged, RenameFlags::NOREPLACE),
+            Step::Swapped { staged, destination: at } => rename(staged, at, RenameFlags::EXCHANGE),
             Step::Kept { staged, kept } => rename(kept, staged, RenameFlags::NOREPLACE),
         }
     }
@@ -144,9 +144,9 @@ fn free_name(at: &Path) -> PathBuf {
     }
 }
 
-fn flush_folder_of(path: &Path) -> Result<(), BackupError> {
+fn flush_parent_folder(path: &Path) -> Result<(), BackupError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    File::open(folder).and_then(|folder| folder.sync_all()).map_err(BackupError::file("flush", folder))
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(BackupError::file_error("flush", folder))
 }
 
 #[cfg(test)]
@@ -170,21 +170,21 @@ mod tests {
         write("lens.toml");
         fs::create_dir(at("store")).expect("an empty folder");
         let before = listed();
-        let mut placing = Placing::default();
+        let mut placing = RestoreTransaction::default();
         placing.make_folder(&at("a/b")).expect("made");
         for name in ["new-cell", "new-lens"] {
             write(name);
-            placing.staged(&at(name));
+            placing.record_staged(&at(name));
         }
         fs::create_dir(at("new-store")).expect("made");
         fs::write(at("new-store/rows"), "rows").expect("written");
-        placing.staged(&at("new-store"));
-        placing.put(&at("new-store"), &at("store"), false).expect("nothing was there");
-        placing.put(&at("new-cell"), &at("cell.toml"), true).expect("replaced");
+        placing.record_staged(&at("new-store"));
+        placing.move_to_final(&at("new-store"), &at("store"), false).expect("nothing was there");
+        placing.move_to_final(&at("new-cell"), &at("cell.toml"), true).expect("replaced");
         assert_eq!(fs::read_to_string(at("cell.toml")).expect("read"), "new-cell");
         assert_eq!(fs::read_to_string(at("cell.toml.before-restore-1")).expect("kept"), "cell.toml");
-        let error = placing.put(&at("new-lens"), &at("lens.toml"), false).expect_err("it is there");
-        let error = placing.undo(error).to_string();
+        let error = placing.move_to_final(&at("new-lens"), &at("lens.toml"), false).expect_err("it is there");
+        let error = placing.roll_back(error).to_string();
         assert!(error.contains("cannot rename") && !error.contains("could not be undone"), "{error}");
         assert_eq!(listed(), before);
         assert_eq!(fs::read_to_string(at("cell.toml")).expect("read"), "cell.toml");

@@ -2,8 +2,8 @@
 
 use super::entry::Entry;
 use super::error::BackupError;
-use super::manifest::{FORMAT, Listed, MAX_BYTES, Manifest, NAME};
-use super::seal::{self, Sealed};
+use super::manifest::{FORMAT, MAX_BYTES, Manifest, ManifestEntry, NAME};
+use super::seal::{self, SealCheck};
 use crate::files::hex;
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
@@ -22,11 +22,11 @@ pub struct Archive {
     pub manifest: Manifest,
 }
 
-type Unpacking<'f> = tar::Archive<zstd::Decoder<'static, std::io::BufReader<Take<&'f File>>>>;
+type TarArchive<'f> = tar::Archive<zstd::Decoder<'static, std::io::BufReader<Take<&'f File>>>>;
 
 /// A manifest of any format.
 #[derive(Deserialize)]
-struct AnyFormat {
+struct FormatProbe {
     format: u32,
 }
 
@@ -36,16 +36,16 @@ impl Archive {
     /// # Errors
     /// If the file is no backup, is damaged, was cut short, or was written by a newer program.
     pub fn open(path: &Path) -> Result<Self, BackupError> {
-        let mut file = crate::disk::open(path).map_err(BackupError::file("read", path))?;
+        let mut file = crate::disk::open(path).map_err(BackupError::file_error("read", path))?;
         let damaged = |problem: String| BackupError::Damaged { path: path.to_owned(), problem };
-        let bytes = match seal::check(&mut file).map_err(BackupError::file("read", path))? {
-            Sealed::Whole(bytes) => bytes,
-            Sealed::Missing => {
+        let bytes = match seal::verify_seal(&mut file).map_err(BackupError::file_error("read", path))? {
+            SealCheck::Whole(bytes) => bytes,
+            SealCheck::Missing => {
                 return Err(damaged(
                     "the file is not a backup of this program, or is incomplete: the seal is missing".to_owned(),
                 ));
             }
-            Sealed::Broken => {
+            SealCheck::Broken => {
                 return Err(damaged(
                     "the backup is damaged: its SHA-256 differs from the SHA-256 in its seal".to_owned(),
                 ));
@@ -54,7 +54,7 @@ impl Archive {
         let manifest = Manifest { format: 0, program: String::new(), made_unix_s: 0, links: None, entries: vec![] };
         let mut archive = Archive { path: path.to_owned(), file, bytes, manifest };
         archive.manifest = archive.read_manifest()?;
-        archive.manifest.parsed().map_err(|words| archive.damaged(&words))?;
+        archive.manifest.parse_entries().map_err(|words| archive.damaged_error(&words))?;
         Ok(archive)
     }
 
@@ -62,27 +62,27 @@ impl Archive {
     ///
     /// # Errors
     /// If the archive is not what its manifest states, or `take` refuses.
-    pub fn each<E: From<BackupError>>(
+    pub fn for_each_entry<E: From<BackupError>>(
         &self,
         mut take: impl FnMut(&Entry, &mut dyn Read) -> Result<(), E>,
     ) -> Result<(), E> {
-        let expected = self.manifest.parsed().map_err(|words| self.damaged(&words))?;
-        let mut archive = self.unpacking()?;
-        let mut entries = archive.entries().map_err(|error| self.unreadable(&error))?;
+        let expected = self.manifest.parse_entries().map_err(|words| self.damaged_error(&words))?;
+        let mut archive = self.open_tar()?;
+        let mut entries = archive.entries().map_err(|error| self.unreadable_error(&error))?;
         // The manifest itself.
         let _ = entries.next();
         for (entry, listed) in expected.iter().zip(&self.manifest.entries) {
-            let missing = || self.damaged(&format!("the file {} is missing", listed.name));
-            let found = entries.next().ok_or_else(missing)?.map_err(|error| self.unreadable(&error))?;
+            let missing = || self.damaged_error(&format!("the file {} is missing", listed.name));
+            let found = entries.next().ok_or_else(missing)?.map_err(|error| self.unreadable_error(&error))?;
             self.is_listed(&found, listed)?;
-            let mut hashing = Hashing { inner: found, hasher: Sha256::new() };
+            let mut hashing = HashingReader { inner: found, hasher: Sha256::new() };
             take(entry, &mut hashing)?;
             // The part of the content that `take` did not read is read here, for the hash.
-            std::io::copy(&mut hashing, &mut std::io::sink()).map_err(|error| self.unreadable(&error))?;
+            std::io::copy(&mut hashing, &mut std::io::sink()).map_err(|error| self.unreadable_error(&error))?;
             let hash = hex(&hashing.hasher.finalize());
             if hash != listed.sha256 {
                 return Err(self
-                    .damaged(&format!(
+                    .damaged_error(&format!(
                         "the SHA-256 of the file {} is {hash}, not the one in the manifest",
                         listed.name
                     ))
@@ -91,70 +91,77 @@ impl Archive {
         }
         match entries.next() {
             None => Ok(()),
-            Some(_) => Err(self.damaged("the backup contains more files than its manifest lists").into()),
+            Some(_) => Err(self.damaged_error("the backup contains more files than its manifest lists").into()),
         }
     }
 
     fn read_manifest(&self) -> Result<Manifest, BackupError> {
-        let mut archive = self.unpacking()?;
-        let mut entries = archive.entries().map_err(|error| self.unreadable(&error))?;
-        let first = entries.next().ok_or_else(|| self.damaged("it is empty"))?;
-        let first = first.map_err(|error| self.unreadable(&error))?;
+        let mut archive = self.open_tar()?;
+        let mut entries = archive.entries().map_err(|error| self.unreadable_error(&error))?;
+        let first = entries.next().ok_or_else(|| self.damaged_error("it is empty"))?;
+        let first = first.map_err(|error| self.unreadable_error(&error))?;
         if *first.path_bytes() != *NAME.as_bytes() || first.size() > MAX_BYTES {
-            return Err(self.damaged("the first entry is not a manifest"));
+            return Err(self.damaged_error("the first entry is not a manifest"));
         }
         let mut text = Vec::new();
-        first.take(MAX_BYTES).read_to_end(&mut text).map_err(|error| self.unreadable(&error))?;
-        let no_manifest = |error: serde_json::Error| self.damaged(&format!("the manifest cannot be read: {error}"));
-        let AnyFormat { format } = serde_json::from_slice(&text).map_err(no_manifest)?;
+        first.take(MAX_BYTES).read_to_end(&mut text).map_err(|error| self.unreadable_error(&error))?;
+        let no_manifest =
+            |error: serde_json::Error| self.damaged_error(&format!("the manifest cannot be read: {error}"));
+        let FormatProbe { format } = serde_json::from_slice(&text).map_err(no_manifest)?;
         if format > FORMAT {
-            return Err(BackupError::Newer { path: self.path.clone(), found: format, known: FORMAT });
+            return Err(BackupError::NewerVersion { path: self.path.clone(), found: format, known: FORMAT });
         }
         serde_json::from_slice(&text).map_err(no_manifest)
     }
 
-    fn unpacking(&self) -> Result<Unpacking<'_>, BackupError> {
+    fn open_tar(&self) -> Result<TarArchive<'_>, BackupError> {
         let mut file = &self.file;
-        file.seek(SeekFrom::Start(0)).map_err(BackupError::file("read", &self.path))?;
-        let decoder = zstd::Decoder::new(file.take(self.bytes)).map_err(|error| self.unreadable(&error))?;
+        file.seek(SeekFrom::Start(0)).map_err(BackupError::file_error("read", &self.path))?;
+        let decoder = zstd::Decoder::new(file.take(self.bytes)).map_err(|error| self.unreadable_error(&error))?;
         Ok(tar::Archive::new(decoder))
     }
 
-    fn is_listed<R: Read>(&self, found: &tar::Entry<'_, R>, listed: &Listed) -> Result<(), BackupError> {
+    fn is_listed<R: Read>(&self, found: &tar::Entry<'_, R>, listed: &ManifestEntry) -> Result<(), BackupError> {
         let path = found.path_bytes();
         let name = String::from_utf8_lossy(&path);
         if !found.header().entry_type().is_file() || name != listed.name.as_str() || found.size() != listed.bytes {
             let name = name.escape_debug();
-            return Err(
-                self.damaged(&format!("the backup contains \"{name}\" where its manifest lists {}", listed.name))
-            );
+            return Err(self.damaged_error(&format!(
+                "the backup contains \"{name}\" where its manifest lists {}",
+                listed.name
+            )));
         }
         Ok(())
     }
 
     /// Returns the error that the archive differs from what was written.
-    pub(super) fn damaged(&self, problem: &str) -> BackupError {
+    pub(super) fn damaged_error(&self, problem: &str) -> BackupError {
         BackupError::Damaged { path: self.path.clone(), problem: format!("the backup is damaged: {problem}") }
     }
 
     /// Returns the error that the archive's store has the tables of an earlier program.
-    pub(super) fn earlier(&self, found: i64, known: i64) -> BackupError {
-        BackupError::Earlier { path: self.path.clone(), program: self.manifest.program.clone(), found, known }
+    pub(super) fn earlier_version_error(&self, found: i64, known: i64) -> BackupError {
+        BackupError::EarlierVersion {
+            path: self.path.clone(),
+            program: self.manifest.program.clone(),
+            found,
+            known,
+        }
     }
 
     /// Returns the error that the archive's bytes cannot be read as an archive.
-    pub(super) fn unreadable(&self, error: &std::io::Error) -> BackupError {
-        self.damaged(&format!("the archive cannot be unpacked: {error}"))
+    pub(super) fn unreadable_error(&self, error: &std::io::Error) -> BackupError {
+        self.damaged_error(&format!("the archive cannot be unpacked: {error}"))
     }
 }
 
 /// Hashes the bytes that are read through it.
-struct Hashing<R> {
+struct HashingReader<R> {
     inner: R,
     hasher: Sha256,
 }
 
-impl<R: Read> Read for Hashing<R> {
+impl<R: Read> Read for HashingReader<R> {
     fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
         let count = self.inner.read(buffer)?;
         self.hasher.update(&buffer[..count]);

@@ -9,20 +9,20 @@ use std::io::{Error, Read, Seek, SeekFrom, Write};
 
 /// Magic number of a frame that zstd skips, the first of those in the format; the length of the content follows.
 const MAGIC: [u8; 4] = 0x184D_2A50_u32.to_le_bytes();
-const MARK: &[u8; 16] = b"panelprep seal 1";
+const SEAL_MAGIC: &[u8; 16] = b"panelprep seal 1";
 const PAYLOAD: u32 = 16 + 32;
 /// Its length.
 pub const BYTES: u64 = 8 + PAYLOAD as u64;
 
 /// Hashes the bytes that are written through it.
-pub struct Sealing<W> {
+pub struct HashingWriter<W> {
     inner: W,
     hasher: Sha256,
 }
 
-impl<W: Write> Sealing<W> {
+impl<W: Write> HashingWriter<W> {
     pub fn new(inner: W) -> Self {
-        Sealing { inner, hasher: Sha256::new() }
+        HashingWriter { inner, hasher: Sha256::new() }
     }
 
     /// Writes the seal.
@@ -33,7 +33,7 @@ impl<W: Write> Sealing<W> {
     }
 }
 
-impl<W: Write> Write for Sealing<W> {
+impl<W: Write> Write for HashingWriter<W> {
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
         let count = self.inner.write(bytes)?;
         self.hasher.update(&bytes[..count]);
@@ -46,12 +46,12 @@ impl<W: Write> Write for Sealing<W> {
 }
 
 fn frame(hash: [u8; 32]) -> Vec<u8> {
-    [&MAGIC[..], &PAYLOAD.to_le_bytes(), MARK, &hash].concat()
+    [&MAGIC[..], &PAYLOAD.to_le_bytes(), SEAL_MAGIC, &hash].concat()
 }
 
 /// The result of checking the seal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Sealed {
+pub enum SealCheck {
     /// The file is as it was written: the number of bytes before the seal.
     Whole(u64),
     /// The file has no seal: it was cut short, or is not a backup.
@@ -61,16 +61,16 @@ pub enum Sealed {
 }
 
 /// Reads the whole file and checks it against its seal; the file is then positioned at its beginning.
-pub fn check(file: &mut File) -> Result<Sealed, Error> {
+pub fn verify_seal(file: &mut File) -> Result<SealCheck, Error> {
     let length = file.metadata()?.len();
-    let Some(before) = length.checked_sub(BYTES) else { return Ok(Sealed::Missing) };
+    let Some(before) = length.checked_sub(BYTES) else { return Ok(SealCheck::Missing) };
     file.seek(SeekFrom::Start(0))?;
     let (mut hasher, mut buffer, mut left) = (Sha256::new(), vec![0; 1 << 20], before);
     while left > 0 {
         let most = usize::try_from(left).unwrap_or(usize::MAX).min(buffer.len());
         let count = file.read(&mut buffer[..most])?;
         if count == 0 {
-            return Ok(Sealed::Missing);
+            return Ok(SealCheck::Missing);
         }
         hasher.update(&buffer[..count]);
         left -= count as u64;
@@ -78,10 +78,10 @@ pub fn check(file: &mut File) -> Result<Sealed, Error> {
     let mut found = Vec::new();
     file.take(BYTES).read_to_end(&mut found)?;
     file.seek(SeekFrom::Start(0))?;
-    let begins = found.starts_with(&MAGIC) && found.get(8..24) == Some(&MARK[..]);
+    let begins = found.starts_with(&MAGIC) && found.get(8..24) == Some(&SEAL_MAGIC[..]);
     Ok(match found == frame(hasher.finalize().into()) {
-        true => Sealed::Whole(before),
-        false if begins => Sealed::Broken,
-        false => Sealed::Missing,
+        true => SealCheck::Whole(before),
+        false if begins => SealCheck::Broken,
+        false => SealCheck::Missing,
     })
 }

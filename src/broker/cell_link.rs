@@ -1,7 +1,7 @@
 //! A cell's requests to the broker.
 
 use super::error::BrokerError;
-use super::link::{Link, Refused, with_refusal};
+use super::link::{LastRefusal, Link, append_refusal};
 use crate::cell::{Broker, CellName};
 use crate::office::{Chunk, RecipeOffer, subject};
 use async_nats::jetstream::ErrorCode;
@@ -17,20 +17,20 @@ pub struct CellLink {
 }
 
 /// A message that was sent and that is not yet confirmed: the broker confirms that the message is on its disk.
-pub struct Sending {
+pub struct PendingMessage {
     ack: PublishAckFuture,
     address: String,
-    refused: Refused,
+    last_refusal: LastRefusal,
 }
 
-impl Sending {
+impl PendingMessage {
     /// Waits for the broker's acknowledgement.
     ///
     /// # Errors
     /// If the broker refuses the message, another stream accepted it, or nothing comes in time.
-    pub async fn taken(self) -> Result<(), BrokerError> {
+    pub async fn wait_acknowledged(self) -> Result<(), BrokerError> {
         let refused = |problem: String| BrokerError::Refused { address: self.address.clone(), problem };
-        let ack = self.ack.await.map_err(|error| refused(with_refusal(error, &self.refused)))?;
+        let ack = self.ack.await.map_err(|error| refused(append_refusal(error, &self.last_refusal)))?;
         match ack.stream == subject::STREAM {
             true => Ok(()),
             false => Err(refused(format!(
@@ -63,7 +63,7 @@ impl CellLink {
             GetStreamErrorKind::JetStream(problem) if problem.error_code() == ErrorCode::STREAM_NOT_FOUND => {
                 BrokerError::NoStream { address: self.link.address.clone(), stream: subject::STREAM }
             }
-            _ => self.link.failed("report its streams", error),
+            _ => self.link.operation_error("report its streams", error),
         })?;
         let info = stream.cached_info();
         // If this text has changed, the new stream has none of the messages that this cell sent before.
@@ -75,20 +75,24 @@ impl CellLink {
     ///
     /// # Errors
     /// If the broker cannot report it.
-    pub async fn archived(&self, epoch: &str) -> Result<Option<u64>, BrokerError> {
+    pub async fn archived_number(&self, epoch: &str) -> Result<Option<u64>, BrokerError> {
         let context = &self.link.context;
         let stream = context.get_stream_no_info(subject::ARCHIVED_STREAM).await;
-        let stream =
-            stream.map_err(|error| self.link.failed("read the number of the last archived record", error))?;
-        let last = stream.get_last_raw_message_by_subject(&subject::archived(&self.cell, epoch)).await;
+        let stream = stream
+            .map_err(|error| self.link.operation_error("read the number of the last archived record", error))?;
+        let last = stream.get_last_raw_message_by_subject(&subject::archived_subject(&self.cell, epoch)).await;
         let message = match last {
             Ok(message) => message,
             Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => return Ok(None),
-            Err(error) => return Err(self.link.failed("read the number of the last archived record", error)),
+            Err(error) => {
+                return Err(self.link.operation_error("read the number of the last archived record", error));
+            }
         };
         let number = std::str::from_utf8(&message.payload).ok().and_then(|text| text.parse().ok());
-        let wrong =
-            || self.link.failed("read the number of the last archived record", "the stored value is not a number");
+        let wrong = || {
+            self.link
+                .operation_error("read the number of the last archived record", "the stored value is not a number")
+        };
         number.map(Some).ok_or_else(wrong)
     }
 
@@ -96,11 +100,11 @@ impl CellLink {
     ///
     /// # Errors
     /// If the broker cannot report it, or its answer is no offer for this panel.
-    pub async fn offer(&self, panel: &str) -> Result<Option<RecipeOffer>, BrokerError> {
+    pub async fn recipe_offer(&self, panel: &str) -> Result<Option<RecipeOffer>, BrokerError> {
         let stream = self.link.context.get_stream_no_info(subject::OFFER_STREAM).await;
-        let failed = |problem: String| self.link.failed("read the offered recipes", problem);
+        let failed = |problem: String| self.link.operation_error("read the offered recipes", problem);
         let stream = stream.map_err(|error| failed(error.to_string()))?;
-        match stream.get_last_raw_message_by_subject(&subject::offer(panel)).await {
+        match stream.get_last_raw_message_by_subject(&subject::offer_subject(panel)).await {
             Ok(message) => {
                 let offer = RecipeOffer::read(&message.payload).map_err(|error| failed(error.to_string()))?;
                 match offer.panel == panel {
@@ -118,21 +122,21 @@ impl CellLink {
     ///
     /// # Errors
     /// If it cannot be sent.
-    pub async fn send(&self, chunk: &Chunk, again: u64) -> Result<Sending, BrokerError> {
+    pub async fn send(&self, chunk: &Chunk, again: u64) -> Result<PendingMessage, BrokerError> {
         let refused = |problem: String| BrokerError::Refused { address: self.link.address.clone(), problem };
         let bytes = chunk.bytes().map_err(|error| refused(error.to_string()))?;
         let message = PublishMessage::build().payload(bytes.into()).message_id(chunk.message_id(again));
         let sent = self.link.context.send_publish(subject::records(&self.cell), message).await;
         let ack = sent.map_err(|error| refused(error.to_string()))?;
-        Ok(Sending { ack, address: self.link.address.clone(), refused: self.link.refused() })
+        Ok(PendingMessage { ack, address: self.link.address.clone(), last_refusal: self.link.refused() })
     }
 
     /// Publishes the cell's state to the clients that listen now; it may be lost.
     ///
     /// # Errors
     /// If it cannot be sent.
-    pub async fn tell_state(&self, state: Vec<u8>) -> Result<(), BrokerError> {
+    pub async fn publish_state(&self, state: Vec<u8>) -> Result<(), BrokerError> {
         let told = self.link.client.publish(subject::state(&self.cell), state.into()).await;
-        told.map_err(|error| self.link.failed("send the cell's state", error))
+        told.map_err(|error| self.link.operation_error("send the cell's state", error))
     }
 }

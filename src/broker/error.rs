@@ -33,12 +33,12 @@ pub enum BrokerError {
         problem: String,
     },
     /// Something else.
-    #[error("the broker {address}: cannot {doing}: {problem}")]
+    #[error("the broker {address}: cannot {operation}: {problem}")]
     Failed {
         /// Its address.
         address: String,
         /// The attempted operation.
-        doing: &'static str,
+        operation: &'static str,
         /// The broker's message.
         problem: String,
     },

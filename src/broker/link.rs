@@ -18,14 +18,14 @@ pub(super) struct Link {
     pub address: String,
     pub client: Client,
     pub context: Context,
-    refused: Refused,
+    last_refusal: LastRefusal,
 }
 
 /// The broker's last refusal on this connection: the broker does not answer a refused request.
-pub(super) type Refused = Arc<Mutex<Option<String>>>;
+pub(super) type LastRefusal = Arc<Mutex<Option<String>>>;
 
 /// Returns a problem together with the broker's refusal.
-pub(super) fn with_refusal(problem: impl ToString, refused: &Refused) -> String {
+pub(super) fn append_refusal(problem: impl ToString, refused: &LastRefusal) -> String {
     match refused.lock().unwrap_or_else(PoisonError::into_inner).take() {
         Some(refused) => format!("{}; the broker reports: {refused}", problem.to_string()),
         None => problem.to_string(),
@@ -72,16 +72,20 @@ impl Link {
             .max_ack_inflight(MAX_IN_FLIGHT)
             .backpressure_on_inflight(true)
             .build(client.clone());
-        Ok(Link { address: broker.address.clone(), client, context, refused })
+        Ok(Link { address: broker.address.clone(), client, context, last_refusal: refused })
     }
 
-    pub fn failed(&self, doing: &'static str, problem: impl ToString) -> BrokerError {
-        BrokerError::Failed { address: self.address.clone(), doing, problem: with_refusal(problem, &self.refused) }
+    pub fn operation_error(&self, doing: &'static str, problem: impl ToString) -> BrokerError {
+        BrokerError::Failed {
+            address: self.address.clone(),
+            operation: doing,
+            problem: append_refusal(problem, &self.last_refusal),
+        }
     }
 
     /// Returns the variable that receives the broker's refusals from now on.
-    pub fn refused(&self) -> Refused {
-        self.refused.clone()
+    pub fn refused(&self) -> LastRefusal {
+        self.last_refusal.clone()
     }
 }
 

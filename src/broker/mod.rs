@@ -11,6 +11,6 @@ mod error;
 mod link;
 mod office_link;
 
-pub use cell_link::{CellLink, Sending};
+pub use cell_link::{CellLink, PendingMessage};
 pub use error::BrokerError;
-pub use office_link::{Delivery, OfficeLink, Receipt, States};
+pub use office_link::{Delivery, OfficeLink, Receipt, StateSubscription};

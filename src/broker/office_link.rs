@@ -35,13 +35,13 @@ pub struct OfficeLink {
     /// The number of the message up to which all are acknowledged, and the time since which this number has not
     /// changed. `looked` is the time of the last check.
     floor: (u64, Instant),
-    looked: Instant,
+    last_check: Instant,
 }
 
 /// Returns the archive's consumer in the stream of records.
 async fn consumer(link: &Link) -> Result<PullConsumer, BrokerError> {
     let stream = link.context.get_stream(subject::STREAM).await;
-    let stream = stream.map_err(|error| link.failed("find its stream", error))?;
+    let stream = stream.map_err(|error| link.operation_error("find its stream", error))?;
     let config = pull::Config {
         durable_name: Some(CONSUMER.to_owned()),
         ack_policy: AckPolicy::Explicit,
@@ -50,7 +50,7 @@ async fn consumer(link: &Link) -> Result<PullConsumer, BrokerError> {
         ..pull::Config::default()
     };
     let consumer = stream.get_or_create_consumer(CONSUMER, config).await;
-    consumer.map_err(|error| link.failed("create the consumer of the archive in the stream", error))
+    consumer.map_err(|error| link.operation_error("create the consumer of the archive in the stream", error))
 }
 
 /// A message that the broker has delivered.
@@ -91,7 +91,7 @@ impl Receipt {
     async fn send_ack(&self, kind: AckKind) -> Result<(), BrokerError> {
         let failed = |error: async_nats::Error| BrokerError::Failed {
             address: self.address.clone(),
-            doing: "acknowledge a message",
+            operation: "acknowledge a message",
             problem: error.to_string(),
         };
         self.message.ack_with(kind).await.map_err(failed)
@@ -99,7 +99,7 @@ impl Receipt {
 }
 
 /// Returns the broker's message, with advice if its disk is too small.
-fn with_advice(problem: &str) -> String {
+fn append_advice(problem: &str) -> String {
     match problem.contains("insufficient storage") {
         true => format!(
             "{problem}; the broker's disk has less space than waiting_gb requires: lower waiting_gb, or give the \
@@ -142,11 +142,11 @@ impl OfficeLink {
         };
         for config in [archived, offers, records] {
             let made = link.context.create_or_update_stream(config).await;
-            made.map_err(|error| link.failed("make a stream", with_advice(&error.to_string())))?;
+            made.map_err(|error| link.operation_error("make a stream", append_advice(&error.to_string())))?;
         }
         let consumer = consumer(&link).await?;
         let now = Instant::now();
-        Ok(OfficeLink { link, consumer, floor: (0, now), looked: now })
+        Ok(OfficeLink { link, consumer, floor: (0, now), last_check: now })
     }
 
     /// Creates the consumer again if the broker no longer delivers a message. After the broker was killed it may
@@ -156,13 +156,13 @@ impl OfficeLink {
     ///
     /// # Errors
     /// If the broker does not answer.
-    pub async fn begin_anew_where_stuck(&mut self) -> Result<bool, BrokerError> {
-        if self.looked.elapsed() < STUCK_CHECK_INTERVAL {
+    pub async fn recreate_stuck_consumer(&mut self) -> Result<bool, BrokerError> {
+        if self.last_check.elapsed() < STUCK_CHECK_INTERVAL {
             return Ok(false);
         }
-        self.looked = Instant::now();
+        self.last_check = Instant::now();
         let info = self.consumer.get_info().await;
-        let info = info.map_err(|error| self.link.failed("report its deliveries", error))?;
+        let info = info.map_err(|error| self.link.operation_error("report its deliveries", error))?;
         let (waits, floor) = (info.num_ack_pending, info.ack_floor.stream_sequence);
         if waits == 0 || floor != self.floor.0 {
             self.floor = (floor, Instant::now());
@@ -177,9 +177,11 @@ impl OfficeLink {
             STUCK_TIMEOUT.as_secs()
         );
         let stream = self.link.context.get_stream(subject::STREAM).await;
-        let stream = stream.map_err(|error| self.link.failed("find its stream", error))?;
+        let stream = stream.map_err(|error| self.link.operation_error("find its stream", error))?;
         let gone = stream.delete_consumer(CONSUMER).await;
-        gone.map_err(|error| self.link.failed("remove the consumer of the archive from the stream", error))?;
+        gone.map_err(|error| {
+            self.link.operation_error("remove the consumer of the archive from the stream", error)
+        })?;
         self.consumer = consumer(&self.link).await?;
         Ok(true)
     }
@@ -189,7 +191,7 @@ impl OfficeLink {
     /// # Errors
     /// If the broker does not answer.
     pub async fn next(&self, most: usize) -> Result<Vec<Delivery>, BrokerError> {
-        let failed = |problem: String| self.link.failed("deliver messages", problem);
+        let failed = |problem: String| self.link.operation_error("deliver messages", problem);
         let batch = self.consumer.batch().max_messages(most).expires(BATCH_TIMEOUT).messages().await;
         let mut batch = batch.map_err(|error| failed(error.to_string()))?;
         let mut all = Vec::new();
@@ -208,9 +210,11 @@ impl OfficeLink {
     ///
     /// # Errors
     /// If the broker does not accept it.
-    pub async fn say_archived(&self, cell: &CellName, epoch: &str, number: u64) -> Result<(), BrokerError> {
-        let said = self.link.context.publish(subject::archived(cell, epoch), number.to_string().into()).await;
-        let failed = |problem: String| self.link.failed("publish the number of the last archived record", problem);
+    pub async fn publish_archived(&self, cell: &CellName, epoch: &str, number: u64) -> Result<(), BrokerError> {
+        let said =
+            self.link.context.publish(subject::archived_subject(cell, epoch), number.to_string().into()).await;
+        let failed =
+            |problem: String| self.link.operation_error("publish the number of the last archived record", problem);
         let ack = said.map_err(|error| failed(error.to_string()))?;
         ack.await.map(drop).map_err(|error| failed(error.to_string()))
     }
@@ -220,10 +224,10 @@ impl OfficeLink {
     ///
     /// # Errors
     /// If the broker does not accept it.
-    pub async fn offer(&self, offer: &RecipeOffer) -> Result<(), BrokerError> {
-        let failed = |problem: String| self.link.failed("offer a recipe", problem);
+    pub async fn publish_offer(&self, offer: &RecipeOffer) -> Result<(), BrokerError> {
+        let failed = |problem: String| self.link.operation_error("offer a recipe", problem);
         let bytes = offer.bytes().map_err(|error| failed(error.to_string()))?;
-        let said = self.link.context.publish(subject::offer(&offer.panel), bytes.into()).await;
+        let said = self.link.context.publish(subject::offer_subject(&offer.panel), bytes.into()).await;
         let ack = said.map_err(|error| failed(error.to_string()))?;
         ack.await.map(drop).map_err(|error| failed(error.to_string()))
     }
@@ -232,28 +236,31 @@ impl OfficeLink {
     ///
     /// # Errors
     /// If the broker does not allow listening.
-    pub async fn states(&self) -> Result<States, BrokerError> {
+    pub async fn states(&self) -> Result<StateSubscription, BrokerError> {
         let heard = self.link.client.subscribe(subject::ALL_STATES).await;
-        let heard = heard.map_err(|error| self.link.failed("subscribe to the states of the cells", error))?;
-        Ok(States { heard, link: self.link.clone() })
+        let heard =
+            heard.map_err(|error| self.link.operation_error("subscribe to the states of the cells", error))?;
+        Ok(StateSubscription { subscriber: heard, link: self.link.clone() })
     }
 }
 
 /// The states that cells report.
-pub struct States {
-    heard: Subscriber,
+pub struct StateSubscription {
+    subscriber: Subscriber,
     link: Link,
 }
 
-impl States {
+impl StateSubscription {
     /// Returns the next state: the subject on which it came, and its bytes.
     ///
     /// # Errors
     /// If the connection is lost.
     pub async fn next(&mut self) -> Result<(String, Vec<u8>), BrokerError> {
-        match self.heard.next().await {
+        match self.subscriber.next().await {
             Some(state) => Ok((state.subject.to_string(), state.payload.into())),
-            None => Err(self.link.failed("subscribe to the states of the cells", "the connection is lost")),
+            None => {
+                Err(self.link.operation_error("subscribe to the states of the cells", "the connection is lost"))
+            }
         }
     }
 }

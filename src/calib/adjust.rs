@@ -13,8 +13,8 @@
 //! 3D camera measured the corners, its points replace the pixels and σ is in mm. The intrinsics are used as they
 //! are; `influence` states the effect of their own error on the mount.
 
-use super::arrangement::{Arrangement, Twist, exp, log};
-use super::chain::{Both, Chain, Gram, Station};
+use super::arrangement::{Arrangement, Twist, exp_map, log};
+use super::chain::{Chain, MountBoardMatrix, Station, StationGram};
 use super::error::CalibError;
 use crate::geometry::{Board, Frame, PinholeCamera, Point, Rigid};
 use nalgebra::allocator::Allocator;
@@ -42,7 +42,7 @@ const CONVERGENCE_TOLERANCE: f64 = 1e-7;
 
 /// A camera mount and a board's pose with the evidence for them.
 #[derive(Debug, Clone)]
-pub struct Adjusted<A: Arrangement> {
+pub struct MountAdjustment<A: Arrangement> {
     /// The camera's mount, the unknown of the calibration.
     pub to_from_camera: Rigid<A::To, A::From>,
     /// The board's pose on its holder.
@@ -52,21 +52,21 @@ pub struct Adjusted<A: Arrangement> {
     /// Number of residuals beyond those that the unknowns can absorb: how well the noise is known.
     pub redundancy: f64,
     /// Covariance of (mount, board), twists on the right, rad and mm.
-    pub(super) covariance: Both,
+    pub(super) covariance: MountBoardMatrix,
 }
 
-impl<A: Arrangement> Adjusted<A> {
+impl<A: Arrangement> MountAdjustment<A> {
     /// Returns the covariance of a point that is fixed to the camera, in the frame that the camera is mounted on, mm².
     pub fn covariance_at(&self, point: Point<A::From>) -> Matrix3<f64> {
         covariance_at(&self.to_from_camera, &self.covariance, point)
     }
 
     /// Returns a copy with mount and board moved by a small motion, and with another covariance.
-    pub(super) fn moved(&self, both: &SVector<f64, 12>, covariance: Both) -> Self {
-        let [mount, board] = [0, 6].map(|row| exp(&Twist::from(both.fixed_rows::<6>(row))));
-        Adjusted {
-            to_from_camera: Rigid::claim(self.to_from_camera.isometry() * mount),
-            holder_from_board: Rigid::claim(self.holder_from_board.isometry() * board),
+    pub(super) fn perturbed(&self, both: &SVector<f64, 12>, covariance: MountBoardMatrix) -> Self {
+        let [mount, board] = [0, 6].map(|row| exp_map(&Twist::from(both.fixed_rows::<6>(row))));
+        MountAdjustment {
+            to_from_camera: Rigid::from_isometry_unchecked(self.to_from_camera.isometry() * mount),
+            holder_from_board: Rigid::from_isometry_unchecked(self.holder_from_board.isometry() * board),
             covariance,
             ..self.clone()
         }
@@ -75,7 +75,7 @@ impl<A: Arrangement> Adjusted<A> {
 
 pub(super) fn covariance_at<To: Frame, C: Frame>(
     to_from_camera: &Rigid<To, C>,
-    covariance: &Both,
+    covariance: &MountBoardMatrix,
     point: Point<C>,
 ) -> Matrix3<f64> {
     let turn = to_from_camera.rotation().into_inner();
@@ -92,7 +92,7 @@ struct State {
 }
 
 /// Returns 1/σω² and 1/σv² in units of the corners' weight.
-pub(super) fn prior(noise: &Noise) -> Matrix6<f64> {
+pub(super) fn prior_weights(noise: &Noise) -> Matrix6<f64> {
     let [turn, shift] = [noise.turn_rad, noise.shift_mm].map(|sigma| (noise.corner / sigma).powi(2));
     Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift))
 }
@@ -108,7 +108,7 @@ pub(super) fn adjust<A: Arrangement>(
     stations: &[&Station<A::From>],
     start: (&Rigid<A::To, A::From>, &Rigid<A::Holder, Board>),
     given: Option<Noise>,
-) -> Result<Adjusted<A>, CalibError> {
+) -> Result<MountAdjustment<A>, CalibError> {
     let unsettled = CalibError::NotSettled { what: WHAT };
     let mut state = State {
         mount: *start.0.isometry(),
@@ -120,7 +120,7 @@ pub(super) fn adjust<A: Arrangement>(
         let mut grams = Vec::with_capacity(stations.len());
         for (station, deviation) in stations.iter().zip(&state.deviations) {
             let chain = Chain::new::<A>(&state.mount, &state.board, &station.base_from_flange, deviation);
-            grams.push(chain.gram(camera, &station.seen).ok_or_else(|| unsettled.clone())?);
+            grams.push(chain.gram(camera, &station.observation).ok_or_else(|| unsettled.clone())?);
         }
         let step = Step::solve(&grams, &state.deviations, &noise).ok_or_else(|| unsettled.clone())?;
         let moved = step.apply(&grams, &mut state);
@@ -136,9 +136,9 @@ pub(super) fn adjust<A: Arrangement>(
         let settled = moved < CONVERGENCE_TOLERANCE && (is_steady || index >= SUFFICIENT_STEPS);
         noise = estimated;
         if settled {
-            return Ok(Adjusted {
-                to_from_camera: Rigid::claim(state.mount),
-                holder_from_board: Rigid::claim(state.board),
+            return Ok(MountAdjustment {
+                to_from_camera: Rigid::from_isometry_unchecked(state.mount),
+                holder_from_board: Rigid::from_isometry_unchecked(state.board),
                 noise,
                 redundancy: step.redundancy(&noise),
                 covariance: step.covariance * noise.corner.powi(2),
@@ -150,9 +150,9 @@ pub(super) fn adjust<A: Arrangement>(
 
 /// The solution of the reduced normal equations of (2).
 struct Step {
-    both: SVector<f64, 12>,
+    mount_and_board: SVector<f64, 12>,
     /// Inverse of the reduced normal matrix, in units of the corners' variance.
-    covariance: Both,
+    covariance: MountBoardMatrix,
     /// Sum of the variances of the flange's deviations in rotation (about ω), in the units of `covariance`;
     /// `shift_variance` is the same for translation (along v).
     turn_variance: f64,
@@ -163,16 +163,16 @@ struct Step {
 }
 
 impl Step {
-    fn solve(grams: &[Gram], deviations: &[Isometry3<f64>], noise: &Noise) -> Option<Self> {
-        let prior = prior(noise);
-        let (mut normal, mut gradient) = (Both::zeros(), SVector::<f64, 12>::zeros());
+    fn solve(grams: &[StationGram], deviations: &[Isometry3<f64>], noise: &Noise) -> Option<Self> {
+        let prior = prior_weights(noise);
+        let (mut normal, mut gradient) = (MountBoardMatrix::zeros(), SVector::<f64, 12>::zeros());
         let (mut flange_inverse, mut flange_gradient) = (Vec::new(), Vec::new());
         for (gram, deviation) in grams.iter().zip(deviations) {
             let inverse = (gram.flange() + prior).cholesky()?.inverse();
             let pull = gram.gradient.fixed_rows::<6>(12) - prior * log(deviation);
             // The flange's deviation of each pose is eliminated at once: with it as an unknown the matrix would grow by
             // six for each picture.
-            normal += gram.both() - gram.cross() * inverse * gram.cross().transpose();
+            normal += gram.mount_and_board() - gram.cross() * inverse * gram.cross().transpose();
             gradient += gram.gradient.fixed_rows::<12>(0) - gram.cross() * inverse * pull;
             flange_inverse.push(inverse);
             flange_gradient.push(pull);
@@ -184,7 +184,7 @@ impl Step {
             variances += (inverse + through * covariance * through.transpose()).diagonal();
         }
         Some(Step {
-            both: covariance * gradient,
+            mount_and_board: covariance * gradient,
             covariance,
             turn_variance: variances.fixed_rows::<3>(0).sum(),
             shift_variance: variances.fixed_rows::<3>(3).sum(),
@@ -195,14 +195,14 @@ impl Step {
     }
 
     /// Moves the state and returns how far camera and board moved, mm and mrad.
-    fn apply(&self, grams: &[Gram], state: &mut State) -> f64 {
-        let [mount, board] = [0, 6].map(|row| Twist::from(self.both.fixed_rows::<6>(row)));
-        state.mount *= exp(&mount);
-        state.board *= exp(&board);
+    fn apply(&self, grams: &[StationGram], state: &mut State) -> f64 {
+        let [mount, board] = [0, 6].map(|row| Twist::from(self.mount_and_board.fixed_rows::<6>(row)));
+        state.mount *= exp_map(&mount);
+        state.board *= exp_map(&board);
         for (index, gram) in grams.iter().enumerate() {
-            let twist =
-                self.flange_inverse[index] * (self.flange_gradient[index] - gram.cross().transpose() * self.both);
-            state.deviations[index] *= exp(&twist);
+            let twist = self.flange_inverse[index]
+                * (self.flange_gradient[index] - gram.cross().transpose() * self.mount_and_board);
+            state.deviations[index] *= exp_map(&twist);
         }
         let weigh = |twist: &Twist| twist.fixed_rows::<3>(0).norm() * 1e3 + twist.fixed_rows::<3>(3).norm();
         weigh(&mount) + weigh(&board)
@@ -226,7 +226,7 @@ impl Step {
         least.max(1.0)
     }
 
-    fn noise(&self, grams: &[Gram], deviations: &[Isometry3<f64>], noise: &Noise) -> Noise {
+    fn noise(&self, grams: &[StationGram], deviations: &[Isometry3<f64>], noise: &Noise) -> Noise {
         let [turn, shift] = self.redundancies(noise);
         let (mut turns, mut shifts) = (0.0, 0.0);
         for twist in deviations.iter().map(log) {

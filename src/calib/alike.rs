@@ -22,7 +22,7 @@ use nalgebra::DMatrix;
 /// the flange as well as they move it.
 const LEVER_MM: f64 = 300.0;
 /// ν: the share of the variance that differs from pose to pose, by repeatability and pictures.
-const OWN_SHARE: f64 = 0.1;
+const INDEPENDENT_VARIANCE_SHARE: f64 = 0.1;
 /// The lengths L that are tried, mm.
 const LENGTHS_MM: [f64; 7] = [30.0, 60.0, 100.0, 150.0, 220.0, 320.0, 450.0];
 /// Smallest gain of the logarithm of the likelihood that shows a correlation. Independent errors reach it in about
@@ -33,7 +33,7 @@ const MIN_POSES: usize = 6;
 
 /// Returns m of (2): the number of poses that count as one, at least 1. Each pose is given with its deviation by its
 /// picture.
-pub(super) fn poses_each(poses: &[(Rigid<Base, Flange>, Twist)]) -> f64 {
+pub(super) fn correlated_pose_count(poses: &[(Rigid<Base, Flange>, Twist)]) -> f64 {
     let count = poses.len();
     if count < MIN_POSES {
         return 1.0;
@@ -53,13 +53,13 @@ pub(super) fn poses_each(poses: &[(Rigid<Base, Flange>, Twist)]) -> f64 {
 }
 
 fn distance_mm(one: &Rigid<Base, Flange>, other: &Rigid<Base, Flange>) -> f64 {
-    one.origin().distance_mm(other.origin()).hypot(LEVER_MM * (one.inverse() * *other).turn().rad())
+    one.origin().distance_mm(other.origin()).hypot(LEVER_MM * (one.inverse() * *other).turn().to_rad())
 }
 
 /// The matrix (1).
 fn correlation(distances_mm: &DMatrix<f64>, length_mm: f64) -> DMatrix<f64> {
-    let alike = distances_mm.map(|mm| (1.0 - OWN_SHARE) * (-0.5 * (mm / length_mm).powi(2)).exp());
-    alike + DMatrix::identity(distances_mm.nrows(), distances_mm.ncols()) * OWN_SHARE
+    let alike = distances_mm.map(|mm| (1.0 - INDEPENDENT_VARIANCE_SHARE) * (-0.5 * (mm / length_mm).powi(2)).exp());
+    alike + DMatrix::identity(distances_mm.nrows(), distances_mm.ncols()) * INDEPENDENT_VARIANCE_SHARE
 }
 
 /// The logarithm of the likelihood of all components, up to a constant, each with its most likely variance.
@@ -86,7 +86,7 @@ mod tests {
     }
 
     fn pose(place: Vector3<f64>) -> Rigid<Base, Flange> {
-        Rigid::claim(Isometry3::new(place, Vector3::zeros()))
+        Rigid::from_isometry_unchecked(Isometry3::new(place, Vector3::zeros()))
     }
 
     /// Fifteen poses in a cube of 400 mm with independent errors: in about 2 % of 300 sets a pose counts for less
@@ -100,7 +100,7 @@ mod tests {
                 (pose(place), Twist::from_fn(|_, _| normal(random)))
             };
             let poses: Vec<_> = (0..15).map(|_| one(&mut random)).collect();
-            poses_each(&poses) > 1.0
+            correlated_pose_count(&poses) > 1.0
         };
         let found = (0..300).filter(|_| one_set()).count();
         assert!(found <= 12, "{found} of 300");
@@ -119,10 +119,10 @@ mod tests {
                 poses.push((pose(place), common + Twist::from_fn(|_, _| 0.3 * normal(&mut random))));
             }
         }
-        let each = poses_each(&poses);
+        let each = correlated_pose_count(&poses);
         assert!((2.5..3.1).contains(&each), "{each}");
         // Too few poses show nothing.
-        assert_eq!(poses_each(&poses[..5]), 1.0);
+        assert_eq!(correlated_pose_count(&poses[..5]), 1.0);
     }
 
     /// Calculated by hand for two poses at a distance L: ρ = 0.9 · e^(−½) = 0.545 88, det = 1 − ρ² = 0.702 01. The

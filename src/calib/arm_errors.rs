@@ -6,7 +6,7 @@
 //! ends absorb: an error before axis 1 belongs to the base, one after axis 6 to the tool. Under its weight the arm
 //! sags about axes 2 and 3 by an angle that is proportional to the lever of the load.
 
-use super::arrangement::{Twist, exp};
+use super::arrangement::{Twist, exp_map};
 use crate::cell::ArmGeometry;
 use crate::geometry::{Base, Flange, Joints, Rigid};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -16,16 +16,16 @@ pub const ARM_NUMBERS: usize = crate::cell::GEOMETRY_NUMBERS;
 
 /// Returns the usual size of each error parameter, as a standard deviation: rotations in rad, lengths in mm, sag in
 /// rad for each mm of lever.
-pub fn usual() -> [f64; ARM_NUMBERS] {
+pub fn prior_std() -> [f64; ARM_NUMBERS] {
     std::array::from_fn(|index| match index {
         30 | 31 => SAG,
-        index if index % 6 < 3 => TURN_RAD,
+        index if index % 6 < 3 => ANGLE_PRIOR_RAD,
         _ => LENGTH_MM,
     })
 }
 
 /// 0.05°.
-const TURN_RAD: f64 = 8.7e-4;
+const ANGLE_PRIOR_RAD: f64 = 8.7e-4;
 const LENGTH_MM: f64 = 0.4;
 /// This sag is 0.3 mm at the end of a lever of 600 mm.
 const SAG: f64 = 8e-7;
@@ -48,7 +48,7 @@ pub fn name(index: usize) -> (String, f64) {
 }
 
 /// Returns the joint angles in the model's own convention, rad.
-fn turns(geometry: &ArmGeometry, joints: &Joints) -> [f64; 6] {
+fn model_angles_rad(geometry: &ArmGeometry, joints: &Joints) -> [f64; 6] {
     let all = joints.degrees();
     std::array::from_fn(|axis| {
         (all[axis] * f64::from(geometry.signs[axis]) - geometry.offsets_deg[axis]).to_radians()
@@ -62,13 +62,14 @@ pub fn base_from_flange(
     errors: &[f64; ARM_NUMBERS],
 ) -> Rigid<Base, Flange> {
     let g = geometry;
-    let mut q = turns(g, joints);
+    let mut q = model_angles_rad(g, joints);
     let lean = q[1] + q[2];
     let from_elbow = g.a2_mm * lean.cos() + g.c3_mm * lean.sin();
     q[1] += errors[30] * (from_elbow + g.c2_mm * q[1].sin());
     q[2] += errors[31] * from_elbow;
     let about = |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_scaled_axis(axis * angle);
-    let off = |axis: usize| -> Isometry3<f64> { exp(&Twist::from_column_slice(&errors[6 * axis..6 * axis + 6])) };
+    let off =
+        |axis: usize| -> Isometry3<f64> { exp_map(&Twist::from_column_slice(&errors[6 * axis..6 * axis + 6])) };
     let (y, z) = (Vector3::y(), Vector3::z());
     let pose: Isometry3<f64> = about(z, q[0])
         * off(0)
@@ -85,7 +86,7 @@ pub fn base_from_flange(
         * off(4)
         * about(z, q[5])
         * Translation3::new(0.0, 0.0, g.c4_mm);
-    Rigid::claim(pose)
+    Rigid::from_isometry_unchecked(pose)
 }
 
 /// What is wrong with the axes of a file: two axes exchanged, or one with the opposite sign.
@@ -114,7 +115,7 @@ impl AxisFault {
     }
 
     /// Returns the true axis angles if the file has this fault.
-    pub fn mended(self, joints: &Joints) -> Joints {
+    pub fn correct_angles(self, joints: &Joints) -> Joints {
         let mut all = joints.degrees();
         match self {
             AxisFault::Exchanged(one, two) => all.swap(one - 1, two - 1),

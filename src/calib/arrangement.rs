@@ -40,7 +40,7 @@ impl Arrangement for FlangeCameraMount {
 /// A small motion, a rotation by `ω` rad and a shift by `v` mm, written (ω, v).
 pub(super) type Twist = nalgebra::Vector6<f64>;
 
-pub(super) fn exp(twist: &Twist) -> Isometry3<f64> {
+pub(super) fn exp_map(twist: &Twist) -> Isometry3<f64> {
     Isometry3::new(twist.fixed_rows::<3>(3).into_owned(), twist.fixed_rows::<3>(0).into_owned())
 }
 

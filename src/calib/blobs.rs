@@ -11,7 +11,7 @@ use nalgebra::Matrix2;
 /// A connected piece that looks like an ellipse.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Blob {
-    pub middle: Pixel,
+    pub centre: Pixel,
     pub area_px: f64,
 }
 
@@ -20,7 +20,7 @@ const MIN_PX: f64 = 12.0;
 /// Maximum area of a circle, as a share of the picture: a larger piece is not one circle among many.
 const MAX_SHARE: f64 = 0.03;
 /// Maximum difference of A / (4π √det C) from 1.
-const ROUND: f64 = 0.12;
+const MAX_ROUNDNESS_ERROR: f64 = 0.12;
 /// Maximum ratio of the longest axis to the shortest: a circle seen at 70° has 2.9.
 const MAX_AXIS_RATIO: f64 = 3.5;
 /// Minimum difference of a pixel from its surroundings, grey levels.
@@ -54,11 +54,11 @@ pub(super) fn blobs(
         let mut piece = Piece::default();
         for (column, row) in pixels.iter().map(|index| (index % width, index / width)) {
             piece.add(column as f64, row as f64);
-            piece.at_rim |= column == 0 || row == 0 || column + 1 == width || row + 1 == height;
+            piece.touches_rim |= column == 0 || row == 0 || column + 1 == width || row + 1 == height;
         }
         piece.blob((width * height) as f64)
     };
-    Ok(imaging::pieces(&mask, false)?.iter().filter_map(piece).collect())
+    Ok(imaging::connected_pieces(&mask, false)?.iter().filter_map(piece).collect())
 }
 
 /// An integral image: the sums over all pixels above and left of each pixel.
@@ -82,7 +82,7 @@ impl Integral {
     }
 
     /// Returns the sum over ± `reach` pixels, and the number of these pixels.
-    fn around(&self, column: usize, row: usize, reach: usize) -> (u64, u64) {
+    fn window_sum(&self, column: usize, row: usize, reach: usize) -> (u64, u64) {
         let (left, right) = (column.saturating_sub(reach), (column + reach + 1).min(self.width));
         let (top, low) = (row.saturating_sub(reach), (row + reach + 1).min(self.height));
         let at = |row: usize, column: usize| self.sums[row * (self.width + 1) + column];
@@ -95,8 +95,8 @@ impl Integral {
 pub(super) struct Sums {
     /// Sums over the pixels that cannot belong to a glare: each pixel adds [`COUNT`], so that a sum also contains
     /// the number of pixels.
-    without: Integral,
-    all: Integral,
+    without_glare: Integral,
+    total: Integral,
 }
 
 impl Sums {
@@ -106,19 +106,19 @@ impl Sums {
         let glare = Integral::new(width, height, |index| u64::from(picture.gray[index] >= GLARE));
         let rim_px = width.max(height) / RIM_PARTS;
         let without = Integral::new(width, height, |index| {
-            let (near, _) = glare.around(index % width, index / width, rim_px);
+            let (near, _) = glare.window_sum(index % width, index / width, rim_px);
             if near == 0 { gray(index) + COUNT } else { 0 }
         });
-        Sums { without, all: Integral::new(width, height, gray) }
+        Sums { without_glare: without, total: Integral::new(width, height, gray) }
     }
 
     fn mean(&self, column: usize, row: usize, reach: usize) -> f64 {
-        let (without, area) = self.without.around(column, row, reach);
+        let (without, area) = self.without_glare.window_sum(column, row, reach);
         let count = without / COUNT;
         // If most pixels around seem to be a glare, they may be white paper, which can be as bright: all pixels are
         // used.
         if 4 * count < area {
-            return self.all.around(column, row, reach).0 as f64 / area as f64;
+            return self.total.window_sum(column, row, reach).0 as f64 / area as f64;
         }
         (without % COUNT) as f64 / count as f64
     }
@@ -129,7 +129,7 @@ struct Piece {
     count: f64,
     sum: [f64; 2],
     square: [f64; 3],
-    at_rim: bool,
+    touches_rim: bool,
 }
 
 impl Piece {
@@ -140,7 +140,7 @@ impl Piece {
     }
 
     fn blob(&self, picture_px: f64) -> Option<Blob> {
-        if self.at_rim || self.count < MIN_PX || self.count > MAX_SHARE * picture_px {
+        if self.touches_rim || self.count < MIN_PX || self.count > MAX_SHARE * picture_px {
             return None;
         }
         let [u, v] = self.sum.map(|sum| sum / self.count);
@@ -150,8 +150,8 @@ impl Piece {
         let axes = covariance.symmetric_eigenvalues();
         let (long, short) = (axes.max().sqrt(), axes.min().max(0.0).sqrt());
         let round = self.count / (4.0 * std::f64::consts::PI * long * short);
-        let is_ellipse = (round - 1.0).abs() < ROUND && long < MAX_AXIS_RATIO * short;
-        is_ellipse.then_some(Blob { middle: Pixel::at(u, v), area_px: self.count })
+        let is_ellipse = (round - 1.0).abs() < MAX_ROUNDNESS_ERROR && long < MAX_AXIS_RATIO * short;
+        is_ellipse.then_some(Blob { centre: Pixel::at(u, v), area_px: self.count })
     }
 }
 
@@ -162,7 +162,7 @@ mod tests {
     /// A disc, a ring and a bar: only the disc is found.
     #[test]
     fn a_disc_is_found_and_a_bar_is_not() {
-        let mut picture = GrayPicture::filled(120, 80, 200);
+        let mut picture = GrayPicture::uniform(120, 80, 200);
         for (index, gray) in picture.gray.iter_mut().enumerate() {
             let (u, v) = ((index % 120) as f64, (index / 120) as f64);
             let ring = (u - 70.0).hypot(v - 30.0);
@@ -173,12 +173,12 @@ mod tests {
         }
         let found = blobs(&picture, &Sums::from_picture(&picture), 20, false).expect("a picture");
         assert_eq!(found.len(), 1, "{found:?}");
-        assert!(found[0].middle.distance_px(Pixel::at(30.25, 30.0)) < 0.15, "{found:?}");
+        assert!(found[0].centre.distance_px(Pixel::at(30.25, 30.0)) < 0.15, "{found:?}");
         assert!(
             blobs(&picture, &Sums::from_picture(&picture), 20, true)
                 .expect("a picture")
                 .iter()
-                .all(|blob| blob.middle.distance_px(Pixel::at(70.0, 30.0)) < 1.0)
+                .all(|blob| blob.centre.distance_px(Pixel::at(70.0, 30.0)) < 1.0)
         );
     }
 }

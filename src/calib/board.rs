@@ -113,7 +113,7 @@ impl Board {
         }
         let upper = dictionary.to_uppercase();
         let dictionary = upper.strip_prefix("DICT_").unwrap_or(&upper).to_owned();
-        let Some(held) = markers_of(&dictionary) else {
+        let Some(held) = dictionary_marker_count(&dictionary) else {
             return Err(format!(
                 "unknown dictionary {dictionary}; valid: OpenCV's 4X4_50 … 7X7_1000 (50, 100, 250, 1000), \
                  ARUCO_ORIGINAL, APRILTAG_16H5, APRILTAG_25H9, APRILTAG_36H10, APRILTAG_36H11"
@@ -206,7 +206,7 @@ impl Board {
     }
 
     /// Returns the middle of the inner corners.
-    pub fn middle(&self) -> Point<BoardFrame> {
+    pub fn centre(&self) -> Point<BoardFrame> {
         let half = |count: usize| (count - 1) as f64 * self.square_mm / 2.0;
         let across = if self.circles() == Some(true) { 2 * self.columns } else { self.columns };
         Point::at(half(across), half(self.rows), 0.0)
@@ -225,14 +225,14 @@ impl Board {
         let [first, second, third, fourth] = self.outer_corners();
         let wanted = (self.columns / 3, self.rows / 3);
         let away = |(column, row): (usize, usize)| column.abs_diff(wanted.0) + row.abs_diff(wanted.1);
-        let breaks = |&corner: &(usize, usize)| !self.looks_alike(&[first, second, third, corner]);
+        let breaks = |&corner: &(usize, usize)| !self.is_symmetric(&[first, second, third, corner]);
         let all = (0..self.rows).flat_map(|row| (0..self.columns).map(move |column| (column, row)));
         [first, second, third, all.filter(breaks).min_by_key(|&corner| away(corner)).unwrap_or(fourth)]
     }
 
     /// Returns whether these corners coincide with each other if the board is rotated or mirrored. If so, corners that
     /// are touched from the other end of the board have the same distances.
-    pub fn looks_alike(&self, corners: &[(usize, usize)]) -> bool {
+    pub fn is_symmetric(&self, corners: &[(usize, usize)]) -> bool {
         let (right, low) = (self.columns - 1, self.rows - 1);
         let mut ways: Vec<fn(usize, usize, usize, usize) -> (usize, usize)> =
             vec![|c, r, right, low| (right - c, low - r), |c, r, right, _| (right - c, r), |c, r, _, low| {
@@ -254,7 +254,7 @@ impl Board {
     }
 
     /// Returns the same ChArUco board in other layouts of its markers, each with a text about the difference.
-    pub(super) fn otherwise(&self) -> Vec<(Board, &'static str)> {
+    pub(super) fn alternative_layouts(&self) -> Vec<(Board, &'static str)> {
         let Some(charuco) = self.markers() else { return Vec::new() };
         let with = |columns: usize, rows: usize, legacy: bool| Board {
             columns,
@@ -308,7 +308,7 @@ impl Board {
 }
 
 /// The number of markers in OpenCV's dictionary of this name.
-fn markers_of(dictionary: &str) -> Option<usize> {
+fn dictionary_marker_count(dictionary: &str) -> Option<usize> {
     match dictionary {
         "ARUCO_ORIGINAL" => Some(1_024),
         "APRILTAG_16H5" => Some(30),
@@ -346,7 +346,7 @@ mod tests {
         assert_eq!((board.columns(), board.rows(), board.count()), (9, 6, 54));
         assert_eq!(board.corner(8, 5), Some(Point::at(200.0, 125.0, 0.0)));
         assert_eq!(board.corner(9, 0), None);
-        assert_eq!(board.middle(), Point::at(100.0, 62.5, 0.0));
+        assert_eq!(board.centre(), Point::at(100.0, 62.5, 0.0));
         assert!(board.is_unique() && !Board::parse("8x6", 25.0).expect("a board").is_unique());
     }
 
@@ -372,7 +372,7 @@ mod tests {
             (board.corner(3, 1), board.corner(0, 2)),
             (Some(Point::at(140.0, 20.0, 0.0)), board.corner(0, 2))
         );
-        assert_eq!((board.middle(), board.is_unique()), (Point::at(70.0, 100.0, 0.0), true));
+        assert_eq!((board.centre(), board.is_unique()), (Point::at(70.0, 100.0, 0.0), true));
         let error = Board::parse("circles:7x11:40", 25.0).expect_err("two distances").to_string();
         assert!(error.contains("omit --square-mm"), "{error}");
         let error = Board::parse("9x6", None).expect_err("no side").to_string();
@@ -384,11 +384,11 @@ mod tests {
     #[test]
     fn the_fourth_corner_breaks_the_symmetry() {
         let board = Board::parse("9x6", 25.0).expect("a board");
-        assert!(board.looks_alike(&board.outer_corners()));
+        assert!(board.is_symmetric(&board.outer_corners()));
         assert_eq!(board.corners_to_touch(), [(0, 0), (8, 0), (8, 5), (3, 2)]);
-        assert!(!board.looks_alike(&board.corners_to_touch()));
+        assert!(!board.is_symmetric(&board.corners_to_touch()));
         let square = Board::parse("7x7", 20.0).expect("a board");
-        assert!(!square.looks_alike(&square.corners_to_touch()));
+        assert!(!square.is_symmetric(&square.corners_to_touch()));
     }
 
     /// OpenCV's own names, including AprilTags; another name is refused once, before any picture is examined.

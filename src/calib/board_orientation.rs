@@ -13,7 +13,7 @@
 use super::arrangement::Arrangement;
 use super::board::Board;
 use super::chain::BoardObservation;
-use super::consensus::triples;
+use super::consensus::index_triples;
 use super::detect::Corners;
 use super::error::CalibError;
 use super::foreign;
@@ -23,10 +23,10 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 /// Maximum difference between the angles of (1), rad: for an arm that differs from its nominal geometry, and
 /// corners in a small picture.
-const SAME_TURN_RAD: f64 = 0.05;
+const MAX_ANGLE_DIFFERENCE_RAD: f64 = 0.05;
 
 /// Returns the rotations after which a board looks as before; the first one is the identity.
-fn turns(board: &Board) -> Vec<Isometry3<f64>> {
+fn symmetry_rotations(board: &Board) -> Vec<Isometry3<f64>> {
     let far =
         board.corners().into_iter().fold([0.0, 0.0], |far: [f64; 2], q| [far[0].max(q.mm.x), far[1].max(q.mm.y)]);
     let quarter = |count: u32, to: [f64; 2]| {
@@ -43,7 +43,7 @@ fn turns(board: &Board) -> Vec<Isometry3<f64>> {
 }
 
 /// Returns the corners with their positions on the board after this rotation.
-fn turned(corners: &Corners, turn: &Isometry3<f64>) -> Corners {
+fn rotate_corners(corners: &Corners, turn: &Isometry3<f64>) -> Corners {
     corners.iter().map(|(q, pixel)| (Point::<BoardFrame>::new(turn * q.mm), *pixel)).collect()
 }
 
@@ -52,12 +52,12 @@ fn turned(corners: &Corners, turn: &Isometry3<f64>) -> Corners {
 ///
 /// # Errors
 /// If a picture's corners determine no pose of the board.
-pub fn same_way_round<A: Arrangement>(
+pub fn resolve_symmetry<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
     pictures: &mut [(Rigid<Base, Flange>, &mut Corners)],
 ) -> Result<(), CalibError> {
-    let turns = turns(board);
+    let turns = symmetry_rotations(board);
     if turns.len() < 2 {
         return Ok(());
     }
@@ -69,20 +69,21 @@ pub fn same_way_round<A: Arrangement>(
     let moved = |flange: &Rigid<Base, Flange>| A::to_from_holder(flange).isometry().inverse();
     let stations = Stations {
         holder_from_to: pictures.iter().map(|(flange, _)| moved(flange)).collect(),
-        turned: poses.iter().map(|pose| turns.iter().map(|turn| pose * turn.inverse()).collect()).collect(),
-        middle: board.middle().mm,
+        rotated_poses: poses.iter().map(|pose| turns.iter().map(|turn| pose * turn.inverse()).collect()).collect(),
+        centre: board.centre().mm,
     };
-    let found = triples(poses.len()).flat_map(|triple| stations.of_triple(triple)).fold(None, nearer);
+    let found =
+        index_triples(poses.len()).flat_map(|triple| stations.solve_triple(triple)).fold(None, closer_solution);
     for ((_, corners), way) in pictures.iter_mut().zip(found.map(|(_, ways)| ways).unwrap_or_default()) {
-        **corners = turned(corners, &turns[way]);
+        **corners = rotate_corners(corners, &turns[way]);
     }
     Ok(())
 }
 
 /// The median distance of the boards from the first one's, mm, and the rotation of each station.
-type Ways = (f64, Vec<usize>);
+type OrientationSolution = (f64, Vec<usize>);
 
-fn nearer(best: Option<Ways>, next: Ways) -> Option<Ways> {
+fn closer_solution(best: Option<OrientationSolution>, next: OrientationSolution) -> Option<OrientationSolution> {
     match best {
         Some(best) if best.0 <= next.0 => Some(best),
         _ => Some(next),
@@ -92,51 +93,55 @@ fn nearer(best: Option<Ways>, next: Ways) -> Option<Ways> {
 struct Stations {
     holder_from_to: Vec<Isometry3<f64>>,
     /// The board's pose in the camera's frame, for each station and each rotation.
-    turned: Vec<Vec<Isometry3<f64>>>,
-    middle: Point3<f64>,
+    rotated_poses: Vec<Vec<Isometry3<f64>>>,
+    centre: Point3<f64>,
 }
 
 impl Stations {
     /// Returns the solutions for all stations that follow from three stations, one for each combination of their
     /// rotations that fulfils (1); the first of the three is not rotated.
-    fn of_triple(&self, [a, b, c]: [usize; 3]) -> Vec<Ways> {
+    fn solve_triple(&self, [a, b, c]: [usize; 3]) -> Vec<OrientationSolution> {
         let mut all = Vec::new();
-        for way_b in (0..self.turned[b].len()).filter(|way| self.turns_alike((a, 0), (b, *way))) {
-            for way_c in 0..self.turned[c].len() {
-                if self.turns_alike((a, 0), (c, way_c)) && self.turns_alike((b, way_b), (c, way_c)) {
-                    all.extend(self.of_mount([(a, 0), (b, way_b), (c, way_c)]));
+        for way_b in (0..self.rotated_poses[b].len()).filter(|way| self.have_equal_rotations((a, 0), (b, *way))) {
+            for way_c in 0..self.rotated_poses[c].len() {
+                if self.have_equal_rotations((a, 0), (c, way_c))
+                    && self.have_equal_rotations((b, way_b), (c, way_c))
+                {
+                    all.extend(self.solve_mount([(a, 0), (b, way_b), (c, way_c)]));
                 }
             }
         }
         all
     }
 
-    fn turns_alike(&self, one: (usize, usize), other: (usize, usize)) -> bool {
+    fn have_equal_rotations(&self, one: (usize, usize), other: (usize, usize)) -> bool {
         let flange = self.holder_from_to[one.0].rotation.angle_to(&self.holder_from_to[other.0].rotation);
-        let board =
-            (self.turned[one.0][one.1].rotation.inverse(), self.turned[other.0][other.1].rotation.inverse());
-        (flange - board.0.angle_to(&board.1)).abs() < SAME_TURN_RAD
+        let board = (
+            self.rotated_poses[one.0][one.1].rotation.inverse(),
+            self.rotated_poses[other.0][other.1].rotation.inverse(),
+        );
+        (flange - board.0.angle_to(&board.1)).abs() < MAX_ANGLE_DIFFERENCE_RAD
     }
 
-    fn of_mount(&self, three: [(usize, usize); 3]) -> Option<Ways> {
-        let mount = foreign::hand_eye(
+    fn solve_mount(&self, three: [(usize, usize); 3]) -> Option<OrientationSolution> {
+        let mount = foreign::solve_hand_eye_park(
             &three.map(|(index, _)| self.holder_from_to[index]),
-            &three.map(|(index, way)| self.turned[index][way]),
+            &three.map(|(index, way)| self.rotated_poses[index][way]),
         )?;
-        let held = |index: usize, way: usize| self.holder_from_to[index] * mount * self.turned[index][way];
+        let held = |index: usize, way: usize| self.holder_from_to[index] * mount * self.rotated_poses[index][way];
         let first = held(three[0].0, 0);
         let apart_mm = |index: usize, way: usize| {
             // A rotation moves corners about the middle: a second point beside the middle distinguishes the
             // rotations.
-            let beside = self.middle + Vector3::x() * self.middle.coords.norm();
+            let beside = self.centre + Vector3::x() * self.centre.coords.norm();
             let board = held(index, way);
-            (first * self.middle - board * self.middle).norm() + (first * beside - board * beside).norm()
+            (first * self.centre - board * self.centre).norm() + (first * beside - board * beside).norm()
         };
         let nearest = |index: usize| {
-            let ways = (0..self.turned[index].len()).map(|way| (apart_mm(index, way), way));
+            let ways = (0..self.rotated_poses[index].len()).map(|way| (apart_mm(index, way), way));
             ways.min_by(|one, other| one.0.total_cmp(&other.0)).unwrap_or((f64::INFINITY, 0))
         };
-        let (mut apart, ways): (Vec<f64>, Vec<usize>) = (0..self.turned.len()).map(nearest).unzip();
+        let (mut apart, ways): (Vec<f64>, Vec<usize>) = (0..self.rotated_poses.len()).map(nearest).unzip();
         Some((median(&mut apart)?, ways))
     }
 }
@@ -155,7 +160,7 @@ mod tests {
     fn boards_that_look_alike_from_several_sides_give_a_mount() {
         for (columns, rows, ways) in [(7, 7, 4), (8, 6, 2), (9, 6, 1)] {
             let board = Board::parse(&format!("{columns}x{rows}"), 20.0).expect("a board");
-            let all = turns(&board);
+            let all = symmetry_rotations(&board);
             assert_eq!(all.len(), ways);
             for turn in &all {
                 let there = turn * board.corner(1, 0).expect("a corner").mm;
@@ -169,22 +174,23 @@ mod tests {
             let camera = cell.scanner();
             let shots = cell.fixed_shots(10);
             let corners: Vec<Corners> = (shots.iter().enumerate())
-                .map(|(index, shot)| turned(&cell.corners(&camera, shot, 0.02), &all[index * index % ways]))
+                .map(|(index, shot)| rotate_corners(&cell.corners(&camera, shot, 0.02), &all[index * index % ways]))
                 .collect();
             let stations = |corners: &[Corners]| -> Vec<Station<crate::geometry::Camera>> {
                 let all = shots.iter().zip(corners).map(|(shot, corners)| Station {
                     name: format!("{}.png", shot.index),
                     base_from_flange: shot.base_from_flange,
-                    seen: BoardObservation::Pixels(corners.clone()),
+                    observation: BoardObservation::Pixels(corners.clone()),
                 });
                 all.collect()
             };
             let mut round = corners.clone();
             let flanges = shots.iter().map(|shot| shot.base_from_flange);
             let mut pictures: Vec<_> = flanges.zip(&mut round).collect();
-            same_way_round::<ScannerMount>(&camera, &board, &mut pictures).expect("poses");
+            resolve_symmetry::<ScannerMount>(&camera, &board, &mut pictures).expect("poses");
             let found = hand_eye::<ScannerMount>(&camera, &board, &stations(&round), None).expect("a mount");
-            let off_mm = found.adjusted.to_from_camera.distance_at_mm(cell.base_from_camera(), found.at);
+            let off_mm =
+                found.adjustment.to_from_camera.distance_at_mm(cell.base_from_camera(), found.stated_point);
             assert!(
                 off_mm < 1.0 && found.suspects.is_empty(),
                 "{columns}×{rows}: {off_mm} mm, {:?}",

@@ -16,7 +16,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::collections::BTreeMap;
 
 /// Number of rounds in which lens and board shape are adjusted in turn.
-const ROUNDS: usize = 6;
+const SHAPE_ITERATIONS: usize = 6;
 /// With fewer pictures a shape cannot be distinguished from noise.
 const MIN_VIEWS: usize = 6;
 /// A corner's position is an unknown if at least this number of pictures show it.
@@ -34,11 +34,11 @@ pub struct BoardShape {
     /// the fit.
     pub flat_px: f64,
     /// Root mean square of the corners' distances with the board's own shape, px.
-    pub own_px: f64,
+    pub fitted_rms_px: f64,
     /// The bow of the board, from its lowest to its highest corner, mm.
     pub bow_mm: f64,
     /// The largest distance of a corner from its nominal position in the plane, mm.
-    pub beside_mm: f64,
+    pub max_in_plane_shift_mm: f64,
 }
 
 /// Returns a corner's position as a key, in thousandths of a millimetre.
@@ -57,9 +57,9 @@ pub(super) fn shape(model: LensModel, flat: &LensFit, corners: &[&Corners]) -> O
     }
     let mut offsets: BTreeMap<[i64; 2], Vector3<f64>> = BTreeMap::new();
     let mut fit = flat.clone();
-    for _ in 0..ROUNDS {
-        offsets = moved(&fit, corners, &offsets)?;
-        let shaped: Vec<Corners> = corners.iter().map(|corners| with_offsets(corners, &offsets)).collect();
+    for _ in 0..SHAPE_ITERATIONS {
+        offsets = solve_offsets(&fit, corners, &offsets)?;
+        let shaped: Vec<Corners> = corners.iter().map(|corners| apply_offsets(corners, &offsets)).collect();
         fit = lens_fit::fit(model, fit, &shaped.iter().collect::<Vec<_>>())?;
     }
     // Seven degrees of freedom of the offsets are a motion and the scale of the whole board.
@@ -68,17 +68,22 @@ pub(super) fn shape(model: LensModel, flat: &LensFit, corners: &[&Corners]) -> O
         return None;
     }
     let own_px = rms(fit.square, free);
-    let [bow_mm, beside_mm] = stated(&offsets)?;
-    (own_px <= MAX_ERROR_RATIO * flat_px).then_some(BoardShape { flat_px, own_px, bow_mm, beside_mm })
+    let [bow_mm, beside_mm] = bow_and_shift(&offsets)?;
+    (own_px <= MAX_ERROR_RATIO * flat_px).then_some(BoardShape {
+        flat_px,
+        fitted_rms_px: own_px,
+        bow_mm,
+        max_in_plane_shift_mm: beside_mm,
+    })
 }
 
-fn with_offsets(corners: &Corners, offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -> Corners {
+fn apply_offsets(corners: &Corners, offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -> Corners {
     let at = |q: &Point<Board>| Point::new(q.mm + offsets.get(&key(q)).copied().unwrap_or_default());
     corners.iter().map(|(q, pixel)| (at(q), *pixel)).collect()
 }
 
 /// Solves equation (1), and adds the result to the offsets so far.
-fn moved(
+fn solve_offsets(
     fit: &LensFit,
     corners: &[&Corners],
     before: &BTreeMap<[i64; 2], Vector3<f64>>,
@@ -88,7 +93,7 @@ fn moved(
         let turn = pose.rotation().into_inner();
         for (q, pixel) in corners.iter() {
             let place = Point::new(q.mm + before.get(&key(q)).copied().unwrap_or_default());
-            let (seen, slope) = fit.camera.project_with_slope(*pose * place)?;
+            let (seen, slope) = fit.camera.project_with_jacobian(*pose * place)?;
             let slope = slope * turn;
             let sum = sums.entry(key(q)).or_insert((Matrix3::zeros(), Vector3::zeros(), 0));
             sum.0 += slope.transpose() * slope;
@@ -104,7 +109,7 @@ fn moved(
 }
 
 /// Returns the bow and the largest shift in the plane, without motion and scale of the whole board.
-fn stated(offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -> Option<[f64; 2]> {
+fn bow_and_shift(offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -> Option<[f64; 2]> {
     let count = offsets.len();
     let place = |at: &[i64; 2]| [at[0] as f64 / 1e3, at[1] as f64 / 1e3];
     let mut plane = DMatrix::zeros(count, 3);

@@ -37,25 +37,25 @@ pub struct Station<C: Frame> {
     /// The flange pose that the robot reported.
     pub base_from_flange: Rigid<Base, Flange>,
     /// The camera's observation of the board.
-    pub seen: BoardObservation<C>,
+    pub observation: BoardObservation<C>,
 }
 
 /// A matrix over mount and board, in this order, each (ω, v).
-pub(super) type Both = SMatrix<f64, 12, 12>;
-type Normal = SMatrix<f64, 18, 18>;
+pub(super) type MountBoardMatrix = SMatrix<f64, 12, 12>;
+type NormalMatrix = SMatrix<f64, 18, 18>;
 
 /// One station's part of the normal equations, for X, Y and e in this order.
-pub(super) struct Gram {
-    pub normal: Normal,
+pub(super) struct StationGram {
+    pub normal: NormalMatrix,
     pub gradient: SVector<f64, 18>,
     /// Sum of the squared residuals.
     pub square: f64,
     pub rows: usize,
 }
 
-impl Gram {
+impl StationGram {
     fn empty() -> Self {
-        Gram { normal: Normal::zeros(), gradient: SVector::zeros(), square: 0.0, rows: 0 }
+        StationGram { normal: NormalMatrix::zeros(), gradient: SVector::zeros(), square: 0.0, rows: 0 }
     }
 
     fn add<const R: usize>(&mut self, slope: &SMatrix<f64, R, 3>, at: &Corner, residual: &SVector<f64, R>) {
@@ -74,14 +74,14 @@ impl Gram {
         self.normal.fixed_view::<12, 6>(0, 12).into_owned()
     }
 
-    pub fn both(&self) -> Both {
+    pub fn mount_and_board(&self) -> MountBoardMatrix {
         self.normal.fixed_view::<12, 12>(0, 0).into_owned()
     }
 }
 
 /// A stated length that may be wrong by a factor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Factor {
+pub(super) enum LengthFactor {
     /// The side of the board's squares.
     Square,
     /// The focal lengths.
@@ -91,7 +91,7 @@ pub(super) enum Factor {
 /// One station's part of the normal equations of a factor.
 pub(super) struct ScaleGram {
     /// The factor's cross terms with X, Y and e.
-    pub cross: SVector<f64, 18>,
+    pub cross_terms: SVector<f64, 18>,
     pub square: f64,
     pub pull: f64,
     /// Beside the lens.
@@ -100,7 +100,7 @@ pub(super) struct ScaleGram {
 
 impl ScaleGram {
     fn empty() -> Self {
-        ScaleGram { cross: SVector::zeros(), square: 0.0, pull: 0.0, lens: SMatrix::zeros() }
+        ScaleGram { cross_terms: SVector::zeros(), square: 0.0, pull: 0.0, lens: SMatrix::zeros() }
     }
 }
 
@@ -172,13 +172,13 @@ impl Chain {
     }
 
     /// Returns this station's part; `None` if a corner would be behind the camera.
-    pub fn gram<C: Frame>(&self, camera: &PinholeCamera, seen: &BoardObservation<C>) -> Option<Gram> {
-        let (mut gram, camera_from_holder) = (Gram::empty(), self.camera_from_holder());
+    pub fn gram<C: Frame>(&self, camera: &PinholeCamera, seen: &BoardObservation<C>) -> Option<StationGram> {
+        let (mut gram, camera_from_holder) = (StationGram::empty(), self.camera_from_holder());
         match seen {
             BoardObservation::Pixels(corners) => {
                 for (q, found) in corners {
                     let (p, corner) = self.corner(&camera_from_holder, q);
-                    let (pixel, slope) = camera.project_with_slope(Point::<C>::new(p.into()))?;
+                    let (pixel, slope) = camera.project_with_jacobian(Point::<C>::new(p.into()))?;
                     gram.add(&slope, &corner, &nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v));
                 }
             }
@@ -199,7 +199,7 @@ impl Chain {
         &self,
         camera: &PinholeCamera,
         seen: &BoardObservation<C>,
-        of: Factor,
+        of: LengthFactor,
     ) -> Option<ScaleGram> {
         let (mut gram, camera_from_holder) = (ScaleGram::empty(), self.camera_from_holder());
         let turn = (camera_from_holder * self.holder_from_board).rotation;
@@ -208,25 +208,27 @@ impl Chain {
                 for (q, found) in corners {
                     let (p, corner) = self.corner(&camera_from_holder, q);
                     let point = Point::<C>::new(p.into());
-                    let (pixel, slope) = camera.project_with_slope(point)?;
+                    let (pixel, slope) = camera.project_with_jacobian(point)?;
                     let lens_slope = camera.lens_slope(point)?;
                     let along = match of {
-                        Factor::Square => slope * (turn * q.mm.coords),
-                        Factor::Focal => lens_slope.column(0) * camera.fx_px + lens_slope.column(1) * camera.fy_px,
+                        LengthFactor::Square => slope * (turn * q.mm.coords),
+                        LengthFactor::Focal => {
+                            lens_slope.column(0) * camera.fx_px + lens_slope.column(1) * camera.fy_px
+                        }
                     };
                     let residual = nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v);
-                    gram.cross += corner.jacobian(&slope).transpose() * along;
+                    gram.cross_terms += corner.jacobian(&slope).transpose() * along;
                     gram.lens += along.transpose() * lens_slope;
                     gram.square += along.norm_squared();
                     gram.pull += along.dot(&residual);
                 }
             }
-            BoardObservation::Points(_) if of == Factor::Focal => return None,
+            BoardObservation::Points(_) if of == LengthFactor::Focal => return None,
             BoardObservation::Points(corners) => {
                 for (q, found) in corners {
                     let (p, corner) = self.corner(&camera_from_holder, q);
                     let along = turn * q.mm.coords;
-                    gram.cross += corner.jacobian(&Matrix3::identity()).transpose() * along;
+                    gram.cross_terms += corner.jacobian(&Matrix3::identity()).transpose() * along;
                     gram.square += along.norm_squared();
                     gram.pull += along.dot(&(found.mm.coords - p));
                 }
@@ -247,7 +249,7 @@ impl Chain {
         for (q, _) in corners {
             let (p, corner) = self.corner(&camera_from_holder, q);
             let point = Point::<C>::new(p.into());
-            let (_, slope) = camera.project_with_slope(point)?;
+            let (_, slope) = camera.project_with_jacobian(point)?;
             cross += corner.jacobian(&slope).transpose() * camera.lens_slope(point)?;
         }
         Some(cross)

@@ -7,15 +7,15 @@
 //! by OpenCV before 4.6 (`legacy`) and since.
 
 use super::board::{Board, Charuco, Corners};
-use super::charuco_grow::{Grown, Search};
-use super::charuco_lattice::{Cells, identified};
+use super::charuco_grow::{CornerMap, Search};
+use super::charuco_lattice::{Cells, assign_lattice};
 use super::chessboard;
-use super::crossings::{Smooth, noise};
+use super::crossings::{SmoothedPicture, noise};
 use super::error::CalibError;
 use super::foreign;
-use super::placing::{Detected, modelled, refined, shortest_px};
+use super::placing::{DetectedCorners, refine_subpix, refine_with_model, shortest_px};
 use super::print::Print;
-use super::surface::pixel_of;
+use super::surface::homography_pixel;
 use crate::geometry::{GrayPicture, Pixel};
 use crate::imaging::ImagingError;
 use std::collections::BTreeMap;
@@ -24,7 +24,7 @@ use std::collections::BTreeMap;
 const MIN_CORNERS: usize = 8;
 /// Maximum distance of a marker's corner from the common plane of all, as a share of the marker's side: a lens
 /// bends far less.
-const BENT_WHOLE: f64 = 0.6;
+const MAX_PLANE_DISTANCE_SHARE: f64 = 0.6;
 /// If the markers lead to at least this fraction of the corners, the others are regarded as hidden, and no lattice is
 /// searched.
 const MIN_CORNER_SHARE: f64 = 0.6;
@@ -38,24 +38,25 @@ pub(super) fn detect(
     board: &Board,
     charuco: &Charuco,
     half_window_px: Option<usize>,
-) -> Result<Detected, CalibError> {
-    let missing = match found(name, picture, board, charuco, half_window_px) {
+) -> Result<DetectedCorners, CalibError> {
+    let missing = match detect_board(name, picture, board, charuco, half_window_px) {
         Err(error @ CalibError::NoBoard { .. }) => error,
         other => return other,
     };
     let shows = |picture: &GrayPicture, board: &Board| {
         let markers = board.markers()?;
-        let corners = found(name, picture, board, markers, None).ok()?.corners.len();
+        let corners = detect_board(name, picture, board, markers, None).ok()?.corners.len();
         // A few markers of another layout may lie as in this one. Only the layout that the picture really shows is
         // found completely.
         (corners as f64 >= MIN_CORNER_SHARE * board.count() as f64).then_some(corners)
     };
     let other = |what: String| CalibError::OtherCharuco { picture: name.to_owned(), what };
     let dictionary = &charuco.dictionary;
-    let own = foreign::dictionary_number(dictionary).map_or(Ok(vec![]), |number| seen_small(picture, number))?;
-    if own.len() >= SOME_MARKERS {
+    let own =
+        foreign::dictionary_number(dictionary).map_or(Ok(vec![]), |number| detect_in_reduced(picture, number))?;
+    if own.len() >= MIN_BOARD_MARKERS {
         let tried = board
-            .otherwise()
+            .alternative_layouts()
             .into_iter()
             .filter_map(|(asked, words)| Some((shows(picture, &asked)?, asked, words)));
         if let Some((_, asked, words)) = tried.max_by_key(|(corners, ..)| *corners) {
@@ -67,14 +68,14 @@ pub(super) fn detect(
             own.len()
         )));
     }
-    let mirrored = mirrored(picture);
+    let mirrored = mirror_picture(picture);
     if shows(&mirrored, board).is_some() {
         return Err(other("the picture is mirrored: use the picture as the camera's sensor sees it".to_owned()));
     }
     for candidate in DICTIONARIES.iter().filter(|candidate| *candidate != dictionary) {
         let Some(number) = foreign::dictionary_number(candidate) else { continue };
-        let markers = seen_small(picture, number)?;
-        if markers.len() >= SURE_MARKERS {
+        let markers = detect_in_reduced(picture, number)?;
+        if markers.len() >= MIN_OTHER_BOARD_MARKERS {
             return Err(other(format!(
                 "the picture shows {} markers of the dictionary {candidate}, and none of {dictionary}: correct the \
                  dictionary in --board",
@@ -86,9 +87,9 @@ pub(super) fn detect(
 }
 
 /// At least this number of markers shows a board; fewer may be chance.
-const SOME_MARKERS: usize = 4;
+const MIN_BOARD_MARKERS: usize = 4;
 /// At least this number of markers shows a board of a dictionary that the user did not name.
-const SURE_MARKERS: usize = 6;
+const MIN_OTHER_BOARD_MARKERS: usize = 6;
 /// The largest dictionary of each family, which begins with the markers of the smaller ones.
 const DICTIONARIES: [&str; 9] = [
     "4X4_1000",
@@ -102,28 +103,28 @@ const DICTIONARIES: [&str; 9] = [
     "APRILTAG_36H11",
 ];
 /// A picture of this width is enough to read markers, px.
-const SMALL_PX: usize = 1_200;
+const REDUCED_WIDTH_PX: usize = 1_200;
 
 /// Returns the markers of a dictionary in a picture of moderate size.
-fn seen_small(picture: &GrayPicture, dictionary: i32) -> Result<Vec<(usize, [Pixel; 4])>, ImagingError> {
-    let times = picture.width.max(picture.height).div_ceil(SMALL_PX).max(1);
-    let small = if times == 1 { None } else { Some(foreign::reduced(picture, times)?) };
-    foreign::markers(small.as_ref().unwrap_or(picture), dictionary)
+fn detect_in_reduced(picture: &GrayPicture, dictionary: i32) -> Result<Vec<(usize, [Pixel; 4])>, ImagingError> {
+    let times = picture.width.max(picture.height).div_ceil(REDUCED_WIDTH_PX).max(1);
+    let small = if times == 1 { None } else { Some(foreign::reduce_picture(picture, times)?) };
+    foreign::detect_markers(small.as_ref().unwrap_or(picture), dictionary)
 }
 
-fn mirrored(picture: &GrayPicture) -> GrayPicture {
+fn mirror_picture(picture: &GrayPicture) -> GrayPicture {
     let rows = picture.gray.chunks(picture.width.max(1));
     let gray = rows.flat_map(|row| row.iter().rev().copied()).collect();
     GrayPicture { gray, ..picture.clone() }
 }
 
-fn found(
+fn detect_board(
     name: &str,
     picture: &GrayPicture,
     board: &Board,
     charuco: &Charuco,
     half_window_px: Option<usize>,
-) -> Result<Detected, CalibError> {
+) -> Result<DetectedCorners, CalibError> {
     let unknown = || CalibError::Board {
         text: charuco.dictionary.clone(),
         message: "OpenCV has no dictionary with this name".to_owned(),
@@ -131,17 +132,25 @@ fn found(
     let dictionary = foreign::dictionary_number(&charuco.dictionary).ok_or_else(unknown)?;
     let squares = board.marker_squares();
     let found = markers(picture, dictionary, squares.len())?;
-    let seen =
-        of_one_plane(found.iter().map(|(number, corners)| (squares[*number], *corners)).collect(), board, charuco);
+    let seen = filter_coplanar(
+        found.iter().map(|(number, corners)| (squares[*number], *corners)).collect(),
+        board,
+        charuco,
+    );
     let cells = marker_cells(board)?;
     let print = Print::from_board(board, &cells);
-    let search =
-        Search { picture, board, print: &print, smooth: &Smooth::from_picture(picture), noise: noise(picture) };
-    let (places, pixels) = placed(board, charuco, &seen);
-    let mut best = search.grown(places.into_iter().zip(pixels).collect());
+    let search = Search {
+        picture,
+        board,
+        print: &print,
+        smoothed: &SmoothedPicture::from_picture(picture),
+        noise: noise(picture),
+    };
+    let (places, pixels) = match_markers(board, charuco, &seen);
+    let mut best = search.grow(places.into_iter().zip(pixels).collect());
     let cells: Cells = squares.into_iter().zip(cells).collect();
     if (best.len() as f64) < MIN_CORNER_SHARE * board.count() as f64 {
-        let by_lattice = of_lattices(&search, &cells)?;
+        let by_lattice = detect_from_lattices(&search, &cells)?;
         if by_lattice.len() > best.len() {
             best = by_lattice;
         }
@@ -153,32 +162,32 @@ fn found(
     let inset = (board.square_mm() - charuco.marker_mm) / 2.0 / board.square_mm();
     let mut corners: Corners = best.values().copied().collect();
     if half_window_px.is_some() {
-        return Ok(refined(picture, &corners, board.square_mm(), half_window_px)?);
+        return Ok(refine_subpix(picture, &corners, board.square_mm(), half_window_px)?);
     }
     // The window must not extend beyond the markers.
     let half_window_px = (1.2 * inset * shortest_px(&corners, board.square_mm())).clamp(3.0, 11.0) as usize;
     let mut is_seen = vec![true; corners.len()];
-    corners.extend(search.foretold(&best));
+    corners.extend(search.predict_missing(&best));
     is_seen.resize(corners.len(), false);
-    let found = Detected { corners, half_window_px, modelled: 0 };
-    let found = modelled(picture, board, found, &is_seen, &print);
+    let found = DetectedCorners { corners, half_window_px, modelled_count: 0 };
+    let found = refine_with_model(picture, board, found, &is_seen, &print);
     if found.corners.len() < MIN_CORNERS { Err(none()) } else { Ok(found) }
 }
 
 /// Returns the markers that fit one common plane, without those of other objects or wrongly read ones.
-fn of_one_plane(mut markers: Vec<Near>, board: &Board, charuco: &Charuco) -> Vec<Near> {
+fn filter_coplanar(mut markers: Vec<GridSquare>, board: &Board, charuco: &Charuco) -> Vec<GridSquare> {
     while markers.len() >= 3 {
-        let (places, pixels) = placed(board, charuco, &markers);
+        let (places, pixels) = match_markers(board, charuco, &markers);
         let Some(plane) = foreign::homography(&places, &pixels) else { return Vec::new() };
         let apart = |index: usize| {
             let corners = 4 * index..4 * index + 4;
             let side_px = pixels[corners.start].distance_px(pixels[corners.start + 1]);
-            let off = corners.map(|at| pixel_of(&plane, places[at]).distance_px(pixels[at]));
+            let off = corners.map(|at| homography_pixel(&plane, places[at]).distance_px(pixels[at]));
             off.fold(0.0, f64::max) / side_px
         };
         let farthest = (0..markers.len()).map(|index| (index, apart(index))).max_by(|a, b| a.1.total_cmp(&b.1));
         match farthest {
-            Some((index, apart)) if apart > BENT_WHOLE => markers.remove(index),
+            Some((index, apart)) if apart > MAX_PLANE_DISTANCE_SHARE => markers.remove(index),
             _ => break,
         };
     }
@@ -186,10 +195,10 @@ fn of_one_plane(mut markers: Vec<Near>, board: &Board, charuco: &Charuco) -> Vec
 }
 
 /// Returns the positions of the markers' corners on the board, mm, and their pixels.
-fn placed(board: &Board, charuco: &Charuco, markers: &[Near]) -> (Vec<[f64; 2]>, Vec<Pixel>) {
+fn match_markers(board: &Board, charuco: &Charuco, markers: &[GridSquare]) -> (Vec<[f64; 2]>, Vec<Pixel>) {
     let (square, inset) = (board.square_mm(), (board.square_mm() - charuco.marker_mm) / 2.0);
     let side = charuco.marker_mm;
-    let place = |((column, row), corners): &Near| {
+    let place = |((column, row), corners): &GridSquare| {
         let low = [*column as f64 - 1.0, *row as f64 - 1.0].map(|index| index * square + inset);
         let offsets = [[0.0, 0.0], [side, 0.0], [side, side], [0.0, side]];
         let places = offsets.map(|[x, y]| [low[0] + x, low[1] + y]);
@@ -207,13 +216,13 @@ fn markers(
     count: usize,
 ) -> Result<BTreeMap<usize, [Pixel; 4]>, ImagingError> {
     let mut all = BTreeMap::new();
-    for times in chessboard::reductions(picture) {
-        let small = if times == 1 { None } else { Some(foreign::reduced(picture, times)?) };
+    for times in chessboard::reduction_factors(picture) {
+        let small = if times == 1 { None } else { Some(foreign::reduce_picture(picture, times)?) };
         let small = small.as_ref().unwrap_or(picture);
         let across = picture.width as f64 / small.width as f64;
         let down = picture.height as f64 / small.height as f64;
         let whole = |pixel: Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
-        let found = foreign::markers(small, dictionary)?;
+        let found = foreign::detect_markers(small, dictionary)?;
         all.extend(
             found.into_iter().filter(|(number, _)| *number < count).map(|(n, corners)| (n, corners.map(whole))),
         );
@@ -224,19 +233,19 @@ fn markers(
     Ok(all)
 }
 
-type Near = ((usize, usize), [Pixel; 4]);
+type GridSquare = ((usize, usize), [Pixel; 4]);
 
 /// Returns the largest part of the board that is found from lattices of corners.
-fn of_lattices(search: &Search, cells: &Cells) -> Result<Grown, ImagingError> {
-    let (side, mut best) = (search.board.square_mm(), Grown::new());
-    for times in chessboard::reductions(search.picture) {
-        let mut grids = chessboard::look(search.picture, times)?;
-        grids.sort_by_key(|grid| std::cmp::Reverse(grid.seen()));
-        for grid in grids.into_iter().filter(|grid| grid.seen() >= MIN_CORNERS).take(MAX_LATTICES) {
-            let Some(corners) = identified(search.smooth, &grid, search.board, cells) else { continue };
+fn detect_from_lattices(search: &Search, cells: &Cells) -> Result<CornerMap, ImagingError> {
+    let (side, mut best) = (search.board.square_mm(), CornerMap::new());
+    for times in chessboard::reduction_factors(search.picture) {
+        let mut grids = chessboard::detect_lattices(search.picture, times)?;
+        grids.sort_by_key(|grid| std::cmp::Reverse(grid.seen_count()));
+        for grid in grids.into_iter().filter(|grid| grid.seen_count() >= MIN_CORNERS).take(MAX_LATTICES) {
+            let Some(corners) = assign_lattice(search.smoothed, &grid, search.board, cells) else { continue };
             let known =
                 corners.into_iter().map(|((c, r), pixel)| ([f64::from(c) * side, f64::from(r) * side], pixel));
-            let grown = search.grown(known.collect());
+            let grown = search.grow(known.collect());
             if grown.len() > best.len() {
                 best = grown;
             }

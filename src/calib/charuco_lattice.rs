@@ -8,14 +8,14 @@
 
 use super::board::Board;
 use super::chessboard::Grid;
-use super::crossings::Smooth;
+use super::crossings::SmoothedPicture;
 use super::foreign;
 use crate::geometry::Pixel;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Minimum correlation of the grey levels with the print, over all squares with markers. It must exceed the
 /// second-best one by at least `ABOVE`.
-pub(super) const ALIKE: f64 = 0.4;
+pub(super) const MIN_PRINT_CORRELATION: f64 = 0.4;
 const ABOVE: f64 = 0.15;
 /// Minimum number of squares with markers that are compared.
 const MIN_SQUARES: usize = 4;
@@ -27,7 +27,12 @@ pub(super) type LatticeCorners = Vec<((i32, i32), Pixel)>;
 pub(super) type Cells = Vec<((usize, usize), Vec<bool>)>;
 
 /// Assigns the seen corners of a lattice to those of the board; `None` if no position is clearly the right one.
-pub(super) fn identified(smooth: &Smooth, grid: &Grid, board: &Board, cells: &Cells) -> Option<LatticeCorners> {
+pub(super) fn assign_lattice(
+    smooth: &SmoothedPicture,
+    grid: &Grid,
+    board: &Board,
+    cells: &Cells,
+) -> Option<LatticeCorners> {
     let share = board.markers()?.marker_mm / board.square_mm();
     let mut seen: LatticeCorners = Vec::new();
     for (index, node) in grid.nodes.iter().enumerate().filter(|(_, node)| node.is_seen) {
@@ -50,7 +55,7 @@ pub(super) fn identified(smooth: &Smooth, grid: &Grid, board: &Board, cells: &Ce
                 let inside: LatticeCorners =
                     moved.filter(|((c, r), _)| (0..columns).contains(c) && (0..rows).contains(r)).collect();
                 if 4 * inside.len() >= 3 * seen.len()
-                    && let Some(score) = likeness(smooth, &inside, cells, share)
+                    && let Some(score) = print_correlation(smooth, &inside, cells, share)
                 {
                     scores.push((score, inside));
                 }
@@ -63,7 +68,7 @@ pub(super) fn identified(smooth: &Smooth, grid: &Grid, board: &Board, cells: &Ce
     scores.sort_by(|a, b| b.0.total_cmp(&a.0));
     let second = scores.get(1).map_or(0.0, |(score, _)| *score);
     let (best, corners) = scores.into_iter().next()?;
-    (best > ALIKE && best > second + ABOVE).then_some(corners)
+    (best > MIN_PRINT_CORRELATION && best > second + ABOVE).then_some(corners)
 }
 
 fn is_mirrored(grid: &Grid) -> bool {
@@ -73,7 +78,7 @@ fn is_mirrored(grid: &Grid) -> bool {
 }
 
 /// Returns the mean correlation of the grey levels with the print, over the squares beside the corners.
-fn likeness(smooth: &Smooth, corners: &LatticeCorners, cells: &Cells, share: f64) -> Option<f64> {
+fn print_correlation(smooth: &SmoothedPicture, corners: &LatticeCorners, cells: &Cells, share: f64) -> Option<f64> {
     let places: Vec<[f64; 2]> = corners.iter().map(|((c, r), _)| [f64::from(*c), f64::from(*r)]).collect();
     let pixels: Vec<Pixel> = corners.iter().map(|(_, pixel)| *pixel).collect();
     let plane = if places.len() >= 4 { foreign::homography(&places, &pixels)? } else { return None };
@@ -92,7 +97,7 @@ fn likeness(smooth: &Smooth, corners: &LatticeCorners, cells: &Cells, share: f64
 /// Returns the correlation of the grey levels with a square's print, without `rim` cells at its border: the outermost
 /// cells are black in every marker.
 pub(super) fn correlation(
-    smooth: &Smooth,
+    smooth: &SmoothedPicture,
     plane: &Matrix3<f64>,
     square: (usize, usize),
     (cells, share, rim): (&[bool], f64, usize),
@@ -106,7 +111,7 @@ pub(super) fn correlation(
         .filter(|(index, _)| is_inner(index % side) && is_inner(index / side))
         .map(|(index, is_white)| {
             let p = plane * Vector3::new(at(index % side, square.0), at(index / side, square.1), 1.0);
-            (smooth.at(Vector2::new(p.x / p.z, p.y / p.z)), f64::from(u8::from(*is_white)))
+            (smooth.interpolate(Vector2::new(p.x / p.z, p.y / p.z)), f64::from(u8::from(*is_white)))
         })
         .collect();
     let count = pairs.len() as f64;

@@ -10,9 +10,9 @@
 //! pass, at a small size.)
 
 use super::board::Board;
-use super::crossings::{Crossing, Smooth, crossings, noise};
+use super::crossings::{Crossing, SmoothedPicture, crossings, noise};
 use super::foreign;
-use super::lattice::{Lattice, extent, lattices, trimmed};
+use super::lattice::{Lattice, extent, lattices, trim_sparse_lines};
 use super::saddle;
 use crate::geometry::{GrayPicture, Pixel};
 use crate::imaging::ImagingError;
@@ -31,11 +31,11 @@ const LINE_SHARES: [f64; 3] = [0.2, 0.45, 0.65];
 /// The smallest size of a chessboard, inner corners.
 const MIN_BOARD_CORNERS: usize = 3;
 /// The share of the board's corners that must be seen.
-const SEEN_SHARE: f64 = 0.5;
+const MIN_SEEN_SHARE: f64 = 0.5;
 /// The share of the corners of another board that must be seen before it is reported.
-const OTHER_SHARE: f64 = 0.8;
+const MIN_OTHER_BOARD_SHARE: f64 = 0.8;
 /// If this share of a line beyond the board consists of corners, the line belongs to a larger board.
-const REAL_SHARE: f64 = 0.4;
+const MIN_LINE_SHARE: f64 = 0.4;
 /// Minimum ratio of a corner's contrast to that of its neighbour.
 const HALF_CONTRAST: f64 = 0.7;
 /// A predicted corner is searched for within this fraction of the distance to its neighbour.
@@ -64,28 +64,28 @@ pub(super) enum Search {
 /// Searches a picture for a board.
 pub(super) fn find(picture: &GrayPicture, board: &Board) -> Result<Search, ImagingError> {
     let (mut best, mut other): (Option<Grid>, Option<([usize; 2], usize)>) = (None, None);
-    for times in reductions(picture) {
-        for found in look(picture, times)? {
-            let seen = found.seen();
-            let own = found.turned_to(board.columns(), board.rows());
-            if let Some(grid) = own.filter(|grid| grid.share() >= SEEN_SHARE) {
-                if best.as_ref().is_none_or(|best| best.seen() < seen) && !goes_on(picture, &grid) {
+    for times in reduction_factors(picture) {
+        for found in detect_lattices(picture, times)? {
+            let seen = found.seen_count();
+            let own = found.rotated_to_size(board.columns(), board.rows());
+            if let Some(grid) = own.filter(|grid| grid.share() >= MIN_SEEN_SHARE) {
+                if best.as_ref().is_none_or(|best| best.seen_count() < seen) && !extends_beyond(picture, &grid) {
                     best = Some(grid);
                 }
             } else if found.columns.min(found.rows) >= MIN_BOARD_CORNERS
-                && found.share() >= OTHER_SHARE
-                && found.has_whole_sides()
+                && found.share() >= MIN_OTHER_BOARD_SHARE
+                && found.has_complete_sides()
                 && other.is_none_or(|(_, most)| most < seen)
             {
                 other = Some((found.sides(), seen));
             }
         }
-        if best.as_ref().is_some_and(|best| best.seen() == board.count()) {
+        if best.as_ref().is_some_and(|best| best.seen_count() == board.count()) {
             break;
         }
     }
     Ok(match (best, other) {
-        (Some(grid), _) => Search::Board(oriented(grid, picture, board)),
+        (Some(grid), _) => Search::Board(orient_corners(grid, picture, board)),
         (None, Some((sides, _))) => Search::Other(sides),
         (None, None) => sector_based(picture, board)?.map_or(Search::Nothing, Search::Board),
     })
@@ -95,8 +95,8 @@ pub(super) fn find(picture: &GrayPicture, board: &Board) -> Result<Search, Imagi
 /// are distorted or dirty.
 fn sector_based(picture: &GrayPicture, board: &Board) -> Result<Option<Vec<Node>>, ImagingError> {
     let small_enough = |times: &usize| picture.gray.len() / (times * times) <= SECTOR_BASED_PX;
-    let Some(times) = reductions(picture).into_iter().rfind(small_enough) else { return Ok(None) };
-    let small = if times == 1 { None } else { Some(foreign::reduced(picture, times)?) };
+    let Some(times) = reduction_factors(picture).into_iter().rfind(small_enough) else { return Ok(None) };
+    let small = if times == 1 { None } else { Some(foreign::reduce_picture(picture, times)?) };
     let small = small.as_ref().unwrap_or(picture);
     let (across, down) = (picture.width as f64 / small.width as f64, picture.height as f64 / small.height as f64);
     let whole = |pixel: Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
@@ -104,11 +104,11 @@ fn sector_based(picture: &GrayPicture, board: &Board) -> Result<Option<Vec<Node>
     let Some(pixels) = foreign::chessboard(small, (columns, rows))? else { return Ok(None) };
     let nodes = pixels.into_iter().map(|pixel| Node { pixel: whole(pixel), is_seen: true });
     let grid = Grid { columns, rows, nodes: nodes.collect() };
-    Ok((!goes_on(picture, &grid)).then(|| oriented(grid, picture, board)))
+    Ok((!extends_beyond(picture, &grid)).then(|| orient_corners(grid, picture, board)))
 }
 
 /// Returns the factors by which the picture is reduced for each pass, the smallest picture first.
-pub(super) fn reductions(picture: &GrayPicture) -> Vec<usize> {
+pub(super) fn reduction_factors(picture: &GrayPicture) -> Vec<usize> {
     let long = picture.width.max(picture.height);
     let times = (0..16).map(|power| 1usize << power);
     let mut all: Vec<usize> = times
@@ -120,17 +120,17 @@ pub(super) fn reductions(picture: &GrayPicture) -> Vec<usize> {
 }
 
 /// Returns the lattices of a reduced picture, in pixels of the full-size picture.
-pub(super) fn look(picture: &GrayPicture, times: usize) -> Result<Vec<Grid>, ImagingError> {
-    let small = if times == 1 { None } else { Some(foreign::reduced(picture, times)?) };
+pub(super) fn detect_lattices(picture: &GrayPicture, times: usize) -> Result<Vec<Grid>, ImagingError> {
+    let small = if times == 1 { None } else { Some(foreign::reduce_picture(picture, times)?) };
     let small = small.as_ref().unwrap_or(picture);
     let (across, down) = (picture.width as f64 / small.width as f64, picture.height as f64 / small.height as f64);
     let whole = |pixel: Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
-    let smooth = Smooth::from_picture(small);
+    let smooth = SmoothedPicture::from_picture(small);
     let all = crossings(&smooth);
     let found = lattices(&smooth, &all);
     // An outer line with half of its corners missing may be partly hidden, or may be something beside the board.
     let grids = found.into_iter().flat_map(|lattice| {
-        let mut all = LINE_SHARES.map(|share| trimmed(lattice.clone(), share)).to_vec();
+        let mut all = LINE_SHARES.map(|share| trim_sparse_lines(lattice.clone(), share)).to_vec();
         all.dedup_by_key(|lattice| lattice.len());
         all
     });
@@ -170,7 +170,7 @@ impl Grid {
             match (lattice.get(&(column as i32 + left, row as i32 + low)), &plane) {
                 (Some(found), _) => Some(Node { pixel: crossings[*found].pixel(), is_seen: true }),
                 (None, Some(plane)) => {
-                    let pixel = foretold(plane, [column as f64, row as f64], (&places, &pixels))?;
+                    let pixel = predict_pixel(plane, [column as f64, row as f64], (&places, &pixels))?;
                     Some(Node { pixel, is_seen: false })
                 }
                 (None, None) => None,
@@ -179,19 +179,19 @@ impl Grid {
         Some(Grid { columns, rows, nodes: (0..columns * rows).map(node).collect::<Option<_>>()? })
     }
 
-    pub fn seen(&self) -> usize {
+    pub fn seen_count(&self) -> usize {
         self.nodes.iter().filter(|node| node.is_seen).count()
     }
 
     fn share(&self) -> f64 {
-        self.seen() as f64 / self.nodes.len() as f64
+        self.seen_count() as f64 / self.nodes.len() as f64
     }
 
     /// Returns whether enough of each outer line was seen.
-    fn has_whole_sides(&self) -> bool {
+    fn has_complete_sides(&self) -> bool {
         let line = |first: usize, step: usize, count: usize| {
             let seen = (0..count).filter(|index| self.nodes[first + index * step].is_seen).count();
-            seen as f64 >= SEEN_SHARE * count as f64
+            seen as f64 >= MIN_SEEN_SHARE * count as f64
         };
         let (columns, rows) = (self.columns, self.rows);
         line(0, 1, columns)
@@ -206,7 +206,7 @@ impl Grid {
     }
 
     /// Returns the same corners with this number of columns and rows; `None` if the grid has other numbers.
-    fn turned_to(&self, columns: usize, rows: usize) -> Option<Grid> {
+    fn rotated_to_size(&self, columns: usize, rows: usize) -> Option<Grid> {
         if (self.columns, self.rows) == (columns, rows) {
             return Some(self.clone());
         }
@@ -218,7 +218,11 @@ impl Grid {
 
 /// Predicts the pixel of a position by a homography, and corrects it by the deviations of the nearest corners, which a
 /// lens displaces.
-fn foretold(plane: &Matrix3<f64>, place: [f64; 2], (places, pixels): (&[[f64; 2]], &[Pixel])) -> Option<Pixel> {
+fn predict_pixel(
+    plane: &Matrix3<f64>,
+    place: [f64; 2],
+    (places, pixels): (&[[f64; 2]], &[Pixel]),
+) -> Option<Pixel> {
     let at = |[x, y]: [f64; 2]| {
         let p = plane * Vector3::new(x, y, 1.0);
         (p.z.abs() > 1e-12).then(|| Vector2::new(p.x / p.z, p.y / p.z))
@@ -237,7 +241,7 @@ fn foretold(plane: &Matrix3<f64>, place: [f64; 2], (places, pixels): (&[[f64; 2]
 }
 
 /// Returns whether more corners of squares follow beyond one of the outer lines.
-fn goes_on(picture: &GrayPicture, grid: &Grid) -> bool {
+fn extends_beyond(picture: &GrayPicture, grid: &Grid) -> bool {
     let at = |column: usize, row: usize| {
         let pixel = grid.nodes[row * grid.columns + column].pixel;
         Vector2::new(pixel.u, pixel.v)
@@ -274,13 +278,13 @@ fn goes_on(picture: &GrayPicture, grid: &Grid) -> bool {
     (0..4).any(|side| {
         let count = if side < 2 { rows } else { columns };
         let corners = (0..count).filter(|index| is_corner(side, *index)).count();
-        corners as f64 >= REAL_SHARE * count as f64
+        corners as f64 >= MIN_LINE_SHARE * count as f64
     })
 }
 
 /// Returns the corners in the board's own order, never mirrored. A board with a unique first corner begins with the
 /// black outer square, a square board in the upper left, any other board with its upper end.
-fn oriented(grid: Grid, picture: &GrayPicture, board: &Board) -> Vec<Node> {
+fn orient_corners(grid: Grid, picture: &GrayPicture, board: &Board) -> Vec<Node> {
     let (columns, rows, mut corners) = (grid.columns, grid.rows, grid.nodes);
     let [first, right, below] = [0, columns - 1, (rows - 1) * columns].map(|index| corners[index].pixel);
     let turn = (right.u - first.u) * (below.v - first.v) - (right.v - first.v) * (below.u - first.u);
@@ -291,7 +295,7 @@ fn oriented(grid: Grid, picture: &GrayPicture, board: &Board) -> Vec<Node> {
         return upper_left_first(corners, columns);
     }
     let is_upside_down = match board.is_unique() {
-        true => begins_white(&corners, columns, picture),
+        true => is_first_square_white(&corners, columns, picture),
         false => corners[corners.len() - 1].pixel.v < corners[0].pixel.v,
     };
     if is_upside_down {
@@ -314,7 +318,7 @@ fn upper_left_first(corners: Vec<Node>, side: usize) -> Vec<Node> {
 }
 
 /// Returns whether the outer square at the first corner is white, by all squares between corners that were seen.
-fn begins_white(corners: &[Node], columns: usize, picture: &GrayPicture) -> bool {
+fn is_first_square_white(corners: &[Node], columns: usize, picture: &GrayPicture) -> bool {
     // Sum and count of the squares with the outer square's colour, and of the others.
     let mut sums = [(0.0, 0.0); 2];
     for index in (0..corners.len() - columns).filter(|index| index % columns + 1 < columns) {
@@ -331,7 +335,7 @@ fn begins_white(corners: &[Node], columns: usize, picture: &GrayPicture) -> bool
 
 /// Returns the mean of the nine pixels around a pixel.
 fn gray_at(picture: &GrayPicture, at: Pixel) -> Option<f64> {
-    let (column, row) = at.whole(picture.width, picture.height)?;
+    let (column, row) = at.nearest_whole(picture.width, picture.height)?;
     let columns = column.saturating_sub(1)..(column + 2).min(picture.width);
     let rows = row.saturating_sub(1)..(row + 2).min(picture.height);
     let pixels = rows.flat_map(|row| columns.clone().map(move |column| row * picture.width + column));
@@ -347,7 +351,7 @@ mod tests {
     /// small picture is examined as it is.
     #[test]
     fn the_last_look_is_bounded_and_the_first_one_is_small() {
-        let all = |width: usize, height: usize| reductions(&GrayPicture::filled(width, height, 0));
+        let all = |width: usize, height: usize| reduction_factors(&GrayPicture::uniform(width, height, 0));
         assert_eq!(all(1944, 1200), [4, 2, 1]);
         assert_eq!(all(2592, 1944), [4, 2]);
         assert_eq!(all(640, 480), [1]);
@@ -366,9 +370,9 @@ mod tests {
         };
         let right: Vec<Node> = (0..12).map(|i| node((i % 4, i / 4))).collect();
         let turned = grid(3, 4, &[0, 1, 2, 3].map(|u| [0, 1, 2].map(|v| (u, v))).concat());
-        assert_eq!(turned.turned_to(4, 3).map(|grid| grid.nodes), Some(right.clone()));
-        assert_eq!(turned.turned_to(5, 3), None);
-        let picture = GrayPicture::filled(8, 8, 0);
+        assert_eq!(turned.rotated_to_size(4, 3).map(|grid| grid.nodes), Some(right.clone()));
+        assert_eq!(turned.rotated_to_size(5, 3), None);
+        let picture = GrayPicture::uniform(8, 8, 0);
         // Both sides even: the upper end comes first, independent of the order in which the corners were found.
         let board = Board::parse("6x4", 1.0).expect("a board");
         let upright: Vec<(usize, usize)> = (0..24).map(|i| (i % 6, i / 6)).collect();
@@ -376,11 +380,11 @@ mod tests {
         let mirrored: Vec<_> = upright.iter().map(|&(u, v)| (5 - u, v)).collect();
         let upside: Vec<_> = upright.iter().rev().copied().collect();
         for found in [upright.clone(), mirrored, upside] {
-            assert_eq!(oriented(grid(6, 4, &found), &picture, &board), expected, "{found:?}");
+            assert_eq!(orient_corners(grid(6, 4, &found), &picture, &board), expected, "{found:?}");
         }
         let square: Vec<(usize, usize)> = (0..9).map(|i| (2 - i / 3, i % 3)).collect();
         let expected: Vec<Node> = (0..9).map(|i| node((i % 3, i / 3))).collect();
         let board = Board::parse("3x3", 1.0).expect("a board");
-        assert_eq!(oriented(grid(3, 3, &square), &picture, &board), expected);
+        assert_eq!(orient_corners(grid(3, 3, &square), &picture, &board), expected);
     }
 }

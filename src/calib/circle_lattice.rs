@@ -17,30 +17,30 @@ const PREDICTION_TOLERANCE: f64 = 0.27;
 const AREAS: f64 = 5.5;
 /// Maximum number of neighbours that are tried for the first steps. `PAIRS` is the maximum number of their pairs, and
 /// `SEEDS` that of the blobs from which a lattice begins.
-const FIRST: usize = 6;
+const MAX_FIRST_NEIGHBOURS: usize = 6;
 const PAIRS: usize = 4;
 const SEEDS: usize = 25;
 /// The share of the board's circles that must be seen.
-const SEEN_SHARE: f64 = 0.5;
+const MIN_SEEN_SHARE: f64 = 0.5;
 
 /// Circles by their index in the board's list.
 pub(super) type LatticePositions = BTreeMap<usize, Blob>;
 
 /// Finds the board among the blobs, which are sorted with the likeliest first; `None` if it is not there.
 pub(super) fn grid(blobs: &[Blob], board: &Board) -> Option<LatticePositions> {
-    let needed = (SEEN_SHARE * board.count() as f64).ceil() as usize;
+    let needed = (MIN_SEEN_SHARE * board.count() as f64).ceil() as usize;
     let mut used: BTreeSet<usize> = BTreeSet::new();
     let mut best: Option<LatticePositions> = None;
     for seed in 0..blobs.len().min(SEEDS) {
         if used.contains(&seed) {
             continue;
         }
-        for (right, down) in first_steps(blobs, seed) {
-            let lattice = grow(blobs, seed, (right, down));
+        for (right, down) in candidate_steps(blobs, seed) {
+            let lattice = grow_lattice(blobs, seed, (right, down));
             if lattice.len() < needed {
                 continue;
             }
-            if let Some(placed) = on_board(blobs, &lattice, board)
+            if let Some(placed) = assign_to_board(blobs, &lattice, board)
                 && best.as_ref().is_none_or(|best| best.len() < placed.len())
             {
                 used.extend(lattice.values().copied());
@@ -55,23 +55,23 @@ pub(super) fn grid(blobs: &[Blob], board: &Board) -> Option<LatticePositions> {
     best
 }
 
-fn between(blobs: &[Blob], from: usize, to: usize) -> Vector2<f64> {
-    let (a, b) = (blobs[from].middle, blobs[to].middle);
+fn offset_between(blobs: &[Blob], from: usize, to: usize) -> Vector2<f64> {
+    let (a, b) = (blobs[from].centre, blobs[to].centre);
     Vector2::new(b.u - a.u, b.v - a.v)
 }
 
-fn are_alike(one: &Blob, two: &Blob) -> bool {
+fn are_similar(one: &Blob, two: &Blob) -> bool {
     (1.0 / AREAS..=AREAS).contains(&(one.area_px / two.area_px))
 }
 
 /// Returns pairs of steps to neighbours, the shortest first, never mirrored.
-fn first_steps(blobs: &[Blob], seed: usize) -> Vec<(Vector2<f64>, Vector2<f64>)> {
+fn candidate_steps(blobs: &[Blob], seed: usize) -> Vec<(Vector2<f64>, Vector2<f64>)> {
     let mut near: Vec<Vector2<f64>> = (0..blobs.len())
-        .filter(|other| *other != seed && are_alike(&blobs[*other], &blobs[seed]))
-        .map(|other| between(blobs, seed, other))
+        .filter(|other| *other != seed && are_similar(&blobs[*other], &blobs[seed]))
+        .map(|other| offset_between(blobs, seed, other))
         .collect();
     near.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
-    near.truncate(FIRST);
+    near.truncate(MAX_FIRST_NEIGHBOURS);
     let mut pairs: Vec<(Vector2<f64>, Vector2<f64>)> = Vec::new();
     for (index, one) in near.iter().enumerate() {
         for two in &near[..index] {
@@ -86,7 +86,11 @@ fn first_steps(blobs: &[Blob], seed: usize) -> Vec<(Vector2<f64>, Vector2<f64>)>
 }
 
 /// Returns the lattice that these steps span from a blob.
-fn grow(blobs: &[Blob], seed: usize, (right, down): (Vector2<f64>, Vector2<f64>)) -> BTreeMap<(i32, i32), usize> {
+fn grow_lattice(
+    blobs: &[Blob],
+    seed: usize,
+    (right, down): (Vector2<f64>, Vector2<f64>),
+) -> BTreeMap<(i32, i32), usize> {
     let mut lattice = BTreeMap::from([((0, 0), seed)]);
     let mut taken = BTreeSet::from([seed]);
     let mut open = VecDeque::from([(0, 0)]);
@@ -98,15 +102,16 @@ fn grow(blobs: &[Blob], seed: usize, (right, down): (Vector2<f64>, Vector2<f64>)
             }
             let own = lattice[&at];
             let place = |at: (i32, i32)| lattice.get(&at).copied();
-            let pair =
-                |from: (i32, i32)| Some(between(blobs, place(from)?, place((from.0 + step.0, from.1 + step.1))?));
+            let pair = |from: (i32, i32)| {
+                Some(offset_between(blobs, place(from)?, place((from.0 + step.0, from.1 + step.1))?))
+            };
             let foretold = pair((at.0 - step.0, at.1 - step.1))
                 .or_else(|| pair((at.0 + step.1, at.1 + step.0)))
                 .or_else(|| pair((at.0 - step.1, at.1 - step.0)))
                 .unwrap_or_else(|| right * f64::from(step.0) + down * f64::from(step.1));
-            let off = |index: usize| (between(blobs, own, index) - foretold).norm();
+            let off = |index: usize| (offset_between(blobs, own, index) - foretold).norm();
             let nearest = (0..blobs.len())
-                .filter(|index| !taken.contains(index) && are_alike(&blobs[*index], &blobs[own]))
+                .filter(|index| !taken.contains(index) && are_similar(&blobs[*index], &blobs[own]))
                 .min_by(|a, b| off(*a).total_cmp(&off(*b)));
             if let Some(index) = nearest.filter(|index| off(*index) < PREDICTION_TOLERANCE * foretold.norm()) {
                 lattice.insert(there, index);
@@ -120,7 +125,11 @@ fn grow(blobs: &[Blob], seed: usize, (right, down): (Vector2<f64>, Vector2<f64>)
 
 /// Assigns the lattice to the board's circles; if several assignments fit, the one with the first circle at the top is
 /// used.
-fn on_board(blobs: &[Blob], lattice: &BTreeMap<(i32, i32), usize>, board: &Board) -> Option<LatticePositions> {
+fn assign_to_board(
+    blobs: &[Blob],
+    lattice: &BTreeMap<(i32, i32), usize>,
+    board: &Board,
+) -> Option<LatticePositions> {
     let is_asymmetric = board.circles()?;
     let places: BTreeMap<(i32, i32), usize> = (0..board.count())
         .map(|index| {
@@ -130,13 +139,13 @@ fn on_board(blobs: &[Blob], lattice: &BTreeMap<(i32, i32), usize>, board: &Board
         .collect();
     let far = |of: fn(&(i32, i32)) -> i32| places.keys().map(of).max().unwrap_or(0);
     let (wide, high) = (far(|at| at.0), far(|at| at.1));
-    let needed = (SEEN_SHARE * board.count() as f64).ceil() as usize;
+    let needed = (MIN_SEEN_SHARE * board.count() as f64).ceil() as usize;
     let mut ways: Vec<LatticePositions> = Vec::new();
-    for [a, b, c, d] in turns(is_asymmetric) {
+    for [a, b, c, d] in lattice_transforms(is_asymmetric) {
         let moved: Vec<((i32, i32), usize)> =
             lattice.iter().map(|((x, y), index)| ((a * x + b * y, c * x + d * y), *index)).collect();
         // An outer line with very few circles belongs to something beside the board.
-        let Some(low) = corner_of(&moved, (wide, high)) else { continue };
+        let Some(low) = find_origin(&moved, (wide, high)) else { continue };
         let placed: LatticePositions = moved
             .iter()
             .filter_map(|((x, y), index)| Some((*places.get(&(x - low.0, y - low.1))?, blobs[*index])))
@@ -149,14 +158,14 @@ fn on_board(blobs: &[Blob], lattice: &BTreeMap<(i32, i32), usize>, board: &Board
     let most = ways.iter().map(BTreeMap::len).max()?;
     let upper = |placed: &LatticePositions| {
         let (first, last) = (placed.values().next(), placed.values().next_back());
-        first.zip(last).map_or(0.0, |(first, last)| first.middle.v - last.middle.v)
+        first.zip(last).map_or(0.0, |(first, last)| first.centre.v - last.centre.v)
     };
     ways.into_iter().filter(|way| way.len() == most).min_by(|a, b| upper(a).total_cmp(&upper(b)))
 }
 
 /// Finds the coordinates of the board's first column and row, at the position at which the board would contain most of
 /// the blobs.
-fn corner_of(moved: &[((i32, i32), usize)], (wide, high): (i32, i32)) -> Option<(i32, i32)> {
+fn find_origin(moved: &[((i32, i32), usize)], (wide, high): (i32, i32)) -> Option<(i32, i32)> {
     let start = |of: fn(&(i32, i32)) -> i32, length: i32| {
         let (low, top) =
             moved.iter().map(|(at, _)| of(at)).fold((i32::MAX, i32::MIN), |(l, h), n| (l.min(n), h.max(n)));
@@ -169,7 +178,7 @@ fn corner_of(moved: &[((i32, i32), usize)], (wide, high): (i32, i32)) -> Option<
 }
 
 /// Returns rotations and shears without mirroring, as a, b, c, d of x' = a x + b y, y' = c x + d y.
-fn turns(is_asymmetric: bool) -> Vec<[i32; 4]> {
+fn lattice_transforms(is_asymmetric: bool) -> Vec<[i32; 4]> {
     let product = |[a, b, c, d]: [i32; 4], [e, f, g, h]: [i32; 4]| {
         [a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h]
     };
@@ -204,15 +213,15 @@ mod tests {
             };
             let corners = board.corners();
             let mut blobs: Vec<Blob> =
-                corners.iter().rev().map(|q| Blob { middle: seen(q.mm.x, q.mm.y), area_px: 60.0 }).collect();
-            blobs.push(Blob { middle: Pixel::at(20.0, 30.0), area_px: 60.0 });
-            blobs.push(Blob { middle: Pixel::at(310.0, 10.0), area_px: 900.0 });
+                corners.iter().rev().map(|q| Blob { centre: seen(q.mm.x, q.mm.y), area_px: 60.0 }).collect();
+            blobs.push(Blob { centre: Pixel::at(20.0, 30.0), area_px: 60.0 });
+            blobs.push(Blob { centre: Pixel::at(310.0, 10.0), area_px: 900.0 });
             let placed = grid(&blobs, &board).expect(text);
             assert_eq!(placed.len(), board.count());
             for (index, blob) in &placed {
                 let expected = seen(corners[*index].mm.x, corners[*index].mm.y);
                 let turned = seen(corners[board.count() - 1 - index].mm.x, corners[board.count() - 1 - index].mm.y);
-                let off = blob.middle.distance_px(expected).min(blob.middle.distance_px(turned));
+                let off = blob.centre.distance_px(expected).min(blob.centre.distance_px(turned));
                 assert!(off < 1e-9, "{text}: {index}");
             }
         }

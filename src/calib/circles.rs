@@ -10,23 +10,23 @@
 use super::blobs::{Blob, Sums, blobs};
 use super::board::{Board, Corners};
 use super::circle_lattice;
-use super::circle_places::ByPrint;
-use super::crossings::Smooth;
+use super::circle_places::PrintLocator;
+use super::crossings::SmoothedPicture;
 use super::error::CalibError;
 use super::foreign;
-use super::placing::Detected;
-use super::surface::{pixel_of, without_strays};
+use super::placing::DetectedCorners;
+use super::surface::{homography_pixel, remove_outliers};
 use crate::geometry::{GrayPicture, Pixel, median};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 /// At most this multiple of the board's number of circles is examined as candidates.
-const CANDIDATES_EACH: usize = 3;
+const MAX_CANDIDATE_RATIO: usize = 3;
 const MAX_CANDIDATES: usize = 450;
 /// Maximum number of blobs that the windows of all sizes find together: a woven texture has more, and each is compared
 /// with all others.
 const MAX_BLOBS: usize = 2_000;
 /// Sizes of the surroundings for a blob's threshold: the picture's longer side divided by these numbers.
-const REACHES: [usize; 3] = [12, 32, 80];
+const THRESHOLD_WINDOW_DIVISORS: [usize; 3] = [12, 32, 80];
 /// Maximum number of grids in which the circles are located.
 const MAX_GRIDS: usize = 3;
 /// The extent of the window, as a share of the distance to the neighbours' centres. From `GROUND` outwards the
@@ -37,15 +37,15 @@ const GROUND: f64 = 0.40;
 const REACH_PX: f64 = 13.0;
 /// Maximum distance of a circle from its predicted position in the grid, as a fraction of the distance to its
 /// neighbour; a circle that is farther away is rejected.
-const BENT: f64 = 0.2;
+const MAX_GRID_DEVIATION: f64 = 0.2;
 
 /// A circle with a radius that differs from the others' by this share is not completely visible.
-const CUT: f64 = 0.12;
+const MAX_RADIUS_DEVIATION: f64 = 0.12;
 /// A corner circle that is larger by this factor than all others marks the first circle.
-const MARK: f64 = 1.3;
+const MIN_MARK_RATIO: f64 = 1.3;
 
 /// A circle's number on the board, and its pixel.
-type Numbered = Vec<(usize, Pixel)>;
+type NumberedPixel = Vec<(usize, Pixel)>;
 
 /// Finds the circles of a board.
 pub(super) fn detect(
@@ -54,22 +54,22 @@ pub(super) fn detect(
     board: &Board,
     asymmetric: bool,
     sizes: &[usize],
-) -> Result<Detected, CalibError> {
-    let mut all: Vec<(Numbered, bool)> = Vec::new();
+) -> Result<DetectedCorners, CalibError> {
+    let mut all: Vec<(NumberedPixel, bool)> = Vec::new();
     'looks: for &times in sizes {
-        let small = if times == 1 { picture.clone() } else { foreign::reduced(picture, times)? };
-        let small = Smooth::from_picture(&small).picture();
+        let small = if times == 1 { picture.clone() } else { foreign::reduce_picture(picture, times)? };
+        let small = SmoothedPicture::from_picture(&small).picture();
         let across = picture.width as f64 / small.width as f64;
         let down = picture.height as f64 / small.height as f64;
         let whole = |pixel: &Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
         let sums = Sums::from_picture(&small);
         for lighter in [false, true] {
             let mut together: Vec<Blob> = Vec::new();
-            for parts in REACHES.map(Some).into_iter().chain([None]) {
+            for parts in THRESHOLD_WINDOW_DIVISORS.map(Some).into_iter().chain([None]) {
                 let rough = match parts {
                     Some(parts) => {
                         let found = blobs(&small, &sums, small.width.max(small.height) / parts, lighter)?;
-                        add_others(&mut together, &found);
+                        add_new_blobs(&mut together, &found);
                         grid(&found, board)
                     }
                     // A window size that misses circles beside a glare is supplemented by another one. Therefore the
@@ -77,7 +77,7 @@ pub(super) fn detect(
                     None => grid(&together, board),
                 };
                 let Some(rough) = rough else { continue };
-                let rough: Numbered = rough.iter().map(|(index, pixel)| (*index, whole(pixel))).collect();
+                let rough: NumberedPixel = rough.iter().map(|(index, pixel)| (*index, whole(pixel))).collect();
                 let is_whole = rough.len() == board.count();
                 all.push((rough, lighter));
                 if is_whole {
@@ -89,10 +89,12 @@ pub(super) fn detect(
     // The largest grid is the likeliest; the next ones are tried if it is no grid of the board.
     all.sort_by_key(|(rough, _)| std::cmp::Reverse(rough.len()));
     let best = all.iter().take(MAX_GRIDS).find_map(|(rough, lighter)| {
-        let (first, radii_mm) = placed(picture, board, rough, *lighter)?;
-        let turned = if asymmetric { None } else { marked_first(rough, &radii_mm, board) };
+        let (first, radii_mm) = refine_centres(picture, board, rough, *lighter)?;
+        let turned = if asymmetric { None } else { number_from_mark(rough, &radii_mm, board) };
         Some(
-            turned.and_then(|turned| placed(picture, board, &turned, *lighter)).map_or(first, |(placed, _)| placed),
+            turned
+                .and_then(|turned| refine_centres(picture, board, &turned, *lighter))
+                .map_or(first, |(placed, _)| placed),
         )
     });
     let none = || CalibError::NoCircles { picture: name.to_owned(), columns: board.columns(), rows: board.rows() };
@@ -100,12 +102,12 @@ pub(super) fn detect(
 }
 
 /// Adds the blobs that are not already in the list.
-fn add_others(all: &mut Vec<Blob>, more: &[Blob]) {
+fn add_new_blobs(all: &mut Vec<Blob>, more: &[Blob]) {
     if all.len() + more.len() > MAX_BLOBS {
         return;
     }
     for blob in more {
-        let is_known = |other: &Blob| other.middle.distance_px(blob.middle) < 0.5 * blob.area_px.sqrt();
+        let is_known = |other: &Blob| other.centre.distance_px(blob.centre) < 0.5 * blob.area_px.sqrt();
         if !all.iter().any(is_known) {
             all.push(*blob);
         }
@@ -113,7 +115,7 @@ fn add_others(all: &mut Vec<Blob>, more: &[Blob]) {
 }
 
 /// Returns the candidates that are circles of the board; `None` if they form no such grid.
-fn grid(found: &[Blob], board: &Board) -> Option<Numbered> {
+fn grid(found: &[Blob], board: &Board) -> Option<NumberedPixel> {
     let count = board.count() / 2;
     if found.len() < count {
         return None;
@@ -122,7 +124,7 @@ fn grid(found: &[Blob], board: &Board) -> Option<Numbered> {
     areas.sort_by(f64::total_cmp);
     // All circles have one size. Therefore the most similar sizes are selected: the narrowest range with as many
     // blobs as the board has circles.
-    let most = (CANDIDATES_EACH * board.count()).min(MAX_CANDIDATES).max(board.count());
+    let most = (MAX_CANDIDATE_RATIO * board.count()).min(MAX_CANDIDATES).max(board.count());
     let narrowest = areas.windows(count).min_by(|a, b| (a[count - 1] / a[0]).total_cmp(&(b[count - 1] / b[0])));
     let middle = narrowest.map_or(1.0, |window| (window[0] * window[count - 1]).sqrt());
     let mut alike: Vec<Blob> = found.to_vec();
@@ -130,20 +132,20 @@ fn grid(found: &[Blob], board: &Board) -> Option<Numbered> {
     alike.sort_by(|a, b| away(a).total_cmp(&away(b)));
     alike.truncate(most);
     let placed = circle_lattice::grid(&alike, board)?;
-    Some(placed.into_iter().map(|(index, blob)| (index, blob.middle)).collect())
+    Some(placed.into_iter().map(|(index, blob)| (index, blob.centre)).collect())
 }
 
 /// Numbers the circles so that the marked one is the first; `None` if none is marked, or it is the first already.
-fn marked_first(rough: &Numbered, radii_mm: &[f64], board: &Board) -> Option<Numbered> {
+fn number_from_mark(rough: &NumberedPixel, radii_mm: &[f64], board: &Board) -> Option<NumberedPixel> {
     let usual = median(&mut radii_mm.to_vec())?;
     let (columns, rows, last) = (board.columns(), board.rows(), board.count() - 1);
     let radius = |number: usize| {
         rough.iter().zip(radii_mm).find(|((index, _), _)| *index == number).map_or(0.0, |(_, radius)| *radius)
     };
     let outer = [0, columns - 1, last, last + 1 - columns];
-    let marked = outer.into_iter().position(|number| radius(number) > MARK * usual)?;
+    let marked = outer.into_iter().position(|number| radius(number) > MIN_MARK_RATIO * usual)?;
     let others = rough.iter().zip(radii_mm).filter(|((index, _), _)| *index != outer[marked]);
-    if marked == 0 || others.into_iter().any(|(_, radius)| *radius > MARK * usual) {
+    if marked == 0 || others.into_iter().any(|(_, radius)| *radius > MIN_MARK_RATIO * usual) {
         return None;
     }
     // A rectangular board has two possible orientations, a square one four.
@@ -156,7 +158,7 @@ fn marked_first(rough: &Numbered, radii_mm: &[f64], board: &Board) -> Option<Num
             _ => None,
         }
     };
-    let mut all: Numbered =
+    let mut all: NumberedPixel =
         rough.iter().map(|(number, pixel)| Some((turned(*number)?, *pixel))).collect::<Option<_>>()?;
     all.sort_by_key(|(number, _)| *number);
     Some(all)
@@ -164,11 +166,16 @@ fn marked_first(rough: &Numbered, radii_mm: &[f64], board: &Board) -> Option<Num
 
 /// Returns all centres with sub-pixel accuracy, and the circles' radii; `None` if the candidates form no plane grid.
 /// Circles without a centre, and those far from their positions in the grid, are left out.
-fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered, lighter: bool) -> Option<(Detected, Vec<f64>)> {
+fn refine_centres(
+    picture: &GrayPicture,
+    board: &Board,
+    rough: &NumberedPixel,
+    lighter: bool,
+) -> Option<(DetectedCorners, Vec<f64>)> {
     let places = board.corners();
     let place = |number: usize| [places[number].mm.x, places[number].mm.y];
     let neighbour_mm = board.square_mm() * if board.circles()? { std::f64::consts::SQRT_2 } else { 1.0 };
-    let (asked, rough) = (rough, &of_one_plane(board, rough, neighbour_mm)?);
+    let (asked, rough) = (rough, &filter_coplanar(board, rough, neighbour_mm)?);
     let plane: Vec<[f64; 2]> = rough.iter().map(|(number, _)| place(*number)).collect();
     let seen: Vec<Pixel> = rough.iter().map(|(_, pixel)| *pixel).collect();
     let board_to_picture = foreign::homography(&plane, &seen)?;
@@ -176,7 +183,7 @@ fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered, lighter: bool)
         .iter()
         .zip(&seen)
         .map(|(place, pixel)| {
-            let slope = slope(&board_to_picture, *place);
+            let slope = pixel_jacobian(&board_to_picture, *place);
             let (pixel, area_px) = centre(picture, *pixel, &(slope * neighbour_mm))?;
             Some((pixel, (area_px / slope.determinant().abs() / std::f64::consts::PI).sqrt()))
         })
@@ -198,24 +205,26 @@ fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered, lighter: bool)
     let plane: Vec<[f64; 2]> = found.iter().map(|(number, ..)| place(*number)).collect();
     let pixels: Vec<Pixel> = found.iter().map(|(_, pixel, _)| *pixel).collect();
     let board_to_picture = foreign::homography(&plane, &pixels)?;
-    let found_by_print = printed(picture, board, (&board_to_picture, neighbour_mm), (&found, radius_mm), lighter);
-    let half_window_px = (radius_mm * slope(&board_to_picture, plane[0]).determinant().abs().sqrt()) as usize;
+    let found_by_print =
+        locate_by_print(picture, board, (&board_to_picture, neighbour_mm), (&found, radius_mm), lighter);
+    let half_window_px =
+        (radius_mm * pixel_jacobian(&board_to_picture, plane[0]).determinant().abs().sqrt()) as usize;
     if let Some(corners) = found_by_print {
-        return Some((Detected { modelled: corners.len(), corners, half_window_px }, radii_mm));
+        return Some((DetectedCorners { modelled_count: corners.len(), corners, half_window_px }, radii_mm));
     }
     let corners = found.iter().map(|(number, pixel, radius)| {
         let at_place = place(*number);
         // A mark keeps its own size; all other circles have one size.
-        let radius = if *radius > MARK * radius_mm { *radius } else { radius_mm };
-        Some((places[*number], seen_centre(&board_to_picture, at_place, *pixel, radius)?))
+        let radius = if *radius > MIN_MARK_RATIO * radius_mm { *radius } else { radius_mm };
+        Some((places[*number], project_centre(&board_to_picture, at_place, *pixel, radius)?))
     });
-    let corners = without_strays(corners.collect::<Option<_>>()?, picture);
-    Some((Detected { modelled: corners.len(), corners, half_window_px }, radii_mm))
+    let corners = remove_outliers(corners.collect::<Option<_>>()?, picture);
+    Some((DetectedCorners { modelled_count: corners.len(), corners, half_window_px }, radii_mm))
 }
 
 /// Returns the circles that lie at their predicted places on one plane. The others are removed: the middle of a
 /// circle that a glare covers in part is displaced. `None` if more than a few are removed.
-fn of_one_plane(board: &Board, rough: &Numbered, neighbour_mm: f64) -> Option<Numbered> {
+fn filter_coplanar(board: &Board, rough: &NumberedPixel, neighbour_mm: f64) -> Option<NumberedPixel> {
     let places = board.corners();
     let mut kept = rough.clone();
     loop {
@@ -224,11 +233,11 @@ fn of_one_plane(board: &Board, rough: &Numbered, neighbour_mm: f64) -> Option<Nu
         let seen: Vec<Pixel> = kept.iter().map(|(_, pixel)| *pixel).collect();
         let board_to_picture = foreign::homography(&plane, &seen)?;
         let off = plane.iter().zip(&seen).map(|(place, pixel)| {
-            let near_px = neighbour_mm * slope(&board_to_picture, *place).determinant().abs().sqrt();
-            pixel_of(&board_to_picture, *place).distance_px(*pixel) / near_px
+            let near_px = neighbour_mm * pixel_jacobian(&board_to_picture, *place).determinant().abs().sqrt();
+            homography_pixel(&board_to_picture, *place).distance_px(*pixel) / near_px
         });
         let (farthest, bent) = off.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
-        if bent < BENT {
+        if bent < MAX_GRID_DEVIATION {
             return Some(kept);
         }
         kept.remove(farthest);
@@ -240,7 +249,7 @@ fn of_one_plane(board: &Board, rough: &Numbered, neighbour_mm: f64) -> Option<Nu
 
 /// Finds all circles by their print, including those that were not found before; `None` if there are too few to
 /// compare.
-fn printed(
+fn locate_by_print(
     picture: &GrayPicture,
     board: &Board,
     (plane, neighbour_mm): (&Matrix3<f64>, f64),
@@ -249,32 +258,34 @@ fn printed(
 ) -> Option<Corners> {
     let places = board.corners();
     let reach_mm = WINDOW * neighbour_mm;
-    let middle = slope(plane, [places[places.len() / 2].mm.x, places[places.len() / 2].mm.y]);
+    let middle = pixel_jacobian(plane, [places[places.len() / 2].mm.x, places[places.len() / 2].mm.y]);
     // Large circles are located equally well in a reduced picture.
     let reach_px = reach_mm * middle.column(0).norm().max(middle.column(1).norm());
     let times = (reach_px / REACH_PX).max(1.0) as usize;
     // A circle that is cut by a glare has another size, and its middle is shifted.
-    let whole = |radius: f64| (radius / radius_mm - 1.0).abs() < CUT || radius > MARK * radius_mm;
+    let whole = |radius: f64| {
+        (radius / radius_mm - 1.0).abs() < MAX_RADIUS_DEVIATION || radius > MIN_MARK_RATIO * radius_mm
+    };
     let rough: Corners = found
         .iter()
         .filter(|(.., radius)| whole(*radius))
         .filter_map(|(number, pixel, radius)| {
             let q = places[*number];
-            Some((q, seen_centre(plane, [q.mm.x, q.mm.y], *pixel, radius.min(2.0 * radius_mm))?))
+            Some((q, project_centre(plane, [q.mm.x, q.mm.y], *pixel, radius.min(2.0 * radius_mm))?))
         })
         .collect();
     let sign = if lighter { -1.0 } else { 1.0 };
-    ByPrint { picture, times, reach_mm, sign }.circles(board, &rough, radius_mm)
+    PrintLocator { picture, times, reach_mm, sign }.circles(board, &rough, radius_mm)
 }
 
 /// Returns the image of a circle's centre, given the middle of its ellipse.
-fn seen_centre(plane: &Matrix3<f64>, place: [f64; 2], middle: Pixel, radius_mm: f64) -> Option<Pixel> {
-    let (seen, ellipse) = (pixel_of(plane, place), ellipse_middle(plane, place, radius_mm)?);
+fn project_centre(plane: &Matrix3<f64>, place: [f64; 2], middle: Pixel, radius_mm: f64) -> Option<Pixel> {
+    let (seen, ellipse) = (homography_pixel(plane, place), ellipse_middle(plane, place, radius_mm)?);
     Some(Pixel::at(middle.u + seen.u - ellipse.u, middle.v + seen.v - ellipse.v))
 }
 
 /// Returns the derivative of the pixel by the position on the board, px per mm.
-fn slope(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Matrix2<f64> {
+fn pixel_jacobian(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Matrix2<f64> {
     let p = plane * Vector3::new(x, y, 1.0);
     let by =
         |column: usize, row: usize, value: f64| (plane[(row, column)] - plane[(2, column)] * value / p.z) / p.z;

@@ -51,13 +51,13 @@ pub(super) fn start<A: Arrangement>(
     let moved: Vec<Isometry3<f64>> = to_from_holder.iter().map(|pose| pose.isometry().inverse()).collect();
     let seen: Vec<Isometry3<f64>> = camera_from_board.iter().map(|pose| *pose.isometry()).collect();
     let mut best: Option<Start<A>> = None;
-    for triple in triples(seen.len()) {
+    for triple in index_triples(seen.len()) {
         let pick = |poses: &[Isometry3<f64>]| triple.map(|index| poses[index]);
         if second_axis_deg(&pick(&moved)).to_radians() < MIN_TURN_RAD {
             continue;
         }
-        let Some(mount) = foreign::hand_eye(&pick(&moved), &pick(&seen)) else { continue };
-        let mount: Rigid<A::To, A::From> = Rigid::claim(mount);
+        let Some(mount) = foreign::solve_hand_eye_park(&pick(&moved), &pick(&seen)) else { continue };
+        let mount: Rigid<A::To, A::From> = Rigid::from_isometry_unchecked(mount);
         let boards: Vec<Rigid<A::Holder, Board>> = to_from_holder
             .iter()
             .zip(camera_from_board)
@@ -96,13 +96,14 @@ fn medoid<A: Arrangement>(
         (sorted[(sorted.len()) / 2], distances)
     };
     let mut all = boards.iter().map(|board| (*board, distances(board)));
-    let first = all.next().unwrap_or((Rigid::claim(Isometry3::identity()), (f64::INFINITY, vec![])));
+    let first =
+        all.next().unwrap_or((Rigid::from_isometry_unchecked(Isometry3::identity()), (f64::INFINITY, vec![])));
     let (holder_from_board, (median_mm, distances_mm)) =
         all.fold(first, |best, next| if next.1.0 < best.1.0 { next } else { best });
     Start { to_from_camera, holder_from_board, distances_mm, median_mm }
 }
 
-pub(super) fn triples(count: usize) -> impl Iterator<Item = [usize; 3]> {
+pub(super) fn index_triples(count: usize) -> impl Iterator<Item = [usize; 3]> {
     let all = count * count.saturating_sub(1) * count.saturating_sub(2) / 6;
     let stride = all.div_ceil(MAX_TRIPLES).max(1);
     (0..count)

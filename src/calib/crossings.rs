@@ -14,7 +14,7 @@ use rayon::prelude::*;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Crossing {
     /// The place.
-    pub at: Vector2<f64>,
+    pub position: Vector2<f64>,
     /// Unit vectors along both edges.
     pub edges: [Vector2<f64>; 2],
     /// Half the contrast on the ring, grey levels.
@@ -22,7 +22,7 @@ pub(super) struct Crossing {
 }
 
 /// A picture, smoothed by a Gaussian of 1 px.
-pub(super) struct Smooth {
+pub(super) struct SmoothedPicture {
     pub width: usize,
     pub height: usize,
     gray: Vec<f32>,
@@ -34,23 +34,23 @@ pub(super) struct Smooth {
 const RING_PX: f64 = 4.0;
 const RING: usize = 32;
 /// The minimum correlation between opposite places of the ring.
-const ALIKE: f64 = 0.55;
+const MIN_RING_CORRELATION: f64 = 0.55;
 /// Minimum half contrast of a corner, grey levels. `MIN_CONTRAST_TO_NOISE` is its minimum ratio to the noise that
 /// remains after the smoothing.
 const MIN_CONTRAST: f64 = 3.0;
 const MIN_CONTRAST_TO_NOISE: f64 = 3.0;
 /// The share of white noise that remains after the smoothing.
-const NOISE_LEFT: f64 = 0.27;
+const SMOOTHED_NOISE_SHARE: f64 = 0.27;
 /// Maximum deviation of two opposite changes of the ring from a straight line, rad.
-const BENT_RAD: f64 = 0.6;
+const MAX_BEND_RAD: f64 = 0.6;
 /// Minimum angle between two edges that cross, rad.
 const MIN_ANGLE_RAD: f64 = 0.3;
 /// Maximum number of crossings: hardly any board has more corners. The crossings with the most contrast are kept.
 const MAX_CROSSINGS: usize = 6000;
 /// Minimum distance between saddles: one saddle is found in a window of this half width, px.
-const APART_PX: usize = 3;
+const MIN_SADDLE_DISTANCE_PX: usize = 3;
 
-impl Smooth {
+impl SmoothedPicture {
     pub fn from_picture(picture: &GrayPicture) -> Self {
         let (width, height) = (picture.width, picture.height);
         let blur = |left: f32, near: f32, middle: f32, far: f32, right: f32| {
@@ -75,7 +75,7 @@ impl Smooth {
                 *value = blur(a, b, c, d, e);
             }
         });
-        Smooth { width, height, gray, noise: noise(picture) }
+        SmoothedPicture { width, height, gray, noise: noise(picture) }
     }
 
     /// As a picture.
@@ -85,7 +85,7 @@ impl Smooth {
     }
 
     /// Returns the interpolated grey level between pixels; outside of the picture, that of its border.
-    pub fn at(&self, at: Vector2<f64>) -> f64 {
+    pub fn interpolate(&self, at: Vector2<f64>) -> f64 {
         let (u, v) = (at.x.clamp(0.0, self.width as f64 - 1.001), at.y.clamp(0.0, self.height as f64 - 1.001));
         let (column, row) = (u as usize, v as usize);
         let (right, low) = (u - column as f64, v - row as f64);
@@ -126,7 +126,7 @@ pub(super) fn noise(picture: &GrayPicture) -> f64 {
 }
 
 /// All crossings.
-pub(super) fn crossings(picture: &Smooth) -> Vec<Crossing> {
+pub(super) fn crossings(picture: &SmoothedPicture) -> Vec<Crossing> {
     let rim = RING_PX as usize + 3;
     if picture.width <= 2 * rim || picture.height <= 2 * rim {
         return Vec::new();
@@ -146,7 +146,7 @@ pub(super) fn crossings(picture: &Smooth) -> Vec<Crossing> {
     response.par_chunks_mut(width).enumerate().skip(3).take(picture.height - 6).for_each(|(row, line)| {
         (3..width - 3).for_each(|column| line[column] = saddle(row * width + column));
     });
-    let least_contrast = MIN_CONTRAST.max(MIN_CONTRAST_TO_NOISE * NOISE_LEFT * picture.noise);
+    let least_contrast = MIN_CONTRAST.max(MIN_CONTRAST_TO_NOISE * SMOOTHED_NOISE_SHARE * picture.noise);
     // The determinant is about the square of the half contrast for a sharp corner, and a fifth of that for a
     // blurred one.
     let least = (0.15 * least_contrast * least_contrast) as f32;
@@ -156,17 +156,19 @@ pub(super) fn crossings(picture: &Smooth) -> Vec<Crossing> {
             let peak = |column: usize| {
                 let (index, here) = (row * width + column, response[row * width + column]);
                 here > least
-                    && (row - APART_PX..=row + APART_PX).all(|r| {
+                    && (row - MIN_SADDLE_DISTANCE_PX..=row + MIN_SADDLE_DISTANCE_PX).all(|r| {
                         let line = r * width + column;
-                        response[line - APART_PX..=line + APART_PX]
+                        response[line - MIN_SADDLE_DISTANCE_PX..=line + MIN_SADDLE_DISTANCE_PX]
                             .iter()
                             .enumerate()
-                            .all(|(c, other)| *other < here || (*other == here && line - APART_PX + c >= index))
+                            .all(|(c, other)| {
+                                *other < here || (*other == here && line - MIN_SADDLE_DISTANCE_PX + c >= index)
+                            })
                     })
             };
             (rim..width - rim)
                 .filter(|column| peak(*column))
-                .filter_map(|column| judged(picture, column, row, least_contrast))
+                .filter_map(|column| classify_saddle(picture, column, row, least_contrast))
                 .collect()
         })
         .collect();
@@ -179,11 +181,11 @@ pub(super) fn crossings(picture: &Smooth) -> Vec<Crossing> {
 }
 
 /// Returns the point near a saddle at which the gradient of the smoothed picture is zero.
-fn settled(picture: &Smooth, column: usize, row: usize) -> Vector2<f64> {
+fn refine_saddle(picture: &SmoothedPicture, column: usize, row: usize) -> Vector2<f64> {
     let mut at = Vector2::new(column as f64, row as f64);
     let start = at;
     for _ in 0..2 {
-        let gray = |u: f64, v: f64| picture.at(at + Vector2::new(u, v));
+        let gray = |u: f64, v: f64| picture.interpolate(at + Vector2::new(u, v));
         let (here, right, left, low, high) =
             (gray(0.0, 0.0), gray(1.5, 0.0), gray(-1.5, 0.0), gray(0.0, 1.5), gray(0.0, -1.5));
         let mixed = (gray(1.5, 1.5) - gray(1.5, -1.5) - gray(-1.5, 1.5) + gray(-1.5, -1.5)) / 9.0;
@@ -200,12 +202,12 @@ fn settled(picture: &Smooth, column: usize, row: usize) -> Vector2<f64> {
 }
 
 /// Returns the saddle as a crossing; `None` if its ring is not that of a crossing.
-fn judged(picture: &Smooth, column: usize, row: usize, least_contrast: f64) -> Option<Crossing> {
-    let at = settled(picture, column, row);
+fn classify_saddle(picture: &SmoothedPicture, column: usize, row: usize, least_contrast: f64) -> Option<Crossing> {
+    let at = refine_saddle(picture, column, row);
     let angle = |index: f64| std::f64::consts::TAU * index / RING as f64;
     let ring: [f64; RING] = std::array::from_fn(|index| {
         let (sin, cos) = angle(index as f64).sin_cos();
-        picture.at(at + Vector2::new(cos, sin) * RING_PX)
+        picture.interpolate(at + Vector2::new(cos, sin) * RING_PX)
     });
     let (low, high) = ring.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), g| (l.min(*g), h.max(*g)));
     let contrast = (high - low) / 2.0;
@@ -215,7 +217,7 @@ fn judged(picture: &Smooth, column: usize, row: usize, least_contrast: f64) -> O
     let mean = ring.iter().sum::<f64>() / RING as f64;
     let square: f64 = ring.iter().map(|gray| (gray - mean).powi(2)).sum();
     let product: f64 = (0..RING).map(|i| (ring[i] - mean) * (ring[(i + RING / 2) % RING] - mean)).sum();
-    if product < ALIKE * square {
+    if product < MIN_RING_CORRELATION * square {
         return None;
     }
     let middle = (low + high) / 2.0;
@@ -228,19 +230,19 @@ fn judged(picture: &Smooth, column: usize, row: usize, least_contrast: f64) -> O
     let changes: [f64; 4] = changes.try_into().ok()?;
     let edge = |one: f64, two: f64| {
         let bend = two - one - std::f64::consts::PI;
-        (bend.abs() < BENT_RAD).then(|| {
+        (bend.abs() < MAX_BEND_RAD).then(|| {
             let along = one + bend / 2.0;
             Vector2::new(along.cos(), along.sin())
         })
     };
     let edges = [edge(changes[0], changes[2])?, edge(changes[1], changes[3])?];
-    (edges[0].perp(&edges[1]).abs() > MIN_ANGLE_RAD.sin()).then_some(Crossing { at, edges, contrast })
+    (edges[0].perp(&edges[1]).abs() > MIN_ANGLE_RAD.sin()).then_some(Crossing { position: at, edges, contrast })
 }
 
 impl Crossing {
     /// Returns the position as a pixel.
     pub fn pixel(&self) -> Pixel {
-        Pixel::at(self.at.x, self.at.y)
+        Pixel::at(self.position.x, self.position.y)
     }
 }
 
@@ -251,7 +253,7 @@ mod tests {
     /// Two edges along 10° and 70° that cross at (40.3, 30.6), an edge, and nothing else.
     #[test]
     fn a_crossing_is_found_and_an_edge_is_none() {
-        let mut picture = GrayPicture::filled(120, 60, 0);
+        let mut picture = GrayPicture::uniform(120, 60, 0);
         for (index, gray) in picture.gray.iter_mut().enumerate() {
             let (u, v) = ((index % 120) as f64, (index / 120) as f64);
             let side = |deg: f64| {
@@ -261,10 +263,10 @@ mod tests {
             let pattern = if u < 80.0 { 4.0 * side(10.0) * side(70.0) } else { if u < 100.0 { -1.0 } else { 1.0 } };
             *gray = (120.0 + 60.0 * pattern) as u8;
         }
-        let smooth = Smooth::from_picture(&picture);
-        let near: Vec<Crossing> = crossings(&smooth).into_iter().filter(|found| found.at.x < 70.0).collect();
+        let smooth = SmoothedPicture::from_picture(&picture);
+        let near: Vec<Crossing> = crossings(&smooth).into_iter().filter(|found| found.position.x < 70.0).collect();
         assert_eq!(near.len(), 1, "{near:?}");
-        assert!((near[0].at - Vector2::new(40.3, 30.6)).norm() < 0.3, "{near:?}");
+        assert!((near[0].position - Vector2::new(40.3, 30.6)).norm() < 0.3, "{near:?}");
         let deg = near[0].edges.map(|edge| (edge.y / edge.x).atan().to_degrees());
         assert!((deg[0] - 10.0).abs() < 4.0 && (deg[1] - 70.0).abs() < 4.0, "{deg:?}");
         assert!(near[0].contrast > 40.0 && smooth.noise < 0.5, "{near:?} {}", smooth.noise);

@@ -11,7 +11,7 @@ use super::chessboard::{self, Search};
 use super::circles;
 use super::error::CalibError;
 use super::placing;
-pub use super::placing::Detected;
+pub use super::placing::DetectedCorners;
 use super::print::Print;
 use crate::geometry::{Frame, GrayPicture, OrganizedCloud, Pixel, Point, Vector, local_plane};
 
@@ -24,12 +24,12 @@ pub fn detect(
     picture: &GrayPicture,
     board: &Board,
     half_window_px: Option<usize>,
-) -> Result<Detected, CalibError> {
+) -> Result<DetectedCorners, CalibError> {
     if let Some(markers) = board.markers() {
         return charuco::detect(name, picture, board, markers, half_window_px);
     }
     if let Some(asymmetric) = board.circles() {
-        return circles::detect(name, picture, board, asymmetric, &chessboard::reductions(picture));
+        return circles::detect(name, picture, board, asymmetric, &chessboard::reduction_factors(picture));
     }
     let (picture_name, columns, rows) = (name.to_owned(), board.columns(), board.rows());
     let rough = match chessboard::find(picture, board)? {
@@ -40,12 +40,12 @@ pub fn detect(
     let all: Vec<_> = board.corners().into_iter().zip(&rough).collect();
     if half_window_px.is_some() {
         let seen: Corners = all.iter().filter(|(_, node)| node.is_seen).map(|(q, node)| (*q, node.pixel)).collect();
-        return Ok(placing::refined(picture, &seen, board.square_mm(), half_window_px)?);
+        return Ok(placing::refine_subpix(picture, &seen, board.square_mm(), half_window_px)?);
     }
     let corners: Corners = all.iter().map(|(q, node)| (*q, node.pixel)).collect();
-    let found = placing::refined(picture, &corners, board.square_mm(), None)?;
+    let found = placing::refine_subpix(picture, &corners, board.square_mm(), None)?;
     let is_seen: Vec<bool> = rough.iter().map(|node| node.is_seen).collect();
-    let found = placing::modelled(picture, board, found, &is_seen, &Print::from_board(board, &[]));
+    let found = placing::refine_with_model(picture, board, found, &is_seen, &Print::from_board(board, &[]));
     // If most corners of a board cannot be located, the board is in the picture but cannot be used.
     if 2 * found.corners.len() < board.count() {
         return Err(CalibError::NoBoard { picture: picture_name, columns, rows });
@@ -65,9 +65,9 @@ pub fn measured<C: Frame>(
 ) -> BoardObservation<C> {
     let origin = Point::at(0.0, 0.0, 0.0);
     let point = |pixel: Pixel| {
-        let at = pixel.whole(cloud.width(), cloud.height())?;
+        let at = pixel.nearest_whole(cloud.width(), cloud.height())?;
         let ray: Vector<C> = camera.unproject(pixel)?;
-        local_plane(cloud, at, PLANE_PX, origin)?.meet(origin, ray)
+        local_plane(cloud, at, PLANE_PX, origin)?.intersect_ray(origin, ray)
     };
     BoardObservation::Points(corners.iter().filter_map(|(q, pixel)| Some((*q, point(*pixel)?))).collect())
 }

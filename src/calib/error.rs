@@ -1,8 +1,8 @@
 //! Why data cannot become a calibration: what was found, what is needed, and how to correct it.
 
-use super::pose_diagnosis::Reading;
+use super::pose_diagnosis::PoseReading;
 use crate::imaging::ImagingError;
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 
 /// Why there is no calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -97,8 +97,8 @@ pub enum CalibError {
     /// Robot poses that turn too little.
     #[error(
         "the poses turn the board too little: {}° about the second axis, at least {}° are needed; these data do \
-         not determine a camera mount: tilt the flange about two axes, by 20° and more", apart(*about_second_axis_deg, *needed_deg, 1)[0],
-        apart(*about_second_axis_deg, *needed_deg, 1)[1]
+         not determine a camera mount: tilt the flange about two axes, by 20° and more", distinguishable_texts(*about_second_axis_deg, *needed_deg, 1)[0],
+        distinguishable_texts(*about_second_axis_deg, *needed_deg, 1)[1]
     )]
     TooLittleRotation {
         /// Spread of the turns about the second of their axes, degrees.
@@ -109,7 +109,7 @@ pub enum CalibError {
     /// Most poses contradict each other.
     #[error(
         "no camera mount fits half of the {poses} poses: the best leaves {median_mm:.1} mm; {}",
-        meant(readings)
+        describe_readings(readings)
     )]
     NoConsensus {
         /// Poses.
@@ -117,7 +117,7 @@ pub enum CalibError {
         /// Median distance from the best consensus, mm.
         median_mm: f64,
         /// The readings in which the poses fit.
-        readings: Vec<Reading>,
+        readings: Vec<PoseReading>,
     },
     /// Angles in radians.
     #[error(
@@ -143,7 +143,7 @@ fn reason_suffix(reason: &Option<String>) -> String {
     reason.as_ref().map_or(String::new(), |reason| format!("; {reason}"))
 }
 
-fn meant(readings: &[Reading]) -> String {
+fn describe_readings(readings: &[PoseReading]) -> String {
     if readings.is_empty() {
         let words = "no other interpretation of the poses fits either: check that they are base_from_flange in mm \
                      and degrees, that each picture belongs to its pose, that the lens file is this camera's, and \

@@ -13,9 +13,9 @@
 //! payload and are refused.
 
 use super::quantile::student_95;
-use crate::force::Weight;
+use crate::force::SensorLoad;
 use crate::geometry::STANDARD_GRAVITY_M_S2;
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 
 /// Readings at least.
 const MIN_READINGS: usize = 3;
@@ -39,7 +39,7 @@ pub struct AttitudeReading {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceCalibration {
     /// The result.
-    pub weight: Weight,
+    pub weight: SensorLoad,
     /// Uncertainty of the payload, 95 %, kg.
     pub payload_95_kg: f64,
     /// Uncertainty of the zero, 95 %, N.
@@ -71,7 +71,7 @@ pub enum CalibrationError {
          vary by at least {MIN_SPREAD}: take one reading pointing down, one level and one pointing up, as far as \
          the arm allows"
     )]
-    Alike {
+    TooSimilar {
         /// The least.
         least: f64,
         /// The most.
@@ -80,8 +80,8 @@ pub enum CalibrationError {
     /// One of the readings does not fit.
     #[error(
         "reading {index} differs by {} N from the others (limit {} N); check whether the tool touched something",
-        apart(*off_n, MAX_RESIDUAL_N, 1)[0],
-        apart(*off_n, MAX_RESIDUAL_N, 1)[1]
+        distinguishable_texts(*off_n, MAX_RESIDUAL_N, 1)[0],
+        distinguishable_texts(*off_n, MAX_RESIDUAL_N, 1)[1]
     )]
     Outlier {
         /// Which, from 1.
@@ -116,7 +116,7 @@ pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, Calib
     let all = || readings.iter().map(|reading| reading.downwards);
     let (least, most) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
     if most - least < MIN_SPREAD {
-        return Err(CalibrationError::Alike { least, most });
+        return Err(CalibrationError::TooSimilar { least, most });
     }
     let (mean_x, mean_n) =
         (all().sum::<f64>() / n, readings.iter().map(|reading| reading.force_n).sum::<f64>() / n);
@@ -136,7 +136,7 @@ pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, Calib
     let squares: f64 = readings.iter().map(|read| off_n(read).powi(2)).sum();
     let half_n = (student_95(n - 2.0) * (squares / (n - 2.0)).sqrt()).max(RESOLVED_95_N);
     Ok(ForceCalibration {
-        weight: Weight { payload_kg, zero_n },
+        weight: SensorLoad { payload_kg, zero_n },
         payload_95_kg: half_n / spread.sqrt() / STANDARD_GRAVITY_M_S2,
         zero_95_n: half_n * (1.0 / n + mean_x * mean_x / spread).sqrt(),
         rms_n: (squares / n).sqrt(),
@@ -187,7 +187,7 @@ mod tests {
         /// With noise the true value lies within three times the stated uncertainty.
         #[test]
         fn the_truth_is_near(payload_kg in 0.2..8.0_f64, zero_n in -5.0..5.0_f64, noise in prop::collection::vec(-0.05..0.05_f64, 7)) {
-            let truth = Weight { payload_kg, zero_n };
+            let truth = SensorLoad { payload_kg, zero_n };
             let at = |(index, noise_n): (usize, &f64)| {
                 let downwards = 1.0 - index as f64 / 3.0;
                 read(downwards, truth.zero_n - truth.presses_n(downwards) + noise_n)

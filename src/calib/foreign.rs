@@ -2,7 +2,7 @@
 
 use super::error::CalibError;
 use crate::geometry::{Board, GrayPicture, PinholeCamera, Pixel, Point};
-use crate::imaging::{ImagingError, named};
+use crate::imaging::{ImagingError, with_operation};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use opencv::core::{
     Mat, MatTraitConst, MatTraitConstManual, Point2d, Point2f, Point3d, Point3f, Size, TermCriteria,
@@ -11,12 +11,12 @@ use opencv::core::{
 use opencv::prelude::{DetectorParametersTrait, DictionaryTraitConst};
 use opencv::{aruco, calib3d, imgproc};
 
-fn matrix_of(camera: &PinholeCamera) -> opencv::Result<Mat> {
+fn camera_matrix(camera: &PinholeCamera) -> opencv::Result<Mat> {
     let rows = [[camera.fx_px, 0.0, camera.cx_px], [0.0, camera.fy_px, camera.cy_px], [0.0, 0.0, 1.0]];
     Mat::from_slice_2d(&rows)
 }
 
-fn rigid_of(turn: &[f64], shift: &[f64]) -> Isometry3<f64> {
+fn isometry_from_vectors(turn: &[f64], shift: &[f64]) -> Isometry3<f64> {
     Isometry3::new(Vector3::from_column_slice(shift), Vector3::from_column_slice(turn))
 }
 
@@ -33,7 +33,7 @@ pub(super) fn solve_pnp(
     let pixels: Vector<Point2d> = corners.iter().map(|(_, pixel)| Point2d::new(pixel.u, pixel.v)).collect();
     let distortion: Vector<f64> = [camera.k1, camera.k2, camera.p1, camera.p2, camera.k3].into_iter().collect();
     let (mut turn, mut shift): (Vector<f64>, Vector<f64>) = (Vector::new(), Vector::new());
-    let matrix = named(OPERATION, matrix_of(camera))?;
+    let matrix = with_operation(OPERATION, camera_matrix(camera))?;
     let solved = calib3d::solve_pnp(
         &objects,
         &pixels,
@@ -44,8 +44,8 @@ pub(super) fn solve_pnp(
         false,
         calib3d::SOLVEPNP_ITERATIVE,
     );
-    if named(OPERATION, solved)? && turn.len() == 3 && shift.len() == 3 {
-        Ok(rigid_of(turn.as_slice(), shift.as_slice()))
+    if with_operation(OPERATION, solved)? && turn.len() == 3 && shift.len() == 3 {
+        Ok(isometry_from_vectors(turn.as_slice(), shift.as_slice()))
     } else {
         Err(CalibError::NotSettled { what: OPERATION })
     }
@@ -53,7 +53,7 @@ pub(super) fn solve_pnp(
 
 /// Computes the camera's mount from moved parts of the chain and board poses (Park & Martin, IEEE T-RA 10, 1994);
 /// `None` if the rotations do not determine it.
-pub(super) fn hand_eye(
+pub(super) fn solve_hand_eye_park(
     holder_from_to: &[Isometry3<f64>],
     camera_from_board: &[Isometry3<f64>],
 ) -> Option<Isometry3<f64>> {
@@ -89,12 +89,15 @@ pub(super) fn hand_eye(
     sound.then(|| Isometry3::from_parts(Translation3::from(place), rotation))
 }
 
-fn pixels_of(points: &Vector<Point2f>) -> Vec<Pixel> {
+fn to_pixels(points: &Vector<Point2f>) -> Vec<Pixel> {
     points.iter().map(|point| Pixel::at(point.x.into(), point.y.into())).collect()
 }
 
-fn picture_of(picture: &GrayPicture) -> Result<impl MatTraitConst + opencv::core::ToInputArray, ImagingError> {
-    named("a picture", Mat::new_rows_cols_with_data(picture.height as i32, picture.width as i32, &picture.gray))
+fn to_mat(picture: &GrayPicture) -> Result<impl MatTraitConst + opencv::core::ToInputArray, ImagingError> {
+    with_operation(
+        "a picture",
+        Mat::new_rows_cols_with_data(picture.height as i32, picture.width as i32, &picture.gray),
+    )
 }
 
 /// Runs `findChessboardCornersSB`: the inner corners of a board, row by row, to about a pixel; `None` if there is
@@ -104,22 +107,22 @@ pub(super) fn chessboard(
     (columns, rows): (usize, usize),
 ) -> Result<Option<Vec<Pixel>>, ImagingError> {
     const OPERATION: &str = "chessboard corners";
-    let source = picture_of(picture)?;
+    let source = to_mat(picture)?;
     let mut found: Vector<Point2f> = Vector::new();
     let size = Size::new(columns as i32, rows as i32);
     let flags = calib3d::CALIB_CB_NORMALIZE_IMAGE;
-    let seen = named(OPERATION, calib3d::find_chessboard_corners_sb(&source, size, &mut found, flags))?;
-    Ok((seen && found.len() == columns * rows).then(|| pixels_of(&found)))
+    let seen = with_operation(OPERATION, calib3d::find_chessboard_corners_sb(&source, size, &mut found, flags))?;
+    Ok((seen && found.len() == columns * rows).then(|| to_pixels(&found)))
 }
 
 /// The picture reduced by this factor; each pixel is the mean of those that it replaces.
-pub(super) fn reduced(picture: &GrayPicture, times: usize) -> Result<GrayPicture, ImagingError> {
+pub(super) fn reduce_picture(picture: &GrayPicture, times: usize) -> Result<GrayPicture, ImagingError> {
     const OPERATION: &str = "a smaller picture";
-    let source = picture_of(picture)?;
+    let source = to_mat(picture)?;
     let (width, height) = (picture.width / times, picture.height / times);
     let (mut small, size) = (Mat::default(), Size::new(width as i32, height as i32));
-    named(OPERATION, imgproc::resize(&source, &mut small, size, 0.0, 0.0, imgproc::INTER_AREA))?;
-    Ok(GrayPicture { width, height, gray: named(OPERATION, small.data_bytes())?.to_vec() })
+    with_operation(OPERATION, imgproc::resize(&source, &mut small, size, 0.0, 0.0, imgproc::INTER_AREA))?;
+    Ok(GrayPicture { width, height, gray: with_operation(OPERATION, small.data_bytes())?.to_vec() })
 }
 
 /// `cornerSubPix` with a window of ± `half_window_px`: at most 30 iterations, until 1e-3 px.
@@ -129,12 +132,12 @@ pub(super) fn refine_corners(
     half_window_px: usize,
 ) -> Result<Vec<Pixel>, ImagingError> {
     const OPERATION: &str = "the corners' sub-pixel positions";
-    let source = picture_of(picture)?;
+    let source = to_mat(picture)?;
     let mut points: Vector<Point2f> = corners.iter().map(|p| Point2f::new(p.u as f32, p.v as f32)).collect();
     let window = Size::new(half_window_px as i32, half_window_px as i32);
-    let until = named(OPERATION, TermCriteria::new(TermCriteria_COUNT + TermCriteria_EPS, 30, 1e-3))?;
-    named(OPERATION, imgproc::corner_sub_pix(&source, &mut points, window, Size::new(-1, -1), until))?;
-    Ok(pixels_of(&points))
+    let until = with_operation(OPERATION, TermCriteria::new(TermCriteria_COUNT + TermCriteria_EPS, 30, 1e-3))?;
+    with_operation(OPERATION, imgproc::corner_sub_pix(&source, &mut points, window, Size::new(-1, -1), until))?;
+    Ok(to_pixels(&points))
 }
 
 /// The number of OpenCV's dictionary of this name.
@@ -155,12 +158,15 @@ pub(super) fn dictionary_number(name: &str) -> Option<i32> {
 const MIN_MARKER_PX: f64 = 14.0;
 
 /// Returns the markers of a dictionary in a picture, with their numbers and corners, clockwise from the top left.
-pub(super) fn markers(picture: &GrayPicture, dictionary: i32) -> Result<Vec<(usize, [Pixel; 4])>, ImagingError> {
+pub(super) fn detect_markers(
+    picture: &GrayPicture,
+    dictionary: i32,
+) -> Result<Vec<(usize, [Pixel; 4])>, ImagingError> {
     const OPERATION: &str = "markers";
-    let source = picture_of(picture)?;
-    let dictionary = named(OPERATION, aruco::get_predefined_dictionary_i32(dictionary))?;
+    let source = to_mat(picture)?;
+    let dictionary = with_operation(OPERATION, aruco::get_predefined_dictionary_i32(dictionary))?;
     let (mut corners, mut numbers): (Vector<Vector<Point2f>>, Vector<i32>) = (Vector::new(), Vector::new());
-    let mut parameters = named(OPERATION, aruco::DetectorParameters::create())?;
+    let mut parameters = with_operation(OPERATION, aruco::DetectorParameters::create())?;
     // Only two windows and no marker below 14 px: every candidate is compared with every other, and fine texture
     // has thousands.
     parameters.set_adaptive_thresh_win_size_min(5);
@@ -169,9 +175,9 @@ pub(super) fn markers(picture: &GrayPicture, dictionary: i32) -> Result<Vec<(usi
     parameters.set_min_marker_perimeter_rate(MIN_MARKER_PX * 4.0 / picture.width.max(picture.height).max(1) as f64);
     let mut rejected: Vector<Vector<Point2f>> = Vector::new();
     let found = aruco::detect_markers(&source, &dictionary, &mut corners, &mut numbers, &parameters, &mut rejected);
-    named(OPERATION, found)?;
+    with_operation(OPERATION, found)?;
     let found = corners.iter().zip(numbers.iter()).filter_map(|(corners, number)| {
-        let corners: [Pixel; 4] = pixels_of(&corners).try_into().ok()?;
+        let corners: [Pixel; 4] = to_pixels(&corners).try_into().ok()?;
         Some((usize::try_from(number).ok()?, corners))
     });
     Ok(found.collect())
@@ -181,11 +187,11 @@ pub(super) fn markers(picture: &GrayPicture, dictionary: i32) -> Result<Vec<(usi
 /// root of their number.
 pub(super) fn marker_cells(dictionary: i32, number: usize) -> Result<Vec<bool>, ImagingError> {
     const OPERATION: &str = "a marker";
-    let dictionary = named(OPERATION, aruco::get_predefined_dictionary_i32(dictionary))?;
+    let dictionary = with_operation(OPERATION, aruco::get_predefined_dictionary_i32(dictionary))?;
     let side = dictionary.marker_size() + 2;
     let mut picture = Mat::default();
-    named(OPERATION, aruco::draw_marker(&dictionary, number as i32, side, &mut picture, 1))?;
-    Ok(named(OPERATION, picture.data_bytes())?.iter().map(|&gray| gray > 127).collect())
+    with_operation(OPERATION, aruco::draw_marker(&dictionary, number as i32, side, &mut picture, 1))?;
+    Ok(with_operation(OPERATION, picture.data_bytes())?.iter().map(|&gray| gray > 127).collect())
 }
 
 /// Computes the homography from points of a plane to pixels, by least squares; `None` if they determine none.
@@ -228,17 +234,17 @@ pub(super) fn calibrate_camera(
         &mut turns,
         &mut shifts,
         calib3d::CALIB_FIX_K2 | calib3d::CALIB_FIX_K3 | calib3d::CALIB_ZERO_TANGENT_DIST,
-        named(OPERATION, until)?,
+        with_operation(OPERATION, until)?,
     );
-    named(OPERATION, solved)?;
+    with_operation(OPERATION, solved)?;
     let unusual = || ImagingError { operation: OPERATION, words: "the result has an unexpected size".to_owned() };
-    let m = named(OPERATION, matrix.data_typed::<f64>())?;
+    let m = with_operation(OPERATION, matrix.data_typed::<f64>())?;
     let [k1, k2, p1, p2, k3]: [f64; 5] =
         distortion.as_slice().get(..5).and_then(|numbers| numbers.try_into().ok()).ok_or_else(unusual)?;
     let mut camera_from_board = Vec::with_capacity(views.len());
     for (turn, shift) in turns.iter().zip(shifts.iter()) {
-        let turn = named(OPERATION, turn.data_typed::<f64>())?.to_vec();
-        camera_from_board.push(rigid_of(&turn, named(OPERATION, shift.data_typed::<f64>())?));
+        let turn = with_operation(OPERATION, turn.data_typed::<f64>())?.to_vec();
+        camera_from_board.push(isometry_from_vectors(&turn, with_operation(OPERATION, shift.data_typed::<f64>())?));
     }
     if m.len() != 9 || camera_from_board.len() != views.len() {
         return Err(unusual());

@@ -6,20 +6,20 @@
 //! residuals show. If the residuals of neighbouring poses are alike, several poses count as one (`alike`). `gate`
 //! judges whether that is good enough.
 
-use super::adjust::{self, Adjusted};
+use super::adjust::{self, MountAdjustment};
 use super::alike;
 use super::arrangement::{Arrangement, Twist, log};
 use super::board::Board;
-use super::chain::{Factor, Station};
+use super::chain::{LengthFactor, Station};
 use super::consensus::{self, MIN_SPREAD_DEG};
 use super::error::CalibError;
 use super::influence;
 use super::pose::{BoardPose, board_pose};
-use super::pose_diagnosis::Reading;
+use super::pose_diagnosis::PoseReading;
 use super::quantile::{f_quantile, radius_95};
 use super::readings;
 use super::square::{self, SquareSize};
-use super::station_diagnosis::{self, Suspect};
+use super::station_diagnosis::{self, SuspectStation};
 use crate::cell::LensCovariance;
 use crate::geometry::{
     Base, Board as BoardFrame, Degrees, Flange, Frame, KukaPose, PinholeCamera, Point, Rigid, Vector,
@@ -34,7 +34,7 @@ const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
 const MAX_START_MEDIANS: f64 = 3.0;
 const MAX_ROUNDS: usize = 10;
 /// A size error of the squares above this share makes correct poses look wrong.
-const OTHER_SIZE: f64 = 0.001;
+const MAX_SQUARE_SIZE_ERROR: f64 = 0.001;
 /// If the poses leave a larger residual than this, other readings of the poses are tried too, mm.
 const DOUBTFUL_RMS_MM: f64 = 0.5;
 
@@ -44,9 +44,9 @@ pub struct Residual {
     /// The picture.
     pub name: String,
     /// The distance at the board's middle, mm.
-    pub mm: f64,
+    pub distance_mm: f64,
     /// Turn, degrees.
-    pub deg: f64,
+    pub angle_deg: f64,
     /// Whether it was used for the result.
     pub used: bool,
     /// Root mean square of the picture's own corners about the board's pose: px, or mm among 3D points.
@@ -57,7 +57,7 @@ pub struct Residual {
 #[derive(Debug, Clone)]
 pub struct HandEye<A: Arrangement> {
     /// The adjusted mount and board, with noise and covariance.
-    pub adjusted: Adjusted<A>,
+    pub adjustment: MountAdjustment<A>,
     /// Each picture's residual, in the order of the input.
     pub residuals: Vec<Residual>,
     /// Root mean square of the used residuals, mm.
@@ -65,39 +65,39 @@ pub struct HandEye<A: Arrangement> {
     /// Root mean square of the used residuals, degrees.
     pub rms_deg: f64,
     /// The point for which the uncertainty is stated, in the camera's frame.
-    pub at: Point<A::From>,
+    pub stated_point: Point<A::From>,
     /// Radius that contains the error at that point with 95 % probability, mm.
     pub uncertainty_mm: f64,
     /// The number of poses that count as one, because the errors of the arm are alike in neighbouring poses; 1 if
     /// they are independent.
-    pub poses_each: f64,
+    pub correlated_pose_count: f64,
     /// The lens's part of the stated point's covariance, mm²; zero if the lens is regarded as exact.
     pub lens_mm2: Matrix3<f64>,
     /// How far the point moves when the worst single picture is left out, mm, and its name.
-    pub leave_one_out: (f64, String),
+    pub worst_leave_one_out: (f64, String),
     /// Spread of the turns about the second axis, degrees.
     pub second_axis_deg: f64,
     /// The stations that do not fit, with their probable explanation; judged with squares of the size that the motions
     /// show.
-    pub suspects: Vec<Suspect>,
+    pub suspects: Vec<SuspectStation>,
     /// The size of the board's squares that the robot's motions show; `None` if the poses do not determine it.
     pub square: Option<SquareSize<A>>,
     /// The focal length that the robot's motions show; not determined if the squares have another size, which has
     /// nearly the same effect.
     pub focal: Option<SquareSize<A>>,
     /// Other readings of the poses that fit far better than the poses as they are written.
-    pub readings: Vec<Reading>,
+    pub readings: Vec<PoseReading>,
 }
 
 impl<A: Arrangement> HandEye<A> {
     /// Returns the covariance of the stated point, mm².
     pub fn covariance_mm2(&self) -> Matrix3<f64> {
-        self.adjusted.covariance_at(self.at) * self.poses_each + self.lens_mm2
+        self.adjustment.covariance_at(self.stated_point) * self.correlated_pose_count + self.lens_mm2
     }
 
     /// Returns the degrees of freedom with which the covariance is known.
     pub fn redundancy(&self) -> f64 {
-        redundancy(&self.adjusted, self.poses_each)
+        redundancy(&self.adjustment, self.correlated_pose_count)
     }
 
     /// Returns this result for a lens that is known only to this covariance: the lens adds to the stated uncertainty.
@@ -106,7 +106,7 @@ impl<A: Arrangement> HandEye<A> {
     ///
     /// # Errors
     /// If a corner would be behind the camera.
-    pub fn with_lens(
+    pub fn with_lens_uncertainty(
         self,
         camera: &PinholeCamera,
         stations: &[Station<A::From>],
@@ -115,24 +115,30 @@ impl<A: Arrangement> HandEye<A> {
         let used = stations.iter().zip(&self.residuals).filter(|(_, residual)| residual.used);
         let used: Vec<&Station<A::From>> = used.map(|(station, _)| station).collect();
         let unsettled = CalibError::NotSettled { what: "the lens's share of the uncertainty" };
-        let added = influence::of_lens(camera, &self.adjusted, &used, lens).ok_or(unsettled)?;
-        let lens_mm2 = adjust::covariance_at(&self.adjusted.to_from_camera, &added, self.at);
-        let covariance_mm2 = self.adjusted.covariance_at(self.at) * self.poses_each + lens_mm2;
+        let added = influence::lens_covariance_effect(camera, &self.adjustment, &used, lens).ok_or(unsettled)?;
+        let lens_mm2 = adjust::covariance_at(&self.adjustment.to_from_camera, &added, self.stated_point);
+        let covariance_mm2 =
+            self.adjustment.covariance_at(self.stated_point) * self.correlated_pose_count + lens_mm2;
         let radius_mm = radius_95(&covariance_mm2, self.redundancy());
-        let square = self.square.and_then(|size| size.with_lens(camera, &used, lens));
-        let focal = self.focal.and_then(|size| size.with_lens(camera, &used, lens));
-        let uncertainty_mm = with_sizes(radius_mm, &self.adjusted, [square.as_ref(), focal.as_ref()], self.at);
+        let square = self.square.and_then(|size| size.with_lens_uncertainty(camera, &used, lens));
+        let focal = self.focal.and_then(|size| size.with_lens_uncertainty(camera, &used, lens));
+        let uncertainty_mm = with_size_uncertainty(
+            radius_mm,
+            &self.adjustment,
+            [square.as_ref(), focal.as_ref()],
+            self.stated_point,
+        );
         Ok(HandEye { lens_mm2, uncertainty_mm, square, focal, ..self })
     }
 
     /// Returns how far the stated point moves if the focal length that the motions show replaces the stated one, mm.
     pub fn focal_moves_mm(&self) -> Option<f64> {
-        self.focal.as_ref().map(|size| size.moves_mm(&self.adjusted, self.at))
+        self.focal.as_ref().map(|size| size.moves_mm(&self.adjustment, self.stated_point))
     }
 
     /// Returns how far the stated point moves if the squares' size that the motions show replaces the stated one, mm.
     pub fn square_moves_mm(&self) -> Option<f64> {
-        self.square.as_ref().map(|size| size.moves_mm(&self.adjusted, self.at))
+        self.square.as_ref().map(|size| size.moves_mm(&self.adjustment, self.stated_point))
     }
 
     /// Returns the lens's part of the uncertainty, mm, 95 %; 0 if the lens is regarded as exact.
@@ -161,10 +167,10 @@ pub fn hand_eye<A: Arrangement>(
     stations: &[Station<A::From>],
     at: Option<Point<A::From>>,
 ) -> Result<HandEye<A>, CalibError> {
-    enough(stations)?;
+    check_station_count(stations)?;
     let poses: Vec<BoardPose<A::From>> =
-        stations.iter().map(|station| board_pose(camera, &station.seen)).collect::<Result<_, _>>()?;
-    varied(stations, &poses)?;
+        stations.iter().map(|station| board_pose(camera, &station.observation)).collect::<Result<_, _>>()?;
+    check_rotation_spread(stations, &poses)?;
     let moved: Vec<_> = stations.iter().map(|station| A::to_from_holder(&station.base_from_flange)).collect();
     let seen: Vec<_> = poses.iter().map(|pose| pose.camera_from_board).collect();
     let [origin, right, far, low] = board.outer_corners();
@@ -174,7 +180,7 @@ pub fn hand_eye<A: Arrangement>(
     // chance.
     let start = consensus::start::<A>(&moved, &seen, &rim).map_err(|error| match error {
         CalibError::NoConsensus { poses: count, median_mm, .. } => {
-            let readings = readings::fitting::<A>(camera, board, stations, &poses);
+            let readings = readings::fitting_readings::<A>(camera, board, stations, &poses);
             CalibError::NoConsensus { poses: count, median_mm, readings }
         }
         error => error,
@@ -186,28 +192,29 @@ pub fn hand_eye<A: Arrangement>(
     let needed = MIN_STATIONS.max(stations.len().div_ceil(2)).min(sorted.len());
     let reach_mm = (MAX_START_MEDIANS * start.median_mm.max(1e-3)).max(sorted[needed - 1]);
     let begin: Vec<bool> = start.distances_mm.iter().map(|distance| *distance <= reach_mm).collect();
-    let all = All { camera, stations, poses: &poses };
-    let (adjusted, used) = all.settle((start.to_from_camera, start.holder_from_board), begin)?;
+    let all = StationSet { camera, stations, poses: &poses };
+    let (adjusted, used) = all.reject_outliers((start.to_from_camera, start.holder_from_board), begin)?;
     let size = all.square(&adjusted, &used);
     // Below this share the size changes no pose noticeably, and another size would only excuse wrong poses.
-    let true_size = size.as_ref().filter(|size| size.contradicts() && (size.ratio - 1.0).abs() > OTHER_SIZE);
+    let true_size =
+        size.as_ref().filter(|size| size.contradicts_stated() && (size.ratio - 1.0).abs() > MAX_SQUARE_SIZE_ERROR);
 
     let focal = match &size {
         // The two factors look nearly the same in the pictures, so the focal length is measured only if the squares
         // agree.
-        Some(size) if !size.contradicts() => {
+        Some(size) if !size.contradicts_stated() => {
             let chosen: Vec<_> =
                 stations.iter().zip(&used).filter(|(_, used)| **used).map(|(one, _)| one).collect();
-            square::measure(camera, &chosen, &adjusted, Factor::Focal)
+            square::measure(camera, &chosen, &adjusted, LengthFactor::Focal)
         }
         _ => None,
     };
     let residuals = all.residuals(&adjusted, board, &used);
-    let middle = at.unwrap_or_else(|| middle_of(board, &poses, &used));
-    let poses_each = alike::poses_each(&all.deviations(&adjusted, &used));
+    let middle = at.unwrap_or_else(|| board_centre_in_camera(board, &poses, &used));
+    let poses_each = alike::correlated_pose_count(&all.deviations(&adjusted, &used));
     let covariance_mm2 = adjusted.covariance_at(middle) * poses_each;
     let radius_mm = radius_95(&covariance_mm2, redundancy(&adjusted, poses_each));
-    let uncertainty_mm = with_sizes(radius_mm, &adjusted, [size.as_ref(), focal.as_ref()], middle);
+    let uncertainty_mm = with_size_uncertainty(radius_mm, &adjusted, [size.as_ref(), focal.as_ref()], middle);
     let leave_one_out = all.leave_one_out(&adjusted, &used, middle);
     let over_used = |value: fn(&Residual) -> f64| {
         let squares: Vec<f64> = residuals.iter().filter(|r| r.used).map(|r| value(r).powi(2)).collect();
@@ -228,20 +235,20 @@ pub fn hand_eye<A: Arrangement>(
     };
     let turns: Vec<_> =
         moved.iter().zip(&used).filter(|(_, used)| **used).map(|(m, _)| m.isometry().inverse()).collect();
-    let rms_mm = over_used(|residual| residual.mm);
+    let rms_mm = over_used(|residual| residual.distance_mm);
     let doubtful = !suspects.is_empty() || rms_mm > DOUBTFUL_RMS_MM;
-    let readings = if doubtful { readings::fitting::<A>(camera, board, stations, &poses) } else { vec![] };
+    let readings = if doubtful { readings::fitting_readings::<A>(camera, board, stations, &poses) } else { vec![] };
     Ok(HandEye {
         rms_mm,
-        rms_deg: over_used(|residual| residual.deg),
+        rms_deg: over_used(|residual| residual.angle_deg),
         second_axis_deg: consensus::second_axis_deg(&turns),
-        adjusted,
+        adjustment: adjusted,
         residuals,
-        at: middle,
+        stated_point: middle,
         uncertainty_mm,
-        poses_each,
+        correlated_pose_count: poses_each,
         lens_mm2: Matrix3::zeros(),
-        leave_one_out,
+        worst_leave_one_out: leave_one_out,
         suspects,
         square: size,
         focal,
@@ -250,24 +257,24 @@ pub fn hand_eye<A: Arrangement>(
 }
 
 /// The degrees of freedom if several poses count as one.
-fn redundancy<A: Arrangement>(adjusted: &Adjusted<A>, poses_each: f64) -> f64 {
+fn redundancy<A: Arrangement>(adjusted: &MountAdjustment<A>, poses_each: f64) -> f64 {
     (adjusted.redundancy / poses_each).max(1.0)
 }
 
 /// Returns the stated radius, with the effect of squares and focal length added if the motions contradict them.
-fn with_sizes<A: Arrangement>(
+fn with_size_uncertainty<A: Arrangement>(
     radius_mm: f64,
-    adjusted: &Adjusted<A>,
+    adjusted: &MountAdjustment<A>,
     sizes: [Option<&SquareSize<A>>; 2],
     at: Point<A::From>,
 ) -> f64 {
-    let contradicting = sizes.into_iter().flatten().filter(|size| size.contradicts());
+    let contradicting = sizes.into_iter().flatten().filter(|size| size.contradicts_stated());
     // The contradiction is not resolved here: the error of the mount may be as large as the difference between the two
     // answers.
     contradicting.fold(radius_mm, |radius_mm, size| radius_mm.hypot(size.moves_mm(adjusted, at)))
 }
 
-fn enough<C: Frame>(stations: &[Station<C>]) -> Result<(), CalibError> {
+fn check_station_count<C: Frame>(stations: &[Station<C>]) -> Result<(), CalibError> {
     if stations.len() < MIN_STATIONS {
         let (found, needed) = (stations.len(), MIN_STATIONS);
         return Err(CalibError::TooFewPictures { found, given: found, needed, first_reason: None });
@@ -276,7 +283,7 @@ fn enough<C: Frame>(stations: &[Station<C>]) -> Result<(), CalibError> {
 }
 
 /// Refuses poses that rotate too little, and poses with angles that look like radians.
-fn varied<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C>]) -> Result<(), CalibError> {
+fn check_rotation_spread<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C>]) -> Result<(), CalibError> {
     let seen: Vec<_> = poses.iter().map(|pose| pose.camera_from_board.isometry().inverse()).collect();
     let said: Vec<_> = stations.iter().map(|station| *station.base_from_flange.isometry()).collect();
     let largest = |turns: &[nalgebra::Isometry3<f64>]| {
@@ -300,35 +307,35 @@ fn varied<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C>]) -> Result<(
     Ok(())
 }
 
-/// Returns the maximum surprise (see [`influence::surprise`]): a station with a larger one does not belong to the
+/// Returns the maximum surprise (see [`influence::outlier_statistic`]): a station with a larger one does not belong to the
 /// others.
-fn limit<A: Arrangement>(adjusted: &Adjusted<A>, stations: usize) -> f64 {
+fn limit<A: Arrangement>(adjusted: &MountAdjustment<A>, stations: usize) -> f64 {
     6.0 * f_quantile(6.0, adjusted.redundancy, 1.0 - FALSE_ALARM_PROBABILITY / stations as f64)
 }
 
-fn middle_of<C: Frame>(board: &Board, poses: &[BoardPose<C>], used: &[bool]) -> Point<C> {
+fn board_centre_in_camera<C: Frame>(board: &Board, poses: &[BoardPose<C>], used: &[bool]) -> Point<C> {
     let seen: Vec<_> = poses
         .iter()
         .zip(used)
         .filter(|(_, used)| **used)
-        .map(|(pose, _)| (pose.camera_from_board * board.middle()).mm.coords)
+        .map(|(pose, _)| (pose.camera_from_board * board.centre()).mm.coords)
         .collect();
     Point::new((seen.iter().sum::<nalgebra::Vector3<f64>>() / seen.len().max(1) as f64).into())
 }
 
-struct All<'a, C: Frame> {
+struct StationSet<'a, C: Frame> {
     camera: &'a PinholeCamera,
     stations: &'a [Station<C>],
     poses: &'a [BoardPose<C>],
 }
 
-impl<C: Frame> All<'_, C> {
+impl<C: Frame> StationSet<'_, C> {
     /// Adjusts the stations that agree, until a test of each station against the result changes nothing.
-    fn settle<A: Arrangement<From = C>>(
+    fn reject_outliers<A: Arrangement<From = C>>(
         &self,
         start: (Rigid<A::To, C>, Rigid<A::Holder, BoardFrame>),
         mut used: Vec<bool>,
-    ) -> Result<(Adjusted<A>, Vec<bool>), CalibError> {
+    ) -> Result<(MountAdjustment<A>, Vec<bool>), CalibError> {
         let mut from = start;
         let mut last = None;
         for _ in 0..MAX_ROUNDS {
@@ -351,7 +358,7 @@ impl<C: Frame> All<'_, C> {
             let adjusted = adjust::adjust::<A>(self.camera, &chosen, (&from.0, &from.1), None)?;
             let limit = limit(&adjusted, self.stations.len());
             let next: Vec<bool> = (0..self.stations.len())
-                .map(|index| self.surprise(&adjusted, index, used[index]) <= limit)
+                .map(|index| self.outlier_statistic(&adjusted, index, used[index]) <= limit)
                 .collect();
             from = (adjusted.to_from_camera, adjusted.holder_from_board);
             if next == used {
@@ -367,45 +374,58 @@ impl<C: Frame> All<'_, C> {
 
     /// Determines the squares' size from the stations that agree. If it differs from the stated size, correct stations
     /// may have been set aside for this reason: the stations are chosen again with squares of the measured size.
-    fn square<A: Arrangement<From = C>>(&self, adjusted: &Adjusted<A>, used: &[bool]) -> Option<SquareSize<A>> {
+    fn square<A: Arrangement<From = C>>(
+        &self,
+        adjusted: &MountAdjustment<A>,
+        used: &[bool],
+    ) -> Option<SquareSize<A>> {
         let chosen = |used: &[bool]| -> Vec<&Station<C>> {
             self.stations.iter().zip(used).filter(|(_, used)| **used).map(|(station, _)| station).collect()
         };
-        let first = square::measure(self.camera, &chosen(used), adjusted, Factor::Square)?;
-        if !first.contradicts() || used.iter().all(|used| *used) {
+        let first = square::measure(self.camera, &chosen(used), adjusted, LengthFactor::Square)?;
+        if !first.contradicts_stated() || used.iter().all(|used| *used) {
             return Some(first);
         }
         let stations: Vec<Station<C>> =
-            self.stations.iter().map(|station| square::scaled(station, first.ratio)).collect();
+            self.stations.iter().map(|station| square::scale_station(station, first.ratio)).collect();
         let poses: Option<Vec<BoardPose<C>>> =
-            stations.iter().map(|station| board_pose(self.camera, &station.seen).ok()).collect();
+            stations.iter().map(|station| board_pose(self.camera, &station.observation).ok()).collect();
         let poses = poses?;
-        let start = (first.adjusted.to_from_camera, first.adjusted.holder_from_board);
-        let all = All { camera: self.camera, stations: &stations, poses: &poses };
-        let Ok((_, used)) = all.settle::<A>(start, vec![true; stations.len()]) else { return Some(first) };
-        square::measure(self.camera, &chosen(&used), &first.adjusted, Factor::Square).or(Some(first))
+        let start = (first.adjustment.to_from_camera, first.adjustment.holder_from_board);
+        let all = StationSet { camera: self.camera, stations: &stations, poses: &poses };
+        let Ok((_, used)) = all.reject_outliers::<A>(start, vec![true; stations.len()]) else { return Some(first) };
+        square::measure(self.camera, &chosen(&used), &first.adjustment, LengthFactor::Square).or(Some(first))
     }
 
     /// Returns the surprise of a station, compared with the adjustment without it.
-    fn surprise<A: Arrangement<From = C>>(&self, adjusted: &Adjusted<A>, index: usize, used: bool) -> f64 {
+    fn outlier_statistic<A: Arrangement<From = C>>(
+        &self,
+        adjusted: &MountAdjustment<A>,
+        index: usize,
+        used: bool,
+    ) -> f64 {
         let (station, seen) = (&self.stations[index], &self.poses[index].camera_from_board);
-        let without = if used { self.without(adjusted, index) } else { Some(adjusted.clone()) };
-        without.map_or(0.0, |without| influence::surprise(self.camera, &without, station, seen))
+        let without = if used { self.leave_out(adjusted, index) } else { Some(adjusted.clone()) };
+        without.map_or(0.0, |without| influence::outlier_statistic(self.camera, &without, station, seen))
     }
 
     /// Returns the adjustment without one used station, approximated to first order. `None` if the other stations
     /// determine nothing.
-    fn without<A: Arrangement<From = C>>(&self, adjusted: &Adjusted<A>, index: usize) -> Option<Adjusted<A>> {
+    fn leave_out<A: Arrangement<From = C>>(
+        &self,
+        adjusted: &MountAdjustment<A>,
+        index: usize,
+    ) -> Option<MountAdjustment<A>> {
         let all = influence::inverse(&adjusted.covariance)?;
         let (gone, pull) = influence::information(self.camera, adjusted, &self.stations[index])?;
         let covariance = influence::inverse(&(all - gone))?;
-        Some(adjusted.moved(&-(covariance * pull), covariance))
+        Some(adjusted.perturbed(&-(covariance * pull), covariance))
     }
 
     /// Returns each used pose with the motion of the flange by which its picture deviates from it.
     fn deviations<A: Arrangement<From = C>>(
         &self,
-        adjusted: &Adjusted<A>,
+        adjusted: &MountAdjustment<A>,
         used: &[bool],
     ) -> Vec<(Rigid<Base, Flange>, Twist)> {
         let deviation = |(station, pose): (&Station<C>, &BoardPose<C>)| {
@@ -418,12 +438,12 @@ impl<C: Frame> All<'_, C> {
 
     fn leave_one_out<A: Arrangement<From = C>>(
         &self,
-        adjusted: &Adjusted<A>,
+        adjusted: &MountAdjustment<A>,
         used: &[bool],
         at: Point<C>,
     ) -> (f64, String) {
         let shift = |index: usize| {
-            self.without(adjusted, index)
+            self.leave_out(adjusted, index)
                 .map_or(f64::INFINITY, |without| without.to_from_camera.distance_at_mm(adjusted.to_from_camera, at))
         };
         let all = (0..used.len()).filter(|&index| used[index]);
@@ -433,7 +453,7 @@ impl<C: Frame> All<'_, C> {
 
     fn residuals<A: Arrangement<From = C>>(
         &self,
-        adjusted: &Adjusted<A>,
+        adjusted: &MountAdjustment<A>,
         board: &Board,
         used: &[bool],
     ) -> Vec<Residual> {
@@ -441,9 +461,15 @@ impl<C: Frame> All<'_, C> {
             let moved = A::to_from_holder(&station.base_from_flange);
             let said = adjusted.to_from_camera.inverse() * moved * adjusted.holder_from_board;
             let seen = pose.camera_from_board;
-            let mm = said.distance_at_mm(seen, board.middle());
+            let mm = said.distance_at_mm(seen, board.centre());
             let deg = (said.inverse() * seen).turn().0;
-            Residual { name: station.name.clone(), mm, deg, used: *used, corners_rms: pose.rms }
+            Residual {
+                name: station.name.clone(),
+                distance_mm: mm,
+                angle_deg: deg,
+                used: *used,
+                corners_rms: pose.rms,
+            }
         };
         self.stations.iter().zip(self.poses).zip(used).map(residual).collect()
     }

@@ -4,7 +4,7 @@
 use super::board::Board;
 use crate::cell::{LensExtent, Limits};
 use crate::geometry::{Base, Board as BoardFrame, Pixel, Point, Rigid};
-use crate::number_text::{apart, fixed, percent_apart};
+use crate::number_text::{distinguishable_percents, distinguishable_texts, fixed_decimals};
 use crate::verdict::{Judgement, Reason};
 
 /// The subject of a verification of a compliant tool's force without contact: its error and its limit are in N.
@@ -72,7 +72,7 @@ pub fn distance_mm(
 /// Returns the side of a board's squares that the touched corners show, since the arm's lengths are metric: the stated
 /// side times the factor that fits the board's own distances to those between the touched points. `None` if fewer than
 /// two corners were touched.
-pub fn square_by_touches(board: &Board, touched: &[(Point<BoardFrame>, Point<Base>)]) -> Option<f64> {
+pub fn square_size_from_touches(board: &Board, touched: &[(Point<BoardFrame>, Point<Base>)]) -> Option<f64> {
     let (mut both, mut own) = (0.0, 0.0);
     for (index, first) in touched.iter().enumerate() {
         for second in &touched[index + 1..] {
@@ -106,11 +106,11 @@ pub struct BoardMeasurement {
 }
 
 /// States why the seen corners cannot be those of this board; `None` if they can.
-pub fn no_such_board(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
+pub fn board_mismatch(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     let rms_px = look.pnp_rms_px;
     if rms_px.is_nan() || rms_px > MAX_PNP_RMS_PX {
-        let [rms, allowed] = apart(rms_px, MAX_PNP_RMS_PX, 2);
-        return Some(implausible(format!(
+        let [rms, allowed] = distinguishable_texts(rms_px, MAX_PNP_RMS_PX, 2);
+        return Some(implausible_reason(format!(
             "the corners are {rms} px rms off the positions at which this lens would see a flat board of squares \
              (limit {allowed} px): check that the board is flat, and that the picture is from this camera."
         )));
@@ -118,21 +118,21 @@ pub fn no_such_board(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     let (measured_mm, square_mm) = (look.measured_square_mm?, board.square_mm());
     let differs = (measured_mm / square_mm - 1.0).abs();
     (differs.is_nan() || differs > MAX_SQUARE_SHARE).then(|| {
-        let [share, allowed] = percent_apart(differs, MAX_SQUARE_SHARE, 1);
-        implausible(format!(
+        let [share, allowed] = distinguishable_percents(differs, MAX_SQUARE_SHARE, 1);
+        implausible_reason(format!(
             "the 3D camera measures squares of {} mm, but the stated side is {square_mm} mm, a difference of \
              {share} % (limit {allowed} %): measure the board, and correct its size.",
-            fixed(measured_mm, 2)
+            fixed_decimals(measured_mm, 2)
         ))
     })
 }
 
 /// States why a measurement at these pixels is refused: the pictures from which the lens was calibrated do not
 /// support it there; `None` if they do.
-pub fn outside_of_lens(extent: &LensExtent, pixels: impl IntoIterator<Item = Pixel>) -> Option<Reason> {
+pub fn lens_extent_refusal(extent: &LensExtent, pixels: impl IntoIterator<Item = Pixel>) -> Option<Reason> {
     let error_px = extent.supported.as_ref()?.error_px;
-    let pixel = pixels.into_iter().find(|pixel| !extent.holds(*pixel))?;
-    let (u, v) = (fixed(pixel.u, 0), fixed(pixel.v, 0));
+    let pixel = pixels.into_iter().find(|pixel| !extent.contains_pixel(*pixel))?;
+    let (u, v) = (fixed_decimals(pixel.u, 0), fixed_decimals(pixel.v, 0));
     let message = format!(
         "pixel ({u}, {v}) lies outside of the part of the picture in which the lens is calibrated to {error_px:.2} \
          px (supported_px in its file): take the picture from a pose that shows this point nearer to the middle, \
@@ -146,23 +146,27 @@ pub fn outside_of_lens(extent: &LensExtent, pixels: impl IntoIterator<Item = Pix
 ///
 /// A camera that was bumped shows the board displaced by less than half of the board's own diagonal, and rotated by
 /// less than 20°.
-pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &BoardMeasurement, board: &Board) -> Option<Reason> {
-    if let Some(reason) = no_such_board(look, board) {
+pub fn uninformative_measurement(
+    known: &Rigid<Base, BoardFrame>,
+    look: &BoardMeasurement,
+    board: &Board,
+) -> Option<Reason> {
+    if let Some(reason) = board_mismatch(look, board) {
         return Some(reason);
     }
     let turn_deg = (known.inverse() * look.base_from_board).turn().0;
     if turn_deg.is_nan() || turn_deg > MAX_TURN_DEG {
-        let [turn, allowed] = apart(turn_deg, MAX_TURN_DEG, 0);
-        return Some(implausible(format!(
+        let [turn, allowed] = distinguishable_texts(turn_deg, MAX_TURN_DEG, 0);
+        return Some(implausible_reason(format!(
             "the board appears turned by {turn}° (limit {allowed}°): check that its corners are counted as in the \
              target's file, that the board was not moved, and that --flange is the flange pose of this picture."
         )));
     }
-    let (middle, first) = (board.middle(), Point::at(0.0, 0.0, 0.0));
+    let (middle, first) = (board.centre(), Point::at(0.0, 0.0, 0.0));
     let (off_mm, allowed_mm) = (known.distance_at_mm(look.base_from_board, middle), middle.distance_mm(first));
     (off_mm.is_nan() || off_mm > allowed_mm).then(|| {
-        let [off, allowed] = apart(off_mm, allowed_mm, 0);
-        implausible(format!(
+        let [off, allowed] = distinguishable_texts(off_mm, allowed_mm, 0);
+        implausible_reason(format!(
             "the board appears {off} mm from its expected position (limit: half of its diagonal, {allowed} mm): \
              check that the board was not moved, that its size in the target's file is right, and that --flange is \
              the flange pose of this picture."
@@ -174,7 +178,7 @@ pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &BoardMeasurement, boar
 /// distances; `None` if they agree.
 pub fn depth_differs(farther_mm: f64, limit_mm: f64) -> Option<Reason> {
     (farther_mm.is_nan() || farther_mm.abs() > limit_mm).then(|| {
-        let [found, allowed] = apart(farther_mm.abs(), limit_mm, 2);
+        let [found, allowed] = distinguishable_texts(farther_mm.abs(), limit_mm, 2);
         let way = if farther_mm > 0.0 { "farther away" } else { "nearer" };
         let message = format!(
             "the 3D camera's own points put the board {found} mm {way} than its picture does (limit {allowed} mm): \
@@ -184,7 +188,7 @@ pub fn depth_differs(farther_mm: f64, limit_mm: f64) -> Option<Reason> {
     })
 }
 
-fn implausible(what: String) -> Reason {
+fn implausible_reason(what: String) -> Reason {
     let message = format!(
         "{what} This measurement was not stored, and the last verification remains valid; if the camera was really \
          moved by this amount, calibrate it again before the next cycle"
@@ -194,10 +198,10 @@ fn implausible(what: String) -> Reason {
 
 /// Returns a reason if the error of a verification is larger than the cell's file now allows. A NaN is beyond every
 /// limit.
-pub fn beyond(last: &Verification, demands: VerificationLimits) -> Option<Reason> {
+pub fn exceeded_limit_reason(last: &Verification, demands: VerificationLimits) -> Option<Reason> {
     let (subject, found, allowed) = (&last.subject, last.error, demands.limit);
     (found.is_nan() || found > allowed).then(|| {
-        let ([found, allowed], unit) = (apart(found, allowed, 3), unit(subject));
+        let ([found, allowed], unit) = (distinguishable_texts(found, allowed, 3), unit(subject));
         let message = format!(
             "the last verification of {subject} found an error of {found} {unit} (limit {allowed} {unit}); check \
              whether something was bumped, calibrate {subject} again, and verify it"
@@ -244,11 +248,11 @@ pub fn health(
         reject.push(Reason::new("verification_ahead", message));
     }
     if age_h > demands.max_age_h {
-        let [age, allowed] = apart(age_h, demands.max_age_h, 1);
+        let [age, allowed] = distinguishable_texts(age_h, demands.max_age_h, 1);
         let message = format!("{subject} was verified {age} h ago (limit {allowed} h); {}", advice(subject));
         reject.push(Reason::new("verification_old", message));
     }
-    reject.extend(beyond(last, demands));
+    reject.extend(exceeded_limit_reason(last, demands));
     if last.calibration_hash != calibration_hash {
         let message = format!(
             "{subject} was verified with calibration files other than the present ones; {}",
@@ -263,13 +267,13 @@ pub fn health(
 const WARNING_AGE_SHARE: f64 = 0.9;
 
 /// Returns a warning for a verification that still counts but will soon be too old.
-pub fn ends_soon(last: &Verification, now_unix_s: i64, demands: VerificationLimits) -> Option<Reason> {
+pub fn expiry_warning(last: &Verification, now_unix_s: i64, demands: VerificationLimits) -> Option<Reason> {
     let age_h = (now_unix_s - last.at_unix_s) as f64 / 3600.0;
     let is_soon =
         last.struck.is_none() && age_h > WARNING_AGE_SHARE * demands.max_age_h && age_h <= demands.max_age_h;
     is_soon.then(|| {
         let (subject, advice) = (&last.subject, advice(&last.subject));
-        let [age, allowed] = apart(age_h, demands.max_age_h, 1);
+        let [age, allowed] = distinguishable_texts(age_h, demands.max_age_h, 1);
         let message = format!(
             "{subject} was verified {age} h ago; no cycle can start when this is more than {allowed} h ago; \
              {advice}"
@@ -301,7 +305,7 @@ pub struct CameraHealth<'a> {
 ///
 /// Rejects if a camera's [`health`] rejects, or if the newest touch with the present tool was beyond the limit. A tool
 /// need not be touched: without a touch the robot's part of the error is not measured, and the budget states this.
-pub fn may_start(
+pub fn judge_start(
     cameras: &[CameraHealth<'_>],
     touch: Option<&Verification>,
     now_unix_s: i64,
@@ -311,7 +315,7 @@ pub fn may_start(
         health(camera.subject, camera.last, camera.calibration_hash, now_unix_s, demands).reasons
     };
     // A touch that exists and is bad stops the cell; a missing one is stated in the error budget.
-    let of_touch = touch.and_then(|touch| beyond(touch, demands));
+    let of_touch = touch.and_then(|touch| exceeded_limit_reason(touch, demands));
     Judgement::new(cameras.iter().flat_map(of_camera).chain(of_touch).collect(), vec![])
 }
 
@@ -338,7 +342,7 @@ mod tests {
         let (scanner, touch) = (last("scanner", 0.1), last("tool", 0.6));
         let camera = |last| CameraHealth { subject: "scanner", last, calibration_hash: "h" };
         let codes = |cameras: &[CameraHealth<'_>], touch| -> Vec<String> {
-            let judgement = may_start(cameras, touch, 3_600, DEMANDS);
+            let judgement = judge_start(cameras, touch, 3_600, DEMANDS);
             judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect()
         };
         assert_eq!(codes(&[camera(Some(&scanner))], None), Vec::<String>::new());
@@ -357,13 +361,13 @@ mod tests {
         let now = 1_700_000_000;
         let code = |hours: f64| {
             let last = verified(0.2, now - (hours * 3_600.0) as i64);
-            ends_soon(&last, now, DEMANDS).map(|reason| reason.code.into_owned())
+            expiry_warning(&last, now, DEMANDS).map(|reason| reason.code.into_owned())
         };
         assert_eq!([code(21.5), code(24.1)], [None, None]);
         assert_eq!([code(21.7), code(23.9)].map(|code| code.expect("soon")), ["verification_ends"; 2]);
         let strike = Strike { by: "A. Smith".to_owned(), why: "another board".to_owned(), at_unix_s: now };
         let struck = Verification { struck: Some(strike), ..verified(0.2, now - 23 * 3_600) };
-        assert_eq!(ends_soon(&struck, now, DEMANDS), None);
+        assert_eq!(expiry_warning(&struck, now, DEMANDS), None);
     }
 
     #[test]
@@ -396,12 +400,18 @@ mod tests {
     #[test]
     fn a_look_that_cannot_be_the_board_is_told_from_a_bumped_camera() {
         let board = Board::parse("5x4", 40.0).expect("a board");
-        let known: Rigid<Base, BoardFrame> = Rigid::claim(Isometry3::translation(500.0, 0.0, 0.0));
+        let known: Rigid<Base, BoardFrame> =
+            Rigid::from_isometry_unchecked(Isometry3::translation(500.0, 0.0, 0.0));
         let look = |x_mm: f64, turn_deg: f64, pnp_rms_px: f64, measured_square_mm: Option<f64>| {
             let middle = Isometry3::translation(80.0, 60.0, 0.0);
             let turned = middle * Isometry3::rotation(Vector3::z() * turn_deg.to_radians()) * middle.inverse();
-            let base_from_board = Rigid::claim(Isometry3::translation(500.0 + x_mm, 0.0, 0.0) * turned);
-            no_look_at(&known, &BoardMeasurement { base_from_board, pnp_rms_px, measured_square_mm }, &board)
+            let base_from_board =
+                Rigid::from_isometry_unchecked(Isometry3::translation(500.0 + x_mm, 0.0, 0.0) * turned);
+            uninformative_measurement(
+                &known,
+                &BoardMeasurement { base_from_board, pnp_rms_px, measured_square_mm },
+                &board,
+            )
         };
         for (kept, refused, words) in [
             (look(99.0, 0.0, 0.1, None), look(101.0, 0.0, 0.1, None), "101 mm from its expected position"),
@@ -423,17 +433,18 @@ mod tests {
         let board = Board::parse("5x4", 40.0).expect("a board");
         let corners = [[0.0, 0.0], [160.0, 0.0], [160.0, 120.0]];
         let touched = corners.map(|[x, y]| (Point::at(x, y, 0.0), Point::at(500.0 + 1.005 * x, 1.005 * y, 100.0)));
-        let square_mm = square_by_touches(&board, &touched).expect("three corners");
+        let square_mm = square_size_from_touches(&board, &touched).expect("three corners");
         assert!((square_mm - 40.2).abs() < 1e-9, "{square_mm}");
-        assert_eq!(square_by_touches(&board, &touched[..1]), None);
+        assert_eq!(square_size_from_touches(&board, &touched[..1]), None);
     }
 
     /// Calculated by hand: with a board that is turned by 0.01 rad about its origin, a corner 100 mm away has an
     /// error of 1 mm.
     #[test]
     fn the_farthest_corner_counts() {
-        let known: Rigid<Base, BoardFrame> = Rigid::claim(Isometry3::translation(500.0, 0.0, 0.0));
-        let found = known * Rigid::claim(Isometry3::rotation(Vector3::z() * 0.01));
+        let known: Rigid<Base, BoardFrame> =
+            Rigid::from_isometry_unchecked(Isometry3::translation(500.0, 0.0, 0.0));
+        let found = known * Rigid::from_isometry_unchecked(Isometry3::rotation(Vector3::z() * 0.01));
         let corners = [[0.0, 0.0], [100.0, 0.0], [0.0, 60.0]].map(|[x, y]| Point::at(x, y, 0.0));
         assert!((distance_mm(&known, &found, &corners) - 1.0).abs() < 1e-4);
     }

@@ -6,9 +6,9 @@
 //! adds Λ⁻¹ B C Bᵀ Λ⁻¹. This is the largest part if the robot is good: an error of 0.1 px of the principal point
 //! rotates the mount by the view angle of 0.1 px.
 
-use super::adjust::{Adjusted, prior, scaled_inverse};
+use super::adjust::{MountAdjustment, prior_weights, scaled_inverse};
 use super::arrangement::{Arrangement, Twist, log};
-use super::chain::{Both, Chain, Station};
+use super::chain::{Chain, MountBoardMatrix, Station};
 use crate::cell::LensCovariance;
 use crate::geometry::{Base, Board, Flange, PinholeCamera, Rigid};
 use nalgebra::{Isometry3, Matrix6, SMatrix, SVector};
@@ -17,14 +17,14 @@ use nalgebra::{Isometry3, Matrix6, SMatrix, SVector};
 /// leave a station out, and to choose the next one.
 pub(super) fn information<A: Arrangement>(
     camera: &PinholeCamera,
-    adjusted: &Adjusted<A>,
+    adjusted: &MountAdjustment<A>,
     station: &Station<A::From>,
-) -> Option<(Both, SVector<f64, 12>)> {
+) -> Option<(MountBoardMatrix, SVector<f64, 12>)> {
     let (mount, board) = (adjusted.to_from_camera.isometry(), adjusted.holder_from_board.isometry());
     let chain = Chain::new::<A>(mount, board, &station.base_from_flange, &Isometry3::identity());
-    let gram = chain.gram(camera, &station.seen)?;
-    let inverse = (gram.flange() + prior(&adjusted.noise)).cholesky()?.inverse();
-    let reduced = gram.both() - gram.cross() * inverse * gram.cross().transpose();
+    let gram = chain.gram(camera, &station.observation)?;
+    let inverse = (gram.flange() + prior_weights(&adjusted.noise)).cholesky()?.inverse();
+    let reduced = gram.mount_and_board() - gram.cross() * inverse * gram.cross().transpose();
     let pull = gram.gradient.fixed_rows::<12>(0) - gram.cross() * inverse * gram.gradient.fixed_rows::<6>(12);
     let weight = adjusted.noise.corner.powi(-2);
     Some((reduced * weight, pull * weight))
@@ -38,9 +38,9 @@ const ARM_TURN_RAD: f64 = 3e-5;
 
 /// Returns how improbable a station is, compared with an adjustment without it: the squared length of the twist by
 /// which the flange would have to be moved, in standard deviations; 6 is usual.
-pub(super) fn surprise<A: Arrangement>(
+pub(super) fn outlier_statistic<A: Arrangement>(
     camera: &PinholeCamera,
-    adjusted: &Adjusted<A>,
+    adjusted: &MountAdjustment<A>,
     station: &Station<A::From>,
     camera_from_board: &Rigid<A::From, Board>,
 ) -> f64 {
@@ -48,7 +48,7 @@ pub(super) fn surprise<A: Arrangement>(
     let needed = needed_flange(adjusted, camera_from_board);
     let deviation = (station.base_from_flange.inverse() * needed).isometry().to_owned();
     let chain = Chain::new::<A>(mount, board, &station.base_from_flange, &deviation);
-    let found = chain.gram(camera, &station.seen).and_then(|gram| {
+    let found = chain.gram(camera, &station.observation).and_then(|gram| {
         let inverse = gram.flange().cholesky()?.inverse();
         let through = inverse * gram.cross().transpose();
         let noise = &adjusted.noise;
@@ -63,27 +63,28 @@ pub(super) fn surprise<A: Arrangement>(
 
 /// Returns the pose that the flange must have had for a picture to show the board as it does.
 pub(super) fn needed_flange<A: Arrangement>(
-    adjusted: &Adjusted<A>,
+    adjusted: &MountAdjustment<A>,
     camera_from_board: &Rigid<A::From, Board>,
 ) -> Rigid<Base, Flange> {
     let to_from_holder = adjusted.to_from_camera * *camera_from_board * adjusted.holder_from_board.inverse();
     let bare = *to_from_holder.isometry();
-    Rigid::claim(if A::EYE_IN_HAND { bare.inverse() } else { bare })
+    Rigid::from_isometry_unchecked(if A::EYE_IN_HAND { bare.inverse() } else { bare })
 }
 /// Returns the covariance that a lens of this covariance adds to mount and board; `None` if a corner is behind the
 /// camera.
-pub(super) fn of_lens<A: Arrangement>(
+pub(super) fn lens_covariance_effect<A: Arrangement>(
     camera: &PinholeCamera,
-    adjusted: &Adjusted<A>,
+    adjusted: &MountAdjustment<A>,
     stations: &[&Station<A::From>],
     lens: &LensCovariance,
-) -> Option<Both> {
+) -> Option<MountBoardMatrix> {
     let (mount, board) = (adjusted.to_from_camera.isometry(), adjusted.holder_from_board.isometry());
     let mut pull = SMatrix::<f64, 12, 9>::zeros();
     for station in stations {
         let chain = Chain::new::<A>(mount, board, &station.base_from_flange, &Isometry3::identity());
-        let (gram, lens) = (chain.gram(camera, &station.seen)?, chain.lens_cross(camera, &station.seen)?);
-        let inverse = (gram.flange() + prior(&adjusted.noise)).cholesky()?.inverse();
+        let (gram, lens) =
+            (chain.gram(camera, &station.observation)?, chain.lens_cross(camera, &station.observation)?);
+        let inverse = (gram.flange() + prior_weights(&adjusted.noise)).cholesky()?.inverse();
         pull += lens.fixed_rows::<12>(0) - gram.cross() * inverse * lens.fixed_rows::<6>(12);
     }
     let moved = adjusted.covariance * pull * adjusted.noise.corner.powi(-2);
@@ -91,6 +92,6 @@ pub(super) fn of_lens<A: Arrangement>(
 }
 
 /// Returns the inverse of a covariance or an information matrix of mount and board.
-pub(super) fn inverse(normal: &Both) -> Option<Both> {
+pub(super) fn inverse(normal: &MountBoardMatrix) -> Option<MountBoardMatrix> {
     scaled_inverse(normal)
 }

@@ -13,16 +13,16 @@ pub use super::board_shape::BoardShape;
 use super::detect::Corners;
 use super::error::CalibError;
 use super::foreign;
-pub use super::lens_choice::Trial;
+pub use super::lens_choice::ModelTrial;
 use super::lens_fit::{self, LensFit};
 use super::lens_gram::LensGram;
 pub use super::lens_model::LensModel;
 pub use super::lens_next::NextPicture;
-pub use super::lens_support::Support;
+pub use super::lens_support::LensSupport;
 use super::{lens_choice, lens_covariance, lens_next, lens_support};
 use crate::cell::LensCovariance;
 use crate::geometry::{Board, Camera, PinholeCamera, Pixel, Point, Rigid, median};
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use nalgebra::Vector3;
 
 /// A picture with its corners.
@@ -42,14 +42,14 @@ pub struct ViewResult {
     /// Root mean square of the distances of the picture's corners, px.
     pub rms_px: f64,
     /// Why it was set aside; `None` if it was used.
-    pub set_aside: Option<String>,
+    pub exclusion_reason: Option<String>,
 }
 
 /// A corner with its residual in the camera model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerResidual {
     /// The pixel at which it was found.
-    pub at: Pixel,
+    pub pixel: Pixel,
     /// Found minus computed, u, px.
     pub du_px: f64,
     /// Found minus computed, v, px.
@@ -64,7 +64,7 @@ pub struct Calibrated {
     /// The lens model, which states the coefficients.
     pub model: LensModel,
     /// How well each model predicted pictures that were left out, the simplest model first.
-    pub trials: Vec<Trial>,
+    pub trials: Vec<ModelTrial>,
     /// Root mean square distance of all used corners, px.
     pub rms_px: f64,
     /// Root mean square distance of the corners in left-out pictures, px.
@@ -76,7 +76,7 @@ pub struct Calibrated {
     /// Their covariance.
     pub covariance: LensCovariance,
     /// The part of the picture in which the lens is calibrated.
-    pub support: Support,
+    pub support: LensSupport,
     /// The pictures, in the order of the input.
     pub views: Vec<ViewResult>,
     /// Share of the picture's 8 × 6 fields that contain a corner.
@@ -94,7 +94,7 @@ pub struct Calibrated {
 impl Calibrated {
     /// Returns the picture of this board that would help most; `None` if none helps much.
     pub fn next_picture(&self, board: &BoardPattern) -> Option<NextPicture> {
-        lens_next::next_picture(&self.camera, board, &self.information)
+        lens_next::best_next_picture(&self.camera, board, &self.information)
     }
 }
 
@@ -102,7 +102,7 @@ impl Calibrated {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Options {
     /// Whether no picture may be set aside.
-    pub keep_all: bool,
+    pub keep_all_pictures: bool,
     /// The lens model; without it, the model is chosen from the data.
     pub model: Option<LensModel>,
 }
@@ -114,7 +114,7 @@ const OUTLIER_FACTOR: f64 = 2.5;
 /// Pictures with a smaller residual than this are good, independent of the others, px.
 const GOOD_PX: f64 = 0.15;
 /// At most this share of the pictures is set aside.
-const MAX_ASIDE: f64 = 0.34;
+const MAX_EXCLUDED_SHARE: f64 = 0.34;
 const FIELDS: (usize, usize) = (8, 6);
 
 /// Calibrates a camera's intrinsics from pictures of a board.
@@ -132,16 +132,16 @@ pub fn calibrate(size: (usize, usize), views: &[View], options: Options) -> Resu
         }
         // A model of medium size: a simpler one would make pictures with corners near the border look wrong, a larger
         // one would bend to bad pictures.
-        let first = fitted(size, &used, options.model.unwrap_or(LensModel::Tangential))?;
-        let rms = rms_of_each(&first, &used);
+        let first = fit_lens(size, &used, options.model.unwrap_or(LensModel::Tangential))?;
+        let rms = rms_per_picture(&first, &used);
         let set_aside = aside.iter().flatten().count() + 1;
-        let allowed = !options.keep_all && set_aside as f64 <= MAX_ASIDE * views.len() as f64;
+        let allowed = !options.keep_all_pictures && set_aside as f64 <= MAX_EXCLUDED_SHARE * views.len() as f64;
         // One at a time and fitted again: a bad picture pulls the lens, so that good ones look worse than they are.
-        let Some((worst, limit_px)) = outlier(&rms).filter(|_| allowed && used.len() > MIN_VIEWS) else {
-            return judged(first, &used, options.model, (views, &aside));
+        let Some((worst, limit_px)) = worst_outlier(&rms).filter(|_| allowed && used.len() > MIN_VIEWS) else {
+            return choose_model(first, &used, options.model, (views, &aside));
         };
         let name = &used[worst].name;
-        let [off, limit] = apart(rms[worst], limit_px, 2);
+        let [off, limit] = distinguishable_texts(rms[worst], limit_px, 2);
         let reason = format!(
             "its corners are {off} px off (limit {limit} px, from the other pictures): the picture is blurred, or \
              the board was bent or moved"
@@ -152,33 +152,33 @@ pub fn calibrate(size: (usize, usize), views: &[View], options: Options) -> Resu
     }
 }
 
-fn corners_of<'a>(used: &[&'a View]) -> Vec<&'a Corners> {
+fn used_corners<'a>(used: &[&'a View]) -> Vec<&'a Corners> {
     used.iter().map(|view| &view.corners).collect()
 }
 
 /// Fits the lens of one model, from OpenCV's start values.
-fn fitted(size: (usize, usize), used: &[&View], model: LensModel) -> Result<LensFit, CalibError> {
+fn fit_lens(size: (usize, usize), used: &[&View], model: LensModel) -> Result<LensFit, CalibError> {
     let corners: Vec<&[(Point<Board>, Pixel)]> = used.iter().map(|view| view.corners.as_slice()).collect();
     let start = foreign::calibrate_camera(size, &corners)?;
-    let poses = start.camera_from_board.iter().map(|pose| Rigid::claim(*pose)).collect();
+    let poses = start.camera_from_board.iter().map(|pose| Rigid::from_isometry_unchecked(*pose)).collect();
     let start = LensFit { camera: start.camera, poses, square: 0.0, rows: 0.0 };
-    lens_fit::fit(model, start, &corners_of(used)).ok_or(CalibError::NotSettled { what: "the lens" })
+    lens_fit::fit(model, start, &used_corners(used)).ok_or(CalibError::NotSettled { what: "the lens" })
 }
 
-fn rms_of_each(fit: &LensFit, used: &[&View]) -> Vec<f64> {
-    let rms = |(view, pose): (&&View, &Rigid<Camera, Board>)| rms_px(&residuals_of(&fit.camera, pose, view));
+fn rms_per_picture(fit: &LensFit, used: &[&View]) -> Vec<f64> {
+    let rms = |(view, pose): (&&View, &Rigid<Camera, Board>)| rms_px(&compute_residuals(&fit.camera, pose, view));
     used.iter().zip(&fit.poses).map(rms).collect()
 }
 
 /// Chooses the model and gathers its evidence.
-fn judged(
+fn choose_model(
     first: LensFit,
     used: &[&View],
     model: Option<LensModel>,
     (views, aside): (&[View], &[Option<(f64, String)>]),
 ) -> Result<Calibrated, CalibError> {
     let unsettled = CalibError::NotSettled { what: "the lens" };
-    let corners = corners_of(used);
+    let corners = used_corners(used);
     let models = model.map_or_else(|| LensModel::ALL.to_vec(), |model| vec![model]);
     let mut start = first;
     let mut fits = Vec::new();
@@ -198,7 +198,7 @@ fn judged(
         .ok_or_else(|| unsettled.clone())?;
     let poses = 6.0 * corners.len() as f64;
     let redundancy = found.rows - choice.model.count() as f64 - poses;
-    let mut left_out: Vec<f64> = choice.left_out.concat();
+    let mut left_out: Vec<f64> = choice.left_out_distances.concat();
     left_out.sort_by(f64::total_cmp);
     let left_out_square: f64 = left_out.iter().map(|px| px * px).sum();
     if redundancy <= 0.0 || left_out.is_empty() {
@@ -211,13 +211,15 @@ fn judged(
     let information = information.ok_or_else(|| unsettled.clone())?;
     let covariance = lens_covariance::lens_covariance(&information, variance_px2).ok_or(unsettled)?;
     let residuals: Vec<Vec<CornerResidual>> =
-        used.iter().zip(&found.poses).map(|(view, pose)| residuals_of(&found.camera, pose, view)).collect();
+        used.iter().zip(&found.poses).map(|(view, pose)| compute_residuals(&found.camera, pose, view)).collect();
     let mut each = residuals.iter().map(|view| rms_px(view));
     let views = views.iter().zip(aside).map(|(view, aside)| match aside {
         Some((rms_px, reason)) => {
-            ViewResult { name: view.name.clone(), rms_px: *rms_px, set_aside: Some(reason.clone()) }
+            ViewResult { name: view.name.clone(), rms_px: *rms_px, exclusion_reason: Some(reason.clone()) }
         }
-        None => ViewResult { name: view.name.clone(), rms_px: each.next().unwrap_or(f64::NAN), set_aside: None },
+        None => {
+            ViewResult { name: view.name.clone(), rms_px: each.next().unwrap_or(f64::NAN), exclusion_reason: None }
+        }
     });
     let size = (found.camera.width_px, found.camera.height_px);
     Ok(Calibrated {
@@ -230,21 +232,21 @@ fn judged(
         deviations: std::array::from_fn(|index| covariance[(index, index)].sqrt()),
         // In parts of the picture without corners a lens model is an extrapolation, whose polynomial may be off by
         // pixels.
-        support: lens_support::support(&found.camera, &covariance, &corners),
+        support: lens_support::compute_support(&found.camera, &covariance, &corners),
         covariance,
         views: views.collect(),
         coverage: coverage(size, used.iter().flat_map(|view| &view.corners)),
-        tilt_deg: tilts(&found.poses),
+        tilt_deg: board_tilts(&found.poses),
         residuals: residuals.concat(),
         board_shape: board_shape::shape(choice.model, &found, &corners),
         information,
     })
 }
 
-fn residuals_of(camera: &PinholeCamera, pose: &Rigid<Camera, Board>, view: &View) -> Vec<CornerResidual> {
+fn compute_residuals(camera: &PinholeCamera, pose: &Rigid<Camera, Board>, view: &View) -> Vec<CornerResidual> {
     let residual = |&(q, at): &(Point<Board>, Pixel)| {
         let computed = camera.project(*pose * q)?;
-        Some(CornerResidual { at, du_px: at.u - computed.u, dv_px: at.v - computed.v })
+        Some(CornerResidual { pixel: at, du_px: at.u - computed.u, dv_px: at.v - computed.v })
     };
     view.corners.iter().filter_map(residual).collect()
 }
@@ -255,7 +257,7 @@ fn rms_px(residuals: &[CornerResidual]) -> f64 {
 }
 
 /// Returns the worst picture and the limit that it exceeds.
-fn outlier(rms: &[f64]) -> Option<(usize, f64)> {
+fn worst_outlier(rms: &[f64]) -> Option<(usize, f64)> {
     let limit_px = (OUTLIER_FACTOR * median(&mut rms.to_vec())?).max(GOOD_PX);
     let (worst, largest) = rms.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
     (*largest > limit_px).then_some((worst, limit_px))
@@ -268,7 +270,7 @@ pub fn coverage<'c>(
 ) -> f64 {
     let mut seen = vec![false; FIELDS.0 * FIELDS.1];
     for (_, pixel) in corners {
-        if let Some((column, row)) = pixel.whole(width, height) {
+        if let Some((column, row)) = pixel.nearest_whole(width, height) {
             seen[row * FIELDS.1 / height * FIELDS.0 + column * FIELDS.0 / width] = true;
         }
     }
@@ -277,7 +279,7 @@ pub fn coverage<'c>(
 
 /// Returns the tilts of the boards relative to the image plane: a board that is parallel to it carries no
 /// information on the focal length, wherever it is.
-fn tilts(poses: &[Rigid<Camera, Board>]) -> [f64; 2] {
+fn board_tilts(poses: &[Rigid<Camera, Board>]) -> [f64; 2] {
     let tilt = |pose: &Rigid<Camera, Board>| (pose.rotation() * Vector3::z()).angle(&Vector3::z()).to_degrees();
     poses.iter().map(tilt).fold([f64::INFINITY, 0.0], |[low, high], tilt| [low.min(tilt), high.max(tilt)])
 }

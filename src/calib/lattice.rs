@@ -6,7 +6,7 @@
 //! therefore stays correct if corners are missing under a glare, and ends at the end of the board. The number of
 //! edge evaluations is counted and limited.
 
-use super::crossings::{Crossing, Smooth};
+use super::crossings::{Crossing, SmoothedPicture};
 use nalgebra::Vector2;
 use std::collections::{BTreeMap, VecDeque};
 
@@ -18,11 +18,11 @@ const MIN_PX: f64 = 6.0;
 /// Maximum distance of neighbours, px: a larger board is found in a smaller picture.
 const MAX_PX: f64 = 170.0;
 /// If there are enough candidates within this distance, none is searched farther away, px.
-const FIRST_PX: f64 = 60.0;
+const FIRST_SEARCH_RADIUS_PX: f64 = 60.0;
 /// The largest angle between a first step and an edge's direction, as a cosine.
-const CONE: f64 = 0.966;
+const MIN_STEP_COSINE: f64 = 0.966;
 /// A neighbour must have an edge along the line from the corner: the largest angle, as a cosine.
-const ALONG: f64 = 0.90;
+const MIN_EDGE_COSINE: f64 = 0.90;
 /// Maximum difference between a step and its prediction from the previous step, as a fraction of the step's length.
 const PREDICTION_TOLERANCE: f64 = 0.28;
 /// The number of crossings that are examined along a first edge.
@@ -37,7 +37,7 @@ const MAX_EDGE_CHECKS: usize = 250_000;
 const MIN_CORNERS: usize = 6;
 
 /// Returns all lattices of a picture, the largest first.
-pub(super) fn lattices(picture: &Smooth, crossings: &[Crossing]) -> Vec<Lattice> {
+pub(super) fn lattices(picture: &SmoothedPicture, crossings: &[Crossing]) -> Vec<Lattice> {
     let mut field = Field::new(picture, crossings);
     let mut used = vec![false; crossings.len()];
     let mut all: Vec<Lattice> = Vec::new();
@@ -45,7 +45,7 @@ pub(super) fn lattices(picture: &Smooth, crossings: &[Crossing]) -> Vec<Lattice>
         if used[seed] || field.looks > MAX_EDGE_CHECKS {
             continue;
         }
-        let grown = field.grow(seed, &used);
+        let grown = field.grow_lattice(seed, &used);
         if grown.len() >= MIN_CORNERS {
             grown.values().for_each(|index| used[*index] = true);
             all.push(grown);
@@ -65,7 +65,7 @@ pub(super) fn extent(lattice: &Lattice) -> [(i32, i32); 2] {
 }
 
 /// Returns the lattice without outer lines of which less than this share is present.
-pub(super) fn trimmed(mut lattice: Lattice, share: f64) -> Lattice {
+pub(super) fn trim_sparse_lines(mut lattice: Lattice, share: f64) -> Lattice {
     loop {
         let [columns, rows] = extent(&lattice);
         let wide = (columns.1 - columns.0 + 1) as usize;
@@ -87,7 +87,7 @@ pub(super) fn trimmed(mut lattice: Lattice, share: f64) -> Lattice {
 
 /// Crossings by place.
 struct Field<'a> {
-    picture: &'a Smooth,
+    picture: &'a SmoothedPicture,
     crossings: &'a [Crossing],
     cells: Vec<Vec<usize>>,
     across: usize,
@@ -100,12 +100,12 @@ const CELL_PX: f64 = 24.0;
 type Axes = [Vector2<f64>; 2];
 
 impl<'a> Field<'a> {
-    fn new(picture: &'a Smooth, crossings: &'a [Crossing]) -> Self {
+    fn new(picture: &'a SmoothedPicture, crossings: &'a [Crossing]) -> Self {
         let across = (picture.width as f64 / CELL_PX) as usize + 1;
         let down = (picture.height as f64 / CELL_PX) as usize + 1;
         let mut cells = vec![Vec::new(); across * down];
         for (index, crossing) in crossings.iter().enumerate() {
-            let cell = (crossing.at.y / CELL_PX) as usize * across + (crossing.at.x / CELL_PX) as usize;
+            let cell = (crossing.position.y / CELL_PX) as usize * across + (crossing.position.x / CELL_PX) as usize;
             if let Some(cell) = cells.get_mut(cell) {
                 cell.push(index);
             }
@@ -114,14 +114,19 @@ impl<'a> Field<'a> {
     }
 
     /// Returns the crossings within a distance that satisfy `is_one`, the nearest first.
-    fn near(&self, at: Vector2<f64>, reach: f64, is_one: &dyn Fn(f64, Vector2<f64>) -> bool) -> Vec<(f64, usize)> {
+    fn crossings_within(
+        &self,
+        at: Vector2<f64>,
+        reach: f64,
+        is_one: &dyn Fn(f64, Vector2<f64>) -> bool,
+    ) -> Vec<(f64, usize)> {
         let cell = |place: f64| (place / CELL_PX).floor().max(0.0) as usize;
         let down = self.cells.len() / self.across;
         let mut all = Vec::new();
         for row in cell(at.y - reach)..=cell(at.y + reach).min(down - 1) {
             for column in cell(at.x - reach)..=cell(at.x + reach).min(self.across - 1) {
                 for &index in &self.cells[row * self.across + column] {
-                    let between = self.crossings[index].at - at;
+                    let between = self.crossings[index].position - at;
                     let away = between.norm();
                     if away <= reach && is_one(away, between) {
                         all.push((away, index));
@@ -133,7 +138,7 @@ impl<'a> Field<'a> {
         all
     }
 
-    fn grow(&mut self, seed: usize, used: &[bool]) -> Lattice {
+    fn grow_lattice(&mut self, seed: usize, used: &[bool]) -> Lattice {
         let mut lattice = Lattice::new();
         let mut axes: BTreeMap<(i32, i32), Axes> = BTreeMap::new();
         let mut taken = std::collections::BTreeSet::new();
@@ -157,7 +162,7 @@ impl<'a> Field<'a> {
                     .filter(|place| *place != at)
                     .filter_map(|place| lattice.get(&place).copied());
                 let beside: Vec<usize> = beside.collect();
-                if beside.into_iter().any(|other| !self.is_joined(other, index)) {
+                if beside.into_iter().any(|other| !self.is_connected_by_edge(other, index)) {
                     continue;
                 }
                 lattice.insert(there, index);
@@ -179,8 +184,8 @@ impl<'a> Field<'a> {
         is_taken: &dyn Fn(usize) -> bool,
     ) -> Option<(usize, Axes)> {
         let own = lattice[&at];
-        let here = self.crossings[own].at;
-        let place = |at: (i32, i32)| lattice.get(&at).map(|index| self.crossings[*index].at);
+        let here = self.crossings[own].position;
+        let place = |at: (i32, i32)| lattice.get(&at).map(|index| self.crossings[*index].position);
         let (axis, sign) = if step.0 != 0 { (0, step.0) } else { (1, step.1) };
         let along = axes[axis] * f64::from(sign);
         let side = |s: (i32, i32)| {
@@ -192,25 +197,26 @@ impl<'a> Field<'a> {
         let foretold = back.or_else(|| across.into_iter().find_map(side));
         let near: Vec<usize> = match foretold {
             Some(shift) => {
-                let all = self.near(here + shift, PREDICTION_TOLERANCE * shift.norm(), &|_, _| true);
+                let all = self.crossings_within(here + shift, PREDICTION_TOLERANCE * shift.norm(), &|_, _| true);
                 all.into_iter().map(|(_, index)| index).collect()
             }
             None => {
-                let is_ahead =
-                    |away: f64, between: Vector2<f64>| away > MIN_PX && between.dot(&along) > CONE * away;
-                let mut all = self.near(here, FIRST_PX, &is_ahead);
+                let is_ahead = |away: f64, between: Vector2<f64>| {
+                    away > MIN_PX && between.dot(&along) > MIN_STEP_COSINE * away
+                };
+                let mut all = self.crossings_within(here, FIRST_SEARCH_RADIUS_PX, &is_ahead);
                 if all.len() < MAX_NEIGHBOURS {
-                    all = self.near(here, MAX_PX, &is_ahead);
+                    all = self.crossings_within(here, MAX_PX, &is_ahead);
                 }
                 all.into_iter().map(|(_, index)| index).take(MAX_NEIGHBOURS).collect()
             }
         };
         for index in near {
-            if index == own || is_taken(index) || !self.is_joined(own, index) {
+            if index == own || is_taken(index) || !self.is_connected_by_edge(own, index) {
                 continue;
             }
             let other = &self.crossings[index];
-            let toward = (other.at - here).normalize() * f64::from(sign);
+            let toward = (other.position - here).normalize() * f64::from(sign);
             // The neighbour's edge that leads to this corner is the same axis; its second edge is the other axis.
             let which = usize::from(other.edges[1].dot(&toward).abs() > other.edges[0].dot(&toward).abs());
             let same =
@@ -224,24 +230,24 @@ impl<'a> Field<'a> {
     }
 
     /// Returns whether an edge runs from one crossing to the other.
-    fn is_joined(&mut self, one: usize, two: usize) -> bool {
+    fn is_connected_by_edge(&mut self, one: usize, two: usize) -> bool {
         self.looks += 1;
         let (a, b) = (&self.crossings[one], &self.crossings[two]);
-        let between = b.at - a.at;
+        let between = b.position - a.position;
         let length = between.norm();
         let factor = a.contrast / b.contrast;
         if length < MIN_PX || !(1.0 / CONTRASTS..=CONTRASTS).contains(&factor) {
             return false;
         }
         let along = between / length;
-        let runs = |crossing: &Crossing| crossing.edges.iter().any(|edge| edge.dot(&along).abs() > ALONG);
+        let runs = |crossing: &Crossing| crossing.edges.iter().any(|edge| edge.dot(&along).abs() > MIN_EDGE_COSINE);
         if !runs(a) || !runs(b) {
             return false;
         }
         let aside = Vector2::new(-along.y, along.x) * (0.13 * length).clamp(1.5, 3.5);
         let step = |share: f64| {
-            let at = a.at + between * share;
-            self.picture.at(at + aside) - self.picture.at(at - aside)
+            let at = a.position + between * share;
+            self.picture.interpolate(at + aside) - self.picture.interpolate(at - aside)
         };
         let steps = [0.25, 0.38, 0.5, 0.62, 0.75].map(step);
         let mean = steps.iter().sum::<f64>() / 5.0;

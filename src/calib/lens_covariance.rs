@@ -11,7 +11,7 @@
 //! little more: OpenCV's σ² divides by the number of corners, although each corner has two rows.
 
 use super::adjust::scaled_inverse;
-use super::lens_fit::usual;
+use super::lens_fit::prior_residuals;
 use super::lens_gram::LensGram;
 use crate::cell::LensCovariance;
 use crate::geometry::PinholeCamera;
@@ -20,7 +20,7 @@ use crate::geometry::PinholeCamera;
 const RADIAL_SHARE: f64 = 0.2;
 /// Standard deviation of the displacement of the rim by tangential terms, as a share of its radius: lenses of one
 /// maker differ by a thousandth.
-const TANGENTIAL_SHARE: f64 = 0.01;
+const TANGENTIAL_PRIOR_SHARE: f64 = 0.01;
 
 /// Returns the information of corners and prior together, in units of `variance_px2`; `None` if a picture
 /// determines no pose.
@@ -29,18 +29,18 @@ pub(super) fn information(camera: &PinholeCamera, grams: &[LensGram], variance_p
     for gram in grams {
         normal += gram.information()?;
     }
-    let radius = camera.radius_without_fold(0.0)?;
+    let radius = camera.max_undistorted_radius(0.0)?;
     for (place, power, share) in [
         (4, 2, RADIAL_SHARE),
         (5, 4, RADIAL_SHARE),
-        (6, 1, TANGENTIAL_SHARE),
-        (7, 1, TANGENTIAL_SHARE),
+        (6, 1, TANGENTIAL_PRIOR_SHARE),
+        (7, 1, TANGENTIAL_PRIOR_SHARE),
         (8, 6, RADIAL_SHARE),
     ] {
         let deviation = share / radius.powi(power);
         normal[(place, place)] += variance_px2 / deviation.powi(2);
     }
-    for (_, by_lens) in usual(camera) {
+    for (_, by_lens) in prior_residuals(camera) {
         normal += by_lens * by_lens.transpose() * variance_px2;
     }
     Some(normal)

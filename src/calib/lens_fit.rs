@@ -9,7 +9,7 @@
 //! counts only if the corners carry no information.
 
 use super::adjust::scaled_inverse;
-use super::arrangement::exp;
+use super::arrangement::exp_map;
 use super::detect::Corners;
 use super::lens_gram::LensGram;
 use super::lens_model::LensModel;
@@ -43,7 +43,7 @@ const RATIO: f64 = 0.02;
 
 /// Fits a lens from a start value; `None` if the corners determine no lens.
 pub(super) fn fit(model: LensModel, start: LensFit, views: &[&Corners]) -> Option<LensFit> {
-    let mut here = State::new(restricted(model, &start.camera), start.poses, views)?;
+    let mut here = State::new(restrict_to_model(model, &start.camera), start.poses, views)?;
     let mut damping = 1e-4;
     for _ in 0..MAX_STEPS {
         let Some((next, foretold)) = here.step(model, damping, views) else {
@@ -58,19 +58,19 @@ pub(super) fn fit(model: LensModel, start: LensFit, views: &[&Corners]) -> Optio
             here = next;
             damping = (damping * 0.1).max(1e-12);
             if settled {
-                return Some(here.done());
+                return Some(here.into_fit());
             }
         } else if foretold <= CONVERGENCE_TOLERANCE * here.cost || damping > 1e12 {
-            return Some(here.done());
+            return Some(here.into_fit());
         } else {
             damping *= 10.0;
         }
     }
-    Some(here.done())
+    Some(here.into_fit())
 }
 
 /// Returns the pose of one more picture under this lens, from a start, and its sum of squared residuals.
-pub(super) fn place(
+pub(super) fn estimate_pose(
     camera: &PinholeCamera,
     corners: &Corners,
     start: Rigid<Camera, Board>,
@@ -79,7 +79,7 @@ pub(super) fn place(
     let mut gram = LensGram::compute(camera, corners, &pose)?;
     for _ in 0..MAX_STEPS {
         let step = scaled_inverse(&gram.pose)? * gram.pose_pull;
-        let next = moved(&pose, &step);
+        let next = perturb_pose(&pose, &step);
         let there = LensGram::compute(camera, corners, &next)?;
         if there.square > gram.square * (1.0 - CONVERGENCE_TOLERANCE) {
             break;
@@ -90,9 +90,12 @@ pub(super) fn place(
 }
 
 /// Returns the lens with only the model's coefficients.
-fn restricted(model: LensModel, camera: &PinholeCamera) -> PinholeCamera {
+fn restrict_to_model(model: LensModel, camera: &PinholeCamera) -> PinholeCamera {
     let all = numbers(camera);
-    let kept = with_numbers(camera, &SVector::from_fn(|row, _| if model.has(row) { all[row] } else { 0.0 }));
+    let kept = camera_from_parameters(
+        camera,
+        &SVector::from_fn(|row, _| if model.contains_parameter(row) { all[row] } else { 0.0 }),
+    );
     if undistorted_radius(&kept).is_some() {
         return kept;
     }
@@ -105,7 +108,7 @@ pub(super) fn numbers(camera: &PinholeCamera) -> SVector<f64, 9> {
     SVector::from([c.fx_px, c.fy_px, c.cx_px, c.cy_px, c.k1, c.k2, c.p1, c.p2, c.k3])
 }
 
-fn with_numbers(camera: &PinholeCamera, n: &SVector<f64, 9>) -> PinholeCamera {
+fn camera_from_parameters(camera: &PinholeCamera, n: &SVector<f64, 9>) -> PinholeCamera {
     let PinholeCamera { width_px, height_px, .. } = *camera;
     let (fx_px, fy_px, cx_px, cy_px) = (n[0], n[1], n[2], n[3]);
     PinholeCamera {
@@ -129,11 +132,11 @@ pub(super) fn undistorted_radius(camera: &PinholeCamera) -> Option<f64> {
     if !(camera.fx_px > 1.0 && camera.fy_px > 1.0) {
         return None;
     }
-    camera.radius_without_fold(MIN_SLOPE)
+    camera.max_undistorted_radius(MIN_SLOPE)
 }
 
-fn moved(pose: &Rigid<Camera, Board>, step: &Vector6<f64>) -> Rigid<Camera, Board> {
-    Rigid::claim(pose.isometry() * exp(step))
+fn perturb_pose(pose: &Rigid<Camera, Board>, step: &Vector6<f64>) -> Rigid<Camera, Board> {
+    Rigid::from_isometry_unchecked(pose.isometry() * exp_map(step))
 }
 
 struct State {
@@ -154,8 +157,8 @@ impl State {
             .map(|(corners, pose)| LensGram::compute(&camera, corners, pose))
             .collect::<Option<_>>()?;
         let square: f64 = grams.iter().map(|gram| gram.square).sum();
-        let barrier: f64 = barrier(&camera, radius).map(|(slope, _)| slope.ln()).sum();
-        let usual: f64 = usual(&camera).map(|(off, _)| off * off).iter().sum();
+        let barrier: f64 = radial_barrier(&camera, radius).map(|(slope, _)| slope.ln()).sum();
+        let usual: f64 = prior_residuals(&camera).map(|(off, _)| off * off).iter().sum();
         let cost = square + BARRIER_PX2 * (usual - 2.0 * barrier);
         cost.is_finite().then_some(State { camera, poses, grams, radius, cost })
     }
@@ -168,20 +171,20 @@ impl State {
             let mut pose = gram.pose;
             (0..6).for_each(|at| pose[(at, at)] *= 1.0 + damping);
             let inverse = scaled_inverse(&pose)?;
-            normal += gram.lens - gram.cross * inverse * gram.cross.transpose();
-            pull += gram.lens_pull - gram.cross * inverse * gram.pose_pull;
+            normal += gram.lens - gram.lens_pose_cross * inverse * gram.lens_pose_cross.transpose();
+            pull += gram.lens_pull - gram.lens_pose_cross * inverse * gram.pose_pull;
             poses.push(inverse);
         }
-        for (slope, by_lens) in barrier(&self.camera, self.radius) {
+        for (slope, by_lens) in radial_barrier(&self.camera, self.radius) {
             normal += by_lens * by_lens.transpose() * (BARRIER_PX2 / (slope * slope));
             pull += by_lens * (BARRIER_PX2 / slope);
         }
-        for (off, by_lens) in usual(&self.camera) {
+        for (off, by_lens) in prior_residuals(&self.camera) {
             normal += by_lens * by_lens.transpose() * BARRIER_PX2;
             pull -= by_lens * (BARRIER_PX2 * off);
         }
         for at in 0..9 {
-            if model.has(at) {
+            if model.contains_parameter(at) {
                 normal[(at, at)] *= 1.0 + damping;
             } else {
                 normal.row_mut(at).fill(0.0);
@@ -191,14 +194,14 @@ impl State {
             }
         }
         let lens = scaled_inverse(&normal)? * pull;
-        let camera = with_numbers(&self.camera, &(numbers(&self.camera) + lens));
+        let camera = camera_from_parameters(&self.camera, &(numbers(&self.camera) + lens));
         let next = self.poses.iter().zip(&self.grams).zip(&poses).map(|((pose, gram), inverse)| {
-            moved(pose, &(inverse * (gram.pose_pull - gram.cross.transpose() * lens)))
+            perturb_pose(pose, &(inverse * (gram.pose_pull - gram.lens_pose_cross.transpose() * lens)))
         });
         Some((State::new(camera, next.collect(), views)?, lens.dot(&pull)))
     }
 
-    fn done(self) -> LensFit {
+    fn into_fit(self) -> LensFit {
         let square = self.grams.iter().map(|gram| gram.square).sum();
         let rows = self.grams.iter().map(|gram| gram.rows).sum();
         LensFit { camera: self.camera, poses: self.poses, square, rows }
@@ -207,7 +210,7 @@ impl State {
 
 /// Returns how far the principal point and the ratio of the focal lengths are from the usual values, in standard
 /// deviations, and the derivatives with respect to the lens.
-pub(super) fn usual(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
+pub(super) fn prior_residuals(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
     let [across, down] = [camera.width_px, camera.height_px].map(|size| size as f64);
     let by = |places: &[(usize, f64)]| {
         let mut slope = SVector::<f64, 9>::zeros();
@@ -224,7 +227,7 @@ pub(super) fn usual(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
 }
 
 /// Returns s of (1) at each radius, and its derivative with respect to the lens.
-fn barrier(camera: &PinholeCamera, radius: f64) -> impl Iterator<Item = (f64, SVector<f64, 9>)> {
+fn radial_barrier(camera: &PinholeCamera, radius: f64) -> impl Iterator<Item = (f64, SVector<f64, 9>)> {
     let PinholeCamera { k1, k2, k3, .. } = *camera;
     (1..=RADII).map(move |index| {
         let r2 = (radius * index as f64 / RADII as f64).powi(2);

@@ -13,7 +13,7 @@ pub(super) struct LensGram {
     /// Lens by lens.
     pub lens: LensCovariance,
     /// Lens by pose.
-    pub cross: SMatrix<f64, 9, 6>,
+    pub lens_pose_cross: SMatrix<f64, 9, 6>,
     /// Pose by pose.
     pub pose: Matrix6<f64>,
     /// Residuals by lens.
@@ -36,7 +36,7 @@ impl LensGram {
         let turn = camera_from_board.rotation().into_inner();
         let mut gram = LensGram {
             lens: LensCovariance::zeros(),
-            cross: SMatrix::zeros(),
+            lens_pose_cross: SMatrix::zeros(),
             pose: Matrix6::zeros(),
             lens_pull: SVector::zeros(),
             pose_pull: Vector6::zeros(),
@@ -45,14 +45,14 @@ impl LensGram {
         };
         for (q, found) in corners {
             let point = *camera_from_board * *q;
-            let (pixel, slope) = camera.project_with_slope(point)?;
+            let (pixel, slope) = camera.project_with_jacobian(point)?;
             let by_lens = camera.lens_slope(point)?;
             let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
             by_pose.fixed_columns_mut::<3>(0).copy_from(&(-slope * turn * q.mm.coords.cross_matrix()));
             by_pose.fixed_columns_mut::<3>(3).copy_from(&(slope * turn));
             let residual = nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v);
             gram.lens += by_lens.transpose() * by_lens;
-            gram.cross += by_lens.transpose() * by_pose;
+            gram.lens_pose_cross += by_lens.transpose() * by_pose;
             gram.pose += by_pose.transpose() * by_pose;
             gram.lens_pull += by_lens.transpose() * residual;
             gram.pose_pull += by_pose.transpose() * residual;
@@ -63,6 +63,6 @@ impl LensGram {
 
     /// Returns the picture's information on the lens, with its pose eliminated.
     pub fn information(&self) -> Option<LensCovariance> {
-        Some(self.lens - self.cross * scaled_inverse(&self.pose)? * self.cross.transpose())
+        Some(self.lens - self.lens_pose_cross * scaled_inverse(&self.pose)? * self.lens_pose_cross.transpose())
     }
 }

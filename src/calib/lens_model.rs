@@ -41,13 +41,13 @@ impl LensModel {
     }
 
     /// Returns whether the parameter at this index among fx, fy, cx, cy, k1, k2, p1, p2, k3 belongs to the model.
-    pub fn has(self, place: usize) -> bool {
+    pub fn contains_parameter(self, place: usize) -> bool {
         COEFFICIENTS.iter().find(|(_, at, _)| *at == place).is_none_or(|(_, _, model)| *model <= self)
     }
 
     /// Returns the number of the model's parameters, including focal lengths and principal point.
     pub fn count(self) -> usize {
-        (0..9).filter(|place| self.has(*place)).count()
+        (0..9).filter(|place| self.contains_parameter(*place)).count()
     }
 
     /// Returns the coefficients that this model has and the previous model does not have.
@@ -56,7 +56,7 @@ impl LensModel {
     }
 
     /// Returns the coefficients that are not in the model.
-    pub fn left_out(self) -> Vec<&'static str> {
+    pub fn excluded_coefficients(self) -> Vec<&'static str> {
         COEFFICIENTS.iter().filter(|(_, _, model)| *model > self).map(|(name, ..)| *name).collect()
     }
 }
@@ -68,7 +68,7 @@ mod tests {
     #[test]
     fn each_model_adds_to_the_one_before() {
         assert_eq!(LensModel::ALL.iter().map(|model| model.count()).collect::<Vec<_>>(), [4, 5, 6, 8, 9]);
-        assert_eq!(LensModel::Radial2.left_out(), ["p1", "p2", "k3"]);
-        assert!(LensModel::Full.left_out().is_empty());
+        assert_eq!(LensModel::Radial2.excluded_coefficients(), ["p1", "p2", "k3"]);
+        assert!(LensModel::Full.excluded_coefficients().is_empty());
     }
 }

@@ -16,9 +16,9 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 #[derive(Debug, Clone, PartialEq)]
 pub struct NextPicture {
     /// Position and tilt of the board in the picture, in words.
-    pub words: String,
+    pub description: String,
     /// The middle of the board, px.
-    pub middle: Pixel,
+    pub centre: Pixel,
     /// The lens's error after this picture, as a share of the error before it.
     pub error_share: f64,
 }
@@ -32,7 +32,7 @@ const MAX_REMAINING_SHARE: f64 = 0.98;
 const WIDTHS: [f64; 4] = [0.8, 0.6, 0.45, 0.3];
 
 /// Returns the best next picture; `information` is that of corners and prior on the lens together.
-pub(super) fn next_picture(
+pub(super) fn best_next_picture(
     camera: &PinholeCamera,
     board: &Board,
     information: &LensCovariance,
@@ -41,10 +41,10 @@ pub(super) fn next_picture(
     let mut best: Option<NextPicture> = None;
     for (across, column) in PARTS {
         for (down, row) in ROWS {
-            for (turn, tilt) in tilts() {
+            for (turn, tilt) in candidate_tilts() {
                 let Some((width, gram)) = WIDTHS.iter().find_map(|&width| {
-                    let pose = standing(camera, board, (across, down), turn, width)?;
-                    Some((width, sighted(camera, board, &pose)?))
+                    let pose = candidate_pose(camera, board, (across, down), turn, width)?;
+                    Some((width, simulate_view(camera, board, &pose)?))
                 }) else {
                     continue;
                 };
@@ -57,8 +57,8 @@ pub(super) fn next_picture(
                 if best.as_ref().is_none_or(|best| error_share < best.error_share) {
                     let middle = Pixel::at(across * camera.width_px as f64, down * camera.height_px as f64);
                     best = Some(NextPicture {
-                        words: describe_picture(column, row, tilt, width),
-                        middle,
+                        description: describe_picture(column, row, tilt, width),
+                        centre: middle,
                         error_share,
                     });
                 }
@@ -78,8 +78,8 @@ fn describe_picture(column: &str, row: &str, tilt: &str, width: f64) -> String {
     format!("the board in the {place} of the picture, {tilt}, as wide as {:.0} % of the picture", width * 100.0)
 }
 
-fn tilts() -> [(UnitQuaternion<f64>, &'static str); 5] {
-    let turn = |axis: Vector3<f64>| UnitQuaternion::from_scaled_axis(axis * Degrees(TILT_DEG).rad());
+fn candidate_tilts() -> [(UnitQuaternion<f64>, &'static str); 5] {
+    let turn = |axis: Vector3<f64>| UnitQuaternion::from_scaled_axis(axis * Degrees(TILT_DEG).to_rad());
     [
         (UnitQuaternion::identity(), "facing the camera"),
         (turn(Vector3::x()), "its upper edge tilted away by 35°"),
@@ -90,7 +90,7 @@ fn tilts() -> [(UnitQuaternion<f64>, &'static str); 5] {
 }
 
 /// Returns the pose of the board with its middle on the ray of a part of the picture.
-fn standing(
+fn candidate_pose(
     camera: &PinholeCamera,
     board: &Board,
     (across, down): (f64, f64),
@@ -99,14 +99,14 @@ fn standing(
 ) -> Option<Rigid<Camera, crate::geometry::Board>> {
     let pixel = Pixel::at(across * camera.width_px as f64, down * camera.height_px as f64);
     let ray: crate::geometry::Vector<Camera> = camera.unproject(pixel)?;
-    let middle = board.middle().mm.coords;
+    let middle = board.centre().mm.coords;
     let depth_mm = 2.0 * middle.x * camera.fx_px / (width * camera.width_px as f64);
     let shift = Translation3::from(ray.mm * depth_mm) * turn * Translation3::from(-middle);
     let pose: Isometry3<f64> = shift;
-    Some(Rigid::claim(pose))
+    Some(Rigid::from_isometry_unchecked(pose))
 }
 
-fn sighted(
+fn simulate_view(
     camera: &PinholeCamera,
     board: &Board,
     pose: &Rigid<Camera, crate::geometry::Board>,

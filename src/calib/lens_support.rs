@@ -14,7 +14,7 @@ use nalgebra::{Matrix2, Matrix6, SMatrix};
 
 /// The part of the picture in which a lens is known.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Support {
+pub struct LensSupport {
     /// The error for which the support is stated, 95 %, px.
     pub error_px: f64,
     /// The outline of the part in which the lens is known to this error; `None` for the whole picture.
@@ -37,10 +37,14 @@ const STEPS: usize = 60;
 const CORNERS: usize = 2000;
 
 /// Returns the part in which a lens with this covariance is known.
-pub(super) fn support(camera: &PinholeCamera, covariance: &LensCovariance, views: &[&Corners]) -> Support {
-    let nowhere = Support { error_px: SUPPORT_PX, outline_px: Some(Vec::new()), share: 0.0 };
+pub(super) fn compute_support(
+    camera: &PinholeCamera,
+    covariance: &LensCovariance,
+    views: &[&Corners],
+) -> LensSupport {
+    let nowhere = LensSupport { error_px: SUPPORT_PX, outline_px: Some(Vec::new()), share: 0.0 };
     let pixels: Vec<Pixel> = views.iter().flat_map(|corners| corners.iter().map(|(_, pixel)| *pixel)).collect();
-    let Some(follow) = follow(camera, &pixels) else { return nowhere };
+    let Some(follow) = pose_jacobian(camera, &pixels) else { return nowhere };
     let error_at = |pixel: Pixel| error_px(camera, covariance, &follow, pixel).unwrap_or(f64::INFINITY);
     let count = pixels.len().max(1) as f64;
     let middle = Pixel::at(
@@ -59,7 +63,7 @@ pub(super) fn support(camera: &PinholeCamera, covariance: &LensCovariance, views
     let outline = (0..DIRECTIONS).map(|direction| {
         let turn = std::f64::consts::TAU * direction as f64 / DIRECTIONS as f64;
         let at = |length: f64| Pixel::at(middle.u + turn.cos() * length, middle.v + turn.sin() * length);
-        let length = to_the_rim(middle, turn, (right, low));
+        let length = distance_to_rim_px(middle, turn, (right, low));
         let unknown = (1..=STEPS).find(|index| !is_known(at(length * *index as f64 / STEPS as f64)));
         is_whole &= unknown.is_none();
         at(length * (unknown.unwrap_or(STEPS + 1) - 1) as f64 / STEPS as f64)
@@ -67,14 +71,14 @@ pub(super) fn support(camera: &PinholeCamera, covariance: &LensCovariance, views
     let outline: Vec<Pixel> = outline.collect();
     let corners = [(0.0, 0.0), (right, 0.0), (right, low), (0.0, low)].map(|(u, v)| Pixel::at(u, v));
     if is_whole && corners.into_iter().all(is_known) {
-        return Support { error_px: allowed_px, outline_px: None, share: 1.0 };
+        return LensSupport { error_px: allowed_px, outline_px: None, share: 1.0 };
     }
     let share = polygon::signed_area_px2(&outline).abs() / (right * low);
-    Support { error_px: allowed_px, outline_px: Some(outline), share }
+    LensSupport { error_px: allowed_px, outline_px: Some(outline), share }
 }
 
 /// Returns the distance from a pixel to the picture's rim in a direction, px.
-fn to_the_rim(from: Pixel, turn: f64, (right, low): (f64, f64)) -> f64 {
+fn distance_to_rim_px(from: Pixel, turn: f64, (right, low): (f64, f64)) -> f64 {
     let reach = |at: f64, along: f64, end: f64| match along {
         along if along > 1e-9 => (end - at) / along,
         along if along < -1e-9 => -at / along,
@@ -84,10 +88,10 @@ fn to_the_rim(from: Pixel, turn: f64, (right, low): (f64, f64)) -> f64 {
 }
 
 /// Returns P, the derivative of a board's pose with respect to the lens.
-fn follow(camera: &PinholeCamera, pixels: &[Pixel]) -> Option<SMatrix<f64, 6, 9>> {
+fn pose_jacobian(camera: &PinholeCamera, pixels: &[Pixel]) -> Option<SMatrix<f64, 6, 9>> {
     let (mut pose, mut cross) = (Matrix6::zeros(), SMatrix::<f64, 6, 9>::zeros());
     for pixel in pixels.iter().step_by(pixels.len().div_ceil(CORNERS).max(1)) {
-        let (by_lens, by_pose) = slopes(camera, *pixel)?;
+        let (by_lens, by_pose) = pixel_jacobians(camera, *pixel)?;
         pose += by_pose.transpose() * by_pose;
         cross += by_pose.transpose() * by_lens;
     }
@@ -95,10 +99,10 @@ fn follow(camera: &PinholeCamera, pixels: &[Pixel]) -> Option<SMatrix<f64, 6, 9>
 }
 
 /// Returns the derivatives of the pixel with respect to the lens and to the pose of an object at unit distance.
-fn slopes(camera: &PinholeCamera, pixel: Pixel) -> Option<(SMatrix<f64, 2, 9>, SMatrix<f64, 2, 6>)> {
+fn pixel_jacobians(camera: &PinholeCamera, pixel: Pixel) -> Option<(SMatrix<f64, 2, 9>, SMatrix<f64, 2, 6>)> {
     let ray: crate::geometry::Vector<Camera> = camera.unproject(pixel)?;
     let point = Point::<Camera>::new(ray.mm.into());
-    let (_, slope) = camera.project_with_slope(point)?;
+    let (_, slope) = camera.project_with_jacobian(point)?;
     let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
     by_pose.fixed_columns_mut::<3>(0).copy_from(&(-slope * ray.mm.cross_matrix()));
     by_pose.fixed_columns_mut::<3>(3).copy_from(&slope);
@@ -111,7 +115,7 @@ fn error_px(
     follow: &SMatrix<f64, 6, 9>,
     pixel: Pixel,
 ) -> Option<f64> {
-    let (by_lens, by_pose) = slopes(camera, pixel)?;
+    let (by_lens, by_pose) = pixel_jacobians(camera, pixel)?;
     let left = by_lens - by_pose * follow;
     let spread: Matrix2<f64> = left * covariance * left.transpose();
     Some((CIRCLE_95 * spread.symmetric_eigenvalues().max()).sqrt())

@@ -83,7 +83,7 @@ pub mod tool;
 #[cfg(test)]
 mod tests;
 
-pub use adjust::{Adjusted, Noise};
+pub use adjust::{MountAdjustment, Noise};
 pub use arrangement::Arrangement;
 pub use board::{Board, Charuco};
 pub use chain::{BoardObservation, Station};
@@ -91,8 +91,8 @@ pub use charuco::marker_cells;
 pub use error::CalibError;
 pub use hand_eye::{HandEye, Residual};
 pub use pose::{BoardPose, board_pose};
-pub use pose_diagnosis::{Meaning, Reading};
+pub use pose_diagnosis::{PoseInterpretation, PoseReading};
 pub use quantile::{student_95, student_quantile};
 pub use square::SquareSize;
-pub use station_diagnosis::{Fault, Suspect};
-pub use suggest::{Suggestion, next_pose};
+pub use station_diagnosis::{StationFault, SuspectStation};
+pub use suggest::{Suggestion, suggest_next_pose};

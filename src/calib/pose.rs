@@ -3,7 +3,7 @@
 use super::chain::BoardObservation;
 use super::error::CalibError;
 use super::foreign;
-use crate::geometry::{Board, Frame, PinholeCamera, Pixel, Point, Rigid, nearest_motion};
+use crate::geometry::{Board, Frame, PinholeCamera, Pixel, Point, Rigid, fit_rigid_motion};
 
 /// A board's pose with the residual of its corners: px for pixels, mm for points.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,7 +24,8 @@ pub fn board_pose<C: Frame>(
 ) -> Result<BoardPose<C>, CalibError> {
     match seen {
         BoardObservation::Pixels(corners) => {
-            let camera_from_board: Rigid<C, Board> = Rigid::claim(foreign::solve_pnp(camera, corners)?);
+            let camera_from_board: Rigid<C, Board> =
+                Rigid::from_isometry_unchecked(foreign::solve_pnp(camera, corners)?);
             let error = |&(q, found): &(Point<Board>, Pixel)| {
                 camera.project(camera_from_board * q).map_or(f64::INFINITY, |pixel| pixel.distance_px(found))
             };
@@ -44,7 +45,7 @@ fn kabsch<C: Frame>(corners: &[(Point<Board>, Point<C>)]) -> Result<BoardPose<C>
     }
     let on_a_line =
         || CalibError::Points("the measured points of the board lie on a line; show more of the board".to_owned());
-    let camera_from_board = nearest_motion(corners).ok_or_else(on_a_line)?;
+    let camera_from_board = fit_rigid_motion(corners).ok_or_else(on_a_line)?;
     let square: f64 = corners.iter().map(|(q, p)| (camera_from_board * *q).distance_mm(*p).powi(2)).sum();
     Ok(BoardPose { camera_from_board, rms: (square / corners.len() as f64).sqrt() })
 }

@@ -15,13 +15,13 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 /// The print on a board.
 pub(super) struct Print {
-    kind: Kind,
+    kind: PrintKind,
     square_mm: f64,
     columns: usize,
     rows: usize,
 }
 
-enum Kind {
+enum PrintKind {
     Squares,
     /// The markers' cells by the number of the square, and the ratio of the marker's side to the square's side.
     Markers {
@@ -34,21 +34,21 @@ enum Kind {
 
 /// A position that was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Matched {
-    pub at: Pixel,
+pub(super) struct PrintMatch {
+    pub pixel: Pixel,
     /// The standard deviation of the position along each axis, from noise and residuals, px.
     pub deviation_px: f64,
     /// White minus black, grey levels.
     pub contrast: f64,
     /// The residual of the grey levels after the fit of the print, rms.
-    pub left: f64,
+    pub residual: f64,
     /// The change of the light from the position to the window's side, as a share of the contrast.
-    pub slant: f64,
+    pub light_gradient: f64,
 }
 
 /// How the print around a position is examined.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct View {
+pub(super) struct MatchWindow {
     /// The homography from the board, mm, to the picture near the position.
     pub plane: Matrix3<f64>,
     /// The position on the board, mm.
@@ -70,7 +70,7 @@ const BLURS_PX: [f64; 6] = [0.3, 0.7, 1.2, 1.7, 2.3, 3.0];
 const MAX_RENDERINGS: usize = 5;
 const CONVERGENCE_PX: f64 = 0.03;
 /// Number of iterations in which the weights of pixels are reduced.
-const TURNS: usize = 4;
+const REWEIGHTING_STEPS: usize = 4;
 /// The share of the window's pixels that must show the print.
 const MIN_PRINT_SHARE: f64 = 0.4;
 /// Minimum contrast of a print, grey levels.
@@ -86,22 +86,22 @@ impl Print {
     pub fn from_board(board: &Board, cells: &[Vec<bool>]) -> Self {
         let (columns, rows) = (board.columns() + 1, board.rows() + 1);
         let kind = match board.markers() {
-            None => Kind::Squares,
+            None => PrintKind::Squares,
             Some(markers) => {
                 let mut by_square = vec![None; columns * rows];
                 for ((column, row), cells) in board.marker_squares().into_iter().zip(cells) {
                     by_square[row * columns + column] = Some(cells.clone());
                 }
-                Kind::Markers { cells: by_square, share: markers.marker_mm / board.square_mm() }
+                PrintKind::Markers { cells: by_square, share: markers.marker_mm / board.square_mm() }
             }
         };
         Print { kind, square_mm: board.square_mm(), columns, rows }
     }
 
     /// Returns the print of a board of circles with this radius.
-    pub fn of_circles(board: &Board, radius_mm: f64) -> Self {
+    pub fn from_circles(board: &Board, radius_mm: f64) -> Self {
         Print {
-            kind: Kind::Circles(radius_mm),
+            kind: PrintKind::Circles(radius_mm),
             square_mm: board.square_mm(),
             columns: board.columns(),
             rows: board.rows(),
@@ -109,8 +109,8 @@ impl Print {
     }
 
     /// Returns the print's colour around a position on the board, black 0, white 1.
-    fn ink(&self, [x, y]: [f64; 2], place: [f64; 2]) -> f32 {
-        if let Kind::Circles(radius_mm) = self.kind {
+    fn colour_at(&self, [x, y]: [f64; 2], place: [f64; 2]) -> f32 {
+        if let PrintKind::Circles(radius_mm) = self.kind {
             return if (x - place[0]).hypot(y - place[1]) < radius_mm { 0.0 } else { 1.0 };
         }
         let (u, v) = (x / self.square_mm + 1.0, y / self.square_mm + 1.0);
@@ -118,7 +118,7 @@ impl Print {
             return 1.0;
         }
         let (column, row) = (u as usize, v as usize);
-        let Kind::Markers { cells, share } = &self.kind else { return ((column + row) % 2) as f32 };
+        let PrintKind::Markers { cells, share } = &self.kind else { return ((column + row) % 2) as f32 };
         let Some(cells) = &cells[row * self.columns + column] else { return 0.0 };
         let side = (cells.len() as f64).sqrt();
         let [across, down] = [u, v].map(|at| (at.fract() - (1.0 - share) / 2.0) / share * side);
@@ -128,14 +128,14 @@ impl Print {
     }
 
     /// Finds the print near the start, in a picture with this much white noise; `None` if it is not there.
-    pub fn matched(&self, picture: &GrayPicture, view: &View, noise: f64) -> Option<Matched> {
+    pub fn match_near(&self, picture: &GrayPicture, view: &MatchWindow, noise: f64) -> Option<PrintMatch> {
         let mut view = *view;
         let first = view.start;
         for turn in 0..MAX_RENDERINGS {
-            let drawn = self.drawn(picture, &view)?;
-            let fitted = fitted(&drawn, noise)?;
-            let step = Vector2::new(fitted.at.u - view.start.u, fitted.at.v - view.start.v);
-            view.start = fitted.at;
+            let drawn = self.render_window(picture, &view)?;
+            let fitted = fit_print(&drawn, noise)?;
+            let step = Vector2::new(fitted.pixel.u - view.start.u, fitted.pixel.v - view.start.v);
+            view.start = fitted.pixel;
             if view.start.distance_px(first) > 0.35 * view.most_px.max(4.0) {
                 return None;
             }
@@ -147,20 +147,26 @@ impl Print {
     }
 
     /// Returns the blur with which the print is most similar to the picture at these positions, px.
-    pub fn blur_px(&self, picture: &GrayPicture, views: &[View], noise: f64) -> f64 {
-        let of = |blur_px: f64| (blur_px, self.unlike(picture, views, (blur_px, noise)));
-        likest(BLURS_PX.map(of)).unwrap_or(BLURS_PX[1])
+    pub fn blur_px(&self, picture: &GrayPicture, views: &[MatchWindow], noise: f64) -> f64 {
+        let of = |blur_px: f64| (blur_px, self.match_statistics(picture, views, (blur_px, noise)));
+        best_candidate(BLURS_PX.map(of)).unwrap_or(BLURS_PX[1])
     }
 
     /// Returns at how many positions the print is found, and its mean residual as a share of the contrast.
-    pub fn unlike(&self, picture: &GrayPicture, views: &[View], (blur_px, noise): (f64, f64)) -> (usize, f64) {
-        let all = views.iter().filter_map(|view| self.matched(picture, &View { blur_px, ..*view }, noise));
-        let left: Vec<f64> = all.map(|found| found.left / found.contrast.abs()).collect();
+    pub fn match_statistics(
+        &self,
+        picture: &GrayPicture,
+        views: &[MatchWindow],
+        (blur_px, noise): (f64, f64),
+    ) -> (usize, f64) {
+        let all =
+            views.iter().filter_map(|view| self.match_near(picture, &MatchWindow { blur_px, ..*view }, noise));
+        let left: Vec<f64> = all.map(|found| found.residual / found.contrast.abs()).collect();
         (left.len(), left.iter().sum::<f64>() / left.len().max(1) as f64)
     }
 
     /// Returns the grey levels of the picture and of the print in the window.
-    fn drawn(&self, picture: &GrayPicture, view: &View) -> Option<Drawn> {
+    fn render_window(&self, picture: &GrayPicture, view: &MatchWindow) -> Option<RenderedWindow> {
         let inverse = view.plane.try_inverse()?;
         let there = view.plane * Vector3::new(view.place[0], view.place[1], 1.0);
         let shift = Vector2::new(view.start.u - there.x / there.z, view.start.v - there.y / there.z);
@@ -168,8 +174,8 @@ impl Print {
             let q = inverse * Vector3::new(u - shift.x, v - shift.y, 1.0);
             [q.x / q.z, q.y / q.z]
         };
-        let (column, row) = view.start.whole(picture.width, picture.height)?;
-        let is_round = matches!(self.kind, Kind::Circles(_));
+        let (column, row) = view.start.nearest_whole(picture.width, picture.height)?;
+        let is_round = matches!(self.kind, PrintKind::Circles(_));
         let corner = |x: f64, y: f64| {
             let p = view.plane * Vector3::new(view.place[0] + x, view.place[1] + y, 1.0);
             (p.x / p.z - there.x / there.z).abs().max((p.y / p.z - there.y / there.z).abs())
@@ -184,7 +190,7 @@ impl Print {
             .map(|index| {
                 let u = column as f64 + (index % side) as f64 - (half + margin) as f64;
                 let v = row as f64 + (index / side) as f64 - (half + margin) as f64;
-                let ray = |du: f64, dv: f64| self.ink(on_board(u + du, v + dv), view.place);
+                let ray = |du: f64, dv: f64| self.colour_at(on_board(u + du, v + dv), view.place);
                 let rays = [ray(-0.45, -0.45), ray(0.45, -0.45), ray(-0.45, 0.45), ray(0.45, 0.45)];
                 let sum: f32 = rays.iter().sum();
                 if sum == 0.0 || sum == 4.0 {
@@ -194,7 +200,7 @@ impl Print {
                 (0..16).map(|index| ray(part(index % 4), part(index / 4))).sum::<f32>() / 16.0
             })
             .collect();
-        let ink = blurred(&ink, side, view.blur_px);
+        let ink = gaussian_blur(&ink, side, view.blur_px);
         let mut pixels = Vec::with_capacity(side * side);
         for dv in -half..=half {
             for du in -half..=half {
@@ -220,13 +226,13 @@ impl Print {
                 });
             }
         }
-        (pixels.len() > 3 * UNKNOWNS).then_some(Drawn { pixels, start: view.start, reach_px: half as f64 })
+        (pixels.len() > 3 * UNKNOWNS).then_some(RenderedWindow { pixels, start: view.start, reach_px: half as f64 })
     }
 }
 
 /// Returns the candidate with the smallest residual. A candidate that is found at far fewer positions than another one
 /// is excluded.
-pub(super) fn likest<const N: usize>(tried: [(f64, (usize, f64)); N]) -> Option<f64> {
+pub(super) fn best_candidate<const N: usize>(tried: [(f64, (usize, f64)); N]) -> Option<f64> {
     let most = tried.iter().map(|(_, (count, _))| *count).max()?;
     let all = tried.into_iter().filter(|(_, (count, _))| *count > 0 && 4 * count >= 3 * most);
     all.min_by(|a, b| a.1.1.total_cmp(&b.1.1)).map(|(tried, _)| tried)
@@ -240,14 +246,14 @@ struct PrintSample {
     slope: Vector2<f64>,
 }
 
-struct Drawn {
+struct RenderedWindow {
     pixels: Vec<PrintSample>,
     start: Pixel,
     reach_px: f64,
 }
 
 /// Solves the least squares of (1), without pixels that show something else.
-fn fitted(drawn: &Drawn, noise: f64) -> Option<Matched> {
+fn fit_print(drawn: &RenderedWindow, noise: f64) -> Option<PrintMatch> {
     let by = |seen: &PrintSample| -> SVector<f64, UNKNOWNS> {
         let offset = seen.offset / drawn.reach_px;
         let (x, y) = (offset.x, offset.y);
@@ -255,7 +261,7 @@ fn fitted(drawn: &Drawn, noise: f64) -> Option<Matched> {
     };
     let mut weights = vec![1.0; drawn.pixels.len()];
     let mut last = None;
-    for _ in 0..TURNS {
+    for _ in 0..REWEIGHTING_STEPS {
         let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::identity() * 1e-9;
         let mut pull = SVector::<f64, UNKNOWNS>::zeros();
         for (seen, weight) in drawn.pixels.iter().zip(&weights) {
@@ -289,11 +295,11 @@ fn fitted(drawn: &Drawn, noise: f64) -> Option<Matched> {
     let deviation_px = rms.max(noise) * spread[(4, 4)].max(spread[(5, 5)]).sqrt() / contrast.abs();
     let at = Pixel::at(drawn.start.u + found[4] / contrast, drawn.start.v + found[5] / contrast);
     let slant = found[1].hypot(found[2]) / contrast.abs();
-    Some(Matched { at, deviation_px, contrast, left: rms, slant })
+    Some(PrintMatch { pixel: at, deviation_px, contrast, residual: rms, light_gradient: slant })
 }
 
 /// Blurs with a Gaussian of this standard deviation.
-fn blurred(from: &[f32], side: usize, sigma_px: f64) -> Vec<f32> {
+fn gaussian_blur(from: &[f32], side: usize, sigma_px: f64) -> Vec<f32> {
     if sigma_px < 0.2 {
         return from.to_vec();
     }

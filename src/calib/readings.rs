@@ -18,10 +18,10 @@
 use super::arrangement::Arrangement;
 use super::board::Board;
 use super::chain::{BoardObservation, Station};
-use super::consensus::{MIN_TURN_RAD, second_axis_deg, triples};
+use super::consensus::{MIN_TURN_RAD, index_triples, second_axis_deg};
 use super::foreign;
 use super::pose::{BoardPose, board_pose};
-use super::pose_diagnosis::{Meaning, Reading};
+use super::pose_diagnosis::{PoseInterpretation, PoseReading};
 use super::tool::tool_point;
 use crate::geometry::{Base, Degrees, Flange, KukaPose, PinholeCamera, Pixel, Point, Rigid, median};
 use nalgebra::{Isometry3, Matrix4, Point3, Quaternion, Translation3, UnitQuaternion, Vector3, Vector4};
@@ -37,39 +37,43 @@ const MAX_ERROR_RATIO: f64 = 0.2;
 const MAX_RATIO_TO_BEST: f64 = 3.0;
 
 /// Returns the readings in which these stations fit, best first; none if they fit as they are, or in no reading.
-pub(super) fn fitting<A: Arrangement>(
+pub(super) fn fitting_readings<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
     stations: &[Station<A::From>],
     poses: &[BoardPose<A::From>],
-) -> Vec<Reading> {
+) -> Vec<PoseReading> {
     let flanges: Vec<Isometry3<f64>> =
         stations.iter().map(|station| *station.base_from_flange.isometry()).collect();
     let seen: Vec<Isometry3<f64>> = poses.iter().map(|pose| *pose.camera_from_board.isometry()).collect();
     let rim: Vec<Point3<f64>> =
         board.outer_corners().iter().filter_map(|&(column, row)| Some(board.corner(column, row)?.mm)).collect();
     let leaves = |flanges: &[Isometry3<f64>], seen: &[Isometry3<f64>], free: bool| {
-        let moved: Vec<Isometry3<f64>> =
-            flanges.iter().map(|pose| *A::to_from_holder(&Rigid::claim(pose.inverse())).isometry()).collect();
+        let moved: Vec<Isometry3<f64>> = flanges
+            .iter()
+            .map(|pose| *A::to_from_holder(&Rigid::from_isometry_unchecked(pose.inverse())).isometry())
+            .collect();
         // `to_from_holder` of the inverse is the inverse of `to_from_holder`: (1) needs holder_from_to.
         closed_form(&moved, seen, &rim, free)
     };
     let Some(as_read) = leaves(&flanges, &seen, false) else { return Vec::new() };
-    let mut tried: Vec<(Meaning, ClosedForm)> = ways()
+    let mut tried: Vec<(PoseInterpretation, ClosedForm)> = pose_interpretations()
         .into_par_iter()
         .filter_map(|(meaning, way)| {
             let read: Vec<Isometry3<f64>> = flanges.iter().map(&way).collect();
             Some((meaning, leaves(&read, &seen, false)?))
         })
         .collect();
-    if let Some((_, found)) = tried.iter().find(|(meaning, _)| matches!(meaning, Meaning::Inverted { .. })) {
+    if let Some((_, found)) =
+        tried.iter().find(|(meaning, _)| matches!(meaning, PoseInterpretation::Inverted { .. }))
+    {
         // The flange carries either camera or board, within reach of a hand; the other is fixed in the cell.
         let camera_nearer = found.mount.translation.vector.norm() < found.board.translation.vector.norm();
         let other_mount = camera_nearer != A::EYE_IN_HAND;
         if let Some((meaning, _)) =
-            tried.iter_mut().find(|(meaning, _)| matches!(meaning, Meaning::Inverted { .. }))
+            tried.iter_mut().find(|(meaning, _)| matches!(meaning, PoseInterpretation::Inverted { .. }))
         {
-            *meaning = Meaning::Inverted { other_mount };
+            *meaning = PoseInterpretation::Inverted { other_mount };
         }
     }
     for late in [true, false] {
@@ -77,33 +81,36 @@ pub(super) fn fitting<A: Arrangement>(
             true => leaves(&flanges[..flanges.len() - 1], &seen[1..], false),
             false => leaves(&flanges[1..], &seen[..seen.len() - 1], false),
         };
-        tried.extend(found.map(|found| (Meaning::Shifted { late }, found)));
+        tried.extend(found.map(|found| (PoseInterpretation::Shifted { late }, found)));
     }
-    if let Some(mirrored) = mirrored(camera, board, stations) {
-        tried.extend(leaves(&flanges, &mirrored, false).map(|found| (Meaning::Mirrored, found)));
+    if let Some(mirrored) = mirrored_board_poses(camera, board, stations) {
+        tried.extend(leaves(&flanges, &mirrored, false).map(|found| (PoseInterpretation::Mirrored, found)));
     }
     if let Some(found) = leaves(&flanges, &seen, true) {
-        tried.push((Meaning::Lengths { ratio: found.ratio, square_mm: board.square_mm() }, found));
+        tried.push((PoseInterpretation::Lengths { ratio: found.ratio, square_mm: board.square_mm() }, found));
     }
-    let tried: Vec<(Meaning, f64)> = tried.into_iter().map(|(meaning, found)| (meaning, found.median_mm)).collect();
-    named(as_read.median_mm, &tried)
+    let tried: Vec<(PoseInterpretation, f64)> =
+        tried.into_iter().map(|(meaning, found)| (meaning, found.median_mm)).collect();
+    matching_readings(as_read.median_mm, &tried)
 }
 
 /// Returns the readings with which the poses keep the tool's tip at one spot, best first; none if the poses fit as
 /// they are, or in no reading.
-pub fn of_tip(poses: &[Rigid<Base, Flange>]) -> Vec<Reading> {
+pub fn tip_readings(poses: &[Rigid<Base, Flange>]) -> Vec<PoseReading> {
     let rms_mm = |poses: &[Rigid<Base, Flange>]| Some(tool_point(poses).ok()?.rms_mm);
-    let read = |way: &Way| -> Vec<Rigid<Base, Flange>> {
-        poses.iter().map(|pose| Rigid::claim(way(pose.isometry()))).collect()
+    let read = |way: &PoseTransform| -> Vec<Rigid<Base, Flange>> {
+        poses.iter().map(|pose| Rigid::from_isometry_unchecked(way(pose.isometry()))).collect()
     };
     let Some(as_read_mm) = rms_mm(poses) else { return Vec::new() };
-    let tried: Vec<(Meaning, f64)> =
-        ways().into_iter().filter_map(|(meaning, way)| Some((meaning, rms_mm(&read(&way))?))).collect();
-    named(as_read_mm, &tried)
+    let tried: Vec<(PoseInterpretation, f64)> = pose_interpretations()
+        .into_iter()
+        .filter_map(|(meaning, way)| Some((meaning, rms_mm(&read(&way))?)))
+        .collect();
+    matching_readings(as_read_mm, &tried)
 }
 
 /// Returns those of the tried readings that fit, each with its residual, mm.
-fn named(as_read_mm: f64, tried: &[(Meaning, f64)]) -> Vec<Reading> {
+fn matching_readings(as_read_mm: f64, tried: &[(PoseInterpretation, f64)]) -> Vec<PoseReading> {
     let best = tried.iter().map(|(_, left_mm)| *left_mm).fold(f64::INFINITY, f64::min);
     if !(best <= FITS_MM && best <= MAX_ERROR_RATIO * as_read_mm) {
         return Vec::new();
@@ -112,58 +119,65 @@ fn named(as_read_mm: f64, tried: &[(Meaning, f64)]) -> Vec<Reading> {
     let others = tried.iter().map(|(_, left_mm)| *left_mm).filter(|left_mm| !fits(*left_mm));
     let next_mm = others.fold(as_read_mm, f64::min);
     let fitting = tried.iter().filter(|(_, left_mm)| fits(*left_mm));
-    let mut readings: Vec<Reading> =
-        fitting.map(|(meaning, left_mm)| Reading { meaning: *meaning, median_mm: *left_mm, next_mm }).collect();
+    let mut readings: Vec<PoseReading> = fitting
+        .map(|(meaning, left_mm)| PoseReading {
+            interpretation: *meaning,
+            median_mm: *left_mm,
+            runner_up_mm: next_mm,
+        })
+        .collect();
     readings.sort_by(|one, other| one.median_mm.total_cmp(&other.median_mm));
     readings
 }
 
-type Way = Box<dyn Fn(&Isometry3<f64>) -> Isometry3<f64> + Send + Sync>;
+type PoseTransform = Box<dyn Fn(&Isometry3<f64>) -> Isometry3<f64> + Send + Sync>;
 
 /// Returns each reading that changes every pose separately.
-fn ways() -> Vec<(Meaning, Way)> {
-    let angles = |words: &'static str, turn: fn([f64; 3]) -> UnitQuaternion<f64>| -> (Meaning, Way) {
-        (Meaning::Angles(words), by_angles(turn))
-    };
-    let quaternion = |words: &'static str, order: fn([f64; 4]) -> [f64; 4]| -> (Meaning, Way) {
-        let way = move |pose: &Isometry3<f64>| {
-            let [x, y, z, w] = order(pose.rotation.coords.into());
-            let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-            Isometry3::from_parts(pose.translation, rotation)
+fn pose_interpretations() -> Vec<(PoseInterpretation, PoseTransform)> {
+    let angles =
+        |words: &'static str, turn: fn([f64; 3]) -> UnitQuaternion<f64>| -> (PoseInterpretation, PoseTransform) {
+            (PoseInterpretation::Angles(words), angle_convention_change(turn))
         };
-        (Meaning::Quaternion(words), Box::new(way))
-    };
+    let quaternion =
+        |words: &'static str, order: fn([f64; 4]) -> [f64; 4]| -> (PoseInterpretation, PoseTransform) {
+            let way = move |pose: &Isometry3<f64>| {
+                let [x, y, z, w] = order(pose.rotation.coords.into());
+                let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+                Isometry3::from_parts(pose.translation, rotation)
+            };
+            (PoseInterpretation::Quaternion(words), Box::new(way))
+        };
     vec![
-        (Meaning::Inverted { other_mount: false }, Box::new(|pose: &Isometry3<f64>| pose.inverse())),
+        (PoseInterpretation::Inverted { other_mount: false }, Box::new(|pose: &Isometry3<f64>| pose.inverse())),
         (
-            Meaning::Transposed,
+            PoseInterpretation::Transposed,
             Box::new(|pose: &Isometry3<f64>| Isometry3::from_parts(pose.translation, pose.rotation.inverse())),
         ),
         (
-            Meaning::LeftHanded,
+            PoseInterpretation::LeftHanded,
             Box::new(|pose: &Isometry3<f64>| {
                 Isometry3::from_parts(Translation3::from(-pose.translation.vector), pose.rotation)
             }),
         ),
         angles(
             "A and C are exchanged, or they are roll, pitch, yaw (about fixed X, Y, Z in this order): KUKA's A turns about Z, C about X",
-            |[a, b, c]| turn_about('z', c) * turn_about('y', b) * turn_about('x', a),
+            |[a, b, c]| axis_rotation('z', c) * axis_rotation('y', b) * axis_rotation('x', a),
         ),
         angles(
             "the angles turn about X, then the new Y, then the new Z: KUKA's A, B, C turn about Z, the new Y, the new X",
-            |[a, b, c]| turn_about('x', a) * turn_about('y', b) * turn_about('z', c),
+            |[a, b, c]| axis_rotation('x', a) * axis_rotation('y', b) * axis_rotation('z', c),
         ),
-        angles(NEW_Z, |[a, b, c]| turn_about('z', a) * turn_about('y', b) * turn_about('z', c)),
-        angles(NEW_X_NEW_Z, |[a, b, c]| turn_about('z', a) * turn_about('x', b) * turn_about('z', c)),
+        angles(NEW_Z, |[a, b, c]| axis_rotation('z', a) * axis_rotation('y', b) * axis_rotation('z', c)),
+        angles(NEW_X_NEW_Z, |[a, b, c]| axis_rotation('z', a) * axis_rotation('x', b) * axis_rotation('z', c)),
         // In these readings the second angle may be up to 180°. The rotation determines only the triple with the
         // smaller second angle.
         angles(NEW_Z, |angles| {
-            let [a, b, c] = other_triple(angles);
-            turn_about('z', a) * turn_about('y', b) * turn_about('z', c)
+            let [a, b, c] = equivalent_angles_rad(angles);
+            axis_rotation('z', a) * axis_rotation('y', b) * axis_rotation('z', c)
         }),
         angles(NEW_X_NEW_Z, |angles| {
-            let [a, b, c] = other_triple(angles);
-            turn_about('z', a) * turn_about('x', b) * turn_about('z', c)
+            let [a, b, c] = equivalent_angles_rad(angles);
+            axis_rotation('z', a) * axis_rotation('x', b) * axis_rotation('z', c)
         }),
         angles("the sign of A is wrong", |[a, b, c]| kuka([-a, b, c])),
         angles("the sign of B is wrong", |[a, b, c]| kuka([a, -b, c])),
@@ -171,19 +185,21 @@ fn ways() -> Vec<(Meaning, Way)> {
         angles("A and B are exchanged", |[a, b, c]| kuka([b, a, c])),
         angles("B and C are exchanged", |[a, b, c]| kuka([a, c, b])),
         (
-            Meaning::RotationVector { radians: false },
-            by_angles(|angles| {
+            PoseInterpretation::RotationVector { radians: false },
+            angle_convention_change(|angles| {
                 // The rotation determines A, B, C only up to a second triple. The shorter of the two is taken, since a
                 // rotation vector is at most half a turn.
-                let [written, other] = [angles, other_triple(angles)].map(Vector3::from);
+                let [written, other] = [angles, equivalent_angles_rad(angles)].map(Vector3::from);
                 UnitQuaternion::from_scaled_axis(if other.norm() < written.norm() { other } else { written })
             }),
         ),
         (
-            Meaning::RotationVector { radians: true },
-            by_angles(|angles| UnitQuaternion::from_scaled_axis(Vector3::from(angles).map(f64::to_degrees))),
+            PoseInterpretation::RotationVector { radians: true },
+            angle_convention_change(|angles| {
+                UnitQuaternion::from_scaled_axis(Vector3::from(angles).map(f64::to_degrees))
+            }),
         ),
-        (Meaning::Radians, by_angles(|angles| kuka(angles.map(f64::to_degrees)))),
+        (PoseInterpretation::Radians, angle_convention_change(|angles| kuka(angles.map(f64::to_degrees)))),
         // A library that expects x, y, z, w was given w, x, y, z, or the reverse.
         quaternion("w, x, y, z were read as x, y, z, w", |[x, y, z, w]| [y, z, w, x]),
         quaternion("x, y, z, w were read as w, x, y, z", |[x, y, z, w]| [w, x, y, z]),
@@ -196,12 +212,12 @@ const NEW_X_NEW_Z: &str =
     "the angles turn about Z, the new X and the new Z: KUKA's A, B, C turn about Z, the new Y, the new X";
 
 /// Returns the other A, B, C of the same rotation, rad, each within half a turn.
-fn other_triple([a, b, c]: [f64; 3]) -> [f64; 3] {
+fn equivalent_angles_rad([a, b, c]: [f64; 3]) -> [f64; 3] {
     let half = |angle: f64| if angle > 0.0 { angle - std::f64::consts::PI } else { angle + std::f64::consts::PI };
     [half(a), -half(b), half(c)]
 }
 
-fn turn_about(axis: char, angle: f64) -> UnitQuaternion<f64> {
+fn axis_rotation(axis: char, angle: f64) -> UnitQuaternion<f64> {
     let axis = match axis {
         'x' => Vector3::x_axis(),
         'y' => Vector3::y_axis(),
@@ -211,28 +227,28 @@ fn turn_about(axis: char, angle: f64) -> UnitQuaternion<f64> {
 }
 
 fn kuka([a, b, c]: [f64; 3]) -> UnitQuaternion<f64> {
-    turn_about('z', a) * turn_about('y', b) * turn_about('x', c)
+    axis_rotation('z', a) * axis_rotation('y', b) * axis_rotation('x', c)
 }
 
 /// Returns the change of a pose whose angles A, B, C, in rad, are interpreted by `turn`.
-fn by_angles(turn: fn([f64; 3]) -> UnitQuaternion<f64>) -> Way {
+fn angle_convention_change(turn: fn([f64; 3]) -> UnitQuaternion<f64>) -> PoseTransform {
     Box::new(move |pose: &Isometry3<f64>| {
-        let written: KukaPose = KukaPose::from_rigid(&Rigid::<Base, Flange>::claim(*pose));
-        let angles = [written.a_deg, written.b_deg, written.c_deg].map(|angle| Degrees(angle).rad());
+        let written: KukaPose = KukaPose::from_rigid(&Rigid::<Base, Flange>::from_isometry_unchecked(*pose));
+        let angles = [written.a_deg, written.b_deg, written.c_deg].map(|angle| Degrees(angle).to_rad());
         Isometry3::from_parts(pose.translation, turn(angles))
     })
 }
 
 /// Returns the boards' poses in pictures that are mirrored left to right; `None` for points, or if a picture gives
 /// no pose.
-fn mirrored<C: crate::geometry::Frame>(
+fn mirrored_board_poses<C: crate::geometry::Frame>(
     camera: &PinholeCamera,
     board: &Board,
     stations: &[Station<C>],
 ) -> Option<Vec<Isometry3<f64>>> {
     let far = board.corners().iter().fold(0.0, |far: f64, q| far.max(q.mm.x));
     let pose = |station: &Station<C>| {
-        let BoardObservation::Pixels(corners) = &station.seen else { return None };
+        let BoardObservation::Pixels(corners) = &station.observation else { return None };
         let last = camera.width_px as f64 - 1.0;
         let turned = corners
             .iter()
@@ -259,7 +275,7 @@ fn closed_form(
     rim: &[Point3<f64>],
     free: bool,
 ) -> Option<ClosedForm> {
-    let all: Vec<[usize; 3]> = triples(holder_from_to.len()).collect();
+    let all: Vec<[usize; 3]> = index_triples(holder_from_to.len()).collect();
     let stride = all.len().div_ceil(MAX_TRIPLES).max(1);
     let tried = all.into_iter().step_by(stride).filter_map(|triple| {
         let moved = triple.map(|index| holder_from_to[index]);
@@ -267,9 +283,10 @@ fn closed_form(
             return None;
         }
         let seen = triple.map(|index| camera_from_board[index]);
-        let mount = foreign::hand_eye(&moved, &seen)?;
-        let (ratio, mount) = if free { with_ratio(&moved, &seen, mount)? } else { (1.0, mount) };
-        let held = |index: usize| holder_from_to[index] * mount * grown(&camera_from_board[index], ratio);
+        let mount = foreign::solve_hand_eye_park(&moved, &seen)?;
+        let (ratio, mount) = if free { scaled_mount(&moved, &seen, mount)? } else { (1.0, mount) };
+        let held =
+            |index: usize| holder_from_to[index] * mount * scale_translation(&camera_from_board[index], ratio);
         let boards: Vec<Isometry3<f64>> = (0..holder_from_to.len()).map(held).collect();
         let rim: Vec<Point3<f64>> = rim.iter().map(|place| place * ratio).collect();
         let (board, median_mm) = medoid(&boards, &rim)?;
@@ -281,7 +298,7 @@ fn closed_form(
     })
 }
 
-fn grown(pose: &Isometry3<f64>, ratio: f64) -> Isometry3<f64> {
+fn scale_translation(pose: &Isometry3<f64>, ratio: f64) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(pose.translation.vector * ratio), pose.rotation)
 }
 
@@ -299,7 +316,7 @@ fn medoid(boards: &[Isometry3<f64>], rim: &[Point3<f64>]) -> Option<(Isometry3<f
 }
 
 /// Returns the factor k and the mount by (1); the rotation does not change.
-fn with_ratio(
+fn scaled_mount(
     moved: &[Isometry3<f64>; 3],
     seen: &[Isometry3<f64>; 3],
     mount: Isometry3<f64>,

@@ -15,19 +15,19 @@
 use super::adjust::scaled_inverse;
 use super::arm_errors::ARM_NUMBERS;
 use super::error::CalibError;
-use super::robot_axes::wrong_axes;
+use super::robot_axes::axis_angle_problem;
 pub use super::robot_correction::{ArmPose, Correction, SMOOTH_NUMBERS};
 use super::robot_data::REPEAT_MM;
-pub use super::robot_data::{ArmTouch, ArmView, Rig, RigKind, RobotData, Touched};
+pub use super::robot_data::{ArmTouch, ArmView, Rig, RigKind, RobotData, TouchTarget};
 pub use super::robot_found::{Number, RobotFound};
-use super::robot_settle::{Settled, State, settle};
+use super::robot_settle::{ConvergedState, State, levenberg_marquardt};
 use super::robot_spread::spread;
 use nalgebra::Vector3;
 
 /// Minimum number of pictures: with fewer, no arm is estimated.
 pub const MIN_VIEWS: usize = 12;
 /// Number of times that the size of this arm's parameters is estimated.
-const SIZINGS: usize = 3;
+const SCALE_ITERATIONS: usize = 3;
 /// The number of groups in which pictures are left out.
 pub(super) const GROUPS: usize = 5;
 
@@ -62,14 +62,14 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
         );
         return Err(CalibError::Points(message));
     }
-    if let Some(message) = wrong_axes(data) {
+    if let Some(message) = axis_angle_problem(data) {
         return Err(CalibError::Points(message));
     }
     let views: Vec<&ArmView> = data.views.iter().collect();
-    if let Some(message) = wrong_touch(data) {
+    if let Some(message) = touch_problem(data) {
         return Err(CalibError::Points(message));
     }
-    let spot_of = |touch: &ArmTouch| if let Touched::Spot(spot) = touch.at { spot + 1 } else { 0 };
+    let spot_of = |touch: &ArmTouch| if let TouchTarget::Spot(spot) = touch.target { spot + 1 } else { 0 };
     let spots = data.touches.iter().map(spot_of).max().unwrap_or(0);
     let start = State {
         correction: nominal(data),
@@ -82,32 +82,37 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
     };
     // First without corrections: it gives the start, and the residuals with which the correction must be compared to
     // prove that it helps.
-    let plain = settle(start, &views, &data.touches).ok_or_else(unsettled)?;
+    let plain = levenberg_marquardt(start, &views, &data.touches).ok_or_else(unsettled)?;
     let free = State { corrects: true, ..plain.state.clone() };
-    let mut full = settle(free, &views, &data.touches).ok_or_else(unsettled)?;
+    let mut full = levenberg_marquardt(free, &views, &data.touches).ok_or_else(unsettled)?;
     // How large this arm's errors are is not known beforehand; a prior for a good arm would hide the errors of a bad
     // one.
-    for _ in 0..SIZINGS {
+    for _ in 0..SCALE_ITERATIONS {
         let resized = State { size: full.size(), ..full.state };
-        full = settle(resized, &views, &data.touches).ok_or_else(unsettled)?;
+        full = levenberg_marquardt(resized, &views, &data.touches).ok_or_else(unsettled)?;
     }
-    let before = left_out(&plain.state, data).ok_or_else(unsettled)?;
-    let after = left_out(&full.state, data).ok_or_else(unsettled)?;
-    let usual = full.state.usual();
+    let before = cross_validate(&plain.state, data).ok_or_else(unsettled)?;
+    let after = cross_validate(&full.state, data).ok_or_else(unsettled)?;
+    let usual = full.state.parameter_priors();
     let numbers = full.state.correction.numbers().iter().enumerate().map(|(index, value)| {
         let (name, unit) = full.state.correction.name(index);
         let deviation = full.inverse[(index, index)].sqrt();
-        Number { name, value: value * unit, uncertainty: 1.96 * deviation * unit, untold: deviation / usual[index] }
+        Number {
+            name,
+            value: value * unit,
+            uncertainty: 1.96 * deviation * unit,
+            remaining_share: deviation / usual[index],
+        }
     });
     Ok(RobotFound {
         numbers: numbers.collect(),
         correction: full.state.correction.clone(),
         rigs: full.state.rigs.clone(),
         tip_mm: full.state.touches.then_some(full.state.tip),
-        left_out_before_mm: rms_mm(&before),
-        left_out_after_mm: rms_mm(&after),
+        uncorrected_left_out_mm: rms_mm(&before),
+        corrected_left_out_mm: rms_mm(&after),
         scatter_mm: scatter_mm(&full, data, &after).ok_or_else(unsettled)?,
-        plain: plain.state,
+        uncorrected: plain.state,
         covariance: full.inverse,
         variance: full.variance,
         state: full.state,
@@ -116,11 +121,11 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
 
 /// Returns what is wrong with the touches: an object that cannot be touched, or touches that do not determine the
 /// tip.
-fn wrong_touch(data: &RobotData) -> Option<String> {
-    let is_other = |touch: &&ArmTouch| match touch.at {
-        Touched::Spot(_) => false,
-        Touched::Corner { rig, .. } => data.rigs.get(rig).is_none_or(|rig| rig.kind != RigKind::EyeInHand),
-        Touched::Seen { rig, .. } => data.rigs.get(rig).is_none_or(|rig| rig.kind != RigKind::EyeToHand),
+fn touch_problem(data: &RobotData) -> Option<String> {
+    let is_other = |touch: &&ArmTouch| match touch.target {
+        TouchTarget::Spot(_) => false,
+        TouchTarget::Corner { rig, .. } => data.rigs.get(rig).is_none_or(|rig| rig.kind != RigKind::EyeInHand),
+        TouchTarget::Seen { rig, .. } => data.rigs.get(rig).is_none_or(|rig| rig.kind != RigKind::EyeToHand),
     };
     if data.touches.iter().any(|touch| is_other(&touch)) {
         return Some(
@@ -132,7 +137,7 @@ fn wrong_touch(data: &RobotData) -> Option<String> {
     let free: std::collections::BTreeSet<usize> = data
         .touches
         .iter()
-        .filter_map(|touch| if let Touched::Spot(spot) = touch.at { Some(spot) } else { None })
+        .filter_map(|touch| if let TouchTarget::Spot(spot) = touch.target { Some(spot) } else { None })
         .collect();
     // Each spot uses up one touch, and the tip needs two.
     let (told, needed) = (data.touches.len(), free.len() + 2);
@@ -147,7 +152,7 @@ fn wrong_touch(data: &RobotData) -> Option<String> {
 /// Returns the cross-validation residual for each axis of the view, without the noise of the pictures and of the
 /// arm's parameters, mm. Only the fixed camera's pictures are used, if there are any, since the board on the flange
 /// is about as far from it as a tool.
-fn scatter_mm(full: &Settled, data: &RobotData, left_out: &[LeftOut]) -> Option<f64> {
+fn scatter_mm(full: &ConvergedState, data: &RobotData, left_out: &[LeftOutError]) -> Option<f64> {
     let is_fixed = |view: &ArmView| data.rigs[view.rig].kind == RigKind::EyeToHand;
     let has_fixed = data.views.iter().any(is_fixed);
     let (mut square, mut count) = (0.0, 0.0);
@@ -157,7 +162,11 @@ fn scatter_mm(full: &Settled, data: &RobotData, left_out: &[LeftOut]) -> Option<
             continue;
         }
         let place = |state: &State| {
-            Some((view.camera_from_board.inverse() * state.foretold(view.rig, &view.pose)?).translation.vector)
+            Some(
+                (view.camera_from_board.inverse() * state.predict_board_pose(view.rig, &view.pose)?)
+                    .translation
+                    .vector,
+            )
         };
         let of_numbers = spread(full, &place)? * (GROUPS as f64 / (GROUPS - 1) as f64);
         let of_picture = scaled_inverse(&view.information)?.fixed_view::<3, 3>(3, 3).into_owned();
@@ -171,28 +180,28 @@ fn scatter_mm(full: &Settled, data: &RobotData, left_out: &[LeftOut]) -> Option<
 }
 
 /// A picture's number, and the error with which the other pictures predict its board, in the board's frame, mm.
-type LeftOut = (usize, Vector3<f64>);
+type LeftOutError = (usize, Vector3<f64>);
 
-fn rms_mm(left_out: &[LeftOut]) -> f64 {
+fn rms_mm(left_out: &[LeftOutError]) -> f64 {
     let square: f64 = left_out.iter().map(|(_, off)| off.norm_squared()).sum();
     (square / left_out.len().max(1) as f64).sqrt()
 }
 
 fn first_touch(data: &RobotData, spot: usize) -> Vector3<f64> {
-    let first = data.touches.iter().find(|touch| touch.at == Touched::Spot(spot));
+    let first = data.touches.iter().find(|touch| touch.target == TouchTarget::Spot(spot));
     first.map_or(Vector3::zeros(), |touch| touch.pose.base_from_flange.origin().mm.coords)
 }
 
 /// Predicts each picture from the pictures of the other groups and returns the errors.
-fn left_out(state: &State, data: &RobotData) -> Option<Vec<LeftOut>> {
+fn cross_validate(state: &State, data: &RobotData) -> Option<Vec<LeftOutError>> {
     let mut all = Vec::new();
     for group in 0..GROUPS {
         let (left_out, kept): (Vec<_>, Vec<_>) =
             data.views.iter().enumerate().partition(|(index, _)| index % GROUPS == group);
         let kept: Vec<&ArmView> = kept.into_iter().map(|(_, view)| view).collect();
-        let settled = settle(state.clone(), &kept, &data.touches)?;
+        let settled = levenberg_marquardt(state.clone(), &kept, &data.touches)?;
         for (index, view) in left_out {
-            let off = view.camera_from_board.inverse() * settled.state.foretold(view.rig, &view.pose)?;
+            let off = view.camera_from_board.inverse() * settled.state.predict_board_pose(view.rig, &view.pose)?;
             all.push((index, off.translation.vector));
         }
     }

@@ -3,22 +3,22 @@
 use super::arm_errors::{self, ARM_NUMBERS, AxisFault};
 use super::robot_data::{ArmView, RigKind, RobotData};
 use crate::geometry::{Base, Flange, Joints, Rigid};
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use nalgebra::Isometry3;
 
 /// The largest difference between axis angles and controller, mm and degrees, if both belong to one robot.
-const SAME_MM: f64 = 5.0;
-const SAME_DEG: f64 = 1.0;
+const MAX_POSITION_DIFFERENCE_MM: f64 = 5.0;
+const MAX_ROTATION_DIFFERENCE_DEG: f64 = 1.0;
 /// The largest difference between the rotations of board and flange from picture to picture, degrees rms.
-const SAME_TURN_DEG: f64 = 0.7;
+const MAX_TURN_DIFFERENCE_DEG: f64 = 0.7;
 /// The largest difference between the shifts of board and flange along the axis of that rotation, mm rms.
-const SAME_SHIFT_MM: f64 = 5.0;
+const MAX_SHIFT_DIFFERENCE_MM: f64 = 5.0;
 /// Rotations with a well-defined axis.
 const AXIS_DEG: (f64, f64) = (5.0, 170.0);
 
 /// Checks whether the axis angles agree with the controller's poses and the pictures. If not, returns the fault
 /// that explains the difference.
-pub(super) fn wrong_axes(data: &RobotData) -> Option<String> {
+pub(super) fn axis_angle_problem(data: &RobotData) -> Option<String> {
     if data.views.iter().all(|view| view.pose.joints.is_none()) {
         return None;
     }
@@ -31,10 +31,10 @@ pub(super) fn wrong_axes(data: &RobotData) -> Option<String> {
         })
     };
     let screws = |mend: &dyn Fn(&Joints) -> Joints| screw_misfit(data, &|joints| drawn(&mend(joints)));
-    let fits = |(deg, mm): (f64, f64)| deg <= SAME_TURN_DEG && mm <= SAME_SHIFT_MM;
+    let fits = |(deg, mm): (f64, f64)| deg <= MAX_TURN_DIFFERENCE_DEG && mm <= MAX_SHIFT_DIFFERENCE_MM;
     let agrees = |mend: &dyn Fn(&Joints) -> Joints| {
         let (mm, deg) = misfit(mend);
-        mm <= SAME_MM && deg <= SAME_DEG
+        mm <= MAX_POSITION_DIFFERENCE_MM && deg <= MAX_ROTATION_DIFFERENCE_DEG
     };
     let is_stated = poses().any(|(pose, joints)| {
         let off = pose.base_from_flange.inverse() * drawn(joints);
@@ -46,7 +46,7 @@ pub(super) fn wrong_axes(data: &RobotData) -> Option<String> {
         return None;
     }
     let fault = AxisFault::all().into_iter().find(|fault| {
-        let mend = |joints: &Joints| fault.mended(joints);
+        let mend = |joints: &Joints| fault.correct_angles(joints);
         fits(screws(&mend)) && (!is_stated || agrees(&mend))
     });
     let why = match fault {
@@ -57,9 +57,12 @@ pub(super) fn wrong_axes(data: &RobotData) -> Option<String> {
                 .to_owned()
         }
     };
-    let ([mm, most_mm], [deg, most_deg]) = (apart(mm, SAME_MM, 1), apart(deg, SAME_DEG, 1));
-    let [turn, most_turn] = apart(turn_deg, SAME_TURN_DEG, 1);
-    let [shift, most_shift] = apart(shift_mm, SAME_SHIFT_MM, 1);
+    let ([mm, most_mm], [deg, most_deg]) = (
+        distinguishable_texts(mm, MAX_POSITION_DIFFERENCE_MM, 1),
+        distinguishable_texts(deg, MAX_ROTATION_DIFFERENCE_DEG, 1),
+    );
+    let [turn, most_turn] = distinguishable_texts(turn_deg, MAX_TURN_DIFFERENCE_DEG, 1);
+    let [shift, most_shift] = distinguishable_texts(shift_mm, MAX_SHIFT_DIFFERENCE_MM, 1);
     Some(format!(
         "axis angles and base_from_flange differ by up to {mm} mm and {deg}° (limits {most_mm} mm and \
          {most_deg}°); between pictures, the motions of the board and of the flange by its axis angles differ by \

@@ -49,7 +49,7 @@ pub enum Correction {
 const INVERSE_STEPS: usize = 8;
 /// Maximum distance from the measured volume at which anything is measured or touched, as a fraction of the volume's
 /// half size.
-const BEYOND: f64 = 0.1;
+const MAX_EXTRAPOLATION: f64 = 0.1;
 
 impl Correction {
     /// Creates the correction from these parameters and the arm's nominal geometry.
@@ -77,13 +77,13 @@ impl Correction {
         match self {
             // A difference between the controller's own parameters and the nominal geometry is preserved.
             Correction::Geometry { geometry, errors } => {
-                Some(pose.base_from_flange * off(geometry, errors, pose.joints.as_ref()?))
+                Some(pose.base_from_flange * flange_deviation(geometry, errors, pose.joints.as_ref()?))
             }
             Correction::Smooth { .. } => {
                 let (turn, shift) = self.motion_at(pose.base_from_flange.origin());
                 let bare = pose.base_from_flange.isometry();
                 let place = bare.translation.vector + shift;
-                Some(Rigid::claim(Isometry3::from_parts(place.into(), turn * bare.rotation)))
+                Some(Rigid::from_isometry_unchecked(Isometry3::from_parts(place.into(), turn * bare.rotation)))
             }
         }
     }
@@ -93,7 +93,7 @@ impl Correction {
     pub fn sent_flange(&self, base_from_flange: &Rigid<Base, Flange>, joints: &Joints) -> Rigid<Base, Flange> {
         match self {
             Correction::Geometry { geometry, errors } => {
-                *base_from_flange * off(geometry, errors, joints).inverse()
+                *base_from_flange * flange_deviation(geometry, errors, joints).inverse()
             }
             Correction::Smooth { .. } => {
                 let wanted = base_from_flange.isometry();
@@ -102,7 +102,10 @@ impl Correction {
                     place = wanted.translation.vector - self.motion_at(Point::new(place.into())).1;
                 }
                 let (turn, _) = self.motion_at(Point::new(place.into()));
-                Rigid::claim(Isometry3::from_parts(place.into(), turn.inverse() * wanted.rotation))
+                Rigid::from_isometry_unchecked(Isometry3::from_parts(
+                    place.into(),
+                    turn.inverse() * wanted.rotation,
+                ))
             }
         }
     }
@@ -113,7 +116,8 @@ impl Correction {
             Correction::Geometry { .. } => true,
             Correction::Smooth { middle_mm, half_mm, .. } => {
                 let place = base_from_flange.origin().mm;
-                (0..3).all(|axis| (place[axis] - middle_mm[axis]).abs() <= (1.0 + BEYOND) * half_mm[axis])
+                (0..3)
+                    .all(|axis| (place[axis] - middle_mm[axis]).abs() <= (1.0 + MAX_EXTRAPOLATION) * half_mm[axis])
             }
         }
     }
@@ -123,7 +127,7 @@ impl Correction {
         let Correction::Smooth { middle_mm, half_mm, numbers } = self else {
             return (UnitQuaternion::identity(), nalgebra::Vector3::zeros());
         };
-        let edge = 1.0 + BEYOND;
+        let edge = 1.0 + MAX_EXTRAPOLATION;
         let part = |axis: usize| ((place.mm[axis] - middle_mm[axis]) / half_mm[axis]).clamp(-edge, edge);
         let by = [1.0, part(0), part(1), part(2)];
         let twist = Twist::from_fn(|row, _| (0..4).map(|column| numbers[6 * column + row] * by[column]).sum());
@@ -138,7 +142,7 @@ impl Correction {
         }
     }
 
-    pub(super) fn with_numbers(&self, new: &[f64]) -> Self {
+    pub(super) fn with_parameters(&self, new: &[f64]) -> Self {
         let mut changed = self.clone();
         match &mut changed {
             Correction::Geometry { errors, .. } => errors.copy_from_slice(new),
@@ -147,9 +151,9 @@ impl Correction {
         changed
     }
 
-    pub(super) fn usual(&self) -> Vec<f64> {
+    pub(super) fn parameter_priors(&self) -> Vec<f64> {
         match self {
-            Correction::Geometry { .. } => arm_errors::usual().to_vec(),
+            Correction::Geometry { .. } => arm_errors::prior_std().to_vec(),
             Correction::Smooth { .. } => {
                 (0..SMOOTH_NUMBERS).map(|i| if i % 6 < 3 { 8.7e-4 } else { 0.5 }).collect()
             }
@@ -173,7 +177,7 @@ impl Correction {
 }
 
 /// Returns the pose of the real arm's flange relative to the nominal arm's flange, at these axis angles.
-fn off(geometry: &ArmGeometry, errors: &[f64; ARM_NUMBERS], joints: &Joints) -> Rigid<Flange, Flange> {
+fn flange_deviation(geometry: &ArmGeometry, errors: &[f64; ARM_NUMBERS], joints: &Joints) -> Rigid<Flange, Flange> {
     let drawn = arm_errors::base_from_flange(geometry, joints, &[0.0; ARM_NUMBERS]);
     drawn.inverse() * arm_errors::base_from_flange(geometry, joints, errors)
 }

@@ -60,7 +60,7 @@ impl ArmView {
     ///
     /// # Errors
     /// If they determine no pose.
-    pub fn seen(
+    pub fn from_corners(
         name: String,
         rig: usize,
         pose: ArmPose,
@@ -92,7 +92,7 @@ pub(super) fn information(
 
 /// The object that the tip touches.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Touched {
+pub enum TouchTarget {
     /// A fixed spot at an unknown position, by its number; all touches of one spot have the same number.
     Spot(usize),
     /// A corner of the fixed board that the camera on the flange sees.
@@ -115,7 +115,7 @@ pub enum Touched {
 #[derive(Debug, Clone)]
 pub struct ArmTouch {
     /// What it touches.
-    pub at: Touched,
+    pub target: TouchTarget,
     /// The robot's pose.
     pub pose: ArmPose,
 }

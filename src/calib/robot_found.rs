@@ -16,7 +16,7 @@ pub struct Number {
     pub uncertainty: f64,
     /// The parameter's standard deviation after the estimate divided by that before: 1 if the data carry no
     /// information, 0 if they determine the parameter completely.
-    pub untold: f64,
+    pub remaining_share: f64,
 }
 
 /// What was found.
@@ -32,10 +32,10 @@ pub struct RobotFound {
     pub tip_mm: Option<Vector3<f64>>,
     /// The rms distance of the board from its expected position in left-out pictures, with only mounts and boards
     /// estimated, mm.
-    pub left_out_before_mm: f64,
+    pub uncorrected_left_out_mm: f64,
     /// The rms distance of the board from its expected position in left-out pictures, with the correction, mm.
-    pub left_out_after_mm: f64,
-    pub(super) plain: State,
+    pub corrected_left_out_mm: f64,
+    pub(super) uncorrected: State,
     pub(super) state: State,
     pub(super) covariance: DMatrix<f64>,
     pub(super) variance: f64,

@@ -47,7 +47,7 @@ pub struct NextPose {
     /// The pose.
     pub pose: ArmPose,
     /// The least well determined parameter, among those that the data determine.
-    pub weakest: String,
+    pub weakest_parameter: String,
     /// The ratio of this parameter's standard deviation after the picture to that before.
     pub weakest_share: f64,
     /// The ratio of the tip's stated error, the median over the volume, after the best picture to that before it.
@@ -56,7 +56,7 @@ pub struct NextPose {
 
 impl NextPose {
     /// Returns whether no further picture would reduce the tip's stated error enough to be worth taking.
-    pub fn is_enough(&self) -> bool {
+    pub fn is_sufficient(&self) -> bool {
         self.tip_share > MAX_REMAINING_SHARE
     }
 }
@@ -67,7 +67,7 @@ const MAX_REMAINING_SHARE: f64 = 0.95;
 pub const DETERMINED_SHARE: f64 = 0.7;
 const PARTS: [f64; 3] = [0.28, 0.5, 0.72];
 const TILTS_DEG: [f64; 2] = [20.0, 42.0];
-const TURNS: usize = 4;
+const CANDIDATE_ROTATIONS: usize = 4;
 const DIRECTIONS: usize = 6;
 
 /// Returns the flange poses at which a rig's camera would see the complete board.
@@ -90,10 +90,10 @@ pub fn viewpoints(
         for (across, down) in PARTS.iter().flat_map(|across| PARTS.iter().map(move |down| (across, down))) {
             let pixel = Pixel::at(across * camera.width_px as f64, down * camera.height_px as f64);
             let Some(ray) = camera.unproject::<Camera>(pixel) else { continue };
-            for turn in turns() {
+            for turn in candidate_rotations() {
                 let seen =
-                    Translation3::from(ray.mm * depth_mm) * turn * Translation3::from(-board.middle().mm.coords);
-                all.extend(viewpoint(found, rig, (camera, board), &Rigid::claim(seen), rms_px));
+                    Translation3::from(ray.mm * depth_mm) * turn * Translation3::from(-board.centre().mm.coords);
+                all.extend(viewpoint(found, rig, (camera, board), &Rigid::from_isometry_unchecked(seen), rms_px));
             }
         }
     }
@@ -101,20 +101,20 @@ pub fn viewpoints(
 }
 
 /// Returns rotations of the board: flat and tilted several ways, each rotated about the view several times.
-fn turns() -> Vec<UnitQuaternion<f64>> {
+fn candidate_rotations() -> Vec<UnitQuaternion<f64>> {
     let about = |index: usize, count: usize| std::f64::consts::TAU * index as f64 / count as f64;
     let tilt = |tilt_deg: f64| {
         (0..DIRECTIONS).map(move |direction| {
             let angle = about(direction, DIRECTIONS);
-            Vector3::new(angle.cos(), angle.sin(), 0.0) * Degrees(tilt_deg).rad()
+            Vector3::new(angle.cos(), angle.sin(), 0.0) * Degrees(tilt_deg).to_rad()
         })
     };
     let tilts = std::iter::once(Vector3::zeros()).chain(TILTS_DEG.into_iter().flat_map(tilt));
     tilts
         .flat_map(|tilt| {
-            (0..TURNS).map(move |turn| {
+            (0..CANDIDATE_ROTATIONS).map(move |turn| {
                 UnitQuaternion::from_scaled_axis(tilt)
-                    * UnitQuaternion::from_scaled_axis(Vector3::z() * about(turn, TURNS))
+                    * UnitQuaternion::from_scaled_axis(Vector3::z() * about(turn, CANDIDATE_ROTATIONS))
             })
         })
         .collect()
@@ -139,48 +139,62 @@ fn viewpoint(
         RigKind::EyeToHand => rig_is.mount * seen * rig_is.board.inverse(),
         RigKind::EyeInHand => rig_is.board * seen.inverse() * rig_is.mount.inverse(),
     };
-    Some(Viewpoint { rig, base_from_flange: Rigid::claim(base_from_flange), information })
+    Some(Viewpoint { rig, base_from_flange: Rigid::from_isometry_unchecked(base_from_flange), information })
 }
 
 /// The shares of the errors of the weakest determined parameter and of the tip that would remain after a picture.
-struct Gain {
+struct InformationGain {
     weakest_share: f64,
     tip_share: f64,
 }
 
 /// Returns the best of the candidates; `volume` contains the poses at which the tip's error counts. `None` if there is
 /// no candidate, or the data determine no parameter.
-pub fn next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[ArmPose]) -> Option<NextPose> {
-    let own = found.state.own();
-    let told = (0..own).filter(|index| found.numbers[*index].untold < DETERMINED_SHARE);
-    let weakest = told.max_by(|a, b| found.numbers[*a].untold.total_cmp(&found.numbers[*b].untold))?;
+pub fn best_next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[ArmPose]) -> Option<NextPose> {
+    let own = found.state.free_parameter_count();
+    let told = (0..own).filter(|index| found.numbers[*index].remaining_share < DETERMINED_SHARE);
+    let weakest =
+        told.max_by(|a, b| found.numbers[*a].remaining_share.total_cmp(&found.numbers[*b].remaining_share))?;
     let slopes: Vec<DMatrix<f64>> = volume
         .iter()
-        .filter_map(|pose| robot_spread::slope(&found.state, &found.covariance, &|state| state.tip_seen(pose)))
+        .filter_map(|pose| {
+            robot_spread::position_jacobian(&found.state, &found.covariance, &|state| state.tip_position(pose))
+        })
         .collect();
-    let gains: Vec<Option<Gain>> =
+    let gains: Vec<Option<InformationGain>> =
         candidates.par_iter().map(|candidate| gain(found, candidate, weakest, &slopes)).collect();
-    let by = |of: fn(&Gain) -> f64| {
+    let by = |of: fn(&InformationGain) -> f64| {
         let all = gains.iter().enumerate().filter_map(|(index, gain)| Some((index, of(gain.as_ref()?))));
         all.min_by(|a, b| a.1.total_cmp(&b.1))
     };
     let ((index, weakest_share), (_, tip_share)) = (by(|gain| gain.weakest_share)?, by(|gain| gain.tip_share)?);
     let best = &candidates[index];
     let weakest = found.numbers[weakest].name.clone();
-    Some(NextPose { rig: best.viewpoint.rig, pose: best.pose, weakest, weakest_share, tip_share })
+    Some(NextPose {
+        rig: best.viewpoint.rig,
+        pose: best.pose,
+        weakest_parameter: weakest,
+        weakest_share,
+        tip_share,
+    })
 }
 
 /// By (1).
-fn gain(found: &RobotFound, candidate: &Candidate, weakest: usize, tips: &[DMatrix<f64>]) -> Option<Gain> {
+fn gain(
+    found: &RobotFound,
+    candidate: &Candidate,
+    weakest: usize,
+    tips: &[DMatrix<f64>],
+) -> Option<InformationGain> {
     let (rig, pose) = (candidate.viewpoint.rig, &candidate.pose);
     let covariance = &found.covariance;
-    let middle = found.state.foretold(rig, pose)?;
+    let middle = found.state.predict_board_pose(rig, pose)?;
     let mut slope = DMatrix::zeros(6, covariance.nrows());
     for column in 0..covariance.nrows() {
         let step = 0.1 * covariance[(column, column)].sqrt().max(1e-12);
         let mut change = DVector::zeros(covariance.nrows());
         change[column] = step;
-        let moved = found.state.moved(&change).foretold(rig, pose)?;
+        let moved = found.state.perturbed(&change).predict_board_pose(rig, pose)?;
         slope.set_column(column, &(log(&(middle.inverse() * moved)) / step));
     }
     let noise = scaled_inverse(&candidate.viewpoint.information)? * found.variance;
@@ -202,5 +216,5 @@ fn gain(found: &RobotFound, candidate: &Candidate, weakest: usize, tips: &[DMatr
         (Some(after), Some(before)) if before > 0.0 => after / before,
         _ => 1.0,
     };
-    Some(Gain { weakest_share: (after.max(0.0) / before).sqrt(), tip_share })
+    Some(InformationGain { weakest_share: (after.max(0.0) / before).sqrt(), tip_share })
 }

@@ -1,9 +1,9 @@
 //! Minimises (1) of `robot`: Levenberg–Marquardt over the arm's parameters, mounts, boards, tip and spots.
 
 use super::adjust::scaled_inverse;
-use super::arrangement::{Twist, exp, log};
+use super::arrangement::{Twist, exp_map, log};
 use super::robot_correction::{ArmPose, Correction};
-use super::robot_data::{ArmTouch, ArmView, Rig, RigKind, Touched};
+use super::robot_data::{ArmTouch, ArmView, Rig, RigKind, TouchTarget};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Vector3};
 
 /// Standard deviation of one touch, mm.
@@ -31,38 +31,38 @@ pub(super) struct State {
 
 impl State {
     pub fn count(&self) -> usize {
-        self.tip_at() + if self.touches { 3 + 3 * self.spots.len() } else { 0 }
+        self.tip_index() + if self.touches { 3 + 3 * self.spots.len() } else { 0 }
     }
 
     /// Returns the index of the tip among the unknowns.
-    pub fn tip_at(&self) -> usize {
-        self.own() + 12 * self.rigs.len()
+    pub fn tip_index(&self) -> usize {
+        self.free_parameter_count() + 12 * self.rigs.len()
     }
 
     /// Returns the expected size of each parameter of the correction, as a standard deviation.
-    pub fn usual(&self) -> Vec<f64> {
-        self.correction.usual().into_iter().map(|usual| usual * self.size).collect()
+    pub fn parameter_priors(&self) -> Vec<f64> {
+        self.correction.parameter_priors().into_iter().map(|usual| usual * self.size).collect()
     }
 
     /// Returns how many parameters of the correction are free.
-    pub fn own(&self) -> usize {
+    pub fn free_parameter_count(&self) -> usize {
         if self.corrects { self.correction.numbers().len() } else { 0 }
     }
 
-    pub fn moved(&self, step: &DVector<f64>) -> State {
+    pub fn perturbed(&self, step: &DVector<f64>) -> State {
         let mut next = self.clone();
-        let own = self.own();
+        let own = self.free_parameter_count();
         if self.corrects {
             let numbers: Vec<f64> = self.correction.numbers().iter().zip(step.iter()).map(|(n, s)| n + s).collect();
-            next.correction = self.correction.with_numbers(&numbers);
+            next.correction = self.correction.with_parameters(&numbers);
         }
         for (index, rig) in next.rigs.iter_mut().enumerate() {
             let twist = |at: usize| Twist::from_iterator(step.rows(own + 12 * index + at, 6).iter().copied());
-            rig.mount *= exp(&twist(0));
-            rig.board *= exp(&twist(6));
+            rig.mount *= exp_map(&twist(0));
+            rig.board *= exp_map(&twist(6));
         }
         if self.touches {
-            let at = self.tip_at();
+            let at = self.tip_index();
             let vector = |at: usize| Vector3::from_iterator(step.rows(at, 3).iter().copied());
             next.tip += vector(at);
             next.spots.iter_mut().enumerate().for_each(|(index, spot)| *spot += vector(at + 3 + 3 * index));
@@ -71,7 +71,7 @@ impl State {
     }
 
     /// Predicts the board's pose in a picture that a rig makes at a pose.
-    pub fn foretold(&self, rig: usize, pose: &ArmPose) -> Option<Isometry3<f64>> {
+    pub fn predict_board_pose(&self, rig: usize, pose: &ArmPose) -> Option<Isometry3<f64>> {
         let flange = *self.correction.base_from_flange(pose)?.isometry();
         let rig = &self.rigs[rig];
         Some(match rig.kind {
@@ -84,15 +84,16 @@ impl State {
     fn residuals(&self, views: &[&ArmView], roots: &[Matrix6<f64>], touches: &[ArmTouch]) -> Option<DVector<f64>> {
         let mut all = Vec::with_capacity(6 * views.len() + 3 * touches.len());
         for (view, root) in views.iter().zip(roots) {
-            let twist = root * log(&(view.camera_from_board.inverse() * self.foretold(view.rig, &view.pose)?));
+            let twist =
+                root * log(&(view.camera_from_board.inverse() * self.predict_board_pose(view.rig, &view.pose)?));
             all.extend(twist.iter().copied());
         }
         for touch in touches {
             let flange = *self.correction.base_from_flange(&touch.pose)?.isometry();
-            let touched = match &touch.at {
-                Touched::Spot(spot) => self.spots[*spot],
-                Touched::Corner { rig, place } => (self.rigs[*rig].board * place.mm).coords,
-                Touched::Seen { rig, place } => (self.rigs[*rig].mount * place.mm).coords,
+            let touched = match &touch.target {
+                TouchTarget::Spot(spot) => self.spots[*spot],
+                TouchTarget::Corner { rig, place } => (self.rigs[*rig].board * place.mm).coords,
+                TouchTarget::Seen { rig, place } => (self.rigs[*rig].mount * place.mm).coords,
             };
             let off = ((flange * nalgebra::Point3::from(self.tip)).coords - touched) / TOUCH_MM;
             all.extend(off.iter().copied());
@@ -103,18 +104,20 @@ impl State {
 
 /// A converged state, with the covariance of its unknowns and the ratio of the residuals' variance to the stated
 /// one.
-pub(super) struct Settled {
+pub(super) struct ConvergedState {
     pub state: State,
     pub inverse: DMatrix<f64>,
     pub variance: f64,
 }
 
-impl Settled {
+impl ConvergedState {
     /// Returns the factor between the size of this arm's parameters and the usual one: the variance component of
     /// the second sum of (1), from the parameters that the data determine (Förstner, as in `adjust`).
     pub fn size(&self) -> f64 {
         let (mut square, mut redundancy) = (0.0, 0.0);
-        for (index, (number, usual)) in self.state.correction.numbers().iter().zip(self.state.usual()).enumerate() {
+        for (index, (number, usual)) in
+            self.state.correction.numbers().iter().zip(self.state.parameter_priors()).enumerate()
+        {
             square += (number / usual).powi(2);
             // A number that the data do not determine keeps its prior's spread and adds nothing here.
             redundancy += (1.0 - self.inverse[(index, index)] / usual.powi(2)).max(0.0);
@@ -125,40 +128,44 @@ impl Settled {
 }
 
 /// Returns the prior knowledge: index, value and standard deviation of each unknown that has one.
-fn known(state: &State, usual: &[f64]) -> Vec<(usize, f64, f64)> {
-    let numbers = state.correction.numbers().iter().zip(usual).take(state.own()).enumerate();
+fn prior_knowledge(state: &State, usual: &[f64]) -> Vec<(usize, f64, f64)> {
+    let numbers = state.correction.numbers().iter().zip(usual).take(state.free_parameter_count()).enumerate();
     let mut all: Vec<_> = numbers.map(|(index, (number, usual))| (index, *number, *usual)).collect();
     if state.touches {
-        all.extend((0..3).map(|axis| (state.tip_at() + axis, state.tip[axis], TIP_MM)));
+        all.extend((0..3).map(|axis| (state.tip_index() + axis, state.tip[axis], TIP_MM)));
     }
     all
 }
 
 /// Levenberg–Marquardt on (1).
-pub(super) fn settle(start: State, views: &[&ArmView], touches: &[ArmTouch]) -> Option<Settled> {
+pub(super) fn levenberg_marquardt(
+    start: State,
+    views: &[&ArmView],
+    touches: &[ArmTouch],
+) -> Option<ConvergedState> {
     let roots: Vec<Matrix6<f64>> =
         views.iter().map(|view| Some(view.information.cholesky()?.l().transpose())).collect::<Option<_>>()?;
-    let usual = start.usual();
+    let usual = start.parameter_priors();
     let mut state = start;
     let mut variance = 1.0;
     let mut damping = 1e-6;
     let cost = |state: &State, residual: &DVector<f64>, variance: f64| {
-        let prior = known(state, &usual).iter().map(|(_, n, u)| (n / u).powi(2)).sum::<f64>();
+        let prior = prior_knowledge(state, &usual).iter().map(|(_, n, u)| (n / u).powi(2)).sum::<f64>();
         residual.norm_squared() / variance + prior
     };
     for _ in 0..MAX_STEPS {
         let residual = state.residuals(views, &roots, touches)?;
-        let slope = slope(&state, views, &roots, touches)?;
+        let slope = compute_jacobian(&state, views, &roots, touches)?;
         let mut normal = slope.transpose() * &slope / variance;
         let mut pull = -(slope.transpose() * &residual) / variance;
-        for (index, number, usual) in known(&state, &usual) {
+        for (index, number, usual) in prior_knowledge(&state, &usual) {
             normal[(index, index)] += usual.powi(-2);
             pull[index] -= number / usual.powi(2);
         }
         let undamped = normal.clone();
         (0..normal.nrows()).for_each(|at| normal[(at, at)] *= 1.0 + damping);
         let step = scaled_inverse(&normal)? * &pull;
-        let next = state.moved(&step);
+        let next = state.perturbed(&step);
         let there = next.residuals(views, &roots, touches)?;
         let (before, after) = (cost(&state, &residual, variance), cost(&next, &there, variance));
         if after > before * (1.0 + 1e-12) {
@@ -172,33 +179,40 @@ pub(super) fn settle(start: State, views: &[&ArmView], touches: &[ArmTouch]) -> 
         state = next;
         let inverse = scaled_inverse(&undamped)?;
         // The number of free parameters that the data determine.
-        let told: f64 =
-            state.count() as f64 - (0..state.own()).map(|at| inverse[(at, at)] / usual[at].powi(2)).sum::<f64>();
+        let told: f64 = state.count() as f64
+            - (0..state.free_parameter_count()).map(|at| inverse[(at, at)] / usual[at].powi(2)).sum::<f64>();
         let redundancy = (there.len() as f64 - told).max(1.0);
         let new = (there.norm_squared() / redundancy).max(1.0);
         let steady = (new / variance - 1.0).abs() < 1e-3;
         variance = new;
         if steady && before - after < 1e-9 * before.max(1e-9) {
-            return Some(Settled { state, inverse, variance });
+            return Some(ConvergedState { state, inverse, variance });
         }
     }
     let residual = state.residuals(views, &roots, touches)?;
-    let slope = slope(&state, views, &roots, touches)?;
+    let slope = compute_jacobian(&state, views, &roots, touches)?;
     let mut normal = slope.transpose() * &slope / variance;
-    known(&state, &usual).into_iter().for_each(|(index, _, usual)| normal[(index, index)] += usual.powi(-2));
+    prior_knowledge(&state, &usual)
+        .into_iter()
+        .for_each(|(index, _, usual)| normal[(index, index)] += usual.powi(-2));
     residual.iter().all(|number| number.is_finite()).then_some(())?;
-    Some(Settled { inverse: scaled_inverse(&normal)?, state, variance })
+    Some(ConvergedState { inverse: scaled_inverse(&normal)?, state, variance })
 }
 
-fn slope(state: &State, views: &[&ArmView], roots: &[Matrix6<f64>], touches: &[ArmTouch]) -> Option<DMatrix<f64>> {
-    let usual = state.correction.usual();
+fn compute_jacobian(
+    state: &State,
+    views: &[&ArmView],
+    roots: &[Matrix6<f64>],
+    touches: &[ArmTouch],
+) -> Option<DMatrix<f64>> {
+    let usual = state.correction.parameter_priors();
     let columns = (0..state.count()).map(|column| {
-        let step = if column < state.own() { 1e-2 * usual[column] } else { 1e-6 };
+        let step = if column < state.free_parameter_count() { 1e-2 * usual[column] } else { 1e-6 };
         let mut change = DVector::zeros(state.count());
         change[column] = step;
-        let ahead = state.moved(&change).residuals(views, roots, touches)?;
+        let ahead = state.perturbed(&change).residuals(views, roots, touches)?;
         change[column] = -step;
-        let behind = state.moved(&change).residuals(views, roots, touches)?;
+        let behind = state.perturbed(&change).residuals(views, roots, touches)?;
         Some((ahead - behind) / (2.0 * step))
     });
     let columns: Vec<DVector<f64>> = columns.collect::<Option<_>>()?;

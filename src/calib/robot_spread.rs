@@ -4,13 +4,13 @@ use super::quantile::radius_95;
 use super::robot_correction::ArmPose;
 use super::robot_data::{Rig, RigKind};
 use super::robot_found::RobotFound;
-use super::robot_settle::{Settled, State};
+use super::robot_settle::{ConvergedState, State};
 use crate::geometry::{Flange, Point};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Vector3};
 
 /// Returns the derivative of a position with respect to each unknown, the position in mm; `None` if the position
 /// cannot be computed.
-pub(super) fn slope(
+pub(super) fn position_jacobian(
     state: &State,
     covariance: &DMatrix<f64>,
     place: &dyn Fn(&State) -> Option<Vector3<f64>>,
@@ -21,14 +21,17 @@ pub(super) fn slope(
         let step = 0.1 * covariance[(column, column)].sqrt().max(1e-12);
         let mut change = DVector::zeros(covariance.nrows());
         change[column] = step;
-        slope.set_column(column, &((place(&state.moved(&change))? - middle) / step));
+        slope.set_column(column, &((place(&state.perturbed(&change))? - middle) / step));
     }
     Some(slope)
 }
 
 /// Returns the covariance of a position, mm².
-pub(super) fn spread(settled: &Settled, place: &dyn Fn(&State) -> Option<Vector3<f64>>) -> Option<Matrix3<f64>> {
-    let slope = slope(&settled.state, &settled.inverse, place)?;
+pub(super) fn spread(
+    settled: &ConvergedState,
+    place: &dyn Fn(&State) -> Option<Vector3<f64>>,
+) -> Option<Matrix3<f64>> {
+    let slope = position_jacobian(&settled.state, &settled.inverse, place)?;
     let spread = &slope * &settled.inverse * slope.transpose();
     Some(spread.fixed_view::<3, 3>(0, 0).into_owned())
 }
@@ -36,7 +39,7 @@ pub(super) fn spread(settled: &Settled, place: &dyn Fn(&State) -> Option<Vector3
 impl State {
     /// Returns the tip at a pose: in the frame of the fixed camera if there is one, else in the base. The tip must
     /// reach the position that the camera sees.
-    pub(super) fn tip_seen(&self, pose: &ArmPose) -> Option<Vector3<f64>> {
+    pub(super) fn tip_position(&self, pose: &ArmPose) -> Option<Vector3<f64>> {
         let tip = self.correction.base_from_flange(pose)? * Point::<Flange>::new(self.tip.into());
         let fixed = self.rigs.iter().find(|rig| rig.kind == RigKind::EyeToHand);
         let camera_from_base = fixed.map_or_else(Isometry3::identity, |rig| rig.mount.inverse());
@@ -49,7 +52,7 @@ impl RobotFound {
     /// to the base), 95 %, mm. The scatter of left-out pictures is included. `None` if the correction needs axis
     /// angles and there are none.
     pub fn tip_uncertainty_mm(&self, pose: &ArmPose) -> Option<f64> {
-        let slope = slope(&self.state, &self.covariance, &|state| state.tip_seen(pose))?;
+        let slope = position_jacobian(&self.state, &self.covariance, &|state| state.tip_position(pose))?;
         Some(self.radius_mm(&(&slope * &self.covariance * slope.transpose())))
     }
 
@@ -59,12 +62,12 @@ impl RobotFound {
     }
 
     /// Returns the tip on the flange without a correction, if there were touches, mm.
-    pub fn tip_before_mm(&self) -> Option<Vector3<f64>> {
-        self.plain.touches.then_some(self.plain.tip)
+    pub fn uncorrected_tip_mm(&self) -> Option<Vector3<f64>> {
+        self.uncorrected.touches.then_some(self.uncorrected.tip)
     }
 
     /// Returns the rigs as calculated without a correction.
-    pub fn rigs_before(&self) -> &[Rig] {
-        &self.plain.rigs
+    pub fn uncorrected_rigs(&self) -> &[Rig] {
+        &self.uncorrected.rigs
     }
 }

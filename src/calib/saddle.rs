@@ -24,7 +24,7 @@ const MAX_MOVE_PX: f64 = 1.5;
 /// Minimum half contrast of a corner, grey levels.
 const MIN_CONTRAST: f64 = 6.0;
 /// Maximum residual of the model, as a share of the half contrast, in addition to the picture's noise.
-const MAX_LEFT: f64 = 0.25;
+const MAX_MODEL_RESIDUAL_SHARE: f64 = 0.25;
 /// The noise's own mean square over a window may be larger than expected by this number of standard deviations.
 const NOISE_SPREAD: f64 = 3.0;
 const START_BLUR_PX: f64 = 0.8;
@@ -35,15 +35,15 @@ const SHARPEST_PX: f64 = 0.05;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Saddle {
     /// The corner.
-    pub at: Pixel,
+    pub pixel: Pixel,
     /// The standard deviation of the position along each axis, from the picture's noise, px.
     pub deviation_px: f64,
     /// Half the contrast; its sign states which squares are black.
     pub contrast: f64,
     /// The rms residual of the model in addition to the noise, as a share of the half contrast.
-    pub left: f64,
+    pub residual: f64,
     /// The change of the light from the corner to the window's side, as a share of the contrast.
-    pub slant: f64,
+    pub light_gradient: f64,
 }
 
 /// Refines the corner near `start` with edges along `edges`, in a picture with this much white noise; `None` if the
@@ -55,14 +55,14 @@ pub(super) fn refine(
     half_window_px: usize,
     noise: f64,
 ) -> Option<Saddle> {
-    let patch = Patch::around(picture, start, half_window_px)?;
-    let (model, sums) = settled(&patch, patch.begin(start, edges))?;
-    judged(&patch, (&model, &sums), start, noise)
+    let patch = Patch::extract(picture, start, half_window_px)?;
+    let (model, sums) = fit_model(&patch, patch.initial_model(start, edges))?;
+    accept_corner(&patch, (&model, &sums), start, noise)
 }
 
 /// Returns the model with the smallest sum of squares; `None` if the iteration does not converge.
-fn settled(patch: &Patch, mut model: Model) -> Option<(Model, Sums)> {
-    let mut here = patch.sums(&model);
+fn fit_model(patch: &Patch, mut model: Model) -> Option<(Model, NormalSums)> {
+    let mut here = patch.normal_equations(&model);
     let mut damping = 1e-3;
     for _ in 0..MAX_STEPS {
         let mut damped = here.normal;
@@ -72,8 +72,8 @@ fn settled(patch: &Patch, mut model: Model) -> Option<(Model, Sums)> {
             continue;
         };
         let step = factor.solve(&here.gradient);
-        let next = model.moved(&step);
-        let there = patch.sums(&next);
+        let next = model.perturbed(&step);
+        let there = patch.normal_equations(&next);
         let is_settled = step.fixed_rows::<2>(0).norm() < CONVERGENCE_PX;
         if there.square <= here.square {
             (model, here) = (next, there);
@@ -89,21 +89,27 @@ fn settled(patch: &Patch, mut model: Model) -> Option<(Model, Sums)> {
 }
 
 /// Returns the corner if the fitted model is plausible.
-fn judged(patch: &Patch, (model, sums): (&Model, &Sums), start: Pixel, noise: f64) -> Option<Saddle> {
+fn accept_corner(patch: &Patch, (model, sums): (&Model, &NormalSums), start: Pixel, noise: f64) -> Option<Saddle> {
     let count = patch.pixels.len() as f64;
     let mean_square = sums.square / count;
-    let is_sound = model.is_sound(start, (mean_square, count), noise);
+    let is_sound = model.is_plausible(start, (mean_square, count), noise);
     let spread = if is_sound { sums.normal.cholesky()?.inverse() } else { return None };
     let deviation_px = noise.max(mean_square.sqrt()) * spread[(0, 0)].max(spread[(1, 1)]).sqrt();
     let left = (mean_square - noise * noise).max(0.0).sqrt() / model.contrast.abs();
     let slant = model.light.norm() * model.mean.abs() * patch.half_window_px / (2.0 * model.contrast.abs());
-    Some(Saddle { at: model.at, deviation_px, contrast: model.contrast, left, slant })
+    Some(Saddle {
+        pixel: model.pixel,
+        deviation_px,
+        contrast: model.contrast,
+        residual: left,
+        light_gradient: slant,
+    })
 }
 
 /// The unknowns of (1).
 #[derive(Clone, Copy)]
 struct Model {
-    at: Pixel,
+    pixel: Pixel,
     /// Directions of the edges, rad.
     angles: [f64; 2],
     log_blur: f64,
@@ -113,9 +119,9 @@ struct Model {
 }
 
 impl Model {
-    fn moved(&self, step: &SVector<f64, UNKNOWNS>) -> Self {
+    fn perturbed(&self, step: &SVector<f64, UNKNOWNS>) -> Self {
         Model {
-            at: Pixel::at(self.at.u + step[0], self.at.v + step[1]),
+            pixel: Pixel::at(self.pixel.u + step[0], self.pixel.v + step[1]),
             angles: [self.angles[0] + step[2], self.angles[1] + step[3]],
             log_blur: (self.log_blur + step[4]).max(SHARPEST_PX.ln()),
             mean: self.mean + step[5],
@@ -125,8 +131,8 @@ impl Model {
     }
 
     /// Returns the grey level and its derivatives.
-    fn gray(&self, u: f64, v: f64) -> (f64, SVector<f64, UNKNOWNS>) {
-        let offset = Vector2::new(u - self.at.u, v - self.at.v);
+    fn evaluate_gray(&self, u: f64, v: f64) -> (f64, SVector<f64, UNKNOWNS>) {
+        let offset = Vector2::new(u - self.pixel.u, v - self.pixel.v);
         let blur = self.log_blur.exp();
         let edge = |angle: f64| {
             let along = Vector2::new(angle.cos(), angle.sin());
@@ -162,11 +168,11 @@ impl Model {
         (flat * light, slope)
     }
 
-    fn is_sound(&self, start: Pixel, (mean_square, count): (f64, f64), noise: f64) -> bool {
+    fn is_plausible(&self, start: Pixel, (mean_square, count): (f64, f64), noise: f64) -> bool {
         let of_noise = noise * noise * (1.0 + NOISE_SPREAD * (2.0 / count).sqrt());
-        self.at.distance_px(start) < MAX_MOVE_PX
+        self.pixel.distance_px(start) < MAX_MOVE_PX
             && self.contrast.abs() > MIN_CONTRAST
-            && mean_square < (MAX_LEFT * self.contrast).powi(2) + of_noise
+            && mean_square < (MAX_MODEL_RESIDUAL_SHARE * self.contrast).powi(2) + of_noise
     }
 }
 
@@ -176,15 +182,15 @@ struct Patch {
     half_window_px: f64,
 }
 
-struct Sums {
+struct NormalSums {
     normal: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
     gradient: SVector<f64, UNKNOWNS>,
     square: f64,
 }
 
 impl Patch {
-    fn around(picture: &GrayPicture, start: Pixel, half_window_px: usize) -> Option<Self> {
-        let (column, row) = start.whole(picture.width, picture.height)?;
+    fn extract(picture: &GrayPicture, start: Pixel, half_window_px: usize) -> Option<Self> {
+        let (column, row) = start.nearest_whole(picture.width, picture.height)?;
         let inside = |at: usize, size: usize| at >= half_window_px && at + half_window_px < size;
         if !inside(column, picture.width) || !inside(row, picture.height) {
             return None;
@@ -199,24 +205,24 @@ impl Patch {
     }
 
     /// Returns the start model, with the given directions; mean and contrast by least squares.
-    fn begin(&self, at: Pixel, edges: [Vector2<f64>; 2]) -> Model {
+    fn initial_model(&self, at: Pixel, edges: [Vector2<f64>; 2]) -> Model {
         let angles = edges.map(|edge| edge.y.atan2(edge.x));
         let log_blur = START_BLUR_PX.min(self.half_window_px / 3.0).ln();
         let mean = self.pixels.iter().map(|[.., gray]| gray).sum::<f64>() / self.pixels.len() as f64;
-        let model = Model { at, angles, log_blur, mean, contrast: 1.0, light: Vector2::zeros() };
+        let model = Model { pixel: at, angles, log_blur, mean, contrast: 1.0, light: Vector2::zeros() };
         let (mut product, mut square) = (0.0, 1e-9);
         for [u, v, gray] in &self.pixels {
-            let pattern = model.gray(*u, *v).1[6];
+            let pattern = model.evaluate_gray(*u, *v).1[6];
             product += pattern * (gray - mean);
             square += pattern * pattern;
         }
         Model { contrast: product / square, ..model }
     }
 
-    fn sums(&self, model: &Model) -> Sums {
-        let mut sums = Sums { normal: SMatrix::zeros(), gradient: SVector::zeros(), square: 0.0 };
+    fn normal_equations(&self, model: &Model) -> NormalSums {
+        let mut sums = NormalSums { normal: SMatrix::zeros(), gradient: SVector::zeros(), square: 0.0 };
         for [u, v, gray] in &self.pixels {
-            let (expected, slope) = model.gray(*u, *v);
+            let (expected, slope) = model.evaluate_gray(*u, *v);
             let residual = gray - expected;
             sums.normal.ger(1.0, &slope, &slope, 1.0);
             sums.gradient += slope * residual;
@@ -233,7 +239,7 @@ mod tests {
     /// Renders a corner at (20.3, 19.6) with edges along 20° and 100°, with sixteen rays along each side of each
     /// pixel.
     fn drawn() -> GrayPicture {
-        let mut picture = GrayPicture::filled(41, 41, 0);
+        let mut picture = GrayPicture::uniform(41, 41, 0);
         let [one, two] = [20.0_f64, 100.0].map(|deg| Vector2::new(deg.to_radians().cos(), deg.to_radians().sin()));
         for (index, gray) in picture.gray.iter_mut().enumerate() {
             let ray = |ray: usize| {
@@ -253,13 +259,13 @@ mod tests {
     fn a_drawn_corner_is_found_to_a_few_thousandths() {
         let (picture, edges) = (drawn(), [Vector2::new(1.0, 0.25), Vector2::new(0.0, 1.0)]);
         let found = refine(&picture, Pixel::at(20.8, 19.1), edges, 8, 0.0).expect("a corner");
-        assert!(found.at.distance_px(Pixel::at(20.3, 19.6)) < 0.005, "{found:?}");
+        assert!(found.pixel.distance_px(Pixel::at(20.3, 19.6)) < 0.005, "{found:?}");
     }
 
     #[test]
     fn what_is_no_corner_gives_none() {
         let edges = [Vector2::new(1.0, 0.25), Vector2::new(0.0, 1.0)];
-        let flat = GrayPicture::filled(41, 41, 120);
+        let flat = GrayPicture::uniform(41, 41, 120);
         assert_eq!(refine(&flat, Pixel::at(20.0, 20.0), edges, 8, 0.0), None, "nothing is there");
         assert_eq!(refine(&drawn(), Pixel::at(3.0, 20.0), edges, 8, 0.0), None, "the window leaves the picture");
         assert_eq!(refine(&drawn(), Pixel::at(24.0, 20.0), edges, 6, 0.0), None, "the corner is elsewhere");

@@ -10,9 +10,9 @@
 //! tested in the same way: motions towards the camera determine it, while the ratio of the board's size to motions
 //! across the view determines the squares.
 
-use super::adjust::{self, Adjusted, prior, scaled_inverse};
+use super::adjust::{self, MountAdjustment, prior_weights, scaled_inverse};
 use super::arrangement::Arrangement;
-use super::chain::{BoardObservation, Chain, Factor, Station};
+use super::chain::{BoardObservation, Chain, LengthFactor, Station};
 use super::quantile::student_quantile;
 use crate::cell::LensCovariance;
 use crate::geometry::{Board, Frame, PinholeCamera, Point};
@@ -29,13 +29,13 @@ const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
 pub struct SquareSize<A: Arrangement> {
     /// The measured size divided by the stated size; 1 if both agree.
     pub ratio: f64,
-    of: Factor,
+    factor: LengthFactor,
     /// The standard deviation of the ratio, including the lens's part.
     pub deviation: f64,
     /// The degrees of freedom with which `deviation` was estimated.
     pub redundancy: f64,
     /// Mount and board with this size.
-    pub adjusted: Adjusted<A>,
+    pub adjustment: MountAdjustment<A>,
 }
 
 impl<A: Arrangement> SquareSize<A> {
@@ -45,24 +45,24 @@ impl<A: Arrangement> SquareSize<A> {
     }
 
     /// Returns how far a point in front of the camera moves if this size replaces the stated one, mm.
-    pub(super) fn moves_mm(&self, stated: &Adjusted<A>, at: Point<A::From>) -> f64 {
-        stated.to_from_camera.distance_at_mm(self.adjusted.to_from_camera, at)
+    pub(super) fn moves_mm(&self, stated: &MountAdjustment<A>, at: Point<A::From>) -> f64 {
+        stated.to_from_camera.distance_at_mm(self.adjustment.to_from_camera, at)
     }
 
     /// Adds the uncertainty of a lens with this covariance.
-    pub(super) fn with_lens(
+    pub(super) fn with_lens_uncertainty(
         self,
         camera: &PinholeCamera,
         stations: &[&Station<A::From>],
         lens: &LensCovariance,
     ) -> Option<Self> {
-        let (camera, now) = with_factor(camera, stations, self.ratio, self.of);
-        let step = step(&camera, &now, &self.adjusted, (self.of, Some(lens)))?;
+        let (camera, now) = apply_factor(camera, stations, self.ratio, self.factor);
+        let step = step(&camera, &now, &self.adjustment, (self.factor, Some(lens)))?;
         Some(SquareSize { deviation: step.deviation * self.ratio, ..self })
     }
 
     /// Returns whether the data contradict the stated size.
-    pub fn contradicts(&self) -> bool {
+    pub fn contradicts_stated(&self) -> bool {
         let allowed = student_quantile(self.redundancy, 1.0 - FALSE_ALARM_PROBABILITY / 2.0) * self.deviation;
         let off = (self.ratio - 1.0).abs();
         off.is_nan() || allowed.is_nan() || off > allowed
@@ -70,9 +70,9 @@ impl<A: Arrangement> SquareSize<A> {
 }
 
 /// Returns a station's view with squares of another size.
-pub(super) fn scaled<C: Frame>(station: &Station<C>, ratio: f64) -> Station<C> {
+pub(super) fn scale_station<C: Frame>(station: &Station<C>, ratio: f64) -> Station<C> {
     let at = |q: &Point<Board>| Point::new(q.mm * ratio);
-    let seen = match &station.seen {
+    let seen = match &station.observation {
         BoardObservation::Pixels(corners) => {
             BoardObservation::Pixels(corners.iter().map(|(q, pixel)| (at(q), *pixel)).collect())
         }
@@ -80,19 +80,19 @@ pub(super) fn scaled<C: Frame>(station: &Station<C>, ratio: f64) -> Station<C> {
             BoardObservation::Points(corners.iter().map(|(q, point)| (at(q), *point)).collect())
         }
     };
-    Station { seen, ..station.clone() }
+    Station { observation: seen, ..station.clone() }
 }
 
 /// Returns camera and stations with this factor.
-fn with_factor<C: Frame>(
+fn apply_factor<C: Frame>(
     camera: &PinholeCamera,
     stations: &[&Station<C>],
     ratio: f64,
-    of: Factor,
+    of: LengthFactor,
 ) -> (PinholeCamera, Vec<Station<C>>) {
     match of {
-        Factor::Square => (*camera, stations.iter().map(|station| scaled(station, ratio)).collect()),
-        Factor::Focal => {
+        LengthFactor::Square => (*camera, stations.iter().map(|station| scale_station(station, ratio)).collect()),
+        LengthFactor::Focal => {
             let camera = PinholeCamera { fx_px: ratio * camera.fx_px, fy_px: ratio * camera.fy_px, ..*camera };
             (camera, stations.iter().map(|station| (*station).clone()).collect())
         }
@@ -103,24 +103,30 @@ fn with_factor<C: Frame>(
 pub(super) fn measure<A: Arrangement>(
     camera: &PinholeCamera,
     stations: &[&Station<A::From>],
-    start: &Adjusted<A>,
-    of: Factor,
+    start: &MountAdjustment<A>,
+    of: LengthFactor,
 ) -> Option<SquareSize<A>> {
     let (mut ratio, mut adjusted) = (1.0, start.clone());
     for _ in 0..MAX_STEPS {
-        let (lens, now) = with_factor(camera, stations, ratio, of);
+        let (lens, now) = apply_factor(camera, stations, ratio, of);
         let step = step(&lens, &now, &adjusted, (of, None))?;
         // In logarithms and limited: a size cannot become negative, and a factor of three does not throw the adjustment
         // out of its basin.
         let grown = step.share.clamp(-0.3, 0.3).exp();
         ratio *= grown;
-        let (lens, now) = with_factor(camera, stations, ratio, of);
+        let (lens, now) = apply_factor(camera, stations, ratio, of);
         let chosen: Vec<&Station<A::From>> = now.iter().collect();
         let from = (&adjusted.to_from_camera, &adjusted.holder_from_board);
         adjusted = adjust::adjust::<A>(&lens, &chosen, from, None).ok()?;
         if (grown - 1.0).abs() < CONVERGENCE_TOLERANCE.max(0.01 * step.deviation) {
             let redundancy = (adjusted.redundancy - 1.0).max(1.0);
-            return Some(SquareSize { ratio, of, deviation: step.deviation * ratio, redundancy, adjusted });
+            return Some(SquareSize {
+                ratio,
+                factor: of,
+                deviation: step.deviation * ratio,
+                redundancy,
+                adjustment: adjusted,
+            });
         }
     }
     None
@@ -135,25 +141,26 @@ struct Step {
 fn step<A: Arrangement>(
     camera: &PinholeCamera,
     stations: &[Station<A::From>],
-    adjusted: &Adjusted<A>,
-    (of, lens): (Factor, Option<&LensCovariance>),
+    adjusted: &MountAdjustment<A>,
+    (of, lens): (LengthFactor, Option<&LensCovariance>),
 ) -> Option<Step> {
     let (mount, board) = (adjusted.to_from_camera.isometry(), adjusted.holder_from_board.isometry());
     let (mut normal, mut pull) = (SMatrix::<f64, 13, 13>::zeros(), SVector::<f64, 13>::zeros());
     let mut of_lens = SMatrix::<f64, 13, 9>::zeros();
     for station in stations {
         let chain = Chain::new::<A>(mount, board, &station.base_from_flange, &Isometry3::identity());
-        let (gram, size) = (chain.gram(camera, &station.seen)?, chain.factor_gram(camera, &station.seen, of)?);
-        let lens_cross = chain.lens_cross(camera, &station.seen)?;
-        let inverse = (gram.flange() + prior(&adjusted.noise)).cholesky()?.inverse();
+        let (gram, size) =
+            (chain.gram(camera, &station.observation)?, chain.factor_gram(camera, &station.observation, of)?);
+        let lens_cross = chain.lens_cross(camera, &station.observation)?;
+        let inverse = (gram.flange() + prior_weights(&adjusted.noise)).cholesky()?.inverse();
         // The cross terms of mount, board and size with the flange's deviation.
         let mut cross = SMatrix::<f64, 13, 6>::zeros();
         cross.fixed_rows_mut::<12>(0).copy_from(&gram.cross());
-        cross.row_mut(12).copy_from(&size.cross.fixed_rows::<6>(12).transpose());
+        cross.row_mut(12).copy_from(&size.cross_terms.fixed_rows::<6>(12).transpose());
         let mut own = SMatrix::<f64, 13, 13>::zeros();
-        own.fixed_view_mut::<12, 12>(0, 0).copy_from(&gram.both());
-        own.fixed_view_mut::<12, 1>(0, 12).copy_from(&size.cross.fixed_rows::<12>(0));
-        own.fixed_view_mut::<1, 12>(12, 0).copy_from(&size.cross.fixed_rows::<12>(0).transpose());
+        own.fixed_view_mut::<12, 12>(0, 0).copy_from(&gram.mount_and_board());
+        own.fixed_view_mut::<12, 1>(0, 12).copy_from(&size.cross_terms.fixed_rows::<12>(0));
+        own.fixed_view_mut::<1, 12>(12, 0).copy_from(&size.cross_terms.fixed_rows::<12>(0).transpose());
         own[(12, 12)] = size.square;
         let mut gradient = SVector::<f64, 13>::zeros();
         gradient.fixed_rows_mut::<12>(0).copy_from(&gram.gradient.fixed_rows::<12>(0));
@@ -168,7 +175,7 @@ fn step<A: Arrangement>(
     let inverse = scaled_inverse(&normal)?;
     let of_noise = inverse[(12, 12)] * adjusted.noise.corner.powi(2);
     let of_lens = lens.map_or(0.0, |lens| {
-        if of == Factor::Focal {
+        if of == LengthFactor::Focal {
             // The factor of the focal length is an error of the lens itself: only the variance that the lens's file
             // states counts.
             return lens[(0, 0)].max(lens[(1, 1)]) / camera.fx_px.powi(2);

@@ -2,7 +2,7 @@
 
 use super::board::Corners;
 use super::foreign;
-use super::print::{Matched, Print, View};
+use super::print::{MatchWindow, Print, PrintMatch};
 use super::saddle::Saddle;
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
@@ -14,16 +14,16 @@ const OUTLIER_PX: f64 = 0.4;
 const OUTLIER_MEDIANS: f64 = 5.0;
 /// The allowed distance of a well-located corner is also at least this multiple of the surface's own standard
 /// deviation there.
-const UNCERTAIN: f64 = 5.0;
+const MIN_DISTANCE_SIGMA: f64 = 5.0;
 /// The smallest allowed distance of a well-located corner, px: at a board's outer corners the distortion of a lens may
 /// be of a higher degree than the third.
 const MIN_OUTLIER_PX: f64 = 0.9;
 /// The largest standard deviation with which a single corner is accepted, px.
-pub(super) const KNOWN_PX: f64 = 0.2;
+pub(super) const MAX_SINGLE_STD_PX: f64 = 0.2;
 /// The standard deviation up to which a corner is accepted if a surface through all of them supports it, px.
-pub(super) const KNOWN_TOGETHER_PX: f64 = 0.7;
+pub(super) const MAX_SURFACE_STD_PX: f64 = 0.7;
 /// The largest standard deviation that a corner may have after it was combined with the surface, px.
-const KNOWN_AT_LAST_PX: f64 = 0.17;
+const MAX_COMBINED_STD_PX: f64 = 0.17;
 /// A corner with a larger standard deviation than this in the model is also located by its print, px.
 pub(super) const WELL_PX: f64 = 0.08;
 /// The extent of the print that is examined around a corner, in squares; `PRINT_PX` is the limit in the picture,
@@ -35,25 +35,25 @@ pub(super) const START_PX: f64 = 1.5;
 /// The number of corners at which the blur is estimated.
 pub(super) const BLUR_CORNERS: usize = 6;
 /// The standard deviation of corners from a smooth surface that prints and lenses cause, px.
-const ROUGH_PX: f64 = 0.05;
+const SURFACE_STD_PX: f64 = 0.05;
 /// A corner that has lost more than this fraction of the contrast of the corners within `NEAR` squares lies at the
 /// edge of a glare. The edge displaces the corner, by `PALE_PX` if the whole contrast is lost.
 const PALE: f64 = 0.15;
 const NEAR: f64 = 2.6;
 const PALE_PX: f64 = 1.5;
 /// Light that changes within the window by more than this fraction of the contrast also shows the edge of a glare.
-const SLANT: f64 = 0.1;
+const MAX_LIGHT_GRADIENT: f64 = 0.1;
 const SLANT_PX: f64 = 1.0;
 /// The model's usual residual in addition to the noise, as a share of the half contrast. With a larger one the
 /// corner's position is less certain.
-const USUAL_LEFT: f64 = 0.06;
+const TYPICAL_RESIDUAL: f64 = 0.06;
 /// The additional uncertainty for a residual equal to the whole half contrast, px.
-const LEFT_PX: f64 = 2.0;
+const RESIDUAL_UNCERTAINTY_PX: f64 = 2.0;
 
 /// A corner as the model locates it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CornerEstimate {
-    pub at: Pixel,
+    pub pixel: Pixel,
     /// The standard deviation of the position along each axis, from noise and the model's residual, px.
     pub deviation_px: f64,
     /// White minus black there, grey levels; 0 if it is not determined.
@@ -62,36 +62,36 @@ pub(super) struct CornerEstimate {
 
 impl CornerEstimate {
     /// Returns the corner located by the print, in a picture with this noise.
-    pub fn from_match(found: &Matched, noise: f64) -> Self {
-        let left = (found.left.powi(2) - noise.powi(2)).max(0.0).sqrt() / (0.5 * found.contrast.abs());
+    pub fn from_match(found: &PrintMatch, noise: f64) -> Self {
+        let left = (found.residual.powi(2) - noise.powi(2)).max(0.0).sqrt() / (0.5 * found.contrast.abs());
         CornerEstimate {
-            at: found.at,
-            deviation_px: doubt_px(found.deviation_px, left, found.slant),
+            pixel: found.pixel,
+            deviation_px: doubt_px(found.deviation_px, left, found.light_gradient),
             contrast: found.contrast.abs(),
         }
     }
 
     /// Returns the corner located by the model of the grey levels.
-    pub fn of_saddle(found: &Saddle) -> Self {
-        let deviation_px = doubt_px(found.deviation_px, found.left, found.slant);
-        CornerEstimate { at: found.at, deviation_px, contrast: 2.0 * found.contrast.abs() }
+    pub fn from_saddle(found: &Saddle) -> Self {
+        let deviation_px = doubt_px(found.deviation_px, found.residual, found.light_gradient);
+        CornerEstimate { pixel: found.pixel, deviation_px, contrast: 2.0 * found.contrast.abs() }
     }
 }
 
 /// Returns the standard deviation of a position from its deviation by noise, the model's residual as a fraction of the
 /// half contrast, and the slant of the light.
 fn doubt_px(deviation_px: f64, left: f64, slant: f64) -> f64 {
-    let of_model_px = LEFT_PX * (left - USUAL_LEFT).max(0.0);
-    deviation_px.hypot(of_model_px).hypot(SLANT_PX * (slant - SLANT).max(0.0))
+    let of_model_px = RESIDUAL_UNCERTAINTY_PX * (left - TYPICAL_RESIDUAL).max(0.0);
+    deviation_px.hypot(of_model_px).hypot(SLANT_PX * (slant - MAX_LIGHT_GRADIENT).max(0.0))
 }
 
 /// A smooth surface through corners: the homography of a plane, and a polynomial of third degree for the bending by
 /// a lens and a board that is not quite flat.
 pub(super) struct Surface {
-    middle: Vector2<f64>,
+    centre: Vector2<f64>,
     reach_mm: f64,
     plane: Matrix3<f64>,
-    bend: SMatrix<f64, TERMS, 2>,
+    coefficients: SMatrix<f64, TERMS, 2>,
     /// The median distance of the corners from the surface, px.
     usual_px: f64,
     /// The standard deviation of the corners from the surface along each axis for other reasons than noise, px.
@@ -107,7 +107,7 @@ const LENS: f64 = 0.5;
 impl Surface {
     /// Fits the surface to corners with these standard deviations along each axis; `None` if there are too few to
     /// compare.
-    pub fn through(corners: &Corners, deviations_px: &[f64], width_px: f64) -> Option<Self> {
+    pub fn fit(corners: &Corners, deviations_px: &[f64], width_px: f64) -> Option<Self> {
         if corners.len() < 2 * TERMS {
             return None;
         }
@@ -119,16 +119,16 @@ impl Surface {
         let pixels: Vec<Pixel> = corners.iter().map(|(_, pixel)| *pixel).collect();
         let plane = foreign::homography(&pairs, &pixels)?;
         let mut surface = Surface {
-            middle,
+            centre: middle,
             reach_mm,
             plane,
-            bend: SMatrix::zeros(),
+            coefficients: SMatrix::zeros(),
             usual_px: 0.0,
-            rough_px: ROUGH_PX,
+            rough_px: SURFACE_STD_PX,
             spread: SMatrix::zeros(),
         };
         let trust: Vec<f64> =
-            deviations_px.iter().map(|noise_px| 1.0 / (ROUGH_PX.powi(2) + noise_px.powi(2))).collect();
+            deviations_px.iter().map(|noise_px| 1.0 / (SURFACE_STD_PX.powi(2) + noise_px.powi(2))).collect();
         // A lens bends a small board less: the usual size of the terms of third degree follows from the board's size
         // in the picture.
         let reach_px = places.iter().zip(&pixels).map(|(_, p)| p.distance_px(pixels[0])).fold(0.0, f64::max) / 2.0;
@@ -140,14 +140,15 @@ impl Surface {
             let mut normal = usual;
             let mut pull = SMatrix::<f64, TERMS, 2>::zeros();
             for ((place, pixel), weight) in places.iter().zip(&pixels).zip(&weights) {
-                let (by, flat) = (terms(place), on_plane(&plane, place));
+                let (by, flat) = (polynomial_terms(place), project_to_plane(&plane, place));
                 normal += by * by.transpose() * *weight;
                 pull += by * (Vector2::new(pixel.u, pixel.v) - flat).transpose() * *weight;
             }
             let factor = normal.cholesky()?;
-            surface.bend = factor.solve(&pull);
+            surface.coefficients = factor.solve(&pull);
             surface.spread = factor.inverse();
-            let apart: Vec<f64> = corners.iter().map(|(q, pixel)| surface.at(*q).distance_px(*pixel)).collect();
+            let apart: Vec<f64> =
+                corners.iter().map(|(q, pixel)| surface.pixel_at(*q).distance_px(*pixel)).collect();
             surface.usual_px = median(&mut apart.clone())?;
             // A distant corner has almost no influence (Geman and McClure).
             let usual = surface.usual_px.max(0.02);
@@ -156,7 +157,8 @@ impl Surface {
         }
         // Half of a normal distribution in two dimensions lies within 1.18 standard deviations of one axis.
         let noise_px = median(&mut deviations_px.to_vec())?;
-        surface.rough_px = ((surface.usual_px / 1.18).powi(2) - noise_px.powi(2)).max(ROUGH_PX.powi(2)).sqrt();
+        surface.rough_px =
+            ((surface.usual_px / 1.18).powi(2) - noise_px.powi(2)).max(SURFACE_STD_PX.powi(2)).sqrt();
         Some(surface)
     }
 
@@ -164,36 +166,43 @@ impl Surface {
     /// as wrong. The limit is larger for a corner with an uncertain position, which has a smaller weight.
     pub fn limit_px(&self, q: Point<BoardFrame>, placed: &CornerEstimate) -> f64 {
         let is_well = placed.deviation_px < WELL_PX;
-        let own_px = if is_well { (UNCERTAIN * self.variance(q).sqrt()).max(MIN_OUTLIER_PX) } else { 0.0 };
+        let own_px = if is_well { (MIN_DISTANCE_SIGMA * self.variance(q).sqrt()).max(MIN_OUTLIER_PX) } else { 0.0 };
         let own_px = own_px.max(2.0 * placed.deviation_px).min(START_PX);
         OUTLIER_PX.max(OUTLIER_MEDIANS * self.usual_px).max(own_px)
     }
 
     /// Returns the variance of the surface at a position, along each axis, px².
     fn variance(&self, q: Point<BoardFrame>) -> f64 {
-        let terms = terms(&self.place(q));
+        let terms = polynomial_terms(&self.plane_position(q));
         (terms.transpose() * self.spread * terms)[(0, 0)]
     }
 
     /// Returns the mean of a corner's own position and its position on the surface, weighted by their variances;
     /// `None` if the result is not accurate enough.
-    pub fn drawn(&self, q: Point<BoardFrame>, placed: CornerEstimate) -> Option<Pixel> {
-        let there = self.at(q);
+    pub fn blend_with_surface(&self, q: Point<BoardFrame>, placed: CornerEstimate) -> Option<Pixel> {
+        let there = self.pixel_at(q);
         let of_surface = self.rough_px.powi(2) + self.variance(q);
         let of_own = placed.deviation_px.powi(2);
         let own = of_surface / (of_surface + of_own);
-        if own * of_own > KNOWN_AT_LAST_PX.powi(2) {
+        if own * of_own > MAX_COMBINED_STD_PX.powi(2) {
             return None;
         }
-        Some(Pixel::at(there.u + own * (placed.at.u - there.u), there.v + own * (placed.at.v - there.v)))
+        Some(Pixel::at(there.u + own * (placed.pixel.u - there.u), there.v + own * (placed.pixel.v - there.v)))
     }
 
     /// Returns the view of the print around a position.
-    pub fn view(&self, q: Point<BoardFrame>, reach_mm: f64, blur_px: f64) -> View {
-        let (scale, middle) = (1.0 / self.reach_mm, self.middle / self.reach_mm);
+    pub fn view(&self, q: Point<BoardFrame>, reach_mm: f64, blur_px: f64) -> MatchWindow {
+        let (scale, middle) = (1.0 / self.reach_mm, self.centre / self.reach_mm);
         let to_place = Matrix3::new(scale, 0.0, -middle.x, 0.0, scale, -middle.y, 0.0, 0.0, 1.0);
         let plane = self.plane * to_place;
-        View { plane, place: [q.mm.x, q.mm.y], start: self.at(q), reach_mm, most_px: PRINT_PX, blur_px }
+        MatchWindow {
+            plane,
+            place: [q.mm.x, q.mm.y],
+            start: self.pixel_at(q),
+            reach_mm,
+            most_px: PRINT_PX,
+            blur_px,
+        }
     }
 
     /// Returns the blur of the picture at the board, px.
@@ -205,53 +214,55 @@ impl Surface {
         noise: f64,
     ) -> f64 {
         let step = (corners.len() / BLUR_CORNERS).max(1);
-        let views: Vec<View> = corners.iter().step_by(step).map(|(q, _)| self.view(*q, reach_mm, 1.0)).collect();
+        let views: Vec<MatchWindow> =
+            corners.iter().step_by(step).map(|(q, _)| self.view(*q, reach_mm, 1.0)).collect();
         print.blur_px(picture, &views, noise)
     }
 
-    fn place(&self, q: Point<BoardFrame>) -> Vector2<f64> {
-        (q.mm.coords.xy() - self.middle) / self.reach_mm
+    fn plane_position(&self, q: Point<BoardFrame>) -> Vector2<f64> {
+        (q.mm.coords.xy() - self.centre) / self.reach_mm
     }
 
     /// Returns the pixel of a position on the board by the surface.
-    pub fn at(&self, q: Point<BoardFrame>) -> Pixel {
-        let place = self.place(q);
-        let there = on_plane(&self.plane, &place) + self.bend.transpose() * terms(&place);
+    pub fn pixel_at(&self, q: Point<BoardFrame>) -> Pixel {
+        let place = self.plane_position(q);
+        let there =
+            project_to_plane(&self.plane, &place) + self.coefficients.transpose() * polynomial_terms(&place);
         Pixel::at(there.x, there.y)
     }
 }
 
 /// Returns the pixel of a position on the board, mm, by a homography.
-pub(super) fn pixel_of(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Pixel {
-    let there = on_plane(plane, &Vector2::new(x, y));
+pub(super) fn homography_pixel(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Pixel {
+    let there = project_to_plane(plane, &Vector2::new(x, y));
     Pixel::at(there.x, there.y)
 }
 
-fn on_plane(plane: &Matrix3<f64>, place: &Vector2<f64>) -> Vector2<f64> {
+fn project_to_plane(plane: &Matrix3<f64>, place: &Vector2<f64>) -> Vector2<f64> {
     let p = plane * place.push(1.0);
     p.xy() / p.z
 }
 
-fn terms(place: &Vector2<f64>) -> SVector<f64, TERMS> {
+fn polynomial_terms(place: &Vector2<f64>) -> SVector<f64, TERMS> {
     let (x, y) = (place.x, place.y);
     SVector::from([1.0, x, y, x * x, x * y, y * y, x * x * x, x * x * y, x * y * y, y * y * y])
 }
 
 /// Returns the surface through those corners that are located.
-pub(super) fn surface_of(
+pub(super) fn fit_surface(
     corners: &Corners,
     placed: &[Option<CornerEstimate>],
     picture: &GrayPicture,
 ) -> Option<Surface> {
     let placed = corners.iter().zip(placed).filter_map(|((q, _), placed)| placed.map(|placed| (*q, placed)));
     let (corners, deviations): (Corners, Vec<f64>) =
-        placed.map(|(q, placed)| ((q, placed.at), placed.deviation_px)).unzip();
-    Surface::through(&corners, &deviations, picture.width as f64)
+        placed.map(|(q, placed)| ((q, placed.pixel), placed.deviation_px)).unzip();
+    Surface::fit(&corners, &deviations, picture.width as f64)
 }
 
 /// Increases the uncertainty of corners that have lost a part of their contrast by a glare, compared with those around
 /// them: the edge of the glare displaces them.
-pub(super) fn doubted(
+pub(super) fn inflate_uncertainty(
     corners: &Corners,
     placed: Vec<Option<CornerEstimate>>,
     square_mm: f64,
@@ -274,14 +285,15 @@ pub(super) fn doubted(
 }
 
 /// Removes the corners that are far from the smooth surface through the others.
-pub(super) fn without_strays(corners: Corners, picture: &GrayPicture) -> Corners {
+pub(super) fn remove_outliers(corners: Corners, picture: &GrayPicture) -> Corners {
     let deviations_px = vec![0.0; corners.len()];
-    let Some(surface) = Surface::through(&corners, &deviations_px, picture.width as f64) else { return corners };
+    let Some(surface) = Surface::fit(&corners, &deviations_px, picture.width as f64) else { return corners };
     corners
         .into_iter()
         .filter(|(q, pixel)| {
-            surface.at(*q).distance_px(*pixel)
-                <= surface.limit_px(*q, &CornerEstimate { at: *pixel, deviation_px: KNOWN_PX, contrast: 0.0 })
+            surface.pixel_at(*q).distance_px(*pixel)
+                <= surface
+                    .limit_px(*q, &CornerEstimate { pixel: *pixel, deviation_px: MAX_SINGLE_STD_PX, contrast: 0.0 })
         })
         .collect()
 }

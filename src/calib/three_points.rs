@@ -15,12 +15,12 @@ use super::error::CalibError;
 use super::pose::board_pose;
 use super::{Board, BoardObservation};
 use crate::geometry::{Base, Board as BoardFrame, Flange, Frame, PinholeCamera, Point, Rigid, Vector};
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use nalgebra::Isometry3;
 
 /// A corner of the board that was touched.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Touched {
+pub struct TouchedCorner {
     /// The corner's column and row, from 0.
     pub corner: (usize, usize),
     /// The position of the pointer's tip.
@@ -41,7 +41,7 @@ pub struct ThreePoints<A: Arrangement> {
     /// Distance of the fourth touched corner from its position by the result, mm.
     pub check_mm: Option<f64>,
     /// Whether the same corners, touched from another end of the board, would have the same distances.
-    pub looks_alike: bool,
+    pub is_symmetric: bool,
 }
 
 /// If the sine of the angle at the first point is smaller than this, three points count as collinear.
@@ -58,13 +58,13 @@ pub fn three_points<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
     seen: &BoardObservation<A::From>,
-    touched: &[Touched],
+    touched: &[TouchedCorner],
     base_from_flange: Option<Rigid<Base, Flange>>,
 ) -> Result<ThreePoints<A>, CalibError> {
     let [first, second, third, ..] = touched else {
         return Err(CalibError::Points(format!("{} points were touched; at least 3 are needed", touched.len())));
     };
-    let on_board = |touched: &Touched| {
+    let on_board = |touched: &TouchedCorner| {
         let (column, row) = touched.corner;
         board.corner(column, row).ok_or_else(|| {
             let (columns, rows) = (board.columns(), board.rows());
@@ -77,9 +77,11 @@ pub fn three_points<A: Arrangement>(
     };
     let corners = [on_board(first)?, on_board(second)?, on_board(third)?];
     let places = [first.place, second.place, third.place];
-    let base_from_frame = frame_through::<Base>(places, MIN_SQUARES * board.square_mm(), "touched points")?;
-    let board_from_frame = frame_through::<BoardFrame>(corners, MIN_SQUARES * board.square_mm(), "named corners")?;
-    let base_from_board: Rigid<Base, BoardFrame> = Rigid::claim(base_from_frame * board_from_frame.inverse());
+    let base_from_frame = frame_from_points::<Base>(places, MIN_SQUARES * board.square_mm(), "touched points")?;
+    let board_from_frame =
+        frame_from_points::<BoardFrame>(corners, MIN_SQUARES * board.square_mm(), "named corners")?;
+    let base_from_board: Rigid<Base, BoardFrame> =
+        Rigid::from_isometry_unchecked(base_from_frame * board_from_frame.inverse());
     let pose = board_pose(camera, seen)?;
     // Eq. 3.18 and 3.19: the camera is on the flange, or fixed in the base.
     let to_from_base: Isometry3<f64> = match (A::EYE_IN_HAND, base_from_flange) {
@@ -97,22 +99,26 @@ pub fn three_points<A: Arrangement>(
     };
     let error = |a: usize, b: usize| places[a].distance_mm(places[b]) - corners[a].distance_mm(corners[b]);
     Ok(ThreePoints {
-        to_from_camera: Rigid::claim(to_from_board * pose.camera_from_board.isometry().inverse()),
+        to_from_camera: Rigid::from_isometry_unchecked(to_from_board * pose.camera_from_board.isometry().inverse()),
         base_from_board,
         pnp_rms_px: pose.rms,
         distance_errors_mm: [error(0, 1), error(1, 2), error(0, 2)],
         check_mm,
-        looks_alike: board.looks_alike(&touched.iter().map(|touched| touched.corner).collect::<Vec<_>>()),
+        is_symmetric: board.is_symmetric(&touched.iter().map(|touched| touched.corner).collect::<Vec<_>>()),
     })
 }
 
 /// Returns the frame with its origin in the first point, X towards the second, and the third on the side of Y (Eq.
 /// 3.14–3.17, Z normalised).
-fn frame_through<F: Frame>(points: [Point<F>; 3], apart_mm: f64, what: &str) -> Result<Isometry3<f64>, CalibError> {
+fn frame_from_points<F: Frame>(
+    points: [Point<F>; 3],
+    apart_mm: f64,
+    what: &str,
+) -> Result<Isometry3<f64>, CalibError> {
     let sides = [(0, 1), (1, 2), (0, 2)].map(|(a, b)| points[a].distance_mm(points[b]));
     let shortest = sides.iter().copied().fold(f64::INFINITY, f64::min);
     if shortest < apart_mm {
-        let [shortest, needed] = apart(shortest, apart_mm, 1);
+        let [shortest, needed] = distinguishable_texts(shortest, apart_mm, 1);
         let message = format!("two {what} are {shortest} mm apart; at least {needed} mm are needed");
         return Err(CalibError::Points(message));
     }

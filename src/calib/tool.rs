@@ -8,7 +8,7 @@
 use super::error::CalibError;
 use super::quantile::radius_95;
 use crate::geometry::{Base, Flange, Point, Rigid, Tool, Vector};
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// A tool's point with its evidence.
@@ -34,9 +34,9 @@ pub enum AxisTouch {
     /// A plate, by touched points, and flange poses in which the pad lies flat on the plate.
     Plate {
         /// Points of the plate, touched with the tool's tip or a pointer.
-        places: Vec<Point<Base>>,
+        touched_points: Vec<Point<Base>>,
         /// Flange poses with the pad flat on the plate.
-        flat: Vec<Rigid<Base, Flange>>,
+        flat_poses: Vec<Rigid<Base, Flange>>,
     },
 }
 
@@ -59,7 +59,7 @@ const MIN_LEVER: f64 = 0.12;
 /// metres. No arm's flange comes so near in each pose, but in metres its complete reach is below this number.
 const IN_METRES: f64 = 10.0;
 /// Minimum distance of the second point from the tip that gives an axis, mm.
-const MIN_BEHIND_MM: f64 = 20.0;
+const MIN_AXIS_POINT_DISTANCE_MM: f64 = 20.0;
 
 /// Computes the tool's point.
 ///
@@ -91,7 +91,7 @@ pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError
     // evidence.
     let lever = (weakest / count as f64).sqrt();
     if lever < MIN_LEVER {
-        let [lever, needed] = apart(lever, MIN_LEVER, 3);
+        let [lever, needed] = distinguishable_texts(lever, MIN_LEVER, 3);
         return Err(CalibError::Tool(format!(
             "the poses turn too little: the rms sine of their rotations in the weakest direction is {lever}, at \
              least {needed} is needed; turn the flange by 30° and more about two axes, and check that every angle \
@@ -121,10 +121,10 @@ pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError
 /// If a second point is too near the tip, or a plate is not determined.
 pub fn tool_axis(point: &ToolPoint, touch: &AxisTouch) -> Result<ToolAxis, CalibError> {
     let (axes, plate_rms_mm) = match touch {
-        AxisTouch::Behind(poses) => (behind(point, poses)?, None),
-        AxisTouch::Plate { places, flat } => {
-            let (normal, rms_mm) = plate(places)?;
-            (flat.iter().map(|pose| facing(pose, &normal)).collect(), rms_mm)
+        AxisTouch::Behind(poses) => (axis_offsets(point, poses)?, None),
+        AxisTouch::Plate { touched_points: places, flat_poses: flat } => {
+            let (normal, rms_mm) = fit_plate_normal(places)?;
+            (flat.iter().map(|pose| orient_normal(pose, &normal)).collect(), rms_mm)
         }
     };
     let sum: Vector3<f64> = axes.iter().sum();
@@ -135,12 +135,12 @@ pub fn tool_axis(point: &ToolPoint, touch: &AxisTouch) -> Result<ToolAxis, Calib
     Ok(ToolAxis { axis: Vector::new(axis), residuals_deg, plate_rms_mm })
 }
 
-fn behind(point: &ToolPoint, poses: &[Rigid<Base, Flange>]) -> Result<Vec<Vector3<f64>>, CalibError> {
+fn axis_offsets(point: &ToolPoint, poses: &[Rigid<Base, Flange>]) -> Result<Vec<Vector3<f64>>, CalibError> {
     let axis = |pose: &Rigid<Base, Flange>| {
         let away = (point.tip - pose.inverse() * point.spot).mm;
         let found_mm = away.norm();
-        if found_mm < MIN_BEHIND_MM {
-            let [found, needed] = apart(found_mm, MIN_BEHIND_MM, 1);
+        if found_mm < MIN_AXIS_POINT_DISTANCE_MM {
+            let [found, needed] = distinguishable_texts(found_mm, MIN_AXIS_POINT_DISTANCE_MM, 1);
             return Err(CalibError::Tool(format!(
                 "the second point of the axis is {found} mm from the tip; at least {needed} mm are needed"
             )));
@@ -151,7 +151,7 @@ fn behind(point: &ToolPoint, poses: &[Rigid<Base, Flange>]) -> Result<Vec<Vector
 }
 
 /// Returns the plate's normal, and the rms deviation of its points from a plane, mm.
-fn plate(places: &[Point<Base>]) -> Result<(Vector3<f64>, Option<f64>), CalibError> {
+fn fit_plate_normal(places: &[Point<Base>]) -> Result<(Vector3<f64>, Option<f64>), CalibError> {
     let few = |why: &str| CalibError::Tool(format!("the {} touched points of the plate {why}", places.len()));
     if places.len() < 3 {
         return Err(few("do not determine it; at least 3 are needed"));
@@ -174,7 +174,7 @@ fn plate(places: &[Point<Base>]) -> Result<(Vector3<f64>, Option<f64>), CalibErr
 
 /// Returns the plate's normal in the flange, on the side to which the flange's own axis points: a pad faces away
 /// from the arm.
-fn facing(pose: &Rigid<Base, Flange>, normal: &Vector3<f64>) -> Vector3<f64> {
+fn orient_normal(pose: &Rigid<Base, Flange>, normal: &Vector3<f64>) -> Vector3<f64> {
     let in_flange = pose.inverse().rotation() * normal;
     if in_flange.z < 0.0 { -in_flange } else { in_flange }
 }
@@ -199,7 +199,7 @@ mod tests {
         let spot = Vector3::new(600.0, 50.0, 200.0);
         let pose = |&[a_deg, b_deg, c_deg]: &[f64; 3]| {
             let turned: Rigid<Base, Flange> = KukaPose { a_deg, b_deg, c_deg, ..KukaPose::default() }.to_rigid();
-            turned.displaced(Vector::new(spot - (turned * tip).mm.coords))
+            turned.followed_by_displacement(Vector::new(spot - (turned * tip).mm.coords))
         };
         angles.iter().map(pose).collect()
     }
@@ -216,13 +216,13 @@ mod tests {
     #[test]
     fn other_readings_of_the_angles_and_metres_are_named() {
         let right = poses(tip(), &ANGLES);
-        assert_eq!(readings::of_tip(&right), []);
+        assert_eq!(readings::tip_readings(&right), []);
         let exchanged = |pose: &Rigid<Base, Flange>| -> Rigid<Base, Flange> {
             let written: KukaPose = KukaPose::from_rigid(pose);
             KukaPose { a_deg: written.c_deg, c_deg: written.a_deg, ..written }.to_rigid()
         };
         let exchanged: Vec<Rigid<Base, Flange>> = right.iter().map(exchanged).collect();
-        let named = readings::of_tip(&exchanged);
+        let named = readings::tip_readings(&exchanged);
         assert!(
             named.first().is_some_and(|first| first.to_string().contains("A and C are exchanged")),
             "{named:?}"
@@ -248,7 +248,7 @@ mod tests {
         let point = tool_point(&held).expect("a tip");
         assert!(point.tip.distance_mm(tip()) < 1e-9 && point.rms_mm < 1e-9, "{point:?}");
         assert!(point.spot.distance_mm(Point::at(600.0, 50.0, 200.0)) < 1e-9);
-        held[2] = held[2].displaced(Vector::new(Vector3::new(0.0, 3.0, 0.0)));
+        held[2] = held[2].followed_by_displacement(Vector::new(Vector3::new(0.0, 3.0, 0.0)));
         let point = tool_point(&held).expect("a tip");
         let worst = point.residuals_mm.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
         assert_eq!(worst.map(|(index, _)| index), Some(2), "{:?}", point.residuals_mm);
@@ -286,10 +286,10 @@ mod tests {
         let places = [[0.0, 0.0], [100.0, 0.0], [0.0, 80.0], [90.0, 70.0]];
         let places: Vec<Point<Base>> = places.iter().map(|&[x, y]| Point::at(500.0 + x, y, 150.0)).collect();
         let flat = poses(tip(), &[[0.0, 0.0, 180.0], [70.0, 0.0, 180.0]]);
-        let touch = AxisTouch::Plate { places: places.clone(), flat: flat.clone() };
+        let touch = AxisTouch::Plate { touched_points: places.clone(), flat_poses: flat.clone() };
         let found = tool_axis(&point, &touch).expect("an axis");
         assert!((found.axis.mm - Vector3::z()).norm() < 1e-9 && found.plate_rms_mm.is_some_and(|rms| rms < 1e-9));
-        let line = AxisTouch::Plate { places: vec![places[0], places[1], places[1]], flat };
+        let line = AxisTouch::Plate { touched_points: vec![places[0], places[1], places[1]], flat_poses: flat };
         assert!(tool_axis(&point, &line).expect_err("a line").to_string().contains("one line"));
     }
 }

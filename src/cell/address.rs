@@ -1,6 +1,6 @@
 //! Addresses of servers in the cell's file: a scheme, a host, a port and, for some, a path.
 
-use super::devices::is_host;
+use super::devices::is_valid_host;
 use hyper::Uri;
 
 /// An address after parsing.
@@ -29,7 +29,7 @@ pub(super) fn read(text: &str, schemes: [(&'static str, u16); 2]) -> Option<Addr
     let path = uri.path();
     let is_plain = path.chars().all(|c| c.is_ascii_alphanumeric() || "-._~/".contains(c));
     let is_path = is_plain && !path.contains("//") && !path.split('/').any(|part| part == "..");
-    let is_right = is_host(host) && port > 0 && is_path && uri.query().is_none();
+    let is_right = is_valid_host(host) && port > 0 && is_path && uri.query().is_none();
     (is_right && !text.contains('#')).then(|| Address {
         scheme,
         host: host.to_owned(),

@@ -4,7 +4,7 @@
 //! basis and a spherical wrist. Without the table the arm is a KUKA KR 6 R700-2. Any other arm states all of its
 //! numbers: a number that is left out would be that of the wrong arm.
 
-use super::arm_geometry::{ArmAxes, ArmGeometry, PerAxis, SPEED_UP_S};
+use super::arm_geometry::{AXIS_ACCELERATION_TIME_S, ArmAxes, ArmGeometry, PerAxis};
 use super::arm_presets::{PRESETS, Preset};
 use super::robot_correction::CorrectionNumbers;
 use crate::config::{Section, Setting, settings};
@@ -116,9 +116,9 @@ impl Arm {
 
     /// Returns the named arm with the nearest lengths, and the largest difference, mm, if every number is in the
     /// file.
-    pub fn nearest_named(&self) -> Option<(&'static Preset, f64)> {
+    pub fn nearest_preset(&self) -> Option<(&'static Preset, f64)> {
         let nearest = Preset::nearest(&self.geometry);
-        (self.table.model == ArmModel::Custom).then(|| (nearest, nearest.farthest_mm(&self.geometry)))
+        (self.table.model == ArmModel::Custom).then(|| (nearest, nearest.max_length_difference_mm(&self.geometry)))
     }
 
     /// The margins, as in the file.
@@ -136,7 +136,7 @@ impl Arm {
         self.correction.as_ref()
     }
 
-    pub(super) fn corrected(self, correction: CorrectionNumbers) -> Self {
+    pub(super) fn with_correction(self, correction: CorrectionNumbers) -> Self {
         Arm { correction: Some(correction), ..self }
     }
 }
@@ -146,8 +146,8 @@ pub(super) fn parse_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>])
     let keep_out: Vec<Option<KeepOut>> = keep_out.iter().map(parse_keep_out).collect();
     let (table, keep_out) = (table?, keep_out.into_iter().collect::<Option<Vec<_>>>()?);
     let (geometry, axes) = match table.model {
-        ArmModel::Named(preset) => known(section, &table, preset)?,
-        ArmModel::Custom => custom(section, &table)?,
+        ArmModel::Named(preset) => known_arm(section, &table, preset)?,
+        ArmModel::Custom => parse_custom_arm(section, &table)?,
     };
     for axis in 0..6 {
         let (low, high) = (axes.min_deg[axis], axes.max_deg[axis]);
@@ -165,7 +165,7 @@ pub(super) fn parse_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>])
 
 /// Returns geometry and axes of an arm with a known name. The file must not state its lengths, but may restrict its
 /// axes.
-fn known(section: &Section<'_, '_>, table: &ArmTable, preset: &Preset) -> Option<(ArmGeometry, ArmAxes)> {
+fn known_arm(section: &Section<'_, '_>, table: &ArmTable, preset: &Preset) -> Option<(ArmGeometry, ArmAxes)> {
     let own = preset.axes();
     let given = [
         ("a1_mm", table.a1_mm.is_some()),
@@ -205,9 +205,9 @@ fn known(section: &Section<'_, '_>, table: &ArmTable, preset: &Preset) -> Option
     (wrong.is_empty() && !wider).then_some((preset.geometry, axes))
 }
 
-fn custom(section: &Section<'_, '_>, table: &ArmTable) -> Option<(ArmGeometry, ArmAxes)> {
-    let number = |key: &str, value: Option<f64>| needed(section, key, value);
-    let list = |key: &str, value: Option<PerAxis>| needed(section, key, value);
+fn parse_custom_arm(section: &Section<'_, '_>, table: &ArmTable) -> Option<(ArmGeometry, ArmAxes)> {
+    let number = |key: &str, value: Option<f64>| require_value(section, key, value);
+    let list = |key: &str, value: Option<PerAxis>| require_value(section, key, value);
     let lengths = [
         number("a1_mm", table.a1_mm),
         number("a2_mm", table.a2_mm),
@@ -242,7 +242,7 @@ fn custom(section: &Section<'_, '_>, table: &ArmTable) -> Option<(ArmGeometry, A
         offsets_deg: offsets_deg?,
         signs: signs.map(|sign| if sign > 0.0 { 1 } else { -1 }),
     };
-    let in_time = max_speed_deg_s.map(|speed| speed / SPEED_UP_S);
+    let in_time = max_speed_deg_s.map(|speed| speed / AXIS_ACCELERATION_TIME_S);
     let axes = ArmAxes {
         min_deg: min_deg?,
         max_deg: max_deg?,
@@ -252,7 +252,7 @@ fn custom(section: &Section<'_, '_>, table: &ArmTable) -> Option<(ArmGeometry, A
     Some((geometry, axes))
 }
 
-fn needed<T>(section: &Section<'_, '_>, key: &str, value: Option<T>) -> Option<T> {
+fn require_value<T>(section: &Section<'_, '_>, key: &str, value: Option<T>) -> Option<T> {
     if value.is_none() {
         section.problem(key, "is missing; model = \"custom\" needs all values of the arm");
     }
@@ -263,7 +263,7 @@ fn parse_keep_out(section: &Section<'_, '_>) -> Option<KeepOut> {
     let name = section.parse::<String>("name", (), None);
     let corner = |key| section.parse::<[f64; 3]>(key, -10_000.0..=10_000.0, None);
     let (low, high) = (corner("min_mm"), corner("max_mm"));
-    section.done();
+    section.finish();
     let (name, low, high) = (name?, low?, high?);
     if (0..3).any(|axis| low[axis] >= high[axis]) {
         section.problem(
@@ -297,7 +297,7 @@ mod tests {
         let cell =
             Cell::check("f", "[arm]\nmodel = 'kr10-r1100-2'\n").unwrap_or_else(|problems| panic!("{problems}"));
         assert_eq!((cell.arm().geometry().c2_mm, cell.arm().axes().max_speed_deg_s[1]), (560.0, 225.0));
-        assert_eq!(cell.arm().nearest_named(), None);
+        assert_eq!(cell.arm().nearest_preset(), None);
         let wrong = problems("[arm]\nmodel = 'kr10-r1100'\n");
         assert!(wrong[0].contains("kr10-r1100-2") && wrong[0].contains("custom"), "{wrong:?}");
     }
@@ -315,7 +315,7 @@ mod tests {
         // mm.
         let nearest = |text: &str| {
             let cell = Cell::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
-            cell.arm().nearest_named().map(|(preset, off_mm)| (preset.name, off_mm))
+            cell.arm().nearest_preset().map(|(preset, off_mm)| (preset.name, off_mm))
         };
         assert_eq!(nearest(other), Some(("kr10-r1420", 0.0)));
         assert_eq!(nearest(&other.replace("c2_mm = 610", "c2_mm = 615")), Some(("kr10-r1420", 5.0)));

@@ -5,7 +5,7 @@ pub type PerAxis = [f64; 6];
 
 /// The time in which an axis reaches its speed if the file does not state it, s. Data sheets do not state
 /// accelerations.
-pub(super) const SPEED_UP_S: f64 = 0.3;
+pub(super) const AXIS_ACCELERATION_TIME_S: f64 = 0.3;
 
 /// The arm's geometry; lengths as Brandstötter, Angerer and Hofbaur (2014) name them.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -3,7 +3,7 @@
 //! All of them have an ortho-parallel basis and a spherical wrist; their axes turn the same way and have the same
 //! zero: at A = 0 upper arm and forearm point forward, level. Accelerations are in no public model.
 
-use super::arm_geometry::{ArmAxes, ArmGeometry, PerAxis, SPEED_UP_S};
+use super::arm_geometry::{AXIS_ACCELERATION_TIME_S, ArmAxes, ArmGeometry, PerAxis};
 
 /// The data of an arm with a known name.
 #[derive(Debug, PartialEq)]
@@ -32,12 +32,12 @@ impl Preset {
     /// Returns the limits of the arm's axes.
     pub fn axes(&self) -> ArmAxes {
         let Preset { min_deg, max_deg, max_speed_deg_s, .. } = *self;
-        let max_acceleration_deg_s2 = max_speed_deg_s.map(|speed_deg_s| speed_deg_s / SPEED_UP_S);
+        let max_acceleration_deg_s2 = max_speed_deg_s.map(|speed_deg_s| speed_deg_s / AXIS_ACCELERATION_TIME_S);
         ArmAxes { min_deg, max_deg, max_speed_deg_s, max_acceleration_deg_s2 }
     }
 
     /// Returns the largest difference between this arm's lengths and those of another arm, mm.
-    pub fn farthest_mm(&self, other: &ArmGeometry) -> f64 {
+    pub fn max_length_difference_mm(&self, other: &ArmGeometry) -> f64 {
         let lengths =
             |arm: &ArmGeometry| [arm.a1_mm, arm.a2_mm, arm.b_mm, arm.c1_mm, arm.c2_mm, arm.c3_mm, arm.c4_mm];
         let pairs = lengths(&self.geometry).into_iter().zip(lengths(other));
@@ -48,7 +48,7 @@ impl Preset {
     pub fn nearest(arm: &ArmGeometry) -> &'static Preset {
         let mut nearest = &PRESETS[0];
         for preset in &PRESETS[1..] {
-            if preset.farthest_mm(arm) < nearest.farthest_mm(arm) {
+            if preset.max_length_difference_mm(arm) < nearest.max_length_difference_mm(arm) {
                 nearest = preset;
             }
         }

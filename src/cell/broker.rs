@@ -1,7 +1,7 @@
 //! The address of a NATS broker, and the login there: the same keys in a cell's file and in that of the archive.
 
 use super::address::{Address, authority, read};
-use super::devices::is_this_computer;
+use super::devices::is_local_host;
 use crate::config::Section;
 use std::path::{Path, PathBuf};
 
@@ -33,8 +33,8 @@ pub enum BrokerLogin {
 }
 
 /// The scheme without encryption; `SCHEMES` contains both schemes with their usual port, which is the same.
-const OPEN: &str = "nats";
-const SCHEMES: [(&str, u16); 2] = [(OPEN, 4_222), ("tls", 4_222)];
+const PLAIN_SCHEME: &str = "nats";
+const SCHEMES: [(&str, u16); 2] = [(PLAIN_SCHEME, 4_222), ("tls", 4_222)];
 
 impl Broker {
     /// Reads the address under this key and the keys that belong to it. The outer `None` means that there is a
@@ -66,11 +66,11 @@ impl Broker {
             section.problem(key, format!("found \"{}\", {allowed}", address.escape_debug()));
             return None;
         };
-        if scheme == OPEN && ca.is_some() {
+        if scheme == PLAIN_SCHEME && ca.is_some() {
             section.problem("ca", "is used only with tls://, but the address begins with nats://");
             return None;
         }
-        if scheme == OPEN && login != BrokerLogin::Anybody && !is_this_computer(&host) {
+        if scheme == PLAIN_SCHEME && login != BrokerLogin::Anybody && !is_local_host(&host) {
             let message = "begins with nats://, but the broker is on another computer: the password could be read on \
                            the network; write tls://";
             section.problem(key, message);

@@ -89,12 +89,12 @@ impl Intrinsics {
     }
 
     /// Returns whether this text is a lens as OpenCV, ROS or a Zivid writes it.
-    pub fn is_foreign(text: &str) -> bool {
-        foreign_lens::is_lens(text)
+    pub fn is_foreign_format(text: &str) -> bool {
+        foreign_lens::is_foreign_lens(text)
     }
 
     /// Reads a lens of another program; its file states no covariance.
-    fn foreign(file: &str, text: &str) -> Result<Self, Problems> {
+    fn read_foreign(file: &str, text: &str) -> Result<Self, Problems> {
         let wrong = |message: String| {
             let list = vec![Problem { line: 1, key: String::new(), message }];
             Problems { file: file.to_owned(), list }
@@ -130,12 +130,12 @@ impl Intrinsics {
     /// # Errors
     /// Every problem of the file with its line and key; also a distortion that has no inverse inside the picture.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
-        if Self::is_foreign(text) {
-            return Self::foreign(file, text);
+        if Self::is_foreign_format(text) {
+            return Self::read_foreign(file, text);
         }
-        config::check(file, text, |top| {
+        config::parse_file(file, text, |top| {
             let (intrinsics, errors) = (Self::parse(&top.section("camera")), MeasuredScanner::parse(top));
-            top.done();
+            top.finish();
             Some(Intrinsics { errors: errors?, ..intrinsics? })
         })
     }
@@ -153,7 +153,7 @@ impl Intrinsics {
         let rms_px = section.parse("rms_px", RESIDUAL, Some(None));
         let extent = LensExtent::parse(section);
         let provenance = Provenance::parse(section, "residuals_px");
-        section.done();
+        section.finish();
         let camera = PinholeCamera {
             width_px: width_px?,
             height_px: height_px?,
@@ -304,7 +304,7 @@ pub struct MountedPose<M: Mount> {
     mount: PhantomData<M>,
 }
 
-const PLACE_MM: RangeInclusive<f64> = -20_000.0..=20_000.0;
+const POSITION_RANGE_MM: RangeInclusive<f64> = -20_000.0..=20_000.0;
 const ANGLE_DEG: RangeInclusive<f64> = -360.0..=360.0;
 
 impl<M: Mount> MountedPose<M> {
@@ -334,15 +334,15 @@ impl<M: Mount> MountedPose<M> {
     /// # Errors
     /// Every problem of the file with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
-        config::check(file, text, |top| {
+        config::parse_file(file, text, |top| {
             let mounted = Self::parse(&top.section(M::TABLE));
-            top.done();
+            top.finish();
             mounted
         })
     }
 
     fn parse(section: &Section<'_, '_>) -> Option<Self> {
-        let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.parse(key, PLACE_MM, None));
+        let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.parse(key, POSITION_RANGE_MM, None));
         let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| section.parse(key, ANGLE_DEG, None));
         let date = section.parse("date", (), Some(None));
         let rms_mm = section.parse("rms_mm", RESIDUAL, Some(None));
@@ -352,7 +352,7 @@ impl<M: Mount> MountedPose<M> {
         let serial = section.parse("serial", (), Some(None));
         let robot_correction = section.parse("robot_correction", (), Some(None));
         let provenance = Provenance::parse(section, "residuals_mm");
-        section.done();
+        section.finish();
         let pose = KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? };
         let (date, rms_mm, uncertainty_mm, axis_measured) = (date?, rms_mm?, uncertainty_mm?, axis_measured?);
         let (board, serial, robot_correction, provenance) = (board?, serial?, robot_correction?, provenance?);

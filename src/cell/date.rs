@@ -16,7 +16,7 @@ impl Date {
     }
 
     /// Returns the UTC date of a time.
-    pub fn of_unix_s(unix_s: i64) -> Self {
+    pub fn from_unix_s(unix_s: i64) -> Self {
         Date(utc_day(unix_s))
     }
 }
@@ -54,7 +54,7 @@ mod tests {
             (1_709_251_199, "2024-02-29"),
             (1_795_297_432, "2026-11-21"),
         ] {
-            assert_eq!(Some(Date::of_unix_s(unix_s)), Date::parse(expected));
+            assert_eq!(Some(Date::from_unix_s(unix_s)), Date::parse(expected));
         }
     }
 }

@@ -28,9 +28,9 @@ impl<Device> Camera<Device> {
 
 /// The description of a device kind: its keyword, its required keys with advice for each, the keys that only this
 /// kind has, and the function that parses them.
-pub(super) struct Kind<'k, Parse> {
-    pub word: &'static str,
-    pub required: &'k [(&'static str, &'static str)],
+pub(super) struct DeviceKind<'k, Parse> {
+    pub keyword: &'static str,
+    pub required_keys: &'k [(&'static str, &'static str)],
     pub keys: &'k [&'static str],
     pub parse: Parse,
 }
@@ -39,23 +39,23 @@ pub(super) struct Kind<'k, Parse> {
 pub(super) fn parse_camera<Device>(
     cell_folder: &Path,
     section: &Section<'_, '_>,
-    device: Kind<'_, impl FnOnce(&Section<'_, '_>) -> Option<Device>>,
+    device: DeviceKind<'_, impl FnOnce(&Section<'_, '_>) -> Option<Device>>,
 ) -> Option<Camera<Device>> {
-    let kind = section.parse::<&str>("kind", vec!["simulated", "recorded", device.word], Some("simulated"));
+    let kind = section.parse::<&str>("kind", vec!["simulated", "recorded", device.keyword], Some("simulated"));
     let folder = section.parse::<Option<String>>("folder", (), Some(None));
     let taken = (device.parse)(section);
-    section.done();
+    section.finish();
     let (kind, folder) = (kind?, folder?);
-    let needs = device.keys.iter().map(|key| (*key, device.word)).chain([("folder", "recorded")]);
+    let needs = device.keys.iter().map(|key| (*key, device.keyword)).chain([("folder", "recorded")]);
     let mut right = true;
-    for (key, needs) in needs.filter(|(key, needs)| section.has(key) && kind != *needs) {
+    for (key, needs) in needs.filter(|(key, needs)| section.has_key(key) && kind != *needs) {
         section.problem(
             key,
             format!("has no effect with kind = \"{kind}\"; this key is valid only with kind = \"{needs}\""),
         );
         right = false;
     }
-    let missing = device.required.iter().filter(|(key, _)| kind == device.word && !section.has(key));
+    let missing = device.required_keys.iter().filter(|(key, _)| kind == device.keyword && !section.has_key(key));
     for (key, what_to_do) in missing {
         section.problem(key, format!("is missing; {what_to_do}"));
         right = false;
@@ -82,7 +82,7 @@ pub enum RobotKind {
 }
 
 impl Choice for RobotKind {
-    const WORDS: &'static [(&'static str, Self)] = &[("mock", RobotKind::Mock), ("eki", RobotKind::Eki)];
+    const KEYWORDS: &'static [(&'static str, Self)] = &[("mock", RobotKind::Mock), ("eki", RobotKind::Eki)];
 }
 
 /// The implementation of a mock controller.
@@ -95,7 +95,7 @@ pub enum MockController {
 }
 
 impl Choice for MockController {
-    const WORDS: &'static [(&'static str, Self)] =
+    const KEYWORDS: &'static [(&'static str, Self)] =
         &[("programs", MockController::Programs), ("model", MockController::Model)];
 }
 
@@ -162,23 +162,23 @@ impl Robot {
 
     /// Returns whether this is a real controller. One on this computer is a rehearsal with `mock-robot`.
     pub fn is_real(&self) -> bool {
-        self.kind == RobotKind::Eki && !self.is_on_this_machine()
+        self.kind == RobotKind::Eki && !self.is_local_controller()
     }
 
     /// Returns whether the controller's address can only be this machine's own.
-    pub fn is_on_this_machine(&self) -> bool {
-        is_this_computer(&self.host)
+    pub fn is_local_controller(&self) -> bool {
+        is_local_host(&self.host)
     }
 }
 
 /// Returns whether a host is this computer: then the traffic does not go over a network.
-pub(super) fn is_this_computer(host: &str) -> bool {
+pub(super) fn is_local_host(host: &str) -> bool {
     host == "localhost" || host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
 }
 
 /// Returns whether this is an IP address, or a host name as in RFC 1123; underscores are allowed, as in some
 /// networks.
-pub(super) fn is_host(host: &str) -> bool {
+pub(super) fn is_valid_host(host: &str) -> bool {
     let is_label = |label: &str| {
         (1..=63).contains(&label.len())
             && label.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_')
@@ -199,7 +199,7 @@ const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
 /// The checksums of programs are below 1000003.
 const MAX_CHECKSUM: usize = 1_000_002;
 
-const THIS_MACHINE: &str = "127.0.0.1";
+const LOCAL_HOST: &str = "127.0.0.1";
 
 pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
     let kind = section.parse("kind", (), Some(RobotKind::Mock));
@@ -209,7 +209,7 @@ pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
     let state_port = section.parse("state_port", PORTS, Some(54_601));
     let programs_sum = section.parse::<Option<usize>>("programs_sum", 0..=MAX_CHECKSUM, Some(None));
     let signed_stage = section.parse::<Option<ProofStage>>("signed_stage", (), Some(None));
-    section.done();
+    section.finish();
     let (kind, controller, host, signed_stage) = (kind?, controller?, host?, signed_stage?);
     let (command_port, state_port, programs_sum) = (command_port?, state_port?, programs_sum?);
     if command_port == state_port {
@@ -221,9 +221,9 @@ pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
             section.problem("host", "is missing; kind = \"eki\" needs the controller's address");
             return None;
         }
-        (RobotKind::Mock, Some(host)) if !["localhost", THIS_MACHINE].contains(&host.as_str()) => {
+        (RobotKind::Mock, Some(host)) if !["localhost", LOCAL_HOST].contains(&host.as_str()) => {
             section
-                .problem("host", format!("found \"{host}\"; kind = \"mock\" runs on this machine, {THIS_MACHINE}"));
+                .problem("host", format!("found \"{host}\"; kind = \"mock\" runs on this machine, {LOCAL_HOST}"));
             return None;
         }
         (_, Some(host))
@@ -232,7 +232,7 @@ pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
             section.problem("host", format!("found \"{host}\", which is not the address of a single machine"));
             return None;
         }
-        (_, Some(host)) if !is_host(&host) => {
+        (_, Some(host)) if !is_valid_host(&host) => {
             let message = format!(
                 "found \"{host}\", valid: an address such as 172.31.1.147, or a host name of letters, digits, - \
                  and dots"
@@ -240,7 +240,7 @@ pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
             section.problem("host", message);
             return None;
         }
-        (_, host) => host.unwrap_or(THIS_MACHINE.to_owned()),
+        (_, host) => host.unwrap_or(LOCAL_HOST.to_owned()),
     };
     Some(Robot {
         kind,

@@ -8,13 +8,13 @@ use crate::geometry::PinholeCamera;
 use saphyr::{LoadableYamlNode, Scalar, Yaml};
 
 /// The top keys by which such a file is identified.
-const KNOWN_BY: [&str; 6] =
+const IDENTIFYING_KEYS: [&str; 6] =
     ["CameraIntrinsics:", "camera_matrix:", "cameraMatrix:", "Camera_Matrix:", "distortion_coefficients:", "K:"];
 
 /// Returns whether this text is a lens in the format of another program.
-pub(super) fn is_lens(text: &str) -> bool {
+pub(super) fn is_foreign_lens(text: &str) -> bool {
     let mut lines = text.lines().map(str::trim_start);
-    lines.any(|line| KNOWN_BY.iter().any(|key| line.starts_with(key)))
+    lines.any(|line| IDENTIFYING_KEYS.iter().any(|key| line.starts_with(key)))
 }
 
 /// Reads the lens.
@@ -156,11 +156,11 @@ mod tests {
         let opencv = "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   \
                       data: [ 600.5, 0., 321., 0., 601., 239.5, 0., 0., 1. ]\ndistortion_coefficients: !!opencv-matrix\n   rows: 5\n   cols: 1\n   dt: d\n   \
                       data: [ -1.0e-01, 2.0e-02, 1.0e-03, -2.0e-03, 0. ]\n";
-        assert!(is_lens(opencv) && is_lens(ROS));
+        assert!(is_foreign_lens(opencv) && is_foreign_lens(ROS));
         assert_eq!(read(opencv), Ok(lens));
         let zivid = "__version__:\n  serializer: 1\n  data: 8\nCameraIntrinsics:\n  CameraMatrix:\n    CX: 970.3\n    CY: 602.1\n    FX: 1785.2\n    \
                      FY: 1784.6\n  Distortion:\n    K1: -0.082\n    K2: 0.105\n    K3: -0.02\n    P1: 0.0006\n    P2: -0.0004\n";
-        assert!(is_lens(zivid));
+        assert!(is_foreign_lens(zivid));
         let error = read(zivid).expect_err("no size");
         assert!(error.contains("picture's width") && error.contains("--from-scan"), "{error}");
         let sized = read(&format!("{zivid}image_width: 1944\nimage_height: 1200\n")).expect("a lens");
@@ -174,6 +174,6 @@ mod tests {
         let error = read(&ROS.replace("-0.002, 0]", "-0.002, 0, 0.3, 0, 0]")).expect_err("rational");
         assert!(error.contains("without the rational model"), "{error}");
         assert!(read("camera_matrix: [1, 2]").is_err());
-        assert!(!is_lens("[camera]\nfx_px = 3\n"));
+        assert!(!is_foreign_lens("[camera]\nfx_px = 3\n"));
     }
 }

@@ -1,6 +1,6 @@
 //! `[flange_camera]` with `kind = "gige"`: the camera and its settings.
 
-use super::devices::Kind;
+use super::devices::DeviceKind;
 use crate::config::Section;
 
 /// The pixel formats that a cell may name: monochrome, and the four Bayer orders of a colour sensor, one byte a pixel.
@@ -26,9 +26,9 @@ pub struct Gige {
     pub packet_bytes: u16,
 }
 
-pub(super) const KIND: Kind<'_, fn(&Section<'_, '_>) -> Option<Gige>> = Kind {
-    word: "gige",
-    required: &[(
+pub(super) const KIND: DeviceKind<'_, fn(&Section<'_, '_>) -> Option<Gige>> = DeviceKind {
+    keyword: "gige",
+    required_keys: &[(
         "exposure_us",
         "kind = \"gige\" needs it, in µs: take a multiple of 10000 for lamps on mains of 50 Hz, of 8333 on 60 Hz, \
          such that the brightest parts are not saturated (`panelprep shoot corner` reports it)",

@@ -62,7 +62,7 @@ pub struct Workspace {
 
 impl Workspace {
     /// Returns whether the box contains this point.
-    pub fn holds(&self, point: Point<Base>) -> bool {
+    pub fn contains(&self, point: Point<Base>) -> bool {
         (0..3).all(|axis| (self.min.mm[axis]..=self.max.mm[axis]).contains(&point.mm[axis]))
     }
 }

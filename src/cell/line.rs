@@ -33,7 +33,7 @@ pub(super) fn parse_line(
     let recipe = section.parse::<String>("recipe", (), None);
     let name = |key| section.parse::<Option<String>>(key, (), Some(None));
     let [serial, order, operator] = ["serial", "order", "operator"].map(name);
-    section.done();
+    section.finish();
     let io = io?;
     let inputs = LINE_INPUTS.iter().filter(|name| !io.feedbacks().contains_key(**name));
     let missing: Vec<String> = inputs.map(|name| format!("io.feedbacks.{name}")).collect();

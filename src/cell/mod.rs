@@ -52,26 +52,26 @@ pub use calibration::{
 pub use date::Date;
 pub use devices::{Camera, MockController, Robot, RobotKind};
 pub use gige::{Gige, PIXEL_FORMATS};
-pub use lens_extent::{LensExtent, Supported};
+pub use lens_extent::{LensExtent, SupportedArea};
 pub use limits::{Limits, Workspace};
 pub use line::{LINE_INPUTS, Line};
 pub use line_signal::LineSignal;
 pub use names::{Feedback, InputsOutputs, LOCAL_CONTROL, Output, WARNING};
 pub use office::{CellName, Office};
-pub use opcua::{Anonymous, OpcUa};
+pub use opcua::{AnonymousAccess, OpcUa};
 pub use page::Page;
 pub use proof_stage::{ProofStage, Unsigned};
 pub use provenance::Provenance;
-pub use push::{Push, WebFolder};
+pub use push::{PushSettings, WebFolder};
 pub use removal::{RemovalCalibration, RemovalNumbers};
-pub use retention::{KeepFor, Retention};
+pub use retention::{Retention, RetentionTime};
 pub use robot_correction::{CorrectionNumbers, GEOMETRY_NUMBERS, RobotCorrection, SMOOTH_NUMBERS};
 pub use rough::RoughMounts;
 pub use scanner_errors::MeasuredScanner;
 pub use sparkplug::{BrokerTls, NodeCommands, SparkplugNode};
 pub use tool::{CompliantTool, Tool, ToolAddress};
 pub use zivid::ZividCamera;
-pub use zivid_settings::{Mains, ZividSettings, ZividUse};
+pub use zivid_settings::{MainsFrequency, ZividSettings, ZividUse};
 
 use crate::accounts::Role;
 use crate::config::{self, Problems, Section};
@@ -100,7 +100,7 @@ pub struct CalibrationFiles {
 
 impl CalibrationFiles {
     /// The files that are stated, each with its key.
-    pub fn named(&self) -> Vec<(&'static str, &Path)> {
+    pub fn named_files(&self) -> Vec<(&'static str, &Path)> {
         let all = [
             ("scanner", &self.scanner),
             ("flange_camera", &self.flange_camera),
@@ -120,7 +120,7 @@ impl CalibrationFiles {
         let [base_from_camera, flange_from_camera] = ["base_from_camera", "flange_from_camera"].map(file);
         let [flange_from_tool, robot_correction] = ["flange_from_tool", "robot_correction"].map(file);
         let removal = file("removal");
-        section.done();
+        section.finish();
         Some(CalibrationFiles {
             scanner: scanner?,
             flange_camera: flange_camera?,
@@ -137,7 +137,7 @@ impl CalibrationFiles {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
     store: PathBuf,
-    keep: Retention,
+    retention: Retention,
     record_key: Option<PathBuf>,
     socket: Option<PathBuf>,
     socket_role: Option<Role>,
@@ -146,14 +146,14 @@ pub struct Cell {
     robot: Robot,
     tool: Tool,
     poses: BTreeMap<String, Joints>,
-    io: InputsOutputs,
+    inputs_outputs: InputsOutputs,
     calibration: CalibrationFiles,
     limits: Limits,
-    rough: RoughMounts,
+    rough_mounts: RoughMounts,
     arm: Arm,
     page: Page,
     office: Option<Office>,
-    push: Option<Push>,
+    push: Option<PushSettings>,
     sparkplug: Option<SparkplugNode>,
     opcua: OpcUa,
     line: Option<Line>,
@@ -190,7 +190,7 @@ impl Cell {
     /// Every problem of the file with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         let folder = Path::new(file).parent().unwrap_or(Path::new(""));
-        config::check(file, text, |top| Self::parse(folder, top))
+        config::parse_file(file, text, |top| Self::parse(folder, top))
     }
 
     fn parse(folder: &Path, top: &Section<'_, '_>) -> Option<Self> {
@@ -213,13 +213,13 @@ impl Cell {
         let sparkplug = sparkplug::parse_sparkplug(folder, &top.section("sparkplug"));
         let opcua = opcua::parse_opcua(folder, &top.section("opcua"));
         let line = line::parse_line(folder, &top.section("line"), io.as_ref());
-        top.done();
+        top.finish();
         let store = store?;
         let store_folder = folder.join(&store.folder);
         Some(Cell {
-            opcua: opcua?.in_store(&store_folder),
+            opcua: opcua?.with_store_certificates(&store_folder),
             store: store_folder,
-            keep: store.keep,
+            retention: store.retention,
             record_key: store.record_key.map(|name| folder.join(name)),
             socket: socket?.map(|name| folder.join(name)),
             socket_role: socket_role?,
@@ -228,10 +228,10 @@ impl Cell {
             robot: robot?,
             tool: tool?,
             poses: poses?,
-            io: io?,
+            inputs_outputs: io?,
             calibration: calibration?,
             limits: limits?,
-            rough: rough?,
+            rough_mounts: rough?,
             arm: arm?,
             page: page?,
             office: office?,
@@ -247,8 +247,8 @@ impl Cell {
     }
 
     /// How long clips and scans are kept in the store.
-    pub fn keep(&self) -> &Retention {
-        &self.keep
+    pub fn retention(&self) -> &Retention {
+        &self.retention
     }
 
     /// Returns the file of the key that signs records, if the cell's file names one; else the key is a credential,
@@ -290,7 +290,7 @@ impl Cell {
 
     /// Returns the pose in which the arm is clear of the panel and of both cameras' view: a shot is made only from
     /// there.
-    pub fn park(&self) -> Option<Joints> {
+    pub fn park_pose(&self) -> Option<Joints> {
         self.pose("park")
     }
 
@@ -305,8 +305,8 @@ impl Cell {
     }
 
     /// The names of the controller's outputs and inputs.
-    pub fn io(&self) -> &InputsOutputs {
-        &self.io
+    pub fn inputs_outputs(&self) -> &InputsOutputs {
+        &self.inputs_outputs
     }
 
     /// The calibration files.
@@ -315,8 +315,8 @@ impl Cell {
     }
 
     /// Returns the poses of the cameras, measured by hand: a three-point calibration is compared with them.
-    pub fn rough(&self) -> &RoughMounts {
-        &self.rough
+    pub fn rough_mounts(&self) -> &RoughMounts {
+        &self.rough_mounts
     }
 
     /// The limits that apply to every panel.
@@ -335,7 +335,7 @@ impl Cell {
     }
 
     /// Returns the destination of signed records by HTTP, if one is set.
-    pub fn push(&self) -> Option<&Push> {
+    pub fn push(&self) -> Option<&PushSettings> {
         self.push.as_ref()
     }
 
@@ -361,7 +361,7 @@ impl Cell {
 
     /// Returns the cell with its arm corrected by `correction`, which comes from the file that `[calibration]` names.
     #[must_use]
-    pub fn corrected(self, correction: CorrectionNumbers) -> Self {
-        Cell { arm: self.arm.corrected(correction), ..self }
+    pub fn with_arm_correction(self, correction: CorrectionNumbers) -> Self {
+        Cell { arm: self.arm.with_correction(correction), ..self }
     }
 }

@@ -21,7 +21,7 @@ fn parse_joints(section: &Section<'_, '_>) -> Option<Joints> {
     let axis = |key| section.parse::<f64>(key, -360.0..=360.0, None);
     let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] =
         ["a1_deg", "a2_deg", "a3_deg", "a4_deg", "a5_deg", "a6_deg"].map(axis);
-    section.done();
+    section.finish();
     Some(Joints {
         a1_deg: a1_deg?,
         a2_deg: a2_deg?,
@@ -108,7 +108,7 @@ pub const WARNING: &str = "warning";
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct InputsOutputs {
     outputs: BTreeMap<String, u16>,
-    off_after_s: BTreeMap<String, u16>,
+    off_delays_s: BTreeMap<String, u16>,
     feedbacks: BTreeMap<String, u16>,
     mapped_inputs: BTreeMap<String, u16>,
     line_outputs: BTreeMap<String, u16>,
@@ -133,8 +133,8 @@ impl InputsOutputs {
 
     /// The outputs that the controller switches off automatically, and the delay after the end of an epoch, s; tool
     /// and water at once. An output without an entry does not change, for example the lens shutter.
-    pub fn off_after_s(&self) -> &BTreeMap<String, u16> {
-        &self.off_after_s
+    pub fn off_delays_s(&self) -> &BTreeMap<String, u16> {
+        &self.off_delays_s
     }
 
     /// Returns the outputs of which the cell's file states neither when the end of an epoch switches them off nor that
@@ -142,7 +142,7 @@ impl InputsOutputs {
     pub fn undecided(&self) -> Vec<&str> {
         let is_decided = |name: &str| {
             name == Output::LensShutter.name()
-                || self.off_after_s.contains_key(name)
+                || self.off_delays_s.contains_key(name)
                 || self.may_stay_on.contains(name)
         };
         self.outputs.keys().map(String::as_str).filter(|name| !is_decided(name)).collect()
@@ -164,7 +164,7 @@ impl InputsOutputs {
 
     /// Returns the bits of the state message's `Out` for tool and water, which are switched off at once.
     pub fn harmful_bits(&self) -> u32 {
-        let at_once = self.off_after_s.iter().filter(|(_, after_s)| **after_s == 0);
+        let at_once = self.off_delays_s.iter().filter(|(_, after_s)| **after_s == 0);
         let bits = at_once.filter_map(|(name, _)| bit(&self.outputs, *self.outputs.get(name)?));
         bits.fold(0, |bits, bit| bits | 1u32.checked_shl(bit).unwrap_or(0))
     }
@@ -201,12 +201,12 @@ impl InputsOutputs {
     }
 
     /// Returns each output's name, and whether it is on in the state message's `Out`.
-    pub fn outputs_in(&self, bits: u32) -> Vec<(&str, bool)> {
+    pub fn decode_outputs(&self, bits: u32) -> Vec<(&str, bool)> {
         signals(&self.outputs, bits)
     }
 
     /// Returns each feedback's name, and whether it is on in the state message's `In`.
-    pub fn feedbacks_in(&self, bits: u32) -> Vec<(&str, bool)> {
+    pub fn decode_feedbacks(&self, bits: u32) -> Vec<(&str, bool)> {
         signals(&self.feedbacks, bits)
     }
 }
@@ -224,7 +224,7 @@ fn signals(names: &BTreeMap<String, u16>, bits: u32) -> Vec<(&str, bool)> {
 /// The state message carries the mapped inputs as the bits of one INT (`eki.md` 9).
 const MAX_FEEDBACKS: usize = 31;
 /// Outputs that do harm while no one supervises them: the tool, and all that let water run.
-const OFF_AT_ONCE: [&str; 3] = ["rinse", "spray", "tool"];
+const IMMEDIATE_OFF_OUTPUTS: [&str; 3] = ["rinse", "spray", "tool"];
 /// Maximum delay after which an output is switched off, s.
 const MAX_OFF_DELAY_S: u16 = 600;
 /// The size of the controller's list of mapped inputs.
@@ -236,17 +236,17 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     let off_after = section.section("off_after_s");
     let line_outputs = section.section("line_outputs");
     let staying = section.parse::<Option<Vec<String>>>("may_stay_on", (), Some(None));
-    section.done();
+    section.finish();
     let (outputs, feedbacks_taken, mapped_taken) =
         (parse_numbers(&outputs), parse_numbers(&feedbacks), parse_numbers(&mapped));
     let outputs = outputs?;
-    let off_after_s = parse_off_after(&off_after, &outputs);
+    let off_after_s = parse_off_delays(&off_after, &outputs);
     let may_stay_on = parse_staying(section, staying?, (&outputs, off_after_s.as_ref()));
     let line_numbers = parse_numbers(&line_outputs);
     let line_outputs = parse_line_outputs(&line_outputs, line_numbers?, &outputs);
     let io = InputsOutputs {
         outputs,
-        off_after_s: off_after_s?,
+        off_delays_s: off_after_s?,
         feedbacks: feedbacks_taken?,
         mapped_inputs: mapped_taken?,
         line_outputs: line_outputs?,
@@ -278,8 +278,8 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
 }
 
 /// Reads `[io.off_after_s]`: the outputs that the controller's program switches off after the end of an epoch.
-fn parse_off_after(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) -> Option<BTreeMap<String, u16>> {
-    let stated = section.parse_named::<u16>(&(0..=MAX_OFF_DELAY_S));
+fn parse_off_delays(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) -> Option<BTreeMap<String, u16>> {
+    let stated = section.parse_named_entries::<u16>(&(0..=MAX_OFF_DELAY_S));
     let mut right = true;
     for (name, after_s) in &stated {
         let wrong = if !outputs.contains_key(name) {
@@ -287,7 +287,7 @@ fn parse_off_after(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) -
             format!("is not an output of [io.outputs]; valid: {names}")
         } else if name == Output::LensShutter.name() {
             "protects the cameras from drops and is never switched off automatically; remove this key".to_owned()
-        } else if OFF_AT_ONCE.contains(&name.as_str()) && *after_s > 0 {
+        } else if IMMEDIATE_OFF_OUTPUTS.contains(&name.as_str()) && *after_s > 0 {
             format!("found {after_s}, valid: 0; tool and water are switched off immediately")
         } else {
             continue;
@@ -295,7 +295,7 @@ fn parse_off_after(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) -
         section.problem(name, wrong);
         right = false;
     }
-    let at_once = OFF_AT_ONCE.map(|name| (name, 0));
+    let at_once = IMMEDIATE_OFF_OUTPUTS.map(|name| (name, 0));
     // A stop during the warning must not leave the warning output on.
     let later = [(Output::Extraction.name(), 30), (Output::Light.name(), 60), (WARNING, 1)];
     let usual = at_once.into_iter().chain(later);
@@ -314,7 +314,7 @@ fn parse_staying(
     let stated = stated.unwrap_or_default();
     let mut right = true;
     for name in &stated {
-        let wrong = if OFF_AT_ONCE.contains(&name.as_str()) {
+        let wrong = if IMMEDIATE_OFF_OUTPUTS.contains(&name.as_str()) {
             "tool and water go off at once; remove it".to_owned()
         } else if !outputs.contains_key(name) {
             let names = outputs.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
@@ -333,7 +333,7 @@ fn parse_staying(
 }
 
 fn parse_numbers(section: &Section<'_, '_>) -> Option<BTreeMap<String, u16>> {
-    let named = section.parse_named::<u16>(&(1..=4096));
+    let named = section.parse_named_entries::<u16>(&(1..=4096));
     let mut first_names = BTreeMap::new();
     let mut right = true;
     for (name, number) in &named {

@@ -7,7 +7,7 @@ use std::path::Path;
 
 /// The maximum length of a cell's name, in characters.
 const MAX_CHARACTERS: usize = 40;
-const BEHIND_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
+const ALARM_DELAY_RANGE_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
 
 /// The destination of the cell's records.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -17,7 +17,7 @@ pub struct Office {
     /// The name that identifies this cell at the office.
     pub cell: CellName,
     /// A record that the office does not have after this many minutes raises an alarm.
-    pub behind_min: usize,
+    pub alarm_delay_min: usize,
 }
 
 /// The name of a cell: letters, digits, `-` and `_`, so that it can also be part of a subject, a message name and
@@ -57,7 +57,7 @@ impl fmt::Display for CellName {
 pub(super) fn parse_office(folder: &Path, section: &Section<'_, '_>) -> Option<Option<Office>> {
     let broker = Broker::parse(folder, section, "broker");
     let cell = section.parse::<Option<String>>("cell", (), Some(None));
-    let behind_min = section.parse::<usize>("behind_min", BEHIND_MIN, Some(60));
+    let behind_min = section.parse::<usize>("behind_min", ALARM_DELAY_RANGE_MIN, Some(60));
     // A wrong name is reported together with a wrong broker.
     let cell = cell.and_then(|name| match name.as_deref().map(CellName::new).transpose() {
         Ok(name) => Some(name),
@@ -66,17 +66,19 @@ pub(super) fn parse_office(folder: &Path, section: &Section<'_, '_>) -> Option<O
             None
         }
     });
-    section.done();
+    section.finish();
     let (Some(broker), Some(cell), Some(behind_min)) = (broker, cell, behind_min) else { return None };
     let Some(broker) = broker else {
-        return section
-            .off_without("broker", "the address of the office's broker, such as \"tls://office.example:4222\"");
+        return section.missing_required(
+            "broker",
+            "the address of the office's broker, such as \"tls://office.example:4222\"",
+        );
     };
     let Some(cell) = cell else {
         section.problem("cell", "is missing; state the name of this cell for the office, such as \"cell-1\"");
         return None;
     };
-    Some(Some(Office { broker, cell, behind_min }))
+    Some(Some(Office { broker, cell, alarm_delay_min: behind_min }))
 }
 
 #[cfg(test)]

@@ -7,15 +7,16 @@ use std::path::{Path, PathBuf};
 /// The permissions of a client that has not logged in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
 #[strum(serialize_all = "lowercase")]
-pub enum Anonymous {
+pub enum AnonymousAccess {
     /// Without an account nothing is allowed: every session needs one.
     Nothing,
     /// Without an account a session may read, and stop or abort as on the operator's page.
     Read,
 }
 
-impl Choice for Anonymous {
-    const WORDS: &'static [(&'static str, Self)] = &[("nothing", Anonymous::Nothing), ("read", Anonymous::Read)];
+impl Choice for AnonymousAccess {
+    const KEYWORDS: &'static [(&'static str, Self)] =
+        &[("nothing", AnonymousAccess::Nothing), ("read", AnonymousAccess::Read)];
 }
 
 /// How the server is reached, and by which clients.
@@ -26,7 +27,7 @@ pub struct OpcUa {
     /// The name or address by which clients reach the server, in the addresses that it sends them.
     pub host: Option<String>,
     /// The permissions of a client that has not logged in.
-    pub anonymous: Anonymous,
+    pub anonymous: AnonymousAccess,
     /// Whether a connection may be neither signed nor encrypted. No one can log in through such a connection.
     pub is_unencrypted_allowed: bool,
     /// The folder of the certificates: `own`, `private`, `trusted`, `rejected`.
@@ -38,7 +39,7 @@ const IN_STORE: &str = "opcua";
 
 impl OpcUa {
     /// Returns the settings with the certificates in this store, if the file names no folder for them.
-    pub(super) fn in_store(self, store: &Path) -> Self {
+    pub(super) fn with_store_certificates(self, store: &Path) -> Self {
         let certificates =
             if self.certificates.as_os_str().is_empty() { store.join(IN_STORE) } else { self.certificates };
         OpcUa { certificates, ..self }
@@ -48,19 +49,19 @@ impl OpcUa {
 pub(super) fn parse_opcua(folder: &Path, section: &Section<'_, '_>) -> Option<OpcUa> {
     let listen = section.parse::<Option<String>>("listen", (), Some(None));
     let host = section.parse::<Option<String>>("host", (), Some(None));
-    let anonymous = section.parse::<Anonymous>("anonymous", (), Some(Anonymous::Nothing));
+    let anonymous = section.parse::<AnonymousAccess>("anonymous", (), Some(AnonymousAccess::Nothing));
     let unencrypted = section.parse::<bool>("unencrypted", (), Some(false));
     let certificates = section.parse::<Option<String>>("certificates", (), Some(None));
-    section.done();
+    section.finish();
     let (anonymous, is_unencrypted_allowed) = (anonymous?, unencrypted?);
-    if is_unencrypted_allowed && anonymous == Anonymous::Nothing {
+    if is_unencrypted_allowed && anonymous == AnonymousAccess::Nothing {
         let message = "found true, but log-in is not possible over an unencrypted connection, because the password \
                        could be read on the network; true is valid only together with anonymous = \"read\"";
         section.problem("unencrypted", message);
         return None;
     }
     let host = host?;
-    if let Some(host) = host.as_ref().filter(|host| !is_host(host)) {
+    if let Some(host) = host.as_ref().filter(|host| !is_valid_host(host)) {
         let message = format!(
             "found \"{}\", valid: a computer's name or an IP address, such as \"cell-1.plant.example\"",
             host.escape_debug()
@@ -69,7 +70,9 @@ pub(super) fn parse_opcua(folder: &Path, section: &Section<'_, '_>) -> Option<Op
         return None;
     }
     let address = match &listen? {
-        None => section.off_without("listen", "the address and port of the server, such as \"0.0.0.0:4840\"")?,
+        None => {
+            section.missing_required("listen", "the address and port of the server, such as \"0.0.0.0:4840\"")?
+        }
         Some(text) => match text.parse::<SocketAddr>() {
             Ok(address) if address.port() > 0 => Some(address),
             _ => {
@@ -84,7 +87,7 @@ pub(super) fn parse_opcua(folder: &Path, section: &Section<'_, '_>) -> Option<Op
 }
 
 /// Returns whether the text can be used in an address.
-fn is_host(text: &str) -> bool {
+fn is_valid_host(text: &str) -> bool {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-');
     (1..=253).contains(&text.len()) && text.chars().all(is_plain)
 }

@@ -15,7 +15,7 @@ pub struct Page {
     /// The folder of the recipes that can be started.
     pub recipes: PathBuf,
     /// A translation table: the page's texts in further languages.
-    pub words: Option<PathBuf>,
+    pub translations: Option<PathBuf>,
     /// The number of minutes without an action after which a session ends.
     pub idle_min: usize,
     /// The largest number of sessions of one account at one time.
@@ -33,7 +33,7 @@ pub(super) fn parse_page(folder: &Path, section: &Section<'_, '_>) -> Option<Pag
     let words = section.parse::<Option<String>>("words", (), Some(None));
     let idle_min = section.parse::<usize>("idle_min", IDLE_MIN, Some(30));
     let sessions = section.parse::<usize>("sessions", SESSIONS, Some(3));
-    section.done();
+    section.finish();
     let (certificate, key) = (certificate?, key?);
     if certificate.is_some() != key.is_some() {
         let missing = if key.is_some() { "certificate" } else { "certificate_key" };
@@ -56,7 +56,7 @@ pub(super) fn parse_page(folder: &Path, section: &Section<'_, '_>) -> Option<Pag
         listen: address,
         certificate: certificate.zip(key).map(|(file, key)| [folder.join(file), folder.join(key)]),
         recipes: folder.join(recipes?),
-        words: words?.map(|name| folder.join(name)),
+        translations: words?.map(|name| folder.join(name)),
         idle_min: idle_min?,
         sessions: sessions?,
     })

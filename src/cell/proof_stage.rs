@@ -60,7 +60,7 @@ impl ProofStage {
 }
 
 impl Choice for ProofStage {
-    const WORDS: &'static [(&'static str, Self)] =
+    const KEYWORDS: &'static [(&'static str, Self)] =
         &[("A", ProofStage::A), ("B", ProofStage::B), ("C", ProofStage::C)];
 }
 

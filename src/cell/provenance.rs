@@ -19,7 +19,7 @@ pub struct Provenance {
 impl Provenance {
     pub(super) fn parse(section: &Section<'_, '_>, residuals: &'static str) -> Option<Self> {
         let program = section.parse("program", (), Some(None));
-        let pictures = section.parse("pictures", (), Some(Texts::default()));
+        let pictures = section.parse("pictures", (), Some(TextList::default()));
         let residuals = section.parse(residuals, (), Some(Numbers::default()));
         Some(Provenance { program: program?, pictures: pictures?.0, residuals: residuals?.0 })
     }
@@ -37,15 +37,15 @@ impl Provenance {
 
 /// A list of texts.
 #[derive(Default)]
-pub(super) struct Texts(pub(super) Vec<String>);
+pub(super) struct TextList(pub(super) Vec<String>);
 
-impl Setting for Texts {
+impl Setting for TextList {
     type Limits = ();
 
     fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
         let list = value.as_array().map(|list| list.iter().map(|item| String::parse(item.get_ref(), &())));
         let list = list.ok_or_else(|| "valid: a list of texts".to_owned())?;
-        list.collect::<Result<_, _>>().map(Texts)
+        list.collect::<Result<_, _>>().map(TextList)
     }
 }
 

@@ -1,26 +1,26 @@
 //! `[push]`: signed records by HTTP to a quality system. Off until `to` is set.
 
 use super::address::{self, Address, read};
-use super::devices::is_this_computer;
+use super::devices::is_local_host;
 use crate::config::Section;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-const BEHIND_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
+const ALARM_DELAY_RANGE_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
 /// The schemes with their usual ports.
 const SCHEMES: [(&str, u16); 2] = [("https", 443), ("http", 80)];
 
 /// The destination of signed records.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Push {
+pub struct PushSettings {
     /// The folder of the server below which each file is put.
-    pub to: WebFolder,
+    pub target_folder: WebFolder,
     /// The certificate of the authority that has signed the server's certificate, PEM, with `https://`.
     pub ca_certificate: Option<PathBuf>,
     /// The file of the token that the server requires.
     pub token_file: Option<PathBuf>,
     /// A record that the server does not have after this many minutes raises an alarm.
-    pub behind_min: usize,
+    pub alarm_delay_min: usize,
 }
 
 /// A folder of an HTTP server.
@@ -53,17 +53,17 @@ impl fmt::Display for WebFolder {
 }
 
 /// Reads `[push]`. The outer `None` is a problem, the inner one means that nothing is pushed.
-pub(super) fn parse_push(folder: &Path, section: &Section<'_, '_>) -> Option<Option<Push>> {
+pub(super) fn parse_push(folder: &Path, section: &Section<'_, '_>) -> Option<Option<PushSettings>> {
     if !section.is_present() {
         return Some(None);
     }
     let to = section.parse::<String>("to", (), None);
     let [ca_certificate, token_file] =
         ["ca_certificate", "token_file"].map(|key| section.parse::<Option<String>>(key, (), Some(None)));
-    let behind_min = section.parse::<usize>("behind_min", BEHIND_MIN, Some(60));
-    section.done();
+    let behind_min = section.parse::<usize>("behind_min", ALARM_DELAY_RANGE_MIN, Some(60));
+    section.finish();
     let (to, ca_certificate, token_file, behind_min) = (to?, ca_certificate?, token_file?, behind_min?);
-    let Some(to) = folder_at(&to) else {
+    let Some(to) = parse_web_folder(&to) else {
         let allowed = "valid: an address such as \"https://quality.example/cells/cell-1\", with letters, digits \
                        and the characters - . _ ~ / in its path";
         section.problem("to", format!("found \"{}\", {allowed}", to.escape_debug()));
@@ -85,7 +85,7 @@ pub(super) fn parse_push(folder: &Path, section: &Section<'_, '_>) -> Option<Opt
             );
             return None;
         }
-        (false, None) if token_file.is_some() && !is_this_computer(&to.host) => {
+        (false, None) if token_file.is_some() && !is_local_host(&to.host) => {
             section.problem(
                 "token_file",
                 "the token could be read on the network; write https:// for the address of another computer",
@@ -95,10 +95,15 @@ pub(super) fn parse_push(folder: &Path, section: &Section<'_, '_>) -> Option<Opt
         _ => {}
     }
     let file = |name: String| folder.join(name);
-    Some(Some(Push { to, ca_certificate: ca_certificate.map(file), token_file: token_file.map(file), behind_min }))
+    Some(Some(PushSettings {
+        target_folder: to,
+        ca_certificate: ca_certificate.map(file),
+        token_file: token_file.map(file),
+        alarm_delay_min: behind_min,
+    }))
 }
 
-fn folder_at(text: &str) -> Option<WebFolder> {
+fn parse_web_folder(text: &str) -> Option<WebFolder> {
     let Address { scheme, host, port, path } = read(text, SCHEMES)?;
     Some(WebFolder { is_encrypted: scheme == "https", host, port, path })
 }
@@ -108,7 +113,7 @@ mod tests {
     use super::super::Cell;
     use super::*;
 
-    fn found(table: &str) -> Result<Option<Push>, String> {
+    fn found(table: &str) -> Result<Option<PushSettings>, String> {
         let cell = Cell::check("cells/cell.toml", table).map_err(|problems| problems.to_string())?;
         Ok(cell.push().cloned())
     }
@@ -120,12 +125,12 @@ mod tests {
             "[push]\nto = 'https://quality.example/cells/1/'\nca_certificate = 'ca.pem'\ntoken_file = 'token'\n",
         );
         let push = push.expect("right").expect("there");
-        assert_eq!(push.to.to_string(), "https://quality.example/cells/1");
-        assert_eq!((push.to.port, push.behind_min), (443, 60));
+        assert_eq!(push.target_folder.to_string(), "https://quality.example/cells/1");
+        assert_eq!((push.target_folder.port, push.alarm_delay_min), (443, 60));
         assert_eq!(push.token_file.as_deref(), Some(Path::new("cells/token")));
         for address in ["http://127.0.0.1:8080", "http://[::1]:8080/a", "http://quality/a.b/c_d~e-f"] {
             let push = found(&format!("[push]\nto = '{address}'")).expect("right").expect("there");
-            assert_eq!(push.to.to_string(), address);
+            assert_eq!(push.target_folder.to_string(), address);
         }
     }
 

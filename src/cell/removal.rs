@@ -62,9 +62,9 @@ impl RemovalCalibration {
     /// # Errors
     /// Every problem with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
-        config::check(file, text, |top| {
+        config::parse_file(file, text, |top| {
             let calibration = Self::parse(&top.section("removal"));
-            top.done();
+            top.finish();
             calibration
         })
     }
@@ -80,7 +80,7 @@ impl RemovalCalibration {
     /// Returns the file that [`RemovalCalibration::check`] reads back to the last bit, from the numbers in the
     /// order of [`RemovalNumbers`] and the numbers of coupons and discs. It is made by a calibration, which has checked none
     /// of their ranges.
-    pub fn text_of(
+    pub fn to_text(
         numbers: &[(&'static str, f64)],
         (coupons, discs): (usize, usize),
         (date, provenance): (Option<Date>, &Provenance),
@@ -120,8 +120,8 @@ mod tests {
     #[test]
     fn what_is_written_is_read_back() {
         let provenance = Provenance { residuals: vec![1.0, 2.5], ..Provenance::default() };
-        let day = Date::of_unix_s(1_764_000_000);
-        let text = RemovalCalibration::text_of(&NUMBERS, (12, 4), (Some(day.clone()), &provenance));
+        let day = Date::from_unix_s(1_764_000_000);
+        let text = RemovalCalibration::to_text(&NUMBERS, (12, 4), (Some(day.clone()), &provenance));
         let read = RemovalCalibration::check("removal.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
         assert_eq!((read.numbers.least_force_n(), read.numbers.most_force_n()), (Some(15.0), Some(30.0)));
         assert_eq!((read.numbers.preston_mm2_per_n(), read.numbers.coupons()), (4.123_456_789e-4, 12));
@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn each_mistake_is_named() {
-        let text = RemovalCalibration::text_of(&NUMBERS, (2, 0), (None, &Provenance::default()));
+        let text = RemovalCalibration::to_text(&NUMBERS, (2, 0), (None, &Provenance::default()));
         let wrong = text.replace("orbit_mm = 5.0", "orbit_cm = 0.5").replace("0.05", "0.0");
         let problems = RemovalCalibration::check("f", &wrong).expect_err("refused").to_string();
         for words in [

@@ -4,7 +4,7 @@ use crate::config::Section;
 
 /// The time for which clips and scans of a class of cycles are kept; an absent value sets no limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct KeepFor {
+pub struct RetentionTime {
     /// Number of days before the newest cycle's end.
     pub days: Option<usize>,
     /// Number of newest cycles.
@@ -15,14 +15,14 @@ pub struct KeepFor {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Retention {
     /// The limit for cycles that passed.
-    pub passed: KeepFor,
+    pub passed: RetentionTime,
     /// The limit for cycles that ended otherwise.
-    pub failed: KeepFor,
+    pub failed: RetentionTime,
 }
 
 impl Retention {
     /// Returns whether no file is ever removed.
-    pub fn is_for_ever(&self) -> bool {
+    pub fn is_unlimited(&self) -> bool {
         *self == Retention::default()
     }
 }
@@ -35,7 +35,7 @@ pub(super) struct StoreTable {
     /// Its folder.
     pub folder: String,
     /// How long clips and scans are kept.
-    pub keep: Retention,
+    pub retention: Retention,
     /// The file of the key that signs records; `None` if the key is in the folder.
     pub record_key: Option<String>,
 }
@@ -45,24 +45,24 @@ pub(super) fn parse_store(top: &Section<'_, '_>) -> Option<StoreTable> {
     let default = || Some("store".to_owned());
     if !top.is_table("store") {
         let folder = top.parse::<String>("store", (), default())?;
-        return Some(StoreTable { folder, keep: Retention::default(), record_key: None });
+        return Some(StoreTable { folder, retention: Retention::default(), record_key: None });
     }
     let section = top.section("store");
     let folder = section.parse::<String>("folder", (), default());
     let record_key = section.parse::<Option<String>>("record_key", (), Some(None));
-    let keep = parse_keep(&section.section("keep"));
-    section.done();
-    Some(StoreTable { folder: folder?, keep: keep?, record_key: record_key? })
+    let keep = parse_retention(&section.section("keep"));
+    section.finish();
+    Some(StoreTable { folder: folder?, retention: keep?, record_key: record_key? })
 }
 
-fn parse_keep(section: &Section<'_, '_>) -> Option<Retention> {
+fn parse_retention(section: &Section<'_, '_>) -> Option<Retention> {
     let [days, failed_days] =
         ["days", "failed_days"].map(|key| section.parse::<Option<usize>>(key, DAYS, Some(None)));
     let [cycles, failed_cycles] =
         ["cycles", "failed_cycles"].map(|key| section.parse::<Option<usize>>(key, CYCLES, Some(None)));
-    section.done();
-    let passed = KeepFor { days: days?, cycles: cycles? };
-    let failed = KeepFor { days: failed_days?, cycles: failed_cycles? };
+    section.finish();
+    let passed = RetentionTime { days: days?, cycles: cycles? };
+    let failed = RetentionTime { days: failed_days?, cycles: failed_cycles? };
     let mut right = true;
     for (key, of, least) in
         [("failed_days", failed.days, passed.days), ("failed_cycles", failed.cycles, passed.cycles)]

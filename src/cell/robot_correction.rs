@@ -60,8 +60,8 @@ pub struct RobotCorrection {
 }
 
 const NUMBER: std::ops::RangeInclusive<f64> = -1_000.0..=1_000.0;
-const PLACE_MM: std::ops::RangeInclusive<f64> = -20_000.0..=20_000.0;
-const OFF_MM: std::ops::RangeInclusive<f64> = 0.0..=1_000.0;
+const POSITION_RANGE_MM: std::ops::RangeInclusive<f64> = -20_000.0..=20_000.0;
+const DEVIATION_RANGE_MM: std::ops::RangeInclusive<f64> = 0.0..=1_000.0;
 
 struct Numbers(Vec<f64>);
 
@@ -80,9 +80,9 @@ impl RobotCorrection {
     /// # Errors
     /// Every problem with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
-        config::check(file, text, |top| {
+        config::parse_file(file, text, |top| {
             let correction = Self::parse(&top.section("robot_correction"));
-            top.done();
+            top.finish();
             correction
         })
     }
@@ -90,13 +90,13 @@ impl RobotCorrection {
     fn parse(section: &Section<'_, '_>) -> Option<Self> {
         let kind = section.parse::<String>("kind", (), None);
         let numbers = section.parse::<Numbers>("numbers", (), None);
-        let middle_mm = section.parse::<Option<[f64; 3]>>("middle_mm", PLACE_MM, Some(None));
+        let middle_mm = section.parse::<Option<[f64; 3]>>("middle_mm", POSITION_RANGE_MM, Some(None));
         let half_mm = section.parse::<Option<[f64; 3]>>("half_mm", 1.0..=20_000.0, Some(None));
-        let before = section.parse("left_out_before_mm", OFF_MM, None);
-        let after = section.parse("left_out_after_mm", OFF_MM, None);
+        let before = section.parse("left_out_before_mm", DEVIATION_RANGE_MM, None);
+        let after = section.parse("left_out_after_mm", DEVIATION_RANGE_MM, None);
         let date = section.parse("date", (), Some(None));
         let provenance = Provenance::parse(section, "residuals_mm");
-        section.done();
+        section.finish();
         let (kind, list, middle_mm, half_mm) = (kind?, numbers?.0, middle_mm?, half_mm?);
         let (as_geometry, as_smooth) = (list.as_slice().try_into().ok(), list.as_slice().try_into().ok());
         let numbers = match (kind.as_str(), as_geometry, as_smooth, middle_mm, half_mm) {

@@ -15,7 +15,7 @@ pub struct RoughMounts {
 pub(super) fn parse_rough(section: &Section<'_, '_>) -> Option<RoughMounts> {
     let [base_from_camera, flange_from_camera] =
         ["base_from_camera", "flange_from_camera"].map(|key| parse_pose(&section.section(key)));
-    section.done();
+    section.finish();
     let rough = RoughMounts {
         base_from_camera: base_from_camera?.map(|pose| pose.to_rigid()),
         flange_from_camera: flange_from_camera?.map(|pose| pose.to_rigid()),
@@ -31,6 +31,6 @@ fn parse_pose(section: &Section<'_, '_>) -> Option<Option<KukaPose>> {
     let number = |key, limit: f64| section.parse::<f64>(key, -limit..=limit, None);
     let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| number(key, 20_000.0));
     let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| number(key, 360.0));
-    section.done();
+    section.finish();
     Some(Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? }))
 }

@@ -21,7 +21,7 @@ pub struct MeasuredScanner {
     /// Standard deviation of the scale from scan to scan beyond what the smooth error explains, percent.
     pub scale_deviation_percent: f64,
     /// Number of positions of the board.
-    pub places: usize,
+    pub board_positions: usize,
     /// The error that is the same in each scan, and is corrected; `None` if there is none.
     pub field: Option<DepthField>,
     /// When.
@@ -55,14 +55,14 @@ impl MeasuredScanner {
         let field = Self::field(&section);
         let date = section.parse("date", (), Some(None));
         let provenance = Provenance::parse(&section, "residuals_mm");
-        section.done();
+        section.finish();
         Some(Some(MeasuredScanner {
             white_mm: white_mm?,
             smooth_mm: smooth_mm?,
             correlation_mm: correlation_mm?,
             scale_percent: scale_percent?,
             scale_deviation_percent: scale_deviation_percent?,
-            places: places?,
+            board_positions: places?,
             field: field?,
             date: date?,
             provenance: provenance?,
@@ -77,7 +77,7 @@ impl MeasuredScanner {
         match (from?, to?, coefficients?) {
             (None, None, None) => Some(None),
             (Some(from), Some(to), Some(coefficients_mm)) if from[0] < to[0] && from[1] < to[1] => {
-                Some(Some(DepthField { over: FieldRectangle { from, to }, coefficients_mm }))
+                Some(Some(DepthField { rectangle: FieldRectangle { min: from, max: to }, coefficients_mm }))
             }
             _ => {
                 section.problem(
@@ -100,10 +100,10 @@ impl MeasuredScanner {
             ("scale_deviation_percent", self.scale_deviation_percent),
         ];
         numbers.iter().for_each(|(key, number)| line(text, key, Some(format!("{number:?}"))));
-        line(text, "places", Some(self.places));
-        if let Some(DepthField { over, coefficients_mm }) = &self.field {
-            line(text, "field_from", Some(format!("{:?}", over.from)));
-            line(text, "field_to", Some(format!("{:?}", over.to)));
+        line(text, "places", Some(self.board_positions));
+        if let Some(DepthField { rectangle: over, coefficients_mm }) = &self.field {
+            line(text, "field_from", Some(format!("{:?}", over.min)));
+            line(text, "field_to", Some(format!("{:?}", over.max)));
             line(text, "field_mm", Some(format!("{coefficients_mm:?}")));
         }
         line(text, "date", self.date.as_ref());
@@ -141,7 +141,7 @@ mod tests {
             correlation_mm: 80.0,
             scale_percent: -0.0123,
             scale_deviation_percent: 0.02,
-            places: 16,
+            board_positions: 16,
             field,
             date: None,
             provenance: Provenance { residuals: vec![0.03, 0.04], ..Provenance::default() },
@@ -150,8 +150,9 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read_back() {
-        let over = FieldRectangle { from: [-0.55, -0.34], to: [0.55, 0.34] };
-        let field = DepthField { over, coefficients_mm: std::array::from_fn(|k| 0.1 / (1.0 + k as f64)) };
+        let over = FieldRectangle { min: [-0.55, -0.34], max: [0.55, 0.34] };
+        let field =
+            DepthField { rectangle: over, coefficients_mm: std::array::from_fn(|k| 0.1 / (1.0 + k as f64)) };
         for lens in [lens(errors(None)), lens(errors(Some(field)))] {
             assert_eq!(Intrinsics::check("f", &lens.to_toml()), Ok(lens.clone()), "{}", lens.to_toml());
         }

@@ -1,6 +1,6 @@
 //! `[sparkplug]`: the cell as an edge node of MQTT Sparkplug B. It is off until the table is present.
 
-use super::devices::{is_host, is_this_computer};
+use super::devices::{is_local_host, is_valid_host};
 use crate::config::{Choice, Section};
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ pub enum NodeCommands {
 }
 
 impl Choice for NodeCommands {
-    const WORDS: &'static [(&'static str, Self)] =
+    const KEYWORDS: &'static [(&'static str, Self)] =
         &[("none", NodeCommands::None), ("operator", NodeCommands::Operator)];
 }
 
@@ -48,13 +48,13 @@ pub struct BrokerTls {
     /// The certificate of the authority that has signed the broker's certificate, PEM.
     pub ca_certificate: PathBuf,
     /// The cell's own certificate and its key, PEM, if the broker requires one.
-    pub own: Option<[PathBuf; 2]>,
+    pub client_certificate: Option<[PathBuf; 2]>,
 }
 
 /// Valid port numbers.
 const PORTS: std::ops::RangeInclusive<u16> = 1..=u16::MAX;
 /// The usual ports of MQTT over TLS and without it.
-const USUAL: [u16; 2] = [8_883, 1_883];
+const DEFAULT_PORTS: [u16; 2] = [8_883, 1_883];
 /// The longest part of a topic, in bytes; the whole topic must stay below MQTT's 65 535.
 const MAX_BYTES: usize = 200;
 
@@ -71,10 +71,10 @@ pub(super) fn parse_sparkplug(folder: &Path, section: &Section<'_, '_>) -> Optio
     let edge_node_id = section.parse::<String>("edge_node_id", (), None);
     let commands = section.parse::<NodeCommands>("commands", (), Some(NodeCommands::None));
     let aliases = section.parse::<bool>("aliases", (), Some(true));
-    section.done();
+    section.finish();
     let (broker, port, ca_certificate) = (broker?, port?, ca_certificate?);
-    let own = both(section, ["certificate", "certificate_key"], [certificate?, key?]);
-    let login = both(section, ["user", "password_file"], [user?, password_file?]);
+    let own = parse_pair(section, ["certificate", "certificate_key"], [certificate?, key?]);
+    let login = parse_pair(section, ["user", "password_file"], [user?, password_file?]);
     let tls = parse_tls(folder, section, &broker, (ca_certificate, own?));
     let (group_id, edge_node_id) = (group_id?, edge_node_id?);
     let primary_host_id = primary_host_id?;
@@ -83,18 +83,18 @@ pub(super) fn parse_sparkplug(folder: &Path, section: &Section<'_, '_>) -> Optio
         ("edge_node_id", Some(&edge_node_id)),
         ("primary_host_id", primary_host_id.as_ref()),
     ];
-    let is_named = ids.map(|(key, id)| id.is_none_or(|id| is_part_of_topic(section, key, id)));
+    let is_named = ids.map(|(key, id)| id.is_none_or(|id| is_valid_topic_part(section, key, id)));
     let (tls, login) = (tls?, login?);
     let (commands, aliases) = (commands?, aliases?);
     is_named.iter().all(|is_right| *is_right).then(|| {
-        let port = port.unwrap_or(USUAL[usize::from(tls.is_none())]);
+        let port = port.unwrap_or(DEFAULT_PORTS[usize::from(tls.is_none())]);
         let login = login.map(|[user, file]| (user, folder.join(file)));
         Some(SparkplugNode { broker, port, tls, login, group_id, edge_node_id, primary_host_id, commands, aliases })
     })
 }
 
 /// Reads two keys that belong together.
-fn both(
+fn parse_pair(
     section: &Section<'_, '_>,
     keys: [&'static str; 2],
     values: [Option<String>; 2],
@@ -118,17 +118,17 @@ fn parse_tls(
     broker: &str,
     (ca_certificate, own): (Option<String>, Option<[String; 2]>),
 ) -> Option<Option<BrokerTls>> {
-    if !is_host(broker) {
+    if !is_valid_host(broker) {
         let allowed = "valid: an address such as 192.168.10.5, or a host name of letters, digits, - and dots; the \
                        port has its own key, port";
         section.problem("broker", format!("found \"{broker}\", {allowed}"));
         return None;
     }
-    let is_here = is_this_computer(broker);
+    let is_here = is_local_host(broker);
     match ca_certificate {
         Some(file) => {
             let own = own.map(|files| files.map(|file| folder.join(file)));
-            Some(Some(BrokerTls { ca_certificate: folder.join(file), own }))
+            Some(Some(BrokerTls { ca_certificate: folder.join(file), client_certificate: own }))
         }
         None if is_here && own.is_none() => Some(None),
         None => {
@@ -140,7 +140,7 @@ fn parse_tls(
     }
 }
 
-fn is_part_of_topic(section: &Section<'_, '_>, key: &str, id: &str) -> bool {
+fn is_valid_topic_part(section: &Section<'_, '_>, key: &str, id: &str) -> bool {
     let is_right = id.len() <= MAX_BYTES && !id.chars().any(|c| "+/#".contains(c) || c.is_control());
     if !is_right {
         let allowed =
@@ -177,7 +177,7 @@ mod tests {
                     user = 'cell'\npassword_file = 'password'\nprimary_host_id = 'scada'\ncommands = 'operator'\naliases = false\n";
         let there = read(&format!("[sparkplug]\n{more}{NAMES}")).expect("right").expect("a node");
         let own = Some(["cells/own.pem".into(), "/own.key".into()]);
-        assert_eq!(there.tls, Some(BrokerTls { ca_certificate: "cells/ca.pem".into(), own }));
+        assert_eq!(there.tls, Some(BrokerTls { ca_certificate: "cells/ca.pem".into(), client_certificate: own }));
         assert_eq!(there.login, Some(("cell".to_owned(), "cells/password".into())));
         assert_eq!((there.port, there.commands, there.aliases), (8_883, NodeCommands::Operator, false));
     }

@@ -1,10 +1,10 @@
 //! `[tool]`: whether the sanding tool presses with a spring or with its own force control, and the settings that a
 //! compliant tool needs.
 
-use super::devices::is_host;
+use super::devices::is_valid_host;
 use crate::config::{Choice, Section};
 use crate::geometry::STANDARD_GRAVITY_M_S2;
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 
 /// The tool that presses the disc onto the panel.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -67,19 +67,19 @@ pub struct ToolAddress {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum ToolKind {
     Spring,
     Simulated,
     Acf,
 }
 
-impl Choice for Kind {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("spring", Kind::Spring), ("simulated", Kind::Simulated), ("acf", Kind::Acf)];
+impl Choice for ToolKind {
+    const KEYWORDS: &'static [(&'static str, Self)] =
+        &[("spring", ToolKind::Spring), ("simulated", ToolKind::Simulated), ("acf", ToolKind::Acf)];
 }
 
-/// Keys of every compliant tool; `OF_ACF` are the additional keys of a tool that is connected over the network.
-const OF_COMPLIANT: [&str; 10] = [
+/// Keys of every compliant tool; `ACF_KEYS` are the additional keys of a tool that is connected over the network.
+const COMPLIANT_KEYS: [&str; 10] = [
     "stroke_mm",
     "min_force_n",
     "max_force_n",
@@ -91,7 +91,7 @@ const OF_COMPLIANT: [&str; 10] = [
     "band_ms",
     "contact_ms",
 ];
-const OF_ACF: [&str; 4] = ["host", "tcp_port", "login", "id"];
+const ACF_KEYS: [&str; 4] = ["host", "tcp_port", "login", "id"];
 /// The keys that a tool on the network must state: their values are known from no other source.
 const REQUIRED: [(&str, &str); 5] = [
     ("host", "kind = \"acf\" needs the address of its controller"),
@@ -102,7 +102,7 @@ const REQUIRED: [(&str, &str); 5] = [
 ];
 
 pub(super) fn parse_tool(section: &Section<'_, '_>) -> Option<Tool> {
-    let kind = section.parse("kind", (), Some(Kind::Spring));
+    let kind = section.parse("kind", (), Some(ToolKind::Spring));
     let host = section.parse::<Option<String>>("host", (), Some(None));
     let port = section.parse("tcp_port", 1..=65_535, Some(7_070_u16));
     let login = section.parse::<String>("login", (), Some("ferba".to_owned()));
@@ -118,14 +118,14 @@ pub(super) fn parse_tool(section: &Section<'_, '_>) -> Option<Tool> {
     let band_n = section.parse("band_n", 0.5..=100.0, Some(5.0));
     let band_ms = section.parse("band_ms", 20..=200, Some(150_u16));
     let contact_ms = section.parse("contact_ms", 20..=250, Some(200_u16));
-    section.done();
+    section.finish();
     let (kind, host, login) = (kind?, host?, login?);
-    if !is_right(section, kind, (host.as_deref(), &login)) {
+    if !check_keys(section, kind, (host.as_deref(), &login)) {
         return None;
     }
     let tool = CompliantTool {
         address: host
-            .filter(|_| kind == Kind::Acf)
+            .filter(|_| kind == ToolKind::Acf)
             .map(|host| ToolAddress { host, port: port.unwrap_or_default() }),
         login,
         id: id?,
@@ -140,12 +140,12 @@ pub(super) fn parse_tool(section: &Section<'_, '_>) -> Option<Tool> {
         band_ms: band_ms?,
         contact_ms: contact_ms?,
     };
-    if kind == Kind::Spring {
+    if kind == ToolKind::Spring {
         return Some(Tool::Spring);
     }
     let weighs_n = tool.payload_kg * STANDARD_GRAVITY_M_S2;
     if -tool.min_force_n <= weighs_n {
-        let [found, allowed] = apart(tool.min_force_n, -weighs_n, 1);
+        let [found, allowed] = distinguishable_texts(tool.min_force_n, -weighs_n, 1);
         let message = format!(
             "found {found}, must be below {allowed}, the weight of payload_kg: in the air, this force must hold the \
              payload back in every orientation"
@@ -157,23 +157,23 @@ pub(super) fn parse_tool(section: &Section<'_, '_>) -> Option<Tool> {
 }
 
 /// Returns whether every key has an effect, none is missing, and address and login are valid.
-fn is_right(section: &Section<'_, '_>, kind: Kind, (host, login): (Option<&str>, &str)) -> bool {
+fn check_keys(section: &Section<'_, '_>, kind: ToolKind, (host, login): (Option<&str>, &str)) -> bool {
     let mut right = true;
     let mut wrong = |key: &str, message: String| {
         section.problem(key, message);
         right = false;
     };
-    let word = Kind::WORDS.iter().find(|(_, known)| *known == kind).map_or("", |(word, _)| word);
+    let word = ToolKind::KEYWORDS.iter().find(|(_, known)| *known == kind).map_or("", |(word, _)| word);
     let of_compliant =
-        OF_COMPLIANT.iter().filter(|_| kind == Kind::Spring).map(|key| (*key, "\"simulated\" or \"acf\""));
-    let of_acf = OF_ACF.iter().filter(|_| kind != Kind::Acf).map(|key| (*key, "\"acf\""));
-    for (key, needs) in of_compliant.chain(of_acf).filter(|(key, _)| section.has(key)) {
+        COMPLIANT_KEYS.iter().filter(|_| kind == ToolKind::Spring).map(|key| (*key, "\"simulated\" or \"acf\""));
+    let of_acf = ACF_KEYS.iter().filter(|_| kind != ToolKind::Acf).map(|key| (*key, "\"acf\""));
+    for (key, needs) in of_compliant.chain(of_acf).filter(|(key, _)| section.has_key(key)) {
         wrong(key, format!("has no effect with kind = \"{word}\"; this key is valid only with kind = {needs}"));
     }
-    for (key, what_to_do) in REQUIRED.iter().filter(|(key, _)| kind == Kind::Acf && !section.has(key)) {
+    for (key, what_to_do) in REQUIRED.iter().filter(|(key, _)| kind == ToolKind::Acf && !section.has_key(key)) {
         wrong(key, format!("is missing; {what_to_do}"));
     }
-    if let Some(host) = host.filter(|host| !is_host(host)) {
+    if let Some(host) = host.filter(|host| !is_valid_host(host)) {
         wrong("host", format!("found \"{host}\", valid: an address such as 172.31.1.150, or a host name"));
     }
     let is_word =

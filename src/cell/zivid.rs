@@ -1,6 +1,6 @@
 //! `[scanner]`: the fixed 3D camera, and the settings that a Zivid needs.
 
-use super::devices::Kind;
+use super::devices::DeviceKind;
 use crate::config::Section;
 use std::path::{Path, PathBuf};
 
@@ -21,9 +21,16 @@ pub struct ZividCamera {
 
 /// Returns the keys that only a Zivid has, and the function that parses them; its file paths are relative to the
 /// cell's folder.
-pub(super) fn kind(cell_folder: &Path) -> Kind<'static, impl FnOnce(&Section<'_, '_>) -> Option<ZividCamera>> {
+pub(super) fn kind(
+    cell_folder: &Path,
+) -> DeviceKind<'static, impl FnOnce(&Section<'_, '_>) -> Option<ZividCamera>> {
     let keys = &["serial", "file_camera", "settings", "settings_2d", "library"];
-    Kind { word: "zivid", required: &[], keys, parse: |section: &Section<'_, '_>| parse(cell_folder, section) }
+    DeviceKind {
+        keyword: "zivid",
+        required_keys: &[],
+        keys,
+        parse: |section: &Section<'_, '_>| parse(cell_folder, section),
+    }
 }
 
 fn parse(cell_folder: &Path, section: &Section<'_, '_>) -> Option<ZividCamera> {

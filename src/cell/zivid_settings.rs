@@ -14,7 +14,7 @@ use strum::{IntoStaticStr, VariantArray};
 
 /// Frequency of the mains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
-pub enum Mains {
+pub enum MainsFrequency {
     /// Europe, most of Asia and Africa.
     #[strum(serialize = "50 Hz")]
     Hz50,
@@ -23,9 +23,9 @@ pub enum Mains {
     Hz60,
 }
 
-impl Mains {
+impl MainsFrequency {
     /// Both.
-    pub const ALL: &'static [Mains] = <Self as VariantArray>::VARIANTS;
+    pub const ALL: &'static [MainsFrequency] = <Self as VariantArray>::VARIANTS;
 
     /// In words.
     pub fn name(self) -> &'static str {
@@ -33,16 +33,16 @@ impl Mains {
     }
 
     /// Time from one brightest instant of a lamp to the next, µs: half of the mains' period.
-    pub fn flicker_us(self) -> f64 {
+    pub fn flicker_period_us(self) -> f64 {
         match self {
-            Mains::Hz50 => 1e6 / 100.0,
-            Mains::Hz60 => 1e6 / 120.0,
+            MainsFrequency::Hz50 => 1e6 / 100.0,
+            MainsFrequency::Hz60 => 1e6 / 120.0,
         }
     }
 
     /// Returns whether an exposure lasts a multiple of the flicker period, to within a hundredth of the period.
-    pub fn fits(self, exposure_us: f64) -> bool {
-        let periods = exposure_us / self.flicker_us();
+    pub fn is_flicker_multiple(self, exposure_us: f64) -> bool {
+        let periods = exposure_us / self.flicker_period_us();
         periods.round() >= 1.0 && (periods - periods.round()).abs() <= 0.01
     }
 }
@@ -103,9 +103,11 @@ impl ZividSettings {
     }
 
     /// Returns the mains frequencies at which a lamp gives each exposure the same light.
-    pub fn fitting(&self) -> Vec<Mains> {
-        let fits = |mains: &Mains| self.exposures_us.iter().all(|exposure_us| mains.fits(*exposure_us));
-        Mains::ALL.iter().copied().filter(|mains| !self.exposures_us.is_empty() && fits(mains)).collect()
+    pub fn matching_mains(&self) -> Vec<MainsFrequency> {
+        let fits = |mains: &MainsFrequency| {
+            self.exposures_us.iter().all(|exposure_us| mains.is_flicker_multiple(*exposure_us))
+        };
+        MainsFrequency::ALL.iter().copied().filter(|mains| !self.exposures_us.is_empty() && fits(mains)).collect()
     }
 
     /// Describes the settings, one sentence for each property.
@@ -119,7 +121,7 @@ impl ZividSettings {
             0 => "exposures by the SDK's default".to_owned(),
             _ => format!("exposures {}", exposures.join(", ")),
         };
-        let mains: Vec<String> = self.fitting().into_iter().map(|mains| mains.name().to_owned()).collect();
+        let mains: Vec<String> = self.matching_mains().into_iter().map(|mains| mains.name().to_owned()).collect();
         let light = match mains.len() {
             0 => "with a mains lamp, the brightness of the pictures varies; with a direct-current lamp, it is constant"
                 .to_owned(),
@@ -148,7 +150,7 @@ impl<'y> Node<'y> {
         Some(Node { yaml, key })
     }
 
-    fn missing(&self, name: &str, message: &str) -> Problem {
+    fn missing_key_problem(&self, name: &str, message: &str) -> Problem {
         let key = if self.key.is_empty() { name.to_owned() } else { format!("{}.{name}", self.key) };
         Problem { line: self.yaml.span.start.line(), key, message: format!("is missing; {message}") }
     }
@@ -178,7 +180,7 @@ fn read(text: &str, usage: Option<ZividUse>, problems: &mut Vec<Problem>) -> Opt
     };
     let top = Node { yaml: document, key: String::new() };
     if top.get("__version__").is_none() {
-        problems.push(top.missing(
+        problems.push(top.missing_key_problem(
             "__version__",
             "Zivid Studio writes it at the top of its settings, and the SDK \
                                                   requires it",
@@ -204,17 +206,17 @@ fn read(text: &str, usage: Option<ZividUse>, problems: &mut Vec<Problem>) -> Opt
         return None;
     }
     if found == ZividUse::Scan && settings.get("Color").and_then(|color| color.get(FILM)).is_none() {
-        problems.push(settings.missing("Color.Settings2D", "a 3D shot is taken with its colours"));
+        problems.push(settings.missing_key_problem("Color.Settings2D", "a 3D shot is taken with its colours"));
     }
-    let exposures_us = acquisitions(&settings, found, problems);
+    let exposures_us = stated_exposures(&settings, found, problems);
     Some(ZividSettings { usage: found, exposures_us })
 }
 
 /// Returns the exposures; none at all if one is not stated.
-fn acquisitions(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Problem>) -> Vec<f64> {
+fn stated_exposures(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Problem>) -> Vec<f64> {
     let needed = "a shot consists of one or more acquisitions";
     let Some(all) = settings.get("Acquisitions") else {
-        problems.push(settings.missing("Acquisitions", needed));
+        problems.push(settings.missing_key_problem("Acquisitions", needed));
         return Vec::new();
     };
     let each: &[MarkedYaml] = match &all.yaml.data {
@@ -228,18 +230,22 @@ fn acquisitions(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Problem
     for (index, yaml) in each.iter().enumerate() {
         let entry = Node { yaml, key: format!("{}[{index}]", all.key) };
         let Some(acquisition) = entry.get("Acquisition") else {
-            problems.push(entry.missing("Acquisition", "each entry of Acquisitions must contain an Acquisition"));
+            problems.push(
+                entry.missing_key_problem("Acquisition", "each entry of Acquisitions must contain an Acquisition"),
+            );
             continue;
         };
         if usage == ZividUse::Film {
-            problems.extend(lit(&acquisition));
+            problems.extend(projector_problem(&acquisition));
         }
         match acquisition.get("ExposureTime") {
             Some(time) => match time.number().filter(|us| *us > 0.0 && us.is_finite()) {
                 Some(us) => exposures_us.as_mut().into_iter().for_each(|all| all.push(us)),
                 None => problems.push(time.problem("valid: a number of µs above 0")),
             },
-            None if usage == ZividUse::Film => problems.push(acquisition.missing("ExposureTime", "state it in µs")),
+            None if usage == ZividUse::Film => {
+                problems.push(acquisition.missing_key_problem("ExposureTime", "state it in µs"))
+            }
             None => exposures_us = None,
         }
     }
@@ -247,12 +253,13 @@ fn acquisitions(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Problem
 }
 
 /// Returns what is wrong with the projector's light in an acquisition of a film.
-fn lit(acquisition: &Node<'_>) -> Option<Problem> {
+fn projector_problem(acquisition: &Node<'_>) -> Option<Problem> {
     const WHY: &str = "the cell's own lamp lights the film: the light of the camera's projector would cause glare on \
                        the water and heat the camera";
     let Some(brightness) = acquisition.get("Brightness") else {
         return Some(
-            acquisition.missing("Brightness", &format!("it must be 0, and the SDK's default is not 0; {WHY}")),
+            acquisition
+                .missing_key_problem("Brightness", &format!("it must be 0, and the SDK's default is not 0; {WHY}")),
         );
     };
     match brightness.number() {
@@ -279,19 +286,20 @@ mod tests {
         let film = ZividSettings::check("film.yml", FILM_FILE, ZividUse::Film).unwrap_or_else(|p| panic!("{p}"));
         assert_eq!((scan.exposure_us(), film.exposure_us()), (Some(10_000.0), Some(20_000.0)));
         for settings in [&scan, &film] {
-            assert_eq!(settings.fitting(), [Mains::Hz50]);
+            assert_eq!(settings.matching_mains(), [MainsFrequency::Hz50]);
         }
         assert!(film.summary()[2].contains("mains of 50 Hz"), "{:?}", film.summary());
         // The comment in the sample states this exposure for the other mains frequency.
         let film_60 = FILM_FILE.replace("20000", "16667");
         let film_60 = ZividSettings::read("film.yml", &film_60).unwrap_or_else(|p| panic!("{p}"));
-        assert_eq!(film_60.fitting(), [Mains::Hz60]);
+        assert_eq!(film_60.matching_mains(), [MainsFrequency::Hz60]);
     }
 
     /// Calculated by hand: 8 ms are 0.8 periods of 10 ms and 0.96 of 8.33 ms; 50 ms are 5 and 6 periods.
     #[test]
     fn an_exposure_fits_mains_whose_flicker_it_is_a_multiple_of() {
-        let fits = |us: f64| [Mains::Hz50, Mains::Hz60].map(|mains| mains.fits(us));
+        let fits =
+            |us: f64| [MainsFrequency::Hz50, MainsFrequency::Hz60].map(|mains| mains.is_flicker_multiple(us));
         assert_eq!(fits(8_000.0), [false, false]);
         assert_eq!(fits(10_000.0), [true, false]);
         assert_eq!(fits(8_333.0), [false, true]);

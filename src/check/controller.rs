@@ -3,12 +3,12 @@
 
 use super::report::{FileReport, RECIPE, of_kind};
 use crate::cell::Cell;
-use crate::config::{Problem, line_of_key};
+use crate::config::{Problem, key_line};
 use crate::controller::{
     COMMANDS, CONFIG, ControllerFiles, DATA, Difference, MOTION, STATES, SUBMIT, SumError, USER, among_programs,
     base_name, compare, highest_acceleration_m_s2, program_sum,
 };
-use crate::requirements::recipe_fits::plausible;
+use crate::requirements::recipe_fits::parse_plausible_recipe;
 
 /// Compares the controller's programs with each other, if no cell with a controller is among the files.
 pub(super) fn hold_against_each_other(files: &[(&str, &str)], reports: &mut [FileReport]) {
@@ -33,7 +33,7 @@ fn compare_accelerations(files: &[(&str, &str)], reports: &mut [FileReport]) {
     let Some(most_m_s2) = highest_acceleration_m_s2(files[config].1) else { return };
     for place in of_kind(RECIPE, reports) {
         let (name, text) = files[place];
-        let Ok(recipe) = plausible(name, text) else { continue };
+        let Ok(recipe) = parse_plausible_recipe(name, text) else { continue };
         let found_m_s2 = recipe.path().acceleration_mm_s2() / 1_000.0;
         if found_m_s2 > most_m_s2 {
             let key = "path.acceleration_mm_s2".to_owned();
@@ -41,7 +41,7 @@ fn compare_accelerations(files: &[(&str, &str)], reports: &mut [FileReport]) {
                 "is {found_m_s2} m/s², and CELL_ACC_MAX of {CONFIG} is {most_m_s2} m/s²: the controller would refuse the path; \
                  lower it, or raise CELL_ACC_MAX"
             );
-            reports[place].problems.push(Problem { line: line_of_key(text, &key), key, message });
+            reports[place].problems.push(Problem { line: key_line(text, &key), key, message });
         }
     }
 }
@@ -51,7 +51,7 @@ fn place(name: &str, files: &[(&str, &str)]) -> Option<usize> {
 }
 
 /// Compares the controller's files with the cell, which has a controller.
-pub(super) fn hold_against_the_cell(
+pub(super) fn compare_with_cell(
     files: &[(&str, &str)],
     (cell_place, cell): (usize, &Cell),
     reports: &mut [FileReport],
@@ -60,7 +60,9 @@ pub(super) fn hold_against_the_cell(
     let comparison = compare(&ControllerFiles::among(files), cell);
     report(comparison.differences, files, reports);
     compare_accelerations(files, reports);
-    reports[cell_place].says.extend(comparison.not_compared.into_iter().map(|why| format!("not compared: {why}")));
+    reports[cell_place]
+        .descriptions
+        .extend(comparison.not_compared.into_iter().map(|why| format!("not compared: {why}")));
     let not_named: Vec<&str> =
         [CONFIG, MOTION, COMMANDS, STATES].into_iter().filter(|name| place(name).is_none()).collect();
     let cell_text = files[cell_place].1;
@@ -70,7 +72,7 @@ pub(super) fn hold_against_the_cell(
              signals and ports are the same on both sides. Check this file together with the controller's files",
             not_named.join(", ")
         );
-        reports[cell_place].says.push(message);
+        reports[cell_place].descriptions.push(message);
     }
     let not_called: Vec<&str> = [USER, SUBMIT].into_iter().filter(|name| place(name).is_none()).collect();
     if let (Some(config), false) = (place(CONFIG), not_called.is_empty()) {
@@ -79,12 +81,12 @@ pub(super) fn hold_against_the_cell(
              whether the submit interpreter calls CELL_INIT( ) and CELL_CYCLE( )",
             not_called.join(", ")
         );
-        reports[config].says.push(message);
+        reports[config].descriptions.push(message);
     }
     let key = "robot.programs_sum";
     match (program_sum(files), cell.robot().programs_sum()) {
         (Ok(sum), Some(kept)) if sum != kept => reports[cell_place].problems.push(Problem {
-            line: line_of_key(cell_text, key),
+            line: key_line(cell_text, key),
             key: key.to_owned(),
             message: format!(
                 "is {kept}, but the checksum of the controller's files is {sum}; the cell was accepted with other files"
@@ -96,7 +98,7 @@ pub(super) fn hold_against_the_cell(
                     "the checksum of the programs with this file is {sum}; state it as programs_sum in [robot] of the \
                      cell's file"
                 );
-                reports[place].says.push(message);
+                reports[place].descriptions.push(message);
             }
         }
         (Err(error @ SumError::Edited { line, .. }), _) => {
@@ -108,7 +110,7 @@ pub(super) fn hold_against_the_cell(
         // Named at the value already.
         (Err(SumError::UserEdited { .. }), _) => {}
         (Err(error), Some(kept)) => {
-            reports[cell_place].says.push(format!("programs_sum {kept} was not compared: {error}"));
+            reports[cell_place].descriptions.push(format!("programs_sum {kept} was not compared: {error}"));
         }
         (Err(_), None) => {}
     }

@@ -5,12 +5,12 @@ use crate::cell::{
     RobotKind, Tool, ZividCamera,
 };
 use crate::geometry::{Degrees, Frame, Vector, polygon};
-use crate::number_text::{fixed, list};
+use crate::number_text::{fixed_decimals, list};
 use crate::office::ArchiveSettings;
 use crate::recipe::Recipe;
 use std::collections::BTreeMap;
 
-fn say_zivid(zivid: &ZividCamera, device: &str) -> String {
+fn describe_zivid(zivid: &ZividCamera, device: &str) -> String {
     let which = match (&zivid.serial, &zivid.file_camera) {
         (_, Some(file)) => format!("{device} simulated from {}", file.display()),
         (Some(serial), None) => format!("{device} {serial}"),
@@ -22,7 +22,7 @@ fn say_zivid(zivid: &ZividCamera, device: &str) -> String {
     }
 }
 
-fn say_gige(gige: &Gige, device: &str) -> String {
+fn describe_gige(gige: &Gige, device: &str) -> String {
     match (&gige.serial, &gige.address) {
         (Some(serial), _) => format!("{device} {serial}"),
         (None, Some(address)) => format!("{device} at {address}"),
@@ -31,7 +31,7 @@ fn say_gige(gige: &Gige, device: &str) -> String {
 }
 
 /// Describes the outputs that the controller switches off automatically, and when.
-fn say_off(after_s: &BTreeMap<String, u16>) -> String {
+fn describe_off_delays(after_s: &BTreeMap<String, u16>) -> String {
     let say = |(name, after_s): (&String, &u16)| match after_s {
         0 => format!("{name} at once"),
         _ => format!("{name} after {after_s} s"),
@@ -40,7 +40,7 @@ fn say_off(after_s: &BTreeMap<String, u16>) -> String {
     if words.is_empty() { "none".to_owned() } else { words.join(", ") }
 }
 
-fn say_camera<Device>(camera: &Camera<Device>, device: impl Fn(&Device) -> String) -> String {
+fn describe_camera<Device>(camera: &Camera<Device>, device: impl Fn(&Device) -> String) -> String {
     match camera {
         Camera::Simulated => "simulated".to_owned(),
         Camera::Recorded { folder } => format!("recorded, from {}", folder.display()),
@@ -48,7 +48,7 @@ fn say_camera<Device>(camera: &Camera<Device>, device: impl Fn(&Device) -> Strin
     }
 }
 
-fn say_tool(tool: &Tool) -> String {
+fn describe_tool(tool: &Tool) -> String {
     let Some(tool) = tool.compliant() else { return "a spring; it receives no commands".to_owned() };
     let place = match &tool.address {
         Some(address) => format!("compliant, at {} port {}", address.host, address.port),
@@ -58,7 +58,7 @@ fn say_tool(tool: &Tool) -> String {
     format!("{place}; stroke {stroke_mm} mm, {least_n} to {most_n} N, force tolerance {band_n} N")
 }
 
-pub(super) fn say_cell(cell: &Cell) -> Vec<String> {
+pub(super) fn describe_cell(cell: &Cell) -> Vec<String> {
     let robot = cell.robot();
     let controller = match robot.kind() {
         RobotKind::Mock => "mock".to_owned(),
@@ -84,22 +84,25 @@ pub(super) fn say_cell(cell: &Cell) -> Vec<String> {
         None => "no box for the tool is configured".to_owned(),
     };
     vec![
-        format!("scanner: {}", say_camera(cell.scanner(), |zivid| say_zivid(zivid, "Zivid"))),
-        format!("flange camera: {}", say_camera(cell.flange_camera(), |gige| say_gige(gige, "GigE Vision camera"))),
+        format!("scanner: {}", describe_camera(cell.scanner(), |zivid| describe_zivid(zivid, "Zivid"))),
+        format!(
+            "flange camera: {}",
+            describe_camera(cell.flange_camera(), |gige| describe_gige(gige, "GigE Vision camera"))
+        ),
         format!(
             "robot: {controller}, commands on port {}, state on port {}",
             robot.command_port(),
             robot.state_port()
         ),
-        format!("arm: {}", say_arm(cell.arm())),
-        format!("tool: {}", say_tool(cell.tool())),
+        format!("arm: {}", describe_arm(cell.arm())),
+        format!("tool: {}", describe_tool(cell.tool())),
         format!("poses: {}", named(cell.poses().keys().map(String::as_str).collect())),
-        format!("outputs: {}", named(cell.io().outputs().keys().map(String::as_str).collect())),
-        format!("off after the end of an epoch: {}", say_off(cell.io().off_after_s())),
+        format!("outputs: {}", named(cell.inputs_outputs().outputs().keys().map(String::as_str).collect())),
+        format!("off after the end of an epoch: {}", describe_off_delays(cell.inputs_outputs().off_delays_s())),
         format!(
             "feedbacks: {}{}",
-            named(cell.io().feedbacks().keys().map(String::as_str).collect()),
-            say_tool_off(cell)
+            named(cell.inputs_outputs().feedbacks().keys().map(String::as_str).collect()),
+            describe_tool_off(cell)
         ),
         format!("calibration files named: {}", named(calibrations)),
         format!("limits: {box_of_waypoints}"),
@@ -108,9 +111,9 @@ pub(super) fn say_cell(cell: &Cell) -> Vec<String> {
 }
 
 /// Describes what the cell cannot prove about its tool.
-fn say_tool_off(cell: &Cell) -> &'static str {
-    let has_tool = cell.io().output(Output::Tool).is_some();
-    if has_tool && !cell.io().proves_tool_off() {
+fn describe_tool_off(cell: &Cell) -> &'static str {
+    let has_tool = cell.inputs_outputs().output(Output::Tool).is_some();
+    if has_tool && !cell.inputs_outputs().proves_tool_off() {
         "; tool off is NOT PROVEN: a broken wire of tool_running looks the same as a stopped tool; connect a \
          standstill signal as tool_stands"
     } else {
@@ -118,7 +121,7 @@ fn say_tool_off(cell: &Cell) -> &'static str {
     }
 }
 
-pub(super) fn say_recipe(recipe: &Recipe) -> Vec<String> {
+pub(super) fn describe_recipe(recipe: &Recipe) -> Vec<String> {
     let (region, process, locate, path) = (recipe.region(), recipe.process(), recipe.locate(), recipe.path());
     let observation =
         process.observation_s().map_or("as long as the cell's file states".to_owned(), |time| format!("{time} s"));
@@ -129,7 +132,7 @@ pub(super) fn say_recipe(recipe: &Recipe) -> Vec<String> {
         format!("panel {}: {} rows by {} columns of grids", recipe.panel(), region.rows(), region.columns()),
         format!("film observed for {observation}, {} pictures per second", process.frames_per_second()),
         format!("a grid is abraded at most {} times per cycle", process.max_passes_per_grid()),
-        format!("a part is abraded in at most {} passes over all its cycles", process.passes_of_a_part()),
+        format!("a part is abraded in at most {} passes over all its cycles", process.effective_passes_per_part()),
         format!(
             "panel accepted up to {} mm shift, {}° rotation and {}° tilt from its taught pose",
             locate.max_shift_mm(),
@@ -147,7 +150,7 @@ pub(super) fn say_recipe(recipe: &Recipe) -> Vec<String> {
     says
 }
 
-pub(super) fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
+pub(super) fn describe_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
     let camera = intrinsics.camera;
     let view = |size_px: usize, focal_px: f64| Degrees::from_rad(2.0 * (size_px as f64 / 2.0 / focal_px).atan()).0;
     let (across, down) = (view(camera.width_px, camera.fx_px), view(camera.height_px, camera.fy_px));
@@ -168,29 +171,35 @@ pub(super) fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
         format!(
             "measurement errors of the camera, from {} scans: {} mm of white noise, {} mm of smooth error with a \
              correlation length of {} mm; {corrected}",
-            errors.places,
-            fixed(errors.white_mm, 3),
-            fixed(errors.smooth_mm, 3),
-            fixed(errors.correlation_mm, 0)
+            errors.board_positions,
+            fixed_decimals(errors.white_mm, 3),
+            fixed_decimals(errors.smooth_mm, 3),
+            fixed_decimals(errors.correlation_mm, 0)
         )
     }));
     says.extend(intrinsics.extent.model.map(|model| format!("lens model: {model}")));
-    says.extend(intrinsics.extent.left_out.iter().map(|reason| format!("excluded from the lens model: {reason}")));
+    says.extend(
+        intrinsics
+            .extent
+            .excluded_coefficients
+            .iter()
+            .map(|reason| format!("excluded from the lens model: {reason}")),
+    );
     says.extend(intrinsics.extent.supported.map(|supported| {
         let picture_px2 = (camera.width_px * camera.height_px) as f64;
         let share = polygon::signed_area_px2(&supported.outline_px).abs() / picture_px2;
         format!(
             "lens calibrated to {} px in {} % of the picture; measurements outside of this part are refused",
-            fixed(supported.error_px, 2),
-            fixed(share * 100.0, 0)
+            fixed_decimals(supported.error_px, 2),
+            fixed_decimals(share * 100.0, 0)
         )
     }));
     says
 }
 
 /// Returns the arm's name and the source of its numbers; for a custom arm, the nearest named arm.
-fn say_arm(arm: &Arm) -> String {
-    match (arm.margins().model(), arm.nearest_named()) {
+fn describe_arm(arm: &Arm) -> String {
+    match (arm.margins().model(), arm.nearest_preset()) {
         (ArmModel::Named(preset), _) => format!("{}, from the public model of {}", preset.name, preset.source),
         (ArmModel::Custom, Some((nearest, 0.0))) => {
             format!("custom; its lengths are those of {}", nearest.name)
@@ -199,22 +208,23 @@ fn say_arm(arm: &Arm) -> String {
             format!(
                 "custom; the nearest named arm is {}; one of its lengths differs by {} mm",
                 nearest.name,
-                fixed(off_mm, 1)
+                fixed_decimals(off_mm, 1)
             )
         }
         (ArmModel::Custom, None) => "custom".to_owned(),
     }
 }
 
-pub(super) fn say_correction(correction: &RobotCorrection) -> Vec<String> {
-    let [before, after] = [correction.left_out_before_mm, correction.left_out_after_mm].map(|mm| fixed(mm, 3));
+pub(super) fn describe_correction(correction: &RobotCorrection) -> Vec<String> {
+    let [before, after] =
+        [correction.left_out_before_mm, correction.left_out_after_mm].map(|mm| fixed_decimals(mm, 3));
     vec![
         format!("correction of the arm, {}", correction.numbers.kind()),
         format!("error in validation pictures: {before} mm rms without this correction, {after} mm rms with it"),
     ]
 }
 
-pub(super) fn say_archive(settings: &ArchiveSettings) -> Vec<String> {
+pub(super) fn describe_archive(settings: &ArchiveSettings) -> Vec<String> {
     let ArchiveSettings { broker, waiting_gb, database, files, fleet } = settings;
     let page = fleet.as_ref().map_or("none".to_owned(), |fleet| format!("at {}", fleet.listen));
     vec![
@@ -225,27 +235,27 @@ pub(super) fn say_archive(settings: &ArchiveSettings) -> Vec<String> {
     ]
 }
 
-pub(super) fn say_removal(found: &RemovalCalibration) -> Vec<String> {
+pub(super) fn describe_removal(found: &RemovalCalibration) -> Vec<String> {
     let numbers = &found.numbers;
     vec![
         format!(
             "removal: k {:.3e} mm²/N, standard deviation {} %, from {} coupons that differ by {} % from the model",
             numbers.preston_mm2_per_n(),
-            fixed(numbers.preston_deviation_percent(), 1),
+            fixed_decimals(numbers.preston_deviation_percent(), 1),
             numbers.coupons(),
-            fixed(numbers.coupon_deviation_percent(), 1)
+            fixed_decimals(numbers.coupon_deviation_percent(), 1)
         ),
         match numbers.disc_deviation_percent() {
             Some(percent) => format!(
                 "{} discs, whose removal differs by {} % from disc to disc",
                 numbers.discs(),
-                fixed(percent, 1)
+                fixed_decimals(percent, 1)
             ),
             None => "the scatter from disc to disc is not known: calibrate the removal again".to_owned(),
         },
         format!(
             "ln k falls by {} per square metre; orbit of {} mm at {} rev/min, pad stiffness {} N/mm³",
-            fixed(numbers.wear_per_m2(), 2),
+            fixed_decimals(numbers.wear_per_m2(), 2),
             numbers.orbit_mm(),
             numbers.orbit_rev_min(),
             numbers.pad_n_mm3()
@@ -253,14 +263,24 @@ pub(super) fn say_removal(found: &RemovalCalibration) -> Vec<String> {
     ]
 }
 
-pub(super) fn say_mount<M: Mount>(mounted: MountedPose<M>) -> Vec<String> {
+pub(super) fn describe_mount<M: Mount>(mounted: MountedPose<M>) -> Vec<String> {
     let rigid = mounted.rigid();
     let (from, to) = (M::From::NAME, M::To::NAME);
     let (origin, axis) = (rigid.origin().mm, (rigid * Vector::<M::From>::new(nalgebra::Vector3::z())).mm);
     let residual = mounted.rms_mm.map_or("unknown".to_owned(), |rms_mm| format!("{rms_mm:.3} mm rms"));
     let mut says = vec![
-        format!("{from} at ({}, {}, {}) mm in {to}", fixed(origin.x, 1), fixed(origin.y, 1), fixed(origin.z, 1)),
-        format!("its Z axis in that frame: ({}, {}, {})", fixed(axis.x, 2), fixed(axis.y, 2), fixed(axis.z, 2)),
+        format!(
+            "{from} at ({}, {}, {}) mm in {to}",
+            fixed_decimals(origin.x, 1),
+            fixed_decimals(origin.y, 1),
+            fixed_decimals(origin.z, 1)
+        ),
+        format!(
+            "its Z axis in that frame: ({}, {}, {})",
+            fixed_decimals(axis.x, 2),
+            fixed_decimals(axis.y, 2),
+            fixed_decimals(axis.z, 2)
+        ),
         format!("residual: {residual}"),
     ];
     if M::HAS_AXIS {

@@ -15,30 +15,37 @@ mod tests;
 
 use crate::config::Problem;
 use crate::eki::channel::{Findings, StatedChannel, read};
-pub(super) use clash::{addresses_apart, clashes};
+pub(super) use clash::{differing_address_warnings, find_clashes};
 
 /// The result of the check of one file.
-pub(super) struct Checked {
+pub(super) struct EkiCheckResult {
     /// Properties that the controller refuses or with which it cannot work.
     pub(super) problems: Vec<Problem>,
     /// Properties that the controller accepts although they lead to problems.
     pub(super) warnings: Vec<Problem>,
     /// The properties of the channel, a sentence each.
-    pub(super) says: Vec<String>,
+    pub(super) descriptions: Vec<String>,
     /// The channel; `None` if the file is no channel.
     pub(super) channel: Option<StatedChannel>,
 }
 
 /// Checks one file by itself; `name` is the file's name.
-pub(super) fn check(name: &str, text: &str) -> Checked {
+pub(super) fn check_eki_file(name: &str, text: &str) -> EkiCheckResult {
     let (channel, mut found) = match read(name, text) {
         Ok(read) => read,
-        Err(problem) => return Checked { problems: vec![problem], warnings: vec![], says: vec![], channel: None },
+        Err(problem) => {
+            return EkiCheckResult {
+                problems: vec![problem],
+                warnings: vec![],
+                descriptions: vec![],
+                channel: None,
+            };
+        }
     };
     pitfalls::find(&channel, &mut found);
-    let says = describe::sentences(&channel);
+    let says = describe::describe_channel(&channel);
     let Findings { mut problems, mut warnings, .. } = found;
     problems.sort_by_key(|problem| problem.line);
     warnings.sort_by_key(|warning| warning.line);
-    Checked { problems, warnings, says, channel: Some(channel) }
+    EkiCheckResult { problems, warnings, descriptions: says, channel: Some(channel) }
 }

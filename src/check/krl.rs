@@ -16,31 +16,34 @@ pub fn is_krl(name: &str) -> bool {
 
 /// Checks files, each with its index among all files, its name and its text, for this version of KSS, if it is
 /// known.
-pub(super) fn check(files: &[(usize, &str, &str)], kss: Option<Kss>) -> Vec<(usize, FileReport)> {
+pub(super) fn check_krl_files(files: &[(usize, &str, &str)], kss: Option<Kss>) -> Vec<(usize, FileReport)> {
     let read: Vec<File> = files.iter().map(|(_, name, text)| parse(name, text)).collect();
     let analysis = analyse(&read, kss);
     let found = analysis.problems.into_iter().zip(analysis.warnings).zip(analysis.unexecuted).zip(&read);
     let report = |(place, (((problems, warnings), unexecuted), file)): (usize, (((_, Vec<_>), Vec<_>), &File))| {
-        let says = [file.sentence()].into_iter().chain(only_checked(&unexecuted)).collect();
-        (place, FileReport { kind: Some("KRL"), problems, warnings: each_once(warnings), says })
+        let says = [file.sentence()].into_iter().chain(unexecuted_kinds(&unexecuted)).collect();
+        (
+            place,
+            FileReport { kind: Some("KRL"), problems, warnings: merge_duplicates(warnings), descriptions: says },
+        )
     };
     files.iter().map(|(place, ..)| *place).zip(found).map(report).collect()
 }
 
 /// Returns one warning in place of several that state the same about different names: at the line of the first, with
 /// all names.
-fn each_once(warnings: Vec<Problem>) -> Vec<Problem> {
+fn merge_duplicates(warnings: Vec<Problem>) -> Vec<Problem> {
     let mut all: BTreeMap<String, Vec<Problem>> = BTreeMap::new();
     for warning in warnings {
         all.entry(warning.message.clone()).or_default().push(warning);
     }
-    let mut all: Vec<Problem> = all.into_values().map(together).collect();
+    let mut all: Vec<Problem> = all.into_values().map(merge_problems).collect();
     all.sort_by(|a, b| (a.line, &a.key).cmp(&(b.line, &b.key)));
     all
 }
 
 /// Combines at least one problem into one, in the order of the lines.
-fn together(mut same: Vec<Problem>) -> Problem {
+fn merge_problems(mut same: Vec<Problem>) -> Problem {
     let first = same.remove(0);
     if same.is_empty() {
         return first;
@@ -55,7 +58,7 @@ fn together(mut same: Vec<Problem>) -> Problem {
 
 /// Returns the kinds of statements that were read and checked but are not executed by a rehearsal, each with its
 /// lines; only the first ones if there are many.
-fn only_checked(unexecuted: &[Problem]) -> Option<String> {
+fn unexecuted_kinds(unexecuted: &[Problem]) -> Option<String> {
     let mut lines: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
     for place in unexecuted {
         lines.entry(&place.key).or_default().push(place.line);

@@ -15,7 +15,7 @@ pub struct FileReport {
     /// Properties that are allowed but lead to problems, in the order of the lines.
     pub warnings: Vec<Problem>,
     /// What was understood, a sentence each; empty if one of this program's own files cannot be understood.
-    pub says: Vec<String>,
+    pub descriptions: Vec<String>,
 }
 
 /// Returns the indices of the files of this kind.

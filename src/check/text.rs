@@ -10,11 +10,11 @@ use encoding_rs::{Encoding, UTF_8, UTF_16BE, UTF_16LE, WINDOWS_1252};
 /// A file whose bytes are not text in a supported encoding.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
-pub struct NotText(String);
+pub struct EncodingError(String);
 
 /// A file's text.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Decoded {
+pub struct DecodedText {
     /// The text.
     pub text: String,
     /// The assumption with which it was read, if its author must have meant another encoding than the file states.
@@ -22,14 +22,14 @@ pub struct Decoded {
 }
 
 /// Returns the error that states the line that is not UTF-8, and how to correct it.
-pub fn not_utf_8(bytes: &[u8], error: &std::str::Utf8Error) -> NotText {
+pub fn utf_8_error(bytes: &[u8], error: &std::str::Utf8Error) -> EncodingError {
     if matches!(bytes, [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..]) {
-        return NotText("is UTF-16, as PowerShell's > writes it; save the file as UTF-8".to_owned());
+        return EncodingError("is UTF-16, as PowerShell's > writes it; save the file as UTF-8".to_owned());
     }
-    NotText(format!("line {} is not UTF-8; save the file as UTF-8", line_of(bytes, error.valid_up_to())))
+    EncodingError(format!("line {} is not UTF-8; save the file as UTF-8", line_number(bytes, error.valid_up_to())))
 }
 
-fn line_of(bytes: &[u8], at: usize) -> usize {
+fn line_number(bytes: &[u8], at: usize) -> usize {
     1 + bytes[..at].iter().filter(|byte| **byte == b'\n').count()
 }
 
@@ -39,26 +39,26 @@ fn line_of(bytes: &[u8], at: usize) -> usize {
 ///
 /// # Errors
 /// States which encoding is wrong or not known, and what to do.
-pub fn decode(name: &str, bytes: &[u8]) -> Result<Decoded, NotText> {
+pub fn decode(name: &str, bytes: &[u8]) -> Result<DecodedText, EncodingError> {
     let is_xml = is_xml(name, bytes);
     if !is_xml && !super::is_krl(name) {
-        let text = std::str::from_utf8(bytes).map_err(|error| not_utf_8(bytes, &error))?;
-        return Ok(Decoded { text: text.to_owned(), warning: None });
+        let text = std::str::from_utf8(bytes).map_err(|error| utf_8_error(bytes, &error))?;
+        return Ok(DecodedText { text: text.to_owned(), warning: None });
     }
-    if let Some(encoding) = by_first_bytes(bytes) {
+    if let Some(encoding) = detect_utf_16(bytes) {
         return utf_16(bytes, encoding);
     }
-    let stated = is_xml.then(|| declared(bytes)).flatten();
+    let stated = is_xml.then(|| declared_encoding(bytes)).flatten();
     let encoding = match &stated {
         None => UTF_8,
         Some(label) => Encoding::for_label(label.as_bytes()).ok_or_else(|| {
             let message = format!(
                 "the XML declaration names the encoding {label}, which is not supported; save the file as UTF-8"
             );
-            NotText(message)
+            EncodingError(message)
         })?,
     };
-    Ok(declared_or_assumed(bytes, encoding, stated.as_deref(), is_xml))
+    Ok(decode_declared(bytes, encoding, stated.as_deref(), is_xml))
 }
 
 /// Returns whether a file of this name with these bytes is XML, by the same rule that `is_eki` applies to text.
@@ -69,7 +69,7 @@ fn is_xml(name: &str, bytes: &[u8]) -> bool {
 }
 
 /// Detects UTF-16 by its byte order mark, or by a first character that is ASCII.
-fn by_first_bytes(bytes: &[u8]) -> Option<&'static Encoding> {
+fn detect_utf_16(bytes: &[u8]) -> Option<&'static Encoding> {
     match bytes {
         [0xFF, 0xFE, ..] => Some(UTF_16LE),
         [0xFE, 0xFF, ..] => Some(UTF_16BE),
@@ -79,30 +79,30 @@ fn by_first_bytes(bytes: &[u8]) -> Option<&'static Encoding> {
     }
 }
 
-fn utf_16(bytes: &[u8], encoding: &'static Encoding) -> Result<Decoded, NotText> {
+fn utf_16(bytes: &[u8], encoding: &'static Encoding) -> Result<DecodedText, EncodingError> {
     let (text, is_broken) = encoding.decode_with_bom_removal(bytes);
     if is_broken {
-        return Err(NotText("begins like UTF-16 but is not valid UTF-16; save the file as UTF-8".to_owned()));
+        return Err(EncodingError("begins like UTF-16 but is not valid UTF-16; save the file as UTF-8".to_owned()));
     }
-    Ok(Decoded { text: text.into_owned(), warning: None })
+    Ok(DecodedText { text: text.into_owned(), warning: None })
 }
 
 /// Decodes with the declared encoding, or UTF-8. If the bytes are not valid in it, they are read as UTF-8, or else as
 /// Windows-1252, in which each byte is a character.
-fn declared_or_assumed(bytes: &[u8], encoding: &'static Encoding, stated: Option<&str>, is_xml: bool) -> Decoded {
+fn decode_declared(bytes: &[u8], encoding: &'static Encoding, stated: Option<&str>, is_xml: bool) -> DecodedText {
     let read = encoding.decode_without_bom_handling_and_without_replacement(bytes);
     // UTF-16 is detected only from a file's first bytes, and this file does not have them: a declared UTF-16 cannot
     // be right.
     let is_wide = [UTF_16LE, UTF_16BE].contains(&encoding);
     if let Some(text) = read.filter(|_| !is_wide) {
-        return Decoded { text: text.into_owned(), warning: None };
+        return DecodedText { text: text.into_owned(), warning: None };
     }
     let utf_8 = std::str::from_utf8(bytes);
     let (text, line, taken_as) = match utf_8 {
         Ok(text) => (text.to_owned(), 1, "UTF-8"),
         Err(error) => {
             let (text, _) = WINDOWS_1252.decode_without_bom_handling(bytes);
-            (text.into_owned(), line_of(bytes, error.valid_up_to()), "Windows-1252")
+            (text.into_owned(), line_number(bytes, error.valid_up_to()), "Windows-1252")
         }
     };
     let warning = || {
@@ -119,11 +119,11 @@ fn declared_or_assumed(bytes: &[u8], encoding: &'static Encoding, stated: Option
         Problem { line, key: "encoding".to_owned(), message }
     };
     // KRL has no declaration: its editor writes in the encoding of the controller's language.
-    Decoded { text, warning: is_xml.then(warning) }
+    DecodedText { text, warning: is_xml.then(warning) }
 }
 
 /// Returns the encoding that an XML declaration names.
-fn declared(bytes: &[u8]) -> Option<String> {
+fn declared_encoding(bytes: &[u8]) -> Option<String> {
     let start = &bytes[..bytes.len().min(200)];
     let start: String = start.iter().map(|&byte| char::from(byte)).collect();
     let declaration =

@@ -11,7 +11,7 @@ use crate::archive::reading::{OfficeAccount, Reader};
 use crate::archive::{self, CellList, CheckedCell};
 use crate::cell::CellName;
 use crate::daemon::{FleetAddress, serve_fleet};
-use crate::office::{ArchiveSettings, Listed, RecipeOffer};
+use crate::office::{ArchiveSettings, ListEntry, RecipeOffer};
 use crate::recipe::Recipe;
 use crate::store::Store;
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -31,9 +31,9 @@ use tokio::sync::oneshot;
 pub fn run(args: &Archive) -> Result<Outcome, Fault> {
     match &args.what {
         ArchiveTask::Run(args) => serve(args),
-        ArchiveTask::Check(args) => check(args),
+        ArchiveTask::Check(args) => run_check(args),
         ArchiveTask::Account(args) => account(args),
-        ArchiveTask::Offer(args) => offer(args),
+        ArchiveTask::Offer(args) => run_offer(args),
     }
 }
 
@@ -46,7 +46,7 @@ fn settings(file: &Path) -> Result<ArchiveSettings, Fault> {
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Runs this future until it ends.
-fn work<T, E: std::error::Error + Send + Sync + 'static>(
+fn run_to_end<T, E: std::error::Error + Send + Sync + 'static>(
     doing: impl Future<Output = Result<T, E>>,
 ) -> Result<T, Fault> {
     let runtime = Builder::new_current_thread().enable_io().enable_time().build().map_err(Fault::stage)?;
@@ -57,59 +57,60 @@ fn work<T, E: std::error::Error + Send + Sync + 'static>(
 
 fn serve(args: &RunArchive) -> Result<Outcome, Fault> {
     let settings = settings(&args.settings)?;
-    let ended = until_a_signal()?;
-    work(archive::run(&settings, ended))?;
-    Ok(ended_in_words("the archive has stopped"))
+    let ended = shutdown_signal()?;
+    run_to_end(archive::run(&settings, ended))?;
+    Ok(message_outcome("the archive has stopped"))
 }
 
 /// Serves the office's page.
 ///
 /// # Errors
 /// If the settings have problems, or the address is not available.
-pub fn fleet(args: &Fleet) -> Result<Outcome, Fault> {
+pub fn run_fleet(args: &Fleet) -> Result<Outcome, Fault> {
     let settings = settings(&args.settings)?;
-    let ended = until_a_signal()?;
+    let ended = shutdown_signal()?;
     let told = |address: &FleetAddress| {
         tracing::info!("the office's page: {}", address.url);
         if let Some(fingerprint) = &address.fingerprint {
             tracing::info!("SHA-256 of the page's self-signed certificate: {fingerprint}");
         }
     };
-    work(serve_fleet(&settings, told, ended))?;
-    Ok(ended_in_words("the server of the office's page has stopped"))
+    run_to_end(serve_fleet(&settings, told, ended))?;
+    Ok(message_outcome("the server of the office's page has stopped"))
 }
 
 fn account(args: &ArchiveAccount) -> Result<Outcome, Fault> {
     let settings = settings(&args.settings)?;
     let printed_name = args.printed_name.clone().unwrap_or_else(|| args.name.clone());
-    let account = user::checked((&args.name, &printed_name), Role::Viewer, &user::password(&args.name)?)?;
+    let account =
+        user::check_account((&args.name, &printed_name), Role::Viewer, &user::read_new_password(&args.name)?)?;
     let account = OfficeAccount { name: account.name, printed_name, password_hash: account.password_hash };
-    work(Reader::new(&settings).keep_account(&account))?;
-    Ok(ended_in_words(&format!("account {}: may view the office's page", account.name)))
+    run_to_end(Reader::new(&settings).store_account(&account))?;
+    Ok(message_outcome(&format!("account {}: may view the office's page", account.name)))
 }
 
-fn offer(args: &OfferRecipe) -> Result<Outcome, Fault> {
+fn run_offer(args: &OfferRecipe) -> Result<Outcome, Fault> {
     let settings = settings(&args.settings)?;
     let text = disk::read_text(&args.recipe)?;
     let recipe = Recipe::check(&args.recipe.display().to_string(), &text).map_err(Fault::stage)?;
     let who = (args.by.as_str(), args.why.as_str());
     let offer = RecipeOffer::new(recipe.panel(), &text, who, now_unix_s() * 1_000);
-    let offer = offer.map_err(|error| Fault::file(&args.recipe, error))?;
-    work(archive::offer(&settings, &offer))?;
-    Ok(ended_in_words(&format!(
+    let offer = offer.map_err(|error| Fault::file_fault(&args.recipe, error))?;
+    run_to_end(archive::publish_offer(&settings, &offer))?;
+    Ok(message_outcome(&format!(
         "the recipe with SHA-256 {} for panel {} is offered to every cell that has run this panel",
         offer.hash(),
         offer.panel
     )))
 }
 
-fn ended_in_words(words: &str) -> Outcome {
+fn message_outcome(words: &str) -> Outcome {
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
-    outcome.words = vec![words.to_owned()];
+    outcome.lines = vec![words.to_owned()];
     outcome
 }
 
-fn until_a_signal() -> Result<impl Future<Output = ()>, Fault> {
+fn shutdown_signal() -> Result<impl Future<Output = ()>, Fault> {
     let mut signals = Signals::new([SIGTERM, SIGINT]).map_err(Fault::stage)?;
     let (tell, told) = oneshot::channel();
     let wait = move || {
@@ -121,12 +122,12 @@ fn until_a_signal() -> Result<impl Future<Output = ()>, Fault> {
     Ok(async { drop(told.await) })
 }
 
-fn check(args: &CheckArchive) -> Result<Outcome, Fault> {
+fn run_check(args: &CheckArchive) -> Result<Outcome, Fault> {
     let settings = settings(&args.settings)?;
     let lists = args.cells.iter().map(|named| list(named)).collect::<Result<Vec<CellList>, Fault>>()?;
-    let checked = work(archive::check(&settings, &lists))?;
+    let checked = run_to_end(archive::check_archive(&settings, &lists))?;
     let reason = |cell: &str, words: &String| Reason::new("archive_differs", format!("cell {cell}: {words}"));
-    let reasons = checked.iter().flat_map(|one| one.found.iter().map(|words| reason(&one.cell, words)));
+    let reasons = checked.iter().flat_map(|one| one.problems.iter().map(|words| reason(&one.cell, words)));
     let reasons: Vec<Reason> = reasons.collect();
     let verdict = if reasons.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons });
@@ -134,23 +135,23 @@ fn check(args: &CheckArchive) -> Result<Outcome, Fault> {
         outcome.add_line("the archive has no records yet");
     }
     for one in &checked {
-        outcome.add_line(words(one));
+        outcome.add_line(describe_cell(one));
         outcome.add_line(format!(
             "  signed by {}",
             if one.keys.is_empty() { "nobody".to_owned() } else { one.keys.join(" and ") }
         ));
     }
     let cells = checked.iter().map(|one| {
-        let CheckedCell { cell, records, signatures, files, gone, same, keys, found } = one;
+        let CheckedCell { cell, records, signatures, files, missing_in_cell: gone, matching: same, keys, problems: found } = one;
         json!({ "cell": cell, "records": records, "signatures": signatures, "files": files, "gone": gone, "same": same,
             "public_keys": keys, "found": found })
     });
-    outcome.put("cells", cells.collect());
+    outcome.add_value("cells", cells.collect());
     Ok(outcome)
 }
 
-fn words(one: &CheckedCell) -> String {
-    let CheckedCell { cell, records, signatures, files, gone, same, .. } = one;
+fn describe_cell(one: &CheckedCell) -> String {
+    let CheckedCell { cell, records, signatures, files, missing_in_cell: gone, matching: same, .. } = one;
     let same = same
         .map_or("not compared with the cell".to_owned(), |same| format!("{same} identical to those of the cell"));
     let gone = if *gone > 0 { format!(", {gone} files no longer existed in the cell") } else { String::new() };
@@ -160,10 +161,10 @@ fn words(one: &CheckedCell) -> String {
 /// Returns a cell's list, from its store or from the file that `store list --json` wrote.
 fn list(named: &str) -> Result<CellList, Fault> {
     #[derive(Deserialize)]
-    struct Written {
-        records: Vec<Listed>,
+    struct WrittenAccount {
+        records: Vec<ListEntry>,
     }
-    let unfit = |problem: String| Fault::file(Path::new(named), problem);
+    let unfit = |problem: String| Fault::file_fault(Path::new(named), problem);
     let Some((name, place)) = named.split_once('=') else {
         return Err(unfit(
             "valid: CELL=STORE_OR_LIST, the cell's name and the folder of its store or the file of its list"
@@ -181,10 +182,10 @@ fn list(named: &str) -> Result<CellList, Fault> {
         Store::open(place).and_then(|store| store.outbox_list()).map_err(Fault::stage)?
     } else {
         let text = disk::read_text(place)?;
-        let written: Written = serde_json::from_str(&text).map_err(|error| {
+        let written: WrittenAccount = serde_json::from_str(&text).map_err(|error| {
             unfit(format!("the file is not a list from `panelprep store list --json`: {error}"))
         })?;
         written.records
     };
-    Ok(CellList { cell, listed })
+    Ok(CellList { cell, entries: listed })
 }

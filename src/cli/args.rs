@@ -50,7 +50,7 @@ pub struct Arguments {
 
 impl Arguments {
     /// Reads the command line. If it is wrong or requests help, prints a message and ends the program.
-    pub fn of_command_line() -> Self {
+    pub fn parse_command_line() -> Self {
         let matches = taking_negative_numbers(Self::command()).get_matches();
         Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
     }

@@ -28,12 +28,12 @@ pub fn run(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
     let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let made_unix_s = i64::try_from(since_1970.as_secs()).unwrap_or_default();
     let written = backup::write(&args.archive, store, configuration.as_ref(), made_unix_s).map_err(Fault::stage)?;
-    let mut outcome = judged(&written.found, "store_changed");
-    let ok = written.found.is_empty();
-    outcome.put("file", json!(ok.then_some(&args.archive)));
-    outcome.put("entries", json!(written.manifest.entries.len()));
-    outcome.put("bytes", json!(written.bytes));
-    outcome.put("links", json!(written.manifest.links));
+    let mut outcome = outcome_from_findings(&written.differences, "store_changed");
+    let ok = written.differences.is_empty();
+    outcome.add_value("file", json!(ok.then_some(&args.archive)));
+    outcome.add_value("entries", json!(written.manifest.entries.len()));
+    outcome.add_value("bytes", json!(written.bytes));
+    outcome.add_value("links", json!(written.manifest.links));
     if !ok {
         outcome.add_line(
             "no backup was made: the store's content was changed or damaged; `panelprep store verify` lists the differences",
@@ -52,11 +52,11 @@ pub fn run(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
         ));
     }
     if let Some(configuration) = &configuration {
-        let (named, recipes) = (configuration.named.len(), configuration.recipes.len());
+        let (named, recipes) = (configuration.named_files.len(), configuration.recipes.len());
         outcome.add_line(format!(
             "the configuration: the cell's file, {} named in the cell's file, {}",
-            counted(named, "file"),
-            counted(recipes, "recipe")
+            format_count(named, "file"),
+            format_count(recipes, "recipe")
         ));
     }
     for (key, file) in named_files(&files.cell).into_iter().filter(|(_, file)| !file.exists()) {
@@ -65,12 +65,12 @@ pub fn run(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-fn judged(found: &[String], code: &'static str) -> Outcome {
+fn outcome_from_findings(found: &[String], code: &'static str) -> Outcome {
     let verdict = if found.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let reasons = found.iter().map(|words| Reason::new(code, words.clone())).collect();
     let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons });
-    outcome.put("ok", json!(found.is_empty()));
-    outcome.put("found", json!(found));
+    outcome.add_value("ok", json!(found.is_empty()));
+    outcome.add_value("found", json!(found));
     outcome
 }
 
@@ -83,7 +83,7 @@ fn configuration(files: &CellFiles, cell: &Path) -> Result<Configuration, Fault>
     let mut recipes = Vec::new();
     find_recipes(folder, Path::new(""), &mut recipes)?;
     recipes.sort();
-    Ok(Configuration { cell: disk::read_text(cell)?, named, recipes })
+    Ok(Configuration { cell: disk::read_text(cell)?, named_files: named, recipes })
 }
 
 /// Depth of the folders, below the folder of the cell's file, in which recipes are searched.
@@ -92,11 +92,11 @@ const DEPTH: usize = 2;
 /// Finds the recipes in a folder and those below; the content of a file decides its kind.
 fn find_recipes(folder: &Path, below: &Path, found: &mut Vec<(String, PathBuf)>) -> Result<(), Fault> {
     let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
-    for entry in entries.map_err(|error| Fault::file(folder, error))? {
+    for entry in entries.map_err(|error| Fault::file_fault(folder, error))? {
         let (path, relative) = (entry.path(), below.join(entry.file_name()));
         let Some(name) = relative.to_str() else { continue };
         let is_hidden = entry.file_name().as_encoded_bytes().starts_with(b".");
-        let kind = entry.file_type().map_err(|error| Fault::file(&path, error))?;
+        let kind = entry.file_type().map_err(|error| Fault::file_fault(&path, error))?;
         if is_hidden {
             continue;
         }
@@ -113,7 +113,7 @@ fn find_recipes(folder: &Path, below: &Path, found: &mut Vec<(String, PathBuf)>)
 }
 
 /// Returns the count with its noun: "1 file", "2 files".
-fn counted(count: usize, word: &str) -> String {
+fn format_count(count: usize, word: &str) -> String {
     if count == 1 { format!("1 {word}") } else { format!("{count} {word}s") }
 }
 
@@ -127,7 +127,7 @@ pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
         archive: &args.archive,
         cell: &common.cell,
         store: common.store.as_deref(),
-        wanted: RestoredParts { store: with(BackupPart::Store), configuration: with(BackupPart::Configuration) },
+        parts: RestoredParts { store: with(BackupPart::Store), configuration: with(BackupPart::Configuration) },
         permission: Permission {
             replace_store: args.replace.contains(&BackupPart::Store),
             replace_configuration: args.replace.contains(&BackupPart::Configuration),
@@ -138,18 +138,18 @@ pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
     let restored = match backup::restore(&plan) {
         Ok(restored) => restored,
         Err(error @ BackupError::Damaged { .. }) => {
-            let mut outcome = judged(&[error.to_string()], "backup_damaged");
+            let mut outcome = outcome_from_findings(&[error.to_string()], "backup_damaged");
             outcome.add_line("nothing was changed; restore another backup");
             return Ok(outcome);
         }
         Err(error) => return Err(Fault::stage(error)),
     };
-    let mut outcome = judged(&restored.found, "backup_damaged");
-    outcome.put("store", json!(restored.store));
-    outcome.put("configuration", json!(restored.configuration));
-    outcome.put("kept", json!(restored.kept));
-    outcome.put("links", json!(restored.links));
-    if !restored.found.is_empty() {
+    let mut outcome = outcome_from_findings(&restored.differences, "backup_damaged");
+    outcome.add_value("store", json!(restored.store));
+    outcome.add_value("configuration", json!(restored.configuration));
+    outcome.add_value("kept", json!(restored.replaced_files));
+    outcome.add_value("links", json!(restored.links));
+    if !restored.differences.is_empty() {
         outcome.add_line("nothing was changed; restore another backup");
         return Ok(outcome);
     }
@@ -158,12 +158,12 @@ pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
             "the store {}: {} links of its hash chain and {} verified",
             store.display(),
             restored.links,
-            counted(restored.files as usize, "file")
+            format_count(restored.files as usize, "file")
         ));
     }
     restored.configuration.iter().for_each(|file| outcome.add_line(format!("written: {}", file.display())));
     restored
-        .kept
+        .replaced_files
         .iter()
         .for_each(|file| outcome.add_line(format!("the replaced content was moved to {}", file.display())));
     outcome.add_line("verify the cameras (`panelprep calibrate verify`) before the next cycle: the calibrations are those of the backup");

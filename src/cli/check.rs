@@ -5,9 +5,9 @@ use super::disk;
 use super::fault::Fault;
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
-use super::teach::off_panel;
-use crate::check::{CheckedFor, Decoded, FileReport, check_files_for, decode};
-use crate::config::{Problem, line_of_key};
+use super::teach::region_parts_off_panel;
+use crate::check::{CheckedFor, DecodedText, FileReport, check_files_for, decode};
+use crate::config::{Problem, key_line};
 use crate::panel::OffPanel;
 use crate::recipe::Recipe;
 use crate::requirements::Purpose;
@@ -24,7 +24,8 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
     let mut files = Vec::new();
     let mut lines = Vec::new();
     let mut reasons = Vec::new();
-    let texts: Vec<(String, Result<Decoded, String>)> = args.files.iter().map(|file| named_text(file)).collect();
+    let texts: Vec<(String, Result<DecodedText, String>)> =
+        args.files.iter().map(|file| read_text_for_check(file)).collect();
     let named: Vec<(&str, &str)> = texts
         .iter()
         .filter_map(|(name, decoded)| Some((name.as_str(), decoded.as_ref().ok()?.text.as_str())))
@@ -40,7 +41,7 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
     for (name, decoded) in &texts {
         let report = match decoded {
             Ok(_) => found.next(),
-            Err(message) => Some(unreadable(message)),
+            Err(message) => Some(unreadable_report(message)),
         };
         let Some(mut report) = report else { continue };
         report.warnings.splice(0..0, decoded.iter().filter_map(|decoded| decoded.warning.clone()));
@@ -48,7 +49,7 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
             match region_off_panel((name, &decoded.text), cell) {
                 Ok(warnings) => report.warnings.extend(warnings),
                 Err(fault) => {
-                    report.says.push(format!("the region was not compared with the taught panel: {fault}"))
+                    report.descriptions.push(format!("the region was not compared with the taught panel: {fault}"))
                 }
             }
         }
@@ -59,14 +60,14 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
             lines.push(match problem.key.is_empty() && decoded.is_err() {
                 // The message itself names the file or the line.
                 true => format!("  {}", problem.message),
-                false => format!("  {}", placed(problem)),
+                false => format!("  {}", format_problem(problem)),
             });
         }
-        lines.extend(warnings.iter().chain(&report.says).map(|sentence| format!("  {sentence}")));
+        lines.extend(warnings.iter().chain(&report.descriptions).map(|sentence| format!("  {sentence}")));
         if !ok {
             reasons.push(Reason::new("bad_file", format!("{name} has {} problems", report.problems.len())));
         }
-        let says: Vec<&String> = report.says.iter().chain(&warnings).collect();
+        let says: Vec<&String> = report.descriptions.iter().chain(&warnings).collect();
         files.push(json!({
             "file": name, "ok": ok, "errors": report.problems, "warnings": report.warnings, "says": says
         }));
@@ -74,24 +75,24 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
     let verdict = if reasons.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons });
     if texts.iter().any(|(_, decoded)| decoded.is_err()) {
-        outcome.exit = 2;
+        outcome.exit_code = 2;
     }
-    outcome.words = lines;
-    outcome.put("files", json!(files));
+    outcome.lines = lines;
+    outcome.add_value("files", json!(files));
     Ok(outcome)
 }
 
 /// Returns a file's name for messages, and its text or the reason why it has none.
-fn named_text(file: &Path) -> (String, Result<Decoded, String>) {
+fn read_text_for_check(file: &Path) -> (String, Result<DecodedText, String>) {
     let name = file.display().to_string();
     let bytes = disk::read(file).map_err(|fault| fault.to_string());
     let decoded = bytes.and_then(|bytes| decode(&name, &bytes).map_err(|error| error.to_string()));
     (name, decoded)
 }
 
-fn unreadable(message: &str) -> FileReport {
+fn unreadable_report(message: &str) -> FileReport {
     let problem = Problem { line: 1, key: String::new(), message: message.to_owned() };
-    FileReport { kind: None, problems: vec![problem], warnings: Vec::new(), says: Vec::new() }
+    FileReport { kind: None, problems: vec![problem], warnings: Vec::new(), descriptions: Vec::new() }
 }
 
 /// Returns what the files are checked for. Without a purpose, a cell's file must be complete for a cycle. The files
@@ -103,11 +104,11 @@ fn checked_for(args: &Check) -> CheckedFor<'_> {
         Some(PurposeName::Files) => None,
     };
     let may_lack_files = matches!(args.purpose, None | Some(PurposeName::Files));
-    CheckedFor { purpose, may_lack_files, read: &disk::read_named, kss: args.kss }
+    CheckedFor { purpose, are_missing_files_allowed: may_lack_files, read: &disk::read_referenced, kss: args.kss }
 }
 
 /// Formats a problem with its line, and with its key if it has one.
-fn placed(Problem { line, key, message }: &Problem) -> String {
+fn format_problem(Problem { line, key, message }: &Problem) -> String {
     let key = if key.is_empty() { String::new() } else { format!("{key}: ") };
     format!("line {line}: {key}{message}")
 }
@@ -122,14 +123,11 @@ fn region_off_panel((name, text): (&str, &str), cell: &str) -> Result<Vec<Proble
     let files = CellFiles::read(&Common { cell: cell.into(), store: None, json: false })?;
     let taught = load::taught(&files, Path::new(name), &recipe)?;
     let key = "region.corners_px";
-    let problem = |off: &OffPanel| Problem {
-        line: line_of_key(text, key),
-        key: key.to_owned(),
-        message: off.reason().message,
-    };
-    Ok(off_panel(&taught.panel, &recipe).iter().map(problem).collect())
+    let problem =
+        |off: &OffPanel| Problem { line: key_line(text, key), key: key.to_owned(), message: off.reason().message };
+    Ok(region_parts_off_panel(&taught.panel, &recipe).iter().map(problem).collect())
 }
 
 fn warning(warning: &Problem) -> String {
-    format!("warning, {}", placed(warning))
+    format!("warning, {}", format_problem(warning))
 }

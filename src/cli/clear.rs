@@ -11,11 +11,11 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::cycle::{self, At, Robot, State};
 use crate::daemon::{
-    self, CellSetup, Computing, LinkedTool, LoopEvent, LoopStart, NoCameras, Ports, Request, RequestKind,
-    Requester, StoreRecord, whoever_runs_this,
+    self, CellSetup, Computing, LinkedTool, LoopEvent, LoopPorts, LoopStart, NoCameras, Request, RequestKind,
+    Requester, StoreRecord, current_user,
 };
 use crate::supervision::{Supervisor, ThreadFault};
-use crate::tape::Begin;
+use crate::tape::LoopMemoryStart;
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -37,17 +37,17 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
     if !matches!(recovered.at, At::Aborted { .. }) {
         let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
         outcome.add_line("the last cycle in this store was not aborted; nothing to clear");
-        outcome.put("state", recovered.at.word().into());
+        outcome.add_value("state", recovered.at.keyword().into());
         return Ok(outcome);
     }
     let state = store.state().map_err(Fault::stage)?;
     let (mut robot, _simulated) = robot_alone(&files.cell)?;
     let supervisor = Supervisor::default();
-    supervisor.watch(robot.watched());
+    supervisor.add_thread(robot.supervision_handle());
     let lock_step = robot.is_lock_step();
     let mut record = StoreRecord::new(&mut store, None);
-    let mut clears = Clears::new(supervisor);
-    let ports = Ports {
+    let mut clears = ClearRequester::new(supervisor);
+    let ports = LoopPorts {
         robot: &mut robot,
         tool: &mut LinkedTool::default(),
         record: &mut record,
@@ -55,58 +55,64 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
         computing: Computing::inline(Box::new(NoCameras), lock_step),
         lock_step,
     };
-    let start = LoopStart { cell, cycle: None, state, before: Begin::Boot };
-    let ended = daemon::run(start, ports).map_err(Fault::of_loop)?.state;
-    Ok(outcome(&ended, clears.refused))
+    let start = LoopStart { cell, cycle: None, state, before: LoopMemoryStart::Boot };
+    let ended = daemon::run(start, ports).map_err(Fault::from_loop_error)?.state;
+    Ok(outcome(&ended, clears.refusal))
 }
 
 fn outcome(ended: &State, refused: Option<Reason>) -> Outcome {
     let at = ended.at;
     let is_clear = at == At::Stopped;
-    let reasons = if is_clear { vec![] } else { refused.into_iter().chain(daemon::why(ended)).collect() };
+    let reasons = if is_clear { vec![] } else { refused.into_iter().chain(daemon::state_reason(ended)).collect() };
     let verdict = if is_clear { Verdict::Accept } else { Verdict::Aborted };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons });
-    outcome.put("state", at.word().into());
-    outcome.words[0] = match is_clear {
+    outcome.add_value("state", at.keyword().into());
+    outcome.lines[0] = match is_clear {
         true => "cleared: the robot is stopped, tool and water are off; the next cycle may start".to_owned(),
-        false => format!("not cleared, the cell is {}", at.word()),
+        false => format!("not cleared, the cell is {}", at.keyword()),
     };
     outcome
 }
 
 /// Requests a clear when the robot has answered, and exits when the cell is at rest after that.
-struct Clears {
+struct ClearRequester {
     supervisor: Supervisor,
-    since: Instant,
-    asked: bool,
-    refused: Option<Reason>,
+    started: Instant,
+    is_requested: bool,
+    refusal: Option<Reason>,
     /// The state that the loop last showed.
     state: State,
 }
 
-impl Clears {
+impl ClearRequester {
     fn new(supervisor: Supervisor) -> Self {
-        Clears { supervisor, since: Instant::now(), asked: false, refused: None, state: State::NEW }
+        ClearRequester {
+            supervisor,
+            started: Instant::now(),
+            is_requested: false,
+            refusal: None,
+            state: State::INITIAL,
+        }
     }
 }
 
-impl Requester for Clears {
+impl Requester for ClearRequester {
     fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         self.state = *state;
-        self.supervisor.check()?;
+        self.supervisor.check_threads()?;
         let is_there = !matches!(state.facts.robot, Robot::Unknown | Robot::LinkLost);
-        let what = match (state.at, self.asked) {
-            (at, true) if at.rests() => Some(RequestKind::Leave),
-            (At::Aborted { .. }, false) if is_there || self.since.elapsed() >= CONNECT_TIMEOUT => {
-                self.asked = true;
+        let what = match (state.at, self.is_requested) {
+            (at, true) if at.is_at_rest() => Some(RequestKind::Leave),
+            (At::Aborted { .. }, false) if is_there || self.started.elapsed() >= CONNECT_TIMEOUT => {
+                self.is_requested = true;
                 Some(RequestKind::Table(cycle::Request::Clear))
             }
             _ => None,
         };
-        Ok(what.map(|what| Request::new(what, whoever_runs_this())))
+        Ok(what.map(|what| Request::new(what, current_user())))
     }
 
-    fn on_news(&mut self, news: LoopEvent) {
-        self.refused = news.why_refused(&self.state).or(self.refused.take());
+    fn on_loop_event(&mut self, news: LoopEvent) {
+        self.refusal = news.refusal_reason(&self.state).or(self.refusal.take());
     }
 }

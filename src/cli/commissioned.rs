@@ -6,7 +6,7 @@ use super::calibrate::{self, args as asked};
 use super::disk;
 use super::fault::Fault;
 use super::render_boards;
-use super::rendered::Rendered;
+use super::rendered::RenderedFiles;
 use crate::calib::CalibError;
 use crate::verdict::Verdict;
 use serde_json::json;
@@ -19,46 +19,46 @@ const NAMED: &str = "flange_from_tool = \"flange_from_tool.toml\"\n";
 ///
 /// # Errors
 /// If a calibration is rejected.
-pub fn calibrate(args: &Demo, rendered: &Rendered, progress: &dyn Fn(&str)) -> Result<(), Fault> {
+pub fn calibrate(args: &Demo, rendered: &RenderedFiles, progress: &dyn Fn(&str)) -> Result<(), Fault> {
     progress("rendering boards for the calibration of the arm");
     let arm = real_arm(args.seed, args.arm_error_mm);
     render_boards::write(args.seed, args.reduction as usize, (arm.as_ref(), rendered))?;
-    let common = rendered.common();
-    let robot = (!args.uncorrected).then(|| rendered.file(CORRECTION));
+    let common = rendered.common_arguments();
+    let robot = (!args.uncorrected).then(|| rendered.file_path(CORRECTION));
     if let Some(out) = &robot {
         progress("calibrating the arm");
-        made(asked::What::Robot(the_arm(rendered, out.clone())), &common, out)?;
+        run_calibration(asked::CalibrationTask::Robot(arm_arguments(rendered, out.clone())), &common, out)?;
     }
     // An arm that needs no correction has no correction file.
     let robot = robot.filter(|file| file.exists());
     progress("calibrating cameras and tool");
     let [scanner, flange_camera] =
-        ["base_from_camera.toml", "flange_from_camera.toml"].map(|name| rendered.file(name));
+        ["base_from_camera.toml", "flange_from_camera.toml"].map(|name| rendered.file_path(name));
     for (mount, folder, lens, out) in [
         (asked::MountName::EyeToHand, "fixed", "scanner.toml", scanner),
         (asked::MountName::EyeInHand, "flange", "flange_camera.toml", flange_camera),
     ] {
-        let what = asked::What::HandEye(asked::HandEye {
+        let what = asked::CalibrationTask::HandEye(asked::HandEye {
             mount,
             board: board(),
-            intrinsics: rendered.file(lens),
+            intrinsics: rendered.file_path(lens),
             image: None,
             points: None,
-            poses: Some(rendered.file(&format!("boards/{folder}/poses.toml"))),
+            poses: Some(rendered.file_path(&format!("boards/{folder}/poses.toml"))),
             robot: robot.clone(),
-            images: Some(rendered.file(&format!("boards/{folder}"))),
+            images: Some(rendered.file_path(&format!("boards/{folder}"))),
             at_mm: None,
             serial: None,
             out: out.clone(),
             pictures: None,
             r#move: false,
-            live: asked::LiveArgs::none(),
+            live: asked::LiveArgs::without_live(),
         });
-        made(what, &common, &out)?;
+        run_calibration(what, &common, &out)?;
     }
-    let (poses, out) = (rendered.file("boards/tip.toml"), rendered.file("flange_from_tool.toml"));
-    made(
-        asked::What::Tcp(asked::Tcp {
+    let (poses, out) = (rendered.file_path("boards/tip.toml"), rendered.file_path("flange_from_tool.toml"));
+    run_calibration(
+        asked::CalibrationTask::Tcp(asked::Tcp {
             poses: Some(poses),
             live: None,
             robot: robot.clone(),
@@ -76,7 +76,7 @@ pub fn calibrate(args: &Demo, rendered: &Rendered, progress: &dyn Fn(&str)) -> R
     for camera in [asked::CameraName::Scanner, asked::CameraName::FlangeCamera] {
         let look = asked::Verify { learn: true, ..rendered.verification(camera) };
         let target = look.target.clone().unwrap_or_default();
-        made(asked::What::Verify(look), &common, &target)?;
+        run_calibration(asked::CalibrationTask::Verify(look), &common, &target)?;
     }
     Ok(())
 }
@@ -85,23 +85,23 @@ fn board() -> asked::BoardArgs {
     asked::BoardArgs { board: "9x6".to_owned(), square_mm: Some(25.0), subpix: None }
 }
 
-fn the_arm(rendered: &Rendered, out: PathBuf) -> asked::Robot {
+fn arm_arguments(rendered: &RenderedFiles, out: PathBuf) -> asked::Robot {
     asked::Robot {
         board: board(),
-        eye_to_hand: Some(rendered.file("boards/fixed/poses.toml")),
-        scanner_lens: Some(rendered.file("scanner.toml")),
-        eye_in_hand: Some(rendered.file("boards/flange/poses.toml")),
-        flange_camera_lens: Some(rendered.file("flange_camera.toml")),
-        touches: Some(rendered.file("boards/touches.toml")),
+        eye_to_hand: Some(rendered.file_path("boards/fixed/poses.toml")),
+        scanner_lens: Some(rendered.file_path("scanner.toml")),
+        eye_in_hand: Some(rendered.file_path("boards/flange/poses.toml")),
+        flange_camera_lens: Some(rendered.file_path("flange_camera.toml")),
+        touches: Some(rendered.file_path("boards/touches.toml")),
         out,
     }
 }
 
 /// Runs a calibration; a calibration that is rejected ends the demo.
-fn made(what: asked::What, common: &Common, out: &Path) -> Result<(), Fault> {
+fn run_calibration(what: asked::CalibrationTask, common: &Common, out: &Path) -> Result<(), Fault> {
     let outcome = calibrate::run(&asked::Calibrate { what }, common, &|_| {})?;
     if outcome.json.get("verdict") == Some(&json!(Verdict::Reject)) {
-        let message = format!("{} is refused: {}", out.display(), outcome.words.join("; "));
+        let message = format!("{} is refused: {}", out.display(), outcome.lines.join("; "));
         return Err(Fault::stage(CalibError::Points(message)));
     }
     Ok(())

@@ -5,7 +5,7 @@ use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::{DeviceFault, Fault};
 use super::health;
 use super::interrupts::Interrupts;
-use super::live::{FlangeLink, Live, Simulated};
+use super::live::{CellDevices, FlangeLink, SimulatedController};
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::record as signed;
@@ -15,38 +15,38 @@ use super::work_done;
 use crate::cell::{Cell, ProofStage};
 use crate::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
 use crate::daemon::{
-    self, Calibrations, Computing, LiveView, LoopEvent, LoopOutcome, LoopStart, Ports, RecordPort as _, Recorded,
-    RecordedPort, RecordingSwitch, Request, RequestKind, Requester, StoreRecord, whoever_runs_this,
+    self, Calibrations, Computing, LiveView, LoopEvent, LoopOutcome, LoopPorts, LoopStart, RecordPort as _,
+    RecordedPort, RecordingResult, RecordingSwitch, Request, RequestKind, Requester, StoreRecord, current_user,
 };
 use crate::geometry::KukaPose;
-use crate::record::{Answer, RecordingFile, RequestRecord, RequestSource, RequestedAction, Who};
+use crate::record::{Answer, RecordingFile, RequestAuthor, RequestRecord, RequestSource, RequestedAction};
 use crate::requirements::Purpose;
 use crate::store::CycleStart;
 use crate::supervision::{Supervisor, ThreadFault};
-use crate::tape::Begin;
+use crate::tape::LoopMemoryStart;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;
 
 /// The result of a cycle that ran.
-pub struct Ran {
+pub struct CycleRun {
     /// How it ended.
-    pub ended: LoopOutcome,
+    pub outcome: LoopOutcome,
     /// The part of the cycle that the store keeps.
-    pub kept: StoredCycle,
+    pub stored: StoredCycle,
     /// Why the request was refused.
-    pub refused: Option<Reason>,
+    pub refusal: Option<Reason>,
     /// The simulated surroundings of a mock robot, as the cycle left them.
-    pub simulated: Option<Simulated>,
+    pub simulated: Option<SimulatedController>,
     /// How pictures of the flange camera were transferred, if this is to be reported.
     pub flange_link: Option<FlangeLink>,
     /// The result of the recording, if one was requested.
-    pub recorded: Option<Recorded>,
+    pub recorded: Option<RecordingResult>,
 }
 
 /// Starts the cell's devices.
-pub type Start = fn(&Cell, &Calibrations, Simulation) -> Result<Live, Fault>;
+pub type Start = fn(&Cell, &Calibrations, Simulation) -> Result<CellDevices, Fault>;
 
 /// The parameters of a cycle's run.
 pub struct Run<'r> {
@@ -69,7 +69,7 @@ pub struct Run<'r> {
 /// store cannot be written.
 pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let needed = if args.on_foam { ProofStage::B } else { ProofStage::C };
-    once(args, common, progress, (TaughtRecipe::request, needed))
+    run_once(args, common, progress, (TaughtRecipe::request, needed))
 }
 
 /// Runs an air-run: no water, no tool, no contact; the path covers all grids.
@@ -80,10 +80,10 @@ pub fn air_run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result
     if args.on_foam {
         return Err(DeviceFault::FoamInTheAir.into());
     }
-    once(args, common, progress, (TaughtRecipe::air_request, ProofStage::A))
+    run_once(args, common, progress, (TaughtRecipe::air_request, ProofStage::A))
 }
 
-fn once(
+fn run_once(
     args: &Cycle,
     common: &Common,
     progress: &dyn Fn(&str),
@@ -93,43 +93,43 @@ fn once(
     files.require(Purpose::Cycle)?;
     files.cell.robot().requires_signed(needed).map_err(DeviceFault::from)?;
     if let Some(file) = &args.record {
-        recording::named_by_a_command(file, files.store_folder())?;
+        recording::check_command_file(file, files.store_folder())?;
     }
     let taught_recipe =
-        TaughtRecipe::read(&files, &args.recipe)?.about(&files, Some(args.part.names()), args.count)?;
+        TaughtRecipe::read(&files, &args.recipe)?.with_part(&files, Some(args.part.names()), args.count)?;
     let taught_recipe = taught_recipe.on_foam(args.on_foam);
     // An air-run abrades nothing, so that the limit of passes does not apply.
     if matches!(request(&taught_recipe), cycle::Request::Start { .. }) {
-        taught_recipe.part_may_be_abraded()?;
+        taught_recipe.check_part_passes()?;
     }
     let calibrated = Calibrated::read(&files, common)?;
     let health = health::judge(&files)?;
     if health.verdict == Verdict::Reject {
-        return Ok(unhealthy(&health));
+        return Ok(unhealthy_outcome(&health));
     }
     if args.new_disc {
         let mut store = files.settled_store()?;
         store.mount_disc().map_err(Fault::stage)?;
-        let (wanted, who) = (RequestedAction::NewDisc, Some(whoever_runs_this()));
+        let (wanted, who) = (RequestedAction::NewDisc, Some(current_user()));
         let asked =
             RequestRecord { unix_ms: 0, wanted, who, answer: Some(Answer::Done), reasons: vec![], findings: None };
-        store.keep_request(&asked, None, None).map_err(Fault::stage)?;
+        store.store_request(&asked, None, None).map_err(Fault::stage)?;
     }
     // The records are signed before the pages are made, because the pages show the signatures.
     sign(&files, progress);
-    report::make_missing(&files, &|cycle, page| match page {
+    report::make_missing_pages(&files, &|cycle, page| match page {
         Ok(page) => progress(&format!("the missing page of cycle {cycle} was made: {}", page.display())),
         Err(fault) => progress(&format!("the page of cycle {cycle} could not be made: {fault}")),
     })?;
-    let interrupts = Interrupts::watch()?;
+    let interrupts = Interrupts::count_signals()?;
     let record = args.record.as_deref();
-    let how = Run { start: Live::start, simulation: args.simulation, request, record, interrupts };
-    let ran = one(&files, (&taught_recipe, &calibrated), how, progress)?;
-    let page = report::page_file(files.store_folder(), ran.kept.record.id);
-    ran.kept.write(files.cell.keep(), &page, ran.recorded.as_ref())?;
+    let how = Run { start: CellDevices::start, simulation: args.simulation, request, record, interrupts };
+    let ran = run_one(&files, (&taught_recipe, &calibrated), how, progress)?;
+    let page = report::page_file(files.store_folder(), ran.stored.record.id);
+    ran.stored.write(files.cell.retention(), &page, ran.recorded.as_ref())?;
     let mut outcome = ran.outcome(ran.judgement());
     outcome.add_line(format!("page: {}", page.display()));
-    outcome.put("report", json!(page));
+    outcome.add_value("report", json!(page));
     Ok(outcome)
 }
 
@@ -143,11 +143,11 @@ fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
 }
 
 /// The outcome of a cycle that did not start.
-pub fn unhealthy(health: &Judgement) -> Outcome {
+pub fn unhealthy_outcome(health: &Judgement) -> Outcome {
     let mut outcome = Outcome::from_judgement(health);
     outcome.add_line("the cycle did not start; nothing moved");
-    outcome.put("cycle_id", json!(null));
-    outcome.put("report", json!(null));
+    outcome.add_value("cycle_id", json!(null));
+    outcome.add_value("report", json!(null));
     outcome
 }
 
@@ -155,13 +155,13 @@ pub fn unhealthy(health: &Judgement) -> Outcome {
 ///
 /// # Errors
 /// As [`run`].
-pub fn one(
+pub fn run_one(
     files: &CellFiles,
     (taught_recipe, calibrated): (&TaughtRecipe, &Calibrated),
     Run { start, simulation, request, record, interrupts }: Run<'_>,
     progress: &dyn Fn(&str),
-) -> Result<Ran, Fault> {
-    let setup = Arc::new(taught_recipe.setup(files, calibrated)?);
+) -> Result<CycleRun, Fault> {
+    let setup = Arc::new(taught_recipe.single_setup(files, calibrated)?);
     let mut store = files.settled_store()?;
     // `recover` concludes the cycle that an earlier process left open. The start of this program is not part of the
     // new cycle.
@@ -172,7 +172,7 @@ pub fn one(
     if let Some(line) = live.robot.stop_line() {
         interrupts.stops_by(line);
     }
-    live.cameras.scanner.warm();
+    live.cameras.scanner.wait_warmed_up();
     if let Some(world) = &live.world {
         world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
     }
@@ -180,17 +180,17 @@ pub fn one(
     let request = request(taught_recipe);
     let is_air_run = matches!(request, cycle::Request::AirRun { .. });
     let start = CycleStart { recording: named, is_air_run, ..taught_recipe.start(calibrated)? };
-    let mut once = Once::new(request, interrupts.clone(), progress);
+    let mut once = SingleCycle::new(request, interrupts.clone(), progress);
     let state = store.state().map_err(Fault::stage)?;
     let lock_step = live.robot.is_lock_step();
     let recording = RecordingSwitch::new(files.store_folder(), lock_step);
     if let Some(file) = record {
         let to = recording::plan(Some(file.to_owned()), files, (taught_recipe, calibrated))?;
-        recording.begin(file, to, state).map_err(|error| recording::refused(file, error))?;
+        recording.begin_recording(file, to, state).map_err(|error| recording::refused(file, error))?;
     }
     // If the recording cannot be opened, the cycle is not begun, so no cycle is left to be concluded.
     let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;
-    let keep = daemon::keeper(&store).map_err(Fault::stage)?;
+    let keep = daemon::picture_store(&store).map_err(Fault::stage)?;
     let mut record = StoreRecord::new(&mut store, cycle);
     let supervisor = Supervisor::default();
     let cameras = Box::new(RecordedPort::new(Box::new(live.cameras), recording.clone()));
@@ -202,7 +202,7 @@ pub fn one(
             Computing::on_thread(parts, lock_step, &supervisor, LiveView::default()).map_err(Fault::stage)?
         }
     };
-    let ports = Ports {
+    let ports = LoopPorts {
         robot: &mut RecordedPort::new(&mut live.robot, recording.clone()),
         tool: &mut RecordedPort::new(&mut live.tool, recording.clone()),
         record: &mut RecordedPort::new(&mut record, recording.clone()),
@@ -210,65 +210,66 @@ pub fn one(
         computing,
         lock_step,
     };
-    let start = LoopStart { cell: setup.cell(), cycle: Some(setup), state, before: Begin::Boot };
+    let start = LoopStart { cell: setup.cell(), cycle: Some(setup), state, before: LoopMemoryStart::Boot };
     let ended = daemon::run(start, ports);
-    interrupts.are_over();
+    interrupts.end_handling();
     // The recording is finished also after a failure: the events before a failure are the most valuable ones.
     let recorded = recording.finish();
-    let ended = ended.map_err(Fault::of_loop)?;
-    if let Some(why) = once.why_not_begun(&ended.state) {
+    let ended = ended.map_err(Fault::from_loop_error)?;
+    if let Some(why) = once.not_begun_reason(&ended.state) {
         record.conclude(Verdict::Aborted, vec![why]).map_err(Fault::stage)?;
     }
-    let refused = once.refused;
+    let refused = once.refusal;
     drop(store);
     // The cycle is signed before it is read back, so that its page shows the signature.
     sign(files, progress);
-    Ok(Ran {
-        ended,
-        kept: StoredCycle::read(&files.store()?, cycle)?,
-        refused,
+    Ok(CycleRun {
+        outcome: ended,
+        stored: StoredCycle::read(&files.store()?, cycle)?,
+        refusal: refused,
         simulated: live.simulated,
         flange_link: live.flange_link,
         recorded,
     })
 }
 
-impl Ran {
+impl CycleRun {
     /// The cycle's verdict with its reasons.
     pub fn judgement(&self) -> Judgement {
-        let verdict = self.ended.verdict.unwrap_or(Verdict::Aborted);
-        let kept = self.kept.record.judgement.clone();
+        let verdict = self.outcome.verdict.unwrap_or(Verdict::Aborted);
+        let kept = self.stored.record.judgement.clone();
         kept.unwrap_or(Judgement { verdict, reasons: vec![] })
     }
 
     /// The outcome of the cycle with this verdict.
     pub fn outcome(&self, judgement: Judgement) -> Outcome {
-        let (ended, cycle) = (&self.ended, self.kept.record.id);
+        let (ended, cycle) = (&self.outcome, self.stored.record.id);
         let mut outcome = Outcome::from_judgement(&judgement);
-        outcome.add_line(format!("cycle {cycle}: {}", ended.state.at.word()));
-        if let Some(why) = &self.refused {
+        outcome.add_line(format!("cycle {cycle}: {}", ended.state.at.keyword()));
+        if let Some(why) = &self.refusal {
             outcome.add_line(format!("refused: {}", why.message));
         }
-        let passes = work_done::abraded(&self.kept.record);
-        if self.kept.record.is_air_run() {
+        let passes = work_done::describe_grids(&self.stored.record);
+        if self.stored.record.is_air_run() {
             outcome.add_line("air-run: the panel was neither tested nor abraded");
         }
         outcome.add_line(format!(
             "abraded: {}",
             if passes.is_empty() { "nothing".to_owned() } else { passes.join(", ") }
         ));
-        work_done::removed(&self.kept.record).iter().for_each(|line| outcome.add_line(line));
+        work_done::removed(&self.stored.record).iter().for_each(|line| outcome.add_line(line));
         if let Some(recorded) = &self.recorded {
             outcome.add_line(&recorded.message);
-            outcome.put("recording", json!(recorded));
+            outcome.add_value("recording", json!(recorded));
         }
-        let budget = self.kept.record.budget.unwrap_or_default();
-        outcome.put("cycle_id", json!(cycle.0));
-        outcome.put("state", json!(ended.state.at.word()));
-        outcome.put("abraded", json!(passes));
-        outcome.put("removed", work_done::removed_json(&self.kept.record));
-        outcome.put("base_from_panel", json!(ended.base_from_panel.map(|place| KukaPose::from_rigid(&place))));
-        outcome.put(
+        let budget = self.stored.record.budget.unwrap_or_default();
+        outcome.add_value("cycle_id", json!(cycle.0));
+        outcome.add_value("state", json!(ended.state.at.keyword()));
+        outcome.add_value("abraded", json!(passes));
+        outcome.add_value("removed", work_done::removed_json(&self.stored.record));
+        outcome
+            .add_value("base_from_panel", json!(ended.base_from_panel.map(|place| KukaPose::from_rigid(&place))));
+        outcome.add_value(
             "budget_mm",
             json!({
                 "hand_eye": budget.hand_eye_mm, "locate": budget.locate_mm, "fit": budget.fit_mm,
@@ -280,30 +281,40 @@ impl Ran {
 }
 
 /// Requests one cycle and exits when it is at rest.
-struct Once<'a> {
+struct SingleCycle<'a> {
     start: cycle::Request,
-    asked: u8,
+    request_count: u8,
     /// The cycle's state table accepted the start: from then on it concludes the cycle.
     is_begun: bool,
-    refused: Option<Reason>,
+    refusal: Option<Reason>,
     /// The state that the loop last showed.
     state: State,
-    told: Option<At>,
+    reported_state: Option<At>,
     interrupts: Interrupts,
     /// Number of signals for which a request was sent to the cycle's state table.
-    obeyed: usize,
+    handled_signals: usize,
     progress: &'a dyn Fn(&str),
 }
 
-impl<'a> Once<'a> {
+impl<'a> SingleCycle<'a> {
     fn new(start: cycle::Request, interrupts: Interrupts, progress: &'a dyn Fn(&str)) -> Self {
-        let state = State::NEW;
-        Once { start, asked: 0, is_begun: false, refused: None, state, told: None, interrupts, obeyed: 0, progress }
+        let state = State::INITIAL;
+        SingleCycle {
+            start,
+            request_count: 0,
+            is_begun: false,
+            refusal: None,
+            state,
+            reported_state: None,
+            interrupts,
+            handled_signals: 0,
+            progress,
+        }
     }
 
     /// Returns the request for the signals so far: a stop for the first, an abort for the second. If the cell is at
     /// rest, the request is to leave the loop.
-    fn interrupted(&mut self, at: At) -> Option<Option<RequestKind>> {
+    fn signal_request(&mut self, at: At) -> Option<Option<RequestKind>> {
         let wanted = self.interrupts.count().min(2);
         if wanted == 0 {
             return None;
@@ -311,10 +322,10 @@ impl<'a> Once<'a> {
         if matches!(at, At::Stopped | At::Complete { .. } | At::Aborted { .. }) {
             return Some(Some(RequestKind::Leave));
         }
-        if self.obeyed >= wanted {
+        if self.handled_signals >= wanted {
             return Some(None);
         }
-        self.obeyed = wanted;
+        self.handled_signals = wanted;
         let (words, request) = match wanted {
             1 => ("stopping the cycle; a second signal aborts the cycle", cycle::Request::Stop),
             _ => ("aborting", cycle::Request::Abort),
@@ -325,11 +336,11 @@ impl<'a> Once<'a> {
 
     /// Returns why the cycle never began, so that its record has an end; `None` once the cycle has begun, because then
     /// the cycle's state table concludes it.
-    fn why_not_begun(&self, state: &State) -> Option<Reason> {
+    fn not_begun_reason(&self, state: &State) -> Option<Reason> {
         if self.is_begun {
             return None;
         }
-        Some(match &self.refused {
+        Some(match &self.refusal {
             _ if self.interrupts.count() > 0 => {
                 Reason::new("stopped", "stopped by a signal before the cycle began")
             }
@@ -339,25 +350,25 @@ impl<'a> Once<'a> {
     }
 }
 
-impl Requester for Once<'_> {
+impl Requester for SingleCycle<'_> {
     fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
-        if self.told.replace(state.at) != Some(state.at) {
-            (self.progress)(&words(state.at));
+        if self.reported_state.replace(state.at) != Some(state.at) {
+            (self.progress)(&describe_state(state.at));
         }
         self.state = *state;
         self.is_begun |= state.job.running;
-        if let Some(what) = self.interrupted(state.at) {
-            return Ok(what.map(|what| Request::new(what, Who::by(RequestSource::Signal))));
+        if let Some(what) = self.signal_request(state.at) {
+            return Ok(what.map(|what| Request::new(what, RequestAuthor::from_source(RequestSource::Signal))));
         }
-        let asked = self.asked;
+        let asked = self.request_count;
         let mut ask = |request| {
-            self.asked += 1;
+            self.request_count += 1;
             Some(RequestKind::Table(request))
         };
         let what = match (state.at, asked) {
             (At::Stopped, 0) if state.facts.robot == Robot::Ready => ask(cycle::Request::Reset),
             (At::Idle, 1) => ask(self.start),
-            (At::Idle, 2) if self.refused.is_some() => ask(cycle::Request::Stop),
+            (At::Idle, 2) if self.refusal.is_some() => ask(cycle::Request::Stop),
             // If a result waits for a person's decision, this command stops the cycle. It also does so if a person
             // must correct a problem.
             (At::Held(_), 2) => ask(cycle::Request::Stop),
@@ -365,16 +376,16 @@ impl Requester for Once<'_> {
             (At::Stopped | At::Complete { .. } | At::Aborted { .. }, _) => Some(RequestKind::Leave),
             _ => None,
         };
-        Ok(what.map(|what| Request::new(what, whoever_runs_this())))
+        Ok(what.map(|what| Request::new(what, current_user())))
     }
 
-    fn on_news(&mut self, news: LoopEvent) {
-        self.refused = news.why_refused(&self.state).or(self.refused.take());
+    fn on_loop_event(&mut self, news: LoopEvent) {
+        self.refusal = news.refusal_reason(&self.state).or(self.refusal.take());
     }
 }
 
 /// Describes the present state for a terminal.
-fn words(at: At) -> String {
+fn describe_state(at: At) -> String {
     let why = |hold: Hold| match hold.why {
         Why::Asked => "requested by a person",
         Why::Review => "a person must review the result",
@@ -397,9 +408,9 @@ fn words(at: At) -> String {
             Phase::Assess { .. } => "grading the executed path".to_owned(),
             Phase::Rinse => "rinsing".to_owned(),
         },
-        At::Holding(hold) | At::Held(hold) => format!("{}: {}", at.word(), why(hold)),
-        At::Completing { verdict } | At::Complete { verdict } => format!("{}: {}", at.word(), verdict.word()),
-        at => at.word().to_owned(),
+        At::Holding(hold) | At::Held(hold) => format!("{}: {}", at.keyword(), why(hold)),
+        At::Completing { verdict } | At::Complete { verdict } => format!("{}: {}", at.keyword(), verdict.keyword()),
+        at => at.keyword().to_owned(),
     }
 }
 
@@ -408,7 +419,7 @@ mod tests {
     use super::*;
     use crate::cycle::{Event, Report, step};
 
-    fn next(once: &mut Once<'_>, state: &State) -> Option<RequestKind> {
+    fn next(once: &mut SingleCycle<'_>, state: &State) -> Option<RequestKind> {
         once.next_request(state).expect("no thread").map(|request| request.what)
     }
 
@@ -422,8 +433,8 @@ mod tests {
     fn a_signal_stops_and_a_second_one_aborts() {
         let interrupts = Interrupts::default();
         let start = cycle::Request::AirRun { max_moves: 2 };
-        let mut once = Once::new(start, interrupts.clone(), &|_| {});
-        let ready = step(State::NEW, Event::Reported(Report::Robot(Robot::Ready))).0;
+        let mut once = SingleCycle::new(start, interrupts.clone(), &|_| {});
+        let ready = step(State::INITIAL, Event::Reported(Report::Robot(Robot::Ready))).0;
         let works = State { at: At::Execute(Phase::Abrade), ..ready };
         assert!(next(&mut once, &works).is_none());
         for wanted in [Some(cycle::Request::Stop), Some(cycle::Request::Abort), None] {
@@ -438,10 +449,10 @@ mod tests {
         }
         assert!(matches!(next(&mut once, &State { at: At::Stopped, ..ready }), Some(RequestKind::Leave)));
 
-        let mut once = Once::new(start, interrupts, &|_| {});
+        let mut once = SingleCycle::new(start, interrupts, &|_| {});
         assert!(matches!(next(&mut once, &ready), Some(RequestKind::Leave)), "no reset, no start");
-        let why = once.why_not_begun(&ready).expect("it has an end");
-        assert_eq!((&*why.code, once.asked), ("stopped", 0));
+        let why = once.not_begun_reason(&ready).expect("it has an end");
+        assert_eq!((&*why.code, once.request_count), ("stopped", 0));
     }
 
     /// The selector switch is set to remote: the start is not permitted, the cell is stopped, and the reason is
@@ -449,15 +460,15 @@ mod tests {
     #[test]
     fn a_start_that_is_not_permitted_ends_with_its_reason() {
         let start = cycle::Request::Start { max_passes: 1, max_moves: 1, dries: false };
-        let mut once = Once::new(start, Interrupts::default(), &|_| {});
-        let ready = step(State::NEW, Event::Reported(Report::Robot(Robot::Ready))).0;
+        let mut once = SingleCycle::new(start, Interrupts::default(), &|_| {});
+        let ready = step(State::INITIAL, Event::Reported(Report::Robot(Robot::Ready))).0;
         let idle = State { at: At::Idle, ..ready };
         let mut asks = |state: &State, refused: Option<&'static str>| {
             let what = next(&mut once, state);
             if let Some(code) = refused {
-                once.on_news(LoopEvent::NotPermitted(vec![Reason::new(code, "set the switch to local")]));
+                once.on_loop_event(LoopEvent::NotPermitted(vec![Reason::new(code, "set the switch to local")]));
             }
-            (what, once.why_not_begun(state).map(|why| why.code.to_string()))
+            (what, once.not_begun_reason(state).map(|why| why.code.to_string()))
         };
         assert!(matches!(asks(&ready, None).0, Some(RequestKind::Table(cycle::Request::Reset))));
         let (what, why) = asks(&idle, Some("local_control"));
@@ -473,17 +484,17 @@ mod tests {
 
     #[test]
     fn a_cycle_that_never_began_says_why() {
-        let mut once = Once::new(
+        let mut once = SingleCycle::new(
             cycle::Request::Start { max_passes: 1, max_moves: 1, dries: false },
             Interrupts::default(),
             &|_| {},
         );
-        let lost = step(State::NEW, Event::Reported(Report::Robot(Robot::LinkLost))).0;
+        let lost = step(State::INITIAL, Event::Reported(Report::Robot(Robot::LinkLost))).0;
         assert!(matches!(next(&mut once, &lost), Some(RequestKind::Leave)));
-        assert_eq!(once.why_not_begun(&lost).map(|why| why.code.to_string()).as_deref(), Some("link_lost"));
+        assert_eq!(once.not_begun_reason(&lost).map(|why| why.code.to_string()).as_deref(), Some("link_lost"));
         let mut runs = State { at: At::Starting, ..lost };
         runs.job.running = true;
         next(&mut once, &runs);
-        assert_eq!(once.why_not_begun(&lost), None, "the table concludes it");
+        assert_eq!(once.not_begun_reason(&lost), None, "the table concludes it");
     }
 }

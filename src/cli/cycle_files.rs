@@ -4,7 +4,7 @@
 use super::args::{Common, CountArguments};
 use super::disk;
 use super::fault::{Fault, RecordFault};
-use super::load::{self, CellFiles, Taught};
+use super::load::{self, CellFiles, LoadedPanel};
 use super::part;
 use super::zivid;
 use crate::calib::budget;
@@ -14,9 +14,9 @@ use crate::cycle::Request;
 use crate::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCycle};
 use crate::recipe::{Recipe, SandedReference};
 use crate::record::{ON_FOAM, PartNames};
-use crate::requirements::problems_of;
-use crate::requirements::recipe_fits::{plausible, unfit};
-use crate::stages::removal::RemovedBefore;
+use crate::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
+use crate::requirements::to_problems;
+use crate::stages::removal::EarlierRemoval;
 use crate::store::{CycleStart, LostCount, PassesOfCycle};
 use std::path::Path;
 use std::sync::Arc;
@@ -41,7 +41,7 @@ impl Calibrated {
         let tool = files.flange_from_tool()?;
         let flange_camera_extent = flange_camera.extent;
         let mounts_mm = [base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm];
-        let budget = budget::parts(mounts_mm, tool.uncertainty_mm, files.last_touch(&tool.text).as_ref());
+        let budget = budget::parts(mounts_mm, tool.uncertainty_mm, files.last_touch_check(&tool.text).as_ref());
         let removal = files.removal()?;
         let values = Calibrations {
             scanner: scanner.value,
@@ -68,7 +68,7 @@ impl Calibrated {
         Ok(Calibrated { values, flange_camera_extent, texts })
     }
 
-    fn of_cycle(&self) -> (Calibrations, LensExtent) {
+    fn for_cycle(&self) -> (Calibrations, LensExtent) {
         (self.values, self.flange_camera_extent.clone())
     }
 }
@@ -79,7 +79,7 @@ pub struct TaughtRecipe {
     pub recipe: Recipe,
     recipe_text: String,
     /// The taught data of the recipe's panel.
-    pub taught: Taught,
+    pub taught: LoadedPanel,
     part: Option<PartNames>,
     /// Earlier cycles that abraded the same part, if its serial number is given.
     earlier: Vec<PassesOfCycle>,
@@ -107,10 +107,10 @@ impl TaughtRecipe {
     /// As [`TaughtRecipe::read`].
     pub fn from_text(files: &CellFiles, recipe_file: &Path, recipe_text: String) -> Result<Self, Fault> {
         let name = recipe_file.display().to_string();
-        let recipe = plausible(&name, &recipe_text)?;
-        let unfit = unfit(&files.cell, &recipe, &disk::read_named);
+        let recipe = parse_plausible_recipe(&name, &recipe_text)?;
+        let unfit = unmet_demands(&files.cell, &recipe, &disk::read_referenced);
         if !unfit.is_empty() {
-            return Err(Problems { file: name, list: problems_of(&recipe_text, unfit) }.into());
+            return Err(Problems { file: name, list: to_problems(&recipe_text, unfit) }.into());
         }
         let taught = load::taught(files, recipe_file, &recipe)?;
         Ok(TaughtRecipe {
@@ -136,12 +136,17 @@ impl TaughtRecipe {
     ///
     /// # Errors
     /// If a name is not valid, or the store cannot be read.
-    pub fn about(self, files: &CellFiles, part: Option<PartNames>, count: CountArguments) -> Result<Self, Fault> {
-        let part = part::checked(part.unwrap_or_default())?;
+    pub fn with_part(
+        self,
+        files: &CellFiles,
+        part: Option<PartNames>,
+        count: CountArguments,
+    ) -> Result<Self, Fault> {
+        let part = part::parse_part_names(part.unwrap_or_default())?;
         let serial = part.as_ref().and_then(|part| part.serial.as_deref());
         let store = files.store()?;
         let earlier = match serial {
-            Some(serial) => store.passes_of_serial(serial, None).map_err(Fault::stage)?,
+            Some(serial) => store.passes_by_serial(serial, None).map_err(Fault::stage)?,
             None => vec![],
         };
         let lost = store.lost_count(self.recipe.panel(), serial.unwrap_or_default()).map_err(Fault::stage)?;
@@ -154,13 +159,13 @@ impl TaughtRecipe {
     /// # Errors
     /// If earlier cycles have used all allowed passes; each cycle is named with its passes. If the store was restored
     /// and nothing was stated about the part.
-    pub fn part_may_be_abraded(&self) -> Result<(), Fault> {
+    pub fn check_part_passes(&self) -> Result<(), Fault> {
         let is_stated = self.count.another_part || self.count.lost_passes.is_some();
         if let (Some(lost), false) = (&self.lost, is_stated) {
             return Err(RecordFault::CountUnknown(lost.clone()).into());
         }
-        let most = self.recipe.process().passes_of_a_part();
-        part::may_be_abraded(self.part.as_ref(), (&self.earlier, self.lost_passes()), most)
+        let most = self.recipe.process().effective_passes_per_part();
+        part::check_pass_limit(self.part.as_ref(), (&self.earlier, self.lost_passes()), most)
     }
 
     fn lost_passes(&self) -> u8 {
@@ -172,12 +177,13 @@ impl TaughtRecipe {
     /// # Errors
     /// If the part may not be abraded any more, no corner was taught, or a corner was taught where the lens is not
     /// calibrated.
-    pub fn prepared(self, cell: Arc<CellSetup>, calibrated: &Calibrated) -> Result<PreparedCycle, Fault> {
-        self.part_may_be_abraded()?;
+    pub fn prepare_cycle(self, cell: Arc<CellSetup>, calibrated: &Calibrated) -> Result<PreparedCycle, Fault> {
+        self.check_part_passes()?;
         let (request, start, before) = (self.request(), self.start(calibrated)?, self.removed_before());
-        let TaughtRecipe { recipe, taught: Taught { panel, corners, .. }, .. } = self;
-        let setup = CycleSetup::new(cell, recipe, (panel, corners), calibrated.of_cycle()).map_err(Fault::stage)?;
-        let setup = setup.after(before);
+        let TaughtRecipe { recipe, taught: LoadedPanel { panel, corners, .. }, .. } = self;
+        let setup =
+            CycleSetup::new(cell, recipe, (panel, corners), calibrated.for_cycle()).map_err(Fault::stage)?;
+        let setup = setup.with_earlier_removal(before);
         Ok(PreparedCycle { request, setup, start, recording: None, remarks: vec![] })
     }
 
@@ -185,12 +191,12 @@ impl TaughtRecipe {
     ///
     /// # Errors
     /// If the cell does not name what a cycle needs, or its corners are not suitable.
-    pub fn setup(&self, files: &CellFiles, calibrated: &Calibrated) -> Result<CycleSetup, Fault> {
+    pub fn single_setup(&self, files: &CellFiles, calibrated: &Calibrated) -> Result<CycleSetup, Fault> {
         let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
         let taught = (self.taught.panel.clone(), self.taught.corners.clone());
         let setup =
-            CycleSetup::new(cell, self.recipe.clone(), taught, calibrated.of_cycle()).map_err(Fault::stage)?;
-        Ok(setup.after(self.removed_before()))
+            CycleSetup::new(cell, self.recipe.clone(), taught, calibrated.for_cycle()).map_err(Fault::stage)?;
+        Ok(setup.with_earlier_removal(self.removed_before()))
     }
 
     /// The first entries of the cycle's record.
@@ -202,7 +208,7 @@ impl TaughtRecipe {
         let before = self.removed_before_text()?;
         let texts = calibrated.texts.iter().chain(&part).chain(&before);
         let texts = texts.map(|(name, text)| ((*name).to_owned(), text.clone()));
-        let another = self.count.another_part.then(part::another);
+        let another = self.count.another_part.then(part::another_part_text);
         let lost = self.count.lost_passes.map(part::lost).transpose()?;
         let foam =
             self.on_foam.then(|| (ON_FOAM.to_owned(), "foam lies in the cell instead of a panel\n".to_owned()));
@@ -219,48 +225,48 @@ impl TaughtRecipe {
     /// The request to the cycle's state table to begin a cycle.
     pub fn request(&self) -> Request {
         let process = self.recipe.process();
-        let left = process.passes_of_a_part().saturating_sub(self.passes_before());
+        let left = process.effective_passes_per_part().saturating_sub(self.earlier_pass_count());
         Request::Start {
             max_passes: count(process.max_passes_per_grid().min(left)),
-            max_moves: self.moves(),
+            max_moves: self.max_correction_moves(),
             dries: self.recipe.inspect().reference() == SandedReference::Dry,
         }
     }
 
     /// The removal on the part by earlier cycles: the last of them states the total of all.
-    fn removed_before(&self) -> RemovedBefore {
+    fn removed_before(&self) -> EarlierRemoval {
         let known = self.earlier.iter().filter_map(|cycle| cycle.removed_um);
         let unknown = self.earlier.iter().filter(|cycle| cycle.removed_um.is_none()).count()
             + usize::from(self.lost_passes() > 0);
         let is_asked = self.recipe.removal().is_some();
-        let found = RemovedBefore { bound_um: known.fold(0.0, f64::max), unknown };
-        if is_asked { found } else { RemovedBefore::default() }
+        let found = EarlierRemoval { bound_um: known.fold(0.0, f64::max), unknown };
+        if is_asked { found } else { EarlierRemoval::default() }
     }
 
     /// Returns the removal by earlier cycles as text, which is stored with the cycle and from which a replay reads it;
     /// `None` if nothing was removed.
     fn removed_before_text(&self) -> Result<Option<(&'static str, String)>, Fault> {
-        let found = Some(self.removed_before()).filter(|found| *found != RemovedBefore::default());
+        let found = Some(self.removed_before()).filter(|found| *found != EarlierRemoval::default());
         let text = found.map(|found| toml::to_string(&found)).transpose().map_err(Fault::stage)?;
-        Ok(text.map(|text| (REMOVED_BEFORE, text)))
+        Ok(text.map(|text| (EARLIER_REMOVAL_TEXT, text)))
     }
 
-    fn passes_before(&self) -> usize {
+    fn earlier_pass_count(&self) -> usize {
         self.earlier.iter().map(|cycle| cycle.passes).sum::<usize>() + usize::from(self.lost_passes())
     }
 
     /// The request to the cycle's state table to begin an air-run.
     pub fn air_request(&self) -> Request {
-        Request::AirRun { max_moves: self.moves() }
+        Request::AirRun { max_moves: self.max_correction_moves() }
     }
 
-    fn moves(&self) -> u8 {
+    fn max_correction_moves(&self) -> u8 {
         count(self.recipe.corner().max_moves())
     }
 }
 
 /// The name of the text about earlier removal among a cycle's texts.
-pub const REMOVED_BEFORE: &str = "removed_before";
+pub const EARLIER_REMOVAL_TEXT: &str = "removed_before";
 
 fn count(number: usize) -> u8 {
     u8::try_from(number).unwrap_or(u8::MAX)

@@ -9,7 +9,7 @@ use super::calibrate::args::CameraName;
 use super::calibrate::verify;
 use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::Fault;
-use super::live::Live;
+use super::live::CellDevices;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::score::Score;
@@ -32,7 +32,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let scene = Scene::from(args.scene);
     // Checked before anything is rendered or moves.
     if let Some(file) = &args.record {
-        recording::named_by_a_command(file, &args.out.join("cell/store"))?;
+        recording::check_command_file(file, &args.out.join("cell/store"))?;
     }
     let rendered = {
         let arm = real_arm(args.seed, args.arm_error_mm);
@@ -46,7 +46,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     if has_compliant_tool {
         demo_tool::calibrate(args.seed, &rendered, &progress)?;
     }
-    let common = rendered.common();
+    let common = rendered.common_arguments();
     progress("teaching the panel at its nominal pose");
     let simulation = Simulation {
         seed: args.seed,
@@ -57,8 +57,8 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         line_parts: 0,
     };
     let teaching = Teach {
-        recipe: rendered.file("recipe.toml"),
-        scan: Some(rendered.file("taught_scan.pcd")),
+        recipe: rendered.file_path("recipe.toml"),
+        scan: Some(rendered.file_path("taught_scan.pcd")),
         nominal: None,
         unit: None,
         part: None,
@@ -67,8 +67,8 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         no_draw: false,
         listen: ([127, 0, 0, 1], 0).into(),
         simulation,
-        corner: ["taught_corner.png", "taught_corner2.png"].map(|name| rendered.file(name)).to_vec(),
-        flange: ["taught_flange.json", "taught_flange2.json"].map(|name| rendered.file(name)).to_vec(),
+        corner: ["taught_corner.png", "taught_corner2.png"].map(|name| rendered.file_path(name)).to_vec(),
+        flange: ["taught_flange.json", "taught_flange2.json"].map(|name| rendered.file_path(name)).to_vec(),
         pictures: None,
     };
     teach::run(&teaching, &common)?;
@@ -86,8 +86,8 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     });
     let health = health::judge(&files)?;
     if health.verdict == Verdict::Reject {
-        let mut outcome = cycle::unhealthy(&health);
-        outcome.put("verified", verified);
+        let mut outcome = cycle::unhealthy_outcome(&health);
+        outcome.add_value("verified", verified);
         return Ok(outcome);
     }
     if let Some(address) = args.page {
@@ -96,41 +96,41 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let calibrated = Calibrated::read(&files, &common)?;
     let how = cycle::Run {
         interrupts: Default::default(),
-        start: Live::start_demo,
+        start: CellDevices::start_demo,
         simulation,
         request: TaughtRecipe::request,
         record: args.record.as_deref(),
     };
-    let ran = cycle::one(&files, (&taught_recipe, &calibrated), how, &progress)?;
+    let ran = cycle::run_one(&files, (&taught_recipe, &calibrated), how, &progress)?;
 
     progress("writing the page");
     let panel = (&taught_recipe.taught.panel, taught_recipe.recipe.path().disc_diameter_mm());
     let score = ran
         .simulated
         .as_ref()
-        .map(|it| Score::compute(&ran.kept.record, &ran.ended.inspections, panel, (it, args.tool_fault)));
-    let judgement = whole(ran.judgement(), score.as_ref());
+        .map(|it| Score::compute(&ran.stored.record, &ran.outcome.inspections, panel, (it, args.tool_fault)));
+    let judgement = check_all_executed(ran.judgement(), score.as_ref());
     let page = args.out.join("index.html");
     let pictures = args.out.join("pictures");
-    ran.kept.write_pictures(&pictures)?;
-    let simulation = format!("Simulated cell, seed {}, scene {}", args.seed, scene.word());
+    ran.stored.write_pictures(&pictures)?;
+    let simulation = format!("Simulated cell, seed {}, scene {}", args.seed, scene.keyword());
     let score_section = score.iter().map(|score| score.section(&simulation));
-    ran.kept.write_with(&page, ran.recorded.as_ref(), score_section.collect())?;
+    ran.stored.write_with(&page, ran.recorded.as_ref(), score_section.collect())?;
 
     let mut outcome = ran.outcome(judgement);
     let wall_s = begun.elapsed().as_secs_f64();
-    outcome.put("seed", json!(args.seed));
-    outcome.put("scene", json!(scene.word()));
-    outcome.put("report", json!(page));
-    outcome.put("verified", verified);
-    outcome.put("wall_s", json!(wall_s));
+    outcome.add_value("seed", json!(args.seed));
+    outcome.add_value("scene", json!(scene.keyword()));
+    outcome.add_value("report", json!(page));
+    outcome.add_value("verified", verified);
+    outcome.add_value("wall_s", json!(wall_s));
     if let Some(score) = &score {
-        score.put(&mut outcome);
-        outcome.words.extend(score.words());
+        score.add_to_outcome(&mut outcome);
+        outcome.lines.extend(score.describe_score());
     }
     if let Some(link) = &ran.flange_link {
-        outcome.put("flange_camera", link.json());
-        outcome.add_line(link.words());
+        outcome.add_value("flange_camera", link.json());
+        outcome.add_line(link.describe_link());
     }
     outcome.add_line(format!("{wall_s:.1} s of wall time; page: {}", page.display()));
     Ok(outcome)
@@ -150,12 +150,12 @@ fn serve(
         return Err(Fault::DemoPage { address });
     }
     for role in Role::VARIANTS {
-        user::add(files.store_folder(), (role.word(), *role), DEMO_PASSWORD)?;
+        user::add(files.store_folder(), (role.keyword(), *role), DEMO_PASSWORD)?;
     }
     let text = disk::read(&common.cell)?;
     let page = format!("\n[page]\nlisten = \"{address}\"\nrecipes = \".\"\n");
     disk::write(&common.cell, [text.as_slice(), page.as_bytes()].concat())?;
-    let names: Vec<&str> = Role::VARIANTS.iter().map(|role| role.word()).collect();
+    let names: Vec<&str> = Role::VARIANTS.iter().map(|role| role.keyword()).collect();
     progress(&format!(
         "open http://{address}/ and log in with one of the names {} and the password \"{DEMO_PASSWORD}\"",
         names.join(", ")
@@ -165,7 +165,7 @@ fn serve(
 }
 
 /// Waypoints that were not executed as sent make the cycle a fault, whatever its film shows.
-fn whole(judgement: Judgement, score: Option<&Score>) -> Judgement {
+fn check_all_executed(judgement: Judgement, score: Option<&Score>) -> Judgement {
     match score.and_then(|score| score.lost.clone()) {
         Some(lost) => Judgement {
             verdict: Verdict::Aborted,

@@ -6,7 +6,7 @@ use super::calibrate::args as asked;
 use super::calibrate::{force, removal};
 use super::fault::Fault;
 use super::outcome::Outcome;
-use super::rendered::Rendered;
+use super::rendered::RenderedFiles;
 use super::{disk, render_boards, render_coupons};
 use serde_json::Value;
 
@@ -33,18 +33,18 @@ max_um = 60.0
 ///
 /// # Errors
 /// If a file cannot be written, or a calibration is rejected.
-pub fn calibrate(seed: u64, rendered: &Rendered, progress: &dyn Fn(&str)) -> Result<(), Fault> {
+pub fn calibrate(seed: u64, rendered: &RenderedFiles, progress: &dyn Fn(&str)) -> Result<(), Fault> {
     progress("calibrating the compliant tool: payload, force zero, and removal by its disc");
     render_boards::write_force(rendered)?;
     render_coupons::write(seed, rendered)?;
-    let common = rendered.common();
+    let common = rendered.common_arguments();
     removal::run(&asked::Removal {
-        coupons: rendered.file("boards/coupons.csv"),
+        coupons: rendered.file_path("boards/coupons.csv"),
         disc_diameter_mm: render_coupons::DISC_DIAMETER_MM,
         pad_n_mm3: render_coupons::TOOL.pad.stiffness_n_mm3,
         orbit_mm: render_coupons::TOOL.orbit.diameter_mm,
         orbit_rev_min: render_coupons::TOOL.orbit.speed_rev_min,
-        out: rendered.file(CALIBRATION),
+        out: rendered.file_path(CALIBRATION),
     })?;
     let measured = force::run(&readings(rendered, false), &common)?;
     let [payload_kg, zero_n] = ["payload_kg", "zero_n"].map(|key| measured.json.get(key).and_then(Value::as_f64));
@@ -53,7 +53,7 @@ pub fn calibrate(seed: u64, rendered: &Rendered, progress: &dyn Fn(&str)) -> Res
     let cell = cell.replace("verify_limit_mm", &format!("{TOOL_ERROR}verify_limit_mm"));
     let tool = format!("\n[tool]\nkind = \"simulated\"\npayload_kg = {payload_kg:.3}\nzero_n = {zero_n:.3}\n");
     disk::write(&common.cell, format!("{cell}{tool}"))?;
-    let recipe = rendered.file("recipe.toml");
+    let recipe = rendered.file_path("recipe.toml");
     let text = disk::read_text(&recipe)?;
     disk::write(&recipe, format!("{text}{ASKED}"))
 }
@@ -62,10 +62,10 @@ pub fn calibrate(seed: u64, rendered: &Rendered, progress: &dyn Fn(&str)) -> Res
 ///
 /// # Errors
 /// As `panelprep calibrate force --verify`.
-pub fn verify(rendered: &Rendered, common: &Common) -> Result<Outcome, Fault> {
+pub fn verify(rendered: &RenderedFiles, common: &Common) -> Result<Outcome, Fault> {
     force::run(&readings(rendered, true), common)
 }
 
-fn readings(rendered: &Rendered, verify: bool) -> asked::Force {
-    asked::Force { readings: rendered.file("boards/force.toml"), verify }
+fn readings(rendered: &RenderedFiles, verify: bool) -> asked::Force {
+    asked::Force { readings: rendered.file_path("boards/force.toml"), verify }
 }

@@ -1,7 +1,7 @@
 //! Reads and writes files completely or not at all.
 
 use super::fault::Fault;
-use crate::check::{decode, not_utf_8};
+use crate::check::{decode, utf_8_error};
 use crate::disk;
 use crate::requirements::NamedFile;
 use std::fs::{self, File};
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// If it is not a regular file, is too large or cannot be read; the error names the file.
 pub fn read(file: &Path) -> Result<Vec<u8>, Fault> {
-    disk::read(file).map_err(|error| Fault::file(file, error))
+    disk::read(file).map_err(|error| Fault::file_fault(file, error))
 }
 
 /// Returns the text of a file.
@@ -22,7 +22,7 @@ pub fn read(file: &Path) -> Result<Vec<u8>, Fault> {
 /// As [`read`], and if it is not UTF-8.
 pub fn read_text(file: &Path) -> Result<String, Fault> {
     String::from_utf8(read(file)?)
-        .map_err(|error| Fault::file(file, not_utf_8(error.as_bytes(), &error.utf8_error())))
+        .map_err(|error| Fault::file_fault(file, utf_8_error(error.as_bytes(), &error.utf8_error())))
 }
 
 /// Reads the text of a file of the controller, EthernetKRL or KRL, in any of its encodings.
@@ -30,12 +30,13 @@ pub fn read_text(file: &Path) -> Result<String, Fault> {
 /// # Errors
 /// As [`read`], and if the file is not text.
 pub fn read_controller_text(file: &Path) -> Result<String, Fault> {
-    let decoded = decode(&file.display().to_string(), &read(file)?).map_err(|error| Fault::file(file, error))?;
+    let decoded =
+        decode(&file.display().to_string(), &read(file)?).map_err(|error| Fault::file_fault(file, error))?;
     Ok(decoded.text)
 }
 
 /// Reads a file that a cell's file names.
-pub fn read_named(file: &Path) -> NamedFile {
+pub fn read_referenced(file: &Path) -> NamedFile {
     let bytes = match disk::read(file) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return NamedFile::Missing,
@@ -43,7 +44,7 @@ pub fn read_named(file: &Path) -> NamedFile {
     };
     match String::from_utf8(bytes) {
         Ok(text) => NamedFile::Text(text),
-        Err(error) => NamedFile::Unreadable(not_utf_8(error.as_bytes(), &error.utf8_error()).to_string()),
+        Err(error) => NamedFile::Unreadable(utf_8_error(error.as_bytes(), &error.utf8_error()).to_string()),
     }
 }
 
@@ -52,7 +53,7 @@ pub fn read_named(file: &Path) -> NamedFile {
 /// # Errors
 /// If the folder cannot be made or writing to the disk fails.
 pub fn write(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
-    placed(file, bytes.as_ref(), |_| Ok(()))
+    write_and_rename(file, bytes.as_ref(), |_| Ok(()))
 }
 
 /// Writes a file that must survive a power cut, such as a calibration or a page. When this returns, file and folder
@@ -60,10 +61,10 @@ pub fn write(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
 ///
 /// # Errors
 /// As [`write`].
-pub fn write_through(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
-    placed(file, bytes.as_ref(), File::sync_all)?;
+pub fn write_durable(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
+    write_and_rename(file, bytes.as_ref(), File::sync_all)?;
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    File::open(folder).and_then(|folder| folder.sync_all()).map_err(|error| Fault::file(file, error))
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(|error| Fault::file_fault(file, error))
 }
 
 /// Writes a new file; an existing file stays as it is.
@@ -72,21 +73,21 @@ pub fn write_through(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> 
 /// If the file exists, the folder cannot be made, or writing to the disk fails.
 pub fn write_new(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
     if let Some(folder) = file.parent() {
-        fs::create_dir_all(folder).map_err(|error| Fault::file(file, error))?;
+        fs::create_dir_all(folder).map_err(|error| Fault::file_fault(file, error))?;
     }
     let made = File::create_new(file).map_err(|error| match error.kind() {
-        std::io::ErrorKind::AlreadyExists => Fault::IsThere { file: file.to_owned() },
-        _ => Fault::file(file, error),
+        std::io::ErrorKind::AlreadyExists => Fault::AlreadyExists { file: file.to_owned() },
+        _ => Fault::file_fault(file, error),
     });
     made?.write_all(bytes.as_ref()).map_err(|error| {
         #[expect(clippy::let_underscore_must_use, reason = "best effort: the error that counts is the first one")]
         let _ = fs::remove_file(file);
-        Fault::file(file, error)
+        Fault::file_fault(file, error)
     })
 }
 
-fn placed(file: &Path, bytes: &[u8], flush: impl Fn(&File) -> std::io::Result<()>) -> Result<(), Fault> {
-    let named = |error: std::io::Error| Fault::file(file, error);
+fn write_and_rename(file: &Path, bytes: &[u8], flush: impl Fn(&File) -> std::io::Result<()>) -> Result<(), Fault> {
+    let named = |error: std::io::Error| Fault::file_fault(file, error);
     if let Some(folder) = file.parent() {
         fs::create_dir_all(folder).map_err(named)?;
     }

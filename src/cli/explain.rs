@@ -12,11 +12,11 @@ use serde_json::json;
 /// # Errors
 /// If no message has this code.
 pub fn run(args: &Explain) -> Result<Outcome, Fault> {
-    let mut outcome = Outcome { exit: 0, json: serde_json::Map::new(), words: vec![] };
+    let mut outcome = Outcome { exit_code: 0, json: serde_json::Map::new(), lines: vec![] };
     let Some(word) = &args.code else {
         let words: Vec<&str> = codes().iter().map(|code| &*code.code).collect();
         outcome.add_line(words.join("\n"));
-        outcome.put("codes", json!(words));
+        outcome.add_value("codes", json!(words));
         return Ok(outcome);
     };
     let word = word.trim_matches(['(', ')', '`']);
@@ -29,10 +29,10 @@ pub fn run(args: &Explain) -> Result<Outcome, Fault> {
         row(word, &args.language).map_or((&*known.cause, &*known.remedy), |row| (row.cause, row.remedy));
     outcome.add_line(cause);
     outcome.add_line(if args.language == "en" { format!("What to do: {remedy}") } else { remedy.to_owned() });
-    outcome.put("code", json!(known.code));
-    outcome.put("priority", json!(known.priority));
-    outcome.put("meaning", json!(cause));
-    outcome.put("remedy", json!(remedy));
+    outcome.add_value("code", json!(known.code));
+    outcome.add_value("priority", json!(known.priority));
+    outcome.add_value("meaning", json!(cause));
+    outcome.add_value("remedy", json!(remedy));
     Ok(outcome)
 }
 
@@ -46,14 +46,14 @@ mod tests {
             run(&Explain { code: Some(code.to_owned()), language: language.to_owned() })
         };
         let asked = |code: &str| asked_in(code, "en");
-        let words = asked("(low_overlap)").expect("a row").words.join("\n");
+        let words = asked("(low_overlap)").expect("a row").lines.join("\n");
         assert!(words.contains("overlap") && words.contains("What to do: "), "{words}");
         let fault = asked("low_overlapp").expect_err("no such code").to_string();
         assert!(fault.contains("did you mean low_overlap?"), "{fault}");
-        let german = asked_in("low_overlap", "de").expect("a row").words.join("\n");
+        let german = asked_in("low_overlap", "de").expect("a row").lines.join("\n");
         assert!(german.contains("min_overlap") && german != words, "{german}");
         assert!(
-            run(&Explain { code: None, language: "en".to_owned() }).expect("a list").words[0].lines().count() > 150
+            run(&Explain { code: None, language: "en".to_owned() }).expect("a list").lines[0].lines().count() > 150
         );
     }
 }

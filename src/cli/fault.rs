@@ -13,7 +13,7 @@ pub use record::RecordFault;
 pub use teaching::TeachingFault;
 
 use crate::daemon::DaemonError;
-use crate::requirements::{Purpose, Unmet};
+use crate::requirements::{Purpose, UnmetRequirement};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
@@ -47,14 +47,14 @@ pub enum Fault {
     #[error(transparent)]
     Record(#[from] RecordFault),
     /// The cell's file does not state what the command needs.
-    #[error("{}", each(cell, *purpose, unmet))]
+    #[error("{}", format_missing(cell, *purpose, unmet))]
     Unmet {
         /// The cell's file.
         cell: PathBuf,
         /// The purpose for which the cell's file is not complete.
         purpose: Purpose,
         /// The missing entries.
-        unmet: Vec<Unmet>,
+        unmet: Vec<UnmetRequirement>,
     },
     /// A program ended while a motion was under way.
     #[error(
@@ -95,7 +95,7 @@ pub enum Fault {
     },
     /// A text on the command line that is not a pose.
     #[error("\"{found}\" is not a {what}: {problem}")]
-    NotSix {
+    NotSixNumbers {
         /// What was given.
         found: String,
         /// The expected kind of pose.
@@ -123,7 +123,7 @@ pub enum Fault {
     },
     /// A folder that contains other files.
     #[error("{}: is not empty and was not written by `panelprep render`; name a new folder", folder.display())]
-    NotOurs {
+    NotOwnFolder {
         /// The folder.
         folder: PathBuf,
     },
@@ -144,7 +144,7 @@ pub enum Fault {
         problem: String,
     },
     /// The cycle for which the command waited is no longer the last cycle of the service.
-    #[error("{} was expected, but the last cycle of the service is {}; see the page of the expected cycle", shown(*waited_for), shown(*found))]
+    #[error("{} was expected, but the last cycle of the service is {}; see the page of the expected cycle", format_cycle(*waited_for), format_cycle(*found))]
     OtherCycle {
         /// The cycle that was begun.
         waited_for: Option<i64>,
@@ -161,7 +161,7 @@ pub enum Fault {
     },
     /// A new file would be written over another one.
     #[error("{} already exists and is not overwritten; name another file with --out, or move the existing file", file.display())]
-    IsThere {
+    AlreadyExists {
         /// The file.
         file: PathBuf,
     },
@@ -194,9 +194,9 @@ pub enum Fault {
 }
 
 /// Returns a line for each missing thing; the first line also names the commands that need these things.
-fn each(cell: &Path, purpose: Purpose, unmet: &[Unmet]) -> String {
+fn format_missing(cell: &Path, purpose: Purpose, unmet: &[UnmetRequirement]) -> String {
     let mut needed_by = format!(" ({} need it)", purpose.commands());
-    let mut line = |Unmet { key, message, .. }: &Unmet| {
+    let mut line = |UnmetRequirement { key, message, .. }: &UnmetRequirement| {
         format!("{}: {key}: {message}{}", cell.display(), std::mem::take(&mut needed_by))
     };
     unmet.iter().map(&mut line).collect::<Vec<_>>().join("\n")
@@ -213,12 +213,12 @@ impl Fault {
     }
 
     /// Creates the fault of a file.
-    pub fn file(file: &Path, cause: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
+    pub fn file_fault(file: &Path, cause: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         Fault::File { file: file.to_owned(), cause: cause.into() }
     }
 
     /// Converts the error that ended the loop.
-    pub fn of_loop(error: DaemonError) -> Self {
+    pub fn from_loop_error(error: DaemonError) -> Self {
         match error {
             DaemonError::Broken(fault) => Fault::Broken(fault),
             other => Fault::stage(other),
@@ -231,6 +231,6 @@ impl Fault {
     }
 }
 
-fn shown(cycle: Option<i64>) -> String {
+fn format_cycle(cycle: Option<i64>) -> String {
     cycle.map_or("no cycle".to_owned(), |cycle| format!("cycle {cycle}"))
 }

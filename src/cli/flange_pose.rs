@@ -3,7 +3,7 @@
 
 use super::fault::Fault;
 use super::load::CellFiles;
-use super::output::{answer, tell_line};
+use super::output::{read_answer_line, write_progress};
 use super::service_request;
 use super::{live, robot};
 use crate::cell::{self, RobotKind};
@@ -24,7 +24,7 @@ const MAX_SILENCES: u32 = 2;
 
 /// The knowledge of the flange's pose at a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Known {
+pub enum PoseKnowledge {
     /// It was here.
     At(ReportedFlange),
     /// The arm moved meanwhile.
@@ -41,7 +41,7 @@ pub struct FlangePoses<'c> {
     /// Open from before a picture until after it, if no service runs.
     link: RefCell<Option<LinkedRobot>>,
     /// Number of answers that the controller did not send; after too many it is not waited for again.
-    silences: Counter<u32>,
+    missed_answers: Counter<u32>,
 }
 
 impl<'c> FlangePoses<'c> {
@@ -52,22 +52,22 @@ impl<'c> FlangePoses<'c> {
             arm: Kinematics::new(files.cell.arm()),
             socket: files.socket(),
             link: RefCell::new(None),
-            silences: Counter::new(0),
+            missed_answers: Counter::new(0),
         }
     }
 
     /// The axis positions now, requested before a picture. They come from the running service if it knows them. If
     /// no service runs, they come from the controller if it answers.
     pub fn now(&self) -> Option<Joints> {
-        match service_request::state_of(&self.socket) {
-            Some(_) => service_request::axes_of(&self.socket),
-            None => self.told_by_controller(),
+        match service_request::service_state(&self.socket) {
+            Some(_) => service_request::service_axes(&self.socket),
+            None => self.ask_controller(),
         }
     }
 
     /// Reads the axes in the same way as `panelprep robot state`: nothing is set and nothing moves.
-    fn told_by_controller(&self) -> Option<Joints> {
-        if self.cell.robot().kind() != RobotKind::Eki || self.silences.get() >= MAX_SILENCES {
+    fn ask_controller(&self) -> Option<Joints> {
+        if self.cell.robot().kind() != RobotKind::Eki || self.missed_answers.get() >= MAX_SILENCES {
             return None;
         }
         let mut kept = self.link.borrow_mut();
@@ -75,62 +75,66 @@ impl<'c> FlangePoses<'c> {
             Some(link) => link,
             None => live::robot_alone(self.cell).ok()?.0,
         };
-        let told = said_now(&mut link);
+        let told = next_controller_report(&mut link);
         match told {
             Some(_) => *kept = Some(link),
-            None => self.silences.set(self.silences.get() + 1),
+            None => self.missed_answers.set(self.missed_answers.get() + 1),
         }
         told
     }
 
     /// The axis positions after the picture. The link to the controller is released, so that other clients may use
     /// it.
-    fn afterwards(&self) -> Option<Joints> {
+    fn axes_after_picture(&self) -> Option<Joints> {
         let told = self.now();
         self.link.borrow_mut().take();
         told
     }
 
     /// Combines the positions before and after the picture with the report of the camera's source.
-    pub fn known(&self, before: Option<Joints>, from_camera: Option<Rigid<Base, Flange>>) -> Known {
-        known(&self.arm, before.zip(before.and_then(|_| self.afterwards())), from_camera)
+    pub fn combine_reports(
+        &self,
+        before: Option<Joints>,
+        from_camera: Option<Rigid<Base, Flange>>,
+    ) -> PoseKnowledge {
+        combine_evidence(&self.arm, before.zip(before.and_then(|_| self.axes_after_picture())), from_camera)
     }
 
-    /// Returns the pose that [`FlangePoses::known`] gives, and asks a person if nothing is known. `None` if the
+    /// Returns the pose that [`FlangePoses::combine_reports`] gives, and asks a person if nothing is known. `None` if the
     /// picture does not count, or there is no answer.
     ///
     /// # Errors
     /// If standard input cannot be read.
-    pub fn known_or_asked(
+    pub fn combine_or_ask(
         &self,
         before: Option<Joints>,
         from_camera: Option<Rigid<Base, Flange>>,
     ) -> Result<Option<ReportedFlange>, Fault> {
-        match self.known(before, from_camera) {
-            Known::At(flange) => return Ok(Some(flange)),
-            Known::Moved => {
-                tell_line(
+        match self.combine_reports(before, from_camera) {
+            PoseKnowledge::At(flange) => return Ok(Some(flange)),
+            PoseKnowledge::Moved => {
+                write_progress(
                     "the arm moved during the measurement, which is discarded; wait until the arm has stopped, then repeat the measurement",
                 );
                 return Ok(None);
             }
-            Known::Nothing => {}
+            PoseKnowledge::Nothing => {}
         }
         loop {
-            tell_line(
+            write_progress(
                 "Enter the flange's pose as X,Y,Z,A,B,C, as the pendant shows it with $NULLFRAME as tool and base.",
             );
-            let Some(line) = answer()? else { return Ok(None) };
-            match robot::pose_of(&line) {
+            let Some(line) = read_answer_line()? else { return Ok(None) };
+            match robot::parse_pose_argument(&line) {
                 Ok(base_from_flange) => return Ok(Some(ReportedFlange { base_from_flange, joints: None })),
-                Err(problem) => tell_line(&problem),
+                Err(problem) => write_progress(&problem),
             }
         }
     }
 }
 
 /// Returns the controller's next report from now on; earlier reports are still in the queue and are skipped.
-fn said_now(link: &mut LinkedRobot) -> Option<Joints> {
+fn next_controller_report(link: &mut LinkedRobot) -> Option<Joints> {
     let (begun, mut is_drained) = (Instant::now(), false);
     while begun.elapsed() < RESPONSE_TIMEOUT {
         match link.next().ok()? {
@@ -142,24 +146,28 @@ fn said_now(link: &mut LinkedRobot) -> Option<Joints> {
     None
 }
 
-fn known(arm: &Kinematics, axes: Option<(Joints, Joints)>, from_camera: Option<Rigid<Base, Flange>>) -> Known {
+fn combine_evidence(
+    arm: &Kinematics,
+    axes: Option<(Joints, Joints)>,
+    from_camera: Option<Rigid<Base, Flange>>,
+) -> PoseKnowledge {
     if let Some((before, after)) = axes {
-        if before.farthest_deg(&after) > STANDSTILL_TOLERANCE_DEG {
-            return Known::Moved;
+        if before.max_difference_deg(&after) > STANDSTILL_TOLERANCE_DEG {
+            return PoseKnowledge::Moved;
         }
-        if let Some(flange) = reported(arm, &after) {
-            return Known::At(flange);
+        if let Some(flange) = controller_pose(arm, &after) {
+            return PoseKnowledge::At(flange);
         }
     }
     let at = |flange: Rigid<Base, Flange>| {
-        Known::At(ReportedFlange { base_from_flange: KukaPose::from_rigid(&flange), joints: None })
+        PoseKnowledge::At(ReportedFlange { base_from_flange: KukaPose::from_rigid(&flange), joints: None })
     };
-    from_camera.map_or(Known::Nothing, at)
+    from_camera.map_or(PoseKnowledge::Nothing, at)
 }
 
 /// Returns what the controller reports at these axis angles; `None` if the angles are not numbers.
-pub fn reported(arm: &Kinematics, joints: &Joints) -> Option<ReportedFlange> {
-    let base_from_flange = KukaPose::from_rigid(&arm.drawn_flange(joints)?);
+pub fn controller_pose(arm: &Kinematics, joints: &Joints) -> Option<ReportedFlange> {
+    let base_from_flange = KukaPose::from_rigid(&arm.nominal_flange(joints)?);
     Some(ReportedFlange { base_from_flange, joints: Some(*joints) })
 }
 
@@ -177,15 +185,19 @@ mod tests {
         let arm = Kinematics::new(cell.arm());
         let axes = [0.0, -90.0, 90.0, 0.0, 0.0, 0.0];
         let joints = Joints::from(axes);
-        let Known::At(flange) = known(&arm, Some((joints, joints)), None) else { panic!("known") };
+        let PoseKnowledge::At(flange) = combine_evidence(&arm, Some((joints, joints)), None) else {
+            panic!("known")
+        };
         let at = flange.base_from_flange;
         assert!((at.x_mm - 480.0).abs() < 1e-6 && at.y_mm.abs() < 1e-6 && (at.z_mm - 760.0).abs() < 1e-6, "{at:?}");
         assert_eq!(flange.joints, Some(joints));
         let moved = Joints::from([0.0, -90.0, 90.003, 0.0, 0.0, 0.0]);
-        let seen: Rigid<Base, Flange> = Rigid::claim(Isometry3::translation(1.0, 2.0, 3.0));
-        assert_eq!(known(&arm, Some((joints, moved)), Some(seen)), Known::Moved);
-        assert_eq!(known(&arm, None, None), Known::Nothing);
-        let Known::At(flange) = known(&arm, None, Some(seen)) else { panic!("the camera knows it") };
+        let seen: Rigid<Base, Flange> = Rigid::from_isometry_unchecked(Isometry3::translation(1.0, 2.0, 3.0));
+        assert_eq!(combine_evidence(&arm, Some((joints, moved)), Some(seen)), PoseKnowledge::Moved);
+        assert_eq!(combine_evidence(&arm, None, None), PoseKnowledge::Nothing);
+        let PoseKnowledge::At(flange) = combine_evidence(&arm, None, Some(seen)) else {
+            panic!("the camera knows it")
+        };
         assert_eq!((flange.base_from_flange.z_mm, flange.joints), (3.0, None));
     }
 }

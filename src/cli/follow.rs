@@ -4,9 +4,9 @@
 
 use super::fault::Fault;
 use super::outcome::Outcome;
-use super::output::tell_line;
+use super::output::write_progress;
 use super::service_request;
-use crate::daemon::{Exit, Reply, RequestKind};
+use crate::daemon::{Reply, RequestKind, RequestResult};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
@@ -26,13 +26,13 @@ const RESET_TIMEOUT: Duration = Duration::from_secs(600);
 ///
 /// # Errors
 /// If no service answers.
-pub fn watch(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
+pub fn print_changes(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
     let mut told = None;
     loop {
         let reply = state(socket)?;
-        let line = if as_json { Value::Object(seen(&reply)).to_string() } else { words(&reply) };
+        let line = if as_json { Value::Object(watched_fields(&reply)).to_string() } else { describe_reply(&reply) };
         if told.as_ref() != Some(&line) && writeln!(std::io::stdout(), "{line}").is_err() {
-            return Ok(Outcome { exit: 0, json: service_request::object(&reply), words: vec![] });
+            return Ok(Outcome { exit_code: 0, json: service_request::object(&reply), lines: vec![] });
         }
         told = Some(line);
         thread::sleep(POLL_INTERVAL);
@@ -44,13 +44,13 @@ pub fn watch(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
 ///
 /// # Errors
 /// If the service does not answer any more.
-pub fn to_the_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
+pub fn wait_for_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
     let mut told = None;
     loop {
         let reply = state(socket)?;
-        let line = words(&reply);
+        let line = describe_reply(&reply);
         if told.as_ref() != Some(&line) {
-            tell_line(&line);
+            write_progress(&line);
         }
         told = Some(line);
         let is_other = reply.cycle_id != begun.cycle_id;
@@ -58,9 +58,9 @@ pub fn to_the_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
             return Err(Fault::OtherCycle { waited_for: begun.cycle_id, found: reply.cycle_id });
         }
         let rests = matches!(reply.state.as_deref(), Some("stopped" | "complete" | "aborted"));
-        if let (Some(verdict), true, true) = (reply.verdict, rests, is_written(&reply)) {
+        if let (Some(verdict), true, true) = (reply.verdict, rests, is_page_written(&reply)) {
             let exit = verdict.exit_code();
-            return Ok(Outcome { exit, ..service_request::outcome(&reply) });
+            return Ok(Outcome { exit_code: exit, ..service_request::outcome(&reply) });
         }
         thread::sleep(POLL_INTERVAL);
     }
@@ -79,8 +79,8 @@ pub fn to_idle(socket: &Path) -> Result<Outcome, Fault> {
             thread::sleep(POLL_INTERVAL);
             continue;
         }
-        let exit = if is_at("idle") { Exit::Done } else { Exit::Fault };
-        let mut outcome = Outcome { exit: exit.code(), ..service_request::outcome(&reply) };
+        let exit = if is_at("idle") { RequestResult::Done } else { RequestResult::Fault };
+        let mut outcome = Outcome { exit_code: exit.code(), ..service_request::outcome(&reply) };
         if is_at("resetting") {
             let words = "the reset did not finish within";
             outcome.add_line(format!(
@@ -93,14 +93,14 @@ pub fn to_idle(socket: &Path) -> Result<Outcome, Fault> {
 }
 
 /// Whether the page is written: this happens after the cycle's end.
-fn is_written(reply: &Reply) -> bool {
+fn is_page_written(reply: &Reply) -> bool {
     reply.page.is_some()
 }
 
 fn state(socket: &Path) -> Result<Reply, Fault> {
     let since = Instant::now();
     loop {
-        match service_request::ask(socket, &RequestKind::State) {
+        match service_request::send_to_service(socket, &RequestKind::State) {
             Ok(reply) if reply.state.is_some() => return Ok(reply),
             Ok(reply) if since.elapsed() >= SERVICE_TIMEOUT => return Ok(reply),
             Err(fault) if since.elapsed() >= SERVICE_TIMEOUT => return Err(fault),
@@ -110,19 +110,19 @@ fn state(socket: &Path) -> Result<Reply, Fault> {
 }
 
 /// The fields that are watched for changes, without the number of requests to the service.
-fn seen(reply: &Reply) -> serde_json::Map<String, Value> {
+fn watched_fields(reply: &Reply) -> serde_json::Map<String, Value> {
     let mut object = service_request::object(reply);
     object.remove("answer");
     object.insert("recording".to_owned(), json!(reply.recording.as_ref().map(|recorded| &recorded.message)));
     object
 }
 
-fn words(reply: &Reply) -> String {
-    let verdict = reply.verdict.map_or(String::new(), |verdict| format!(": {}", verdict.word()));
+fn describe_reply(reply: &Reply) -> String {
+    let verdict = reply.verdict.map_or(String::new(), |verdict| format!(": {}", verdict.keyword()));
     let cycle = reply.cycle_id.map_or(String::new(), |cycle| format!("; cycle {cycle}{verdict}"));
     let panel = reply.panel.as_ref().map_or(String::new(), |panel| format!(" of panel {panel}"));
     let page = reply.page.as_ref().map_or(String::new(), |page| format!("; page {}", page.display()));
     let reasons: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
     let reasons = if reasons.is_empty() { String::new() } else { format!("; {}", reasons.join("; ")) };
-    format!("{}{cycle}{panel}{page}{reasons}", service_request::place(reply))
+    format!("{}{cycle}{panel}{page}{reasons}", service_request::describe_progress(reply))
 }

@@ -3,7 +3,7 @@
 use super::calibrate::{force, now_unix_s};
 use super::fault::Fault;
 use super::load::CellFiles;
-use crate::calib::health::{CameraHealth, TOOL_FORCE, VerificationLimits, ends_soon, health, may_start};
+use crate::calib::health::{CameraHealth, TOOL_FORCE, VerificationLimits, expiry_warning, health, judge_start};
 use crate::store::calibration_hash;
 use crate::verdict::{Judgement, Reason};
 
@@ -11,23 +11,23 @@ use crate::verdict::{Judgement, Reason};
 ///
 /// # Errors
 /// If there is no store.
-pub fn ending(files: &CellFiles) -> Result<Vec<Reason>, Fault> {
+pub fn expiring_verifications(files: &CellFiles) -> Result<Vec<Reason>, Fault> {
     let (store, demands) = (files.store()?, VerificationLimits::from_limits(files.cell.limits()));
     let mut ending = Vec::new();
     for subject in ["scanner", "flange_camera"] {
-        let last = store.last_verification(subject).map_err(Fault::stage)?;
-        ending.extend(last.and_then(|last| ends_soon(&last, now_unix_s(), demands)));
+        let last = store.newest_verification(subject).map_err(Fault::stage)?;
+        ending.extend(last.and_then(|last| expiry_warning(&last, now_unix_s(), demands)));
     }
     Ok(ending)
 }
 
-/// Reads what [`may_start`] needs and judges it.
+/// Reads what [`judge_start`] needs and judges it.
 ///
 /// # Errors
 /// If a calibration cannot be read, or there is no store.
 pub fn judge(files: &CellFiles) -> Result<Judgement, Fault> {
     let store = files.store()?;
-    let last = |subject: &str| store.last_verification(subject).map_err(Fault::stage);
+    let last = |subject: &str| store.newest_verification(subject).map_err(Fault::stage);
     let scanner = calibration_hash(&[&files.scanner()?.text, &files.base_from_camera()?.text]);
     let flange = files.hash_with_arm(&[&files.flange_camera()?.text, &files.flange_from_camera()?.text]);
     let (last_scanner, last_flange) = (last("scanner")?, last("flange_camera")?);
@@ -35,14 +35,19 @@ pub fn judge(files: &CellFiles) -> Result<Judgement, Fault> {
         CameraHealth { subject: "scanner", last: last_scanner.as_ref(), calibration_hash: &scanner },
         CameraHealth { subject: "flange_camera", last: last_flange.as_ref(), calibration_hash: &flange },
     ];
-    let touch = files.last_touch(&files.flange_from_tool()?.text);
+    let touch = files.last_touch_check(&files.flange_from_tool()?.text);
     let start =
-        may_start(&cameras, touch.as_ref(), now_unix_s(), VerificationLimits::from_limits(files.cell.limits()));
+        judge_start(&cameras, touch.as_ref(), now_unix_s(), VerificationLimits::from_limits(files.cell.limits()));
     // A simulated tool has exactly its stated values and needs no verification.
     let tool = files.cell.tool().compliant().filter(|tool| tool.address.is_some());
     let Some(tool) = tool else { return Ok(start) };
     let last_force = last(TOOL_FORCE)?;
-    let of_force =
-        health(TOOL_FORCE, last_force.as_ref(), &force::hash(tool), now_unix_s(), force::demands(files, tool));
-    Ok(start.and(of_force))
+    let of_force = health(
+        TOOL_FORCE,
+        last_force.as_ref(),
+        &force::hash(tool),
+        now_unix_s(),
+        force::verification_limits(files, tool),
+    );
+    Ok(start.combined_with(of_force))
 }

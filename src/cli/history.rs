@@ -8,7 +8,7 @@ use super::fault::{Fault, RecordFault};
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::config::nearest;
-use crate::history::{self, Edge, End, Known, PastCycle, Quantity, Query, Table, Trend};
+use crate::history::{self, Edge, KnownQuantity, PastCycle, Quantity, Query, RequiredEnd, Table, Trend};
 use crate::record::CycleId;
 use crate::store::Store;
 use crate::verdict::Verdict;
@@ -32,8 +32,8 @@ pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
     match &args.what {
         None => search(&store, args),
         Some(HistoryTask::Show { cycle }) => {
-            let summary = history::summary(&past(&store, *cycle)?);
-            found(
+            let summary = history::summary(&load_past_cycle(&store, *cycle)?);
+            results_outcome(
                 args,
                 &summary,
                 &history::summary_table(std::slice::from_ref(&summary)),
@@ -41,34 +41,45 @@ pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
             )
         }
         Some(HistoryTask::Compare { first, second }) => {
-            let comparison = history::compare(&past(&store, *first)?, &past(&store, *second)?);
-            found(args, &comparison, &history::comparison_table(&comparison), columns::comparison(&comparison))
+            let comparison =
+                history::compare(&load_past_cycle(&store, *first)?, &load_past_cycle(&store, *second)?);
+            results_outcome(
+                args,
+                &comparison,
+                &history::comparison_table(&comparison),
+                columns::comparison(&comparison),
+            )
         }
         Some(HistoryTask::Trend { panel, name }) => {
             let trend = trend(&store, (panel, name), limit)?;
-            found(args, &trend, &history::trend_table(&trend), columns::trend(&trend))
+            results_outcome(args, &trend, &history::trend_table(&trend), columns::trend(&trend))
         }
         Some(HistoryTask::Heat { panel }) => {
             let map = history::heat_map(&cycles(&store, panel, limit)?);
-            found(args, &map, &history::heat_table(&map), columns::heat(&map))
+            results_outcome(args, &map, &history::heat_table(&map), columns::heat(&map))
         }
         Some(HistoryTask::Alarms { cycle }) => alarms(&store, args, cycle.map(CycleId)),
     }
 }
 
 /// The results in the requested form; JSON is always one object with all of them.
-fn found(args: &History, data: &impl Serialize, table: &Table, words: Vec<String>) -> Result<Outcome, Fault> {
+fn results_outcome(
+    args: &History,
+    data: &impl Serialize,
+    table: &Table,
+    words: Vec<String>,
+) -> Result<Outcome, Fault> {
     let json = match serde_json::to_value(data).map_err(Fault::stage)? {
         Value::Object(object) => object,
         other => Map::from_iter([("rows".to_owned(), other)]),
     };
     let words = if args.csv { vec![table.csv().map_err(Fault::stage)?.trim_end().to_owned()] } else { words };
-    Ok(Outcome { exit: 0, json, words })
+    Ok(Outcome { exit_code: 0, json, lines: words })
 }
 
 fn search(store: &Store, args: &History) -> Result<Outcome, Fault> {
     let hits = store.search(&query(&args.search, usize::from(args.limit))?).map_err(Fault::stage)?;
-    found(args, &hits, &history::hits_table(&hits.hits), columns::hits(&hits))
+    results_outcome(args, &hits, &history::hits_table(&hits.hits), columns::hits(&hits))
 }
 
 fn query(search: &SearchArguments, limit: usize) -> Result<Query, Fault> {
@@ -85,14 +96,14 @@ fn query(search: &SearchArguments, limit: usize) -> Result<Query, Fault> {
         until_unix_s: date("--to", &search.to, Edge::Behind)?,
         end: search.verdict.map(end),
         words: search.text.as_deref().unwrap_or_default().split_whitespace().map(str::to_owned).collect(),
-        before: search.before.map(CycleId),
+        before_cycle: search.before.map(CycleId),
         limit,
     })
 }
 
-fn end(name: EndName) -> End {
-    End::With(match name {
-        EndName::Running => return End::Running,
+fn end(name: EndName) -> RequiredEnd {
+    RequiredEnd::With(match name {
+        EndName::Running => return RequiredEnd::Running,
         EndName::Pass => Verdict::Pass,
         EndName::Fail => Verdict::Fail,
         EndName::Invalid => Verdict::Invalid,
@@ -103,7 +114,7 @@ fn end(name: EndName) -> End {
     })
 }
 
-fn past(store: &Store, cycle: i64) -> Result<PastCycle, Fault> {
+fn load_past_cycle(store: &Store, cycle: i64) -> Result<PastCycle, Fault> {
     store.past_cycle(CycleId(cycle)).map_err(Fault::stage)
 }
 
@@ -117,7 +128,7 @@ fn cycles(store: &Store, panel: &str, limit: usize) -> Result<Vec<PastCycle>, Fa
 }
 
 fn trend(store: &Store, (panel, name): (&str, &str), limit: usize) -> Result<Trend, Fault> {
-    let quantity = Quantity::named(name);
+    let quantity = Quantity::from_keyword(name);
     if let Quantity::Known(known) = &quantity
         && let Some(subject) = known.verified_subject()
     {
@@ -129,13 +140,14 @@ fn trend(store: &Store, (panel, name): (&str, &str), limit: usize) -> Result<Tre
     let trend = history::trend(&quantity, &cycles);
     if matches!(quantity, Quantity::Check(_)) && trend.points.is_empty() {
         let names = check_names(&cycles);
-        let known: Vec<&str> = Known::words().into_iter().chain(names.iter().map(String::as_str)).collect();
+        let known: Vec<&str> =
+            KnownQuantity::keywords().into_iter().chain(names.iter().map(String::as_str)).collect();
         let nearest = nearest(name, &known).map(|(name, _)| name.to_owned());
         return Err(RecordFault::NoSuchNumber {
             found: name.to_owned(),
             panel: panel.to_owned(),
             nearest,
-            words: Known::words(),
+            words: KnownQuantity::keywords(),
         }
         .into());
     }
@@ -162,5 +174,5 @@ fn alarms(store: &Store, args: &History, cycle: Option<CycleId>) -> Result<Outco
     }
     all.sort_by_key(|alarm| std::cmp::Reverse((alarm.raised_unix_ms, alarm.cycle)));
     let words = columns::alarms(&all);
-    found(args, &serde_json::json!({ "alarms": all }), &history::alarm_table(&all), words)
+    results_outcome(args, &serde_json::json!({ "alarms": all }), &history::alarm_table(&all), words)
 }

@@ -3,7 +3,7 @@
 use super::args::{Common, Inspect};
 use super::disk;
 use super::fault::{ClipFault, Fault};
-use super::inspected::{Placed, abraded, inspect};
+use super::inspected::{PlacedPanel, abraded_pixels, inspect};
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use super::pictures;
@@ -13,7 +13,7 @@ use crate::inspect::Demands;
 use crate::labels::{LABELS, MASK};
 use crate::report::inspection_page;
 use crate::report::page::Figure;
-use crate::stages::film::Setup;
+use crate::stages::film::FilmSetup;
 
 /// Inspects a clip and reports the result.
 ///
@@ -25,7 +25,7 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
     }
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
-    let placed = Placed::read(&files, args.located.as_ref())?;
+    let placed = PlacedPanel::read(&files, args.located.as_ref())?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let demands = Demands::from_recipe(&recipe, files.cell.limits());
     let clip = match (&args.clip, &args.truth) {
@@ -35,8 +35,8 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
         }
         (None, None) => return Err(Fault::stage(files::ClipError::Empty)),
     };
-    let sanded = abraded(&args.abraded, &taught, &recipe)?;
-    let setup = Setup { sanded: sanded.as_ref(), ..placed.setup(&taught, &recipe, demands) };
+    let sanded = abraded_pixels(&args.abraded, &taught, &recipe)?;
+    let setup = FilmSetup { sanded: sanded.as_ref(), ..placed.inspection_setup(&taught, &recipe, demands) };
     let inspected = inspect(&setup, clip, placed.is_assumed, args.truth.as_deref())?;
     let mut mask = None;
     if let Some(folder) = &args.pictures {
@@ -45,7 +45,7 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
         disk::write(&file, bytes)?;
         mask = Some(file);
         let mut figures = Vec::new();
-        for drawing in inspected.filmed.drawn(&setup) {
+        for drawing in inspected.filmed.draw_film(&setup) {
             let picture = drawing.picture.map_err(Fault::stage)?;
             pictures::save(folder, &drawing.name, &picture)?;
             let jpeg = files::write_color_jpeg(&picture).map_err(Fault::stage)?;

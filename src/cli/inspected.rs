@@ -2,7 +2,7 @@
 
 use super::fault::Fault;
 use super::labels::{Labels, read_clip};
-use super::load::{self, CellFiles, Taught};
+use super::load::{self, CellFiles, LoadedPanel};
 use super::outcome::Outcome;
 use super::output;
 use crate::files::ClipEntry;
@@ -13,7 +13,7 @@ use crate::panel::GridId;
 use crate::path::touching;
 use crate::phase::Phase;
 use crate::recipe::Recipe;
-use crate::stages::film::{Filmed, Filming, Setup};
+use crate::stages::film::{FilmOutcome, FilmRun, FilmSetup};
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -24,9 +24,9 @@ use std::time::Instant;
 const DECODE_BATCH: usize = 8;
 
 /// An inspected clip.
-pub struct Inspected {
+pub struct InspectedClip {
     /// The film.
-    pub filmed: Filmed,
+    pub filmed: FilmOutcome,
     /// Time from a decoded wet picture to its result, median, ms.
     pub ms_per_frame: f64,
     /// Agreement with the ground truth, if one was given.
@@ -35,7 +35,7 @@ pub struct Inspected {
 
 /// The pose of the panel in the camera's view.
 #[derive(Debug, Clone, Copy)]
-pub struct Placed {
+pub struct PlacedPanel {
     /// The camera.
     pub camera: PinholeCamera,
     /// The camera's pose.
@@ -46,13 +46,13 @@ pub struct Placed {
     pub is_assumed: bool,
 }
 
-impl Placed {
+impl PlacedPanel {
     /// Reads the cell's files and the panel pose that `locate` found.
     ///
     /// # Errors
     /// If a file is invalid.
     pub fn read(files: &CellFiles, located: Option<&PathBuf>) -> Result<Self, Fault> {
-        Ok(Placed {
+        Ok(PlacedPanel {
             camera: files.scanner()?.value,
             base_from_camera: files.base_from_camera()?.value,
             base_from_panel: load::located(located)?,
@@ -61,9 +61,14 @@ impl Placed {
     }
 
     /// Returns the inspection's parameters for a clip of a taught panel.
-    pub fn setup<'a>(&'a self, taught: &'a Taught, recipe: &'a Recipe, demands: Demands) -> Setup<'a> {
+    pub fn inspection_setup<'a>(
+        &'a self,
+        taught: &'a LoadedPanel,
+        recipe: &'a Recipe,
+        demands: Demands,
+    ) -> FilmSetup<'a> {
         let camera_from_panel: Rigid<Camera, Panel> = self.base_from_camera.inverse() * self.base_from_panel;
-        Setup { panel: &taught.panel, camera: &self.camera, camera_from_panel, sanded: None, demands, recipe }
+        FilmSetup { panel: &taught.panel, camera: &self.camera, camera_from_panel, sanded: None, demands, recipe }
     }
 }
 
@@ -72,7 +77,7 @@ impl Placed {
 ///
 /// # Errors
 /// If a word is not a grid of the panel.
-pub fn abraded(words: &[String], taught: &Taught, recipe: &Recipe) -> Result<Option<Mask>, Fault> {
+pub fn abraded_pixels(words: &[String], taught: &LoadedPanel, recipe: &Recipe) -> Result<Option<Mask>, Fault> {
     let region = &taught.panel.region;
     let grids = match words {
         [] => return Ok(None),
@@ -87,7 +92,7 @@ pub fn abraded(words: &[String], taught: &Taught, recipe: &Recipe) -> Result<Opt
             grids
         }
     };
-    Ok(Some(touching::pixels_of_abraded(&grids, &taught.panel, recipe.path())))
+    Ok(Some(touching::touched_pixels(&grids, &taught.panel, recipe.path())))
 }
 
 /// A grid that the panel does not have.
@@ -104,17 +109,17 @@ struct UnknownGrid {
 /// # Errors
 /// If `clip.csv` or a picture is missing, damaged or of another size.
 pub fn inspect(
-    setup: &Setup<'_>,
+    setup: &FilmSetup<'_>,
     clip: &Path,
     is_place_assumed: bool,
     truth: Option<&Path>,
-) -> Result<Inspected, Fault> {
+) -> Result<InspectedClip, Fault> {
     let list = clip.join("clip.csv");
     let parsed = read_clip(clip)?;
-    let shots = parsed.shots();
-    let mut filming = Filming::begin(setup, lasts_s(shots)).map_err(Fault::stage)?;
+    let shots = parsed.entries();
+    let mut filming = FilmRun::begin_test(setup, lasts_s(shots)).map_err(Fault::stage)?;
     if is_place_assumed {
-        filming.assume_place();
+        filming.assume_nominal_pose();
     }
     let mut wet_ms = Vec::with_capacity(shots.len());
     for group in shots.chunks(DECODE_BATCH) {
@@ -124,17 +129,17 @@ pub fn inspect(
             let picture = Arc::new(picture?);
             let begin = Instant::now();
             let added = filming.push(&picture, shot.time_s, shot.phase);
-            let added = added.map_err(|error| Fault::file(&clip.join(&shot.file), error))?;
+            let added = added.map_err(|error| Fault::file_fault(&clip.join(&shot.file), error))?;
             let Some(since_wet_s) = added.since_wet_s else { continue };
             wet_ms.push(begin.elapsed().as_secs_f64() * 1e3);
-            if let Some(grids) = added.opened_on {
-                output::tell_line(&format!("{since_wet_s:6.1} s  the film broke on {grids}"));
+            if let Some(grids) = added.newly_broken_grids {
+                output::write_progress(&format!("{since_wet_s:6.1} s  the film broke on {grids}"));
             }
         }
     }
-    let filmed = filming.finish().map_err(|error| Fault::file(&list, error))?;
-    let score = truth.map(|folder| scored(&filmed.inspection, folder, clip)).transpose()?;
-    Ok(Inspected { filmed, ms_per_frame: median(&mut wet_ms).unwrap_or_default(), score })
+    let filmed = filming.finish().map_err(|error| Fault::file_fault(&list, error))?;
+    let score = truth.map(|folder| score_clip(&filmed.inspection, folder, clip)).transpose()?;
+    Ok(InspectedClip { filmed, ms_per_frame: median(&mut wet_ms).unwrap_or_default(), score })
 }
 
 /// Returns the time from the first picture of the wet panel to the last one, s.
@@ -144,26 +149,26 @@ fn lasts_s(shots: &[ClipEntry]) -> f64 {
     wet_s.next_back().unwrap_or(first_s) - first_s
 }
 
-fn scored(inspection: &Inspection, folder: &Path, clip: &Path) -> Result<(Score, Confusion), Fault> {
+fn score_clip(inspection: &Inspection, folder: &Path, clip: &Path) -> Result<(Score, Confusion), Fault> {
     let file = folder.join(MASK);
     let truth = Labels::read(folder, clip)?.mask;
     let agreement = score(&inspection.mask(), &truth, &inspection.footprint.region());
-    let named = |error| Fault::file(&file, error);
-    Ok((agreement.map_err(named)?, inspection.confusion(&truth).map_err(named)?))
+    let named = |error| Fault::file_fault(&file, error);
+    Ok((agreement.map_err(named)?, inspection.compare_with_truth(&truth).map_err(named)?))
 }
 
-impl Inspected {
+impl InspectedClip {
     pub fn outcome(&self, mask: Option<PathBuf>) -> Outcome {
         let inspection = &*self.filmed.inspection;
         let mut outcome = Outcome::from_judgement(&inspection.judgement);
-        outcome.put_checks(&inspection.checks);
+        outcome.add_checks(&inspection.checks);
         let breaks: Vec<_> = inspection
             .breaks
             .iter()
             .map(|found| {
                 let grids: Vec<String> = found.grids.iter().map(ToString::to_string).collect();
                 json!({"area_mm2": found.area_mm2, "first_seen_s": found.first_seen_s, "grids": grids,
-                       "closed_again": found.closed_again()})
+                       "closed_again": found.has_closed_again()})
             })
             .collect();
         let grids: Vec<_> = inspection
@@ -171,7 +176,7 @@ impl Inspected {
             .iter()
             .map(|grid| {
                 json!({"id": grid.id.to_string(), "failed": grid.failed, "seen": grid.seen,
-                       "reference": grid.reference.words(),
+                       "reference": grid.reference.describe(),
                        "wet_when_dry": grid.wet_when_dry,
                        "broken_mm2": grid.broken_mm2, "time_to_break_s": grid.time_to_break_s})
             })
@@ -184,10 +189,10 @@ impl Inspected {
             breaks.len(),
             self.ms_per_frame
         ));
-        outcome.put("observed_s", json!(observation.observed_s));
-        outcome.put("frames", json!(observation.frames));
-        outcome.put("breaks", json!(breaks));
-        outcome.put("grids", json!(grids));
+        outcome.add_value("observed_s", json!(observation.observed_s));
+        outcome.add_value("frames", json!(observation.frames));
+        outcome.add_value("breaks", json!(breaks));
+        outcome.add_value("grids", json!(grids));
         let quality = &observation.quality;
         let limit_mm2 = observation.detection_limit_mm2;
         outcome.add_line(format!(
@@ -195,22 +200,22 @@ impl Inspected {
              no picture; smallest break that is reliably found {limit_mm2:.1} mm²",
             quality.usable, quality.light[0], quality.light[1], observation.never_wet_percent
         ));
-        outcome.put("usable_frames", json!(quality.usable));
-        outcome.put("never_wet_percent", json!(observation.never_wet_percent));
-        outcome.put("detection_limit_mm2", json!(limit_mm2));
-        outcome.put("outline_off_px", json!(quality.off_px));
-        outcome.put("light", json!(quality.light.map(|share| share.is_finite().then_some(share))));
-        outcome.put("moved_px", json!(quality.moved_px));
-        outcome.put("sharpness", json!(quality.sharpness));
-        outcome.put("mask", json!(mask));
-        outcome.put("ms_per_frame", json!(self.ms_per_frame));
+        outcome.add_value("usable_frames", json!(quality.usable));
+        outcome.add_value("never_wet_percent", json!(observation.never_wet_percent));
+        outcome.add_value("detection_limit_mm2", json!(limit_mm2));
+        outcome.add_value("outline_off_px", json!(quality.off_px));
+        outcome.add_value("light", json!(quality.light.map(|share| share.is_finite().then_some(share))));
+        outcome.add_value("moved_px", json!(quality.moved_px));
+        outcome.add_value("sharpness", json!(quality.sharpness));
+        outcome.add_value("mask", json!(mask));
+        outcome.add_value("ms_per_frame", json!(self.ms_per_frame));
         if let Some((score, confusion)) = &self.score {
             outcome.add_line(format!(
                 "compared with the true mask: intersection over union {:.3}, precision {:.3}, recall {:.3}; grids: {} rightly \
                  failed, {} wrongly failed, {} wrongly passed",
                 score.iou, score.precision, score.recall, confusion.true_fail, confusion.false_fail, confusion.false_pass
             ));
-            outcome.put(
+            outcome.add_value(
                 "score",
                 json!({
                     "iou": score.iou, "precision": score.precision, "recall": score.recall,

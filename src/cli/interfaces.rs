@@ -5,28 +5,31 @@ use super::args::Common;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::record_source::StoreRecords;
-use super::setup_source::{FolderSource, RecordsOnTheirWay};
+use super::setup_source::{FolderSource, RecordTransfers};
 use crate::daemon::{
-    Alarms, Gateway, InterfaceContext, LineFront, LineParts, LinkedRobot, LiveView, OfficeParts, OfficeSender,
-    OpcUaParts, OpcUaServer, OperatorPage, PageError, PageParts, People, PushParts, PushSender, SparkplugEdge,
-    SparkplugParts,
+    AccountService, Alarms, Gateway, InterfaceContext, LineFront, LineParts, LinkedRobot, LiveView, OfficeParts,
+    OfficeSender, OpcUaParts, OpcUaServer, OperatorPage, PageError, PageParts, PushParts, PushSender,
+    SparkplugEdge, SparkplugParts,
 };
 use std::sync::Arc;
 
 /// The parts that all interfaces share.
-pub struct Fronts {
+pub struct SharedInterfaceParts {
     parts: InterfaceContext,
-    on_their_way: RecordsOnTheirWay,
+    record_transfers: RecordTransfers,
 }
 
-impl Fronts {
+impl SharedInterfaceParts {
     /// Creates the shared parts for a cell with these files.
     pub fn new((files, common): (&Arc<CellFiles>, &Common), gateway: Gateway) -> Self {
-        let on_their_way = RecordsOnTheirWay::default();
-        let people = Arc::new(People::new(files.store_folder().to_owned()));
+        let on_their_way = RecordTransfers::default();
+        let people = Arc::new(AccountService::new(files.store_folder().to_owned()));
         let alarms = Arc::new(Alarms::new(people.clone()));
         let setup = Arc::new(FolderSource::new(files, common, &on_their_way));
-        Fronts { parts: InterfaceContext { gateway, people, alarms, setup }, on_their_way }
+        SharedInterfaceParts {
+            parts: InterfaceContext { gateway, people, alarms, setup },
+            record_transfers: on_their_way,
+        }
     }
 }
 
@@ -34,14 +37,14 @@ impl Fronts {
 ///
 /// # Errors
 /// If the sender cannot be started.
-pub fn office_sender(files: &CellFiles, fronts: &Fronts) -> Result<Option<OfficeSender>, Fault> {
+pub fn office_sender(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<OfficeSender>, Fault> {
     let Some(office) = files.cell.office().cloned() else { return Ok(None) };
     let folder = files.store_folder().to_owned();
     let parts = OfficeParts {
         office,
         folder,
         front: Some(fronts.parts.clone()),
-        status: fronts.on_their_way.office.clone(),
+        status: fronts.record_transfers.office.clone(),
     };
     OfficeSender::start(parts).map(Some).map_err(Fault::stage)
 }
@@ -50,11 +53,11 @@ pub fn office_sender(files: &CellFiles, fronts: &Fronts) -> Result<Option<Office
 ///
 /// # Errors
 /// If the operating system refuses.
-pub fn push_sender(files: &Arc<CellFiles>, fronts: &Fronts) -> Result<Option<PushSender>, Fault> {
+pub fn push_sender(files: &Arc<CellFiles>, fronts: &SharedInterfaceParts) -> Result<Option<PushSender>, Fault> {
     let Some(push) = files.cell.push().cloned() else { return Ok(None) };
-    tracing::info!("signed records are uploaded to URLs below {}", push.to);
+    tracing::info!("signed records are uploaded to URLs below {}", push.target_folder);
     let (folder, records) = (files.store_folder().to_owned(), Arc::new(StoreRecords(files.clone())));
-    let parts = PushParts { push, folder, records, status: fronts.on_their_way.push.clone() };
+    let parts = PushParts { push, folder, records, status: fronts.record_transfers.push.clone() };
     PushSender::start(parts).map(Some).map_err(Fault::stage)
 }
 
@@ -62,7 +65,7 @@ pub fn push_sender(files: &Arc<CellFiles>, fronts: &Fronts) -> Result<Option<Pus
 ///
 /// # Errors
 /// If it cannot be started.
-pub fn edge_node(files: &CellFiles, fronts: &Fronts) -> Result<Option<SparkplugEdge>, Fault> {
+pub fn edge_node(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<SparkplugEdge>, Fault> {
     let Some(node) = files.cell.sparkplug().cloned() else { return Ok(None) };
     tracing::info!("MQTT Sparkplug: edge node {} of the group {}", node.edge_node_id, node.group_id);
     SparkplugEdge::serve(SparkplugParts { node, front: fronts.parts.clone() }).map(Some).map_err(Fault::stage)
@@ -72,8 +75,13 @@ pub fn edge_node(files: &CellFiles, fronts: &Fronts) -> Result<Option<SparkplugE
 ///
 /// # Errors
 /// If the operating system cannot start a thread.
-pub fn line_front(files: &CellFiles, fronts: &Fronts, robot: &LinkedRobot) -> Result<Option<LineFront>, Fault> {
-    let (Some(line), Some(inputs)) = (files.cell.line().cloned(), LineParts::bits(files.cell.io())) else {
+pub fn line_front(
+    files: &CellFiles,
+    fronts: &SharedInterfaceParts,
+    robot: &LinkedRobot,
+) -> Result<Option<LineFront>, Fault> {
+    let (Some(line), Some(inputs)) = (files.cell.line().cloned(), LineParts::bits(files.cell.inputs_outputs()))
+    else {
         return Ok(None);
     };
     tracing::info!("the line's signals request cycles with the recipe {}", line.recipe.display());
@@ -86,7 +94,7 @@ pub fn line_front(files: &CellFiles, fronts: &Fronts, robot: &LinkedRobot) -> Re
 ///
 /// # Errors
 /// If the operating system refuses.
-pub fn opcua_server(files: &CellFiles, fronts: &Fronts) -> Result<Option<OpcUaServer>, Fault> {
+pub fn opcua_server(files: &CellFiles, fronts: &SharedInterfaceParts) -> Result<Option<OpcUaServer>, Fault> {
     let parts = OpcUaParts { settings: files.cell.opcua().clone(), front: fronts.parts.clone() };
     OpcUaServer::serve(parts).map_err(Fault::stage)
 }
@@ -98,7 +106,7 @@ pub fn opcua_server(files: &CellFiles, fronts: &Fronts) -> Result<Option<OpcUaSe
 /// alarm.
 pub fn operator_page(
     files: &Arc<CellFiles>,
-    fronts: &Fronts,
+    fronts: &SharedInterfaceParts,
     view: LiveView,
 ) -> Result<Option<OperatorPage>, Fault> {
     let parts = PageParts {
@@ -112,7 +120,7 @@ pub fn operator_page(
         Ok(page) => page,
         // The cell can still be stopped and queried through its socket.
         Err(error @ PageError::File(_)) => {
-            fronts.parts.alarms.trouble("the operator's page", Some(&error.to_string()));
+            fronts.parts.alarms.set_connection_problem("the operator's page", Some(&error.to_string()));
             tracing::warn!("{error}; the cell works without the operator's page until the service is restarted");
             None
         }

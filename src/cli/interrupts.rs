@@ -12,7 +12,7 @@ use std::sync::{Arc, OnceLock};
 #[derive(Debug, Clone, Default)]
 pub struct Interrupts {
     count: Arc<AtomicUsize>,
-    is_over: Arc<AtomicBool>,
+    is_ended: Arc<AtomicBool>,
     stop_line: Arc<OnceLock<StopLine>>,
 }
 
@@ -21,10 +21,10 @@ impl Interrupts {
     ///
     /// # Errors
     /// If the operating system cannot provide a thread or a handler.
-    pub fn watch() -> Result<Self, Fault> {
+    pub fn count_signals() -> Result<Self, Fault> {
         let interrupts = Interrupts::default();
         for signal in [SIGINT, SIGTERM] {
-            register_conditional_default(signal, interrupts.is_over.clone()).map_err(Fault::stage)?;
+            register_conditional_default(signal, interrupts.is_ended.clone()).map_err(Fault::stage)?;
         }
         let mut signals = Signals::new([SIGINT, SIGTERM]).map_err(Fault::stage)?;
         let watched = interrupts.clone();
@@ -61,7 +61,7 @@ impl Interrupts {
 
     /// Ends the special handling, once the robot is no longer in use: from now on a signal ends the program at
     /// once.
-    pub fn are_over(&self) {
-        self.is_over.store(true, Ordering::Relaxed);
+    pub fn end_handling(&self) {
+        self.is_ended.store(true, Ordering::Relaxed);
     }
 }

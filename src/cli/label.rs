@@ -6,16 +6,16 @@ mod label_files;
 use super::args::{Common, Label};
 use super::disk;
 use super::fault::{ClipFault, Fault};
-use super::inspected::Placed;
+use super::inspected::PlacedPanel;
 use super::labels::{clip_hash, read_clip};
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
-use super::output::tell_line;
+use super::output::write_progress;
 use crate::files::{self, ClipEntry};
 use crate::geometry::PinholeCamera;
 use crate::labels::{ClipFrame, LABELS};
-use crate::page::Local;
-use crate::page::label::{self, GridOutline, Sheet};
+use crate::page::LocalServer;
+use crate::page::label::{self, GridOutline, LabelSheet};
 use crate::phase::Phase;
 use crate::verdict::{Judgement, Verdict};
 use label_files::LabelFolder;
@@ -40,18 +40,23 @@ pub fn run(args: &Label, common: &Common) -> Result<Outcome, Fault> {
         }
         None => (Vec::new(), None),
     };
-    let size_px = size_px(&args.clip, clip.shots(), camera.as_ref())?;
-    let wet = clip.shots().iter().filter(|shot| shot.phase == Phase::Wet);
+    let size_px = size_px(&args.clip, clip.entries(), camera.as_ref())?;
+    let wet = clip.entries().iter().filter(|shot| shot.phase == Phase::Wet);
     let frame = ClipFrame { size_px, wet_times_s: wet.map(|shot| shot.time_s).collect() };
     let keeping = Arc::new(LabelFolder::new(&args.clip, clip_hash(&args.clip, &clip)?, frame));
     let found = keeping.now()?;
     if let Some(note) = &found.note {
-        tell_line(note);
+        write_progress(note);
     }
-    let sheet =
-        Sheet { folder: args.clip.clone(), shots: clip.shots().to_vec(), size_px, grids, keep: keeping.clone() };
-    let local = Local::listen(args.listen).map_err(Fault::stage)?;
-    tell_line(&format!("Mark where the film broke: open {} in a browser on this computer.", local.url()));
+    let sheet = LabelSheet {
+        folder: args.clip.clone(),
+        shots: clip.entries().to_vec(),
+        size_px,
+        grids,
+        keep: keeping.clone(),
+    };
+    let local = LocalServer::listen(args.listen).map_err(Fault::stage)?;
+    write_progress(&format!("Mark where the film broke: open {} in a browser on this computer.", local.url()));
     let saved = label::serve(local, sheet).map_err(Fault::stage)?;
     build_outcome(&keeping, &args.clip, saved)
 }
@@ -63,7 +68,7 @@ fn size_px(folder: &Path, shots: &[ClipEntry], camera: Option<&PinholeCamera>) -
     let file = folder.join(&first.file);
     let picture = match camera {
         Some(camera) => load::picture(&file, camera)?,
-        None => files::read_color(&disk::read(&file)?).map_err(|error| Fault::file(&file, error))?,
+        None => files::read_color(&disk::read(&file)?).map_err(|error| Fault::file_fault(&file, error))?,
     };
     Ok([picture.width, picture.height])
 }
@@ -72,7 +77,7 @@ fn size_px(folder: &Path, shots: &[ClipEntry], camera: Option<&PinholeCamera>) -
 fn grids(recipe_file: &Path, args: &Label, common: &Common) -> Result<(Vec<GridOutline>, PinholeCamera), Fault> {
     let cell_files = CellFiles::read(common)?;
     let recipe = load::recipe(recipe_file)?;
-    let placed = Placed::read(&cell_files, args.located.as_ref())?;
+    let placed = PlacedPanel::read(&cell_files, args.located.as_ref())?;
     let taught = load::taught(&cell_files, recipe_file, &recipe)?;
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let outline = |grid: &crate::panel::Grid| {
@@ -92,12 +97,12 @@ fn build_outcome(keeping: &LabelFolder, folder: &Path, saved: u32) -> Result<Out
         _ => "nothing was saved".to_owned(),
     };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-    outcome.words = vec![format!("{}: {words}", file.display())];
+    outcome.lines = vec![format!("{}: {words}", file.display())];
     if is_draft {
         outcome.add_line("unsaved marks are kept; run the same command again to continue with them");
     }
-    outcome.put("labels", json!(labels.is_some().then_some(file)));
-    outcome.put("saved", json!(saved));
-    outcome.put("unsaved", json!(is_draft));
+    outcome.add_value("labels", json!(labels.is_some().then_some(file)));
+    outcome.add_value("saved", json!(saved));
+    outcome.add_value("unsaved", json!(is_draft));
     Ok(outcome)
 }

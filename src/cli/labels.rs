@@ -4,7 +4,7 @@ use super::disk;
 use super::fault::{ClipFault, Fault};
 use crate::files::{self, Clip, content_hash};
 use crate::geometry::{ColorPicture, Mask};
-use crate::labels::{self, LABELS, MASK, TIMES, decoded};
+use crate::labels::{self, LABELS, MASK, TIMES_FILE, decoded};
 use std::path::{Path, PathBuf};
 
 /// The ground truth of a clip.
@@ -22,16 +22,16 @@ impl Labels {
     pub fn read(folder: &Path, clip: &Path) -> Result<Self, Fault> {
         let file = folder.join(LABELS);
         if file.exists() {
-            let labelled = labels::read(&disk::read(&file)?).map_err(|error| Fault::file(&file, error))?;
+            let labelled = labels::read(&disk::read(&file)?).map_err(|error| Fault::file_fault(&file, error))?;
             if labelled.clip_sha256 != clip_hash(clip, &read_clip(clip)?)? {
                 return Err(ClipFault::OtherClip { labels: file, clip: clip.to_owned() }.into());
             }
         }
         let file = folder.join(MASK);
-        let gray = files::read_gray(&disk::read(&file)?).map_err(|error| Fault::file(&file, error))?;
-        let file = folder.join(TIMES);
+        let gray = files::read_gray(&disk::read(&file)?).map_err(|error| Fault::file_fault(&file, error))?;
+        let file = folder.join(TIMES_FILE);
         let times = match file.exists() {
-            true => Some(files::read_color(&disk::read(&file)?).map_err(|error| Fault::file(&file, error))?),
+            true => Some(files::read_color(&disk::read(&file)?).map_err(|error| Fault::file_fault(&file, error))?),
             false => None,
         };
         Ok(Labels { mask: Mask::from_gray(&gray), times })
@@ -48,7 +48,7 @@ impl Labels {
 ///
 /// # Errors
 /// If the clip has no labels.
-pub fn folder_of(clip: &Path) -> Result<PathBuf, Fault> {
+pub fn find_label_folder(clip: &Path) -> Result<PathBuf, Fault> {
     let folders = [clip.join("truth"), clip.to_owned()];
     let labelled = folders.into_iter().find(|folder| folder.join(MASK).exists());
     labelled.ok_or_else(|| ClipFault::NoLabels { clip: clip.to_owned() }.into())
@@ -60,7 +60,7 @@ pub fn folder_of(clip: &Path) -> Result<PathBuf, Fault> {
 /// If the folder holds none, or it is invalid.
 pub fn read_clip(folder: &Path) -> Result<Clip, Fault> {
     let list = folder.join("clip.csv");
-    files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file(&list, error))
+    files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file_fault(&list, error))
 }
 
 /// The hash of a clip: the hash of the output of `sha256sum clip.csv FILE…`.
@@ -68,7 +68,7 @@ pub fn read_clip(folder: &Path) -> Result<Clip, Fault> {
 /// # Errors
 /// If one of its files cannot be read.
 pub fn clip_hash(folder: &Path, clip: &Clip) -> Result<String, Fault> {
-    let names = std::iter::once("clip.csv").chain(clip.shots().iter().map(|shot| shot.file.as_str()));
+    let names = std::iter::once("clip.csv").chain(clip.entries().iter().map(|shot| shot.file.as_str()));
     let lines: Result<String, Fault> =
         names.map(|name| Ok(format!("{}  {name}\n", content_hash(&disk::read(&folder.join(name))?)))).collect();
     Ok(content_hash(lines?.as_bytes()))

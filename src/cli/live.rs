@@ -15,32 +15,32 @@ use crate::daemon::{AllCameras, Calibrations, Cameras, LinkedRobot, LinkedTool};
 use crate::devices::acf::{AcfLink, PlannedToolFault, SimulatedAcf, SimulatedPanel};
 use crate::devices::cameras::{
     Arm, BayerFlangeCamera, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, SimulatedFlangeCamera,
-    SimulatedScanner, simulated,
+    SimulatedScanner, simulated_cameras,
 };
 #[cfg(feature = "gige")]
 use crate::devices::cameras::{GigeFlangeCamera, LoopbackFlangeCamera};
 use crate::devices::mock::{self, ChannelFile, Controller, MockServer, Programs, Setup};
 use crate::devices::robot::{Address, BlockingLink, link_limits};
 use crate::devices::world::{Follower, SimulatedWorld};
-use crate::eki::{CELLCMD, CELLSTAT, Pace};
+use crate::eki::{CELLCMD, CELLSTAT, ClockMode};
 use crate::geometry::{Joints, PinholeCamera};
 use crate::sim;
-use crate::supervision::Watched;
+use crate::supervision::WatchedThread;
 use serde_json::{Value, json};
 
 /// The cell's devices.
-pub struct Live {
+pub struct CellDevices {
     // The fields are dropped in this order: the link disconnects before its controller ends.
     /// The robot.
     pub robot: LinkedRobot,
     /// The compliant tool; none if the tool is a spring.
     pub tool: LinkedTool,
     /// The thread of the tool's link, if it has one.
-    pub tool_watched: Option<Watched>,
+    pub tool_watched: Option<WatchedThread>,
     /// The cameras.
     pub cameras: AllCameras,
     /// The mock robot in this program.
-    pub simulated: Option<Simulated>,
+    pub simulated: Option<SimulatedController>,
     /// The simulated world, if a camera looks at one.
     pub world: Option<SimulatedWorld>,
     /// How pictures of the flange camera were transferred, if this is to be reported.
@@ -52,13 +52,13 @@ pub struct Live {
 pub enum FlangeLink {
     /// Over GigE Vision through the loopback interface.
     #[cfg(feature = "gige")]
-    Loopback(crate::devices::gige::Gauge),
+    Loopback(crate::devices::gige::LinkMonitor),
     /// From the renderer without a network, for this reason.
     Direct(String),
 }
 
 /// A mock controller and its world.
-pub struct Simulated {
+pub struct SimulatedController {
     /// The world.
     pub world: SimulatedWorld,
     /// The controller.
@@ -72,7 +72,7 @@ const LAMP_MS: u64 = 500;
 /// Largest factor by which the renderer reduces its pictures.
 const MAX_REDUCTION: usize = 8;
 
-impl Live {
+impl CellDevices {
     /// Starts the devices that the cell's file names. The robot's link begins to connect; nothing moves.
     ///
     /// # Errors
@@ -82,11 +82,11 @@ impl Live {
         let fails_here = cell.robot().kind() == RobotKind::Mock
             && cell.tool().compliant().is_some_and(|it| it.address.is_none());
         if simulation.tool_fault.is_some() && !fails_here {
-            return Err(DeviceFault::NoToolThatFails.into());
+            return Err(DeviceFault::NoFailingTool.into());
         }
         let world = || simulated_cell(&calibrations.scanner, simulation);
         if cell.robot().kind() == RobotKind::Mock {
-            let simulated = Simulated::start(cell, world()?)?;
+            let simulated = SimulatedController::start(cell, world()?)?;
             if simulation.line_parts > 0 {
                 simulated.world.bring_parts(simulation.line_parts, cell).map_err(Fault::stage)?;
             }
@@ -94,8 +94,8 @@ impl Live {
             let cameras = cameras(cell, calibrations, Some((&simulated.world, &arm)))?;
             let looks_at = Some((&simulated.world, &arm));
             let (tool, tool_watched) = tool(cell, calibrations, looks_at, simulation.tool_fault)?;
-            let (robot, world) = (linked(cell, Some(&simulated))?, Some(simulated.world.clone()));
-            return Ok(Live {
+            let (robot, world) = (link_robot(cell, Some(&simulated))?, Some(simulated.world.clone()));
+            return Ok(CellDevices {
                 robot,
                 tool,
                 tool_watched,
@@ -105,13 +105,13 @@ impl Live {
                 flange_link: None,
             });
         }
-        let robot = linked(cell, None)?;
+        let robot = link_robot(cell, None)?;
         let looks = matches!(cell.scanner(), cell::Camera::Simulated)
             || matches!(cell.flange_camera(), cell::Camera::Simulated);
         if !looks {
             let cameras = cameras(cell, calibrations, None)?;
             let (tool, tool_watched) = tool(cell, calibrations, None, None)?;
-            return Ok(Live {
+            return Ok(CellDevices {
                 robot,
                 tool,
                 tool_watched,
@@ -129,8 +129,8 @@ impl Live {
         let arm = Arm::Followed(follower.clone());
         let cameras = cameras(cell, calibrations, Some((&world, &arm)))?;
         let (tool, tool_watched) = tool(cell, calibrations, Some((&world, &arm)), None)?;
-        Ok(Live {
-            robot: robot.followed(follower),
+        Ok(CellDevices {
+            robot: robot.with_follower(follower),
             tool,
             tool_watched,
             cameras,
@@ -140,14 +140,14 @@ impl Live {
         })
     }
 
-    /// Starts the devices as [`Live::start`] does, with a colour sensor's filters in front of the simulated flange
+    /// Starts the devices as [`CellDevices::start`] does, with a colour sensor's filters in front of the simulated flange
     /// camera. If available, GigE Vision over the loopback interface transfers its pictures. The pictures are the same
     /// either way.
     ///
     /// # Errors
-    /// As [`Live::start`].
+    /// As [`CellDevices::start`].
     pub fn start_demo(cell: &Cell, calibrations: &Calibrations, simulation: Simulation) -> Result<Self, Fault> {
-        let mut live = Live::start(cell, calibrations, simulation)?;
+        let mut live = CellDevices::start(cell, calibrations, simulation)?;
         if let Some(simulated) = &live.simulated {
             let (camera, link) = flange_sensor(simulated, calibrations);
             (live.cameras.flange, live.flange_link) = (camera, Some(link));
@@ -173,7 +173,7 @@ impl FlangeLink {
     }
 
     /// A line for a person.
-    pub fn words(&self) -> String {
+    pub fn describe_link(&self) -> String {
         match self {
             #[cfg(feature = "gige")]
             FlangeLink::Loopback(gauge) => {
@@ -185,7 +185,10 @@ impl FlangeLink {
 }
 
 #[cfg(feature = "gige")]
-fn flange_sensor(simulated: &Simulated, calibrations: &Calibrations) -> (Box<dyn FlangeCamera>, FlangeLink) {
+fn flange_sensor(
+    simulated: &SimulatedController,
+    calibrations: &Calibrations,
+) -> (Box<dyn FlangeCamera>, FlangeLink) {
     let camera = || simulated.cameras().1;
     match LoopbackFlangeCamera::start(camera(), &calibrations.flange_camera) {
         Ok(loopback) => {
@@ -220,28 +223,31 @@ pub fn gige_camera(_: &Cell, _: &cell::Gige, _: &PinholeCamera) -> Result<Box<dy
 /// Starts only the robot that the cell's file names; a mock robot has the simulated world around it.
 ///
 /// # Errors
-/// As [`Live::start`].
-pub fn robot_alone(cell: &Cell) -> Result<(LinkedRobot, Option<Simulated>), Fault> {
-    robot_alone_at(cell, None)
+/// As [`CellDevices::start`].
+pub fn robot_alone(cell: &Cell) -> Result<(LinkedRobot, Option<SimulatedController>), Fault> {
+    start_robot_at(cell, None)
 }
 
 /// Starts only the robot that the cell's file names; a mock arm starts at these joint positions.
 ///
 /// # Errors
-/// As [`Live::start`].
-pub fn robot_alone_at(cell: &Cell, stands: Option<Joints>) -> Result<(LinkedRobot, Option<Simulated>), Fault> {
+/// As [`CellDevices::start`].
+pub fn start_robot_at(
+    cell: &Cell,
+    stands: Option<Joints>,
+) -> Result<(LinkedRobot, Option<SimulatedController>), Fault> {
     let world = || sim::Cell::new(1, sim::Scene::Good, MAX_REDUCTION);
     let simulated = match cell.robot().kind() {
-        RobotKind::Mock => Some(Simulated::started(cell, world(), stands)?),
+        RobotKind::Mock => Some(SimulatedController::started(cell, world(), stands)?),
         RobotKind::Eki => None,
     };
-    Ok((linked(cell, simulated.as_ref())?, simulated))
+    Ok((link_robot(cell, simulated.as_ref())?, simulated))
 }
 
-fn linked(cell: &Cell, simulated: Option<&Simulated>) -> Result<LinkedRobot, Fault> {
+fn link_robot(cell: &Cell, simulated: Option<&SimulatedController>) -> Result<LinkedRobot, Fault> {
     let (address, pace) = match simulated {
-        Some(simulated) => (simulated.address(), Pace::LockStep),
-        None => (Address::from(cell.robot()), Pace::Wall),
+        Some(simulated) => (simulated.address(), ClockMode::LockStep),
+        None => (Address::from(cell.robot()), ClockMode::Wall),
     };
     let link = BlockingLink::start(address, link_limits(cell), pace).map_err(Fault::stage)?;
     Ok(LinkedRobot::new(link, pace))
@@ -251,7 +257,7 @@ fn linked(cell: &Cell, simulated: Option<&Simulated>) -> Result<LinkedRobot, Fau
 pub fn simulated_cell(found: &PinholeCamera, simulation: Simulation) -> Result<sim::Cell, Fault> {
     let reduction = (FULL_WIDTH_PX / found.width_px.max(1)).clamp(1, MAX_REDUCTION);
     let simulated_cell =
-        sim::Cell::new(simulation.seed, simulation.scene.into(), reduction).placed(simulation.place);
+        sim::Cell::new(simulation.seed, simulation.scene.into(), reduction).with_pose(simulation.place);
     let simulated_cell = simulated_cell.with_arm(real_arm(simulation.seed, simulation.arm_error_mm));
     let delivers = simulated_cell.scanner();
     if (delivers.width_px, delivers.height_px) == (found.width_px, found.height_px) {
@@ -275,7 +281,7 @@ fn programs(cell: &Cell) -> Result<Option<Programs>, Fault> {
     }
 }
 
-impl Simulated {
+impl SimulatedController {
     /// Starts a mock controller and its world.
     ///
     /// # Errors
@@ -288,11 +294,11 @@ impl Simulated {
     /// light on if requested.
     ///
     /// # Errors
-    /// As [`Simulated::start`].
+    /// As [`SimulatedController::start`].
     pub fn start_parked(cell: &Cell, simulated_cell: sim::Cell, with_light: bool) -> Result<Self, Fault> {
-        let simulated = Self::started(cell, simulated_cell, cell.park())?;
-        if let Some(light) = cell.io().output(cell::Output::Light).filter(|_| with_light) {
-            simulated.server.handle().with(|controller| {
+        let simulated = Self::started(cell, simulated_cell, cell.park_pose())?;
+        if let Some(light) = cell.inputs_outputs().output(cell::Output::Light).filter(|_| with_light) {
+            simulated.server.handle().with_controller(|controller| {
                 controller.switch_output(light, true);
                 controller.advance_ms(LAMP_MS);
             });
@@ -303,11 +309,11 @@ impl Simulated {
     fn started(cell: &Cell, simulated_cell: sim::Cell, stands: Option<Joints>) -> Result<Self, Fault> {
         let world = SimulatedWorld::new(simulated_cell, cell).map_err(Fault::stage)?;
         let channel = |text| ChannelFile::parse(text).map_err(Fault::stage);
-        let setup = world.setup(cell, channel(CELLCMD)?, channel(CELLSTAT)?);
+        let setup = world.mock_setup(cell, channel(CELLCMD)?, channel(CELLSTAT)?);
         let setup = Setup { programs: programs(cell)?, start: stands.unwrap_or(setup.start), ..setup };
         let controller = Controller::new(setup, world.terminals()).map_err(Fault::stage)?;
-        let server = MockServer::start(controller, mock::Ports::free()).map_err(Fault::stage)?;
-        Ok(Simulated { world, server })
+        let server = MockServer::start(controller, mock::Ports::free_ports()).map_err(Fault::stage)?;
+        Ok(SimulatedController { world, server })
     }
 
     fn address(&self) -> Address {
@@ -320,7 +326,7 @@ impl Simulated {
 
     /// Returns both cameras of the simulated world.
     pub fn cameras(&self) -> (SimulatedScanner, SimulatedFlangeCamera) {
-        simulated(&self.world, &Arm::Mock(self.server.handle()))
+        simulated_cameras(&self.world, &Arm::Mock(self.server.handle()))
     }
 }
 
@@ -330,16 +336,16 @@ fn tool(
     calibrations: &Calibrations,
     looks_at: Option<(&SimulatedWorld, &Arm)>,
     planned: Option<PlannedToolFault>,
-) -> Result<(LinkedTool, Option<Watched>), Fault> {
+) -> Result<(LinkedTool, Option<WatchedThread>), Fault> {
     let Some(tool) = cell.tool().compliant() else { return Ok((LinkedTool::default(), None)) };
     if let Some(address) = &tool.address {
         let link = AcfLink::start(tool, address).map_err(Fault::stage)?;
-        let watched = link.watched();
+        let watched = link.supervision_handle();
         return Ok((LinkedTool::new(link), Some(watched)));
     }
     let (world, arm) = looks_at.ok_or(DeviceFault::NoWorldForTool)?;
     let panel = SimulatedPanel::new((world.clone(), arm.clone()), calibrations.flange_from_tool, tool.stroke_mm);
-    Ok((LinkedTool::new(SimulatedAcf::new(tool, panel.failing(planned))), None))
+    Ok((LinkedTool::new(SimulatedAcf::new(tool, panel.with_fault(planned))), None))
 }
 
 fn cameras(
@@ -347,7 +353,8 @@ fn cameras(
     calibrations: &Calibrations,
     looks_at: Option<(&SimulatedWorld, &Arm)>,
 ) -> Result<AllCameras, Fault> {
-    let simulated = || looks_at.map(|(world, arm)| simulated(world, arm)).ok_or(Fault::from(DeviceFault::NoWorld));
+    let simulated =
+        || looks_at.map(|(world, arm)| simulated_cameras(world, arm)).ok_or(Fault::from(DeviceFault::NoWorld));
     let scanner: Box<dyn Scanner> = match cell.scanner() {
         cell::Camera::Simulated => Box::new(simulated()?.0),
         cell::Camera::Recorded { folder } => {

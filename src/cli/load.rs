@@ -4,6 +4,6 @@ mod cell_files;
 mod inputs;
 mod taught;
 
-pub use cell_files::{Calibrated, CellFiles, NO_AXES, calibrated_serial, last_touch};
+pub use cell_files::{CellFiles, LoadedCalibration, NO_AXES, calibrated_serial, last_touch_check};
 pub use inputs::{CornerShot, corner_shots, flange_file, located, located_mm, picture, recipe, scan};
-pub use taught::{Taught, derive, taught, teaching_of};
+pub use taught::{LoadedPanel, derive, taught, teaching_of};

@@ -6,8 +6,8 @@ use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use super::pictures;
 use crate::geometry::KukaPose;
-use crate::locate::{Fit, TaughtModel, View};
-use crate::stages::locate::{Located, locate};
+use crate::locate::{Fit, ScanView, TaughtModel};
+use crate::stages::locate::{LocateOutcome, locate};
 use serde_json::json;
 use std::time::Instant;
 
@@ -27,14 +27,14 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     // camera exposes.
     let model = TaughtModel::from_panel(&taught.panel, errors.range);
     let begin = Instant::now();
-    let scan = errors.corrected(scan);
-    let view = View { scan: &scan, camera: &camera, base_from_camera, range: errors.range };
+    let scan = errors.correct_scan(scan);
+    let view = ScanView { scan: &scan, camera: &camera, base_from_camera, range: errors.range };
     let located = locate((&taught.panel, &model), view, &recipe);
     let elapsed_ms = begin.elapsed().as_secs_f64() * 1e3;
     if let Some(folder) = &args.pictures {
         let picture = scan.picture();
-        let drawings = located.drawn_place(&picture).into_iter().chain(located.drawn_reasons(&picture));
-        pictures::save_all(folder, drawings)?;
+        let drawings = located.draw_placement(&picture).into_iter().chain(located.draw_reasons(&picture));
+        pictures::write_drawings(folder, drawings)?;
     }
     let outcome = outcome(&located, elapsed_ms);
     outcome.write(args.out.as_deref())?;
@@ -42,24 +42,24 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
 }
 
 /// The outcome of a localization; its verdict came `elapsed_ms` after the scan was in memory.
-fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
+fn outcome(located: &LocateOutcome<'_>, elapsed_ms: f64) -> Outcome {
     let mut outcome = Outcome::from_judgement(&located.judgement);
-    outcome.put_checks(&located.checks);
+    outcome.add_checks(&located.checks);
     let fit = located.fit.as_ref();
     let pose = fit.map(|fit| KukaPose::from_rigid(&fit.base_from_panel));
-    outcome.put("base_from_panel", json!(pose));
+    outcome.add_value("base_from_panel", json!(pose));
     let of_drawing = located.base_from_drawing();
     if let Some(pose) = &of_drawing {
-        outcome.put("base_from_drawing", json!(pose));
+        outcome.add_value("base_from_drawing", json!(pose));
     }
-    outcome.put("rms_mm", json!(fit.map(|fit| fit.rms_mm)));
-    outcome.put("deviation_mm", json!(fit.map(|fit| fit.deviation_mm)));
-    outcome.put("overlap", json!(fit.map(Fit::overlap)));
-    outcome.put("outline_rms_px", json!(fit.map(|fit| fit.outline_rms_px)));
-    outcome.put("uncertainty_mm", json!(fit.map(|fit| fit.uncertainty_mm)));
-    outcome.put("weakest_mm", json!(fit.map(|fit| fit.weakest_mm)));
-    outcome.put("scanner_errors", json!(located.range().words()));
-    outcome.put("elapsed_ms", json!(elapsed_ms));
+    outcome.add_value("rms_mm", json!(fit.map(|fit| fit.rms_mm)));
+    outcome.add_value("deviation_mm", json!(fit.map(|fit| fit.deviation_mm)));
+    outcome.add_value("overlap", json!(fit.map(Fit::overlap)));
+    outcome.add_value("outline_rms_px", json!(fit.map(|fit| fit.outline_rms_px)));
+    outcome.add_value("uncertainty_mm", json!(fit.map(|fit| fit.uncertainty_mm)));
+    outcome.add_value("weakest_mm", json!(fit.map(|fit| fit.weakest_mm)));
+    outcome.add_value("scanner_errors", json!(located.range().describe()));
+    outcome.add_value("elapsed_ms", json!(elapsed_ms));
     if let (Some(fit), Some(pose)) = (fit, pose) {
         outcome.add_line(format!("base from panel: {pose}"));
         if let Some(pose) = of_drawing {
@@ -72,7 +72,7 @@ fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
             fit.outline_rms_px,
             fit.overlap(),
             fit.uncertainty_mm,
-            fit.weakest.words(),
+            fit.weakest_direction.describe(),
             fit.weakest_mm
         ));
         outcome.add_line(format!(
@@ -82,8 +82,8 @@ fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
                 || "no competing pose explains the scan".to_owned(),
                 |rival| format!(
                     "the best competing pose is rotated by {:.0}° and {:.0} times less likely",
-                    rival.turned.0,
-                    rival.margin()
+                    rival.rotation.0,
+                    rival.evidence_ratio()
                 )
             ),
             fit.camera.map_or_else(

@@ -21,16 +21,16 @@ pub fn run(args: &Look, common: &Common) -> Result<Outcome, Fault> {
     let calibrated = CellFiles::read(common).and_then(|files| files.scanner()).ok();
     let size_px = calibrated.as_ref().map(|camera| (camera.value.width_px, camera.value.height_px));
     let read = files::read_any_cloud(&disk::read(&args.scan)?, size_px);
-    let scan = read.map_err(|error| Fault::file(&args.scan, error))?;
+    let scan = read.map_err(|error| Fault::file_fault(&args.scan, error))?;
     // A scan of another camera is allowed; its size identifies it.
     let lens = calibrated.as_ref().map(|camera| &camera.value);
     let own = lens.filter(|lens| (lens.width_px, lens.height_px) == (scan.width(), scan.height()));
     let checked = own.map_or_else(|| files::check_frame(&scan), |lens| files::check_rays(&scan, lens));
-    checked.map_err(|error| Fault::file(&args.scan, error))?;
+    checked.map_err(|error| Fault::file_fault(&args.scan, error))?;
     let picture = scan_picture(&scan).map_err(Fault::stage)?;
     let file = pictures::save(&args.pictures, "scan", &picture)?;
     let share = missing_share(&scan);
-    let depths_mm = scan.valid().map(|(_, point)| point.mm.z);
+    let depths_mm = scan.valid_points().map(|(_, point)| point.mm.z);
     let (near_mm, far_mm) =
         depths_mm.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
@@ -44,9 +44,9 @@ pub fn run(args: &Look, common: &Common) -> Result<Outcome, Fault> {
         outcome.add_line(format!("points {near_mm:.0} to {far_mm:.0} mm from the camera along its axis"));
     }
     outcome.add_line(format!("{}: read [region] corners_px from the pixel ruler in this picture", file.display()));
-    outcome.put("missing_share", json!(share));
-    outcome.put("width_px", json!(scan.width()));
-    outcome.put("height_px", json!(scan.height()));
-    outcome.put("picture", json!(file));
+    outcome.add_value("missing_share", json!(share));
+    outcome.add_value("width_px", json!(scan.width()));
+    outcome.add_value("height_px", json!(scan.height()));
+    outcome.add_value("picture", json!(file));
     Ok(outcome)
 }

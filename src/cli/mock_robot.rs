@@ -10,7 +10,7 @@ use crate::check::is_krl;
 use crate::devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports, Programs, Setup};
 use crate::devices::world::SimulatedWorld;
 use crate::eki::{CELLCMD, CELLSTAT};
-use crate::number_text::fixed;
+use crate::number_text::fixed_decimals;
 use crate::requirements::Purpose;
 use crate::sim;
 use std::fs::DirEntry;
@@ -32,7 +32,7 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
         None => ChannelFile::parse(shipped).map_err(Fault::stage),
         Some(folder) => {
             let file = folder.join(name);
-            ChannelFile::parse(&disk::read_controller_text(&file)?).map_err(|error| Fault::file(&file, error))
+            ChannelFile::parse(&disk::read_controller_text(&file)?).map_err(|error| Fault::file_fault(&file, error))
         }
     };
     let (commands, states) = (channel("CELLCMD.xml", CELLCMD)?, channel("CELLSTAT.xml", CELLSTAT)?);
@@ -43,11 +43,11 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
     let programs = match &args.programs {
         None => None,
         Some(None) => Some(Programs::shipped().map_err(Fault::stage)?),
-        Some(Some(folder)) => Some(own_programs(folder)?),
+        Some(Some(folder)) => Some(read_own_programs(folder)?),
     };
     let remarks = programs.iter().flat_map(|programs| &programs.remarks);
     remarks.for_each(|remark| tell(&format!("note: {remark}")));
-    let setup = Setup { clock: Clock::Free, faults, programs, ..world.setup(&files.cell, commands, states) };
+    let setup = Setup { clock: Clock::Free, faults, programs, ..world.mock_setup(&files.cell, commands, states) };
     let mut controller = Controller::new(setup, world.terminals()).map_err(Fault::stage)?;
     controller.boot();
     let server = MockServer::start(controller, ports).map_err(Fault::stage)?;
@@ -58,25 +58,32 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
     ));
     let mut told = ReportedState::default();
     loop {
-        server.handle().with(|controller| told.news(controller)).iter().for_each(|line| tell(line));
+        server
+            .handle()
+            .with_controller(|controller| told.state_changes(controller))
+            .iter()
+            .for_each(|line| tell(line));
         std::thread::sleep(POLL_INTERVAL);
     }
 }
 
 /// Reads the programs of a folder. They replace the shipped programs of the same name or are added to them.
-fn own_programs(folder: &Path) -> Result<Programs, Fault> {
-    let named = |error: std::io::Error| Fault::file(folder, error);
+fn read_own_programs(folder: &Path) -> Result<Programs, Fault> {
+    let named = |error: std::io::Error| Fault::file_fault(folder, error);
     let entries: Vec<_> = std::fs::read_dir(folder).and_then(Iterator::collect).map_err(named)?;
     let mut files: Vec<PathBuf> = entries.iter().map(DirEntry::path).collect();
     files.retain(|file| file.file_name().is_some_and(|name| is_krl(&name.to_string_lossy())));
     files.sort();
     if files.is_empty() {
-        return Err(Fault::file(folder, "has no .src, .sub or .dat file: name the folder with your programs"));
+        return Err(Fault::file_fault(
+            folder,
+            "has no .src, .sub or .dat file: name the folder with your programs",
+        ));
     }
     let read = |file: &PathBuf| Ok((file.display().to_string(), disk::read_controller_text(file)?));
     let texts = files.iter().map(read).collect::<Result<Vec<_>, Fault>>()?;
     let texts: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
-    Programs::with_own(&texts).map_err(Fault::stage)
+    Programs::with_user_files(&texts).map_err(Fault::stage)
 }
 
 /// Returns the cell's ports. If the user gives EthernetKRL files, these are the ports of the files, which must
@@ -111,7 +118,7 @@ struct ReportedState {
 }
 
 impl ReportedState {
-    fn news(&mut self, controller: &Controller) -> Vec<String> {
+    fn state_changes(&mut self, controller: &Controller) -> Vec<String> {
         let at = |time_ms: u64| format!("{:9.3} s", time_ms as f64 / 1_000.0);
         let now = at(controller.time_ms());
         let mut lines = Vec::new();
@@ -119,26 +126,26 @@ impl ReportedState {
             self.epoch = controller.epoch();
             lines.push(format!("{now}  epoch {}", self.epoch));
         }
-        for done in &controller.executed()[self.executed..] {
+        for done in &controller.executed_motions()[self.executed..] {
             let joints = done.joints;
             let axes = joints.degrees();
-            let axes = axes.map(|angle| fixed(angle, 2).to_string()).join(" ");
+            let axes = axes.map(|angle| fixed_decimals(angle, 2).to_string()).join(" ");
             let contact = if done.contact { ", in contact" } else { "" };
             lines.push(format!("{}  command {} executed, axes {axes}{contact}", at(done.time_ms), done.id));
         }
-        for stop in &controller.stops()[self.stops..] {
+        for stop in &controller.program_stops()[self.stops..] {
             let detail = if stop.detail.is_empty() { String::new() } else { format!(": {}", stop.detail) };
             lines.push(format!(
                 "{}  epoch {} stopped: {}{detail}",
                 at(stop.time_ms),
                 stop.epoch,
-                stop.cause.words()
+                stop.cause.describe()
             ));
         }
         let faults = controller.program_faults();
         lines.extend(faults[self.faults..].iter().map(|fault| format!("{now}  the KRL programs stopped: {fault}")));
         self.faults = faults.len();
-        (self.executed, self.stops) = (controller.executed().len(), controller.stops().len());
+        (self.executed, self.stops) = (controller.executed_motions().len(), controller.program_stops().len());
         let on: Vec<u16> = controller.outputs().iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect();
         if on != self.outputs {
             let words = on.iter().map(u16::to_string).collect::<Vec<_>>().join(", ");

@@ -2,7 +2,7 @@
 
 use super::disk;
 use super::fault::Fault;
-use super::output::{print_line, tell_line};
+use super::output::{print_line, write_progress};
 use crate::verdict::{Check, Judgement};
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -12,11 +12,11 @@ use std::process::ExitCode;
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// How it ended.
-    pub exit: u8,
+    pub exit_code: u8,
     /// The JSON object for `--json`.
     pub json: Map<String, Value>,
     /// For a person.
-    pub words: Vec<String>,
+    pub lines: Vec<String>,
 }
 
 impl Outcome {
@@ -26,23 +26,23 @@ impl Outcome {
         json.insert("verdict".to_owned(), json!(judgement.verdict));
         json.insert("reasons".to_owned(), json!(judgement.reasons));
         let reasons = judgement.reasons.iter().map(|reason| format!("  {} ({})", reason.message, reason.code));
-        let words = std::iter::once(format!("verdict: {}", judgement.verdict.word())).chain(reasons).collect();
-        Outcome { exit: judgement.verdict.exit_code(), json, words }
+        let words = std::iter::once(format!("verdict: {}", judgement.verdict.keyword())).chain(reasons).collect();
+        Outcome { exit_code: judgement.verdict.exit_code(), json, lines: words }
     }
 
     /// Adds the checks on which the judgement is based.
-    pub fn put_checks(&mut self, checks: &[Check]) {
-        self.put("checks", json!(checks));
+    pub fn add_checks(&mut self, checks: &[Check]) {
+        self.add_value("checks", json!(checks));
     }
 
     /// Adds a value that scripts read.
-    pub fn put(&mut self, key: &str, value: Value) {
+    pub fn add_value(&mut self, key: &str, value: Value) {
         self.json.insert(key.to_owned(), value);
     }
 
     /// Adds a line for a person.
     pub fn add_line(&mut self, line: impl Into<String>) {
-        self.words.push(line.into());
+        self.lines.push(line.into());
     }
 
     /// Writes the object that `--json` prints to this file, if one is named.
@@ -55,17 +55,17 @@ impl Outcome {
 
     /// Prints the outcome and returns the exit code.
     pub fn print(&self, as_json: bool) -> ExitCode {
-        let text = if as_json { Value::Object(self.json.clone()).to_string() } else { self.words.join("\n") };
-        printed(&text, self.exit)
+        let text = if as_json { Value::Object(self.json.clone()).to_string() } else { self.lines.join("\n") };
+        print_outcome(&text, self.exit_code)
     }
 }
 
 /// Prints the result and returns its exit code; if the result cannot be written, this is a disk fault.
-fn printed(text: &str, exit: u8) -> ExitCode {
+fn print_outcome(text: &str, exit: u8) -> ExitCode {
     match print_line(text) {
         Ok(()) => ExitCode::from(exit),
         Err(error) => {
-            tell_line(&format!("panelprep: the result cannot be written to standard output: {error}"));
+            write_progress(&format!("panelprep: the result cannot be written to standard output: {error}"));
             ExitCode::from(2)
         }
     }
@@ -73,11 +73,11 @@ fn printed(text: &str, exit: u8) -> ExitCode {
 
 /// Prints the fault that stopped a command: words on standard error, and with `--json` also an object.
 pub fn print_fault(fault: &Fault, as_json: bool) -> ExitCode {
-    tell_line(&format!("panelprep: {fault}"));
+    write_progress(&format!("panelprep: {fault}"));
     let (exit, code) = fault.code();
     if as_json {
         let reason = json!([{"code": code, "message": fault.to_string()}]);
-        return printed(&json!({"verdict": null, "reasons": reason}).to_string(), exit);
+        return print_outcome(&json!({"verdict": null, "reasons": reason}).to_string(), exit);
     }
     ExitCode::from(exit)
 }

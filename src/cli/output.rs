@@ -21,14 +21,15 @@ pub fn print_line(line: &str) -> io::Result<()> {
 ///
 /// # Errors
 /// If standard input cannot be read.
-pub fn answer() -> Result<Option<String>, Fault> {
+pub fn read_answer_line() -> Result<Option<String>, Fault> {
     let mut line = String::new();
-    let read = io::stdin().read_line(&mut line).map_err(|error| Fault::file("standard input".as_ref(), error))?;
+    let read =
+        io::stdin().read_line(&mut line).map_err(|error| Fault::file_fault("standard input".as_ref(), error))?;
     Ok((read > 0).then(|| line.trim().to_owned()))
 }
 
 /// Writes a line of progress, or a problem, to standard error. If that fails, there is no other place to report it.
-pub fn tell_line(line: &str) {
+pub fn write_progress(line: &str) {
     #[expect(clippy::let_underscore_must_use, reason = "nobody reads: there is no other place to say it")]
     let _ = writeln!(io::stderr().lock(), "{line}");
 }

@@ -3,7 +3,7 @@
 
 use super::fault::{Fault, RecordFault};
 use crate::number_text::{printable, utc_day};
-use crate::record::{ANOTHER_PART, CycleRecord, LostPasses, PartNames};
+use crate::record::{ANOTHER_PART_TEXT, CycleRecord, LostPasses, PartNames};
 use crate::report::page::{Row, Section};
 use crate::store::{PassesOfCycle, Store};
 
@@ -14,7 +14,7 @@ const MAX_CHARACTERS: usize = 120;
 ///
 /// # Errors
 /// If one is empty, too long, or cannot be printed as it is.
-pub fn checked(part: PartNames) -> Result<Option<PartNames>, Fault> {
+pub fn parse_part_names(part: PartNames) -> Result<Option<PartNames>, Fault> {
     let named = [("--part", &part.serial), ("--order", &part.order), ("--operator", &part.operator)];
     for (option, name) in named {
         let Some(name) = name else { continue };
@@ -35,9 +35,9 @@ pub fn text(part: &PartNames) -> Result<String, Fault> {
 }
 
 /// Returns the text with which a start records that another part than before is in the fixture.
-pub fn another() -> (String, String) {
+pub fn another_part_text() -> (String, String) {
     (
-        ANOTHER_PART.to_owned(),
+        ANOTHER_PART_TEXT.to_owned(),
         "this cycle was started with the statement that another part than before is in the fixture\n".to_owned(),
     )
 }
@@ -55,7 +55,7 @@ pub fn lost(passes: u8) -> Result<(String, String), Fault> {
 ///
 /// # Errors
 /// If the part has already had this number of passes; each cycle is named.
-pub fn may_be_abraded(
+pub fn check_pass_limit(
     part: Option<&PartNames>,
     (earlier, lost): (&[PassesOfCycle], u8),
     most: usize,
@@ -119,24 +119,27 @@ mod tests {
         };
         let earlier = [cycle(4, 2), cycle(9, 1)];
         let part = PartNames { serial: Some("SN 17".to_owned()), ..PartNames::default() };
-        assert!(may_be_abraded(Some(&part), (&earlier, 0), 4).is_ok() && may_be_abraded(None, (&[], 0), 1).is_ok());
-        let refused = may_be_abraded(Some(&part), (&earlier, 0), 3).expect_err("used up").to_string();
+        assert!(
+            check_pass_limit(Some(&part), (&earlier, 0), 4).is_ok() && check_pass_limit(None, (&[], 0), 1).is_ok()
+        );
+        let refused = check_pass_limit(Some(&part), (&earlier, 0), 3).expect_err("used up").to_string();
         let words = "the part SN 17 has reached the limit of 3 passes ([process] max_passes_per_part): cycle 4 of \
                      1970-01-05: 2 passes; cycle 9 of 1970-01-10: 1 pass; take the part out";
         assert!(refused.starts_with(words), "{refused}");
-        let refused = may_be_abraded(Some(&part), (&earlier, 1), 4).expect_err("a stated pass counts").to_string();
+        let refused =
+            check_pass_limit(Some(&part), (&earlier, 1), 4).expect_err("a stated pass counts").to_string();
         assert!(refused.contains("1 pass; lost cycles, as stated: 1 pass; take the part out"), "{refused}");
     }
 
     #[test]
     fn names_are_taken_as_they_stand_or_refused() {
         let part = |serial: &str| PartNames { serial: Some(serial.to_owned()), ..PartNames::default() };
-        assert_eq!(checked(PartNames::default()).expect("no name"), None);
+        assert_eq!(parse_part_names(PartNames::default()).expect("no name"), None);
         let good = part("SN 0017/ä \"7\"");
-        assert_eq!(checked(good.clone()).expect("good"), Some(good.clone()));
+        assert_eq!(parse_part_names(good.clone()).expect("good"), Some(good.clone()));
         assert_eq!(toml::from_str::<PartNames>(&text(&good).expect("TOML")), Ok(good));
         for (bad, words) in [("", "empty"), (" a", "space"), ("a\nb", "line feed"), (&"x".repeat(121), "120")] {
-            let error = checked(part(bad)).expect_err("refused").to_string();
+            let error = parse_part_names(part(bad)).expect_err("refused").to_string();
             assert!(error.contains("--part") && error.contains(words) && !error.contains('\n'), "{error}");
         }
     }

@@ -4,7 +4,7 @@ use super::disk;
 use super::fault::Fault;
 use crate::files;
 use crate::geometry::ColorPicture;
-use crate::stages::Drawing;
+use crate::stages::ResultDrawing;
 use std::path::{Path, PathBuf};
 
 /// Writes a picture as PNG into a folder.
@@ -21,8 +21,8 @@ pub fn save(folder: &Path, name: &str, picture: &ColorPicture) -> Result<PathBuf
 ///
 /// # Errors
 /// If one could not be drawn, or writing to the disk fails.
-pub fn save_all(folder: &Path, drawings: impl IntoIterator<Item = Drawing>) -> Result<(), Fault> {
-    for Drawing { name, picture, .. } in drawings {
+pub fn write_drawings(folder: &Path, drawings: impl IntoIterator<Item = ResultDrawing>) -> Result<(), Fault> {
+    for ResultDrawing { name, picture, .. } in drawings {
         save(folder, &name, &picture.map_err(Fault::stage)?)?;
     }
     Ok(())

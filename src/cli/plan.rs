@@ -4,23 +4,23 @@ use super::args::{Common, Plan};
 use super::cycle_files::Calibrated;
 use super::disk;
 use super::fault::Fault;
-use super::load::{self, CellFiles, Taught};
+use super::load::{self, CellFiles, LoadedPanel};
 use super::outcome::Outcome;
 use super::pictures;
 use crate::geometry::{Base, Flange, Joints, KukaPose, Panel, Rigid, Tool};
-use crate::number_text::{apart, fixed};
+use crate::number_text::{distinguishable_texts, fixed_decimals};
 use crate::panel::GridId;
 use crate::path::approach::{Approach, CornerTour};
-use crate::path::disc::DiscUse;
+use crate::path::disc::DiscWearPlan;
 use crate::path::dwell::{self, Dwell, GridDwell};
 use crate::path::panel_reach::ReachSetup;
 use crate::path::routes::Sander;
-use crate::path::{self, Kinematics, Program, ProgramName, Spread, Waypoint};
+use crate::path::{self, DwellSpread, Kinematics, Program, ProgramName, Waypoint};
 use crate::recipe::Recipe;
-use crate::report::{View, dwell_map, overlap_map};
-use crate::stages::plan::{self, Reach};
-use crate::stages::removal::{Removed, RemovedBefore};
-use crate::stages::survey::{ToolState, drawn_surface};
+use crate::report::{PanelOverlay, dwell_map, overlap_map};
+use crate::stages::plan::{self, ReachStart};
+use crate::stages::removal::{EarlierRemoval, PathRemovalTotal};
+use crate::stages::survey::{ToolState, draw_surface};
 use crate::stages::{self, corners};
 use crate::surface::{self, Fit};
 use crate::verdict::{Reason, Verdict};
@@ -28,8 +28,8 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 /// A plan with its verdict, and the data on which it is based.
-struct Planned {
-    stage: stages::plan::Planned,
+struct PlannedPath {
+    stage: stages::plan::PlanOutcome,
     fit: Fit,
     /// The pose to set as the robot's base.
     base: KukaPose,
@@ -50,9 +50,9 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     } else {
         args.grids.iter().map(|text| text.parse::<GridId>().map_err(Fault::stage)).collect::<Result<Vec<_>, _>>()?
     };
-    let fit = surface::examine(&taught.panel, recipe.surface()).or_else(|refusal| {
+    let fit = surface::examine_fit(&taught.panel, recipe.surface()).or_else(|refusal| {
         if let (Some(folder), Some(map)) = (&args.pictures, &refusal.map) {
-            pictures::save_all(folder, [drawn_surface(map)])?;
+            pictures::write_drawings(folder, [draw_surface(map)])?;
         }
         Err(Fault::stage(refusal.error))
     })?;
@@ -64,53 +64,56 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let stroke_mm = files.cell.tool().compliant().map(|tool| tool.stroke_mm);
     let tool =
         ToolState { error_mm: files.cell.limits().tool_error_mm(), worn_mm2, removal, stroke_mm, in_air: false };
-    let plan = plan::lay(on, &grids, (&recipe, tool)).map_err(Fault::stage)?;
-    let is_looked_at = !matches!(reach, Reach::Unknown);
-    let mut stage = plan::judge(plan, on, reach, (&recipe, tool), (None, RemovedBefore::default()));
+    let plan = plan::lay_paths(on, &grids, (&recipe, tool)).map_err(Fault::stage)?;
+    let is_looked_at = !matches!(reach, ReachStart::Unknown);
+    let mut stage = plan::judge(plan, on, reach, (&recipe, tool), (None, EarlierRemoval::default()));
     if files.cell.limits().workspace().is_some() || program.is_some() {
-        stage = stage.held_in_base(base_from_panel, files.cell.limits());
+        stage = stage.gated_in_base(base_from_panel, files.cell.limits());
     }
     let reach_words = match &stage.reached {
         Some(reached) => format!(
             "the arm can follow the path, {from}; remaining axis range beyond the margins {:.0}°, tool rotated by {:.0}°",
-            reached.travel.room_deg, reached.spin.0
+            reached.arm_travel.room_deg, reached.spin.0
         ),
         None if is_looked_at => "the arm cannot follow the path".to_owned(),
         None => "reach of the arm not checked: the cell's file names no flange_from_tool".to_owned(),
     };
-    let planned = Planned { stage, fit, base: KukaPose::from_rigid(&base_from_panel) };
+    let planned = PlannedPath { stage, fit, base: KukaPose::from_rigid(&base_from_panel) };
     let (reached, disc) = (planned.stage.reached.as_ref(), &planned.stage.disc);
     let dwell = planned.dwell(&taught, &grids, &recipe);
     let mut outcome = planned.outcome();
-    outcome.words.extend(planned.table(&dwell, disc, &recipe));
-    outcome.words.extend(planned.stage.removed.as_ref().map_or_else(Vec::new, Removed::words));
-    outcome.put("removal", json!(planned.removal()));
+    outcome.lines.extend(planned.table(&dwell, disc, &recipe));
+    outcome.lines.extend(planned.stage.removed.as_ref().map_or_else(Vec::new, PathRemovalTotal::describe));
+    outcome.add_value("removal", json!(planned.removal()));
     outcome.add_line(reach_words);
-    outcome.put("reach", json!(reached.map(|r| json!({"room_deg": r.travel.room_deg, "spin_deg": r.spin.0}))));
-    outcome.put("disc_worn_before_mm2", json!(worn_mm2));
-    outcome.put("dwell", planned.numbers(&dwell));
-    outcome.put("dwell_ratio", json!(planned.stage.plan.dwell_ratio().map(|(ratio, _)| ratio)));
-    outcome.put("max_dwell_ratio", json!(recipe.path().max_dwell_ratio()));
+    outcome.add_value(
+        "reach",
+        json!(reached.map(|r| json!({"room_deg": r.arm_travel.room_deg, "spin_deg": r.spin.0}))),
+    );
+    outcome.add_value("disc_worn_before_mm2", json!(worn_mm2));
+    outcome.add_value("dwell", planned.numbers(&dwell));
+    outcome.add_value("dwell_ratio", json!(planned.stage.plan.dwell_ratio().map(|(ratio, _)| ratio)));
+    outcome.add_value("max_dwell_ratio", json!(recipe.path().max_dwell_ratio()));
     if let Some((file, name)) = &program {
-        let start = reached.and_then(|reached| reached.travel.joints.first()).copied();
+        let start = reached.and_then(|reached| reached.arm_travel.joints.first()).copied();
         let (is_written, words) =
             planned.program((file, name), (start, files.flange_from_tool()?.value), &recipe)?;
         outcome.add_line(words);
-        outcome.put("krl", json!(is_written.then_some(file)));
+        outcome.add_value("krl", json!(is_written.then_some(file)));
     }
     if let Some(file) = &args.out {
         disk::write(file, Value::Object(outcome.json.clone()).to_string())?;
     }
     if let Some(folder) = &args.pictures {
         let taught_picture = taught.panel.scan.picture();
-        let view = View {
+        let view = PanelOverlay {
             picture: &taught_picture,
             camera: &taught.panel.camera,
             camera_from_panel: taught.panel.panel_from_camera.inverse(),
         };
-        let drawn = [planned.stage.drawn(&taught.panel, &view), drawn_surface(&planned.fit.map)];
-        pictures::save_all(folder, drawn)?;
-        pictures::save_all(folder, planned.stage.drawn_removal(&taught.panel))?;
+        let drawn = [planned.stage.draw_plan(&taught.panel, &view), draw_surface(&planned.fit.map)];
+        pictures::write_drawings(folder, drawn)?;
+        pictures::write_drawings(folder, planned.stage.draw_removal(&taught.panel))?;
         pictures::save(folder, "dwell", &dwell_map(&dwell, &taught.panel.region).map_err(Fault::stage)?)?;
         pictures::save(folder, "overlap", &overlap_map(&dwell, &taught.panel.region).map_err(Fault::stage)?)?;
     }
@@ -120,29 +123,29 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
 /// Returns the name of the program in a file: a controller loads a program by the file's name.
 fn program_name(file: &Path) -> Result<ProgramName, Fault> {
     if file.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("src")) {
-        return Err(Fault::file(file, "the file name of a KRL program must end in .src"));
+        return Err(Fault::file_fault(file, "the file name of a KRL program must end in .src"));
     }
     let name = file.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
-    name.parse().map_err(|error| Fault::file(file, error))
+    name.parse().map_err(|error| Fault::file_fault(file, error))
 }
 
 /// The pose from which the arm starts to follow the plan, with a remark about it.
 fn reach<'a>(
     kinematics: &'a Kinematics,
     (files, common): (&CellFiles, &Common),
-    taught: &Taught,
+    taught: &LoadedPanel,
     base_from_panel: Rigid<Base, Panel>,
     recipe: &Recipe,
-) -> Result<(Reach<'a>, &'static str), Fault> {
+) -> Result<(ReachStart<'a>, &'static str), Fault> {
     let calibration = files.cell.calibration();
     if calibration.flange_from_tool.is_none() {
-        return Ok((Reach::Unknown, ""));
+        return Ok((ReachStart::Unknown, ""));
     }
     let sees = calibration.flange_camera.is_some() && calibration.flange_from_camera.is_some();
-    let Some(park) = files.cell.park().filter(|_| sees && !taught.corners.is_empty()) else {
+    let Some(park) = files.cell.park_pose().filter(|_| sees && !taught.corners.is_empty()) else {
         let flange_from_tool = files.flange_from_tool()?.value;
-        let stand = ReachSetup { arm: kinematics, flange_from_tool, base_from_panel, from: None };
-        return Ok((Reach::From(stand), "in the best configuration (no route from the park pose is known)"));
+        let stand = ReachSetup { arm: kinematics, flange_from_tool, base_from_panel, start_joints: None };
+        return Ok((ReachStart::From(stand), "in the best configuration (no route from the park pose is known)"));
     };
     let calibrations = Calibrated::read(files, common)?.values;
     let tour = CornerTour {
@@ -154,14 +157,14 @@ fn reach<'a>(
         sander: Sander::new(calibrations.flange_from_tool, recipe.path()),
         corners: &taught.corners,
     };
-    let most = corners::most(recipe.corner(), taught.corners.len());
-    let stand = tour.corners_in_reach(kinematics, base_from_panel, most).and_then(|corners| {
+    let most = corners::max_views(recipe.corner(), taught.corners.len());
+    let stand = tour.reachable_corners(kinematics, base_from_panel, most).and_then(|corners| {
         tour.reach_setup(kinematics, &Approach { base_from_panel, corners: &corners, obstacles: None })
     });
-    Ok((stand.map_or_else(Reach::Refused, Reach::From), "coming from the park pose by the corner views"))
+    Ok((stand.map_or_else(ReachStart::Refused, ReachStart::From), "coming from the park pose by the corner views"))
 }
 
-impl Planned {
+impl PlannedPath {
     /// Writes the plan as a program, unless it is rejected. Returns whether the program was written, with a
     /// message.
     fn program(
@@ -185,7 +188,7 @@ impl Planned {
             start,
             remarks: &remarks,
         };
-        disk::write(file, path::krl(&program, recipe.path()))?;
+        disk::write(file, path::to_krl(&program, recipe.path()))?;
         let words = "the program sets $TOOL and $BASE and begins with a PTP motion to the first point of the path";
         Ok((true, format!("KRL program written to {shown}; {words}")))
     }
@@ -201,14 +204,14 @@ impl Planned {
     }
 
     /// Simulates the effect of the disc along the plan.
-    fn dwell(&self, taught: &Taught, grids: &[GridId], recipe: &Recipe) -> Dwell {
+    fn dwell(&self, taught: &LoadedPanel, grids: &[GridId], recipe: &Recipe) -> Dwell {
         let radius_mm = recipe.path().disc_diameter_mm() / 2.0;
-        let executed = dwell::planned(&self.stage.plan);
+        let executed = dwell::timed_poses(&self.stage.plan);
         dwell::simulate(&self.fit.surface, &taught.panel.region, grids, &executed, radius_mm)
     }
 
     /// Returns the results of the dry run as a table of lines.
-    fn table(&self, dwell: &Dwell, disc: &DiscUse, recipe: &Recipe) -> Vec<String> {
+    fn table(&self, dwell: &Dwell, disc: &DiscWearPlan, recipe: &Recipe) -> Vec<String> {
         let discs =
             disc.discs().map_or("not counted, disc_life_mm2 is not set".to_owned(), |discs| format!("{discs:.2}"));
         let mut table = vec![
@@ -225,14 +228,14 @@ impl Planned {
             format!(
                 "swept by the disc  {:8.0} mm², discs: {discs}; swept before this plan {:.0} mm²",
                 disc.swept_mm2,
-                disc.worn_after_mm2 - disc.swept_mm2
+                disc.wear_after_mm2 - disc.swept_mm2
             ),
             format!(
                 "covered            {:8.2} %, longest time under the disc {:.2} s",
                 100.0 * dwell.share(),
                 dwell.longest_s()
             ),
-            self.evenness(recipe),
+            self.describe_evenness(recipe),
             "grid      covered %   overlap %   left mm²   mean s    5 % s   95 % s   ratio".to_owned(),
         ];
         table.extend(dwell.grids.iter().map(|grid| {
@@ -244,7 +247,7 @@ impl Planned {
                 grid.id.to_string(),
                 100.0 * grid.share(),
                 100.0 * grid.overlap(),
-                grid.left_mm2(),
+                grid.untreated_mm2(),
                 grid.mean_dwell_s()
             )
         }));
@@ -256,7 +259,7 @@ impl Planned {
             let spread = self.grid_spread(grid.id);
             json!({
                 "grid": grid.id.to_string(), "share": grid.share(), "overlap": grid.overlap(),
-                "left_mm2": grid.left_mm2(), "mean_dwell_s": grid.mean_dwell_s(),
+                "left_mm2": grid.untreated_mm2(), "mean_dwell_s": grid.mean_dwell_s(),
                 "p5_s": spread.map(|spread| spread.low_s), "p95_s": spread.map(|spread| spread.high_s),
                 "ratio": spread.map(|spread| spread.ratio()),
             })
@@ -264,27 +267,27 @@ impl Planned {
         json!(dwell.grids.iter().map(grid).collect::<Vec<_>>())
     }
 
-    fn grid_spread(&self, id: GridId) -> Option<Spread> {
+    fn grid_spread(&self, id: GridId) -> Option<DwellSpread> {
         self.stage.plan.grid_dwell.iter().find(|(known, _)| *known == id).map(|(_, spread)| *spread)
     }
 
     /// Describes how even the time under the disc is.
-    fn evenness(&self, recipe: &Recipe) -> String {
+    fn describe_evenness(&self, recipe: &Recipe) -> String {
         let (Some(dwell), Some((ratio, grid))) = (self.stage.plan.dwell, self.stage.plan.dwell_ratio()) else {
             return "time under disc    nothing is treated".to_owned();
         };
         let whose = grid.map_or("all together".to_owned(), |id| format!("the worst, {id}"));
-        let [ratio, allowed] = apart(ratio, recipe.path().max_dwell_ratio(), 2);
+        let [ratio, allowed] = distinguishable_texts(ratio, recipe.path().max_dwell_ratio(), 2);
         format!(
             "time under disc    {:8} s at 5 % of the treated area, {} s at 95 %; ratio {ratio} ({whose}), limit \
              {allowed}",
-            fixed(dwell.low_s, 2),
-            fixed(dwell.high_s, 2)
+            fixed_decimals(dwell.low_s, 2),
+            fixed_decimals(dwell.high_s, 2)
         )
     }
 
     /// Describes the plan in words.
-    fn words(&self) -> Vec<String> {
+    fn describe_plan(&self) -> Vec<String> {
         let plan = &self.stage.plan;
         let mut words = vec![format!(
             "planned: {} paths, {:.0} mm, {:.0} s, coverage {:.3}; surface fitted to {:.3} mm rms",
@@ -302,8 +305,8 @@ impl Planned {
 
     fn outcome(&self) -> Outcome {
         let mut outcome = Outcome::from_judgement(&self.stage.judgement);
-        outcome.put_checks(&self.stage.checks);
-        outcome.words.extend(self.words());
+        outcome.add_checks(&self.stage.checks);
+        outcome.lines.extend(self.describe_plan());
         outcome.add_line(format!("set base: {}", self.base));
         let paths: Vec<_> = self
             .stage
@@ -321,14 +324,14 @@ impl Planned {
                 })
             })
             .collect();
-        outcome.put("paths", json!(paths));
-        outcome.put("base", json!(self.base));
-        outcome.put("length_mm", json!(self.stage.plan.length_mm));
-        outcome.put("contact_mm", json!(self.stage.plan.contact_mm));
-        outcome.put("duration_s", json!(self.stage.plan.duration_s));
-        outcome.put("coverage", json!(self.stage.plan.coverage));
+        outcome.add_value("paths", json!(paths));
+        outcome.add_value("base", json!(self.base));
+        outcome.add_value("length_mm", json!(self.stage.plan.length_mm));
+        outcome.add_value("contact_mm", json!(self.stage.plan.contact_mm));
+        outcome.add_value("duration_s", json!(self.stage.plan.duration_s));
+        outcome.add_value("coverage", json!(self.stage.plan.coverage));
         let step_over = self.stage.plan.step_over_mm.map(|step| json!({"min": step.min_mm, "max": step.max_mm}));
-        outcome.put("step_over_mm", json!(step_over));
+        outcome.add_value("step_over_mm", json!(step_over));
         outcome
     }
 }

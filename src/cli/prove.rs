@@ -71,16 +71,16 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
                 let (finding, evidence) = attempted(files, attempt)?;
                 Proof { assumption, finding, evidence, tried: true }
             }
-            None => ask(assumption, &mut answers, tell),
+            None => ask_observation(assumption, &mut answers, tell),
         };
-        tell(&format!("   {}: {}", proof.finding.word(), proof.evidence));
+        tell(&format!("   {}: {}", proof.finding.keyword(), proof.evidence));
         proofs.push(proof);
         proofs.sort_by_key(|proof| proof.assumption.number);
         super::disk::write(&args.out, page(&proofs, controller))?;
     }
     // The tests are valid only for the controller that also answers now: a controller may not have answered at first,
     // or another one may have replaced it.
-    controller = controller.and(unattended::controller(&files.cell)?);
+    controller = controller.combine(unattended::controller(&files.cell)?);
     super::disk::write(&args.out, page(&proofs, controller))?;
     let is_mock = controller == ControllerKind::Mock;
     let mut outcome = Outcome::from_judgement(&judgement(&proofs, controller != ControllerKind::Real));
@@ -88,15 +88,15 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
         .iter()
         .map(|proof| {
             json!({
-                "number": proof.assumption.number, "finding": proof.finding.word(),
+                "number": proof.assumption.number, "finding": proof.finding.keyword(),
                 "evidence": proof.evidence, "tried": proof.tried
             })
         })
         .collect();
-    outcome.put("proofs", json!(rows));
-    outcome.put("stage", json!(stage.letter()));
-    outcome.put("mock", json!(is_mock));
-    outcome.put("page", json!(args.out.display().to_string()));
+    outcome.add_value("proofs", json!(rows));
+    outcome.add_value("stage", json!(stage.letter()));
+    outcome.add_value("mock", json!(is_mock));
+    outcome.add_value("page", json!(args.out.display().to_string()));
     let page = args.out.display();
     let unproven = proofs.iter().filter(|proof| proof.finding != Finding::Proven).count();
     outcome.add_line(match controller {
@@ -127,15 +127,19 @@ fn attempted(files: &CellFiles, attempt: unattended::Attempt) -> Result<(Finding
 }
 
 /// Asks the person for the observation: `y`, `n` or nothing, followed by the evidence.
-fn ask(assumption: Assumption, answers: &mut dyn Iterator<Item = String>, tell: &dyn Fn(&str)) -> Proof {
+fn ask_observation(
+    assumption: Assumption,
+    answers: &mut dyn Iterator<Item = String>,
+    tell: &dyn Fn(&str),
+) -> Proof {
     tell(&format!("   Do: {}", assumption.to_do));
     tell(&format!("   See: {}", assumption.to_see));
     tell("   Seen as expected? y or n, then a space and the evidence (trace, film, figure); Enter leaves it open.");
-    let (finding, evidence) = answer(&answers.next().unwrap_or_default());
+    let (finding, evidence) = parse_observation(&answers.next().unwrap_or_default());
     Proof { assumption, finding, evidence, tried: false }
 }
 
-fn answer(line: &str) -> (Finding, String) {
+fn parse_observation(line: &str) -> (Finding, String) {
     let (word, evidence) = line.trim().split_once(' ').unwrap_or((line.trim(), ""));
     let evidence = evidence.trim();
     match word.to_ascii_lowercase().as_str() {
@@ -156,7 +160,7 @@ fn judgement(proofs: &[Proof], is_mock: bool) -> Judgement {
     });
     let of_proofs = proofs.iter().filter(|proof| proof.finding != Finding::Proven).map(|proof| {
         let number = proof.assumption.number;
-        let message = format!("assumption {number} is {}: {}", proof.finding.word(), proof.evidence);
+        let message = format!("assumption {number} is {}: {}", proof.finding.keyword(), proof.evidence);
         Reason::new(if proof.finding == Finding::Wrong { "assumption_wrong" } else { "assumption_open" }, message)
     });
     let reasons: Vec<Reason> = of_mock.into_iter().chain(of_proofs).collect();
@@ -175,10 +179,10 @@ mod tests {
 
     #[test]
     fn an_answer_without_evidence_proves_nothing() {
-        assert_eq!(answer("y film 12, 0.3 s"), (Finding::Proven, "film 12, 0.3 s".to_owned()));
-        assert_eq!(answer("y").0, Finding::Open);
-        assert_eq!(answer("N stops at the second").0, Finding::Wrong);
-        assert_eq!(answer("  ").0, Finding::Open);
-        assert_eq!(answer("perhaps").0, Finding::Open);
+        assert_eq!(parse_observation("y film 12, 0.3 s"), (Finding::Proven, "film 12, 0.3 s".to_owned()));
+        assert_eq!(parse_observation("y").0, Finding::Open);
+        assert_eq!(parse_observation("N stops at the second").0, Finding::Wrong);
+        assert_eq!(parse_observation("  ").0, Finding::Open);
+        assert_eq!(parse_observation("perhaps").0, Finding::Open);
     }
 }

@@ -10,15 +10,15 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::record_data;
 use super::report::{self, StoredCycle};
-use crate::daemon::{RecordPdf, whoever_runs_this};
+use crate::daemon::{RecordPdf, current_user};
 use crate::files::content_hash;
-use crate::number_text::utc;
+use crate::number_text::utc_text;
 use crate::record::CycleId;
 use crate::report::page::Figure;
 use crate::signing::{
-    self, CellKey, Claim, Export, Meaning, PublicKey, Signed, SignedPage, Statement, StatementContent,
+    self, CellKey, ExportContent, Meaning, NameClaim, PublicKey, Signed, SignedPage, Statement, StatementContent,
 };
-use crate::store::{self, KeyPlace, PersonSigns, SignatureRow, Store};
+use crate::store::{self, KeyLocation, PersonSigningRequest, SignatureRow, Store};
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -51,9 +51,9 @@ pub fn run(args: &RecordCommand, common: &Common) -> Result<Outcome, Fault> {
 pub fn key(files: &CellFiles) -> Result<CellKey, Fault> {
     let credential = std::env::var_os("CREDENTIALS_DIRECTORY").map(|folder| PathBuf::from(folder).join(CREDENTIAL));
     let place = match (files.cell.record_key(), credential.filter(|file| file.exists())) {
-        (Some(file), _) => KeyPlace::File(file.to_owned()),
-        (None, Some(file)) => KeyPlace::Provided(file),
-        (None, None) => KeyPlace::InStore,
+        (Some(file), _) => KeyLocation::File(file.to_owned()),
+        (None, Some(file)) => KeyLocation::Provided(file),
+        (None, None) => KeyLocation::InStore,
     };
     store::cell_key(files.store_folder(), &place).map_err(Fault::stage)
 }
@@ -80,17 +80,21 @@ pub fn sign_missing(files: &CellFiles, told: &dyn Fn(Result<String, String>)) ->
 /// # Errors
 /// If the cycle is not over, the person has already signed with this meaning, or the store or the page cannot be
 /// written.
-pub fn sign_as(files: &CellFiles, signs: &PersonSigns) -> Result<SignatureRow, Fault> {
-    let row = Store::sign_as(files.store_folder(), &key(files)?, signs).map_err(Fault::stage)?;
+pub fn sign_by_person(files: &CellFiles, signs: &PersonSigningRequest) -> Result<SignatureRow, Fault> {
+    let row = Store::sign_by_person(files.store_folder(), &key(files)?, signs).map_err(Fault::stage)?;
     let page = report::page_file(files.store_folder(), signs.cycle);
     let kept = StoredCycle::read(&files.store()?, signs.cycle)?;
-    kept.write(files.cell.keep(), &page, report::recorded(files.store_folder(), &kept.record).as_ref())?;
+    kept.write(
+        files.cell.retention(),
+        &page,
+        report::recording_status(files.store_folder(), &kept.record).as_ref(),
+    )?;
     Ok(row)
 }
 
 fn sign(args: &SignRecord, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    let who = whoever_runs_this();
+    let who = current_user();
     let user = who.user.or(who.uid.map(|uid| format!("user {uid}"))).unwrap_or_else(|| "not known".to_owned());
     let meaning = match args.meaning {
         MeaningName::Released => Meaning::InspectedAndReleased,
@@ -101,18 +105,19 @@ fn sign(args: &SignRecord, common: &Common) -> Result<Outcome, Fault> {
     let (name, remark) = (args.name.clone(), args.remark.clone());
     // A store must not be created in a mistyped folder.
     drop(files.store()?);
-    let row = sign_as(&files, &PersonSigns { cycle: CycleId(args.cycle), name, user, meaning, remark })?;
+    let row =
+        sign_by_person(&files, &PersonSigningRequest { cycle: CycleId(args.cycle), name, user, meaning, remark })?;
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-    outcome.words = vec![format!(
+    outcome.lines = vec![format!(
         "cycle {}: {} by {}, as record number {}",
         args.cycle,
-        meaning.words(),
+        meaning.printed_text(),
         args.name,
         row.number
     )];
-    outcome.put("number", json!(row.number));
-    outcome.put("hash", json!(row.record_hash));
-    outcome.put("cycle_id", json!(args.cycle));
+    outcome.add_value("number", json!(row.number));
+    outcome.add_value("hash", json!(row.record_hash));
+    outcome.add_value("cycle_id", json!(args.cycle));
     Ok(outcome)
 }
 
@@ -124,7 +129,7 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
         false => args.cycles.iter().map(|cycle| CycleId(*cycle)).collect(),
     };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-    outcome.words.clear();
+    outcome.lines.clear();
     let key = key(&files)?;
     // A cycle that does not exist or is not over is refused before anything of any cycle is written.
     let all = cycles.into_iter().map(|cycle| Ok((cycle, signed_rows(&files, &store, cycle)?)));
@@ -149,13 +154,13 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
         ));
     }
     written.push(args.out.join(PUBLIC_KEY));
-    let keys = known_keys(files.store_folder())?;
-    let pem = keys.iter().map(PublicKey::pem).collect::<Result<String, _>>().map_err(Fault::stage)?;
+    let keys = store_public_keys(files.store_folder())?;
+    let pem = keys.iter().map(PublicKey::to_pem).collect::<Result<String, _>>().map_err(Fault::stage)?;
     disk::write(&args.out.join(PUBLIC_KEY), pem)?;
     written.extend(write_head(&store, &key, &args.out.join(HEAD))?.1);
-    outcome.add_line(format!("public key {}: {}", key.public().hex(), args.out.join(PUBLIC_KEY).display()));
-    outcome.put("files", json!(written));
-    outcome.put("public_key", json!(key.public().hex()));
+    outcome.add_line(format!("public key {}: {}", key.public_key().hex(), args.out.join(PUBLIC_KEY).display()));
+    outcome.add_value("files", json!(written));
+    outcome.add_value("public_key", json!(key.public_key().hex()));
     Ok(outcome)
 }
 
@@ -167,7 +172,7 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
 pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result<Option<RecordPdf>, Fault> {
     let (Some(row), Some(last)) = (rows.iter().find(|row| !row.is_of_person), rows.last()) else { return Ok(None) };
     let kept = StoredCycle::read(store, row.cycle)?;
-    let figures: Vec<Figure> = kept.figures().collect();
+    let figures: Vec<Figure> = kept.stored_figures().collect();
     let pdf = record_data::document(store, (&kept.record, &figures), row)?;
     let shows = (row.cycle, row.record_hash.as_str(), last.number);
     let (page, signature) = SignedPage::sign(&pdf, shows, last.unix_ms, key).map_err(Fault::stage)?;
@@ -177,10 +182,10 @@ pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result
 /// Returns the signatures of a cycle; a cycle that is over and not yet signed is signed now.
 fn signed_rows(files: &CellFiles, store: &Store, cycle: CycleId) -> Result<Vec<SignatureRow>, Fault> {
     let record = store.cycle(cycle).map_err(Fault::stage)?;
-    if record.judgement.is_some() && store.signatures_of(cycle).map_err(Fault::stage)?.is_empty() {
+    if record.judgement.is_some() && store.cycle_signatures(cycle).map_err(Fault::stage)?.is_empty() {
         sign_missing(files, &|told| tracing::info!("{}", told.unwrap_or_else(|problem| problem)))?;
     }
-    let rows = store.signatures_of(cycle).map_err(Fault::stage)?;
+    let rows = store.cycle_signatures(cycle).map_err(Fault::stage)?;
     match rows.is_empty() {
         true => Err(RecordFault::NotSigned { cycle: cycle.0 }.into()),
         false => Ok(rows),
@@ -192,7 +197,7 @@ fn export_row(store: &Store, row: &SignatureRow, out: &Path) -> Result<Vec<PathB
     let bytes = store.blob(&row.record_hash).map_err(Fault::stage)?;
     let stem = match row.is_of_person {
         false => signing::cycle_stem(row.cycle),
-        true => signing::person_stem(row.cycle, row.number),
+        true => signing::person_signature_stem(row.cycle, row.number),
     };
     let [json, signature] = ["json", "sig"].map(|ending| out.join(format!("{stem}.{ending}")));
     disk::write(&json, &bytes)?;
@@ -227,58 +232,60 @@ fn head(args: &HeadOfRecords, common: &Common) -> Result<Outcome, Fault> {
         None => (store.signed_head(&key).map_err(Fault::stage)?.0, vec![]),
     };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-    outcome.words = vec![match head.number {
+    outcome.lines = vec![match head.number {
         0 => "this store contains no signed record".to_owned(),
         number => format!(
             "record number {number}, SHA-256 {}, signed at {}",
             head.hash,
-            utc(head.unix_ms.div_euclid(1_000))
+            utc_text(head.unix_ms.div_euclid(1_000))
         ),
     }];
     outcome.add_line(format!("public key {}", head.public_key));
     written.iter().for_each(|file| outcome.add_line(format!("written: {}", file.display())));
-    outcome.put("number", json!(head.number));
-    outcome.put("hash", json!(head.hash));
-    outcome.put("public_key", json!(head.public_key));
-    outcome.put("files", json!(written));
+    outcome.add_value("number", json!(head.number));
+    outcome.add_value("hash", json!(head.hash));
+    outcome.add_value("public_key", json!(head.public_key));
+    outcome.add_value("files", json!(written));
     Ok(outcome)
 }
 
 fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
     let keys = match &args.public_key {
-        Some(file) => PublicKey::read_all(&disk::read_text(file)?).map_err(|error| Fault::file(file, error))?,
-        None => known_keys(&store_folder(common)?)
+        Some(file) => {
+            PublicKey::parse_all(&disk::read_text(file)?).map_err(|error| Fault::file_fault(file, error))?
+        }
+        None => store_public_keys(&store_folder(common)?)
             .map_err(|error| RecordFault::NoPublicKey { problem: error.to_string() })?,
     };
-    let mut export = Export::default();
+    let mut export = ExportContent::default();
     for path in &args.files {
         read_export(path, &mut export)?;
     }
     let head = args.head.as_deref().map(read_signed).transpose()?;
     if export.statements.is_empty() && head.is_none() {
-        return Err(Fault::file(&args.files[0], "contains no signed record: it contains no .json file"));
+        return Err(Fault::file_fault(&args.files[0], "contains no signed record: it contains no .json file"));
     }
     let mut verified = signing::verify_export(&export, &keys, head.as_ref());
     if args.all {
-        verified.found.extend(std::mem::take(&mut verified.gaps).into_iter().map(signing::missing));
+        verified.differences.extend(std::mem::take(&mut verified.gaps).into_iter().map(signing::missing_text));
     }
-    let remarks: Vec<String> = verified.gaps.iter().copied().map(signing::not_here).collect();
+    let remarks: Vec<String> = verified.gaps.iter().copied().map(signing::partial_chain_text).collect();
     let reason = |words: &String| Reason::new("record_changed", words.clone());
-    let verdict = if verified.found.is_empty() { Verdict::Pass } else { Verdict::Fail };
+    let verdict = if verified.differences.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let mut outcome =
-        Outcome::from_judgement(&Judgement { verdict, reasons: verified.found.iter().map(reason).collect() });
+        Outcome::from_judgement(&Judgement { verdict, reasons: verified.differences.iter().map(reason).collect() });
     for (statement, hash) in verified.statements.values() {
-        outcome.add_line(words(statement, hash));
+        outcome.add_line(describe_statement(statement, hash));
     }
     remarks.iter().for_each(|words| outcome.add_line(words));
     outcome.add_line(match &export.files {
         Some(files) => format!("{} files in the folder files/ next to the records were read", files.len()),
         None => "no folder files/ exists next to the records: pictures and inputs were not checked".to_owned(),
     });
-    outcome.put("ok", json!(verified.found.is_empty()));
-    outcome.put("found", json!(verified.found));
-    outcome.put("remarks", json!(remarks));
-    outcome.put(
+    outcome.add_value("ok", json!(verified.differences.is_empty()));
+    outcome.add_value("found", json!(verified.differences));
+    outcome.add_value("remarks", json!(remarks));
+    outcome.add_value(
         "records",
         json!(
             verified
@@ -290,13 +297,13 @@ fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
                 .collect::<Vec<_>>()
         ),
     );
-    outcome.put("files", json!(export.files.as_ref().map(BTreeMap::len)));
+    outcome.add_value("files", json!(export.files.as_ref().map(BTreeMap::len)));
     Ok(outcome)
 }
 
 /// Describes a statement in one line.
-fn words(statement: &Statement, hash: &str) -> String {
-    let at = utc(statement.unix_ms.div_euclid(1_000));
+fn describe_statement(statement: &Statement, hash: &str) -> String {
+    let at = utc_text(statement.unix_ms.div_euclid(1_000));
     match &statement.says {
         StatementContent::Cycle(cycle) => {
             format!(
@@ -308,7 +315,7 @@ fn words(statement: &Statement, hash: &str) -> String {
             "record number {}: cycle {}, {} by {} ({}) at {at}, SHA-256 {hash}",
             statement.number,
             person.cycle,
-            person.meaning.words(),
+            person.meaning.printed_text(),
             person.name,
             person.user
         ),
@@ -316,10 +323,10 @@ fn words(statement: &Statement, hash: &str) -> String {
 }
 
 /// Returns the public keys of the store: of the key in use, and of the keys with which earlier records were signed.
-fn known_keys(store: &Path) -> Result<Vec<PublicKey>, Fault> {
+fn store_public_keys(store: &Path) -> Result<Vec<PublicKey>, Fault> {
     let mut keys = store::public_keys(store).map_err(Fault::stage)?;
     for row in Store::open(store).map_err(Fault::stage)?.signatures().map_err(Fault::stage)? {
-        let key = PublicKey::of_hex(&row.public_key).map_err(Fault::stage)?;
+        let key = PublicKey::from_hex(&row.public_key).map_err(Fault::stage)?;
         if !keys.contains(&key) {
             keys.push(key);
         }
@@ -337,13 +344,13 @@ fn store_folder(common: &Common) -> Result<PathBuf, Fault> {
 }
 
 /// Reads a record, or a folder of records, with their files.
-fn read_export(path: &Path, export: &mut Export) -> Result<(), Fault> {
+fn read_export(path: &Path, export: &mut ExportContent) -> Result<(), Fault> {
     if !path.exists() {
-        return Err(Fault::file(path, "does not exist"));
+        return Err(Fault::file_fault(path, "does not exist"));
     }
     let is_folder = path.is_dir();
     let folder = if is_folder { path } else { path.parent().unwrap_or(Path::new("")) };
-    let named = if is_folder { listed(path)? } else { with_what_belongs_to_it(path) };
+    let named = if is_folder { list_folder(path)? } else { with_verification_files(path) };
     for file in named {
         let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
         let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -360,7 +367,7 @@ fn read_export(path: &Path, export: &mut Export) -> Result<(), Fault> {
     let files = folder.join(FILES);
     if files.is_dir() {
         let all = export.files.get_or_insert_default();
-        for file in listed(&files)? {
+        for file in list_folder(&files)? {
             let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
             all.insert(name, content_hash(&disk::read(&file)?));
         }
@@ -370,7 +377,7 @@ fn read_export(path: &Path, export: &mut Export) -> Result<(), Fault> {
 
 /// Returns a named file of an export with the files that verify it: the record and its signature and, if there is a
 /// PDF, the PDF and the signed page.
-fn with_what_belongs_to_it(file: &Path) -> Vec<PathBuf> {
+fn with_verification_files(file: &Path) -> Vec<PathBuf> {
     let (record, pdf) = (file.with_extension("json"), file.with_extension("pdf"));
     let mut all = vec![record.clone(), record.with_extension("sig")];
     if let (Some(stem), true) = (file.file_stem().map(|stem| stem.to_string_lossy().into_owned()), pdf.exists()) {
@@ -381,9 +388,9 @@ fn with_what_belongs_to_it(file: &Path) -> Vec<PathBuf> {
     all
 }
 
-fn listed(folder: &Path) -> Result<Vec<PathBuf>, Fault> {
+fn list_folder(folder: &Path) -> Result<Vec<PathBuf>, Fault> {
     let read = || std::fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<std::io::Result<Vec<_>>>();
-    let mut all = read().map_err(|error| Fault::file(folder, error))?;
+    let mut all = read().map_err(|error| Fault::file_fault(folder, error))?;
     all.sort();
     Ok(all)
 }
@@ -394,6 +401,6 @@ fn read_signed(file: &Path) -> Result<Signed, Fault> {
         name,
         bytes: disk::read(file)?,
         signature: disk::read(&file.with_extension("sig"))?,
-        claim: Claim::Nothing,
+        claim: NameClaim::Nothing,
     })
 }

@@ -3,12 +3,12 @@
 
 use super::fault::Fault;
 use crate::calib::health::{self, TOOL_FORCE, Verification};
-use crate::number_text::{apart, utc, utc_day};
+use crate::number_text::{distinguishable_texts, utc_day, utc_text};
 use crate::recipe::Recipe;
 use crate::record::{CycleRecord, KeptFile, name};
 use crate::report::page::Figure;
 use crate::report::record_pdf::{
-    Attached, EarlierCycle, Equipment, LastVerification, Sheet, Signatory, Sources, pdf,
+    AttachedFile, EarlierCycle, Equipment, LastVerification, PrintedSignature, RecordSheet, RecordSources, pdf,
 };
 use crate::signing::{Meaning, Statement, cycle_stem};
 use crate::store::{PassesOfCycle, SignatureRow, Store};
@@ -28,18 +28,18 @@ const EQUIPMENT: [(&str, &str, Option<&str>); 7] = [
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn read(store: &Store, record: &CycleRecord) -> Result<Sheet, Fault> {
-    let part = store.kept_part(record);
+pub fn read(store: &Store, record: &CycleRecord) -> Result<RecordSheet, Fault> {
+    let part = store.stored_part(record);
     let recipe_text = text(store, &record.recipe_hash);
     let recipe = recipe_text.and_then(|text| Recipe::check("recipe.toml", &text).ok());
     let earlier = match part.as_ref().and_then(|part| part.serial.as_ref()) {
-        Some(serial) => Some(store.passes_of_serial(serial, Some(record.id)).map_err(Fault::stage)?),
+        Some(serial) => Some(store.passes_by_serial(serial, Some(record.id)).map_err(Fault::stage)?),
         None => None,
     };
     let earlier: Option<Vec<EarlierCycle>> = earlier.map(|all| all.iter().map(earlier_cycle).collect());
-    let equipment = equipment(store, record)?;
+    let equipment = collect_equipment(store, record)?;
     let signatures = signatures(store, record)?;
-    Ok(Sheet::from_sources(&Sources {
+    Ok(RecordSheet::from_sources(&RecordSources {
         record,
         part: part.as_ref(),
         recipe: recipe.as_ref(),
@@ -63,13 +63,13 @@ pub fn document(
     let bytes = store.blob(&row.record_hash).map_err(Fault::stage)?;
     Statement::read(&bytes).map_err(Fault::stage)?;
     let attached = [
-        Attached {
+        AttachedFile {
             name: format!("{stem}.json"),
             description: "The signed record: canonical JSON (RFC 8785)".to_owned(),
             mime_type: "application/json",
             bytes,
         },
-        Attached {
+        AttachedFile {
             name: format!("{stem}.sig"),
             description: "The cell's ed25519 signature of the record".to_owned(),
             mime_type: "application/octet-stream",
@@ -87,19 +87,19 @@ fn earlier_cycle(PassesOfCycle { cycle, started_unix_s, passes, .. }: &PassesOfC
     EarlierCycle { cycle: cycle.0, started_unix_s: *started_unix_s, passes: *passes }
 }
 
-fn equipment(store: &Store, record: &CycleRecord) -> Result<Vec<Equipment>, Fault> {
+fn collect_equipment(store: &Store, record: &CycleRecord) -> Result<Vec<Equipment>, Fault> {
     let mut all = Vec::new();
     for (name, what, subject) in EQUIPMENT {
         let Some(KeptFile { hash, .. }) = record.files.iter().find(|file| file.name == name) else { continue };
         let read = text(store, hash).and_then(|text| text.parse::<toml::Table>().ok()).unwrap_or_default();
         let verified = match subject {
-            Some(subject) => verification_before(store, record, subject)?.as_ref().map(in_words),
+            Some(subject) => verification_before(store, record, subject)?.as_ref().map(describe_verification),
             None => None,
         };
         all.push(Equipment {
             what: what.to_owned(),
-            serial: named(&read, "serial"),
-            calibrated: named(&read, "date"),
+            serial: find_value(&read, "serial"),
+            calibrated: find_value(&read, "date"),
             hash: hash.clone(),
             verified,
         });
@@ -118,12 +118,12 @@ fn force(store: &Store, record: &CycleRecord) -> Result<Option<Equipment>, Fault
         serial: None,
         calibrated: None,
         hash: one.calibration_hash.clone(),
-        verified: Some(in_words(&one)),
+        verified: Some(describe_verification(&one)),
     }))
 }
 
 /// A value of a calibration file, in any of its tables.
-fn named(read: &toml::Table, key: &str) -> Option<String> {
+fn find_value(read: &toml::Table, key: &str) -> Option<String> {
     let tables = std::iter::once(read).chain(read.values().filter_map(toml::Value::as_table));
     tables.filter_map(|table| table.get(key)).find_map(|value| match value {
         toml::Value::String(text) => Some(text.clone()),
@@ -138,30 +138,30 @@ fn verification_before(store: &Store, record: &CycleRecord, subject: &str) -> Re
     Ok(all.into_iter().rev().find(|one| one.struck.is_none() && one.at_unix_s <= record.started_unix_s))
 }
 
-fn in_words(one: &Verification) -> LastVerification {
+fn describe_verification(one: &Verification) -> LastVerification {
     let unit = health::unit(&one.subject);
-    let [error, limit] = apart(one.error, one.limit, 2);
+    let [error, limit] = distinguishable_texts(one.error, one.limit, 2);
     LastVerification { day: utc_day(one.at_unix_s), error: format!("{error} {unit} (limit {limit} {unit})") }
 }
 
-fn signatures(store: &Store, record: &CycleRecord) -> Result<Vec<Signatory>, Fault> {
-    let persons = store.signed_by_persons(record.id).map_err(Fault::stage)?;
+fn signatures(store: &Store, record: &CycleRecord) -> Result<Vec<PrintedSignature>, Fault> {
+    let persons = store.person_signatures(record.id).map_err(Fault::stage)?;
     let mut persons = persons.into_iter();
     let mut all = Vec::new();
-    for row in store.signatures_of(record.id).map_err(Fault::stage)? {
+    for row in store.cycle_signatures(record.id).map_err(Fault::stage)? {
         let person = if row.is_of_person { persons.next() } else { None };
         let hash = row.record_hash.get(..16).unwrap_or_default();
         let key = row.public_key.get(..16).unwrap_or_default();
         let person = person.map(|(_, person)| person);
-        all.push(Signatory {
+        all.push(PrintedSignature {
             name: person.as_ref().map_or("the cell".to_owned(), |one| format!("{} ({})", one.name, one.user)),
-            time: utc(row.unix_ms.div_euclid(1_000)),
+            time: utc_text(row.unix_ms.div_euclid(1_000)),
             meaning: person.as_ref().map_or("confirms that the cycle took place as recorded".to_owned(), |one| {
                 let remark = one.remark.as_ref().map(|remark| format!(": {remark}")).unwrap_or_default();
-                format!("{}{remark}", one.meaning.words())
+                format!("{}{remark}", one.meaning.printed_text())
             }),
-            bound: format!("number {}, SHA-256 {hash}…, key {key}…", row.number),
-            decides: person.is_some_and(|one| {
+            chain_position: format!("number {}, SHA-256 {hash}…, key {key}…", row.number),
+            is_deciding: person.is_some_and(|one| {
                 matches!(one.meaning, Meaning::InspectedAndReleased | Meaning::InspectedAndNotReleased)
             }),
         });

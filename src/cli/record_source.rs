@@ -6,7 +6,7 @@ use super::report::{self, StoredCycle};
 use super::{disk, record};
 use crate::daemon::{RecordPdf, RecordSource};
 use crate::record::CycleId;
-use crate::store::PersonSigns;
+use crate::store::PersonSigningRequest;
 use std::sync::Arc;
 
 /// The cycles of a cell's store.
@@ -27,13 +27,13 @@ impl RecordSource for StoreRecords {
     fn pdf(&self, cycle: CycleId) -> Result<Option<RecordPdf>, String> {
         let made = || {
             let (store, key) = (self.0.store()?, record::key(&self.0)?);
-            let rows = store.signatures_of(cycle).map_err(Fault::stage)?;
+            let rows = store.cycle_signatures(cycle).map_err(Fault::stage)?;
             record::signed_pdf(&store, &key, &rows)
         };
         made().map_err(|fault| fault.to_string())
     }
 
-    fn sign(&self, signs: &PersonSigns) -> Result<u64, String> {
-        record::sign_as(&self.0, signs).map(|row| row.number).map_err(|fault| fault.to_string())
+    fn sign(&self, signs: &PersonSigningRequest) -> Result<u64, String> {
+        record::sign_by_person(&self.0, signs).map(|row| row.number).map_err(|fault| fault.to_string())
     }
 }

@@ -1,15 +1,15 @@
 //! Creates a recording's beginning from the files that a cycle uses, and reads the same files back from a
 //! recording.
 
-use super::cycle_files::{Calibrated, REMOVED_BEFORE, TaughtRecipe};
+use super::cycle_files::{Calibrated, EARLIER_REMOVAL_TEXT, TaughtRecipe};
 use super::fault::Fault;
-use super::load::{self, CellFiles, Taught};
+use super::load::{self, CellFiles, LoadedPanel};
 use crate::cell::{
     Cell, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RemovalCalibration, RobotCorrection,
     ScannerMount, ToolMount,
 };
 use crate::daemon::{
-    Calibrations, RECORDING_FLOOR_MB, Recorded, RecordingPlan, RecordingStatus, disk_full_message, free_mb,
+    Calibrations, RECORDING_FLOOR_MB, RecordingPlan, RecordingResult, RecordingStatus, disk_full_message, free_mb,
 };
 use crate::files::{read_flange, write_pose};
 use crate::geometry::Rigid;
@@ -17,9 +17,9 @@ use crate::locate::ScanErrors;
 use crate::recipe::Recipe;
 use crate::removal::model::Model;
 use crate::report::page::{Row, Section};
-use crate::stages::removal::RemovedBefore;
-use crate::store::{TaughtCorner, Teaching};
-use crate::tape::Checked;
+use crate::stages::removal::EarlierRemoval;
+use crate::store::{TaughtCorner, TeachingInputs};
+use crate::tape::CheckedRecording;
 use std::path::{Component, Path, PathBuf};
 
 /// The first content of a recording of this cycle.
@@ -41,25 +41,25 @@ pub fn plan(
 ///
 /// # Errors
 /// If the file exists already, its folder does not exist, or there is too little room.
-pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
+pub fn check_recording_file(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
     if let Some(file) = file {
         if file.exists() {
-            return Err(taken(file));
+            return Err(file_exists_fault(file));
         }
         let folder = file.parent().unwrap_or(Path::new("/"));
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
         if !folder.is_dir() {
-            return Err(no_folder(folder));
+            return Err(missing_folder_fault(folder));
         }
         if rustix::fs::access(folder, rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK).is_err() {
             let words = "this program's user may not write to this folder, or the systemd unit prevents it; record to another folder";
-            return Err(Fault::file(folder, words));
+            return Err(Fault::file_fault(folder, words));
         }
     }
     let place = file.unwrap_or(store);
-    let free_mb = free_mb(place).map_err(|error| Fault::file(place, error))?;
+    let free_mb = free_mb(place).map_err(|error| Fault::file_fault(place, error))?;
     if free_mb < RECORDING_FLOOR_MB {
-        return Err(Fault::file(place, disk_full_message(free_mb)));
+        return Err(Fault::file_fault(place, disk_full_message(free_mb)));
     }
     Ok(())
 }
@@ -68,23 +68,23 @@ pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
 /// must also be outside the store, where only the program names files. The store may be made later.
 ///
 /// # Errors
-/// As [`allowed`], and if the file is inside the store or is a link.
-pub fn named_by_a_command(file: &Path, store: &Path) -> Result<(), Fault> {
+/// As [`check_recording_file`], and if the file is inside the store or is a link.
+pub fn check_command_file(file: &Path, store: &Path) -> Result<(), Fault> {
     // A link is refused as an existing file, wherever it leads, and also if it leads nowhere.
     if file.symlink_metadata().is_ok() {
-        return Err(taken(file));
+        return Err(file_exists_fault(file));
     }
-    allowed(Some(file), store)?;
+    check_recording_file(Some(file), store)?;
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if store.exists() && is_inside(folder, store)? {
-        return Err(refused_name(file, IN_THE_STORE));
+    if store.exists() && is_inside_store(folder, store)? {
+        return Err(refused_name(file, STORE_PATH_REFUSAL));
     }
     Ok(())
 }
 
 /// Returns whether a folder is the store or is inside it, after all links are resolved.
-fn is_inside(folder: &Path, store: &Path) -> Result<bool, Fault> {
-    let resolved = |path: &Path| path.canonicalize().map_err(|error| Fault::file(path, error));
+fn is_inside_store(folder: &Path, store: &Path) -> Result<bool, Fault> {
+    let resolved = |path: &Path| path.canonicalize().map_err(|error| Fault::file_fault(path, error));
     Ok(resolved(folder)?.starts_with(resolved(store)?))
 }
 
@@ -93,7 +93,7 @@ fn refused_name(file: &Path, words: &'static str) -> Fault {
     Fault::RecordName { file: shown, words }
 }
 
-const IN_THE_STORE: &str = "the file is inside the store, where only the service names files; name a file outside of \
+const STORE_PATH_REFUSAL: &str = "the file is inside the store, where only the service names files; name a file outside of \
                             the store, or give --record without a name to record to the store's recordings/";
 
 /// Returns the path of a recording that a client of the service names. It must be a full, plain path outside the
@@ -102,7 +102,7 @@ const IN_THE_STORE: &str = "the file is inside the store, where only the service
 ///
 /// # Errors
 /// If the name does not meet these conditions, or its folder does not exist.
-pub fn named_by_a_client(file: &Path, store: &Path) -> Result<PathBuf, Fault> {
+pub fn check_client_file(file: &Path, store: &Path) -> Result<PathBuf, Fault> {
     let refused = |words| refused_name(file, words);
     let Some(text) = file.to_str() else { return Err(refused("the path is not UTF-8")) };
     if text.chars().any(char::is_control) {
@@ -119,16 +119,16 @@ pub fn named_by_a_client(file: &Path, store: &Path) -> Result<PathBuf, Fault> {
         return Err(refused("the path contains . or .., or names a folder; give the absolute path of a new file"));
     };
     if !folder.is_dir() {
-        return Err(no_folder(folder));
+        return Err(missing_folder_fault(folder));
     }
-    if is_inside(folder, store)? {
-        return Err(refused(IN_THE_STORE));
+    if is_inside_store(folder, store)? {
+        return Err(refused(STORE_PATH_REFUSAL));
     }
-    let folder = folder.canonicalize().map_err(|error| Fault::file(folder, error))?;
+    let folder = folder.canonicalize().map_err(|error| Fault::file_fault(folder, error))?;
     let file = folder.join(name);
     // A link is refused as an existing file, wherever it leads, and also if it leads nowhere.
     match file.symlink_metadata() {
-        Ok(_) => Err(taken(&file)),
+        Ok(_) => Err(file_exists_fault(&file)),
         Err(_) => Ok(file),
     }
 }
@@ -139,23 +139,23 @@ const MAX_SHOWN: usize = 200;
 /// The fault to report if the disk refuses a recording in a new file.
 pub fn refused(file: &Path, error: std::io::Error) -> Fault {
     match error.kind() {
-        std::io::ErrorKind::AlreadyExists => taken(file),
-        _ => Fault::file(file, error),
+        std::io::ErrorKind::AlreadyExists => file_exists_fault(file),
+        _ => Fault::file_fault(file, error),
     }
 }
 
-fn no_folder(folder: &Path) -> Fault {
+fn missing_folder_fault(folder: &Path) -> Fault {
     let words = "this program sees no such folder; create the folder, or record to another folder (the systemd unit of the service \
                  hides home folders and gives the service a private /tmp)";
-    Fault::file(folder, words)
+    Fault::file_fault(folder, words)
 }
 
-fn taken(file: &Path) -> Fault {
-    Fault::file(file, "already exists; remove it, or record to another file")
+fn file_exists_fault(file: &Path) -> Fault {
+    Fault::file_fault(file, "already exists; remove it, or record to another file")
 }
 
 /// The section about the recording on a cycle's page.
-pub fn section(recorded: &Recorded) -> Section {
+pub fn section(recorded: &RecordingResult) -> Section {
     let whole = recorded.is == RecordingStatus::Whole;
     let rows = vec![
         Row::new("file", &recorded.file, ""),
@@ -189,9 +189,9 @@ fn texts(taught_recipe: &TaughtRecipe, calibrated: &Calibrated) -> Result<Vec<(S
     Ok(files.chain(more.map(|(name, text)| (name.to_owned(), text.into_bytes()))).collect())
 }
 
-fn taught_parts(teaching: &Teaching) -> Vec<(String, Vec<u8>)> {
-    let Teaching { recipe_text, scanner_calibration_text, base_from_camera_text, .. } = teaching;
-    let Teaching { flange_camera_text, flange_from_camera_text, .. } = teaching;
+fn taught_parts(teaching: &TeachingInputs) -> Vec<(String, Vec<u8>)> {
+    let TeachingInputs { recipe_text, scanner_calibration_text, base_from_camera_text, .. } = teaching;
+    let TeachingInputs { flange_camera_text, flange_from_camera_text, .. } = teaching;
     let texts =
         [recipe_text, scanner_calibration_text, base_from_camera_text, flange_camera_text, flange_from_camera_text];
     let texts = TAUGHT.into_iter().zip(texts).map(|(name, text)| (name.to_owned(), text.clone().into_bytes()));
@@ -209,13 +209,13 @@ pub struct RecordedCycle {
     /// The recipe.
     pub recipe: Recipe,
     /// What was taught.
-    pub taught: Taught,
+    pub taught: LoadedPanel,
     /// The calibrations.
     pub calibrations: Calibrations,
     /// The area of the picture in which the flange camera's lens is calibrated.
     pub lens: LensExtent,
     /// The removal from the part by earlier cycles.
-    pub removed_before: RemovedBefore,
+    pub removed_before: EarlierRemoval,
 }
 
 impl RecordedCycle {
@@ -223,7 +223,7 @@ impl RecordedCycle {
     ///
     /// # Errors
     /// If one is missing or invalid.
-    pub fn read(file: &Path, checked: &Checked) -> Result<Self, Fault> {
+    pub fn read(file: &Path, checked: &CheckedRecording) -> Result<Self, Fault> {
         let parts = Parts { file, checked };
         let recipe = Recipe::check(RECIPE, parts.text(RECIPE)?)?;
         let flange_camera = parts.intrinsics("flange_camera.toml")?;
@@ -241,7 +241,7 @@ impl RecordedCycle {
         };
         let cell = Cell::check("cell.toml", parts.text("cell.toml")?)?;
         let cell = match checked.files.contains_key(CORRECTION) {
-            true => cell.corrected(RobotCorrection::check(CORRECTION, parts.text(CORRECTION)?)?.numbers),
+            true => cell.with_arm_correction(RobotCorrection::check(CORRECTION, parts.text(CORRECTION)?)?.numbers),
             false => cell,
         };
         let (taught, removed_before) = (parts.taught(&recipe, &scanner)?, parts.removed_before()?);
@@ -252,27 +252,27 @@ impl RecordedCycle {
 /// The parts of a recording.
 struct Parts<'a> {
     file: &'a Path,
-    checked: &'a Checked,
+    checked: &'a CheckedRecording,
 }
 
 impl Parts<'_> {
     fn bytes(&self, name: &str) -> Result<&[u8], Fault> {
-        let missing = || Fault::file(self.file, format!("the recording has no attachment \"{name}\""));
+        let missing = || Fault::file_fault(self.file, format!("the recording has no attachment \"{name}\""));
         self.checked.files.get(name).map(Vec::as_slice).ok_or_else(missing)
     }
 
     fn text(&self, name: &str) -> Result<&str, Fault> {
-        let named = |error| Fault::file(self.file, format!("attachment \"{name}\": {error}"));
+        let named = |error| Fault::file_fault(self.file, format!("attachment \"{name}\": {error}"));
         std::str::from_utf8(self.bytes(name)?).map_err(named)
     }
 
     /// Returns the removal from the part by earlier cycles.
-    fn removed_before(&self) -> Result<RemovedBefore, Fault> {
-        let name = format!("{REMOVED_BEFORE}.toml");
+    fn removed_before(&self) -> Result<EarlierRemoval, Fault> {
+        let name = format!("{EARLIER_REMOVAL_TEXT}.toml");
         if !self.checked.files.contains_key(&name) {
-            return Ok(RemovedBefore::default());
+            return Ok(EarlierRemoval::default());
         }
-        toml::from_str(self.text(&name)?).map_err(|error| Fault::file(self.file, error))
+        toml::from_str(self.text(&name)?).map_err(|error| Fault::file_fault(self.file, error))
     }
 
     /// The removal model of the disc, if the cell had one.
@@ -291,9 +291,9 @@ impl Parts<'_> {
         Ok(MountedPose::<M>::check(name, self.text(name)?)?.rigid())
     }
 
-    fn taught(&self, recipe: &Recipe, now: &Intrinsics) -> Result<Taught, Fault> {
+    fn taught(&self, recipe: &Recipe, now: &Intrinsics) -> Result<LoadedPanel, Fault> {
         let named = |name: &str, error: &dyn std::error::Error| {
-            Fault::file(self.file, format!("attachment \"{name}\": {error}"))
+            Fault::file_fault(self.file, format!("attachment \"{name}\": {error}"))
         };
         let mut corners = Vec::new();
         for [picture, pose] in (0..).map(corner).take_while(|[picture, _]| self.checked.files.contains_key(picture))
@@ -302,7 +302,7 @@ impl Parts<'_> {
             corners.push(TaughtCorner { picture: self.bytes(&picture)?.to_vec(), base_from_flange });
         }
         let text = |index: usize| self.text(TAUGHT[index]).map(str::to_owned);
-        let teaching = Teaching {
+        let teaching = TeachingInputs {
             name: recipe.panel().to_owned(),
             scan: self.bytes(SCAN)?.to_vec(),
             recipe_text: text(0)?,

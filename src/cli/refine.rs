@@ -7,7 +7,7 @@ use super::outcome::Outcome;
 use super::pictures;
 use crate::calib::budget;
 use crate::geometry::{Base, Flange, FlangeCamera, KukaPose, Panel, Rigid};
-use crate::stages::corners::{Correction, Sighting, Taught};
+use crate::stages::corners::{CornerReference, Correction, Sighting};
 use serde_json::json;
 use std::path::Path;
 
@@ -25,8 +25,9 @@ pub fn run(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     let shots = load::corner_shots(&files, &args.corner, &args.flange, &camera)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let claims_mm = claims_mm(args, &files)?;
-    let held = Taught { corners: &taught.corners, camera: &camera, lens: &extent, limits: recipe.corner() };
-    let sightings = sightings(&held, located, &shots, flange_from_camera)?;
+    let held =
+        CornerReference { corners: &taught.corners, camera: &camera, lens: &extent, limits: recipe.corner() };
+    let sightings = find_corners(&held, located, &shots, flange_from_camera)?;
     let correction = held.refine(located, &sightings, (claims_mm, None)).map_err(Fault::stage)?;
     if let Some(folder) = &args.pictures {
         let places =
@@ -51,8 +52,8 @@ fn claims_mm(args: &Refine, files: &CellFiles) -> Result<Option<[f64; 2]>, Fault
 }
 
 /// Finds the taught corners in the pictures, in order.
-fn sightings(
-    held: &Taught<'_>,
+fn find_corners(
+    held: &CornerReference<'_>,
     located: Rigid<Base, Panel>,
     shots: &[CornerShot],
     flange_from_camera: Rigid<Flange, FlangeCamera>,
@@ -63,27 +64,27 @@ fn sightings(
     let find = |(corner, shot): ((usize, &_), &CornerShot)| {
         let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();
         let found = held.find(corner, &shot.picture, (located, base_from_flange * flange_from_camera));
-        found.map_err(|error| Fault::file(&shot.file, error))
+        found.map_err(|error| Fault::file_fault(&shot.file, error))
     };
     held.corners.iter().enumerate().zip(shots).map(find).collect()
 }
 
 /// Writes a corner's picture with the corner drawn at each of these poses of the panel.
 fn draw(
-    held: &Taught<'_>,
+    held: &CornerReference<'_>,
     (index, sighting, shot): (usize, &Sighting, &CornerShot),
     places: &[(Rigid<Base, Panel>, &str, &str)],
     folder: &Path,
 ) -> Result<(), Fault> {
     let drawn = places.iter().filter_map(|(place, when, title)| {
-        held.drawn((sighting, &shot.picture), *place, (&format!("corner{}_{when}", index + 1), title))
+        held.draw_corner((sighting, &shot.picture), *place, (&format!("corner{}_{when}", index + 1), title))
     });
-    pictures::save_all(folder, drawn)
+    pictures::write_drawings(folder, drawn)
 }
 
 fn outcome(correction: &Correction, is_held_against_claims: bool) -> Outcome {
     let mut outcome = Outcome::from_judgement(&correction.judgement);
-    outcome.put_checks(&correction.checks);
+    outcome.add_checks(&correction.checks);
     let pose = KukaPose::from_rigid(&correction.refined.base_from_panel);
     let [x_mm, y_mm] = correction.refined.shift_mm;
     outcome.add_line(format!("base from panel: {pose}"));
@@ -98,14 +99,14 @@ fn outcome(correction: &Correction, is_held_against_claims: bool) -> Outcome {
         );
     }
     if correction.refined.corners.len() > 1 {
-        let left_mm = correction.refined.corners.iter().map(|corner| corner.left_mm).fold(0.0, f64::max);
+        let left_mm = correction.refined.corners.iter().map(|corner| corner.remaining_shift_mm).fold(0.0, f64::max);
         outcome.add_line(format!(
             "rotation corrected by {:.3}°; remaining deviation of the corners: at most {left_mm:.3} mm",
-            correction.refined.turned.0
+            correction.refined.rotation.0
         ));
     }
-    outcome.put("base_from_panel", json!(pose));
-    outcome.put("shift_mm", json!(correction.refined.shift_mm));
-    outcome.put("error_px", json!(correction.refined.error_px));
+    outcome.add_value("base_from_panel", json!(pose));
+    outcome.add_value("shift_mm", json!(correction.refined.shift_mm));
+    outcome.add_value("error_px", json!(correction.refined.error_px));
     outcome
 }

@@ -6,7 +6,7 @@ use super::fault::Fault;
 use super::live::FULL_WIDTH_PX;
 use super::outcome::Outcome;
 use super::output;
-use super::rendered::Rendered;
+use super::rendered::RenderedFiles;
 use super::{render_boards, render_coupons};
 use crate::cell::{self, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
 use crate::files::{self, Clip, ClipEntry};
@@ -25,7 +25,7 @@ use std::fs;
 use std::path::Path;
 
 /// A file that marks a folder as written by this command; only such a folder may be written again.
-const MARK: &str = ".rendered-by-panelprep";
+const FOLDER_MARK_FILE: &str = ".rendered-by-panelprep";
 /// Duration of the observation of the wet panel, s (the default of the cell's file); the next constant is the number
 /// of pictures per second (the recipe's default).
 const OBSERVATION_S: u32 = 60;
@@ -41,9 +41,9 @@ impl FilmName {
     /// Returns the specification of the film for this seed.
     pub fn spec(self, seed: u64) -> FilmSpec {
         match self {
-            FilmName::Calm => FilmSpec::CALM,
-            FilmName::Usual => FilmSpec::USUAL,
-            FilmName::Hard => FilmSpec::hard(seed),
+            FilmName::Calm => FilmSpec::CALM_FILM,
+            FilmName::Usual => FilmSpec::TYPICAL_FILM,
+            FilmName::Hard => FilmSpec::hardest(seed),
         }
     }
 }
@@ -67,10 +67,10 @@ pub fn run(args: &Render) -> Result<Outcome, Fault> {
     let spec = args.film.spec(args.seed);
     let cell = sim::Cell::new(args.seed, args.scene.into(), args.reduction as usize);
     let arm = real_arm(args.seed, args.arm_error_mm);
-    let cell = cell.with_films(spec).placed(args.place).with_arm(arm.clone());
+    let cell = cell.with_films(spec).with_pose(args.place).with_arm(arm.clone());
     let distortion = scanner_distortion(args.seed, args.scanner_error_mm);
     let cell = cell.with_distortion(distortion);
-    let progress = |line: &str| output::tell_line(line);
+    let progress = |line: &str| output::write_progress(line);
     let rendered = write(&cell, &args.out, args.seconds, &progress)?;
     if args.drawing {
         write_drawing(&cell, &rendered)?;
@@ -91,14 +91,14 @@ pub fn run(args: &Render) -> Result<Outcome, Fault> {
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     let mut names: Vec<String> = fs::read_dir(&rendered.folder)
         .and_then(Iterator::collect::<Result<Vec<_>, _>>)
-        .map_err(|error| Fault::file(&rendered.folder, error))?
+        .map_err(|error| Fault::file_fault(&rendered.folder, error))?
         .iter()
         .map(|entry| entry.path().display().to_string())
         .collect();
     names.sort();
-    outcome.words = vec![format!("seed {}, written to {}:", args.seed, args.out.display())];
-    outcome.words.extend(names.iter().map(|name| format!("  {name}")));
-    outcome.put("files", json!(names));
+    outcome.lines = vec![format!("seed {}, written to {}:", args.seed, args.out.display())];
+    outcome.lines.extend(names.iter().map(|name| format!("  {name}")));
+    outcome.add_value("files", json!(names));
     Ok(outcome)
 }
 
@@ -106,15 +106,20 @@ pub fn run(args: &Render) -> Result<Outcome, Fault> {
 ///
 /// # Errors
 /// As [`run`].
-pub fn write(cell: &sim::Cell, folder: &Path, seconds: u32, progress: &dyn Fn(&str)) -> Result<Rendered, Fault> {
+pub fn write(
+    cell: &sim::Cell,
+    folder: &Path,
+    seconds: u32,
+    progress: &dyn Fn(&str),
+) -> Result<RenderedFiles, Fault> {
     let rendered = write_taught_for(cell, folder, seconds, progress)?;
     progress("rendering the scan and the corner picture");
-    disk::write(&rendered.file("scan.pcd"), files::write_pcd(&cell.scan()))?;
+    disk::write(&rendered.file_path("scan.pcd"), files::write_pcd(&cell.scan()))?;
     write_corner(cell, &rendered, PanelPosition::Displaced)?;
     progress("rendering the clip");
     let film = cell.film();
-    write_clip(&film, &rendered.file("clip"), seconds)?;
-    let folder = rendered.file("truth");
+    write_clip(&film, &rendered.file_path("clip"), seconds)?;
+    let folder = rendered.file_path("truth");
     let numbers = serde_json::to_string_pretty(&cell.truth().numbers()).map_err(Fault::stage)?;
     disk::write(&folder.join("truth.json"), numbers)?;
     write_truth(&film, &folder, seconds)?;
@@ -122,25 +127,25 @@ pub fn write(cell: &sim::Cell, folder: &Path, seconds: u32, progress: &dyn Fn(&s
 }
 
 /// Writes the panel's drawing, and the recipe by which the panel is taught from it.
-fn write_drawing(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
+fn write_drawing(cell: &sim::Cell, rendered: &RenderedFiles) -> Result<(), Fault> {
     let (mesh, base_from_drawing) = cell.drawing();
-    disk::write(&rendered.file("drawing.stl"), files::write_stl(&mesh))?;
+    disk::write(&rendered.file_path("drawing.stl"), files::write_stl(&mesh))?;
     let KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } = KukaPose::from_rigid(&base_from_drawing);
-    let recipe = disk::read_text(&rendered.file("recipe.toml"))?;
+    let recipe = disk::read_text(&rendered.file_path("recipe.toml"))?;
     let nominal = format!(
         "\n[nominal.base_from_drawing]\nx_mm = {x_mm}\ny_mm = {y_mm}\nz_mm = {z_mm}\na_deg = {a_deg}\nb_deg = {b_deg}\n\
          c_deg = {c_deg}\n"
     );
-    disk::write(&rendered.file("recipe_drawing.toml"), recipe + &nominal)
+    disk::write(&rendered.file_path("recipe_drawing.toml"), recipe + &nominal)
 }
 
 /// Writes one clip of a labelled set: the same panel in the same pose, with other grease.
-fn write_labelled(cell: &sim::Cell, rendered: &Rendered, film: FilmName, index: u64) -> Result<(), Fault> {
+fn write_labelled(cell: &sim::Cell, rendered: &RenderedFiles, film: FilmName, index: u64) -> Result<(), Fault> {
     let until_s = sim::WET_FROM_S + 0.85 * f64::from(rendered.seconds);
     let grease = Grease::Mixed { count: 2 + (index % 4) as usize, until_s };
-    let spots = if index.is_multiple_of(3) { Vec::new() } else { cell.greased(&grease, index) };
-    let film = cell.film_as(&spots, &film.spec(index), index);
-    let folder = rendered.file("set").join(format!("{index:04}"));
+    let spots = if index.is_multiple_of(3) { Vec::new() } else { cell.with_other_grease(&grease, index) };
+    let film = cell.film_with_spec(&spots, &film.spec(index), index);
+    let folder = rendered.file_path("set").join(format!("{index:04}"));
     write_clip(&film, &folder, rendered.seconds)?;
     write_truth(&film, &folder.join("truth"), rendered.seconds)
 }
@@ -150,7 +155,7 @@ fn write_labelled(cell: &sim::Cell, rendered: &Rendered, film: FilmName, index: 
 ///
 /// # Errors
 /// As [`run`].
-pub fn write_taught(cell: &sim::Cell, folder: &Path, progress: &dyn Fn(&str)) -> Result<Rendered, Fault> {
+pub fn write_taught(cell: &sim::Cell, folder: &Path, progress: &dyn Fn(&str)) -> Result<RenderedFiles, Fault> {
     write_taught_for(cell, folder, OBSERVATION_S, progress)
 }
 
@@ -159,26 +164,26 @@ fn write_taught_for(
     folder: &Path,
     seconds: u32,
     progress: &dyn Fn(&str),
-) -> Result<Rendered, Fault> {
-    claim(folder)?;
-    let rendered = Rendered { folder: folder.to_owned(), seconds };
+) -> Result<RenderedFiles, Fault> {
+    prepare_output_folder(folder)?;
+    let rendered = RenderedFiles { folder: folder.to_owned(), seconds };
     progress("rendering the scan and the corner picture for teaching the panel");
     let taught_scan = cell.taught_scan();
     write_configuration(cell, &taught_scan, &rendered)?;
     render_boards::write_targets(cell, &rendered)?;
-    disk::write(&rendered.file("taught_scan.pcd"), files::write_pcd(&taught_scan))?;
+    disk::write(&rendered.file_path("taught_scan.pcd"), files::write_pcd(&taught_scan))?;
     write_corner(cell, &rendered, PanelPosition::Nominal)?;
     Ok(rendered)
 }
 
 /// Empties a folder that this command wrote earlier, or creates a new one.
-fn claim(folder: &Path) -> Result<(), Fault> {
-    let named = |error: std::io::Error| Fault::file(folder, error);
+fn prepare_output_folder(folder: &Path) -> Result<(), Fault> {
+    let named = |error: std::io::Error| Fault::file_fault(folder, error);
     if folder.exists() {
-        let ours = folder.join(MARK).exists();
+        let ours = folder.join(FOLDER_MARK_FILE).exists();
         let empty = fs::read_dir(folder).map_err(named)?.next().is_none();
         if !ours && !empty {
-            return Err(Fault::NotOurs { folder: folder.to_owned() });
+            return Err(Fault::NotOwnFolder { folder: folder.to_owned() });
         }
         // A store in use by another program is not removed.
         let store = folder.join("store");
@@ -187,13 +192,13 @@ fn claim(folder: &Path) -> Result<(), Fault> {
         }
         fs::remove_dir_all(folder).map_err(named)?;
     }
-    disk::write(&folder.join(MARK), "Each `panelprep render` replaces the content of this folder.\n")
+    disk::write(&folder.join(FOLDER_MARK_FILE), "Each `panelprep render` replaces the content of this folder.\n")
 }
 
 fn write_configuration(
     cell: &sim::Cell,
     taught_scan: &OrganizedCloud<Camera>,
-    rendered: &Rendered,
+    rendered: &RenderedFiles,
 ) -> Result<(), Fault> {
     let mut base_from_camera =
         MountedPose::<ScannerMount>::from_pose(KukaPose::from_rigid(&cell.calibrated_base_from_camera()));
@@ -213,7 +218,7 @@ fn write_configuration(
         ("cell.toml", format!("{CELL}verify_limit_mm = {:?}\n", verify_limit_mm(cell))),
         ("recipe.toml", recipe(cell, taught_scan, rendered.seconds)?),
     ];
-    texts.iter().try_for_each(|(name, text)| disk::write(&rendered.file(name), text))
+    texts.iter().try_for_each(|(name, text)| disk::write(&rendered.file_path(name), text))
 }
 
 /// Returns the limit for verifications, mm: the program's own limit at full size, more for smaller pictures, which
@@ -324,7 +329,7 @@ fn plain_recipe(cell: &sim::Cell, seconds: u32) -> String {
     )
 }
 
-fn write_corner(cell: &sim::Cell, rendered: &Rendered, place: PanelPosition) -> Result<(), Fault> {
+fn write_corner(cell: &sim::Cell, rendered: &RenderedFiles, place: PanelPosition) -> Result<(), Fault> {
     // The first file has no number; scripts expect this name.
     for (view, number) in cell.corner_views().iter().zip(["", "2", "3", "4"]) {
         let (taught, base_from_flange) = match place {
@@ -333,8 +338,8 @@ fn write_corner(cell: &sim::Cell, rendered: &Rendered, place: PanelPosition) -> 
         };
         let picture =
             files::write_color_png(&cell.flange_picture(&base_from_flange, place)).map_err(Fault::stage)?;
-        disk::write(&rendered.file(&format!("{taught}corner{number}.png")), picture)?;
-        let file = rendered.file(&format!("{taught}flange{number}.json"));
+        disk::write(&rendered.file_path(&format!("{taught}corner{number}.png")), picture)?;
+        let file = rendered.file_path(&format!("{taught}flange{number}.json"));
         render_boards::write_flange(&file, cell.real_arm(), &base_from_flange)?;
     }
     Ok(())
@@ -374,13 +379,13 @@ fn write_clip(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
 /// Writes the pixels that broke, and the times when they broke: see [`crate::labels`].
 fn write_truth(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
     let last_s = clip_times_s(seconds).last().copied().unwrap_or_default();
-    let broken = film.broken(last_s);
+    let broken = film.broken_pixels(last_s);
     let times_s = film.break_times_s();
     let rgb = (0..times_s.len()).map(|index| {
         let since_wet_s = (f64::from(times_s[index]) - sim::WET_FROM_S).max(0.0);
-        labels::coded(broken.inside[index].then_some(since_wet_s))
+        labels::time_to_color(broken.inside[index].then_some(since_wet_s))
     });
     let times = ColorPicture { width: broken.width, height: broken.height, rgb: rgb.collect() };
     disk::write(&folder.join(labels::MASK), files::write_gray_png(&broken.to_gray()).map_err(Fault::stage)?)?;
-    disk::write(&folder.join(labels::TIMES), files::write_color_png(&times).map_err(Fault::stage)?)
+    disk::write(&folder.join(labels::TIMES_FILE), files::write_color_png(&times).map_err(Fault::stage)?)
 }

@@ -6,14 +6,16 @@ use super::calibrate::args::{BoardArgs, CameraName, Touch, Verify};
 use super::calibrate::pose_keys;
 use super::disk;
 use super::fault::Fault;
-use super::rendered::Rendered;
+use super::rendered::RenderedFiles;
 use crate::calib::{Board, CalibError};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::files::{self, ReportedFlange};
 use crate::geometry::{
     Base, Camera, Degrees, Flange, Frame, GrayPicture, KukaPose, PinholeCamera, Point, Rigid, Tool,
 };
-use crate::sim::{self, BoardCell, BoardPrint, BoardShot, RealArm, Reported, RobotNoise, ScannerDistortion};
+use crate::sim::{
+    self, BoardCell, BoardPrint, BoardShot, RealArm, ReportedFlangePose, RobotNoise, ScannerDistortion,
+};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use std::fmt::Write;
@@ -28,23 +30,23 @@ const LENS_PICTURES: usize = 25;
 pub(super) const ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
 const TOUCH_MM: f64 = 0.1;
 
-impl Rendered {
+impl RenderedFiles {
     /// Returns the arguments of `panelprep calibrate verify` for this camera's target.
     pub fn verification(&self, camera: CameraName) -> Verify {
         let (name, flange) = match camera {
             CameraName::Scanner => ("scanner", None),
-            CameraName::FlangeCamera => ("flange_camera", Some(self.file("target/flange.json"))),
+            CameraName::FlangeCamera => ("flange_camera", Some(self.file_path("target/flange.json"))),
         };
         Verify {
             camera,
             board: target_board().into(),
             recipe: None,
-            image: Some(self.file(&format!("target/{name}.png"))),
+            image: Some(self.file_path(&format!("target/{name}.png"))),
             live: None,
             simulation: Simulation::default(),
             poses: None,
             flange,
-            target: Some(self.file(&format!("target/{name}.toml"))),
+            target: Some(self.file_path(&format!("target/{name}.toml"))),
             learn: false,
             pictures: None,
         }
@@ -54,16 +56,16 @@ impl Rendered {
     pub fn touch(&self) -> Touch {
         Touch {
             board: target_board().into(),
-            target: self.file("target/scanner.toml"),
-            points: Some(self.file("target/touched.toml")),
+            target: self.file_path("target/scanner.toml"),
+            points: Some(self.file_path("target/touched.toml")),
             live: None,
             pictures: None,
         }
     }
 
     /// Returns the common arguments for the cell that these files describe.
-    pub fn common(&self) -> Common {
-        Common { cell: self.file("cell.toml"), store: None, json: false }
+    pub fn common_arguments(&self) -> Common {
+        Common { cell: self.file_path("cell.toml"), store: None, json: false }
     }
 }
 
@@ -75,26 +77,29 @@ fn target_board() -> BoardArgs {
 ///
 /// # Errors
 /// If writing to the disk fails.
-pub fn write_targets(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
+pub fn write_targets(cell: &sim::Cell, rendered: &RenderedFiles) -> Result<(), Fault> {
     let (scanner, flange) = (cell.scanner_target(), cell.flange_target());
     for (name, target) in [("scanner", &scanner), ("flange_camera", &flange)] {
         save(rendered, &format!("target/{name}.png"), &target.picture)?;
         let mut known = MountedPose::<TargetMount>::from_pose(KukaPose::from_rigid(&target.known_base_from_board));
         known.board = Some(BoardSize { board: TARGET.0.to_owned(), square_mm: TARGET.1 });
-        disk::write(&rendered.file(&format!("target/{name}.toml")), known.to_toml())?;
+        disk::write(&rendered.file_path(&format!("target/{name}.toml")), known.to_toml())?;
     }
     let arm = cell.real_arm();
-    write_flange(&rendered.file("target/flange.json"), arm, &flange.base_from_flange)?;
+    write_flange(&rendered.file_path("target/flange.json"), arm, &flange.base_from_flange)?;
     let board = Board::parse(TARGET.0, TARGET.1).map_err(Fault::stage)?;
     let touched = |places: &[Point<_>]| cell.touched_target(&scanner, places);
-    disk::write(&rendered.file("target/touched.toml"), points_text(&board, arm, touched)?)
+    disk::write(&rendered.file_path("target/touched.toml"), points_text(&board, arm, touched)?)
 }
 
 /// Returns the controller's report for this true pose of the flange.
-fn reported(arm: Option<&RealArm>, base_from_flange: &Rigid<Base, Flange>) -> Result<Reported, Fault> {
+fn controller_report(
+    arm: Option<&RealArm>,
+    base_from_flange: &Rigid<Base, Flange>,
+) -> Result<ReportedFlangePose, Fault> {
     match arm {
-        None => Ok(Reported { base_from_flange: *base_from_flange, joints: None }),
-        Some(arm) => arm.reported(base_from_flange).ok_or_else(|| {
+        None => Ok(ReportedFlangePose { base_from_flange: *base_from_flange, joints: None }),
+        Some(arm) => arm.reported_pose(base_from_flange).ok_or_else(|| {
             let pose = KukaPose::from_rigid(base_from_flange);
             Fault::stage(CalibError::Points(format!("the simulated arm cannot reach {pose}")))
         }),
@@ -110,7 +115,7 @@ pub fn write_flange(
     arm: Option<&RealArm>,
     base_from_flange: &Rigid<Base, Flange>,
 ) -> Result<(), Fault> {
-    let Reported { base_from_flange, joints } = reported(arm, base_from_flange)?;
+    let ReportedFlangePose { base_from_flange, joints } = controller_report(arm, base_from_flange)?;
     let base_from_flange = KukaPose::from_rigid(&base_from_flange);
     disk::write(file, files::write_reported_flange(&ReportedFlange { base_from_flange, joints }))
 }
@@ -119,7 +124,11 @@ pub fn write_flange(
 ///
 /// # Errors
 /// If writing to the disk fails.
-pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &Rendered)) -> Result<(), Fault> {
+pub fn write(
+    seed: u64,
+    reduction: usize,
+    (arm, rendered): (Option<&RealArm>, &RenderedFiles),
+) -> Result<(), Fault> {
     let cell = BoardCell::new(seed, BoardPrint::chessboard(9, 6, 25.0), ROBOT).with_reduction(reduction);
     let board = Board::parse("9x6", 25.0).map_err(Fault::stage)?;
     let lens: Vec<BoardShot<crate::geometry::FlangeCamera>> = cell.lens_shots(&cell.flange_camera(), LENS_PICTURES);
@@ -129,21 +138,21 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
     let flange = within_reach(arm, poses, |count| cell.flange_shots(count));
     pictures(rendered, "fixed", (&cell, &cell.scanner()), &fixed)?;
     pictures(rendered, "flange", (&cell, &cell.flange_camera()), &flange)?;
-    disk::write(&rendered.file("boards/fixed/poses.toml"), poses_text(arm, &fixed)?)?;
-    disk::write(&rendered.file("boards/flange/poses.toml"), poses_text(arm, &flange)?)?;
+    disk::write(&rendered.file_path("boards/fixed/poses.toml"), poses_text(arm, &fixed)?)?;
+    disk::write(&rendered.file_path("boards/flange/poses.toml"), poses_text(arm, &flange)?)?;
     // The true pose of the fixed board: `calibrate verify --poses` compares the pictures with it.
     let mut known = MountedPose::<TargetMount>::from_pose(KukaPose::from_rigid(&cell.base_from_board()));
     known.board = Some(BoardSize { board: "9x6".to_owned(), square_mm: 25.0 });
-    disk::write(&rendered.file("boards/flange/target.toml"), known.to_toml())?;
+    disk::write(&rendered.file_path("boards/flange/target.toml"), known.to_toml())?;
     let touchable = |shot: &&BoardShot<Camera>| {
-        arm.is_none_or(|arm| comes_to_corners(arm, &board, &(cell.base_from_camera() * shot.camera_from_board)))
+        arm.is_none_or(|arm| can_reach_corners(arm, &board, &(cell.base_from_camera() * shot.camera_from_board)))
     };
     let shot_to_touch = fixed.iter().find(touchable);
     if let Some(shot) = shot_to_touch {
         save(rendered, "boards/touched.png", &cell.picture(&cell.scanner(), shot))?;
         let base_from_board = cell.base_from_camera() * shot.camera_from_board;
-        let touched = |places: &[Point<_>]| cell.touched(&base_from_board, places, TOUCH_MM);
-        disk::write(&rendered.file("boards/touched.toml"), points_text(&board, arm, touched)?)?;
+        let touched = |places: &[Point<_>]| cell.touch_points(&base_from_board, places, TOUCH_MM);
+        disk::write(&rendered.file_path("boards/touched.toml"), points_text(&board, arm, touched)?)?;
     }
     if let Some(arm) = arm {
         let fixed = shot_to_touch.map(|shot| cell.base_from_camera() * shot.camera_from_board);
@@ -151,25 +160,30 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
         let mut text = touches_text(Some(arm))?;
         for (image, base_from_board) in boards {
             let Some(base_from_board) = base_from_board else { continue };
-            text += &corners_text(arm, &board, image, |places| cell.touched(&base_from_board, places, TOUCH_MM));
+            text +=
+                &corners_text(arm, &board, image, |places| cell.touch_points(&base_from_board, places, TOUCH_MM));
         }
-        disk::write(&rendered.file("boards/touches.toml"), text)?;
+        disk::write(&rendered.file_path("boards/touches.toml"), text)?;
     }
     write_force(rendered)?;
-    disk::write(&rendered.file("boards/tip.toml"), tip_text(arm)?)
+    disk::write(&rendered.file_path("boards/tip.toml"), tip_text(arm)?)
 }
 
 /// Writes `boards/scanner/*.pcd`: scans of a board of 8×6 inner corners, 30 mm, all over the working volume.
 ///
 /// # Errors
 /// If writing to the disk fails.
-pub fn write_scans(args: &Render, distortion: Option<ScannerDistortion>, rendered: &Rendered) -> Result<(), Fault> {
+pub fn write_scans(
+    args: &Render,
+    distortion: Option<ScannerDistortion>,
+    rendered: &RenderedFiles,
+) -> Result<(), Fault> {
     let print = BoardPrint::chessboard(8, 6, 30.0);
     let cell = BoardCell::new(args.seed, print, ROBOT).with_reduction(args.reduction as usize);
     let distortion = distortion.unwrap_or_else(|| ScannerDistortion::new(args.seed, 0.0));
     let shots = cell.scanner_shots(args.board_scans as usize);
     shots.par_iter().enumerate().try_for_each(|(index, shot)| {
-        let file = rendered.file(&format!("boards/scanner/{:02}.pcd", index + 1));
+        let file = rendered.file_path(&format!("boards/scanner/{:02}.pcd", index + 1));
         disk::write(&file, files::write_pcd(&cell.real_scan(shot, &distortion)))
     })
 }
@@ -178,8 +192,8 @@ pub fn write_scans(args: &Render, distortion: Option<ScannerDistortion>, rendere
 ///
 /// # Errors
 /// If writing to the disk fails.
-pub fn write_force(rendered: &Rendered) -> Result<(), Fault> {
-    disk::write(&rendered.file("boards/force.toml"), FORCE_TEXT)
+pub fn write_force(rendered: &RenderedFiles) -> Result<(), Fault> {
+    disk::write(&rendered.file_path("boards/force.toml"), FORCE_TEXT)
 }
 
 /// Returns this number of shots that the arm can reach; an arm with its nominal geometry reaches all shots here.
@@ -189,41 +203,41 @@ fn within_reach<C: Frame>(
     shots: impl Fn(usize) -> Vec<BoardShot<C>>,
 ) -> Vec<BoardShot<C>> {
     let Some(arm) = arm else { return shots(count) };
-    let comes = |shot: &BoardShot<C>| arm.reported(&shot.base_from_flange).is_some();
+    let comes = |shot: &BoardShot<C>| arm.reported_pose(&shot.base_from_flange).is_some();
     shots(MAX_DRAWS_PER_SHOT * count).into_iter().filter(comes).take(count).collect()
 }
 
 /// Number of random shots for each shot that is needed; at least one of them is within reach.
 const MAX_DRAWS_PER_SHOT: usize = 10;
 
-fn save(rendered: &Rendered, name: &str, picture: &GrayPicture) -> Result<(), Fault> {
-    disk::write(&rendered.file(name), files::write_gray_png(picture).map_err(Fault::stage)?)
+fn save(rendered: &RenderedFiles, name: &str, picture: &GrayPicture) -> Result<(), Fault> {
+    disk::write(&rendered.file_path(name), files::write_gray_png(picture).map_err(Fault::stage)?)
 }
 
-fn file_of<C: Frame>(index: usize, _: &BoardShot<C>) -> String {
+fn picture_file_name<C: Frame>(index: usize, _: &BoardShot<C>) -> String {
     format!("{:02}.png", index + 1)
 }
 
 fn pictures<C: Frame>(
-    rendered: &Rendered,
+    rendered: &RenderedFiles,
     folder: &str,
     (cell, camera): (&BoardCell, &PinholeCamera),
     shots: &[BoardShot<C>],
 ) -> Result<(), Fault> {
     shots.par_iter().enumerate().try_for_each(|(index, shot)| {
-        save(rendered, &format!("boards/{folder}/{}", file_of(index, shot)), &cell.picture(camera, shot))
+        save(rendered, &format!("boards/{folder}/{}", picture_file_name(index, shot)), &cell.picture(camera, shot))
     })
 }
 
 /// The pose as text for a file, with the axes if the arm differs from its nominal geometry.
-fn reported_text(Reported { base_from_flange, joints }: &Reported) -> String {
+fn reported_text(ReportedFlangePose { base_from_flange, joints }: &ReportedFlangePose) -> String {
     pose_keys(&ReportedFlange { base_from_flange: KukaPose::from_rigid(base_from_flange), joints: *joints })
 }
 
 fn poses_text<C: Frame>(arm: Option<&RealArm>, shots: &[BoardShot<C>]) -> Result<String, Fault> {
     let pose = |(index, shot): (usize, &BoardShot<C>)| {
-        let flange = reported_text(&reported(arm, &shot.base_from_flange)?);
-        Ok(format!("[[poses]]\nimage = \"{}\"\n{flange}\n", file_of(index, shot)))
+        let flange = reported_text(&controller_report(arm, &shot.base_from_flange)?);
+        Ok(format!("[[poses]]\nimage = \"{}\"\n{flange}\n", picture_file_name(index, shot)))
     };
     shots.iter().enumerate().map(pose).collect()
 }
@@ -241,8 +255,8 @@ fn points_text(
     for (index, (place, (column, row))) in touched(&places).iter().zip(corners).enumerate() {
         let number = index + 1;
         // A pointer that points straight down.
-        let pointing = held_at(*place, [0.0; 3], sim::TOOL_LENGTH_MM);
-        let Reported { base_from_flange, joints } = reported(arm, &pointing)?;
+        let pointing = flange_pose_for_tip(*place, [0.0; 3], sim::TOOL_LENGTH_MM);
+        let ReportedFlangePose { base_from_flange, joints } = controller_report(arm, &pointing)?;
         let tip = match joints {
             None => place.mm,
             Some(_) => (base_from_flange * Point::<Flange>::at(0.0, 0.0, sim::TOOL_LENGTH_MM)).mm,
@@ -257,19 +271,23 @@ fn points_text(
 }
 
 /// Whether the arm can reach every corner that is to be touched.
-fn comes_to_corners(arm: &RealArm, board: &Board, base_from_board: &Rigid<Base, crate::geometry::Board>) -> bool {
+fn can_reach_corners(arm: &RealArm, board: &Board, base_from_board: &Rigid<Base, crate::geometry::Board>) -> bool {
     let corners = board.corners_to_touch();
     let mut places = corners.iter().filter_map(|&(column, row)| board.corner(column, row));
-    places.all(|place| arm.reported(&held_at(*base_from_board * place, [0.0; 3], sim::TOOL_LENGTH_MM)).is_some())
+    places.all(|place| {
+        arm.reported_pose(&flange_pose_for_tip(*base_from_board * place, [0.0; 3], sim::TOOL_LENGTH_MM)).is_some()
+    })
 }
 
 /// Returns the flange's pose when the tip of a tool of length `out_mm` is at `place`. The tool's axis is turned by
 /// `turn_deg` from straight down.
-fn held_at(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> Rigid<Base, Flange> {
+fn flange_pose_for_tip(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> Rigid<Base, Flange> {
     let down = UnitQuaternion::from_scaled_axis(Vector3::new(std::f64::consts::PI, 0.0, 0.0));
-    let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(|deg| Degrees(deg).rad())));
-    let tip: Rigid<Base, Tool> = Rigid::claim(Isometry3::from_parts(place.mm.coords.into(), turn * down));
-    let flange_from_tool: Rigid<Flange, Tool> = Rigid::claim(Isometry3::translation(0.0, 0.0, out_mm));
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(|deg| Degrees(deg).to_rad())));
+    let tip: Rigid<Base, Tool> =
+        Rigid::from_isometry_unchecked(Isometry3::from_parts(place.mm.coords.into(), turn * down));
+    let flange_from_tool: Rigid<Flange, Tool> =
+        Rigid::from_isometry_unchecked(Isometry3::translation(0.0, 0.0, out_mm));
     tip * flange_from_tool.inverse()
 }
 
@@ -287,7 +305,8 @@ fn corners_text(
     let mut text = String::new();
     for (place, (column, row)) in touched(&places).iter().zip(corners) {
         for turn_deg in &TURNS_DEG[..2] {
-            let Some(flange) = arm.reported(&held_at(*place, *turn_deg, sim::TOOL_LENGTH_MM)) else {
+            let Some(flange) = arm.reported_pose(&flange_pose_for_tip(*place, *turn_deg, sim::TOOL_LENGTH_MM))
+            else {
                 continue;
             };
             let image = image.map_or(String::new(), |image| format!("image = \"{image}\"\n"));
@@ -303,7 +322,7 @@ fn touches_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     let mut text = String::new();
     for (spot, place) in [Point::at(520.0, 30.0, 250.0), Point::at(450.0, -120.0, 300.0)].into_iter().enumerate() {
         for turn_deg in TURNS_DEG {
-            let flange = reported(arm, &held_at(place, turn_deg, sim::TOOL_LENGTH_MM))?;
+            let flange = controller_report(arm, &flange_pose_for_tip(place, turn_deg, sim::TOOL_LENGTH_MM))?;
             let _ = writeln!(text, "[[touches]]\nspot = {spot}\n{}", reported_text(&flange));
         }
     }
@@ -337,8 +356,8 @@ force_n = 10.80
 /// spot. The numbers have two decimals, as on a teach pendant.
 fn tip_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     let held = |turn_deg: [f64; 3], out_mm: f64| -> Result<String, Fault> {
-        let Reported { base_from_flange, joints } =
-            reported(arm, &held_at(Point::at(520.0, 30.0, 250.0), turn_deg, out_mm))?;
+        let ReportedFlangePose { base_from_flange, joints } =
+            controller_report(arm, &flange_pose_for_tip(Point::at(520.0, 30.0, 250.0), turn_deg, out_mm))?;
         let pose = KukaPose::from_rigid(&base_from_flange);
         let shown = |number: f64| (number * 100.0).round() / 100.0;
         let base_from_flange = KukaPose {

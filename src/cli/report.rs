@@ -8,13 +8,13 @@ use super::record_data;
 use super::recording;
 use super::retention;
 use crate::cell::Retention;
-use crate::daemon::{self, Recorded};
-use crate::number_text::utc;
+use crate::daemon::{self, RecordingResult};
+use crate::number_text::utc_text;
 use crate::record::{CycleId, CycleRecord, RecordingFile};
 use crate::report::cycle_page;
 use crate::report::page::{Figure, Page, Section};
-use crate::report::record_pdf::{Sheet, html as sheet_html};
-use crate::store::{Pruned, Store};
+use crate::report::record_pdf::{RecordSheet, html as sheet_html};
+use crate::store::{PrunedFiles, Store};
 use crate::tape;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -26,12 +26,12 @@ pub struct StoredCycle {
     /// The record.
     pub record: CycleRecord,
     /// What was removed from the cycle's data.
-    pub pruned: Option<Pruned>,
+    pub pruned: Option<PrunedFiles>,
     pictures: BTreeMap<String, Vec<u8>>,
     /// The section about the part, if it was named.
     part: Option<Section>,
     /// The page to read and sign.
-    sheet: Sheet,
+    sheet: RecordSheet,
 }
 
 impl StoredCycle {
@@ -45,7 +45,7 @@ impl StoredCycle {
         let pictures = shown.filter_map(|picture| Some((picture.hash.clone(), store.blob(&picture.hash).ok()?)));
         let pictures = pictures.collect();
         // A store of an earlier version of this program has no list of removed files: nothing was removed.
-        let pruned = store.pruned_of(cycle).unwrap_or_default();
+        let pruned = store.pruned_files(cycle).unwrap_or_default();
         let part = part::section(store, &record);
         let sheet = record_data::read(store, &record)?;
         Ok(StoredCycle { record, pruned, pictures, part, sheet })
@@ -55,7 +55,7 @@ impl StoredCycle {
     ///
     /// # Errors
     /// If writing to the disk fails.
-    pub fn write(&self, keep: &Retention, file: &Path, recorded: Option<&Recorded>) -> Result<(), Fault> {
+    pub fn write(&self, keep: &Retention, file: &Path, recorded: Option<&RecordingResult>) -> Result<(), Fault> {
         self.write_with(file, recorded, retention::section(keep, &self.record, self.pruned).into_iter().collect())
     }
 
@@ -63,21 +63,26 @@ impl StoredCycle {
     ///
     /// # Errors
     /// If writing to the disk fails.
-    pub fn write_with(&self, file: &Path, recorded: Option<&Recorded>, more: Vec<Section>) -> Result<(), Fault> {
-        disk::write_through(file, self.html(recorded, more))
+    pub fn write_with(
+        &self,
+        file: &Path,
+        recorded: Option<&RecordingResult>,
+        more: Vec<Section>,
+    ) -> Result<(), Fault> {
+        disk::write_durable(file, self.html(recorded, more))
     }
 
     /// Returns the page as HTML. `more` and the result of the cycle's recording are at its end.
-    pub fn html(&self, recorded: Option<&Recorded>, more: Vec<Section>) -> String {
+    pub fn html(&self, recorded: Option<&RecordingResult>, more: Vec<Section>) -> String {
         let page = cycle_page(&self.record, &self.pictures);
         let recorded = recorded.map(recording::section);
         let first = sheet_html(&self.sheet);
         let sections = self.part.iter().cloned().chain(page.sections).chain(more).chain(recorded).collect();
-        Page { first, sections, made: made(), ..page }.html()
+        Page { first, sections, made: describe_page_version(), ..page }.html()
     }
 
     /// Returns the pictures that the store has, in order, each only once.
-    pub fn figures(&self) -> impl Iterator<Item = Figure> + '_ {
+    pub fn stored_figures(&self) -> impl Iterator<Item = Figure> + '_ {
         let mut shown = BTreeSet::new();
         let all = self.record.findings.iter().flat_map(|finding| &finding.pictures);
         let all = all.filter(move |picture| shown.insert(picture.hash.clone()));
@@ -87,7 +92,7 @@ impl StoredCycle {
     }
 
     /// Describes the pictures that the page shows and that are missing or damaged in the store.
-    pub fn missing(&self) -> impl Iterator<Item = String> + '_ {
+    pub fn describe_missing_figures(&self) -> impl Iterator<Item = String> + '_ {
         let shown = self.record.findings.iter().flat_map(|finding| &finding.pictures);
         let missing = shown.filter(|picture| !self.pictures.contains_key(&picture.hash));
         missing
@@ -99,7 +104,7 @@ impl StoredCycle {
     /// # Errors
     /// If writing to the disk fails.
     pub fn write_pictures(&self, folder: &Path) -> Result<(), Fault> {
-        remove_numbered(folder).map_err(|error| Fault::file(folder, error))?;
+        remove_numbered(folder).map_err(|error| Fault::file_fault(folder, error))?;
         let named = self.record.findings.iter().flat_map(|finding| {
             finding.pictures.iter().map(|picture| {
                 let pass = if finding.pass > 0 { format!("_pass{}", finding.pass) } else { String::new() };
@@ -133,24 +138,25 @@ fn remove_numbered(folder: &Path) -> Result<(), std::io::Error> {
 
 /// Returns a text that states when and by which version a page was made: the only line in which two pages of the same
 /// cycle differ.
-fn made() -> String {
+fn describe_page_version() -> String {
     let unix_s = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
-    let made = utc(i64::try_from(unix_s).unwrap_or_default());
+    let made = utc_text(i64::try_from(unix_s).unwrap_or_default());
     format!("This page was made on {made} by panelprep {} from the store.", env!("CARGO_PKG_VERSION"))
 }
 
 /// The state of a cycle's recording, read from its file; `None` if the cycle was not recorded.
-pub fn recorded(store: &Path, record: &CycleRecord) -> Option<Recorded> {
+pub fn recording_status(store: &Path, record: &CycleRecord) -> Option<RecordingResult> {
     let file = match record.recording.as_ref()? {
         RecordingFile::InStore => daemon::recording_file(store, record.id),
         RecordingFile::Named(file) => PathBuf::from(file),
     };
     let name = file.display().to_string();
     let checked = crate::disk::open(&file).map_err(|error| error.to_string());
-    let checked = checked.and_then(|out| tape::check(BufReader::new(out)).map_err(|error| error.to_string()));
+    let checked =
+        checked.and_then(|out| tape::check_recording(BufReader::new(out)).map_err(|error| error.to_string()));
     Some(match checked {
-        Ok(checked) => Recorded::whole(name, checked.entries),
-        Err(why) => Recorded::not_whole(name, &why),
+        Ok(checked) => RecordingResult::complete_recording(name, checked.entries),
+        Err(why) => RecordingResult::incomplete_recording(name, &why),
     })
 }
 
@@ -160,14 +166,14 @@ pub fn recorded(store: &Path, record: &CycleRecord) -> Option<Recorded> {
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn make_missing(files: &CellFiles, made: &dyn Fn(CycleId, Result<PathBuf, Fault>)) -> Result<(), Fault> {
+pub fn make_missing_pages(files: &CellFiles, made: &dyn Fn(CycleId, Result<PathBuf, Fault>)) -> Result<(), Fault> {
     let store = files.store()?;
     for cycle in store.ended_cycles().map_err(Fault::stage)? {
         let page = page_file(files.store_folder(), cycle);
-        if !is_whole(&page) {
+        if !is_page_complete(&page) {
             let kept = StoredCycle::read(&store, cycle);
-            let recorded = |kept: &StoredCycle| recorded(files.store_folder(), &kept.record);
-            let written = kept.and_then(|kept| kept.write(files.cell.keep(), &page, recorded(&kept).as_ref()));
+            let recorded = |kept: &StoredCycle| recording_status(files.store_folder(), &kept.record);
+            let written = kept.and_then(|kept| kept.write(files.cell.retention(), &page, recorded(&kept).as_ref()));
             made(cycle, written.map(|()| page));
         }
     }
@@ -175,20 +181,20 @@ pub fn make_missing(files: &CellFiles, made: &dyn Fn(CycleId, Result<PathBuf, Fa
 }
 
 /// Returns whether a page is complete to its last line.
-fn is_whole(page: &Path) -> bool {
+fn is_page_complete(page: &Path) -> bool {
     let end = || -> std::io::Result<Vec<u8>> {
         let mut file = crate::disk::open(page)?;
-        let from = file.metadata()?.len().saturating_sub(END.len() as u64);
+        let from = file.metadata()?.len().saturating_sub(PAGE_END.len() as u64);
         file.seek(SeekFrom::Start(from))?;
         let mut end = Vec::new();
         file.read_to_end(&mut end)?;
         Ok(end)
     };
-    end().is_ok_and(|end| end == END)
+    end().is_ok_and(|end| end == PAGE_END)
 }
 
 /// The last line of a page.
-const END: &[u8] = b"</html>\n";
+const PAGE_END: &[u8] = b"</html>\n";
 
 /// The path of a cycle's page in its store.
 pub fn page_file(store: &Path, cycle: CycleId) -> PathBuf {

@@ -1,14 +1,14 @@
 //! The section of a cycle's page about how long its clips and scans are kept.
 
-use crate::cell::{Date, KeepFor, Retention};
+use crate::cell::{Date, Retention, RetentionTime};
 use crate::record::CycleRecord;
 use crate::report::page::{Row, Section};
-use crate::store::Pruned;
+use crate::store::PrunedFiles;
 use crate::verdict::Verdict;
 
 /// Returns the section; `None` if everything is kept for ever.
-pub fn section(keep: &Retention, record: &CycleRecord, pruned: Option<Pruned>) -> Option<Section> {
-    if keep.is_for_ever() && pruned.is_none() {
+pub fn section(keep: &Retention, record: &CycleRecord, pruned: Option<PrunedFiles>) -> Option<Section> {
+    if keep.is_unlimited() && pruned.is_none() {
         return None;
     }
     let verdict = record.judgement.as_ref().map(|judgement| judgement.verdict);
@@ -18,11 +18,11 @@ pub fn section(keep: &Retention, record: &CycleRecord, pruned: Option<Pruned>) -
     };
     let kept = match verdict {
         None | Some(Verdict::Review) => "for ever: a person has not yet decided about the result".to_owned(),
-        _ => words(of, which),
+        _ => describe_retention(of, which),
     };
     let mut rows = vec![Row::new("page and record", "for ever", ""), Row::new("clips and scans", kept, "")];
     if let Some(pruned) = pruned {
-        let day = pruned.at_unix_s.map_or(String::new(), |at| format!(" on {}", Date::of_unix_s(at)));
+        let day = pruned.at_unix_s.map_or(String::new(), |at| format!(" on {}", Date::from_unix_s(at)));
         let removed = format!("{} files, {} MB, removed{day}", pruned.files, pruned.bytes / 1_000_000);
         rows.push(Row::new("clips and scans of this cycle", removed, ""));
     }
@@ -32,7 +32,7 @@ pub fn section(keep: &Retention, record: &CycleRecord, pruned: Option<Pruned>) -
     Some(Section { heading: "Kept".to_owned(), text, rows, figures: vec![] })
 }
 
-fn words(of: KeepFor, which: &str) -> String {
+fn describe_retention(of: RetentionTime, which: &str) -> String {
     let days = of.days.map(|days| format!("{days} days before the newest cycle"));
     let cycles = of.cycles.map(|cycles| format!("while the cycle is among the newest {cycles} that {which}"));
     let limits: Vec<String> = days.into_iter().chain(cycles).collect();

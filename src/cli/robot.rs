@@ -8,11 +8,11 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::signed;
 use crate::cell::{Cell, InputsOutputs, RobotKind};
-use crate::daemon::{Line, Single, SingleError, speeds};
+use crate::daemon::{SingleError, SingleLine, SingleRobot, speed_command};
 use crate::eki::{Command, SetTcp, Signal, State, TcpKind};
 use crate::files;
 use crate::geometry::{Joints, KukaPose};
-use crate::number_text::fixed;
+use crate::number_text::fixed_decimals;
 use crate::requirements::Purpose;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::{Map, Value, json};
@@ -27,7 +27,7 @@ use std::time::Duration;
 pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     if let RobotFunction::Prove(prove) = &args.function {
-        return super::prove::run(prove, &files, &|line| super::output::tell_line(line));
+        return super::prove::run(prove, &files, &|line| super::output::write_progress(line));
     }
     files.require(Purpose::Robot)?;
     let action = RobotAction::read(&args.function, &files)?;
@@ -36,9 +36,9 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     let is_shared = action != RobotAction::State && files.cell.robot().kind() == RobotKind::Eki;
     let _store = is_shared.then(|| files.settled_store()).transpose()?;
     let (mut robot, _simulated) = live::robot_alone(&files.cell)?;
-    let mut single = match Single::connect(&mut robot, files.cell.arm()) {
-        Ok(single) => single.carrying(files.mounted_on_the_flange()?),
-        Err(error) => return Ok(Outcome::from_judgement(&unanswered(judgement(error)?, &files))),
+    let mut single = match SingleRobot::connect(&mut robot, files.cell.arm()) {
+        Ok(single) => single.with_mounted(files.flange_devices()?),
+        Err(error) => return Ok(Outcome::from_judgement(&no_answer_reason(judgement(error)?, &files))),
     };
     let done = action.perform(&mut single, &files.cell);
     let judgement = match done {
@@ -47,19 +47,19 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     };
     let mut outcome = Outcome::from_judgement(&judgement);
     let state = single.state();
-    words(state, files.cell.io()).into_iter().for_each(|line| outcome.add_line(line));
+    describe_robot_state(state, files.cell.inputs_outputs()).into_iter().for_each(|line| outcome.add_line(line));
     if let Some(reported) = single.reported_tcp() {
-        outcome.put("reported_base_from_tcp", json!(reported));
+        outcome.add_value("reported_base_from_tcp", json!(reported));
         outcome.add_line(format!(
             "the arm's correction is applied; the tip's pose without the correction, as on the pendant: {reported}"
         ));
     }
-    outcome.put("state", json_of(state, files.cell.io()));
+    outcome.add_value("state", state_to_json(state, files.cell.inputs_outputs()));
     Ok(outcome)
 }
 
 /// Why no controller answers: it serves one client, and if the cell's service runs, the service is that client.
-fn unanswered(judgement: Judgement, files: &CellFiles) -> Judgement {
+fn no_answer_reason(judgement: Judgement, files: &CellFiles) -> Judgement {
     let is_served = files.cell.robot().kind() == RobotKind::Eki && UnixStream::connect(files.socket()).is_ok();
     if !is_served {
         return judgement;
@@ -88,7 +88,7 @@ fn judgement(error: SingleError) -> Result<Judgement, Fault> {
 enum RobotAction {
     State,
     MoveJ(Joints, u8),
-    MoveLin(Line),
+    MoveLin(SingleLine),
     Set(Command),
     Call(u16),
     SetOut { name: String, on: bool, keep: Duration },
@@ -99,10 +99,10 @@ impl RobotAction {
         Ok(match function {
             RobotFunction::State | RobotFunction::Prove(_) => RobotAction::State,
             RobotFunction::MoveJ { to, axis_speed_percent } => {
-                RobotAction::MoveJ(joints(to, &files.cell)?, *axis_speed_percent)
+                RobotAction::MoveJ(parse_joints(to, &files.cell)?, *axis_speed_percent)
             }
-            RobotFunction::MoveLin { to, base, tool, speed_mm_s } => RobotAction::MoveLin(Line {
-                to: pose(to)?,
+            RobotFunction::MoveLin { to, base, tool, speed_mm_s } => RobotAction::MoveLin(SingleLine {
+                target: pose(to)?,
                 base: base.as_deref().map(pose).transpose()?.unwrap_or_default(),
                 tool: tip(*tool, files)?,
                 // The gate compares the speed with the cell's own limit.
@@ -116,7 +116,7 @@ impl RobotAction {
             RobotFunction::SetSpeed { speed_mm_s, acceleration_m_s2, axis_percent } => {
                 let most = files.cell.limits().max_speed_mm_s();
                 let speed_mm_s = speed(*speed_mm_s, "SPEED_MM_S", most, &files.cell)?;
-                RobotAction::Set(speeds(speed_mm_s, *acceleration_m_s2, *axis_percent))
+                RobotAction::Set(speed_command(speed_mm_s, *acceleration_m_s2, *axis_percent))
             }
             RobotFunction::SetOut { name, value, keep_s } => RobotAction::SetOut {
                 name: name.clone(),
@@ -130,16 +130,16 @@ impl RobotAction {
         })
     }
 
-    fn perform(&self, single: &mut Single<'_>, cell: &Cell) -> Result<(), SingleError> {
+    fn perform(&self, single: &mut SingleRobot<'_>, cell: &Cell) -> Result<(), SingleError> {
         if matches!(self, RobotAction::MoveJ(..) | RobotAction::MoveLin(_) | RobotAction::Call(_)) {
-            signed::permits_motion(single.state().mode, single.state().is_of_mock(), cell)?;
+            signed::permits_motion(single.state().mode, single.state().is_simulated(), cell)?;
         }
         match self {
             // While the arm moves, axes and tip may be reported for different moments.
             RobotAction::State if single.state().moving => Ok(()),
             // Before its program is started, the controller does not know the tip and reports 0 for all values.
             RobotAction::State if single.state().tip_is_unknown() => Ok(()),
-            RobotAction::State => single.is_the_cells_arm(cell).map_err(not_this_arm),
+            RobotAction::State => single.check_arm_identity(cell).map_err(arm_mismatch_refusal),
             RobotAction::MoveJ(joints, percent) => single.move_joints(*joints, *percent, cell),
             RobotAction::MoveLin(line) => single.move_line(line, cell),
             RobotAction::Set(command) => single.set(*command, cell),
@@ -151,7 +151,7 @@ impl RobotAction {
 
 /// Converts the reason why the arm is not the cell's arm to a refusal of the gate. The state is shown nevertheless,
 /// and no motion passes its gate.
-fn not_this_arm(reason: Reason) -> SingleError {
+fn arm_mismatch_refusal(reason: Reason) -> SingleError {
     SingleError::Gate(Judgement::new(vec![reason], vec![]))
 }
 
@@ -182,19 +182,19 @@ fn tip(name: TipName, files: &CellFiles) -> Result<SetTcp, Fault> {
 }
 
 /// Reads a name of the cell's poses, or six angles.
-fn joints(text: &str, cell: &Cell) -> Result<Joints, Fault> {
+fn parse_joints(text: &str, cell: &Cell) -> Result<Joints, Fault> {
     if let Some(joints) = cell.pose(text) {
         return Ok(joints);
     }
     let names = cell.poses().keys().map(String::as_str).collect::<Vec<_>>().join(", ");
-    let wrong = |problem: String| Fault::NotSix {
+    let wrong = |problem: String| Fault::NotSixNumbers {
         found: text.to_owned(),
         what: "set of axis angles",
         problem: format!(
             "{problem}; valid: six angles A1,A2,A3,A4,A5,A6 in degrees, or a name of [poses]: {names}"
         ),
     };
-    let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = six(text).map_err(wrong)?;
+    let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = parse_six_numbers(text).map_err(wrong)?;
     Ok(Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg })
 }
 
@@ -202,14 +202,14 @@ fn joints(text: &str, cell: &Cell) -> Result<Joints, Fault> {
 fn pose(text: &str) -> Result<KukaPose, Fault> {
     if text.ends_with(".json") {
         let file = Path::new(text);
-        return files::read_located(&disk::read(file)?).map_err(|error| Fault::file(file, error));
+        return files::read_located(&disk::read(file)?).map_err(|error| Fault::file_fault(file, error));
     }
-    let wrong = |problem: String| Fault::NotSix {
+    let wrong = |problem: String| Fault::NotSixNumbers {
         found: text.to_owned(),
         what: "pose",
         problem: format!("{problem}; valid: X,Y,Z,A,B,C in mm and degrees, or a POSE.json"),
     };
-    let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = six(text).map_err(wrong)?;
+    let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = parse_six_numbers(text).map_err(wrong)?;
     Ok(KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg })
 }
 
@@ -217,13 +217,13 @@ fn pose(text: &str) -> Result<KukaPose, Fault> {
 ///
 /// # Errors
 /// What is wrong with the text, and what is allowed.
-pub(super) fn pose_of(text: &str) -> Result<KukaPose, String> {
+pub(super) fn parse_pose_argument(text: &str) -> Result<KukaPose, String> {
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] =
-        six(text).map_err(|problem| format!("{problem}; valid: X,Y,Z,A,B,C in mm and degrees"))?;
+        parse_six_numbers(text).map_err(|problem| format!("{problem}; valid: X,Y,Z,A,B,C in mm and degrees"))?;
     Ok(KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg })
 }
 
-fn six(text: &str) -> Result<[f64; 6], String> {
+fn parse_six_numbers(text: &str) -> Result<[f64; 6], String> {
     let numbers: Vec<f64> = text
         .split(',')
         .map(|part| match part.trim().parse::<f64>() {
@@ -234,7 +234,7 @@ fn six(text: &str) -> Result<[f64; 6], String> {
     <[f64; 6]>::try_from(numbers).map_err(|numbers| format!("{} numbers, but six are needed", numbers.len()))
 }
 
-fn json_of(state: &State, io: &InputsOutputs) -> Value {
+fn state_to_json(state: &State, io: &InputsOutputs) -> Value {
     let signals = |named: Vec<(&str, bool)>| -> Map<String, Value> {
         named.into_iter().map(|(name, on)| (name.to_owned(), json!(on))).collect()
     };
@@ -246,11 +246,11 @@ fn json_of(state: &State, io: &InputsOutputs) -> Value {
         "joints": state.joints, "base_from_tcp": state.base_from_tcp,
         "base": {"set": state.base_set, "pose": state.active_base},
         "tool": {"set": state.tool_set, "pose": state.flange_from_tool},
-        "inputs": signals(io.feedbacks_in(state.inputs)), "outputs": signals(io.outputs_in(state.outputs)),
+        "inputs": signals(io.decode_feedbacks(state.inputs)), "outputs": signals(io.decode_outputs(state.outputs)),
     })
 }
 
-fn words(state: &State, io: &InputsOutputs) -> Vec<String> {
+fn describe_robot_state(state: &State, io: &InputsOutputs) -> Vec<String> {
     let yes = |on: bool| if on { "yes" } else { "no" };
     let frame = |set: bool| if set { "set in this epoch" } else { "not set in this epoch" };
     let signals = |named: Vec<(&str, bool)>| {
@@ -258,7 +258,8 @@ fn words(state: &State, io: &InputsOutputs) -> Vec<String> {
         if on.is_empty() { "none".to_owned() } else { on.join(", ") }
     };
     let Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg } = state.joints;
-    let [a1, a2, a3, a4, a5, a6] = [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg].map(|angle| fixed(angle, 3));
+    let [a1, a2, a3, a4, a5, a6] =
+        [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg].map(|angle| fixed_decimals(angle, 3));
     vec![
         format!(
             "mode {}, override {} %, drives on: {}, emergency stop: {}, guard closed: {}, motion possible: {}, moving: {}",
@@ -276,8 +277,8 @@ fn words(state: &State, io: &InputsOutputs) -> Vec<String> {
         format!("tool {} ({})", state.flange_from_tool, frame(state.tool_set)),
         format!(
             "inputs on: {}; outputs on: {}",
-            signals(io.feedbacks_in(state.inputs)),
-            signals(io.outputs_in(state.outputs))
+            signals(io.decode_feedbacks(state.inputs)),
+            signals(io.decode_outputs(state.outputs))
         ),
         format!("epoch {}, boot {}, checksum of the programs {}", state.epoch, state.boot, state.programs_checksum),
     ]

@@ -5,8 +5,10 @@ use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::disk;
 use super::fault::{DeviceFault, Fault, RecordFault};
 use super::health;
-use super::interfaces::{Fronts, edge_node, line_front, office_sender, opcua_server, operator_page, push_sender};
-use super::live::Live;
+use super::interfaces::{
+    SharedInterfaceParts, edge_node, line_front, office_sender, opcua_server, operator_page, push_sender,
+};
+use super::live::CellDevices;
 use super::load::{CellFiles, calibrated_serial};
 use super::outcome::Outcome;
 use super::person::Person;
@@ -17,18 +19,18 @@ use super::zivid;
 use crate::cell::ProofStage;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, CellSetup, Computing, EndedCycle, Gateway, LastWrittenPage, LiveView, Loader, LoopEvent, LoopStart,
-    OwnText, Ports, PreparedCycle, RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request,
-    RequestHandler, RequestQueue, RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest,
-    StoreRecord,
+    self, CellSetup, Computing, EndedCycle, Gateway, LastWrittenPage, LiveView, Loader, LoopEvent, LoopPorts,
+    LoopStart, PreparedCycle, RecipeTextPermission, RecordIn, RecordedPort, Recording, RecordingResult,
+    RecordingSwitch, Request, RequestHandler, RequestQueue, RequestSender, Requester as _, ServiceParts,
+    SharedCameras, Socket, StartRequest, StoreRecord,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::files::content_hash;
 use crate::record::{CycleId, RecordingFile};
 use crate::requirements::Purpose;
-use crate::store::{Pruned, Store, StoreError};
+use crate::store::{PrunedFiles, Store, StoreError};
 use crate::supervision::Supervisor;
-use crate::tape::Begin;
+use crate::tape::LoopMemoryStart;
 use crate::verdict::{Judgement, Reason, Verdict};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -51,26 +53,26 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     files.require(Purpose::Cycle)?;
     let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
     let calibrated = Calibrated::read(&files, common)?;
-    let Some(mut store) = opened(&files, (&sender, &queue))? else { return Ok(outcome(&State::NEW)) };
+    let Some(mut store) = open_store(&files, (&sender, &queue))? else { return Ok(outcome(&State::INITIAL)) };
     let recovered = store.recover().map_err(Fault::stage)?;
     let (state, events) = (store.state().map_err(Fault::stage)?, store.lines().map_err(Fault::stage)?);
     tracing::info!(
         version = env!("CARGO_PKG_VERSION"), cell = %common.cell.display(), events,
-        "starts in {}", recovered.at.word()
+        "starts in {}", recovered.at.keyword()
     );
-    let taken_by = cameras_by(&files)?;
-    let mut live = Live::start(&files.cell, &calibrated.values, args.simulation)?;
+    let taken_by = camera_start_data(&files)?;
+    let mut live = CellDevices::start(&files.cell, &calibrated.values, args.simulation)?;
     if let Some(line) = live.robot.stop_line() {
-        sender.stops_by(line);
+        sender.set_urgent_line(line);
     }
     let world = live.world.clone();
     let lock_step = live.robot.is_lock_step();
     let recording = RecordingSwitch::new(files.store_folder(), lock_step);
     recording.watched_by(&supervisor);
     let path = files.socket();
-    supervisor.watch(live.robot.watched());
-    live.tool_watched.iter().for_each(|watched| supervisor.watch(watched.clone()));
-    let loader = loader((files.clone(), common.clone()), (cell.clone(), taken_by), world.clone());
+    supervisor.add_thread(live.robot.supervision_handle());
+    live.tool_watched.iter().for_each(|watched| supervisor.add_thread(watched.clone()));
+    let loader = cycle_loader((files.clone(), common.clone()), (cell.clone(), taken_by), world.clone());
     let cameras = SharedCameras::new(live.cameras, live.robot.last_state());
     let lent = Some(cameras.clone());
     let gateway = Gateway::new(sender, loader, lent.clone());
@@ -78,7 +80,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let socket =
         Socket::listen(&path, files.cell.socket_role(), gateway.clone(), &supervisor).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
-    let fronts = Fronts::new((&files, common), gateway);
+    let fronts = SharedInterfaceParts::new((&files, common), gateway);
     let page = operator_page(&files, &fronts, view.clone())?;
     let office = office_sender(&files, &fronts)?;
     let push = push_sender(&files, &fronts)?;
@@ -102,17 +104,17 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     if recovered.at == (At::Aborted { cause: Cause::StoreChanged }) {
         let found = store.incidents().map_err(Fault::stage)?.pop().map_or(vec![], |incident| incident.found);
         let found: Vec<Reason> = found.into_iter().map(|words| Reason::new("store_changed", words)).collect();
-        handler.on_news(LoopEvent::Noted(found));
+        handler.on_loop_event(LoopEvent::Noted(found));
     }
     let mut person = Person { requester: handler, world };
     let (again, whole) = (files.clone(), common.clone());
-    let keep = daemon::keeper(&store).map_err(Fault::stage)?;
+    let keep = daemon::picture_store(&store).map_err(Fault::stage)?;
     let mut record = StoreRecord::new(&mut store, left_open);
-    let readable = Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable).collect());
+    let readable = Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable_reason).collect());
     let cameras = Box::new(RecordedPort::new(Box::new(cameras), recording.clone()));
     let computing = Computing::on_thread((cameras, readable, keep), lock_step, &supervisor, view.clone())
-        .map_err(Fault::of_loop)?;
-    let ports = Ports {
+        .map_err(Fault::from_loop_error)?;
+    let ports = LoopPorts {
         robot: &mut RecordedPort::new(&mut live.robot, recording.clone()),
         tool: &mut RecordedPort::new(&mut live.tool, recording.clone()),
         record: &mut RecordedPort::new(&mut record, recording.clone()),
@@ -120,25 +122,25 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         computing,
         lock_step,
     };
-    let ended = daemon::run(LoopStart { cell, cycle: None, state, before: Begin::Boot }, ports);
+    let ended = daemon::run(LoopStart { cell, cycle: None, state, before: LoopMemoryStart::Boot }, ports);
     // A recording that is still open belongs to a loop that failed; this recording is needed to find the cause.
     if let Some(recorded) = recording.finish() {
         tracing::info!("{}", recorded.message);
     }
-    let ended = ended.map_err(Fault::of_loop)?;
+    let ended = ended.map_err(Fault::from_loop_error)?;
     // The page's connections to the store end before the store's own connection. The last connection then leaves a
     // database without a write-ahead log.
     drop((socket, page, office, push, sparkplug, opcua, line, fronts, person));
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
     let ended = ended.state;
-    tracing::info!("the service ends in state {}", ended.at.word());
+    tracing::info!("the service ends in state {}", ended.at.keyword());
     Ok(outcome(&ended))
 }
 
 /// Opens the store. If the disk is completely full, the service still starts: it answers, refuses all requests,
 /// reports what to delete, and continues when there is room. `None` if a signal ends it first.
-fn opened(files: &CellFiles, (sender, queue): (&RequestSender, &RequestQueue)) -> Result<Option<Store>, Fault> {
+fn open_store(files: &CellFiles, (sender, queue): (&RequestSender, &RequestQueue)) -> Result<Option<Store>, Fault> {
     let full = match Store::create(files.store_folder()) {
         Err(error @ StoreError::Full { .. }) => error.to_string(),
         opened => return opened.map(Some).map_err(Fault::stage),
@@ -178,21 +180,21 @@ fn write_pages(
     written: LastWrittenPage,
 ) -> Result<JoinHandle<()>, Fault> {
     let again = files.clone();
-    let page = move |cycle, recorded: Option<&Recorded>| -> Result<PathBuf, Fault> {
+    let page = move |cycle, recorded: Option<&RecordingResult>| -> Result<PathBuf, Fault> {
         let page = report::page_file(files.store_folder(), cycle);
-        StoredCycle::read(&files.store()?, cycle)?.write(files.cell.keep(), &page, recorded)?;
+        StoredCycle::read(&files.store()?, cycle)?.write(files.cell.retention(), &page, recorded)?;
         Ok(page)
     };
     let each = move || {
         // The records are signed before the pages are made, because the pages show the signatures.
         sign(&again);
-        if let Err(fault) = report::make_missing(&again, &tell_page) {
+        if let Err(fault) = report::make_missing_pages(&again, &log_page) {
             tracing::warn!("missing pages of earlier cycles cannot be made: {fault}");
         }
         prune(&again);
         for EndedCycle { id: cycle, recording } in ended {
             let recorded = recording.map(Recording::finish);
-            if let Some(Recorded { message, .. }) = &recorded {
+            if let Some(RecordingResult { message, .. }) = &recorded {
                 tracing::info!("cycle {cycle}: {message}");
             }
             sign(&again);
@@ -200,7 +202,7 @@ fn write_pages(
             if let Ok(page) = &made {
                 written.is(cycle, page);
             }
-            tell_page(cycle, made);
+            log_page(cycle, made);
             prune(&again);
             daemon::give_back_free_memory();
         }
@@ -208,7 +210,7 @@ fn write_pages(
     std::thread::Builder::new().name("pages".to_owned()).spawn(each).map_err(Fault::stage)
 }
 
-fn tell_page(cycle: CycleId, page: Result<PathBuf, Fault>) {
+fn log_page(cycle: CycleId, page: Result<PathBuf, Fault>) {
     match page {
         Ok(page) => tracing::info!("page of cycle {cycle}: {}", page.display()),
         Err(fault) => tracing::warn!(
@@ -230,9 +232,9 @@ fn sign(files: &CellFiles) {
 
 /// Removes files whose retention time is over; if this fails, it is tried again after the next cycle.
 fn prune(files: &CellFiles) {
-    match Store::prune(files.store_folder(), files.cell.keep()) {
-        Ok(Pruned { files: 0, .. }) => {}
-        Ok(Pruned { files, bytes, .. }) => {
+    match Store::prune(files.store_folder(), files.cell.retention()) {
+        Ok(PrunedFiles { files: 0, .. }) => {}
+        Ok(PrunedFiles { files, bytes, .. }) => {
             tracing::info!(
                 "{files} files of old clips and scans were removed, {} MB, by the rules of [store] keep",
                 bytes / 1_000_000
@@ -244,7 +246,7 @@ fn prune(files: &CellFiles) {
 
 /// Returns the data with which the cameras were started and which later cycles must match: the settings, and the
 /// serial number and picture size of each calibrated camera.
-fn cameras_by(files: &CellFiles) -> Result<Vec<(&'static str, String)>, Fault> {
+fn camera_start_data(files: &CellFiles) -> Result<Vec<(&'static str, String)>, Fault> {
     let mut all = zivid::settings(&files.cell)?;
     let calibration = files.cell.calibration();
     let lenses = [
@@ -261,7 +263,7 @@ fn cameras_by(files: &CellFiles) -> Result<Vec<(&'static str, String)>, Fault> {
 
 /// Returns the function that reads all data of a cycle, anew for each cycle. The cameras keep the data with which they
 /// were started, so the files must still contain the same data.
-fn loader(
+fn cycle_loader(
     (files, common): (Arc<CellFiles>, Common),
     (cell, taken_by): (Arc<CellSetup>, Vec<(&'static str, String)>),
     world: Option<SimulatedWorld>,
@@ -276,25 +278,25 @@ fn loader(
                 "another start request is being processed; try again after the service has answered it",
             )]);
         };
-        let health = health::judge(&files).map_err(|fault| vec![unreadable(&fault)])?;
+        let health = health::judge(&files).map_err(|fault| vec![unreadable_reason(&fault)])?;
         if health.verdict == Verdict::Reject {
             return Err(health.reasons);
         }
         let foreign = foreign_recipe(files.cell.page().recipes.as_path(), (&name, &text));
-        if let (Some(foreign), OwnText::Refused) = (&foreign, own_text) {
-            return Err(vec![not_permitted(foreign)]);
+        if let (Some(foreign), RecipeTextPermission::Refused) = (&foreign, own_text) {
+            return Err(vec![not_permitted_refusal(foreign)]);
         }
         if let Err(unsigned) = files.cell.robot().requires_signed(ProofStage::C) {
             return Err(vec![Reason::new("stage_not_signed", unsigned.to_string())]);
         }
         let load = || -> Result<_, Fault> {
-            if cameras_by(&files)? != taken_by {
+            if camera_start_data(&files)? != taken_by {
                 return Err(DeviceFault::CamerasChanged.into());
             }
             let calibrated = Calibrated::read(&files, &common)?;
             let taught_recipe = TaughtRecipe::from_text(&files, Path::new(&name), text.clone())?;
             let taught_recipe =
-                taught_recipe.about(&files, part.clone(), CountArguments { another_part, lost_passes })?;
+                taught_recipe.with_part(&files, part.clone(), CountArguments { another_part, lost_passes })?;
             if let Some(world) = &world {
                 world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
             }
@@ -307,14 +309,14 @@ fn loader(
                 Some(place) => {
                     let file = match place {
                         RecordIn::Store => None,
-                        RecordIn::File(file) => Some(recording::named_by_a_client(file, files.store_folder())?),
+                        RecordIn::File(file) => Some(recording::check_client_file(file, files.store_folder())?),
                     };
-                    recording::allowed(file.as_deref(), files.store_folder())?;
+                    recording::check_recording_file(file.as_deref(), files.store_folder())?;
                     Some(recording::plan(file, &files, (&taught_recipe, &calibrated))?)
                 }
             };
             let mut prepared =
-                PreparedCycle { recording: record, ..taught_recipe.prepared(cell.clone(), &calibrated)? };
+                PreparedCycle { recording: record, ..taught_recipe.prepare_cycle(cell.clone(), &calibrated)? };
             prepared.start.recording = named;
             prepared.remarks.extend(foreign.clone());
             Ok(prepared)
@@ -349,7 +351,7 @@ fn foreign_recipe(folder: &Path, (name, text): (&str, &str)) -> Option<Reason> {
 
 /// Returns the refusal for an operator, who may start only with the recipes that an engineer has put into the
 /// folder.
-fn not_permitted(foreign: &Reason) -> Reason {
+fn not_permitted_refusal(foreign: &Reason) -> Reason {
     let message = format!(
         "{}. The role operator may start only recipes of this folder; ask an engineer to put the recipe there or to start the cycle",
         foreign.message
@@ -357,17 +359,17 @@ fn not_permitted(foreign: &Reason) -> Reason {
     Reason { message, ..foreign.clone() }
 }
 
-fn unreadable(fault: &Fault) -> Reason {
+fn unreadable_reason(fault: &Fault) -> Reason {
     Reason::new("calibration", fault.to_string())
 }
 
 fn outcome(state: &State) -> Outcome {
     let at = state.at;
     let verdict = if at == At::Stopped { Verdict::Accept } else { Verdict::Aborted };
-    let reasons = daemon::why(state);
+    let reasons = daemon::state_reason(state);
     let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons });
-    outcome.put("state", at.word().into());
-    outcome.words[0] = format!("ended in state {}", at.word());
+    outcome.add_value("state", at.keyword().into());
+    outcome.lines[0] = format!("ended in state {}", at.keyword());
     outcome
 }
 
@@ -390,6 +392,6 @@ mod tests {
         for (name, text) in [("gate.toml", "min_break_mm2 = 25\n"), ("..", ""), ("", ""), ("door.toml/", "")] {
             assert!(foreign(name, text).is_some(), "{name}");
         }
-        assert!(not_permitted(&own).message.contains("role operator"));
+        assert!(not_permitted_refusal(&own).message.contains("role operator"));
     }
 }

@@ -5,20 +5,20 @@
 //! values from the simulated world. The log also shows that each waypoint of a path was executed once and
 //! acknowledged once: see [`contact_runs`].
 
-use super::live::Simulated;
+use super::live::SimulatedController;
 use super::outcome::Outcome;
 use super::score_runs::{contact, contact_runs};
 use super::tool_fault_score::AfterToolFault;
 use crate::devices::acf::PlannedToolFault;
-use crate::devices::mock::{Executed, Sample};
-use crate::devices::world::{ContactErrors, Touched, contact_errors, step_over};
+use crate::devices::mock::{ContactSample, ExecutedMotion};
+use crate::devices::world::{ContactErrors, TouchedPoints, contact_errors, measure_step_over};
 use crate::geometry::{Base, KukaPose, Mask, Panel, Point, Rigid, Vector};
 use crate::inspect::{Inspection, score};
 use crate::panel::{Grid, TaughtPanel};
 use crate::path::StepOver;
 use crate::record::{CycleRecord, Finding, Kind, MotionRecord, name};
 use crate::report::page::{Row, Section};
-use crate::sim::{self, PlacementError, Truth};
+use crate::sim::{self, CellTruth, PlacementError};
 use crate::verdict::{Reason, Verdict};
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -32,15 +32,15 @@ pub struct Score {
     refined: Option<PlacementError>,
     locate_ms: Option<f64>,
     moves: Option<f64>,
-    inspections: Vec<Inspected>,
-    abrasions: Vec<Abraded>,
+    inspections: Vec<InspectionScore>,
+    abrasions: Vec<AbrasionScore>,
     /// The effect of a tool fault, if one was requested and the path reached the waypoint of the fault.
     after_tool_fault: Option<Option<AfterToolFault>>,
     /// Why the executed waypoints differ from those that were sent.
     pub lost: Option<Reason>,
 }
 
-struct Inspected {
+struct InspectionScore {
     pass: bool,
     iou: Option<f64>,
     grids_failed: usize,
@@ -49,7 +49,7 @@ struct Inspected {
     ms_per_frame: Option<f64>,
 }
 
-struct Abraded {
+struct AbrasionScore {
     pass: u8,
     waypoints: u32,
     executed: usize,
@@ -66,13 +66,14 @@ impl Score {
         record: &CycleRecord,
         inspections: &[Arc<Inspection>],
         (panel, disc_diameter_mm): (&TaughtPanel, f64),
-        (simulated, planned): (&Simulated, Option<PlannedToolFault>),
+        (simulated, planned): (&SimulatedController, Option<PlannedToolFault>),
     ) -> Self {
         let truth = simulated.world.truth();
         let log = simulated.server.handle();
-        let (executed, trace) = log.with(|mock| (mock.executed().to_vec(), mock.trace().to_vec()));
+        let (executed, trace) =
+            log.with_controller(|mock| (mock.executed_motions().to_vec(), mock.trace().to_vec()));
         let last_of = |kind: Kind| record.findings.iter().rfind(move |finding| finding.kind == kind);
-        let error = |kind: Kind| Some(truth.placement_error_mm(&place(last_of(kind)?)?));
+        let error = |kind: Kind| Some(truth.placement_error_mm(&pose_from_finding(last_of(kind)?)?));
         let (runs, lost) = match contact_runs(&record.motions, &executed) {
             Ok(runs) => (runs, None),
             Err(reason) => (Vec::new(), Some(reason)),
@@ -81,17 +82,17 @@ impl Score {
             located: error(Kind::Locate),
             refined: error(Kind::Refine),
             locate_ms: last_of(Kind::Locate).and_then(|finding| finding.number(name::SCAN_TO_VERDICT)),
-            moves: last_of(Kind::Refine).and_then(|finding| finding.number(name::MOVES)),
-            inspections: inspected(record, inspections, &simulated.world.broken()),
-            abrasions: abraded(record, (&runs, &trace), (panel, disc_diameter_mm), truth),
+            moves: last_of(Kind::Refine).and_then(|finding| finding.number(name::CORRECTION_MOVES_NAME)),
+            inspections: score_inspections(record, inspections, &simulated.world.true_breaks()),
+            abrasions: score_abrasions(record, (&runs, &trace), (panel, disc_diameter_mm), truth),
             after_tool_fault: planned.map(|planned| AfterToolFault::compute(planned, &executed, &trace)),
             lost,
         }
     }
 
     /// Adds the score for scripts.
-    pub fn put(&self, outcome: &mut Outcome) {
-        outcome.put(
+    pub fn add_to_outcome(&self, outcome: &mut Outcome) {
+        outcome.add_value(
             "locate",
             json!({
                 "error_mean_mm": self.located.map(|error| error.mean_mm),
@@ -100,14 +101,15 @@ impl Score {
             }),
         );
         let moves = self.moves.map_or(0, |moves| moves as u64);
-        outcome.put("refine", json!({"error_max_mm": self.refined.map(|error| error.max_mm), "moves": moves}));
+        outcome
+            .add_value("refine", json!({"error_max_mm": self.refined.map(|error| error.max_mm), "moves": moves}));
         let inspect = self.inspections.iter().map(|one| {
             json!({
                 "pass": one.pass, "iou": one.iou, "grids_failed": one.grids_failed, "grids_true": one.grids_true,
                 "grids_wrong": one.grids_wrong, "ms_per_frame": one.ms_per_frame,
             })
         });
-        outcome.put("inspect", inspect.collect());
+        outcome.add_value("inspect", inspect.collect());
         let abrade = self.abrasions.iter().map(|one| {
             json!({
                 "pass": one.pass, "waypoints": one.waypoints, "waypoints_done": one.executed,
@@ -118,11 +120,11 @@ impl Score {
                 "surface_error_max_mm": one.errors.map(|errors| errors.surface_max_mm),
             })
         });
-        outcome.put("abrade", abrade.collect::<Vec<Value>>().into());
+        outcome.add_value("abrade", abrade.collect::<Vec<Value>>().into());
         if let Some(after) = self.after_tool_fault {
-            outcome.put("after_tool_fault", after.map_or(Value::Null, AfterToolFault::json));
+            outcome.add_value("after_tool_fault", after.map_or(Value::Null, AfterToolFault::json));
         }
-        outcome.put("noise", json!(sim::scanner_noise()));
+        outcome.add_value("noise", json!(sim::scanner_noise()));
     }
 
     /// Returns the lines of the score for a person: a name and its value.
@@ -164,15 +166,17 @@ impl Score {
             lines.push((format!("abrasion, pass {}", one.pass), value));
         }
         if let Some(after) = self.after_tool_fault {
-            let value = after
-                .map_or("no path in contact reached the waypoint of the fault".to_owned(), AfterToolFault::words);
+            let value = after.map_or(
+                "no path in contact reached the waypoint of the fault".to_owned(),
+                AfterToolFault::describe_reaction,
+            );
             lines.push(("reaction to the tool's fault".to_owned(), value));
         }
         lines
     }
 
     /// Describes the score in words.
-    pub fn words(&self) -> Vec<String> {
+    pub fn describe_score(&self) -> Vec<String> {
         self.lines().into_iter().map(|(name, value)| format!("{name}: {value}")).collect()
     }
 
@@ -191,16 +195,21 @@ impl Score {
 }
 
 /// Compares each film with the pixels at which the film was truly broken in its last picture.
-fn inspected(record: &CycleRecord, inspections: &[Arc<Inspection>], films: &[Mask]) -> Vec<Inspected> {
+fn score_inspections(
+    record: &CycleRecord,
+    inspections: &[Arc<Inspection>],
+    films: &[Mask],
+) -> Vec<InspectionScore> {
     // An abandoned film has a true mask but no inspection, so the true masks cannot be assigned to the inspections.
     let films = if films.len() == inspections.len() { films } else { &[] };
-    let watched = |finding: &&Finding| finding.kind == Kind::Inspect && finding.number(name::WATCHED).is_some();
+    let watched =
+        |finding: &&Finding| finding.kind == Kind::Inspect && finding.number(name::WATCHED_TIME_NAME).is_some();
     let findings = record.findings.iter().filter(watched);
     let one = |(index, (inspection, finding)): (usize, (&Arc<Inspection>, &Finding))| {
         let truth = films.get(index);
         let region = inspection.footprint.region();
-        let confusion = truth.and_then(|mask| inspection.confusion(mask).ok());
-        Inspected {
+        let confusion = truth.and_then(|mask| inspection.compare_with_truth(mask).ok());
+        InspectionScore {
             pass: inspection.judgement.verdict == Verdict::Pass,
             iou: truth.and_then(|mask| score(&inspection.mask(), mask, &region).ok()).map(|score| score.iou),
             grids_failed: inspection.grids.iter().filter(|grid| grid.failed).count(),
@@ -213,36 +222,37 @@ fn inspected(record: &CycleRecord, inspections: &[Arc<Inspection>], films: &[Mas
 }
 
 /// Compares each contact path, as the controller executed it, with the true surface.
-fn abraded(
+fn score_abrasions(
     record: &CycleRecord,
-    (runs, trace): (&[&[Executed]], &[Sample]),
+    (runs, trace): (&[&[ExecutedMotion]], &[ContactSample]),
     (panel, disc_diameter_mm): (&TaughtPanel, f64),
-    truth: &Truth,
-) -> Vec<Abraded> {
-    let begun = |finding: &&Finding| finding.number(name::EXECUTED).is_some_and(|waypoints| waypoints > 0.0);
+    truth: &CellTruth,
+) -> Vec<AbrasionScore> {
+    let begun =
+        |finding: &&Finding| finding.number(name::EXECUTED_WAYPOINTS_NAME).is_some_and(|waypoints| waypoints > 0.0);
     let findings = record.findings.iter().filter(begun);
     let mut before_ms = 0;
-    let one = |((motion, run), finding): ((&MotionRecord, &&[Executed]), &Finding)| {
+    let one = |((motion, run), finding): ((&MotionRecord, &&[ExecutedMotion]), &Finding)| {
         let until_ms = run.last().map_or(before_ms, |last| last.time_ms);
-        let during = |sample: &&Sample| before_ms < sample.time_ms && sample.time_ms <= until_ms;
-        let part: Vec<Sample> = trace.iter().filter(during).copied().collect();
+        let during = |sample: &&ContactSample| before_ms < sample.time_ms && sample.time_ms <= until_ms;
+        let part: Vec<ContactSample> = trace.iter().filter(during).copied().collect();
         before_ms = until_ms;
         let grids = grids(finding, panel);
-        let points: Vec<Point<Panel>> = grids.into_iter().flat_map(|grid| lattice(grid, truth)).collect();
-        Abraded {
+        let points: Vec<Point<Panel>> = grids.into_iter().flat_map(|grid| surface_grid(grid, truth)).collect();
+        AbrasionScore {
             pass: finding.pass,
             waypoints: motion.motion.waypoints,
             executed: run.len(),
             in_contact: run.iter().filter(|command| command.contact).count(),
-            coverage: Touched::by(&part, truth, disc_diameter_mm).share(&points),
-            step_over: step_over(&part, truth),
+            coverage: TouchedPoints::reached_by_disc(&part, truth, disc_diameter_mm).share(&points),
+            step_over: measure_step_over(&part, truth),
             errors: contact_errors(&part, truth),
         }
     };
     contact(&record.motions).zip(runs).zip(findings).map(one).collect()
 }
 
-fn place(finding: &Finding) -> Option<Rigid<Base, Panel>> {
+fn pose_from_finding(finding: &Finding) -> Option<Rigid<Base, Panel>> {
     let pose = finding.details.get("base_from_panel")?;
     Some(serde_json::from_value::<KukaPose>(pose.clone()).ok()?.to_rigid())
 }
@@ -255,7 +265,7 @@ fn grids<'a>(finding: &Finding, panel: &'a TaughtPanel) -> Vec<&'a Grid> {
 }
 
 /// Returns points of a grid on the true surface; each point represents nearly the same area.
-fn lattice(grid: &Grid, truth: &Truth) -> Vec<Point<Panel>> {
+fn surface_grid(grid: &Grid, truth: &CellTruth) -> Vec<Point<Panel>> {
     let [a, b, c, d] = grid.corners.map(|corner| corner.mm.coords);
     let steps = |length_mm: f64| (length_mm / LATTICE_MM).ceil().max(1.0) as usize;
     let (across, down) = (steps((b - a).norm().max((c - d).norm())), steps((d - a).norm().max((c - b).norm())));

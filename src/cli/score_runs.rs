@@ -1,7 +1,7 @@
 //! Compares the paths in contact, as the mock controller executed them, with the store's record of them.
 
 use crate::cycle::{Outcome as Ended, Path};
-use crate::devices::mock::Executed;
+use crate::devices::mock::ExecutedMotion;
 use crate::record::MotionRecord;
 use crate::verdict::Reason;
 
@@ -18,8 +18,8 @@ pub(super) fn contact(motions: &[MotionRecord]) -> impl Iterator<Item = &MotionR
 /// If a command was executed twice, or a path has more or fewer waypoints than were sent and acknowledged.
 pub(super) fn contact_runs<'a>(
     motions: &[MotionRecord],
-    executed: &'a [Executed],
-) -> Result<Vec<&'a [Executed]>, Reason> {
+    executed: &'a [ExecutedMotion],
+) -> Result<Vec<&'a [ExecutedMotion]>, Reason> {
     let lost = |message: String| Reason::new("waypoints", message);
     let mut ids: Vec<(i32, i32)> = executed.iter().map(|command| (command.epoch, command.id)).collect();
     ids.sort_unstable();
@@ -27,9 +27,10 @@ pub(super) fn contact_runs<'a>(
         let (epoch, id) = pair[0];
         return Err(lost(format!("command {id} of epoch {epoch} was executed twice")));
     }
-    let follows = |before: &Executed, after: &Executed| before.epoch == after.epoch && after.id == before.id + 1;
-    let touches = |run: &&[Executed]| run.iter().any(|command| command.contact);
-    let runs: Vec<&[Executed]> = executed.chunk_by(follows).filter(touches).collect();
+    let follows =
+        |before: &ExecutedMotion, after: &ExecutedMotion| before.epoch == after.epoch && after.id == before.id + 1;
+    let touches = |run: &&[ExecutedMotion]| run.iter().any(|command| command.contact);
+    let runs: Vec<&[ExecutedMotion]> = executed.chunk_by(follows).filter(touches).collect();
     let contact: Vec<&MotionRecord> = contact(motions).collect();
     if runs.len() != contact.len() {
         let message = format!("{} paths in contact were executed, {} were sent", runs.len(), contact.len());
@@ -63,9 +64,9 @@ mod tests {
     use crate::cycle::Motion;
     use crate::geometry::{Base, Flange, Joints, Rigid};
 
-    fn command(id: i32, contact: bool) -> Executed {
-        let base_from_flange: Rigid<Base, Flange> = Rigid::claim(nalgebra::Isometry3::identity());
-        Executed { epoch: 3, id, joints: Joints::default(), base_from_flange, time_ms: id as u64, contact }
+    fn command(id: i32, contact: bool) -> ExecutedMotion {
+        let base_from_flange: Rigid<Base, Flange> = Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity());
+        ExecutedMotion { epoch: 3, id, joints: Joints::default(), base_from_flange, time_ms: id as u64, contact }
     }
 
     fn motion(waypoints: u32, done: u32) -> MotionRecord {
@@ -86,8 +87,9 @@ mod tests {
         assert_eq!(held[0].len(), 4);
         // The last acknowledgements were still in transmission when the path was ended.
         assert!(contact_runs(&[motion(9, 2)], &log).is_ok());
-        let wrong =
-            |motions: &[MotionRecord], log: &[Executed]| contact_runs(motions, log).expect_err("wrong").message;
+        let wrong = |motions: &[MotionRecord], log: &[ExecutedMotion]| {
+            contact_runs(motions, log).expect_err("wrong").message
+        };
         assert!(wrong(&[motion(5, 5)], &log).contains("executed 4 waypoints, 5 were acknowledged"));
         assert!(wrong(&[motion(3, 3)], &log).contains("executed 4 waypoints, 3"));
         assert!(wrong(&[motion(9, 1)], &log).contains("executed 4 waypoints, 1"));

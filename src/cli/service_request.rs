@@ -17,10 +17,10 @@ const RETRY_TIMEOUT: Duration = Duration::from_secs(5);
 const RETRY_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Repeats a request for a stop while the service, or the connection to it, is too busy to accept the request.
-pub(super) fn insist(socket: &Path, what: &RequestKind) -> Result<Reply, Fault> {
+pub(super) fn send_stop_with_retries(socket: &Path, what: &RequestKind) -> Result<Reply, Fault> {
     let since = Instant::now();
     loop {
-        let answered = ask(socket, what);
+        let answered = send_to_service(socket, what);
         let is_busy = match &answered {
             Ok(reply) => reply.reasons.iter().any(|reason| reason.code == "busy"),
             Err(Fault::NoService { .. }) => false,
@@ -33,8 +33,8 @@ pub(super) fn insist(socket: &Path, what: &RequestKind) -> Result<Reply, Fault> 
     }
 }
 
-pub(super) fn ask(socket: &Path, what: &RequestKind) -> Result<Reply, Fault> {
-    let named = |error: std::io::Error| Fault::file(socket, error);
+pub(super) fn send_to_service(socket: &Path, what: &RequestKind) -> Result<Reply, Fault> {
+    let named = |error: std::io::Error| Fault::file_fault(socket, error);
     let mut stream = UnixStream::connect(socket).map_err(|error| match error.kind() {
         ErrorKind::NotFound | ErrorKind::ConnectionRefused => Fault::NoService { socket: socket.to_owned() },
         _ => named(error),
@@ -49,7 +49,7 @@ pub(super) fn ask(socket: &Path, what: &RequestKind) -> Result<Reply, Fault> {
     if answer.is_empty() {
         written.and(read.map(drop)).map_err(named)?;
     }
-    serde_json::from_slice(&answer).map_err(|error| Fault::file(socket, error))
+    serde_json::from_slice(&answer).map_err(|error| Fault::file_fault(socket, error))
 }
 
 /// Returns the fields of a reply that scripts read.
@@ -68,15 +68,15 @@ pub(super) fn object(reply: &Reply) -> Map<String, Value> {
 /// Converts a reply to an outcome for scripts and for people.
 pub(super) fn outcome(reply: &Reply) -> Outcome {
     let Reply { state, cycle_id, verdict, recording, reasons, panel, page, done, .. } = reply;
-    let mut outcome = Outcome { exit: reply.answer.code(), json: object(reply), words: vec![] };
-    outcome.words.extend(done.clone());
+    let mut outcome = Outcome { exit_code: reply.answer.code(), json: object(reply), lines: vec![] };
+    outcome.lines.extend(done.clone());
     if state.is_some() {
         let step = reply.step.map_or(String::new(), |step| format!("; step {step}"));
-        outcome.add_line(format!("state: {}{step}", place(reply)));
+        outcome.add_line(format!("state: {}{step}", describe_progress(reply)));
     }
     if let Some(cycle) = cycle_id {
         let panel = panel.as_ref().map_or(String::new(), |panel| format!(" of panel {panel}"));
-        let verdict = verdict.map_or(String::new(), |verdict| format!(": {}", verdict.word()));
+        let verdict = verdict.map_or(String::new(), |verdict| format!(": {}", verdict.keyword()));
         outcome.add_line(format!("cycle {cycle}{panel}{verdict}"));
     }
     if let Some(page) = page {
@@ -92,7 +92,7 @@ pub(super) fn outcome(reply: &Reply) -> Outcome {
 }
 
 /// Returns the state and the phase, and the progress of the work in this phase.
-pub(super) fn place(reply: &Reply) -> String {
+pub(super) fn describe_progress(reply: &Reply) -> String {
     let Reply { state, phase, pass, film_s, waypoint, of, .. } = reply;
     let mut parts: Vec<String> = state.iter().chain(phase).cloned().collect();
     parts.extend(pass.filter(|pass| *pass > 0 && phase.is_some()).map(|pass| format!("pass {pass}")));
@@ -102,13 +102,13 @@ pub(super) fn place(reply: &Reply) -> String {
 }
 
 /// Returns the state of the service, if one answers.
-pub(super) fn state_of(socket: &Path) -> Option<String> {
-    ask(socket, &RequestKind::State).ok()?.state.map(|state| state.to_string())
+pub(super) fn service_state(socket: &Path) -> Option<String> {
+    send_to_service(socket, &RequestKind::State).ok()?.state.map(|state| state.to_string())
 }
 
 /// Returns the arm's axis angles, if a service answers and has them.
-pub(super) fn axes_of(socket: &Path) -> Option<Joints> {
-    ask(socket, &RequestKind::State).ok()?.axes_deg.map(Joints::from)
+pub(super) fn service_axes(socket: &Path) -> Option<Joints> {
+    send_to_service(socket, &RequestKind::State).ok()?.axes_deg.map(Joints::from)
 }
 
 /// The service answers a start only after it has loaded the taught data.

@@ -8,10 +8,10 @@ use super::load::{self, CellFiles};
 use super::{disk, doctor, health};
 use crate::check::{self, FileReport};
 use crate::config::Problems;
-use crate::daemon::{Equipment, Examined, OfficeStatus, PushStatus, RecipeText, SetupSource};
+use crate::daemon::{Equipment, ExaminedItem, OfficeStatus, PushStatus, RecipeText, SetupSource};
 use crate::files;
 use crate::geometry::ColorPicture;
-use crate::number_text::{fixed, utc_day};
+use crate::number_text::{fixed_decimals, utc_day};
 use crate::office::RecipeOffer;
 use crate::recipe::Recipe;
 use crate::store::{Store, free_mb};
@@ -25,7 +25,7 @@ const RECIPE: &str = "recipe";
 
 /// The status of the transfers of records out of the cell.
 #[derive(Debug, Clone, Default)]
-pub struct RecordsOnTheirWay {
+pub struct RecordTransfers {
     /// To the office.
     pub office: OfficeStatus,
     /// Transfers to the quality system.
@@ -41,18 +41,23 @@ pub struct FolderSource {
     /// The arguments common to all commands.
     pub common: Common,
     /// The status of the transfer of records.
-    pub on_their_way: RecordsOnTheirWay,
+    pub record_transfers: RecordTransfers,
 }
 
 impl FolderSource {
     /// Creates the source with the recipes' folder that the cell's file names.
-    pub fn new(files: &Arc<CellFiles>, common: &Common, on_their_way: &RecordsOnTheirWay) -> Self {
+    pub fn new(files: &Arc<CellFiles>, common: &Common, on_their_way: &RecordTransfers) -> Self {
         let recipes = files.cell.page().recipes.clone();
-        FolderSource { recipes, files: files.clone(), common: common.clone(), on_their_way: on_their_way.clone() }
+        FolderSource {
+            recipes,
+            files: files.clone(),
+            common: common.clone(),
+            record_transfers: on_their_way.clone(),
+        }
     }
 
     /// Returns the file of a recipe of the folder; any other name is refused.
-    fn file(&self, name: &str) -> Result<PathBuf, String> {
+    fn recipe_file(&self, name: &str) -> Result<PathBuf, String> {
         match self.recipes()?.iter().any(|known| known == name) {
             true => Ok(self.recipes.join(name)),
             false => Err(format!("there is no recipe \"{}\" in {}", name.escape_debug(), self.recipes.display())),
@@ -76,16 +81,16 @@ impl SetupSource for FolderSource {
     }
 
     fn recipe(&self, name: &str) -> Result<RecipeText, String> {
-        let file = self.file(name)?;
+        let file = self.recipe_file(name)?;
         let text = disk::read_text(&file).map_err(|fault| fault.to_string())?;
         Ok(RecipeText { name: file.display().to_string(), text })
     }
 
-    fn offer(&self, name: &str) -> Result<Option<RecipeOffer>, String> {
+    fn recipe_offer(&self, name: &str) -> Result<Option<RecipeOffer>, String> {
         let RecipeText { name, text } = self.recipe(name)?;
         // The problems of the recipe are reported next to it.
         let Ok(recipe) = Recipe::check(&name, &text) else { return Ok(None) };
-        Ok(self.on_their_way.office.offer(recipe.panel()).filter(|offer| offer.text != text))
+        Ok(self.record_transfers.office.recipe_offer(recipe.panel()).filter(|offer| offer.text != text))
     }
 
     fn problems(&self, name: &str, text: &str) -> Vec<String> {
@@ -104,13 +109,13 @@ impl SetupSource for FolderSource {
     }
 
     fn save(&self, name: &str, text: &str) -> Result<Option<String>, String> {
-        let file = self.file(name)?;
+        let file = self.recipe_file(name)?;
         let problems = self.problems(name, text);
         if !problems.is_empty() {
             return Err(problems.join("\n"));
         }
         let former = disk::read_text(&file).ok();
-        disk::write_through(&file, text).map_err(|fault| fault.to_string())?;
+        disk::write_durable(&file, text).map_err(|fault| fault.to_string())?;
         Ok(former)
     }
 
@@ -123,24 +128,25 @@ impl SetupSource for FolderSource {
         Ok(scan.picture())
     }
 
-    fn standing(&self) -> Vec<Reason> {
+    fn cycle_obstacles(&self) -> Vec<Reason> {
         let unreadable = |fault: Fault| vec![Reason::new("calibration", fault.to_string())];
         let verified = health::judge(&self.files).map(|judged| judged.reasons).unwrap_or_else(unreadable);
-        let ending = health::ending(&self.files).unwrap_or_default();
+        let ending = health::expiring_verifications(&self.files).unwrap_or_default();
         let store = self.files.store_folder();
-        let room = free_mb(store).ok().and_then(|free_mb| doctor::scarce(&store.display().to_string(), free_mb));
-        let RecordsOnTheirWay { office, push } = &self.on_their_way;
+        let room =
+            free_mb(store).ok().and_then(|free_mb| doctor::low_disk_space(&store.display().to_string(), free_mb));
+        let RecordTransfers { office, push } = &self.record_transfers;
         let now_unix_ms = now_unix_s() * 1_000;
-        let office = self.files.cell.office().map(|it| office.reasons(it.behind_min, now_unix_ms));
-        let push = self.files.cell.push().map(|it| push.reasons(it.behind_min, now_unix_ms));
+        let office = self.files.cell.office().map(|it| office.reasons(it.alarm_delay_min, now_unix_ms));
+        let push = self.files.cell.push().map(|it| push.reasons(it.alarm_delay_min, now_unix_ms));
         let behind = office.into_iter().chain(push).flatten();
         room.into_iter().chain(verified).chain(ending).chain(behind).collect()
     }
 
-    fn examine(&self) -> Vec<Examined> {
-        let checks = doctor::examined(&Doctor { kuka: None, accept: false, warm_up: false }, &self.common);
-        let examined = checks.into_iter().map(|check| Examined {
-            is_right: check.is_right(),
+    fn examine_cell(&self) -> Vec<ExaminedItem> {
+        let checks = doctor::run_checks(&Doctor { kuka: None, accept: false, warm_up: false }, &self.common);
+        let examined = checks.into_iter().map(|check| ExaminedItem {
+            is_right: check.is_passed(),
             name: check.name,
             found: check.found,
             advice: check.advice,
@@ -148,17 +154,17 @@ impl SetupSource for FolderSource {
         examined.collect()
     }
 
-    fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
+    fn list_equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
         let judged = health::judge(&self.files).map_err(|fault| fault.to_string())?;
         let reasons = judged.reasons.iter().map(|reason| format!("{} ({})", reason.message, reason.code)).collect();
         let store = self.files.store().map_err(|fault| fault.to_string())?;
-        let named = self.files.cell.calibration().named();
+        let named = self.files.cell.calibration().named_files();
         let equipment = named.into_iter().map(|(name, file)| {
             let made = std::fs::metadata(file).and_then(|found| found.modified()).ok();
             let made_s =
                 made.and_then(|at| at.duration_since(std::time::UNIX_EPOCH).ok()).map(|at| at.as_secs() as i64);
             let calibration = match made_s {
-                Some(at_s) => format!("{}, file of {}", file.display(), age(at_s)),
+                Some(at_s) => format!("{}, file of {}", file.display(), describe_age(at_s)),
                 None => format!("{}: is missing", file.display()),
             };
             Equipment { name: name.replace('_', " "), calibration, verification: verification(&store, name) }
@@ -173,7 +179,7 @@ fn is_recipe(file: &Path) -> bool {
     disk::read_text(file).is_ok_and(|text| check::check_file("", &text).kind == Some(RECIPE))
 }
 
-fn age(at_unix_s: i64) -> String {
+fn describe_age(at_unix_s: i64) -> String {
     let days = (now_unix_s() - at_unix_s).div_euclid(DAY_S);
     format!("{}, {days} days ago", utc_day(at_unix_s))
 }
@@ -187,10 +193,10 @@ fn verification(store: &Store, calibration: &str) -> String {
         "flange_from_tool" => "tool",
         _ => return "–".to_owned(),
     };
-    match store.last_verification(subject) {
+    match store.newest_verification(subject) {
         Ok(Some(last)) => {
-            let [error, limit] = [last.error, last.limit].map(|mm| fixed(mm, 3));
-            format!("{error} mm (limit {limit} mm), {}", age(last.at_unix_s))
+            let [error, limit] = [last.error, last.limit].map(|mm| fixed_decimals(mm, 3));
+            format!("{error} mm (limit {limit} mm), {}", describe_age(last.at_unix_s))
         }
         Ok(None) => "never".to_owned(),
         Err(error) => error.to_string(),

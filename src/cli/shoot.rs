@@ -8,7 +8,7 @@ mod shot_report;
 use super::args::{Common, Shoot, Shot, Simulation};
 use super::disk;
 use super::fault::{DeviceFault, Fault};
-use super::flange_pose::{FlangePoses, Known};
+use super::flange_pose::{FlangePoses, PoseKnowledge};
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::devices::cameras::{PictureQuality, ScanQuality};
@@ -16,12 +16,12 @@ use crate::files;
 use crate::geometry::ColorPicture;
 use crate::verdict::{Judgement, Reason};
 use serde_json::{Value, json};
-use shot_report::{conditions, words};
+use shot_report::{conditions, describe_quality};
 use std::path::{Path, PathBuf};
 
 impl Shoot {
-    fn wanted(&self) -> opening::Wanted {
-        opening::Wanted { shot: self.what, simulation: self.simulation }
+    fn requested_shot(&self) -> opening::RequestedShot {
+        opening::RequestedShot { shot: self.what, simulation: self.simulation }
     }
 }
 
@@ -33,12 +33,12 @@ pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
     let Simulation { tool_fault, line_parts, .. } = args.simulation;
     for (option, is_given) in [("--tool-fault", tool_fault.is_some()), ("--line-parts", line_parts > 0)] {
         if is_given {
-            return Err(DeviceFault::OfACycle { option }.into());
+            return Err(DeviceFault::CycleOnlyOption { option }.into());
         }
     }
     let files = CellFiles::read(common)?;
     if args.what == Shot::Scan {
-        return scans(args, &files, progress);
+        return take_scans(args, &files, progress);
     }
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     match args.what {
@@ -58,12 +58,12 @@ pub(super) fn free_names(folder: &Path, name: &str, endings: &[&str]) -> Vec<Pat
 }
 
 /// Scans need no calibration; if the cell has the camera's calibration, they are checked against it.
-fn scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
-    let mut opened = opening::scanner(files, &args.wanted(), progress)?;
+fn take_scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
+    let mut opened = opening::scanner(files, &args.requested_shot(), progress)?;
     let lens = files.scanner().ok().map(|camera| camera.value);
     let (mut all, mut doubts) = (Vec::new(), Vec::new());
     let mut said = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
-    said.words.clear();
+    said.lines.clear();
     let outcome = &mut said;
     for _ in 0..args.count {
         let shot = opened.camera.capture_3d().map_err(Fault::stage)?;
@@ -94,7 +94,7 @@ fn scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Out
             scan.points,
             100.0 * scan.missing_share
         ));
-        outcome.add_line(format!("  {}", words(&of_picture)));
+        outcome.add_line(format!("  {}", describe_quality(&of_picture)));
         let mut told = quality_json(&names, size_px, shot.time_s, &of_picture);
         conditions(outcome, &mut told, opened.camera.conditions());
         told["points"] = json!(scan.points);
@@ -102,68 +102,73 @@ fn scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Out
         told["depth_mm"] = json!(scan.depth_mm);
         all.push(told);
     }
-    listed(outcome, all);
+    list_files(outcome, all);
     let mut outcome = Outcome::from_judgement(&Judgement::new(doubts, vec![]));
-    outcome.words.append(&mut said.words);
+    outcome.lines.append(&mut said.lines);
     said.json.retain(|key, _| key != "verdict" && key != "reasons");
     outcome.json.append(&mut said.json);
     Ok(outcome)
 }
 
 fn pictures(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
-    let mut opened = opening::scanner(files, &args.wanted(), progress)?;
+    let mut opened = opening::scanner(files, &args.requested_shot(), progress)?;
     let mut all = Vec::new();
     for _ in 0..args.count {
         let shot = opened.camera.capture_2d().map_err(Fault::stage)?;
         let names = free_names(&args.out, "picture", &["png"]);
-        let mut told = kept(outcome, &names, &shot.picture, shot.time_s)?;
+        let mut told = write_picture(outcome, &names, &shot.picture, shot.time_s)?;
         conditions(outcome, &mut told, opened.camera.conditions());
         all.push(told);
     }
-    listed(outcome, all);
+    list_files(outcome, all);
     Ok(())
 }
 
 fn corners(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
-    let mut opened = opening::flange_camera(files, &args.wanted(), progress)?;
+    let mut opened = opening::flange_camera(files, &args.requested_shot(), progress)?;
     let poses = FlangePoses::new(files);
     let mut all = Vec::new();
     for _ in 0..args.count {
         let before = poses.now();
         let shot = opened.camera.capture().map_err(Fault::stage)?;
         let names = free_names(&args.out, "corner", &["png", "json"]);
-        let mut told = kept(outcome, &names[..1], &shot.picture, shot.time_s)?;
+        let mut told = write_picture(outcome, &names[..1], &shot.picture, shot.time_s)?;
         conditions(outcome, &mut told, opened.camera.conditions());
         all.push(told);
-        match poses.known(before, shot.base_from_flange) {
-            Known::At(flange) => disk::write(&names[1], files::write_reported_flange(&flange))?,
-            Known::Moved => {
+        match poses.combine_reports(before, shot.base_from_flange) {
+            PoseKnowledge::At(flange) => disk::write(&names[1], files::write_reported_flange(&flange))?,
+            PoseKnowledge::Moved => {
                 outcome.add_line("  the arm moved during the exposure: the flange's pose at this picture is not known; take the picture again")
             }
-            Known::Nothing => outcome.add_line("  the flange's pose is not known: write down the pose that the pendant shows"),
+            PoseKnowledge::Nothing => outcome.add_line("  the flange's pose is not known: write down the pose that the pendant shows"),
         }
     }
-    listed(outcome, all);
+    list_files(outcome, all);
     Ok(())
 }
 
 /// Lists every shot with all its files; for scans, also the largest share of missing points.
-fn listed(outcome: &mut Outcome, all: Vec<Value>) {
+fn list_files(outcome: &mut Outcome, all: Vec<Value>) {
     let files: Vec<Value> = all.iter().filter_map(|shot| shot["files"].as_array()).flatten().cloned().collect();
     let missing = all.iter().filter_map(|shot| shot["missing_share"].as_f64()).reduce(f64::max);
-    outcome.put("files", json!(files));
+    outcome.add_value("files", json!(files));
     if let Some(missing) = missing {
-        outcome.put("missing_share", json!(missing));
+        outcome.add_value("missing_share", json!(missing));
     }
-    outcome.put("shots", json!(all));
+    outcome.add_value("shots", json!(all));
 }
 
 /// Writes a picture and reports it.
-fn kept(outcome: &mut Outcome, names: &[PathBuf], picture: &ColorPicture, time_s: f64) -> Result<Value, Fault> {
+fn write_picture(
+    outcome: &mut Outcome,
+    names: &[PathBuf],
+    picture: &ColorPicture,
+    time_s: f64,
+) -> Result<Value, Fault> {
     let quality = PictureQuality::compute(picture);
     disk::write(&names[0], files::write_color_png(picture).map_err(Fault::stage)?)?;
     outcome.add_line(format!("{}: {}×{} px", names[0].display(), picture.width, picture.height));
-    outcome.add_line(format!("  {}", words(&quality)));
+    outcome.add_line(format!("  {}", describe_quality(&quality)));
     Ok(quality_json(names, [picture.width, picture.height], time_s, &quality))
 }
 

@@ -5,8 +5,8 @@ use super::args::{Common, RenewStore, StoreCommand, StoreTask, VerifyStore};
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::office::Listed;
-use crate::store::{Store, Verified};
+use crate::office::ListEntry;
+use crate::store::{Store, StoreVerification};
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::path::PathBuf;
@@ -44,19 +44,27 @@ fn renew(args: &RenewStore, common: &Common) -> Result<Outcome, Fault> {
 fn list(common: &Common) -> Result<Outcome, Fault> {
     let listed = Store::open(&folder(common)?).and_then(|store| store.outbox_list()).map_err(Fault::stage)?;
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
-    outcome.words.clear();
-    for Listed { position, kind, hash } in &listed {
-        outcome.add_line(format!("{} {:>7} {:<12} {hash}", position.epoch, position.number, kind.word()));
+    outcome.lines.clear();
+    for ListEntry { position, kind, hash } in &listed {
+        outcome.add_line(format!("{} {:>7} {:<12} {hash}", position.epoch, position.number, kind.keyword()));
     }
     outcome.add_line(format!("{} in all", listed.len()));
-    outcome.put("records", json!(listed));
+    outcome.add_value("records", json!(listed));
     Ok(outcome)
 }
 
 fn verify(args: &VerifyStore, common: &Common) -> Result<Outcome, Fault> {
     let folder = folder(common)?;
     let verified = Store::verify(&folder, !args.rows_only).map_err(Fault::stage)?;
-    let Verified { found, known, links, files, pruned, signatures, keys } = verified;
+    let StoreVerification {
+        differences: found,
+        earlier_differences: known,
+        links,
+        files,
+        pruned,
+        signatures,
+        keys,
+    } = verified;
     let reason = |words: &String| Reason::new("store_changed", words.clone());
     let verdict = if found.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons: found.iter().map(reason).collect() });
@@ -70,13 +78,13 @@ fn verify(args: &VerifyStore, common: &Common) -> Result<Outcome, Fault> {
         outcome.add_line(format!("{signatures} signatures of records{by}"));
     }
     known.iter().for_each(|words| outcome.add_line(format!("known difference, cleared by a person: {words}")));
-    outcome.put("ok", json!(found.is_empty()));
-    outcome.put("found", json!(found));
-    outcome.put("known", json!(known));
-    outcome.put("links", json!(links));
-    outcome.put("files", json!((!args.rows_only).then_some(files)));
-    outcome.put("signatures", json!((!args.rows_only).then_some(signatures)));
-    outcome.put("public_keys", json!((!args.rows_only).then_some(keys)));
-    outcome.put("pruned", json!((!args.rows_only).then_some(pruned)));
+    outcome.add_value("ok", json!(found.is_empty()));
+    outcome.add_value("found", json!(found));
+    outcome.add_value("known", json!(known));
+    outcome.add_value("links", json!(links));
+    outcome.add_value("files", json!((!args.rows_only).then_some(files)));
+    outcome.add_value("signatures", json!((!args.rows_only).then_some(signatures)));
+    outcome.add_value("public_keys", json!((!args.rows_only).then_some(keys)));
+    outcome.add_value("pruned", json!((!args.rows_only).then_some(pruned)));
     Ok(outcome)
 }

@@ -5,21 +5,21 @@ mod live_inputs;
 
 use super::args::{Common, Teach};
 use super::fault::{Fault, TeachingFault};
-use super::load::{self, CellFiles, Taught};
+use super::load::{self, CellFiles, LoadedPanel};
 use super::outcome::Outcome;
-use super::output::tell_line;
+use super::output::write_progress;
 use super::pictures;
 use crate::files;
 use crate::geometry::{Camera, OrganizedCloud, Pixel, Point};
 use crate::inspect::{Demands, Footprint, too_coarse};
 use crate::locate::{self, gate};
 use crate::number_text;
-use crate::panel::{LearnError, OffPanel, Reference, TaughtPanel};
+use crate::panel::{LearnError, OffPanel, TaughtPanel, TaughtSource};
 use crate::recipe::Recipe;
-use crate::report::{self, View};
-use crate::store::{TaughtCorner, Teaching};
+use crate::report::{self, PanelOverlay};
+use crate::store::{TaughtCorner, TeachingInputs};
 use crate::verdict::{Judgement, Reason};
-use drawn::Drawn;
+use drawn::ViewedDrawing;
 use serde_json::json;
 use std::error::Error;
 use std::path::Path;
@@ -31,19 +31,19 @@ use std::path::Path;
 /// cycles. Nothing is stored then.
 pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let cell_files = CellFiles::read(common)?;
-    let mut drawn = Drawn::look(args, &cell_files)?;
-    let args = &live_inputs::ready(args, &cell_files, drawn.as_ref().map(|drawn| &drawn.scan))?;
+    let mut drawn = ViewedDrawing::view_drawing(args, &cell_files)?;
+    let args = &live_inputs::with_files(args, &cell_files, drawn.as_ref().map(|drawn| &drawn.scan))?;
     let recipe = load::recipe(&args.recipe)?;
     let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
     let (scan, scan_bytes) = match (&mut drawn, &args.scan) {
         (Some(drawn), _) => (drawn.scan.clone(), std::mem::take(&mut drawn.scan_file)),
         // An unsuitable scan is refused with the file's name before anything is stored.
         (None, Some(file)) => {
-            (scanner.scan_errors.corrected(load::scan(file, &scanner.value)?), super::disk::read(file)?)
+            (scanner.scan_errors.correct_scan(load::scan(file, &scanner.value)?), super::disk::read(file)?)
         }
         (None, None) => return Err(TeachingFault::NoScan.into()),
     };
-    let teaching = given((args, scan_bytes), &mut drawn, &cell_files, &recipe)?;
+    let teaching = read_given_files((args, scan_bytes), &mut drawn, &cell_files, &recipe)?;
     let name = |index: usize| {
         let file = args.corner.get(index).or_else(|| args.flange.get(index));
         file.map_or_else(|| format!("corner {}", index + 1), |file| file.display().to_string())
@@ -52,7 +52,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
         Ok(taught) => taught,
         Err(fault) => {
             if let Some(folder) = &args.pictures {
-                save_given(folder, (&scan, &recipe), &teaching, &fault)?;
+                save_rejected_inputs(folder, (&scan, &recipe), &teaching, &fault)?;
             }
             return Err(fault);
         }
@@ -63,17 +63,17 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let min_break_mm2 = Demands::from_recipe(&recipe, cell_files.cell.limits()).min_break_mm2;
     let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught.panel, recipe.inspect()).map_err(Fault::stage)?;
     taught.version = cell_files.store_for_writing()?.teach(&teaching).map_err(Fault::stage)?;
-    let off_panel = off_panel(&taught.panel, &recipe);
-    let view = locate::View {
+    let off_panel = region_parts_off_panel(&taught.panel, &recipe);
+    let view = locate::ScanView {
         scan: &scan,
         camera: &scanner.value,
         base_from_camera: base_from_camera.value,
         range: scanner.scan_errors.range,
     };
-    let held = Held::locate(&taught.panel, &view, &recipe);
+    let held = PoseConstraint::locate(&taught.panel, &view, &recipe);
     let off = off_panel.iter().map(OffPanel::reason);
     let cut = taught.panel.box_cut(recipe.locate()).map(|cut| cut.reason());
-    let outside = drawn.iter().flat_map(Drawn::reasons);
+    let outside = drawn.iter().flat_map(ViewedDrawing::reasons);
     let review: Vec<Reason> = off
         .chain(too_coarse(limit_mm2, min_break_mm2))
         .chain(cut)
@@ -85,18 +85,18 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
         "the smallest break of the film that is reliably found on this panel: {limit_mm2:.1} mm²; a grid fails from {min_break_mm2:.1} mm² \
          of broken film"
     ));
-    outcome.put("detection_limit_mm2", json!(limit_mm2));
-    outcome.put("min_break_mm2", json!(min_break_mm2));
+    outcome.add_value("detection_limit_mm2", json!(limit_mm2));
+    outcome.add_value("min_break_mm2", json!(min_break_mm2));
     let off_panel: Vec<_> = off_panel
         .iter()
         .map(|off| {
             let (at_px, grids) =
-                ([off.at.u, off.at.v], off.grids.iter().map(ToString::to_string).collect::<Vec<_>>());
+                ([off.pixel.u, off.pixel.v], off.grids.iter().map(ToString::to_string).collect::<Vec<_>>());
             json!({"code": off.reason().code, "size_mm": off.size_mm, "at_px": at_px, "grids": grids})
         })
         .collect();
-    outcome.put("region_off_panel", json!(off_panel));
-    let mut warnings = say_how_it_is_held(&taught, &held, &recipe, &mut outcome);
+    outcome.add_value("region_off_panel", json!(off_panel));
+    let mut warnings = report_constraint(&taught, &held, &recipe, &mut outcome);
     if let (Some(drawn), Some(file)) = (&drawn, &args.nominal) {
         drawn.report(file, &mut outcome);
         warnings.extend(drawn.warnings());
@@ -104,24 +104,24 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     for warning in &warnings {
         outcome.add_line(format!("warning: {warning}"));
     }
-    outcome.put("warnings", json!(warnings));
+    outcome.add_value("warnings", json!(warnings));
     Ok(outcome)
 }
 
 /// Returns the parts of the recipe's region that are not on the panel.
-pub fn off_panel(panel: &TaughtPanel, recipe: &Recipe) -> Vec<OffPanel> {
+pub fn region_parts_off_panel(panel: &TaughtPanel, recipe: &Recipe) -> Vec<OffPanel> {
     panel.region_off_panel(recipe.surface().max_hole_mm(), &recipe.inspect().masked_px())
 }
 
 /// Returns the given files in the form in which the store keeps them: the bytes of the scan, and the corner pictures
 /// that the command names, or those that the flange camera sees of the drawing, which are moved out of it.
-fn given(
+fn read_given_files(
     (args, scan): (&Teach, Vec<u8>),
-    drawn: &mut Option<Drawn>,
+    drawn: &mut Option<ViewedDrawing>,
     cell_files: &CellFiles,
     recipe: &Recipe,
-) -> Result<Teaching, Fault> {
-    let mut teaching = Teaching {
+) -> Result<TeachingInputs, Fault> {
+    let mut teaching = TeachingInputs {
         name: recipe.panel().to_owned(),
         scan,
         recipe_text: super::disk::read_text(&args.recipe)?,
@@ -159,18 +159,18 @@ fn given(
 
 /// Saves pictures of input from which no panel could be taught: the scan with the recipe's region and, if a corner was
 /// not found, each corner picture as given.
-fn save_given(
+fn save_rejected_inputs(
     folder: &Path,
     (scan, recipe): (&OrganizedCloud<Camera>, &Recipe),
-    teaching: &Teaching,
+    teaching: &TeachingInputs,
     fault: &Fault,
 ) -> Result<(), Fault> {
     let wrong: Vec<usize> = match fault {
-        Fault::Stage(error) => wrong_corners(error.as_ref()),
+        Fault::Stage(error) => wrong_corner_indices(error.as_ref()),
         _ => vec![],
     };
     let corners_px = recipe.region().corners_px().map(|[u, v]| Pixel::at(u, v));
-    let drawn = report::region_in_scan(scan, &corners_px, &wrong).map_err(Fault::stage)?;
+    let drawn = report::draw_region(scan, &corners_px, &wrong).map_err(Fault::stage)?;
     let mut files = vec![pictures::save(folder, "taught_region", &drawn)?];
     if let Fault::Teaching(TeachingFault::Corners(_)) = fault {
         for (index, corner) in teaching.corners.iter().enumerate() {
@@ -178,11 +178,11 @@ fn save_given(
             files.push(pictures::save(folder, &format!("taught_corner_{}", index + 1), &picture)?);
         }
     }
-    files.iter().for_each(|file| tell_line(&format!("{}: the given input", file.display())));
+    files.iter().for_each(|file| write_progress(&format!("{}: the given input", file.display())));
     Ok(())
 }
 
-fn wrong_corners(error: &(dyn Error + Send + Sync + 'static)) -> Vec<usize> {
+fn wrong_corner_indices(error: &(dyn Error + Send + Sync + 'static)) -> Vec<usize> {
     match error.downcast_ref() {
         Some(LearnError::WrongCorners { corners }) => corners.iter().map(|wrong| wrong.corner).collect(),
         _ => vec![],
@@ -190,20 +190,20 @@ fn wrong_corners(error: &(dyn Error + Send + Sync + 'static)) -> Vec<usize> {
 }
 
 /// How well the panel's shape determines its pose: the result of locating the panel in its own scan.
-struct Held {
-    outline: Option<locate::OutlineSeen>,
+struct PoseConstraint {
+    outline: Option<locate::OutlineEvidence>,
     marks_mm: f64,
     found: Result<locate::Fit, locate::LocateError>,
 }
 
-impl Held {
-    fn locate(panel: &TaughtPanel, view: &locate::View<'_>, recipe: &Recipe) -> Self {
+impl PoseConstraint {
+    fn locate(panel: &TaughtPanel, view: &locate::ScanView<'_>, recipe: &Recipe) -> Self {
         let model = locate::TaughtModel::from_panel(panel, view.range);
-        let prepared = model.as_ref().map(|model| locate::Prepared::new((panel, model), view, recipe.locate()));
-        let outline = prepared.as_ref().ok().map(locate::Prepared::outline_seen);
-        let marks_mm = prepared.as_ref().map_or(0.0, locate::Prepared::marks_mm);
+        let prepared = model.as_ref().map(|model| locate::PreparedScan::new((panel, model), view, recipe.locate()));
+        let outline = prepared.as_ref().ok().map(locate::PreparedScan::outline_seen);
+        let marks_mm = prepared.as_ref().map_or(0.0, locate::PreparedScan::marks_mm);
         let found = prepared.map_err(locate::LocateError::clone).and_then(|prepared| prepared.locate());
-        Held { outline, marks_mm, found }
+        PoseConstraint { outline, marks_mm, found }
     }
 
     /// Returns the reasons why a panel with this teaching is not accepted: a cycle would not find it either.
@@ -221,40 +221,45 @@ impl Held {
 
 /// Reports how well the panel's shape constrains its pose, and how well its corners show a move along the normal.
 /// Returns the warnings.
-fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &mut Outcome) -> Vec<String> {
-    let Held { outline, marks_mm, found } = held;
+fn report_constraint(
+    taught: &LoadedPanel,
+    held: &PoseConstraint,
+    recipe: &Recipe,
+    outcome: &mut Outcome,
+) -> Vec<String> {
+    let PoseConstraint { outline, marks_mm, found } = held;
     if let Some(outline) = outline {
-        say_what_shows_the_outline(outline, outcome);
+        report_outline_evidence(outline, outcome);
     }
     if *marks_mm > 0.0 {
         outcome.add_line(format!(
             "marks on the panel: {marks_mm:.0} mm of their borders also constrain the panel sideways"
         ));
     }
-    outcome.put("marks_mm", json!(marks_mm));
+    outcome.add_value("marks_mm", json!(marks_mm));
     // A drawing shows no fixture, so that advice about the fixture cannot help.
-    let is_drawn = matches!(taught.panel.reference, Reference::Drawing { .. });
+    let is_drawn = matches!(taught.panel.reference, TaughtSource::Drawing { .. });
     let fit = found.as_ref().ok().filter(|_| !is_drawn);
-    let at_teaching = outline.as_ref().map_or(Vec::new(), |outline| gate::checks_at_teaching(outline, fit));
+    let at_teaching = outline.as_ref().map_or(Vec::new(), |outline| gate::teaching_warnings(outline, fit));
     let unwatched = is_drawn.then(|| {
         "the drawing contains no fixture, so a motion of the camera is not detected; run `panelprep calibrate verify` each day".to_owned()
     });
     let warnings: Vec<String> =
         at_teaching.into_iter().filter_map(|check| check.message).chain(unwatched).collect();
     if let Ok(fit) = found {
-        let weakest = fit.weakest.words();
+        let weakest = fit.weakest_direction.describe();
         outcome.add_line(format!(
             "the panel's shape determines its pose to {:.2} mm (95 %) at the worst point; largest uncertainty {weakest}, {:.2} mm",
             fit.uncertainty_mm, fit.weakest_mm
         ));
-        say_how_the_camera_is_watched(fit, outcome);
-        outcome.put("uncertainty_mm", json!(fit.uncertainty_mm));
-        outcome.put("weakest_mm", json!(fit.weakest_mm));
-        outcome.put("weakest", json!(weakest));
+        report_camera_check(fit, outcome);
+        outcome.add_value("uncertainty_mm", json!(fit.uncertainty_mm));
+        outcome.add_value("weakest_mm", json!(fit.weakest_mm));
+        outcome.add_value("weakest", json!(weakest));
     }
     let verify_mm = recipe.corner().verify_mm();
     for (index, corner) in taught.corners.iter().enumerate() {
-        let seen = corner.normal_seen();
+        let seen = corner.visible_normal_share();
         // Below one hundredth, the effect of the lens's own errors is as large as the effect of the move.
         let least =
             if seen > 0.01 { format!("of {:.1} mm or more is", verify_mm / seen) } else { "is not".to_owned() };
@@ -265,14 +270,14 @@ fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &m
             100.0 * seen
         ));
     }
-    let seen: Vec<f64> = taught.corners.iter().map(crate::panel::TaughtCorner::normal_seen).collect();
-    outcome.put("normal_seen", json!(seen));
+    let seen: Vec<f64> = taught.corners.iter().map(crate::panel::TaughtCorner::visible_normal_share).collect();
+    outcome.add_value("normal_seen", json!(seen));
     warnings
 }
 
-fn say_what_shows_the_outline(seen: &locate::OutlineSeen, outcome: &mut Outcome) {
-    let locate::OutlineSeen { by_colour, by_depth, held, unseen } = *seen;
-    let percent = |share: f64| number_text::fixed(100.0 * share, 0);
+fn report_outline_evidence(seen: &locate::OutlineEvidence, outcome: &mut Outcome) {
+    let locate::OutlineEvidence { by_colour, by_depth, held, unseen } = *seen;
+    let percent = |share: f64| number_text::fixed_decimals(100.0 * share, 0);
     outcome.add_line(format!(
         "outline of the panel: {} % is seen by colour, {} % by depth, {} % is excluded because a holder touches the \
          edge, {} % is not seen",
@@ -281,10 +286,13 @@ fn say_what_shows_the_outline(seen: &locate::OutlineSeen, outcome: &mut Outcome)
         percent(held),
         percent(unseen)
     ));
-    outcome.put("outline", json!({"by_colour": by_colour, "by_depth": by_depth, "held": held, "unseen": unseen}));
+    outcome.add_value(
+        "outline",
+        json!({"by_colour": by_colour, "by_depth": by_depth, "held": held, "unseen": unseen}),
+    );
 }
 
-fn say_how_the_camera_is_watched(fit: &locate::Fit, outcome: &mut Outcome) {
+fn report_camera_check(fit: &locate::Fit, outcome: &mut Outcome) {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
     let noticed_mm = uncertainty_mm.map(gate::noticed_mm);
     if let Some(mm) = noticed_mm {
@@ -292,22 +300,26 @@ fn say_how_the_camera_is_watched(fit: &locate::Fit, outcome: &mut Outcome) {
             "a motion of the camera is detected at the fixture if the motion shifts the panel's pose by {mm:.2} mm or more"
         ));
     }
-    outcome.put("camera_noticed_mm", json!(noticed_mm));
+    outcome.add_value("camera_noticed_mm", json!(noticed_mm));
 }
 
 /// Draws the taught panel.
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
-pub fn picture(taught: &Taught) -> Result<crate::geometry::ColorPicture, Fault> {
+pub fn picture(taught: &LoadedPanel) -> Result<crate::geometry::ColorPicture, Fault> {
     let panel = &taught.panel;
     let scan = panel.scan.picture();
-    let view = View { picture: &scan, camera: &panel.camera, camera_from_panel: panel.panel_from_camera.inverse() };
+    let view = PanelOverlay {
+        picture: &scan,
+        camera: &panel.camera,
+        camera_from_panel: panel.panel_from_camera.inverse(),
+    };
     let corners: Vec<Point<_>> = taught.corners.iter().map(|corner| corner.point).collect();
     view.taught(panel, &corners).map_err(Fault::stage)
 }
 
-fn outcome(taught: &Taught, panel: &str, judgement: &Judgement) -> Outcome {
+fn outcome(taught: &LoadedPanel, panel: &str, judgement: &Judgement) -> Outcome {
     let mut outcome = Outcome::from_judgement(judgement);
     let points = taught.panel.mask.count();
     let grids: Vec<_> = taught
@@ -318,9 +330,9 @@ fn outcome(taught: &Taught, panel: &str, judgement: &Judgement) -> Outcome {
         .collect();
     outcome.add_line(format!("panel {panel}, version {}", taught.version));
     outcome.add_line(format!("{points} points, {} grids, {} corners", grids.len(), taught.corners.len()));
-    outcome.put("panel", json!(panel));
-    outcome.put("version", json!(taught.version));
-    outcome.put("points", json!(points));
-    outcome.put("grids", json!(grids));
+    outcome.add_value("panel", json!(panel));
+    outcome.add_value("version", json!(taught.version));
+    outcome.add_value("points", json!(points));
+    outcome.add_value("grids", json!(grids));
     outcome
 }

@@ -2,7 +2,7 @@
 //! controller's log.
 
 use crate::devices::acf::PlannedToolFault;
-use crate::devices::mock::{Executed, Sample};
+use crate::devices::mock::{ContactSample, ExecutedMotion};
 use serde_json::{Value, json};
 
 /// The reaction to the fault.
@@ -18,13 +18,17 @@ pub struct AfterToolFault {
 impl AfterToolFault {
     /// Computes the reaction from the executed waypoints and the tool's state at each tick of a contact. `None` if the
     /// path did not reach the waypoint of the fault, or nothing was in contact afterwards.
-    pub fn compute(planned: PlannedToolFault, executed: &[Executed], trace: &[Sample]) -> Option<Self> {
+    pub fn compute(
+        planned: PlannedToolFault,
+        executed: &[ExecutedMotion],
+        trace: &[ContactSample],
+    ) -> Option<Self> {
         let mut touching = executed.iter().filter(|command| command.contact);
         let begun_ms = touching.nth(planned.from.checked_sub(1)? as usize)?.time_ms;
         let mut after = trace.iter().filter(|sample| sample.time_ms > begun_ms).peekable();
         // A later path of the same cycle begins after a gap in the samples.
         let mut before_ms = after.peek()?.time_ms;
-        let path: Vec<&Sample> = after
+        let path: Vec<&ContactSample> = after
             .take_while(|sample| sample.time_ms - std::mem::replace(&mut before_ms, sample.time_ms) < GAP_MS)
             .collect();
         let off = path.iter().find(|sample| !sample.tool_on);
@@ -35,7 +39,7 @@ impl AfterToolFault {
     }
 
     /// For a person.
-    pub fn words(self) -> String {
+    pub fn describe_reaction(self) -> String {
         let off = self
             .off_ms
             .map_or("the sander was not switched off".to_owned(), |ms| format!("sander off after {ms} ms"));
@@ -57,15 +61,15 @@ mod tests {
     use crate::devices::acf::ToolFault;
     use crate::geometry::{Joints, Rigid};
 
-    fn executed(time_ms: u64, contact: bool) -> Executed {
-        let base_from_flange = Rigid::claim(nalgebra::Isometry3::identity());
-        Executed { epoch: 3, id: 1, joints: Joints::default(), base_from_flange, time_ms, contact }
+    fn executed(time_ms: u64, contact: bool) -> ExecutedMotion {
+        let base_from_flange = Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity());
+        ExecutedMotion { epoch: 3, id: 1, joints: Joints::default(), base_from_flange, time_ms, contact }
     }
 
-    fn sample(time_ms: u64, tool_on: bool) -> Sample {
-        let base_from_flange = Rigid::claim(nalgebra::Isometry3::identity());
-        let base_from_tool = Rigid::claim(nalgebra::Isometry3::identity());
-        Sample { time_ms, base_from_flange, base_from_tool, sanding: true, tool_on }
+    fn sample(time_ms: u64, tool_on: bool) -> ContactSample {
+        let base_from_flange = Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity());
+        let base_from_tool = Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity());
+        ContactSample { time_ms, base_from_flange, base_from_tool, sanding: true, tool_on }
     }
 
     /// Calculated by hand: the second waypoint in contact ends at 200 ms; the sander is off at 310 ms and the last
@@ -77,7 +81,7 @@ mod tests {
         let trace = [190, 205, 300, 310, 420, 5_000].map(|ms| sample(ms, ms < 310));
         let found = AfterToolFault::compute(planned, &log, &trace);
         assert_eq!(found, Some(AfterToolFault { off_ms: Some(110), lifted_ms: 220 }));
-        let ran_on = trace.map(|one| Sample { tool_on: true, ..one });
+        let ran_on = trace.map(|one| ContactSample { tool_on: true, ..one });
         assert_eq!(
             AfterToolFault::compute(planned, &log, &ran_on),
             Some(AfterToolFault { off_ms: None, lifted_ms: 220 })

@@ -2,17 +2,17 @@
 
 use super::args::{Common, Tune};
 use super::fault::Fault;
-use super::inspected::Placed;
+use super::inspected::PlacedPanel;
 use super::labels::{Labels, read_clip};
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use crate::files::ClipEntry;
 use crate::geometry::{ColorPicture, Mask};
 use crate::inspect::{
-    Advice, Demands, GridContrast, MIN_CONTRAST_TO_NOISE, Sampler, Tuning, View, Watch, best_threshold,
+    Advice, Demands, FilmView, FilmWatch, GridContrast, MIN_CONTRAST_TO_NOISE, Sampler, Tuning, best_threshold,
     thesis_checks,
 };
-use crate::number_text::fixed;
+use crate::number_text::fixed_decimals;
 use crate::phase::Phase;
 use crate::recipe::{Method, Recipe};
 use crate::verdict::{Judgement, Reason};
@@ -29,7 +29,7 @@ const MAX_PICTURES_PER_PHASE: usize = 10;
 pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
-    let placed = Placed::read(&files, args.located.as_ref())?;
+    let placed = PlacedPanel::read(&files, args.located.as_ref())?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let list = args.clip.join("clip.csv");
     let clip = read_clip(&args.clip)?;
@@ -37,37 +37,37 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let demands = Demands::from_recipe(&recipe, files.cell.limits());
     // The view is needed for its region, and for the checks of the pictures that are pushed.
-    let view = View { taught: &taught.panel, camera: &placed.camera, camera_from_panel, sanded: None };
-    let mut watch = Watch::new(&view, recipe.inspect(), demands).map_err(Fault::stage)?;
+    let view = FilmView { taught: &taught.panel, camera: &placed.camera, camera_from_panel, sanded: None };
+    let mut watch = FilmWatch::new(&view, recipe.inspect(), demands).map_err(Fault::stage)?;
     if placed.is_assumed {
-        watch.assume_place();
+        watch.assume_nominal_pose();
     }
     let region = watch.region();
     let mut sampler = Sampler::new(&region);
-    let of = |phase: Phase| clip.shots().iter().filter(move |shot| shot.phase == phase);
+    let of = |phase: Phase| clip.entries().iter().filter(move |shot| shot.phase == phase);
     for shot in of(Phase::Dry).take(MAX_PICTURES_PER_PHASE) {
         let picture = picture(shot)?;
-        sampler.dry(&picture);
+        sampler.add_dry(&picture);
         watch.push(&picture, shot.time_s, shot.phase).map_err(Fault::stage)?;
     }
     let mut reference: Option<ColorPicture> = None;
     for shot in of(Phase::Wet).take(MAX_PICTURES_PER_PHASE) {
         let picture = picture(shot)?;
-        sampler.wet(&picture);
+        sampler.add_wet(&picture);
         reference.get_or_insert(picture);
     }
     let settings = recipe.inspect();
     let Some((advice, reference)) = sampler.advice(settings).zip(reference) else {
         let message = "no picture of phase dry, or no picture of phase wet; the comparison needs both";
-        return Err(Fault::file(&list, std::io::Error::other(message)));
+        return Err(Fault::file_fault(&list, std::io::Error::other(message)));
     };
     let labels = args.truth.as_deref().map(|folder| Labels::read(folder, &args.clip)).transpose()?;
     let truth = labels.map(|labels| labels.mask);
     if settings.method() == Method::Film {
-        let mut flashes = sampler.flashes(settings, truth.as_ref());
+        let mut flashes = sampler.flash_detector(settings, truth.as_ref());
         let all = Mask { inside: vec![true; taught.panel.mask.inside.len()], ..taught.panel.mask };
-        let sanded = View { sanded: Some(&all), ..view };
-        let mut if_sanded = Watch::new(&sanded, settings, demands).map_err(Fault::stage)?;
+        let sanded = FilmView { sanded: Some(&all), ..view };
+        let mut if_sanded = FilmWatch::new(&sanded, settings, demands).map_err(Fault::stage)?;
         for shot in of(Phase::Dry).take(1).chain(of(Phase::Wet)) {
             let picture = picture(shot)?;
             if_sanded.push(&picture, shot.time_s, shot.phase).map_err(Fault::stage)?;
@@ -79,15 +79,15 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
         let unseen = if_sanded.grids.iter().filter(|grid| !grid.seen && !grid.failed);
         let found = Tuning {
             advice,
-            grids: sampler.contrasts(settings, &watch.grid_pixels()),
+            grids: sampler.grid_contrasts(settings, &watch.grid_pixels()),
             flash_s: flashes.longest_s(),
             detection_limit_mm2: watch.detection_limit_mm2(),
             unseen_if_sanded: unseen.map(|grid| grid.id).collect(),
-            elsewhere: watch.stands_elsewhere(),
+            displaced_reason: watch.displaced_panel_reason(),
         };
-        return Ok(film_told(&found, &demands, &recipe));
+        return Ok(film_outcome(&found, &demands, &recipe));
     }
-    let mut outcome = thesis_told(&advice, watch.stands_elsewhere());
+    let mut outcome = thesis_outcome(&advice, watch.displaced_panel_reason());
     if let (Some(truth), Some(last)) = (&truth, of(Phase::Wet).next_back()) {
         let last = picture(last)?;
         let (threshold, score) =
@@ -97,13 +97,13 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
              precision {:.3}, recall {:.3}",
             score.iou, score.precision, score.recall
         ));
-        outcome.put("best_threshold", json!({"threshold": threshold, "iou": score.iou}));
+        outcome.add_value("best_threshold", json!({"threshold": threshold, "iou": score.iou}));
     }
     Ok(outcome)
 }
 
 /// Reports the grids that the film makes brighter.
-fn say_brighter(grids: &[GridContrast], outcome: &mut Outcome) {
+fn report_brighter_grids(grids: &[GridContrast], outcome: &mut Outcome) {
     let brighter = |grid: &&GridContrast| grid.channel_to_noise <= -MIN_CONTRAST_TO_NOISE;
     for grid in grids.iter().filter(brighter) {
         outcome.add_line(format!(
@@ -113,13 +113,13 @@ fn say_brighter(grids: &[GridContrast], outcome: &mut Outcome) {
     }
 }
 
-fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
+fn film_outcome(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
     let advice = &found.advice;
     let checks = found.checks(demands);
     let (persist_s, longer_s) = (demands.persist_s, found.needed_persist_s(demands));
-    let mut outcome = Outcome::from_judgement(&Judgement::of_checks(&checks));
-    outcome.put_checks(&checks);
-    say_channels(advice, &mut outcome);
+    let mut outcome = Outcome::from_judgement(&Judgement::from_checks(&checks));
+    outcome.add_checks(&checks);
+    report_channels(advice, &mut outcome);
     outcome.add_line("grid      dry    wet  contrast/noise  light");
     for grid in &found.grids {
         outcome.add_line(format!(
@@ -127,12 +127,12 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
             grid.id.to_string(),
             grid.dry,
             grid.wet,
-            fixed(grid.contrast_to_noise, 1).to_string(),
+            fixed_decimals(grid.contrast_to_noise, 1).to_string(),
             grid.light
         ));
     }
-    say_brighter(&found.grids, &mut outcome);
-    say_light(advice, &mut outcome);
+    report_brighter_grids(&found.grids, &mut outcome);
+    report_light(advice, &mut outcome);
     outcome.add_line(format!(
         "smallest break that is reliably found: {:.1} mm²; a grid fails from {:.1} mm² of broken film",
         found.detection_limit_mm2, demands.min_break_mm2
@@ -172,38 +172,38 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
                "contrast_to_noise": grid.contrast_to_noise, "light": grid.light, "channel": CHANNELS[grid.channel],
                "channel_to_noise": grid.channel_to_noise, "faint_percent": grid.faint_percent})
     };
-    outcome.put("grids", json!(found.grids.iter().map(grid).collect::<Vec<_>>()));
-    outcome.put("reference", json!(reference));
-    outcome.put("unseen_if_sanded", json!(unseen));
-    outcome.put("detection_limit_mm2", json!(found.detection_limit_mm2));
-    outcome.put("min_break_mm2", json!(min_break_mm2));
-    outcome.put("flash_s", json!(found.flash_s));
-    outcome.put("persist_s", json!(persist_s));
-    outcome.put("lamp", json!(recipe.process().lamp()));
-    outcome.put("channel_weights", json!(weights));
+    outcome.add_value("grids", json!(found.grids.iter().map(grid).collect::<Vec<_>>()));
+    outcome.add_value("reference", json!(reference));
+    outcome.add_value("unseen_if_sanded", json!(unseen));
+    outcome.add_value("detection_limit_mm2", json!(found.detection_limit_mm2));
+    outcome.add_value("min_break_mm2", json!(min_break_mm2));
+    outcome.add_value("flash_s", json!(found.flash_s));
+    outcome.add_value("persist_s", json!(persist_s));
+    outcome.add_value("lamp", json!(recipe.process().lamp()));
+    outcome.add_value("channel_weights", json!(weights));
     outcome
 }
 
-fn thesis_told(advice: &Advice, elsewhere: Option<Reason>) -> Outcome {
+fn thesis_outcome(advice: &Advice, elsewhere: Option<Reason>) -> Outcome {
     let checks = thesis_checks(advice, elsewhere);
-    let mut outcome = Outcome::from_judgement(&Judgement::of_checks(&checks));
-    outcome.put_checks(&checks);
-    say_channels(advice, &mut outcome);
-    say_light(advice, &mut outcome);
+    let mut outcome = Outcome::from_judgement(&Judgement::from_checks(&checks));
+    outcome.add_checks(&checks);
+    report_channels(advice, &mut outcome);
+    report_light(advice, &mut outcome);
     let weights = advice.channels.map(|channel| channel.weight);
     outcome.add_line("for the recipe, [inspect]:");
     outcome.add_line(format!("  channel_weights = {weights:?}"));
     outcome.add_line(format!("  threshold = {}", advice.threshold));
     outcome.add_line(format!("  hsv_min = {:?}", advice.hsv[0]));
     outcome.add_line(format!("  hsv_max = {:?}", advice.hsv[1]));
-    outcome.put("channel_weights", json!(weights));
-    outcome.put("threshold", json!(advice.threshold));
-    outcome.put("hsv_min", json!(advice.hsv[0]));
-    outcome.put("hsv_max", json!(advice.hsv[1]));
+    outcome.add_value("channel_weights", json!(weights));
+    outcome.add_value("threshold", json!(advice.threshold));
+    outcome.add_value("hsv_min", json!(advice.hsv[0]));
+    outcome.add_value("hsv_max", json!(advice.hsv[1]));
     outcome
 }
 
-fn say_channels(advice: &Advice, outcome: &mut Outcome) {
+fn report_channels(advice: &Advice, outcome: &mut Outcome) {
     outcome.add_line("channel     dry    wet  noise  contrast/noise  weight");
     let mut rows = Vec::new();
     for (name, channel) in CHANNELS.iter().zip(&advice.channels) {
@@ -213,22 +213,22 @@ fn say_channels(advice: &Advice, outcome: &mut Outcome) {
             channel.dry,
             channel.wet,
             channel.noise,
-            fixed(ratio, 1).to_string(),
+            fixed_decimals(ratio, 1).to_string(),
             channel.weight
         ));
         rows.push(json!({"name": name, "dry": channel.dry, "wet": channel.wet, "noise": channel.noise,
                          "contrast_to_noise": ratio, "weight": channel.weight}));
     }
-    outcome.put("channels", json!(rows));
+    outcome.add_value("channels", json!(rows));
 }
 
-fn say_light(advice: &Advice, outcome: &mut Outcome) {
+fn report_light(advice: &Advice, outcome: &mut Outcome) {
     outcome.add_line(format!(
         "light over the dry region: {:.2} to {:.2} times its mean; overexposed pixels {:.2} %",
         advice.evenness[0],
         advice.evenness[1],
         100.0 * advice.overexposed
     ));
-    outcome.put("evenness", json!(advice.evenness));
-    outcome.put("overexposed", json!(advice.overexposed));
+    outcome.add_value("evenness", json!(advice.evenness));
+    outcome.add_value("overexposed", json!(advice.overexposed));
 }

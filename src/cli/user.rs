@@ -6,7 +6,7 @@ use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::accounts::{Account, AuditEntry, Role};
-use crate::daemon::whoever_runs_this;
+use crate::daemon::current_user;
 use crate::random;
 use crate::store::Store;
 use crate::verdict::{Judgement, Verdict};
@@ -24,34 +24,38 @@ pub fn run(args: &User, common: &Common) -> Result<Outcome, Fault> {
     // mistyped folder.
     let store = match &args.what {
         UserTask::List => files.store()?,
-        UserTask::Add { .. } => Store::for_people(files.store_folder()).map_err(Fault::stage)?,
+        UserTask::Add { .. } => Store::open_for_accounts(files.store_folder()).map_err(Fault::stage)?,
         _ => {
             drop(files.store()?);
-            Store::for_people(files.store_folder()).map_err(Fault::stage)?
+            Store::open_for_accounts(files.store_folder()).map_err(Fault::stage)?
         }
     };
-    let mut people = People { store };
+    let mut people = UserAccounts { store };
     match &args.what {
         UserTask::Add { name, role, printed_name } => {
-            people.add(name, *role, printed_name.as_deref().unwrap_or(name), &password(name)?)
+            people.add(name, *role, printed_name.as_deref().unwrap_or(name), &read_new_password(name)?)
         }
         UserTask::Password { name } => {
             let former = people.account(name)?;
-            let account = checked((name, &former.printed_name), former.role, &password(name)?)?;
+            let account = check_account((name, &former.printed_name), former.role, &read_new_password(name)?)?;
             let account = Account { is_enabled: former.is_enabled, ..account };
-            people.keep(account, Some(&former), "password changed")
+            people.store_account(account, Some(&former), "password changed")
         }
         UserTask::Role { name, role } => {
             let former = people.account(name)?;
-            people.keep(Account { role: *role, ..former.clone() }, Some(&former), "role changed")
+            people.store_account(Account { role: *role, ..former.clone() }, Some(&former), "role changed")
         }
         UserTask::Disable { name } => {
             let former = people.account(name)?;
-            people.keep(Account { is_enabled: false, ..former.clone() }, Some(&former), "may no longer log in")
+            people.store_account(
+                Account { is_enabled: false, ..former.clone() },
+                Some(&former),
+                "may no longer log in",
+            )
         }
         UserTask::Enable { name } => {
             let former = people.account(name)?;
-            people.keep(Account { is_enabled: true, ..former.clone() }, Some(&former), "may log in again")
+            people.store_account(Account { is_enabled: true, ..former.clone() }, Some(&former), "may log in again")
         }
         UserTask::List => people.list(),
     }
@@ -62,14 +66,16 @@ pub fn run(args: &User, common: &Common) -> Result<Outcome, Fault> {
 /// # Errors
 /// As [`run`].
 pub fn add(folder: &Path, (name, role): (&str, Role), password: &str) -> Result<(), Fault> {
-    People { store: Store::for_people(folder).map_err(Fault::stage)? }.add(name, role, name, password).map(drop)
+    UserAccounts { store: Store::open_for_accounts(folder).map_err(Fault::stage)? }
+        .add(name, role, name, password)
+        .map(drop)
 }
 
-struct People {
+struct UserAccounts {
     store: Store,
 }
 
-impl People {
+impl UserAccounts {
     fn account(&self, name: &str) -> Result<Account, Fault> {
         let mut all = self.store.accounts().map_err(Fault::stage)?;
         let known: Vec<String> = all.keys().cloned().collect();
@@ -83,23 +89,23 @@ impl People {
     }
 
     fn add(&mut self, name: &str, role: Role, printed_name: &str, password: &str) -> Result<Outcome, Fault> {
-        let account = checked((name, printed_name), role, password)?;
+        let account = check_account((name, printed_name), role, password)?;
         if self.store.accounts().map_err(Fault::stage)?.contains_key(name) {
             let problem = "the account already exists; `panelprep user password` sets a new password";
             return Err(Fault::Account { name: name.to_owned(), problem: problem.to_owned() });
         }
-        self.keep(account, None, "added")
+        self.store_account(account, None, "added")
     }
 
-    fn keep(&mut self, account: Account, former: Option<&Account>, done: &str) -> Result<Outcome, Fault> {
-        let who = whoever_runs_this();
+    fn store_account(&mut self, account: Account, former: Option<&Account>, done: &str) -> Result<Outcome, Fault> {
+        let who = current_user();
         let entry = AuditEntry {
             subject: Some(format!("{}: {done}", account.name)),
             before: former.map(Account::summary),
             after: Some(account.summary()),
-            ..AuditEntry::done(Some(who.to_string()), None, "terminal".to_owned(), "change account")
+            ..AuditEntry::for_completed_action(Some(who.to_string()), None, "terminal".to_owned(), "change account")
         };
-        self.store.keep_account(&account, &entry).map_err(Fault::stage)?;
+        self.store.store_account(&account, &entry).map_err(Fault::stage)?;
         let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
         outcome.add_line(format!("account {}: {done} ({})", account.name, account.summary()));
         Ok(outcome)
@@ -110,23 +116,27 @@ impl People {
         let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
         for Account { name, printed_name, role, is_enabled, .. } in all.values() {
             let disabled = if *is_enabled { "" } else { ", may not log in" };
-            outcome.add_line(format!("{name}: {printed_name}, {}{disabled}", role.word()));
+            outcome.add_line(format!("{name}: {printed_name}, {}{disabled}", role.keyword()));
         }
         let listed = |account: &Account| json!({"name": account.name, "printed_name": account.printed_name, "role": account.role, "is_enabled": account.is_enabled});
-        outcome.put("accounts", json!(all.values().map(listed).collect::<Vec<_>>()));
+        outcome.add_value("accounts", json!(all.values().map(listed).collect::<Vec<_>>()));
         Ok(outcome)
     }
 }
 
-pub(super) fn checked((name, printed_name): (&str, &str), role: Role, password: &str) -> Result<Account, Fault> {
+pub(super) fn check_account(
+    (name, printed_name): (&str, &str),
+    role: Role,
+    password: &str,
+) -> Result<Account, Fault> {
     let problem = |problem: String| Fault::Account { name: name.to_owned(), problem };
     let salt = random::bytes()
         .map_err(|error| problem(format!("the operating system returned no random numbers: {error}")))?;
-    Account::checked((name, printed_name), (role, true), (Some(password), salt), None).map_err(problem)
+    Account::create_validated((name, printed_name), (role, true), (Some(password), salt), None).map_err(problem)
 }
 
 /// Asks for the password twice at a terminal; otherwise reads a line.
-pub(super) fn password(name: &str) -> Result<String, Fault> {
+pub(super) fn read_new_password(name: &str) -> Result<String, Fault> {
     let problem = |problem: String| Fault::Account { name: name.to_owned(), problem };
     let stdin = std::io::stdin();
     if !stdin.is_terminal() {

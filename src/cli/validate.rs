@@ -5,15 +5,15 @@
 //! and how late were its first 10 mm² detected as broken? A place is a connected piece of the mask.
 
 use super::fault::Fault;
-use super::inspected::{Inspected, Placed, inspect};
+use super::inspected::{InspectedClip, PlacedPanel, inspect};
 use super::labels::{self, Labels};
-use super::load::Taught;
+use super::load::LoadedPanel;
 use super::outcome::Outcome;
 use super::output;
 use crate::geometry::Mask;
 use crate::inspect::{Confusion, Demands, Score, score_within};
 use crate::recipe::Recipe;
-use crate::report::{Bar, bars};
+use crate::report::{BarClass, draw_bars};
 use crate::verdict::{Judgement, Verdict};
 use serde_json::{Value, json};
 use std::fs;
@@ -24,7 +24,7 @@ const SIZES_MM2: [f64; 6] = [0.0, 5.0, 25.0, 50.0, 200.0, f64::INFINITY];
 /// The time at which a place breaks is the time at which its broken area first has this size, mm².
 const TIMED_MM2: f64 = 10.0;
 /// Limits of the classes of delay, s.
-const LATE_S: [f64; 7] = [f64::NEG_INFINITY, -1.0, -0.5, 0.0, 0.5, 1.0, f64::INFINITY];
+const DELAY_CLASSES_S: [f64; 7] = [f64::NEG_INFINITY, -1.0, -0.5, 0.0, 0.5, 1.0, f64::INFINITY];
 
 /// One true break of the film.
 struct TrueBreak {
@@ -48,9 +48,9 @@ struct Row {
 /// # Errors
 /// If it holds no clip, or a clip or its labels cannot be read.
 pub fn run(
-    taught: &Taught,
+    taught: &LoadedPanel,
     folder: &Path,
-    placed: Placed,
+    placed: PlacedPanel,
     recipe: &Recipe,
     demands: Demands,
     pictures: Option<&Path>,
@@ -58,41 +58,42 @@ pub fn run(
     let clips = clips(folder)?;
     let mut rows = Vec::with_capacity(clips.len());
     for clip in &clips {
-        output::tell_line(&clip.display().to_string());
-        let truth = labels::folder_of(clip)?;
-        let inspected = inspect(&placed.setup(taught, recipe, demands), clip, placed.is_assumed, Some(&truth))?;
+        output::write_progress(&clip.display().to_string());
+        let truth = labels::find_label_folder(clip)?;
+        let inspected =
+            inspect(&placed.inspection_setup(taught, recipe, demands), clip, placed.is_assumed, Some(&truth))?;
         rows.push(row(clip, &inspected, &Labels::read(&truth, clip)?)?);
     }
     let mut outcome = build_outcome(&rows);
     if let Some(pictures) = pictures {
-        for (name, picture) in plots(&rows)? {
+        for (name, picture) in plot_results(&rows)? {
             super::pictures::save(pictures, name, &picture)?;
         }
     }
-    outcome.put("set", json!(folder));
+    outcome.add_value("set", json!(folder));
     Ok(outcome)
 }
 
 fn clips(folder: &Path) -> Result<Vec<PathBuf>, Fault> {
     let entries = fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
-    let entries = entries.map_err(|error| Fault::file(folder, error))?;
+    let entries = entries.map_err(|error| Fault::file_fault(folder, error))?;
     let mut clips: Vec<PathBuf> =
         entries.iter().map(fs::DirEntry::path).filter(|path| path.join("clip.csv").is_file()).collect();
     clips.sort();
     let none = || std::io::Error::other("contains no folder with a clip.csv; a labelled set is a folder of clips");
-    if clips.is_empty() { Err(Fault::file(folder, none())) } else { Ok(clips) }
+    if clips.is_empty() { Err(Fault::file_fault(folder, none())) } else { Ok(clips) }
 }
 
-fn row(clip: &Path, inspected: &Inspected, labels: &Labels) -> Result<Row, Fault> {
+fn row(clip: &Path, inspected: &InspectedClip, labels: &Labels) -> Result<Row, Fault> {
     let inspection = &inspected.filmed.inspection;
     let (Some((whole, grids)), footprint) = (inspected.score, &inspection.footprint) else {
-        return Err(Fault::file(clip, std::io::Error::other("the clip has no labels")));
+        return Err(Fault::file_fault(clip, std::io::Error::other("the clip has no labels")));
     };
     let region = footprint.region();
     let within = score_within(&inspection.mask(), &labels.mask, &region).map_err(Fault::stage)?;
     let width = labels.mask.width;
     let true_break = |piece: &Vec<usize>| {
-        let mut mask = Mask::empty(width, labels.mask.height);
+        let mut mask = Mask::all_outside(width, labels.mask.height);
         piece.iter().for_each(|&index| mask.inside[index] = true);
         let area_mm2: f64 = footprint.broken_mm2(&mask).iter().sum();
         let mut found_s: Vec<f64> =
@@ -115,7 +116,7 @@ fn row(clip: &Path, inspected: &Inspected, labels: &Labels) -> Result<Row, Fault
         whole,
         within,
         grids,
-        breaks: inside.pieces().iter().map(true_break).collect(),
+        breaks: inside.connected_pieces().iter().map(true_break).collect(),
     })
 }
 
@@ -125,24 +126,24 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
 }
 
 /// Returns for each size class its name, the number of true breaks, and how many of them were missed.
-fn by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
+fn detection_by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
     let breaks = || rows.iter().flat_map(|row| &row.breaks);
     let class = |ends: &[f64]| {
         let of = || breaks().filter(|one| (ends[0]..ends[1]).contains(&one.area_mm2));
-        (between(ends, "mm²"), of().count(), of().filter(|one| !one.found).count())
+        (format_range(ends, "mm²"), of().count(), of().filter(|one| !one.found).count())
     };
     SIZES_MM2.windows(2).map(class).collect()
 }
 
-fn by_lateness(rows: &[Row]) -> Vec<(String, usize)> {
+fn delays_by_class(rows: &[Row]) -> Vec<(String, usize)> {
     let late = || rows.iter().flat_map(|row| &row.breaks).filter_map(|one| one.late_s);
-    LATE_S
+    DELAY_CLASSES_S
         .windows(2)
-        .map(|ends| (between(ends, "s"), late().filter(|s| (ends[0]..ends[1]).contains(s)).count()))
+        .map(|ends| (format_range(ends, "s"), late().filter(|s| (ends[0]..ends[1]).contains(s)).count()))
         .collect()
 }
 
-fn between(ends: &[f64], unit: &str) -> String {
+fn format_range(ends: &[f64], unit: &str) -> String {
     match (ends[0].is_finite(), ends[1].is_finite()) {
         (true, true) => format!("{} to {} {unit}", ends[0], ends[1]),
         (true, false) => format!("{} {unit} and more", ends[0]),
@@ -167,14 +168,14 @@ fn build_outcome(rows: &[Row]) -> Outcome {
         (mean(broken().map(|row| row.whole.precision)), mean(broken().map(|row| row.whole.recall)));
     // A set shows how good the method is, not how good a panel is.
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-    outcome.words = vec![format!("{:16} verdict   iou   within  prec.  recall  breaks missed", "clip")];
+    outcome.lines = vec![format!("{:16} verdict   iou   within  prec.  recall  breaks missed", "clip")];
     for row in rows {
         let Score { iou, precision, recall } = row.whole;
         let missed = row.breaks.iter().filter(|one| !one.found).count();
         outcome.add_line(format!(
             "{:16} {:8}  {iou:.3}  {:.3}   {precision:.3}  {recall:.3}  {:6} {missed:6}",
             row.name,
-            row.verdict.word(),
+            row.verdict.keyword(),
             row.within.iou,
             row.breaks.len()
         ));
@@ -191,7 +192,7 @@ fn build_outcome(rows: &[Row]) -> Outcome {
     outcome.add_line(format!(
         "grids: {true_fail} rightly failed, {false_fail} wrongly failed, {false_pass} wrongly passed, {true_pass} rightly passed"
     ));
-    let sizes = by_size(rows);
+    let sizes = detection_by_size(rows);
     for (class, places, missed) in &sizes {
         outcome.add_line(format!("  breaks of {class:16} {places:4}, missed {missed:4}"));
     }
@@ -210,31 +211,34 @@ fn build_outcome(rows: &[Row]) -> Outcome {
         .iter()
         .map(|(class, places, missed)| json!({"size": class, "places": places, "missed": missed}))
         .collect();
-    outcome.put("score", json!({
+    outcome.add_value("score", json!({
         "clips": rows.len(), "iou": iou, "iou_within": within, "precision": precision, "recall": recall,
         "grids": {"true_fail": true_fail, "false_fail": false_fail, "false_pass": false_pass, "true_pass": true_pass},
         "miss_by_size": sizes, "timed": late.len(), "within_half_a_second": near,
     }));
-    outcome.put("clips", json!(clips));
+    outcome.add_value("clips", json!(clips));
     outcome
 }
 
-fn plots(rows: &[Row]) -> Result<[(&'static str, crate::geometry::ColorPicture); 2], Fault> {
-    let missed: Vec<Bar> = by_size(rows)
+fn plot_results(rows: &[Row]) -> Result<[(&'static str, crate::geometry::ColorPicture); 2], Fault> {
+    let missed: Vec<BarClass> = detection_by_size(rows)
         .into_iter()
-        .map(|(class, places, missed)| Bar {
+        .map(|(class, places, missed)| BarClass {
             label: format!("{class} ({missed} of {places})"),
             share: missed as f64 / places.max(1) as f64,
         })
         .collect();
-    let lateness = by_lateness(rows);
+    let lateness = delays_by_class(rows);
     let all: usize = lateness.iter().map(|(_, count)| count).sum();
-    let late: Vec<Bar> = lateness
+    let late: Vec<BarClass> = lateness
         .into_iter()
-        .map(|(class, count)| Bar { label: format!("{class} ({count})"), share: count as f64 / all.max(1) as f64 })
+        .map(|(class, count)| BarClass {
+            label: format!("{class} ({count})"),
+            share: count as f64 / all.max(1) as f64,
+        })
         .collect();
     Ok([
-        ("missed_by_size", bars("missed breaks, by size", &missed).map_err(Fault::stage)?),
-        ("time_error", bars("delay until the first 10 mm² were found", &late).map_err(Fault::stage)?),
+        ("missed_by_size", draw_bars("missed breaks, by size", &missed).map_err(Fault::stage)?),
+        ("time_error", draw_bars("delay until the first 10 mm² were found", &late).map_err(Fault::stage)?),
     ])
 }

@@ -1,16 +1,16 @@
 //! Describes in words what a cycle did to the panel: which grids it abraded, and how much it removed.
 
-use crate::number_text::fixed;
-use crate::record::{self, Abraded, CycleRecord, RemovedByPath};
+use crate::number_text::fixed_decimals;
+use crate::record::{self, AbradedGrid, CycleRecord, PathRemoval};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 /// Describes each grid with the passes that touched it; unknown facts are marked as such.
-pub fn abraded(record: &CycleRecord) -> Vec<String> {
+pub fn describe_grids(record: &CycleRecord) -> Vec<String> {
     let mut passes: BTreeMap<(String, u8), bool> = BTreeMap::new();
-    for Abraded { grid, pass, how } in record::abraded(&record.findings, &record.motions) {
+    for AbradedGrid { grid, pass, how } in record::abraded_grids(&record.findings, &record.motions) {
         let grid = grid.unwrap_or_else(|| "any grid".to_owned());
-        *passes.entry((grid, pass)).or_default() |= how.is_sure();
+        *passes.entry((grid, pass)).or_default() |= how.is_certain();
     }
     let mut grids: BTreeMap<&str, [usize; 2]> = BTreeMap::new();
     for ((grid, _), is_sure) in &passes {
@@ -26,12 +26,12 @@ pub fn abraded(record: &CycleRecord) -> Vec<String> {
 
 /// Describes the removal of each path, a line for each; empty if the recipe does not request a removal.
 pub fn removed(record: &CycleRecord) -> Vec<String> {
-    let line = |path: RemovedByPath| {
+    let line = |path: PathRemoval| {
         format!(
             "removed in pass {}: mean {} µm over the treated grids; at most {} µm so far at any point of the part (95 % bound)",
             path.pass,
-            fixed(path.mean_um, 1),
-            fixed(path.bound_um, 1)
+            fixed_decimals(path.mean_um, 1),
+            fixed_decimals(path.bound_um, 1)
         )
     };
     record::removed(&record.findings).into_iter().map(line).collect()
@@ -39,6 +39,6 @@ pub fn removed(record: &CycleRecord) -> Vec<String> {
 
 /// Returns the removal of each path for scripts.
 pub fn removed_json(record: &CycleRecord) -> Value {
-    let path = |path: RemovedByPath| json!({"pass": path.pass, "mean_um": path.mean_um, "bound_um": path.bound_um});
+    let path = |path: PathRemoval| json!({"pass": path.pass, "mean_um": path.mean_um, "bound_um": path.bound_um});
     record::removed(&record.findings).into_iter().map(path).collect()
 }

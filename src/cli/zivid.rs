@@ -6,7 +6,9 @@ use super::fault::{DeviceFault, Fault};
 use super::load::calibrated_serial;
 use crate::cell::{Camera, Cell, ZividCamera, ZividSettings, ZividUse};
 use crate::devices::zivid::library::Sdk;
-use crate::devices::zivid::{Patience, Restarts, Setup, Size, Source, ZividScanner, launcher, process, worker};
+use crate::devices::zivid::{
+    AnswerTimeouts, CameraSetup, Restarts, Size, Source, ZividScanner, command_launcher, process, worker,
+};
 use crate::geometry::PinholeCamera;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -18,7 +20,7 @@ pub const ROLE: &str = "zivid-worker";
 
 /// This program's file as the kernel keeps it open. After an upgrade has replaced the file, this is still the old
 /// program. So a worker that a running service starts again uses the same version of the protocol as the service.
-pub const THIS_PROGRAM: &str = "/proc/self/exe";
+pub const OWN_EXECUTABLE: &str = "/proc/self/exe";
 
 /// Starts the camera that the cell's file names, and does not wait until it is ready; `camera` is its calibration.
 ///
@@ -32,7 +34,7 @@ pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Resu
         (Some(serial), None) => Source::Serial(serial.clone()),
         (None, None) => Source::Only,
     };
-    let setup = Setup {
+    let setup = CameraSetup {
         source,
         // A camera that is played from a file may have another serial number.
         serial: calibrated_serial(cell.calibration().scanner.as_deref())?.filter(|_| zivid.file_camera.is_none()),
@@ -40,11 +42,11 @@ pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Resu
         scan_yaml,
         picture_yaml,
         restarts: Restarts::default(),
-        patience: Patience::default(),
+        timeouts: AnswerTimeouts::default(),
     };
     let library = zivid.library.clone().unwrap_or_else(|| PathBuf::from(LIBRARY));
     let arguments = [ROLE.into(), "--library".into(), library.into()];
-    ZividScanner::start(setup, launcher(THIS_PROGRAM.into(), arguments.into())).map_err(Fault::stage)
+    ZividScanner::start(setup, command_launcher(OWN_EXECUTABLE.into(), arguments.into())).map_err(Fault::stage)
 }
 
 /// The camera's settings in the form that a cycle stores: the purpose of each and its text. Empty for another camera,
@@ -85,7 +87,7 @@ fn read(zivid: &ZividCamera) -> Result<[(String, ZividSettings); 2], Fault> {
 
 /// Serves the daemon at the other end of standard input until the daemon closes the connection.
 pub fn worker(args: &ZividWorker) -> ExitCode {
-    match served(&args.library) {
+    match serve_worker(&args.library) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             tracing::error!("the worker process of the 3D camera stopped: {error}");
@@ -94,13 +96,13 @@ pub fn worker(args: &ZividWorker) -> ExitCode {
     }
 }
 
-fn served(library: &Path) -> Result<(), Box<dyn std::error::Error>> {
+fn serve_worker(library: &Path) -> Result<(), Box<dyn std::error::Error>> {
     let mut daemon =
         process::daemon().map_err(|error| format!("only the panelprep service may start this command: {error}"))?;
     match Sdk::open(library) {
         Ok(sdk) => Ok(worker::serve(daemon, Box::new(sdk))?),
         Err(error) => {
-            worker::greet(&mut daemon, Err(error.to_string()))?;
+            worker::send_hello(&mut daemon, Err(error.to_string()))?;
             Err(error.into())
         }
     }

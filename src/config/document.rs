@@ -15,15 +15,15 @@ use toml::de::DeTable;
 ///
 /// # Errors
 /// All problems in the order of their lines.
-pub fn check<T>(file: &str, text: &str, parse: impl Fn(&Section<'_, '_>) -> Option<T>) -> Result<T, Problems> {
+pub fn parse_file<T>(file: &str, text: &str, parse: impl Fn(&Section<'_, '_>) -> Option<T>) -> Result<T, Problems> {
     let (root, errors) = DeTable::parse_recoverable(text);
     let mut document =
         Document { text, root, findings: RefCell::default(), known: RefCell::default(), misspelt: BTreeMap::new() };
-    parse(&document.top());
+    parse(&document.root_section());
     document.misspelt = document.misspelt_names();
     document.findings.take();
-    let checked = parse(&document.top());
-    let list = document.problems(errors.iter().map(|error| syntax::problem_of(text, error)));
+    let checked = parse(&document.root_section());
+    let list = document.problems(errors.iter().map(|error| syntax::syntax_problem(text, error)));
     match checked {
         Some(value) if list.is_empty() => Ok(value),
         _ => Err(Problems { file: file.to_owned(), list }),
@@ -37,7 +37,7 @@ pub fn top_keys(text: &str) -> Vec<String> {
 }
 
 /// The probable meaning of an unknown key.
-enum Meaning {
+enum KeyMeaning {
     /// A key of the same table, with another name or another unit.
     Near(&'static str, Option<&'static str>),
     /// A key of other tables.
@@ -46,28 +46,28 @@ enum Meaning {
 }
 
 impl<'t> Document<'t> {
-    fn top(&self) -> Section<'_, 't> {
+    fn root_section(&self) -> Section<'_, 't> {
         Section::new(self, String::new(), Some(self.root.get_ref()), 1)
     }
 
     /// Finds the probable meaning of an unknown key. A number or a text under the name of a whole table is not
     /// meant for that table.
-    fn meaning(&self, table: &str, key: &str, is_table: bool) -> Meaning {
+    fn guess_meaning(&self, table: &str, key: &str, is_table: bool) -> KeyMeaning {
         let known = self.known.borrow();
         let homes = known.iter().filter(|(_, keys)| keys.contains(&key)).map(|(home, _)| path(home, key));
         let homes: Vec<String> = homes.filter(|home| is_table || !known.contains_key(home)).collect();
         match known.get(table).and_then(|keys| nearest(key, keys)) {
-            _ if !homes.is_empty() => Meaning::Elsewhere(homes),
-            Some((name, unit)) => Meaning::Near(name, unit),
-            None => Meaning::Nothing,
+            _ if !homes.is_empty() => KeyMeaning::Elsewhere(homes),
+            Some((name, unit)) => KeyMeaning::Near(name, unit),
+            None => KeyMeaning::Nothing,
         }
     }
 
     fn misspelt_names(&self) -> BTreeMap<String, String> {
         let findings = self.findings.borrow();
         let misspelt = findings.iter().filter_map(|finding| match finding {
-            Finding::Unknown { table, key, is_table, .. } => match self.meaning(table, key, *is_table) {
-                Meaning::Near(name, _) => Some((path(table, name), key.clone())),
+            Finding::Unknown { table, key, is_table, .. } => match self.guess_meaning(table, key, *is_table) {
+                KeyMeaning::Near(name, _) => Some((path(table, name), key.clone())),
                 _ => None,
             },
             _ => None,
@@ -109,13 +109,15 @@ impl<'t> Document<'t> {
 
     /// The message for an unknown key, and the keys that may have been meant.
     fn unknown(&self, table: &str, key: &str, is_table: bool) -> (String, Vec<String>) {
-        match self.meaning(table, key, is_table) {
-            Meaning::Near(name, None) => (format!("unknown key; did you mean {name}?"), vec![path(table, name)]),
-            Meaning::Near(name, Some(unit)) => {
+        match self.guess_meaning(table, key, is_table) {
+            KeyMeaning::Near(name, None) => (format!("unknown key; did you mean {name}?"), vec![path(table, name)]),
+            KeyMeaning::Near(name, Some(unit)) => {
                 (format!("unknown key; {unit}: write {name}"), vec![path(table, name)])
             }
-            Meaning::Elsewhere(homes) => (format!("unknown key here; did you mean {}?", homes.join(" or ")), homes),
-            Meaning::Nothing => {
+            KeyMeaning::Elsewhere(homes) => {
+                (format!("unknown key here; did you mean {}?", homes.join(" or ")), homes)
+            }
+            KeyMeaning::Nothing => {
                 let known = self.known.borrow();
                 let known = known.get(table).map_or(String::new(), |keys| keys.join(", "));
                 (format!("unknown key; valid keys here: {known}"), vec![])

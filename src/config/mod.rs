@@ -19,12 +19,12 @@ mod value;
 #[cfg(test)]
 mod tests;
 
-pub use document::{check, top_keys};
+pub use document::{parse_file, top_keys};
 pub use edit::set_value;
 pub use nearest::nearest;
-pub use place::line_of_key;
+pub use place::key_line;
 pub use problem::{Problem, Problems};
 pub use section::Section;
 pub use value::{Choice, Setting};
 
-pub(crate) use settings::{same, settings};
+pub(crate) use settings::{copy_value, settings};

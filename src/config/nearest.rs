@@ -30,7 +30,7 @@ const UNITS: [(&str, &str); 24] = [
 ];
 
 /// Minimum similarity of two names, 0…1, for one to be proposed instead of the other.
-const ALIKE: f64 = 0.8;
+const MIN_SIMILARITY: f64 = 0.8;
 
 fn stem_and_unit(key: &str) -> (&str, Option<&'static str>) {
     let split = |(unit, rule): &(&str, &'static str)| key.strip_suffix(unit).map(|stem| (stem, Some(*rule)));
@@ -48,7 +48,7 @@ pub fn nearest<'k>(unknown: &str, known: &[&'k str]) -> Option<(&'k str, Option<
     });
     let closeness = |name: &str| strsim::jaro_winkler(&written, name);
     let alike = || known.iter().copied().max_by(|a, b| closeness(a).total_cmp(&closeness(b)));
-    same_but_unit.or_else(|| alike().filter(|name| closeness(name) > ALIKE).map(|name| (name, None)))
+    same_but_unit.or_else(|| alike().filter(|name| closeness(name) > MIN_SIMILARITY).map(|name| (name, None)))
 }
 
 #[cfg(test)]

@@ -1,15 +1,15 @@
 //! Finds the line of a key in a file that was read without problems.
 
-use super::syntax::line_of;
+use super::syntax::line_number;
 use toml::de::{DeTable, DeValue};
 
 /// Returns the line of a key, `poses.park.a1_deg`. If the key does not exist, the line of its table, or 1.
-pub fn line_of_key(text: &str, key: &str) -> usize {
+pub fn key_line(text: &str, key: &str) -> usize {
     let (root, _) = DeTable::parse_recoverable(text);
     let (mut table, mut line) = (Some(root.get_ref()), 1);
     for part in key.split('.') {
         let Some((name, value)) = table.and_then(|table| table.get_key_value(part)) else { break };
-        line = line_of(text, name.span().start);
+        line = line_number(text, name.span().start);
         table = match value.get_ref() {
             DeValue::Table(inner) => Some(inner),
             _ => None,
@@ -33,7 +33,7 @@ mod tests {
             ("io.outputs.spray", 7),
             ("limits.box_min_mm", 1),
         ] {
-            assert_eq!(line_of_key(text, key), line, "{key}");
+            assert_eq!(key_line(text, key), line, "{key}");
         }
     }
 }

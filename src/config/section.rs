@@ -2,14 +2,14 @@
 
 use super::problem::Problem;
 use super::reading::{Document, Finding, path};
-use super::syntax::line_of;
-use super::value::{Setting, found};
+use super::syntax::line_number;
+use super::value::{Setting, describe_value};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// One table of a file. Keys are taken from it; [`Section::done`] reports those that were not taken.
+/// One table of a file. Keys are taken from it; [`Section::finish`] reports those that were not taken.
 pub struct Section<'d, 't> {
     document: &'d Document<'t>,
     path: String,
@@ -35,7 +35,7 @@ impl<'d, 't> Section<'d, 't> {
 
     /// Handles a missing required key: an absent table disables the feature; a table without its required key is a
     /// problem.
-    pub fn off_without<T>(&self, key: &str, what: &str) -> Option<Option<T>> {
+    pub fn missing_required<T>(&self, key: &str, what: &str) -> Option<Option<T>> {
         if self.is_present() {
             self.problem(key, format!("is missing: {what}; to turn the function off, remove the whole table"));
             return None;
@@ -44,7 +44,7 @@ impl<'d, 't> Section<'d, 't> {
     }
 
     /// Whether this key is in the table.
-    pub fn has(&self, key: &str) -> bool {
+    pub fn has_key(&self, key: &str) -> bool {
         self.entry(key).is_some()
     }
 
@@ -65,7 +65,7 @@ impl<'d, 't> Section<'d, 't> {
 
     fn entry(&self, key: &str) -> Option<(usize, &'d DeValue<'t>)> {
         let (name, value) = self.table?.get_key_value(key)?;
-        Some((line_of(self.document.text, name.span().start), value.get_ref()))
+        Some((line_number(self.document.text, name.span().start), value.get_ref()))
     }
 
     fn parse_value<T: Setting>(&self, key: &str, value: &DeValue<'_>, limits: &T::Limits) -> Option<T> {
@@ -92,11 +92,11 @@ impl<'d, 't> Section<'d, 't> {
         self.known.borrow_mut().push(key);
         let is_table = |name: &&str| self.entry(name).is_some_and(|(_, value)| value.is_table());
         let misspelt = self.document.misspelt.get(&path(&self.path, key)).map(String::as_str).filter(is_table);
-        self.inner(key, misspelt.filter(|_| self.entry(key).is_none()).unwrap_or(key))
+        self.subsection(key, misspelt.filter(|_| self.entry(key).is_none()).unwrap_or(key))
     }
 
     /// Returns the table with the right name `name`, which the file calls `written`.
-    fn inner(&self, name: &str, written: &str) -> Section<'d, 't> {
+    fn subsection(&self, name: &str, written: &str) -> Section<'d, 't> {
         let path = path(&self.path, name);
         match self.entry(written) {
             Some((line, value)) => {
@@ -110,7 +110,7 @@ impl<'d, 't> Section<'d, 't> {
     fn table(&self, path: String, line: usize, value: &'d DeValue<'t>, write: &str) -> Section<'d, 't> {
         let table = value.as_table();
         if table.is_none() {
-            let message = format!("found {}, valid: a table; write {write}", found(value));
+            let message = format!("found {}, valid: a table; write {write}", describe_value(value));
             self.note(Finding::Wrong(Problem { line, key: path.clone(), message }));
         }
         Section::new(self.document, path, table, line)
@@ -122,11 +122,11 @@ impl<'d, 't> Section<'d, 't> {
         let Some((_, value)) = self.entry(key) else { return Vec::new() };
         let write = format!("[[{}]]", path(&self.path, key));
         let Some(list) = value.as_array() else {
-            self.problem(key, format!("found {}, valid: a list of tables; write {write}", found(value)));
+            self.problem(key, format!("found {}, valid: a list of tables; write {write}", describe_value(value)));
             return Vec::new();
         };
         let item = |(index, item): (usize, &'d Spanned<DeValue<'t>>)| {
-            let line = line_of(self.document.text, item.span().start);
+            let line = line_number(self.document.text, item.span().start);
             self.table(format!("{}[{}]", path(&self.path, key), index + 1), line, item.get_ref(), &write)
         };
         list.iter().enumerate().map(item).collect()
@@ -137,18 +137,18 @@ impl<'d, 't> Section<'d, 't> {
     }
 
     /// All entries of a table with names chosen by the user.
-    pub fn parse_named<T: Setting>(&self, limits: &T::Limits) -> BTreeMap<String, T> {
+    pub fn parse_named_entries<T: Setting>(&self, limits: &T::Limits) -> BTreeMap<String, T> {
         let parsed = |name: &str| Some((name.to_owned(), self.parse_value(name, self.entry(name)?.1, limits)?));
         self.names().filter_map(parsed).collect()
     }
 
     /// All tables in a table with names chosen by the user.
     pub fn named_sections(&self) -> Vec<(String, Section<'d, 't>)> {
-        self.names().map(|name| (name.to_owned(), self.inner(name, name))).collect()
+        self.names().map(|name| (name.to_owned(), self.subsection(name, name))).collect()
     }
 
     /// Ends the reading of this table: every key that was not taken is a problem.
-    pub fn done(&self) {
+    pub fn finish(&self) {
         let known = self.known.take();
         for key in self.names().filter(|name| !known.contains(name)) {
             let (line, value) = self.entry(key).map_or((self.line, None), |(line, value)| (line, Some(value)));

@@ -23,13 +23,13 @@ macro_rules! settings {
         pub struct $name { $($key: $kind,)* }
 
         impl $name {
-            $($(#[$key_doc])* pub fn $key(&self) -> $kind { $crate::config::same(&self.$key) })*
+            $($(#[$key_doc])* pub fn $key(&self) -> $kind { $crate::config::copy_value(&self.$key) })*
 
             /// Reads this table's keys; `None` if one of them has a problem, which is then noted.
             pub(crate) fn parse(section: &$crate::config::Section<'_, '_>) -> Option<Self> {
                 $(let $key = section.parse::<$kind>(
                     stringify!($key), $limits, $crate::config::settings!(@$word $($default)?));)*
-                section.done();
+                section.finish();
                 Some($name { $($key: $key?,)* })
             }
         }
@@ -39,7 +39,7 @@ macro_rules! settings {
 }
 
 /// Returns a copy, whether or not the type is `Copy`; used by the accessors that the macro makes.
-pub(crate) fn same<T: Clone>(value: &T) -> T {
+pub(crate) fn copy_value<T: Clone>(value: &T) -> T {
     value.clone()
 }
 

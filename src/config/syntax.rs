@@ -3,14 +3,14 @@
 use super::problem::Problem;
 
 /// The line of an offset, from 1.
-pub(super) fn line_of(text: &str, offset: usize) -> usize {
+pub(super) fn line_number(text: &str, offset: usize) -> usize {
     1 + text.as_bytes()[..offset.min(text.len())].iter().filter(|&&byte| byte == b'\n').count()
 }
 
 /// Converts a syntax error to a problem.
-pub(super) fn problem_of(text: &str, error: &toml::de::Error) -> Problem {
+pub(super) fn syntax_problem(text: &str, error: &toml::de::Error) -> Problem {
     let offset = error.span().map_or(0, |span| span.start);
-    let line = line_of(text, offset);
+    let line = line_number(text, offset);
     let message = match text.lines().nth(line - 1).and_then(decimal_comma) {
         Some((found, meant)) => format!("found {found}; a number has a decimal point: write {meant}"),
         None => format!("not TOML: {}", error.message()),

@@ -36,13 +36,13 @@ fn parse(top: &Section<'_, '_>) -> Option<Checked> {
     let locate = Locate::parse(&top.section("locate"));
     let region = Region::parse(&top.section("region"));
     let extra: Vec<Option<Region>> = top.sections("extra").iter().map(Region::parse).collect();
-    top.done();
+    top.finish();
     Some((panel?, locate?, region?, extra.into_iter().collect::<Option<_>>()?))
 }
 
 /// The problems of a text as a person sees them, without the file's name.
 fn problems(text: &str) -> Vec<String> {
-    match check("f", text, parse) {
+    match parse_file("f", text, parse) {
         Ok(_) => vec![],
         Err(problems) => {
             problems.to_string().lines().map(|line| line.trim_start_matches("f:").to_owned()).collect()
@@ -64,7 +64,7 @@ fn a_right_file_is_read_in_any_notation() {
         "panel = 'door'\nregion.rows = 0x4\nregion.columns = 6\n[locate]\nmax_shift_mm = 60 # a whole number will do\n",
     ] {
         let (panel, locate, region, extra) =
-            check("f", text, parse).unwrap_or_else(|problems| panic!("{problems}"));
+            parse_file("f", text, parse).unwrap_or_else(|problems| panic!("{problems}"));
         assert_eq!((panel.as_str(), region.rows(), region.columns(), extra.len()), ("door", 4, 6, 0));
         assert_eq!((locate.heartbeat_ms(), locate.outline()), (100, true));
         assert_eq!((locate.turn_limit_deg(), locate.corner_mm()), (15.0, [0.0; 3]));
@@ -244,7 +244,7 @@ fn a_syntax_error_hides_no_other_problem_and_makes_up_none() {
 proptest! {
     #[test]
     fn any_text_is_an_answer(text in "(?s).{0,200}") {
-        let _ = check("f", &text, parse);
+        let _ = parse_file("f", &text, parse);
         let _ = top_keys(&text);
     }
 
@@ -257,7 +257,7 @@ proptest! {
         ]), 0..60),
     ) {
         let text = words.concat();
-        if let Err(problems) = check("f", &text, parse) {
+        if let Err(problems) = parse_file("f", &text, parse) {
             prop_assert!(!problems.list.is_empty());
             let lines = text.split('\n').count();
             prop_assert!(problems.list.iter().all(|problem| (1..=lines).contains(&problem.line)), "{problems}");
@@ -269,7 +269,7 @@ proptest! {
     fn a_number_is_read_as_written_or_refused(number in prop::num::f64::ANY) {
         let text = format!("panel = 'door'\nregion = {{rows = 4, columns = 6}}\nlocate.max_shift_mm = {number:?}");
         let text = text.replace("NaN", "nan");
-        match check("f", &text, parse) {
+        match parse_file("f", &text, parse) {
             Ok((_, locate, ..)) => prop_assert_eq!(locate.max_shift_mm().to_bits(), number.to_bits()),
             Err(_) => prop_assert!(!(0.0..=500.0).contains(&number)),
         }

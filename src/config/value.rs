@@ -13,7 +13,7 @@ pub trait Setting: Sized {
 }
 
 /// Describes a value in a few words.
-pub(super) fn found(value: &DeValue<'_>) -> String {
+pub(super) fn describe_value(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) => format!("the text \"{text}\""),
         DeValue::Integer(number) => number.as_str().to_owned(),
@@ -40,7 +40,7 @@ impl Setting for f64 {
     fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
         // A NaN is outside every range.
         number(value).filter(|number| limits.contains(number)).ok_or_else(|| {
-            format!("found {}, valid: a number from {} to {}", found(value), limits.start(), limits.end())
+            format!("found {}, valid: a number from {} to {}", describe_value(value), limits.start(), limits.end())
         })
     }
 }
@@ -57,7 +57,7 @@ macro_rules! whole_numbers {
                 };
                 whole.filter(|number| limits.contains(number)).ok_or_else(|| {
                     let (low, high) = (limits.start(), limits.end());
-                    format!("found {}, valid: a whole number from {low} to {high}", found(value))
+                    format!("found {}, valid: a whole number from {low} to {high}", describe_value(value))
                 })
             }
         }
@@ -70,7 +70,7 @@ impl Setting for bool {
     type Limits = ();
 
     fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
-        value.as_bool().ok_or_else(|| format!("found {}, valid: true or false", found(value)))
+        value.as_bool().ok_or_else(|| format!("found {}, valid: true or false", describe_value(value)))
     }
 }
 
@@ -82,7 +82,7 @@ impl Setting for String {
             .as_str()
             .filter(|text| !text.trim().is_empty())
             .map(str::to_owned)
-            .ok_or_else(|| format!("found {}, valid: a text that is not empty", found(value)))
+            .ok_or_else(|| format!("found {}, valid: a text that is not empty", describe_value(value)))
     }
 }
 
@@ -95,7 +95,7 @@ impl<T: Setting, const N: usize> Setting for [T; N] {
         let list = list.ok_or_else(|| {
             // A list of twice the length: the comma in each number divided it in two.
             let comma = if N > 1 && items == Some(2 * N) { "; a number has a decimal point, no comma" } else { "" };
-            format!("found {}, valid: a list of {N} items{comma}", found(value))
+            format!("found {}, valid: a list of {N} items{comma}", describe_value(value))
         })?;
         let item = |(index, item): (usize, &toml::Spanned<DeValue<'_>>)| {
             T::parse(item.get_ref(), limits).map_err(|message| format!("item {}: {message}", index + 1))
@@ -110,7 +110,7 @@ impl<T: Setting> Setting for Vec<T> {
     type Limits = T::Limits;
 
     fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
-        let list = value.as_array().ok_or_else(|| format!("found {}, valid: a list", found(value)))?;
+        let list = value.as_array().ok_or_else(|| format!("found {}, valid: a list", describe_value(value)))?;
         let item = |(index, item): (usize, &toml::Spanned<DeValue<'_>>)| {
             T::parse(item.get_ref(), limits).map_err(|message| format!("item {}: {message}", index + 1))
         };
@@ -130,16 +130,16 @@ impl<T: Setting> Setting for Option<T> {
 /// A value that is one of a few keywords.
 pub trait Choice: Sized + Copy + 'static {
     /// The keywords with their values.
-    const WORDS: &'static [(&'static str, Self)];
+    const KEYWORDS: &'static [(&'static str, Self)];
 }
 
 impl<C: Choice> Setting for C {
     type Limits = ();
 
     fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
-        let words = C::WORDS.iter().map(|(word, _)| *word).collect();
+        let words = C::KEYWORDS.iter().map(|(word, _)| *word).collect();
         let written = <&'static str>::parse(value, &words)?;
-        let choice = C::WORDS.iter().find(|(word, _)| *word == written).map(|(_, choice)| *choice);
+        let choice = C::KEYWORDS.iter().find(|(word, _)| *word == written).map(|(_, choice)| *choice);
         choice.ok_or_else(|| format!("found {written}"))
     }
 }
@@ -152,7 +152,7 @@ impl Setting for &'static str {
         let word = |text| words.iter().copied().find(|word| *word == text);
         value.as_str().and_then(word).ok_or_else(|| {
             let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
-            format!("found {}, valid: {}", found(value), quoted.join(" or "))
+            format!("found {}, valid: {}", describe_value(value), quoted.join(" or "))
         })
     }
 }

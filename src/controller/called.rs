@@ -1,7 +1,7 @@
 //! Compares what the controller's programs call with what is there: the cell's own subroutines, and the calls in
 //! KUKA's program of the submit interpreter.
 
-use super::difference::Found;
+use super::difference::Differences;
 use super::names::{CONFIG, SUBMIT, USER};
 use super::stated::{DataList, Number};
 use super::sum::text_sum;
@@ -18,7 +18,7 @@ const REVISION: &str = "CELL_USER_REVISION";
 const MAX_LISTED: usize = 8;
 
 /// Compares the cell's own subroutines with their number and with the sum of their text in the data list.
-pub(super) fn subroutines(text: &str, config: Option<&DataList>, found: &mut Found) {
+pub(super) fn subroutines(text: &str, config: Option<&DataList>, found: &mut Differences) {
     match parse(USER, text).stated_routine(DISPATCHER) {
         None => {
             let message = "is not there: cell_motion calls each subroutine by this routine, and the controller would \
@@ -44,7 +44,7 @@ pub(super) fn subroutines(text: &str, config: Option<&DataList>, found: &mut Fou
     }
 }
 
-fn dispatcher(routine: &StatedRoutine, found: &mut Found) {
+fn dispatcher(routine: &StatedRoutine, found: &mut Differences) {
     if !routine.global {
         let message = "is not GLOBAL: cell_motion would not find it; write `GLOBAL DEF CELL_USER_CALL(N:IN)`";
         found.note(USER, routine.line, DISPATCHER, message);
@@ -56,8 +56,8 @@ fn dispatcher(routine: &StatedRoutine, found: &mut Found) {
 }
 
 /// Compares the cases with the number of subroutines: each index below it needs its own case.
-fn cases(routine: &StatedRoutine, count: Number, found: &mut Found) {
-    let Some(counted) = count.whole().filter(|count| (0..=1_000).contains(count)) else { return };
+fn cases(routine: &StatedRoutine, count: Number, found: &mut Differences) {
+    let Some(counted) = count.as_integer().filter(|count| (0..=1_000).contains(count)) else { return };
     let stated: BTreeSet<i32> = routine.cases.iter().map(|case| case.value).collect();
     let missing: Vec<i32> = (0..counted).filter(|index| !stated.contains(index)).collect();
     if !missing.is_empty() {
@@ -89,7 +89,7 @@ fn cases(routine: &StatedRoutine, count: Number, found: &mut Found) {
 }
 
 /// Checks that the program of the submit interpreter calls the programs' beginning once, and their cycle in its loop.
-pub(super) fn submit(text: &str, found: &mut Found) {
+pub(super) fn submit(text: &str, found: &mut Differences) {
     let calls = parse(SUBMIT, text).main_calls();
     let first = |name: &str| calls.iter().find(|call: &&StatedCall| call.name == name);
     let (begins, cycles) = (first("CELL_INIT"), first("CELL_CYCLE"));

@@ -2,9 +2,9 @@
 //! and the key at which a person corrects it; untouched files of a correct cell give none.
 
 use super::called;
-use super::data::Compared;
+use super::data::DataComparison;
 use super::declared::declarations;
-use super::difference::{Difference, Found};
+use super::difference::{Difference, Differences};
 use super::names::{COMMANDS, CONFIG, MOTION, STATES, SUBMIT, USER};
 use super::stated::DataList;
 use super::sum::base_name;
@@ -59,7 +59,7 @@ pub struct Comparison {
 
 /// Returns the contradictions among the controller's programs, which need no cell.
 pub fn among_programs(files: &ControllerFiles<'_>) -> Vec<Difference> {
-    let mut found = Found::default();
+    let mut found = Differences::default();
     let config = files.config.map(|text| DataList::parse(CONFIG, text));
     if let Some(config) = &config {
         declarations(config, &mut found);
@@ -70,12 +70,12 @@ pub fn among_programs(files: &ControllerFiles<'_>) -> Vec<Difference> {
 
 /// Returns all contradictions of these files with each other or with the cell's file.
 pub fn compare(files: &ControllerFiles<'_>, cell: &Cell) -> Comparison {
-    let mut found = Found::default();
+    let mut found = Differences::default();
     let mut not_compared = Vec::new();
     let config = files.config.map(|text| DataList::parse(CONFIG, text));
     if let Some(config) = &config {
         let missing = declarations(config, &mut found);
-        Compared { config, missing, cell, found: &mut found }.all();
+        DataComparison { config, missing, cell, found: &mut found }.compare_all();
     }
     found.calls(files, config.as_ref());
     let ports = [cell.robot().command_port(), cell.robot().state_port()];
@@ -88,7 +88,7 @@ pub fn compare(files: &ControllerFiles<'_>, cell: &Cell) -> Comparison {
         let Some((theirs, ours)) = found.channel(file, text, ours) else { continue };
         found.settings(file, &theirs, &ours);
         if let Some(config) = &config {
-            found.flags_of_channel(file, text, (&theirs, config), flags);
+            found.compare_channel_flags(file, text, (&theirs, config), flags);
         }
         if cell.robot().kind() == RobotKind::Eki {
             not_compared.extend(found.address((file, text), &theirs, cell.robot().host(), files.host_addresses));
@@ -101,7 +101,7 @@ pub fn compare(files: &ControllerFiles<'_>, cell: &Cell) -> Comparison {
     Comparison { differences: found.0, not_compared }
 }
 
-impl Found {
+impl Differences {
     /// Compares the programs that call with those that are called.
     fn calls(&mut self, files: &ControllerFiles<'_>, config: Option<&DataList>) {
         if let Some(text) = files.user {
@@ -194,7 +194,7 @@ impl Found {
         self.note(file, line, format!("{section} ELEMENT"), message);
     }
 
-    fn flags_of_channel(
+    fn compare_channel_flags(
         &mut self,
         file: &'static str,
         text: &str,
@@ -203,7 +203,7 @@ impl Found {
     ) {
         let came_by: Vec<&Element> = theirs.received.iter().filter(|element| element.set_flag.is_some()).collect();
         let raised = [
-            (alive, theirs.alive_flag, line_of(text, "<ALIVE"), "CONFIGURATION/INTERNAL/ALIVE".to_owned()),
+            (alive, theirs.alive_flag, find_line(text, "<ALIVE"), "CONFIGURATION/INTERNAL/ALIVE".to_owned()),
             (
                 came,
                 came_by.first().and_then(|element| element.set_flag),
@@ -244,18 +244,18 @@ impl Found {
                 "is missing: on which address the controller listens is not stated; write <IP> with its address, as \
                  [robot] host of the cell's file ({host})"
             );
-            self.note(file, line_of(text, "<INTERNAL>"), key, message);
+            self.note(file, find_line(text, "<INTERNAL>"), key, message);
             return None;
         };
-        let Some(listens) = ipv4(stated) else {
+        let Some(listens) = parse_ipv4(stated) else {
             let message = format!(
                 "is \"{stated}\", which is no address: the controller cannot listen there; write four numbers, as \
                  [robot] host of the cell's file ({host})"
             );
-            self.note(file, line_of(text, "<IP>"), key, message);
+            self.note(file, find_line(text, "<IP>"), key, message);
             return None;
         };
-        let own = ipv4(host).or((host == "localhost").then_some([127, 0, 0, 1]));
+        let own = parse_ipv4(host).or((host == "localhost").then_some([127, 0, 0, 1]));
         let addresses: Vec<[u8; 4]> = own.into_iter().chain(host_addresses.iter().copied()).collect();
         if addresses.is_empty() {
             return Some(format!(
@@ -269,7 +269,7 @@ impl Found {
                  the PC connects to the second",
                 resolved(host, &addresses)
             );
-            self.note(file, line_of(text, "<IP>"), key, message);
+            self.note(file, find_line(text, "<IP>"), key, message);
         }
         None
     }
@@ -285,7 +285,7 @@ impl Found {
         };
         let message =
             format!("is {}, but [robot] of the cell's file has {port}: {what}; make both the same", theirs.port);
-        self.note(file, line_of(text, "<PORT>"), "CONFIGURATION/INTERNAL/PORT", message);
+        self.note(file, find_line(text, "<PORT>"), "CONFIGURATION/INTERNAL/PORT", message);
     }
 
     /// The numbers in the INTERRUPT DECL lines, in which KRL accepts no names.
@@ -322,19 +322,19 @@ impl Found {
     }
 }
 
-fn line_of(text: &str, what: &str) -> usize {
+fn find_line(text: &str, what: &str) -> usize {
     text.lines().position(|line| line.contains(what)).map_or(1, |index| index + 1)
 }
 
 /// Parses the four numbers of an IPv4 address; `None` if the text is a name.
-fn ipv4(text: &str) -> Option<[u8; 4]> {
+fn parse_ipv4(text: &str) -> Option<[u8; 4]> {
     let numbers = text.trim().split('.').map(|number| number.parse().ok()).collect::<Option<Vec<u8>>>()?;
     numbers.try_into().ok()
 }
 
 /// States the addresses of a name, and nothing for an address.
 fn resolved(host: &str, addresses: &[[u8; 4]]) -> String {
-    if ipv4(host).is_some() {
+    if parse_ipv4(host).is_some() {
         return String::new();
     }
     let each: Vec<String> = addresses.iter().map(|[a, b, c, d]| format!("{a}.{b}.{c}.{d}")).collect();

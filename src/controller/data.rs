@@ -1,7 +1,7 @@
 //! Compares the data list that a cell engineer edits with the cell's file: signals, outputs that a stop switches
 //! off, flags, timers, axes, space and speeds.
 
-use super::difference::{Difference, Found};
+use super::difference::{Difference, Differences};
 use super::names::CONFIG;
 use super::planned::{AIR_ACCELERATION_M_S2, RETRACT_MM, RETRACT_MM_S};
 use super::stated::{DataList, Number};
@@ -27,7 +27,7 @@ const BOX_TOLERANCE_MM: f64 = 50.0;
 /// The highest checksum.
 const MAX_SUM: i32 = 1_000_002;
 /// Allowed rounding error of a 32-bit REAL.
-const ROUNDING: f64 = 1e-3;
+const REAL_ROUNDING: f64 = 1e-3;
 
 /// The names of the flags in the data list.
 const FLAGS: [&str; 6] =
@@ -37,34 +37,34 @@ const TIMERS: [&str; 7] =
     ["CELL_T_HEARD", "CELL_T_SUBMIT", "CELL_T_ACK", "CELL_T_STATE", "CELL_T_SILENT", "CELL_T_OFF", "CELL_T_STILL"];
 
 /// The data list and the cell's file, with which it is compared.
-pub(super) struct Compared<'a> {
+pub(super) struct DataComparison<'a> {
     pub config: &'a DataList,
     /// Names that the list neither declares nor gives a value; they are noted already.
     pub missing: BTreeSet<String>,
     pub cell: &'a Cell,
-    pub found: &'a mut Found,
+    pub found: &'a mut Differences,
 }
 
-impl Compared<'_> {
-    pub fn all(&mut self) {
+impl DataComparison<'_> {
+    pub fn compare_all(&mut self) {
         for problem in &self.config.problems {
             self.found.push(Difference { file: CONFIG, problem: problem.clone() });
         }
-        for stated in self.config.twice() {
+        for stated in self.config.duplicates() {
             let key = stated.index.map_or(stated.name.clone(), |index| format!("{}[{index}]", stated.name));
             self.note(stated.line, key, "is set twice; the controller uses the last value");
         }
-        let (outputs, off) = (self.outputs(), self.off());
-        self.stops(&outputs, &off);
+        let (outputs, off) = (self.outputs(), self.automatic_off_outputs());
+        self.check_off_outputs(&outputs, &off);
         self.inputs();
         self.line(&outputs);
-        self.mapped();
+        self.check_mapped_inputs();
         self.flags();
         self.timers();
         self.axes();
-        self.speeds();
+        self.compare_speeds();
         self.space();
-        self.subroutines();
+        self.compare_subroutines();
     }
 
     fn note(&mut self, line: usize, key: impl Into<String>, message: impl Into<String>) {
@@ -79,7 +79,7 @@ impl Compared<'_> {
     }
 
     /// Returns a single number; if it is missing, this is noted.
-    fn single(&mut self, name: &str) -> Option<Number> {
+    fn single_number(&mut self, name: &str) -> Option<Number> {
         let found = self.config.get(name);
         if found.is_none() {
             self.lacks(1, name, name, "is not stated as a number, and the programs need it");
@@ -88,9 +88,9 @@ impl Compared<'_> {
     }
 
     /// Reads a single whole number within these limits.
-    fn whole(&mut self, name: &str, low: i32, high: i32) -> Option<i32> {
-        let number = self.single(name)?;
-        let whole = number.whole().filter(|whole| (low..=high).contains(whole));
+    fn integer_in_range(&mut self, name: &str, low: i32, high: i32) -> Option<i32> {
+        let number = self.single_number(name)?;
+        let whole = number.as_integer().filter(|whole| (low..=high).contains(whole));
         if whole.is_none() {
             self.note(
                 number.line,
@@ -104,7 +104,7 @@ impl Compared<'_> {
     /// Returns the values of a counted list, each with its line. Values that are missing, are outside of `numbers`, or
     /// lie beyond the count are noted.
     fn list(&mut self, array: &str, count: &str, most: i32, numbers: (i32, i32)) -> Vec<(i32, usize)> {
-        let Some(places) = self.whole(count, 0, most) else { return Vec::new() };
+        let Some(places) = self.integer_in_range(count, 0, most) else { return Vec::new() };
         let stated = self.config.array(array);
         let mut all = Vec::new();
         for index in 1..=places {
@@ -119,7 +119,7 @@ impl Compared<'_> {
                          interpreter"
                     ),
                 ),
-                Some(number) => match number.whole().filter(|whole| (numbers.0..=numbers.1).contains(whole)) {
+                Some(number) => match number.as_integer().filter(|whole| (numbers.0..=numbers.1).contains(whole)) {
                     Some(whole) => all.push((whole, number.line)),
                     None => {
                         let (low, high) = numbers;
@@ -181,21 +181,21 @@ impl Compared<'_> {
 
     fn outputs(&mut self) -> Vec<(i32, usize)> {
         let cell = self.cell;
-        self.bits("CELL_OUT", "CELL_OUT_N", "[io.outputs]", cell.io().outputs())
+        self.bits("CELL_OUT", "CELL_OUT_N", "[io.outputs]", cell.inputs_outputs().outputs())
     }
 
     fn inputs(&mut self) {
         let cell = self.cell;
-        self.bits("CELL_IN", "CELL_IN_N", "[io.feedbacks]", cell.io().feedbacks());
+        self.bits("CELL_IN", "CELL_IN_N", "[io.feedbacks]", cell.inputs_outputs().feedbacks());
     }
 
     /// Returns the outputs that the end of an epoch switches off: output, line, and delay, ms.
-    fn off(&mut self) -> Vec<(i32, usize, Option<Number>)> {
+    fn automatic_off_outputs(&mut self) -> Vec<(i32, usize, Option<Number>)> {
         let off = self.list("CELL_OFF", "CELL_OFF_N", MAX_BITS, (1, MAX_SIGNAL));
         let times = self.config.array("CELL_OFF_MS");
         let places = self.config.array("CELL_OFF");
         let place = |line: usize| places.iter().find(|(_, number)| number.line == line).map(|(index, _)| *index);
-        let counted = self.config.get("CELL_OFF_N").and_then(Number::whole).unwrap_or(0);
+        let counted = self.config.get("CELL_OFF_N").and_then(Number::as_integer).unwrap_or(0);
         let surplus = times.iter().filter(|(index, _)| **index > counted);
         let surplus: Vec<(i32, usize)> = surplus.map(|(index, number)| (*index, number.line)).collect();
         for (index, line) in surplus {
@@ -211,11 +211,11 @@ impl Compared<'_> {
     }
 
     /// Checks that each output that must go off does so in its time, and that no other output goes off.
-    fn stops(&mut self, outputs: &[(i32, usize)], off: &[(i32, usize, Option<Number>)]) {
-        let io = self.cell.io();
+    fn check_off_outputs(&mut self, outputs: &[(i32, usize)], off: &[(i32, usize, Option<Number>)]) {
+        let io = self.cell.inputs_outputs();
         let names = Self::names(io.outputs());
         let line_of_count = self.config.get("CELL_OFF_N").map_or(1, |count| count.line);
-        for (name, after_s) in io.off_after_s() {
+        for (name, after_s) in io.off_delays_s() {
             let Some(number) = io.outputs().get(name) else { continue };
             let number = i32::from(*number);
             let found: Vec<_> = off.iter().filter(|(output, ..)| *output == number).collect();
@@ -276,7 +276,7 @@ impl Compared<'_> {
         }
         for (output, line, _) in off {
             let name = names.get(output);
-            if name.is_some_and(|name| io.off_after_s().contains_key(*name)) {
+            if name.is_some_and(|name| io.off_delays_s().contains_key(*name)) {
                 continue;
             }
             let message = match name {
@@ -298,12 +298,12 @@ impl Compared<'_> {
 
     /// Checks the outputs that report to a line, in their order.
     fn line(&mut self, outputs: &[(i32, usize)]) {
-        let Some(count) = self.whole("CELL_LINE_N", LINE_OUTPUTS, LINE_OUTPUTS) else { return };
-        let expected = self.cell.io().line_outputs();
+        let Some(count) = self.integer_in_range("CELL_LINE_N", LINE_OUTPUTS, LINE_OUTPUTS) else { return };
+        let expected = self.cell.inputs_outputs().line_outputs();
         let words = ["ready", "cycle_done", "pass", "fail", "review", "fault"];
         for (index, (expected, word)) in (1..=count).zip(expected.iter().zip(words)) {
             let key = format!("CELL_LINE[{index}]");
-            let Some(number) = self.config.at("CELL_LINE", index) else {
+            let Some(number) = self.config.element("CELL_LINE", index) else {
                 self.lacks(1, "CELL_LINE", key, "is not stated; 0 if the line has none");
                 continue;
             };
@@ -329,11 +329,11 @@ impl Compared<'_> {
     }
 
     /// Checks the inputs that are mapped to flags.
-    fn mapped(&mut self) {
+    fn check_mapped_inputs(&mut self) {
         let inputs = self.list("CELL_VIN", "CELL_VIN_N", MAX_MAPPED, (1, MAX_SIGNAL));
         let flags = self.list("CELL_VIN_FLAG", "CELL_VIN_N", MAX_MAPPED, (1, MAX_FLAG));
         let mapped: BTreeSet<i32> =
-            self.cell.io().mapped_inputs().values().map(|number| i32::from(*number)).collect();
+            self.cell.inputs_outputs().mapped_inputs().values().map(|number| i32::from(*number)).collect();
         let found: BTreeSet<i32> = inputs.iter().map(|(number, _)| *number).collect();
         for number in mapped.difference(&found) {
             let line = self.config.get("CELL_VIN_N").map_or(1, |count| count.line);
@@ -366,7 +366,7 @@ impl Compared<'_> {
     fn flags(&mut self) {
         let mut seen: BTreeMap<i32, &str> = BTreeMap::new();
         for name in FLAGS {
-            let Some(flag) = self.whole(name, 1, MAX_FLAG) else { continue };
+            let Some(flag) = self.integer_in_range(name, 1, MAX_FLAG) else { continue };
             if let Some(first) = seen.insert(flag, name) {
                 let line = self.config.get(name).map_or(1, |number| number.line);
                 self.note(line, name, format!("is {flag}, which is already used by {first}"));
@@ -377,7 +377,7 @@ impl Compared<'_> {
     fn timers(&mut self) {
         let mut before: Option<(i32, &str)> = None;
         for name in TIMERS {
-            let timer = self.whole(name, 1, MAX_TIMER);
+            let timer = self.integer_in_range(name, 1, MAX_TIMER);
             if let (Some((number, first)), Some(timer)) = (before, timer)
                 && timer != number + 1
             {
@@ -398,7 +398,7 @@ impl Compared<'_> {
         for (array, expected) in [("CELL_AXIS_MIN", axes.min_deg), ("CELL_AXIS_MAX", axes.max_deg)] {
             for (index, expected) in (1..).zip(expected) {
                 self.array_number(array, index, |found| {
-                    let differs = (found - expected).abs() > ROUNDING;
+                    let differs = (found - expected).abs() > REAL_ROUNDING;
                     differs.then(|| {
                         format!("is {found}°, but [arm] of the cell's file has {expected}°; make both the same")
                     })
@@ -410,7 +410,7 @@ impl Compared<'_> {
     /// Checks an element of an array of REAL; `wrong` returns what is wrong with its value.
     fn array_number(&mut self, array: &str, index: i32, wrong: impl FnOnce(f64) -> Option<String>) {
         let key = format!("{array}[{index}]");
-        match self.config.at(array, index) {
+        match self.config.element(array, index) {
             None => self.lacks(1, array, key, "is not stated as a number, and the programs need it"),
             Some(number) => {
                 if let Some(message) = wrong(number.value) {
@@ -420,17 +420,17 @@ impl Compared<'_> {
         }
     }
 
-    fn speeds(&mut self) {
+    fn compare_speeds(&mut self) {
         let cell_m_s = self.cell.limits().max_speed_mm_s() / 1_000.0;
-        if let Some(number) = self.single("CELL_VEL_MAX") {
+        if let Some(number) = self.single_number("CELL_VEL_MAX") {
             let found = number.value;
-            if found < cell_m_s - ROUNDING {
+            if found < cell_m_s - REAL_ROUNDING {
                 let message = format!(
                     "is {found} m/s, but [limits] max_speed_mm_s of the cell's file allows {cell_m_s} m/s: the \
                      controller would refuse faster lines"
                 );
                 self.note(number.line, "CELL_VEL_MAX", message);
-            } else if found > MAX_RATIO_TO_CELL * cell_m_s + ROUNDING {
+            } else if found > MAX_RATIO_TO_CELL * cell_m_s + REAL_ROUNDING {
                 let message = format!(
                     "is {found} m/s, the limit is {MAX_RATIO_TO_CELL} times [limits] max_speed_mm_s of the cell's \
                      file, {} m/s: the controller must limit the speed if the PC does not",
@@ -464,8 +464,8 @@ impl Compared<'_> {
                 "m/s²: with less, the tool leaves the panel slower than planned",
             ),
         ] {
-            if let Some(number) = self.single(name)
-                && !(number.value >= low - ROUNDING && number.value <= high + ROUNDING)
+            if let Some(number) = self.single_number(name)
+                && !(number.value >= low - REAL_ROUNDING && number.value <= high + REAL_ROUNDING)
             {
                 let message = format!("is {}, the limits are {low} to {high} {why}", number.value);
                 self.note(number.line, name, message);
@@ -485,7 +485,7 @@ impl Compared<'_> {
                 self.array_number(array, index, |found| {
                     let expected = expected?;
                     let beyond = outwards * (found - expected);
-                    (!(-ROUNDING..=BOX_TOLERANCE_MM + ROUNDING).contains(&beyond)).then(|| {
+                    (!(-REAL_ROUNDING..=BOX_TOLERANCE_MM + REAL_ROUNDING).contains(&beyond)).then(|| {
                         format!(
                             "is {found} mm, but [limits] of the cell's file has {expected} mm; valid: 0 to \
                              {BOX_TOLERANCE_MM} mm outside of the cell's limit"
@@ -495,8 +495,9 @@ impl Compared<'_> {
             }
         }
         let step_mm = limits.max_step_mm();
-        if let Some(number) = self.single("CELL_STEP_MM")
-            && !(number.value >= step_mm - ROUNDING && number.value <= MAX_RATIO_TO_CELL * step_mm + ROUNDING)
+        if let Some(number) = self.single_number("CELL_STEP_MM")
+            && !(number.value >= step_mm - REAL_ROUNDING
+                && number.value <= MAX_RATIO_TO_CELL * step_mm + REAL_ROUNDING)
         {
             let message = format!(
                 "is {} mm, but [limits] max_step_mm of the cell's file is {step_mm} mm; valid: 1 to \
@@ -507,8 +508,8 @@ impl Compared<'_> {
         }
     }
 
-    fn subroutines(&mut self) {
-        self.whole("CELL_USER_N", 0, 1_000);
-        self.whole("CELL_USER_REVISION", 0, MAX_SUM);
+    fn compare_subroutines(&mut self) {
+        self.integer_in_range("CELL_USER_N", 0, 1_000);
+        self.integer_in_range("CELL_USER_REVISION", 0, MAX_SUM);
     }
 }

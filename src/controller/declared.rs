@@ -1,7 +1,7 @@
 //! Compares the declarations of the cell engineer's data list with those of this program's own file: an engineer
 //! changes the numbers, never the names, types and visibility, which the controller's programs need.
 
-use super::difference::Found;
+use super::difference::Differences;
 use super::names::CONFIG;
 use super::stated::DataList;
 use crate::krl::DeclaredVariable;
@@ -14,7 +14,7 @@ const MAX_LISTED: usize = 8;
 
 /// Notes each declaration that differs, and returns the names that the list neither declares nor gives a value: they
 /// have one message together.
-pub(super) fn declarations(config: &DataList, found: &mut Found) -> BTreeSet<String> {
+pub(super) fn declarations(config: &DataList, found: &mut Differences) -> BTreeSet<String> {
     if let Some((line, false)) = config.list {
         let message = "is not PUBLIC: the other programs would not find its variables, and the controller would refuse \
                        them; write `DEFDAT CELL_CONFIG PUBLIC`";
@@ -48,7 +48,7 @@ pub(super) fn declarations(config: &DataList, found: &mut Found) -> BTreeSet<Str
 }
 
 /// Notes the missing names once: a file without several of them is of an earlier release.
-fn note_missing(missing: &[&DeclaredVariable], found: &mut Found) {
+fn note_missing(missing: &[&DeclaredVariable], found: &mut Differences) {
     match missing {
         [] => {}
         [only] => {

@@ -13,9 +13,9 @@ pub struct Difference {
 
 /// The differences found so far.
 #[derive(Default)]
-pub(super) struct Found(pub(super) Vec<Difference>);
+pub(super) struct Differences(pub(super) Vec<Difference>);
 
-impl Found {
+impl Differences {
     pub(super) fn push(&mut self, difference: Difference) {
         self.0.push(difference);
     }

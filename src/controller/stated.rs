@@ -19,7 +19,7 @@ pub(super) struct Number {
 
 impl Number {
     /// Returns the number as an integer, if it is whole and fits in 32 bits.
-    pub fn whole(self) -> Option<i32> {
+    pub fn as_integer(self) -> Option<i32> {
         let whole = self.value as i32;
         (f64::from(whole) == self.value).then_some(whole)
     }
@@ -30,7 +30,7 @@ impl Number {
 pub(super) struct DataList {
     numbers: BTreeMap<(String, Option<i32>), Number>,
     /// Values that are stated twice: name, index, line of the second statement.
-    twice: Vec<StatedValue>,
+    duplicates: Vec<StatedValue>,
     /// The variables that the list declares.
     pub declared: Vec<DeclaredVariable>,
     /// The line of DEFDAT, and whether the list is PUBLIC; `None` if the text is no data list.
@@ -52,7 +52,7 @@ impl DataList {
         for stated in file.stated_values() {
             let number = Number { value: stated.value, line: stated.line };
             if list.numbers.insert((stated.name.clone(), stated.index), number).is_some() {
-                list.twice.push(stated);
+                list.duplicates.push(stated);
             }
         }
         list
@@ -64,7 +64,7 @@ impl DataList {
     }
 
     /// Returns an element of an array, from 1.
-    pub fn at(&self, name: &str, index: i32) -> Option<Number> {
+    pub fn element(&self, name: &str, index: i32) -> Option<Number> {
         self.numbers.get(&(name.to_owned(), Some(index))).copied()
     }
 
@@ -81,7 +81,7 @@ impl DataList {
     }
 
     /// Returns the values that are stated a second time.
-    pub fn twice(&self) -> &[StatedValue] {
-        &self.twice
+    pub fn duplicates(&self) -> &[StatedValue] {
+        &self.duplicates
     }
 }

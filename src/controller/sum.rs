@@ -79,7 +79,7 @@ const LISTS: [(&str, &[&str]); 5] = [
     ("CELL_VIN_N", &["CELL_VIN", "CELL_VIN_FLAG"]),
 ];
 /// Arrays of REAL with a fixed length; the two arrays of a pair are added element by element.
-const REALS: [(i32, [&str; 2]); 2] =
+const REAL_ARRAYS: [(i32, [&str; 2]); 2] =
     [(6, ["CELL_AXIS_MIN", "CELL_AXIS_MAX"]), (3, ["CELL_BOX_MIN", "CELL_BOX_MAX"])];
 /// Single numbers of type REAL that are added to the sum.
 const LIMITS: [&str; 6] =
@@ -99,7 +99,7 @@ pub fn program_sum(files: &[(&str, &str)]) -> Result<i32, SumError> {
     };
     let texts = PROGRAMS.iter().map(|name| find(name)).collect::<Result<Vec<_>, _>>()?;
     let data = DataList::parse(DATA, find(DATA)?);
-    let computed = of_texts(&texts);
+    let computed = checksum_of_texts(&texts);
     let stated = data.get("CELL_PROGRAM_SUM");
     let stated = stated.ok_or_else(|| SumError::Value { file: DATA, name: "CELL_PROGRAM_SUM".to_owned() })?;
     if stated.value != computed as f64 {
@@ -111,7 +111,7 @@ pub fn program_sum(files: &[(&str, &str)]) -> Result<i32, SumError> {
         Some(stated) if stated.value != user as f64 => {
             Err(SumError::UserEdited { line: stated.line, stated: stated.value as i64, computed: user })
         }
-        _ => of_values(computed, &config),
+        _ => checksum_of_values(computed, &config),
     }
 }
 
@@ -123,7 +123,7 @@ pub fn base_name(file: &str) -> &str {
 /// Computes the sum: previous sum times 31 plus the byte, over all lines except the headers and the line that
 /// states the sum. Line ends and headers do not count, because KSS writes its own line ends and increments the
 /// revision in a header.
-fn of_texts(texts: &[&str]) -> i64 {
+fn checksum_of_texts(texts: &[&str]) -> i64 {
     let counts = |line: &&str| !line.contains("CELL_PROGRAM_SUM=") && !line.starts_with('&');
     texts
         .iter()
@@ -135,55 +135,55 @@ fn of_texts(texts: &[&str]) -> i64 {
 
 /// Computes the sum of one text, as CELL_USER_REVISION states it for the cell's own subroutines.
 pub(super) fn text_sum(text: &str) -> i64 {
-    of_texts(&[text])
+    checksum_of_texts(&[text])
 }
 
-fn of_values(programs: i64, config: &DataList) -> Result<i32, SumError> {
+fn checksum_of_values(programs: i64, config: &DataList) -> Result<i32, SumError> {
     let lacks = |name: &str| SumError::Value { file: CONFIG, name: name.to_owned() };
     let single = |name: &str| config.get(name).ok_or_else(|| lacks(name));
-    let whole = |name: &str| single(name)?.whole().ok_or_else(|| lacks(name));
-    let at = |name: &str, index: i32| config.at(name, index).ok_or_else(|| lacks(&format!("{name}[{index}]")));
-    let mut sum = Mix(programs);
+    let whole = |name: &str| single(name)?.as_integer().ok_or_else(|| lacks(name));
+    let at = |name: &str, index: i32| config.element(name, index).ok_or_else(|| lacks(&format!("{name}[{index}]")));
+    let mut sum = ChecksumMixer(programs);
     for name in FLAGS_AND_TIMERS {
-        sum.whole(whole(name)?);
+        sum.add_integer(whole(name)?);
     }
     for (count, arrays) in LISTS {
         let places = whole(count)?;
-        sum.whole(places);
+        sum.add_integer(places);
         for index in 1..=places {
             for array in arrays {
-                sum.whole(at(array, index)?.whole().ok_or_else(|| lacks(array))?);
+                sum.add_integer(at(array, index)?.as_integer().ok_or_else(|| lacks(array))?);
             }
         }
     }
-    for (places, arrays) in REALS {
+    for (places, arrays) in REAL_ARRAYS {
         for index in 1..=places {
             for array in arrays {
-                sum.real(at(array, index)?.value);
+                sum.add_real(at(array, index)?.value);
             }
         }
     }
     for name in LIMITS {
-        sum.real(single(name)?.value);
+        sum.add_real(single(name)?.value);
     }
     for name in OWN {
-        sum.whole(whole(name)?);
+        sum.add_integer(whole(name)?);
     }
     i32::try_from(sum.0).map_err(|_| lacks("CELL_SUM"))
 }
 
 /// `CELL_MIX` and `CELL_MIX_REAL`.
-struct Mix(i64);
+struct ChecksumMixer(i64);
 
-impl Mix {
-    fn whole(&mut self, value: i32) {
+impl ChecksumMixer {
+    fn add_integer(&mut self, value: i32) {
         let mixed = self.0 * 31 + i64::from(value) + MODULUS;
         self.0 = mixed - (mixed / MODULUS) * MODULUS;
     }
 
     /// Adds a REAL, rounded to the nearest thousandth, as KRL does when it assigns a 32-bit REAL to an INT.
-    fn real(&mut self, value: f64) {
-        self.whole((value as f32 * 1_000.0).round() as i32);
+    fn add_real(&mut self, value: f64) {
+        self.add_integer((value as f32 * 1_000.0).round() as i32);
     }
 }
 
@@ -192,6 +192,6 @@ impl Mix {
 #[cfg(test)]
 pub(super) fn mixed_names() -> std::collections::BTreeSet<&'static str> {
     let lists = LISTS.iter().flat_map(|(count, arrays)| std::iter::once(*count).chain(arrays.iter().copied()));
-    let reals = REALS.iter().flat_map(|(_, arrays)| arrays.iter().copied());
+    let reals = REAL_ARRAYS.iter().flat_map(|(_, arrays)| arrays.iter().copied());
     FLAGS_AND_TIMERS.into_iter().chain(lists).chain(reals).chain(LIMITS).chain(OWN).collect()
 }

@@ -118,7 +118,7 @@ pub struct Motion {
 
 impl Motion {
     /// Returns the plan's number in the form for people and records.
-    pub fn plan_word(&self) -> String {
+    pub fn plan_keyword(&self) -> String {
         format!("{:016x}", self.plan)
     }
 }
@@ -173,7 +173,7 @@ pub enum Outcome {
 
 impl Outcome {
     /// Returns the word for the page.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         self.into()
     }
 }

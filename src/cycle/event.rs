@@ -60,7 +60,7 @@ pub enum Request {
 impl Request {
     /// Whether the request is a decision of a person that is based on the state shown. Such a decision is valid
     /// only for this step.
-    pub fn is_decision(self) -> bool {
+    pub fn is_operator_decision(self) -> bool {
         matches!(self, Request::Unhold { .. } | Request::Accept | Request::Clear)
     }
 }
@@ -228,7 +228,7 @@ pub enum Robot {
 
 impl Robot {
     /// Returns the keyword that users' scripts rely on.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         self.into()
     }
 }
@@ -277,7 +277,7 @@ pub enum Trouble {
 
 impl Trouble {
     /// Returns whether the work may continue after a person has checked the cause; all other troubles end in Aborted.
-    pub fn holds(self) -> bool {
+    pub fn allows_continuation(self) -> bool {
         use Trouble::{Camera, Computing, DiskFull, Feedback, Force, Override, Picture, Slow, Starved};
         matches!(self, Camera | Picture | Computing | DiskFull | Feedback | Force | Override | Starved | Slow)
     }

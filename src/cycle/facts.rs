@@ -139,7 +139,7 @@ impl Facts {
     }
 
     /// Returns the switches whose effect is proven by these facts.
-    pub fn proven(&self) -> impl Iterator<Item = Switch> + use<> {
+    pub fn proven_switches(&self) -> impl Iterator<Item = Switch> + use<> {
         let tool = match self.tool {
             Tool::Unknown => None,
             Tool::Off => Some(Switch::ToolOff),
@@ -170,7 +170,7 @@ impl Facts {
     }
 
     /// Marks the facts that an act changes as unknown until the act is answered.
-    pub(super) fn ask(&mut self, act: Action) {
+    pub(super) fn mark_unknown(&mut self, act: Action) {
         match act {
             Action::Move(motion) => {
                 // Between two poses the arm is nowhere that an interlock knows, so that no scan or water can begin.
@@ -215,16 +215,16 @@ impl Facts {
 
     /// Marks the state that this switch had proven as unknown; it is proven again before it is needed. A tool or
     /// water that was off may now run.
-    pub(super) fn doubt(&mut self, switch: Switch) {
+    pub(super) fn invalidate_switch(&mut self, switch: Switch) {
         // A contradiction is treated like a command without an answer: the switch is in either state until it is proven
         // again.
-        self.ask(Action::Switch(switch));
+        self.mark_unknown(Action::Switch(switch));
         self.tool_may_run |= switch == Switch::ToolOff;
         self.water_may_run |= switch == Switch::WaterOff;
     }
 
     /// Returns the facts that stay valid after a loss of the robot's link and after the end of the program.
-    pub(super) fn lasting(&self) -> Facts {
+    pub(super) fn facts_after_loss(&self) -> Facts {
         // Only what makes the cell more careful may outlive the link; what permits something is proven again.
         let Facts { touching, tool_may_run, water_may_run, .. } = *self;
         Facts { touching, tool_may_run, water_may_run, ..Facts::UNKNOWN }
@@ -238,6 +238,6 @@ impl Facts {
         // connected, and the epoch must be ended by command.
         let epoch = if lost { Epoch::Closed } else { self.epoch };
         let full_override = self.full_override && !lost;
-        *self = Facts { robot: self.robot, full_override, epoch, ..self.lasting() };
+        *self = Facts { robot: self.robot, full_override, epoch, ..self.facts_after_loss() };
     }
 }

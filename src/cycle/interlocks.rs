@@ -31,7 +31,7 @@ pub(super) enum Need {
 pub(super) type Row = (Rule, Need);
 
 /// Returns the needs of an act. This is the whole list of the cell's interlocks.
-pub(super) fn needs(act: Action) -> Vec<Row> {
+pub(super) fn action_needs(act: Action) -> Vec<Row> {
     use Need as N;
     use Rule as R;
     let parked = (R::ArmOutOfView, N::At(Path::Park));
@@ -85,7 +85,11 @@ pub(super) fn needs(act: Action) -> Vec<Row> {
 /// The needs of an act that are not satisfied, each as text; empty if the act may begin. For acts that a person
 /// requests one at a time: they keep the interlocks of a cycle.
 pub fn open_interlocks(act: Action, facts: &Facts) -> Vec<&'static str> {
-    needs(act).into_iter().filter(|(_, need)| !need.holds(facts)).map(|(_, need)| need.words()).collect()
+    action_needs(act)
+        .into_iter()
+        .filter(|(_, need)| !need.is_satisfied(facts))
+        .map(|(_, need)| need.describe_need())
+        .collect()
 }
 
 /// The needs that Stopping and Holding bring about while a motion is in progress: its end comes first and switches
@@ -98,7 +102,7 @@ pub(super) const LEAVING_TOOL: [Row; 3] =
     [(Rule::ToolOff, Need::ToolOff), (Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
 
 /// What Stopping and Holding bring about. Water is shut while the epoch still accepts commands.
-pub(super) const LEAVING: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
+pub(super) const LEAVE_NEEDS: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
 
 /// The needs that Clearing brings about.
 pub(super) const CLEARING: [Row; 3] =
@@ -136,7 +140,7 @@ pub(super) const COMPLETING: [Row; 5] = [
 
 impl Need {
     /// Returns the need as the end of a sentence that begins with "needs".
-    fn words(self) -> &'static str {
+    fn describe_need(self) -> &'static str {
         match self {
             Need::Standing => "a robot at rest",
             Need::Tested => "a self-test",
@@ -164,7 +168,7 @@ impl Need {
     }
 
     /// Whether it holds.
-    pub fn holds(self, facts: &Facts) -> bool {
+    pub fn is_satisfied(self, facts: &Facts) -> bool {
         match self {
             Need::Standing => facts.standing,
             Need::Tested => facts.tested,
@@ -188,7 +192,7 @@ impl Need {
     }
 
     /// Returns the act that satisfies the need; `None` if only time or a person can satisfy it.
-    pub fn brought_by(self, state: &State) -> Option<Action> {
+    pub fn satisfying_action(self, state: &State) -> Option<Action> {
         Some(match self {
             Need::Standing => Action::CheckStandstill,
             Need::Tested => Action::SelfTest,
@@ -210,7 +214,7 @@ impl Need {
             Need::ExtractionOff => Action::Switch(Switch::ExtractionOff),
             Need::ExtractionFlowing => Action::Switch(Switch::ExtractionOn),
             Need::Token => Action::Verify { view: state.job.verified },
-            // Only a person at the pendant can change the override; `Turn::proceed` holds the cycle until then.
+            // Only a person at the pendant can change the override; `Turn::perform_next_action` holds the cycle until then.
             Need::FullOverride => return None,
         })
     }

@@ -51,7 +51,7 @@ pub use effect::{Action, Effect, Frames, Motion, Outcome, Path, Refusal};
 pub use event::{Answer, Deadline, Event, Film, Grade, Id, Report, Request, Robot, Trouble};
 pub use facts::{Epoch, Extraction, Facts, Lens, Light, Tool, Water};
 pub use interlocks::open_interlocks;
-pub use recovery::{fold, recover};
+pub use recovery::{fold_journal, recover};
 pub use state::{At, Cause, Due, Hold, Intent, Job, Phase, State, Why};
 pub use step::step;
 pub use switch::Switch;

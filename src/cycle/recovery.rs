@@ -4,8 +4,8 @@ use super::{Event, Report, State, step};
 
 /// Returns the state to which a journal leads: the steps of the table are computed, but their effects are not
 /// performed.
-pub fn fold(journal: impl IntoIterator<Item = Event>) -> State {
-    journal.into_iter().fold(State::NEW, |state, event| step(state, event).0)
+pub fn fold_journal(journal: impl IntoIterator<Item = Event>) -> State {
+    journal.into_iter().fold(State::INITIAL, |state, event| step(state, event).0)
 }
 
 /// Returns the state in which a program starts with this journal in its store: Aborted, or Stopped.
@@ -13,5 +13,5 @@ pub fn fold(journal: impl IntoIterator<Item = Event>) -> State {
 /// It is the same as one step of [`Report::Boot`], which the loop journals before anything else, so that a journal of
 /// many starts folds as one.
 pub fn recover(journal: impl IntoIterator<Item = Event>) -> State {
-    step(fold(journal), Event::Reported(Report::Boot)).0
+    step(fold_journal(journal), Event::Reported(Report::Boot)).0
 }

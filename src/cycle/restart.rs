@@ -16,6 +16,6 @@ pub(super) fn state_after_restart(before: State) -> State {
         (None, _) => At::Stopped,
     };
     // The outputs were not watched while no process ran; only suspicions survive.
-    let facts = before.facts.lasting();
+    let facts = before.facts.facts_after_loss();
     State { at, facts, due: None, job: Job { running: false, ..before.job }, ..before }
 }

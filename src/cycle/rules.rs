@@ -4,7 +4,7 @@
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(test, derive(strum::EnumIter))] // a new rule is taken out in turn, too
 pub(super) enum Rule {
-    // Interlocks: rows of `interlocks::needs`.
+    // Interlocks: rows of `interlocks::action_needs`.
     /// No shot of the scanner while the arm is in view.
     ArmOutOfView,
     /// A corner picture is taken from its corner pose.
@@ -118,7 +118,7 @@ impl Rules {
     pub const ALL: Rules = Rules { without: None };
 
     /// Whether this rule is active.
-    pub fn keep(self, rule: Rule) -> bool {
+    pub fn is_active(self, rule: Rule) -> bool {
         self.without != Some(rule)
     }
 

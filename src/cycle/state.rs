@@ -30,7 +30,7 @@ pub struct State {
 
 impl State {
     /// The state before the first event of a new store.
-    pub const NEW: State = State {
+    pub const INITIAL: State = State {
         at: At::Stopped,
         job: Job {
             running: false,
@@ -114,12 +114,12 @@ pub enum At {
 
 impl At {
     /// Returns the PackML name that users' scripts rely on.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         self.into()
     }
 
     /// Whether nothing is in progress, so that the process may end.
-    pub fn rests(self) -> bool {
+    pub fn is_at_rest(self) -> bool {
         matches!(self, At::Stopped | At::Idle | At::Held(_) | At::Complete { .. } | At::Aborted { .. })
     }
 }
@@ -161,12 +161,12 @@ pub enum Phase {
 
 impl Phase {
     /// Returns the name that users' scripts rely on.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         self.into()
     }
 
     /// The phase in which the cycle continues after a person has accepted the result of this phase.
-    pub(super) fn accepted(self) -> Phase {
+    pub(super) fn phase_after_accept(self) -> Phase {
         match self {
             Phase::Assess { left: true } => Phase::Plan,
             Phase::Assess { left: false } => Phase::Rinse,
@@ -187,7 +187,7 @@ pub struct Hold {
 impl Hold {
     /// Whether the result of a contact path waits for a person. No new measurement of the panel replaces this
     /// result.
-    pub fn is_of_contact(self) -> bool {
+    pub fn is_for_contact(self) -> bool {
         matches!(self, Hold { why: Why::Review, resume: Phase::Assess { .. } })
     }
 }
@@ -236,7 +236,7 @@ impl Cause {
     /// Returns the cause of an abort in progress after the robot has changed to this condition. An emergency stop
     /// outranks every cause except a changed or restored store. Another condition outranks a trouble, which may be
     /// its consequence: a command is refused because the drives are off.
-    pub(super) fn or(self, robot: Robot) -> Cause {
+    pub(super) fn merged_with_robot(self, robot: Robot) -> Cause {
         let by_robot = Cause::Robot(robot);
         match (self, robot) {
             (_, Robot::Ready | Robot::Unknown) | (Cause::StoreChanged | Cause::StoreRestored, _) => self,

@@ -1,7 +1,7 @@
 //! One step of the table: how an event changes the state.
 
 use super::rules::{Rule, Rules};
-use super::turn::Turn;
+use super::turn::TransitionStep;
 use super::{
     Action, Answer, At, Cause, Deadline, Effect, Epoch, Event, Hold, Id, Job, Light, Phase, Refusal, Report,
     Request, Robot, State, Trouble, Water, Why,
@@ -15,12 +15,12 @@ pub fn step(state: State, event: Event) -> (State, Vec<Effect>) {
 }
 
 pub(super) fn step_with(rules: Rules, state: State, event: Event) -> (State, Vec<Effect>) {
-    let mut turn = Turn { rules, state, effects: Vec::new() };
+    let mut turn = TransitionStep { rules, state, effects: Vec::new() };
     match event {
-        Event::Asked(request) => turn.asked(request),
+        Event::Asked(request) => turn.on_request(request),
         Event::Reported(report) => turn.on_report(report),
     }
-    turn.proceed();
+    turn.perform_next_action();
     // A person decides on the state that was shown: the number keeps a click on an old page from acting on a newer
     // state.
     if turn.state.at != state.at {
@@ -29,11 +29,11 @@ pub(super) fn step_with(rules: Rules, state: State, event: Event) -> (State, Vec
     (turn.state, turn.effects)
 }
 
-impl Turn {
-    fn asked(&mut self, request: Request) {
+impl TransitionStep {
+    fn on_request(&mut self, request: Request) {
         use Request as Q;
         let robot = self.state.facts.robot;
-        let ready = robot == Robot::Ready || !self.rules.keep(Rule::RobotReady);
+        let ready = robot == Robot::Ready || !self.rules.is_active(Rule::RobotReady);
         match (self.state.at, request) {
             // A request that may lead to motion needs a robot that is ready.
             (At::Stopped | At::Complete { .. }, Q::Reset) if ready => {
@@ -43,17 +43,17 @@ impl Turn {
                 self.state.at = At::Resetting;
             }
             (At::Idle, Q::Start { max_passes, max_moves, dries }) if ready => {
-                self.state.job = Job { running: true, max_passes, max_moves, dries, ..State::NEW.job };
+                self.state.job = Job { running: true, max_passes, max_moves, dries, ..State::INITIAL.job };
                 self.state.at = At::Starting;
             }
             (At::Idle, Q::AirRun { max_moves }) if ready => {
-                self.state.job = Job { running: true, air: true, max_moves, ..State::NEW.job };
+                self.state.job = Job { running: true, air: true, max_moves, ..State::INITIAL.job };
                 self.state.at = At::Starting;
             }
-            (At::Held(hold), Q::Unhold { dried }) if ready => self.unhold(hold, dried),
+            (At::Held(hold), Q::Unhold { dried }) if ready => self.start_unhold(hold, dried),
             // A person looked at the result and is at the panel: no Verify before the next phase.
             (At::Held(Hold { why: Why::Review, resume }), Q::Accept) if ready => {
-                self.state.at = At::Unholding { resume: resume.accepted(), verify: false };
+                self.state.at = At::Unholding { resume: resume.phase_after_accept(), verify: false };
             }
             (At::Aborted { cause }, Q::Clear) if ready => {
                 // Between the abort and this request a person may have jogged the arm; standstill must be reported
@@ -92,38 +92,38 @@ impl Turn {
             Report::FullOverride(is_full) => {
                 self.state.facts.full_override = is_full;
                 if self.lacks_override() {
-                    self.trouble(Trouble::Override);
+                    self.leave_for_trouble(Trouble::Override);
                 }
             }
-            Report::Trouble(trouble) => self.unasked(trouble),
+            Report::Trouble(trouble) => self.on_unexpected_trouble(trouble),
             Report::Contrary(switch) => {
-                if self.rules.keep(Rule::ContraryDoubts) {
-                    self.state.facts.doubt(switch);
+                if self.rules.is_active(Rule::ContraryDoubts) {
+                    self.state.facts.invalidate_switch(switch);
                 }
-                self.unasked(Trouble::Feedback);
+                self.on_unexpected_trouble(Trouble::Feedback);
             }
-            Report::StoreChanged => self.store_is_another(Cause::StoreChanged),
-            Report::StoreRestored => self.store_is_another(Cause::StoreRestored),
-            Report::EpochOver { trouble } => self.epoch_over(trouble),
+            Report::StoreChanged => self.on_store_changed(Cause::StoreChanged),
+            Report::StoreRestored => self.on_store_changed(Cause::StoreRestored),
+            Report::EpochOver { trouble } => self.on_epoch_over(trouble),
             Report::OutputsOff => {
                 // A suspicion that has survived a lost link ends by evidence alone: here by the feedbacks of both.
                 (self.state.facts.tool_may_run, self.state.facts.water_may_run) = (false, false);
             }
-            Report::Progress { id, done } => self.progressed(id, done),
+            Report::Progress { id, done } => self.on_progress(id, done),
             Report::Answered { id, answer } => {
-                let due = if self.rules.keep(Rule::AnswersMatch) { is_due(id) } else { due };
-                let Some(due) = due else { return self.drop() };
+                let due = if self.rules.is_active(Rule::AnswersMatch) { is_due(id) } else { due };
+                let Some(due) = due else { return self.discard_report() };
                 self.state.due = None;
-                self.answered(due.act, answer);
+                self.on_answer(due.act, answer);
             }
             Report::Deadline { id, which: Deadline::Answer } => {
-                let Some(due) = is_due(id).filter(|_| self.rules.keep(Rule::AnswerDeadline)) else {
-                    return self.drop();
+                let Some(due) = is_due(id).filter(|_| self.rules.is_active(Rule::AnswerDeadline)) else {
+                    return self.discard_report();
                 };
                 self.state.due = None;
                 // A late answer is dropped afterwards, since its id is not due any more: the work must not continue by
                 // it.
-                self.answered(due.act, Answer::Failed(Trouble::Late));
+                self.on_answer(due.act, Answer::Failed(Trouble::Late));
             }
             Report::Deadline { id, which } => self.elapsed(id, which),
         }
@@ -136,16 +136,16 @@ impl Turn {
             (Deadline::Settle, _) if facts.light == (Light::Settling { until: id }) => facts.light = Light::Settled,
             (Deadline::Drain, _) if facts.water == (Water::Draining { until: id }) => facts.water = Water::Drained,
             (Deadline::Rinse, At::Execute(Phase::Rinse)) if facts.water == (Water::Rinsing { until: id }) => {
-                self.rinsed();
+                self.after_rinse();
             }
             (Deadline::Spray, At::Execute(Phase::Wet)) if facts.water == (Water::Spraying { until: id }) => {
                 self.state.at = At::Execute(Phase::Inspect);
             }
-            (Deadline::Token, _) if facts.token == Some(id) => self.token_over(),
-            (Deadline::Stop, At::Stopping { until }) if until == id && self.rules.keep(Rule::StopDeadline) => {
+            (Deadline::Token, _) if facts.token == Some(id) => self.on_token_expired(),
+            (Deadline::Stop, At::Stopping { until }) if until == id && self.rules.is_active(Rule::StopDeadline) => {
                 self.abort(Cause::StopTimedOut);
             }
-            _ => self.drop(),
+            _ => self.discard_report(),
         }
     }
 
@@ -155,7 +155,7 @@ impl Turn {
         if robot == Robot::Ready {
             return;
         }
-        if self.rules.keep(Rule::LossForgets) {
+        if self.rules.is_active(Rule::LossForgets) {
             self.state.facts.forget();
         }
         // No controller answers in these two conditions; in all others the controller still answers an abort.
@@ -171,71 +171,71 @@ impl Turn {
             // If the robot is gone, nothing can answer the abort frame. The motion's intent stays open until the robot
             // has been asked.
             At::Aborting { cause } => {
-                let cause = cause.or(robot);
+                let cause = cause.merged_with_robot(robot);
                 self.state.at = At::Aborting { cause };
                 if gone {
                     self.aborted(cause);
                 }
             }
             At::Clearing { .. } => self.aborted(Cause::Robot(robot)),
-            _ if !self.rules.keep(Rule::ConditionAborts) => {}
+            _ if !self.rules.is_active(Rule::ConditionAborts) => {}
             _ => self.abort(Cause::Robot(robot)),
         }
     }
 
-    fn progressed(&mut self, id: Id, done: u32) {
-        let Some(due) = self.state.due.filter(|due| due.id == id) else { return self.drop() };
+    fn on_progress(&mut self, id: Id, done: u32) {
+        let Some(due) = self.state.due.filter(|due| due.id == id) else { return self.discard_report() };
         match (&mut self.state.intent, due.act) {
             (Some(intent), Action::Move(motion)) => {
                 // A count that goes back or beyond the path belongs to another motion, or a message was changed on its
                 // way.
                 let in_order = intent.done <= done && done <= motion.waypoints;
                 intent.done = done;
-                if !in_order && self.rules.keep(Rule::Sequence) {
-                    self.trouble(Trouble::Sequence);
+                if !in_order && self.rules.is_active(Rule::Sequence) {
+                    self.leave_for_trouble(Trouble::Sequence);
                 }
             }
-            _ => self.trouble(Trouble::Unexpected),
+            _ => self.leave_for_trouble(Trouble::Unexpected),
         }
     }
 
     /// Handles trouble that is not the answer of an act: it matters only while something is in progress.
-    fn unasked(&mut self, trouble: Trouble) {
+    fn on_unexpected_trouble(&mut self, trouble: Trouble) {
         match self.state.at {
-            at if at.rests() => self.drop(),
-            At::Aborting { .. } => self.drop(),
+            at if at.is_at_rest() => self.discard_report(),
+            At::Aborting { .. } => self.discard_report(),
             // These states bring the cell to rest by themselves. A hold on top of that would only delay it.
             At::Resetting | At::Clearing { .. } | At::Completing { .. } | At::Stopping { .. } | At::Holding(_)
-                if trouble.holds() =>
+                if trouble.allows_continuation() =>
             {
-                self.drop();
+                self.discard_report();
             }
             // A robot that is late but responds does harm only while the pad touches the panel.
-            _ if trouble == Trouble::Slow && !self.state.facts.touching => self.drop(),
-            _ => self.trouble(trouble),
+            _ if trouble == Trouble::Slow && !self.state.facts.touching => self.discard_report(),
+            _ => self.leave_for_trouble(trouble),
         }
     }
 
     /// Handles an epoch that the link has ended without a command of the table. Whatever the cycle is doing, there
     /// is no open epoch any more, and the work in this epoch ends.
-    fn epoch_over(&mut self, trouble: Option<Trouble>) {
-        if self.rules.keep(Rule::LinkEndsEpoch) {
+    fn on_epoch_over(&mut self, trouble: Option<Trouble>) {
+        if self.rules.is_active(Rule::LinkEndsEpoch) {
             self.state.facts.end_epoch(Epoch::Changing);
         }
         let Some(trouble) = trouble else { return };
         let ends = self.state.due.is_some_and(|due| matches!(due.act, Action::EndEpoch { .. }));
         match self.state.at {
-            at if at.rests() => {}
+            at if at.is_at_rest() => {}
             At::Aborting { .. } => {}
             // The state is already bringing about the end of the epoch.
-            At::Stopping { .. } | At::Holding(_) if ends && trouble.holds() => {}
-            _ => self.trouble(trouble),
+            At::Stopping { .. } | At::Holding(_) if ends && trouble.allows_continuation() => {}
+            _ => self.leave_for_trouble(trouble),
         }
     }
 
     /// Leaves the work in progress as this trouble requires.
-    pub fn trouble(&mut self, trouble: Trouble) {
-        if !self.rules.keep(Rule::TroubleLeaves) {
+    pub fn leave_for_trouble(&mut self, trouble: Trouble) {
+        if !self.rules.is_active(Rule::TroubleLeaves) {
             return;
         }
         self.state.due = None;
@@ -247,11 +247,11 @@ impl Turn {
                 self.refuse(Request::Reset, Refusal::Failed(trouble));
             }
             At::Clearing { cause } => self.aborted(cause),
-            At::Execute(phase) | At::Unholding { resume: phase, .. } if trouble.holds() => {
+            At::Execute(phase) | At::Unholding { resume: phase, .. } if trouble.allows_continuation() => {
                 self.hold(Why::Trouble(trouble), phase);
             }
             // The panel was not located yet, so the cycle can only continue from its first phase.
-            At::Starting if trouble.holds() => self.hold(Why::Trouble(trouble), Phase::Locate),
+            At::Starting if trouble.allows_continuation() => self.hold(Why::Trouble(trouble), Phase::Locate),
             _ => self.abort(Cause::Trouble(trouble)),
         }
     }
@@ -262,7 +262,7 @@ impl Turn {
         // pushed.
         (self.state.due, self.state.facts.token) = (None, None);
         self.state.at = At::Aborting { cause };
-        if !self.rules.keep(Rule::AbortIsSent) {
+        if !self.rules.is_active(Rule::AbortIsSent) {
             self.aborted(cause);
         }
     }
@@ -293,7 +293,7 @@ impl Turn {
 
     /// Handles a store that was changed or restored, reported at a start before anything moves: a person must check it
     /// first. The contents of the state may be wrong.
-    fn store_is_another(&mut self, cause: Cause) {
+    fn on_store_changed(&mut self, cause: Cause) {
         match self.state.at {
             // Nothing moves here, and there may be no robot yet to which an abort could be sent.
             At::Stopped | At::Aborted { .. } => self.aborted(cause),
@@ -303,7 +303,7 @@ impl Turn {
 
     fn boot(&mut self) {
         self.conclude(Verdict::Aborted);
-        if self.rules.keep(Rule::BootRests) {
+        if self.rules.is_active(Rule::BootRests) {
             self.state = super::restart::state_after_restart(self.state);
         }
     }

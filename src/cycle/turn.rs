@@ -1,6 +1,6 @@
 //! A step during its computation: the state, the effects so far, and how the next act follows from an aim.
 
-use super::interlocks::{Row, needs};
+use super::interlocks::{Row, action_needs};
 use super::rules::{Rule, Rules};
 use super::{
     Action, At, Deadline, Due, Effect, Facts, Id, Intent, Outcome, Phase, Refusal, Request, State, Trouble,
@@ -20,13 +20,13 @@ pub(super) enum Goal {
 }
 
 /// A step in progress.
-pub(super) struct Turn {
+pub(super) struct TransitionStep {
     pub rules: Rules,
     pub state: State,
     pub effects: Vec<Effect>,
 }
 
-impl Turn {
+impl TransitionStep {
     /// Concludes the cycle with its result; the cycle's localization is void.
     pub fn conclude(&mut self, verdict: Verdict) {
         self.state.facts.token = None;
@@ -48,37 +48,37 @@ impl Turn {
         self.effects.push(Effect::Refuse { request, refusal });
     }
 
-    pub fn drop(&mut self) {
+    pub fn discard_report(&mut self) {
         self.state.dropped += 1;
     }
 
-    fn fresh(&mut self) -> Id {
+    fn next_id(&mut self) -> Id {
         self.state.last_id = Id(self.state.last_id.0 + 1);
         self.state.last_id
     }
 
     /// Arms a deadline that does not belong to an act.
     pub fn arm(&mut self, deadline: Deadline) -> Id {
-        let id = self.fresh();
+        let id = self.next_id();
         self.effects.push(Effect::Arm { id, deadline });
         id
     }
 
     /// Performs the next act, unless one is in progress.
-    pub fn proceed(&mut self) {
+    pub fn perform_next_action(&mut self) {
         // One act at a time: an interlock that is proven now could otherwise be undone by an act in parallel.
         while self.state.due.is_none() {
             if self.lacks_override() {
-                self.trouble(Trouble::Override);
+                self.leave_for_trouble(Trouble::Override);
             }
-            match self.aim() {
+            match self.current_goal() {
                 Goal::Rest => return,
-                Goal::Do(act) => return self.perform_first(act),
+                Goal::Do(act) => return self.perform_required_action(act),
                 Goal::Now(act) => return self.perform(act),
-                Goal::Reach(rows, at) => match self.unmet(rows) {
-                    Some(Some(act)) => return self.perform_first(act),
+                Goal::Reach(rows, at) => match self.first_unmet_need(rows) {
+                    Some(Some(act)) => return self.perform_required_action(act),
                     Some(None) => return,
-                    None => self.enter(at),
+                    None => self.enter_state(at),
                 },
             }
         }
@@ -88,14 +88,14 @@ impl Turn {
     /// planned. Neither time nor an act can correct this: a person must.
     pub fn lacks_override(&self) -> bool {
         let touches = self.state.at == At::Execute(Phase::Abrade) && !self.is_air();
-        touches && !self.state.facts.full_override && self.rules.keep(Rule::FullOverride)
+        touches && !self.state.facts.full_override && self.rules.is_active(Rule::FullOverride)
     }
 
     /// Performs the first action that the given action still needs, or the given action itself if all its needs are
     /// satisfied. If it only has to wait for time to pass, nothing is performed yet.
-    fn perform_first(&mut self, mut act: Action) {
+    fn perform_required_action(&mut self, mut act: Action) {
         loop {
-            match self.unmet(&needs(act)) {
+            match self.first_unmet_need(&action_needs(act)) {
                 // An act that brings about a need has needs of its own (the tool starts only with extraction and
                 // drained water), so the search goes down until an act is free to begin.
                 Some(Some(before)) => act = before,
@@ -107,23 +107,23 @@ impl Turn {
 
     /// Returns the act that satisfies the first need that is not satisfied; `Some(None)` if only time or a person can
     /// satisfy it, `None` if all needs are satisfied.
-    fn unmet(&self, rows: &[Row]) -> Option<Option<Action>> {
-        let missing = |(rule, need): &&Row| self.rules.keep(*rule) && !need.holds(&self.state.facts);
-        rows.iter().find(missing).map(|(_, need)| need.brought_by(&self.state))
+    fn first_unmet_need(&self, rows: &[Row]) -> Option<Option<Action>> {
+        let missing = |(rule, need): &&Row| self.rules.is_active(*rule) && !need.is_satisfied(&self.state.facts);
+        rows.iter().find(missing).map(|(_, need)| need.satisfying_action(&self.state))
     }
 
     fn perform(&mut self, act: Action) {
-        let id = self.fresh();
+        let id = self.next_id();
         // From here on the output may have either state; if the answer never comes, no interlock may rely on the old
         // one.
-        if self.rules.keep(Rule::AskedIsUnknown) {
-            self.state.facts.ask(act);
+        if self.rules.is_active(Rule::AskedIsUnknown) {
+            self.state.facts.mark_unknown(act);
         }
         if let Action::Move(motion) = act {
             self.state.intent = Some(Intent { id, motion, done: 0 });
             // The intent is committed before the motion is sent: after a power cut the store must not deny a contact
             // that took place.
-            if self.rules.keep(Rule::IntentFirst) {
+            if self.rules.is_active(Rule::IntentFirst) {
                 self.effects.push(Effect::OpenIntent(motion));
             }
         }
@@ -133,7 +133,7 @@ impl Turn {
         self.state.due = Some(Due { id, act });
     }
 
-    fn enter(&mut self, at: At) {
+    fn enter_state(&mut self, at: At) {
         self.state.at = at;
         if let At::Complete { verdict } = at {
             self.conclude(verdict);

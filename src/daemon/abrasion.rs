@@ -1,6 +1,6 @@
 //! The area that is still to be abraded, the plan over it, and the executed part of the plan.
 
-use super::answers::{figure, figure_alone, grade, reason};
+use super::answers::{figure, figure_alone, grade_judgement, reason};
 use super::error::DaemonError;
 use super::films::mask_hash;
 use super::perception::{Perception, view};
@@ -9,28 +9,28 @@ use super::setup::CycleSetup;
 use crate::cycle::{Answer, Grade, Trouble};
 use crate::files::content_hash;
 use crate::geometry::Mask;
-use crate::geometry::statistics::WITHIN_95;
+use crate::geometry::statistics::NORMAL_TWO_SIDED_95;
 use crate::panel::GridId;
 use crate::path::approach::Approach;
-use crate::path::disc::DiscUse;
+use crate::path::disc::DiscWearPlan;
 use crate::path::routes::waypoints;
 use crate::path::trace::Trace;
 use crate::path::{Kinematics, Plan, dwell, touching};
-use crate::record::{Budget, EarlierPass, Kind, PASSES_USED, Reached};
+use crate::record::{Budget, EarlierPass, FirstReached, Kind, PASSES_USED};
 use crate::removal::map::RemovalMap;
 use crate::stages::abrade::{self, Progress};
-use crate::stages::plan::{self, Planned, Reach};
-use crate::stages::rejected_by;
-use crate::stages::removal::Abrasive;
+use crate::stages::plan::{self, PlanOutcome, ReachStart};
+use crate::stages::rejected_finding;
+use crate::stages::removal::RemovalInputs;
 use crate::stages::survey::{self, ToolState};
 use crate::surface::{self, Fit, TodaysPoint};
-use crate::verdict::{Check, Limit, Reason, SetBy, Severity};
+use crate::verdict::{Check, Limit, LimitSource, Reason, Severity};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// The last plan, and the work done by all plans of the cycle.
 #[derive(Debug, Default, Clone)]
-pub(super) struct Abrasion {
+pub(super) struct AbrasionWork {
     /// The taught region's surface, once it is known.
     taught: Option<Arc<Fit>>,
     /// The surface of the region in today's scan, on which paths are planned.
@@ -57,10 +57,11 @@ pub(super) struct Abrasion {
     pub executed_grade: Option<Grade>,
 }
 
-impl Abrasion {
+impl AbrasionWork {
     /// Returns the data on which a later phase's result depends, as text. The surface follows from the taught data.
     pub(super) fn inputs(&self) -> String {
-        let Abrasion { plan, touched, done, most_passes, worn_mm2, earlier, removed, sanded, is_air, .. } = self;
+        let AbrasionWork { plan, touched, done, most_passes, worn_mm2, earlier, removed, sanded, is_air, .. } =
+            self;
         let removed_mm3 = removed.as_ref().map(RemovalMap::volume_mm3);
         let plan = plan.as_ref().map(|(number, _)| number);
         let sanded = mask_hash(sanded.as_deref());
@@ -70,9 +71,9 @@ impl Abrasion {
     }
 
     /// Returns this work on the surface of `other`, if `other` has a surface.
-    pub(super) fn on_surface_of(self, other: Abrasion) -> Self {
+    pub(super) fn with_surface_of(self, other: AbrasionWork) -> Self {
         // If the same work was done before, it was done on the surface of the same scan.
-        Abrasion { taught: self.taught.or(other.taught), fit: other.fit.or(self.fit), ..self }
+        AbrasionWork { taught: self.taught.or(other.taught), fit: other.fit.or(self.fit), ..self }
     }
 
     /// Returns the plan with this number, if it is the last one.
@@ -81,32 +82,32 @@ impl Abrasion {
     }
 
     /// The last plan.
-    pub fn latest(&self) -> Option<&Plan> {
+    pub fn latest_plan(&self) -> Option<&Plan> {
         self.plan.as_ref().map(|(_, plan)| plan)
     }
 
     /// For the plan with this number, returns the first waypoint at which each grid is reached, the time of each
     /// waypoint, s, and the wear of the disc, mm².
-    pub fn contact(&self, cycle: &CycleSetup, number: u64) -> Option<(Vec<Reached>, Vec<f64>, f64)> {
+    pub fn contact(&self, cycle: &CycleSetup, number: u64) -> Option<(Vec<FirstReached>, Vec<f64>, f64)> {
         let (plan, fit) = (self.plan(number)?, self.fit.as_ref()?);
         let radius_mm = cycle.recipe.path().disc_diameter_mm() / 2.0;
-        let reached = |(grid, first): (GridId, usize)| Reached {
+        let reached = |(grid, first): (GridId, usize)| FirstReached {
             grid: grid.to_string(),
             first: u32::try_from(first).unwrap_or(u32::MAX),
         };
-        let first = touching::first_reached(plan, &fit.surface, &cycle.panel.region, radius_mm);
-        let planned = dwell::planned(plan);
+        let first = touching::first_waypoints(plan, &fit.surface, &cycle.panel.region, radius_mm);
+        let planned = dwell::timed_poses(plan);
         let reached_s = planned.iter().scan(0.0, |at_s, waypoint| {
             *at_s += waypoint.seconds;
             Some(*at_s)
         });
-        let wears_mm2 = DiscUse::compute(plan, cycle.recipe.path(), 0.0).swept_mm2;
+        let wears_mm2 = DiscWearPlan::compute(plan, cycle.recipe.path(), 0.0).swept_mm2;
         Some((first.into_iter().map(reached).collect(), reached_s.collect(), wears_mm2))
     }
 
     /// Notes that the motion of the plan with this number begins. It may touch the whole planned area, whatever the
     /// robot reports later.
-    pub fn begins_contact(&mut self, cycle: &CycleSetup, number: u64) {
+    pub fn note_contact_start(&mut self, cycle: &CycleSetup, number: u64) {
         let Some(plan) = self.plan(number) else { return };
         // All of the plan and not its executed part: a place that counts as sanded only loses its dry look, one that is
         // missed is judged by a look that is gone.
@@ -119,18 +120,18 @@ impl Abrasion {
     }
 
     /// Notes that a new dry picture shows the present appearance of everything that was sanded so far.
-    pub fn is_shown_dry(&mut self) {
+    pub fn note_dry_picture(&mut self) {
         self.sanded = None;
     }
 
     /// Returns the taught pixels whose present appearance no dry picture of this cycle shows.
-    pub fn sanded(&self) -> Option<Arc<Mask>> {
+    pub fn sanded_pixels(&self) -> Option<Arc<Mask>> {
         self.sanded.clone()
     }
 
     /// Determines the panel's surface and the arm's reach of every grid, once the localization is final. `found` is
     /// the localization's own grade.
-    pub fn survey(
+    pub fn survey_region(
         &mut self,
         cycle: &CycleSetup,
         (pass, found, panel): (u8, Grade, &Approach<'_>),
@@ -140,26 +141,27 @@ impl Abrasion {
         let taught = match self.as_taught(cycle, record)? {
             Ok(taught) => taught,
             Err(check) => {
-                record.finding(&rejected_by(Kind::Reach, pass, *check))?;
+                record.finding(&rejected_finding(Kind::Reach, pass, *check))?;
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
-        record.figure(&figure_alone(survey::drawn_surface(&taught.map)))?;
-        let today = survey::today((&cycle.panel, &taught), points, cycle.recipe.surface());
+        record.figure(&figure_alone(survey::draw_surface(&taught.map)))?;
+        let today = survey::correct_by_scan((&cycle.panel, &taught), points, cycle.recipe.surface());
         if let Some(drawing) = today.drawing {
             record.figure(&figure_alone(drawing))?;
         }
         // From here on every path lies on today's surface: the panel may be bent against the taught one.
         let fit = self.fit.insert(Arc::new(today.fit)).clone();
         let kinematics = Kinematics::new(&cycle.cell.arm);
-        let stand = cycle.tour().reach_setup(&kinematics, panel);
-        let surveyed = survey::survey((&cycle.panel, &fit), stand, &cycle.recipe, self.tool(cycle));
-        let surveyed = surveyed.with_today(today.checks);
+        let stand = cycle.corner_tour().reach_setup(&kinematics, panel);
+        let surveyed = survey::survey_grids((&cycle.panel, &fit), stand, &cycle.recipe, self.tool(cycle));
+        let surveyed = surveyed.with_todays_checks(today.checks);
         let found_reach = surveyed.finding(pass, &fit.deviation, (&cycle.panel, &cycle.recipe));
-        let own = grade(&found_reach.judgement);
+        let own = grade_judgement(&found_reach.judgement);
         record.finding(&found_reach)?;
-        let fit_mm =
-            today.rms_mm.map_or(fit.deviation.p95_mm, |rms_mm| fit.deviation.p95_mm.max(WITHIN_95 * rms_mm));
+        let fit_mm = today
+            .rms_mm
+            .map_or(fit.deviation.p95_mm, |rms_mm| fit.deviation.p95_mm.max(NORMAL_TWO_SIDED_95 * rms_mm));
         record.budget(&Budget { fit_mm: Some(fit_mm), ..Budget::default() })?;
         // A doubtful localization stays doubtful, however well the arm reaches the grids.
         let both = if own == Grade::Accept { found } else { own };
@@ -167,7 +169,7 @@ impl Abrasion {
     }
 
     /// Returns the surface from today's scan, or the taught one before the panel was surveyed.
-    fn fitted(
+    fn current_surface(
         &mut self,
         cycle: &CycleSetup,
         record: &mut dyn Record,
@@ -187,19 +189,19 @@ impl Abrasion {
         if let Some(taught) = &self.taught {
             return Ok(Ok(taught.clone()));
         }
-        match surface::examine(&cycle.panel, cycle.recipe.surface()) {
+        match surface::examine_fit(&cycle.panel, cycle.recipe.surface()) {
             Ok(taught) => Ok(Ok(self.taught.insert(Arc::new(taught)).clone())),
             Err(refusal) => {
                 if let Some(map) = &refusal.map {
-                    record.figure(&figure_alone(survey::drawn_surface(map)))?;
+                    record.figure(&figure_alone(survey::draw_surface(map)))?;
                 }
-                Ok(Err(Box::new(refusal.error.check())))
+                Ok(Err(Box::new(refusal.error.failed_check())))
             }
         }
     }
 
     /// Plans a path over the failed grids that this pass has not yet abraded; in pass 0, an air-run, over all grids.
-    pub fn make(
+    pub fn plan_failed_grids(
         &mut self,
         cycle: &CycleSetup,
         (pass, perception): (u8, &Perception),
@@ -217,7 +219,8 @@ impl Abrasion {
         self.most_passes = cycle.recipe.process().max_passes_per_grid();
         let most = self.most_passes;
         let left = failed.into_iter().filter(|grid| self.done.get(grid) != Some(&pass));
-        let (worn, grids): (Vec<GridId>, Vec<GridId>) = left.partition(|grid| self.is_worn(grid, pass, most));
+        let (worn, grids): (Vec<GridId>, Vec<GridId>) =
+            left.partition(|grid| self.has_reached_pass_limit(grid, pass, most));
         if grids.is_empty() && worn.is_empty() {
             return Ok(Answer::Planned { plan: 0, waypoints: 0 });
         }
@@ -226,39 +229,39 @@ impl Abrasion {
         let planned = if grids.is_empty() {
             Err(self.passes_used(&worn, most))
         } else {
-            self.fitted(cycle, record)?.and_then(|fit| self.over(cycle, (&fit, &grids), &panel))
+            self.current_surface(cycle, record)?.and_then(|fit| self.plan_grids(cycle, (&fit, &grids), &panel))
         };
         let planned = match planned {
             Ok(planned) => planned,
             Err(check) => {
-                record.finding(&rejected_by(Kind::Plan, pass, *check))?;
+                record.finding(&rejected_finding(Kind::Plan, pass, *check))?;
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
         let finding = planned.finding(pass, &grids);
-        let grade = grade(&finding.judgement);
+        let grade = grade_judgement(&finding.judgement);
         if let Some(film) = &perception.film_picture {
-            record.figure(&figure(planned.drawn(&cycle.panel, &view(cycle, film, place)), film))?;
+            record.figure(&figure(planned.draw_plan(&cycle.panel, &view(cycle, film, place)), film))?;
         }
-        if let Some(drawing) = planned.drawn_removal(&cycle.panel) {
+        if let Some(drawing) = planned.draw_removal(&cycle.panel) {
             record.figure(&figure_alone(drawing))?;
         }
-        let earlier = self.counted_before(&grids);
+        let earlier = self.describe_earlier_passes(&grids);
         record.finding(&match earlier.is_empty() {
             true => finding,
-            false => finding.detail("abraded in earlier cycles, counted", earlier),
+            false => finding.with_detail("abraded in earlier cycles, counted", earlier),
         })?;
         if grade == Grade::Reject {
             return Ok(Answer::Graded(grade));
         }
-        let (plan, waypoints) = self.keep(planned.plan);
+        let (plan, waypoints) = self.store_plan(planned.plan);
         Ok(match grade {
             Grade::Accept => Answer::Planned { plan, waypoints },
             _ => Answer::PlannedForReview { plan, waypoints },
         })
     }
 
-    fn is_worn(&self, grid: &GridId, pass: u8, most: usize) -> bool {
+    fn has_reached_pass_limit(&self, grid: &GridId, pass: u8, most: usize) -> bool {
         let last = self.touched.get(grid).map(|(_, last)| *last);
         // An air-run abrades nothing; the rest of an interrupted pass belongs to the same pass.
         pass > 0 && self.times(grid) >= most && last != Some(pass)
@@ -266,17 +269,17 @@ impl Abrasion {
 
     /// Returns how often a grid was abraded, in this cycle and in earlier cycles that count.
     fn times(&self, grid: &GridId) -> usize {
-        self.touched.get(grid).map_or(0, |(times, _)| *times) + self.before(grid).count()
+        self.touched.get(grid).map_or(0, |(times, _)| *times) + self.earlier_passes(grid).count()
     }
 
     /// The passes of earlier cycles that count for this grid.
-    fn before(&self, grid: &GridId) -> impl Iterator<Item = &EarlierPass> {
+    fn earlier_passes(&self, grid: &GridId) -> impl Iterator<Item = &EarlierPass> {
         let grid = grid.to_string();
         self.earlier.iter().filter(move |earlier| earlier.grid.as_ref().is_none_or(|known| *known == grid))
     }
 
     /// Describes the passes of earlier cycles that count for these grids.
-    fn counted_before(&self, grids: &[GridId]) -> Vec<String> {
+    fn describe_earlier_passes(&self, grids: &[GridId]) -> Vec<String> {
         let words = |grid: &GridId, earlier: &EarlierPass| {
             let EarlierPass { cycle, pass, .. } = earlier;
             if earlier.is_stated {
@@ -285,12 +288,12 @@ impl Abrasion {
             let how = if earlier.is_sure { "abraded" } else { "perhaps abraded" };
             format!("{grid} {how} in cycle {cycle}, pass {pass}")
         };
-        grids.iter().flat_map(|grid| self.before(grid).map(move |earlier| words(grid, earlier))).collect()
+        grids.iter().flat_map(|grid| self.earlier_passes(grid).map(move |earlier| words(grid, earlier))).collect()
     }
 
     fn passes_used(&self, worn: &[GridId], most: usize) -> Box<Check> {
         let names = worn.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-        let earlier = self.counted_before(worn);
+        let earlier = self.describe_earlier_passes(worn);
         let message = match earlier.is_empty() {
             true => format!("the film broke again on {names} after {most} abrasions (limit max_passes_per_grid)"),
             false => format!(
@@ -303,23 +306,23 @@ impl Abrasion {
         };
         let times = worn.iter().map(|grid| self.times(grid)).max().unwrap_or(most);
         let check = Check::new("abrasions of a grid so far", "", times as f64)
-            .within(Limit::Below(most as f64), SetBy::recipe("process.max_passes_per_grid"));
-        Box::new(check.rejects(PASSES_USED, || message))
+            .with_limit(Limit::Below(most as f64), LimitSource::recipe("process.max_passes_per_grid"));
+        Box::new(check.or_reject(PASSES_USED, || message))
     }
 
     /// Plans over these grids, with the tool turned so that the arm reaches them best, and lets every gate judge
     /// the plan.
-    fn over(
+    fn plan_grids(
         &self,
         cycle: &CycleSetup,
         (fit, grids): (&Fit, &[GridId]),
         panel: &Approach<'_>,
-    ) -> Result<Planned, Box<Check>> {
+    ) -> Result<PlanOutcome, Box<Check>> {
         let on = (&cycle.panel, fit);
-        let plan = plan::lay(on, grids, (&cycle.recipe, self.tool(cycle)))
+        let plan = plan::lay_paths(on, grids, (&cycle.recipe, self.tool(cycle)))
             .map_err(|error| refused(reason("no_path", &error)))?;
         let kinematics = Kinematics::new(&cycle.cell.arm);
-        let reach = Reach::From(cycle.tour().reach_setup(&kinematics, panel).map_err(refused)?);
+        let reach = ReachStart::From(cycle.corner_tour().reach_setup(&kinematics, panel).map_err(refused)?);
         Ok(plan::judge(
             plan,
             on,
@@ -342,7 +345,7 @@ impl Abrasion {
     }
 
     /// Stores a plan; returns its number, and the number of its waypoints after the air point of the approach.
-    fn keep(&mut self, plan: Plan) -> (u64, u32) {
+    fn store_plan(&mut self, plan: Plan) -> (u64, u32) {
         let all = waypoints(&plan);
         let text: Vec<String> = all.iter().map(|waypoint| format!("{:?}", waypoint.pose())).collect();
         // The number follows from the poses: a replay that plans another path also has another number, and differs
@@ -356,7 +359,7 @@ impl Abrasion {
 
     /// Evaluates the executed part of the plan's path, from the number of all waypoints, the number of executed
     /// waypoints, and the robot's reports. Also returns the disc wear, mm².
-    pub fn executed(
+    pub fn evaluate_executed(
         &mut self,
         cycle: &CycleSetup,
         (pass, trace): (u8, &Trace),
@@ -365,40 +368,40 @@ impl Abrasion {
         let (Some(fit), Some((_, plan))) = (self.fit.clone(), &self.plan) else { return (Vec::new(), 0.0) };
         let (on, progress) = ((&fit.surface, &cycle.panel.region), Progress { waypoints: all, done });
         let (panel, recipe) = (&cycle.panel, &cycle.recipe);
-        let removal = Abrasive {
+        let removal = RemovalInputs {
             panel,
             fit: &fit,
             recipe,
             tool: self.tool(cycle),
             earlier: self.removed.as_ref(),
-            before: cycle.removed_before,
+            earlier_removal: cycle.removed_before,
         };
-        let abraded = abrade::abraded(plan, on, cycle.recipe.path(), (trace, progress), Some(&removal));
+        let abraded = abrade::evaluate_abrasion(plan, on, cycle.recipe.path(), (trace, progress), Some(&removal));
         if let Some(removed) = &abraded.removed {
             self.removed = Some(removed.map.clone());
         }
-        for grid in abraded.whole.iter().chain(&abraded.begun) {
+        for grid in abraded.completed.iter().chain(&abraded.incomplete) {
             let (times, last) = self.touched.entry(*grid).or_insert((0, 0));
             // The rest of an interrupted pass is the same abrasion of the grid, not a second one.
             *times += usize::from(*last != pass);
             *last = pass;
         }
-        self.done.extend(abraded.whole.iter().map(|grid| (*grid, pass)));
-        let drawn = abraded.drawn(&cycle.panel.region).into_iter().chain(abraded.drawn_removal(&cycle.panel));
+        self.done.extend(abraded.completed.iter().map(|grid| (*grid, pass)));
+        let drawn = abraded.draw_dwell(&cycle.panel.region).into_iter().chain(abraded.draw_removal(&cycle.panel));
         let figures = drawn.map(|drawing| Note::Figure(figure_alone(drawing)));
         let finding = abraded.finding(pass, self.most_passes);
-        self.executed_grade = Some(grade(&abrade::of_executed(&finding)));
+        self.executed_grade = Some(grade_judgement(&abrade::executed_checks(&finding)));
         let notes = figures.chain([Note::Finding(finding)]).collect();
         (notes, abraded.swept_mm2)
     }
 
     /// Returns the number of passes that touched each grid.
-    pub fn passes(&self) -> impl Iterator<Item = (GridId, usize)> + '_ {
+    pub fn pass_counts(&self) -> impl Iterator<Item = (GridId, usize)> + '_ {
         self.touched.iter().map(|(grid, (times, _))| (*grid, *times))
     }
 }
 
 /// Returns the check for a path that cannot be planned or reached at all.
 fn refused(reason: Reason) -> Box<Check> {
-    Box::new(Check::new("a path over these grids", "", None).gives(Some(reason), Severity::Reject))
+    Box::new(Check::new("a path over these grids", "", None).with_reason(Some(reason), Severity::Reject))
 }

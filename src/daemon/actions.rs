@@ -2,13 +2,13 @@
 //! before an act is answered. The acts that move the arm are in `moves`.
 
 use super::answers::reason;
-use super::computing::{Found, Work, Worked};
+use super::computing::{WorkInput, WorkOutcome, WorkResult};
 use super::error::DaemonError;
 use super::operator_texts;
 use super::pending_action::{Condition, PendingAction};
 use super::ports::{Finding, RecordError};
 use super::ports::{LoopEvent, Note, RecordCommand, RobotPort};
-use super::running::Running;
+use super::running::LoopMemory;
 use crate::cycle::{self, Action, Answer, Event, Frames, Id, Report, Switch, Trouble};
 use crate::eki::{Command, CommandId, Epoch, QueueError, SetTcp, State, TcpKind};
 use crate::geometry::KukaPose;
@@ -19,10 +19,10 @@ use crate::verdict::{Judgement, Reason, Verdict};
 /// one request for every two robot states.
 const MAX_STATES_BEFORE_STOP: u8 = 3;
 
-impl Running<'_> {
+impl LoopMemory<'_> {
     /// Begins an act; an act that needs no waiting is answered at once.
-    pub(super) fn begin(&mut self, id: Id, act: Action) -> Result<(), DaemonError> {
-        self.pending = None;
+    pub(super) fn begin_action(&mut self, id: Id, act: Action) -> Result<(), DaemonError> {
+        self.pending_action = None;
         self.computing.abandon();
         match act {
             Action::Locate
@@ -35,7 +35,7 @@ impl Running<'_> {
             Action::Assess => {
                 // If it is not known what the tool did, nothing continues on that basis.
                 let unknown = Answer::Failed(Trouble::Unexpected);
-                self.answer(id, self.abrasion.executed_grade.map_or(unknown, Answer::Graded));
+                self.answer_action(id, self.abrasion.executed_grade.map_or(unknown, Answer::Graded));
                 Ok(())
             }
             Action::CheckStandstill => {
@@ -44,19 +44,19 @@ impl Running<'_> {
             }
             Action::OpenEpoch { above } => {
                 let opened = self.ports.robot.open_epoch(Epoch(above));
-                self.waits_or_fails(id, act, opened.map(|_| Condition::Epoch))
+                self.wait_or_fail(id, act, opened.map(|_| Condition::Epoch))
             }
             Action::EndEpoch { .. } => {
                 let asked = self.ports.robot.abort();
-                self.waits_or_fails(id, act, asked.map(|()| Condition::EpochEnd { done: None }))
+                self.wait_or_fail(id, act, asked.map(|()| Condition::EpochEnd { done: None }))
             }
             Action::SetFrames(frames) => {
                 let set = self.set_frames(frames);
-                self.waits_or_fails(id, act, set)
+                self.wait_or_fail(id, act, set)
             }
             Action::Switch(switch) => {
                 let set = self.switch(switch);
-                self.waits_or_fails(id, act, set)
+                self.wait_or_fail(id, act, set)
             }
             Action::Move(motion) => self.begin_move(id, motion),
         }
@@ -68,89 +68,98 @@ impl Running<'_> {
         self.abrasion.worn_mm2 = self.ports.record.disc_worn_mm2()?;
         self.abrasion.is_air = self.state.job.air;
         if matches!(act, Action::Plan { .. }) {
-            self.abrasion.earlier = self.ports.record.abraded_before()?;
+            self.abrasion.earlier = self.ports.record.earlier_abrasions()?;
         }
         let (perception, abrasion) = (self.perception.clone(), self.abrasion.clone());
         let tip = self.robot_state.map(|state| state.base_from_tcp);
         let (pass, setup) = (self.state.job.pass, self.cycle.clone());
-        self.computing.submit(Work { id, act, is_next_picture: false, perception, abrasion, tip, pass, setup });
+        self.computing.submit(WorkInput {
+            id,
+            action: act,
+            is_next_picture: false,
+            perception,
+            abrasion,
+            tip,
+            pass,
+            setup,
+        });
         self.wait(id, act, Condition::Computing);
         Ok(())
     }
 
     /// Requests the evaluation of the film's next picture.
-    fn watch_on(&mut self, id: Id, act: Action) {
-        self.computing.submit(Work::next_picture(id, act, self.state.job.pass, self.cycle.clone()));
+    fn request_next_picture(&mut self, id: Id, act: Action) {
+        self.computing.submit(WorkInput::next_picture_step(id, act, self.state.job.pass, self.cycle.clone()));
         self.wait(id, act, Condition::Computing);
     }
 
     /// Accepts a computed result if it is still expected.
-    pub(super) fn computed(&mut self, worked: Worked) -> Result<(), DaemonError> {
-        let Worked { id, found, artifacts, notes, .. } = worked;
+    pub(super) fn accept_result(&mut self, worked: WorkResult) -> Result<(), DaemonError> {
+        let WorkResult { id, outcome: found, artifacts, notes, .. } = worked;
         let is_due =
             |pending: &mut PendingAction| pending.id == id && matches!(pending.waits, Condition::Computing);
-        let Some(PendingAction { act, .. }) = self.pending.take_if(is_due) else {
+        let Some(PendingAction { act, .. }) = self.pending_action.take_if(is_due) else {
             tracing::debug!(id = id.0, "a late result is discarded");
             return Ok(());
         };
-        self.keep(notes)?;
+        self.record_notes(notes)?;
         match (found?, artifacts) {
-            (Found::Watching { seen_s }, _) => {
+            (WorkOutcome::Watching { seen_s }, _) => {
                 self.ports.requests.publish(LoopEvent::Filmed(seen_s));
                 self.wait(id, act, if self.lock_step { Condition::Film } else { Condition::Computing });
             }
-            (Found::Wrong(wrong), _) => self.tested(id, wrong)?,
-            (Found::Answer(answer), artifacts) => {
+            (WorkOutcome::Wrong(wrong), _) => self.end_self_test(id, wrong)?,
+            (WorkOutcome::Answer(answer), artifacts) => {
                 match (act, artifacts) {
                     (_, None) => {}
                     // Only the film's own results: the copy that the thread worked on is older than what the loop knows
                     // by now.
-                    (Action::Film, Some((film, _))) => self.perception.take_film(film),
+                    (Action::Film, Some((film, _))) => self.perception.add_film(film),
                     (_, Some((perception, abrasion))) => (self.perception, self.abrasion) = (perception, abrasion),
                 }
-                self.answer(id, answer);
+                self.answer_action(id, answer);
             }
         }
         Ok(())
     }
 
     /// Records the notes.
-    pub(super) fn keep(&mut self, notes: Vec<Note>) -> Result<(), RecordError> {
+    pub(super) fn record_notes(&mut self, notes: Vec<Note>) -> Result<(), RecordError> {
         for note in notes {
             match note {
                 Note::Finding(finding) => self.record(finding)?,
-                note => self.ports.record.keep(RecordCommand::Note(note))?,
+                note => self.ports.record.perform_and_forget(RecordCommand::Note(note))?,
             }
         }
         Ok(())
     }
 
     /// Ends the self-test: combines the faults that the thread found with those that the loop itself sees.
-    fn tested(&mut self, id: Id, found: Vec<(Trouble, Reason)>) -> Result<(), DaemonError> {
+    fn end_self_test(&mut self, id: Id, found: Vec<(Trouble, Reason)>) -> Result<(), DaemonError> {
         let robot = self.state.facts.robot;
         let unready = (robot != cycle::Robot::Ready).then(|| (Trouble::Refused, operator_texts::robot(robot)));
-        let full = self.ports.record.check().into_iter().map(|reason| (Trouble::Store, reason));
+        let full = self.ports.record.disk_space_problems().into_iter().map(|reason| (Trouble::Store, reason));
         let wrong: Vec<(Trouble, Reason)> =
             unready.into_iter().chain(found).chain(full).chain(self.tool_unfit()).collect();
         // All reasons are recorded, although the first one decides: the operator corrects them in one round.
         let answer = wrong.first().map_or(Answer::Done, |(trouble, _)| Answer::Failed(*trouble));
         if !wrong.is_empty() {
-            self.note(Kind::SelfTest, wrong.into_iter().map(|(_, reason)| reason).collect())?;
+            self.record_problem(Kind::SelfTest, wrong.into_iter().map(|(_, reason)| reason).collect())?;
         }
-        self.answer(id, answer);
+        self.answer_action(id, answer);
         Ok(())
     }
 
     pub(super) fn wait(&mut self, id: Id, act: Action, waits: Condition) {
-        self.pending = Some(PendingAction { id, act, waits });
+        self.pending_action = Some(PendingAction { id, act, waits });
     }
 
-    pub(super) fn answer(&mut self, id: Id, answer: Answer) {
-        self.pending = None;
+    pub(super) fn answer_action(&mut self, id: Id, answer: Answer) {
+        self.pending_action = None;
         self.events.push_back(Event::Reported(Report::Answered { id, answer }));
     }
 
-    pub(super) fn waits_or_fails(
+    pub(super) fn wait_or_fail(
         &mut self,
         id: Id,
         act: Action,
@@ -161,20 +170,20 @@ impl Running<'_> {
             // A stop is sent to the robot before the state table processes it. In this case the state table then stops
             // the cycle, and nothing has failed.
             Err(QueueError::NoEpoch) => self.wait(id, act, Condition::NoEpoch { states: MAX_STATES_BEFORE_STOP }),
-            Err(error) => self.not_sent(id, &error)?,
+            Err(error) => self.fail_unsent(id, &error)?,
         }
         Ok(())
     }
 
-    fn not_sent(&mut self, id: Id, error: &QueueError) -> Result<(), DaemonError> {
-        self.note(Kind::Robot, vec![reason("not_sent", error)])?;
-        self.answer(id, Answer::Failed(Trouble::Refused));
+    fn fail_unsent(&mut self, id: Id, error: &QueueError) -> Result<(), DaemonError> {
+        self.record_problem(Kind::Robot, vec![reason("not_sent", error)])?;
+        self.answer_action(id, Answer::Failed(Trouble::Refused));
         Ok(())
     }
 
     /// Records a finding that does not come from a stage: a problem of the cell, described for a person. Such a
     /// finding does not judge the panel.
-    pub(super) fn note(&mut self, kind: Kind, reasons: Vec<Reason>) -> Result<(), RecordError> {
+    pub(super) fn record_problem(&mut self, kind: Kind, reasons: Vec<Reason>) -> Result<(), RecordError> {
         let judgement = Judgement::new(vec![], reasons);
         self.record(Finding::new(kind, self.state.job.pass, judgement))
     }
@@ -182,9 +191,9 @@ impl Running<'_> {
     /// Records a finding and reports it.
     pub(super) fn record(&mut self, finding: Finding) -> Result<(), RecordError> {
         let Finding { pass, judgement, .. } = &finding;
-        let stage = finding.kind.word();
+        let stage = finding.kind.keyword();
         let words: Vec<&str> = judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
-        let (verdict, words) = (judgement.verdict.word(), words.join("; "));
+        let (verdict, words) = (judgement.verdict.keyword(), words.join("; "));
         let is_trouble = matches!(finding.kind, Kind::Gate | Kind::Robot | Kind::SelfTest | Kind::Tool);
         if is_trouble || matches!(judgement.verdict, Verdict::Reject | Verdict::Invalid) {
             tracing::warn!(stage, pass, verdict, "{words}");
@@ -192,19 +201,21 @@ impl Running<'_> {
             tracing::info!(stage, pass, verdict, "{words}");
         }
         self.ports.requests.publish(LoopEvent::Noted(judgement.reasons.clone()));
-        self.ports.record.keep(RecordCommand::Note(Note::Finding(finding)))
+        self.ports.record.perform_and_forget(RecordCommand::Note(Note::Finding(finding)))
     }
 
     fn set_frames(&mut self, frames: Frames) -> Result<Condition, QueueError> {
         let nothing = QueueError::FramesNotSet { missing: "a recipe" };
-        let calibrations = self.setup().ok_or(nothing)?.calibrations;
+        let calibrations = self.cycle_setup().ok_or(nothing)?.calibrations;
         let (base, flange_from_tool, kind) = match frames {
             Frames::Camera => {
                 (KukaPose::default(), KukaPose::from_rigid(&calibrations.flange_from_camera), TcpKind::Other)
             }
             Frames::Pad => {
-                let place =
-                    self.perception.place().ok_or(QueueError::FramesNotSet { missing: "the panel's place" })?;
+                let place = self
+                    .perception
+                    .panel_pose()
+                    .ok_or(QueueError::FramesNotSet { missing: "the panel's place" })?;
                 let pad = KukaPose::from_rigid(&calibrations.flange_from_tool);
                 (KukaPose::from_rigid(&place), pad, TcpKind::Sanding)
             }
@@ -214,7 +225,7 @@ impl Running<'_> {
     }
 
     fn switch(&mut self, switch: Switch) -> Result<Condition, QueueError> {
-        let (signals, proof) = (self.cell.wiring.signals(switch), self.cell.wiring.proof(switch));
+        let (signals, proof) = (self.cell.wiring.signals(switch), self.cell.wiring.switch_proof(switch));
         let mut last = CommandId(0);
         for signal in signals {
             last = self.ports.robot.send(Command::SetDigout(signal))?;
@@ -223,36 +234,36 @@ impl Running<'_> {
     }
 
     /// Checks in the robot's state whether the result of the pending act is available.
-    pub(super) fn look(&mut self, state: &State) -> Result<(), DaemonError> {
-        let Some(PendingAction { id, act, waits }) = self.pending.take() else { return Ok(()) };
+    pub(super) fn check_pending(&mut self, state: &State) -> Result<(), DaemonError> {
+        let Some(PendingAction { id, act, waits }) = self.pending_action.take() else { return Ok(()) };
         let stands = !state.moving;
         match waits {
-            Condition::Standing if stands => self.answer(id, Answer::Standstill { done: 0 }),
+            Condition::Standing if stands => self.answer_action(id, Answer::Standstill { done: 0 }),
             Condition::EpochEnd { done: Some(done) }
                 if stands && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) =>
             {
-                self.answer(id, Answer::Standstill { done });
+                self.answer_action(id, Answer::Standstill { done });
             }
             Condition::Frames(last) if state.done >= last && state.base_set && state.tool_set => {
-                self.answer(id, Answer::Done);
+                self.answer_action(id, Answer::Done);
             }
-            Condition::Feedback { last, proof } if state.done >= last && proof.is_told(state) => {
-                self.answer(id, Answer::Done);
+            Condition::Feedback { last, proof } if state.done >= last && proof.is_satisfied(state) => {
+                self.answer_action(id, Answer::Done);
             }
             Condition::Warned { last, until } => {
                 if let Action::Move(motion) = act {
                     self.warning((id, motion), (last, until), state)?;
                 }
             }
-            Condition::NoEpoch { states: 0 } => self.not_sent(id, &QueueError::NoEpoch)?,
+            Condition::NoEpoch { states: 0 } => self.fail_unsent(id, &QueueError::NoEpoch)?,
             Condition::NoEpoch { states } => self.wait(id, act, Condition::NoEpoch { states: states - 1 }),
             Condition::Ready(last) if state.done >= last && stands => {
                 if let Action::Move(motion) = act {
-                    self.by_lines(id, motion)?;
+                    self.move_by_lines(id, motion)?;
                 }
             }
-            Condition::PathEnd if stands => self.path_end(id, act, state)?,
-            Condition::Film => self.watch_on(id, act),
+            Condition::PathEnd if stands => self.end_path(id, act, state)?,
+            Condition::Film => self.request_next_picture(id, act),
             waits => self.wait(id, act, waits),
         }
         Ok(())

@@ -20,30 +20,30 @@ pub(super) struct StandingAlarms(Mutex<Vec<Alarm>>);
 
 /// The problems found; `None` for the cameras if they were not checked.
 #[derive(Debug, Default)]
-pub(super) struct Found {
+pub(super) struct FoundProblems {
     pub cell: Vec<Reason>,
     pub cameras: Option<Vec<Reason>>,
 }
 
 impl StandingAlarms {
     /// Raises an alarm for each new problem, and clears the alarms whose cause is no longer found.
-    pub fn look(&self, found: &Found, now_unix_ms: i64) {
+    pub fn update_alarms(&self, found: &FoundProblems, now_unix_ms: i64) {
         let mut alarms = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let reasons = || found.cell.iter().chain(found.cameras.iter().flatten());
         for alarm in alarms.iter_mut().filter(|alarm| alarm.is_active()) {
             let was_looked_at = alarm.code != CAMERA || found.cameras.is_some();
-            if was_looked_at && !reasons().any(|reason| is_same(alarm, reason)) {
+            if was_looked_at && !reasons().any(|reason| is_same_problem(alarm, reason)) {
                 alarm.gone_unix_ms = Some(now_unix_ms.max(alarm.raised_unix_ms));
             }
         }
         for reason in reasons() {
-            if alarms.iter().any(|alarm| alarm.is_active() && is_same(alarm, reason)) {
+            if alarms.iter().any(|alarm| alarm.is_active() && is_same_problem(alarm, reason)) {
                 continue;
             }
             // An alarm is acknowledged by its code and time: two alarms must not have the same code and the same time.
             let after = alarms.iter().map(|alarm| alarm.raised_unix_ms + 1).max().unwrap_or(now_unix_ms);
             tracing::warn!("alarm {}: {}", reason.code, reason.message);
-            alarms.push(Alarm::between_cycles(reason, now_unix_ms.max(after)));
+            alarms.push(Alarm::new_between_cycles(reason, now_unix_ms.max(after)));
         }
         while alarms.iter().filter(|alarm| !alarm.is_active()).count() > MAX_CLEARED_ALARMS {
             let Some(oldest) = alarms.iter().position(|alarm| !alarm.is_active()) else { return };
@@ -65,7 +65,7 @@ impl StandingAlarms {
 
 /// Returns whether an alarm and a reason describe the same problem: the numbers in the text change with time, the
 /// words do not.
-fn is_same(alarm: &Alarm, reason: &Reason) -> bool {
+fn is_same_problem(alarm: &Alarm, reason: &Reason) -> bool {
     let words = |text: &str| text.chars().filter(|c| !c.is_ascii_digit() && *c != '.').collect::<String>();
     alarm.code == reason.code && words(&alarm.message) == words(&reason.message)
 }
@@ -74,10 +74,10 @@ fn is_same(alarm: &Alarm, reason: &Reason) -> bool {
 mod tests {
     use super::*;
 
-    fn found(cell: &[(&'static str, &str)], cameras: Option<&[&str]>) -> Found {
+    fn found(cell: &[(&'static str, &str)], cameras: Option<&[&str]>) -> FoundProblems {
         let cell = cell.iter().map(|(code, message)| Reason::new(code, *message)).collect();
         let cameras = cameras.map(|all| all.iter().map(|message| Reason::new(CAMERA, *message)).collect());
-        Found { cell, cameras }
+        FoundProblems { cell, cameras }
     }
 
     fn summary(standing: &StandingAlarms) -> Vec<(String, i64, Option<i64>)> {
@@ -89,23 +89,23 @@ mod tests {
     fn an_alarm_lasts_until_what_gave_it_is_gone() {
         let standing = StandingAlarms::default();
         let scarce = "disk_scarce";
-        standing.look(&found(&[(scarce, "9999.5 MB are free")], Some(&[])), 10);
-        standing.look(&found(&[(scarce, "8 MB are free")], None), 20);
+        standing.update_alarms(&found(&[(scarce, "9999.5 MB are free")], Some(&[])), 10);
+        standing.update_alarms(&found(&[(scarce, "8 MB are free")], None), 20);
         assert_eq!(summary(&standing), [(scarce.to_owned(), 10, None)], "another number is the same alarm");
-        standing.look(&found(&[], None), 30);
-        standing.look(&found(&[(scarce, "7 MB are free")], None), 40);
+        standing.update_alarms(&found(&[], None), 30);
+        standing.update_alarms(&found(&[(scarce, "7 MB are free")], None), 40);
         assert_eq!(summary(&standing), [(scarce.to_owned(), 10, Some(30)), (scarce.to_owned(), 40, None)]);
     }
 
     #[test]
     fn a_camera_that_was_not_looked_at_stays_as_it_was() {
         let standing = StandingAlarms::default();
-        standing.look(&found(&[], Some(&["the scanner: no answer", "the flange camera: no answer"])), 10);
-        standing.look(&found(&[], None), 20);
+        standing.update_alarms(&found(&[], Some(&["the scanner: no answer", "the flange camera: no answer"])), 10);
+        standing.update_alarms(&found(&[], None), 20);
         let times: Vec<i64> = standing.alarms(&[]).iter().map(|alarm| alarm.raised_unix_ms).collect();
         assert_eq!(times, [10, 11], "each is acknowledged by itself");
         assert!(standing.alarms(&[]).iter().all(Alarm::is_active), "a cycle runs: nobody looked");
-        standing.look(&found(&[], Some(&["the scanner: no answer"])), 30);
+        standing.update_alarms(&found(&[], Some(&["the scanner: no answer"])), 30);
         let active: Vec<bool> = standing.alarms(&[]).iter().map(Alarm::is_active).collect();
         assert_eq!(active, [true, false]);
         let who = "Ada (ada)".to_owned();
@@ -118,10 +118,10 @@ mod tests {
     fn the_list_does_not_grow_for_ever() {
         let standing = StandingAlarms::default();
         for at in 0..500 {
-            standing.look(&found(&[("disk_scarce", "little is free")], None), 2 * at);
-            standing.look(&found(&[], None), 2 * at + 1);
+            standing.update_alarms(&found(&[("disk_scarce", "little is free")], None), 2 * at);
+            standing.update_alarms(&found(&[], None), 2 * at + 1);
         }
-        standing.look(&found(&[("disk_scarce", "little is free")], None), 2_000);
+        standing.update_alarms(&found(&[("disk_scarce", "little is free")], None), 2_000);
         let alarms = standing.alarms(&[]);
         assert_eq!(
             (alarms.len(), alarms.iter().filter(|alarm| alarm.is_active()).count()),

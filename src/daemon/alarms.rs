@@ -1,9 +1,9 @@
 //! The alarms of the cell, for every front that shows them: those of the newest cycles, and those between cycles.
 
-use super::active_alarms::{Found, StandingAlarms};
+use super::active_alarms::{FoundProblems, StandingAlarms};
 use super::camera_lease::SharedCameras;
 use super::clock::now_unix_ms;
-use super::people::People;
+use super::people::AccountService;
 use super::setup_source::SetupSource;
 use crate::accounts::AuditEntry;
 use crate::history::{Acknowledgement, Alarm, Query};
@@ -34,17 +34,22 @@ pub struct AlarmId {
 /// The alarms of the cell. One instance serves all fronts.
 #[derive(Debug)]
 pub struct Alarms {
-    people: Arc<People>,
-    standing: StandingAlarms,
-    looked: Mutex<Option<Instant>>,
+    people: Arc<AccountService>,
+    active: StandingAlarms,
+    last_check: Mutex<Option<Instant>>,
     /// The current problems of the connections to the plant, by the connection's name.
-    troubles: Mutex<BTreeMap<&'static str, String>>,
+    connection_problems: Mutex<BTreeMap<&'static str, String>>,
 }
 
 impl Alarms {
     /// Creates the alarms for the store that `people` uses.
-    pub fn new(people: Arc<People>) -> Self {
-        Alarms { people, standing: StandingAlarms::default(), looked: Mutex::default(), troubles: Mutex::default() }
+    pub fn new(people: Arc<AccountService>) -> Self {
+        Alarms {
+            people,
+            active: StandingAlarms::default(),
+            last_check: Mutex::default(),
+            connection_problems: Mutex::default(),
+        }
     }
 
     /// All alarms: active ones first, then by priority and time. This runs on the calling thread, which may wait
@@ -53,16 +58,16 @@ impl Alarms {
     /// # Errors
     /// If the store cannot be read.
     pub fn all(&self) -> Result<Vec<Alarm>, StoreError> {
-        self.people.read(|store| self.all_in_store(store))
+        self.people.read(|store| self.all_from_store(store))
     }
 
     /// As [`Alarms::all`], for a caller that already reads this store.
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn all_in_store(&self, store: &Store) -> Result<Vec<Alarm>, StoreError> {
+    pub fn all_from_store(&self, store: &Store) -> Result<Vec<Alarm>, StoreError> {
         let newest = store.search(&Query { limit: MAX_CYCLES, ..Query::default() })?;
-        let mut all = self.standing.alarms(&store.acknowledgements(None)?);
+        let mut all = self.active.alarms(&store.acknowledgements(None)?);
         for hit in newest.hits {
             all.extend(store.alarms(hit.cycle)?);
         }
@@ -77,9 +82,9 @@ impl Alarms {
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn lasting(&self, store: &Store) -> Result<Vec<Alarm>, StoreError> {
-        let mut all = self.standing.alarms(&store.acknowledgements(None)?);
-        if let Some(newest) = store.last_cycle()? {
+    pub fn active_in_order(&self, store: &Store) -> Result<Vec<Alarm>, StoreError> {
+        let mut all = self.active.alarms(&store.acknowledgements(None)?);
+        if let Some(newest) = store.newest_cycle()? {
             all.extend(store.alarms(newest)?);
         }
         all.retain(Alarm::is_active);
@@ -88,33 +93,33 @@ impl Alarms {
     }
 
     /// Checks the cell if it was not checked within the last minute; a camera may need some time.
-    pub fn look(&self, setup: &dyn SetupSource, cameras: Option<&SharedCameras>) {
+    pub fn check_cell(&self, setup: &dyn SetupSource, cameras: Option<&SharedCameras>) {
         {
-            let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut looked = self.last_check.lock().unwrap_or_else(PoisonError::into_inner);
             if looked.is_some_and(|at| at.elapsed() < MIN_CHECK_INTERVAL) {
                 return;
             }
             *looked = Some(Instant::now());
         }
-        let mut cell = setup.standing();
+        let mut cell = setup.cycle_obstacles();
         let reason = |(of, problem): (&&str, &String)| Reason::new("plant_connection", format!("{of}: {problem}"));
-        cell.extend(self.troubles().iter().map(reason));
-        let found = Found { cell, cameras: cameras.and_then(SharedCameras::check) };
-        self.standing.look(&found, now_unix_ms());
+        cell.extend(self.lock_connection_problems().iter().map(reason));
+        let found = FoundProblems { cell, cameras: cameras.and_then(SharedCameras::check_cameras) };
+        self.active.update_alarms(&found, now_unix_ms());
     }
 
     /// Records that a connection to the plant has this problem, or no problem any more. The problem becomes an alarm
     /// if it still exists when the cell is checked. Returns whether it differs from the last recorded one.
-    pub fn trouble(&self, of: &'static str, problem: Option<&str>) -> bool {
-        let mut troubles = self.troubles();
+    pub fn set_connection_problem(&self, of: &'static str, problem: Option<&str>) -> bool {
+        let mut troubles = self.lock_connection_problems();
         match problem {
             Some(problem) => troubles.insert(of, problem.to_owned()).is_none_or(|before| before != problem),
             None => troubles.remove(of).is_some(),
         }
     }
 
-    fn troubles(&self) -> MutexGuard<'_, BTreeMap<&'static str, String>> {
-        self.troubles.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock_connection_problems(&self) -> MutexGuard<'_, BTreeMap<&'static str, String>> {
+        self.connection_problems.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Records that a person has seen an alarm, and adds this to the audit trail. Returns false if there is no such
@@ -126,7 +131,7 @@ impl Alarms {
         let AlarmId { cycle, code, raised_unix_ms } = alarm;
         let (cycle, raised_unix_ms) = (*cycle, *raised_unix_ms);
         let alarms = match cycle {
-            None => self.people.read(|store| Ok(self.standing.alarms(&store.acknowledgements(None)?)))?,
+            None => self.people.read(|store| Ok(self.active.alarms(&store.acknowledgements(None)?)))?,
             Some(cycle) => match self.people.read(|store| store.alarms(cycle)) {
                 Err(StoreError::UnknownCycle { .. }) => return Ok(false),
                 read => read?,

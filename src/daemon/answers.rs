@@ -5,7 +5,7 @@ use super::ports::{CameraFault, Figure, Record};
 use crate::cycle::{Answer, Grade, Trouble};
 use crate::geometry::ColorPicture;
 use crate::record::Kind;
-use crate::stages::{Drawing, rejected, undone};
+use crate::stages::{ResultDrawing, not_executed_finding, rejected};
 use crate::verdict::{Judgement, Reason, Verdict};
 
 /// The answer if the result of a required earlier act is missing.
@@ -13,8 +13,8 @@ pub(super) const MISSING: Answer = Answer::Failed(Trouble::Unexpected);
 
 /// Returns a drawing for the record. The drawing decides nothing: if it could not be made, the picture without a
 /// drawing is used.
-pub(super) fn figure(drawing: Drawing, bare: &ColorPicture) -> Figure {
-    let Drawing { name, caption, picture } = drawing;
+pub(super) fn figure(drawing: ResultDrawing, bare: &ColorPicture) -> Figure {
+    let ResultDrawing { name, caption, picture } = drawing;
     match picture {
         Ok(picture) => Figure { name, caption, picture },
         Err(error) => {
@@ -25,12 +25,12 @@ pub(super) fn figure(drawing: Drawing, bare: &ColorPicture) -> Figure {
 }
 
 /// A drawing without a picture below it.
-pub(super) fn figure_alone(drawing: Drawing) -> Figure {
-    figure(drawing, &ColorPicture::filled(1, 1, [245; 3]))
+pub(super) fn figure_alone(drawing: ResultDrawing) -> Figure {
+    figure(drawing, &ColorPicture::uniform(1, 1, [245; 3]))
 }
 
 /// Converts a gate's judgement to a grade for the state table.
-pub(super) fn grade(judgement: &Judgement) -> Grade {
+pub(super) fn grade_judgement(judgement: &Judgement) -> Grade {
     match judgement.verdict {
         Verdict::Accept => Grade::Accept,
         Verdict::Review => Grade::Review,
@@ -42,20 +42,26 @@ pub(super) fn reason(code: &'static str, error: &dyn std::error::Error) -> Reaso
     Reason::new(code, error.to_string())
 }
 
-pub(super) fn blind(
+pub(super) fn camera_fault_answer(
     kind: Kind,
     pass: u8,
     error: &CameraFault,
     record: &mut dyn Record,
 ) -> Result<Answer, DaemonError> {
-    record.finding(&undone(kind, pass, reason("no_picture", error)))?;
+    record.finding(&not_executed_finding(kind, pass, reason("no_picture", error)))?;
     Ok(Answer::Failed(Trouble::Camera))
 }
 
 /// Records a picture that cannot be evaluated. After the scan, such a picture rejects the panel; before contact and in
 /// a film, a person must check the panel.
-pub(super) fn unseen(kind: Kind, pass: u8, reason: Reason, record: &mut dyn Record) -> Result<Answer, DaemonError> {
-    let found = if kind == Kind::Refine { rejected(kind, pass, reason) } else { undone(kind, pass, reason) };
+pub(super) fn unusable_picture_answer(
+    kind: Kind,
+    pass: u8,
+    reason: Reason,
+    record: &mut dyn Record,
+) -> Result<Answer, DaemonError> {
+    let found =
+        if kind == Kind::Refine { rejected(kind, pass, reason) } else { not_executed_finding(kind, pass, reason) };
     record.finding(&found)?;
     let of_film = kind == Kind::Inspect;
     Ok(if of_film { Answer::Failed(Trouble::Picture) } else { Answer::Graded(Grade::Reject) })

@@ -23,7 +23,7 @@ const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(2);
 const NICE: i32 = 5;
 
 /// Gives the calling thread a lower priority than the loop and the robot's link.
-pub(super) fn step_back() {
+pub(super) fn lower_priority() {
     #[expect(
         clippy::let_underscore_must_use,
         reason = "if this fails, the scheduler's fairness still gives the loop its share"
@@ -36,9 +36,9 @@ pub(super) struct Plan {
     /// The thread's name.
     pub name: &'static str,
     /// The task of the thread, for the log.
-    pub what: &'static str,
+    pub task: &'static str,
     /// Number of threads that may wait for the disk, the look-up of host names and similar.
-    pub blocking: usize,
+    pub blocking_threads: usize,
     /// Stack size for nested calls; `None` is the system's usual size.
     pub stack_bytes: Option<usize>,
 }
@@ -46,7 +46,7 @@ pub(super) struct Plan {
 /// A running thread. When this is dropped, the thread is requested to end, and the drop waits for its end.
 #[derive(Debug)]
 pub(super) struct Background {
-    end: Option<oneshot::Sender<()>>,
+    end_sender: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -57,13 +57,13 @@ impl Background {
     /// # Errors
     /// If the operating system cannot start a thread.
     pub fn start(
-        Plan { name, what, blocking, stack_bytes }: Plan,
+        Plan { name, task: what, blocking_threads: blocking, stack_bytes }: Plan,
         begin: impl AsyncFn(&mut oneshot::Receiver<()>) + Send + 'static,
     ) -> io::Result<Self> {
         let runtime = Builder::new_current_thread().enable_all().max_blocking_threads(blocking).build()?;
         let (end, ended) = oneshot::channel();
         let work = move || {
-            run_apart(&runtime, what, ended, begin);
+            run_until_end(&runtime, what, ended, begin);
             // A pending look-up of a host's name delays nothing.
             runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
         };
@@ -72,18 +72,18 @@ impl Background {
             Some(bytes) => builder.stack_size(bytes),
             None => builder,
         };
-        Ok(Background { end: Some(end), thread: Some(builder.spawn(work)?) })
+        Ok(Background { end_sender: Some(end), thread: Some(builder.spawn(work)?) })
     }
 
     /// Starts a thread that works in rounds; it can end between any two steps of a round.
     ///
     /// # Errors
     /// As [`Background::start`].
-    pub fn in_rounds<W: Rounds>(plan: Plan, begin: impl Fn() -> W + Send + 'static) -> io::Result<Self> {
-        let what = plan.what;
+    pub fn spawn_rounds<W: Rounds>(plan: Plan, begin: impl Fn() -> W + Send + 'static) -> io::Result<Self> {
+        let what = plan.task;
         Background::start(plan, async move |ended| {
             tokio::select! {
-                () = in_rounds(begin(), what) => {}
+                () = run_rounds(begin(), what) => {}
                 _ = ended => {}
             }
         })
@@ -92,19 +92,19 @@ impl Background {
 
 impl Drop for Background {
     fn drop(&mut self) {
-        drop(self.end.take());
+        drop(self.end_sender.take());
         let _ = self.thread.take().map(JoinHandle::join);
     }
 }
 
-fn run_apart(
+fn run_until_end(
     runtime: &Runtime,
     what: &str,
     mut ended: oneshot::Receiver<()>,
     begin: impl AsyncFn(&mut oneshot::Receiver<()>),
 ) {
-    supervision::stand_apart();
-    step_back();
+    supervision::exempt_thread();
+    lower_priority();
     while catch_unwind(AssertUnwindSafe(|| runtime.block_on(begin(&mut ended)))).is_err() {
         tracing::warn!("{what} failed (see the log lines above) and starts again");
         if runtime.block_on(async { timeout(RESTART_DELAY, &mut ended).await }).is_ok() {
@@ -116,7 +116,7 @@ fn run_apart(
 /// Work in rounds with a server that may be unavailable.
 pub(super) trait Rounds {
     /// Performs one round; returns whether more work is ready at once.
-    async fn round(&mut self) -> Result<bool, String>;
+    async fn run_round(&mut self) -> Result<bool, String>;
 
     /// Discards all connections after a failure, so that they are made again.
     fn forget(&mut self);
@@ -125,10 +125,10 @@ pub(super) trait Rounds {
     fn report_result(&self, problem: Option<&str>) -> bool;
 }
 
-async fn in_rounds(mut work: impl Rounds, what: &str) {
+async fn run_rounds(mut work: impl Rounds, what: &str) {
     let mut pause = POLL_INTERVAL;
     loop {
-        match work.round().await {
+        match work.run_round().await {
             Ok(is_more) => {
                 pause = POLL_INTERVAL;
                 work.report_result(None);
@@ -160,7 +160,7 @@ mod tests {
         let runs = std::thread::spawn(move || {
             let (begun, end) = (Cell::new(0), Cell::new(Some(end)));
             let runtime = Builder::new_current_thread().enable_time().build().expect("a runtime");
-            run_apart(&runtime, "a front", ended, async |ended| {
+            run_until_end(&runtime, "a front", ended, async |ended| {
                 begun.set(begun.get() + 1);
                 assert!(begun.get() > 2, "it fails");
                 drop(end.take());

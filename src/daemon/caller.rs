@@ -2,7 +2,7 @@
 //! name.
 
 use crate::disk;
-use crate::record::{RequestSource, Who};
+use crate::record::{RequestAuthor, RequestSource};
 use std::os::fd::AsFd;
 use std::path::Path;
 use std::sync::Arc;
@@ -13,14 +13,14 @@ use tokio::time::timeout;
 pub(super) type NameLookup = dyn Fn(u32) -> Option<String> + Send + Sync;
 
 /// The user at the other end of this connection to the service's socket, still without a name.
-pub(super) fn socket_peer(connection: impl AsFd) -> Who {
+pub(super) fn socket_peer(connection: impl AsFd) -> RequestAuthor {
     let uid = rustix::net::sockopt::socket_peercred(connection).ok().map(|peer| peer.uid.as_raw());
-    Who { front: RequestSource::Socket, uid, user: None, from: None }
+    RequestAuthor { front: RequestSource::Socket, uid, user: None, from: None }
 }
 
 /// The user who runs this program, with a command that runs one cycle or clears an abort.
-pub fn whoever_runs_this() -> Who {
-    named(Who {
+pub fn current_user() -> RequestAuthor {
+    with_name(RequestAuthor {
         front: RequestSource::Command,
         uid: Some(rustix::process::getuid().as_raw()),
         user: None,
@@ -29,23 +29,23 @@ pub fn whoever_runs_this() -> Who {
 }
 
 /// Returns the same user with a name, if this computer's list of users has one.
-pub(super) fn named(who: Who) -> Who {
+pub(super) fn with_name(who: RequestAuthor) -> RequestAuthor {
     match who.uid {
-        Some(uid) => Who { user: name(uid), ..who },
+        Some(uid) => RequestAuthor { user: name(uid), ..who },
         None => who,
     }
 }
 
 /// Returns the same user with the name that the lookup gives. It runs on a separate thread: a disk that hangs must not
 /// delay the request of any user. After the time limit, the user has no name and is known by the number alone.
-pub(super) async fn named_within(who: Who, lookup: Arc<NameLookup>, limit: Duration) -> Who {
+pub(super) async fn named_within(who: RequestAuthor, lookup: Arc<NameLookup>, limit: Duration) -> RequestAuthor {
     let Some(uid) = who.uid else { return who };
     let found = timeout(limit, tokio::task::spawn_blocking(move || lookup(uid))).await;
-    Who { user: found.ok().and_then(Result::ok).flatten(), ..who }
+    RequestAuthor { user: found.ok().and_then(Result::ok).flatten(), ..who }
 }
 
 /// Formats a user for a line of the log: `anna (uid 1001)`.
-pub(super) fn in_log(who: &Who) -> String {
+pub(super) fn format_for_log(who: &RequestAuthor) -> String {
     match (&who.user, who.uid) {
         (Some(user), Some(uid)) => format!("{user} (uid {uid})"),
         (None, Some(uid)) => format!("uid {uid}"),
@@ -57,10 +57,10 @@ pub(super) fn in_log(who: &Who) -> String {
 /// The name for a number in the list of users. A directory service is not queried, since it may hang.
 pub(super) fn name(uid: u32) -> Option<String> {
     let list = disk::read(Path::new("/etc/passwd")).ok()?;
-    name_in(&String::from_utf8_lossy(&list), uid)
+    find_user_name(&String::from_utf8_lossy(&list), uid)
 }
 
-fn name_in(list: &str, uid: u32) -> Option<String> {
+fn find_user_name(list: &str, uid: u32) -> Option<String> {
     let of_line = |line: &str| {
         let mut fields = line.split(':');
         let (name, number) = (fields.next()?, fields.nth(1)?);
@@ -78,15 +78,15 @@ mod tests {
     fn a_number_is_told_by_its_name() {
         let list =
             "root:x:0:0:root:/root:/bin/bash\nbroken\nanna:x:1001:1001:Anna:/home/anna:/bin/sh\n:x:7:7::/:\n";
-        let who = |uid| Who {
+        let who = |uid| RequestAuthor {
             front: RequestSource::Socket,
             uid,
-            user: uid.and_then(|uid| name_in(list, uid)),
+            user: uid.and_then(|uid| find_user_name(list, uid)),
             from: None,
         };
-        let told = |uid| in_log(&who(Some(uid)));
+        let told = |uid| format_for_log(&who(Some(uid)));
         assert_eq!((told(0), told(1_001)), ("root (uid 0)".to_owned(), "anna (uid 1001)".to_owned()));
         assert_eq!((told(7), told(5)), ("uid 7".to_owned(), "uid 5".to_owned()), "no name, no such user");
-        assert_eq!(in_log(&who(None)), "an unknown user");
+        assert_eq!(format_for_log(&who(None)), "an unknown user");
     }
 }

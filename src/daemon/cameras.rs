@@ -20,23 +20,23 @@ impl<S: Scanner, F: FlangeCamera> Port<CameraCommand> for Cameras<S, F> {
             CameraCommand::Picture => scanner.capture_2d().map(CameraAnswer::Picture),
             CameraCommand::BeginFilm(per_second) => scanner.begin_clip(per_second).map(CameraAnswer::FilmBegan),
             CameraCommand::NextOfFilm => {
-                scanner.next_of_clip().map(|next| next.map_or(CameraAnswer::NoneDue, CameraAnswer::Picture))
+                scanner.next_clip_picture().map(|next| next.map_or(CameraAnswer::NoneDue, CameraAnswer::Picture))
             }
             CameraCommand::EndFilm => scanner.end_clip().map(CameraAnswer::FilmEnded),
             CameraCommand::CornerPicture => {
                 let taken = flange.capture().map(|shot| CameraAnswer::Corner(shot.picture));
-                return taken.map_err(|error| fault("the flange camera", &error));
+                return taken.map_err(|error| camera_fault("the flange camera", &error));
             }
             CameraCommand::Check => {
-                let scanner = scanner.check().map_err(|error| fault("the scanner", &error));
-                let flange = flange.check().map_err(|error| fault("the flange camera", &error));
+                let scanner = scanner.check_ready().map_err(|error| camera_fault("the scanner", &error));
+                let flange = flange.check_ready().map_err(|error| camera_fault("the flange camera", &error));
                 Ok(CameraAnswer::Checked([scanner, flange].into_iter().filter_map(Result::err).collect()))
             }
         };
-        taken.map_err(|error| fault("the scanner", &error))
+        taken.map_err(|error| camera_fault("the scanner", &error))
     }
 }
 
-fn fault(camera: &'static str, error: &CameraError) -> CameraFault {
+fn camera_fault(camera: &'static str, error: &CameraError) -> CameraFault {
     CameraFault { camera, why: error.to_string() }
 }

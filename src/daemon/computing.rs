@@ -1,8 +1,8 @@
 //! The acts that need cameras or computation. Each is one piece of work that receives its inputs and returns its
 //! result.
 //!
-//! A [`Work`] owns copies of the artifacts that it reads or changes. It notes what is to be recorded instead of
-//! recording it. If work was abandoned in the meantime, it is therefore dropped completely: no part of its [`Worked`]
+//! A [`WorkInput`] owns copies of the artifacts that it reads or changes. It notes what is to be recorded instead of
+//! recording it. If work was abandoned in the meantime, it is therefore dropped completely: no part of its [`WorkResult`]
 //! is installed or recorded. Work is done one piece at a time, in the order in which it was submitted, since all work
 //! shares the cameras. The queue is processed on its own thread while the loop continues to answer, or by the loop
 //! itself if time stops during the computation.
@@ -17,14 +17,14 @@ mod work;
 mod worker;
 
 pub use memory::{Memory, SceneKey};
-pub use work::Readable;
-pub(super) use work::{Found, Work, Worked};
+pub use work::CalibrationCheck;
+pub(super) use work::{WorkInput, WorkOutcome, WorkResult};
 
 use super::error::DaemonError;
 use super::live_view::LiveView;
-use super::ports::{CameraPort, Keeper};
+use super::ports::{CameraPort, PictureStore};
 use crate::cycle::{Action, Answer, Id, Trouble};
-use crate::supervision::{Supervised, Supervisor, supervised};
+use crate::supervision::{SupervisedThread, Supervisor, supervise};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -48,23 +48,23 @@ pub struct Computing<'p> {
     /// Whether time stops while something is computed. With the wall clock a film continues automatically.
     lock_step: bool,
     /// The number of the piece of work whose result is still awaited.
-    due: Arc<AtomicU64>,
+    awaited_id: Arc<AtomicU64>,
     executor: Executor<'p>,
 }
 
 /// A value of `due` that is not the number of any piece of work: no result is awaited.
-const NONE_DUE: u64 = u64::MAX;
+const NO_RESULT_AWAITED: u64 = u64::MAX;
 
 enum Executor<'p> {
     /// The loop itself computes when it accepts a result.
-    Inline { worker: Box<Worker<'p>>, queue: VecDeque<Work>, remembers: Option<(Memory, SceneKey)> },
+    Inline { worker: Box<Worker<'p>>, queue: VecDeque<WorkInput>, remembers: Option<(Memory, SceneKey)> },
     /// A separate thread.
     Thread {
-        queue: Sender<Work>,
+        queue: Sender<WorkInput>,
         /// `None` means that the film was abandoned.
-        results: Receiver<Option<Box<Worked>>>,
+        results: Receiver<Option<Box<WorkResult>>>,
         under_way: VecDeque<Id>,
-        result: Option<Box<Worked>>,
+        result: Option<Box<WorkResult>>,
     },
 }
 
@@ -73,15 +73,19 @@ impl<'p> Computing<'p> {
     pub fn inline(cameras: Box<dyn CameraPort + Send + 'p>, lock_step: bool) -> Self {
         // The calibrations need no check here: the command that runs one cycle has just read them.
         let worker = Box::new(Worker::new(cameras, Box::new(Vec::new), None));
-        let due = Arc::new(AtomicU64::new(NONE_DUE));
-        Computing { lock_step, due, executor: Executor::Inline { worker, queue: VecDeque::new(), remembers: None } }
+        let due = Arc::new(AtomicU64::new(NO_RESULT_AWAITED));
+        Computing {
+            lock_step,
+            awaited_id: due,
+            executor: Executor::Inline { worker, queue: VecDeque::new(), remembers: None },
+        }
     }
 
     /// Returns the same executor, but results that were computed before are not computed again. For simulations of
     /// many cycles with one setup.
-    pub fn remembering(mut self, memory: Memory, scene_key: SceneKey) -> Self {
+    pub fn with_memory(mut self, memory: Memory, scene_key: SceneKey) -> Self {
         if let Executor::Inline { remembers, worker, .. } = &mut self.executor {
-            worker.remember(memory.films());
+            worker.enable_film_memory(memory.films());
             *remembers = Some((memory, scene_key));
         }
         self
@@ -95,36 +99,36 @@ impl<'p> Computing<'p> {
     /// # Errors
     /// If the operating system cannot start a thread.
     pub fn on_thread(
-        (cameras, readable, keep): (Box<dyn CameraPort + Send>, Readable, Keeper),
+        (cameras, readable, keep): (Box<dyn CameraPort + Send>, CalibrationCheck, PictureStore),
         lock_step: bool,
         supervisor: &Supervisor,
         view: LiveView,
     ) -> Result<Self, DaemonError> {
         // A thread belongs to its pool permanently, so the pool is never dropped.
-        let alone = (!lock_step).then(|| own_threads(1)).flatten();
+        let alone = (!lock_step).then(|| use_thread_pool(1)).flatten();
         Box::leak(Box::new(alone));
         let (queue, taken) = mpsc::channel();
         let (tell, results) = mpsc::channel();
-        let (sign, watched) = supervised("computing", WORK_TIMEOUT);
-        let due = Arc::new(AtomicU64::new(NONE_DUE));
+        let (sign, watched) = supervise("computing", WORK_TIMEOUT);
+        let due = Arc::new(AtomicU64::new(NO_RESULT_AWAITED));
         let mut computes = Thread {
-            worker: Worker::new(cameras, readable, Some(keep)).shown_on(view),
+            worker: Worker::new(cameras, readable, Some(keep)).with_live_view(view),
             lock_step,
-            due: due.clone(),
+            awaited_id: due.clone(),
             tell,
             sign,
         };
         let serve = move || computes.serve(&taken);
         thread::Builder::new().name("computing".to_owned()).spawn(serve).map_err(DaemonError::Thread)?;
-        supervisor.watch(watched);
+        supervisor.add_thread(watched);
         let executor = Executor::Thread { queue, results, under_way: VecDeque::new(), result: None };
-        Ok(Computing { lock_step, due, executor })
+        Ok(Computing { lock_step, awaited_id: due, executor })
     }
 
     /// Has it done.
-    pub(super) fn submit(&mut self, work: Work) {
+    pub(super) fn submit(&mut self, work: WorkInput) {
         // Before the work is queued: the thread must find its own number when it begins.
-        self.due.store(work.id.0, Ordering::Relaxed);
+        self.awaited_id.store(work.id.0, Ordering::Relaxed);
         match &mut self.executor {
             Executor::Inline { queue, .. } => queue.push_back(work),
             Executor::Thread { queue, under_way, .. } => {
@@ -140,9 +144,9 @@ impl<'p> Computing<'p> {
 
     /// Cancels the submitted work.
     pub(super) fn abandon(&mut self) {
-        self.due.store(NONE_DUE, Ordering::Relaxed);
+        self.awaited_id.store(NO_RESULT_AWAITED, Ordering::Relaxed);
         if let (Executor::Inline { queue, .. }, false) = (&mut self.executor, self.lock_step) {
-            queue.retain(|work| work.act != Action::Film);
+            queue.retain(|work| work.action != Action::Film);
         }
     }
 
@@ -152,8 +156,8 @@ impl<'p> Computing<'p> {
             Executor::Inline { queue, .. } => queue.front().map(|work| work.id),
             Executor::Thread { results, under_way, result, .. } => {
                 // Results of an abandoned film do not reach the loop.
-                let due = self.due.load(Ordering::Relaxed);
-                let is_left = |worked: &Worked| !self.lock_step && worked.is_of_film && worked.id.0 != due;
+                let due = self.awaited_id.load(Ordering::Relaxed);
+                let is_left = |worked: &WorkResult| !self.lock_step && worked.is_of_film && worked.id.0 != due;
                 result.take_if(|worked| is_left(worked));
                 while result.is_none() {
                     let id = *under_way.front()?;
@@ -162,7 +166,7 @@ impl<'p> Computing<'p> {
                         Err(RecvTimeoutError::Timeout) => return None,
                         // An answer all the same: the table is waiting, and a computation that died is a fault of this
                         // act, not a silence.
-                        Err(RecvTimeoutError::Disconnected) => Some(Box::new(lost(id))),
+                        Err(RecvTimeoutError::Disconnected) => Some(Box::new(lost_result(id))),
                     };
                     if self.lock_step || result.as_ref().is_none_or(|worked| worked.is_last()) {
                         under_way.pop_front();
@@ -175,20 +179,20 @@ impl<'p> Computing<'p> {
     }
 
     /// Takes the result that is ready.
-    pub(super) fn take_result(&mut self) -> Option<Worked> {
+    pub(super) fn ready_result(&mut self) -> Option<WorkResult> {
         match &mut self.executor {
             Executor::Inline { worker, queue, remembers } => {
                 let work = queue.pop_front()?;
                 let inputs = remembers.as_mut().and_then(|(_, scene_key)| memory::inputs(&work, scene_key));
                 if let (Some((memory, _)), Some(inputs)) = (&remembers, &inputs)
-                    && let Some(worked) = memory.recall(inputs, &work)
+                    && let Some(worked) = memory.cached_result(inputs, &work)
                 {
                     return Some(worked);
                 }
-                let next = Work::next_picture(work.id, work.act, work.pass, work.setup.clone());
+                let next = WorkInput::next_picture_step(work.id, work.action, work.pass, work.setup.clone());
                 let worked = worker.perform(work);
                 if let (Some((memory, _)), Some(inputs)) = (remembers, inputs) {
-                    memory.remember(inputs, &worked);
+                    memory.store_result(inputs, &worked);
                 }
                 if !self.lock_step && !worked.is_last() {
                     queue.push_front(next);
@@ -205,7 +209,7 @@ impl<'p> Computing<'p> {
 /// inherits the priority of its first caller: a loop that waits for it is late for the robot while other programs
 /// use the processors. Returns `None` if the thread already has a pool or the system provides no threads: then the
 /// global pool computes.
-fn own_threads(count: usize) -> Option<rayon::ThreadPool> {
+fn use_thread_pool(count: usize) -> Option<rayon::ThreadPool> {
     let name = |_| "computing".to_owned();
     rayon::ThreadPoolBuilder::new().num_threads(count).use_current_thread().thread_name(name).build().ok()
 }
@@ -214,43 +218,43 @@ fn own_threads(count: usize) -> Option<rayon::ThreadPool> {
 struct Thread {
     worker: Worker<'static>,
     lock_step: bool,
-    due: Arc<AtomicU64>,
-    tell: Sender<Option<Box<Worked>>>,
-    sign: Supervised,
+    awaited_id: Arc<AtomicU64>,
+    tell: Sender<Option<Box<WorkResult>>>,
+    sign: SupervisedThread,
 }
 
 impl Thread {
-    fn serve(&mut self, taken: &Receiver<Work>) {
+    fn serve(&mut self, taken: &Receiver<WorkInput>) {
         if !self.lock_step
             && let Err(error) = rustix::process::setpriority_process(None, NICE)
         {
             tracing::warn!("cannot lower the priority of the computing thread: {error}");
         }
         // The threads of the pool have the same lowered priority as this one.
-        let _own = (!self.lock_step).then(|| own_threads(0));
+        let _own = (!self.lock_step).then(|| use_thread_pool(0));
         for work in taken {
-            if self.work(work).is_err() {
+            if self.perform_work(work).is_err() {
                 break;
             }
         }
-        self.sign.done();
+        self.sign.report_done();
     }
 
     /// Performs one piece of work; with the wall clock, a film to its end. Returns an error if the results are not
     /// received any more.
-    fn work(&mut self, work: Work) -> Result<(), mpsc::SendError<Option<Box<Worked>>>> {
-        let (id, act, pass, setup) = (work.id, work.act, work.pass, work.setup.clone());
+    fn perform_work(&mut self, work: WorkInput) -> Result<(), mpsc::SendError<Option<Box<WorkResult>>>> {
+        let (id, act, pass, setup) = (work.id, work.action, work.pass, work.setup.clone());
         let mut next = Some(work);
         while let Some(work) = next.take() {
-            self.sign.works();
+            self.sign.report_working();
             let worked = self.worker.perform(work);
-            self.sign.rests();
+            self.sign.report_resting();
             if !self.lock_step && !worked.is_last() {
                 // A film that is no longer wanted would keep the camera from the next act until its end.
-                if self.due.load(Ordering::Relaxed) != id.0 {
+                if self.awaited_id.load(Ordering::Relaxed) != id.0 {
                     return self.tell.send(None);
                 }
-                next = Some(Work::next_picture(id, act, pass, setup.clone()));
+                next = Some(WorkInput::next_picture_step(id, act, pass, setup.clone()));
                 if worked.notes.is_empty() {
                     thread::sleep(PICTURE_POLL_INTERVAL);
                     continue;
@@ -263,9 +267,9 @@ impl Thread {
 }
 
 /// Returns the result for work whose thread has ended by a fault; the fault was reported where it occurred.
-fn lost(id: Id) -> Worked {
-    let found = Ok(Found::Answer(Answer::Failed(Trouble::Computing)));
-    Worked { id, found, artifacts: None, notes: vec![], is_of_film: false }
+fn lost_result(id: Id) -> WorkResult {
+    let found = Ok(WorkOutcome::Answer(Answer::Failed(Trouble::Computing)));
+    WorkResult { id, outcome: found, artifacts: None, notes: vec![], is_of_film: false }
 }
 
 #[cfg(test)]
@@ -282,8 +286,8 @@ mod tests {
     /// Returns the calling thread, which requests this number of threads, and the threads that compute for it.
     fn threads_used(count: usize) -> (ThreadId, HashSet<ThreadId>) {
         let asked = move || {
-            let own = own_threads(count);
-            assert!(own.is_some() && own_threads(count).is_none(), "once for a thread");
+            let own = use_thread_pool(count);
+            assert!(own.is_some() && use_thread_pool(count).is_none(), "once for a thread");
             (thread::current().id(), threads())
         };
         thread::spawn(asked).join().expect("it ends")
@@ -302,7 +306,7 @@ mod tests {
         let niceness = || rustix::process::getpriority_process(None).expect("its own");
         let of_all = thread::spawn(move || {
             rustix::process::setpriority_process(None, NICE).expect("anybody may step back");
-            let own = own_threads(2).expect("threads");
+            let own = use_thread_pool(2).expect("threads");
             let found: Vec<i32> = own.broadcast(|_| niceness());
             found
         });

@@ -6,7 +6,7 @@
 //! other request that begins something is accepted only from the selected side. A cell without that input has no
 //! selection, and every front may command the cell as its accounts permit.
 
-use super::wiring::reads;
+use super::wiring::is_input_on;
 use crate::cycle::Request;
 use crate::eki::State;
 use crate::record::RequestSource;
@@ -38,9 +38,9 @@ impl Control {
                            abort and hold are accepted";
             return Some(Reason::new("control_unknown", message));
         };
-        let (is_local, is_at_cell) = (reads(state, bit), is_at_cell(front));
+        let (is_local, is_at_cell) = (is_input_on(state, bit), is_local_request(front));
         let starts = matches!(request, Request::Start { .. } | Request::AirRun { .. });
-        let needs_person = request.is_decision() || (starts && !self.is_started);
+        let needs_person = request.is_operator_decision() || (starts && !self.is_started);
         let (selected, other) = if is_local { ("local", "remote") } else { ("remote", "local") };
         if needs_person && !(is_local && is_at_cell) {
             let message = format!(
@@ -61,7 +61,7 @@ impl Control {
 
     /// Updates the state after an accepted request: after the first start, further starts are free; after a Clear, the
     /// next start counts as the first one again.
-    pub fn has_taken(&mut self, request: Request) {
+    pub fn on_request_accepted(&mut self, request: Request) {
         match request {
             Request::Start { .. } | Request::AirRun { .. } => self.is_started = true,
             Request::Clear => self.is_started = false,
@@ -72,7 +72,7 @@ impl Control {
 
 /// Whether a request from this front comes from a person at the cell, as far as the program can know. A person who
 /// uses the page or the socket from elsewhere is limited by the switch, which a person at the cell has set.
-fn is_at_cell(front: RequestSource) -> bool {
+fn is_local_request(front: RequestSource) -> bool {
     match front {
         RequestSource::Socket
         | RequestSource::Page
@@ -111,12 +111,12 @@ mod tests {
                 );
             }
         }
-        control.has_taken(START);
+        control.on_request_accepted(START);
         // After the first start, only the selected side may start.
         assert_eq!(refused(&control, START, RequestSource::Line, false), None);
         assert_eq!(refused(&control, START, RequestSource::Line, true).as_deref(), Some("not_selected"));
         assert_eq!(refused(&control, START, RequestSource::Page, false).as_deref(), Some("not_selected"));
-        control.has_taken(Request::Clear);
+        control.on_request_accepted(Request::Clear);
         assert_eq!(refused(&control, START, RequestSource::Line, false).as_deref(), Some("local_control"));
     }
 

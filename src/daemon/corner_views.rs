@@ -1,7 +1,7 @@
 //! Evaluates corner pictures: corrects the panel's pose by all corners, and checks before contact whether the corners
 //! are still at their positions.
 
-use super::answers::{MISSING, blind, figure, grade, reason, unseen};
+use super::answers::{MISSING, camera_fault_answer, figure, grade_judgement, reason, unusable_picture_answer};
 use super::error::DaemonError;
 use super::perception::Perception;
 use super::ports::{CameraPort, Record};
@@ -9,12 +9,12 @@ use super::setup::CycleSetup;
 use crate::cycle::{Answer, Grade};
 use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid};
 use crate::record::Kind;
-use crate::stages::Drawing;
-use crate::stages::corners::{Progress, Sighting, Taught};
+use crate::stages::ResultDrawing;
+use crate::stages::corners::{CornerReference, Progress, Sighting};
 use crate::verdict::Reason;
 
-fn taught<'a>(cycle: &'a CycleSetup) -> Taught<'a> {
-    Taught {
+fn taught<'a>(cycle: &'a CycleSetup) -> CornerReference<'a> {
+    CornerReference {
         corners: &cycle.corners,
         camera: &cycle.calibrations.flange_camera,
         lens: &cycle.lens,
@@ -22,7 +22,7 @@ fn taught<'a>(cycle: &'a CycleSetup) -> Taught<'a> {
     }
 }
 
-fn not_in_view(error: impl std::error::Error) -> Reason {
+fn not_in_view_reason(error: impl std::error::Error) -> Reason {
     reason("not_in_view", &error)
 }
 
@@ -39,14 +39,15 @@ impl Perception {
         let (Some(located), Some(place)) = (self.located, self.place) else { return Ok(MISSING) };
         let picture = match eyes.corner_picture() {
             Ok(picture) => picture,
-            Err(error) => return blind(Kind::Refine, 0, &error, record),
+            Err(error) => return camera_fault_answer(Kind::Refine, 0, &error, record),
         };
         record.picture(&format!("corner{moves}"), &picture)?;
         let claims_mm = self.located_mm.zip(cycle.calibrations.hand_eye_mm).map(<[f64; 2]>::from);
-        let looked = self.look((cycle, moves), &picture, (place, base_from_camera)).and_then(|sighting| {
+        let looked = self.find_corner((cycle, moves), &picture, (place, base_from_camera)).and_then(|sighting| {
             let progress = Progress { moves: usize::from(moves), is_missing: self.corners.is_missing(cycle) };
             let claims = (claims_mm, Some(progress));
-            let correction = taught(cycle).refine(located, &self.corners.seen, claims).map_err(not_in_view)?;
+            let correction =
+                taught(cycle).refine(located, &self.corners.sightings, claims).map_err(not_in_view_reason)?;
             Ok((sighting, correction))
         });
         let (sighting, correction) = match looked {
@@ -58,16 +59,16 @@ impl Perception {
             (place, ("corner_before", "before the correction")),
             (corrected, ("corner_after", "after the correction")),
         ] {
-            if let Some(drawing) = taught(cycle).drawn((&sighting, &picture), place, title) {
+            if let Some(drawing) = taught(cycle).draw_corner((&sighting, &picture), place, title) {
                 record.figure(&figure(drawing, &picture))?;
             }
         }
-        let found = correction.finding(&self.corners.left_out());
-        let grade = grade(&found.judgement);
+        let found = correction.finding(&self.corners.describe_excluded());
+        let grade = grade_judgement(&found.judgement);
         record.finding(&found)?;
         self.place = Some(corrected);
         // A rejected corner is not viewed again from nearer.
-        if correction.wants_another_view && grade != Grade::Reject {
+        if correction.is_another_view_useful && grade != Grade::Reject {
             return Ok(Answer::LookOn);
         }
         self.corners.hold();
@@ -86,41 +87,42 @@ impl Perception {
         let Some(place) = self.place else { return Ok(MISSING) };
         let picture = match eyes.corner_picture() {
             Ok(picture) => picture,
-            Err(error) => return blind(Kind::Verify, pass, &error, record),
+            Err(error) => return camera_fault_answer(Kind::Verify, pass, &error, record),
         };
         record.picture(&format!("verify{view}"), &picture)?;
-        let looked = self.look((cycle, view), &picture, (place, base_from_camera)).and_then(|sighting| {
-            let (corners, unseen) = (&self.corners.seen, self.corners.unseen());
-            Ok((sighting, taught(cycle).verify(place, corners, unseen).map_err(not_in_view)?))
+        let looked = self.find_corner((cycle, view), &picture, (place, base_from_camera)).and_then(|sighting| {
+            let (corners, unseen) = (&self.corners.sightings, self.corners.missing_corner_reason());
+            Ok((sighting, taught(cycle).verify(place, corners, unseen).map_err(not_in_view_reason)?))
         });
         let (sighting, verification) = match looked {
             Ok(seen) => seen,
             Err(reason) => return self.unseen_corner((Kind::Verify, pass), (reason, &picture), record),
         };
-        if let Some(drawing) = taught(cycle).drawn((&sighting, &picture), place, ("verify", "before contact")) {
+        if let Some(drawing) = taught(cycle).draw_corner((&sighting, &picture), place, ("verify", "before contact"))
+        {
             record.figure(&figure(drawing, &picture))?;
         }
-        let grade = grade(&verification.judgement);
+        let grade = grade_judgement(&verification.judgement);
         let goes_on = grade == Grade::Accept && self.corners.is_missing(cycle);
         // If other views follow this one, not all corners must have been seen yet.
-        let needed = (!goes_on).then_some(self.corners.held().len());
+        let needed = (!goes_on).then_some(self.corners.correction_corners().len());
         record.finding(&verification.finding(pass, needed))?;
         Ok(if goes_on { Answer::LookOn } else { Answer::Graded(grade) })
     }
 
     /// Finds the corner to which the camera was sent in the picture of a view; `place` states where the corner is
     /// expected.
-    fn look(
+    fn find_corner(
         &mut self,
         (cycle, view): (&CycleSetup, u8),
         picture: &ColorPicture,
         place: (Rigid<Base, Panel>, Rigid<Base, FlangeCamera>),
     ) -> Result<Sighting, Reason> {
-        let index = self.corners.aimed();
+        let index = self.corners.aimed_corner();
         let no_corner = || Reason::new("no_corner", "no corner of this panel was taught");
         let corner = (index, cycle.corners.get(index).ok_or_else(no_corner)?);
         let found = taught(cycle).find(corner, picture, place).map_err(|error| reason("no_corner", &error))?;
-        self.corners.see(view, found);
+        self.corners.record_sighting(view, found);
         Ok(found)
     }
 
@@ -131,10 +133,10 @@ impl Perception {
         (reason, picture): (Reason, &ColorPicture),
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        let which = self.corners.aimed() + 1;
+        let which = self.corners.aimed_corner() + 1;
         let caption = format!("The flange camera's picture in which corner {which} was not found");
-        let bare = Drawing { name: "no_corner".to_owned(), caption, picture: Ok(picture.clone()) };
+        let bare = ResultDrawing { name: "no_corner".to_owned(), caption, picture: Ok(picture.clone()) };
         record.figure(&figure(bare, picture))?;
-        unseen(kind, pass, reason, record)
+        unusable_picture_answer(kind, pass, reason, record)
     }
 }

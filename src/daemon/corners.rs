@@ -8,126 +8,129 @@
 //! determine the pose after the first loop: only one of them is then not enough.
 
 use super::setup::CycleSetup;
-use crate::stages::corners::{Sighting, most};
+use crate::stages::corners::{Sighting, max_views};
 use crate::verdict::Reason;
 
 /// The corners of a corner loop, as indices of the taught corners.
 #[derive(Debug, Default, Clone)]
-pub(super) struct Corners {
+pub(super) struct CornerLoop {
     /// The chosen corners, in the order of the views.
-    chosen: Vec<usize>,
+    selected: Vec<usize>,
     /// The corner to which the camera is sent.
     aimed: usize,
     /// Whether the move to every other corner is refused by the gate.
-    no_more: bool,
+    is_exhausted: bool,
     /// The last picture of each corner.
-    pub(super) seen: Vec<Sighting>,
+    pub(super) sightings: Vec<Sighting>,
     /// The corners by which the panel's pose was corrected; empty before the correction.
     held: Vec<usize>,
     /// The corners whose moves did not pass the gate since the loop began, and the reasons.
     left_out: Vec<(usize, String)>,
 }
 
-impl Corners {
+impl CornerLoop {
     /// Returns the taught corner to which the camera is being sent, or was sent last.
-    pub fn aimed(&self) -> usize {
+    pub fn aimed_corner(&self) -> usize {
         self.aimed
     }
 
     /// The corners that may be chosen at a view, in order; empty if the view's corner was chosen before.
     pub fn candidates(&self, view: u8, cycle: &CycleSetup) -> Vec<usize> {
         let view = usize::from(view);
-        if view > 0 && (view >= self.wanted(cycle) || view > self.chosen.len()) {
+        if view > 0 && (view >= self.required_count(cycle) || view > self.selected.len()) {
             return Vec::new();
         }
         let all = if self.held.is_empty() { (0..cycle.corners.len()).collect() } else { self.held.clone() };
-        all.into_iter().filter(|index| !self.chosen[..view].contains(index)).collect()
+        all.into_iter().filter(|index| !self.selected[..view].contains(index)).collect()
     }
 
     /// Begins the choice of a corner for a view.
-    pub fn begin_choice(&mut self, view: u8) {
+    pub fn begin_selection(&mut self, view: u8) {
         if view == 0 {
             self.left_out.clear();
         }
     }
 
     /// Notes that the move to this corner does not pass the gate.
-    pub fn leave_out(&mut self, corner: usize, why: &str) {
+    pub fn exclude_corner(&mut self, corner: usize, why: &str) {
         self.left_out.push((corner, why.to_owned()));
     }
 
     /// Returns the corners by which the panel's pose was corrected, in the order of the views; none before the
     /// correction.
-    pub fn held(&self) -> &[usize] {
+    pub fn correction_corners(&self) -> &[usize] {
         &self.held
     }
 
     /// Describes why corners were left out.
-    pub fn left_out(&self) -> Vec<String> {
+    pub fn describe_excluded(&self) -> Vec<String> {
         self.left_out.iter().map(|(corner, why)| format!("corner {}: {why}", corner + 1)).collect()
     }
 
     /// Chooses a corner for a view.
     pub fn choose(&mut self, view: u8, corner: usize) {
-        self.chosen.truncate(usize::from(view));
-        self.chosen.push(corner);
-        (self.aimed, self.no_more) = (corner, false);
+        self.selected.truncate(usize::from(view));
+        self.selected.push(corner);
+        (self.aimed, self.is_exhausted) = (corner, false);
     }
 
     /// Ends a choice without a result: no candidate's move passes the gate, so that only the corners chosen before
     /// remain.
-    pub fn end_choice(&mut self, view: u8) {
-        self.chosen.truncate(usize::from(view).max(1));
-        self.no_more = true;
+    pub fn end_selection(&mut self, view: u8) {
+        self.selected.truncate(usize::from(view).max(1));
+        self.is_exhausted = true;
     }
 
     /// Sets the aim to the corner of a view; after the last chosen corner, the views begin again at the first one.
-    pub fn go_round(&mut self, view: u8) {
-        if let Some(&corner) = self.chosen.get(usize::from(view) % self.chosen.len().max(1)) {
+    pub fn advance_to_view(&mut self, view: u8) {
+        if let Some(&corner) = self.selected.get(usize::from(view) % self.selected.len().max(1)) {
             self.aimed = corner;
         }
     }
 
     /// Returns the number of corners that must be seen.
-    fn wanted(&self, cycle: &CycleSetup) -> usize {
-        let all =
-            if self.held.is_empty() { most(cycle.recipe.corner(), cycle.corners.len()) } else { self.held.len() };
-        if self.no_more { self.chosen.len().min(all) } else { all }
+    fn required_count(&self, cycle: &CycleSetup) -> usize {
+        let all = if self.held.is_empty() {
+            max_views(cycle.recipe.corner(), cycle.corners.len())
+        } else {
+            self.held.len()
+        };
+        if self.is_exhausted { self.selected.len().min(all) } else { all }
     }
 
     /// Makes the chosen corners that were seen the corners that determine the panel's pose.
     pub fn hold(&mut self) {
-        self.held = self.chosen.clone();
-        self.held.retain(|corner| self.seen.iter().any(|seen| seen.corner == *corner));
+        self.held = self.selected.clone();
+        self.held.retain(|corner| self.sightings.iter().any(|seen| seen.corner == *corner));
     }
 
     pub fn is_missing(&self, cycle: &CycleSetup) -> bool {
-        self.seen.len() < self.wanted(cycle)
+        self.sightings.len() < self.required_count(cycle)
     }
 
     /// Returns a reason if no move leads any more to a corner by which the pose was corrected: that corner cannot
     /// confirm the pose.
-    pub fn unseen(&self) -> Option<Reason> {
-        let is_seen = |corner: &&usize| self.seen.iter().any(|seen| seen.corner == **corner);
+    pub fn missing_corner_reason(&self) -> Option<Reason> {
+        let is_seen = |corner: &&usize| self.sightings.iter().any(|seen| seen.corner == **corner);
         let missing: Vec<String> =
             self.held.iter().filter(|it| !is_seen(it)).map(|corner| format!("corner {}", corner + 1)).collect();
-        (self.no_more && !missing.is_empty()).then(|| {
+        (self.is_exhausted && !missing.is_empty()).then(|| {
             let message = format!(
                 "{} corrected the panel's pose and cannot be viewed again for verification: {}. Remove the cause, \
                  or dry the panel and locate it again",
                 missing.join(" and "),
-                self.left_out().join("; ")
+                self.describe_excluded().join("; ")
             );
             Reason::new("corner_unseen", message)
         })
     }
 
-    pub fn see(&mut self, view: u8, seen: Sighting) {
+    pub fn record_sighting(&mut self, view: u8, seen: Sighting) {
         if view == 0 {
-            self.seen.clear();
+            self.sightings.clear();
         }
-        self.seen.retain(|other| other.corner != seen.corner);
-        self.seen.push(seen);
+        self.sightings.retain(|other| other.corner != seen.corner);
+        self.sightings.push(seen);
     }
 }
 

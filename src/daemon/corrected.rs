@@ -30,8 +30,8 @@ impl<'r> CalibratedRobot<'r> {
         CalibratedRobot {
             robot,
             arm: arm.correction().map(|_| Kinematics::new(arm)),
-            base: Rigid::claim(nalgebra::Isometry3::identity()),
-            flange_from_tool: Rigid::claim(nalgebra::Isometry3::identity()),
+            base: Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity()),
+            flange_from_tool: Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity()),
             joints: None,
             ahead: None,
             reported_tcp: None,
@@ -45,12 +45,12 @@ impl<'r> CalibratedRobot<'r> {
     }
 
     /// Sets the axis positions before the first report.
-    pub fn stands_at(&mut self, joints: Joints) {
+    pub fn set_initial_axes(&mut self, joints: Joints) {
         self.joints = Some(joints);
     }
 
     /// Returns the corrected points for the controller, and the axes at the last of them.
-    fn sent(&self, points: Vec<MoveLin>) -> Result<(Vec<MoveLin>, Option<Joints>), QueueError> {
+    fn correct_path(&self, points: Vec<MoveLin>) -> Result<(Vec<MoveLin>, Option<Joints>), QueueError> {
         let Some(arm) = &self.arm else { return Ok((points, None)) };
         // From the end of what was sent and not from the reported axes: several paths may wait, and the correction
         // depends on the arm's attitude.
@@ -72,7 +72,7 @@ impl<'r> CalibratedRobot<'r> {
 
     /// Sends a path, or one linear motion, with corrected numbers for the controller.
     fn path(&mut self, points: Vec<MoveLin>, send: impl FnOnce(Vec<MoveLin>) -> RobotCommand) -> RobotAnswer {
-        let (points, end) = match self.sent(points) {
+        let (points, end) = match self.correct_path(points) {
             Ok(sent) => sent,
             Err(error) => return RobotAnswer::Queued(Err(error)),
         };
@@ -83,7 +83,7 @@ impl<'r> CalibratedRobot<'r> {
         answer
     }
 
-    fn corrected(&mut self, mut state: State) -> State {
+    fn correct_state(&mut self, mut state: State) -> State {
         let Some(arm) = &self.arm else { return state };
         self.reported_tcp = Some(state.base_from_tcp);
         state.base_from_tcp = tip(arm, &state);
@@ -128,9 +128,11 @@ impl Port<RobotCommand> for CalibratedRobot<'_> {
             }
             RobotCommand::Next => RobotAnswer::Report(self.robot.next().map(|report| {
                 Some(match report? {
-                    Report::Connected { state } => Report::Connected { state: Box::new(self.corrected(*state)) },
-                    Report::State(state) => Report::State(Box::new(self.corrected(*state))),
-                    Report::Rebooted { state } => Report::Rebooted { state: Box::new(self.corrected(*state)) },
+                    Report::Connected { state } => {
+                        Report::Connected { state: Box::new(self.correct_state(*state)) }
+                    }
+                    Report::State(state) => Report::State(Box::new(self.correct_state(*state))),
+                    Report::Rebooted { state } => Report::Rebooted { state: Box::new(self.correct_state(*state)) },
                     other => other,
                 })
             })),
@@ -173,7 +175,7 @@ mod tests {
         let mut errors = [0.0; 32];
         errors[2] = 0.001;
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
-        cell.corrected(CorrectionNumbers::Geometry(errors)).arm().clone()
+        cell.with_arm_correction(CorrectionNumbers::Geometry(errors)).arm().clone()
     }
 
     fn pose(y_mm: f64) -> KukaPose {

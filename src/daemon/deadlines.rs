@@ -6,53 +6,57 @@ use crate::tape;
 use std::time::Duration;
 
 #[derive(Debug, Clone, Copy)]
-struct Armed {
+struct ArmedDeadline {
     id: Id,
-    which: Deadline,
-    at: Time,
+    deadline: Deadline,
+    time: Time,
 }
 
 /// What is armed.
 #[derive(Debug, Default)]
 pub(super) struct Deadlines {
-    armed: Vec<Armed>,
+    armed: Vec<ArmedDeadline>,
 }
 
 impl Deadlines {
     pub fn arm(&mut self, id: Id, which: Deadline, at: Time) {
         // One deadline of each kind: an older one belongs to an act that has ended.
-        self.armed.retain(|armed| armed.which != which);
-        self.armed.push(Armed { id, which, at });
+        self.armed.retain(|armed| armed.deadline != which);
+        self.armed.push(ArmedDeadline { id, deadline: which, time: at });
     }
 
     /// The answer came.
     pub fn disarm(&mut self, id: Id) {
-        self.armed.retain(|armed| !(armed.id == id && armed.which == Deadline::Answer));
+        self.armed.retain(|armed| !(armed.id == id && armed.deadline == Deadline::Answer));
     }
 
     /// The armed deadlines, for a recording.
-    pub fn to_recording(&self) -> Vec<tape::Armed> {
-        let told = |armed: &Armed| {
-            let at_ns = u64::try_from(armed.at.since_start().as_nanos()).unwrap_or(u64::MAX);
-            tape::Armed { id: armed.id, which: armed.which, at_ns }
+    pub fn to_recording(&self) -> Vec<tape::ArmedDeadline> {
+        let told = |armed: &ArmedDeadline| {
+            let at_ns = u64::try_from(armed.time.since_start().as_nanos()).unwrap_or(u64::MAX);
+            tape::ArmedDeadline { id: armed.id, which: armed.deadline, at_ns }
         };
         self.armed.iter().map(told).collect()
     }
 
     /// The deadlines from a recording.
-    pub fn from_recording(told: &[tape::Armed]) -> Self {
+    pub fn from_recording(told: &[tape::ArmedDeadline]) -> Self {
         let mut deadlines = Deadlines::default();
         for armed in told {
-            deadlines.arm(armed.id, armed.which, Time::after_start(Duration::from_nanos(armed.at_ns)));
+            deadlines.arm(armed.id, armed.which, Time::from_start(Duration::from_nanos(armed.at_ns)));
         }
         deadlines
     }
 
     /// Returns the earliest deadline that is over, and disarms it.
-    pub fn over(&mut self, now: Time) -> Option<Report> {
-        let first =
-            self.armed.iter().enumerate().filter(|(_, armed)| armed.at <= now).min_by_key(|(_, armed)| armed.at);
-        let Armed { id, which, .. } = self.armed.remove(first?.0);
+    pub fn take_expired(&mut self, now: Time) -> Option<Report> {
+        let first = self
+            .armed
+            .iter()
+            .enumerate()
+            .filter(|(_, armed)| armed.time <= now)
+            .min_by_key(|(_, armed)| armed.time);
+        let ArmedDeadline { id, deadline: which, .. } = self.armed.remove(first?.0);
         Some(Report::Deadline { id, which })
     }
 }
@@ -69,13 +73,13 @@ mod tests {
     #[test]
     fn the_earliest_comes_first_and_a_new_one_replaces_the_old() {
         let mut deadlines = Deadlines::default();
-        deadlines.arm(Id(1), Deadline::Spray, Time::at_ms(300));
-        deadlines.arm(Id(2), Deadline::Answer, Time::at_ms(200));
-        deadlines.arm(Id(3), Deadline::Spray, Time::at_ms(250));
-        deadlines.arm(Id(4), Deadline::Token, Time::at_ms(400));
+        deadlines.arm(Id(1), Deadline::Spray, Time::from_ms(300));
+        deadlines.arm(Id(2), Deadline::Answer, Time::from_ms(200));
+        deadlines.arm(Id(3), Deadline::Spray, Time::from_ms(250));
+        deadlines.arm(Id(4), Deadline::Token, Time::from_ms(400));
         deadlines.disarm(Id(4));
-        assert_eq!(deadlines.over(Time::at_ms(199)), None);
-        let over = |deadlines: &mut Deadlines| deadlines.over(Time::at_ms(400));
+        assert_eq!(deadlines.take_expired(Time::from_ms(199)), None);
+        let over = |deadlines: &mut Deadlines| deadlines.take_expired(Time::from_ms(400));
         let report = |id, which| Some(Report::Deadline { id: Id(id), which });
         assert_eq!(over(&mut deadlines), report(2, Deadline::Answer));
         assert_eq!(over(&mut deadlines), report(3, Deadline::Spray));
@@ -87,12 +91,12 @@ mod tests {
     #[test]
     fn what_was_told_is_armed_again() {
         let mut deadlines = Deadlines::default();
-        deadlines.arm(Id(1), Deadline::Drain, Time::at_ms(300));
-        deadlines.arm(Id(2), Deadline::Settle, Time::at_ms(200));
+        deadlines.arm(Id(1), Deadline::Drain, Time::from_ms(300));
+        deadlines.arm(Id(2), Deadline::Settle, Time::from_ms(200));
         let mut again = Deadlines::from_recording(&deadlines.to_recording());
-        assert_eq!(again.over(Time::at_ms(199)), None);
+        assert_eq!(again.take_expired(Time::from_ms(199)), None);
         let report = |id, which| Some(Report::Deadline { id: Id(id), which });
-        assert_eq!(again.over(Time::at_ms(300)), report(2, Deadline::Settle));
-        assert_eq!(again.over(Time::at_ms(300)), report(1, Deadline::Drain));
+        assert_eq!(again.take_expired(Time::from_ms(300)), report(2, Deadline::Settle));
+        assert_eq!(again.take_expired(Time::from_ms(300)), report(1, Deadline::Drain));
     }
 }

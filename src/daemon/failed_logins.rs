@@ -1,12 +1,12 @@
 //! Limits the lines about wrong log-ins, at the cell and at the office: of a flood a few lines remain, and the number of
 //! the others when the minute is over, even if no other log-in follows.
 
-use crate::accounts::{LineLimit, MostLines};
+use crate::accounts::{LineLimit, MaxLinesPerMinute};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Maximum number of wrong log-ins per minute that have their own line.
-const MAX_LINES: MostLines = MostLines { done: 0, refused: 20 };
+const MAX_LINES: MaxLinesPerMinute = MaxLinesPerMinute { done: 0, refused: 20 };
 
 /// The wrong log-ins of this minute.
 #[derive(Debug)]
@@ -48,13 +48,13 @@ impl FailedLogins {
 
     /// Returns the number of lines that were left out in a minute that is over, if it was not yet returned.
     pub fn over(&self) -> Option<u64> {
-        self.lines().minute_over(self.now_ms())
+        self.lines().end_elapsed_minute(self.now_ms())
     }
 
     fn count_at(&self, now_ms: u64) -> Counted {
         let mut lines = self.lines();
-        let left_out = lines.minute_over(now_ms);
-        let is_written = lines.allows(true);
+        let left_out = lines.end_elapsed_minute(now_ms);
+        let is_written = lines.admit_line(true);
         // The first line that is left out requests the report for all that follow in this minute.
         let is_first = !is_written && lines.left_out() == 1;
         let report_after = is_first.then(|| Duration::from_millis(lines.rest_ms(now_ms)));
@@ -83,7 +83,7 @@ impl FailedLogins {
     /// Ends the present minute now.
     #[cfg(test)]
     pub fn end_minute(&self) -> Option<u64> {
-        self.lines().minute_over(u64::MAX)
+        self.lines().end_elapsed_minute(u64::MAX)
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Each fact of the state table about an output was proven when it was switched: the controller reported the output,
 //! and the feedback reported its effect. While the fact holds, each state of the robot must report the same. If the
-//! states report something else for [`CONTRARY_FOR_MS`], the state table is informed. The work in progress is held,
+//! states report something else for [`CONTRADICTION_LIMIT_MS`], the state table is informed. The work in progress is held,
 //! the tool is lifted off the panel, and the output is proven again before it is needed. A shorter time is tolerated
 //! because feedbacks are not steady: a flow switch flutters, and a sander slows down when it touches the panel. An
 //! output that is being switched is monitored by its own act.
@@ -14,28 +14,28 @@ use crate::eki::State;
 use crate::verdict::Reason;
 
 /// The time for which states may contradict a proven fact, ms.
-const CONTRARY_FOR_MS: u32 = 500;
+const CONTRADICTION_LIMIT_MS: u32 = 500;
 
 /// An output whose proof is contradicted, and since when, by the controller's clock, ms.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Contrary(Option<(Switch, u32)>);
+pub(super) struct FeedbackContradiction(Option<(Switch, u32)>);
 
-impl Contrary {
+impl FeedbackContradiction {
     /// Returns the output that the robot's states have contradicted for too long, including this state.
     pub(super) fn update(&mut self, wiring: &Wiring, facts: &Facts, state: &State) -> Option<Switch> {
         let now_ms = state.time_ms;
         // Judged only while the state is proven: during a switch the feedback is expected to differ.
-        let contrary = facts.proven().find(|switch| !wiring.proof(*switch).is_told(state));
+        let contrary = facts.proven_switches().find(|switch| !wiring.switch_proof(*switch).is_satisfied(state));
         // If the clock was set back, the time is counted again from the beginning.
         let last = self.0.filter(|(last, since_ms)| Some(*last) == contrary && *since_ms <= now_ms);
         self.0 = contrary.map(|switch| (switch, last.map_or(now_ms, |(_, since_ms)| since_ms)));
         let (switch, since_ms) = self.0?;
-        (now_ms - since_ms >= CONTRARY_FOR_MS).then_some(switch)
+        (now_ms - since_ms >= CONTRADICTION_LIMIT_MS).then_some(switch)
     }
 }
 
 /// Describes the effect of a switch, and the names of the output and the feedback that proved it.
-fn words(switch: Switch) -> (&'static str, Output) {
+fn describe_switch(switch: Switch) -> (&'static str, Output) {
     match switch {
         Switch::ToolOn => ("the tool is on", Output::Tool),
         Switch::ToolOff => ("the tool is off", Output::Tool),
@@ -51,28 +51,28 @@ fn words(switch: Switch) -> (&'static str, Output) {
     }
 }
 
-fn on_or_off(on: bool) -> &'static str {
+fn on_off_text(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
 /// Describes what the state reports about a switch's output and feedback.
 fn describe_state(switch: Switch, wiring: &Wiring, state: &State) -> String {
-    let (_, output) = words(switch);
-    let SwitchFeedback { outputs, feedback, opposite } = wiring.proof(switch).feedback_in(state);
+    let (_, output) = describe_switch(switch);
+    let SwitchFeedback { outputs, feedback, opposite } = wiring.switch_proof(switch).read_feedback(state);
     let agrees = if outputs { "as commanded" } else { "not as commanded" };
     let output_words = format!("the output {} is reported {agrees}", output.name());
     let name = output.feedback().name();
     let feedbacks = [(name, feedback), (Feedback::ToolStands.name(), opposite)];
     let words = feedbacks
         .into_iter()
-        .filter_map(|(name, on)| Some(format!("; the feedback {name} reads {}", on_or_off(on?))));
+        .filter_map(|(name, on)| Some(format!("; the feedback {name} reads {}", on_off_text(on?))));
     std::iter::once(output_words).chain(words).collect()
 }
 
 /// Returns the reason: which proven fact is not true any more, and what to check.
 pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
-    let ((was_proven, _), tells) = (words(switch), describe_state(switch, wiring, state));
-    let contrary_s = f64::from(CONTRARY_FOR_MS) / 1_000.0;
+    let ((was_proven, _), tells) = (describe_switch(switch), describe_state(switch, wiring, state));
+    let contrary_s = f64::from(CONTRADICTION_LIMIT_MS) / 1_000.0;
     let message = format!(
         "expected: {was_proven}; the controller has reported a different state for {contrary_s:.1} s: {tells}"
     );
@@ -82,10 +82,10 @@ pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) ->
 /// Returns the reason: what was commanded and not proven by its deadline, and what to check. `None` if the state
 /// reports it by now.
 pub(super) fn unproven_reason(switch: Switch, wiring: &Wiring, state: &State) -> Option<Reason> {
-    if wiring.proof(switch).is_told(state) {
+    if wiring.switch_proof(switch).is_satisfied(state) {
         return None;
     }
-    let ((is_asked, _), tells) = (words(switch), describe_state(switch, wiring, state));
+    let ((is_asked, _), tells) = (describe_switch(switch), describe_state(switch, wiring, state));
     let message = format!("commanded: {is_asked}; the controller did not confirm it in time: {tells}");
     Some(Reason::new("feedback", message))
 }

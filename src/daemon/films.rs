@@ -14,7 +14,7 @@ use crate::geometry::{Base, ColorPicture, Mask, Panel, Rigid};
 use crate::inspect::{InspectError, Inspection};
 use crate::panel::GridId;
 use crate::phase::Phase;
-use crate::stages::film::{self, Added, Counted};
+use crate::stages::film::{self, FilmCounts, PictureOutcome};
 use crate::verdict::Verdict;
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -28,7 +28,7 @@ const MAX_PICTURES: usize = 1_000;
 
 /// The result of a film that was watched to its end.
 #[derive(Debug, Clone)]
-pub(super) struct Judged {
+pub(super) struct JudgedFilm {
     pub film: Film,
     pub inspection: Arc<Inspection>,
     /// Its last picture.
@@ -40,16 +40,16 @@ pub(super) struct Judged {
 /// The memory of films that were watched before. Clones share the same memory; it is valid for cycles of one setup.
 #[derive(Debug, Clone)]
 pub(super) struct FilmMemory {
-    known: Arc<Mutex<Known>>,
+    known: Arc<Mutex<MemoryEntries>>,
     /// Converts a note to the form in which it is remembered.
     keeps: fn(Note) -> Note,
 }
 
 #[derive(Debug, Default)]
-struct Known {
+struct MemoryEntries {
     /// The inputs with which a film was begun without an error.
     places: BTreeSet<String>,
-    films: BTreeMap<String, Judged>,
+    films: BTreeMap<String, JudgedFilm>,
 }
 
 /// A picture, its time, s, and its phase.
@@ -57,7 +57,7 @@ type Shot = (Arc<ColorPicture>, f64, Phase);
 
 /// The panel in a film.
 #[derive(Debug, Clone)]
-pub(super) struct Filmed {
+pub(super) struct FilmedPanel {
     /// The panel's pose.
     pub place: Rigid<Base, Panel>,
     /// The taught pixels that were sanded since the dry picture was taken.
@@ -66,42 +66,42 @@ pub(super) struct Filmed {
 
 /// A film that is being watched.
 #[derive(Debug)]
-pub(super) enum Watching {
+pub(super) enum FilmWatch {
     /// The pictures are evaluated as they arrive.
-    AtOnce(Box<film::Filming>),
+    AtOnce(Box<film::FilmRun>),
     /// The pictures are evaluated when the last one has arrived.
     AtTheEnd { memory: FilmMemory, shots: Vec<Shot>, begins_s: Option<f64> },
 }
 
-impl Watching {
+impl FilmWatch {
     /// Begins a film of the panel at this pose, with its dry picture.
     ///
     /// # Errors
     /// If the region is not in the picture, or the picture is not from the camera.
-    pub fn begin(
+    pub fn begin_film(
         cycle: &CycleSetup,
-        panel: &Filmed,
+        panel: &FilmedPanel,
         (dry, dry_s): (&Arc<ColorPicture>, f64),
         memory: Option<&FilmMemory>,
     ) -> Result<Self, InspectError> {
         let is_known = format!("{} {} {}", panel.inputs(), dry.width, dry.height);
         if let Some(memory) = memory.filter(|memory| memory.lock().places.contains(&is_known)) {
             let shots = vec![(dry.clone(), dry_s, Phase::Dry)];
-            return Ok(Watching::AtTheEnd { memory: memory.clone(), shots, begins_s: None });
+            return Ok(FilmWatch::AtTheEnd { memory: memory.clone(), shots, begins_s: None });
         }
-        let mut filming = film::Filming::begin(&watched(cycle, panel), cycle.demands().observation_s)?;
+        let mut filming = film::FilmRun::begin_test(&film_setup(cycle, panel), cycle.film_demands().observation_s)?;
         filming.push(dry, dry_s, Phase::Dry)?;
         if let Some(memory) = memory {
             memory.lock().places.insert(is_known);
         }
-        Ok(Watching::AtOnce(Box::new(filming)))
+        Ok(FilmWatch::AtOnce(Box::new(filming)))
     }
 
     /// Notes the time at which the camera begins to film.
-    pub fn begins(&mut self, time_s: f64) {
+    pub fn set_start(&mut self, time_s: f64) {
         match self {
-            Watching::AtOnce(filming) => filming.begins(time_s),
-            Watching::AtTheEnd { begins_s, .. } => *begins_s = Some(time_s),
+            FilmWatch::AtOnce(filming) => filming.set_start(time_s),
+            FilmWatch::AtTheEnd { begins_s, .. } => *begins_s = Some(time_s),
         }
     }
 
@@ -111,31 +111,31 @@ impl Watching {
     /// If its size is not the camera's, or it comes out of order.
     pub fn push(
         &mut self,
-        (cycle, panel): (&CycleSetup, &Filmed),
+        (cycle, panel): (&CycleSetup, &FilmedPanel),
         picture: &Arc<ColorPicture>,
         time_s: f64,
-    ) -> Result<Added, InspectError> {
-        if let Watching::AtTheEnd { shots, begins_s, .. } = self {
+    ) -> Result<PictureOutcome, InspectError> {
+        if let FilmWatch::AtTheEnd { shots, begins_s, .. } = self {
             let follows = shots.last().is_some_and(|(last, last_s, _)| {
                 (last.width, last.height) == (picture.width, picture.height) && time_s > *last_s
             });
             if follows && time_s.is_finite() && shots.len() < MAX_PICTURES {
                 shots.push((picture.clone(), time_s, Phase::Wet));
-                return Ok(Added { since_wet_s: None, opened_on: None });
+                return Ok(PictureOutcome { since_wet_s: None, newly_broken_grids: None });
             }
-            *self = Watching::AtOnce(Box::new(looked_at((cycle, panel), shots, *begins_s)?));
+            *self = FilmWatch::AtOnce(Box::new(evaluate_pictures((cycle, panel), shots, *begins_s)?));
         }
         match self {
-            Watching::AtOnce(filming) => filming.push(picture, time_s, Phase::Wet),
-            Watching::AtTheEnd { .. } => Ok(Added { since_wet_s: None, opened_on: None }),
+            FilmWatch::AtOnce(filming) => filming.push(picture, time_s, Phase::Wet),
+            FilmWatch::AtTheEnd { .. } => Ok(PictureOutcome { since_wet_s: None, newly_broken_grids: None }),
         }
     }
 
     /// The newest picture, the pixels that broke so far and the grids that failed so far.
-    pub fn so_far(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
+    pub fn current_breaks(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
         match self {
-            Watching::AtOnce(filming) => filming.so_far(),
-            Watching::AtTheEnd { .. } => None,
+            FilmWatch::AtOnce(filming) => filming.current_breaks(),
+            FilmWatch::AtTheEnd { .. } => None,
         }
     }
 
@@ -145,22 +145,22 @@ impl Watching {
     /// If it has no picture of the wet panel.
     pub fn finish(
         self,
-        (cycle, panel): (&CycleSetup, &Filmed),
+        (cycle, panel): (&CycleSetup, &FilmedPanel),
         pass: u8,
-        counted: Counted,
-    ) -> Result<Judged, InspectError> {
+        counted: FilmCounts,
+    ) -> Result<JudgedFilm, InspectError> {
         let (memory, shots, begins_s) = match self {
-            Watching::AtOnce(filming) => return judged((cycle, panel), *filming, pass, counted),
-            Watching::AtTheEnd { memory, shots, begins_s } => (memory, shots, begins_s),
+            FilmWatch::AtOnce(filming) => return judge_film((cycle, panel), *filming, pass, counted),
+            FilmWatch::AtTheEnd { memory, shots, begins_s } => (memory, shots, begins_s),
         };
         let inputs = format!("{} {pass} {:?} {}", panel.inputs(), counted.dropped, inputs(&shots, begins_s));
         let last = shots.last().map(|(picture, ..)| picture.clone());
         if let Some(known) = memory.lock().films.get(&inputs) {
-            return Ok(Judged { last, ..known.clone() });
+            return Ok(JudgedFilm { last, ..known.clone() });
         }
-        let filming = looked_at((cycle, panel), &shots, begins_s)?;
-        let judged = judged((cycle, panel), filming, pass, counted)?;
-        memory.remember(inputs, &judged);
+        let filming = evaluate_pictures((cycle, panel), &shots, begins_s)?;
+        let judged = judge_film((cycle, panel), filming, pass, counted)?;
+        memory.store_judged(inputs, &judged);
         Ok(judged)
     }
 }
@@ -171,20 +171,20 @@ impl FilmMemory {
         FilmMemory { known: Arc::default(), keeps }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Known> {
+    fn lock(&self) -> MutexGuard<'_, MemoryEntries> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn remember(&self, inputs: String, judged: &Judged) {
+    fn store_judged(&self, inputs: String, judged: &JudgedFilm) {
         let mut known = self.lock();
         if known.films.len() < MAX_FILMS {
             let notes = judged.notes.iter().cloned().map(self.keeps).collect();
-            known.films.insert(inputs, Judged { last: None, notes, ..judged.clone() });
+            known.films.insert(inputs, JudgedFilm { last: None, notes, ..judged.clone() });
         }
     }
 }
 
-impl Filmed {
+impl FilmedPanel {
     /// The panel's data on which a film depends, as text.
     fn inputs(&self) -> String {
         format!("{:?} {:x}", self.place, mask_hash(self.sanded.as_deref()))
@@ -218,33 +218,33 @@ fn picture_hash(picture: &ColorPicture) -> u64 {
 }
 
 /// Evaluates the film with these pictures.
-fn looked_at(
-    (cycle, panel): (&CycleSetup, &Filmed),
+fn evaluate_pictures(
+    (cycle, panel): (&CycleSetup, &FilmedPanel),
     shots: &[Shot],
     begins_s: Option<f64>,
-) -> Result<film::Filming, InspectError> {
-    let mut filming = film::Filming::begin(&watched(cycle, panel), cycle.demands().observation_s)?;
+) -> Result<film::FilmRun, InspectError> {
+    let mut filming = film::FilmRun::begin_test(&film_setup(cycle, panel), cycle.film_demands().observation_s)?;
     for (picture, time_s, phase) in shots {
         filming.push(picture, *time_s, *phase)?;
         if let (Phase::Dry, Some(begins_s)) = (phase, begins_s) {
-            filming.begins(begins_s);
+            filming.set_start(begins_s);
         }
     }
     Ok(filming)
 }
 
-fn judged(
-    (cycle, panel): (&CycleSetup, &Filmed),
-    filming: film::Filming,
+fn judge_film(
+    (cycle, panel): (&CycleSetup, &FilmedPanel),
+    filming: film::FilmRun,
     pass: u8,
-    counted: Counted,
-) -> Result<Judged, InspectError> {
+    counted: FilmCounts,
+) -> Result<JudgedFilm, InspectError> {
     let filmed = filming.finish()?;
-    let setup = watched(cycle, panel);
+    let setup = film_setup(cycle, panel);
     let mut notes = Vec::new();
     if let Some(last) = &filmed.last {
         notes.push(Note::Picture("film".to_owned(), (**last).clone()));
-        notes.extend(filmed.drawn(&setup).into_iter().map(|drawing| Note::Figure(figure(drawing, last))));
+        notes.extend(filmed.draw_film(&setup).into_iter().map(|drawing| Note::Figure(figure(drawing, last))));
     }
     notes.push(Note::Finding(filmed.finding(&setup, pass, counted)));
     let film = match filmed.inspection.judgement.verdict {
@@ -252,17 +252,17 @@ fn judged(
         Verdict::Fail => Film::Broken,
         _ => Film::Invalid,
     };
-    Ok(Judged { film, inspection: filmed.inspection, last: filmed.last, notes })
+    Ok(JudgedFilm { film, inspection: filmed.inspection, last: filmed.last, notes })
 }
 
 /// Returns the parameters for evaluating a film of the panel at this pose.
-fn watched<'a>(cycle: &'a CycleSetup, panel: &'a Filmed) -> film::Setup<'a> {
-    film::Setup {
+fn film_setup<'a>(cycle: &'a CycleSetup, panel: &'a FilmedPanel) -> film::FilmSetup<'a> {
+    film::FilmSetup {
         panel: &cycle.panel,
         camera: &cycle.calibrations.scanner,
         camera_from_panel: cycle.calibrations.base_from_camera.inverse() * panel.place,
         sanded: panel.sanded.as_deref(),
-        demands: cycle.demands(),
+        demands: cycle.film_demands(),
         recipe: &cycle.recipe,
     }
 }

@@ -3,10 +3,10 @@
 use super::caller::{self, NameLookup};
 use super::camera_lease::SharedCameras;
 use super::operator_texts;
-use super::reply::{Exit, Reply};
+use super::reply::{Reply, RequestResult};
 use super::request::{PreparedCycle, Request, RequestKind, StartRequest};
 use super::request_queue::{RequestQueueError, RequestSender};
-use crate::record::{RequestedAction, Who};
+use crate::record::{RequestAuthor, RequestedAction};
 use crate::verdict::Reason;
 use std::sync::Arc;
 use std::time::Duration;
@@ -43,7 +43,7 @@ impl Gateway {
 
     /// Passes on a request and returns the reply. It runs on a runtime of tokio that has a blocking thread for the
     /// loader.
-    pub async fn request(&self, what: RequestKind, who: Who) -> Reply {
+    pub async fn request(&self, what: RequestKind, who: RequestAuthor) -> Reply {
         let (what, who) = match what {
             // The user's name is not looked up here: the state is requested many times a second, and the name is read
             // from a file.
@@ -62,20 +62,20 @@ impl Gateway {
             RequestKind::Shoot(_) => {
                 let message = "the service has not opened its cameras yet; wait until `panelprep ctl state` shows \
                                that the service is ready";
-                return Reply::refused(Exit::Refused, vec![Reason::new("not_now", message)]);
+                return Reply::refused(RequestResult::Refused, vec![Reason::new("not_now", message)]);
             }
-            RequestKind::Table(request) if request.is_decision() => {
-                return Reply::refused(Exit::Refused, vec![operator_texts::no_step(request)]);
+            RequestKind::Table(request) if request.is_operator_decision() => {
+                return Reply::refused(RequestResult::Refused, vec![operator_texts::missing_step_reason(request)]);
             }
             what if what.is_urgent() => {
                 (what, caller::named_within(who, self.names.clone(), NAME_TIMEOUT_OF_STOP).await)
             }
             what => (what, self.named(who).await),
         };
-        let in_log = (!matches!(what, RequestKind::State)).then(|| (what.words(), caller::in_log(&who)));
+        let in_log = (!matches!(what, RequestKind::State)).then(|| (what.describe(), caller::format_for_log(&who)));
         let (reply, answer) = oneshot::channel();
-        let failed = |code, message: &str| Reply::refused(Exit::Fault, vec![Reason::new(code, message)]);
-        if let Err(error) = self.queue.send(Request { what, who, reply: Some(reply) }) {
+        let failed = |code, message: &str| Reply::refused(RequestResult::Fault, vec![Reason::new(code, message)]);
+        if let Err(error) = self.queue.send(Request { what, requester: who, reply: Some(reply) }) {
             let code = if error == RequestQueueError::Ended { "ended" } else { "busy" };
             return failed(code, &error.to_string());
         }
@@ -94,12 +94,12 @@ impl Gateway {
     }
 
     /// Returns the user with a name, if this computer's list of users has one and can be read in time.
-    pub(super) async fn named(&self, who: Who) -> Who {
+    pub(super) async fn named(&self, who: RequestAuthor) -> RequestAuthor {
         caller::named_within(who, self.names.clone(), NAME_TIMEOUT).await
     }
 
     /// Passes on a request that was refused here or in a front, for the record.
-    pub(super) fn keep_refused(&self, wanted: RequestedAction, who: Who, reasons: Vec<Reason>) {
+    pub(super) fn keep_refused(&self, wanted: RequestedAction, who: RequestAuthor, reasons: Vec<Reason>) {
         #[expect(
             clippy::let_underscore_must_use,
             reason = "if it is not accepted, the service has ended, or this user has too many requests waiting"
@@ -111,10 +111,10 @@ impl Gateway {
     async fn prepare(&self, start: StartRequest) -> Result<PreparedCycle, Reply> {
         let loader = self.loader.clone();
         match tokio::task::spawn_blocking(move || loader(start)).await {
-            Ok(prepared) => prepared.map_err(|reasons| Reply::refused(Exit::Refused, reasons)),
+            Ok(prepared) => prepared.map_err(|reasons| Reply::refused(RequestResult::Refused, reasons)),
             Err(error) => {
                 let message = format!("the recipe could not be read: {error}");
-                Err(Reply::refused(Exit::Fault, vec![Reason::new("fault", message)]))
+                Err(Reply::refused(RequestResult::Fault, vec![Reason::new("fault", message)]))
             }
         }
     }
@@ -135,13 +135,13 @@ mod tests {
         let named = |names: Arc<NameLookup>| {
             let (sender, queue) = request_queue();
             let gateway = Gateway { names, ..Gateway::new(sender, Arc::new(|_| Err(vec![])), None) };
-            let who = Who { uid: Some(1_001), ..Who::by(RequestSource::Socket) };
+            let who = RequestAuthor { uid: Some(1_001), ..RequestAuthor::from_source(RequestSource::Socket) };
             let answered = gateway.request(RequestKind::Table(cycle::Request::Stop), who);
             let asked = runtime.block_on(async {
                 let taken = tokio::task::spawn_blocking(move || queue.next(Duration::from_millis(100)));
                 tokio::join!(timeout(Duration::from_millis(200), answered), taken).1.expect("no panic")
             });
-            asked.expect("the stop is in the queue").who.user
+            asked.expect("the stop is in the queue").requester.user
         };
         assert_eq!(named(Arc::new(|uid| Some(format!("user {uid}")))), Some("user 1001".to_owned()));
         let (disk, hangs) = std::sync::mpsc::channel::<()>();
@@ -158,10 +158,11 @@ mod tests {
         let loader: Arc<Loader> = Arc::new(|_| Err(vec![]));
         let gateway = Gateway::new(sender, loader, None);
         let wanted = RequestKind::Hold { why: "a hair".to_owned() }.wanted().expect("it is for the cell");
-        let who = Who { user: Some("ada".to_owned()), ..Who::by(RequestSource::Socket) };
+        let who =
+            RequestAuthor { user: Some("ada".to_owned()), ..RequestAuthor::from_source(RequestSource::Socket) };
         gateway.keep_refused(wanted.clone(), who.clone(), vec![Reason::new("not_permitted", "no")]);
         let kept = queue.next(Duration::ZERO).expect("a request");
-        assert_eq!((kept.who, kept.what.words().as_str()), (who, "hold"));
+        assert_eq!((kept.requester, kept.what.describe().as_str()), (who, "hold"));
         let RequestKind::Refused { wanted: found, reasons } = kept.what else { panic!("another request") };
         assert_eq!((found, reasons.len()), (wanted, 1));
         assert_eq!(RequestKind::State.wanted(), None);

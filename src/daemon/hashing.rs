@@ -5,15 +5,15 @@ use tokio::sync::{Semaphore, oneshot};
 
 /// Limits the work with passwords to one at a time; the others wait here for their turn.
 #[derive(Debug)]
-pub(super) struct Hashing(Semaphore);
+pub(super) struct PasswordHashing(Semaphore);
 
-impl Default for Hashing {
+impl Default for PasswordHashing {
     fn default() -> Self {
-        Hashing(Semaphore::new(1))
+        PasswordHashing(Semaphore::new(1))
     }
 }
 
-impl Hashing {
+impl PasswordHashing {
     /// Runs work with passwords, one at a time, on a thread that ends with the work. A hash needs 19 MiB and most of a
     /// processor, and a thread that stays alive would retain as much memory. Returns `None` if the program ends.
     pub async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {

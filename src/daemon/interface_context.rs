@@ -2,7 +2,7 @@
 
 use super::alarms::Alarms;
 use super::gateway::Gateway;
-use super::people::People;
+use super::people::AccountService;
 use super::setup_source::SetupSource;
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ pub struct InterfaceContext {
     /// The destination of requests.
     pub gateway: Gateway,
     /// The persons who may log in, and the fronts' access to the store.
-    pub people: Arc<People>,
+    pub people: Arc<AccountService>,
     /// The alarms of the cell.
     pub alarms: Arc<Alarms>,
     /// Recipes, calibrations and the rest of the set-up.
@@ -21,7 +21,7 @@ pub struct InterfaceContext {
 
 impl InterfaceContext {
     /// Checks for alarms between cycles if no one has done so within the last minute; a camera may need some time.
-    pub(super) fn look(&self) {
-        self.alarms.look(&*self.setup, self.gateway.cameras.as_ref());
+    pub(super) fn check_alarms(&self) {
+        self.alarms.check_cell(&*self.setup, self.gateway.cameras.as_ref());
     }
 }

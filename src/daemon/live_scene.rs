@@ -39,13 +39,13 @@ pub(super) struct ScenePath {
 impl LiveScene {
     /// Returns the points of the scan as packed by `points`, if there was a scan, and the paths in the order in
     /// which they were planned.
-    pub fn newest(&self) -> (Option<Arc<Vec<u8>>>, Vec<ScenePath>) {
+    pub fn newest_scan(&self) -> (Option<Arc<Vec<u8>>>, Vec<ScenePath>) {
         let inside = self.lock();
         (inside.points.clone(), inside.paths.clone())
     }
 
     /// Shows a scan of this cycle's panel; the scene of another cycle is removed.
-    pub(super) fn scanned(
+    pub(super) fn show_scan(
         &self,
         cycle: &Arc<CycleSetup>,
         scan: &OrganizedCloud<Camera>,
@@ -56,7 +56,7 @@ impl LiveScene {
     }
 
     /// Shows a path over this cycle's panel; the same plan is shown only once.
-    pub(super) fn planned(&self, cycle: &Arc<CycleSetup>, (number, pass): (u64, u8), plan: &Plan) {
+    pub(super) fn show_plan(&self, cycle: &Arc<CycleSetup>, (number, pass): (u64, u8), plan: &Plan) {
         let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints).map(|waypoint| {
             let at = waypoint.panel_from_tool.origin().mm;
             ([at.x as f32, at.y as f32, at.z as f32], waypoint.contact)
@@ -119,7 +119,7 @@ mod tests {
 
     fn moved() -> Rigid<Panel, Camera> {
         let shift = Translation3::new(10.0, 20.0, 30.0);
-        Rigid::claim(Isometry3::from_parts(shift, nalgebra::UnitQuaternion::identity()))
+        Rigid::from_isometry_unchecked(Isometry3::from_parts(shift, nalgebra::UnitQuaternion::identity()))
     }
 
     #[test]

@@ -26,8 +26,8 @@ pub struct LiveView(Arc<Mutex<Inside>>, LiveScene);
 struct Inside {
     number: u64,
     frame: Option<Arc<LiveFrame>>,
-    offered: Option<Instant>,
-    looked: Option<Instant>,
+    last_offered: Option<Instant>,
+    last_viewed: Option<Instant>,
 }
 
 /// A picture, with the data that are drawn on it.
@@ -45,11 +45,11 @@ pub struct LiveFrame {
 #[derive(Debug)]
 pub struct LiveFilm {
     /// Seconds since the film's first picture.
-    pub seen_s: f64,
+    pub film_time_s: f64,
     /// The pixels that broke so far. Pixels that turn out to be a glint are removed at the end.
-    pub broken: Mask,
+    pub broken_so_far: Mask,
     /// The grids that failed so far.
-    pub failed: Vec<GridId>,
+    pub failed_so_far: Vec<GridId>,
     pub(super) setup: Arc<CycleSetup>,
     pub(super) place: Rigid<Base, Panel>,
 }
@@ -59,18 +59,23 @@ impl LiveFrame {
     ///
     /// # Errors
     /// If it cannot be drawn.
-    pub fn drawn(&self) -> Result<ColorPicture, ImagingError> {
+    pub fn draw(&self) -> Result<ColorPicture, ImagingError> {
         let Some(film) = &self.film else { return Ok((*self.picture).clone()) };
-        let failed = |grid: &Grid| film.failed.contains(&grid.id);
-        view(&film.setup, &self.picture, film.place).inspected(&film.setup.panel, &film.broken, None, &failed)
+        let failed = |grid: &Grid| film.failed_so_far.contains(&grid.id);
+        view(&film.setup, &self.picture, film.place).draw_inspection(
+            &film.setup.panel,
+            &film.broken_so_far,
+            None,
+            &failed,
+        )
     }
 }
 
 impl LiveView {
     /// Returns the number of the newest picture, and the picture if there is one. The caller counts as a viewer.
-    pub fn newest(&self) -> (u64, Option<Arc<LiveFrame>>) {
+    pub fn newest_picture(&self) -> (u64, Option<Arc<LiveFrame>>) {
         let mut inside = self.lock();
-        inside.looked = Some(Instant::now());
+        inside.last_viewed = Some(Instant::now());
         (inside.number, inside.frame.clone())
     }
 
@@ -85,11 +90,13 @@ impl LiveView {
     }
 
     /// Offers a picture; it is created only if there is a viewer and the last picture is old enough.
-    pub(super) fn offer(&self, frame: impl FnOnce() -> Option<LiveFrame>) {
+    pub(super) fn offer_picture(&self, frame: impl FnOnce() -> Option<LiveFrame>) {
         let is_recent = |at: Option<Instant>, span| at.is_some_and(|at| at.elapsed() < span);
         {
             let inside = self.lock();
-            if !is_recent(inside.looked, VIEWER_TIMEOUT) || is_recent(inside.offered, MIN_PICTURE_INTERVAL) {
+            if !is_recent(inside.last_viewed, VIEWER_TIMEOUT)
+                || is_recent(inside.last_offered, MIN_PICTURE_INTERVAL)
+            {
                 return;
             }
         }
@@ -97,7 +104,7 @@ impl LiveView {
         if let Some(frame) = frame() {
             let mut inside = self.lock();
             inside.number += 1;
-            (inside.frame, inside.offered) = (Some(Arc::new(frame)), Some(Instant::now()));
+            (inside.frame, inside.last_offered) = (Some(Arc::new(frame)), Some(Instant::now()));
         }
     }
 
@@ -111,24 +118,24 @@ mod tests {
     use super::*;
 
     fn frame() -> LiveFrame {
-        let picture = Arc::new(ColorPicture::filled(2, 1, [7, 8, 9]));
+        let picture = Arc::new(ColorPicture::uniform(2, 1, [7, 8, 9]));
         LiveFrame { name: "scan".to_owned(), picture, film: None }
     }
 
     #[test]
     fn a_picture_is_made_only_where_somebody_looks_on() {
         let view = LiveView::default();
-        view.offer(|| panic!("nobody has looked"));
-        assert_eq!(view.newest().0, 0);
-        view.offer(|| None);
-        assert!(view.newest().1.is_none());
-        view.offer(|| Some(frame()));
-        view.offer(|| panic!("twice within half a second"));
-        let (number, shown) = view.newest();
-        let drawn = shown.expect("a picture").drawn().expect("as it is");
+        view.offer_picture(|| panic!("nobody has looked"));
+        assert_eq!(view.newest_picture().0, 0);
+        view.offer_picture(|| None);
+        assert!(view.newest_picture().1.is_none());
+        view.offer_picture(|| Some(frame()));
+        view.offer_picture(|| panic!("twice within half a second"));
+        let (number, shown) = view.newest_picture();
+        let drawn = shown.expect("a picture").draw().expect("as it is");
         assert_eq!((number, drawn.rgb), (1, vec![[7, 8, 9]; 2]));
-        view.lock().looked = Instant::now().checked_sub(VIEWER_TIMEOUT);
-        view.lock().offered = None;
-        view.offer(|| panic!("they went away"));
+        view.lock().last_viewed = Instant::now().checked_sub(VIEWER_TIMEOUT);
+        view.lock().last_offered = None;
+        view.offer_picture(|| panic!("they went away"));
     }
 }

@@ -100,10 +100,10 @@ mod written_page;
 mod tests;
 
 pub use alarms::{AlarmId, Alarms};
-pub use caller::whoever_runs_this;
+pub use caller::current_user;
 pub use camera_lease::{AllCameras, BorrowedFlangeCamera, LastState, RemoteScanner, SharedCameras, ShotRequest};
 pub use cameras::Cameras;
-pub use computing::{Computing, Memory, Readable, SceneKey};
+pub use computing::{CalibrationCheck, Computing, Memory, SceneKey};
 pub use error::DaemonError;
 pub use fleet::{FleetAddress, FleetError, serve as serve_fleet};
 pub use free_memory::give_back_free_memory;
@@ -113,30 +113,30 @@ pub use line::{LineFront, LineParts};
 pub use live_view::{LiveFilm, LiveFrame, LiveView};
 pub use office::{OfficeParts, OfficeSender, OfficeStatus};
 pub use opcua::{OpcUaParts, OpcUaServer};
-pub use operator_texts::{command, refusal, request_word, why};
-pub use people::{LogIn, People};
+pub use operator_texts::{command, refusal, request_keyword, state_reason};
+pub use people::{AccountService, LoginResult};
 pub use ports::{
-    CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, Keeper, LinkedRobot,
-    LinkedTool, LoopEvent, NoCameras, Note, Picture2d, Port, Record, RecordAnswer, RecordCommand, RecordError,
+    CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, LinkedRobot, LinkedTool,
+    LoopEvent, NoCameras, Note, Picture2d, PictureStore, Port, Record, RecordAnswer, RecordCommand, RecordError,
     RecordPort, RequestAnswer, RequestCommand, RequestPort, Requester, RobotAnswer, RobotCommand, RobotPort,
     StoredPicture, ToolAnswer, ToolCommand, ToolPort,
 };
 pub use protocol::{MAX_BYTES, ProtocolError, read_request, request_line};
 pub use push::{PushParts, PushSender, PushStatus};
 pub use record_source::{RecordPdf, RecordSource};
-pub use recording::{FLOOR_MB, StoreRecord, keeper};
+pub use recording::{FLOOR_MB, StoreRecord, picture_store};
 pub use replay::{
-    Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, RecordedPort, Recording, RecordingPlan,
-    RecordingStatus, RecordingSwitch, disk_full_message, free_mb, recording_file, recordings,
+    Difference, Player, RECORDING_FLOOR_MB, RecordedPort, Recording, RecordingPlan, RecordingResult,
+    RecordingStatus, RecordingSwitch, ReplayResult, disk_full_message, free_mb, recording_file, recordings,
 };
-pub use reply::{Exit, Reply};
-pub use request::{OwnText, PartNames, PreparedCycle, RecordIn, Request, RequestKind, StartRequest};
+pub use reply::{Reply, RequestResult};
+pub use request::{PartNames, PreparedCycle, RecipeTextPermission, RecordIn, Request, RequestKind, StartRequest};
 pub use request_handler::{EndedCycle, RequestHandler, ServiceParts};
 pub use request_queue::{RequestQueue, RequestQueueError, RequestSender, request_queue};
-pub use run::{LoopOutcome, LoopStart, Ports, run};
+pub use run::{LoopOutcome, LoopPorts, LoopStart, run};
 pub use setup::{Calibrations, CellSetup, CycleSetup};
-pub use setup_source::{Equipment, Examined, RecipeText, SetupSource};
-pub use single::{Line, Mounted, Single, SingleError, speeds};
+pub use setup_source::{Equipment, ExaminedItem, RecipeText, SetupSource};
+pub use single::{Mounted, SingleError, SingleLine, SingleRobot, speed_command};
 pub use socket::{Socket, SocketError};
 pub use sparkplug::{SparkplugEdge, SparkplugParts};
 pub use web::{OperatorPage, PageError, PageParts};

@@ -3,18 +3,18 @@
 
 use super::deadlines::seconds;
 use super::error::DaemonError;
-use super::path_progress::{End, SentPath};
+use super::path_progress::{PathEndPose, SentPath};
 use super::pending_action::{Condition, PendingAction};
 use super::ports::RobotPort;
-use super::running::Running;
+use super::running::LoopMemory;
 use super::setup::CycleSetup;
 use crate::cycle::{Action, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, MoveLin, QueueError, SetAccSpeed, Signal, State, Time};
 use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use crate::panel::panel_from_base_at_teaching;
 use crate::path::reach::{self, Infeasibility, Obstacles};
-use crate::path::routes::{self, Gated, LinearMotion, PathSpeed, StartState};
+use crate::path::routes::{self, GatedPath, LinearMotion, PathSpeed, StartState};
 use crate::path::trace::Trace;
 use crate::path::{Kinematics, judge_joints, taught_axis};
 use crate::record::{Finding, Kind};
@@ -40,10 +40,10 @@ enum AxisMotionStart {
     PathEnd,
 }
 
-impl Running<'_> {
+impl LoopMemory<'_> {
     pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
         // A motion that is refused before it is sent has executed nothing, regardless of the previous path.
-        (self.sent, self.left_at) = (None, 0);
+        (self.sent_path, self.executed_at_stop) = (None, 0);
         if !self.tool_lets_go(id, motion.path)? {
             return Ok(());
         }
@@ -52,42 +52,42 @@ impl Running<'_> {
         if self.robot_state.is_some_and(|state| state.tip_is_unknown()) {
             let message = "the controller reports a pose of all zeros, so the arm's pose is not known; start the \
                            robot program";
-            self.note(Kind::Gate, vec![Reason::new("no_route", message)])?;
-            self.answer(id, Answer::Failed(Trouble::Gate));
+            self.record_problem(Kind::Gate, vec![Reason::new("no_route", message)])?;
+            self.answer_action(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         }
-        if self.warns(id, motion)? {
+        if self.begin_warning(id, motion)? {
             return Ok(());
         }
         // By axes: the way to the park pose must be possible from any pose, also if no line within the box leads there.
         if motion.path == Path::Park {
-            let poses: Vec<Joints> = self.cell.ready.into_iter().chain([self.cell.park]).collect();
-            return self.by_axes(id, motion, &poses);
+            let poses: Vec<Joints> = self.cell.ready_pose.into_iter().chain([self.cell.park_pose]).collect();
+            return self.move_by_axes(id, motion, &poses);
         }
         // If the TCP is outside the box, a linear motion leads through the ready pose.
         let tip: Option<Rigid<Base, Tool>> = self.robot_state.map(|state| state.base_from_tcp.to_rigid());
-        if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.cell.ready, tip)
-            && self.cell.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
+        if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.cell.ready_pose, tip)
+            && self.cell.limits.workspace().is_some_and(|workspace| !workspace.contains(tip.origin()))
         {
             let obstacles = self.cycle.clone().map(|cycle| self.obstacles_at_rest(&cycle));
             let refusals = self.axis_motion_refusals(&[ready], AxisMotionStart::Anywhere, obstacles);
             if !self.is_permitted(refusals)? {
-                self.answer(id, Answer::Failed(Trouble::Gate));
+                self.answer_action(id, Answer::Failed(Trouble::Gate));
                 return Ok(());
             }
             let sent = self.ports.robot.send(move_j(ready));
-            self.stood = None;
-            return self.waits_or_fails(id, Action::Move(motion), sent.map(Condition::Ready));
+            self.axes_at_path_end = None;
+            return self.wait_or_fail(id, Action::Move(motion), sent.map(Condition::Ready));
         }
-        self.by_lines(id, motion)
+        self.move_by_lines(id, motion)
     }
 
     /// Begins the warning before this motion, if one is required: horn or lamp are on for a time before the first
     /// motion after a rest. Returns whether it is required.
-    fn warns(&mut self, id: Id, motion: Motion) -> Result<bool, DaemonError> {
+    fn begin_warning(&mut self, id: Id, motion: Motion) -> Result<bool, DaemonError> {
         let Some((number, _)) = self.cell.warning_output.filter(|_| !self.has_warned) else { return Ok(false) };
         let sent = self.ports.robot.send(Command::SetDigout(Signal { number, on: true }));
-        self.waits_or_fails(id, Action::Move(motion), sent.map(|last| Condition::Warned { last, until: None }))?;
+        self.wait_or_fail(id, Action::Move(motion), sent.map(|last| Condition::Warned { last, until: None }))?;
         Ok(true)
     }
 
@@ -111,7 +111,7 @@ impl Running<'_> {
         self.has_warned = true;
         match self.ports.robot.send(Command::SetDigout(Signal { number, on: false })) {
             Ok(_) => self.begin_move(id, motion),
-            failed => self.waits_or_fails(id, Action::Move(motion), failed.map(Condition::Ready)),
+            failed => self.wait_or_fail(id, Action::Move(motion), failed.map(Condition::Ready)),
         }
     }
 
@@ -130,7 +130,7 @@ impl Running<'_> {
         if !reasons.is_empty() {
             return reasons;
         }
-        let met = self.met_on_the_way(&state, poses, start, obstacles);
+        let met = self.first_infeasibility(&state, poses, start, obstacles);
         let reason = |met| Reason::new("out_of_reach", format!("the motion to the target is not possible: {met}"));
         met.map(reason).into_iter().collect()
     }
@@ -139,14 +139,14 @@ impl Running<'_> {
     fn is_permitted(&mut self, refusals: Vec<Reason>) -> Result<bool, DaemonError> {
         let is_permitted = refusals.is_empty();
         if !is_permitted {
-            self.note(Kind::Gate, refusals)?;
+            self.record_problem(Kind::Gate, refusals)?;
         }
         Ok(is_permitted)
     }
 
     /// Returns the first infeasibility on the path of the axes from the reported ones to these poses, one after the
     /// other.
-    fn met_on_the_way(
+    fn first_infeasibility(
         &self,
         state: &State,
         poses: &[Joints],
@@ -155,7 +155,7 @@ impl Running<'_> {
     ) -> Option<Infeasibility> {
         let arm = Kinematics::new(&self.cell.arm);
         let arm = match obstacles {
-            Some(obstacles) => arm.beside(obstacles),
+            Some(obstacles) => arm.with_obstacles(obstacles),
             None => arm,
         };
         self.mounted(state).into_iter().find_map(|flange_from_tip| {
@@ -174,13 +174,13 @@ impl Running<'_> {
     /// tool is known.
     fn mounted(&self, state: &State) -> Vec<Rigid<Flange, Tool>> {
         let Some(cycle) = &self.cycle else { return vec![state.flange_from_tool.to_rigid()] };
-        let camera = Rigid::claim(*cycle.calibrations.flange_from_camera.isometry());
+        let camera = Rigid::from_isometry_unchecked(*cycle.calibrations.flange_from_camera.isometry());
         cycle.sander().tips().into_iter().chain([camera]).collect()
     }
 
-    fn by_axes(&mut self, id: Id, motion: Motion, poses: &[Joints]) -> Result<(), DaemonError> {
+    fn move_by_axes(&mut self, id: Id, motion: Motion, poses: &[Joints]) -> Result<(), DaemonError> {
         if !self.leaves_clear_of_the_panel(poses)? {
-            self.answer(id, Answer::Failed(Trouble::Gate));
+            self.answer_action(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         }
         let mut sent = Ok(CommandId(0));
@@ -188,8 +188,8 @@ impl Running<'_> {
             // Every pose was checked before the first is sent, since the arm does not wait for a later refusal.
             sent = sent.and_then(|_| self.ports.robot.send(move_j(*pose)));
         }
-        let end = poses.last().copied().map(End::Joints);
-        self.under_way(id, motion, sent, (1, end))
+        let end = poses.last().copied().map(PathEndPose::Joints);
+        self.start_motion(id, motion, sent, (1, end))
     }
 
     /// Checks the motion to the park pose, with the panel as an obstacle. At the end of a path of this program the tool
@@ -200,9 +200,9 @@ impl Running<'_> {
         let state = self.robot_state;
         // A person may have jogged the arm since the end of the path: the axes show whether it is still there.
         let is_there =
-            |pose: &Joints| state.is_some_and(|state| state.joints.farthest_deg(pose) <= AXIS_DEVIATION_DEG);
-        let is_at_path_end = self.stood.iter().any(is_there) && !poses.iter().any(is_there);
-        let is_known = self.stood.iter().chain(poses).any(is_there);
+            |pose: &Joints| state.is_some_and(|state| state.joints.max_difference_deg(pose) <= AXIS_DEVIATION_DEG);
+        let is_at_path_end = self.axes_at_path_end.iter().any(is_there) && !poses.iter().any(is_there);
+        let is_known = self.axes_at_path_end.iter().chain(poses).any(is_there);
         let cycle = self.cycle.clone();
         if state.is_none() || (cycle.is_none() && !is_known) {
             let message = "the arm's pose or the panel's position is not known; move the arm to the park pose \
@@ -236,22 +236,25 @@ impl Running<'_> {
     /// taught.
     fn last_known_panel(&self, cycle: &CycleSetup) -> Arc<Obstacles> {
         let base_from_panel: Rigid<Base, Panel> =
-            self.last_place.map_or_else(|| panel_from_base_at_teaching().inverse(), |place| place.to_rigid());
-        Arc::new(Obstacles::default().with("panel", cycle.panel.points().map(|(_, point)| base_from_panel * point)))
+            self.last_panel_pose.map_or_else(|| panel_from_base_at_teaching().inverse(), |place| place.to_rigid());
+        Arc::new(
+            Obstacles::default()
+                .with_points_of("panel", cycle.panel.points().map(|(_, point)| base_from_panel * point)),
+        )
     }
 
     /// Chooses the route of a motion. For the first view of a corner, this is the route to the first taught corner
     /// that passes the gate. For the next view, it is the first such route to one of the other corners; if there is
     /// none, the chosen corners are viewed again in turn. Verify uses only the corners by which the pose was
     /// corrected.
-    fn chosen_route(&mut self, motion: Motion) -> Option<Gated> {
-        let Path::Corner { view } = motion.path else { return self.route(motion) };
-        self.perception.corners.begin_choice(view);
-        let candidates = self.perception.corners.candidates(view, self.setup()?);
+    fn chosen_route(&mut self, motion: Motion) -> Option<GatedPath> {
+        let Path::Corner { view } = motion.path else { return self.gate_current_path(motion) };
+        self.perception.corners.begin_selection(view);
+        let candidates = self.perception.corners.candidates(view, self.cycle_setup()?);
         for &corner in &candidates {
             self.perception.corners.choose(view, corner);
-            let gated = self.route(motion)?;
-            if gated.is_good() {
+            let gated = self.gate_current_path(motion)?;
+            if gated.is_sendable() {
                 return Some(gated);
             }
             let why = gated
@@ -262,46 +265,47 @@ impl Running<'_> {
                 .collect::<Vec<_>>()
                 .join("; ");
             tracing::warn!("the arm cannot move to the view of corner {}: {why}", corner + 1);
-            self.perception.corners.leave_out(corner, &why);
+            self.perception.corners.exclude_corner(corner, &why);
         }
         match candidates.first() {
             // No candidate passes: choose the first one, so that its refusal is reported.
             Some(&first) if view == 0 => self.perception.corners.choose(view, first),
-            Some(_) => self.perception.corners.end_choice(view),
+            Some(_) => self.perception.corners.end_selection(view),
             None => {}
         }
-        self.perception.corners.go_round(view);
-        self.route(motion)
+        self.perception.corners.advance_to_view(view);
+        self.gate_current_path(motion)
     }
 
-    pub(super) fn by_lines(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
+    pub(super) fn move_by_lines(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
         let Some(gated) = self.chosen_route(motion) else {
-            self.note(
+            self.record_problem(
                 Kind::Gate,
                 vec![Reason::new("no_route", "the panel's pose, the plan or the arm's pose is not known")],
             )?;
-            self.answer(id, Answer::Failed(Trouble::Gate));
+            self.answer_action(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         };
-        if !gated.is_good() {
+        if !gated.is_sendable() {
             let finding = Finding::new(Kind::Gate, self.state.job.pass, gated.judgement());
-            self.record(finding.with(gated.broken))?;
-            self.answer(id, Answer::Failed(Trouble::Gate));
+            self.record(finding.with_checks(gated.violations))?;
+            self.answer_action(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         }
         let count = u32::try_from(gated.points.len()).unwrap_or(u32::MAX);
-        let sent = self.ports.robot.send(Command::SetAccSpeed(speeds(gated.speed)));
+        let sent = self.ports.robot.send(Command::SetAccSpeed(speed_command(gated.speed)));
         // Only in contact: each permission is recorded first, so that a crash cannot leave more sanded than the record
         // states.
-        let permitted = Some(self.underway.permitted).filter(|few| motion.path == Path::Contact && *few < count);
+        let permitted =
+            Some(self.path_progress.permitted).filter(|few| motion.path == Path::Contact && *few < count);
         let sent = sent.and_then(|_| self.ports.robot.send_path(move_lin(&gated.points), permitted));
-        self.under_way(id, motion, sent, (count, gated.end.map(End::Tip)))
+        self.start_motion(id, motion, sent, (count, gated.end_pose.map(PathEndPose::Tip)))
     }
 
     /// Returns the path as it is sent; `None` if its start or its end is not known.
-    fn route(&self, motion: Motion) -> Option<Gated> {
-        let (cycle, state) = (self.setup()?, self.robot_state?);
-        let place = self.perception.place();
+    fn gate_current_path(&self, motion: Motion) -> Option<GatedPath> {
+        let (cycle, state) = (self.cycle_setup()?, self.robot_state?);
+        let place = self.perception.panel_pose();
         let pad: Rigid<Panel, Tool> = state.base_from_tcp.to_rigid();
         // The panel is an obstacle on the way to a view of it, and not on a path that leads to its surface.
         let obstacles = matches!(motion.path, Path::Corner { .. }).then(|| self.obstacles_at_rest(cycle));
@@ -318,53 +322,54 @@ impl Running<'_> {
             Path::Corner { .. } => {
                 let from: Rigid<Base, Tool> = state.base_from_tcp.to_rigid();
                 // For this motion the camera is the tool.
-                let to = Rigid::claim(*self.perception.corner_pose(cycle)?.isometry());
+                let to = Rigid::from_isometry_unchecked(*self.perception.corner_pose(cycle)?.isometry());
                 Some(routes::view(standing, (from, to), cycle.sander()))
             }
             Path::Approach => {
-                let to = routes::waypoints(self.abrasion.latest()?).first()?.as_sent();
-                Some(routes::air(standing, place?, (pad, to), None))
+                let to = routes::waypoints(self.abrasion.latest_plan()?).first()?.as_sent();
+                Some(routes::gate_air_motion(standing, place?, (pad, to), None))
             }
             Path::Contact => {
                 Some(routes::contact(standing, place?, (pad, self.abrasion.plan(motion.plan)?), settings))
             }
             Path::Air => {
-                let lifted = routes::lifted(self.abrasion.plan(motion.plan)?, settings.approach_mm());
+                let lifted = routes::lift_contact_points(self.abrasion.plan(motion.plan)?, settings.approach_mm());
                 Some(routes::contact(standing, place?, (pad, &lifted), settings))
             }
             Path::Retract => {
                 let back = nalgebra::Vector3::z() * -settings.approach_mm();
                 // From the reported pose, not from the planned end: after a stop the pad is anywhere on the path.
-                let to = pad * Rigid::<Tool, Tool>::identity().displaced(crate::geometry::Vector::new(back));
-                let axis = self.abrasion.latest().and_then(taught_axis);
-                Some(routes::air(standing, place?, (pad, to), axis))
+                let to = pad
+                    * Rigid::<Tool, Tool>::identity().followed_by_displacement(crate::geometry::Vector::new(back));
+                let axis = self.abrasion.latest_plan().and_then(taught_axis);
+                Some(routes::gate_air_motion(standing, place?, (pad, to), axis))
             }
         }
     }
 
-    fn under_way(
+    fn start_motion(
         &mut self,
         id: Id,
         motion: Motion,
         sent: Result<CommandId, QueueError>,
-        (count, end): (u32, Option<End>),
+        (count, end): (u32, Option<PathEndPose>),
     ) -> Result<(), DaemonError> {
-        self.stood = None;
+        self.axes_at_path_end = None;
         if let (Ok(last), Some(end)) = (&sent, end) {
             self.trace = Trace::default();
             let first = CommandId((last.0 + 1).saturating_sub(count));
-            self.sent = Some(SentPath { id, motion, first, last: *last, end, told: 0 });
+            self.sent_path = Some(SentPath { id, motion, first, last: *last, end, reported: 0 });
             self.begin_pressing(motion);
         }
-        self.waits_or_fails(id, Action::Move(motion), sent.map(|_| Condition::PathEnd))
+        self.wait_or_fail(id, Action::Move(motion), sent.map(|_| Condition::PathEnd))
     }
 
     /// Handles the report that the commands up to this one are executed.
-    pub(super) fn executed(&mut self, done: CommandId) -> Result<(), DaemonError> {
-        let Some(sent) = &mut self.sent else { return Ok(()) };
+    pub(super) fn on_executed(&mut self, done: CommandId) -> Result<(), DaemonError> {
+        let Some(sent) = &mut self.sent_path else { return Ok(()) };
         let waypoints = sent.waypoints(done);
-        if waypoints > sent.told && self.pending.as_ref().is_some_and(|pending| pending.id == sent.id) {
-            sent.told = waypoints;
+        if waypoints > sent.reported && self.pending_action.as_ref().is_some_and(|pending| pending.id == sent.id) {
+            sent.reported = waypoints;
             self.events.push_back(Event::Reported(Report::Progress { id: sent.id, done: waypoints }));
             let sent = *sent;
             self.permit_more(sent, waypoints)?;
@@ -373,29 +378,29 @@ impl Running<'_> {
     }
 
     /// Handles the end of the epoch with the robot at rest; all commands of the epoch up to this one were executed.
-    pub(super) fn stood_still(&mut self, done: CommandId) {
-        if let Some(sent) = self.sent.take() {
-            self.left_at = sent.waypoints(done).max(sent.told);
+    pub(super) fn on_standstill(&mut self, done: CommandId) {
+        if let Some(sent) = self.sent_path.take() {
+            self.executed_at_stop = sent.waypoints(done).max(sent.reported);
         }
-        let waypoints = self.left_at;
-        if let Some(PendingAction { waits: Condition::EpochEnd { done }, .. }) = &mut self.pending {
+        let waypoints = self.executed_at_stop;
+        if let Some(PendingAction { waits: Condition::EpochEnd { done }, .. }) = &mut self.pending_action {
             *done = Some(waypoints);
         }
     }
 
-    pub(super) fn path_end(&mut self, id: Id, act: Action, state: &State) -> Result<(), DaemonError> {
-        let Some(sent) = self.sent.filter(|sent| sent.id == id && state.done >= sent.last) else {
+    pub(super) fn end_path(&mut self, id: Id, act: Action, state: &State) -> Result<(), DaemonError> {
+        let Some(sent) = self.sent_path.filter(|sent| sent.id == id && state.done >= sent.last) else {
             self.wait(id, act, Condition::PathEnd);
             return Ok(());
         };
-        self.executed(state.done)?;
+        self.on_executed(state.done)?;
         let off = self.deviation(sent, state);
         if off.is_empty() {
-            self.stood = Some(state.joints);
-            self.answer(id, Answer::Standstill { done: sent.motion.waypoints });
+            self.axes_at_path_end = Some(state.joints);
+            self.answer_action(id, Answer::Standstill { done: sent.motion.waypoints });
         } else {
-            self.note(Kind::Robot, off)?;
-            self.answer(id, Answer::Failed(Trouble::Deviation));
+            self.record_problem(Kind::Robot, off)?;
+            self.answer_action(id, Answer::Failed(Trouble::Deviation));
         }
         Ok(())
     }
@@ -403,10 +408,10 @@ impl Running<'_> {
     /// Returns the deviation of the arm from its commanded end.
     fn deviation(&self, sent: SentPath, state: &State) -> Vec<Reason> {
         let (off_mm, off_deg, allowed_deg) = match sent.end {
-            End::Joints(end) => (0.0, state.joints.farthest_deg(&end), AXIS_DEVIATION_DEG),
-            End::Tip(end) => {
+            PathEndPose::Joints(end) => (0.0, state.joints.max_difference_deg(&end), AXIS_DEVIATION_DEG),
+            PathEndPose::Tip(end) => {
                 let camera = matches!(sent.motion.path, Path::Corner { .. });
-                let base = if camera { Some(Rigid::identity()) } else { self.perception.place().map(as_base) };
+                let base = if camera { Some(Rigid::identity()) } else { self.perception.panel_pose().map(as_base) };
                 let Some(base_from_active) = base else {
                     let message = "the panel's pose is not known, so that the arm's deviation from its path cannot be checked";
                     return vec![Reason::new("deviation", message)];
@@ -416,11 +421,11 @@ impl Running<'_> {
             }
         };
         let message = || {
-            let [deg, allowed] = apart(off_deg, allowed_deg, 3);
-            if let End::Joints(_) = sent.end {
+            let [deg, allowed] = distinguishable_texts(off_deg, allowed_deg, 3);
+            if let PathEndPose::Joints(_) = sent.end {
                 return format!("an axis is {deg}° from its commanded angle (limit {allowed}°)");
             }
-            let [mm, allowed_mm] = apart(off_mm, DEVIATION_MM, 3);
+            let [mm, allowed_mm] = distinguishable_texts(off_mm, DEVIATION_MM, 3);
             format!("the arm is {mm} mm and {deg}° from its commanded pose (limits {allowed_mm} mm and {allowed}°)")
         };
         let far = !(off_mm <= DEVIATION_MM && off_deg <= allowed_deg);
@@ -430,7 +435,7 @@ impl Running<'_> {
 
 /// Returns the panel's pose as the base that was set: the TCP is reported in this base.
 fn as_base(place: Rigid<Base, Panel>) -> Rigid<Base, Base> {
-    Rigid::claim(*place.isometry())
+    Rigid::from_isometry_unchecked(*place.isometry())
 }
 
 fn move_j(joints: Joints) -> Command {
@@ -447,7 +452,7 @@ pub(super) fn move_lin(motions: &[LinearMotion]) -> Vec<MoveLin> {
 }
 
 /// Converts a path's speeds to a command.
-pub(super) fn speeds(PathSpeed { speed_m_s, acceleration_m_s2 }: PathSpeed) -> SetAccSpeed {
+pub(super) fn speed_command(PathSpeed { speed_m_s, acceleration_m_s2 }: PathSpeed) -> SetAccSpeed {
     let (axis_speed_percent, axis_acceleration_percent) = (AXIS_PERCENT, AXIS_PERCENT);
     SetAccSpeed { speed_m_s, acceleration_m_s2, axis_speed_percent, axis_acceleration_percent }
 }

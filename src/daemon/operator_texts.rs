@@ -4,7 +4,7 @@ use crate::cycle::{At, Cause, Epoch, Event, Hold, Refusal, Report, Request, Robo
 use crate::verdict::Reason;
 
 /// Returns the word by which `panelprep ctl` requests this.
-pub fn request_word(request: Request) -> &'static str {
+pub fn request_keyword(request: Request) -> &'static str {
     match request {
         Request::Reset => "reset",
         Request::Start { .. } => "start",
@@ -22,12 +22,12 @@ pub fn request_word(request: Request) -> &'static str {
 pub fn command(request: Request) -> &'static str {
     match request {
         Request::Unhold { dried: true } => "unhold --dried",
-        other => request_word(other),
+        other => request_keyword(other),
     }
 }
 
 /// Returns the reason for refusing a decision that does not state the step on which it was made.
-pub(super) fn no_step(request: Request) -> Reason {
+pub(super) fn missing_step_reason(request: Request) -> Reason {
     let message = format!(
         "{} must state the step on which it was decided, but states none; read the state, then repeat the request \
          with the step number from the state",
@@ -37,38 +37,38 @@ pub(super) fn no_step(request: Request) -> Reason {
 }
 
 /// Returns why a decision on this step is not accepted now. `was` is the text that this step showed, if it is known.
-pub(super) fn outdated(request: Request, (step, was): (u64, Option<&str>), now: &State) -> Reason {
+pub(super) fn outdated_step_reason(request: Request, (step, was): (u64, Option<&str>), now: &State) -> Reason {
     let was = was.unwrap_or("a state unknown to this service");
     let message = format!(
         "{} was decided on step {step} ({was}), but the cell is now at step {} ({}); read the state and decide \
          again",
         command(request),
         now.step,
-        shown(now)
+        describe_step(now)
     );
     Reason::new("outdated", message)
 }
 
 /// Returns what a step shows: the state, its phase, and why the cell is in it.
-pub(super) fn shown(state: &State) -> String {
+pub(super) fn describe_step(state: &State) -> String {
     let phase = match state.at {
-        At::Held(hold) | At::Holding(hold) => format!(", {}", hold.resume.word()),
+        At::Held(hold) | At::Holding(hold) => format!(", {}", hold.resume.keyword()),
         _ => String::new(),
     };
-    let why = why(state).into_iter().next().map_or(String::new(), |reason| format!(" ({})", reason.code));
-    format!("{}{phase}{why}", place(state.at))
+    let why = state_reason(state).into_iter().next().map_or(String::new(), |reason| format!(" ({})", reason.code));
+    format!("{}{phase}{why}", describe_place(state.at))
 }
 
 /// Returns the state and its phase, such as `execute, refine`.
-pub(super) fn place(at: At) -> String {
+pub(super) fn describe_place(at: At) -> String {
     match at {
-        At::Execute(inside) => format!("{}, {}", at.word(), inside.word()),
-        _ => at.word().to_owned(),
+        At::Execute(inside) => format!("{}, {}", at.keyword(), inside.keyword()),
+        _ => at.keyword().to_owned(),
     }
 }
 
 /// Returns the requests that the state table would accept now.
-fn possible(state: &State) -> Vec<&'static str> {
+fn possible_requests(state: &State) -> Vec<&'static str> {
     let all = [
         Request::Reset,
         Request::Start { max_passes: 1, max_moves: 1, dries: false },
@@ -89,21 +89,21 @@ fn possible(state: &State) -> Vec<&'static str> {
 
 /// Returns why a request is refused in this state.
 pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
-    let word = request_word(request);
-    let possible = || match possible(state) {
+    let word = request_keyword(request);
+    let possible = || match possible_requests(state) {
         words if words.is_empty() => "no command is possible in this state".to_owned(),
         words => format!("possible now: {}", words.join(", ")),
     };
     match refusal {
         Refusal::NotNow => {
-            let message = format!("{word} is not possible in state {}; {}", place(state.at), possible());
+            let message = format!("{word} is not possible in state {}; {}", describe_place(state.at), possible());
             Reason::new("not_now", message)
         }
         Refusal::Robot(condition) => {
             let robot = robot(condition);
             Reason { message: format!("{word} needs a robot that is ready: {}", robot.message), ..robot }
         }
-        Refusal::Review if matches!(state.at, At::Held(hold) if hold.is_of_contact()) => {
+        Refusal::Review if matches!(state.at, At::Held(hold) if hold.is_for_contact()) => {
             let message = "held for review of the tool's work: read the finding, then accept the result or stop \
                            the cycle. Drying the panel does not undo an abrasion";
             Reason::new("review", message)
@@ -119,7 +119,7 @@ pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
             Reason::new("drying", message)
         }
         Refusal::Failed(what) => {
-            let failed = trouble(what);
+            let failed = trouble_reason(what);
             Reason { message: format!("{word} failed: {}", failed.message), ..failed }
         }
     }
@@ -149,7 +149,7 @@ pub(super) fn robot(robot: Robot) -> Reason {
     Reason::new(code, message)
 }
 
-pub(super) fn trouble(trouble: Trouble) -> Reason {
+pub(super) fn trouble_reason(trouble: Trouble) -> Reason {
     let (code, message) = match trouble {
         Trouble::Camera => ("camera", "a camera gave no picture"),
         Trouble::Picture => ("picture", "the pictures of a camera cannot be used"),
@@ -183,34 +183,34 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
 }
 
 /// Returns the reason for a cycle that was ended on request: this is not a fault, and nothing has to be cleared.
-pub(super) fn stopped() -> Reason {
+pub(super) fn stopped_reason() -> Reason {
     Reason::new("stopped", "stopped on request before the cycle's end")
 }
 
 /// Returns why this event ended a cycle, if the cycle did not reach its own end. `at` is the resulting state.
-pub(super) fn ended(event: Event, at: At) -> Option<Reason> {
+pub(super) fn end_reason(event: Event, at: At) -> Option<Reason> {
     match (event, at) {
         (Event::Reported(Report::Boot), _) => {
             Some(Reason::new("interrupted", "the program ended before the end of the cycle"))
         }
         (_, At::Aborting { cause } | At::Aborted { cause }) => Some(cause_reason(cause)),
-        (_, At::Stopping { .. } | At::Stopped) => Some(stopped()),
+        (_, At::Stopping { .. } | At::Stopped) => Some(stopped_reason()),
         _ => None,
     }
 }
 
 /// Returns why the cycle is in this state, if that is not obvious, with the remedy, and what may still run or move.
-pub fn why(state: &State) -> Vec<Reason> {
+pub fn state_reason(state: &State) -> Vec<Reason> {
     let why = match state.at {
         At::Aborting { cause } | At::Aborted { cause } | At::Clearing { cause } => Some(aborted(cause)),
-        At::Held(hold) | At::Holding(hold) => Some(held(hold)),
+        At::Held(hold) | At::Holding(hold) => Some(hold_reason(hold)),
         _ => None,
     };
-    why.into_iter().chain(not_proven(state)).collect()
+    why.into_iter().chain(unproven_commands(state)).collect()
 }
 
 /// Returns the commands that were sent before the robot came to rest here, and that it has not confirmed.
-fn not_proven(state: &State) -> Vec<Reason> {
+fn unproven_commands(state: &State) -> Vec<Reason> {
     let At::Aborted { .. } = state.at else { return vec![] };
     let mut reasons = Vec::new();
     if state.facts.water_may_run {
@@ -235,7 +235,7 @@ fn cause_reason(cause: Cause) -> Reason {
     match cause {
         Cause::Asked => Reason::new("asked", "an abort was requested"),
         Cause::Robot(condition) => robot(condition),
-        Cause::Trouble(what) => trouble(what),
+        Cause::Trouble(what) => trouble_reason(what),
         Cause::StopTimedOut => Reason::new("stop_timed_out", "the stop took longer than [limits] stop_deadline_s"),
         Cause::Interrupted => Reason::new(
             "interrupted",
@@ -267,11 +267,11 @@ fn aborted(cause: Cause) -> Reason {
     Reason { message, ..because }
 }
 
-fn held(hold: Hold) -> Reason {
+fn hold_reason(hold: Hold) -> Reason {
     let next = "continue with `panelprep ctl unhold`";
     match hold.why {
         Why::Asked => Reason::new("asked", format!("held on request of a person; {next}")),
-        Why::Review if hold.is_of_contact() => Reason::new(
+        Why::Review if hold.is_for_contact() => Reason::new(
             "review",
             "held for review of the tool's work: read the finding, then run `panelprep ctl accept` or `panelprep \
              ctl stop`",
@@ -295,7 +295,7 @@ fn held(hold: Hold) -> Reason {
             Reason::new("token_over", format!("held: the localization became too old in contact; {next}"))
         }
         Why::Trouble(what) => {
-            let mended = trouble(what);
+            let mended = trouble_reason(what);
             Reason { message: format!("held: {}. Fix the cause, then {next}", mended.message), ..mended }
         }
     }
@@ -307,14 +307,14 @@ mod tests {
     use crate::cycle::Phase;
 
     fn ready() -> State {
-        step(State::NEW, Event::Reported(Report::Robot(Robot::Ready))).0
+        step(State::INITIAL, Event::Reported(Report::Robot(Robot::Ready))).0
     }
 
     #[test]
     fn a_refusal_says_what_is_possible() {
         let words = refusal(Request::Hold, Refusal::NotNow, &ready());
         assert_eq!(words.message, "hold is not possible in state stopped; possible now: reset, abort");
-        let words = refusal(Request::Reset, Refusal::Robot(Robot::GuardOpen), &State::NEW);
+        let words = refusal(Request::Reset, Refusal::Robot(Robot::GuardOpen), &State::INITIAL);
         assert_eq!(
             (&*words.code, &*words.message),
             ("guard_open", "reset needs a robot that is ready: the guard is open")
@@ -326,7 +326,8 @@ mod tests {
     fn a_review_of_contact_offers_accept_and_stop_alone() {
         let at = |resume| At::Held(Hold { why: Why::Review, resume });
         let mut state = State { at: at(Phase::Assess { left: false }), ..ready() };
-        for words in [&why(&state)[0], &refusal(Request::Unhold { dried: true }, Refusal::Review, &state)] {
+        for words in [&state_reason(&state)[0], &refusal(Request::Unhold { dried: true }, Refusal::Review, &state)]
+        {
             assert!(
                 words.code == "review" && words.message.contains("review of the tool's work"),
                 "{}",
@@ -334,33 +335,36 @@ mod tests {
             );
             assert!(!words.message.contains("--dried"), "{}", words.message);
         }
-        assert_eq!(possible(&state), ["accept", "stop", "abort"]);
+        assert_eq!(possible_requests(&state), ["accept", "stop", "abort"]);
         state.at = at(Phase::Plan);
-        assert!(why(&state)[0].message.contains("--dried") && possible(&state).contains(&"unhold --dried"));
+        assert!(
+            state_reason(&state)[0].message.contains("--dried")
+                && possible_requests(&state).contains(&"unhold --dried")
+        );
     }
 
     #[test]
     fn an_abort_names_its_cause_and_the_way_out() {
-        let state = State { at: At::Aborted { cause: Cause::Interrupted }, ..State::NEW };
-        let [reason] = &why(&state)[..] else { panic!("{:?}", why(&state)) };
+        let state = State { at: At::Aborted { cause: Cause::Interrupted }, ..State::INITIAL };
+        let [reason] = &state_reason(&state)[..] else { panic!("{:?}", state_reason(&state)) };
         assert_eq!(reason.code, "interrupted");
         assert!(
             reason.message.contains("before a motion was reported as finished")
                 && reason.message.contains("ctl clear")
         );
-        assert_eq!(why(&State { at: At::Idle, ..State::NEW }), []);
+        assert_eq!(state_reason(&State { at: At::Idle, ..State::INITIAL }), []);
     }
 
     /// Unconfirmed commands are reported in addition to the cause, until a feedback or a person confirms the state.
     #[test]
     fn what_is_not_proven_is_told() {
-        let mut state = State { at: At::Aborted { cause: Cause::OutputsOn }, ..State::NEW };
+        let mut state = State { at: At::Aborted { cause: Cause::OutputsOn }, ..State::INITIAL };
         (state.facts.water_may_run, state.facts.epoch) = (true, Epoch::Changing);
-        let told = why(&state);
+        let told = state_reason(&state);
         let codes: Vec<&str> = told.iter().map(|reason| &*reason.code).collect();
         assert_eq!(codes, ["outputs_on", "water_may_run", "stop_not_confirmed"]);
         assert!(told[1].message.starts_with("water may be running"), "{}", told[1].message);
         state = step(state, Event::Reported(Report::OutputsOff)).0;
-        assert_eq!(why(&state).len(), 2);
+        assert_eq!(state_reason(&state).len(), 2);
     }
 }

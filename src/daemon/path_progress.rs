@@ -6,7 +6,7 @@ use crate::geometry::{Base, Joints, Rigid, Tool};
 
 /// The end of a path.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum End {
+pub(super) enum PathEndPose {
     Joints(Joints),
     Tip(Rigid<Base, Tool>),
 }
@@ -18,8 +18,8 @@ pub(super) struct SentPath {
     pub motion: Motion,
     pub first: CommandId,
     pub last: CommandId,
-    pub end: End,
-    pub told: u32,
+    pub end: PathEndPose,
+    pub reported: u32,
 }
 
 impl SentPath {
@@ -29,7 +29,7 @@ impl SentPath {
     }
 
     /// Returns the number of the command for the path's first waypoint.
-    pub fn first(&self) -> CommandId {
+    pub fn first_command(&self) -> CommandId {
         self.first
     }
 
@@ -68,23 +68,23 @@ pub(super) struct PathProgress {
 impl PathProgress {
     pub fn new(reached_s: Vec<f64>, window_s: f64) -> Self {
         let mut underway = PathProgress { reached_s, window_s, ..PathProgress::default() };
-        underway.permitted = underway.wanted(0).unwrap_or(0);
+        underway.permitted = underway.new_permission(0).unwrap_or(0);
         underway
     }
 
-    pub fn all(&self) -> u32 {
+    pub fn waypoint_count(&self) -> u32 {
         u32::try_from(self.reached_s.len().saturating_sub(1)).unwrap_or(u32::MAX)
     }
 
-    fn at_s(&self, waypoint: u32) -> f64 {
+    fn time_of_waypoint_s(&self, waypoint: u32) -> f64 {
         self.reached_s.get(waypoint as usize).or(self.reached_s.last()).copied().unwrap_or(0.0)
     }
 
     /// Returns the new number of permitted waypoints after this many are executed; `None` if no more need to be
     /// permitted now.
-    pub fn wanted(&self, done: u32) -> Option<u32> {
-        let (all, now_s) = (self.all(), self.at_s(done));
-        let ahead_s = self.at_s(self.permitted) - now_s;
+    pub fn new_permission(&self, done: u32) -> Option<u32> {
+        let (all, now_s) = (self.waypoint_count(), self.time_of_waypoint_s(done));
+        let ahead_s = self.time_of_waypoint_s(self.permitted) - now_s;
         if self.permitted >= all
             || (ahead_s >= MIN_WINDOWS * self.window_s && self.permitted >= done.saturating_add(MIN_AHEAD / 2))
         {

@@ -1,6 +1,6 @@
 //! An act in progress, and the event for which it waits.
 
-use super::wiring::Proof;
+use super::wiring::SwitchProof;
 use crate::cycle::{Action, Id};
 use crate::eki::{CommandId, Time};
 
@@ -25,7 +25,7 @@ pub(super) enum Condition {
     /// Waits until the commands for base and tool are executed and the controller reports both.
     Frames(CommandId),
     /// Waits until outputs are set and the feedback proves them.
-    Feedback { last: CommandId, proof: Proof },
+    Feedback { last: CommandId, proof: SwitchProof },
     /// Waits until the cell has warned of the motion for long enough, counted from the first state in which the
     /// output is on.
     Warned {

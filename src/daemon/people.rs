@@ -5,7 +5,7 @@
 //! writes the store through its own connections; no part of the loop waits for it.
 
 use super::failed_logins::{FailedLogins, words};
-use super::hashing::Hashing;
+use super::hashing::PasswordHashing;
 use super::store_access::StoreAccess;
 use crate::accounts::{self, Account, AuditEntry, Lockout};
 use crate::files::content_hash;
@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 
 /// The result of a log-in with a name and a password.
 #[derive(Debug, Clone, PartialEq)]
-pub enum LogIn {
+pub enum LoginResult {
     /// They are right.
     Right(Account),
     /// The name or the password is wrong, or the account is disabled; the text is for the audit trail.
@@ -30,49 +30,49 @@ pub enum LogIn {
 
 /// Identifies an account during one of its sessions: another role or a new password changes the stamp, and so does
 /// disabling the account.
-pub(super) fn stamp(account: &Account) -> String {
+pub(super) fn account_stamp(account: &Account) -> String {
     let Account { role, password_hash, is_enabled, .. } = account;
-    let digest = content_hash(format!("{}\n{is_enabled}\n{password_hash}", role.word()).as_bytes());
+    let digest = content_hash(format!("{}\n{is_enabled}\n{password_hash}", role.keyword()).as_bytes());
     digest.chars().take(16).collect()
 }
 
 /// The accounts, log-in pauses and audit trail of one store.
 #[derive(Debug)]
-pub struct People {
+pub struct AccountService {
     store: StoreAccess,
-    hashing: Hashing,
+    hashing: PasswordHashing,
     lockout: Mutex<Lockout>,
     /// The limit of lines about wrong log-ins in the audit trail.
     failed_logins: FailedLogins,
-    begun: Instant,
+    started: Instant,
 }
 
-impl People {
+impl AccountService {
     /// Creates the access to the people of the store in this folder, which need not exist yet.
     pub fn new(folder: PathBuf) -> Self {
-        People {
+        AccountService {
             store: StoreAccess::new(folder),
-            hashing: Hashing::default(),
+            hashing: PasswordHashing::default(),
             lockout: Mutex::default(),
             failed_logins: FailedLogins::default(),
-            begun: Instant::now(),
+            started: Instant::now(),
         }
     }
 
     /// Returns seconds of a monotonic clock.
     pub fn now_s(&self) -> f64 {
-        self.begun.elapsed().as_secs_f64()
+        self.started.elapsed().as_secs_f64()
     }
 
     /// Returns the recent attempts with wrong passwords.
-    fn lockout(&self) -> MutexGuard<'_, Lockout> {
+    fn lock_lockout(&self) -> MutexGuard<'_, Lockout> {
         // A poisoned lock is harmless: every change under it is complete.
         self.lockout.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Returns the remaining seconds for which this account's log-in is blocked after wrong passwords.
     pub fn pauses_s(&self, name: &str) -> Option<f64> {
-        self.lockout().pauses_s((name, true), self.now_s())
+        self.lock_lockout().pauses_s((name, true), self.now_s())
     }
 
     /// Reads the store on the calling thread, which may wait for the disk.
@@ -93,7 +93,7 @@ impl People {
 
     /// Writes a line of the audit trail; if the disk refuses, the line is written to the service's log.
     pub fn audit(&self, entry: &AuditEntry) {
-        if let Err(error) = self.write(|store| store.keep_audit(entry)) {
+        if let Err(error) = self.write(|store| store.store_audit(entry)) {
             let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("a person who is not logged in"));
             tracing::warn!("the audit trail could not be written: {error}; lost entry: {what} by {who}");
         }
@@ -141,24 +141,24 @@ impl People {
     }
 
     /// Checks a name and a password, and counts a wrong one. It computes on the calling thread for a while. Call it
-    /// only within [`People::hashing`], so that each attempt takes the results of earlier attempts into account.
-    pub fn tried(&self, name: &str, password: &str) -> LogIn {
+    /// only within [`AccountService::hashing`], so that each attempt takes the results of earlier attempts into account.
+    pub fn check_password(&self, name: &str, password: &str) -> LoginResult {
         let account = self.account(name);
         let who = (name, account.is_some());
-        if let Some(left_s) = self.lockout().pauses_s(who, self.now_s()) {
-            return LogIn::Pauses(left_s);
+        if let Some(left_s) = self.lock_lockout().pauses_s(who, self.now_s()) {
+            return LoginResult::Pauses(left_s);
         }
         let hash = account.as_ref().map_or("", |account| &account.password_hash);
-        let is_right = accounts::is_right(password, hash);
+        let is_right = accounts::is_correct_password(password, hash);
         match account.filter(|account| is_right && account.is_enabled) {
             Some(account) => {
-                self.lockout().right(name);
-                LogIn::Right(account)
+                self.lock_lockout().record_success(name);
+                LoginResult::Right(account)
             }
-            None if self.lockout().wrong(who, self.now_s()) => {
-                LogIn::Wrong("wrong password; the account is locked temporarily")
+            None if self.lock_lockout().record_failure(who, self.now_s()) => {
+                LoginResult::Wrong("wrong password; the account is locked temporarily")
             }
-            None => LogIn::Wrong("wrong name or password"),
+            None => LoginResult::Wrong("wrong name or password"),
         }
     }
 
@@ -168,22 +168,22 @@ impl People {
     }
 
     /// Judges a name and a password when it is their turn, and counts a wrong one.
-    pub async fn log_in(self: &Arc<Self>, name: &str, password: String) -> LogIn {
+    pub async fn attempt_login(self: &Arc<Self>, name: &str, password: String) -> LoginResult {
         if accounts::checked_name(name).is_err() {
-            return LogIn::Unknown;
+            return LoginResult::Unknown;
         }
         // A person whose log-in is blocked does not occupy the turn of another person.
         if let Some(left_s) = self.pauses_s(name) {
-            return LogIn::Pauses(left_s);
+            return LoginResult::Pauses(left_s);
         }
         let (shared, tried) = (self.clone(), name.to_owned());
-        self.hashing(move || shared.tried(&tried, &password)).await.unwrap_or(LogIn::Unknown)
+        self.hashing(move || shared.check_password(&tried, &password)).await.unwrap_or(LoginResult::Unknown)
     }
 }
 
 /// Returns the line that counts wrong log-ins without a line of their own; one of them was `last`.
 fn left_out_line(left_out: u64, last: &AuditEntry) -> AuditEntry {
-    let line = AuditEntry::done(None, None, last.from.clone(), &last.what);
+    let line = AuditEntry::for_completed_action(None, None, last.from.clone(), &last.what);
     AuditEntry { refused: Some(words(left_out)), ..line }
 }
 
@@ -195,19 +195,19 @@ mod tests {
     #[tokio::test]
     async fn of_six_wrong_passwords_at_one_time_the_sixth_is_not_looked_at() {
         let folder = tempfile::tempdir().expect("a folder");
-        let people = Arc::new(People::new(folder.path().join("store")));
+        let people = Arc::new(AccountService::new(folder.path().join("store")));
         let tries = (0..6).map(|_| {
             let people = people.clone();
-            tokio::spawn(async move { people.log_in("anna", "wrong horse".to_owned()).await })
+            tokio::spawn(async move { people.attempt_login("anna", "wrong horse".to_owned()).await })
         });
         let mut came = Vec::new();
         for tried in tries.collect::<Vec<_>>() {
             came.push(tried.await.expect("it ends"));
         }
-        let paused = came.iter().filter(|came| matches!(came, LogIn::Pauses(_))).count();
+        let paused = came.iter().filter(|came| matches!(came, LoginResult::Pauses(_))).count();
         assert_eq!(paused, 1, "{came:?}");
-        let again = people.log_in("anna", "wrong horse".to_owned()).await;
-        assert!(matches!(again, LogIn::Pauses(left_s) if left_s > 50.0), "it pauses on: {again:?}");
+        let again = people.attempt_login("anna", "wrong horse".to_owned()).await;
+        assert!(matches!(again, LoginResult::Pauses(left_s) if left_s > 50.0), "it pauses on: {again:?}");
     }
 
     /// A thousand wrong log-ins within a minute give twenty lines; the others are only counted, and their number is
@@ -216,8 +216,9 @@ mod tests {
     fn a_flood_of_failed_logins_is_a_few_lines() {
         let folder = tempfile::tempdir().expect("a folder");
         drop(Store::create(&folder.path().join("store")).expect("a store"));
-        let people = Arc::new(People::new(folder.path().join("store")));
-        let line = AuditEntry::done(Some("engineer".to_owned()), None, "10.0.0.1".to_owned(), "log in");
+        let people = Arc::new(AccountService::new(folder.path().join("store")));
+        let line =
+            AuditEntry::for_completed_action(Some("engineer".to_owned()), None, "10.0.0.1".to_owned(), "log in");
         let line = AuditEntry { refused: Some("wrong name or password".to_owned()), ..line };
         (0..1_000).for_each(|_| people.audit_failed_login(&line));
         let lines = people.read(|store| store.audit(None, 2_000)).expect("read").len();
@@ -229,8 +230,9 @@ mod tests {
     fn a_flood_that_stops_is_counted_when_its_minute_is_over() {
         let folder = tempfile::tempdir().expect("a folder");
         drop(Store::create(&folder.path().join("store")).expect("a store"));
-        let people = Arc::new(People::new(folder.path().join("store")));
-        let line = AuditEntry::done(Some("engineer".to_owned()), None, "10.0.0.1".to_owned(), "log in");
+        let people = Arc::new(AccountService::new(folder.path().join("store")));
+        let line =
+            AuditEntry::for_completed_action(Some("engineer".to_owned()), None, "10.0.0.1".to_owned(), "log in");
         let begun = Instant::now();
         people.failed_logins.begin_minute_ago(Duration::from_secs(55));
         (0..25).for_each(|_| people.audit_failed_login(&line));

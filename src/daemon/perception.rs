@@ -1,9 +1,9 @@
 //! Perception of the panel: its pose, and the result of the film. The artifacts are stored here.
 
-use super::answers::{MISSING, blind, figure, grade, reason, unseen};
-use super::corners::Corners;
+use super::answers::{MISSING, camera_fault_answer, figure, grade_judgement, reason, unusable_picture_answer};
+use super::corners::CornerLoop;
 use super::error::DaemonError;
-use super::films::{FilmMemory, Filmed, Watching};
+use super::films::{FilmMemory, FilmWatch, FilmedPanel};
 use super::ports::{CameraPort, Picture2d, Record};
 use super::setup::CycleSetup;
 use crate::cycle::Answer;
@@ -14,7 +14,7 @@ use crate::path::approach::Approach;
 use crate::path::reach::Obstacles;
 use crate::phase::Phase;
 use crate::record::{Budget, Kind};
-use crate::stages::{self, Drawing, film};
+use crate::stages::{self, ResultDrawing, film};
 use crate::surface::{self, TodaysPoint};
 use crate::{locate, report};
 use std::sync::Arc;
@@ -30,7 +30,7 @@ pub(super) struct Perception {
     /// The panel's pose after the correction with the corners.
     pub(super) place: Option<Rigid<Base, Panel>>,
     /// The taught corners that are viewed, and their results.
-    pub corners: Corners,
+    pub corners: CornerLoop,
     /// The panel at its found pose and everything else in the scan, as obstacles for the arm.
     obstacles: Option<Arc<Obstacles>>,
     /// The points of the panel's region in the scan by which the panel was located.
@@ -44,10 +44,10 @@ pub(super) struct Perception {
 
 /// A film that is being watched.
 #[derive(Debug)]
-pub(super) struct Filming {
-    filming: Watching,
+pub(super) struct FilmInProgress {
+    filming: FilmWatch,
     /// The panel in the film.
-    pub panel: Filmed,
+    pub panel: FilmedPanel,
     /// The time of the film's first picture, by the camera's clock, s.
     first_s: Option<f64>,
     /// Time from the film's first picture to its last one, s.
@@ -56,16 +56,16 @@ pub(super) struct Filming {
     elapsed_ms: Vec<f64>,
 }
 
-impl Filming {
+impl FilmInProgress {
     /// The newest picture, the pixels that broke so far and the grids that failed so far.
-    pub fn so_far(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
-        self.filming.so_far()
+    pub fn current_breaks(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
+        self.filming.current_breaks()
     }
 }
 
 impl Perception {
     /// Returns the best known pose of the panel.
-    pub fn place(&self) -> Option<Rigid<Base, Panel>> {
+    pub fn panel_pose(&self) -> Option<Rigid<Base, Panel>> {
         self.place
     }
 
@@ -77,12 +77,12 @@ impl Perception {
 
     /// Returns the pose in which the flange camera should see the corner as it was taught (Eq. 3.22).
     pub fn corner_pose(&self, cycle: &CycleSetup) -> Option<Rigid<Base, FlangeCamera>> {
-        Some(self.place? * cycle.corners.get(self.corners.aimed())?.teaching.panel_from_camera)
+        Some(self.place? * cycle.corners.get(self.corners.aimed_corner())?.teaching_data.panel_from_camera)
     }
 
     /// Returns the pose of the panel relative to the arm, with the corners by which it was corrected.
     pub fn approach(&self) -> Option<Approach<'_>> {
-        let (corners, obstacles) = (self.corners.held(), self.obstacles());
+        let (corners, obstacles) = (self.corners.correction_corners(), self.obstacles());
         self.place.map(|base_from_panel| Approach { base_from_panel, corners, obstacles })
     }
 
@@ -98,29 +98,29 @@ impl Perception {
 
     /// Returns the data of the panel's pose on which a later phase's result depends, as text. The obstacles are not
     /// included, since they follow from the scan by which the panel was located.
-    pub(super) fn place_inputs(&self) -> String {
+    pub(super) fn pose_inputs(&self) -> String {
         let Perception { located, located_mm, place, corners, .. } = self;
         format!("{located:?} {located_mm:?} {place:?} {corners:?}")
     }
 
-    /// Returns the data of `place_inputs` with the result of the film.
+    /// Returns the data of `pose_inputs` with the result of the film.
     pub(super) fn inputs(&self) -> String {
         let inspections = &self.inspections;
         let failed: Vec<_> = inspections
             .last()
             .map_or(vec![], |film| film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect());
-        format!("{} {failed:?}", self.place_inputs())
+        format!("{} {failed:?}", self.pose_inputs())
     }
 
     /// Copies the films of another perception, and also its dry picture unless `without_dry`, as for a new
     /// localization.
-    pub(super) fn keep_films_of(&mut self, other: &Perception, without_dry: bool) {
+    pub(super) fn copy_films(&mut self, other: &Perception, without_dry: bool) {
         self.dry = if without_dry { None } else { other.dry.clone() };
         (self.inspections, self.film_picture) = (other.inspections.clone(), other.film_picture.clone());
     }
 
     /// Adds the results of a film that was watched separately.
-    pub fn take_film(&mut self, film: Perception) {
+    pub fn add_film(&mut self, film: Perception) {
         self.inspections.extend(film.inspections);
         if film.film_picture.is_some() {
             self.film_picture = film.film_picture;
@@ -136,7 +136,7 @@ impl Perception {
     ) -> Result<Answer, DaemonError> {
         // Forgotten before the shot: if the camera fails, no act may use the place of the former scan.
         (self.located, self.located_mm, self.place, self.obstacles) = (None, None, None, None);
-        (self.dry, self.corners, self.todays_points) = (None, Corners::default(), Arc::default());
+        (self.dry, self.corners, self.todays_points) = (None, CornerLoop::default(), Arc::default());
         let errors = &cycle.calibrations.scan_errors;
         // The taught panel is prepared while the camera takes its scan.
         let scan = std::thread::scope(|threads| {
@@ -145,24 +145,24 @@ impl Perception {
         });
         let scan = match scan {
             Ok(scan) => scan,
-            Err(error) => return blind(Kind::Locate, 0, &error, record),
+            Err(error) => return camera_fault_answer(Kind::Locate, 0, &error, record),
         };
         let picture = scan.picture();
         record.picture("scan", &picture)?;
         let begun = Instant::now();
-        let scan = errors.corrected(scan);
+        let scan = errors.correct_scan(scan);
         let (camera, base_from_camera) = (&cycle.calibrations.scanner, cycle.calibrations.base_from_camera);
-        let view = locate::View { scan: &scan, camera, base_from_camera, range: errors.range };
+        let view = locate::ScanView { scan: &scan, camera, base_from_camera, range: errors.range };
         let located = stages::locate::locate((&cycle.panel, cycle.taught_model()), view, &cycle.recipe);
         let obstacles = located.obstacles().map(Arc::new);
         let elapsed_ms = elapsed_ms(begun);
-        let nowhere = || Drawing {
+        let nowhere = || ResultDrawing {
             name: "located".to_owned(),
             caption: "The scan's picture: no panel was found".to_owned(),
             picture: Ok(picture.clone()),
         };
-        record.figure(&figure(located.drawn_place(&picture).unwrap_or_else(nowhere), &picture))?;
-        for drawing in located.drawn_reasons(&picture) {
+        record.figure(&figure(located.draw_placement(&picture).unwrap_or_else(nowhere), &picture))?;
+        for drawing in located.draw_reasons(&picture) {
             record.figure(&figure(drawing, &picture))?;
         }
         let found = located.finding(elapsed_ms);
@@ -179,10 +179,10 @@ impl Perception {
         if let Some(place) = place {
             let panel_from_camera = place.inverse() * base_from_camera;
             self.todays_points = Arc::new(surface::todays_points(&cycle.panel, &scan, &panel_from_camera));
-            record.scanned(&scan, &panel_from_camera);
+            record.show_scan(&scan, &panel_from_camera);
         }
         (self.located, self.place, self.located_mm, self.obstacles) = (place, place, located_mm, obstacles);
-        Ok(Answer::Graded(grade(&found.judgement)))
+        Ok(Answer::Graded(grade_judgement(&found.judgement)))
     }
 
     /// Takes the picture of the dry panel.
@@ -197,7 +197,7 @@ impl Perception {
                 self.dry = Some((Arc::new(picture), time_s));
                 Ok(Answer::Done)
             }
-            Err(error) => blind(Kind::Inspect, 0, &error, record),
+            Err(error) => camera_fault_answer(Kind::Inspect, 0, &error, record),
         }
     }
 
@@ -209,40 +209,41 @@ impl Perception {
         (pass, sanded): (u8, Option<Arc<Mask>>),
         (eyes, memory): (&mut dyn CameraPort, Option<&FilmMemory>),
         record: &mut dyn Record,
-    ) -> Result<Result<Filming, Answer>, DaemonError> {
+    ) -> Result<Result<FilmInProgress, Answer>, DaemonError> {
         let (Some(place), Some((dry, dry_s))) = (self.place, &self.dry) else { return Ok(Err(MISSING)) };
-        let panel = Filmed { place, sanded };
-        match Watching::begin(cycle, &panel, (dry, *dry_s), memory) {
+        let panel = FilmedPanel { place, sanded };
+        match FilmWatch::begin_film(cycle, &panel, (dry, *dry_s), memory) {
             Ok(filming) => {
-                let mut filming = Filming { filming, panel, first_s: None, seen_s: 0.0, elapsed_ms: Vec::new() };
+                let mut filming =
+                    FilmInProgress { filming, panel, first_s: None, seen_s: 0.0, elapsed_ms: Vec::new() };
                 record.frame(dry, *dry_s, Phase::Dry)?;
-                match eyes.begin_film(cycle.demands().frames_per_second) {
+                match eyes.begin_film(cycle.film_demands().frames_per_second) {
                     Ok(began_s) => {
-                        filming.filming.begins(began_s);
+                        filming.filming.set_start(began_s);
                         Ok(Ok(filming))
                     }
-                    Err(error) => blind(Kind::Inspect, pass, &error, record).map(Err),
+                    Err(error) => camera_fault_answer(Kind::Inspect, pass, &error, record).map(Err),
                 }
             }
-            Err(error) => unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err),
+            Err(error) => unusable_picture_answer(Kind::Inspect, pass, reason("film", &error), record).map(Err),
         }
     }
 
     /// Fetches the film's next picture if one is due; after the last one, judges the film. Times are the camera's
     /// own.
-    pub fn watch(
+    pub fn evaluate_next_picture(
         &mut self,
         cycle: &CycleSetup,
-        filming: Filming,
+        filming: FilmInProgress,
         pass: u8,
         eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
-    ) -> Result<Result<Filming, Answer>, DaemonError> {
+    ) -> Result<Result<FilmInProgress, Answer>, DaemonError> {
         let mut filming = filming;
-        let (picture, time_s) = match eyes.next_of_film() {
+        let (picture, time_s) = match eyes.next_film_picture() {
             Ok(Some(Picture2d { picture, time_s })) => (Arc::new(picture), time_s),
             Ok(None) => return Ok(Ok(filming)),
-            Err(error) => return blind(Kind::Inspect, pass, &error, record).map(Err),
+            Err(error) => return camera_fault_answer(Kind::Inspect, pass, &error, record).map(Err),
         };
         // Recorded before it is judged, so that a film that ends with an error can be judged again from the record.
         record.frame(&picture, time_s, Phase::Wet)?;
@@ -255,16 +256,16 @@ impl Perception {
                     reason = "the film is abandoned: no further picture will be requested"
                 )]
                 let _ = eyes.end_film();
-                return unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err);
+                return unusable_picture_answer(Kind::Inspect, pass, reason("film", &error), record).map(Err);
             }
         };
         filming.elapsed_ms.push(elapsed_ms(begun));
-        if let Some(grids) = added.opened_on {
+        if let Some(grids) = added.newly_broken_grids {
             tracing::info!(since_wet_s = added.since_wet_s, "the water film broke on {grids}");
         }
         let since_s = time_s - *filming.first_s.get_or_insert(time_s);
         filming.seen_s = since_s;
-        if since_s < cycle.demands().filmed_s() {
+        if since_s < cycle.film_demands().filmed_s() {
             return Ok(Ok(filming));
         }
         // If ending the film fails because the camera is lost, all the needed pictures have already been delivered.
@@ -278,16 +279,16 @@ impl Perception {
     fn finish(
         &mut self,
         cycle: &CycleSetup,
-        (mut filming, dropped): (Filming, Option<u64>),
+        (mut filming, dropped): (FilmInProgress, Option<u64>),
         pass: u8,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        let counted = film::Counted { ms_per_picture: median(&mut filming.elapsed_ms), dropped };
+        let counted = film::FilmCounts { ms_per_picture: median(&mut filming.elapsed_ms), dropped };
         let judged = match filming.filming.finish((cycle, &filming.panel), pass, counted) {
             Ok(judged) => judged,
-            Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record),
+            Err(error) => return unusable_picture_answer(Kind::Inspect, pass, reason("film", &error), record),
         };
-        judged.notes.into_iter().try_for_each(|note| record.note(note))?;
+        judged.notes.into_iter().try_for_each(|note| record.record_note(note))?;
         self.inspections.push(judged.inspection);
         self.film_picture = judged.last;
         Ok(Answer::Filmed(judged.film))
@@ -299,9 +300,9 @@ pub(super) fn view<'a>(
     cycle: &'a CycleSetup,
     picture: &'a ColorPicture,
     place: Rigid<Base, Panel>,
-) -> report::View<'a> {
+) -> report::PanelOverlay<'a> {
     let camera_from_panel = cycle.calibrations.base_from_camera.inverse() * place;
-    report::View { picture, camera: &cycle.calibrations.scanner, camera_from_panel }
+    report::PanelOverlay { picture, camera: &cycle.calibrations.scanner, camera_from_panel }
 }
 
 fn elapsed_ms(begun: Instant) -> f64 {

@@ -17,7 +17,7 @@ pub use crate::record::Finding;
 pub use cameras::{CameraAnswer, CameraCommand, CameraFault, CameraPort, NoCameras, Picture2d};
 pub use port::{Command, Port};
 pub use record::{
-    Figure, Keeper, Note, Record, RecordAnswer, RecordCommand, RecordError, RecordPort, StoredPicture,
+    Figure, Note, PictureStore, Record, RecordAnswer, RecordCommand, RecordError, RecordPort, StoredPicture,
 };
 pub use requests::{LoopEvent, RequestAnswer, RequestCommand, RequestPort, Requester};
 pub use robot::{LinkedRobot, RobotAnswer, RobotCommand, RobotPort};

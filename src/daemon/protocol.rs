@@ -22,7 +22,7 @@ pub const MAX_BYTES: usize = 256 * 1_024;
 pub(super) const MAX_SHORT_BYTES: usize = 4 * 1_024;
 
 /// Returns whether a line with this beginning may be as long as a start.
-pub(super) fn may_be_long(beginning: &[u8]) -> bool {
+pub(super) fn is_long_line_allowed(beginning: &[u8]) -> bool {
     let word = b"\"start\"";
     let searched = &beginning[..beginning.len().min(MAX_SHORT_BYTES)];
     searched.windows(word.len()).any(|part| part == word)

@@ -1,7 +1,7 @@
 //! The source of the pages of cycles, and of their signatures.
 
 use crate::record::CycleId;
-use crate::store::PersonSigns;
+use crate::store::PersonSigningRequest;
 
 /// A cycle's page as PDF, with the part that the cell signs.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -33,5 +33,5 @@ pub trait RecordSource: Send + Sync {
     /// # Errors
     /// If the cycle is not over, the person has already given this kind of signature, or the store cannot be written,
     /// in words.
-    fn sign(&self, signs: &PersonSigns) -> Result<u64, String>;
+    fn sign(&self, signs: &PersonSigningRequest) -> Result<u64, String>;
 }

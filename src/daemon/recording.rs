@@ -1,6 +1,8 @@
 //! Records the loop's data in the store.
 
-use super::ports::{Figure, Finding, Keeper, Note, Port, RecordAnswer, RecordCommand, RecordError, StoredPicture};
+use super::ports::{
+    Figure, Finding, Note, PictureStore, Port, RecordAnswer, RecordCommand, RecordError, StoredPicture,
+};
 use crate::cycle::Event;
 use crate::files::{Clip, ClipEntry, write_color_jpeg};
 use crate::geometry::ColorPicture;
@@ -25,7 +27,7 @@ pub struct StoreRecord<'a> {
     /// The last line of the journal with a request, until the answer is recorded.
     line: Option<RequestPosition>,
     pages: Pages,
-    is_full_told: bool,
+    is_full_reported: bool,
 }
 
 /// The position of a request in the journal.
@@ -55,32 +57,32 @@ struct Pages {
 impl<'a> StoreRecord<'a> {
     /// Creates a record that writes to this cycle, or to none.
     pub fn new(store: &'a mut Store, cycle: impl Into<Option<CycleId>>) -> Self {
-        StoreRecord { store, cycle: cycle.into(), line: None, pages: Pages::default(), is_full_told: false }
+        StoreRecord { store, cycle: cycle.into(), line: None, pages: Pages::default(), is_full_reported: false }
     }
 
     /// Stores a picture; returns `None` if the disk is full.
-    fn keep(&self, picture: &ColorPicture) -> Result<Option<String>, RecordError> {
-        self.store.put_picture(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)
+    fn store_picture(&self, picture: &ColorPicture) -> Result<Option<String>, RecordError> {
+        self.store.store_picture(&write_color_jpeg(picture).map_err(record_error)?).map_err(record_error)
     }
 
     /// Stores the clip's waiting pictures, which are compressed in parallel.
-    fn keep_waiting(&mut self) -> Result<(), RecordError> {
+    fn store_waiting_pictures(&mut self) -> Result<(), RecordError> {
         let waiting = std::mem::take(&mut self.pages.waiting);
         let compressed: Vec<_> = waiting.par_iter().map(|(picture, ..)| write_color_jpeg(picture)).collect();
         for ((_, time_s, phase), jpeg) in waiting.into_iter().zip(compressed) {
-            let file = self.store.put_picture(&jpeg.map_err(failed)?).map_err(failed)?;
+            let file = self.store.store_picture(&jpeg.map_err(record_error)?).map_err(record_error)?;
             self.pages.clip.extend(file.map(|file| ClipEntry { file, time_s, phase }));
         }
         Ok(())
     }
 
     /// Ends the clip: its list is stored and named like a picture. A clip without a wet picture is not stored.
-    fn keep_clip(&mut self) -> Result<(), RecordError> {
-        self.keep_waiting()?;
+    fn store_clip(&mut self) -> Result<(), RecordError> {
+        self.store_waiting_pictures()?;
         let entries = std::mem::take(&mut self.pages.clip);
         if let Ok(clip) = Clip::new(entries) {
-            let hash = self.store.put_picture(clip.to_csv().as_bytes()).map_err(failed)?;
-            let name = format!("clip.csv of {} pictures", clip.shots().len());
+            let hash = self.store.store_picture(clip.to_csv().as_bytes()).map_err(record_error)?;
+            let name = format!("clip.csv of {} pictures", clip.entries().len());
             self.pages.shots.extend(hash.map(|hash| KeptFile { name, hash }));
         }
         Ok(())
@@ -91,17 +93,19 @@ impl<'a> StoreRecord<'a> {
 ///
 /// # Errors
 /// If the store is open for reading.
-pub fn keeper(store: &Store) -> Result<Keeper, StoreError> {
+pub fn picture_store(store: &Store) -> Result<PictureStore, StoreError> {
     let writer = store.blob_writer()?;
-    Ok(Box::new(move |picture| writer.put_picture(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)))
+    Ok(Box::new(move |picture| {
+        writer.store_picture(&write_color_jpeg(picture).map_err(record_error)?).map_err(record_error)
+    }))
 }
 
 /// Returns the reason for a full disk, with the files to delete and the space that is needed.
-fn full(store: &Store) -> Reason {
-    Reason::new("disk_full", format!("{}; a cycle needs {FLOOR_MB} MB", store.full()))
+fn disk_full_reason(store: &Store) -> Reason {
+    Reason::new("disk_full", format!("{}; a cycle needs {FLOOR_MB} MB", store.disk_full_error()))
 }
 
-fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RecordError {
+fn record_error(error: impl std::error::Error + Send + Sync + 'static) -> RecordError {
     RecordError(Box::new(error))
 }
 
@@ -109,44 +113,46 @@ impl Port<RecordCommand> for StoreRecord<'_> {
     fn perform(&mut self, command: RecordCommand) -> Result<RecordAnswer, RecordError> {
         let cycle = self.cycle;
         match command {
-            RecordCommand::Note(note) => self.note(note)?,
+            RecordCommand::Note(note) => self.store_note(note)?,
             RecordCommand::Event(event) => self.event(event)?,
-            RecordCommand::OpenIntent(motion) => self.store.open_intent(&motion, cycle).map_err(failed)?,
+            RecordCommand::OpenIntent(motion) => self.store.open_intent(&motion, cycle).map_err(record_error)?,
             RecordCommand::OpenContact { motion, path, permitted } => {
-                self.store.open_contact(&motion, cycle, (&path, permitted)).map_err(failed)?;
+                self.store.open_contact(&motion, cycle, (&path, permitted)).map_err(record_error)?;
             }
-            RecordCommand::Permit(waypoints) => self.store.permit(waypoints).map_err(failed)?,
+            RecordCommand::Permit(waypoints) => self.store.store_permit(waypoints).map_err(record_error)?,
             RecordCommand::CloseIntent { motion, outcome, done } => {
-                self.store.close_intent(&motion, outcome, done).map_err(failed)?;
+                self.store.close_intent(&motion, outcome, done).map_err(record_error)?;
             }
             RecordCommand::AbradedBefore => {
-                let earlier = cycle.map_or(Ok(Vec::new()), |cycle| self.store.abraded_before(cycle));
-                return Ok(RecordAnswer::Earlier(earlier.map_err(failed)?));
+                let earlier = cycle.map_or(Ok(Vec::new()), |cycle| self.store.earlier_abrasions(cycle));
+                return Ok(RecordAnswer::Earlier(earlier.map_err(record_error)?));
             }
-            RecordCommand::Asked(asked) => self.asked(&asked)?,
+            RecordCommand::Asked(asked) => self.store_request(&asked)?,
             RecordCommand::Clock(clock) => {
-                cycle.map_or(Ok(()), |cycle| self.store.keep_clock(cycle, clock)).map_err(failed)?;
+                cycle.map_or(Ok(()), |cycle| self.store.store_clock(cycle, clock)).map_err(record_error)?;
             }
             RecordCommand::Conclude { verdict, because } => return self.conclude(verdict, &because),
             RecordCommand::Begin(start) => {
-                self.between_cycles();
-                let cycle = self.store.begin_cycle(&start).map_err(failed)?;
+                self.end_cycle_record();
+                let cycle = self.store.begin_cycle(&start).map_err(record_error)?;
                 self.cycle = Some(cycle);
                 return Ok(RecordAnswer::Cycle(cycle));
             }
-            RecordCommand::BetweenCycles => self.between_cycles(),
-            RecordCommand::DiscWorn => return Ok(RecordAnswer::Worn(self.store.disc_worn_mm2().map_err(failed)?)),
-            RecordCommand::WearDisc(swept_mm2) => self.store.wear_disc(cycle, swept_mm2).map_err(failed)?,
-            RecordCommand::MountDisc => self.store.mount_disc().map_err(failed)?,
-            RecordCommand::Check => return Ok(RecordAnswer::Wrong(self.check())),
-            RecordCommand::Filled => return Ok(RecordAnswer::Full(self.filled())),
+            RecordCommand::BetweenCycles => self.end_cycle_record(),
+            RecordCommand::DiscWorn => {
+                return Ok(RecordAnswer::Worn(self.store.disc_worn_mm2().map_err(record_error)?));
+            }
+            RecordCommand::WearDisc(swept_mm2) => self.store.wear_disc(cycle, swept_mm2).map_err(record_error)?,
+            RecordCommand::MountDisc => self.store.mount_disc().map_err(record_error)?,
+            RecordCommand::Check => return Ok(RecordAnswer::Wrong(self.disk_space_problems())),
+            RecordCommand::Filled => return Ok(RecordAnswer::Full(self.disk_full_reason())),
         }
         Ok(RecordAnswer::Done)
     }
 }
 
 impl StoreRecord<'_> {
-    fn note(&mut self, note: Note) -> Result<(), RecordError> {
+    fn store_note(&mut self, note: Note) -> Result<(), RecordError> {
         match note {
             Note::Finding(finding) => self.finding(finding),
             Note::Picture(name, picture) => self.picture(name, &picture),
@@ -163,7 +169,7 @@ impl StoreRecord<'_> {
     fn finding(&mut self, finding: Finding) -> Result<(), RecordError> {
         let Some(cycle) = self.cycle else { return Ok(()) };
         // A finding refers to the pictures before it, which must be in the store when its row is written.
-        self.keep_clip()?;
+        self.store_clip()?;
         let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
         let mut kept = Finding { pictures, shots, ..finding };
         // A value that is not a finite number counts as not measured. A failed fit must not prevent the record of
@@ -173,14 +179,14 @@ impl StoreRecord<'_> {
             kept.details.insert("pictures_not_kept_since_the_disk_was_full".to_owned(), dropped.into());
         }
         kept.checks.iter_mut().for_each(|number| number.value = number.value.filter(|value| value.is_finite()));
-        self.store.note(cycle, &kept).map_err(failed)?;
+        self.store.store_finding(cycle, &kept).map_err(record_error)?;
         self.pages.findings += 1;
         Ok(())
     }
 
     fn picture(&mut self, name: String, picture: &ColorPicture) -> Result<(), RecordError> {
         if self.cycle.is_some() {
-            let hash = self.keep(picture)?;
+            let hash = self.store_picture(picture)?;
             self.pages.shots.extend(hash.map(|hash| KeptFile { name, hash }));
         }
         Ok(())
@@ -192,7 +198,7 @@ impl StoreRecord<'_> {
             // In batches: compressing one picture after the other is slower than the camera, and a whole clip does not
             // fit into memory.
             if self.pages.waiting.len() >= BATCH_PICTURES {
-                self.keep_waiting()?;
+                self.store_waiting_pictures()?;
             }
         }
         Ok(())
@@ -200,7 +206,7 @@ impl StoreRecord<'_> {
 
     fn figure(&mut self, figure: Figure) -> Result<(), RecordError> {
         if self.cycle.is_some() {
-            let hash = self.keep(&figure.picture)?;
+            let hash = self.store_picture(&figure.picture)?;
             let Figure { name, caption, .. } = figure;
             self.pages.pictures.extend(hash.map(|hash| Picture { name, caption, hash }));
         }
@@ -209,8 +215,8 @@ impl StoreRecord<'_> {
 
     fn budget(&mut self, measured: Budget) -> Result<(), RecordError> {
         let Some(cycle) = self.cycle else { return Ok(()) };
-        self.pages.budget = self.pages.budget.renewed(measured.finite());
-        self.store.set_budget(cycle, &self.pages.budget).map_err(failed)
+        self.pages.budget = self.pages.budget.updated_by(measured.without_non_finite());
+        self.store.set_budget(cycle, &self.pages.budget).map_err(record_error)
     }
 
     fn name(&mut self, kept: StoredPicture) {
@@ -222,47 +228,47 @@ impl StoreRecord<'_> {
     }
 
     fn event(&mut self, event: Event) -> Result<(), RecordError> {
-        let line = self.store.append(&event, self.cycle).map_err(failed)?;
+        let line = self.store.append(&event, self.cycle).map_err(record_error)?;
         if matches!(event, Event::Asked(_)) {
             self.line = Some(RequestPosition { line, cycle: self.cycle, findings: self.pages.findings });
         }
         Ok(())
     }
 
-    fn asked(&mut self, asked: &RequestRecord) -> Result<(), RecordError> {
+    fn store_request(&mut self, asked: &RequestRecord) -> Result<(), RecordError> {
         let line = self.line.take().filter(|_| matches!(asked.wanted, RequestedAction::For(_)));
         let (cycle, findings) = line.map_or((self.cycle, self.pages.findings), |line| (line.cycle, line.findings));
         let asked = RequestRecord { findings: cycle.map(|_| findings), ..asked.clone() };
-        self.store.keep_request(&asked, cycle, line.map(|line| line.line)).map_err(failed)
+        self.store.store_request(&asked, cycle, line.map(|line| line.line)).map_err(record_error)
     }
 
     fn conclude(&mut self, verdict: Verdict, because: &[Reason]) -> Result<RecordAnswer, RecordError> {
         let Some(cycle) = self.cycle else { return Ok(RecordAnswer::Concluded(verdict)) };
         // The stored verdict is returned: the signature and the page must state what is on the disk.
-        let kept = self.store.conclude(cycle, verdict, because).map_err(failed)?;
+        let kept = self.store.conclude(cycle, verdict, because).map_err(record_error)?;
         Ok(RecordAnswer::Concluded(kept.verdict))
     }
 
-    fn between_cycles(&mut self) {
+    fn end_cycle_record(&mut self) {
         self.cycle = None;
         self.pages = Pages::default();
     }
 
-    fn check(&mut self) -> Vec<Reason> {
+    fn disk_space_problems(&mut self) -> Vec<Reason> {
         match self.store.free_mb() {
-            Ok(free_mb) if free_mb >= FLOOR_MB && self.store.has_room() => {
-                self.is_full_told = false;
+            Ok(free_mb) if free_mb >= FLOOR_MB && self.store.has_free_space() => {
+                self.is_full_reported = false;
                 vec![]
             }
-            Ok(_) => vec![full(self.store)],
-            Err(_) if self.store.is_disk_full() => vec![full(self.store)],
+            Ok(_) => vec![disk_full_reason(self.store)],
+            Err(_) if self.store.is_disk_full() => vec![disk_full_reason(self.store)],
             Err(error) => vec![Reason::new("store", error.to_string())],
         }
     }
 
-    fn filled(&mut self) -> Option<Reason> {
+    fn disk_full_reason(&mut self) -> Option<Reason> {
         let is_new =
-            self.store.is_disk_full() && !std::mem::replace(&mut self.is_full_told, self.store.is_disk_full());
-        is_new.then(|| full(self.store))
+            self.store.is_disk_full() && !std::mem::replace(&mut self.is_full_reported, self.store.is_disk_full());
+        is_new.then(|| disk_full_reason(self.store))
     }
 }

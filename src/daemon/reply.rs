@@ -1,6 +1,6 @@
 //! The reply to a request.
 
-use super::replay::Recorded;
+use super::replay::RecordingResult;
 use crate::cycle::State;
 use crate::panel::GridId;
 use crate::verdict::{Reason, Verdict};
@@ -11,7 +11,7 @@ use std::sync::Arc;
 /// How it went.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Exit {
+pub enum RequestResult {
     /// The state table accepted the request.
     Done,
     /// The request is refused: it is not possible now, or not in this form.
@@ -20,13 +20,13 @@ pub enum Exit {
     Fault,
 }
 
-impl Exit {
+impl RequestResult {
     /// The exit code of `panelprep ctl`.
     pub fn code(self) -> u8 {
         match self {
-            Exit::Done => 0,
-            Exit::Refused => 2,
-            Exit::Fault => 3,
+            RequestResult::Done => 0,
+            RequestResult::Refused => 2,
+            RequestResult::Fault => 3,
         }
     }
 }
@@ -36,7 +36,7 @@ impl Exit {
 #[serde(deny_unknown_fields)]
 pub struct Reply {
     /// How it went.
-    pub answer: Exit,
+    pub answer: RequestResult,
     /// The PackML word; `None` if the loop was not asked.
     pub state: Option<String>,
     /// The phase inside Execute; if the cycle is held, the phase in which it continues.
@@ -66,19 +66,19 @@ pub struct Reply {
     /// The verdict of the cycle, once it exists.
     pub verdict: Option<Verdict>,
     /// The recording of the cycle, if there is one.
-    pub recording: Option<Recorded>,
+    pub recording: Option<RecordingResult>,
     /// The action that was done, if the state does not show it.
     pub done: Option<String>,
     /// Why the request was refused, or why the cell is in this state.
     pub reasons: Vec<Reason>,
     /// Data for the operator's page and the plant, which are not sent through a socket.
     #[serde(skip)]
-    pub extras: Extras,
+    pub extras: PageData,
 }
 
 /// The data that only the operator's page and the plant show.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Extras {
+pub struct PageData {
     /// The state of the cycle's state table.
     pub table: Option<State>,
     /// Words of the requests that the table would accept now.
@@ -93,7 +93,7 @@ pub struct Extras {
 
 impl Reply {
     /// Creates an answer that does not come from the loop.
-    pub fn refused(answer: Exit, reasons: Vec<Reason>) -> Self {
+    pub fn refused(answer: RequestResult, reasons: Vec<Reason>) -> Self {
         Reply {
             answer,
             state: None,
@@ -112,7 +112,7 @@ impl Reply {
             recording: None,
             done: None,
             reasons,
-            extras: Extras::default(),
+            extras: PageData::default(),
         }
     }
 }

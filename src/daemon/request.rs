@@ -11,7 +11,7 @@ use super::reply::Reply;
 use super::setup::CycleSetup;
 use crate::cycle;
 pub use crate::record::PartNames;
-use crate::record::{RequestSource, RequestedAction, Who};
+use crate::record::{RequestAuthor, RequestSource, RequestedAction};
 use crate::store::CycleStart;
 use crate::verdict::Reason;
 use serde::{Deserialize, Serialize};
@@ -24,21 +24,21 @@ pub struct Request {
     /// What is requested.
     pub what: RequestKind,
     /// The person or program that makes the request, and its front.
-    pub who: Who,
+    pub requester: RequestAuthor,
     /// The channel for the reply; `None` if no client waits for one.
     pub reply: Option<oneshot::Sender<Reply>>,
 }
 
 impl Request {
     /// Creates a request for whose reply no client waits.
-    pub fn new(what: RequestKind, who: Who) -> Self {
-        Request { what, who, reply: None }
+    pub fn new(what: RequestKind, who: RequestAuthor) -> Self {
+        Request { what, requester: who, reply: None }
     }
 
     /// Creates the request of a SIGTERM or SIGINT. The first signal stops the cell, the second one aborts; the
     /// service ends once the cell is at rest.
     pub fn signal() -> Self {
-        Request::new(RequestKind::Leave, Who::by(RequestSource::Signal))
+        Request::new(RequestKind::Leave, RequestAuthor::from_source(RequestSource::Signal))
     }
 }
 
@@ -90,13 +90,13 @@ pub enum RequestKind {
 
 impl std::fmt::Debug for RequestKind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.words())
+        f.write_str(&self.describe())
     }
 }
 
 impl RequestKind {
     /// Returns the request as text for the log.
-    pub(super) fn words(&self) -> String {
+    pub(super) fn describe(&self) -> String {
         match self {
             RequestKind::State => "state".to_owned(),
             RequestKind::Table(request)
@@ -113,7 +113,7 @@ impl RequestKind {
             RequestKind::Refused { wanted: RequestedAction::For(request), .. } => {
                 operator_texts::command(*request).to_owned()
             }
-            RequestKind::Shoot(shot) => shot.word().to_owned(),
+            RequestKind::Shoot(shot) => shot.describe().to_owned(),
             RequestKind::Leave => "leave".to_owned(),
         }
     }
@@ -134,7 +134,7 @@ impl RequestKind {
     }
 
     /// Returns the request for the state table that this request contains, if there is one.
-    pub(super) fn of_table(&self) -> Option<cycle::Request> {
+    pub(super) fn table_request(&self) -> Option<cycle::Request> {
         match self {
             RequestKind::Table(request) => Some(*request),
             RequestKind::Hold { .. } => Some(cycle::Request::Hold),
@@ -174,12 +174,12 @@ pub struct StartRequest {
     /// Whether the text may differ from the text in the recipes' folder. The front decides this by the person's
     /// role; a client's line cannot state it.
     #[serde(skip)]
-    pub own_text: OwnText,
+    pub own_text: RecipeTextPermission,
 }
 
 /// Whether a start may bring a recipe text that is not in the recipes' folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum OwnText {
+pub enum RecipeTextPermission {
     /// Only a recipe of the folder is accepted, by name and content.
     #[default]
     Refused,

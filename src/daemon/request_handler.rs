@@ -10,14 +10,14 @@ use super::live_view::LiveView;
 use super::operator_texts;
 use super::ports::{LoopEvent, Requester};
 use super::replay::{Recording, RecordingSwitch};
-use super::reply::{Exit, Extras, Reply};
+use super::reply::{PageData, Reply, RequestResult};
 use super::request::{Request, RequestKind};
 use super::request_queue::RequestQueue;
 use super::written_page::LastWrittenPage;
 use crate::cycle::{self, At, Path as PathKind, Phase, Refusal, State};
 use crate::panel::GridId;
-use crate::record::{CycleId, RequestSource, Who};
-use crate::supervision::{Supervised, Supervisor, ThreadFault, supervised};
+use crate::record::{CycleId, RequestAuthor, RequestSource};
+use crate::supervision::{SupervisedThread, Supervisor, ThreadFault, supervise};
 use crate::verdict::{Reason, Verdict};
 use sd_notify::NotifyState;
 use std::collections::VecDeque;
@@ -64,7 +64,7 @@ fn phase(at: At) -> Option<Phase> {
 
 /// Returns who requests this hold, and why if a reason is given.
 fn holder(hold: &Request) -> Reason {
-    let who = hold.who.user.clone().unwrap_or_else(|| hold.who.to_string());
+    let who = hold.requester.user.clone().unwrap_or_else(|| hold.requester.to_string());
     match &hold.what {
         RequestKind::Hold { why } => Reason::new("held_by", format!("{who}: {why}")),
         _ => Reason::new("held_by", who),
@@ -85,7 +85,7 @@ const MAX_STEPS: usize = 64;
 
 /// The data of a start that the loop has accepted.
 #[derive(Debug)]
-struct Ordered {
+struct AcceptedStart {
     panel: String,
     grids: Arc<[GridId]>,
     film_total_s: f64,
@@ -101,19 +101,19 @@ pub struct RequestHandler {
     waits_for_reset: bool,
     signals: u8,
     /// The number of signals for which a request was sent to the table.
-    obeyed: u8,
+    handled_signals: u8,
     /// The state that was last reported to systemd.
-    told: Option<At>,
+    reported_state: Option<At>,
     /// The interval at which systemd expects a sign of the loop, and the time of the last sign.
     watchdog: Option<(Duration, Instant)>,
     parts: ServiceParts,
     /// The loop's own sign of life for the supervisor.
-    sign: Supervised,
+    sign: SupervisedThread,
     cycle: Option<CycleId>,
     verdict: Option<Verdict>,
     /// The panel of the cycle, and of the start that the loop has accepted.
     panel: Option<String>,
-    ordered: Option<Ordered>,
+    accepted_start: Option<AcceptedStart>,
     /// The grids of the panel of the last cycle; `film_total_s` is the planned duration of its film, s.
     grids: Arc<[GridId]>,
     film_total_s: Option<f64>,
@@ -123,9 +123,9 @@ pub struct RequestHandler {
     done: Option<String>,
     /// The cycle whose page is due once the cell is at rest.
     ended: Option<CycleId>,
-    /// The problems found last; `set_aside` contains those from before the last request.
-    noted: Vec<Reason>,
-    set_aside: Vec<Reason>,
+    /// The problems found last; `earlier_problems` contains those from before the last request.
+    problems: Vec<Reason>,
+    earlier_problems: Vec<Reason>,
     /// The author of the last requested hold, with the reason if one was given.
     holder: Option<Reason>,
     /// The state that the loop last showed.
@@ -138,42 +138,42 @@ impl RequestHandler {
     /// Creates the handler for the requests of this queue. `left` is the cycle that an earlier process did not end.
     /// The handler reports to systemd that the loop works, as long as the supervisor finds that all threads work.
     pub fn new(queue: RequestQueue, left: Option<CycleId>, parts: ServiceParts) -> Self {
-        let (sign, _) = supervised("loop", Duration::MAX);
+        let (sign, _) = supervise("loop", Duration::MAX);
         let watchdog = sd_notify::watchdog_enabled().map(|allowed| (allowed / WATCHDOG_SIGNALS, Instant::now()));
         RequestHandler {
             queue,
             waiting: None,
             waits_for_reset: false,
             signals: 0,
-            obeyed: 0,
-            told: None,
+            handled_signals: 0,
+            reported_state: None,
             watchdog,
             parts,
             sign,
             cycle: left,
             verdict: None,
             panel: None,
-            ordered: None,
+            accepted_start: None,
             grids: Arc::default(),
             film_total_s: None,
             film_s: None,
             done: None,
             ended: None,
-            noted: Vec::new(),
-            set_aside: Vec::new(),
+            problems: Vec::new(),
+            earlier_problems: Vec::new(),
             holder: None,
-            state: State::NEW,
+            state: State::INITIAL,
             steps: VecDeque::new(),
         }
     }
 
-    fn reply(&self, answer: Exit, reasons: Vec<Reason>, state: &State) -> Reply {
+    fn reply(&self, answer: RequestResult, reasons: Vec<Reason>, state: &State) -> Reply {
         let counts = |path| matches!(path, PathKind::Contact | PathKind::Air);
         let path = state.intent.filter(|intent| counts(intent.motion.path));
         Reply {
             answer,
-            state: Some(state.at.word().to_owned()),
-            phase: phase(state.at).map(|phase| phase.word().to_owned()),
+            state: Some(state.at.keyword().to_owned()),
+            phase: phase(state.at).map(|phase| phase.keyword().to_owned()),
             panel: self.panel.clone(),
             pass: self.cycle.map(|_| state.job.pass),
             film_s: self.film_s.filter(|_| state.at == At::Execute(Phase::Inspect)),
@@ -193,12 +193,12 @@ impl RequestHandler {
             recording: self.parts.recording.status(),
             done: None,
             reasons,
-            extras: self.extras(state),
+            extras: self.page_data(state),
         }
     }
 
     /// Returns the data that only the operator's page and the plant show.
-    fn extras(&self, state: &State) -> Extras {
+    fn page_data(&self, state: &State) -> PageData {
         use cycle::Request::{Abort, Accept, AirRun, Clear, Hold, Reset, Start, Stop, Unhold};
         let start = Start { max_passes: 1, max_moves: 0, dries: false };
         let air_run = AirRun { max_moves: 0 };
@@ -209,22 +209,22 @@ impl RequestHandler {
             !effects.iter().any(|effect| matches!(effect, cycle::Effect::Refuse { .. }))
         };
         let mut possible: Vec<_> = asked.into_iter().filter(is_taken).map(operator_texts::command).collect();
-        possible.extend(state.at.rests().then_some("new-disc"));
+        possible.extend(state.at.is_at_rest().then_some("new-disc"));
         let is_review = matches!(state.at, At::Held(hold) if hold.why == cycle::Why::Review);
         let (grids, film_total_s) = (self.grids.clone(), self.film_total_s);
-        Extras { table: Some(*state), possible, grids, film_total_s, is_review }
+        PageData { table: Some(*state), possible, grids, film_total_s, is_review }
     }
 
     /// Returns why the cell is in this state, and the problems found last.
     fn reasons(&self, state: &State) -> Vec<Reason> {
         let is_requested = matches!(state.at, At::Held(hold) | At::Holding(hold) if hold.why == cycle::Why::Asked);
         let holder = self.holder.iter().filter(|_| is_requested);
-        operator_texts::why(state).into_iter().chain(holder.chain(&self.noted).cloned()).collect()
+        operator_texts::state_reason(state).into_iter().chain(holder.chain(&self.problems).cloned()).collect()
     }
 
-    fn answer(&mut self, answer: Exit, reasons: Vec<Reason>, state: &State) {
+    fn send_answer(&mut self, answer: RequestResult, reasons: Vec<Reason>, state: &State) {
         let done = self.done.take();
-        let all: Vec<_> = self.queue.followers().into_iter().chain(self.waiting.take()).collect();
+        let all: Vec<_> = self.queue.take_followers().into_iter().chain(self.waiting.take()).collect();
         if all.is_empty() {
             return;
         }
@@ -243,12 +243,14 @@ impl RequestHandler {
     }
 
     fn publish_status(&mut self, state: &State) {
-        if self.told != Some(state.at) {
+        if self.reported_state != Some(state.at) {
             let status = match self.cycle {
-                Some(cycle) => format!("{}; cycle {cycle}, epoch {}", operator_texts::place(state.at), state.epoch),
-                None => operator_texts::place(state.at),
+                Some(cycle) => {
+                    format!("{}; cycle {cycle}, epoch {}", operator_texts::describe_place(state.at), state.epoch)
+                }
+                None => operator_texts::describe_place(state.at),
             };
-            let first = self.told.replace(state.at).is_none();
+            let first = self.reported_state.replace(state.at).is_none();
             let ready = first.then_some(NotifyState::Ready);
             let states: Vec<_> = ready.into_iter().chain([NotifyState::Status(&status)]).collect();
             Self::notify(&states);
@@ -262,12 +264,15 @@ impl RequestHandler {
     }
 
     /// Passes a decision to the table if the step on which the decision is based is the present one.
-    fn decided(&self, request: cycle::Request, step: u64, state: &State) -> RequestKind {
+    fn pass_decision(&self, request: cycle::Request, step: u64, state: &State) -> RequestKind {
         if step == state.step {
             return RequestKind::Table(request);
         }
         let was = self.steps.iter().find(|(known, _)| *known == step).map(|(_, shown)| shown.as_str());
-        RequestKind::Outdated { request, reasons: vec![operator_texts::outdated(request, (step, was), state)] }
+        RequestKind::Outdated {
+            request,
+            reasons: vec![operator_texts::outdated_step_reason(request, (step, was), state)],
+        }
     }
 
     /// Remembers the state shown at each step, so that a decision based on an earlier step is refused with the
@@ -279,17 +284,17 @@ impl RequestHandler {
         if self.steps.len() == MAX_STEPS {
             self.steps.pop_front();
         }
-        self.steps.push_back((state.step, operator_texts::shown(state)));
+        self.steps.push_back((state.step, operator_texts::describe_step(state)));
     }
 
     /// Prepares a request that is passed to the loop.
-    fn hand_over(&mut self, mut request: Request) -> Request {
+    fn pass_to_loop(&mut self, mut request: Request) -> Request {
         self.waiting = request.reply.take();
         self.waits_for_reset = matches!(request.what, RequestKind::Table(cycle::Request::Reset));
         // If the request is refused, these notes are restored.
-        self.set_aside = self.noted.clone();
+        self.earlier_problems = self.problems.clone();
         // A hold of a cycle that is held already is refused, and its author did not hold it.
-        if request.what.of_table() == Some(cycle::Request::Hold)
+        if request.what.table_request() == Some(cycle::Request::Hold)
             && !matches!(self.state.at, At::Held(_) | At::Holding(_))
         {
             self.holder = Some(holder(&request));
@@ -298,22 +303,22 @@ impl RequestHandler {
             RequestKind::Table(asked) => {
                 use cycle::Request::{Accept, Clear, Reset, Unhold};
                 if matches!(asked, Reset | Clear | Unhold { .. } | Accept) {
-                    self.noted.clear();
+                    self.problems.clear();
                 }
             }
             RequestKind::Begin(prepared) => {
                 let setup = &prepared.setup;
                 // The data are only noted here: the state table may refuse the start while another cycle runs.
-                self.ordered = Some(Ordered {
+                self.accepted_start = Some(AcceptedStart {
                     panel: setup.panel_name().to_owned(),
                     grids: setup.panel.grids.iter().map(|grid| grid.id).collect(),
-                    film_total_s: setup.demands().filmed_s(),
+                    film_total_s: setup.film_demands().filmed_s(),
                 });
             }
             RequestKind::Outdated { reasons, .. } => {
                 let (reasons, state) = (reasons.clone(), self.state);
                 tracing::warn!("refused: {}", reasons[0].message);
-                self.answer(Exit::Refused, reasons, &state);
+                self.send_answer(RequestResult::Refused, reasons, &state);
             }
             _ => {}
         }
@@ -321,7 +326,7 @@ impl RequestHandler {
     }
 
     /// Returns the request that follows from the signals so far.
-    fn leaving(&mut self, state: &State) -> Option<Request> {
+    fn signal_request(&mut self, state: &State) -> Option<Request> {
         if self.signals == 0 {
             return None;
         }
@@ -329,12 +334,12 @@ impl RequestHandler {
             return Some(Request::signal());
         }
         let wanted = self.signals.min(2);
-        if self.obeyed >= wanted {
+        if self.handled_signals >= wanted {
             return None;
         }
-        self.obeyed = wanted;
+        self.handled_signals = wanted;
         let request = if wanted == 1 { cycle::Request::Stop } else { cycle::Request::Abort };
-        Some(Request::new(RequestKind::Table(request), Who::by(RequestSource::Signal)))
+        Some(Request::new(RequestKind::Table(request), RequestAuthor::from_source(RequestSource::Signal)))
     }
 
     fn signal(&mut self) {
@@ -348,33 +353,33 @@ impl RequestHandler {
     }
 
     /// Returns the current request, or `None` if there is none.
-    fn requested(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+    fn current_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         self.state = *state;
         self.remember_step(state);
-        self.sign.works();
-        self.parts.supervisor.check()?;
+        self.sign.report_working();
+        self.parts.supervisor.check_threads()?;
         // The request that was returned in the loop's last round was accepted: otherwise it would have been
         // answered already.
-        self.answer(Exit::Done, self.reasons(state), state);
+        self.send_answer(RequestResult::Done, self.reasons(state), state);
         self.publish_status(state);
-        if let Some(id) = self.ended.take_if(|_| state.at.rests()) {
+        if let Some(id) = self.ended.take_if(|_| state.at.is_at_rest()) {
             #[expect(
                 clippy::let_underscore_must_use,
                 reason = "without a page writer the record remains, and the page can be made from it later"
             )]
-            let _ = self.parts.pages.send(EndedCycle { id, recording: self.parts.recording.take_recording() });
+            let _ = self.parts.pages.send(EndedCycle { id, recording: self.parts.recording.finished_recording() });
         }
-        if let Some(request) = self.leaving(state) {
+        if let Some(request) = self.signal_request(state) {
             return Ok(Some(request));
         }
-        let mut patience = if state.at.rests() { IDLE_WAIT } else { Duration::ZERO };
+        let mut patience = if state.at.is_at_rest() { IDLE_WAIT } else { Duration::ZERO };
         // All requests for the state are answered in one iteration, so that they do not delay other requests.
         for _ in 0..MAX_STATE_REQUESTS {
             let Some(request) = self.queue.next(patience) else { break };
             match request.what {
                 RequestKind::State => {
                     self.waiting = request.reply;
-                    self.answer(Exit::Done, self.reasons(state), state);
+                    self.send_answer(RequestResult::Done, self.reasons(state), state);
                     patience = Duration::ZERO;
                 }
                 RequestKind::Leave => {
@@ -382,10 +387,10 @@ impl RequestHandler {
                     break;
                 }
                 RequestKind::Decided { request: asked, step } => {
-                    let what = self.decided(asked, step, state);
-                    return Ok(Some(self.hand_over(Request { what, ..request })));
+                    let what = self.pass_decision(asked, step, state);
+                    return Ok(Some(self.pass_to_loop(Request { what, ..request })));
                 }
-                _ => return Ok(Some(self.hand_over(request))),
+                _ => return Ok(Some(self.pass_to_loop(request))),
             }
         }
         Ok(None)
@@ -395,35 +400,35 @@ impl RequestHandler {
 impl Requester for RequestHandler {
     fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         if let Some(cameras) = &self.parts.cameras {
-            cameras.cell_is(state);
+            cameras.set_cell_state(state);
         }
-        let request = self.requested(state)?;
+        let request = self.current_request(state)?;
         if let (Some(cameras), Some(RequestKind::Table(_) | RequestKind::Begin(_))) =
             (&self.parts.cameras, request.as_ref().map(|request| &request.what))
         {
-            cameras.are_needed();
+            cameras.reserve();
         }
         Ok(request)
     }
 
-    fn on_news(&mut self, news: LoopEvent) {
+    fn on_loop_event(&mut self, news: LoopEvent) {
         match news {
             LoopEvent::Refused(request, refusal) => self.refused(request, refusal),
             LoopEvent::Unable(reasons) => {
                 let state = self.state;
-                self.answer(Exit::Fault, reasons, &state);
+                self.send_answer(RequestResult::Fault, reasons, &state);
             }
             LoopEvent::NotPermitted(reasons) => {
                 let state = self.state;
-                self.noted = std::mem::take(&mut self.set_aside);
-                self.answer(Exit::Refused, reasons, &state);
+                self.problems = std::mem::take(&mut self.earlier_problems);
+                self.send_answer(RequestResult::Refused, reasons, &state);
             }
             LoopEvent::Begun(cycle, _) => {
-                self.noted.clear();
+                self.problems.clear();
                 self.parts.view.clear();
                 (self.cycle, self.verdict) = (Some(cycle), None);
                 (self.panel, self.film_s) = (None, None);
-                if let Some(Ordered { panel, grids, film_total_s }) = self.ordered.take() {
+                if let Some(AcceptedStart { panel, grids, film_total_s }) = self.accepted_start.take() {
                     (self.panel, self.grids, self.film_total_s) = (Some(panel), grids, Some(film_total_s));
                 }
             }
@@ -435,7 +440,7 @@ impl Requester for RequestHandler {
                 self.verdict = Some(verdict);
                 self.ended = self.cycle;
             }
-            LoopEvent::Noted(reasons) => self.noted = reasons,
+            LoopEvent::Noted(reasons) => self.problems = reasons,
         }
     }
 }
@@ -446,21 +451,21 @@ impl RequestHandler {
         let reason = operator_texts::refusal(request, refusal, &state);
         tracing::warn!("refused: {}", reason.message);
         let exit = match refusal {
-            Refusal::NotNow | Refusal::Review | Refusal::Undried => Exit::Refused,
-            Refusal::Robot(_) | Refusal::Failed(_) => Exit::Fault,
+            Refusal::NotNow | Refusal::Review | Refusal::Undried => RequestResult::Refused,
+            Refusal::Robot(_) | Refusal::Failed(_) => RequestResult::Fault,
         };
         if matches!(refusal, Refusal::Failed(_)) {
             // The request was accepted and failed later: the problems that it found stay in the answer. It may fail
             // before its reply is due.
-            self.noted.insert(0, reason);
+            self.problems.insert(0, reason);
             if self.waits_for_reset {
-                self.answer(exit, self.noted.clone(), &state);
+                self.send_answer(exit, self.problems.clone(), &state);
             }
         } else if self.waiting.is_some() {
-            self.noted = std::mem::take(&mut self.set_aside);
-            self.answer(exit, vec![reason], &state);
+            self.problems = std::mem::take(&mut self.earlier_problems);
+            self.send_answer(exit, vec![reason], &state);
         } else {
-            self.noted.insert(0, reason);
+            self.problems.insert(0, reason);
         }
     }
 }

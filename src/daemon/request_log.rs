@@ -1,16 +1,16 @@
 //! Records requests: the request, its author, and its result.
 
 use super::ports::{LoopEvent, RecordCommand, RobotPort};
-use super::running::Running;
+use super::running::LoopMemory;
 use super::{DaemonError, operator_texts};
 use crate::cycle::{Event, Refusal, Request};
-use crate::record::{Answer, Clock, RequestRecord, RequestSource, RequestedAction, Who};
+use crate::record::{Answer, Clock, RequestAuthor, RequestRecord, RequestSource, RequestedAction};
 use crate::verdict::Reason;
 
-impl Running<'_> {
+impl LoopMemory<'_> {
     /// Records a request after an event's effects: what the event requested, and whether it was refused. A reset
     /// that fails later is a separate line, since it was accepted before.
-    pub(super) fn keep_request(
+    pub(super) fn record_request(
         &mut self,
         event: Event,
         refused: Option<(Request, Refusal)>,
@@ -24,48 +24,52 @@ impl Running<'_> {
         match (event, refused) {
             (Event::Asked(request), None) => {
                 let remarks = std::mem::take(&mut self.remarks);
-                self.keep_asked(RequestedAction::For(request), self.requester.clone(), (Answer::Done, remarks))
+                self.record_answer(RequestedAction::For(request), self.requester.clone(), (Answer::Done, remarks))
             }
             (Event::Asked(request), Some((_, refusal))) => {
                 self.remarks.clear();
                 let came = why(request, refusal);
-                self.keep_asked(RequestedAction::For(request), self.requester.clone(), came)
+                self.record_answer(RequestedAction::For(request), self.requester.clone(), came)
             }
             (Event::Reported(_), Some((request, refusal))) => {
                 let came = why(request, refusal);
-                self.keep_asked(RequestedAction::For(request), Who::by(RequestSource::Program), came)
+                self.record_answer(
+                    RequestedAction::For(request),
+                    RequestAuthor::from_source(RequestSource::Program),
+                    came,
+                )
             }
             (Event::Reported(_), None) => Ok(()),
         }
     }
 
     /// Records one request with its answer.
-    pub(super) fn keep_asked(
+    pub(super) fn record_answer(
         &mut self,
         wanted: RequestedAction,
-        who: Who,
+        who: RequestAuthor,
         (answer, reasons): (Answer, Vec<Reason>),
     ) -> Result<(), DaemonError> {
         let asked =
             RequestRecord { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons, findings: None };
-        Ok(self.ports.record.keep(RecordCommand::Asked(asked))?)
+        Ok(self.ports.record.perform_and_forget(RecordCommand::Asked(asked))?)
     }
 
     /// Records that a new disc was mounted, if the cell is at rest.
     pub(super) fn new_disc(&mut self) -> Result<(), DaemonError> {
-        if self.state.at.rests() {
-            self.ports.record.keep(RecordCommand::MountDisc)?;
+        if self.state.at.is_at_rest() {
+            self.ports.record.perform_and_forget(RecordCommand::MountDisc)?;
             self.ports.requests.publish(LoopEvent::DiscMounted);
-            return self.keep_asked(RequestedAction::NewDisc, self.requester.clone(), (Answer::Done, vec![]));
+            return self.record_answer(RequestedAction::NewDisc, self.requester.clone(), (Answer::Done, vec![]));
         }
         let message = "a disc can be changed only while the cell is at rest: held, idle or stopped";
         let reasons = vec![Reason::new("not_now", message)];
         self.ports.requests.publish(LoopEvent::Unable(reasons.clone()));
-        self.keep_asked(RequestedAction::NewDisc, self.requester.clone(), (Answer::Refused, reasons))
+        self.record_answer(RequestedAction::NewDisc, self.requester.clone(), (Answer::Refused, reasons))
     }
 
     /// Records the clock's time: when a cycle begins, and when it is concluded.
-    pub(super) fn keep_clock(&mut self) -> Result<(), DaemonError> {
+    pub(super) fn record_clock(&mut self) -> Result<(), DaemonError> {
         let clock = match self.lock_step {
             true => {
                 let since = self.ports.robot.now().since_start();
@@ -73,6 +77,6 @@ impl Running<'_> {
             }
             false => Clock::Wall,
         };
-        Ok(self.ports.record.keep(RecordCommand::Clock(clock))?)
+        Ok(self.ports.record.perform_and_forget(RecordCommand::Clock(clock))?)
     }
 }

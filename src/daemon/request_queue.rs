@@ -31,7 +31,7 @@ pub struct RequestQueue(Arc<Shared>);
 #[derive(Debug, Default)]
 struct Shared {
     inside: Mutex<Inside>,
-    came: Condvar,
+    arrived: Condvar,
     stop_line: OnceLock<StopLine>,
 }
 
@@ -52,9 +52,11 @@ impl Inside {
     /// Adds an urgent request. The same stop or abort by the same person is one request, however many times it is
     /// sent: continuous requests of one person must not block the others. Signals are not merged, because they are
     /// counted.
-    fn put_urgent(&mut self, request: Request) {
+    fn push_urgent(&mut self, request: Request) {
         let is_same = |(waiting, _): &&mut (Request, Followers)| match (&waiting.what, &request.what) {
-            (RequestKind::Table(one), RequestKind::Table(other)) => one == other && waiting.who == request.who,
+            (RequestKind::Table(one), RequestKind::Table(other)) => {
+                one == other && waiting.requester == request.requester
+            }
             _ => false,
         };
         match self.urgent.iter_mut().find(is_same) {
@@ -63,7 +65,7 @@ impl Inside {
         }
     }
 
-    fn take_urgent(&mut self) -> Option<Request> {
+    fn pop_urgent(&mut self) -> Option<Request> {
         let (request, followers) = self.urgent.pop_front()?;
         self.followers = followers;
         Some(request)
@@ -79,7 +81,7 @@ impl Inside {
             if !matches!(request.what, RequestKind::State) {
                 tracing::warn!(
                     "request not executed: {}; the client no longer waits for the reply",
-                    request.what.words()
+                    request.what.describe()
                 );
             }
         }
@@ -127,10 +129,10 @@ impl RequestSender {
         }
         let is_urgent = request.what.is_urgent();
         if is_urgent {
-            inside.put_urgent(request);
+            inside.push_urgent(request);
         } else {
             // Counted for each user first, so that one client with many requests does not lock out the operator.
-            let of_user = inside.others.iter().filter(|other| other.who == request.who).count();
+            let of_user = inside.others.iter().filter(|other| other.requester == request.requester).count();
             let waiting = if of_user < MAX_QUEUED_PER_USER { inside.others.len() } else { of_user };
             if of_user >= MAX_QUEUED_PER_USER || waiting >= MAX_QUEUED {
                 return Err(RequestQueueError::Full { waiting });
@@ -143,13 +145,13 @@ impl RequestSender {
         if let Some(line) = self.0.stop_line.get().filter(|_| is_urgent) {
             line.stop();
         }
-        self.0.came.notify_one();
+        self.0.arrived.notify_one();
         Ok(())
     }
 
     /// Sets the line by which urgent requests go to the robot first, from now on. Only the first line that is set
     /// is used.
-    pub fn stops_by(&self, line: StopLine) {
+    pub fn set_urgent_line(&self, line: StopLine) {
         #[expect(clippy::let_underscore_must_use, reason = "a program has one robot")]
         let _ = self.0.stop_line.set(line);
     }
@@ -163,19 +165,19 @@ impl RequestQueue {
         let until = Instant::now() + patience;
         let mut inside = self.0.lock();
         loop {
-            let request = inside.take_urgent().or_else(|| inside.waited_for());
+            let request = inside.pop_urgent().or_else(|| inside.waited_for());
             let left = until.saturating_duration_since(Instant::now());
             if request.is_some() || left.is_zero() {
                 return request;
             }
-            inside = self.0.came.wait_timeout(inside, left).unwrap_or_else(PoisonError::into_inner).0;
+            inside = self.0.arrived.wait_timeout(inside, left).unwrap_or_else(PoisonError::into_inner).0;
         }
     }
 }
 
 impl RequestQueue {
     /// Takes the reply channels of the other clients that wait for the reply to the last urgent request.
-    pub fn followers(&self) -> Vec<oneshot::Sender<Reply>> {
+    pub fn take_followers(&self) -> Vec<oneshot::Sender<Reply>> {
         std::mem::take(&mut self.0.lock().followers)
     }
 }
@@ -196,20 +198,23 @@ mod tests {
         self,
         Request::{Abort, Hold, Stop},
     };
-    use crate::devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports, Setup, Unwired};
+    use crate::devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports, Setup, UnconnectedWorld};
     use crate::devices::robot::{Address, BlockingLink};
-    use crate::eki::{CELLCMD, CELLSTAT, Epoch, LinkLimits, Pace, Report};
-    use crate::record::{RequestSource, Who};
+    use crate::eki::{CELLCMD, CELLSTAT, ClockMode, Epoch, LinkLimits, Report};
+    use crate::record::{RequestAuthor, RequestSource};
 
     /// Returns a controller that runs by the wall clock, and the link to it.
     fn linked() -> (MockServer, BlockingLink) {
         let [commands, states] = [CELLCMD, CELLSTAT].map(|text| ChannelFile::parse(text).expect("a shipped file"));
         let setup = Setup { clock: Clock::Free, ..Setup::new(commands, states) };
-        let server = MockServer::start(Controller::new(setup, Box::new(Unwired)).expect("fits"), Ports::free());
+        let server = MockServer::start(
+            Controller::new(setup, Box::new(UnconnectedWorld)).expect("fits"),
+            Ports::free_ports(),
+        );
         let server = server.expect("starts");
         let (command_port, state_port) = (server.command_address().port(), server.state_address().port());
         let address = Address { host: "127.0.0.1".to_owned(), command_port, state_port };
-        (server, BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts"))
+        (server, BlockingLink::start(address, LinkLimits::default(), ClockMode::Wall).expect("starts"))
     }
 
     fn receives(link: &mut BlockingLink, is_it: impl Fn(&Report) -> bool) -> bool {
@@ -222,13 +227,13 @@ mod tests {
     fn a_stop_goes_to_the_robot_before_the_loop_sees_it() {
         let (_server, mut link) = linked();
         let (sender, queue) = request_queue();
-        sender.stops_by(link.stop_line());
+        sender.set_urgent_line(link.stop_line());
         assert!(receives(&mut link, |report| matches!(report, Report::Connected { .. })));
         for (request, stops) in [(Hold, false), (Stop, true), (Abort, true)] {
             let epoch = link.open_epoch_above(Epoch(0)).expect("it rests");
             assert!(receives(&mut link, |report| *report == Report::EpochOpened { epoch }));
             sender
-                .send(Request::new(RequestKind::Table(request), Who::by(RequestSource::Socket)))
+                .send(Request::new(RequestKind::Table(request), RequestAuthor::from_source(RequestSource::Socket)))
                 .expect("a place");
             let stands = |report: &Report| matches!(report, Report::Standstill { .. });
             assert_eq!(
@@ -248,37 +253,39 @@ mod tests {
         let (sender, queue) = request_queue();
         let press = |request| {
             let (reply, answer) = oneshot::channel();
-            let who = Who { front: RequestSource::Socket, uid: Some(7), user: None, from: None };
-            sender.send(Request { what: RequestKind::Table(request), who, reply: Some(reply) }).expect("a place");
+            let who = RequestAuthor { front: RequestSource::Socket, uid: Some(7), user: None, from: None };
+            sender
+                .send(Request { what: RequestKind::Table(request), requester: who, reply: Some(reply) })
+                .expect("a place");
             answer
         };
         let (mut answers, other) = ([press(Stop), press(Stop), press(Stop)], press(Abort));
         let first = queue.next(Duration::ZERO).expect("waits");
-        let reply = || Reply::refused(crate::daemon::Exit::Done, vec![]);
+        let reply = || Reply::refused(crate::daemon::RequestResult::Done, vec![]);
         first.reply.expect("somebody waits").send(reply()).expect("heard");
-        let followers = queue.followers();
+        let followers = queue.take_followers();
         assert_eq!(followers.len(), 2);
         followers.into_iter().for_each(|follower| follower.send(reply()).expect("heard"));
         assert!(answers.iter_mut().all(|answer| answer.try_recv().is_ok()));
         assert!(matches!(queue.next(Duration::ZERO).map(|request| request.what), Some(RequestKind::Table(Abort))));
-        assert!(queue.followers().is_empty() && queue.next(Duration::ZERO).is_none());
+        assert!(queue.take_followers().is_empty() && queue.next(Duration::ZERO).is_none());
         drop(other);
     }
 
     #[test]
     fn what_nobody_waits_for_any_more_is_not_done_but_a_stop_is() {
         let (sender, queue) = request_queue();
-        let who = || Who { front: RequestSource::Socket, uid: Some(7), user: None, from: None };
+        let who = || RequestAuthor { front: RequestSource::Socket, uid: Some(7), user: None, from: None };
         for request in [cycle::Request::Reset, Stop, cycle::Request::Clear, Hold] {
             let (reply, answer) = oneshot::channel();
             let what = RequestKind::Table(request);
-            sender.send(Request { what, who: who(), reply: Some(reply) }).expect("a place");
+            sender.send(Request { what, requester: who(), reply: Some(reply) }).expect("a place");
             if request == Hold {
                 // The client of this request still waits for its answer.
                 std::mem::forget(answer);
             }
         }
-        let next = || queue.next(Duration::ZERO).map(|request| request.what.words());
+        let next = || queue.next(Duration::ZERO).map(|request| request.what.describe());
         assert_eq!([next(), next(), next()], [Some("stop".to_owned()), Some("hold".to_owned()), None]);
     }
 
@@ -286,7 +293,7 @@ mod tests {
     fn what_stops_goes_first_and_always_finds_a_place() {
         let (sender, queue) = request_queue();
         let send = |uid, request| {
-            let who = Who { front: RequestSource::Socket, uid: Some(uid), user: None, from: None };
+            let who = RequestAuthor { front: RequestSource::Socket, uid: Some(uid), user: None, from: None };
             sender.send(Request::new(RequestKind::Table(request), who))
         };
         let next = || match queue.next(Duration::ZERO) {

@@ -1,6 +1,6 @@
 //! The loop itself: the same for a service, for a single cycle and for a replay.
 
-use super::abrasion::Abrasion;
+use super::abrasion::AbrasionWork;
 use super::answers::reason;
 use super::computing::Computing;
 use super::corrected::CalibratedRobot;
@@ -11,7 +11,7 @@ use super::pending_action::Condition;
 use super::perception::Perception;
 use super::ports::{LoopEvent, RecordCommand, RecordPort, RequestPort, RobotPort, ToolPort};
 use super::request::{PreparedCycle, Request, RequestKind};
-use super::running::{Outside, Running};
+use super::running::{LoopMemory, OtherPorts};
 use super::setup::{CellSetup, CycleSetup};
 use super::tool_state::PressState;
 use crate::cycle::{self, Action, At, Deadline, Effect, Event, Refusal, Report, State, Trouble, step};
@@ -20,7 +20,7 @@ use crate::inspect::Inspection;
 use crate::panel::GridId;
 use crate::path::trace::Trace;
 use crate::record::{Answer, Kind, RequestedAction};
-use crate::tape::Begin;
+use crate::tape::LoopMemoryStart;
 use crate::verdict::{Reason, Verdict};
 use std::sync::Arc;
 use std::time::Duration;
@@ -29,7 +29,7 @@ use std::time::Duration;
 const MIN_REFUSAL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// The ports to which the loop is connected.
-pub struct Ports<'a> {
+pub struct LoopPorts<'a> {
     /// The robot.
     pub robot: &'a mut dyn RobotPort,
     /// The compliant tool; not used if the tool is a spring.
@@ -53,7 +53,7 @@ pub struct LoopStart {
     /// The state that results from the journal.
     pub state: State,
     /// What the loop remembers in addition to the state.
-    pub before: Begin,
+    pub before: LoopMemoryStart,
 }
 
 /// How it ended.
@@ -77,30 +77,30 @@ pub struct LoopOutcome {
 /// # Errors
 /// If the record cannot be written, or a thread of the program failed: the robot is commanded to stop, and nothing
 /// more is done.
-pub fn run(start: LoopStart, ports: Ports<'_>) -> Result<LoopOutcome, DaemonError> {
+pub fn run(start: LoopStart, ports: LoopPorts<'_>) -> Result<LoopOutcome, DaemonError> {
     let LoopStart { cell, cycle, state, before } = start;
-    let Ports { robot, tool, record, requests, computing, lock_step } = ports;
+    let LoopPorts { robot, tool, record, requests, computing, lock_step } = ports;
     let mut robot = CalibratedRobot::new(robot, &cell.arm);
-    if let Begin::Cycle { robot: Some(state), .. } = &before {
-        robot.stands_at(state.joints);
+    if let LoopMemoryStart::Cycle { robot: Some(state), .. } = &before {
+        robot.set_initial_axes(state.joints);
     }
-    let ports = Outside { robot, tool, record, requests };
-    let mut running = Running::new((cell, cycle), computing, ports, (state, lock_step));
-    running.remember(before);
-    running.live()?;
-    let Running { state, verdict, perception, abrasion, .. } = running;
-    let passes = abrasion.passes().collect();
+    let ports = OtherPorts { robot, tool, record, requests };
+    let mut running = LoopMemory::new((cell, cycle), computing, ports, (state, lock_step));
+    running.restore_memory(before);
+    running.run_loop()?;
+    let LoopMemory { state, verdict, perception, abrasion, .. } = running;
+    let passes = abrasion.pass_counts().collect();
     Ok(LoopOutcome {
         state,
         verdict,
-        base_from_panel: perception.place(),
+        base_from_panel: perception.panel_pose(),
         inspections: perception.inspections,
         passes,
     })
 }
 
-impl Running<'_> {
-    fn live(&mut self) -> Result<(), DaemonError> {
+impl LoopMemory<'_> {
+    fn run_loop(&mut self) -> Result<(), DaemonError> {
         let ended = self.run();
         if ended.is_err() {
             #[expect(
@@ -115,16 +115,16 @@ impl Running<'_> {
     fn run(&mut self) -> Result<(), DaemonError> {
         if self.state.job.running {
             let message = "the program ended while this cycle was running";
-            self.note(Kind::Robot, vec![Reason::new("interrupted", message)])?;
+            self.record_problem(Kind::Robot, vec![Reason::new("interrupted", message)])?;
         }
         while let Some(event) = self.next_event()? {
-            self.on_event(event)?;
+            self.process_event(event)?;
         }
         Ok(())
     }
 
     /// Processes one event: writes the journal, calculates the step and performs its effects.
-    pub(super) fn on_event(&mut self, event: Event) -> Result<(), DaemonError> {
+    pub(super) fn process_event(&mut self, event: Event) -> Result<(), DaemonError> {
         // Before the journal: a client that repeats a stop many times a second would fill the disk with lines that
         // change nothing.
         if let Some((request, refusal)) = self.refused_just_now(event) {
@@ -133,15 +133,15 @@ impl Running<'_> {
         }
         // The journal is written before the step: after a power cut the fold must know everything that the cell was
         // commanded to do.
-        self.ports.record.keep(RecordCommand::Event(event))?;
+        self.ports.record.perform_and_forget(RecordCommand::Event(event))?;
         tracing::debug!(?event);
         if let Event::Reported(Report::Answered { id, .. }) = event {
             self.deadlines.disarm(id);
         }
         let (before, (state, effects)) = (self.state, step(self.state, event));
-        self.has_warned &= !before.at.rests();
+        self.has_warned &= !before.at.is_at_rest();
         if state.at != before.at {
-            tracing::info!("{}", operator_texts::place(state.at));
+            tracing::info!("{}", operator_texts::describe_place(state.at));
         }
         self.state = state;
         let refused = effects.iter().find_map(|effect| match effect {
@@ -149,27 +149,27 @@ impl Running<'_> {
             _ => None,
         });
         if let (Event::Asked(request), None) = (event, refused) {
-            self.control.has_taken(request);
+            self.control.on_request_accepted(request);
         }
         if state.job.running && !before.job.running {
-            self.keep_clock()?;
+            self.record_clock()?;
         }
         // An act that is no longer due is abandoned.
-        if self.pending.take_if(|pending| state.due.is_none_or(|due| due.id != pending.id)).is_some() {
+        if self.pending_action.take_if(|pending| state.due.is_none_or(|due| due.id != pending.id)).is_some() {
             self.computing.abandon();
         }
         let ends = effects.contains(&Effect::Conclude { verdict: Verdict::Aborted });
         // In the order of the table: an intent is on the disk before its motion is sent.
         effects.into_iter().try_for_each(|effect| self.perform(event, effect))?;
-        self.keep_request(event, refused)?;
+        self.record_request(event, refused)?;
         if ends && event == Event::Asked(cycle::Request::Stop) {
-            let stopped = operator_texts::stopped();
+            let stopped = operator_texts::stopped_reason();
             tracing::info!("{}", stopped.message);
             self.ports.requests.publish(LoopEvent::Noted(vec![stopped]));
         }
-        if self.state.at.rests() && !self.state.job.running && !self.is_single {
+        if self.state.at.is_at_rest() && !self.state.job.running && !self.is_single {
             self.perception.forget_pictures();
-            self.ports.record.keep(RecordCommand::BetweenCycles)?;
+            self.ports.record.perform_and_forget(RecordCommand::BetweenCycles)?;
         }
         Ok(())
     }
@@ -202,45 +202,45 @@ impl Running<'_> {
             if let Some(event) = self.events.pop_front() {
                 return Ok(Some(event));
             }
-            if self.comes_in(Duration::ZERO)? {
+            if self.accept_computation(Duration::ZERO)? {
                 continue;
             }
-            if let Some(why) = self.ports.record.filled() {
+            if let Some(why) = self.ports.record.disk_full_reason() {
                 self.is_disk_full = true;
                 if matches!(self.state.at, At::Completing { .. } | At::Complete { .. }) {
                     // A full disk has no consequence for a cycle that has its result.
                     tracing::warn!("{}", why.message);
                     self.ports.requests.publish(LoopEvent::Noted(vec![why]));
                 } else {
-                    self.note(Kind::SelfTest, vec![why])?;
+                    self.record_problem(Kind::SelfTest, vec![why])?;
                 }
                 return Ok(Some(Event::Reported(Report::Trouble(Trouble::DiskFull))));
             }
             // After each request, the deadlines, the tool and the robot are processed first, however many requests
             // wait.
-            let has_turn = !std::mem::take(&mut self.has_taken_up);
+            let has_turn = !std::mem::take(&mut self.has_accepted_request);
             let request = if has_turn { self.ports.requests.next(&self.state)? } else { None };
             if let Some(request) = request {
-                self.has_taken_up = true;
-                match self.take_up(request)? {
-                    RequestOutcome::Happens(event) => return Ok(Some(event)),
+                self.has_accepted_request = true;
+                match self.process_request(request)? {
+                    RequestOutcome::TableEvent(event) => return Ok(Some(event)),
                     RequestOutcome::Done => continue,
-                    RequestOutcome::Leave if self.state.at.rests() => return Ok(None),
+                    RequestOutcome::Leave if self.state.at.is_at_rest() => return Ok(None),
                     RequestOutcome::Leave => {}
                 }
             }
             let now = self.ports.robot.now();
             // Deadlines come before the robot's next report: an answer that arrives after its time must not count
             // because it was read first.
-            if let Some(report) = self.deadlines.over(now) {
-                self.name_unproven(report)?;
+            if let Some(report) = self.deadlines.take_expired(now) {
+                self.record_unproven_switch(report)?;
                 return Ok(Some(Event::Reported(report)));
             }
             let computes =
-                self.pending.as_ref().is_some_and(|pending| matches!(pending.waits, Condition::Computing));
+                self.pending_action.as_ref().is_some_and(|pending| matches!(pending.waits, Condition::Computing));
             if computes && self.lock_step {
                 // Virtual time does not pass here, so that the speed of the computer has no influence.
-                self.comes_in(COMPUTATION_POLL_TIMEOUT)?;
+                self.accept_computation(COMPUTATION_POLL_TIMEOUT)?;
                 continue;
             }
             if self.attend_tool(now)? {
@@ -253,27 +253,38 @@ impl Running<'_> {
     }
 
     /// Processes a request: returns the event that the request causes, or handles the request here.
-    fn take_up(&mut self, Request { what, who, .. }: Request) -> Result<RequestOutcome, DaemonError> {
+    fn process_request(
+        &mut self,
+        Request { what, requester: who, .. }: Request,
+    ) -> Result<RequestOutcome, DaemonError> {
         self.requester = who;
-        if let Some(request) = what.of_table()
+        if let Some(request) = what.table_request()
             && let Some(why) = self.control.refusal(request, self.requester.front, self.robot_state.as_ref())
         {
             self.ports.requests.publish(LoopEvent::NotPermitted(vec![why.clone()]));
-            self.keep_asked(RequestedAction::For(request), self.requester.clone(), (Answer::Refused, vec![why]))?;
+            self.record_answer(
+                RequestedAction::For(request),
+                self.requester.clone(),
+                (Answer::Refused, vec![why]),
+            )?;
             return Ok(RequestOutcome::Done);
         }
         match what {
             RequestKind::Leave => return Ok(RequestOutcome::Leave),
             RequestKind::Table(request @ (cycle::Request::Unhold { .. } | cycle::Request::Accept))
-                if self.lacks_room() =>
+                if self.is_disk_still_full() =>
             {
-                let reasons = self.ports.record.check();
-                self.keep_asked(RequestedAction::For(request), self.requester.clone(), (Answer::Failed, reasons))?;
+                let reasons = self.ports.record.disk_space_problems();
+                self.record_answer(
+                    RequestedAction::For(request),
+                    self.requester.clone(),
+                    (Answer::Failed, reasons),
+                )?;
             }
-            RequestKind::Table(request) => return Ok(RequestOutcome::Happens(Event::Asked(request))),
+            RequestKind::Table(request) => return Ok(RequestOutcome::TableEvent(Event::Asked(request))),
             RequestKind::Hold { why } => {
                 self.remarks = vec![Reason::new("held_by", why)];
-                return Ok(RequestOutcome::Happens(Event::Asked(cycle::Request::Hold)));
+                return Ok(RequestOutcome::TableEvent(Event::Asked(cycle::Request::Hold)));
             }
             RequestKind::Begin(prepared) => {
                 let event = self.begin_cycle(*prepared);
@@ -281,10 +292,14 @@ impl Running<'_> {
             }
             RequestKind::NewDisc => self.new_disc()?,
             RequestKind::Refused { wanted, reasons } => {
-                self.keep_asked(wanted, self.requester.clone(), (Answer::Refused, reasons))?;
+                self.record_answer(wanted, self.requester.clone(), (Answer::Refused, reasons))?;
             }
             RequestKind::Outdated { request, reasons } => {
-                self.keep_asked(RequestedAction::For(request), self.requester.clone(), (Answer::Refused, reasons))?;
+                self.record_answer(
+                    RequestedAction::For(request),
+                    self.requester.clone(),
+                    (Answer::Refused, reasons),
+                )?;
             }
             // The gateway and the request handler answer these.
             RequestKind::Decided { .. } | RequestKind::State | RequestKind::Start(_) | RequestKind::Shoot(_) => {}
@@ -293,8 +308,8 @@ impl Running<'_> {
     }
 
     /// Returns whether the disk was found full and still is; if so, informs the client.
-    fn lacks_room(&mut self) -> bool {
-        let wrong = if self.is_disk_full { self.ports.record.check() } else { vec![] };
+    fn is_disk_still_full(&mut self) -> bool {
+        let wrong = if self.is_disk_full { self.ports.record.disk_space_problems() } else { vec![] };
         self.is_disk_full = !wrong.is_empty();
         if self.is_disk_full {
             self.ports.requests.publish(LoopEvent::Unable(wrong));
@@ -303,13 +318,13 @@ impl Running<'_> {
     }
 
     /// Accepts the result of the computation, if it is ready; waits at most this long for it.
-    fn comes_in(&mut self, patience: Duration) -> Result<bool, DaemonError> {
+    fn accept_computation(&mut self, patience: Duration) -> Result<bool, DaemonError> {
         let ready = self.computing.ready(patience);
-        if !ready.is_some_and(|id| self.ports.requests.admit(id)) {
+        if !ready.is_some_and(|id| self.ports.requests.admit_requests(id)) {
             return Ok(false);
         }
-        if let Some(worked) = self.computing.take_result() {
-            self.computed(worked)?;
+        if let Some(worked) = self.computing.ready_result() {
+            self.accept_result(worked)?;
         }
         Ok(true)
     }
@@ -326,9 +341,12 @@ impl Running<'_> {
         match self.ports.record.begin(prepared.start) {
             Ok(cycle) => {
                 let (robot, armed) = (self.robot_state.map(Box::new), self.deadlines.to_recording());
-                let place = self.perception.place().map(|place| KukaPose::from_rigid(&place)).or(self.last_place);
-                self.last_place = place;
-                self.ports.requests.publish(LoopEvent::Begun(cycle, Begin::Cycle { robot, armed, place }));
+                let place =
+                    self.perception.panel_pose().map(|place| KukaPose::from_rigid(&place)).or(self.last_panel_pose);
+                self.last_panel_pose = place;
+                self.ports
+                    .requests
+                    .publish(LoopEvent::Begun(cycle, LoopMemoryStart::Cycle { robot, armed, place }));
             }
             Err(error) => {
                 self.ports.requests.publish(LoopEvent::Unable(vec![reason("store", &error)]));
@@ -337,16 +355,16 @@ impl Running<'_> {
         }
         self.cycle = Some(Arc::new(prepared.setup));
         self.remarks = prepared.remarks;
-        (self.perception, self.abrasion, self.verdict) = (Perception::default(), Abrasion::default(), None);
+        (self.perception, self.abrasion, self.verdict) = (Perception::default(), AbrasionWork::default(), None);
         // Earlier reports of the tool are not part of this cycle's recording: the tool is read and commanded anew.
-        (self.trace, self.sent, self.pressing) = (Trace::default(), None, PressState::default());
-        self.left_at = 0;
+        (self.trace, self.sent_path, self.press_state) = (Trace::default(), None, PressState::default());
+        self.executed_at_stop = 0;
         Some(event)
     }
 
     fn perform(&mut self, event: Event, effect: Effect) -> Result<(), DaemonError> {
         match effect {
-            Effect::Do { id, act } => self.begin(id, act)?,
+            Effect::Do { id, act } => self.begin_action(id, act)?,
             Effect::Arm { id, deadline } => {
                 let at = self.ports.robot.now() + self.span(deadline);
                 self.deadlines.arm(id, deadline, at);
@@ -357,22 +375,23 @@ impl Running<'_> {
                 // A cycle that an earlier process left unfinished is concluded before the clock of this process is
                 // known.
                 if self.condition != cycle::Robot::Unknown {
-                    self.keep_clock()?;
+                    self.record_clock()?;
                 }
-                let because = operator_texts::ended(event, self.state.at).filter(|_| verdict == Verdict::Aborted);
+                let because =
+                    operator_texts::end_reason(event, self.state.at).filter(|_| verdict == Verdict::Aborted);
                 let kept = self.ports.record.conclude(verdict, because.into_iter().collect())?;
                 if kept != verdict {
                     // Only a program error leads here, because the state table ends no cycle with a better verdict
                     // than its findings. The worse verdict is used, to be on the safe side.
                     tracing::error!(
-                        table = verdict.word(),
-                        record = kept.word(),
+                        table = verdict.keyword(),
+                        record = kept.keyword(),
                         "the verdict of the findings is worse than the verdict of the cycle's state table"
                     );
                 }
                 let verdict = kept;
                 self.verdict = Some(verdict);
-                tracing::info!(verdict = verdict.word(), "the cycle has ended");
+                tracing::info!(verdict = verdict.keyword(), "the cycle has ended");
                 self.ports.requests.publish(LoopEvent::Concluded(verdict));
             }
             Effect::Refuse { request, refusal } => {
@@ -383,7 +402,7 @@ impl Running<'_> {
     }
 
     fn span(&self, deadline: Deadline) -> Duration {
-        let (job, limits) = (self.setup(), &self.cell.limits);
+        let (job, limits) = (self.cycle_setup(), &self.cell.limits);
         let process = job.map(|job| job.recipe.process());
         seconds(match (deadline, process) {
             (Deadline::Answer, _) => self.answer_s(),
@@ -404,7 +423,9 @@ impl Running<'_> {
                 let path_s = self.abrasion.plan(motion.plan).map_or(0.0, |plan| plan.duration_s);
                 MOVE_S + MAX_DURATION_RATIO * path_s
             }
-            Some(Action::Film) => self.setup().map_or(0.0, |job| job.demands().filmed_s()) + FILM_SPARE_S,
+            Some(Action::Film) => {
+                self.cycle_setup().map_or(0.0, |job| job.film_demands().filmed_s()) + FILM_SPARE_S
+            }
             Some(
                 Action::Locate
                 | Action::Refine { .. }
@@ -421,7 +442,7 @@ impl Running<'_> {
 /// The outcome of a request.
 enum RequestOutcome {
     /// The request becomes an event for the table.
-    Happens(Event),
+    TableEvent(Event),
     /// The request was handled here.
     Done,
     /// The program is to end, if the cell is at rest.

@@ -1,11 +1,11 @@
 //! The memory of the loop.
 
-use super::abrasion::Abrasion;
+use super::abrasion::AbrasionWork;
 use super::computing::Computing;
 use super::control::Control;
 use super::corrected::CalibratedRobot;
 use super::deadlines::Deadlines;
-use super::feedbacks::Contrary;
+use super::feedbacks::FeedbackContradiction;
 use super::path_progress::PathProgress;
 use super::path_progress::SentPath;
 use super::pending_action::PendingAction;
@@ -17,21 +17,21 @@ use crate::cycle::{self, Event, Report, State};
 use crate::eki::{self, Time};
 use crate::geometry::{Joints, KukaPose};
 use crate::path::trace::Trace;
-use crate::record::{RequestSource, Who};
-use crate::tape::Begin;
+use crate::record::{RequestAuthor, RequestSource};
+use crate::tape::LoopMemoryStart;
 use crate::verdict::{Reason, Verdict};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// All ports except the cameras, which are used by the computing thread.
-pub(super) struct Outside<'a> {
+pub(super) struct OtherPorts<'a> {
     pub robot: CalibratedRobot<'a>,
     pub tool: &'a mut dyn ToolPort,
     pub record: &'a mut dyn RecordPort,
     pub requests: &'a mut dyn RequestPort,
 }
 
-impl Outside<'_> {
+impl OtherPorts<'_> {
     /// Returns the time of the robot's clock.
     pub fn robot_now(&mut self) -> Time {
         self.robot.now()
@@ -39,7 +39,7 @@ impl Outside<'_> {
 }
 
 /// The memory of the loop; the memory of the table is [`State`].
-pub(super) struct Running<'p> {
+pub(super) struct LoopMemory<'p> {
     pub cell: Arc<CellSetup>,
     /// The setup of the cycle; `None` before the first cycle.
     pub cycle: Option<Arc<CycleSetup>>,
@@ -47,36 +47,36 @@ pub(super) struct Running<'p> {
     pub is_single: bool,
     pub lock_step: bool,
     pub computing: Computing<'p>,
-    pub ports: Outside<'p>,
+    pub ports: OtherPorts<'p>,
     pub state: State,
     pub events: VecDeque<Event>,
     pub deadlines: Deadlines,
     pub perception: Perception,
-    pub abrasion: Abrasion,
+    pub abrasion: AbrasionWork,
     pub trace: Trace,
-    pub underway: PathProgress,
-    pub pressing: PressState,
-    pub pending: Option<PendingAction>,
-    pub sent: Option<SentPath>,
+    pub path_progress: PathProgress,
+    pub press_state: PressState,
+    pub pending_action: Option<PendingAction>,
+    pub sent_path: Option<SentPath>,
     /// The last known pose of the panel in the earlier cycles.
-    pub last_place: Option<KukaPose>,
+    pub last_panel_pose: Option<KukaPose>,
     /// The axes at the end of the last path. `None` after a stop, an abort, a lost robot or a start of the program,
     /// and during a motion.
-    pub stood: Option<Joints>,
+    pub axes_at_path_end: Option<Joints>,
     /// Remarks for the record on the last accepted start.
     pub remarks: Vec<Reason>,
     /// Executed waypoints of the path whose epoch was ended last. They are retained until the next motion, because the
     /// answer that reports them may be dropped in favour of another one.
-    pub left_at: u32,
+    pub executed_at_stop: u32,
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,
     /// The last report to the table about the override; `None` before the first report.
     pub full_override: Option<bool>,
     /// Contradictions between a reported state and what was proven.
-    pub contrary: Contrary,
+    pub feedback_contradiction: FeedbackContradiction,
     pub verdict: Option<Verdict>,
     /// The author of the request that the loop took last.
-    pub requester: Who,
+    pub requester: RequestAuthor,
     /// Which side may command the cell.
     pub control: Control,
     /// The cell has warned of motion since it last rested.
@@ -84,19 +84,19 @@ pub(super) struct Running<'p> {
     /// Whether the disk was full at the last check.
     pub is_disk_full: bool,
     /// The loop has taken a request, and the robot has not been read since.
-    pub has_taken_up: bool,
+    pub has_accepted_request: bool,
     /// The last refused stop or abort, its author, and when it was recorded.
-    pub last_refused: Option<(cycle::Request, Who, Time)>,
+    pub last_refused: Option<(cycle::Request, RequestAuthor, Time)>,
 }
 
-impl<'p> Running<'p> {
+impl<'p> LoopMemory<'p> {
     pub(super) fn new(
         (cell, cycle): (Arc<CellSetup>, Option<Arc<CycleSetup>>),
         computing: Computing<'p>,
-        ports: Outside<'p>,
+        ports: OtherPorts<'p>,
         (state, lock_step): (State, bool),
     ) -> Self {
-        Running {
+        LoopMemory {
             control: Control::new(cell.control_bit),
             has_warned: false,
             cell,
@@ -109,32 +109,32 @@ impl<'p> Running<'p> {
             events: VecDeque::from([Event::Reported(Report::Boot)]),
             deadlines: Deadlines::default(),
             perception: Perception::default(),
-            abrasion: Abrasion::default(),
+            abrasion: AbrasionWork::default(),
             trace: Trace::default(),
-            underway: PathProgress::default(),
-            pressing: PressState::default(),
-            pending: None,
-            sent: None,
+            path_progress: PathProgress::default(),
+            press_state: PressState::default(),
+            pending_action: None,
+            sent_path: None,
             remarks: Vec::new(),
-            last_place: None,
-            stood: None,
-            left_at: 0,
+            last_panel_pose: None,
+            axes_at_path_end: None,
+            executed_at_stop: 0,
             robot_state: None,
             condition: cycle::Robot::Unknown,
             full_override: None,
-            contrary: Contrary::default(),
+            feedback_contradiction: FeedbackContradiction::default(),
             verdict: None,
-            requester: Who::by(RequestSource::Program),
+            requester: RequestAuthor::from_source(RequestSource::Program),
             is_disk_full: false,
-            has_taken_up: false,
+            has_accepted_request: false,
             last_refused: None,
         }
     }
 
     /// Continues from the point at which another loop began a cycle.
-    pub(super) fn remember(&mut self, before: Begin) {
-        if let Begin::Cycle { robot, armed, place } = before {
-            self.last_place = place;
+    pub(super) fn restore_memory(&mut self, before: LoopMemoryStart) {
+        if let LoopMemoryStart::Cycle { robot, armed, place } = before {
+            self.last_panel_pose = place;
             self.events.clear();
             (self.robot_state, self.condition) = (robot.map(|robot| *robot), self.state.facts.robot);
             self.full_override = self.robot_state.map(|_| self.state.facts.full_override);
@@ -143,7 +143,7 @@ impl<'p> Running<'p> {
     }
 
     /// Returns the data that the phases of the cycle use.
-    pub(super) fn setup(&self) -> Option<&CycleSetup> {
+    pub(super) fn cycle_setup(&self) -> Option<&CycleSetup> {
         self.cycle.as_deref()
     }
 }

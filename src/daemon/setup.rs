@@ -13,7 +13,7 @@ use crate::path::routes::Sander;
 use crate::recipe::Recipe;
 use crate::removal::model::Model;
 use crate::requirements::recipe_fits::force_fits;
-use crate::stages::removal::RemovedBefore;
+use crate::stages::removal::EarlierRemoval;
 use std::sync::{Arc, OnceLock};
 
 /// Poses of the cameras and the tool, as calibrated.
@@ -57,9 +57,9 @@ pub struct CellSetup {
     /// The checksum of the controller's programs with which the cell was accepted, if one was kept.
     pub programs_sum: Option<i32>,
     /// The pose in which the arm parks.
-    pub park: Joints,
+    pub park_pose: Joints,
     /// `[poses.ready]`: on the way to and from the park pose, if the cell names one.
-    pub ready: Option<Joints>,
+    pub ready_pose: Option<Joints>,
 }
 
 impl CellSetup {
@@ -72,17 +72,17 @@ impl CellSetup {
         Ok(CellSetup {
             limits: cell.limits().clone(),
             arm: cell.arm().clone(),
-            wiring: Wiring::from_io(cell.io())?,
-            control_bit: cell.io().input_bit(LOCAL_CONTROL),
+            wiring: Wiring::from_io(cell.inputs_outputs())?,
+            control_bit: cell.inputs_outputs().input_bit(LOCAL_CONTROL),
             warning_output: cell
-                .io()
+                .inputs_outputs()
                 .outputs()
                 .get(WARNING)
-                .and_then(|&number| Some((number, cell.io().output_bit(number)?))),
+                .and_then(|&number| Some((number, cell.inputs_outputs().output_bit(number)?))),
             programs_sum: cell.robot().programs_sum(),
             tool: cell.tool().compliant().cloned(),
-            park: cell.park().ok_or(DaemonError::NotStated { key: "poses.park" })?,
-            ready: cell.pose("ready"),
+            park_pose: cell.park_pose().ok_or(DaemonError::NotStated { key: "poses.park" })?,
+            ready_pose: cell.pose("ready"),
         })
     }
 }
@@ -104,7 +104,7 @@ pub struct CycleSetup {
     /// The area of the picture in which the flange camera's lens is calibrated.
     pub lens: LensExtent,
     /// What earlier cycles removed from this part.
-    pub removed_before: RemovedBefore,
+    pub removed_before: EarlierRemoval,
 }
 
 impl CycleSetup {
@@ -125,18 +125,18 @@ impl CycleSetup {
         if corners.is_empty() {
             return Err(DaemonError::NoCorner);
         }
-        let pixels = corners.iter().map(|corner| corner.teaching.reference_px);
-        if let Some(reason) = health::outside_of_lens(&lens, pixels) {
+        let pixels = corners.iter().map(|corner| corner.teaching_data.reference_px);
+        if let Some(reason) = health::lens_extent_refusal(&lens, pixels) {
             return Err(DaemonError::CornerOutsideOfLens(reason.message));
         }
-        let removed_before = RemovedBefore::default();
+        let removed_before = EarlierRemoval::default();
         let taught_model = Arc::default();
         Ok(CycleSetup { cell, recipe, panel, taught_model, corners, calibrations, lens, removed_before })
     }
 
     /// Returns the same setup for a part from which earlier cycles removed this amount.
     #[must_use]
-    pub fn after(self, removed_before: RemovedBefore) -> Self {
+    pub fn with_earlier_removal(self, removed_before: EarlierRemoval) -> Self {
         CycleSetup { removed_before, ..self }
     }
 
@@ -158,12 +158,12 @@ impl CycleSetup {
     }
 
     /// Returns the arm's tour over the views of the taught corners.
-    pub fn tour(&self) -> CornerTour<'_> {
+    pub fn corner_tour(&self) -> CornerTour<'_> {
         CornerTour {
             limits: &self.cell.limits,
             arm: &self.cell.arm,
-            park: self.cell.park,
-            ready: self.cell.ready,
+            park: self.cell.park_pose,
+            ready: self.cell.ready_pose,
             flange_from_camera: self.calibrations.flange_from_camera,
             sander: self.sander(),
             corners: &self.corners,
@@ -176,7 +176,7 @@ impl CycleSetup {
     }
 
     /// Returns the demands on a film.
-    pub fn demands(&self) -> Demands {
+    pub fn film_demands(&self) -> Demands {
         Demands::from_recipe(&self.recipe, &self.cell.limits)
     }
 }

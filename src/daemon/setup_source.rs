@@ -25,7 +25,7 @@ impl RecipeText {
     ///
     /// # Errors
     /// If its text has changed since then.
-    pub fn checked_against(self, sha256: &str) -> Result<Self, String> {
+    pub fn if_unchanged(self, sha256: &str) -> Result<Self, String> {
         let found = self.sha256();
         if sha256.trim().eq_ignore_ascii_case(&found) {
             return Ok(self);
@@ -52,7 +52,7 @@ pub struct Equipment {
 
 /// An item that was examined, as `panelprep doctor` reports it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Examined {
+pub struct ExaminedItem {
     /// What it is.
     pub name: String,
     /// Whether nothing is wrong with the examined thing.
@@ -81,7 +81,7 @@ pub trait SetupSource: Send + Sync {
     ///
     /// # Errors
     /// As [`SetupSource::recipe`].
-    fn offer(&self, name: &str) -> Result<Option<RecipeOffer>, String>;
+    fn recipe_offer(&self, name: &str) -> Result<Option<RecipeOffer>, String>;
     /// Returns the problems of a recipe as `panelprep check` reports them; empty if it is right.
     fn problems(&self, name: &str, text: &str) -> Vec<String>;
 
@@ -103,17 +103,17 @@ pub trait SetupSource: Send + Sync {
 
     /// Returns what prevents a cycle now or will prevent one soon, apart from the cameras: the disk, and the age of
     /// verifications.
-    fn standing(&self) -> Vec<Reason>;
+    fn cycle_obstacles(&self) -> Vec<Reason>;
 
     /// Examines the whole cell, as `panelprep doctor` does; nothing moves. It may need some seconds. If something
     /// cannot be read, that is a finding.
-    fn examine(&self) -> Vec<Examined>;
+    fn examine_cell(&self) -> Vec<ExaminedItem>;
 
     /// Returns the equipment, and whether a cycle may start with it.
     ///
     /// # Errors
     /// If a file cannot be read, in words.
-    fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String>;
+    fn list_equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String>;
 }
 
 /// Returns the recipes with their hashes, so that a start uses the recipe that was offered. A recipe that cannot be

@@ -10,7 +10,7 @@ use super::corrected::CalibratedRobot;
 use super::moves::{self, move_lin};
 use super::ports::RobotPort;
 use super::single_interlocks;
-use super::wiring::reads;
+use super::wiring::is_input_on;
 use crate::cell::{Arm, Cell, InputsOutputs, LOCAL_CONTROL};
 use crate::cycle::{Action, Path};
 use crate::eki::{
@@ -49,7 +49,7 @@ pub enum SingleError {
     #[error(transparent)]
     Queue(#[from] QueueError),
     /// The gate refuses the function.
-    #[error("the gate refuses: {}", words(.0))]
+    #[error("the gate refuses: {}", describe_judgement(.0))]
     Gate(Judgement),
     /// The robot did not execute the function.
     #[error("the robot did not execute the command: {0}")]
@@ -62,15 +62,15 @@ pub enum SingleError {
     Late(Duration),
 }
 
-fn words(judgement: &Judgement) -> String {
+fn describe_judgement(judgement: &Judgement) -> String {
     judgement.reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; ")
 }
 
 /// A linear motion, with its own base and tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Line {
+pub struct SingleLine {
     /// The target pose of the TCP, in `base`.
-    pub to: KukaPose,
+    pub target: KukaPose,
     /// The base frame (`$BASE`), given in the robot's world frame.
     pub base: KukaPose,
     /// The tool.
@@ -89,13 +89,13 @@ pub struct Mounted {
 }
 
 /// A connected robot, for single functions.
-pub struct Single<'r> {
+pub struct SingleRobot<'r> {
     robot: CalibratedRobot<'r>,
     state: State,
     mounted: Vec<Mounted>,
 }
 
-impl<'r> Single<'r> {
+impl<'r> SingleRobot<'r> {
     /// Waits until the controller has answered. Nothing moves.
     ///
     /// # Errors
@@ -104,9 +104,9 @@ impl<'r> Single<'r> {
         let mut robot = CalibratedRobot::new(robot, arm);
         let (begun, mut why) = (Instant::now(), None);
         while begun.elapsed() < CONNECT_TIMEOUT {
-            match robot.next().map_err(broken)? {
+            match robot.next().map_err(thread_error)? {
                 Some(Report::Connected { state } | Report::State(state)) => {
-                    return Ok(Single { robot, state: *state, mounted: Vec::new() });
+                    return Ok(SingleRobot { robot, state: *state, mounted: Vec::new() });
                 }
                 Some(Report::LinkLost { why: lost }) => why = Some(lost),
                 _ => {}
@@ -118,8 +118,8 @@ impl<'r> Single<'r> {
     /// Adds the items mounted on the flange: every motion keeps them clear of the objects in the cell, regardless
     /// of the controller's tool.
     #[must_use]
-    pub fn carrying(self, mounted: Vec<Mounted>) -> Self {
-        Single { mounted, ..self }
+    pub fn with_mounted(self, mounted: Vec<Mounted>) -> Self {
+        SingleRobot { mounted, ..self }
     }
 
     /// Checks whether the arm is the one of the cell's file: the reported TCP pose must agree with the one calculated
@@ -127,10 +127,15 @@ impl<'r> Single<'r> {
     ///
     /// # Errors
     /// If it does not, with the distance between the two.
-    pub fn is_the_cells_arm(&self, cell: &Cell) -> Result<(), Reason> {
+    pub fn check_arm_identity(&self, cell: &Cell) -> Result<(), Reason> {
         let state = &self.state;
         let tip = state.active_base.to_rigid::<Base, Base>() * state.base_from_tcp.to_rigid::<Base, Tool>();
-        routes::is_the_arm(&Kinematics::new(cell.arm()), &state.joints, state.flange_from_tool.to_rigid(), tip)
+        routes::check_arm_identity(
+            &Kinematics::new(cell.arm()),
+            &state.joints,
+            state.flange_from_tool.to_rigid(),
+            tip,
+        )
     }
 
     /// Returns the last state that the controller reported; if the arm has a correction, with the true TCP pose.
@@ -150,7 +155,7 @@ impl<'r> Single<'r> {
     /// If the controller has other programs than the accepted ones, or if the function cannot be sent, is refused, or
     /// is not done in time.
     pub fn set(&mut self, command: Command, cell: &Cell) -> Result<(), SingleError> {
-        accepted(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
+        require_accept(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
         match command {
             Command::MoveLin(_) | Command::MoveJ(_) | Command::SetDigout(_) | Command::CallSubroutine { .. } => {
                 let message =
@@ -160,30 +165,30 @@ impl<'r> Single<'r> {
             _ => self.open_epoch()?,
         }
         let id = self.send(command)?;
-        self.executed(id, COMMAND_TIMEOUT)
+        self.wait_executed(id, COMMAND_TIMEOUT)
     }
 
     /// Calls a subroutine of the controller. The subroutine may move the arm, so it has the gates of a motion.
     ///
     /// # Errors
-    /// As [`Single::set`], and if the gate refuses.
+    /// As [`SingleRobot::set`], and if the gate refuses.
     pub fn call(&mut self, index: u16, cell: &Cell) -> Result<(), SingleError> {
-        self.may_move(cell)?;
-        self.is_the_cells_arm(cell).map_err(gate)?;
+        self.check_motion(cell)?;
+        self.check_arm_identity(cell).map_err(gate)?;
         self.open_epoch()?;
-        self.held_to_interlocks("a subroutine", single_interlocks::motion(Path::Park), cell)?;
+        self.check_interlocks("a subroutine", single_interlocks::motion(Path::Park), cell)?;
         let id = self.send(Command::CallSubroutine { index })?;
-        self.executed(id, MOTION_TIMEOUT)
+        self.wait_executed(id, MOTION_TIMEOUT)
     }
 
     /// Moves the axes.
     ///
     /// # Errors
-    /// As [`Single::set`], and if the gate refuses.
+    /// As [`SingleRobot::set`], and if the gate refuses.
     pub fn move_joints(&mut self, joints: Joints, axis_speed_percent: u8, cell: &Cell) -> Result<(), SingleError> {
-        self.may_move(cell)?;
-        accepted(judge_joints(&joints))?;
-        self.is_the_cells_arm(cell).map_err(gate)?;
+        self.check_motion(cell)?;
+        require_accept(judge_joints(&joints))?;
+        self.check_arm_identity(cell).map_err(gate)?;
         let (arm, tool) = (Kinematics::new(cell.arm()), self.state.flange_from_tool.to_rigid());
         reach::joint_motion(&arm, tool, &self.state.joints, &joints)
             .map_err(|obstacle| gate(Reason::new("out_of_reach", obstacle.to_string())))?;
@@ -192,17 +197,17 @@ impl<'r> Single<'r> {
                 .map_err(|obstacle| gate(Reason::new("out_of_reach", format!("with {name}: {obstacle}"))))?;
         }
         self.open_epoch()?;
-        self.held_to_interlocks("an axis motion", single_interlocks::motion(Path::Park), cell)?;
+        self.check_interlocks("an axis motion", single_interlocks::motion(Path::Park), cell)?;
         let id = self.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(axis_speed_percent) }))?;
-        self.executed(id, MOTION_TIMEOUT)
+        self.wait_executed(id, MOTION_TIMEOUT)
     }
 
     /// Moves the TCP linearly.
     ///
     /// # Errors
-    /// As [`Single::move_joints`].
-    pub fn move_line(&mut self, line: &Line, cell: &Cell) -> Result<(), SingleError> {
-        self.may_move(cell)?;
+    /// As [`SingleRobot::move_joints`].
+    pub fn move_line(&mut self, line: &SingleLine, cell: &Cell) -> Result<(), SingleError> {
+        self.check_motion(cell)?;
         let limits = cell.limits();
         let fastest_mm_s = limits.max_speed_mm_s();
         if line.speed_mm_s.is_nan() || line.speed_mm_s > fastest_mm_s {
@@ -215,7 +220,7 @@ impl<'r> Single<'r> {
         // Frames are set before the check, because the tip's position in them comes from the controller; nothing moves
         // by that.
         let id = self.send(Command::SetTcp(line.tool))?;
-        self.executed(id, COMMAND_TIMEOUT)?;
+        self.wait_executed(id, COMMAND_TIMEOUT)?;
         // The motion starts from the TCP pose that the controller reports with these frames.
         let from: Rigid<Base, Tool> = self.state.base_from_tcp.to_rigid();
         let standing = StartState {
@@ -225,41 +230,41 @@ impl<'r> Single<'r> {
             joints: self.state.joints,
             obstacles: None,
         };
-        let gated = routes::air_at(
+        let gated = routes::gate_air_motion_at(
             &standing,
             line.base.to_rigid::<Base, Base>(),
-            (from, line.to.to_rigid()),
+            (from, line.target.to_rigid()),
             None,
             line.speed_mm_s,
         );
-        accepted(gated.judgement())?;
+        require_accept(gated.judgement())?;
         for Mounted { name, flange_from_tip } in &self.mounted {
             routes::mounted_follows(&standing, line.base.to_rigid(), &gated.points, *flange_from_tip)
                 .map_err(|met| gate(Reason { message: format!("with {name}: {}", met.message), ..met }))?;
         }
         // The interlocks are those of the motion to the first corner, which are common to all linear motions through
         // the air.
-        self.held_to_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
-        self.send(Command::SetAccSpeed(moves::speeds(gated.speed)))?;
+        self.check_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
+        self.send(Command::SetAccSpeed(moves::speed_command(gated.speed)))?;
         let sent = self.robot.send_path(move_lin(&gated.points), None);
-        let id = sent.map_err(|error| self.not_sent(error))?;
-        self.executed(id, MOTION_TIMEOUT)
+        let id = sent.map_err(|error| self.not_sent_error(error))?;
+        self.wait_executed(id, MOTION_TIMEOUT)
     }
 
     /// Sets an output, and leaves this epoch open for the given time, so that the output stays set.
     ///
     /// # Errors
-    /// As [`Single::set`], and if an interlock is open.
+    /// As [`SingleRobot::set`], and if an interlock is open.
     pub fn set_output(&mut self, name: &str, on: bool, cell: &Cell, keep: Duration) -> Result<(), SingleError> {
         // Also to switch off: with other programs, the number may be that of another output.
-        accepted(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
-        let number = number_of(name, cell.io())?;
+        require_accept(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
+        let number = output_number(name, cell.inputs_outputs())?;
         self.open_epoch()?;
-        if let Some(switch) = single_interlocks::switched_on(name).filter(|_| on) {
-            self.held_to_interlocks(name, Action::Switch(switch), cell)?;
+        if let Some(switch) = single_interlocks::switch_of_output(name).filter(|_| on) {
+            self.check_interlocks(name, Action::Switch(switch), cell)?;
         }
         let id = self.send(Command::SetDigout(Signal { number, on }))?;
-        self.executed(id, COMMAND_TIMEOUT)?;
+        self.wait_executed(id, COMMAND_TIMEOUT)?;
         let until = self.robot.now() + keep;
         while self.robot.now() < until {
             self.receive()?;
@@ -269,19 +274,19 @@ impl<'r> Single<'r> {
 
     /// Checks the cycle's interlocks for this act against a new state of the robot, not the state at the start of the
     /// epoch.
-    fn held_to_interlocks(&mut self, name: &str, act: Action, cell: &Cell) -> Result<(), SingleError> {
+    fn check_interlocks(&mut self, name: &str, act: Action, cell: &Cell) -> Result<(), SingleError> {
         // A fresh state: a guard that opened a moment ago is not in the one that is in memory.
         let told = self.state.sequence;
         while self.state.sequence == told {
             self.receive()?;
         }
-        accepted(single_interlocks::judge(name, act, &self.state, cell))
+        require_accept(single_interlocks::judge(name, act, &self.state, cell))
     }
 
     /// Checks that a motion is permitted, under a person's control or without one.
-    fn may_move(&self, cell: &Cell) -> Result<(), SingleError> {
+    fn check_motion(&self, cell: &Cell) -> Result<(), SingleError> {
         let state = &self.state;
-        let is_local = cell.io().input_bit(LOCAL_CONTROL).is_none_or(|bit| reads(state, bit));
+        let is_local = cell.inputs_outputs().input_bit(LOCAL_CONTROL).is_none_or(|bit| is_input_on(state, bit));
         // In T1 a person holds the enabling switch beside the arm, and the controller limits the speed; so the guard
         // may be open.
         let by_hand = matches!(state.mode, Mode::T1 | Mode::T2);
@@ -306,7 +311,7 @@ impl<'r> Single<'r> {
         let open = checks.into_iter().filter(|(wrong, ..)| *wrong);
         let others = open.map(|(_, code, message)| Reason::new(code, message));
         let reasons = self.other_programs(cell).into_iter().chain(others).collect();
-        accepted(Judgement::new(reasons, vec![]))
+        require_accept(Judgement::new(reasons, vec![]))
     }
 
     /// Returns a reason if the controller has other programs than those with which the cell was accepted: the numbers
@@ -328,7 +333,7 @@ impl<'r> Single<'r> {
         while self.state.moving && self.robot.now() < rests_until {
             self.receive()?;
         }
-        let asked = self.robot.open_epoch(Epoch(0)).map_err(|error| self.not_sent(error))?;
+        let asked = self.robot.open_epoch(Epoch(0)).map_err(|error| self.not_sent_error(error))?;
         let until = self.robot.now() + COMMAND_TIMEOUT;
         while self.state.epoch != asked {
             if let Some(Report::EpochNotOpened { asked, found }) = self.receive()? {
@@ -336,39 +341,39 @@ impl<'r> Single<'r> {
                     "the controller is in epoch {found}, requested was epoch {asked}"
                 )));
             }
-            self.in_time(until, COMMAND_TIMEOUT)?;
+            self.check_deadline(until, COMMAND_TIMEOUT)?;
         }
         Ok(())
     }
 
     /// Waits until a command is executed and the arm is at rest.
-    fn executed(&mut self, id: CommandId, allowed: Duration) -> Result<(), SingleError> {
+    fn wait_executed(&mut self, id: CommandId, allowed: Duration) -> Result<(), SingleError> {
         let until = self.robot.now() + allowed;
         // Executed is not at rest: an arm with blending has its last command done while it still brakes.
         while self.state.done < id || self.state.moving {
             match self.receive()? {
-                Some(Report::Refused { refusal, .. }) => return Err(self.stopped(refusal.to_string())),
-                Some(Report::EchoMismatch(mismatch)) => return Err(self.stopped(mismatch.to_string())),
-                Some(Report::Interrupted { cause }) => return Err(self.stopped(cause.to_string())),
-                Some(Report::SequenceError(error)) => return Err(self.stopped(error.to_string())),
+                Some(Report::Refused { refusal, .. }) => return Err(self.stopped_error(refusal.to_string())),
+                Some(Report::EchoMismatch(mismatch)) => return Err(self.stopped_error(mismatch.to_string())),
+                Some(Report::Interrupted { cause }) => return Err(self.stopped_error(cause.to_string())),
+                Some(Report::SequenceError(error)) => return Err(self.stopped_error(error.to_string())),
                 Some(Report::WatchdogExpired { channel, silence }) => {
                     let words = format!("nothing was received on the {channel} for {} ms", silence.as_millis());
-                    return Err(self.stopped(words));
+                    return Err(self.stopped_error(words));
                 }
                 _ => {}
             }
-            self.in_time(until, allowed)?;
+            self.check_deadline(until, allowed)?;
         }
         Ok(())
     }
 
     fn send(&mut self, command: Command) -> Result<CommandId, SingleError> {
         let sent = self.robot.send(command);
-        sent.map_err(|error| self.not_sent(error))
+        sent.map_err(|error| self.not_sent_error(error))
     }
 
     /// Returns why nothing was sent: if there is no link any more, the reason for its loss.
-    fn not_sent(&mut self, error: QueueError) -> SingleError {
+    fn not_sent_error(&mut self, error: QueueError) -> SingleError {
         if error == QueueError::NotConnected {
             for _ in 0..MAX_REPORTS {
                 if let Err(lost @ SingleError::LinkLost(_)) = self.receive() {
@@ -381,7 +386,7 @@ impl<'r> Single<'r> {
 
     /// Returns the error for a function that the robot did not execute for this reason. The robot's next state is read
     /// first, so that the error is shown together with this state.
-    fn stopped(&mut self, why: String) -> SingleError {
+    fn stopped_error(&mut self, why: String) -> SingleError {
         let (before, until) = (self.state.sequence, self.robot.now() + STATE_TIMEOUT);
         while self.state.sequence == before && self.robot.now() < until {
             if self.receive().is_err() {
@@ -392,7 +397,7 @@ impl<'r> Single<'r> {
     }
 
     fn receive(&mut self) -> Result<Option<Report>, SingleError> {
-        let report = self.robot.next().map_err(broken)?;
+        let report = self.robot.next().map_err(thread_error)?;
         match &report {
             Some(Report::Connected { state } | Report::State(state)) => self.state = **state,
             Some(Report::Rebooted { .. }) => {
@@ -404,7 +409,7 @@ impl<'r> Single<'r> {
         Ok(report)
     }
 
-    fn in_time(&mut self, until: Time, allowed: Duration) -> Result<(), SingleError> {
+    fn check_deadline(&mut self, until: Time, allowed: Duration) -> Result<(), SingleError> {
         if self.robot.now() <= until {
             return Ok(());
         }
@@ -418,7 +423,7 @@ impl<'r> Single<'r> {
 }
 
 /// Returns the error for a failed thread of the link.
-fn broken(fault: ThreadFault) -> SingleError {
+fn thread_error(fault: ThreadFault) -> SingleError {
     SingleError::Robot(fault.to_string())
 }
 
@@ -426,11 +431,11 @@ fn gate(reason: Reason) -> SingleError {
     SingleError::Gate(Judgement::new(vec![reason], vec![]))
 }
 
-fn accepted(judgement: Judgement) -> Result<(), SingleError> {
+fn require_accept(judgement: Judgement) -> Result<(), SingleError> {
     if judgement.verdict == Verdict::Accept { Ok(()) } else { Err(SingleError::Gate(judgement)) }
 }
 
-fn number_of(name: &str, io: &InputsOutputs) -> Result<u16, SingleError> {
+fn output_number(name: &str, io: &InputsOutputs) -> Result<u16, SingleError> {
     io.outputs().get(name).copied().ok_or_else(|| {
         let names = io.outputs().keys().map(String::as_str).collect::<Vec<_>>().join(", ");
         let message = format!("\"{name}\" is not an output in [io.outputs]; valid: {names}");
@@ -439,7 +444,7 @@ fn number_of(name: &str, io: &InputsOutputs) -> Result<u16, SingleError> {
 }
 
 /// Returns the command that sets these speeds.
-pub fn speeds(speed_mm_s: f64, acceleration_m_s2: f64, axis_percent: u8) -> Command {
+pub fn speed_command(speed_mm_s: f64, acceleration_m_s2: f64, axis_percent: u8) -> Command {
     Command::SetAccSpeed(SetAccSpeed {
         speed_m_s: speed_mm_s / 1_000.0,
         acceleration_m_s2,
@@ -464,7 +469,7 @@ mod tests {
         fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
             match command {
                 RobotCommand::Next => RobotAnswer::Report(Ok(Some(Report::State(Box::new(self.0))))),
-                RobotCommand::Now => RobotAnswer::Time(Time::at_ms(0)),
+                RobotCommand::Now => RobotAnswer::Time(Time::from_ms(0)),
                 other => panic!("{other:?} is sent"),
             }
         }
@@ -479,7 +484,10 @@ mod tests {
         let state = State { joints: AT, base_from_tcp: tip, ..standing_state() };
         let single = |state: State| Says(state);
         let mut right = single(state);
-        assert_eq!(Single::connect(&mut right, cell.arm()).expect("it answers").is_the_cells_arm(&cell), Ok(()));
+        assert_eq!(
+            SingleRobot::connect(&mut right, cell.arm()).expect("it answers").check_arm_identity(&cell),
+            Ok(())
+        );
         let farther = KukaPose { x_mm: tip.x_mm + 205.0, ..tip };
         let radians = Joints::from(AT.degrees().map(f64::to_radians));
         let root = KukaPose { z_mm: 300.0, ..KukaPose::default() };
@@ -489,7 +497,7 @@ mod tests {
             State { active_base: root, ..state },
         ] {
             let mut robot = single(state);
-            let mut single = Single::connect(&mut robot, cell.arm()).expect("it answers");
+            let mut single = SingleRobot::connect(&mut robot, cell.arm()).expect("it answers");
             for refused in [single.move_joints(AT, 10, &cell), single.call(1, &cell)] {
                 let Err(SingleError::Gate(judgement)) = refused else { panic!("{refused:?}") };
                 assert_eq!(judgement.reasons[0].code, "arm_model");
@@ -507,20 +515,20 @@ mod tests {
         };
         let cell_of = |sum| Cell::check("cell.toml", &text(sum)).unwrap_or_else(|problems| panic!("{problems}"));
         let state = State { joints: AT, programs_checksum: 5, ..standing_state() };
-        let refused = |act: &dyn Fn(&mut Single<'_>) -> Result<(), SingleError>, cell: &Cell| {
+        let refused = |act: &dyn Fn(&mut SingleRobot<'_>) -> Result<(), SingleError>, cell: &Cell| {
             let mut robot = Says(state);
-            let mut single = Single::connect(&mut robot, cell.arm()).expect("it answers");
+            let mut single = SingleRobot::connect(&mut robot, cell.arm()).expect("it answers");
             let Err(SingleError::Gate(judgement)) = act(&mut single) else { panic!("not refused") };
             judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect::<Vec<_>>()
         };
-        let line = Line {
-            to: KukaPose::default(),
+        let line = SingleLine {
+            target: KukaPose::default(),
             base: KukaPose::default(),
             tool: SetTcp { flange_from_tool: KukaPose::default(), kind: TcpKind::Other },
             speed_mm_s: 10.0,
         };
         let other = cell_of(6);
-        let acts: [&dyn Fn(&mut Single<'_>) -> Result<(), SingleError>; 9] = [
+        let acts: [&dyn Fn(&mut SingleRobot<'_>) -> Result<(), SingleError>; 9] = [
             &|single| single.move_joints(AT, 10, &other),
             &|single| single.move_line(&line, &other),
             &|single| single.call(0, &other),
@@ -528,7 +536,7 @@ mod tests {
             &|single| single.set_output("tool", false, &other, Duration::ZERO),
             &|single| single.set(Command::SetBase(KukaPose::default()), &other),
             &|single| single.set(Command::SetTcp(line.tool), &other),
-            &|single| single.set(speeds(10.0, 1.0, 10), &other),
+            &|single| single.set(speed_command(10.0, 1.0, 10), &other),
             &|single| single.set(Command::SetDigin(Signal { number: 33, on: true }), &other),
         ];
         for (place, act) in acts.iter().enumerate() {

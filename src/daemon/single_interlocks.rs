@@ -5,7 +5,7 @@
 //! that is not known counts as not satisfied. So only a cycle can switch on the tool's output, and water can be
 //! switched on only while the arm is at the pose `park`.
 
-use super::wiring::{RINSE, Reading, Wiring};
+use super::wiring::{DeviceReading, RINSE, Wiring};
 use crate::cell::{Cell, Feedback, Output};
 use crate::cycle::{
     Action, Epoch, Extraction, Facts, Frames, Id, Lens, Motion, Path, Switch, Tool, Water, open_interlocks,
@@ -19,7 +19,7 @@ use crate::verdict::{Judgement, Reason};
 const PARKED_DEG: f64 = 0.1;
 
 /// Returns the cycle's switch that belongs to an output's name; switching off is always allowed.
-pub(super) fn switched_on(name: &str) -> Option<Switch> {
+pub(super) fn switch_of_output(name: &str) -> Option<Switch> {
     let known = [
         (Output::Light.name(), Switch::LightOn),
         (Output::Spray.name(), Switch::Spray),
@@ -46,10 +46,10 @@ pub(super) fn judge(name: &str, act: Action, state: &State, cell: &Cell) -> Judg
 /// Returns the facts that a single function has about the cell: its epoch is open, and base and tool were confirmed in
 /// this epoch.
 fn facts(state: &State, cell: &Cell) -> Facts {
-    let io = cell.io();
-    let wiring = Wiring::as_far_as(io);
+    let io = cell.inputs_outputs();
+    let wiring = Wiring::from_available_io(io);
     let reading = |switches, (feedback, on)| wiring.reading(switches, (io.feedback_bit(feedback), on), state);
-    let parked = cell.park().is_some_and(|park| is_at(&state.joints, &park));
+    let parked = cell.park_pose().is_some_and(|park| is_at_pose(&state.joints, &park));
     Facts {
         standing: !state.moving,
         full_override: state.override_percent == CONTACT_OVERRIDE_PERCENT,
@@ -57,29 +57,29 @@ fn facts(state: &State, cell: &Cell) -> Facts {
         frames: Some(Frames::Camera),
         arm: parked.then_some(Path::Park),
         tool: match reading((Switch::ToolOn, Switch::ToolOff), (Feedback::ToolRunning, true)) {
-            Reading::NotThere | Reading::Is(false) => Tool::Off,
-            Reading::Is(true) => Tool::Running,
-            Reading::Open => Tool::Unknown,
+            DeviceReading::NotWired | DeviceReading::Is(false) => Tool::Off,
+            DeviceReading::Is(true) => Tool::Running,
+            DeviceReading::Open => Tool::Unknown,
         },
         water: match reading((Switch::Spray, Switch::WaterOff), (Feedback::WaterOff, false)) {
-            Reading::NotThere => Water::Drained,
+            DeviceReading::NotWired => Water::Drained,
             // The time at which the water was switched off is not known.
-            Reading::Is(false) => Water::Draining { until: Id(0) },
-            Reading::Is(true) | Reading::Open => Water::Unknown,
+            DeviceReading::Is(false) => Water::Draining { until: Id(0) },
+            DeviceReading::Is(true) | DeviceReading::Open => Water::Unknown,
         },
         lens: match reading((Switch::LensGuard, Switch::LensClear), (Feedback::LensShut, true)) {
-            Reading::Is(true) => Lens::Guarded,
+            DeviceReading::Is(true) => Lens::Guarded,
             _ => Lens::Unknown,
         },
         extraction: match reading((Switch::ExtractionOn, Switch::ExtractionOff), (Feedback::ExtractionFlow, true)) {
-            Reading::Is(true) => Extraction::Flowing,
+            DeviceReading::Is(true) => Extraction::Flowing,
             _ => Extraction::Unknown,
         },
         ..Facts::UNKNOWN
     }
 }
 
-fn is_at(joints: &Joints, pose: &Joints) -> bool {
+fn is_at_pose(joints: &Joints, pose: &Joints) -> bool {
     joints.degrees().iter().zip(pose.degrees()).all(|(is, asked)| (is - asked).abs() <= PARKED_DEG)
 }
 
@@ -99,7 +99,7 @@ mod tests {
     /// Returns whether the act is permitted. The bits of `In`, from the lowest: water_off, lens_shut,
     /// extraction_flow, tool_running; those of `Out`: light, spray, lens_shutter, extraction, tool.
     fn may(act: Action, (inputs, outputs): (u32, u32), a1_deg: f64) -> bool {
-        let joints = Joints { a1_deg, ..cell().park().expect("given") };
+        let joints = Joints { a1_deg, ..cell().park_pose().expect("given") };
         let state = State { inputs, outputs, joints, ..standing_state() };
         judge("it", act, &state, &cell()).reasons.is_empty()
     }
@@ -128,12 +128,12 @@ mod tests {
                     ("lens_shutter", true),
                     ("extraction", true),
                 ] {
-                    let act = Action::Switch(switched_on(name).expect("known"));
+                    let act = Action::Switch(switch_of_output(name).expect("known"));
                     assert_eq!(may(act, inputs, a1_deg), expected, "{name} {inputs:?} {a1_deg}");
                 }
             }
         }
-        assert_eq!(switched_on("horn"), None);
+        assert_eq!(switch_of_output("horn"), None);
     }
 
     /// An output without a feedback is not proven off; an output that the cell does not have cannot be on.

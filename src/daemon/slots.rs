@@ -9,11 +9,11 @@ use tokio::sync::oneshot;
 
 /// Largest number of connections that are read at one time: of one owner, and in total.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Most {
+pub(super) struct MaxConnections {
     /// Connections of one user or one address.
-    pub of_one: usize,
+    pub per_owner: usize,
     /// Of all together.
-    pub of_all: usize,
+    pub total: usize,
 }
 
 /// All slots; `Of` is the owner of a connection. All clones share the same slots.
@@ -22,7 +22,7 @@ pub(super) struct Slots<Of>(Arc<Mutex<Inside<Of>>>);
 
 #[derive(Debug)]
 struct Inside<Of> {
-    most: Most,
+    most: MaxConnections,
     last: u64,
     /// The occupied slots; the slot whose connection has been silent for longest is first.
     taken: Vec<OccupiedSlot<Of>>,
@@ -31,7 +31,7 @@ struct Inside<Of> {
 #[derive(Debug)]
 struct OccupiedSlot<Of> {
     number: u64,
-    of: Of,
+    owner: Of,
     wanted: oneshot::Sender<()>,
 }
 
@@ -64,7 +64,7 @@ impl<Of> Clone for ActivityHandle<Of> {
 
 impl<Of> Slots<Of> {
     /// Creates this many slots, all of them free.
-    pub fn new(most: Most) -> Self {
+    pub fn new(most: MaxConnections) -> Self {
         Slots(Arc::new(Mutex::new(Inside { most, last: 0, taken: Vec::new() })))
     }
 
@@ -77,23 +77,23 @@ impl<Of: Copy + PartialEq> Slots<Of> {
     /// Assigns a slot to a connection of this owner; if there is none, another connection gives way.
     pub fn acquire(&self, of: Of) -> Slot<Of> {
         let mut inside = self.lock();
-        let held = |inside: &Inside<Of>, of| inside.taken.iter().filter(|taken| taken.of == of).count();
-        if held(&inside, of) >= inside.most.of_one {
-            inside.evict_one(of);
-        } else if inside.taken.len() >= inside.most.of_all {
-            let greedy = inside.taken.iter().map(|taken| taken.of).max_by_key(|of| held(&inside, *of));
-            inside.evict_one(greedy.unwrap_or(of));
+        let held = |inside: &Inside<Of>, of| inside.taken.iter().filter(|taken| taken.owner == of).count();
+        if held(&inside, of) >= inside.most.per_owner {
+            inside.evict_oldest(of);
+        } else if inside.taken.len() >= inside.most.total {
+            let greedy = inside.taken.iter().map(|taken| taken.owner).max_by_key(|of| held(&inside, *of));
+            inside.evict_oldest(greedy.unwrap_or(of));
         }
         inside.last += 1;
         let (number, (tell, wanted)) = (inside.last, oneshot::channel());
-        inside.taken.push(OccupiedSlot { number, of, wanted: tell });
+        inside.taken.push(OccupiedSlot { number, owner: of, wanted: tell });
         Slot { number, wanted, slots: self.clone() }
     }
 }
 
 impl<Of: PartialEq> Inside<Of> {
-    fn evict_one(&mut self, of: Of) {
-        if let Some(at) = self.taken.iter().position(|taken| taken.of == of) {
+    fn evict_oldest(&mut self, of: Of) {
+        if let Some(at) = self.taken.iter().position(|taken| taken.owner == of) {
             #[expect(
                 clippy::let_underscore_must_use,
                 reason = "fails if the connection is about to close by itself"
@@ -105,7 +105,7 @@ impl<Of: PartialEq> Inside<Of> {
 
 impl<Of> Slot<Of> {
     /// Waits until another connection needs the slot.
-    pub async fn is_wanted(&mut self) {
+    pub async fn wait_until_wanted(&mut self) {
         #[expect(clippy::let_underscore_must_use, reason = "a dropped sender also means that the slot is needed")]
         let _ = (&mut self.wanted).await;
     }
@@ -137,24 +137,28 @@ impl<Of> Drop for Slot<Of> {
 mod tests {
     use super::*;
 
-    const LIMITS: Most = Most { of_one: 64, of_all: 256 };
+    const LIMITS: MaxConnections = MaxConnections { per_owner: 64, total: 256 };
 
-    fn is_wanted(slot: &mut Slot<u32>) -> bool {
+    fn wait_until_wanted(slot: &mut Slot<u32>) -> bool {
         slot.wanted.try_recv().is_ok()
     }
 
     #[test]
     fn of_one_user_the_connection_that_waits_longest_gives_way() {
         let slots = Slots::new(LIMITS);
-        let mut silent: Vec<Slot<u32>> = (0..LIMITS.of_one).map(|_| slots.acquire(7)).collect();
+        let mut silent: Vec<Slot<u32>> = (0..LIMITS.per_owner).map(|_| slots.acquire(7)).collect();
         let mut other = slots.acquire(8);
-        assert!(!silent.iter_mut().any(is_wanted), "there is room");
+        assert!(!silent.iter_mut().any(wait_until_wanted), "there is room");
         let mut stop = slots.acquire(7);
-        assert!(is_wanted(&mut silent[0]) && !is_wanted(&mut silent[1]) && !is_wanted(&mut other));
+        assert!(
+            wait_until_wanted(&mut silent[0])
+                && !wait_until_wanted(&mut silent[1])
+                && !wait_until_wanted(&mut other)
+        );
         silent.remove(5);
         let mut next = slots.acquire(7);
-        assert!(!silent[1..].iter_mut().any(is_wanted), "one had left");
-        assert!(!is_wanted(&mut stop) && !is_wanted(&mut next));
+        assert!(!silent[1..].iter_mut().any(wait_until_wanted), "one had left");
+        assert!(!wait_until_wanted(&mut stop) && !wait_until_wanted(&mut next));
     }
 
     #[test]
@@ -162,18 +166,18 @@ mod tests {
         let slots = Slots::new(LIMITS);
         let mut greedy: Vec<Slot<u32>> = (0..60).map(|_| slots.acquire(7)).collect();
         let mut others: Vec<Slot<u32>> =
-            (0..LIMITS.of_all - 60).map(|number| slots.acquire(100 + number as u32 / 20)).collect();
+            (0..LIMITS.total - 60).map(|number| slots.acquire(100 + number as u32 / 20)).collect();
         let _new = slots.acquire(5);
-        assert!(is_wanted(&mut greedy[0]) && !others.iter_mut().any(is_wanted));
+        assert!(wait_until_wanted(&mut greedy[0]) && !others.iter_mut().any(wait_until_wanted));
     }
 
     #[test]
     fn whoever_was_heard_lately_gives_way_last() {
-        let slots = Slots::new(Most { of_one: 2, of_all: 4 });
+        let slots = Slots::new(MaxConnections { per_owner: 2, total: 4 });
         let (mut first, mut second) = (slots.acquire(7), slots.acquire(7));
         first.activity_handle().now();
         let mut third = slots.acquire(7);
-        assert!(is_wanted(&mut second) && !is_wanted(&mut first) && !is_wanted(&mut third));
+        assert!(wait_until_wanted(&mut second) && !wait_until_wanted(&mut first) && !wait_until_wanted(&mut third));
         second.activity_handle().now();
         drop(second);
         assert_eq!(slots.lock().taken.len(), 2, "one that gave way takes no slot again");

@@ -14,15 +14,15 @@ mod role;
 use super::caller;
 use super::camera_lease::{self, SharedCameras, ShotRequest};
 use super::gateway::Gateway;
-use super::protocol::{MAX_BYTES, MAX_SHORT_BYTES, ProtocolError, may_be_long, read_request};
-use super::reply::{Exit, Reply};
+use super::protocol::{MAX_BYTES, MAX_SHORT_BYTES, ProtocolError, is_long_line_allowed, read_request};
+use super::reply::{Reply, RequestResult};
 use super::request::{RequestKind, StartRequest};
-use super::slots::{Most, Slot, Slots};
+use super::slots::{MaxConnections, Slot, Slots};
 use crate::accounts::Role;
-use crate::record::Who;
-use crate::supervision::{Supervised, Supervisor, supervised};
+use crate::record::RequestAuthor;
+use crate::supervision::{SupervisedThread, Supervisor, supervise};
 use crate::verdict::Reason;
-use role::Rule;
+use role::AccessRule;
 use std::fs::{self, Permissions};
 use std::io::ErrorKind;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
@@ -36,18 +36,18 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::time::{interval, sleep, timeout};
 
 /// Owner and group may send requests.
-const MODE: u32 = 0o660;
+const SOCKET_MODE: u32 = 0o660;
 /// Time limit for a client to send its whole line, and separately to receive its answer.
 const CLIENT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Largest number of connections of one user, and of all, that are read at one time.
-const SLOTS: Most = Most { of_one: 64, of_all: 256 };
+const SLOTS: MaxConnections = MaxConnections { per_owner: 64, total: 256 };
 /// How long a connection that must give way is still read.
 const DRAIN_TIMEOUT: Duration = Duration::from_millis(50);
 /// Interval at which the socket's thread reports that it works, and the longest permitted time without such a report.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(250);
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
 /// Number of threads that read recipes: one reads, and one more reports that a recipe is being read.
-const READERS: usize = 2;
+const READER_THREADS: usize = 2;
 /// The nice value of the socket's thread, which gives it priority over other work of the machine: it has little to
 /// do, and its input may be a stop.
 const NICE: i32 = -5;
@@ -102,21 +102,22 @@ impl Socket {
             let path = path.to_owned();
             move |source| SocketError::System { doing, path, source }
         };
-        clear_the_way(path)?;
+        remove_stale_socket(path)?;
         let listener = system::UnixListener::bind(path).map_err(failed("make"))?;
         let socket = Socket { path: path.to_owned() };
-        fs::set_permissions(path, Permissions::from_mode(MODE)).map_err(failed("set the mode of"))?;
+        fs::set_permissions(path, Permissions::from_mode(SOCKET_MODE)).map_err(failed("set the mode of"))?;
         listener.set_nonblocking(true).map_err(failed("serve"))?;
-        let runtime = Builder::new_current_thread().enable_io().enable_time().max_blocking_threads(READERS).build();
+        let runtime =
+            Builder::new_current_thread().enable_io().enable_time().max_blocking_threads(READER_THREADS).build();
         let runtime = runtime.map_err(failed("serve"))?;
-        let (sign, watched) = supervised("socket", HEARTBEAT_TIMEOUT);
+        let (sign, watched) = supervise("socket", HEARTBEAT_TIMEOUT);
         let served = {
             let _context = runtime.enter();
             UnixListener::from_std(listener).map_err(failed("serve"))?
         };
         let thread = thread::Builder::new().name("socket".to_owned());
         thread.spawn(move || serve(&runtime, &served, (&gateway, role), &sign)).map_err(failed("serve"))?;
-        supervisor.watch(watched);
+        supervisor.add_thread(watched);
         Ok(socket)
     }
 }
@@ -132,7 +133,7 @@ impl Drop for Socket {
 }
 
 /// Removes the socket file that a killed service left.
-fn clear_the_way(path: &Path) -> Result<(), SocketError> {
+fn remove_stale_socket(path: &Path) -> Result<(), SocketError> {
     let failed = |doing, source| SocketError::System { doing, path: path.to_owned(), source };
     match fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
@@ -152,7 +153,12 @@ fn clear_the_way(path: &Path) -> Result<(), SocketError> {
     }
 }
 
-fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway, Option<Role>), sign: &Supervised) {
+fn serve(
+    runtime: &Runtime,
+    listener: &UnixListener,
+    (gateway, role): (&Gateway, Option<Role>),
+    sign: &SupervisedThread,
+) {
     let slots = Slots::new(SLOTS);
     let service_uid = rustix::process::geteuid().as_raw();
     #[expect(
@@ -165,7 +171,7 @@ fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway,
         loop {
             let accepted = tokio::select! {
                 _ = signs.tick() => {
-                    sign.works();
+                    sign.report_working();
                     continue;
                 }
                 accepted = listener.accept() => accepted,
@@ -175,8 +181,8 @@ fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway,
                     // From the kernel and not from the message, since a client could write any name there.
                     let who = caller::socket_peer(&stream);
                     let slot = slots.acquire(who.uid);
-                    let rule = Rule { role, service_uid };
-                    tokio::spawn(attend((stream, who), slot, gateway.clone(), rule));
+                    let rule = AccessRule { role, service_uid };
+                    tokio::spawn(serve_request((stream, who), slot, gateway.clone(), rule));
                 }
                 // For example, no file descriptor is left: the client tries again.
                 Err(_) => sleep(Duration::from_millis(50)).await,
@@ -186,7 +192,12 @@ fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway,
 }
 
 /// Reads one line, has it answered, and sends the answer.
-async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, gateway: Gateway, rule: Rule) {
+async fn serve_request(
+    (stream, who): (UnixStream, RequestAuthor),
+    mut slot: Slot<Option<u32>>,
+    gateway: Gateway,
+    rule: AccessRule,
+) {
     let heard = {
         let mut reading = pin!(read(&stream));
         tokio::select! {
@@ -194,32 +205,34 @@ async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, g
             heard = timeout(CLIENT_TIMEOUT, &mut reading) => heard.unwrap_or(Err(ProtocolError::Slow)),
             // A line that is already being sent is still read: a client that gives way is silent, but a client that
             // sends a stop is not.
-            () = slot.is_wanted() => timeout(DRAIN_TIMEOUT, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
+            () = slot.wait_until_wanted() => timeout(DRAIN_TIMEOUT, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
         }
     };
     // Released after reading: an answer may take seconds, and the limit is for clients that send nothing.
     drop(slot);
     let heard = heard.map(|what| match what {
-        RequestKind::Start(start) => RequestKind::Start(StartRequest { own_text: rule.own_text(&who), ..start }),
+        RequestKind::Start(start) => {
+            RequestKind::Start(StartRequest { own_text: rule.recipe_text_permission(&who), ..start })
+        }
         what => what,
     });
     if let Some(reason) = heard.as_ref().ok().and_then(|what| rule.refusal(&who, what)) {
         let who = gateway.named(who).await;
-        tracing::warn!("refused to {}: {}", caller::in_log(&who), reason.message);
+        tracing::warn!("refused to {}: {}", caller::format_for_log(&who), reason.message);
         if let Some(wanted) = heard.as_ref().ok().and_then(RequestKind::wanted) {
             gateway.keep_refused(wanted, who, vec![reason.clone()]);
         }
-        return send_reply(&stream, &Reply::refused(Exit::Refused, vec![reason])).await;
+        return send_reply(&stream, &Reply::refused(RequestResult::Refused, vec![reason])).await;
     }
     if let (Ok(RequestKind::Shoot(shot)), Some(cameras)) = (&heard, &gateway.cameras) {
-        return lend(stream, *shot, cameras.clone(), &gateway.named(who).await);
+        return lend_cameras(stream, *shot, cameras.clone(), &gateway.named(who).await);
     }
     let reply = match heard {
         Ok(what) => gateway.request(what, who).await,
         Err(error @ (ProtocolError::Slow | ProtocolError::GaveWay)) => {
-            Reply::refused(Exit::Fault, vec![Reason::new("busy", error.to_string())])
+            Reply::refused(RequestResult::Fault, vec![Reason::new("busy", error.to_string())])
         }
-        Err(error) => Reply::refused(Exit::Refused, vec![Reason::new("bad_request", error.to_string())]),
+        Err(error) => Reply::refused(RequestResult::Refused, vec![Reason::new("bad_request", error.to_string())]),
     };
     send_reply(&stream, &reply).await;
 }
@@ -237,7 +250,7 @@ async fn send_reply(stream: &UnixStream, reply: &Reply) {
 async fn read(stream: &UnixStream) -> Result<RequestKind, ProtocolError> {
     let (mut line, mut bytes) = (Vec::new(), [0; 4 * 1_024]);
     loop {
-        let most = if may_be_long(&line) { MAX_BYTES } else { MAX_SHORT_BYTES };
+        let most = if is_long_line_allowed(&line) { MAX_BYTES } else { MAX_SHORT_BYTES };
         if line.len() > most {
             return Err(ProtocolError::TooLong { most });
         }
@@ -270,8 +283,8 @@ async fn write(stream: &UnixStream, mut line: &[u8]) -> std::io::Result<()> {
 }
 
 /// Lends the cameras to the client at the other end, on a thread of its own.
-fn lend(stream: UnixStream, shot: ShotRequest, cameras: SharedCameras, who: &Who) {
-    tracing::info!("{} asks: {}", caller::in_log(who), shot.word());
+fn lend_cameras(stream: UnixStream, shot: ShotRequest, cameras: SharedCameras, who: &RequestAuthor) {
+    tracing::info!("{} asks: {}", caller::format_for_log(who), shot.describe());
     let lent = stream.into_std().and_then(|stream| {
         thread::Builder::new().name("shots".to_owned()).spawn(move || camera_lease::serve(stream, shot, &cameras))
     });

@@ -33,7 +33,7 @@ impl StoreAccess {
         let mut writer = lock(&self.writer);
         let mut store = match writer.take() {
             Some(store) => store,
-            None => Store::for_people(&self.folder)?,
+            None => Store::open_for_accounts(&self.folder)?,
         };
         let result = write(&mut store);
         *writer = Some(store);

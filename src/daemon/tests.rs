@@ -41,10 +41,10 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     // measured parts.
     for number in story.findings.iter().flat_map(|finding| &finding.checks) {
         let broken = number.name.starts_with("broken film");
-        assert!(broken || number.value.is_none_or(|value| number.limit.allows(value)), "{number:?}");
+        assert!(broken || number.value.is_none_or(|value| number.limit.is_met_by(value)), "{number:?}");
     }
     limits_are_told(&story);
-    let watched = story.findings.iter().filter_map(|finding| finding.number(name::WATCHED));
+    let watched = story.findings.iter().filter_map(|finding| finding.number(name::WATCHED_TIME_NAME));
     assert!(watched.map(|seconds| seconds >= 38.0).eq([true, true]), "{story}");
     let corners = ["corner_before", "corner_after"];
     let figures = [&["located"], &corners[..], &corners[..], &LATER[..]].concat();
@@ -78,7 +78,7 @@ fn limits_are_told(story: &fake::Story) {
     ] {
         let found =
             last(kind).checks.iter().find(|it| it.name == number).unwrap_or_else(|| panic!("{number}: {story}"));
-        assert!(found.value.is_some() && found.limit.bound().is_some(), "{found:?}");
+        assert!(found.value.is_some() && found.limit.value().is_some(), "{found:?}");
     }
     assert_eq!(last(Kind::Verify).number(name::CORNERS), Some(2.0), "{story}");
 }

@@ -8,24 +8,24 @@
 use super::error::DaemonError;
 use super::pending_action::{Condition, PendingAction};
 use super::ports::{LoopEvent, RecordError};
-use super::running::Running;
+use super::running::LoopMemory;
 use crate::cycle::{Action, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::Time;
-use crate::force::{Press, downwards};
+use crate::force::{ForceSetPoint, down_cosine};
 use crate::geometry::{Base, Tool};
 use crate::path::routes::waypoints;
 use crate::record::Kind;
 use crate::verdict::Reason;
 
-impl Running<'_> {
+impl LoopMemory<'_> {
     /// Reads the tool's reports and sends it the command that is due; returns true if an event results.
     pub(super) fn attend_tool(&mut self, now: Time) -> Result<bool, DaemonError> {
         let cell = self.cell.clone();
         let Some(tool) = &cell.tool else { return Ok(false) };
-        let lost = self.pressing.on_news(self.ports.tool.news(), now);
+        let lost = self.press_state.on_report(self.ports.tool.next_report(), now);
         let (under_way, downwards) = (self.contact_reached(), self.tool_downwards());
-        if let Some(press) = self.pressing.wanted(tool, (under_way, downwards), now) {
-            self.ports.tool.press(press);
+        if let Some(press) = self.press_state.next_command(tool, (under_way, downwards), now) {
+            self.ports.tool.set_force(press);
         }
         if under_way.is_none() {
             if let Some(lost) = lost {
@@ -34,13 +34,15 @@ impl Running<'_> {
             }
             return Ok(false);
         }
-        if let Some(contact_n) = self.pressing.contact_n(tool, downwards) {
+        if let Some(contact_n) = self.press_state.contact_n(tool, downwards) {
             self.trace.measured(contact_n);
         }
-        let Some(why) = lost.or_else(|| self.pressing.ends(tool, downwards, now)) else { return Ok(false) };
-        self.pressing.is_over();
-        self.ports.tool.press(Press::held_back(tool.min_force_n));
-        self.note(Kind::Tool, vec![why])?;
+        let Some(why) = lost.or_else(|| self.press_state.end_reason(tool, downwards, now)) else {
+            return Ok(false);
+        };
+        self.press_state.end_contact();
+        self.ports.tool.set_force(ForceSetPoint::retracted(tool.min_force_n));
+        self.record_problem(Kind::Tool, vec![why])?;
         self.events.push_back(Event::Reported(Report::Trouble(Trouble::Force)));
         Ok(true)
     }
@@ -52,7 +54,7 @@ impl Running<'_> {
             (Action::Move(motion), Condition::PathEnd) => motion.path == Path::Contact,
             _ => false,
         };
-        let sent = self.sent.filter(|_| self.pending.as_ref().is_some_and(is_contact))?;
+        let sent = self.sent_path.filter(|_| self.pending_action.as_ref().is_some_and(is_contact))?;
         Some(sent.waypoints(self.robot_state?.done) as usize)
     }
 
@@ -61,7 +63,7 @@ impl Running<'_> {
         let base_from_tool = self
             .robot_state
             .map(|state| state.active_base.to_rigid::<Base, Base>() * state.base_from_tcp.to_rigid::<Base, Tool>());
-        base_from_tool.map_or(0.0, |base_from_tool| downwards(&base_from_tool))
+        base_from_tool.map_or(0.0, |base_from_tool| down_cosine(&base_from_tool))
     }
 
     /// Starts the set-points of a contact path.
@@ -70,7 +72,7 @@ impl Running<'_> {
         let Some(tool) = &cell.tool else { return };
         if let (Path::Contact, Some(plan)) = (motion.path, self.abrasion.plan(motion.plan)) {
             let on_panel = waypoints(plan).iter().map(|waypoint| waypoint.contact).collect();
-            self.pressing.begin(on_panel, cycle.recipe.path(), tool);
+            self.press_state.begin_contact(on_panel, cycle.recipe.path(), tool);
         }
     }
 
@@ -82,15 +84,15 @@ impl Running<'_> {
             return Ok(true);
         };
         let now = self.ports.robot_now();
-        let Some(why) = self.pressing.refuses(tool, now) else { return Ok(true) };
-        self.note(Kind::Tool, vec![why])?;
-        self.answer(id, Answer::Failed(Trouble::Force));
+        let Some(why) = self.press_state.motion_refusal(tool, now) else { return Ok(true) };
+        self.record_problem(Kind::Tool, vec![why])?;
+        self.answer_action(id, Answer::Failed(Trouble::Force));
         Ok(false)
     }
 
     /// Returns what the self-test finds wrong with the tool.
     pub(super) fn tool_unfit(&mut self) -> Option<(Trouble, Reason)> {
         let (cell, now) = (self.cell.clone(), self.ports.robot_now());
-        self.pressing.refuses(cell.tool.as_ref()?, now).map(|why| (Trouble::Force, why))
+        self.press_state.motion_refusal(cell.tool.as_ref()?, now).map(|why| (Trouble::Force, why))
     }
 }

@@ -4,7 +4,8 @@ use crate::cell::CompliantTool;
 use crate::devices::acf::ToolReport;
 use crate::eki::Time;
 use crate::force::{
-    Expected, ForcePhase, Loss, Press, Ramp, Reading, Watch, WatchLimits, Weight, force_phase, unready,
+    ExpectedForce, ForcePhase, ForceSetPoint, ForceWatch, LinkLossCause, SensorLoad, SetPointRamp, ToolReading,
+    WatchLimits, force_phase, not_ready_reason,
 };
 use crate::recipe;
 use crate::verdict::Reason;
@@ -21,115 +22,115 @@ const ATTITUDE_N: f64 = 0.2;
 /// The state of the tool's pressing.
 #[derive(Debug, Default)]
 pub(super) struct PressState {
-    last: Option<(Time, Reading)>,
-    loss: Option<Loss>,
-    told: Option<Press>,
-    contact: Option<Contact>,
+    last: Option<(Time, ToolReading)>,
+    loss: Option<LinkLossCause>,
+    last_command: Option<ForceSetPoint>,
+    contact: Option<ContactInProgress>,
 }
 
 /// A contact path in progress.
 #[derive(Debug)]
-struct Contact {
+struct ContactInProgress {
     /// For each waypoint of the plan, whether the disc is on the panel.
     on_panel: Vec<bool>,
     force_n: f64,
     landing_n: f64,
     ramp_s: f64,
-    aim: ForcePhase,
+    force_phase: ForcePhase,
     /// The commanded contact force of the tool, N.
-    ramp: Ramp,
-    watch: Watch,
+    ramp: SetPointRamp,
+    watch: ForceWatch,
 }
 
 impl PressState {
     /// Begins a contact path; `on_panel` states for each waypoint whether the disc is on the panel.
-    pub fn begin(&mut self, on_panel: Vec<bool>, settings: &recipe::Path, tool: &CompliantTool) {
+    pub fn begin_contact(&mut self, on_panel: Vec<bool>, settings: &recipe::Path, tool: &CompliantTool) {
         let (Some(force_n), Some(landing_n)) = (settings.force_n(), settings.landing_n()) else { return };
-        self.contact = Some(Contact {
+        self.contact = Some(ContactInProgress {
             on_panel,
             force_n,
             landing_n,
             ramp_s: settings.force_ramp_s(),
-            aim: ForcePhase::HeldBack,
-            ramp: Ramp::at(Press::held_back(tool.min_force_n)),
-            watch: Watch::default(),
+            force_phase: ForcePhase::HeldBack,
+            ramp: SetPointRamp::constant(ForceSetPoint::retracted(tool.min_force_n)),
+            watch: ForceWatch::default(),
         });
     }
 
     /// Returns the command that the tool needs now, if it differs from the last one. `under_way` is the number of
     /// waypoints that the arm has reached on a contact path.
-    pub fn wanted(
+    pub fn next_command(
         &mut self,
         tool: &CompliantTool,
         (under_way, downwards): (Option<usize>, f64),
         now: Time,
-    ) -> Option<Press> {
-        let held = Press::held_back(tool.min_force_n);
+    ) -> Option<ForceSetPoint> {
+        let held = ForceSetPoint::retracted(tool.min_force_n);
         let wanted = match (under_way, &mut self.contact) {
-            (Some(reached), Some(contact)) => contact.press(reached, (tool, downwards), now),
+            (Some(reached), Some(contact)) => contact.force_at(reached, (tool, downwards), now),
             _ => {
                 self.contact = None;
                 held
             }
         };
-        let is_same = |told: Press| {
+        let is_same = |told: ForceSetPoint| {
             let forces = [(told.force_n, wanted.force_n), (told.no_contact_n, wanted.no_contact_n)];
             forces.into_iter().all(|(told_n, wanted_n)| (told_n - wanted_n).abs() < ATTITUDE_N)
         };
-        if self.told.is_some_and(is_same) {
+        if self.last_command.is_some_and(is_same) {
             return None;
         }
-        self.told = Some(wanted);
+        self.last_command = Some(wanted);
         Some(wanted)
     }
 
     /// Processes a report of the tool; returns a lost link as a reason.
-    pub fn on_news(&mut self, news: Option<ToolReport>, now: Time) -> Option<Reason> {
+    pub fn on_report(&mut self, news: Option<ToolReport>, now: Time) -> Option<Reason> {
         match news? {
             ToolReport::Reading { reading, age_ms } => {
                 let age = Duration::from_millis(u64::from(age_ms));
-                let at = Time::after_start(now.since_start().saturating_sub(age));
+                let at = Time::from_start(now.since_start().saturating_sub(age));
                 (self.last, self.loss) = (Some((at, reading)), None);
                 None
             }
             ToolReport::Lost(loss) => {
                 // A tool that connects again is held back and must be commanded anew.
-                (self.last, self.told) = (None, None);
-                Some(lost(self.loss.insert(loss)))
+                (self.last, self.last_command) = (None, None);
+                Some(link_loss_reason(self.loss.insert(loss)))
             }
         }
     }
 
     /// The contact force of the last reading, N.
     pub fn contact_n(&self, tool: &CompliantTool, downwards: f64) -> Option<f64> {
-        self.last.map(|(_, reading)| Weight::from(tool).contact_n(reading.force_n, downwards))
+        self.last.map(|(_, reading)| SensorLoad::from(tool).contact_n(reading.force_n, downwards))
     }
 
     /// Returns why the contact path in progress must end now.
-    pub fn ends(&mut self, tool: &CompliantTool, downwards: f64, now: Time) -> Option<Reason> {
-        if let Some(why) = self.is_not_there(tool, now) {
+    pub fn end_reason(&mut self, tool: &CompliantTool, downwards: f64, now: Time) -> Option<Reason> {
+        if let Some(why) = self.not_ready_reason(tool, now) {
             return Some(why);
         }
         let (contact_n, (at, reading)) = (self.contact_n(tool, downwards)?, self.last?);
-        let Contact { aim, ramp, watch, .. } = self.contact.as_mut()?;
-        let expected = Expected { aim: *aim, between_n: ramp.between_n(at, MAX_FORCE_LAG) };
-        watch.see((&reading, contact_n), expected, &limits(tool), at)
+        let ContactInProgress { force_phase: aim, ramp, watch, .. } = self.contact.as_mut()?;
+        let expected = ExpectedForce { force_phase: *aim, force_range_n: ramp.force_range_n(at, MAX_FORCE_LAG) };
+        watch.evaluate((&reading, contact_n), expected, &limits(tool), at)
     }
 
     /// Returns why no motion towards the panel may begin.
-    pub fn refuses(&self, tool: &CompliantTool, now: Time) -> Option<Reason> {
-        let unready = || self.last.and_then(|(_, reading)| unready(&reading, tool.stroke_mm));
-        self.is_not_there(tool, now).or_else(unready)
+    pub fn motion_refusal(&self, tool: &CompliantTool, now: Time) -> Option<Reason> {
+        let unready = || self.last.and_then(|(_, reading)| not_ready_reason(&reading, tool.stroke_mm));
+        self.not_ready_reason(tool, now).or_else(unready)
     }
 
     /// Notes that the path in progress is over.
-    pub fn is_over(&mut self) {
+    pub fn end_contact(&mut self) {
         self.contact = None;
     }
 
-    fn is_not_there(&self, tool: &CompliantTool, now: Time) -> Option<Reason> {
+    fn not_ready_reason(&self, tool: &CompliantTool, now: Time) -> Option<Reason> {
         if let Some(loss) = &self.loss {
-            return Some(lost(loss));
+            return Some(link_loss_reason(loss));
         }
         let Some((at, _)) = self.last else {
             let words = "no data was received from the compliant tool yet; check its power and cable, then run \
@@ -149,9 +150,9 @@ impl PressState {
     }
 }
 
-impl Contact {
+impl ContactInProgress {
     /// Returns the force that the tool is to apply when the arm has reached this many waypoints.
-    fn press(&mut self, reached: usize, (tool, downwards): (&CompliantTool, f64), now: Time) -> Press {
+    fn force_at(&mut self, reached: usize, (tool, downwards): (&CompliantTool, f64), now: Time) -> ForceSetPoint {
         let aim = force_phase(&self.on_panel, reached);
         let target_n = match aim {
             ForcePhase::HeldBack => tool.min_force_n,
@@ -160,20 +161,20 @@ impl Contact {
         };
         // From the air to the landing, the force changes to the landing force without a ramp; back to the air, it also
         // changes without a ramp.
-        let was_held = self.aim == ForcePhase::HeldBack;
+        let was_held = self.force_phase == ForcePhase::HeldBack;
         let ramp_s =
             if aim == ForcePhase::HeldBack || was_held && aim == ForcePhase::Landing { 0.0 } else { self.ramp_s };
-        if aim != self.aim {
-            self.aim = aim;
-            self.ramp.turn_to(Press { force_n: target_n, no_contact_n: self.landing_n, ramp_s }, now);
+        if aim != self.force_phase {
+            self.force_phase = aim;
+            self.ramp.start_towards(ForceSetPoint { force_n: target_n, no_contact_n: self.landing_n, ramp_s }, now);
         }
         if aim == ForcePhase::HeldBack {
-            return Press::held_back(tool.min_force_n);
+            return ForceSetPoint::retracted(tool.min_force_n);
         }
         // The value is within the tool's forces at every attitude: otherwise the cell or the cycle would not have
         // been accepted.
-        let actuator_n = |contact_n: f64| Weight::from(tool).actuator_n(contact_n, downwards);
-        Press { force_n: actuator_n(target_n), no_contact_n: actuator_n(self.landing_n), ramp_s }
+        let actuator_n = |contact_n: f64| SensorLoad::from(tool).actuator_n(contact_n, downwards);
+        ForceSetPoint { force_n: actuator_n(target_n), no_contact_n: actuator_n(self.landing_n), ramp_s }
     }
 }
 
@@ -187,7 +188,7 @@ fn limits(tool: &CompliantTool) -> WatchLimits {
     }
 }
 
-fn lost(loss: &Loss) -> Reason {
+fn link_loss_reason(loss: &LinkLossCause) -> Reason {
     let words = format!(
         "the link to the compliant tool is lost: {loss}; check its power and cable, then run `panelprep doctor`"
     );

@@ -2,7 +2,7 @@
 
 /// The state of the queue.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(super) struct Waiting {
+pub(super) struct TransferBacklog {
     /// Why nothing is sent now.
     problem: Option<String>,
     count: u64,
@@ -10,24 +10,24 @@ pub(super) struct Waiting {
     since_unix_ms: Option<i64>,
 }
 
-impl Waiting {
+impl TransferBacklog {
     /// Records the present problem, if any; returns whether it is reported for the first time.
-    pub fn goes(&mut self, problem: Option<&str>) -> bool {
+    pub fn record_problem(&mut self, problem: Option<&str>) -> bool {
         let is_new = problem.is_some() && self.problem.as_deref() != problem;
         self.problem = problem.map(str::to_owned);
         is_new
     }
 
     /// Records the number of waiting items, and since when the oldest has been waiting.
-    pub fn is_behind(&mut self, count: u64, since_unix_ms: Option<i64>) {
+    pub fn record_backlog(&mut self, count: u64, since_unix_ms: Option<i64>) {
         (self.count, self.since_unix_ms) = (count, since_unix_ms);
     }
 
     /// Returns the text of the alarm if something waits for `behind_min` minutes or longer, with the cause: "3 … ; the
     /// oldest has waited for …". `what` names the missing data and their destination; `usual` is the cause if none is
     /// known.
-    pub fn late(&self, behind_min: usize, now_unix_ms: i64, (what, usual): (&str, &str)) -> Option<String> {
-        let Waiting { problem, count, since_unix_ms } = self;
+    pub fn overdue_text(&self, behind_min: usize, now_unix_ms: i64, (what, usual): (&str, &str)) -> Option<String> {
+        let TransferBacklog { problem, count, since_unix_ms } = self;
         let waits_min = since_unix_ms.map_or(0, |since| (now_unix_ms - since).max(0) / 60_000);
         let is_late = *count > 0 && usize::try_from(waits_min).is_ok_and(|min| min >= behind_min);
         let why = problem.as_deref().unwrap_or(usual);

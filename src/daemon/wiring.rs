@@ -35,9 +35,9 @@ pub struct Wiring {
 
 /// The state of a device that is switched on and off, from its output and its feedback together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Reading {
+pub(super) enum DeviceReading {
     /// The cell has no such output, and no feedback reports that it is on.
-    NotThere,
+    NotWired,
     /// The state is not proven: there is no feedback, or output and feedback contradict each other.
     Open,
     /// Both report that it is on, or off.
@@ -46,7 +46,7 @@ pub(super) enum Reading {
 
 /// The bits that a state message must contain for a switch to be proven.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Proof {
+pub(super) struct SwitchProof {
     /// The bits of `Out` that belong to the switch; `outputs_on` contains those that must be on.
     outputs: u32,
     outputs_on: u32,
@@ -65,10 +65,10 @@ pub(super) struct SwitchFeedback {
     pub opposite: Option<bool>,
 }
 
-impl Proof {
+impl SwitchProof {
     /// Returns what the state reports: whether the outputs are as they were set, and the values of the feedbacks.
-    pub(super) fn feedback_in(&self, state: &State) -> SwitchFeedback {
-        let read = |feedback: Option<(u32, bool)>| feedback.map(|(bit, _)| reads(state, bit));
+    pub(super) fn read_feedback(&self, state: &State) -> SwitchFeedback {
+        let read = |feedback: Option<(u32, bool)>| feedback.map(|(bit, _)| is_input_on(state, bit));
         SwitchFeedback {
             outputs: state.outputs & self.outputs == self.outputs_on,
             feedback: read(self.feedback),
@@ -77,9 +77,9 @@ impl Proof {
     }
 
     /// Returns whether this state proves the switch.
-    pub(super) fn is_told(&self, state: &State) -> bool {
+    pub(super) fn is_satisfied(&self, state: &State) -> bool {
         let expected = |feedback: Option<(u32, bool)>| feedback.map(|(_, on)| on);
-        let told = self.feedback_in(state);
+        let told = self.read_feedback(state);
         told.outputs && told.feedback == expected(self.feedback) && told.opposite == expected(self.opposite)
     }
 }
@@ -92,7 +92,7 @@ impl Wiring {
     /// # Errors
     /// If the cell lacks one of these names.
     pub fn from_io(io: &InputsOutputs) -> Result<Self, DaemonError> {
-        let wiring = Wiring::as_far_as(io);
+        let wiring = Wiring::from_available_io(io);
         let needed = [
             (Output::Light, wiring.light, None),
             (Output::Spray, wiring.spray, Some(Feedback::WaterOff)),
@@ -113,7 +113,7 @@ impl Wiring {
     }
 
     /// Does the same as `from_io`, but only for the names that the cell has.
-    pub(super) fn as_far_as(io: &InputsOutputs) -> Self {
+    pub(super) fn from_available_io(io: &InputsOutputs) -> Self {
         let wire = |number: Option<u16>, output: Output| {
             let number = number?;
             let (bit, feedback) = (io.output_bit(number)?, io.feedback_bit(output.feedback()));
@@ -140,27 +140,27 @@ impl Wiring {
         (on, off): (Switch, Switch),
         (feedback, feedback_on): (Option<u32>, bool),
         state: &State,
-    ) -> Reading {
-        let is_fed_back = feedback.map(|bit| reads(state, bit) == feedback_on);
-        match (self.wires(on)[1], is_fed_back) {
-            (None, None | Some(false)) => Reading::NotThere,
-            (None, Some(true)) | (Some(_), None) => Reading::Open,
-            (Some(_), Some(_)) if self.proof(on).is_told(state) => Reading::Is(true),
-            (Some(_), Some(_)) if self.proof(off).is_told(state) => Reading::Is(false),
-            (Some(_), Some(_)) => Reading::Open,
+    ) -> DeviceReading {
+        let is_fed_back = feedback.map(|bit| is_input_on(state, bit) == feedback_on);
+        match (self.switch_wires(on)[1], is_fed_back) {
+            (None, None | Some(false)) => DeviceReading::NotWired,
+            (None, Some(true)) | (Some(_), None) => DeviceReading::Open,
+            (Some(_), Some(_)) if self.switch_proof(on).is_satisfied(state) => DeviceReading::Is(true),
+            (Some(_), Some(_)) if self.switch_proof(off).is_satisfied(state) => DeviceReading::Is(false),
+            (Some(_), Some(_)) => DeviceReading::Open,
         }
     }
 
     /// Returns the signals that a switch sets, in order.
     pub(super) fn signals(&self, switch: Switch) -> Vec<Signal> {
-        let wires = self.wires(switch).into_iter().flatten();
+        let wires = self.switch_wires(switch).into_iter().flatten();
         wires.map(|(wire, on)| Signal { number: wire.output, on }).collect()
     }
 
     /// Returns the content that a state message must have to prove this switch.
-    pub(super) fn proof(&self, switch: Switch) -> Proof {
-        let mut proof = Proof { outputs: 0, outputs_on: 0, feedback: None, opposite: None };
-        for (wire, on) in self.wires(switch).into_iter().flatten() {
+    pub(super) fn switch_proof(&self, switch: Switch) -> SwitchProof {
+        let mut proof = SwitchProof { outputs: 0, outputs_on: 0, feedback: None, opposite: None };
+        for (wire, on) in self.switch_wires(switch).into_iter().flatten() {
             let bit = 1u32.checked_shl(wire.bit).unwrap_or(0);
             proof.outputs |= bit;
             proof.outputs_on |= if on { bit } else { 0 };
@@ -173,7 +173,7 @@ impl Wiring {
         proof
     }
 
-    fn wires(&self, switch: Switch) -> [Option<(Wire, bool)>; 2] {
+    fn switch_wires(&self, switch: Switch) -> [Option<(Wire, bool)>; 2] {
         let (wire, on) = match switch {
             Switch::ToolOn => (self.tool, true),
             Switch::ToolOff => (self.tool, false),
@@ -200,17 +200,17 @@ impl Wiring {
 
     /// Returns whether both nozzles' outputs and the feedback report that no water runs.
     pub(super) fn water_is_off(&self, state: &State) -> bool {
-        self.proof(Switch::WaterOff).is_told(state)
+        self.switch_proof(Switch::WaterOff).is_satisfied(state)
     }
 
     /// Returns whether the tool's output and its feedback report that it has stopped.
     pub(super) fn tool_is_off(&self, state: &State) -> bool {
-        self.proof(Switch::ToolOff).is_told(state)
+        self.switch_proof(Switch::ToolOff).is_satisfied(state)
     }
 }
 
 /// Returns whether this mapped input is on.
-pub(super) fn reads(state: &State, bit: u32) -> bool {
+pub(super) fn is_input_on(state: &State, bit: u32) -> bool {
     state.inputs >> bit & 1 == 1
 }
 
@@ -225,10 +225,10 @@ mod tests {
     #[test]
     fn feedbacks_are_bits_in_the_order_of_their_numbers() {
         let cell = Cell::check("cell.toml", IO).expect("good");
-        let wiring = Wiring::from_io(cell.io()).expect("complete");
-        let set = |wiring: &Wiring, switch| (wiring.signals(switch), wiring.proof(switch));
+        let wiring = Wiring::from_io(cell.inputs_outputs()).expect("complete");
+        let set = |wiring: &Wiring, switch| (wiring.signals(switch), wiring.switch_proof(switch));
         let setting = |number: u16, on, feedback| {
-            let proof = Proof {
+            let proof = SwitchProof {
                 outputs: 1 << (number - 1),
                 outputs_on: u32::from(on) << (number - 1),
                 feedback,
@@ -242,7 +242,8 @@ mod tests {
         assert_eq!(set(&wiring, Switch::WaterOff), setting(2, false, Some((0, true))));
         assert_eq!(set(&wiring, Switch::LightOn), setting(1, true, None), "it has no feedback here");
         let text = format!("{IO}light_on = 3\n");
-        let wiring = Wiring::from_io(Cell::check("cell.toml", &text).expect("good").io()).expect("complete");
+        let wiring =
+            Wiring::from_io(Cell::check("cell.toml", &text).expect("good").inputs_outputs()).expect("complete");
         assert_eq!(set(&wiring, Switch::LightOff), setting(1, false, Some((0, false))), "3, 17, 18, 20, 25");
     }
 
@@ -250,11 +251,11 @@ mod tests {
     #[test]
     fn a_switch_is_proven_by_its_output_and_its_feedback() {
         let cell = Cell::check("cell.toml", IO).expect("good");
-        let proof = Wiring::from_io(cell.io()).expect("complete").proof(Switch::ToolOn);
+        let proof = Wiring::from_io(cell.inputs_outputs()).expect("complete").switch_proof(Switch::ToolOn);
         let state = |outputs, inputs| State { outputs, inputs, ..crate::daemon::tests::standing_state() };
-        assert!(proof.is_told(&state(0b1_0000, 0b0100)));
-        assert!(!proof.is_told(&state(0b1_0000, 0)), "the tool does not turn");
-        assert!(!proof.is_told(&state(0b0_1000, 0b0100)), "it was another output");
+        assert!(proof.is_satisfied(&state(0b1_0000, 0b0100)));
+        assert!(!proof.is_satisfied(&state(0b1_0000, 0)), "the tool does not turn");
+        assert!(!proof.is_satisfied(&state(0b0_1000, 0b0100)), "it was another output");
     }
 
     /// Each water output switches the other one off. Otherwise a rinse with its own output would stay open, and its
@@ -262,14 +263,15 @@ mod tests {
     #[test]
     fn each_water_switches_the_other_one_off() {
         let text = IO.replace("spray = 2", "spray = 2\nrinse = 6");
-        let wiring = Wiring::from_io(Cell::check("cell.toml", &text).expect("good").io()).expect("complete");
+        let wiring =
+            Wiring::from_io(Cell::check("cell.toml", &text).expect("good").inputs_outputs()).expect("complete");
         let signals = |switch| wiring.signals(switch).into_iter().map(|signal| (signal.number, signal.on));
         assert_eq!(signals(Switch::Spray).collect::<Vec<_>>(), [(6, false), (2, true)]);
         assert_eq!(signals(Switch::Rinse).collect::<Vec<_>>(), [(2, false), (6, true)]);
         assert_eq!(signals(Switch::WaterOff).collect::<Vec<_>>(), [(6, false), (2, false)]);
-        let proof = |switch| wiring.proof(switch);
+        let proof = |switch| wiring.switch_proof(switch);
         let (spray, rinse) = (0b0_0010, 0b10_0000);
-        let both = |outputs_on, is_off| Proof {
+        let both = |outputs_on, is_off| SwitchProof {
             outputs: spray | rinse,
             outputs_on,
             feedback: Some((0, is_off)),
@@ -285,7 +287,7 @@ mod tests {
     #[test]
     fn off_needs_the_output_and_the_feedback() {
         let cell = Cell::check("cell.toml", IO).expect("good");
-        let wiring = Wiring::from_io(cell.io()).expect("complete");
+        let wiring = Wiring::from_io(cell.inputs_outputs()).expect("complete");
         // In `Out`, bit 4 is the tool and bit 1 the spray; in `In`, bit 2 reports that the tool runs and bit 0 that
         // the water is off.
         for (outputs, inputs, tool_off, water_off) in [
@@ -305,8 +307,9 @@ mod tests {
     /// proven by a signal that is present.
     #[test]
     fn the_absence_of_a_signal_proves_no_tool_off() {
-        let wiring =
-            |io: &str| Wiring::from_io(Cell::check("cell.toml", io).expect("good").io()).expect("complete");
+        let wiring = |io: &str| {
+            Wiring::from_io(Cell::check("cell.toml", io).expect("good").inputs_outputs()).expect("complete")
+        };
         let (one, both) = (wiring(IO), wiring(&format!("{IO}tool_stands = 30\n")));
         // Inputs 17, 18, 20, 25, 30: bit 2 is tool_running, bit 4 is tool_stands.
         for (inputs, by_one, by_both) in
@@ -316,7 +319,7 @@ mod tests {
             assert_eq!((one.tool_is_off(&state), both.tool_is_off(&state)), (by_one, by_both), "{inputs:05b}");
         }
         let runs = |inputs| {
-            both.proof(Switch::ToolOn).is_told(&State {
+            both.switch_proof(Switch::ToolOn).is_satisfied(&State {
                 inputs,
                 outputs: 0b1_0000,
                 ..crate::daemon::tests::standing_state()
@@ -329,7 +332,7 @@ mod tests {
     fn a_missing_name_is_named() {
         let text = IO.replace("tool_running = 20\n", "");
         let cell = Cell::check("cell.toml", &text).expect("good");
-        let error = Wiring::from_io(cell.io()).expect_err("missing");
+        let error = Wiring::from_io(cell.inputs_outputs()).expect_err("missing");
         assert!(matches!(error, DaemonError::NotWired { table: "io.feedbacks", name: "tool_running" }), "{error}");
     }
 }

@@ -1,7 +1,7 @@
 //! The service while its store cannot be opened, as on a full disk: it answers requests, does nothing else, and
 //! tries again.
 
-use super::reply::{Exit, Reply};
+use super::reply::{Reply, RequestResult};
 use super::request::{Request, RequestKind};
 use super::request_queue::RequestQueue;
 use crate::verdict::Reason;
@@ -30,8 +30,9 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
             return None;
         }
         // A request without a reply channel was answered already, and there is no open store that could record it.
-        for reply in queue.followers().into_iter().chain(reply) {
-            let answer = if matches!(what, RequestKind::State) { Exit::Done } else { Exit::Fault };
+        for reply in queue.take_followers().into_iter().chain(reply) {
+            let answer =
+                if matches!(what, RequestKind::State) { RequestResult::Done } else { RequestResult::Fault };
             let state = Some("aborted".to_owned());
             #[expect(clippy::let_underscore_must_use, reason = "a client that disconnected needs no reply")]
             let _ = reply.send(Reply { state, ..Reply::refused(answer, vec![why.clone()]) });

@@ -2,7 +2,7 @@
 //! refused.
 
 use super::ids::{CommandId, Epoch};
-use super::schema::{Field, int};
+use super::schema::{Field, integer_field};
 use serde::{Deserialize, Serialize};
 use strum::VariantArray;
 
@@ -70,12 +70,12 @@ impl Refusal {
 }
 
 pub(super) const ACK: [Field; 6] = [
-    int("Ack/@Rx", 0, i32::MAX),
-    int("Ack/@Done", 0, i32::MAX),
-    int("Ack/@Free", 0, i32::MAX),
-    int("Ack/@Err", 0, 12),
-    int("Ack/@ErrId", 0, i32::MAX),
-    int("Ack/@Ep", 0, i32::MAX),
+    integer_field("Ack/@Rx", 0, i32::MAX),
+    integer_field("Ack/@Done", 0, i32::MAX),
+    integer_field("Ack/@Free", 0, i32::MAX),
+    integer_field("Ack/@Err", 0, 12),
+    integer_field("Ack/@ErrId", 0, i32::MAX),
+    integer_field("Ack/@Ep", 0, i32::MAX),
 ];
 
 impl Ack {

@@ -21,6 +21,6 @@ mod tree;
 
 pub use file::{ChannelError, ChannelFile, Element, Memory};
 pub(crate) use findings::Findings;
-pub use kinds::{Environment, Kind, Peer, Protocol, ReadOrder};
+pub use kinds::{Environment, Kind, PeerRole, Protocol, ReadOrder};
 pub(crate) use reading::read;
 pub(crate) use stated::{Signal, Stated, StatedChannel, StatedElement, StatedRaw};

@@ -4,7 +4,7 @@
 //! this kind; the gate checks the cell's own limits. Nothing is clamped.
 
 use super::ids::Epoch;
-use super::word::{Word, word};
+use super::word::{Keyword, intern_keyword};
 use crate::geometry::{Joints, KukaPose};
 use serde::{Deserialize, Serialize};
 
@@ -162,11 +162,11 @@ pub enum CommandError {
     #[error("{function}: {field} is {found}; the limits are {low} to {high}")]
     OutOfRange {
         /// The function of Table 3.1.
-        #[serde(deserialize_with = "word")]
-        function: Word,
+        #[serde(deserialize_with = "intern_keyword")]
+        function: Keyword,
         /// The name of the value, with its unit.
-        #[serde(deserialize_with = "word")]
-        field: Word,
+        #[serde(deserialize_with = "intern_keyword")]
+        field: Keyword,
         /// What was given.
         found: f64,
         /// Smallest allowed.
@@ -190,7 +190,7 @@ pub enum CommandError {
 
 /// The content of a command on the wire, after its head: operation, N1, N2, R1, R2 and the six numbers of P.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Fields {
+pub(super) struct CommandFields {
     pub operation: i32,
     pub n: [i32; 2],
     pub r: [f64; 2],
@@ -209,9 +209,9 @@ impl Command {
     }
 
     /// Returns the fields of the message; `to_come` is the number of points of the same path that follow this one.
-    pub(super) fn fields(&self, to_come: u32) -> Result<Fields, CommandError> {
-        let check = Check { function: self.name() };
-        let none = Fields { operation: 0, n: [0; 2], r: [0.0; 2], p: [0.0; 6] };
+    pub(super) fn fields(&self, to_come: u32) -> Result<CommandFields, CommandError> {
+        let check = RangeCheck { function: self.name() };
+        let none = CommandFields { operation: 0, n: [0; 2], r: [0.0; 2], p: [0.0; 6] };
         Ok(match *self {
             Command::MoveJ(MoveJ { joints: j, axis_speed_percent }) => {
                 let p = j.degrees();
@@ -220,7 +220,7 @@ impl Command {
                     check.range(field, angle, -MAX_ANGLE_DEG, MAX_ANGLE_DEG)?;
                 }
                 let percent = check.range("axis speed (%)", axis_speed_percent, 1.0, 100.0)?;
-                Fields { operation: 1, r: [percent, 0.0], p, ..none }
+                CommandFields { operation: 1, r: [percent, 0.0], p, ..none }
             }
             Command::MoveLin(MoveLin { pose, blend_mm, contact, speed_m_s }) => {
                 let p = check.pose(pose)?;
@@ -231,12 +231,17 @@ impl Command {
                     None => 0.0,
                 };
                 check.range("points to come", f64::from(to_come), 0.0, f64::from(i32::MAX))?;
-                Fields { operation: 2, n: [to_come.cast_signed(), i32::from(contact)], r: [blend_mm, speed_m_s], p }
+                CommandFields {
+                    operation: 2,
+                    n: [to_come.cast_signed(), i32::from(contact)],
+                    r: [blend_mm, speed_m_s],
+                    p,
+                }
             }
-            Command::SetBase(base) => Fields { operation: 3, p: check.pose(base)?, ..none },
+            Command::SetBase(base) => CommandFields { operation: 3, p: check.pose(base)?, ..none },
             Command::SetTcp(SetTcp { flange_from_tool, kind }) => {
                 let sanding = i32::from(kind == TcpKind::Sanding);
-                Fields { operation: 4, n: [sanding, 0], p: check.pose(flange_from_tool)?, ..none }
+                CommandFields { operation: 4, n: [sanding, 0], p: check.pose(flange_from_tool)?, ..none }
             }
             Command::SetAccSpeed(speed) => {
                 let percent = |field, share: u8| check.range(field, f64::from(share), 1.0, 100.0);
@@ -245,16 +250,18 @@ impl Command {
                 let n = [speed.axis_speed_percent, speed.axis_acceleration_percent].map(i32::from);
                 let tip_m_s = check.range("speed (m/s)", speed.speed_m_s, 0.001, 3.0)?;
                 let tip_m_s2 = check.range("acceleration (m/s²)", speed.acceleration_m_s2, 0.001, 20.0)?;
-                Fields { operation: 5, n, r: [tip_m_s, tip_m_s2], ..none }
+                CommandFields { operation: 5, n, r: [tip_m_s, tip_m_s2], ..none }
             }
-            Command::SetDigout(signal) => Fields { operation: 6, n: check.signal("output", signal)?, ..none },
+            Command::SetDigout(signal) => {
+                CommandFields { operation: 6, n: check.signal("output", signal)?, ..none }
+            }
             Command::SetDigoutOnPath(signal) => {
-                Fields { operation: 6, n: check.signal("output", signal)?, r: [1.0, 0.0], ..none }
+                CommandFields { operation: 6, n: check.signal("output", signal)?, r: [1.0, 0.0], ..none }
             }
-            Command::SetDigin(signal) => Fields { operation: 7, n: check.signal("input", signal)?, ..none },
+            Command::SetDigin(signal) => CommandFields { operation: 7, n: check.signal("input", signal)?, ..none },
             Command::CallSubroutine { index } => {
                 check.range("index", f64::from(index), 0.0, 1_000.0)?;
-                Fields { operation: 8, n: [i32::from(index), 0], ..none }
+                CommandFields { operation: 8, n: [i32::from(index), 0], ..none }
             }
             Command::GetCurrentState => return Err(CommandError::NotACommand),
         })
@@ -262,11 +269,11 @@ impl Command {
 }
 
 /// Checks the numbers of one function.
-struct Check {
+struct RangeCheck {
     function: &'static str,
 }
 
-impl Check {
+impl RangeCheck {
     /// Returns the number if it is in range; NaN fails.
     fn range(&self, field: &'static str, found: f64, low: f64, high: f64) -> Result<f64, CommandError> {
         let function = self.function;

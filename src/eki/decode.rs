@@ -2,7 +2,7 @@
 //! other content. A missing field is an error and never zero.
 
 use super::schema::{Field, Node, Schema};
-use super::word::{Word, word};
+use super::word::{Keyword, intern_keyword};
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 use serde::{Deserialize, Serialize};
@@ -21,8 +21,8 @@ pub enum DecodeError {
     #[error("{what} inside <{element}>, which may contain only elements")]
     Foreign {
         /// What it is.
-        #[serde(deserialize_with = "word")]
-        what: Word,
+        #[serde(deserialize_with = "intern_keyword")]
+        what: Keyword,
         /// The enclosing element; empty outside all elements.
         element: String,
     },
@@ -62,41 +62,41 @@ pub enum DecodeError {
     #[error("{field} appears twice")]
     Repeated {
         /// Its path.
-        #[serde(deserialize_with = "word")]
-        field: Word,
+        #[serde(deserialize_with = "intern_keyword")]
+        field: Keyword,
     },
     /// An attribute that is missing.
     #[error("{field} is missing")]
     Missing {
         /// Its path.
-        #[serde(deserialize_with = "word")]
-        field: Word,
+        #[serde(deserialize_with = "intern_keyword")]
+        field: Keyword,
     },
     /// An attribute that was never set on the controller.
     #[error("{field} is empty: it was not set on the controller")]
     Empty {
         /// Its path.
-        #[serde(deserialize_with = "word")]
-        field: Word,
+        #[serde(deserialize_with = "intern_keyword")]
+        field: Keyword,
     },
     /// A text that is not a number in the form of EthernetKRL.
     #[error("{field} is \"{found}\", which is not a {needed}")]
     NotANumber {
         /// Its path.
-        #[serde(deserialize_with = "word")]
-        field: Word,
+        #[serde(deserialize_with = "intern_keyword")]
+        field: Keyword,
         /// The text found.
         found: String,
         /// The required form of the value.
-        #[serde(deserialize_with = "word")]
-        needed: Word,
+        #[serde(deserialize_with = "intern_keyword")]
+        needed: Keyword,
     },
     /// A number outside of the range that a controller can report.
     #[error("{field} is {found}; the limits are {low} to {high}")]
     OutOfRange {
         /// Its path.
-        #[serde(deserialize_with = "word")]
-        field: Word,
+        #[serde(deserialize_with = "intern_keyword")]
+        field: Keyword,
         /// The number found.
         found: f64,
         /// Smallest allowed.
@@ -112,18 +112,19 @@ impl Schema {
     /// # Errors
     /// The first part that does not match the schema.
     pub(super) fn decode(&self, document: &str) -> Result<Vec<f64>, DecodeError> {
-        let mut reading = Reading { fields: self.fields, values: vec![None; self.fields.len()], open: Vec::new() };
-        reading.open.push((&self.above, Vec::new()));
+        let mut reading =
+            PartialDocument { fields: self.fields, values: vec![None; self.fields.len()], open: Vec::new() };
+        reading.open.push((&self.parent, Vec::new()));
         let mut reader = Reader::from_str(document);
         loop {
-            let event = reader.read_event().map_err(|error| not_xml(&error))?;
+            let event = reader.read_event().map_err(|error| xml_error(&error))?;
             let what = match event {
                 Event::Start(tag) => {
-                    reading.enter(&tag)?;
+                    reading.enter_element(&tag)?;
                     continue;
                 }
                 Event::Empty(tag) => {
-                    reading.enter(&tag)?;
+                    reading.enter_element(&tag)?;
                     reading.open.pop();
                     continue;
                 }
@@ -151,19 +152,19 @@ impl Schema {
     }
 }
 
-fn not_xml(error: &dyn std::fmt::Display) -> DecodeError {
+fn xml_error(error: &dyn std::fmt::Display) -> DecodeError {
     DecodeError::NotXml { problem: error.to_string() }
 }
 
 /// A document that is partly read: the open elements, each with its children seen so far.
-struct Reading<'a> {
+struct PartialDocument<'a> {
     fields: &'static [Field],
     values: Vec<Option<f64>>,
     open: Vec<(&'a Node, Vec<&'a str>)>,
 }
 
-impl Reading<'_> {
-    fn enter(&mut self, tag: &BytesStart<'_>) -> Result<(), DecodeError> {
+impl PartialDocument<'_> {
+    fn enter_element(&mut self, tag: &BytesStart<'_>) -> Result<(), DecodeError> {
         let found = tag.name().0;
         let at_root = self.open.len() == 1;
         let Some((parent, seen)) = self.open.last_mut() else {
@@ -185,18 +186,18 @@ impl Reading<'_> {
             return Err(DecodeError::RepeatedElement { element: node.path.clone() });
         }
         seen.push(&node.name);
-        if !is_spaced(tag) {
-            return Err(not_xml(&"no space between two attributes"));
+        if !are_attributes_spaced(tag) {
+            return Err(xml_error(&"no space between two attributes"));
         }
         for attribute in tag.attributes().with_checks(false) {
-            let attribute = attribute.map_err(|error| not_xml(&error))?;
-            self.note(node, attribute.key.0, &attribute.value)?;
+            let attribute = attribute.map_err(|error| xml_error(&error))?;
+            self.set_field(node, attribute.key.0, &attribute.value)?;
         }
         self.open.push((node, Vec::new()));
         Ok(())
     }
 
-    fn note(&mut self, node: &Node, name: &str, text: &str) -> Result<(), DecodeError> {
+    fn set_field(&mut self, node: &Node, name: &str, text: &str) -> Result<(), DecodeError> {
         let Some(&(_, index)) = node.attributes.iter().find(|(known, _)| known == name) else {
             return Err(DecodeError::Unknown { field: format!("{}/@{name}", node.path) });
         };
@@ -209,7 +210,7 @@ impl Reading<'_> {
 }
 
 /// Returns whether white space follows the value of every attribute; the parser does not check this.
-fn is_spaced(tag: &str) -> bool {
+fn are_attributes_spaced(tag: &str) -> bool {
     let (mut quote, mut is_valued) = (None, false);
     tag.bytes().all(|byte| {
         let is_right = !is_valued || byte.is_ascii_whitespace();

@@ -111,7 +111,7 @@ enum ScanState {
     Prolog { question: bool },
 }
 
-const MARK: [u8; 3] = [0xEF, 0xBB, 0xBF];
+const BYTE_ORDER_MARK: [u8; 3] = [0xEF, 0xBB, 0xBF];
 const PROLOG: &[u8] = b"<?xml";
 
 /// Cuts one stream into documents.
@@ -143,7 +143,7 @@ impl Framer {
     pub fn push(&mut self, bytes: &[u8]) {
         let mut rest = bytes;
         while let (Some((&byte, behind)), None) = (rest.split_first(), self.broken) {
-            let plain = self.plain(rest);
+            let plain = self.content_length(rest);
             if plain > 0 {
                 self.document.extend_from_slice(&rest[..plain]);
                 self.at += plain as u64;
@@ -160,7 +160,7 @@ impl Framer {
 
     /// Returns the number of leading bytes that are ordinary content: they extend the document and do not change the
     /// state of the scan.
-    fn plain(&self, bytes: &[u8]) -> usize {
+    fn content_length(&self, bytes: &[u8]) -> usize {
         match self.state {
             ScanState::Outside if self.depth > 0 => {}
             ScanState::Start { slash: false } | ScanState::Quoted(_) => {}
@@ -194,19 +194,20 @@ impl Framer {
         let between = self.depth == 0 && self.document.is_empty();
         match self.state {
             ScanState::Outside if between && matches!(byte, b' ' | b'\t' | b'\r' | b'\n' | 0) => return Ok(()),
-            ScanState::Outside if between && byte == MARK[0] => self.state = ScanState::Mark(1),
-            ScanState::Mark(seen) if byte == MARK[seen] => {
-                self.state = if seen + 1 == MARK.len() { ScanState::Outside } else { ScanState::Mark(seen + 1) };
+            ScanState::Outside if between && byte == BYTE_ORDER_MARK[0] => self.state = ScanState::Mark(1),
+            ScanState::Mark(seen) if byte == BYTE_ORDER_MARK[seen] => {
+                self.state =
+                    if seen + 1 == BYTE_ORDER_MARK.len() { ScanState::Outside } else { ScanState::Mark(seen + 1) };
             }
             ScanState::Mark(_) => return Err(FrameError::Stray { at, byte }),
             ScanState::Outside if between && byte != b'<' => return Err(FrameError::Stray { at, byte }),
-            _ => return self.inside(byte),
+            _ => return self.process_byte(byte),
         }
         Ok(())
     }
 
     /// Processes a byte of a document or a prolog.
-    fn inside(&mut self, byte: u8) -> Result<(), FrameError> {
+    fn process_byte(&mut self, byte: u8) -> Result<(), FrameError> {
         let at = self.at;
         if !matches!(byte, b' '..=b'~' | b'\t' | b'\r' | b'\n') {
             return Err(FrameError::Byte { at, byte });

@@ -30,7 +30,7 @@ impl std::fmt::Display for Epoch {
 /// The maximum by which one request may raise the controller's epoch, and by which one message may be ahead of the
 /// known epoch. A cell opens a few thousand epochs a day, so no real epoch is farther away. Two thousand wrong
 /// messages would be needed to exhaust the counter.
-pub const EPOCH_STEP: u32 = 1_000_000;
+pub const MAX_EPOCH_STEP: u32 = 1_000_000;
 /// A controller that begins a connection with a higher epoch is refused, since hardly any numbers would be left.
 pub(super) const MAX_EPOCH: u32 = 2_000_000_000;
 

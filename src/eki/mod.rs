@@ -29,16 +29,16 @@ mod word;
 mod fixture;
 
 pub use ack::{Ack, Refusal};
-pub use channel::{ChannelError, ChannelFile, Element, Environment, Kind, Memory, Peer, Protocol, ReadOrder};
+pub use channel::{ChannelError, ChannelFile, Element, Environment, Kind, Memory, PeerRole, Protocol, ReadOrder};
 pub use command::{
     Command, CommandError, MappedInputs, MoveJ, MoveLin, Request, SetAccSpeed, SetTcp, Signal, TcpKind,
 };
 pub use decode::DecodeError;
 pub use framer::{FrameError, Framer, MAX_DOCUMENT_BYTES};
-pub use ids::{CommandId, EPOCH_STEP, Epoch};
+pub use ids::{CommandId, Epoch, MAX_EPOCH_STEP};
 pub use report::{Channel, EchoMismatch, LinkLoss, Report, SequenceError, StopCause};
 pub use schema::SchemaError;
-pub use session::{LinkLimits, Pace, QueueError, Session};
+pub use session::{ClockMode, LinkLimits, QueueError, Session};
 pub use state::{CONTACT_OVERRIDE_PERCENT, Mode, State};
 pub use time::Time;
 pub use wire::Wire;

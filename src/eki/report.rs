@@ -5,9 +5,9 @@ use super::decode::DecodeError;
 use super::framer::FrameError;
 use super::ids::{CommandId, Epoch};
 use super::state::State;
-use super::word::{Word, word};
+use super::word::{Keyword, intern_keyword};
 use crate::geometry::KukaPose;
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -158,8 +158,8 @@ pub enum EchoMismatch {
     )]
     NotSet {
         /// Base or tool.
-        #[serde(deserialize_with = "word")]
-        frame: Word,
+        #[serde(deserialize_with = "intern_keyword")]
+        frame: Keyword,
         /// The command.
         id: CommandId,
     },
@@ -167,12 +167,12 @@ pub enum EchoMismatch {
     #[error(
         "the {frame} set by command {id} is {sent}, but the controller has {found}: {} mm and {}° apart (limits 0.001 \
          mm and 0.001°)",
-        apart(*distance_mm, 0.001, 4)[0], apart(*turn_deg, 0.001, 5)[0]
+        distinguishable_texts(*distance_mm, 0.001, 4)[0], distinguishable_texts(*turn_deg, 0.001, 5)[0]
     )]
     Differs {
         /// Base or tool.
-        #[serde(deserialize_with = "word")]
-        frame: Word,
+        #[serde(deserialize_with = "intern_keyword")]
+        frame: Keyword,
         /// The command.
         id: CommandId,
         /// What was set.
@@ -214,8 +214,8 @@ pub enum SequenceError {
     #[error("the controller reports that command {found} was {what}; valid: {first} to {last}")]
     Command {
         /// Received or executed.
-        #[serde(deserialize_with = "word")]
-        what: Word,
+        #[serde(deserialize_with = "intern_keyword")]
+        what: Keyword,
         /// The reported command.
         found: CommandId,
         /// The lowest command that the controller may report.

@@ -16,12 +16,12 @@ pub(super) struct Field {
 }
 
 /// Returns a field with a whole number in this range.
-pub(super) const fn int(tag: &'static str, low: i32, high: i32) -> Field {
+pub(super) const fn integer_field(tag: &'static str, low: i32, high: i32) -> Field {
     Field { tag, whole: true, low: low as f64, high: high as f64 }
 }
 
 /// Returns a field with a number of at most this magnitude, of either sign.
-pub(super) const fn real(tag: &'static str, largest: f64) -> Field {
+pub(super) const fn number_field(tag: &'static str, largest: f64) -> Field {
     Field { tag, whole: false, low: -largest, high: largest }
 }
 
@@ -110,7 +110,7 @@ impl Node {
 pub(super) struct Schema {
     pub(super) fields: &'static [Field],
     /// A node above the root, with the root as its only child.
-    pub(super) above: Node,
+    pub(super) parent: Node,
 }
 
 const FRAME: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
@@ -152,14 +152,14 @@ impl Schema {
         }
         match seen.iter().position(|seen| !seen) {
             Some(missing) => Err(SchemaError::Missing { tag: fields[missing].tag }),
-            None => Ok(Schema { fields, above }),
+            None => Ok(Schema { fields, parent: above }),
         }
     }
 
     /// Writes the document with these values, which the caller has checked; one value for each field.
     pub(super) fn encode(&self, values: &[f64]) -> Vec<u8> {
         let mut text = String::with_capacity(256);
-        self.above.children.iter().for_each(|root| root.write(self.fields, values, &mut text));
+        self.parent.children.iter().for_each(|root| root.write(self.fields, values, &mut text));
         text.into_bytes()
     }
 }

@@ -2,7 +2,7 @@
 
 use super::command::{MAX_ANGLE_DEG, MAX_COORDINATE_MM};
 use super::ids::{CommandId, Epoch};
-use super::schema::{Field, int, real};
+use super::schema::{Field, integer_field, number_field};
 use crate::geometry::{Joints, KukaPose};
 use serde::{Deserialize, Serialize};
 
@@ -85,56 +85,56 @@ pub struct State {
     pub flange_from_tool: KukaPose,
 }
 
-const WHOLE: usize = 13;
+const MAX_WHOLE_DIGITS: usize = 13;
 
 pub(super) const STATE: [Field; 37] = [
-    int("St/@T", 0, i32::MAX),
-    int("St/@Seq", 0, i32::MAX),
-    int("St/@Re", 0, i32::MAX),
-    int("St/@Ep", 0, i32::MAX),
-    int("St/@Boot", i32::MIN, i32::MAX),
-    int("St/@Sum", i32::MIN, i32::MAX),
-    int("St/@Mode", 1, 4),
-    int("St/@Flags", 0, 255),
-    int("St/@In", 0, i32::MAX),
-    int("St/@Out", 0, i32::MAX),
-    int("St/@Done", 0, i32::MAX),
-    int("St/@Under", 0, i32::MAX),
-    int("St/@Ov", 0, 100),
-    real("St/J/@A1", MAX_ANGLE_DEG),
-    real("St/J/@A2", MAX_ANGLE_DEG),
-    real("St/J/@A3", MAX_ANGLE_DEG),
-    real("St/J/@A4", MAX_ANGLE_DEG),
-    real("St/J/@A5", MAX_ANGLE_DEG),
-    real("St/J/@A6", MAX_ANGLE_DEG),
-    real("St/Tcp/@X", MAX_COORDINATE_MM),
-    real("St/Tcp/@Y", MAX_COORDINATE_MM),
-    real("St/Tcp/@Z", MAX_COORDINATE_MM),
-    real("St/Tcp/@A", MAX_ANGLE_DEG),
-    real("St/Tcp/@B", MAX_ANGLE_DEG),
-    real("St/Tcp/@C", MAX_ANGLE_DEG),
-    real("St/Base/@X", MAX_COORDINATE_MM),
-    real("St/Base/@Y", MAX_COORDINATE_MM),
-    real("St/Base/@Z", MAX_COORDINATE_MM),
-    real("St/Base/@A", MAX_ANGLE_DEG),
-    real("St/Base/@B", MAX_ANGLE_DEG),
-    real("St/Base/@C", MAX_ANGLE_DEG),
-    real("St/Tool/@X", MAX_COORDINATE_MM),
-    real("St/Tool/@Y", MAX_COORDINATE_MM),
-    real("St/Tool/@Z", MAX_COORDINATE_MM),
-    real("St/Tool/@A", MAX_ANGLE_DEG),
-    real("St/Tool/@B", MAX_ANGLE_DEG),
-    real("St/Tool/@C", MAX_ANGLE_DEG),
+    integer_field("St/@T", 0, i32::MAX),
+    integer_field("St/@Seq", 0, i32::MAX),
+    integer_field("St/@Re", 0, i32::MAX),
+    integer_field("St/@Ep", 0, i32::MAX),
+    integer_field("St/@Boot", i32::MIN, i32::MAX),
+    integer_field("St/@Sum", i32::MIN, i32::MAX),
+    integer_field("St/@Mode", 1, 4),
+    integer_field("St/@Flags", 0, 255),
+    integer_field("St/@In", 0, i32::MAX),
+    integer_field("St/@Out", 0, i32::MAX),
+    integer_field("St/@Done", 0, i32::MAX),
+    integer_field("St/@Under", 0, i32::MAX),
+    integer_field("St/@Ov", 0, 100),
+    number_field("St/J/@A1", MAX_ANGLE_DEG),
+    number_field("St/J/@A2", MAX_ANGLE_DEG),
+    number_field("St/J/@A3", MAX_ANGLE_DEG),
+    number_field("St/J/@A4", MAX_ANGLE_DEG),
+    number_field("St/J/@A5", MAX_ANGLE_DEG),
+    number_field("St/J/@A6", MAX_ANGLE_DEG),
+    number_field("St/Tcp/@X", MAX_COORDINATE_MM),
+    number_field("St/Tcp/@Y", MAX_COORDINATE_MM),
+    number_field("St/Tcp/@Z", MAX_COORDINATE_MM),
+    number_field("St/Tcp/@A", MAX_ANGLE_DEG),
+    number_field("St/Tcp/@B", MAX_ANGLE_DEG),
+    number_field("St/Tcp/@C", MAX_ANGLE_DEG),
+    number_field("St/Base/@X", MAX_COORDINATE_MM),
+    number_field("St/Base/@Y", MAX_COORDINATE_MM),
+    number_field("St/Base/@Z", MAX_COORDINATE_MM),
+    number_field("St/Base/@A", MAX_ANGLE_DEG),
+    number_field("St/Base/@B", MAX_ANGLE_DEG),
+    number_field("St/Base/@C", MAX_ANGLE_DEG),
+    number_field("St/Tool/@X", MAX_COORDINATE_MM),
+    number_field("St/Tool/@Y", MAX_COORDINATE_MM),
+    number_field("St/Tool/@Z", MAX_COORDINATE_MM),
+    number_field("St/Tool/@A", MAX_ANGLE_DEG),
+    number_field("St/Tool/@B", MAX_ANGLE_DEG),
+    number_field("St/Tool/@C", MAX_ANGLE_DEG),
 ];
 
 /// Boot ids of a mock controller. The controller's programs make a boot id from its date, in seconds; these values
 /// correspond to day 0 of month 0, which no controller's clock shows.
-const BOOTS_OF_MOCKS: std::ops::Range<i32> = 0..86_400;
+const MOCK_BOOT_IDS: std::ops::Range<i32> = 0..86_400;
 
 impl State {
     /// Returns whether a mock controller sent this state: observations on it prove nothing about a real one.
-    pub fn is_of_mock(&self) -> bool {
-        BOOTS_OF_MOCKS.contains(&self.boot)
+    pub fn is_simulated(&self) -> bool {
+        MOCK_BOOT_IDS.contains(&self.boot)
     }
 
     /// Returns whether the controller does not know the pose of the tool centre point: before its program is started
@@ -145,7 +145,7 @@ impl State {
 
     /// Creates a state from the values of [`STATE`], which are in range, and integers if integers are required.
     pub(super) fn from_values(values: &[f64]) -> Option<Self> {
-        let (whole, poses) = values.split_at_checked(WHOLE)?;
+        let (whole, poses) = values.split_at_checked(MAX_WHOLE_DIGITS)?;
         let [
             time,
             sequence,
@@ -160,7 +160,7 @@ impl State {
             done,
             underruns,
             override_percent,
-        ] = *<&[f64; WHOLE]>::try_from(whole).ok()?;
+        ] = *<&[f64; MAX_WHOLE_DIGITS]>::try_from(whole).ok()?;
         let [joints, tcp, base, tool] = poses.as_chunks::<6>().0 else { return None };
         let flag = |bit: u32| (flags as u32) >> bit & 1 == 1;
         let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = *joints;

@@ -8,12 +8,12 @@ pub struct Time(Duration);
 
 impl Time {
     /// Returns the moment at this time after the start.
-    pub fn after_start(since: Duration) -> Self {
+    pub fn from_start(since: Duration) -> Self {
         Time(since)
     }
 
     /// Returns the moment at this count of milliseconds.
-    pub fn at_ms(ms: u64) -> Self {
+    pub fn from_ms(ms: u64) -> Self {
         Time(Duration::from_millis(ms))
     }
 

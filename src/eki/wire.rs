@@ -7,10 +7,10 @@
 
 use super::ack::{ACK, Ack};
 use super::channel::ChannelFile;
-use super::command::{Command, CommandError, Fields, Request};
+use super::command::{Command, CommandError, CommandFields, Request};
 use super::decode::DecodeError;
 use super::ids::{CommandId, Epoch};
-use super::schema::{Field, Schema, SchemaError, int, real};
+use super::schema::{Field, Schema, SchemaError, integer_field, number_field};
 use super::state::{STATE, State};
 
 #[cfg(test)]
@@ -19,23 +19,27 @@ mod tests;
 /// Values are not checked again here: a command was checked when it was queued, and a request contains only
 /// numbers.
 const COMMAND: [Field; 13] = [
-    int("Cmd/@Id", 1, i32::MAX),
-    int("Cmd/@Ep", 1, i32::MAX),
-    int("Cmd/@Op", 1, 8),
-    int("Cmd/@N1", 0, i32::MAX),
-    int("Cmd/@N2", 0, i32::MAX),
-    real("Cmd/@R1", f64::MAX),
-    real("Cmd/@R2", f64::MAX),
-    real("Cmd/P/@X", f64::MAX),
-    real("Cmd/P/@Y", f64::MAX),
-    real("Cmd/P/@Z", f64::MAX),
-    real("Cmd/P/@A", f64::MAX),
-    real("Cmd/P/@B", f64::MAX),
-    real("Cmd/P/@C", f64::MAX),
+    integer_field("Cmd/@Id", 1, i32::MAX),
+    integer_field("Cmd/@Ep", 1, i32::MAX),
+    integer_field("Cmd/@Op", 1, 8),
+    integer_field("Cmd/@N1", 0, i32::MAX),
+    integer_field("Cmd/@N2", 0, i32::MAX),
+    number_field("Cmd/@R1", f64::MAX),
+    number_field("Cmd/@R2", f64::MAX),
+    number_field("Cmd/P/@X", f64::MAX),
+    number_field("Cmd/P/@Y", f64::MAX),
+    number_field("Cmd/P/@Z", f64::MAX),
+    number_field("Cmd/P/@A", f64::MAX),
+    number_field("Cmd/P/@B", f64::MAX),
+    number_field("Cmd/P/@C", f64::MAX),
 ];
 
-const REQUEST: [Field; 4] =
-    [int("Req/@Id", 1, i32::MAX), int("Req/@Ep", 0, i32::MAX), int("Req/@Op", 9, 12), int("Req/@N1", 0, i32::MAX)];
+const REQUEST: [Field; 4] = [
+    integer_field("Req/@Id", 1, i32::MAX),
+    integer_field("Req/@Ep", 0, i32::MAX),
+    integer_field("Req/@Op", 9, 12),
+    integer_field("Req/@N1", 0, i32::MAX),
+];
 
 /// The message formats of both channels.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,7 +75,7 @@ impl Wire {
         command: &Command,
         to_come: u32,
     ) -> Result<Vec<u8>, CommandError> {
-        let Fields { operation, n, r, p } = command.fields(to_come)?;
+        let CommandFields { operation, n, r, p } = command.fields(to_come)?;
         let head = [f64::from(id.0), f64::from(epoch.0)].into_iter();
         let rest = [operation, n[0], n[1]].map(f64::from);
         let values: Vec<f64> = head.chain(rest).chain(r).chain(p).collect();

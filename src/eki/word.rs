@@ -5,23 +5,23 @@ use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 
 /// A keyword from this program's own text.
-pub(super) type Word = &'static str;
+pub(super) type Keyword = &'static str;
 
 /// Length of the longest keyword.
 const MAX_BYTES: usize = 100;
 
 /// Reads a keyword from a recording. Each keyword is stored once until the program ends: there are some tens.
-pub(super) fn word<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Word, D::Error> {
-    static KNOWN: Mutex<BTreeSet<Word>> = Mutex::new(BTreeSet::new());
+pub(super) fn intern_keyword<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Keyword, D::Error> {
+    static KNOWN_KEYWORDS: Mutex<BTreeSet<Keyword>> = Mutex::new(BTreeSet::new());
     let text = String::deserialize(deserializer)?;
     if text.len() > MAX_BYTES {
         return Err(D::Error::custom(format!("the text has {} bytes (limit {MAX_BYTES} bytes)", text.len())));
     }
-    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut known = KNOWN_KEYWORDS.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(word) = known.get(text.as_str()) {
         return Ok(word);
     }
-    let word: Word = text.leak();
+    let word: Keyword = text.leak();
     known.insert(word);
     Ok(word)
 }

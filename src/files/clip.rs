@@ -86,11 +86,11 @@ impl Clip {
     /// As [`read_clip`]; lines are those that [`Clip::to_csv`] would write.
     pub fn new(shots: Vec<ClipEntry>) -> Result<Self, ClipError> {
         let lines = 2..;
-        checked(lines.zip(shots).collect())
+        check_lines(lines.zip(shots).collect())
     }
 
     /// The pictures in the order of their times.
-    pub fn shots(&self) -> &[ClipEntry] {
+    pub fn entries(&self) -> &[ClipEntry] {
         &self.shots
     }
 
@@ -98,7 +98,7 @@ impl Clip {
     pub fn to_csv(&self) -> String {
         let mut text = "file,time_s,phase\n".to_owned();
         for ClipEntry { file, time_s, phase } in &self.shots {
-            text += &format!("{},{time_s},{}\n", quoted(file), phase.word());
+            text += &format!("{},{time_s},{}\n", quote_csv(file), phase.keyword());
         }
         text
     }
@@ -113,7 +113,7 @@ pub fn read_clip(bytes: &[u8]) -> Result<Clip, ClipError> {
     let mut records = reader.records();
     let header: Vec<String> = match records.next() {
         Some(Ok(header)) => header.iter().map(str::to_owned).collect(),
-        Some(Err(error)) => return Err(syntax(&error)),
+        Some(Err(error)) => return Err(syntax_error(&error)),
         None => Vec::new(),
     };
     let header: Vec<&str> = header.iter().map(String::as_str).collect();
@@ -124,7 +124,7 @@ pub fn read_clip(bytes: &[u8]) -> Result<Clip, ClipError> {
     };
     let mut shots = Vec::new();
     for record in records {
-        let record = record.map_err(|error| syntax(&error))?;
+        let record = record.map_err(|error| syntax_error(&error))?;
         let line = record.position().map_or(0, csv::Position::line);
         let problem = |problem| ClipError::Line { line, problem };
         let field = |index| record.get(index).unwrap_or_default();
@@ -133,10 +133,10 @@ pub fn read_clip(bytes: &[u8]) -> Result<Clip, ClipError> {
         let phase = word.parse().map_err(|_| problem(LineProblem::Phase(word.to_owned())))?;
         shots.push((line, ClipEntry { file: field(0).to_owned(), time_s, phase }));
     }
-    checked(shots)
+    check_lines(shots)
 }
 
-fn syntax(error: &csv::Error) -> ClipError {
+fn syntax_error(error: &csv::Error) -> ClipError {
     let line = error.position().map_or(0, csv::Position::line);
     let problem = match error.kind() {
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
@@ -147,7 +147,7 @@ fn syntax(error: &csv::Error) -> ClipError {
     ClipError::Line { line, problem: LineProblem::Syntax(problem) }
 }
 
-fn checked(lines: Vec<(u64, ClipEntry)>) -> Result<Clip, ClipError> {
+fn check_lines(lines: Vec<(u64, ClipEntry)>) -> Result<Clip, ClipError> {
     let mut first_lines: HashMap<&str, u64> = HashMap::new();
     let mut last_s: Option<f64> = None;
     for (line, shot) in &lines {
@@ -182,7 +182,7 @@ fn is_plain_name(file: &str) -> bool {
     !(file.is_empty() || file == "." || file.contains("..") || file.contains(is_separator) || file.trim() != file)
 }
 
-fn quoted(file: &str) -> String {
+fn quote_csv(file: &str) -> String {
     match file.contains(['"', ',']) {
         true => format!("\"{}\"", file.replace('"', "\"\"")),
         false => file.to_owned(),
@@ -204,15 +204,15 @@ mod tests {
     fn a_clip_reads_as_it_stands() {
         let clip = read_clip(GOOD.as_bytes()).expect("good");
         let third = ClipEntry { file: "002.png".to_owned(), time_s: 0.2, phase: Phase::Wet };
-        assert_eq!((clip.shots().len(), &clip.shots()[2]), (4, &third));
-        assert_eq!(clip.shots()[0].phase, Phase::Dry);
-        assert_eq!(clip.shots()[1].phase, Phase::Spray);
+        assert_eq!((clip.entries().len(), &clip.entries()[2]), (4, &third));
+        assert_eq!(clip.entries()[0].phase, Phase::Dry);
+        assert_eq!(clip.entries()[1].phase, Phase::Spray);
     }
 
     #[test]
     fn without_phases_all_are_wet() {
         let clip = read_clip(b"file,time_s\r\na.png, 0\r\nb.png, 0.2\r\n").expect("good");
-        assert!(clip.shots().iter().all(|shot| shot.phase == Phase::Wet));
+        assert!(clip.entries().iter().all(|shot| shot.phase == Phase::Wet));
     }
 
     #[test]
@@ -263,7 +263,7 @@ mod tests {
         #[test]
         fn no_text_panics(text in "(file,time_s(,phase)?\n)?[a-z0-9,.\"\n/-]{0,80}") {
             if let Ok(clip) = read_clip(text.as_bytes()) {
-                prop_assert!(clip.shots().windows(2).all(|pair| pair[0].time_s < pair[1].time_s));
+                prop_assert!(clip.entries().windows(2).all(|pair| pair[0].time_s < pair[1].time_s));
             }
         }
     }

@@ -7,7 +7,7 @@ const ORDERED: &str =
     "export it as PCD, ordered (organised): one point for each pixel, in mm, in the camera's frame";
 
 /// Checks whether the text consists of rows of at least three numbers: a list of points without a picture.
-fn is_numbers(head: &str) -> bool {
+fn is_number_table(head: &str) -> bool {
     let mut lines = head.lines().map(str::trim).filter(|line| !line.is_empty());
     // A line of column names may come first.
     let is_row = |line: &str| {
@@ -45,7 +45,7 @@ pub(super) fn check_kind(bytes: &[u8]) -> Result<(), CloudFileError> {
             "take a scan of the part instead; a scan has one point for each pixel",
         );
     }
-    if is_numbers(text) {
+    if is_number_table(text) {
         return other("a list of points (.xyz, .csv) without the pixel of each point", ORDERED);
     }
     Ok(())

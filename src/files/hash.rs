@@ -16,7 +16,7 @@ pub fn hex(bytes: &[u8]) -> String {
 }
 
 /// Returns the bytes of lower-case hexadecimal digits; `None` if the text is not such a number.
-pub fn unhex(text: &str) -> Option<Vec<u8>> {
+pub fn parse_hex(text: &str) -> Option<Vec<u8>> {
     if !is_hex(text, text.len()) || !text.len().is_multiple_of(2) {
         return None;
     }
@@ -42,9 +42,9 @@ mod tests {
 
     #[test]
     fn digits_read_back_and_nothing_else_is_read() {
-        assert_eq!((hex(&[0, 0x9f, 255]), unhex("009fff")), ("009fff".to_owned(), Some(vec![0, 0x9f, 255])));
+        assert_eq!((hex(&[0, 0x9f, 255]), parse_hex("009fff")), ("009fff".to_owned(), Some(vec![0, 0x9f, 255])));
         for wrong in ["0", "0g", "0G", "9F", "+1", "é"] {
-            assert_eq!(unhex(wrong), None, "{wrong}");
+            assert_eq!(parse_hex(wrong), None, "{wrong}");
         }
         assert!(is_hex("00ff", 4) && !is_hex("00ff", 6) && !is_hex("../a", 4));
     }

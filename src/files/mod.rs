@@ -19,7 +19,7 @@ mod shot;
 
 pub use clip::{Clip, ClipEntry, ClipError, LineProblem, read_clip};
 pub use cloud_error::CloudFileError;
-pub use hash::{content_hash, hex, is_hex, unhex};
+pub use hash::{content_hash, hex, is_hex, parse_hex};
 pub use mesh::{MeshFileError, read_mesh, write_stl};
 pub use pcd::{read_pcd, write_pcd, write_pcd_from};
 pub use picture::{

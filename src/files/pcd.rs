@@ -270,7 +270,7 @@ struct ColoredPoint {
 
 impl ColoredPoint {
     /// Picks the fields that are read; `bits` returns the four bytes at a position in the record.
-    fn pick(
+    fn parse_fields(
         fields: &Schema,
         place_after: impl Fn(usize, &FieldDef) -> usize,
         bits: impl Fn(usize, ValueKind, &str) -> pcd_rs::Result<u32>,
@@ -310,7 +310,7 @@ impl PcdDeserialize for ColoredPoint {
         let record_bytes = fields.iter().fold(0, after);
         // The reader reads from memory: its buffer is all the remaining data.
         let record = reader.fill_buf()?.get(..record_bytes).ok_or(IoError::from(ErrorKind::UnexpectedEof))?;
-        let point = Self::pick(fields, after, |place, _, _| {
+        let point = Self::parse_fields(fields, after, |place, _, _| {
             let bytes = record[place..].first_chunk().ok_or(IoError::from(ErrorKind::UnexpectedEof))?;
             Ok(u32::from_le_bytes(*bytes))
         })?;
@@ -329,7 +329,7 @@ impl PcdDeserialize for ColoredPoint {
         if words.len() != expect {
             return Err(pcd_rs::Error::TextTokenMismatchError { expect, found: words.len() });
         }
-        Self::pick(fields, after, |place, kind, name| number_bits(words[place], kind, name))
+        Self::parse_fields(fields, after, |place, kind, name| number_bits(words[place], kind, name))
     }
 }
 

@@ -108,7 +108,7 @@ pub enum PictureError {
 /// # Errors
 /// If the bytes are not a complete PNG, JPEG or TIFF with 8 bits per channel, or it is larger than any camera's.
 pub fn read_color(bytes: &[u8]) -> Result<ColorPicture, PictureError> {
-    Ok(color(decode(Kind::detect(bytes)?, bytes, None)?))
+    Ok(color(decode(PictureKind::detect(bytes)?, bytes, None)?))
 }
 
 /// Reads a grey picture of any size; a colour picture is converted as [`ColorPicture::to_gray`] does.
@@ -116,7 +116,7 @@ pub fn read_color(bytes: &[u8]) -> Result<ColorPicture, PictureError> {
 /// # Errors
 /// As [`read_color`].
 pub fn read_gray(bytes: &[u8]) -> Result<GrayPicture, PictureError> {
-    Ok(gray(decode(Kind::detect(bytes)?, bytes, None)?))
+    Ok(to_gray(decode(PictureKind::detect(bytes)?, bytes, None)?))
 }
 
 /// Reads a colour picture of the camera with this calibration.
@@ -124,7 +124,7 @@ pub fn read_gray(bytes: &[u8]) -> Result<GrayPicture, PictureError> {
 /// # Errors
 /// As [`read_color`], and if its size is not the camera's.
 pub fn read_color_of(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPicture, PictureError> {
-    Ok(color(decode(Kind::detect(bytes)?, bytes, Some(camera))?))
+    Ok(color(decode(PictureKind::detect(bytes)?, bytes, Some(camera))?))
 }
 
 /// Reads a picture of the camera with this calibration in which the position of something is measured.
@@ -132,7 +132,7 @@ pub fn read_color_of(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPictur
 /// # Errors
 /// As [`read_color_of`], and if it is not a PNG.
 pub fn read_measured(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPicture, PictureError> {
-    Ok(color(decode(Kind::detect(bytes)?.with_checksum()?, bytes, Some(camera))?))
+    Ok(color(decode(PictureKind::detect(bytes)?.with_checksum()?, bytes, Some(camera))?))
 }
 
 /// Reads a picture for a measurement as [`read_measured`] does, and converts it to grey as [`read_gray`] does.
@@ -140,7 +140,7 @@ pub fn read_measured(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPictur
 /// # Errors
 /// As [`read_measured`].
 pub fn read_measured_gray(bytes: &[u8], camera: &PinholeCamera) -> Result<GrayPicture, PictureError> {
-    Ok(gray(decode(Kind::detect(bytes)?.with_checksum()?, bytes, Some(camera))?))
+    Ok(to_gray(decode(PictureKind::detect(bytes)?.with_checksum()?, bytes, Some(camera))?))
 }
 
 fn color(picture: DynamicImage) -> ColorPicture {
@@ -149,7 +149,7 @@ fn color(picture: DynamicImage) -> ColorPicture {
     ColorPicture { width, height, rgb: picture.into_raw().as_chunks().0.to_vec() }
 }
 
-fn gray(picture: DynamicImage) -> GrayPicture {
+fn to_gray(picture: DynamicImage) -> GrayPicture {
     match picture {
         DynamicImage::ImageLuma8(picture) => {
             let (width, height) = (picture.width() as usize, picture.height() as usize);
@@ -181,8 +181,8 @@ pub fn write_gray_png(picture: &GrayPicture) -> Result<Vec<u8>, PictureError> {
 /// As [`write_color_png`], and above 65535 px, JPEG's largest side.
 pub fn write_color_jpeg(picture: &ColorPicture) -> Result<Vec<u8>, PictureError> {
     let (width, height, pixels) = (picture.width, picture.height, picture.rgb.len());
-    fills(width, height, pixels, "JPEG")?;
-    let unwritable = |problem| unwritable("JPEG", width, height, pixels, problem);
+    check_pixel_count(width, height, pixels, "JPEG")?;
+    let unwritable = |problem| unwritable_error("JPEG", width, height, pixels, problem);
     let (Ok(columns), Ok(rows)) = (u16::try_from(width), u16::try_from(height)) else {
         return Err(unwritable(format!("a side is longer than {} px", u16::MAX)));
     };
@@ -196,19 +196,19 @@ pub fn write_color_jpeg(picture: &ColorPicture) -> Result<Vec<u8>, PictureError>
 
 /// One of the formats that are read.
 #[derive(Clone, Copy)]
-struct Kind {
+struct PictureKind {
     format: ImageFormat,
     name: &'static str,
 }
 
-impl Kind {
+impl PictureKind {
     fn detect(bytes: &[u8]) -> Result<Self, PictureError> {
         let found = match image::guess_format(bytes) {
-            Ok(format @ ImageFormat::Png) => return Ok(Kind { format, name: "PNG" }),
-            Ok(format @ ImageFormat::Jpeg) => return Ok(Kind { format, name: "JPEG" }),
-            Ok(format @ ImageFormat::Tiff) => return Ok(Kind { format, name: "TIFF" }),
+            Ok(format @ ImageFormat::Png) => return Ok(PictureKind { format, name: "PNG" }),
+            Ok(format @ ImageFormat::Jpeg) => return Ok(PictureKind { format, name: "JPEG" }),
+            Ok(format @ ImageFormat::Tiff) => return Ok(PictureKind { format, name: "TIFF" }),
             Ok(other) => format!("it looks like {}", other.extensions_str().first().unwrap_or(&"another format")),
-            Err(_) => first_bytes(bytes),
+            Err(_) => describe_first_bytes(bytes),
         };
         Err(PictureError::Format { found })
     }
@@ -221,9 +221,9 @@ impl Kind {
     }
 }
 
-fn decode(kind: Kind, bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<DynamicImage, PictureError> {
+fn decode(kind: PictureKind, bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<DynamicImage, PictureError> {
     let damaged = |problem: String| PictureError::Damaged { format: kind.name, bytes: bytes.len(), problem };
-    if kind.format == ImageFormat::Jpeg && !jpeg_has_its_end(bytes) {
+    if kind.format == ImageFormat::Jpeg && !has_jpeg_end(bytes) {
         return Err(damaged("its end marker FF D9 is missing".to_owned()));
     }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), kind.format);
@@ -276,12 +276,12 @@ fn check_size((width, height): (u32, u32), camera: Option<&PinholeCamera>) -> Re
 
 /// Returns whether a JPEG has its end. The decoder fills missing data with grey and reports nothing. So the end is
 /// searched here: an end marker after the start of the last scan (one before it belongs to the thumbnail).
-fn jpeg_has_its_end(bytes: &[u8]) -> bool {
+fn has_jpeg_end(bytes: &[u8]) -> bool {
     let last = |marker: [u8; 2]| bytes.windows(2).rposition(|pair| pair == marker);
     matches!((last([0xff, 0xda]), last([0xff, 0xd9])), (Some(scan), Some(end)) if end > scan)
 }
 
-fn first_bytes(bytes: &[u8]) -> String {
+fn describe_first_bytes(bytes: &[u8]) -> String {
     match bytes {
         [] => "it is empty".to_owned(),
         _ => format!("it begins with '{}'", bytes[..bytes.len().min(8)].escape_ascii()),
@@ -295,8 +295,8 @@ fn encode_png(
     color: ExtendedColorType,
 ) -> Result<Vec<u8>, PictureError> {
     let channels = usize::from(color.channel_count());
-    fills(width, height, bytes.len() / channels, "PNG")?;
-    let unwritable = |problem| unwritable("PNG", width, height, bytes.len() / channels, problem);
+    check_pixel_count(width, height, bytes.len() / channels, "PNG")?;
+    let unwritable = |problem| unwritable_error("PNG", width, height, bytes.len() / channels, problem);
     let (Ok(columns), Ok(rows)) = (u32::try_from(width), u32::try_from(height)) else {
         return Err(unwritable("a side is too long".to_owned()));
     };
@@ -307,14 +307,22 @@ fn encode_png(
 }
 
 /// Checks that the pixels fill the picture: otherwise the encoders would panic or write an unreadable picture.
-fn fills(width: usize, height: usize, pixels: usize, format: &'static str) -> Result<(), PictureError> {
+fn check_pixel_count(width: usize, height: usize, pixels: usize, format: &'static str) -> Result<(), PictureError> {
     match pixels != 0 && width.checked_mul(height) == Some(pixels) {
         true => Ok(()),
-        false => Err(unwritable(format, width, height, pixels, format!("{pixels} pixels do not match this size"))),
+        false => {
+            Err(unwritable_error(format, width, height, pixels, format!("{pixels} pixels do not match this size")))
+        }
     }
 }
 
-fn unwritable(format: &'static str, width: usize, height: usize, pixels: usize, problem: String) -> PictureError {
+fn unwritable_error(
+    format: &'static str,
+    width: usize,
+    height: usize,
+    pixels: usize,
+    problem: String,
+) -> PictureError {
     PictureError::Unwritable { format, width, height, pixels, problem }
 }
 

@@ -7,11 +7,11 @@
 mod header;
 mod mesh;
 
-pub(super) use mesh::{divided, read_ply_mesh};
+pub(super) use mesh::{read_ply_mesh, triangulate};
 
 use super::cloud_error::{CloudFileError, check_cloud_size};
 use crate::geometry::{Camera, CloudError, OrganizedCloud, PinholeCamera};
-use header::{Header, NAMES, Number, PropertyOffset, PropertyOffsets};
+use header::{Header, NAMES, NumberType, PropertyOffset, PropertyOffsets};
 
 /// Reads an organised cloud; `camera` states its size if the file does not.
 ///
@@ -48,7 +48,7 @@ fn read(
     if width.checked_mul(height) != Some(header.vertices) {
         return Err(CloudFileError::Count { points: header.vertices, width, height });
     }
-    let places = header.places()?;
+    let places = header.property_offsets()?;
     let points = header.checked_points()?;
     if let Some(camera) = camera {
         check_cloud_size((width, height), camera)?;
@@ -80,14 +80,14 @@ pub fn write_ply(cloud: &OrganizedCloud<Camera>) -> Vec<u8> {
     bytes
 }
 
-type Points = (Vec<[f32; 3]>, Vec<[u8; 3]>);
+type PointsAndColors = (Vec<[f32; 3]>, Vec<[u8; 3]>);
 
 fn read_binary(
     bytes: &[u8],
     header: &Header,
     points: usize,
     places: &PropertyOffsets,
-) -> Result<Points, CloudFileError> {
+) -> Result<PointsAndColors, CloudFileError> {
     let (start, point_bytes) = (header.bytes, header.point_bytes());
     let (needed, found) = (points * point_bytes, bytes.len() - start);
     let Some(data) = bytes.get(start..start + needed) else {
@@ -106,8 +106,8 @@ fn read_binary(
 fn float_at(record: &[u8], place: PropertyOffset) -> f32 {
     let rest = &record[place.byte..];
     match (place.number, rest.first_chunk(), rest.first_chunk()) {
-        (Number::Float, Some(bytes), _) => f32::from_le_bytes(*bytes),
-        (Number::Double, _, Some(bytes)) => f64::from_le_bytes(*bytes) as f32,
+        (NumberType::Float, Some(bytes), _) => f32::from_le_bytes(*bytes),
+        (NumberType::Double, _, Some(bytes)) => f64::from_le_bytes(*bytes) as f32,
         _ => f32::NAN,
     }
 }
@@ -117,7 +117,7 @@ fn read_text(
     header: &Header,
     points: usize,
     places: &PropertyOffsets,
-) -> Result<Points, CloudFileError> {
+) -> Result<PointsAndColors, CloudFileError> {
     let data = &bytes[header.bytes..];
     let (mut points_mm, mut colors) = (Vec::new(), Vec::new());
     let mut used = 0;

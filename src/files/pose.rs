@@ -37,8 +37,11 @@ pub enum PoseError {
 /// If there is no complete pose, or it was printed with the verdict `reject`.
 pub fn read_located(bytes: &[u8]) -> Result<KukaPose, PoseError> {
     let key = "base_from_panel";
-    let printed: Option<Located> = parse_if_present(bytes, key)?;
-    printed.map_or_else(|| bare(bytes, key), |printed| used(printed.base_from_panel, printed.verdict, key))
+    let printed: Option<LocatedFile> = parse_if_present(bytes, key)?;
+    printed.map_or_else(
+        || parse_bare_pose(bytes, key),
+        |printed| check_verdict(printed.base_from_panel, printed.verdict, key),
+    )
 }
 
 /// Reads the uncertainty of the panel's pose, 95 %, mm; `None` if the file does not state it.
@@ -47,7 +50,7 @@ pub fn read_located(bytes: &[u8]) -> Result<KukaPose, PoseError> {
 /// As [`read_located`].
 pub fn read_located_mm(bytes: &[u8]) -> Result<Option<f64>, PoseError> {
     read_located(bytes)?;
-    let printed: Option<Located> = parse_if_present(bytes, "base_from_panel")?;
+    let printed: Option<LocatedFile> = parse_if_present(bytes, "base_from_panel")?;
     Ok(printed.and_then(|printed| printed.uncertainty_mm))
 }
 
@@ -57,8 +60,9 @@ pub fn read_located_mm(bytes: &[u8]) -> Result<Option<f64>, PoseError> {
 /// If there is no complete pose.
 pub fn read_flange(bytes: &[u8]) -> Result<KukaPose, PoseError> {
     let key = "base_from_flange";
-    let printed: Option<AtFlange> = parse_if_present(bytes, key)?;
-    printed.map_or_else(|| bare(bytes, key), |printed| used(printed.base_from_flange, None, key))
+    let printed: Option<FlangeFile> = parse_if_present(bytes, key)?;
+    printed
+        .map_or_else(|| parse_bare_pose(bytes, key), |printed| check_verdict(printed.base_from_flange, None, key))
 }
 
 /// The flange's pose reported by the controller, and the axes if the file has them.
@@ -75,7 +79,7 @@ pub struct ReportedFlange {
 /// # Errors
 /// As [`read_flange`].
 pub fn read_reported_flange(bytes: &[u8]) -> Result<ReportedFlange, PoseError> {
-    let printed: Option<AtFlange> = parse_if_present(bytes, "base_from_flange")?;
+    let printed: Option<FlangeFile> = parse_if_present(bytes, "base_from_flange")?;
     let joints = printed.and_then(|printed| printed.axes_deg).map(Joints::from);
     Ok(ReportedFlange { base_from_flange: read_flange(bytes)?, joints })
 }
@@ -97,14 +101,14 @@ pub fn write_pose(pose: &KukaPose) -> String {
 }
 
 #[derive(Deserialize)]
-struct Located {
+struct LocatedFile {
     base_from_panel: Option<KukaPose>,
     verdict: Option<String>,
     uncertainty_mm: Option<f64>,
 }
 
 #[derive(Deserialize)]
-struct AtFlange {
+struct FlangeFile {
     base_from_flange: Option<KukaPose>,
     axes_deg: Option<[f64; 6]>,
 }
@@ -116,11 +120,15 @@ fn parse_if_present<'b, T: Deserialize<'b>>(bytes: &'b [u8], key: &'static str) 
     value.get(key).map(|_| serde_json::from_slice(bytes)).transpose().map_err(text)
 }
 
-fn bare(bytes: &[u8], key: &'static str) -> Result<KukaPose, PoseError> {
+fn parse_bare_pose(bytes: &[u8], key: &'static str) -> Result<KukaPose, PoseError> {
     serde_json::from_slice(bytes).map_err(|error| PoseError::Text { key, problem: error.to_string() })
 }
 
-fn used(pose: Option<KukaPose>, verdict: Option<String>, key: &'static str) -> Result<KukaPose, PoseError> {
+fn check_verdict(
+    pose: Option<KukaPose>,
+    verdict: Option<String>,
+    key: &'static str,
+) -> Result<KukaPose, PoseError> {
     match verdict.as_deref() {
         Some("reject") => Err(PoseError::Rejected { key }),
         _ => pose.ok_or(PoseError::NotFound { key }),

@@ -7,19 +7,20 @@
 
 use super::cloud_error::CloudFileError;
 use crate::geometry::{
-    Camera, OrganizedCloud, PinholeCamera, Pixel, Point, lens_of, median, median_off_px, sampled,
+    Camera, OrganizedCloud, PinholeCamera, Pixel, Point, fit_lens, median, median_projection_error_px,
+    sample_points,
 };
 use rayon::prelude::*;
 
-/// A lens fits if half of the points project within this distance of their pixels, px in a picture of [`FULL_PX`]
+/// A lens fits if half of the points project within this distance of their pixels, px in a picture of [`REFERENCE_WIDTH_PX`]
 /// columns: manufacturers' figures are approximations.
 const DESCRIBED_PX: f64 = 2.0;
-const FULL_PX: f64 = 1_944.0;
+const REFERENCE_WIDTH_PX: f64 = 1_944.0;
 /// Lower bound of this limit for small pictures, px: a scan may be reduced with a different centre of its pixels.
 const MIN_DESCRIBED_PX: f64 = 1.0;
 /// A point that projects farther away than this was not measured at its pixel, px. The value is ten times
 /// [`DESCRIBED_PX`], to allow filters that smooth a scan.
-const ELSEWHERE_PX: f64 = 20.0;
+const MAX_PROJECTION_ERROR_PX: f64 = 20.0;
 /// Fewer points show nothing about lens, frame or unit.
 const MIN_POINTS: usize = 60;
 /// A 3D camera measures nothing nearer than this, mm: such numbers are metres.
@@ -27,9 +28,9 @@ const MIN_DISTANCE_MM: f64 = 20.0;
 /// A 3D camera measures parts between these distances, mm: other numbers are in another unit.
 const MEASURES_MM: std::ops::Range<f64> = 150.0..5_000.0;
 /// If a lens fits a cloud, the residual is below this, px.
-const OWN_LENS_PX: f64 = 0.5;
+const MAX_FIT_RESIDUAL_PX: f64 = 0.5;
 
-type Sample = Vec<(Pixel, Point<Camera>)>;
+type RaySample = Vec<(Pixel, Point<Camera>)>;
 
 /// Refuses a cloud with points that are not in mm in a camera's frame: in metres, behind the camera, or, if no lens
 /// projects them to their pixels, in another frame. Without the camera's calibration nothing more can be checked.
@@ -37,30 +38,31 @@ type Sample = Vec<(Pixel, Point<Camera>)>;
 /// # Errors
 /// The kind of cloud that was found instead.
 pub fn check_frame(cloud: &OrganizedCloud<Camera>) -> Result<(), CloudFileError> {
-    let sample = sampled(cloud);
+    let sample = sample_points(cloud);
     if sample.len() < MIN_POINTS {
         return Ok(());
     }
     unit_and_side(&sample)?;
     let size = (cloud.width(), cloud.height());
-    match lens_of(&sample, size) {
+    match fit_lens(&sample, size) {
         Some(own) if own.median_px <= allowed_px(cloud.width()) => Ok(()),
         own => {
-            let off_px = crate::number_text::fixed(own.map_or(f64::INFINITY, |own| own.median_px), 1).to_string();
+            let off_px =
+                crate::number_text::fixed_decimals(own.map_or(f64::INFINITY, |own| own.median_px), 1).to_string();
             Err(CloudFileError::OtherFrame { off_px })
         }
     }
 }
 
 fn allowed_px(width: usize) -> f64 {
-    (DESCRIBED_PX * width as f64 / FULL_PX).max(MIN_DESCRIBED_PX)
+    (DESCRIBED_PX * width as f64 / REFERENCE_WIDTH_PX).max(MIN_DESCRIBED_PX)
 }
 
-fn unit_and_side(sample: &Sample) -> Result<(), CloudFileError> {
+fn unit_and_side(sample: &RaySample) -> Result<(), CloudFileError> {
     let depths = || sample.iter().map(|(_, point)| point.mm.z);
     let middle = median(&mut depths().collect::<Vec<f64>>()).unwrap_or(0.0);
     let ends = depths().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| [low.min(z), high.max(z)]);
-    let [from, to] = ends.map(|end| crate::number_text::fixed(end, 2).to_string());
+    let [from, to] = ends.map(|end| crate::number_text::fixed_decimals(end, 2).to_string());
     if middle > 0.0 && middle < MIN_DISTANCE_MM {
         return Err(CloudFileError::Metres { from, to });
     }
@@ -75,12 +77,17 @@ fn unit_and_side(sample: &Sample) -> Result<(), CloudFileError> {
 
 /// Returns the error for a cloud whose points do not lie on this camera's rays; it names the change with which they
 /// would.
-fn named(cloud: &OrganizedCloud<Camera>, sample: &Sample, camera: &PinholeCamera, off_px: f64) -> CloudFileError {
+fn lens_mismatch_error(
+    cloud: &OrganizedCloud<Camera>,
+    sample: &RaySample,
+    camera: &PinholeCamera,
+    off_px: f64,
+) -> CloudFileError {
     let allowed = allowed_px(cloud.width());
     let (last_u, last_v) = (cloud.width() as f64 - 1.0, cloud.height() as f64 - 1.0);
     let fits = |at: &dyn Fn(&Pixel) -> Pixel| {
-        let changed: Sample = sample.iter().map(|(pixel, point)| (at(pixel), *point)).collect();
-        median_off_px(&changed, camera).is_some_and(|off_px| off_px <= allowed)
+        let changed: RaySample = sample.iter().map(|(pixel, point)| (at(pixel), *point)).collect();
+        median_projection_error_px(&changed, camera).is_some_and(|off_px| off_px <= allowed)
     };
     let order = if fits(&|pixel| Pixel::at(pixel.u, last_v - pixel.v)) {
         Some("the rows are upside down")
@@ -91,15 +98,15 @@ fn named(cloud: &OrganizedCloud<Camera>, sample: &Sample, camera: &PinholeCamera
     } else {
         None
     };
-    let off_px = crate::number_text::fixed(off_px, 1).to_string();
+    let off_px = crate::number_text::fixed_decimals(off_px, 1).to_string();
     if let Some(order) = order {
         return CloudFileError::OtherOrder { order };
     }
-    match lens_of(sample, (cloud.width(), cloud.height())) {
-        Some(own) if own.median_px <= OWN_LENS_PX => {
+    match fit_lens(sample, (cloud.width(), cloud.height())) {
+        Some(own) if own.median_px <= MAX_FIT_RESIDUAL_PX => {
             let numbers = |lens: &PinholeCamera| {
                 let [fx, fy, cx, cy] = [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px]
-                    .map(|number| crate::number_text::fixed(number, 2));
+                    .map(|number| crate::number_text::fixed_decimals(number, 2));
                 format!("fx {fx}, fy {fy}, cx {cx}, cy {cy} px")
             };
             CloudFileError::OtherLens { off_px, own: numbers(&own.camera), stated: numbers(camera) }
@@ -114,14 +121,14 @@ fn named(cloud: &OrganizedCloud<Camera>, sample: &Sample, camera: &PinholeCamera
 /// # Errors
 /// The kind of cloud that was found instead.
 pub fn check_lens(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
-    let sample = sampled(cloud);
+    let sample = sample_points(cloud);
     if sample.len() < MIN_POINTS {
         return Ok(());
     }
     unit_and_side(&sample)?;
-    let middle_px = median_off_px(&sample, camera).unwrap_or(f64::INFINITY);
+    let middle_px = median_projection_error_px(&sample, camera).unwrap_or(f64::INFINITY);
     if middle_px > allowed_px(cloud.width()) {
-        return Err(named(cloud, &sample, camera, middle_px));
+        return Err(lens_mismatch_error(cloud, &sample, camera, middle_px));
     }
     Ok(())
 }
@@ -144,7 +151,7 @@ pub fn check_rays(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Res
     if count < MIN_POINTS {
         return Ok(());
     }
-    let elsewhere = |index: &usize| off_px(*index).is_some_and(|off_px| off_px > ELSEWHERE_PX);
+    let elsewhere = |index: &usize| off_px(*index).is_some_and(|off_px| off_px > MAX_PROJECTION_ERROR_PX);
     let found: Vec<usize> = (0..count).into_par_iter().filter(elsewhere).collect();
     match found.first() {
         None => Ok(()),

@@ -17,14 +17,14 @@ use nalgebra::Vector3;
 
 /// The load on the actuator, and its sensor's reading without force.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Weight {
+pub struct SensorLoad {
     /// Mass on the actuator: the sander with its disc, kg.
     pub payload_kg: f64,
     /// The sensor's reading when the actuator has no force, N.
     pub zero_n: f64,
 }
 
-impl Weight {
+impl SensorLoad {
     /// Returns the part of the contact force that comes from the weight, N; `downwards` is the cosine between the
     /// tool's +Z and gravity, −1…1.
     pub fn presses_n(&self, downwards: f64) -> f64 {
@@ -42,14 +42,14 @@ impl Weight {
     }
 }
 
-impl From<&CompliantTool> for Weight {
+impl From<&CompliantTool> for SensorLoad {
     fn from(tool: &CompliantTool) -> Self {
-        Weight { payload_kg: tool.payload_kg, zero_n: tool.zero_n }
+        SensorLoad { payload_kg: tool.payload_kg, zero_n: tool.zero_n }
     }
 }
 
 /// Returns how far a tool points down: the cosine between its +Z and gravity.
-pub fn downwards(base_from_tool: &Rigid<Base, Tool>) -> f64 {
+pub fn down_cosine(base_from_tool: &Rigid<Base, Tool>) -> f64 {
     -(*base_from_tool * Vector::<Tool>::new(Vector3::z())).mm.z
 }
 
@@ -59,14 +59,14 @@ mod tests {
     use crate::geometry::KukaPose;
 
     fn turned(b_deg: f64) -> f64 {
-        downwards(&KukaPose { b_deg, ..KukaPose::default() }.to_rigid())
+        down_cosine(&KukaPose { b_deg, ..KukaPose::default() }.to_rigid())
     }
 
     /// By hand: 2 kg weigh 19.6133 N. Down: 20 N of contact need 0.3867 N from the actuator. Up: 39.6133 N. Level:
     /// 20 N. At 60° from down, half of the weight presses: 10.19335 N.
     #[test]
     fn weight_presses_by_the_attitude() {
-        let weight = Weight { payload_kg: 2.0, zero_n: 0.0 };
+        let weight = SensorLoad { payload_kg: 2.0, zero_n: 0.0 };
         for (b_deg, actuator_n) in [(180.0, 0.3867), (0.0, 39.6133), (90.0, 20.0), (120.0, 10.193_35)] {
             let found = weight.actuator_n(20.0, turned(b_deg));
             assert!((found - actuator_n).abs() < 1e-9, "{b_deg}: {found}");
@@ -77,7 +77,7 @@ mod tests {
     /// pointing down it is 39.6133 N.
     #[test]
     fn a_reading_is_a_contact_force() {
-        let weight = Weight { payload_kg: 2.0, zero_n: 1.5 };
+        let weight = SensorLoad { payload_kg: 2.0, zero_n: 1.5 };
         assert!((weight.contact_n(21.5, turned(90.0)) - 20.0).abs() < 1e-9);
         assert!((weight.contact_n(21.5, turned(180.0)) - 39.6133).abs() < 1e-9);
     }

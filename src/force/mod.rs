@@ -25,11 +25,11 @@ mod telegram;
 mod watch;
 
 pub use force_profile::{ForcePhase, force_phase};
-pub use gravity::{Weight, downwards};
-pub use press::{Press, Ramp};
-pub use session::{Loss, Session, SessionLimits, State};
+pub use gravity::{SensorLoad, down_cosine};
+pub use press::{ForceSetPoint, SetPointRamp};
+pub use session::{LinkLossCause, Session, SessionLimits, State};
 pub use stroke::{MIDDLE_SHARE, TOOL_STROKE, check_stroke};
 pub use telegram::{
-    Command, ErrorBits, MAX_LOGIN_ECHO_BYTES, Reading, TERMINATOR, TelegramError, login, parse_reply,
+    Command, ErrorBits, MAX_LOGIN_ECHO_BYTES, TERMINATOR, TelegramError, ToolReading, login, parse_reply,
 };
-pub use watch::{Expected, Watch, WatchLimits, unready};
+pub use watch::{ExpectedForce, ForceWatch, WatchLimits, not_ready_reason};

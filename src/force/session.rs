@@ -2,12 +2,14 @@
 //! clock.
 //!
 //! The owner of the connection supplies the received bytes and the time, and sends the bytes that it is given. The
-//! first deviation ends the session with its [`Loss`]; a new connection begins with the tool held back. Nothing is
+//! first deviation ends the session with its [`LinkLossCause`]; a new connection begins with the tool held back. Nothing is
 //! ever skipped or guessed: a wrong byte ends the session, since the bytes that follow could be the answer to
 //! another command.
 
-use super::press::{Press, Ramp};
-use super::telegram::{self, Command, MAX_LOGIN_ECHO_BYTES, MAX_REPLY_BYTES, Reading, TERMINATOR, TelegramError};
+use super::press::{ForceSetPoint, SetPointRamp};
+use super::telegram::{
+    self, Command, MAX_LOGIN_ECHO_BYTES, MAX_REPLY_BYTES, TERMINATOR, TelegramError, ToolReading,
+};
 use crate::eki::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -27,13 +29,13 @@ pub struct SessionLimits {
     /// Timeout for a reply.
     pub reply_within: Duration,
     /// The tool's set-point until another is commanded.
-    pub at_rest: Press,
+    pub rest_set_point: ForceSetPoint,
 }
 
 /// Why the link to the tool is lost.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
-pub enum Loss {
+pub enum LinkLossCause {
     /// Nothing connects.
     #[error("the connection failed: {problem}")]
     Unreachable {
@@ -84,7 +86,7 @@ pub enum State {
     /// A command was sent at this time.
     Asked(Time),
     /// It has ended.
-    Lost(Loss),
+    Lost(LinkLossCause),
 }
 
 /// A session.
@@ -92,16 +94,16 @@ pub enum State {
 pub struct Session {
     limits: SessionLimits,
     state: State,
-    ramp: Ramp,
+    ramp: SetPointRamp,
     buffer: Vec<u8>,
-    newest: Option<(Time, Reading)>,
+    last_reading: Option<(Time, ToolReading)>,
 }
 
 impl Session {
     /// Creates a session that is not connected yet.
     pub fn new(limits: SessionLimits) -> Self {
-        let ramp = Ramp::at(limits.at_rest);
-        Session { limits, state: State::Offline, ramp, buffer: Vec::new(), newest: None }
+        let ramp = SetPointRamp::constant(limits.rest_set_point);
+        Session { limits, state: State::Offline, ramp, buffer: Vec::new(), last_reading: None }
     }
 
     /// Starts on an established connection: returns the log-in to be sent. The tool is held back until another
@@ -114,8 +116,8 @@ impl Session {
     }
 
     /// Sets the tool's set-point from now on.
-    pub fn press(&mut self, press: Press, now: Time) {
-        self.ramp.turn_to(press, now);
+    pub fn set_point_now(&mut self, press: ForceSetPoint, now: Time) {
+        self.ramp.start_towards(press, now);
     }
 
     /// Returns the session's state.
@@ -124,17 +126,17 @@ impl Session {
     }
 
     /// Whether replies come.
-    pub fn is_live(&self) -> bool {
-        matches!(self.state, State::Ready(_) | State::Asked(_)) && self.newest.is_some()
+    pub fn is_receiving(&self) -> bool {
+        matches!(self.state, State::Ready(_) | State::Asked(_)) && self.last_reading.is_some()
     }
 
     /// Returns the last reading, and when it arrived.
-    pub fn newest(&self) -> Option<(Time, Reading)> {
-        self.newest
+    pub fn last_reading(&self) -> Option<(Time, ToolReading)> {
+        self.last_reading
     }
 
     /// Returns the time by which [`tick`](Self::tick) must be called next; `None` without a connection.
-    pub fn due(&self) -> Option<Time> {
+    pub fn next_tick(&self) -> Option<Time> {
         match self.state {
             State::LoggingIn(since) => Some(since + LOGIN_TIMEOUT),
             State::Ready(due) => Some(due),
@@ -150,22 +152,28 @@ impl Session {
                 self.state = State::Asked(now);
                 Some(self.command(now).bytes())
             }
-            State::LoggingIn(since) if now.since(since) >= LOGIN_TIMEOUT => self.silent(since, now),
-            State::Asked(since) if now.since(since) >= self.limits.reply_within => self.silent(since, now),
+            State::LoggingIn(since) if now.since(since) >= LOGIN_TIMEOUT => self.on_silence(since, now),
+            State::Asked(since) if now.since(since) >= self.limits.reply_within => self.on_silence(since, now),
             _ => None,
         }
     }
 
-    fn silent(&mut self, since: Time, now: Time) -> Option<Vec<u8>> {
+    fn on_silence(&mut self, since: Time, now: Time) -> Option<Vec<u8>> {
         let ms = u64::try_from(now.since(since).as_millis()).unwrap_or(u64::MAX);
-        self.lose(Loss::Silent { ms });
+        self.end_session(LinkLossCause::Silent { ms });
         None
     }
 
     fn command(&self, now: Time) -> Command {
-        let Press { no_contact_n, .. } = self.ramp.target();
+        let ForceSetPoint { no_contact_n, .. } = self.ramp.target();
         // The force is already without gravity, and the ramp is made here: the tool must do neither a second time.
-        Command { id: self.limits.id, force_n: self.ramp.force_n(now), no_contact_n, ramp_s: 0.0, payload_kg: 0.0 }
+        Command {
+            id: self.limits.id,
+            force_n: self.ramp.force_n(now),
+            free_force_n: no_contact_n,
+            ramp_s: 0.0,
+            payload_kg: 0.0,
+        }
     }
 
     /// These bytes came.
@@ -175,14 +183,14 @@ impl Session {
                 State::Offline | State::Lost(_) => return,
                 // Request and reply alternate. An extra reply would answer the next request, and every reading would be
                 // one period old.
-                State::Ready(_) => return self.lose(Loss::Unasked),
-                State::LoggingIn(_) => self.of_login(*byte, now),
-                State::Asked(since) => self.of_reply(*byte, since, now),
+                State::Ready(_) => return self.end_session(LinkLossCause::Unasked),
+                State::LoggingIn(_) => self.process_login_byte(*byte, now),
+                State::Asked(since) => self.process_reply_byte(*byte, since, now),
             }
         }
     }
 
-    fn of_login(&mut self, byte: u8, now: Time) {
+    fn process_login_byte(&mut self, byte: u8, now: Time) {
         self.buffer.push(byte);
         let expected = telegram::login(&self.limits.login);
         if self.buffer == expected {
@@ -190,17 +198,17 @@ impl Session {
             self.state = State::Ready(now);
         } else if !expected.starts_with(&self.buffer) || self.buffer.len() >= MAX_LOGIN_ECHO_BYTES {
             let found = String::from_utf8_lossy(&self.buffer).escape_debug().to_string();
-            self.lose(Loss::NotLoggedIn { found });
+            self.end_session(LinkLossCause::NotLoggedIn { found });
         }
     }
 
-    fn of_reply(&mut self, byte: u8, since: Time, now: Time) {
+    fn process_reply_byte(&mut self, byte: u8, since: Time, now: Time) {
         if byte != TERMINATOR {
             self.buffer.push(byte);
             // Without a limit a tool that sends noise without an end would fill the memory.
             if self.buffer.len() > MAX_REPLY_BYTES {
                 let problem = TelegramError::TooLong { bytes: self.buffer.len() }.to_string();
-                self.lose(Loss::Garbage { problem });
+                self.end_session(LinkLossCause::Garbage { problem });
             }
             return;
         }
@@ -208,16 +216,18 @@ impl Session {
         match telegram::parse_reply(&buffer, self.limits.id) {
             Ok(reading) => {
                 // With the time of arrival, not of the request: the age of a reading decides whether it may be judged.
-                self.newest = Some((now, reading));
+                self.last_reading = Some((now, reading));
                 self.state = State::Ready((since + self.limits.period).max(now));
             }
-            Err(error @ TelegramError::OtherId { .. }) => self.lose(Loss::OtherId { problem: error.to_string() }),
-            Err(error) => self.lose(Loss::Garbage { problem: error.to_string() }),
+            Err(error @ TelegramError::OtherId { .. }) => {
+                self.end_session(LinkLossCause::OtherId { problem: error.to_string() })
+            }
+            Err(error) => self.end_session(LinkLossCause::Garbage { problem: error.to_string() }),
         }
     }
 
     /// It ends here.
-    pub fn lose(&mut self, why: Loss) {
+    pub fn end_session(&mut self, why: LinkLossCause) {
         // The first cause stays: what follows a loss is its consequence.
         if !matches!(self.state, State::Lost(_)) {
             self.state = State::Lost(why);

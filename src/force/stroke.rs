@@ -11,8 +11,8 @@
 //! within the middle two thirds of the stroke. The errors are added, not squared: a systematic error would not
 //! average out along a path.
 
-use crate::number_text::{apart, fixed};
-use crate::verdict::{Check, SetBy, Severity};
+use crate::number_text::{distinguishable_texts, fixed_decimals};
+use crate::verdict::{Check, LimitSource, Severity};
 
 /// Fraction of the stroke, centred on its middle, that may be used in contact.
 pub const MIDDLE_SHARE: f64 = 2.0 / 3.0;
@@ -33,16 +33,16 @@ pub fn check_stroke(stroke_mm: f64, press_in_mm: f64, errors_mm: [Option<f64>; 3
     // Added and not squared: the errors of tool, surface and lines may all lie in the same direction along a whole
     // path.
     let sum_mm = errors_mm.into_iter().try_fold(press_in_mm.abs(), |sum_mm, error_mm| Some(sum_mm + error_mm?));
-    let check = Check::new(TOOL_STROKE, "mm", sum_mm).at_most(allowed_mm, SetBy::cell("tool.stroke_mm"));
-    let is_within = sum_mm.is_some() && check.is_kept();
-    check.broken(!is_within, Severity::Reject, "tool_stroke", || match sum_mm {
+    let check = Check::new(TOOL_STROKE, "mm", sum_mm).with_max(allowed_mm, LimitSource::cell("tool.stroke_mm"));
+    let is_within = sum_mm.is_some() && check.is_met();
+    check.with_consequence_if(!is_within, Severity::Reject, "tool_stroke", || match sum_mm {
         Some(sum_mm) => {
-            let [found, allowed] = apart(sum_mm, allowed_mm, 2);
+            let [found, allowed] = distinguishable_texts(sum_mm, allowed_mm, 2);
             format!(
                 "the compliant tool may be {found} mm from the middle of its stroke, by the errors of tool, \
                  surface and lines, and the press-in (limit {allowed} mm for a stroke of {} mm); use a smaller \
                  press_in_mm or chord_error_mm, or calibrate the tool more accurately",
-                fixed(stroke_mm, 1)
+                fixed_decimals(stroke_mm, 1)
             )
         }
         None => "a compliant tool requires the error at the tool: state [limits] tool_error_mm in the cell's file"
@@ -60,7 +60,7 @@ mod tests {
     #[test]
     fn errors_and_press_in_must_stay_in_the_middle() {
         assert_eq!(middle_mm(30.0).map(|mm| (mm * 1e9).round() / 1e9), [5.0, 25.0]);
-        let verdict = |errors| Judgement::of_checks([&check_stroke(30.0, 8.0, errors)]).verdict;
+        let verdict = |errors| Judgement::from_checks([&check_stroke(30.0, 8.0, errors)]).verdict;
         assert_eq!(verdict([Some(1.0), Some(0.5), Some(0.4)]), Verdict::Accept);
         assert_eq!(verdict([Some(1.0), Some(0.5), Some(0.6)]), Verdict::Reject);
         let unknown = check_stroke(30.0, 0.0, [None, Some(0.1), Some(0.1)]);

@@ -44,7 +44,7 @@ pub struct Command {
     /// The actuator's force in contact, N.
     pub force_n: f64,
     /// The actuator's force before contact, N.
-    pub no_contact_n: f64,
+    pub free_force_n: f64,
     /// Duration of the ramp from the force before contact to the force in contact, when contact begins, s.
     pub ramp_s: f64,
     /// The mass for which the tool itself compensates, kg.
@@ -54,7 +54,7 @@ pub struct Command {
 impl Command {
     /// The telegram.
     pub fn bytes(&self) -> Vec<u8> {
-        let Command { id, force_n, no_contact_n, ramp_s, payload_kg } = self;
+        let Command { id, force_n, free_force_n: no_contact_n, ramp_s, payload_kg } = self;
         // Removes a negative sign of zero, which would be written as a different text.
         let (force_n, no_contact_n) = (force_n + 0.0, no_contact_n + 0.0);
         format!("{id} {force_n:.2} {no_contact_n:.2} {ramp_s:.3} {payload_kg:.3} 0k").into_bytes()
@@ -64,7 +64,7 @@ impl Command {
 /// The tool's report of its own state.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Reading {
+pub struct ToolReading {
     /// The force that the tool measures, N: that of the actuator, without the weight of its payload.
     pub force_n: f64,
     /// The tool's extension, mm: 0 is fully back.
@@ -94,12 +94,12 @@ const MEANINGS: [&str; 8] = [
 
 impl ErrorBits {
     /// Returns whether no error is set.
-    pub fn is_none(self) -> bool {
+    pub fn is_empty(self) -> bool {
         self.0 == 0
     }
 
     /// Returns the errors in words.
-    pub fn words(self) -> String {
+    pub fn describe(self) -> String {
         let set = |(bit, meaning): (usize, &&'static str)| (self.0 >> bit & 1 == 1).then_some(*meaning);
         MEANINGS.iter().enumerate().filter_map(set).collect::<Vec<_>>().join(", ")
     }
@@ -145,43 +145,43 @@ pub enum TelegramError {
 ///
 /// # Errors
 /// If it is not exactly a reply of that tool.
-pub fn parse_reply(bytes: &[u8], expected: u16) -> Result<Reading, TelegramError> {
+pub fn parse_reply(bytes: &[u8], expected: u16) -> Result<ToolReading, TelegramError> {
     if bytes.len() > MAX_REPLY_BYTES {
         return Err(TelegramError::TooLong { bytes: bytes.len() });
     }
-    let text = std::str::from_utf8(bytes).ok().filter(|text| text.bytes().all(is_text));
+    let text = std::str::from_utf8(bytes).ok().filter(|text| text.bytes().all(is_text_byte));
     let fields: Vec<&str> = text.ok_or(TelegramError::NotText)?.split_ascii_whitespace().collect();
     let [id, force, position, contact, errors] = fields[..] else {
         return Err(TelegramError::Fields { found: fields.len() });
     };
-    let found: u32 = id.parse().map_err(|_| wrong("id", id))?;
+    let found: u32 = id.parse().map_err(|_| field_error("id", id))?;
     // Checked before the numbers: the reading of another tool is well-formed and still says nothing about this one.
     if found != u32::from(expected) {
         return Err(TelegramError::OtherId { found, expected });
     }
-    Ok(Reading {
+    Ok(ToolReading {
         force_n: number("force", force, -MAX_FORCE_N..=MAX_FORCE_N)?,
         position_mm: number("position", position, -MAX_POSITION_MM..=MAX_POSITION_MM)?,
         contact: match contact {
             "0" => false,
             "1" => true,
-            _ => return Err(wrong("contact", contact)),
+            _ => return Err(field_error("contact", contact)),
         },
-        errors: ErrorBits(errors.parse().map_err(|_| wrong("error", errors))?),
+        errors: ErrorBits(errors.parse().map_err(|_| field_error("error", errors))?),
     })
 }
 
-fn is_text(byte: u8) -> bool {
+fn is_text_byte(byte: u8) -> bool {
     byte.is_ascii_graphic() || byte.is_ascii_whitespace()
 }
 
 fn number(field: &'static str, text: &str, allowed: std::ops::RangeInclusive<f64>) -> Result<f64, TelegramError> {
-    let value: f64 = text.parse().map_err(|_| wrong(field, text))?;
+    let value: f64 = text.parse().map_err(|_| field_error(field, text))?;
     // Also refuses a value that is not a number.
-    if allowed.contains(&value) { Ok(value) } else { Err(wrong(field, text)) }
+    if allowed.contains(&value) { Ok(value) } else { Err(field_error(field, text)) }
 }
 
-fn wrong(field: &'static str, found: &str) -> TelegramError {
+fn field_error(field: &'static str, found: &str) -> TelegramError {
     TelegramError::Field { field, found: found.to_owned() }
 }
 
@@ -190,7 +190,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const COMMAND: Command = Command { id: 1040, force_n: 20.0, no_contact_n: -5.0, ramp_s: 0.25, payload_kg: 1.3 };
+    const COMMAND: Command = Command { id: 1040, force_n: 20.0, free_force_n: -5.0, ramp_s: 0.25, payload_kg: 1.3 };
 
     /// Calculated by hand from the driver's format.
     #[test]
@@ -198,10 +198,10 @@ mod tests {
         assert_eq!(login("ferba"), b"ferbak");
         assert_eq!(COMMAND.bytes(), b"1040 20.00 -5.00 0.250 1.300 0k");
         assert_eq!(Command { force_n: -0.0, ..COMMAND }.bytes(), b"1040 0.00 -5.00 0.250 1.300 0k");
-        let read = Reading { force_n: 19.7, position_mm: 17.25, contact: true, errors: ErrorBits(0) };
+        let read = ToolReading { force_n: 19.7, position_mm: 17.25, contact: true, errors: ErrorBits(0) };
         assert_eq!(parse_reply(b"1040 19.7 17.25 1 0", 1040), Ok(read));
         let errors = parse_reply(b"1040 -3 0.0 0 9", 1040).expect("a reply").errors;
-        assert_eq!(errors.words(), "its valve has an error, its commanded force cannot be reached");
+        assert_eq!(errors.describe(), "its valve has an error, its commanded force cannot be reached");
     }
 
     #[test]

@@ -8,14 +8,14 @@
 
 use super::force_profile::ForcePhase;
 use super::stroke::middle_mm;
-use super::telegram::Reading;
+use super::telegram::ToolReading;
 use crate::eki::Time;
-use crate::number_text::fixed;
+use crate::number_text::fixed_decimals;
 use crate::verdict::Reason;
 use std::time::Duration;
 
 /// Largest extension of a retracted tool, as a fraction of its stroke.
-const BACK_SHARE: f64 = 1.0 / 6.0;
+const MAX_RETRACTED_SHARE: f64 = 1.0 / 6.0;
 /// Time limit for a tool to retract: enough for the longest stroke of the slowest tool.
 const RETRACT_TIMEOUT: Duration = Duration::from_millis(600);
 
@@ -34,45 +34,46 @@ pub struct WatchLimits {
 
 /// The expected values for a reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Expected {
+pub struct ExpectedForce {
     /// The tool's task.
-    pub aim: ForcePhase,
+    pub force_phase: ForcePhase,
     /// The range of contact forces that contains the set-point, lower value first, N.
-    pub between_n: [f64; 2],
+    pub force_range_n: [f64; 2],
 }
 
 /// The deviations so far, and since when.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Watch {
-    aim: Option<(ForcePhase, Time)>,
-    out_of_band: Option<Time>,
-    out_of_stroke: Option<Time>,
-    without_contact: Option<Time>,
+pub struct ForceWatch {
+    force_phase: Option<(ForcePhase, Time)>,
+    out_of_band_since: Option<Time>,
+    out_of_stroke_since: Option<Time>,
+    no_contact_since: Option<Time>,
 }
 
-impl Watch {
+impl ForceWatch {
     /// Evaluates a reading and its contact force, N, received at this time. Returns the reason if the path must
     /// end.
-    pub fn see(
+    pub fn evaluate(
         &mut self,
-        (reading, contact_n): (&Reading, f64),
-        expected: Expected,
+        (reading, contact_n): (&ToolReading, f64),
+        expected: ExpectedForce,
         limits: &WatchLimits,
         now: Time,
     ) -> Option<Reason> {
-        if !reading.errors.is_none() {
-            return Some(of_errors(reading));
+        if !reading.errors.is_empty() {
+            return Some(error_reason(reading));
         }
-        let since = match self.aim {
-            Some((aim, since)) if aim == expected.aim => since,
-            _ => self.aim.insert((expected.aim, now)).1,
+        let since = match self.force_phase {
+            Some((aim, since)) if aim == expected.force_phase => since,
+            _ => self.force_phase.insert((expected.force_phase, now)).1,
         };
-        let presses = expected.aim == ForcePhase::Pressing;
-        let [low_n, high_n] = [expected.between_n[0] - limits.band_n, expected.between_n[1] + limits.band_n];
+        let presses = expected.force_phase == ForcePhase::Pressing;
+        let [low_n, high_n] =
+            [expected.force_range_n[0] - limits.band_n, expected.force_range_n[1] + limits.band_n];
         // Without contact there is no force to judge. The upper limit applies in every contact phase, the lower limit
         // only while the tool presses.
         let out = (presses && reading.contact && contact_n < low_n)
-            || (expected.aim != ForcePhase::HeldBack && reading.contact && contact_n > high_n);
+            || (expected.force_phase != ForcePhase::HeldBack && reading.contact && contact_n > high_n);
         let [nearest_mm, farthest_mm] = middle_mm(limits.stroke_mm);
         let outside = presses && reading.contact && !(nearest_mm..=farthest_mm).contains(&reading.position_mm);
         let lasts = |began: &mut Option<Time>, is_so: bool, within: Duration| {
@@ -81,9 +82,9 @@ impl Watch {
             *began = first;
             first.is_some_and(|first| now.since(first) >= within)
         };
-        let no_contact = lasts(&mut self.without_contact, presses && !reading.contact, limits.contact_within);
-        let out = lasts(&mut self.out_of_band, out, limits.band_within);
-        let outside = lasts(&mut self.out_of_stroke, outside, limits.band_within);
+        let no_contact = lasts(&mut self.no_contact_since, presses && !reading.contact, limits.contact_within);
+        let out = lasts(&mut self.out_of_band_since, out, limits.band_within);
+        let outside = lasts(&mut self.out_of_stroke_since, outside, limits.band_within);
         // Before the force: a pad in the air also has a wrong force, but the panel that is missing is the cause.
         if no_contact {
             let ms = limits.contact_within.as_millis();
@@ -94,68 +95,68 @@ impl Watch {
             return Some(Reason::new("no_contact", words));
         }
         if out {
-            return Some(of_force(contact_n, expected, limits));
+            return Some(force_reason(contact_n, expected, limits));
         }
         if outside {
             let words = format!(
                 "the compliant tool is extended by {} mm, but the limits in contact are {} to {} mm of its stroke \
                  of {} mm; check whether the panel was moved, and touch a known target: `panelprep calibrate \
                  touch`",
-                fixed(reading.position_mm, 1),
-                fixed(nearest_mm, 1),
-                fixed(farthest_mm, 1),
-                fixed(limits.stroke_mm, 1)
+                fixed_decimals(reading.position_mm, 1),
+                fixed_decimals(nearest_mm, 1),
+                fixed_decimals(farthest_mm, 1),
+                fixed_decimals(limits.stroke_mm, 1)
             );
             return Some(Reason::new("tool_stroke", words));
         }
-        let is_held = expected.aim == ForcePhase::HeldBack && now.since(since) >= RETRACT_TIMEOUT;
+        let is_held = expected.force_phase == ForcePhase::HeldBack && now.since(since) >= RETRACT_TIMEOUT;
         // In the air, after enough time to retract, the tool must be back and touch nothing; its force is not checked.
-        if is_held { unready(reading, limits.stroke_mm) } else { None }
+        if is_held { not_ready_reason(reading, limits.stroke_mm) } else { None }
     }
 }
 
 /// Returns why a path may not begin with this reading of a tool that is held back; none if it may.
-pub fn unready(reading: &Reading, stroke_mm: f64) -> Option<Reason> {
-    if !reading.errors.is_none() {
-        return Some(of_errors(reading));
+pub fn not_ready_reason(reading: &ToolReading, stroke_mm: f64) -> Option<Reason> {
+    if !reading.errors.is_empty() {
+        return Some(error_reason(reading));
     }
     if reading.contact {
         let words = "the compliant tool reports contact in the air; check what the tool touches, and its own \
                      settings";
         return Some(Reason::new("contact_in_air", words));
     }
-    not_back(reading, stroke_mm)
+    not_retracted_reason(reading, stroke_mm)
 }
 
-fn of_errors(reading: &Reading) -> Reason {
+fn error_reason(reading: &ToolReading) -> Reason {
     let words = format!(
         "the compliant tool reports: {}; check its controller, its compressed air and its cable",
-        reading.errors.words()
+        reading.errors.describe()
     );
     Reason::new("tool_errors", words)
 }
 
-fn of_force(contact_n: f64, expected: Expected, limits: &WatchLimits) -> Reason {
-    let [low_n, high_n] = [expected.between_n[0] - limits.band_n, expected.between_n[1] + limits.band_n];
+fn force_reason(contact_n: f64, expected: ExpectedForce, limits: &WatchLimits) -> Reason {
+    let [low_n, high_n] = [expected.force_range_n[0] - limits.band_n, expected.force_range_n[1] + limits.band_n];
     let words = format!(
         "the compliant tool pressed with {} N for {} ms (limits {} to {} N); check its air pressure and that it \
          moves freely, and measure its zero: `panelprep calibrate force`",
-        fixed(contact_n, 1),
+        fixed_decimals(contact_n, 1),
         limits.band_within.as_millis(),
-        fixed(low_n, 1),
-        fixed(high_n, 1)
+        fixed_decimals(low_n, 1),
+        fixed_decimals(high_n, 1)
     );
     Reason::new("force_band", words)
 }
 
-fn not_back(reading: &Reading, stroke_mm: f64) -> Option<Reason> {
-    let allowed_mm = BACK_SHARE * stroke_mm;
+fn not_retracted_reason(reading: &ToolReading, stroke_mm: f64) -> Option<Reason> {
+    let allowed_mm = MAX_RETRACTED_SHARE * stroke_mm;
     let words = || {
         format!(
             "the compliant tool is commanded to retract, but is still extended by {} mm (limit {} mm); check that \
              it moves freely and has compressed air",
-            fixed(reading.position_mm, 1),
-            fixed(allowed_mm, 1)
+            fixed_decimals(reading.position_mm, 1),
+            fixed_decimals(allowed_mm, 1)
         )
     };
     (reading.position_mm > allowed_mm).then(|| Reason::new("tool_stuck", words()))

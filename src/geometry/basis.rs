@@ -16,7 +16,7 @@ pub const MAX_DEGREE: usize = 5;
 pub const DEGREE: usize = 3;
 
 /// Numbers that belong to the `degree + 1` functions of one span; the rest is zero.
-pub type Local = [f64; MAX_DEGREE + 1];
+pub type SpanValues = [f64; MAX_DEGREE + 1];
 
 /// Why numbers are not a valid knot vector.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -52,13 +52,13 @@ pub struct KnotVector {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Basis {
     /// Index of the first function's control point.
-    pub first_control: usize,
+    pub first_control_index: usize,
     /// Values; they sum to 1.
-    pub values: Local,
+    pub values: SpanValues,
     /// First derivatives; they sum to 0.
-    pub first: Local,
+    pub first_derivatives: SpanValues,
     /// Second derivatives; they sum to 0.
-    pub second: Local,
+    pub second_derivatives: SpanValues,
 }
 
 /// The functions of one span as polynomials of t = (u − start) / length: N_r = Σ_k c_rk t^k.
@@ -69,7 +69,7 @@ pub struct SpanFunctions {
     /// The length of the span.
     pub length: f64,
     /// The coefficients c_rk, function by function.
-    pub coefficients: [Local; MAX_DEGREE + 1],
+    pub coefficients: [SpanValues; MAX_DEGREE + 1],
 }
 
 impl KnotVector {
@@ -143,7 +143,7 @@ impl KnotVector {
     }
 
     /// Returns the functions of one span as polynomials.
-    pub fn functions_on(&self, span: usize) -> SpanFunctions {
+    pub fn span_polynomials(&self, span: usize) -> SpanFunctions {
         let knot = span + self.degree;
         let (start, length) = (self.knots[knot], self.knots[knot + 1] - self.knots[knot]);
         let mut lower = [[0.0; MAX_DEGREE + 1]; MAX_DEGREE + 1];
@@ -168,49 +168,49 @@ impl KnotVector {
     }
 
     /// Returns the Greville abscissa of each control point: the mean of its inner knots, as many as the degree.
-    pub fn greville(&self) -> Vec<f64> {
+    pub fn greville_abscissa(&self) -> Vec<f64> {
         let mean = |i: usize| self.knots[i + 1..=i + self.degree].iter().sum::<f64>() / self.degree as f64;
         (0..self.controls()).map(mean).collect()
     }
 
     /// Values alone.
-    pub fn values(&self, at: f64) -> Local {
+    pub fn values(&self, at: f64) -> SpanValues {
         let knot = self.span(at) + self.degree;
-        (1..=self.degree).fold(constant(), |lower, degree| self.raise(lower, degree, knot, at))
+        (1..=self.degree).fold(constant_values(), |lower, degree| self.raise(lower, degree, knot, at))
     }
 
     /// Calculates values and first derivatives; the second derivatives stay zero.
-    pub fn with_first(&self, at: f64) -> Basis {
+    pub fn with_first_derivatives(&self, at: f64) -> Basis {
         let (span, top) = (self.span(at), self.degree);
         let knot = span + top;
-        let lower = (1..top).fold(constant(), |lower, degree| self.raise(lower, degree, knot, at));
+        let lower = (1..top).fold(constant_values(), |lower, degree| self.raise(lower, degree, knot, at));
         Basis {
-            first_control: span,
+            first_control_index: span,
             values: self.raise(lower, top, knot, at),
-            first: self.differentiate(lower, top, knot),
-            second: [0.0; MAX_DEGREE + 1],
+            first_derivatives: self.differentiate(lower, top, knot),
+            second_derivatives: [0.0; MAX_DEGREE + 1],
         }
     }
 
     /// Calculates values, first and second derivatives.
-    pub fn with_second(&self, at: f64) -> Basis {
+    pub fn with_second_derivatives(&self, at: f64) -> Basis {
         let (span, top) = (self.span(at), self.degree);
         let knot = span + top;
         if top == 1 {
-            return self.with_first(at);
+            return self.with_first_derivatives(at);
         }
-        let lowest = (1..top - 1).fold(constant(), |lower, degree| self.raise(lower, degree, knot, at));
+        let lowest = (1..top - 1).fold(constant_values(), |lower, degree| self.raise(lower, degree, knot, at));
         let lower = self.raise(lowest, top - 1, knot, at);
         Basis {
-            first_control: span,
+            first_control_index: span,
             values: self.raise(lower, top, knot, at),
-            first: self.differentiate(lower, top, knot),
-            second: self.differentiate(self.differentiate(lowest, top - 1, knot), top, knot),
+            first_derivatives: self.differentiate(lower, top, knot),
+            second_derivatives: self.differentiate(self.differentiate(lowest, top - 1, knot), top, knot),
         }
     }
 
     // Applies Eq. 4.10: from degree − 1 to degree on the span that begins at this knot.
-    fn raise(&self, lower: Local, degree: usize, knot: usize, at: f64) -> Local {
+    fn raise(&self, lower: SpanValues, degree: usize, knot: usize, at: f64) -> SpanValues {
         let mut raised = [0.0; MAX_DEGREE + 1];
         for (r, value) in lower.iter().enumerate().take(degree) {
             let (from, to) = (self.knots[knot + r + 1 - degree], self.knots[knot + r + 1]);
@@ -221,7 +221,7 @@ impl KnotVector {
         raised
     }
 
-    fn differentiate(&self, lower: Local, degree: usize, knot: usize) -> Local {
+    fn differentiate(&self, lower: SpanValues, degree: usize, knot: usize) -> SpanValues {
         let mut slopes = [0.0; MAX_DEGREE + 1];
         for (r, value) in lower.iter().enumerate().take(degree) {
             let share = degree as f64 * value / (self.knots[knot + r + 1] - self.knots[knot + r + 1 - degree]);
@@ -232,7 +232,7 @@ impl KnotVector {
     }
 }
 
-fn constant() -> Local {
+fn constant_values() -> SpanValues {
     let mut lowest = [0.0; MAX_DEGREE + 1];
     lowest[0] = 1.0;
     lowest
@@ -262,12 +262,12 @@ mod tests {
     #[test]
     fn uniform_cubic_at_a_knot() {
         let knots = KnotVector::uniform(3, 8, 0.0..=8.0).expect("open");
-        let basis = knots.with_second(4.0);
-        assert_eq!(basis.first_control, 4);
+        let basis = knots.with_second_derivatives(4.0);
+        assert_eq!(basis.first_control_index, 4);
         for (found, expected) in [
             (basis.values, [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0]),
-            (basis.first, [-0.5, 0.0, 0.5, 0.0]),
-            (basis.second, [1.0, -2.0, 1.0, 0.0]),
+            (basis.first_derivatives, [-0.5, 0.0, 0.5, 0.0]),
+            (basis.second_derivatives, [1.0, -2.0, 1.0, 0.0]),
         ] {
             for r in 0..4 {
                 assert!((found[r] - expected[r]).abs() < 1e-14, "{found:?}");
@@ -324,13 +324,13 @@ mod tests {
         #[test]
         fn bases_agree_with_the_recursion_and_sum_to_one(knots in knot_vectors(), share in 0.0..=1.0f64) {
             let at = knots.domain().end() * share;
-            let basis = knots.with_second(at);
+            let basis = knots.with_second_derivatives(at);
             let count = knots.degree() + 1;
             prop_assert!((basis.values[..count].iter().sum::<f64>() - 1.0).abs() < 1e-12);
-            prop_assert!(basis.first.iter().sum::<f64>().abs() < 1e-9);
+            prop_assert!(basis.first_derivatives.iter().sum::<f64>().abs() < 1e-9);
             prop_assert_eq!(knots.values(at), basis.values);
             for control in 0..knots.controls() {
-                let local = control.checked_sub(basis.first_control).filter(|r| *r < count);
+                let local = control.checked_sub(basis.first_control_index).filter(|r| *r < count);
                 let found = local.map_or(0.0, |r| basis.values[r]);
                 prop_assert!((found - cox_de_boor(&knots.knots, control, knots.degree(), at)).abs() < 1e-12);
             }
@@ -339,7 +339,7 @@ mod tests {
         #[test]
         fn polynomials_of_a_span_are_its_functions(knots in knot_vectors(), share in 0.0..=1.0f64) {
             let at = knots.domain().end() * share;
-            let functions = knots.functions_on(knots.span(at));
+            let functions = knots.span_polynomials(knots.span(at));
             let t = (at - functions.start) / functions.length;
             let values = knots.values(at);
             for (function, value) in functions.coefficients.iter().zip(values) {
@@ -353,13 +353,13 @@ mod tests {
             let (at, step) = (knots.domain().end() * share, 1e-6);
             prop_assume!(knots.span(at - step) == knots.span(at + step));
             let (before, basis, after) =
-                (knots.with_second(at - step), knots.with_second(at), knots.with_second(at + step));
+                (knots.with_second_derivatives(at - step), knots.with_second_derivatives(at), knots.with_second_derivatives(at + step));
             for r in 0..=knots.degree() {
                 let first = (after.values[r] - before.values[r]) / (2.0 * step);
-                let second = (after.first[r] - before.first[r]) / (2.0 * step);
-                let scale = 1.0 + basis.second[r].abs();
-                prop_assert!((first - basis.first[r]).abs() < 1e-5 * scale, "{} {}", first, basis.first[r]);
-                prop_assert!((second - basis.second[r]).abs() < 1e-3 * scale * scale);
+                let second = (after.first_derivatives[r] - before.first_derivatives[r]) / (2.0 * step);
+                let scale = 1.0 + basis.second_derivatives[r].abs();
+                prop_assert!((first - basis.first_derivatives[r]).abs() < 1e-5 * scale, "{} {}", first, basis.first_derivatives[r]);
+                prop_assert!((second - basis.second_derivatives[r]).abs() < 1e-3 * scale * scale);
             }
         }
     }

@@ -54,7 +54,7 @@ impl PinholeCamera {
 
     /// Returns the pixel that sees this point, and its derivative with respect to the point, px per mm along x, y, z;
     /// `None` behind the camera.
-    pub fn project_with_slope<F: Frame>(&self, point: Point<F>) -> Option<(Pixel, Matrix2x3<f64>)> {
+    pub fn project_with_jacobian<F: Frame>(&self, point: Point<F>) -> Option<(Pixel, Matrix2x3<f64>)> {
         let (p, pixel) = (point.mm, self.project(point)?);
         let (x, y) = (p.x / p.z, p.y / p.z);
         let flat = Matrix2x3::new(1.0, 0.0, -x, 0.0, 1.0, -y) / p.z; // of Eq. 3.10
@@ -80,7 +80,7 @@ impl PinholeCamera {
 
     /// Returns the pixel that sees this point, or `None` if it lies outside the picture or behind the camera.
     pub fn project_inside<F: Frame>(&self, point: Point<F>) -> Option<Pixel> {
-        self.project(point).filter(|pixel| pixel.whole(self.width_px, self.height_px).is_some())
+        self.project(point).filter(|pixel| pixel.nearest_whole(self.width_px, self.height_px).is_some())
     }
 
     /// Returns the ray through a pixel, as the vector (x, y, 1): multiply by a depth to get a point. `None` if the
@@ -101,7 +101,7 @@ impl PinholeCamera {
     /// Returns the largest undistorted radius within the circle around the principal point that contains the whole
     /// picture. `None` if the distortion has no inverse there, that is, if, from the middle outwards, the distorted
     /// radius grows by less than `least_slope` times the undistorted one.
-    pub fn radius_without_fold(&self, least_slope: f64) -> Option<f64> {
+    pub fn max_undistorted_radius(&self, least_slope: f64) -> Option<f64> {
         const DIRECTIONS: usize = 24;
         const STEPS: usize = 40;
         const MAX_STEPS: usize = 25 * STEPS;
@@ -237,10 +237,10 @@ mod tests {
     #[test]
     fn a_lens_that_folds_inside_the_picture_is_known() {
         let plain = PinholeCamera { k1: -0.1, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0, ..LENS };
-        let radius = plain.radius_without_fold(0.05).expect("no fold");
+        let radius = plain.max_undistorted_radius(0.05).expect("no fold");
         assert!((radius - 0.669).abs() < 0.02, "{radius}");
-        assert_eq!(PinholeCamera { k1: -1.0, ..plain }.radius_without_fold(0.05), None);
-        assert_eq!(PinholeCamera { k1: f64::NAN, ..plain }.radius_without_fold(0.05), None);
+        assert_eq!(PinholeCamera { k1: -1.0, ..plain }.max_undistorted_radius(0.05), None);
+        assert_eq!(PinholeCamera { k1: f64::NAN, ..plain }.max_undistorted_radius(0.05), None);
     }
 
     #[test]
@@ -254,7 +254,7 @@ mod tests {
     #[test]
     fn the_slope_of_a_projection_is_its_difference() {
         let at = nalgebra::Point3::new(130.0, -90.0, 620.0);
-        let (_, slope) = LENS.project_with_slope(Point::<Camera>::new(at)).expect("in front");
+        let (_, slope) = LENS.project_with_jacobian(Point::<Camera>::new(at)).expect("in front");
         for axis in 0..3 {
             let step = Vector3::ith(axis, 0.01);
             let pixel = |point| LENS.project(Point::<Camera>::new(point)).expect("in front");

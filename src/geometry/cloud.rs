@@ -99,7 +99,7 @@ impl<F: Frame> OrganizedCloud<F> {
     }
 
     /// All points that are not missing, with their index, row by row.
-    pub fn valid(&self) -> impl Iterator<Item = (usize, Point<F>)> + '_ {
+    pub fn valid_points(&self) -> impl Iterator<Item = (usize, Point<F>)> + '_ {
         (0..self.points_mm.len()).filter_map(|index| Some((index, self.point_at(index)?)))
     }
 
@@ -109,7 +109,7 @@ impl<F: Frame> OrganizedCloud<F> {
     }
 
     /// Returns the cloud with its coordinates in another frame; the pixel grid stays.
-    pub fn moved<To: Frame>(&self, to_from_f: &Rigid<To, F>) -> OrganizedCloud<To> {
+    pub fn transformed<To: Frame>(&self, to_from_f: &Rigid<To, F>) -> OrganizedCloud<To> {
         let (rotation, shift) = (to_from_f.rotation(), to_from_f.origin().mm.coords);
         let moved = |&[x, y, z]: &[f32; 3]| {
             let p = rotation * nalgebra::Vector3::new(f64::from(x), f64::from(y), f64::from(z)) + shift;
@@ -125,7 +125,7 @@ impl<F: Frame> OrganizedCloud<F> {
     }
 
     /// Returns the cloud with each point moved along its ray: its coordinates are multiplied by a factor.
-    pub fn along_rays(&self, factor: impl Fn([f64; 3]) -> f64 + Sync) -> OrganizedCloud<F> {
+    pub fn scaled_along_rays(&self, factor: impl Fn([f64; 3]) -> f64 + Sync) -> OrganizedCloud<F> {
         let moved = |&point: &[f32; 3]| {
             if point[0].is_nan() {
                 return MISSING;
@@ -148,13 +148,13 @@ impl<F: Frame> OrganizedCloud<F> {
     /// The surface area that one pixel represents, mm²: the cross product of half the steps between its neighbours.
     /// `None` at the border of the picture or next to a missing point.
     pub fn pixel_area_mm2(&self, column: usize, row: usize) -> Option<f64> {
-        self.pixel_area_over_mm2(column, row, 1)
+        self.smoothed_pixel_area_mm2(column, row, 1)
     }
 
     /// Calculates the area of a pixel from neighbours `reach_px` away. Noise in depth tilts the steps and so makes
     /// every surface larger, by about (noise / step)²: 1.4 % for neighbours of a scan with 0.44 mm a pixel and
     /// 0.055 mm of noise.
-    pub fn pixel_area_over_mm2(&self, column: usize, row: usize, reach_px: usize) -> Option<f64> {
+    pub fn smoothed_pixel_area_mm2(&self, column: usize, row: usize, reach_px: usize) -> Option<f64> {
         let inside = |at: usize, length: usize| at >= reach_px && at + reach_px < length;
         if reach_px == 0 || !inside(column, self.width) || !inside(row, self.height) {
             return None;
@@ -196,7 +196,7 @@ mod tests {
             .expect("counts agree");
         let mean = |reach_px: usize| {
             let areas = (5..35).flat_map(|row| (5..35).map(move |column| (row, column)));
-            let areas = areas.filter_map(|(row, column)| cloud.pixel_area_over_mm2(column, row, reach_px));
+            let areas = areas.filter_map(|(row, column)| cloud.smoothed_pixel_area_mm2(column, row, reach_px));
             areas.sum::<f64>() / 900.0
         };
         assert!(mean(1) > 0.16 * 1.01, "{}", mean(1));
@@ -207,7 +207,7 @@ mod tests {
     fn missing_points_never_come_out() {
         let points = vec![[f32::NAN; 3], [0.0; 3], [1.0, f32::INFINITY, 2.0], [1.0, 2.0, 3.0]];
         let cloud = OrganizedCloud::<Camera>::new(2, 2, points, vec![[0; 3]; 4]).expect("counts agree");
-        assert_eq!(cloud.valid().map(|(index, _)| index).collect::<Vec<_>>(), [3]);
+        assert_eq!(cloud.valid_points().map(|(index, _)| index).collect::<Vec<_>>(), [3]);
         assert_eq!(cloud.point(1, 0), None);
     }
 
@@ -220,8 +220,8 @@ mod tests {
     #[test]
     fn moving_keeps_the_pixel_grid() {
         let base_from_camera: Rigid<Base, Camera> =
-            Rigid::claim(Isometry3::new(Vector3::new(0.0, 0.0, 100.0), Vector3::zeros()));
-        let moved = grid(3, 3).moved(&base_from_camera);
+            Rigid::from_isometry_unchecked(Isometry3::new(Vector3::new(0.0, 0.0, 100.0), Vector3::zeros()));
+        let moved = grid(3, 3).transformed(&base_from_camera);
         assert!(moved.point(2, 1).expect("there").distance_mm(Point::at(4.0, 3.0, 800.0)) < 1e-4);
     }
 }

@@ -19,7 +19,7 @@ const SAMPLE: usize = 4_000;
 const MIN_POINTS: usize = 60;
 const STEPS: usize = 12;
 /// Points whose distance is more than this many medians are left out.
-const FAR: f64 = 6.0;
+const MAX_MEDIANS: f64 = 6.0;
 
 /// A cloud's lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,7 +31,7 @@ pub struct CloudLens {
 }
 
 /// Returns about [`SAMPLE`] points with their pixels, evenly distributed over the picture.
-pub fn sampled<F: Frame>(cloud: &OrganizedCloud<F>) -> Vec<(Pixel, Point<F>)> {
+pub fn sample_points<F: Frame>(cloud: &OrganizedCloud<F>) -> Vec<(Pixel, Point<F>)> {
     let count = cloud.width() * cloud.height();
     // The stride has no common factor with the width, so that the columns vary.
     let mut stride = (count / SAMPLE).max(1);
@@ -44,7 +44,7 @@ pub fn sampled<F: Frame>(cloud: &OrganizedCloud<F>) -> Vec<(Pixel, Point<F>)> {
 
 /// Returns the median distance between the projections of these points and their pixels, px; a point behind the camera
 /// is at infinity. `None` without points.
-pub fn median_off_px<F: Frame>(sample: &[(Pixel, Point<F>)], camera: &PinholeCamera) -> Option<f64> {
+pub fn median_projection_error_px<F: Frame>(sample: &[(Pixel, Point<F>)], camera: &PinholeCamera) -> Option<f64> {
     let off = |(pixel, point): &(Pixel, Point<F>)| {
         camera.project(*point).map_or(f64::INFINITY, |seen| seen.distance_px(*pixel))
     };
@@ -52,22 +52,28 @@ pub fn median_off_px<F: Frame>(sample: &[(Pixel, Point<F>)], camera: &PinholeCam
 }
 
 /// Computes the lens from these points, for a picture of this size; `None` if the points do not determine it.
-pub fn lens_of<F: Frame>(sample: &[(Pixel, Point<F>)], (width_px, height_px): (usize, usize)) -> Option<CloudLens> {
+pub fn fit_lens<F: Frame>(
+    sample: &[(Pixel, Point<F>)],
+    (width_px, height_px): (usize, usize),
+) -> Option<CloudLens> {
     let mut kept: Vec<(Pixel, Point<F>)> = sample.iter().copied().filter(|(_, point)| point.mm.z > 1e-6).collect();
-    let mut camera = pinhole(&kept, (width_px, height_px))?;
+    let mut camera = fit_pinhole(&kept, (width_px, height_px))?;
     for round in 0..2 {
-        camera = settled(&kept, camera)?;
-        let allowed_px = FAR * median_off_px(&kept, &camera)?.max(1e-6);
+        camera = refine_lens(&kept, camera)?;
+        let allowed_px = MAX_MEDIANS * median_projection_error_px(&kept, &camera)?.max(1e-6);
         if round == 0 {
             kept.retain(|(pixel, point)| {
                 camera.project(*point).is_some_and(|seen| seen.distance_px(*pixel) <= allowed_px)
             });
         }
     }
-    Some(CloudLens { camera, median_px: median_off_px(sample, &camera)? })
+    Some(CloudLens { camera, median_px: median_projection_error_px(sample, &camera)? })
 }
 
-fn pinhole<F: Frame>(kept: &[(Pixel, Point<F>)], (width_px, height_px): (usize, usize)) -> Option<PinholeCamera> {
+fn fit_pinhole<F: Frame>(
+    kept: &[(Pixel, Point<F>)],
+    (width_px, height_px): (usize, usize),
+) -> Option<PinholeCamera> {
     if kept.len() < MIN_POINTS {
         return None;
     }
@@ -87,7 +93,7 @@ fn pinhole<F: Frame>(kept: &[(Pixel, Point<F>)], (width_px, height_px): (usize, 
     Some(PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 })
 }
 
-fn settled<F: Frame>(kept: &[(Pixel, Point<F>)], start: PinholeCamera) -> Option<PinholeCamera> {
+fn refine_lens<F: Frame>(kept: &[(Pixel, Point<F>)], start: PinholeCamera) -> Option<PinholeCamera> {
     if kept.len() < MIN_POINTS {
         return None;
     }
@@ -151,7 +157,7 @@ mod tests {
             [ray.x * depth + moved, ray.y * depth, depth].map(|number| number as f32)
         };
         let cloud = OrganizedCloud::<Camera>::new(200, 160, (0..32_000).map(point).collect(), vec![[0; 3]; 32_000]);
-        let found = lens_of(&sampled(&cloud.expect("counts agree")), (200, 160)).expect("a lens");
+        let found = fit_lens(&sample_points(&cloud.expect("counts agree")), (200, 160)).expect("a lens");
         let off = [found.camera.fx_px - 190.0, found.camera.fy_px - 189.0, found.camera.cx_px - 98.0];
         assert!(off.iter().all(|off| off.abs() < 1e-2) && found.median_px < 1e-3, "{found:?}");
     }

@@ -24,7 +24,7 @@ pub const FIELD_SIZE: usize = FIELD_COLUMNS * FIELD_ROWS;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthField {
     /// The rectangle of directions that the field covers.
-    pub over: FieldRectangle,
+    pub rectangle: FieldRectangle,
     /// The field's coefficients row by row, mm at the reference depth.
     pub coefficients_mm: [f64; FIELD_SIZE],
 }
@@ -33,20 +33,20 @@ pub struct DepthField {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FieldRectangle {
     /// The smallest x and y.
-    pub from: [f64; 2],
+    pub min: [f64; 2],
     /// Its greatest.
-    pub to: [f64; 2],
+    pub max: [f64; 2],
 }
 
 impl FieldRectangle {
     /// Returns the coefficients that have an effect at a direction, with their weights, whose sum is one.
     pub fn weights(&self, direction: [f64; 2]) -> [(usize, f64); 16] {
         let along = |axis: usize, count: usize| {
-            let span = (self.to[axis] - self.from[axis]).max(f64::MIN_POSITIVE);
+            let span = (self.max[axis] - self.min[axis]).max(f64::MIN_POSITIVE);
             let intervals = (count - 3) as f64;
-            let at = ((direction[axis] - self.from[axis]) / span).clamp(0.0, 1.0) * intervals;
+            let at = ((direction[axis] - self.min[axis]) / span).clamp(0.0, 1.0) * intervals;
             let first = (at.floor() as usize).min(count - 4);
-            (first, cubic(at - first as f64))
+            (first, cubic_bsplines(at - first as f64))
         };
         let ((column, across), (row, down)) = (along(0, FIELD_COLUMNS), along(1, FIELD_ROWS));
         std::array::from_fn(|k| {
@@ -57,7 +57,7 @@ impl FieldRectangle {
 }
 
 /// Returns the four cubic B-splines that are not zero at `t` of an interval, 0…1.
-fn cubic(t: f64) -> [f64; 4] {
+fn cubic_bsplines(t: f64) -> [f64; 4] {
     let (t2, t3) = (t * t, t * t * t);
     [
         (1.0 - 3.0 * t + 3.0 * t2 - t3) / 6.0,
@@ -69,18 +69,18 @@ fn cubic(t: f64) -> [f64; 4] {
 
 impl DepthField {
     /// No error anywhere.
-    pub fn none(over: FieldRectangle) -> Self {
-        DepthField { over, coefficients_mm: [0.0; FIELD_SIZE] }
+    pub fn zero(over: FieldRectangle) -> Self {
+        DepthField { rectangle: over, coefficients_mm: [0.0; FIELD_SIZE] }
     }
 
     /// Returns the field plus a linear term with this slope, mm at the reference depth for each unit of the direction.
     /// If the coefficients of a spline are the values of a linear function at the coefficients' positions, the spline
     /// is that function.
     #[must_use]
-    pub fn with_slope(mut self, slope_mm: [f64; 2]) -> Self {
+    pub fn with_linear_term(mut self, slope_mm: [f64; 2]) -> Self {
         let place = |axis: usize, index: usize, count: usize| {
             let share = (index as f64 - 1.0) / (count - 3) as f64;
-            self.over.from[axis] + share * (self.over.to[axis] - self.over.from[axis])
+            self.rectangle.min[axis] + share * (self.rectangle.max[axis] - self.rectangle.min[axis])
         };
         for (index, coefficient_mm) in self.coefficients_mm.iter_mut().enumerate() {
             let (column, row) = (index % FIELD_COLUMNS, index / FIELD_COLUMNS);
@@ -92,23 +92,23 @@ impl DepthField {
 
     /// Returns c at a direction, mm at the reference depth.
     pub fn at_mm(&self, direction: [f64; 2]) -> f64 {
-        self.over.weights(direction).iter().map(|(index, weight)| weight * self.coefficients_mm[*index]).sum()
+        self.rectangle.weights(direction).iter().map(|(index, weight)| weight * self.coefficients_mm[*index]).sum()
     }
 
     /// Returns the factor for a point's coordinates that removes this error, by (1).
-    pub fn factor(&self, [x, y, z]: [f64; 3]) -> f64 {
+    pub fn correction_factor(&self, [x, y, z]: [f64; 3]) -> f64 {
         1.0 / (1.0 + z * self.at_mm([x / z, y / z]) / REFERENCE_DEPTH_MM.powi(2))
     }
 
     /// Returns the point without this error.
     pub fn corrected_point(&self, point: Point<Camera>) -> Point<Camera> {
         let mm = point.mm.coords;
-        Point::new((mm * self.factor([mm.x, mm.y, mm.z])).into())
+        Point::new((mm * self.correction_factor([mm.x, mm.y, mm.z])).into())
     }
 
     /// Returns the scan without this error.
-    pub fn corrected(&self, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
-        scan.along_rays(|mm| self.factor(mm))
+    pub fn correct_cloud(&self, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
+        scan.scaled_along_rays(|mm| self.correction_factor(mm))
     }
 }
 
@@ -117,8 +117,11 @@ mod tests {
     use super::*;
 
     fn field(mm: impl Fn(usize, usize) -> f64) -> DepthField {
-        let over = FieldRectangle { from: [-0.3, -0.2], to: [0.3, 0.2] };
-        DepthField { over, coefficients_mm: std::array::from_fn(|k| mm(k % FIELD_COLUMNS, k / FIELD_COLUMNS)) }
+        let over = FieldRectangle { min: [-0.3, -0.2], max: [0.3, 0.2] };
+        DepthField {
+            rectangle: over,
+            coefficients_mm: std::array::from_fn(|k| mm(k % FIELD_COLUMNS, k / FIELD_COLUMNS)),
+        }
     }
 
     /// Calculated by hand: all coefficients 0.5 give 0.5 everywhere. Those of a line give that line, here 0.1 mm
@@ -132,7 +135,7 @@ mod tests {
         assert!((line.at_mm([0.1, 0.1]) - 0.5).abs() < 1e-12, "one interval is a sixth of the width");
         assert_eq!(line.at_mm([0.3, 0.0]), line.at_mm([9.0, 0.0]), "constant beyond its edges");
         // The slope adds 0.5 · 0.12 + 1.0 · 0.05 to a field of 0.2.
-        let sloped = field(|_, _| 0.2).with_slope([0.5, -1.0]);
+        let sloped = field(|_, _| 0.2).with_linear_term([0.5, -1.0]);
         assert!((sloped.at_mm([0.12, -0.05]) - 0.31).abs() < 1e-12, "{}", sloped.at_mm([0.12, -0.05]));
     }
 
@@ -142,7 +145,7 @@ mod tests {
     fn a_scan_is_moved_along_its_rays() {
         let points = vec![[0.0, 0.0, 350.0], [70.0, 35.0, 700.0], [f32::NAN; 3], [0.0, 0.0, 700.0]];
         let scan = OrganizedCloud::<Camera>::new(2, 2, points, vec![[0; 3]; 4]).expect("organised");
-        let moved = field(|_, _| 0.7).corrected(&scan);
+        let moved = field(|_, _| 0.7).correct_cloud(&scan);
         let z = |index| moved.point_at(index).map(|point| point.mm.z).unwrap_or(f64::NAN);
         assert!((z(0) - (350.0 - 0.175)).abs() < 1e-3 && (z(3) - 699.3).abs() < 1e-3, "{} {}", z(0), z(3));
         let point = moved.point_at(1).expect("there").mm;

@@ -27,7 +27,7 @@ impl Joints {
     }
 
     /// Returns the largest difference between the axis angles of the two postures, degrees.
-    pub fn farthest_deg(&self, other: &Joints) -> f64 {
+    pub fn max_difference_deg(&self, other: &Joints) -> f64 {
         self.degrees().iter().zip(other.degrees()).map(|(own, other)| (own - other).abs()).fold(0.0, f64::max)
     }
 }
@@ -47,6 +47,6 @@ mod tests {
     fn the_axis_that_is_farthest_off_counts() {
         let (one, other) =
             (Joints::from([1.0, -90.0, 90.0, 0.0, 5.0, 6.0]), Joints::from([1.5, -90.0, 87.0, 0.0, 5.0, 8.0]));
-        assert_eq!((one.farthest_deg(&other), one.farthest_deg(&one)), (3.0, 0.0));
+        assert_eq!((one.max_difference_deg(&other), one.max_difference_deg(&one)), (3.0, 0.0));
     }
 }

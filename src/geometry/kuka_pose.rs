@@ -8,7 +8,7 @@
 use super::frames::Frame;
 use super::rigid::Rigid;
 use super::units::Degrees;
-use crate::number_text::fixed;
+use crate::number_text::fixed_decimals;
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -31,18 +31,21 @@ pub struct KukaPose {
 }
 
 /// Below this cosine of B the angles A and C cannot be separated.
-const POLE: f64 = 1e-9;
+const MIN_COS_B: f64 = 1e-9;
 
 impl KukaPose {
     /// The transform that this pose represents, between the frames that the caller states.
     pub fn to_rigid<To: Frame, From: Frame>(self) -> Rigid<To, From> {
         let turn = |axis: nalgebra::Unit<Vector3<f64>>, deg: f64| {
-            UnitQuaternion::from_axis_angle(&axis, Degrees(deg).rad())
+            UnitQuaternion::from_axis_angle(&axis, Degrees(deg).to_rad())
         };
         let rotation = turn(Vector3::z_axis(), self.a_deg)
             * turn(Vector3::y_axis(), self.b_deg)
             * turn(Vector3::x_axis(), self.c_deg);
-        Rigid::claim(Isometry3::from_parts(Translation3::new(self.x_mm, self.y_mm, self.z_mm), rotation))
+        Rigid::from_isometry_unchecked(Isometry3::from_parts(
+            Translation3::new(self.x_mm, self.y_mm, self.z_mm),
+            rotation,
+        ))
     }
 
     /// The pose that represents this transform.
@@ -63,7 +66,7 @@ fn angles_deg(rotation: &Rotation3<f64>) -> [f64; 3] {
     let r = rotation.matrix();
     let cos_b = r[(0, 0)].hypot(r[(1, 0)]);
     let b_rad = (-r[(2, 0)]).atan2(cos_b);
-    let (a_rad, c_rad) = if cos_b < POLE {
+    let (a_rad, c_rad) = if cos_b < MIN_COS_B {
         // With A = 0: r22 = cos C and r23 = −sin C.
         (0.0, (-r[(1, 2)]).atan2(r[(1, 1)]))
     } else {
@@ -74,8 +77,8 @@ fn angles_deg(rotation: &Rotation3<f64>) -> [f64; 3] {
 
 impl std::fmt::Display for KukaPose {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let [x, y, z] = [self.x_mm, self.y_mm, self.z_mm].map(|mm| fixed(mm, 3));
-        let [a, b, c] = [self.a_deg, self.b_deg, self.c_deg].map(|deg| fixed(deg, 4));
+        let [x, y, z] = [self.x_mm, self.y_mm, self.z_mm].map(|mm| fixed_decimals(mm, 3));
+        let [a, b, c] = [self.a_deg, self.b_deg, self.c_deg].map(|deg| fixed_decimals(deg, 4));
         write!(f, "X {x} Y {y} Z {z} mm, A {a} B {b} C {c}°")
     }
 }

@@ -3,7 +3,7 @@
 //! A drawing's file may state no unit, so the numbers are lengths only together with a [`LengthUnit`].
 
 /// Words between "unit" and the unit itself.
-const FILLERS: [&str; 4] = ["in", "is", "are", "all"];
+const UNIT_FILLER_WORDS: [&str; 4] = ["in", "is", "are", "all"];
 /// Units of length that no drawing of a panel is read in.
 const OTHER_UNITS: [&str; 16] = [
     "cm",
@@ -25,8 +25,8 @@ const OTHER_UNITS: [&str; 16] = [
 ];
 
 /// Returns whether a word names a unit of length.
-fn is_length(word: &str) -> bool {
-    LengthUnit::named(word).is_some() || OTHER_UNITS.iter().any(|other| other.eq_ignore_ascii_case(word))
+fn is_length_unit(word: &str) -> bool {
+    LengthUnit::from_name(word).is_some() || OTHER_UNITS.iter().any(|other| other.eq_ignore_ascii_case(word))
 }
 
 /// The unit of a drawing.
@@ -49,7 +49,7 @@ impl LengthUnit {
     ];
 
     /// Returns the unit with this name; upper and lower case are alike.
-    pub fn named(name: &str) -> Option<Self> {
+    pub fn from_name(name: &str) -> Option<Self> {
         let is_named = |names: &[&str]| names.iter().any(|known| known.eq_ignore_ascii_case(name));
         LengthUnit::ALL.into_iter().find(|(_, names)| is_named(names)).map(|(unit, _)| unit)
     }
@@ -60,7 +60,7 @@ impl LengthUnit {
     /// # Errors
     /// If the comment states a unit that is not read: another one, as in "units: cm", or a multiple, as in "unit: 0.001
     /// m". The error contains its words.
-    pub fn stated_in(comment: &str) -> Result<Option<Self>, String> {
+    pub fn from_comment(comment: &str) -> Result<Option<Self>, String> {
         let is_of_word = |c: char| c.is_alphanumeric() || c == '.';
         let mut words = comment.split(|c: char| !is_of_word(c)).map(|word| word.trim_matches('.'));
         if !words.any(|word| word.eq_ignore_ascii_case("unit") || word.eq_ignore_ascii_case("units")) {
@@ -68,25 +68,25 @@ impl LengthUnit {
         }
         let mut rest = words.filter(|word| !word.is_empty());
         // In "units in mm" the word "in" is no inch: it is one only if no unit follows.
-        let is_filler = |word: &str| FILLERS.iter().any(|filler| filler.eq_ignore_ascii_case(word));
+        let is_filler = |word: &str| UNIT_FILLER_WORDS.iter().any(|filler| filler.eq_ignore_ascii_case(word));
         let mut ahead = rest.clone();
         while ahead.next().is_some_and(is_filler)
-            && ahead.clone().next().is_some_and(|next| is_length(next) || is_filler(next))
+            && ahead.clone().next().is_some_and(|next| is_length_unit(next) || is_filler(next))
         {
             rest.next();
         }
         let Some(word) = rest.next() else { return Ok(None) };
-        let next = rest.next().filter(|next| is_length(next));
-        match (LengthUnit::named(word), word.parse::<f64>().is_ok(), next) {
+        let next = rest.next().filter(|next| is_length_unit(next));
+        match (LengthUnit::from_name(word), word.parse::<f64>().is_ok(), next) {
             (Some(unit), _, _) => Ok(Some(unit)),
             (None, true, Some(next)) => Err(format!("{word} {next}")),
-            (None, false, _) if is_length(word) => Err(word.to_owned()),
+            (None, false, _) if is_length_unit(word) => Err(word.to_owned()),
             _ => Ok(None),
         }
     }
 
     /// The length of one unit, mm.
-    pub fn mm(self) -> f64 {
+    pub fn to_mm(self) -> f64 {
         match self {
             LengthUnit::Millimetre => 1.0,
             LengthUnit::Inch => 25.4,
@@ -95,7 +95,7 @@ impl LengthUnit {
     }
 
     /// The short word.
-    pub fn word(self) -> &'static str {
+    pub fn abbreviation(self) -> &'static str {
         match self {
             LengthUnit::Millimetre => "mm",
             LengthUnit::Inch => "in",
@@ -138,7 +138,7 @@ impl TriangleMesh {
 
     /// Returns each object's name with its triangles; triangles before the first object belong to an object
     /// without a name.
-    pub fn each_object(&self) -> impl Iterator<Item = (&str, &[[u32; 3]])> + '_ {
+    pub fn objects(&self) -> impl Iterator<Item = (&str, &[[u32; 3]])> + '_ {
         let first = self.objects.first().map_or(self.triangles.len(), |object| object.first_triangle);
         let before = (first > 0).then(|| ("", &self.triangles[..first]));
         let ends = self.objects.iter().skip(1).map(|next| next.first_triangle).chain([self.triangles.len()]);
@@ -166,25 +166,25 @@ mod tests {
         mesh.begin_object("rib");
         mesh.triangles.push([2, 3, 4]);
         mesh.begin_object("end");
-        let objects: Vec<_> = mesh.each_object().collect();
+        let objects: Vec<_> = mesh.objects().collect();
         assert_eq!(objects, [("", &[[0, 1, 2]][..]), ("skin", &[[1, 2, 3]][..]), ("rib", &[[2, 3, 4]][..])]);
     }
 
     #[test]
     fn units_have_names() {
-        assert_eq!(LengthUnit::named("Inches"), Some(LengthUnit::Inch));
-        assert_eq!(LengthUnit::named("ft"), None);
-        assert_eq!(LengthUnit::stated_in("made by x, UNITS=mm"), Ok(Some(LengthUnit::Millimetre)));
-        assert_eq!(LengthUnit::stated_in("unit: metres"), Ok(Some(LengthUnit::Metre)));
-        assert_eq!(LengthUnit::stated_in("units in mm"), Ok(Some(LengthUnit::Millimetre)));
-        assert_eq!(LengthUnit::stated_in("all units are in millimeters."), Ok(Some(LengthUnit::Millimetre)));
-        assert_eq!(LengthUnit::stated_in("units: in"), Ok(Some(LengthUnit::Inch)));
+        assert_eq!(LengthUnit::from_name("Inches"), Some(LengthUnit::Inch));
+        assert_eq!(LengthUnit::from_name("ft"), None);
+        assert_eq!(LengthUnit::from_comment("made by x, UNITS=mm"), Ok(Some(LengthUnit::Millimetre)));
+        assert_eq!(LengthUnit::from_comment("unit: metres"), Ok(Some(LengthUnit::Metre)));
+        assert_eq!(LengthUnit::from_comment("units in mm"), Ok(Some(LengthUnit::Millimetre)));
+        assert_eq!(LengthUnit::from_comment("all units are in millimeters."), Ok(Some(LengthUnit::Millimetre)));
+        assert_eq!(LengthUnit::from_comment("units: in"), Ok(Some(LengthUnit::Inch)));
         assert_eq!(
-            ["unit 1", "mm", "units of measure: mm", "community inch"].map(LengthUnit::stated_in),
+            ["unit 1", "mm", "units of measure: mm", "community inch"].map(LengthUnit::from_comment),
             [Ok(None), Ok(None), Ok(None), Ok(None)]
         );
-        let refused = ["units: cm", "unit: 0.001 m", "units in feet"].map(LengthUnit::stated_in);
+        let refused = ["units: cm", "unit: 0.001 m", "units in feet"].map(LengthUnit::from_comment);
         assert_eq!(refused, ["cm", "0.001 m", "feet"].map(|words| Err(words.to_owned())));
-        assert_eq!(LengthUnit::ALL.map(|(unit, names)| names[0] == unit.word()), [true; 3]);
+        assert_eq!(LengthUnit::ALL.map(|(unit, names)| names[0] == unit.abbreviation()), [true; 3]);
     }
 }

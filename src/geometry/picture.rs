@@ -1,6 +1,6 @@
 //! Pictures as plain bytes: colour, grey and masks, row by row from the top left.
 
-use super::raster::{AROUND, Raster};
+use super::raster::{ALL_NEIGHBOURS, RasterSize};
 
 /// A colour picture, 8 bits a channel, sRGB.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -15,7 +15,7 @@ pub struct ColorPicture {
 
 impl ColorPicture {
     /// Creates a picture of one colour.
-    pub fn filled(width: usize, height: usize, rgb: [u8; 3]) -> Self {
+    pub fn uniform(width: usize, height: usize, rgb: [u8; 3]) -> Self {
         ColorPicture { width, height, rgb: vec![rgb; width * height] }
     }
 
@@ -50,7 +50,7 @@ impl GrayPicture {
     }
 
     /// Creates a picture of one brightness.
-    pub fn filled(width: usize, height: usize, gray: u8) -> Self {
+    pub fn uniform(width: usize, height: usize, gray: u8) -> Self {
         GrayPicture { width, height, gray: vec![gray; width * height] }
     }
 }
@@ -69,12 +69,13 @@ pub struct Mask {
 impl Mask {
     /// Returns the mask's connected pieces, as indices of pixels; pixels that touch at a corner belong to the same
     /// piece.
-    pub fn pieces(&self) -> Vec<Vec<usize>> {
-        Raster { width: self.width, height: self.height }.pieces(&AROUND, |index| self.inside[index])
+    pub fn connected_pieces(&self) -> Vec<Vec<usize>> {
+        RasterSize { width: self.width, height: self.height }
+            .connected_pieces(&ALL_NEIGHBOURS, |index| self.inside[index])
     }
 
     /// Creates a mask without any pixel inside.
-    pub fn empty(width: usize, height: usize) -> Self {
+    pub fn all_outside(width: usize, height: usize) -> Self {
         Mask { width, height, inside: vec![false; width * height] }
     }
 

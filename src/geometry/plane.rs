@@ -17,7 +17,7 @@ const MIN_POINTS: usize = 8;
 /// A few points in a row do not determine a plane at a pixel beside them. With the mean and scatter S of the points'
 /// pixels, a pixel at the distance d from the mean has 1 + dᵀ S⁻¹ d: 7 at the corner of an evenly filled square, 9 at
 /// the corner of a triangle. Above this limit the pixel is too far beside the points.
-const BESIDE: f64 = 12.0;
+const MAX_LEVERAGE: f64 = 12.0;
 
 /// A plane by a point on it and its normal, a direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,7 +31,7 @@ pub struct Plane<F: Frame> {
 impl<F: Frame> Plane<F> {
     /// The point where the ray from `origin` along `ray` intersects the plane; `None` if the ray runs parallel to
     /// it or away from it.
-    pub fn meet(&self, origin: Point<F>, ray: Vector<F>) -> Option<Point<F>> {
+    pub fn intersect_ray(&self, origin: Point<F>, ray: Vector<F>) -> Option<Point<F>> {
         let slope = self.normal.mm.dot(&ray.mm);
         let distance = self.normal.mm.dot(&(self.point - origin).mm) / slope;
         (distance.is_finite() && distance > 0.0).then(|| origin + ray * distance)
@@ -46,12 +46,12 @@ pub fn local_plane<F: Frame>(
     half_width_px: usize,
     viewer: Point<F>,
 ) -> Option<Plane<F>> {
-    local_plane_of(cloud, at, half_width_px, viewer, |_| true)
+    local_plane_where(cloud, at, half_width_px, viewer, |_| true)
 }
 
 /// Fits the plane as [`local_plane`] does, but only through points for which `belongs` is true for the index of their
 /// pixel: the points of one surface.
-pub fn local_plane_of<F: Frame>(
+pub fn local_plane_where<F: Frame>(
     cloud: &OrganizedCloud<F>,
     (column, row): (usize, usize),
     half_width_px: usize,
@@ -59,7 +59,7 @@ pub fn local_plane_of<F: Frame>(
     belongs: impl Fn(usize) -> bool,
 ) -> Option<Plane<F>> {
     let point = |u: usize, v: usize| cloud.point(u, v).filter(|_| belongs(v * cloud.width() + u));
-    let middle = nearest_valid((cloud.width(), cloud.height()), (column, row), half_width_px, &point)?;
+    let middle = nearest_valid_pixel((cloud.width(), cloud.height()), (column, row), half_width_px, &point)?;
     let mut offsets: Vec<(Vector3<f64>, Vector2<f64>)> = Vec::with_capacity((2 * half_width_px + 1).pow(2));
     for v in row.saturating_sub(half_width_px)..=(row + half_width_px).min(cloud.height() - 1) {
         for u in column.saturating_sub(half_width_px)..=(column + half_width_px).min(cloud.width() - 1) {
@@ -79,7 +79,7 @@ pub fn local_plane_of<F: Frame>(
         pixel_sum += pixel;
         pixel_squares += pixel * pixel.transpose();
     }
-    if count < MIN_POINTS || is_beside(pixel_sum / count as f64, pixel_squares / count as f64) {
+    if count < MIN_POINTS || is_outside_of_points(pixel_sum / count as f64, pixel_squares / count as f64) {
         return None;
     }
     let mean = sum / count as f64;
@@ -91,12 +91,12 @@ pub fn local_plane_of<F: Frame>(
 }
 
 /// Returns whether the origin lies too far beside points with this mean and this mean square.
-fn is_beside(mean: Vector2<f64>, square: Matrix2<f64>) -> bool {
+fn is_outside_of_points(mean: Vector2<f64>, square: Matrix2<f64>) -> bool {
     let scatter = square - mean * mean.transpose();
-    scatter.try_inverse().is_none_or(|inverse| 1.0 + mean.dot(&(inverse * mean)) > BESIDE)
+    scatter.try_inverse().is_none_or(|inverse| 1.0 + mean.dot(&(inverse * mean)) > MAX_LEVERAGE)
 }
 
-fn nearest_valid<F: Frame>(
+fn nearest_valid_pixel<F: Frame>(
     (width, height): (usize, usize),
     (column, row): (usize, usize),
     half_width_px: usize,
@@ -126,7 +126,9 @@ mod tests {
         let plane = local_plane(&cloud, (10, 10), 5, Point::at(0.0, 0.0, 0.0)).expect("a plane");
         let expected = Vector3::new(0.5, 0.0, -1.0).normalize();
         assert!((plane.normal.mm - expected).norm() < 1e-5, "{:?}", plane.normal);
-        let met = plane.meet(Point::at(0.0, 0.0, 0.0), Vector::new(Vector3::new(0.002, 0.0, 1.0))).expect("ahead");
+        let met = plane
+            .intersect_ray(Point::at(0.0, 0.0, 0.0), Vector::new(Vector3::new(0.002, 0.0, 1.0)))
+            .expect("ahead");
         // z = 700 + 0.002 z / 2, so z = 700 / 0.999.
         assert!((met.mm.z - 700.700_700).abs() < 1e-3, "{met:?}");
     }

@@ -17,8 +17,8 @@ pub fn contains(polygon: &[Pixel], point: Pixel) -> bool {
 }
 
 /// The pixels of a picture of this size whose centres lie inside by the even–odd rule.
-pub fn filled(polygon: &[Pixel], width: usize, height: usize) -> Mask {
-    let mut mask = Mask::empty(width, height);
+pub fn fill_polygon(polygon: &[Pixel], width: usize, height: usize) -> Mask {
+    let mut mask = Mask::all_outside(width, height);
     for row in 0..height {
         let v = row as f64;
         let mut crossings: Vec<f64> = edges(polygon)

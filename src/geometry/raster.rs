@@ -1,20 +1,21 @@
 //! Neighbouring cells of a raster, and connected components of its cells.
 
 /// The steps, column and row, to the four direct neighbours of a cell.
-pub const BESIDE: [(isize, isize); 4] = [(-1, 0), (1, 0), (0, -1), (0, 1)];
+pub const DIRECT_NEIGHBOURS: [(isize, isize); 4] = [(-1, 0), (1, 0), (0, -1), (0, 1)];
 /// The steps, column and row, to the eight cells around a cell.
-pub const AROUND: [(isize, isize); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
+pub const ALL_NEIGHBOURS: [(isize, isize); 8] =
+    [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
 
 /// The size of a raster whose cells are counted row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Raster {
+pub struct RasterSize {
     /// Number of cells in a row.
     pub width: usize,
     /// Rows.
     pub height: usize,
 }
 
-impl Raster {
+impl RasterSize {
     /// Returns a cell's neighbours by these steps, in the order of the steps.
     pub fn neighbours<'a>(
         self,
@@ -46,11 +47,11 @@ impl Raster {
 
     /// Returns the connected pieces of the cells for which `holds` is true, ordered by their first cells. Each
     /// piece is in the order of a breadth-first search from its first cell.
-    pub fn pieces(self, steps: &[(isize, isize)], holds: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
+    pub fn connected_pieces(self, steps: &[(isize, isize)], holds: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
         self.joined_pieces(steps, holds, |_, _| true)
     }
 
-    /// Returns the connected pieces as [`Raster::pieces`] does, but two neighbours for which `holds` is true are
+    /// Returns the connected pieces as [`RasterSize::connected_pieces`] does, but two neighbours for which `holds` is true are
     /// connected only if `joined` is also true for the pair.
     pub fn joined_pieces(
         self,
@@ -86,7 +87,7 @@ impl Raster {
 mod tests {
     use super::*;
 
-    const SMALL: Raster = Raster { width: 4, height: 3 };
+    const SMALL: RasterSize = RasterSize { width: 4, height: 3 };
 
     /// By hand, `#` holds:
     /// ```text
@@ -97,10 +98,10 @@ mod tests {
     #[test]
     fn pieces_touch_beside_or_at_a_corner() {
         let holds = |index: usize| [0, 2, 3, 5, 11].contains(&index);
-        assert_eq!(SMALL.pieces(&BESIDE, holds), [vec![0], vec![2, 3], vec![5], vec![11]]);
-        assert_eq!(SMALL.pieces(&AROUND, holds), [vec![0, 5, 2, 3], vec![11]]);
+        assert_eq!(SMALL.connected_pieces(&DIRECT_NEIGHBOURS, holds), [vec![0], vec![2, 3], vec![5], vec![11]]);
+        assert_eq!(SMALL.connected_pieces(&ALL_NEIGHBOURS, holds), [vec![0, 5, 2, 3], vec![11]]);
         assert_eq!(
-            SMALL.joined_pieces(&AROUND, holds, |from, to| from + to != 7),
+            SMALL.joined_pieces(&ALL_NEIGHBOURS, holds, |from, to| from + to != 7),
             [vec![0, 5], vec![2, 3], vec![11]]
         );
     }

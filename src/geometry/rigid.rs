@@ -2,7 +2,7 @@
 //!
 //! `Rigid<To, From>` is the thesis's `ᵀᵒT_From` (Eq. 3.1): it maps a point of frame `From` to frame `To`. In
 //! products neighbouring frames cancel, `base_from_panel = base_from_camera * camera_from_panel`; every other order
-//! does not compile. [`Rigid::claim`] is the only function that declares numbers to be a transform between two
+//! does not compile. [`Rigid::from_isometry_unchecked`] is the only function that declares numbers to be a transform between two
 //! frames: `grep claim` gives the list to review.
 
 use super::frames::Frame;
@@ -56,7 +56,7 @@ impl<F: Frame> Vector<F> {
     }
 
     /// Calculates the angle between two vectors of the same frame.
-    pub fn angle_to(self, other: Self) -> Degrees {
+    pub fn angle_between(self, other: Self) -> Degrees {
         Degrees::from_rad(self.mm.angle(&other.mm))
     }
 }
@@ -91,13 +91,13 @@ pub struct Rigid<To: Frame, From: Frame> {
 
 impl<To: Frame, From: Frame> Rigid<To, From> {
     /// Declares that these numbers map points of `From` to `To`.
-    pub fn claim(isometry: Isometry3<f64>) -> Self {
+    pub fn from_isometry_unchecked(isometry: Isometry3<f64>) -> Self {
         Rigid { isometry, frames: PhantomData }
     }
 
     /// The inverse, which maps points of `To` to `From`.
     pub fn inverse(self) -> Rigid<From, To> {
-        Rigid::claim(self.isometry.inverse())
+        Rigid::from_isometry_unchecked(self.isometry.inverse())
     }
 
     /// Returns the transform without its frames, for numerical code.
@@ -121,8 +121,8 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
     }
 
     /// Returns the transform followed by a displacement measured in `To`.
-    pub fn displaced(self, step: Vector<To>) -> Self {
-        Self::claim(Translation3::from(step.mm) * self.isometry)
+    pub fn followed_by_displacement(self, step: Vector<To>) -> Self {
+        Self::from_isometry_unchecked(Translation3::from(step.mm) * self.isometry)
     }
 
     /// The distance between a point of `From` as this transform maps it and as `other` maps it, mm.
@@ -134,7 +134,7 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
 impl<F: Frame> Rigid<F, F> {
     /// Returns the transform that moves nothing.
     pub fn identity() -> Self {
-        Self::claim(Isometry3::identity())
+        Self::from_isometry_unchecked(Isometry3::identity())
     }
 }
 
@@ -144,14 +144,14 @@ impl<To: Frame, From: Frame> Rigid<To, From> {
     pub fn from_axes(axes: [Vector<To>; 3], origin: Point<To>) -> Self {
         let basis = nalgebra::Matrix3::from_columns(&axes.map(|axis| axis.mm));
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(basis));
-        Self::claim(Isometry3::from_parts(Translation3::from(origin.mm.coords), rotation))
+        Self::from_isometry_unchecked(Isometry3::from_parts(Translation3::from(origin.mm.coords), rotation))
     }
 }
 
 impl<To: Frame, Via: Frame, From: Frame> Mul<Rigid<Via, From>> for Rigid<To, Via> {
     type Output = Rigid<To, From>;
     fn mul(self, other: Rigid<Via, From>) -> Rigid<To, From> {
-        Rigid::claim(self.isometry * other.isometry)
+        Rigid::from_isometry_unchecked(self.isometry * other.isometry)
     }
 }
 
@@ -174,7 +174,7 @@ impl<To: Frame, From: Frame> Mul<Vector<From>> for Rigid<To, From> {
 ///     R = U diag(1, 1, det(U Vᵀ)) Vᵀ,   t = p̄ − R q̄,
 /// where the determinant keeps R a rotation if the pairs fit a reflection better (Umeyama, IEEE PAMI 13(4), 1991).
 /// `None` for fewer than three pairs, for points on a line and for numbers that are not finite.
-pub fn nearest_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>)]) -> Option<Rigid<To, From>> {
+pub fn fit_rigid_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>)]) -> Option<Rigid<To, From>> {
     let count = pairs.len() as f64;
     let (sum_from, sum_to) = pairs.iter().fold((Vector3::zeros(), Vector3::zeros()), |(from, to), pair| {
         (from + pair.0.mm.coords, to + pair.1.mm.coords)
@@ -195,7 +195,10 @@ pub fn nearest_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>)]
     let turn = (u * v_t).determinant().signum();
     let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, turn)) * v_t;
     let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
-    Some(Rigid::claim(Isometry3::from_parts(Translation3::from(mean_to - rotation * mean_from), rotation)))
+    Some(Rigid::from_isometry_unchecked(Isometry3::from_parts(
+        Translation3::from(mean_to - rotation * mean_from),
+        rotation,
+    )))
 }
 
 #[cfg(test)]
@@ -206,7 +209,7 @@ mod tests {
 
     fn rigid<To: Frame, From: Frame>(numbers: [f64; 6]) -> Rigid<To, From> {
         let [x, y, z, rx, ry, rz] = numbers;
-        Rigid::claim(Isometry3::new(Vector3::new(x, y, z), Vector3::new(rx, ry, rz)))
+        Rigid::from_isometry_unchecked(Isometry3::new(Vector3::new(x, y, z), Vector3::new(rx, ry, rz)))
     }
 
     /// Calculated by hand: a quarter turn about Z maps x̂ to ŷ, then the translation (100, 0, 0) is added.
@@ -252,18 +255,18 @@ mod tests {
             (Point::at(1.0, 0.0, 0.0), Point::at(10.0, 1.0, 0.0)),
             (Point::at(0.0, 1.0, 0.0), Point::at(9.0, 0.0, 0.0)),
         ];
-        let moved = nearest_motion(&pairs).expect("three points") * Point::at(2.0, 0.0, 5.0);
+        let moved = fit_rigid_motion(&pairs).expect("three points") * Point::at(2.0, 0.0, 5.0);
         assert!(moved.distance_mm(Point::at(10.0, 2.0, 5.0)) < 1e-9, "{moved:?}");
     }
 
     #[test]
     fn points_on_a_line_determine_no_motion() {
         let on_line = |i: f64| (Point::<Panel>::at(i, 2.0 * i, 0.0), Point::<Base>::at(i, 2.0 * i, 0.0));
-        assert!(nearest_motion(&[1.0, 2.0, 3.0, 4.0].map(on_line)).is_none());
-        assert!(nearest_motion::<Panel, Base>(&[]).is_none());
+        assert!(fit_rigid_motion(&[1.0, 2.0, 3.0, 4.0].map(on_line)).is_none());
+        assert!(fit_rigid_motion::<Panel, Base>(&[]).is_none());
         let not_a_number =
             [0.0, 1.0, f64::NAN].map(|i| (Point::<Panel>::at(i, i * i, 0.0), Point::<Base>::at(i, i * i, 0.0)));
-        assert!(nearest_motion(&not_a_number).is_none());
+        assert!(fit_rigid_motion(&not_a_number).is_none());
     }
 
     proptest! {
@@ -271,12 +274,12 @@ mod tests {
         /// other rotation here would result in a reflection.
         #[test]
         fn a_plane_panel_is_never_mirrored(turn in prop::array::uniform3(-2.0..2.0f64), shift in prop::array::uniform3(-99.0..99.0f64)) {
-            let truth: Rigid<Base, Panel> = Rigid::claim(Isometry3::new(shift.into(), turn.into()));
+            let truth: Rigid<Base, Panel> = Rigid::from_isometry_unchecked(Isometry3::new(shift.into(), turn.into()));
             let pairs: Vec<_> = [(0.0, 0.0), (300.0, 0.0), (280.0, 200.0), (-20.0, 190.0)]
                 .iter()
                 .map(|&(y, z)| (Point::at(560.0, y, z), truth * Point::at(560.0, y, z)))
                 .collect();
-            let found = nearest_motion(&pairs).expect("a plane");
+            let found = fit_rigid_motion(&pairs).expect("a plane");
             prop_assert!(found.distance_at_mm(truth, Point::at(700.0, 50.0, 80.0)) < 1e-8);
         }
     }

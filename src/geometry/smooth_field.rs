@@ -11,7 +11,7 @@
 
 use super::basis::{DEGREE, KnotVector};
 use super::median::median;
-use super::statistics::{SIGMA_OF_MEDIAN, TUKEY, tukey};
+use super::statistics::{SIGMA_OF_MEDIAN, TUKEY, tukey_weight};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -20,26 +20,26 @@ use rayon::prelude::*;
 const SPAN_MM: f64 = 70.0;
 /// λ and μ of (1). Between measured places λ and μ bend and shrink the field by less than a hundredth.
 const SMOOTH: f64 = 1e-3;
-const FADE: f64 = 1e-4;
+const MAGNITUDE_WEIGHT: f64 = 1e-4;
 /// Lower limit of σ, mm, for heights without noise.
 const MIN_SCALE_MM: f64 = 0.01;
 /// Number of fits with Tukey's weights.
 const ROUNDS: usize = 4;
 /// A height farther than this from the best single patch does not belong to the field, mm; the waves of a panel are
 /// smaller.
-const OFF_PATCH_MM: f64 = 1.5;
+const MAX_PATCH_DISTANCE_MM: f64 = 1.5;
 /// Number of basis functions that are non-zero at a point, along each axis.
-const ORDER: usize = DEGREE + 1;
+const BASIS_ORDER: usize = DEGREE + 1;
 /// Number of heights summed by one task.
 const CHUNK: usize = 2_048;
 
 /// A height that was measured at a place.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Height {
+pub struct HeightSample {
     /// The place in the unit square.
-    pub at: [f64; 2],
+    pub position: [f64; 2],
     /// The height, mm.
-    pub mm: f64,
+    pub height_mm: f64,
 }
 
 /// c of (1).
@@ -61,50 +61,53 @@ pub struct RobustField {
 
 impl SmoothField {
     /// Computes the field from these heights over a rectangle of this size, mm; `None` if (1) has no solution.
-    pub fn robust(sides_mm: [f64; 2], seen: &[Height]) -> Option<RobustField> {
+    pub fn fit_robust(sides_mm: [f64; 2], seen: &[HeightSample]) -> Option<RobustField> {
         // A single patch cannot follow a clamp; a field with many spans would follow it if the fit started with that
         // field.
-        let patch = SmoothField::weighted(&knots([1, 1])?, seen, vec![1.0; seen.len()])?.field;
-        let is_near = |height: &Height| (height.mm - patch.at(height.at)).abs() <= OFF_PATCH_MM;
+        let patch = SmoothField::fit_weighted(&knots([1, 1])?, seen, vec![1.0; seen.len()])?.field;
+        let is_near = |height: &HeightSample| {
+            (height.height_mm - patch.height_at(height.position)).abs() <= MAX_PATCH_DISTANCE_MM
+        };
         let weights = seen.iter().map(|height| f64::from(is_near(height))).collect();
         let spans = sides_mm.map(|mm| (mm / SPAN_MM).ceil().max(1.0) as usize);
-        SmoothField::weighted(&knots(spans)?, seen, weights)
+        SmoothField::fit_weighted(&knots(spans)?, seen, weights)
     }
 
     /// Returns the height at a place, mm; outside the square, the height of its border.
-    pub fn at(&self, at: [f64; 2]) -> f64 {
+    pub fn height_at(&self, at: [f64; 2]) -> f64 {
         functions(&self.knots, at).iter().map(|function| self.coefficients[function.index] * function.value).sum()
     }
 
     /// Fits the field with these knots, starting with these weights.
-    fn weighted(knots: &[KnotVector; 2], seen: &[Height], mut weights: Vec<f64>) -> Option<RobustField> {
-        let mut field = SmoothField::fitted(knots, seen, &weights)?;
+    fn fit_weighted(knots: &[KnotVector; 2], seen: &[HeightSample], mut weights: Vec<f64>) -> Option<RobustField> {
+        let mut field = SmoothField::solve_weighted(knots, seen, &weights)?;
         let mut limit_mm = f64::INFINITY;
         for _ in 0..ROUNDS {
-            let off_mm: Vec<f64> = seen.par_iter().map(|height| height.mm - field.at(height.at)).collect();
+            let off_mm: Vec<f64> =
+                seen.par_iter().map(|height| height.height_mm - field.height_at(height.position)).collect();
             let mut sizes: Vec<f64> = off_mm.iter().map(|mm| mm.abs()).collect();
             let scale_mm = (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SCALE_MM);
             limit_mm = TUKEY * scale_mm;
-            weights = off_mm.iter().map(|mm| tukey(mm / scale_mm)).collect();
-            field = SmoothField::fitted(knots, seen, &weights)?;
+            weights = off_mm.iter().map(|mm| tukey_weight(mm / scale_mm)).collect();
+            field = SmoothField::solve_weighted(knots, seen, &weights)?;
         }
         Some(RobustField { field, limit_mm })
     }
 
     /// Minimises (1) for these weights.
-    fn fitted(knots: &[KnotVector; 2], seen: &[Height], weights: &[f64]) -> Option<SmoothField> {
+    fn solve_weighted(knots: &[KnotVector; 2], seen: &[HeightSample], weights: &[f64]) -> Option<SmoothField> {
         let [rows, columns] = [knots[0].controls(), knots[1].controls()];
         let count = rows * columns;
-        let summed = |(seen, weights): (&[Height], &[f64])| {
-            let mut sums = Equations::zeros(count);
+        let summed = |(seen, weights): (&[HeightSample], &[f64])| {
+            let mut sums = Equations::zero(count);
             seen.iter().zip(weights).for_each(|(height, weight)| sums.add(knots, height, *weight));
             sums
         };
         let chunks: Vec<Equations> = seen.par_chunks(CHUNK).zip(weights.par_chunks(CHUNK)).map(summed).collect();
-        let mut sums = chunks.into_iter().fold(Equations::zeros(count), Equations::plus);
+        let mut sums = chunks.into_iter().fold(Equations::zero(count), Equations::sum_with);
         let mean = weights.iter().sum::<f64>() / count as f64;
         for index in 0..count {
-            sums.normal[(index, index)] += mean * FADE;
+            sums.normal[(index, index)] += mean * MAGNITUDE_WEIGHT;
         }
         for (index, step) in second_differences(rows, columns) {
             let difference = [(index, 1.0), (index + step, -2.0), (index + 2 * step, 1.0)];
@@ -114,7 +117,7 @@ impl SmoothField {
                 }
             }
         }
-        let coefficients = sums.normal.cholesky()?.solve(&sums.right);
+        let coefficients = sums.normal.cholesky()?.solve(&sums.rhs);
         Some(SmoothField { knots: knots.clone(), coefficients })
     }
 }
@@ -122,39 +125,39 @@ impl SmoothField {
 /// The normal equations of (1); Cholesky's decomposition reads only the lower half.
 struct Equations {
     normal: DMatrix<f64>,
-    right: DVector<f64>,
+    rhs: DVector<f64>,
 }
 
 impl Equations {
-    fn zeros(count: usize) -> Self {
-        Equations { normal: DMatrix::zeros(count, count), right: DVector::zeros(count) }
+    fn zero(count: usize) -> Self {
+        Equations { normal: DMatrix::zeros(count, count), rhs: DVector::zeros(count) }
     }
 
-    fn add(&mut self, knots: &[KnotVector; 2], height: &Height, weight: f64) {
+    fn add(&mut self, knots: &[KnotVector; 2], height: &HeightSample, weight: f64) {
         if weight <= 0.0 {
             return;
         }
         // The indices increase along the list.
-        let functions = functions(knots, height.at);
+        let functions = functions(knots, height.position);
         for (n, one) in functions.iter().enumerate() {
             let weighted = weight * one.value;
-            self.right[one.index] += weighted * height.mm;
+            self.rhs[one.index] += weighted * height.height_mm;
             for other in &functions[..=n] {
                 self.normal[(one.index, other.index)] += weighted * other.value;
             }
         }
     }
 
-    fn plus(mut self, other: Equations) -> Self {
+    fn sum_with(mut self, other: Equations) -> Self {
         self.normal += other.normal;
-        self.right += other.right;
+        self.rhs += other.rhs;
         self
     }
 }
 
 /// A function that is not 0 at a place: the index of its coefficient, and its value at the place.
 #[derive(Clone, Copy)]
-struct Function {
+struct BasisValue {
     index: usize,
     value: f64,
 }
@@ -166,7 +169,7 @@ fn knots(spans: [usize; 2]) -> Option<[KnotVector; 2]> {
 }
 
 /// Returns the functions that are not 0 at a place, by increasing index.
-fn functions(knots: &[KnotVector; 2], at: [f64; 2]) -> [Function; ORDER * ORDER] {
+fn functions(knots: &[KnotVector; 2], at: [f64; 2]) -> [BasisValue; BASIS_ORDER * BASIS_ORDER] {
     let along = |axis: usize| {
         let way = at[axis].clamp(0.0, 1.0);
         (knots[axis].span(way), knots[axis].values(way))
@@ -174,8 +177,8 @@ fn functions(knots: &[KnotVector; 2], at: [f64; 2]) -> [Function; ORDER * ORDER]
     let columns = knots[1].controls();
     let ((row, of_row), (column, of_column)) = (along(0), along(1));
     std::array::from_fn(|n| {
-        let (i, j) = (n / ORDER, n % ORDER);
-        Function { index: (row + i) * columns + column + j, value: of_row[i] * of_column[j] }
+        let (i, j) = (n / BASIS_ORDER, n % BASIS_ORDER);
+        BasisValue { index: (row + i) * columns + column + j, value: of_row[i] * of_column[j] }
     })
 }
 
@@ -192,9 +195,9 @@ mod tests {
     use super::*;
 
     /// Returns heights on a lattice of 60 × 40 places of a rectangle of 300 × 200 mm.
-    fn heights(mm: impl Fn([f64; 2]) -> f64) -> Vec<Height> {
+    fn heights(mm: impl Fn([f64; 2]) -> f64) -> Vec<HeightSample> {
         let places = (0..60).flat_map(|i| (0..40).map(move |j| [f64::from(i) / 59.0, f64::from(j) / 39.0]));
-        places.map(|at| Height { at, mm: mm(at) }).collect()
+        places.map(|at| HeightSample { position: at, height_mm: mm(at) }).collect()
     }
 
     /// A bow of 1.5 mm with a wave of 200 mm is followed to 0.041 mm at most, at the border, and 0.010 mm rms. A
@@ -207,23 +210,26 @@ mod tests {
         };
         let is_clamped = |at: [f64; 2]| at[0] < 0.1 && at[1] < 0.15;
         let seen = heights(|at| if is_clamped(at) { bow(at) + 3.0 } else { bow(at) });
-        let found = SmoothField::robust([300.0, 200.0], &seen).expect("a field");
-        let off_mm = |height: &&Height| (found.field.at(height.at) - bow(height.at)).abs();
-        let beside = seen.iter().filter(|height| !is_clamped(height.at));
+        let found = SmoothField::fit_robust([300.0, 200.0], &seen).expect("a field");
+        let off_mm = |height: &&HeightSample| (found.field.height_at(height.position) - bow(height.position)).abs();
+        let beside = seen.iter().filter(|height| !is_clamped(height.position));
         let largest_mm = beside.clone().map(|height| off_mm(&height)).fold(0.0, f64::max);
         let mean_square = beside.clone().map(|height| off_mm(&height).powi(2)).sum::<f64>() / beside.count() as f64;
         assert!(
             (largest_mm - 0.0406).abs() < 1e-3 && (mean_square.sqrt() - 0.0100).abs() < 1e-3,
             "{largest_mm} {mean_square}"
         );
-        let below_mm =
-            seen.iter().filter(|height| is_clamped(height.at)).map(|height| off_mm(&height)).fold(0.0, f64::max);
+        let below_mm = seen
+            .iter()
+            .filter(|height| is_clamped(height.position))
+            .map(|height| off_mm(&height))
+            .fold(0.0, f64::max);
         assert!((below_mm - 0.1126).abs() < 5e-3, "{below_mm}");
         assert!(found.limit_mm < 0.1, "{}", found.limit_mm);
     }
 
     #[test]
     fn no_heights_make_no_field() {
-        assert!(SmoothField::robust([300.0, 200.0], &[]).is_none());
+        assert!(SmoothField::fit_robust([300.0, 200.0], &[]).is_none());
     }
 }

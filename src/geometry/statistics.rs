@@ -11,10 +11,10 @@
 //! panels of 250 × 180 to 600 × 400 mm. One degree of freedom alone would give 1.96.
 
 /// With a probability of 95 %, an error in one direction lies within this many standard deviations.
-pub const WITHIN_95: f64 = 1.96;
+pub const NORMAL_TWO_SIDED_95: f64 = 1.96;
 /// The largest error over a panel lies within this many standard deviations of its worst point. The probability is 95
 /// % according to the localization's covariance, and 94 % according to (1).
-pub const WHOLE_PANEL_95: f64 = 2.35;
+pub const PANEL_MAX_95: f64 = 2.35;
 /// Factor from the median of |x| to the standard deviation of normal noise.
 pub const SIGMA_OF_MEDIAN: f64 = 1.4826;
 /// Tukey's constant: 95 % of the efficiency of plain least squares on normal noise (Beaton & Tukey, Technometrics
@@ -22,7 +22,7 @@ pub const SIGMA_OF_MEDIAN: f64 = 1.4826;
 pub const TUKEY: f64 = 4.685;
 
 /// Returns Tukey's weight, 0…1, of a deviation that is given in standard deviations.
-pub fn tukey(deviation_in_sigma: f64) -> f64 {
+pub fn tukey_weight(deviation_in_sigma: f64) -> f64 {
     let inner = 1.0 - (deviation_in_sigma / TUKEY).powi(2);
     if inner > 0.0 { inner * inner } else { 0.0 }
 }
@@ -37,7 +37,7 @@ mod tests {
     fn the_largest_of_four_corners_lies_within_the_factor() {
         let normal = Normal::new(0.0, 1.0).expect("a distribution");
         let one: Vec<f64> = (0..80).map(|k| normal.inverse_cdf(0.5 + (f64::from(k) + 0.5) / 160.0)).collect();
-        let limit = WHOLE_PANEL_95 * 7.0_f64.sqrt();
+        let limit = PANEL_MAX_95 * 7.0_f64.sqrt();
         let mut within = 0_u32;
         for v in &one {
             for first in &one {

@@ -1,7 +1,7 @@
 //! Angles and pixels as types, so that no public function accepts two bare numbers side by side.
 //!
 //! Lengths are `f64` in mm with the unit in their name, inside tagged points and transforms. Angles cross every
-//! boundary in degrees; [`Degrees::rad`] is the only conversion to radians for a kernel.
+//! boundary in degrees; [`Degrees::to_rad`] is the only conversion to radians for a kernel.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +15,7 @@ pub struct Degrees(pub f64);
 
 impl Degrees {
     /// Returns the angle in radians, for use in numerical code.
-    pub fn rad(self) -> f64 {
+    pub fn to_rad(self) -> f64 {
         self.0.to_radians()
     }
 
@@ -27,7 +27,7 @@ impl Degrees {
 
 impl std::fmt::Display for Degrees {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}°", crate::number_text::fixed(self.0, 3))
+        write!(f, "{}°", crate::number_text::fixed_decimals(self.0, 3))
     }
 }
 
@@ -52,7 +52,7 @@ impl Pixel {
     }
 
     /// The nearest whole pixel in a picture of this size; `None` outside of the picture.
-    pub fn whole(self, width: usize, height: usize) -> Option<(usize, usize)> {
+    pub fn nearest_whole(self, width: usize, height: usize) -> Option<(usize, usize)> {
         let (column, row) = (self.u.round(), self.v.round());
         let inside = column >= 0.0 && row >= 0.0 && column < width as f64 && row < height as f64;
         inside.then_some((column as usize, row as usize))
@@ -66,15 +66,15 @@ mod tests {
     /// By hand: 180° is π.
     #[test]
     fn degrees_become_radians_and_back() {
-        assert!((Degrees(180.0).rad() - std::f64::consts::PI).abs() < 1e-15);
+        assert!((Degrees(180.0).to_rad() - std::f64::consts::PI).abs() < 1e-15);
         assert!((Degrees::from_rad(std::f64::consts::FRAC_PI_6).0 - 30.0).abs() < 1e-12);
     }
 
     /// Pixel (−0.4, 1.6) is column 0, row 2; half a pixel beyond the last column is outside.
     #[test]
     fn whole_pixels_end_half_a_pixel_outside_the_centres() {
-        assert_eq!(Pixel::at(-0.4, 1.6).whole(4, 3), Some((0, 2)));
-        assert_eq!(Pixel::at(3.6, 1.0).whole(4, 3), None);
-        assert_eq!(Pixel::at(f64::NAN, 1.0).whole(4, 3), None);
+        assert_eq!(Pixel::at(-0.4, 1.6).nearest_whole(4, 3), Some((0, 2)));
+        assert_eq!(Pixel::at(3.6, 1.0).nearest_whole(4, 3), None);
+        assert_eq!(Pixel::at(f64::NAN, 1.0).nearest_whole(4, 3), None);
     }
 }

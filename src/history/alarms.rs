@@ -55,7 +55,7 @@ impl Alarm {
     }
 
     /// Creates an alarm that arose between cycles, at this time, and lasts.
-    pub fn between_cycles(reason: &Reason, raised_unix_ms: i64) -> Self {
+    pub fn new_between_cycles(reason: &Reason, raised_unix_ms: i64) -> Self {
         Self::new(None, reason, None, raised_unix_ms)
     }
 
@@ -79,7 +79,7 @@ impl Alarm {
 
 /// Returns the alarms of a cycle in the order in which they were raised.
 pub fn alarms(record: &CycleRecord, times: &AlarmTimes, acknowledgements: &[Acknowledgement]) -> Vec<Alarm> {
-    let mut all = of_findings(record, times);
+    let mut all = alarms_from_findings(record, times);
     end(record, times, &mut all);
     all.extend(refused(record));
     all.sort_by_key(|alarm| alarm.raised_unix_ms);
@@ -92,7 +92,7 @@ pub fn alarms(record: &CycleRecord, times: &AlarmTimes, acknowledgements: &[Ackn
     all
 }
 
-fn of_findings(record: &CycleRecord, times: &AlarmTimes) -> Vec<Alarm> {
+fn alarms_from_findings(record: &CycleRecord, times: &AlarmTimes) -> Vec<Alarm> {
     let mut all: Vec<Alarm> = Vec::new();
     for (index, finding) in record.findings.iter().enumerate() {
         let at = times.findings_unix_ms.get(index).copied().flatten().unwrap_or(record.started_unix_s * 1_000);

@@ -30,7 +30,7 @@ pub enum Priority {
 
 impl Priority {
     /// Its word, `high`.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         self.into()
     }
 }
@@ -49,7 +49,7 @@ pub struct Code {
 }
 
 /// Codes of a cell that was aborted, or whose state is unknown.
-const HIGH: [&str; 32] = [
+const HIGH_PRIORITY_CODES: [&str; 32] = [
     "other_programs",
     "link_lost",
     "no_route",
@@ -91,7 +91,7 @@ const NOTES: [&str; 7] = ["asked", "stopped", "robot_ready", "broken", "off_path
 const COMMANDS: [&str; 4] = ["Requests that are refused", "Calibration", "Teaching", "Commands and files"];
 
 /// Codes in the sections of `COMMANDS` that prevent the start of a cycle.
-const NO_START: [&str; 6] = [
+const START_PREVENTING_CODES: [&str; 6] = [
     "verification_limit",
     "verification_old",
     "verification_ahead",
@@ -168,9 +168,9 @@ fn rows(page: &'static str) -> Vec<(&'static str, Row)> {
 fn priority(code: &str, cause: &str, section: &str) -> Priority {
     let is_command = COMMANDS.contains(&section) || cause.contains("A single function of `panelprep robot`");
     match code {
-        _ if HIGH.contains(&code) => Priority::High,
+        _ if HIGH_PRIORITY_CODES.contains(&code) => Priority::High,
         _ if NOTES.contains(&code) || cause.starts_with("A note on the page") => Priority::Note,
-        _ if is_command && !NO_START.contains(&code) => Priority::Low,
+        _ if is_command && !START_PREVENTING_CODES.contains(&code) => Priority::Low,
         _ => Priority::Medium,
     }
 }
@@ -225,8 +225,12 @@ mod tests {
     /// A code that is no longer used must not stay in a list here.
     #[test]
     fn every_listed_code_is_one_of_the_manual() {
-        let unknown: Vec<&&str> =
-            HIGH.iter().chain(&NOTES).chain(&NO_START).filter(|word| code(word).is_none()).collect();
+        let unknown: Vec<&&str> = HIGH_PRIORITY_CODES
+            .iter()
+            .chain(&NOTES)
+            .chain(&START_PREVENTING_CODES)
+            .filter(|word| code(word).is_none())
+            .collect();
         assert_eq!(unknown, [] as [&&str; 0]);
         let headings: Vec<&str> = PAGE.lines().filter_map(|line| line.strip_prefix("## ")).collect();
         assert!(COMMANDS.iter().all(|section| headings.contains(section)), "{headings:?}");

@@ -67,7 +67,7 @@ pub struct GridPair {
 
 impl CheckPair {
     /// Whether the limits differ, or only one cycle has the check.
-    pub fn has_other_limit(&self) -> bool {
+    pub fn is_limit_different(&self) -> bool {
         self.limits[0] != self.limits[1]
     }
 }
@@ -165,6 +165,6 @@ fn grids(first: &PastCycle, second: &PastCycle) -> Vec<GridPair> {
         .map(|grid| GridPair { grid: grid.clone(), cycles: [0, 1].map(|index| both[index].get(grid).cloned()) })
         .collect();
     // By number: r2c1 comes before r10c1.
-    pairs.sort_by_key(|pair| super::grid::grid_place(&pair.grid).unwrap_or((u32::MAX, 0)));
+    pairs.sort_by_key(|pair| super::grid::grid_row_and_column(&pair.grid).unwrap_or((u32::MAX, 0)));
     pairs
 }

@@ -1,7 +1,7 @@
 //! The results of each grid of a panel in one cycle: for its first film, the passes, and its last film.
 
-use crate::number_text::fixed;
-use crate::record::{Abraded, CycleRecord, Finding, How, Kind, abraded, name};
+use crate::number_text::fixed_decimals;
+use crate::record::{AbradedGrid, AbrasionExtent, CycleRecord, Finding, Kind, abraded_grids, name};
 use crate::verdict::Verdict;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,12 +23,12 @@ pub struct GridPast {
 
 impl GridPast {
     /// The grid's history in words.
-    pub fn words(&self) -> String {
+    pub fn describe(&self) -> String {
         let first = match (self.failed_first, self.time_to_break_s) {
             (None, _) => "not seen first".to_owned(),
             (Some(false), _) => "passed first".to_owned(),
             (Some(true), None) => "failed first".to_owned(),
-            (Some(true), Some(time_s)) => format!("failed first after {} s", fixed(time_s, 1)),
+            (Some(true), Some(time_s)) => format!("failed first after {} s", fixed_decimals(time_s, 1)),
         };
         let passes = match self.passes {
             0 => String::new(),
@@ -45,24 +45,24 @@ impl GridPast {
 }
 
 /// The row and the column of a grid, from 1; `None` if the name is not a grid name such as `r1c1`.
-pub fn grid_place(grid: &str) -> Option<(u32, u32)> {
+pub fn grid_row_and_column(grid: &str) -> Option<(u32, u32)> {
     let (row, column) = grid.strip_prefix('r')?.split_once('c')?;
     Some((row.parse().ok()?, column.parse().ok()?))
 }
 
 /// Returns every grid that the films or the passes report. The films are in order, and none is invalid.
-pub(super) fn grids(films: &[&Finding], passes: &[Abraded]) -> BTreeMap<String, GridPast> {
+pub(super) fn grids(films: &[&Finding], passes: &[AbradedGrid]) -> BTreeMap<String, GridPast> {
     let mut all: BTreeMap<String, GridPast> = BTreeMap::new();
-    let mut first = films.first().map(|film| seen_grids(film)).unwrap_or_default();
+    let mut first = films.first().map(|film| reported_grids(film)).unwrap_or_default();
     for (grid, (failed, broken_mm2)) in std::mem::take(&mut first) {
-        let time_to_break_s = films.first().and_then(|film| film.number(&name::failed_after(&grid)));
+        let time_to_break_s = films.first().and_then(|film| film.number(&name::break_time_name(&grid)));
         let past = all.entry(grid).or_default();
         *past = GridPast { failed_first: Some(failed), time_to_break_s, broken_mm2, ..GridPast::default() };
     }
-    for (grid, (failed, _)) in films.last().map(|film| seen_grids(film)).unwrap_or_default() {
+    for (grid, (failed, _)) in films.last().map(|film| reported_grids(film)).unwrap_or_default() {
         all.entry(grid).or_default().failed_at_end = Some(failed);
     }
-    for one in passes.iter().filter(|one| one.how.is_sure()) {
+    for one in passes.iter().filter(|one| one.how.is_certain()) {
         if let Some(grid) = &one.grid {
             all.entry(grid.clone()).or_default().passes += 1;
         }
@@ -71,10 +71,10 @@ pub(super) fn grids(films: &[&Finding], passes: &[Abraded]) -> BTreeMap<String, 
 }
 
 /// The grids that a film reports: whether it broke, and on which area, mm².
-pub fn seen_grids(film: &Finding) -> BTreeMap<String, (bool, Option<f64>)> {
+pub fn reported_grids(film: &Finding) -> BTreeMap<String, (bool, Option<f64>)> {
     let failed = film.names("failed");
     let checks = film.checks.iter().filter_map(|check| {
-        let grid = name::grid_of_broken_film(&check.name)?.to_owned();
+        let grid = name::broken_film_grid(&check.name)?.to_owned();
         let is_failed = failed.contains(&grid);
         // A grid that was not seen gives no information, unless the part that was seen broke.
         (check.value.is_some() || is_failed).then_some((grid, (is_failed, check.value)))
@@ -86,9 +86,9 @@ pub fn seen_grids(film: &Finding) -> BTreeMap<String, (bool, Option<f64>)> {
 pub fn touched_grids(record: &CycleRecord) -> BTreeSet<String> {
     let films = record.findings.iter().filter(|one| one.kind == Kind::Inspect);
     let last_film = films.filter(|film| film.judgement.verdict != Verdict::Invalid).map(|film| film.pass).max();
-    let after = |one: &Abraded| last_film.is_none_or(|film| one.pass > film);
-    let unknown = |one: &Abraded| one.how != How::Whole;
-    let all = abraded(&record.findings, &record.motions).into_iter().filter(|one| after(one) && unknown(one));
+    let after = |one: &AbradedGrid| last_film.is_none_or(|film| one.pass > film);
+    let unknown = |one: &AbradedGrid| one.how != AbrasionExtent::Whole;
+    let all = abraded_grids(&record.findings, &record.motions).into_iter().filter(|one| after(one) && unknown(one));
     all.filter_map(|one| one.grid).collect()
 }
 
@@ -98,7 +98,7 @@ pub fn grid_states(findings: &[Finding]) -> BTreeMap<String, &'static str> {
     for finding in findings {
         match finding.kind {
             Kind::Inspect if finding.judgement.verdict != Verdict::Invalid => {
-                let seen = seen_grids(finding).into_iter();
+                let seen = reported_grids(finding).into_iter();
                 grids.extend(seen.map(|(grid, (failed, _))| (grid, if failed { "broke" } else { "whole" })));
             }
             Kind::Abrade => grids.extend(finding.names("grids").into_iter().map(|grid| (grid, "abraded"))),
@@ -127,13 +127,13 @@ mod tests {
                 let value = seen.contains(&grid).then_some(1.0);
                 Check::new(name::broken_film(grid), "mm²", value)
             });
-            finding(Kind::Inspect, verdict).detail("failed", failed.to_vec()).with(checks)
+            finding(Kind::Inspect, verdict).with_detail("failed", failed.to_vec()).with_checks(checks)
         };
         let mut findings = vec![film(Verdict::Fail, &["r1c1", "r1c2"], &["r1c2"])];
         let of = |findings: &[Finding]| grid_states(findings).into_iter().collect::<Vec<_>>();
         let pair = |grid: &str, state| (grid.to_owned(), state);
         assert_eq!(of(&findings), [pair("r1c1", "whole"), pair("r1c2", "broke")]);
-        findings.push(finding(Kind::Abrade, Verdict::Pass).detail("grids", vec!["r1c2"]));
+        findings.push(finding(Kind::Abrade, Verdict::Pass).with_detail("grids", vec!["r1c2"]));
         findings.push(film(Verdict::Invalid, &["r1c1"], &["r1c1"]));
         assert_eq!(of(&findings), [pair("r1c1", "whole"), pair("r1c2", "abraded")]);
         findings.push(film(Verdict::Pass, &["r1c1", "r1c2", "r1c3"], &[]));

@@ -1,9 +1,9 @@
 //! The places where the film breaks first: statistics of every grid of a panel over many parts of the same kind, from
 //! the first valid film of each cycle.
 
-use super::grid::grid_place;
+use super::grid::grid_row_and_column;
 use super::past_cycle::PastCycle;
-use crate::geometry::median_between;
+use crate::geometry::median_in_place;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -43,7 +43,7 @@ pub fn heat_map(cycles: &[PastCycle]) -> HeatMap {
     for past in cycles.filter(|past| past.films().next().is_some()) {
         films += 1;
         for (grid, told) in past.grids() {
-            let (Some(at), Some(failed)) = (grid_place(&grid), told.failed_first) else { continue };
+            let (Some(at), Some(failed)) = (grid_row_and_column(&grid), told.failed_first) else { continue };
             let (_, seen, breaks, times_s) = all.entry(at).or_insert((grid, 0, 0, Vec::new()));
             *seen += 1;
             *breaks += usize::from(failed);
@@ -52,7 +52,7 @@ pub fn heat_map(cycles: &[PastCycle]) -> HeatMap {
     }
     let cell =
         |((row, column), (grid, films, breaks, mut times_s)): ((u32, u32), (String, usize, usize, Vec<f64>))| {
-            HeatCell { grid, row, column, films, breaks, median_s: median_between(&mut times_s) }
+            HeatCell { grid, row, column, films, breaks, median_s: median_in_place(&mut times_s) }
         };
     HeatMap { films, grids: all.into_iter().map(cell).collect() }
 }

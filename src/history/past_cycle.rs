@@ -1,7 +1,7 @@
 //! A past cycle, as the other modules of the history read it: its record, its part, and the wear of the disc.
 
 use super::grid::{GridPast, grids};
-use crate::record::{CycleRecord, Finding, Kind, PartNames, abraded};
+use crate::record::{CycleRecord, Finding, Kind, PartNames, abraded_grids};
 use crate::verdict::{Check, Verdict};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -34,7 +34,7 @@ impl PastCycle {
 
     /// The valid films: those with a judgement other than invalid, in order.
     pub fn films(&self) -> impl DoubleEndedIterator<Item = &Finding> {
-        self.findings(Kind::Inspect).filter(|film| is_valid(film))
+        self.findings(Kind::Inspect).filter(|film| is_valid_film(film))
     }
 
     /// Returns the check with this name in the last finding of this phase that has it.
@@ -43,13 +43,13 @@ impl PastCycle {
     }
 
     /// Returns the number of passes over the panel that are known to have touched it.
-    pub fn passes(&self) -> u8 {
-        passes(&self.record)
+    pub fn touching_passes(&self) -> u8 {
+        touching_passes(&self.record)
     }
 
     /// Every grid that a film or a pass reports.
     pub fn grids(&self) -> BTreeMap<String, GridPast> {
-        grids(&self.films().collect::<Vec<_>>(), &abraded(&self.record.findings, &self.record.motions))
+        grids(&self.films().collect::<Vec<_>>(), &abraded_grids(&self.record.findings, &self.record.motions))
     }
 
     /// Duration of the cycle from its begin to its end by the wall clock, s. `None` while it runs, or if the program
@@ -62,11 +62,11 @@ impl PastCycle {
 }
 
 /// Returns the number of this cycle's passes over the panel that are known to have touched it.
-pub fn passes(record: &CycleRecord) -> u8 {
-    let all = abraded(&record.findings, &record.motions);
-    all.iter().filter(|one| one.how.is_sure()).map(|one| one.pass).max().unwrap_or(0)
+pub fn touching_passes(record: &CycleRecord) -> u8 {
+    let all = abraded_grids(&record.findings, &record.motions);
+    all.iter().filter(|one| one.how.is_certain()).map(|one| one.pass).max().unwrap_or(0)
 }
 
-fn is_valid(film: &Finding) -> bool {
+fn is_valid_film(film: &Finding) -> bool {
     film.details.contains_key("failed") && ![Verdict::Invalid, Verdict::Aborted].contains(&film.judgement.verdict)
 }

@@ -11,7 +11,7 @@ use strum::IntoEnumIterator;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Quantity {
     /// A quantity with a keyword.
-    Known(Known),
+    Known(KnownQuantity),
     /// The check with this name, in the last finding that has it.
     Check(String),
 }
@@ -19,7 +19,7 @@ pub enum Quantity {
 /// A quantity with a keyword.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::EnumIter, strum::EnumString, strum::IntoStaticStr)]
 #[strum(serialize_all = "kebab-case")]
-pub enum Known {
+pub enum KnownQuantity {
     /// Localization: residual, point to plane, rms, mm.
     LocalizationResidual,
     /// Localization: residual of the outline, rms, px.
@@ -66,114 +66,136 @@ pub enum Known {
 
 /// Selects which of several checks of a cycle counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Pick {
+enum CheckSelection {
     Last,
     Least,
     Most,
 }
 
-impl Known {
+impl KnownQuantity {
     /// Returns the quantity's keyword on the command line and in addresses, `localization-residual`.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         self.into()
     }
 
     /// Returns the quantity's title and its unit.
     pub fn title_and_unit(self) -> (&'static str, &'static str) {
         match self {
-            Known::LocalizationResidual => ("localization: point-to-plane residual, rms", "mm"),
-            Known::OutlineResidual => ("localization: outline residual, rms", "px"),
-            Known::LocalizationError => ("localization: stated error at the worst point, 95 %", "mm"),
-            Known::DeviationFromTaught => ("localization: largest smooth deviation from the taught panel", "mm"),
-            Known::ScannerVerification => ("verification of the scanner", "mm"),
-            Known::FlangeCameraVerification => ("verification of the camera on the flange", "mm"),
-            Known::ToolVerification => ("verification of the tool", "mm"),
-            Known::ForceVerification => ("verification of the tool's force", "N"),
-            Known::LightLeast => ("smallest change of the light", "%"),
-            Known::LightMost => ("largest change of the light", "%"),
-            Known::FilmChange => ("change of the panel's brightness by the film", "grey levels"),
-            Known::TimeToBreak => ("time to the first break", "s"),
-            Known::Passes => ("passes over the panel", ""),
-            Known::ForceInContact => ("mean force in contact", "N"),
-            Known::RemovedMean => ("mean removal by the last path", "µm"),
-            Known::RemovedDeepest => ("removal over all passes at the deepest point, 95 %", "µm"),
-            Known::DiscSwept => ("area swept by the disc in the cycle", "mm²"),
-            Known::DiscWorn => ("area swept by the disc since it was mounted", "mm²"),
-            Known::CycleTime => ("cycle time", "s"),
-            Known::FilmTime => ("total time of the films", "s"),
-            Known::ErrorAtTool => ("position error at the tool, 95 %", "mm"),
+            KnownQuantity::LocalizationResidual => ("localization: point-to-plane residual, rms", "mm"),
+            KnownQuantity::OutlineResidual => ("localization: outline residual, rms", "px"),
+            KnownQuantity::LocalizationError => ("localization: stated error at the worst point, 95 %", "mm"),
+            KnownQuantity::DeviationFromTaught => {
+                ("localization: largest smooth deviation from the taught panel", "mm")
+            }
+            KnownQuantity::ScannerVerification => ("verification of the scanner", "mm"),
+            KnownQuantity::FlangeCameraVerification => ("verification of the camera on the flange", "mm"),
+            KnownQuantity::ToolVerification => ("verification of the tool", "mm"),
+            KnownQuantity::ForceVerification => ("verification of the tool's force", "N"),
+            KnownQuantity::LightLeast => ("smallest change of the light", "%"),
+            KnownQuantity::LightMost => ("largest change of the light", "%"),
+            KnownQuantity::FilmChange => ("change of the panel's brightness by the film", "grey levels"),
+            KnownQuantity::TimeToBreak => ("time to the first break", "s"),
+            KnownQuantity::Passes => ("passes over the panel", ""),
+            KnownQuantity::ForceInContact => ("mean force in contact", "N"),
+            KnownQuantity::RemovedMean => ("mean removal by the last path", "µm"),
+            KnownQuantity::RemovedDeepest => ("removal over all passes at the deepest point, 95 %", "µm"),
+            KnownQuantity::DiscSwept => ("area swept by the disc in the cycle", "mm²"),
+            KnownQuantity::DiscWorn => ("area swept by the disc since it was mounted", "mm²"),
+            KnownQuantity::CycleTime => ("cycle time", "s"),
+            KnownQuantity::FilmTime => ("total time of the films", "s"),
+            KnownQuantity::ErrorAtTool => ("position error at the tool, 95 %", "mm"),
         }
     }
 
     /// The subject of the verifications from which the number comes; `None` if the number comes from cycles.
     pub fn verified_subject(self) -> Option<&'static str> {
         match self {
-            Known::ScannerVerification => Some("scanner"),
-            Known::FlangeCameraVerification => Some("flange_camera"),
-            Known::ToolVerification => Some("tool"),
-            Known::ForceVerification => Some("tool_force"),
+            KnownQuantity::ScannerVerification => Some("scanner"),
+            KnownQuantity::FlangeCameraVerification => Some("flange_camera"),
+            KnownQuantity::ToolVerification => Some("tool"),
+            KnownQuantity::ForceVerification => Some("tool_force"),
             _ => None,
         }
     }
 
     /// All words.
-    pub fn words() -> Vec<&'static str> {
-        Known::iter().map(Known::word).collect()
+    pub fn keywords() -> Vec<&'static str> {
+        KnownQuantity::iter().map(KnownQuantity::keyword).collect()
     }
 
     /// Returns the value in a cycle, and its limit. A quantity that comes from verifications has no value in a cycle.
     fn value_and_limit(self, past: &PastCycle) -> Option<(f64, Limit)> {
         let unlimited = |value: f64| (value, Limit::Unlimited);
         match self {
-            Known::LocalizationResidual => picked(past, Kind::Locate, name::RESIDUAL, Pick::Last),
-            Known::OutlineResidual => picked(past, Kind::Locate, name::OUTLINE_RESIDUAL, Pick::Last),
-            Known::LocalizationError => picked(past, Kind::Locate, name::LOCATION_ERROR, Pick::Last),
-            Known::DeviationFromTaught => picked(past, Kind::Locate, name::BEND, Pick::Last),
-            Known::LightLeast => picked(past, Kind::Inspect, name::LIGHT_MIN, Pick::Least),
-            Known::LightMost => picked(past, Kind::Inspect, name::LIGHT_MAX, Pick::Most),
-            Known::FilmChange => picked(past, Kind::Inspect, name::FILM_CHANGE, Pick::Least),
-            Known::TimeToBreak => {
+            KnownQuantity::LocalizationResidual => {
+                picked_value(past, Kind::Locate, name::RESIDUAL, CheckSelection::Last)
+            }
+            KnownQuantity::OutlineResidual => {
+                picked_value(past, Kind::Locate, name::OUTLINE_RESIDUAL, CheckSelection::Last)
+            }
+            KnownQuantity::LocalizationError => {
+                picked_value(past, Kind::Locate, name::LOCATION_ERROR, CheckSelection::Last)
+            }
+            KnownQuantity::DeviationFromTaught => {
+                picked_value(past, Kind::Locate, name::BEND_NAME, CheckSelection::Last)
+            }
+            KnownQuantity::LightLeast => picked_value(past, Kind::Inspect, name::LIGHT_MIN, CheckSelection::Least),
+            KnownQuantity::LightMost => {
+                picked_value(past, Kind::Inspect, name::MAX_LIGHT_NAME, CheckSelection::Most)
+            }
+            KnownQuantity::FilmChange => {
+                picked_value(past, Kind::Inspect, name::FILM_CHANGE, CheckSelection::Least)
+            }
+            KnownQuantity::TimeToBreak => {
                 let times = past.grids().into_values().filter_map(|grid| grid.time_to_break_s);
                 times.min_by(f64::total_cmp).map(unlimited)
             }
-            Known::Passes => past.films().next().map(|_| unlimited(f64::from(past.passes()))),
-            Known::ForceInContact => picked(past, Kind::Abrade, name::FORCE_MEAN, Pick::Last),
-            Known::RemovedMean => picked(past, Kind::Abrade, name::REMOVED_MEAN, Pick::Last),
-            Known::RemovedDeepest => picked(past, Kind::Abrade, name::REMOVED_BOUND, Pick::Most),
-            Known::DiscSwept => past.disc.map(|disc| unlimited(disc.swept_mm2)),
-            Known::DiscWorn => past.disc.map(|disc| unlimited(disc.worn_mm2)),
-            Known::CycleTime => past.cycle_time_s().map(|s| unlimited(s as f64)),
-            Known::FilmTime => super::summary::films(past).watched_s.map(unlimited),
-            Known::ErrorAtTool => past.record.budget?.total_mm().map(unlimited),
-            Known::ScannerVerification
-            | Known::FlangeCameraVerification
-            | Known::ToolVerification
-            | Known::ForceVerification => None,
+            KnownQuantity::Passes => past.films().next().map(|_| unlimited(f64::from(past.touching_passes()))),
+            KnownQuantity::ForceInContact => {
+                picked_value(past, Kind::Abrade, name::FORCE_MEAN, CheckSelection::Last)
+            }
+            KnownQuantity::RemovedMean => {
+                picked_value(past, Kind::Abrade, name::REMOVED_MEAN, CheckSelection::Last)
+            }
+            KnownQuantity::RemovedDeepest => {
+                picked_value(past, Kind::Abrade, name::REMOVED_BOUND, CheckSelection::Most)
+            }
+            KnownQuantity::DiscSwept => past.disc.map(|disc| unlimited(disc.swept_mm2)),
+            KnownQuantity::DiscWorn => past.disc.map(|disc| unlimited(disc.worn_mm2)),
+            KnownQuantity::CycleTime => past.cycle_time_s().map(|s| unlimited(s as f64)),
+            KnownQuantity::FilmTime => super::summary::films(past).watched_s.map(unlimited),
+            KnownQuantity::ErrorAtTool => past.record.budget?.total_mm().map(unlimited),
+            KnownQuantity::ScannerVerification
+            | KnownQuantity::FlangeCameraVerification
+            | KnownQuantity::ToolVerification
+            | KnownQuantity::ForceVerification => None,
         }
     }
 }
 
-fn picked(past: &PastCycle, kind: Kind, name: &str, pick: Pick) -> Option<(f64, Limit)> {
+fn picked_value(past: &PastCycle, kind: Kind, name: &str, pick: CheckSelection) -> Option<(f64, Limit)> {
     let checks = past.findings(kind).flat_map(|finding| &finding.checks).filter(|check| check.name == name);
     let mut values = checks.filter_map(|check| Some((check.value?, check.limit)));
     match pick {
-        Pick::Last => values.next_back(),
-        Pick::Least => values.min_by(|one, other| one.0.total_cmp(&other.0)),
-        Pick::Most => values.max_by(|one, other| one.0.total_cmp(&other.0)),
+        CheckSelection::Last => values.next_back(),
+        CheckSelection::Least => values.min_by(|one, other| one.0.total_cmp(&other.0)),
+        CheckSelection::Most => values.max_by(|one, other| one.0.total_cmp(&other.0)),
     }
 }
 
 impl Quantity {
     /// Returns the quantity with this keyword; otherwise the check with this name.
-    pub fn named(text: &str) -> Self {
-        Known::from_str(text).map_or_else(|_| Quantity::Check(text.to_owned()), Quantity::Known)
+    pub fn from_keyword(text: &str) -> Self {
+        KnownQuantity::from_str(text).map_or_else(|_| Quantity::Check(text.to_owned()), Quantity::Known)
     }
 
     /// The value in a cycle and its limit; `None` if the cycle has none.
     pub fn value_and_limit(&self, past: &PastCycle) -> Option<(f64, Limit)> {
         match self {
             Quantity::Known(known) => known.value_and_limit(past),
-            Quantity::Check(name) => self.check(past, name).and_then(|check| Some((check.value?, check.limit))),
+            Quantity::Check(name) => {
+                self.find_check(past, name).and_then(|check| Some((check.value?, check.limit)))
+            }
         }
     }
 
@@ -185,13 +207,13 @@ impl Quantity {
                 (title.to_owned(), unit.to_owned())
             }
             Quantity::Check(name) => {
-                let unit = cycles.iter().rev().find_map(|past| self.check(past, name));
+                let unit = cycles.iter().rev().find_map(|past| self.find_check(past, name));
                 (name.clone(), unit.map_or(String::new(), |check| check.unit.clone()))
             }
         }
     }
 
-    fn check<'p>(&self, past: &'p PastCycle, name: &str) -> Option<&'p Check> {
+    fn find_check<'p>(&self, past: &'p PastCycle, name: &str) -> Option<&'p Check> {
         past.record.findings.iter().rev().find_map(|finding| finding.checks.iter().find(|check| check.name == name))
     }
 }

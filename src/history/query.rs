@@ -9,7 +9,7 @@ pub const MAX_HITS: usize = 1_000;
 
 /// The required end of a cycle in a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum End {
+pub enum RequiredEnd {
     /// With this verdict.
     With(Verdict),
     /// The cycle has not ended yet.
@@ -33,11 +33,11 @@ pub struct Query {
     /// The cycle began before this time, s since 1970.
     pub until_unix_s: Option<i64>,
     /// How it ended.
-    pub end: Option<End>,
+    pub end: Option<RequiredEnd>,
     /// Each of these words must occur in a reason of the verdict: in its code or its sentence.
     pub words: Vec<String>,
     /// Only cycles before this one: the [`Hits::next`] of the previous page.
-    pub before: Option<CycleId>,
+    pub before_cycle: Option<CycleId>,
     /// Largest number of cycles, 1 to [`MAX_HITS`]; a value outside this range is set to the nearest limit.
     pub limit: usize,
 }
@@ -68,7 +68,7 @@ pub struct Hit {
 pub struct Hits {
     /// The cycles, the newest first.
     pub hits: Vec<Hit>,
-    /// The start of the next page, as [`Query::before`]; `None` if there is no next page.
+    /// The start of the next page, as [`Query::before_cycle`]; `None` if there is no next page.
     pub next: Option<CycleId>,
 }
 

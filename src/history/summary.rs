@@ -80,7 +80,7 @@ pub fn summary(past: &PastCycle) -> Summary {
         is_air_run: record.is_air_run(),
         verdict,
         reasons,
-        passes: past.passes(),
+        passes: past.touching_passes(),
         films: films(past),
         localization_residual: located(name::RESIDUAL),
         outline_residual: located(name::OUTLINE_RESIDUAL),
@@ -100,13 +100,13 @@ pub fn summary(past: &PastCycle) -> Summary {
 
 pub(super) fn films(past: &PastCycle) -> Films {
     let valid = past.films().count();
-    let watched: Vec<f64> = past.films().filter_map(|film| film.number(name::WATCHED)).collect();
+    let watched: Vec<f64> = past.films().filter_map(|film| film.number(name::WATCHED_TIME_NAME)).collect();
     let failed = |film: Option<&crate::record::Finding>| film.map(|film| film.names("failed"));
     Films {
         valid,
         invalid: past.findings(Kind::Inspect).count() - valid,
         watched_s: (!watched.is_empty()).then(|| watched.iter().sum()),
-        grids: past.films().next().map_or(0, |film| super::grid::seen_grids(film).len()),
+        grids: past.films().next().map_or(0, |film| super::grid::reported_grids(film).len()),
         failed_first: failed(past.films().next()),
         failed_at_end: failed(past.films().next_back()),
     }

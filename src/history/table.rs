@@ -35,7 +35,7 @@ impl Table {
 
     /// Returns the table with these rows.
     #[must_use]
-    pub fn with(self, rows: impl IntoIterator<Item = Vec<Cell>>) -> Self {
+    pub fn with_rows(self, rows: impl IntoIterator<Item = Vec<Cell>>) -> Self {
         Table { rows: rows.into_iter().collect(), ..self }
     }
 
@@ -61,7 +61,7 @@ impl Cell {
             Cell::Empty => String::new(),
             Cell::Text(text) if text.starts_with(['=', '+', '-', '@', '\t', '\r']) => format!("'{text}"),
             Cell::Text(text) => text.clone(),
-            Cell::Number(number) => crate::number_text::plain(*number),
+            Cell::Number(number) => crate::number_text::shortest_text(*number),
             Cell::Whole(number) => number.to_string(),
             Cell::Flag(flag) => flag.to_string(),
         }
@@ -118,7 +118,7 @@ mod tests {
     fn a_sheet_is_csv_that_reads_back_and_executes_nothing() {
         let row =
             vec![Cell::from("=HYPERLINK(\"x\")"), Cell::from(0.1 + 0.2), Cell::Empty, Cell::from("a, \"b\"\nc")];
-        let table = Table::new(&["serial", "residual_mm", "error_mm", "reason"]).with([row]);
+        let table = Table::new(&["serial", "residual_mm", "error_mm", "reason"]).with_rows([row]);
         let text = table.csv().expect("written");
         assert_eq!(
             text,
@@ -127,6 +127,6 @@ mod tests {
         let mut reader = csv::Reader::from_reader(text.as_bytes());
         let read = reader.records().next().expect("a row").expect("CSV");
         assert_eq!(read.get(1).and_then(|cell| cell.parse().ok()), Some(0.1 + 0.2));
-        assert!(Table::new(&["a", "b"]).with([vec![Cell::Empty]]).csv().is_err(), "a row that is too short");
+        assert!(Table::new(&["a", "b"]).with_rows([vec![Cell::Empty]]).csv().is_err(), "a row that is too short");
     }
 }

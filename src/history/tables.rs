@@ -7,7 +7,7 @@ use super::query::Hit;
 use super::summary::Summary;
 use super::table::{Cell, Table};
 use super::trend::Trend;
-use crate::number_text::utc;
+use crate::number_text::utc_text;
 use crate::record::{CycleId, PartNames};
 use crate::verdict::{Check, Limit, Reason, Verdict};
 
@@ -35,24 +35,24 @@ fn cycle_cells(
 ) -> Vec<Cell> {
     vec![
         cycle.0.into(),
-        utc(started_unix_s).into(),
+        utc_text(started_unix_s).into(),
         started_unix_s.into(),
         ended_unix_s.into(),
         panel.into(),
         part.serial.clone().into(),
         part.order.clone().into(),
         part.operator.clone().into(),
-        verdict.map(Verdict::word).into(),
+        verdict.map(Verdict::keyword).into(),
         is_air_run.into(),
     ]
 }
 
 /// Makes a table of the cycles that a search found.
 pub fn hits_table(hits: &[Hit]) -> Table {
-    Table::new(&[&CYCLE[..], &["reasons"]].concat()).with(hits.iter().map(|hit| {
+    Table::new(&[&CYCLE[..], &["reasons"]].concat()).with_rows(hits.iter().map(|hit| {
         let times_unix_s = (hit.started_unix_s, hit.ended_unix_s);
         let mut row = cycle_cells((hit.cycle, &hit.panel), times_unix_s, &hit.part, (hit.verdict, hit.is_air_run));
-        row.extend([codes(&hit.reasons).into(), sentences(&hit.reasons).into()]);
+        row.extend([codes(&hit.reasons).into(), join_messages(&hit.reasons).into()]);
         row
     }))
 }
@@ -61,7 +61,7 @@ fn codes(reasons: &[Reason]) -> String {
     reasons.iter().map(|reason| &*reason.code).collect::<Vec<_>>().join(" ")
 }
 
-fn sentences(reasons: &[Reason]) -> String {
+fn join_messages(reasons: &[Reason]) -> String {
     reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; ")
 }
 
@@ -86,12 +86,12 @@ pub fn summary_table(summaries: &[Summary]) -> Table {
         "disc_swept_mm2",
         "disc_worn_mm2",
     ];
-    Table::new(&[&CYCLE[..], &columns].concat()).with(summaries.iter().map(summary_row))
+    Table::new(&[&CYCLE[..], &columns].concat()).with_rows(summaries.iter().map(summary_row))
 }
 
 fn summary_row(summary: &Summary) -> Vec<Cell> {
     let value = |check: &Option<Check>| Cell::from(check.as_ref().and_then(|check| check.value));
-    let limit = |check: &Option<Check>| Cell::from(check.as_ref().and_then(|check| check.limit.bound()));
+    let limit = |check: &Option<Check>| Cell::from(check.as_ref().and_then(|check| check.limit.value()));
     let grids = |grids: &Option<Vec<String>>| Cell::from(grids.as_ref().map(|grids| grids.join(" ")));
     let times_unix_s = (summary.started_unix_s, summary.ended_unix_s);
     let (about, end) = ((summary.cycle, summary.panel.as_str()), (summary.verdict, summary.is_air_run));
@@ -135,7 +135,7 @@ pub fn comparison_table(comparison: &Comparison) -> Table {
     let checks = comparison.checks.iter().map(|pair| {
         let [first, second] = pair.values.map(Cell::from);
         let [limit_first, limit_second] = pair.limits.map(|limit| limit.map_or(Cell::Empty, limit_cell));
-        let (phase, pass) = (pair.kind.word().into(), i64::from(pair.pass).into());
+        let (phase, pass) = (pair.kind.keyword().into(), i64::from(pair.pass).into());
         let (name, unit) = (pair.name.as_str().into(), pair.unit.as_str().into());
         vec![
             "check".into(),
@@ -152,19 +152,19 @@ pub fn comparison_table(comparison: &Comparison) -> Table {
     });
     let grids = comparison.grids.iter().map(|pair| {
         let words =
-            pair.cycles.each_ref().map(|past| past.as_ref().map_or(Cell::Empty, |past| past.words().into()));
+            pair.cycles.each_ref().map(|past| past.as_ref().map_or(Cell::Empty, |past| past.describe().into()));
         let is_same = pair.cycles[0] == pair.cycles[1];
         plain("grid", &pair.grid, words, if is_same { "same" } else { "differs" }.into())
     });
-    Table::new(&columns).with(inputs.chain(checks).chain(grids))
+    Table::new(&columns).with_rows(inputs.chain(checks).chain(grids))
 }
 
 fn limit_cell(limit: Limit) -> Cell {
     match limit {
         Limit::Unlimited => Cell::Empty,
-        Limit::AtMost(bound) => format!("at most {}", crate::number_text::plain(bound)).into(),
-        Limit::AtLeast(bound) => format!("at least {}", crate::number_text::plain(bound)).into(),
-        Limit::Below(bound) => format!("below {}", crate::number_text::plain(bound)).into(),
+        Limit::AtMost(bound) => format!("at most {}", crate::number_text::shortest_text(bound)).into(),
+        Limit::AtLeast(bound) => format!("at least {}", crate::number_text::shortest_text(bound)).into(),
+        Limit::Below(bound) => format!("below {}", crate::number_text::shortest_text(bound)).into(),
     }
 }
 
@@ -175,11 +175,11 @@ pub fn trend_table(trend: &Trend) -> Table {
         unit => format!("value [{unit}]"),
     };
     let columns = ["cycle", "at_utc", "at_unix_s", "serial", &value, "limit", "hints"];
-    Table::new(&columns).with(trend.points.iter().enumerate().map(|(at, point)| {
-        let hints = trend.hints.iter().filter(|hint| hint.at == at).map(|hint| hint.rule.words());
+    Table::new(&columns).with_rows(trend.points.iter().enumerate().map(|(at, point)| {
+        let hints = trend.hints.iter().filter(|hint| hint.at == at).map(|hint| hint.rule.describe());
         vec![
             point.cycle.map(|cycle| cycle.0).into(),
-            utc(point.at_unix_s).into(),
+            utc_text(point.at_unix_s).into(),
             point.at_unix_s.into(),
             point.serial.clone().into(),
             point.value.into(),
@@ -192,7 +192,7 @@ pub fn trend_table(trend: &Trend) -> Table {
 /// Makes a table of every grid over many cycles.
 pub fn heat_table(map: &HeatMap) -> Table {
     let columns = ["grid", "row", "column", "films", "breaks", "median_time_to_break_s"];
-    Table::new(&columns).with(map.grids.iter().map(|cell| {
+    Table::new(&columns).with_rows(map.grids.iter().map(|cell| {
         vec![
             cell.grid.as_str().into(),
             i64::from(cell.row).into(),
@@ -220,15 +220,15 @@ pub fn alarm_table(alarms: &[Alarm]) -> Table {
         "acknowledged_by",
         "acknowledged_unix_ms",
     ];
-    Table::new(&columns).with(alarms.iter().map(|alarm| {
+    Table::new(&columns).with_rows(alarms.iter().map(|alarm| {
         vec![
-            utc(alarm.raised_unix_ms.div_euclid(1_000)).into(),
+            utc_text(alarm.raised_unix_ms.div_euclid(1_000)).into(),
             alarm.raised_unix_ms.into(),
             alarm.gone_unix_ms.into(),
-            alarm.priority.word().into(),
+            alarm.priority.keyword().into(),
             alarm.code.as_str().into(),
             alarm.cycle.map(|cycle| cycle.0).into(),
-            alarm.phase.map(|kind| kind.word()).into(),
+            alarm.phase.map(|kind| kind.keyword()).into(),
             alarm.message.as_str().into(),
             alarm.cause.as_str().into(),
             alarm.remedy.as_str().into(),

@@ -2,7 +2,7 @@
 
 use super::past_cycle::PastCycle;
 use super::quantity::Quantity;
-use super::western_electric::{Hint, Usual, hints, usual};
+use super::western_electric::{Hint, UsualRange, find_violations, usual_range};
 use crate::record::CycleId;
 use crate::verdict::Limit;
 use serde::Serialize;
@@ -34,7 +34,7 @@ pub struct Trend {
     /// Number of cycles that were searched and do not have this quantity.
     pub without: usize,
     /// The usual value and scatter; `None` if there are too few values.
-    pub usual: Option<Usual>,
+    pub usual: Option<UsualRange>,
     /// Points that violate a Western Electric rule: hints, in the order of the points.
     pub hints: Vec<Hint>,
 }
@@ -43,8 +43,8 @@ impl Trend {
     /// Creates a trend from values, the oldest first.
     pub fn of_points((title, unit): (String, String), points: Vec<TrendPoint>, without: usize) -> Self {
         let values: Vec<f64> = points.iter().map(|point| point.value).collect();
-        let usual = usual(&values);
-        let hints = usual.map_or(Vec::new(), |usual| hints(&values, usual));
+        let usual = usual_range(&values);
+        let hints = usual.map_or(Vec::new(), |usual| find_violations(&values, usual));
         Trend { title, unit, points, without, usual, hints }
     }
 }

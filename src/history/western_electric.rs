@@ -11,7 +11,7 @@ use serde::Serialize;
 /// Number of values that are needed before the rules are applied: fewer values do not give a usable scatter.
 pub const MIN_VALUES: usize = 10;
 /// Ratio of the mean difference of two neighbours to the scatter, if the scatter is normal: 2 / √π.
-const D2: f64 = std::f64::consts::FRAC_2_SQRT_PI;
+const NEIGHBOUR_DIFFERENCE_RATIO: f64 = std::f64::consts::FRAC_2_SQRT_PI;
 
 /// The rule that a sequence of values violates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, strum::EnumIter)]
@@ -30,7 +30,7 @@ pub enum Rule {
 impl Rule {
     /// The number of values in the window, how many of them must exceed the bound, and the bound as a multiple of
     /// the scatter.
-    fn demands(self) -> (usize, usize, f64) {
+    fn window_and_count(self) -> (usize, usize, f64) {
         match self {
             Rule::OneBeyondThree => (1, 1, 3.0),
             Rule::TwoOfThreeBeyondTwo => (3, 2, 2.0),
@@ -40,7 +40,7 @@ impl Rule {
     }
 
     /// The rule in words, for a person.
-    pub fn words(self) -> &'static str {
+    pub fn describe(self) -> &'static str {
         match self {
             Rule::OneBeyondThree => "one value is more than 3 standard deviations from the mean",
             Rule::TwoOfThreeBeyondTwo => {
@@ -77,7 +77,7 @@ pub struct Hint {
 /// The usual range of the values: their mean and their scatter, which is estimated from the differences of
 /// neighbours and is not the standard deviation of the values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Usual {
+pub struct UsualRange {
     /// The mean.
     pub mean: f64,
     /// The scatter.
@@ -86,17 +86,17 @@ pub struct Usual {
 
 /// Returns the mean of the values, and the scatter from the differences of neighbours; `None` for fewer than
 /// [`MIN_VALUES`].
-pub fn usual(values: &[f64]) -> Option<Usual> {
+pub fn usual_range(values: &[f64]) -> Option<UsualRange> {
     if values.len() < MIN_VALUES {
         return None;
     }
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     let moved: f64 = values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
-    Some(Usual { mean, sigma: moved / (values.len() - 1) as f64 / D2 })
+    Some(UsualRange { mean, sigma: moved / (values.len() - 1) as f64 / NEIGHBOUR_DIFFERENCE_RATIO })
 }
 
 /// Returns the places where the values violate a rule, in their order. Values without any scatter violate no rule.
-pub fn hints(values: &[f64], usual: Usual) -> Vec<Hint> {
+pub fn find_violations(values: &[f64], usual: UsualRange) -> Vec<Hint> {
     if usual.sigma <= 0.0 {
         return Vec::new();
     }
@@ -105,7 +105,7 @@ pub fn hints(values: &[f64], usual: Usual) -> Vec<Hint> {
     let mut hints = Vec::new();
     for at in 0..scores.len() {
         for rule in rules {
-            let (of, needed, beyond) = rule.demands();
+            let (of, needed, beyond) = rule.window_and_count();
             let window = &scores[(at + 1).saturating_sub(of)..=at];
             for (side, sign) in [(Side::Above, 1.0), (Side::Below, -1.0)] {
                 let is_beyond = |score: &&f64| **score * sign > beyond;
@@ -123,11 +123,11 @@ pub fn hints(values: &[f64], usual: Usual) -> Vec<Hint> {
 mod tests {
     use super::*;
 
-    const UNIT: Usual = Usual { mean: 10.0, sigma: 2.0 };
+    const UNIT: UsualRange = UsualRange { mean: 10.0, sigma: 2.0 };
 
     fn broken(scores: &[f64]) -> Vec<(Rule, usize, Side)> {
         let values: Vec<f64> = scores.iter().map(|score| 10.0 + 2.0 * score).collect();
-        hints(&values, UNIT).into_iter().map(|hint| (hint.rule, hint.at, hint.side)).collect()
+        find_violations(&values, UNIT).into_iter().map(|hint| (hint.rule, hint.at, hint.side)).collect()
     }
 
     /// By hand, in units of the scatter: the values of each row, and the first index at which they violate the rule.
@@ -150,10 +150,10 @@ mod tests {
     #[test]
     fn the_scatter_comes_from_the_differences_of_neighbours() {
         let values: Vec<f64> = (0..10).map(|index| if index % 2 == 0 { 1.0 } else { 3.0 }).collect();
-        let usual = usual(&values).expect("ten values");
+        let usual = usual_range(&values).expect("ten values");
         assert!((usual.mean - 2.0).abs() < 1e-12 && (usual.sigma - 1.7725).abs() < 1e-4, "{usual:?}");
-        assert_eq!(super::usual(&values[..9]), None);
-        assert_eq!(hints(&[4.0; 12], super::usual(&[4.0; 12]).expect("twelve")), []);
+        assert_eq!(super::usual_range(&values[..9]), None);
+        assert_eq!(find_violations(&[4.0; 12], super::usual_range(&[4.0; 12]).expect("twelve")), []);
     }
 
     /// A drift by a fifth of the scatter per value: if the scatter came from the spread of all values, the drift would
@@ -162,7 +162,7 @@ mod tests {
     fn a_slow_drift_is_noticed() {
         let values: Vec<f64> =
             (0..30).map(|index| 0.2 * f64::from(index) + if index % 2 == 0 { 0.5 } else { -0.5 }).collect();
-        let found = hints(&values, usual(&values).expect("thirty"));
+        let found = find_violations(&values, usual_range(&values).expect("thirty"));
         assert!(
             found.iter().any(|hint| hint.side == Side::Below) && found.iter().any(|hint| hint.side == Side::Above)
         );

@@ -80,14 +80,14 @@ impl Sampler {
     }
 
     /// Adds a picture of the dry panel.
-    pub fn dry(&mut self, picture: &ColorPicture) {
+    pub fn add_dry(&mut self, picture: &ColorPicture) {
         add(&mut self.dry, &self.region, picture);
         self.dry_pictures += 1;
         self.noise(picture);
     }
 
     /// Adds a picture of the panel under a complete film.
-    pub fn wet(&mut self, picture: &ColorPicture) {
+    pub fn add_wet(&mut self, picture: &ColorPicture) {
         add(&mut self.wet, &self.region, picture);
         if self.wet_pictures == 0 {
             self.before = None;
@@ -112,13 +112,13 @@ impl Sampler {
 
     /// Returns the mean dry brightness by pixel of the picture, with channel weights whose sum is 1.
     pub(super) fn dry_means(&self, weights: [f64; 3]) -> BTreeMap<usize, f64> {
-        means(&self.region, &self.dry, self.dry_pictures, weights)
+        channel_means(&self.region, &self.dry, self.dry_pictures, weights)
     }
 
     /// Returns the mean brightness under a complete film by pixel of the picture, with channel weights whose sum is
     /// 1.
     pub(super) fn wet_means(&self, weights: [f64; 3]) -> BTreeMap<usize, f64> {
-        means(&self.region, &self.wet, self.wet_pictures, weights)
+        channel_means(&self.region, &self.wet, self.wet_pictures, weights)
     }
 
     /// Noise of one picture by channel, grey levels.
@@ -163,7 +163,7 @@ impl Sampler {
     }
 }
 
-fn means(region: &[usize], sums: &[[u32; 3]], pictures: u32, weights: [f64; 3]) -> BTreeMap<usize, f64> {
+fn channel_means(region: &[usize], sums: &[[u32; 3]], pictures: u32, weights: [f64; 3]) -> BTreeMap<usize, f64> {
     let count = f64::from(pictures.max(1));
     let mean = |sum: &[u32; 3]| (0..3).map(|i| weights[i] * f64::from(sum[i]) / count).sum();
     region.iter().copied().zip(sums.iter().map(mean)).collect()
@@ -179,7 +179,7 @@ fn add(sums: &mut [[u32; 3]], region: &[usize], picture: &ColorPicture) {
 /// scale on both sides.
 fn hsv_range(dry: &[[u8; 3]]) -> Result<[[usize; 3]; 2], InspectError> {
     let picture = ColorPicture { width: dry.len(), height: 1, rgb: dry.to_vec() };
-    let hsv = thesis::hsv_of(&picture)?;
+    let hsv = thesis::to_hsv(&picture)?;
     let mut range = [[0; 3]; 2];
     for i in 0..3 {
         let mut values: Vec<u8> = hsv.iter().map(|hsv| hsv[i]).collect();
@@ -227,12 +227,12 @@ mod tests {
         let region = Mask { width: 10, height: 10, inside: vec![true; 100] };
         let mut sampler = Sampler::new(&region);
         let noisy = |rgb: [u8; 3], odd: usize| {
-            let mut picture = ColorPicture::filled(10, 10, rgb);
+            let mut picture = ColorPicture::uniform(10, 10, rgb);
             picture.rgb.iter_mut().skip(odd).step_by(2).for_each(|pixel| *pixel = pixel.map(|gray| gray + 4));
             picture
         };
-        (0..4).for_each(|i| sampler.dry(&noisy([98, 78, 58], i % 2)));
-        (0..4).for_each(|i| sampler.wet(&noisy([88, 48, 28], i % 2)));
+        (0..4).for_each(|i| sampler.add_dry(&noisy([98, 78, 58], i % 2)));
+        (0..4).for_each(|i| sampler.add_wet(&noisy([88, 48, 28], i % 2)));
         let advice = sampler.advice(&inspect_table("gain = 4")).expect("dry and wet");
         assert_eq!(advice.channels.map(|channel| channel.weight), [0.33, 1.0, 1.0]);
         assert!((advice.channels[0].dry - 100.0).abs() < 1e-9 && (advice.channels[1].wet - 50.0).abs() < 1e-9);
@@ -244,8 +244,8 @@ mod tests {
 
     #[test]
     fn the_best_threshold_parts_what_is_true() {
-        let reference = ColorPicture::filled(20, 20, [50; 3]);
-        let (mut last, mut truth) = (reference.clone(), Mask::empty(20, 20));
+        let reference = ColorPicture::uniform(20, 20, [50; 3]);
+        let (mut last, mut truth) = (reference.clone(), Mask::all_outside(20, 20));
         for index in (0..400).filter(|i| i % 20 >= 12) {
             last.rgb[index] = [80; 3];
             truth.inside[index] = true;

@@ -9,10 +9,10 @@
 //! than a break, together with the places beside it. A small wet place within a break is a bead of water on grease and
 //! not a film; it belongs to the break.
 
-use super::film::NEVER;
+use super::film::NOT_BROKEN;
 use super::footprint::Window;
-use super::model::{FILM_ASSUMED, FILM_POWER, MOVES_ON_S, Model};
-use crate::geometry::{AROUND, BESIDE};
+use super::model::{FILM_ASSUMED, FILM_POWER, Model, REFLECTION_TIME_S};
+use crate::geometry::{ALL_NEIGHBOURS, DIRECT_NEIGHBOURS};
 use std::collections::{BTreeSet, VecDeque};
 use std::f64::consts::PI;
 
@@ -30,24 +30,24 @@ const RIM_PX: f64 = 0.9;
 const MIN_CORE_PX: usize = 9;
 /// A place lies along a reflection if at least this fraction of the pixels around it is brighter than any bare place.
 /// Around breaks, which have rims that mirror lamps, at most 0.12 was found in rendered films.
-const ALONG_REFLECTION: f64 = 0.25;
+const MIN_REFLECTION_SHARE: f64 = 0.25;
 /// At least this fraction of the film around a break must be distinguishable from a bare place. The film around a
-/// break lies up to `AWAY_PX` from the break, px: beyond the wedge of water at a rim.
+/// break lies up to `SURROUNDING_DISTANCE_PX` from the break, px: beyond the wedge of water at a rim.
 const MIN_DISTINGUISHABLE_SHARE: f64 = 0.6;
 /// A pixel of a place became film if it is as bright as at least this fraction of the film pixels around the place,
 /// and if it would be a break relative to less than this fraction of them …
 const MIN_SIMILAR_SHARE_AROUND: f64 = 0.35;
 /// … and if at least this fraction of the place's pixels meets both conditions: the rest is the blurred rim of the
 /// place.
-const MAX_ALIKE_SHARE: f64 = 0.6;
+const MAX_CONDITION_SHARE: f64 = 0.6;
 /// A place without a dry look broke if its brightness changed by at least this fraction of the change by the faintest
 /// break; a smaller change is not certain.
 const FAINTEST_SHARE: f64 = 0.7;
-const AWAY_PX: usize = 3;
+const SURROUNDING_DISTANCE_PX: usize = 3;
 
 /// The sizes of glints, beads and breaks.
 #[derive(Debug, Clone, Copy)]
-pub struct Sizes {
+pub struct FeatureSizes {
     /// The largest glint, px.
     pub glint_px: usize,
     /// The largest bead, px.
@@ -57,20 +57,20 @@ pub struct Sizes {
 }
 
 /// The observations of the window's pixels, except the times at which the pixels broke.
-pub trait Observed {
+pub trait PixelObservations {
     /// Time since which a pixel that did not break has looked bare, s.
-    fn looks_bare_since_s(&self, index: usize) -> Option<f32>;
+    fn bare_since_s(&self, index: usize) -> Option<f32>;
     /// Time for which a pixel that broke was open, s, if the film closed again.
-    fn was_open_s(&self, index: usize) -> Option<f32>;
+    fn open_time_s(&self, index: usize) -> Option<f32>;
     /// The pixel's mean brightness while it looked bare, relative to its dry brightness; for a place without a dry
     /// look, relative to its film's brightness.
-    fn bare_look(&self, index: usize) -> f32;
-    /// The brightness of the pixel's film, relative to the same reference as `bare_look`.
-    fn film_look(&self, index: usize) -> f32;
-    /// The standard deviation of `bare_look`, relative to the same reference.
+    fn bare_brightness_ratio(&self, index: usize) -> f32;
+    /// The brightness of the pixel's film, relative to the same reference as `bare_brightness_ratio`.
+    fn film_brightness_ratio(&self, index: usize) -> f32;
+    /// The standard deviation of `bare_brightness_ratio`, relative to the same reference.
     fn noise(&self, index: usize) -> f32;
     /// Returns whether the pixel's film is brighter than any bare place.
-    fn is_bright(&self, index: usize) -> bool;
+    fn is_film_brighter(&self, index: usize) -> bool;
     /// Returns whether the pixel's film differs enough from a bare place.
     fn has_contrast(&self, index: usize) -> bool;
     /// The time for which a place must look bare to count as broken, s.
@@ -80,69 +80,76 @@ pub trait Observed {
     /// Returns whether the pixel belongs to the region.
     fn is_inside(&self, index: usize) -> bool;
     /// Returns whether the pixel has no dry look of its own.
-    fn is_without_dry(&self, index: usize) -> bool;
+    fn has_no_dry_brightness(&self, index: usize) -> bool;
     /// The pixel's brightness while it looked bare, and its present brightness, grey levels, both in the light of the
     /// first wet picture.
     fn levels(&self, index: usize) -> [f32; 2];
     /// The film's brightness at two neighbouring places differs by less than this fraction.
-    fn alike_share(&self) -> f32;
+    fn neighbour_tolerance(&self) -> f32;
     /// The smallest and the largest brightness of a break on a place without a dry look, relative to the brightness of
     /// its film; `None` if the range is not known.
-    fn break_to_film(&self) -> Option<[f32; 2]>;
+    fn break_ratio_range(&self) -> Option<[f32; 2]>;
 }
 
 /// The final result for each pixel.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Settled {
-    /// Time at which each pixel broke, s; [`NEVER`] if its film did not break.
+pub struct FinalMask {
+    /// Time at which each pixel broke, s; [`NOT_BROKEN`] if its film did not break.
     pub broke_s: Vec<f32>,
     /// Pixels for which it cannot be decided whether they broke: in `broke_s` they count as not broken.
     pub unsure: Vec<usize>,
 }
 
 /// Determines the broken places from the pixels.
-pub fn settled(window: &Window, broke_s: Vec<f32>, sizes: Sizes, seen: &impl Observed) -> Settled {
+pub fn determine_breaks(
+    window: &Window,
+    broke_s: Vec<f32>,
+    sizes: FeatureSizes,
+    seen: &impl PixelObservations,
+) -> FinalMask {
     let mut broke_s = broke_s;
-    grow(window, &mut broke_s, |index| seen.looks_bare_since_s(index));
+    grow_breaks(window, &mut broke_s, |index| seen.bare_since_s(index));
     let is_bead = fill_beads(window, &mut broke_s, sizes.bead_px, seen);
-    let pieces = window.raster().pieces(&AROUND, |i| broke_s[i] < NEVER);
+    let pieces = window.raster().connected_pieces(&ALL_NEIGHBOURS, |i| broke_s[i] < NOT_BROKEN);
     let mut unsure = Vec::new();
     let all_s = broke_s.clone();
     let mut short = Vec::new();
     for piece in pieces {
-        let place = Place { window, broke_s: &broke_s, is_bead: &is_bead, piece: &piece };
-        match place.judged(sizes.glint_px, seen) {
-            Verdict::Broke => continue,
-            Verdict::Passed => {}
+        let place = BarePlace { window, broke_s: &broke_s, is_bead: &is_bead, piece: &piece };
+        match place.classify(sizes.glint_px, seen) {
+            PlaceVerdict::Broke => continue,
+            PlaceVerdict::Passed => {}
             // A place as large as a break is not judged together with others: its own times must show that it moves.
-            Verdict::Unsure if piece.len() < sizes.break_px && place.closed_soon(seen) => {
+            PlaceVerdict::Unsure if piece.len() < sizes.break_px && place.has_closed_quickly(seen) => {
                 short.extend_from_slice(&piece);
             }
-            Verdict::Unsure => unsure.extend_from_slice(&piece),
+            PlaceVerdict::Unsure => unsure.extend_from_slice(&piece),
         }
         // Passed or unsure: neither is a break. What is unsure is listed, so that its grid does not pass either.
-        piece.iter().for_each(|&i| broke_s[i] = NEVER);
+        piece.iter().for_each(|&i| broke_s[i] = NOT_BROKEN);
     }
-    let short = Place { window, broke_s: &all_s, is_bead: &is_bead, piece: &short };
-    for trail in short.trails(sizes.glint_px) {
-        if !(Place { piece: &trail, ..short }).moved_on(seen) {
+    let short = BarePlace { window, broke_s: &all_s, is_bead: &is_bead, piece: &short };
+    for trail in short.group_trails(sizes.glint_px) {
+        if !(BarePlace { piece: &trail, ..short }).has_moved(seen) {
             unsure.extend(trail);
         }
     }
     unsure.sort_unstable();
-    Settled { broke_s, unsure }
+    FinalMask { broke_s, unsure }
 }
 
 /// Treats small wet places within a bare-looking place as beads that belong to it: they count as broken from the
 /// time at which their rim was complete.
-fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl Observed) -> Vec<bool> {
+fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl PixelObservations) -> Vec<bool> {
     let mut is_bead = vec![false; broke_s.len()];
-    for wet in window.raster().pieces(&BESIDE, |i| broke_s[i] == NEVER) {
+    for wet in window.raster().connected_pieces(&DIRECT_NEIGHBOURS, |i| broke_s[i] == NOT_BROKEN) {
         // A bead within a break is water that drew back, not a film; left out, it would make the break look smaller.
-        let enclosed = wet.len() <= bead_px && wet.iter().all(|&i| seen.is_inside(i) && !at_rim(window, i));
+        let enclosed =
+            wet.len() <= bead_px && wet.iter().all(|&i| seen.is_inside(i) && !is_at_window_edge(window, i));
         if enclosed {
-            let rim = wet.iter().flat_map(|&i| window.raster().neighbours(i, &BESIDE)).map(|i| broke_s[i]);
-            let closed_in_s = rim.filter(|time_s| *time_s < NEVER).fold(0.0, f32::max);
+            let rim =
+                wet.iter().flat_map(|&i| window.raster().neighbours(i, &DIRECT_NEIGHBOURS)).map(|i| broke_s[i]);
+            let closed_in_s = rim.filter(|time_s| *time_s < NOT_BROKEN).fold(0.0, f32::max);
             wet.iter().for_each(|&i| (broke_s[i], is_bead[i]) = (closed_in_s, true));
         }
     }
@@ -151,7 +158,7 @@ fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl 
 
 /// The classification of a place that looks bare.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Verdict {
+enum PlaceVerdict {
     Broke,
     /// A glint passed.
     Passed,
@@ -160,40 +167,44 @@ enum Verdict {
 
 /// A place that looks bare: a connected place, or the places of one trail.
 #[derive(Clone, Copy)]
-struct Place<'a> {
+struct BarePlace<'a> {
     window: &'a Window,
     broke_s: &'a [f32],
     is_bead: &'a [bool],
     piece: &'a [usize],
 }
 
-impl Place<'_> {
-    fn judged(&self, glint_px: usize, seen: &impl Observed) -> Verdict {
-        let passed = self.piece.len() <= glint_px && self.moved_on(seen) || self.became_film(seen);
-        let unless_passed = if passed { Verdict::Passed } else { Verdict::Unsure };
+impl BarePlace<'_> {
+    fn classify(&self, glint_px: usize, seen: &impl PixelObservations) -> PlaceVerdict {
+        let passed = self.piece.len() <= glint_px && self.has_moved(seen) || self.became_film(seen);
+        let unless_passed = if passed { PlaceVerdict::Passed } else { PlaceVerdict::Unsure };
         if self.piece.len() < MIN_PIECE_PX {
             return unless_passed;
         }
-        let next = self.ring(1, |i| self.broke_s[i] == NEVER);
-        let around = self.ring(AWAY_PX, |i| self.broke_s[i] == NEVER && seen.is_inside(i));
-        let core = self.core();
-        let is_even = spread(&core, seen).is_none_or(|spread| spread <= most_spread(&core, &around, seen));
+        let next = self.ring(1, |i| self.broke_s[i] == NOT_BROKEN);
+        let around = self.ring(SURROUNDING_DISTANCE_PX, |i| self.broke_s[i] == NOT_BROKEN && seen.is_inside(i));
+        let core = self.core_pixels();
+        let is_even =
+            spread(&core, seen).is_none_or(|spread| spread <= max_brightness_spread(&core, &around, seen));
         // A break in a film that is itself bright does not count as lying along a reflection.
-        let is_along = share(&next, |i| seen.is_bright(i)) >= ALONG_REFLECTION
-            && share(self.piece, |i| seen.is_bright(i)) < ALONG_REFLECTION;
+        let is_along = share(&next, |i| seen.is_film_brighter(i)) >= MIN_REFLECTION_SHARE
+            && share(self.piece, |i| seen.is_film_brighter(i)) < MIN_REFLECTION_SHARE;
         let is_told = share(&around, |i| seen.has_contrast(i)) >= MIN_DISTINGUISHABLE_SHARE;
-        let is_break =
-            is_compact(self.piece.len(), core.len()) && is_even && !is_along && is_told && self.fits(seen);
+        let is_break = is_compact(self.piece.len(), core.len())
+            && is_even
+            && !is_along
+            && is_told
+            && self.is_contrast_plausible(seen);
         // With a small core the evenness carries little information; then motion decides.
-        if is_break && !(passed && core.len() < MIN_CORE_PX) { Verdict::Broke } else { unless_passed }
+        if is_break && !(passed && core.len() < MIN_CORE_PX) { PlaceVerdict::Broke } else { unless_passed }
     }
 
     /// Checks whether the place that looked bare moved on. A break is open over its whole area at one time. If a glint
     /// passed, the first part is film again before the glint reaches the last part.
-    fn moved_on(&self, seen: &impl Observed) -> bool {
+    fn has_moved(&self, seen: &impl PixelObservations) -> bool {
         let own = || self.piece.iter().copied().filter(|&i| !self.is_bead[i]);
         let mut since_s: Vec<f32> = own().map(|i| self.broke_s[i]).collect();
-        let until_s: Option<Vec<f32>> = own().map(|i| Some(self.broke_s[i] + seen.was_open_s(i)?)).collect();
+        let until_s: Option<Vec<f32>> = own().map(|i| Some(self.broke_s[i] + seen.open_time_s(i)?)).collect();
         let Some(mut until_s) = until_s.filter(|until_s| !until_s.is_empty()) else { return false };
         // Tenths instead of the extremes, since a few pixels of the blurred rim open and close at other times.
         since_s.sort_by(f32::total_cmp);
@@ -207,30 +218,31 @@ impl Place<'_> {
     /// Groups this place into parts that one moving reflection may have left. Such a reflection looks bare at some
     /// positions on its path, and no single position shows that it moves. Parts within twice the largest glint's
     /// diameter of one another are judged together.
-    fn trails(&self, glint_px: usize) -> Vec<Vec<usize>> {
+    fn group_trails(&self, glint_px: usize) -> Vec<Vec<usize>> {
         let diameter_px = 2.0 * (glint_px as f64 / PI).sqrt();
         let own: BTreeSet<usize> = self.piece.iter().copied().collect();
         let mut near = own.clone();
         near.extend(self.ring(diameter_px as usize, |_| true));
-        let trails = self.window.raster().pieces(&AROUND, |i| near.contains(&i));
+        let trails = self.window.raster().connected_pieces(&ALL_NEIGHBOURS, |i| near.contains(&i));
         trails.into_iter().map(|trail| trail.into_iter().filter(|i| own.contains(i)).collect()).collect()
     }
 
     /// Checks whether each pixel of the place became film again within the time in which reflections move on.
-    fn closed_soon(&self, seen: &impl Observed) -> bool {
+    fn has_closed_quickly(&self, seen: &impl PixelObservations) -> bool {
         let mut own = self.piece.iter().filter(|&&i| !self.is_bead[i]);
-        own.all(|&i| seen.was_open_s(i).is_some_and(|open_s| f64::from(open_s) <= MOVES_ON_S))
+        own.all(|&i| seen.open_time_s(i).is_some_and(|open_s| f64::from(open_s) <= REFLECTION_TIME_S))
     }
 
     /// Checks whether a place without a dry look of its own became as bright as the film around it. This happens if a
     /// glint lay on the place while its wet look was learnt, or the water reached the place later. A break differs
     /// from the film around it. Along an edge of a sanded area only the film on one side is as bright, and the place
     /// must not look like a break of the film on the other side.
-    fn became_film(&self, seen: &impl Observed) -> bool {
-        let of_film = |i: usize| self.broke_s[i] == NEVER && seen.is_inside(i) && seen.is_without_dry(i);
-        let around = self.ring(AWAY_PX, of_film);
+    fn became_film(&self, seen: &impl PixelObservations) -> bool {
+        let of_film =
+            |i: usize| self.broke_s[i] == NOT_BROKEN && seen.is_inside(i) && seen.has_no_dry_brightness(i);
+        let around = self.ring(SURROUNDING_DISTANCE_PX, of_film);
         let own: Vec<usize> = self.piece.iter().copied().filter(|&i| !self.is_bead[i]).collect();
-        if !own.iter().all(|&i| seen.is_without_dry(i)) || around.len() < MIN_CORE_PX {
+        if !own.iter().all(|&i| seen.has_no_dry_brightness(i)) || around.len() < MIN_CORE_PX {
             return false;
         }
         let films: Vec<f32> = around.iter().map(|&i| seen.levels(i)[1]).collect();
@@ -242,24 +254,24 @@ impl Place<'_> {
             let [bare, now] = seen.levels(i);
             // A pixel that has not returned to its film's look is compared in the last picture: there it has the same
             // light as the film around it.
-            let look = if seen.was_open_s(i).is_none() { now } else { bare };
+            let look = if seen.open_time_s(i).is_none() { now } else { bare };
             let is_break_of = |film: f32| {
-                seen.break_to_film().is_none_or(|[least, most]| (least..=most).contains(&(look / film)))
+                seen.break_ratio_range().is_none_or(|[least, most]| (least..=most).contains(&(look / film)))
             };
-            share_of(&|film| (look - film).abs() <= seen.alike_share() * film) >= MIN_SIMILAR_SHARE_AROUND
+            share_of(&|film| (look - film).abs() <= seen.neighbour_tolerance() * film) >= MIN_SIMILAR_SHARE_AROUND
                 && share_of(&is_break_of) < MIN_SIMILAR_SHARE_AROUND
         };
-        share(&own, is_film) >= MAX_ALIKE_SHARE
+        share(&own, is_film) >= MAX_CONDITION_SHARE
     }
 
     /// Checks whether the place differs from its own film as a break does; only pixels without a dry look are
     /// compared.
-    fn fits(&self, seen: &impl Observed) -> bool {
-        let own = self.piece.iter().copied().filter(|&i| seen.is_without_dry(i) && !self.is_bead[i]);
-        let shares: Vec<f32> = own.map(|i| seen.bare_look(i)).collect();
+    fn is_contrast_plausible(&self, seen: &impl PixelObservations) -> bool {
+        let own = self.piece.iter().copied().filter(|&i| seen.has_no_dry_brightness(i) && !self.is_bead[i]);
+        let shares: Vec<f32> = own.map(|i| seen.bare_brightness_ratio(i)).collect();
         let mean = shares.iter().sum::<f32>() / shares.len().max(1) as f32;
         let within = |[least, most]: [f32; 2]| least <= mean && mean <= most;
-        shares.is_empty() || seen.break_to_film().is_some_and(within)
+        shares.is_empty() || seen.break_ratio_range().is_some_and(within)
     }
 
     /// Returns the pixels within a distance around the place for which `counts` is true.
@@ -268,34 +280,35 @@ impl Place<'_> {
         let (mut reached, mut rim) = (inner.clone(), self.piece.to_vec());
         for _ in 0..away_px {
             let raster = self.window.raster();
-            let next: Vec<usize> = rim.iter().flat_map(|&i| raster.neighbours(i, &AROUND)).collect();
+            let next: Vec<usize> = rim.iter().flat_map(|&i| raster.neighbours(i, &ALL_NEIGHBOURS)).collect();
             rim = next.into_iter().filter(|&i| reached.insert(i)).collect();
         }
         reached.into_iter().filter(|i| !inner.contains(i) && counts(*i)).collect()
     }
 
     /// Returns the pixels of the place that are not at its rim and are not beads.
-    fn core(&self) -> Vec<usize> {
-        let is_inner =
-            |&i: &usize| self.window.raster().neighbours(i, &BESIDE).all(|next| self.broke_s[next] < NEVER);
+    fn core_pixels(&self) -> Vec<usize> {
+        let is_inner = |&i: &usize| {
+            self.window.raster().neighbours(i, &DIRECT_NEIGHBOURS).all(|next| self.broke_s[next] < NOT_BROKEN)
+        };
         self.piece.iter().copied().filter(is_inner).filter(|&i| !self.is_bead[i]).collect()
     }
 }
 
 /// Returns the permitted variation of brightness between the first and the last quarter of a break's inner part,
 /// calculated from the film around the break and the noise.
-fn most_spread(core: &[usize], around: &[usize], seen: &impl Observed) -> f32 {
+fn max_brightness_spread(core: &[usize], around: &[usize], seen: &impl PixelObservations) -> f32 {
     let mean = |pixels: &[usize], of: &dyn Fn(usize) -> f32| {
         pixels.iter().map(|&i| of(i)).sum::<f32>() / pixels.len().max(1) as f32
     };
-    let bare = mean(core, &|i| seen.bare_look(i));
-    let film = mean(around, &|i| seen.film_look(i));
+    let bare = mean(core, &|i| seen.bare_brightness_ratio(i));
+    let film = mean(around, &|i| seen.film_brightness_ratio(i));
     (MAX_UNEVEN * (bare - film)).hypot(NOISE_SPREAD * mean(core, &|i| seen.noise(i)))
 }
 
 /// The variation of the pixels' brightness from the first quarter to the last; `None` for few pixels.
-fn spread(core: &[usize], seen: &impl Observed) -> Option<f32> {
-    let mut looks: Vec<f32> = core.iter().map(|&i| seen.bare_look(i)).collect();
+fn spread(core: &[usize], seen: &impl PixelObservations) -> Option<f32> {
+    let mut looks: Vec<f32> = core.iter().map(|&i| seen.bare_brightness_ratio(i)).collect();
     looks.sort_by(f32::total_cmp);
     (looks.len() >= MIN_CORE_PX).then(|| looks[looks.len() - 1 - looks.len() / 4] - looks[looks.len() / 4])
 }
@@ -314,15 +327,15 @@ fn share(pixels: &[usize], holds: impl Fn(usize) -> bool) -> f64 {
 }
 
 /// Returns whether the pixel lies at the window's edge.
-fn at_rim(window: &Window, index: usize) -> bool {
-    window.raster().neighbours(index, &BESIDE).count() < 4
+fn is_at_window_edge(window: &Window, index: usize) -> bool {
+    window.raster().neighbours(index, &DIRECT_NEIGHBOURS).count() < 4
 }
 
-fn grow(window: &Window, broke_s: &mut [f32], looks_bare_since_s: impl Fn(usize) -> Option<f32>) {
-    let mut rim: VecDeque<usize> = (0..broke_s.len()).filter(|&i| broke_s[i] < NEVER).collect();
+fn grow_breaks(window: &Window, broke_s: &mut [f32], looks_bare_since_s: impl Fn(usize) -> Option<f32>) {
+    let mut rim: VecDeque<usize> = (0..broke_s.len()).filter(|&i| broke_s[i] < NOT_BROKEN).collect();
     while let Some(index) = rim.pop_front() {
-        for next in window.raster().neighbours(index, &AROUND) {
-            if broke_s[next] == NEVER
+        for next in window.raster().neighbours(index, &ALL_NEIGHBOURS) {
+            if broke_s[next] == NOT_BROKEN
                 && let Some(since_s) = looks_bare_since_s(next)
             {
                 broke_s[next] = since_s;
@@ -333,16 +346,16 @@ fn grow(window: &Window, broke_s: &mut [f32], looks_bare_since_s: impl Fn(usize)
 }
 
 /// A film's model together with the region that is judged.
-pub struct OfModel<'a> {
+pub struct ModelObservations<'a> {
     model: &'a Model,
     inside: &'a [bool],
     break_to_film: Option<[f32; 2]>,
 }
 
-impl<'a> OfModel<'a> {
+impl<'a> ModelObservations<'a> {
     /// Combines the model with the pixels that are judged.
     pub fn new(model: &'a Model, inside: &'a [bool]) -> Self {
-        OfModel { model, inside, break_to_film: break_to_film(model) }
+        ModelObservations { model, inside, break_to_film: break_ratio_range(model) }
     }
 }
 
@@ -350,41 +363,41 @@ impl<'a> OfModel<'a> {
 /// brightness of its film. They follow from the film on the places that have a dry look, or from the assumed film if
 /// there are none. If the film is darker than the dry panel at some places and brighter at others, the result is
 /// `None`.
-pub fn break_to_film(model: &Model) -> Option<[f32; 2]> {
+pub fn break_ratio_range(model: &Model) -> Option<[f32; 2]> {
     let [low, high] = model.film_range().unwrap_or([FILM_ASSUMED; 2]);
-    let away = FAINTEST_SHARE * 2.0 * model.away_share();
-    if high < model.damp() {
+    let away = FAINTEST_SHARE * 2.0 * model.away_threshold();
+    if high < model.min_damp_ratio() {
         Some([1.0 + away, low.powf(-FILM_POWER) * 1.125].map(|share| share as f32))
     } else if low > 1.0 {
-        Some([model.damp() * high.powf(-FILM_POWER), 1.0 - away].map(|share| share as f32))
+        Some([model.min_damp_ratio() * high.powf(-FILM_POWER), 1.0 - away].map(|share| share as f32))
     } else {
         None
     }
 }
 
-impl Observed for OfModel<'_> {
-    fn looks_bare_since_s(&self, index: usize) -> Option<f32> {
-        self.model.looks_bare_since_s(index).filter(|_| self.inside[index])
+impl PixelObservations for ModelObservations<'_> {
+    fn bare_since_s(&self, index: usize) -> Option<f32> {
+        self.model.bare_since_s(index).filter(|_| self.inside[index])
     }
 
-    fn was_open_s(&self, index: usize) -> Option<f32> {
-        self.model.was_open_s(index)
+    fn open_time_s(&self, index: usize) -> Option<f32> {
+        self.model.open_time_s(index)
     }
 
-    fn bare_look(&self, index: usize) -> f32 {
-        self.model.bare_look(index)
+    fn bare_brightness_ratio(&self, index: usize) -> f32 {
+        self.model.bare_brightness_ratio(index)
     }
 
-    fn film_look(&self, index: usize) -> f32 {
-        self.model.film_look(index)
+    fn film_brightness_ratio(&self, index: usize) -> f32 {
+        self.model.film_brightness_ratio(index)
     }
 
     fn noise(&self, index: usize) -> f32 {
-        self.model.bare_look_noise(index)
+        self.model.bare_ratio_noise(index)
     }
 
-    fn is_bright(&self, index: usize) -> bool {
-        self.model.is_bright(index)
+    fn is_film_brighter(&self, index: usize) -> bool {
+        self.model.is_film_brighter(index)
     }
 
     fn has_contrast(&self, index: usize) -> bool {
@@ -403,19 +416,19 @@ impl Observed for OfModel<'_> {
         self.inside[index]
     }
 
-    fn is_without_dry(&self, index: usize) -> bool {
-        self.model.is_without_dry(index)
+    fn has_no_dry_brightness(&self, index: usize) -> bool {
+        self.model.has_no_dry_brightness(index)
     }
 
     fn levels(&self, index: usize) -> [f32; 2] {
         self.model.levels(index)
     }
 
-    fn alike_share(&self) -> f32 {
-        self.model.away_share() as f32 / 2.0
+    fn neighbour_tolerance(&self) -> f32 {
+        self.model.away_threshold() as f32 / 2.0
     }
 
-    fn break_to_film(&self) -> Option<[f32; 2]> {
+    fn break_ratio_range(&self) -> Option<[f32; 2]> {
         self.break_to_film
     }
 }

@@ -1,15 +1,15 @@
 //! The end of the test: computes breaks, grids and a verdict from the history of every pixel.
 
 use super::InspectError;
-use super::break_mask::{OfModel, Settled, Sizes, break_to_film, settled};
-use super::film::NEVER;
+use super::break_mask::{FeatureSizes, FinalMask, ModelObservations, break_ratio_range, determine_breaks};
+use super::film::NOT_BROKEN;
 use super::footprint::Footprint;
-use super::gate::{Judged, judge};
-use super::initially_wet::{Dryness, wet_when_dry};
-use super::observed::{GridInspection, Observation, Reference};
+use super::gate::{JudgedFilm, judge};
+use super::initially_wet::{DrynessInputs, initially_wet_pixels};
+use super::observed::{ComparisonReference, GridInspection, Observation};
 use super::pieces::{Break, breaks};
-use super::sanded::Sanded;
-use super::watch::Watch;
+use super::sanded::SandedPlaces;
+use super::watch::FilmWatch;
 use crate::geometry::Mask;
 use crate::verdict::{Check, Judgement};
 use std::f64::consts::PI;
@@ -33,10 +33,10 @@ pub struct Inspection {
     /// The region in the picture, with grid edges for drawing.
     pub footprint: Footprint,
     since_wet_s: Vec<f32>,
-    not_seen: Vec<bool>,
+    unseen: Vec<bool>,
 }
 
-impl Watch {
+impl FilmWatch {
     /// Ends the test.
     ///
     /// # Errors
@@ -47,45 +47,45 @@ impl Watch {
         }
         self.quality.end();
         self.model.end();
-        let inside = self.footprint.inside().to_vec();
+        let inside = self.footprint.region_pixels().to_vec();
         let mut since_wet_s: Vec<f32> = (0..inside.len()).map(|index| self.broke_s(index)).collect();
         let (mut was_wet, mut is_unsure) = (vec![false; inside.len()], vec![false; inside.len()]);
         if self.thesis.is_none() {
-            let Settled { broke_s, unsure } = self.settled(since_wet_s, &inside);
+            let FinalMask { broke_s, unsure } = self.final_mask(since_wet_s, &inside);
             since_wet_s = broke_s;
             unsure.into_iter().for_each(|index| is_unsure[index] = true);
             // Places that were already wet look unchanged under the film, like a break from the first moment on: they
             // are not seen.
-            for index in self.wet_when_dry(&since_wet_s, &inside) {
-                (since_wet_s[index], was_wet[index]) = (NEVER, true);
+            for index in self.initially_wet_pixels(&since_wet_s, &inside) {
+                (since_wet_s[index], was_wet[index]) = (NOT_BROKEN, true);
             }
         }
         // For either method, a sanded place needs evidence that it was wet.
-        let sanded = Sanded {
+        let sanded = SandedPlaces {
             model: &self.model,
             window: self.footprint.window(),
             inside: &inside,
             broke_s: &since_wet_s,
             disc_px: self.smallest_disc_px(),
-            break_px: self.footprint.pixels_of(self.demands.min_break_mm2),
-            break_to_film: break_to_film(&self.model),
+            break_px: self.footprint.pixels_for_area(self.demands.min_break_mm2),
+            break_to_film: break_ratio_range(&self.model),
         };
-        let without = sanded.without_evidence()?;
+        let without = sanded.unproven_pixels()?;
         is_unsure.iter_mut().zip(without).for_each(|(is_unsure, without)| *is_unsure |= without);
         let model = &self.model;
-        let never_wet = |index: &usize| inside[*index] && model.sees(*index) && !model.ever_wet(*index);
+        let never_wet = |index: &usize| inside[*index] && model.is_evaluated(*index) && !model.ever_wet(*index);
         let never_wet_mm2: f64 = self.footprint.surface_mm2((0..inside.len()).filter(never_wet));
-        let holds = |i: usize| inside[i] && model.sees(i) && since_wet_s[i] == NEVER;
+        let holds = |i: usize| inside[i] && model.is_evaluated(i) && since_wet_s[i] == NOT_BROKEN;
         let is_faint = |i: usize| holds(i) && model.ever_wet(i) && !model.has_contrast(i);
         let mut faint_mm2 = vec![0.0; self.broken_mm2.len()];
         let faint: Vec<usize> = (0..inside.len()).filter(|&i| is_faint(i)).collect();
         faint.iter().for_each(|index| self.footprint.add_area(*index, &mut faint_mm2));
         // A pixel that broke has a known result, even if it was hidden at other times.
-        let is_lost = |index: usize| since_wet_s[index] == NEVER && !model.saw(index);
+        let is_lost = |index: usize| since_wet_s[index] == NOT_BROKEN && !model.was_observed(index);
         let not_seen: Vec<bool> =
             (0..inside.len()).map(|i| inside[i] && (was_wet[i] || is_unsure[i] || is_lost(i))).collect();
         // Before the grids are evaluated, since each unseen place counts against its grid as if it might have broken.
-        self.footprint.lose(|index| not_seen[index]);
+        self.footprint.subtract_unseen(|index| not_seen[index]);
         let grids = self.grids(&since_wet_s, &was_wet, &faint_mm2);
         let observation = Observation {
             observed_s: self.observed_s,
@@ -101,9 +101,9 @@ impl Watch {
             is_place_assumed: self.is_place_assumed,
             quality: self.quality.clone(),
         };
-        let Judged { checks, judgement } = judge(&observation, &grids, &self.demands, &self.settings);
+        let JudgedFilm { checks, judgement } = judge(&observation, &grids, &self.demands, &self.settings);
         let is_thesis = self.thesis.is_some();
-        let closed = |index: usize| !is_thesis && !model.is_open(index) && model.broke_s(index).is_some();
+        let closed = |index: usize| !is_thesis && !model.is_open_now(index) && model.broke_s(index).is_some();
         let breaks = breaks(&self.footprint, &since_wet_s, closed)?;
         Ok(Inspection {
             checks,
@@ -113,41 +113,43 @@ impl Watch {
             grids,
             footprint: self.footprint,
             since_wet_s,
-            not_seen,
+            unseen: not_seen,
         })
     }
 
     /// Returns the radius of the smallest sanding disc in the picture, px.
     pub(super) fn smallest_disc_px(&self) -> usize {
-        (self.footprint.pixels_of(MIN_DISC_MM2) as f64 / PI).sqrt().floor() as usize
+        (self.footprint.pixels_for_area(MIN_DISC_MM2) as f64 / PI).sqrt().floor() as usize
     }
 
-    fn settled(&self, broke_s: Vec<f32>, inside: &[bool]) -> Settled {
-        let sizes = Sizes {
-            glint_px: self.footprint.pixels_of(self.settings.glint_mm2()),
-            bead_px: self.footprint.pixels_of(self.settings.bead_mm2()),
-            break_px: self.footprint.pixels_of(self.demands.min_break_mm2),
+    fn final_mask(&self, broke_s: Vec<f32>, inside: &[bool]) -> FinalMask {
+        let sizes = FeatureSizes {
+            glint_px: self.footprint.pixels_for_area(self.settings.glint_mm2()),
+            bead_px: self.footprint.pixels_for_area(self.settings.bead_mm2()),
+            break_px: self.footprint.pixels_for_area(self.demands.min_break_mm2),
         };
-        settled(self.footprint.window(), broke_s, sizes, &OfModel::new(&self.model, inside))
+        determine_breaks(self.footprint.window(), broke_s, sizes, &ModelObservations::new(&self.model, inside))
     }
 
-    fn wet_when_dry(&self, since_wet_s: &[f32], inside: &[bool]) -> Vec<usize> {
+    fn initially_wet_pixels(&self, since_wet_s: &[f32], inside: &[bool]) -> Vec<usize> {
         // If the film is brighter than the dry panel, water in the dry picture is not visible as a darker place.
         let Some(film) = self.model.film().filter(|film| *film < 1.0) else { return Vec::new() };
-        let never_wet = |index: usize| inside[index] && self.model.sees(index) && !self.model.ever_wet(index);
-        let known = Dryness {
-            is_suspect: &|index| since_wet_s[index] < NEVER || never_wet(index),
+        let never_wet =
+            |index: usize| inside[index] && self.model.is_evaluated(index) && !self.model.ever_wet(index);
+        let known = DrynessInputs {
+            is_suspect: &|index| since_wet_s[index] < NOT_BROKEN || never_wet(index),
             never_wet: &never_wet,
-            sees: &|index| inside[index] && self.model.sees(index),
+            sees: &|index| inside[index] && self.model.is_evaluated(index),
             dry: &|index| self.model.dry_brightness(index),
             film,
         };
-        wet_when_dry(self.footprint.window(), &known)
+        initially_wet_pixels(self.footprint.window(), &known)
     }
 
     /// Evaluates each grid from the pixels that broke, in the order of their times.
     fn grids(&self, since_wet_s: &[f32], was_wet: &[bool], faint_mm2: &[f64]) -> Vec<GridInspection> {
-        let mut broken: Vec<usize> = (0..since_wet_s.len()).filter(|&index| since_wet_s[index] < NEVER).collect();
+        let mut broken: Vec<usize> =
+            (0..since_wet_s.len()).filter(|&index| since_wet_s[index] < NOT_BROKEN).collect();
         // By time and then by index: the time at which a grid failed must not depend on the order of equal times.
         broken.sort_by(|&a, &b| since_wet_s[a].total_cmp(&since_wet_s[b]).then(a.cmp(&b)));
         let mut broken_mm2 = vec![0.0; self.broken_mm2.len()];
@@ -175,10 +177,10 @@ impl Watch {
             let little_lost = might_break_mm2 < self.demands.min_break_mm2;
             GridInspection {
                 id: footprint.id,
-                reference: Reference::from_sanded_share(sanded_shares[index]),
+                reference: ComparisonReference::from_sanded_share(sanded_shares[index]),
                 failed,
-                seen: footprint.is_looked_at() && little_lost && !no_contrast,
-                only_masked: footprint.only_masked() && (failed || little_lost),
+                seen: footprint.is_inspected() && little_lost && !no_contrast,
+                only_masked: footprint.is_only_masked() && (failed || little_lost),
                 no_contrast,
                 wet_when_dry: was_wet_mm2[index] >= self.demands.min_break_mm2,
                 broken_mm2: broken_mm2[index],
@@ -192,13 +194,13 @@ impl Watch {
 impl Inspection {
     /// The pixels of the picture that broke.
     pub fn mask(&self) -> Mask {
-        self.footprint.to_picture(|index| self.since_wet_s[index] < NEVER)
+        self.footprint.to_picture(|index| self.since_wet_s[index] < NOT_BROKEN)
     }
 
     /// Returns the pixels of the picture for which it is not known whether they broke; masked pixels are not
     /// included.
-    pub fn not_seen(&self) -> Mask {
-        self.footprint.to_picture(|index| self.not_seen[index])
+    pub fn unseen_pixels(&self) -> Mask {
+        self.footprint.to_picture(|index| self.unseen[index])
     }
 
     /// Returns the pixels of the picture that broke until this time after the first fully wet picture.
@@ -210,7 +212,7 @@ impl Inspection {
     /// The time at which the film broke at a pixel of the picture, s after the first fully wet picture; `None` if the
     /// film did not break there, and outside of the region.
     pub fn break_time_s(&self, column: usize, row: usize) -> Option<f64> {
-        let time = self.since_wet_s[self.footprint.index_of(column, row)?];
-        (time < NEVER).then_some(f64::from(time))
+        let time = self.since_wet_s[self.footprint.window_index(column, row)?];
+        (time < NOT_BROKEN).then_some(f64::from(time))
     }
 }

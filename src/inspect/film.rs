@@ -7,7 +7,7 @@
 use std::collections::VecDeque;
 
 /// Represents no time: the film did not break.
-pub const NEVER: f32 = f32::INFINITY;
+pub const NOT_BROKEN: f32 = f32::INFINITY;
 
 /// The state of the film in one window while pictures arrive.
 #[derive(Debug)]
@@ -31,7 +31,12 @@ pub struct NewlyBroken {
 
 impl Film {
     pub fn new(pixels: usize, persist_frames: usize) -> Self {
-        Film { persist_frames, run: vec![0; pixels], since_wet_s: vec![NEVER; pixels], recent_s: VecDeque::new() }
+        Film {
+            persist_frames,
+            run: vec![0; pixels],
+            since_wet_s: vec![NOT_BROKEN; pixels],
+            recent_s: VecDeque::new(),
+        }
     }
 
     /// Adds the broken pixels of the next picture.
@@ -44,22 +49,22 @@ impl Film {
         let mut pixels = Vec::new();
         for (index, broken) in broken.enumerate() {
             self.run[index] = if broken { self.run[index].saturating_add(1) } else { 0 };
-            if usize::from(self.run[index]) >= self.persist_frames && self.since_wet_s[index] == NEVER {
+            if usize::from(self.run[index]) >= self.persist_frames && self.since_wet_s[index] == NOT_BROKEN {
                 pixels.push(index);
             }
         }
-        self.mark(&pixels, began_s);
+        self.mark_broken(&pixels, began_s);
         NewlyBroken { since_wet_s: began_s, pixels }
     }
 
     /// Marks pixels as broken since this time.
-    pub fn mark(&mut self, pixels: &[usize], since_wet_s: f64) {
+    pub fn mark_broken(&mut self, pixels: &[usize], since_wet_s: f64) {
         for &index in pixels {
             self.since_wet_s[index] = since_wet_s as f32;
         }
     }
 
-    /// The time at which each pixel broke, s; [`NEVER`] if the film holds.
+    /// The time at which each pixel broke, s; [`NOT_BROKEN`] if the film holds.
     pub fn times(&self) -> &[f32] {
         &self.since_wet_s
     }
@@ -92,6 +97,6 @@ mod tests {
         let expected =
             [NewlyBroken { since_wet_s: 2.0, pixels: vec![0] }, NewlyBroken { since_wet_s: 3.0, pixels: vec![2] }];
         assert_eq!(found, expected);
-        assert_eq!(film.times(), [2.0, NEVER, 3.0]);
+        assert_eq!(film.times(), [2.0, NOT_BROKEN, 3.0]);
     }
 }

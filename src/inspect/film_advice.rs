@@ -45,14 +45,14 @@ pub struct GridContrast {
 impl GridContrast {
     /// The larger of two contrasts between film and dry: with the recipe's weights, or the absolute value in the best
     /// single channel.
-    pub fn best_to_noise(&self) -> f64 {
+    pub fn best_contrast_to_noise(&self) -> f64 {
         self.contrast_to_noise.max(self.channel_to_noise.abs())
     }
 }
 
 /// Evaluates the clip's pictures, one by one, for flashes.
 #[derive(Debug)]
-pub struct Flashes {
+pub struct FlashDetector {
     pixels: Vec<usize>,
     weights: [f64; 3],
     dry: Vec<f64>,
@@ -68,7 +68,7 @@ fn brightness([r, g, b]: [u8; 3], weights: [f64; 3]) -> f64 {
     f64::from(r) * weights[0] + f64::from(g) * weights[1] + f64::from(b) * weights[2]
 }
 
-fn shares(settings: &recipe::Inspect) -> [f64; 3] {
+fn channel_shares(settings: &recipe::Inspect) -> [f64; 3] {
     let weights = settings.channel_weights();
     weights.map(|weight| weight / weights.iter().sum::<f64>())
 }
@@ -76,8 +76,8 @@ fn shares(settings: &recipe::Inspect) -> [f64; 3] {
 impl Sampler {
     /// Calculates the contrast in each grid from its given pixels of the picture; grids without a pixel are left
     /// out.
-    pub fn contrasts(&self, settings: &recipe::Inspect, grids: &[(GridId, Vec<usize>)]) -> Vec<GridContrast> {
-        let weights = shares(settings);
+    pub fn grid_contrasts(&self, settings: &recipe::Inspect, grids: &[(GridId, Vec<usize>)]) -> Vec<GridContrast> {
+        let weights = channel_shares(settings);
         let (dry, wet) = (self.dry_means(weights), self.wet_means(weights));
         let of_channel = |channel: usize| {
             let mut one = [0.0; 3];
@@ -125,15 +125,15 @@ impl Sampler {
 
     /// Begins the search for places that look dry for a moment; the pixels of `broken`, which are known to break,
     /// are excluded.
-    pub fn flashes(&self, settings: &recipe::Inspect, broken: Option<&Mask>) -> Flashes {
-        let weights = shares(settings);
+    pub fn flash_detector(&self, settings: &recipe::Inspect, broken: Option<&Mask>) -> FlashDetector {
+        let weights = channel_shares(settings);
         let (dry, wet) = (self.dry_means(weights), self.wet_means(weights));
         // A pixel without contrast carries no information.
         let tells = |index: &&usize| {
             dry[*index] > wet[*index] + 1.0 && !broken.is_some_and(|broken| broken.inside[**index])
         };
         let pixels: Vec<usize> = dry.keys().filter(tells).copied().collect();
-        Flashes {
+        FlashDetector {
             dry: pixels.iter().map(|index| dry[index]).collect(),
             wet: pixels.iter().map(|index| wet[index]).collect(),
             since_s: vec![None; pixels.len()],
@@ -145,7 +145,7 @@ impl Sampler {
     }
 }
 
-impl Flashes {
+impl FlashDetector {
     /// Evaluates the next wet picture.
     pub fn push(&mut self, picture: &ColorPicture, time_s: f64) {
         let now: Vec<f64> = self.pixels.iter().map(|&index| brightness(picture.rgb[index], self.weights)).collect();
@@ -191,12 +191,12 @@ mod tests {
         let mut sampler = Sampler::new(&Mask { width: 20, height: 20, inside: vec![true; WHOLE] });
         // The light on the left half is twice as strong.
         let lit = |level: u8| {
-            let mut picture = ColorPicture::filled(20, 20, [level; 3]);
+            let mut picture = ColorPicture::uniform(20, 20, [level; 3]);
             (0..WHOLE).filter(|i| i % 20 < 10).for_each(|i| picture.rgb[i] = [2 * level; 3]);
             picture
         };
-        (0..2).for_each(|odd| sampler.dry(&lit(50 + odd)));
-        (0..2).for_each(|odd| sampler.wet(&lit(30 + odd)));
+        (0..2).for_each(|odd| sampler.add_dry(&lit(50 + odd)));
+        (0..2).for_each(|odd| sampler.add_wet(&lit(30 + odd)));
         sampler
     }
 
@@ -207,13 +207,17 @@ mod tests {
     fn each_grid_has_its_own_contrast() {
         let half = |right: bool| (0..WHOLE).filter(|i| (i % 20 >= 10) == right).collect::<Vec<_>>();
         let id = |column: usize| GridId { row: 1, column };
-        let found = sampler().contrasts(&inspect_table(""), &[(id(1), half(false)), (id(2), half(true))]);
+        let found = sampler().grid_contrasts(&inspect_table(""), &[(id(1), half(false)), (id(2), half(true))]);
         let noise = (2.5_f64 / 2.0 / 3.0).sqrt();
         for (found, (dry, wet)) in found.iter().zip([(101.0, 61.0), (50.5, 30.5)]) {
             assert!((found.dry - dry).abs() < 1e-9 && (found.wet - wet).abs() < 1e-9, "{found:?}");
             assert!((found.contrast_to_noise - (dry - wet) / noise).abs() < 1e-9, "{found:?}");
             assert!((found.light - dry / 75.75).abs() < 1e-9, "{found:?}");
-            assert_eq!((found.faint_percent, found.best_to_noise()), (0.0, found.contrast_to_noise), "{found:?}");
+            assert_eq!(
+                (found.faint_percent, found.best_contrast_to_noise()),
+                (0.0, found.contrast_to_noise),
+                "{found:?}"
+            );
         }
         assert_eq!(found.len(), 2);
     }
@@ -224,10 +228,10 @@ mod tests {
     fn a_moment_s_dryness_is_told_from_a_break() {
         let settings = inspect_table("");
         let found = |broken: Option<&Mask>, closes_s: f64| {
-            let mut flashes = sampler().flashes(&settings, broken);
+            let mut flashes = sampler().flash_detector(&settings, broken);
             for frame in 0..60 {
                 let time_s = f64::from(frame) / 5.0;
-                let mut picture = ColorPicture::filled(20, 20, [0; 3]);
+                let mut picture = ColorPicture::uniform(20, 20, [0; 3]);
                 for (i, pixel) in picture.rgb.iter_mut().enumerate() {
                     let flashes = (i < 20 && (5..8).contains(&frame)) || (i < 5 && (20..25).contains(&frame));
                     let is_broken = (100..140).contains(&i) && (2.0..closes_s).contains(&time_s);
@@ -241,7 +245,7 @@ mod tests {
         assert!((found(None, 99.0) - 0.6).abs() < 1e-9, "{}", found(None, 99.0));
         assert!((found(None, 6.5) - 0.6).abs() < 1e-9, "a film that closed after 4.5 s is no flash");
         assert!((found(None, 3.0) - 1.0).abs() < 1e-9, "one that closed after a second is");
-        let mut broken = Mask::empty(20, 20);
+        let mut broken = Mask::all_outside(20, 20);
         (100..140).for_each(|i| broken.inside[i] = true);
         assert!((found(Some(&broken), 3.0) - 0.6).abs() < 1e-9, "unless it is known to have broken");
     }
@@ -256,14 +260,14 @@ mod tests {
             ColorPicture { width: 20, height: 20, rgb }
         };
         for odd in [0, 2] {
-            sampler.dry(&halves([60 + odd; 3], [60 + odd; 3]));
+            sampler.add_dry(&halves([60 + odd; 3], [60 + odd; 3]));
         }
         for odd in [0, 2] {
-            sampler.wet(&halves([80 + odd, 62 + odd, 60 + odd], [64 + odd; 3]));
+            sampler.add_wet(&halves([80 + odd, 62 + odd, 60 + odd], [64 + odd; 3]));
         }
         let half = |right: bool| (0..WHOLE).filter(|i| (i % 20 >= 10) == right).collect::<Vec<_>>();
         let id = |column: usize| GridId { row: 1, column };
-        let found = sampler.contrasts(&inspect_table(""), &[(id(1), half(false)), (id(2), half(true))]);
+        let found = sampler.grid_contrasts(&inspect_table(""), &[(id(1), half(false)), (id(2), half(true))]);
         assert_eq!((found[0].channel, found[0].faint_percent), (0, 0.0), "{found:?}");
         assert!((found[0].channel_to_noise + 20.0 / 2.0_f64.sqrt()).abs() < 1e-9, "{found:?}");
         assert!(found[1].faint_percent == 100.0 && found[1].channel_to_noise < 0.0, "{found:?}");

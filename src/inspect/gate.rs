@@ -11,13 +11,13 @@ mod flaws;
 #[cfg(test)]
 mod tests;
 
-use super::observed::{Demands, GridInspection, Observation, Reference};
-use super::place::{MAX_OFF_PX, elsewhere, too_coarse};
+use super::observed::{ComparisonReference, Demands, GridInspection, Observation};
+use super::place::{MAX_OFF_PX, displaced_panel_reason, too_coarse};
 use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS};
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use crate::recipe;
-use crate::verdict::{Check, Judgement, Limit, SetBy, Severity, Verdict};
-use flaws::{shown, worst_flaw};
+use crate::verdict::{Check, Judgement, Limit, LimitSource, Severity, Verdict};
+use flaws::{describe_flaw, worst_flaw};
 
 /// A film must change the panel by at least this many times the clip's noise: the bound between wet and dry is at
 /// half of the change, three times the noise from either.
@@ -26,7 +26,7 @@ pub const MIN_CHANGE_TO_NOISE: f64 = 6.0;
 /// Names of the gate's checks. Those that are defined here do not belong to a single number of a film.
 pub mod name {
     pub use crate::record::name::{
-        FILM_CHANGE, LIGHT_MAX, LIGHT_MIN, SMALLEST_BREAK, WATCHED, broken_film, failed_after,
+        FILM_CHANGE, LIGHT_MIN, MAX_LIGHT_NAME, SMALLEST_BREAK, WATCHED_TIME_NAME, break_time_name, broken_film,
     };
 
     /// Whether the dry panel was seen.
@@ -44,7 +44,7 @@ pub mod name {
 }
 
 /// A test with all numbers that were judged.
-pub struct Judged {
+pub struct JudgedFilm {
     /// The checks, in the order in which they are judged.
     pub checks: Vec<Check>,
     /// The verdict.
@@ -58,46 +58,47 @@ pub fn judge(
     grids: &[GridInspection],
     demands: &Demands,
     settings: &recipe::Inspect,
-) -> Judged {
-    let film = Film { observation, grids, demands, settings };
-    let checks = [film.watched(), film.place(), film.clear(), film.wetted(), film.grids()].concat();
-    let judgement = Judgement::of_checks(&checks);
+) -> JudgedFilm {
+    let film = WatchedFilm { observation, grids, demands, settings };
+    let checks =
+        [film.check_watched(), film.check_panel_position(), film.clear(), film.check_wetting(), film.grids()]
+            .concat();
+    let judgement = Judgement::from_checks(&checks);
     let verdict = match judgement.verdict {
         Verdict::Accept => Verdict::Pass,
         Verdict::Review if grids.iter().any(|grid| grid.failed) => Verdict::Fail,
         // A grid that was not looked at may be broken: it does not pass.
         _ => Verdict::Invalid,
     };
-    Judged { checks, judgement: Judgement { verdict, ..judgement } }
+    JudgedFilm { checks, judgement: Judgement { verdict, ..judgement } }
 }
 
 /// A film that was watched, and the demands on it.
-struct Film<'a> {
+struct WatchedFilm<'a> {
     observation: &'a Observation,
     grids: &'a [GridInspection],
     demands: &'a Demands,
     settings: &'a recipe::Inspect,
 }
 
-impl Film<'_> {
+impl WatchedFilm<'_> {
     /// Checks whether the film was watched for long enough, with a dry picture and without a gap.
-    fn watched(&self) -> Vec<Check> {
+    fn check_watched(&self) -> Vec<Check> {
         let Observation { observed_s, frames, longest_gap_s, has_dry, .. } = *self.observation;
         let demands = self.demands;
         let allowed_gap_s = demands.max_gap_s();
         vec![
-            Check::new(name::DRY_PICTURE, "", f64::from(u8::from(has_dry))).at_least(1.0, SetBy::Program).rejects(
-                "no_dry_picture",
-                || {
+            Check::new(name::DRY_PICTURE, "", f64::from(u8::from(has_dry)))
+                .with_min(1.0, LimitSource::Program)
+                .or_reject("no_dry_picture", || {
                     "there is no picture of the dry panel; without it, a place that never became wet looks like a \
                      place with intact film: take a dry picture before the spray and repeat the test"
                         .to_owned()
-                },
-            ),
-            Check::new(name::WATCHED, "s", observed_s)
-                .at_least(demands.min_observed_s(), demands.window_set_by())
-                .rejects("too_short", || {
-                    let [observed, window] = apart(observed_s, demands.observation_s, 1);
+                }),
+            Check::new(name::WATCHED_TIME_NAME, "s", observed_s)
+                .with_min(demands.min_observed_s(), demands.observation_time_set_by())
+                .or_reject("too_short", || {
+                    let [observed, window] = distinguishable_texts(observed_s, demands.observation_s, 1);
                     format!(
                         "the film was watched for {observed} s, at least {window} s are needed (the recipe's \
                          observation_s): repeat the test"
@@ -105,9 +106,9 @@ impl Film<'_> {
                 }),
             Check::new("wet pictures", "", frames as f64),
             Check::new("longest time between two of them", "s", longest_gap_s)
-                .at_most(allowed_gap_s, SetBy::recipe("process.frames_per_second"))
-                .rejects("gap", || {
-                    let [gap, allowed] = apart(longest_gap_s, allowed_gap_s, 2);
+                .with_max(allowed_gap_s, LimitSource::recipe("process.frames_per_second"))
+                .or_reject("gap", || {
+                    let [gap, allowed] = distinguishable_texts(longest_gap_s, allowed_gap_s, 2);
                     format!("two wet pictures are {gap} s apart (limit {allowed} s): repeat the test")
                 }),
         ]
@@ -115,20 +116,20 @@ impl Film<'_> {
 
     /// Checks whether the panel is at the place where the grids are looked for, and whether the pixels are fine
     /// enough.
-    fn place(&self) -> Vec<Check> {
+    fn check_panel_position(&self) -> Vec<Check> {
         let Observation { has_dry, is_place_assumed, detection_limit_mm2, .. } = *self.observation;
         let off_px = self.observation.quality.off_px;
         let (off, coarse) = (
-            elsewhere(off_px, (is_place_assumed, has_dry)),
+            displaced_panel_reason(off_px, (is_place_assumed, has_dry)),
             too_coarse(detection_limit_mm2, self.demands.min_break_mm2),
         );
         vec![
             Check::new("outline from where the panel was found, in the dry picture", "px", off_px)
-                .at_most(MAX_OFF_PX, SetBy::Program)
-                .gives(off, Severity::Reject),
+                .with_max(MAX_OFF_PX, LimitSource::Program)
+                .with_reason(off, Severity::Reject),
             Check::new(name::SMALLEST_BREAK, "mm²", detection_limit_mm2)
-                .at_most(self.demands.min_break_mm2, self.demands.min_break_set_by())
-                .gives(coarse, Severity::Reject),
+                .with_max(self.demands.min_break_mm2, self.demands.min_break_set_by())
+                .with_reason(coarse, Severity::Reject),
         ]
     }
 
@@ -141,56 +142,52 @@ impl Film<'_> {
         let is_enough = quality.usable_s >= usable_s && quality.usable > 1;
         let is_unseen = quality.longest_unseen_s > allowed_s && quality.usable != observation.frames;
         let (flaw, flawed) = worst_flaw(quality);
-        let words = || self.flaw_words((flaw, flawed), allowed_s);
+        let words = || self.flaw_message((flaw, flawed), allowed_s);
         let [darker, brighter] = observation.light_limits_percent(self.settings);
         let percent = |share: f64| Some(100.0 * (share - 1.0)).filter(|percent| percent.is_finite());
-        let light = || SetBy::recipe("inspect.max_light_change_percent");
-        let pictures = || SetBy::recipe("process.frames_per_second");
+        let light = || LimitSource::recipe("inspect.max_light_change_percent");
+        let pictures = || LimitSource::recipe("process.frames_per_second");
         vec![
-            Check::new(name::FILM_CHANGE, "grey levels", change).at_least(min_change, SetBy::Program).rejects(
-                "dark",
-                || {
-                    let [change, needed] = apart(change.unwrap_or(f64::NAN), min_change, 1);
+            Check::new(name::FILM_CHANGE, "grey levels", change)
+                .with_min(min_change, LimitSource::Program)
+                .or_reject("dark", || {
+                    let [change, needed] = distinguishable_texts(change.unwrap_or(f64::NAN), min_change, 1);
                     format!(
                         "the film changes the panel by {change} grey levels, at least {needed} (six times the \
                          clip's noise) are needed: use more light or a longer exposure, then repeat the test"
                     )
-                },
-            ),
+                }),
             Check::new("noise of a pixel of the film", "grey levels", observation.noise_levels),
-            Check::new(name::FIRST_SHARPNESS, "", sharpness).at_least(MIN_FIRST_SHARPNESS, SetBy::Program).rejects(
-                "focus",
-                || {
-                    let [sharpness, needed] = apart(sharpness.unwrap_or(f64::NAN), MIN_FIRST_SHARPNESS, 2);
+            Check::new(name::FIRST_SHARPNESS, "", sharpness)
+                .with_min(MIN_FIRST_SHARPNESS, LimitSource::Program)
+                .or_reject("focus", || {
+                    let [sharpness, needed] =
+                        distinguishable_texts(sharpness.unwrap_or(f64::NAN), MIN_FIRST_SHARPNESS, 2);
                     format!(
                         "the panel's edge in the first picture is not sharp: {sharpness} of its contrast lies \
                          between two neighbouring pixels, at least {needed} is needed; focus the camera and repeat \
                          the test"
                     )
-                },
-            ),
+                }),
             Check::new("pictures that could be judged by", "", quality.usable as f64),
-            Check::new("time that they cover", "s", quality.usable_s).at_least(usable_s, SetBy::Program).broken(
-                !is_enough,
-                Severity::Reject,
-                flaw.word(),
-                words,
-            ),
+            Check::new("time that they cover", "s", quality.usable_s)
+                .with_min(usable_s, LimitSource::Program)
+                .with_consequence_if(!is_enough, Severity::Reject, flaw.keyword(), words),
             Check::new("longest time without one", "s", quality.longest_unseen_s)
-                .at_most(allowed_s, pictures())
-                .broken(is_unseen, Severity::Reject, flaw.word(), words),
-            Check::new(name::LIGHT_MIN, "%", percent(quality.light[0])).at_least(-darker, light()),
-            Check::new(name::LIGHT_MAX, "%", percent(quality.light[1])).at_most(brighter, light()),
+                .with_max(allowed_s, pictures())
+                .with_consequence_if(is_unseen, Severity::Reject, flaw.keyword(), words),
+            Check::new(name::LIGHT_MIN, "%", percent(quality.light[0])).with_min(-darker, light()),
+            Check::new(name::MAX_LIGHT_NAME, "%", percent(quality.light[1])).with_max(brighter, light()),
             Check::new("panel moved in the picture", "px", quality.moved_px),
             Check::new("least sharpness against the dry picture", "", quality.sharpness),
             Check::new("the film leaves of the dry brightness", "", observation.film_left),
         ]
     }
 
-    fn flaw_words(&self, (flaw, flawed): (Flaw, Flawed), allowed_s: f64) -> String {
+    fn flaw_message(&self, (flaw, flawed): (Flaw, Flawed), allowed_s: f64) -> String {
         let Observation { frames, quality, .. } = self.observation;
-        let what = shown(flaw, flawed.worst, self.observation, self.settings);
-        let [unseen, allowed] = apart(quality.longest_unseen_s, allowed_s, 1);
+        let what = describe_flaw(flaw, flawed.worst, self.observation, self.settings);
+        let [unseen, allowed] = distinguishable_texts(quality.longest_unseen_s, allowed_s, 1);
         format!(
             "{} of {frames} wet pictures cannot be used, and the longest time without a usable picture is {unseen} \
              s (limit {allowed} s); in {} of them {what}: repeat the test",
@@ -200,21 +197,21 @@ impl Film<'_> {
     }
 
     /// Checks whether the panel was dry before, and wet everywhere afterwards.
-    fn wetted(&self) -> Vec<Check> {
+    fn check_wetting(&self) -> Vec<Check> {
         let (observation, allowed_percent) = (self.observation, self.settings.max_never_wet_percent());
         let is_dry_somewhere = observation.has_dry && observation.never_wet_percent > allowed_percent;
         let wet = names(self.grids, |grid| grid.wet_when_dry);
         vec![
             Check::new("region that was wet in no picture", "%", observation.never_wet_percent)
-                .at_most(allowed_percent, SetBy::recipe("inspect.max_never_wet_percent"))
-                .broken(is_dry_somewhere, Severity::Reject, "never_wet", || {
-                    let [found, allowed] = apart(observation.never_wet_percent, allowed_percent, 1);
+                .with_max(allowed_percent, LimitSource::recipe("inspect.max_never_wet_percent"))
+                .with_consequence_if(is_dry_somewhere, Severity::Reject, "never_wet", || {
+                    let [found, allowed] = distinguishable_texts(observation.never_wet_percent, allowed_percent, 1);
                     format!(
                         "{found} % of the region was wet in no picture (limit {allowed} %): check that the water \
                          is on and that the spray reaches all of the panel, then repeat the test"
                     )
                 }),
-            Check::new(name::WET_GRIDS, "", wet.len() as f64).at_most(0.0, SetBy::Program).rejects(
+            Check::new(name::WET_GRIDS, "", wet.len() as f64).with_max(0.0, LimitSource::Program).or_reject(
                 "wet_when_dry",
                 || {
                     format!(
@@ -240,15 +237,18 @@ impl Film<'_> {
             let (id, when_s) = (grid.id, grid.time_to_break_s);
             let limit = (Limit::Below(min_break_mm2), self.demands.min_break_set_by());
             let area = Check::new(name::broken_film(id), "mm²", grid.seen.then_some(grid.broken_mm2));
-            let area = area
-                .within(limit.0, limit.1)
-                .broken(grid.failed, Severity::Review, "broken", || broken_words(min_break_mm2, grids));
-            let failed = when_s.map(|time_s| Check::new(name::failed_after(id), "s", time_s));
+            let area = area.with_limit(limit.0, limit.1).with_consequence_if(
+                grid.failed,
+                Severity::Review,
+                "broken",
+                || describe_broken(min_break_mm2, grids),
+            );
+            let failed = when_s.map(|time_s| Check::new(name::break_time_name(id), "s", time_s));
             std::iter::once(area).chain(failed)
         });
-        let faint = Check::new(name::FAINT_GRIDS, "", faint.len() as f64).at_most(0.0, SetBy::Program).rejects(
-            "no_contrast",
-            || {
+        let faint = Check::new(name::FAINT_GRIDS, "", faint.len() as f64)
+            .with_max(0.0, LimitSource::Program)
+            .or_reject("no_contrast", || {
                 format!(
                     "on {} there are places where a break would not be visible, because the film looks like the \
                      dry panel in every channel, or water never wetted them: move the lamp or the diffuser so that \
@@ -256,13 +256,12 @@ impl Film<'_> {
                      repeat the test",
                     faint.join(", ")
                 )
-            },
-        );
-        let unseen = Check::new(name::UNSEEN_GRIDS, "", unseen.len() as f64).at_most(0.0, SetBy::Program).rejects(
-            "not_seen",
-            || {
+            });
+        let unseen = Check::new(name::UNSEEN_GRIDS, "", unseen.len() as f64)
+            .with_max(0.0, LimitSource::Program)
+            .or_reject("not_seen", || {
                 let is_sanded = |grid: &&GridInspection| {
-                    grid.reference != Reference::DryAndWet && unseen.contains(&grid.id.to_string())
+                    grid.reference != ComparisonReference::DryAndWet && unseen.contains(&grid.id.to_string())
                 };
                 let still = match grids.iter().any(|grid| is_sanded(&grid)) {
                     true => {
@@ -276,10 +275,9 @@ impl Film<'_> {
                      bright, or move the lamp if a reflection does not move{still}",
                     unseen.join(", ")
                 )
-            },
-        );
+            });
         let masked = Check::new(name::MASKED_GRIDS, "", masked.len() as f64)
-            .at_most(0.0, SetBy::recipe("inspect.masked_px"))
+            .with_max(0.0, LimitSource::recipe("inspect.masked_px"))
             .reviews("masked", || {
                 format!(
                     "the recipe masks a part of {}, so the grids named did not pass; inspect the masked parts by \
@@ -295,7 +293,7 @@ fn names(grids: &[GridInspection], which: impl Fn(&GridInspection) -> bool) -> V
     grids.iter().filter(|grid| which(grid)).map(|grid| grid.id.to_string()).collect()
 }
 
-fn broken_words(min_break_mm2: f64, grids: &[GridInspection]) -> String {
+fn describe_broken(min_break_mm2: f64, grids: &[GridInspection]) -> String {
     let failed: Vec<String> = grids
         .iter()
         .filter(|grid| grid.failed)

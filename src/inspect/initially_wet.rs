@@ -6,17 +6,17 @@
 //! surroundings was closer to τ than to 1.
 
 use super::footprint::Window;
-use crate::geometry::AROUND;
+use crate::geometry::ALL_NEIGHBOURS;
 
 /// Fewer connected pixels are noise.
 const MIN_PIECE_PX: usize = 4;
 /// The surroundings of a place lie at this distance from it, pixels: beyond a drop's soft edge.
-const AWAY_PX: std::ops::RangeInclusive<usize> = 4..=9;
+const SURROUNDING_DISTANCE_PX: std::ops::RangeInclusive<usize> = 4..=9;
 /// Fraction of a place's pixels that must not have been wet in any picture.
 const MIN_NEVER_WET: f64 = 0.5;
 
 /// The data of the window's pixels.
-pub struct Dryness<'a> {
+pub struct DrynessInputs<'a> {
     /// Whether the pixel broke, or was not wet in any picture.
     pub is_suspect: &'a dyn Fn(usize) -> bool,
     /// Whether the pixel is evaluated and was not wet in any picture.
@@ -30,31 +30,37 @@ pub struct Dryness<'a> {
 }
 
 /// Returns the pixels that were already wet when the panel should have been dry.
-pub fn wet_when_dry(window: &Window, known: &Dryness<'_>) -> Vec<usize> {
+pub fn initially_wet_pixels(window: &Window, known: &DrynessInputs<'_>) -> Vec<usize> {
     let was_wet = |piece: &Vec<usize>| {
         let never_wet = piece.iter().filter(|i| (known.never_wet)(**i)).count() as f64;
         piece.len() >= MIN_PIECE_PX
             && never_wet >= MIN_NEVER_WET * piece.len() as f64
-            && mean(&surroundings(window, piece, known), known.dry)
+            && mean(&surrounding_pixels(window, piece, known), known.dry)
                 .zip(mean(piece, known.dry))
                 // Halfway between the look of the dry surroundings and of a film over them: nearer to a film than to
                 // dry.
                 .is_some_and(|(around, own)| own < around * (1.0 + known.film) / 2.0)
     };
-    window.raster().pieces(&AROUND, known.is_suspect).into_iter().filter(was_wet).flatten().collect()
+    window
+        .raster()
+        .connected_pieces(&ALL_NEIGHBOURS, known.is_suspect)
+        .into_iter()
+        .filter(was_wet)
+        .flatten()
+        .collect()
 }
 
 fn mean(pixels: &[usize], of: impl Fn(usize) -> f64) -> Option<f64> {
     (!pixels.is_empty()).then(|| pixels.iter().map(|&i| of(i)).sum::<f64>() / pixels.len() as f64)
 }
 
-fn surroundings(window: &Window, piece: &[usize], known: &Dryness<'_>) -> Vec<usize> {
+fn surrounding_pixels(window: &Window, piece: &[usize], known: &DrynessInputs<'_>) -> Vec<usize> {
     let mut reached: std::collections::BTreeSet<usize> = piece.iter().copied().collect();
     let (mut rim, mut found) = (piece.to_vec(), Vec::new());
-    for away_px in 1..=*AWAY_PX.end() {
-        let next: Vec<usize> = rim.iter().flat_map(|&i| window.raster().neighbours(i, &AROUND)).collect();
+    for away_px in 1..=*SURROUNDING_DISTANCE_PX.end() {
+        let next: Vec<usize> = rim.iter().flat_map(|&i| window.raster().neighbours(i, &ALL_NEIGHBOURS)).collect();
         rim = next.into_iter().filter(|&i| reached.insert(i)).collect();
-        if AWAY_PX.contains(&away_px) {
+        if SURROUNDING_DISTANCE_PX.contains(&away_px) {
             // Another drop beside it would make the surroundings look wet as well, and this one unsuspicious.
             found.extend(rim.iter().copied().filter(|&i| (known.sees)(i) && !(known.is_suspect)(i)));
         }
@@ -74,8 +80,8 @@ mod tests {
         let place = |i: usize| (17..23).contains(&(i % 40)) && (17..23).contains(&(i / 40));
         let found = |own: f64, never_wet: &dyn Fn(usize) -> bool| {
             let dry = |i: usize| if place(i) { own } else { 100.0 };
-            let known = Dryness { is_suspect: &place, never_wet, sees: &|_| true, dry: &dry, film: 0.6 };
-            wet_when_dry(&WINDOW, &known).len()
+            let known = DrynessInputs { is_suspect: &place, never_wet, sees: &|_| true, dry: &dry, film: 0.6 };
+            initially_wet_pixels(&WINDOW, &known).len()
         };
         assert_eq!([79.0, 81.0, 100.0].map(|own| found(own, &place)), [36, 0, 0]);
         assert_eq!(

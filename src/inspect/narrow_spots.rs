@@ -9,7 +9,7 @@ use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar, Size};
 use opencv::imgproc;
 
 /// The brightness levels of a window's pixels.
-pub struct Looks<'a> {
+pub struct BrightnessLevels<'a> {
     pub window: &'a Window,
     /// Brightness, levels; 0 for a pixel of unknown brightness.
     pub levels: Vec<f32>,
@@ -23,31 +23,31 @@ pub struct Looks<'a> {
 /// A level above the brightness of any pixel.
 const MAX_LEVELS: f32 = 1024.0;
 
-impl Looks<'_> {
+impl BrightnessLevels<'_> {
     /// Finds pixels that lie in places too narrow for the disc and that differ from their surroundings as a break
     /// differs from its film: by at least these ratios, in which 1 means no difference. If it is not known whether
     /// breaks are brighter or darker, pixels that differ in either direction are returned.
     ///
     /// # Errors
     /// If OpenCV refuses the picture.
-    pub fn narrow(&self, break_to_film: Option<[f32; 2]>) -> opencv::Result<Vec<bool>> {
+    pub fn narrow_pixels(&self, break_to_film: Option<[f32; 2]>) -> opencv::Result<Vec<bool>> {
         let Some([least, most]) = break_to_film else {
-            let brighter = self.narrow(Some([1.0 + self.tolerance, f32::INFINITY]))?;
-            let darker = self.narrow(Some([0.0, 1.0 - self.tolerance]))?;
+            let brighter = self.narrow_pixels(Some([1.0 + self.tolerance, f32::INFINITY]))?;
+            let darker = self.narrow_pixels(Some([0.0, 1.0 - self.tolerance]))?;
             return Ok(brighter.into_iter().zip(darker).map(|(brighter, darker)| brighter || darker).collect());
         };
         if least > 1.0 {
             let bright = |look: f32, around: f32| look >= least * around;
-            return self.apart(&self.levels, bright);
+            return self.opening_outliers(&self.levels, bright);
         }
         // Darker places are found as brighter places of the negative.
         let negative: Vec<f32> =
             self.levels.iter().map(|&look| if look > 0.0 { MAX_LEVELS - look } else { 0.0 }).collect();
-        self.apart(&negative, |look, around| MAX_LEVELS - look <= most * (MAX_LEVELS - around))
+        self.opening_outliers(&negative, |look, around| MAX_LEVELS - look <= most * (MAX_LEVELS - around))
     }
 
     /// Finds the known pixels of a picture that differ from the result of an opening by reconstruction.
-    fn apart(&self, picture: &[f32], is_apart: impl Fn(f32, f32) -> bool) -> opencv::Result<Vec<bool>> {
+    fn opening_outliers(&self, picture: &[f32], is_apart: impl Fn(f32, f32) -> bool) -> opencv::Result<Vec<bool>> {
         let (rows, columns) = (self.window.height as i32, self.window.width as i32);
         // Unknown pixels must not form an edge of a place: they have the highest brightness for the erosion, and are
         // dark for the reconstruction.
@@ -88,10 +88,10 @@ mod tests {
 
     /// Returns how many pixels of a picture with these levels are narrow, for breaks with these ratios to their
     /// film.
-    fn narrow(break_to_film: Option<[f32; 2]>, look: impl Fn(usize, usize) -> f32) -> usize {
+    fn narrow_pixels(break_to_film: Option<[f32; 2]>, look: impl Fn(usize, usize) -> f32) -> usize {
         let levels = (0..SIDE * SIDE).map(|i| look(i % SIDE, i / SIDE)).collect();
-        let looks = Looks { window: &WINDOW, levels, disc_px: 6, tolerance: 0.1 };
-        looks.narrow(break_to_film).expect("a picture").iter().filter(|narrow| **narrow).count()
+        let looks = BrightnessLevels { window: &WINDOW, levels, disc_px: 6, tolerance: 0.1 };
+        looks.narrow_pixels(break_to_film).expect("a picture").iter().filter(|narrow| **narrow).count()
     }
 
     /// Calculated by hand: a film of 30 levels and a square of 45 levels, 1.5 times as bright. A square of 8 px
@@ -105,16 +105,16 @@ mod tests {
             }
         };
         let darker_film = Some([1.29, 2.0]);
-        assert_eq!(narrow(darker_film, square(8, 45.0)), 64);
-        assert_eq!(narrow(darker_film, square(20, 45.0)), 0);
-        assert_eq!(narrow(darker_film, square(8, 36.0)), 0);
+        assert_eq!(narrow_pixels(darker_film, square(8, 45.0)), 64);
+        assert_eq!(narrow_pixels(darker_film, square(20, 45.0)), 0);
+        assert_eq!(narrow_pixels(darker_film, square(8, 36.0)), 0);
         // The film is brighter than the dry panel: a level of 18 of 30 is a break, a level of 45 is not.
-        assert_eq!(narrow(Some([0.4, 0.7]), square(8, 18.0)), 64);
-        assert_eq!(narrow(Some([0.4, 0.7]), square(8, 45.0)), 0);
+        assert_eq!(narrow_pixels(Some([0.4, 0.7]), square(8, 18.0)), 64);
+        assert_eq!(narrow_pixels(Some([0.4, 0.7]), square(8, 45.0)), 0);
         // It is not known how breaks differ: pixels that differ by more than 10 % in either direction count.
-        assert_eq!(narrow(None, square(8, 34.0)), 64);
-        assert_eq!(narrow(None, square(8, 26.0)), 64);
-        assert_eq!(narrow(None, square(8, 32.0)), 0);
+        assert_eq!(narrow_pixels(None, square(8, 34.0)), 64);
+        assert_eq!(narrow_pixels(None, square(8, 26.0)), 64);
+        assert_eq!(narrow_pixels(None, square(8, 32.0)), 0);
     }
 
     /// The transition at the edge of a brighter region is narrow, but belongs to the region; next to unknown pixels
@@ -126,7 +126,7 @@ mod tests {
             28..32 => 44.0,
             _ => 46.0,
         };
-        assert_eq!(narrow(Some([1.29, 2.0]), region), 0);
-        assert_eq!(narrow(Some([1.29, 2.0]), |column, _| if column < 56 { 0.0 } else { 45.0 }), 0);
+        assert_eq!(narrow_pixels(Some([1.29, 2.0]), region), 0);
+        assert_eq!(narrow_pixels(Some([1.29, 2.0]), |column, _| if column < 56 { 0.0 } else { 45.0 }), 0);
     }
 }

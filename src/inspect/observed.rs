@@ -1,11 +1,11 @@
 //! The data that the gate judges: the demands of a test, how its film was watched, and the result of each grid.
 
 use super::model::FILM_ASSUMED;
-use super::quality::{Quality, most_brighter_percent};
+use super::quality::{Quality, max_brighter_percent};
 use crate::cell::Limits;
 use crate::panel::GridId;
 use crate::recipe::{self, Recipe};
-use crate::verdict::SetBy;
+use crate::verdict::LimitSource;
 
 /// Smallest fraction of the film's duration that usable pictures must cover.
 const MIN_USABLE_SHARE: f64 = 0.8;
@@ -15,7 +15,7 @@ const MAX_GAP_INTERVALS: f64 = 5.0;
 
 /// The demands that the cell's file states because the recipe does not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct ByCell {
+pub struct CellDemands {
     /// Whether the cell's file states how long the film is watched.
     pub observation: bool,
     /// Whether the cell's file states the area of broken film from which a grid fails.
@@ -34,7 +34,7 @@ pub struct Demands {
     /// How long a place must be seen dry to count as broken, s.
     pub persist_s: f64,
     /// Who states them.
-    pub by_cell: ByCell,
+    pub cell_demands: CellDemands,
 }
 
 impl Demands {
@@ -45,7 +45,7 @@ impl Demands {
             frames_per_second: recipe.process().frames_per_second(),
             min_break_mm2: recipe.inspect().min_break_mm2().unwrap_or(limits.min_break_mm2()),
             persist_s: recipe.inspect().persist_s(),
-            by_cell: ByCell {
+            cell_demands: CellDemands {
                 observation: recipe.process().observation_s().is_none(),
                 min_break: recipe.inspect().min_break_mm2().is_none(),
             },
@@ -57,17 +57,17 @@ impl Demands {
         self.observation_s + self.persist_s
     }
 
-    pub(super) fn window_set_by(&self) -> SetBy {
-        match self.by_cell.observation {
-            true => SetBy::cell("limits.observation_s"),
-            false => SetBy::recipe("process.observation_s"),
+    pub(super) fn observation_time_set_by(&self) -> LimitSource {
+        match self.cell_demands.observation {
+            true => LimitSource::cell("limits.observation_s"),
+            false => LimitSource::recipe("process.observation_s"),
         }
     }
 
-    pub(super) fn min_break_set_by(&self) -> SetBy {
-        match self.by_cell.min_break {
-            true => SetBy::cell("limits.min_break_mm2"),
-            false => SetBy::recipe("inspect.min_break_mm2"),
+    pub(super) fn min_break_set_by(&self) -> LimitSource {
+        match self.cell_demands.min_break {
+            true => LimitSource::cell("limits.min_break_mm2"),
+            false => LimitSource::recipe("inspect.min_break_mm2"),
         }
     }
 
@@ -96,7 +96,7 @@ pub fn picture_interval_s(frames_per_second: f64) -> f64 {
 
 /// The reference with which the places of a grid were compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Reference {
+pub enum ComparisonReference {
     /// Their own dry look and their own wet look.
     DryAndWet,
     /// Only their own wet look: the grid was sanded since the dry picture, or there is no dry picture.
@@ -105,22 +105,22 @@ pub enum Reference {
     Both,
 }
 
-impl Reference {
+impl ComparisonReference {
     /// Selects the reference from the fraction of a grid that was sanded since the dry picture.
     pub(super) fn from_sanded_share(share: f64) -> Self {
         match share {
-            0.0 => Reference::DryAndWet,
-            share if share < 1.0 => Reference::Both,
-            _ => Reference::Wet,
+            0.0 => ComparisonReference::DryAndWet,
+            share if share < 1.0 => ComparisonReference::Both,
+            _ => ComparisonReference::Wet,
         }
     }
 
     /// In words.
-    pub fn words(self) -> &'static str {
+    pub fn describe(self) -> &'static str {
         match self {
-            Reference::DryAndWet => "dry and wet look",
-            Reference::Wet => "wet look alone, sanded since the dry picture",
-            Reference::Both => "wet look alone where it was sanded since the dry picture",
+            ComparisonReference::DryAndWet => "dry and wet look",
+            ComparisonReference::Wet => "wet look alone, sanded since the dry picture",
+            ComparisonReference::Both => "wet look alone where it was sanded since the dry picture",
         }
     }
 }
@@ -131,7 +131,7 @@ pub struct GridInspection {
     /// Its name.
     pub id: GridId,
     /// The reference with which the grid's places were compared.
-    pub reference: Reference,
+    pub reference: ComparisonReference,
     /// Whether at least `min_break_mm2` of film broke on the grid.
     pub failed: bool,
     /// Whether the grid was seen completely, except for areas too small to make it fail. A grid that was not seen
@@ -183,7 +183,7 @@ impl Observation {
     /// Returns the largest decrease and the largest increase of the light relative to the dry picture that are
     /// compensated, percent.
     pub fn light_limits_percent(&self, settings: &recipe::Inspect) -> [f64; 2] {
-        let brighter = most_brighter_percent(self.film_left.unwrap_or(FILM_ASSUMED), settings);
+        let brighter = max_brighter_percent(self.film_left.unwrap_or(FILM_ASSUMED), settings);
         [settings.max_light_change_percent(), brighter]
     }
 }

@@ -1,6 +1,6 @@
 //! Finds breaks: the connected pieces of the broken film, each with its contour (thesis Fig. 4.17).
 
-use super::film::NEVER;
+use super::film::NOT_BROKEN;
 use super::footprint::Footprint;
 use crate::geometry::{Mask, Pixel};
 use crate::imaging::{self, ImagingError, outer_contours};
@@ -26,7 +26,7 @@ const CLOSED_SHARE: f64 = 0.8;
 
 impl Break {
     /// Returns whether the film had closed over the break again at the end.
-    pub fn closed_again(&self) -> bool {
+    pub fn has_closed_again(&self) -> bool {
         self.closed_share >= CLOSED_SHARE
     }
 }
@@ -38,8 +38,8 @@ pub fn breaks(
     is_closed: impl Fn(usize) -> bool,
 ) -> Result<Vec<Break>, ImagingError> {
     let window = footprint.window();
-    let inside = since_wet_s.iter().map(|&time| time < NEVER).collect();
-    let pieces = imaging::pieces(&Mask { width: window.width, height: window.height, inside }, true)?;
+    let inside = since_wet_s.iter().map(|&time| time < NOT_BROKEN).collect();
+    let pieces = imaging::connected_pieces(&Mask { width: window.width, height: window.height, inside }, true)?;
     let mut breaks = Vec::with_capacity(pieces.len());
     for piece in &pieces {
         let mut area_mm2 = vec![0.0; footprint.grids().len()];
@@ -47,7 +47,7 @@ pub fn breaks(
         let touched = footprint.grids().iter().zip(&area_mm2).filter(|(_, area)| **area > 0.0);
         breaks.push(Break {
             area_mm2: area_mm2.iter().sum(),
-            first_seen_s: piece.iter().map(|&index| since_wet_s[index]).fold(NEVER, f32::min).into(),
+            first_seen_s: piece.iter().map(|&index| since_wet_s[index]).fold(NOT_BROKEN, f32::min).into(),
             closed_share: piece.iter().filter(|&&index| is_closed(index)).count() as f64 / piece.len() as f64,
             grids: touched.map(|(grid, _)| grid.id).collect(),
             contour_px: contour(footprint, piece)?,
@@ -61,10 +61,10 @@ pub fn breaks(
 /// Returns the outer contour of a single piece. If all pieces were traced together, a piece in the hole of another
 /// piece would have no outer contour.
 fn contour(footprint: &Footprint, piece: &[usize]) -> Result<Vec<Pixel>, ImagingError> {
-    let places = || piece.iter().map(|&index| footprint.place(index));
-    let (left, right) = ends(places().map(|(column, _)| column));
-    let (top, bottom) = ends(places().map(|(_, row)| row));
-    let mut mask = Mask::empty(right - left + 1, bottom - top + 1);
+    let places = || piece.iter().map(|&index| footprint.pixel_position(index));
+    let (left, right) = min_and_max(places().map(|(column, _)| column));
+    let (top, bottom) = min_and_max(places().map(|(_, row)| row));
+    let mut mask = Mask::all_outside(right - left + 1, bottom - top + 1);
     for (column, row) in places() {
         mask.inside[(row - top) * mask.width + column - left] = true;
     }
@@ -72,6 +72,6 @@ fn contour(footprint: &Footprint, piece: &[usize]) -> Result<Vec<Pixel>, Imaging
     Ok(outer.into_iter().map(|pixel| Pixel::at(pixel.u + left as f64, pixel.v + top as f64)).collect())
 }
 
-fn ends(values: impl Iterator<Item = usize>) -> (usize, usize) {
+fn min_and_max(values: impl Iterator<Item = usize>) -> (usize, usize) {
     values.fold((usize::MAX, 0), |(low, high), value| (low.min(value), high.max(value)))
 }

@@ -1,6 +1,6 @@
 //! Checks before any film runs: whether the panel is at its pose, and whether the pixels are fine enough.
 
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use crate::verdict::Reason;
 
 /// Largest accepted distance of the panel's outline in the dry picture from its position calculated from the pose, px.
@@ -24,7 +24,7 @@ pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason
 }
 
 /// Returns the reason if the panel is not at the place where the grids are looked for.
-pub fn elsewhere(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Option<Reason> {
+pub fn displaced_panel_reason(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Option<Reason> {
     let message = match off_px {
         Some(off_px) if off_px <= MAX_OFF_PX => return None,
         None if !assumed || !has_dry => return None,
@@ -33,7 +33,7 @@ pub fn elsewhere(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Optio
             .to_owned(),
         Some(off_px) => {
             let taken = if assumed { "its assumed nominal position" } else { "its located position" };
-            let [off, allowed] = apart(off_px, MAX_OFF_PX, 1);
+            let [off, allowed] = distinguishable_texts(off_px, MAX_OFF_PX, 1);
             format!(
                 "in the dry picture the panel's outline lies {off} px or more from {taken} (limit {allowed} px), \
                  so the wrong areas would be judged"

@@ -41,7 +41,7 @@ impl Flaw {
     pub const ALL: &'static [Flaw] = <Self as VariantArray>::VARIANTS;
 
     /// Its stable word.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         match self {
             Flaw::Darker | Flaw::Brighter | Flaw::Flicker => "light",
             Flaw::Bright => "bright",
@@ -120,7 +120,7 @@ impl Quality {
             self.moved_px = Some(self.moved_px.unwrap_or(0.0).max(steady.moved_px));
             self.sharpness = Some(self.sharpness.unwrap_or(f64::INFINITY).min(steady.sharpness));
         }
-        let flaw = flaw(look, outline, settings);
+        let flaw = first_flaw(look, outline, settings);
         let since_s = time_s - std::mem::replace(&mut self.last_s, time_s);
         match flaw {
             Some((flaw, measured)) => {
@@ -150,17 +150,21 @@ impl Quality {
 /// Returns the largest increase of the light over the dry picture that can be compensated if the lamp cannot be
 /// measured around the panel, percent. With (1 + τ)/2τ times the dry picture's light, a wet place is as bright as the
 /// bound between wet and dry. The picture then looks the same as if the film had broken everywhere.
-pub fn most_brighter_percent(film_left: f64, settings: &recipe::Inspect) -> f64 {
+pub fn max_brighter_percent(film_left: f64, settings: &recipe::Inspect) -> f64 {
     (50.0 * (1.0 / film_left - 1.0)).clamp(0.0, settings.max_light_change_percent())
 }
 
 /// Returns the first flaw of a picture and the measured value.
-fn flaw(look: &PictureMeasurement, outline: OutlineMeasurement, settings: &recipe::Inspect) -> Option<(Flaw, f64)> {
+fn first_flaw(
+    look: &PictureMeasurement,
+    outline: OutlineMeasurement,
+    settings: &recipe::Inspect,
+) -> Option<(Flaw, f64)> {
     let (darker, brighter) = ((1.0 - look.light) * 100.0, (look.light - 1.0) * 100.0);
     let overexposed = look.overexposed * 100.0;
     let most_brighter = match look.is_lamp_known {
         true => settings.max_light_change_percent(),
-        false => most_brighter_percent(look.film_left, settings),
+        false => max_brighter_percent(look.film_transmission, settings),
     };
     let (blurred, moved_px, seen_percent) = match outline {
         OutlineMeasurement::Measured(steady) => (Some(steady.sharpness), steady.moved_px, None),
@@ -183,7 +187,7 @@ fn flaw(look: &PictureMeasurement, outline: OutlineMeasurement, settings: &recip
 
 #[cfg(test)]
 mod tests {
-    use super::super::steady::Steadiness;
+    use super::super::steady::PanelMotion;
     use super::super::tests::inspect_table;
     use super::*;
 
@@ -192,17 +196,17 @@ mod tests {
         is_lamp_known: false,
         overexposed: 0.0,
         frozen: false,
-        film_left: 0.6,
+        film_transmission: 0.6,
         flicker_percent: 0.0,
     };
-    const STEADY: Steadiness = Steadiness { moved_px: 0.0, sharpness: 1.0 };
+    const STEADY: PanelMotion = PanelMotion { moved_px: 0.0, sharpness: 1.0 };
 
     /// Calculated by hand, on both sides of each limit of the recipe's defaults; (1/0.6 − 1)/2 = 33.3 % more light.
     #[test]
     fn each_limit_has_its_flaw() {
         let settings = inspect_table("");
-        let found = |look: PictureMeasurement, steady: Steadiness| {
-            flaw(&look, OutlineMeasurement::Measured(steady), &settings).map(|(flaw, _)| flaw)
+        let found = |look: PictureMeasurement, steady: PanelMotion| {
+            first_flaw(&look, OutlineMeasurement::Measured(steady), &settings).map(|(flaw, _)| flaw)
         };
         let looks = [
             (PictureMeasurement { light: 0.61, ..GOOD }, PictureMeasurement { light: 0.59, ..GOOD }, Flaw::Darker),
@@ -227,18 +231,18 @@ mod tests {
         for (good, bad, expected) in looks {
             assert_eq!((found(good, STEADY), found(bad, STEADY)), (None, Some(expected)));
         }
-        let moved = |moved_px: f64, sharpness: f64| found(GOOD, Steadiness { moved_px, sharpness });
+        let moved = |moved_px: f64, sharpness: f64| found(GOOD, PanelMotion { moved_px, sharpness });
         assert_eq!([moved(1.0, 0.6), moved(1.1, 0.6)], [None, Some(Flaw::Moved)]);
         assert_eq!(
-            [moved(0.0, 0.59), flaw(&GOOD, OutlineMeasurement::Lost(12.0), &settings).map(|(flaw, _)| flaw)],
+            [moved(0.0, 0.59), first_flaw(&GOOD, OutlineMeasurement::Lost(12.0), &settings).map(|(flaw, _)| flaw)],
             [Some(Flaw::Focus), Some(Flaw::Outline)],
             "gone, neither blurred nor moved"
         );
-        let disagrees = flaw(&GOOD, OutlineMeasurement::Disagrees, &settings).map(|(flaw, _)| flaw);
+        let disagrees = first_flaw(&GOOD, OutlineMeasurement::Disagrees, &settings).map(|(flaw, _)| flaw);
         assert_eq!(disagrees, Some(Flaw::OutlineDisagrees));
         assert_eq!(
-            flaw(
-                &PictureMeasurement { film_left: 0.5, light: 1.41, ..GOOD },
+            first_flaw(
+                &PictureMeasurement { film_transmission: 0.5, light: 1.41, ..GOOD },
                 OutlineMeasurement::NoContrast,
                 &settings
             )
@@ -252,7 +256,7 @@ mod tests {
     #[test]
     fn what_was_not_seen_and_the_worst_of_it() {
         let mut quality = Quality::default();
-        let blurred = |sharpness: f64| Steadiness { sharpness, ..STEADY };
+        let blurred = |sharpness: f64| PanelMotion { sharpness, ..STEADY };
         let darker = |light: f64| PictureMeasurement { light, ..GOOD };
         let shown = [
             (darker(0.9), STEADY),

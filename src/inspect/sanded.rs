@@ -9,16 +9,16 @@
 //!
 //! Water that runs over a bare place moves as a film does. So a place that is narrower than any disc, and differs
 //! from the looks around it as a break differs from its film, has no evidence either: it was made by a break and
-//! not by a disc ([`Looks::narrow`]).
+//! not by a disc ([`BrightnessLevels::narrow_pixels`]).
 //!
 //! If a film does not move at all, its sanded places stay unseen. A new dry picture, recorded after they dried,
 //! helps.
 
 use super::footprint::Window;
 use super::model::{DIFFERENCES, Model, Shimmer};
-use super::narrow_spots::Looks;
-use crate::geometry::{AROUND, BESIDE, median};
-use crate::imaging::{ImagingError, named};
+use super::narrow_spots::BrightnessLevels;
+use crate::geometry::{ALL_NEIGHBOURS, DIRECT_NEIGHBOURS, median};
+use crate::imaging::{ImagingError, with_operation};
 use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar};
 use opencv::imgproc;
 use rayon::prelude::*;
@@ -26,9 +26,9 @@ use rayon::prelude::*;
 /// A film's shimmer is at least this multiple of the sensor's noise …
 const MIN_SHIMMER: f64 = 1.35;
 /// … and exceeds the value that noise alone would give by at least this many standard deviations.
-const SURE_SIGMA: f64 = 4.5;
+const MIN_EXCESS_SIGMA: f64 = 4.5;
 /// The shimmer of still places lies below the factor `MIN_SHIMMER` by at least this many standard deviations.
-const STILL_SIGMA: f64 = 3.0;
+const MIN_STILL_SIGMA: f64 = 3.0;
 /// A place is still if its movement is surely less than this fraction of the movement on a film of the clip. If the
 /// second fraction of the places of similar brightness is still, there is no film: on rendered films at most 0.023 was
 /// still, for 99 % of all places, on bare places 0.31.
@@ -36,29 +36,29 @@ const MIN_FILM_SHARE: f64 = 0.2;
 const MAX_STILL_SHARE: f64 = 0.05;
 /// This fraction of the differences, the largest ones, may show a shadow or a glint that passes, and does not count.
 /// With fewer than the following numbers of other differences or of places there is no result.
-const PASSING: f64 = 0.34;
+const MAX_DISTURBED_SHARE: f64 = 0.34;
 const MIN_DIFFERENCES: usize = 3;
 const MIN_SITES: f64 = 6.0;
 /// Half sides of the squares that are evaluated, in steps of the lattice on which shimmer is measured.
 const RADII: [usize; 4] = [2, 4, 8, 16];
 /// The number of radii, from the smallest, that show only the nearest places.
-const NEAREST: usize = 2;
+const NEAREST_RADII: usize = 2;
 /// The first square that reaches the smallest radius of a disc must itself show movement by at least this many standard
 /// deviations. Farther places confirm it, but places that look alike and move elsewhere are no evidence for a place
 /// that is still. The square has a size on the panel, since a smaller pixel shows less movement.
 const NEAR_SIGMA: f64 = 3.0;
 /// Places have a similar brightness if it differs by at most this many times the noise of one pixel, or by a quarter
 /// of the change that a break causes.
-const ALIKE_SIGMA: f64 = 3.0;
+const MAX_SIMILARITY_SIGMA: f64 = 3.0;
 /// The shape of the smallest break that is surely found, 12 px.
-const SURE_BREAK: [[u8; 4]; 4] = [[0, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 0]];
+const MIN_BREAK_SHAPE: [[u8; 4]; 4] = [[0, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 0]];
 
 /// A bead of water on the smallest break covers at most a quarter of the break, px. A larger enclosed place may be a
 /// film with an edge around it.
 const MAX_BEAD_PX: usize = 3;
 
 /// The data about the sanded places.
-pub struct Sanded<'a> {
+pub struct SandedPlaces<'a> {
     pub model: &'a Model,
     pub window: &'a Window,
     /// For each pixel of the window, whether the pixel is judged.
@@ -76,7 +76,7 @@ pub struct Sanded<'a> {
 
 /// One place of the lattice.
 #[derive(Debug, Clone, Copy)]
-struct Site {
+struct LatticeSite {
     /// The brightness of the film at this site, levels; 0 for a place that is not judged.
     look: f64,
     /// Standard deviation of the site's brightness in one picture, levels.
@@ -85,7 +85,7 @@ struct Site {
     shimmer: [f32; DIFFERENCES],
 }
 
-impl Site {
+impl LatticeSite {
     /// Returns the noise of a site relative to its brightness.
     fn noise_share(&self) -> f64 {
         self.noise / self.look
@@ -95,10 +95,10 @@ impl Site {
 /// The statistics of several places for each second difference: the number of places, the sum of their z and the sum
 /// of z².
 #[derive(Debug, Clone, Copy, Default)]
-struct Shown([[f64; 3]; DIFFERENCES]);
+struct PlaceStatistics([[f64; 3]; DIFFERENCES]);
 
-impl Shown {
-    fn add(&mut self, site: &Site) {
+impl PlaceStatistics {
+    fn add(&mut self, site: &LatticeSite) {
         for ([count, sum, squares], z) in self.0.iter_mut().zip(site.shimmer) {
             if !z.is_nan() {
                 let z = f64::from(z);
@@ -110,13 +110,13 @@ impl Shown {
     /// Returns the ratio of these places' variance to the variance of still places, and the standard deviation of
     /// this ratio for still places. The ratio is the mean over the smaller differences. The variance of n normal
     /// deviates has the relative standard deviation √(2/(n − 1)).
-    fn shimmer(&self) -> Option<(f64, f64)> {
+    fn relative_variance(&self) -> Option<(f64, f64)> {
         let seen = self.0.iter().filter(|[count, ..]| *count >= MIN_SITES);
         let mut shown: Vec<(f64, f64)> = seen
             .map(|[count, sum, squares]| ((squares - sum * sum / count) / (count - 1.0), count - 1.0))
             .collect();
         shown.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let passing = (PASSING * shown.len() as f64).ceil() as usize;
+        let passing = (MAX_DISTURBED_SHARE * shown.len() as f64).ceil() as usize;
         let kept = Some(shown.len() - passing).filter(|kept| *kept >= MIN_DIFFERENCES)?;
         let (variance, degrees) = shown[..kept].iter().fold((0.0, 0.0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
         // Differences that share a span are not independent, so only a third of the degrees of freedom is counted.
@@ -124,51 +124,54 @@ impl Shown {
     }
 }
 
-impl Sanded<'_> {
+impl SandedPlaces<'_> {
     /// Returns the sanded pixels without evidence that they were wet.
     ///
     /// # Errors
     /// If OpenCV refuses the mask.
-    pub fn without_evidence(&self) -> Result<Vec<bool>, ImagingError> {
-        let Some(shimmer) = self.model.shimmer() else { return Ok(vec![false; self.inside.len()]) };
+    pub fn unproven_pixels(&self) -> Result<Vec<bool>, ImagingError> {
+        let Some(shimmer) = self.model.measured_shimmer() else { return Ok(vec![false; self.inside.len()]) };
         let reaches_disc = RADII.iter().position(|radius| radius * Shimmer::SIDE_PX >= self.disc_px);
-        let lattice = Lattice {
-            sites: self.sites(shimmer),
+        let lattice = SiteLattice {
+            sites: self.lattice_sites(shimmer),
             shimmer,
-            tolerance: self.model.away_share(),
+            tolerance: self.model.away_threshold(),
             // The smallest square alone has too few sites to show water at few pictures a second, and the largest has
             // none beyond it that would confirm it.
-            near: reaches_disc.unwrap_or(RADII.len() - 1).clamp(NEAREST - 1, RADII.len() - 2),
+            near: reaches_disc.unwrap_or(RADII.len() - 1).clamp(NEAREST_RADII - 1, RADII.len() - 2),
         };
-        let is_wet = lattice.wet();
+        let is_wet = lattice.wet_sites();
         // A pixel gets the evidence of a neighbouring wet site of similar brightness, or of a neighbouring place that
         // was not sanded.
         let has_evidence = |i: usize| {
             let (row, column) = (i / self.window.width, i % self.window.width);
-            let look = self.look_levels(i);
+            let look = self.film_level(i);
             let is_like_wet_site = |at: usize| {
                 let Some(site) = lattice.sites.get(at).filter(|site| site.look > 0.0) else { return false };
                 is_wet[at] && (look - site.look).abs() <= lattice.tolerance * site.look
             };
-            shimmer.sites_about(row, column).any(is_like_wet_site) || self.is_like_film_beside(row, column, look)
+            shimmer.nearby_sites(row, column).any(is_like_wet_site)
+                || self.is_similar_to_nearby_film(row, column, look)
         };
-        let tolerance = self.model.away_share() as f32;
-        let looks = Looks { window: self.window, levels: self.looks(), disc_px: self.disc_px, tolerance };
-        let is_narrow = named("looking for places narrower than a disc", looks.narrow(self.break_to_film))?;
+        let tolerance = self.model.away_threshold() as f32;
+        let looks =
+            BrightnessLevels { window: self.window, levels: self.film_levels(), disc_px: self.disc_px, tolerance };
+        let is_narrow =
+            with_operation("looking for places narrower than a disc", looks.narrow_pixels(self.break_to_film))?;
         let is_narrow = self.with_beads(is_narrow);
         let is_without = |i: usize| {
-            let is_whole = self.inside[i] && self.model.is_without_dry(i) && self.broke_s[i].is_infinite();
+            let is_whole = self.inside[i] && self.model.has_no_dry_brightness(i) && self.broke_s[i].is_infinite();
             is_whole && (is_narrow[i] || !has_evidence(i))
         };
         let without: Vec<bool> = (0..self.inside.len()).into_par_iter().map(is_without).collect();
-        Ok(self.with_rims(self.wide(&without)?))
+        Ok(self.with_rims(self.wide_unproven_pixels(&without)?))
     }
 
     /// Adds the beads within narrow places to them.
     fn with_beads(&self, mut is_narrow: Vec<bool>) -> Vec<bool> {
         let raster = self.window.raster();
-        let is_at_rim = |i: usize| raster.neighbours(i, &BESIDE).count() < BESIDE.len();
-        for piece in raster.pieces(&BESIDE, |i| !is_narrow[i]) {
+        let is_at_rim = |i: usize| raster.neighbours(i, &DIRECT_NEIGHBOURS).count() < DIRECT_NEIGHBOURS.len();
+        for piece in raster.connected_pieces(&DIRECT_NEIGHBOURS, |i| !is_narrow[i]) {
             if piece.len() <= MAX_BEAD_PX && !piece.iter().any(|&i| is_at_rim(i)) {
                 piece.iter().for_each(|&i| is_narrow[i] = true);
             }
@@ -180,10 +183,15 @@ impl Sanded<'_> {
     /// the film around it.
     fn with_rims(&self, mut without: Vec<bool>) -> Vec<bool> {
         let raster = self.window.raster();
-        let is_whole = |i: usize| self.inside[i] && self.model.is_without_dry(i) && self.broke_s[i].is_infinite();
-        for piece in raster.pieces(&AROUND, |i| without[i]).into_iter().filter(|piece| piece.len() >= self.break_px)
+        let is_whole =
+            |i: usize| self.inside[i] && self.model.has_no_dry_brightness(i) && self.broke_s[i].is_infinite();
+        for piece in raster
+            .connected_pieces(&ALL_NEIGHBOURS, |i| without[i])
+            .into_iter()
+            .filter(|piece| piece.len() >= self.break_px)
         {
-            let rim = piece.into_iter().flat_map(|i| raster.neighbours(i, &AROUND)).filter(|&i| is_whole(i));
+            let rim =
+                piece.into_iter().flat_map(|i| raster.neighbours(i, &ALL_NEIGHBOURS)).filter(|&i| is_whole(i));
             rim.for_each(|i| without[i] = true);
         }
         without
@@ -192,67 +200,74 @@ impl Sanded<'_> {
     /// Returns the pixels without evidence that lie in a place wide enough for the smallest break that is surely
     /// found. Neighbouring pixels that are broken or outside of the region count as part of this place. A thinner
     /// place cannot hide a break.
-    fn wide(&self, without: &[bool]) -> Result<Vec<bool>, ImagingError> {
+    fn wide_unproven_pixels(&self, without: &[bool]) -> Result<Vec<bool>, ImagingError> {
         let hides = |i: usize| without[i] || !self.inside[i] || self.broke_s[i].is_finite();
         let bytes: Vec<u8> = (0..without.len()).map(|i| u8::from(hides(i))).collect();
-        let opened = named("the opening of the mask of unseen places", opened(self.window, &bytes))?;
+        let opened =
+            with_operation("the opening of the mask of unseen places", morphological_opening(self.window, &bytes))?;
         Ok(without.iter().zip(opened).map(|(without, opened)| *without && opened).collect())
     }
 
     /// Returns whether a pixel is as bright as the film of places that were not sanded and lie within a site's side
     /// from the pixel. The area that counts as sanded is wider than the area that a disc touched, and a bare strip
     /// would be as bright as the film beside it only by chance.
-    fn is_like_film_beside(&self, row: usize, column: usize, look: f64) -> bool {
+    fn is_similar_to_nearby_film(&self, row: usize, column: usize, look: f64) -> bool {
         let near =
             |at: usize, end: usize| at.saturating_sub(Shimmer::SIDE_PX)..(at + Shimmer::SIDE_PX + 1).min(end);
         let mut looks: Vec<f64> = near(row, self.window.height)
             .flat_map(|row| near(column, self.window.width).map(move |column| row * self.window.width + column))
-            .filter(|&at| self.is_film_with_dry(at))
-            .map(|at| self.look_levels(at))
+            .filter(|&at| self.is_film_with_dry_brightness(at))
+            .map(|at| self.film_level(at))
             .collect();
         let Some(film) = median(&mut looks).filter(|_| looks.len() >= Shimmer::SIDE_PX) else { return false };
-        (look - film).abs() <= (self.model.away_share() / 2.0 * film).max(ALIKE_SIGMA * self.model.noise_levels())
+        (look - film).abs()
+            <= (self.model.away_threshold() / 2.0 * film).max(MAX_SIMILARITY_SIGMA * self.model.noise_levels())
     }
 
-    fn is_film_with_dry(&self, i: usize) -> bool {
+    fn is_film_with_dry_brightness(&self, i: usize) -> bool {
         let model = self.model;
         self.inside[i]
-            && !model.is_without_dry(i)
+            && !model.has_no_dry_brightness(i)
             && model.ever_wet(i)
             && self.broke_s[i].is_infinite()
-            && model.saw(i)
+            && model.was_observed(i)
     }
 
     /// Returns the brightness of a pixel's film, levels. For a place that left its wet look and became film, returns
     /// the brightness at the end.
-    fn look_levels(&self, i: usize) -> f64 {
-        if self.model.is_open(i) { f64::from(self.model.levels(i)[0]) } else { self.model.wet_look_levels(i) }
+    fn film_level(&self, i: usize) -> f64 {
+        if self.model.is_open_now(i) { f64::from(self.model.levels(i)[0]) } else { self.model.film_look_levels(i) }
     }
 
     /// Returns the brightness of each pixel with film that did not break, levels; 0 elsewhere.
-    fn looks(&self) -> Vec<f32> {
-        let holds = |i: usize| self.inside[i] && self.broke_s[i].is_infinite() && self.model.saw(i);
-        (0..self.inside.len()).map(|i| if holds(i) { self.look_levels(i) as f32 } else { 0.0 }).collect()
+    fn film_levels(&self) -> Vec<f32> {
+        let holds = |i: usize| self.inside[i] && self.broke_s[i].is_infinite() && self.model.was_observed(i);
+        (0..self.inside.len()).map(|i| if holds(i) { self.film_level(i) as f32 } else { 0.0 }).collect()
     }
 
-    fn sites(&self, shimmer: &Shimmer) -> Vec<Site> {
-        let none = Site { look: 0.0, noise: 0.0, shimmer: [f32::NAN; DIFFERENCES] };
+    fn lattice_sites(&self, shimmer: &Shimmer) -> Vec<LatticeSite> {
+        let none = LatticeSite { look: 0.0, noise: 0.0, shimmer: [f32::NAN; DIFFERENCES] };
         let site = |at: usize| {
-            let (top, left) = shimmer.place(at);
+            let (top, left) = shimmer.site_position(at);
             let rows = top..(top + Shimmer::SIDE_PX).min(self.window.height);
             let columns = left..(left + Shimmer::SIDE_PX).min(self.window.width);
             let pixels: Vec<usize> =
                 rows.flat_map(|row| columns.clone().map(move |column| row * self.window.width + column)).collect();
-            let counts =
-                |i: &usize| self.inside[*i] && self.model.is_without_dry(*i) && self.broke_s[*i].is_infinite();
-            let mut looks: Vec<f64> = pixels.iter().filter(|i| counts(i)).map(|i| self.look_levels(*i)).collect();
+            let counts = |i: &usize| {
+                self.inside[*i] && self.model.has_no_dry_brightness(*i) && self.broke_s[*i].is_infinite()
+            };
+            let mut looks: Vec<f64> = pixels.iter().filter(|i| counts(i)).map(|i| self.film_level(*i)).collect();
             // Less than half of a site does not represent what is common to the whole site.
             if looks.len() < Shimmer::SIDE_PX * Shimmer::SIDE_PX / 2 {
                 return None;
             }
             let look = median(&mut looks)?;
             let variance = self.model.site_variance(pixels[0], look)?;
-            Some(Site { look, noise: variance.sqrt(), shimmer: shimmer.at(at, variance.sqrt() / look.max(1.0)) })
+            Some(LatticeSite {
+                look,
+                noise: variance.sqrt(),
+                shimmer: shimmer.difference_statistics(at, variance.sqrt() / look.max(1.0)),
+            })
         };
         (0..shimmer.len()).map(|at| site(at).unwrap_or(none)).collect()
     }
@@ -260,9 +275,9 @@ impl Sanded<'_> {
 
 /// Returns the morphological opening of a mask by the smallest break that is surely found; the mask counts as set
 /// outside of the window.
-fn opened(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
+fn morphological_opening(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
     let mask = Mat::new_rows_cols_with_data(window.height as i32, window.width as i32, bytes)?;
-    let kernel = Mat::from_slice_2d(&SURE_BREAK)?;
+    let kernel = Mat::from_slice_2d(&MIN_BREAK_SHAPE)?;
     let (border, kind) = (Scalar::all(1.0), core::BORDER_CONSTANT);
     let (mut eroded, mut opened) = (Mat::default(), Mat::default());
     // A kernel with an even side has no middle: the dilation must use the opposite anchor of the erosion.
@@ -272,8 +287,8 @@ fn opened(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
 }
 
 /// All sites.
-struct Lattice<'a> {
-    sites: Vec<Site>,
+struct SiteLattice<'a> {
+    sites: Vec<LatticeSite>,
     shimmer: &'a Shimmer,
     /// Half of the change that a break causes in a film, as a fraction of the film's brightness.
     tolerance: f64,
@@ -281,35 +296,36 @@ struct Lattice<'a> {
     near: usize,
 }
 
-impl Lattice<'_> {
+impl SiteLattice<'_> {
     /// Returns for each site whether the site was wet.
-    fn wet(&self) -> Vec<bool> {
+    fn wet_sites(&self) -> Vec<bool> {
         let sites = 0..self.sites.len();
-        let water: Vec<Option<f64>> = sites.clone().into_par_iter().map(|at| self.water(at)).collect();
+        let water: Vec<Option<f64>> = sites.clone().into_par_iter().map(|at| self.water_variance(at)).collect();
         let mut known: Vec<f64> = water.iter().flatten().copied().collect();
         let Some(film) = median(&mut known) else { return vec![false; water.len()] };
-        let is_still: Vec<bool> = sites.clone().into_par_iter().map(|at| self.is_still(at, film)).collect();
+        let is_still: Vec<bool> = sites.clone().into_par_iter().map(|at| self.is_site_still(at, film)).collect();
         // Drops that run over a bare place move as well, but only on a part of the place: the rest is still and of
         // similar brightness.
-        let is_wet =
-            |at: usize| water[at].is_some() && !is_still[at] && self.still_share(at, &is_still) <= MAX_STILL_SHARE;
+        let is_wet = |at: usize| {
+            water[at].is_some() && !is_still[at] && self.still_neighbour_share(at, &is_still) <= MAX_STILL_SHARE
+        };
         sites.into_par_iter().map(is_wet).collect()
     }
 
     /// Returns the strength of the water's movement on a site: the variance of the site's brightness in excess of the
     /// noise, relative to the brightness; `None` without evidence.
-    fn water(&self, at: usize) -> Option<f64> {
+    fn water_variance(&self, at: usize) -> Option<f64> {
         let site = &self.sites[at];
         if site.look <= 0.0 {
             return None;
         }
         for (nth, radius) in RADII.into_iter().enumerate() {
-            let (ratio, deviation) = self.alike(at, radius).shimmer()?;
-            if ratio >= MIN_SHIMMER.max(1.0 + SURE_SIGMA * deviation) {
+            let (ratio, deviation) = self.similar_neighbour_statistics(at, radius).relative_variance()?;
+            if ratio >= MIN_SHIMMER.max(1.0 + MIN_EXCESS_SIGMA * deviation) {
                 return Some((ratio - 1.0) * site.noise_share().powi(2));
             }
             // If the nearest places are surely still, farther places that move do not count.
-            if nth < NEAREST && ratio + STILL_SIGMA * deviation < MIN_SHIMMER {
+            if nth < NEAREST_RADII && ratio + MIN_STILL_SIGMA * deviation < MIN_SHIMMER {
                 return None;
             }
             if nth == self.near && ratio < 1.0 + NEAR_SIGMA * deviation {
@@ -320,22 +336,22 @@ impl Lattice<'_> {
     }
 
     /// Checks with the nearest places whether a site surely moves less than a film of this clip.
-    fn is_still(&self, at: usize, film: f64) -> bool {
+    fn is_site_still(&self, at: usize, film: f64) -> bool {
         let site = &self.sites[at];
         if site.look <= 0.0 {
             return false;
         }
         let least = 1.0 + MIN_FILM_SHARE * film / site.noise_share().powi(2);
-        RADII[..NEAREST].iter().all(|radius| {
-            let shown = self.alike(at, *radius).shimmer();
-            shown.is_some_and(|(ratio, deviation)| ratio + STILL_SIGMA * deviation < least)
+        RADII[..NEAREST_RADII].iter().all(|radius| {
+            let shown = self.similar_neighbour_statistics(at, *radius).relative_variance();
+            shown.is_some_and(|(ratio, deviation)| ratio + MIN_STILL_SIGMA * deviation < least)
         })
     }
 
     /// Returns the fraction of still sites among the nearby sites of similar brightness.
-    fn still_share(&self, at: usize, is_still: &[bool]) -> f64 {
+    fn still_neighbour_share(&self, at: usize, is_still: &[bool]) -> f64 {
         let (mut still, mut all) = (0, 0);
-        self.near_alike(at, RADII[RADII.len() - 1], |near| {
+        self.for_similar_neighbours(at, RADII[RADII.len() - 1], |near| {
             all += 1;
             still += usize::from(is_still[near]);
         });
@@ -343,16 +359,16 @@ impl Lattice<'_> {
     }
 
     /// Returns the combined statistics of the nearby places of similar brightness.
-    fn alike(&self, at: usize, radius: usize) -> Shown {
-        let mut shown = Shown::default();
-        self.near_alike(at, radius, |near| shown.add(&self.sites[near]));
+    fn similar_neighbour_statistics(&self, at: usize, radius: usize) -> PlaceStatistics {
+        let mut shown = PlaceStatistics::default();
+        self.for_similar_neighbours(at, radius, |near| shown.add(&self.sites[near]));
         shown
     }
 
     /// Calls `takes` for each site of similar brightness within a square around this site.
-    fn near_alike(&self, at: usize, radius: usize, mut takes: impl FnMut(usize)) {
+    fn for_similar_neighbours(&self, at: usize, radius: usize, mut takes: impl FnMut(usize)) {
         let own = &self.sites[at];
-        let alike = (self.tolerance / 2.0 * own.look).max(ALIKE_SIGMA * own.noise);
+        let alike = (self.tolerance / 2.0 * own.look).max(MAX_SIMILARITY_SIGMA * own.noise);
         let columns = self.shimmer.columns();
         let rows = self.sites.len() / columns;
         let (row, column) = (at / columns, at % columns);
@@ -371,7 +387,7 @@ impl Lattice<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::model::Terms;
+    use super::super::model::FilmParameters;
     use super::*;
     use crate::geometry::ColorPicture;
 
@@ -392,7 +408,7 @@ mod tests {
     /// The whole window was sanded. Each pixel has a level, and water of ± some levels moves on it from place to
     /// place and from second to second. `also` adds levels to a place of the window in a picture.
     fn found(shown: impl Fn(usize, usize) -> (f64, f64), also: impl Fn(usize, usize, f64) -> f64) -> Vec<bool> {
-        let terms = Terms { channel_weights: [1.0; 3], persist_s: 0.6, damp: 0.8 };
+        let terms = FilmParameters { channel_weights: [1.0; 3], persist_s: 0.6, damp: 0.8 };
         let inside = [true; 64 * 64];
         let mut model = Model::new(WINDOW, &inside, &inside, terms);
         let shot = |number: usize, time_s: f64| {
@@ -406,16 +422,16 @@ mod tests {
             };
             ColorPicture { width: SIDE, height: SIDE, rgb: (0..SIDE * SIDE).map(level).collect() }
         };
-        model.dry(&shot(0, -2.0));
+        model.add_dry(&shot(0, -2.0));
         for number in 1..=100 {
             let time_s = 0.2 * number as f64 - 0.2;
             let picture = shot(number, time_s);
-            model.look(&picture);
-            model.follow(&picture, time_s);
+            model.measure_wet(&picture);
+            model.judge_last(&picture, time_s);
         }
         model.end();
         let broke_s = vec![f32::INFINITY; 64 * 64];
-        let sanded = Sanded {
+        let sanded = SandedPlaces {
             model: &model,
             window: &WINDOW,
             inside: &inside,
@@ -424,12 +440,12 @@ mod tests {
             break_px: 12,
             break_to_film: Some([1.25, 2.0]),
         };
-        sanded.without_evidence().expect("a mask")
+        sanded.unproven_pixels().expect("a mask")
     }
 
     /// On the left half of the window water of ±`film` levels moves. Its right half is as bright as a break in that
     /// film and shows only the sensor's noise.
-    fn without_evidence(film: f64, also: impl Fn(usize, usize, f64) -> f64) -> [usize; 2] {
+    fn unproven_pixels(film: f64, also: impl Fn(usize, usize, f64) -> f64) -> [usize; 2] {
         let found = found(|column, _| if column < 32 { (70.0, film) } else { (100.0, 0.0) }, also);
         let (left, right): (Vec<usize>, Vec<usize>) =
             (0..64 * 64).filter(|i| found[*i]).partition(|i| *i % 64 < 32);
@@ -495,9 +511,9 @@ mod tests {
     /// still half has a rim of 64 px on the other half.
     #[test]
     fn water_that_moves_is_evidence_and_a_still_place_is_none() {
-        let [left, right] = without_evidence(2.0, |_, _, _| 0.0);
+        let [left, right] = unproven_pixels(2.0, |_, _, _| 0.0);
         assert!(left < 64 + 40 && right > 2_000, "{left} {right}");
-        let [left, right] = without_evidence(0.0, |_, _, _| 0.0);
+        let [left, right] = unproven_pixels(0.0, |_, _, _| 0.0);
         assert!(left > 2_000 && right > 2_000, "{left} {right}");
     }
 
@@ -509,7 +525,7 @@ mod tests {
         let count = |columns: std::ops::Range<usize>, rows: std::ops::Range<usize>| {
             let bytes: Vec<u8> =
                 (0..1_200).map(|i| u8::from(columns.contains(&(i % 40)) && rows.contains(&(i / 40)))).collect();
-            opened(&window, &bytes).expect("a mask").iter().filter(|open| **open).count()
+            morphological_opening(&window, &bytes).expect("a mask").iter().filter(|open| **open).count()
         };
         assert_eq!((count(10..13, 0..30), count(10..14, 0..30), count(10..14, 5..9)), (0, 120, 12));
     }
@@ -519,12 +535,12 @@ mod tests {
     #[test]
     fn drying_and_a_passing_shadow_are_no_evidence() {
         let dries = |column: usize, row: usize, time_s: f64| 0.2 * time_s * ((column / 4 + row / 4) % 2) as f64;
-        let [_, right] = without_evidence(0.0, dries);
+        let [_, right] = unproven_pixels(0.0, dries);
         assert!(right > 2_000, "{right}");
         let shadow = |column: usize, _: usize, time_s: f64| {
             if (9.0..12.0).contains(&time_s) && (column as f64) < 21.0 * (time_s - 9.0) { -20.0 } else { 0.0 }
         };
-        let [_, right] = without_evidence(0.0, shadow);
+        let [_, right] = unproven_pixels(0.0, shadow);
         assert!(right > 1_900, "{right}");
     }
 }

@@ -70,7 +70,7 @@ impl Inspection {
     ///
     /// # Errors
     /// If the mask has another size than the pictures.
-    pub fn confusion(&self, truth: &Mask) -> Result<Confusion, InspectError> {
+    pub fn compare_with_truth(&self, truth: &Mask) -> Result<Confusion, InspectError> {
         same_size(truth, &self.footprint.region())?;
         let mut confusion = Confusion::default();
         for (grid, real_mm2) in self.grids.iter().zip(self.footprint.broken_mm2(truth)) {
@@ -132,6 +132,6 @@ mod tests {
 
     #[test]
     fn another_size_is_refused() {
-        assert!(score(&Mask::empty(2, 3), &mask([0; 6]), &mask([1; 6])).is_err());
+        assert!(score(&Mask::all_outside(2, 3), &mask([0; 6]), &mask([1; 6])).is_err());
     }
 }

@@ -22,25 +22,25 @@ use nalgebra::{Matrix2, Vector2};
 use profile::{Edge, EdgeLocation, GRAY, MIN_CONTRAST, Profile, REACH_PX, VIEWS, edge, edges, profiles};
 
 /// The number of places on the outline.
-const PLACES: usize = 240;
+const OUTLINE_PLACES: usize = 240;
 /// With fewer profiles no result is reported.
 const MIN_PROFILES: usize = 40;
 /// At least this fraction of the first picture's contrast must remain, in grey levels and in the channels.
-const MIN_LEFT: [f32; 2] = [0.3, 0.2];
+const MIN_REMAINING_CONTRAST: [f32; 2] = [0.3, 0.2];
 /// At least this percentage of the profiles must be seen in grey levels, or else in the channels.
 const MIN_SEEN_PERCENT: [f64; 2] = [50.0, 25.0];
 /// In the channels: the panel must be constrained in its weakest direction by at least this many profiles, and at
 /// least this fraction of the profiles must agree with the common movement within this many pixels.
-const MIN_HOLD: f32 = 10.0;
+const MIN_CONSTRAINT: f32 = 10.0;
 const MIN_AGREE: f64 = 0.6;
 const AGREE_PX: f32 = 1.0;
 /// An edge of the taught picture is expected in the dry picture if its contrast in the present light is at least this
 /// many times the smallest contrast.
-const SURE_CONTRAST: f32 = 1.5;
+const MIN_TAUGHT_CONTRAST: f32 = 1.5;
 
 /// The outline in the dry picture.
 #[derive(Debug)]
-pub struct Outline {
+pub struct DryOutline {
     places: Vec<EdgeLocation>,
     /// The edges at each place in the taught picture, with the panel at its taught pose.
     taught: Vec<[Profile; VIEWS]>,
@@ -49,7 +49,7 @@ pub struct Outline {
 
 /// The outline compared with the first picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Steadiness {
+pub struct PanelMotion {
     /// The movement of the panel in the picture, px.
     pub moved_px: f64,
     /// Sharpness relative to the first picture: 1 is equally sharp.
@@ -66,13 +66,13 @@ pub enum OutlineMeasurement {
     /// Enough of the outline is seen, but its parts do not agree on one movement of the panel.
     Disagrees,
     /// The outline is seen.
-    Measured(Steadiness),
+    Measured(PanelMotion),
 }
 
 /// The smallest part of the outline from which a picture shows whether the panel moved, percent.
 pub const MIN_OUTLINE_SEEN_PERCENT: f64 = MIN_SEEN_PERCENT[1];
 
-impl Outline {
+impl DryOutline {
     /// Creates the taught outline at the panel's present pose.
     pub fn new(taught: &TaughtPanel, camera: &PinholeCamera, camera_from_panel: Rigid<Camera, Panel>) -> Self {
         let nominal = taught.panel_from_camera.inverse();
@@ -81,7 +81,7 @@ impl Outline {
             Some((now, taught.camera.project_inside(nominal * point)?))
         };
         let (pixels, then): (Vec<Pixel>, Vec<Pixel>) = taught.outline.iter().filter_map(project).unzip();
-        let step = (pixels.len() / PLACES).max(1);
+        let step = (pixels.len() / OUTLINE_PLACES).max(1);
         // The normal is calculated over some pixels to both sides, because the taught outline goes from pixel to
         // pixel.
         let reach = (pixels.len() / 100).max(2);
@@ -100,24 +100,24 @@ impl Outline {
         let picture = taught.scan.picture();
         let (places, then): (Vec<EdgeLocation>, Vec<EdgeLocation>) = chosen.into_iter().unzip();
         let taught = then.iter().map(|place| profiles(place, &picture)).collect();
-        Outline { places, taught, first: Vec::new() }
+        DryOutline { places, taught, first: Vec::new() }
     }
 
     /// Returns the distance of the panel's outline in this dry picture from its position calculated from the pose, px.
     /// It is the larger of the outline's shift, by (1), and the median of the profiles' offsets, which also shows
     /// rotations and another distance from the camera. If most of the outline is not within reach of the profiles,
     /// their reach is returned. `None` if the outline has too little contrast for a measurement.
-    pub fn off_px(&self, picture: &ColorPicture) -> Option<f64> {
+    pub fn outline_offset_px(&self, picture: &ColorPicture) -> Option<f64> {
         let now: Vec<[Profile; VIEWS]> = self.places.iter().map(|place| profiles(place, picture)).collect();
         let light: [f32; VIEWS] = std::array::from_fn(|view| {
             let both = self.taught.iter().zip(&now);
             let ratio = |(then, now): (&[Profile; VIEWS], &[Profile; VIEWS])| {
                 Some(now[view].mean? / then[view].mean.filter(|mean| *mean > 1.0)?)
             };
-            middle(&mut both.filter_map(ratio).collect::<Vec<f32>>())
+            median_or_zero(&mut both.filter_map(ratio).collect::<Vec<f32>>())
         });
         let expected = |then: &[Profile; VIEWS], view: usize| {
-            let is_sure = |edge: &Edge| edge.contrast * light[view] >= SURE_CONTRAST * MIN_CONTRAST;
+            let is_sure = |edge: &Edge| edge.contrast * light[view] >= MIN_TAUGHT_CONTRAST * MIN_CONTRAST;
             then[view].edge.filter(is_sure)
         };
         let best = |then: &[Profile; VIEWS]| {
@@ -140,7 +140,7 @@ impl Outline {
                 return Some(f64::from(REACH_PX));
             }
             let mut off: Vec<f32> = offsets.iter().map(|(_, offset)| offset.abs()).collect();
-            Some(f64::from(moved(&offsets).norm().max(middle(&mut off))))
+            Some(f64::from(estimate_shift(&offsets).norm().max(median_or_zero(&mut off))))
         };
         // Grey levels first, since they have the least noise; a colour only if the panel and its surroundings are
         // equally bright.
@@ -149,35 +149,35 @@ impl Outline {
 
     /// Sets this picture as the reference for later ones and returns its own sharpness: the largest step as a fraction
     /// of the edge's contrast; `None` if the outline has no contrast.
-    pub fn begin(&mut self, picture: &ColorPicture) -> Option<f64> {
+    pub fn set_reference(&mut self, picture: &ColorPicture) -> Option<f64> {
         self.first = self.places.iter().map(|place| edges(place, picture)).collect();
         let sharpness = |view: &dyn Fn(&[Option<Edge>; VIEWS]) -> Option<Edge>| {
             let mut sharp: Vec<f32> = self.first.iter().filter_map(view).map(|edge| edge.sharpness).collect();
-            (sharp.len() >= MIN_PROFILES).then(|| f64::from(middle(&mut sharp)))
+            (sharp.len() >= MIN_PROFILES).then(|| f64::from(median_or_zero(&mut sharp)))
         };
-        sharpness(&|edges| edges[GRAY]).or_else(|| sharpness(&clearest))
+        sharpness(&|edges| edges[GRAY]).or_else(|| sharpness(&highest_contrast_edge))
     }
 
     /// Measures how far the panel has moved since the first picture, and how sharp the picture is.
-    pub fn hold_against(&self, picture: &ColorPicture) -> OutlineMeasurement {
+    pub fn measure_against_first(&self, picture: &ColorPicture) -> OutlineMeasurement {
         let in_gray = |(place, first): (&EdgeLocation, &[Option<Edge>; VIEWS])| {
             first[GRAY].map(|first| (*place, first, edge(place, picture, GRAY)))
         };
         let pairs: Vec<(EdgeLocation, Edge, Option<Edge>)> =
             self.places.iter().zip(&self.first).filter_map(in_gray).collect();
-        let seen = seen_again(&pairs, MIN_LEFT[0]);
-        let is_seen = percent(seen.len(), pairs.len()) >= MIN_SEEN_PERCENT[0];
+        let seen = edges_still_seen(&pairs, MIN_REMAINING_CONTRAST[0]);
+        let is_seen = percentage(seen.len(), pairs.len()) >= MIN_SEEN_PERCENT[0];
         if pairs.len() >= MIN_PROFILES && is_seen {
-            OutlineMeasurement::Measured(steadiness(&seen))
+            OutlineMeasurement::Measured(compute_motion(&seen))
         } else {
-            self.in_channels(picture)
+            self.measure_in_channels(picture)
         }
     }
 
     /// Measures the outline in each profile's best channel.
-    fn in_channels(&self, picture: &ColorPicture) -> OutlineMeasurement {
+    fn measure_in_channels(&self, picture: &ColorPicture) -> OutlineMeasurement {
         let in_best = |(place, first): (&EdgeLocation, &[Option<Edge>; VIEWS])| {
-            let clearest = clearest(first)?;
+            let clearest = highest_contrast_edge(first)?;
             let now = edges(place, picture);
             let kept = |view: usize| Some((first[view]?, now[view]?));
             let contrast = |(first, now): (Edge, Edge)| first.contrast.min(now.contrast);
@@ -189,54 +189,57 @@ impl Outline {
         if pairs.len() < MIN_PROFILES {
             return OutlineMeasurement::NoContrast;
         }
-        let seen = seen_again(&pairs, MIN_LEFT[1]);
-        let seen_percent = percent(seen.len(), pairs.len());
+        let seen = edges_still_seen(&pairs, MIN_REMAINING_CONTRAST[1]);
+        let seen_percent = percentage(seen.len(), pairs.len());
         if seen.len() < MIN_PROFILES || seen_percent < MIN_SEEN_PERCENT[1] {
             return OutlineMeasurement::Lost(seen_percent);
         }
-        let shifts = shifts(&seen);
-        let d = moved(&shifts);
+        let shifts = edge_shifts(&seen);
+        let d = estimate_shift(&shifts);
         let agree: Vec<Vector2<f32>> =
             shifts.iter().filter(|(n, shift)| (n.dot(&d) - shift).abs() <= AGREE_PX).map(|(n, _)| *n).collect();
         let held = agree.iter().map(|n| n * n.transpose()).sum::<Matrix2<f32>>();
         // Parallel edges alone would not show a motion along them.
-        let is_held = held.symmetric_eigenvalues().min() >= MIN_HOLD;
+        let is_held = held.symmetric_eigenvalues().min() >= MIN_CONSTRAINT;
         if is_held && agree.len() as f64 >= MIN_AGREE * shifts.len() as f64 {
-            OutlineMeasurement::Measured(steadiness(&seen))
+            OutlineMeasurement::Measured(compute_motion(&seen))
         } else {
             OutlineMeasurement::Disagrees
         }
     }
 }
 
-fn percent(part: usize, whole: usize) -> f64 {
+fn percentage(part: usize, whole: usize) -> f64 {
     100.0 * part as f64 / whole.max(1) as f64
 }
 
 /// Returns the edge with the highest contrast among the views of a place.
-fn clearest(edges: &[Option<Edge>; VIEWS]) -> Option<Edge> {
+fn highest_contrast_edge(edges: &[Option<Edge>; VIEWS]) -> Option<Edge> {
     edges.iter().flatten().copied().reduce(|a, b| if b.contrast > a.contrast { b } else { a })
 }
 
 /// Returns the edges that still have more than this fraction of their first contrast.
-fn seen_again(pairs: &[(EdgeLocation, Edge, Option<Edge>)], least: f32) -> Vec<(EdgeLocation, Edge, Edge)> {
+fn edges_still_seen(pairs: &[(EdgeLocation, Edge, Option<Edge>)], least: f32) -> Vec<(EdgeLocation, Edge, Edge)> {
     let kept = |&(place, first, now): &(EdgeLocation, Edge, Option<Edge>)| {
         now.filter(|now| now.contrast > least * first.contrast).map(|now| (place, first, now))
     };
     pairs.iter().filter_map(kept).collect()
 }
 
-fn shifts(seen: &[(EdgeLocation, Edge, Edge)]) -> Vec<(Vector2<f32>, f32)> {
+fn edge_shifts(seen: &[(EdgeLocation, Edge, Edge)]) -> Vec<(Vector2<f32>, f32)> {
     seen.iter().map(|(place, first, now)| (place.normal, now.offset_px - first.offset_px)).collect()
 }
 
-fn steadiness(seen: &[(EdgeLocation, Edge, Edge)]) -> Steadiness {
+fn compute_motion(seen: &[(EdgeLocation, Edge, Edge)]) -> PanelMotion {
     let mut sharp: Vec<f32> = seen.iter().map(|(_, first, now)| now.sharpness / first.sharpness).collect();
-    Steadiness { moved_px: f64::from(moved(&shifts(seen)).norm()), sharpness: f64::from(middle(&mut sharp)) }
+    PanelMotion {
+        moved_px: f64::from(estimate_shift(&edge_shifts(seen)).norm()),
+        sharpness: f64::from(median_or_zero(&mut sharp)),
+    }
 }
 
 // Evaluates (1) four times; from the second time on, without the residuals above three times the median.
-fn moved(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
+fn estimate_shift(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
     let mut d = Vector2::zeros();
     let mut bound = f32::INFINITY;
     for _ in 0..4 {
@@ -250,13 +253,13 @@ fn moved(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
         let mut left: Vec<f32> = shifts.iter().map(|(n, shift)| (n.dot(&d) - shift).abs()).collect();
         // Profiles that a drop or a hand covers are left out; with a lower bound, so that perfect agreement does not
         // leave out everything.
-        bound = (3.0 * middle(&mut left)).max(0.05);
+        bound = (3.0 * median_or_zero(&mut left)).max(0.05);
     }
     d
 }
 
 /// Returns the median; 0 if there are no values.
-fn middle(values: &mut [f32]) -> f32 {
+fn median_or_zero(values: &mut [f32]) -> f32 {
     median(values).unwrap_or(0.0)
 }
 
@@ -267,7 +270,7 @@ mod tests {
     /// A dark square of 60 px in front of a light ground, with edges `blur_px` wide, shifted to the right by
     /// `shift`; the square has the grey level `inside`.
     fn square(shift: f32, blur_px: f32, inside: f32) -> ColorPicture {
-        let mut picture = ColorPicture::filled(100, 100, [0; 3]);
+        let mut picture = ColorPicture::uniform(100, 100, [0; 3]);
         let cover = |from: f32, at: f32| ((at - from) / blur_px + 0.5).clamp(0.0, 1.0);
         for (index, pixel) in picture.rgb.iter_mut().enumerate() {
             let (u, v) = ((index % 100) as f32 - shift, (index / 100) as f32);
@@ -277,7 +280,7 @@ mod tests {
         picture
     }
 
-    fn outline() -> Outline {
+    fn outline() -> DryOutline {
         let side = |i: u16| f32::from(i) + 24.0;
         let place = |u: f32, v: f32, nu: f32, nv: f32| EdgeLocation {
             at: Vector2::new(u, v),
@@ -293,7 +296,7 @@ mod tests {
         });
         let places: Vec<EdgeLocation> = places.collect();
         let taught = places.iter().map(|place| profiles(place, &square(0.0, 1.0, 70.0))).collect();
-        Outline { places, taught, first: Vec::new() }
+        DryOutline { places, taught, first: Vec::new() }
     }
 
     /// By hand: a shift of only 3 px to the right shows on two of the four sides; with 4 px down as well the panel
@@ -301,7 +304,7 @@ mod tests {
     #[test]
     fn a_panel_that_stands_elsewhere_is_told_from_one_in_its_place() {
         let outline = outline();
-        let off = |picture: &ColorPicture| outline.off_px(picture);
+        let off = |picture: &ColorPicture| outline.outline_offset_px(picture);
         assert!(off(&square(0.0, 1.0, 70.0)).expect("contrast") < 0.05);
         assert!(off(&square(0.0, 3.0, 42.0)).expect("contrast") < 0.2, "a film and a blur are no other place");
         let mut dimmed = square(0.0, 1.0, 70.0);
@@ -321,7 +324,7 @@ mod tests {
         assert_eq!(off(&dimmed), None, "too dark to tell");
     }
 
-    fn seen(sight: OutlineMeasurement) -> Steadiness {
+    fn seen(sight: OutlineMeasurement) -> PanelMotion {
         let OutlineMeasurement::Measured(steadiness) = sight else { panic!("{sight:?}") };
         steadiness
     }
@@ -329,13 +332,13 @@ mod tests {
     #[test]
     fn a_shift_and_a_blur_are_measured_whatever_the_film_inside() {
         let mut outline = outline();
-        assert!(outline.begin(&square(0.0, 1.0, 70.0)).expect("contrast") > 0.4);
+        assert!(outline.set_reference(&square(0.0, 1.0, 70.0)).expect("contrast") > 0.4);
         for shift in [0.0, 0.4, 1.0, 3.0] {
-            let found = seen(outline.hold_against(&square(shift, 1.0, 42.0)));
+            let found = seen(outline.measure_against_first(&square(shift, 1.0, 42.0)));
             assert!((found.moved_px - f64::from(shift)).abs() < 0.15, "{shift}: {found:?}");
             assert!(found.sharpness > 0.7, "{found:?}");
         }
-        let blurred = seen(outline.hold_against(&square(0.0, 6.0, 42.0)));
+        let blurred = seen(outline.measure_against_first(&square(0.0, 6.0, 42.0)));
         assert!(blurred.moved_px < 0.1 && blurred.sharpness < 0.4, "{blurred:?}");
     }
 
@@ -344,20 +347,20 @@ mod tests {
     #[test]
     fn a_drop_at_the_edge_is_no_move_and_an_outline_that_is_gone_is_none_either() {
         let mut outline = outline();
-        outline.begin(&square(0.0, 1.0, 70.0)).expect("contrast");
+        outline.set_reference(&square(0.0, 1.0, 70.0)).expect("contrast");
         let mut dented = square(0.0, 1.0, 70.0);
         for row in 60..76 {
             dented.rgb[row * 100 + 18..row * 100 + 24].fill([180; 3]);
         }
-        assert!(seen(outline.hold_against(&dented)).moved_px < 0.1);
-        assert_eq!(outline.hold_against(&square(0.0, 1.0, 178.0)), OutlineMeasurement::Lost(0.0));
+        assert!(seen(outline.measure_against_first(&dented)).moved_px < 0.1);
+        assert_eq!(outline.measure_against_first(&square(0.0, 1.0, 178.0)), OutlineMeasurement::Lost(0.0));
     }
 
     #[test]
     fn without_contrast_nothing_is_told() {
         let mut outline = outline();
-        assert_eq!(outline.begin(&square(0.0, 1.0, 178.0)), None);
-        assert_eq!(outline.hold_against(&square(0.0, 1.0, 70.0)), OutlineMeasurement::NoContrast);
+        assert_eq!(outline.set_reference(&square(0.0, 1.0, 178.0)), None);
+        assert_eq!(outline.measure_against_first(&square(0.0, 1.0, 70.0)), OutlineMeasurement::NoContrast);
     }
 
     /// A red panel of (190, 40, 30) on grey of 125 differs from the ground by 39 grey levels when dry; when wet,
@@ -378,11 +381,14 @@ mod tests {
             picture
         };
         let mut outline = outline();
-        outline.begin(&coloured(0.0, [190.0, 40.0, 30.0])).expect("contrast");
+        outline.set_reference(&coloured(0.0, [190.0, 40.0, 30.0])).expect("contrast");
         for shift in [0.0, 2.0] {
-            let found = seen(outline.hold_against(&coloured(shift, [150.0, 110.0, 100.0])));
+            let found = seen(outline.measure_against_first(&coloured(shift, [150.0, 110.0, 100.0])));
             assert!((found.moved_px - f64::from(shift)).abs() < 0.25, "{shift}: {found:?}");
         }
-        assert_eq!(outline.hold_against(&coloured(0.0, [120.0, 128.0, 122.0])), OutlineMeasurement::Lost(0.0));
+        assert_eq!(
+            outline.measure_against_first(&coloured(0.0, [120.0, 128.0, 122.0])),
+            OutlineMeasurement::Lost(0.0)
+        );
     }
 }

@@ -18,7 +18,7 @@ use super::InspectError;
 use super::film::Film;
 use super::footprint::{Footprint, Window};
 use crate::geometry::ColorPicture;
-use crate::imaging::{ImagingError, named};
+use crate::imaging::{ImagingError, with_operation};
 use crate::recipe;
 use opencv::core::{self, CV_8U, Mat, MatTraitConst, MatTraitConstManual, Rect};
 use opencv::imgproc;
@@ -31,10 +31,10 @@ pub fn margin_px(settings: &recipe::Inspect) -> usize {
 
 /// Returns the window's part of a picture, three channels.
 pub fn crop(picture: &ColorPicture, window: &Window) -> Result<Mat, ImagingError> {
-    named("the window", crop_of(picture, window))
+    with_operation("the window", crop_to_window(picture, window))
 }
 
-fn crop_of(picture: &ColorPicture, window: &Window) -> opencv::Result<Mat> {
+fn crop_to_window(picture: &ColorPicture, window: &Window) -> opencv::Result<Mat> {
     // OpenCV offers a safe view of bytes but not of triples; so the data remain columns of bytes until the copy.
     let bytes = picture.rgb.as_flattened();
     let whole = Mat::new_rows_cols_with_data(picture.height as i32, picture.width as i32 * 3, bytes)?;
@@ -51,18 +51,19 @@ pub fn levels(
 ) -> Result<Vec<u8>, ImagingError> {
     let whole = Window { left: 0, top: 0, width: test.width, height: test.height };
     let (reference, test) = (crop(reference, &whole)?, crop(test, &whole)?);
-    named("the difference to the reference", adjusted_difference(settings, &reference, &test))
+    with_operation("the difference to the reference", adjusted_difference(settings, &reference, &test))
 }
 
 /// Hue, saturation and value of a picture's pixels.
-pub fn hsv_of(picture: &ColorPicture) -> Result<Vec<[u8; 3]>, ImagingError> {
+pub fn to_hsv(picture: &ColorPicture) -> Result<Vec<[u8; 3]>, ImagingError> {
     let whole = Window { left: 0, top: 0, width: picture.width, height: picture.height };
-    named("hue, saturation and value", hue_saturation_value(&crop(picture, &whole)?))
+    with_operation("hue, saturation and value", hue_saturation_value(&crop(picture, &whole)?))
 }
 
 /// Returns the pixels of `test` that differ from `reference`, row by row.
 pub fn changed(settings: &recipe::Inspect, reference: &Mat, test: &Mat) -> Result<Vec<bool>, ImagingError> {
-    let largest = named("the difference to the reference", adjusted_difference(settings, reference, test))?;
+    let largest =
+        with_operation("the difference to the reference", adjusted_difference(settings, reference, test))?;
     let threshold = settings.threshold();
     Ok(largest.into_iter().map(|difference| usize::from(difference) >= threshold).collect())
 }
@@ -90,10 +91,10 @@ fn adjusted_difference(settings: &recipe::Inspect, reference: &Mat, test: &Mat) 
 }
 
 /// Returns the pixels that have the colour of a dry panel, row by row.
-pub fn looks_dry(settings: &recipe::Inspect, test: &Mat) -> Result<Vec<bool>, ImagingError> {
+pub fn dry_coloured_pixels(settings: &recipe::Inspect, test: &Mat) -> Result<Vec<bool>, ImagingError> {
     let (low, high) = (settings.hsv_min(), settings.hsv_max());
     let in_range = |hsv: &[u8; 3]| (0..3).all(|i| (low[i]..=high[i]).contains(&usize::from(hsv[i])));
-    Ok(named("hue, saturation and value", hue_saturation_value(test))?.iter().map(in_range).collect())
+    Ok(with_operation("hue, saturation and value", hue_saturation_value(test))?.iter().map(in_range).collect())
 }
 
 fn hue_saturation_value(test: &Mat) -> opencv::Result<Vec<[u8; 3]>> {
@@ -105,19 +106,19 @@ fn hue_saturation_value(test: &Mat) -> opencv::Result<Vec<[u8; 3]>> {
 
 /// The pipeline over time.
 #[derive(Debug)]
-pub struct OverTime {
+pub struct ThesisPipeline {
     film: Film,
     dry: Option<Mat>,
     reference: Option<Mat>,
 }
 
-impl OverTime {
+impl ThesisPipeline {
     pub fn new(pixels: usize, settings: &recipe::Inspect) -> Self {
-        OverTime { film: Film::new(pixels, settings.persist_frames()), dry: None, reference: None }
+        ThesisPipeline { film: Film::new(pixels, settings.persist_frames()), dry: None, reference: None }
     }
 
     /// Adds a picture of the dry panel; the last one counts.
-    pub fn dry(&mut self, picture: &ColorPicture, window: &Window) -> Result<(), InspectError> {
+    pub fn set_dry(&mut self, picture: &ColorPicture, window: &Window) -> Result<(), InspectError> {
         self.dry = Some(crop(picture, window)?);
         Ok(())
     }
@@ -128,7 +129,7 @@ impl OverTime {
     }
 
     /// Returns the pixels that broke in this picture and the times at which they broke.
-    pub fn wet(
+    pub fn process_wet(
         &mut self,
         picture: &ColorPicture,
         since_wet_s: f64,
@@ -136,15 +137,15 @@ impl OverTime {
         footprint: &Footprint,
     ) -> Result<(Vec<usize>, f64), InspectError> {
         let test = crop(picture, footprint.window())?;
-        let inside = footprint.inside();
-        let looks_dry = looks_dry(settings, &test)?;
+        let inside = footprint.region_pixels();
+        let looks_dry = dry_coloured_pixels(settings, &test)?;
         let Some(reference) = &self.reference else {
             // In the first fully wet picture, pixels that still look dry count as broken at 0 s.
             let mut never_wet = Vec::new();
             if let Some(dry) = self.dry.take() {
                 let wetted = changed(settings, &dry, &test)?;
                 never_wet = (0..inside.len()).filter(|&i| inside[i] && !wetted[i] && looks_dry[i]).collect();
-                self.film.mark(&never_wet, 0.0);
+                self.film.mark_broken(&never_wet, 0.0);
             }
             self.reference = Some(test);
             return Ok((never_wet, 0.0));
@@ -167,7 +168,7 @@ mod tests {
     /// median of 3 × 3 removes the lone pixel and the block's four corners, which see 4 of 9 pixels.
     #[test]
     fn a_difference_by_hand() {
-        let reference = ColorPicture::filled(8, 8, [100, 100, 100]);
+        let reference = ColorPicture::uniform(8, 8, [100, 100, 100]);
         let mut test = reference.clone();
         for index in (0..64).filter(|i| (2..6).contains(&(i % 8)) && (2..6).contains(&(i / 8))) {
             test.rgb[index] = [100, 100, 130];
@@ -187,8 +188,8 @@ mod tests {
     /// = 60.
     #[test]
     fn a_channel_counts_by_its_weight() {
-        let reference = ColorPicture::filled(8, 8, [100, 100, 100]);
-        let test = ColorPicture::filled(8, 8, [140, 100, 130]);
+        let reference = ColorPicture::uniform(8, 8, [100, 100, 100]);
+        let test = ColorPicture::uniform(8, 8, [140, 100, 130]);
         let [reference, test] = [&reference, &test].map(|picture| crop(picture, &WHOLE).expect("a picture"));
         let found = |weights: &str, threshold: usize| {
             let table = format!("gain = 2\nmedian_px = 3\nthreshold = {threshold}\nchannel_weights = {weights}");

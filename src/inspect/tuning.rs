@@ -6,9 +6,9 @@ use super::film_advice::GridContrast;
 use super::gate::{MIN_CHANGE_TO_NOISE, name};
 use super::observed::Demands;
 use super::place::too_coarse;
-use crate::number_text::{apart, fixed};
+use crate::number_text::{distinguishable_texts, fixed_decimals};
 use crate::panel::GridId;
-use crate::verdict::{Check, Reason, SetBy, Severity};
+use crate::verdict::{Check, LimitSource, Reason, Severity};
 
 /// If the contrast is less than this multiple of the noise, wet and dry cannot be distinguished.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 5.0;
@@ -37,41 +37,42 @@ pub struct Tuning {
     /// the movement of water on this film.
     pub unseen_if_sanded: Vec<GridId>,
     /// Why the panel is not at the place where the grids are looked for.
-    pub elsewhere: Option<Reason>,
+    pub displaced_reason: Option<Reason>,
 }
 
 impl Tuning {
     /// Returns how long a break must be seen so that no flash counts as a break, s.
     pub fn needed_persist_s(&self, demands: &Demands) -> f64 {
         let interval_s = 1.0 / demands.frames_per_second;
-        tenth_up((self.flash_s + interval_s).max(2.0 * interval_s))
+        round_up_to_tenth((self.flash_s + interval_s).max(2.0 * interval_s))
     }
 
     /// Returns every value that is judged.
     pub fn checks(&self, demands: &Demands) -> Vec<Check> {
-        let worst = self.grids.iter().min_by(|a, b| a.best_to_noise().total_cmp(&b.best_to_noise()));
-        let of_grid = worst.map(|grid| contrast(&format!("grid {}", grid.id), grid.best_to_noise()));
+        let worst =
+            self.grids.iter().min_by(|a, b| a.best_contrast_to_noise().total_cmp(&b.best_contrast_to_noise()));
+        let of_grid = worst.map(|grid| contrast(&format!("grid {}", grid.id), grid.best_contrast_to_noise()));
         let coarse = too_coarse(self.detection_limit_mm2, demands.min_break_mm2);
         let detection = Check::new(name::SMALLEST_BREAK, "mm²", self.detection_limit_mm2)
-            .at_most(demands.min_break_mm2, demands.min_break_set_by())
-            .gives(coarse, Severity::Review);
+            .with_max(demands.min_break_mm2, demands.min_break_set_by())
+            .with_reason(coarse, Severity::Review);
         let needed_s = self.needed_persist_s(demands);
         let persist = Check::new("persist_s of the recipe", "s", demands.persist_s)
-            .at_least(needed_s, SetBy::Program)
+            .with_min(needed_s, LimitSource::Program)
             .reviews("persist", || {
-                let [persist, longer] = apart(demands.persist_s, needed_s, 1);
+                let [persist, longer] = distinguishable_texts(demands.persist_s, needed_s, 1);
                 format!(
                     "places look dry for up to {} s and then wet again, but persist_s is {persist} s (at least \
                      {longer} s are needed): raise persist_s or remove reflections",
-                    fixed(self.flash_s, 1)
+                    fixed_decimals(self.flash_s, 1)
                 )
             });
-        let place = place(self.elsewhere.clone());
+        let place = check_panel_position(self.displaced_reason.clone());
         [place]
             .into_iter()
             .chain(of_grid)
-            .chain(faint(&self.grids))
-            .chain(light(&self.advice))
+            .chain(check_faint_places(&self.grids))
+            .chain(check_light(&self.advice))
             .chain([detection, persist])
             .collect()
     }
@@ -80,28 +81,31 @@ impl Tuning {
 /// Returns the checks for the thesis's method, which has no grids and no flashes.
 pub fn thesis_checks(advice: &Advice, elsewhere: Option<Reason>) -> Vec<Check> {
     let best = advice.channels.iter().map(|channel| channel.contrast_to_noise()).fold(0.0, f64::max);
-    [place(elsewhere), contrast("the best channel", best)].into_iter().chain(light(advice)).collect()
+    [check_panel_position(elsewhere), contrast("the best channel", best)]
+        .into_iter()
+        .chain(check_light(advice))
+        .collect()
 }
 
-fn place(elsewhere: Option<Reason>) -> Check {
-    Check::new("the panel stands where the grids are looked for", "", None).gives(elsewhere, Severity::Review)
+fn check_panel_position(elsewhere: Option<Reason>) -> Check {
+    Check::new("the panel stands where the grids are looked for", "", None).with_reason(elsewhere, Severity::Review)
 }
 
 /// Checks the light, independently of the method.
-fn light(advice: &Advice) -> [Check; 2] {
+fn check_light(advice: &Advice) -> [Check; 2] {
     let darkest = advice.evenness[0];
     [
         Check::new("the darkest twentieth of the region, of its mean light", "", darkest)
-            .at_least(MIN_EVENNESS, SetBy::Program)
-            .broken(darkest < MIN_EVENNESS, Severity::Review, "uneven", || {
-                let [darkest, needed] = apart(darkest, MIN_EVENNESS, 2);
+            .with_min(MIN_EVENNESS, LimitSource::Program)
+            .with_consequence_if(darkest < MIN_EVENNESS, Severity::Review, "uneven", || {
+                let [darkest, needed] = distinguishable_texts(darkest, MIN_EVENNESS, 2);
                 format!(
                     "the darkest 5 % of the region has only {darkest} of the region's mean brightness, at least \
                      {needed} is needed: use a diffuser, or move the lamp farther away"
                 )
             }),
         Check::new("dry region that is overexposed", "", advice.overexposed)
-            .at_most(MAX_OVEREXPOSED, SetBy::Program)
+            .with_max(MAX_OVEREXPOSED, LimitSource::Program)
             .reviews("overexposed", || {
                 format!("{:.1} % of the dry region is overexposed: lower the exposure", 100.0 * advice.overexposed)
             }),
@@ -110,9 +114,9 @@ fn light(advice: &Advice) -> [Check; 2] {
 
 fn contrast(what: &str, contrast_to_noise: f64) -> Check {
     Check::new(format!("change of {what} by the film, times the noise"), "", contrast_to_noise)
-        .at_least(MIN_CONTRAST_TO_NOISE, SetBy::Program)
+        .with_min(MIN_CONTRAST_TO_NOISE, LimitSource::Program)
         .reviews("contrast", || {
-            let [found, needed] = apart(contrast_to_noise, MIN_CONTRAST_TO_NOISE, 1);
+            let [found, needed] = distinguishable_texts(contrast_to_noise, MIN_CONTRAST_TO_NOISE, 1);
             format!(
                 "the film changes {what} by {found} times the noise, at least {needed} times are needed: use more \
                  light, or a longer exposure"
@@ -121,10 +125,10 @@ fn contrast(what: &str, contrast_to_noise: f64) -> Check {
 }
 
 /// Returns a check for the places where a break would not show, with a remedy.
-fn faint(grids: &[GridContrast]) -> Option<Check> {
+fn check_faint_places(grids: &[GridContrast]) -> Option<Check> {
     let most = grids.iter().map(|grid| grid.faint_percent).max_by(f64::total_cmp)?;
     let check = Check::new("part of a grid that looks wet as it does dry, at most", "%", most);
-    Some(check.at_most(MAX_FAINT_PERCENT, SetBy::Program).reviews("no_contrast", || {
+    Some(check.with_max(MAX_FAINT_PERCENT, LimitSource::Program).reviews("no_contrast", || {
         let faint: Vec<&GridContrast> =
             grids.iter().filter(|grid| grid.faint_percent > MAX_FAINT_PERCENT).collect();
         let mean_dry = faint.iter().map(|grid| grid.dry).sum::<f64>() / faint.len().max(1) as f64;
@@ -145,6 +149,6 @@ fn faint(grids: &[GridContrast]) -> Option<Check> {
     }))
 }
 
-fn tenth_up(seconds: f64) -> f64 {
+fn round_up_to_tenth(seconds: f64) -> f64 {
     (10.0 * seconds - 1e-6).ceil() / 10.0
 }

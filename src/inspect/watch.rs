@@ -1,12 +1,12 @@
 //! The running test: accepts pictures one by one.
 
-use super::film::NEVER;
-use super::footprint::{Footprint, Looked};
-use super::model::{MAX_FILM_S, MAX_PICTURES, Model, Terms};
+use super::film::NOT_BROKEN;
+use super::footprint::{Footprint, InspectedPart};
+use super::model::{FilmParameters, MAX_FILM_S, MAX_PICTURES, Model};
 use super::observed::Demands;
-use super::place::elsewhere;
+use super::place::displaced_panel_reason;
 use super::quality::Quality;
-use super::steady::Outline;
+use super::steady::DryOutline;
 use super::{InspectError, thesis};
 use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
 use crate::panel::{GridId, TaughtPanel};
@@ -16,7 +16,7 @@ use crate::verdict::Reason;
 
 /// A panel in front of the camera that films it.
 #[derive(Debug, Clone, Copy)]
-pub struct View<'a> {
+pub struct FilmView<'a> {
     /// The panel as taught.
     pub taught: &'a TaughtPanel,
     /// The camera.
@@ -29,19 +29,19 @@ pub struct View<'a> {
 
 /// Observes how a film breaks.
 #[derive(Debug)]
-pub struct Watch {
+pub struct FilmWatch {
     pub(super) settings: recipe::Inspect,
     pub(super) demands: Demands,
     pub(super) picture_px: (usize, usize),
     pub(super) footprint: Footprint,
-    pub(super) outline: Outline,
+    pub(super) outline: DryOutline,
     pub(super) model: Model,
     /// Present if the recipe requests the thesis's method, which then decides which pixels broke.
-    pub(super) thesis: Option<thesis::OverTime>,
+    pub(super) thesis: Option<thesis::ThesisPipeline>,
     pub(super) quality: Quality,
     pub(super) is_place_assumed: bool,
     pub(super) last: Option<(f64, Phase)>,
-    pub(super) begins_s: Option<f64>,
+    pub(super) start_s: Option<f64>,
     pub(super) first_wet_s: Option<f64>,
     pub(super) observed_s: f64,
     pub(super) longest_gap_s: f64,
@@ -52,7 +52,7 @@ pub struct Watch {
 
 /// The result that one picture added.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Step {
+pub struct PictureResult {
     /// The picture's time after the first fully wet one, s; `None` before that.
     pub since_wet_s: Option<f64>,
     /// Whether the picture can be used for the judgement.
@@ -63,29 +63,29 @@ pub struct Step {
     pub newly_failed: Vec<GridId>,
 }
 
-impl Watch {
+impl FilmWatch {
     /// Begins a test of a panel at its present pose. `demands` state the duration of the test and the criteria for a
     /// failure.
     ///
     /// # Errors
     /// If the region is not in the picture at all.
-    pub fn new(view: &View<'_>, settings: &recipe::Inspect, demands: Demands) -> Result<Self, InspectError> {
-        let View { taught, camera, camera_from_panel, sanded } = *view;
+    pub fn new(view: &FilmView<'_>, settings: &recipe::Inspect, demands: Demands) -> Result<Self, InspectError> {
+        let FilmView { taught, camera, camera_from_panel, sanded } = *view;
         let is_thesis = settings.method() == Method::Thesis;
         let margin_px = if is_thesis { thesis::margin_px(settings) } else { 0 };
         let masked_px = &settings.masked_px();
-        let looked = Looked { margin_px, masked_px, sanded };
+        let looked = InspectedPart { margin_px, masked_px, sanded };
         let footprint = Footprint::new(taught, camera, camera_from_panel, looked)?;
-        let (grids, pixels) = (footprint.grids().len(), footprint.inside().len());
-        let terms = Terms {
+        let (grids, pixels) = (footprint.grids().len(), footprint.region_pixels().len());
+        let terms = FilmParameters {
             channel_weights: settings.channel_weights(),
             persist_s: demands.persist_s,
             damp: settings.damp(),
         };
-        Ok(Watch {
-            model: Model::new(*footprint.window(), footprint.inside(), &footprint.sanded(), terms),
-            thesis: is_thesis.then(|| thesis::OverTime::new(pixels, settings)),
-            outline: Outline::new(taught, camera, camera_from_panel),
+        Ok(FilmWatch {
+            model: Model::new(*footprint.window(), footprint.region_pixels(), &footprint.sanded_pixels(), terms),
+            thesis: is_thesis.then(|| thesis::ThesisPipeline::new(pixels, settings)),
+            outline: DryOutline::new(taught, camera, camera_from_panel),
             quality: Quality::default(),
             is_place_assumed: false,
             settings: settings.clone(),
@@ -93,7 +93,7 @@ impl Watch {
             picture_px: (camera.width_px, camera.height_px),
             footprint,
             last: None,
-            begins_s: None,
+            start_s: None,
             first_wet_s: None,
             observed_s: 0.0,
             longest_gap_s: 0.0,
@@ -107,40 +107,45 @@ impl Watch {
     ///
     /// # Errors
     /// If its size is not the camera's, or it comes out of order.
-    pub fn push(&mut self, picture: &ColorPicture, time_s: f64, phase: Phase) -> Result<Step, InspectError> {
-        self.check(picture, time_s, phase)?;
+    pub fn push(
+        &mut self,
+        picture: &ColorPicture,
+        time_s: f64,
+        phase: Phase,
+    ) -> Result<PictureResult, InspectError> {
+        self.check_picture(picture, time_s, phase)?;
         self.last = Some((time_s, phase));
         match phase {
             Phase::Dry => {
-                self.model.dry(picture);
-                self.quality.first_sharpness = self.outline.begin(picture);
-                self.quality.off_px = self.outline.off_px(picture);
+                self.model.add_dry(picture);
+                self.quality.first_sharpness = self.outline.set_reference(picture);
+                self.quality.off_px = self.outline.outline_offset_px(picture);
                 if let Some(thesis) = &mut self.thesis {
-                    thesis.dry(picture, self.footprint.window())?;
+                    thesis.set_dry(picture, self.footprint.window())?;
                 }
-                Ok(Step::default())
+                Ok(PictureResult::default())
             }
             Phase::Spray => {
                 self.model.spray(picture);
-                Ok(Step::default())
+                Ok(PictureResult::default())
             }
             // All work below enters the thread pool only once: each entry wakes a thread that sleeps.
-            Phase::Wet => rayon::scope(|_| self.wet(picture, time_s)),
+            Phase::Wet => rayon::scope(|_| self.process_wet(picture, time_s)),
         }
     }
 
     /// Assumes the panel at its nominal pose, because no pose was stated; the dry picture must confirm this.
-    pub fn assume_place(&mut self) {
+    pub fn assume_nominal_pose(&mut self) {
         self.is_place_assumed = true;
     }
 
     /// Begins the film at this time, on the clock of its pictures: missing pictures before the first one count as a
     /// gap, too.
-    pub fn begins(&mut self, time_s: f64) {
-        self.begins_s = Some(time_s);
+    pub fn set_start(&mut self, time_s: f64) {
+        self.start_s = Some(time_s);
     }
 
-    fn check(&self, picture: &ColorPicture, time_s: f64, phase: Phase) -> Result<(), InspectError> {
+    fn check_picture(&self, picture: &ColorPicture, time_s: f64, phase: Phase) -> Result<(), InspectError> {
         let (width, height) = self.picture_px;
         if (picture.width, picture.height) != (width, height) {
             let (found_width, found_height) = (picture.width, picture.height);
@@ -165,29 +170,29 @@ impl Watch {
         Ok(())
     }
 
-    fn wet(&mut self, picture: &ColorPicture, time_s: f64) -> Result<Step, InspectError> {
+    fn process_wet(&mut self, picture: &ColorPicture, time_s: f64) -> Result<PictureResult, InspectError> {
         self.frames += 1;
         // Without a dry picture the first wet one is the reference for outline and sharpness, so that a motion is still
         // found.
         if self.first_wet_s.is_none() && !self.model.has_dry() {
-            self.quality.first_sharpness = self.outline.begin(picture);
+            self.quality.first_sharpness = self.outline.set_reference(picture);
         }
         // Pictures that are missing at the beginning are a gap as any other: a break may have opened in them.
-        let late_s = self.begins_s.take().map_or(0.0, |begins_s| time_s - begins_s);
+        let late_s = self.start_s.take().map_or(0.0, |begins_s| time_s - begins_s);
         let since_wet_s = time_s - *self.first_wet_s.get_or_insert(time_s);
         self.longest_gap_s = self.longest_gap_s.max(late_s).max(since_wet_s - self.observed_s);
         self.observed_s = since_wet_s;
         let (model, outline) = (&mut self.model, &self.outline);
-        let (look, steady) = rayon::join(|| model.look(picture), || outline.hold_against(picture));
+        let (look, steady) = rayon::join(|| model.measure_wet(picture), || outline.measure_against_first(picture));
         // A picture that cannot be used is skipped and counted. To judge it would turn a shadow into a break, or a
         // flash into film.
         let usable = self.quality.add(&look, steady, &self.settings, since_wet_s);
         let before = self.time_to_break_s.clone();
         if usable {
-            let mut newly = self.model.follow(picture, since_wet_s);
+            let mut newly = self.model.judge_last(picture, since_wet_s);
             let mut broke_s = since_wet_s;
             if let Some(thesis) = &mut self.thesis {
-                (newly, broke_s) = thesis.wet(picture, since_wet_s, &self.settings, &self.footprint)?;
+                (newly, broke_s) = thesis.process_wet(picture, since_wet_s, &self.settings, &self.footprint)?;
             } else if let Some(first) = newly.first() {
                 broke_s = self.model.broke_s(*first).map_or(since_wet_s, f64::from);
             }
@@ -209,9 +214,9 @@ impl Watch {
         }
     }
 
-    fn step(&self, failed_before: Vec<Option<f64>>, usable: bool) -> Step {
+    fn step(&self, failed_before: Vec<Option<f64>>, usable: bool) -> PictureResult {
         let failed = self.footprint.grids().iter().zip(&self.time_to_break_s).zip(failed_before);
-        Step {
+        PictureResult {
             since_wet_s: Some(self.observed_s),
             usable,
             broken_mm2: self.broken_mm2.iter().sum(),
@@ -222,18 +227,18 @@ impl Watch {
         }
     }
 
-    /// Returns the time at which a pixel of the window broke, as far as is known, s; [`NEVER`] if it did not break.
+    /// Returns the time at which a pixel of the window broke, as far as is known, s; [`NOT_BROKEN`] if it did not break.
     pub(super) fn broke_s(&self, index: usize) -> f32 {
         match &self.thesis {
             Some(thesis) => thesis.times_s()[index],
-            None => self.model.broke_s(index).unwrap_or(NEVER),
+            None => self.model.broke_s(index).unwrap_or(NOT_BROKEN),
         }
     }
 
     /// Returns why the panel is not at the place where the grids are looked for, according to the dry pictures so far;
     /// `None` if the panel is there.
-    pub fn stands_elsewhere(&self) -> Option<Reason> {
-        elsewhere(self.quality.off_px, (self.is_place_assumed, self.model.has_dry()))
+    pub fn displaced_panel_reason(&self) -> Option<Reason> {
+        displaced_panel_reason(self.quality.off_px, (self.is_place_assumed, self.model.has_dry()))
     }
 
     /// Returns the pixels of the picture in each grid, row by row.
@@ -247,7 +252,7 @@ impl Watch {
     }
 
     /// Returns the grids that have failed so far.
-    pub fn failed(&self) -> Vec<GridId> {
+    pub fn failed_grids(&self) -> Vec<GridId> {
         let grids = self.footprint.grids().iter().zip(&self.time_to_break_s);
         grids.filter(|(_, time_s)| time_s.is_some()).map(|(grid, _)| grid.id).collect()
     }
@@ -259,6 +264,6 @@ impl Watch {
 
     /// Returns the pixels of the picture that broke so far.
     pub fn mask(&self) -> Mask {
-        self.footprint.to_picture(|index| self.broke_s(index) < NEVER)
+        self.footprint.to_picture(|index| self.broke_s(index) < NOT_BROKEN)
     }
 }

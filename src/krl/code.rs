@@ -24,21 +24,21 @@ pub enum Cell {
     /// A text, by its index among the program's texts.
     Text(u32),
     /// The address of a variable.
-    Address(Address),
+    Address(MemoryAddress),
 }
 
 /// A location in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Address {
+pub struct MemoryAddress {
     /// Which memory.
-    pub space: Space,
+    pub space: MemorySpace,
     /// The cell within the memory.
     pub offset: u32,
 }
 
 /// A memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Space {
+pub enum MemorySpace {
     /// Data lists, shared by all interpreters.
     Global,
     /// Parameters and local variables of one interpreter.

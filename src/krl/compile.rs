@@ -20,11 +20,11 @@ mod value;
 use super::code::{Entry, LocalVariable, Op};
 use super::condense::Condensed;
 use super::program::Program;
-use super::syntax::{Declared, File, Item, Routine};
+use super::syntax::{DeclarationContent, File, Item, Routine};
 use super::system::Kss;
 use super::types::Type;
 use crate::config::Problem;
-use compiler::{Argument, Compiler, Home, Signature, Variable, cells_u32};
+use compiler::{Argument, Compiler, Signature, Variable, VariableHome, cells_u32};
 use std::collections::BTreeMap;
 
 /// The results for files that belong together.
@@ -78,12 +78,12 @@ impl Compiler<'_> {
                 let global = routine.global || nth == 0;
                 self.report_clash(routine, global);
                 let returns = routine.returns.as_ref().map(|returned| {
-                    let kind = self.type_named(&returned.type_name);
+                    let kind = self.resolve_type(&returned.type_name);
                     if kind == Type::Char && !returned.dimensions.is_empty() { Type::Text } else { kind }
                 });
                 let arguments = routine.parameters.iter().map(|parameter| {
-                    let declared = declared(routine, &parameter.name);
-                    self.parameter(&parameter.name, parameter.by_value, declared)
+                    let declared = parameter_declaration(routine, &parameter.name);
+                    self.compile_parameter(&parameter.name, parameter.by_value, declared)
                 });
                 let arguments = arguments.collect();
                 self.routine_places.entry(routine.name.clone()).or_default().push(place);
@@ -93,11 +93,11 @@ impl Compiler<'_> {
         }
     }
 
-    fn parameter(&mut self, name: &str, by_value: bool, declared: Option<(&str, &Item)>) -> Argument {
+    fn compile_parameter(&mut self, name: &str, by_value: bool, declared: Option<(&str, &Item)>) -> Argument {
         let (kind, dimensions) = match declared {
             Some((type_name, item)) => {
                 let dimensions = item.dimensions.iter().map(|size| self.dimension(size.as_ref())).collect();
-                (self.type_named(type_name), dimensions)
+                (self.resolve_type(type_name), dimensions)
             }
             None => {
                 self.problem(name, "the parameter's type is not declared");
@@ -145,14 +145,14 @@ impl Compiler<'_> {
             self.check_name(&argument.name);
             let cells = self.types.cells(argument.kind, &argument.dimensions);
             let offset = self.reserve(if argument.by_value { cells } else { 1 });
-            let home = if argument.by_value { Home::Local(offset) } else { Home::Referred(offset) };
+            let home = if argument.by_value { VariableHome::Local(offset) } else { VariableHome::Referred(offset) };
             let (kind, dimensions) = (argument.kind, argument.dimensions.clone());
             let variable = Variable { kind, dimensions, home, constant: false, value: None, writable: true };
             self.locals.insert(argument.name.clone(), variable);
             locals.push(LocalVariable { name: argument.name.clone(), offset, by_reference: !argument.by_value });
         }
         let parameter_cells = cells_u32(self.frame_cells);
-        let start = self.here();
+        let start = self.next_step();
         self.declare_locals(routine, &signature, &mut locals);
         self.block(&routine.body);
         self.line = routine.end_line;
@@ -164,7 +164,7 @@ impl Compiler<'_> {
                 self.emit(Op::Return(0));
             }
         }
-        flow::check(self, routine, &signature);
+        flow::check_assignments(self, routine, &signature);
         self.check_labels(&routine.body);
         self.check_memories(&routine.body);
         self.program.routines.push(Entry {
@@ -181,19 +181,19 @@ impl Compiler<'_> {
         for declaration in &routine.declarations {
             self.line = declaration.line;
             let (type_name, items) = match &declaration.kind {
-                Declared::Variables { type_name, items, constant } => {
+                DeclarationContent::Variables { type_name, items, constant } => {
                     if declaration.global || *constant {
                         let message = "GLOBAL and CONST are valid only in a data list, not in a routine";
                         self.problem(&items[0].name, message);
                     }
                     (type_name, items)
                 }
-                Declared::Import { type_name, name } => {
-                    let kind = self.type_named(type_name);
-                    self.locals.insert(name.clone(), data::nowhere(kind, Vec::new()));
+                DeclarationContent::Import { type_name, name } => {
+                    let kind = self.resolve_type(type_name);
+                    self.locals.insert(name.clone(), data::untyped_location(kind, Vec::new()));
                     continue;
                 }
-                Declared::Signal { name, from, to } => {
+                DeclarationContent::Signal { name, from, to } => {
                     let variable = self.signal(name, [from, to]);
                     self.locals.insert(name.clone(), variable);
                     continue;
@@ -210,10 +210,10 @@ impl Compiler<'_> {
 
     fn declare_local(&mut self, type_name: &str, item: &Item, locals: &mut Vec<LocalVariable>) {
         self.check_name(&item.name);
-        let kind = self.type_named(type_name);
+        let kind = self.resolve_type(type_name);
         let dimensions: Vec<usize> = item.dimensions.iter().map(|size| self.dimension(size.as_ref())).collect();
         let offset = self.reserve(self.types.cells(kind, &dimensions));
-        let home = Home::Local(offset);
+        let home = VariableHome::Local(offset);
         let variable = Variable { kind, dimensions, home, constant: false, value: None, writable: true };
         if self.locals.insert(item.name.clone(), variable).is_some() {
             self.problem(&item.name, "this name is declared twice in the routine");
@@ -229,9 +229,9 @@ impl Compiler<'_> {
 }
 
 /// Returns the declaration of a parameter in its routine.
-fn declared<'a>(routine: &'a Routine, name: &str) -> Option<(&'a str, &'a Item)> {
+fn parameter_declaration<'a>(routine: &'a Routine, name: &str) -> Option<(&'a str, &'a Item)> {
     routine.declarations.iter().find_map(|declaration| match &declaration.kind {
-        Declared::Variables { type_name, items, .. } => {
+        DeclarationContent::Variables { type_name, items, .. } => {
             items.iter().find(|item| item.name == name).map(|item| (type_name.as_str(), item))
         }
         _ => None,

@@ -5,7 +5,7 @@
 //! steps may wait for the arm. For each step, the combined operation that begins there and the next step are stored,
 //! so that jumps lead to the same steps as before.
 
-use super::code::{Cell, Op, Space};
+use super::code::{Cell, MemorySpace, Op};
 use super::syntax::Binary;
 use super::system::SYSTEM_VARIABLES;
 
@@ -15,7 +15,7 @@ const MAX_STACK_DEPTH: usize = 32;
 
 /// The operation that combines the steps from one index onward.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Together {
+pub(super) enum CombinedOp {
     /// Nothing but themselves.
     Nothing,
     /// The steps put a value on the stack.
@@ -28,7 +28,7 @@ pub(super) enum Together {
 
 /// A value, composed of other values by their indices in the list.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Value {
+pub(super) enum CondensedValue {
     Fixed(Cell),
     Global(u32),
     Local(u32),
@@ -50,8 +50,8 @@ pub(super) enum Value {
 
 /// The start of a memory location.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Start {
-    Space(Space),
+pub(super) enum LocationStart {
+    Space(MemorySpace),
     /// The memory at the address in this local cell.
     Referred(u32),
 }
@@ -59,7 +59,7 @@ pub(super) enum Start {
 /// A variable, a component or an element.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct MemoryRef {
-    pub(super) start: Start,
+    pub(super) start: LocationStart,
     pub(super) offset: u32,
     pub(super) index: Option<Index>,
 }
@@ -76,22 +76,22 @@ pub(super) struct Index {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Condensed {
     /// For each step, the combined operation that begins there, and whether it may wait for the arm.
-    pub(super) steps: Vec<(Together, bool)>,
-    pub(super) values: Vec<Value>,
+    pub(super) steps: Vec<(CombinedOp, bool)>,
+    pub(super) values: Vec<CondensedValue>,
     pub(super) places: Vec<MemoryRef>,
 }
 
 /// A value or a memory location that a step would have put on the stack.
 #[derive(Debug, Clone, Copy)]
-enum Item {
+enum StackItem {
     Memory(MemoryRef),
     Value(u32),
 }
 
 /// Reads the steps from one index onward, as far as they are understood.
-struct Reading<'a> {
+struct CondenseReader<'a> {
     all: &'a mut Condensed,
-    stack: Vec<Item>,
+    stack: Vec<StackItem>,
     /// The ends of the right sides of AND and OR that have begun.
     decided: Vec<u32>,
     waits: bool,
@@ -102,9 +102,10 @@ impl Condensed {
         let mut all = Condensed::default();
         for at in 0..code.len() {
             let (values, places) = (all.values.len(), all.places.len());
-            let mut reading = Reading { all: &mut all, stack: Vec::new(), decided: Vec::new(), waits: false };
+            let mut reading =
+                CondenseReader { all: &mut all, stack: Vec::new(), decided: Vec::new(), waits: false };
             let found = reading.read(code, at);
-            if found.0 == Together::Nothing {
+            if found.0 == CombinedOp::Nothing {
                 all.values.truncate(values);
                 all.places.truncate(places);
             }
@@ -113,83 +114,85 @@ impl Condensed {
         all
     }
 
-    fn add(&mut self, value: Value) -> u32 {
+    fn add(&mut self, value: CondensedValue) -> u32 {
         self.values.push(value);
         self.values.len() as u32 - 1
     }
 }
 
-impl Reading<'_> {
+impl CondenseReader<'_> {
     /// Reads the longest run of steps that forms one value, or the jump or assignment with which the run ends.
-    fn read(&mut self, code: &[Op], from: usize) -> (Together, bool) {
-        let mut found = (Together::Nothing, false);
+    fn read(&mut self, code: &[Op], from: usize) -> (CombinedOp, bool) {
+        let mut found = (CombinedOp::Nothing, false);
         for (at, op) in code.iter().enumerate().skip(from) {
             let next = at as u32 + 1;
             match (*op, self.stack.as_slice()) {
-                (Op::JumpIfNot(to), &[Item::Value(value)]) if self.decided.is_empty() && at > from => {
-                    return (Together::Branch { value, at: at as u32, to, next }, self.waits);
+                (Op::JumpIfNot(to), &[StackItem::Value(value)]) if self.decided.is_empty() && at > from => {
+                    return (CombinedOp::Branch { value, at: at as u32, to, next }, self.waits);
                 }
-                (Op::Store, &[Item::Memory(place), Item::Value(value)]) if self.decided.is_empty() => {
-                    self.waits |= may_wait(&place);
-                    let place = self.place(place);
-                    return (Together::Assign { place, value, next }, self.waits);
+                (Op::Store, &[StackItem::Memory(place), StackItem::Value(value)]) if self.decided.is_empty() => {
+                    self.waits |= may_stop_advance(&place);
+                    let place = self.location_index(place);
+                    return (CombinedOp::Assign { place, value, next }, self.waits);
                 }
                 _ => {}
             }
             if self.push_op(op, next).is_none() || self.stack.len() > MAX_STACK_DEPTH {
                 return found;
             }
-            if let (&[Item::Value(value)], true) = (self.stack.as_slice(), self.decided.is_empty() && at > from) {
-                found = (Together::Value { value, next }, self.waits);
+            if let (&[StackItem::Value(value)], true) =
+                (self.stack.as_slice(), self.decided.is_empty() && at > from)
+            {
+                found = (CombinedOp::Value { value, next }, self.waits);
             }
         }
         found
     }
 
-    fn place(&mut self, place: MemoryRef) -> u32 {
+    fn location_index(&mut self, place: MemoryRef) -> u32 {
         self.all.places.push(place);
         self.all.places.len() as u32 - 1
     }
 
     fn value(&mut self) -> Option<u32> {
         match self.stack.pop()? {
-            Item::Value(value) => Some(value),
-            Item::Memory(_) => None,
+            StackItem::Value(value) => Some(value),
+            StackItem::Memory(_) => None,
         }
     }
 
-    fn push(&mut self, value: Value) -> Option<()> {
+    fn push(&mut self, value: CondensedValue) -> Option<()> {
         let value = self.all.add(value);
-        self.stack.push(Item::Value(value));
+        self.stack.push(StackItem::Value(value));
         Some(())
     }
 
-    fn start(&mut self, start: Start, offset: u32) -> Option<()> {
-        self.stack.push(Item::Memory(MemoryRef { start, offset, index: None }));
+    fn start(&mut self, start: LocationStart, offset: u32) -> Option<()> {
+        self.stack.push(StackItem::Memory(MemoryRef { start, offset, index: None }));
         Some(())
     }
 
     /// Adds one step; `None` if it is not part of an expression.
     fn push_op(&mut self, op: &Op, next: u32) -> Option<()> {
         match *op {
-            Op::Push(cell) => self.push(Value::Fixed(cell)),
-            Op::LoadGlobal(cell) => self.push(Value::Global(cell)),
-            Op::LoadLocal(cell) => self.push(Value::Local(cell)),
-            Op::Global(offset) => self.start(Start::Space(Space::Global), offset),
-            Op::Local(offset) => self.start(Start::Space(Space::Frame), offset),
-            Op::System(index) => self.start(Start::Space(Space::System(index)), 0),
-            Op::Referred(cell) => self.start(Start::Referred(cell), 0),
+            Op::Push(cell) => self.push(CondensedValue::Fixed(cell)),
+            Op::LoadGlobal(cell) => self.push(CondensedValue::Global(cell)),
+            Op::LoadLocal(cell) => self.push(CondensedValue::Local(cell)),
+            Op::Global(offset) => self.start(LocationStart::Space(MemorySpace::Global), offset),
+            Op::Local(offset) => self.start(LocationStart::Space(MemorySpace::Frame), offset),
+            Op::System(index) => self.start(LocationStart::Space(MemorySpace::System(index)), 0),
+            Op::Referred(cell) => self.start(LocationStart::Referred(cell), 0),
             Op::Component(cells) => match self.stack.last_mut()? {
-                Item::Memory(place) => {
+                StackItem::Memory(place) => {
                     place.offset += cells;
                     Some(())
                 }
-                Item::Value(_) => None,
+                StackItem::Value(_) => None,
             },
             Op::Index { count, size } => {
                 let value = self.value()?;
                 match self.stack.last_mut()? {
-                    Item::Memory(place) if place.index.is_none() => {
+                    StackItem::Memory(place) if place.index.is_none() => {
                         place.index = Some(Index { value, count, size });
                         Some(())
                     }
@@ -197,39 +200,39 @@ impl Reading<'_> {
                 }
             }
             Op::Load => {
-                let Item::Memory(place) = self.stack.pop()? else { return None };
-                self.waits |= may_wait(&place);
-                let place = self.place(place);
-                self.push(Value::At(place))
+                let StackItem::Memory(place) = self.stack.pop()? else { return None };
+                self.waits |= may_stop_advance(&place);
+                let place = self.location_index(place);
+                self.push(CondensedValue::At(place))
             }
             Op::JumpDecided { to, .. } => {
                 self.decided.push(to);
                 Some(())
             }
-            _ => self.operate(op, next),
+            _ => self.combine_op(op, next),
         }
     }
 
-    fn operate(&mut self, op: &Op, next: u32) -> Option<()> {
+    fn combine_op(&mut self, op: &Op, next: u32) -> Option<()> {
         let last = self.value()?;
         match *op {
-            Op::ToReal(0) => self.push(Value::ToReal(last)),
-            Op::ToInt => self.push(Value::ToInt(last)),
-            Op::Negate => self.push(Value::Negate(last)),
-            Op::Not => self.push(Value::Not(last)),
-            Op::BitNot => self.push(Value::BitNot(last)),
+            Op::ToReal(0) => self.push(CondensedValue::ToReal(last)),
+            Op::ToInt => self.push(CondensedValue::ToInt(last)),
+            Op::Negate => self.push(CondensedValue::Negate(last)),
+            Op::Not => self.push(CondensedValue::Not(last)),
+            Op::BitNot => self.push(CondensedValue::BitNot(last)),
             Op::Binary(operator) => {
                 let left = self.value()?;
                 if !matches!(operator, Binary::And | Binary::Or) {
-                    return self.push(Value::Binary(operator, left, last));
+                    return self.push(CondensedValue::Binary(operator, left, last));
                 }
                 // The right side of this operator, and of no other, must end at this step.
                 (self.decided.pop()? == next).then_some(())?;
-                self.push(Value::Decided { operator, left, right: last })
+                self.push(CondensedValue::Decided { operator, left, right: last })
             }
             Op::ForTest => {
                 let (end, now) = (self.value()?, self.value()?);
-                self.push(Value::ForTest([now, end, last]))
+                self.push(CondensedValue::ForTest([now, end, last]))
             }
             _ => None,
         }
@@ -238,10 +241,10 @@ impl Reading<'_> {
 
 /// Returns whether reading or writing a memory location may stop the advance run. For a variable that the caller
 /// passed, this is assumed.
-fn may_wait(place: &MemoryRef) -> bool {
+fn may_stop_advance(place: &MemoryRef) -> bool {
     match place.start {
-        Start::Space(Space::System(index)) => SYSTEM_VARIABLES[index as usize].stops_advance,
-        Start::Space(_) => false,
-        Start::Referred(_) => true,
+        LocationStart::Space(MemorySpace::System(index)) => SYSTEM_VARIABLES[index as usize].stops_advance,
+        LocationStart::Space(_) => false,
+        LocationStart::Referred(_) => true,
     }
 }

@@ -1,14 +1,14 @@
 //! Reads declarations: variables, structures, enumerations, signals, and items that are declared elsewhere.
 
-use super::expression::{Read, Reader, Unread};
+use super::expression::{NotRead, ReadResult, TokenReader};
 use super::lex::{RESERVED, Token};
-use super::syntax::{Declaration, Declared, Expression, Item, Returned};
+use super::syntax::{Declaration, DeclarationContent, Expression, Item, ReturnType};
 
 /// Types that need no DECL in front of them.
 const SIMPLE_TYPES: [&str; 11] =
     ["INT", "REAL", "BOOL", "CHAR", "FRAME", "POS", "E3POS", "E6POS", "AXIS", "E3AXIS", "E6AXIS"];
 /// Keywords for routines that are defined elsewhere; KUKA's own data lists use the two with P.
-const FOREIGN: [&str; 4] = ["EXT", "EXTFCT", "EXTP", "EXTFCTP"];
+const EXTERNAL_KEYWORDS: [&str; 4] = ["EXT", "EXTFCT", "EXTP", "EXTFCTP"];
 
 /// Returns whether a line is a declaration.
 pub(super) fn is_declaration(tokens: &[Token]) -> bool {
@@ -22,7 +22,7 @@ pub(super) fn is_declaration(tokens: &[Token]) -> bool {
         "GLOBAL" => !matches!(word(1), "INTERRUPT" | "DEF" | "DEFFCT"),
         "CONST" | "SIGNAL" | "IMPORT" => has_name,
         "CHANNEL" => matches!(tokens.get(1), Some(Token::Sign(":"))),
-        first if FOREIGN.contains(&first) => has_name,
+        first if EXTERNAL_KEYWORDS.contains(&first) => has_name,
         first => SIMPLE_TYPES.contains(&first) && has_name,
     }
 }
@@ -35,108 +35,108 @@ pub(super) fn lacks_decl(tokens: &[Token]) -> bool {
     tokens.len() > 1 && tokens[..2].iter().all(is_name) && tokens.get(2).is_none_or(goes_on)
 }
 
-pub(super) fn declaration(reader: &mut Reader<'_>, line: usize) -> Read<Declaration> {
+pub(super) fn parse_declaration(reader: &mut TokenReader<'_>, line: usize) -> ReadResult<Declaration> {
     let (mut global, mut constant) = (false, false);
     loop {
-        if reader.takes_word("GLOBAL") {
+        if reader.accept_word("GLOBAL") {
             global = true;
-        } else if reader.takes_word("CONST") {
+        } else if reader.accept_word("CONST") {
             constant = true;
-        } else if !reader.takes_word("DECL") {
+        } else if !reader.accept_word("DECL") {
             break;
         }
     }
-    let kind = if reader.takes_word("STRUC") {
-        struc(reader)?
-    } else if reader.takes_word("ENUM") {
+    let kind = if reader.accept_word("STRUC") {
+        parse_struc(reader)?
+    } else if reader.accept_word("ENUM") {
         enumeration(reader)?
-    } else if reader.takes_word("SIGNAL") {
+    } else if reader.accept_word("SIGNAL") {
         signal(reader)?
-    } else if reader.takes_word("IMPORT") {
+    } else if reader.accept_word("IMPORT") {
         import(reader)?
-    } else if reader.takes_word("CHANNEL") || FOREIGN.iter().any(|word| reader.takes_word(word)) {
+    } else if reader.accept_word("CHANNEL") || EXTERNAL_KEYWORDS.iter().any(|word| reader.accept_word(word)) {
         reader.skip_line();
-        Declared::Foreign
+        DeclarationContent::Foreign
     } else {
         let type_name = reader.name()?;
         let mut items = vec![item(reader)?];
-        while reader.takes_sign(",") {
+        while reader.accept_sign(",") {
             items.push(item(reader)?);
         }
-        Declared::Variables { constant, type_name, items }
+        DeclarationContent::Variables { constant, type_name, items }
     };
     reader.end()?;
     Ok(Declaration { line, global, kind })
 }
 
 /// Reads the type of a DEFFCT: `INT`, or `CHAR[20]` for a text.
-pub(super) fn returned(reader: &mut Reader<'_>) -> Read<Returned> {
-    Ok(Returned { type_name: reader.name()?, dimensions: dimensions(reader)? })
+pub(super) fn parse_return_type(reader: &mut TokenReader<'_>) -> ReadResult<ReturnType> {
+    Ok(ReturnType { type_name: reader.name()?, dimensions: dimensions(reader)? })
 }
 
-fn enumeration(reader: &mut Reader<'_>) -> Read<Declared> {
+fn enumeration(reader: &mut TokenReader<'_>) -> ReadResult<DeclarationContent> {
     let name = reader.name()?;
     let mut words = vec![reader.name()?];
-    while reader.takes_sign(",") {
+    while reader.accept_sign(",") {
         words.push(reader.name()?);
     }
-    Ok(Declared::Enumeration { name, words })
+    Ok(DeclarationContent::Enumeration { name, words })
 }
 
 /// Reads `STRUC NAME INT A,B,REAL C`: a component has the last type in front of it.
-fn struc(reader: &mut Reader<'_>) -> Read<Declared> {
+fn parse_struc(reader: &mut TokenReader<'_>) -> ReadResult<DeclarationContent> {
     let name = reader.name()?;
     let mut type_name = String::new();
     let mut components = Vec::new();
     loop {
-        if matches!(reader.peek_behind(1), Some(Token::Name(_))) {
+        if matches!(reader.peek_ahead(1), Some(Token::Name(_))) {
             type_name = reader.name()?;
         }
         if type_name.is_empty() {
-            return Err(format!("expected a type, found {}", reader.found()).into());
+            return Err(format!("expected a type, found {}", reader.describe_next()).into());
         }
         components.push((type_name.clone(), item(reader)?));
-        if !reader.takes_sign(",") {
-            return Ok(Declared::Struc { name, components });
+        if !reader.accept_sign(",") {
+            return Ok(DeclarationContent::Struc { name, components });
         }
     }
 }
 
 /// Reads `SIGNAL NAME $OUT[3]`, `SIGNAL NAME $IN[1] TO $IN[8]`, `SIGNAL NAME FALSE`.
-fn signal(reader: &mut Reader<'_>) -> Read<Declared> {
+fn signal(reader: &mut TokenReader<'_>) -> ReadResult<DeclarationContent> {
     let name = reader.name()?;
-    if reader.takes_word("FALSE") || reader.takes_word("TRUE") {
-        return Ok(Declared::Signal { name, from: None, to: None });
+    if reader.accept_word("FALSE") || reader.accept_word("TRUE") {
+        return Ok(DeclarationContent::Signal { name, from: None, to: None });
     }
-    let from = reader.place()?;
-    let to = if reader.takes_word("TO") { Some(reader.place()?) } else { None };
-    Ok(Declared::Signal { name, from: Some(from), to })
+    let from = reader.parse_variable()?;
+    let to = if reader.accept_word("TO") { Some(reader.parse_variable()?) } else { None };
+    Ok(DeclarationContent::Signal { name, from: Some(from), to })
 }
 
 /// Reads `IMPORT INT NAME IS /R1/OTHER..NAME`.
-fn import(reader: &mut Reader<'_>) -> Read<Declared> {
+fn import(reader: &mut TokenReader<'_>) -> ReadResult<DeclarationContent> {
     let type_name = reader.name()?;
     let name = reader.name()?;
-    if !reader.skip_to_word("IS") {
-        return Err(format!("expected IS, found {}", reader.found()).into());
+    if !reader.skip_past_word("IS") {
+        return Err(format!("expected IS, found {}", reader.describe_next()).into());
     }
     reader.skip_line();
-    Ok(Declared::Import { type_name, name })
+    Ok(DeclarationContent::Import { type_name, name })
 }
 
-fn item(reader: &mut Reader<'_>) -> Read<Item> {
-    if matches!(reader.peek(), Some(Token::Sign("!"))) {
-        return Err(Unread::NotChecked("a name is not filled in yet ('!')".to_owned()));
+fn item(reader: &mut TokenReader<'_>) -> ReadResult<Item> {
+    if matches!(reader.peek_token(), Some(Token::Sign("!"))) {
+        return Err(NotRead::NotChecked("a name is not filled in yet ('!')".to_owned()));
     }
     let name = reader.name()?;
     let dimensions = dimensions(reader)?;
-    let value = if reader.takes_sign("=") { Some(reader.expression()?) } else { None };
+    let value = if reader.accept_sign("=") { Some(reader.expression()?) } else { None };
     Ok(Item { name, dimensions, value })
 }
 
 /// Reads `[3,4]`, `[]`, or nothing.
-fn dimensions(reader: &mut Reader<'_>) -> Read<Vec<Option<Expression>>> {
-    let dimensions = if reader.takes_sign("[") { reader.list_until("]")? } else { Vec::new() };
+fn dimensions(reader: &mut TokenReader<'_>) -> ReadResult<Vec<Option<Expression>>> {
+    let dimensions = if reader.accept_sign("[") { reader.parse_list_until("]")? } else { Vec::new() };
     match dimensions.len() {
         0..=3 => Ok(dimensions),
         _ => Err("an array has at most three dimensions".into()),

@@ -6,51 +6,51 @@ use super::syntax::{Binary, Call, Expression, Step, Unary, VariableRef};
 
 /// The reason why a line was not read.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Unread {
+pub(super) enum NotRead {
     /// A controller refuses the line.
     Wrong(String),
     /// A controller may accept it.
     NotChecked(String),
 }
 
-impl From<String> for Unread {
+impl From<String> for NotRead {
     fn from(message: String) -> Self {
-        Unread::Wrong(message)
+        NotRead::Wrong(message)
     }
 }
 
-impl From<&str> for Unread {
+impl From<&str> for NotRead {
     fn from(message: &str) -> Self {
-        Unread::Wrong(message.to_owned())
+        NotRead::Wrong(message.to_owned())
     }
 }
 
-pub(super) type Read<T> = Result<T, Unread>;
+pub(super) type ReadResult<T> = Result<T, NotRead>;
 
 /// The tokens of one line, read from left to right.
-pub(super) struct Reader<'a> {
+pub(super) struct TokenReader<'a> {
     tokens: &'a [Token],
     at: usize,
     depth: usize,
     operators: usize,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> TokenReader<'a> {
     pub(super) fn new(tokens: &'a [Token]) -> Self {
-        Reader { tokens, at: 0, depth: 0, operators: 0 }
+        TokenReader { tokens, at: 0, depth: 0, operators: 0 }
     }
 
-    pub(super) fn peek(&self) -> Option<&'a Token> {
+    pub(super) fn peek_token(&self) -> Option<&'a Token> {
         self.tokens.get(self.at)
     }
 
-    pub(super) fn peek_behind(&self, count: usize) -> Option<&'a Token> {
+    pub(super) fn peek_ahead(&self, count: usize) -> Option<&'a Token> {
         self.tokens.get(self.at + count)
     }
 
     /// Describes the next token, for a message.
-    pub(super) fn found(&self) -> String {
-        self.peek().map_or("the end of the line".to_owned(), |token| format!("'{token}'"))
+    pub(super) fn describe_next(&self) -> String {
+        self.peek_token().map_or("the end of the line".to_owned(), |token| format!("'{token}'"))
     }
 
     pub(super) fn next(&mut self) -> Option<&'a Token> {
@@ -60,39 +60,43 @@ impl<'a> Reader<'a> {
     }
 
     pub(super) fn is_sign(&self, sign: &str) -> bool {
-        matches!(self.peek(), Some(Token::Sign(found)) if *found == sign)
+        matches!(self.peek_token(), Some(Token::Sign(found)) if *found == sign)
     }
 
-    pub(super) fn takes_sign(&mut self, sign: &str) -> bool {
+    pub(super) fn accept_sign(&mut self, sign: &str) -> bool {
         let is_it = self.is_sign(sign);
         self.at += usize::from(is_it);
         is_it
     }
 
     pub(super) fn is_word(&self, word: &str) -> bool {
-        matches!(self.peek(), Some(Token::Name(found)) if found == word)
+        matches!(self.peek_token(), Some(Token::Name(found)) if found == word)
     }
 
-    pub(super) fn takes_word(&mut self, word: &str) -> bool {
+    pub(super) fn accept_word(&mut self, word: &str) -> bool {
         let is_it = self.is_word(word);
         self.at += usize::from(is_it);
         is_it
     }
 
-    pub(super) fn sign(&mut self, sign: &str) -> Read<()> {
-        if self.takes_sign(sign) {
+    pub(super) fn sign(&mut self, sign: &str) -> ReadResult<()> {
+        if self.accept_sign(sign) {
             Ok(())
         } else {
-            Err(format!("expected '{sign}', found {}", self.found()).into())
+            Err(format!("expected '{sign}', found {}", self.describe_next()).into())
         }
     }
 
-    pub(super) fn word(&mut self, word: &str) -> Read<()> {
-        if self.takes_word(word) { Ok(()) } else { Err(format!("expected {word}, found {}", self.found()).into()) }
+    pub(super) fn expect_word(&mut self, word: &str) -> ReadResult<()> {
+        if self.accept_word(word) {
+            Ok(())
+        } else {
+            Err(format!("expected {word}, found {}", self.describe_next()).into())
+        }
     }
 
-    pub(super) fn name(&mut self) -> Read<String> {
-        let found = self.found();
+    pub(super) fn name(&mut self) -> ReadResult<String> {
+        let found = self.describe_next();
         match self.next() {
             Some(Token::Name(name)) => Ok(name.clone()),
             _ => Err(format!("expected a name, found {found}").into()),
@@ -100,11 +104,11 @@ impl<'a> Reader<'a> {
     }
 
     /// Skips to this word and continues after it; false if the line ends or `=` follows first.
-    pub(super) fn skip_to_word(&mut self, word: &str) -> bool {
-        while !self.is_word(word) && self.peek().is_some() && !self.is_sign("=") {
+    pub(super) fn skip_past_word(&mut self, word: &str) -> bool {
+        while !self.is_word(word) && self.peek_token().is_some() && !self.is_sign("=") {
             self.at += 1;
         }
-        self.takes_word(word)
+        self.accept_word(word)
     }
 
     /// Skips the rest of the line, which is not read.
@@ -113,25 +117,25 @@ impl<'a> Reader<'a> {
     }
 
     /// Checks that nothing is left on the line.
-    pub(super) fn end(&self) -> Read<()> {
-        match self.peek() {
+    pub(super) fn end(&self) -> ReadResult<()> {
+        match self.peek_token() {
             None => Ok(()),
-            Some(_) => Err(format!("expected the end of the line, found {}", self.found()).into()),
+            Some(_) => Err(format!("expected the end of the line, found {}", self.describe_next()).into()),
         }
     }
 
-    pub(super) fn expression(&mut self) -> Read<Expression> {
+    pub(super) fn expression(&mut self) -> ReadResult<Expression> {
         self.binary(0)
     }
 
     /// Reads the operands that operators of this level and stronger ones combine.
-    fn binary(&mut self, weakest: usize) -> Read<Expression> {
-        let mut left = self.unary()?;
-        while let Some((operator, level)) = self.operator().filter(|(_, level)| *level >= weakest) {
+    fn binary(&mut self, weakest: usize) -> ReadResult<Expression> {
+        let mut left = self.parse_unary()?;
+        while let Some((operator, level)) = self.peek_operator().filter(|(_, level)| *level >= weakest) {
             self.at += 1;
             self.operators += 1;
             if self.operators > OPERATORS {
-                return Err(Unread::NotChecked(format!("the line has more than {OPERATORS} operators")));
+                return Err(NotRead::NotChecked(format!("the line has more than {OPERATORS} operators")));
             }
             let right = self.binary(level + 1)?;
             left = Expression::Binary(operator, Box::new(left), Box::new(right));
@@ -139,8 +143,8 @@ impl<'a> Reader<'a> {
         Ok(left)
     }
 
-    fn operator(&self) -> Option<(Binary, usize)> {
-        let next = match self.peek()? {
+    fn peek_operator(&self) -> Option<(Binary, usize)> {
+        let next = match self.peek_token()? {
             Token::Sign(sign) => *sign,
             Token::Name(name) => name.as_str(),
             _ => return None,
@@ -149,10 +153,10 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads one level deeper, if the limit allows.
-    fn deeper<T>(&mut self, read: impl FnOnce(&mut Self) -> Read<T>) -> Read<T> {
+    fn read_nested<T>(&mut self, read: impl FnOnce(&mut Self) -> ReadResult<T>) -> ReadResult<T> {
         if self.depth >= EXPRESSION_DEPTH {
             let message = format!("brackets, braces or signs are nested more than {EXPRESSION_DEPTH} levels deep");
-            return Err(Unread::NotChecked(message));
+            return Err(NotRead::NotChecked(message));
         }
         self.depth += 1;
         let found = read(self);
@@ -160,48 +164,48 @@ impl<'a> Reader<'a> {
         found
     }
 
-    fn unary(&mut self) -> Read<Expression> {
+    fn parse_unary(&mut self) -> ReadResult<Expression> {
         for (word, operator) in [("NOT", Unary::Not), ("B_NOT", Unary::BitNot)] {
-            if self.takes_word(word) {
-                return Ok(Expression::Unary(operator, Box::new(self.deeper(Self::unary)?)));
+            if self.accept_word(word) {
+                return Ok(Expression::Unary(operator, Box::new(self.read_nested(Self::parse_unary)?)));
             }
         }
-        if self.takes_sign("-") {
-            if let Some(Token::Int(number)) = self.peek() {
+        if self.accept_sign("-") {
+            if let Some(Token::Int(number)) = self.peek_token() {
                 self.at += 1;
                 return Ok(Expression::Int(i32::try_from(-number).unwrap_or(i32::MIN)));
             }
-            return Ok(match self.deeper(Self::unary)? {
+            return Ok(match self.read_nested(Self::parse_unary)? {
                 Expression::Int(number) => Expression::Int(number.wrapping_neg()),
                 Expression::Real(number) => Expression::Real(-number),
                 other => Expression::Unary(Unary::Minus, Box::new(other)),
             });
         }
-        if self.takes_sign("+") {
-            return self.deeper(Self::unary);
+        if self.accept_sign("+") {
+            return self.read_nested(Self::parse_unary);
         }
         self.primary()
     }
 
-    fn primary(&mut self) -> Read<Expression> {
-        let Some(token) = self.peek() else { return Err("a value is missing at the end of the line".into()) };
+    fn primary(&mut self) -> ReadResult<Expression> {
+        let Some(token) = self.peek_token() else { return Err("a value is missing at the end of the line".into()) };
         match token {
             Token::Sign("(") => {
                 self.at += 1;
-                let inside = self.deeper(Self::expression)?;
+                let inside = self.read_nested(Self::expression)?;
                 self.sign(")")?;
                 return Ok(inside);
             }
-            Token::Sign("{") => return self.deeper(Self::aggregate),
-            Token::Sign(":") if matches!(self.peek_behind(1), Some(Token::Name(_))) => {
+            Token::Sign("{") => return self.read_nested(Self::aggregate),
+            Token::Sign(":") if matches!(self.peek_ahead(1), Some(Token::Name(_))) => {
                 self.at += 2;
                 return Ok(Expression::Channel);
             }
             Token::Name(name) if !matches!(name.as_str(), "TRUE" | "FALSE") => {
-                if matches!(self.peek_behind(1), Some(Token::Sign("("))) {
+                if matches!(self.peek_ahead(1), Some(Token::Sign("("))) {
                     return Ok(Expression::Call(self.call()?));
                 }
-                return Ok(Expression::Variable(self.place()?));
+                return Ok(Expression::Variable(self.parse_variable()?));
             }
             _ => {}
         }
@@ -215,7 +219,7 @@ impl<'a> Reader<'a> {
             Token::Text(text) => Expression::Text(text.clone()),
             Token::Word(word) => Expression::Word(word.clone()),
             Token::Sign(_) | Token::Unreadable => {
-                return Err(format!("expected a value, found {}", self.found()).into());
+                return Err(format!("expected a value, found {}", self.describe_next()).into());
             }
         };
         self.at += 1;
@@ -223,13 +227,13 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads a name with its indices and components.
-    pub(super) fn place(&mut self) -> Read<VariableRef> {
+    pub(super) fn parse_variable(&mut self) -> ReadResult<VariableRef> {
         let name = self.name()?;
         let mut steps = Vec::new();
         loop {
-            if self.takes_sign("[") {
-                steps.push(Step::Index(self.deeper(Self::indices)?));
-            } else if self.takes_sign(".") {
+            if self.accept_sign("[") {
+                steps.push(Step::Index(self.read_nested(Self::indices)?));
+            } else if self.accept_sign(".") {
                 steps.push(Step::Component(self.name()?));
             } else {
                 return Ok(VariableRef { name, steps });
@@ -238,17 +242,17 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads `1,2]`, also `]`, `,]` and `3,]`.
-    fn indices(&mut self) -> Read<Vec<Option<Expression>>> {
-        self.list_until("]")
+    fn indices(&mut self) -> ReadResult<Vec<Option<Expression>>> {
+        self.parse_list_until("]")
     }
 
     /// Reads expressions between commas up to the end sign; each expression may be omitted.
-    pub(super) fn list_until(&mut self, end: &str) -> Read<Vec<Option<Expression>>> {
+    pub(super) fn parse_list_until(&mut self, end: &str) -> ReadResult<Vec<Option<Expression>>> {
         let mut list = Vec::new();
         loop {
             let is_left_out = self.is_sign(",") || self.is_sign(end);
             list.push(if is_left_out { None } else { Some(self.expression()?) });
-            if self.takes_sign(end) {
+            if self.accept_sign(end) {
                 return Ok(list);
             }
             self.sign(",")?;
@@ -256,21 +260,21 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads a routine's name and its arguments in brackets; each argument may be omitted.
-    pub(super) fn call(&mut self) -> Read<Call> {
+    pub(super) fn call(&mut self) -> ReadResult<Call> {
         let name = self.name()?;
         self.sign("(")?;
-        let arguments = self.deeper(Self::arguments)?;
+        let arguments = self.read_nested(Self::arguments)?;
         Ok(Call { name, arguments })
     }
 
-    fn arguments(&mut self) -> Read<Vec<Option<Expression>>> {
-        if self.takes_sign(")") { Ok(Vec::new()) } else { self.list_until(")") }
+    fn arguments(&mut self) -> ReadResult<Vec<Option<Expression>>> {
+        if self.accept_sign(")") { Ok(Vec::new()) } else { self.parse_list_until(")") }
     }
 
     /// Reads `{X 1.0,Y 2.0}`, with or without its type: `{FRAME: X 1.0}`.
-    fn aggregate(&mut self) -> Read<Expression> {
+    fn aggregate(&mut self) -> ReadResult<Expression> {
         self.sign("{")?;
-        let type_name = match (self.peek(), self.peek_behind(1)) {
+        let type_name = match (self.peek_token(), self.peek_ahead(1)) {
             (Some(Token::Name(name)), Some(Token::Sign(":"))) => {
                 self.at += 2;
                 Some(name.clone())
@@ -278,11 +282,11 @@ impl<'a> Reader<'a> {
             _ => None,
         };
         let mut parts = Vec::new();
-        while !self.takes_sign("}") {
+        while !self.accept_sign("}") {
             if !parts.is_empty() {
                 self.sign(",")?;
             }
-            let component = self.place()?;
+            let component = self.parse_variable()?;
             parts.push((component, self.expression()?));
         }
         Ok(Expression::Aggregate { type_name, parts })
@@ -305,7 +309,7 @@ const OPERATOR_LEVELS: [(&str, Binary, usize); 17] = [
     ("B_AND", Binary::BitAnd, 3),
     ("+", Binary::Plus, 4),
     ("-", Binary::Minus, 4),
-    ("*", Binary::Times, 5),
-    ("/", Binary::By, 5),
+    ("*", Binary::Multiply, 5),
+    ("/", Binary::Divide, 5),
     (":", Binary::Geometric, 6),
 ];

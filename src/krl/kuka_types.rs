@@ -4,10 +4,10 @@
 //! checked together with a program, their declarations count. A type that is missing here is reported as not
 //! checked, never as wrong. Sources: README.md beside this file.
 
-use super::declaration::declaration;
-use super::expression::Reader;
+use super::declaration::parse_declaration;
+use super::expression::TokenReader;
 use super::lex::tokens;
-use super::syntax::{Declared, Expression};
+use super::syntax::{DeclarationContent, Expression};
 use super::types::{NewComponent, Scope, Type, Types};
 use std::sync::LazyLock;
 
@@ -108,7 +108,7 @@ const NAME_ONLY_TYPES: [&str; 39] = [
 ];
 
 /// Returns whether KUKA has a type of this name with contents that are not known here.
-pub(super) fn is_known_by_name(name: &str) -> bool {
+pub(super) fn is_name_only_type(name: &str) -> bool {
     NAME_ONLY_TYPES.binary_search(&name).is_ok()
 }
 
@@ -127,12 +127,12 @@ pub(super) fn kuka_types() -> &'static Types {
 
 fn add(types: &mut Types, line: &str) {
     let (tokens, _) = tokens(line);
-    let Ok(declared) = declaration(&mut Reader::new(&tokens), 1) else { return };
+    let Ok(declared) = parse_declaration(&mut TokenReader::new(&tokens), 1) else { return };
     match declared.kind {
-        Declared::Enumeration { name, words } => {
+        DeclarationContent::Enumeration { name, words } => {
             types.add_enumeration(Scope::Kuka, &name, words);
         }
-        Declared::Struc { name, components } => {
+        DeclarationContent::Struc { name, components } => {
             let placed = components.into_iter().map(|(type_name, item)| NewComponent {
                 kind: types.find(&type_name, &[]).unwrap_or(Type::Unknown),
                 dimensions: item.dimensions.iter().map(size).collect(),
@@ -164,7 +164,7 @@ mod tests {
         assert_eq!(types.strucs.len() + types.enumerations.len(), lines);
         let components = types.strucs.iter().flat_map(|struc| &struc.components);
         assert_eq!(components.filter(|component| component.kind == Type::Unknown).count(), 0);
-        assert_eq!([types.size(types.own("E6POS")), types.size(types.own("STATE_T"))], [14, 65]);
+        assert_eq!([types.size(types.kuka_type("E6POS")), types.size(types.kuka_type("STATE_T"))], [14, 65]);
         assert!(
             NAME_ONLY_TYPES.is_sorted() && NAME_ONLY_TYPES.iter().all(|name| types.find(name, &[]).is_none()),
             "one place for each"

@@ -66,8 +66,8 @@ fn token(rest: &str) -> Result<(Token, usize), String> {
     let mut characters = rest.chars();
     match (characters.next().unwrap_or_default(), characters.next()) {
         ('"', _) => text(rest),
-        ('\'', _) => based(rest),
-        ('#', _) => word(rest),
+        ('\'', _) => lex_based_number(rest),
+        ('#', _) => lex_constant(rest),
         ('0'..='9', _) | ('.', Some('0'..='9')) => number(rest),
         ('A'..='Z' | 'a'..='z' | '_' | '$', _) => {
             let length = name_length(rest);
@@ -85,7 +85,7 @@ fn name_length(text: &str) -> usize {
 }
 
 /// Reads `#RED`, also `# RED`.
-fn word(rest: &str) -> Result<(Token, usize), String> {
+fn lex_constant(rest: &str) -> Result<(Token, usize), String> {
     let behind = &rest[1..];
     let blanks = behind.len() - behind.trim_start_matches([' ', '\t']).len();
     let length = name_length(&behind[blanks..]);
@@ -102,7 +102,7 @@ fn text(rest: &str) -> Result<(Token, usize), String> {
 }
 
 /// `'H1F'` and `'B101'`.
-fn based(rest: &str) -> Result<(Token, usize), String> {
+fn lex_based_number(rest: &str) -> Result<(Token, usize), String> {
     let wrong = || "a number in apostrophes must be hexadecimal or binary, such as 'H1F' or 'B101'".to_owned();
     let inside = rest[1..].split_once('\'').map(|(inside, _)| inside).ok_or_else(wrong)?;
     let digits = inside.get(1..).ok_or_else(wrong)?;

@@ -22,5 +22,5 @@ mod values;
 pub use host::{Caller, EkiAnswer, Host, MotionRequest};
 pub use interpreter::Interpreter;
 pub use interrupt::INTERRUPT_DEPTH;
-pub use memory::{Meaning, Memory};
-pub use outcome::Pause;
+pub use memory::{Memory, UndocumentedBehaviour};
+pub use outcome::StepPause;

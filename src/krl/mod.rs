@@ -35,10 +35,12 @@ mod system;
 mod tests;
 mod types;
 
-pub use code::{Address, Cell, Entry, LocalVariable, Location, Op, Shared, Space};
+pub use code::{Cell, Entry, LocalVariable, Location, MemoryAddress, MemorySpace, Op, Shared};
 pub use compile::{Analysis, analyse};
 pub use lex::RESERVED;
-pub use machine::{Caller, EkiAnswer, Host, INTERRUPT_DEPTH, Interpreter, Meaning, Memory, MotionRequest, Pause};
+pub use machine::{
+    Caller, EkiAnswer, Host, INTERRUPT_DEPTH, Interpreter, Memory, MotionRequest, StepPause, UndocumentedBehaviour,
+};
 pub use outline::{DeclaredVariable, StatedCall, StatedCase, StatedRoutine};
 pub use parse::parse;
 pub use program::Program;

@@ -1,7 +1,7 @@
 //! The outline of a file: what it declares, which routines and cases it has, and what its main routine calls, so that
 //! another program can compare it with other files without executing anything.
 
-use super::syntax::{Action, Declared, Expression, File, Item, Statement};
+use super::syntax::{Action, DeclarationContent, Expression, File, Item, Statement};
 use std::fmt;
 
 /// A variable that a data list declares.
@@ -77,7 +77,9 @@ impl File {
     pub fn declared_variables(&self) -> Vec<DeclaredVariable> {
         let declarations = self.data.iter().flat_map(|data| &data.declarations);
         let of_each = declarations.filter_map(|declaration| match &declaration.kind {
-            Declared::Variables { constant, type_name, items } => Some((declaration, *constant, type_name, items)),
+            DeclarationContent::Variables { constant, type_name, items } => {
+                Some((declaration, *constant, type_name, items))
+            }
             _ => None,
         });
         of_each
@@ -145,7 +147,7 @@ fn collect_calls(body: &[Statement], in_loop: bool, calls: &mut Vec<StatedCall>)
             action,
             Action::Loop { .. } | Action::While { .. } | Action::Repeat { .. } | Action::For { .. }
         );
-        for block in action.blocks() {
+        for block in action.statement_blocks() {
             collect_calls(block, in_loop || repeats, calls);
         }
     }

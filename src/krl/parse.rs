@@ -1,12 +1,12 @@
 //! Reads a file: its routines or its data list. If a line cannot be read, it is reported and its block continues.
 //! Thus one pass finds all problems of a file, and no problem causes another one.
 
-use super::declaration::{declaration, is_declaration, lacks_decl, returned};
-use super::expression::{Read, Reader, Unread};
+use super::declaration::{is_declaration, lacks_decl, parse_declaration, parse_return_type};
+use super::expression::{NotRead, ReadResult, TokenReader};
 use super::lex::{RESERVED, Token, tokens};
 use super::limits::{FILE_BYTES, REPORTS};
-use super::routines::is_of_ethernet_krl_6;
-use super::syntax::{Action, Data, Declaration, File, Parameter, Returned, Routine, Statement};
+use super::routines::is_ethernet_krl_6_only;
+use super::syntax::{Action, Data, Declaration, File, Parameter, ReturnType, Routine, Statement};
 use crate::config::Problem;
 
 /// The character that ends a text in DOS; the characters behind it do not belong to the text.
@@ -33,15 +33,15 @@ pub fn parse(name: &str, text: &str) -> File {
         parser.read_lines(text);
         let mut names = parser.lines.iter().flat_map(|line| &line.tokens);
         file.of_ethernet_krl_6 =
-            names.any(|token| matches!(token, Token::Name(name) if is_of_ethernet_krl_6(name)));
-        parser.file(&mut file);
+            names.any(|token| matches!(token, Token::Name(name) if is_ethernet_krl_6_only(name)));
+        parser.parse_file(&mut file);
     }
-    (file.problems, file.warnings) = (in_order(parser.problems), in_order(parser.warnings));
+    (file.problems, file.warnings) = (sort_reports(parser.problems), sort_reports(parser.warnings));
     file
 }
 
 /// Sorts the reports by line and removes duplicates.
-fn in_order(mut reports: Vec<Problem>) -> Vec<Problem> {
+fn sort_reports(mut reports: Vec<Problem>) -> Vec<Problem> {
     reports.sort_by_key(|report| report.line);
     reports.dedup();
     reports
@@ -49,14 +49,14 @@ fn in_order(mut reports: Vec<Problem>) -> Vec<Problem> {
 
 /// A line that is not empty.
 #[derive(Debug, Default)]
-struct Line {
+struct SourceLine {
     number: usize,
     tokens: Vec<Token>,
 }
 
 #[derive(Debug, Default)]
 pub(super) struct Parser {
-    lines: Vec<Line>,
+    lines: Vec<SourceLine>,
     at: usize,
     ends_at: usize,
     problems: Vec<Problem>,
@@ -79,7 +79,7 @@ impl Parser {
                 self.problem(number, "", message);
             }
             if !tokens.is_empty() {
-                self.lines.push(Line { number, tokens });
+                self.lines.push(SourceLine { number, tokens });
             }
             if !line.is_empty() {
                 self.ends_at = number;
@@ -88,8 +88,8 @@ impl Parser {
         self.ends_at = self.ends_at.max(1);
     }
 
-    fn file(&mut self, file: &mut File) {
-        if self.is_next("DEFDAT") {
+    fn parse_file(&mut self, file: &mut File) {
+        if self.is_next_word("DEFDAT") {
             file.data = Some(self.data());
             return;
         }
@@ -99,21 +99,21 @@ impl Parser {
             self.problem(1, "", "the file contains no DEF, DEFFCT or DEFDAT: it is not a KRL file");
             return;
         }
-        while let Some(routine) = self.routine() {
+        while let Some(routine) = self.parse_routine() {
             file.routines.push(routine);
         }
-        self.first_has_the_files_name(file);
+        self.check_first_routine_name(file);
     }
 
     /// Checks the name of the first routine: a controller finds a module by its file and selects the routine of the
     /// same name.
-    fn first_has_the_files_name(&mut self, file: &File) {
+    fn check_first_routine_name(&mut self, file: &File) {
         let Some(first) = file.routines.first().filter(|first| !first.name.is_empty()) else { return };
         if first.name == file.module {
             return;
         }
         let (line, name, module) = (first.line, first.name.clone(), &file.module);
-        if !is_name(module) {
+        if !is_routine_name(module) {
             // The file must have another name on the controller.
             let message = format!(
                 "the file name {module} is not a valid KRL name: on a controller, the file must be named {name}"
@@ -148,26 +148,26 @@ impl Parser {
     }
 
     /// Reports why a line is not read, unless its characters were reported already.
-    pub(super) fn report(&mut self, line: usize, tokens: &[Token], key: &str, unread: Unread) {
+    pub(super) fn report(&mut self, line: usize, tokens: &[Token], key: &str, unread: NotRead) {
         match unread {
             // The unreadable character was reported; that the statement is incomplete is its consequence.
-            Unread::Wrong(_) if tokens.contains(&Token::Unreadable) => {}
-            Unread::Wrong(message) => self.problem(line, key, message),
-            Unread::NotChecked(message) => self.warn(line, key, format!("not checked: {message}")),
+            NotRead::Wrong(_) if tokens.contains(&Token::Unreadable) => {}
+            NotRead::Wrong(message) => self.problem(line, key, message),
+            NotRead::NotChecked(message) => self.warn(line, key, format!("not checked: {message}")),
         }
     }
 
-    pub(super) fn last_line(&self) -> usize {
+    pub(super) fn last_line_number(&self) -> usize {
         self.ends_at
     }
 
     /// Returns the next line to be read, and its first keyword.
-    pub(super) fn first_word(&self) -> Option<(usize, String)> {
+    pub(super) fn peek_first_word(&self) -> Option<(usize, String)> {
         let line = self.lines.get(self.at)?;
         Some((line.number, line.tokens.first().map(ToString::to_string).unwrap_or_default()))
     }
 
-    fn is_next(&self, word: &str) -> bool {
+    fn is_next_word(&self, word: &str) -> bool {
         matches!(self.next_tokens().first(), Some(Token::Name(first)) if first == word)
     }
 
@@ -175,19 +175,19 @@ impl Parser {
         self.lines.get(self.at).map_or(&[], |line| &line.tokens)
     }
 
-    pub(super) fn take_line(&mut self) -> Vec<Token> {
+    pub(super) fn next_line(&mut self) -> Vec<Token> {
         let tokens = self.lines.get_mut(self.at).map(|line| std::mem::take(&mut line.tokens)).unwrap_or_default();
         self.at += 1;
         tokens
     }
 
     /// Consumes the next line if it begins with this word, which must be alone there.
-    pub(super) fn next_line_is(&mut self, word: &str) -> bool {
-        let Some((line, first)) = self.first_word() else { return false };
+    pub(super) fn accept_line(&mut self, word: &str) -> bool {
+        let Some((line, first)) = self.peek_first_word() else { return false };
         if first != word {
             return false;
         }
-        if self.take_line().len() > 1 {
+        if self.next_line().len() > 1 {
             self.problem(line, word, format!("{word} must be alone on its line"));
         }
         true
@@ -205,9 +205,9 @@ impl Parser {
     }
 
     /// Reads the next routine of the file; lines before its first line belong to no routine.
-    fn routine(&mut self) -> Option<Routine> {
+    fn parse_routine(&mut self) -> Option<Routine> {
         if let Some((line, first)) =
-            self.first_word().filter(|_| !self.lines.get(self.at).is_some_and(opens_a_routine))
+            self.peek_first_word().filter(|_| !self.lines.get(self.at).is_some_and(opens_a_routine))
         {
             self.problem(line, &first, format!("DEF or DEFFCT is expected instead of '{first}'"));
             // One message for all lines up to the next routine, instead of one for each.
@@ -215,60 +215,60 @@ impl Parser {
                 self.at += 1;
             }
         }
-        let (line, first) = self.first_word()?;
-        let tokens = self.take_line();
+        let (line, first) = self.peek_first_word()?;
+        let tokens = self.next_line();
         let is_function = tokens.iter().take(2).any(|token| *token == Token::Name("DEFFCT".to_owned()));
-        let head = routine_head(&mut Reader::new(&tokens)).unwrap_or_else(|unread| {
+        let head = parse_routine_head(&mut TokenReader::new(&tokens)).unwrap_or_else(|unread| {
             self.report(line, &tokens, &first, unread);
-            Head::default()
+            RoutineHead::default()
         });
-        let declarations = self.declarations(false);
+        let declarations = self.parse_declarations(false);
         let end = if is_function { "ENDFCT" } else { "END" };
         self.depth = 0;
         let body = self.block(&[end]);
-        let end_line = self.first_word().map_or(self.ends_at, |(line, _)| line);
-        if !self.next_line_is(end)
-            && matches!(self.first_word(), Some((_, word)) if word == "END" || word == "ENDFCT")
+        let end_line = self.peek_first_word().map_or(self.ends_at, |(line, _)| line);
+        if !self.accept_line(end)
+            && matches!(self.peek_first_word(), Some((_, word)) if word == "END" || word == "ENDFCT")
         {
-            self.take_line();
+            self.next_line();
         }
-        let Head { global, returns, name, parameters } = head;
+        let RoutineHead { global, returns, name, parameters } = head;
         Some(Routine { name, line, end_line, global, returns, parameters, declarations, body })
     }
 
     /// Reads the next declarations. A line that may lack its DECL is a declaration if it is in a data list or in
     /// front of another declaration.
-    fn declarations(&mut self, in_data: bool) -> Vec<Declaration> {
+    fn parse_declarations(&mut self, in_data: bool) -> Vec<Declaration> {
         let mut found = Vec::new();
         loop {
-            let lacks = |line: &&Line| !is_declaration(&line.tokens) && lacks_decl(&line.tokens);
+            let lacks = |line: &&SourceLine| !is_declaration(&line.tokens) && lacks_decl(&line.tokens);
             let lacking = self.lines.iter().skip(self.at).take_while(lacks).count();
             let goes_on = self.lines.get(self.at + lacking).is_some_and(|line| is_declaration(&line.tokens));
             for _ in 0..lacking * usize::from(in_data || goes_on) {
                 let message = "DECL is missing: by KUKA's manual, DECL is optional only before simple types";
-                if let Some((line, first)) = self.first_word() {
+                if let Some((line, first)) = self.peek_first_word() {
                     self.warn(line, &first, message.to_owned());
                 }
-                found.extend(self.declaration());
+                found.extend(self.parse_declaration());
             }
             if !goes_on {
                 return found;
             }
-            found.extend(self.declaration());
+            found.extend(self.parse_declaration());
         }
     }
 
-    fn declaration(&mut self) -> Option<Declaration> {
-        let (line, first) = self.first_word()?;
-        let tokens = self.take_line();
-        let read = declaration(&mut Reader::new(&tokens), line);
+    fn parse_declaration(&mut self) -> Option<Declaration> {
+        let (line, first) = self.peek_first_word()?;
+        let tokens = self.next_line();
+        let read = parse_declaration(&mut TokenReader::new(&tokens), line);
         read.map_err(|unread| self.report(line, &tokens, &first, unread)).ok()
     }
 
     /// Reads DEFDAT … ENDDAT, with declarations and initial values mixed.
     fn data(&mut self) -> Data {
-        let line = self.first_word().map_or(1, |(line, _)| line);
-        let tokens = self.take_line();
+        let line = self.peek_first_word().map_or(1, |(line, _)| line);
+        let tokens = self.next_line();
         let name = match tokens.get(1) {
             Some(Token::Name(name)) => name.clone(),
             _ => String::new(),
@@ -276,22 +276,22 @@ impl Parser {
         let public = tokens.contains(&Token::Name("PUBLIC".to_owned()));
         let mut data = Data { line, name, public, declarations: Vec::new(), values: Vec::new() };
         loop {
-            data.declarations.extend(self.declarations(true));
-            let Some((line, first)) = self.first_word() else {
+            data.declarations.extend(self.parse_declarations(true));
+            let Some((line, first)) = self.peek_first_word() else {
                 let line = self.ends_at;
                 self.problem(line, "", "the file ends, but ENDDAT is missing");
                 return data;
             };
-            let tokens = self.take_line();
+            let tokens = self.next_line();
             if first == "ENDDAT" {
                 break;
             }
-            match first_value(&mut Reader::new(&tokens), line) {
+            match parse_initial_value(&mut TokenReader::new(&tokens), line) {
                 Ok(value) => data.values.push(value),
                 Err(unread) => self.report(line, &tokens, &first, unread),
             }
         }
-        if let Some((line, first)) = self.first_word() {
+        if let Some((line, first)) = self.peek_first_word() {
             self.problem(line, &first, "ENDDAT must be the last line of the file");
         }
         data
@@ -299,14 +299,14 @@ impl Parser {
 }
 
 /// Returns whether a text is a valid name of a routine.
-fn is_name(text: &str) -> bool {
+fn is_routine_name(text: &str) -> bool {
     let is_inside = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '$');
     let begins = text.starts_with(|c: char| is_inside(c) && !c.is_ascii_digit());
     begins && text.chars().all(is_inside) && RESERVED.binary_search(&text).is_err()
 }
 
 /// Returns whether a line is DEF, DEFFCT, GLOBAL DEF or GLOBAL DEFFCT.
-fn opens_a_routine(line: &Line) -> bool {
+fn opens_a_routine(line: &SourceLine) -> bool {
     let word = |at: usize| match line.tokens.get(at) {
         Some(Token::Name(name)) => name.as_str(),
         _ => "",
@@ -316,8 +316,8 @@ fn opens_a_routine(line: &Line) -> bool {
 }
 
 /// Reads `NAME[1]=17` in a data list.
-fn first_value(reader: &mut Reader<'_>, line: usize) -> Read<Statement> {
-    let to = reader.place()?;
+fn parse_initial_value(reader: &mut TokenReader<'_>, line: usize) -> ReadResult<Statement> {
+    let to = reader.parse_variable()?;
     reader.sign("=")?;
     let value = reader.expression()?;
     reader.end()?;
@@ -325,46 +325,46 @@ fn first_value(reader: &mut Reader<'_>, line: usize) -> Read<Statement> {
 }
 
 #[derive(Debug, Default)]
-struct Head {
+struct RoutineHead {
     global: bool,
-    returns: Option<Returned>,
+    returns: Option<ReturnType>,
     name: String,
     parameters: Vec<Parameter>,
 }
 
-fn routine_head(reader: &mut Reader<'_>) -> Read<Head> {
-    let global = reader.takes_word("GLOBAL");
-    let returns = if reader.takes_word("DEFFCT") {
-        Some(returned(reader)?)
+fn parse_routine_head(reader: &mut TokenReader<'_>) -> ReadResult<RoutineHead> {
+    let global = reader.accept_word("GLOBAL");
+    let returns = if reader.accept_word("DEFFCT") {
+        Some(parse_return_type(reader)?)
     } else {
-        reader.word("DEF")?;
+        reader.expect_word("DEF")?;
         None
     };
     let name = reader.name()?;
     reader.sign("(")?;
     let mut parameters = Vec::new();
-    while !reader.takes_sign(")") {
+    while !reader.accept_sign(")") {
         if !parameters.is_empty() {
             reader.sign(",")?;
         }
-        parameters.push(parameter(reader)?);
+        parameters.push(parse_parameter(reader)?);
     }
     reader.end()?;
-    Ok(Head { global, returns, name, parameters })
+    Ok(RoutineHead { global, returns, name, parameters })
 }
 
 /// `NAME`, `NAME:IN`, `NAME[,]:OUT`.
-fn parameter(reader: &mut Reader<'_>) -> Read<Parameter> {
+fn parse_parameter(reader: &mut TokenReader<'_>) -> ReadResult<Parameter> {
     let name = reader.name()?;
-    if reader.takes_sign("[") {
-        while reader.takes_sign(",") {}
+    if reader.accept_sign("[") {
+        while reader.accept_sign(",") {}
         reader.sign("]")?;
     }
     let mut by_value = false;
-    if reader.takes_sign(":") {
-        by_value = reader.takes_word("IN");
+    if reader.accept_sign(":") {
+        by_value = reader.accept_word("IN");
         if !by_value {
-            reader.word("OUT")?;
+            reader.expect_word("OUT")?;
         }
     }
     Ok(Parameter { name, by_value })

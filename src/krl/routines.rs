@@ -44,7 +44,7 @@ pub enum Builtin {
 
 /// The way in which an argument is passed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Wants {
+pub(super) enum ArgumentPassing {
     /// A value of this type.
     Value(&'static str),
     /// A variable of this type, with any value.
@@ -57,14 +57,14 @@ pub(super) enum Wants {
 
 /// A routine of the controller.
 #[derive(Debug)]
-pub(super) struct Known {
+pub(super) struct KnownRoutine {
     /// The implementation of the routine; `None` if the routine is only checked.
     pub(super) builtin: Option<Builtin>,
-    pub(super) wants: Vec<Wants>,
+    pub(super) argument_passing: Vec<ArgumentPassing>,
     /// The number of arguments that must be given.
-    pub(super) least: usize,
+    pub(super) min_arguments: usize,
     /// Whether more arguments of any kind may follow.
-    pub(super) open: bool,
+    pub(super) accepts_more: bool,
     /// The type of the routine's return value; `None` if it returns no value.
     pub(super) returns: Option<&'static str>,
     /// Whether the routine belongs to EthernetKRL 6; KSS 8 does not have it.
@@ -72,24 +72,24 @@ pub(super) struct Known {
 }
 
 /// Returns the controller's routine of this name.
-pub(super) fn known(name: &str) -> Option<&'static Known> {
+pub(super) fn find_routine(name: &str) -> Option<&'static KnownRoutine> {
     ROUTINES.get(name)
 }
 
-static ROUTINES: LazyLock<BTreeMap<&'static str, Known>> = LazyLock::new(|| {
-    let executed = EXECUTED.iter().map(|(row, builtin)| parsed(row, Some(*builtin)));
-    let checked = CHECKED.iter().map(|row| parsed(row, None));
-    let newer = OF_ETHERNET_KRL_6.iter().map(|row| {
-        let (name, known) = parsed(row, None);
-        (name, Known { of_ethernet_krl_6: true, ..known })
+static ROUTINES: LazyLock<BTreeMap<&'static str, KnownRoutine>> = LazyLock::new(|| {
+    let executed = EXECUTED_ROUTINES.iter().map(|(row, builtin)| parse_signature(row, Some(*builtin)));
+    let checked = CHECKED_ROUTINES.iter().map(|row| parse_signature(row, None));
+    let newer = ETHERNET_KRL_6_ROUTINES.iter().map(|row| {
+        let (name, known) = parse_signature(row, None);
+        (name, KnownRoutine { of_ethernet_krl_6: true, ..known })
     });
     executed.chain(checked).chain(newer).collect()
 });
 
 /// Returns whether a routine or variable exists only in EthernetKRL 6: a file that names it is written for
 /// EthernetKRL 6.
-pub(super) fn is_of_ethernet_krl_6(name: &str) -> bool {
-    VARIABLES_OF_ETHERNET_KRL_6.contains(&name) || known(name).is_some_and(|known| known.of_ethernet_krl_6)
+pub(super) fn is_ethernet_krl_6_only(name: &str) -> bool {
+    VARIABLES_OF_ETHERNET_KRL_6.contains(&name) || find_routine(name).is_some_and(|known| known.of_ethernet_krl_6)
 }
 
 /// Variables that exist only in EthernetKRL 6.
@@ -98,7 +98,7 @@ pub(super) const VARIABLES_OF_ETHERNET_KRL_6: [&str; 2] = ["EKIOK", "EKIINVALIDO
 /// Parses `NAME arguments : type`. An argument is a type by value, `=TYPE` a variable, `+TYPE` a variable that must
 /// have a value, `*` anything. `?` stands in front of the first argument that may be omitted; `…` represents any
 /// further arguments.
-fn parsed(row: &'static str, builtin: Option<Builtin>) -> (&'static str, Known) {
+fn parse_signature(row: &'static str, builtin: Option<Builtin>) -> (&'static str, KnownRoutine) {
     let (head, returns) = match row.split_once(" : ") {
         Some((head, returns)) => (head, Some(returns)),
         None => (row, None),
@@ -109,18 +109,28 @@ fn parsed(row: &'static str, builtin: Option<Builtin>) -> (&'static str, Known) 
     for word in words {
         match word.as_bytes().first() {
             Some(b'?') => least = Some(wants.len()),
-            Some(b'=') => wants.push(Wants::Variable(&word[1..])),
-            Some(b'+') => wants.push(Wants::Filled(&word[1..])),
-            Some(b'*') => wants.push(Wants::Any),
+            Some(b'=') => wants.push(ArgumentPassing::Variable(&word[1..])),
+            Some(b'+') => wants.push(ArgumentPassing::Filled(&word[1..])),
+            Some(b'*') => wants.push(ArgumentPassing::Any),
             _ if word == "…" => open = true,
-            _ => wants.push(Wants::Value(word)),
+            _ => wants.push(ArgumentPassing::Value(word)),
         }
     }
     let least = least.unwrap_or(wants.len());
-    (name, Known { builtin, wants, least, open, returns, of_ethernet_krl_6: false })
+    (
+        name,
+        KnownRoutine {
+            builtin,
+            argument_passing: wants,
+            min_arguments: least,
+            accepts_more: open,
+            returns,
+            of_ethernet_krl_6: false,
+        },
+    )
 }
 
-const EXECUTED: [(&str, Builtin); 32] = [
+const EXECUTED_ROUTINES: [(&str, Builtin); 32] = [
     ("ABS NUMBER : REAL", Builtin::Abs),
     ("SQRT REAL : REAL", Builtin::Sqrt),
     ("SIN REAL : REAL", Builtin::Sin),
@@ -157,7 +167,7 @@ const EXECUTED: [(&str, Builtin); 32] = [
 
 /// Routines that are only checked, by subject: EthernetKRL; messages (MsgLib); texts; arithmetic and poses;
 /// channels; signals, times and errors; motion parameters; sensors.
-const CHECKED: [&str; 123] = [
+const CHECKED_ROUTINES: [&str; 123] = [
     "EKI_GETSTRING TEXT TEXT +TEXT : EKI_STATUS",
     "EKI_SETSTRING TEXT TEXT TEXT : EKI_STATUS",
     "EKI_GETBOOLARRAY TEXT TEXT +BOOL : EKI_STATUS",
@@ -283,7 +293,7 @@ const CHECKED: [&str; 123] = [
     "RSI_SHOW : INT",
 ];
 
-const OF_ETHERNET_KRL_6: [&str; 3] =
+const ETHERNET_KRL_6_ROUTINES: [&str; 3] =
     ["EKI_LOAD TEXT … : INT", "EKI_UNLOAD TEXT … : INT", "EKI_READNEXT TEXT … : INT"];
 
 #[cfg(test)]
@@ -292,13 +302,26 @@ mod tests {
 
     #[test]
     fn each_row_is_read() {
-        assert_eq!(ROUTINES.len(), EXECUTED.len() + CHECKED.len() + OF_ETHERNET_KRL_6.len(), "a name twice");
-        let bas = known("BAS").expect("it");
-        assert_eq!((bas.builtin, bas.least, bas.wants.len(), bas.returns), (Some(Builtin::Bas), 1, 2, None));
-        let write = known("CWRITE").expect("it");
-        assert!(write.open && write.wants[1] == Wants::Variable("STATE_T"), "{write:?}");
-        assert_eq!(known("STRLEN").map(|length| length.returns), Some(Some("INT")));
-        assert!(known("EKI_LOAD").is_some_and(|load| load.of_ethernet_krl_6) && known("EKI_INIT").is_some());
-        assert!(known("NOWHERE").is_none());
+        assert_eq!(
+            ROUTINES.len(),
+            EXECUTED_ROUTINES.len() + CHECKED_ROUTINES.len() + ETHERNET_KRL_6_ROUTINES.len(),
+            "a name twice"
+        );
+        let bas = find_routine("BAS").expect("it");
+        assert_eq!(
+            (bas.builtin, bas.min_arguments, bas.argument_passing.len(), bas.returns),
+            (Some(Builtin::Bas), 1, 2, None)
+        );
+        let write = find_routine("CWRITE").expect("it");
+        assert!(
+            write.accepts_more && write.argument_passing[1] == ArgumentPassing::Variable("STATE_T"),
+            "{write:?}"
+        );
+        assert_eq!(find_routine("STRLEN").map(|length| length.returns), Some(Some("INT")));
+        assert!(
+            find_routine("EKI_LOAD").is_some_and(|load| load.of_ethernet_krl_6)
+                && find_routine("EKI_INIT").is_some()
+        );
+        assert!(find_routine("NOWHERE").is_none());
     }
 }

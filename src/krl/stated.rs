@@ -1,7 +1,7 @@
 //! The numbers that a data list states, each with its line, so that another program can compare them without
 //! executing anything.
 
-use super::syntax::{Action, Declared, Expression, File, Step, Unary};
+use super::syntax::{Action, DeclarationContent, Expression, File, Step, Unary};
 
 /// A number of a data list.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,7 +23,7 @@ impl File {
         let Some(data) = &self.data else { return Vec::new() };
         let mut all = Vec::new();
         for declaration in &data.declarations {
-            let Declared::Variables { items, .. } = &declaration.kind else { continue };
+            let DeclarationContent::Variables { items, .. } = &declaration.kind else { continue };
             let stated = items.iter().filter_map(|item| {
                 let value = number(item.value.as_ref()?)?;
                 Some(StatedValue { name: item.name.clone(), index: None, line: declaration.line, value })
@@ -46,10 +46,10 @@ impl File {
     }
 
     /// Returns whether the data list declares this variable; the name is in upper case.
-    pub fn declares(&self, name: &str) -> bool {
+    pub fn declares_variable(&self, name: &str) -> bool {
         let declarations = self.data.iter().flat_map(|data| &data.declarations);
         let mut items = declarations.flat_map(|declaration| match &declaration.kind {
-            Declared::Variables { items, .. } => items.as_slice(),
+            DeclarationContent::Variables { items, .. } => items.as_slice(),
             _ => &[],
         });
         items.any(|item| item.name == name)
@@ -77,6 +77,6 @@ mod tests {
         let found: Vec<_> =
             file.stated_values().into_iter().map(|it| (it.name, it.index, it.line, it.value)).collect();
         assert_eq!(found, [("N".to_owned(), None, 2, 2.0), ("B".to_owned(), Some(1), 4, -0.5)]);
-        assert!(file.declares("M") && !file.declares("K"));
+        assert!(file.declares_variable("M") && !file.declares_variable("K"));
     }
 }

@@ -38,9 +38,9 @@ impl File {
         let (mut constants, mut variables, mut signals) = (0, 0, 0);
         for declaration in &data.declarations {
             match &declaration.kind {
-                Declared::Variables { constant: true, items, .. } => constants += items.len(),
-                Declared::Variables { items, .. } => variables += items.len(),
-                Declared::Signal { .. } => signals += 1,
+                DeclarationContent::Variables { constant: true, items, .. } => constants += items.len(),
+                DeclarationContent::Variables { items, .. } => variables += items.len(),
+                DeclarationContent::Signal { .. } => signals += 1,
                 _ => {}
             }
         }
@@ -69,7 +69,7 @@ pub(super) struct Routine {
     pub(super) end_line: usize,
     pub(super) global: bool,
     /// For DEFFCT.
-    pub(super) returns: Option<Returned>,
+    pub(super) returns: Option<ReturnType>,
     pub(super) parameters: Vec<Parameter>,
     pub(super) declarations: Vec<Declaration>,
     pub(super) body: Vec<Statement>,
@@ -77,7 +77,7 @@ pub(super) struct Routine {
 
 /// The return type of a DEFFCT: a type, or an array of CHAR.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Returned {
+pub(super) struct ReturnType {
     pub(super) type_name: String,
     pub(super) dimensions: Vec<Option<Expression>>,
 }
@@ -93,11 +93,11 @@ pub(super) struct Parameter {
 pub(super) struct Declaration {
     pub(super) line: usize,
     pub(super) global: bool,
-    pub(super) kind: Declared,
+    pub(super) kind: DeclarationContent,
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Declared {
+pub(super) enum DeclarationContent {
     Variables {
         constant: bool,
         type_name: String,
@@ -365,9 +365,9 @@ pub(super) enum Unary {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Binary {
     /// `*`
-    Times,
+    Multiply,
     /// `/`: division, which truncates if both values are INT.
-    By,
+    Divide,
     /// `+`
     Plus,
     /// `-`
@@ -402,7 +402,7 @@ pub enum Binary {
 
 impl Action {
     /// Returns the blocks of statements in this statement.
-    pub(super) fn blocks(&self) -> Vec<&[Statement]> {
+    pub(super) fn statement_blocks(&self) -> Vec<&[Statement]> {
         match self {
             Action::If { then, otherwise, .. } => vec![then, otherwise],
             Action::Switch { cases, default, .. } => {

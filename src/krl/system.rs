@@ -155,15 +155,15 @@ pub(super) fn find(name: &str) -> Option<usize> {
 /// A variable of which only the type is known and that is never executed: a variable of the controller, or one that
 /// every `$config.dat` declares.
 #[derive(Debug, Clone)]
-pub(super) struct Named {
+pub(super) struct NameOnlyVariable {
     pub(super) type_name: &'static str,
     /// The number of dimensions; their sizes differ between controllers.
     pub(super) dimensions: usize,
 }
 
 /// Returns the variable of this name.
-pub(super) fn named(name: &str) -> Option<&'static Named> {
-    static NAMED: LazyLock<BTreeMap<&'static str, Named>> = LazyLock::new(|| {
+pub(super) fn find_variable(name: &str) -> Option<&'static NameOnlyVariable> {
+    static NAME_ONLY_VARIABLES: LazyLock<BTreeMap<&'static str, NameOnlyVariable>> = LazyLock::new(|| {
         let mut all = BTreeMap::new();
         for line in NAMES.lines() {
             let mut words = line.split(' ');
@@ -171,12 +171,12 @@ pub(super) fn named(name: &str) -> Option<&'static Named> {
             for word in words.filter(|word| !word.is_empty()) {
                 let (name, sizes) = word.split_once('[').map_or((word, None), |(name, sizes)| (name, Some(sizes)));
                 let dimensions = sizes.map_or(0, |sizes| 1 + sizes.matches(',').count());
-                all.insert(name, Named { type_name, dimensions });
+                all.insert(name, NameOnlyVariable { type_name, dimensions });
             }
         }
         all
     });
-    NAMED.get(name)
+    NAME_ONLY_VARIABLES.get(name)
 }
 
 /// A type, and its variables; `ANY` for a type that is left open. First the system variables, then those of
@@ -222,11 +222,14 @@ mod tests {
 
     #[test]
     fn a_variable_is_known_by_its_type_and_its_size() {
-        let of = |name: &str| named(name).map(|named| (named.type_name, named.dimensions));
+        let of = |name: &str| find_variable(name).map(|named| (named.type_name, named.dimensions));
         assert_eq!(of("$POWER_FAIL"), Some(("BOOL", 0)));
         assert_eq!(of("$ANIN"), Some(("REAL", 1)));
         assert_eq!(of("TOOL_NAME"), Some(("CHAR", 2)));
         assert_eq!(of("$NOWHERE"), None);
-        assert!(SYSTEM_VARIABLES.iter().all(|variable| named(variable.name).is_none()), "one place for each");
+        assert!(
+            SYSTEM_VARIABLES.iter().all(|variable| find_variable(variable.name).is_none()),
+            "one place for each"
+        );
     }
 }

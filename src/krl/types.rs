@@ -128,7 +128,7 @@ impl Types {
     }
 
     /// Returns one of KUKA's own types; [`Type::Text`] for a text.
-    pub(super) fn own(&self, name: &str) -> Type {
+    pub(super) fn kuka_type(&self, name: &str) -> Type {
         match name {
             "TEXT" => Type::Text,
             _ => self.find(name, &[]).unwrap_or(Type::Unknown),
@@ -198,7 +198,7 @@ impl Types {
     }
 
     /// Returns the structure of a type.
-    pub(super) fn struc(&self, kind: Type) -> Option<&Struc> {
+    pub(super) fn structure(&self, kind: Type) -> Option<&Struc> {
         if let Type::Struc(index) = kind { self.strucs.get(index) } else { None }
     }
 
@@ -207,28 +207,28 @@ impl Types {
         if let Type::Enumeration(index) = kind { self.enumerations.get(index) } else { None }
     }
 
-    fn is_one_of(&self, kind: Type, names: &[&str]) -> bool {
-        self.struc(kind).is_some_and(|struc| names.contains(&struc.name.as_str()))
+    fn is_one_of_types(&self, kind: Type, names: &[&str]) -> bool {
+        self.structure(kind).is_some_and(|struc| names.contains(&struc.name.as_str()))
     }
 
     /// Returns whether the type begins with X, Y, Z, A, B, C.
     pub(super) fn is_pose(&self, kind: Type) -> bool {
-        self.is_one_of(kind, &POSES)
+        self.is_one_of_types(kind, &POSES)
     }
 
     /// Returns whether the type begins with A1 to A6.
     pub(super) fn is_axes(&self, kind: Type) -> bool {
-        self.is_one_of(kind, &AXES)
+        self.is_one_of_types(kind, &AXES)
     }
 
     /// Returns whether the controller converts the two types into each other: both are poses, or both are axis
     /// positions.
-    pub(super) fn are_alike(&self, one: Type, other: Type) -> bool {
+    pub(super) fn are_convertible(&self, one: Type, other: Type) -> bool {
         (self.is_pose(one) && self.is_pose(other)) || (self.is_axes(one) && self.is_axes(other))
     }
 
     /// Returns whether two types are the same: one of KUKA's own types may be declared a second time.
-    pub(super) fn are_same(&self, one: Type, other: Type) -> bool {
+    pub(super) fn are_same_type(&self, one: Type, other: Type) -> bool {
         match (one, other) {
             (Type::Enumeration(_), Type::Enumeration(_)) | (Type::Struc(_), Type::Struc(_)) => {
                 self.name(one) == self.name(other)
@@ -238,26 +238,26 @@ impl Types {
     }
 
     /// Returns the index of this constant in its enumeration.
-    pub(super) fn word(&self, kind: Type, word: &str) -> Option<u16> {
+    pub(super) fn constant_index(&self, kind: Type, word: &str) -> Option<u16> {
         self.enumeration(kind)?.places.get(word).copied()
     }
 }
 
 impl Struc {
     /// Lists the components of the structure, for a message.
-    pub(super) fn listed(&self) -> String {
-        listed(self.components.iter().map(|component| component.name.as_str()), "")
+    pub(super) fn describe_components(&self) -> String {
+        join_names(self.components.iter().map(|component| component.name.as_str()), "")
     }
 }
 
 impl Enumeration {
     /// Lists the constants of the enumeration, for a message.
-    pub(super) fn listed(&self) -> String {
-        listed(self.words.iter().map(String::as_str), "#")
+    pub(super) fn describe_constants(&self) -> String {
+        join_names(self.words.iter().map(String::as_str), "#")
     }
 }
 
-fn listed<'a>(names: impl Iterator<Item = &'a str>, sign: &str) -> String {
+fn join_names<'a>(names: impl Iterator<Item = &'a str>, sign: &str) -> String {
     let mut all: Vec<String> = names.take(MAX_LISTED + 1).map(|name| format!("{sign}{name}")).collect();
     if all.len() > MAX_LISTED {
         all[MAX_LISTED] = "…".to_owned();

@@ -4,13 +4,13 @@
 //! beginnings of the shapes and the times of the wet pictures: there is no observation between two pictures.
 
 use super::check::ClipFrame;
-use super::coded::coded;
+use super::coded::time_to_color;
 use super::shapes::Break;
 use crate::geometry::{ColorPicture, Mask, Pixel, polygon};
 
 /// The pixels that broke, with their times.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Broken {
+pub struct BrokenPixels {
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -20,15 +20,15 @@ pub struct Broken {
 }
 
 /// Returns the pixels that broke by the clip's end. The breaks must be without [`problems`](super::problems).
-pub fn broken(breaks: &[Break], frame: &ClipFrame) -> Broken {
+pub fn broken_pixels(breaks: &[Break], frame: &ClipFrame) -> BrokenPixels {
     let [width, height] = frame.size_px;
-    let mut broken = Broken { width, height, since_wet_s: vec![f64::INFINITY; width * height] };
+    let mut broken = BrokenPixels { width, height, since_wet_s: vec![f64::INFINITY; width * height] };
     for one in breaks {
         let mut drawn: Vec<Pixel> = Vec::new();
         for time_s in moments_s(one, frame) {
             let corners = one.corners_at(time_s);
             if corners != drawn {
-                broken.fill(&corners, time_s - frame.wet_from_s());
+                broken.mark_polygon(&corners, time_s - frame.wet_from_s());
                 drawn = corners;
             }
         }
@@ -40,14 +40,14 @@ pub fn broken(breaks: &[Break], frame: &ClipFrame) -> Broken {
 fn moments_s(one: &Break, frame: &ClipFrame) -> Vec<f64> {
     let begins = one.shapes.iter().map(|shape| shape.from_s);
     let mut moments_s: Vec<f64> =
-        begins.chain(frame.wet_times_s.iter().copied()).filter(|&time_s| one.is_open(time_s)).collect();
+        begins.chain(frame.wet_times_s.iter().copied()).filter(|&time_s| one.is_open_at(time_s)).collect();
     moments_s.sort_by(f64::total_cmp);
     moments_s
 }
 
-impl Broken {
+impl BrokenPixels {
     /// Marks the pixels of a polygon as broken from this time on, unless they broke earlier.
-    fn fill(&mut self, corners: &[Pixel], since_wet_s: f64) {
+    fn mark_polygon(&mut self, corners: &[Pixel], since_wet_s: f64) {
         let range = |of: fn(&Pixel) -> f64, count: usize| {
             let low = corners.iter().map(of).fold(f64::INFINITY, f64::min).ceil().max(0.0) as usize;
             let high = corners.iter().map(of).fold(f64::NEG_INFINITY, f64::max).floor() + 1.0;
@@ -72,7 +72,8 @@ impl Broken {
 
     /// Returns the times at which the pixels broke, as colours: see [`coded`].
     pub fn times(&self) -> ColorPicture {
-        let rgb = self.since_wet_s.iter().map(|&time_s| coded(time_s.is_finite().then_some(time_s))).collect();
+        let rgb =
+            self.since_wet_s.iter().map(|&time_s| time_to_color(time_s.is_finite().then_some(time_s))).collect();
         ColorPicture { width: self.width, height: self.height, rgb }
     }
 }

@@ -184,7 +184,7 @@ pub fn problems(said: &Statement, frame: &ClipFrame) -> Vec<Problem> {
         _ => {}
     }
     for (index, one) in said.breaks.iter().enumerate() {
-        when(index + 1, one, frame, &mut problems);
+        check_times(index + 1, one, frame, &mut problems);
         for shape in &one.shapes {
             problems.extend(outline(index + 1, shape, frame));
         }
@@ -193,7 +193,7 @@ pub fn problems(said: &Statement, frame: &ClipFrame) -> Vec<Problem> {
 }
 
 /// Finds the problems in a break's times.
-fn when(number: usize, one: &Break, frame: &ClipFrame, problems: &mut Vec<Problem>) {
+fn check_times(number: usize, one: &Break, frame: &ClipFrame, problems: &mut Vec<Problem>) {
     let (Some(first), Some(last)) = (one.shapes.first(), one.shapes.last()) else {
         return problems.push(Problem::NoShape { number });
     };

@@ -4,7 +4,7 @@
 //! wet picture. Any other pixel is black.
 
 /// Converts a time to a colour.
-pub fn coded(since_wet_s: Option<f64>) -> [u8; 3] {
+pub fn time_to_color(since_wet_s: Option<f64>) -> [u8; 3] {
     since_wet_s.map_or([0; 3], |since_wet_s| {
         let [red, green] = ((since_wet_s * 100.0).round().clamp(0.0, 65_535.0) as u16).to_be_bytes();
         [red, green, 255]
@@ -23,7 +23,7 @@ mod tests {
     #[test]
     fn times_survive_their_colour() {
         for time_s in [None, Some(0.0), Some(0.25), Some(59.99), Some(600.0)] {
-            assert_eq!(decoded(coded(time_s)), time_s);
+            assert_eq!(decoded(time_to_color(time_s)), time_s);
         }
     }
 }

@@ -30,17 +30,17 @@ mod shapes;
 #[cfg(test)]
 mod tests;
 
-pub use broken::{Broken, broken};
+pub use broken::{BrokenPixels, broken_pixels};
 pub use check::{ClipFrame, MAX_SINCE_WET_S, Problem, problems};
-pub use coded::{coded, decoded};
+pub use coded::{decoded, time_to_color};
 pub use form::{FormError, LabelFile, VERSION, read, write};
 pub use shapes::{Break, Shape, Statement};
 
 /// The labels' file.
 pub const LABELS: &str = "labels.json";
 /// The labels that a person has not saved yet, in the same format.
-pub const DRAFT: &str = "labels.draft.json";
+pub const DRAFT_FILE: &str = "labels.draft.json";
 /// The file of the mask: the pixels that broke by the clip's end are white.
 pub const MASK: &str = "mask.png";
 /// The file of the times: see [`coded`].
-pub const TIMES: &str = "times.png";
+pub const TIMES_FILE: &str = "times.png";

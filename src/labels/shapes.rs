@@ -37,7 +37,7 @@ pub struct Statement {
 
 impl Break {
     /// Returns whether the break is open at this time, s of the clip.
-    pub fn is_open(&self, time_s: f64) -> bool {
+    pub fn is_open_at(&self, time_s: f64) -> bool {
         let has_begun = self.shapes.first().is_some_and(|first| first.from_s <= time_s);
         has_begun && self.closes_s.is_none_or(|closes_s| time_s < closes_s)
     }

@@ -32,7 +32,7 @@ fn pixels_break_when_a_growing_shape_reaches_them() {
         shapes: vec![rectangle(4.0, [1.5, 0.5], [4.5, 2.5]), rectangle(8.0, [1.5, 0.5], [6.5, 2.5])],
     };
     assert_eq!(problems(&statement(vec![grows.clone()]), &frame()), []);
-    let broken = broken(&[grows], &frame());
+    let broken = broken_pixels(&[grows], &frame());
     let row: Vec<f64> = broken.since_wet_s[10..20].to_vec();
     let never = f64::INFINITY;
     assert_eq!(row, [never, never, 1.0, 1.0, 1.0, 3.0, 5.0, never, never, never]);
@@ -60,9 +60,9 @@ fn a_shape_holds_until_another_one_and_what_closed_did_break() {
     assert_eq!(one.corners_at(2.9), []);
     assert_eq!(one.corners_at(5.9).len(), 4);
     assert_eq!(one.corners_at(9.0)[1], Pixel::at(3.5, -0.5));
-    assert!(one.is_open(6.9) && !one.is_open(7.0) && !one.is_open(2.0));
+    assert!(one.is_open_at(6.9) && !one.is_open_at(7.0) && !one.is_open_at(2.0));
     let other = Break { closes_s: None, shapes: vec![rectangle(5.0, [-0.5, -0.5], [0.5, 5.5])] };
-    let broken = broken(&[other, one], &frame());
+    let broken = broken_pixels(&[other, one], &frame());
     assert_eq!(broken.since_wet_s[..4], [0.0, 0.0, 3.0, f64::INFINITY]);
     assert_eq!((broken.since_wet_s[10], broken.since_wet_s[20], broken.mask().count()), (0.0, 2.0, 9));
 }

@@ -5,7 +5,7 @@ use super::signals::{CellStatus, LineInputs, LineSignals, line_signals};
 use crate::cell::LineSignal;
 
 /// This many consecutive observations must be equal before they count: a bouncing contact makes no request.
-const STEADY: u8 = 2;
+const MIN_EQUAL_OBSERVATIONS: u8 = 2;
 
 /// A request to the cell for the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,7 +45,7 @@ pub struct Handshake {
 
 impl Handshake {
     /// Evaluates one observation and returns the request that is to be made.
-    pub fn look(&mut self, look: LineObservation) -> Option<LineRequest> {
+    pub fn evaluate(&mut self, look: LineObservation) -> Option<LineRequest> {
         let count = match &self.steady {
             Some((before, count)) if *before == look => count.saturating_add(1),
             _ => 1,
@@ -60,8 +60,8 @@ impl Handshake {
         self.is_armed &= cell.state == "idle";
         self.saw_part &= cell.state == "complete";
         match cell.state.as_str() {
-            _ if count < STEADY => None,
-            "idle" => self.idle(inputs),
+            _ if count < MIN_EQUAL_OBSERVATIONS => None,
+            "idle" => self.on_idle(inputs),
             "complete" => self.complete(inputs),
             _ => None,
         }
@@ -88,7 +88,7 @@ impl Handshake {
         line_signals(look.cell.as_ref())
     }
 
-    fn idle(&mut self, inputs: LineInputs) -> Option<LineRequest> {
+    fn on_idle(&mut self, inputs: LineInputs) -> Option<LineRequest> {
         if !inputs.start_request {
             self.is_armed = true;
             return None;

@@ -34,7 +34,7 @@ impl LineSignals {
     }
 
     /// Returns whether this signal is on.
-    pub fn has(self, signal: LineSignal) -> bool {
+    pub fn is_on(self, signal: LineSignal) -> bool {
         self.0 & signal.bit() != 0
     }
 }

@@ -33,7 +33,7 @@ fn asked(handshake: &mut Handshake, looks: &[LineObservation]) -> Vec<LineReques
     looks
         .iter()
         .flat_map(|look| std::iter::repeat_n(look, 3))
-        .filter_map(|look| handshake.look(look.clone()))
+        .filter_map(|look| handshake.evaluate(look.clone()))
         .collect()
 }
 
@@ -89,8 +89,8 @@ fn a_contact_that_bounces_asks_for_nothing() {
     let mut handshake = Handshake::default();
     asked(&mut handshake, &[look("idle", true, false)]);
     for _ in 0..20 {
-        assert_eq!(handshake.look(look("idle", true, true)), None);
-        assert_eq!(handshake.look(look("idle", true, false)), None);
+        assert_eq!(handshake.evaluate(look("idle", true, true)), None);
+        assert_eq!(handshake.evaluate(look("idle", true, false)), None);
     }
     assert_eq!(asked(&mut handshake, &[look("idle", true, true)]), [LineRequest::Start]);
 }
@@ -149,11 +149,11 @@ fn what_is_told_is_never_two_things() {
         for verdict in verdicts {
             for is_review in [false, true] {
                 let now = line_signals(Some(&CellStatus { state: state.to_owned(), is_review, verdict }));
-                let one = [Ready, CycleDone, Review, Fault].iter().filter(|signal| now.has(**signal)).count();
+                let one = [Ready, CycleDone, Review, Fault].iter().filter(|signal| now.is_on(**signal)).count();
                 assert!(one <= 1, "{state} {verdict:?}");
-                assert_eq!(now.has(CycleDone), now.has(Pass) != now.has(Fail), "{state} {verdict:?}");
-                assert_eq!(now.has(Pass), state == "complete" && verdict == Some(Verdict::Pass));
-                assert_eq!(now.has(Ready), state == "idle");
+                assert_eq!(now.is_on(CycleDone), now.is_on(Pass) != now.is_on(Fail), "{state} {verdict:?}");
+                assert_eq!(now.is_on(Pass), state == "complete" && verdict == Some(Verdict::Pass));
+                assert_eq!(now.is_on(Ready), state == "idle");
             }
         }
     }
@@ -181,7 +181,7 @@ proptest! {
                 if trouble == 0 { now.inputs = None; }
                 if trouble == 1 { now.cell = None; }
                 let is_whole = trouble > 1;
-                match handshake.look(now) {
+                match handshake.evaluate(now) {
                     Some(LineRequest::Start) => {
                         prop_assert!(is_whole && state == 0 && part_present && start_request && low);
                         low = false;

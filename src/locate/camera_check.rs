@@ -6,13 +6,13 @@
 //! that the fixture does not constrain is reported as not observed, never as not moved.
 
 use super::covariance::worst_mm;
-use super::grid::{self, DepthReading, Grid, RigidF32, Scan, camera_point};
+use super::grid::{self, ColoredCloud, DepthReading, Grid, RigidF32, camera_point};
 use super::model::Model;
 use super::profile;
-use super::sampling::spread_over;
-use super::solve::{Constraint, ResidualWeighting, Sums, apply_twist, spread};
+use super::sampling::spread_indices;
+use super::solve::{Constraint, ResidualSums, ResidualWeighting, apply_twist, spread};
 use super::taught_model::TaughtModel;
-use crate::geometry::statistics::WHOLE_PANEL_95;
+use crate::geometry::statistics::PANEL_MAX_95;
 use crate::geometry::{Camera, Frame, OrganizedCloud, Panel, Pixel, Rigid};
 use crate::panel::{TaughtPanel, panel_from_base_at_teaching};
 use crate::recipe;
@@ -30,7 +30,7 @@ const MIN_FACES: usize = 150;
 const FACE_NOISE_MM: f64 = 0.06;
 const FACE_SHARING: f64 = 60.0;
 const FACE_FLOOR_MM: f64 = 0.5;
-const SAME_FACE_MM: f64 = 1.0;
+const MAX_FACE_CHANGE_MM: f64 = 1.0;
 const EDGE_NOISE_PX: f64 = 0.15;
 const EDGE_SHARING: f64 = 8.0;
 const EDGE_FLOOR_PX: f64 = 0.6;
@@ -39,7 +39,7 @@ const EDGE_GRAY: f64 = 16.0;
 /// With fewer edges it is not determined whether the edges are still there.
 const MIN_EDGES: usize = 40;
 /// If the depth at a taught face has changed by more than this, another object hides the face, mm.
-const SAME_PLACE_MM: f64 = 15.0;
+const MAX_DEPTH_CHANGE_MM: f64 = 15.0;
 /// The largest motion of a camera that could stay unnoticed; it constrains the directions that the fixture does not
 /// constrain.
 const PRIOR_MM: f64 = 3.0;
@@ -54,14 +54,14 @@ pub struct CameraCheck {
     /// 95 % of the errors of `moved_mm` are smaller, mm.
     pub uncertainty_mm: f64,
     /// The fraction of the fixture that lies at its taught place, 0…1.
-    pub same: f64,
+    pub unmoved_share: f64,
 }
 
 /// Compares the fixture in both scans; `None` if too little of the fixture is seen.
-pub(super) fn check(
+pub(super) fn check_camera(
     panel: &TaughtPanel,
     taught: &TaughtModel,
-    (grid, scan): (&Grid, &Scan),
+    (grid, scan): (&Grid, &ColoredCloud),
     inside: &[bool],
     placed: &Rigid<Camera, Panel>,
 ) -> Option<CameraCheck> {
@@ -69,25 +69,29 @@ pub(super) fn check(
     if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
         return None;
     }
-    compared(panel, &taught.model, (&taught.fixture, grid, scan), inside, placed)
+    compare_fixture(panel, &taught.model, (&taught.fixture, grid, scan), inside, placed)
 }
 
 /// Returns the uncertainty that the taught scan's own fixture would give for a camera that has not moved: 95 % of the
 /// errors at the taught panel are smaller, mm. `None` if too little of the fixture is seen.
-pub(super) fn at_teaching_mm(panel: &TaughtPanel, taught: &TaughtModel, settings: &recipe::Locate) -> Option<f64> {
+pub(super) fn teaching_uncertainty_mm(
+    panel: &TaughtPanel,
+    taught: &TaughtModel,
+    settings: &recipe::Locate,
+) -> Option<f64> {
     let TaughtModel { model, fixture } = taught;
-    let inside = inside_at_teaching(panel, fixture, settings);
+    let inside = box_blocks_at_teaching(panel, fixture, settings);
     let placed = model.camera_from_panel;
-    compared(panel, model, (fixture, fixture, &panel.scan), &inside, &placed).map(|it| it.uncertainty_mm)
+    compare_fixture(panel, model, (fixture, fixture, &panel.scan), &inside, &placed).map(|it| it.uncertainty_mm)
 }
 
 /// Returns for each block of the taught scan whether it lies in the search box.
-fn inside_at_teaching(panel: &TaughtPanel, fixture: &Grid, settings: &recipe::Locate) -> Vec<bool> {
+fn box_blocks_at_teaching(panel: &TaughtPanel, fixture: &Grid, settings: &recipe::Locate) -> Vec<bool> {
     let base_from_camera = panel_from_base_at_teaching().inverse() * panel.panel_from_camera;
-    grid::in_box(fixture, &base_from_camera, settings.box_min_mm(), settings.box_max_mm())
+    grid::blocks_in_box(fixture, &base_from_camera, settings.box_min_mm(), settings.box_max_mm())
 }
 
-fn compared<F: Frame>(
+fn compare_fixture<F: Frame>(
     panel: &TaughtPanel,
     model: &Model,
     (taught, grid, scan): (&Grid, &Grid, &OrganizedCloud<F>),
@@ -100,7 +104,7 @@ fn compared<F: Frame>(
         return None;
     }
     let same_faces =
-        faces.iter().filter(|face| face.residual.abs() <= SAME_FACE_MM).count() as f64 / faces.len() as f64;
+        faces.iter().filter(|face| face.residual.abs() <= MAX_FACE_CHANGE_MM).count() as f64 / faces.len() as f64;
     let (edges, same_edges) = still.edges(panel, (grid, scan));
     // The smaller share: either kind alone shows a fixture that has changed.
     let same = same_edges.map_or(same_faces, |same_edges| same_edges.min(same_faces));
@@ -124,7 +128,8 @@ fn compared<F: Frame>(
             correlated_count: EDGE_SHARING,
             cutoff: (4.7 * spread(&edges)).max(EDGE_FLOOR_PX),
         };
-        let mut sums = Sums::over(&faces, &of_faces, &centre).plus(Sums::over(&edges, &of_edges, &centre));
+        let mut sums = ResidualSums::from_constraints(&faces, &of_faces, &centre)
+            .add(ResidualSums::from_constraints(&edges, &of_edges, &centre));
         // With the prior a direction that the fixture does not show stays uncertain by the prior's size, instead of
         // free.
         for axis in 0..6 {
@@ -139,8 +144,8 @@ fn compared<F: Frame>(
     let covariance = information.try_inverse()?;
     Some(CameraCheck {
         moved_mm: model.largest_distance_mm(&identity, &moved),
-        uncertainty_mm: WHOLE_PANEL_95 * worst_mm(&covariance, model, &RigidF32::from_rigid(placed)),
-        same,
+        uncertainty_mm: PANEL_MAX_95 * worst_mm(&covariance, model, &RigidF32::from_rigid(placed)),
+        unmoved_share: same,
     })
 }
 
@@ -162,7 +167,7 @@ impl<'a> StaticScene<'a> {
 
     /// Returns the distances of the taught faces in front of the scan's faces, along their normals.
     fn faces(&self, grid: &Grid) -> Vec<Constraint> {
-        let chosen = spread_over(self.blocks.len(), FACES);
+        let chosen = spread_indices(self.blocks.len(), FACES);
         let face = |&k: &usize| {
             let block = self.blocks[k];
             let (column, row) = (block % grid.columns, block / grid.columns);
@@ -170,10 +175,12 @@ impl<'a> StaticScene<'a> {
             let beside = |i: usize, j: usize| {
                 let (x, y) = (column + i, row + j);
                 let far = (x < grid.columns && y < grid.rows).then(|| self.taught.point(x, y)).flatten()?;
-                self.taught.joined(point.z, point.z + (far.z - point.z) / 4.0).then(|| far - point)
+                self.taught.are_joined(point.z, point.z + (far.z - point.z) / 4.0).then(|| far - point)
             };
             let normal = beside(4, 0)?.cross(&beside(0, 4)?).try_normalize(1e-9)?;
-            let DepthReading::Smooth(depth_mm) = grid.look(grid.pixel(column, row)) else { return None };
+            let DepthReading::Smooth(depth_mm) = grid.reading_at_pixel(grid.pixel(column, row)) else {
+                return None;
+            };
             let residual = normal.dot(&point) * (1.0 - depth_mm / point.z);
             Some(Constraint { point, gradient: normal, residual, sample: k })
         };
@@ -188,7 +195,7 @@ impl<'a> StaticScene<'a> {
         panel: &TaughtPanel,
         now: (&Grid, &OrganizedCloud<F>),
     ) -> (Vec<Constraint>, Option<f64>) {
-        let looked = self.looked(panel, now);
+        let looked = self.match_edges(panel, now);
         let asked = looked.len();
         let edges: Vec<Constraint> = looked.into_iter().filter_map(|(_, edge)| edge).collect();
         let same = (asked >= MIN_EDGES).then(|| edges.len() as f64 / asked as f64);
@@ -196,23 +203,23 @@ impl<'a> StaticScene<'a> {
     }
 
     /// Taught edges of the fixture, each with its counterpart in the scan.
-    fn looked<F: Frame>(
+    fn match_edges<F: Frame>(
         &self,
         panel: &TaughtPanel,
         (grid, scan): (&Grid, &OrganizedCloud<F>),
-    ) -> Vec<(Steep, Option<Constraint>)> {
-        let found: Vec<[Option<Steep>; 2]> = (0..self.is_still.len())
+    ) -> Vec<(TaughtEdge, Option<Constraint>)> {
+        let found: Vec<[Option<TaughtEdge>; 2]> = (0..self.is_still.len())
             .into_par_iter()
             .with_min_len(4_096)
-            .map(|block| [(1, 0), (0, 1)].map(|step| self.steep(panel, grid, block, step)))
+            .map(|block| [(1, 0), (0, 1)].map(|step| self.find_edge(panel, grid, block, step)))
             .collect();
-        let found: Vec<Steep> = found.into_iter().flatten().flatten().collect();
+        let found: Vec<TaughtEdge> = found.into_iter().flatten().flatten().collect();
         let look = |k: &usize| {
-            let Steep { block, pixel, across } = found[*k];
+            let TaughtEdge { block, pixel, across } = found[*k];
             let outward = [across.x, across.y];
             let taught = profile::step(&profile::line(&panel.scan, pixel, outward)?, 0.0)?;
             let point = self.taught.point(block % self.taught.columns, block / self.taught.columns)?;
-            let (_, slope) = self.taught.camera.project_with_slope(camera_point(&point))?;
+            let (_, slope) = self.taught.camera.project_with_jacobian(camera_point(&point))?;
             let now = profile::line(scan, pixel, outward).and_then(|line| profile::step(&line, taught.offset_px));
             let now = now.filter(|now| taught.contrast * now.contrast > 0.0).map(|now| Constraint {
                 point,
@@ -222,8 +229,8 @@ impl<'a> StaticScene<'a> {
             });
             Some((found[*k], now))
         };
-        let chosen = spread_over(found.len(), EDGES);
-        let looked: Vec<Option<(Steep, Option<Constraint>)>> =
+        let chosen = spread_indices(found.len(), EDGES);
+        let looked: Vec<Option<(TaughtEdge, Option<Constraint>)>> =
             chosen.par_iter().with_min_len(64).map(look).collect();
         looked.into_iter().flatten().collect()
     }
@@ -231,13 +238,13 @@ impl<'a> StaticScene<'a> {
     /// Returns the edge between a block and the one beside it, if the brightness changes strongly from one to the
     /// other. The edge belongs to the nearer of the two blocks, or to the block that has a depth: beyond a fixture
     /// there may be nothing.
-    fn steep(
+    fn find_edge(
         &self,
         panel: &TaughtPanel,
         grid: &Grid,
         block: usize,
         (right, down): (usize, usize),
-    ) -> Option<Steep> {
+    ) -> Option<TaughtEdge> {
         let (column, row) = (block % self.taught.columns, block / self.taught.columns);
         let inside = column + right < self.taught.columns && row + down < self.taught.rows;
         let beside = inside.then(|| block + right + down * self.taught.columns)?;
@@ -256,7 +263,7 @@ impl<'a> StaticScene<'a> {
         };
         // An object that was put in front of the edge hides it.
         let moved_mm = grid.depth_mm(block)? - self.taught.depth_mm(block)?;
-        if moved_mm.abs() > SAME_PLACE_MM {
+        if moved_mm.abs() > MAX_DEPTH_CHANGE_MM {
             return None;
         }
         let (here, there) = (self.taught.pixel(column, row), self.taught.pixel(column + right, row + down));
@@ -270,10 +277,10 @@ impl<'a> StaticScene<'a> {
         let rise = |a: Pixel, b: Pixel| Some(brightness(panel, b)? - brightness(panel, a)?);
         let across = Vector2::new(rise(at(-1.0, 0.0), at(1.0, 0.0))?, rise(at(0.0, -1.0), at(0.0, 1.0))?);
         let around = (-2..=2).flat_map(|j| (-2..=2).map(move |i| at(f64::from(i), f64::from(j))));
-        let of_panel = around.filter_map(|pixel| pixel.whole(panel.scan.width(), panel.scan.height()));
+        let of_panel = around.filter_map(|pixel| pixel.nearest_whole(panel.scan.width(), panel.scan.height()));
         let mut of_panel = of_panel.map(|(column, row)| panel.mask.inside[row * panel.scan.width() + column]);
         (!of_panel.any(|inside| inside)).then_some(())?;
-        Some(Steep { block, pixel: middle, across: across.try_normalize(EDGE_GRAY / 2.0)? })
+        Some(TaughtEdge { block, pixel: middle, across: across.try_normalize(EDGE_GRAY / 2.0)? })
     }
 }
 
@@ -290,25 +297,25 @@ pub(super) enum FixtureEdge {
 
 /// Returns the fixture's taught edges, and what the scan shows at each; an empty list if the scan has different
 /// pixels.
-pub(super) fn fixture(
+pub(super) fn fixture_edges(
     panel: &TaughtPanel,
     fixture: &Grid,
-    (grid, scan): (&Grid, &Scan),
+    (grid, scan): (&Grid, &ColoredCloud),
     (settings, inside): (&recipe::Locate, &[bool]),
 ) -> Vec<(Pixel, FixtureEdge)> {
     if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
         return Vec::new();
     }
-    let (taught, inside_taught) = (fixture, inside_at_teaching(panel, fixture, settings));
-    let looked = StaticScene::new(taught, grid, inside).looked(panel, (grid, scan));
+    let (taught, inside_taught) = (fixture, box_blocks_at_teaching(panel, fixture, settings));
+    let looked = StaticScene::new(taught, grid, inside).match_edges(panel, (grid, scan));
     let shown = looked.into_iter().map(|(steep, now)| {
         (steep.pixel, now.map_or(FixtureEdge::Gone, |constraint| FixtureEdge::Moved(constraint.residual)))
     });
-    let all = StaticScene::new(taught, taught, &inside_taught).looked(panel, (taught, &panel.scan));
-    let is_unseen = |steep: &Steep| {
+    let all = StaticScene::new(taught, taught, &inside_taught).match_edges(panel, (taught, &panel.scan));
+    let is_unseen = |steep: &TaughtEdge| {
         let apart_mm =
             taught.depth_mm(steep.block).zip(grid.depth_mm(steep.block)).map(|(was, is)| (is - was).abs());
-        apart_mm.is_none_or(|mm| mm > SAME_PLACE_MM)
+        apart_mm.is_none_or(|mm| mm > MAX_DEPTH_CHANGE_MM)
     };
     let unseen = all.into_iter().filter(|(steep, _)| is_unseen(steep));
     shown.chain(unseen.map(|(steep, _)| (steep.pixel, FixtureEdge::Unseen))).collect()
@@ -316,7 +323,7 @@ pub(super) fn fixture(
 
 /// A place where the taught picture has an edge of the fixture.
 #[derive(Clone, Copy)]
-struct Steep {
+struct TaughtEdge {
     block: usize,
     pixel: Pixel,
     across: Vector2<f64>,

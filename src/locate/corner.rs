@@ -58,7 +58,7 @@ pub fn find(
     let filtered = bilateral_filter(picture, settings.bilateral_diameter_px(), settings.bilateral_sigma_gray())?;
     let contour = panel_contour(&filtered, settings)?;
     let box_px = min_area_box(&contour)?;
-    let nearest = nearest_to(&contour, meant_corner(&box_px, which));
+    let nearest = nearest_contour_index(&contour, meant_corner(&box_px, which));
     let nearest_px = contour[nearest];
     let inside = |pixel: Pixel| {
         let (right, bottom) = (picture.width as f64 - 1.0, picture.height as f64 - 1.0);
@@ -68,9 +68,10 @@ pub fn find(
         return Err(CornerError::CornerAtBorder { u: nearest_px.u, v: nearest_px.v });
     }
     let length =
-        edge::Length { skip_px: settings.rounding_mm() * px_per_mm, fit_px: settings.edge_mm() * px_per_mm };
+        edge::EdgeStretch { skip_px: settings.rounding_mm() * px_per_mm, fit_px: settings.edge_mm() * px_per_mm };
     let fitted = |start: usize, step: isize| {
-        let along = walk(&contour, start, step).take_while(|&(_, way_px)| way_px <= length.skip_px + length.fit_px);
+        let along =
+            walk_contour(&contour, start, step).take_while(|&(_, way_px)| way_px <= length.skip_px + length.fit_px);
         // Points on the picture's border follow the border and not the panel.
         let beside = along.filter(|&(pixel, way_px)| way_px >= length.skip_px && inside(pixel));
         edge::fit(picture, &beside.map(|(pixel, _)| pixel).collect::<Vec<_>>(), length)
@@ -80,9 +81,9 @@ pub fn find(
     // In a turned picture the thesis's corner point does not lie in the middle of the rounding: a first intersection
     // of the edges shows where the middle is.
     let rough = edges_from(nearest)?;
-    let rough_px = edge::meet(&rough[0], &rough[1], MIN_ANGLE_DEG)?;
-    let edges = edges_from(nearest_to(&contour, rough_px))?;
-    let corner_px = edge::meet(&edges[0], &edges[1], MIN_ANGLE_DEG)?;
+    let rough_px = edge::intersect_edges(&rough[0], &rough[1], MIN_ANGLE_DEG)?;
+    let edges = edges_from(nearest_contour_index(&contour, rough_px))?;
+    let corner_px = edge::intersect_edges(&edges[0], &edges[1], MIN_ANGLE_DEG)?;
     if !inside(corner_px) {
         return Err(CornerError::CornerAtBorder { u: corner_px.u, v: corner_px.v });
     }
@@ -129,14 +130,14 @@ fn meant_corner(box_px: &[Pixel; 4], which: CornerName) -> Pixel {
     box_px.iter().copied().fold(box_px[0], |best, corner| if far(&corner) > far(&best) { corner } else { best })
 }
 
-fn nearest_to(contour: &[Pixel], corner: Pixel) -> usize {
+fn nearest_contour_index(contour: &[Pixel], corner: Pixel) -> usize {
     let distance = |index: &usize| contour[*index].distance_px(corner);
     (0..contour.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or_default()
 }
 
 /// Walks once around the contour from one of its points, forwards (`step` 1) or backwards (−1). Returns each point
 /// with the distance travelled, px.
-fn walk(contour: &[Pixel], start: usize, step: isize) -> impl Iterator<Item = (Pixel, f64)> + '_ {
+fn walk_contour(contour: &[Pixel], start: usize, step: isize) -> impl Iterator<Item = (Pixel, f64)> + '_ {
     let count = contour.len() as isize;
     let at = move |i: isize| contour[(start as isize + i * step).rem_euclid(count) as usize];
     (0..count).scan(0.0, move |way_px, i| {

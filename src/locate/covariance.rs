@@ -28,10 +28,10 @@ use super::deviation::{Deviation, PanelPlane};
 use super::fit::{EDGE_CORRELATION_MM, KINDS, Residuals};
 use super::grid::RigidF32;
 use super::model::Model;
-use super::sampling::spread_over;
+use super::sampling::spread_indices;
 use super::scan_errors::RangeErrors;
-use super::solve::{Constraint, ResidualWeighting, Sums};
-use crate::geometry::statistics::WITHIN_95;
+use super::solve::{Constraint, ResidualSums, ResidualWeighting};
+use crate::geometry::statistics::NORMAL_TWO_SIDED_95;
 use nalgebra::{Matrix3, Matrix3x6, Matrix6, Matrix6x3, Vector3, Vector6};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -39,9 +39,9 @@ use std::f64::consts::PI;
 
 /// Values of ℓ of (1), mm. They range from slightly below the lattices that were found in scans to beyond the
 /// largest trial panel.
-const ALIKE_MM: [f64; 4] = [30.0, 85.0, 200.0, 400.0];
+const CORRELATION_LENGTHS_MM: [f64; 4] = [30.0, 85.0, 200.0, 400.0];
 /// The approximate number of surface places over which (1) is summed: 15 mm apart on a panel of 330 × 220 mm.
-const MAX_PLACES: usize = 300;
+const MAX_SURFACE_PLACES: usize = 300;
 /// At least this fraction of a field's variance remains when a shift and two tilts are removed, so that no division by
 /// zero occurs.
 const MIN_VARIANCE_SHARE: f64 = 1e-3;
@@ -55,16 +55,16 @@ const CELL_FILLED: f64 = 0.3;
 /// Returns the terms that (3) adds to the shifts, from the panel's centres as taught and now and the rotation
 /// between them. The first term is for a scale that all scans share, the second for a scale that differs from scan
 /// to scan.
-fn of_scale([taught, now]: [&Vector3<f64>; 2], turn: &Matrix3<f64>, range: RangeErrors) -> [Matrix3<f64>; 2] {
+fn scale_terms([taught, now]: [&Vector3<f64>; 2], turn: &Matrix3<f64>, range: RangeErrors) -> [Matrix3<f64>; 2] {
     let (moved, turned) = (now - taught, turn * taught);
     [
         moved * moved.transpose() * range.scale.powi(2),
-        (now * now.transpose() + turned * turned.transpose()) * range.scale_between_scans.powi(2),
+        (now * now.transpose() + turned * turned.transpose()) * range.scan_to_scan_scale.powi(2),
     ]
 }
 
 /// Adds a further covariance of the shift to a twist's covariance.
-fn with_shift(mut covariance: Matrix6<f64>, further: Matrix3<f64>) -> Matrix6<f64> {
+fn add_shift_covariance(mut covariance: Matrix6<f64>, further: Matrix3<f64>) -> Matrix6<f64> {
     let mut shifts = covariance.fixed_view_mut::<3, 3>(3, 3);
     shifts += further;
     covariance
@@ -72,7 +72,7 @@ fn with_shift(mut covariance: Matrix6<f64>, further: Matrix3<f64>) -> Matrix6<f6
 
 /// The direction in which a pose is constrained least.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Weakest {
+pub enum WeakestMotion {
     /// A shift along the panel's normal, or a tilt of the normal.
     Normal,
     /// A shift in the panel's plane.
@@ -81,13 +81,13 @@ pub enum Weakest {
     Turn,
 }
 
-impl Weakest {
+impl WeakestMotion {
     /// In words.
-    pub fn words(self) -> &'static str {
+    pub fn describe(self) -> &'static str {
         match self {
-            Weakest::Normal => "along the panel's normal",
-            Weakest::Sideways => "sideways in the panel's plane",
-            Weakest::Turn => "in rotation about the panel's normal",
+            WeakestMotion::Normal => "along the panel's normal",
+            WeakestMotion::Sideways => "sideways in the panel's plane",
+            WeakestMotion::Turn => "in rotation about the panel's normal",
         }
     }
 }
@@ -97,13 +97,13 @@ pub(super) struct PoseCovariance {
     /// (1) and (3) as the covariance of a twist (ω, v) about the panel's centre, rad and mm.
     pub covariance: Matrix6<f64>,
     /// The direction in which the covariance is largest.
-    pub weakest: Weakest,
+    pub weakest: WeakestMotion,
     /// 95 % of the errors along that direction are smaller, mm; a rotation counts by its mean displacement.
     pub weakest_mm: f64,
     /// The covariance without the term of (3) for a scale that all scans share, as it would be at the taught pose.
     pub at_taught_place: Matrix6<f64>,
     /// (1) alone.
-    pub without_scale: Matrix6<f64>,
+    pub without_scale_term: Matrix6<f64>,
 }
 
 /// Computes (1) and (3); `None` if the residuals leave a direction unconstrained. The model is the panel as it is bent
@@ -116,7 +116,7 @@ pub(super) fn covariance(
 ) -> Option<PoseCovariance> {
     let plane = PanelPlane::from_model(model)?;
     let cell = |point: &Vector3<f64>, side_mm: f64| {
-        let [x, y] = plane.place(point).map(|mm| (mm / side_mm).floor() as i64);
+        let [x, y] = plane.plane_position(point).map(|mm| (mm / side_mm).floor() as i64);
         (x, y)
     };
     let square = |sample: usize| cell(&model.points[sample], model.range.correlation_mm);
@@ -130,52 +130,54 @@ pub(super) fn covariance(
     }
     let stretch = |sample: usize| ((ways_mm[sample] / EDGE_CORRELATION_MM).floor() as i64, 0);
     let factors = [
-        inflation(&residuals.surface, &weighing[0], square),
-        inflation(&residuals.colour, &weighing[1], stretch),
-        inflation(&residuals.depth, &weighing[2], stretch),
-        inflation(&residuals.marks, &weighing[3], mark_square),
+        correlation_inflation(&residuals.surface, &weighing[0], square),
+        correlation_inflation(&residuals.colour, &weighing[1], stretch),
+        correlation_inflation(&residuals.depth, &weighing[2], stretch),
+        correlation_inflation(&residuals.marks, &weighing[3], mark_square),
     ];
     let (mut information, mut of_edges) = (Matrix6::zeros(), Matrix6::zeros());
     for (k, kind) in residuals.kinds().iter().enumerate() {
-        let of_kind = Sums::over(kind, &weighing[k], &residuals.centre).information;
+        let of_kind = ResidualSums::from_constraints(kind, &weighing[k], &residuals.centre).information;
         information += of_kind;
         of_edges += if k == SURFACE { Matrix6::zeros() } else { of_kind * factors[k] };
     }
     let inverse = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
-    let surface = SurfaceMoves::new(places(residuals, &weighing[SURFACE], (model, plane)), &inverse);
+    let surface = SurfaceMoves::new(surface_places(residuals, &weighing[SURFACE], (model, plane)), &inverse);
     let of_edges = inverse * of_edges * inverse;
     let variances =
         [factors[SURFACE] * weighing[SURFACE].sigma.powi(2), deviation.map_or(0.0, |it| it.rms_mm.powi(2))];
     // The correlation length of the scan's own error is not known; the most harmful length counts.
-    let at_lengths: Vec<Matrix6<f64>> =
-        ALIKE_MM.par_iter().map(|&alike_mm| of_edges + surface.covariance(alike_mm, variances)).collect();
+    let at_lengths: Vec<Matrix6<f64>> = CORRELATION_LENGTHS_MM
+        .par_iter()
+        .map(|&alike_mm| of_edges + surface.covariance(alike_mm, variances))
+        .collect();
     let without_scale = at_lengths
         .into_iter()
         .max_by(|a, b| worst_mm(a, model, motion).total_cmp(&worst_mm(b, model, motion)))
         .filter(|covariance| covariance.iter().all(|value| value.is_finite()))?;
     let taught_place = RigidF32::from_rigid(&model.camera_from_panel);
     let (taught, turn) = (taught_place.point(&model.centre), motion.turn * taught_place.turn.transpose());
-    let [shared, between_scans] = of_scale([&taught, &residuals.centre], &turn, model.range);
-    let at_taught_place = with_shift(without_scale, between_scans);
-    let covariance = with_shift(at_taught_place, shared);
-    let weakest = weakest(&covariance, model);
+    let [shared, between_scans] = scale_terms([&taught, &residuals.centre], &turn, model.range);
+    let at_taught_place = add_shift_covariance(without_scale, between_scans);
+    let covariance = add_shift_covariance(at_taught_place, shared);
+    let weakest = weakest_direction(&covariance, model);
     let normal = motion.turn * model.normal;
     let (turn, shift) = (weakest.moves_mm.fixed_rows::<3>(0), weakest.moves_mm.fixed_rows::<3>(3));
     let (spin, lift) = (turn.dot(&normal).powi(2), shift.dot(&normal).powi(2));
     let (tilt, slide) = (turn.norm_squared() - spin, shift.norm_squared() - lift);
     let word = if lift + tilt >= spin.max(slide) {
-        Weakest::Normal
+        WeakestMotion::Normal
     } else if slide >= spin {
-        Weakest::Sideways
+        WeakestMotion::Sideways
     } else {
-        Weakest::Turn
+        WeakestMotion::Turn
     };
     Some(PoseCovariance {
         covariance,
         weakest: word,
-        weakest_mm: WITHIN_95 * weakest.moves_mm.norm(),
+        weakest_mm: NORMAL_TWO_SIDED_95 * weakest.moves_mm.norm(),
         at_taught_place,
-        without_scale,
+        without_scale_term: without_scale,
     })
 }
 
@@ -184,7 +186,7 @@ struct SurfacePlace {
     /// Position of the place in the panel's plane, mm.
     at_mm: [f64; 2],
     /// w Jᵀ of (1).
-    pull: Vector6<f64>,
+    weighted_gradient: Vector6<f64>,
     /// The place's row of F of `deviation`.
     rigid: Vector3<f64>,
 }
@@ -201,19 +203,20 @@ struct SurfaceMoves {
 }
 
 /// Returns places of the surface that represent all of its residuals.
-fn places(
+fn surface_places(
     residuals: &Residuals,
     weighing: &ResidualWeighting,
     (model, plane): (&Model, PanelPlane),
 ) -> Vec<SurfacePlace> {
-    let chosen = spread_over(residuals.surface.len(), MAX_PLACES);
+    let chosen = spread_indices(residuals.surface.len(), MAX_SURFACE_PLACES);
     let each_for = residuals.surface.len() as f64 / chosen.len().max(1) as f64;
     let place = |index: usize| {
         let constraint = &residuals.surface[index];
         let (point, normal) = (&model.points[constraint.sample], &model.normals[constraint.sample]);
         SurfacePlace {
-            at_mm: plane.place(point),
-            pull: constraint.jacobian(&residuals.centre) * (weighing.weight(constraint.residual) * each_for),
+            at_mm: plane.plane_position(point),
+            weighted_gradient: constraint.jacobian(&residuals.centre)
+                * (weighing.weight(constraint.residual) * each_for),
             rigid: plane.motions(point, normal),
         }
     };
@@ -223,7 +226,7 @@ fn places(
 impl SurfaceMoves {
     /// Computes the effect of the residuals' errors for a fit with this inverse of its information.
     fn new(places: Vec<SurfacePlace>, inverse: &Matrix6<f64>) -> SurfaceMoves {
-        let moves: Vec<Vector6<f64>> = places.iter().map(|place| inverse * place.pull).collect();
+        let moves: Vec<Vector6<f64>> = places.iter().map(|place| inverse * place.weighted_gradient).collect();
         let squares: Matrix3<f64> = places.iter().map(|place| place.rigid * place.rigid.transpose()).sum();
         let of_rigid = squares.try_inverse().unwrap_or_else(Matrix3::zeros);
         let both = || moves.iter().zip(&places);
@@ -269,7 +272,7 @@ pub(super) struct WeakestDirection {
 
 /// Returns the largest standard deviation. Rotations and shifts are compared by the mean displacement of the panel
 /// that they cause.
-pub(super) fn weakest(covariance: &Matrix6<f64>, model: &Model) -> WeakestDirection {
+pub(super) fn weakest_direction(covariance: &Matrix6<f64>, model: &Model) -> WeakestDirection {
     let count = model.points.len().max(1) as f64;
     let squares = model.points.iter().map(|point| (point - model.centre).norm_squared()).sum::<f64>();
     let radius_mm = (squares / count).sqrt();
@@ -282,10 +285,14 @@ pub(super) fn weakest(covariance: &Matrix6<f64>, model: &Model) -> WeakestDirect
 }
 
 /// f of (2).
-fn inflation(constraints: &[Constraint], weighing: &ResidualWeighting, cell: impl Fn(usize) -> (i64, i64)) -> f64 {
+fn correlation_inflation(
+    constraints: &[Constraint],
+    weighing: &ResidualWeighting,
+    cell: impl Fn(usize) -> (i64, i64),
+) -> f64 {
     let mut cells: BTreeMap<(i64, i64), (f64, f64)> = BTreeMap::new();
     for constraint in constraints {
-        let robust = weighing.robust(constraint.residual);
+        let robust = weighing.tukey_weight(constraint.residual);
         let sums = cells.entry(cell(constraint.sample)).or_default();
         *sums = (sums.0 + robust, sums.1 + robust * constraint.residual);
     }
@@ -332,12 +339,13 @@ mod tests {
             let rigid = Vector3::new(normal.z, arm.x, arm.y);
             SurfacePlace {
                 at_mm: [x, y],
-                pull: Vector6::new(arm.x, arm.y, arm.z, normal.x, normal.y, normal.z),
+                weighted_gradient: Vector6::new(arm.x, arm.y, arm.z, normal.x, normal.y, normal.z),
                 rigid,
             }
         };
         let places: Vec<SurfacePlace> = (0..25 * 17).map(place).collect();
-        let of_surface: Matrix6<f64> = places.iter().map(|place| place.pull * place.pull.transpose()).sum();
+        let of_surface: Matrix6<f64> =
+            places.iter().map(|place| place.weighted_gradient * place.weighted_gradient.transpose()).sum();
         let outline = Matrix6::from_diagonal(&Vector6::new(0.0, 0.0, 1e4, 1.0, 1.0, 0.0)) * of_outline;
         SurfaceMoves::new(places, &(of_surface + outline).try_inverse().expect("held"))
     }
@@ -374,17 +382,17 @@ mod tests {
     #[test]
     fn a_scale_that_both_scans_share_counts_with_the_way_between_them() {
         let (taught, now) = (Vector3::new(0.0, 0.0, 700.0), Vector3::new(0.0, 0.0, 720.0));
-        let range = RangeErrors { scale: 0.001, scale_between_scans: 0.0001, ..RangeErrors::default() };
+        let range = RangeErrors { scale: 0.001, scan_to_scan_scale: 0.0001, ..RangeErrors::default() };
         let none = Matrix3::identity();
-        let [shared, own] = of_scale([&taught, &now], &none, range);
+        let [shared, own] = scale_terms([&taught, &now], &none, range);
         assert!((shared[(2, 2)].sqrt() - 0.02).abs() < 1e-12 && shared[(0, 0)] == 0.0, "{shared}");
         assert!((own[(2, 2)].sqrt() - 0.07_f64.hypot(0.072)).abs() < 1e-12 && own[(0, 0)] == 0.0, "{own}");
-        let [shared, own] = of_scale([&taught, &taught], &none, range);
+        let [shared, own] = scale_terms([&taught, &taught], &none, range);
         assert_eq!(shared, Matrix3::zeros());
         assert!((own[(2, 2)].sqrt() - 0.07 * std::f64::consts::SQRT_2).abs() < 1e-12, "{own}");
         // After a tilt by a right angle, the taught scan's error along the view lies sideways.
         let tilt = Matrix3::new(0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0);
-        let [_, own] = of_scale([&taught, &taught], &tilt, range);
+        let [_, own] = scale_terms([&taught, &taught], &tilt, range);
         assert!((own[(0, 0)].sqrt() - 0.07).abs() < 1e-12 && (own[(2, 2)].sqrt() - 0.07).abs() < 1e-12, "{own}");
     }
 }

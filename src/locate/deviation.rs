@@ -9,10 +9,10 @@
 //! or a tilt never counts as a bow. A slide of a curved panel in its plane looks like a deviation: only outline and
 //! marks constrain a bent panel there (`covariance`).
 
-use super::fit::{FitInputs, Fitted, Residuals, Samples, fit};
+use super::fit::{FitInputs, IterationEnd, Residuals, Samples, fit};
 use super::model::Model;
-use super::sampling::spread_over;
-use crate::geometry::{Height, RobustField, SmoothField};
+use super::sampling::spread_indices;
+use crate::geometry::{HeightSample, RobustField, SmoothField};
 use nalgebra::{Matrix3, Vector3};
 
 /// The approximate number of samples to which the field is fitted. This gives forty samples for each coefficient of a
@@ -26,11 +26,11 @@ const MIN_FITTED: usize = 200;
 
 /// The number of times that the deviation is calculated and the pose fitted to the bent panel. The second repetition
 /// moves the pose by less than the noise.
-const ROUNDS: usize = 2;
+const DEVIATION_ITERATIONS: usize = 2;
 
 /// The result of a fit, with the panel as bent at this pose.
 pub(super) struct BentFit {
-    pub fitted: Fitted,
+    pub fitted: IterationEnd,
     /// `None` if too little of the surface is seen: then the panel is used as it was taught.
     pub deviation: Option<Deviation>,
     /// The taught panel, bent by the deviation.
@@ -38,16 +38,16 @@ pub(super) struct BentFit {
 }
 
 /// Continues from the end of a fit of the taught panel, with these samples.
-pub(super) fn follow(fitted: Fitted, inputs: FitInputs<'_>, samples: &Samples) -> BentFit {
-    let of_surface = samples.of_surface();
+pub(super) fn estimate_deviation(fitted: IterationEnd, inputs: FitInputs<'_>, samples: &Samples) -> BentFit {
+    let of_surface = samples.surface_only();
     let mut bent = BentFit { fitted, deviation: None, model: None };
-    for _ in 0..ROUNDS {
+    for _ in 0..DEVIATION_ITERATIONS {
         let now = FitInputs { model: bent.model.as_ref().unwrap_or(inputs.model), ..inputs };
-        let residuals = Residuals::at(&bent.fitted.camera_from_panel, now, &of_surface);
+        let residuals = Residuals::at_pose(&bent.fitted.camera_from_panel, now, &of_surface);
         let Some(deviation) = Deviation::from_residuals(&residuals, inputs.model, bent.deviation.as_ref()) else {
             break;
         };
-        let model = deviation.bent(inputs.model);
+        let model = deviation.bent_panel(inputs.model);
         // Fitted again after each bend: the outline of the bent panel lies elsewhere, and it alone holds a bent panel
         // sideways.
         let Some(fitted) = fit(&bent.fitted.camera_from_panel, FitInputs { model: &model, ..inputs }, samples)
@@ -77,7 +77,7 @@ impl PanelPlane {
     }
 
     /// Returns the coordinates of a point of the panel in the plane, mm from its middle.
-    pub fn place(&self, point: &Vector3<f64>) -> [f64; 2] {
+    pub fn plane_position(&self, point: &Vector3<f64>) -> [f64; 2] {
         let arm = point - self.centre;
         [arm.dot(&self.axes[0]), arm.dot(&self.axes[1])]
     }
@@ -111,7 +111,7 @@ impl Deviation {
     /// little of the surface is seen.
     pub fn from_residuals(residuals: &Residuals, model: &Model, bent: Option<&Deviation>) -> Option<Self> {
         let plane = PanelPlane::from_model(model)?;
-        let places: Vec<[f64; 2]> = model.points.iter().map(|point| plane.place(point)).collect();
+        let places: Vec<[f64; 2]> = model.points.iter().map(|point| plane.plane_position(point)).collect();
         let [low_mm, high_mm] = [f64::min, f64::max].map(|of: fn(f64, f64) -> f64| {
             places.iter().copied().reduce(|a, b| [of(a[0], b[0]), of(a[1], b[1])]).unwrap_or_default()
         });
@@ -122,24 +122,25 @@ impl Deviation {
             let sample = constraint.sample;
             // The total deviation from the taught panel is fitted in each round, so that rounds do not add up rounding
             // and noise.
-            let before_mm = bent.map_or(0.0, |bent| bent.mm(&model.points[sample], &model.normals[sample]));
+            let before_mm =
+                bent.map_or(0.0, |bent| bent.deviation_at_mm(&model.points[sample], &model.normals[sample]));
             let at = [0, 1].map(|axis| (places[sample][axis] - low_mm[axis]) / sides_mm[axis]);
-            let height = Height { at, mm: before_mm - constraint.residual };
+            let height = HeightSample { position: at, height_mm: before_mm - constraint.residual };
             // Beyond this it is another object, which must not bend the panel towards itself.
-            (height.mm.abs() <= MAX_DISTANCE_MM).then_some((sample, height))
+            (height.height_mm.abs() <= MAX_DISTANCE_MM).then_some((sample, height))
         };
-        let seen: Vec<(usize, Height)> =
-            spread_over(residuals.surface.len(), MAX_FITTED).into_iter().filter_map(seen).collect();
+        let seen: Vec<(usize, HeightSample)> =
+            spread_indices(residuals.surface.len(), MAX_FITTED).into_iter().filter_map(seen).collect();
         if seen.len() < MIN_FITTED {
             return None;
         }
-        let heights: Vec<Height> = seen.iter().map(|(_, height)| *height).collect();
-        let RobustField { field, limit_mm } = SmoothField::robust(sides_mm, &heights)?;
+        let heights: Vec<HeightSample> = seen.iter().map(|(_, height)| *height).collect();
+        let RobustField { field, limit_mm } = SmoothField::fit_robust(sides_mm, &heights)?;
         // Samples without weight, such as those on a clamp, do not belong to the panel.
         let of_panel: Vec<(Vector3<f64>, f64)> = seen
             .iter()
-            .map(|(sample, height)| (sample, height, field.at(height.at)))
-            .filter(|(_, height, there_mm)| (height.mm - there_mm).abs() < limit_mm)
+            .map(|(sample, height)| (sample, height, field.height_at(height.position)))
+            .filter(|(_, height, there_mm)| (height.height_mm - there_mm).abs() < limit_mm)
             .map(|(sample, _, there_mm)| (plane.motions(&model.points[*sample], &model.normals[*sample]), there_mm))
             .collect();
         let (mut squares, mut sums) = (Matrix3::zeros(), Vector3::zeros());
@@ -158,15 +159,16 @@ impl Deviation {
 
     /// Returns how far today's panel lies in front of the taught one, at a point of the taught panel with this
     /// normal, mm.
-    pub fn mm(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
-        let place = self.plane.place(point);
+    pub fn deviation_at_mm(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
+        let place = self.plane.plane_position(point);
         let at = [0, 1].map(|axis| (place[axis] - self.low_mm[axis]) / self.sides_mm[axis]);
-        self.field.at(at) - self.rigid.dot(&self.plane.motions(point, normal))
+        self.field.height_at(at) - self.rigid.dot(&self.plane.motions(point, normal))
     }
 
     /// Returns the taught panel, bent by this deviation.
-    pub fn bent(&self, model: &Model) -> Model {
-        let moved = |point: &Vector3<f64>, normal: &Vector3<f64>| point + normal * self.mm(point, normal);
+    pub fn bent_panel(&self, model: &Model) -> Model {
+        let moved =
+            |point: &Vector3<f64>, normal: &Vector3<f64>| point + normal * self.deviation_at_mm(point, normal);
         let mut bent = model.clone();
         bent.points = model.points.iter().zip(&model.normals).map(|(point, normal)| moved(point, normal)).collect();
         bent.outline.iter_mut().for_each(|sample| sample.point = moved(&sample.point, &sample.normal));
@@ -178,7 +180,7 @@ impl Deviation {
 #[cfg(test)]
 mod tests {
     use super::super::tests::taught;
-    use super::super::{Fit, RangeErrors, View, gate, locate};
+    use super::super::{Fit, RangeErrors, ScanView, gate, locate};
     use crate::geometry::{Camera, OrganizedCloud};
     use crate::sim::{Cell, Scene};
     use crate::verdict::{Judgement, Verdict};
@@ -187,7 +189,7 @@ mod tests {
     fn located(cell: &Cell, scan: &OrganizedCloud<Camera>) -> (Fit, Judgement) {
         let (panel, recipe) = taught(cell);
         let (camera, base_from_camera) = (cell.scanner(), cell.calibrated_base_from_camera());
-        let view = View { scan, camera, base_from_camera, range: RangeErrors::default() };
+        let view = ScanView { scan, camera, base_from_camera, range: RangeErrors::default() };
         let fit = locate(&panel, &view, recipe.locate()).expect("a panel");
         let judgement = gate::judge(&fit, &recipe);
         (fit, judgement)
@@ -203,7 +205,7 @@ mod tests {
     #[test]
     fn a_panel_that_bows_by_2_mm_is_the_panel() {
         for bow_mm in [2.0, -2.0] {
-            let cell = Cell::new(4, Scene::Good, 4).bowed(bow_mm);
+            let cell = Cell::new(4, Scene::Good, 4).with_bow(bow_mm);
             let (fit, judgement) = located(&cell, &cell.scan());
             assert_eq!(judgement.verdict, Verdict::Accept, "{bow_mm}: {judgement:?}");
             assert!(
@@ -217,7 +219,7 @@ mod tests {
     #[test]
     fn another_curvature_is_not_accepted() {
         for bow_mm in [6.0, -6.0] {
-            let cell = Cell::new(4, Scene::Good, 4).bowed(bow_mm);
+            let cell = Cell::new(4, Scene::Good, 4).with_bow(bow_mm);
             let (fit, judgement) = located(&cell, &cell.scan());
             assert_ne!(judgement.verdict, Verdict::Accept, "{bow_mm}: {fit:?}");
         }

@@ -1,6 +1,6 @@
 //! The reasons why a panel was not found at all. `gate` decides whether a panel that was found can be trusted.
 
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 
 /// Why a scan gives no pose. Every variant but the last means that there is no panel of the taught kind.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -19,8 +19,8 @@ pub enum LocateError {
     /// There are objects in the box, but none of the panel's size.
     #[error(
         "none of {pieces} objects in the search box has the panel's size: the most similar object has {} mm², the \
-         panel has {} mm²; check that the right panel is in the fixture and that nothing is in front of it", apart(*area_mm2, *taught_area_mm2, 0)[0],
-        apart(*area_mm2, *taught_area_mm2, 0)[1]
+         panel has {} mm²; check that the right panel is in the fixture and that nothing is in front of it", distinguishable_texts(*area_mm2, *taught_area_mm2, 0)[0],
+        distinguishable_texts(*area_mm2, *taught_area_mm2, 0)[1]
     )]
     NoPieceFits {
         /// Things looked at.

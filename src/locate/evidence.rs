@@ -6,14 +6,14 @@
 
 use super::LocateError;
 use super::camera_check::CameraCheck;
-use super::covariance::{PoseCovariance, Weakest, covariance, worst_mm};
+use super::covariance::{PoseCovariance, WeakestMotion, covariance, worst_mm};
 use super::deviation::Deviation;
-use super::fit::{FitInputs, Fitted, Residuals, Samples};
+use super::fit::{FitInputs, IterationEnd, Residuals, Samples};
 use super::grid::RigidF32;
-use super::matched_shares::{OutlineShares, SurfaceShares, marks_found, saturated, scan_found};
+use super::matched_shares::{OutlineShares, SurfaceShares, marks_found, saturated_share, scan_found};
 use super::model::Model;
 use super::pieces::Piece;
-use crate::geometry::statistics::WHOLE_PANEL_95;
+use crate::geometry::statistics::PANEL_MAX_95;
 use crate::geometry::{Base, Camera, Degrees, Panel, Rigid};
 use crate::panel::panel_from_base_at_teaching;
 use nalgebra::Matrix6;
@@ -41,7 +41,7 @@ pub struct Fit {
     /// Fraction of the taught outline that is found in the scan, 0…1.
     pub outline_found: f64,
     /// Fraction of the taught points at which the scan shows something farther away.
-    pub seen_through: f64,
+    pub seen_through_share: f64,
     /// Fraction of the taught outline in view at which the edge is missing or elsewhere, for example because the
     /// surface continues beyond the outline.
     pub outline_absent: f64,
@@ -55,7 +55,7 @@ pub struct Fit {
     /// Width of a step of brightness at the outline at teaching, px, median.
     pub taught_edge_width_px: f64,
     /// Fraction of the panel's pixels that are overexposed.
-    pub saturated: f64,
+    pub saturated_share: f64,
     /// The number of steps of the fit.
     pub iterations: usize,
     /// The largest displacement of the panel in the last step of the fit, mm.
@@ -82,7 +82,7 @@ pub struct Fit {
     /// 95 % of the errors along the weakest direction are smaller, mm; a rotation counts by its mean displacement.
     pub weakest_mm: f64,
     /// That direction.
-    pub weakest: Weakest,
+    pub weakest_direction: WeakestMotion,
     /// Distance of the panel's centre from its nominal position, mm.
     pub shift_mm: f64,
     /// The rotation in the panel's plane, about its mean normal, −180…180°.
@@ -99,7 +99,7 @@ pub struct CompetingPose {
     /// The panel's pose according to the rival.
     pub base_from_panel: Rigid<Base, Panel>,
     /// The rotation between the two poses.
-    pub turned: Degrees,
+    pub rotation: Degrees,
     /// Length of outline, and of surface counted as a length, that supports only the first pose, mm.
     pub for_first_mm: f64,
     /// Length of outline, and of surface counted as a length, that supports only the rival, mm.
@@ -107,12 +107,12 @@ pub struct CompetingPose {
 }
 
 /// A length of outline that may match by chance, mm.
-const CHANCE_MM: f64 = 8.0;
+const CHANCE_MATCH_MM: f64 = 8.0;
 
 impl CompetingPose {
     /// Returns the ratio of the evidence for the first pose to the evidence for the rival.
-    pub fn margin(&self) -> f64 {
-        (self.for_first_mm + CHANCE_MM) / (self.for_rival_mm + CHANCE_MM)
+    pub fn evidence_ratio(&self) -> f64 {
+        (self.for_first_mm + CHANCE_MATCH_MM) / (self.for_rival_mm + CHANCE_MATCH_MM)
     }
 }
 
@@ -124,7 +124,7 @@ impl Fit {
     }
 
     /// Returns the pose with an uncertainty that is increased by this additional error, mm.
-    pub(super) fn also_off_by(self, off_mm: f64) -> Self {
+    pub(super) fn with_additional_error(self, off_mm: f64) -> Self {
         Fit {
             uncertainty_mm: self.uncertainty_mm + off_mm,
             uncertainty_at_taught_place_mm: self.uncertainty_at_taught_place_mm + off_mm,
@@ -157,8 +157,8 @@ pub(super) struct FurtherEvidence {
 }
 
 /// Calculates the evidence for the result of a fit.
-pub(super) fn weigh(
-    fitted: &Fitted,
+pub(super) fn compute_evidence(
+    fitted: &IterationEnd,
     inputs: FitInputs<'_>,
     pieces: &[Piece],
     base_from_camera: Rigid<Base, Camera>,
@@ -167,21 +167,21 @@ pub(super) fn weigh(
     let FitInputs { model, grid, .. } = inputs;
     let placed = fitted.camera_from_panel;
     let motion = RigidF32::from_rigid(&placed);
-    let samples = Samples::all(model);
-    let residuals = Residuals::at(&placed, inputs, &samples);
-    let weighing = residuals.weighing(model, &samples);
-    let PoseCovariance { covariance, weakest, weakest_mm, at_taught_place, without_scale } =
+    let samples = Samples::all_of_model(model);
+    let residuals = Residuals::at_pose(&placed, inputs, &samples);
+    let weighing = residuals.residual_weights(model, &samples);
+    let PoseCovariance { covariance, weakest, weakest_mm, at_taught_place, without_scale_term: without_scale } =
         covariance(&residuals, &weighing, model, (&motion, beside.deviation.as_ref())).ok_or(
             LocateError::Degenerate {
                 surface: residuals.surface.len(),
                 outline: residuals.colour.len() + residuals.depth.len(),
             },
         )?;
-    let at_worst_mm = |covariance| WHOLE_PANEL_95 * worst_mm(covariance, model, &motion);
+    let at_worst_mm = |covariance| PANEL_MAX_95 * worst_mm(covariance, model, &motion);
     let surface = SurfaceShares::compute(&motion, inputs);
     let outline = OutlineShares::compute(&residuals, model);
     // The places of missing points at teaching and those of missing points now are independent of each other.
-    let of_expected = |share: f64| (share / model.given).min(1.0);
+    let of_expected = |share: f64| (share / model.measured_share).min(1.0);
     // The mount enters only here: everything before is in the camera's frame and does not depend on its calibration.
     let base_from_panel = base_from_camera * placed;
     let (shift_mm, turn, tilt) = displacement(base_from_panel, model);
@@ -195,13 +195,13 @@ pub(super) fn weigh(
         taught_found: of_expected(surface.found),
         scan_found: of_expected(scan_found(&motion, inputs, pieces)),
         outline_found: outline.found,
-        seen_through: surface.through,
+        seen_through_share: surface.through,
         outline_absent: outline.absent,
         marks_found: marks_found(&residuals, model),
         measured: of_expected(surface.measured),
         edge_width_px: outline.width_px,
         taught_edge_width_px: model.edge_width_px,
-        saturated: saturated(&motion, inputs),
+        saturated_share: saturated_share(&motion, inputs),
         iterations: fitted.iterations,
         last_step_mm: fitted.last_step_mm,
         agreement_mm: beside.agreement_mm,
@@ -212,7 +212,7 @@ pub(super) fn weigh(
         uncertainty_at_taught_place_mm: at_worst_mm(&at_taught_place),
         uncertainty_without_scale_mm: at_worst_mm(&without_scale),
         weakest_mm,
-        weakest,
+        weakest_direction: weakest,
         covariance,
         shift_mm,
         turn,
@@ -232,5 +232,5 @@ fn displacement(base_from_panel: Rigid<Base, Panel>, model: &Model) -> (f64, Deg
     let rotation = moved.isometry().rotation;
     let turn_rad = 2.0 * rotation.imag().dot(&normal.mm).atan2(rotation.scalar());
     let wrapped_rad = turn_rad.sin().atan2(turn_rad.cos());
-    ((moved * centre).distance_mm(centre), Degrees::from_rad(wrapped_rad), (moved * normal).angle_to(normal))
+    ((moved * centre).distance_mm(centre), Degrees::from_rad(wrapped_rad), (moved * normal).angle_between(normal))
 }

@@ -6,7 +6,7 @@
 
 use super::camera_check::{self, FixtureEdge};
 use super::deviation::Deviation;
-use super::edges::Edge;
+use super::edges::EdgeReading;
 use super::evidence::Fit;
 use super::fit::{FitInputs, Residuals, Samples};
 use super::grid::{RigidF32, camera_point};
@@ -14,12 +14,12 @@ use super::matched_shares::EDGE_FOUND_PX;
 pub use super::matched_shares::SATURATED;
 use super::search::{PointObservation, observe_point};
 use super::solve::apply_twist;
-use super::{Prepared, covariance, pieces};
-use crate::geometry::statistics::WITHIN_95;
+use super::{PreparedScan, covariance, pieces};
+use crate::geometry::statistics::NORMAL_TWO_SIDED_95;
 use crate::geometry::{Camera, Panel, Pixel, Rigid};
 
 /// The factor by which the stated error is enlarged in the drawing.
-pub const ENLARGED: f64 = 50.0;
+pub const ERROR_SCALE: f64 = 50.0;
 
 /// What the scan shows at the place of a taught point.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,20 +71,20 @@ pub struct Explained {
     /// The borders of taught marks, each represented by a short stretch.
     pub marks: Vec<([Pixel; 2], OutlineMark)>,
     /// Pairs of a place of the outline and the same place displaced by the stated error along the weakest direction,
-    /// enlarged by [`ENLARGED`].
+    /// enlarged by [`ERROR_SCALE`].
     pub weakest: Vec<(Pixel, Pixel)>,
     /// The place at which the step of brightness at the outline is widest.
-    pub widest: Option<Pixel>,
+    pub widest_step: Option<Pixel>,
     /// Taught edges of the fixture.
     pub fixture: Vec<(Pixel, FixtureMark)>,
     /// Objects in the search box, largest first: area, mm², and pixels.
-    pub things: Vec<(f64, Vec<Pixel>)>,
+    pub objects_in_box: Vec<(f64, Vec<Pixel>)>,
 }
 
 /// An edge of the fixture that is farther than this from its taught position has moved, px.
-pub const MOVED_PX: f64 = 0.5;
+pub const MAX_FIXTURE_SHIFT_PX: f64 = 0.5;
 
-impl Prepared<'_> {
+impl PreparedScan<'_> {
     /// Evaluates all evidence again; `fit` is the result of the localization, if there is one.
     pub fn explain(&self, fit: Option<&Fit>) -> Explained {
         let (grid, inputs) = (&self.grid, self.inputs());
@@ -92,32 +92,34 @@ impl Prepared<'_> {
         let thing = |piece: &pieces::Piece| (piece.area_mm2, piece.blocks.iter().map(of_block).collect());
         let mut explained = Explained {
             block_px: grid.factor,
-            things: self.pieces.iter().map(thing).collect(),
+            objects_in_box: self.pieces.iter().map(thing).collect(),
             ..Explained::default()
         };
         let Some(fit) = fit else { return explained };
         let placed: Rigid<Camera, Panel> = self.view.base_from_camera.inverse() * fit.base_from_panel;
         let deviation = Deviation::from_residuals(
-            &Residuals::at(&placed, inputs, &Samples::all(inputs.model).of_surface()),
+            &Residuals::at_pose(&placed, inputs, &Samples::all_of_model(inputs.model).surface_only()),
             inputs.model,
             None,
         );
-        let bent = deviation.as_ref().map(|deviation| deviation.bent(inputs.model));
+        let bent = deviation.as_ref().map(|deviation| deviation.bent_panel(inputs.model));
         let taught = inputs.model;
         let inputs = FitInputs { model: bent.as_ref().unwrap_or(taught), ..inputs };
-        let bend_mm = |i: usize| deviation.as_ref().map_or(0.0, |it| it.mm(&taught.points[i], &taught.normals[i]));
+        let bend_mm = |i: usize| {
+            deviation.as_ref().map_or(0.0, |it| it.deviation_at_mm(&taught.points[i], &taught.normals[i]))
+        };
         explained.surface = surface(&placed, inputs, bend_mm);
-        let residuals = Residuals::at(&placed, inputs, &Samples::all(inputs.model));
-        (explained.outline, explained.widest) = outline(&placed, inputs, &residuals);
-        explained.marks = marks(&placed, inputs, &residuals);
-        explained.weakest = weakest(&placed, inputs, fit);
+        let residuals = Residuals::at_pose(&placed, inputs, &Samples::all_of_model(inputs.model));
+        (explained.outline, explained.widest_step) = outline(&placed, inputs, &residuals);
+        explained.marks = explain_marks(&placed, inputs, &residuals);
+        explained.weakest = weakest_displacement(&placed, inputs, fit);
         let mark = |(pixel, edge): (Pixel, FixtureEdge)| match edge {
-            FixtureEdge::Moved(px) if px.abs() <= MOVED_PX => (pixel, FixtureMark::Stands),
+            FixtureEdge::Moved(px) if px.abs() <= MAX_FIXTURE_SHIFT_PX => (pixel, FixtureMark::Stands),
             FixtureEdge::Moved(_) | FixtureEdge::Gone => (pixel, FixtureMark::Moved),
             FixtureEdge::Unseen => (pixel, FixtureMark::Unseen),
         };
         let (now, inside) = ((grid, self.view.scan), (self.settings, &*self.inside));
-        let edges = camera_check::fixture(self.taught, &self.taught_model.fixture, now, inside);
+        let edges = camera_check::fixture_edges(self.taught, &self.taught_model.fixture, now, inside);
         explained.fixture = edges.into_iter().map(mark).collect();
         explained
     }
@@ -147,24 +149,24 @@ fn surface(
 }
 
 /// Returns the mark for the edge at a place of the outline.
-fn outline_mark(edge: &Edge) -> OutlineMark {
-    match edge.is_within(EDGE_FOUND_PX) {
+fn outline_mark(edge: &EdgeReading) -> OutlineMark {
+    match edge.is_within_distance(EDGE_FOUND_PX) {
         Some(true) => OutlineMark::Found,
         Some(false) => OutlineMark::Elsewhere,
         None => OutlineMark::Hidden,
     }
 }
 
-fn marks(
+fn explain_marks(
     placed: &Rigid<Camera, Panel>,
     inputs: FitInputs<'_>,
     residuals: &Residuals,
 ) -> Vec<([Pixel; 2], OutlineMark)> {
     let motion = RigidF32::from_rigid(placed);
-    let stretch = |(k, edge): &(usize, Edge)| {
+    let stretch = |(k, edge): &(usize, EdgeReading)| {
         let mark = &inputs.model.marks.points[*k];
         let end = |way_mm: f64| {
-            inputs.grid.camera.project(camera_point(&motion.point(&(mark.point + mark.along * way_mm))))
+            inputs.grid.camera.project(camera_point(&motion.point(&(mark.point + mark.border_direction * way_mm))))
         };
         Some(([end(-mark.length_mm / 2.0)?, end(mark.length_mm / 2.0)?], outline_mark(edge)))
     };
@@ -178,9 +180,9 @@ fn outline(
 ) -> (Vec<(Pixel, OutlineMark)>, Option<Pixel>) {
     let motion = RigidF32::from_rigid(placed);
     let pixel = |k: usize| inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)));
-    let mark = |(k, edge): &(usize, Edge)| Some((pixel(*k)?, outline_mark(edge)));
-    let width = |(k, edge): &(usize, Edge)| match edge {
-        Edge::Colour { width_px, .. } => Some((*k, *width_px)),
+    let mark = |(k, edge): &(usize, EdgeReading)| Some((pixel(*k)?, outline_mark(edge)));
+    let width = |(k, edge): &(usize, EdgeReading)| match edge {
+        EdgeReading::Colour { width_px, .. } => Some((*k, *width_px)),
         _ => None,
     };
     let widest = residuals.edges.iter().filter_map(width).max_by(|a, b| a.1.total_cmp(&b.1));
@@ -188,10 +190,11 @@ fn outline(
 }
 
 /// Returns the outline's places, and the same places displaced by the stated error along its largest direction.
-fn weakest(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
+fn weakest_displacement(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
     let motion = RigidF32::from_rigid(placed);
     let centre = motion.point(&inputs.model.centre);
-    let twist = covariance::weakest(&fit.covariance, inputs.model).twist * (WITHIN_95 * ENLARGED);
+    let twist =
+        covariance::weakest_direction(&fit.covariance, inputs.model).twist * (NORMAL_TWO_SIDED_95 * ERROR_SCALE);
     let moved = RigidF32::from_rigid(&apply_twist(placed, &centre, &twist));
     let project = |motion: &RigidF32, k: usize| {
         inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)))
@@ -201,7 +204,7 @@ fn weakest(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> V
 
 #[cfg(test)]
 mod tests {
-    use super::super::{TaughtModel, View, tests::taught};
+    use super::super::{ScanView, TaughtModel, tests::taught};
     use super::*;
     use crate::geometry::OrganizedCloud;
     use crate::sim::{self, Scene};
@@ -214,21 +217,21 @@ mod tests {
         let cell = sim::Cell::new(1, Scene::Clean, 4);
         let (panel, recipe) = taught(&cell);
         let (scan, base_from_camera) = (cell.taught_scan(), cell.calibrated_base_from_camera());
-        let view = View {
+        let view = ScanView {
             scan: &scan,
             camera: cell.scanner(),
             base_from_camera,
             range: crate::locate::RangeErrors::default(),
         };
         let model = TaughtModel::from_panel(&panel, view.range).expect("a panel");
-        let fit = Prepared::new((&panel, &model), &view, recipe.locate()).locate().expect("a panel");
+        let fit = PreparedScan::new((&panel, &model), &view, recipe.locate()).locate().expect("a panel");
         let nearer = scan.raw_points_mm().iter().map(|point| {
             let way_mm = f64::from(point[0]).hypot(f64::from(point[1])).hypot(f64::from(point[2]));
             point.map(|n| (f64::from(n) * (1.0 - 0.3 / way_mm)) as f32)
         });
         let scan = OrganizedCloud::new(scan.width(), scan.height(), nearer.collect(), scan.picture().rgb);
-        let view = View { scan: &scan.expect("organised"), ..view };
-        let explained = Prepared::new((&panel, &model), &view, recipe.locate()).explain(Some(&fit));
+        let view = ScanView { scan: &scan.expect("organised"), ..view };
+        let explained = PreparedScan::new((&panel, &model), &view, recipe.locate()).explain(Some(&fit));
         let before_mm = explained.surface.iter().filter_map(|(_, mark)| match mark {
             SurfaceMark::On(mm) => Some(*mm),
             _ => None,

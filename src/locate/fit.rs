@@ -7,14 +7,14 @@
 //! errors: a scanner's range noise is correlated over centimetres, so that thousands of points carry no more
 //! information than a few dozen independent ones.
 
-use super::edges::Edge;
-use super::grid::{Grid, RigidF32, Scan};
+use super::edges::EdgeReading;
+use super::grid::{ColoredCloud, Grid, RigidF32};
 use super::mark_edges;
 use super::model::Model;
 use super::outline_edges;
-use super::sampling::spread_over;
+use super::sampling::spread_indices;
 use super::search::surface_residual;
-use super::solve::{Constraint, ResidualWeighting, Sums, apply_twist, spread};
+use super::solve::{Constraint, ResidualSums, ResidualWeighting, apply_twist, spread};
 use crate::geometry::{Camera, Panel, Rigid};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -45,9 +45,9 @@ pub(super) struct Residuals {
     pub depth: Vec<Constraint>,
     pub marks: Vec<Constraint>,
     /// The edge found beside each point of the outline that was examined.
-    pub edges: Vec<(usize, Edge)>,
+    pub edges: Vec<(usize, EdgeReading)>,
     /// The edge found beside each mark.
-    pub mark_edges: Vec<(usize, Edge)>,
+    pub mark_edges: Vec<(usize, EdgeReading)>,
     /// The middle of the panel.
     pub centre: Vector3<f64>,
     /// The noise of an edge in this view that is caused by the taught depth's noise, px.
@@ -59,7 +59,7 @@ pub(super) struct Residuals {
 pub(super) struct FitInputs<'a> {
     pub model: &'a Model,
     pub grid: &'a Grid,
-    pub scan: &'a Scan,
+    pub scan: &'a ColoredCloud,
 }
 
 /// The samples of a fit: all of them, or a selection.
@@ -70,7 +70,7 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    pub fn all(model: &Model) -> Samples {
+    pub fn all_of_model(model: &Model) -> Samples {
         Samples {
             surface: (0..model.points.len()).collect(),
             outline: (0..model.outline.len()).collect(),
@@ -79,24 +79,24 @@ impl Samples {
     }
 
     /// Returns only the samples of the surface, without outline and marks.
-    pub fn of_surface(&self) -> Samples {
+    pub fn surface_only(&self) -> Samples {
         Samples { surface: self.surface.clone(), outline: Vec::new(), marks: Vec::new() }
     }
 
     /// Selects about this number of samples of the surface, and an eighth of this number of the outline and of the
     /// marks.
-    pub fn some(model: &Model, wanted: usize) -> Samples {
+    pub fn subset(model: &Model, wanted: usize) -> Samples {
         Samples {
-            surface: spread_over(model.points.len(), wanted),
-            outline: spread_over(model.outline.len(), wanted / 8),
-            marks: spread_over(model.marks.points.len(), wanted / 8),
+            surface: spread_indices(model.points.len(), wanted),
+            outline: spread_indices(model.outline.len(), wanted / 8),
+            marks: spread_indices(model.marks.points.len(), wanted / 8),
         }
     }
 }
 
 impl Residuals {
     /// At a pose.
-    pub fn at(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Residuals {
+    pub fn at_pose(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Residuals {
         let motion = RigidF32::from_rigid(placed);
         let FitInputs { model, grid, scan } = inputs;
         let surface: Vec<Option<Constraint>> = samples
@@ -109,7 +109,7 @@ impl Residuals {
             .outline
             .par_iter()
             .with_min_len(64)
-            .map(|&k| outline_edges::observe(&motion, model, &grid.camera, scan, k))
+            .map(|&k| outline_edges::observe_edge(&motion, model, &grid.camera, scan, k))
             .collect();
         let (mut colour, mut depth, mut edges) = (Vec::new(), Vec::new(), Vec::new());
         for (&sample, looked) in samples.outline.iter().zip(looked) {
@@ -118,24 +118,26 @@ impl Residuals {
             let (point, gradient) = (looked.point, looked.gradient);
             let constraint = |offset_px: f64| Constraint { point, gradient, residual: -offset_px, sample };
             match looked.edge {
-                Edge::Colour { offset_px, .. } if model.outline[sample].by_colour => {
+                EdgeReading::Colour { offset_px, .. } if model.outline[sample].by_colour => {
                     colour.push(constraint(offset_px))
                 }
-                Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => depth.push(constraint(offset_px)),
-                Edge::Hidden | Edge::OutOfView | Edge::Absent => {}
+                EdgeReading::Colour { offset_px, .. } | EdgeReading::Depth { offset_px } => {
+                    depth.push(constraint(offset_px))
+                }
+                EdgeReading::Hidden | EdgeReading::OutOfView | EdgeReading::Absent => {}
             }
         }
-        let (marks, mark_edges) = marks_at(&motion, inputs, &samples.marks);
+        let (marks, mark_edges) = marks_at_pose(&motion, inputs, &samples.marks);
         let centre = motion.point(&model.centre);
         // Seen from another side, an error of the taught depth moves the outline sideways in the picture.
         let taught_noise_px =
-            model.range.of_taught_mm * model.view_change(&motion) * grid.camera.px_per_mm_at(centre.z).0;
+            model.range.taught_scan_mm * model.view_change(&motion) * grid.camera.px_per_mm_at(centre.z).0;
         let surface = surface.into_iter().flatten().collect();
         Residuals { surface, colour, depth, marks, edges, mark_edges, centre, taught_noise_px }
     }
 
     /// Returns the weighting of each kind of residual: surface, edges by colour, edges by depth, marks.
-    pub fn weighing(&self, model: &Model, samples: &Samples) -> [ResidualWeighting; KINDS] {
+    pub fn residual_weights(&self, model: &Model, samples: &Samples) -> [ResidualWeighting; KINDS] {
         let point_mm2 = model.area_mm2 / samples.surface.len().max(1) as f64;
         let length_mm: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
         let edge_mm = length_mm / samples.outline.len().max(1) as f64;
@@ -148,7 +150,7 @@ impl Residuals {
         let reach = |constraints: &[Constraint], floor: f64| (REACH_SIGMAS * spread(constraints)).max(floor);
         [
             ResidualWeighting {
-                sigma: model.range.between_scans_mm,
+                sigma: model.range.scan_to_scan_mm,
                 correlated_count: (model.range.correlation_mm.powi(2) / point_mm2).max(1.0),
                 cutoff: reach(&self.surface, SURFACE_FLOOR_MM),
             },
@@ -170,32 +172,33 @@ impl Residuals {
         ]
     }
 
-    /// Returns every kind of constraint, in the order of [`Residuals::weighing`].
+    /// Returns every kind of constraint, in the order of [`Residuals::residual_weights`].
     pub fn kinds(&self) -> [&[Constraint]; KINDS] {
         [&self.surface, &self.colour, &self.depth, &self.marks]
     }
 
     /// Calculates the sums of all kinds.
-    pub fn sums(&self, weighing: &[ResidualWeighting; KINDS]) -> Sums {
+    pub fn sum_all(&self, weighing: &[ResidualWeighting; KINDS]) -> ResidualSums {
         self.kinds()
             .iter()
             .zip(weighing)
-            .map(|(kind, weighing)| Sums::over(kind, weighing, &self.centre))
-            .fold(Sums::ZERO, Sums::plus)
+            .map(|(kind, weighing)| ResidualSums::from_constraints(kind, weighing, &self.centre))
+            .fold(ResidualSums::ZERO, ResidualSums::add)
     }
 }
 
 /// Returns the marks that the scan shows, and the result beside each mark.
-fn marks_at(
+fn marks_at_pose(
     motion: &RigidF32,
     FitInputs { model, grid, scan }: FitInputs<'_>,
     samples: &[usize],
-) -> (Vec<Constraint>, Vec<(usize, Edge)>) {
-    let observe =
-        |&mark: &usize| Some((mark, mark_edges::observe(motion, &model.marks.points[mark], &grid.camera, scan)?));
+) -> (Vec<Constraint>, Vec<(usize, EdgeReading)>) {
+    let observe = |&mark: &usize| {
+        Some((mark, mark_edges::observe_mark(motion, &model.marks.points[mark], &grid.camera, scan)?))
+    };
     let looked: Vec<_> = samples.par_iter().with_min_len(64).filter_map(observe).collect();
     let constraint = |(sample, looked): &(usize, outline_edges::EdgeObservation)| match looked.edge {
-        Edge::Colour { offset_px, .. } => {
+        EdgeReading::Colour { offset_px, .. } => {
             let (point, gradient) = (looked.point, looked.gradient);
             Some(Constraint { point, gradient, residual: -offset_px, sample: *sample })
         }
@@ -207,21 +210,21 @@ fn marks_at(
 
 /// The end of an iteration.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Fitted {
+pub(super) struct IterationEnd {
     pub camera_from_panel: Rigid<Camera, Panel>,
     pub iterations: usize,
     pub last_step_mm: f64,
 }
 
 /// Moves the guess until no point of the panel moves any more; `None` if a direction is unconstrained.
-pub(super) fn fit(guess: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Option<Fitted> {
-    let mut fitted = Fitted { camera_from_panel: *guess, iterations: 0, last_step_mm: f64::INFINITY };
+pub(super) fn fit(guess: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Option<IterationEnd> {
+    let mut fitted = IterationEnd { camera_from_panel: *guess, iterations: 0, last_step_mm: f64::INFINITY };
     while fitted.iterations < MAX_STEPS && fitted.last_step_mm > CONVERGED_MM {
-        let residuals = Residuals::at(&fitted.camera_from_panel, inputs, samples);
+        let residuals = Residuals::at_pose(&fitted.camera_from_panel, inputs, samples);
         // Weighed again in each step: the cutoff shrinks with the residuals, so that outliers lose their pull as the
         // fit improves.
-        let weighing = residuals.weighing(inputs.model, samples);
-        let twist = residuals.sums(&weighing).twist()?;
+        let weighing = residuals.residual_weights(inputs.model, samples);
+        let twist = residuals.sum_all(&weighing).twist()?;
         let next = apply_twist(&fitted.camera_from_panel, &residuals.centre, &twist);
         fitted.last_step_mm = inputs.model.largest_distance_mm(&fitted.camera_from_panel, &next);
         fitted.camera_from_panel = next;

@@ -10,17 +10,17 @@
 mod camera;
 mod pose;
 
-pub use camera::{MAX_CAMERA_MOVED_MM, MAX_CAMERA_NOTICED_MM, MIN_FIXTURE_SAME, is_watched, noticed_mm};
+pub use camera::{MAX_CAMERA_MOVED_MM, MAX_CAMERA_NOTICED_MM, MIN_FIXTURE_SAME, can_detect_motion, noticed_mm};
 pub use pose::{MAX_DISAGREEMENT_MM, MAX_UNCERTAINTY_MM, MIN_MARGIN};
 
 use super::LocateError;
-use super::OutlineSeen;
+use super::OutlineEvidence;
 use super::evidence::Fit;
 use super::fit::CONVERGED_MM;
-use crate::number_text::{apart, percent_apart};
+use crate::number_text::{distinguishable_percents, distinguishable_texts};
 use crate::recipe::{self, Recipe};
 use crate::record::name;
-use crate::verdict::{Check, Judgement, Reason, SetBy, Severity, Verdict};
+use crate::verdict::{Check, Judgement, LimitSource, Reason, Severity, Verdict};
 
 /// If the overlap is below the limit by at most this, a person decides: an object may cover the panel. An even lower
 /// overlap means that the object is not the panel.
@@ -30,7 +30,7 @@ const REVIEW_OVERLAP: f64 = 0.1;
 const OUTLINE_ALLOWANCE: f64 = 0.15;
 /// Maximum fraction of taught points at which the scan shows something farther away; above this the panel is not
 /// there. Single points of this kind are flying points.
-pub const MAX_SEEN_THROUGH: f64 = 0.01;
+pub const MAX_SEEN_THROUGH_SHARE: f64 = 0.01;
 /// Maximum fraction of the outline in view that is not at its taught place.
 pub const MAX_OUTLINE_ABSENT: f64 = 0.08;
 /// Minimum fraction of the panel's marks in view that are at their taught place.
@@ -67,7 +67,7 @@ pub fn judge(fit: &Fit, recipe: &Recipe) -> Judgement {
 /// Returns the judgement of a fit's checks. A fit to another object often does not converge either: the reasons that
 /// name the object come first, because another scan would not help.
 pub fn judgement(checks: &[Check]) -> Judgement {
-    let mut judgement = Judgement::of_checks(checks);
+    let mut judgement = Judgement::from_checks(checks);
     judgement.reasons.sort_by_key(|reason| reason.code == NOT_CONVERGED);
     judgement
 }
@@ -77,9 +77,10 @@ pub fn checks(fit: &Fit, recipe: &Recipe) -> Vec<Check> {
     let limits = recipe.locate();
     let of_panel = [panel(fit, limits), picture(fit), camera::camera(fit)].concat();
     // Judged first: a pose of another object has no meaning, and its numbers would hide the one reason that helps.
-    let is_rejected = Judgement::of_checks(&of_panel).verdict == Verdict::Reject;
-    let bend = vec![bend(fit, recipe.surface())];
-    let of_pose = [bend, camera::watch(fit), pose::knowledge(fit), pose::motion(fit, limits)].concat();
+    let is_rejected = Judgement::from_checks(&of_panel).verdict == Verdict::Reject;
+    let bend = vec![check_bend(fit, recipe.surface())];
+    let of_pose =
+        [bend, camera::check_fixture(fit), pose::check_pose_uncertainty(fit), pose::motion(fit, limits)].concat();
     // If the object is not the panel, the checks of its pose are informational.
     let of_pose = of_pose.into_iter().map(|check| if is_rejected { check.without_consequence() } else { check });
     of_panel.into_iter().chain(of_pose).collect()
@@ -88,37 +89,39 @@ pub fn checks(fit: &Fit, recipe: &Recipe) -> Vec<Check> {
 /// Checks whether it is the taught panel, and whether it is complete.
 fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     let differs = || {
-        let [absent, allowed] = percent_apart(fit.outline_absent, MAX_OUTLINE_ABSENT, 0);
-        let [off, allowed_off] = apart(fit.outline_rms_px, MAX_OUTLINE_RMS_PX, 2);
+        let [absent, allowed] = distinguishable_percents(fit.outline_absent, MAX_OUTLINE_ABSENT, 0);
+        let [off, allowed_off] = distinguishable_texts(fit.outline_rms_px, MAX_OUTLINE_RMS_PX, 2);
         format!(
             "{absent} % of the visible outline is not at its taught position (limit {allowed} %); the rest is \
              {off} px off (limit {allowed_off} px); check that it is the right panel and that nothing touches its \
              edge"
         )
     };
-    let mut checks =
-        vec![
+    let mut checks = vec![
         Check::new("last step of the fit", "mm", fit.last_step_mm)
-            .at_most(MAX_LAST_STEP_MM, SetBy::Program)
-            .rejects(NOT_CONVERGED, || {
+            .with_max(MAX_LAST_STEP_MM, LimitSource::Program)
+            .or_reject(NOT_CONVERGED, || {
                 let (steps, step_mm) = (fit.iterations, fit.last_step_mm);
-                let [step, allowed] = apart(step_mm, MAX_LAST_STEP_MM, 4);
-                format!("the fit did not converge in {steps} iterations: last step {step} mm (limit {allowed} mm); \
-                         scan again")
+                let [step, allowed] = distinguishable_texts(step_mm, MAX_LAST_STEP_MM, 4);
+                format!(
+                    "the fit did not converge in {steps} iterations: last step {step} mm (limit {allowed} mm); \
+                         scan again"
+                )
             }),
         Check::new(name::RESIDUAL, "mm", fit.rms_mm)
-            .at_most(limits.max_rms_mm(), SetBy::recipe("locate.max_rms_mm"))
-            .rejects("poor_fit", || {
-                let [rms, allowed] = apart(fit.rms_mm, limits.max_rms_mm(), 3);
+            .with_max(limits.max_rms_mm(), LimitSource::recipe("locate.max_rms_mm"))
+            .or_reject("poor_fit", || {
+                let [rms, allowed] = distinguishable_texts(fit.rms_mm, limits.max_rms_mm(), 3);
                 format!(
                     "the scan differs from the taught panel by {rms} mm rms, apart from any smooth bend (limit \
                      {allowed} mm); check that it is the right panel, dry and clean, and that nothing is on it"
                 )
             }),
-        Check::new("taught surface that is seen through", "", fit.seen_through)
-            .at_most(MAX_SEEN_THROUGH, SetBy::Program)
-            .rejects("seen_through", || {
-                let [through, allowed] = percent_apart(fit.seen_through, MAX_SEEN_THROUGH, 1);
+        Check::new("taught surface that is seen through", "", fit.seen_through_share)
+            .with_max(MAX_SEEN_THROUGH_SHARE, LimitSource::Program)
+            .or_reject("seen_through", || {
+                let [through, allowed] =
+                    distinguishable_percents(fit.seen_through_share, MAX_SEEN_THROUGH_SHARE, 1);
                 format!(
                     "at {through} % of the taught surface, the scan sees something behind it (limit {allowed} %), \
                      so the panel is missing there; check that it is the right panel, with the taught side to the \
@@ -126,28 +129,28 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
                 )
             }),
         Check::new("outline in view that is elsewhere", "", fit.outline_absent)
-            .at_most(MAX_OUTLINE_ABSENT, SetBy::Program)
-            .rejects("outline_differs", differs),
+            .with_max(MAX_OUTLINE_ABSENT, LimitSource::Program)
+            .or_reject("outline_differs", differs),
         Check::new(name::OUTLINE_RESIDUAL, "px", fit.outline_rms_px)
-            .at_most(MAX_OUTLINE_RMS_PX, SetBy::Program)
-            .rejects("outline_differs", differs),
+            .with_max(MAX_OUTLINE_RMS_PX, LimitSource::Program)
+            .or_reject("outline_differs", differs),
     ];
     checks.extend(overlap(fit, limits));
-    checks.extend(fit.marks_found.map(marks));
+    checks.extend(fit.marks_found.map(check_marks));
     checks
 }
 
 /// Checks the bend. It must be small enough that this may be the taught panel, and that its path may follow the
 /// bend without a person's confirmation.
-fn bend(fit: &Fit, limits: &recipe::Surface) -> Check {
+fn check_bend(fit: &Fit, limits: &recipe::Surface) -> Check {
     let limit_mm = limits.max_deviation_mm();
-    let check =
-        Check::new(name::BEND, "mm", fit.deviation_mm).at_most(limit_mm, SetBy::recipe("surface.max_deviation_mm"));
+    let check = Check::new(name::BEND_NAME, "mm", fit.deviation_mm)
+        .with_max(limit_mm, LimitSource::recipe("surface.max_deviation_mm"));
     // A bend that could not be measured counts as too large.
-    let is_bent = fit.deviation_mm.is_none_or(|mm| exceeds(mm, limit_mm));
-    check.broken(is_bent, Severity::Review, "bent", || match fit.deviation_mm {
+    let is_bent = fit.deviation_mm.is_none_or(|mm| exceeds_limit(mm, limit_mm));
+    check.with_consequence_if(is_bent, Severity::Review, "bent", || match fit.deviation_mm {
         Some(mm) => {
-            let [mm, limit_mm] = apart(mm, limit_mm, 2);
+            let [mm, limit_mm] = distinguishable_texts(mm, limit_mm, 2);
             format!(
                 "the panel is bent by up to {mm} mm relative to the taught panel (limit {limit_mm} mm); check that \
                  it is the right panel, clamped as at teaching"
@@ -162,11 +165,11 @@ fn bend(fit: &Fit, limits: &recipe::Surface) -> Check {
 }
 
 /// Checks whether the panel has the taught marks.
-fn marks(found: f64) -> Check {
+fn check_marks(found: f64) -> Check {
     Check::new("marks in view that are where the taught ones are", "", found)
-        .at_least(MIN_MARKS_FOUND, SetBy::Program)
+        .with_min(MIN_MARKS_FOUND, LimitSource::Program)
         .reviews("marks_differ", || {
-            let [found, needed] = percent_apart(found, MIN_MARKS_FOUND, 0);
+            let [found, needed] = distinguishable_percents(found, MIN_MARKS_FOUND, 0);
             format!(
                 "{found} % of the panel's visible marks are at their taught positions, at least {needed} % are \
                  needed; check that it is the right panel, in the right orientation. If its marks were sanded off, \
@@ -180,34 +183,32 @@ fn picture(fit: &Fit) -> Vec<Check> {
     let blur_px = fit.blur_px();
     vec![
         Check::new("panel in view that gave points", "", fit.measured)
-            .at_least(MIN_MEASURED, SetBy::Program)
+            .with_min(MIN_MEASURED, LimitSource::Program)
             .reviews("points_missing", || {
-                let [gave, needed] = percent_apart(fit.measured, MIN_MEASURED, 0);
+                let [gave, needed] = distinguishable_percents(fit.measured, MIN_MEASURED, 0);
                 format!(
                     "only {gave} % of the visible panel has 3D points, at least {needed} % are needed; dry the \
                      panel, or shade a lamp that it reflects"
                 )
             }),
-        Check::new("edge wider than at teaching", "px", blur_px).at_most(MAX_BLUR_PX, SetBy::Program).reviews(
-            "blurred",
-            || {
-                let [wider, allowed] = apart(blur_px.unwrap_or(0.0), MAX_BLUR_PX, 1);
+        Check::new("edge wider than at teaching", "px", blur_px)
+            .with_max(MAX_BLUR_PX, LimitSource::Program)
+            .reviews("blurred", || {
+                let [wider, allowed] = distinguishable_texts(blur_px.unwrap_or(0.0), MAX_BLUR_PX, 1);
                 format!(
                     "the outline's edge is {wider} px wider than at teaching (limit {allowed} px); check that the \
                      panel does not move during the scan, and that the lens is clean and in focus"
                 )
-            },
-        ),
-        Check::new("panel that is overexposed", "", fit.saturated).at_most(MAX_SATURATED, SetBy::Program).reviews(
-            "overexposed",
-            || {
-                let [found, allowed] = percent_apart(fit.saturated, MAX_SATURATED, 0);
+            }),
+        Check::new("panel that is overexposed", "", fit.saturated_share)
+            .with_max(MAX_SATURATED, LimitSource::Program)
+            .reviews("overexposed", || {
+                let [found, allowed] = distinguishable_percents(fit.saturated_share, MAX_SATURATED, 0);
                 format!(
                     "{found} % of the panel is overexposed (limit {allowed} %); lower the exposure or shade the \
                      lamp"
                 )
-            },
-        ),
+            }),
     ]
 }
 
@@ -220,23 +221,23 @@ fn overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
         fit.overlap() >= allowed - REVIEW_OVERLAP && fit.outline_found >= outline_allowed - REVIEW_OVERLAP;
     let severity = if is_nearly { Severity::Review } else { Severity::Reject };
     let words = || {
-        let [taught, taught_needed] = percent_apart(fit.taught_found, allowed, 0);
-        let [outline, outline_needed] = percent_apart(fit.outline_found, outline_allowed, 0);
-        let [scan, scan_needed] = percent_apart(fit.scan_found, allowed, 0);
+        let [taught, taught_needed] = distinguishable_percents(fit.taught_found, allowed, 0);
+        let [outline, outline_needed] = distinguishable_percents(fit.outline_found, outline_allowed, 0);
+        let [scan, scan_needed] = distinguishable_percents(fit.scan_found, allowed, 0);
         format!(
             "{taught} % of the taught surface, {outline} % of its outline and {scan} % of the scanned surface \
              match; at least {taught_needed}, {outline_needed} and {scan_needed} % are needed; check that it is \
              the right panel and that nothing is in front of it"
         )
     };
-    let set_by = || SetBy::recipe("locate.min_overlap");
+    let set_by = || LimitSource::recipe("locate.min_overlap");
     [
-        Check::new("overlap", "", fit.overlap()).at_least(allowed, set_by()).leads_to(
+        Check::new("overlap", "", fit.overlap()).with_min(allowed, set_by()).with_consequence(
             severity,
             "low_overlap",
             words,
         ),
-        Check::new("outline found", "", fit.outline_found).at_least(outline_allowed, set_by()).leads_to(
+        Check::new("outline found", "", fit.outline_found).with_min(outline_allowed, set_by()).with_consequence(
             severity,
             "low_overlap",
             words,
@@ -245,23 +246,23 @@ fn overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
 }
 
 /// If a smaller fraction of the outline is seen, a panel is poorly constrained sideways, in particular a flat panel.
-const MIN_OUTLINE_SEEN: f64 = 0.6;
+const MIN_OUTLINE_SEEN_SHARE: f64 = 0.6;
 
 /// Returns the warnings at teaching: too little of the panel's outline is seen in its own scan. `fit` is the panel
 /// located in that scan; with it there is also a warning if the fixture shows too little to detect a moved camera.
-pub fn checks_at_teaching(seen: &OutlineSeen, fit: Option<&Fit>) -> Vec<Check> {
+pub fn teaching_warnings(seen: &OutlineEvidence, fit: Option<&Fit>) -> Vec<Check> {
     let share = seen.by_colour + seen.by_depth;
     let outline = Check::new("outline that the scan shows", "", share)
-        .at_least(MIN_OUTLINE_SEEN, SetBy::Program)
+        .with_min(MIN_OUTLINE_SEEN_SHARE, LimitSource::Program)
         .reviews("outline_unseen", || {
-            let [seen, needed] = percent_apart(share, MIN_OUTLINE_SEEN, 0);
+            let [seen, needed] = distinguishable_percents(share, MIN_OUTLINE_SEEN_SHARE, 0);
             format!(
                 "the scan shows {seen} % of the panel's outline, at least {needed} % are needed: only the outline \
                  determines the sideways position of a flat panel; give the panel a background of another \
                  brightness, or scan again with fewer missing points at its edge"
             )
         });
-    std::iter::once(outline).chain(fit.map(camera::at_teaching)).collect()
+    std::iter::once(outline).chain(fit.map(camera::check_taught_fixture)).collect()
 }
 
 /// The verdict if nothing was found: a bad panel is a verdict, not a fault.
@@ -270,20 +271,20 @@ pub fn refusal(error: &LocateError) -> Judgement {
 }
 
 /// Returns whether the measurement exceeds the limit; NaN exceeds every limit.
-pub(super) fn exceeds(measured: f64, allowed: f64) -> bool {
+pub(super) fn exceeds_limit(measured: f64, allowed: f64) -> bool {
     measured.is_nan() || measured > allowed
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{CameraCheck, CompetingPose, Weakest};
+    use super::super::{CameraCheck, CompetingPose, WeakestMotion};
     use super::*;
     use crate::geometry::{Base, Degrees, Panel, Rigid};
     use crate::verdict::Verdict;
     use nalgebra::{Isometry3, Matrix6};
 
     pub(super) fn good() -> Fit {
-        let base_from_panel: Rigid<Base, Panel> = Rigid::claim(Isometry3::identity());
+        let base_from_panel: Rigid<Base, Panel> = Rigid::from_isometry_unchecked(Isometry3::identity());
         Fit {
             base_from_panel,
             rms_mm: 0.08,
@@ -293,20 +294,20 @@ mod tests {
             taught_found: 0.99,
             scan_found: 0.98,
             outline_found: 0.97,
-            seen_through: 0.001,
+            seen_through_share: 0.001,
             outline_absent: 0.01,
             marks_found: None,
             measured: 0.99,
             edge_width_px: Some(1.3),
             taught_edge_width_px: 1.2,
-            saturated: 0.0,
+            saturated_share: 0.0,
             iterations: 5,
             last_step_mm: 0.001,
             agreement_mm: 0.01,
             rival: None,
-            camera: Some(CameraCheck { moved_mm: 0.02, uncertainty_mm: 0.05, same: 0.9 }),
+            camera: Some(CameraCheck { moved_mm: 0.02, uncertainty_mm: 0.05, unmoved_share: 0.9 }),
             camera_at_teaching_mm: None,
-            weakest: Weakest::Normal,
+            weakest_direction: WeakestMotion::Normal,
             covariance: Matrix6::identity(),
             uncertainty_mm: 0.15,
             uncertainty_at_taught_place_mm: 0.14,
@@ -353,14 +354,14 @@ mod tests {
     fn what_is_not_the_panel_is_rejected_and_what_a_person_may_judge_is_not() {
         let reject = |fit: Fit, code: &'static str| assert_eq!(judged(&fit), (Verdict::Reject, vec![code.into()]));
         let review = |fit: Fit, code: &'static str| assert_eq!(judged(&fit), (Verdict::Review, vec![code.into()]));
-        reject(Fit { seen_through: 0.03, ..good() }, "seen_through");
+        reject(Fit { seen_through_share: 0.03, ..good() }, "seen_through");
         reject(Fit { outline_absent: 0.2, ..good() }, "outline_differs");
         reject(Fit { outline_rms_px: f64::NAN, ..good() }, "outline_differs");
         review(Fit { measured: 0.8, ..good() }, "points_missing");
         review(Fit { marks_found: Some(0.49), ..good() }, "marks_differ");
         assert_eq!(judged(&Fit { marks_found: Some(0.5), ..good() }).0, Verdict::Accept);
         review(Fit { edge_width_px: Some(2.3), ..good() }, "blurred");
-        review(Fit { saturated: 0.3, ..good() }, "overexposed");
+        review(Fit { saturated_share: 0.3, ..good() }, "overexposed");
         review(Fit { deviation_mm: Some(2.01), ..good() }, "bent");
         review(Fit { deviation_mm: Some(f64::NAN), ..good() }, "bent");
         review(Fit { deviation_mm: None, ..good() }, "bent");
@@ -373,7 +374,7 @@ mod tests {
     #[test]
     fn a_moved_camera_and_a_rival() {
         let camera = |moved_mm, uncertainty_mm, same| {
-            judged(&Fit { camera: Some(CameraCheck { moved_mm, uncertainty_mm, same }), ..good() })
+            judged(&Fit { camera: Some(CameraCheck { moved_mm, uncertainty_mm, unmoved_share: same }), ..good() })
         };
         assert_eq!(camera(0.35, 0.05, 0.9), (Verdict::Reject, vec!["camera_moved".into()]));
         assert_eq!(camera(0.35, 0.15, 0.9).0, Verdict::Accept);
@@ -381,7 +382,12 @@ mod tests {
         let rival = |for_first_mm, for_rival_mm| {
             let base_from_panel = good().base_from_panel;
             judged(&Fit {
-                rival: Some(CompetingPose { base_from_panel, turned: Degrees(180.0), for_first_mm, for_rival_mm }),
+                rival: Some(CompetingPose {
+                    base_from_panel,
+                    rotation: Degrees(180.0),
+                    for_first_mm,
+                    for_rival_mm,
+                }),
                 ..good()
             })
         };
@@ -394,7 +400,8 @@ mod tests {
     /// that the camera moved.
     #[test]
     fn a_camera_that_nobody_watches_any_more_is_for_a_person() {
-        let told = |uncertainty_mm| Some(CameraCheck { moved_mm: uncertainty_mm, uncertainty_mm, same: 0.9 });
+        let told =
+            |uncertainty_mm| Some(CameraCheck { moved_mm: uncertainty_mm, uncertainty_mm, unmoved_share: 0.9 });
         let judged = |camera, camera_at_teaching_mm| judged(&Fit { camera, camera_at_teaching_mm, ..good() });
         for camera in [None, told(0.31), told(2.0)] {
             assert_eq!(judged(camera, Some(0.2)), (Verdict::Review, vec!["camera_unwatched".into()]), "{camera:?}");

@@ -7,7 +7,7 @@
 //! scan's point is p ẑ/z, and along the normal n the point lies in front of the scan's point by
 //!     r = n · p (1 − ẑ/z).                                                                               (1)
 
-use crate::geometry::{Base, Camera, OrganizedCloud, PinholeCamera, Pixel, Point, Rigid, median, median_between};
+use crate::geometry::{Base, Camera, OrganizedCloud, PinholeCamera, Pixel, Point, Rigid, median, median_in_place};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
@@ -15,10 +15,10 @@ use rayon::prelude::*;
 const COLUMNS: usize = 486;
 /// Depths within a block that differ by less than this belong to one surface without a further check, mm for a block
 /// with a side of 1 mm.
-const USUAL_SPREAD: f64 = 1.2;
+const MAX_BLOCK_SPREAD: f64 = 1.2;
 /// Depths farther than this from the block's median are left out, mm for a block with a side of 1 mm; the limit for
 /// the distance from its slanted plane is smaller.
-const TRIM: f64 = 0.8;
+const MAX_MEDIAN_DEVIATION: f64 = 0.8;
 const TRIM_SLANTED: f64 = 0.35;
 /// The fraction of a block's pixels that must agree: if the pixels on one side are missing, the mean is not the depth
 /// of the block's middle.
@@ -28,7 +28,7 @@ const MIN_SHARE: f64 = 0.9;
 const STEP_SIDES: f64 = 3.3;
 
 /// The scan at full size, with its colours.
-pub(super) type Scan = OrganizedCloud<Camera>;
+pub(super) type ColoredCloud = OrganizedCloud<Camera>;
 
 /// What a scan shows at the projection of a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,11 +63,13 @@ impl Grid {
     pub fn from_scan(scan: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Grid {
         let points = scan.raw_points_mm();
         // NaN is not greater than 0.
-        Self::of_depths((scan.width(), scan.height()), camera, |index| Some(points[index][2]).filter(|&z| z > 0.0))
+        Self::from_depths((scan.width(), scan.height()), camera, |index| {
+            Some(points[index][2]).filter(|&z| z > 0.0)
+        })
     }
 
     /// Reduces the depths of the pixels, mm, to a grid of blocks; `None` for a pixel that is left out.
-    pub fn of_depths(
+    pub fn from_depths(
         (width, height): (usize, usize),
         camera: &PinholeCamera,
         depth: impl Fn(usize) -> Option<f32> + Sync,
@@ -87,7 +89,7 @@ impl Grid {
                     );
                 }
                 *block = block_inverse(&mut depths, factor * factor, block_rad);
-                if block.is_nan() && depths.len() >= needed(factor * factor) {
+                if block.is_nan() && depths.len() >= min_agreeing_pixels(factor * factor) {
                     *block = slanted_inverse(factor, block_rad, |u, v| depth(first + v * width + u));
                 }
             }
@@ -102,7 +104,7 @@ impl Grid {
     }
 
     /// Converts a pixel to units of blocks.
-    pub fn place(&self, pixel: Pixel) -> [f64; 2] {
+    pub fn block_position(&self, pixel: Pixel) -> [f64; 2] {
         let block = |px: f64| (px - (self.factor as f64 - 1.0) / 2.0) / self.factor as f64;
         [block(pixel.u), block(pixel.v)]
     }
@@ -121,17 +123,17 @@ impl Grid {
     }
 
     /// Returns whether two neighbouring blocks with these depths belong to one surface.
-    pub fn joined(&self, a_mm: f64, b_mm: f64) -> bool {
+    pub fn are_joined(&self, a_mm: f64, b_mm: f64) -> bool {
         (a_mm - b_mm).abs() < self.step_share * a_mm
     }
 
     /// Returns the scan's depth reading at a pixel.
-    pub fn look(&self, pixel: Pixel) -> DepthReading {
-        self.look_at(self.place(pixel))
+    pub fn reading_at_pixel(&self, pixel: Pixel) -> DepthReading {
+        self.reading_at(self.block_position(pixel))
     }
 
     /// Returns the scan's depth reading at a position in units of blocks.
-    pub fn look_at(&self, [x, y]: [f64; 2]) -> DepthReading {
+    pub fn reading_at(&self, [x, y]: [f64; 2]) -> DepthReading {
         let (across, down) = ((self.columns - 1) as f64, (self.rows - 1) as f64);
         if !(x >= -0.5 && y >= -0.5 && x <= across + 0.5 && y <= down + 0.5) {
             return DepthReading::OutOfView;
@@ -155,22 +157,22 @@ impl Grid {
 }
 
 /// The number of a block's pixels that must agree.
-fn needed(pixels: usize) -> usize {
+fn min_agreeing_pixels(pixels: usize) -> usize {
     (MIN_SHARE * pixels as f64).ceil().max(1.0) as usize
 }
 
 fn block_inverse(depths: &mut [f32], pixels: usize, block_rad: f64) -> f32 {
-    let needed = needed(pixels);
+    let needed = min_agreeing_pixels(pixels);
     if depths.len() < needed {
         return f32::NAN;
     }
     let (low, high) = depths.iter().fold((f32::MAX, f32::MIN), |(low, high), &z| (low.min(z), high.max(z)));
     let side_mm = block_rad * f64::from(low);
-    if f64::from(high - low) <= USUAL_SPREAD * side_mm {
+    if f64::from(high - low) <= MAX_BLOCK_SPREAD * side_mm {
         return mean_inverse(depths.iter().copied());
     }
     let Some(median) = median(depths) else { return f32::NAN };
-    let reach = (TRIM * side_mm) as f32;
+    let reach = (MAX_MEDIAN_DEVIATION * side_mm) as f32;
     let near = |z: &&f32| (**z - median).abs() <= reach;
     if depths.iter().filter(near).count() < needed {
         return f32::NAN;
@@ -184,14 +186,14 @@ fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -
     let place = |k: usize| (k % factor, k / factor);
     let inverse: Vec<Option<f64>> =
         (0..factor * factor).map(|k| depth(place(k).0, place(k).1).map(|z| 1.0 / f64::from(z))).collect();
-    let needed = needed(inverse.len());
+    let needed = min_agreeing_pixels(inverse.len());
     if factor < 2 || inverse.iter().flatten().count() < needed {
         return f32::NAN;
     }
     let slope = |step: usize, ends: &dyn Fn(usize) -> bool| {
         let pairs = (0..inverse.len()).filter(|&k| !ends(k));
         let mut slopes: Vec<f64> = pairs.filter_map(|k| Some(inverse[k + step]? - inverse[k]?)).collect();
-        median_between(&mut slopes)
+        median_in_place(&mut slopes)
     };
     let (Some(right), Some(down)) =
         (slope(1, &|k| place(k).0 + 1 == factor), slope(factor, &|k| place(k).1 + 1 == factor))
@@ -204,7 +206,7 @@ fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -
         inverse.map(|inverse| inverse - right * (u as f64 - middle) - down * (v as f64 - middle))
     };
     let levels: Vec<f64> = inverse.iter().enumerate().filter_map(level).collect();
-    let Some(middle) = median_between(&mut levels.clone()) else { return f32::NAN };
+    let Some(middle) = median_in_place(&mut levels.clone()) else { return f32::NAN };
     // Compared relative to the depth: dz / z = −z d(1/z).
     let steepest = factor as f64 * right.hypot(down) / middle;
     let near = |level: &&f64| (*level / middle - 1.0).abs() <= TRIM_SLANTED * block_rad;
@@ -245,7 +247,7 @@ impl RigidF32 {
 }
 
 /// Returns for each block whether it lies in the search box.
-pub(super) fn in_box(
+pub(super) fn blocks_in_box(
     grid: &Grid,
     base_from_camera: &Rigid<Base, Camera>,
     low: [f64; 3],
@@ -302,10 +304,14 @@ mod tests {
     fn a_plane_is_met_between_blocks_and_an_edge_is_rough() {
         let grid = Grid::from_scan(&scan(), &CAMERA);
         assert_eq!((grid.factor, grid.columns), (1, 40));
-        let DepthReading::Smooth(depth_mm) = grid.look(Pixel::at(25.25, 10.5)) else { panic!("a plane") };
+        let DepthReading::Smooth(depth_mm) = grid.reading_at_pixel(Pixel::at(25.25, 10.5)) else {
+            panic!("a plane")
+        };
         assert!((depth_mm - 700.0 / (1.0 - 5.75 / 200.0)).abs() < 1e-3, "{depth_mm}");
-        assert!(matches!(grid.look(Pixel::at(7.3, 10.0)), DepthReading::Rough(z) if (z - 400.0).abs() < 1e-3));
-        assert_eq!(grid.look(Pixel::at(-0.6, 10.0)), DepthReading::OutOfView);
+        assert!(
+            matches!(grid.reading_at_pixel(Pixel::at(7.3, 10.0)), DepthReading::Rough(z) if (z - 400.0).abs() < 1e-3)
+        );
+        assert_eq!(grid.reading_at_pixel(Pixel::at(-0.6, 10.0)), DepthReading::OutOfView);
     }
 
     /// By hand: 15 of 16 pixels must agree. A single flying point is left out; with five points of another depth,

@@ -10,26 +10,26 @@ use super::edge_map::MarkSteps;
 use super::grid::{Grid, RigidF32, camera_point};
 use super::model::Model;
 use super::outline_edges::outward_px;
-use super::pieces::{ON_BLOCKS, Piece};
-use super::sampling::spread_over;
+use super::pieces::{MAX_BORDER_DISTANCE_BLOCKS, Piece};
+use super::sampling::spread_indices;
 use super::solve::Constraint;
 use nalgebra::{Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 
 /// The numbers of marks that are looked for at each shift and for each score.
-const COARSE_MARKS: usize = 100;
+const COARSE_MARK_COUNT: usize = 100;
 const SCORE_MARKS: usize = 300;
 /// The largest shift of the panel to each side, as a fraction of its reach. The second constant is the distance from
 /// one shift to the next, blocks.
 const SHIFT_REACH: f64 = 0.35;
 const SHIFT_BLOCKS: f64 = 3.0;
 /// A mark counts as found at a shift if it lies within this distance of a step, blocks.
-const NEAR_BLOCKS: f64 = 2.5;
+const MAX_MARK_DISTANCE_BLOCKS: f64 = 2.5;
 /// The number of starts that are used: those of the rotations at which the most marks are found.
 const MAX_STARTS: usize = 8;
 
 /// Returns the distance of a mark from the nearest step of brightness, towards its brighter side, blocks.
-pub(super) fn mark_at(
+pub(super) fn mark_distance(
     motion: &RigidF32,
     model: &Model,
     grid: &Grid,
@@ -41,9 +41,12 @@ pub(super) fn mark_at(
     if (motion.turn * mark.normal).dot(&point) >= 0.0 {
         return None;
     }
-    let (pixel, slope) = grid.camera.project_with_slope(camera_point(&point))?;
-    let brighter = outward_px(&(slope * (motion.turn * mark.along)), &(slope * (motion.turn * mark.brighter)))?;
-    let way = steps.way(grid.place(pixel), &brighter)?;
+    let (pixel, slope) = grid.camera.project_with_jacobian(camera_point(&point))?;
+    let brighter = outward_px(
+        &(slope * (motion.turn * mark.border_direction)),
+        &(slope * (motion.turn * mark.brighter_direction)),
+    )?;
+    let way = steps.vector_to_step(grid.block_position(pixel), &brighter)?;
     let residual = -(way[0] * brighter.x + way[1] * brighter.y);
     let gradient = slope.transpose() * brighter / grid.factor as f64;
     Some(Constraint { point, gradient, residual, sample: k })
@@ -52,15 +55,17 @@ pub(super) fn mark_at(
 /// Returns the fraction of the marks that lie on a step of brightness; 0 if no marks are looked for.
 pub(super) fn marks_found(motion: &RigidF32, model: &Model, grid: &Grid, steps: Option<&MarkSteps>) -> f64 {
     let Some(steps) = steps else { return 0.0 };
-    let is_on =
-        |k: &usize| mark_at(motion, model, grid, steps, *k).is_some_and(|mark| mark.residual.abs() <= ON_BLOCKS);
-    let chosen = spread_over(model.marks.points.len(), SCORE_MARKS);
+    let is_on = |k: &usize| {
+        mark_distance(motion, model, grid, steps, *k)
+            .is_some_and(|mark| mark.residual.abs() <= MAX_BORDER_DISTANCE_BLOCKS)
+    };
+    let chosen = spread_indices(model.marks.points.len(), SCORE_MARKS);
     chosen.iter().filter(|k| is_on(k)).count() as f64 / chosen.len().max(1) as f64
 }
 
 /// Returns for each of the best of these rotations the position of the panel's middle at which the most marks are
 /// found, and the rotation.
-pub(super) fn starts(
+pub(super) fn start_positions(
     model: &Model,
     (grid, steps): (&Grid, &MarkSteps),
     piece: &Piece,
@@ -101,21 +106,26 @@ fn best_shift(
     let shifted = |k: usize| {
         let mark = &model.marks.points[k];
         let point = piece.centre + rotation * (mark.point - model.centre);
-        let (pixel, slope) = grid.camera.project_with_slope(camera_point(&point))?;
-        let brighter = outward_px(&(slope * (rotation * mark.along)), &(slope * (rotation * mark.brighter)))?;
+        let (pixel, slope) = grid.camera.project_with_jacobian(camera_point(&point))?;
+        let brighter = outward_px(
+            &(slope * (rotation * mark.border_direction)),
+            &(slope * (rotation * mark.brighter_direction)),
+        )?;
         let slope = slope / grid.factor as f64;
-        let [x, y] = grid.place(pixel);
+        let [x, y] = grid.block_position(pixel);
         Some(ShiftedMark { place: Vector2::new(x, y), right: slope * right, up: slope * up, brighter })
     };
     let marks: Vec<ShiftedMark> =
-        spread_over(model.marks.points.len(), COARSE_MARKS).into_iter().filter_map(shifted).collect();
+        spread_indices(model.marks.points.len(), COARSE_MARK_COUNT).into_iter().filter_map(shifted).collect();
     let (px_per_mm, _) = grid.camera.px_per_mm_at(piece.centre.z);
     let step_mm = SHIFT_BLOCKS * grid.factor as f64 / px_per_mm;
     let most = (SHIFT_REACH * piece.reach_mm / step_mm) as i32;
     let count_at = |across_mm: f64, up_mm: f64| {
         let is_found = |mark: &&ShiftedMark| {
             let place = mark.place + mark.right * across_mm + mark.up * up_mm;
-            steps.way([place.x, place.y], &mark.brighter).is_some_and(|way| way[0].hypot(way[1]) <= NEAR_BLOCKS)
+            steps
+                .vector_to_step([place.x, place.y], &mark.brighter)
+                .is_some_and(|way| way[0].hypot(way[1]) <= MAX_MARK_DISTANCE_BLOCKS)
         };
         marks.iter().filter(is_found).count()
     };

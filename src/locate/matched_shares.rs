@@ -4,12 +4,12 @@
 //! the scan's pieces at the places that the taught panel would show. A point that is occluded or out of view is
 //! neither counted against the pose nor as matched; nor is a missing point beside a nearer object that may shade it.
 
-use super::edges::Edge;
+use super::edges::EdgeReading;
 use super::fit::{FitInputs, Residuals};
 use super::grid::{RigidF32, camera_point};
 use super::model::Model;
 use super::pieces::{self, Piece};
-use super::search::{PointObservation, covered, observe_point};
+use super::search::{PointObservation, covered_share, observe_point};
 use super::shadow;
 use crate::geometry::{median, polygon};
 use rayon::prelude::*;
@@ -34,10 +34,10 @@ impl SurfaceShares {
         let FitInputs { model, grid, scan } = inputs;
         let look = |i: usize| {
             let pixel = grid.camera.project(camera_point(&motion.point(&model.points[i])));
-            let place = pixel.and_then(|pixel| pixel.whole(scan.width(), scan.height()));
+            let place = pixel.and_then(|pixel| pixel.nearest_whole(scan.width(), scan.height()));
             let measured = place.is_some_and(|(column, row)| scan.point(column, row).is_some());
             let unlit =
-                || pixel.is_some_and(|pixel| shadow::may_hide(grid, pixel, motion.point(&model.points[i]).z));
+                || pixel.is_some_and(|pixel| shadow::may_occlude(grid, pixel, motion.point(&model.points[i]).z));
             (observe_point(motion, model, grid, i), measured, !measured && unlit())
         };
         let looks: Vec<(PointObservation, bool, bool)> =
@@ -80,13 +80,13 @@ impl OutlineShares {
         for (k, edge) in &residuals.edges {
             let length_mm = model.outline[*k].length_mm;
             let offset_px = match edge {
-                Edge::Colour { offset_px, width_px } => {
+                EdgeReading::Colour { offset_px, width_px } => {
                     widths.push(*width_px);
                     *offset_px
                 }
-                Edge::Depth { offset_px } => *offset_px,
-                Edge::Absent => f64::INFINITY,
-                Edge::Hidden | Edge::OutOfView => continue,
+                EdgeReading::Depth { offset_px } => *offset_px,
+                EdgeReading::Absent => f64::INFINITY,
+                EdgeReading::Hidden | EdgeReading::OutOfView => continue,
             };
             in_view += length_mm;
             if offset_px.abs() <= EDGE_FOUND_PX {
@@ -116,7 +116,7 @@ pub(super) fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
     let (mut found_mm, mut in_view_mm) = (0.0, 0.0);
     for (mark, edge) in &residuals.mark_edges {
         let length_mm = model.marks.points[*mark].length_mm;
-        let Some(is_found) = edge.is_within(EDGE_FOUND_PX) else { continue };
+        let Some(is_found) = edge.is_within_distance(EDGE_FOUND_PX) else { continue };
         in_view_mm += length_mm;
         found_mm += if is_found { length_mm } else { 0.0 };
     }
@@ -127,15 +127,15 @@ pub(super) fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
 /// place counts as another piece.
 pub(super) fn scan_found(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
     if !inputs.model.held_px.is_empty() {
-        return share_of(motion, inputs, &cut_where_held(motion, inputs, pieces));
+        return scan_overlap(motion, inputs, &cut_held_places(motion, inputs, pieces));
     }
-    share_of(motion, inputs, pieces)
+    scan_overlap(motion, inputs, pieces)
 }
 
-fn share_of(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
+fn scan_overlap(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
     let (mut found, mut whole) = (0.0, 0.0);
     for piece in pieces {
-        let share = covered(motion, inputs.model, inputs.grid, piece, 1_500);
+        let share = covered_share(motion, inputs.model, inputs.grid, piece, 1_500);
         if share >= PART_OF_PANEL {
             found += share * piece.area_mm2;
             whole += piece.area_mm2;
@@ -145,7 +145,7 @@ fn share_of(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
 }
 
 /// The pieces without the blocks that lie in a held place of the taught picture.
-fn cut_where_held(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> Vec<Piece> {
+fn cut_held_places(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) -> Vec<Piece> {
     let FitInputs { model, grid, .. } = inputs;
     let (back, taught) = (motion.inverse(), RigidF32::from_rigid(&model.camera_from_panel));
     let is_held = |block: usize| {
@@ -158,16 +158,16 @@ fn cut_where_held(motion: &RigidF32, inputs: FitInputs<'_>, pieces: &[Piece]) ->
     for &block in pieces.iter().flat_map(|piece| &piece.blocks) {
         free[block as usize] = !is_held(block as usize);
     }
-    pieces::pieces(grid, &free)
+    pieces::find_pieces(grid, &free)
 }
 
 /// Returns the fraction of the panel's pixels that are overexposed.
-pub(super) fn saturated(motion: &RigidF32, inputs: FitInputs<'_>) -> f64 {
+pub(super) fn saturated_share(motion: &RigidF32, inputs: FitInputs<'_>) -> f64 {
     let FitInputs { model, grid, scan } = inputs;
     let (mut asked, mut over) = (0usize, 0usize);
     for point in model.points.iter().step_by(7) {
         let pixel = grid.camera.project(camera_point(&motion.point(point)));
-        let Some((column, row)) = pixel.and_then(|pixel| pixel.whole(scan.width(), scan.height())) else {
+        let Some((column, row)) = pixel.and_then(|pixel| pixel.nearest_whole(scan.width(), scan.height())) else {
             continue;
         };
         asked += 1;

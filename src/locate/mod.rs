@@ -45,20 +45,20 @@ mod taught_outline;
 mod taught_surface;
 
 pub use camera_check::CameraCheck;
-pub use covariance::Weakest;
+pub use covariance::WeakestMotion;
 pub use error::LocateError;
 pub use evidence::{CompetingPose, Fit};
 pub use point_to_point::thesis_icp;
 pub use refine::refine;
-pub use taught_outline::OutlineSeen;
+pub use taught_outline::OutlineEvidence;
 
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Point, Rigid};
 use crate::panel::TaughtPanel;
 use crate::recipe::{self, Registration};
-use consistency::{ConsistencyScore, SURFACE_NEAR_MM};
+use consistency::{ConsistencyScore, MAX_SURFACE_DISTANCE_MM};
 use deviation::{BentFit, Deviation};
 use evidence::FurtherEvidence;
-use fit::{FitInputs, Fitted, Residuals, Samples};
+use fit::{FitInputs, IterationEnd, Residuals, Samples};
 use grid::{Grid, RigidF32};
 use model::Model;
 use nalgebra::{Rotation3, Vector3, Vector6};
@@ -69,7 +69,7 @@ pub use taught_model::TaughtModel;
 
 /// A scan and the pose of its camera.
 #[derive(Debug, Clone, Copy)]
-pub struct View<'a> {
+pub struct ScanView<'a> {
     /// The scan.
     pub scan: &'a OrganizedCloud<Camera>,
     /// Its lens.
@@ -81,7 +81,7 @@ pub struct View<'a> {
 }
 
 /// The number of samples of a fit that only compares hypotheses, and of the independent starts.
-const WEIGHING_SAMPLES: usize = 3_000;
+const HYPOTHESIS_SAMPLES: usize = 3_000;
 /// The offset of the independent starts from the result: a shift as a fraction of the panel's reach, and a rotation,
 /// rad.
 const START_SHIFT: f64 = 0.02;
@@ -92,9 +92,9 @@ const THESIS_TAUGHT: usize = 6_000;
 const THESIS_SCANNED: usize = 120_000;
 
 /// A taught panel and a scan, prepared for localization and for explaining its result.
-pub struct Prepared<'a> {
+pub struct PreparedScan<'a> {
     taught: &'a TaughtPanel,
-    view: View<'a>,
+    view: ScanView<'a>,
     settings: &'a recipe::Locate,
     taught_model: &'a TaughtModel,
     grid: Grid,
@@ -105,28 +105,29 @@ pub struct Prepared<'a> {
 /// Finds the taught panel in a scan.
 ///
 /// # Errors
-/// As [`TaughtModel::from_panel`] and [`Prepared::locate`].
-pub fn locate(taught: &TaughtPanel, view: &View<'_>, settings: &recipe::Locate) -> Result<Fit, LocateError> {
+/// As [`TaughtModel::from_panel`] and [`PreparedScan::locate`].
+pub fn locate(taught: &TaughtPanel, view: &ScanView<'_>, settings: &recipe::Locate) -> Result<Fit, LocateError> {
     let model = TaughtModel::from_panel(taught, view.range)?;
-    Prepared::new((taught, &model), view, settings).locate()
+    PreparedScan::new((taught, &model), view, settings).locate()
 }
 
-impl<'a> Prepared<'a> {
+impl<'a> PreparedScan<'a> {
     /// Prepares the scan.
     pub fn new(
         (taught, taught_model): (&'a TaughtPanel, &'a TaughtModel),
-        view: &View<'a>,
+        view: &ScanView<'a>,
         settings: &'a recipe::Locate,
     ) -> Self {
         let grid = Grid::from_scan(view.scan, view.camera);
-        let inside = grid::in_box(&grid, &view.base_from_camera, settings.box_min_mm(), settings.box_max_mm());
-        let pieces = pieces::pieces(&grid, &inside);
-        Prepared { taught, view: *view, settings, taught_model, grid, inside, pieces }
+        let inside =
+            grid::blocks_in_box(&grid, &view.base_from_camera, settings.box_min_mm(), settings.box_max_mm());
+        let pieces = pieces::find_pieces(&grid, &inside);
+        PreparedScan { taught, view: *view, settings, taught_model, grid, inside, pieces }
     }
 
     /// Returns how much of the panel's outline the taught scan shows.
-    pub fn outline_seen(&self) -> OutlineSeen {
-        self.taught_model.model.outline_seen
+    pub fn outline_seen(&self) -> OutlineEvidence {
+        self.taught_model.model.outline_evidence
     }
 
     /// Returns the length of mark borders inside of the outline in the taught picture, mm: they also constrain the
@@ -145,59 +146,71 @@ impl<'a> Prepared<'a> {
     /// If nothing of the panel's size and shape lies in the search box; [`gate::refusal`] turns this into a
     /// verdict.
     pub fn locate(&self) -> Result<Fit, LocateError> {
-        let Prepared { taught, view, grid, inside, pieces, .. } = self;
+        let PreparedScan { taught, view, grid, inside, pieces, .. } = self;
         let model = &self.taught_model.model;
         let candidates = search::candidates(model, grid, pieces);
         if candidates.is_empty() {
-            return Err(nothing_fits(model, pieces, inside.iter().filter(|inside| **inside).count()));
+            return Err(no_fit_error(model, pieces, inside.iter().filter(|inside| **inside).count()));
         }
         // Searched in full at every localization, without a start value: a start from the last pose would hide a panel
         // that lies the other way round.
         let hypotheses = search::search(model, (grid, view.scan), &candidates);
         let inputs = self.inputs();
         let hypotheses = (hypotheses.as_slice(), view.base_from_camera);
-        let (best, rival) = choose(hypotheses, inputs, Panels::AsTaught)
+        let (best, rival) = choose(hypotheses, inputs, PanelForm::AsTaught)
             .filter(|(best, _)| !is_bent(best, inputs))
-            .or_else(|| choose(hypotheses, inputs, Panels::AsBent))
+            .or_else(|| choose(hypotheses, inputs, PanelForm::AsBent))
             .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
-        let fitted = fit::fit(&best, inputs, &Samples::all(model))
+        let fitted = fit::fit(&best, inputs, &Samples::all_of_model(model))
             .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
-        let BentFit { fitted, deviation, model: bent } = deviation::follow(fitted, inputs, &Samples::all(model));
+        let BentFit { fitted, deviation, model: bent } =
+            deviation::estimate_deviation(fitted, inputs, &Samples::all_of_model(model));
         let inputs = FitInputs { model: bent.as_ref().unwrap_or(model), ..inputs };
         let (agreement_mm, camera) = rayon::join(
             || agreement_mm(&fitted, inputs),
-            || camera_check::check(taught, self.taught_model, (grid, view.scan), inside, &fitted.camera_from_panel),
+            || {
+                camera_check::check_camera(
+                    taught,
+                    self.taught_model,
+                    (grid, view.scan),
+                    inside,
+                    &fitted.camera_from_panel,
+                )
+            },
         );
-        let is_watched = gate::is_watched(camera.map(|camera| camera.uncertainty_mm));
+        let is_watched = gate::can_detect_motion(camera.map(|camera| camera.uncertainty_mm));
         // Only if today's scan cannot show a motion of the camera: the fixture may be hidden today although the taught
         // scan showed it.
-        let asked = (!is_watched).then(|| camera_check::at_teaching_mm(taught, self.taught_model, self.settings));
+        let asked =
+            (!is_watched).then(|| camera_check::teaching_uncertainty_mm(taught, self.taught_model, self.settings));
         let beside =
             FurtherEvidence { agreement_mm, rival, camera, camera_at_teaching_mm: asked.flatten(), deviation };
         match self.settings.method() {
-            Registration::PointToPlane => evidence::weigh(&fitted, inputs, pieces, view.base_from_camera, beside),
+            Registration::PointToPlane => {
+                evidence::compute_evidence(&fitted, inputs, pieces, view.base_from_camera, beside)
+            }
             Registration::Thesis => {
-                let camera_from_panel = self.by_thesis(&best);
+                let camera_from_panel = self.locate_by_thesis(&best);
                 // The thesis's method states no error of its own; the distance from the pose with a stated error bounds
                 // it.
                 let off_mm = inputs.model.largest_distance_mm(&camera_from_panel, &fitted.camera_from_panel);
-                let placed = Fitted { camera_from_panel, ..fitted };
-                let fit = evidence::weigh(&placed, inputs, pieces, view.base_from_camera, beside)?;
-                Ok(fit.also_off_by(off_mm))
+                let placed = IterationEnd { camera_from_panel, ..fitted };
+                let fit = evidence::compute_evidence(&placed, inputs, pieces, view.base_from_camera, beside)?;
+                Ok(fit.with_additional_error(off_mm))
             }
         }
     }
 
     /// Returns the pose by the thesis's method, beginning at a start pose.
-    fn by_thesis(&self, start: &Rigid<Camera, Panel>) -> Rigid<Camera, Panel> {
-        let Prepared { view, grid, inside, .. } = self;
+    fn locate_by_thesis(&self, start: &Rigid<Camera, Panel>) -> Rigid<Camera, Panel> {
+        let PreparedScan { view, grid, inside, .. } = self;
         let points = &self.taught_model.model.points;
-        let taught: Vec<Point<Panel>> = sampling::spread_over(points.len(), THESIS_TAUGHT)
+        let taught: Vec<Point<Panel>> = sampling::spread_indices(points.len(), THESIS_TAUGHT)
             .into_iter()
             .map(|index| Point::new(points[index].into()))
             .collect();
         let in_box: Vec<usize> = (0..inside.len()).filter(|&index| inside[index]).collect();
-        let scanned: Vec<Point<Base>> = sampling::spread_over(in_box.len(), THESIS_SCANNED)
+        let scanned: Vec<Point<Base>> = sampling::spread_indices(in_box.len(), THESIS_SCANNED)
             .into_iter()
             .filter_map(|place| grid.point(in_box[place] % grid.columns, in_box[place] / grid.columns))
             .map(|point| view.base_from_camera * grid::camera_point(&point))
@@ -208,7 +221,7 @@ impl<'a> Prepared<'a> {
 
 /// The form of the panel that is compared with the scan at the poses of two hypotheses.
 #[derive(Clone, Copy, PartialEq)]
-enum Panels {
+enum PanelForm {
     /// The panel as it was taught.
     AsTaught,
     /// The panel bent as required at each of the two poses, and fitted again. For a bent panel, the taught surface
@@ -219,25 +232,30 @@ enum Panels {
 
 /// Returns whether the panel at this pose is bent by more than the tolerance of the taught surface.
 fn is_bent(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> bool {
-    let residuals = Residuals::at(placed, inputs, &Samples::some(inputs.model, WEIGHING_SAMPLES).of_surface());
+    let residuals =
+        Residuals::at_pose(placed, inputs, &Samples::subset(inputs.model, HYPOTHESIS_SAMPLES).surface_only());
     let deviation = Deviation::from_residuals(&residuals, inputs.model, None);
-    deviation.is_some_and(|deviation| deviation.largest_mm > SURFACE_NEAR_MM)
+    deviation.is_some_and(|deviation| deviation.largest_mm > MAX_SURFACE_DISTANCE_MM)
 }
 
 /// Fits the hypotheses and returns the pose that no other pose beats, with its closest rival.
 fn choose(
     (hypotheses, base_from_camera): (&[PoseHypothesis], Rigid<Base, Camera>),
     inputs: FitInputs<'_>,
-    panels: Panels,
+    panels: PanelForm,
 ) -> Option<(Rigid<Camera, Panel>, Option<CompetingPose>)> {
-    let samples = Samples::some(inputs.model, WEIGHING_SAMPLES);
+    let samples = Samples::subset(inputs.model, HYPOTHESIS_SAMPLES);
     let fitted: Vec<Option<(Rigid<Camera, Panel>, ConsistencyScore)>> = hypotheses
         .par_iter()
-        .take(search::kept(inputs.model) - 1)
+        .take(search::fitted_hypotheses(inputs.model) - 1)
         .map(|hypothesis| {
             let fitted = fit::fit(&hypothesis.camera_from_panel, inputs, &samples)?;
             let taught = BentFit { fitted, deviation: None, model: None };
-            let bent = if panels == Panels::AsBent { deviation::follow(fitted, inputs, &samples) } else { taught };
+            let bent = if panels == PanelForm::AsBent {
+                deviation::estimate_deviation(fitted, inputs, &samples)
+            } else {
+                taught
+            };
             let end = bent.fitted.camera_from_panel;
             let inputs = FitInputs { model: bent.model.as_ref().unwrap_or(inputs.model), ..inputs };
             Some((end, ConsistencyScore::compute(&end, inputs)))
@@ -266,14 +284,14 @@ fn choose(
     let rival = rivals.map(|(other, against)| {
         let [for_first_mm, for_rival_mm] = score.exclusive_support_mm(against);
         let turned = (first.inverse() * *other).turn();
-        CompetingPose { base_from_panel: base_from_camera * *other, turned, for_first_mm, for_rival_mm }
+        CompetingPose { base_from_panel: base_from_camera * *other, rotation: turned, for_first_mm, for_rival_mm }
     });
-    Some((first, rival.min_by(|a, b| a.margin().total_cmp(&b.margin()))))
+    Some((first, rival.min_by(|a, b| a.evidence_ratio().total_cmp(&b.evidence_ratio()))))
 }
 
 /// Returns the largest distance between the results of independent starts, mm; infinite if a start does not
 /// converge.
-fn agreement_mm(fitted: &Fitted, inputs: FitInputs<'_>) -> f64 {
+fn agreement_mm(fitted: &IterationEnd, inputs: FitInputs<'_>) -> f64 {
     let shift_mm = START_SHIFT * search::reach_mm(inputs.model);
     let centre = RigidF32::from_rigid(&fitted.camera_from_panel).point(&inputs.model.centre);
     // Three starts around the result, each shifted sideways and rotated about another axis.
@@ -284,17 +302,19 @@ fn agreement_mm(fitted: &Fitted, inputs: FitInputs<'_>) -> f64 {
         let twist = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
         solve::apply_twist(&fitted.camera_from_panel, &centre, &twist)
     });
-    let samples = Samples::some(inputs.model, WEIGHING_SAMPLES);
-    let ends: Vec<Option<Fitted>> = starts.par_iter().map(|start| fit::fit(start, inputs, &samples)).collect();
+    let samples = Samples::subset(inputs.model, HYPOTHESIS_SAMPLES);
+    let ends: Vec<Option<IterationEnd>> =
+        starts.par_iter().map(|start| fit::fit(start, inputs, &samples)).collect();
     // A start that does not converge is evidence against the pose, not a missing number.
-    let Some(ends) = ends.into_iter().collect::<Option<Vec<Fitted>>>() else { return f64::INFINITY };
-    let apart =
-        |a: &Fitted, b: &Fitted| inputs.model.largest_distance_mm(&a.camera_from_panel, &b.camera_from_panel);
+    let Some(ends) = ends.into_iter().collect::<Option<Vec<IterationEnd>>>() else { return f64::INFINITY };
+    let apart = |a: &IterationEnd, b: &IterationEnd| {
+        inputs.model.largest_distance_mm(&a.camera_from_panel, &b.camera_from_panel)
+    };
     let pairs = (0..ends.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
     pairs.map(|(i, j)| apart(&ends[i], &ends[j])).fold(0.0, f64::max)
 }
 
-fn nothing_fits(model: &Model, pieces: &[pieces::Piece], found: usize) -> LocateError {
+fn no_fit_error(model: &Model, pieces: &[pieces::Piece], found: usize) -> LocateError {
     let alike = |piece: &&pieces::Piece| (piece.area_mm2 / model.area_mm2).ln().abs();
     match pieces.iter().min_by(|a, b| alike(a).total_cmp(&alike(b))) {
         None => LocateError::EmptyBox { found, needed: pieces::MIN_BLOCKS },
@@ -308,7 +328,7 @@ fn nothing_fits(model: &Model, pieces: &[pieces::Piece], found: usize) -> Locate
 
 #[cfg(test)]
 mod tests {
-    use super::{RangeErrors, View, gate, locate};
+    use super::{RangeErrors, ScanView, gate, locate};
     use crate::panel::TaughtPanel;
     use crate::recipe::Recipe;
     use crate::sim::{Cell, SEARCH_BOX_MM, Scene};
@@ -345,7 +365,7 @@ mod tests {
         let by_thesis = Recipe::check("simulated.toml", &by_thesis).expect("a recipe");
         let scan = cell.scan();
         let (camera, base_from_camera) = (cell.scanner(), cell.calibrated_base_from_camera());
-        let view = View { scan: &scan, camera, base_from_camera, range: RangeErrors::default() };
+        let view = ScanView { scan: &scan, camera, base_from_camera, range: RangeErrors::default() };
         let [ours, thesis] =
             [&recipe, &by_thesis].map(|recipe| locate(&panel, &view, recipe.locate()).expect("found"));
         let apart_mm =

@@ -8,7 +8,7 @@ use super::grid::{Grid, RigidF32, camera_point};
 use super::print_features::TaughtMarks;
 use super::scan_errors::RangeErrors;
 use super::scatter::centroid_and_normal;
-use super::taught_outline::{MIN_OUTLINE, OutlinePoint, OutlineSeen, TaughtOutline};
+use super::taught_outline::{MIN_OUTLINE, OutlineEvidence, OutlinePoint, TaughtOutline};
 use super::taught_surface::Surface;
 use crate::geometry::{Camera, Panel, Pixel, Point, Rigid, Vector};
 use crate::panel::TaughtPanel;
@@ -16,7 +16,7 @@ use nalgebra::Vector3;
 use std::sync::Arc;
 
 /// A panel is complete if at least this fraction of its surface gave points.
-const WHOLE: f64 = 0.9;
+const MIN_COMPLETE_SHARE: f64 = 0.9;
 /// A panel with fewer surface points is not sufficiently constrained.
 const MIN_SURFACE: usize = 200;
 
@@ -44,9 +44,9 @@ pub(super) struct Model {
     /// Width of a step of brightness at the outline, px, median.
     pub edge_width_px: f64,
     /// Fraction of the panel that gave points at teaching, 0…1, if a person drew its outline; otherwise 1.
-    pub given: f64,
+    pub measured_share: f64,
     /// The fractions of the outline that are seen, held and unseen.
-    pub outline_seen: OutlineSeen,
+    pub outline_evidence: OutlineEvidence,
     /// The places at which something holds the panel, in the taught picture.
     pub held_px: Vec<[Pixel; 4]>,
     /// The errors of the scans.
@@ -63,7 +63,7 @@ pub(super) fn taught_grid(panel: &TaughtPanel, of_panel: bool) -> Grid {
         let depth = (depth_row * Vector3::new(f64::from(x), f64::from(y), f64::from(z)))[0] + motion.shift.z;
         (panel.mask.inside[index] == of_panel && depth > 0.0).then_some(depth as f32)
     };
-    Grid::of_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth)
+    Grid::from_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth)
 }
 
 impl Model {
@@ -72,7 +72,7 @@ impl Model {
         let camera_from_panel = panel.panel_from_camera.inverse();
         let grid = taught_grid(panel, true);
         let surface = Surface::from_grid(&grid);
-        let (TaughtOutline { points: outline, edge_width_px, seen: outline_seen }, marks) = rayon::join(
+        let (TaughtOutline { points: outline, edge_width_px, evidence: outline_seen }, marks) = rayon::join(
             || TaughtOutline::detect(panel, &grid, &surface),
             || TaughtMarks::detect(panel, (&grid, &surface), range.correlation_mm),
         );
@@ -100,8 +100,8 @@ impl Model {
             grid: Arc::new(grid),
             camera_from_panel,
             edge_width_px,
-            given: panel.given(),
-            outline_seen,
+            measured_share: panel.measured_share(),
+            outline_evidence: outline_seen,
             held_px: panel.held_px.clone(),
             range,
         })
@@ -109,8 +109,8 @@ impl Model {
 
     /// Returns whether large parts of the panel gave no points at teaching. Points may be missing now as well,
     /// possibly at other places.
-    pub fn is_patchy(&self) -> bool {
-        self.given < WHOLE
+    pub fn has_missing_parts(&self) -> bool {
+        self.measured_share < MIN_COMPLETE_SHARE
     }
 
     /// Returns the middle of the surface as a point of the panel.

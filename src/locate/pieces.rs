@@ -8,16 +8,16 @@
 
 use super::grid::{Grid, RigidF32};
 use super::scatter::centroid_and_normal;
-use crate::geometry::{BESIDE, Raster};
+use crate::geometry::{DIRECT_NEIGHBOURS, RasterSize};
 use nalgebra::Vector3;
 
 /// A piece with fewer blocks is a speck.
 pub(super) const MIN_BLOCKS: usize = 40;
 /// Depth is compared at up to this distance beyond the border, blocks: nearer pixels have no depth or are flying
 /// pixels.
-const BEYOND: isize = 3;
+const DEPTH_COMPARISON_BLOCKS: isize = 3;
 /// A line lies on a border, or on a step of brightness, if the distance is at most this, blocks.
-pub(super) const ON_BLOCKS: f64 = 1.8;
+pub(super) const MAX_BORDER_DISTANCE_BLOCKS: f64 = 1.8;
 /// The maximum width of a patch of missing points, blocks.
 const MAX_HOLE_BLOCKS: isize = 80;
 const NONE: u32 = u32::MAX;
@@ -38,13 +38,13 @@ pub(super) struct Piece {
 }
 
 /// Returns the pieces among these blocks, largest area first.
-pub(super) fn pieces(grid: &Grid, inside: &[bool]) -> Vec<Piece> {
-    let raster = Raster { width: grid.columns, height: grid.rows };
+pub(super) fn find_pieces(grid: &Grid, inside: &[bool]) -> Vec<Piece> {
+    let raster = RasterSize { width: grid.columns, height: grid.rows };
     let joined = |here: usize, there: usize| {
         let depths = grid.depth_mm(here).zip(grid.depth_mm(there));
-        depths.is_some_and(|(here_mm, there_mm)| grid.joined(here_mm, there_mm))
+        depths.is_some_and(|(here_mm, there_mm)| grid.are_joined(here_mm, there_mm))
     };
-    let pieces = raster.joined_pieces(&BESIDE, |block| inside[block], joined);
+    let pieces = raster.joined_pieces(&DIRECT_NEIGHBOURS, |block| inside[block], joined);
     let large = pieces.into_iter().filter(|blocks| blocks.len() >= MIN_BLOCKS);
     let of = |blocks: Vec<usize>| Piece::from_blocks(grid, blocks.into_iter().map(|block| block as u32).collect());
     let mut found: Vec<Piece> = large.filter_map(of).collect();
@@ -70,7 +70,7 @@ impl Piece {
     }
 
     /// Joins several pieces to one.
-    pub fn joined(grid: &Grid, pieces: &[&Piece]) -> Option<Piece> {
+    pub fn join(grid: &Grid, pieces: &[&Piece]) -> Option<Piece> {
         Piece::from_blocks(grid, pieces.iter().flat_map(|piece| piece.blocks.iter().copied()).collect())
     }
 }
@@ -100,35 +100,35 @@ impl Border {
         let mut nearest = vec![NONE; columns * rows];
         blocks.for_each(|block| nearest[block] = block as u32);
         let mut border = Border { columns, rows, nearest };
-        border.sweep();
+        border.sweep_distances();
         border
     }
 
-    fn sweep(&mut self) {
+    fn sweep_distances(&mut self) {
         let (columns, rows) = (self.columns, self.rows);
         for row in 0..rows {
             for column in 0..columns {
                 for (i, j) in [(-1, 0), (0, -1), (-1, -1), (1, -1)] {
-                    self.relax(column, row, i, j);
+                    self.relax_distance(column, row, i, j);
                 }
             }
             for column in (0..columns).rev() {
-                self.relax(column, row, 1, 0);
+                self.relax_distance(column, row, 1, 0);
             }
         }
         for row in (0..rows).rev() {
             for column in (0..columns).rev() {
                 for (i, j) in [(1, 0), (0, 1), (1, 1), (-1, 1)] {
-                    self.relax(column, row, i, j);
+                    self.relax_distance(column, row, i, j);
                 }
             }
             for column in 0..columns {
-                self.relax(column, row, -1, 0);
+                self.relax_distance(column, row, -1, 0);
             }
         }
     }
 
-    fn relax(&mut self, column: usize, row: usize, i: isize, j: isize) {
+    fn relax_distance(&mut self, column: usize, row: usize, i: isize, j: isize) {
         let (x, y) = (column as isize + i, row as isize + j);
         if x < 0 || y < 0 || x >= self.columns as isize || y >= self.rows as isize {
             return;
@@ -150,7 +150,7 @@ impl Border {
 
     /// Returns the vector from a position of the grid to the nearest true border, blocks; `None` outside of the
     /// picture, or without a border.
-    pub fn way(&self, place: [f64; 2]) -> Option<[f64; 2]> {
+    pub fn vector_to_border(&self, place: [f64; 2]) -> Option<[f64; 2]> {
         Some(self.nearest(place)?.1)
     }
 
@@ -167,7 +167,7 @@ impl Border {
 }
 
 /// Returns whether points are missing in this direction, with the same piece beyond them.
-fn ends_in_a_hole(
+fn is_hole_boundary(
     grid: &Grid,
     inside: &[bool],
     at: &dyn Fn(isize, isize) -> Option<usize>,
@@ -194,13 +194,13 @@ fn is_true_border(grid: &Grid, inside: &[bool], block: usize, may_have_holes: bo
             Some(_) => {}
         }
         // Within this distance beyond the edge, a nearer object hides the continuation of the surface.
-        let nearer = (1..=BEYOND).filter_map(|far| at(i * far, j * far)).any(|beyond| {
-            !inside[beyond] && grid.depth_mm(beyond).is_some_and(|z| z < here_mm && !grid.joined(here_mm, z))
+        let nearer = (1..=DEPTH_COMPARISON_BLOCKS).filter_map(|far| at(i * far, j * far)).any(|beyond| {
+            !inside[beyond] && grid.depth_mm(beyond).is_some_and(|z| z < here_mm && !grid.are_joined(here_mm, z))
         });
         if nearer {
             return false;
         }
-        border |= !(may_have_holes && ends_in_a_hole(grid, inside, &at, (i, j)));
+        border |= !(may_have_holes && is_hole_boundary(grid, inside, &at, (i, j)));
     }
     border
 }
@@ -219,8 +219,12 @@ pub(super) fn points<'a>(
 }
 
 /// Returns a point's position in the grid of another view; `None` if the point is behind that camera.
-pub(super) fn seen_from(grid: &Grid, motion: &RigidF32, point: &Vector3<f64>) -> Option<(Vector3<f64>, [f64; 2])> {
+pub(super) fn grid_position_in(
+    grid: &Grid,
+    motion: &RigidF32,
+    point: &Vector3<f64>,
+) -> Option<(Vector3<f64>, [f64; 2])> {
     let there = motion.point(point);
     let pixel = grid.camera.project(super::grid::camera_point(&there))?;
-    Some((there, grid.place(pixel)))
+    Some((there, grid.block_position(pixel)))
 }

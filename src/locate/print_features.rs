@@ -6,9 +6,9 @@
 //! brightness. If this change is a step between two uniform levels, its place is measured to a fraction of a pixel
 //! (`profile`) and projected onto the surface. A composite's weave has too little contrast to be a mark.
 
-use super::edge_map::steepest;
+use super::edge_map::steepest_change;
 use super::grid::{Grid, RigidF32};
-use super::profile::{self, PLACES, REACH};
+use super::profile::{self, HALF_LENGTH_PX, POSITION_COUNT};
 use super::taught_surface::Surface;
 use crate::geometry::{Camera, Pixel, polygon};
 use crate::panel::{OutlineFrom, TaughtPanel};
@@ -22,11 +22,11 @@ const CELL_PX: usize = 8;
 /// outline, and far above a weave.
 const MIN_CONTRAST: f64 = 40.0;
 /// Fraction of a step's contrast that lies between the two pixels that [`steepest`] compares.
-const STEEP: f64 = 0.35;
+const MIN_STEP_SHARE: f64 = 0.35;
 /// The smallest change of brightness at the border of a mark, grey levels.
-pub(super) const MIN_STEP: f64 = STEEP * MIN_CONTRAST;
+pub(super) const MIN_STEP: f64 = MIN_STEP_SHARE * MIN_CONTRAST;
 /// A mark within this distance of a held place gives no information about the panel, px.
-const HELD_NEAR_PX: f64 = PLACES as f64;
+const MIN_HELD_DISTANCE_PX: f64 = POSITION_COUNT as f64;
 
 /// A point on the border of a mark.
 #[derive(Debug, Clone, Copy)]
@@ -34,9 +34,9 @@ pub(super) struct MarkPoint {
     /// Its position in the panel's frame, mm.
     pub point: Vector3<f64>,
     /// The direction along the border.
-    pub along: Vector3<f64>,
+    pub border_direction: Vector3<f64>,
     /// The direction in the surface towards the brighter side.
-    pub brighter: Vector3<f64>,
+    pub brighter_direction: Vector3<f64>,
     /// The surface's normal.
     pub normal: Vector3<f64>,
     /// Length of border that this point represents, mm.
@@ -61,7 +61,7 @@ impl TaughtMarks {
         let points: Vec<MarkPoint> = (0..columns * rows)
             .into_par_iter()
             .with_min_len(512)
-            .filter_map(|cell| search.mark_in([cell % columns * CELL_PX, cell / columns * CELL_PX]))
+            .filter_map(|cell| search.find_mark([cell % columns * CELL_PX, cell / columns * CELL_PX]))
             .collect();
         let cube = |mark: &MarkPoint| [0, 1, 2].map(|axis| (mark.point[axis] / alike_mm).floor() as i64);
         let cubes: BTreeSet<[i64; 3]> = points.iter().map(cube).collect();
@@ -79,31 +79,31 @@ struct MarkSearch<'a> {
 
 impl MarkSearch<'_> {
     /// Finds the mark of the cell that begins at this pixel.
-    fn mark_in(&self, [left, top]: [usize; 2]) -> Option<MarkPoint> {
+    fn find_mark(&self, [left, top]: [usize; 2]) -> Option<MarkPoint> {
         let (width, height) = (self.panel.scan.width(), self.panel.scan.height());
-        let margin = REACH + 1;
+        let margin = HALF_LENGTH_PX + 1;
         if left < margin || top < margin || left + CELL_PX + margin > width || top + CELL_PX + margin > height {
             return None;
         }
         if !self.is_inside(left + CELL_PX / 2, top + CELL_PX / 2) {
             return None;
         }
-        let step =
-            steepest(&self.panel.scan, [left, top], CELL_PX).filter(|steepest| steepest.levels >= MIN_STEP)?;
-        let [column, row] = step.at;
-        self.mark_at(Pixel::at(column as f64, row as f64), step.brighter)
+        let step = steepest_change(&self.panel.scan, [left, top], CELL_PX)
+            .filter(|steepest| steepest.levels >= MIN_STEP)?;
+        let [column, row] = step.position;
+        self.find_step(Pixel::at(column as f64, row as f64), step.brighter_direction)
     }
 
     /// Finds the brightness step beside a pixel, in the direction of the brighter side.
-    fn mark_at(&self, pixel: Pixel, brighter: Vector2<f64>) -> Option<MarkPoint> {
-        if !self.is_on_panel(pixel, brighter) || self.panel.is_held_near(pixel, HELD_NEAR_PX) {
+    fn find_step(&self, pixel: Pixel, brighter: Vector2<f64>) -> Option<MarkPoint> {
+        if !self.is_on_panel(pixel, brighter) || self.panel.is_held_near(pixel, MIN_HELD_DISTANCE_PX) {
             return None;
         }
         let line = profile::line(&self.panel.scan, pixel, [brighter.x, brighter.y])?;
         let step = profile::step(&line, 0.0).filter(|step| step.contrast >= MIN_CONTRAST)?;
         let pixel = Pixel::at(pixel.u + step.offset_px * brighter.x, pixel.v + step.offset_px * brighter.y);
         let ray = |pixel: Pixel| Some(self.panel.camera.unproject::<Camera>(pixel)?.mm);
-        let (depth_mm, normal) = self.surface.beside(self.grid, pixel)?;
+        let (depth_mm, normal) = self.surface.extrapolate(self.grid, pixel)?;
         let here = ray(pixel)? * depth_mm;
         // Direction from this point to a neighbouring pixel, on the surface's plane.
         let beside = |du: f64, dv: f64| {
@@ -117,8 +117,8 @@ impl MarkSearch<'_> {
         let turn = &self.panel_from_camera.turn;
         Some(MarkPoint {
             point: self.panel_from_camera.point(&here),
-            along: turn * along,
-            brighter: turn * brighter,
+            border_direction: turn * along,
+            brighter_direction: turn * brighter,
             normal: turn * normal,
             length_mm: CELL_PX as f64 / px_per_mm,
         })
@@ -128,10 +128,10 @@ impl MarkSearch<'_> {
     /// mark.
     fn is_on_panel(&self, pixel: Pixel, across: Vector2<f64>) -> bool {
         let (width, height) = (self.panel.scan.width(), self.panel.scan.height());
-        (-(REACH as i32)..=REACH as i32).step_by(4).all(|way| {
+        (-(HALF_LENGTH_PX as i32)..=HALF_LENGTH_PX as i32).step_by(4).all(|way| {
             let way = f64::from(way);
             let end = Pixel::at(pixel.u + way * across.x, pixel.v + way * across.y);
-            end.whole(width, height).is_some_and(|(column, row)| self.is_inside(column, row))
+            end.nearest_whole(width, height).is_some_and(|(column, row)| self.is_inside(column, row))
         })
     }
 

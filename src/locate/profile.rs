@@ -12,9 +12,9 @@ use crate::geometry::OrganizedCloud;
 use crate::geometry::{Frame, Pixel};
 
 /// The number of positions that are read to each side of the line's middle, px.
-pub(super) const REACH: usize = 12;
+pub(super) const HALF_LENGTH_PX: usize = 12;
 /// The number of positions on a line.
-pub(super) const PLACES: usize = 2 * REACH + 1;
+pub(super) const POSITION_COUNT: usize = 2 * HALF_LENGTH_PX + 1;
 /// The levels are read between these two distances from the edge, px.
 const LEVEL_FROM: f64 = 2.5;
 const LEVEL_TO: f64 = 6.0;
@@ -32,11 +32,11 @@ const MAX_UNEVEN: f64 = 10.0;
 const MAX_UNEVEN_SHARE: f64 = 0.1;
 
 /// Brightness along a line, from the inside outwards.
-pub(super) type Line = [f64; PLACES];
+pub(super) type BrightnessLine = [f64; POSITION_COUNT];
 
 /// A step of brightness.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Step {
+pub(super) struct BrightnessStep {
     /// Distance of the step from the line's middle outwards, px.
     pub offset_px: f64,
     /// Level outside minus level inside, grey levels.
@@ -46,7 +46,7 @@ pub(super) struct Step {
 }
 
 /// Returns the brightness of a pixel of a scan, grey levels.
-pub(super) fn gray<F: Frame>(scan: &OrganizedCloud<F>, column: usize, row: usize) -> f64 {
+pub(super) fn pixel_gray<F: Frame>(scan: &OrganizedCloud<F>, column: usize, row: usize) -> f64 {
     let [r, g, b] = scan.color_at(row * scan.width() + column);
     0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)
 }
@@ -59,32 +59,33 @@ pub(super) fn brightness<F: Frame>(scan: &OrganizedCloud<F>, pixel: Pixel) -> Op
     }
     let (column, row) = (u as usize, v as usize);
     let (across, down) = (u - column as f64, v - row as f64);
-    let at = |column: usize, row: usize| gray(scan, column, row);
+    let at = |column: usize, row: usize| pixel_gray(scan, column, row);
     let above = at(column, row) + across * (at(column + 1, row) - at(column, row));
     let below = at(column, row + 1) + across * (at(column + 1, row + 1) - at(column, row + 1));
     Some(above + down * (below - above))
 }
 
 /// Returns the brightness along the line through a pixel; `outward` is a unit vector of the picture.
-pub(super) fn line<F: Frame>(scan: &OrganizedCloud<F>, middle: Pixel, outward: [f64; 2]) -> Option<Line> {
-    let mut line = [0.0; PLACES];
+pub(super) fn line<F: Frame>(scan: &OrganizedCloud<F>, middle: Pixel, outward: [f64; 2]) -> Option<BrightnessLine> {
+    let mut line = [0.0; POSITION_COUNT];
     for (index, value) in line.iter_mut().enumerate() {
-        let way = index as f64 - REACH as f64;
+        let way = index as f64 - HALF_LENGTH_PX as f64;
         *value = brightness(scan, Pixel::at(middle.u + way * outward[0], middle.v + way * outward[1]))?;
     }
     Some(line)
 }
 
 /// Finds the step near a position of a line; `None` if the two sides are too similar.
-pub(super) fn step(line: &Line, expected_px: f64) -> Option<Step> {
-    let first = step_once(line, expected_px)?;
+pub(super) fn step(line: &BrightnessLine, expected_px: f64) -> Option<BrightnessStep> {
+    let first = find_single_step(line, expected_px)?;
     // The levels are read around the edge itself, not around its expected place.
-    step_once(line, first.offset_px).or(Some(first))
+    find_single_step(line, first.offset_px).or(Some(first))
 }
 
-fn step_once(line: &Line, expected_px: f64) -> Option<Step> {
+fn find_single_step(line: &BrightnessLine, expected_px: f64) -> Option<BrightnessStep> {
     let level = |from: f64, to: f64| {
-        let places = (0..PLACES).filter(|&i| (from..=to).contains(&(i as f64 - REACH as f64 - expected_px)));
+        let places = (0..POSITION_COUNT)
+            .filter(|&i| (from..=to).contains(&(i as f64 - HALF_LENGTH_PX as f64 - expected_px)));
         let start = (0usize, 0.0, f64::MAX, f64::MIN);
         let (count, sum, low, high) = places.fold(start, |(count, sum, low, high), i| {
             (count + 1, sum + line[i], low.min(line[i]), high.max(line[i]))
@@ -102,19 +103,20 @@ fn step_once(line: &Line, expected_px: f64) -> Option<Step> {
     let middle = (inside + outside) / 2.0;
     let crossing = |i: usize| {
         let (a, b) = ((line[i] - middle) * contrast.signum(), (line[i + 1] - middle) * contrast.signum());
-        (a < 0.0 && b >= 0.0).then(|| (i as f64 - REACH as f64 + a / (a - b), b - a))
+        (a < 0.0 && b >= 0.0).then(|| (i as f64 - HALF_LENGTH_PX as f64 + a / (a - b), b - a))
     };
     let away = |offset: f64| (offset - expected_px).abs();
-    let (crossed, slope) = (0..PLACES - 1)
+    let (crossed, slope) = (0..POSITION_COUNT - 1)
         .filter_map(crossing)
         .filter(|(offset, _)| away(*offset) <= SEARCH)
         .min_by(|a, b| away(a.0).total_cmp(&away(b.0)))?;
-    let first = ((crossed - SUM_REACH).floor() as i64 + REACH as i64).max(0) as usize;
-    let last = ((crossed + SUM_REACH).ceil() as i64 + REACH as i64).clamp(0, PLACES as i64 - 1) as usize;
+    let first = ((crossed - SUM_REACH).floor() as i64 + HALF_LENGTH_PX as i64).max(0) as usize;
+    let last =
+        ((crossed + SUM_REACH).ceil() as i64 + HALF_LENGTH_PX as i64).clamp(0, POSITION_COUNT as i64 - 1) as usize;
     let inside_places: f64 = line[first..=last].iter().map(|gray| (outside - gray) / contrast).sum(); // (1)
-    let offset_px = first as f64 - 0.5 + inside_places - REACH as f64;
+    let offset_px = first as f64 - 0.5 + inside_places - HALF_LENGTH_PX as f64;
     // If the two differ more, the sum comes from a spot beside the edge and not from the edge.
-    ((offset_px - crossed).abs() < MAX_UNLIKE).then(|| Step {
+    ((offset_px - crossed).abs() < MAX_UNLIKE).then(|| BrightnessStep {
         offset_px,
         contrast,
         width_px: contrast.abs() / slope,
@@ -129,7 +131,7 @@ mod tests {
     /// The crossing would be at 1 + 55/82.5.
     #[test]
     fn a_mixed_pixel_says_where_the_edge_is() {
-        let line: Line = std::array::from_fn(|i| match i as i64 - REACH as i64 {
+        let line: BrightnessLine = std::array::from_fn(|i| match i as i64 - HALF_LENGTH_PX as i64 {
             ..2 => 70.0,
             2 => 70.0 + 110.0 * 0.75,
             _ => 180.0,
@@ -140,7 +142,7 @@ mod tests {
         assert_eq!(step(&line, 6.0), None, "both sides are outside");
         assert_eq!(step(&line.map(|gray| gray / 10.0), 0.0), None, "eleven levels are noise");
         let mut post = line;
-        post[REACH + 5..].fill(150.0);
+        post[HALF_LENGTH_PX + 5..].fill(150.0);
         assert_eq!(step(&post, 0.0), None, "a second edge four pixels away");
     }
 }

@@ -14,13 +14,16 @@
 //! in which the cameras look: a corner p then moves by  v + φ f × (p − p̄).  Along a direction in which every camera
 //! looks, the pose is not corrected. The errors that remain at the corners show whether they are corners of one rigid
 //! panel; the requested correction shows whether they agree with the 3D scan. Neither is averaged away: see [`judge`]
-//! and [`disagreement`].
+//! and [`worst_disagreement`].
 
 mod correction;
 mod judge;
 
-pub use correction::{CornerReport, Refined};
-pub use judge::{FARTHEST, MAX_LEFT_MM, checks, checks_of_stand, disagreement, judge, judge_stands};
+pub use correction::{CornerReport, RefinedPose};
+pub use judge::{
+    FARTHEST_CORNER, MAX_CORNER_DISTANCE_MM, checks, judge, judge_standing_panel, position_checks,
+    worst_disagreement,
+};
 
 use crate::geometry::{Base, FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
 use crate::panel::TaughtCorner;
@@ -74,12 +77,12 @@ pub fn refine(
     located: Rigid<Base, Panel>,
     camera: &PinholeCamera,
     views: &[CornerView<'_>],
-) -> Result<Refined, RefineError> {
+) -> Result<RefinedPose, RefineError> {
     let seen = views
         .iter()
         .map(|view| {
             let unseen = |depth_mm| RefineError::NotInView { corner: view.corner + 1, depth_mm };
-            look(located, camera, view).map_err(unseen)
+            observe_corner(located, camera, view).map_err(unseen)
         })
         .collect::<Result<Vec<_>, _>>()?;
     let first = seen.first().ok_or(RefineError::NoView)?;
@@ -95,13 +98,13 @@ pub fn refine(
             expected_px: seen.expected_px,
             error_px: seen.error_px,
             shift_mm: seen.shift_mm,
-            left_mm: (seen.shift_mm[0] - right).hypot(seen.shift_mm[1] - down),
+            remaining_shift_mm: (seen.shift_mm[0] - right).hypot(seen.shift_mm[1] - down),
         }
     };
-    Ok(Refined {
+    Ok(RefinedPose {
         base_from_panel: base_from_base * located,
         shift_mm: along(first),
-        turned: base_from_base.turn(),
+        rotation: base_from_base.turn(),
         error_px: seen.iter().map(|seen| seen.error_px).fold(0.0, f64::max),
         corners: seen.iter().map(report).collect(),
     })
@@ -120,7 +123,7 @@ struct CornerObservation {
 
 /// Evaluates one corner by itself; if its projection is not possible, returns the depth of the expected corner as the
 /// error.
-fn look(
+fn observe_corner(
     located: Rigid<Base, Panel>,
     camera: &PinholeCamera,
     view: &CornerView<'_>,
@@ -171,7 +174,10 @@ fn common_motion(seen: &[CornerObservation]) -> Rigid<Base, Base> {
     };
     let motion: Vector4<f64> = (0..4).map(part).sum();
     let turn = UnitQuaternion::from_scaled_axis(about * (motion.w / radius_mm));
-    Rigid::claim(Isometry3::from_parts(Translation3::from(middle + motion.xyz() - turn * middle), turn))
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(
+        Translation3::from(middle + motion.xyz() - turn * middle),
+        turn,
+    ))
 }
 
 #[cfg(test)]

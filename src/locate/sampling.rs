@@ -1,7 +1,7 @@
 //! Selects the points to be looked at from a large number.
 
 /// Returns evenly spread indices of a list: multiples of the golden section, which omit no rows.
-pub(super) fn spread_over(count: usize, wanted: usize) -> Vec<usize> {
+pub(super) fn spread_indices(count: usize, wanted: usize) -> Vec<usize> {
     if wanted >= count {
         return (0..count).collect();
     }

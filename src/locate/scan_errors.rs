@@ -2,7 +2,7 @@
 
 use crate::cell::MeasuredScanner;
 use crate::geometry::{Camera, DepthField, OrganizedCloud, Point};
-use crate::number_text::fixed;
+use crate::number_text::fixed_decimals;
 use std::f64::consts::SQRT_2;
 
 /// The smooth errors of scans, which many points share.
@@ -12,14 +12,14 @@ pub struct RangeErrors {
     pub correlation_mm: f64,
     /// One standard deviation of the mean of a surface residual between two scans, over a square with the side
     /// `correlation_mm`, mm.
-    pub between_scans_mm: f64,
+    pub scan_to_scan_mm: f64,
     /// One standard deviation of the taught scan's error at a point of the outline, mm. The error lies along the
     /// taught rays, so that it appears sideways from another view.
-    pub of_taught_mm: f64,
+    pub taught_scan_mm: f64,
     /// One standard deviation of the scale error that all scans share: the relative error of the camera's distances.
     pub scale: f64,
     /// One standard deviation of the relative scale error that differs from scan to scan.
-    pub scale_between_scans: f64,
+    pub scan_to_scan_scale: f64,
     /// Were they measured?
     pub is_measured: bool,
 }
@@ -35,10 +35,10 @@ impl Default for RangeErrors {
     fn default() -> Self {
         RangeErrors {
             correlation_mm: 85.0,
-            between_scans_mm: 0.085,
-            of_taught_mm: 0.09,
+            scan_to_scan_mm: 0.085,
+            taught_scan_mm: 0.09,
             scale: 0.001,
-            scale_between_scans: 0.0,
+            scan_to_scan_scale: 0.0,
             is_measured: false,
         }
     }
@@ -46,13 +46,13 @@ impl Default for RangeErrors {
 
 impl RangeErrors {
     /// For a person.
-    pub fn words(&self) -> String {
-        let smooth_mm = fixed(self.between_scans_mm / SQRT_2, 3);
-        let over_mm = fixed(self.correlation_mm, 0);
-        let scale = fixed(100.0 * self.scale, 3);
+    pub fn describe(&self) -> String {
+        let smooth_mm = fixed_decimals(self.scan_to_scan_mm / SQRT_2, 3);
+        let over_mm = fixed_decimals(self.correlation_mm, 0);
+        let scale = fixed_decimals(100.0 * self.scale, 3);
         match self.is_measured {
             true => {
-                let between = fixed(100.0 * self.scale_between_scans, 3);
+                let between = fixed_decimals(100.0 * self.scan_to_scan_scale, 3);
                 format!(
                     "measured: smooth error of a scan {smooth_mm} mm, correlation length {over_mm} mm; scale error \
                      {scale} %, variation of the scale from scan to scan {between} %"
@@ -75,7 +75,7 @@ pub struct ScanErrors {
     pub field: Option<DepthField>,
     /// Measured distances relative to true distances, minus one, in all scans alike: removed as well; 0 if it is not
     /// known.
-    pub scale_off: f64,
+    pub scale_error: f64,
 }
 
 /// The length of the printed board with which the scale was measured has itself this relative uncertainty, one
@@ -88,32 +88,32 @@ impl ScanErrors {
         let Some(measured) = measured else { return ScanErrors::default() };
         let range = RangeErrors {
             correlation_mm: measured.correlation_mm,
-            between_scans_mm: SQRT_2 * measured.smooth_mm,
-            of_taught_mm: POINT * measured.smooth_mm,
+            scan_to_scan_mm: SQRT_2 * measured.smooth_mm,
+            taught_scan_mm: POINT * measured.smooth_mm,
             // The removed scale refers to the stated squares of the board, which are not verified here. Therefore it
             // counts completely, in addition to the errors of the board's length and of the measurement.
             scale: (measured.scale_percent / 100.0)
                 .hypot(BOARD_SHARE)
-                .hypot(measured.scale_deviation_percent / 100.0 / (measured.places.max(1) as f64).sqrt()),
-            scale_between_scans: measured.scale_deviation_percent / 100.0,
+                .hypot(measured.scale_deviation_percent / 100.0 / (measured.board_positions.max(1) as f64).sqrt()),
+            scan_to_scan_scale: measured.scale_deviation_percent / 100.0,
             is_measured: true,
         };
-        ScanErrors { range, field: measured.field, scale_off: measured.scale_percent / 100.0 }
+        ScanErrors { range, field: measured.field, scale_error: measured.scale_percent / 100.0 }
     }
 
     /// Removes the errors that are the same in each scan: the smooth field, and the scale.
-    pub fn corrected(&self, scan: OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
-        if self.field.is_none() && self.scale_off == 0.0 {
+    pub fn correct_scan(&self, scan: OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
+        if self.field.is_none() && self.scale_error == 0.0 {
             return scan;
         }
-        let scale = 1.0 / (1.0 + self.scale_off);
-        scan.along_rays(|mm| scale * self.field.as_ref().map_or(1.0, |field| field.factor(mm)))
+        let scale = 1.0 / (1.0 + self.scale_error);
+        scan.scaled_along_rays(|mm| scale * self.field.as_ref().map_or(1.0, |field| field.correction_factor(mm)))
     }
 
     /// Removes the same errors from a single point of a scan.
     pub fn corrected_point(&self, point: Point<Camera>) -> Point<Camera> {
         let along = self.field.as_ref().map_or(point, |field| field.corrected_point(point));
-        Point::new(along.mm / (1.0 + self.scale_off))
+        Point::new(along.mm / (1.0 + self.scale_error))
     }
 }
 
@@ -131,19 +131,19 @@ mod tests {
             correlation_mm: 85.0,
             scale_percent: 0.2,
             scale_deviation_percent: 0.04,
-            places: 16,
+            board_positions: 16,
             field: None,
             date: None,
             provenance: Provenance::default(),
         };
         let errors = ScanErrors::from_measured(Some(&measured));
         let cloud = OrganizedCloud::new(2, 2, vec![[10.02, 0.0, 701.4]; 4], vec![[0; 3]; 4]).expect("four points");
-        let point = errors.corrected(cloud).point_at(0).expect("there").mm;
+        let point = errors.correct_scan(cloud).point_at(0).expect("there").mm;
         assert!((point.z - 700.0).abs() < 1e-3 && (point.x - 10.0).abs() < 1e-3, "{point}");
         assert!((errors.corrected_point(Point::at(0.0, 0.0, 701.4)).mm.z - 700.0).abs() < 1e-9);
         // 0.04 % over sixteen places is 0.01 %, in addition to the board's own 0.025 % and the 0.2 % that were
         // removed.
         assert!((errors.range.scale - 0.002_f64.hypot(0.000_25).hypot(0.000_1)).abs() < 1e-12);
-        assert_eq!(ScanErrors::default().scale_off, 0.0);
+        assert_eq!(ScanErrors::default().scale_error, 0.0);
     }
 }

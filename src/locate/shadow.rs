@@ -14,8 +14,8 @@ use crate::geometry::Pixel;
 const MAX_BASELINE_MM: f64 = 120.0;
 
 /// Returns whether a nearer object may block the light at a place of this depth.
-pub(super) fn may_hide(grid: &Grid, pixel: Pixel, depth_mm: f64) -> bool {
-    let [x, y] = grid.place(pixel).map(f64::round);
+pub(super) fn may_occlude(grid: &Grid, pixel: Pixel, depth_mm: f64) -> bool {
+    let [x, y] = grid.block_position(pixel).map(f64::round);
     if !(x >= 0.0 && y >= 0.0 && x < grid.columns as f64 && y < grid.rows as f64) {
         return false;
     }
@@ -54,12 +54,12 @@ mod tests {
     fn the_shadow_of_a_thing_is_as_wide_as_by_hand() {
         let thing = |column: usize, row: usize| (200..=240).contains(&column) && (100..=140).contains(&row);
         let depth = |index: usize| Some(if thing(index % 486, index / 486) { 680.0 } else { 780.0 });
-        let grid = Grid::of_depths((486, 300), &CAMERA, depth);
-        let hidden = |u: f64, v: f64| may_hide(&grid, Pixel::at(u, v), 780.0);
+        let grid = Grid::from_depths((486, 300), &CAMERA, depth);
+        let hidden = |u: f64, v: f64| may_occlude(&grid, Pixel::at(u, v), 780.0);
         assert!(hidden(190.0, 120.0) && hidden(250.0, 120.0));
         assert!(!hidden(188.0, 120.0) && !hidden(252.0, 120.0), "too far away");
         assert!(!hidden(195.0, 150.0) && !hidden(220.0, 95.0), "in another row");
-        assert!(!may_hide(&grid, Pixel::at(190.0, 120.0), 690.0), "10 mm behind it: 4 px");
+        assert!(!may_occlude(&grid, Pixel::at(190.0, 120.0), 690.0), "10 mm behind it: 4 px");
     }
 
     /// A plane that slopes away at 70° has no object in front of it.
@@ -70,8 +70,8 @@ mod tests {
             let x = ((index % 486) as f64 - 243.0) / 446.0;
             Some((780.0 / (1.0 - slope * x)).clamp(300.0, 3_000.0) as f32)
         };
-        let grid = Grid::of_depths((486, 300), &CAMERA, depth);
-        assert!((200..280).all(|column| !may_hide(
+        let grid = Grid::from_depths((486, 300), &CAMERA, depth);
+        assert!((200..280).all(|column| !may_occlude(
             &grid,
             Pixel::at(column as f64, 150.0),
             780.0 / (1.0 - slope * (column as f64 - 243.0) / 446.0)

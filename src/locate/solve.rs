@@ -54,30 +54,35 @@ pub(super) struct ResidualWeighting {
 
 impl ResidualWeighting {
     /// Returns Tukey's weight of a residual, 0…1.
-    pub fn robust(&self, residual: f64) -> f64 {
+    pub fn tukey_weight(&self, residual: f64) -> f64 {
         let share = residual / self.cutoff;
         if share.abs() < 1.0 { (1.0 - share * share).powi(2) } else { 0.0 }
     }
 
     pub fn weight(&self, residual: f64) -> f64 {
-        self.robust(residual) / (self.sigma * self.sigma * self.correlated_count)
+        self.tukey_weight(residual) / (self.sigma * self.sigma * self.correlated_count)
     }
 }
 
 /// The sums of (1).
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sums {
+pub(super) struct ResidualSums {
     pub information: Matrix6<f64>,
     pub gradient: Vector6<f64>,
 }
 
-impl Sums {
-    pub const ZERO: Sums = Sums { information: Matrix6::from_array_storage(ZERO_6), gradient: ZERO_1 };
+impl ResidualSums {
+    pub const ZERO: ResidualSums =
+        ResidualSums { information: Matrix6::from_array_storage(ZERO_6), gradient: ZERO_1 };
 
     /// Calculates the sums over constraints of one kind.
-    pub fn over(constraints: &[Constraint], weighing: &ResidualWeighting, centre: &Vector3<f64>) -> Sums {
+    pub fn from_constraints(
+        constraints: &[Constraint],
+        weighing: &ResidualWeighting,
+        centre: &Vector3<f64>,
+    ) -> ResidualSums {
         let chunk = |chunk: &[Constraint]| {
-            let mut sums = Sums::ZERO;
+            let mut sums = ResidualSums::ZERO;
             for constraint in chunk {
                 let weight = weighing.weight(constraint.residual);
                 if weight > 0.0 {
@@ -94,11 +99,16 @@ impl Sums {
         }
         // Collected and then added in order: the sum of floats must not depend on which thread is first, or a replay
         // would differ.
-        constraints.par_chunks(CHUNK).map(chunk).collect::<Vec<_>>().into_iter().fold(Sums::ZERO, Sums::plus)
+        constraints
+            .par_chunks(CHUNK)
+            .map(chunk)
+            .collect::<Vec<_>>()
+            .into_iter()
+            .fold(ResidualSums::ZERO, ResidualSums::add)
     }
 
-    pub fn plus(self, other: Sums) -> Sums {
-        Sums { information: self.information + other.information, gradient: self.gradient + other.gradient }
+    pub fn add(self, other: ResidualSums) -> ResidualSums {
+        ResidualSums { information: self.information + other.information, gradient: self.gradient + other.gradient }
     }
 
     /// Returns the twist of (1); `None` if a direction is unconstrained.
@@ -132,8 +142,10 @@ pub(super) fn apply_twist(
     let shift = Vector3::new(twist[3], twist[4], twist[5]);
     // About the panel's middle and not the camera: otherwise a small rotation also shifts the panel by metres times its
     // angle, and the two are hardly separable.
-    let moved: Rigid<Camera, Camera> =
-        Rigid::claim(Isometry3::from_parts(Translation3::from(centre + shift - turn * centre), turn));
+    let moved: Rigid<Camera, Camera> = Rigid::from_isometry_unchecked(Isometry3::from_parts(
+        Translation3::from(centre + shift - turn * centre),
+        turn,
+    ));
     moved * *camera_from_panel
 }
 
@@ -148,7 +160,7 @@ mod tests {
     #[test]
     fn a_twist_turns_about_the_centre() {
         let twist = Vector6::new(0.0, 0.0, 0.001, 0.0, 0.0, 0.5);
-        let start: Rigid<Camera, Panel> = Rigid::claim(Isometry3::identity());
+        let start: Rigid<Camera, Panel> = Rigid::from_isometry_unchecked(Isometry3::identity());
         let moved = apply_twist(&start, &Vector3::new(560.0, 0.0, 700.0), &twist);
         let point = (moved * crate::geometry::Point::at(560.0, 100.0, 700.0)).mm.coords;
         assert!((point - Vector3::new(559.9, 100.0, 700.5)).norm() < 1e-4, "{point}");
@@ -171,8 +183,8 @@ mod tests {
         let side = |i: usize| if i.is_multiple_of(5) || i % 5 == 4 { Vector3::x() } else { Vector3::y() };
         let outline: Vec<_> =
             (0..25).filter(|i| i % 5 == 0 || i % 5 == 4 || i / 5 == 0).map(|i| constraint(i, side(i))).collect();
-        let of_surface = Sums::over(&surface, &WEIGHING, &centre);
-        let both = of_surface.plus(Sums::over(&outline, &WEIGHING, &centre));
+        let of_surface = ResidualSums::from_constraints(&surface, &WEIGHING, &centre);
+        let both = of_surface.add(ResidualSums::from_constraints(&outline, &WEIGHING, &centre));
         let back = both.twist().expect("held");
         assert!((back + twist).norm() < 1e-9, "{back}");
         assert_eq!(of_surface.twist(), None);

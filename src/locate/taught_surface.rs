@@ -9,7 +9,7 @@ use rayon::prelude::*;
 const NORMAL_REACH: usize = 2;
 /// Maximum distance of the blocks to which the surface at an edge is fitted, blocks. The next constants are the number
 /// of blocks needed, and the maximum distance of the nearest block.
-const EDGE_REACH: isize = 7;
+const MAX_FIT_DISTANCE_BLOCKS: isize = 7;
 const MIN_BESIDE: usize = 25;
 const MAX_BESIDE: f64 = 4.0;
 
@@ -53,17 +53,17 @@ impl Surface {
 
     /// Returns depth and normal of the surface at a place beside the measured blocks. The inverse depth is
     /// extrapolated as a second-order polynomial, because planes alone would deviate from a bent surface to one side.
-    pub fn beside(&self, grid: &Grid, pixel: Pixel) -> Option<(f64, Vector3<f64>)> {
-        let [x, y] = grid.place(pixel);
+    pub fn extrapolate(&self, grid: &Grid, pixel: Pixel) -> Option<(f64, Vector3<f64>)> {
+        let [x, y] = grid.block_position(pixel);
         let (column, row) = (x.round() as isize, y.round() as isize);
         let (mut squares, mut sums) = (Matrix6::zeros(), Vector6::zeros());
         let (mut nearest, mut count) = ((f64::INFINITY, 0), 0usize);
-        for j in row - EDGE_REACH..=row + EDGE_REACH {
-            for i in column - EDGE_REACH..=column + EDGE_REACH {
+        for j in row - MAX_FIT_DISTANCE_BLOCKS..=row + MAX_FIT_DISTANCE_BLOCKS {
+            for i in column - MAX_FIT_DISTANCE_BLOCKS..=column + MAX_FIT_DISTANCE_BLOCKS {
                 let (dx, dy) = (i as f64 - x, j as f64 - y);
                 let away = dx.hypot(dy);
                 let inside = i >= 0 && j >= 0 && (i as usize) < grid.columns && (j as usize) < grid.rows;
-                if !inside || away > EDGE_REACH as f64 {
+                if !inside || away > MAX_FIT_DISTANCE_BLOCKS as f64 {
                     continue;
                 }
                 let Some(sample) = self.of_block[j as usize * grid.columns + i as usize] else { continue };
@@ -93,7 +93,7 @@ fn tangent(grid: &Grid, points: &[Option<Vector3<f64>>], index: usize, middle: V
         for i in column.saturating_sub(NORMAL_REACH)..=(column + NORMAL_REACH).min(grid.columns - 1) {
             let Some(point) = points[j * grid.columns + i] else { continue };
             let far = (i as f64 - column as f64).hypot(j as f64 - row as f64).max(1.0);
-            if !grid.joined(middle.z, middle.z + (point.z - middle.z) / far) {
+            if !grid.are_joined(middle.z, middle.z + (point.z - middle.z) / far) {
                 continue;
             }
             let terms = Vector3::new(1.0, i as f64 - column as f64, j as f64 - row as f64);

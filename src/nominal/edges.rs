@@ -19,7 +19,7 @@ const MIN_PARALLEL: f64 = 0.97;
 const SMOOTH_RAD: f64 = 0.55;
 
 /// The edges of a part.
-pub struct Edges {
+pub struct PartEdges {
     /// Each edge once, by its two vertices.
     pub all: Vec<[u32; 2]>,
     /// The edges with one triangle; none if the part is watertight.
@@ -28,18 +28,18 @@ pub struct Edges {
     pub facet_error_mm: f64,
 }
 
-impl Edges {
+impl PartEdges {
     /// Finds the edges of a part.
     ///
     /// # Errors
     /// If three or more triangles meet at an edge, or faces that should meet do not.
-    pub fn find(part: &Part) -> Result<Edges, NominalError> {
+    pub fn find(part: &Part) -> Result<PartEdges, NominalError> {
         let mut sides: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * part.triangles.len());
         for (index, &[a, b, c]) in part.triangles.iter().enumerate() {
             sides.extend([[a, b], [b, c], [c, a]].map(|[a, b]| ([a.min(b), a.max(b)], index as u32)));
         }
         sides.sort_unstable();
-        let mut edges = Edges { all: Vec::new(), borders: Vec::new(), facet_error_mm: 0.0 };
+        let mut edges = PartEdges { all: Vec::new(), borders: Vec::new(), facet_error_mm: 0.0 };
         let mut many = Vec::new();
         for same in sides.chunk_by(|a, b| a.0 == b.0) {
             let edge = same[0].0;
@@ -54,14 +54,14 @@ impl Edges {
             }
         }
         if let Some(first) = many.first() {
-            return Err(NominalError::ManyFaces { count: many.len(), at_mm: middle(part, first).into() });
+            return Err(NominalError::ManyFaces { count: many.len(), at_mm: edge_middle(part, first).into() });
         }
         check_gaps(part, &edges.borders)?;
         Ok(edges)
     }
 }
 
-fn middle(part: &Part, edge: &[u32; 2]) -> Point3<f64> {
+fn edge_middle(part: &Part, edge: &[u32; 2]) -> Point3<f64> {
     let [a, b] = edge.map(|corner| part.vertices[corner as usize]);
     nalgebra::center(&a, &b)
 }
@@ -88,7 +88,7 @@ fn check_gaps(part: &Part, borders: &[[u32; 2]]) -> Result<(), NominalError> {
     let cell = |point: &Point3<f64>| [0, 1, 2].map(|axis| (point[axis] / GAP_MM).floor() as i64);
     let mut middles: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
     for (index, border) in borders.iter().enumerate() {
-        middles.entry(cell(&middle(part, border))).or_default().push(index);
+        middles.entry(cell(&edge_middle(part, border))).or_default().push(index);
     }
     let (mut widest, mut count) = (None::<(f64, Point3<f64>)>, 0);
     for (index, border) in borders.iter().enumerate() {

@@ -1,7 +1,7 @@
 //! Reasons why a drawing cannot teach a panel, in words for the person who teaches.
 
 use crate::geometry::LengthUnit;
-use crate::number_text::{apart, fixed};
+use crate::number_text::{distinguishable_texts, fixed_decimals};
 
 /// Largest number of parts that a message lists.
 const MAX_LISTED: usize = 12;
@@ -27,7 +27,7 @@ pub enum NominalError {
         size: [f64; 3],
     },
     /// The file and the caller state different units.
-    #[error("the file states the unit {}, but --unit is {}; omit --unit, or correct the unit in the file's comment", stated.word(), given.word())]
+    #[error("the file states the unit {}, but --unit is {}; omit --unit, or correct the unit in the file's comment", stated.abbreviation(), given.abbreviation())]
     OtherUnit {
         /// The file's unit.
         stated: LengthUnit,
@@ -37,7 +37,7 @@ pub enum NominalError {
     /// A drawing that is larger than any panel, or far from its own origin.
     #[error(
         "the size of the drawing is {} mm, and it extends {} mm from its origin (limits {} mm and {} mm): check \
-         --unit, or export the panel alone, in its own frame", size(*size_mm), fixed(*reach_mm, 0), fixed(*limit_mm, 0), fixed(*reach_limit_mm, 0)
+         --unit, or export the panel alone, in its own frame", size(*size_mm), fixed_decimals(*reach_mm, 0), fixed_decimals(*limit_mm, 0), fixed_decimals(*reach_limit_mm, 0)
     )]
     TooLarge {
         /// The sides of its box, mm.
@@ -59,7 +59,7 @@ pub enum NominalError {
     #[error(
         "the size of the drawing is {} mm, and all its triangles are smaller than {} mm, the distance within which \
          vertices are joined: check --unit",
-        size(*size_mm), fixed(*weld_mm, 3)
+        size(*size_mm), fixed_decimals(*weld_mm, 3)
     )]
     NothingLeft {
         /// The distance, mm.
@@ -78,7 +78,7 @@ pub enum NominalError {
     /// Edges with three or more triangles.
     #[error(
         "three or more faces meet at {count} edges of the part, the first near {} mm of the drawing: bodies are joined there, or a face \
-         exists twice; export the panel alone, as one body", place(*at_mm)
+         exists twice; export the panel alone, as one body", format_point(*at_mm)
     )]
     ManyFaces {
         /// Number of such edges.
@@ -90,7 +90,7 @@ pub enum NominalError {
     #[error(
         "the faces of the part do not meet: a gap of {} mm near {} mm of the drawing (limit {} mm), at {count} edges; sew the \
          faces in the CAD system before the export, or export with a smaller deviation",
-        apart(*width_mm, *limit_mm, 3)[0], place(*at_mm), apart(*width_mm, *limit_mm, 3)[1]
+        distinguishable_texts(*width_mm, *limit_mm, 3)[0], format_point(*at_mm), distinguishable_texts(*width_mm, *limit_mm, 3)[1]
     )]
     Gap {
         /// The largest width, mm.
@@ -105,7 +105,7 @@ pub enum NominalError {
     /// The surface passes through itself.
     #[error(
         "the surface of the part passes through itself at {count} edges, the first near {} mm of the drawing; correct the \
-         body in the CAD system (a union of its bodies), then export it again", place(*at_mm)
+         body in the CAD system (a union of its bodies), then export it again", format_point(*at_mm)
     )]
     CrossesItself {
         /// Number of edges that pass through a face.
@@ -116,9 +116,9 @@ pub enum NominalError {
     /// The drawing does not lie where the panel is searched.
     #[error(
         "the drawing at its nominal pose lies from {} to {} mm in the robot's base, but the search box in [locate] \
-         from {} to {} mm; check the unit, [nominal], and the box", place(*min_mm), place(*max_mm), place(*from_mm), place(*to_mm)
+         from {} to {} mm; check the unit, [nominal], and the box", format_point(*min_mm), format_point(*max_mm), format_point(*from_mm), format_point(*to_mm)
     )]
-    ElsewhereThanTheBox {
+    OutsideSearchBox {
         /// Low corner of the drawing's box in the base, mm.
         min_mm: [f64; 3],
         /// High corner.
@@ -131,7 +131,7 @@ pub enum NominalError {
     /// No ray meets the drawing.
     #[error(
         "the 3D camera does not see the drawing at its nominal pose: its bounding box lies from {} to {} mm in the \
-         robot's base; check the unit and [nominal] base_from_drawing or its datum points", place(*min_mm), place(*max_mm)
+         robot's base; check the unit and [nominal] base_from_drawing or its datum points", format_point(*min_mm), format_point(*max_mm)
     )]
     NotSeen {
         /// Low corner of the drawing's box in the base, mm.
@@ -149,24 +149,24 @@ pub enum NominalError {
     },
 }
 
-fn place(mm: [f64; 3]) -> String {
-    format!("({})", mm.map(|mm| fixed(mm, 1).to_string()).join(", "))
+fn format_point(mm: [f64; 3]) -> String {
+    format!("({})", mm.map(|mm| fixed_decimals(mm, 1).to_string()).join(", "))
 }
 
 fn size(mm: [f64; 3]) -> String {
-    mm.map(|mm| fixed(mm, if mm < 10.0 { 2 } else { 0 }).to_string()).join(" × ")
+    mm.map(|mm| fixed_decimals(mm, if mm < 10.0 { 2 } else { 0 }).to_string()).join(" × ")
 }
 
 fn sizes(numbers: [f64; 3]) -> String {
     let with = |(unit, _): (LengthUnit, _)| {
-        format!("{} mm with --unit {}", size(numbers.map(|number| number * unit.mm())), unit.word())
+        format!("{} mm with --unit {}", size(numbers.map(|number| number * unit.to_mm())), unit.abbreviation())
     };
     LengthUnit::ALL.map(with).join(", ")
 }
 
 fn list(parts: &[ListedPart]) -> String {
     let part = |part: &ListedPart| {
-        format!("\"{}\" ({} mm, {} cm²)", part.name, size(part.size_mm), fixed(part.area_mm2 / 100.0, 1))
+        format!("\"{}\" ({} mm, {} cm²)", part.name, size(part.size_mm), fixed_decimals(part.area_mm2 / 100.0, 1))
     };
     let mut words: Vec<String> = parts.iter().take(MAX_LISTED).map(part).collect();
     if parts.len() > MAX_LISTED {

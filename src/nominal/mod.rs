@@ -12,11 +12,11 @@ mod part;
 mod rays;
 mod seen;
 
-pub use edges::{Edges, HARMLESS_GAP_MM};
+pub use edges::{HARMLESS_GAP_MM, PartEdges};
 pub use error::{ListedPart, NominalError};
 pub use part::Part;
-pub use rays::{Met, Rays};
-pub use seen::{NotSeen, Seen};
+pub use rays::{PartHit, PartRays};
+pub use seen::{PartView, UnseenShares};
 
 #[cfg(test)]
 mod tests;

@@ -44,7 +44,8 @@ impl Part {
         let (low, high) =
             bounds(mesh.triangles.iter().flatten().map(|&corner| mesh.vertices[corner as usize].into()));
         let unit = unit.ok_or(NominalError::NoUnit { size: (high - low).into() })?;
-        let (size_mm, reach_mm) = ((high - low) * unit.mm(), low.coords.amax().max(high.coords.amax()) * unit.mm());
+        let (size_mm, reach_mm) =
+            ((high - low) * unit.to_mm(), low.coords.amax().max(high.coords.amax()) * unit.to_mm());
         if !(size_mm.amax() <= MAX_SIZE_MM && reach_mm <= MAX_REACH_MM) {
             let (limit_mm, reach_limit_mm) = (MAX_SIZE_MM, MAX_REACH_MM);
             return Err(NominalError::TooLarge { size_mm: size_mm.into(), limit_mm, reach_mm, reach_limit_mm });
@@ -53,8 +54,8 @@ impl Part {
         drop(mesh);
         // A part of the same size keeps the order of the file.
         parts.sort_by(|a, b| b.area_mm2().total_cmp(&a.area_mm2()));
-        number_alike(&mut parts);
-        let listed = |parts: &[Part]| parts.iter().map(Part::listed).collect();
+        number_duplicates(&mut parts);
+        let listed = |parts: &[Part]| parts.iter().map(Part::to_listed).collect();
         match name {
             None if parts.len() > 1 => Err(NominalError::SeveralParts { parts: listed(&parts) }),
             None => parts.pop().ok_or(NominalError::NothingLeft { weld_mm: WELD_MM, size_mm: size_mm.into() }),
@@ -76,7 +77,7 @@ impl Part {
     ///
     /// # Errors
     /// If its middle lies outside of the box, or a side is more than [`MAX_BOXES`] times as long as that of the box.
-    pub fn check_place(
+    pub fn check_in_search_box(
         &self,
         base_from_drawing: &Rigid<Base, Drawing>,
         search_box_mm: [[f64; 3]; 2],
@@ -90,7 +91,7 @@ impl Part {
         };
         match (0..3).all(is_there) {
             true => Ok(()),
-            false => Err(NominalError::ElsewhereThanTheBox { min_mm: low, max_mm: high, from_mm: from, to_mm: to }),
+            false => Err(NominalError::OutsideSearchBox { min_mm: low, max_mm: high, from_mm: from, to_mm: to }),
         }
     }
 
@@ -105,7 +106,7 @@ impl Part {
         (b - a).cross(&(c - a)) / 2.0
     }
 
-    fn listed(&self) -> ListedPart {
+    fn to_listed(&self) -> ListedPart {
         let (low, high) = bounds(self.vertices.iter().copied());
         ListedPart { name: self.name.clone(), size_mm: (high - low).into(), area_mm2: self.area_mm2() }
     }
@@ -118,7 +119,7 @@ pub(super) fn bounds(points: impl Iterator<Item = Point3<f64>>) -> (Point3<f64>,
 }
 
 /// Gives each part a name of its own: parts of one object, or of objects that are named alike, are numbered.
-fn number_alike(parts: &mut [Part]) {
+fn number_duplicates(parts: &mut [Part]) {
     let mut counts: HashMap<String, (usize, usize)> = HashMap::new();
     parts.iter().for_each(|part| counts.entry(part.name.clone()).or_default().0 += 1);
     for part in parts {
@@ -137,14 +138,14 @@ fn parts(mesh: &TriangleMesh, unit: LengthUnit) -> Vec<Part> {
     let mut parts = Vec::new();
     // One vector for all objects: a file may have as many objects as triangles.
     let mut new_index: Vec<u32> = vec![u32::MAX; mesh.vertices.len()];
-    for (name, triangles) in mesh.each_object() {
+    for (name, triangles) in mesh.objects() {
         let used = triangles;
-        let (vertices, triangles) = welded(mesh, triangles, (unit, &mut new_index));
+        let (vertices, triangles) = weld_vertices(mesh, triangles, (unit, &mut new_index));
         used.iter().flatten().for_each(|&corner| new_index[corner as usize] = u32::MAX);
-        let mut pieces = Pieces { parent: (0..vertices.len() as u32).collect() };
+        let mut pieces = VertexUnion { parent: (0..vertices.len() as u32).collect() };
         triangles.iter().for_each(|&[a, b, c]| {
-            pieces.join(a, b);
-            pieces.join(a, c);
+            pieces.merge(a, b);
+            pieces.merge(a, c);
         });
         let mut of_root: HashMap<u32, usize> = HashMap::new();
         let first = parts.len();
@@ -172,7 +173,7 @@ fn parts(mesh: &TriangleMesh, unit: LengthUnit) -> Vec<Part> {
 
 /// Returns an object's vertices in mm, near ones joined, and its triangles without those that have no area then.
 /// `new_index` has one `u32::MAX` for each vertex of the mesh.
-fn welded(
+fn weld_vertices(
     mesh: &TriangleMesh,
     triangles: &[[u32; 3]],
     (unit, new_index): (LengthUnit, &mut [u32]),
@@ -185,7 +186,7 @@ fn welded(
         if known != u32::MAX {
             return known;
         }
-        let point = Point3::from(mesh.vertices[corner as usize].map(|number| number * unit.mm()));
+        let point = Point3::from(mesh.vertices[corner as usize].map(|number| number * unit.to_mm()));
         let cell = |by_mm: f64| [0, 1, 2].map(|axis| ((point[axis] + by_mm) / cell_mm).floor() as i64);
         let (low, high) = (cell(-WELD_MM), cell(WELD_MM));
         let near = (low[0]..=high[0])
@@ -212,11 +213,11 @@ fn welded(
 }
 
 /// Which vertices belong together (Tarjan, "union-find" with halved paths).
-struct Pieces {
+struct VertexUnion {
     parent: Vec<u32>,
 }
 
-impl Pieces {
+impl VertexUnion {
     fn root(&mut self, mut of: u32) -> u32 {
         while self.parent[of as usize] != of {
             let above = self.parent[self.parent[of as usize] as usize];
@@ -226,7 +227,7 @@ impl Pieces {
         of
     }
 
-    fn join(&mut self, a: u32, b: u32) {
+    fn merge(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         self.parent[a.max(b) as usize] = a.min(b);
     }
@@ -281,12 +282,13 @@ mod tests {
     /// By hand: the square of 2 × 1 mm lies in a box of 4 mm, and in inches, 50 mm, it does not.
     #[test]
     fn another_unit_or_place_is_not_in_the_search_box() {
-        let place = |by_mm: f64| Rigid::claim(nalgebra::Isometry3::translation(by_mm, 0.0, 0.0));
+        let place = |by_mm: f64| Rigid::from_isometry_unchecked(nalgebra::Isometry3::translation(by_mm, 0.0, 0.0));
         let search_box_mm = [[-1.0; 3], [3.0; 3]];
         let part = |unit| choose(OBJ, Some(unit), Some("skin")).expect("a part");
-        assert_eq!(part(LengthUnit::Millimetre).check_place(&place(0.0), search_box_mm), Ok(()));
+        assert_eq!(part(LengthUnit::Millimetre).check_in_search_box(&place(0.0), search_box_mm), Ok(()));
         for (unit, by_mm) in [(LengthUnit::Inch, -25.0), (LengthUnit::Millimetre, 3.0)] {
-            let words = part(unit).check_place(&place(by_mm), search_box_mm).expect_err("elsewhere").to_string();
+            let words =
+                part(unit).check_in_search_box(&place(by_mm), search_box_mm).expect_err("elsewhere").to_string();
             assert!(words.contains("search box") && words.contains("check the unit"), "{words}");
         }
     }

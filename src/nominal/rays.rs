@@ -4,7 +4,7 @@
 //! near a ray; each is met in double precision (Möller, Trumbore 1997, "Fast, minimum storage ray–triangle
 //! intersection"), so that the depth has no error of the search.
 
-use super::edges::Edges;
+use super::edges::PartEdges;
 use super::error::NominalError;
 use super::part::Part;
 use crate::geometry::{Drawing, Frame, Point, Rigid};
@@ -25,7 +25,7 @@ const EDGE_SHARE: f64 = 1e-9;
 const TOUCHES_MM: f64 = 0.02;
 
 /// A part in front of a camera.
-pub struct Rays<C: Frame> {
+pub struct PartRays<C: Frame> {
     vertices: Vec<Point<C>>,
     triangles: Vec<[u32; 3]>,
     boxes: CwBvh,
@@ -33,7 +33,7 @@ pub struct Rays<C: Frame> {
 
 /// The place at which a ray meets a part.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Met {
+pub struct PartHit {
     /// The distance in lengths of the ray's direction: the depth, mm, for a direction (x, y, 1).
     pub distance: f64,
     /// The cosine of the angle between ray and normal, 0…1.
@@ -42,11 +42,11 @@ pub struct Met {
     pub triangle: u32,
 }
 
-fn single(point: &Vector3<f64>) -> Vec3A {
+fn to_vec3a(point: &Vector3<f64>) -> Vec3A {
     Vec3A::new(point.x as f32, point.y as f32, point.z as f32)
 }
 
-impl<C: Frame> Rays<C> {
+impl<C: Frame> PartRays<C> {
     /// Prepares a part, at this place in the camera's frame.
     pub fn new(part: Part, camera_from_drawing: &Rigid<C, Drawing>) -> Self {
         let placed = |vertex| *camera_from_drawing * Point::<Drawing>::new(vertex);
@@ -56,7 +56,7 @@ impl<C: Frame> Rays<C> {
             .triangles
             .iter()
             .map(|triangle| {
-                let corners = triangle.map(|corner| single(&vertices[corner as usize].mm.coords));
+                let corners = triangle.map(|corner| to_vec3a(&vertices[corner as usize].mm.coords));
                 let around = Aabb::from_points(&corners);
                 Aabb::new(around.min - margin, around.max + margin)
             })
@@ -69,7 +69,7 @@ impl<C: Frame> Rays<C> {
             SortPrecision::U64,
             0,
         );
-        Rays { vertices, triangles: part.triangles, boxes: bvh2_to_cwbvh(&pairs, 3, true, false) }
+        PartRays { vertices, triangles: part.triangles, boxes: bvh2_to_cwbvh(&pairs, 3, true, false) }
     }
 
     /// The vertices in the camera's frame.
@@ -87,17 +87,18 @@ impl<C: Frame> Rays<C> {
     }
 
     /// Returns the nearest place at which the ray from the camera in this direction meets the part.
-    pub fn nearest(&self, direction: &Vector3<f64>) -> Option<Met> {
-        let mut nearest: Option<Met> = None;
-        let ray = Ray::new_inf(Vec3A::ZERO, single(direction));
+    pub fn nearest(&self, direction: &Vector3<f64>) -> Option<PartHit> {
+        let mut nearest: Option<PartHit> = None;
+        let ray = Ray::new_inf(Vec3A::ZERO, to_vec3a(direction));
         self.boxes.ray_traverse(ray, &mut RayHit::none(), |_, index| {
             let triangle = self.boxes.primitive_indices[index];
-            let Some((distance, normal)) = met(&Point3::origin(), direction, self.corners(triangle)) else {
+            let Some((distance, normal)) = hit_distance(&Point3::origin(), direction, self.corners(triangle))
+            else {
                 return f32::INFINITY;
             };
             if nearest.is_none_or(|nearest| distance < nearest.distance) {
                 let cos_incidence = (normal.dot(direction) / (normal.norm() * direction.norm())).abs();
-                nearest = Some(Met { distance, cos_incidence, triangle });
+                nearest = Some(PartHit { distance, cos_incidence, triangle });
             }
             // Rounded up, so that a triangle at the same place is not cut off.
             (distance as f32).next_up()
@@ -111,11 +112,11 @@ impl<C: Frame> Rays<C> {
     /// The edges that pass through a face, the first with its place in the drawing's frame.
     pub fn check_crossings(
         &self,
-        edges: &Edges,
+        edges: &PartEdges,
         camera_from_drawing: &Rigid<C, Drawing>,
     ) -> Result<(), NominalError> {
         let crossings: Vec<Point3<f64>> =
-            edges.all.par_iter().with_min_len(4_096).filter_map(|edge| self.crossing(*edge)).collect();
+            edges.all.par_iter().with_min_len(4_096).filter_map(|edge| self.edge_crossing(*edge)).collect();
         match crossings.first() {
             None => Ok(()),
             Some(&first) => {
@@ -126,11 +127,11 @@ impl<C: Frame> Rays<C> {
     }
 
     /// Returns where an edge passes through a triangle that has none of its vertices.
-    fn crossing(&self, edge: [u32; 2]) -> Option<Point3<f64>> {
+    fn edge_crossing(&self, edge: [u32; 2]) -> Option<Point3<f64>> {
         let [from, to] = edge.map(|corner| self.vertices[corner as usize].mm);
         let along = to - from;
         let mut found = None;
-        let ray = Ray::new(single(&from.coords), single(&along), 0.0, 1.0);
+        let ray = Ray::new(to_vec3a(&from.coords), to_vec3a(&along), 0.0, 1.0);
         self.boxes.ray_traverse_anyhit(ray, |_, index| {
             let triangle = self.boxes.primitive_indices[index];
             let own = self.triangles[triangle as usize];
@@ -138,7 +139,7 @@ impl<C: Frame> Rays<C> {
                 return;
             }
             let corners = self.corners(triangle);
-            let Some((share, normal)) = met(&from, &along, corners) else { return };
+            let Some((share, normal)) = hit_distance(&from, &along, corners) else { return };
             let height_mm = |point: &Point3<f64>| normal.dot(&(point - corners[0])).abs() / normal.norm();
             if share < 1.0 && height_mm(&from) > TOUCHES_MM && height_mm(&to) > TOUCHES_MM {
                 found = Some(from + along * share);
@@ -149,7 +150,11 @@ impl<C: Frame> Rays<C> {
 }
 
 /// Returns the distance at which a ray meets a triangle, in lengths of its direction, and the triangle's normal.
-fn met(from: &Point3<f64>, direction: &Vector3<f64>, [a, b, c]: [Point3<f64>; 3]) -> Option<(f64, Vector3<f64>)> {
+fn hit_distance(
+    from: &Point3<f64>,
+    direction: &Vector3<f64>,
+    [a, b, c]: [Point3<f64>; 3],
+) -> Option<(f64, Vector3<f64>)> {
     let (ab, ac) = (b - a, c - a);
     let across = direction.cross(&ac);
     let scale = ab.dot(&across);

@@ -6,20 +6,20 @@
 
 use super::error::NominalError;
 use super::part::bounds;
-use super::rays::{Met, Rays};
+use super::rays::{PartHit, PartRays};
 use crate::geometry::{Camera, ColorPicture, Frame, OrganizedCloud, PinholeCamera, Pixel, Point};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::ops::Range;
 
 /// Rays along each side of a pixel at the border.
-const FINE: usize = 8;
+const RAYS_PER_PIXEL_SIDE: usize = 8;
 /// Brightness of the part where it is seen square to its surface, and how much darker it is seen along it, grey
 /// levels: far less than the border of a mark (`locate/taught_marks`).
 const SQUARE_GRAY: f64 = 95.0;
 const SHADING_GRAY: f64 = 25.0;
 /// Brightness beside the part.
-const BESIDE_GRAY: u8 = 225;
+const BACKGROUND_GRAY: u8 = 225;
 /// Margin that is added to a window whose rim shows the part, px.
 const GROW_PX: usize = 16;
 /// A surface that is seen at a smaller cosine counts as facing away: no camera measures it.
@@ -38,7 +38,7 @@ struct PixelSeen {
 }
 
 /// A part as a camera sees it.
-pub struct Seen {
+pub struct PartView {
     size_px: [usize; 2],
     pixels: Vec<PixelSeen>,
     directions: Vec<[f64; 2]>,
@@ -48,36 +48,39 @@ pub struct Seen {
 
 /// The parts of a surface that a camera does not see, as shares of the surface that faces it, 0…1.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct NotSeen {
+pub struct UnseenShares {
     /// Share outside of its picture.
     pub outside: f64,
     /// Share behind another part of the surface.
     pub hidden: f64,
 }
 
-impl Seen {
+impl PartView {
     /// Looks at a part with a camera at the origin of its frame; `None` if no ray meets it.
     ///
     /// # Errors
     /// If the lens has no ray for a pixel that may show the part.
-    pub fn look<C: Frame>(rays: &Rays<C>, camera: &PinholeCamera) -> Result<Option<Seen>, NominalError> {
+    pub fn view_part<C: Frame>(
+        rays: &PartRays<C>,
+        camera: &PinholeCamera,
+    ) -> Result<Option<PartView>, NominalError> {
         let mut window = window(rays, camera);
         loop {
-            let seen = Seen::look_in(rays, camera, window.clone())?;
+            let seen = PartView::view_columns(rays, camera, window.clone())?;
             // A long straight edge is bent by the lens and may leave the box of its projected ends. The window grows
             // step by step, since a lens may have no ray far beside the part.
             match &seen {
-                Some(part) if part.reaches_window() => window = grown(&window, camera),
+                Some(part) if part.reaches_window() => window = with_margin(&window, camera),
                 _ => return Ok(seen),
             }
         }
     }
 
-    fn look_in<C: Frame>(
-        rays: &Rays<C>,
+    fn view_columns<C: Frame>(
+        rays: &PartRays<C>,
         camera: &PinholeCamera,
         (columns, rows): (Range<usize>, Range<usize>),
-    ) -> Result<Option<Seen>, NominalError> {
+    ) -> Result<Option<PartView>, NominalError> {
         let width = columns.len();
         if width == 0 || rows.is_empty() {
             return Ok(None);
@@ -90,8 +93,11 @@ impl Seen {
             .flat_map_iter(of_row)
             .map(|(u, v)| direction(u as f64, v as f64).ok_or(NominalError::NoRay { u, v }))
             .collect::<Result<_, _>>()?;
-        let whole =
-            |met: Met| PixelSeen { depth_mm: met.distance, cos_incidence: met.cos_incidence as f32, covered: 1.0 };
+        let whole = |met: PartHit| PixelSeen {
+            depth_mm: met.distance,
+            cos_incidence: met.cos_incidence as f32,
+            covered: 1.0,
+        };
         let middles: Vec<PixelSeen> = directions
             .par_iter()
             .with_min_len(1_024)
@@ -105,11 +111,12 @@ impl Seen {
         };
         let fine = |index: usize| {
             let (u, v) = ((columns.start + index % width) as f64, (rows.start + index / width) as f64);
-            let at = |step: usize| (step as f64 + 0.5) / FINE as f64 - 0.5;
-            let lattice = (0..FINE * FINE).map(|n| direction(u + at(n % FINE), v + at(n / FINE)));
-            let met: Vec<Met> = lattice.flatten().filter_map(|direction| rays.nearest(&direction)).collect();
+            let at = |step: usize| (step as f64 + 0.5) / RAYS_PER_PIXEL_SIDE as f64 - 0.5;
+            let lattice = (0..RAYS_PER_PIXEL_SIDE * RAYS_PER_PIXEL_SIDE)
+                .map(|n| direction(u + at(n % RAYS_PER_PIXEL_SIDE), v + at(n / RAYS_PER_PIXEL_SIDE)));
+            let met: Vec<PartHit> = lattice.flatten().filter_map(|direction| rays.nearest(&direction)).collect();
             let cos = met.iter().map(|met| met.cos_incidence).sum::<f64>() / met.len().max(1) as f64;
-            let covered = met.len() as f32 / (FINE * FINE) as f32;
+            let covered = met.len() as f32 / (RAYS_PER_PIXEL_SIDE * RAYS_PER_PIXEL_SIDE) as f32;
             PixelSeen { cos_incidence: cos as f32, covered, ..middles[index] }
         };
         let pixels: Vec<PixelSeen> = (0..middles.len())
@@ -120,12 +127,12 @@ impl Seen {
         let is_met = pixels.iter().any(|pixel| pixel.covered > 0.0);
         let size_px = [camera.width_px, camera.height_px];
         let directions = directions.iter().map(|ray| [ray.x / ray.z, ray.y / ray.z]).collect();
-        Ok(is_met.then_some(Seen { size_px, pixels, directions, columns, rows }))
+        Ok(is_met.then_some(PartView { size_px, pixels, directions, columns, rows }))
     }
 
     /// Returns whether the part covers a pixel in the first or last of these columns or rows of the window; `None` is
     /// not asked for.
-    fn covers(&self, columns: [Option<usize>; 2], rows: [Option<usize>; 2]) -> bool {
+    fn is_covered(&self, columns: [Option<usize>; 2], rows: [Option<usize>; 2]) -> bool {
         let width = self.columns.len();
         self.pixels.iter().enumerate().filter(|(_, pixel)| pixel.covered > 0.0).any(|(index, _)| {
             let (u, v) = (self.columns.start + index % width, self.rows.start + index / width);
@@ -139,17 +146,17 @@ impl Seen {
         let rim = |range: &Range<usize>, size: usize| {
             [Some(range.start).filter(|start| *start > 0), Some(range.end - 1).filter(|last| last + 1 < size)]
         };
-        self.covers(rim(&self.columns, width), rim(&self.rows, height))
+        self.is_covered(rim(&self.columns, width), rim(&self.rows, height))
     }
 
     /// Returns whether the part reaches the rim of the picture: what lies beyond is not seen.
     pub fn reaches_rim(&self) -> bool {
         let [width, height] = self.size_px;
-        self.covers([Some(0), Some(width - 1)], [Some(0), Some(height - 1)])
+        self.is_covered([Some(0), Some(width - 1)], [Some(0), Some(height - 1)])
     }
 
     /// Returns each pixel that may show the part, by its index in the picture.
-    fn each(&self) -> impl Iterator<Item = (usize, &PixelSeen, &[f64; 2])> + '_ {
+    fn visible_pixels(&self) -> impl Iterator<Item = (usize, &PixelSeen, &[f64; 2])> + '_ {
         let (width, columns) = (self.size_px[0], self.columns.clone());
         let indices = self.rows.clone().flat_map(move |row| columns.clone().map(move |u| row * width + u));
         indices.zip(&self.pixels).zip(&self.directions).map(|((index, pixel), ray)| (index, pixel, ray))
@@ -158,23 +165,23 @@ impl Seen {
     /// Returns the view as a picture: the part in one grey level before a plain background.
     pub fn picture(&self, part_gray: u8, beside_gray: u8) -> ColorPicture {
         let [width, height] = self.size_px;
-        let mut picture = ColorPicture::filled(width, height, [beside_gray; 3]);
-        for (index, pixel, _) in self.each() {
-            picture.rgb[index] = [mixed(f64::from(part_gray), beside_gray, pixel.covered); 3];
+        let mut picture = ColorPicture::uniform(width, height, [beside_gray; 3]);
+        for (index, pixel, _) in self.visible_pixels() {
+            picture.rgb[index] = [mixed_gray(f64::from(part_gray), beside_gray, pixel.covered); 3];
         }
         picture
     }
 }
 
-impl Seen {
+impl PartView {
     /// Returns the view as a scan: points where the part covers the whole pixel, and the part's shaded picture.
     pub fn cloud(&self) -> Option<OrganizedCloud<Camera>> {
         let [width, height] = self.size_px;
         let mut points = vec![[f32::NAN; 3]; width * height];
-        let mut colors = vec![[BESIDE_GRAY; 3]; width * height];
-        for (index, pixel, [x, y]) in self.each() {
+        let mut colors = vec![[BACKGROUND_GRAY; 3]; width * height];
+        for (index, pixel, [x, y]) in self.visible_pixels() {
             let gray = SQUARE_GRAY - SHADING_GRAY * (1.0 - f64::from(pixel.cos_incidence));
-            colors[index] = [mixed(gray, BESIDE_GRAY, pixel.covered); 3];
+            colors[index] = [mixed_gray(gray, BACKGROUND_GRAY, pixel.covered); 3];
             if pixel.covered == 1.0 && pixel.depth_mm > 0.0 {
                 points[index] = [x * pixel.depth_mm, y * pixel.depth_mm, pixel.depth_mm].map(|mm| mm as f32);
             }
@@ -183,26 +190,29 @@ impl Seen {
     }
 }
 
-fn mixed(part_gray: f64, beside_gray: u8, covered: f32) -> u8 {
+fn mixed_gray(part_gray: f64, beside_gray: u8, covered: f32) -> u8 {
     let beside = f64::from(beside_gray);
     (beside + f64::from(covered) * (part_gray - beside)).round().clamp(0.0, 255.0) as u8
 }
 
 /// Returns the window with a wider margin, within the picture.
-fn grown((columns, rows): &(Range<usize>, Range<usize>), camera: &PinholeCamera) -> (Range<usize>, Range<usize>) {
+fn with_margin(
+    (columns, rows): &(Range<usize>, Range<usize>),
+    camera: &PinholeCamera,
+) -> (Range<usize>, Range<usize>) {
     let grow =
         |range: &Range<usize>, size: usize| range.start.saturating_sub(GROW_PX)..(range.end + GROW_PX).min(size);
     (grow(columns, camera.width_px), grow(rows, camera.height_px))
 }
 
 /// Returns all columns and rows of the picture.
-fn everything(camera: &PinholeCamera) -> (Range<usize>, Range<usize>) {
+fn full_window(camera: &PinholeCamera) -> (Range<usize>, Range<usize>) {
     (0..camera.width_px, 0..camera.height_px)
 }
 
 /// Returns the columns and rows that may show the part.
-fn window<C: Frame>(rays: &Rays<C>, camera: &PinholeCamera) -> (Range<usize>, Range<usize>) {
-    let everything = everything(camera);
+fn window<C: Frame>(rays: &PartRays<C>, camera: &PinholeCamera) -> (Range<usize>, Range<usize>) {
+    let everything = full_window(camera);
     let (low, high) = bounds(rays.vertices().iter().map(|vertex| vertex.mm));
     // Behind the camera and far beside its picture a lens model does not hold: then every pixel is looked at.
     let reach = low.x.abs().max(low.y.abs()).max(high.x.abs()).max(high.y.abs());
@@ -223,10 +233,10 @@ fn window<C: Frame>(rays: &Rays<C>, camera: &PinholeCamera) -> (Range<usize>, Ra
     (span(0, camera.width_px), span(1, camera.height_px))
 }
 
-impl NotSeen {
+impl UnseenShares {
     /// Finds what a camera does not see of the surface that faces it. Of a closed part the outside faces a camera,
     /// of a sheet both sides do.
-    pub fn find<C: Frame>(rays: &Rays<C>, camera: &PinholeCamera, is_closed: bool) -> NotSeen {
+    pub fn find<C: Frame>(rays: &PartRays<C>, camera: &PinholeCamera, is_closed: bool) -> UnseenShares {
         let corners = |triangle: &[u32; 3]| triangle.map(|corner| rays.vertices()[corner as usize].mm.coords);
         // Six times the volume; its sign is the direction in which the triangles run around.
         let volume = |triangle: &[u32; 3]| {
@@ -256,6 +266,6 @@ impl NotSeen {
         let add = |a: [f64; 3], b: [f64; 3]| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
         let [all, outside, hidden] =
             rays.triangles().par_iter().with_min_len(4_096).map(of_triangle).reduce(|| [0.0; 3], add);
-        NotSeen { outside: outside / all.max(f64::MIN_POSITIVE), hidden: hidden / all.max(f64::MIN_POSITIVE) }
+        UnseenShares { outside: outside / all.max(f64::MIN_POSITIVE), hidden: hidden / all.max(f64::MIN_POSITIVE) }
     }
 }

@@ -65,12 +65,12 @@ fn part(mesh: TriangleMesh) -> Part {
 /// The drawing's origin at this depth, turned by 0.2 rad about x.
 fn in_front(depth_mm: f64) -> Rigid<Camera, Drawing> {
     let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.2);
-    Rigid::claim(Isometry3::from_parts(Vector3::new(0.0, 0.0, depth_mm).into(), turn))
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(Vector3::new(0.0, 0.0, depth_mm).into(), turn))
 }
 
-fn seen(mesh: TriangleMesh, place: &Rigid<Camera, Drawing>) -> Seen {
-    let rays = Rays::new(part(mesh), place);
-    Seen::look(&rays, &CAMERA).expect("the lens has rays").expect("it is seen")
+fn seen(mesh: TriangleMesh, place: &Rigid<Camera, Drawing>) -> PartView {
+    let rays = PartRays::new(part(mesh), place);
+    PartView::view_part(&rays, &CAMERA).expect("the lens has rays").expect("it is seen")
 }
 
 /// Returns the middle of the area inside a polygon, px.
@@ -91,7 +91,7 @@ fn a_box_is_seen_where_it_projects() {
     let cloud = seen(block([100.0, 80.0, 6.0]), &place).cloud().expect("a cloud");
     let normal = place.rotation() * Vector3::z();
     let front = place.isometry() * Point3::new(0.0, 0.0, -3.0);
-    let off_mm: Vec<f64> = cloud.valid().map(|(_, point)| normal.dot(&(point.mm - front)).abs()).collect();
+    let off_mm: Vec<f64> = cloud.valid_points().map(|(_, point)| normal.dot(&(point.mm - front)).abs()).collect();
     // The side of the box shows as well, up to 6 mm behind its front.
     let on_front = off_mm.iter().filter(|off_mm| **off_mm < 1e-3).count();
     assert!(off_mm.iter().all(|off_mm| *off_mm < 6.001));
@@ -136,24 +136,27 @@ fn a_surface_has_no_holes_and_what_is_hidden_is_known() {
     };
     let holes = (1..159).flat_map(|row| (1..199).map(move |column| (column, row))).filter(|&at| alone(at)).count();
     assert_eq!(holes, 0);
-    let none = NotSeen::find(&Rays::new(part(sheet(100, curved, |_, _| false)), &place), &CAMERA, false);
-    assert_eq!(none, NotSeen { outside: 0.0, hidden: 0.0 });
+    let none = UnseenShares::find(&PartRays::new(part(sheet(100, curved, |_, _| false)), &place), &CAMERA, false);
+    assert_eq!(none, UnseenShares { outside: 0.0, hidden: 0.0 });
     // The back of a box does not face the camera. As a sheet it would, and its front hides it: half of both.
-    let boxed = |is_closed| NotSeen::find(&Rays::new(part(block([100.0, 80.0, 1.0])), &place), &CAMERA, is_closed);
+    let boxed =
+        |is_closed| UnseenShares::find(&PartRays::new(part(block([100.0, 80.0, 1.0])), &place), &CAMERA, is_closed);
     assert!((boxed(false).hidden - 0.5).abs() < 0.03 && boxed(true).hidden == 0.0, "{:?}", boxed(true));
-    let half_out: Rigid<Camera, Drawing> = Rigid::claim(Isometry3::translation(125.0, 0.0, 500.0));
+    let half_out: Rigid<Camera, Drawing> =
+        Rigid::from_isometry_unchecked(Isometry3::translation(125.0, 0.0, 500.0));
     let outside =
-        NotSeen::find(&Rays::new(part(sheet(100, |_, _| 0.0, |_, _| false)), &half_out), &CAMERA, false).outside;
+        UnseenShares::find(&PartRays::new(part(sheet(100, |_, _| 0.0, |_, _| false)), &half_out), &CAMERA, false)
+            .outside;
     assert!((outside - 0.5).abs() < 0.03, "{outside}");
 }
 
 #[test]
 fn a_part_that_is_not_there_is_not_seen() {
-    let rays = Rays::new(
+    let rays = PartRays::new(
         part(block([10.0; 3])),
-        &Rigid::<Camera, Drawing>::claim(Isometry3::translation(900.0, 0.0, 500.0)),
+        &Rigid::<Camera, Drawing>::from_isometry_unchecked(Isometry3::translation(900.0, 0.0, 500.0)),
     );
-    assert!(Seen::look(&rays, &CAMERA).expect("rays").is_none());
+    assert!(PartView::view_part(&rays, &CAMERA).expect("rays").is_none());
 }
 
 /// A fold of a sheet through itself, a face that exists twice, and a gap of 0.2 mm between two halves are refused;
@@ -163,8 +166,8 @@ fn what_is_not_one_surface_is_refused() {
     let place = in_front(500.0);
     let crossing = |mesh: TriangleMesh| {
         let part = part(mesh);
-        let edges = Edges::find(&part)?;
-        Rays::new(part, &place).check_crossings(&edges, &place).map(|()| edges)
+        let edges = PartEdges::find(&part)?;
+        PartRays::new(part, &place).check_crossings(&edges, &place).map(|()| edges)
     };
     let hole = |u: usize, v: usize| (20..30).contains(&u) && (20..30).contains(&v);
     let good = crossing(sheet(60, |x, _| x * x / 200.0, hole)).unwrap_or_else(|error| panic!("{error}"));
@@ -219,8 +222,8 @@ fn a_part_of_large_triangles_that_leaves_the_picture_reaches_its_rim() {
     };
     assert!(!seen(moved(0.0), &place).reaches_rim());
     assert!(seen(moved(30.0), &place).reaches_rim());
-    let rays = Rays::new(part(moved(30.0)), &place);
-    assert_eq!(NotSeen::find(&rays, &CAMERA, true).outside, 0.0, "the share alone does not show it");
+    let rays = PartRays::new(part(moved(30.0)), &place);
+    assert_eq!(UnseenShares::find(&rays, &CAMERA, true).outside, 0.0, "the share alone does not show it");
 }
 
 /// By hand: a plate of ±0.48 in the picture's plane, seen by a lens with k1 = −0.2. A corner projects to
@@ -229,9 +232,9 @@ fn a_part_of_large_triangles_that_leaves_the_picture_reaches_its_rim() {
 fn a_long_edge_that_the_lens_bends_is_seen_whole() {
     let camera =
         PinholeCamera { width_px: 160, fx_px: 150.0, fy_px: 150.0, cx_px: 79.5, cy_px: 79.5, k1: -0.2, ..CAMERA };
-    let place: Rigid<Camera, Drawing> = Rigid::claim(Isometry3::translation(0.0, 0.0, 301.0));
-    let rays = Rays::new(part(block([288.0, 288.0, 2.0])), &place);
-    let seen = Seen::look(&rays, &camera).expect("the lens has rays").expect("it is seen");
+    let place: Rigid<Camera, Drawing> = Rigid::from_isometry_unchecked(Isometry3::translation(0.0, 0.0, 301.0));
+    let rays = PartRays::new(part(block([288.0, 288.0, 2.0])), &place);
+    let seen = PartView::view_part(&rays, &camera).expect("the lens has rays").expect("it is seen");
     let picture = seen.picture(0, 255);
     // Five of the eight columns of rays in the pixel 11 meet the plate, and none in the pixel 10.
     assert_eq!([10, 11, 12].map(|column| picture.rgb[80 * 160 + column][0]), [255, 96, 0]);

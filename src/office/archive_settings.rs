@@ -13,7 +13,7 @@ pub struct ArchiveSettings {
     /// Limit of the data that waits in the broker, GB; further data stays in its cell.
     pub waiting_gb: usize,
     /// The database.
-    pub database: Database,
+    pub database: DatabaseSettings,
     /// The folder of the files: pictures, recipes, calibrations.
     pub files: PathBuf,
     /// The office's page; `None` if there is no page.
@@ -32,7 +32,7 @@ pub struct FleetPage {
 
 /// A PostgreSQL database.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Database {
+pub struct DatabaseSettings {
     /// The host's name or address, or the folder of its Unix socket.
     pub host: String,
     /// Its port.
@@ -55,7 +55,7 @@ const GB: i64 = 1_000_000_000;
 
 impl ArchiveSettings {
     /// Returns the largest amount of data that may wait in the broker, bytes.
-    pub fn most_bytes(&self) -> i64 {
+    pub fn max_waiting_bytes(&self) -> i64 {
         i64::try_from(self.waiting_gb).unwrap_or(i64::MAX).saturating_mul(GB)
     }
 
@@ -65,12 +65,12 @@ impl ArchiveSettings {
     /// Every problem with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         let folder = Path::new(file).parent().unwrap_or(Path::new(""));
-        config::check(file, text, |top| {
+        config::parse_file(file, text, |top| {
             let broker = parse_broker(folder, &top.section("broker"));
             let database = parse_database(folder, &top.section("database"));
             let files = top.parse::<String>("files", (), Some("archive".to_owned()));
             let fleet = parse_fleet(folder, &top.section("fleet"));
-            top.done();
+            top.finish();
             let (broker, waiting_gb) = broker?;
             Some(ArchiveSettings {
                 broker,
@@ -86,7 +86,7 @@ impl ArchiveSettings {
 fn parse_broker(folder: &Path, section: &Section<'_, '_>) -> Option<(Broker, usize)> {
     let broker = Broker::parse(folder, section, "address");
     let waiting_gb = section.parse::<usize>("waiting_gb", WAITING_GB, Some(5));
-    section.done();
+    section.finish();
     let Some(broker) = broker? else {
         section.problem("address", "is missing: the broker's address, such as \"nats://127.0.0.1:4222\"");
         return None;
@@ -98,14 +98,14 @@ fn parse_broker(folder: &Path, section: &Section<'_, '_>) -> Option<(Broker, usi
 fn parse_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetPage>> {
     let [listen, certificate, key] = ["listen", "certificate", "certificate_key"]
         .map(|key| section.parse::<Option<String>>(key, (), Some(None)));
-    section.done();
+    section.finish();
     let (listen, certificate, key) = (listen?, certificate?, key?);
     if certificate.is_some() != key.is_some() {
         section.problem("certificate", "certificate and certificate_key must be set together");
         return None;
     }
     let Some(text) = listen else {
-        return section.off_without("listen", "the address and port of the page, such as \"127.0.0.1:8444\"");
+        return section.missing_required("listen", "the address and port of the page, such as \"127.0.0.1:8444\"");
     };
     match text.parse::<SocketAddr>() {
         Ok(listen) => {
@@ -120,15 +120,15 @@ fn parse_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetP
     }
 }
 
-fn parse_database(folder: &Path, section: &Section<'_, '_>) -> Option<Database> {
+fn parse_database(folder: &Path, section: &Section<'_, '_>) -> Option<DatabaseSettings> {
     let host = section.parse::<String>("host", (), Some("127.0.0.1".to_owned()));
     let port = section.parse::<usize>("port", PORT, Some(5_432));
     let name = section.parse::<String>("name", (), Some("panelprep".to_owned()));
     let user = section.parse::<String>("user", (), Some("panelprep".to_owned()));
     let [password_file, ca] =
         ["password_file", "ca"].map(|key| section.parse::<Option<String>>(key, (), Some(None)));
-    section.done();
-    Some(Database {
+    section.finish();
+    Some(DatabaseSettings {
         host: host?,
         port: u16::try_from(port?).ok()?,
         name: name?,

@@ -15,7 +15,7 @@ const MAX_BYTES: usize = 512 << 20;
 
 /// A message or a file of which all parts have arrived.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Assembled<R> {
+pub struct AssembledItem<R> {
     /// The cell that sent the data.
     pub cell: CellName,
     /// The message or the file to which the part belongs.
@@ -28,7 +28,7 @@ pub struct Assembled<R> {
 
 /// A message or a file that can never become complete.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Unfit<R> {
+pub struct InvalidItem<R> {
     /// Why.
     pub error: OfficeError,
     /// The receipts of all parts received so far.
@@ -37,19 +37,19 @@ pub struct Unfit<R> {
 
 /// The messages and files that are not complete yet.
 #[derive(Debug)]
-pub struct Assembly<R> {
-    begun: BTreeMap<(CellName, ChunkOwner), Begun<R>>,
+pub struct PartAssembly<R> {
+    partial: BTreeMap<(CellName, ChunkOwner), PartialItem<R>>,
     bytes: usize,
     turn: u64,
 }
 
 #[derive(Debug)]
-struct Begun<R> {
+struct PartialItem<R> {
     parts: Vec<Option<(Vec<u8>, R)>>,
     turn: u64,
 }
 
-impl<R> Begun<R> {
+impl<R> PartialItem<R> {
     fn bytes(&self) -> usize {
         self.parts.iter().flatten().map(|(bytes, _)| bytes.len()).sum()
     }
@@ -59,37 +59,37 @@ impl<R> Begun<R> {
     }
 }
 
-impl<R> Default for Assembly<R> {
+impl<R> Default for PartAssembly<R> {
     fn default() -> Self {
-        Assembly { begun: BTreeMap::new(), bytes: 0, turn: 0 }
+        PartAssembly { partial: BTreeMap::new(), bytes: 0, turn: 0 }
     }
 }
 
-impl<R> Assembly<R> {
+impl<R> PartAssembly<R> {
     /// Adds a part; returns the whole if this part completes it.
     ///
     /// # Errors
     /// If the part contradicts earlier parts, or the hash of the complete file differs from its name. All parts
     /// received until then are dropped.
-    pub fn add(&mut self, chunk: Chunk, receipt: R) -> Result<Option<Assembled<R>>, Unfit<R>> {
+    pub fn add(&mut self, chunk: Chunk, receipt: R) -> Result<Option<AssembledItem<R>>, InvalidItem<R>> {
         let Chunk { cell, what, part, parts, bytes } = chunk;
         let key = (cell, what);
         self.turn += 1;
-        let new = || Begun { parts: (0..parts).map(|_| None).collect(), turn: 0 };
-        let begun = self.begun.entry(key.clone()).or_insert_with(new);
+        let new = || PartialItem { parts: (0..parts).map(|_| None).collect(), turn: 0 };
+        let begun = self.partial.entry(key.clone()).or_insert_with(new);
         begun.turn = self.turn;
         let before = u32::try_from(begun.parts.len()).unwrap_or(u32::MAX);
         if before != parts {
-            let mut receipts = self.forget(&key).map_or(Vec::new(), Begun::receipts);
+            let mut receipts = self.forget(&key).map_or(Vec::new(), PartialItem::receipts);
             receipts.push(receipt);
-            return Err(Unfit { error: OfficeError::Parts { part, found: parts, before }, receipts });
+            return Err(InvalidItem { error: OfficeError::Parts { part, found: parts, before }, receipts });
         }
         if let Some(place) = begun.parts.get_mut(part as usize - 1) {
             self.bytes += bytes.len();
             self.bytes -= place.replace((bytes, receipt)).map_or(0, |(old, _)| old.len());
         }
         if !begun.parts.iter().all(Option::is_some) {
-            self.keep_small(&key);
+            self.limit_partial_items(&key);
             return Ok(None);
         }
         let Some(whole) = self.forget(&key) else { return Ok(None) };
@@ -99,22 +99,22 @@ impl<R> Assembly<R> {
             let found = content_hash(&bytes);
             if found != *stated {
                 let problem = format!("the SHA-256 of the file is {found}, but its name states {stated}");
-                return Err(Unfit { error: OfficeError::form("file", problem), receipts });
+                return Err(InvalidItem { error: OfficeError::form_error("file", problem), receipts });
             }
         }
         let (cell, what) = key;
-        Ok(Some(Assembled { cell, what, bytes, receipts }))
+        Ok(Some(AssembledItem { cell, what, bytes, receipts }))
     }
 
-    fn forget(&mut self, key: &(CellName, ChunkOwner)) -> Option<Begun<R>> {
-        let begun = self.begun.remove(key)?;
+    fn forget(&mut self, key: &(CellName, ChunkOwner)) -> Option<PartialItem<R>> {
+        let begun = self.partial.remove(key)?;
         self.bytes -= begun.bytes();
         Some(begun)
     }
 
-    fn keep_small(&mut self, newest: &(CellName, ChunkOwner)) {
+    fn limit_partial_items(&mut self, newest: &(CellName, ChunkOwner)) {
         while self.bytes > MAX_BYTES {
-            let others = self.begun.iter().filter(|(key, _)| *key != newest);
+            let others = self.partial.iter().filter(|(key, _)| *key != newest);
             let Some(oldest) = others.min_by_key(|(_, begun)| begun.turn).map(|(key, _)| key.clone()) else {
                 return;
             };

@@ -1,6 +1,6 @@
 //! The content of a message to the office.
 
-use super::position::{Kind, Listed, Position};
+use super::position::{Kind, ListEntry, Position};
 use crate::files::content_hash;
 use crate::record::{CycleId, PartNames};
 use serde::{Deserialize, Serialize};
@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// A named item that the office must receive.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Envelope {
+pub struct ItemEnvelope {
     /// Its name.
     pub position: Position,
     /// The time at which the cell wrote the item, ms since 1970.
@@ -56,10 +56,14 @@ impl Body {
     }
 }
 
-impl Envelope {
+impl ItemEnvelope {
     /// Returns the item's line in a list.
-    pub fn listed(&self) -> Listed {
-        Listed { position: self.position.clone(), kind: self.body.kind(), hash: content_hash(self.body.content()) }
+    pub fn list_line(&self) -> ListEntry {
+        ListEntry {
+            position: self.position.clone(),
+            kind: self.body.kind(),
+            hash: content_hash(self.body.content()),
+        }
     }
 }
 

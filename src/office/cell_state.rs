@@ -59,7 +59,7 @@ impl CellState {
     /// # Errors
     /// If JSON cannot represent the state.
     pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
-        serde_json::to_vec(self).map_err(|error| OfficeError::form("state of a cell", error))
+        serde_json::to_vec(self).map_err(|error| OfficeError::form_error("state of a cell", error))
     }
 
     /// Reads a state and the name of its cell.
@@ -67,7 +67,7 @@ impl CellState {
     /// # Errors
     /// If the bytes are not a state.
     pub fn read(bytes: &[u8]) -> Result<(CellName, Self), OfficeError> {
-        let wrong = |problem: String| OfficeError::form("state of a cell", problem);
+        let wrong = |problem: String| OfficeError::form_error("state of a cell", problem);
         if bytes.len() > MAX_BYTES {
             let [found, allowed] = [bytes.len(), MAX_BYTES].map(|count| format!("{count} bytes"));
             return Err(OfficeError::Large { found, allowed });

@@ -2,7 +2,7 @@
 //! the part's bytes.
 
 use super::error::OfficeError;
-use super::message::is_epoch;
+use super::message::check_epoch_name;
 use super::position::Position;
 use crate::cell::CellName;
 use crate::files::is_hex;
@@ -92,7 +92,8 @@ impl Chunk {
         };
         let cell = self.cell.as_str().to_owned();
         let head = Head { form: FORM.to_owned(), cell, position, file, part: self.part, parts: self.parts };
-        let mut bytes = serde_json::to_vec(&head).map_err(|error| OfficeError::form("line of a part", error))?;
+        let mut bytes =
+            serde_json::to_vec(&head).map_err(|error| OfficeError::form_error("line of a part", error))?;
         bytes.push(b'\n');
         bytes.extend_from_slice(&self.bytes);
         Ok(bytes)
@@ -103,7 +104,7 @@ impl Chunk {
     /// # Errors
     /// If the bytes are not a part, or exceed the largest part.
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
-        let wrong = |problem: String| OfficeError::form("line of a part", problem);
+        let wrong = |problem: String| OfficeError::form_error("line of a part", problem);
         let end = bytes.iter().take(HEAD_BYTES).position(|byte| *byte == b'\n');
         let end = end.ok_or_else(|| wrong("the line end is missing".to_owned()))?;
         let head: Head = serde_json::from_slice(&bytes[..end]).map_err(|error| wrong(error.to_string()))?;
@@ -115,11 +116,11 @@ impl Chunk {
         }
         let what = match (head.position, head.file) {
             (Some(position), None) => {
-                is_epoch(&position.epoch).map_err(wrong)?;
+                check_epoch_name(&position.epoch).map_err(wrong)?;
                 ChunkOwner::Message(position)
             }
             (None, Some(hash)) => {
-                is_hash(&hash).map_err(wrong)?;
+                check_hash(&hash).map_err(wrong)?;
                 ChunkOwner::File(hash)
             }
             _ => return Err(wrong("the part must belong either to a message or to a file".to_owned())),
@@ -138,7 +139,7 @@ impl Chunk {
 }
 
 /// Checks that a file's name is a SHA-256. The name becomes a path, so nothing else is accepted.
-fn is_hash(hash: &str) -> Result<(), String> {
+fn check_hash(hash: &str) -> Result<(), String> {
     match is_hex(hash, 64) {
         true => Ok(()),
         false => Err(format!("the file name is \"{}\", valid: a SHA-256", hash.escape_debug())),

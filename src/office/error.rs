@@ -50,7 +50,7 @@ pub enum OfficeError {
 }
 
 impl OfficeError {
-    pub(super) fn form(what: &'static str, problem: impl ToString) -> Self {
+    pub(super) fn form_error(what: &'static str, problem: impl ToString) -> Self {
         OfficeError::Form { what, problem: problem.to_string() }
     }
 }

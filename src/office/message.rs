@@ -1,10 +1,10 @@
 //! A message: one line of JSON that describes the content, then the content's bytes as the cell has them.
 
-use super::body::{Body, CycleEnd, Envelope, NamedFile, VerificationSeen};
+use super::body::{Body, CycleEnd, ItemEnvelope, NamedFile, VerificationSeen};
 use super::error::OfficeError;
 use super::position::{Kind, Position};
 use crate::cell::CellName;
-use crate::files::{content_hash, hex, is_hex, unhex};
+use crate::files::{content_hash, hex, is_hex, parse_hex};
 use crate::signing::{PublicKey, Statement};
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +18,7 @@ pub struct Message {
     /// Which cell.
     pub cell: CellName,
     /// The item.
-    pub envelope: Envelope,
+    pub envelope: ItemEnvelope,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -49,7 +49,7 @@ impl Message {
     /// # Errors
     /// If JSON cannot represent the head.
     pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
-        let Envelope { position, unix_ms, body } = &self.envelope;
+        let ItemEnvelope { position, unix_ms, body } = &self.envelope;
         let signed = match body {
             Body::Signature { signature, public_key, files, .. } => {
                 Some(SignedHead { signature: hex(signature), public_key: public_key.clone(), files: files.clone() })
@@ -66,7 +66,8 @@ impl Message {
             hash: content_hash(body.content()),
             signed,
         };
-        let mut bytes = serde_json::to_vec(&head).map_err(|error| OfficeError::form("head of a message", error))?;
+        let mut bytes =
+            serde_json::to_vec(&head).map_err(|error| OfficeError::form_error("head of a message", error))?;
         bytes.push(b'\n');
         bytes.extend_from_slice(body.content());
         Ok(bytes)
@@ -79,8 +80,10 @@ impl Message {
     /// If one of these conditions is not met.
     pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
         let end = bytes.iter().take(HEAD_BYTES).position(|byte| *byte == b'\n');
-        let Some(end) = end else { return Err(OfficeError::form("head of a message", "the line end is missing")) };
-        let head = |problem: String| OfficeError::form("head of a message", problem);
+        let Some(end) = end else {
+            return Err(OfficeError::form_error("head of a message", "the line end is missing"));
+        };
+        let head = |problem: String| OfficeError::form_error("head of a message", problem);
         let read: Head = serde_json::from_slice(&bytes[..end]).map_err(|error| head(error.to_string()))?;
         if read.form != FORM {
             return Err(head(format!(
@@ -97,28 +100,28 @@ impl Message {
         }
         let body = match (read.kind, read.signed) {
             (Kind::Cycle, None) => {
-                let _: CycleEnd = content_of(&content, "end of a cycle")?;
+                let _: CycleEnd = parse_content(&content, "end of a cycle")?;
                 Body::Cycle(content)
             }
             (Kind::Verification, None) => {
-                let _: VerificationSeen = content_of(&content, "verification")?;
+                let _: VerificationSeen = parse_content(&content, "verification")?;
                 Body::Verification(content)
             }
             (Kind::Signature, Some(signed)) => signature(content, signed, read.number)?,
             (kind, _) => {
-                return Err(head(format!("the signature of a {} is missing or not permitted", kind.word())));
+                return Err(head(format!("the signature of a {} is missing or not permitted", kind.keyword())));
             }
         };
-        Ok(Message { cell, envelope: Envelope { position, unix_ms: read.unix_ms, body } })
+        Ok(Message { cell, envelope: ItemEnvelope { position, unix_ms: read.unix_ms, body } })
     }
 }
 
-fn content_of<T: serde::de::DeserializeOwned>(content: &[u8], what: &'static str) -> Result<T, OfficeError> {
-    serde_json::from_slice(content).map_err(|error| OfficeError::form(what, error))
+fn parse_content<T: serde::de::DeserializeOwned>(content: &[u8], what: &'static str) -> Result<T, OfficeError> {
+    serde_json::from_slice(content).map_err(|error| OfficeError::form_error(what, error))
 }
 
 fn position(head: &Head) -> Result<Position, String> {
-    is_epoch(&head.epoch)?;
+    check_epoch_name(&head.epoch)?;
     if head.number == 0 || i64::try_from(head.number).is_err() {
         return Err(format!("the record number is {}, valid: 1 or larger", head.number));
     }
@@ -126,7 +129,7 @@ fn position(head: &Head) -> Result<Position, String> {
 }
 
 /// Checks that a text is the name of an epoch.
-pub(super) fn is_epoch(epoch: &str) -> Result<(), String> {
+pub(super) fn check_epoch_name(epoch: &str) -> Result<(), String> {
     match is_hex(epoch, 32) {
         true => Ok(()),
         false => Err(format!("the epoch is \"{}\", valid: 32 hexadecimal digits", epoch.escape_debug())),
@@ -136,10 +139,10 @@ pub(super) fn is_epoch(epoch: &str) -> Result<(), String> {
 fn signature(statement: Vec<u8>, head: SignedHead, number: u64) -> Result<Body, OfficeError> {
     let wrong = |problem: String| OfficeError::Signature { number, problem };
     let signature =
-        unhex(&head.signature).ok_or_else(|| wrong("the signature is not a hexadecimal text".to_owned()))?;
-    let key = PublicKey::of_hex(&head.public_key).map_err(|error| wrong(error.to_string()))?;
+        parse_hex(&head.signature).ok_or_else(|| wrong("the signature is not a hexadecimal text".to_owned()))?;
+    let key = PublicKey::from_hex(&head.public_key).map_err(|error| wrong(error.to_string()))?;
     let names = Statement::read(&statement).map_err(|error| wrong(error.to_string()))?.public_key;
-    if names != head.public_key || !key.verifies(&statement, &signature) {
+    if names != head.public_key || !key.is_valid_signature(&statement, &signature) {
         return Err(wrong(format!("the signature does not match the content and the key {}", head.public_key)));
     }
     if let Some(file) = head.files.iter().find(|file| !is_hex(&file.hash, 64)) {

@@ -24,17 +24,17 @@ mod position;
 mod progress;
 pub mod subject;
 
-pub use archive_settings::{ArchiveSettings, Database, FleetPage};
-pub use assembly::{Assembled, Assembly, Unfit};
-pub use body::{Body, CycleEnd, Envelope, NamedFile, VerificationSeen};
+pub use archive_settings::{ArchiveSettings, DatabaseSettings, FleetPage};
+pub use assembly::{AssembledItem, InvalidItem, PartAssembly};
+pub use body::{Body, CycleEnd, ItemEnvelope, NamedFile, VerificationSeen};
 pub use cell_state::{CellState, ReasonText};
 pub use chunk::{Chunk, ChunkOwner, chunks};
-pub use compare::{Compared, compare};
+pub use compare::{Comparison, compare};
 pub use error::OfficeError;
 pub use message::Message;
 pub use offer::RecipeOffer;
-pub use position::{Kind, Listed, Position};
-pub use progress::{OfficeSays, Progress};
+pub use position::{Kind, ListEntry, Position};
+pub use progress::{Progress, ReportOutcome};
 
 #[cfg(test)]
 mod tests;

@@ -36,13 +36,14 @@ impl RecipeOffer {
     pub fn new(panel: &str, text: &str, (by, why): (&str, &str), unix_ms: i64) -> Result<Self, OfficeError> {
         let [panel, text, by, why] = [panel, text, by, why].map(str::to_owned);
         let offer = RecipeOffer { form: FORM.to_owned(), panel, text, by, why, unix_ms };
-        offer.checked()
+        offer.validated()
     }
 
-    fn checked(self) -> Result<Self, OfficeError> {
+    fn validated(self) -> Result<Self, OfficeError> {
         for (what, text) in [("name", &self.by), ("reason", &self.why)] {
-            crate::number_text::printable(text, MAX_CHARACTERS)
-                .map_err(|problem| OfficeError::form("offer of a recipe", format!("its {what}: {problem}")))?;
+            crate::number_text::printable(text, MAX_CHARACTERS).map_err(|problem| {
+                OfficeError::form_error("offer of a recipe", format!("its {what}: {problem}"))
+            })?;
         }
         match self.text.len() {
             0..MAX_BYTES => Ok(self),
@@ -63,7 +64,7 @@ impl RecipeOffer {
     /// # Errors
     /// If JSON cannot represent the offer.
     pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
-        serde_json::to_vec(self).map_err(|error| OfficeError::form("offer of a recipe", error))
+        serde_json::to_vec(self).map_err(|error| OfficeError::form_error("offer of a recipe", error))
     }
 
     /// Reads an offer.
@@ -75,7 +76,7 @@ impl RecipeOffer {
             let [found, allowed] = [bytes.len(), 2 * MAX_BYTES].map(|count| format!("{count} bytes"));
             return Err(OfficeError::Large { found, allowed });
         }
-        let wrong = |problem: String| OfficeError::form("offer of a recipe", problem);
+        let wrong = |problem: String| OfficeError::form_error("offer of a recipe", problem);
         let offer: RecipeOffer = serde_json::from_slice(bytes).map_err(|error| wrong(error.to_string()))?;
         if offer.form != FORM {
             return Err(wrong(format!(
@@ -83,6 +84,6 @@ impl RecipeOffer {
                 offer.form.escape_debug()
             )));
         }
-        offer.checked()
+        offer.validated()
     }
 }

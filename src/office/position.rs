@@ -40,19 +40,19 @@ pub enum Kind {
 
 impl Kind {
     /// Returns the keyword of the kind.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         self.into()
     }
 
     /// Returns the kind with this keyword.
-    pub fn of_word(word: &str) -> Option<Kind> {
+    pub fn from_keyword(word: &str) -> Option<Kind> {
         word.parse().ok()
     }
 }
 
 /// One line of a list that is compared between the cell and the office.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Listed {
+pub struct ListEntry {
     /// Its name.
     #[serde(flatten)]
     pub position: Position,

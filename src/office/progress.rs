@@ -26,7 +26,7 @@ pub struct Progress {
 
 /// The result of a report from the office on what it has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum OfficeSays {
+pub enum ReportOutcome {
     /// It has at least the data that the cell expects there.
     Known,
     /// The office has fewer items than before: the missing items are sent again.
@@ -38,32 +38,32 @@ pub enum OfficeSays {
 
 impl Progress {
     /// Returns the number of an epoch up to which all items are sent.
-    pub fn sent(&self, epoch: &str) -> u64 {
+    pub fn last_sent(&self, epoch: &str) -> u64 {
         self.sent.get(epoch).copied().unwrap_or(0)
     }
 
     /// Returns the number of an epoch up to which the office has all items.
-    pub fn archived(&self, epoch: &str) -> u64 {
+    pub fn last_archived(&self, epoch: &str) -> u64 {
         self.archived.get(epoch).copied().unwrap_or(0)
     }
 
     /// Returns how often sending began again.
-    pub fn again(&self) -> u64 {
+    pub fn resend_count(&self) -> u64 {
         self.again
     }
 
     /// Starts sending again: from now on, data that is sent again has another name.
-    pub fn begin_again(&mut self) {
+    pub fn restart_sending(&mut self) {
         self.again += 1;
     }
 
     /// Returns how many items the office does not have yet, given the last number of each epoch.
-    pub fn behind(&self, last: &[Position]) -> u64 {
-        last.iter().map(|last| last.number.saturating_sub(self.archived(&last.epoch))).sum()
+    pub fn missing_count(&self, last: &[Position]) -> u64 {
+        last.iter().map(|last| last.number.saturating_sub(self.last_archived(&last.epoch))).sum()
     }
 
     /// Records which stream the broker has. A different stream contains nothing of what was sent to the previous one.
-    pub fn at_stream(&mut self, stream: &str) {
+    pub fn set_stream(&mut self, stream: &str) {
         if self.stream != stream {
             stream.clone_into(&mut self.stream);
             self.sent = self.archived.clone();
@@ -71,25 +71,25 @@ impl Progress {
     }
 
     /// Records that the broker accepted everything up to here; an item that was sent again may be older than the last.
-    pub fn took(&mut self, position: &Position) {
+    pub fn record_accepted(&mut self, position: &Position) {
         let sent = self.sent.entry(position.epoch.clone()).or_default();
         *sent = position.number.max(*sent);
     }
 
     /// Processes the office's report, which states the number up to which the office has all items of an epoch; the
     /// last number in the store is `last`.
-    pub fn on_archived(&mut self, epoch: &str, archived: u64, last: u64) -> OfficeSays {
+    pub fn process_archived(&mut self, epoch: &str, archived: u64, last: u64) -> ReportOutcome {
         if archived > last {
-            return OfficeSays::HasMore;
+            return ReportOutcome::HasMore;
         }
         let before = self.archived.insert(epoch.to_owned(), archived).unwrap_or(0);
         if archived < before {
             self.sent.insert(epoch.to_owned(), archived);
-            self.begin_again();
-            return OfficeSays::HasLess;
+            self.restart_sending();
+            return ReportOutcome::HasLess;
         }
         let sent = self.sent.entry(epoch.to_owned()).or_default();
         *sent = archived.max(*sent);
-        OfficeSays::Known
+        ReportOutcome::Known
     }
 }

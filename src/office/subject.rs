@@ -21,7 +21,7 @@ pub const ALL_OFFERS: &str = "panelprep.offers.*";
 
 /// The subject on which the office offers a recipe of this panel. The panel's name may contain characters that a
 /// subject must not.
-pub fn offer(panel: &str) -> String {
+pub fn offer_subject(panel: &str) -> String {
     let hash = content_hash(panel.as_bytes());
     format!("panelprep.offers.{}", hash.get(..16).unwrap_or(&hash))
 }
@@ -32,7 +32,7 @@ pub fn records(cell: &CellName) -> String {
 }
 
 /// The subject on which the office reports up to which number it has an epoch of a cell.
-pub fn archived(cell: &CellName, epoch: &str) -> String {
+pub fn archived_subject(cell: &CellName, epoch: &str) -> String {
     format!("panelprep.archived.{cell}.{epoch}")
 }
 

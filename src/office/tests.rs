@@ -2,7 +2,7 @@ use super::*;
 use crate::cell::CellName;
 use crate::record::CycleId;
 use crate::signing::{
-    self, CellKey, FORM, Meaning, PersonSignature, SignedChainPosition, Statement, StatementContent,
+    self, CellKey, Meaning, PersonSignature, STATEMENT_FORMAT, SignedChainPosition, Statement, StatementContent,
 };
 use proptest::prelude::*;
 
@@ -30,11 +30,11 @@ fn end_of_cycle() -> Message {
         part: None,
     };
     let body = Body::Cycle(signing::canonical(&end).expect("JSON"));
-    Message { cell: cell(), envelope: Envelope { position: at(1), unix_ms: 5, body } }
+    Message { cell: cell(), envelope: ItemEnvelope { position: at(1), unix_ms: 5, body } }
 }
 
 fn signature() -> Message {
-    let key = CellKey::of_random(&[7; 32]);
+    let key = CellKey::from_random_bytes(&[7; 32]);
     let person = PersonSignature {
         cycle: CycleId(7),
         record_hash: "cd".repeat(32),
@@ -44,11 +44,11 @@ fn signature() -> Message {
         remark: None,
     };
     let statement = Statement {
-        form: FORM.to_owned(),
+        form: STATEMENT_FORMAT.to_owned(),
         number: 2,
         previous: "ef".repeat(32),
         unix_ms: 6,
-        public_key: key.public().hex(),
+        public_key: key.public_key().hex(),
         store: SignedChainPosition { link: 1, hash: "01".repeat(32) },
         says: StatementContent::Person(person),
     };
@@ -56,10 +56,10 @@ fn signature() -> Message {
     let body = Body::Signature {
         signature: key.sign(&statement).to_vec(),
         statement,
-        public_key: key.public().hex(),
+        public_key: key.public_key().hex(),
         files: vec![NamedFile { name: "recipe".to_owned(), hash: "ab".repeat(32), gone: None }],
     };
-    Message { cell: cell(), envelope: Envelope { position: at(2), unix_ms: 6, body } }
+    Message { cell: cell(), envelope: ItemEnvelope { position: at(2), unix_ms: 6, body } }
 }
 
 #[test]
@@ -85,7 +85,7 @@ fn a_statement_that_somebody_else_wrote_is_refused() {
     };
     let text = String::from_utf8(statement).expect("text").replace("Ada", "Eve");
     let body = Body::Signature { statement: text.into_bytes(), signature, public_key, files };
-    let forged = Message { envelope: Envelope { body, ..message.envelope }, ..message };
+    let forged = Message { envelope: ItemEnvelope { body, ..message.envelope }, ..message };
     let refused = Message::read(&forged.bytes().expect("bytes")).expect_err("refused").to_string();
     assert!(
         refused.starts_with(
@@ -101,14 +101,14 @@ fn a_large_message_comes_in_parts_in_any_order_and_twice() {
     let what = ChunkOwner::File(crate::files::content_hash(&bytes));
     let parts = chunks(&cell(), &what, &bytes).expect("parts");
     assert_eq!(parts.iter().map(|part| part.bytes.len()).collect::<Vec<_>>(), [524_288, 524_288, 251_424]);
-    let mut assembly = Assembly::default();
+    let mut assembly = PartAssembly::default();
     for (receipt, index) in [2, 0, 0, 2].into_iter().enumerate() {
         let sent = parts[index].bytes().expect("bytes");
         assert_eq!(assembly.add(Chunk::read(&sent).expect("a part"), receipt), Ok(None));
     }
     let whole = assembly.add(parts[1].clone(), 9).expect("no contradiction").expect("whole");
     // The newest receipt of each part, in the order of the parts.
-    assert_eq!(whole, Assembled { cell: cell(), what: what.clone(), bytes, receipts: vec![2, 9, 3] });
+    assert_eq!(whole, AssembledItem { cell: cell(), what: what.clone(), bytes, receipts: vec![2, 9, 3] });
     assert_eq!(assembly.add(parts[1].clone(), 10), Ok(None), "it begins anew");
 }
 
@@ -116,7 +116,7 @@ fn a_large_message_comes_in_parts_in_any_order_and_twice() {
 fn parts_that_contradict_one_another_are_refused_and_forgotten() {
     let what = ChunkOwner::Message(at(3));
     let part = |part, parts| Chunk { cell: cell(), what: what.clone(), part, parts, bytes: vec![1] };
-    let mut assembly = Assembly::default();
+    let mut assembly = PartAssembly::default();
     assert_eq!(assembly.add(part(1, 2), "first"), Ok(None));
     let unfit = assembly.add(part(1, 3), "second").expect_err("a contradiction");
     assert_eq!(unfit.error, OfficeError::Parts { part: 1, found: 3, before: 2 });
@@ -151,41 +151,44 @@ fn what_is_no_part_is_refused_with_what_is_allowed() {
 #[test]
 fn the_office_has_the_last_word_on_what_it_has() {
     let mut progress = Progress::default();
-    progress.at_stream("one");
-    progress.took(&at(9));
-    assert_eq!(progress.on_archived(EPOCH, 5, 9), OfficeSays::Known);
-    assert_eq!((progress.sent(EPOCH), progress.archived(EPOCH), progress.behind(&[at(12)])), (9, 5, 7));
+    progress.set_stream("one");
+    progress.record_accepted(&at(9));
+    assert_eq!(progress.process_archived(EPOCH, 5, 9), ReportOutcome::Known);
+    assert_eq!(
+        (progress.last_sent(EPOCH), progress.last_archived(EPOCH), progress.missing_count(&[at(12)])),
+        (9, 5, 7)
+    );
     // Another stream contains nothing of what was sent. Items that the office has need not be sent again.
-    progress.at_stream("two");
-    assert_eq!(progress.sent(EPOCH), 5);
-    progress.took(&at(12));
+    progress.set_stream("two");
+    assert_eq!(progress.last_sent(EPOCH), 5);
+    progress.record_accepted(&at(12));
     // The office restored its database and has fewer items.
-    assert_eq!(progress.on_archived(EPOCH, 2, 12), OfficeSays::HasLess);
-    assert_eq!(progress.sent(EPOCH), 2);
+    assert_eq!(progress.process_archived(EPOCH, 2, 12), ReportOutcome::HasLess);
+    assert_eq!(progress.last_sent(EPOCH), 2);
     // More items than the store ever had are a contradiction, and nothing changes.
-    assert_eq!(progress.on_archived(EPOCH, 13, 12), OfficeSays::HasMore);
-    assert_eq!((progress.sent(EPOCH), progress.archived(EPOCH)), (2, 2));
+    assert_eq!(progress.process_archived(EPOCH, 13, 12), ReportOutcome::HasMore);
+    assert_eq!((progress.last_sent(EPOCH), progress.last_archived(EPOCH)), (2, 2));
     // Another process sent the items.
-    assert_eq!(progress.on_archived(EPOCH, 12, 12), OfficeSays::Known);
-    assert_eq!((progress.sent(EPOCH), progress.behind(&[at(12)])), (12, 0));
+    assert_eq!(progress.process_archived(EPOCH, 12, 12), ReportOutcome::Known);
+    assert_eq!((progress.last_sent(EPOCH), progress.missing_count(&[at(12)])), (12, 0));
 }
 
 #[test]
 fn two_lists_are_held_against_each_other_by_name_and_hash() {
-    let line = |number, hash: &str| Listed { position: at(number), kind: Kind::Cycle, hash: hash.repeat(32) };
+    let line = |number, hash: &str| ListEntry { position: at(number), kind: Kind::Cycle, hash: hash.repeat(32) };
     let cell = [line(1, "aa"), line(2, "bb"), line(3, "cc")];
-    assert_eq!(compare(&cell, &cell), Compared { same: 3, found: Vec::new() });
+    assert_eq!(compare(&cell, &cell), Comparison { equal_items: 3, differences: Vec::new() });
     let office = [line(1, "aa"), line(2, "b0"), line(9, "dd")];
     let compared = compare(&cell, &office);
-    assert_eq!(compared.same, 1);
-    for (words, part) in compared.found.iter().zip([
+    assert_eq!(compared.equal_items, 1);
+    for (words, part) in compared.differences.iter().zip([
         "number 2 of epoch 0123456789abcdef0123456789abcdef differs: the cell has a cycle with the SHA-256 bb",
         "number 3 of epoch 0123456789abcdef0123456789abcdef is not in the office yet: cycle",
         "number 9 of epoch 0123456789abcdef0123456789abcdef is in the office, but not in the cell",
     ]) {
         assert!(words.starts_with(part), "{words}");
     }
-    assert_eq!(compared.found.len(), 3);
+    assert_eq!(compared.differences.len(), 3);
 }
 
 proptest! {
@@ -208,9 +211,9 @@ fn what_is_sent_again_has_another_name() {
     let part = chunks(&cell(), &ChunkOwner::Message(at(3)), b"x").expect("parts").remove(0);
     assert_eq!(part.message_id(0), format!("cell-1/{EPOCH}/3/1"));
     let mut progress = Progress::default();
-    progress.on_archived(EPOCH, 5, 9);
-    progress.on_archived(EPOCH, 2, 9);
-    assert_eq!(part.message_id(progress.again()), format!("cell-1/{EPOCH}/3/1/1"));
+    progress.process_archived(EPOCH, 5, 9);
+    progress.process_archived(EPOCH, 2, 9);
+    assert_eq!(part.message_id(progress.resend_count()), format!("cell-1/{EPOCH}/3/1/1"));
 }
 
 #[test]
@@ -223,5 +226,9 @@ fn an_offer_reads_back_and_what_cannot_be_printed_is_refused() {
     assert!(refused("Anna", "", "").contains("its reason"));
     assert!(refused("Anna", "why", &"x".repeat(300_000)).contains("262144"));
     // A panel's name may contain characters that a subject may not.
-    assert!(subject::offer("left *.> door").strip_prefix("panelprep.offers.").is_some_and(|rest| rest.len() == 16));
+    assert!(
+        subject::offer_subject("left *.> door")
+            .strip_prefix("panelprep.offers.")
+            .is_some_and(|rest| rest.len() == 16)
+    );
 }

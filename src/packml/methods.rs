@@ -62,7 +62,7 @@ pub struct Method {
     /// Its arguments.
     pub arguments: &'static [Argument],
     /// The permission that the caller needs; `None` allows every session that the server accepts.
-    pub needs: Option<Permission>,
+    pub required_permission: Option<Permission>,
     /// What it does.
     pub meaning: &'static str,
 }
@@ -70,7 +70,7 @@ pub struct Method {
 impl Method {
     /// Returns whether a caller with this role may call the method; `None` is a caller without an account.
     pub fn is_allowed(&self, role: Option<Role>) -> bool {
-        self.needs.is_none_or(|permission| role.is_some_and(|role| role.may(permission)))
+        self.required_permission.is_none_or(|permission| role.is_some_and(|role| role.has_permission(permission)))
     }
 }
 
@@ -78,8 +78,13 @@ const fn text(name: &'static str, meaning: &'static str) -> Argument {
     Argument { name, kind: ArgumentKind::String, meaning }
 }
 
-const fn plain(name: &'static str, command: Command, needs: Option<Permission>, meaning: &'static str) -> Method {
-    Method { name, command, arguments: &[], needs, meaning }
+const fn method_without_arguments(
+    name: &'static str,
+    command: Command,
+    needs: Option<Permission>,
+    meaning: &'static str,
+) -> Method {
+    Method { name, command, arguments: &[], required_permission: needs, meaning }
 }
 
 use Permission::{Accept, Acknowledge, Operate};
@@ -93,7 +98,7 @@ const STEP: Argument = Argument {
 
 /// Every method.
 pub const METHODS: &[Method] = &[
-    plain(
+    method_without_arguments(
         "Reset",
         Command::Reset,
         Some(Operate),
@@ -118,11 +123,11 @@ pub const METHODS: &[Method] = &[
                           from zero. The value is recorded with the cycle.",
             },
         ],
-        needs: Some(Operate),
+        required_permission: Some(Operate),
         meaning: "From Idle: starts a cycle on the panel in the fixture. The record names the logged-in person as \
                   the operator.",
     },
-    plain(
+    method_without_arguments(
         "Hold",
         Command::Hold,
         Some(Operate),
@@ -139,11 +144,16 @@ pub const METHODS: &[Method] = &[
             },
             STEP,
         ],
-        needs: Some(Operate),
+        required_permission: Some(Operate),
         meaning: "Continues from Held, after the panel's pose was verified.",
     },
-    plain("Stop", Command::Stop, None, "Ends the cycle; the unit ends in Stopped. This is not an emergency stop."),
-    plain(
+    method_without_arguments(
+        "Stop",
+        Command::Stop,
+        None,
+        "Ends the cycle; the unit ends in Stopped. This is not an emergency stop.",
+    ),
+    method_without_arguments(
         "Abort",
         Command::Abort,
         None,
@@ -153,7 +163,7 @@ pub const METHODS: &[Method] = &[
         name: "Clear",
         command: Command::Clear,
         arguments: &[STEP],
-        needs: Some(Operate),
+        required_permission: Some(Operate),
         meaning: "From Aborted to Stopped: a person confirms that the cause is removed and the pad is off the \
                   panel.",
     },
@@ -161,10 +171,10 @@ pub const METHODS: &[Method] = &[
         name: "Accept",
         command: Command::Accept,
         arguments: &[STEP],
-        needs: Some(Accept),
+        required_permission: Some(Accept),
         meaning: "Accepts the result and continues from Held for review.",
     },
-    plain(
+    method_without_arguments(
         "NewDisc",
         Command::NewDisc,
         Some(Operate),
@@ -175,7 +185,7 @@ pub const METHODS: &[Method] = &[
         name: "AcknowledgeAlarm",
         command: Command::AcknowledgeAlarm,
         arguments: &[text("Alarm", "ID of the alarm, from Alarms/Ids.")],
-        needs: Some(Acknowledge),
+        required_permission: Some(Acknowledge),
         meaning: "Records that the person has seen an alarm. The alarm and the cell do not change.",
     },
 ];

@@ -32,12 +32,12 @@ const fn node(
     Node { path, kind, unit, meaning, value }
 }
 
-fn some<T>(value: Option<T>, of: impl FnOnce(T) -> Value) -> Value {
+fn value_or_absent<T>(value: Option<T>, of: impl FnOnce(T) -> Value) -> Value {
     value.map_or(Value::Absent, of)
 }
 
 fn text(value: Option<&String>) -> Value {
-    some(value, |text| Value::String(text.clone()))
+    value_or_absent(value, |text| Value::String(text.clone()))
 }
 
 fn unit_state(now: &Snapshot) -> Option<UnitState> {
@@ -49,7 +49,7 @@ fn unit_mode(now: &Snapshot) -> Option<UnitMode> {
 }
 
 fn robot(now: &Snapshot) -> Value {
-    some(now.state, |state| Value::String(state.facts.robot.word().to_owned()))
+    value_or_absent(now.state, |state| Value::String(state.facts.robot.keyword().to_owned()))
 }
 
 /// Returns why the unit does not work: the first reason, if the unit is in none of the states of work.
@@ -67,21 +67,21 @@ fn alarms(now: &Snapshot, of: fn(&Alarm) -> String) -> Value {
     Value::Strings(now.alarms.iter().map(of).collect())
 }
 
-fn verified_at(verified: Option<Verified>) -> Value {
-    some(verified, |verified| Value::DateTime(verified.at_unix_s.saturating_mul(1_000)))
+fn verification_time(verified: Option<Verified>) -> Value {
+    value_or_absent(verified, |verified| Value::DateTime(verified.at_unix_s.saturating_mul(1_000)))
 }
 
 fn age_h(now: &Snapshot, verified: Option<Verified>) -> Value {
     let age_ms = |verified: Verified| now.now_unix_ms.saturating_sub(verified.at_unix_s.saturating_mul(1_000));
-    some(verified, |verified| Value::Double((age_ms(verified) / 360_000) as f64 / 10.0))
+    value_or_absent(verified, |verified| Value::Double((age_ms(verified) / 360_000) as f64 / 10.0))
 }
 
 fn error_mm(verified: Option<Verified>) -> Value {
-    some(verified, |verified| Value::Double(verified.error_mm))
+    value_or_absent(verified, |verified| Value::Double(verified.error_mm))
 }
 
 fn limit_mm(verified: Option<Verified>) -> Value {
-    some(verified, |verified| Value::Double(verified.limit_mm))
+    value_or_absent(verified, |verified| Value::Double(verified.limit_mm))
 }
 
 /// Every node.
@@ -91,76 +91,76 @@ pub const NODES: &[Node] = &[
         Kind::Int32,
         "",
         "number of the unit's state: 1 Clearing, 2 Stopped, 3 Starting, 4 Idle, 6 Execute, 7 Stopping, 8 Aborting, 9 Aborted, 10 Holding, 11 Held, 12 Unholding, 15 Resetting, 16 Completing, 17 Complete",
-        |now| some(unit_state(now), |state| Value::Int32(state.number())),
+        |now| value_or_absent(unit_state(now), |state| Value::Int32(state.number())),
     ),
     node("PackML/Status/StateCurrentName", Kind::String, "", "name of the unit's state", |now| {
-        some(unit_state(now), |state| Value::String(state.name().to_owned()))
+        value_or_absent(unit_state(now), |state| Value::String(state.name().to_owned()))
     }),
     node(
         "PackML/Status/StateChangeInProcess",
         Kind::Boolean,
         "",
         "true in a state that ends by itself, false if the unit waits for a command",
-        |now| some(unit_state(now), |state| Value::Boolean(state.is_acting())),
+        |now| value_or_absent(unit_state(now), |state| Value::Boolean(state.is_acting_state())),
     ),
     node(
         "PackML/Status/UnitModeCurrent",
         Kind::Int32,
         "",
         "number of the mode: 1 Production, 2 Maintenance (an air-run), 3 Manual (the robot is in T1 or T2)",
-        |now| some(unit_mode(now), |mode| Value::Int32(mode.number())),
+        |now| value_or_absent(unit_mode(now), |mode| Value::Int32(mode.number())),
     ),
     node("PackML/Status/UnitModeCurrentName", Kind::String, "", "name of the mode", |now| {
-        some(unit_mode(now), |mode| Value::String(mode.name().to_owned()))
+        value_or_absent(unit_mode(now), |mode| Value::String(mode.name().to_owned()))
     }),
     node(
         "PackML/Admin/StateCurrentTime",
         Kind::UInt32,
         "s",
         "time in the current state, since this service started to observe it",
-        |now| some(now.state, |_| Value::UInt32(now.in_state_s)),
+        |now| value_or_absent(now.state, |_| Value::UInt32(now.in_state_s)),
     ),
     node(
         "PackML/Admin/ModeCurrentTime",
         Kind::UInt32,
         "s",
         "time in the current mode, since this service started to observe it",
-        |now| some(now.state, |_| Value::UInt32(now.in_mode_s)),
+        |now| value_or_absent(now.state, |_| Value::UInt32(now.in_mode_s)),
     ),
     node(
         "PackML/Admin/ProdProcessedCount",
         Kind::UInt32,
         "",
         "number of ended cycles in the store, without air-runs",
-        |now| Value::UInt32(now.counts.processed()),
+        |now| Value::UInt32(now.counts.processed_count()),
     ),
     node(
         "PackML/Admin/ProdDefectiveCount",
         Kind::UInt32,
         "",
         "number of ended cycles with the verdict fail or reject, without air-runs",
-        |now| Value::UInt32(now.counts.defective()),
+        |now| Value::UInt32(now.counts.defective_count()),
     ),
     node(
         "PackML/Admin/StopReasonCode",
         Kind::String,
         "",
         "code of the reason why the unit does not work, from the page of messages; no value while the unit works",
-        |now| some(stop_reason(now), |reason| Value::String(reason.code.to_string())),
+        |now| value_or_absent(stop_reason(now), |reason| Value::String(reason.code.to_string())),
     ),
     node(
         "PackML/Admin/StopReason",
         Kind::String,
         "",
         "text of the reason why the unit does not work, with the remedy",
-        |now| some(stop_reason(now), |reason| Value::String(reason.message.clone())),
+        |now| value_or_absent(stop_reason(now), |reason| Value::String(reason.message.clone())),
     ),
     node(
         "Cycle/Number",
         Kind::UInt32,
         "",
         "number of the running cycle, or of the last cycle since the service started",
-        |now| some(now.cycle.and_then(|cycle| u32::try_from(cycle).ok()), Value::UInt32),
+        |now| value_or_absent(now.cycle.and_then(|cycle| u32::try_from(cycle).ok()), Value::UInt32),
     ),
     node("Cycle/Panel", Kind::String, "", "panel of the current or last cycle", |now| text(now.panel.as_ref())),
     node(
@@ -176,36 +176,36 @@ pub const NODES: &[Node] = &[
         Kind::UInt32,
         "",
         "number of the step to which these values belong; Unhold, Clear and Accept must state this number",
-        |now| some(now.state.and_then(|state| u32::try_from(state.step).ok()), Value::UInt32),
+        |now| value_or_absent(now.state.and_then(|state| u32::try_from(state.step).ok()), Value::UInt32),
     ),
     node("Cycle/Pass", Kind::UInt32, "", "number of abrasions in the cycle so far", |now| {
-        some(now.pass, |pass| Value::UInt32(u32::from(pass)))
+        value_or_absent(now.pass, |pass| Value::UInt32(u32::from(pass)))
     }),
     node("Cycle/FilmTime", Kind::Double, "s", "elapsed time of the current film", |now| {
-        some(now.film_s, Value::Double)
+        value_or_absent(now.film_s, Value::Double)
     }),
     node("Cycle/FilmTimeTotal", Kind::Double, "s", "observation time of a film", |now| {
-        some(now.film_total_s, Value::Double)
+        value_or_absent(now.film_total_s, Value::Double)
     }),
     node("Cycle/Waypoint", Kind::UInt32, "", "number of executed waypoints of the current path", |now| {
-        some(now.waypoint, Value::UInt32)
+        value_or_absent(now.waypoint, Value::UInt32)
     }),
     node("Cycle/Waypoints", Kind::UInt32, "", "total number of waypoints of the current path", |now| {
-        some(now.waypoints, Value::UInt32)
+        value_or_absent(now.waypoints, Value::UInt32)
     }),
     node(
         "Cycle/Verdict",
         Kind::String,
         "",
         "verdict of the cycle, if there is one: pass, fail, reject, invalid, review, accept or aborted",
-        |now| some(now.verdict, |verdict: Verdict| Value::String(verdict.word().to_owned())),
+        |now| value_or_absent(now.verdict, |verdict: Verdict| Value::String(verdict.keyword().to_owned())),
     ),
     node(
         "Cycle/WaitsForReview",
         Kind::Boolean,
         "",
         "true if the cycle waits for a person's decision on a result",
-        |now| some(now.state, |_| Value::Boolean(now.is_review)),
+        |now| value_or_absent(now.state, |_| Value::Boolean(now.is_review)),
     ),
     node(
         "Cycle/ReasonCodes",
@@ -255,7 +255,7 @@ pub const NODES: &[Node] = &[
         Kind::Boolean,
         "",
         "true if a cycle may start with the present calibrations",
-        |now| some(now.may_start, Value::Boolean),
+        |now| value_or_absent(now.may_start, Value::Boolean),
     ),
     node(
         "Calibrations/Reasons",
@@ -272,7 +272,7 @@ pub const NODES: &[Node] = &[
         Kind::DateTime,
         "",
         "time of the last verification of the 3D camera",
-        |now| verified_at(now.scanner),
+        |now| verification_time(now.scanner),
     ),
     node(
         "Calibrations/Scanner/Age",
@@ -300,7 +300,7 @@ pub const NODES: &[Node] = &[
         Kind::DateTime,
         "",
         "time of the last verification of the camera on the flange",
-        |now| verified_at(now.flange_camera),
+        |now| verification_time(now.flange_camera),
     ),
     node(
         "Calibrations/FlangeCamera/Age",
@@ -328,7 +328,7 @@ pub const NODES: &[Node] = &[
         Kind::DateTime,
         "",
         "time of the last verification of the tool by touch",
-        |now| verified_at(now.tool),
+        |now| verification_time(now.tool),
     ),
     node(
         "Calibrations/Tool/Age",
@@ -366,7 +366,7 @@ pub const NODES: &[Node] = &[
         Kind::Strings,
         "",
         "priorities of the active alarms: high, medium, low or note",
-        |now| alarms(now, |alarm| alarm.priority.word().to_owned()),
+        |now| alarms(now, |alarm| alarm.priority.keyword().to_owned()),
     ),
     node("Alarms/Messages", Kind::Strings, "", "texts of the active alarms", |now| {
         alarms(now, |alarm| alarm.message.clone())
@@ -411,7 +411,7 @@ pub const NODES: &[Node] = &[
         robot,
     ),
     node("Robot/Epoch", Kind::UInt32, "", "last epoch that was opened on the robot link", |now| {
-        some(now.state, |state| Value::UInt32(state.epoch))
+        value_or_absent(now.state, |state| Value::UInt32(state.epoch))
     }),
     node("Service/Version", Kind::String, "", "version of the program", |_| {
         Value::String(env!("CARGO_PKG_VERSION").to_owned())
@@ -428,22 +428,22 @@ pub const NODES: &[Node] = &[
         Kind::String,
         "",
         "name of the last method that was called and refused",
-        |now| some(now.refusal.as_ref(), |refusal| Value::String(refusal.method.to_owned())),
+        |now| value_or_absent(now.refusal.as_ref(), |refusal| Value::String(refusal.method.to_owned())),
     ),
     node("Service/LastRefusal/User", Kind::String, "", "user who called the last refused method", |now| {
-        some(now.refusal.as_ref(), |refusal| Value::String(refusal.user.clone()))
+        value_or_absent(now.refusal.as_ref(), |refusal| Value::String(refusal.user.clone()))
     }),
     node("Service/LastRefusal/Time", Kind::DateTime, "", "time of the last refusal", |now| {
-        some(now.refusal.as_ref(), |refusal| Value::DateTime(refusal.at_unix_ms))
+        value_or_absent(now.refusal.as_ref(), |refusal| Value::DateTime(refusal.at_unix_ms))
     }),
     node("Service/LastRefusal/Code", Kind::String, "", "code of the reason for the last refusal", |now| {
-        some(now.refusal.as_ref(), |refusal| Value::String(refusal.reason.code.to_string()))
+        value_or_absent(now.refusal.as_ref(), |refusal| Value::String(refusal.reason.code.to_string()))
     }),
     node(
         "Service/LastRefusal/Message",
         Kind::String,
         "",
         "text of the reason for the last refusal, with what is possible instead",
-        |now| some(now.refusal.as_ref(), |refusal| Value::String(refusal.reason.message.clone())),
+        |now| value_or_absent(now.refusal.as_ref(), |refusal| Value::String(refusal.reason.message.clone())),
     ),
 ];

@@ -116,13 +116,13 @@ pub struct CycleCounts {
 
 impl CycleCounts {
     /// All of them.
-    pub fn processed(&self) -> u32 {
+    pub fn processed_count(&self) -> u32 {
         let CycleCounts { passed, failed, rejected, invalid, aborted, other } = *self;
         passed + failed + rejected + invalid + aborted + other
     }
 
     /// The cycles in which the panel is not good.
-    pub fn defective(&self) -> u32 {
+    pub fn defective_count(&self) -> u32 {
         self.failed + self.rejected
     }
 }

@@ -28,7 +28,7 @@ const STATES: [(At, i32, &str, bool); 14] = [
 ];
 
 fn at(at: At) -> Snapshot {
-    Snapshot { answers: true, state: Some(State { at, ..State::NEW }), ..Snapshot::default() }
+    Snapshot { answers: true, state: Some(State { at, ..State::INITIAL }), ..Snapshot::default() }
 }
 
 fn value(path: &str, now: &Snapshot) -> Value {
@@ -40,9 +40,9 @@ fn value(path: &str, now: &Snapshot) -> Value {
 fn each_state_has_its_number_of_the_standard() {
     for (state, number, name, is_acting) in STATES {
         let unit = UnitState::from_state(state);
-        assert_eq!((unit.number(), unit.name(), unit.is_acting()), (number, name, is_acting), "{state:?}");
-        assert_eq!(name.to_lowercase(), state.word(), "the name is the cycle's own");
-        assert_eq!(unit.is_acting(), !state.rests(), "{state:?}");
+        assert_eq!((unit.number(), unit.name(), unit.is_acting_state()), (number, name, is_acting), "{state:?}");
+        assert_eq!(name.to_lowercase(), state.keyword(), "the name is the cycle's own");
+        assert_eq!(unit.is_acting_state(), !state.is_at_rest(), "{state:?}");
         assert_eq!(value("PackML/Status/StateCurrent", &at(state)), Value::Int32(number));
         assert_eq!(value("PackML/Status/StateCurrentName", &at(state)), Value::String(name.to_owned()));
     }
@@ -53,7 +53,7 @@ fn each_state_has_its_number_of_the_standard() {
 #[test]
 fn the_mode_follows_the_robots_switch_and_what_the_cycle_is_for() {
     let mode = |robot, running, air| {
-        let mut state = State::NEW;
+        let mut state = State::INITIAL;
         (state.facts.robot, state.job.running, state.job.air) = (robot, running, air);
         UnitMode::from_state(&state)
     };
@@ -164,7 +164,7 @@ fn no_two_nodes_have_one_path_and_none_stands_below_another() {
 fn every_method_stands_in_the_table_with_its_roles() {
     let roles = |name: &str| -> Vec<&str> {
         let method = method(name).expect("such a method");
-        Role::VARIANTS.iter().filter(|role| method.is_allowed(Some(**role))).map(|role| role.word()).collect()
+        Role::VARIANTS.iter().filter(|role| method.is_allowed(Some(**role))).map(|role| role.keyword()).collect()
     };
     let everybody = ["display", "viewer", "operator", "inspector", "engineer", "administrator"];
     for (name, expected) in [
@@ -189,5 +189,8 @@ fn every_method_stands_in_the_table_with_its_roles() {
         assert_eq!(of.len(), 1, "{command:?} has one method");
     }
     assert_eq!(METHODS.len(), Command::VARIANTS.len());
-    assert!(METHODS.iter().all(|method| method.needs != Some(Permission::View)), "to look is no command");
+    assert!(
+        METHODS.iter().all(|method| method.required_permission != Some(Permission::View)),
+        "to look is no command"
+    );
 }

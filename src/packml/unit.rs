@@ -59,7 +59,7 @@ impl UnitState {
 
     /// Returns whether the state ends by itself, as PackML's acting states do; in other states the unit waits for a
     /// command.
-    pub fn is_acting(self) -> bool {
+    pub fn is_acting_state(self) -> bool {
         use UnitState::{Aborted, Complete, Held, Idle, Stopped};
         !matches!(self, Stopped | Idle | Held | Complete | Aborted)
     }

@@ -36,7 +36,7 @@ pub enum LocalError {
 }
 
 /// A server that listens.
-pub struct Local {
+pub struct LocalServer {
     runtime: Runtime,
     listener: TcpListener,
     address: SocketAddr,
@@ -44,11 +44,11 @@ pub struct Local {
 }
 
 /// The accepted hosts: the names by which a browser on this computer addresses the server.
-struct Gate {
+struct HostFilter {
     hosts: [String; 2],
 }
 
-impl Local {
+impl LocalServer {
     /// Listens on a loopback address; port 0 selects a free one.
     ///
     /// # Errors
@@ -62,7 +62,7 @@ impl Local {
         let listener = runtime.block_on(TcpListener::bind(address)).map_err(failed)?;
         let address = listener.local_addr().map_err(failed)?;
         let key = random::token().map_err(failed)?;
-        Ok(Local { runtime, listener, address, key })
+        Ok(LocalServer { runtime, listener, address, key })
     }
 
     /// Returns the address that a person opens in the browser.
@@ -80,9 +80,9 @@ impl Local {
     /// # Errors
     /// If the operating system refuses what the server needs.
     pub fn serve(self, pages: Router, done: oneshot::Receiver<()>) -> Result<(), LocalError> {
-        let Local { runtime, listener, address, .. } = self;
-        let gate = Arc::new(Gate { hosts: [address.to_string(), format!("localhost:{}", address.port())] });
-        let router = pages.layer(middleware::from_fn_with_state(gate, pass));
+        let LocalServer { runtime, listener, address, .. } = self;
+        let gate = Arc::new(HostFilter { hosts: [address.to_string(), format!("localhost:{}", address.port())] });
+        let router = pages.layer(middleware::from_fn_with_state(gate, filter_host));
         let until = async {
             #[expect(clippy::let_underscore_must_use, reason = "if the sender is dropped, the page ends as well")]
             let _ = done.await;
@@ -94,7 +94,7 @@ impl Local {
 
 /// Passes on a request that names this computer as its host. Responses are not cached and cannot be framed by
 /// another page.
-async fn pass(State(gate): State<Arc<Gate>>, request: Request<Body>, next: Next) -> Response {
+async fn filter_host(State(gate): State<Arc<HostFilter>>, request: Request<Body>, next: Next) -> Response {
     let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
     if !host.is_some_and(|host| gate.hosts.iter().any(|own| own == host)) {
         return (StatusCode::FORBIDDEN, "this page can be opened only by a browser on this computer")

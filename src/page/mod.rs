@@ -12,4 +12,4 @@ pub mod label;
 mod local;
 mod session;
 
-pub use local::{Local, LocalError};
+pub use local::{LocalError, LocalServer};

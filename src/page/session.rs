@@ -22,7 +22,7 @@ impl Session {
     }
 
     /// Returns how often the person saved.
-    pub fn saves(&self) -> u32 {
+    pub fn save_count(&self) -> u32 {
         self.lock().0
     }
 

@@ -3,10 +3,10 @@
 //! The part outside the box is neither taught nor searched. At that face the panel's border is the border of the box
 //! and not an edge of the panel.
 
-use super::extent::{self, is_held};
+use super::extent::{self, is_held_at};
 use super::segment::max_step_mm;
 use super::taught::TaughtPanel;
-use crate::geometry::{BESIDE, Pixel, Raster};
+use crate::geometry::{DIRECT_NEIGHBOURS, Pixel, RasterSize};
 use crate::recipe;
 use crate::verdict::Reason;
 
@@ -45,17 +45,18 @@ impl TaughtPanel {
     /// Returns the face of the search box that cuts most of the panel's border; `None` if none does. A holder of
     /// the panel may extend beyond the box.
     pub fn box_cut(&self, locate: &recipe::Locate) -> Option<BoxCut> {
-        let raster = Raster { width: self.scan.width(), height: self.scan.height() };
+        let raster = RasterSize { width: self.scan.width(), height: self.scan.height() };
         let max_step_mm = max_step_mm(&self.scan, &self.mask.inside);
         let mut cuts: [Vec<usize>; 6] = Default::default();
         for (index, point) in self.points() {
             let outside = |next: usize| {
                 let beyond = self.scan.point_at(next).filter(|beyond| beyond.distance_mm(point) < max_step_mm)?;
-                face_beyond(locate, beyond.mm.coords.as_slice())
+                exceeded_face(locate, beyond.mm.coords.as_slice())
             };
-            let is_free =
-                |next: &usize| !self.mask.inside[*next] && !is_held(&self.held_px, extent::at(*next, raster.width));
-            let mut neighbours = raster.neighbours(index, &BESIDE).filter(is_free);
+            let is_free = |next: &usize| {
+                !self.mask.inside[*next] && !is_held_at(&self.held_px, extent::pixel_at(*next, raster.width))
+            };
+            let mut neighbours = raster.neighbours(index, &DIRECT_NEIGHBOURS).filter(is_free);
             if let Some(face) = neighbours.find_map(outside) {
                 cuts[face].push(index);
             }
@@ -71,14 +72,14 @@ impl TaughtPanel {
             axis: face % 3,
             face_mm: corner_mm[face % 3],
             border_px: pixels.len(),
-            at: extent::at(at, raster.width),
+            at: extent::pixel_at(at, raster.width),
         })
     }
 }
 
 /// Returns the face beyond which a point lies: 0 to 2 for the lower faces, 3 to 5 for the upper faces. `None` if
 /// the point lies in the box.
-fn face_beyond(locate: &recipe::Locate, point_mm: &[f64]) -> Option<usize> {
+fn exceeded_face(locate: &recipe::Locate, point_mm: &[f64]) -> Option<usize> {
     let (low, high) = (locate.box_min_mm(), locate.box_max_mm());
     (0..3)
         .find(|&axis| point_mm[axis] < low[axis])

@@ -10,7 +10,7 @@ use super::taught::TaughtPanel;
 use crate::geometry::{FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
 
 /// Half the width of the neighbourhood that determines the surface beside a corner, px.
-const BESIDE_HALF_WIDTH_PX: usize = 12;
+const NEIGHBOURHOOD_HALF_WIDTH_PX: usize = 12;
 /// Largest distance between the ray and the outline, mm; the apex of a rounded corner lies a few mm outside the
 /// outline.
 const MAX_DISTANCE_MM: f64 = 15.0;
@@ -28,7 +28,7 @@ pub struct CornerTeaching {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TaughtCorner {
     /// What was taught.
-    pub teaching: CornerTeaching,
+    pub teaching_data: CornerTeaching,
     /// The corner: the intersection of its two edges, on the surface.
     pub point: Point<Panel>,
     /// The surface's normal beside the corner, a direction.
@@ -38,8 +38,8 @@ pub struct TaughtCorner {
 impl TaughtCorner {
     /// Returns the fraction, 0…1, of a motion along the panel's normal that the taught view shows as a sideways
     /// motion: the sine of the angle between the normal and the view.
-    pub fn normal_seen(&self) -> f64 {
-        let towards = (self.point - self.teaching.panel_from_camera.origin()).mm.normalize();
+    pub fn visible_normal_share(&self) -> f64 {
+        let towards = (self.point - self.teaching_data.panel_from_camera.origin()).mm.normalize();
         towards.cross(&self.normal.mm).norm()
     }
 }
@@ -64,13 +64,13 @@ impl TaughtPanel {
         let nearest = self
             .outline_px
             .iter()
-            .filter_map(|pixel| Some((*pixel, self.outline_at(*pixel)?)))
+            .filter_map(|pixel| Some((*pixel, self.outline_point_at(*pixel)?)))
             .min_by(|a, b| distance_mm(&a.1).total_cmp(&distance_mm(&b.1)))
             .filter(|(_, point)| distance_mm(point) <= MAX_DISTANCE_MM);
         let (pixel, _) = nearest.ok_or_else(|| off.clone())?;
         let at = (pixel.u as usize, pixel.v as usize);
-        let plane = self.plane_at(at, BESIDE_HALF_WIDTH_PX).ok_or_else(|| off.clone())?;
-        let point = plane.meet(origin, ray).ok_or(off)?;
-        Ok(TaughtCorner { teaching, point, normal: plane.normal })
+        let plane = self.fit_plane_at(at, NEIGHBOURHOOD_HALF_WIDTH_PX).ok_or_else(|| off.clone())?;
+        let point = plane.intersect_ray(origin, ray).ok_or(off)?;
+        Ok(TaughtCorner { teaching_data: teaching, point, normal: plane.normal })
     }
 }

@@ -24,9 +24,9 @@ pub enum LearnError {
     /// No point of the scan under the region's centre lies in the search box.
     #[error(
         "no panel under the region's centre, ({u:.0}, {v:.0}) px: the scan has no point in the search box there, \
-         {}; check that the region's corners are on the panel, and check the box", elsewhere(*largest)
+         {}; check that the region's corners are on the panel, and check the box", describe_box_content(*largest)
     )]
-    NothingThere {
+    NothingAtPanelPosition {
         /// The region's centre, column, px.
         u: f64,
         /// The region's centre, row, px.
@@ -123,7 +123,7 @@ fn list(corners: &[WrongCorner]) -> String {
 }
 
 /// Describes what the search box contains outside the place at which the panel was searched.
-fn elsewhere(largest: usize) -> String {
+fn describe_box_content(largest: usize) -> String {
     match largest {
         0 => "and no point elsewhere in it".to_owned(),
         points => format!("but a part with {points} points elsewhere in it"),

@@ -30,7 +30,7 @@ pub enum OutlineFrom {
 }
 
 /// The panel in the taught picture.
-pub(super) struct Extent {
+pub(super) struct PanelExtent {
     pub mask: Mask,
     pub outline_px: Vec<Pixel>,
     pub outline_from: OutlineFrom,
@@ -42,16 +42,20 @@ struct SearchArea<'a> {
     scan: &'a OrganizedCloud<Panel>,
     region: &'a Region,
     /// For each pixel, whether its point lies in the search box and nothing holds the panel there.
-    free: Vec<bool>,
+    is_usable: Vec<bool>,
     corners: [Pixel; 4],
 }
 
-impl Extent {
+impl PanelExtent {
     /// Finds the panel's extent in a scan of its nominal place.
     ///
     /// # Errors
     /// If no panel lies under the recipe's region, or a corner of the region is not on the panel.
-    pub fn detect(scan: &OrganizedCloud<Panel>, region: &Region, recipe: &Recipe) -> Result<Extent, LearnError> {
+    pub fn detect(
+        scan: &OrganizedCloud<Panel>,
+        region: &Region,
+        recipe: &Recipe,
+    ) -> Result<PanelExtent, LearnError> {
         let pixels = |corners: &[[f64; 2]]| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect::<Vec<_>>();
         let held_px: Vec<[Pixel; 4]> =
             recipe.outline().held_px().iter().map(|corners| corners.map(|[u, v]| Pixel::at(u, v))).collect();
@@ -59,35 +63,35 @@ impl Extent {
         let in_box = |index: usize| {
             scan.point_at(index).is_some_and(|p| (0..3).all(|a| (low[a]..=high[a]).contains(&p.mm[a])))
         };
-        let is_held = |index: usize| is_held(&held_px, at(index, scan.width()));
+        let is_held = |index: usize| is_held_at(&held_px, pixel_at(index, scan.width()));
         let free = (0..scan.width() * scan.height()).map(|index| in_box(index) && !is_held(index)).collect();
         let corners =
             [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(s, t)| region.pixel(Point2::new(s, t)));
-        let looked = SearchArea { scan, region, free, corners };
+        let looked = SearchArea { scan, region, is_usable: free, corners };
         let drawn = pixels(&recipe.outline().outline_px());
         let (mask, outline_px, outline_from) = if drawn.is_empty() {
-            let mask = looked.piece()?;
+            let mask = looked.find_piece()?;
             let outline_px = outer_contours(&mask)?.into_iter().next().unwrap_or_default();
             (mask, outline_px, OutlineFrom::Scan)
         } else {
-            (looked.inside(&drawn)?, walked(&drawn), OutlineFrom::Recipe)
+            (looked.find_in_outline(&drawn)?, polygon_to_contour(&drawn), OutlineFrom::Recipe)
         };
-        Ok(Extent { mask, outline_px, outline_from, held_px })
+        Ok(PanelExtent { mask, outline_px, outline_from, held_px })
     }
 }
 
 /// Returns whether something holds the panel at this pixel of the taught picture.
-pub(super) fn is_held(held_px: &[[Pixel; 4]], pixel: Pixel) -> bool {
+pub(super) fn is_held_at(held_px: &[[Pixel; 4]], pixel: Pixel) -> bool {
     held_px.iter().any(|held| polygon::contains(held, pixel))
 }
 
 /// Returns the pixel of an index.
-pub(super) fn at(index: usize, width: usize) -> Pixel {
+pub(super) fn pixel_at(index: usize, width: usize) -> Pixel {
     Pixel::at((index % width) as f64, (index / width) as f64)
 }
 
 /// Converts a polygon to a contour of points one pixel apart.
-fn walked(corners: &[Pixel]) -> Vec<Pixel> {
+fn polygon_to_contour(corners: &[Pixel]) -> Vec<Pixel> {
     let sides = corners.iter().zip(corners.iter().cycle().skip(1));
     let along = |(a, b): (&Pixel, &Pixel)| {
         let (a, b) = (*a, *b);
@@ -102,10 +106,10 @@ fn walked(corners: &[Pixel]) -> Vec<Pixel> {
 
 impl SearchArea<'_> {
     /// Returns the corners of the region that are outside the picture, or for which `is_on` is false.
-    fn wrong_corners(&self, is_on: &dyn Fn(Pixel) -> bool) -> Vec<WrongCorner> {
+    fn invalid_corners(&self, is_on: &dyn Fn(Pixel) -> bool) -> Vec<WrongCorner> {
         let (width, height) = (self.scan.width(), self.scan.height());
         let wrong = |(index, &at): (usize, &Pixel)| {
-            let outside_of = at.whole(width, height).is_none().then_some([width, height]);
+            let outside_of = at.nearest_whole(width, height).is_none().then_some([width, height]);
             (outside_of.is_some() || !is_on(at)).then_some(WrongCorner { corner: index + 1, at, outside_of })
         };
         self.corners.iter().enumerate().filter_map(wrong).collect()
@@ -116,40 +120,48 @@ impl SearchArea<'_> {
     }
 
     /// Finds the piece of the scan under the region's centre; all four corners must lie on this piece.
-    fn piece(&self) -> Result<Mask, LearnError> {
-        let outside = self.wrong_corners(&|_| true);
-        let pieces = segment::pieces(self.scan, |index| self.free[index]);
+    fn find_piece(&self) -> Result<Mask, LearnError> {
+        let outside = self.invalid_corners(&|_| true);
+        let pieces = segment::find_pieces(self.scan, |index| self.is_usable[index]);
         let centre = self.centre();
         let (u, v) = (centre.u, centre.v);
         let is_there =
-            |piece: &&Vec<usize>| piece.iter().any(|&i| at(i, self.scan.width()).distance_px(centre) < 3.0);
+            |piece: &&Vec<usize>| piece.iter().any(|&i| pixel_at(i, self.scan.width()).distance_px(centre) < 3.0);
         let piece = match pieces.iter().find(is_there) {
             Some(piece) if piece.len() >= MIN_PANEL_POINTS => piece,
             // Corners outside the picture move the centre, so these corners must be corrected first.
             _ if !outside.is_empty() => return Err(LearnError::WrongCorners { corners: outside }),
             Some(piece) => return Err(LearnError::NoPanel { u, v, found: piece.len(), needed: MIN_PANEL_POINTS }),
-            None => return Err(LearnError::NothingThere { u, v, largest: pieces.first().map_or(0, Vec::len) }),
+            None => {
+                return Err(LearnError::NothingAtPanelPosition {
+                    u,
+                    v,
+                    largest: pieces.first().map_or(0, Vec::len),
+                });
+            }
         };
-        let mask = segment::mask_of(self.scan, piece);
+        let mask = segment::piece_to_mask(self.scan, piece);
         // A hole consists of missing points and is not an edge of the panel, so it is filled.
         let filled = outer_contours(&mask)?.into_iter().next().unwrap_or_default();
-        let corners = self.wrong_corners(&|pixel| near_mask(&mask, pixel) || polygon::contains(&filled, pixel));
+        let corners =
+            self.invalid_corners(&|pixel| is_near_mask(&mask, pixel) || polygon::contains(&filled, pixel));
         if corners.is_empty() { Ok(mask) } else { Err(LearnError::WrongCorners { corners }) }
     }
 
     /// Finds the part of the scan inside a person's outline, on one surface; all four corners of the region must
     /// also lie inside.
-    fn inside(&self, drawn: &[Pixel]) -> Result<Mask, LearnError> {
+    fn find_in_outline(&self, drawn: &[Pixel]) -> Result<Mask, LearnError> {
         let (width, height) = (self.scan.width(), self.scan.height());
-        if let Some(&Pixel { u, v }) = drawn.iter().find(|pixel| pixel.whole(width, height).is_none()) {
+        if let Some(&Pixel { u, v }) = drawn.iter().find(|pixel| pixel.nearest_whole(width, height).is_none()) {
             return Err(LearnError::OutlineOutside { u, v, width, height });
         }
-        let corners = self.wrong_corners(&|pixel| polygon::contains(drawn, pixel));
+        let corners = self.invalid_corners(&|pixel| polygon::contains(drawn, pixel));
         if !corners.is_empty() {
             return Err(LearnError::WrongCorners { corners });
         }
-        let pieces =
-            segment::pieces(self.scan, |index| self.free[index] && polygon::contains(drawn, at(index, width)));
+        let pieces = segment::find_pieces(self.scan, |index| {
+            self.is_usable[index] && polygon::contains(drawn, pixel_at(index, width))
+        });
         let Some(largest) = pieces.first().filter(|piece| piece.len() >= MIN_PANEL_POINTS) else {
             let Pixel { u, v } = self.centre();
             let found = pieces.first().map_or(0, Vec::len);
@@ -157,15 +169,15 @@ impl SearchArea<'_> {
         };
         let least = (MIN_PIECE_SHARE * largest.len() as f64) as usize;
         let parts = pieces.iter().filter(|piece| piece.len() >= least);
-        let on_one_surface = super::connected_pieces::on_one_surface(self.scan, largest, parts);
-        Ok(segment::mask_of(self.scan, &on_one_surface))
+        let on_one_surface = super::connected_pieces::pixels_on_main_sheet(self.scan, largest, parts);
+        Ok(segment::piece_to_mask(self.scan, &on_one_surface))
     }
 }
 
 /// Returns whether a pixel or one of its neighbours is in the mask. A single missing point must not push a corner
 /// off the panel.
-fn near_mask(mask: &Mask, pixel: Pixel) -> bool {
-    let Some((column, row)) = pixel.whole(mask.width, mask.height) else { return false };
+fn is_near_mask(mask: &Mask, pixel: Pixel) -> bool {
+    let Some((column, row)) = pixel.nearest_whole(mask.width, mask.height) else { return false };
     let columns = column.saturating_sub(1)..=(column + 1).min(mask.width - 1);
     (row.saturating_sub(1)..=(row + 1).min(mask.height - 1)).any(|v| columns.clone().any(|u| mask.contains(u, v)))
 }

@@ -24,7 +24,7 @@ const PANEL_PX: [[usize; 2]; 2] = [[50, 250], [40, 160]];
 const HOLE_PX: [usize; 2] = [188, 98];
 
 /// The variations of the test panel.
-pub struct Flat {
+pub struct FlatPanelOptions {
     /// First of twenty columns that are missing at the panel's upper edge, down to row 51.
     pub notch: Option<usize>,
     /// The side of a square hole, px.
@@ -39,9 +39,9 @@ pub struct Flat {
     pub region_right_px: f64,
 }
 
-impl Default for Flat {
+impl Default for FlatPanelOptions {
     fn default() -> Self {
-        Flat {
+        FlatPanelOptions {
             notch: None,
             hole_px: 0,
             is_hole_empty: false,
@@ -54,7 +54,7 @@ impl Default for Flat {
 
 /// Returns the panel, taught with a region of 4 rows and 6 columns from (60, 44.5) to (240, 155) px: rows 45 to
 /// 154.
-pub fn taught(flat: &Flat) -> TaughtPanel {
+pub fn taught(flat: &FlatPanelOptions) -> TaughtPanel {
     let [columns, rows] = PANEL_PX;
     let is_panel = |column: usize, row: usize| {
         let is_notch = flat.notch.is_some_and(|from| (from..from + 20).contains(&column)) && row <= 51;
@@ -90,6 +90,6 @@ pub fn taught(flat: &Flat) -> TaughtPanel {
          columns = 6\n[locate]\nbox_min_mm = [-400, -400, 600]\nbox_max_mm = [400, 400, 800]\n"
     );
     let recipe = Recipe::check("test.toml", &text).unwrap_or_else(|e| panic!("{e}"));
-    TaughtPanel::learn(&cloud, CAMERA, Rigid::claim(Isometry3::identity()), &recipe)
+    TaughtPanel::learn(&cloud, CAMERA, Rigid::from_isometry_unchecked(Isometry3::identity()), &recipe)
         .unwrap_or_else(|e| panic!("{e}"))
 }

@@ -20,6 +20,6 @@ pub use box_cut::BoxCut;
 pub use corner::{CornerTeaching, TaughtCorner};
 pub use error::{LearnError, WrongCorner};
 pub use extent::OutlineFrom;
-pub use off_panel::{Beyond, OffPanel};
+pub use off_panel::{GapKind, OffPanel};
 pub use region::{GridId, GridIdError, Region};
-pub use taught::{Grid, Reference, TaughtPanel, panel_from_base_at_teaching};
+pub use taught::{Grid, TaughtPanel, TaughtSource, panel_from_base_at_teaching};

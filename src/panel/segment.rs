@@ -3,7 +3,7 @@
 //! Two neighbouring pixels belong to one object if the step in depth between them is smaller than any smooth panel
 //! causes from one pixel to the next. No shape is assumed.
 
-use crate::geometry::{BESIDE, Frame, Mask, OrganizedCloud, Raster, median};
+use crate::geometry::{DIRECT_NEIGHBOURS, Frame, Mask, OrganizedCloud, RasterSize, median};
 
 /// Neighbouring points belong to two objects if their distance exceeds the usual distance by this factor. The
 /// factor is larger than a steep panel causes, and far smaller than the gap between a panel and its fixture.
@@ -26,8 +26,8 @@ pub(super) fn max_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) ->
 }
 
 /// Finds the connected pieces of a scan, each as its pixel indices, largest first.
-pub fn pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
-    let raster = Raster { width: cloud.width(), height: cloud.height() };
+pub fn find_pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
+    let raster = RasterSize { width: cloud.width(), height: cloud.height() };
     let free: Vec<bool> =
         (0..raster.width * raster.height).map(|i| inside(i) && cloud.point_at(i).is_some()).collect();
     let max_step_mm = max_step_mm(cloud, &free);
@@ -35,14 +35,14 @@ pub fn pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -> boo
         let points = cloud.point_at(here).zip(cloud.point_at(there));
         points.is_some_and(|(here, there)| there.distance_mm(here) < max_step_mm)
     };
-    let mut found = raster.joined_pieces(&BESIDE, |index| free[index], near);
+    let mut found = raster.joined_pieces(&DIRECT_NEIGHBOURS, |index| free[index], near);
     found.sort_by_key(|piece| std::cmp::Reverse(piece.len()));
     found
 }
 
 /// Converts a piece to a mask.
-pub fn mask_of<F: Frame>(cloud: &OrganizedCloud<F>, piece: &[usize]) -> Mask {
-    let mut mask = Mask::empty(cloud.width(), cloud.height());
+pub fn piece_to_mask<F: Frame>(cloud: &OrganizedCloud<F>, piece: &[usize]) -> Mask {
+    let mut mask = Mask::all_outside(cloud.width(), cloud.height());
     for &index in piece {
         mask.inside[index] = true;
     }
@@ -64,8 +64,8 @@ mod tests {
         };
         let cloud = OrganizedCloud::<Camera>::new(10, 10, (0..100).map(point).collect(), vec![[0; 3]; 100])
             .expect("counts agree");
-        let pieces = pieces(&cloud, |_| true);
+        let pieces = find_pieces(&cloud, |_| true);
         assert_eq!(pieces.iter().map(Vec::len).collect::<Vec<_>>(), [84, 16]);
-        assert!(mask_of(&cloud, &pieces[1]).contains(4, 4));
+        assert!(piece_to_mask(&cloud, &pieces[1]).contains(4, 4));
     }
 }

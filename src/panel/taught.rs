@@ -1,12 +1,12 @@
 //! The taught panel, derived from one scan at the nominal pose and from the recipe.
 
-use super::connected_pieces::Sheet;
+use super::connected_pieces::QuadraticSheet;
 use super::error::{LearnError, MAX_HALF_WIDTH_PX};
-use super::extent::{self, Extent, OutlineFrom};
+use super::extent::{self, OutlineFrom, PanelExtent};
 use super::region::{GridId, Region};
 use crate::geometry::{
-    Base, Camera, Drawing, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid, local_plane_of,
-    polygon,
+    Base, Camera, Drawing, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid,
+    local_plane_where, polygon,
 };
 use crate::recipe::Recipe;
 use nalgebra::{Isometry3, Point2};
@@ -18,11 +18,11 @@ const SURFACE_HALF_WIDTH_PX: usize = 5;
 const HOLE_HALF_WIDTHS_PX: [usize; 3] = [80, 160, 320];
 /// Largest residual of the points about the second-order surface over a hole, rms, mm; with more, the panel has
 /// another shape.
-const OFF_SURFACE_MM: f64 = 0.5;
+const MAX_SURFACE_RESIDUAL_MM: f64 = 0.5;
 
 /// The source of a panel's taught data.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Reference {
+pub enum TaughtSource {
     /// A scan of a panel at its nominal place.
     Scan,
     /// The panel's drawing, whose frame lies here in the panel's frame.
@@ -32,12 +32,12 @@ pub enum Reference {
     },
 }
 
-impl Reference {
+impl TaughtSource {
     /// The panel with which today's panel is compared, for sentences.
-    pub fn word(self) -> &'static str {
+    pub fn describe(self) -> &'static str {
         match self {
-            Reference::Scan => "the taught surface",
-            Reference::Drawing { .. } => "the drawing",
+            TaughtSource::Scan => "the taught surface",
+            TaughtSource::Drawing { .. } => "the drawing",
         }
     }
 }
@@ -59,7 +59,7 @@ pub struct TaughtPanel {
     /// The scan in the panel's frame, on the taught picture's pixel grid.
     pub scan: OrganizedCloud<Panel>,
     /// Whether the scan was taken, or computed from the drawing.
-    pub reference: Reference,
+    pub reference: TaughtSource,
     /// The 3D camera that took the scan.
     pub camera: PinholeCamera,
     /// The pose of that camera.
@@ -82,7 +82,7 @@ pub struct TaughtPanel {
 
 /// Declares that at teaching the panel's frame is the base (thesis 3.8); this is the only declaration of this fact.
 pub fn panel_from_base_at_teaching() -> Rigid<Panel, Base> {
-    Rigid::claim(Isometry3::identity())
+    Rigid::from_isometry_unchecked(Isometry3::identity())
 }
 
 /// Number of points on each side of a grid's edge.
@@ -100,12 +100,12 @@ impl TaughtPanel {
         recipe: &Recipe,
     ) -> Result<Self, LearnError> {
         let panel_from_camera = panel_from_base_at_teaching() * base_from_camera;
-        let scan = scan.moved(&panel_from_camera);
-        let reference = recipe.nominal().map_or(Reference::Scan, |nominal| Reference::Drawing {
+        let scan = scan.transformed(&panel_from_camera);
+        let reference = recipe.nominal().map_or(TaughtSource::Scan, |nominal| TaughtSource::Drawing {
             panel_from_drawing: panel_from_base_at_teaching() * nominal.base_from_drawing(),
         });
         let region = Region::new(recipe.region()).ok_or(LearnError::EmptyRegion)?;
-        let Extent { mask, outline_px, outline_from, held_px } = Extent::detect(&scan, &region, recipe)?;
+        let PanelExtent { mask, outline_px, outline_from, held_px } = PanelExtent::detect(&scan, &region, recipe)?;
         let mut panel = TaughtPanel {
             scan,
             reference,
@@ -119,7 +119,7 @@ impl TaughtPanel {
             region,
             grids: Vec::new(),
         };
-        panel.outline = panel.outline_px.iter().filter_map(|pixel| panel.outline_at(*pixel)).collect();
+        panel.outline = panel.outline_px.iter().filter_map(|pixel| panel.outline_point_at(*pixel)).collect();
         panel.grids = panel.region.ids().map(|id| panel.grid(id)).collect::<Result<_, _>>()?;
         Ok(panel)
     }
@@ -128,7 +128,7 @@ impl TaughtPanel {
         let at = |unit: Point2<f64>| {
             let pixel = self.region.pixel(unit);
             let missing = LearnError::GridWithoutPoints { grid: id, u: pixel.u, v: pixel.v };
-            self.surface_around(pixel).or_else(|| self.surface_over_hole(pixel)).ok_or(missing)
+            self.surface_point_around(pixel).or_else(|| self.surface_point_over_hole(pixel)).ok_or(missing)
         };
         let edge = self.region.edge(id, EDGE_STEPS).into_iter().map(at).collect::<Result<Vec<_>, _>>()?;
         let corners = [edge[0], edge[EDGE_STEPS], edge[2 * EDGE_STEPS], edge[3 * EDGE_STEPS]];
@@ -137,26 +137,26 @@ impl TaughtPanel {
 
     /// Returns the surface point at a pixel of the taught picture, from the plane through its neighbourhood; `None`
     /// off the panel.
-    pub fn surface_at(&self, pixel: Pixel) -> Option<Point<Panel>> {
-        let at = pixel.whole(self.scan.width(), self.scan.height())?;
+    pub fn surface_point_at(&self, pixel: Pixel) -> Option<Point<Panel>> {
+        let at = pixel.nearest_whole(self.scan.width(), self.scan.height())?;
         let viewer = self.panel_from_camera.origin();
-        let plane = self.plane_at(at, SURFACE_HALF_WIDTH_PX)?;
-        plane.meet(viewer, self.panel_from_camera * self.camera.unproject(pixel)?)
+        let plane = self.fit_plane_at(at, SURFACE_HALF_WIDTH_PX)?;
+        plane.intersect_ray(viewer, self.panel_from_camera * self.camera.unproject(pixel)?)
     }
 
     /// Returns the same surface point if points are missing around the pixel, from a neighbourhood that is as wide as
     /// necessary.
-    fn surface_around(&self, pixel: Pixel) -> Option<Point<Panel>> {
-        let at = pixel.whole(self.scan.width(), self.scan.height())?;
+    fn surface_point_around(&self, pixel: Pixel) -> Option<Point<Panel>> {
+        let at = pixel.nearest_whole(self.scan.width(), self.scan.height())?;
         let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
         let widths = std::iter::successors(Some(SURFACE_HALF_WIDTH_PX), |half_width_px| Some(2 * half_width_px));
         let mut widths = widths.take_while(|&half_width_px| half_width_px <= MAX_HALF_WIDTH_PX);
-        let plane = widths.find_map(|half_width_px| self.plane_at(at, half_width_px))?;
-        plane.meet(self.panel_from_camera.origin(), ray)
+        let plane = widths.find_map(|half_width_px| self.fit_plane_at(at, half_width_px))?;
+        plane.intersect_ray(self.panel_from_camera.origin(), ray)
     }
 
     /// Lists the panel's pixels with points within this half width of a pixel.
-    fn pixels_around(
+    fn panel_pixels_around(
         &self,
         (column, row): (usize, usize),
         half_width_px: usize,
@@ -171,27 +171,28 @@ impl TaughtPanel {
 
     /// Returns the same surface point for an even wider hole: on the second-order surface through the points around
     /// the hole, no farther from these points than their own rim.
-    fn surface_over_hole(&self, pixel: Pixel) -> Option<Point<Panel>> {
-        let at = pixel.whole(self.scan.width(), self.scan.height())?;
+    fn surface_point_over_hole(&self, pixel: Pixel) -> Option<Point<Panel>> {
+        let at = pixel.nearest_whole(self.scan.width(), self.scan.height())?;
         let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
         HOLE_HALF_WIDTHS_PX.into_iter().find_map(|half_width_px| {
-            let around: Vec<usize> = self.pixels_around(at, half_width_px).collect();
-            let sheet = Sheet::through(&self.scan, &around).filter(|sheet| sheet.rms_mm <= OFF_SURFACE_MM)?;
-            sheet.meet(self.panel_from_camera.origin(), ray)
+            let around: Vec<usize> = self.panel_pixels_around(at, half_width_px).collect();
+            let sheet =
+                QuadraticSheet::fit(&self.scan, &around).filter(|sheet| sheet.rms_mm <= MAX_SURFACE_RESIDUAL_MM)?;
+            sheet.intersect_ray(self.panel_from_camera.origin(), ray)
         })
     }
 
     /// Returns a point of the outline on the surface.
-    pub(super) fn outline_at(&self, pixel: Pixel) -> Option<Point<Panel>> {
+    pub(super) fn outline_point_at(&self, pixel: Pixel) -> Option<Point<Panel>> {
         match self.outline_from {
             OutlineFrom::Scan => self.scan.point(pixel.u as usize, pixel.v as usize),
-            OutlineFrom::Recipe => self.surface_around(pixel),
+            OutlineFrom::Recipe => self.surface_point_around(pixel),
         }
     }
 
     /// Returns the fraction of the panel inside a drawn outline that has points, 0…1; 1 if the points themselves are
     /// the outline.
-    pub fn given(&self) -> f64 {
+    pub fn measured_share(&self) -> f64 {
         if self.outline_from == OutlineFrom::Scan {
             return 1.0;
         }
@@ -204,18 +205,18 @@ impl TaughtPanel {
     /// Returns whether the panel is held within this distance of a pixel of the taught picture.
     pub fn is_held_near(&self, pixel: Pixel, within_px: f64) -> bool {
         let near = |held: &[Pixel; 4]| polygon::distance_to_side_px(held, pixel) <= within_px;
-        extent::is_held(&self.held_px, pixel) || self.held_px.iter().any(near)
+        extent::is_held_at(&self.held_px, pixel) || self.held_px.iter().any(near)
     }
 
     /// Fits the plane through the panel's points around a pixel, oriented towards the camera; points off the panel
     /// are not used.
-    pub(super) fn plane_at(&self, at: (usize, usize), half_width_px: usize) -> Option<Plane<Panel>> {
-        local_plane_of(&self.scan, at, half_width_px, self.panel_from_camera.origin(), |i| self.mask.inside[i])
+    pub(super) fn fit_plane_at(&self, at: (usize, usize), half_width_px: usize) -> Option<Plane<Panel>> {
+        local_plane_where(&self.scan, at, half_width_px, self.panel_from_camera.origin(), |i| self.mask.inside[i])
     }
 
     /// Returns the panel's points with their pixel index, row by row.
     pub fn points(&self) -> impl Iterator<Item = (usize, Point<Panel>)> + '_ {
-        self.scan.valid().filter(|(index, _)| self.mask.inside[*index])
+        self.scan.valid_points().filter(|(index, _)| self.mask.inside[*index])
     }
 
     /// Returns the centroid of the panel's points, at which shift and rotation are judged.

@@ -57,15 +57,15 @@ impl<'a> CornerTour<'a> {
         kinematics: &'k Kinematics,
         panel: &Approach<'_>,
     ) -> Result<ReachSetup<'k>, Reason> {
-        let mut at = self.begin(kinematics, panel.obstacles)?;
+        let mut at = self.line_start_joints(kinematics, panel.obstacles)?;
         for &corner in panel.corners {
             at = self.joints_at_corner(kinematics, (at, corner), panel)?;
         }
         if panel.corners.is_empty() {
-            return Err(no_corner());
+            return Err(no_corner_reason());
         }
         let (flange_from_tool, base_from_panel) = (self.sander.flange_from_tip, panel.base_from_panel);
-        Ok(ReachSetup { arm: kinematics, flange_from_tool, base_from_panel, from: Some(at) })
+        Ok(ReachSetup { arm: kinematics, flange_from_tool, base_from_panel, start_joints: Some(at) })
     }
 
     /// Returns the first corners, up to this number, that the arm reaches if only the obstacles of the cell's file
@@ -73,14 +73,14 @@ impl<'a> CornerTour<'a> {
     ///
     /// # Errors
     /// If no corner was taught, or the arm reaches none of them.
-    pub fn corners_in_reach(
+    pub fn reachable_corners(
         &self,
         kinematics: &Kinematics,
         base_from_panel: Rigid<Base, Panel>,
         most: usize,
     ) -> Result<Vec<usize>, Reason> {
         let panel = Approach { base_from_panel, corners: &[], obstacles: None };
-        let (mut at, mut chosen, mut why) = (self.begin(kinematics, None)?, Vec::new(), None);
+        let (mut at, mut chosen, mut why) = (self.line_start_joints(kinematics, None)?, Vec::new(), None);
         for corner in 0..self.corners.len() {
             match self.joints_at_corner(kinematics, (at, corner), &panel) {
                 Ok(joints) => {
@@ -93,23 +93,27 @@ impl<'a> CornerTour<'a> {
                 break;
             }
         }
-        if chosen.is_empty() { Err(why.unwrap_or_else(no_corner)) } else { Ok(chosen) }
+        if chosen.is_empty() { Err(why.unwrap_or_else(no_corner_reason)) } else { Ok(chosen) }
     }
 
     /// Returns the camera as the arm's tool on this path.
     fn camera(&self) -> Rigid<Flange, Tool> {
-        Rigid::claim(*self.flange_from_camera.isometry())
+        Rigid::from_isometry_unchecked(*self.flange_from_camera.isometry())
     }
 
     /// Returns the axis angles at the start of the first line.
-    fn begin(&self, kinematics: &Kinematics, obstacles: Option<&Arc<Obstacles>>) -> Result<Joints, Reason> {
+    fn line_start_joints(
+        &self,
+        kinematics: &Kinematics,
+        obstacles: Option<&Arc<Obstacles>>,
+    ) -> Result<Joints, Reason> {
         let park_is_inside = self.limits.workspace().is_some_and(|workspace| {
             let flange = kinematics.base_from_flange(&self.park);
-            flange.is_some_and(|flange| workspace.holds((flange * self.camera()).origin()))
+            flange.is_some_and(|flange| workspace.contains((flange * self.camera()).origin()))
         });
         let Some(ready) = self.ready.filter(|_| !park_is_inside) else { return Ok(self.park) };
         let beside = match obstacles {
-            Some(obstacles) => kinematics.clone().beside(obstacles.clone()),
+            Some(obstacles) => kinematics.clone().with_obstacles(obstacles.clone()),
             None => kinematics.clone(),
         };
         let met = |obstacle| {
@@ -128,12 +132,14 @@ impl<'a> CornerTour<'a> {
         (at, corner): (Joints, usize),
         panel: &Approach<'_>,
     ) -> Result<Joints, Reason> {
-        let taught = self.corners.get(corner).ok_or_else(no_corner)?;
+        let taught = self.corners.get(corner).ok_or_else(no_corner_reason)?;
         let flange_from_tool = self.camera();
         let not_finite =
             || Reason::new("out_of_reach", "the axis angles of the park or ready pose are not valid numbers");
         let from = kinematics.base_from_flange(&at).ok_or_else(not_finite)? * flange_from_tool;
-        let to = Rigid::claim(*(panel.base_from_panel * taught.teaching.panel_from_camera).isometry());
+        let to = Rigid::from_isometry_unchecked(
+            *(panel.base_from_panel * taught.teaching_data.panel_from_camera).isometry(),
+        );
         let (limits, arm, obstacles) = (self.limits, self.arm, panel.obstacles);
         let standing = StartState { limits, arm, flange_from_tool, joints: at, obstacles };
         let gated = routes::view(&standing, (from, to), self.sander);
@@ -146,6 +152,6 @@ impl<'a> CornerTour<'a> {
     }
 }
 
-fn no_corner() -> Reason {
+fn no_corner_reason() -> Reason {
     Reason::new("no_corner", "no corner was taught")
 }

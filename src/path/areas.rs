@@ -7,13 +7,13 @@
 
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
-use crate::surface::{Parameter, Patch};
+use crate::surface::{Parameter, ParameterPatch};
 
 /// Grids that form one rectangle, and their patch.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Area {
     pub grids: Vec<GridId>,
-    pub patch: Patch,
+    pub patch: ParameterPatch,
 }
 
 /// Combines these grids, which the region must have, into rectangles. Without joining, each grid is one rectangle.
@@ -25,7 +25,7 @@ pub(super) fn areas(region: &Region, grids: &[GridId], join: bool) -> Vec<Area> 
         let low = region.unit_box(GridId { row: rows[0], column: columns[0] })[0];
         let high = region.unit_box(GridId { row: rows[1], column: columns[1] })[1];
         let place = |at: nalgebra::Point2<f64>| Parameter { u: at.x, v: at.y };
-        Area { grids, patch: Patch { low: place(low), high: place(high) } }
+        Area { grids, patch: ParameterPatch { low: place(low), high: place(high) } }
     };
     if !join {
         return grids.iter().map(|id| area([[id.row; 2], [id.column; 2]])).collect();
@@ -52,35 +52,35 @@ pub(super) fn areas(region: &Region, grids: &[GridId], join: bool) -> Vec<Area> 
 
 /// Returns the order in which the pieces with these ends are worked, and whether each piece is worked from its
 /// second end.
-pub(super) fn order(ends: &[[Point<Panel>; 2]]) -> Vec<(usize, bool)> {
+pub(super) fn visit_order(ends: &[[Point<Panel>; 2]]) -> Vec<(usize, bool)> {
     let best = (0..ends.len())
-        .flat_map(|start| [false, true].map(|turned| nearest_next(ends, (start, turned))))
-        .min_by(|a, b| way_mm(ends, a).total_cmp(&way_mm(ends, b)));
+        .flat_map(|start| [false, true].map(|turned| nearest_neighbour_order(ends, (start, turned))))
+        .min_by(|a, b| travel_length_mm(ends, a).total_cmp(&travel_length_mm(ends, b)));
     let mut order = best.unwrap_or_default();
-    while let Some(shorter) = shortened(ends, &order) {
+    while let Some(shorter) = shorten_order(ends, &order) {
         order = shorter;
     }
     order
 }
 
-fn leaves(ends: &[[Point<Panel>; 2]], (piece, turned): (usize, bool)) -> Point<Panel> {
+fn exit_point(ends: &[[Point<Panel>; 2]], (piece, turned): (usize, bool)) -> Point<Panel> {
     ends[piece][usize::from(!turned)]
 }
 
-fn enters(ends: &[[Point<Panel>; 2]], (piece, turned): (usize, bool)) -> Point<Panel> {
+fn entry_point(ends: &[[Point<Panel>; 2]], (piece, turned): (usize, bool)) -> Point<Panel> {
     ends[piece][usize::from(turned)]
 }
 
-fn way_mm(ends: &[[Point<Panel>; 2]], order: &[(usize, bool)]) -> f64 {
-    order.windows(2).map(|pair| leaves(ends, pair[0]).distance_mm(enters(ends, pair[1]))).sum()
+fn travel_length_mm(ends: &[[Point<Panel>; 2]], order: &[(usize, bool)]) -> f64 {
+    order.windows(2).map(|pair| exit_point(ends, pair[0]).distance_mm(entry_point(ends, pair[1]))).sum()
 }
 
-fn nearest_next(ends: &[[Point<Panel>; 2]], start: (usize, bool)) -> Vec<(usize, bool)> {
+fn nearest_neighbour_order(ends: &[[Point<Panel>; 2]], start: (usize, bool)) -> Vec<(usize, bool)> {
     let mut order = vec![start];
     let mut left: Vec<usize> = (0..ends.len()).filter(|piece| *piece != start.0).collect();
     while let Some(last) = order.last().copied().filter(|_| !left.is_empty()) {
-        let from = leaves(ends, last);
-        let away = |next: &(usize, bool)| from.distance_mm(enters(ends, *next));
+        let from = exit_point(ends, last);
+        let away = |next: &(usize, bool)| from.distance_mm(entry_point(ends, *next));
         let choices = left.iter().flat_map(|piece| [(*piece, false), (*piece, true)]);
         let Some(next) = choices.min_by(|a, b| away(a).total_cmp(&away(b))) else { break };
         left.retain(|piece| *piece != next.0);
@@ -90,14 +90,14 @@ fn nearest_next(ends: &[[Point<Panel>; 2]], start: (usize, bool)) -> Vec<(usize,
 }
 
 /// Returns the order with one part reversed, if the path becomes shorter.
-fn shortened(ends: &[[Point<Panel>; 2]], order: &[(usize, bool)]) -> Option<Vec<(usize, bool)>> {
-    let now_mm = way_mm(ends, order);
+fn shorten_order(ends: &[[Point<Panel>; 2]], order: &[(usize, bool)]) -> Option<Vec<(usize, bool)>> {
+    let now_mm = travel_length_mm(ends, order);
     for from in 0..order.len() {
         for to in from..order.len() {
             let mut turned = order.to_vec();
             turned[from..=to].reverse();
             turned[from..=to].iter_mut().for_each(|(_, turned)| *turned = !*turned);
-            if way_mm(ends, &turned) < now_mm - 1e-6 {
+            if travel_length_mm(ends, &turned) < now_mm - 1e-6 {
                 return Some(turned);
             }
         }
@@ -138,8 +138,8 @@ mod tests {
     fn the_way_through_the_air_is_short() {
         let ends =
             [[0.0, 10.0], [60.0, 50.0], [20.0, 30.0]].map(|pair: [f64; 2]| pair.map(|x| Point::at(x, 0.0, 0.0)));
-        let order = order(&ends);
-        assert!((way_mm(&ends, &order) - 30.0).abs() < 1e-9, "{order:?}");
-        assert_eq!(super::order(&[]), []);
+        let order = visit_order(&ends);
+        assert!((travel_length_mm(&ends, &order) - 30.0).abs() < 1e-9, "{order:?}");
+        assert_eq!(super::visit_order(&[]), []);
     }
 }

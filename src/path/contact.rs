@@ -9,10 +9,10 @@
 //! in time (`eki` 4.2). Corners are rounded by a fraction of the shorter adjacent line, and never by more than half of
 //! that line. A path stops only at its ends, and on the panel if it comes straight down.
 
-use super::orientation::{OrientationError, Stance, panel_from_tool};
+use super::orientation::{OrientationError, ToolOrientation, panel_from_tool};
 use super::piece::Piece;
 use super::planned::{ToolPath, Waypoint};
-use super::raster::{between, mix};
+use super::raster::{intermediate_points, interpolate};
 use crate::geometry::{Panel, Rigid, Tool};
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter};
@@ -39,7 +39,8 @@ pub(super) fn tool_path(
     let (Some(first), Some(last)) = (piece.track.first().copied(), piece.track.last().copied()) else {
         return Ok((ToolPath { grids, waypoints: Vec::new() }, before));
     };
-    let (down, up) = (beside(surface, piece, first, settings), beside(surface, piece, last, settings));
+    let (down, up) =
+        (landing_point(surface, piece, first, settings), landing_point(surface, piece, last, settings));
     let lifted =
         |at: Parameter, height_mm: f64| Station { at, height_mm, contact: false, feed_mm_s: settings.feed_mm_s() };
     let air = |at: Parameter| lifted(at, settings.approach_mm());
@@ -49,7 +50,9 @@ pub(super) fn tool_path(
         false => low(*at),
     };
     let mut stations: Vec<Station> = Vec::with_capacity(piece.track.len() + 8);
-    let flown = before.into_iter().flat_map(|from| between(surface, from, down.unwrap_or(first), piece.spacing_mm));
+    let flown = before
+        .into_iter()
+        .flat_map(|from| intermediate_points(surface, from, down.unwrap_or(first), piece.spacing_mm));
     stations.extend(flown.map(air));
     // The first station is in air, since the interlocks start the tool there.
     stations.push(air(down.unwrap_or(first)));
@@ -62,17 +65,22 @@ pub(super) fn tool_path(
 
 /// Returns a place at the landing's length from an end of the track, towards the middle of the area; if the end lies
 /// in the middle, towards the farthest corner. `None` if the recipe lands straight down.
-fn beside(surface: &BSplineSurface, piece: &Piece, end: Parameter, settings: &recipe::Path) -> Option<Parameter> {
+fn landing_point(
+    surface: &BSplineSurface,
+    piece: &Piece,
+    end: Parameter,
+    settings: &recipe::Path,
+) -> Option<Parameter> {
     let landing_mm = settings.landing_mm();
     let from = surface.point(end);
     let corners = [(0.5, 0.5), (0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
-    let places = corners.map(|(u, v)| piece.area.patch.at(Parameter { u, v }));
+    let places = corners.map(|(u, v)| piece.area.patch.parameter_at(Parameter { u, v }));
     let away = |at: &Parameter| surface.point(*at).distance_mm(from);
     let middle = places.first().filter(|middle| away(middle) >= landing_mm);
     let farthest = || places.iter().max_by(|a, b| away(a).total_cmp(&away(b)));
     let target = *middle.or_else(farthest)?;
     let share = (landing_mm / away(&target).max(1e-9)).min(1.0);
-    (landing_mm > 0.0).then(|| mix(end, target, share))
+    (landing_mm > 0.0).then(|| interpolate(end, target, share))
 }
 
 fn waypoints(
@@ -80,7 +88,7 @@ fn waypoints(
     stations: &[Station],
     settings: &recipe::Path,
 ) -> Result<Vec<Waypoint>, OrientationError> {
-    let stance = Stance::from_settings(settings);
+    let stance = ToolOrientation::from_settings(settings);
     let pose = |station: &Station| panel_from_tool(surface, station.at, station.height_mm, stance);
     let poses = stations.iter().map(pose).collect::<Result<Vec<Rigid<Panel, Tool>>, _>>()?;
     let lengths_mm: Vec<f64> =

@@ -5,7 +5,7 @@
 
 use crate::geometry::{Panel, Point};
 use crate::panel::GridId;
-use crate::surface::{BSplineSurface, Parameter, Patch};
+use crate::surface::{BSplineSurface, Parameter, ParameterPatch};
 
 /// Smallest covered fraction of each grid, 0…1.
 pub const MIN_COVERAGE: f64 = 0.995;
@@ -31,11 +31,11 @@ impl GridCoverage {
 }
 
 /// A straight piece of track in contact.
-pub(super) type Stroke = (Point<Panel>, Point<Panel>);
+pub(super) type ContactSegment = (Point<Panel>, Point<Panel>);
 
 /// Returns the straight pieces between neighbouring places that are both in contact. A single place is not a piece:
 /// the disc abrades only while it moves, and the dwell counts only this time.
-pub(super) fn strokes(track: &[Point<Panel>], contact: impl Fn(usize) -> bool) -> Vec<Stroke> {
+pub(super) fn strokes(track: &[Point<Panel>], contact: impl Fn(usize) -> bool) -> Vec<ContactSegment> {
     let pairs = track.windows(2).enumerate().filter(|(index, _)| contact(*index) && contact(index + 1));
     pairs.map(|(_, pair)| (pair[0], pair[1])).collect()
 }
@@ -43,29 +43,32 @@ pub(super) fn strokes(track: &[Point<Panel>], contact: impl Fn(usize) -> bool) -
 /// Calculates the part of a grid that strokes of the disc cover.
 pub(super) fn coverage(
     surface: &BSplineSurface,
-    (id, patch): (GridId, &Patch),
-    strokes: &[Stroke],
+    (id, patch): (GridId, &ParameterPatch),
+    strokes: &[ContactSegment],
     radius_mm: f64,
 ) -> GridCoverage {
-    let middle = surface.tangents(patch.at(Parameter { u: 0.5, v: 0.5 }));
+    let middle = surface.tangents(patch.parameter_at(Parameter { u: 0.5, v: 0.5 }));
     let samples = |length_mm: f64| (length_mm / SAMPLE_MM).ceil().max(1.0) as usize;
     let across = samples(middle.s_u.mm.norm() * (patch.high.u - patch.low.u));
     let down = samples(middle.s_v.mm.norm() * (patch.high.v - patch.low.v));
     // For a long track, only the pieces near the grid are used.
-    let corners = [0.0, 1.0].map(|u| [0.0, 1.0].map(|v| surface.point(patch.at(Parameter { u, v }))));
+    let corners = [0.0, 1.0].map(|u| [0.0, 1.0].map(|v| surface.point(patch.parameter_at(Parameter { u, v }))));
     let reach_mm = corners.iter().flatten().map(|corner| corner.distance_mm(middle.point)).fold(0.0, f64::max);
-    let near = |piece: &&Stroke| foot(middle.point, piece.0, piece.1).1 <= 1.1 * reach_mm + radius_mm + SAMPLE_MM;
-    let track: Vec<&Stroke> = strokes.iter().filter(near).collect();
+    let near = |piece: &&ContactSegment| {
+        foot_fraction(middle.point, piece.0, piece.1).1 <= 1.1 * reach_mm + radius_mm + SAMPLE_MM
+    };
+    let track: Vec<&ContactSegment> = strokes.iter().filter(near).collect();
     let cell = (patch.high.u - patch.low.u) * (patch.high.v - patch.low.v) / (across * down) as f64;
     let mut found = GridCoverage { id, area_mm2: 0.0, covered_mm2: 0.0 };
     // The same piece of track usually covers neighbouring samples.
     let mut last = 0;
     for sample in 0..across * down {
         let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
-        let at = patch.at(Parameter { u: share(sample % across, across), v: share(sample / across, down) });
+        let at =
+            patch.parameter_at(Parameter { u: share(sample % across, across), v: share(sample / across, down) });
         let tangents = surface.tangents(at);
         let area_mm2 = tangents.area_mm2() * cell;
-        let covers = |piece: usize| foot(tangents.point, track[piece].0, track[piece].1).1 <= radius_mm;
+        let covers = |piece: usize| foot_fraction(tangents.point, track[piece].0, track[piece].1).1 <= radius_mm;
         let pieces = track.len();
         let hit = (0..pieces).map(|step| (last + step) % pieces).find(|piece| covers(*piece));
         found.area_mm2 += area_mm2;
@@ -79,7 +82,7 @@ pub(super) fn coverage(
 
 /// Returns the fraction 0…1 along a straight piece at which the piece is nearest to a point, and the distance there,
 /// mm.
-fn foot(point: Point<Panel>, from: Point<Panel>, to: Point<Panel>) -> (f64, f64) {
+fn foot_fraction(point: Point<Panel>, from: Point<Panel>, to: Point<Panel>) -> (f64, f64) {
     let (piece, offset) = ((to - from).mm, (point - from).mm);
     let length2 = piece.norm_squared();
     let share = if length2 > 0.0 { (offset.dot(&piece) / length2).clamp(0.0, 1.0) } else { 0.0 };
@@ -93,7 +96,8 @@ pub fn step_overs_mm(row: &[Point<Panel>], next: &[Point<Panel>]) -> Vec<f64> {
         return vec![point.distance_mm(*other)];
     }
     let beside = |point: &Point<Panel>| {
-        let feet = next.windows(2).enumerate().map(|(index, piece)| (index, foot(*point, piece[0], piece[1])));
+        let feet =
+            next.windows(2).enumerate().map(|(index, piece)| (index, foot_fraction(*point, piece[0], piece[1])));
         let (index, (share, distance_mm)) = feet.min_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
         let beyond = (index == 0 && share <= 0.0) || (index + 2 == next.len() && share >= 1.0);
         (!beyond).then_some(distance_mm)

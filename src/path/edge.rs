@@ -12,7 +12,7 @@ const BLOCK: usize = 32;
 
 /// How far a disc reaches beyond the outline along a plan.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Overhang {
+pub struct DiscOverhang {
     /// The largest overhang, mm; 0 if the disc stays on the panel.
     pub largest_mm: f64,
     /// Fraction of contact waypoints with a larger overhang than allowed, 0…1.
@@ -26,8 +26,8 @@ pub struct Outline {
     // Bounding sphere of each block of outline points: centre, and radius, mm.
     blocks: Vec<(Point<Panel>, f64)>,
     // Directions that span the mean plane, and the outline in it, mm.
-    across: [Vector3<f64>; 2],
-    flat: Vec<Pixel>,
+    plane_axes: [Vector3<f64>; 2],
+    plane_outline: Vec<Pixel>,
 }
 
 impl Outline {
@@ -42,31 +42,31 @@ impl Outline {
         Outline {
             points: points.to_vec(),
             blocks: points.chunks(BLOCK).map(block).collect(),
-            across,
-            flat: points.iter().map(|point| flat(across, *point)).collect(),
+            plane_axes: across,
+            plane_outline: points.iter().map(|point| to_plane(across, *point)).collect(),
         }
     }
 
     /// Returns whether there is an outline at all.
-    pub(super) fn is_known(&self) -> bool {
+    pub(super) fn is_present(&self) -> bool {
         !self.points.is_empty()
     }
 
     /// Returns how far a disc of this radius around a contact point reaches beyond the outline, mm; 0 if it does not.
     pub fn overhang_mm(&self, contact: Point<Panel>, radius_mm: f64) -> f64 {
         let (_, distance_mm) = self.nearest(contact);
-        if self.holds(contact) { (radius_mm - distance_mm).max(0.0) } else { radius_mm + distance_mm }
+        if self.contains(contact) { (radius_mm - distance_mm).max(0.0) } else { radius_mm + distance_mm }
     }
 
     /// Returns the direction from a contact point that leads out of the outline at its nearest point; `None` without
     /// an outline.
-    pub(super) fn outward(&self, contact: Point<Panel>) -> Option<Vector3<f64>> {
+    pub(super) fn outward_direction(&self, contact: Point<Panel>) -> Option<Vector3<f64>> {
         let towards = (self.nearest(contact).0? - contact).mm;
-        Some(if self.holds(contact) { towards } else { -towards })
+        Some(if self.contains(contact) { towards } else { -towards })
     }
 
-    fn holds(&self, contact: Point<Panel>) -> bool {
-        polygon::contains(&self.flat, flat(self.across, contact))
+    fn contains(&self, contact: Point<Panel>) -> bool {
+        polygon::contains(&self.plane_outline, to_plane(self.plane_axes, contact))
     }
 
     fn nearest(&self, point: Point<Panel>) -> (Option<Point<Panel>>, f64) {
@@ -96,7 +96,7 @@ fn mean_plane(points: &[Point<Panel>]) -> [Vector3<f64>; 2] {
     [x, normal.cross(&x)]
 }
 
-fn flat([x, y]: [Vector3<f64>; 2], point: Point<Panel>) -> Pixel {
+fn to_plane([x, y]: [Vector3<f64>; 2], point: Point<Panel>) -> Pixel {
     Pixel::at(point.mm.coords.dot(&x), point.mm.coords.dot(&y))
 }
 

@@ -13,7 +13,7 @@ use super::piece::Piece;
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::recipe;
-use crate::surface::{BSplineSurface, Parameter, Patch, SampleGrid, Spread};
+use crate::surface::{BSplineSurface, DwellSpread, Parameter, ParameterPatch, SampleGrid};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -29,27 +29,34 @@ const MAX_WEIGHT: f64 = 3.0;
 
 /// The feeds along the lines of each piece, and the resulting times.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Even {
+pub(super) struct EvenFeeds {
     /// For each piece, the feed on the way to each place of its track, mm/s.
     pub feeds_mm_s: Vec<Vec<f64>>,
     /// Spread of the times over the whole treated area; `None` if nothing is treated.
-    pub all: Option<Spread>,
+    pub all: Option<DwellSpread>,
     /// Spread of the times in each grid.
-    pub grids: Vec<(GridId, Spread)>,
+    pub grids: Vec<(GridId, DwellSpread)>,
 }
 
 /// Lowers the feed at places at which this makes the times under the disc more even.
-pub(super) fn even(surface: &BSplineSurface, region: &Region, pieces: &[Piece], settings: &recipe::Path) -> Even {
+pub(super) fn even_out_feeds(
+    surface: &BSplineSurface,
+    region: &Region,
+    pieces: &[Piece],
+    settings: &recipe::Path,
+) -> EvenFeeds {
     let radius_mm = settings.disc_diameter_mm() / 2.0;
     let ids: Vec<GridId> = pieces.iter().flat_map(|piece| piece.area.grids.iter().copied()).collect();
-    let patch = |id: &GridId| Patch::of_grid(region, *id);
+    let patch = |id: &GridId| ParameterPatch::for_grid(region, *id);
     let lines: Vec<Vec<Option<Line>>> = pieces.iter().map(|piece| lines(surface, piece, radius_mm)).collect();
     let treating: Vec<&Line> = lines.iter().flatten().flatten().collect();
-    let coarse: Vec<Places> = {
+    let coarse: Vec<SpreadPlaces> = {
         let spacing_mm = (radius_mm / 5.0).clamp(1.0, 3.0);
-        ids.par_iter().filter_map(|id| patch(id).map(|patch| Places::new(surface, patch, spacing_mm))).collect()
+        ids.par_iter()
+            .filter_map(|id| patch(id).map(|patch| SpreadPlaces::new(surface, patch, spacing_mm)))
+            .collect()
     };
-    let slowness = slowness(&treating, &coarse, radius_mm, settings);
+    let slowness = inverse_feeds(&treating, &coarse, radius_mm, settings);
     let mut next = slowness.iter();
     let mut feed = |line: &Option<Line>| match line {
         Some(_) => next.next().map_or(settings.feed_mm_s(), |slowness| 1.0 / slowness),
@@ -64,18 +71,24 @@ pub(super) fn even(surface: &BSplineSurface, region: &Region, pieces: &[Piece], 
     // construction.
     let spacing_mm = (radius_mm / 10.0).clamp(0.5, 1.5);
     let of_grid = |id: &GridId| {
-        let places = Places::new(surface, patch(id)?, spacing_mm);
+        let places = SpreadPlaces::new(surface, patch(id)?, spacing_mm);
         let mut times_s = vec![0.0; places.points.len()];
         for (line, slowness) in treating.iter().zip(&slowness) {
-            places.under(line, radius_mm, |place, chord_mm| times_s[place] += chord_mm * slowness);
+            places.for_places_under(line, radius_mm, |place, chord_mm| times_s[place] += chord_mm * slowness);
         }
         Some((*id, times_s.into_iter().zip(places.area_mm2).collect::<Vec<_>>()))
     };
     let times: Vec<(GridId, Vec<(f64, f64)>)> = ids.par_iter().filter_map(of_grid).collect();
-    let mut grids: Vec<(GridId, Spread)> =
-        times.iter().filter_map(|(id, times)| Some((*id, Spread::from_times(times.iter().copied())?))).collect();
+    let mut grids: Vec<(GridId, DwellSpread)> = times
+        .iter()
+        .filter_map(|(id, times)| Some((*id, DwellSpread::from_times(times.iter().copied())?)))
+        .collect();
     grids.sort_by_key(|(id, _)| *id);
-    Even { feeds_mm_s, all: Spread::from_times(times.iter().flat_map(|(_, times)| times.iter().copied())), grids }
+    EvenFeeds {
+        feeds_mm_s,
+        all: DwellSpread::from_times(times.iter().flat_map(|(_, times)| times.iter().copied())),
+        grids,
+    }
 }
 
 /// A straight piece of a track in contact.
@@ -108,31 +121,31 @@ fn lines(surface: &BSplineSurface, piece: &Piece, radius_mm: f64) -> Vec<Option<
 }
 
 /// Places spread evenly over a grid.
-struct Places {
+struct SpreadPlaces {
     net: SampleGrid,
     points: Vec<Point<Panel>>,
     /// Area of the surface at each place, mm².
     area_mm2: Vec<f64>,
 }
 
-impl Places {
-    fn new(surface: &BSplineSurface, patch: Patch, spacing_mm: f64) -> Self {
-        let net = SampleGrid::over(surface, patch, spacing_mm);
+impl SpreadPlaces {
+    fn new(surface: &BSplineSurface, patch: ParameterPatch, spacing_mm: f64) -> Self {
+        let net = SampleGrid::from_patch(surface, patch, spacing_mm);
         let place = |index: usize| {
-            let tangents = surface.tangents(net.at(index));
+            let tangents = surface.tangents(net.parameter_at(index));
             (tangents.point, tangents.area_mm2() * net.cell())
         };
         let (points, area_mm2) = (0..net.count()).map(place).unzip();
-        Places { net, points, area_mm2 }
+        SpreadPlaces { net, points, area_mm2 }
     }
 
     /// Calls `tell` for each place under the disc on a line, with the length of the line within the radius of the
     /// place, mm.
-    fn under(&self, line: &Line, radius_mm: f64, mut tell: impl FnMut(usize, f64)) {
+    fn for_places_under(&self, line: &Line, radius_mm: f64, mut tell: impl FnMut(usize, f64)) {
         let ([from, to], [reach_u, reach_v]) = (line.ends, line.reach);
         let least = Parameter { u: from.u.min(to.u) - reach_u, v: from.v.min(to.v) - reach_v };
         let most = Parameter { u: from.u.max(to.u) + reach_u, v: from.v.max(to.v) + reach_v };
-        for place in self.net.around(least, most) {
+        for place in self.net.points_around(least, most) {
             let chord_mm = chord_mm(line, self.points[place], radius_mm);
             if chord_mm > 0.0 {
                 tell(place, chord_mm);
@@ -155,7 +168,7 @@ fn chord_mm(line: &Line, point: Point<Panel>, radius_mm: f64) -> f64 {
 }
 
 /// Calculates 1 / feed for each line, s/mm.
-fn slowness(lines: &[&Line], places: &[Places], radius_mm: f64, settings: &recipe::Path) -> Vec<f64> {
+fn inverse_feeds(lines: &[&Line], places: &[SpreadPlaces], radius_mm: f64, settings: &recipe::Path) -> Vec<f64> {
     let (fastest, planning_s) = (1.0 / settings.feed_mm_s(), settings.planning_time_ms() / 1_000.0);
     let least: Vec<f64> = lines.iter().map(|line| fastest.max(planning_s / line.length_mm)).collect();
     let starts: Vec<usize> = places
@@ -169,7 +182,7 @@ fn slowness(lines: &[&Line], places: &[Places], radius_mm: f64, settings: &recip
     let column = |line: &&Line| {
         let mut column: Vec<(usize, f64)> = Vec::new();
         for (places, start) in places.iter().zip(&starts) {
-            places.under(line, radius_mm, |place, chord_mm| column.push((start + place, chord_mm)));
+            places.for_places_under(line, radius_mm, |place, chord_mm| column.push((start + place, chord_mm)));
         }
         column
     };
@@ -184,7 +197,7 @@ fn slowness(lines: &[&Line], places: &[Places], radius_mm: f64, settings: &recip
     };
     // Never below the time of endless rows: near a border places are short of time, and the target must not follow them
     // down.
-    let wanted_s = wanted_s(times_s(&least), PI * radius_mm * radius_mm / settings.step_over_mm() * fastest);
+    let wanted_s = target_time_s(times_s(&least), PI * radius_mm * radius_mm / settings.step_over_mm() * fastest);
     let mut slowness = least.clone();
     for _ in 0..STEPS {
         let weights: Vec<f64> = times_s(&slowness)
@@ -204,7 +217,7 @@ fn slowness(lines: &[&Line], places: &[Places], radius_mm: f64, settings: &recip
     slowness
 }
 
-fn wanted_s(mut times_s: Vec<f64>, of_endless_rows_s: f64) -> f64 {
+fn target_time_s(mut times_s: Vec<f64>, of_endless_rows_s: f64) -> f64 {
     times_s.sort_by(f64::total_cmp);
     let long_s = times_s.get((times_s.len() as f64 * TARGET_QUANTILE) as usize).copied().unwrap_or_default();
     long_s.max(of_endless_rows_s)

@@ -19,7 +19,7 @@ use rs_opw_kinematics::parameters::opw_kinematics::Parameters;
 use std::sync::Arc;
 
 /// Angles of the axes, degrees, axis 1 first.
-pub(super) type Angles = [f64; 6];
+pub(super) type JointAngles = [f64; 6];
 
 /// The kinematic model of an arm.
 #[derive(Debug, Clone)]
@@ -36,7 +36,7 @@ const CONVERGENCE_DEG: f64 = 1e-9;
 const MAX_STEPS: usize = 10;
 
 /// The points at which the centre line of the arm bends: axis 2, axis 3, the wrist's centre, the flange.
-pub(super) type Skeleton = [Point<Base>; 4];
+pub(super) type CentreLine = [Point<Base>; 4];
 
 impl Kinematics {
     /// The cell's arm.
@@ -66,7 +66,7 @@ impl Kinematics {
 
     /// Returns the arm together with the obstacles that a scan showed.
     #[must_use]
-    pub fn beside(self, obstacles: Arc<Obstacles>) -> Self {
+    pub fn with_obstacles(self, obstacles: Arc<Obstacles>) -> Self {
         Kinematics { obstacles: Some(obstacles), ..self }
     }
 
@@ -94,7 +94,7 @@ impl Kinematics {
 
     /// Returns the flange pose; `None` for angles that are not numbers.
     pub fn base_from_flange(&self, joints: &Joints) -> Option<Rigid<Base, Flange>> {
-        let drawn = self.drawn_flange(joints)?;
+        let drawn = self.nominal_flange(joints)?;
         match &self.correction {
             Some(correction) => {
                 correction.base_from_flange(&ArmPose { joints: Some(*joints), base_from_flange: drawn })
@@ -104,11 +104,11 @@ impl Kinematics {
     }
 
     /// Returns the flange pose of the arm with its nominal geometry: the pose that the controller computes.
-    pub fn drawn_flange(&self, joints: &Joints) -> Option<Rigid<Base, Flange>> {
+    pub fn nominal_flange(&self, joints: &Joints) -> Option<Rigid<Base, Flange>> {
         let pose = self.solver.try_forward(&joints.degrees().map(f64::to_radians)).ok()?;
         let (t, q) = (pose.translation, pose.rotation);
         let turn = UnitQuaternion::from_quaternion(Quaternion::new(q.w, q.x, q.y, q.z));
-        Some(Rigid::claim(Isometry3::from_parts(Translation3::new(t.x, t.y, t.z), turn)))
+        Some(Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::new(t.x, t.y, t.z), turn)))
     }
 
     /// Returns the true flange pose for the pose and the axis angles that the controller reports.
@@ -125,13 +125,13 @@ impl Kinematics {
         near: &Joints,
     ) -> Option<(Rigid<Base, Flange>, Joints)> {
         let Some(correction) = &self.correction else {
-            let joints = nearest_way(&self.drawn_ways(base_from_flange), &near.degrees())?;
+            let joints = nearest_solution(&self.nominal_solutions(base_from_flange), &near.degrees())?;
             return Some((*base_from_flange, joints.into()));
         };
         let mut at = near.degrees();
         for _ in 0..MAX_STEPS {
             let sent = correction.sent_flange(base_from_flange, &at.into());
-            let next = nearest_way(&self.drawn_ways(&sent), &at)?;
+            let next = nearest_solution(&self.nominal_solutions(&sent), &at)?;
             let moved_deg = (0..6).map(|axis| (next[axis] - at[axis]).abs()).fold(0.0, f64::max);
             at = next;
             if moved_deg < CONVERGENCE_DEG {
@@ -142,22 +142,22 @@ impl Kinematics {
     }
 
     /// Returns whether the arm's correction was measured at this pose; always true without a correction.
-    pub fn is_measured(&self, base_from_flange: &Rigid<Base, Flange>) -> bool {
+    pub fn is_correction_measured(&self, base_from_flange: &Rigid<Base, Flange>) -> bool {
         self.correction.as_ref().is_none_or(|correction| correction.covers(base_from_flange))
     }
 
     /// Returns all axis solutions for this flange pose, regardless of the axes' limits, each axis within half a
     /// turn of zero; none if the pose is out of reach.
-    pub(super) fn ways(&self, base_from_flange: &Rigid<Base, Flange>) -> Vec<Angles> {
-        let drawn = self.drawn_ways(base_from_flange);
+    pub(super) fn inverse_solutions(&self, base_from_flange: &Rigid<Base, Flange>) -> Vec<JointAngles> {
+        let drawn = self.nominal_solutions(base_from_flange);
         if self.correction.is_none() {
             return drawn;
         }
-        let settled = |way: Angles| Some(self.sent_flange(base_from_flange, &way.into())?.1.degrees());
+        let settled = |way: JointAngles| Some(self.sent_flange(base_from_flange, &way.into())?.1.degrees());
         drawn.into_iter().filter_map(settled).collect()
     }
 
-    fn drawn_ways(&self, base_from_flange: &Rigid<Base, Flange>) -> Vec<Angles> {
+    fn nominal_solutions(&self, base_from_flange: &Rigid<Base, Flange>) -> Vec<JointAngles> {
         let (t, q) = (base_from_flange.isometry().translation.vector, base_from_flange.isometry().rotation.coords);
         let rotation = DQuat::from_xyzw(q.x, q.y, q.z, q.w);
         let Ok(pose) = Pose::try_from_parts(DVec3::new(t.x, t.y, t.z), rotation) else { return Vec::new() };
@@ -165,9 +165,9 @@ impl Kinematics {
     }
 
     /// Returns how far the wrist's centre lies outside the arm's reach, mm; 0 if it lies inside.
-    pub(super) fn beyond_reach_mm(&self, base_from_flange: &Rigid<Base, Flange>) -> f64 {
+    pub(super) fn reach_excess_mm(&self, base_from_flange: &Rigid<Base, Flange>) -> f64 {
         let g = self.arm.geometry();
-        let wrist = wrist(base_from_flange, g);
+        let wrist = wrist_centre(base_from_flange, g);
         // Coordinates from axis 2, in the plane of the arm when the arm faces the wrist.
         let forward = (wrist.x.hypot(wrist.y).powi(2) - g.b_mm * g.b_mm).max(0.0).sqrt() - g.a1_mm;
         let distance_mm = forward.hypot(wrist.z - g.c1_mm);
@@ -176,7 +176,7 @@ impl Kinematics {
     }
 
     /// Returns the angle by which the elbow differs from the stretched arm, degrees.
-    pub(super) fn elbow_deg(&self, angles: &Angles) -> f64 {
+    pub(super) fn elbow_deg(&self, angles: &JointAngles) -> f64 {
         let g = self.arm.geometry();
         let q3_deg = angles[2] * f64::from(g.signs[2]) - g.offsets_deg[2];
         let bend_deg = (q3_deg + g.a2_mm.atan2(g.c3_mm).to_degrees()).rem_euclid(360.0);
@@ -185,11 +185,11 @@ impl Kinematics {
 
     /// Returns the distance of the wrist's centre from axis 1, mm.
     pub(super) fn overhead_mm(&self, base_from_flange: &Rigid<Base, Flange>) -> f64 {
-        wrist(base_from_flange, self.arm.geometry()).xy().norm()
+        wrist_centre(base_from_flange, self.arm.geometry()).xy().norm()
     }
 
     /// Returns the points at which the arm's centre line bends.
-    pub(super) fn skeleton(&self, angles: &Angles) -> Skeleton {
+    pub(super) fn centre_line(&self, angles: &JointAngles) -> CentreLine {
         let g = self.arm.geometry();
         let q = |axis: usize| (angles[axis] * f64::from(g.signs[axis]) - g.offsets_deg[axis]).to_radians();
         let [q1, q2, q3] = [q(0), q(1), q(2)];
@@ -209,15 +209,15 @@ impl Kinematics {
 }
 
 /// Returns the solution nearest to the current axes, with each axis shifted by whole turns.
-pub(super) fn nearest_way(ways: &[Angles], at: &Angles) -> Option<Angles> {
-    let wound = |way: &Angles| -> Angles {
+pub(super) fn nearest_solution(ways: &[JointAngles], at: &JointAngles) -> Option<JointAngles> {
+    let wound = |way: &JointAngles| -> JointAngles {
         std::array::from_fn(|axis| way[axis] + 360.0 * ((at[axis] - way[axis]) / 360.0).round())
     };
-    let apart = |way: &Angles| (0..6).map(|axis| (way[axis] - at[axis]).abs()).fold(0.0, f64::max);
+    let apart = |way: &JointAngles| (0..6).map(|axis| (way[axis] - at[axis]).abs()).fold(0.0, f64::max);
     ways.iter().map(wound).min_by(|a, b| apart(a).total_cmp(&apart(b)))
 }
 
-fn wrist(base_from_flange: &Rigid<Base, Flange>, geometry: &ArmGeometry) -> Vector3<f64> {
+fn wrist_centre(base_from_flange: &Rigid<Base, Flange>, geometry: &ArmGeometry) -> Vector3<f64> {
     let turn = base_from_flange.isometry().rotation;
     base_from_flange.isometry().translation.vector - turn * Vector3::z() * geometry.c4_mm
 }
@@ -247,7 +247,7 @@ mod tests {
             assert!((pose.origin().mm.coords - Vector3::from(origin_mm)).norm() < 1e-9, "{pose:?}");
             assert!((pose.rotation() * Vector3::z() - z).norm() < 1e-9);
             assert!((pose.rotation() * Vector3::x() - x).norm() < 1e-9, "{}", pose.rotation() * Vector3::x());
-            let [_, elbow, wrist, flange] = kr6.skeleton(&angles);
+            let [_, elbow, wrist, flange] = kr6.centre_line(&angles);
             assert!(flange.distance_mm(pose.origin()) < 1e-9);
             assert!((wrist.distance_mm(flange) - 90.0).abs() < 1e-9);
             assert!((elbow.distance_mm(wrist) - 365.0f64.hypot(25.0)).abs() < 1e-9);
@@ -258,7 +258,7 @@ mod tests {
     /// the joint frames of those models (URDF) by another program.
     #[test]
     fn named_arms_are_as_their_public_models() {
-        const MODELS: [(&str, Angles, [f64; 3], [f64; 3]); 21] = [
+        const MODELS: [(&str, JointAngles, [f64; 3], [f64; 3]); 21] = [
             (
                 "kr6-r700-2",
                 [-40.4, -90.5, 34.6, -98.0, 8.2, -30.8],
@@ -406,9 +406,9 @@ mod tests {
     fn what_is_missing_beyond_the_reach() {
         let level = kr6().base_from_flange(&Joints::from([0.0; 6])).expect("numbers").rotation();
         let far = Isometry3::from_parts(Translation3::new(1_115.0, 0.0, 400.0), level.into());
-        let far: Rigid<Base, Flange> = Rigid::claim(far);
-        assert!((kr6().beyond_reach_mm(&far) - 299.145).abs() < 1e-3);
-        assert_eq!(kr6().ways(&far), Vec::<Angles>::new());
+        let far: Rigid<Base, Flange> = Rigid::from_isometry_unchecked(far);
+        assert!((kr6().reach_excess_mm(&far) - 299.145).abs() < 1e-3);
+        assert_eq!(kr6().inverse_solutions(&far), Vec::<JointAngles>::new());
     }
 
     /// Errors of an arm of this class, and a smooth correction over a panel.
@@ -430,10 +430,10 @@ mod tests {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
         let mut errors = [0.0; 32];
         errors[2] = 0.001;
-        let arm = Kinematics::new(cell.corrected(CorrectionNumbers::Geometry(errors)).arm());
+        let arm = Kinematics::new(cell.with_arm_correction(CorrectionNumbers::Geometry(errors)).arm());
         let home = Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]);
         let (real, drawn) =
-            (arm.base_from_flange(&home).expect("numbers"), arm.drawn_flange(&home).expect("numbers"));
+            (arm.base_from_flange(&home).expect("numbers"), arm.nominal_flange(&home).expect("numbers"));
         let off = (real.origin() - drawn.origin()).mm;
         assert!((off - Vector3::new(0.0, 0.48, 0.0)).norm() < 1e-3, "{off}");
         assert!((arm.true_flange(drawn, &home).origin() - real.origin()).mm.norm() < 1e-9);
@@ -446,7 +446,7 @@ mod tests {
         fn what_is_sent_leads_to_where_the_flange_should_be(angles in prop::array::uniform6(-60.0..60.0f64)) {
             for numbers in corrections() {
                 let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
-                let arm = Kinematics::new(cell.corrected(numbers).arm());
+                let arm = Kinematics::new(cell.with_arm_correction(numbers).arm());
                 let near = Joints::from([angles[0], angles[1] - 60.0, angles[2] + 90.0, angles[3], angles[4] + 65.0, angles[5]]);
                 prop_assume!(near.a5_deg.abs() > 5.0 && arm.elbow_deg(&near.degrees()) > 5.0);
                 let wanted = arm.base_from_flange(&near).expect("numbers");
@@ -456,11 +456,11 @@ mod tests {
                 prop_assert!(there.origin().distance_mm(wanted.origin()) < 1e-6);
                 prop_assert!((there.inverse() * wanted).turn().0 < 1e-6);
                 prop_assert!(sent.origin().distance_mm(wanted.origin()) > 1e-3, "it was corrected");
-                let by_controller = arm.drawn_flange(&joints).expect("numbers");
+                let by_controller = arm.nominal_flange(&joints).expect("numbers");
                 prop_assert!(by_controller.origin().distance_mm(sent.origin()) < 1e-5);
                 let apart = (0..6).map(|axis| (joints.degrees()[axis] - near.degrees()[axis]).abs());
                 prop_assert!(apart.fold(0.0, f64::max) < 1e-5);
-                let same = arm.ways(&wanted).iter().filter(|way| {
+                let same = arm.inverse_solutions(&wanted).iter().filter(|way| {
                     let there = arm.base_from_flange(&Joints::from(**way)).expect("numbers");
                     there.origin().distance_mm(wanted.origin()) > 1e-6
                 }).count();
@@ -474,18 +474,18 @@ mod tests {
             prop_assume!(angles[4].abs() > 1.0 && kr6.elbow_deg(&angles) > 1.0);
             let pose = kr6.base_from_flange(&Joints::from(angles)).expect("numbers");
             prop_assume!(kr6.overhead_mm(&pose) > 5.0);
-            let ways = kr6.ways(&pose);
-            let apart = |way: &Angles, axis: usize| {
+            let ways = kr6.inverse_solutions(&pose);
+            let apart = |way: &JointAngles, axis: usize| {
                 let apart_deg = (way[axis] - angles[axis]).rem_euclid(360.0);
                 apart_deg.min(360.0 - apart_deg)
             };
-            let same = |way: &&Angles| (0..6).all(|axis| apart(way, axis) < 1e-4);
+            let same = |way: &&JointAngles| (0..6).all(|axis| apart(way, axis) < 1e-4);
             prop_assert_eq!(ways.iter().filter(same).count(), 1, "{:?}", ways);
             for way in &ways {
                 let there = kr6.base_from_flange(&Joints::from(*way)).expect("numbers");
                 prop_assert!(there.origin().distance_mm(pose.origin()) < 1e-3);
                 prop_assert!((there.inverse() * pose).turn().0 < 1e-4);
-                prop_assert!((kr6.skeleton(way)[2].mm.coords - wrist(&pose, kr6.arm.geometry())).norm() < 1e-3);
+                prop_assert!((kr6.centre_line(way)[2].mm.coords - wrist_centre(&pose, kr6.arm.geometry())).norm() < 1e-3);
             }
         }
     }

@@ -19,7 +19,7 @@ const MAX_NAME: usize = 24;
 /// Speed and acceleration of the axes on the way to the first point, %.
 const AXIS_PERCENT: u8 = 20;
 /// Further keywords of the language, in addition to [`RESERVED`], that cannot be the name of a program.
-const BESIDE_RESERVED: [&str; 38] = [
+const ADDITIONAL_KEYWORDS: [&str; 38] = [
     "ANIN", "ANOUT", "AXIS", "BAS", "BOOL", "CCLOSE", "CHANNEL", "CIRC_REL", "CONFIRM", "COPEN", "CREAD", "CWRITE",
     "C_DIS", "C_ORI", "C_PTP", "C_VEL", "DIGIN", "E6AXIS", "E6POS", "FRAME", "IMPORT", "INT", "IS", "LIN_REL",
     "MAXIMUM", "MINIMUM", "OFF", "ON", "POS", "PRIO", "PTP_REL", "PUBLIC", "PULSE", "REAL", "SEC", "SREAD",
@@ -47,7 +47,8 @@ impl std::str::FromStr for ProgramName {
 
     fn from_str(text: &str) -> Result<Self, ProgramNameError> {
         let letters = text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-        let is_keyword = RESERVED.iter().chain(&BESIDE_RESERVED).any(|keyword| keyword.eq_ignore_ascii_case(text));
+        let is_keyword =
+            RESERVED.iter().chain(&ADDITIONAL_KEYWORDS).any(|keyword| keyword.eq_ignore_ascii_case(text));
         let good =
             letters && !is_keyword && text.len() <= MAX_NAME && text.starts_with(|c: char| c.is_ascii_alphabetic());
         if good { Ok(ProgramName(text.to_owned())) } else { Err(ProgramNameError { found: text.to_owned() }) }
@@ -73,7 +74,7 @@ pub struct Program<'a> {
 
 /// The program's text.
 #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
-pub fn krl(program: &Program<'_>, settings: &recipe::Path) -> String {
+pub fn to_krl(program: &Program<'_>, settings: &recipe::Path) -> String {
     let mut text = format!(
         "&ACCESS RVP\n&REL 1\nDEF {}()\n\
          ; Sanding paths in the frame of the panel. It switches no tool and no water. Run it in T1 first.\n",

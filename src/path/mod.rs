@@ -42,14 +42,16 @@ pub mod touching;
 pub mod trace;
 mod waypoint_gate;
 
-pub use crate::surface::Spread;
+pub use crate::surface::DwellSpread;
 pub use coverage::{GridCoverage, MIN_COVERAGE, step_overs_mm};
-pub use edge::{Outline, Overhang};
-pub use gate::{OF_GRID, TOOL_ERROR, broken_in_base, check_pad, judge, judge_pad, judged, taught_axis};
+pub use edge::{DiscOverhang, Outline};
+pub use gate::{
+    GRID_CHECK_PREFIX, TOOL_ERROR, check_pad, judge, judge_pad, judge_plan, taught_axis, violated_in_base,
+};
 pub use kinematics::Kinematics;
-pub use krl::{Program, ProgramName, ProgramNameError, krl};
-pub use orientation::{OrientationError, Reference, Stance, panel_from_tool};
-pub use plan::{plan, plan_around, plan_beyond};
+pub use krl::{Program, ProgramName, ProgramNameError, to_krl};
+pub use orientation::{OrientationError, SpinReference, ToolOrientation, panel_from_tool};
+pub use plan::{plan, plan_beyond_borders, plan_over_holes};
 pub use planned::{Plan, PlanError, StepOver, ToolPath, Waypoint};
 pub use raster::{Raster, RasterError, raster};
 pub use waypoint_gate::{Route, WaypointLimits, judge_joints, judge_route};

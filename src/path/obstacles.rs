@@ -37,7 +37,11 @@ struct Block {
 impl Obstacles {
     /// Adds the points of another obstacle, thinned.
     #[must_use]
-    pub fn with(mut self, name: &'static str, points: impl IntoIterator<Item = Point<Base>>) -> Obstacles {
+    pub fn with_points_of(
+        mut self,
+        name: &'static str,
+        points: impl IntoIterator<Item = Point<Base>>,
+    ) -> Obstacles {
         let cube = |point: &Point<Base>| [0, 1, 2].map(|axis| (point.mm[axis] / CUBE_MM).floor() as i64);
         let (mut kept, mut last) = (BTreeMap::new(), None);
         for point in points {
@@ -48,12 +52,12 @@ impl Obstacles {
                 last = Some(at);
             }
         }
-        self.0.push(Obstacle { name, blocks: blocks(kept.into_values()) });
+        self.0.push(Obstacle { name, blocks: group_into_blocks(kept.into_values()) });
         self
     }
 
     /// Each obstacle.
-    pub(super) fn of_each(&self) -> &[Obstacle] {
+    pub(super) fn obstacles(&self) -> &[Obstacle] {
         &self.0
     }
 }
@@ -62,7 +66,11 @@ impl Obstacle {
     /// Returns the smallest distance of the obstacle's points, mm, calculated with `distance_mm`, which gives the
     /// distance of a point from something; `None` if all points are farther away than `needed_mm`. The bounding sphere
     /// of a block shows when none of its points is near.
-    pub(super) fn nearer_mm(&self, needed_mm: f64, distance_mm: impl Fn(Point<Base>) -> f64) -> Option<f64> {
+    pub(super) fn smallest_distance_mm(
+        &self,
+        needed_mm: f64,
+        distance_mm: impl Fn(Point<Base>) -> f64,
+    ) -> Option<f64> {
         let may_be_near = |block: &&Block| distance_mm(block.middle) - block.radius_mm <= needed_mm + ROUNDING_MM;
         let near = self.blocks.iter().filter(may_be_near).flat_map(|block| &block.points);
         let least_mm = near.map(|point| distance_mm(*point)).fold(f64::INFINITY, f64::min);
@@ -70,7 +78,7 @@ impl Obstacle {
     }
 }
 
-fn blocks(points: impl Iterator<Item = Point<Base>>) -> Vec<Block> {
+fn group_into_blocks(points: impl Iterator<Item = Point<Base>>) -> Vec<Block> {
     let mut together: BTreeMap<[i64; 3], Vec<Point<Base>>> = BTreeMap::new();
     for point in points {
         let cube = [0, 1, 2].map(|axis| (point.mm[axis] / BLOCK_MM).floor() as i64);
@@ -97,7 +105,8 @@ mod tests {
     /// Of the points in one cube, only the first is stored, whether or not they are consecutive.
     #[test]
     fn points_are_thinned() {
-        let obstacles = Obstacles::default().with("panel", [1.0, 2.0, 9.0, 3.0].map(|x| Point::at(x, 0.0, 0.0)));
+        let obstacles =
+            Obstacles::default().with_points_of("panel", [1.0, 2.0, 9.0, 3.0].map(|x| Point::at(x, 0.0, 0.0)));
         let kept: Vec<Point<Base>> = obstacles.0[0].blocks.iter().flat_map(|block| block.points.clone()).collect();
         assert_eq!(kept, [1.0, 9.0].map(|x| Point::at(x, 0.0, 0.0)));
     }
@@ -111,11 +120,11 @@ mod tests {
             needed_mm in 0.0..200.0f64,
         ) {
             let points = points.into_iter().map(|[x, y, z]| Point::at(x, y, z));
-            let obstacles = Obstacles::default().with("panel", points);
+            let obstacles = Obstacles::default().with_points_of("panel", points);
             let distance_mm = |point: Point<Base>| point.distance_mm(Point::at(from[0], from[1], from[2]));
             let all = obstacles.0[0].blocks.iter().flat_map(|block| &block.points);
             let least_mm = all.map(|point| distance_mm(*point)).fold(f64::INFINITY, f64::min);
-            let found = obstacles.0[0].nearer_mm(needed_mm, distance_mm);
+            let found = obstacles.0[0].smallest_distance_mm(needed_mm, distance_mm);
             prop_assert_eq!(found, (least_mm < needed_mm).then_some(least_mm));
         }
     }

@@ -16,26 +16,26 @@ const MIN_ANGLE: Degrees = Degrees(6.0);
 
 /// The reference that determines the tool's spin about the normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Reference {
+pub enum SpinReference {
     /// S_u of the surface: the axis along which rows run.
     Feed,
     /// A direction in the panel's frame.
     Axis(Vector<Panel>),
 }
 
-impl Reference {
+impl SpinReference {
     /// Returns the recipe's `reference_axis`; if it is zero, the feed axis.
     pub fn from_settings(settings: &recipe::Path) -> Self {
         let axis = Vector::new(Vector3::from(settings.reference_axis()));
-        axis.direction().map_or(Reference::Feed, Reference::Axis)
+        axis.direction().map_or(SpinReference::Feed, SpinReference::Axis)
     }
 }
 
 /// The tool's orientation: its spin, and its inclination.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stance {
+pub struct ToolOrientation {
     /// The reference for the spin.
-    pub reference: Reference,
+    pub reference: SpinReference,
     /// Rotation about the tool's own Y: the tool leans along its X. It has one sign for the whole path, in both
     /// directions of a row.
     pub lead: Degrees,
@@ -43,22 +43,22 @@ pub struct Stance {
     pub tilt: Degrees,
 }
 
-impl Stance {
+impl ToolOrientation {
     /// The recipe's.
     pub fn from_settings(settings: &recipe::Path) -> Self {
-        Stance {
-            reference: Reference::from_settings(settings),
+        ToolOrientation {
+            reference: SpinReference::from_settings(settings),
             lead: Degrees(settings.lead_deg()),
             tilt: Degrees(settings.tilt_deg()),
         }
     }
 
-    fn lean(&self) -> Rigid<Tool, Tool> {
+    fn inclination(&self) -> Rigid<Tool, Tool> {
         let turn = |axis: nalgebra::Unit<Vector3<f64>>, angle: Degrees| {
-            UnitQuaternion::from_axis_angle(&axis, angle.rad())
+            UnitQuaternion::from_axis_angle(&axis, angle.to_rad())
         };
         let lean = turn(Vector3::y_axis(), self.lead) * turn(Vector3::x_axis(), self.tilt);
-        Rigid::claim(Isometry3::from_parts(Translation3::identity(), lean))
+        Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::identity(), lean))
     }
 }
 
@@ -91,23 +91,23 @@ pub fn panel_from_tool(
     surface: &BSplineSurface,
     at: Parameter,
     height_mm: f64,
-    stance: Stance,
+    stance: ToolOrientation,
 ) -> Result<Rigid<Panel, Tool>, OrientationError> {
     let tangents = surface.tangents(at);
-    let normal = surface.normal_of(&tangents).ok_or(OrientationError::NoNormal { at })?;
+    let normal = surface.unit_normal(&tangents).ok_or(OrientationError::NoNormal { at })?;
     let axis = match stance.reference {
-        Reference::Feed => tangents.s_u.mm.normalize(),
-        Reference::Axis(axis) => axis.mm,
+        SpinReference::Feed => tangents.s_u.mm.normalize(),
+        SpinReference::Axis(axis) => axis.mm,
     };
     let z = -normal.mm; // Eq. 4.17
     // The normal is exact and only the spin follows the reference: the pad must lie flat, whereas its spin is free.
     let across = axis - z * axis.dot(&z);
     let sine = across.norm();
-    if sine < MIN_ANGLE.rad().sin() {
+    if sine < MIN_ANGLE.to_rad().sin() {
         return Err(OrientationError::ReferenceAlongNormal { angle: Degrees::from_rad(sine.asin()) });
     }
     let x = across / sine;
     let origin: Point<Panel> = tangents.point + normal * height_mm;
     let upright: Rigid<Panel, Tool> = Rigid::from_axes([x, z.cross(&x), z].map(Vector::new), origin);
-    Ok(upright * stance.lean())
+    Ok(upright * stance.inclination())
 }

@@ -10,10 +10,10 @@ use super::raster::Insets;
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::recipe;
-use crate::surface::{BSplineSurface, Parameter, Patch};
+use crate::surface::{BSplineSurface, Parameter, ParameterPatch};
 
 /// A function that returns whether there is panel at a place.
-pub(super) type There<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
+pub(super) type IsPanelAt<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 
 /// The lines of one area and their results, before paths are joined.
 #[derive(Debug, Clone)]
@@ -30,12 +30,12 @@ pub(super) struct Piece {
 
 /// Largest number of times that lines are laid again because the disc reaches too far beyond the outline, or lines
 /// are too far apart.
-const ROUNDS: usize = 16;
+const MAX_RELAY_ROUNDS: usize = 16;
 /// Additional distance by which lines are moved inwards beyond the excess of the disc, mm: the excess that remains
 /// after a round is less than this.
 const OUTLINE_CLEAR_MM: f64 = 0.01;
 /// Additional factor by which lines are laid closer when they are too far apart.
-const CLOSER: f64 = 0.999;
+const SPACING_REDUCTION: f64 = 0.999;
 /// Number of places on each side of a patch at which its curvature is checked.
 const BEND_STEPS: usize = 6;
 /// If one place would be enough for a whole patch, the disc moves over it by this fraction of its radius, so that it
@@ -48,22 +48,22 @@ pub(super) fn first_grid(area: &Area) -> GridId {
     area.grids.first().copied().unwrap_or(GridId { row: 1, column: 1 })
 }
 
-pub(super) fn piece(
+pub(super) fn make_piece(
     surface: &BSplineSurface,
     region: &Region,
     area: Area,
-    (outline, there): (&Outline, There<'_>),
+    (outline, there): (&Outline, IsPanelAt<'_>),
     settings: &recipe::Path,
 ) -> Result<Piece, PlanError> {
     let radius_mm = settings.disc_diameter_mm() / 2.0;
     let spacing_mm = spacing_mm(surface, &area.patch, settings);
     let on_surface = |places: &[Parameter]| places.iter().map(|at| surface.point(*at)).collect::<Vec<_>>();
-    let patch_of = |id: &GridId| Patch::of_grid(region, *id).unwrap_or(area.patch);
+    let patch_of = |id: &GridId| ParameterPatch::for_grid(region, *id).unwrap_or(area.patch);
     let covered = |track: &[Point<Panel>], contact: &[bool]| -> Vec<GridCoverage> {
         let strokes = strokes(track, |index| contact[index]);
         area.grids.iter().map(|id| coverage(surface, (*id, &patch_of(id)), &strokes, radius_mm)).collect()
     };
-    let mut insets = Insets::of_disc(settings);
+    let mut insets = Insets::for_disc(settings);
     let mut step_over_mm = settings.step_over_mm();
     let mut round = 0;
     loop {
@@ -71,44 +71,44 @@ pub(super) fn piece(
             .map_err(|cause| PlanError::Raster { grid: first_grid(&area), cause })?;
         let Lines { mut track, neighbours } = laid;
         if let [only] = track[..] {
-            track = stroke(surface, only, (outline, settings));
+            track = short_motion(surface, only, (outline, settings));
         }
         let on_track = on_surface(&track);
         let overhangs_mm: Vec<f64> =
             on_track.iter().map(|contact| outline.overhang_mm(*contact, radius_mm)).collect();
         round += 1;
-        if round < ROUNDS && outline.is_known() {
+        if round < MAX_RELAY_ROUNDS && outline.is_present() {
             let allowed_mm = settings.edge_overhang_mm();
             let mut beyond = false;
             for ((at, point), mm) in track.iter().zip(&on_track).zip(&overhangs_mm) {
-                if let Some(outward) = outline.outward(*point).filter(|_| *mm > allowed_mm) {
-                    insets.keep_off(&surface.tangents(*at), outward, mm - allowed_mm + OUTLINE_CLEAR_MM);
+                if let Some(outward) = outline.outward_direction(*point).filter(|_| *mm > allowed_mm) {
+                    insets.require_distance(&surface.tangents(*at), outward, mm - allowed_mm + OUTLINE_CLEAR_MM);
                     beyond = true;
                 }
             }
             if beyond {
-                insets.settle();
+                insets.apply_distances();
                 continue;
             }
         }
         let beside = |[line, next]: &[Vec<Parameter>; 2]| step_overs_mm(&on_surface(line), &on_surface(next));
         let step_overs_mm: Vec<f64> = neighbours.iter().flat_map(beside).collect();
         let widest_mm = step_overs_mm.iter().copied().fold(0.0, f64::max);
-        if round < ROUNDS && widest_mm > settings.step_over_mm() {
-            step_over_mm *= CLOSER * settings.step_over_mm() / widest_mm;
+        if round < MAX_RELAY_ROUNDS && widest_mm > settings.step_over_mm() {
+            step_over_mm *= SPACING_REDUCTION * settings.step_over_mm() / widest_mm;
             continue;
         }
         let contact: Vec<bool> = track.iter().map(|at| there(*at)).collect();
         let coverage = covered(&on_track, &contact);
         let short = coverage.iter().any(|grid| grid.share() < MIN_COVERAGE);
-        if !(round < ROUNDS && short && insets.give_way()) {
+        if !(round < MAX_RELAY_ROUNDS && short && insets.release_sides()) {
             return Ok(Piece { area, track, contact, spacing_mm, coverage, step_overs_mm, overhangs_mm });
         }
     }
 }
 
 /// Returns a short motion over one place, along u or v: the direction that keeps more of the disc on the panel.
-fn stroke(
+fn short_motion(
     surface: &BSplineSurface,
     at: Parameter,
     (outline, settings): (&Outline, &recipe::Path),
@@ -140,11 +140,12 @@ fn stroke(
 
 /// Returns the recipe's spacing, or less if a chord of this length would leave the surface by more than the recipe
 /// allows: a chord of length s deviates from a curvature κ by κ s² / 8.
-fn spacing_mm(surface: &BSplineSurface, patch: &Patch, settings: &recipe::Path) -> f64 {
+fn spacing_mm(surface: &BSplineSurface, patch: &ParameterPatch, settings: &recipe::Path) -> f64 {
     let mut bend: f64 = 0.0;
     for n in 0..=BEND_STEPS * BEND_STEPS {
         let share = |index: usize| index as f64 / BEND_STEPS as f64;
-        let at = patch.at(Parameter { u: share(n % (BEND_STEPS + 1)).min(1.0), v: share(n / (BEND_STEPS + 1)) });
+        let at = patch
+            .parameter_at(Parameter { u: share(n % (BEND_STEPS + 1)).min(1.0), v: share(n / (BEND_STEPS + 1)) });
         if let Some(bends) = surface.principal_curvatures(&surface.derivatives(at)) {
             bend = bends.iter().fold(bend, |most, one| most.max(one.abs()));
         }

@@ -7,18 +7,18 @@
 //! their area; the coverage shows the part that is then not reached. The feed is lower at places that would be under
 //! the disc for less time (`evenness`). Poses are the tool's in the panel's frame. The result is in `planned`.
 
-use super::areas::{Area, areas, order};
+use super::areas::{Area, areas, visit_order};
 use super::contact::tool_path;
 use super::coverage::GridCoverage;
-use super::edge::{Outline, Overhang};
-use super::evenness::{Even, even};
-use super::piece::{Piece, There, first_grid, piece};
-use super::planned::{Extent, Plan, PlanError, StepOver, ToolPath, extent};
+use super::edge::{DiscOverhang, Outline};
+use super::evenness::{EvenFeeds, even_out_feeds};
+use super::piece::{IsPanelAt, Piece, first_grid, make_piece};
+use super::planned::{PathExtent, Plan, PlanError, StepOver, ToolPath, extent};
 use super::raster::border_inset_mm;
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::recipe;
-use crate::surface::{BSplineSurface, Holes, Parameter, Patch};
+use crate::surface::{BSplineSurface, HoleMap, Parameter, ParameterPatch};
 use rayon::prelude::*;
 
 /// Plans paths over these grids. `outline` is the panel's, closed.
@@ -36,7 +36,7 @@ pub fn plan(
     outline: &[Point<Panel>],
     settings: &recipe::Path,
 ) -> Result<Plan, PlanError> {
-    planned(surface, region, grids, (outline, &|_| true), (settings, 0.0))
+    plan_paths(surface, region, grids, (outline, &|_| true), (settings, 0.0))
 }
 
 /// Plans paths as [`plan`] does, with the tool lifted over holes of the panel.
@@ -46,17 +46,17 @@ pub fn plan(
 ///
 /// # Panics
 /// As [`plan`].
-pub fn plan_around(
+pub fn plan_over_holes(
     surface: &BSplineSurface,
     region: &Region,
     grids: &[GridId],
-    (outline, holes): (&[Point<Panel>], &Holes),
+    (outline, holes): (&[Point<Panel>], &HoleMap),
     settings: &recipe::Path,
 ) -> Result<Plan, PlanError> {
-    planned(surface, region, grids, (outline, &|at| !holes.holds(at)), (settings, 0.0))
+    plan_paths(surface, region, grids, (outline, &|at| !holes.is_hole(at)), (settings, 0.0))
 }
 
-/// Plans paths as [`plan_around`] does, with the lines laid this far beyond the border of the treated area, mm: for an
+/// Plans paths as [`plan_over_holes`] does, with the lines laid this far beyond the border of the treated area, mm: for an
 /// even removal up to the border, the disc must move beyond it.
 ///
 /// # Errors
@@ -64,21 +64,21 @@ pub fn plan_around(
 ///
 /// # Panics
 /// As [`plan`].
-pub fn plan_beyond(
+pub fn plan_beyond_borders(
     surface: &BSplineSurface,
     region: &Region,
     grids: &[GridId],
-    (outline, holes): (&[Point<Panel>], &Holes),
+    (outline, holes): (&[Point<Panel>], &HoleMap),
     (settings, beyond_mm): (&recipe::Path, f64),
 ) -> Result<Plan, PlanError> {
-    planned(surface, region, grids, (outline, &|at| !holes.holds(at)), (settings, beyond_mm))
+    plan_paths(surface, region, grids, (outline, &|at| !holes.is_hole(at)), (settings, beyond_mm))
 }
 
-fn planned(
+fn plan_paths(
     surface: &BSplineSurface,
     region: &Region,
     grids: &[GridId],
-    (outline, there): (&[Point<Panel>], There<'_>),
+    (outline, there): (&[Point<Panel>], IsPanelAt<'_>),
     (settings, beyond_mm): (&recipe::Path, f64),
 ) -> Result<Plan, PlanError> {
     refuse_unknown(region, grids)?;
@@ -87,17 +87,17 @@ fn planned(
     let areas = match beyond_mm > 0.0 {
         true => {
             // The inset at the border, which comes later, takes its part back.
-            areas.into_iter().map(|area| widened(surface, area, beyond_mm + border_inset_mm(settings))).collect()
+            areas.into_iter().map(|area| widen_area(surface, area, beyond_mm + border_inset_mm(settings))).collect()
         }
         false => areas,
     };
     let pieces: Vec<Result<Piece, PlanError>> =
-        areas.into_par_iter().map(|area| piece(surface, region, area, (&outline, there), settings)).collect();
+        areas.into_par_iter().map(|area| make_piece(surface, region, area, (&outline, there), settings)).collect();
     let pieces: Vec<Piece> = pieces.into_iter().collect::<Result<_, _>>()?;
     // Ordered after they are laid: the way between two pieces depends on where their tracks begin and end.
-    let pieces = ordered(surface, pieces);
+    let pieces = order_pieces(surface, pieces);
     // Over all pieces together, because the disc at the border of one also treats its neighbour.
-    let even = even(surface, region, &pieces, settings);
+    let even = even_out_feeds(surface, region, &pieces, settings);
     let mut before = None;
     let mut paths = Vec::with_capacity(pieces.len());
     for (piece, feeds_mm_s) in pieces.iter().zip(&even.feeds_mm_s) {
@@ -107,19 +107,19 @@ fn planned(
         before = path.1;
         paths.push(path.0);
     }
-    let plan = with_evidence(paths, &pieces, even, settings);
+    let plan = assemble_plan(paths, &pieces, even, settings);
     assert!(plan.is_finite(), "a number of the path over {grids:?} is not finite");
     Ok(plan)
 }
 
 /// Returns an area that is larger by this length on each side, mm, for laying its lines.
-fn widened(surface: &BSplineSurface, area: Area, by_mm: f64) -> Area {
-    let middle = surface.tangents(area.patch.at(Parameter { u: 0.5, v: 0.5 }));
+fn widen_area(surface: &BSplineSurface, area: Area, by_mm: f64) -> Area {
+    let middle = surface.tangents(area.patch.parameter_at(Parameter { u: 0.5, v: 0.5 }));
     let (by_u, by_v) = (by_mm / middle.s_u.mm.norm(), by_mm / middle.s_v.mm.norm());
-    let Patch { low, high } = area.patch;
+    let ParameterPatch { low, high } = area.patch;
     let low = Parameter { u: low.u - by_u, v: low.v - by_v };
     let high = Parameter { u: high.u + by_u, v: high.v + by_v };
-    Area { patch: Patch { low, high }, ..area }
+    Area { patch: ParameterPatch { low, high }, ..area }
 }
 
 fn refuse_unknown(region: &Region, grids: &[GridId]) -> Result<(), PlanError> {
@@ -130,7 +130,7 @@ fn refuse_unknown(region: &Region, grids: &[GridId]) -> Result<(), PlanError> {
         if grids[..index].contains(id) {
             return Err(PlanError::Repeated { grid: *id });
         }
-        if Patch::of_grid(region, *id).is_none() {
+        if ParameterPatch::for_grid(region, *id).is_none() {
             return Err(PlanError::UnknownGrid { grid: *id, rows: region.rows, columns: region.columns });
         }
     }
@@ -138,7 +138,7 @@ fn refuse_unknown(region: &Region, grids: &[GridId]) -> Result<(), PlanError> {
 }
 
 /// Returns the pieces in the order of travel, each in its direction.
-fn ordered(surface: &BSplineSurface, pieces: Vec<Piece>) -> Vec<Piece> {
+fn order_pieces(surface: &BSplineSurface, pieces: Vec<Piece>) -> Vec<Piece> {
     let end = |at: Option<&Parameter>| at.map_or(Point::at(0.0, 0.0, 0.0), |at| surface.point(*at));
     let ends: Vec<[Point<Panel>; 2]> =
         pieces.iter().map(|piece| [end(piece.track.first()), end(piece.track.last())]).collect();
@@ -150,11 +150,11 @@ fn ordered(surface: &BSplineSurface, pieces: Vec<Piece>) -> Vec<Piece> {
         }
         piece
     };
-    order(&ends).into_iter().map(turned).collect()
+    visit_order(&ends).into_iter().map(turned).collect()
 }
 
-fn with_evidence(paths: Vec<ToolPath>, pieces: &[Piece], even: Even, settings: &recipe::Path) -> Plan {
-    let Extent { length_mm, contact_mm, duration_s } = extent(&paths, settings);
+fn assemble_plan(paths: Vec<ToolPath>, pieces: &[Piece], even: EvenFeeds, settings: &recipe::Path) -> Plan {
+    let PathExtent { length_mm, contact_mm, duration_s } = extent(&paths, settings);
     let mut grids: Vec<GridCoverage> = pieces.iter().flat_map(|piece| piece.coverage.iter().copied()).collect();
     grids.sort_by_key(|grid| grid.id);
     let covered_mm2: f64 = grids.iter().map(|grid| grid.covered_mm2).sum();
@@ -175,7 +175,7 @@ fn with_evidence(paths: Vec<ToolPath>, pieces: &[Piece], even: Even, settings: &
         dwell: even.all,
         grid_dwell: even.grids,
         step_over_mm: pieces.iter().flat_map(|piece| piece.step_overs_mm.iter().copied()).fold(None, step_over),
-        overhang: Overhang {
+        overhang: DiscOverhang {
             largest_mm: overhangs_mm().fold(0.0, f64::max),
             share_beyond: beyond as f64 / overhangs_mm().count().max(1) as f64,
         },

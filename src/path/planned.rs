@@ -2,13 +2,13 @@
 //! there is no plan.
 
 use super::coverage::GridCoverage;
-use super::edge::Overhang;
+use super::edge::DiscOverhang;
 use super::orientation::OrientationError;
 use super::raster::RasterError;
 use crate::geometry::{KukaPose, Panel, Rigid, Tool};
 use crate::panel::GridId;
 use crate::recipe;
-use crate::surface::Spread;
+use crate::surface::DwellSpread;
 use crate::surface::dwell::Dwell;
 
 /// One pose that is reached by a linear motion.
@@ -78,13 +78,13 @@ pub struct Plan {
     /// Covered fraction of each grid.
     pub grids: Vec<GridCoverage>,
     /// Time under the disc over the whole treated area; `None` if nothing is treated.
-    pub dwell: Option<Spread>,
+    pub dwell: Option<DwellSpread>,
     /// Time under the disc in each grid.
-    pub grid_dwell: Vec<(GridId, Spread)>,
+    pub grid_dwell: Vec<(GridId, DwellSpread)>,
     /// Distance between neighbouring rows, without turns; `None` if no path has two rows.
     pub step_over_mm: Option<StepOver>,
     /// Reach of the disc beyond the panel's outline.
-    pub overhang: Overhang,
+    pub overhang: DiscOverhang,
 }
 
 impl Plan {
@@ -99,7 +99,7 @@ impl Plan {
 
     /// Returns the plan with other feeds, one for each waypoint of all its paths in order, mm/s.
     #[must_use]
-    pub fn fed(mut self, feeds_mm_s: &[f64], settings: &recipe::Path) -> Self {
+    pub fn with_feeds(mut self, feeds_mm_s: &[f64], settings: &recipe::Path) -> Self {
         let all = self.paths.iter_mut().flat_map(|path| &mut path.waypoints);
         all.zip(feeds_mm_s).for_each(|(waypoint, feed_mm_s)| waypoint.feed_mm_s = *feed_mm_s);
         self.duration_s = extent(&self.paths, settings).duration_s;
@@ -108,7 +108,7 @@ impl Plan {
 
     /// Returns the plan with the times under the disc that result from these feeds.
     #[must_use]
-    pub fn timed(mut self, dwell: &Dwell) -> Self {
+    pub fn with_dwell(mut self, dwell: &Dwell) -> Self {
         self.dwell = dwell.spread();
         self.grid_dwell = dwell.grids.iter().filter_map(|grid| Some((grid.id, grid.spread()?))).collect();
         self
@@ -126,16 +126,16 @@ impl Plan {
 
 /// Length and duration of paths, in mm and s.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Extent {
+pub(super) struct PathExtent {
     pub length_mm: f64,
     pub contact_mm: f64,
     pub duration_s: f64,
 }
 
 /// Calculates the length and duration of paths.
-pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> Extent {
+pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> PathExtent {
     let all: Vec<&Waypoint> = paths.iter().flat_map(|path| &path.waypoints).collect();
-    let mut sum = Extent::default();
+    let mut sum = PathExtent::default();
     for pair in all.windows(2) {
         let step_mm = pair[0].panel_from_tool.origin().distance_mm(pair[1].panel_from_tool.origin());
         sum.length_mm += step_mm;

@@ -16,7 +16,7 @@
 //! shorter than two insets gets rows of one point.
 
 use crate::recipe;
-use crate::surface::{BSplineSurface, Parameter, Patch, Tangents};
+use crate::surface::{BSplineSurface, Parameter, ParameterPatch, PointTangents};
 use nalgebra::Vector3;
 
 /// Distance of the outer rows and of the rows' ends from the patch's border, in disc radii.
@@ -61,26 +61,26 @@ pub enum RasterError {
 
 /// The parameter along which rows run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Along {
+pub(super) enum RowDirection {
     U,
     V,
 }
 
-impl Along {
+impl RowDirection {
     /// Returns the point at `a` along the rows and `b` across them.
-    pub fn place(self, a: f64, b: f64) -> Parameter {
+    pub fn point(self, a: f64, b: f64) -> Parameter {
         match self {
-            Along::U => Parameter { u: a, v: b },
-            Along::V => Parameter { u: b, v: a },
+            RowDirection::U => Parameter { u: a, v: b },
+            RowDirection::V => Parameter { u: b, v: a },
         }
     }
 
-    pub fn along(self, at: Parameter) -> f64 {
-        if self == Along::U { at.u } else { at.v }
+    pub fn row_coordinate(self, at: Parameter) -> f64 {
+        if self == RowDirection::U { at.u } else { at.v }
     }
 
-    pub fn across(self, at: Parameter) -> f64 {
-        if self == Along::U { at.v } else { at.u }
+    pub fn cross_coordinate(self, at: Parameter) -> f64 {
+        if self == RowDirection::U { at.v } else { at.u }
     }
 }
 
@@ -97,43 +97,43 @@ pub(super) struct Insets {
     /// From lowest and highest v.
     pub v: [f64; 2],
     /// Additional distance required from each side: lowest u, highest u, lowest v, highest v.
-    pub more: [f64; 4],
+    pub extra_mm: [f64; 4],
     /// Whether each side was already moved farther inwards.
-    pub pushed: [bool; 4],
+    pub is_pushed: [bool; 4],
 }
 
 impl Insets {
     /// Returns the insets that the disc alone requires.
-    pub fn of_disc(settings: &recipe::Path) -> Self {
+    pub fn for_disc(settings: &recipe::Path) -> Self {
         let inset_mm = border_inset_mm(settings);
-        Insets { u: [inset_mm; 2], v: [inset_mm; 2], more: [0.0; 4], pushed: [false; 4] }
+        Insets { u: [inset_mm; 2], v: [inset_mm; 2], extra_mm: [0.0; 4], is_pushed: [false; 4] }
     }
 
     /// Records that the disc reaches too far at this place: the rows must keep a larger distance from the side towards
     /// which it reaches.
-    pub fn keep_off(&mut self, tangents: &Tangents, outward: Vector3<f64>, excess_mm: f64) {
+    pub fn require_distance(&mut self, tangents: &PointTangents, outward: Vector3<f64>, excess_mm: f64) {
         let (along_u, along_v) =
             (outward.dot(&tangents.s_u.mm.normalize()), outward.dot(&tangents.s_v.mm.normalize()));
         let towards = [-along_u, along_u, -along_v, along_v];
         let side = (0..4).fold(0, |most, side| if towards[side] > towards[most] { side } else { most });
-        self.more[side] = self.more[side].max(excess_mm);
+        self.extra_mm[side] = self.extra_mm[side].max(excess_mm);
     }
 
     /// Applies the recorded distances.
-    pub fn settle(&mut self) {
-        for (side, more) in std::mem::take(&mut self.more).into_iter().enumerate() {
+    pub fn apply_distances(&mut self) {
+        for (side, more) in std::mem::take(&mut self.extra_mm).into_iter().enumerate() {
             let insets = if side < 2 { &mut self.u } else { &mut self.v };
             insets[side % 2] += more;
-            self.pushed[side] |= more > 0.0;
+            self.is_pushed[side] |= more > 0.0;
         }
     }
 
     /// Moves the sides that were not pushed inwards by an outline to their border: the disc overlaps the neighbours by
     /// its radius. Returns false if no side was pushed, or all were moved out before.
-    pub fn give_way(&mut self) -> bool {
-        let free: Vec<usize> = (0..4).filter(|side| !self.pushed[*side]).collect();
+    pub fn release_sides(&mut self) -> bool {
+        let free: Vec<usize> = (0..4).filter(|side| !self.is_pushed[*side]).collect();
         let mut gave = false;
-        for side in free.into_iter().filter(|_| self.pushed.contains(&true)) {
+        for side in free.into_iter().filter(|_| self.is_pushed.contains(&true)) {
             let insets = if side < 2 { &mut self.u } else { &mut self.v };
             gave |= insets[side % 2] > 0.0;
             insets[side % 2] = 0.0;
@@ -141,19 +141,19 @@ impl Insets {
         gave
     }
 
-    pub fn at_ends(&self, along: Along) -> [f64; 2] {
-        if along == Along::U { self.u } else { self.v }
+    pub fn end_insets(&self, along: RowDirection) -> [f64; 2] {
+        if along == RowDirection::U { self.u } else { self.v }
     }
 
-    pub fn at_sides(&self, along: Along) -> [f64; 2] {
-        if along == Along::U { self.v } else { self.u }
+    pub fn side_insets(&self, along: RowDirection) -> [f64; 2] {
+        if along == RowDirection::U { self.v } else { self.u }
     }
 }
 
 /// The settings by which rows are laid.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Laying {
-    pub along: Along,
+pub(super) struct RasterSettings {
+    pub along: RowDirection,
     pub insets: Insets,
     pub step_over_mm: f64,
     pub spacing_mm: f64,
@@ -163,10 +163,14 @@ pub(super) struct Laying {
 ///
 /// # Errors
 /// If the surface is degenerate.
-pub fn raster(surface: &BSplineSurface, patch: &Patch, settings: &recipe::Path) -> Result<Raster, RasterError> {
-    let laying = Laying {
-        along: Along::U,
-        insets: Insets::of_disc(settings),
+pub fn raster(
+    surface: &BSplineSurface,
+    patch: &ParameterPatch,
+    settings: &recipe::Path,
+) -> Result<Raster, RasterError> {
+    let laying = RasterSettings {
+        along: RowDirection::U,
+        insets: Insets::for_disc(settings),
         step_over_mm: settings.step_over_mm(),
         spacing_mm: settings.waypoint_spacing_mm(),
     };
@@ -176,29 +180,29 @@ pub fn raster(surface: &BSplineSurface, patch: &Patch, settings: &recipe::Path) 
 /// Lays rows along one parameter.
 pub(super) fn rows(
     surface: &BSplineSurface,
-    patch: &Patch,
-    laying: &Laying,
+    patch: &ParameterPatch,
+    laying: &RasterSettings,
 ) -> Result<Vec<Vec<Parameter>>, RasterError> {
     let columns = columns(surface, patch, laying)?;
     let widest_mm = columns.iter().map(|column| column.left_mm).fold(0.0, f64::max);
     let steps = (widest_mm / laying.step_over_mm - 1e-9).ceil().max(0.0) as usize;
 
-    let border = laying.along.across(patch.low);
+    let border = laying.along.cross_coordinate(patch.low);
     let mut row: Vec<Parameter> = Vec::with_capacity(columns.len());
     for column in &columns {
-        let from = laying.along.place(column.at, border);
-        row.push(across_from(surface, laying.along, from, column.first_mm)?);
+        let from = laying.along.point(column.at, border);
+        row.push(point_across(surface, laying.along, from, column.first_mm)?);
     }
     let mut rows = vec![row];
     for _ in 0..steps {
         let previous = &rows[rows.len() - 1];
         let next = previous.iter().zip(&columns).map(|(from, column)| {
-            across_from(surface, laying.along, *from, column.left_mm / steps as f64) // r' of this column
+            point_across(surface, laying.along, *from, column.left_mm / steps as f64) // r' of this column
         });
         rows.push(next.collect::<Result<_, _>>()?);
     }
     let ended = |(index, row): (usize, Vec<Parameter>)| {
-        let mut row = trimmed(surface, &row, laying);
+        let mut row = trim_row(surface, &row, laying);
         if index % 2 == 1 {
             row.reverse();
         }
@@ -209,18 +213,18 @@ pub(super) fn rows(
 
 impl Raster {
     /// Returns all waypoints as one track: the rows and the turns between them, in contact throughout.
-    pub fn track(&self, surface: &BSplineSurface, spacing_mm: f64) -> Vec<Parameter> {
-        joined(surface, &self.rows, spacing_mm)
+    pub fn to_track(&self, surface: &BSplineSurface, spacing_mm: f64) -> Vec<Parameter> {
+        join_lines(surface, &self.rows, spacing_mm)
     }
 }
 
 /// Joins lines, one after the other, by connecting lines; no step is longer than the spacing.
-pub(super) fn joined(surface: &BSplineSurface, lines: &[Vec<Parameter>], spacing_mm: f64) -> Vec<Parameter> {
+pub(super) fn join_lines(surface: &BSplineSurface, lines: &[Vec<Parameter>], spacing_mm: f64) -> Vec<Parameter> {
     let mut track: Vec<Parameter> = Vec::new();
     for line in lines {
         let mut line = line.as_slice();
         if let (Some(from), Some(to)) = (track.last().copied(), line.first().copied()) {
-            track.extend(between(surface, from, to, spacing_mm));
+            track.extend(intermediate_points(surface, from, to, spacing_mm));
             if from == to {
                 line = &line[1..];
             }
@@ -231,13 +235,13 @@ pub(super) fn joined(surface: &BSplineSurface, lines: &[Vec<Parameter>], spacing
 }
 
 /// Returns points between two others, without these two, so that no step exceeds the spacing.
-pub(super) fn between(
+pub(super) fn intermediate_points(
     surface: &BSplineSurface,
     from: Parameter,
     to: Parameter,
     spacing_mm: f64,
 ) -> impl Iterator<Item = Parameter> {
-    let at = move |step: usize, steps: usize| mix(from, to, step as f64 / steps as f64);
+    let at = move |step: usize, steps: usize| interpolate(from, to, step as f64 / steps as f64);
     let longest_mm = |steps: usize| {
         let points = (0..=steps).map(|step| surface.point(at(step, steps)));
         let ends = points.clone().skip(1);
@@ -247,10 +251,10 @@ pub(super) fn between(
     // Equal steps of the parameters are unequal steps on the surface.
     let most = 2 * fewest + 8;
     let steps = (fewest..most).find(|steps| longest_mm(*steps) <= spacing_mm * (1.0 + 1e-9)).unwrap_or(most);
-    (1..steps).map(move |step| mix(from, to, step as f64 / steps as f64))
+    (1..steps).map(move |step| interpolate(from, to, step as f64 / steps as f64))
 }
 
-pub(super) fn mix(from: Parameter, to: Parameter, share: f64) -> Parameter {
+pub(super) fn interpolate(from: Parameter, to: Parameter, share: f64) -> Parameter {
     Parameter { u: from.u + (to.u - from.u) * share, v: from.v + (to.v - from.v) * share }
 }
 
@@ -262,44 +266,48 @@ struct Column {
     left_mm: f64,
 }
 
-fn columns(surface: &BSplineSurface, patch: &Patch, laying: &Laying) -> Result<Vec<Column>, RasterError> {
+fn columns(
+    surface: &BSplineSurface,
+    patch: &ParameterPatch,
+    laying: &RasterSettings,
+) -> Result<Vec<Column>, RasterError> {
     let along = laying.along;
-    let share = |a: f64, b: f64| patch.at(along.place(a, b));
+    let share = |a: f64, b: f64| patch.parameter_at(along.point(a, b));
     let middle = |step: usize| surface.point(share(step as f64 / 4.0, 0.5));
     let length_mm: f64 = (0..4).map(|step| middle(step).distance_mm(middle(step + 1))).sum();
     let pieces = (length_mm / COLUMN_SPACING_MM).ceil().max(2.0) as usize;
-    let [low_mm, high_mm] = laying.insets.at_sides(along);
+    let [low_mm, high_mm] = laying.insets.side_insets(along);
     let column = |index: usize| {
         let border = |piece: usize| share(index as f64 / pieces as f64, piece as f64 / WIDTH_PIECES as f64);
         let mut width_mm = 0.0;
         for piece in 0..WIDTH_PIECES {
-            width_mm += across_mm(surface, along, border(piece), along.across(border(piece + 1)))?;
+            width_mm += column_length_mm(surface, along, border(piece), along.cross_coordinate(border(piece + 1)))?;
         }
         let left_mm = width_mm - low_mm - high_mm;
         // If there is no space for both insets, there is one row, equally far beyond each inset.
-        let first_mm = if left_mm > 0.0 { low_mm } else { between_insets_mm(width_mm, [low_mm, high_mm]) };
-        Ok(Column { at: along.along(border(0)), first_mm, left_mm: left_mm.max(0.0) })
+        let first_mm = if left_mm > 0.0 { low_mm } else { squeezed_position_mm(width_mm, [low_mm, high_mm]) };
+        Ok(Column { at: along.row_coordinate(border(0)), first_mm, left_mm: left_mm.max(0.0) })
     };
     (0..=pieces).map(column).collect()
 }
 
 /// Returns the position of a line that has no space for both insets, from the low border, mm: equally far beyond each
 /// inset.
-pub(super) fn between_insets_mm(width_mm: f64, [low_mm, high_mm]: [f64; 2]) -> f64 {
+pub(super) fn squeezed_position_mm(width_mm: f64, [low_mm, high_mm]: [f64; 2]) -> f64 {
     ((width_mm + low_mm - high_mm) / 2.0).clamp(0.0, width_mm)
 }
 
 /// Finds the point on the column of `from` at this distance across the rows, towards larger parameters.
-pub(super) fn across_from(
+pub(super) fn point_across(
     surface: &BSplineSurface,
-    along: Along,
+    along: RowDirection,
     from: Parameter,
     distance_mm: f64,
 ) -> Result<Parameter, RasterError> {
-    let place = |b: f64| along.place(along.along(from), b);
-    let mut b = along.across(from) + distance_mm / mm_per_unit(surface, along, from)?; // Eq. 4.23, 4.24
+    let place = |b: f64| along.point(along.row_coordinate(from), b);
+    let mut b = along.cross_coordinate(from) + distance_mm / mm_per_unit(surface, along, from)?; // Eq. 4.23, 4.24
     for _ in 0..MAX_NEWTON_STEPS {
-        let missing_mm = distance_mm - across_mm(surface, along, from, b)?;
+        let missing_mm = distance_mm - column_length_mm(surface, along, from, b)?;
         if missing_mm.abs() < TOLERANCE_MM {
             return Ok(place(b));
         }
@@ -309,30 +317,35 @@ pub(super) fn across_from(
 }
 
 /// Calculates ∫ |S_u × S_v| / |S_u| dv along a column, mm.
-fn across_mm(surface: &BSplineSurface, along: Along, from: Parameter, to: f64) -> Result<f64, RasterError> {
-    let (a, b) = (along.along(from), along.across(from));
+fn column_length_mm(
+    surface: &BSplineSurface,
+    along: RowDirection,
+    from: Parameter,
+    to: f64,
+) -> Result<f64, RasterError> {
+    let (a, b) = (along.row_coordinate(from), along.cross_coordinate(from));
     let mut sum = 0.0;
     for (node, weight) in GAUSS {
-        sum += weight * mm_per_unit(surface, along, along.place(a, b + (to - b) * node))?;
+        sum += weight * mm_per_unit(surface, along, along.point(a, b + (to - b) * node))?;
     }
     Ok(sum * (to - b))
 }
 
 /// Calculates |S_v·D| of Eq. 4.23 with F along S_u, mm for a unit of v; for rows along v, u and v are exchanged.
-fn mm_per_unit(surface: &BSplineSurface, along: Along, at: Parameter) -> Result<f64, RasterError> {
+fn mm_per_unit(surface: &BSplineSurface, along: RowDirection, at: Parameter) -> Result<f64, RasterError> {
     let tangents = surface.tangents(at);
-    surface.normal_of(&tangents).ok_or(RasterError::Degenerate { at })?;
-    let feed = if along == Along::U { tangents.s_u } else { tangents.s_v };
+    surface.unit_normal(&tangents).ok_or(RasterError::Degenerate { at })?;
+    let feed = if along == RowDirection::U { tangents.s_u } else { tangents.s_v };
     Ok(tangents.area_mm2() / feed.mm.norm())
 }
 
 /// Returns waypoints at equal distances along a row, from inset to inset.
-fn trimmed(surface: &BSplineSurface, row: &[Parameter], laying: &Laying) -> Vec<Parameter> {
+fn trim_row(surface: &BSplineSurface, row: &[Parameter], laying: &RasterSettings) -> Vec<Parameter> {
     // The inset is measured perpendicular to the border; a row that meets the border at an angle needs a longer
     // distance.
-    let [low_mm, high_mm] = laying.insets.at_ends(laying.along);
+    let [low_mm, high_mm] = laying.insets.end_insets(laying.along);
     let (start, end) = (surface.tangents(row[0]), surface.tangents(row[row.len() - 1]));
-    resampled(surface, row, [low_mm / sine(&start), high_mm / sine(&end)], laying.spacing_mm)
+    resampled(surface, row, [low_mm / tangent_sine(&start), high_mm / tangent_sine(&end)], laying.spacing_mm)
 }
 
 /// Returns places at equal distances along a line, without these lengths at its two ends, mm; one place in the
@@ -356,7 +369,7 @@ pub(super) fn resampled(
         let after = way_mm.partition_point(|way| *way < at_mm).clamp(1, line.len() - 1);
         let gap_mm = way_mm[after] - way_mm[after - 1];
         let share = if gap_mm > 0.0 { (at_mm - way_mm[after - 1]) / gap_mm } else { 0.0 };
-        mix(line[after - 1], line[after], share)
+        interpolate(line[after - 1], line[after], share)
     };
     if first >= last {
         return vec![place((first + last) / 2.0)];
@@ -366,6 +379,6 @@ pub(super) fn resampled(
 }
 
 /// Returns the sine of the angle between S_u and S_v.
-fn sine(tangents: &Tangents) -> f64 {
+fn tangent_sine(tangents: &PointTangents) -> f64 {
     tangents.area_mm2() / (tangents.s_u.mm.norm() * tangents.s_v.mm.norm())
 }

@@ -6,8 +6,8 @@
 //! the patch is longer by e, they are at most r apart; no line is travelled twice. If h is zero, there is one line, or
 //! one point, in the middle.
 
-use super::raster::{Along, Insets, RasterError, across_from, between_insets_mm, mix};
-use crate::surface::{BSplineSurface, Parameter, Patch};
+use super::raster::{Insets, RasterError, RowDirection, interpolate, point_across, squeezed_position_mm};
+use crate::surface::{BSplineSurface, Parameter, ParameterPatch};
 
 /// Steps of the search for a ring's corner, the intersection of two borders; each gains about three digits.
 const CORNER_STEPS: usize = 4;
@@ -17,14 +17,14 @@ const SIDE_STEPS: usize = 24;
 const MIN_HALF_MM: f64 = 0.5;
 
 /// The rings of one patch.
-pub(super) struct Rings<'a> {
+pub(super) struct PatchRings<'a> {
     surface: &'a BSplineSurface,
-    patch: &'a Patch,
+    patch: &'a ParameterPatch,
     insets: Insets,
     step_mm: f64,
     /// Number of rings inside the outermost one.
     steps: usize,
-    shorter: Along,
+    shorter: RowDirection,
     /// Whether there is no room for a ring.
     is_line: bool,
 }
@@ -32,24 +32,24 @@ pub(super) struct Rings<'a> {
 /// A side of a ring: from the corner at lowest u and v along u, then along v, back along u, back along v.
 const SIDES: usize = 4;
 
-impl<'a> Rings<'a> {
-    pub fn new(surface: &'a BSplineSurface, patch: &'a Patch, insets: Insets, step_over_mm: f64) -> Self {
-        let length = |along: Along, across: f64| {
-            let place = |n: usize| surface.point(patch.at(along.place(n as f64 / 8.0, across)));
+impl<'a> PatchRings<'a> {
+    pub fn new(surface: &'a BSplineSurface, patch: &'a ParameterPatch, insets: Insets, step_over_mm: f64) -> Self {
+        let length = |along: RowDirection, across: f64| {
+            let place = |n: usize| surface.point(patch.parameter_at(along.point(n as f64 / 8.0, across)));
             (0..8).map(|n| place(n).distance_mm(place(n + 1))).sum::<f64>()
         };
-        let (u_mm, v_mm) = (length(Along::U, 0.5), length(Along::V, 0.5));
+        let (u_mm, v_mm) = (length(RowDirection::U, 0.5), length(RowDirection::V, 0.5));
         // If there is no space for both insets, the ring shrinks to a line or a point between them.
         let shrunk = |length_mm: f64, inset: [f64; 2]| {
-            let low_mm = between_insets_mm(length_mm, inset);
+            let low_mm = squeezed_position_mm(length_mm, inset);
             if inset[0] + inset[1] < length_mm { inset } else { [low_mm, length_mm - low_mm] }
         };
         let insets = Insets { u: shrunk(u_mm, insets.u), v: shrunk(v_mm, insets.v), ..insets };
         let left = |length_mm: f64, [low, high]: [f64; 2]| (length_mm - low - high).max(0.0);
         let (left_u_mm, left_v_mm) = (left(u_mm, insets.u), left(v_mm, insets.v));
         let half_mm = left_u_mm.min(left_v_mm) / 2.0;
-        let shorter = if left_u_mm < left_v_mm { Along::U } else { Along::V };
-        let middle_mm = if shorter == Along::U { u_mm } else { v_mm };
+        let shorter = if left_u_mm < left_v_mm { RowDirection::U } else { RowDirection::V };
+        let middle_mm = if shorter == RowDirection::U { u_mm } else { v_mm };
         let longest_mm = (0..=4).map(|n| length(shorter, n as f64 / 4.0)).fold(middle_mm, f64::max);
         // The sides of the innermost ring are farther apart by this length at the longest part of the patch than in
         // the middle. If this is most of a step, more rings do not help, and the gate reports how far apart they
@@ -58,7 +58,7 @@ impl<'a> Rings<'a> {
         let within_mm = step_over_mm - excess_mm.unwrap_or(0.0);
         let steps = (half_mm / within_mm - 0.5 - 1e-9).ceil().max(0.0) as usize;
         let step_mm = half_mm / (steps as f64 + 0.5);
-        Rings { surface, patch, insets, step_mm, steps, shorter, is_line: half_mm < MIN_HALF_MM }
+        PatchRings { surface, patch, insets, step_mm, steps, shorter, is_line: half_mm < MIN_HALF_MM }
     }
 
     fn depth(&self, ring: usize) -> f64 {
@@ -66,8 +66,8 @@ impl<'a> Rings<'a> {
     }
 
     /// Returns the two sides of the innermost ring that lie beside one another: those across its shorter side.
-    pub fn beside(&self) -> [usize; 2] {
-        if self.shorter == Along::U { [1, 3] } else { [0, 2] }
+    pub fn innermost_sides(&self) -> [usize; 2] {
+        if self.shorter == RowDirection::U { [1, 3] } else { [0, 2] }
     }
 
     /// Returns each ring's four sides, the outermost ring first.
@@ -75,23 +75,28 @@ impl<'a> Rings<'a> {
         (0..=self.steps).map(|ring| self.sides([self.depth(ring); SIDES + 1])).collect()
     }
 
-    /// Returns the rings as [`Rings::closed`] does, but the last side of each ring leads to the corner of the next
+    /// Returns the rings as [`PatchRings::closed`] does, but the last side of each ring leads to the corner of the next
     /// ring, at the place where it meets that ring.
-    pub fn stepped(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
+    pub fn stepped_rings(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
         let mut rings = self.closed()?;
         for (ring, sides) in rings.iter_mut().take(self.steps).enumerate() {
             let next = self.corner([false, false], self.depth(ring + 1))?;
             let last = &mut sides[SIDES - 1];
             last.retain(|at| at.v > next.v);
             if let Some(at) = last.last().copied() {
-                last.push(self.at_depth(Along::V, Parameter { v: next.v, ..at }, false, self.depth(ring))?);
+                last.push(self.point_at_depth(
+                    RowDirection::V,
+                    Parameter { v: next.v, ..at },
+                    false,
+                    self.depth(ring),
+                )?);
             }
         }
         Ok(rings)
     }
 
     /// Returns the outermost ring, then turns that lead continuously inwards, then the innermost ring.
-    pub fn winding(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
+    pub fn winding_rings(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
         let mut all = vec![self.sides([0.0; SIDES + 1])?];
         for ring in 0..self.steps {
             let (here, next) = (self.depth(ring), self.depth(ring + 1));
@@ -115,14 +120,14 @@ impl<'a> Rings<'a> {
         }
         let mut sides = [const { Vec::new() }; SIDES];
         for (n, side) in sides.iter_mut().enumerate() {
-            let along = if n % 2 == 0 { Along::U } else { Along::V };
+            let along = if n % 2 == 0 { RowDirection::U } else { RowDirection::V };
             // Sides 0 and 3 follow the low border of the other parameter.
             let high = n == 1 || n == 2;
             for step in 0..=SIDE_STEPS {
                 let share = step as f64 / SIDE_STEPS as f64;
                 let depth_mm = depths_mm[n] + (depths_mm[n + 1] - depths_mm[n]) * share;
-                let at = mix(corners[n], corners[n + 1], share);
-                side.push(self.at_depth(along, at, high, depth_mm)?);
+                let at = interpolate(corners[n], corners[n + 1], share);
+                side.push(self.point_at_depth(along, at, high, depth_mm)?);
             }
         }
         if self.is_line {
@@ -134,11 +139,17 @@ impl<'a> Rings<'a> {
     }
 
     /// Finds the point on the column of `at` at this depth from the low or high border.
-    fn at_depth(&self, along: Along, at: Parameter, high: bool, depth_mm: f64) -> Result<Parameter, RasterError> {
-        let border = along.across(if high { self.patch.high } else { self.patch.low });
-        let inset_mm = self.insets.at_sides(along)[usize::from(high)] + depth_mm;
-        let from = along.place(along.along(at), border);
-        across_from(self.surface, along, from, if high { -inset_mm } else { inset_mm })
+    fn point_at_depth(
+        &self,
+        along: RowDirection,
+        at: Parameter,
+        high: bool,
+        depth_mm: f64,
+    ) -> Result<Parameter, RasterError> {
+        let border = along.cross_coordinate(if high { self.patch.high } else { self.patch.low });
+        let inset_mm = self.insets.side_insets(along)[usize::from(high)] + depth_mm;
+        let from = along.point(along.row_coordinate(at), border);
+        point_across(self.surface, along, from, if high { -inset_mm } else { inset_mm })
     }
 
     fn corner(&self, [high_u, high_v]: [bool; 2], depth_mm: f64) -> Result<Parameter, RasterError> {
@@ -148,8 +159,8 @@ impl<'a> Rings<'a> {
             v: pick(high_v, self.patch.low.v, self.patch.high.v),
         };
         for _ in 0..CORNER_STEPS {
-            at = self.at_depth(Along::U, at, high_v, depth_mm)?;
-            at = self.at_depth(Along::V, at, high_u, depth_mm)?;
+            at = self.point_at_depth(RowDirection::U, at, high_v, depth_mm)?;
+            at = self.point_at_depth(RowDirection::V, at, high_u, depth_mm)?;
         }
         Ok(at)
     }

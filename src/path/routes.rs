@@ -4,15 +4,15 @@
 //! that of the plan, in the panel's frame, which is the base that was set. Every path is followed with all axes from
 //! the current axis angles.
 
-use super::gate::{check_pad, judged, taught_axis};
+use super::gate::{check_pad, judge_plan, taught_axis};
 use super::kinematics::Kinematics;
 use super::planned::{Plan, Waypoint};
-use super::reach::{self, Leg, Obstacles, ReachFault, between, follow, retracts};
-use super::waypoint_gate::{Route, WaypointLimits, broken_by_route};
+use super::reach::{self, Obstacles, PathLine, ReachFault, check_retracts, follow_path, interpolate_pose};
+use super::waypoint_gate::{Route, WaypointLimits, violated_by_route};
 use crate::cell::{self, Limits};
 use crate::controller::AIR_ACCELERATION_M_S2;
 use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Rigid, Tool, Vector};
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use crate::recipe;
 use crate::verdict::{Check, Judgement, Reason, Severity, Verdict};
 use nalgebra::Vector3;
@@ -72,34 +72,34 @@ pub struct PathSpeed {
 
 /// A path with the result of its gate: it may be sent, or there are violations.
 #[derive(Debug, Clone)]
-pub struct Gated {
+pub struct GatedPath {
     /// The violations; empty if the path may be sent.
-    pub broken: Vec<Check>,
+    pub violations: Vec<Check>,
     /// The motions.
     pub points: Vec<LinearMotion>,
     /// Speed and acceleration of the motions.
     pub speed: PathSpeed,
     /// The tip's pose at the end, in the robot's base.
-    pub end: Option<Rigid<Base, Tool>>,
+    pub end_pose: Option<Rigid<Base, Tool>>,
     /// The axis angles at the end; `None` if the path is refused.
     pub joints: Option<Joints>,
 }
 
-impl Gated {
+impl GatedPath {
     /// Returns whether the path may be sent.
-    pub fn is_good(&self) -> bool {
+    pub fn is_sendable(&self) -> bool {
         self.judgement().verdict == Verdict::Accept
     }
 
     /// The gate's verdict.
     pub fn judgement(&self) -> Judgement {
-        Judgement::of_checks(&self.broken)
+        Judgement::from_checks(&self.violations)
     }
 
     /// Returns the same path with additional violations.
     fn refused_for(self, mut broken: Vec<Check>) -> Self {
-        broken.extend(self.broken);
-        Gated { broken, joints: None, ..self }
+        broken.extend(self.violations);
+        GatedPath { violations: broken, joints: None, ..self }
     }
 }
 
@@ -109,27 +109,27 @@ pub fn waypoints(plan: &Plan) -> Vec<Waypoint> {
 }
 
 /// Checks a straight motion through air from the arm's current pose, in a base that is at `base_from_active`.
-pub fn air<Active: crate::geometry::Frame>(
+pub fn gate_air_motion<Active: crate::geometry::Frame>(
     standing: &StartState<'_>,
     base_from_active: Rigid<Base, Active>,
     ends: (Rigid<Active, Tool>, Rigid<Active, Tool>),
     taught_axis: Option<Vector<Base>>,
-) -> Gated {
-    air_at(standing, base_from_active, ends, taught_axis, AIR_MM_S)
+) -> GatedPath {
+    gate_air_motion_at(standing, base_from_active, ends, taught_axis, AIR_MM_S)
 }
 
 /// Checks a motion through air at a given speed.
-pub fn air_at<Active: crate::geometry::Frame>(
+pub fn gate_air_motion_at<Active: crate::geometry::Frame>(
     standing: &StartState<'_>,
     base_from_active: Rigid<Base, Active>,
     (from, to): (Rigid<Active, Tool>, Rigid<Active, Tool>),
     taught_axis: Option<Vector<Base>>,
     speed_mm_s: f64,
-) -> Gated {
+) -> GatedPath {
     let (length_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * to).turn());
     let steps = (length_mm / AIR_STEP_MM).max(turn.0 / AIR_TURN.0).ceil().clamp(1.0, 1_000.0) as usize;
     let poses: Vec<Rigid<Active, Tool>> = (1..=steps)
-        .map(|step| if step == steps { to } else { between(from, to, step as f64 / steps as f64) })
+        .map(|step| if step == steps { to } else { interpolate_pose(from, to, step as f64 / steps as f64) })
         .collect();
     let points = poses.iter().enumerate().map(|(index, pose)| LinearMotion {
         pose: KukaPose::from_rigid(pose),
@@ -139,15 +139,20 @@ pub fn air_at<Active: crate::geometry::Frame>(
         speed_m_s: None,
     });
     let speed_mm_s = speed_mm_s.min(standing.limits.max_speed_mm_s());
-    gated(standing, base_from_active, (from, points.collect()), (taught_axis, speed_mm_s, AIR_ACCELERATION_M_S2))
+    gate_path(
+        standing,
+        base_from_active,
+        (from, points.collect()),
+        (taught_axis, speed_mm_s, AIR_ACCELERATION_M_S2),
+    )
 }
 
 /// Returns the plan with every contact point lifted off the panel, along the tool's axis.
-pub fn lifted(plan: &Plan, height_mm: f64) -> Plan {
+pub fn lift_contact_points(plan: &Plan, height_mm: f64) -> Plan {
     let mut lifted = plan.clone();
     for waypoint in lifted.paths.iter_mut().flat_map(|path| &mut path.waypoints).filter(|waypoint| waypoint.contact)
     {
-        let up = Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * -height_mm));
+        let up = Rigid::<Tool, Tool>::identity().followed_by_displacement(Vector::new(Vector3::z() * -height_mm));
         // From the rounded pose, so that an air-run tests exactly the poses that the contact path will send.
         waypoint.panel_from_tool = waypoint.as_sent() * up;
         waypoint.contact = false;
@@ -163,7 +168,7 @@ pub fn contact(
     base_from_panel: Rigid<Base, Panel>,
     (from, plan): (Rigid<Panel, Tool>, &Plan),
     settings: &recipe::Path,
-) -> Gated {
+) -> GatedPath {
     let allowed_mm_s = standing.limits.max_speed_mm_s();
     let point = |waypoint: &Waypoint| LinearMotion {
         pose: waypoint.pose(),
@@ -175,16 +180,16 @@ pub fn contact(
     let speed_mm_s = settings.feed_mm_s().min(allowed_mm_s);
     let acceleration_m_s2 = settings.acceleration_mm_s2() / 1_000.0;
     let gated =
-        gated(standing, base_from_panel, (from, points), (taught_axis(plan), speed_mm_s, acceleration_m_s2));
+        gate_path(standing, base_from_panel, (from, points), (taught_axis(plan), speed_mm_s, acceleration_m_s2));
     let in_contact = waypoints(plan).into_iter().filter(|waypoint| waypoint.contact);
     let places = in_contact.map(|waypoint| base_from_panel * waypoint.panel_from_tool);
-    let of_plan = judged(plan, settings).0.into_iter();
+    let of_plan = judge_plan(plan, settings).0.into_iter();
     let of_plan = of_plan
         .chain(check_pad(settings, standing.limits.tool_error_mm()))
-        .chain(standing.where_measured(places))
+        .chain(standing.check_correction_measured(places))
         .filter(|check| check.reason().is_some());
     let of_plan: Vec<Check> = of_plan.collect();
-    if Judgement::of_checks(&of_plan).verdict != Verdict::Reject {
+    if Judgement::from_checks(&of_plan).verdict != Verdict::Reject {
         return gated;
     }
     gated.refused_for(of_plan)
@@ -213,7 +218,7 @@ impl Sander {
         let rim = |number: u32| {
             let (sine, cosine) = (f64::from(number) * FRAC_PI_4).sin_cos();
             let aside = Vector::new(Vector3::new(cosine, sine, 0.0) * self.radius_mm);
-            self.flange_from_tip * Rigid::<Tool, Tool>::identity().displaced(aside)
+            self.flange_from_tip * Rigid::<Tool, Tool>::identity().followed_by_displacement(aside)
         };
         std::iter::once(self.flange_from_tip).chain((0..8).map(rim)).collect()
     }
@@ -232,38 +237,38 @@ pub fn view(
     standing: &StartState<'_>,
     (from, to): (Rigid<Base, Tool>, Rigid<Base, Tool>),
     sander: Sander,
-) -> Gated {
+) -> GatedPath {
     let arm = standing.kinematics();
     let tip = arm.base_from_flange(&standing.joints).map(|flange| flange * sander.flange_from_tip);
     let Some(tip) = tip.filter(|_| !sander.is_clear(&arm, &standing.joints)) else {
         return view_from(standing, (from, to), sander);
     };
     let back = tip.isometry().rotation * Vector3::z() * -sander.lift_mm;
-    let lifted = from.displaced(Vector::new(back));
+    let lifted = from.followed_by_displacement(Vector::new(back));
     // The panel is no obstacle for the sander, which leaves it, but everything is one for the arm and its camera.
     let leaving = StartState { obstacles: None, ..*standing };
-    let lift = air(&leaving, Rigid::<Base, Base>::identity(), (from, lifted), None);
+    let lift = gate_air_motion(&leaving, Rigid::<Base, Base>::identity(), (from, lifted), None);
     let Some(joints) = lift.joints else { return lift };
     let departing = reach::departing(&arm, &standing.joints, standing.flange_from_tool).unwrap_or(arm);
     let followed = follows(&departing, standing, (Rigid::identity(), &lift.points), standing.flange_from_tool);
     if let Err(reason) = followed {
         let check = Check::new("waypoint of the lift that the arm follows", "", None);
-        return lift.refused_for(vec![check.gives(Some(reason), Severity::Reject)]);
+        return lift.refused_for(vec![check.with_reason(Some(reason), Severity::Reject)]);
     }
     let view = view_from(&StartState { joints, ..*standing }, (lifted, to), sander);
-    Gated { points: lift.points.into_iter().chain(view.points).collect(), ..view }
+    GatedPath { points: lift.points.into_iter().chain(view.points).collect(), ..view }
 }
 
 fn view_from(
     standing: &StartState<'_>,
     (from, to): (Rigid<Base, Tool>, Rigid<Base, Tool>),
     sander: Sander,
-) -> Gated {
-    let gated = air(standing, Rigid::<Base, Base>::identity(), (from, to), None);
-    if let Some(outside) = standing.where_measured([to]) {
+) -> GatedPath {
+    let gated = gate_air_motion(standing, Rigid::<Base, Base>::identity(), (from, to), None);
+    if let Some(outside) = standing.check_correction_measured([to]) {
         return gated.refused_for(vec![outside]);
     }
-    if !gated.is_good() {
+    if !gated.is_sendable() {
         return gated;
     }
     let arm = standing.kinematics();
@@ -276,45 +281,46 @@ fn view_from(
     let Some(reason) = sander.tips().into_iter().find_map(|tip| follows_with(tip).err()) else { return gated };
     let message = format!("with the sander: {}", reason.message);
     let check = Check::new("waypoint that the sander follows", "", None);
-    gated.refused_for(vec![check.gives(Some(Reason { message, ..reason }), Severity::Reject)])
+    gated.refused_for(vec![check.with_reason(Some(Reason { message, ..reason }), Severity::Reject)])
 }
 
-fn gated<Active: crate::geometry::Frame>(
+fn gate_path<Active: crate::geometry::Frame>(
     standing: &StartState<'_>,
     base_from_active: Rigid<Base, Active>,
     (from, points): (Rigid<Active, Tool>, Vec<LinearMotion>),
     (taught_axis, speed_mm_s, acceleration_m_s2): (Option<Vector<Base>>, f64, f64),
-) -> Gated {
+) -> GatedPath {
     // The poses are checked exactly as they will be sent, with rounded numbers.
     let poses: Vec<Rigid<Base, Tool>> =
         points.iter().map(|point| base_from_active * point.pose.to_rigid::<Active, Tool>()).collect();
     let from = base_from_active * from;
     let route = Route { from, waypoints: &poses, taught_axis };
-    let (mut broken, mut joints) = (broken_by_route(&route, &WaypointLimits::from(standing.limits)), None);
+    let (mut broken, mut joints) = (violated_by_route(&route, &WaypointLimits::from(standing.limits)), None);
     // The arm is followed last: that costs most, and a step that is too long would only be reported again as an axis
     // that is too fast.
     if broken.is_empty() {
-        let legs = poses.iter().zip(&points).map(|(pose, point)| Leg {
+        let legs = poses.iter().zip(&points).map(|(pose, point)| PathLine {
             base_from_tool: *pose,
             feed_mm_s: point.speed_m_s.map_or(speed_mm_s, |speed_m_s| 1_000.0 * speed_m_s),
             blend_mm: point.blend_mm,
         });
-        let followed = standing.followed(from, &legs.collect::<Vec<_>>());
+        let followed = standing.follow_lines(from, &legs.collect::<Vec<_>>());
         let leaves = followed.and_then(|travel| {
-            standing.retracts(&points, &poses, &travel)?;
+            standing.check_retracts(&points, &poses, &travel)?;
             Ok(travel.last().copied())
         });
         match leaves {
             Ok(last) => joints = last,
-            Err(reason) => broken
-                .push(Check::new("waypoint that the arm follows", "", None).gives(Some(reason), Severity::Reject)),
+            Err(reason) => broken.push(
+                Check::new("waypoint that the arm follows", "", None).with_reason(Some(reason), Severity::Reject),
+            ),
         }
     }
-    Gated {
-        broken,
+    GatedPath {
+        violations: broken,
         points,
         speed: PathSpeed { speed_m_s: speed_mm_s / 1_000.0, acceleration_m_s2 },
-        end: poses.last().copied(),
+        end_pose: poses.last().copied(),
         joints,
     }
 }
@@ -324,15 +330,16 @@ impl StartState<'_> {
     fn kinematics(&self) -> Kinematics {
         let arm = Kinematics::new(self.arm);
         match self.obstacles {
-            Some(obstacles) => arm.beside(obstacles.clone()),
+            Some(obstacles) => arm.with_obstacles(obstacles.clone()),
             None => arm,
         }
     }
 
     /// Checks that the arm's correction was measured at these tip poses, because the tip must be exact there.
-    fn where_measured(&self, tips: impl IntoIterator<Item = Rigid<Base, Tool>>) -> Option<Check> {
+    fn check_correction_measured(&self, tips: impl IntoIterator<Item = Rigid<Base, Tool>>) -> Option<Check> {
         let (arm, tool_from_flange) = (Kinematics::new(self.arm), self.flange_from_tool.inverse());
-        let outside = tips.into_iter().map(|tip| tip * tool_from_flange).find(|flange| !arm.is_measured(flange));
+        let outside =
+            tips.into_iter().map(|tip| tip * tool_from_flange).find(|flange| !arm.is_correction_measured(flange));
         outside.map(|flange| {
             let place = KukaPose::from_rigid(&flange);
             let message = format!(
@@ -340,12 +347,12 @@ impl StartState<'_> {
                  calibrate the arm with pictures from there, or with axis angles"
             );
             let check = Check::new("pose of the flange where the arm's correction was measured", "", None);
-            check.broken(true, Severity::Reject, "outside_correction", || message)
+            check.with_consequence_if(true, Severity::Reject, "outside_correction", || message)
         })
     }
 
     /// Checks whether the arm could leave the panel from each waypoint in contact.
-    fn retracts(
+    fn check_retracts(
         &self,
         points: &[LinearMotion],
         poses: &[Rigid<Base, Tool>],
@@ -353,17 +360,17 @@ impl StartState<'_> {
     ) -> Result<(), Reason> {
         let all =
             points.iter().zip(poses).zip(joints).map(|((point, pose), joints)| (point.contact, *pose, *joints));
-        retracts(&Kinematics::new(self.arm), self.flange_from_tool, all).map_err(|fault| refused(&fault))
+        check_retracts(&Kinematics::new(self.arm), self.flange_from_tool, all).map_err(|fault| refused(&fault))
     }
 
     /// Returns the axis angles at the end of each of these lines, followed from the current axis angles, or the reason
     /// why the arm cannot follow.
-    fn followed(&self, from: Rigid<Base, Tool>, legs: &[Leg]) -> Result<Vec<Joints>, Reason> {
+    fn follow_lines(&self, from: Rigid<Base, Tool>, legs: &[PathLine]) -> Result<Vec<Joints>, Reason> {
         let arm = self.kinematics();
         // First, because everything below computes with this model of the arm: with another arm each accepted axis
         // would be wrong.
-        is_the_arm(&arm, &self.joints, self.flange_from_tool, from)?;
-        match follow(&arm, self.flange_from_tool, Some(&self.joints), legs) {
+        check_arm_identity(&arm, &self.joints, self.flange_from_tool, from)?;
+        match follow_path(&arm, self.flange_from_tool, Some(&self.joints), legs) {
             Ok(travel) => Ok(travel.joints),
             Err(fault) => Err(refused(&fault)),
         }
@@ -375,7 +382,7 @@ impl StartState<'_> {
 ///
 /// # Errors
 /// If the two differ by more than the limits, with the distance between them.
-pub fn is_the_arm(
+pub fn check_arm_identity(
     arm: &Kinematics,
     joints: &Joints,
     flange_from_tool: Rigid<Flange, Tool>,
@@ -393,8 +400,8 @@ pub fn is_the_arm(
     if off_mm <= MODEL_MM && off.0 <= MODEL.0 {
         return Ok(());
     }
-    let [mm, allowed_mm] = apart(off_mm, MODEL_MM, 1);
-    let [deg, allowed_deg] = apart(off.0, MODEL.0, 3);
+    let [mm, allowed_mm] = distinguishable_texts(off_mm, MODEL_MM, 1);
+    let [deg, allowed_deg] = distinguishable_texts(off.0, MODEL.0, 3);
     let message = format!(
         "the TCP calculated from the axis angles and [arm] is {mm} mm and {deg}° from the TCP that the controller \
          reports (limits {allowed_mm} mm and {allowed_deg}°); check that the cell's file describes this arm"
@@ -422,17 +429,17 @@ fn follows(
     flange_from_mounted: Rigid<Flange, Tool>,
 ) -> Result<(), Reason> {
     let tool_from_mounted: Rigid<Tool, Tool> =
-        Rigid::claim(*(standing.flange_from_tool.inverse() * flange_from_mounted).isometry());
-    let legs: Vec<Leg> = points
+        Rigid::from_isometry_unchecked(*(standing.flange_from_tool.inverse() * flange_from_mounted).isometry());
+    let legs: Vec<PathLine> = points
         .iter()
-        .map(|point| Leg {
+        .map(|point| PathLine {
             base_from_tool: base_from_active * point.pose.to_rigid::<Base, Tool>() * tool_from_mounted,
             // The speed of the axes was checked with the active tool: this checks only distances and configuration.
             feed_mm_s: 1.0,
             blend_mm: point.blend_mm,
         })
         .collect();
-    follow(arm, flange_from_mounted, Some(&standing.joints), &legs).map(drop).map_err(|fault| refused(&fault))
+    follow_path(arm, flange_from_mounted, Some(&standing.joints), &legs).map(drop).map_err(|fault| refused(&fault))
 }
 
 /// Converts a fault to a reason: the fault's index counts from 0, and the message counts waypoints from 1.

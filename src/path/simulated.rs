@@ -52,8 +52,9 @@ fn measured(seed: u64, reduction: usize, [roll, pitch, yaw]: [f64; 3]) -> Measur
     let (recipe, truth) = (recipe(&cell, &turn), cell.truth());
     // The rotated cell's panel frame, seen from the frame of the ground truth.
     let turned_from_panel: Rigid<Panel, Panel> =
-        Rigid::claim(Isometry3::from_parts(Translation3::identity(), turn.into()));
-    let base_from_camera = Rigid::<Base, Base>::claim(*turned_from_panel.isometry()) * truth.base_from_camera;
+        Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::identity(), turn.into()));
+    let base_from_camera =
+        Rigid::<Base, Base>::from_isometry_unchecked(*turned_from_panel.isometry()) * truth.base_from_camera;
     // The camera's true pose is used: this test measures fit and path, not the calibration.
     let panel = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), base_from_camera, &recipe)
         .unwrap_or_else(|e| panic!("{e}"));
@@ -66,13 +67,13 @@ fn measured(seed: u64, reduction: usize, [roll, pitch, yaw]: [f64; 3]) -> Measur
         let panel_from_tool = turned_from_panel.inverse() * waypoint.panel_from_tool;
         let outward = panel_from_tool * Vector::<Tool>::new(-Vector3::z());
         distances.push(truth.distance_mm(panel_from_tool.origin()).abs());
-        angles.push(outward.angle_to(truth.normal(panel_from_tool.origin())).0);
+        angles.push(outward.angle_between(truth.normal(panel_from_tool.origin())).0);
     }
     distances.sort_by(f64::total_cmp);
     angles.sort_by(f64::total_cmp);
     let at = |values: &[f64], share: f64| values[((values.len() - 1) as f64 * share) as usize];
     Measured {
-        verdict: judge(&plan, recipe.path()).verdict.word(),
+        verdict: judge(&plan, recipe.path()).verdict.keyword(),
         surface_mm: [
             distances.iter().sum::<f64>() / distances.len() as f64,
             at(&distances, 0.95),
@@ -84,7 +85,7 @@ fn measured(seed: u64, reduction: usize, [roll, pitch, yaw]: [f64; 3]) -> Measur
 }
 
 /// Checks the minimum quality: normals within 1°, coverage of every grid at least 0.995.
-fn holds(measured: &Measured) -> bool {
+fn assert_quality(measured: &Measured) -> bool {
     measured.normal_deg[1] < 1.0
         && measured.surface_mm[2] < 0.3
         && measured.plan.grids.iter().all(|grid| grid.share() >= 0.995)
@@ -96,7 +97,14 @@ fn a_quarter_size_scan_is_planned_in_every_attitude() {
     for (name, turn) in ATTITUDES {
         let m = measured(1, 4, turn);
         println!("{name}: {:?} {:?} {:.4}", m.surface_mm, m.normal_deg, m.plan.coverage);
-        assert!(holds(&m), "{name}: {} {:?} {:?} {:?}", m.verdict, m.surface_mm, m.normal_deg, m.plan.overhang);
+        assert!(
+            assert_quality(&m),
+            "{name}: {} {:?} {:?} {:?}",
+            m.verdict,
+            m.surface_mm,
+            m.normal_deg,
+            m.plan.overhang
+        );
     }
 }
 
@@ -115,47 +123,49 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let checked = crate::cell::Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
     let arm = Kinematics::new(checked.arm());
     let flange_from_tool = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
-    let stand = ReachSetup { arm: &arm, flange_from_tool, base_from_panel: truth.base_from_panel, from: None };
-    let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e:?}"));
-    println!("room {:.1}°, spin {}", reached.travel.room_deg, reached.spin);
+    let stand =
+        ReachSetup { arm: &arm, flange_from_tool, base_from_panel: truth.base_from_panel, start_joints: None };
+    let reached = panel_reach::follow_plan(&plan, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e:?}"));
+    println!("room {:.1}°, spin {}", reached.arm_travel.room_deg, reached.spin);
     let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
-    assert_eq!(reached.travel.joints.len(), waypoints);
+    assert_eq!(reached.arm_travel.joints.len(), waypoints);
     // Forward kinematics: the axis angles put the tool at the pose that the plan requires.
-    let legs = panel_reach::legs(&panel_reach::turned(&plan, reached.spin), &stand, 0.0);
-    for (joints, leg) in reached.travel.joints.iter().zip(&legs) {
+    let legs = panel_reach::plan_legs(&panel_reach::turned_plan(&plan, reached.spin), &stand, 0.0);
+    for (joints, leg) in reached.arm_travel.joints.iter().zip(&legs) {
         let there = arm.base_from_flange(joints).expect("numbers") * flange_from_tool;
         assert!(there.origin().distance_mm(leg.base_from_tool.origin()) < 1e-3);
         assert!((there.inverse() * leg.base_from_tool).turn().0 < 1e-3, "as the tool is turned, too");
     }
     // The poses that the arm follows with a rotated tool are those of the rotated plan.
-    let turned = panel_reach::legs(&panel_reach::turned(&plan, Degrees(60.0)), &stand, 0.0);
-    for (written, followed) in turned.iter().zip(&panel_reach::legs(&plan, &stand, 60.0)) {
+    let turned = panel_reach::plan_legs(&panel_reach::turned_plan(&plan, Degrees(60.0)), &stand, 0.0);
+    for (written, followed) in turned.iter().zip(&panel_reach::plan_legs(&plan, &stand, 60.0)) {
         let between = written.base_from_tool.inverse() * followed.base_from_tool;
         assert!(between.origin().mm.coords.norm() < 1e-9 && between.turn().0 < 1e-6);
     }
     let around = (&panel.region, panel.outline.as_slice());
-    let all = panel_reach::of_grids(&surface, around, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
+    let all = panel_reach::check_grids(&surface, around, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!((all.len(), panel_reach::judge_grids(&all).verdict), (grids.len(), Verdict::Accept));
     // The panel is so near that the arm follows the path but could not lift off at a stop: this is reported for grids,
     // and for the plan.
     let nearer = ReachSetup {
-        base_from_panel: truth.base_from_panel.displaced(Vector::new(Vector3::x() * -100.0)),
+        base_from_panel: truth.base_from_panel.followed_by_displacement(Vector::new(Vector3::x() * -100.0)),
         ..stand
     };
-    let refused = panel_reach::of_plan(&plan, &nearer, recipe.path());
-    let judgement = Judgement::of_checks([&panel_reach::check_plan(&refused, (&surface, &panel.region))]);
+    let refused = panel_reach::follow_plan(&plan, &nearer, recipe.path());
+    let judgement = Judgement::from_checks([&panel_reach::check_plan(&refused, (&surface, &panel.region))]);
     let message = &judgement.reasons[0].message;
     println!("{message}");
     assert_eq!(&*judgement.reasons[0].code, "retract_out_of_reach");
     assert!(message.contains("axis 3") && message.contains("towards +X"), "{message}");
-    let grids = panel_reach::of_grids(&surface, around, &nearer, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
+    let grids =
+        panel_reach::check_grids(&surface, around, &nearer, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
     let judgement = panel_reach::judge_grids(&grids);
     let told: Vec<&str> = judgement.reasons.iter().map(|reason| reason.code.as_ref()).collect();
     assert!(judgement.verdict != Verdict::Accept && told.contains(&"retract_out_of_reach"), "{told:?}");
-    let farther = truth.base_from_panel.displaced(Vector::new(Vector3::x() * 400.0));
+    let farther = truth.base_from_panel.followed_by_displacement(Vector::new(Vector3::x() * 400.0));
     let stand = ReachSetup { base_from_panel: farther, ..stand };
-    let refused = panel_reach::of_plan(&plan, &stand, recipe.path());
-    let judgement = Judgement::of_checks([&panel_reach::check_plan(&refused, (&surface, &panel.region))]);
+    let refused = panel_reach::follow_plan(&plan, &stand, recipe.path());
+    let judgement = Judgement::from_checks([&panel_reach::check_plan(&refused, (&surface, &panel.region))]);
     let message = &judgement.reasons[0].message;
     println!("{message}");
     assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Reject, "out_of_reach"));

@@ -5,60 +5,63 @@
 //! along b, measured on the surface as ∫ |F × D| / |F| db with F = S_a and D = S_b. Parts of rows outside of the inset
 //! patch use the measure of the nearest place in the patch, and are then cut off.
 
-use super::raster::{Along, Insets, Laying, RasterError, across_from, mix, resampled};
+use super::raster::{Insets, RasterError, RasterSettings, RowDirection, interpolate, point_across, resampled};
 use crate::geometry::Degrees;
-use crate::surface::{BSplineSurface, Parameter, Patch};
+use crate::surface::{BSplineSurface, Parameter, ParameterPatch};
 
 /// Distance between points of a row before resampling, mm.
 const COLUMN_MM: f64 = 4.0;
 /// Number of steps for a distance across the rows; the measure hardly changes over one row.
-const HALVES: usize = 2;
+const ACROSS_STEPS: usize = 2;
 
 struct Chart {
     middle: Parameter,
     /// Change of (u, v) for 1 mm along and across.
-    along: [f64; 2],
-    across: [f64; 2],
+    direction: [f64; 2],
+    normal_direction: [f64; 2],
 }
 
 impl Chart {
-    fn new(surface: &BSplineSurface, patch: &Patch, angle: Degrees) -> Self {
-        let middle = patch.at(Parameter { u: 0.5, v: 0.5 });
+    fn new(surface: &BSplineSurface, patch: &ParameterPatch, angle: Degrees) -> Self {
+        let middle = patch.parameter_at(Parameter { u: 0.5, v: 0.5 });
         let tangents = surface.tangents(middle);
         let (lu, lv) = (tangents.s_u.mm.norm(), tangents.s_v.mm.norm());
-        let (sine, cosine) = angle.rad().sin_cos();
-        Chart { middle, along: [cosine / lu, sine / lv], across: [-sine / lu, cosine / lv] }
+        let (sine, cosine) = angle.to_rad().sin_cos();
+        Chart { middle, direction: [cosine / lu, sine / lv], normal_direction: [-sine / lu, cosine / lv] }
     }
 
-    fn place(&self, a: f64, b: f64) -> Parameter {
+    fn to_parameter(&self, a: f64, b: f64) -> Parameter {
         Parameter {
-            u: self.middle.u + a * self.along[0] + b * self.across[0],
-            v: self.middle.v + a * self.along[1] + b * self.across[1],
+            u: self.middle.u + a * self.direction[0] + b * self.normal_direction[0],
+            v: self.middle.v + a * self.direction[1] + b * self.normal_direction[1],
         }
     }
 
     fn coordinates(&self, at: Parameter) -> [f64; 2] {
         let (du, dv) = (at.u - self.middle.u, at.v - self.middle.v);
-        let area = self.along[0] * self.across[1] - self.along[1] * self.across[0];
-        [(du * self.across[1] - dv * self.across[0]) / area, (dv * self.along[0] - du * self.along[1]) / area]
+        let area = self.direction[0] * self.normal_direction[1] - self.direction[1] * self.normal_direction[0];
+        [
+            (du * self.normal_direction[1] - dv * self.normal_direction[0]) / area,
+            (dv * self.direction[0] - du * self.direction[1]) / area,
+        ]
     }
 
     /// Returns the distance on the surface, mm, for 1 mm across in the chart.
-    fn measure(&self, surface: &BSplineSurface, patch: &Patch, at: Parameter) -> Result<f64, RasterError> {
+    fn measure(&self, surface: &BSplineSurface, patch: &ParameterPatch, at: Parameter) -> Result<f64, RasterError> {
         let at = Parameter { u: at.u.clamp(patch.low.u, patch.high.u), v: at.v.clamp(patch.low.v, patch.high.v) };
         let tangents = surface.tangents(at);
-        surface.normal_of(&tangents).ok_or(RasterError::Degenerate { at })?;
+        surface.unit_normal(&tangents).ok_or(RasterError::Degenerate { at })?;
         let direction = |[u, v]: [f64; 2]| tangents.s_u.mm * u + tangents.s_v.mm * v;
-        let feed = direction(self.along);
-        Ok(feed.cross(&direction(self.across)).norm() / feed.norm())
+        let feed = direction(self.direction);
+        Ok(feed.cross(&direction(self.normal_direction)).norm() / feed.norm())
     }
 }
 
 /// Lays rows at an angle to u; neighbouring rows run in opposite directions.
 pub(super) fn rows(
     surface: &BSplineSurface,
-    patch: &Patch,
-    (laying, angle): (&Laying, Degrees),
+    patch: &ParameterPatch,
+    (laying, angle): (&RasterSettings, Degrees),
 ) -> Result<Vec<Vec<Parameter>>, RasterError> {
     let chart = Chart::new(surface, patch, angle);
     let corners = inset_corners(surface, patch, &laying.insets)?;
@@ -74,7 +77,7 @@ pub(super) fn rows(
     let mut width_mm = 0.0;
     for piece in 0..8 {
         let b = b_low + (b_high - b_low) * (piece as f64 + 0.5) / 8.0;
-        width_mm += chart.measure(surface, patch, chart.place(0.0, b))? * (b_high - b_low) / 8.0;
+        width_mm += chart.measure(surface, patch, chart.to_parameter(0.0, b))? * (b_high - b_low) / 8.0;
     }
     let steps = (width_mm / laying.step_over_mm - 1e-9).ceil().max(1.0);
     let step_mm = width_mm / steps;
@@ -83,16 +86,18 @@ pub(super) fn rows(
     for row in 0..=steps as usize {
         if row > 0 {
             for (column, b) in at.iter_mut().enumerate() {
-                for _ in 0..HALVES {
-                    let half_mm = step_mm / HALVES as f64;
-                    let here = chart.measure(surface, patch, chart.place(a(column), *b))?;
-                    let there = chart.measure(surface, patch, chart.place(a(column), *b + half_mm / here))?;
+                for _ in 0..ACROSS_STEPS {
+                    let half_mm = step_mm / ACROSS_STEPS as f64;
+                    let here = chart.measure(surface, patch, chart.to_parameter(a(column), *b))?;
+                    let there =
+                        chart.measure(surface, patch, chart.to_parameter(a(column), *b + half_mm / here))?;
                     *b += half_mm / (0.5 * (here + there));
                 }
             }
         }
-        let line: Vec<Parameter> = at.iter().enumerate().map(|(column, b)| chart.place(a(column), *b)).collect();
-        let mut line = resampled(surface, &clipped(&line, &corners), [0.0; 2], laying.spacing_mm);
+        let line: Vec<Parameter> =
+            at.iter().enumerate().map(|(column, b)| chart.to_parameter(a(column), *b)).collect();
+        let mut line = resampled(surface, &clip_line(&line, &corners), [0.0; 2], laying.spacing_mm);
         if rows.len() % 2 == 1 {
             line.reverse();
         }
@@ -104,7 +109,11 @@ pub(super) fn rows(
 }
 
 /// Returns the corners of the patch, moved inwards by the insets, in order.
-fn inset_corners(surface: &BSplineSurface, patch: &Patch, insets: &Insets) -> Result<[Parameter; 4], RasterError> {
+fn inset_corners(
+    surface: &BSplineSurface,
+    patch: &ParameterPatch,
+    insets: &Insets,
+) -> Result<[Parameter; 4], RasterError> {
     let corner = |high_u: bool, high_v: bool| {
         let pick = |high: bool, low: f64, top: f64| if high { top } else { low };
         let inset = |[low, high]: [f64; 2], is_high: bool| if is_high { -high } else { low };
@@ -112,9 +121,9 @@ fn inset_corners(surface: &BSplineSurface, patch: &Patch, insets: &Insets) -> Re
         let mut at = Parameter { u, v };
         for _ in 0..4 {
             let on_border = Parameter { v, ..at };
-            at = across_from(surface, Along::U, on_border, inset(insets.v, high_v))?;
+            at = point_across(surface, RowDirection::U, on_border, inset(insets.v, high_v))?;
             let on_border = Parameter { u, ..at };
-            at = across_from(surface, Along::V, on_border, inset(insets.u, high_u))?;
+            at = point_across(surface, RowDirection::V, on_border, inset(insets.u, high_u))?;
         }
         Ok(at)
     };
@@ -122,7 +131,7 @@ fn inset_corners(surface: &BSplineSurface, patch: &Patch, insets: &Insets) -> Re
 }
 
 /// Returns the part of a line inside a convex quadrilateral.
-fn clipped(line: &[Parameter], corners: &[Parameter; 4]) -> Vec<Parameter> {
+fn clip_line(line: &[Parameter], corners: &[Parameter; 4]) -> Vec<Parameter> {
     // The value is positive inside of a side; the corners are in the order that leads from u to v.
     let sides = |at: Parameter| -> [f64; 4] {
         std::array::from_fn(|n| {
@@ -148,7 +157,7 @@ fn clipped(line: &[Parameter], corners: &[Parameter; 4]) -> Vec<Parameter> {
         }
         if from <= to {
             for share in [from, to] {
-                let at = mix(pair[0], pair[1], share);
+                let at = interpolate(pair[0], pair[1], share);
                 if kept.last() != Some(&at) {
                     kept.push(at);
                 }

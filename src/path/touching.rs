@@ -5,7 +5,7 @@ use super::planned::Plan;
 use crate::geometry::{Mask, Panel, Pixel, Point, Vector};
 use crate::panel::{GridId, Region, TaughtPanel};
 use crate::recipe;
-use crate::surface::{BSplineSurface, Parameter, Patch};
+use crate::surface::{BSplineSurface, Parameter, ParameterPatch};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
@@ -16,7 +16,7 @@ const MARGIN_MM: f64 = 1.0;
 
 /// A place up to this distance beyond the disc's edge counts as touched, mm: the errors of the panel's pose and of
 /// the tool's motion are smaller.
-const BEYOND_MM: f64 = 1.5;
+const TOUCH_MARGIN_MM: f64 = 1.5;
 /// Largest distance between the sampled points of the line between two waypoints, mm; a place is farther from a
 /// sampled point than from the line by at most half of this.
 const STEP_MM: f64 = 0.5;
@@ -36,12 +36,12 @@ pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) 
         // them reaches.
         way.extend(points.map(|point| <[f64; 3]>::from(point.mm)));
     }
-    near(&way, settings.disc_diameter_mm() / 2.0 + BEYOND_MM + STEP_MM / 2.0, panel)
+    pixels_near(&way, settings.disc_diameter_mm() / 2.0 + TOUCH_MARGIN_MM + STEP_MM / 2.0, panel)
 }
 
 /// Returns the taught pixels that a disc may have touched when it abraded these grids. The disc's centre stays on
 /// or beside the grid, so its edge leaves the grid by at most its diameter.
-pub fn pixels_of_abraded(grids: &[GridId], panel: &TaughtPanel, settings: &recipe::Path) -> Mask {
+pub fn touched_pixels(grids: &[GridId], panel: &TaughtPanel, settings: &recipe::Path) -> Mask {
     let Mask { width, height, .. } = panel.mask;
     let pixels = (0..height).flat_map(|row| (0..width).map(move |column| (column, row)));
     let of_grids = pixels.filter(|&(column, row)| {
@@ -50,11 +50,11 @@ pub fn pixels_of_abraded(grids: &[GridId], panel: &TaughtPanel, settings: &recip
     });
     let points = of_grids.filter_map(|(column, row)| panel.scan.point(column, row));
     let points: Vec<[f64; 3]> = points.map(|point| point.mm.into()).collect();
-    near(&points, settings.disc_diameter_mm() + BEYOND_MM, panel)
+    pixels_near(&points, settings.disc_diameter_mm() + TOUCH_MARGIN_MM, panel)
 }
 
 /// Returns the taught pixels within this distance of any of these points.
-fn near(points: &[[f64; 3]], reach_mm: f64, panel: &TaughtPanel) -> Mask {
+fn pixels_near(points: &[[f64; 3]], reach_mm: f64, panel: &TaughtPanel) -> Mask {
     let mut near = Mask { inside: vec![false; panel.mask.inside.len()], ..panel.mask };
     if points.is_empty() {
         return near;
@@ -75,7 +75,7 @@ fn near(points: &[[f64; 3]], reach_mm: f64, panel: &TaughtPanel) -> Mask {
 
 /// Returns for each planned grid the first waypoint of the motion in which the disc reaches the grid; the plan's first
 /// waypoint has the number 0. A grid that the path does not reach is left out.
-pub fn first_reached(
+pub fn first_waypoints(
     plan: &Plan,
     surface: &BSplineSurface,
     region: &Region,
@@ -90,17 +90,17 @@ pub fn first_reached(
         all[index].contact && points.iter().any(|point| distance_mm(*point, from, place(index)) <= near_mm)
     };
     let first = |id: GridId| {
-        let points = samples(surface, &Patch::of_grid(region, id)?);
+        let points = samples(surface, &ParameterPatch::for_grid(region, id)?);
         // The first waypoint counts: from then on the grid may be partly sanded, if the path is cut short.
         (0..all.len()).find(|index| reaches(*index, &points)).map(|index| (id, index))
     };
     plan.grids.iter().filter_map(|grid| first(grid.id)).collect()
 }
 
-fn samples(surface: &BSplineSurface, patch: &Patch) -> Vec<Point<Panel>> {
+fn samples(surface: &BSplineSurface, patch: &ParameterPatch) -> Vec<Point<Panel>> {
     let share = |index: usize| index as f64 / (SAMPLES - 1) as f64;
     let at = |index: usize| Parameter { u: share(index % SAMPLES), v: share(index / SAMPLES) };
-    (0..SAMPLES * SAMPLES).map(|index| surface.point(patch.at(at(index)))).collect()
+    (0..SAMPLES * SAMPLES).map(|index| surface.point(patch.parameter_at(at(index)))).collect()
 }
 
 /// Returns the distance of a point from the line between two others, mm.

@@ -4,7 +4,7 @@
 //! so rare that waypoints lie between two of them, these waypoints replace the missing reports, since the robot
 //! reported that it had executed them. The distance of the reports from the planned lines is recorded, too.
 
-use super::dwell::Executed;
+use super::dwell::ExecutedPose;
 use super::planned::Waypoint;
 use crate::geometry::{KukaPose, Panel, Point, Rigid, Tool};
 
@@ -29,7 +29,7 @@ pub struct Trace(Vec<PoseReport>);
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ExecutedPath {
     /// Poses in the order of time.
-    pub poses: Vec<Executed>,
+    pub poses: Vec<ExecutedPose>,
     /// Number of the robot's reports among the poses.
     pub reports: usize,
     /// Largest distance of a report from the nearby planned lines, mm.
@@ -52,7 +52,7 @@ impl Trace {
     }
 
     /// Returns the executed path; at its end, `done` of all waypoints were executed.
-    pub fn executed(&self, all: &[Waypoint], done: u32) -> ExecutedPath {
+    pub fn executed_path(&self, all: &[Waypoint], done: u32) -> ExecutedPath {
         let mut walked = ExecutedPath { reports: self.0.len(), ..ExecutedPath::default() };
         // The arm starts at the first waypoint.
         let (mut passed, mut time_ms) = (0_usize, self.0.first().map_or(0, |told| told.time_ms));
@@ -70,18 +70,18 @@ impl Trace {
                 places.extend((passed + 1..=reached).map(stand_in));
             }
             if is_report {
-                let towards = towards(all, told.done);
+                let towards = current_target(all, told.done);
                 let rubs = all.get(towards).is_some_and(|waypoint| waypoint.contact) && all[towards - 1].contact;
                 let tip: Rigid<Panel, Tool> = told.tip.to_rigid();
-                walked.off_mm = walked.off_mm.max(off_path_mm(all, told.done, tip.origin()));
+                walked.off_mm = walked.off_mm.max(path_deviation_mm(all, told.done, tip.origin()));
                 places.push((tip, rubs));
             }
             let seconds = f64::from(told.time_ms.saturating_sub(time_ms)) / 1_000.0 / places.len().max(1) as f64;
             for (panel_from_tool, contact) in places {
-                let before = walked.poses.last().map(|last: &Executed| last.panel_from_tool.origin());
+                let before = walked.poses.last().map(|last: &ExecutedPose| last.panel_from_tool.origin());
                 let step_mm = before.map_or(0.0, |before| before.distance_mm(panel_from_tool.origin()));
                 walked.contact_mm += if contact { step_mm } else { 0.0 };
-                walked.poses.push(Executed { panel_from_tool, seconds, contact, force_n: told.force_n });
+                walked.poses.push(ExecutedPose { panel_from_tool, seconds, contact, force_n: told.force_n });
             }
             (passed, time_ms) = (reached.max(passed), told.time_ms);
         }
@@ -93,19 +93,19 @@ impl Trace {
 const MAX_MISSED: usize = 2;
 /// Number of lines before and after the current one on which a report may lie: the report and the count are not
 /// simultaneous.
-const BESIDE: usize = 3;
+const NEIGHBOUR_LINES: usize = 3;
 
 /// Returns the waypoint to which the arm moves after this number of executed waypoints.
-fn towards(all: &[Waypoint], done: u32) -> usize {
+fn current_target(all: &[Waypoint], done: u32) -> usize {
     (done as usize + 1).min(all.len().saturating_sub(1)).max(1)
 }
 
 /// Returns the distance of a point from the planned lines near the line on which the arm is after this number of
 /// executed waypoints, mm; infinite if no line is planned.
-pub fn off_path_mm(all: &[Waypoint], done: u32, point: Point<Panel>) -> f64 {
-    let towards = towards(all, done);
+pub fn path_deviation_mm(all: &[Waypoint], done: u32, point: Point<Panel>) -> f64 {
+    let towards = current_target(all, done);
     let place = |index: usize| all[index].panel_from_tool.origin();
-    let lines = towards.saturating_sub(BESIDE).max(1)..(towards + BESIDE).min(all.len());
+    let lines = towards.saturating_sub(NEIGHBOUR_LINES).max(1)..(towards + NEIGHBOUR_LINES).min(all.len());
     let distance_mm = |end: usize| {
         let (from, way) = (place(end - 1), (place(end) - place(end - 1)).mm);
         let along = (point - from).mm.dot(&way) / way.norm_squared().max(1e-12);
@@ -128,7 +128,7 @@ mod tests {
     }
 
     fn ways(walked: &ExecutedPath) -> Vec<(f64, f64, bool)> {
-        let way = |pose: &Executed| (pose.panel_from_tool.origin().mm.x, pose.seconds, pose.contact);
+        let way = |pose: &ExecutedPose| (pose.panel_from_tool.origin().mm.x, pose.seconds, pose.contact);
         walked.poses.iter().map(way).collect()
     }
 
@@ -144,7 +144,7 @@ mod tests {
         trace.push(pose_report(1_000, 0.0, 0.0, 1));
         trace.push(pose_report(1_100, 6.0, 0.5, 1));
         trace.push(pose_report(1_200, 12.0, 0.0, 2));
-        let walked = trace.executed(&all, 2);
+        let walked = trace.executed_path(&all, 2);
         assert_eq!(ways(&walked), [(0.0, 0.0, true), (6.0, 0.1, true), (12.0, 0.1, true)]);
         assert_eq!((walked.reports, walked.off_mm), (3, 0.5));
         assert!((walked.contact_mm - 2.0 * 36.25f64.sqrt()).abs() < 1e-9, "{}", walked.contact_mm);
@@ -166,10 +166,10 @@ mod tests {
             (50.0, 0.2, true),
             (55.0, 0.2, true),
         ];
-        assert_eq!(ways(&trace.executed(&all, 5)), expected);
+        assert_eq!(ways(&trace.executed_path(&all, 5)), expected);
         // The remaining waypoints are reported with the path's end; the retraction is not contact.
-        let whole = trace.executed(&all, 7);
+        let whole = trace.executed_path(&all, 7);
         assert_eq!(ways(&whole)[6..], [(60.0, 0.0, true), (70.0, 0.0, false)]);
-        assert_eq!(Trace::default().executed(&all, 0), ExecutedPath::default(), "nothing moved");
+        assert_eq!(Trace::default().executed_path(&all, 0), ExecutedPath::default(), "nothing moved");
     }
 }

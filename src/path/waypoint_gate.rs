@@ -8,8 +8,8 @@
 
 use crate::cell::{Limits, Workspace};
 use crate::geometry::{Base, Degrees, Joints, Rigid, Tool, Vector};
-use crate::number_text::{apart, list, plain};
-use crate::verdict::{Check, Judgement, SetBy, Severity};
+use crate::number_text::{distinguishable_texts, list, shortest_text};
+use crate::verdict::{Check, Judgement, LimitSource, Severity};
 
 /// The limits of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,13 +48,13 @@ pub struct Route<'a> {
 
 /// Accepts or rejects a whole path of straight lines.
 pub fn judge_route(route: &Route<'_>, limits: &WaypointLimits) -> Judgement {
-    Judgement::of_checks(&broken_by_route(route, limits))
+    Judgement::from_checks(&violated_by_route(route, limits))
 }
 
 /// Returns a failed check for each limit that a path of straight lines violates; empty if the path may be sent.
-pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check> {
+pub fn violated_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check> {
     let nothing_moves = |what: &str, code: &'static str, words: String| {
-        vec![Check::new(what, "", None).broken(true, Severity::Reject, code, || words)]
+        vec![Check::new(what, "", None).with_consequence_if(true, Severity::Reject, code, || words)]
     };
     let Some(workspace) = limits.workspace else {
         let message = "the cell's file does not state box_min_mm and box_max_mm, without which the robot makes no \
@@ -66,7 +66,7 @@ pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check>
     }
     // With the reported pose of the arm as the first: a wrong present pose makes the longest step.
     let all = || std::iter::once(&route.from).chain(route.waypoints);
-    if let Some(index) = all().position(|pose| !is_finite(pose)) {
+    if let Some(index) = all().position(|pose| !is_finite_pose(pose)) {
         return nothing_moves(
             "waypoint",
             "not_finite",
@@ -76,9 +76,9 @@ pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check>
     let mut broken = Vec::new();
     for (index, (from, to)) in all().zip(route.waypoints).enumerate() {
         let index = index + 1;
-        broken.extend(outside(index, to, workspace));
-        broken.extend(jump(index, (from, to), limits));
-        broken.extend(route.taught_axis.and_then(|axis| tilted(index, to, axis, limits.max_tilt)));
+        broken.extend(box_violation(index, to, workspace));
+        broken.extend(jump_violation(index, (from, to), limits));
+        broken.extend(route.taught_axis.and_then(|axis| tilt_violation(index, to, axis, limits.max_tilt)));
     }
     broken
 }
@@ -90,29 +90,29 @@ pub fn judge_joints(joints: &Joints) -> Judgement {
     let wrong = angles.iter().position(|angle| !angle.is_finite() || angle.abs() > MAX_AXIS_DEG);
     let check = |axis: usize| {
         Check::new(format!("axis {}", axis + 1), "°", angles[axis].abs())
-            .at_most(MAX_AXIS_DEG, SetBy::Program)
-            .rejects("axis_limit", || {
-                let angle = plain(angles[axis]);
+            .with_max(MAX_AXIS_DEG, LimitSource::Program)
+            .or_reject("axis_limit", || {
+                let angle = shortest_text(angles[axis]);
                 format!("axis {} is commanded to {angle}° (limit ±{MAX_AXIS_DEG}°)", axis + 1)
             })
     };
-    Judgement::of_checks(&wrong.map(check))
+    Judgement::from_checks(&wrong.map(check))
 }
 
 /// Largest absolute value of a commanded axis angle.
 const MAX_AXIS_DEG: f64 = 360.0;
 
-fn is_finite(pose: &Rigid<Base, Tool>) -> bool {
+fn is_finite_pose(pose: &Rigid<Base, Tool>) -> bool {
     pose.isometry().to_homogeneous().iter().all(|number| number.is_finite())
 }
 
 /// Checks whether a waypoint is outside the box, and how far.
-fn outside(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Option<Check> {
+fn box_violation(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Option<Check> {
     let tip = pose.origin().mm;
     // Each coordinate, with enough digits to distinguish it from the nearer side of the box.
     let beside = |mm: f64, axis: usize| {
         let (low, high) = (workspace.min.mm[axis], workspace.max.mm[axis]);
-        let [mm, _] = apart(mm, if (mm - low).abs() < (mm - high).abs() { low } else { high }, 1);
+        let [mm, _] = distinguishable_texts(mm, if (mm - low).abs() < (mm - high).abs() { low } else { high }, 1);
         mm
     };
     let message = || {
@@ -131,11 +131,13 @@ fn outside(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Opti
     });
     let farthest = sides.max_by(|one, other| one.0.total_cmp(&other.0));
     let (beyond_mm, key) = farthest.unwrap_or((f64::NAN, "limits.box_min_mm"));
-    let check = Check::new("waypoint outside of the cell's box", "mm", beyond_mm).at_most(0.0, SetBy::cell(key));
-    (!workspace.holds(pose.origin())).then(|| check.broken(true, Severity::Reject, "outside_box", message))
+    let check =
+        Check::new("waypoint outside of the cell's box", "mm", beyond_mm).with_max(0.0, LimitSource::cell(key));
+    (!workspace.contains(pose.origin()))
+        .then(|| check.with_consequence_if(true, Severity::Reject, "outside_box", message))
 }
 
-fn jump(
+fn jump_violation(
     index: usize,
     (from, to): (&Rigid<Base, Tool>, &Rigid<Base, Tool>),
     limits: &WaypointLimits,
@@ -143,29 +145,29 @@ fn jump(
     let before = if index == 1 { "the arm's present pose".to_owned() } else { format!("waypoint {}", index - 1) };
     let (step_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * *to).turn());
     let step = Check::new("step from a waypoint to the next", "mm", step_mm)
-        .at_most(limits.max_step_mm, SetBy::cell("limits.max_step_mm"))
-        .rejects("large_step", || {
-            let [step, allowed] = apart(step_mm, limits.max_step_mm, 1);
+        .with_max(limits.max_step_mm, LimitSource::cell("limits.max_step_mm"))
+        .or_reject("large_step", || {
+            let [step, allowed] = distinguishable_texts(step_mm, limits.max_step_mm, 1);
             format!("the step from {before} to waypoint {index} is {step} mm (limit {allowed} mm)")
         });
     let turned = Check::new("turn of the tool from a waypoint to the next", "°", turn.0)
-        .at_most(limits.max_turn.0, SetBy::cell("limits.max_turn_deg"))
-        .rejects("large_turn", || {
-            let [turn, allowed] = apart(turn.0, limits.max_turn.0, 3);
+        .with_max(limits.max_turn.0, LimitSource::cell("limits.max_turn_deg"))
+        .or_reject("large_turn", || {
+            let [turn, allowed] = distinguishable_texts(turn.0, limits.max_turn.0, 3);
             format!("the tool turns by {turn}° from {before} to waypoint {index} (limit {allowed}°)")
         });
-    [step, turned].into_iter().filter(|check| !check.is_kept())
+    [step, turned].into_iter().filter(|check| !check.is_met())
 }
 
-fn tilted(index: usize, pose: &Rigid<Base, Tool>, taught: Vector<Base>, allowed: Degrees) -> Option<Check> {
-    let tilt = (*pose * Vector::<Tool>::new(nalgebra::Vector3::z())).angle_to(taught);
+fn tilt_violation(index: usize, pose: &Rigid<Base, Tool>, taught: Vector<Base>, allowed: Degrees) -> Option<Check> {
+    let tilt = (*pose * Vector::<Tool>::new(nalgebra::Vector3::z())).angle_between(taught);
     let message = || {
-        let [tilt, allowed] = apart(tilt.0, allowed.0, 3);
+        let [tilt, allowed] = distinguishable_texts(tilt.0, allowed.0, 3);
         format!("at waypoint {index} the tool is tilted by {tilt}° from its taught direction (limit {allowed}°)")
     };
     let check = Check::new("tilt of the tool against its taught direction", "°", tilt.0)
-        .at_most(allowed.0, SetBy::cell("limits.max_tilt_deg"));
-    (!check.is_kept()).then(|| check.rejects("tilt", message))
+        .with_max(allowed.0, LimitSource::cell("limits.max_tilt_deg"));
+    (!check.is_met()).then(|| check.or_reject("tilt", message))
 }
 
 #[cfg(test)]
@@ -208,7 +210,7 @@ mod tests {
         assert_eq!(planted(at(200.0, f64::INFINITY)), ["not_finite"]);
         assert_eq!(planted(at(251.0, 0.0)), ["large_step"], "101 mm");
         assert_eq!(planted(at(200.0, 16.0)), ["large_turn"; 2], "there and back");
-        let below = Rigid::displaced(at(200.0, 0.0), Vector::new(nalgebra::Vector3::y() * -100.5));
+        let below = Rigid::followed_by_displacement(at(200.0, 0.0), Vector::new(nalgebra::Vector3::y() * -100.5));
         assert!(planted(below).contains(&"outside_box".to_owned()));
     }
 
@@ -218,14 +220,14 @@ mod tests {
     fn a_check_tells_how_far_and_whose_limit() {
         let broken = |bad: Rigid<Base, Tool>| {
             let route = Route { from: at(450.0, 0.0), waypoints: &[at(460.0, 0.0), bad], taught_axis: None };
-            broken_by_route(&route, &limits())
+            violated_by_route(&route, &limits())
         };
-        let below = Rigid::displaced(at(470.0, 0.0), Vector::new(nalgebra::Vector3::y() * -100.5));
+        let below = Rigid::followed_by_displacement(at(470.0, 0.0), Vector::new(nalgebra::Vector3::y() * -100.5));
         let outside = |bad, mm: f64, key| {
             let found = broken(bad).into_iter().find(|check| check.code.as_deref() == Some("outside_box"));
             let check = found.expect("outside");
             assert!((check.value.expect("measured") - mm).abs() < 1e-9, "{check:?}");
-            assert_eq!(check.set_by, Some(SetBy::cell(key)));
+            assert_eq!(check.set_by, Some(LimitSource::cell(key)));
         };
         outside(below, 0.5, "limits.box_min_mm");
         outside(at(502.0, 0.0), 2.0, "limits.box_max_mm");

@@ -10,10 +10,10 @@ mod tables;
 #[cfg(test)]
 mod tests;
 
-pub use edit::{Drawn, EditError, drawn_into};
+pub use edit::{DrawnShapes, EditError, with_shapes};
 pub use tables::{
-    Corner, CornerName, CornerNames, FitMethod, Inspect, Locate, Method, Nominal, Panel, Path, Pattern, Process,
-    Region, Registration, Removal, RemovalMethod, SandedReference, Surface,
+    Corner, CornerName, CornerNames, DrawingPlacement, FitMethod, Inspect, Locate, Method, Panel, Path, Pattern,
+    Process, Region, Registration, Removal, RemovalMethod, SandedReference, Surface,
 };
 
 use crate::config::{self, Problems, Section};
@@ -30,7 +30,7 @@ pub struct Recipe {
     surface: Surface,
     path: Path,
     removal: Option<Removal>,
-    nominal: Option<Nominal>,
+    nominal: Option<DrawingPlacement>,
 }
 
 /// The keys at the top level of a recipe, by which a recipe is distinguished from other files.
@@ -43,7 +43,7 @@ impl Recipe {
     /// # Errors
     /// Every problem of the file with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
-        config::check(file, text, Self::parse)
+        config::parse_file(file, text, Self::parse)
     }
 
     fn parse(top: &Section<'_, '_>) -> Option<Self> {
@@ -57,7 +57,7 @@ impl Recipe {
         let path = tables::parse_path(&top.section("path"));
         let removal = tables::parse_removal(&top.section("removal"), path.as_ref());
         let nominal = tables::parse_nominal(&top.section("nominal"));
-        top.done();
+        top.finish();
         Some(Recipe {
             panel: panel?,
             process: process?,
@@ -123,7 +123,7 @@ impl Recipe {
     }
 
     /// Where the panel's drawing lies, if the panel is taught from it.
-    pub fn nominal(&self) -> Option<&Nominal> {
+    pub fn nominal(&self) -> Option<&DrawingPlacement> {
         self.nominal.as_ref()
     }
 

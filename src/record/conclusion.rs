@@ -16,7 +16,7 @@
 
 use super::{Answer, CycleId, Finding, Kind, RequestRecord, RequestedAction};
 use crate::cycle::Request;
-use crate::number_text::utc;
+use crate::number_text::utc_text;
 use crate::verdict::{Judgement, Reason, Verdict};
 
 /// The effect of a finding on its cycle's verdict.
@@ -34,7 +34,7 @@ pub enum Disposition<'a> {
 
 impl Disposition<'_> {
     /// Describes for a page how a finding that is not good was resolved: the person who decided, and the time.
-    pub fn words(self) -> Option<String> {
+    pub fn describe(self) -> Option<String> {
         let decided = |asked: &RequestRecord| {
             let what = match asked.wanted {
                 RequestedAction::For(Request::Unhold { dried: true }) => "measured again on the dried panel",
@@ -42,7 +42,7 @@ impl Disposition<'_> {
                 _ => "accepted",
             };
             let who = asked.who.as_ref().map_or("not recorded".to_owned(), ToString::to_string);
-            format!("{what} {}, by {who}", utc(asked.unix_ms.div_euclid(1_000)))
+            format!("{what} {}, by {who}", utc_text(asked.unix_ms.div_euclid(1_000)))
         };
         match self {
             Disposition::Good | Disposition::Counts => None,
@@ -53,18 +53,18 @@ impl Disposition<'_> {
 }
 
 /// Returns for each finding, in order, whether it counts.
-pub fn dispositions<'a>(findings: &[Finding], asked: &'a [RequestRecord]) -> Vec<Disposition<'a>> {
-    (0..findings.len()).map(|index| disposition(index, findings, asked)).collect()
+pub fn finding_dispositions<'a>(findings: &[Finding], asked: &'a [RequestRecord]) -> Vec<Disposition<'a>> {
+    (0..findings.len()).map(|index| finding_disposition(index, findings, asked)).collect()
 }
 
-fn disposition<'a>(index: usize, findings: &[Finding], asked: &'a [RequestRecord]) -> Disposition<'a> {
+fn finding_disposition<'a>(index: usize, findings: &[Finding], asked: &'a [RequestRecord]) -> Disposition<'a> {
     let Some((finding, later)) = findings.get(index..).and_then(<[Finding]>::split_first) else {
         return Disposition::Counts;
     };
     match finding.judgement.verdict {
         Verdict::Accept | Verdict::Pass => Disposition::Good,
         Verdict::Review => {
-            let decision = asked.iter().find(|asked| decides(asked, index));
+            let decision = asked.iter().find(|asked| is_decision_on(asked, index));
             decision.map_or(Disposition::Counts, Disposition::Decided)
         }
         Verdict::Fail => {
@@ -81,7 +81,7 @@ fn disposition<'a>(index: usize, findings: &[Finding], asked: &'a [RequestRecord
 }
 
 /// Returns whether a person decided by this request on the finding with this index.
-fn decides(asked: &RequestRecord, index: usize) -> bool {
+fn is_decision_on(asked: &RequestRecord, index: usize) -> bool {
     let wanted = matches!(asked.wanted, RequestedAction::For(Request::Accept | Request::Unhold { .. }));
     let is_later = asked.findings.is_some_and(|kept| u64::try_from(index).is_ok_and(|index| index < kept));
     wanted && asked.answer == Some(Answer::Done) && is_later
@@ -91,12 +91,12 @@ fn decides(asked: &RequestRecord, index: usize) -> bool {
 /// ending the cycle, if it was ended: reasons with a code that no finding has are added after the findings' reasons.
 pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], because: &[Reason]) -> Judgement {
     let counting = || {
-        let all = findings.iter().zip(dispositions(findings, asked));
+        let all = findings.iter().zip(finding_dispositions(findings, asked));
         all.filter(|(_, disposition)| *disposition == Disposition::Counts).map(|(finding, _)| &finding.judgement)
     };
     let found = counting().map(|judgement| judgement.verdict);
     // Of two equally bad verdicts, the first is used, so the verdict of the cycle's table stays.
-    let verdict = found.fold(ended, |worst, found| if found.badness() > worst.badness() { found } else { worst });
+    let verdict = found.fold(ended, |worst, found| if found.severity() > worst.severity() { found } else { worst });
     let mut reasons: Vec<Reason> = Vec::new();
     let of_verdict = |judgement: &&Judgement| judgement.verdict != Verdict::Fail || verdict == Verdict::Fail;
     for reason in counting().filter(of_verdict).flat_map(|judgement| &judgement.reasons) {
@@ -111,13 +111,13 @@ pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], b
 }
 
 /// Returns whether the last film passed and no abrasion followed.
-pub(super) fn is_shown_by_a_film(findings: &[Finding]) -> bool {
+pub(super) fn is_proven_by_film(findings: &[Finding]) -> bool {
     let last = findings.iter().rfind(|finding| matches!(finding.kind, Kind::Inspect | Kind::Abrade));
     last.is_some_and(|last| last.kind == Kind::Inspect && last.judgement.verdict == Verdict::Pass)
 }
 
 /// Lists findings that contradict the verdict `pass` or `accept` of this cycle, in words; none for any other verdict.
-pub(super) fn unearned(
+pub(super) fn contradicting_findings(
     id: CycleId,
     verdict: Verdict,
     findings: &[Finding],
@@ -126,7 +126,7 @@ pub(super) fn unearned(
     if !matches!(verdict, Verdict::Pass | Verdict::Accept) {
         return Vec::new();
     }
-    let all = findings.iter().zip(dispositions(findings, asked)).enumerate();
+    let all = findings.iter().zip(finding_dispositions(findings, asked)).enumerate();
     let counting = all.filter(|(_, (_, disposition))| *disposition == Disposition::Counts);
     let words = |(index, (finding, _)): (usize, (&Finding, Disposition<'_>))| {
         let found = finding.judgement.verdict;
@@ -138,14 +138,14 @@ pub(super) fn unearned(
             .collect();
         let what = match found {
             Verdict::Review => "a review that no person accepted",
-            other => other.word(),
+            other => other.keyword(),
         };
         format!(
             "cycle {} has the verdict {}, but its finding {} ({}, pass {}) is {what}: {}",
             id,
-            verdict.word(),
+            verdict.keyword(),
             index + 1,
-            finding.kind.word(),
+            finding.kind.keyword(),
             finding.pass,
             if reasons.is_empty() { "no reason is given".to_owned() } else { reasons.join("; ") }
         )

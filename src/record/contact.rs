@@ -31,14 +31,14 @@ pub struct ContactPath {
     /// Number of the pass, from 1.
     pub pass: u8,
     /// The planned grids, each with the first waypoint of the motion in which the disc reaches it.
-    pub grids: Vec<Reached>,
+    pub grids: Vec<FirstReached>,
     /// Wear of the disc by the whole path, mm²; added before the path begins.
     pub wears_mm2: f64,
 }
 
 /// The first waypoint at which a grid is touched.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Reached {
+pub struct FirstReached {
     /// The grid.
     pub grid: String,
     /// The number of the first waypoint on the grid, counted as [`Motion::waypoints`](crate::cycle::Motion::waypoints)
@@ -68,7 +68,7 @@ pub struct Bounds {
 
 /// A grid that the tool touched or may have touched.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Touched {
+pub struct TouchedGrid {
     /// The grid.
     pub grid: String,
     /// Whether a waypoint on the grid was certainly executed.
@@ -78,13 +78,13 @@ pub struct Touched {
 impl MotionRecord {
     /// Returns whether the robot reported how the motion ended. It did not report this if the motion is open, or if a
     /// person cleared the motion.
-    pub fn end_is_known(&self) -> bool {
+    pub fn is_end_reported(&self) -> bool {
         self.outcome.is_some_and(|outcome| outcome != Outcome::Cleared)
     }
 
     /// Returns the bounds of the number of executed waypoints; `None` if nothing was stored that limits it.
-    pub fn executed(&self) -> Option<Bounds> {
-        if self.end_is_known() {
+    pub fn executed_bounds(&self) -> Option<Bounds> {
+        if self.is_end_reported() {
             return Some(Bounds { at_least: self.done, at_most: self.done });
         }
         let contact = self.contact.as_ref()?;
@@ -93,34 +93,36 @@ impl MotionRecord {
 
     /// Returns the grids that were touched, or may have been; `None` if this was not stored. The list is empty for
     /// other motions.
-    pub fn touched(&self) -> Option<Vec<Touched>> {
+    pub fn touched_grids(&self) -> Option<Vec<TouchedGrid>> {
         if self.motion.path != Path::Contact {
             return Some(Vec::new());
         }
-        let (contact, executed) = (self.contact.as_ref()?, self.executed()?);
+        let (contact, executed) = (self.contact.as_ref()?, self.executed_bounds()?);
         // If the robot reported the motion's end, the tool may have been on its way to the next waypoint.
-        let begun = executed.at_most + u32::from(self.end_is_known());
+        let begun = executed.at_most + u32::from(self.is_end_reported());
         let grids = contact.path.grids.iter().filter(|reached| reached.first <= begun);
-        let touched =
-            |reached: &Reached| Touched { grid: reached.grid.clone(), is_sure: reached.first <= executed.at_least };
+        let touched = |reached: &FirstReached| TouchedGrid {
+            grid: reached.grid.clone(),
+            is_sure: reached.first <= executed.at_least,
+        };
         Some(grids.map(touched).collect())
     }
 }
 
 /// The effect of the tool on a grid in a pass.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Abraded {
+pub struct AbradedGrid {
     /// The grid; `None` means any grid, because the grids were not stored.
     pub grid: Option<String>,
     /// The pass.
     pub pass: u8,
     /// The extent of the abrasion.
-    pub how: How,
+    pub how: AbrasionExtent,
 }
 
 /// The extent to which a grid was abraded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum How {
+pub enum AbrasionExtent {
     /// As planned.
     Whole,
     /// The grid was abraded in part, according to the poses that the robot reported.
@@ -128,13 +130,13 @@ pub enum How {
     /// The grid was touched; the touched part is not known.
     Touched,
     /// The grid may have been touched.
-    Perhaps,
+    PossiblyTouched,
 }
 
-impl How {
+impl AbrasionExtent {
     /// Returns whether the tool was certainly on the grid.
-    pub fn is_sure(self) -> bool {
-        self != How::Perhaps
+    pub fn is_certain(self) -> bool {
+        self != AbrasionExtent::PossiblyTouched
     }
 }
 
@@ -157,12 +159,12 @@ pub struct EarlierPass {
 
 /// Returns what the tool touched, or may have touched: according to the findings, and without a finding according to
 /// the permitted waypoints of each motion.
-pub fn abraded(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abraded> {
+pub fn abraded_grids(findings: &[Finding], motions: &[MotionRecord]) -> Vec<AbradedGrid> {
     let mut all = Vec::new();
     let passes = findings.iter().filter(|finding| finding.kind == Kind::Abrade);
     for finding in passes.clone() {
-        for (detail, how) in [("grids", How::Whole), ("grids_in_part", How::InPart)] {
-            all.extend(finding.names(detail).into_iter().map(|grid| Abraded {
+        for (detail, how) in [("grids", AbrasionExtent::Whole), ("grids_in_part", AbrasionExtent::InPart)] {
+            all.extend(finding.names(detail).into_iter().map(|grid| AbradedGrid {
                 grid: Some(grid),
                 pass: finding.pass,
                 how,
@@ -172,32 +174,32 @@ pub fn abraded(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abraded> {
     // A finding is stored just before the end of its motion, and only if the robot reported that end.
     let mut findings = passes;
     for record in motions.iter().filter(|record| record.motion.path == Path::Contact) {
-        let found = if record.end_is_known() { findings.next() } else { None };
+        let found = if record.is_end_reported() { findings.next() } else { None };
         let pass = record.contact.as_ref().map_or(0, |contact| contact.path.pass);
-        let Some(touched) = record.touched() else {
+        let Some(touched) = record.touched_grids() else {
             // An earlier version of this program recorded only the end, with its finding.
-            let unknown = Abraded { grid: None, pass, how: How::Perhaps };
-            all.extend((!record.end_is_known()).then_some(unknown));
+            let unknown = AbradedGrid { grid: None, pass, how: AbrasionExtent::PossiblyTouched };
+            all.extend((!record.is_end_reported()).then_some(unknown));
             continue;
         };
         let told: Vec<String> = found
             .map(|finding| [finding.names("grids"), finding.names("grids_in_part")].concat())
             .unwrap_or_default();
         let untold = touched.into_iter().filter(|touched| !told.contains(&touched.grid));
-        all.extend(untold.map(|Touched { grid, is_sure }| Abraded {
+        all.extend(untold.map(|TouchedGrid { grid, is_sure }| AbradedGrid {
             grid: Some(grid),
             pass,
             // A grid that the finding does not name was not reached, except possibly during the motion to the next
             // waypoint.
-            how: if is_sure && found.is_none() { How::Touched } else { How::Perhaps },
+            how: if is_sure && found.is_none() { AbrasionExtent::Touched } else { AbrasionExtent::PossiblyTouched },
         }));
     }
     all
 }
 
 /// Returns the number of passes in which the tool was, or may have been, on the panel.
-pub fn passes(findings: &[Finding], motions: &[MotionRecord]) -> usize {
-    let passes: BTreeSet<u8> = abraded(findings, motions).into_iter().map(|abraded| abraded.pass).collect();
+pub fn touching_passes(findings: &[Finding], motions: &[MotionRecord]) -> usize {
+    let passes: BTreeSet<u8> = abraded_grids(findings, motions).into_iter().map(|abraded| abraded.pass).collect();
     passes.len()
 }
 
@@ -207,7 +209,7 @@ mod tests {
     use crate::cycle::Motion;
 
     fn motion(outcome: Option<Outcome>, done: u32, (told, permitted): (u32, u32)) -> MotionRecord {
-        let reached = |grid: &str, first| Reached { grid: grid.to_owned(), first };
+        let reached = |grid: &str, first| FirstReached { grid: grid.to_owned(), first };
         let grids = vec![reached("r1c1", 2), reached("r1c2", 10), reached("r1c3", 30)];
         let path = ContactPath { id: Id(9), pass: 1, grids, wears_mm2: 100.0 };
         MotionRecord {
@@ -219,7 +221,7 @@ mod tests {
     }
 
     fn touched(record: &MotionRecord) -> Vec<(String, bool)> {
-        let touched = record.touched().expect("it was kept");
+        let touched = record.touched_grids().expect("it was kept");
         touched.into_iter().map(|touched| (touched.grid, touched.is_sure)).collect()
     }
 
@@ -229,19 +231,19 @@ mod tests {
     fn an_unknown_end_lies_between_what_was_told_and_what_was_permitted() {
         for outcome in [None, Some(Outcome::Cleared)] {
             let record = motion(outcome, 0, (4, 16));
-            assert_eq!(record.executed(), Some(Bounds { at_least: 4, at_most: 16 }));
+            assert_eq!(record.executed_bounds(), Some(Bounds { at_least: 4, at_most: 16 }));
             assert_eq!(touched(&record), [("r1c1".to_owned(), true), ("r1c2".to_owned(), false)]);
         }
         assert_eq!(touched(&motion(None, 0, (0, 1))), [], "nothing was permitted that reaches a grid");
         let unkept = MotionRecord { contact: None, ..motion(None, 0, (0, 0)) };
-        assert_eq!((unkept.executed(), unkept.touched()), (None, None));
+        assert_eq!((unkept.executed_bounds(), unkept.touched_grids()), (None, None));
     }
 
     /// With 9 waypoints executed, the tool may have been on its way to waypoint 10.
     #[test]
     fn a_known_end_is_exact_but_for_the_way_to_the_next_waypoint() {
         let record = motion(Some(Outcome::Held), 9, (8, 32));
-        assert_eq!(record.executed(), Some(Bounds { at_least: 9, at_most: 9 }));
+        assert_eq!(record.executed_bounds(), Some(Bounds { at_least: 9, at_most: 9 }));
         assert_eq!(touched(&record), [("r1c1".to_owned(), true), ("r1c2".to_owned(), false)]);
         assert_eq!(touched(&motion(Some(Outcome::Held), 0, (0, 32))), []);
         assert_eq!(touched(&motion(Some(Outcome::Done), 40, (40, 40))).len(), 3);

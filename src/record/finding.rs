@@ -40,7 +40,7 @@ pub enum Kind {
 
 impl Kind {
     /// Returns the keyword under which the kind is stored.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         self.into()
     }
 }
@@ -52,7 +52,7 @@ pub mod name {
     /// The same for a panel that was taught from its drawing, mm.
     pub const DEVIATION_FROM_DRAWING: &str = "deviation from the drawing, largest";
     /// Time for which a film was watched, s.
-    pub const WATCHED: &str = "watched";
+    pub const WATCHED_TIME_NAME: &str = "watched";
     /// The water, as the recipe states it.
     pub const WATER: &str = "water, as the recipe states it";
     /// The lamp, as the recipe states it.
@@ -64,7 +64,7 @@ pub mod name {
     /// Waypoints of a plan, including the first one, in air, at which the approach ends.
     pub const PLANNED: &str = "waypoints";
     /// Waypoints of a contact path that the robot executed, without the one at which the approach ended.
-    pub const EXECUTED: &str = "waypoints executed";
+    pub const EXECUTED_WAYPOINTS_NAME: &str = "waypoints executed";
     /// Expected depth of removal by a path on the treated grids, mean, µm.
     pub const REMOVED_MEAN: &str = "expected removal, mean";
     /// Largest deviation from the target for 95 % of the treated area, %.
@@ -82,13 +82,13 @@ pub mod name {
     /// Wear of the disc in use after treating the largest grid.
     pub const WORN_BY_A_GRID: &str = "worn of the disc after the largest grid";
     /// Grids that were begun but not covered as planned.
-    pub const BEGUN: &str = "grids that were not covered as planned";
+    pub const BEGUN_GRIDS_NAME: &str = "grids that were not covered as planned";
     /// Number of moves of the corner correction.
-    pub const MOVES: &str = "moves after the first picture";
+    pub const CORRECTION_MOVES_NAME: &str = "moves after the first picture";
     /// Localization: residual along the surface's normals, about the smooth deviation, rms, mm.
     pub const RESIDUAL: &str = "residual, point to plane, rms";
     /// Localization: largest smooth deviation of the panel from the taught panel, mm.
-    pub const BEND: &str = "smooth deviation from the taught panel, at most";
+    pub const BEND_NAME: &str = "smooth deviation from the taught panel, at most";
     /// Localization: residual of the outline, rms, px.
     pub const OUTLINE_RESIDUAL: &str = "residual of the outline, rms";
     /// Localization: stated error at the panel's worst place, 95 %, mm.
@@ -98,7 +98,7 @@ pub mod name {
     /// Smallest light of a film relative to the dry picture, %.
     pub const LIGHT_MIN: &str = "change of the light, least";
     /// Largest light of a film relative to the dry picture, %.
-    pub const LIGHT_MAX: &str = "change of the light, most";
+    pub const MAX_LIGHT_NAME: &str = "change of the light, most";
 
     /// The smallest area of broken film that is surely found at the panel's pose, mm².
     pub const SMALLEST_BREAK: &str = "smallest break that is surely found";
@@ -107,9 +107,9 @@ pub mod name {
     /// Ratio of the longest to the shortest dwell of a plan, over all grids or in the worst grid.
     pub const DWELL_RATIO: &str = "their ratio, all together or the worst grid's";
     /// Largest ratio of a grid's time under the disc to the planned time, in an abrasion.
-    pub const LONGER: &str = "time under the disc beside its plan, the worst grid's ratio";
+    pub const DWELL_RATIO_NAME: &str = "time under the disc beside its plan, the worst grid's ratio";
     /// Largest distance of a reported position from the planned path of an abrasion, mm.
-    pub const OFF_PATH: &str = "farthest of them from the planned path";
+    pub const PATH_DEVIATION_NAME: &str = "farthest of them from the planned path";
 
     const BROKEN_FILM: &str = "broken film in ";
 
@@ -119,12 +119,12 @@ pub mod name {
     }
 
     /// Returns the grid of a [`broken_film`] name; `None` for another name.
-    pub fn grid_of_broken_film(name: &str) -> Option<&str> {
+    pub fn broken_film_grid(name: &str) -> Option<&str> {
         name.strip_prefix(BROKEN_FILM)
     }
 
     /// Returns the name of the number: the time after which a grid failed, s.
-    pub fn failed_after(grid: impl std::fmt::Display) -> String {
+    pub fn break_time_name(grid: impl std::fmt::Display) -> String {
         format!("{grid} failed after")
     }
 }
@@ -169,15 +169,15 @@ impl Finding {
 
     /// Adds these checks to the existing ones. A good finding becomes a review if one of these checks violates a
     /// limit and no rule states the consequence.
-    pub fn with(mut self, checks: impl IntoIterator<Item = Check>) -> Self {
+    pub fn with_checks(mut self, checks: impl IntoIterator<Item = Check>) -> Self {
         let more: Vec<Check> = checks.into_iter().collect();
-        self.judgement = self.judgement.beside(&more);
+        self.judgement = self.judgement.with_checks(&more);
         self.checks.extend(more);
         self
     }
 
     /// With this detail.
-    pub fn detail(mut self, name: &str, value: impl Into<serde_json::Value>) -> Self {
+    pub fn with_detail(mut self, name: &str, value: impl Into<serde_json::Value>) -> Self {
         self.details.insert(name.to_owned(), value.into());
         self
     }

@@ -4,7 +4,7 @@ use super::finding::{Finding, Kind, name};
 
 /// The removal by one contact path, from the poses that the robot reported.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RemovedByPath {
+pub struct PathRemoval {
     /// Number of the pass, from 1.
     pub pass: u8,
     /// Expected depth over the treated grids, mean, µm.
@@ -14,10 +14,10 @@ pub struct RemovedByPath {
 }
 
 /// Returns the removal path by path; empty if the recipe does not require a removal.
-pub fn removed(findings: &[Finding]) -> Vec<RemovedByPath> {
+pub fn removed(findings: &[Finding]) -> Vec<PathRemoval> {
     let of_path = |finding: &Finding| {
         let [mean_um, bound_um] = [name::REMOVED_MEAN, name::REMOVED_BOUND].map(|name| finding.number(name));
-        Some(RemovedByPath { pass: finding.pass, mean_um: mean_um?, bound_um: bound_um? })
+        Some(PathRemoval { pass: finding.pass, mean_um: mean_um?, bound_um: bound_um? })
     };
     findings.iter().filter(|finding| finding.kind == Kind::Abrade).filter_map(of_path).collect()
 }
@@ -50,11 +50,11 @@ mod tests {
             let [mean_um, bound_um] = numbers;
             let mean = Check::new(name::REMOVED_MEAN, "µm", mean_um);
             Finding::new(kind, 1, Judgement::new(vec![], vec![]))
-                .with([mean, Check::new(name::REMOVED_BOUND, "µm", bound_um)])
+                .with_checks([mean, Check::new(name::REMOVED_BOUND, "µm", bound_um)])
         };
         let known = [Some(19.5), Some(24.0)];
         let findings = [told(Kind::Plan, known), told(Kind::Abrade, known), told(Kind::Abrade, [None; 2])];
-        assert_eq!(removed(&findings), [RemovedByPath { pass: 1, mean_um: 19.5, bound_um: 24.0 }]);
+        assert_eq!(removed(&findings), [PathRemoval { pass: 1, mean_um: 19.5, bound_um: 24.0 }]);
     }
 
     /// Two passes reported their removal; for a third one only its plan is known.
@@ -62,7 +62,11 @@ mod tests {
     fn what_was_planned_counts_where_nobody_told_what_was_executed() {
         let told = |kind: Kind, pass: u8, um: Option<f64>| {
             let judgement = crate::verdict::Judgement::new(vec![], vec![]);
-            Finding::new(kind, pass, judgement).with([crate::verdict::Check::new(name::REMOVED_BOUND, "µm", um)])
+            Finding::new(kind, pass, judgement).with_checks([crate::verdict::Check::new(
+                name::REMOVED_BOUND,
+                "µm",
+                um,
+            )])
         };
         let both = [
             told(Kind::Plan, 1, Some(20.0)),

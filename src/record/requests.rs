@@ -12,7 +12,7 @@ pub struct RequestRecord {
     /// What was wanted.
     pub wanted: RequestedAction,
     /// The sender; `None` if it was not recorded.
-    pub who: Option<Who>,
+    pub who: Option<RequestAuthor>,
     /// The result; `None` if it was not recorded: the program ended before, or an earlier version wrote the record.
     pub answer: Option<Answer>,
     /// Why the request was not carried out; if it was carried out, remarks.
@@ -40,7 +40,7 @@ pub enum RequestedAction {
 
 /// The sender of a request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Who {
+pub struct RequestAuthor {
     /// By which way.
     pub front: RequestSource,
     /// The number of the operating system's user; `None` if it is not known.
@@ -86,14 +86,14 @@ pub enum Answer {
     Failed,
 }
 
-impl Who {
+impl RequestAuthor {
     /// Returns a sender of which only this source is known.
-    pub fn by(front: RequestSource) -> Self {
-        Who { front, uid: None, user: None, from: None }
+    pub fn from_source(front: RequestSource) -> Self {
+        RequestAuthor { front, uid: None, user: None, from: None }
     }
 }
 
-impl std::fmt::Display for Who {
+impl std::fmt::Display for RequestAuthor {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let by = match self.front {
             RequestSource::Socket => "through the service's socket",

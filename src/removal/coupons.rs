@@ -7,7 +7,7 @@
 //! middle as the mean over a row's width, every mm² has had the same load: X = F · v(f)/f / s. Then h = k X, and ln h
 //! − ln X = ln k₀ − b w.
 
-use super::pad::Pad;
+use super::pad::PadWithDisc;
 use super::speed::{Orbit, elliptic_e};
 use std::f64::consts::PI;
 
@@ -47,7 +47,7 @@ pub struct Coupon {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CouponTool {
     /// Disc and pad.
-    pub pad: Pad,
+    pub pad: PadWithDisc,
     /// Its orbit.
     pub orbit: Orbit,
 }
@@ -72,7 +72,7 @@ pub(super) mod tests {
     use super::*;
 
     pub(in crate::removal) const TOOL: CouponTool = CouponTool {
-        pad: Pad { radius_mm: 15.0, stiffness_n_mm3: 0.05 },
+        pad: PadWithDisc { radius_mm: 15.0, stiffness_n_mm3: 0.05 },
         orbit: Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 },
     };
 

@@ -50,22 +50,22 @@ impl Columns {
 
 /// What is sought.
 #[derive(Debug, Clone, Copy)]
-pub struct Sought<'a> {
+pub struct DescentTarget<'a> {
     /// y.
-    pub wanted: &'a [f64],
+    pub target: &'a [f64],
     /// Lowest and highest x.
     pub bounds: &'a [[f64; 2]],
     /// μ.
-    pub alike: f64,
+    pub smoothing_weight: f64,
     /// Number of iterations over all unknowns.
     pub rounds: usize,
 }
 
 /// Returns the x that minimises the sum, beginning with a start within the bounds.
-pub fn descend(columns: &Columns, mut x: Vec<f64>, sought: &Sought<'_>) -> Vec<f64> {
+pub fn minimise_bounded(columns: &Columns, mut x: Vec<f64>, sought: &DescentTarget<'_>) -> Vec<f64> {
     let count = columns.count().min(x.len()).min(sought.bounds.len());
-    let mut over = columns.times(&x, sought.wanted.len());
-    over.iter_mut().zip(sought.wanted).for_each(|(sum, wanted)| *sum -= wanted);
+    let mut over = columns.times(&x, sought.target.len());
+    over.iter_mut().zip(sought.target).for_each(|(sum, wanted)| *sum -= wanted);
     let squares: Vec<f64> =
         (0..count).map(|index| columns.column(index).map(|(_, value)| value * value).sum()).collect();
     for _ in 0..sought.rounds {
@@ -79,7 +79,7 @@ pub fn descend(columns: &Columns, mut x: Vec<f64>, sought: &Sought<'_>) -> Vec<f
             let beside = [index.checked_sub(1), Some(index + 1).filter(|next| *next < count)];
             let beside: Vec<f64> = beside.into_iter().flatten().map(|other| x[other]).collect();
             let mean = beside.iter().sum::<f64>() / beside.len().max(1) as f64;
-            let pull = if beside.is_empty() { 0.0 } else { sought.alike };
+            let pull = if beside.is_empty() { 0.0 } else { sought.smoothing_weight };
             let [low, high] = sought.bounds[index];
             // The pull is in units of the column's own square, so that μ means the same for a move that removes much
             // and one that removes little.
@@ -101,8 +101,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn sought<'a>(wanted: &'a [f64], bounds: &'a [[f64; 2]]) -> Sought<'a> {
-        Sought { wanted, bounds, alike: 0.0, rounds: 200 }
+    fn sought<'a>(wanted: &'a [f64], bounds: &'a [[f64; 2]]) -> DescentTarget<'a> {
+        DescentTarget { target: wanted, bounds, smoothing_weight: 0.0, rounds: 200 }
     }
 
     /// Calculated by hand: x₀ + x₁ = 3 and x₁ = 2 are satisfied by (1, 2); with x₁ ≤ 1 the best x₀ is 2.
@@ -111,9 +111,9 @@ mod tests {
         let mut columns = Columns::default();
         columns.push([(0, 1.0)]);
         columns.push([(0, 1.0), (1, 1.0)]);
-        let x = descend(&columns, vec![0.0, 0.0], &sought(&[3.0, 2.0], &[[0.0, 9.0]; 2]));
+        let x = minimise_bounded(&columns, vec![0.0, 0.0], &sought(&[3.0, 2.0], &[[0.0, 9.0]; 2]));
         assert!((x[0] - 1.0).abs() < 1e-6 && (x[1] - 2.0).abs() < 1e-6, "{x:?}");
-        let x = descend(&columns, vec![0.0, 0.0], &sought(&[3.0, 2.0], &[[0.0, 9.0], [0.0, 1.0]]));
+        let x = minimise_bounded(&columns, vec![0.0, 0.0], &sought(&[3.0, 2.0], &[[0.0, 9.0], [0.0, 1.0]]));
         assert!((x[0] - 2.0).abs() < 1e-6 && x[1] == 1.0, "{x:?}");
         assert_eq!(columns.times(&[1.0, 2.0], 2), [3.0, 2.0]);
     }
@@ -129,7 +129,7 @@ mod tests {
                 columns.push(column.iter().enumerate().map(|(row, value)| (row as u32, *value)));
             }
             let bounds = [[0.2, 1.0]; 4];
-            let x = descend(&columns, vec![0.5; 4], &Sought { rounds: 2_000, ..sought(&wanted, &bounds) });
+            let x = minimise_bounded(&columns, vec![0.5; 4], &DescentTarget { rounds: 2_000, ..sought(&wanted, &bounds) });
             let sum = |x: &[f64]| {
                 let found = columns.times(x, 6);
                 found.iter().zip(&wanted).map(|(found, wanted)| (found - wanted).powi(2)).sum::<f64>()

@@ -10,10 +10,10 @@
 use super::least_squares::{Line, line};
 use nalgebra::{DMatrix, DVector};
 
-/// Number of values of λ that are tried, in equal ratios between `LEAST` and `MOST`, beside 0.
-const TRIED: u32 = 120;
-const LEAST: f64 = 1e-3;
-const MOST: f64 = 1e3;
+/// Number of values of λ that are tried, in equal ratios between `MIN_LAMBDA` and `MAX_LAMBDA`, beside 0.
+const TRIED_VALUES: u32 = 120;
+const MIN_LAMBDA: f64 = 1e-3;
+const MAX_LAMBDA: f64 = 1e3;
 
 /// The discs of the coupons and their scatter.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,13 +40,13 @@ impl DiscScatter {
         let disc_of: Vec<usize> = names.iter().filter_map(|name| known.binary_search(name).ok()).collect();
         let count = |disc: usize| disc_of.iter().filter(|own| **own == disc).count() as f64;
         let counts: Vec<f64> = (0..known.len()).map(count).collect();
-        let step = (MOST / LEAST).powf(1.0 / f64::from(TRIED - 1));
-        let ratios = (0..TRIED).map(|index| LEAST * step.powf(f64::from(index)));
+        let step = (MAX_LAMBDA / MIN_LAMBDA).powf(1.0 / f64::from(TRIED_VALUES - 1));
+        let ratios = (0..TRIED_VALUES).map(|index| MIN_LAMBDA * step.powf(f64::from(index)));
         let tried = std::iter::once(0.0).chain(ratios);
         let scatter = |ratio| DiscScatter { disc_of: disc_of.clone(), counts: counts.clone(), ratio };
         let judged = tried.filter_map(|ratio| {
             let scatter = scatter(ratio);
-            let unlikely = scatter.unlikely(rows, y)?;
+            let unlikely = scatter.negative_log_likelihood(rows, y)?;
             Some((unlikely, scatter))
         });
         judged.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, best)| best)
@@ -65,8 +65,8 @@ impl DiscScatter {
     /// Fits the rows with the discs' scatter taken into account; `deviation` is that of a coupon on its disc.
     pub fn line(&self, rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
         line(
-            &self.independent(rows),
-            &self.independent(&DMatrix::from_columns(&[y.clone_owned()])).column(0).into(),
+            &self.remove_disc_means(rows),
+            &self.remove_disc_means(&DMatrix::from_columns(&[y.clone_owned()])).column(0).into(),
         )
     }
 
@@ -81,7 +81,7 @@ impl DiscScatter {
     }
 
     /// The value (9).
-    fn unlikely(&self, rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<f64> {
+    fn negative_log_likelihood(&self, rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<f64> {
         let found = self.line(rows, y)?;
         let redundancy = (rows.nrows() - rows.ncols()) as f64;
         let square_sum = (found.deviation.powi(2) * redundancy).max(f64::MIN_POSITIVE);
@@ -90,7 +90,7 @@ impl DiscScatter {
     }
 
     /// Subtracts from each column its disc's mean times θ.
-    fn independent(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+    fn remove_disc_means(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
         let mut means = DMatrix::<f64>::zeros(self.counts.len(), columns.ncols());
         for (row, disc) in self.disc_of.iter().enumerate() {
             means.row_mut(*disc).zip_apply(&columns.row(row), |mean, value| *mean += value / self.counts[*disc]);

@@ -1,14 +1,14 @@
 //! The numbers of a removal map that are judged.
 
 use super::map::{GridRemoval, RemovalMap};
-use crate::surface::ByArea;
+use crate::surface::AreaWeighted;
 
 /// Fractions of the treated area for which depths are returned.
 const SHARES: [f64; 2] = [0.05, 0.95];
 
 /// The figures of a map. Only treated grids count, except for the largest depths, which may lie beside these grids.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Figures {
+pub struct MapFigures {
     /// Mean expected depth, µm.
     pub mean_um: f64,
     /// Depth below which 5 % of the treated area lies, µm.
@@ -25,10 +25,10 @@ pub struct Figures {
     pub uncertainty_percent: f64,
 }
 
-impl Figures {
+impl MapFigures {
     /// Computes the figures of a map against a target, µm; `None` if nothing is treated.
     pub fn compute(map: &RemovalMap, target_um: f64) -> Option<Self> {
-        let treated = || map.grids.iter().filter(|grid| grid.is_treated).flat_map(places);
+        let treated = || map.grids.iter().filter(|grid| grid.is_treated).flat_map(depth_places);
         let area: f64 = treated().map(|(_, _, area)| area).sum();
         if area <= 0.0 {
             return None;
@@ -37,30 +37,30 @@ impl Figures {
             treated().map(|(depth_um, deviation, area)| area * of(depth_um, deviation)).sum::<f64>() / area
         };
         let by_area = |of: &dyn Fn(f64) -> f64| {
-            ByArea::from_values(treated().map(|(depth_um, _, area)| (of(depth_um), area)))
+            AreaWeighted::from_values(treated().map(|(depth_um, _, area)| (of(depth_um), area)))
         };
         let most = |of: &dyn Fn(f64, f64) -> f64| {
-            let all = map.grids.iter().flat_map(places);
+            let all = map.grids.iter().flat_map(depth_places);
             all.fold(0.0, |most, (depth_um, deviation, _)| f64::max(most, of(depth_um, deviation)))
         };
         let upper = |deviation: f64| (map.quantile_95 * deviation).exp();
         let depths = by_area(&|depth_um| depth_um);
         let off = by_area(&|depth_um| (depth_um / target_um - 1.0).abs());
-        let [low_um, high_um] = SHARES.map(|share| depths.at(share));
-        Some(Figures {
+        let [low_um, high_um] = SHARES.map(|share| depths.quantile_by_area(share));
+        Some(MapFigures {
             mean_um: mean(&|depth_um, _| depth_um),
             low_um: low_um?,
             high_um: high_um?,
             largest_um: most(&|depth_um, _| depth_um),
             largest_bound_um: most(&|depth_um, deviation| depth_um * upper(deviation)),
-            within_percent: 100.0 * off.at(SHARES[1])?,
+            within_percent: 100.0 * off.quantile_by_area(SHARES[1])?,
             uncertainty_percent: 100.0 * mean(&|_, deviation| upper(deviation) - 1.0),
         })
     }
 
     /// Returns the fraction of the treated area that lies within this percentage of the target, 0…1.
     pub fn share_within(map: &RemovalMap, target_um: f64, percent: f64) -> f64 {
-        let treated = map.grids.iter().filter(|grid| grid.is_treated).flat_map(places);
+        let treated = map.grids.iter().filter(|grid| grid.is_treated).flat_map(depth_places);
         let (held, all) = treated.fold((0.0, 0.0), |(held, all), (depth_um, _, area)| {
             let is_held = 100.0 * (depth_um / target_um - 1.0).abs() <= percent;
             (held + if is_held { area } else { 0.0 }, all + area)
@@ -70,7 +70,7 @@ impl Figures {
 }
 
 /// Returns depth, µm, σ and area, mm², of each place with panel.
-fn places(grid: &GridRemoval) -> impl Iterator<Item = (f64, f64, f64)> + '_ {
+fn depth_places(grid: &GridRemoval) -> impl Iterator<Item = (f64, f64, f64)> + '_ {
     let numbers = grid.depth_um.iter().zip(&grid.deviation).zip(&grid.area_mm2);
     numbers
         .map(|((depth, deviation), area)| (f64::from(*depth), f64::from(*deviation), f64::from(*area)))
@@ -105,13 +105,13 @@ mod tests {
     #[test]
     fn what_a_map_comes_to() {
         let both = map(vec![grid(1, true, (1..=100u8).map(f32::from).collect()), grid(2, false, vec![120.0])]);
-        let found = Figures::compute(&both, 50.0).expect("treated");
+        let found = MapFigures::compute(&both, 50.0).expect("treated");
         assert_eq!((found.mean_um, found.low_um, found.high_um, found.largest_um), (50.5, 5.0, 95.0, 120.0));
         assert!((found.largest_bound_um - 132.620_5).abs() < 1e-3, "{}", found.largest_bound_um);
         // |d − 50| ≤ 45 contains 5 to 95, which are 91 places; 47 contains 3 to 97, which are 95.
         assert!((found.within_percent - 94.0).abs() < 1e-4, "{}", found.within_percent);
         assert!((found.uncertainty_percent - 10.517).abs() < 1e-3);
-        assert!((Figures::share_within(&both, 50.0, 10.001) - 0.11).abs() < 1e-9);
-        assert_eq!(Figures::compute(&map(vec![grid(2, false, vec![120.0])]), 50.0), None);
+        assert!((MapFigures::share_within(&both, 50.0, 10.001) - 0.11).abs() < 1e-9);
+        assert_eq!(MapFigures::compute(&map(vec![grid(2, false, vec![120.0])]), 50.0), None);
     }
 }

@@ -14,27 +14,27 @@ use super::fit_error::{CONTRADICTORY, LEVELS, WORN_LEVELS_MM2};
 pub use super::fit_error::{FitError, MIN_COUPONS};
 use super::least_squares::{Line, line};
 use super::model::MM2_PER_M2;
-use super::power::{Power, Powers};
+use super::power::{ForceExponents, Power};
 use crate::calib::{student_95, student_quantile};
 use nalgebra::{DMatrix, DVector, Matrix2};
 
 /// A coupon as predicted from the other coupons.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LeftOut {
+pub struct LeftOutCoupon {
     /// Expected depth, µm.
     pub foretold_um: f64,
     /// Lowest and highest depth predicted from the other coupons, 95 %, µm.
     pub interval_um: [f64; 2],
     /// Deviation of the measured from the predicted depth, as a fraction of the predicted depth: 0.1 is a tenth
     /// deeper.
-    pub off: f64,
+    pub deviation: f64,
     /// Whether the deviation is larger than expected for any one of this number of coupons.
     pub is_outlier: bool,
 }
 
 /// The result of the fit to the coupons.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Fitted {
+pub struct CouponFit {
     /// k₀, mm²/N.
     pub preston_mm2_per_n: f64,
     /// b, 1/mm².
@@ -48,11 +48,11 @@ pub struct Fitted {
     /// Measured depth divided by modelled depth, minus 1, for each coupon.
     pub residuals: Vec<f64>,
     /// Each coupon predicted from the others; `None` if the others do not determine a model.
-    pub left_out: Vec<Option<LeftOut>>,
+    pub left_out_coupons: Vec<Option<LeftOutCoupon>>,
     /// The exponent of X in the growth of the depth.
     pub power: Power,
     /// The exponents of force and passes.
-    pub powers: Powers,
+    pub powers: ForceExponents,
 }
 
 /// The scatter of the discs.
@@ -66,7 +66,7 @@ pub struct Discs {
     redundancy: f64,
 }
 
-impl Fitted {
+impl CouponFit {
     /// n − 2; fewer if the discs differ, since the coupons of a disc are then one reading of it.
     pub fn redundancy(&self) -> f64 {
         let of_coupons = self.residuals.len().saturating_sub(2).max(1) as f64;
@@ -86,8 +86,8 @@ impl Fitted {
     }
 
     /// Returns the relative rms deviation of the coupons from their predictions by the others.
-    pub fn left_out_rms(&self) -> f64 {
-        let off: Vec<f64> = self.left_out.iter().flatten().map(|one| one.off).collect();
+    pub fn cross_validation_rms(&self) -> f64 {
+        let off: Vec<f64> = self.left_out_coupons.iter().flatten().map(|one| one.deviation).collect();
         (off.iter().map(|off| off * off).sum::<f64>() / off.len().max(1) as f64).sqrt()
     }
 }
@@ -96,7 +96,7 @@ impl Fitted {
 ///
 /// # Errors
 /// If the coupons do not determine a model.
-pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<Fitted, FitError> {
+pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<CouponFit, FitError> {
     refuse(coupons, tool)?;
     let exposure: Vec<f64> = coupons.iter().map(|coupon| coupon.exposure_n_mm(tool).ln()).collect();
     let depth: Vec<f64> = coupons.iter().map(|coupon| (coupon.depth_um / 1_000.0).ln()).collect();
@@ -107,7 +107,7 @@ pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<Fitted, FitError> {
     // Sufficiently different wear values were required, so the matrix is regular.
     let one_wear = || FitError::OneWear { least_m2: worn(0), most_m2: worn(0) };
     let found = line(&rows, &y).ok_or_else(one_wear)?;
-    contradictory(coupons, &(&y - &rows * &found.solution), &found)?;
+    check_consistency(coupons, &(&y - &rows * &found.solution), &found)?;
     let names: Vec<Option<&str>> = coupons.iter().map(|coupon| coupon.disc.as_deref()).collect();
     let scatter = DiscScatter::estimate(&names, (&rows, &y));
     let found = match &scatter {
@@ -122,16 +122,18 @@ pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<Fitted, FitError> {
     });
     let scale = Matrix2::new(1.0, 1.0 / MM2_PER_M2, 1.0 / MM2_PER_M2, 1.0 / MM2_PER_M2.powi(2));
     let inverse = Matrix2::from_fn(|row, column| found.inverse[(row, column)]);
-    Ok(Fitted {
+    Ok(CouponFit {
         preston_mm2_per_n: found.solution[0].exp(),
         decay_per_mm2: found.solution[1] / MM2_PER_M2,
         covariance: inverse.component_mul(&scale) * found.deviation.powi(2),
         coupon_deviation: found.deviation,
         discs,
         residuals: left.iter().map(|left| left.exp_m1()).collect(),
-        left_out: (0..coupons.len()).map(|index| left_out(coupons, (&rows, &y), (index, &exposure))).collect(),
+        left_out_coupons: (0..coupons.len())
+            .map(|index| cross_validate(coupons, (&rows, &y), (index, &exposure)))
+            .collect(),
         power: power(&rows, (&exposure, &depth)),
-        powers: Powers::compute(coupons, (&rows, &y), scatter.as_ref()),
+        powers: ForceExponents::compute(coupons, (&rows, &y), scatter.as_ref()),
     })
 }
 
@@ -158,7 +160,7 @@ fn refuse(coupons: &[Coupon], tool: &CouponTool) -> Result<(), FitError> {
     Ok(())
 }
 
-fn contradictory(coupons: &[Coupon], left: &DVector<f64>, found: &Line) -> Result<(), FitError> {
+fn check_consistency(coupons: &[Coupon], left: &DVector<f64>, found: &Line) -> Result<(), FitError> {
     if found.deviation > CONTRADICTORY || !found.deviation.is_finite() {
         let farthest = &coupons[left.iamax()];
         let (name, line) = (farthest.name.clone(), farthest.line);
@@ -171,11 +173,11 @@ fn contradictory(coupons: &[Coupon], left: &DVector<f64>, found: &Line) -> Resul
 }
 
 /// Predicts one coupon from the others.
-fn left_out(
+fn cross_validate(
     coupons: &[Coupon],
     (rows, y): (&DMatrix<f64>, &DVector<f64>),
     (index, exposure): (usize, &[f64]),
-) -> Option<LeftOut> {
+) -> Option<LeftOutCoupon> {
     let others = line(&rows.clone().remove_row(index), &y.clone().remove_row(index))?;
     let row = rows.row(index).transpose();
     let expected = row.dot(&others.solution);
@@ -187,10 +189,10 @@ fn left_out(
     let half = student_95(redundancy) * spread;
     let depth_um = |ln: f64| 1_000.0 * (ln + exposure[index]).exp();
     let away = y[index] - expected;
-    Some(LeftOut {
+    Some(LeftOutCoupon {
         foretold_um: depth_um(expected),
         interval_um: [depth_um(expected - half), depth_um(expected + half)],
-        off: away.exp_m1(),
+        deviation: away.exp_m1(),
         is_outlier: away.abs() > most * spread,
     })
 }
@@ -273,14 +275,15 @@ pub(super) mod tests {
         let mut off = [0.02, -0.01, 0.0, 0.01, -0.02, 0.015, 0.0, -0.015, 0.01, 0.0, -0.01, 0.005];
         let outliers = |off: &[f64]| -> Vec<usize> {
             let found = fit(&coupons(off), &TOOL).expect("a model");
-            let all = found.left_out.iter().enumerate();
+            let all = found.left_out_coupons.iter().enumerate();
             all.filter(|(_, one)| one.is_some_and(|one| one.is_outlier)).map(|(index, _)| index).collect()
         };
         assert_eq!(outliers(&off), Vec::<usize>::new());
         off[3] = 0.5;
         assert_eq!(outliers(&off), [3]);
-        let found = fit(&coupons(&off), &TOOL).expect("a model").left_out[3].expect("the others hold a model");
-        assert!((found.off - 0.5).abs() < 0.02, "{found:?}");
+        let found =
+            fit(&coupons(&off), &TOOL).expect("a model").left_out_coupons[3].expect("the others hold a model");
+        assert!((found.deviation - 0.5).abs() < 0.02, "{found:?}");
     }
 
     #[test]
@@ -331,7 +334,7 @@ pub(super) mod tests {
             let found = fit(&coupons(&off), &TOOL).expect("a model");
             let share = (found.preston_mm2_per_n / 4e-4).ln().abs() / found.preston_share_95(0.0);
             held += usize::from(share <= 1.0);
-            assert!(found.left_out.iter().all(Option::is_some));
+            assert!(found.left_out_coupons.iter().all(Option::is_some));
         }
         assert!((368..=392).contains(&held), "{held} of 400");
     }

@@ -1,6 +1,6 @@
 //! The conditions under which coupons determine a model, and the reasons why a set of coupons does not.
 
-use crate::number_text::{apart, fixed};
+use crate::number_text::{distinguishable_texts, fixed_decimals};
 
 /// Smallest number of coupons: two for the two numbers, and four more to show how well they are known.
 pub const MIN_COUPONS: usize = 6;
@@ -28,7 +28,7 @@ pub enum FitError {
     #[error(
         "all coupons had nearly the same load: the highest is only {} times the lowest, at least {} times is \
          needed to determine how the depth depends on it; change passes, feed_mm_s or force_n",
-        apart(*ratio, LEVELS, 2)[0], apart(*ratio, LEVELS, 2)[1]
+        distinguishable_texts(*ratio, LEVELS, 2)[0], distinguishable_texts(*ratio, LEVELS, 2)[1]
     )]
     OneLoad {
         /// Ratio of the largest exposure to the smallest.
@@ -38,7 +38,7 @@ pub enum FitError {
     #[error(
         "the discs had swept {} to {} m² (worn_mm2), but a difference of at least 0.02 m² is needed to determine \
          the wear: measure one coupon with a new disc and one with a used disc",
-        fixed(*least_m2, 3), fixed(*most_m2, 3)
+        fixed_decimals(*least_m2, 3), fixed_decimals(*most_m2, 3)
     )]
     OneWear {
         /// Least swept, m².

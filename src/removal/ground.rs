@@ -42,7 +42,7 @@ impl PanelGround {
     }
 
     /// Returns whether there is panel at this place, without regard to holes.
-    pub fn holds(&self, at: Parameter) -> bool {
+    pub fn is_panel(&self, at: Parameter) -> bool {
         let in_region = (0.0..=1.0).contains(&at.u) && (0.0..=1.0).contains(&at.v);
         if in_region || self.crossings.is_empty() {
             return true;
@@ -66,9 +66,9 @@ mod tests {
             [(-10.0, -10.0), (70.0, -10.0), (70.0, 20.0), (62.0, 30.0), (70.0, 40.0), (70.0, 70.0), (-10.0, 70.0)];
         let outline: Vec<Pixel> = corners.iter().map(|(u, v)| Pixel::at(*u, *v)).collect();
         let ground = PanelGround::new(&region(2, 2), &outline);
-        let at = |u: f64, v: f64| ground.holds(Parameter { u: u / 60.0, v: v / 60.0 });
+        let at = |u: f64, v: f64| ground.is_panel(Parameter { u: u / 60.0, v: v / 60.0 });
         assert!(at(30.0, 30.0) && at(-9.0, 30.0) && at(69.0, 10.0) && at(61.0, 30.0));
         assert!(!at(-11.0, 30.0) && !at(71.0, 10.0) && !at(66.0, 30.0) && !at(30.0, 72.0) && !at(30.0, -400.0));
-        assert!(PanelGround::new(&region(2, 2), &[]).holds(Parameter { u: 9.0, v: 9.0 }), "no outline, no edge");
+        assert!(PanelGround::new(&region(2, 2), &[]).is_panel(Parameter { u: 9.0, v: 9.0 }), "no outline, no edge");
     }
 }

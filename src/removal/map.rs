@@ -5,9 +5,9 @@
 //! most was removed. The removals of several paths over one part add up. Their errors come from the same coupons and
 //! are fully correlated, so σ is the mean of the paths' σ, weighted by depth.
 
-use super::model::{Model, UM_PER_MM, Worn};
+use super::model::{Model, UM_PER_MM, WornDisc};
 use super::samples::Samples;
-use super::track::{Ground, Stretch};
+use super::track::{DiscStretch, IsPanelAt};
 use crate::panel::{GridId, Region};
 use crate::surface::{BSplineSurface, Field, GridField, sides_mm};
 use rayon::prelude::*;
@@ -42,9 +42,9 @@ pub struct RemovalMap {
 /// Returns the map of the depth that these stretches remove on the grids of the region. Grids that are not to be
 /// treated are included if the disc overlaps them.
 pub fn removed(
-    (surface, region, ground): (&BSplineSurface, &Region, Ground<'_>),
+    (surface, region, ground): (&BSplineSurface, &Region, IsPanelAt<'_>),
     treated: &[GridId],
-    stretches: &[Stretch],
+    stretches: &[DiscStretch],
     (model, force_share_95): (&Model, f64),
     spacing_mm: f64,
 ) -> RemovalMap {
@@ -62,14 +62,14 @@ pub fn removed(
 fn grid(
     samples: &Samples,
     is_treated: bool,
-    stretches: &[Stretch],
+    stretches: &[DiscStretch],
     (model, force_share_95): (&Model, f64),
 ) -> GridRemoval {
     let mut depth_mm = vec![0.0; samples.count()];
     let mut swept = vec![0.0; samples.count()];
     for stretch in stretches {
-        let per_pressure = model.preston_at(stretch.swept_mm2) * stretch.rubbed_mm;
-        samples.under(stretch, |sample, pressure| {
+        let per_pressure = model.preston_at_wear(stretch.swept_mm2) * stretch.rubbed_mm;
+        samples.for_places_under(stretch, |sample, pressure| {
             depth_mm[sample] += per_pressure * pressure;
             // The mean wear, weighted by depth: a place that is sanded twice has one uncertainty of k, at the wear that
             // did most of it.
@@ -78,7 +78,7 @@ fn grid(
     }
     let deviation = |(depth_mm, swept): (&f64, &f64)| {
         let swept_mm2 = if *depth_mm > 0.0 { swept / depth_mm } else { 0.0 };
-        model.deviation(Worn { swept_mm2, force_share_95 }) as f32
+        model.deviation(WornDisc { swept_mm2, force_share_95 }) as f32
     };
     GridRemoval {
         id: samples.id,
@@ -100,7 +100,7 @@ impl RemovalMap {
     /// Adds the removal of an earlier path over the same part, on the same samples; grids that only one of the maps
     /// has are not changed.
     #[must_use]
-    pub fn and(mut self, earlier: &RemovalMap) -> Self {
+    pub fn plus(mut self, earlier: &RemovalMap) -> Self {
         for before in &earlier.grids {
             match self.grids.iter_mut().find(|grid| grid.id == before.id) {
                 Some(grid) if grid.depth_um.len() == before.depth_um.len() => grid.add(before),
@@ -148,7 +148,7 @@ impl GridRemoval {
 pub(super) mod tests {
     use super::super::model::tests::MODEL;
     use super::super::track::tests::{DISC, level, pose};
-    use super::super::track::{Disc, stretches};
+    use super::super::track::{Disc, path_stretches};
     use super::*;
     use crate::recipe::Recipe;
     use crate::surface::Parameter;
@@ -166,8 +166,8 @@ pub(super) mod tests {
     fn line(swept_mm2: f64) -> RemovalMap {
         let surface = level(100.0);
         let path = [pose([-30.0, 50.0, 0.0], 0.0), pose([130.0, 50.0, 0.0], 160.0 / 60.0)];
-        let all = stretches(&surface, &path, (&Disc { swept_mm2, ..DISC }, 20.0), &|_| true);
-        let on = (&surface, &region(1, 1), &(|_| true) as Ground<'_>);
+        let all = path_stretches(&surface, &path, (&Disc { swept_mm2, ..DISC }, 20.0), &|_| true);
+        let on = (&surface, &region(1, 1), &(|_| true) as IsPanelAt<'_>);
         let first = Model { decay_per_mm2: 0.0, ..MODEL };
         let model = if swept_mm2 > 0.0 { MODEL } else { first };
         removed(on, &[GridId { row: 1, column: 1 }], &all, (&model, 0.0), 1.0)
@@ -203,7 +203,7 @@ pub(super) mod tests {
 
     #[test]
     fn two_paths_add_up() {
-        let (one, two) = (line(0.0), line(0.0).and(&line(0.0)));
+        let (one, two) = (line(0.0), line(0.0).plus(&line(0.0)));
         let (one, two) = (&one.grids[0], &two.grids[0]);
         assert!((two.depth_um[5_050] / one.depth_um[5_050] - 2.0).abs() < 1e-6);
         assert!((two.deviation[5_050] / one.deviation[5_050] - 1.0).abs() < 1e-5, "one error, not two");
@@ -213,8 +213,8 @@ pub(super) mod tests {
     fn where_there_is_no_panel_there_is_no_value() {
         let surface = level(100.0);
         let path = [pose([10.0, 50.0, 0.0], 0.0), pose([90.0, 50.0, 0.0], 1.0)];
-        let ground: Ground<'_> = &|at: Parameter| at.v < 0.55;
-        let all = stretches(&surface, &path, (&DISC, 20.0), ground);
+        let ground: IsPanelAt<'_> = &|at: Parameter| at.v < 0.55;
+        let all = path_stretches(&surface, &path, (&DISC, 20.0), ground);
         let map = removed((&surface, &region(2, 2), ground), &[], &all, (&MODEL, 0.1), 2.0);
         assert_eq!(map.grids.len(), 4, "the disc laps over all of them");
         assert!(map.grids.iter().all(|grid| !grid.is_treated));

@@ -22,7 +22,7 @@ pub const UNKNOWN: &str = "the recipe has [removal], but the cell's file names n
 /// Micrometres per millimetre.
 pub const UM_PER_MM: f64 = 1_000.0;
 /// Number of parameters of the fitted line, which is subtracted from the number of coupons to get the redundancy.
-const FITTED: usize = 2;
+const FITTED_PARAMETERS: usize = 2;
 /// The stated 95 % error of a force is about two standard deviations.
 const NORMAL_95: f64 = 1.959_963_984_540_054;
 
@@ -54,18 +54,19 @@ pub struct Model {
 /// Coupons that show that the depth grows with the force are valid for forces this factor beyond theirs …
 pub const FORCE_RANGE: f64 = LEVELS;
 /// Other coupons are valid for forces this factor beyond their own.
-const FORCE_NEAR: f64 = 1.15;
+const FORCE_RANGE_FACTOR: f64 = 1.15;
 /// Scatter from disc to disc if the coupons do not show it: the largest one that needs no review if it is measured.
 pub(super) const UNKNOWN_DISC_DEVIATION: f64 = 0.10;
 /// Smallest number of discs that shows their scatter.
 pub(super) const MIN_DISCS: usize = 3;
 /// An exponent of the force that the coupons do not determine may differ by this much from 1.
-const UNKNOWN_POWER_OFF: f64 = 0.5;
+const DEFAULT_POWER_UNCERTAINTY: f64 = 0.5;
 
 impl From<&RemovalNumbers> for Model {
     fn from(found: &RemovalNumbers) -> Self {
         let deviations = [found.preston_deviation_percent() / 100.0, found.wear_deviation_per_m2() / MM2_PER_M2];
-        let (coupons, discs) = (found.coupons().saturating_sub(FITTED).max(1) as f64, found.discs() as f64);
+        let (coupons, discs) =
+            (found.coupons().saturating_sub(FITTED_PARAMETERS).max(1) as f64, found.discs() as f64);
         let coupon = found.coupon_deviation_percent() / 100.0;
         let measured = found.disc_deviation_percent().map(|percent| percent / 100.0);
         // Two discs that are alike by chance do not show that all are.
@@ -96,7 +97,7 @@ impl From<&RemovalNumbers> for Model {
 
 /// A disc with this swept area, and the uncertainty of the force on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Worn {
+pub struct WornDisc {
     /// Area that the disc has swept, mm².
     pub swept_mm2: f64,
     /// Relative uncertainty of the force, 95 %.
@@ -105,12 +106,12 @@ pub struct Worn {
 
 impl Model {
     /// Returns k of a disc with this swept area, mm²/N.
-    pub fn preston_at(&self, swept_mm2: f64) -> f64 {
+    pub fn preston_at_wear(&self, swept_mm2: f64) -> f64 {
         self.preston_mm2_per_n * (-self.decay_per_mm2 * swept_mm2).exp()
     }
 
     /// Returns σ of the logarithm of a depth.
-    pub fn deviation(&self, disc: Worn) -> f64 {
+    pub fn deviation(&self, disc: WornDisc) -> f64 {
         let (w, cov) = (disc.swept_mm2, &self.covariance);
         let of_k = cov[(0, 0)] - 2.0 * w * cov[(0, 1)] + w * w * cov[(1, 1)];
         let force = disc.force_share_95 / NORMAL_95;
@@ -120,19 +121,19 @@ impl Model {
     /// Returns the error of a depth with this force, 95 %, as a share: the depth may grow with another power of the
     /// force than the first.
     pub fn force_law_share_95(&self, force_n: f64) -> f64 {
-        let Some([least_n, most_n]) = self.forces_n else { return UNKNOWN_POWER_OFF };
+        let Some([least_n, most_n]) = self.forces_n else { return DEFAULT_POWER_UNCERTAINTY };
         match self.force_power {
-            Some(power) => (force_n / (least_n * most_n).sqrt()).ln().abs() * power.off_95(),
-            None => (force_n / force_n.clamp(least_n, most_n)).ln().abs() * UNKNOWN_POWER_OFF,
+            Some(power) => (force_n / (least_n * most_n).sqrt()).ln().abs() * power.deviation_from_one_95(),
+            None => (force_n / force_n.clamp(least_n, most_n)).ln().abs() * DEFAULT_POWER_UNCERTAINTY,
         }
     }
 
     /// Returns the range of forces for which the coupons are valid, N: the depth is known to be proportional to the
     /// force only in the measured range. `None` if the coupons' forces are not known.
-    pub fn holds_for_n(&self) -> Option<[f64; 2]> {
+    pub fn valid_force_range_n(&self) -> Option<[f64; 2]> {
         let [least_n, most_n] = self.forces_n?;
         let is_shown = self.force_power.is_some_and(|power| !power.contradicts_preston());
-        let beyond = if is_shown { FORCE_RANGE } else { FORCE_NEAR };
+        let beyond = if is_shown { FORCE_RANGE } else { FORCE_RANGE_FACTOR };
         Some([least_n / beyond, most_n * beyond])
     }
 
@@ -193,14 +194,15 @@ pub(crate) mod tests {
     /// 17.4 N to 23 N.
     #[test]
     fn the_forces_for_which_coupons_hold() {
-        assert_eq!(MODEL.holds_for_n(), Some([10.0, 45.0]));
-        let [least_n, most_n] =
-            Model { forces_n: Some([20.0, 20.0]), force_power: None, ..MODEL }.holds_for_n().expect("a range");
+        assert_eq!(MODEL.valid_force_range_n(), Some([10.0, 45.0]));
+        let [least_n, most_n] = Model { forces_n: Some([20.0, 20.0]), force_power: None, ..MODEL }
+            .valid_force_range_n()
+            .expect("a range");
         assert!((least_n - 17.391).abs() < 1e-3 && (most_n - 23.0).abs() < 1e-9, "{least_n} {most_n}");
-        assert_eq!(Model { forces_n: None, ..MODEL }.holds_for_n(), None);
+        assert_eq!(Model { forces_n: None, ..MODEL }.valid_force_range_n(), None);
         // Forces that are far enough apart, but do not show the law or show another one.
         for force_power in [None, Some(Power { value: 0.7, uncertainty: 0.1 })] {
-            let [least_n, most_n] = Model { force_power, ..MODEL }.holds_for_n().expect("a range");
+            let [least_n, most_n] = Model { force_power, ..MODEL }.valid_force_range_n().expect("a range");
             assert!((least_n - 13.043).abs() < 1e-3 && (most_n - 34.5).abs() < 1e-9, "{least_n} {most_n}");
         }
     }
@@ -221,7 +223,7 @@ pub(crate) mod tests {
     /// quantile for ten degrees of freedom is 2.228.
     #[test]
     fn a_disc_wears() {
-        assert!((MODEL.preston_at(500_000.0) - 4e-4 * 0.670_320).abs() < 1e-9);
+        assert!((MODEL.preston_at_wear(500_000.0) - 4e-4 * 0.670_320).abs() < 1e-9);
         assert!((MODEL.quantile_95() - 2.228).abs() < 0.001 && (student_95(1e5) - NORMAL_95).abs() < 1e-3);
     }
 
@@ -229,7 +231,7 @@ pub(crate) mod tests {
     /// square metre var = 4·10⁻⁴ − 2 · 5·10⁵ · 10⁻⁹ + 25·10¹⁰ · 10⁻¹⁴ = 0.0019, with coupons and force 0.0053.
     #[test]
     fn what_is_not_known_adds_up() {
-        let disc = |swept_mm2: f64| Worn { swept_mm2, force_share_95: 0.05 * NORMAL_95 };
+        let disc = |swept_mm2: f64| WornDisc { swept_mm2, force_share_95: 0.05 * NORMAL_95 };
         assert!((MODEL.deviation(disc(0.0)) - 0.061_644).abs() < 1e-6, "{}", MODEL.deviation(disc(0.0)));
         assert!((MODEL.deviation(disc(5e5)) - 0.072_801).abs() < 1e-6, "{}", MODEL.deviation(disc(5e5)));
     }

@@ -19,7 +19,7 @@ use std::sync::LazyLock;
 
 /// Number of rings of equal area; the next constant is the number of places on each ring.
 const RINGS: usize = 28;
-const SPOKES: usize = 44;
+const SPOKE_COUNT: usize = 44;
 /// Largest number of Newton steps; usually about four are enough.
 const STEPS: usize = 60;
 /// Relative tolerance of the force.
@@ -27,7 +27,7 @@ const FORCE_TOLERANCE: f64 = 1e-9;
 
 /// A pad with the disc on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pad {
+pub struct PadWithDisc {
     /// Radius of the disc, mm.
     pub radius_mm: f64,
     /// The pad's modulus over its thickness, N/mm³.
@@ -50,9 +50,9 @@ pub type SupportMask<'a> = &'a dyn Fn(Vector2<f64>) -> bool;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
     /// The pad.
-    pub pad: Pad,
+    pub pad: PadWithDisc,
     /// The surface on which the disc lies.
-    pub seat: ContactGeometry,
+    pub contact_surface: ContactGeometry,
     /// Compression in the disc's middle, δ, mm; below 0 if a tilted disc does not touch there.
     pub depth_mm: f64,
 }
@@ -69,7 +69,7 @@ impl ContactGeometry {
     }
 }
 
-impl Pad {
+impl PadWithDisc {
     /// Returns the area of the disc, mm².
     pub fn area_mm2(&self) -> f64 {
         PI * self.radius_mm * self.radius_mm
@@ -77,15 +77,20 @@ impl Pad {
 
     /// Returns the contact at which the pad bears this force, N. `below` states where there is panel; without it there
     /// is panel everywhere. `None` if there is no panel below the disc, or no force.
-    pub fn under(&self, force_n: f64, seat: ContactGeometry, below: Option<SupportMask<'_>>) -> Option<Contact> {
+    pub fn contact_at_force(
+        &self,
+        force_n: f64,
+        seat: ContactGeometry,
+        below: Option<SupportMask<'_>>,
+    ) -> Option<Contact> {
         if !(force_n > 0.0 && force_n.is_finite()) {
             return None;
         }
-        let contact = |depth_mm| Some(Contact { pad: *self, seat, depth_mm });
+        let contact = |depth_mm| Some(Contact { pad: *self, contact_surface: seat, depth_mm });
         let whole_mm = force_n / (self.area_mm2() * self.stiffness_n_mm3)
             + self.radius_mm * self.radius_mm * seat.curvature_per_mm.trace() / 8.0;
         match below {
-            None if self.is_whole(seat, whole_mm) => contact(whole_mm),
+            None if self.is_full_contact(seat, whole_mm) => contact(whole_mm),
             None => {
                 contact(self.inner_depth_mm(force_n, seat).or_else(|| self.summed_depth_mm(force_n, seat, None))?)
             }
@@ -107,7 +112,7 @@ impl Pad {
 
     /// Returns whether the whole disc is in contact at this depth. The largest reductions by tilt and by curvature are
     /// added, which gives a safe bound.
-    fn is_whole(&self, seat: ContactGeometry, depth_mm: f64) -> bool {
+    fn is_full_contact(&self, seat: ContactGeometry, depth_mm: f64) -> bool {
         let (radius_mm, bends) = (self.radius_mm, seat.curvature_per_mm.symmetric_eigenvalues());
         let fall_mm = 0.5 * radius_mm * radius_mm * bends.max().max(0.0);
         depth_mm - seat.tilt.norm() * radius_mm - fall_mm > 0.0
@@ -116,14 +121,14 @@ impl Pad {
     /// Calculates δ by summing over the places that have panel below them.
     fn summed_depth_mm(&self, force_n: f64, seat: ContactGeometry, below: Option<SupportMask<'_>>) -> Option<f64> {
         let deeper_mm: Vec<f64> = self
-            .places()
+            .disc_places()
             .filter(|place| below.is_none_or(|below| below(*place)))
             .map(|place| seat.deeper_mm(place))
             .collect();
         if deeper_mm.is_empty() {
             return None;
         }
-        let each = self.stiffness_n_mm3 * self.area_mm2() / (RINGS * SPOKES) as f64;
+        let each = self.stiffness_n_mm3 * self.area_mm2() / (RINGS * SPOKE_COUNT) as f64;
         let mean_mm = deeper_mm.iter().sum::<f64>() / deeper_mm.len() as f64;
         // Start value: the depth if every place were in contact, even with a pulling force. This depth never exceeds
         // the solution.
@@ -142,7 +147,7 @@ impl Pad {
     }
 
     /// Returns places of equal area over the disc, mm from its middle.
-    fn places(&self) -> impl Iterator<Item = Vector2<f64>> + use<> {
+    fn disc_places(&self) -> impl Iterator<Item = Vector2<f64>> + use<> {
         let radius_mm = self.radius_mm;
         UNIT_PLACES.iter().map(move |place| place * radius_mm)
     }
@@ -151,11 +156,11 @@ impl Pad {
 /// Places of equal area over a disc of radius 1; every second ring is turned by half a spoke.
 static UNIT_PLACES: LazyLock<Vec<Vector2<f64>>> = LazyLock::new(|| {
     let place = |index: usize| {
-        let (ring, spoke) = ((index / SPOKES) as f64, (index % SPOKES) as f64);
-        let angle = TAU * (spoke + 0.25 + 0.5 * (ring % 2.0)) / SPOKES as f64;
+        let (ring, spoke) = ((index / SPOKE_COUNT) as f64, (index % SPOKE_COUNT) as f64);
+        let angle = TAU * (spoke + 0.25 + 0.5 * (ring % 2.0)) / SPOKE_COUNT as f64;
         Vector2::new(angle.cos(), angle.sin()) * ((ring + 0.5) / RINGS as f64).sqrt()
     };
-    (0..RINGS * SPOKES).map(place).collect()
+    (0..RINGS * SPOKE_COUNT).map(place).collect()
 });
 
 impl Contact {
@@ -164,7 +169,7 @@ impl Contact {
         if offset_mm.norm_squared() > self.pad.radius_mm * self.pad.radius_mm {
             return 0.0;
         }
-        self.pad.stiffness_n_mm3 * (self.depth_mm + self.seat.deeper_mm(offset_mm)).max(0.0)
+        self.pad.stiffness_n_mm3 * (self.depth_mm + self.contact_surface.deeper_mm(offset_mm)).max(0.0)
     }
 }
 
@@ -173,7 +178,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const PAD: Pad = Pad { radius_mm: 15.0, stiffness_n_mm3: 0.05 };
+    const PAD: PadWithDisc = PadWithDisc { radius_mm: 15.0, stiffness_n_mm3: 0.05 };
 
     /// Integrates ∫ p dA over a fine square net, N.
     fn borne_n(contact: &Contact, below: impl Fn(Vector2<f64>) -> bool) -> f64 {
@@ -191,7 +196,7 @@ mod tests {
     /// by 0.565 88 mm.
     #[test]
     fn a_level_disc_bears_its_force_evenly() {
-        let contact = PAD.under(20.0, ContactGeometry::level(), None).expect("contact");
+        let contact = PAD.contact_at_force(20.0, ContactGeometry::level(), None).expect("contact");
         assert!((contact.depth_mm - 0.565_884).abs() < 1e-6, "{}", contact.depth_mm);
         for place in [Vector2::zeros(), Vector2::new(14.9, 0.0), Vector2::new(-8.0, 9.0)] {
             assert!((contact.pressure_n_mm2(place) - 0.028_294_2).abs() < 1e-7);
@@ -204,10 +209,10 @@ mod tests {
     /// circle of r⁴ = 4 F R / (π s): r = 8.452 mm, δ = r²/2R.
     #[test]
     fn a_ball_is_pressed_in_its_middle() {
-        let contact = PAD.under(20.0, bent(0.001, 0.001), None).expect("contact");
+        let contact = PAD.contact_at_force(20.0, bent(0.001, 0.001), None).expect("contact");
         assert!((contact.depth_mm - 0.622_134).abs() < 1e-6, "{}", contact.depth_mm);
         assert!((contact.pressure_n_mm2(Vector2::new(15.0, 0.0)) / 0.05 - (0.622_134 - 0.1125)).abs() < 1e-6);
-        let small = PAD.under(2.0, bent(0.01, 0.01), None).expect("contact");
+        let small = PAD.contact_at_force(2.0, bent(0.01, 0.01), None).expect("contact");
         let radius_mm = (4.0 * 2.0 * 100.0 / (PI * 0.05)).powf(0.25);
         assert!((radius_mm - 8.447_5).abs() < 1e-3, "{radius_mm}");
         assert!((small.depth_mm / (radius_mm * radius_mm / 200.0) - 1.0).abs() < 0.005, "{}", small.depth_mm);
@@ -232,11 +237,12 @@ mod tests {
     /// nothing below the disc there is no contact.
     #[test]
     fn what_hangs_over_bears_nothing() {
-        let half = PAD.under(20.0, ContactGeometry::level(), Some(&|place| place.x < 0.0)).expect("contact");
+        let half =
+            PAD.contact_at_force(20.0, ContactGeometry::level(), Some(&|place| place.x < 0.0)).expect("contact");
         assert!((half.depth_mm / (2.0 * 0.565_884) - 1.0).abs() < 0.001, "{}", half.depth_mm);
-        assert_eq!(PAD.under(20.0, ContactGeometry::level(), Some(&|_| false)), None);
+        assert_eq!(PAD.contact_at_force(20.0, ContactGeometry::level(), Some(&|_| false)), None);
         assert_eq!(
-            [0.0, -1.0, f64::NAN].map(|force_n| PAD.under(force_n, ContactGeometry::level(), None)),
+            [0.0, -1.0, f64::NAN].map(|force_n| PAD.contact_at_force(force_n, ContactGeometry::level(), None)),
             [None; 3]
         );
     }
@@ -246,7 +252,7 @@ mod tests {
     #[test]
     fn a_tilted_disc_lifts_on_one_side_and_never_pulls() {
         let seat = ContactGeometry { tilt: Vector2::new(0.1, 0.0), ..ContactGeometry::level() };
-        let contact = PAD.under(20.0, seat, None).expect("contact");
+        let contact = PAD.contact_at_force(20.0, seat, None).expect("contact");
         assert_eq!(contact.pressure_n_mm2(Vector2::new(-14.0, 0.0)), 0.0);
         assert!(contact.pressure_n_mm2(Vector2::new(14.0, 0.0)) > 0.05);
         assert!((borne_n(&contact, |_| true) / 20.0 - 1.0).abs() < 0.005);
@@ -261,10 +267,10 @@ mod tests {
         ) {
             let seat = ContactGeometry { tilt: Vector2::new(tilt, -0.5 * tilt), ..bent(k1, k2) };
             let below = |place: Vector2<f64>| place.x * turn.cos() + place.y * turn.sin() < edge;
-            let contact = PAD.under(force, seat, Some(&below)).expect("contact");
+            let contact = PAD.contact_at_force(force, seat, Some(&below)).expect("contact");
             let borne = borne_n(&contact, below);
             prop_assert!((borne / force - 1.0).abs() < 0.03, "{} of {}", borne, force);
-            let free = PAD.under(force, seat, None).expect("contact");
+            let free = PAD.contact_at_force(force, seat, None).expect("contact");
             prop_assert!((borne_n(&free, |_| true) / force - 1.0).abs() < 0.02);
             prop_assert!(free.depth_mm <= contact.depth_mm + 0.2, "an edge never lessens the load of the rest");
         }

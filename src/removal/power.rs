@@ -12,9 +12,9 @@ use nalgebra::{DMatrix, DVector};
 /// Coupons whose forces, or passes, differ by this factor show how the depth grows with them.
 pub const LEVELS: f64 = 1.5;
 /// An exponent that is known less well than this, 95 %, is not determined.
-const KNOWN: f64 = 0.3;
+const MAX_UNCERTAINTY: f64 = 0.3;
 /// Largest deviation of an exponent from 1 that needs no review.
-const OFF: f64 = 0.15;
+const MAX_DEVIATION: f64 = 0.15;
 
 /// An exponent.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,29 +29,29 @@ impl Power {
     /// Returns whether the coupons contradict an exponent of 1.
     pub fn contradicts_preston(self) -> bool {
         let off = (self.value - 1.0).abs();
-        off.is_nan() || (off > OFF && off > self.uncertainty)
+        off.is_nan() || (off > MAX_DEVIATION && off > self.uncertainty)
     }
 
     /// Returns by how much the exponent may differ from 1, 95 %.
-    pub fn off_95(self) -> f64 {
+    pub fn deviation_from_one_95(self) -> f64 {
         (self.value - 1.0).abs() + self.uncertainty
     }
 
     fn is_determined(self) -> bool {
-        self.uncertainty <= KNOWN && self.value.is_finite()
+        self.uncertainty <= MAX_UNCERTAINTY && self.value.is_finite()
     }
 }
 
 /// The exponents that the coupons determine.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Powers {
+pub struct ForceExponents {
     /// Of the force.
     pub force: Option<Power>,
     /// Of the number of passes.
     pub passes: Option<Power>,
 }
 
-impl Powers {
+impl ForceExponents {
     /// Computes the exponents from the coupons, with the rows and values of the model (7) and the discs' scatter.
     pub(super) fn compute(
         coupons: &[Coupon],
@@ -65,19 +65,19 @@ impl Powers {
         let mut all = rows.clone().resize_horizontally(first + more.len(), 0.0);
         more.iter().enumerate().for_each(|(index, own)| all.set_column(first + index, own));
         if all.nrows() <= all.ncols() {
-            return Powers::default();
+            return ForceExponents::default();
         }
         let found = match scatter {
             Some(scatter) => scatter.line(&all, y),
             None => line(&all, y),
         };
-        let Some(found) = found else { return Powers::default() };
+        let Some(found) = found else { return ForceExponents::default() };
         let quantile = student_95((all.nrows() - all.ncols()) as f64);
         let power = |index: usize| {
             let uncertainty = quantile * found.deviation * found.inverse[(index, index)].sqrt();
             Some(Power { value: 1.0 + found.solution[index], uncertainty }).filter(|power| power.is_determined())
         };
-        Powers {
+        ForceExponents {
             force: force.as_ref().and_then(|_| power(first)),
             passes: passes.as_ref().and_then(|_| power(first + usize::from(force.is_some()))),
         }
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     /// Twelve coupons with forces of 10 and 20 N, and depths that grow with these powers of force and passes.
-    fn powers(force: f64, passes: f64) -> Powers {
+    fn powers(force: f64, passes: f64) -> ForceExponents {
         let mut made = coupons(&[0.01, -0.01, 0.005, 0.0, -0.005, 0.01, -0.01, 0.0, 0.005, 0.0, 0.01, -0.01]);
         for (index, own) in made.iter_mut().enumerate() {
             own.force_n = [10.0, 20.0][index % 2];
@@ -138,6 +138,6 @@ mod tests {
         assert_eq!(with(&|index| [20.0, 29.8][index % 2]).force, None);
         assert!(with(&|index| [20.0, 30.0][index % 2]).force.is_some());
         let goes_with_passes = with(&|index| [10.0, 20.0, 40.0][index % 3]);
-        assert_eq!(goes_with_passes, Powers::default());
+        assert_eq!(goes_with_passes, ForceExponents::default());
     }
 }

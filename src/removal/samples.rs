@@ -1,12 +1,12 @@
 //! Places spread evenly over a grid, and the selection of those on which a stretch of path presses.
 
-use super::track::{Ground, Stretch};
+use super::track::{DiscStretch, IsPanelAt};
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
-use crate::surface::{BSplineSurface, Parameter, Patch, SampleGrid};
+use crate::surface::{BSplineSurface, Parameter, ParameterPatch, SampleGrid};
 
 /// Parameter lines are not quite straight below a disc, so the search extends farther by this factor.
-const FARTHER: f64 = 1.05;
+const SEARCH_MARGIN: f64 = 1.05;
 
 /// The places of one grid.
 #[derive(Debug, Clone)]
@@ -25,11 +25,11 @@ impl Samples {
         surface: &BSplineSurface,
         region: &Region,
         (id, spacing_mm): (GridId, f64),
-        ground: Ground<'_>,
+        ground: IsPanelAt<'_>,
     ) -> Option<Self> {
-        let net = SampleGrid::over(surface, Patch::of_grid(region, id)?, spacing_mm);
+        let net = SampleGrid::from_patch(surface, ParameterPatch::for_grid(region, id)?, spacing_mm);
         let place = |index: usize| {
-            let at = net.at(index);
+            let at = net.parameter_at(index);
             let tangents = surface.tangents(at);
             (tangents.point, if ground(at) { tangents.area_mm2() * net.cell() } else { 0.0 })
         };
@@ -49,13 +49,13 @@ impl Samples {
 
     /// Calls `tell` for each place with panel on which a stretch presses, with the mean pressure during the stretch,
     /// N/mm².
-    pub fn under(&self, stretch: &Stretch, mut tell: impl FnMut(usize, f64)) {
-        let reach_mm = FARTHER * stretch.stroke.reach_mm() + 0.5 * stretch.length_mm;
+    pub fn for_places_under(&self, stretch: &DiscStretch, mut tell: impl FnMut(usize, f64)) {
+        let reach_mm = SEARCH_MARGIN * stretch.stroke.reach_mm() + 0.5 * stretch.length_mm;
         let [reach_u, reach_v] = stretch.frame.reach(reach_mm);
         let at = stretch.frame.at;
         let least = Parameter { u: at.u - reach_u, v: at.v - reach_v };
         let most = Parameter { u: at.u + reach_u, v: at.v + reach_v };
-        for sample in self.net.around(least, most).filter(|sample| self.area_mm2[*sample] > 0.0) {
+        for sample in self.net.points_around(least, most).filter(|sample| self.area_mm2[*sample] > 0.0) {
             let offset_mm = stretch.frame.offset_mm(self.points[sample]);
             let pressure = stretch.stroke.mean_pressure_n_mm2(offset_mm);
             if pressure > 0.0 {

@@ -12,11 +12,11 @@
 //!
 //! The result is not forced into limits: its map shows whether it keeps the recipe's limits.
 
-use super::descent::{Columns, Sought, descend};
+use super::descent::{Columns, DescentTarget, minimise_bounded};
 use super::model::{Model, UM_PER_MM};
 use super::samples::Samples;
 use super::speed::Orbit;
-use super::track::{Ground, Stretch};
+use super::track::{DiscStretch, IsPanelAt};
 use crate::panel::{GridId, Region};
 use crate::surface::BSplineSurface;
 use rayon::prelude::*;
@@ -25,14 +25,14 @@ use rayon::prelude::*;
 const SPACING_RADII: f64 = 0.2;
 const SPACING_MM: [f64; 2] = [1.0, 3.0];
 /// Weight by which neighbouring feeds are kept similar.
-const ALIKE: f64 = 0.02;
+const SMOOTHING_WEIGHT: f64 = 0.02;
 /// Numbers of iterations over all moves: at the start, and after feeds were lowered for the acceleration.
-const ROUNDS: [usize; 2] = [40, 12];
+const ITERATIONS: [usize; 2] = [40, 12];
 
 /// A move of the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Move {
-    /// The index of the pose at the end of the move, with the same numbering as `Stretch::pose`.
+    /// The index of the pose at the end of the move, with the same numbering as `DiscStretch::pose`.
     pub pose: usize,
     /// Its length, mm.
     pub length_mm: f64,
@@ -52,9 +52,9 @@ pub struct RemovalTarget {
 /// Calculates the feed on each move, mm/s, that brings the removal nearest to the target. `stretches` are the
 /// stretches of the path; their feed does not matter.
 pub fn schedule(
-    (surface, region, ground): (&BSplineSurface, &Region, Ground<'_>),
+    (surface, region, ground): (&BSplineSurface, &Region, IsPanelAt<'_>),
     treated: &[GridId],
-    (stretches, moves): (&[Stretch], &[Move]),
+    (stretches, moves): (&[DiscStretch], &[Move]),
     model: &Model,
     target: &RemovalTarget,
 ) -> Vec<f64> {
@@ -66,11 +66,16 @@ pub fn schedule(
     let rubbed = |feed_mm_s: f64| model.orbit.rubbed_per_mm(feed_mm_s);
     let bounds: Vec<[f64; 2]> = moves.iter().map(|own| [1, 0].map(|end| rubbed(own.feeds_mm_s[end]))).collect();
     let wanted: Vec<f64> = places.iter().map(|area| if *area > 0.0 { 1.0 } else { 0.0 }).collect();
-    let mut sought = Sought { wanted: &wanted, bounds: &bounds, alike: ALIKE, rounds: ROUNDS[0] };
+    let mut sought = DescentTarget {
+        target: &wanted,
+        bounds: &bounds,
+        smoothing_weight: SMOOTHING_WEIGHT,
+        rounds: ITERATIONS[0],
+    };
     let lowest: Vec<f64> = bounds.iter().map(|[low, _]| *low).collect();
     // From the highest feeds: the first rounds then add removal at the places that need it.
-    let free = descend(&columns, lowest.clone(), &sought);
-    let slowed = slowed(&feeds(&model.orbit, moves, &free), moves, target.acceleration_mm_s2);
+    let free = minimise_bounded(&columns, lowest.clone(), &sought);
+    let slowed = limit_feed_steps(&feeds(&model.orbit, moves, &free), moves, target.acceleration_mm_s2);
     // Feeds that were lowered for the acceleration are not raised again; the other feeds compensate.
     let held: Vec<[f64; 2]> = slowed
         .iter()
@@ -81,10 +86,10 @@ pub fn schedule(
             if x > free * (1.0 + 1e-6) { [x.min(*high), *high] } else { [*low, *high] }
         })
         .collect();
-    sought = Sought { bounds: &held, rounds: ROUNDS[1], ..sought };
+    sought = DescentTarget { bounds: &held, rounds: ITERATIONS[1], ..sought };
     let start = free.iter().zip(&held).map(|(x, [low, high])| x.clamp(*low, *high)).collect();
-    let settled = descend(&columns, start, &sought);
-    self::slowed(&feeds(&model.orbit, moves, &settled), moves, target.acceleration_mm_s2)
+    let settled = minimise_bounded(&columns, start, &sought);
+    self::limit_feed_steps(&feeds(&model.orbit, moves, &settled), moves, target.acceleration_mm_s2)
 }
 
 fn feeds(orbit: &Orbit, moves: &[Move], x: &[f64]) -> Vec<f64> {
@@ -95,7 +100,7 @@ fn feeds(orbit: &Orbit, moves: &[Move], x: &[f64]) -> Vec<f64> {
 /// and the areas of the places.
 fn columns(
     samples: &[Samples],
-    (stretches, moves): (&[Stretch], &[Move]),
+    (stretches, moves): (&[DiscStretch], &[Move]),
     model: &Model,
     target_um: f64,
 ) -> (Columns, Vec<f64>) {
@@ -112,14 +117,14 @@ fn columns(
         let own = stretches[first..].iter().take_while(|stretch| stretch.pose == own.pose);
         let mut column: Vec<(u32, f32)> = Vec::new();
         for stretch in own {
-            let share = model.preston_at(stretch.swept_mm2) * stretch.length_mm * UM_PER_MM / target_um;
+            let share = model.preston_at_wear(stretch.swept_mm2) * stretch.length_mm * UM_PER_MM / target_um;
             for (samples, start) in samples.iter().zip(&starts) {
-                samples.under(stretch, |place, pressure| {
+                samples.for_places_under(stretch, |place, pressure| {
                     column.push(((start + place) as u32, (share * pressure) as f32));
                 });
             }
         }
-        merged(column)
+        merge_rows(column)
     };
     let mut columns = Columns::default();
     let each: Vec<Vec<(u32, f32)>> = moves.par_iter().map(column).collect();
@@ -128,7 +133,7 @@ fn columns(
 }
 
 /// Merges the entries of the same row into one.
-fn merged(mut column: Vec<(u32, f32)>) -> Vec<(u32, f32)> {
+fn merge_rows(mut column: Vec<(u32, f32)>) -> Vec<(u32, f32)> {
     column.sort_unstable_by_key(|(row, _)| *row);
     let mut merged: Vec<(u32, f32)> = Vec::with_capacity(column.len());
     for (row, value) in column {
@@ -141,7 +146,7 @@ fn merged(mut column: Vec<(u32, f32)>) -> Vec<(u32, f32)> {
 }
 
 /// Returns these feeds, lowered at moves at which the next or the previous feed could not be reached.
-fn slowed(feeds_mm_s: &[f64], moves: &[Move], acceleration_mm_s2: f64) -> Vec<f64> {
+fn limit_feed_steps(feeds_mm_s: &[f64], moves: &[Move], acceleration_mm_s2: f64) -> Vec<f64> {
     let mut slowed = feeds_mm_s.to_vec();
     let follows = |index: usize| moves[index].pose == moves[index - 1].pose + 1;
     let most = |other: f64, length_mm: f64| (other * other + acceleration_mm_s2 * length_mm).sqrt();
@@ -156,17 +161,17 @@ fn slowed(feeds_mm_s: &[f64], moves: &[Move], acceleration_mm_s2: f64) -> Vec<f6
 
 #[cfg(test)]
 mod tests {
-    use super::super::figures::Figures;
+    use super::super::figures::MapFigures;
     use super::super::map::{RemovalMap, removed, tests::region};
     use super::super::model::tests::MODEL;
     use super::super::track::tests::{DISC, level, pose};
-    use super::super::track::{Disc, stretches};
+    use super::super::track::{Disc, path_stretches};
     use super::*;
-    use crate::surface::dwell::Executed;
+    use crate::surface::dwell::ExecutedPose;
 
     /// Rows 12 mm apart over a square of 60 mm in the middle of 100 mm, from 6 mm outside the square; moves of 6
     /// mm.
-    fn rows() -> Vec<Executed> {
+    fn rows() -> Vec<ExecutedPose> {
         let mut path = Vec::new();
         for row in 0..7 {
             let y = 14.0 + 12.0 * f64::from(row);
@@ -179,7 +184,7 @@ mod tests {
         path
     }
 
-    fn timed(path: &[Executed], feeds_mm_s: &[f64]) -> Vec<Executed> {
+    fn timed(path: &[ExecutedPose], feeds_mm_s: &[f64]) -> Vec<ExecutedPose> {
         let mut timed = path.to_vec();
         for (index, feed) in feeds_mm_s.iter().enumerate() {
             let way = timed[index].panel_from_tool.origin().distance_mm(timed[index + 1].panel_from_tool.origin());
@@ -195,18 +200,18 @@ mod tests {
         let treated: Vec<GridId> = region.ids().filter(inner).collect();
         let disc = Disc { rim_orbits: true, swept_mm2, ..DISC };
         let path = rows();
-        let all = stretches(&surface, &path, (&disc, 20.0), &|_| true);
+        let all = path_stretches(&surface, &path, (&disc, 20.0), &|_| true);
         let own = |index: usize| Move {
             pose: index + 1,
             length_mm: path[index].panel_from_tool.origin().distance_mm(path[index + 1].panel_from_tool.origin()),
             feeds_mm_s: feeds,
         };
         let moves: Vec<Move> = (0..path.len() - 1).map(own).collect();
-        let on = (&surface, &region, &(|_| true) as Ground<'_>);
+        let on = (&surface, &region, &(|_| true) as IsPanelAt<'_>);
         let target = RemovalTarget { target_um, acceleration_mm_s2: 1_000.0 };
         let found = schedule(on, &treated, (&all, &moves), &MODEL, &target);
         let map = |feeds_mm_s: &[f64]| {
-            let all = stretches(&surface, &timed(&path, feeds_mm_s), (&disc, 20.0), &|_| true);
+            let all = path_stretches(&surface, &timed(&path, feeds_mm_s), (&disc, 20.0), &|_| true);
             removed(on, &treated, &all, (&MODEL, 0.1), 1.0)
         };
         let constant = vec![feeds[1]; moves.len()];
@@ -216,7 +221,7 @@ mod tests {
     #[test]
     fn scheduled_feeds_remove_the_target_evenly() {
         let (_, scheduled, constant, _) = planned(40.0, [5.0, 120.0], 0.0);
-        let [even, plain] = [&scheduled, &constant].map(|map| Figures::compute(map, 40.0).expect("treated"));
+        let [even, plain] = [&scheduled, &constant].map(|map| MapFigures::compute(map, 40.0).expect("treated"));
         assert!(even.within_percent < 10.0 && (even.mean_um / 40.0 - 1.0).abs() < 0.03, "{even:?}");
         assert!(even.within_percent < 0.2 * plain.within_percent, "{even:?} {plain:?}");
         // Beyond the treated grids, the depth decreases: it is nowhere larger than inside.
@@ -255,12 +260,12 @@ mod tests {
     fn feeds_rise_as_the_acceleration_lets_them() {
         let own = |pose| Move { pose, length_mm: 6.0, feeds_mm_s: [1.0, 60.0] };
         let moves: Vec<Move> = (1..=4).map(own).collect();
-        let found = slowed(&[10.0, 60.0, 60.0, 20.0], &moves, 100.0);
+        let found = limit_feed_steps(&[10.0, 60.0, 60.0, 20.0], &moves, 100.0);
         let expected = [10.0, 26.457_5, 31.622_8, 20.0];
         assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-3), "{found:?}");
         // After a motion through the air, the acceleration limit starts again.
         let apart = [own(1), own(5)];
-        assert_eq!(slowed(&[10.0, 60.0], &apart, 100.0), [10.0, 60.0]);
+        assert_eq!(limit_feed_steps(&[10.0, 60.0], &apart, 100.0), [10.0, 60.0]);
     }
 
     #[test]

@@ -19,7 +19,7 @@ const GOLDEN: f64 = 0.381_966_011_250_105_1;
 
 /// The motion of a disc along a straight segment, with its orbit.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stroke {
+pub struct DiscStroke {
     /// The contact, in the tangent plane at the stretch's middle.
     pub contact: Contact,
     // The position of the disc's middle at the start, in the tangent plane, mm.
@@ -32,7 +32,7 @@ pub struct Stroke {
     orbit_mm: [Vector2<f64>; PHASES],
 }
 
-impl Stroke {
+impl DiscStroke {
     /// Creates the `number`th stretch. The disc's middle moves from the first to the second end, mm in the tangent
     /// plane, and describes a circle of this radius, mm, on its orbit.
     pub fn new(contact: Contact, ends_mm: [Vector2<f64>; 2], (orbit_radius_mm, number): (f64, usize)) -> Self {
@@ -43,8 +43,8 @@ impl Stroke {
         let way = ends_mm[0] - ends_mm[1];
         let length_mm = way.norm();
         let direction = if length_mm > MIN_STROKE_MM { way / length_mm } else { Vector2::zeros() };
-        let bend_per_mm = contact.seat.curvature_per_mm * direction;
-        Stroke { contact, start_mm: ends_mm[0], direction, length_mm, bend_per_mm, orbit_mm }
+        let bend_per_mm = contact.contact_surface.curvature_per_mm * direction;
+        DiscStroke { contact, start_mm: ends_mm[0], direction, length_mm, bend_per_mm, orbit_mm }
     }
 
     /// Returns the largest reach of the disc from its middle, mm.
@@ -54,17 +54,17 @@ impl Stroke {
 
     /// Returns the mean pressure at a place, mm from the stretch's middle, while the disc moves past: N/mm².
     pub fn mean_pressure_n_mm2(&self, place_mm: Vector2<f64>) -> f64 {
-        if self.passes_by(place_mm) {
+        if self.is_out_of_reach(place_mm) {
             return 0.0;
         }
         if self.orbit_mm[0] == Vector2::zeros() {
-            return self.of_phase(place_mm);
+            return self.orbit_offset(place_mm);
         }
-        self.orbit_mm.iter().map(|away| self.of_phase(place_mm - away)).sum::<f64>() / PHASES as f64
+        self.orbit_mm.iter().map(|away| self.orbit_offset(place_mm - away)).sum::<f64>() / PHASES as f64
     }
 
     /// Returns whether a place is too far away for the disc to reach.
-    fn passes_by(&self, place_mm: Vector2<f64>) -> bool {
+    fn is_out_of_reach(&self, place_mm: Vector2<f64>) -> bool {
         let (from, reach_mm) = (place_mm - self.start_mm, self.reach_mm());
         let along_mm = from.dot(&self.direction);
         let ahead_mm = (along_mm.max(0.0), (-along_mm - self.length_mm).max(0.0));
@@ -72,7 +72,7 @@ impl Stroke {
         across2 + ahead_mm.0.max(ahead_mm.1).powi(2) > reach_mm * reach_mm
     }
 
-    fn of_phase(&self, place_mm: Vector2<f64>) -> f64 {
+    fn orbit_offset(&self, place_mm: Vector2<f64>) -> f64 {
         let (from, direction, length_mm) = (place_mm - self.start_mm, self.direction, self.length_mm);
         if length_mm <= MIN_STROKE_MM {
             return self.contact.pressure_n_mm2(from);
@@ -87,7 +87,7 @@ impl Stroke {
         if chord[0] >= chord[1] {
             return 0.0;
         }
-        let (seat, bend) = (&self.contact.seat, self.bend_per_mm);
+        let (seat, bend) = (&self.contact.contact_surface, self.bend_per_mm);
         let c0 = self.contact.depth_mm + seat.tilt.dot(&from) - 0.5 * from.dot(&(seat.curvature_per_mm * from));
         let (c1, c2) = (seat.tilt.dot(&direction) - bend.dot(&from), -0.5 * bend.dot(&direction));
         self.contact.pad.stiffness_n_mm3 * positive_part([c0, c1, c2], chord) / length_mm
@@ -123,16 +123,16 @@ fn positive_part([c0, c1, c2]: [f64; 3], [a, b]: [f64; 2]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::pad::{ContactGeometry, Pad};
+    use super::super::pad::{ContactGeometry, PadWithDisc};
     use super::*;
     use nalgebra::Matrix2;
     use proptest::prelude::*;
 
-    const PAD: Pad = Pad { radius_mm: 15.0, stiffness_n_mm3: 0.05 };
+    const PAD: PadWithDisc = PadWithDisc { radius_mm: 15.0, stiffness_n_mm3: 0.05 };
 
-    fn stroke(seat: ContactGeometry, orbit_radius_mm: f64) -> Stroke {
-        let contact = PAD.under(20.0, seat, None).expect("contact");
-        Stroke::new(contact, [Vector2::new(-40.0, 0.0), Vector2::new(40.0, 0.0)], (orbit_radius_mm, 0))
+    fn stroke(seat: ContactGeometry, orbit_radius_mm: f64) -> DiscStroke {
+        let contact = PAD.contact_at_force(20.0, seat, None).expect("contact");
+        DiscStroke::new(contact, [Vector2::new(-40.0, 0.0), Vector2::new(40.0, 0.0)], (orbit_radius_mm, 0))
     }
 
     /// Calculated by hand: a place in the lane's middle is below the disc for 30 of 80 mm, a place 9 mm beside the
@@ -148,7 +148,7 @@ mod tests {
         // for 10 + 15 mm.
         let found = level.mean_pressure_n_mm2(Vector2::new(-30.0, 0.0));
         assert!((found - 0.028_294_2 * 25.0 / 80.0).abs() < 1e-7, "{found}");
-        let still = Stroke::new(level.contact, [Vector2::zeros(); 2], (0.0, 0));
+        let still = DiscStroke::new(level.contact, [Vector2::zeros(); 2], (0.0, 0));
         assert!((still.mean_pressure_n_mm2(Vector2::new(14.0, 0.0)) - 0.028_294_2).abs() < 1e-7);
     }
 
@@ -156,9 +156,9 @@ mod tests {
     #[test]
     fn the_orbit_spreads_the_rim() {
         let [sharp, spread] = [0.0, 2.5].map(|radius_mm| stroke(ContactGeometry::level(), radius_mm));
-        let at = |stroke: &Stroke, y: f64| stroke.mean_pressure_n_mm2(Vector2::new(0.0, y));
+        let at = |stroke: &DiscStroke, y: f64| stroke.mean_pressure_n_mm2(Vector2::new(0.0, y));
         assert!(at(&sharp, 16.0) == 0.0 && at(&spread, 16.0) > 0.0 && at(&spread, 14.0) < at(&sharp, 14.0));
-        let sum = |stroke: &Stroke| (-200..=200).map(|n| at(stroke, f64::from(n) * 0.1)).sum::<f64>();
+        let sum = |stroke: &DiscStroke| (-200..=200).map(|n| at(stroke, f64::from(n) * 0.1)).sum::<f64>();
         assert!((sum(&spread) / sum(&sharp) - 1.0).abs() < 0.002);
         assert_eq!((sharp.reach_mm(), spread.reach_mm()), (15.0, 17.5));
     }

@@ -3,7 +3,7 @@
 //! Every problem is reported with its line and column; a table with a problem is not used.
 
 use super::coupons::{Coupon, Lines};
-use crate::number_text::plain;
+use crate::number_text::shortest_text;
 use csv::{ReaderBuilder, StringRecord, Trim};
 use std::ops::RangeInclusive;
 
@@ -23,10 +23,10 @@ const COLUMNS: [Column; 8] = [
     ("after_um", 0.0..=1e6, false),
 ];
 const COUPON: &str = "coupon";
-const PLACE: &str = "place";
+const PLACE_COLUMN: &str = "place";
 const DISC: &str = "disc";
 /// First character of lines that are remarks.
-const REMARK: char = '#';
+const REMARK_SIGN: char = '#';
 
 /// The problems of a table.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -59,7 +59,8 @@ pub fn read_coupons(bytes: &[u8]) -> Result<Vec<Coupon>, TableError> {
         TableError(vec![problem(line as u64, "the line", "the file is not UTF-8 text")])
     })?;
     let lines = text.trim_start_matches('\u{feff}').lines().zip(1_u64..);
-    let mut lines = lines.filter(|(text, _)| !text.trim().is_empty() && !text.trim_start().starts_with(REMARK));
+    let mut lines =
+        lines.filter(|(text, _)| !text.trim().is_empty() && !text.trim_start().starts_with(REMARK_SIGN));
     let (header, line) = lines.next().unwrap_or(("", 1));
     let header = values(header);
     let of_header = header_problems(&header, line);
@@ -84,7 +85,7 @@ fn values(line: &str) -> StringRecord {
 }
 
 fn header_problems(header: &StringRecord, line: u64) -> Vec<TableProblem> {
-    let known = || COLUMNS.iter().map(|(name, ..)| *name).chain([COUPON, PLACE, DISC]);
+    let known = || COLUMNS.iter().map(|(name, ..)| *name).chain([COUPON, PLACE_COLUMN, DISC]);
     let has = |name: &str| header.iter().any(|found| found == name);
     let unknown = header.iter().filter(|found| !known().any(|name| name == *found));
     let told = known().collect::<Vec<_>>().join(", ");
@@ -119,7 +120,7 @@ impl Row<'_> {
             return if *needed { Err(problem(self.line, name, "a number is missing")) } else { Ok(None) };
         };
         let number = text.parse::<f64>().ok().filter(|number| allowed.contains(number));
-        let [low, high] = [allowed.start(), allowed.end()].map(|end| plain(*end));
+        let [low, high] = [allowed.start(), allowed.end()].map(|end| shortest_text(*end));
         let message = || format!("found {text}, valid: a number from {low} to {high}");
         number.map(Some).ok_or_else(|| problem(self.line, name, message()))
     }
@@ -158,7 +159,7 @@ fn coupon(row: &Row<'_>) -> Result<Coupon, Vec<TableProblem>> {
     let depth_um = if problems.is_empty() { depth_um(row, &numbers[5..]) } else { Err(Vec::new()) };
     match (&numbers[..5], row.text(COUPON), depth_um) {
         ([Some(force_n), Some(feed_mm_s), Some(passes), Some(worn_mm2), apart_mm], Some(name), Ok(depth_um)) => {
-            let name = row.text(PLACE).map_or_else(|| name.to_owned(), |place| format!("{name} {place}"));
+            let name = row.text(PLACE_COLUMN).map_or_else(|| name.to_owned(), |place| format!("{name} {place}"));
             Ok(Coupon {
                 line: row.line,
                 name,
@@ -183,7 +184,11 @@ fn depth_um(row: &Row<'_>, numbers: &[Option<f64>]) -> Result<f64, Vec<TableProb
         [None, Some(before_um), Some(after_um)] => Err(vec![problem(
             row.line,
             "after_um",
-            format!("found {}, must be less than before_um, {}", plain(*after_um), plain(*before_um)),
+            format!(
+                "found {}, must be less than before_um, {}",
+                shortest_text(*after_um),
+                shortest_text(*before_um)
+            ),
         )]),
         [Some(_), ..] => {
             Err(vec![problem(row.line, "depth_um", "state either a depth, or before_um and after_um, not both")])

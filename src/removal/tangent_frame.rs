@@ -32,7 +32,7 @@ impl TangentFrame {
     /// Returns the frame at these parameters; `None` if the surface has no normal.
     pub fn compute(surface: &BSplineSurface, at: Parameter) -> Option<Self> {
         let there = surface.derivatives(at);
-        let normal = surface.normal_of(&there.tangents)?.mm;
+        let normal = surface.unit_normal(&there.tangents)?.mm;
         let (s_u, s_v) = (there.tangents.s_u.mm, there.tangents.s_v.mm);
         let (e, f, g) = (s_u.dot(&s_u), s_u.dot(&s_v), s_v.dot(&s_v));
         let [l, m, n] = [there.s_uu, there.s_uv, there.s_vv].map(|second| -second.mm.dot(&normal));

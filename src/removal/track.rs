@@ -6,12 +6,12 @@
 //! used. A pose that is marked as in contact counts as in contact if its tip is not higher above the surface than
 //! `dwell` states. The area that the disc has swept grows by its diameter times the length, as the store counts it.
 
-use super::pad::{ContactGeometry, Pad, SupportMask};
+use super::pad::{ContactGeometry, PadWithDisc, SupportMask};
 use super::speed::Orbit;
-use super::stroke::Stroke;
+use super::stroke::DiscStroke;
 use super::tangent_frame::TangentFrame;
 use crate::geometry::{Panel, Point};
-use crate::surface::dwell::{CONTACT_MM, Executed, foot};
+use crate::surface::dwell::{CONTACT_MM, ExecutedPose, surface_foot};
 use crate::surface::{BSplineSurface, Parameter};
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
@@ -23,13 +23,13 @@ const STRETCH_RADII: f64 = 0.5;
 const RIM_SAMPLES: usize = 16;
 
 /// A function that returns whether there is panel at this place of the surface.
-pub type Ground<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
+pub type IsPanelAt<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 
 /// The disc of a tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Disc {
     /// Disc and pad.
-    pub pad: Pad,
+    pub pad: PadWithDisc,
     /// Its orbit.
     pub orbit: Orbit,
     /// Whether the rim moves on the orbit; otherwise the pressure is calculated without an orbit, as in simpler
@@ -48,11 +48,11 @@ impl Disc {
 
 /// A short straight motion of the disc in contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stretch {
+pub struct DiscStretch {
     /// The tangent frame of the surface at the stretch's middle.
     pub frame: TangentFrame,
     /// The contact at the stretch's middle, and the motion.
-    pub stroke: Stroke,
+    pub stroke: DiscStroke,
     /// Length of the stretch, mm.
     pub length_mm: f64,
     /// Length that a grain rubs during the stretch, mm.
@@ -65,12 +65,12 @@ pub struct Stretch {
 
 /// Returns the stretches of a path. If the force of a pose was not measured, the tool presses with `nominal_n`, N, on
 /// the motion to this pose.
-pub fn stretches(
+pub fn path_stretches(
     surface: &BSplineSurface,
-    executed: &[Executed],
+    executed: &[ExecutedPose],
     (disc, nominal_n): (&Disc, f64),
-    ground: Ground<'_>,
-) -> Vec<Stretch> {
+    ground: IsPanelAt<'_>,
+) -> Vec<DiscStretch> {
     let mut all = Vec::new();
     let (mut guess, mut swept_mm2) = (Parameter { u: 0.5, v: 0.5 }, disc.swept_mm2);
     for (index, pair) in executed.windows(2).enumerate().filter(|(_, pair)| pair[1].contact) {
@@ -83,16 +83,16 @@ pub fn stretches(
         for step in 0..count as usize {
             swept_mm2 += length_mm * disc.pad.radius_mm;
             let ends = [at(step as f64), at(step as f64 + 1.0)];
-            let Some(frame) = touched(surface, &mut guess, at(step as f64 + 0.5)) else { continue };
+            let Some(frame) = surface_frame_below(surface, &mut guess, at(step as f64 + 0.5)) else { continue };
             let tool = pair[if 2 * step < count as usize { 0 } else { 1 }].panel_from_tool;
             let seat =
                 frame.tilt(&tool).map(|tilt| ContactGeometry { tilt, curvature_per_mm: frame.curvature_per_mm });
             let pressed = seat.and_then(|seat| contact(&frame, seat, (disc, force_n), ground));
             if let Some(contact) = pressed {
                 let ends_mm = ends.map(|end| frame.offset_mm(end));
-                let stroke = Stroke::new(contact, ends_mm, (disc.rim_orbit_mm(), all.len()));
+                let stroke = DiscStroke::new(contact, ends_mm, (disc.rim_orbit_mm(), all.len()));
                 let rubbed_mm = rubbed_mm(&disc.orbit, length_mm, seconds);
-                all.push(Stretch { frame, stroke, length_mm, rubbed_mm, pose: index + 1, swept_mm2 });
+                all.push(DiscStretch { frame, stroke, length_mm, rubbed_mm, pose: index + 1, swept_mm2 });
             }
             swept_mm2 += length_mm * disc.pad.radius_mm;
         }
@@ -107,8 +107,12 @@ fn rubbed_mm(orbit: &Orbit, length_mm: f64, seconds: f64) -> f64 {
 }
 
 /// Returns the frame of the surface below a point in contact.
-fn touched(surface: &BSplineSurface, guess: &mut Parameter, point: Point<Panel>) -> Option<TangentFrame> {
-    let at = foot(surface, *guess, point)?;
+fn surface_frame_below(
+    surface: &BSplineSurface,
+    guess: &mut Parameter,
+    point: Point<Panel>,
+) -> Option<TangentFrame> {
+    let at = surface_foot(surface, *guess, point)?;
     *guess = at;
     let normal = surface.normal(at)?;
     let height_mm = normal.mm.dot(&(point - surface.point(at)).mm);
@@ -120,7 +124,7 @@ fn contact(
     frame: &TangentFrame,
     seat: ContactGeometry,
     (disc, force_n): (&Disc, f64),
-    ground: Ground<'_>,
+    ground: IsPanelAt<'_>,
 ) -> Option<super::pad::Contact> {
     let has_panel = |offset: Vector2<f64>| ground(frame.parameter(offset));
     let look = |index: usize, share: f64| {
@@ -131,7 +135,7 @@ fn contact(
         has_panel(Vector2::zeros()) && (0..RIM_SAMPLES).all(|index| look(index, 1.0) && look(index, 0.5));
     let below: SupportMask<'_> = &has_panel;
     // The closed form holds for a whole disc; only at the edge is the pressure summed over the part on the panel.
-    disc.pad.under(force_n, seat, (!is_whole).then_some(below))
+    disc.pad.contact_at_force(force_n, seat, (!is_whole).then_some(below))
 }
 
 #[cfg(test)]
@@ -142,7 +146,7 @@ pub(super) mod tests {
     use crate::surface::KnotVector;
 
     pub(in crate::removal) const DISC: Disc = Disc {
-        pad: Pad { radius_mm: 15.0, stiffness_n_mm3: 0.05 },
+        pad: PadWithDisc { radius_mm: 15.0, stiffness_n_mm3: 0.05 },
         orbit: MODEL.orbit,
         rim_orbits: false,
         swept_mm2: 0.0,
@@ -157,9 +161,9 @@ pub(super) mod tests {
     }
 
     /// Returns a pose with the tool's point at this position and the pad down.
-    pub(in crate::removal) fn pose([x_mm, y_mm, z_mm]: [f64; 3], seconds: f64) -> Executed {
+    pub(in crate::removal) fn pose([x_mm, y_mm, z_mm]: [f64; 3], seconds: f64) -> ExecutedPose {
         let tool = KukaPose { x_mm, y_mm, z_mm, c_deg: 180.0, ..KukaPose::default() };
-        Executed { panel_from_tool: tool.to_rigid(), seconds, contact: true, force_n: None }
+        ExecutedPose { panel_from_tool: tool.to_rigid(), seconds, contact: true, force_n: None }
     }
 
     /// Calculated by hand: 60 mm in 1 s are 8 stretches of 7.5 mm; a grain rubs 2618.3 mm during this time; the
@@ -167,9 +171,9 @@ pub(super) mod tests {
     #[test]
     fn a_line_is_cut_into_stretches() {
         let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];
-        let all = stretches(&level(100.0), &line, (&DISC, 20.0), &|_| true);
+        let all = path_stretches(&level(100.0), &line, (&DISC, 20.0), &|_| true);
         assert_eq!((all.len(), all[0].pose), (8, 1));
-        let sum = |of: fn(&Stretch) -> f64| all.iter().map(of).sum::<f64>();
+        let sum = |of: fn(&DiscStretch) -> f64| all.iter().map(of).sum::<f64>();
         assert!((sum(|stretch| stretch.rubbed_mm) - 2_618.34).abs() < 0.01, "{}", sum(|s| s.rubbed_mm));
         assert!((all[7].swept_mm2 - 1_800.0 * 7.5 / 8.0).abs() < 0.1, "{}", all[7].swept_mm2);
         assert!((all[3].stroke.contact.depth_mm - 0.565_884).abs() < 1e-4);
@@ -180,8 +184,8 @@ pub(super) mod tests {
         let surface = level(100.0);
         let count = |z: f64, forces_n: [Option<f64>; 2]| {
             let line = [pose([20.0, 50.0, z], 0.0), pose([80.0, 50.0, z], 1.0)];
-            let line = [0, 1].map(|index| Executed { force_n: forces_n[index], ..line[index] });
-            stretches(&surface, &line, (&DISC, 20.0), &|_| true).len()
+            let line = [0, 1].map(|index| ExecutedPose { force_n: forces_n[index], ..line[index] });
+            path_stretches(&surface, &line, (&DISC, 20.0), &|_| true).len()
         };
         assert_eq!([count(1.5, [None; 2]), count(0.5, [None; 2])], [0, 8]);
         // The force on the motion to a pose is the force of this pose.
@@ -192,7 +196,7 @@ pub(super) mod tests {
     #[test]
     fn beyond_the_edge_the_rest_bears_the_force() {
         let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];
-        let all = stretches(&level(100.0), &line, (&DISC, 20.0), &|at| at.v < 0.5);
+        let all = path_stretches(&level(100.0), &line, (&DISC, 20.0), &|at| at.v < 0.5);
         assert!(
             (all[0].stroke.contact.depth_mm / 1.131_768 - 1.0).abs() < 0.03,
             "{}",

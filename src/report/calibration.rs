@@ -1,6 +1,6 @@
 //! Pictures of calibrations: residuals over the picture, the corners to touch, the trend of verifications.
 
-use super::canvas::{Canvas, Ink, Pen};
+use super::canvas::{Canvas, InkColor, PenWidth};
 use crate::calib::Board;
 use crate::calib::detect::Corners;
 use crate::calib::health::Verification;
@@ -19,19 +19,19 @@ const GROUND: [u8; 3] = [60, 60, 60];
 /// # Errors
 /// If OpenCV refuses to draw.
 pub fn residual_field((width, height): (usize, usize), found: &Calibrated) -> Result<ColorPicture, ImagingError> {
-    let mut canvas = Canvas::on(&ColorPicture::filled(width, height, GROUND))?;
+    let mut canvas = Canvas::from_picture(&ColorPicture::uniform(width, height, GROUND))?;
     let longest = found.residuals.iter().map(|r| r.du_px.hypot(r.dv_px)).fold(1e-6, f64::max);
     let times = MAX_RESIDUAL_SHARE * width as f64 / longest;
-    let pen = Pen { ink: Ink::ORANGE, width_px: (width / 900).max(1) as i32 };
+    let pen = PenWidth { ink: InkColor::ORANGE, width_px: (width / 900).max(1) as i32 };
     for residual in &found.residuals {
-        let end = Pixel::at(residual.at.u + times * residual.du_px, residual.at.v + times * residual.dv_px);
-        canvas.polyline(&[residual.at, end], false, pen)?;
+        let end = Pixel::at(residual.pixel.u + times * residual.du_px, residual.pixel.v + times * residual.dv_px);
+        canvas.polyline(&[residual.pixel, end], false, pen)?;
     }
     let mean_times = 4.0 * times;
     for (at, [du_px, dv_px]) in field_means((width, height), found) {
         let end = Pixel::at(at.u + mean_times * du_px, at.v + mean_times * dv_px);
-        canvas.polyline(&[at, end], false, Pen { ink: Ink::BLUE, width_px: 3 * pen.width_px })?;
-        canvas.cross(at, width as f64 / 200.0, Pen { ink: Ink::BLUE, width_px: pen.width_px })?;
+        canvas.polyline(&[at, end], false, PenWidth { ink: InkColor::BLUE, width_px: 3 * pen.width_px })?;
+        canvas.cross(at, width as f64 / 200.0, PenWidth { ink: InkColor::BLUE, width_px: pen.width_px })?;
     }
     let [low, high] = found.tilt_deg;
     let each =
@@ -43,7 +43,7 @@ pub fn residual_field((width, height): (usize, usize), found: &Calibrated) -> Re
         "corners cover {:.0} % of the picture; board tilted by {low:.0} to {high:.0} degrees",
         found.coverage * 100.0
     );
-    canvas.with_legend(&[(Ink::ORANGE, &each), (Ink::BLUE, &mean), (Ink::WHITE, &seen)])?.finish()
+    canvas.with_legend(&[(InkColor::ORANGE, &each), (InkColor::BLUE, &mean), (InkColor::WHITE, &seen)])?.finish()
 }
 
 /// Number of columns and rows of fields, each with a mean residual.
@@ -55,7 +55,7 @@ const MIN_IN_FIELD: usize = 6;
 fn field_means((width, height): (usize, usize), found: &Calibrated) -> Vec<(Pixel, [f64; 2])> {
     let mut sums = vec![([0.0, 0.0], 0); FIELDS.0 * FIELDS.1];
     for residual in &found.residuals {
-        if let Some((column, row)) = residual.at.whole(width, height) {
+        if let Some((column, row)) = residual.pixel.nearest_whole(width, height) {
             let (sum, count) = &mut sums[row * FIELDS.1 / height * FIELDS.0 + column * FIELDS.0 / width];
             *sum = [sum[0] + residual.du_px, sum[1] + residual.dv_px];
             *count += 1;
@@ -73,30 +73,35 @@ fn field_means((width, height): (usize, usize), found: &Calibrated) -> Vec<(Pixe
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
-pub fn corners_to_touch(
+pub fn draw_corners_to_touch(
     picture: &ColorPicture,
     board: &Board,
     corners: &Corners,
     to_touch: &[(usize, usize)],
 ) -> Result<ColorPicture, ImagingError> {
-    let mut canvas = Canvas::on(picture)?;
+    let mut canvas = Canvas::from_picture(picture)?;
     let size_px = (picture.width as f64 / 60.0).max(10.0);
     let at = |(column, row): (usize, usize)| {
         let place = board.corner(column, row)?;
         corners.iter().find(|(q, _)| *q == place).map(|(_, pixel)| *pixel)
     };
     for (_, pixel) in corners {
-        canvas.cross(*pixel, size_px / 5.0, Pen { ink: Ink::BLUE, width_px: 1 })?;
+        canvas.cross(*pixel, size_px / 5.0, PenWidth { ink: InkColor::BLUE, width_px: 1 })?;
     }
     for (index, corner) in to_touch.iter().enumerate() {
         let Some(pixel) = at(*corner) else { continue };
-        canvas.cross(pixel, size_px * 0.6, Pen { ink: Ink::ORANGE, width_px: 3 })?;
+        canvas.cross(pixel, size_px * 0.6, PenWidth { ink: InkColor::ORANGE, width_px: 3 })?;
         let label = format!("{} [{}, {}]", index + 1, corner.0, corner.1);
-        canvas.label(Pixel::at(pixel.u + size_px * 0.7, pixel.v - size_px * 0.4), &label, size_px, Ink::YELLOW)?;
+        canvas.label(
+            Pixel::at(pixel.u + size_px * 0.7, pixel.v - size_px * 0.4),
+            &label,
+            size_px,
+            InkColor::YELLOW,
+        )?;
     }
     let legend = [
-        (Ink::ORANGE, "touch these corners in this order: 1 is the origin, 4 is the check point"),
-        (Ink::BLUE, "found corners"),
+        (InkColor::ORANGE, "touch these corners in this order: 1 is the origin, 4 is the check point"),
+        (InkColor::BLUE, "found corners"),
     ];
     canvas.with_legend(&legend)?.finish()
 }

@@ -1,10 +1,10 @@
 //! Checks as rows of a page: the number with its unit, its limit, and the source of the limit.
 
 use super::page::Row;
-use crate::number_text::{apart, fixed, plain};
-use crate::verdict::{Check, Limit, SetBy};
+use crate::number_text::{distinguishable_texts, fixed_decimals, shortest_text};
+use crate::verdict::{Check, Limit, LimitSource};
 
-pub(super) const NOT_MEASURED: &str = "not measured";
+pub(super) const NOT_MEASURED_TEXT: &str = "not measured";
 
 /// Returns a check as a row; `beside` is written after its value. A limit without a key is the program's own.
 pub fn check_row(check: &Check, beside: &str) -> Row {
@@ -15,32 +15,32 @@ pub fn check_row(check: &Check, beside: &str) -> Row {
         Limit::AtLeast(limit) => ("≥ ", Some(limit)),
         Limit::Below(limit) => ("< ", Some(limit)),
     };
-    let (mut value, mut allowed) = (check.value.map(shown), limit.map(shown));
-    let is_beyond = !check.is_kept();
+    let (mut value, mut allowed) = (check.value.map(format_value), limit.map(format_value));
+    let is_beyond = !check.is_met();
     if let (true, Some(found), Some(limit)) = (is_beyond && value == allowed, check.value, limit) {
-        let [found, limit] = apart(found, limit, decimals(limit));
+        let [found, limit] = distinguishable_texts(found, limit, decimals(limit));
         (value, allowed) = (Some(found), Some(limit));
     }
     let value = match value {
-        None => NOT_MEASURED.to_owned(),
+        None => NOT_MEASURED_TEXT.to_owned(),
         Some(value) if is_beyond => format!("{}{beside}, outside of the limit", with_unit(value)),
         Some(value) => format!("{}{beside}", with_unit(value)),
     };
     let set_by = match &check.set_by {
-        Some(SetBy::Recipe(key)) => format!(" (recipe, {key})"),
-        Some(SetBy::Cell(key)) => format!(" (cell, {key})"),
-        Some(SetBy::Program) | None => String::new(),
+        Some(LimitSource::Recipe(key)) => format!(" (recipe, {key})"),
+        Some(LimitSource::Cell(key)) => format!(" (cell, {key})"),
+        Some(LimitSource::Program) | None => String::new(),
     };
     let allowed = allowed.map_or(String::new(), |limit| format!("{sign}{}{set_by}", with_unit(limit)));
     Row::new(&check.name, value, allowed)
 }
 
 /// Formats a value with four significant digits, or with all digits before the point; the store has the full value.
-pub fn shown(value: f64) -> String {
+pub fn format_value(value: f64) -> String {
     if value == 0.0 || !value.is_finite() || value.fract() == 0.0 {
-        return plain(value);
+        return shortest_text(value);
     }
-    let text = fixed(value, decimals(value)).to_string();
+    let text = fixed_decimals(value, decimals(value)).to_string();
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
@@ -59,12 +59,12 @@ mod tests {
     #[test]
     fn a_row_says_whose_limit_it_is() {
         let check = Check::new("residual", "mm", 0.3);
-        let of_recipe = check.clone().at_most(0.25, SetBy::recipe("locate.max_rms_mm"));
+        let of_recipe = check.clone().with_max(0.25, LimitSource::recipe("locate.max_rms_mm"));
         let row = check_row(&of_recipe, "");
         assert_eq!(
             (&*row.value, &*row.allowed),
             ("0.3 mm, outside of the limit", "≤ 0.25 mm (recipe, locate.max_rms_mm)")
         );
-        assert_eq!(check_row(&check.at_most(0.25, SetBy::Program), "").allowed, "≤ 0.25 mm");
+        assert_eq!(check_row(&check.with_max(0.25, LimitSource::Program), "").allowed, "≤ 0.25 mm");
     }
 }

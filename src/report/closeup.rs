@@ -1,7 +1,7 @@
 //! Close-up pictures: the corner before and after its correction, and the water film as a strip of pictures in the
 //! order of time.
 
-use super::canvas::{Canvas, Ink, Pen, crop, resized, sheet};
+use super::canvas::{Canvas, InkColor, PenWidth, crop, join_pictures, resize_to_width};
 use crate::geometry::{ColorPicture, Mask, Pixel};
 use crate::imaging::ImagingError;
 
@@ -26,7 +26,7 @@ impl CornerView<'_> {
     ///
     /// # Errors
     /// If OpenCV refuses to draw.
-    pub fn drawn(&self, title: &str) -> Result<ColorPicture, ImagingError> {
+    pub fn draw(&self, title: &str) -> Result<ColorPicture, ImagingError> {
         // Both marks and a part of the edge must be visible, at any distance between the marks.
         let apart_px = self.expected_px.distance_px(self.found_px);
         let half_px = (apart_px * 1.3).max(8.0 * self.px_per_mm);
@@ -36,7 +36,7 @@ impl CornerView<'_> {
         let (left_px, top_px) = (left as usize, top as usize);
         let part = crop(self.picture, left_px, top_px, (side.max(8), side.max(8)));
         let zoom = CLOSE_PX as f64 / part.width.max(1) as f64;
-        let mut canvas = Canvas::on(&resized(&part, CLOSE_PX)?)?;
+        let mut canvas = Canvas::from_picture(&resize_to_width(&part, CLOSE_PX)?)?;
         let place = |pixel: Pixel| {
             // Pixel centres are whole numbers: half a pixel is added before the enlargement and subtracted after
             // it.
@@ -44,12 +44,14 @@ impl CornerView<'_> {
             Pixel::at(enlarge(pixel.u, left_px), enlarge(pixel.v, top_px))
         };
         let (expected, found) = (place(self.expected_px), place(self.found_px));
-        canvas.polyline(&[expected, found], false, Pen { ink: Ink::WHITE, width_px: 1 })?;
-        canvas.cross(expected, 16.0, Pen { ink: Ink::BLUE, width_px: 2 })?;
-        canvas.cross(found, 16.0, Pen { ink: Ink::ORANGE, width_px: 2 })?;
+        canvas.polyline(&[expected, found], false, PenWidth { ink: InkColor::WHITE, width_px: 1 })?;
+        canvas.cross(expected, 16.0, PenWidth { ink: InkColor::BLUE, width_px: 2 })?;
+        canvas.cross(found, 16.0, PenWidth { ink: InkColor::ORANGE, width_px: 2 })?;
         canvas.scale_bar(5.0, self.px_per_mm * zoom)?;
         let apart = format!("{title}: {apart_px:.2} px, {:.2} mm apart", apart_px / self.px_per_mm);
-        canvas.with_legend(&[(Ink::BLUE, "expected"), (Ink::ORANGE, "found"), (Ink::WHITE, &apart)])?.finish()
+        canvas
+            .with_legend(&[(InkColor::BLUE, "expected"), (InkColor::ORANGE, "found"), (InkColor::WHITE, &apart)])?
+            .finish()
     }
 }
 
@@ -71,14 +73,14 @@ pub struct StripPicture {
 pub fn film_strip(pictures: &[StripPicture]) -> Result<ColorPicture, ImagingError> {
     const WIDTH_PX: usize = 420;
     let one = |strip: &StripPicture| {
-        let mut canvas = Canvas::on(&strip.picture)?;
-        canvas.shade(&strip.broken, Ink::YELLOW, 0.55)?;
-        let mut canvas = Canvas::on(&resized(&canvas.finish()?, WIDTH_PX)?)?;
-        canvas.label(Pixel::at(8.0, 24.0), &strip.label, 16.0, Ink::WHITE)?;
+        let mut canvas = Canvas::from_picture(&strip.picture)?;
+        canvas.tint_mask(&strip.broken, InkColor::YELLOW, 0.55)?;
+        let mut canvas = Canvas::from_picture(&resize_to_width(&canvas.finish()?, WIDTH_PX)?)?;
+        canvas.label(Pixel::at(8.0, 24.0), &strip.label, 16.0, InkColor::WHITE)?;
         canvas.finish()
     };
     let drawn = pictures.iter().map(one).collect::<Result<Vec<_>, _>>()?;
-    Ok(sheet(&drawn, 3))
+    Ok(join_pictures(&drawn, 3))
 }
 
 /// Returns the times of a strip's six pictures, s after the first fully wet one: close together while the film
@@ -96,7 +98,7 @@ pub fn strip_times_s(opens_s: Option<f64>, end_s: f64) -> [f64; 6] {
 /// Returns the box around pixels inside a picture of this width and height: its first and its last pixel.
 pub fn bounds(pixels: impl IntoIterator<Item = Pixel>, (width, height): (usize, usize)) -> [(usize, usize); 2] {
     let (mut low, mut high) = ((width, height), (0, 0));
-    for (column, row) in pixels.into_iter().filter_map(|pixel| pixel.whole(width, height)) {
+    for (column, row) in pixels.into_iter().filter_map(|pixel| pixel.nearest_whole(width, height)) {
         low = (low.0.min(column), low.1.min(row));
         high = (high.0.max(column), high.1.max(row));
     }
@@ -104,7 +106,7 @@ pub fn bounds(pixels: impl IntoIterator<Item = Pixel>, (width, height): (usize, 
 }
 
 /// Cuts the part inside a box out of a picture and a mask.
-pub fn cut(picture: &ColorPicture, mask: &Mask, [low, high]: [(usize, usize); 2]) -> (ColorPicture, Mask) {
+pub fn cut_out(picture: &ColorPicture, mask: &Mask, [low, high]: [(usize, usize); 2]) -> (ColorPicture, Mask) {
     let size = (high.0.saturating_sub(low.0).max(1), high.1.saturating_sub(low.1).max(1));
     let part = crop(picture, low.0, low.1, size);
     let rows = (low.1..low.1 + part.height).flat_map(|row| &mask.inside[row * mask.width + low.0..][..part.width]);

@@ -2,7 +2,7 @@
 //! the picture contains three numbers: this amount, the remaining error, and the number of scans on which they are
 //! based.
 
-use super::canvas::{Canvas, Ink};
+use super::canvas::{Canvas, InkColor};
 use crate::calib::scanner_errors::{MIN_SCANS, PicturePart, ScannerErrors};
 use crate::geometry::{Camera, ColorPicture, PinholeCamera, Pixel, REFERENCE_DEPTH_MM};
 use crate::imaging::ImagingError;
@@ -12,9 +12,9 @@ use rayon::prelude::*;
 const WIDTH_PX: usize = 1200;
 /// Smallest error that is drawn, mm.
 const MIN_MM: f64 = 0.01;
-const FAR: Ink = Ink::VERMILLION;
-const NEAR: Ink = Ink::DEEP_BLUE;
-const UNKNOWN: Ink = Ink([150, 150, 150]);
+const FAR_COLOR: InkColor = InkColor::VERMILLION;
+const NEAR_COLOR: InkColor = InkColor::DEEP_BLUE;
+const UNKNOWN: InkColor = InkColor([150, 150, 150]);
 
 /// Draws the scanner's depth errors as a picture with a legend.
 ///
@@ -23,20 +23,22 @@ const UNKNOWN: Ink = Ink([150, 150, 150]);
 pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<ColorPicture, ImagingError> {
     let step = camera.width_px.div_ceil(WIDTH_PX).max(1);
     let (width, height) = (camera.width_px / step, camera.height_px / step);
-    let most_mm = found.field_most_mm.max(MIN_MM);
+    let most_mm = found.max_field_mm.max(MIN_MM);
     let at_mm = |direction| found.field.map_or(0.0, |field| field.at_mm(direction));
-    let is_known = |at| found.parts.at(at).is_some_and(PicturePart::is_known);
-    let mut picture = ColorPicture::filled(width, height, UNKNOWN.0);
+    let is_known = |at| found.parts.part_at(at).is_some_and(PicturePart::has_enough_scans);
+    let mut picture = ColorPicture::uniform(width, height, UNKNOWN.0);
     picture.rgb.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, pixels)| {
         for (column, color) in pixels.iter_mut().enumerate() {
             let pixel = Pixel::at((column * step) as f64, (row * step) as f64);
             if let Some(direction) = direction(camera, pixel).filter(|at| is_known(*at)) {
                 let share = at_mm(direction) / most_mm;
-                *color = Ink::WHITE.blend(if share > 0.0 { FAR } else { NEAR }, share.abs().min(1.0)).0;
+                *color = InkColor::WHITE
+                    .mix_with(if share > 0.0 { FAR_COLOR } else { NEAR_COLOR }, share.abs().min(1.0))
+                    .0;
             }
         }
     });
-    let mut canvas = Canvas::on(&picture)?;
+    let mut canvas = Canvas::from_picture(&picture)?;
     let text_px = (height as f64 / 48.0).max(11.0);
     for part in found.parts.iter() {
         let [x, y] = part.direction;
@@ -44,13 +46,13 @@ pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<
         let Some(at) = camera.project(ray) else { continue };
         let (u, v) = (at.u / step as f64 - 2.2 * text_px, at.v / step as f64);
         let line = |times: f64| Pixel::at(u, v + times * text_px);
-        if !part.is_known() {
-            canvas.label(line(0.0), &scans(part.scans), text_px, Ink::WHITE)?;
+        if !part.has_enough_scans() {
+            canvas.label(line(0.0), &count_scans(part.scans), text_px, InkColor::WHITE)?;
             continue;
         }
-        canvas.label(line(-0.8), &format!("{:+.2} mm", at_mm(part.direction)), text_px, Ink::WHITE)?;
-        canvas.label(line(0.6), &format!("left {:.2}", part.left_mm), text_px, Ink::WHITE)?;
-        canvas.label(line(2.0), &scans(part.scans), text_px, Ink::WHITE)?;
+        canvas.label(line(-0.8), &format!("{:+.2} mm", at_mm(part.direction)), text_px, InkColor::WHITE)?;
+        canvas.label(line(0.6), &format!("left {:.2}", part.residual_mm), text_px, InkColor::WHITE)?;
+        canvas.label(line(2.0), &count_scans(part.scans), text_px, InkColor::WHITE)?;
     }
     let same = match found.field {
         Some(_) => format!(
@@ -63,11 +65,17 @@ pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<
     let near = format!("measured {most_mm:.2} mm or more too near");
     let left = "left: remaining deviation of the scans from a plane, mm rms";
     let unknown = format!("the board was there in fewer than {MIN_SCANS} scans");
-    let legend = [(Ink::WHITE, same.as_str()), (FAR, &far), (NEAR, &near), (Ink::WHITE, left), (UNKNOWN, &unknown)];
+    let legend = [
+        (InkColor::WHITE, same.as_str()),
+        (FAR_COLOR, &far),
+        (NEAR_COLOR, &near),
+        (InkColor::WHITE, left),
+        (UNKNOWN, &unknown),
+    ];
     canvas.with_legend(&legend)?.finish()
 }
 
-fn scans(count: usize) -> String {
+fn count_scans(count: usize) -> String {
     if count == 1 { "1 scan".to_owned() } else { format!("{count} scans") }
 }
 

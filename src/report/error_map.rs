@@ -5,7 +5,7 @@ use maud::{Markup, html};
 
 /// A place and the remaining error there.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Left {
+pub struct RemainingError {
     /// Name of the place: the picture, or the corner that was touched.
     pub name: String,
     /// The place.
@@ -21,12 +21,12 @@ const TOP_PX: f64 = 70.0;
 const LIMIT_PX: f64 = 16.0;
 const MAX_PX: f64 = 32.0;
 /// Colours that colour-blind people can distinguish; errors beyond the limit also have a thick rim.
-const WITHIN_LIMIT: &str = "#0072b2";
-const BEYOND_LIMIT: &str = "#d55e00";
+const WITHIN_LIMIT_COLOR: &str = "#0072b2";
+const BEYOND_LIMIT_COLOR: &str = "#d55e00";
 
 /// Draws two views of the same positions: along x and y, and along x and z, with x to the right. The larger the
 /// circle, the larger the error.
-pub fn error_map(title: &str, places: &[Left], limit_mm: f64) -> String {
+pub fn error_map(title: &str, places: &[RemainingError], limit_mm: f64) -> String {
     let width = 2.0 * (SIDE_PX + MARGIN_PX) + MARGIN_PX;
     let height = TOP_PX + SIDE_PX + MARGIN_PX;
     let worst_mm = places.iter().map(|left| left.error_mm).fold(0.0, f64::max);
@@ -82,21 +82,21 @@ fn frame((left_px, name): (f64, &str), (x_mm, y_mm): (f64, f64), span_mm: f64) -
     }
 }
 
-fn circle(left: &Left, (cx, cy): (f64, f64), limit_mm: f64) -> Markup {
+fn circle(left: &RemainingError, (cx, cy): (f64, f64), limit_mm: f64) -> Markup {
     let radius = (LIMIT_PX * left.error_mm / limit_mm).clamp(2.0, MAX_PX);
     let is_beyond = left.error_mm.is_nan() || left.error_mm > limit_mm;
-    let (color, rim) = if is_beyond { (BEYOND_LIMIT, 3) } else { (WITHIN_LIMIT, 1) };
+    let (color, rim) = if is_beyond { (BEYOND_LIMIT_COLOR, 3) } else { (WITHIN_LIMIT_COLOR, 1) };
     html! {
-        circle cx=(tenths(cx)) cy=(tenths(cy)) r=(tenths(radius)) fill=(color) fill-opacity="0.45" stroke=(color)
+        circle cx=(format_tenths(cx)) cy=(format_tenths(cy)) r=(format_tenths(radius)) fill=(color) fill-opacity="0.45" stroke=(color)
             stroke-width=(rim) {
             title { (left.name) ": " (format_args!("{:.3} mm", left.error_mm)) }
         }
-        text x=(tenths(cx + radius + 2.0)) y=(tenths(cy + 4.0)) font-size="11" { (format_args!("{:.2}", left.error_mm)) }
+        text x=(format_tenths(cx + radius + 2.0)) y=(format_tenths(cy + 4.0)) font-size="11" { (format_args!("{:.2}", left.error_mm)) }
     }
 }
 
 /// Formats a coordinate in a drawing.
-fn tenths(px: f64) -> String {
+fn format_tenths(px: f64) -> String {
     format!("{px:.1}")
 }
 
@@ -108,8 +108,11 @@ mod tests {
     /// the other colour.
     #[test]
     fn an_error_is_as_large_as_its_circle() {
-        let left =
-            |name: &str, x, error_mm| Left { name: name.to_owned(), place: Point::at(x, 0.0, 300.0), error_mm };
+        let left = |name: &str, x, error_mm| RemainingError {
+            name: name.to_owned(),
+            place: Point::at(x, 0.0, 300.0),
+            error_mm,
+        };
         let svg = error_map("a & b", &[left("1.png", 400.0, 0.25), left("2.png", 600.0, 1.5)], 0.5);
         assert!(svg.contains("a &amp; b") && svg.contains("2 places, 1.075 mm rms, largest 1.500 mm"), "{svg}");
         assert_eq!(svg.matches("r=\"8.0\" fill=\"#0072b2\"").count(), 2, "in both views");

@@ -1,9 +1,9 @@
 //! A close picture of each grid that failed: the film at the end, an outline of the broken area, and a text with the
 //! size of this area and the time to break. Each picture has its own scale.
 
-use super::canvas::{Canvas, Ink, Pen, crop, resized, sheet};
+use super::canvas::{Canvas, InkColor, PenWidth, crop, join_pictures, resize_to_width};
 use super::closeup::bounds;
-use super::overlay::View;
+use super::overlay::PanelOverlay;
 use crate::geometry::{ColorPicture, Mask, Pixel};
 use crate::imaging::{ImagingError, outer_contours};
 use crate::panel::Grid;
@@ -27,7 +27,7 @@ const COLUMNS: usize = 4;
 /// Space around a grid, as a share of its width.
 const MARGIN_SHARE: f64 = 0.12;
 
-impl View<'_> {
+impl PanelOverlay<'_> {
     /// Draws the failed grids side by side; `None` if none failed, or none is in the picture.
     ///
     /// # Errors
@@ -37,12 +37,16 @@ impl View<'_> {
         broken: &Mask,
         failed: &[FailedGrid<'_>],
     ) -> Result<Option<ColorPicture>, ImagingError> {
-        let mut canvas = Canvas::on(self.picture)?;
+        let mut canvas = Canvas::from_picture(self.picture)?;
         for contour in outer_contours(broken)? {
-            canvas.polyline(&contour, true, Pen { ink: Ink::YELLOW, width_px: 1 })?;
+            canvas.polyline(&contour, true, PenWidth { ink: InkColor::YELLOW, width_px: 1 })?;
         }
         for one in failed {
-            canvas.polyline(&self.pixels(&one.grid.edge), true, Pen { ink: Ink::VERMILLION, width_px: 1 })?;
+            canvas.polyline(
+                &self.pixels(&one.grid.edge),
+                true,
+                PenWidth { ink: InkColor::VERMILLION, width_px: 1 },
+            )?;
         }
         let whole = canvas.finish()?;
         let mut pictures = Vec::with_capacity(failed.len());
@@ -53,9 +57,9 @@ impl View<'_> {
             }
         }
         let Some(height) = pictures.iter().map(|picture| picture.height).max() else { return Ok(None) };
-        let even: Vec<ColorPicture> = pictures.iter().map(|picture| heightened(picture, height)).collect();
-        let legend = [(Ink::YELLOW, "broken film"), (Ink::VERMILLION, "failed grid")];
-        Canvas::on(&sheet(&even, COLUMNS))?.with_legend(&legend)?.finish().map(Some)
+        let even: Vec<ColorPicture> = pictures.iter().map(|picture| extend_below(picture, height)).collect();
+        let legend = [(InkColor::YELLOW, "broken film"), (InkColor::VERMILLION, "failed grid")];
+        Canvas::from_picture(&join_pictures(&even, COLUMNS))?.with_legend(&legend)?.finish().map(Some)
     }
 }
 
@@ -71,20 +75,21 @@ fn part(whole: &ColorPicture, edge: &[Pixel]) -> Option<ColorPicture> {
 /// Draws the enlarged part with a scale bar, below a dark band with its title; `px_per_mm` is the scale after the
 /// enlargement.
 fn close(part: &ColorPicture, px_per_mm: f64, title: &str) -> Result<ColorPicture, ImagingError> {
-    let mut canvas = Canvas::on(&resized(part, WIDTH_PX)?)?;
+    let mut canvas = Canvas::from_picture(&resize_to_width(part, WIDTH_PX)?)?;
     canvas.scale_bar_within(px_per_mm)?;
     let picture = canvas.finish()?;
-    let mut rgb = vec![Ink::RIM.0; BAND_PX * picture.width];
+    let mut rgb = vec![InkColor::RIM.0; BAND_PX * picture.width];
     rgb.extend_from_slice(&picture.rgb);
-    let mut canvas = Canvas::on(&ColorPicture { width: picture.width, height: picture.height + BAND_PX, rgb })?;
-    canvas.label(Pixel::at(6.0, BAND_PX as f64 - 8.0), title, TEXT_PX, Ink::WHITE)?;
+    let mut canvas =
+        Canvas::from_picture(&ColorPicture { width: picture.width, height: picture.height + BAND_PX, rgb })?;
+    canvas.label(Pixel::at(6.0, BAND_PX as f64 - 8.0), title, TEXT_PX, InkColor::WHITE)?;
     canvas.finish()
 }
 
 /// Adds white below the picture, up to this height.
-fn heightened(picture: &ColorPicture, height: usize) -> ColorPicture {
+fn extend_below(picture: &ColorPicture, height: usize) -> ColorPicture {
     let mut rgb = picture.rgb.clone();
-    rgb.resize(picture.width * height, Ink::WHITE.0);
+    rgb.resize(picture.width * height, InkColor::WHITE.0);
     ColorPicture { width: picture.width, height, rgb }
 }
 
@@ -97,7 +102,7 @@ mod tests {
     /// becomes 192 px high.
     #[test]
     fn a_grid_is_cut_out_with_a_margin_and_has_its_title() {
-        let mut whole = ColorPicture::filled(100, 80, [60; 3]);
+        let mut whole = ColorPicture::uniform(100, 80, [60; 3]);
         for at in (28..32).flat_map(|row| (48..52).map(move |column| row * 100 + column)) {
             whole.rgb[at] = [255; 3];
         }
@@ -109,12 +114,12 @@ mod tests {
         let white = |row: usize| close.rgb[row * 320..][..320].iter().filter(|pixel| pixel[0] > 160).count();
         assert!((23..=29).contains(&white(BAND_PX + 96)), "{}", white(BAND_PX + 96));
         assert!((0..BAND_PX).any(|row| white(row) > 5), "letters in the band");
-        assert_eq!(heightened(&close, 300).rgb.len(), 320 * 300);
+        assert_eq!(extend_below(&close, 300).rgb.len(), 320 * 300);
     }
 
     #[test]
     fn a_grid_outside_of_the_picture_has_no_part() {
-        let whole = ColorPicture::filled(100, 80, [60; 3]);
+        let whole = ColorPicture::uniform(100, 80, [60; 3]);
         assert!(part(&whole, &[Pixel::at(-30.0, -20.0), Pixel::at(-10.0, -5.0)]).is_none());
     }
 }

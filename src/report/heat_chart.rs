@@ -2,11 +2,11 @@
 //! of breaks and the time after which it broke. The shade repeats the number.
 
 use crate::history::{HeatCell, HeatMap};
-use crate::number_text::fixed;
+use crate::number_text::fixed_decimals;
 use maud::{Markup, html};
 
 /// Number of shades, without the shade of a grid that never broke.
-const SHADES: f64 = 4.0;
+const SHADE_COUNT: f64 = 4.0;
 
 /// Returns the table; `words` explains the content of a cell, for readers who do not see it.
 pub fn heat_chart(map: &HeatMap, words: &str) -> Markup {
@@ -22,9 +22,9 @@ pub fn heat_chart(map: &HeatMap, words: &str) -> Markup {
                     th scope="row" { "r" (row) }
                     @for column in 1..=columns {
                         @match cell(row, column) {
-                            Some(cell) => td class={ "shade-" (shade(cell)) } {
+                            Some(cell) => td class={ "shade-" (shade_index(cell)) } {
                                 strong { (cell.breaks) "/" (cell.films) }
-                                @if let Some(median_s) = cell.median_s { br; (fixed(median_s, 1)) " s" }
+                                @if let Some(median_s) = cell.median_s { br; (fixed_decimals(median_s, 1)) " s" }
                             },
                             None => td { "–" },
                         }
@@ -36,11 +36,11 @@ pub fn heat_chart(map: &HeatMap, words: &str) -> Markup {
 }
 
 /// Returns 0 for a grid that never broke, otherwise 1 to 4 by the share of films that broke on it.
-fn shade(cell: &HeatCell) -> u8 {
+fn shade_index(cell: &HeatCell) -> u8 {
     if cell.breaks == 0 || cell.films == 0 {
         return 0;
     }
-    (cell.breaks as f64 / cell.films as f64 * SHADES).ceil().clamp(1.0, SHADES) as u8
+    (cell.breaks as f64 / cell.films as f64 * SHADE_COUNT).ceil().clamp(1.0, SHADE_COUNT) as u8
 }
 
 #[cfg(test)]
@@ -54,7 +54,7 @@ mod tests {
     /// Calculated by hand: 1 and 3 of 12 films are at most a quarter, 4 are more than a quarter, 12 are all.
     #[test]
     fn the_shade_says_what_the_number_says() {
-        let shades = [0, 1, 3, 4, 12].map(|breaks| shade(&cell("r1c1", (1, 1), breaks, None)));
+        let shades = [0, 1, 3, 4, 12].map(|breaks| shade_index(&cell("r1c1", (1, 1), breaks, None)));
         assert_eq!(shades, [0, 1, 1, 2, 4]);
     }
 

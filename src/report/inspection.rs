@@ -2,7 +2,7 @@
 
 use super::checks::check_row;
 use super::page::{Figure, Page, Row, Section};
-use crate::inspect::{Inspection, Reference, name};
+use crate::inspect::{ComparisonReference, Inspection, name};
 use crate::recipe::Recipe;
 
 /// A blank that a person fills in by hand.
@@ -18,9 +18,9 @@ pub fn inspection_page(inspection: &Inspection, recipe: &Recipe, clip: &str, fig
         subtitle: format!("Clip {clip}"),
         judgement: inspection.judgement.clone(),
         sections: vec![
-            seen(inspection, figures),
+            inspection_section(inspection, figures),
             grids(inspection),
-            watched(inspection),
+            film_numbers(inspection),
             signature(inspection, recipe),
         ],
     }
@@ -30,10 +30,10 @@ fn section(heading: &str, text: String, rows: Vec<Row>) -> Section {
     Section { heading: heading.to_owned(), text, rows, figures: Vec::new() }
 }
 
-fn seen(inspection: &Inspection, figures: Vec<Figure>) -> Section {
+fn inspection_section(inspection: &Inspection, figures: Vec<Figure>) -> Section {
     let row = |(index, found): (usize, &crate::inspect::Break)| {
         let grids: Vec<String> = found.grids.iter().map(ToString::to_string).collect();
-        let closed = if found.closed_again() { "; the film closed again" } else { "" };
+        let closed = if found.has_closed_again() { "; the film closed again" } else { "" };
         let value = format!(
             "{:.1} mm², first seen at {:.1} s, in {}{closed}",
             found.area_mm2,
@@ -63,8 +63,8 @@ fn grids(inspection: &Inspection) -> Section {
         let when = grid.time_to_break_s.map(|time_s| format!(" from {time_s:.1} s")).unwrap_or_default();
         let share = if grid.seen { String::new() } else { format!(", {:.0} % seen", 100.0 * footprint.seen_share) };
         let by = match grid.reference {
-            Reference::DryAndWet => String::new(),
-            reference => format!("; judged by its {}", reference.words()),
+            ComparisonReference::DryAndWet => String::new(),
+            reference => format!("; judged by its {}", reference.describe()),
         };
         let value =
             format!("{word}; {:.1} of {:.0} mm² broke{when}{share}{by}", grid.broken_mm2, footprint.area_mm2);
@@ -75,7 +75,7 @@ fn grids(inspection: &Inspection) -> Section {
 }
 
 /// The numbers by which the film as a whole was judged; the results of each grid have a section of their own.
-fn watched(inspection: &Inspection) -> Section {
+fn film_numbers(inspection: &Inspection) -> Section {
     let of_film = inspection.checks.iter().take_while(|check| check.name != name::UNSEEN_GRIDS);
     let rows = of_film.map(|check| check_row(check, "")).collect();
     let text = "Every measured value with its limit. A test that is not complete has no result.".to_owned();

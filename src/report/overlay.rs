@@ -3,14 +3,14 @@
 //! Everything is projected from the panel's frame through one camera model, so that everything drawn is where the
 //! program assumes it (thesis Eq. 4.6, 4.7, 3.11).
 
-use super::canvas::{Canvas, Ink, Pen, crop};
+use super::canvas::{Canvas, InkColor, PenWidth, crop};
 use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Pixel, Point, Rigid};
 use crate::imaging::{ImagingError, outer_contours};
 use crate::panel::{Grid, TaughtPanel};
 
 /// A picture of the 3D camera and the panel's pose in it.
 #[derive(Debug, Clone, Copy)]
-pub struct View<'a> {
+pub struct PanelOverlay<'a> {
     /// The picture.
     pub picture: &'a ColorPicture,
     /// The camera.
@@ -21,25 +21,25 @@ pub struct View<'a> {
 
 /// A colour scale that people with any common type of colour vision can read, after "viridis" of Smith and van der
 /// Walt.
-const STOPS: [(f64, Ink); 5] = [
-    (0.0, Ink([68, 1, 84])),
-    (0.25, Ink([59, 82, 139])),
-    (0.5, Ink([33, 145, 140])),
-    (0.75, Ink([94, 201, 98])),
-    (1.0, Ink([253, 231, 37])),
+const STOPS: [(f64, InkColor); 5] = [
+    (0.0, InkColor([68, 1, 84])),
+    (0.25, InkColor([59, 82, 139])),
+    (0.5, InkColor([33, 145, 140])),
+    (0.75, InkColor([94, 201, 98])),
+    (1.0, InkColor([253, 231, 37])),
 ];
 
 /// Returns the colour of a share 0…1, between the stops.
-fn scale(share: f64) -> Ink {
+fn scale(share: f64) -> InkColor {
     let at = share.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
     let (low, next) = (at as usize, (at as usize + 1).min(STOPS.len() - 1));
-    STOPS[low].1.blend(STOPS[next].1, at - low as f64)
+    STOPS[low].1.mix_with(STOPS[next].1, at - low as f64)
 }
 
 /// Space around the panel in a picture of the panel, px at full size.
 const MARGIN_PX: f64 = 40.0;
 
-impl View<'_> {
+impl PanelOverlay<'_> {
     pub(super) fn pixels(&self, points: &[Point<Panel>]) -> Vec<Pixel> {
         points.iter().filter_map(|&point| self.camera.project(self.camera_from_panel * point)).collect()
     }
@@ -53,7 +53,12 @@ impl View<'_> {
     }
 
     /// Draws the taught panel's outline as it appears at the pose of this view.
-    pub(super) fn outline(&self, canvas: &mut Canvas, panel: &TaughtPanel, pen: Pen) -> Result<(), ImagingError> {
+    pub(super) fn outline(
+        &self,
+        canvas: &mut Canvas,
+        panel: &TaughtPanel,
+        pen: PenWidth,
+    ) -> Result<(), ImagingError> {
         let step = (panel.outline.len() / 400).max(1);
         let thinned: Vec<Point<Panel>> = panel.outline.iter().copied().step_by(step).collect();
         canvas.polyline(&self.pixels(&thinned), true, pen)
@@ -65,8 +70,8 @@ impl View<'_> {
         grids: &[Grid],
         failed: &dyn Fn(&Grid) -> bool,
     ) -> Result<(), ImagingError> {
-        let thin = Pen { ink: Ink::WHITE, width_px: 1 };
-        let thick = Pen { ink: Ink::VERMILLION, width_px: self.line_px() };
+        let thin = PenWidth { ink: InkColor::WHITE, width_px: 1 };
+        let thick = PenWidth { ink: InkColor::VERMILLION, width_px: self.line_px() };
         // Failed grids are drawn last, so that no other line covers their rim.
         for (only_failed, pen) in [(false, thin), (true, thick)] {
             for grid in grids.iter().filter(|grid| failed(grid) == only_failed) {
@@ -79,18 +84,18 @@ impl View<'_> {
         for grid in grids {
             if let Some(first) = self.pixels(&grid.edge).first() {
                 let corner = Pixel::at(first.u + height_px * 0.5, first.v + height_px * 1.6);
-                canvas.label(corner, &grid.id.to_string(), height_px, Ink::WHITE)?;
+                canvas.label(corner, &grid.id.to_string(), height_px, InkColor::WHITE)?;
             }
         }
         Ok(())
     }
 
     /// Cuts out the part of the picture around the panel, and adds a scale bar and a legend.
-    pub(super) fn framed(
+    pub(super) fn cropped_with_scale(
         &self,
         canvas: Canvas,
         panel: &TaughtPanel,
-        legend: &[(Ink, &str)],
+        legend: &[(InkColor, &str)],
     ) -> Result<ColorPicture, ImagingError> {
         let outline = self.pixels(&panel.outline);
         let margin = MARGIN_PX * self.picture.width as f64 / 1944.0;
@@ -103,7 +108,7 @@ impl View<'_> {
         let (top, bottom) = bounds(|pixel| pixel.v, self.picture.height);
         let size = (right.saturating_sub(left).max(2), bottom.saturating_sub(top).max(2));
         let part = crop(&canvas.finish()?, left, top, size);
-        let mut canvas = Canvas::on(&part)?;
+        let mut canvas = Canvas::from_picture(&part)?;
         canvas.scale_bar_within(self.px_per_mm(panel.centre()))?;
         canvas.with_legend(legend)?.finish()
     }
@@ -113,70 +118,76 @@ impl View<'_> {
     /// # Errors
     /// If OpenCV refuses to draw; likewise for the other pictures.
     pub fn taught(&self, panel: &TaughtPanel, corners: &[Point<Panel>]) -> Result<ColorPicture, ImagingError> {
-        let mut canvas = Canvas::on(self.picture)?;
-        canvas.shade(&panel.mask, Ink::BLUE, 0.25)?;
-        self.outline(&mut canvas, panel, Pen { ink: Ink::BLUE, width_px: self.line_px() })?;
+        let mut canvas = Canvas::from_picture(self.picture)?;
+        canvas.tint_mask(&panel.mask, InkColor::BLUE, 0.25)?;
+        self.outline(&mut canvas, panel, PenWidth { ink: InkColor::BLUE, width_px: self.line_px() })?;
         self.draw_grids(&mut canvas, &panel.grids, &|_| false)?;
         for pixel in self.pixels(corners) {
-            canvas.cross(pixel, 14.0, Pen { ink: Ink::ORANGE, width_px: self.line_px() })?;
+            canvas.cross(pixel, 14.0, PenWidth { ink: InkColor::ORANGE, width_px: self.line_px() })?;
         }
         for held in &panel.held_px {
-            canvas.polyline(held, true, Pen { ink: Ink::VERMILLION, width_px: self.line_px() })?;
+            canvas.polyline(held, true, PenWidth { ink: InkColor::VERMILLION, width_px: self.line_px() })?;
         }
-        let mut legend = vec![(Ink::BLUE, "taught panel"), (Ink::WHITE, "grids")];
-        legend.extend((!corners.is_empty()).then_some((Ink::ORANGE, "taught corner")));
+        let mut legend = vec![(InkColor::BLUE, "taught panel"), (InkColor::WHITE, "grids")];
+        legend.extend((!corners.is_empty()).then_some((InkColor::ORANGE, "taught corner")));
         legend.extend(
-            (!panel.held_px.is_empty()).then_some((Ink::VERMILLION, "held place (holder or clamp): not used")),
+            (!panel.held_px.is_empty()).then_some((InkColor::VERMILLION, "held place (holder or clamp): not used")),
         );
-        self.framed(canvas, panel, &legend)
+        self.cropped_with_scale(canvas, panel, &legend)
     }
 
     /// Draws where the panel was found: its taught outline and grids at the place found, over the new picture.
     ///
     /// # Errors
-    /// As [`View::taught`].
+    /// As [`PanelOverlay::taught`].
     pub fn located(&self, panel: &TaughtPanel) -> Result<ColorPicture, ImagingError> {
-        let mut canvas = Canvas::on(self.picture)?;
-        self.outline(&mut canvas, panel, Pen { ink: Ink::ORANGE, width_px: self.line_px() })?;
+        let mut canvas = Canvas::from_picture(self.picture)?;
+        self.outline(&mut canvas, panel, PenWidth { ink: InkColor::ORANGE, width_px: self.line_px() })?;
         self.draw_grids(&mut canvas, &panel.grids, &|_| false)?;
-        self.framed(canvas, panel, &[(Ink::ORANGE, "taught outline at the found pose"), (Ink::WHITE, "grids")])
+        self.cropped_with_scale(
+            canvas,
+            panel,
+            &[(InkColor::ORANGE, "taught outline at the found pose"), (InkColor::WHITE, "grids")],
+        )
     }
 
     /// Draws the broken area, tinted and outlined; the area not seen, outlined, if it is known yet; and failed
     /// grids with a thick rim.
     ///
     /// # Errors
-    /// As [`View::taught`].
-    pub fn inspected(
+    /// As [`PanelOverlay::taught`].
+    pub fn draw_inspection(
         &self,
         panel: &TaughtPanel,
         broken: &Mask,
         not_seen: Option<&Mask>,
         failed: &dyn Fn(&Grid) -> bool,
     ) -> Result<ColorPicture, ImagingError> {
-        let mut canvas = Canvas::on(self.picture)?;
+        let mut canvas = Canvas::from_picture(self.picture)?;
         let not_seen = not_seen.filter(|mask| mask.inside.contains(&true));
-        for (mask, ink) in not_seen.map(|mask| (mask, Ink::BLUE)).into_iter().chain([(broken, Ink::YELLOW)]) {
-            canvas.shade(mask, ink, 0.3)?;
+        for (mask, ink) in
+            not_seen.map(|mask| (mask, InkColor::BLUE)).into_iter().chain([(broken, InkColor::YELLOW)])
+        {
+            canvas.tint_mask(mask, ink, 0.3)?;
             for contour in outer_contours(mask)? {
-                canvas.polyline(&contour, true, Pen { ink, width_px: 1 })?;
+                canvas.polyline(&contour, true, PenWidth { ink, width_px: 1 })?;
             }
         }
         self.draw_grids(&mut canvas, &panel.grids, failed)?;
         let mut legend = vec![
-            (Ink::YELLOW, "broken film"),
-            (Ink::VERMILLION, "failed grid"),
-            (Ink::WHITE, "grid that did not fail"),
+            (InkColor::YELLOW, "broken film"),
+            (InkColor::VERMILLION, "failed grid"),
+            (InkColor::WHITE, "grid that did not fail"),
         ];
-        legend.extend(not_seen.map(|_| (Ink::BLUE, "not seen")));
-        self.framed(canvas, panel, &legend)
+        legend.extend(not_seen.map(|_| (InkColor::BLUE, "not seen")));
+        self.cropped_with_scale(canvas, panel, &legend)
     }
 
     /// Draws when the film broke at each pixel: early breaks dark violet, late ones yellow; `time_s` returns the time
     /// for a column and a row.
     ///
     /// # Errors
-    /// As [`View::taught`].
+    /// As [`PanelOverlay::taught`].
     pub fn break_times(
         &self,
         panel: &TaughtPanel,
@@ -192,40 +203,41 @@ impl View<'_> {
                 *pixel = scale(time_s / end_s.max(1e-9)).0;
             }
         }
-        let mut canvas = Canvas::on(&picture)?;
+        let mut canvas = Canvas::from_picture(&picture)?;
         self.draw_grids(&mut canvas, &panel.grids, &|_| false)?;
         let meaning: Vec<String> =
             STOPS.iter().map(|(share, _)| format!("broke at {:.1} s", share * end_s)).collect();
-        let legend: Vec<(Ink, &str)> = STOPS.iter().zip(&meaning).map(|((_, ink), text)| (*ink, &**text)).collect();
-        self.framed(canvas, panel, &legend)
+        let legend: Vec<(InkColor, &str)> =
+            STOPS.iter().zip(&meaning).map(|((_, ink), text)| (*ink, &**text)).collect();
+        self.cropped_with_scale(canvas, panel, &legend)
     }
 
     /// Draws the tool's paths over the panel, each with a ring around its first point.
     ///
     /// # Errors
-    /// As [`View::taught`].
-    pub fn planned(
+    /// As [`PanelOverlay::taught`].
+    pub fn draw_plan(
         &self,
         panel: &TaughtPanel,
         paths: &[Vec<Point<Panel>>],
         planned: &dyn Fn(&Grid) -> bool,
     ) -> Result<ColorPicture, ImagingError> {
-        let mut canvas = Canvas::on(self.picture)?;
+        let mut canvas = Canvas::from_picture(self.picture)?;
         self.draw_grids(&mut canvas, &panel.grids, planned)?;
-        let pen = Pen { ink: Ink::YELLOW, width_px: self.line_px() };
+        let pen = PenWidth { ink: InkColor::YELLOW, width_px: self.line_px() };
         for path in paths {
             let pixels = self.pixels(path);
             canvas.polyline(&pixels, false, pen)?;
             if let Some(first) = pixels.first() {
-                canvas.cross(*first, f64::from(pen.width_px) * 4.0, Pen { ink: Ink::BLUE, ..pen })?;
+                canvas.cross(*first, f64::from(pen.width_px) * 4.0, PenWidth { ink: InkColor::BLUE, ..pen })?;
             }
         }
         let legend = [
-            (Ink::YELLOW, "path of the tool centre point"),
-            (Ink::BLUE, "first contact"),
-            (Ink::VERMILLION, "grid to abrade"),
-            (Ink::WHITE, "other grid"),
+            (InkColor::YELLOW, "path of the tool centre point"),
+            (InkColor::BLUE, "first contact"),
+            (InkColor::VERMILLION, "grid to abrade"),
+            (InkColor::WHITE, "other grid"),
         ];
-        self.framed(canvas, panel, &legend)
+        self.cropped_with_scale(canvas, panel, &legend)
     }
 }

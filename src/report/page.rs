@@ -62,7 +62,7 @@ pub struct Figure {
     pub jpeg: Vec<u8>,
 }
 
-const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2rem auto;padding:0 1rem;color:#1a1a1a;\
+const STYLE_SHEET: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2rem auto;padding:0 1rem;color:#1a1a1a;\
 background:#fff}h1{margin-bottom:0}.sub{color:#555;margin-top:.2rem}.verdict{padding:.6rem 1rem;border-left:.6rem solid;\
 background:#f4f4f4;font-size:1.15rem}.good{border-color:#009e73}.doubt{border-color:#e69f00}.bad{border-color:#d55e00}\
 table{border-collapse:collapse;margin:.6rem 0}th,td{text-align:left;padding:.15rem 1.2rem .15rem 0;border-bottom:1px solid #ddd;\
@@ -79,7 +79,7 @@ impl Page {
                     meta charset="utf-8";
                     meta name="viewport" content="width=device-width,initial-scale=1";
                     title { (self.title) }
-                    style { (PreEscaped(STYLE)) }
+                    style { (PreEscaped(STYLE_SHEET)) }
                 }
                 body {
                     @if !self.first.is_empty() { (PreEscaped(&self.first)) (PreEscaped("\n")) }
@@ -132,7 +132,7 @@ fn verdict(judgement: &Judgement) -> Markup {
     // A requested stop is not a fault, though there is no other verdict for a cycle without a result.
     let is_stopped =
         judgement.verdict == Verdict::Aborted && judgement.reasons.iter().any(|reason| reason.code == "stopped");
-    let word = if is_stopped { "stopped on request" } else { judgement.verdict.word() };
+    let word = if is_stopped { "stopped on request" } else { judgement.verdict.keyword() };
     let class = match judgement.verdict {
         _ if is_stopped => "doubt",
         Verdict::Accept | Verdict::Pass => "good",

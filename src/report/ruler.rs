@@ -1,6 +1,6 @@
 //! A ruler of a picture's pixels, from which the pixel position of a place can be read.
 
-use super::canvas::{Canvas, FONT, Ink, Pen, drawn, lettering};
+use super::canvas::{Canvas, FONT, InkColor, PenWidth, drawing_result, letter_size};
 use crate::geometry::Pixel;
 use crate::imaging::ImagingError;
 use opencv::core::{Mat, MatTraitConst, MatTraitManual};
@@ -16,28 +16,29 @@ impl Canvas {
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
-    pub fn with_ruler(mut self) -> Result<Self, ImagingError> {
+    pub fn draw_ruler(mut self) -> Result<Self, ImagingError> {
         let (width, height) = (self.mat.cols() as usize, self.mat.rows() as usize);
         let text_px = (height as f64 / 60.0).max(11.0);
         let step = RULER_STEPS_PX.into_iter().find(|step| width.max(height) / step <= MAX_NUMBERS);
         let step = step.unwrap_or(width.max(height));
-        self.lines_at(step)?;
+        self.draw_lines(step)?;
         // The band is as wide as the largest number and a tick; a tick ends before its rim would touch the picture.
-        let (scale, weight) = lettering(text_px);
-        let widest = drawn(imgproc::get_text_size(&width.max(height).to_string(), FONT, scale, weight, &mut 0))?;
+        let (scale, weight) = letter_size(text_px);
+        let widest =
+            drawing_result(imgproc::get_text_size(&width.max(height).to_string(), FONT, scale, weight, &mut 0))?;
         let band = widest.width + (1.6 * text_px).ceil() as i32;
         let mut mat = Mat::default();
-        let (border, ground) = (opencv::core::BORDER_CONSTANT, Ink::RIM.scalar());
-        drawn(opencv::core::copy_make_border(&self.mat, &mut mat, band, 0, band, 0, border, ground))?;
+        let (border, ground) = (opencv::core::BORDER_CONSTANT, InkColor::RIM.scalar());
+        drawing_result(opencv::core::copy_make_border(&self.mat, &mut mat, band, 0, band, 0, border, ground))?;
         let (mut canvas, band) = (Canvas { mat }, f64::from(band));
-        let pen = Pen { ink: Ink::WHITE, width_px: 1 };
+        let pen = PenWidth { ink: InkColor::WHITE, width_px: 1 };
         let tick = |at: usize| if at.is_multiple_of(step) { 0.9 * text_px } else { 0.4 * text_px };
         for u in (0..width).step_by(step / 5) {
             let at = band + u as f64;
             canvas.polyline(&[Pixel::at(at, band - tick(u)), Pixel::at(at, band - 3.0)], false, pen)?;
             if u % step == 0 {
                 let place = Pixel::at(at + 0.2 * text_px, band - 1.1 * text_px);
-                canvas.label(place, &u.to_string(), text_px, Ink::WHITE)?;
+                canvas.label(place, &u.to_string(), text_px, InkColor::WHITE)?;
             }
         }
         for v in (0..height).step_by(step / 5) {
@@ -45,23 +46,23 @@ impl Canvas {
             canvas.polyline(&[Pixel::at(band - tick(v), at), Pixel::at(band - 3.0, at)], false, pen)?;
             if v % step == 0 {
                 let place = Pixel::at(0.2 * text_px, at + 1.1 * text_px);
-                canvas.label(place, &v.to_string(), text_px, Ink::WHITE)?;
+                canvas.label(place, &v.to_string(), text_px, InkColor::WHITE)?;
             }
         }
         let corner = Pixel::at(0.2 * text_px, band - 1.1 * text_px);
-        canvas.label(corner, "px", text_px, Ink::WHITE)?;
+        canvas.label(corner, "px", text_px, InkColor::WHITE)?;
         Ok(canvas)
     }
 
     /// Draws faint lines at this distance in pixels, across and down.
-    fn lines_at(&mut self, step: usize) -> Result<(), ImagingError> {
-        const FAINT: f64 = 0.25;
+    fn draw_lines(&mut self, step: usize) -> Result<(), ImagingError> {
+        const LINE_OPACITY: f64 = 0.25;
         let width = self.mat.cols() as usize;
-        let pixels = drawn(self.mat.data_bytes_mut())?.as_chunks_mut::<3>().0;
+        let pixels = drawing_result(self.mat.data_bytes_mut())?.as_chunks_mut::<3>().0;
         for (index, pixel) in pixels.iter_mut().enumerate() {
             let (u, v) = (index % width, index / width);
             if (u > 0 && u % step == 0) || (v > 0 && v % step == 0) {
-                *pixel = Ink(*pixel).blend(Ink::WHITE, FAINT).0;
+                *pixel = InkColor(*pixel).mix_with(InkColor::WHITE, LINE_OPACITY).0;
             }
         }
         Ok(())
@@ -77,9 +78,10 @@ mod tests {
     /// whole steps.
     #[test]
     fn a_ruler_stands_beside_the_picture_and_counts_its_pixels() {
-        let mut plain = ColorPicture::filled(300, 200, [90; 3]);
+        let mut plain = ColorPicture::uniform(300, 200, [90; 3]);
         plain.rgb[37 * 300 + 45] = [1, 2, 3];
-        let ruled = Canvas::on(&plain).expect("a picture").with_ruler().expect("drawn").finish().expect("pixels");
+        let ruled =
+            Canvas::from_picture(&plain).expect("a picture").draw_ruler().expect("drawn").finish().expect("pixels");
         let band = ruled.width - 300;
         assert!(band > 20 && ruled.height == 200 + band, "{band}");
         let at = |u: usize, v: usize| ruled.rgb[(v + band) * ruled.width + u + band];

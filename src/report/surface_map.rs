@@ -5,21 +5,21 @@
 //! information about the surface, does not hide errors of the shape. Points that are missing or were left out are
 //! shown as they are, one by one.
 
-use super::canvas::{Canvas, Ink};
+use super::canvas::{Canvas, InkColor};
 use crate::geometry::ColorPicture;
 use crate::imaging::ImagingError;
-use crate::panel::Reference;
+use crate::panel::TaughtSource;
 use crate::surface::{DeviationMap, MapPixel};
 
 /// Deviation that has the full colour, mm.
-const FULL_MM: f64 = 0.1;
+const FULL_COLOR_MM: f64 = 0.1;
 /// Half the width n of the square over which the mean is calculated: 2 n + 1 pixels.
 const MEAN_RADIUS_PX: usize = 3;
-const OUTSIDE: Ink = Ink([245, 245, 245]);
-const MISSING: Ink = Ink([204, 121, 167]);
-const LEFT_OUT: Ink = Ink::YELLOW;
-const IN_FRONT: Ink = Ink::VERMILLION;
-const BEHIND: Ink = Ink::DEEP_BLUE;
+const OUTSIDE: InkColor = InkColor([245, 245, 245]);
+const MISSING: InkColor = InkColor([204, 121, 167]);
+const REJECTED_COLOR: InkColor = InkColor::YELLOW;
+const FRONT_COLOR: InkColor = InkColor::VERMILLION;
+const BACK_COLOR: InkColor = InkColor::DEEP_BLUE;
 
 /// Draws the map of a fit with its legend and scale.
 ///
@@ -27,9 +27,13 @@ const BEHIND: Ink = Ink::DEEP_BLUE;
 /// If OpenCV refuses to draw.
 pub fn surface_map(map: &DeviationMap) -> Result<ColorPicture, ImagingError> {
     let side_mm = (2 * MEAN_RADIUS_PX + 1) as f64 * map.mm_per_px();
-    let front = format!("scan {FULL_MM} mm or more in front of the surface, mean over {side_mm:.1} mm");
-    let behind = format!("scan {FULL_MM} mm or more behind it");
-    drawn(map, FULL_MM, [&front, "scan on the surface", &behind, "point excluded from the fit", "no point"])
+    let front = format!("scan {FULL_COLOR_MM} mm or more in front of the surface, mean over {side_mm:.1} mm");
+    let behind = format!("scan {FULL_COLOR_MM} mm or more behind it");
+    draw_deviation(
+        map,
+        FULL_COLOR_MM,
+        [&front, "scan on the surface", &behind, "point excluded from the fit", "no point"],
+    )
 }
 
 /// Draws the map of today's surface compared with the taught one, or with the drawing; at this deviation it has full
@@ -37,37 +41,42 @@ pub fn surface_map(map: &DeviationMap) -> Result<ColorPicture, ImagingError> {
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
-pub fn today_map(map: &DeviationMap, reference: Reference, full_mm: f64) -> Result<ColorPicture, ImagingError> {
-    let front = format!("panel {full_mm} mm or more in front of {}", reference.word());
+pub fn today_map(map: &DeviationMap, reference: TaughtSource, full_mm: f64) -> Result<ColorPicture, ImagingError> {
+    let front = format!("panel {full_mm} mm or more in front of {}", reference.describe());
     let level = match reference {
-        Reference::Scan => "as taught",
-        Reference::Drawing { .. } => "as drawn",
+        TaughtSource::Scan => "as taught",
+        TaughtSource::Drawing { .. } => "as drawn",
     };
     let behind = format!("panel {full_mm} mm or more behind it");
-    drawn(map, full_mm, [&front, level, &behind, "excluded from the fit", "not seen by the scan"])
+    draw_deviation(map, full_mm, [&front, level, &behind, "excluded from the fit", "not seen by the scan"])
 }
 
-fn drawn(
+fn draw_deviation(
     map: &DeviationMap,
     full_mm: f64,
     [front, level, behind, left_out, missing]: [&str; 5],
 ) -> Result<ColorPicture, ImagingError> {
     let (width, pixels) = (map.width(), map.pixels());
     let means = means_mm(width, pixels);
-    let mut picture = ColorPicture::filled(width, pixels.len() / width.max(1), OUTSIDE.0);
+    let mut picture = ColorPicture::uniform(width, pixels.len() / width.max(1), OUTSIDE.0);
     for ((color, pixel), mean_mm) in picture.rgb.iter_mut().zip(pixels).zip(means) {
         *color = match pixel {
             MapPixel::Outside => OUTSIDE,
             MapPixel::Missing => MISSING,
-            MapPixel::Rejected { .. } => LEFT_OUT,
-            MapPixel::Fits { .. } => shade(mean_mm / full_mm),
+            MapPixel::Rejected { .. } => REJECTED_COLOR,
+            MapPixel::Fits { .. } => deviation_color(mean_mm / full_mm),
         }
         .0;
     }
-    let mut canvas = Canvas::on(&picture)?;
+    let mut canvas = Canvas::from_picture(&picture)?;
     canvas.scale_bar_within(1.0 / map.mm_per_px())?;
-    let legend =
-        [(IN_FRONT, front), (Ink::WHITE, level), (BEHIND, behind), (LEFT_OUT, left_out), (MISSING, missing)];
+    let legend = [
+        (FRONT_COLOR, front),
+        (InkColor::WHITE, level),
+        (BACK_COLOR, behind),
+        (REJECTED_COLOR, left_out),
+        (MISSING, missing),
+    ];
     canvas.with_legend(&legend)?.finish()
 }
 
@@ -80,14 +89,18 @@ fn means_mm(width: usize, pixels: &[MapPixel]) -> Vec<f64> {
     };
     let values: Vec<[f64; 2]> = pixels.iter().map(own).collect();
     let height = values.len() / width.max(1);
-    let along_rows = sums(&values, (height, width), (width, 1));
-    let both = sums(&along_rows, (width, height), (1, width));
+    let along_rows = moving_sums(&values, (height, width), (width, 1));
+    let both = moving_sums(&along_rows, (width, height), (1, width));
     both.into_iter().map(|[sum, count]| if count > 0.0 { sum / count } else { 0.0 }).collect()
 }
 
 /// Calculates the sums over 2 n + 1 values along each of `lines` lines of `length` values; the last argument states
 /// the distances between lines and between values.
-fn sums(values: &[[f64; 2]], (lines, length): (usize, usize), (line_step, step): (usize, usize)) -> Vec<[f64; 2]> {
+fn moving_sums(
+    values: &[[f64; 2]],
+    (lines, length): (usize, usize),
+    (line_step, step): (usize, usize),
+) -> Vec<[f64; 2]> {
     let mut summed = vec![[0.0; 2]; values.len()];
     for line in 0..lines {
         let at = |place: usize| line * line_step + place * step;
@@ -103,9 +116,9 @@ fn sums(values: &[[f64; 2]], (lines, length): (usize, usize), (line_step, step):
 }
 
 /// Returns white at 0, the colour for the front at 1, and the colour for the back at −1.
-fn shade(share: f64) -> Ink {
-    let full = if share >= 0.0 { IN_FRONT } else { BEHIND };
-    Ink::WHITE.blend(full, share.abs().min(1.0))
+fn deviation_color(share: f64) -> InkColor {
+    let full = if share >= 0.0 { FRONT_COLOR } else { BACK_COLOR };
+    InkColor::WHITE.mix_with(full, share.abs().min(1.0))
 }
 
 #[cfg(test)]
@@ -125,7 +138,10 @@ mod tests {
 
     #[test]
     fn front_and_back_have_their_colours() {
-        assert_eq!([shade(2.0), shade(0.0), shade(-1.0)], [IN_FRONT, Ink::WHITE, BEHIND]);
-        assert_eq!(shade(0.5), Ink([234, 175, 128]));
+        assert_eq!(
+            [deviation_color(2.0), deviation_color(0.0), deviation_color(-1.0)],
+            [FRONT_COLOR, InkColor::WHITE, BACK_COLOR]
+        );
+        assert_eq!(deviation_color(0.5), InkColor([234, 175, 128]));
     }
 }

@@ -1,7 +1,7 @@
 //! The unrolled region: grids as boxes over its unit square, with the dimensions of the panel along its middle
 //! lines.
 
-use super::canvas::{Canvas, Ink, Pen};
+use super::canvas::{Canvas, InkColor, PenWidth};
 use crate::geometry::{ColorPicture, Pixel};
 use crate::imaging::ImagingError;
 use crate::panel::{GridId, Region};
@@ -10,16 +10,16 @@ use crate::panel::{GridId, Region};
 const PICTURE_PX: usize = 900;
 
 /// The size at which the region is drawn.
-pub(super) struct Unrolled {
+pub(super) struct UnrolledRegion {
     px_per_mm: f64,
     size_px: [f64; 2],
 }
 
-impl Unrolled {
+impl UnrolledRegion {
     /// Creates the drawing size of a region with these lengths along u and v, mm.
     pub fn new(sides_mm: [f64; 2]) -> Self {
         let px_per_mm = PICTURE_PX as f64 / sides_mm[0].max(sides_mm[1]).max(1.0);
-        Unrolled { px_per_mm, size_px: sides_mm.map(|side_mm| side_mm * px_per_mm) }
+        UnrolledRegion { px_per_mm, size_px: sides_mm.map(|side_mm| side_mm * px_per_mm) }
     }
 
     /// Completes the picture with the edges and names of these grids, a scale bar and a legend.
@@ -27,15 +27,15 @@ impl Unrolled {
         &self,
         picture: &ColorPicture,
         (region, grids): (&Region, &[(GridId, usize, usize)]),
-        legend: &[(Ink, &str)],
+        legend: &[(InkColor, &str)],
     ) -> Result<ColorPicture, ImagingError> {
-        let mut canvas = Canvas::on(picture)?;
+        let mut canvas = Canvas::from_picture(picture)?;
         let text_px = (self.size_px[1] / 40.0).max(12.0);
         for (id, ..) in grids {
             let edge = self.edge_px(region, *id);
-            canvas.polyline(&edge, true, Pen { ink: Ink::WHITE, width_px: 1 })?;
+            canvas.polyline(&edge, true, PenWidth { ink: InkColor::WHITE, width_px: 1 })?;
             let corner = Pixel::at(edge[0].u + text_px * 0.4, edge[0].v + text_px * 1.3);
-            canvas.label(corner, &id.to_string(), text_px, Ink::WHITE)?;
+            canvas.label(corner, &id.to_string(), text_px, InkColor::WHITE)?;
         }
         canvas.scale_bar_within(self.px_per_mm)?;
         canvas.with_legend(legend)?.finish()
@@ -50,14 +50,14 @@ impl Unrolled {
 
 /// Paints each pixel of some grids in the colour of its sample. A grid consists of its name, the number of samples
 /// along u, and all samples.
-pub(super) fn painted(
-    unrolled: &Unrolled,
+pub(super) fn paint_grids(
+    unrolled: &UnrolledRegion,
     (region, grids): (&Region, &[(GridId, usize, usize)]),
-    ground: Ink,
-    color: impl Fn(usize, usize, (usize, usize)) -> Ink,
+    ground: InkColor,
+    color: impl Fn(usize, usize, (usize, usize)) -> InkColor,
 ) -> ColorPicture {
     let [width, height] = unrolled.size_px.map(|size| (size as usize).max(1));
-    let mut picture = ColorPicture::filled(width, height, ground.0);
+    let mut picture = ColorPicture::uniform(width, height, ground.0);
     for (number, (id, columns, samples)) in grids.iter().enumerate() {
         let [low, high] = region.unit_box(*id);
         let rows = samples / (*columns).max(1);

@@ -1,6 +1,6 @@
 //! The requirements on a cell's file, and which of them it does not meet.
 
-use crate::config::{Problem, line_of_key};
+use crate::config::{Problem, key_line};
 
 /// The intended use of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,18 +23,18 @@ impl Purpose {
 
 /// A requirement that a cell's file does not state, or states with a value that is not possible.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Unmet {
+pub struct UnmetRequirement {
     /// The key with its tables, `poses.park.a1_deg`.
     pub key: String,
     /// The value found, the value needed, and the action.
     pub message: String,
     /// The kind of the problem.
-    pub lack: Lack,
+    pub kind: ProblemKind,
 }
 
 /// The kind of problem in a cell's file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Lack {
+pub enum ProblemKind {
     /// A value is missing or not possible.
     Value,
     /// A file that the cell's file names is missing: it may still be created.
@@ -45,15 +45,15 @@ pub enum Lack {
     Acceptance,
 }
 
-impl Unmet {
+impl UnmetRequirement {
     pub(super) fn new(key: impl Into<String>, message: impl Into<String>) -> Self {
-        Unmet { key: key.into(), message: message.into(), lack: Lack::Value }
+        UnmetRequirement { key: key.into(), message: message.into(), kind: ProblemKind::Value }
     }
 }
 
 /// Returns the problems of a file with this text, each at the line of its key, in the order of the lines.
-pub fn problems_of(text: &str, unmet: Vec<Unmet>) -> Vec<Problem> {
-    let problem = |Unmet { key, message, .. }| Problem { line: line_of_key(text, &key), key, message };
+pub fn to_problems(text: &str, unmet: Vec<UnmetRequirement>) -> Vec<Problem> {
+    let problem = |UnmetRequirement { key, message, .. }| Problem { line: key_line(text, &key), key, message };
     let mut problems: Vec<Problem> = unmet.into_iter().map(problem).collect();
     problems.sort_by_key(|problem| problem.line);
     problems

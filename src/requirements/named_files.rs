@@ -1,11 +1,11 @@
 //! The files that a cell's file names: whether they exist, and the results of their own checks.
 
-use super::findings::{Lack, Purpose, Unmet};
+use super::findings::{ProblemKind, Purpose, UnmetRequirement};
 use crate::cell::{
     Camera, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RemovalCalibration, RobotCorrection,
     ScannerMount, ToolMount, ZividSettings, ZividUse,
 };
-use crate::config::{Problem, Problems, line_of_key};
+use crate::config::{Problem, Problems, key_line};
 use crate::files::content_hash;
 use std::path::Path;
 
@@ -23,54 +23,59 @@ pub enum NamedFile {
     /// The file exists and cannot be read: the reason.
     Unreadable(String),
     /// The reader did not look for the file.
-    NotLookedAt,
+    NotChecked,
 }
 
 /// Reads a named file.
 pub type ReadNamed<'a> = &'a dyn Fn(&Path) -> NamedFile;
 
-/// Returns [`NamedFile::NotLookedAt`] for any file.
-pub fn not_looked_at(_: &Path) -> NamedFile {
-    NamedFile::NotLookedAt
+/// Returns [`NamedFile::NotChecked`] for any file.
+pub fn skip_file(_: &Path) -> NamedFile {
+    NamedFile::NotChecked
 }
 
 /// The keys of files that every command reads if it reads the cell.
-const ALWAYS: [&str; 1] = ["calibration.robot_correction"];
+const ALWAYS_READ_KEYS: [&str; 1] = ["calibration.robot_correction"];
 /// Keys of `[scanner]`.
 const SETTINGS: [(&str, ZividUse); 2] =
     [("scanner.settings", ZividUse::Scan), ("scanner.settings_2d", ZividUse::Film)];
 
 /// The files needed for the purpose that are missing or not right. The message of the first missing calibration
 /// states what to do.
-pub(super) fn unmet(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<Unmet> {
-    let needs = |key: &str| purpose == Purpose::Cycle || ALWAYS.contains(&key);
+pub(super) fn unmet_files(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
+    let needs = |key: &str| purpose == Purpose::Cycle || ALWAYS_READ_KEYS.contains(&key);
     let correction = Correction::from_cell(cell, read);
     let mut has_advised = false;
     let judge = |(key, file): (String, &Path)| {
         let name = file.display().to_string();
         let (lack, message) = match read(file) {
-            NamedFile::NotLookedAt => return None,
+            NamedFile::NotChecked => return None,
             NamedFile::Missing if key.starts_with("calibration.") && !std::mem::replace(&mut has_advised, true) => {
-                (Lack::MissingFile, format!("names the file {name}, which does not exist; {CALIBRATION_ADVICE}"))
+                (
+                    ProblemKind::MissingFile,
+                    format!("names the file {name}, which does not exist; {CALIBRATION_ADVICE}"),
+                )
             }
-            NamedFile::Missing => (Lack::MissingFile, format!("names the file {name}, which does not exist")),
+            NamedFile::Missing => {
+                (ProblemKind::MissingFile, format!("names the file {name}, which does not exist"))
+            }
             NamedFile::Unreadable(why) => {
-                (Lack::WrongFile, format!("names the file {name}, which cannot be read: {why}"))
+                (ProblemKind::WrongFile, format!("names the file {name}, which cannot be read: {why}"))
             }
             NamedFile::Text(text) => {
-                let problems = check(&key, &name, &text, &correction).err()?;
-                (Lack::WrongFile, format!("names a file that is not valid: {}", first(&problems)))
+                let problems = check_named_file(&key, &name, &text, &correction).err()?;
+                (ProblemKind::WrongFile, format!("names a file that is not valid: {}", first_problem(&problems)))
             }
         };
-        Some(Unmet { key, message, lack })
+        Some(UnmetRequirement { key, message, kind: lack })
     };
-    named(cell).into_iter().filter(|(key, _)| needs(key)).filter_map(judge).collect()
+    named_files(cell).into_iter().filter(|(key, _)| needs(key)).filter_map(judge).collect()
 }
 
 /// Lists the named files with their keys.
-fn named(cell: &Cell) -> Vec<(String, &Path)> {
+fn named_files(cell: &Cell) -> Vec<(String, &Path)> {
     let calibrations =
-        cell.calibration().named().into_iter().map(|(key, file)| (format!("calibration.{key}"), file));
+        cell.calibration().named_files().into_iter().map(|(key, file)| (format!("calibration.{key}"), file));
     let settings = match cell.scanner() {
         Camera::Device(zivid) => [zivid.settings.as_deref(), zivid.settings_2d.as_deref()],
         Camera::Simulated | Camera::Recorded { .. } => [None, None],
@@ -99,31 +104,31 @@ impl Correction {
 
 /// Returns whether a mount that was measured with the robot was measured with this correction of the arm, named by
 /// its hash. If this cell has no correction, the mount must have been measured without one.
-pub fn is_measured_with<M: Mount>(mount: &MountedPose<M>, correction: Option<&str>) -> bool {
+pub fn is_same_correction<M: Mount>(mount: &MountedPose<M>, correction: Option<&str>) -> bool {
     // A mount that a person wrote by hand was not measured with the robot.
     let is_measured = mount.provenance.program.is_some() || mount.robot_correction.is_some();
     !is_measured || mount.robot_correction.as_deref() == correction
 }
 
 /// Checks a file according to the key that names it.
-fn check(key: &str, name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
+fn check_named_file(key: &str, name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
     if let Some((_, usage)) = SETTINGS.into_iter().find(|(settings, _)| *settings == key) {
         return ZividSettings::check(name, text, usage).map(drop);
     }
     match key.trim_start_matches("calibration.") {
         "scanner" | "flange_camera" => Intrinsics::check(name, text).map(drop),
-        ScannerMount::TABLE => mounted::<ScannerMount>(name, text, correction).map(drop),
-        FlangeCameraMount::TABLE => mounted::<FlangeCameraMount>(name, text, correction).map(drop),
+        ScannerMount::TABLE => check_mount::<ScannerMount>(name, text, correction).map(drop),
+        FlangeCameraMount::TABLE => check_mount::<FlangeCameraMount>(name, text, correction).map(drop),
         ToolMount::TABLE => tool(name, text, correction),
         "robot_correction" => RobotCorrection::check(name, text).map(drop),
         _ => RemovalCalibration::check(name, text).map(drop),
     }
 }
 
-fn mounted<M: Mount>(name: &str, text: &str, correction: &Correction) -> Result<MountedPose<M>, Problems> {
+fn check_mount<M: Mount>(name: &str, text: &str, correction: &Correction) -> Result<MountedPose<M>, Problems> {
     let mount = MountedPose::<M>::check(name, text)?;
     let is_ours = match correction {
-        Correction::Known(ours) => is_measured_with(&mount, ours.as_deref()),
+        Correction::Known(ours) => is_same_correction(&mount, ours.as_deref()),
         Correction::Unknown => true,
     };
     if is_ours {
@@ -136,7 +141,7 @@ fn mounted<M: Mount>(name: &str, text: &str, correction: &Correction) -> Result<
 
 /// Checks a tool's file: the tool's point is not enough for a cycle, its axis must also be measured.
 fn tool(name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
-    if mounted::<ToolMount>(name, text, correction)?.axis_measured == Some(true) {
+    if check_mount::<ToolMount>(name, text, correction)?.axis_measured == Some(true) {
         return Ok(());
     }
     let message = "the tool's axis was not measured, and a path needs it: run `panelprep calibrate tcp` with [[axis]], or with \
@@ -145,12 +150,12 @@ fn tool(name: &str, text: &str, correction: &Correction) -> Result<(), Problems>
 }
 
 fn problem(name: &str, text: &str, key: String, message: &str) -> Problems {
-    let problem = Problem { line: line_of_key(text, &key), key, message: message.to_owned() };
+    let problem = Problem { line: key_line(text, &key), key, message: message.to_owned() };
     Problems { file: name.to_owned(), list: vec![problem] }
 }
 
 /// Returns the first problem with its file and line, and the number of problems.
-fn first(problems: &Problems) -> String {
+fn first_problem(problems: &Problems) -> String {
     let all = problems.to_string();
     let first = all.lines().next().unwrap_or_default().to_owned();
     match problems.list.len() {
@@ -161,21 +166,21 @@ fn first(problems: &Problems) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Purpose, incomplete};
+    use super::super::{Purpose, incomplete_files};
     use super::*;
 
     const WHOLE: &str = include_str!("../../config/cell.toml");
 
     fn found(cell: &str, read: ReadNamed<'_>) -> Vec<(String, String)> {
         let cell = Cell::check("cell.toml", cell).unwrap_or_else(|problems| panic!("{problems}"));
-        incomplete(&cell, Purpose::Cycle, read).into_iter().map(|unmet| (unmet.key, unmet.message)).collect()
+        incomplete_files(&cell, Purpose::Cycle, read).into_iter().map(|unmet| (unmet.key, unmet.message)).collect()
     }
 
     /// Each file is reported once, and the remedy is stated once; an existing file is checked as the kind of file that
     /// its key names.
     #[test]
     fn files_that_are_not_there_or_not_right_are_named_once() {
-        assert_eq!(found(WHOLE, &not_looked_at), []);
+        assert_eq!(found(WHOLE, &skip_file), []);
         let missing = found(WHOLE, &|_| NamedFile::Missing);
         let keys: Vec<&str> = missing.iter().map(|(key, _)| key.as_str()).collect();
         assert!(keys.len() >= 5 && keys.iter().all(|key| key.starts_with("calibration.")), "{keys:?}");
@@ -228,7 +233,7 @@ mod tests {
         );
         let read = |file: &Path| match file.extension().is_some_and(|ending| ending == "yml") {
             true => NamedFile::Missing,
-            false => NamedFile::NotLookedAt,
+            false => NamedFile::NotChecked,
         };
         let keys: Vec<String> = found(&zivid, &read).into_iter().map(|(key, _)| key).collect();
         assert_eq!(keys, ["scanner.settings", "scanner.settings_2d"]);

@@ -1,10 +1,10 @@
 //! Whether a cell can execute a recipe: checks what both files state about the tool, the feed and the region.
 
-use super::{NamedFile, ReadNamed, Unmet, in_metres, problems_of};
+use super::{NamedFile, ReadNamed, UnmetRequirement, check_box_unit, to_problems};
 use crate::cell::{Cell, CompliantTool, Intrinsics};
 use crate::config::Problems;
-use crate::force::Weight;
-use crate::number_text::{fixed, plain};
+use crate::force::SensorLoad;
+use crate::number_text::{fixed_decimals, shortest_text};
 use crate::recipe::Recipe;
 use crate::removal::model::UNKNOWN;
 
@@ -19,15 +19,15 @@ pub enum ForceMismatch {
         "the recipe states [path] force_n = {found_n}, which has no effect: the cell's [tool] is a spring; remove \
          the key, or use a cell with a compliant tool"
     )]
-    ForceOfSpring {
+    ForceForSpringTool {
         /// The stated force, N.
         found_n: f64,
     },
     /// The stated force exceeds the tool's force.
     #[error(
         "[path] force_n = {found_n} of the recipe is too high: with the tool's band of {band_n} N and the weight of \
-         its payload, {} N, it exceeds [tool] max_force_n = {most_n}. Lower the force",
-        fixed(*weight_n, 1)
+         its payload, {} N, it exceeds [tool] max_force_n = {max_force_n}. Lower the force",
+        fixed_decimals(*weight_n, 1)
     )]
     TooMuchForce {
         /// The stated force, N.
@@ -37,7 +37,7 @@ pub enum ForceMismatch {
         /// The weight of the tool's payload, N.
         weight_n: f64,
         /// The largest force of the tool, N.
-        most_n: f64,
+        max_force_n: f64,
     },
 }
 
@@ -49,12 +49,12 @@ pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), F
     match (tool, recipe.path().force_n()) {
         (None, None) => Ok(()),
         (Some(_), None) => Err(ForceMismatch::NoForce),
-        (None, Some(found_n)) => Err(ForceMismatch::ForceOfSpring { found_n }),
+        (None, Some(found_n)) => Err(ForceMismatch::ForceForSpringTool { found_n }),
         (Some(tool), Some(found_n)) => {
             // When the tool points up, it lifts its payload as well.
-            let (band_n, weight_n, most_n) = (tool.band_n, Weight::from(tool).presses_n(1.0), tool.max_force_n);
+            let (band_n, weight_n, most_n) = (tool.band_n, SensorLoad::from(tool).presses_n(1.0), tool.max_force_n);
             match found_n + band_n + weight_n > most_n {
-                true => Err(ForceMismatch::TooMuchForce { found_n, band_n, weight_n, most_n }),
+                true => Err(ForceMismatch::TooMuchForce { found_n, band_n, weight_n, max_force_n: most_n }),
                 false => Ok(()),
             }
         }
@@ -64,11 +64,11 @@ pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), F
 /// Returns the demands of a recipe that this cell cannot meet, by the recipe's keys; empty if recipe and cell match.
 /// The region is compared with the size of the scanner's picture, which is stated in the calibration that the cell
 /// names.
-pub fn unfit(cell: &Cell, recipe: &Recipe, read: ReadNamed<'_>) -> Vec<Unmet> {
+pub fn unmet_demands(cell: &Cell, recipe: &Recipe, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
     let force = force_fits(cell.tool().compliant(), recipe).err();
-    let force = force.map(|mismatch| Unmet::new("path.force_n", mismatch.to_string()));
+    let force = force.map(|mismatch| UnmetRequirement::new("path.force_n", mismatch.to_string()));
     let is_unknown = recipe.removal().is_some() && cell.calibration().removal.is_none();
-    let removal = is_unknown.then(|| Unmet::new("removal", UNKNOWN));
+    let removal = is_unknown.then(|| UnmetRequirement::new("removal", UNKNOWN));
     let outside = picture_px(cell, read).and_then(|size_px| corner_outside(recipe, size_px));
     force.into_iter().chain(removal).chain(feed_fits(cell, recipe).err()).chain(outside).collect()
 }
@@ -77,27 +77,27 @@ pub fn unfit(cell: &Cell, recipe: &Recipe, read: ReadNamed<'_>) -> Vec<Unmet> {
 ///
 /// # Errors
 /// The key, the stated feed, and the limit.
-pub fn feed_fits(cell: &Cell, recipe: &Recipe) -> Result<(), Unmet> {
+pub fn feed_fits(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> {
     let (found, limit) = (recipe.path().feed_mm_s(), cell.limits().max_speed_mm_s());
     if found <= limit {
         return Ok(());
     }
-    let [found, limit] = [found, limit].map(plain);
+    let [found, limit] = [found, limit].map(shortest_text);
     let message = format!("found {found}, the cell's [limits] max_speed_mm_s is {limit}: lower the feed");
-    Err(Unmet::new("path.feed_mm_s", message))
+    Err(UnmetRequirement::new("path.feed_mm_s", message))
 }
 
 /// Reads a recipe, and refuses a recipe that no cell could execute, because its box is stated in metres.
 ///
 /// # Errors
 /// The problems of the recipe.
-pub fn plausible(name: &str, text: &str) -> Result<Recipe, Problems> {
+pub fn parse_plausible_recipe(name: &str, text: &str) -> Result<Recipe, Problems> {
     let recipe = Recipe::check(name, text)?;
     let locate = recipe.locate();
-    let in_metres = in_metres("locate.box_max_mm", locate.box_min_mm(), locate.box_max_mm());
+    let in_metres = check_box_unit("locate.box_max_mm", locate.box_min_mm(), locate.box_max_mm());
     match in_metres {
         None => Ok(recipe),
-        Some(unmet) => Err(Problems { file: name.to_owned(), list: problems_of(text, vec![unmet]) }),
+        Some(unmet) => Err(Problems { file: name.to_owned(), list: to_problems(text, vec![unmet]) }),
     }
 }
 
@@ -109,18 +109,18 @@ fn picture_px(cell: &Cell, read: ReadNamed<'_>) -> Option<[usize; 2]> {
     Some([lens.camera.width_px, lens.camera.height_px])
 }
 
-fn corner_outside(recipe: &Recipe, [width_px, height_px]: [usize; 2]) -> Option<Unmet> {
+fn corner_outside(recipe: &Recipe, [width_px, height_px]: [usize; 2]) -> Option<UnmetRequirement> {
     let is_outside =
         |[u, v]: &[f64; 2]| !(0.0..=width_px as f64).contains(u) || !(0.0..=height_px as f64).contains(v);
-    let [u, v] = recipe.region().corners_px().into_iter().find(is_outside)?.map(plain);
+    let [u, v] = recipe.region().corners_px().into_iter().find(is_outside)?.map(shortest_text);
     let message =
         format!("the corner ({u}, {v}) is outside of the scanner's picture of {width_px} × {height_px} px");
-    Some(Unmet::new("region.corners_px", message))
+    Some(UnmetRequirement::new("region.corners_px", message))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::not_looked_at;
+    use super::super::skip_file;
     use super::*;
     use crate::geometry::PinholeCamera;
 
@@ -130,7 +130,7 @@ mod tests {
                       corners_px = [[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]]\nrows = 1\ncolumns = 1\n";
         let recipe = Recipe::check("recipe.toml", &format!("{region}{recipe}"))
             .unwrap_or_else(|problems| panic!("{problems}"));
-        unfit(&cell, &recipe, &not_looked_at).into_iter().map(|unmet| unmet.key).collect()
+        unmet_demands(&cell, &recipe, &skip_file).into_iter().map(|unmet| unmet.key).collect()
     }
 
     /// By hand: the limit is 250 mm/s if the cell states nothing; a corner at 12,970 px is outside a picture of 1,944
@@ -151,9 +151,9 @@ mod tests {
             )
         };
         let told = |corner: &str| {
-            let recipe = plausible("recipe.toml", &text(corner, "[900, 900, 900]"));
+            let recipe = parse_plausible_recipe("recipe.toml", &text(corner, "[900, 900, 900]"));
             let recipe = recipe.unwrap_or_else(|problems| panic!("{problems}"));
-            unfit(&cell, &recipe, &|_| NamedFile::Text(lens.clone()))
+            unmet_demands(&cell, &recipe, &|_| NamedFile::Text(lens.clone()))
         };
         assert_eq!(told("1297.0, 0.0"), []);
         let outside = told("12970.0, 0.0");
@@ -162,7 +162,7 @@ mod tests {
             outside[0].message,
             "the corner (12970, 0) is outside of the scanner's picture of 1944 × 1200 px"
         );
-        let box_of = |high: &str| plausible("recipe.toml", &text("9.0, 0.0", high)).map(drop);
+        let box_of = |high: &str| parse_plausible_recipe("recipe.toml", &text("9.0, 0.0", high)).map(drop);
         assert_eq!(box_of("[170, 480, 4]"), Ok(()));
         let problems = box_of("[0.17, 0.48, 0.36]").expect_err("metres").to_string();
         let told = "recipe.toml:4: locate.box_max_mm: found a box of 0.17 × 0.48 × 0.36 mm; are these metres? write millimetres";

@@ -3,7 +3,7 @@
 //! back.
 
 use super::key::PublicKey;
-use super::statement::{BEGIN, SignedHead, Statement, StatementContent, hash};
+use super::statement::{CHAIN_BEGIN, SignedHead, Statement, StatementContent, hash};
 use crate::record::CycleId;
 use std::collections::BTreeMap;
 
@@ -17,12 +17,12 @@ pub struct Signed {
     /// The 64 bytes of its signature.
     pub signature: Vec<u8>,
     /// The claim that the statement's name makes.
-    pub claim: Claim,
+    pub claim: NameClaim,
 }
 
 /// The claim that a statement's name makes about the statement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Claim {
+pub enum NameClaim {
     /// Nothing.
     Nothing,
     /// The cell's statement of this cycle.
@@ -33,9 +33,9 @@ pub enum Claim {
 
 /// The result of a verification.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Verified {
+pub struct VerificationResult {
     /// Differences from what was signed, in words.
-    pub found: Vec<String>,
+    pub differences: Vec<String>,
     /// Missing statement numbers before the last one, as ranges (first, last). They are a finding if the set must
     /// be complete, and none if only a part of the chain was handed on.
     pub gaps: Vec<(u64, u64)>,
@@ -44,7 +44,7 @@ pub struct Verified {
 }
 
 /// A statement with a valid signature.
-struct Whole<'s> {
+struct ValidStatement<'s> {
     name: &'s str,
     statement: Statement,
     hash: String,
@@ -54,19 +54,21 @@ struct Whole<'s> {
 /// statements must be complete from the cell's first to the one that the head names. Without a head, missing
 /// numbers are listed separately from findings: a person who has the record of one cycle does not have the records
 /// of other cycles in between.
-pub fn verify(all: &[Signed], keys: &[PublicKey], head: Option<&Signed>) -> Verified {
-    let mut verified = Verified::default();
-    let mut whole: BTreeMap<u64, Whole<'_>> = BTreeMap::new();
+pub fn verify(all: &[Signed], keys: &[PublicKey], head: Option<&Signed>) -> VerificationResult {
+    let mut verified = VerificationResult::default();
+    let mut whole: BTreeMap<u64, ValidStatement<'_>> = BTreeMap::new();
     for signed in all {
         match read(signed, keys) {
-            Err(problem) => verified.found.push(problem),
+            Err(problem) => verified.differences.push(problem),
             Ok(one) => {
-                verified.found.extend(misplaced(signed, &one.statement));
+                verified.differences.extend(check_claim(signed, &one.statement));
                 match whole.get(&one.statement.number) {
                     Some(other) if other.hash == one.hash => {
-                        verified.found.push(format!("{} and {} contain the same record", other.name, one.name));
+                        verified
+                            .differences
+                            .push(format!("{} and {} contain the same record", other.name, one.name));
                     }
-                    Some(other) => verified.found.push(format!(
+                    Some(other) => verified.differences.push(format!(
                         "{} and {} both have the record number {}: the chain was forked",
                         other.name, one.name, one.statement.number
                     )),
@@ -77,26 +79,26 @@ pub fn verify(all: &[Signed], keys: &[PublicKey], head: Option<&Signed>) -> Veri
             }
         }
     }
-    verified.found.extend(broken(&whole));
+    verified.differences.extend(broken_links(&whole));
     verified.gaps = gaps(&whole);
-    verified.found.extend(unbound(&whole));
-    verified.found.extend(unearned(&whole));
+    verified.differences.extend(unbound_signatures(&whole));
+    verified.differences.extend(unearned_verdicts(&whole));
     if let Some(head) = head {
-        verified.found.extend(std::mem::take(&mut verified.gaps).into_iter().map(missing));
-        verified.found.extend(beyond(&whole, head, keys));
+        verified.differences.extend(std::mem::take(&mut verified.gaps).into_iter().map(missing_text));
+        verified.differences.extend(missing_from_statements(&whole, head, keys));
     }
     let statements = whole.into_iter().map(|(number, one)| (number, (one.statement, one.hash)));
     verified.statements = statements.collect();
     verified
 }
 
-fn read<'s>(signed: &'s Signed, keys: &[PublicKey]) -> Result<Whole<'s>, String> {
+fn read<'s>(signed: &'s Signed, keys: &[PublicKey]) -> Result<ValidStatement<'s>, String> {
     let Signed { name, bytes, signature, .. } = signed;
-    let signs = keys.iter().find(|key| key.verifies(bytes, signature));
+    let signs = keys.iter().find(|key| key.is_valid_signature(bytes, signature));
     let statement = Statement::read(bytes);
     match (signs, statement) {
         (Some(key), Ok(statement)) if statement.public_key == key.hex() => {
-            Ok(Whole { name, statement, hash: hash(bytes) })
+            Ok(ValidStatement { name, statement, hash: hash(bytes) })
         }
         (Some(_), Ok(statement)) => {
             Err(format!("{name} was signed with another key than the key that it names, {}", statement.public_key))
@@ -111,12 +113,12 @@ fn read<'s>(signed: &'s Signed, keys: &[PublicKey]) -> Result<Whole<'s>, String>
 }
 
 /// Returns a finding if the statement contradicts the claim that its name makes.
-fn misplaced(signed: &Signed, statement: &Statement) -> Option<String> {
+fn check_claim(signed: &Signed, statement: &Statement) -> Option<String> {
     let is_there = match (signed.claim, &statement.says) {
-        (Claim::Nothing, _) => true,
-        (Claim::Number(number), _) => statement.number == number,
-        (Claim::Cycle(id), StatementContent::Cycle(cycle)) => cycle.id == id,
-        (Claim::Cycle(_), StatementContent::Person(_)) => false,
+        (NameClaim::Nothing, _) => true,
+        (NameClaim::Number(number), _) => statement.number == number,
+        (NameClaim::Cycle(id), StatementContent::Cycle(cycle)) => cycle.id == id,
+        (NameClaim::Cycle(_), StatementContent::Person(_)) => false,
     };
     let words = |number, cycle| {
         format!(
@@ -129,20 +131,20 @@ fn misplaced(signed: &Signed, statement: &Statement) -> Option<String> {
 }
 
 /// Returns the missing numbers, from the first number of the cell to the last one present.
-fn gaps(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<(u64, u64)> {
+fn gaps(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<(u64, u64)> {
     let before = std::iter::once(0).chain(whole.keys().copied());
     let between = before.zip(whole.keys()).filter(|(before, number)| before + 1 < **number);
     between.map(|(before, number)| (before + 1, number - 1)).collect()
 }
 
 /// Returns a finding for each statement that names a different predecessor than the one present.
-fn broken(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
+fn broken_links(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     let mut found = Vec::new();
-    let mut before: Option<&Whole<'_>> = None;
+    let mut before: Option<&ValidStatement<'_>> = None;
     for one in whole.values() {
         let (number, name) = (one.statement.number, one.name);
         let expected = match before {
-            _ if number == 1 => Some(BEGIN),
+            _ if number == 1 => Some(CHAIN_BEGIN),
             Some(before) if before.statement.number + 1 == number => Some(before.hash.as_str()),
             // Without the predecessor, its hash is not known.
             Some(_) | None => None,
@@ -159,7 +161,7 @@ fn broken(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
 }
 
 /// The words for a gap in a chain that must be complete.
-pub fn missing((first, last): (u64, u64)) -> String {
+pub fn missing_text((first, last): (u64, u64)) -> String {
     match first == last {
         true => format!("record number {first} is missing"),
         false => format!("records number {first} to {last} are missing"),
@@ -167,7 +169,7 @@ pub fn missing((first, last): (u64, u64)) -> String {
 }
 
 /// The words for a gap if only a part of the chain was handed on.
-pub fn not_here((first, last): (u64, u64)) -> String {
+pub fn partial_chain_text((first, last): (u64, u64)) -> String {
     match first == last {
         true => format!("record number {first} is not in this folder"),
         false => format!("records number {first} to {last} are not in this folder"),
@@ -175,17 +177,17 @@ pub fn not_here((first, last): (u64, u64)) -> String {
 }
 
 /// Signatures of persons that name a different record than the one present.
-fn unbound(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
+fn unbound_signatures(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     for one in whole.values() {
         let StatementContent::Person(person) = &one.statement.says else { continue };
-        let of_cycle = |other: &&Whole<'_>| match &other.statement.says {
+        let of_cycle = |other: &&ValidStatement<'_>| match &other.statement.says {
             StatementContent::Cycle(cycle) => {
                 cycle.id == person.cycle && other.statement.number < one.statement.number
             }
             StatementContent::Person(_) => false,
         };
-        let records: Vec<&Whole<'_>> = whole.values().filter(of_cycle).collect();
+        let records: Vec<&ValidStatement<'_>> = whole.values().filter(of_cycle).collect();
         if !records.is_empty() && records.iter().all(|record| record.hash != person.record_hash) {
             found.push(format!(
                 "{}: {} signed another version of the record of cycle {}",
@@ -197,13 +199,15 @@ fn unbound(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
 }
 
 /// Records with a better verdict than their findings allow.
-fn unearned(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
+fn unearned_verdicts(whole: &BTreeMap<u64, ValidStatement<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     for one in whole.values() {
         let StatementContent::Cycle(cycle) = &one.statement.says else { continue };
         match cycle.cycle_record() {
             Ok(record) => {
-                found.extend(record.unearned().into_iter().map(|words| format!("{}: {words}", one.name)));
+                found.extend(
+                    record.verdict_contradictions().into_iter().map(|words| format!("{}: {words}", one.name)),
+                );
             }
             Err(error) => {
                 found.push(format!("{}: cannot compare the verdict with the findings: {error}", one.name))
@@ -214,9 +218,13 @@ fn unearned(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
 }
 
 /// Lists what the head contains but the statements do not.
-fn beyond(whole: &BTreeMap<u64, Whole<'_>>, signed: &Signed, keys: &[PublicKey]) -> Vec<String> {
+fn missing_from_statements(
+    whole: &BTreeMap<u64, ValidStatement<'_>>,
+    signed: &Signed,
+    keys: &[PublicKey],
+) -> Vec<String> {
     let name = &signed.name;
-    if !keys.iter().any(|key| key.verifies(&signed.bytes, &signed.signature)) {
+    if !keys.iter().any(|key| key.is_valid_signature(&signed.bytes, &signed.signature)) {
         return vec![format!("the chain head {name} was changed: the signature does not match its content")];
     }
     let head = match SignedHead::read(&signed.bytes) {
@@ -225,14 +233,14 @@ fn beyond(whole: &BTreeMap<u64, Whole<'_>>, signed: &Signed, keys: &[PublicKey])
     };
     let mut found = Vec::new();
     if whole.is_empty() && head.number > 0 {
-        found.push(missing((1, head.number)));
+        found.push(missing_text((1, head.number)));
     }
     let last = whole.keys().next_back().copied().unwrap_or(0);
     if last < head.number && last > 0 {
         found.push(format!(
             "rolled back: the chain head {name} is at record number {}; {}",
             head.number,
-            missing((last + 1, head.number))
+            missing_text((last + 1, head.number))
         ));
     }
     if let Some(one) = whole.get(&head.number).filter(|one| one.hash != head.hash) {

@@ -9,7 +9,7 @@ const REQUESTS_PATH: &str = "/asked";
 /// or from a person.
 const MOTION: &str = "/motions/";
 /// Fields with counts that may grow after signing.
-const COUNTING: [&str; 1] = ["/events"];
+const GROWING_FIELDS: [&str; 1] = ["/events"];
 /// The most differences that are reported; the first ones are enough.
 const MAX_DIFFERENCES: usize = 5;
 
@@ -29,9 +29,9 @@ fn compare(at: &str, signed: &Value, now: &Value, found: &mut Vec<String>) {
         return;
     }
     match (signed, now) {
-        (Value::Array(signed), Value::Array(now)) if at == REQUESTS_PATH && all_asked(signed, now) => {}
+        (Value::Array(signed), Value::Array(now)) if at == REQUESTS_PATH && are_requests_present(signed, now) => {}
         (Value::Object(signed), Value::Object(now)) => {
-            let is_open = is_motion(at) && signed.get("outcome").is_some_and(Value::is_null);
+            let is_open = is_motion_path(at) && signed.get("outcome").is_some_and(Value::is_null);
             for (name, value) in signed.iter().filter(|(name, _)| !is_open || *name == "motion") {
                 compare(&format!("{at}/{name}"), value, now.get(name).unwrap_or(&Value::Null), found);
             }
@@ -41,18 +41,23 @@ fn compare(at: &str, signed: &Value, now: &Value, found: &mut Vec<String>) {
                 compare(&format!("{at}/{index}"), value, now, found);
             }
         }
-        (Value::Number(signed), Value::Number(now)) if COUNTING.contains(&at) && grew(signed, now) => {}
-        _ => found.push(format!("{at}: signed value {}, present value {}", short(signed), short(now))),
+        (Value::Number(signed), Value::Number(now))
+            if GROWING_FIELDS.contains(&at) && is_grown_count(signed, now) => {}
+        _ => found.push(format!(
+            "{at}: signed value {}, present value {}",
+            shorten_value(signed),
+            shorten_value(now)
+        )),
     }
 }
 
-fn is_motion(at: &str) -> bool {
+fn is_motion_path(at: &str) -> bool {
     at.strip_prefix(MOTION).is_some_and(|number| !number.contains('/'))
 }
 
 /// Returns whether each signed request is still present; a request that was only in the journal at that time, without
 /// its sender and answer, may have them now.
-fn all_asked(signed: &[Value], now: &[Value]) -> bool {
+fn are_requests_present(signed: &[Value], now: &[Value]) -> bool {
     let mut left: Vec<&Value> = now.iter().collect();
     signed.iter().all(|one| {
         let is_bare = one["who"].is_null() && one["answer"].is_null();
@@ -61,11 +66,11 @@ fn all_asked(signed: &[Value], now: &[Value]) -> bool {
     })
 }
 
-fn grew(signed: &serde_json::Number, now: &serde_json::Number) -> bool {
+fn is_grown_count(signed: &serde_json::Number, now: &serde_json::Number) -> bool {
     signed.as_u64().zip(now.as_u64()).is_some_and(|(signed, now)| signed <= now)
 }
 
-fn short(value: &Value) -> String {
+fn shorten_value(value: &Value) -> String {
     let text = match value {
         Value::Array(values) => return format!("a list of {}", values.len()),
         Value::Object(_) => return "an object".to_owned(),

@@ -35,7 +35,7 @@ pub enum SigningError {
 }
 
 impl SigningError {
-    pub(super) fn form(problem: impl std::fmt::Display) -> Self {
+    pub(super) fn form_error(problem: impl std::fmt::Display) -> Self {
         SigningError::Form { problem: problem.to_string() }
     }
 }

@@ -5,16 +5,16 @@
 //! SHA-256; and `files/` with each file under its SHA-256. The cameras' original data is not exported: it is large,
 //! and the store keeps it.
 
-use super::chain::{Signed, Verified, verify};
+use super::chain::{Signed, VerificationResult, verify};
 use super::key::PublicKey;
-use super::names::{claim, cycle_of_page};
-use super::page::wrong_pages;
-use super::statement::{SignedCycle, StatementContent, files_of};
+use super::names::{cycle_from_page_name, parse_claim};
+use super::page::differing_pages;
+use super::statement::{SignedCycle, StatementContent, named_files};
 use std::collections::BTreeMap;
 
 /// The content of an exported folder.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Export {
+pub struct ExportContent {
     /// Bytes by name: the `.json` and `.sig` files.
     pub statements: BTreeMap<String, Vec<u8>>,
     /// SHA-256 of the files in `files/`, by name; `None` if there is no such folder, which is then not checked.
@@ -26,13 +26,13 @@ pub struct Export {
 /// Lists the files of a cycle that are exported: recipe, cell, calibrations, part, pictures; each with its
 /// description and its hash.
 pub fn exported_files(cycle: &SignedCycle) -> Vec<(String, String)> {
-    files_of(cycle).into_iter().filter(|(name, _)| !name.starts_with("shot ")).collect()
+    named_files(cycle).into_iter().filter(|(name, _)| !name.starts_with("shot ")).collect()
 }
 
 /// Verifies a folder with these public keys, and with the head if it is given, as [`verify`] does.
-pub fn verify_export(export: &Export, keys: &[PublicKey], head: Option<&Signed>) -> Verified {
+pub fn verify_export(export: &ExportContent, keys: &[PublicKey], head: Option<&Signed>) -> VerificationResult {
     let (mut found, mut all) = (Vec::new(), Vec::new());
-    let is_page = |name: &str| name.rsplit_once('.').is_some_and(|(stem, _)| cycle_of_page(stem).is_some());
+    let is_page = |name: &str| name.rsplit_once('.').is_some_and(|(stem, _)| cycle_from_page_name(stem).is_some());
     let (pages, statements): (BTreeMap<&str, &[u8]>, BTreeMap<&str, &[u8]>) = export
         .statements
         .iter()
@@ -52,25 +52,25 @@ pub fn verify_export(export: &Export, keys: &[PublicKey], head: Option<&Signed>)
                 name: (*name).to_owned(),
                 bytes: bytes.to_vec(),
                 signature: signature.to_vec(),
-                claim: claim(stem),
+                claim: parse_claim(stem),
             }),
             None => found.push(format!("{stem}.sig, the signature of {name}, is missing")),
         }
     }
     let mut verified = verify(&all, keys, head);
-    found.append(&mut verified.found);
+    found.append(&mut verified.differences);
     if let Some(files) = &export.files {
         for (statement, _) in verified.statements.values() {
             if let StatementContent::Cycle(cycle) = &statement.says {
-                found.extend(wrong_files(cycle, files));
+                found.extend(differing_files(cycle, files));
             }
         }
     }
-    found.extend(wrong_pages(&pages, &export.pdfs, &verified, keys));
-    Verified { found, ..verified }
+    found.extend(differing_pages(&pages, &export.pdfs, &verified, keys));
+    VerificationResult { differences: found, ..verified }
 }
 
-fn wrong_files(cycle: &SignedCycle, files: &BTreeMap<String, String>) -> Vec<String> {
+fn differing_files(cycle: &SignedCycle, files: &BTreeMap<String, String>) -> Vec<String> {
     let wrong = |(what, hash): (String, String)| match files.get(&hash) {
         Some(found) if *found == hash => None,
         Some(found) => {

@@ -13,13 +13,13 @@ pub struct CellKey(SigningKey);
 
 impl std::fmt::Debug for CellKey {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "CellKey of {}", self.public().hex())
+        write!(f, "CellKey of {}", self.public_key().hex())
     }
 }
 
 impl CellKey {
     /// Creates a key from 32 random bytes of the operating system.
-    pub fn of_random(bytes: &[u8; 32]) -> Self {
+    pub fn from_random_bytes(bytes: &[u8; 32]) -> Self {
         CellKey(SigningKey::from_bytes(bytes))
     }
 
@@ -36,7 +36,7 @@ impl CellKey {
     ///
     /// # Errors
     /// If it cannot be encoded.
-    pub fn pem(&self) -> Result<String, SigningError> {
+    pub fn to_pem(&self) -> Result<String, SigningError> {
         let bytes = KeypairBytes { secret_key: self.0.to_bytes(), public_key: None };
         let pem = bytes.to_pkcs8_pem(LineEnding::LF);
         let pem = pem.map_err(|error| SigningError::PrivateKey { problem: error.to_string() })?;
@@ -44,7 +44,7 @@ impl CellKey {
     }
 
     /// Returns the key that verifies the signatures of this key.
-    pub fn public(&self) -> PublicKey {
+    pub fn public_key(&self) -> PublicKey {
         PublicKey(self.0.verifying_key())
     }
 
@@ -65,7 +65,7 @@ impl PublicKey {
     ///
     /// # Errors
     /// If there is none, or one is not an ed25519 key.
-    pub fn read_all(pem: &str) -> Result<Vec<Self>, SigningError> {
+    pub fn parse_all(pem: &str) -> Result<Vec<Self>, SigningError> {
         let problem = |problem: String| SigningError::PublicKey { problem };
         let blocks = pem.split_inclusive(END).filter(|block| block.contains(END));
         let key = |block: &str| {
@@ -81,7 +81,7 @@ impl PublicKey {
     ///
     /// # Errors
     /// If the text is not such a key.
-    pub fn of_hex(hex: &str) -> Result<Self, SigningError> {
+    pub fn from_hex(hex: &str) -> Result<Self, SigningError> {
         let problem = |problem: &str| SigningError::PublicKey { problem: problem.to_owned() };
         let digit = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
         let bytes: Option<Vec<u8>> = hex.as_bytes().chunks(2).map(digit).collect();
@@ -99,13 +99,13 @@ impl PublicKey {
     ///
     /// # Errors
     /// If it cannot be encoded.
-    pub fn pem(&self) -> Result<String, SigningError> {
+    pub fn to_pem(&self) -> Result<String, SigningError> {
         let pem = self.0.to_public_key_pem(LineEnding::LF);
         pem.map_err(|error| SigningError::PublicKey { problem: error.to_string() })
     }
 
     /// Returns whether the private key of this public key signed these bytes.
-    pub fn verifies(&self, bytes: &[u8], signature: &[u8]) -> bool {
+    pub fn is_valid_signature(&self, bytes: &[u8], signature: &[u8]) -> bool {
         Signature::from_slice(signature).is_ok_and(|signature| self.0.verify_strict(bytes, &signature).is_ok())
     }
 }

@@ -20,16 +20,16 @@ mod page;
 mod statement;
 
 pub use canonical::canonical;
-pub use chain::{Claim, Signed, Verified, missing, not_here, verify};
+pub use chain::{NameClaim, Signed, VerificationResult, missing_text, partial_chain_text, verify};
 pub use differences::differences;
 pub use error::SigningError;
-pub use export::{Export, exported_files, verify_export};
+pub use export::{ExportContent, exported_files, verify_export};
 pub use key::{CellKey, PublicKey};
-pub use names::{cycle_stem, page_stem, pdf_name, person_stem};
+pub use names::{cycle_stem, page_stem, pdf_name, person_signature_stem};
 pub use page::SignedPage;
 pub use statement::{
-    BEGIN, FORM, HEAD_FORM, Meaning, PersonSignature, SignedChainPosition, SignedCycle, SignedHead, Statement,
-    StatementContent, files_of,
+    CHAIN_BEGIN, HEAD_FORMAT, Meaning, PersonSignature, STATEMENT_FORMAT, SignedChainPosition, SignedCycle,
+    SignedHead, Statement, StatementContent, named_files,
 };
 
 #[cfg(test)]

@@ -6,10 +6,10 @@
 //! what it shows.
 
 use super::canonical::canonical;
-use super::chain::Verified;
+use super::chain::VerificationResult;
 use super::error::SigningError;
 use super::key::{CellKey, PublicKey};
-use super::names::{cycle_of_page, cycle_of_pdf, cycle_stem, page_stem, pdf_name};
+use super::names::{cycle_from_page_name, cycle_from_pdf_name, cycle_stem, page_stem, pdf_name};
 use super::statement::{Statement, StatementContent, read};
 use crate::files::content_hash;
 use crate::record::CycleId;
@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Identifier of the format of a signed page.
-const FORM: &str = "panelprep-page-1";
+const PAGE_FORMAT: &str = "panelprep-page-1";
 
 /// The cell's statement about a page.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,13 +53,13 @@ impl SignedPage {
         key: &CellKey,
     ) -> Result<(Vec<u8>, Vec<u8>), SigningError> {
         let page = SignedPage {
-            form: FORM.to_owned(),
+            form: PAGE_FORMAT.to_owned(),
             cycle,
             record_hash: record_hash.to_owned(),
             shows_number,
             pdf_sha256: content_hash(pdf),
             unix_ms,
-            public_key: key.public().hex(),
+            public_key: key.public_key().hex(),
         };
         let bytes = canonical(&page)?;
         let signature = key.sign(&bytes).to_vec();
@@ -69,8 +69,10 @@ impl SignedPage {
     fn read(bytes: &[u8]) -> Result<Self, SigningError> {
         let page: SignedPage = read(bytes)?;
         match page.form.as_str() {
-            FORM => Ok(page),
-            other => Err(SigningError::form(format!("the field \"form\" is \"{other}\", expected \"{FORM}\""))),
+            PAGE_FORMAT => Ok(page),
+            other => Err(SigningError::form_error(format!(
+                "the field \"form\" is \"{other}\", expected \"{PAGE_FORMAT}\""
+            ))),
         }
     }
 }
@@ -78,22 +80,23 @@ impl SignedPage {
 /// Lists the pages of an export that differ from what was signed. Each PDF needs a signed page that names this PDF
 /// and the cell's record. `pages` are the `.json` and `.sig` files of signed pages by name, `pdfs` the SHA-256 of
 /// each PDF by name.
-pub(super) fn wrong_pages(
+pub(super) fn differing_pages(
     pages: &BTreeMap<&str, &[u8]>,
     pdfs: &BTreeMap<String, String>,
-    verified: &Verified,
+    verified: &VerificationResult,
     keys: &[PublicKey],
 ) -> Vec<String> {
     let stems = pages.keys().filter_map(|name| name.rsplit_once('.')).map(|(stem, _)| stem);
-    let cycles = stems.filter_map(cycle_of_page).chain(pdfs.keys().filter_map(|name| cycle_of_pdf(name)));
+    let cycles =
+        stems.filter_map(cycle_from_page_name).chain(pdfs.keys().filter_map(|name| cycle_from_pdf_name(name)));
     let cycles: BTreeSet<CycleId> = cycles.collect();
-    cycles.into_iter().flat_map(|cycle| wrong_page(cycle, (pages, pdfs), verified, keys)).collect()
+    cycles.into_iter().flat_map(|cycle| page_difference(cycle, (pages, pdfs), verified, keys)).collect()
 }
 
-fn wrong_page(
+fn page_difference(
     cycle: CycleId,
     (pages, pdfs): (&BTreeMap<&str, &[u8]>, &BTreeMap<String, String>),
-    verified: &Verified,
+    verified: &VerificationResult,
     keys: &[PublicKey],
 ) -> Vec<String> {
     let (stem, pdf) = (page_stem(cycle), pdf_name(cycle));
@@ -102,7 +105,7 @@ fn wrong_page(
         let missing = if pages.contains_key(json.as_str()) { sig } else { json };
         return vec![format!("{missing} is missing: without it {pdf} cannot be verified")];
     };
-    let signs = keys.iter().find(|key| key.verifies(bytes, signature));
+    let signs = keys.iter().find(|key| key.is_valid_signature(bytes, signature));
     let page = match (signs, SignedPage::read(bytes)) {
         (None, _) => return vec![format!("{json} was changed, or was signed with a key that was not given")],
         (_, Err(error)) => return vec![format!("{json}: {error}")],

@@ -1,7 +1,7 @@
 //! A statement of the cell, or of a person at the cell, about a cycle, and its place among all statements of the
 //! cell.
 
-use super::canonical::{canonical, numbers_again};
+use super::canonical::{canonical, restore_large_numbers};
 use super::error::SigningError;
 use crate::files::content_hash;
 use crate::record::{CycleId, CycleRecord, PartNames};
@@ -9,23 +9,23 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// Identifier of the format of a statement.
-pub const FORM: &str = "panelprep-record-1";
+pub const STATEMENT_FORMAT: &str = "panelprep-record-1";
 /// Fields of a record that may have larger numbers than canonical JSON holds: the number of a plan.
-const LARGE: [&str; 1] = ["plan"];
+const LARGE_NUMBER_FIELDS: [&str; 1] = ["plan"];
 /// Identifier of the format of a head.
-pub const HEAD_FORM: &str = "panelprep-record-head-1";
+pub const HEAD_FORMAT: &str = "panelprep-record-head-1";
 /// The hash that the first statement of a cell names as its predecessor.
-pub const BEGIN: &str = "0000000000000000000000000000000000000000000000000000000000000000";
+pub const CHAIN_BEGIN: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
 /// One link of the chain of signed records.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Statement {
-    /// [`FORM`].
+    /// [`STATEMENT_FORMAT`].
     pub form: String,
     /// The statement's number in the chain, from 1, without gaps over all cycles of the cell.
     pub number: u64,
-    /// SHA-256 of the statement before it; [`BEGIN`] if there is none.
+    /// SHA-256 of the statement before it; [`CHAIN_BEGIN`] if there is none.
     pub previous: String,
     /// Time of the signature, ms since 1970.
     pub unix_ms: i64,
@@ -76,7 +76,7 @@ impl SignedCycle {
     pub fn new(record: &CycleRecord, part: Option<PartNames>) -> Result<Self, SigningError> {
         let bytes = canonical(record)?;
         // Read back, so that it compares equal to the record in a file.
-        let record_value = serde_json::from_slice(&bytes).map_err(SigningError::form)?;
+        let record_value = serde_json::from_slice(&bytes).map_err(SigningError::form_error)?;
         Ok(SignedCycle { id: record.id, part, record: record_value })
     }
 }
@@ -123,7 +123,7 @@ impl Meaning {
     ];
 
     /// Returns the printed text of the meaning.
-    pub fn words(self) -> &'static str {
+    pub fn printed_text(self) -> &'static str {
         match self {
             Meaning::InspectedAndReleased => "inspected and released",
             Meaning::InspectedAndNotReleased => "inspected and not released",
@@ -139,7 +139,8 @@ impl SignedCycle {
     /// # Errors
     /// If it cannot be read.
     pub fn cycle_record(&self) -> Result<CycleRecord, SigningError> {
-        serde_json::from_value(numbers_again(self.record.clone(), &LARGE)).map_err(SigningError::form)
+        serde_json::from_value(restore_large_numbers(self.record.clone(), &LARGE_NUMBER_FIELDS))
+            .map_err(SigningError::form_error)
     }
 }
 
@@ -159,8 +160,10 @@ impl Statement {
     pub fn read(bytes: &[u8]) -> Result<Self, SigningError> {
         let statement: Statement = read(bytes)?;
         match statement.form.as_str() {
-            FORM => Ok(statement),
-            other => Err(SigningError::form(format!("the field \"form\" is \"{other}\", expected \"{FORM}\""))),
+            STATEMENT_FORMAT => Ok(statement),
+            other => Err(SigningError::form_error(format!(
+                "the field \"form\" is \"{other}\", expected \"{STATEMENT_FORMAT}\""
+            ))),
         }
     }
 
@@ -178,7 +181,7 @@ impl Statement {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignedHead {
-    /// [`HEAD_FORM`].
+    /// [`HEAD_FORMAT`].
     pub form: String,
     /// The number of the last statement; 0 if there is none.
     pub number: u64,
@@ -198,26 +201,26 @@ impl SignedHead {
     pub fn read(bytes: &[u8]) -> Result<Self, SigningError> {
         let head: SignedHead = read(bytes)?;
         match head.form.as_str() {
-            HEAD_FORM => Ok(head),
-            other => {
-                Err(SigningError::form(format!("the field \"form\" is \"{other}\", expected \"{HEAD_FORM}\"")))
-            }
+            HEAD_FORMAT => Ok(head),
+            other => Err(SigningError::form_error(format!(
+                "the field \"form\" is \"{other}\", expected \"{HEAD_FORMAT}\""
+            ))),
         }
     }
 }
 
 /// Reads a text that must be in canonical form.
 pub(super) fn read<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, SigningError> {
-    let value: Value = serde_json::from_slice(bytes).map_err(SigningError::form)?;
+    let value: Value = serde_json::from_slice(bytes).map_err(SigningError::form_error)?;
     if canonical(&value)? != bytes {
-        return Err(SigningError::form("the JSON text is not in canonical form"));
+        return Err(SigningError::form_error("the JSON text is not in canonical form"));
     }
-    serde_json::from_value(value).map_err(SigningError::form)
+    serde_json::from_value(value).map_err(SigningError::form_error)
 }
 
 /// Lists the files that a cycle's statement names by their SHA-256: the files used in the cycle and every picture,
 /// each with its description.
-pub fn files_of(cycle: &SignedCycle) -> Vec<(String, String)> {
+pub fn named_files(cycle: &SignedCycle) -> Vec<(String, String)> {
     let text = |value: &Value, name: &str| value.get(name).and_then(Value::as_str).map(str::to_owned);
     let list = |value: &Value, name: &str| value.get(name).and_then(Value::as_array).cloned().unwrap_or_default();
     let record = &cycle.record;

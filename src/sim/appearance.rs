@@ -15,38 +15,39 @@ const TOW_MM: f64 = 2.0;
 const WEAVE_CONTRAST: f64 = 0.05;
 
 /// A colour in 1/128 grey levels.
-pub(super) type Color = [u16; 3];
+pub(super) type FixedColor = [u16; 3];
 
 /// Computes the colour of one pixel, dry and under a full film. Away from the panel both are the same.
-pub(super) fn dry_and_wet(sight: &PixelHit) -> (Color, Color) {
+pub(super) fn dry_and_wet(sight: &PixelHit) -> (FixedColor, FixedColor) {
     let background = sight.background.color;
     let Some((panel, share)) = sight.panel.map(|panel| (panel, panel.coverage)).filter(|(_, share)| *share > 0.0)
     else {
-        let color = background.map(fixed);
+        let color = background.map(to_fixed_point);
         return (color, color);
     };
-    let light = lighting(&panel.normal) * (1.0 + panel.look.weave * weave(panel.place, panel.pixel_mm));
+    let light =
+        lamp_light(&panel.normal) * (1.0 + panel.appearance.weave * weave_brightness(panel.place, panel.pixel_mm));
     let mix = |channel: usize, film: f64| {
-        let dry = DRY[channel] * panel.look.albedo[channel] * light;
-        fixed(share * dry * film + (1.0 - share) * background[channel])
+        let dry = DRY[channel] * panel.appearance.albedo[channel] * light;
+        to_fixed_point(share * dry * film + (1.0 - share) * background[channel])
     };
-    let film = FILM.map(|left| left.powf(panel.look.film));
+    let film = FILM.map(|left| left.powf(panel.appearance.film));
     ([0, 1, 2].map(|channel| mix(channel, 1.0)), [0, 1, 2].map(|channel| mix(channel, film[channel])))
 }
 
-fn fixed(gray: f64) -> u16 {
+fn to_fixed_point(gray: f64) -> u16 {
     (gray * f64::from(LEVEL)).round() as u16
 }
 
 /// Computes the light of a wide lamp above the cameras: brightest where the panel faces the lamp.
-fn lighting(normal: &Vector3<f64>) -> f64 {
+fn lamp_light(normal: &Vector3<f64>) -> f64 {
     let lamp = Vector3::new(-0.17, 0.38, 0.91);
     0.55 + 0.47 * normal.dot(&lamp)
 }
 
 /// Computes the relative brightness of the yarn on top in a 2 × 2 twill. The pattern fades if a pixel is as wide as a
 /// tow.
-fn weave([s, t]: [f64; 2], pixel_mm: f64) -> f64 {
+fn weave_brightness([s, t]: [f64; 2], pixel_mm: f64) -> f64 {
     let (i, j) = (s / TOW_MM, t / TOW_MM);
     let (column, row) = (i.floor(), j.floor());
     let warp_on_top = (column + row).rem_euclid(4.0) < 2.0;
@@ -72,7 +73,7 @@ mod tests {
             edge_px,
             coverage: (0.5 - edge_px).clamp(0.0, 1.0),
             pixel_mm: 0.4,
-            look: Appearance::AS_MADE,
+            appearance: Appearance::UNTREATED,
         };
         let background = Background { depth_mm: Some(800.0), cos_incidence: 1.0, color: [180.0; 3] };
         PixelHit { ray: Vector3::z(), panel: Some(panel), background }

@@ -30,7 +30,7 @@ pub struct BoardPrint {
     /// Side of a square, mm.
     pub square_mm: f64,
     /// Whether the square at the top left is white.
-    pub begins_white: bool,
+    pub is_first_square_white: bool,
     /// Side of a marker, mm.
     pub marker_mm: f64,
     /// The markers; none on a chessboard.
@@ -51,7 +51,7 @@ impl BoardPrint {
             columns: columns + 1,
             rows: rows + 1,
             square_mm,
-            begins_white: false,
+            is_first_square_white: false,
             marker_mm: 0.0,
             markers: vec![],
         }
@@ -65,7 +65,7 @@ impl BoardPrint {
     }
 
     /// The middle of the inner corners.
-    pub fn middle(&self) -> Point<Board> {
+    pub fn centre(&self) -> Point<Board> {
         let half = |squares: usize| (squares - 2) as f64 * self.square_mm / 2.0;
         Point::at(half(self.columns), half(self.rows), 0.0)
     }
@@ -79,7 +79,7 @@ impl BoardPrint {
     }
 
     /// Returns the grey level at a point of the board; `None` beside the board.
-    fn gray(&self, x_mm: f64, y_mm: f64) -> Option<f64> {
+    fn gray_at(&self, x_mm: f64, y_mm: f64) -> Option<f64> {
         let (x, y) = (x_mm / self.square_mm + 1.0, y_mm / self.square_mm + 1.0);
         let (columns, rows) = (self.columns as f64, self.rows as f64);
         if x < -RIM || y < -RIM || x > columns + RIM || y > rows + RIM {
@@ -89,7 +89,7 @@ impl BoardPrint {
             return Some(WHITE);
         }
         let (column, row) = (x as usize, y as usize);
-        let white = ((column + row) % 2 == 0) == self.begins_white;
+        let white = ((column + row) % 2 == 0) == self.is_first_square_white;
         let marker = self.markers.iter().find(|marker| marker.column == column && marker.row == row);
         let white = match marker {
             Some(marker) => self.cell(marker, x - column as f64, y - row as f64).unwrap_or(white),
@@ -117,7 +117,7 @@ impl BoardPrint {
         camera_from_board: &Rigid<C, Board>,
         (pixels, shot): (&PixelNoise, Seed),
     ) -> GrayPicture {
-        let mut picture = GrayPicture::filled(camera.width_px, camera.height_px, 0);
+        let mut picture = GrayPicture::uniform(camera.width_px, camera.height_px, 0);
         let plane = Plane::from_pose(camera_from_board);
         let (columns, rows) = self.span(camera, camera_from_board);
         picture.gray.par_chunks_mut(camera.width_px).enumerate().for_each(|(row, bytes)| {
@@ -146,16 +146,16 @@ impl BoardPrint {
         let plane = Plane::from_pose(camera_from_board);
         let (columns, rows) = self.span(camera, camera_from_board);
         let mut points = vec![[f32::NAN; 3]; camera.width_px * camera.height_px];
-        let projector = Projector::alone();
+        let projector = Projector::without_occluders();
         for row in rows {
             for column in columns.clone() {
                 let pixel = Pixel::at(column as f64, row as f64);
-                let Some([x, y]) = plane.meet(camera, pixel) else { continue };
-                if self.gray(x, y).is_none() {
+                let Some([x, y]) = plane.intersect_ray(camera, pixel) else { continue };
+                if self.gray_at(x, y).is_none() {
                     continue;
                 }
                 let point = (*camera_from_board * Point::at(x, y, 0.0)).mm.coords;
-                if !projector.lights(&point, None) {
+                if !projector.is_lit(&point, None) {
                     continue;
                 }
                 let point = point * (1.0 + noise_mm([x, y], point.z) / point.norm());
@@ -183,7 +183,7 @@ impl BoardPrint {
     }
 
     fn mean_gray(&self, camera: &PinholeCamera, plane: &Plane, u: f64, v: f64) -> f64 {
-        let corner = |u: f64, v: f64| plane.meet(camera, Pixel::at(u, v));
+        let corner = |u: f64, v: f64| plane.intersect_ray(camera, Pixel::at(u, v));
         let [Some(low), Some(right), Some(down)] =
             [corner(u - 0.5, v - 0.5), corner(u + 0.5, v - 0.5), corner(u - 0.5, v + 0.5)]
         else {
@@ -192,7 +192,7 @@ impl BoardPrint {
         let at = |across: f64, along: f64| {
             let place =
                 |axis: usize| low[axis] + across * (right[axis] - low[axis]) + along * (down[axis] - low[axis]);
-            self.gray(place(0), place(1)).unwrap_or(GROUND)
+            self.gray_at(place(0), place(1)).unwrap_or(GROUND)
         };
         let middle = at(0.5, 0.5);
         if [at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0)].iter().all(|gray| *gray == middle) {
@@ -218,7 +218,7 @@ impl Plane {
     }
 
     /// The intersection of a pixel's ray with the plane, in the board's x and y.
-    fn meet(&self, camera: &PinholeCamera, pixel: Pixel) -> Option<[f64; 2]> {
+    fn intersect_ray(&self, camera: &PinholeCamera, pixel: Pixel) -> Option<[f64; 2]> {
         let ray: Vector<Camera> = camera.unproject(pixel)?;
         let depth = self.axes[2].dot(&self.origin) / self.axes[2].dot(&ray.mm);
         let offset = ray.mm * depth - self.origin;

@@ -6,7 +6,7 @@
 //! picture.
 
 use super::board::BoardPrint;
-use super::noise::{Normal, PixelNoise, Purpose, Seed};
+use super::noise::{NormalStream, PixelNoise, RandomPurpose, Seed};
 use super::scanner;
 use super::scanner_distortion::ScannerDistortion;
 use super::scene;
@@ -51,7 +51,7 @@ pub struct BoardCell {
 fn flange_from_board(print: &BoardPrint) -> Rigid<Flange, Board> {
     // The board's Z points away from the viewer, as the flange's Z does.
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(1.5, 1.0, 2.0).map(f64::to_radians));
-    held(Vector3::new(BRACKET_MM, -9.0, 55.0), turn, print)
+    board_pose_in_hand(Vector3::new(BRACKET_MM, -9.0, 55.0), turn, print)
 }
 
 /// Distance from the flange's axis to the board's middle, mm: at this distance the arm does not hide the board.
@@ -61,15 +61,19 @@ const BRACKET_MM: f64 = 190.0;
 fn base_from_board(print: &BoardPrint) -> Rigid<Base, Board> {
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(180.0, 0.0, 0.0).map(f64::to_radians))
         * UnitQuaternion::from_scaled_axis(Vector3::new(1.0, -2.0, 25.0).map(f64::to_radians));
-    held(Vector3::new(560.0, 40.0, 220.0), turn, print)
+    board_pose_in_hand(Vector3::new(560.0, 40.0, 220.0), turn, print)
 }
 
-fn held<To: Frame>(middle_mm: Vector3<f64>, turn: UnitQuaternion<f64>, print: &BoardPrint) -> Rigid<To, Board> {
-    let shift = middle_mm - turn * print.middle().mm.coords;
-    Rigid::claim(Isometry3::from_parts(Translation3::from(shift), turn))
+fn board_pose_in_hand<To: Frame>(
+    middle_mm: Vector3<f64>,
+    turn: UnitQuaternion<f64>,
+    print: &BoardPrint,
+) -> Rigid<To, Board> {
+    let shift = middle_mm - turn * print.centre().mm.coords;
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::from(shift), turn))
 }
 
-fn organized(camera: &PinholeCamera, points: Vec<[f32; 3]>, picture: &GrayPicture) -> OrganizedCloud<Camera> {
+fn organized_cloud(camera: &PinholeCamera, points: Vec<[f32; 3]>, picture: &GrayPicture) -> OrganizedCloud<Camera> {
     let colors = picture.gray.iter().map(|&gray| [gray; 3]).collect();
     match OrganizedCloud::new(camera.width_px, camera.height_px, points, colors) {
         Ok(cloud) => cloud,
@@ -83,8 +87,8 @@ const LENS_INDEX: u64 = 1_000;
 /// First index of the scans for the 3D camera's own errors: they have their own noise.
 const SCANNER_INDEX: u64 = 2_000;
 /// Largest distance of the board's middle from the optical axis, as shares of its depth, across and down.
-const MIDDLE: [f64; 2] = [0.22, 0.14];
-const ALL_OVER: [f64; 2] = [0.42, 0.25];
+const MAX_CENTRE_OFFSET: [f64; 2] = [0.22, 0.14];
+const MAX_CENTRE_OFFSET_WIDE: [f64; 2] = [0.42, 0.25];
 /// Minimum distance of the rim from the picture's edge, px.
 const MARGIN_PX: f64 = 12.0;
 
@@ -132,15 +136,15 @@ impl BoardCell {
     /// Returns shots of the fixed camera with the board on the flange.
     pub fn fixed_shots(&self, count: usize) -> Vec<BoardShot<Camera>> {
         let flange_from_board = flange_from_board(&self.print);
-        self.shots(count, 0, (&self.scanner(), 760.0, MIDDLE), |camera_from_board| {
+        self.take_shots(count, 0, (&self.scanner(), 760.0, MAX_CENTRE_OFFSET), |camera_from_board| {
             scene::base_from_camera() * *camera_from_board * flange_from_board.inverse()
         })
     }
 
     /// Returns shots of the fixed camera with the board held by hand at positions all over the picture.
     pub fn scanner_shots(&self, count: usize) -> Vec<BoardShot<Camera>> {
-        let nowhere = |_: &Rigid<Camera, Board>| Rigid::claim(Isometry3::identity());
-        let mut shots = self.shots(count, 3, (&self.scanner(), 700.0, ALL_OVER), nowhere);
+        let nowhere = |_: &Rigid<Camera, Board>| Rigid::from_isometry_unchecked(Isometry3::identity());
+        let mut shots = self.take_shots(count, 3, (&self.scanner(), 700.0, MAX_CENTRE_OFFSET_WIDE), nowhere);
         shots.iter_mut().for_each(|shot| shot.index += SCANNER_INDEX);
         shots
     }
@@ -148,7 +152,7 @@ impl BoardCell {
     /// Returns shots of the flange camera with the board in the cell.
     pub fn flange_shots(&self, count: usize) -> Vec<BoardShot<FlangeCamera>> {
         let base_from_board = base_from_board(&self.print);
-        self.shots(count, 1, (&self.flange_camera(), 440.0, MIDDLE), |camera_from_board| {
+        self.take_shots(count, 1, (&self.flange_camera(), 440.0, MAX_CENTRE_OFFSET), |camera_from_board| {
             base_from_board * camera_from_board.inverse() * scene::flange_from_camera().inverse()
         })
     }
@@ -174,8 +178,8 @@ impl BoardCell {
         // The whole rim fills about 0.8 of the picture's width if it faces the camera.
         let [low, right, ..] = self.print.rim();
         let distance_mm = low.distance_mm(right) * camera.fx_px / (0.8 * camera.width_px as f64);
-        let nowhere = |_: &Rigid<C, Board>| Rigid::claim(Isometry3::identity());
-        let mut shots = self.shots(count, 2, (camera, distance_mm, MIDDLE), nowhere);
+        let nowhere = |_: &Rigid<C, Board>| Rigid::from_isometry_unchecked(Isometry3::identity());
+        let mut shots = self.take_shots(count, 2, (camera, distance_mm, MAX_CENTRE_OFFSET), nowhere);
         shots.iter_mut().for_each(|shot| shot.index += LENS_INDEX);
         shots
     }
@@ -185,20 +189,20 @@ impl BoardCell {
         scene::base_from_camera().inverse() * Point::new(super::shape::CENTRE_MM.into())
     }
 
-    fn shots<C: Frame>(
+    fn take_shots<C: Frame>(
         &self,
         count: usize,
         arrangement: u64,
         (camera, distance_mm, reach): (&PinholeCamera, f64, [f64; 2]),
         flange: impl Fn(&Rigid<C, Board>) -> Rigid<Base, Flange>,
     ) -> Vec<BoardShot<C>> {
-        let mut normal = Normal::new(self.seed.stream(Purpose::BoardPose, arrangement));
+        let mut normal = NormalStream::new(self.seed.stream(RandomPurpose::BoardPose, arrangement));
         (0..count as u64)
             .map(|index| {
                 let camera_from_board = self.draw(&mut normal, camera, (distance_mm, reach));
                 let shift = Vector3::from_fn(|_, _| normal.next()) * self.robot.shift_mm;
-                let turn = Vector3::from_fn(|_, _| normal.next()) * Degrees(self.robot.turn_deg).rad();
-                let off: Rigid<Flange, Flange> = Rigid::claim(Isometry3::new(shift, turn));
+                let turn = Vector3::from_fn(|_, _| normal.next()) * Degrees(self.robot.turn_deg).to_rad();
+                let off: Rigid<Flange, Flange> = Rigid::from_isometry_unchecked(Isometry3::new(shift, turn));
                 BoardShot { index, base_from_flange: flange(&camera_from_board) * off, camera_from_board }
             })
             .collect()
@@ -206,7 +210,7 @@ impl BoardCell {
 
     fn draw<C: Frame>(
         &self,
-        normal: &mut Normal,
+        normal: &mut NormalStream,
         camera: &PinholeCamera,
         (distance_mm, [across, down]): (f64, [f64; 2]),
     ) -> Rigid<C, Board> {
@@ -216,7 +220,7 @@ impl BoardCell {
             let middle = Vector3::new(spread(across) * depth, spread(down) * depth, depth);
             let turn = UnitQuaternion::from_scaled_axis(Vector3::new(spread(0.65), spread(0.65), 0.0))
                 * UnitQuaternion::from_scaled_axis(Vector3::z() * spread(1.5));
-            let camera_from_board: Rigid<C, Board> = held(middle, turn, &self.print);
+            let camera_from_board: Rigid<C, Board> = board_pose_in_hand(middle, turn, &self.print);
             let inside = |pixel: Pixel| {
                 let within = |at: f64, size: usize| at > MARGIN_PX && at < size as f64 - MARGIN_PX;
                 within(pixel.u, camera.width_px) && within(pixel.v, camera.height_px)
@@ -231,7 +235,7 @@ impl BoardCell {
 
     /// Renders the shot as a picture.
     pub fn picture<C: Frame>(&self, camera: &PinholeCamera, shot: &BoardShot<C>) -> GrayPicture {
-        let seed = self.seed.child(Purpose::BoardPicture, shot.index);
+        let seed = self.seed.child(RandomPurpose::BoardPicture, shot.index);
         self.print.picture(camera, &shot.camera_from_board, (&self.pixels, seed))
     }
 
@@ -242,7 +246,7 @@ impl BoardCell {
         shot: &BoardShot<C>,
         noise_px: f64,
     ) -> Vec<(Point<Board>, Pixel)> {
-        let mut normal = Normal::new(self.seed.stream(Purpose::BoardCorners, shot.index));
+        let mut normal = NormalStream::new(self.seed.stream(RandomPurpose::BoardCorners, shot.index));
         let corners = self.print.corners().into_iter().map(|corner| {
             let (du, dv) = (normal.next() * noise_px, normal.next() * noise_px);
             let Some(pixel) = camera.project(shot.camera_from_board * corner) else {
@@ -256,34 +260,34 @@ impl BoardCell {
     /// Returns the fixed camera's shot with its measured points, with white noise along the ray.
     pub fn scan(&self, shot: &BoardShot<Camera>, noise_mm: f64) -> OrganizedCloud<Camera> {
         let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
-        let mut normal = Normal::new(self.seed.stream(Purpose::BoardScan, shot.index));
+        let mut normal = NormalStream::new(self.seed.stream(RandomPurpose::BoardScan, shot.index));
         let points = self.print.points(&camera, &shot.camera_from_board, |_, _| normal.next() * noise_mm);
-        organized(&camera, points, &picture)
+        organized_cloud(&camera, points, &picture)
     }
 
     /// Returns the fixed camera's shot with all errors of a panel's scan: white noise that grows with the depth,
     /// noise that is similar over centimetres, and this camera's constant distortion.
     pub fn real_scan(&self, shot: &BoardShot<Camera>, distortion: &ScannerDistortion) -> OrganizedCloud<Camera> {
         let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
-        let seed = self.seed.child(Purpose::BoardScan, shot.index);
+        let seed = self.seed.child(RandomPurpose::BoardScan, shot.index);
         let (mut normal, correlated) =
-            (Normal::new(seed.stream(Purpose::ScanRow, 0)), scanner::correlated(seed, None));
-        let middle = self.print.middle().mm;
+            (NormalStream::new(seed.stream(RandomPurpose::ScanRow, 0)), scanner::correlated_noise(seed, None));
+        let middle = self.print.centre().mm;
         let points = self.print.points(&camera, &shot.camera_from_board, |[x, y], depth_mm| {
-            scanner::range_error_mm(normal.next(), depth_mm, correlated.at([x - middle.x, y - middle.y]))
+            scanner::range_error_mm(normal.next(), depth_mm, correlated.value_at([x - middle.x, y - middle.y]))
         });
-        distortion.bent(&organized(&camera, points, &picture))
+        distortion.distort_scan(&organized_cloud(&camera, points, &picture))
     }
 
     /// Returns the points of the board as a person touches them with a pointer, in the base, with noise of this
     /// size along each axis.
-    pub fn touched(
+    pub fn touch_points(
         &self,
         base_from_board: &Rigid<Base, Board>,
         places: &[Point<Board>],
         noise_mm: f64,
     ) -> Vec<Point<Base>> {
-        let mut normal = Normal::new(self.seed.stream(Purpose::Touch, 0));
+        let mut normal = NormalStream::new(self.seed.stream(RandomPurpose::Touch, 0));
         places
             .iter()
             .map(|&place| {

@@ -44,12 +44,14 @@ impl Rays {
     /// Returns the nodes of the lattice on one row of the picture.
     fn row(&self, row: usize) -> Vec<[f64; 2]> {
         let (above, down) = (row / RAY_STEP_PX * self.columns, (row % RAY_STEP_PX) as f64 / RAY_STEP_PX as f64);
-        (above..above + self.columns).map(|i| lerp(self.nodes[i], self.nodes[i + self.columns], down)).collect()
+        (above..above + self.columns)
+            .map(|i| interpolate(self.nodes[i], self.nodes[i + self.columns], down))
+            .collect()
     }
 }
 
 #[inline]
-fn lerp(a: [f64; 2], b: [f64; 2], share: f64) -> [f64; 2] {
+fn interpolate(a: [f64; 2], b: [f64; 2], share: f64) -> [f64; 2] {
     [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])]
 }
 
@@ -71,13 +73,13 @@ pub(super) struct PanelHit {
     /// The width of one pixel on the panel here, mm.
     pub pixel_mm: f64,
     /// The effect of sanding on the appearance at this position.
-    pub look: Appearance,
+    pub appearance: Appearance,
 }
 
 /// Computes the part of a square pixel on the inner side of a straight edge. `edge_px` is the distance from its
 /// centre to the edge, negative inside; `growth` is the unit vector across the edge. As a function of distance, the
 /// density of the pixel's area is a trapezoid of the widths |g_u| and |g_v|.
-fn covered(edge_px: f64, growth: Vector2<f64>) -> f64 {
+fn covered_share(edge_px: f64, growth: Vector2<f64>) -> f64 {
     let (long, short) = (growth.abs().max(), growth.abs().min());
     let (reach, flat) = ((long + short) / 2.0, (long - short) / 2.0);
     let away = edge_px.abs();
@@ -103,7 +105,7 @@ pub(super) struct PixelHit {
 }
 
 /// A camera somewhere in the cell, and optionally a panel in front of it.
-pub(super) struct View<'a> {
+pub(super) struct CastView<'a> {
     camera: &'a PinholeCamera,
     rays: &'a Rays,
     base_from_camera: Isometry3<f64>,
@@ -125,7 +127,7 @@ pub(super) struct PanelView<'a> {
 /// The panel is not searched for beyond this distance from its edge, px.
 const EDGE_REACH_PX: f64 = 3.0;
 
-impl<'a> View<'a> {
+impl<'a> CastView<'a> {
     pub fn new<C: Frame>(
         camera: &'a PinholeCamera,
         rays: &'a Rays,
@@ -137,12 +139,12 @@ impl<'a> View<'a> {
                 base_from_camera.isometry().inverse() * base_from_panel.isometry() * shape.panel_from_sheet();
             PanelView::new(camera, shape, &camera_from_sheet)
         });
-        View { camera, rays, base_from_camera: *base_from_camera.isometry(), panel, sanding: None }
+        CastView { camera, rays, base_from_camera: *base_from_camera.isometry(), panel, sanding: None }
     }
 
     /// Returns the same view of a panel after sanding.
-    pub fn sanded(self, sanding: &'a Sanding) -> Self {
-        View { sanding: Some(sanding).filter(|sanding| !sanding.is_empty()), ..self }
+    pub fn with_sanding(self, sanding: &'a Sanding) -> Self {
+        CastView { sanding: Some(sanding).filter(|sanding| !sanding.is_empty()), ..self }
     }
 
     /// Columns of the picture.
@@ -161,7 +163,7 @@ impl<'a> View<'a> {
     }
 
     /// Visits one row of pixels, from left to right.
-    pub fn look_along_row(&self, row: usize, mut seen: impl FnMut(usize, PixelHit)) {
+    pub fn cast_row(&self, row: usize, mut seen: impl FnMut(usize, PixelHit)) {
         let nodes = self.rays.row(row);
         let origin = Point3::from(self.base_from_camera.translation.vector);
         let base_axes = self.base_from_camera.rotation.to_rotation_matrix();
@@ -170,18 +172,20 @@ impl<'a> View<'a> {
         let mut depth_mm = None;
         for column in 0..self.camera.width_px {
             let node = column / RAY_STEP_PX;
-            let [x, y] = lerp(nodes[node], nodes[node + 1], (column % RAY_STEP_PX) as f64 / RAY_STEP_PX as f64);
+            let [x, y] =
+                interpolate(nodes[node], nodes[node + 1], (column % RAY_STEP_PX) as f64 / RAY_STEP_PX as f64);
             let ray = Vector3::new(x, y, 1.0);
-            let met =
-                panel.filter(|panel| panel.columns.contains(&column)).and_then(|panel| panel.meet(ray, depth_mm));
+            let met = panel
+                .filter(|panel| panel.columns.contains(&column))
+                .and_then(|panel| panel.intersect_ray(ray, depth_mm));
             if let Some(met) = met {
                 depth_mm = Some(met.depth_mm);
             }
             let panel = met.filter(|met| met.edge_px < EDGE_REACH_PX).map(|met| match self.sanding {
-                Some(sanding) => PanelHit { look: sanding.look(met.place), ..met },
+                Some(sanding) => PanelHit { appearance: sanding.appearance_at(met.place), ..met },
                 None => met,
             });
-            let background = fixture::look(&origin, &(base_axes * ray), pixel_rad);
+            let background = fixture::intersect(&origin, &(base_axes * ray), pixel_rad);
             seen(column, PixelHit { ray, panel, background });
         }
     }
@@ -202,20 +206,20 @@ impl<'a> PanelView<'a> {
     }
 
     /// Returns whether this pixel may show the panel.
-    pub fn may_show(&self, column: usize, row: usize) -> bool {
+    pub fn is_candidate_pixel(&self, column: usize, row: usize) -> bool {
         self.columns.contains(&column) && self.rows.contains(&row)
     }
 
     /// Transforms a direction of the camera's frame to sheet coordinates.
-    pub fn turned(&self, direction: &Vector3<f64>) -> Vector3<f64> {
+    pub fn to_sheet_direction(&self, direction: &Vector3<f64>) -> Vector3<f64> {
         self.axes[0] * direction.x + self.axes[1] * direction.y + self.axes[2] * direction.z
     }
 
     /// The intersection of a ray (x, y, 1) with the surface (1), found by a search that starts at the neighbour's
     /// depth, or else at the sheet's plane.
-    pub fn meet(&self, ray: Vector3<f64>, guess_mm: Option<f64>) -> Option<PanelHit> {
+    pub fn intersect_ray(&self, ray: Vector3<f64>, guess_mm: Option<f64>) -> Option<PanelHit> {
         const STEPS: usize = 20;
-        let r = self.turned(&ray);
+        let r = self.to_sheet_direction(&ray);
         let o = &self.origin;
         let mut depth = guess_mm.unwrap_or(-o.z / r.z);
         for _ in 0..STEPS {
@@ -230,13 +234,13 @@ impl<'a> PanelView<'a> {
             depth -= step;
             if step.abs() < 1e-9 {
                 let met = [o.x + depth * r.x, o.y + depth * r.y];
-                return (depth > 0.0).then(|| self.sight(met, depth, &r, [slope_s, slope_t]));
+                return (depth > 0.0).then(|| self.surface_hit(met, depth, &r, [slope_s, slope_t]));
             }
         }
         None
     }
 
-    fn sight(&self, place: [f64; 2], depth: f64, r: &Vector3<f64>, slopes: [f64; 2]) -> PanelHit {
+    fn surface_hit(&self, place: [f64; 2], depth: f64, r: &Vector3<f64>, slopes: [f64; 2]) -> PanelHit {
         let across = Vector3::new(-slopes[0], -slopes[1], 1.0);
         let (distance, growth) = self.shape.outline().distance(Vector2::new(place[0], place[1]));
         // The shift of the ray's point on the sheet when the ray moves by one pixel and the point stays on the
@@ -254,9 +258,9 @@ impl<'a> PanelView<'a> {
             cos_incidence: -across.dot(r) / (across.norm() * r.norm()),
             normal: across.normalize(),
             edge_px,
-            coverage: covered(edge_px, growth_px.normalize()),
+            coverage: covered_share(edge_px, growth_px.normalize()),
             pixel_mm: depth / self.focal_px[0],
-            look: Appearance::AS_MADE,
+            appearance: Appearance::UNTREATED,
         }
     }
 }
@@ -301,13 +305,13 @@ mod tests {
         let rays = Rays::new(&camera);
         let shape = Shape::taught(Seed(5));
         let base_from_camera = scene::base_from_camera();
-        let view = View::new(&camera, &rays, &base_from_camera, Some((&shape, &scene::nominal())));
+        let view = CastView::new(&camera, &rays, &base_from_camera, Some((&shape, &scene::nominal())));
         for place in [[0.0, 0.0], [-120.0, 60.0], [130.0, -80.0]] {
             let pixel = camera
                 .project(base_from_camera.inverse() * (scene::nominal() * shape.point(place)))
                 .expect("in front");
             let mut found = None;
-            view.look_along_row(pixel.v.round() as usize, |column, sight| {
+            view.cast_row(pixel.v.round() as usize, |column, sight| {
                 if column == pixel.u.round() as usize {
                     found = sight.panel;
                 }
@@ -326,11 +330,11 @@ mod tests {
     #[test]
     fn shares_of_a_pixel_by_hand() {
         let diagonal = Vector2::new(1.0, -1.0).normalize();
-        assert!((covered(-0.25, Vector2::x()) - 0.75).abs() < 1e-12);
-        assert!((covered(0.25, Vector2::y()) - 0.25).abs() < 1e-12);
-        assert!((covered(-0.5_f64.sqrt(), diagonal) - 1.0).abs() < 1e-12);
-        assert!((covered(-0.125_f64.sqrt(), diagonal) - 0.875).abs() < 1e-12);
-        assert!((covered(0.0, diagonal) - 0.5).abs() < 1e-12);
+        assert!((covered_share(-0.25, Vector2::x()) - 0.75).abs() < 1e-12);
+        assert!((covered_share(0.25, Vector2::y()) - 0.25).abs() < 1e-12);
+        assert!((covered_share(-0.5_f64.sqrt(), diagonal) - 1.0).abs() < 1e-12);
+        assert!((covered_share(-0.125_f64.sqrt(), diagonal) - 0.875).abs() < 1e-12);
+        assert!((covered_share(0.0, diagonal) - 0.5).abs() < 1e-12);
     }
 
     /// The sum of all shares is the area of the projected outline: averaged over its length, the edge is exact to
@@ -341,7 +345,7 @@ mod tests {
         let rays = Rays::new(&camera);
         let shape = Shape::taught(Seed(5));
         let base_from_camera = scene::base_from_camera();
-        let view = View::new(&camera, &rays, &base_from_camera, Some((&shape, &scene::nominal())));
+        let view = CastView::new(&camera, &rays, &base_from_camera, Some((&shape, &scene::nominal())));
         let project = |p: &Vector2<f64>| {
             camera.project(base_from_camera.inverse() * (scene::nominal() * shape.point([p.x, p.y])))
         };
@@ -349,7 +353,7 @@ mod tests {
         let length_px: f64 = outline.windows(2).map(|pair| pair[0].distance_px(pair[1])).sum();
         let mut shares = vec![0.0; camera.height_px];
         for (row, share) in shares.iter_mut().enumerate() {
-            view.look_along_row(row, |_, sight| *share += sight.panel.map_or(0.0, |panel| panel.coverage));
+            view.cast_row(row, |_, sight| *share += sight.panel.map_or(0.0, |panel| panel.coverage));
         }
         let area_px2 = crate::geometry::polygon::signed_area_px2(&outline).abs();
         let error_px = (shares.iter().sum::<f64>() - area_px2) / length_px;

@@ -1,21 +1,21 @@
 //! The simulated cell: the poses of all its objects, and the pictures of its two cameras.
 
-use super::cast::{Rays, View};
+use super::cast::{CastView, Rays};
 use super::drawing;
-use super::film::{Film, OnPanel};
-use super::film_defects::{self, Grease, Spot};
+use super::film::{Film, PanelCondition};
+use super::film_defects::{self, Grease, GreasySpot};
 use super::film_spec::FilmSpec;
 use super::flange;
-use super::noise::{PixelNoise, Purpose, Seed};
+use super::noise::{PixelNoise, RandomPurpose, Seed};
 use super::projector::Projector;
-use super::real_arm::{RealArm, Reported};
-use super::sanding::{SandedLook, Sanding};
+use super::real_arm::{RealArm, ReportedFlangePose};
+use super::sanding::{Sanding, SandingStrength};
 use super::scanner;
 use super::scanner_distortion::ScannerDistortion;
 use super::scene::{self, CornerView, Scene};
 use super::shape::Shape;
 use super::timing::WET_FROM_S;
-use super::truth::Truth;
+use super::truth::CellTruth;
 use super::wet_flange;
 use crate::geometry::{
     Base, Camera, ColorPicture, Drawing, Flange, FlangeCamera, KukaPose, Mask, OrganizedCloud, Panel,
@@ -56,7 +56,7 @@ pub struct Cell {
     taught: Shape,
     /// The panel of the scene; `None` if there is none.
     present: Option<Shape>,
-    spots: Vec<Spot>,
+    spots: Vec<GreasySpot>,
     film: FilmSpec,
     base_from_panel: Rigid<Base, Panel>,
     pub(super) scanner: (PinholeCamera, Rays),
@@ -77,7 +77,7 @@ impl Cell {
         let taught = Shape::taught(seed);
         let present = match scene {
             Scene::Good | Scene::Clean => Some(taught.clone()),
-            Scene::WrongPanel => Some(Shape::wrong(seed)),
+            Scene::WrongPanel => Some(Shape::random_other(seed)),
             Scene::NoPanel => None,
         };
         let spots = if scene == Scene::Good { film_defects::draw(seed, &taught, WET_FROM_S) } else { Vec::new() };
@@ -88,8 +88,8 @@ impl Cell {
             taught,
             present,
             spots,
-            film: FilmSpec::USUAL,
-            base_from_panel: scene::displaced(seed, 0),
+            film: FilmSpec::TYPICAL_FILM,
+            base_from_panel: scene::displaced_pose(seed, 0),
             scanner: with_rays(scene::scanner(reduction)),
             flange_camera: with_rays(scene::flange_camera(reduction)),
             pixels: PixelNoise::new(seed),
@@ -115,10 +115,10 @@ impl Cell {
 
     /// Returns the pose that the controller reports if this is the flange's true pose; `None` if the arm cannot reach
     /// it.
-    pub fn reported(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<Reported> {
+    pub fn reported_pose(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<ReportedFlangePose> {
         match &self.arm {
-            None => Some(Reported { base_from_flange: *base_from_flange, joints: None }),
-            Some(arm) => arm.reported(base_from_flange),
+            None => Some(ReportedFlangePose { base_from_flange: *base_from_flange, joints: None }),
+            Some(arm) => arm.reported_pose(base_from_flange),
         }
     }
 
@@ -129,13 +129,13 @@ impl Cell {
 
     /// Returns the same cell with a panel that bows by this much today, mm: the panel's middle lies in front of its
     /// taught position.
-    pub fn bowed(self, bow_mm: f64) -> Self {
-        Cell { present: self.present.map(|panel| panel.bowed(bow_mm)), ..self }
+    pub fn with_bow(self, bow_mm: f64) -> Self {
+        Cell { present: self.present.map(|panel| panel.with_bow(bow_mm)), ..self }
     }
 
     /// Returns the cell with the same panel at another pose; 0 is its pose after [`Cell::new`].
-    pub fn placed(self, place: u32) -> Self {
-        Cell { base_from_panel: scene::displaced(self.seed, place), ..self }
+    pub fn with_pose(self, place: u32) -> Self {
+        Cell { base_from_panel: scene::displaced_pose(self.seed, place), ..self }
     }
 
     /// The true intrinsic parameters of the 3D camera; its calibration estimates them.
@@ -150,48 +150,48 @@ impl Cell {
 
     /// The 3D camera's pose in the calibration: 0.1 mm and 0.01° off.
     pub fn calibrated_base_from_camera(&self) -> Rigid<Base, Camera> {
-        scene::calibrated(self.seed, 0, &scene::base_from_camera())
+        scene::calibrated_mount(self.seed, 0, &scene::base_from_camera())
     }
 
     /// The flange camera's mounting in the calibration: 0.1 mm and 0.01° off.
     pub fn calibrated_flange_from_camera(&self) -> Rigid<Flange, FlangeCamera> {
-        scene::calibrated(self.seed, 1, &scene::flange_from_camera())
+        scene::calibrated_mount(self.seed, 1, &scene::flange_from_camera())
     }
 
     /// The scan of the taught panel at its nominal pose.
     pub fn taught_scan(&self) -> OrganizedCloud<Camera> {
-        self.shot(Some((&self.taught, &scene::nominal())), 0)
+        self.render_scan(Some((&self.taught, &scene::nominal())), 0)
     }
 
     /// The drawing of the taught panel, and the place of its frame while the panel is at its nominal place.
     pub fn drawing(&self) -> (TriangleMesh, Rigid<Base, Drawing>) {
         let base_from_drawing = scene::nominal().isometry() * self.taught.panel_from_sheet();
-        (drawing::mesh(&self.taught), Rigid::claim(base_from_drawing))
+        (drawing::mesh(&self.taught), Rigid::from_isometry_unchecked(base_from_drawing))
     }
 
     /// Returns the dry scan of the objects that are in the cell after teaching.
     pub fn scan(&self) -> OrganizedCloud<Camera> {
-        self.shot(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)), 1)
+        self.render_scan(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)), 1)
     }
 
     /// Returns a scan with the scene's panel at another pose; `shot` distinguishes exposures, since each has its
     /// own noise.
     pub fn scan_at(&self, base_from_panel: &Rigid<Base, Panel>, shot: u64) -> OrganizedCloud<Camera> {
-        self.shot(self.present.as_ref().map(|shape| (shape, base_from_panel)), shot + 2)
+        self.render_scan(self.present.as_ref().map(|shape| (shape, base_from_panel)), shot + 2)
     }
 
-    fn shot(&self, panel: Option<(&Shape, &Rigid<Base, Panel>)>, shot: u64) -> OrganizedCloud<Camera> {
+    fn render_scan(&self, panel: Option<(&Shape, &Rigid<Base, Panel>)>, shot: u64) -> OrganizedCloud<Camera> {
         let projector = Projector::new(&scene::base_from_camera(), panel, &[]);
-        let seed = self.seed.child(Purpose::Scan, shot);
+        let seed = self.seed.child(RandomPurpose::Scan, shot);
         let scan = scanner::capture(&self.scanner_view(panel), &projector, &self.pixels, seed);
         match &self.distortion {
-            Some(distortion) => distortion.bent(&scan),
+            Some(distortion) => distortion.distort_scan(&scan),
             None => scan,
         }
     }
 
-    fn scanner_view<'a>(&'a self, panel: Option<(&'a Shape, &Rigid<Base, Panel>)>) -> View<'a> {
-        View::new(&self.scanner.0, &self.scanner.1, &scene::base_from_camera(), panel)
+    fn scanner_view<'a>(&'a self, panel: Option<(&'a Shape, &Rigid<Base, Panel>)>) -> CastView<'a> {
+        CastView::new(&self.scanner.0, &self.scanner.1, &scene::base_from_camera(), panel)
     }
 
     /// Corners of the taught panel with the flange poses from which they are taught.
@@ -202,8 +202,12 @@ impl Cell {
     /// Returns the taught flange pose, moved with the panel to its true pose and changed by up to 5 mm and 1°. A
     /// robot reaches such a pose after a rough localization.
     pub fn displaced_corner_pose(&self, view: &CornerView) -> Rigid<Base, Flange> {
-        let moved: Rigid<Base, Base> = Rigid::claim(*self.base_from_panel.isometry());
-        scene::nearly(self.seed, Seed::index_of(view.corner.mm.coords.as_slice()), &(moved * view.base_from_flange))
+        let moved: Rigid<Base, Base> = Rigid::from_isometry_unchecked(*self.base_from_panel.isometry());
+        scene::perturbed_flange_pose(
+            self.seed,
+            Seed::index_of(view.corner.mm.coords.as_slice()),
+            &(moved * view.base_from_flange),
+        )
     }
 
     /// The flange camera's picture from this pose, dry. The same pose gives the same picture.
@@ -231,12 +235,12 @@ impl Cell {
     ) -> ColorPicture {
         let base_from_camera = *base_from_flange * scene::flange_from_camera();
         let panel = self.present.as_ref().map(|shape| (shape, base_from_panel));
-        let view = View::new(&self.flange_camera.0, &self.flange_camera.1, &base_from_camera, panel);
+        let view = CastView::new(&self.flange_camera.0, &self.flange_camera.1, &base_from_camera, panel);
         let place = KukaPose::from_rigid(base_from_panel);
         wet_flange::capture(
             &view,
             &self.pixels,
-            self.seed.child(Purpose::FlangePicture, Seed::index_of(&[place.x_mm, place.y_mm])),
+            self.seed.child(RandomPurpose::FlangePicture, Seed::index_of(&[place.x_mm, place.y_mm])),
         )
     }
 
@@ -246,58 +250,62 @@ impl Cell {
         panel: Option<(&Shape, &Rigid<Base, Panel>)>,
     ) -> ColorPicture {
         let base_from_camera = *base_from_flange * scene::flange_from_camera();
-        let view = View::new(&self.flange_camera.0, &self.flange_camera.1, &base_from_camera, panel);
+        let view = CastView::new(&self.flange_camera.0, &self.flange_camera.1, &base_from_camera, panel);
         let pose = KukaPose::from_rigid(base_from_flange);
         let numbers = [pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg];
-        flange::capture(&view, &self.pixels, self.seed.child(Purpose::FlangePicture, Seed::index_of(&numbers)))
+        flange::capture(
+            &view,
+            &self.pixels,
+            self.seed.child(RandomPurpose::FlangePicture, Seed::index_of(&numbers)),
+        )
     }
 
     /// The water-break test of the panel in the cell.
     pub fn film(&self) -> Film {
-        self.film_of(&self.spots)
+        self.film_with_spots(&self.spots)
     }
 
     /// Returns the water-break test of the panel with other spots, for example without an abraded spot.
-    pub fn film_of(&self, spots: &[Spot]) -> Film {
-        self.film_as(spots, &self.film, 0)
+    pub fn film_with_spots(&self, spots: &[GreasySpot]) -> Film {
+        self.film_with_spec(spots, &self.film, 0)
     }
 
     /// Returns a water-break test of the panel with these spots, with the difficulty that `spec` states; `index`
     /// distinguishes the films of one cell.
-    pub fn film_as(&self, spots: &[Spot], spec: &FilmSpec, index: u64) -> Film {
+    pub fn film_with_spec(&self, spots: &[GreasySpot], spec: &FilmSpec, index: u64) -> Film {
         let view = self.scanner_view(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)));
-        let seed = self.seed.child(Purpose::Film, spots.len() as u64 + (index << 8));
-        Film::new(&view, OnPanel { spots, stained: spots, washed: false }, spec, &self.pixels, seed)
+        let seed = self.seed.child(RandomPurpose::Film, spots.len() as u64 + (index << 8));
+        Film::new(&view, PanelCondition { spots, stained: spots, washed: false }, spec, &self.pixels, seed)
     }
 
     /// Returns a test after sanding: with the grease that is left, and with the stains of all earlier grease.
-    pub fn film_sanded(&self, left: &[Spot], sanding: &Sanding, index: u64) -> Film {
-        self.film_sanded_as((left, &self.spots), sanding, &self.film, index)
+    pub fn sanded_film(&self, left: &[GreasySpot], sanding: &Sanding, index: u64) -> Film {
+        self.sanded_film_with_spec((left, &self.spots), sanding, &self.film, index)
     }
 
     /// Returns a test after sanding with the difficulty that `spec` states; `stained` is the grease before sanding.
-    pub fn film_sanded_as(
+    pub fn sanded_film_with_spec(
         &self,
-        (left, stained): (&[Spot], &[Spot]),
+        (left, stained): (&[GreasySpot], &[GreasySpot]),
         sanding: &Sanding,
         spec: &FilmSpec,
         index: u64,
     ) -> Film {
         let view = self.scanner_view(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)));
-        let seed = self.seed.child(Purpose::Film, left.len() as u64 + (index << 8));
-        let on_panel = OnPanel { spots: left, stained, washed: !sanding.is_empty() };
-        Film::new(&view.sanded(sanding), on_panel, spec, &self.pixels, seed)
+        let seed = self.seed.child(RandomPurpose::Film, left.len() as u64 + (index << 8));
+        let on_panel = PanelCondition { spots: left, stained, washed: !sanding.is_empty() };
+        Film::new(&view.with_sanding(sanding), on_panel, spec, &self.pixels, seed)
     }
 
     /// Adds a pass of a disc of this radius; its centre was at these places of the panel.
-    pub fn sand(&self, sanding: &mut Sanding, centres: &[Point<Panel>], radius_mm: f64, look: SandedLook) {
+    pub fn sand(&self, sanding: &mut Sanding, centres: &[Point<Panel>], radius_mm: f64, look: SandingStrength) {
         let shape = self.present.as_ref().unwrap_or(&self.taught);
         let places: Vec<[f64; 2]> = centres.iter().map(|centre| shape.nearest(*centre).0).collect();
         sanding.add_track(&places, radius_mm, (self.seed, look));
     }
 
     /// Adds a pass over these areas of the panel, each given by the corners of a quadrilateral.
-    pub fn sand_areas(&self, sanding: &mut Sanding, areas: &[[Point<Panel>; 4]], look: SandedLook) {
+    pub fn sand_areas(&self, sanding: &mut Sanding, areas: &[[Point<Panel>; 4]], look: SandingStrength) {
         let shape = self.present.as_ref().unwrap_or(&self.taught);
         let quads: Vec<_> = areas.iter().map(|area| area.map(|corner| shape.nearest(corner).0)).collect();
         sanding.add_quads(&quads, (self.seed, look));
@@ -305,12 +313,12 @@ impl Cell {
 
     /// Returns the ground truth: the pixels of the taught scan that show a sanded point, or a point nearer to it
     /// than `margin_mm`.
-    pub fn sanded_in_taught(&self, sanding: &Sanding, margin_mm: f64) -> Mask {
+    pub fn sanded_taught_pixels(&self, sanding: &Sanding, margin_mm: f64) -> Mask {
         let view = self.scanner_view(Some((&self.taught, &scene::nominal())));
-        let mut mask = Mask::empty(view.width(), view.height());
+        let mut mask = Mask::all_outside(view.width(), view.height());
         for row in 0..view.height() {
-            view.look_along_row(row, |column, sight| {
-                let touched = sight.panel.is_some_and(|panel| sanding.touched(panel.place, margin_mm));
+            view.cast_row(row, |column, sight| {
+                let touched = sight.panel.is_some_and(|panel| sanding.was_touched(panel.place, margin_mm));
                 mask.inside[row * mask.width + column] = touched;
             });
         }
@@ -318,13 +326,13 @@ impl Cell {
     }
 
     /// Draws other grease on this panel than its scene has; `index` distinguishes the random draws of one cell.
-    pub fn greased(&self, grease: &Grease, index: u64) -> Vec<Spot> {
+    pub fn with_other_grease(&self, grease: &Grease, index: u64) -> Vec<GreasySpot> {
         let shape = self.present.as_ref().unwrap_or(&self.taught);
-        film_defects::greased(self.seed.child(Purpose::Grease, index), shape, WET_FROM_S, grease)
+        film_defects::draw_spots(self.seed.child(RandomPurpose::Grease, index), shape, WET_FROM_S, grease)
     }
 
     /// The greasy spots.
-    pub fn spots(&self) -> &[Spot] {
+    pub fn spots(&self) -> &[GreasySpot] {
         &self.spots
     }
 
@@ -345,8 +353,8 @@ impl Cell {
     }
 
     /// The ground truth of this cell.
-    pub fn truth(&self) -> Truth {
-        Truth::new(
+    pub fn truth(&self) -> CellTruth {
+        CellTruth::new(
             (self.seed.0, self.scene),
             self.base_from_panel,
             (scene::base_from_camera(), scene::flange_from_camera()),

@@ -15,7 +15,7 @@ pub(super) struct Slab {
 
 /// The point where a ray meets a slab.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Met {
+pub(super) struct SlabHit {
     /// Length along the ray in units of its direction.
     pub depth_mm: f64,
     pub cos_incidence: f64,
@@ -33,13 +33,13 @@ impl Slab {
         half_mm: [f64; 2],
         color: [f64; 3],
     ) -> Slab {
-        let upright = Isometry3::face_towards(&centre, &(centre + normal), &up(&normal));
+        let upright = Isometry3::face_towards(&centre, &(centre + normal), &up_direction(&normal));
         let spin = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), spin_rad);
         Slab { base_from_slab: upright * spin, half_mm, color }
     }
 
     /// Intersects a ray of the base frame with the slab. `pixel_rad` is the angle of one pixel.
-    pub fn look(&self, origin: &Point3<f64>, ray: &Vector3<f64>, pixel_rad: f64) -> Option<Met> {
+    pub fn intersect(&self, origin: &Point3<f64>, ray: &Vector3<f64>, pixel_rad: f64) -> Option<SlabHit> {
         let from = self.base_from_slab.inverse_transform_point(origin);
         let along = self.base_from_slab.inverse_transform_vector(ray);
         let depth_mm = -from.z / along.z;
@@ -50,11 +50,16 @@ impl Slab {
         let inside_mm = (self.half_mm[0] - x.abs()).min(self.half_mm[1] - y.abs());
         let share = (0.5 + inside_mm / (depth_mm * pixel_rad)).clamp(0.0, 1.0);
         let cos_incidence = (along.z / along.norm()).abs();
-        (share > 0.0 && cos_incidence > 0.05).then_some(Met { depth_mm, cos_incidence, share, color: self.color })
+        (share > 0.0 && cos_incidence > 0.05).then_some(SlabHit {
+            depth_mm,
+            cos_incidence,
+            share,
+            color: self.color,
+        })
     }
 }
 
-fn up(normal: &Vector3<f64>) -> Vector3<f64> {
+fn up_direction(normal: &Vector3<f64>) -> Vector3<f64> {
     if normal.z.abs() < 0.9 * normal.norm() { Vector3::z() } else { Vector3::y() }
 }
 
@@ -67,7 +72,8 @@ mod tests {
     #[test]
     fn a_slab_ahead_is_met_up_to_its_edge() {
         let slab = Slab::facing(Point3::new(500.0, 0.0, 0.0), -Vector3::x(), 0.0, [20.0, 10.0], [100.0; 3]);
-        let look = |y: f64, z: f64| slab.look(&Point3::origin(), &Vector3::new(1.0, y / 500.0, z / 500.0), 1e-3);
+        let look =
+            |y: f64, z: f64| slab.intersect(&Point3::origin(), &Vector3::new(1.0, y / 500.0, z / 500.0), 1e-3);
         let middle = look(0.0, 0.0).expect("met");
         assert!((middle.depth_mm - 500.0).abs() < 1e-9 && (middle.cos_incidence - 1.0).abs() < 1e-9);
         assert!((look(20.0, 0.0).expect("met").share - 0.5).abs() < 1e-9);

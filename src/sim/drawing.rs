@@ -14,15 +14,15 @@ const HALF_MM: f64 = 260.0;
 const HALVINGS: usize = 30;
 
 /// The lattice with the vertices that were made so far.
-struct Cut<'a> {
+struct CutLattice<'a> {
     shape: &'a Shape,
     mesh: TriangleMesh,
     of_node: HashMap<[i32; 2], u32>,
     of_side: HashMap<[[i32; 2]; 2], u32>,
 }
 
-impl Cut<'_> {
-    fn place([i, j]: [i32; 2]) -> Vector2<f64> {
+impl CutLattice<'_> {
+    fn node_position([i, j]: [i32; 2]) -> Vector2<f64> {
         Vector2::new(f64::from(i) * STEP_MM, f64::from(j) * STEP_MM)
     }
 
@@ -39,18 +39,18 @@ impl Cut<'_> {
         if let Some(&known) = self.of_node.get(&node) {
             return known;
         }
-        let vertex = self.push(Self::place(node));
+        let vertex = self.push(Self::node_position(node));
         self.of_node.insert(node, vertex);
         vertex
     }
 
     /// Returns the vertex at which a side crosses the outline, from its node inside to its node outside.
-    fn crossing(&mut self, inside: [i32; 2], outside: [i32; 2]) -> u32 {
+    fn outline_crossing(&mut self, inside: [i32; 2], outside: [i32; 2]) -> u32 {
         let side = [inside, outside];
         if let Some(&known) = self.of_side.get(&side) {
             return known;
         }
-        let (mut within, mut beyond) = (Self::place(inside), Self::place(outside));
+        let (mut within, mut beyond) = (Self::node_position(inside), Self::node_position(outside));
         for _ in 0..HALVINGS {
             let middle = (within + beyond) / 2.0;
             if self.is_inside(middle) { within = middle } else { beyond = middle }
@@ -62,7 +62,7 @@ impl Cut<'_> {
 
     /// Adds the part of a lattice triangle that is inside of the outline.
     fn add(&mut self, triangle: [[i32; 2]; 3]) {
-        let is_inside = triangle.map(|node| self.is_inside(Self::place(node)));
+        let is_inside = triangle.map(|node| self.is_inside(Self::node_position(node)));
         let mut polygon = Vec::with_capacity(4);
         for index in 0..3 {
             let next = (index + 1) % 3;
@@ -70,8 +70,8 @@ impl Cut<'_> {
                 polygon.push(self.node(triangle[index]));
             }
             match (is_inside[index], is_inside[next]) {
-                (true, false) => polygon.push(self.crossing(triangle[index], triangle[next])),
-                (false, true) => polygon.push(self.crossing(triangle[next], triangle[index])),
+                (true, false) => polygon.push(self.outline_crossing(triangle[index], triangle[next])),
+                (false, true) => polygon.push(self.outline_crossing(triangle[next], triangle[index])),
                 _ => {}
             }
         }
@@ -84,7 +84,7 @@ impl Cut<'_> {
 /// Returns the surface of a panel, mm, in sheet coordinates.
 pub(super) fn mesh(shape: &Shape) -> TriangleMesh {
     let mesh = TriangleMesh { unit: Some(LengthUnit::Millimetre), ..TriangleMesh::default() };
-    let mut cut = Cut { shape, mesh, of_node: HashMap::new(), of_side: HashMap::new() };
+    let mut cut = CutLattice { shape, mesh, of_node: HashMap::new(), of_side: HashMap::new() };
     cut.mesh.begin_object("panel");
     let half = (HALF_MM / STEP_MM) as i32;
     for j in -half..half {

@@ -4,7 +4,7 @@
 //! at t₀ and reaches the share ρ of the way to the outline at t₀ + T ρ^1.5: fast at first, and never beyond the
 //! outline.
 
-use super::noise::{Purpose, Seed};
+use super::noise::{RandomPurpose, Seed};
 use super::shape::Shape;
 use nalgebra::{Rotation2, Vector2};
 use rand::RngExt;
@@ -13,7 +13,7 @@ use std::f64::consts::{PI, TAU};
 
 /// A greasy spot of the panel; the same at every place of the panel.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Spot {
+pub struct GreasySpot {
     centre: Vector2<f64>,
     half_axes_mm: Vector2<f64>,
     turn: Rotation2<f64>,
@@ -64,17 +64,17 @@ pub enum Grease {
 const MIXED_EDGE_MM: f64 = 18.0;
 
 /// Returns the spots that `grease` specifies on this panel; the panel's film is whole from `wet_from_s` on.
-pub(super) fn greased(seed: Seed, shape: &Shape, wet_from_s: f64, grease: &Grease) -> Vec<Spot> {
+pub(super) fn draw_spots(seed: Seed, shape: &Shape, wet_from_s: f64, grease: &Grease) -> Vec<GreasySpot> {
     match *grease {
-        Grease::Mixed { count, until_s } => mixed(seed, shape, count, (wet_from_s, until_s)),
-        Grease::Share { share, kind } => vec![covering(share, kind)],
+        Grease::Mixed { count, until_s } => mixed_spots(seed, shape, count, (wet_from_s, until_s)),
+        Grease::Share { share, kind } => vec![covering_spot(share, kind)],
     }
 }
 
-fn mixed(seed: Seed, shape: &Shape, count: usize, (wet_from_s, until_s): (f64, f64)) -> Vec<Spot> {
+fn mixed_spots(seed: Seed, shape: &Shape, count: usize, (wet_from_s, until_s): (f64, f64)) -> Vec<GreasySpot> {
     const MAX_ATTEMPTS: usize = 2_000;
-    let mut random = seed.stream(Purpose::Grease, 0);
-    let mut spots: Vec<Spot> = Vec::new();
+    let mut random = seed.stream(RandomPurpose::Grease, 0);
+    let mut spots: Vec<GreasySpot> = Vec::new();
     for _ in 0..MAX_ATTEMPTS {
         if spots.len() == count {
             break;
@@ -92,7 +92,7 @@ fn mixed(seed: Seed, shape: &Shape, count: usize, (wet_from_s, until_s): (f64, f
             0.3..0.45 => (SpotKind::Breaks, breaks_at_s + grows_s + between(2.0, 5.0)),
             _ => (SpotKind::Breaks, f64::INFINITY),
         };
-        let spot = Spot {
+        let spot = GreasySpot {
             centre: Vector2::new(between(-170.0, 170.0), between(-120.0, 120.0)),
             half_axes_mm,
             turn: Rotation2::new(between(0.0, TAU)),
@@ -102,7 +102,8 @@ fn mixed(seed: Seed, shape: &Shape, count: usize, (wet_from_s, until_s): (f64, f
             closes_at_s,
             kind,
         };
-        let apart = |other: &Spot| (other.centre - spot.centre).norm() > other.radius_mm() + spot.radius_mm() + 6.0;
+        let apart =
+            |other: &GreasySpot| (other.centre - spot.centre).norm() > other.radius_mm() + spot.radius_mm() + 6.0;
         let inside = shape.outline().distance(spot.centre).0 < -(MIXED_EDGE_MM + spot.radius_mm());
         if inside && spots.iter().all(apart) {
             spots.push(spot);
@@ -111,13 +112,13 @@ fn mixed(seed: Seed, shape: &Shape, count: usize, (wet_from_s, until_s): (f64, f
     spots
 }
 
-fn covering(share: f64, kind: SpotKind) -> Spot {
+fn covering_spot(share: f64, kind: SpotKind) -> GreasySpot {
     // The panel is about 334 × 228 mm without a corner; for shares from nine tenths, the ellipse is larger than the
     // panel.
     const PANEL_MM2: f64 = 73_000.0;
     const ASPECT: f64 = 1.45;
     let area_mm2 = if share < 0.9 { share * PANEL_MM2 } else { 6.0 * PANEL_MM2 };
-    Spot {
+    GreasySpot {
         centre: Vector2::zeros(),
         half_axes_mm: Vector2::new((area_mm2 * ASPECT / PI).sqrt(), (area_mm2 / ASPECT / PI).sqrt()),
         turn: Rotation2::identity(),
@@ -135,10 +136,10 @@ const EDGE_DISTANCE_MM: f64 = 42.0;
 const SPOT_DISTANCE_MM: f64 = 52.0;
 
 /// Draws two to four spots on this panel at random; the panel's film is whole from `wet_from_s` on.
-pub(super) fn draw(seed: Seed, shape: &Shape, wet_from_s: f64) -> Vec<Spot> {
-    let mut random = seed.stream(Purpose::Spots, 0);
+pub(super) fn draw(seed: Seed, shape: &Shape, wet_from_s: f64) -> Vec<GreasySpot> {
+    let mut random = seed.stream(RandomPurpose::Spots, 0);
     let count = random.random_range(2..=4);
-    let mut spots: Vec<Spot> = Vec::new();
+    let mut spots: Vec<GreasySpot> = Vec::new();
     while spots.len() < count {
         let centre = Vector2::new(random.random_range(-170.0..170.0), random.random_range(-120.0..120.0));
         let apart = spots.iter().all(|spot| (spot.centre - centre).norm() > SPOT_DISTANCE_MM);
@@ -151,9 +152,9 @@ pub(super) fn draw(seed: Seed, shape: &Shape, wet_from_s: f64) -> Vec<Spot> {
     spots
 }
 
-fn spot(random: &mut Pcg64, centre: Vector2<f64>, earliest_s: f64, span_s: f64) -> Spot {
+fn spot(random: &mut Pcg64, centre: Vector2<f64>, earliest_s: f64, span_s: f64) -> GreasySpot {
     let mut between = |low: f64, high: f64| random.random_range(low..high);
-    Spot {
+    GreasySpot {
         centre,
         half_axes_mm: Vector2::new(between(10.0, 15.0), between(7.0, 10.0)),
         turn: Rotation2::new(between(0.0, TAU)),
@@ -165,7 +166,7 @@ fn spot(random: &mut Pcg64, centre: Vector2<f64>, earliest_s: f64, span_s: f64) 
     }
 }
 
-impl Spot {
+impl GreasySpot {
     /// The spot's centre on the sheet, mm.
     pub(super) fn centre_mm(&self) -> [f64; 2] {
         self.centre.into()
@@ -189,7 +190,7 @@ impl Spot {
     }
 
     /// Returns the time at which the film breaks at a point of the spot that water reaches at `wet_from_s`.
-    pub(super) fn breaks_where_wet_s(&self, reached: f64, wet_from_s: f64) -> f64 {
+    pub(super) fn break_time_at_s(&self, reached: f64, wet_from_s: f64) -> f64 {
         const WET_FOR_S: f64 = 0.5;
         match self.kind {
             SpotKind::Breaks => self.breaks_s(reached),
@@ -204,7 +205,7 @@ impl Spot {
     }
 
     /// Smallest distance of the spot's outline from its centre, or a slightly smaller value, mm.
-    pub(super) fn least_radius_mm(&self) -> f64 {
+    pub(super) fn min_radius_mm(&self) -> f64 {
         self.half_axes_mm.min() * (1.0 - self.waves.iter().map(|(_, share, _)| share).sum::<f64>())
     }
 

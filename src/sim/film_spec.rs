@@ -1,6 +1,6 @@
 //! Disturbances of the view of a film: light, glints, drops, exposure.
 
-use super::noise::{Purpose, Seed};
+use super::noise::{RandomPurpose, Seed};
 use rand::RngExt;
 
 /// The difficulty of reading a film. All random values come from the film's seed; the fields are their limits.
@@ -37,7 +37,7 @@ pub struct FilmSpec {
 
 impl FilmSpec {
     /// Steady light, no glints: only the run-off.
-    pub const CALM: FilmSpec = FilmSpec {
+    pub const CALM_FILM: FilmSpec = FilmSpec {
         exposure: 1.0,
         drift: 0.0,
         flicker: 0.0,
@@ -54,7 +54,7 @@ impl FilmSpec {
     };
 
     /// A typical film of a good cell.
-    pub const USUAL: FilmSpec = FilmSpec {
+    pub const TYPICAL_FILM: FilmSpec = FilmSpec {
         exposure: 1.0,
         drift: 0.05,
         flicker: 0.01,
@@ -72,8 +72,8 @@ impl FilmSpec {
 
     /// Draws a film of the highest difficulty from its seed: exposures from dark to bright, ±15 % of drift, a
     /// shadow in every second film, places that stay damp, droplets, dust and stains.
-    pub fn hard(seed: u64) -> FilmSpec {
-        let mut random = Seed(seed).stream(Purpose::Light, 1);
+    pub fn hardest(seed: u64) -> FilmSpec {
+        let mut random = Seed(seed).stream(RandomPurpose::Light, 1);
         let mut between = |low: f64, high: f64| random.random_range(low..high);
         let exposure = 0.45 * (2.5_f64 / 0.45).powf(between(0.0, 1.0));
         let shadow = between(-0.3, 0.3).max(0.0);

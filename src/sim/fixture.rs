@@ -22,7 +22,7 @@ const BOARDS: [Board; 3] = [
 ];
 
 /// Returns the fixture's parts as objects that block light.
-pub(super) fn slabs() -> [Slab; 3] {
+pub(super) fn occluders() -> [Slab; 3] {
     BOARDS.map(|board| {
         let middle = |[low, high]: [f64; 2]| (low + high) / 2.0;
         let centre = Point3::new(board.x_mm, middle(board.y_mm), middle(board.z_mm));
@@ -32,7 +32,7 @@ pub(super) fn slabs() -> [Slab; 3] {
 }
 
 /// Colour of the hall behind the fixture: out of focus, and too far away for points.
-const HALL: [f64; 3] = [52.0, 55.0, 60.0];
+const HALL_COLOR: [f64; 3] = [52.0, 55.0, 60.0];
 
 /// The surface that a ray meets if it misses the panel.
 #[derive(Debug, Clone, Copy)]
@@ -46,7 +46,7 @@ pub(super) struct Background {
 }
 
 /// Returns the fixture or the hall as a ray of the base frame meets it. `pixel_rad` is the angle of one pixel.
-pub(super) fn look(origin: &Point3<f64>, ray: &Vector3<f64>, pixel_rad: f64) -> Background {
+pub(super) fn intersect(origin: &Point3<f64>, ray: &Vector3<f64>, pixel_rad: f64) -> Background {
     let mut color = [0.0; 3];
     let mut open = 1.0;
     let mut depth_mm = None;
@@ -59,7 +59,7 @@ pub(super) fn look(origin: &Point3<f64>, ray: &Vector3<f64>, pixel_rad: f64) -> 
         let inside_mm = (y - board.y_mm[0]).min(board.y_mm[1] - y).min(z - board.z_mm[0]).min(board.z_mm[1] - z);
         let share = (0.5 + inside_mm / (depth * pixel_rad)).clamp(0.0, 1.0) * open;
         if share > 0.0 {
-            let light = lighting(y, z);
+            let light = lamp_light(y, z);
             color = std::array::from_fn(|channel| color[channel] + share * board.color[channel] * light);
             open -= share;
         }
@@ -70,12 +70,12 @@ pub(super) fn look(origin: &Point3<f64>, ray: &Vector3<f64>, pixel_rad: f64) -> 
             break;
         }
     }
-    color = std::array::from_fn(|channel| color[channel] + open * HALL[channel]);
+    color = std::array::from_fn(|channel| color[channel] + open * HALL_COLOR[channel]);
     Background { depth_mm, cos_incidence: ray.x.abs() / ray.norm(), color }
 }
 
 /// The lamp's light on the fixture, a few percent brighter in the middle.
-fn lighting(y_mm: f64, z_mm: f64) -> f64 {
+fn lamp_light(y_mm: f64, z_mm: f64) -> f64 {
     let (across, up) = (y_mm / 500.0, (z_mm - 380.0) / 500.0);
     1.03 - 0.09 * (across * across + up * up)
 }
@@ -88,9 +88,9 @@ mod tests {
     #[test]
     fn the_plate_and_a_post() {
         let from = |y: f64| Point3::new(0.0, y, 360.0);
-        let plate = look(&from(0.0), &Vector3::x(), 1e-3);
+        let plate = intersect(&from(0.0), &Vector3::x(), 1e-3);
         assert!((plate.depth_mm.expect("a plate") - 665.0).abs() < 1e-9 && plate.color[0] > 170.0);
-        let post = look(&from(95.0), &Vector3::x(), 1e-3);
+        let post = intersect(&from(95.0), &Vector3::x(), 1e-3);
         assert!((post.depth_mm.expect("a post") - 650.0).abs() < 1e-9 && post.color[0] < 170.0);
     }
 
@@ -98,7 +98,7 @@ mod tests {
     /// slab.
     #[test]
     fn parts_are_slabs_of_their_size() {
-        for (board, slab) in BOARDS.iter().zip(slabs()) {
+        for (board, slab) in BOARDS.iter().zip(occluders()) {
             let corner = Point3::new(board.x_mm, board.y_mm[1], board.z_mm[1]);
             let at = slab.base_from_slab.inverse_transform_point(&corner);
             assert!((at.x.abs() - slab.half_mm[0]).abs() < 1e-9 && (at.y - slab.half_mm[1]).abs() < 1e-9, "{at}");
@@ -108,8 +108,8 @@ mod tests {
 
     #[test]
     fn beyond_the_plate_is_the_hall() {
-        let hall = look(&Point3::new(0.0, 0.0, 900.0), &Vector3::x(), 1e-3);
-        assert_eq!((hall.depth_mm, hall.color), (None, HALL));
-        assert_eq!(look(&Point3::new(0.0, 0.0, 360.0), &-Vector3::x(), 1e-3).depth_mm, None);
+        let hall = intersect(&Point3::new(0.0, 0.0, 900.0), &Vector3::x(), 1e-3);
+        assert_eq!((hall.depth_mm, hall.color), (None, HALL_COLOR));
+        assert_eq!(intersect(&Point3::new(0.0, 0.0, 360.0), &-Vector3::x(), 1e-3).depth_mm, None);
     }
 }

@@ -6,7 +6,7 @@ use rand_pcg::Pcg64;
 
 /// The purpose of a stream of random numbers. The order affects every rendered picture: append only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Purpose {
+pub(super) enum RandomPurpose {
     Shape,
     Placement,
     Calibration,
@@ -39,23 +39,23 @@ pub(super) struct Seed(pub u64);
 
 impl Seed {
     /// Creates a separate generator for this purpose and index.
-    pub fn stream(self, purpose: Purpose, index: u64) -> Pcg64 {
-        Pcg64::seed_from_u64(mixed(mixed(mixed(self.0) ^ purpose as u64) ^ index))
+    pub fn stream(self, purpose: RandomPurpose, index: u64) -> Pcg64 {
+        Pcg64::seed_from_u64(mix_seed(mix_seed(mix_seed(self.0) ^ purpose as u64) ^ index))
     }
 
     /// Creates a separate seed for this purpose and index, from which other seeds can be derived.
-    pub fn child(self, purpose: Purpose, index: u64) -> Seed {
+    pub fn child(self, purpose: RandomPurpose, index: u64) -> Seed {
         Seed(self.stream(purpose, index).random())
     }
 
     /// Computes an index from numbers that identify a shot, such as its pose.
     pub fn index_of(numbers: &[f64]) -> u64 {
-        numbers.iter().fold(0, |index, number| mixed(index ^ number.to_bits()))
+        numbers.iter().fold(0, |index, number| mix_seed(index ^ number.to_bits()))
     }
 }
 
 /// SplitMix64's finaliser (Steele, Lea & Flood, OOPSLA 2014): neighbouring seeds give unrelated streams.
-fn mixed(state: u64) -> u64 {
+fn mix_seed(state: u64) -> u64 {
     let z = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -70,14 +70,14 @@ pub(super) fn normal_pair(random: &mut Pcg64) -> [f64; 2] {
 }
 
 /// A stream of standard normal numbers, which uses both numbers of each pair.
-pub(super) struct Normal {
+pub(super) struct NormalStream {
     random: Pcg64,
     spare: Option<f64>,
 }
 
-impl Normal {
+impl NormalStream {
     pub fn new(random: Pcg64) -> Self {
-        Normal { random, spare: None }
+        NormalStream { random, spare: None }
     }
 
     pub fn next(&mut self) -> f64 {
@@ -109,7 +109,7 @@ pub(super) struct ValueNoise {
 impl ValueNoise {
     /// Creates noise of 1 rms at the nodes on the square −`half_width_mm`…`half_width_mm`, with a random phase.
     pub fn new(random: Pcg64, spacing_mm: f64, half_width_mm: f64) -> Self {
-        let mut normal = Normal::new(random);
+        let mut normal = NormalStream::new(random);
         let corner_mm = [0, 1].map(|_| -half_width_mm - spacing_mm * normal.share());
         let columns = (2.0 * half_width_mm / spacing_mm).ceil() as usize + 3;
         ValueNoise {
@@ -121,7 +121,7 @@ impl ValueNoise {
     }
 
     /// The noise at a place of the sheet. Beyond the lattice, the values at its border continue.
-    pub fn at(&self, [s_mm, t_mm]: [f64; 2]) -> f64 {
+    pub fn value_at(&self, [s_mm, t_mm]: [f64; 2]) -> f64 {
         let (i, across) = self.cell(s_mm - self.corner_mm[0]);
         let (j, up) = self.cell(t_mm - self.corner_mm[1]);
         let node = |di: usize, dj: usize| self.nodes[(j + dj) * self.columns + i + di];
@@ -159,7 +159,7 @@ pub(super) struct PixelNoise {
 
 impl PixelNoise {
     pub fn new(seed: Seed) -> Self {
-        let mut normal = Normal::new(seed.stream(Purpose::Pixels, 0));
+        let mut normal = NormalStream::new(seed.stream(RandomPurpose::Pixels, 0));
         let level = PIXEL_NOISE_GRAY * f64::from(LEVEL);
         PixelNoise { table: (0..TABLE_LENGTH).map(|_| (normal.next() * level).round() as i16).collect() }
     }
@@ -167,7 +167,7 @@ impl PixelNoise {
     /// Returns the noise of one row, three numbers per pixel.
     pub fn row(&self, picture: Seed, row: usize, width: usize) -> &[i16] {
         let last = TABLE_LENGTH - 3 * width;
-        let start = picture.stream(Purpose::Pixels, row as u64).random_range(0..=last);
+        let start = picture.stream(RandomPurpose::Pixels, row as u64).random_range(0..=last);
         &self.table[start..start + 3 * width]
     }
 }
@@ -196,9 +196,10 @@ mod tests {
     fn value_noise_keeps_26_parts_in_35() {
         let samples: Vec<f64> = (0..400)
             .flat_map(|index| {
-                let noise = ValueNoise::new(Seed(7).stream(Purpose::Scan, index), 60.0, 200.0);
-                (0..400)
-                    .map(move |i| noise.at([f64::from(i % 20) * 18.0 - 180.0, f64::from(i / 20) * 18.0 - 180.0]))
+                let noise = ValueNoise::new(Seed(7).stream(RandomPurpose::Scan, index), 60.0, 200.0);
+                (0..400).map(move |i| {
+                    noise.value_at([f64::from(i % 20) * 18.0 - 180.0, f64::from(i / 20) * 18.0 - 180.0])
+                })
             })
             .collect();
         let share = rms(&samples);

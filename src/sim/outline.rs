@@ -25,19 +25,19 @@ pub(super) struct Outline {
 impl Outline {
     /// Creates an outline from the corners at which its extended straight edges would meet.
     pub fn new(corners: Vec<Vector2<f64>>, rounding_mm: f64) -> Self {
-        let edges: Vec<Edge> = pairs(&corners)
+        let edges: Vec<Edge> = edge_pairs(&corners)
             .map(|(a, b)| {
                 let along = (b - a).normalize();
                 let normal = Vector2::new(along.y, -along.x);
                 Edge { normal, offset_mm: normal.dot(&a) }
             })
             .collect();
-        let core = inset(&edges, rounding_mm);
+        let core = inset_corners_from(&edges, rounding_mm);
         Outline { corners, rounding_mm, edges, core, cuts: Vec::new() }
     }
 
     /// Returns the same outline without the area inside another outline.
-    pub fn without(mut self, cut: Outline) -> Self {
+    pub fn with_hole(mut self, cut: Outline) -> Self {
         self.cuts.push(cut);
         self
     }
@@ -49,7 +49,7 @@ impl Outline {
 
     /// Returns the corners of the same polygon with every edge moved inwards.
     pub fn inset_corners(&self, by_mm: f64) -> Vec<Vector2<f64>> {
-        inset(&self.edges, by_mm)
+        inset_corners_from(&self.edges, by_mm)
     }
 
     /// Returns the signed distance to the outline, negative inside, mm, and the direction in which the distance
@@ -73,15 +73,15 @@ impl Outline {
         if deepest <= -self.rounding_mm {
             return (deepest, normal);
         }
-        let away = self.away_from_core(point);
+        let away = self.vector_from_core(point);
         let distance = away.norm();
         if distance < 1e-9 { (-self.rounding_mm, normal) } else { (distance - self.rounding_mm, away / distance) }
     }
 
     /// Returns the vector from the nearest point of the inner polygon to a point outside this polygon.
-    fn away_from_core(&self, point: Vector2<f64>) -> Vector2<f64> {
+    fn vector_from_core(&self, point: Vector2<f64>) -> Vector2<f64> {
         let mut nearest = Vector2::repeat(f64::INFINITY);
-        for (a, b) in pairs(&self.core) {
+        for (a, b) in edge_pairs(&self.core) {
             let along = b - a;
             let share = ((point - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
             let away = point - (a + along * share);
@@ -94,7 +94,7 @@ impl Outline {
 
     /// Returns the outline as a closed polyline; its points are at most this distance apart.
     pub fn polyline(&self, spacing_mm: f64) -> Vec<Vector2<f64>> {
-        let dense = pairs(&self.corners).flat_map(|(a, b)| {
+        let dense = edge_pairs(&self.corners).flat_map(|(a, b)| {
             let steps = ((b - a).norm() / spacing_mm).ceil().max(1.0) as usize;
             (0..steps).map(move |i| a + (b - a) * (i as f64 / steps as f64))
         });
@@ -109,11 +109,11 @@ impl Outline {
     }
 }
 
-fn pairs(corners: &[Vector2<f64>]) -> impl Iterator<Item = (Vector2<f64>, Vector2<f64>)> + '_ {
+fn edge_pairs(corners: &[Vector2<f64>]) -> impl Iterator<Item = (Vector2<f64>, Vector2<f64>)> + '_ {
     corners.iter().copied().zip(corners.iter().copied().cycle().skip(1))
 }
 
-fn inset(edges: &[Edge], by_mm: f64) -> Vec<Vector2<f64>> {
+fn inset_corners_from(edges: &[Edge], by_mm: f64) -> Vec<Vector2<f64>> {
     let count = edges.len();
     (0..count)
         .filter_map(|i| {
@@ -156,7 +156,7 @@ mod tests {
     #[test]
     fn a_window_is_not_panel() {
         let window = [(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)].map(|(s, t)| Vector2::new(s, t));
-        let outline = square().without(Outline::new(window.to_vec(), 0.5));
+        let outline = square().with_hole(Outline::new(window.to_vec(), 0.5));
         assert!((outline.distance(Vector2::new(4.0, 0.0)).0 + 2.0).abs() < 1e-12);
         assert!((outline.distance(Vector2::zeros()).0 - 2.0).abs() < 1e-12);
         assert!((outline.distance(Vector2::new(4.0, 0.0)).1 + Vector2::x()).norm() < 1e-12, "grows inwards");

@@ -40,8 +40,8 @@ const LENS: PinholeCamera = PinholeCamera {
 };
 
 /// The projector's position in the camera's frame, mm, and its turn about the camera's y, rad.
-const PLACE_MM: [f64; 3] = [111.2, 0.0, 9.7];
-const TURN_RAD: f64 = -0.113;
+const PROJECTOR_POSITION_MM: [f64; 3] = [111.2, 0.0, 9.7];
+const PROJECTOR_TURN_RAD: f64 = -0.113;
 
 /// An object that is nearer to the projector than a point by this share of the point's depth throws a shadow on the
 /// point.
@@ -49,18 +49,18 @@ pub(super) const SHADOW_SHARE: f64 = 0.005;
 
 /// Distance from the camera's lens to the projector's lens, mm.
 pub(super) fn baseline_mm() -> f64 {
-    Vector3::from(PLACE_MM).norm()
+    Vector3::from(PROJECTOR_POSITION_MM).norm()
 }
 
 fn camera_from_projector() -> Isometry3<f64> {
-    Isometry3::new(PLACE_MM.into(), Vector3::y() * TURN_RAD)
+    Isometry3::new(PROJECTOR_POSITION_MM.into(), Vector3::y() * PROJECTOR_TURN_RAD)
 }
 
 /// The projector in front of the objects in the cell.
 pub(super) struct Projector<'a> {
     projector_from_camera: Isometry3<f64>,
     panel: Option<PanelView<'a>>,
-    screens: Vec<Screen>,
+    screens: Vec<OccludingScreen>,
 }
 
 impl<'a> Projector<'a> {
@@ -76,31 +76,34 @@ impl<'a> Projector<'a> {
             PanelView::new(&LENS, shape, &projector_from_sheet)
         });
         let eye = projector_from_base * base_from_camera.origin().mm;
-        let slabs = fixture::slabs().into_iter().chain(things.iter().copied());
-        let screens = slabs.map(|slab| Screen::new(&projector_from_base, &slab, &eye)).collect();
-        Projector { panel, screens, ..Projector::alone() }
+        let slabs = fixture::occluders().into_iter().chain(things.iter().copied());
+        let screens = slabs.map(|slab| OccludingScreen::new(&projector_from_base, &slab, &eye)).collect();
+        Projector { panel, screens, ..Projector::without_occluders() }
     }
 
     /// Creates the projector with no object in front of it.
-    pub fn alone() -> Self {
+    pub fn without_occluders() -> Self {
         Projector { projector_from_camera: camera_from_projector().inverse(), panel: None, screens: Vec::new() }
     }
 
     /// Returns whether the projector's light reaches this point of the camera's frame. If the point is on the
     /// panel, `on_panel` is the panel as the camera sees it there.
-    pub fn lights(&self, point: &Vector3<f64>, on_panel: Option<&PanelHit>) -> bool {
+    pub fn is_lit(&self, point: &Vector3<f64>, on_panel: Option<&PanelHit>) -> bool {
         let point = self.projector_from_camera * Point3::from(*point);
         let Some((column, row)) = inside(&point) else { return false };
         let nearest = (1.0 - SHADOW_SHARE) * point.z;
         let clear_of_panel = match (&self.panel, on_panel) {
-            (Some(panel), Some(sight)) => panel.turned(&point.coords).dot(&sight.normal) < 0.0,
+            (Some(panel), Some(sight)) => panel.to_sheet_direction(&point.coords).dot(&sight.normal) < 0.0,
             (Some(panel), None) => {
-                let met = panel.may_show(column, row).then(|| panel.meet(point.coords / point.z, None)).flatten();
+                let met = panel
+                    .is_candidate_pixel(column, row)
+                    .then(|| panel.intersect_ray(point.coords / point.z, None))
+                    .flatten();
                 !met.is_some_and(|met| met.edge_px < 0.0 && met.depth_mm < nearest)
             }
             (None, _) => true,
         };
-        clear_of_panel && !self.screens.iter().any(|screen| screen.stops(&point.coords))
+        clear_of_panel && !self.screens.iter().any(|screen| screen.is_blocking(&point.coords))
     }
 }
 
@@ -112,7 +115,7 @@ fn inside(point: &Point3<f64>) -> Option<(usize, usize)> {
 }
 
 /// A flat rectangle that blocks the projector's light, in the projector's frame.
-struct Screen {
+struct OccludingScreen {
     centre: Vector3<f64>,
     axes: [Vector3<f64>; 3],
     half_mm: [f64; 2],
@@ -121,7 +124,7 @@ struct Screen {
     reach: f64,
 }
 
-impl Screen {
+impl OccludingScreen {
     fn new(projector_from_base: &Isometry3<f64>, slab: &Slab, eye: &Point3<f64>) -> Self {
         let projector_from_slab = projector_from_base * slab.base_from_slab;
         let centre = projector_from_slab.translation.vector;
@@ -129,11 +132,11 @@ impl Screen {
         let same_side = axes[2].dot(&(eye.coords - centre)) * axes[2].dot(&-centre) > 0.0;
         // If the camera sees the side that the projector does not see, all of that side is dark.
         let reach = if same_side { 1.0 - SHADOW_SHARE } else { 1.0 + 1e-6 };
-        Screen { centre, axes, half_mm: slab.half_mm, reach }
+        OccludingScreen { centre, axes, half_mm: slab.half_mm, reach }
     }
 
     /// Returns whether the rectangle is between the projector and this point.
-    fn stops(&self, point: &Vector3<f64>) -> bool {
+    fn is_blocking(&self, point: &Vector3<f64>) -> bool {
         let share = self.axes[2].dot(&self.centre) / self.axes[2].dot(point);
         if !(share > 0.0 && share < self.reach) {
             return false;
@@ -154,10 +157,10 @@ pub(super) mod tests {
     /// down, v is 728.5. The point (−370, 0, 700) is (−400.3, 740.2) across and along, u = 7.2; at −380, u is −7.5.
     #[test]
     fn the_frustum_by_hand() {
-        let lit = |x: f64, y: f64| Projector::alone().lights(&Vector3::new(x, y, 700.0), None);
+        let lit = |x: f64, y: f64| Projector::without_occluders().is_lit(&Vector3::new(x, y, 700.0), None);
         assert!(lit(0.0, 210.0) && lit(0.0, -210.0) && lit(-370.0, 0.0));
         assert!(!lit(0.0, 220.0) && !lit(0.0, -220.0) && !lit(-380.0, 0.0));
-        assert!(!Projector::alone().lights(&Vector3::new(0.0, 0.0, -700.0), None), "behind");
+        assert!(!Projector::without_occluders().is_lit(&Vector3::new(0.0, 0.0, -700.0), None), "behind");
     }
 
     /// A camera pose at (−35, 0, 360) that looks straight at the plate, 700 mm away; the camera's x is the base's
@@ -174,12 +177,12 @@ pub(super) mod tests {
     fn a_shadow_by_hand() {
         let thing = Slab::facing(Point3::new(565.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
         let projector = Projector::new(&before_the_plate(), None, &[thing]);
-        let lit = |x: f64| projector.lights(&Vector3::new(x, 0.0, 700.0), None);
+        let lit = |x: f64| projector.is_lit(&Vector3::new(x, 0.0, 700.0), None);
         assert!(lit(-65.7) && !lit(-65.5) && !lit(-46.0) && !lit(27.8) && lit(28.1));
-        assert!(projector.lights(&Vector3::new(-39.0, 0.0, 600.0), None), "not in its own shadow");
+        assert!(projector.is_lit(&Vector3::new(-39.0, 0.0, 600.0), None), "not in its own shadow");
         // 3 mm of 700 mm are less than 0.5 %.
         let thin = Slab::facing(Point3::new(662.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
-        assert!(Projector::new(&before_the_plate(), None, &[thin]).lights(&Vector3::new(0.0, 0.0, 700.0), None));
+        assert!(Projector::new(&before_the_plate(), None, &[thin]).is_lit(&Vector3::new(0.0, 0.0, 700.0), None));
     }
 
     /// An object between lens and projector, with its edge towards the camera, shows the lens its dark side.
@@ -187,7 +190,7 @@ pub(super) mod tests {
     fn the_dark_side_of_a_thing_has_no_points() {
         let seen_from = |y_mm: f64| {
             let thing = Slab::facing(Point3::new(465.0, y_mm, 360.0), Vector3::y(), 0.0, [40.0, 40.0], [100.0; 3]);
-            Projector::new(&before_the_plate(), None, &[thing]).lights(&Vector3::new(-y_mm, 0.0, 505.0), None)
+            Projector::new(&before_the_plate(), None, &[thing]).is_lit(&Vector3::new(-y_mm, 0.0, 505.0), None)
         };
         assert!(!seen_from(-50.0), "at x = 50 mm lens and projector, at 111 mm, are on both sides");
         assert!(seen_from(50.0) && seen_from(-150.0));
@@ -200,11 +203,11 @@ pub(super) mod tests {
         let base_from_camera = scene::base_from_camera();
         for seed in 0..20 {
             let shape = Shape::taught(Seed(seed));
-            for place in [scene::nominal(), scene::displaced(Seed(seed), 0)] {
+            for place in [scene::nominal(), scene::displaced_pose(Seed(seed), 0)] {
                 let projector = Projector::new(&base_from_camera, Some((&shape, &place)), &[]);
                 let seen = |at: [f64; 2]| (base_from_camera.inverse() * (place * shape.point(at))).mm.coords;
                 for at in shape.outline().polyline(10.0) {
-                    assert!(projector.lights(&seen(at.into()), None), "seed {seed}: {at}");
+                    assert!(projector.is_lit(&seen(at.into()), None), "seed {seed}: {at}");
                 }
                 // The points of the plate that the lens sees just beside the middles of the left and the right
                 // side.
@@ -212,7 +215,7 @@ pub(super) mod tests {
                 let behind = |s: f64| {
                     let ray = (place * shape.point([s, 0.0])).mm - eye;
                     let on_plate = eye + ray * ((665.0 - eye.x) / ray.x);
-                    projector.lights(&(base_from_camera.inverse() * Point::<Base>::new(on_plate)).mm.coords, None)
+                    projector.is_lit(&(base_from_camera.inverse() * Point::<Base>::new(on_plate)).mm.coords, None)
                 };
                 assert!(!behind(-164.0) && behind(174.0), "seed {seed}");
             }

@@ -10,7 +10,7 @@
 //!     Rz(q1) T₁ (a1, b, c1) Ry(q2) T₂ (0, 0, c2) Ry(q3) T₃ (a2, 0, c3) Rz(q4) T₄ Ry(q5) T₅ Rz(q6) (0, 0, c4)
 //! Lengths and signs: kroshu/kuka_robot_descriptions.
 
-use super::noise::{Normal, Purpose, Seed};
+use super::noise::{NormalStream, RandomPurpose, Seed};
 use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
@@ -18,7 +18,7 @@ use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector
 pub const TOOL_LENGTH_MM: f64 = 120.0;
 
 /// Nominal lengths a1, b, c1, c2, a2, c3, c4, mm.
-const DRAWN_MM: [f64; 7] = [25.0, 0.0, 400.0, 335.0, -25.0, 365.0, 90.0];
+const NOMINAL_LENGTHS_MM: [f64; 7] = [25.0, 0.0, 400.0, 335.0, -25.0, 365.0, 90.0];
 /// Largest errors of an arm of this class before they are scaled to the stated error: zeros (rad), then twists
 /// (rad) and lengths (mm).
 const ZERO_RAD: f64 = 8.7e-4;
@@ -29,12 +29,12 @@ const LENGTH_MM: f64 = 0.4;
 const WEIGHTS_N: [f64; 3] = [90.0, 60.0, 45.0];
 const COMPLIANCE: f64 = 6e-9;
 /// Amplitude of the gears' error, rad; `GEAR_PERIODS` is the number of its periods in one turn of each axis.
-const GEAR_RAD: f64 = 3e-5;
+const GEAR_ERROR_RAD: f64 = 3e-5;
 const GEAR_PERIODS: [f64; 3] = [3.0, 4.0, 5.0];
 
 /// The controller's report of a pose of the flange.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reported {
+pub struct ReportedFlangePose {
     /// The flange's pose that the controller reports.
     pub base_from_flange: Rigid<Base, Flange>,
     /// The axis angles, if the arm differs from the nominal geometry.
@@ -47,32 +47,32 @@ pub struct RealArm {
     zeros_rad: [f64; 6],
     twists_rad: [[f64; 2]; 5],
     lengths_mm: [f64; 7],
-    gives_way: [f64; 3],
+    compliance: [f64; 3],
     gears_rad: [f64; 3],
 }
 
 impl RealArm {
     /// Creates the arm of this seed. `error_mm` is the error of its tool, rms over poses in front of the panel, mm.
     pub fn new(seed: u64, error_mm: f64) -> Self {
-        let mut normal = Normal::new(Seed(seed).stream(Purpose::Arm, 0));
+        let mut normal = NormalStream::new(Seed(seed).stream(RandomPurpose::Arm, 0));
         let mut even = |most: f64| (2.0 * normal.share() - 1.0) * most;
         let drawn = RealArm {
             zeros_rad: std::array::from_fn(|_| even(ZERO_RAD)),
             twists_rad: std::array::from_fn(|_| std::array::from_fn(|_| even(TWIST_RAD))),
             lengths_mm: std::array::from_fn(|_| even(LENGTH_MM)),
-            gives_way: std::array::from_fn(|_| COMPLIANCE * (0.75 + even(0.25))),
-            gears_rad: std::array::from_fn(|_| even(GEAR_RAD)),
+            compliance: std::array::from_fn(|_| COMPLIANCE * (0.75 + even(0.25))),
+            gears_rad: std::array::from_fn(|_| even(GEAR_ERROR_RAD)),
         };
         let found_mm = drawn.error_mm();
-        drawn.scaled(error_mm / found_mm)
+        drawn.with_scaled_errors(error_mm / found_mm)
     }
 
-    fn scaled(&self, by: f64) -> Self {
+    fn with_scaled_errors(&self, by: f64) -> Self {
         RealArm {
             zeros_rad: self.zeros_rad.map(|number| number * by),
             twists_rad: self.twists_rad.map(|pair| pair.map(|number| number * by)),
             lengths_mm: self.lengths_mm.map(|number| number * by),
-            gives_way: self.gives_way.map(|number| number * by),
+            compliance: self.compliance.map(|number| number * by),
             gears_rad: self.gears_rad.map(|number| number * by),
         }
     }
@@ -86,7 +86,7 @@ impl RealArm {
                 for a3_deg in [90.0, 110.0, 130.0] {
                     for a5_deg in [-40.0, 0.0, 40.0] {
                         let joints = Joints { a1_deg, a2_deg, a3_deg, a4_deg: 0.0, a5_deg, a6_deg: 90.0 };
-                        let [real, drawn] = [self.base_from_flange(&joints), drawn_flange(&joints)];
+                        let [real, drawn] = [self.base_from_flange(&joints), nominal_flange(&joints)];
                         off_mm2.push((real.isometry() * tip - drawn.isometry() * tip).norm_squared());
                     }
                 }
@@ -104,20 +104,21 @@ impl RealArm {
         (0..6).for_each(|axis| q[axis] += self.zeros_rad[axis]);
         let moments = moments(&q);
         for (axis, moment) in [1, 2, 4].into_iter().zip(moments) {
-            q[axis] += self.gives_way[[0, 0, 1, 0, 2][axis]] * moment;
+            q[axis] += self.compliance[[0, 0, 1, 0, 2][axis]] * moment;
         }
-        let lengths_mm: [f64; 7] = std::array::from_fn(|index| DRAWN_MM[index] + self.lengths_mm[index]);
+        let lengths_mm: [f64; 7] = std::array::from_fn(|index| NOMINAL_LENGTHS_MM[index] + self.lengths_mm[index]);
         chain(&q, &lengths_mm, &self.twists_rad)
     }
 
     /// The true pose of the simulated tool's pad, whatever length a calibration assumes for the tool.
     pub fn base_from_tool(&self, joints: &Joints) -> Rigid<Base, Tool> {
-        self.base_from_flange(joints) * Rigid::claim(Isometry3::translation(0.0, 0.0, TOOL_LENGTH_MM))
+        self.base_from_flange(joints)
+            * Rigid::from_isometry_unchecked(Isometry3::translation(0.0, 0.0, TOOL_LENGTH_MM))
     }
 
     /// Returns the axis angles at which the flange truly has this pose, searched from `near`, without regard to the
     /// axes' limits; `None` if the search does not converge.
-    pub fn reaching(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Option<Joints> {
+    pub fn solve_true_joints(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Option<Joints> {
         let wanted = base_from_flange.isometry();
         let off = |joints: &Joints| -> SVector<f64, 6> {
             let there = *self.base_from_flange(joints).isometry();
@@ -150,18 +151,23 @@ impl RealArm {
 impl RealArm {
     /// Returns the pose that the controller reports if this is the flange's true pose. `None` if the arm cannot reach
     /// it with its elbow up and its wrist not turned over, within the limits of its axes.
-    pub fn reported(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<Reported> {
+    pub fn reported_pose(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<ReportedFlangePose> {
         let within = |joints: &Joints| {
-            joints.degrees().iter().zip(IN_WORK_DEG).all(|(angle, [least, most])| (least..=most).contains(angle))
+            joints
+                .degrees()
+                .iter()
+                .zip(WORKING_RANGE_DEG)
+                .all(|(angle, [least, most])| (least..=most).contains(angle))
         };
-        let reached = |near: &[f64; 6]| self.reaching(base_from_flange, &Joints::from(*near)).filter(within);
+        let reached =
+            |near: &[f64; 6]| self.solve_true_joints(base_from_flange, &Joints::from(*near)).filter(within);
         let joints = STARTS.iter().find_map(reached)?;
-        Some(Reported { base_from_flange: drawn_flange(&joints), joints: Some(joints) })
+        Some(ReportedFlangePose { base_from_flange: nominal_flange(&joints), joints: Some(joints) })
     }
 }
 
 /// Lowest and highest working angle of each axis: some degrees within the limits of a KR 6 R700-2.
-const IN_WORK_DEG: [[f64; 2]; 6] =
+const WORKING_RANGE_DEG: [[f64; 2]; 6] =
     [[-160.0, 160.0], [-180.0, 40.0], [-60.0, 150.0], [-120.0, 120.0], [-115.0, 115.0], [-340.0, 340.0]];
 
 /// Start values (axis angles) of the search for the axis angles of a pose: in front of the panel, over a table, and
@@ -181,8 +187,8 @@ const CONVERGENCE_MM: f64 = 1e-7;
 const MAX_STEP_DEG: f64 = 15.0;
 
 /// Returns the flange's pose according to the nominal geometry: the pose that the controller reports.
-pub fn drawn_flange(joints: &Joints) -> Rigid<Base, Flange> {
-    chain(&turns_rad(joints), &DRAWN_MM, &[[0.0; 2]; 5])
+pub fn nominal_flange(joints: &Joints) -> Rigid<Base, Flange> {
+    chain(&turns_rad(joints), &NOMINAL_LENGTHS_MM, &[[0.0; 2]; 5])
 }
 
 fn turns_rad(joints: &Joints) -> [f64; 6] {
@@ -192,7 +198,7 @@ fn turns_rad(joints: &Joints) -> [f64; 6] {
 
 /// Computes the moments of the weights about axes 2, 3 and 5, N mm, each in its axis's own sense of rotation.
 fn moments(q: &[f64; 6]) -> [f64; 3] {
-    let [_, _, _, c2, a2, c3, c4] = DRAWN_MM;
+    let [_, _, _, c2, a2, c3, c4] = NOMINAL_LENGTHS_MM;
     let lean = q[1] + q[2];
     let (elbow, wrist) = (c2 * q[1].sin(), a2 * lean.cos() + c3 * lean.sin());
     // The wrist's weight acts at the flange; axes 4 and 5 determine how far forward this is.
@@ -230,7 +236,7 @@ fn chain(q: &[f64; 6], lengths_mm: &[f64; 7], twists_rad: &[[f64; 2]; 5]) -> Rig
         * tilt(4)
         * about(z, q[5])
         * Translation3::new(0.0, 0.0, c4);
-    Rigid::claim(pose)
+    Rigid::from_isometry_unchecked(pose)
 }
 
 #[cfg(test)]
@@ -241,8 +247,8 @@ mod tests {
     #[test]
     fn the_drawing_is_the_kr_6() {
         let home = Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]);
-        assert!((drawn_flange(&home).origin().mm - nalgebra::Point3::new(480.0, 0.0, 760.0)).norm() < 1e-9);
-        assert_eq!(RealArm::new(1, 1.0).scaled(0.0).base_from_flange(&home), drawn_flange(&home));
+        assert!((nominal_flange(&home).origin().mm - nalgebra::Point3::new(480.0, 0.0, 760.0)).norm() < 1e-9);
+        assert_eq!(RealArm::new(1, 1.0).with_scaled_errors(0.0).base_from_flange(&home), nominal_flange(&home));
     }
 
     /// Calculated by hand: in the home position no moment acts on the upper arm. The forearm has 60 N at 182.5 mm,
@@ -260,11 +266,11 @@ mod tests {
             let arm = RealArm::new(seed, 1.0);
             assert!((arm.error_mm() - 1.0).abs() < 0.02, "{}", arm.error_mm());
             let near = Joints::from([5.0, -100.0, 115.0, 3.0, -20.0, 80.0]);
-            let wanted = drawn_flange(&Joints::from([10.0, -95.0, 110.0, 5.0, -30.0, 90.0]));
-            let joints = arm.reaching(&wanted, &near).expect("in reach");
+            let wanted = nominal_flange(&Joints::from([10.0, -95.0, 110.0, 5.0, -30.0, 90.0]));
+            let joints = arm.solve_true_joints(&wanted, &near).expect("in reach");
             let there = arm.base_from_flange(&joints);
             assert!(there.origin().distance_mm(wanted.origin()) < 1e-6);
-            assert!(drawn_flange(&joints).origin().distance_mm(wanted.origin()) > 0.1);
+            assert!(nominal_flange(&joints).origin().distance_mm(wanted.origin()) > 0.1);
         }
     }
 }

@@ -2,23 +2,23 @@
 //!
 //! Two copies of one streaky pattern, periodic in both directions, travel at their own speeds.
 
-use super::noise::{Normal, Purpose, Seed, smoothstep};
+use super::noise::{NormalStream, RandomPurpose, Seed, smoothstep};
 use super::timing::WET_FROM_S;
 
 /// The pattern repeats after this number of columns, and after `STREAK_ROWS` rows; both are powers of two. A cell
 /// is 1 mm wide and 1 mm high.
 const STREAK_COLUMNS: usize = 512;
 const STREAK_ROWS: usize = 1_024;
-/// Additional thickness of the film in a streak at first; `STREAK_LAST` is the later value.
-const STREAK_FIRST: f32 = 0.14;
-const STREAK_LAST: f32 = 0.05;
+/// Additional thickness of the film in a streak at first; `STREAK_FINAL_THICKNESS` is the later value.
+const STREAK_INITIAL_THICKNESS: f32 = 0.14;
+const STREAK_FINAL_THICKNESS: f32 = 0.05;
 const STREAK_FADES_S: f32 = 12.0;
 /// Speeds of the two copies, mm/s.
 const STREAK_SPEEDS: [f64; 2] = [17.0, 41.0];
 
 /// The pattern.
 #[derive(Debug, Clone)]
-pub(super) struct Runoff {
+pub(super) struct RunoffPattern {
     pattern: Vec<f32>,
 }
 
@@ -29,39 +29,40 @@ pub(super) struct Drift<'a> {
     amplitude: f32,
 }
 
-impl Runoff {
+impl RunoffPattern {
     /// Creates the pattern at random: its streaks are narrow across the panel and long from top to bottom.
     pub fn new(seed: Seed) -> Self {
-        const ACROSS: usize = 4;
-        const DOWN: usize = 64;
-        let columns = STREAK_COLUMNS / ACROSS;
-        let rows = STREAK_ROWS / DOWN;
-        let mut normal = Normal::new(seed.stream(Purpose::Runoff, 0));
+        const PATTERN_COLUMNS: usize = 4;
+        const PATTERN_ROWS: usize = 64;
+        let columns = STREAK_COLUMNS / PATTERN_COLUMNS;
+        let rows = STREAK_ROWS / PATTERN_ROWS;
+        let mut normal = NormalStream::new(seed.stream(RandomPurpose::Runoff, 0));
         let nodes: Vec<f64> = (0..columns * rows).map(|_| normal.next()).collect();
         let node = |column: usize, row: usize| nodes[row % rows * columns + column % columns];
         let value = |index: usize| {
             let (column, row) = (index % STREAK_COLUMNS, index / STREAK_COLUMNS);
-            let (i, j) = (column / ACROSS, row / DOWN);
-            let across = smoothstep((column % ACROSS) as f64 / ACROSS as f64);
-            let down = smoothstep((row % DOWN) as f64 / DOWN as f64);
+            let (i, j) = (column / PATTERN_COLUMNS, row / PATTERN_ROWS);
+            let across = smoothstep((column % PATTERN_COLUMNS) as f64 / PATTERN_COLUMNS as f64);
+            let down = smoothstep((row % PATTERN_ROWS) as f64 / PATTERN_ROWS as f64);
             let mix = |a: f64, b: f64, share: f64| a + share * (b - a);
             let low = mix(node(i, j), node(i + 1, j), across);
             let high = mix(node(i, j + 1), node(i + 1, j + 1), across);
             // Streaks are rare: only the peaks of the pattern.
             ((mix(low, high, down) - 0.6).max(0.0) / 1.2).min(1.0) as f32
         };
-        Runoff { pattern: (0..STREAK_COLUMNS * STREAK_ROWS).map(value).collect() }
+        RunoffPattern { pattern: (0..STREAK_COLUMNS * STREAK_ROWS).map(value).collect() }
     }
 
     /// Returns the column and row of the pattern for a point of the sheet; rows grow upwards.
-    pub fn place([s, t]: [f64; 2]) -> [u16; 2] {
+    pub fn pattern_position([s, t]: [f64; 2]) -> [u16; 2] {
         [s, t].map(|mm| (mm + 256.0).round().clamp(0.0, 511.0) as u16)
     }
 
     /// Returns the pattern as it has moved by this time of the film, s.
-    pub fn at(&self, time_s: f64) -> Drift<'_> {
+    pub fn thickness_at(&self, time_s: f64) -> Drift<'_> {
         let since_wet_s = (time_s - WET_FROM_S).max(0.0) as f32;
-        let amplitude = STREAK_LAST + (STREAK_FIRST - STREAK_LAST) * (-since_wet_s / STREAK_FADES_S).exp();
+        let amplitude = STREAK_FINAL_THICKNESS
+            + (STREAK_INITIAL_THICKNESS - STREAK_FINAL_THICKNESS) * (-since_wet_s / STREAK_FADES_S).exp();
         let shifts = STREAK_SPEEDS.map(|speed| (speed * time_s.max(0.0)) as usize % STREAK_ROWS);
         Drift { pattern: &self.pattern, shifts, amplitude }
     }
@@ -87,9 +88,9 @@ mod tests {
     /// row 83.
     #[test]
     fn streaks_travel_down_and_thin_out() {
-        let runoff = Runoff::new(Seed(1));
+        let runoff = RunoffPattern::new(Seed(1));
         let one = |time_s: f64, row: u16| {
-            let drift = Drift { amplitude: 1.0, ..runoff.at(time_s) };
+            let drift = Drift { amplitude: 1.0, ..runoff.thickness_at(time_s) };
             (0..100)
                 .map(|column| {
                     drift.pattern[(usize::from(row) + drift.shifts[0]) % STREAK_ROWS * STREAK_COLUMNS + column]
@@ -97,8 +98,8 @@ mod tests {
                 .sum::<f32>()
         };
         assert_eq!(one(0.0, 100).to_bits(), one(1.0, 83).to_bits());
-        assert!((runoff.at(WET_FROM_S).amplitude - STREAK_FIRST).abs() < 1e-6);
-        assert!((runoff.at(300.0).amplitude - STREAK_LAST).abs() < 1e-6);
-        assert!((0..100).all(|column| (1.0..1.3).contains(&runoff.at(5.0).thickness([column, 9]))));
+        assert!((runoff.thickness_at(WET_FROM_S).amplitude - STREAK_INITIAL_THICKNESS).abs() < 1e-6);
+        assert!((runoff.thickness_at(300.0).amplitude - STREAK_FINAL_THICKNESS).abs() < 1e-6);
+        assert!((0..100).all(|column| (1.0..1.3).contains(&runoff.thickness_at(5.0).thickness([column, 9]))));
     }
 }

@@ -5,7 +5,7 @@
 //! and the middle of the pass. The factors are drawn from harmless to worse than reported of real panels: no
 //! measurements of sanded composite under a film are known.
 
-use super::noise::{Purpose, Seed};
+use super::noise::{RandomPurpose, Seed};
 use rand::RngExt;
 
 /// Number of cells along each side of the sheet's lattice: a cell is 1 mm wide, from −256 to 256 mm in both
@@ -13,7 +13,7 @@ use rand::RngExt;
 const CELLS: usize = 512;
 const HALF_MM: f64 = 256.0;
 /// Width of the transition of the appearance at the edge of the area that the disc covered, mm.
-const SOFT_MM: f64 = 0.8;
+const EDGE_TRANSITION_MM: f64 = 0.8;
 
 /// The appearance of one point compared with the panel as made.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,9 +28,9 @@ pub(super) struct Appearance {
 
 impl Appearance {
     /// The appearance of an untreated point.
-    pub const AS_MADE: Appearance = Appearance { albedo: [1.0; 3], weave: 1.0, film: 1.0 };
+    pub const UNTREATED: Appearance = Appearance { albedo: [1.0; 3], weave: 1.0, film: 1.0 };
 
-    fn mixed(self, other: &Appearance, share: f64) -> Appearance {
+    fn blend(self, other: &Appearance, share: f64) -> Appearance {
         let mix = |a: f64, b: f64| a + share * (b - a);
         Appearance {
             albedo: std::array::from_fn(|channel| mix(self.albedo[channel], other.albedo[channel])),
@@ -42,7 +42,7 @@ impl Appearance {
 
 /// One pass of the disc: its place and its effect.
 #[derive(Debug, Clone)]
-struct Pass {
+struct SandingPass {
     /// Distance to the edge of the area that the disc covered, mm, positive inside; row by row from the lower left.
     depth_mm: Vec<f32>,
     middle: Appearance,
@@ -53,27 +53,32 @@ struct Pass {
 /// All passes of the disc over one panel, in order.
 #[derive(Debug, Clone, Default)]
 pub struct Sanding {
-    passes: Vec<Pass>,
+    passes: Vec<SandingPass>,
 }
 
 /// The strength with which sanding changes the appearance.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SandedLook {
+pub struct SandingStrength {
     /// The least and the largest factor of the dry brightness.
     pub albedo: [f64; 2],
 }
 
-impl SandedLook {
+impl SandingStrength {
     /// The expected appearance after the work of a real disc.
-    pub const USUAL: SandedLook = SandedLook { albedo: [0.7, 1.4] };
+    pub const TYPICAL: SandingStrength = SandingStrength { albedo: [0.7, 1.4] };
     /// From less than half of the brightness to almost twice the brightness.
-    pub const WORST: SandedLook = SandedLook { albedo: [0.4, 1.8] };
+    pub const EXTREME: SandingStrength = SandingStrength { albedo: [0.4, 1.8] };
 }
 
 impl Sanding {
     /// Adds a pass of a disc of this radius; its centre was at these places of the sheet, mm. Everything else is
     /// drawn from the seed and the number of the pass.
-    pub(super) fn add_track(&mut self, centres_mm: &[[f64; 2]], radius_mm: f64, (seed, look): (Seed, SandedLook)) {
+    pub(super) fn add_track(
+        &mut self,
+        centres_mm: &[[f64; 2]],
+        radius_mm: f64,
+        (seed, look): (Seed, SandingStrength),
+    ) {
         let mut depth_mm = vec![f32::NEG_INFINITY; CELLS * CELLS];
         for [s, t] in centres_mm {
             let reach = |mm: f64| {
@@ -93,16 +98,16 @@ impl Sanding {
     }
 
     /// Adds a pass over these quadrilaterals of the sheet, mm.
-    pub(super) fn add_quads(&mut self, quads_mm: &[[[f64; 2]; 4]], (seed, look): (Seed, SandedLook)) {
+    pub(super) fn add_quads(&mut self, quads_mm: &[[[f64; 2]; 4]], (seed, look): (Seed, SandingStrength)) {
         let depth = |index: usize| {
             let place = [index % CELLS, index / CELLS].map(|cell| cell as f64 + 0.5 - HALF_MM);
-            quads_mm.iter().map(|quad| depth_in(quad, place)).fold(f64::NEG_INFINITY, f64::max) as f32
+            quads_mm.iter().map(|quad| inside_distance(quad, place)).fold(f64::NEG_INFINITY, f64::max) as f32
         };
         self.add((0..CELLS * CELLS).map(depth).collect(), seed, look);
     }
 
-    fn add(&mut self, depth_mm: Vec<f32>, seed: Seed, SandedLook { albedo: [least, most] }: SandedLook) {
-        let mut random = seed.stream(Purpose::Sanding, self.passes.len() as u64);
+    fn add(&mut self, depth_mm: Vec<f32>, seed: Seed, SandingStrength { albedo: [least, most] }: SandingStrength) {
+        let mut random = seed.stream(RandomPurpose::Sanding, self.passes.len() as u64);
         let mut between = |low: f64, high: f64| random.random_range(low..high);
         let albedo = least * (most / least).powf(between(0.0, 1.0));
         let mut tinted = |albedo: f64| [0; 3].map(|_| albedo * between(0.96, 1.04));
@@ -110,7 +115,7 @@ impl Sanding {
         let darker = between(0.85, 1.15);
         let middle = Appearance { albedo: middle, weave: between(0.0, 0.3), film: between(0.85, 1.25) };
         let rim = Appearance { albedo: rim.map(|albedo| albedo * darker), weave: between(0.2, 0.8), ..middle };
-        self.passes.push(Pass { depth_mm, middle, rim, rim_mm: between(1.5, 6.0) });
+        self.passes.push(SandingPass { depth_mm, middle, rim, rim_mm: between(1.5, 6.0) });
     }
 
     /// Was nothing sanded?
@@ -119,21 +124,21 @@ impl Sanding {
     }
 
     /// Returns whether the disc was at this point of the sheet, or nearer to it than `margin_mm`.
-    pub(super) fn touched(&self, place: [f64; 2], margin_mm: f64) -> bool {
+    pub(super) fn was_touched(&self, place: [f64; 2], margin_mm: f64) -> bool {
         self.passes.iter().any(|pass| pass.depth_at(place) > -margin_mm)
     }
 
     /// Returns the present appearance of a point of the sheet: a later pass covers the earlier passes.
-    pub(super) fn look(&self, place: [f64; 2]) -> Appearance {
-        self.passes.iter().fold(Appearance::AS_MADE, |look, pass| {
+    pub(super) fn appearance_at(&self, place: [f64; 2]) -> Appearance {
+        self.passes.iter().fold(Appearance::UNTREATED, |look, pass| {
             let depth = pass.depth_at(place);
-            let own = pass.rim.mixed(&pass.middle, ((depth - pass.rim_mm) / SOFT_MM).clamp(0.0, 1.0));
-            look.mixed(&own, (depth / SOFT_MM + 0.5).clamp(0.0, 1.0))
+            let own = pass.rim.blend(&pass.middle, ((depth - pass.rim_mm) / EDGE_TRANSITION_MM).clamp(0.0, 1.0));
+            look.blend(&own, (depth / EDGE_TRANSITION_MM + 0.5).clamp(0.0, 1.0))
         })
     }
 }
 
-impl Pass {
+impl SandingPass {
     /// Interpolates the depth between the centres of four cells.
     fn depth_at(&self, place: [f64; 2]) -> f64 {
         let [(column, across), (row, up)] = place.map(|mm| {
@@ -151,7 +156,7 @@ impl Pass {
 }
 
 /// Returns the distance of a point to the nearest side of a convex quadrilateral, positive inside.
-fn depth_in(quad: &[[f64; 2]; 4], [s, t]: [f64; 2]) -> f64 {
+fn inside_distance(quad: &[[f64; 2]; 4], [s, t]: [f64; 2]) -> f64 {
     let area: f64 = (0..4).map(|i| cross(quad[i], quad[(i + 1) % 4])).sum();
     let side = |i: usize| {
         let ([a, b], [c, d]) = (quad[i], quad[(i + 1) % 4]);
@@ -173,15 +178,15 @@ mod tests {
     #[test]
     fn a_track_is_as_deep_as_the_nearest_disc() {
         let mut sanding = Sanding::default();
-        sanding.add_track(&[[0.0, 0.0], [30.0, 0.0]], 20.0, (Seed(1), SandedLook::WORST));
+        sanding.add_track(&[[0.0, 0.0], [30.0, 0.0]], 20.0, (Seed(1), SandingStrength::EXTREME));
         let pass = &sanding.passes[0];
         for (place, depth) in [([0.0, 0.0], 20.0), ([15.0, 0.0], 5.0), ([55.0, 0.0], -5.0)] {
             let found = pass.depth_at(place);
             assert!((found - depth).abs() < 0.8 || depth < 0.0 && found < -4.0, "{place:?}: {found}");
         }
-        assert!(sanding.touched([48.0, 0.0], 0.0) && !sanding.touched([55.0, 0.0], 2.0));
-        assert_eq!(sanding.look([-100.0, 0.0]), Appearance::AS_MADE);
-        let look = sanding.look([0.0, 0.0]);
+        assert!(sanding.was_touched([48.0, 0.0], 0.0) && !sanding.was_touched([55.0, 0.0], 2.0));
+        assert_eq!(sanding.appearance_at([-100.0, 0.0]), Appearance::UNTREATED);
+        let look = sanding.appearance_at([0.0, 0.0]);
         assert!((look.albedo[0] - pass.middle.albedo[0]).abs() + (look.weave - pass.middle.weave).abs() < 1e-12);
     }
 
@@ -192,8 +197,8 @@ mod tests {
         let quad = [[-20.0, -20.0], [20.0, -20.0], [20.0, 20.0], [-20.0, 20.0]];
         let other_way = [quad[3], quad[2], quad[1], quad[0]];
         for quad in [quad, other_way] {
-            assert!((depth_in(&quad, [15.0, 5.0]) - 5.0).abs() < 1e-12);
-            assert!((depth_in(&quad, [0.0, 23.0]) + 3.0).abs() < 1e-12);
+            assert!((inside_distance(&quad, [15.0, 5.0]) - 5.0).abs() < 1e-12);
+            assert!((inside_distance(&quad, [0.0, 23.0]) + 3.0).abs() < 1e-12);
         }
     }
 
@@ -203,8 +208,8 @@ mod tests {
         let square = [[-40.0, -40.0], [40.0, -40.0], [40.0, 40.0], [-40.0, 40.0]];
         let looks: Vec<Appearance> = (0..20)
             .map(|_| {
-                sanding.add_quads(&[square], (Seed(7), SandedLook::WORST));
-                sanding.look([0.0, 0.0])
+                sanding.add_quads(&[square], (Seed(7), SandingStrength::EXTREME));
+                sanding.appearance_at([0.0, 0.0])
             })
             .collect();
         let albedos: Vec<f64> = looks.iter().map(|look| look.albedo[1]).collect();

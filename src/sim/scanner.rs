@@ -6,8 +6,8 @@
 //! pixels flies between panel and background if both are lit, and most others are missing; 0.2 % drop out anywhere.
 
 use super::appearance::dry_and_wet;
-use super::cast::{PanelHit, PixelHit, View};
-use super::noise::{Normal, PIXEL_NOISE_GRAY, PixelNoise, Purpose, Seed, ValueNoise, to_bytes};
+use super::cast::{CastView, PanelHit, PixelHit};
+use super::noise::{NormalStream, PIXEL_NOISE_GRAY, PixelNoise, RandomPurpose, Seed, ValueNoise, to_bytes};
 use super::projector::{self, Projector};
 use crate::geometry::{Camera, OrganizedCloud};
 use rand::RngExt;
@@ -23,7 +23,7 @@ pub(super) const LATTICE_HALF_WIDTH_MM: f64 = 260.0;
 const EDGE_PX: f64 = 1.0;
 const FLYING_SHARE: f64 = 0.10;
 const EDGE_MISSING_SHARE: f64 = 0.75;
-const DROP_OUT_SHARE: f64 = 0.002;
+const DROPOUT_SHARE: f64 = 0.002;
 
 /// The simulator's noise, for reports.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -57,7 +57,7 @@ pub fn scanner_noise() -> NoiseFigures {
         range_lattice_mm: [LATTICE_MM.start, LATTICE_MM.end],
         edge_flying_share: FLYING_SHARE,
         edge_missing_share: EDGE_MISSING_SHARE,
-        drop_out_share: DROP_OUT_SHARE,
+        drop_out_share: DROPOUT_SHARE,
         projector_baseline_mm: projector::baseline_mm(),
         projector_shadow_share: projector::SHADOW_SHARE,
         pixel_gray: PIXEL_NOISE_GRAY,
@@ -66,7 +66,7 @@ pub fn scanner_noise() -> NoiseFigures {
 
 /// Makes a shot; `shot` is its own seed.
 pub(super) fn capture(
-    view: &View<'_>,
+    view: &CastView<'_>,
     projector: &Projector<'_>,
     pixels: &PixelNoise,
     shot: Seed,
@@ -74,12 +74,12 @@ pub(super) fn capture(
     let (width, height) = (view.width(), view.height());
     let mut points = vec![[f32::NAN; 3]; width * height];
     let mut colors = vec![[0_u8; 3]; width * height];
-    let correlated = correlated(shot, None);
+    let correlated = correlated_noise(shot, None);
     let rows = points.par_chunks_mut(width).zip(colors.par_chunks_mut(width)).enumerate();
     rows.for_each(|(row, (points, colors))| {
-        let mut normal = Normal::new(shot.stream(Purpose::ScanRow, row as u64));
+        let mut normal = NormalStream::new(shot.stream(RandomPurpose::ScanRow, row as u64));
         let noise = pixels.row(shot, row, width);
-        view.look_along_row(row, |column, sight| {
+        view.cast_row(row, |column, sight| {
             let (dry, _) = dry_and_wet(&sight);
             colors[column] = to_bytes(dry, noise, column);
             if let Some(point) = measured(&sight, projector, &correlated, &mut normal) {
@@ -95,10 +95,10 @@ pub(super) fn capture(
 
 /// Draws the correlated noise of a shot, in units of its rms, on a lattice of this spacing, mm. `None` selects the
 /// camera's usual spacing.
-pub(super) fn correlated(shot: Seed, spacing_mm: Option<f64>) -> ValueNoise {
-    let usual_mm = || shot.stream(Purpose::Scan, 0).random_range(LATTICE_MM);
+pub(super) fn correlated_noise(shot: Seed, spacing_mm: Option<f64>) -> ValueNoise {
+    let usual_mm = || shot.stream(RandomPurpose::Scan, 0).random_range(LATTICE_MM);
     let lattice_mm = spacing_mm.unwrap_or_else(usual_mm);
-    ValueNoise::new(shot.stream(Purpose::Scan, 1), lattice_mm, LATTICE_HALF_WIDTH_MM)
+    ValueNoise::new(shot.stream(RandomPurpose::Scan, 1), lattice_mm, LATTICE_HALF_WIDTH_MM)
 }
 
 /// Computes the range error of a pixel that looks square at a surface, mm, from its white and its correlated noise
@@ -115,22 +115,22 @@ struct Surface {
 }
 
 impl Surface {
-    fn of_panel(
+    fn from_panel_hit(
         sight: &PixelHit,
         panel: &PanelHit,
         projector: &Projector<'_>,
         correlated: &ValueNoise,
     ) -> Option<Self> {
-        projector.lights(&(sight.ray * panel.depth_mm), Some(panel)).then(|| Surface {
+        projector.is_lit(&(sight.ray * panel.depth_mm), Some(panel)).then(|| Surface {
             depth_mm: panel.depth_mm,
             cos_incidence: panel.cos_incidence,
-            correlated_mm: CORRELATED_MM * correlated.at(panel.place),
+            correlated_mm: CORRELATED_MM * correlated.value_at(panel.place),
         })
     }
 
-    fn behind(sight: &PixelHit, projector: &Projector<'_>) -> Option<Self> {
+    fn from_background(sight: &PixelHit, projector: &Projector<'_>) -> Option<Self> {
         let depth_mm = sight.background.depth_mm?;
-        projector.lights(&(sight.ray * depth_mm), None).then_some(Surface {
+        projector.is_lit(&(sight.ray * depth_mm), None).then_some(Surface {
             depth_mm,
             cos_incidence: sight.background.cos_incidence,
             correlated_mm: 0.0,
@@ -143,24 +143,24 @@ pub(super) fn measured(
     sight: &PixelHit,
     projector: &Projector<'_>,
     correlated: &ValueNoise,
-    normal: &mut Normal,
+    normal: &mut NormalStream,
 ) -> Option<[f32; 3]> {
     // Drawn for every pixel, so that the surface seen by one pixel does not change the noise of the next.
     let (white, chance, between) = (normal.next(), normal.share(), normal.share());
     let near = sight.panel.filter(|panel| panel.edge_px < EDGE_PX);
     let at_edge = near.is_some_and(|panel| panel.edge_px > -EDGE_PX);
-    let missing = if at_edge { FLYING_SHARE..FLYING_SHARE + EDGE_MISSING_SHARE } else { 0.0..DROP_OUT_SHARE };
+    let missing = if at_edge { FLYING_SHARE..FLYING_SHARE + EDGE_MISSING_SHARE } else { 0.0..DROPOUT_SHARE };
     if missing.contains(&chance) {
         return None;
     }
     let surface = match near {
         Some(panel) if at_edge && chance < FLYING_SHARE => {
-            let own = Surface::of_panel(sight, &panel, projector, correlated)?;
-            let behind = Surface::behind(sight, projector)?;
+            let own = Surface::from_panel_hit(sight, &panel, projector, correlated)?;
+            let behind = Surface::from_background(sight, projector)?;
             Surface { depth_mm: own.depth_mm + between * (behind.depth_mm - own.depth_mm), ..own }
         }
-        Some(panel) if panel.edge_px < 0.0 => Surface::of_panel(sight, &panel, projector, correlated)?,
-        _ => Surface::behind(sight, projector)?,
+        Some(panel) if panel.edge_px < 0.0 => Surface::from_panel_hit(sight, &panel, projector, correlated)?,
+        _ => Surface::from_background(sight, projector)?,
     };
     let scale = surface.depth_mm / WHITE_AT_MM;
     let along_ray_mm = white * WHITE_MM * scale * scale / surface.cos_incidence + surface.correlated_mm;

@@ -9,7 +9,7 @@
 
 use crate::geometry::{Camera, OrganizedCloud};
 
-const AT_MM: f64 = 700.0;
+const REFERENCE_DEPTH_OF_DISTORTION_MM: f64 = 700.0;
 const HALF: [f64; 2] = [0.54, 0.33];
 
 /// The error of one camera.
@@ -28,13 +28,17 @@ impl ScannerDistortion {
     }
 
     /// Computes c for a direction (X/Z, Y/Z), mm.
-    pub fn at_mm(&self, [x, y]: [f64; 2]) -> f64 {
+    pub fn distortion_at_mm(&self, [x, y]: [f64; 2]) -> f64 {
         let (x, y) = (x / HALF[0], y / HALF[1]);
         self.depth_mm * (x * x - 0.6 * y * y + 0.5 * (2.2 * x + 1.3 * y + self.phase).sin())
     }
 
     /// Returns the scan as this camera measures it.
-    pub fn bent(&self, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
-        scan.along_rays(|[x, y, z]| 1.0 / (1.0 - z * self.at_mm([x / z, y / z]) / (AT_MM * AT_MM)))
+    pub fn distort_scan(&self, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
+        scan.scaled_along_rays(|[x, y, z]| {
+            1.0 / (1.0
+                - z * self.distortion_at_mm([x / z, y / z])
+                    / (REFERENCE_DEPTH_OF_DISTORTION_MM * REFERENCE_DEPTH_OF_DISTORTION_MM))
+        })
     }
 }

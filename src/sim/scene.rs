@@ -1,6 +1,6 @@
 //! The poses of all objects: both cameras, their calibrations, the panel's two places and the taught corner poses.
 
-use super::noise::{Normal, Purpose, Seed};
+use super::noise::{NormalStream, RandomPurpose, Seed};
 use super::shape::{CENTRE_MM, Shape};
 use crate::geometry::{
     Base, Camera, Degrees, Flange, FlangeCamera, Frame, Panel, PinholeCamera, Point, Rigid, Vector,
@@ -27,7 +27,7 @@ impl Scene {
     pub const ALL: &'static [Scene] = <Self as VariantArray>::VARIANTS;
 
     /// The scene's keyword, which users use in scripts.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         self.into()
     }
 }
@@ -47,7 +47,7 @@ pub(super) fn scanner(reduction: usize) -> PinholeCamera {
         p2: -0.0004,
         k3: -0.02,
     };
-    reduced(camera, reduction)
+    reduce_camera(camera, reduction)
 }
 
 /// The colour camera on the flange, with its picture made smaller by a whole factor.
@@ -65,10 +65,10 @@ pub(super) fn flange_camera(reduction: usize) -> PinholeCamera {
         p2: 0.0003,
         k3: 0.0,
     };
-    reduced(camera, reduction)
+    reduce_camera(camera, reduction)
 }
 
-fn reduced(camera: PinholeCamera, reduction: usize) -> PinholeCamera {
+fn reduce_camera(camera: PinholeCamera, reduction: usize) -> PinholeCamera {
     let factor = reduction as f64;
     PinholeCamera {
         width_px: camera.width_px / reduction,
@@ -94,7 +94,7 @@ pub(super) fn base_from_camera() -> Rigid<Base, Camera> {
 /// direction.
 pub(super) fn flange_from_camera() -> Rigid<Flange, FlangeCamera> {
     let tilt = UnitQuaternion::from_scaled_axis(Vector3::new(0.8, -3.0, 0.6).map(f64::to_radians));
-    Rigid::claim(Isometry3::from_parts(Translation3::new(80.0, 4.0, 30.0), tilt))
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::new(80.0, 4.0, 30.0), tilt))
 }
 
 /// The error of a calibrated mount: a shift of this length and a rotation by this angle, each in a random
@@ -103,38 +103,45 @@ const MOUNT_ERROR_MM: f64 = 0.1;
 const MOUNT_ERROR_DEG: f64 = 0.01;
 
 /// Returns the mount that a calibration would find, with its error. `index` distinguishes the mounts of a cell.
-pub(super) fn calibrated<To: Frame, C: Frame>(seed: Seed, index: u64, true_mount: &Rigid<To, C>) -> Rigid<To, C> {
-    let mut normal = Normal::new(seed.stream(Purpose::Calibration, index));
+pub(super) fn calibrated_mount<To: Frame, C: Frame>(
+    seed: Seed,
+    index: u64,
+    true_mount: &Rigid<To, C>,
+) -> Rigid<To, C> {
+    let mut normal = NormalStream::new(seed.stream(RandomPurpose::Calibration, index));
     let shift = direction(&mut normal) * MOUNT_ERROR_MM;
-    let turn = direction(&mut normal) * Degrees(MOUNT_ERROR_DEG).rad();
-    *true_mount * Rigid::<C, C>::claim(Isometry3::new(shift, turn))
+    let turn = direction(&mut normal) * Degrees(MOUNT_ERROR_DEG).to_rad();
+    *true_mount * Rigid::<C, C>::from_isometry_unchecked(Isometry3::new(shift, turn))
 }
 
-fn direction(normal: &mut Normal) -> Vector3<f64> {
+fn direction(normal: &mut NormalStream) -> Vector3<f64> {
     Vector3::from_fn(|_, _| normal.next()).normalize()
 }
 
 /// The panel's nominal pose: its frame is the base's (thesis 3.8).
 pub(super) fn nominal() -> Rigid<Base, Panel> {
-    Rigid::claim(Isometry3::identity())
+    Rigid::from_isometry_unchecked(Isometry3::identity())
 }
 
 const MAX_SHIFT_MM: f64 = 25.0;
 const MAX_TURN_DEG: f64 = 8.0;
 /// Factor of the shift along the panel's normal: it is smaller than sideways, so that the panel stays clear of the
 /// fixture.
-const SHIFT_ALONG_NORMAL: f64 = 0.6;
+const NORMAL_SHIFT_FACTOR: f64 = 0.6;
 
 /// The panel's displaced pose: shifted by up to 25 mm and turned by up to 8° about its centre; different for each
 /// number.
-pub(super) fn displaced(seed: Seed, place: u32) -> Rigid<Base, Panel> {
-    let mut normal = Normal::new(seed.stream(Purpose::Placement, u64::from(place)));
+pub(super) fn displaced_pose(seed: Seed, place: u32) -> Rigid<Base, Panel> {
+    let mut normal = NormalStream::new(seed.stream(RandomPurpose::Placement, u64::from(place)));
     let mut shift = direction(&mut normal) * (MAX_SHIFT_MM * (0.3 + 0.7 * normal.share()));
-    shift.x *= SHIFT_ALONG_NORMAL;
-    let turn = direction(&mut normal) * (Degrees(MAX_TURN_DEG).rad() * (0.3 + 0.7 * normal.share()));
+    shift.x *= NORMAL_SHIFT_FACTOR;
+    let turn = direction(&mut normal) * (Degrees(MAX_TURN_DEG).to_rad() * (0.3 + 0.7 * normal.share()));
     let centre = Vector3::from(CENTRE_MM);
     let turned = UnitQuaternion::from_scaled_axis(turn);
-    Rigid::claim(Isometry3::from_parts(Translation3::from(centre + shift - turned * centre), turned))
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(
+        Translation3::from(centre + shift - turned * centre),
+        turned,
+    ))
 }
 
 /// The view of a panel's corner from which the corner is taught to the flange camera.
@@ -171,11 +178,15 @@ fn corner_view(shape: &Shape, name: &'static str, place: [f64; 2], aside_mm: [f6
 }
 
 /// Returns the flange pose, changed by up to 5 mm and 1°, as a robot reaches it after a rough localization.
-pub(super) fn nearly(seed: Seed, index: u64, base_from_flange: &Rigid<Base, Flange>) -> Rigid<Base, Flange> {
-    let mut normal = Normal::new(seed.stream(Purpose::FlangePose, index));
+pub(super) fn perturbed_flange_pose(
+    seed: Seed,
+    index: u64,
+    base_from_flange: &Rigid<Base, Flange>,
+) -> Rigid<Base, Flange> {
+    let mut normal = NormalStream::new(seed.stream(RandomPurpose::FlangePose, index));
     let shift = direction(&mut normal) * (5.0 * (0.2 + 0.8 * normal.share()));
-    let turn = direction(&mut normal) * (Degrees(1.0).rad() * (0.2 + 0.8 * normal.share()));
-    *base_from_flange * Rigid::<Flange, Flange>::claim(Isometry3::new(shift, turn))
+    let turn = direction(&mut normal) * (Degrees(1.0).to_rad() * (0.2 + 0.8 * normal.share()));
+    *base_from_flange * Rigid::<Flange, Flange>::from_isometry_unchecked(Isometry3::new(shift, turn))
 }
 
 #[cfg(test)]
@@ -197,7 +208,7 @@ mod tests {
     #[test]
     fn a_calibration_is_a_tenth_of_a_millimetre_off() {
         for seed in 0..20 {
-            let found = calibrated(Seed(seed), 0, &base_from_camera());
+            let found = calibrated_mount(Seed(seed), 0, &base_from_camera());
             let error = base_from_camera().inverse() * found;
             assert!((error.origin().mm.coords.norm() - 0.1).abs() < 1e-9);
             assert!((error.turn().0 - 0.01).abs() < 1e-9);
@@ -208,7 +219,7 @@ mod tests {
     fn the_panel_moves_within_its_limits_about_its_centre() {
         let centre = Point::<Panel>::at(560.0, 0.0, 360.0);
         for seed in 0..200 {
-            let place = displaced(Seed(seed), 0);
+            let place = displaced_pose(Seed(seed), 0);
             let shift = (place * centre).mm - centre.mm;
             assert!(shift.norm() <= MAX_SHIFT_MM && shift.norm() > 2.0 && shift.x.abs() <= 15.0, "{shift}");
             assert!(place.turn().0 <= MAX_TURN_DEG && place.turn().0 > 2.0, "{}", place.turn());
@@ -220,8 +231,8 @@ mod tests {
     fn a_displaced_panel_stays_in_the_search_box() {
         let [low, high] = super::super::SEARCH_BOX_MM;
         for seed in 0..200 {
-            for shape in [Shape::taught(Seed(seed)), Shape::wrong(Seed(seed))] {
-                let place = displaced(Seed(seed), 0);
+            for shape in [Shape::taught(Seed(seed)), Shape::random_other(Seed(seed))] {
+                let place = displaced_pose(Seed(seed), 0);
                 for p in shape.outline().polyline(10.0) {
                     let mm = (place * shape.point([p.x, p.y])).mm;
                     assert!(

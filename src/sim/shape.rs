@@ -4,7 +4,7 @@
 //! panel's centre. The visible side is h(s, t), its outward normal ∝ (−∂h/∂s, −∂h/∂t, 1). The height is
 //!     h = h₀ + a s²/2 + b s t + c t²/2 + d s³/6 + e s t²/2 + A sin(s/λ + φ) cos(t/μ + ψ).                  (1)
 
-use super::noise::{Purpose, Seed};
+use super::noise::{RandomPurpose, Seed};
 use super::outline::Outline;
 use crate::geometry::{Panel, Point, Vector};
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
@@ -54,7 +54,7 @@ impl Relief {
     };
 
     /// h(−s, t).
-    pub fn mirrored(self) -> Relief {
+    pub fn mirror_s(self) -> Relief {
         Relief {
             twist_st: -self.twist_st,
             cubic_sss: -self.cubic_sss,
@@ -65,7 +65,7 @@ impl Relief {
     }
 
     /// −h(s, t).
-    pub fn inverted(self) -> Relief {
+    pub fn negated(self) -> Relief {
         Relief {
             lift_mm: -self.lift_mm,
             bend_ss: -self.bend_ss,
@@ -81,7 +81,7 @@ impl Relief {
 
 /// The bend of a panel since it was taught: its middle lies in front of both its ends, with a wave over the panel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Bend {
+pub struct PanelBend {
     /// Distance of the middle in front of the ends, mm.
     pub bow_mm: f64,
     /// Distance from the middle to the ends, mm.
@@ -98,7 +98,7 @@ pub struct Bend {
     pub phase_rad: f64,
 }
 
-impl Bend {
+impl PanelBend {
     /// Returns the height and its two slopes at a point of the sheet.
     fn height(&self, [s, t]: [f64; 2]) -> [f64; 3] {
         let (mut height, mut slope_s, mut slope_t) = (0.0, 0.0, 0.0);
@@ -124,7 +124,7 @@ impl Bend {
 #[derive(Debug, Clone)]
 pub(super) struct Shape {
     relief: Relief,
-    bend: Option<Bend>,
+    bend: Option<PanelBend>,
     outline: Outline,
     panel_from_sheet: Isometry3<f64>,
 }
@@ -132,7 +132,7 @@ pub(super) struct Shape {
 impl Shape {
     /// Draws the taught panel; curvatures and outline vary with the seed.
     pub fn taught(seed: Seed) -> Self {
-        let mut random = seed.stream(Purpose::Shape, 0);
+        let mut random = seed.stream(RandomPurpose::Shape, 0);
         let mut about = |middle: f64, share: f64| middle * random.random_range(1.0 - share..1.0 + share);
         let relief = Relief {
             lift_mm: 4.0,
@@ -152,20 +152,20 @@ impl Shape {
     }
 
     /// Returns the same panel bent: its middle lies in front of its ends along s by this distance, mm.
-    pub fn bowed(self, bow_mm: f64) -> Self {
+    pub fn with_bow(self, bow_mm: f64) -> Self {
         let bend_ss = self.relief.bend_ss - 2.0 * bow_mm / HALF_LENGTH_MM.powi(2);
         let relief = Relief { bend_ss, lift_mm: self.relief.lift_mm + bow_mm, ..self.relief };
         Shape { relief, ..self }
     }
 
     /// Returns the same panel, bent since it was taught.
-    pub fn bent_by(self, bend: Bend) -> Self {
+    pub fn with_bend(self, bend: PanelBend) -> Self {
         Shape { bend: Some(bend), ..self }
     }
 
     /// Draws another panel, with another outline and other curvatures.
-    pub fn wrong(seed: Seed) -> Self {
-        let mut random = seed.stream(Purpose::Shape, 1);
+    pub fn random_other(seed: Seed) -> Self {
+        let mut random = seed.stream(RandomPurpose::Shape, 1);
         let mut about = |middle: f64, share: f64| middle * random.random_range(1.0 - share..1.0 + share);
         let relief = Relief {
             lift_mm: 8.0,
@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn slopes_are_the_derivatives_of_the_height() {
-        let bend = Bend {
+        let bend = PanelBend {
             bow_mm: 2.0,
             half_mm: 160.0,
             along_rad: 0.4,
@@ -279,7 +279,7 @@ mod tests {
             runs_rad: 1.1,
             phase_rad: 0.5,
         };
-        let shape = Shape::taught(Seed(3)).bent_by(bend);
+        let shape = Shape::taught(Seed(3)).with_bend(bend);
         for (s, t) in [(0.0, 0.0), (-120.0, 80.0), (150.0, -90.0)] {
             let [_, slope_s, slope_t] = shape.height(s, t);
             let step = 1e-4;

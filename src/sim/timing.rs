@@ -14,7 +14,7 @@ pub enum Phase {
 
 impl Phase {
     /// The phase's keyword in `clip.csv`.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         self.into()
     }
 }

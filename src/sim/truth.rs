@@ -1,6 +1,6 @@
 //! The ground truth of a simulated cell: for scores and tests, never as input of a stage.
 
-use super::film_defects::Spot;
+use super::film_defects::GreasySpot;
 use super::scene::{CornerView, Scene};
 use super::shape::Shape;
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Panel, Point, Rigid, Vector};
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 /// The ground truth of a cell.
 #[derive(Debug, Clone)]
-pub struct Truth {
+pub struct CellTruth {
     /// The seed of the cell.
     pub seed: u64,
     /// Its scene.
@@ -41,17 +41,17 @@ pub struct TrueSpot {
     pub grown_at_s: f64,
 }
 
-impl Truth {
+impl CellTruth {
     pub(super) fn new(
         (seed, scene): (u64, Scene),
         base_from_panel: Rigid<Base, Panel>,
         (base_from_camera, flange_from_camera): (Rigid<Base, Camera>, Rigid<Flange, FlangeCamera>),
         corners: Vec<CornerView>,
         shape: Shape,
-        spots: &[Spot],
+        spots: &[GreasySpot],
     ) -> Self {
         let spots = spots.iter().map(|spot| true_spot(&shape, spot)).collect();
-        Truth { seed, scene, base_from_panel, base_from_camera, flange_from_camera, corners, spots, shape }
+        CellTruth { seed, scene, base_from_panel, base_from_camera, flange_from_camera, corners, spots, shape }
     }
 
     /// Returns the signed distance of a point from the displaced panel's surface along the outward normal, mm.
@@ -97,7 +97,7 @@ impl Truth {
         let point = |point: Point<Panel>| point.mm.coords.into();
         TruthNumbers {
             seed: self.seed,
-            scene: self.scene.word().to_owned(),
+            scene: self.scene.keyword().to_owned(),
             base_from_panel: KukaPose::from_rigid(&self.base_from_panel),
             base_from_camera: KukaPose::from_rigid(&self.base_from_camera),
             flange_from_camera: KukaPose::from_rigid(&self.flange_from_camera),
@@ -176,7 +176,7 @@ pub struct SpotNumbers {
     pub grown_at_s: f64,
 }
 
-fn true_spot(shape: &Shape, spot: &Spot) -> TrueSpot {
+fn true_spot(shape: &Shape, spot: &GreasySpot) -> TrueSpot {
     let outline: Vec<Point<Panel>> = spot.outline_mm().into_iter().map(|place| shape.point(place)).collect();
     let centre = shape.point(spot.centre_mm());
     // A fan of triangles about the centre: the surface is nearly flat within a spot.
@@ -196,7 +196,8 @@ mod tests {
     #[test]
     fn the_error_of_a_place_is_measured_over_the_surface() {
         let truth = Cell::new(1, Scene::Good, 8).truth();
-        let found = truth.base_from_panel.displaced(Vector::new(nalgebra::Vector3::new(0.0, 0.3, 0.0)));
+        let found =
+            truth.base_from_panel.followed_by_displacement(Vector::new(nalgebra::Vector3::new(0.0, 0.3, 0.0)));
         let error = truth.placement_error_mm(&found);
         assert!((error.mean_mm - 0.3).abs() < 1e-9 && (error.max_mm - 0.3).abs() < 1e-9, "{error:?}");
         assert!(truth.surface_points().len() > 600);

@@ -27,11 +27,11 @@ pub(super) struct Panel {
 
 impl Panel {
     /// Draws a panel of any shape.
-    pub fn any(random: &mut Pcg64) -> Panel {
+    pub fn random(random: &mut Pcg64) -> Panel {
         let length = random.random_range(LENGTH_MM[0]..LENGTH_MM[1]);
         let width = random.random_range(WIDTH_MM[0]..WIDTH_MM[1]).min(0.95 * length);
         let mut panel = Panel {
-            relief: relief(random, [length, width]),
+            relief: draw_relief(random, [length, width]),
             corners: corners(random, [length, width]),
             cuts: Vec::new(),
             size_mm: [length, width],
@@ -40,13 +40,13 @@ impl Panel {
             panel.cuts.push(window(random, panel.size_mm));
         }
         if random.random::<f64>() < 0.25 {
-            panel.cuts.push(notch(random, panel.size_mm));
+            panel.cuts.push(draw_notch(random, panel.size_mm));
         }
         panel
     }
 
     /// Draws a flat rectangle, which looks the same after half a turn.
-    pub fn symmetric(random: &mut Pcg64) -> Panel {
+    pub fn random_symmetric(random: &mut Pcg64) -> Panel {
         let length = random.random_range(200.0..360.0);
         let width = random.random_range(120.0..180.0);
         let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
@@ -57,7 +57,7 @@ impl Panel {
     }
 
     /// Returns the same outline on a flat plate.
-    pub fn flattened(&self) -> Panel {
+    pub fn flat_copy(&self) -> Panel {
         Panel { relief: Relief::FLAT, ..self.clone() }
     }
 
@@ -65,18 +65,18 @@ impl Panel {
     pub fn shape(&self) -> Shape {
         let mut outline = Outline::new(self.corners.clone(), ROUNDING_MM);
         for cut in &self.cuts {
-            outline = outline.without(Outline::new(cut.clone(), 3.0));
+            outline = outline.with_hole(Outline::new(cut.clone(), 3.0));
         }
         Shape::from_parts(self.relief, outline)
     }
 
     /// Returns the mirror image of the panel.
-    pub fn mirrored(&self) -> Panel {
+    pub fn mirror_image(&self) -> Panel {
         let mirror = |corners: &[Vector2<f64>]| {
             corners.iter().rev().map(|corner| Vector2::new(-corner.x, corner.y)).collect::<Vec<_>>()
         };
         Panel {
-            relief: self.relief.mirrored(),
+            relief: self.relief.mirror_s(),
             corners: mirror(&self.corners),
             cuts: self.cuts.iter().map(|cut| mirror(cut)).collect(),
             size_mm: self.size_mm,
@@ -84,12 +84,12 @@ impl Panel {
     }
 
     /// Returns the panel's back, turned to the viewer.
-    pub fn back(&self) -> Panel {
-        Panel { relief: self.relief.mirrored().inverted(), ..self.mirrored() }
+    pub fn turned_over(&self) -> Panel {
+        Panel { relief: self.relief.mirror_s().negated(), ..self.mirror_image() }
     }
 
     /// Returns the same outline, scaled.
-    pub fn scaled(&self, factor: f64) -> Panel {
+    pub fn scaled_copy(&self, factor: f64) -> Panel {
         let larger = |corners: &[Vector2<f64>]| corners.iter().map(|corner| corner * factor).collect::<Vec<_>>();
         Panel {
             corners: larger(&self.corners),
@@ -100,13 +100,13 @@ impl Panel {
     }
 
     /// Returns the same panel, bent up at both ends of its length, mm.
-    pub fn bent(&self, rise_mm: f64) -> Panel {
+    pub fn bent_copy(&self, rise_mm: f64) -> Panel {
         let bend = 8.0 * rise_mm / (self.size_mm[0] * self.size_mm[0]);
         Panel { relief: Relief { bend_ss: self.relief.bend_ss + bend, ..self.relief }, ..self.clone() }
     }
 
     /// Returns the same panel without a strip of its length, mm.
-    pub fn trimmed(&self, cut_mm: f64) -> Panel {
+    pub fn trimmed_copy(&self, cut_mm: f64) -> Panel {
         let [length, width] = self.size_mm;
         let reach = self.corners.iter().map(|corner| corner.x).fold(0.0, f64::max);
         let (from, half) = (reach - cut_mm, width);
@@ -139,11 +139,11 @@ fn corners(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
             corners.extend([corner + along_s, corner + along_t]);
         }
     }
-    ordered(corners)
+    order_corners(corners)
 }
 
 /// Sorts the corners counter-clockwise about the middle: a convex outline has only one such order.
-fn ordered(mut corners: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
+fn order_corners(mut corners: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
     corners.sort_by(|a, b| a.y.atan2(a.x).total_cmp(&b.y.atan2(b.x)));
     corners
 }
@@ -160,7 +160,7 @@ fn window(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
 }
 
 /// Draws a notch in a long side.
-fn notch(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
+fn draw_notch(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
     let side = if random.random::<bool>() { 1.0 } else { -1.0 };
     let (middle, half) = (random.random_range(-0.3..0.3) * length, random.random_range(0.04..0.08) * length);
     let depth = random.random_range(0.06..0.13) * width;
@@ -171,7 +171,7 @@ fn notch(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
         .to_vec()
 }
 
-fn relief(random: &mut Pcg64, [length, width]: [f64; 2]) -> Relief {
+fn draw_relief(random: &mut Pcg64, [length, width]: [f64; 2]) -> Relief {
     if random.random::<f64>() < 0.15 {
         return Relief { wave_mm: random.random_range(0.0..0.3), wave_s: 0.03, wave_t: 0.028, ..Relief::FLAT };
     }
@@ -196,7 +196,7 @@ fn relief(random: &mut Pcg64, [length, width]: [f64; 2]) -> Relief {
 
 /// Creates the generator for a trial's panel.
 pub(super) fn generator(seed: Seed, index: u64) -> Pcg64 {
-    seed.stream(super::noise::Purpose::Trial, index)
+    seed.stream(super::noise::RandomPurpose::Trial, index)
 }
 
 #[cfg(test)]
@@ -207,7 +207,7 @@ mod tests {
     #[test]
     fn outlines_are_convex_and_have_their_size() {
         for seed in 0..200 {
-            let panel = Panel::any(&mut generator(Seed(seed), 0));
+            let panel = Panel::random(&mut generator(Seed(seed), 0));
             let (corners, count) = (&panel.corners, panel.corners.len());
             for i in 0..count {
                 let [a, b, c] = [corners[i], corners[(i + 1) % count], corners[(i + 2) % count]];
@@ -224,9 +224,9 @@ mod tests {
     /// that height.
     #[test]
     fn mirror_and_back() {
-        let panel = Panel::any(&mut generator(Seed(3), 0));
+        let panel = Panel::random(&mut generator(Seed(3), 0));
         let height = |panel: &Panel, s: f64| panel.shape().height(s, 10.0)[0];
-        assert!((height(&panel.mirrored(), 30.0) - height(&panel, -30.0)).abs() < 1e-12);
-        assert!((height(&panel.back(), 30.0) + height(&panel, -30.0)).abs() < 1e-12);
+        assert!((height(&panel.mirror_image(), 30.0) - height(&panel, -30.0)).abs() < 1e-12);
+        assert!((height(&panel.turned_over(), 30.0) + height(&panel, -30.0)).abs() < 1e-12);
     }
 }

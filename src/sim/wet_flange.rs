@@ -4,8 +4,8 @@
 //! panel's edge hang over it by a part of their radius.
 
 use super::appearance::dry_and_wet;
-use super::cast::{PixelHit, View};
-use super::noise::{LEVEL, PixelNoise, Purpose, Seed, to_bytes};
+use super::cast::{CastView, PixelHit};
+use super::noise::{LEVEL, PixelNoise, RandomPurpose, Seed, to_bytes};
 use crate::geometry::ColorPicture;
 use rand::RngExt;
 use rayon::prelude::*;
@@ -20,25 +20,25 @@ const GLINT: f64 = 235.0;
 const OVERHANG: f64 = 0.35;
 
 /// Takes a picture of the wet scene; `shot` is its own seed.
-pub(super) fn capture(view: &View<'_>, pixels: &PixelNoise, shot: Seed) -> ColorPicture {
-    let mut picture = ColorPicture::filled(view.width(), view.height(), [0; 3]);
+pub(super) fn capture(view: &CastView<'_>, pixels: &PixelNoise, shot: Seed) -> ColorPicture {
+    let mut picture = ColorPicture::uniform(view.width(), view.height(), [0; 3]);
     picture.rgb.par_chunks_mut(view.width()).enumerate().for_each(|(row, colors)| {
         let noise = pixels.row(shot, row, colors.len());
-        view.look_along_row(row, |column, sight| {
+        view.cast_row(row, |column, sight| {
             let (_, wet) = dry_and_wet(&sight);
-            colors[column] = to_bytes(dropped(wet, &sight, shot), noise, column);
+            colors[column] = to_bytes(apply_drop(wet, &sight, shot), noise, column);
         });
     });
     picture
 }
 
 /// Applies the drop at this pixel to the colour, if there is a drop.
-fn dropped(color: [u16; 3], sight: &PixelHit, shot: Seed) -> [u16; 3] {
+fn apply_drop(color: [u16; 3], sight: &PixelHit, shot: Seed) -> [u16; 3] {
     let Some(panel) = sight.panel else { return color };
     let cell = panel.place.map(|mm| (mm / SQUARE_MM).floor() as i64);
     for (i, j) in (-1..=1).flat_map(|j| (-1..=1).map(move |i| (i, j))) {
         let (column, row) = (cell[0] + i, cell[1] + j);
-        let mut random = shot.stream(Purpose::FlangePicture, Seed::index_of(&[column as f64, row as f64]));
+        let mut random = shot.stream(RandomPurpose::FlangePicture, Seed::index_of(&[column as f64, row as f64]));
         let radius_mm = random.random_range(RADII_MM);
         let centre = [column, row].map(|at| (at as f64 + random.random_range(0.0..1.0)) * SQUARE_MM);
         let (s, t) = ((panel.place[0] - centre[0]) / radius_mm, (panel.place[1] - centre[1]) / radius_mm);

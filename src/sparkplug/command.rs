@@ -1,7 +1,7 @@
 //! Commands to the node: the requests in a message on its command topic, and which of them are refused.
 
 use super::metrics::{METRICS, alias};
-use super::payload::{Metric, Payload, Wire};
+use super::payload::{Metric, Payload, WireType};
 use crate::cycle::Request;
 use prost::Message as _;
 use strum::VariantArray;
@@ -31,7 +31,7 @@ impl NodeCommand {
     }
 
     /// The command's keyword in the audit trail.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         match self {
             NodeCommand::Rebirth => "rebirth",
             NodeCommand::Hold => "hold",
@@ -61,7 +61,7 @@ impl NodeCommand {
     }
 
     /// Returns the offered commands: all if commands to the cell are allowed, otherwise only the rebirth.
-    pub(super) fn offered(commands_allowed: bool) -> impl Iterator<Item = NodeCommand> {
+    pub(super) fn offered_commands(commands_allowed: bool) -> impl Iterator<Item = NodeCommand> {
         let is_offered = move |command: &NodeCommand| commands_allowed || *command == NodeCommand::Rebirth;
         NodeCommand::VARIANTS.iter().copied().filter(is_offered)
     }
@@ -122,7 +122,7 @@ pub fn commands(bytes: &[u8], commands_allowed: bool) -> Vec<Result<NodeCommand,
         Err(error) => return vec![Err(CommandError::NotAPayload { problem: error.to_string() })],
     };
     if payload.metrics.is_empty() {
-        return vec![Err(CommandError::Empty { allowed: allowed(commands_allowed) })];
+        return vec![Err(CommandError::Empty { allowed: describe_allowed(commands_allowed) })];
     }
     if payload.metrics.len() > MAX_METRICS {
         return vec![Err(CommandError::TooMany { found: payload.metrics.len() })];
@@ -138,20 +138,23 @@ fn command(metric: &Metric, commands_allowed: bool) -> Result<NodeCommand, Comma
         (None, alias) => alias.is_some() && command.alias() == alias,
     };
     let Some(command) = NodeCommand::VARIANTS.iter().find(is_meant).copied() else {
-        return Err(CommandError::NotWritten { found: describe(metric), allowed: allowed(commands_allowed) });
+        return Err(CommandError::NotWritten {
+            found: describe(metric),
+            allowed: describe_allowed(commands_allowed),
+        });
     };
     let name = command.name();
-    if !NodeCommand::offered(commands_allowed).any(|offered| offered == command) {
+    if !NodeCommand::offered_commands(commands_allowed).any(|offered| offered == command) {
         return Err(CommandError::NotPermitted { name });
     }
     match metric.value {
-        Some(Wire::Boolean(true)) if metric.is_null != Some(true) => Ok(command),
+        Some(WireType::Boolean(true)) if metric.is_null != Some(true) => Ok(command),
         _ => Err(CommandError::NotTrue { name }),
     }
 }
 
-fn allowed(commands_allowed: bool) -> String {
-    NodeCommand::offered(commands_allowed).map(NodeCommand::name).collect::<Vec<_>>().join(", ")
+fn describe_allowed(commands_allowed: bool) -> String {
+    NodeCommand::offered_commands(commands_allowed).map(NodeCommand::name).collect::<Vec<_>>().join(", ")
 }
 
 /// Describes a metric in a message for people; foreign text is cut at a limit.

@@ -6,7 +6,7 @@ use super::value::{DataType, Value};
 use crate::packml::{UnitMode, UnitState};
 
 /// One metric of the node.
-pub struct Definition {
+pub struct MetricDefinition {
     /// Its name.
     pub name: &'static str,
     /// Its type.
@@ -16,118 +16,129 @@ pub struct Definition {
     value: fn(&CellView) -> Value,
 }
 
-const fn metric(
+const fn define_metric(
     name: &'static str,
     datatype: DataType,
     meaning: &'static str,
     value: fn(&CellView) -> Value,
-) -> Definition {
-    Definition { name, datatype, meaning, value }
+) -> MetricDefinition {
+    MetricDefinition { name, datatype, meaning, value }
 }
 
 use DataType::{Double, Int64, String};
 
 /// All metrics of the cell, except those that a host may write.
-pub const METRICS: [Definition; 29] = [
-    metric("Properties/program", String, "the program and its version", |_| {
+pub const METRICS: [MetricDefinition; 29] = [
+    define_metric("Properties/program", String, "the program and its version", |_| {
         Value::Text(concat!("panelprep ", env!("CARGO_PKG_VERSION")).to_owned())
     }),
-    metric("State/number", Int64, "number of the PackML state", |view| {
-        Value::whole(unit_state(&view.now).map(UnitState::number))
+    define_metric("State/number", Int64, "number of the PackML state", |view| {
+        Value::as_integer(unit_state(&view.now).map(UnitState::number))
     }),
-    metric("State/word", String, "the PackML state", |view| {
-        Value::text(view.now.table.map(|state| state.at.word()))
+    define_metric("State/word", String, "the PackML state", |view| {
+        Value::text(view.now.table.map(|state| state.at.keyword()))
     }),
-    metric("Mode/number", Int64, "1 production, 2 maintenance, 3 manual", |view| {
-        Value::whole(unit_mode(&view.now).map(UnitMode::number))
+    define_metric("Mode/number", Int64, "1 production, 2 maintenance, 3 manual", |view| {
+        Value::as_integer(unit_mode(&view.now).map(UnitMode::number))
     }),
-    metric(
+    define_metric(
         "Mode/word",
         String,
         "production; maintenance during an air-run; manual while the robot is in T1 or T2",
         |view| Value::text(unit_mode(&view.now).map(UnitMode::name).map(str::to_lowercase).as_deref()),
     ),
-    metric(
+    define_metric(
         "Cycle/number",
         Int64,
         "number of the running cycle, or of the last cycle since the service started",
-        |view| Value::whole(view.now.cycle),
+        |view| Value::as_integer(view.now.cycle),
     ),
-    metric("Cycle/panel", String, "panel of the current or last cycle", |view| {
+    define_metric("Cycle/panel", String, "panel of the current or last cycle", |view| {
         Value::text(view.now.panel.as_deref())
     }),
-    metric("Cycle/serial", String, "serial number of the part in the newest cycle", |view| {
+    define_metric("Cycle/serial", String, "serial number of the part in the newest cycle", |view| {
         Value::text(view.kept.serial.as_deref())
     }),
-    metric("Cycle/work_order", String, "work order of the part in the newest cycle", |view| {
+    define_metric("Cycle/work_order", String, "work order of the part in the newest cycle", |view| {
         Value::text(view.kept.work_order.as_deref())
     }),
-    metric(
+    define_metric(
         "Cycle/phase",
         String,
         "phase within Execute; while held, the phase in which the cycle will continue",
         |view| Value::text(view.now.phase.as_deref()),
     ),
-    metric("Cycle/pass", Int64, "number of abrasions in the cycle so far", |view| Value::whole(view.now.pass)),
-    metric("Cycle/film_s", Double, "elapsed time of the current film, s", |view| Value::real(view.now.film_s)),
-    metric("Cycle/film_total_s", Double, "observation time of a film, s", |view| {
-        Value::real(view.now.film_total_s)
+    define_metric("Cycle/pass", Int64, "number of abrasions in the cycle so far", |view| {
+        Value::as_integer(view.now.pass)
     }),
-    metric("Cycle/waypoint", Int64, "number of executed waypoints of the current path", |view| {
-        Value::whole(view.now.waypoint)
+    define_metric("Cycle/film_s", Double, "elapsed time of the current film, s", |view| {
+        Value::as_number(view.now.film_s)
     }),
-    metric("Cycle/waypoints", Int64, "total number of waypoints of the current path", |view| {
-        Value::whole(view.now.waypoints)
+    define_metric("Cycle/film_total_s", Double, "observation time of a film, s", |view| {
+        Value::as_number(view.now.film_total_s)
     }),
-    metric("Cycle/grids_failed", Int64, "number of grids on which the newest cycle's last film broke", |view| {
-        Value::whole(count(view.kept.failed_grids.as_ref().map(Vec::len)))
+    define_metric("Cycle/waypoint", Int64, "number of executed waypoints of the current path", |view| {
+        Value::as_integer(view.now.waypoint)
     }),
-    metric(
+    define_metric("Cycle/waypoints", Int64, "total number of waypoints of the current path", |view| {
+        Value::as_integer(view.now.waypoints)
+    }),
+    define_metric(
+        "Cycle/grids_failed",
+        Int64,
+        "number of grids on which the newest cycle's last film broke",
+        |view| Value::as_integer(count(view.kept.failed_grids.as_ref().map(Vec::len))),
+    ),
+    define_metric(
         "Cycle/grids_failed_names",
         String,
         "names of the grids on which the newest cycle's last film broke",
         |view| Value::text(view.kept.failed_grids.as_ref().map(|names| names.join(",")).as_deref()),
     ),
-    metric("LastCycle/number", Int64, "number of the newest cycle that has ended", |view| {
-        Value::whole(view.kept.last_cycle)
+    define_metric("LastCycle/number", Int64, "number of the newest cycle that has ended", |view| {
+        Value::as_integer(view.kept.last_cycle)
     }),
-    metric("LastCycle/verdict", String, "verdict of the newest cycle that has ended", |view| {
+    define_metric("LastCycle/verdict", String, "verdict of the newest cycle that has ended", |view| {
         Value::text(view.kept.last_verdict)
     }),
-    metric("Alarms/active", Int64, "number of active alarms", |view| Value::whole(count(view.kept.active_alarms))),
-    metric("Alarms/newest", String, "code of the newest active alarm", |view| {
+    define_metric("Alarms/active", Int64, "number of active alarms", |view| {
+        Value::as_integer(count(view.kept.active_alarms))
+    }),
+    define_metric("Alarms/newest", String, "code of the newest active alarm", |view| {
         Value::text(view.kept.newest_alarm.as_deref())
     }),
-    metric(
+    define_metric(
         "Calibration/scanner_verified_h",
         Int64,
         "whole hours since the last verification of the 3D camera",
-        |view| Value::whole(view.kept.scanner_verified_h),
+        |view| Value::as_integer(view.kept.scanner_verified_h),
     ),
-    metric(
+    define_metric(
         "Calibration/flange_camera_verified_h",
         Int64,
         "whole hours since the last verification of the flange camera",
-        |view| Value::whole(view.kept.flange_camera_verified_h),
+        |view| Value::as_integer(view.kept.flange_camera_verified_h),
     ),
-    metric(
+    define_metric(
         "Calibration/tool_verified_h",
         Int64,
         "whole hours since the last verification of the tool by touch",
-        |view| Value::whole(view.kept.tool_verified_h),
+        |view| Value::as_integer(view.kept.tool_verified_h),
     ),
-    metric("Disc/worn_mm2", Double, "area swept by the disc in use, mm²", |view| {
-        Value::real(view.kept.disc_worn_mm2)
+    define_metric("Disc/worn_mm2", Double, "area swept by the disc in use, mm²", |view| {
+        Value::as_number(view.kept.disc_worn_mm2)
     }),
-    metric("Disk/free_MB", Int64, "free space on the store's disk, in steps of 100 MB", |view| {
-        Value::whole(view.kept.free_mb.and_then(|mb| i64::try_from(mb / 100 * 100).ok()))
+    define_metric("Disk/free_MB", Int64, "free space on the store's disk, in steps of 100 MB", |view| {
+        Value::as_integer(view.kept.free_mb.and_then(|mb| i64::try_from(mb / 100 * 100).ok()))
     }),
-    metric("Counters/cycles", Int64, "number of cycles that have ended", |view| Value::whole(view.kept.cycles)),
-    metric("Counters/passed", Int64, "number of ended cycles with the verdict pass", |view| {
-        Value::whole(view.kept.passed)
+    define_metric("Counters/cycles", Int64, "number of cycles that have ended", |view| {
+        Value::as_integer(view.kept.cycles)
     }),
-    metric("Counters/abrasions", Int64, "number of paths in contact that were started", |view| {
-        Value::whole(view.kept.abrasions)
+    define_metric("Counters/passed", Int64, "number of ended cycles with the verdict pass", |view| {
+        Value::as_integer(view.kept.passed)
+    }),
+    define_metric("Counters/abrasions", Int64, "number of paths in contact that were started", |view| {
+        Value::as_integer(view.kept.abrasions)
     }),
 ];
 

@@ -14,7 +14,7 @@ use super::host::{HostState, PrimaryHost};
 use super::limit::{CommandLimit, LINES};
 use super::metrics::{METRICS, alias};
 use super::payload::{Metric, Payload};
-use super::topic::Ids;
+use super::topic::CellIds;
 use super::value::{DataType, Value};
 use crate::accounts::LineLimit;
 use prost::Message as _;
@@ -23,7 +23,7 @@ use prost::Message as _;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NodeSetup {
     /// Its names.
-    pub ids: Ids,
+    pub ids: CellIds,
     /// Whether the commands hold, stop and abort are accepted.
     pub commands_allowed: bool,
     /// Whether data messages use aliases. Some hosts do not support aliases: then each message contains names and
@@ -33,7 +33,7 @@ pub struct NodeSetup {
 
 /// The present time, by the wall clock and by a monotonic clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Now {
+pub struct NodeTime {
     /// Wall clock, ms since 1970, UTC.
     pub unix_ms: u64,
     /// Monotonic clock, ms since an arbitrary moment.
@@ -42,8 +42,8 @@ pub struct Now {
 
 /// An event for the node.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Event<'m> {
-    /// A connection to the broker begins; its will is [`EdgeNode::will`] from here on.
+pub enum NodeEvent<'m> {
+    /// A connection to the broker begins; its will is [`EdgeNode::last_will`] from here on.
     Connecting,
     /// The broker has accepted all subscriptions.
     Subscribed,
@@ -106,7 +106,7 @@ pub struct AuditNote {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Session {
+enum NodeSession {
     Offline,
     /// The subscriptions are accepted; nothing has been published yet.
     Waiting,
@@ -117,16 +117,16 @@ enum Session {
 #[derive(Debug, Clone)]
 pub struct EdgeNode {
     setup: NodeSetup,
-    session: Session,
+    session: NodeSession,
     /// The number of this connection, 0 to 255; `None` before the first one.
     bd_seq: Option<u8>,
     /// The number of the next message.
     seq: u8,
     host: PrimaryHost,
     /// The values of the cell when they were last read.
-    seen: Option<Vec<Value>>,
+    last_values: Option<Vec<Value>>,
     /// The values last published to the broker.
-    told: Vec<Value>,
+    published: Vec<Value>,
     commands: CommandLimit,
     lines: LineLimit,
 }
@@ -136,12 +136,12 @@ impl EdgeNode {
     pub fn new(setup: NodeSetup) -> Self {
         EdgeNode {
             setup,
-            session: Session::Offline,
+            session: NodeSession::Offline,
             bd_seq: None,
             seq: 0,
             host: PrimaryHost::default(),
-            seen: None,
-            told: Vec::new(),
+            last_values: None,
+            published: Vec::new(),
             commands: CommandLimit::default(),
             lines: LineLimit::new(LINES, 0),
         }
@@ -150,133 +150,138 @@ impl EdgeNode {
     /// Returns the topics to subscribe to, each with quality of service 1.
     pub fn subscriptions(&self) -> Vec<String> {
         let ids = &self.setup.ids;
-        [Some(ids.ncmd()), ids.state()].into_iter().flatten().collect()
+        [Some(ids.command_topic()), ids.state()].into_iter().flatten().collect()
     }
 
     /// The death of this connection: its will, also published if the node itself ends the connection.
-    pub fn will(&self, now: Now) -> Message {
+    pub fn last_will(&self, now: NodeTime) -> Message {
         let payload = Payload {
             timestamp: Some(now.unix_ms),
             metrics: vec![self.bd_seq(now)],
             seq: None, // nobody knows it beforehand
         };
-        Message { topic: self.setup.ids.ndeath(), payload: payload.encode_to_vec(), qos: 1 }
+        Message { topic: self.setup.ids.death_topic(), payload: payload.encode_to_vec(), qos: 1 }
     }
 
     /// Returns whether a birth was published in this connection.
     pub fn is_born(&self) -> bool {
-        self.session == Session::Born
+        self.session == NodeSession::Born
     }
 
     /// Returns whether a rebirth is due; data are held back until then.
     pub fn waits_for_rebirth(&self) -> bool {
-        self.commands.waits(NodeCommand::Rebirth)
+        self.commands.is_waiting(NodeCommand::Rebirth)
     }
 
     /// Handles one event and returns all resulting actions.
-    pub fn step(&mut self, event: Event<'_>, now: Now) -> Vec<NodeAction> {
+    pub fn step(&mut self, event: NodeEvent<'_>, now: NodeTime) -> Vec<NodeAction> {
         let mut acts = match event {
-            Event::Connecting => {
+            NodeEvent::Connecting => {
                 self.bd_seq = Some(self.bd_seq.map_or(0, |last| last.wrapping_add(1)));
-                (self.session, self.host) = (Session::Offline, self.host.connected());
+                (self.session, self.host) = (NodeSession::Offline, self.host.connected());
                 vec![]
             }
-            Event::Subscribed => {
-                self.session = Session::Waiting;
+            NodeEvent::Subscribed => {
+                self.session = NodeSession::Waiting;
                 vec![]
             }
-            Event::Lost => {
-                self.session = Session::Offline;
+            NodeEvent::Lost => {
+                self.session = NodeSession::Offline;
                 // Requests end with their connection: no one expects them minutes later.
-                self.commands.forget_all();
+                self.commands.clear();
                 vec![]
             }
-            Event::Seen(values) => {
-                self.seen = Some(values);
-                self.after_a_while(now)
+            NodeEvent::Seen(values) => {
+                self.last_values = Some(values);
+                self.after_minimum_interval(now)
             }
-            Event::Received { topic, payload, is_retained } => self.received((topic, payload, is_retained), now),
-            Event::Leaving => self.die(now),
+            NodeEvent::Received { topic, payload, is_retained } => {
+                self.received((topic, payload, is_retained), now)
+            }
+            NodeEvent::Leaving => self.end_session(now),
         };
         acts.extend(self.next_message(now));
         acts
     }
 
-    fn bd_seq(&self, now: Now) -> Metric {
-        let number = Value::whole(self.bd_seq);
-        Metric::new(&number, now.unix_ms).named("bdSeq", DataType::Int64)
+    fn bd_seq(&self, now: NodeTime) -> Metric {
+        let number = Value::as_integer(self.bd_seq);
+        Metric::new(&number, now.unix_ms).with_name("bdSeq", DataType::Int64)
     }
 
     /// The next message to the broker: a birth if it has received none in this connection, otherwise the changes.
-    fn next_message(&mut self, now: Now) -> Option<NodeAction> {
+    fn next_message(&mut self, now: NodeTime) -> Option<NodeAction> {
         let may_publish = self.setup.ids.primary_host_id.is_none() || self.host.is_online();
         match self.session {
-            Session::Waiting if may_publish => self.birth(now),
+            NodeSession::Waiting if may_publish => self.birth(now),
             // No data are sent between a rebirth request and the birth.
-            Session::Born if !self.waits_for_rebirth() => self.data(now),
+            NodeSession::Born if !self.waits_for_rebirth() => self.data(now),
             _ => None,
         }
     }
 
-    fn birth(&mut self, now: Now) -> Option<NodeAction> {
-        let seen = self.seen.clone()?;
-        let Now { unix_ms, .. } = now;
+    fn birth(&mut self, now: NodeTime) -> Option<NodeAction> {
+        let seen = self.last_values.clone()?;
+        let NodeTime { unix_ms, .. } = now;
         let of_cell = METRICS.iter().zip(&seen).enumerate().map(|(place, (metric, value))| {
-            self.aliased(Metric::new(value, unix_ms).named(metric.name, metric.datatype), Some(alias(place)))
+            self.with_node_alias(
+                Metric::new(value, unix_ms).with_name(metric.name, metric.datatype),
+                Some(alias(place)),
+            )
         });
-        let written = NodeCommand::offered(self.setup.commands_allowed).map(|command| {
-            let metric = Metric::new(&Value::Truth(false), unix_ms).named(command.name(), DataType::Boolean);
-            self.aliased(metric, command.alias())
+        let written = NodeCommand::offered_commands(self.setup.commands_allowed).map(|command| {
+            let metric = Metric::new(&Value::Truth(false), unix_ms).with_name(command.name(), DataType::Boolean);
+            self.with_node_alias(metric, command.alias())
         });
         let metrics: Vec<_> = [self.bd_seq(now)].into_iter().chain(written).chain(of_cell).collect();
-        (self.session, self.seq, self.told) = (Session::Born, 0, seen);
+        (self.session, self.seq, self.published) = (NodeSession::Born, 0, seen);
         self.commands.forget(NodeCommand::Rebirth);
-        Some(self.counted(self.setup.ids.nbirth(), metrics, now))
+        Some(self.publish_counted(self.setup.ids.birth_topic(), metrics, now))
     }
 
-    fn data(&mut self, now: Now) -> Option<NodeAction> {
-        let seen = self.seen.as_ref()?;
-        let changed = METRICS.iter().zip(seen.iter().zip(&self.told)).enumerate();
+    fn data(&mut self, now: NodeTime) -> Option<NodeAction> {
+        let seen = self.last_values.as_ref()?;
+        let changed = METRICS.iter().zip(seen.iter().zip(&self.published)).enumerate();
         let changed = changed.filter(|(_, (_, (seen, told)))| seen != told).map(|(place, (metric, (value, _)))| {
             let value = Metric::new(value, now.unix_ms);
             match self.setup.aliases {
                 true => value.with_alias(alias(place)),
-                false => value.named(metric.name, metric.datatype),
+                false => value.with_name(metric.name, metric.datatype),
             }
         });
         let metrics: Vec<_> = changed.collect();
         if metrics.is_empty() {
             return None;
         }
-        self.told.clone_from(seen);
-        Some(self.counted(self.setup.ids.ndata(), metrics, now))
+        self.published.clone_from(seen);
+        Some(self.publish_counted(self.setup.ids.data_topic(), metrics, now))
     }
 
-    fn aliased(&self, metric: Metric, alias: Option<u64>) -> Metric {
+    fn with_node_alias(&self, metric: Metric, alias: Option<u64>) -> Metric {
         match alias.filter(|_| self.setup.aliases) {
             Some(alias) => metric.with_alias(alias),
             None => metric,
         }
     }
 
-    fn counted(&mut self, topic: String, metrics: Vec<Metric>, now: Now) -> NodeAction {
+    fn publish_counted(&mut self, topic: String, metrics: Vec<Metric>, now: NodeTime) -> NodeAction {
         let payload = Payload { timestamp: Some(now.unix_ms), metrics, seq: Some(u64::from(self.seq)) };
         self.seq = self.seq.wrapping_add(1);
         NodeAction::Publish(Message { topic, payload: payload.encode_to_vec(), qos: 0 })
     }
 
     /// Ends a session from the node's side.
-    fn die(&mut self, now: Now) -> Vec<NodeAction> {
-        let was = std::mem::replace(&mut self.session, Session::Offline);
-        let death = (was == Session::Born).then(|| NodeAction::Publish(self.will(now)));
+    fn end_session(&mut self, now: NodeTime) -> Vec<NodeAction> {
+        let was = std::mem::replace(&mut self.session, NodeSession::Offline);
+        let death = (was == NodeSession::Born).then(|| NodeAction::Publish(self.last_will(now)));
         death.into_iter().chain([NodeAction::Disconnect]).collect()
     }
 
-    fn received(&mut self, (topic, payload, is_retained): (&str, &[u8], bool), now: Now) -> Vec<NodeAction> {
+    fn received(&mut self, (topic, payload, is_retained): (&str, &[u8], bool), now: NodeTime) -> Vec<NodeAction> {
         if self.setup.ids.state().is_some_and(|state| state == topic) {
-            return self.host_told(payload, now);
+            return self.on_host_state(payload, now);
         }
-        if topic != self.setup.ids.ncmd() {
+        if topic != self.setup.ids.command_topic() {
             let topic: String = topic.chars().take(100).collect();
             let refused = "the node has not subscribed to this topic".to_owned();
             return self.refuse("message", Some(topic.escape_debug().to_string()), refused);
@@ -290,39 +295,39 @@ impl EdgeNode {
         asked
             .into_iter()
             .flat_map(|asked| match asked {
-                Ok(command) => self.asked(command, now),
+                Ok(command) => self.on_command(command, now),
                 Err(error) => self.refuse("command", None, error.to_string()),
             })
             .collect()
     }
 
-    fn asked(&mut self, command: NodeCommand, now: Now) -> Vec<NodeAction> {
-        if command == NodeCommand::Rebirth && self.session != Session::Born {
+    fn on_command(&mut self, command: NodeCommand, now: NodeTime) -> Vec<NodeAction> {
+        if command == NodeCommand::Rebirth && self.session != NodeSession::Born {
             let refused = "the node publishes nothing while the primary host is offline".to_owned();
-            return self.refuse(command.word(), None, refused);
+            return self.refuse(command.keyword(), None, refused);
         }
-        match self.commands.asked(command, now.steady_ms) {
-            true => self.pass_on(command, now),
+        match self.commands.admit(command, now.steady_ms) {
+            true => self.pass_command(command, now),
             false => vec![],
         }
     }
 
-    fn pass_on(&mut self, command: NodeCommand, now: Now) -> Vec<NodeAction> {
-        let is_noted = self.lines.allows(false);
+    fn pass_command(&mut self, command: NodeCommand, now: NodeTime) -> Vec<NodeAction> {
+        let is_noted = self.lines.admit_line(false);
         if command != NodeCommand::Rebirth {
             return vec![NodeAction::Ask { command, is_noted }];
         }
-        let note = AuditNote { what: command.word().to_owned(), subject: None, refused: None };
+        let note = AuditNote { what: command.keyword().to_owned(), subject: None, refused: None };
         let note = is_noted.then_some(NodeAction::Note(note));
         self.birth(now).into_iter().chain(note).collect()
     }
 
     fn refuse(&mut self, what: &str, subject: Option<String>, refused: String) -> Vec<NodeAction> {
         let note = AuditNote { what: what.to_owned(), subject, refused: Some(refused) };
-        self.lines.allows(true).then_some(NodeAction::Note(note)).into_iter().collect()
+        self.lines.admit_line(true).then_some(NodeAction::Note(note)).into_iter().collect()
     }
 
-    fn host_told(&mut self, payload: &[u8], now: Now) -> Vec<NodeAction> {
+    fn on_host_state(&mut self, payload: &[u8], now: NodeTime) -> Vec<NodeAction> {
         let Some(state) = HostState::read(payload) else {
             let refused =
                 "the primary host's state is not a JSON object with \"online\" and \"timestamp\"".to_owned();
@@ -330,19 +335,19 @@ impl EdgeNode {
         };
         self.host = self.host.with_state(state);
         // A node that has published nothing yet continues to wait at this broker, because there is only one broker.
-        match self.session == Session::Born && !self.host.is_online() {
-            true => self.die(now),
+        match self.session == NodeSession::Born && !self.host.is_online() {
+            true => self.end_session(now),
             false => vec![],
         }
     }
 
-    fn after_a_while(&mut self, now: Now) -> Vec<NodeAction> {
+    fn after_minimum_interval(&mut self, now: NodeTime) -> Vec<NodeAction> {
         let mut acts = Vec::new();
-        for command in self.commands.due(now.steady_ms) {
-            let may = command != NodeCommand::Rebirth || self.session == Session::Born;
-            acts.extend(may.then(|| self.pass_on(command, now)).into_iter().flatten());
+        for command in self.commands.due_commands(now.steady_ms) {
+            let may = command != NodeCommand::Rebirth || self.session == NodeSession::Born;
+            acts.extend(may.then(|| self.pass_command(command, now)).into_iter().flatten());
         }
-        if let Some(left_out) = self.lines.minute_over(now.steady_ms) {
+        if let Some(left_out) = self.lines.end_elapsed_minute(now.steady_ms) {
             let refused = format!("{left_out} further messages within one minute were not recorded individually");
             let note = AuditNote { what: "flood".to_owned(), subject: None, refused: Some(refused) };
             acts.push(NodeAction::Note(note));

@@ -37,13 +37,13 @@ pub struct Metric {
     #[prost(bool, optional, tag = "7")]
     pub is_null: Option<bool>,
     /// The value.
-    #[prost(oneof = "Wire", tags = "10, 11, 12, 13, 14, 15")]
-    pub value: Option<Wire>,
+    #[prost(oneof = "WireType", tags = "10, 11, 12, 13, 14, 15")]
+    pub value: Option<WireType>,
 }
 
 /// A value as it is encoded in a message.
 #[derive(Clone, PartialEq, Oneof)]
-pub enum Wire {
+pub enum WireType {
     /// Whole numbers of up to 32 bits.
     #[prost(uint32, tag = "10")]
     Int(u32),
@@ -69,17 +69,17 @@ impl Metric {
     pub(super) fn new(value: &Value, unix_ms: u64) -> Self {
         let wire = match value {
             Value::Null => None,
-            Value::Whole(number) => Some(Wire::Long(number.cast_unsigned())),
-            Value::Real(number) => Some(Wire::Double(*number)),
-            Value::Truth(truth) => Some(Wire::Boolean(*truth)),
-            Value::Text(text) => Some(Wire::Text(text.clone())),
+            Value::Whole(number) => Some(WireType::Long(number.cast_unsigned())),
+            Value::Real(number) => Some(WireType::Double(*number)),
+            Value::Truth(truth) => Some(WireType::Boolean(*truth)),
+            Value::Text(text) => Some(WireType::Text(text.clone())),
         };
         let is_null = wire.is_none().then_some(true);
         Metric { timestamp: Some(unix_ms), is_null, value: wire, ..Metric::default() }
     }
 
     /// Returns the same metric with its full name and type.
-    pub(super) fn named(self, name: &str, datatype: DataType) -> Self {
+    pub(super) fn with_name(self, name: &str, datatype: DataType) -> Self {
         Metric { name: Some(name.to_owned()), datatype: Some(datatype.number()), ..self }
     }
 

@@ -5,7 +5,7 @@ const NAMESPACE: &str = "spBv1.0";
 
 /// The names by which the cell is known at the broker.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Ids {
+pub struct CellIds {
     /// The group of edge nodes.
     pub group_id: String,
     /// The name of the edge node in its group.
@@ -14,28 +14,28 @@ pub struct Ids {
     pub primary_host_id: Option<String>,
 }
 
-impl Ids {
+impl CellIds {
     fn topic(&self, kind: &str) -> String {
         format!("{NAMESPACE}/{}/{kind}/{}", self.group_id, self.edge_node_id)
     }
 
     /// The topic of the birth.
-    pub fn nbirth(&self) -> String {
+    pub fn birth_topic(&self) -> String {
         self.topic("NBIRTH")
     }
 
     /// The topic of changes.
-    pub fn ndata(&self) -> String {
+    pub fn data_topic(&self) -> String {
         self.topic("NDATA")
     }
 
     /// The topic of the death.
-    pub fn ndeath(&self) -> String {
+    pub fn death_topic(&self) -> String {
         self.topic("NDEATH")
     }
 
     /// The topic of commands.
-    pub fn ncmd(&self) -> String {
+    pub fn command_topic(&self) -> String {
         self.topic("NCMD")
     }
 

@@ -20,7 +20,7 @@ impl DataType {
     }
 
     /// The type's name in the specification.
-    pub fn word(self) -> &'static str {
+    pub fn type_name(self) -> &'static str {
         self.into()
     }
 }
@@ -43,12 +43,12 @@ pub enum Value {
 
 impl Value {
     /// A whole number, if there is one.
-    pub(super) fn whole(number: Option<impl Into<i64>>) -> Self {
+    pub(super) fn as_integer(number: Option<impl Into<i64>>) -> Self {
         number.map_or(Value::Null, |number| Value::Whole(number.into()))
     }
 
     /// A number, if there is one and it is finite.
-    pub(super) fn real(number: Option<f64>) -> Self {
+    pub(super) fn as_number(number: Option<f64>) -> Self {
         number.filter(|number| number.is_finite()).map_or(Value::Null, Value::Real)
     }
 

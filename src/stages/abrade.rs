@@ -1,31 +1,31 @@
 //! The executed part of a contact path, from the poses that the robot reported.
 
-use super::removal::{Abrasive, Removed};
-use super::{Drawing, names};
-use crate::number_text::apart;
+use super::removal::{PathRemovalTotal, RemovalInputs};
+use super::{ResultDrawing, names};
+use crate::number_text::distinguishable_texts;
 use crate::panel::{GridId, Region, TaughtPanel};
 use crate::path::Plan;
-use crate::path::dwell::{self, Dwell, Executed, GridDwell};
+use crate::path::dwell::{self, Dwell, ExecutedPose, GridDwell};
 use crate::path::routes::waypoints;
 use crate::path::trace::{ExecutedPath, Trace};
 use crate::recipe;
 use crate::record::{Check, Finding, Kind, name};
 use crate::report::{dwell_map, overlap_map};
 use crate::surface::BSplineSurface;
-use crate::verdict::{Judgement, SetBy, Severity};
+use crate::verdict::{Judgement, LimitSource, Severity};
 
 /// Allowed distance of a reported pose from the planned lines where these are straight, mm: the remaining error of
 /// the drives.
-const OFF_PATH_MM: f64 = 1.0;
+const MAX_PATH_DEVIATION_MM: f64 = 1.0;
 /// The covered share of an executed grid may be smaller than planned by this much: the reported poses are some
 /// millimetres apart.
 const SHORT_OF_PLAN: f64 = 0.01;
 
 /// Largest ratio of a grid's time under the disc to the planned time; above it, a person must review the result. In
 /// bends and on short lines the arm is slower than the planned feed.
-const LONGER_REVIEW: f64 = 1.35;
+const DWELL_RATIO_REVIEW: f64 = 1.35;
 /// From this factor on, the path's removal is not the planned one.
-const LONGER_REJECT: f64 = 1.6;
+const DWELL_RATIO_REJECT: f64 = 1.6;
 
 /// The executed part of a path: waypoints are counted from the second one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,109 +38,109 @@ pub struct Progress {
 
 impl Progress {
     /// Returns whether the whole path was executed.
-    pub fn is_whole(self) -> bool {
+    pub fn is_complete(self) -> bool {
         self.done >= self.waypoints
     }
 }
 
 /// The result of a contact path.
 #[derive(Debug, Clone)]
-pub struct Abraded {
+pub struct AbrasionResult {
     /// Grids that were abraded as planned.
-    pub whole: Vec<GridId>,
+    pub completed: Vec<GridId>,
     /// Grids that were begun but not completed.
-    pub begun: Vec<GridId>,
+    pub incomplete: Vec<GridId>,
     /// Area that the disc swept, mm².
     pub swept_mm2: f64,
     /// The removal over all passes of the part; `None` if the recipe does not ask for it, or if it is not known.
-    pub removed: Option<Removed>,
+    pub removed: Option<PathRemovalTotal>,
     progress: Progress,
-    walked: ExecutedPath,
-    off_limit_mm: f64,
+    executed_path: ExecutedPath,
+    deviation_limit_mm: f64,
     dwell: Dwell,
-    longer: Option<Longer>,
+    longest_dwell: Option<LongestDwell>,
 }
 
 /// The grid with the largest ratio of its time under the disc to its planned time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Longer {
+struct LongestDwell {
     id: GridId,
     /// Executed time over planned time; infinite if none was planned, or if it is not a number.
     ratio: f64,
 }
 
 /// Evaluates the work of the disc from these reports.
-pub fn abraded(
+pub fn evaluate_abrasion(
     plan: &Plan,
     (surface, region): (&BSplineSurface, &Region),
     settings: &recipe::Path,
     (trace, progress): (&Trace, Progress),
-    removal: Option<&Abrasive<'_>>,
-) -> Abraded {
+    removal: Option<&RemovalInputs<'_>>,
+) -> AbrasionResult {
     let disc_mm = settings.disc_diameter_mm();
-    let walked = trace.executed(&waypoints(plan), progress.done);
+    let walked = trace.executed_path(&waypoints(plan), progress.done);
     let planned: Vec<GridId> = plan.grids.iter().map(|grid| grid.id).collect();
-    let simulated = |poses: &[Executed]| dwell::simulate(surface, region, &planned, poses, disc_mm / 2.0);
+    let simulated = |poses: &[ExecutedPose]| dwell::simulate(surface, region, &planned, poses, disc_mm / 2.0);
     let dwell = simulated(&walked.poses);
-    let longer = longest_beside(&dwell.grids, &simulated(&dwell::planned(plan)).grids);
-    let (whole, begun) = covered(plan, &dwell, progress.done);
-    let off_limit_mm = off_limit_mm(settings);
-    let removed = removal.and_then(|removal| removal.executed(&planned, &walked.poses));
-    Abraded {
-        whole,
-        begun,
+    let longer = longest_dwell(&dwell.grids, &simulated(&dwell::timed_poses(plan)).grids);
+    let (whole, begun) = split_covered(plan, &dwell, progress.done);
+    let off_limit_mm = deviation_limit_mm(settings);
+    let removed = removal.and_then(|removal| removal.executed_removal(&planned, &walked.poses));
+    AbrasionResult {
+        completed: whole,
+        incomplete: begun,
         swept_mm2: walked.contact_mm * disc_mm,
         removed,
         progress,
-        walked,
-        off_limit_mm,
+        executed_path: walked,
+        deviation_limit_mm: off_limit_mm,
         dwell,
-        longer,
+        longest_dwell: longer,
     }
 }
 
 /// Returns the limit of a measured pose's distance from the planned lines, mm. At a rounded corner the distance is
 /// less than the rounding.
-pub fn off_limit_mm(settings: &recipe::Path) -> f64 {
-    OFF_PATH_MM + settings.blend_share() * settings.waypoint_spacing_mm()
+pub fn deviation_limit_mm(settings: &recipe::Path) -> f64 {
+    MAX_PATH_DEVIATION_MM + settings.blend_share() * settings.waypoint_spacing_mm()
 }
 
-impl Abraded {
+impl AbrasionResult {
     /// Draws how long, and how often, each place was under the disc.
-    pub fn drawn(&self, region: &Region) -> [Drawing; 2] {
+    pub fn draw_dwell(&self, region: &Region) -> [ResultDrawing; 2] {
         let time = "Time that each place was under the disc, from the poses that the robot reported";
         let often = "Number of disc passes over each place, from the poses that the robot reported";
         [
-            Drawing::new("executed", time, dwell_map(&self.dwell, region)),
-            Drawing::new("overlap", often, overlap_map(&self.dwell, region)),
+            ResultDrawing::new("executed", time, dwell_map(&self.dwell, region)),
+            ResultDrawing::new("overlap", often, overlap_map(&self.dwell, region)),
         ]
     }
 
     /// The removal, if it is known.
-    pub fn drawn_removal(&self, panel: &TaughtPanel) -> Option<Drawing> {
+    pub fn draw_removal(&self, panel: &TaughtPanel) -> Option<ResultDrawing> {
         let caption = "Depth removed by this and earlier passes on this part, calculated from the poses that the \
                        robot reported, µm";
-        self.removed.as_ref().map(|removed| removed.drawn(panel, ("removal_executed", caption)))
+        self.removed.as_ref().map(|removed| removed.draw_map(panel, ("removal_executed", caption)))
     }
 
     /// The requirements on a path: it was executed completely, covered the grids, and stayed near the planned
     /// lines.
     fn checks(&self) -> [Check; 4] {
         let Progress { waypoints, done } = self.progress;
-        let (off_mm, allowed_mm, begun) = (self.walked.off_mm, self.off_limit_mm, self.begun.len() as f64);
+        let (off_mm, allowed_mm, begun) =
+            (self.executed_path.off_mm, self.deviation_limit_mm, self.incomplete.len() as f64);
         // Full coverage is not expected of a path that was cut short.
-        let is_not_covered = self.progress.is_whole() && begun > 0.0;
+        let is_not_covered = self.progress.is_complete() && begun > 0.0;
         [
-            Check::new(name::EXECUTED, "", f64::from(done)).at_least(f64::from(waypoints), SetBy::Program).reviews(
-                "part",
-                || {
+            Check::new(name::EXECUTED_WAYPOINTS_NAME, "", f64::from(done))
+                .with_min(f64::from(waypoints), LimitSource::Program)
+                .reviews("part", || {
                     format!(
                         "the robot executed only {done} of {waypoints} waypoints; the remaining path was not \
                          executed"
                     )
-                },
-            ),
-            Check::new(name::BEGUN, "", begun).at_most(0.0, SetBy::Program).broken(
+                }),
+            Check::new(name::BEGUN_GRIDS_NAME, "", begun).with_max(0.0, LimitSource::Program).with_consequence_if(
                 is_not_covered,
                 Severity::Review,
                 "not_covered",
@@ -148,34 +148,36 @@ impl Abraded {
                     format!(
                         "according to the poses that the robot reported, the disc did not cover all of the planned \
                          area of {}; the next water-break test will show the result",
-                        names(&self.begun).join(", ")
+                        names(&self.incomplete).join(", ")
                     )
                 },
             ),
-            Check::new(name::OFF_PATH, "mm", off_mm).at_most(allowed_mm, SetBy::Program).reviews(
+            Check::new(name::PATH_DEVIATION_NAME, "mm", off_mm).with_max(allowed_mm, LimitSource::Program).reviews(
                 "off_path",
                 || {
-                    let [off, allowed] = apart(off_mm, allowed_mm, 2);
+                    let [off, allowed] = distinguishable_texts(off_mm, allowed_mm, 2);
                     format!("the robot reported a pose {off} mm away from the planned path (limit {allowed} mm)")
                 },
             ),
-            self.longer_check(),
+            self.dwell_ratio_check(),
         ]
     }
 
     /// Checks the time under the disc against the planned time. The covered share of a grid does not show a long time:
     /// a slow robot covers everything.
-    fn longer_check(&self) -> Check {
-        let Some(Longer { id, ratio }) = self.longer else { return Check::new(name::LONGER, "", None) };
-        let severity = if ratio <= LONGER_REJECT { Severity::Review } else { Severity::Reject };
-        Check::new(name::LONGER, "", ratio).at_most(LONGER_REVIEW, SetBy::Program).leads_to(
+    fn dwell_ratio_check(&self) -> Check {
+        let Some(LongestDwell { id, ratio }) = self.longest_dwell else {
+            return Check::new(name::DWELL_RATIO_NAME, "", None);
+        };
+        let severity = if ratio <= DWELL_RATIO_REJECT { Severity::Review } else { Severity::Reject };
+        Check::new(name::DWELL_RATIO_NAME, "", ratio).with_max(DWELL_RATIO_REVIEW, LimitSource::Program).with_consequence(
             severity,
             "dwell_too_long",
             || {
-                let [found, allowed] = apart(ratio, LONGER_REVIEW, 2);
+                let [found, allowed] = distinguishable_texts(ratio, DWELL_RATIO_REVIEW, 2);
                 format!(
                     "{id} was under the disc {found} times as long as planned (limit {allowed} times; above \
-                     {LONGER_REJECT} times the part is rejected); check that the override is 100 % and that the \
+                     {DWELL_RATIO_REJECT} times the part is rejected); check that the override is 100 % and that the \
                      robot reaches the feed"
                 )
             },
@@ -183,8 +185,8 @@ impl Abraded {
     }
 
     /// Returns the force of a compliant tool at the poses that are meant to be on the panel; empty for another tool.
-    fn forces(&self) -> Vec<Check> {
-        let on_panel = self.walked.poses.iter().filter(|pose| pose.contact);
+    fn contact_forces(&self) -> Vec<Check> {
+        let on_panel = self.executed_path.poses.iter().filter(|pose| pose.contact);
         let forces_n: Vec<f64> = on_panel.filter_map(|pose| pose.force_n).collect();
         if forces_n.is_empty() {
             return vec![];
@@ -199,48 +201,59 @@ impl Abraded {
 
     /// The result for the record; `most_passes` passes are allowed.
     pub fn finding(&self, pass: u8, most_passes: usize) -> Finding {
-        let (walked, dwell) = (&self.walked, &self.dwell);
+        let (walked, dwell) = (&self.executed_path, &self.dwell);
         let [executed, begun, off_path, longer] = self.checks();
         let spread = dwell.spread();
-        let of_removal =
-            self.removed.as_ref().map_or_else(Vec::new, |removed| removed.told_after(self.progress.is_whole()));
+        let of_removal = self
+            .removed
+            .as_ref()
+            .map_or_else(Vec::new, |removed| removed.executed_checks(self.progress.is_complete()));
         // The removal has priority over the time.
         let judgement =
-            Judgement::of_checks([&executed, &begun, &off_path].into_iter().chain(&of_removal).chain([&longer]));
-        let finding = Finding::new(Kind::Abrade, pass, judgement).detail("grids", names(&self.whole)).with([
-            executed,
-            begun,
-            Check::new("pass", "", f64::from(pass))
-                .at_most(most_passes as f64, SetBy::recipe("process.max_passes_per_grid")),
-            Check::new("poses reported on the way", "", walked.reports as f64),
-            off_path,
-            Check::new("way in contact", "mm", walked.contact_mm),
-            Check::new("time under the disc, 5 % of the treated area", "s", spread.map(|spread| spread.low_s)),
-            Check::new("time under the disc, 95 % of the treated area", "s", spread.map(|spread| spread.high_s)),
-            longer,
-        ]);
-        let finding = finding.with(dwell.grids.iter().flat_map(|grid| {
+            Judgement::from_checks([&executed, &begun, &off_path].into_iter().chain(&of_removal).chain([&longer]));
+        let finding =
+            Finding::new(Kind::Abrade, pass, judgement).with_detail("grids", names(&self.completed)).with_checks([
+                executed,
+                begun,
+                Check::new("pass", "", f64::from(pass))
+                    .with_max(most_passes as f64, LimitSource::recipe("process.max_passes_per_grid")),
+                Check::new("poses reported on the way", "", walked.reports as f64),
+                off_path,
+                Check::new("way in contact", "mm", walked.contact_mm),
+                Check::new("time under the disc, 5 % of the treated area", "s", spread.map(|spread| spread.low_s)),
+                Check::new(
+                    "time under the disc, 95 % of the treated area",
+                    "s",
+                    spread.map(|spread| spread.high_s),
+                ),
+                longer,
+            ]);
+        let finding = finding.with_checks(dwell.grids.iter().flat_map(|grid| {
             let id = grid.id;
             [
                 Check::new(format!("share of {id} under the disc"), "", grid.share()),
-                Check::new(format!("of {id} left"), "mm²", grid.left_mm2()),
+                Check::new(format!("of {id} left"), "mm²", grid.untreated_mm2()),
             ]
         }));
-        let finding = finding.with(of_removal).with(self.forces());
-        if self.begun.is_empty() { finding } else { finding.detail("grids_in_part", names(&self.begun)) }
+        let finding = finding.with_checks(of_removal).with_checks(self.contact_forces());
+        if self.incomplete.is_empty() {
+            finding
+        } else {
+            finding.with_detail("grids_in_part", names(&self.incomplete))
+        }
     }
 }
 
 /// The gate's verdict on the executed path. If a part of the path was not executed, this is no fault of the executed
 /// part: the cycle is then held or aborted, and the remaining part is planned again.
-pub fn of_executed(finding: &Finding) -> Judgement {
-    Judgement::of_checks(finding.checks.iter().filter(|check| check.name != name::EXECUTED))
+pub fn executed_checks(finding: &Finding) -> Judgement {
+    Judgement::from_checks(finding.checks.iter().filter(|check| check.name != name::EXECUTED_WAYPOINTS_NAME))
 }
 
 /// The grid with the largest ratio of executed to planned time under the disc. The ratio is calculated for the mean
 /// time and for the 95 % quantile over the grid; the quantile finds a long time in only a part of a grid. `None` if
 /// the disc touched nothing.
-fn longest_beside(executed: &[GridDwell], planned: &[GridDwell]) -> Option<Longer> {
+fn longest_dwell(executed: &[GridDwell], planned: &[GridDwell]) -> Option<LongestDwell> {
     let high_s = |grid: &GridDwell| grid.spread().map_or(0.0, |spread| spread.high_s);
     let of_grid = |grid: &GridDwell| {
         let found = [grid.mean_dwell_s(), high_s(grid)];
@@ -253,14 +266,14 @@ fn longest_beside(executed: &[GridDwell], planned: &[GridDwell]) -> Option<Longe
             if is_known { found / plan } else { f64::INFINITY }
         };
         let ratio = found.into_iter().zip(plan).map(ratio).fold(0.0, f64::max);
-        Longer { id: grid.id, ratio }
+        LongestDwell { id: grid.id, ratio }
     };
     let touched = executed.iter().filter(|grid| grid.share() > 0.0).map(of_grid);
     touched.max_by(|a, b| a.ratio.total_cmp(&b.ratio))
 }
 
 /// Returns the grids of the begun areas in two lists: covered as planned, and the others.
-fn covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) {
+fn split_covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) {
     let executed = done as usize + 1;
     let mut before = 0;
     let (mut whole, mut begun) = (Vec::new(), Vec::new());
@@ -270,7 +283,7 @@ fn covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) 
         before += path.waypoints.len();
         for id in path.grids.iter().filter(|_| touched) {
             let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.share());
-            let found = dwell.of_grid(*id).map_or(0.0, |grid| grid.share());
+            let found = dwell.grid(*id).map_or(0.0, |grid| grid.share());
             // A grid of an interrupted area that the disc did not reach.
             if found <= 0.0 {
                 continue;
@@ -294,7 +307,7 @@ mod tests {
     }
 
     fn ratio(executed: [f32; 4], planned: [f32; 4]) -> Option<f64> {
-        longest_beside(&[grid(1, executed)], &[grid(1, planned)]).map(|longer| longer.ratio)
+        longest_dwell(&[grid(1, executed)], &[grid(1, planned)]).map(|longer| longer.ratio)
     }
 
     /// Calculated by hand: at an override of 50 % each place is under the disc twice as long. A stop at one of four

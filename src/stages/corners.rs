@@ -4,31 +4,31 @@
 //! Each corner is searched for in its own picture. All corners together then correct the panel's pose, or confirm it:
 //! one corner alone is never the result if several were seen.
 
-use super::Drawing;
+use super::ResultDrawing;
 use crate::calib::health;
 use crate::cell::LensExtent;
 use crate::geometry::{Base, ColorPicture, FlangeCamera, KukaPose, Panel, PinholeCamera, Pixel, Rigid};
 use crate::locate::corner::{self, CornerError};
-use crate::locate::refine::{self, CornerView, RefineError, Refined};
-use crate::number_text::apart;
+use crate::locate::refine::{self, CornerView, RefineError, RefinedPose};
+use crate::number_text::distinguishable_texts;
 use crate::panel::TaughtCorner;
 use crate::recipe;
 use crate::record::{Check, Finding, Kind, name};
 use crate::report;
-use crate::verdict::{Judgement, Reason, SetBy, Severity};
+use crate::verdict::{Judgement, LimitSource, Reason, Severity};
 use serde_json::json;
 
 /// The most corners that are looked at: two determine the panel's shift and its turn, more add little.
 const MAX_CORNERS: usize = 2;
 
 /// Returns the number of corners that a loop of views looks at if all `taught` corners can be seen.
-pub fn most(limits: &recipe::Corner, taught: usize) -> usize {
+pub fn max_views(limits: &recipe::Corner, taught: usize) -> usize {
     MAX_CORNERS.min(limits.max_moves() + 1).min(taught)
 }
 
 /// The reference with which corner pictures are compared.
 #[derive(Debug, Clone, Copy)]
-pub struct Taught<'a> {
+pub struct CornerReference<'a> {
     /// The taught corners, in the order of teaching.
     pub corners: &'a [TaughtCorner],
     /// The flange camera.
@@ -51,7 +51,7 @@ pub struct Sighting {
     /// The corner's position in the picture.
     pub found_px: Pixel,
     /// The assumed pose of the panel with which the corner was searched for.
-    pub looked_for: Rigid<Base, Panel>,
+    pub search_pose: Rigid<Base, Panel>,
 }
 
 /// The state of a loop of views that moves nearer from picture to picture.
@@ -63,7 +63,7 @@ pub struct Progress {
     pub is_missing: bool,
 }
 
-impl Taught<'_> {
+impl CornerReference<'_> {
     /// Finds a taught corner in the picture from a view; `place` is the assumed pose of the panel.
     ///
     /// # Errors
@@ -76,11 +76,15 @@ impl Taught<'_> {
     ) -> Result<Sighting, CornerError> {
         let expected = base_from_camera.inverse() * (place * taught.point);
         let found = corner::find_taught(&picture.to_gray(), (self.limits, corner), self.camera, expected)?;
-        Ok(Sighting { corner, taught: *taught, base_from_camera, found_px: found.corner_px, looked_for: place })
+        Ok(Sighting { corner, taught: *taught, base_from_camera, found_px: found.corner_px, search_pose: place })
     }
 
     /// The result of all sightings together for an assumed pose of the panel.
-    fn seen(&self, place: Rigid<Base, Panel>, sightings: &[Sighting]) -> Result<Refined, RefineError> {
+    fn combine_sightings(
+        &self,
+        place: Rigid<Base, Panel>,
+        sightings: &[Sighting],
+    ) -> Result<RefinedPose, RefineError> {
         let views: Vec<CornerView<'_>> = sightings.iter().map(Sighting::view).collect();
         refine::refine(place, self.camera, &views)
     }
@@ -96,50 +100,50 @@ impl Taught<'_> {
         sightings: &[Sighting],
         (claims_mm, progress): (Option<[f64; 2]>, Option<Progress>),
     ) -> Result<Correction, RefineError> {
-        let refined = self.seen(located, sightings)?;
-        let views = progress.map(|progress| Views {
+        let refined = self.combine_sightings(located, sightings)?;
+        let views = progress.map(|progress| ViewLoop {
             progress,
             is_last: progress.moves >= self.limits.max_moves(),
             step_mm: step_mm(&refined, sightings),
         });
-        let correction = Correction::judged(refined, claims_mm, views, self.limits);
-        Ok(correction.beside(self.outside_of_lens(sightings)))
+        let correction = Correction::judge_correction(refined, claims_mm, views, self.limits);
+        Ok(correction.with_check(self.lens_extent_check(sightings)))
     }
 
     /// Returns a check for a corner that was found outside the calibrated part of the lens, if there is one.
-    fn outside_of_lens(&self, sightings: &[Sighting]) -> Option<Check> {
-        let outside = health::outside_of_lens(self.lens, sightings.iter().map(|sighting| sighting.found_px))?;
+    fn lens_extent_check(&self, sightings: &[Sighting]) -> Option<Check> {
+        let outside = health::lens_extent_refusal(self.lens, sightings.iter().map(|sighting| sighting.found_px))?;
         let check = Check::new("corner where the lens is known", "", None);
-        Some(check.gives(Some(outside), Severity::Reject))
+        Some(check.with_reason(Some(outside), Severity::Reject))
     }
 
     /// Checks whether the corners are where `place` puts them. `unseen` states which of the corners that determine the
     /// pose cannot be seen again, if there are any.
     ///
     /// # Errors
-    /// As [`Taught::refine`].
+    /// As [`CornerReference::refine`].
     pub fn verify(
         &self,
         place: Rigid<Base, Panel>,
         sightings: &[Sighting],
         unseen: Option<Reason>,
     ) -> Result<Verification, RefineError> {
-        let seen = self.seen(place, sightings)?;
-        let count = Check::new(name::CORNERS, "", seen.corners.len() as f64).gives(unseen, Severity::Review);
-        let mut checks = refine::checks_of_stand(&seen, self.limits);
-        checks.extend(self.outside_of_lens(sightings).map(|check| check.at_worst(Severity::Review)));
-        let judgement = Judgement::of_checks(&checks).and(Judgement::of_checks([&count]));
+        let seen = self.combine_sightings(place, sightings)?;
+        let count = Check::new(name::CORNERS, "", seen.corners.len() as f64).with_reason(unseen, Severity::Review);
+        let mut checks = refine::position_checks(&seen, self.limits);
+        checks.extend(self.lens_extent_check(sightings).map(|check| check.with_max_severity(Severity::Review)));
+        let judgement = Judgement::from_checks(&checks).combined_with(Judgement::from_checks([&count]));
         Ok(Verification { checks, count, judgement })
     }
 
     /// The corner in its picture, with the found position and the position according to a pose of the panel; `None` if
     /// the latter position is not in front of the camera.
-    pub fn drawn(
+    pub fn draw_corner(
         &self,
         (sighting, picture): (&Sighting, &ColorPicture),
         place: Rigid<Base, Panel>,
         (name, title): (&str, &str),
-    ) -> Option<Drawing> {
+    ) -> Option<ResultDrawing> {
         let in_camera = sighting.base_from_camera.inverse() * (place * sighting.taught.point);
         let view = report::CornerView {
             picture,
@@ -149,7 +153,7 @@ impl Taught<'_> {
         };
         let which = sighting.corner + 1;
         let caption = format!("Flange camera picture of corner {which}, {title}: expected and found position");
-        Some(Drawing::new(name, caption, view.drawn(title)))
+        Some(ResultDrawing::new(name, caption, view.draw(title)))
     }
 }
 
@@ -161,16 +165,16 @@ impl Sighting {
 }
 
 /// Returns the largest distance between a corner's new position and its position under the assumed pose, mm.
-fn step_mm(refined: &Refined, sightings: &[Sighting]) -> f64 {
+fn step_mm(refined: &RefinedPose, sightings: &[Sighting]) -> f64 {
     let step_mm =
-        |seen: &Sighting| refined.base_from_panel.distance_at_mm(seen.looked_for, seen.taught.point).abs();
+        |seen: &Sighting| refined.base_from_panel.distance_at_mm(seen.search_pose, seen.taught.point).abs();
     // The absolute value makes a value that is not a number count as the largest.
     sightings.iter().map(step_mm).max_by(f64::total_cmp).unwrap_or(f64::NAN)
 }
 
 /// The state of a loop of views after a picture.
 #[derive(Debug, Clone, Copy)]
-struct Views {
+struct ViewLoop {
     progress: Progress,
     /// No view follows.
     is_last: bool,
@@ -178,33 +182,33 @@ struct Views {
     step_mm: f64,
 }
 
-impl Views {
-    fn is_settled(self, limits: &recipe::Corner) -> bool {
+impl ViewLoop {
+    fn has_converged(self, limits: &recipe::Corner) -> bool {
         self.step_mm <= limits.settled_mm()
     }
 
     /// Returns whether all corners have been seen at close range.
-    fn is_done(self, limits: &recipe::Corner) -> bool {
-        !self.progress.is_missing && self.is_settled(limits)
+    fn are_all_seen(self, limits: &recipe::Corner) -> bool {
+        !self.progress.is_missing && self.has_converged(limits)
     }
 
     /// The requirements on a loop of views: it converges, within the allowed moves, and has seen all corners.
     fn checks(self, seen: usize, limits: &recipe::Corner) -> [Check; 3] {
-        let (is_done, step_mm) = (self.is_done(limits), self.step_mm);
+        let (is_done, step_mm) = (self.are_all_seen(limits), self.step_mm);
         let step = Check::new("corner from where it was looked for", "mm", step_mm);
         // A loop that has not yet converged is continued with a move and another picture.
         let step = if is_done || self.is_last {
-            step.at_most(limits.settled_mm(), SetBy::recipe("corner.settled_mm"))
+            step.with_max(limits.settled_mm(), LimitSource::recipe("corner.settled_mm"))
         } else {
             step
         };
-        let is_unsettled = self.is_last && !self.is_settled(limits);
+        let is_unsettled = self.is_last && !self.has_converged(limits);
         let is_unseen = self.is_last && self.progress.is_missing;
         [
-            step.broken(is_unsettled, Severity::Reject, "not_settled", || not_settled(step_mm, limits)),
-            Check::new(name::MOVES, "", self.progress.moves as f64)
-                .at_most(limits.max_moves() as f64, SetBy::recipe("corner.max_moves")),
-            Check::new(name::CORNERS, "", seen as f64).broken(is_unseen, Severity::Reject, "corner_unseen", || {
+            step.with_consequence_if(is_unsettled, Severity::Reject, "not_settled", || not_converged_text(step_mm, limits)),
+            Check::new(name::CORRECTION_MOVES_NAME, "", self.progress.moves as f64)
+                .with_max(limits.max_moves() as f64, LimitSource::recipe("corner.max_moves")),
+            Check::new(name::CORNERS, "", seen as f64).with_consequence_if(is_unseen, Severity::Reject, "corner_unseen", || {
                 format!(
                     "not all corners were seen within {} moves ([corner] max_moves); clear what covers the corner \
                      or blocks the arm's way to it",
@@ -215,9 +219,9 @@ impl Views {
     }
 }
 
-fn not_settled(step_mm: f64, limits: &recipe::Corner) -> String {
+fn not_converged_text(step_mm: f64, limits: &recipe::Corner) -> String {
     let (settled_mm, moves) = (limits.settled_mm(), limits.max_moves());
-    let [step, settled] = apart(step_mm, settled_mm, 2);
+    let [step, settled] = distinguishable_texts(step_mm, settled_mm, 2);
     format!(
         "after {moves} moves ([corner] max_moves), a corner is still {step} mm from its expected position (limit \
          {settled} mm, settled_mm); check the hand-eye calibration, and that the panel does not move"
@@ -228,23 +232,23 @@ fn not_settled(step_mm: f64, limits: &recipe::Corner) -> String {
 #[derive(Debug, Clone)]
 pub struct Correction {
     /// The corrected pose and its evidence.
-    pub refined: Refined,
+    pub refined: RefinedPose,
     /// Every number that was judged.
     pub checks: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
     /// Whether another view may help: not all corners have been seen from near, and views are left.
-    pub wants_another_view: bool,
+    pub is_another_view_useful: bool,
 }
 
 impl Correction {
-    fn judged(
-        refined: Refined,
+    fn judge_correction(
+        refined: RefinedPose,
         claims_mm: Option<[f64; 2]>,
-        views: Option<Views>,
+        views: Option<ViewLoop>,
         limits: &recipe::Corner,
     ) -> Self {
-        let is_done = views.is_none_or(|views| views.is_done(limits));
+        let is_done = views.is_none_or(|views| views.are_all_seen(limits));
         let wants_another_view = !is_done && views.is_some_and(|views| !views.is_last);
         // Corner deviations become findings only when all corners have been seen at close range. A check that
         // rejects is not postponed to another view.
@@ -259,16 +263,16 @@ impl Correction {
             Some(views) => views.checks(seen, limits).to_vec(),
             None => vec![Check::new(name::CORNERS, "", seen as f64)],
         };
-        of_views.extend(claims_mm.and_then(|claims_mm| refine::disagreement(&refined, &claims_mm)));
-        let judgement = Judgement::of_checks(&of_corners).and(Judgement::of_checks(&of_views));
-        let checks = [of_corners, of_motion(&refined).to_vec(), of_views].concat();
-        Correction { refined, checks, judgement, wants_another_view }
+        of_views.extend(claims_mm.and_then(|claims_mm| refine::worst_disagreement(&refined, &claims_mm)));
+        let judgement = Judgement::from_checks(&of_corners).combined_with(Judgement::from_checks(&of_views));
+        let checks = [of_corners, correction_motion(&refined).to_vec(), of_views].concat();
+        Correction { refined, checks, judgement, is_another_view_useful: wants_another_view }
     }
 
     /// The same result with an additional check of the pictures themselves, whose limit was not met.
-    fn beside(mut self, of_pictures: Option<Check>) -> Self {
+    fn with_check(mut self, of_pictures: Option<Check>) -> Self {
         if let Some(check) = of_pictures {
-            self.judgement = self.judgement.and(Judgement::of_checks([&check]));
+            self.judgement = self.judgement.combined_with(Judgement::from_checks([&check]));
             self.checks.push(check);
         }
         self
@@ -277,17 +281,17 @@ impl Correction {
     /// The result for the record; `left_out` states which corners the arm could not reach, and why.
     pub fn finding(&self, left_out: &[String]) -> Finding {
         let finding = Finding::new(Kind::Refine, 0, self.judgement.clone())
-            .detail("base_from_panel", json!(KukaPose::from_rigid(&self.refined.base_from_panel)))
-            .with(self.checks.iter().cloned());
-        if left_out.is_empty() { finding } else { finding.detail("corners_left_out", json!(left_out)) }
+            .with_detail("base_from_panel", json!(KukaPose::from_rigid(&self.refined.base_from_panel)))
+            .with_checks(self.checks.iter().cloned());
+        if left_out.is_empty() { finding } else { finding.with_detail("corners_left_out", json!(left_out)) }
     }
 }
 
 /// Returns how far the correction moves the panel.
-fn of_motion(refined: &Refined) -> [Check; 3] {
+fn correction_motion(refined: &RefinedPose) -> [Check; 3] {
     let [x_mm, y_mm] = refined.shift_mm;
     let first = refined.corners.first().map_or(String::new(), |corner| format!("corner {}", corner.corner + 1));
-    let turned_deg = (refined.corners.len() > 1).then_some(refined.turned.0);
+    let turned_deg = (refined.corners.len() > 1).then_some(refined.rotation.0);
     [
         Check::new(format!("correction along the camera's x at {first}"), "mm", x_mm),
         Check::new(format!("correction along the camera's y at {first}"), "mm", y_mm),
@@ -310,10 +314,12 @@ impl Verification {
     /// The result for the record; after the last view, `needed` corners must have been seen.
     pub fn finding(&self, pass: u8, needed: Option<usize>) -> Finding {
         let count = match needed {
-            Some(needed) => self.count.clone().at_least(needed as f64, SetBy::Program),
+            Some(needed) => self.count.clone().with_min(needed as f64, LimitSource::Program),
             None => self.count.clone(),
         };
-        Finding::new(Kind::Verify, pass, self.judgement.clone()).with(self.checks.iter().cloned()).with([count])
+        Finding::new(Kind::Verify, pass, self.judgement.clone())
+            .with_checks(self.checks.iter().cloned())
+            .with_checks([count])
     }
 }
 
@@ -334,17 +340,22 @@ mod tests {
 
     /// A correction by two corners: each requires a shift of 1 mm, and a residual of 0.4 mm remains, more than the 0.3
     /// mm that are allowed for one rigid panel.
-    fn unlike() -> Refined {
+    fn unlike() -> RefinedPose {
         let expected_px = Pixel::at(0.0, 0.0);
-        let report =
-            |corner| CornerReport { corner, expected_px, error_px: 10.0, shift_mm: [1.0, 0.0], left_mm: 0.4 };
+        let report = |corner| CornerReport {
+            corner,
+            expected_px,
+            error_px: 10.0,
+            shift_mm: [1.0, 0.0],
+            remaining_shift_mm: 0.4,
+        };
         let base_from_panel = panel_from_base_at_teaching().inverse();
         let corners = vec![report(0), report(1)];
-        Refined { base_from_panel, shift_mm: [1.0, 0.0], turned: Degrees(0.0), error_px: 10.0, corners }
+        RefinedPose { base_from_panel, shift_mm: [1.0, 0.0], rotation: Degrees(0.0), error_px: 10.0, corners }
     }
 
-    fn views(is_missing: bool, is_last: bool, step_mm: f64) -> Views {
-        Views { progress: Progress { moves: 1, is_missing }, is_last, step_mm }
+    fn views(is_missing: bool, is_last: bool, step_mm: f64) -> ViewLoop {
+        ViewLoop { progress: Progress { moves: 1, is_missing }, is_last, step_mm }
     }
 
     fn codes(judgement: &Judgement) -> Vec<&str> {
@@ -356,8 +367,8 @@ mod tests {
     #[test]
     fn a_doubt_hides_no_rejection() {
         let recipe = recipe();
-        let judged = |views: Views, claims_mm| {
-            Correction::judged(unlike(), claims_mm, Some(views), recipe.corner()).judgement
+        let judged = |views: ViewLoop, claims_mm| {
+            Correction::judge_correction(unlike(), claims_mm, Some(views), recipe.corner()).judgement
         };
         let judgement = judged(views(false, true, 0.9), Some([0.1; 2]));
         let codes_of_both = vec!["not_settled", "corners_disagree"];
@@ -375,10 +386,11 @@ mod tests {
     #[test]
     fn a_view_that_another_one_follows_leaves_no_review() {
         let recipe = recipe();
-        let judged = |views: Views| Correction::judged(unlike(), Some([0.1; 2]), Some(views), recipe.corner());
+        let judged =
+            |views: ViewLoop| Correction::judge_correction(unlike(), Some([0.1; 2]), Some(views), recipe.corner());
         let (followed, last) = (judged(views(true, false, 2.0)), judged(views(false, true, 0.1)));
         assert_eq!((followed.judgement.verdict, last.judgement.verdict), (Verdict::Accept, Verdict::Review));
-        assert!(followed.finding(&[]).checks.iter().all(Check::is_kept));
+        assert!(followed.finding(&[]).checks.iter().all(Check::is_met));
     }
 
     /// A corner is measured less accurately from far: while views are left, it is viewed at close range before its
@@ -386,8 +398,8 @@ mod tests {
     #[test]
     fn another_view_is_wanted_until_all_corners_were_seen_from_near() {
         let recipe = recipe();
-        let wants = |views: Option<Views>| {
-            Correction::judged(unlike(), Some([0.1; 2]), views, recipe.corner()).wants_another_view
+        let wants = |views: Option<ViewLoop>| {
+            Correction::judge_correction(unlike(), Some([0.1; 2]), views, recipe.corner()).is_another_view_useful
         };
         assert!(wants(Some(views(false, false, 2.0))) && wants(Some(views(true, false, 0.1))));
         assert!(!wants(Some(views(false, false, 0.1))) && !wants(Some(views(false, true, 2.0))));
@@ -398,11 +410,11 @@ mod tests {
     #[test]
     fn a_loop_that_is_done_judges_as_a_command_does() {
         let recipe = recipe();
-        let judged = |views| Correction::judged(unlike(), Some([0.1; 2]), views, recipe.corner());
+        let judged = |views| Correction::judge_correction(unlike(), Some([0.1; 2]), views, recipe.corner());
         let (command, done) = (judged(None), judged(Some(views(false, false, 0.1))));
         assert_eq!(command.judgement, done.judgement);
         let numbers = |correction: &Correction| -> Vec<(String, Option<f64>)> {
-            let of_loop = ["corner from where it was looked for", name::MOVES];
+            let of_loop = ["corner from where it was looked for", name::CORRECTION_MOVES_NAME];
             let checks = correction.checks.iter().filter(|check| !of_loop.contains(&&*check.name));
             checks.map(|check| (check.name.clone(), check.value)).collect()
         };

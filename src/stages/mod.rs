@@ -30,7 +30,7 @@ use crate::verdict::{Check, Judgement, Reason};
 /// A picture that explains a result to a person, or the reason why it could not be drawn. The picture affects no
 /// decision.
 #[derive(Debug)]
-pub struct Drawing {
+pub struct ResultDrawing {
     /// The picture's short name, for example `corner_before`.
     pub name: String,
     /// What it shows.
@@ -39,15 +39,15 @@ pub struct Drawing {
     pub picture: Result<ColorPicture, ImagingError>,
 }
 
-impl Drawing {
+impl ResultDrawing {
     fn new(name: &str, caption: impl Into<String>, picture: Result<ColorPicture, ImagingError>) -> Self {
-        Drawing { name: name.to_owned(), caption: caption.into(), picture }
+        ResultDrawing { name: name.to_owned(), caption: caption.into(), picture }
     }
 }
 
-impl From<ReasonPicture> for Drawing {
+impl From<ReasonPicture> for ResultDrawing {
     fn from(drawn: ReasonPicture) -> Self {
-        Drawing::new(&format!("reason_{}", drawn.code), drawn.caption, drawn.picture)
+        ResultDrawing::new(&format!("reason_{}", drawn.code), drawn.caption, drawn.picture)
     }
 }
 
@@ -58,13 +58,13 @@ pub fn rejected(kind: Kind, pass: u8, reason: Reason) -> Finding {
 
 /// Returns the finding of a phase that could not be executed for this reason: a fault of the cell, which a person
 /// examines. It states nothing about the panel.
-pub fn undone(kind: Kind, pass: u8, reason: Reason) -> Finding {
+pub fn not_executed_finding(kind: Kind, pass: u8, reason: Reason) -> Finding {
     Finding::new(kind, pass, Judgement::new(vec![], vec![reason]))
 }
 
 /// Returns the finding of a phase that ended in a rejection by this check.
-pub fn rejected_by(kind: Kind, pass: u8, check: Check) -> Finding {
-    Finding::new(kind, pass, Judgement::of_checks([&check])).with([check])
+pub fn rejected_finding(kind: Kind, pass: u8, check: Check) -> Finding {
+    Finding::new(kind, pass, Judgement::from_checks([&check])).with_checks([check])
 }
 
 fn reason(code: &'static str, error: &dyn std::error::Error) -> Reason {

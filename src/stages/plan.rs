@@ -1,25 +1,25 @@
 //! The path over some grids: planned on the surface, followed by the arm with the best tool rotation, and judged by
 //! every gate.
 
-use super::removal::{self, Abrasive, Removed, RemovedBefore};
+use super::removal::{self, EarlierRemoval, PathRemovalTotal, RemovalInputs};
 use super::survey::ToolState;
-use super::{Drawing, names};
+use super::{ResultDrawing, names};
 use crate::cell::Limits;
 use crate::geometry::{Base, Panel, Point, Rigid};
 use crate::panel::{Grid, GridId, TaughtPanel};
-use crate::path::disc::DiscUse;
-use crate::path::panel_reach::{self, ReachSetup, Reached};
+use crate::path::disc::DiscWearPlan;
+use crate::path::panel_reach::{self, ReachSetup, ReachablePlan};
 use crate::path::{self, Plan, PlanError, ToolPath, WaypointLimits, check_pad};
 use crate::recipe::{Recipe, RemovalMethod};
 use crate::record::{Check, Finding, Kind, name};
 use crate::removal::map::RemovalMap;
-use crate::report::View;
+use crate::report::PanelOverlay;
 use crate::surface::Fit;
 use crate::verdict::{Judgement, Reason, Severity};
 
 /// The pose from which the arm follows a plan.
 #[derive(Debug)]
-pub enum Reach<'a> {
+pub enum ReachStart<'a> {
     /// The arm's tool is not known: reach is not checked.
     Unknown,
     /// The arm's pose in front of the panel.
@@ -30,15 +30,15 @@ pub enum Reach<'a> {
 
 /// A plan with the verdict of every gate.
 #[derive(Debug, Clone)]
-pub struct Planned {
+pub struct PlanOutcome {
     /// The paths in the panel's frame, with the tool rotation that the arm follows best.
     pub plan: Plan,
     /// How the arm follows the paths; `None` if it cannot follow them, or if this was not checked.
-    pub reached: Option<Reached>,
+    pub reached: Option<ReachablePlan>,
     /// Wear of the disc by the path.
-    pub disc: DiscUse,
+    pub disc: DiscWearPlan,
     /// The removal over all passes of the part; `None` if the recipe does not ask for it, or if it is not known.
-    pub removed: Option<Removed>,
+    pub removed: Option<PathRemovalTotal>,
     /// Every judged number.
     pub checks: Vec<Check>,
     /// The verdict.
@@ -49,114 +49,116 @@ pub struct Planned {
 ///
 /// # Errors
 /// If the surface allows no path.
-pub fn lay(
+pub fn lay_paths(
     (panel, fit): (&TaughtPanel, &Fit),
     grids: &[GridId],
     (recipe, tool): (&Recipe, ToolState),
 ) -> Result<Plan, PlanError> {
     let holes = fit.map.holes(&panel.region, recipe.path().lift_hole_mm());
-    let abrasive = Abrasive { panel, fit, recipe, tool, earlier: None, before: RemovedBefore::default() };
-    let (outline, beyond_mm) = ((panel.outline.as_slice(), &holes), abrasive.beyond_mm());
-    let plan = path::plan_beyond(&fit.surface, &panel.region, grids, outline, (recipe.path(), beyond_mm))?;
-    Ok(abrasive.scheduled(plan))
+    let abrasive =
+        RemovalInputs { panel, fit, recipe, tool, earlier: None, earlier_removal: EarlierRemoval::default() };
+    let (outline, beyond_mm) = ((panel.outline.as_slice(), &holes), abrasive.overrun_mm());
+    let plan = path::plan_beyond_borders(&fit.surface, &panel.region, grids, outline, (recipe.path(), beyond_mm))?;
+    Ok(abrasive.schedule_feeds(plan))
 }
 
 /// Follows a plan with the arm and judges it.
 pub fn judge(
     plan: Plan,
     (panel, fit): (&TaughtPanel, &Fit),
-    reach: Reach<'_>,
+    reach: ReachStart<'_>,
     (recipe, tool): (&Recipe, ToolState),
-    (earlier, before): (Option<&RemovalMap>, RemovedBefore),
-) -> Planned {
+    (earlier, before): (Option<&RemovalMap>, EarlierRemoval),
+) -> PlanOutcome {
     let settings = recipe.path();
-    let unknown = || Check::new(panel_reach::ROOM, "°", None);
+    let unknown = || Check::new(panel_reach::ROOM_NUMBER, "°", None);
     let (reached, room) = match reach {
-        Reach::Unknown => (None, unknown()),
-        Reach::Refused(reason) => (None, unknown().gives(Some(reason), Severity::Reject)),
-        Reach::From(stand) => {
-            let reached = panel_reach::of_plan(&plan, &stand, settings);
+        ReachStart::Unknown => (None, unknown()),
+        ReachStart::Refused(reason) => (None, unknown().with_reason(Some(reason), Severity::Reject)),
+        ReachStart::From(stand) => {
+            let reached = panel_reach::follow_plan(&plan, &stand, settings);
             let room = panel_reach::check_plan(&reached, (&fit.surface, &panel.region));
             (reached.ok(), room)
         }
     };
-    let disc = DiscUse::compute(&plan, settings, tool.worn_mm2);
-    let removed = Abrasive { panel, fit, recipe, tool, earlier, before }.planned(&plan);
-    let (of_path, path_judgement) = of_path(&plan, recipe, removed.is_some());
+    let disc = DiscWearPlan::compute(&plan, settings, tool.worn_mm2);
+    let removed =
+        RemovalInputs { panel, fit, recipe, tool, earlier, earlier_removal: before }.planned_removal(&plan);
+    let (of_path, path_judgement) = path_checks(&plan, recipe, removed.is_some());
     let of_removal = removed.as_ref().map_or_else(Vec::new, |removed| removed.checks.clone());
-    let of_contact = |check: Check| tool.of_contact(check);
+    let of_contact = |check: Check| tool.contact_check(check);
     let of_removal = of_removal.into_iter().chain(removal::unknown(recipe, tool)).map(of_contact);
     let of_removal: Vec<Check> = of_removal.collect();
     let pad = check_pad(settings, tool.error_mm).map(of_contact);
-    let worn = of_contact(disc.check("worn of the disc afterwards", "this path"));
+    let worn = of_contact(disc.check_wear("worn of the disc afterwards", "this path"));
     let stroke = tool.check_stroke(fit, settings).map(of_contact);
-    let judgement = Judgement::of_checks([&room])
-        .and(path_judgement)
-        .and(Judgement::of_checks(&pad))
-        .and(Judgement::of_checks(&stroke))
-        .and(Judgement::of_checks([&worn]))
-        .and(Judgement::of_checks(&of_removal));
+    let judgement = Judgement::from_checks([&room])
+        .combined_with(path_judgement)
+        .combined_with(Judgement::from_checks(&pad))
+        .combined_with(Judgement::from_checks(&stroke))
+        .combined_with(Judgement::from_checks([&worn]))
+        .combined_with(Judgement::from_checks(&of_removal));
     let spin_deg = reached.as_ref().map(|reached| reached.spin.0);
     let spin = Check::new("turn of the tool about its axis, for reach", "°", spin_deg);
     let swept = Check::new("swept by the disc", "mm²", disc.swept_mm2);
     let of_arm = [spin, room].into_iter().chain(pad).chain(stroke).chain([swept, worn]);
     let checks = of_path.into_iter().chain(sizes(&plan)).chain(of_arm).chain(of_removal).collect();
     let plan = match &reached {
-        Some(reached) => panel_reach::turned(&plan, reached.spin),
+        Some(reached) => panel_reach::turned_plan(&plan, reached.spin),
         None => plan,
     };
-    Planned { plan, reached, disc, removed, checks, judgement }
+    PlanOutcome { plan, reached, disc, removed, checks, judgement }
 }
 
-impl Planned {
+impl PlanOutcome {
     /// Also applies the checks of the gate before the motion, at the panel's pose: box, steps, turns and tilt.
     #[must_use]
-    pub fn held_in_base(mut self, base_from_panel: Rigid<Base, Panel>, limits: &Limits) -> Self {
-        let broken = path::broken_in_base(&self.plan, base_from_panel, &WaypointLimits::from(limits));
-        self.judgement = Judgement::of_checks(&broken).and(self.judgement);
+    pub fn gated_in_base(mut self, base_from_panel: Rigid<Base, Panel>, limits: &Limits) -> Self {
+        let broken = path::violated_in_base(&self.plan, base_from_panel, &WaypointLimits::from(limits));
+        self.judgement = Judgement::from_checks(&broken).combined_with(self.judgement);
         self.checks.extend(broken);
         self
     }
 
     /// The path over the panel in a picture of the panel.
-    pub fn drawn(&self, panel: &TaughtPanel, view: &View<'_>) -> Drawing {
+    pub fn draw_plan(&self, panel: &TaughtPanel, view: &PanelOverlay<'_>) -> ResultDrawing {
         let contact = |path: &ToolPath| -> Vec<Point<Panel>> {
             let on_panel = path.waypoints.iter().filter(|waypoint| waypoint.contact);
             on_panel.map(|waypoint| waypoint.panel_from_tool.origin()).collect()
         };
         let paths: Vec<_> = self.plan.paths.iter().map(contact).collect();
         let planned = |grid: &Grid| self.plan.paths.iter().any(|path| path.grids.contains(&grid.id));
-        Drawing::new(
+        ResultDrawing::new(
             "planned",
             "The planned path of the tool over the panel",
-            view.planned(panel, &paths, &planned),
+            view.draw_plan(panel, &paths, &planned),
         )
     }
 
     /// The path's removal, if it is known.
-    pub fn drawn_removal(&self, panel: &TaughtPanel) -> Option<Drawing> {
+    pub fn draw_removal(&self, panel: &TaughtPanel) -> Option<ResultDrawing> {
         let caption = "Depth that this path and earlier passes on this part remove, µm";
-        self.removed.as_ref().map(|removed| removed.drawn(panel, ("removal_planned", caption)))
+        self.removed.as_ref().map(|removed| removed.draw_map(panel, ("removal_planned", caption)))
     }
 
     /// The result for the record.
     pub fn finding(&self, pass: u8, grids: &[GridId]) -> Finding {
         let finding = Finding::new(Kind::Plan, pass, self.judgement.clone());
-        finding.detail("grids", names(grids)).with(self.checks.iter().cloned())
+        finding.with_detail("grids", names(grids)).with_checks(self.checks.iter().cloned())
     }
 }
 
 /// Returns every check of the path's result. If the feeds are scheduled for the removal, the evenness of the removal
 /// counts, not that of the times.
-fn of_path(plan: &Plan, recipe: &Recipe, is_known: bool) -> (Vec<Check>, Judgement) {
-    let (checks, judgement) = path::judged(plan, recipe.path());
+fn path_checks(plan: &Plan, recipe: &Recipe, is_known: bool) -> (Vec<Check>, Judgement) {
+    let (checks, judgement) = path::judge_plan(plan, recipe.path());
     let scheduled = recipe.removal().is_some_and(|asked| asked.method() == RemovalMethod::Scheduled);
     if !(scheduled && is_known) {
         return (checks, judgement);
     }
     let freed = |check: Check| if check.name == name::DWELL_RATIO { check.without_consequence() } else { check };
     let checks: Vec<Check> = checks.into_iter().map(freed).collect();
-    let judgement = Judgement::of_checks(&checks);
+    let judgement = Judgement::from_checks(&checks);
     (checks, judgement)
 }
 

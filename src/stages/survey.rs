@@ -1,20 +1,20 @@
 //! The surface of the region, and the part of it that the arm reaches at the panel's place: known before any water
 //! runs.
 
-use super::{Drawing, names};
+use super::{ResultDrawing, names};
 use crate::force::check_stroke;
-use crate::number_text::apart;
-use crate::panel::{GridId, Reference, TaughtPanel};
+use crate::number_text::distinguishable_texts;
+use crate::panel::{GridId, TaughtPanel, TaughtSource};
 use crate::path::check_pad;
-use crate::path::disc::DiscUse;
+use crate::path::disc::DiscWearPlan;
 use crate::path::panel_reach::{self, GridReach, ReachSetup};
 use crate::recipe::FitMethod;
 use crate::recipe::{self, Recipe};
 use crate::record::{Check, Finding, Kind, name};
 use crate::removal::model::Model;
 use crate::report::{surface_map, today_map};
-use crate::surface::{self, Deviation, DeviationMap, Fit, Todays, TodaysPoint};
-use crate::verdict::{Judgement, Reason, SetBy, Severity};
+use crate::surface::{self, Deviation, DeviationMap, Fit, TodaysPoint, TodaysSurfaceFit};
+use crate::verdict::{Judgement, LimitSource, Reason, Severity};
 
 /// Facts about the tool that are not in the path: the error at its tip, and the area that the disc in use has swept
 /// so far.
@@ -41,39 +41,39 @@ impl ToolState {
     }
 
     /// Returns this check of the requirements, wear or removal of contact; in the air, the check has no consequence.
-    pub(super) fn of_contact(&self, check: Check) -> Check {
+    pub(super) fn contact_check(&self, check: Check) -> Check {
         if self.in_air { check.without_consequence() } else { check }
     }
 }
 
 /// The part of a panel that the arm reaches, grid by grid.
 #[derive(Debug)]
-pub struct Surveyed {
+pub struct RegionSurvey {
     /// Every grid; empty if the arm does not reach the panel, or the surface allows no path.
     pub grids: Vec<GridReach>,
     /// Checks of grids that are not reached, and of steps that are too large.
-    broken: Vec<Check>,
+    violations: Vec<Check>,
     /// Checks of the tool's suitability.
-    of_tool: Vec<Check>,
+    tool_checks: Vec<Check>,
     /// Checks of the surface's difference from the taught surface.
-    of_today: Vec<Check>,
+    todays_checks: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
 }
 
 /// Follows the path over each grid separately, from the arm's pose before contact; `stand` states why the arm does
 /// not reach this pose, if it does not.
-pub fn survey(
+pub fn survey_grids(
     (panel, fit): (&TaughtPanel, &Fit),
     stand: Result<ReachSetup<'_>, Reason>,
     recipe: &Recipe,
     tool: ToolState,
-) -> Surveyed {
-    let rejected = |reason| Surveyed {
+) -> RegionSurvey {
+    let rejected = |reason| RegionSurvey {
         grids: vec![],
-        broken: vec![],
-        of_tool: vec![],
-        of_today: vec![],
+        violations: vec![],
+        tool_checks: vec![],
+        todays_checks: vec![],
         judgement: Judgement::new(vec![reason], vec![]),
     };
     let stand = match stand {
@@ -81,15 +81,15 @@ pub fn survey(
         Err(reason) => return rejected(reason),
     };
     let (around, settings) = ((&panel.region, panel.outline.as_slice()), recipe.path());
-    match panel_reach::of_grids(&fit.surface, around, &stand, settings) {
+    match panel_reach::check_grids(&fit.surface, around, &stand, settings) {
         Ok(grids) => {
             let (pad, disc) = (check_pad(settings, tool.error_mm), disc(&grids, settings, tool));
             let stroke = tool.check_stroke(fit, settings);
-            let of_tool = pad.into_iter().chain(stroke).chain([disc]).map(|check| tool.of_contact(check));
+            let of_tool = pad.into_iter().chain(stroke).chain([disc]).map(|check| tool.contact_check(check));
             let of_tool: Vec<Check> = of_tool.collect();
-            let broken = panel_reach::broken_by_grids(&grids);
-            let judgement = Judgement::of_checks(broken.iter().chain(&of_tool));
-            Surveyed { grids, broken, of_tool, of_today: vec![], judgement }
+            let broken = panel_reach::grid_violations(&grids);
+            let judgement = Judgement::from_checks(broken.iter().chain(&of_tool));
+            RegionSurvey { grids, violations: broken, tool_checks: of_tool, todays_checks: vec![], judgement }
         }
         Err(error) => rejected(super::reason("no_path", &error)),
     }
@@ -99,12 +99,13 @@ pub fn survey(
 fn disc(grids: &[GridReach], settings: &recipe::Path, tool: ToolState) -> Check {
     let largest_mm2 = grids.iter().map(|grid| grid.swept_mm2).fold(0.0, f64::max);
     let (worn_after_mm2, life_mm2) = (tool.worn_mm2 + largest_mm2, settings.disc_life_mm2());
-    DiscUse { swept_mm2: largest_mm2, worn_after_mm2, life_mm2 }.check(name::WORN_BY_A_GRID, "one grid")
+    DiscWearPlan { swept_mm2: largest_mm2, wear_after_mm2: worn_after_mm2, life_mm2 }
+        .check_wear(name::WORN_BY_A_GRID, "one grid")
 }
 
 /// The surface of the panel as it lies there today, and the results about it.
 #[derive(Debug)]
-pub struct Today {
+pub struct TodaysSurface {
     /// The surface on which paths are planned.
     pub fit: Fit,
     /// Checks of the surface's distance from the taught surface, and of its accuracy.
@@ -113,59 +114,66 @@ pub struct Today {
     /// the surface to compare.
     pub rms_mm: Option<f64>,
     /// The distance from the taught surface, pixel by pixel.
-    pub drawing: Option<Drawing>,
+    pub drawing: Option<ResultDrawing>,
 }
 
 /// Corrects the taught surface by the scan in which the panel was located. The thesis's surface is only compared with
 /// the scan and stays as taught: the panel's difference from this surface counts as the surface's error.
-pub fn today((panel, taught): (&TaughtPanel, &Fit), points: &[TodaysPoint], limits: &recipe::Surface) -> Today {
-    match surface::todays(&taught.surface, panel, &taught.map, (points, limits.max_hole_mm())) {
+pub fn correct_by_scan(
+    (panel, taught): (&TaughtPanel, &Fit),
+    points: &[TodaysPoint],
+    limits: &recipe::Surface,
+) -> TodaysSurface {
+    match surface::correct_taught_surface(&taught.surface, panel, &taught.map, (points, limits.max_hole_mm())) {
         Ok(todays) => {
             let reference = panel.reference;
             let checks = deviations(&todays, reference, limits).into();
             let picture = today_map(&todays.map, reference, limits.max_deviation_mm());
             let caption = match reference {
-                Reference::Scan => "Distance of today's panel surface in front of or behind the taught surface",
-                Reference::Drawing { .. } => "Distance of today's panel surface in front of or behind the drawing",
+                TaughtSource::Scan => "Distance of today's panel surface in front of or behind the taught surface",
+                TaughtSource::Drawing { .. } => {
+                    "Distance of today's panel surface in front of or behind the drawing"
+                }
             };
-            let drawing = Some(Drawing::new("deviation", caption, picture));
+            let drawing = Some(ResultDrawing::new("deviation", caption, picture));
             if limits.method() == FitMethod::Thesis {
                 let rms_mm = Some(todays.rms_mm.hypot(todays.largest_mm));
-                return Today { fit: taught.clone(), checks, rms_mm, drawing };
+                return TodaysSurface { fit: taught.clone(), checks, rms_mm, drawing };
             }
             let rms_mm = Some(todays.rms_mm);
-            Today { fit: Fit { surface: todays.surface, ..taught.clone() }, checks, rms_mm, drawing }
+            TodaysSurface { fit: Fit { surface: todays.surface, ..taught.clone() }, checks, rms_mm, drawing }
         }
         Err(error) => {
             let unknown = Check::new(deviation_name(panel.reference), "mm", None);
-            let unknown = unknown.broken(true, Severity::Review, "no_surface_today", || error.to_string());
-            Today { fit: taught.clone(), checks: vec![unknown], rms_mm: None, drawing: None }
+            let unknown =
+                unknown.with_consequence_if(true, Severity::Review, "no_surface_today", || error.to_string());
+            TodaysSurface { fit: taught.clone(), checks: vec![unknown], rms_mm: None, drawing: None }
         }
     }
 }
 
 /// Returns the name of the check of the deviation: its reference is part of the name.
-fn deviation_name(reference: Reference) -> &'static str {
+fn deviation_name(reference: TaughtSource) -> &'static str {
     match reference {
-        Reference::Scan => name::DEVIATION,
-        Reference::Drawing { .. } => name::DEVIATION_FROM_DRAWING,
+        TaughtSource::Scan => name::DEVIATION,
+        TaughtSource::Drawing { .. } => name::DEVIATION_FROM_DRAWING,
     }
 }
 
 /// Checks the difference between today's surface and the taught surface against the limits.
-fn deviations(todays: &Todays, reference: Reference, limits: &recipe::Surface) -> [Check; 4] {
+fn deviations(todays: &TodaysSurfaceFit, reference: TaughtSource, limits: &recipe::Surface) -> [Check; 4] {
     let (deviation_mm, limit_mm) = (todays.largest_mm, limits.max_deviation_mm());
     let (rms_mm, limit_rms_mm) = (todays.rms_mm, limits.max_rms_mm());
     let (percent, limit_percent) = (todays.missing_percent, limits.max_missing_percent());
     let (hole_mm, limit_hole_mm) = (todays.largest_hole_mm, limits.max_hole_mm());
     [
         Check::new(deviation_name(reference), "mm", deviation_mm)
-            .at_most(limit_mm, SetBy::recipe("surface.max_deviation_mm"))
+            .with_max(limit_mm, LimitSource::recipe("surface.max_deviation_mm"))
             .reviews("deviates", || {
-                let [mm, limit_mm] = apart(deviation_mm, limit_mm, 2);
+                let [mm, limit_mm] = distinguishable_texts(deviation_mm, limit_mm, 2);
                 let (other, clamped) = match reference {
-                    Reference::Scan => (reference.word(), "that it is clamped as at teaching"),
-                    Reference::Drawing { .. } => (reference.word(), "that it is clamped without a bend"),
+                    TaughtSource::Scan => (reference.describe(), "that it is clamped as at teaching"),
+                    TaughtSource::Drawing { .. } => (reference.describe(), "that it is clamped without a bend"),
                 };
                 format!(
                     "the panel's surface is up to {mm} mm from {other} (limit {limit_mm} mm): look at the \
@@ -173,9 +181,9 @@ fn deviations(todays: &Todays, reference: Reference, limits: &recipe::Surface) -
                 )
             }),
         Check::new("residual of today's surface, rms", "mm", rms_mm)
-            .at_most(limit_rms_mm, SetBy::recipe("surface.max_rms_mm"))
+            .with_max(limit_rms_mm, LimitSource::recipe("surface.max_rms_mm"))
             .reviews("rough_today", || {
-                let [mm, limit_mm] = apart(rms_mm, limit_rms_mm, 3);
+                let [mm, limit_mm] = distinguishable_texts(rms_mm, limit_rms_mm, 3);
                 format!(
                     "the scan points are {mm} mm rms from the surface fitted to today's scan (limit {limit_mm} \
                      mm): the panel bends within less than 70 mm, or the scan is noisy; inspect the panel, then \
@@ -183,18 +191,18 @@ fn deviations(todays: &Todays, reference: Reference, limits: &recipe::Surface) -
                 )
             }),
         Check::new("region that today's scan does not show", "%", percent)
-            .at_most(limit_percent, SetBy::recipe("surface.max_missing_percent"))
+            .with_max(limit_percent, LimitSource::recipe("surface.max_missing_percent"))
             .reviews("hidden_today", || {
-                let [percent, limit_percent] = apart(percent, limit_percent, 1);
+                let [percent, limit_percent] = distinguishable_texts(percent, limit_percent, 1);
                 format!(
                     "{percent} % of the region is hidden in the scan or covered by an object (limit \
                      {limit_percent} %), so the surface there is unknown: remove the object, then locate again"
                 )
             }),
         Check::new("largest square that today's scan does not show", "mm", hole_mm)
-            .at_most(limit_hole_mm, SetBy::recipe("surface.max_hole_mm"))
+            .with_max(limit_hole_mm, LimitSource::recipe("surface.max_hole_mm"))
             .reviews("hidden_today", || {
-                let [mm, limit_mm] = apart(hole_mm, limit_hole_mm, 1);
+                let [mm, limit_mm] = distinguishable_texts(hole_mm, limit_hole_mm, 1);
                 format!(
                     "a square of {mm} mm side length in the region is hidden or covered by an object (limit \
                      {limit_mm} mm): look at the deviation map, remove the object, then locate again"
@@ -204,15 +212,15 @@ fn deviations(todays: &Todays, reference: Reference, limits: &recipe::Surface) -
 }
 
 /// Draws the deviation of the taught scan from the surface, pixel by pixel.
-pub fn drawn_surface(map: &DeviationMap) -> Drawing {
-    Drawing::new("surface", "The region's scan compared with the fitted surface", surface_map(map))
+pub fn draw_surface(map: &DeviationMap) -> ResultDrawing {
+    ResultDrawing::new("surface", "The region's scan compared with the fitted surface", surface_map(map))
 }
 
-impl Surveyed {
+impl RegionSurvey {
     /// Returns the same survey with the checks of today's surface.
-    pub fn with_today(mut self, checks: Vec<Check>) -> Self {
-        self.judgement = self.judgement.and(Judgement::of_checks(&checks));
-        self.of_today = checks;
+    pub fn with_todays_checks(mut self, checks: Vec<Check>) -> Self {
+        self.judgement = self.judgement.combined_with(Judgement::from_checks(&checks));
+        self.todays_checks = checks;
         self
     }
 
@@ -223,15 +231,16 @@ impl Surveyed {
             self.grids.iter().filter(|grid| grid.outcome.is_err()).map(|grid| grid.id).collect();
         let least_deg = reached.clone().copied().reduce(f64::min);
         let all = panel.region.ids().count() as f64;
-        let finding =
-            Finding::new(Kind::Reach, pass, self.judgement.clone()).with(surface(deviation, recipe)).with([
+        let finding = Finding::new(Kind::Reach, pass, self.judgement.clone())
+            .with_checks(surface(deviation, recipe))
+            .with_checks([
                 Check::new("grids within the arm's reach", "", reached.count() as f64)
-                    .at_least(all, SetBy::Program),
+                    .with_min(all, LimitSource::Program),
                 Check::new("room beyond the arm's margins, at least", "°", least_deg),
             ]);
-        let finding = finding.with(self.of_today.iter().cloned());
-        let finding = finding.with(self.broken.iter().chain(&self.of_tool).cloned());
-        if missed.is_empty() { finding } else { finding.detail("out_of_reach", names(&missed)) }
+        let finding = finding.with_checks(self.todays_checks.iter().cloned());
+        let finding = finding.with_checks(self.violations.iter().chain(&self.tool_checks).cloned());
+        if missed.is_empty() { finding } else { finding.with_detail("out_of_reach", names(&missed)) }
     }
 }
 
@@ -240,12 +249,12 @@ fn surface(deviation: &Deviation, recipe: &Recipe) -> [Check; 5] {
     let limits = recipe.surface();
     [
         Check::new("residual of the surface, rms", "mm", deviation.rms_mm)
-            .at_most(limits.max_rms_mm(), SetBy::recipe("surface.max_rms_mm")),
+            .with_max(limits.max_rms_mm(), LimitSource::recipe("surface.max_rms_mm")),
         Check::new("residual of the surface, 95 %", "mm", deviation.p95_mm),
         Check::new("the scan's white noise", "mm", deviation.noise_mm),
         Check::new("region without points that fit", "%", deviation.missing_percent)
-            .at_most(limits.max_missing_percent(), SetBy::recipe("surface.max_missing_percent")),
+            .with_max(limits.max_missing_percent(), LimitSource::recipe("surface.max_missing_percent")),
         Check::new("largest hole in the region", "mm", deviation.largest_hole_mm)
-            .at_most(limits.max_hole_mm(), SetBy::recipe("surface.max_hole_mm")),
+            .with_max(limits.max_hole_mm(), LimitSource::recipe("surface.max_hole_mm")),
     ]
 }

@@ -59,6 +59,6 @@ impl Store {
             };
             self.connection.prepare_cached(sql)?.query_map([cycle.map(|id| id.0)], row)?.collect()
         };
-        read().map_err(|error| self.failed("read the acknowledgements of", &error))
+        read().map_err(|error| self.database_error("read the acknowledgements of", &error))
     }
 }

@@ -42,6 +42,6 @@ impl Store {
         let read = || {
             self.connection.prepare_cached(&sql)?.query_row(params_from_iter(&values[..count]), |row| row.get(0))
         };
-        read().map_err(|error| self.failed("read the times of resets in", &error))
+        read().map_err(|error| self.database_error("read the times of resets in", &error))
     }
 }

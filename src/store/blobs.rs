@@ -19,19 +19,19 @@ pub struct Blobs {
 
 impl Blobs {
     /// Opens the folder of a store's files for reading; creates nothing.
-    pub(super) fn at(store: &Path) -> Self {
-        Blobs::in_folder(store.join("blobs"))
+    pub(super) fn open_for_reading(store: &Path) -> Self {
+        Blobs::for_folder(store.join("blobs"))
     }
 
     /// Creates the folder of a store's files.
     pub(super) fn create(store: &Path) -> Result<Self, StoreError> {
-        let blobs = Blobs::at(store);
-        blobs.make()?;
+        let blobs = Blobs::open_for_reading(store);
+        blobs.create_folder()?;
         Ok(blobs)
     }
 
     /// Uses this folder for the files; it need not exist.
-    pub fn in_folder(folder: PathBuf) -> Self {
+    pub fn for_folder(folder: PathBuf) -> Self {
         Blobs { folder }
     }
 
@@ -39,7 +39,7 @@ impl Blobs {
     ///
     /// # Errors
     /// If the disk refuses.
-    pub fn make(&self) -> Result<(), StoreError> {
+    pub fn create_folder(&self) -> Result<(), StoreError> {
         fs::create_dir_all(&self.folder).map_err(file_error("create", &self.folder))
     }
 
@@ -58,7 +58,7 @@ impl Blobs {
     ///
     /// # Errors
     /// If the disk refuses, or the file exists already and is damaged.
-    pub fn put(&self, bytes: &[u8]) -> Result<String, StoreError> {
+    pub fn store_bytes(&self, bytes: &[u8]) -> Result<String, StoreError> {
         let hash = content_hash(bytes);
         let path = self.folder.join(&hash);
         match self.get(&hash) {
@@ -102,7 +102,7 @@ impl Blobs {
     }
 
     /// Returns whether there is a file with this hash; it was complete when it was written.
-    pub fn has(&self, hash: &str) -> bool {
+    pub fn contains(&self, hash: &str) -> bool {
         self.folder.join(hash).is_file()
     }
 
@@ -139,5 +139,5 @@ fn write_flushed(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 }
 
 fn file_error<'p>(doing: &'static str, path: &'p Path) -> impl Fn(std::io::Error) -> StoreError + 'p {
-    move |source| StoreError::File { doing, path: path.to_owned(), source }
+    move |source| StoreError::File { operation: doing, path: path.to_owned(), source }
 }

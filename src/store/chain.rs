@@ -30,10 +30,10 @@ pub(super) struct ChainPosition {
 }
 
 impl ChainPosition {
-    pub const BEGIN: ChainPosition = ChainPosition { link: 0, hash: [0; 32] };
+    pub const START: ChainPosition = ChainPosition { link: 0, hash: [0; 32] };
 
     /// Returns the position after a link to this row.
-    pub fn followed_by(&self, part: &str, row_key: i64, row_hash: &Hash) -> ChainPosition {
+    pub fn next_position(&self, part: &str, row_key: i64, row_hash: &Hash) -> ChainPosition {
         let link = self.link + 1;
         let mut hasher = Sha256::new();
         hasher.update(self.hash);
@@ -47,30 +47,38 @@ impl ChainPosition {
 
 /// The columns of a table that are set by one write.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Part {
+pub(super) struct HashedTable {
     /// The part's name in the chain; it never changes.
     pub name: &'static str,
     /// The term for a row in messages.
-    pub words: &'static str,
+    pub row_term: &'static str,
     pub table: &'static str,
     /// The row's number, in SQL.
     pub key: &'static str,
     pub columns: &'static [&'static str],
     /// The condition for the rows that this write has set, in SQL.
-    pub written: &'static str,
+    pub is_written_sql: &'static str,
     /// Whether a later write replaces an earlier one.
     pub is_replaced: bool,
 }
 
-impl Part {
-    const fn row(name: &'static str, words: &'static str, columns: &'static [&'static str]) -> Part {
-        Part { name, words, table: name, key: "id", columns, written: "TRUE", is_replaced: false }
+impl HashedTable {
+    const fn row(name: &'static str, words: &'static str, columns: &'static [&'static str]) -> HashedTable {
+        HashedTable {
+            name,
+            row_term: words,
+            table: name,
+            key: "id",
+            columns,
+            is_written_sql: "TRUE",
+            is_replaced: false,
+        }
     }
 }
 
 /// Every table, column by column; the rows of a store without a chain are added to a new chain in this order.
-pub(super) static PARTS: [Part; 26] = [
-    Part::row(
+pub(super) static PARTS: [HashedTable; 26] = [
+    HashedTable::row(
         "taught_panels",
         "taught panel",
         &[
@@ -85,92 +93,103 @@ pub(super) static PARTS: [Part; 26] = [
             "flange_from_camera_text",
         ],
     ),
-    Part {
+    HashedTable {
         key: "panel_id * 65536 + position",
-        ..Part::row(
+        ..HashedTable::row(
             "taught_corners",
             "taught corner",
             &["panel_id", "position", "picture_hash", "base_from_flange"],
         )
     },
-    Part::row(
+    HashedTable::row(
         "cycles",
         "cycle",
         &["started_unix_s", "panel", "taught_version", "recipe_hash", "files", "program_version"],
     ),
-    Part::row("findings", "finding", &["cycle_id", "kind", "pass", "finding"]),
-    Part { key: "sequence", ..Part::row("journal", "journal line", &["cycle_id", "unix_ms", "event", "chain"]) },
-    Part::row("motions", "motion", &["cycle_id", "motion"]),
-    Part {
+    HashedTable::row("findings", "finding", &["cycle_id", "kind", "pass", "finding"]),
+    HashedTable {
+        key: "sequence",
+        ..HashedTable::row("journal", "journal line", &["cycle_id", "unix_ms", "event", "chain"])
+    },
+    HashedTable::row("motions", "motion", &["cycle_id", "motion"]),
+    HashedTable {
         table: "motions",
-        written: "outcome IS NOT NULL OR done <> 0",
-        ..Part::row("motion_ends", "end of motion", &["outcome", "done"])
+        is_written_sql: "outcome IS NOT NULL OR done <> 0",
+        ..HashedTable::row("motion_ends", "end of motion", &["outcome", "done"])
     },
-    Part {
+    HashedTable {
         table: "cycles",
-        written: "budget IS NOT NULL",
+        is_written_sql: "budget IS NOT NULL",
         is_replaced: true,
-        ..Part::row("cycle_budgets", "error budget of cycle", &["budget"])
+        ..HashedTable::row("cycle_budgets", "error budget of cycle", &["budget"])
     },
-    Part {
+    HashedTable {
         table: "cycles",
-        written: "verdict IS NOT NULL OR reasons IS NOT NULL OR ended_unix_s IS NOT NULL",
-        ..Part::row("cycle_ends", "end of cycle", &["ended_unix_s", "verdict", "reasons"])
+        is_written_sql: "verdict IS NOT NULL OR reasons IS NOT NULL OR ended_unix_s IS NOT NULL",
+        ..HashedTable::row("cycle_ends", "end of cycle", &["ended_unix_s", "verdict", "reasons"])
     },
-    Part::row(
+    HashedTable::row(
         "verifications",
         "verification",
         &["subject", "error_mm", "limit_mm", "calibration_hash", "at_unix_s"],
     ),
-    Part {
+    HashedTable {
         key: "verification_id",
-        ..Part::row("verification_strikes", "strike of verification", &["by", "why", "at_unix_s"])
+        ..HashedTable::row("verification_strikes", "strike of verification", &["by", "why", "at_unix_s"])
     },
-    Part::row("discs", "entry of the disc's wear", &["cycle_id", "at_unix_s", "is_new", "swept_mm2"]),
-    Part {
+    HashedTable::row("discs", "entry of the disc's wear", &["cycle_id", "at_unix_s", "is_new", "swept_mm2"]),
+    HashedTable {
         key: "sequence",
-        ..Part::row("checkpoints", "checkpoint", &["journal_chain", "program_version", "folded"])
+        ..HashedTable::row("checkpoints", "checkpoint", &["journal_chain", "program_version", "folded"])
     },
-    Part::row("incidents", "incident", &["at_unix_s", "found"]),
-    Part::row("pruned", "entry of a removed file", &["cycle_id", "hash", "bytes", "at_unix_s"]),
-    Part::row("requests", "request", &["cycle_id", "journal_sequence", "unix_ms", "request"]),
-    Part::row("contacts", "contact path", &["motion_id", "path"]),
-    Part::row("permits", "permit of waypoints", &["motion_id", "unix_ms", "waypoints"]),
-    Part::row("cycle_facts", "fact of a cycle", &["cycle_id", "name", "fact"]),
-    Part::row("accounts", "account", &["unix_ms", "account"]),
-    Part::row("audit", "line of the audit trail", &["unix_ms", "entry"]),
-    Part { key: "finding_id", ..Part::row("finding_times", "time of finding", &["unix_ms"]) },
-    Part::row("acknowledgements", "acknowledgement", &["unix_ms", "cycle_id", "code", "raised_unix_ms", "who"]),
-    Part::row(
+    HashedTable::row("incidents", "incident", &["at_unix_s", "found"]),
+    HashedTable::row("pruned", "entry of a removed file", &["cycle_id", "hash", "bytes", "at_unix_s"]),
+    HashedTable::row("requests", "request", &["cycle_id", "journal_sequence", "unix_ms", "request"]),
+    HashedTable::row("contacts", "contact path", &["motion_id", "path"]),
+    HashedTable::row("permits", "permit of waypoints", &["motion_id", "unix_ms", "waypoints"]),
+    HashedTable::row("cycle_facts", "fact of a cycle", &["cycle_id", "name", "fact"]),
+    HashedTable::row("accounts", "account", &["unix_ms", "account"]),
+    HashedTable::row("audit", "line of the audit trail", &["unix_ms", "entry"]),
+    HashedTable { key: "finding_id", ..HashedTable::row("finding_times", "time of finding", &["unix_ms"]) },
+    HashedTable::row(
+        "acknowledgements",
+        "acknowledgement",
+        &["unix_ms", "cycle_id", "code", "raised_unix_ms", "who"],
+    ),
+    HashedTable::row(
         "signatures",
         "signature",
         &["cycle_id", "kind", "unix_ms", "record_hash", "previous_hash", "signature", "public_key"],
     ),
-    Part::row("outbox_epochs", "epoch of the office's outbox", &["epoch", "unix_ms", "why"]),
-    Part::row("outbox", "entry of the office's outbox", &["epoch_id", "number", "kind", "row_key", "unix_ms"]),
+    HashedTable::row("outbox_epochs", "epoch of the office's outbox", &["epoch", "unix_ms", "why"]),
+    HashedTable::row(
+        "outbox",
+        "entry of the office's outbox",
+        &["epoch_id", "number", "kind", "row_key", "unix_ms"],
+    ),
 ];
 
 /// Returns the part with this name.
-pub(super) fn part(name: &str) -> Option<&'static Part> {
+pub(super) fn part(name: &str) -> Option<&'static HashedTable> {
     PARTS.iter().find(|part| part.name == name)
 }
 
 /// The last link of a database; the beginning if it has none.
-pub(super) fn last(connection: &Connection) -> Result<ChainPosition, rusqlite::Error> {
+pub(super) fn last_link(connection: &Connection) -> Result<ChainPosition, rusqlite::Error> {
     let last = connection
         .prepare_cached("SELECT link, hash FROM chain ORDER BY link DESC LIMIT 1")?
         .query_row([], |row| Ok(ChainPosition { link: row.get(0)?, hash: row.get(1)? }))
         .optional()?;
-    Ok(last.unwrap_or(ChainPosition::BEGIN))
+    Ok(last.unwrap_or(ChainPosition::START))
 }
 
 /// The hash of a row's values in these columns; `None` if there is no such row.
 pub(super) fn row_hash(
     connection: &Connection,
-    part: &Part,
+    part: &HashedTable,
     row_key: i64,
 ) -> Result<Option<Hash>, rusqlite::Error> {
-    let Part { table, key, columns, .. } = part;
+    let HashedTable { table, key, columns, .. } = part;
     let sql = format!("SELECT {} FROM {table} WHERE {key} = ?1", columns.join(", "));
     let mut statement = connection.prepare_cached(&sql)?;
     let mut rows = statement.query([row_key])?;
@@ -200,20 +219,20 @@ fn value(hasher: &mut Sha256, column: &str, value: ValueRef<'_>) {
         }
         ValueRef::Text(bytes) => {
             hasher.update(b"t");
-            sized(hasher, bytes);
+            hash_with_length(hasher, bytes);
         }
         ValueRef::Blob(bytes) => {
             hasher.update(b"b");
-            sized(hasher, bytes);
+            hash_with_length(hasher, bytes);
         }
     }
 }
 
 fn text(hasher: &mut Sha256, text: &str) {
-    sized(hasher, text.as_bytes());
+    hash_with_length(hasher, text.as_bytes());
 }
 
-fn sized(hasher: &mut Sha256, bytes: &[u8]) {
+fn hash_with_length(hasher: &mut Sha256, bytes: &[u8]) {
     hasher.update((bytes.len() as u64).to_be_bytes());
     hasher.update(bytes);
 }
@@ -222,11 +241,11 @@ fn sized(hasher: &mut Sha256, bytes: &[u8]) {
 pub(super) fn add(
     connection: &Connection,
     last: ChainPosition,
-    part: &Part,
+    part: &HashedTable,
     row_key: i64,
 ) -> Result<ChainPosition, rusqlite::Error> {
     let row_hash = row_hash(connection, part, row_key)?.ok_or(rusqlite::Error::QueryReturnedNoRows)?;
-    let place = last.followed_by(part.name, row_key, &row_hash);
+    let place = last.next_position(part.name, row_key, &row_hash);
     connection
         .prepare_cached("INSERT INTO chain (link, part, row_key, row_hash, hash) VALUES (?1, ?2, ?3, ?4, ?5)")?
         .execute(params![place.link, part.name, row_key, row_hash, place.hash])?;
@@ -234,10 +253,10 @@ pub(super) fn add(
 }
 
 /// Adds every row of an earlier program's store to the store's chain.
-pub(super) fn adopt(connection: &Connection) -> Result<ChainPosition, rusqlite::Error> {
-    let mut place = ChainPosition::BEGIN;
+pub(super) fn adopt_rows(connection: &Connection) -> Result<ChainPosition, rusqlite::Error> {
+    let mut place = ChainPosition::START;
     for part in &PARTS {
-        let Part { table, key, written, .. } = part;
+        let HashedTable { table, key, is_written_sql: written, .. } = part;
         let sql = format!("SELECT {key} FROM {table} WHERE {written} ORDER BY 1");
         let mut statement = connection.prepare(&sql)?;
         let mut rows = statement.query([])?;

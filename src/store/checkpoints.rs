@@ -3,7 +3,7 @@
 //! A checkpoint is used only if the same version of the program wrote it and the journal still contains the line
 //! that it names.
 
-use super::commit::{Failed, Writing};
+use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::Store;
 use super::error::StoreError;
 use super::fold::JournalFold;
@@ -32,10 +32,10 @@ pub(super) struct Checkpoint {
 
 /// Writes one.
 pub(super) fn write(
-    writing: &mut Writing<'_>,
+    writing: &mut WriteTransaction<'_>,
     (sequence, journal_chain): (i64, &str),
     folded: &str,
-) -> Result<(), Failed> {
+) -> Result<(), TransactionFailure> {
     writing.execute(
         "INSERT OR IGNORE INTO checkpoints (sequence, journal_chain, program_version, folded) VALUES (?1, ?2, ?3, ?4)",
         params![sequence, journal_chain, env!("CARGO_PKG_VERSION"), folded],
@@ -55,7 +55,7 @@ impl Store {
                 Ok((row.get::<_, i64>(0)?, row.get::<_, String>(1)?, row.get::<_, String>(2)?))
             })
             .optional()
-            .map_err(|error| self.failed("read a checkpoint of", &error))?;
+            .map_err(|error| self.database_error("read a checkpoint of", &error))?;
         // A checkpoint that this program can no longer read is ignored: the journal is folded from the beginning.
         Ok(found.and_then(|(sequence, journal_chain, folded)| {
             let settled = serde_json::from_str(&folded).ok()?;

@@ -9,12 +9,12 @@ use rusqlite::{Connection, Params, Row, Transaction, TransactionBehavior};
 use std::ops::Deref;
 
 /// A transaction under way.
-pub(super) struct Writing<'t> {
+pub(super) struct WriteTransaction<'t> {
     transaction: Transaction<'t>,
     last: ChainPosition,
 }
 
-impl Deref for Writing<'_> {
+impl Deref for WriteTransaction<'_> {
     type Target = Connection;
 
     fn deref(&self) -> &Connection {
@@ -22,7 +22,7 @@ impl Deref for Writing<'_> {
     }
 }
 
-impl Writing<'_> {
+impl WriteTransaction<'_> {
     /// Writes rows with a statement that is compiled once; returns the number of rows.
     pub fn execute(&self, sql: &str, values: impl Params) -> Result<usize, rusqlite::Error> {
         self.transaction.prepare_cached(sql)?.execute(values)
@@ -39,7 +39,7 @@ impl Writing<'_> {
     }
 
     /// Adds a link to the chain for the data that were just written to this row.
-    pub fn chain(&mut self, part: &'static str, row_key: i64) -> Result<(), Failed> {
+    pub fn chain(&mut self, part: &'static str, row_key: i64) -> Result<(), TransactionFailure> {
         let part = chain::part(part).ok_or_else(|| rusqlite::Error::InvalidColumnName(part.to_owned()))?;
         self.last = chain::add(&self.transaction, self.last, part, row_key)?;
         Ok(())
@@ -48,22 +48,22 @@ impl Writing<'_> {
 
 /// Why a transaction failed.
 #[derive(Debug)]
-pub(super) enum Failed {
+pub(super) enum TransactionFailure {
     Sql(rusqlite::Error),
     Head(std::io::Error),
     /// The data to write are not valid.
-    Unfit(StoreError),
+    InvalidValue(StoreError),
 }
 
-impl From<rusqlite::Error> for Failed {
+impl From<rusqlite::Error> for TransactionFailure {
     fn from(error: rusqlite::Error) -> Self {
-        Failed::Sql(error)
+        TransactionFailure::Sql(error)
     }
 }
 
-impl From<StoreError> for Failed {
+impl From<StoreError> for TransactionFailure {
     fn from(error: StoreError) -> Self {
-        Failed::Unfit(error)
+        TransactionFailure::InvalidValue(error)
     }
 }
 
@@ -73,59 +73,62 @@ impl Store {
     pub(super) fn commit<T>(
         &mut self,
         doing: &'static str,
-        write: impl Fn(&mut Writing<'_>) -> Result<T, Failed>,
+        write: impl Fn(&mut WriteTransaction<'_>) -> Result<T, TransactionFailure>,
     ) -> Result<T, StoreError> {
-        let mut done = self.attempt(&write);
-        if done.as_ref().is_err_and(|failed| self.is_full(failed)) {
-            self.fullness.fill();
+        let mut done = self.run_transaction(&write);
+        if done.as_ref().is_err_and(|failed| self.is_disk_full_failure(failed)) {
+            self.fullness.mark_full();
             // Once only: a second failure with the reserve gone is reported as a full disk.
             if self.reserve.release() {
                 tracing::warn!("the disk of the store is full; the reserve of {} MB is released", reserve::MB);
-                done = self.attempt(&write);
+                done = self.run_transaction(&write);
             }
         }
         done.map_err(|failed| match failed {
-            failed if self.is_full(&failed) => self.full(),
-            Failed::Sql(error) => self.failed(doing, &error),
-            Failed::Head(source) => {
-                StoreError::File { doing: "write the head of", path: self.path().to_owned(), source }
+            failed if self.is_disk_full_failure(&failed) => self.disk_full_error(),
+            TransactionFailure::Sql(error) => self.database_error(doing, &error),
+            TransactionFailure::Head(source) => {
+                StoreError::File { operation: "write the head of", path: self.path().to_owned(), source }
             }
-            Failed::Unfit(error) => error,
+            TransactionFailure::InvalidValue(error) => error,
         })
     }
 
-    fn attempt<T>(&mut self, write: impl Fn(&mut Writing<'_>) -> Result<T, Failed>) -> Result<T, Failed> {
+    fn run_transaction<T>(
+        &mut self,
+        write: impl Fn(&mut WriteTransaction<'_>) -> Result<T, TransactionFailure>,
+    ) -> Result<T, TransactionFailure> {
         let Some(head) = &self.head else {
-            return Err(Failed::Unfit(StoreError::ReadOnly { path: self.path().to_owned() }));
+            return Err(TransactionFailure::InvalidValue(StoreError::ReadOnly { path: self.path().to_owned() }));
         };
-        let _turn = head.acquire_turn().map_err(Failed::Head)?;
+        let _turn = head.acquire_turn().map_err(TransactionFailure::Head)?;
         // The write lock is taken at the beginning: a transaction that reads first and then writes can fail in between
         // with nothing to retry.
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        let before = chain::last(&transaction)?;
-        let mut writing = Writing { transaction, last: before };
+        let before = chain::last_link(&transaction)?;
+        let mut writing = WriteTransaction { transaction, last: before };
         let done = write(&mut writing)?;
-        let Writing { transaction, last } = writing;
+        let WriteTransaction { transaction, last } = writing;
         // The head names both ends before the commit: a power cut at any moment then leaves a chain that ends at one of
         // the two.
-        head.prepare(before, last).map_err(Failed::Head)?;
+        head.prepare(before, last).map_err(TransactionFailure::Head)?;
         self.steps.reach(Step::Prepared);
         transaction.commit()?;
         self.steps.reach(Step::Committed);
         // If the head cannot be written, the chain's position is still explained: the head file already names it as
         // the possible next position.
-        if let Err(error) = head.settle(last) {
+        if let Err(error) = head.write_position(last) {
             tracing::warn!("the head of the store could not be written: {error}");
         }
         self.steps.reach(Step::Settled);
         Ok(done)
     }
 
-    fn is_full(&self, failed: &Failed) -> bool {
+    fn is_disk_full_failure(&self, failed: &TransactionFailure) -> bool {
         match failed {
-            Failed::Sql(error) => reserve::is_full(error, self.folder()),
-            Failed::Head(error) => error.kind() == std::io::ErrorKind::StorageFull,
-            Failed::Unfit(error) => matches!(error, StoreError::Full { .. }),
+            TransactionFailure::Sql(error) => reserve::is_disk_full_error(error, self.folder()),
+            TransactionFailure::Head(error) => error.kind() == std::io::ErrorKind::StorageFull,
+            TransactionFailure::InvalidValue(error) => matches!(error, StoreError::Full { .. }),
         }
     }
 }

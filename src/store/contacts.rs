@@ -7,8 +7,8 @@ use super::error::StoreError;
 use super::part_passes::normalised_serial;
 use crate::cycle::{Event, Id, Motion, Report};
 use crate::record::{
-    ANOTHER_PART, Abraded, Clock, Contact, ContactPath, CycleId, EarlierPass, Finding, Kind, MotionRecord,
-    RecordingFile, abraded,
+    ANOTHER_PART_TEXT, AbradedGrid, Clock, Contact, ContactPath, CycleId, EarlierPass, Finding, Kind, MotionRecord,
+    RecordingFile, abraded_grids,
 };
 use crate::verdict::Verdict;
 use rusqlite::{OptionalExtension, params};
@@ -40,13 +40,13 @@ pub(super) const TABLES: &str = "
 
 /// Evidence in a cycle that another part is present afterwards, or was present before.
 #[derive(Debug, Clone, Copy)]
-struct PartEnds {
+struct PartChangeEvidence {
     /// The cycle ended with pass by a film, after which the part is removed.
     passes: bool,
     /// The cycle ended with fail by a film.
     fails: bool,
     /// The cycle's start stated that another part than before is present.
-    is_another: bool,
+    is_other_part: bool,
 }
 
 const CLOCK: &str = "clock";
@@ -63,7 +63,7 @@ impl Store {
         cycle: Option<CycleId>,
         (path, permitted): (&ContactPath, u32),
     ) -> Result<(), StoreError> {
-        self.writable()?;
+        self.require_writable()?;
         let (motion, path, unix_ms) = (self.text(motion)?, self.text(path)?, unix_ms(self.clock()));
         self.commit("write a motion to", |writing| {
             let cycle = cycle.map(|id| id.0);
@@ -72,7 +72,7 @@ impl Store {
             writing.chain("motions", id)?;
             writing.execute("INSERT INTO contacts (motion_id, path) VALUES (?1, ?2)", params![id, path])?;
             writing.chain("contacts", writing.last_insert_rowid())?;
-            writing.execute(PERMIT, params![id, unix_ms, permitted])?;
+            writing.execute(INSERT_PERMIT_SQL, params![id, unix_ms, permitted])?;
             writing.chain("permits", writing.last_insert_rowid())
         })
     }
@@ -81,13 +81,13 @@ impl Store {
     ///
     /// # Errors
     /// If it cannot be written, or no motion is open.
-    pub fn permit(&mut self, waypoints: u32) -> Result<(), StoreError> {
-        self.writable()?;
+    pub fn store_permit(&mut self, waypoints: u32) -> Result<(), StoreError> {
+        self.require_writable()?;
         let open = self
             .connection
             .query_row("SELECT id FROM motions WHERE outcome IS NULL", [], |row| row.get::<_, i64>(0))
             .optional()
-            .map_err(|error| self.failed("read the motions of", &error))?;
+            .map_err(|error| self.database_error("read the motions of", &error))?;
         let Some(open) = open else {
             return Err(StoreError::MotionNotOpen {
                 motion: "motion for which waypoints can be permitted".to_owned(),
@@ -95,13 +95,13 @@ impl Store {
         };
         let unix_ms = unix_ms(self.clock());
         self.commit("write a motion to", |writing| {
-            writing.execute(PERMIT, params![open, unix_ms, waypoints])?;
+            writing.execute(INSERT_PERMIT_SQL, params![open, unix_ms, waypoints])?;
             writing.chain("permits", writing.last_insert_rowid())
         })
     }
 
     /// Returns the stored contact path of the motion in this row.
-    pub(super) fn contact_of(&self, cycle: CycleId, motion_row: i64) -> Result<Option<Contact>, StoreError> {
+    pub(super) fn contact_of_motion(&self, cycle: CycleId, motion_row: i64) -> Result<Option<Contact>, StoreError> {
         if !self.has_table("requests")? {
             return Ok(None);
         }
@@ -110,9 +110,9 @@ impl Store {
                 FROM contacts WHERE motion_id = ?1";
             self.connection.query_row(sql, [motion_row], |row| Ok((row.get(0)?, row.get(1)?))).optional()
         };
-        let row = read().map_err(|error| self.failed("read the motions of", &error))?;
+        let row = read().map_err(|error| self.database_error("read the motions of", &error))?;
         let Some((text, permitted)) = row else { return Ok(None) };
-        let path: ContactPath = self.parsed(&text)?;
+        let path: ContactPath = self.parse_stored(&text)?;
         let told = self.reported_waypoints(cycle, path.id)?;
         Ok(Some(Contact { path, told, permitted }))
     }
@@ -124,8 +124,8 @@ impl Store {
             self.connection.prepare(sql)?.query_map([cycle.0], |row| row.get(0))?.collect()
         };
         let mut told = 0;
-        for text in read().map_err(|error| self.failed("read the journal of", &error))? {
-            if let Event::Reported(Report::Progress { id, done }) = self.parsed(&text)?
+        for text in read().map_err(|error| self.database_error("read the journal of", &error))? {
+            if let Event::Reported(Report::Progress { id, done }) = self.parse_stored(&text)?
                 && id == act
             {
                 told = told.max(done);
@@ -143,17 +143,23 @@ impl Store {
     ///
     /// # Errors
     /// If it cannot be read.
-    pub fn abraded_before(&self, id: CycleId) -> Result<Vec<EarlierPass>, StoreError> {
+    pub fn earlier_abrasions(&self, id: CycleId) -> Result<Vec<EarlierPass>, StoreError> {
         let mut earlier: Vec<EarlierPass> = Vec::new();
-        for cycle in self.same_part_before(id)? {
-            let (findings, motions) = (self.findings_of(cycle)?, self.motions_of(cycle)?);
-            for Abraded { grid, pass, how } in abraded(&findings, &motions) {
+        for cycle in self.earlier_cycles_of_part(id)? {
+            let (findings, motions) = (self.cycle_findings(cycle)?, self.cycle_motions(cycle)?);
+            for AbradedGrid { grid, pass, how } in abraded_grids(&findings, &motions) {
                 let is_known =
                     |known: &&mut EarlierPass| (known.cycle, known.pass, &known.grid) == (cycle, pass, &grid);
                 match earlier.iter_mut().find(is_known) {
-                    Some(known) => known.is_sure |= how.is_sure(),
+                    Some(known) => known.is_sure |= how.is_certain(),
                     None => {
-                        earlier.push(EarlierPass { cycle, pass, grid, is_sure: how.is_sure(), is_stated: false });
+                        earlier.push(EarlierPass {
+                            cycle,
+                            pass,
+                            grid,
+                            is_sure: how.is_certain(),
+                            is_stated: false,
+                        });
                     }
                 }
             }
@@ -171,9 +177,9 @@ impl Store {
     }
 
     /// The earlier cycles that may have had the part of this cycle, in order.
-    fn same_part_before(&self, id: CycleId) -> Result<Vec<CycleId>, StoreError> {
-        self.with_parts()?;
-        let failed = |error: rusqlite::Error| self.failed("read the cycles of", &error);
+    fn earlier_cycles_of_part(&self, id: CycleId) -> Result<Vec<CycleId>, StoreError> {
+        self.ensure_parts_table()?;
+        let failed = |error: rusqlite::Error| self.database_error("read the cycles of", &error);
         let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
             let sql = "SELECT cycles.id, coalesce(serial, '') FROM cycles LEFT JOIN cycle_parts ON cycle_id = cycles.id
                  WHERE panel = (SELECT panel FROM cycles WHERE id = ?1) AND cycles.id <= ?1 ORDER BY cycles.id DESC";
@@ -185,7 +191,7 @@ impl Store {
         // Serial numbers of the parts that cannot be this part in still earlier cycles; a part without a serial number
         // has the empty text.
         let (mut over, mut found) = (BTreeSet::new(), Vec::new());
-        if self.ends_of_a_part(own).map_err(failed)?.is_another {
+        if self.part_change_evidence(own).map_err(failed)?.is_other_part {
             return Ok(found);
         }
         for (cycle, of) in cycles {
@@ -193,7 +199,8 @@ impl Store {
             if !may_be_it || over.contains(&of) {
                 continue;
             }
-            let PartEnds { passes, fails, is_another } = self.ends_of_a_part(cycle).map_err(failed)?;
+            let PartChangeEvidence { passes, fails, is_other_part: is_another } =
+                self.part_change_evidence(cycle).map_err(failed)?;
             let is_over = passes || (fails && !serial.is_empty() && of == serial);
             if !is_over {
                 found.push(CycleId(cycle));
@@ -213,37 +220,37 @@ impl Store {
         Ok(found)
     }
 
-    fn ends_of_a_part(&self, cycle: i64) -> Result<PartEnds, rusqlite::Error> {
+    fn part_change_evidence(&self, cycle: i64) -> Result<PartChangeEvidence, rusqlite::Error> {
         let sql = "SELECT coalesce(verdict = ?2, 0) AND has_film, coalesce(verdict = ?3, 0) AND has_film, is_another FROM (
                  SELECT verdict, EXISTS (SELECT 1 FROM findings WHERE cycle_id = cycles.id AND kind = ?4) AS has_film,
                      EXISTS (SELECT 1 FROM json_each(files) WHERE value ->> 'name' = ?5) AS is_another
                  FROM cycles WHERE id = ?1
              )";
-        let (pass, fail, film) = (Verdict::Pass.word(), Verdict::Fail.word(), Kind::Inspect.word());
+        let (pass, fail, film) = (Verdict::Pass.keyword(), Verdict::Fail.keyword(), Kind::Inspect.keyword());
         let ends = |row: &rusqlite::Row<'_>| {
-            Ok(PartEnds { passes: row.get(0)?, fails: row.get(1)?, is_another: row.get(2)? })
+            Ok(PartChangeEvidence { passes: row.get(0)?, fails: row.get(1)?, is_other_part: row.get(2)? })
         };
-        self.connection.prepare_cached(sql)?.query_row(params![cycle, pass, fail, film, ANOTHER_PART], ends)
+        self.connection.prepare_cached(sql)?.query_row(params![cycle, pass, fail, film, ANOTHER_PART_TEXT], ends)
     }
 
     /// Stores the readings of a cycle's clock: one at its begin and one at its conclusion.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn keep_clock(&mut self, id: CycleId, clock: Clock) -> Result<(), StoreError> {
-        self.keep_fact(id, CLOCK, &clock)
+    pub fn store_clock(&mut self, id: CycleId, clock: Clock) -> Result<(), StoreError> {
+        self.store_fact(id, CLOCK, &clock)
     }
 
     /// Stores the file in which a cycle is recorded.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn keep_recording(&mut self, id: CycleId, file: &RecordingFile) -> Result<(), StoreError> {
-        self.keep_fact(id, RECORDING, file)
+    pub fn store_recording(&mut self, id: CycleId, file: &RecordingFile) -> Result<(), StoreError> {
+        self.store_fact(id, RECORDING, file)
     }
 
-    fn keep_fact(&mut self, id: CycleId, name: &str, fact: &impl Serialize) -> Result<(), StoreError> {
-        self.writable()?;
+    fn store_fact(&mut self, id: CycleId, name: &str, fact: &impl Serialize) -> Result<(), StoreError> {
+        self.require_writable()?;
         let fact = self.text(fact)?;
         self.commit("write a cycle to", |writing| {
             let sql = "INSERT INTO cycle_facts (cycle_id, name, fact) VALUES (?1, ?2, ?3)";
@@ -260,43 +267,43 @@ impl Store {
             let sql = "SELECT fact FROM cycle_facts WHERE cycle_id = ?1 AND name = ?2 ORDER BY id";
             self.connection.prepare(sql)?.query_map(params![id.0, name], |row| row.get(0))?.collect()
         };
-        read().map_err(|error| self.failed("read a cycle of", &error))
+        read().map_err(|error| self.database_error("read a cycle of", &error))
     }
 
     /// The clock when a cycle began and when it was concluded.
     pub(super) fn clocks(&self, id: CycleId) -> Result<[Option<Clock>; 2], StoreError> {
         let kept = self.facts(id, CLOCK)?;
-        let clock = |text: Option<&String>| text.map(|text| self.parsed(text)).transpose();
+        let clock = |text: Option<&String>| text.map(|text| self.parse_stored(text)).transpose();
         Ok([clock(kept.first())?, clock(kept.get(1))?])
     }
 
     /// The file in which a cycle is recorded, if it is recorded.
-    pub(super) fn recording_of(&self, id: CycleId) -> Result<Option<RecordingFile>, StoreError> {
-        self.facts(id, RECORDING)?.first().map(|text| self.parsed(text)).transpose()
+    pub(super) fn recording_file(&self, id: CycleId) -> Result<Option<RecordingFile>, StoreError> {
+        self.facts(id, RECORDING)?.first().map(|text| self.parse_stored(text)).transpose()
     }
 
-    pub(super) fn findings_of(&self, id: CycleId) -> Result<Vec<Finding>, StoreError> {
+    pub(super) fn cycle_findings(&self, id: CycleId) -> Result<Vec<Finding>, StoreError> {
         let read = || -> Result<Vec<String>, rusqlite::Error> {
             let sql = "SELECT finding FROM findings WHERE cycle_id = ?1 ORDER BY id";
             self.connection.prepare(sql)?.query_map([id.0], |row| row.get(0))?.collect()
         };
-        let texts = read().map_err(|error| self.failed("read a cycle of", &error))?;
-        texts.iter().map(|text| self.parsed(text)).collect()
+        let texts = read().map_err(|error| self.database_error("read a cycle of", &error))?;
+        texts.iter().map(|text| self.parse_stored(text)).collect()
     }
 
     /// Returns the motions of a cycle, each with its contact path.
-    pub(super) fn motions_of(&self, id: CycleId) -> Result<Vec<MotionRecord>, StoreError> {
-        let read = || -> Result<Vec<(i64, super::motions::Texts)>, rusqlite::Error> {
+    pub(super) fn cycle_motions(&self, id: CycleId) -> Result<Vec<MotionRecord>, StoreError> {
+        let read = || -> Result<Vec<(i64, super::motions::StoredMotionTexts)>, rusqlite::Error> {
             let sql = "SELECT motion, outcome, done, id FROM motions WHERE cycle_id = ?1 ORDER BY id";
             let row = |row: &rusqlite::Row<'_>| Ok((row.get(3)?, super::motions::texts(row)?));
             self.connection.prepare(sql)?.query_map([id.0], row)?.collect()
         };
-        let rows = read().map_err(|error| self.failed("read the motions of", &error))?;
-        let whole = |(row, texts): &(i64, super::motions::Texts)| {
-            Ok(MotionRecord { contact: self.contact_of(id, *row)?, ..self.motion(texts)? })
+        let rows = read().map_err(|error| self.database_error("read the motions of", &error))?;
+        let whole = |(row, texts): &(i64, super::motions::StoredMotionTexts)| {
+            Ok(MotionRecord { contact: self.contact_of_motion(id, *row)?, ..self.motion(texts)? })
         };
         rows.iter().map(whole).collect()
     }
 }
 
-const PERMIT: &str = "INSERT INTO permits (motion_id, unix_ms, waypoints) VALUES (?1, ?2, ?3)";
+const INSERT_PERMIT_SQL: &str = "INSERT INTO permits (motion_id, unix_ms, waypoints) VALUES (?1, ?2, ?3)";

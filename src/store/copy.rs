@@ -21,9 +21,9 @@ const LOCK_RETRY_INTERVAL: Duration = Duration::from_millis(10);
 
 /// A copy of a store's rows.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Copied {
+pub struct CopiedStore {
     /// Deviations from the written content, in words; if there are any, there is no copy.
-    pub found: Vec<String>,
+    pub deviations: Vec<String>,
     /// Number of links of the copied chain.
     pub links: u64,
     /// The files that the copied rows name, by their hashes; without the files that were removed according to `[store]
@@ -42,7 +42,7 @@ impl Store {
     ///
     /// # Errors
     /// If there is no store, it is an earlier program's, or the copy cannot be written.
-    pub fn copy_rows(folder: &Path, to: &Path) -> Result<Copied, StoreError> {
+    pub fn copy_rows(folder: &Path, to: &Path) -> Result<CopiedStore, StoreError> {
         let store = Store::open(folder)?;
         let found = schema::version(&store.connection, store.path())?;
         if found < schema::SCHEMA {
@@ -52,9 +52,9 @@ impl Store {
         // same moment.
         let begin = || -> Result<ChainPosition, rusqlite::Error> {
             store.connection.execute_batch("BEGIN")?;
-            chain::last(&store.connection)
+            chain::last_link(&store.connection)
         };
-        let (told, last) = match head::read_beside(folder, begin) {
+        let (told, last) = match head::read_locked(folder, begin) {
             Ok((told, last)) => (Ok(told), last),
             // If a writer does not release the lock, this does not mean that the store was changed.
             Err(error) if error.kind() == std::io::ErrorKind::TimedOut => {
@@ -62,11 +62,11 @@ impl Store {
             }
             Err(error) => (Err(error), begin()),
         };
-        let last = last.map_err(|error| store.failed("read the chain of", &error))?;
+        let last = last.map_err(|error| store.database_error("read the chain of", &error))?;
         // The copy gets a new head. The new head must not hide the contradictions to the store's head.
-        let found = store.contradictions(told, last)?;
+        let found = store.end_contradictions(told, last)?;
         if !found.is_empty() {
-            return Ok(Copied { found, ..Copied::default() });
+            return Ok(CopiedStore { deviations: found, ..CopiedStore::default() });
         }
         let copy = to.join(DATABASE);
         fs::create_dir_all(to).map_err(file_error("create", to))?;
@@ -77,14 +77,14 @@ impl Store {
         };
         write_head().map_err(file_error("write the head in", to))?;
         let removed = prune::removed(&store)?;
-        let named = prune::named(&store, &|_| false)?;
-        let files = named.into_iter().filter(|hash| !is_removed(&store, &removed, hash)).collect();
+        let named = prune::named_files(&store, &|_| false)?;
+        let files = named.into_iter().filter(|hash| !is_removed_file(&store, &removed, hash)).collect();
         let verified = Store::verify(to, false)?;
-        Ok(Copied { found: verified.found, links: verified.links, files })
+        Ok(CopiedStore { deviations: verified.differences, links: verified.links, files })
     }
 }
 
-fn is_removed(store: &Store, removed: &std::collections::BTreeSet<String>, hash: &str) -> bool {
+fn is_removed_file(store: &Store, removed: &std::collections::BTreeSet<String>, hash: &str) -> bool {
     removed.contains(hash) && !store.folder().join(BLOBS).join(hash).exists()
 }
 
@@ -113,7 +113,11 @@ fn copy_database(connection: &Connection, to: &Path) -> Result<(), rusqlite::Err
 /// Keeps the database and the head of its chain as an earlier program left them, before the tables are changed:
 /// `panelprep.schema-6.sqlite`, `panelprep.schema-6.head`. An existing copy is never overwritten. Returns the
 /// copy's file.
-pub(super) fn keep_earlier(connection: &Connection, folder: &Path, version: i64) -> Result<PathBuf, StoreError> {
+pub(super) fn keep_earlier_version(
+    connection: &Connection,
+    folder: &Path,
+    version: i64,
+) -> Result<PathBuf, StoreError> {
     let part = folder.join(format!("panelprep.schema-{version}.part"));
     let remove = || {
         for file in [part.clone(), folder.join(format!("panelprep.schema-{version}.part-journal"))] {
@@ -126,14 +130,14 @@ pub(super) fn keep_earlier(connection: &Connection, folder: &Path, version: i64)
     };
     // Temporary files of a process that ended.
     remove();
-    let kept = kept_at_a_free_name(connection, (folder, &part), version);
+    let kept = copy_to_free_name(connection, (folder, &part), version);
     if kept.is_err() {
         remove();
     }
     kept
 }
 
-fn kept_at_a_free_name(
+fn copy_to_free_name(
     connection: &Connection,
     (folder, part): (&Path, &Path),
     version: i64,
@@ -169,5 +173,5 @@ fn kept_at_a_free_name(
 }
 
 fn file_error<'p>(doing: &'static str, path: &'p Path) -> impl Fn(std::io::Error) -> StoreError + 'p {
-    move |source| StoreError::File { doing, path: path.to_owned(), source }
+    move |source| StoreError::File { operation: doing, path: path.to_owned(), source }
 }

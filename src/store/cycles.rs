@@ -1,6 +1,6 @@
 //! Cycles: the inputs of each, the findings of its phases, and how it ended.
 
-use super::commit::{Failed, Writing};
+use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
 use super::{finding_times, outbox, parts};
@@ -61,12 +61,12 @@ impl Store {
     pub fn begin_cycle(&mut self, start: &CycleStart) -> Result<CycleId, StoreError> {
         self.check_count(start)?;
         let kept = |(name, text): &(String, String)| {
-            Ok(KeptFile { name: name.clone(), hash: self.put_blob(text.as_bytes())? })
+            Ok(KeptFile { name: name.clone(), hash: self.store_blob(text.as_bytes())? })
         };
         let files: Vec<KeptFile> = start.file_texts.iter().map(kept).collect::<Result<_, StoreError>>()?;
-        let recipe_hash = self.put_blob(start.recipe_text.as_bytes())?;
+        let recipe_hash = self.store_blob(start.recipe_text.as_bytes())?;
         let (started_unix_s, files) = (self.unix_s(), self.text(&files)?);
-        let part = parts::named(&start.file_texts);
+        let part = parts::parse_part(&start.file_texts);
         let above = self.numbered_above()?;
         let id = self.commit("write a cycle to", |writing| {
             let (panel, version, program) = (&start.panel, &start.taught_version, env!("CARGO_PKG_VERSION"));
@@ -80,7 +80,7 @@ impl Store {
             part.as_ref().map_or(Ok(()), |part| parts::insert(writing, id, part))?;
             Ok(CycleId(id))
         })?;
-        start.recording.as_ref().map_or(Ok(()), |file| self.keep_recording(id, file))?;
+        start.recording.as_ref().map_or(Ok(()), |file| self.store_recording(id, file))?;
         Ok(id)
     }
 
@@ -91,7 +91,7 @@ impl Store {
     pub fn has_cycle(&self, id: CycleId) -> Result<bool, StoreError> {
         let sql = "SELECT EXISTS (SELECT 1 FROM cycles WHERE id = ?1)";
         let there = self.connection.query_row(sql, [id.0], |row| row.get(0));
-        there.map_err(|error| self.failed("read a cycle of", &error))
+        there.map_err(|error| self.database_error("read a cycle of", &error))
     }
 
     /// Stores how a running cycle ended: the verdict of its state machine, never better than its findings allow
@@ -100,14 +100,14 @@ impl Store {
     /// # Errors
     /// If it cannot be written, or there is no such cycle or it is over.
     pub fn conclude(&mut self, id: CycleId, ended: Verdict, because: &[Reason]) -> Result<Judgement, StoreError> {
-        let judgement = conclude(ended, &self.findings_of(id)?, &self.asked_in(id)?, because);
+        let judgement = conclude(ended, &self.cycle_findings(id)?, &self.requests_in_cycle(id)?, because);
         let Judgement { verdict, reasons } = &judgement;
         let (ended_unix_s, reasons) = (self.unix_s(), self.text(reasons)?);
         let unix_ms = unix_ms(self.clock());
         self.change(
             (id, "cycle_ends"),
             "UPDATE cycles SET ended_unix_s = ?2, verdict = ?3, reasons = ?4 WHERE id = ?1 AND verdict IS NULL",
-            params![id.0, ended_unix_s, verdict.word(), reasons],
+            params![id.0, ended_unix_s, verdict.keyword(), reasons],
             |writing| outbox::insert(writing, Kind::Cycle, id.0, unix_ms),
         )?;
         Ok(judgement)
@@ -132,9 +132,9 @@ impl Store {
         (id, part): (CycleId, &'static str),
         sql: &str,
         values: &[&dyn rusqlite::ToSql],
-        beside: impl Fn(&mut Writing<'_>) -> Result<(), Failed>,
+        beside: impl Fn(&mut WriteTransaction<'_>) -> Result<(), TransactionFailure>,
     ) -> Result<(), StoreError> {
-        self.writable()?;
+        self.require_writable()?;
         let path = self.path().to_owned();
         self.commit("write a cycle to", |writing| match writing.execute(sql, values)? {
             1 => {
@@ -145,15 +145,15 @@ impl Store {
         })
     }
 
-    /// Stores the finding of a phase of a cycle. Its pictures are stored before, with [`Store::put_blob`].
+    /// Stores the finding of a phase of a cycle. Its pictures are stored before, with [`Store::store_blob`].
     ///
     /// # Errors
     /// If it cannot be written, a number is not finite, a picture is missing, or there is no such cycle.
-    pub fn note(&mut self, id: CycleId, finding: &Finding) -> Result<(), StoreError> {
-        self.writable()?;
+    pub fn store_finding(&mut self, id: CycleId, finding: &Finding) -> Result<(), StoreError> {
+        self.require_writable()?;
         let finite = |number: Option<f64>| number.is_none_or(f64::is_finite);
         if let Some(bad) =
-            finding.checks.iter().find(|number| !finite(number.value) || !finite(number.limit.bound()))
+            finding.checks.iter().find(|number| !finite(number.value) || !finite(number.limit.value()))
         {
             return Err(StoreError::NotFinite { name: bad.name.clone() });
         }
@@ -177,14 +177,14 @@ impl Store {
     /// # Errors
     /// If there is no such cycle, or it cannot be read back.
     pub fn cycle(&self, id: CycleId) -> Result<CycleRecord, StoreError> {
-        let read = |error: rusqlite::Error| self.failed("read a cycle of", &error);
+        let read = |error: rusqlite::Error| self.database_error("read a cycle of", &error);
         let Some(mut record) = self.cycle_row(id)? else { return Err(self.unknown_cycle("cycle", id)) };
-        record.findings = self.findings_of(id)?;
-        record.motions = self.motions_of(id)?;
-        record.asked_before = self.asked_before(id, record.started_unix_s)?;
-        record.asked = self.asked_in(id)?;
+        record.findings = self.cycle_findings(id)?;
+        record.motions = self.cycle_motions(id)?;
+        record.asked_before = self.requests_before_cycle(id, record.started_unix_s)?;
+        record.asked = self.requests_in_cycle(id)?;
         record.clocks = self.clocks(id)?;
-        record.recording = self.recording_of(id)?;
+        record.recording = self.recording_file(id)?;
         let count = "SELECT count(*) FROM journal WHERE cycle_id = ?1";
         let events: i64 = self.connection.query_row(count, [id.0], |row| row.get(0)).map_err(read)?;
         record.events = events as u64;
@@ -218,18 +218,18 @@ impl Store {
         let sql = "SELECT started_unix_s, ended_unix_s, panel, taught_version, recipe_hash, program_version,
                 files, verdict, reasons, budget FROM cycles WHERE id = ?1";
         let row = self.connection.query_row(sql, [id.0], columns).optional();
-        let Some((mut record, texts)) = row.map_err(|error| self.failed("read a cycle of", &error))? else {
+        let Some((mut record, texts)) = row.map_err(|error| self.database_error("read a cycle of", &error))? else {
             return Ok(None);
         };
         let [files, verdict, reasons, budget]: [Option<String>; 4] = texts;
         if let Some(files) = files {
-            record.files = self.parsed(&files)?;
+            record.files = self.parse_stored(&files)?;
         }
         if let (Some(word), Some(reasons)) = (verdict, reasons) {
-            let verdict = self.parsed(&format!("\"{word}\""))?;
-            record.judgement = Some(Judgement { verdict, reasons: self.parsed(&reasons)? });
+            let verdict = self.parse_stored(&format!("\"{word}\""))?;
+            record.judgement = Some(Judgement { verdict, reasons: self.parse_stored(&reasons)? });
         }
-        record.budget = budget.map(|text| self.parsed(&text)).transpose()?;
+        record.budget = budget.map(|text| self.parse_stored(&text)).transpose()?;
         Ok(Some(record))
     }
 
@@ -237,9 +237,9 @@ impl Store {
     ///
     /// # Errors
     /// If it cannot be read.
-    pub fn last_cycle(&self) -> Result<Option<CycleId>, StoreError> {
+    pub fn newest_cycle(&self) -> Result<Option<CycleId>, StoreError> {
         let last = self.connection.query_row("SELECT max(id) FROM cycles", [], |row| row.get::<_, Option<i64>>(0));
-        Ok(last.map_err(|error| self.failed("read the cycles of", &error))?.map(CycleId))
+        Ok(last.map_err(|error| self.database_error("read the cycles of", &error))?.map(CycleId))
     }
 
     /// Cycles that are over, in order.
@@ -247,7 +247,7 @@ impl Store {
     /// # Errors
     /// If it cannot be read.
     pub fn ended_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
-        self.cycles_where("verdict IS NOT NULL")
+        self.find_cycles("verdict IS NOT NULL")
     }
 
     /// Cycles without an end, in order: the running one, and before [`Store::recover`] those left by a crash.
@@ -255,16 +255,16 @@ impl Store {
     /// # Errors
     /// If it cannot be read.
     pub fn open_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
-        self.cycles_where("verdict IS NULL")
+        self.find_cycles("verdict IS NULL")
     }
 
-    fn cycles_where(&self, condition: &str) -> Result<Vec<CycleId>, StoreError> {
+    fn find_cycles(&self, condition: &str) -> Result<Vec<CycleId>, StoreError> {
         let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
             let mut rows =
                 self.connection.prepare(&format!("SELECT id FROM cycles WHERE {condition} ORDER BY id"))?;
             rows.query_map([], |row| row.get(0).map(CycleId))?.collect()
         };
-        read().map_err(|error| self.failed("read the cycles of", &error))
+        read().map_err(|error| self.database_error("read the cycles of", &error))
     }
 
     fn unknown_cycle(&self, what: &'static str, id: CycleId) -> StoreError {
@@ -272,14 +272,14 @@ impl Store {
     }
 
     pub(super) fn text(&self, value: &impl Serialize) -> Result<String, StoreError> {
-        serde_json::to_string(value).map_err(|error| self.unreadable(&error))
+        serde_json::to_string(value).map_err(|error| self.unreadable_error(&error))
     }
 
-    pub(super) fn parsed<T: DeserializeOwned>(&self, text: &str) -> Result<T, StoreError> {
-        serde_json::from_str(text).map_err(|error| self.unreadable(&error))
+    pub(super) fn parse_stored<T: DeserializeOwned>(&self, text: &str) -> Result<T, StoreError> {
+        serde_json::from_str(text).map_err(|error| self.unreadable_error(&error))
     }
 
-    fn unreadable(&self, error: &serde_json::Error) -> StoreError {
+    fn unreadable_error(&self, error: &serde_json::Error) -> StoreError {
         StoreError::Unreadable { path: self.path().to_owned(), problem: error.to_string() }
     }
 }

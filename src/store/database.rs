@@ -3,10 +3,10 @@
 use super::blobs::Blobs;
 use super::error::StoreError;
 use super::fold::JournalFold;
-use super::fullness::{BlobWriter, Fullness};
+use super::fullness::{BlobWriter, DiskFullness};
 use super::head::HeadFile;
-use super::lease::Lease;
-use super::reserve::Reserve;
+use super::lease::WriteLease;
+use super::reserve::ReserveFile;
 use super::steps::Steps;
 use rusqlite::Connection;
 use std::path::Path;
@@ -19,19 +19,19 @@ pub(super) const DATABASE: &str = "panelprep.sqlite";
 pub struct Store {
     pub(super) connection: Connection,
     pub(super) blobs: Blobs,
-    pub(super) lease: Option<Lease>,
+    pub(super) lease: Option<WriteLease>,
     /// The file of the chain's head; `None` for reading.
     pub(super) head: Option<HeadFile>,
     /// Whether an append failed, so that it is not known whether the journal contains its line.
-    pub(super) journal_in_doubt: bool,
+    pub(super) is_journal_in_doubt: bool,
     /// The folded state of the journal after recovery.
-    pub(super) folded: Option<JournalFold>,
+    pub(super) folded_state: Option<JournalFold>,
     /// Changes made outside this program that were found when the store was opened.
-    pub(super) changed: Vec<String>,
+    pub(super) external_changes: Vec<String>,
     /// Whether the journal has recorded this change.
-    pub(super) change_is_told: bool,
-    pub(super) reserve: Reserve,
-    pub(super) fullness: Fullness,
+    pub(super) is_change_recorded: bool,
+    pub(super) reserve: ReserveFile,
+    pub(super) fullness: DiskFullness,
     pub(super) clock: fn() -> SystemTime,
     pub(super) steps: Steps,
 }
@@ -42,9 +42,9 @@ impl Store {
     ///
     /// # Errors
     /// If the store is open for reading, or the file cannot be written, or exists already and is damaged.
-    pub fn put_blob(&self, bytes: &[u8]) -> Result<String, StoreError> {
-        self.writable()?;
-        self.blobs.put(bytes).map_err(|error| self.full_or(error))
+    pub fn store_blob(&self, bytes: &[u8]) -> Result<String, StoreError> {
+        self.require_writable()?;
+        self.blobs.store_bytes(bytes).map_err(|error| self.full_disk_or(error))
     }
 
     /// Returns a writer for files of this store, for use beside the store's writer on a separate thread. A file that
@@ -53,7 +53,7 @@ impl Store {
     /// # Errors
     /// If the store is open for reading.
     pub fn blob_writer(&self) -> Result<BlobWriter, StoreError> {
-        self.writable()?;
+        self.require_writable()?;
         Ok(BlobWriter::new(&self.blobs, &self.fullness))
     }
 
@@ -70,11 +70,11 @@ impl Store {
     /// # Errors
     /// If the store is open for reading, or its disk refuses.
     pub fn free_mb(&self) -> Result<u64, StoreError> {
-        self.writable()?;
+        self.require_writable()?;
         self.blobs.free_mb()
     }
 
-    pub(super) fn writable(&self) -> Result<(), StoreError> {
+    pub(super) fn require_writable(&self) -> Result<(), StoreError> {
         match self.lease {
             Some(_) => Ok(()),
             None => Err(StoreError::ReadOnly { path: self.path().to_owned() }),
@@ -83,7 +83,7 @@ impl Store {
 
     /// The changes made outside this program that were found when the store was opened for writing, in words.
     pub fn changed(&self) -> &[String] {
-        &self.changed
+        &self.external_changes
     }
 
     /// Returns the present time, s since 1970. The time only labels rows: it affects no decision, and a wrong clock
@@ -97,11 +97,11 @@ impl Store {
     }
 
     /// Converts the error of a file that was not written on a full disk to the error of the full disk.
-    pub(super) fn full_or(&self, error: StoreError) -> StoreError {
+    pub(super) fn full_disk_or(&self, error: StoreError) -> StoreError {
         match error {
             StoreError::File { source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
-                self.fullness.fill();
-                self.full()
+                self.fullness.mark_full();
+                self.disk_full_error()
             }
             other => other,
         }
@@ -120,10 +120,10 @@ impl Store {
     /// some tables.
     pub(super) fn has_table(&self, name: &str) -> Result<bool, StoreError> {
         let there = self.connection.table_exists(None, name);
-        there.map_err(|error| self.failed("read the tables of", &error))
+        there.map_err(|error| self.database_error("read the tables of", &error))
     }
 
-    pub(super) fn failed(&self, doing: &'static str, error: &rusqlite::Error) -> StoreError {
+    pub(super) fn database_error(&self, doing: &'static str, error: &rusqlite::Error) -> StoreError {
         StoreError::database(doing, self.path(), error)
     }
 }

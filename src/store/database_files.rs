@@ -7,7 +7,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Returns the path of SQLite's log beside a database.
-pub(super) fn log_of(database: &Path) -> PathBuf {
+pub(super) fn log_path(database: &Path) -> PathBuf {
     let mut log = database.as_os_str().to_owned();
     log.push("-wal");
     PathBuf::from(log)

@@ -25,7 +25,7 @@ impl Store {
         if !swept_mm2.is_finite() {
             return Err(StoreError::NotFinite { name: "area swept by the disc".to_owned() });
         }
-        self.keep_disc(cycle, false, swept_mm2)
+        self.store_disc(cycle, false, swept_mm2)
     }
 
     /// Records that a new disc was mounted.
@@ -33,11 +33,11 @@ impl Store {
     /// # Errors
     /// If the store is open for reading or cannot be written.
     pub fn mount_disc(&mut self) -> Result<(), StoreError> {
-        self.keep_disc(None, true, 0.0)
+        self.store_disc(None, true, 0.0)
     }
 
-    fn keep_disc(&mut self, cycle: Option<CycleId>, is_new: bool, swept_mm2: f64) -> Result<(), StoreError> {
-        self.writable()?;
+    fn store_disc(&mut self, cycle: Option<CycleId>, is_new: bool, swept_mm2: f64) -> Result<(), StoreError> {
+        self.require_writable()?;
         let at_unix_s = self.unix_s();
         self.commit("write the disc's wear to", |writing| {
             writing.execute(
@@ -60,6 +60,6 @@ impl Store {
                 [],
                 |row| row.get(0),
             )
-            .map_err(|error| self.failed("read the disc's wear from", &error))
+            .map_err(|error| self.database_error("read the disc's wear from", &error))
     }
 }

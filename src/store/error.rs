@@ -7,20 +7,20 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The operating system refused access to a file or folder.
-    #[error("cannot {doing} {}: {source}", path.display())]
+    #[error("cannot {operation} {}: {source}", path.display())]
     File {
         /// What was tried.
-        doing: &'static str,
+        operation: &'static str,
         /// The file.
         path: PathBuf,
         /// The error of the operating system.
         source: std::io::Error,
     },
     /// The database refused.
-    #[error("cannot {doing} the store {}: {problem}", path.display())]
+    #[error("cannot {operation} the store {}: {problem}", path.display())]
     Database {
         /// What was tried.
-        doing: &'static str,
+        operation: &'static str,
         /// The database.
         path: PathBuf,
         /// The error of SQLite.
@@ -87,7 +87,7 @@ pub enum StoreError {
     },
     /// The verification is already struck out.
     #[error("verification {number} of the store {} is already struck out, by {by}", path.display())]
-    StruckAlready {
+    AlreadyStruck {
         /// The database.
         path: PathBuf,
         /// Its number.
@@ -181,7 +181,7 @@ pub enum StoreError {
         corner: usize,
     },
     /// No such panel.
-    #[error("no panel '{name}' was taught; {}", known_names(nearest.as_deref(), known))]
+    #[error("no panel '{name}' was taught; {}", describe_known_names(nearest.as_deref(), known))]
     UnknownPanel {
         /// The requested name.
         name: String,
@@ -212,7 +212,7 @@ pub enum StoreError {
     },
     /// The person has already signed the record with this meaning.
     #[error("{name} has already signed the record of cycle {cycle} as {meaning}, {at}")]
-    SignedAlready {
+    AlreadySigned {
         /// Who.
         name: String,
         /// The cycle.
@@ -251,11 +251,11 @@ pub enum StoreError {
 
 impl StoreError {
     pub(super) fn database(doing: &'static str, path: &Path, error: &rusqlite::Error) -> Self {
-        StoreError::Database { doing, path: path.to_owned(), problem: error.to_string() }
+        StoreError::Database { operation: doing, path: path.to_owned(), problem: error.to_string() }
     }
 }
 
-fn known_names(nearest: Option<&str>, known: &[String]) -> String {
+fn describe_known_names(nearest: Option<&str>, known: &[String]) -> String {
     match (nearest, known) {
         (_, []) => "the store contains no taught panel: run panelprep teach first".to_owned(),
         (Some(nearest), _) => format!("did you mean '{nearest}'? Taught panels: {}", known.join(", ")),

@@ -1,7 +1,7 @@
 //! The time at which each finding was stored. A row is written in the transaction of its finding; findings of
 //! earlier versions of this program have none.
 
-use super::commit::{Failed, Writing};
+use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::Store;
 use super::error::StoreError;
 use crate::record::CycleId;
@@ -14,7 +14,11 @@ pub(super) const TABLES: &str = "
 ";
 
 /// Writes the time at which a finding was stored. Part of the finding's transaction.
-pub(super) fn insert(writing: &mut Writing<'_>, finding: i64, unix_ms: i64) -> Result<(), Failed> {
+pub(super) fn insert(
+    writing: &mut WriteTransaction<'_>,
+    finding: i64,
+    unix_ms: i64,
+) -> Result<(), TransactionFailure> {
     let sql = "INSERT INTO finding_times (finding_id, unix_ms) VALUES (?1, ?2)";
     writing.execute(sql, [finding, unix_ms])?;
     writing.chain("finding_times", finding)
@@ -37,6 +41,6 @@ impl Store {
             };
             self.connection.prepare_cached(sql)?.query_map([cycle.0], |row| row.get(0))?.collect()
         };
-        read().map_err(|error| self.failed("read the times of findings in", &error))
+        read().map_err(|error| self.database_error("read the times of findings in", &error))
     }
 }

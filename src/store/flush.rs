@@ -3,7 +3,7 @@
 //!
 //! A file that was created, renamed or removed keeps this state after a power cut only when its folder is flushed.
 
-use super::database_files::log_of;
+use super::database_files::log_path;
 use super::error::StoreError;
 use std::fs::File;
 use std::io::{Error, ErrorKind};
@@ -23,12 +23,12 @@ pub(super) fn names(folder: &Path) -> Result<(), Error> {
 ///
 /// # Errors
 /// If the disk refuses; a missing file is no error.
-pub(super) fn left_behind(database: &Path) -> Result<(), StoreError> {
-    let log = log_of(database);
+pub(super) fn flush_after_kill(database: &Path) -> Result<(), StoreError> {
+    let log = log_path(database);
     for file in database.parent().into_iter().chain([log.as_path()]) {
         match File::open(file).and_then(|file| file.sync_all()) {
             Err(source) if source.kind() != ErrorKind::NotFound => {
-                return Err(StoreError::File { doing: "flush", path: file.to_owned(), source });
+                return Err(StoreError::File { operation: "flush", path: file.to_owned(), source });
             }
             _ => {}
         }

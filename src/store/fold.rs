@@ -6,20 +6,21 @@ use crate::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
 /// How a motion ended.
-pub(super) type Closed = (Motion, Outcome, u32);
+pub(super) type MotionEnd = (Motion, Outcome, u32);
 
 /// The content of a journal about motions and cycles, as far as it was read.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct JournalFold {
     pub(super) state: State,
-    pub(super) closed: Option<Closed>,
+    pub(super) closed: Option<MotionEnd>,
     pub(super) concluded: Option<(Option<CycleId>, Verdict)>,
     pub(super) cycle: Option<CycleId>,
 }
 
 impl JournalFold {
-    pub const NEW: JournalFold = JournalFold { state: State::NEW, closed: None, concluded: None, cycle: None };
+    pub const INITIAL: JournalFold =
+        JournalFold { state: State::INITIAL, closed: None, concluded: None, cycle: None };
 
     pub fn step(&mut self, event: Event, cycle: Option<CycleId>) {
         let (state, effects) = step(self.state, event);
@@ -40,7 +41,7 @@ impl JournalFold {
     }
 
     /// Returns the state after the next start of the program.
-    pub fn rested(&self) -> State {
+    pub fn after_restart(&self) -> State {
         step(self.state, Event::Reported(Report::Boot)).0
     }
 }

@@ -13,7 +13,7 @@ pub(super) const PICTURES_MB: u64 = 64;
 
 /// Whether the disk is full, as detected by the store's writers. Clones share the same state.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Fullness(Arc<FullnessState>);
+pub(super) struct DiskFullness(Arc<FullnessState>);
 
 #[derive(Debug, Default)]
 struct FullnessState {
@@ -22,34 +22,34 @@ struct FullnessState {
     dropped: AtomicU64,
 }
 
-impl Fullness {
-    pub fn fill(&self) {
+impl DiskFullness {
+    pub fn mark_full(&self) {
         self.0.is_full.store(true, Ordering::Relaxed);
     }
 
-    pub fn is_full(&self) -> bool {
+    pub fn is_disk_full(&self) -> bool {
         self.0.is_full.load(Ordering::Relaxed)
     }
 
-    pub fn is_over(&self) {
+    pub fn clear_full(&self) {
         self.0.is_full.store(false, Ordering::Relaxed);
     }
 
     /// The number of pictures dropped since the last call.
-    pub fn take_dropped(&self) -> u64 {
+    pub fn take_dropped_count(&self) -> u64 {
         self.0.dropped.swap(0, Ordering::Relaxed)
     }
 
     /// Stores a picture, or drops it if the disk is full: the remaining space is for the journal.
-    pub fn put_picture(&self, blobs: &Blobs, bytes: &[u8]) -> Result<Option<String>, StoreError> {
-        if !self.is_full() && is_too_full_for_pictures(blobs.store()) {
-            self.fill();
+    pub fn store_picture(&self, blobs: &Blobs, bytes: &[u8]) -> Result<Option<String>, StoreError> {
+        if !self.is_disk_full() && is_too_full_for_pictures(blobs.store()) {
+            self.mark_full();
         }
         // A lost picture is counted and reported; a lost line of the journal would end the cell.
-        let kept = if self.is_full() { Ok(None) } else { blobs.put(bytes).map(Some) };
+        let kept = if self.is_disk_full() { Ok(None) } else { blobs.store_bytes(bytes).map(Some) };
         let kept = match kept {
             Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::StorageFull => {
-                self.fill();
+                self.mark_full();
                 Ok(None)
             }
             kept => kept,
@@ -68,18 +68,18 @@ fn is_too_full_for_pictures(folder: &Path) -> bool {
 
 /// Stores files for a store's writer.
 #[derive(Debug)]
-pub struct BlobWriter(Blobs, Fullness);
+pub struct BlobWriter(Blobs, DiskFullness);
 
 impl BlobWriter {
-    pub(super) fn new(blobs: &Blobs, fullness: &Fullness) -> Self {
+    pub(super) fn new(blobs: &Blobs, fullness: &DiskFullness) -> Self {
         BlobWriter(blobs.clone(), fullness.clone())
     }
 
-    /// As [`Store::put_picture`](super::Store::put_picture).
+    /// As [`Store::store_picture`](super::Store::store_picture).
     ///
     /// # Errors
     /// If the file cannot be written for a reason other than a full disk, or exists already and is damaged.
-    pub fn put_picture(&self, bytes: &[u8]) -> Result<Option<String>, StoreError> {
-        self.1.put_picture(&self.0, bytes)
+    pub fn store_picture(&self, bytes: &[u8]) -> Result<Option<String>, StoreError> {
+        self.1.store_picture(&self.0, bytes)
     }
 }

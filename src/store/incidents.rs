@@ -23,7 +23,7 @@ pub struct Incident {
 
 impl Store {
     /// Stores the changes that were found.
-    pub(super) fn keep_incident(&mut self, found: &[String]) -> Result<(), StoreError> {
+    pub(super) fn store_incident(&mut self, found: &[String]) -> Result<(), StoreError> {
         let (at_unix_s, found) = (self.unix_s(), self.text(&found)?);
         self.commit("write an incident to", |writing| {
             writing
@@ -41,7 +41,9 @@ impl Store {
             let mut rows = self.connection.prepare("SELECT at_unix_s, found FROM incidents ORDER BY id")?;
             rows.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         };
-        let rows = read().map_err(|error| self.failed("read the incidents of", &error))?;
-        rows.into_iter().map(|(at_unix_s, found)| Ok(Incident { at_unix_s, found: self.parsed(&found)? })).collect()
+        let rows = read().map_err(|error| self.database_error("read the incidents of", &error))?;
+        rows.into_iter()
+            .map(|(at_unix_s, found)| Ok(Incident { at_unix_s, found: self.parse_stored(&found)? }))
+            .collect()
     }
 }

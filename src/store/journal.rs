@@ -4,7 +4,7 @@
 //! inserted line is detected when the journal is read. The store's chain (see `chain`) covers it too.
 
 use super::checkpoints;
-use super::commit::{Failed, Writing};
+use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
 use super::fold::JournalFold;
@@ -39,14 +39,14 @@ impl Line {
         Ok(Line { sequence, cycle, unix_ms, event: row.get(3)?, chain: row.get(4)? })
     }
 
-    fn chained(&self, before: &str) -> String {
+    fn chain_hash(&self, before: &str) -> String {
         let Line { sequence, cycle, unix_ms, event, .. } = self;
         content_hash(format!("{before} {sequence} {cycle:?} {unix_ms} {event}").as_bytes())[..16].to_owned()
     }
 }
 
 /// The chain's value before the first line.
-const BEGIN: &str = "";
+const CHAIN_START: &str = "";
 
 impl Store {
     /// Commits an event to the disk and returns its sequence number, from 1. To be called before the event's
@@ -55,8 +55,8 @@ impl Store {
     /// # Errors
     /// If it cannot be written. Then nothing more is appended until the store is opened anew.
     pub fn append(&mut self, event: &Event, cycle: Option<CycleId>) -> Result<u64, StoreError> {
-        self.writable()?;
-        if self.journal_in_doubt {
+        self.require_writable()?;
+        if self.is_journal_in_doubt {
             return Err(StoreError::JournalInDoubt { path: self.path().to_owned() });
         }
         let unix_ms = unix_ms(self.clock());
@@ -65,16 +65,16 @@ impl Store {
         let line = Line { sequence: 0, cycle: number, unix_ms, event: text, chain: String::new() };
         // The folded state of the journal including this line.
         // On a copy: if the write fails, the state in memory must be that of the lines on the disk.
-        let folded = self.folded.clone().map(|mut folded| {
+        let folded = self.folded_state.clone().map(|mut folded| {
             folded.step(*event, cycle);
             folded
         });
         let told = folded.as_ref().map(|folded| self.text(folded)).transpose()?;
         let written = self.commit("write the journal of", |writing| write_line(writing, &line, told.as_deref()));
         // A full disk writes nothing; after any other failure it is unknown whether the line was written.
-        self.journal_in_doubt = matches!(&written, Err(error) if !matches!(error, StoreError::Full { .. }));
+        self.is_journal_in_doubt = matches!(&written, Err(error) if !matches!(error, StoreError::Full { .. }));
         if written.is_ok() {
-            self.folded = folded;
+            self.folded_state = folded;
         }
         written
     }
@@ -85,7 +85,7 @@ impl Store {
     /// If it cannot be read, or a line differs from the line that was written.
     pub fn journal(&self) -> Result<Vec<Event>, StoreError> {
         let mut events = Vec::new();
-        self.each_event((0, BEGIN.to_owned()), |event, _| events.push(event))?;
+        self.for_each_event((0, CHAIN_START.to_owned()), |event, _| events.push(event))?;
         Ok(events)
     }
 
@@ -98,22 +98,22 @@ impl Store {
     /// If the journal cannot be read, a line differs from the line that was written, or a motion is open that the
     /// journal does not contain.
     pub fn recover(&mut self) -> Result<State, StoreError> {
-        let (settled, last, tail) = self.folded()?;
+        let (settled, last, tail) = self.fold_from_checkpoint()?;
         // Rows that the last process did not write come before a new event, which may refer to them.
-        self.settle(&settled)?;
-        if self.writable().is_ok() {
+        self.write_missing_rows(&settled)?;
+        if self.require_writable().is_ok() {
             if tail > checkpoints::TAIL {
                 let told = self.text(&settled)?;
                 self.commit("write a checkpoint to", |writing| {
                     checkpoints::write(writing, (last.0, &last.1), &told)
                 })?;
             }
-            self.folded = Some(settled.clone());
-            if !std::mem::replace(&mut self.change_is_told, true) && !self.changed.is_empty() {
+            self.folded_state = Some(settled.clone());
+            if !std::mem::replace(&mut self.is_change_recorded, true) && !self.external_changes.is_empty() {
                 self.append(&Event::Reported(Report::StoreChanged), None)?;
             }
         }
-        Ok(self.folded.as_ref().unwrap_or(&settled).rested())
+        Ok(self.folded_state.as_ref().unwrap_or(&settled).after_restart())
     }
 
     /// Returns the folded state of the journal, without the start that follows.
@@ -121,9 +121,9 @@ impl Store {
     /// # Errors
     /// As [`Store::recover`].
     pub fn state(&self) -> Result<State, StoreError> {
-        match &self.folded {
+        match &self.folded_state {
             Some(folded) => Ok(folded.state()),
-            None => Ok(self.folded()?.0.state()),
+            None => Ok(self.fold_from_checkpoint()?.0.state()),
         }
     }
 
@@ -134,29 +134,29 @@ impl Store {
     pub fn lines(&self) -> Result<i64, StoreError> {
         let last =
             self.connection.query_row("SELECT coalesce(max(sequence), 0) FROM journal", [], |row| row.get(0));
-        last.map_err(|error| self.failed("read the journal of", &error))
+        last.map_err(|error| self.database_error("read the journal of", &error))
     }
 
     /// Folds the journal from the last checkpoint; returns the state, the last line and the number of lines read.
-    fn folded(&self) -> Result<(JournalFold, (i64, String), i64), StoreError> {
+    fn fold_from_checkpoint(&self) -> Result<(JournalFold, (i64, String), i64), StoreError> {
         let (mut settled, from) = match self.checkpoint()? {
             Some(checkpoint) => (checkpoint.settled, (checkpoint.sequence, checkpoint.journal_chain)),
-            None => (JournalFold::NEW, (0, BEGIN.to_owned())),
+            None => (JournalFold::INITIAL, (0, CHAIN_START.to_owned())),
         };
         let first = from.0;
-        let last = self.each_event(from, |event, cycle| settled.step(event, cycle))?;
+        let last = self.for_each_event(from, |event, cycle| settled.step(event, cycle))?;
         let tail = last.0 - first;
         Ok((settled, last, tail))
     }
 
     /// Calls `each` with each event after this line and its cycle, in order, with one line in memory at a time.
     /// Returns the last line and the chain at that line.
-    fn each_event(
+    fn for_each_event(
         &self,
         (after, mut before): (i64, String),
         mut each: impl FnMut(Event, Option<CycleId>),
     ) -> Result<(i64, String), StoreError> {
-        let failed = |error: rusqlite::Error| self.failed("read the journal of", &error);
+        let failed = |error: rusqlite::Error| self.database_error("read the journal of", &error);
         let mut lines = self
             .connection
             .prepare(
@@ -173,7 +173,7 @@ impl Store {
                     format!("the line is missing; the next line is {}", line.sequence),
                 ));
             }
-            if line.chained(&before) != line.chain {
+            if line.chain_hash(&before) != line.chain {
                 return Err(self.journal_problem(expected, "the line differs from what was written".to_owned()));
             }
             let event = serde_json::from_str(&line.event);
@@ -206,14 +206,18 @@ pub(super) fn fill(store: &mut Store, lines: u32) -> Result<(), StoreError> {
 
 /// Writes a line after the last one, and a checkpoint if one is due; `folded` is the journal's folded state
 /// afterwards.
-fn write_line(writing: &mut Writing<'_>, line: &Line, folded: Option<&str>) -> Result<u64, Failed> {
+fn write_line(
+    writing: &mut WriteTransaction<'_>,
+    line: &Line,
+    folded: Option<&str>,
+) -> Result<u64, TransactionFailure> {
     let last: Option<(i64, String)> = writing
         .prepare_cached("SELECT sequence, chain FROM journal ORDER BY sequence DESC LIMIT 1")?
         .query_row([], |row| Ok((row.get(0)?, row.get(1)?)))
         .optional()?;
-    let (sequence, before) = last.unwrap_or((0, BEGIN.to_owned()));
+    let (sequence, before) = last.unwrap_or((0, CHAIN_START.to_owned()));
     let line = Line { sequence: sequence + 1, event: line.event.clone(), chain: String::new(), ..*line };
-    let chain = line.chained(&before);
+    let chain = line.chain_hash(&before);
     writing
         .prepare_cached(
             "INSERT INTO journal (sequence, cycle_id, unix_ms, event, chain) VALUES (?1, ?2, ?3, ?4, ?5)",

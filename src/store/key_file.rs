@@ -18,7 +18,7 @@ const PUBLIC: &str = "record-key.pub.pem";
 
 /// The location of the private key's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum KeyPlace {
+pub enum KeyLocation {
     /// In the store's folder.
     InStore,
     /// This file, which is created if it does not exist.
@@ -32,20 +32,20 @@ pub enum KeyPlace {
 ///
 /// # Errors
 /// If the file cannot be read or made, holds no ed25519 key, or may be read by others than its owner.
-pub fn cell_key(store: &Path, place: &KeyPlace) -> Result<CellKey, StoreError> {
+pub fn cell_key(store: &Path, place: &KeyLocation) -> Result<CellKey, StoreError> {
     let (file, may_be_made) = match place {
-        KeyPlace::InStore => (store.join(PRIVATE), true),
-        KeyPlace::File(file) => (file.clone(), true),
-        KeyPlace::Provided(file) => (file.clone(), false),
+        KeyLocation::InStore => (store.join(PRIVATE), true),
+        KeyLocation::File(file) => (file.clone(), true),
+        KeyLocation::Provided(file) => (file.clone(), false),
     };
     let key = match fs::read_to_string(&file) {
         Ok(pem) => {
             if may_be_made {
-                is_private(&file)?;
+                check_private(&file)?;
             }
-            CellKey::read(&pem).map_err(|source| signing(&file, source))?
+            CellKey::read(&pem).map_err(|source| key_error(&file, source))?
         }
-        Err(error) if error.kind() == ErrorKind::NotFound && may_be_made => made(&file)?,
+        Err(error) if error.kind() == ErrorKind::NotFound && may_be_made => create_key_file(&file)?,
         Err(error) => return Err(file_error("read", &file)(error)),
     };
     publish(store, &key)?;
@@ -59,11 +59,11 @@ pub fn cell_key(store: &Path, place: &KeyPlace) -> Result<CellKey, StoreError> {
 pub fn public_keys(store: &Path) -> Result<Vec<PublicKey>, StoreError> {
     let file = store.join(PUBLIC);
     let pem = fs::read_to_string(&file).map_err(file_error("read", &file))?;
-    PublicKey::read_all(&pem).map_err(|source| signing(&file, source))
+    PublicKey::parse_all(&pem).map_err(|source| key_error(&file, source))
 }
 
 /// Checks that only the owner can read the key: another reader could sign in the cell's name.
-fn is_private(file: &Path) -> Result<(), StoreError> {
+fn check_private(file: &Path) -> Result<(), StoreError> {
     let mode = fs::metadata(file).map_err(file_error("look at", file))?.mode() & 0o777;
     if mode & 0o077 == 0 {
         return Ok(());
@@ -77,17 +77,17 @@ fn is_private(file: &Path) -> Result<(), StoreError> {
 
 /// Creates the key's file under a temporary name and renames it, so that the key is complete or absent. If another
 /// process has created a key first, that key is used.
-fn made(file: &Path) -> Result<CellKey, StoreError> {
+fn create_key_file(file: &Path) -> Result<CellKey, StoreError> {
     let bytes = random::bytes().map_err(file_error("make", file))?;
-    let key = CellKey::of_random(&bytes);
-    let pem = key.pem().map_err(|source| signing(file, source))?;
+    let key = CellKey::from_random_bytes(&bytes);
+    let pem = key.to_pem().map_err(|source| key_error(file, source))?;
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(file_error("create", folder))?;
-    match written(folder, &pem).map_err(file_error("make", file))?.persist_noclobber(file) {
+    match write_temporary(folder, &pem).map_err(file_error("make", file))?.persist_noclobber(file) {
         Ok(_) => flush::names(folder).map(|()| key).map_err(file_error("make", file)),
         Err(error) if error.error.kind() == ErrorKind::AlreadyExists => {
             let pem = fs::read_to_string(file).map_err(file_error("read", file))?;
-            CellKey::read(&pem).map_err(|source| signing(file, source))
+            CellKey::read(&pem).map_err(|source| key_error(file, source))
         }
         Err(error) => Err(file_error("make", file)(error.error)),
     }
@@ -95,7 +95,7 @@ fn made(file: &Path) -> Result<CellKey, StoreError> {
 
 /// Writes a temporary file of this folder, complete and flushed, which only its owner can read; it does not have
 /// its final name yet.
-fn written(folder: &Path, text: &str) -> io::Result<NamedTempFile> {
+fn write_temporary(folder: &Path, text: &str) -> io::Result<NamedTempFile> {
     let mut file = NamedTempFile::new_in(folder)?;
     file.write_all(text.as_bytes())?;
     file.as_file().sync_all()?;
@@ -110,13 +110,13 @@ fn publish(store: &Path, key: &CellKey) -> Result<(), StoreError> {
         Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
         Err(error) => return Err(file_error("read", &file)(error)),
     };
-    if PublicKey::read_all(&before).is_ok_and(|keys| keys.contains(&key.public())) {
+    if PublicKey::parse_all(&before).is_ok_and(|keys| keys.contains(&key.public_key())) {
         return Ok(());
     }
-    let pem = key.public().pem().map_err(|source| signing(&file, source))?;
+    let pem = key.public_key().to_pem().map_err(|source| key_error(&file, source))?;
     let write = || {
         fs::create_dir_all(store)?;
-        let written = written(store, &format!("{pem}{before}"))?;
+        let written = write_temporary(store, &format!("{pem}{before}"))?;
         // The public key verifies the cell's signatures: every user may read it.
         written.as_file().set_permissions(Permissions::from_mode(0o644))?;
         written.persist(&file).map_err(|error| error.error).map(drop)
@@ -124,10 +124,10 @@ fn publish(store: &Path, key: &CellKey) -> Result<(), StoreError> {
     write().map_err(file_error("write", &file))
 }
 
-fn signing(file: &Path, source: SigningError) -> StoreError {
+fn key_error(file: &Path, source: SigningError) -> StoreError {
     StoreError::Signing { path: file.to_owned(), source }
 }
 
 fn file_error<'p>(doing: &'static str, path: &'p Path) -> impl Fn(io::Error) -> StoreError + 'p {
-    move |source| StoreError::File { doing, path: path.to_owned(), source }
+    move |source| StoreError::File { operation: doing, path: path.to_owned(), source }
 }

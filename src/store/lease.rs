@@ -14,11 +14,11 @@ const FILE: &str = "panelprep.lock";
 
 /// The right to write, until the lease is dropped.
 #[derive(Debug)]
-pub struct Lease {
+pub struct WriteLease {
     locked: File,
 }
 
-impl Lease {
+impl WriteLease {
     /// Acquires the lock; every other writer is refused until it is dropped.
     ///
     /// # Errors
@@ -26,7 +26,7 @@ impl Lease {
     pub fn acquire(store: &Path) -> Result<Self, StoreError> {
         let at = |doing| {
             let path = store.to_owned();
-            move |source| StoreError::File { doing, path, source }
+            move |source| StoreError::File { operation: doing, path, source }
         };
         let folder = File::open(store).map_err(at("open"))?;
         match folder.try_lock() {
@@ -43,11 +43,11 @@ impl Lease {
             // Without this file, only a message is less exact; the service must start on a full disk, too.
             tracing::warn!("{} cannot be written: {error}", store.join(FILE).display());
         }
-        Ok(Lease { locked: folder })
+        Ok(WriteLease { locked: folder })
     }
 }
 
-impl Drop for Lease {
+impl Drop for WriteLease {
     /// Unlocks explicitly instead of by closing the file. A child process between its fork and its exec still has a
     /// copy of the descriptor, and with it the lock.
     fn drop(&mut self) {

@@ -62,25 +62,25 @@ mod verifications;
 mod verify;
 
 pub use blobs::{Blobs, free_mb};
-pub use copy::{BLOBS, Copied, ROW_FILES};
+pub use copy::{BLOBS, CopiedStore, ROW_FILES};
 pub use cycles::CycleStart;
 pub use database::Store;
 pub use error::StoreError;
 pub use fullness::BlobWriter;
 pub use incidents::Incident;
-pub use key_file::{KeyPlace, cell_key, public_keys};
-pub use lease::Lease;
+pub use key_file::{KeyLocation, cell_key, public_keys};
+pub use lease::WriteLease;
 pub use lost_count::LostCount;
 pub use part_passes::PassesOfCycle;
 pub use past_cycles::CycleCounts;
 pub use people::NumberedEntry;
-pub use prune::Pruned;
+pub use prune::PrunedFiles;
 pub use requests::NumberedRequest;
 pub use restores::Restore;
-pub use signatures::{PersonSigns, SignatureRow};
-pub use teaching::{Taught, TaughtCorner, Teaching};
+pub use signatures::{PersonSigningRequest, SignatureRow};
+pub use teaching::{StoredTeaching, TaughtCorner, TeachingInputs};
 pub use verifications::calibration_hash;
-pub use verify::Verified;
+pub use verify::StoreVerification;
 
 #[cfg(test)]
 pub(crate) mod tests;

@@ -30,7 +30,7 @@ impl Store {
     /// # Errors
     /// If it cannot be written, or a motion is open already.
     pub fn open_intent(&mut self, motion: &Motion, cycle: Option<CycleId>) -> Result<(), StoreError> {
-        self.writable()?;
+        self.require_writable()?;
         let text = self.text(motion)?;
         self.commit("write a motion to", |writing| {
             writing.execute(
@@ -46,7 +46,7 @@ impl Store {
     /// # Errors
     /// If it cannot be written, or this motion is not the open one.
     pub fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), StoreError> {
-        self.writable()?;
+        self.require_writable()?;
         let (text, outcome) = (self.text(motion)?, self.text(&outcome)?);
         self.commit("write a motion to", |writing| {
             let sql =
@@ -73,19 +73,19 @@ impl Store {
             .connection
             .query_row("SELECT motion, outcome, done FROM motions WHERE outcome IS NULL", [], texts)
             .optional()
-            .map_err(|error| self.failed("read the motions of", &error))?;
+            .map_err(|error| self.database_error("read the motions of", &error))?;
         Ok(open.map(|row| self.motion(&row)).transpose()?.map(|record| record.motion))
     }
 
     /// Writes the rows that the last process did not write: the effects of its last event.
-    pub(super) fn settle(&mut self, settled: &JournalFold) -> Result<(), StoreError> {
+    pub(super) fn write_missing_rows(&mut self, settled: &JournalFold) -> Result<(), StoreError> {
         let expected = settled.state.intent.map(|intent| intent.motion);
         let mut open = self.open_motion()?;
         if let Some(motion) = open.filter(|motion| Some(*motion) != expected) {
             let closed = settled.closed.filter(|(closed, ..)| *closed == motion);
             // If lines of the journal were removed, a person ends the motion, with the clear that the store then
             // requires.
-            let cleared = (!self.changed.is_empty()).then_some((motion, Outcome::Cleared, 0));
+            let cleared = (!self.external_changes.is_empty()).then_some((motion, Outcome::Cleared, 0));
             let Some((_, outcome, done)) = closed.or(cleared) else {
                 return Err(self.journal_problem(
                     0,
@@ -124,15 +124,15 @@ impl Store {
         Ok(())
     }
 
-    pub(super) fn motion(&self, (motion, outcome, done): &Texts) -> Result<MotionRecord, StoreError> {
-        let outcome = outcome.as_deref().map(|text| self.parsed(text)).transpose()?;
-        Ok(MotionRecord { motion: self.parsed(motion)?, outcome, done: *done, contact: None })
+    pub(super) fn motion(&self, (motion, outcome, done): &StoredMotionTexts) -> Result<MotionRecord, StoreError> {
+        let outcome = outcome.as_deref().map(|text| self.parse_stored(text)).transpose()?;
+        Ok(MotionRecord { motion: self.parse_stored(motion)?, outcome, done: *done, contact: None })
     }
 }
 
 /// A motion, its outcome and its number of executed waypoints, as stored.
-pub(super) type Texts = (String, Option<String>, u32);
+pub(super) type StoredMotionTexts = (String, Option<String>, u32);
 
-pub(super) fn texts(row: &Row<'_>) -> Result<Texts, rusqlite::Error> {
+pub(super) fn texts(row: &Row<'_>) -> Result<StoredMotionTexts, rusqlite::Error> {
     Ok((row.get(0)?, row.get(1)?, row.get(2)?))
 }

@@ -3,12 +3,12 @@
 use super::blobs::Blobs;
 use super::chain::{self, ChainPosition};
 use super::database::{DATABASE, Store};
-use super::database_files::{file_hash, log_of};
+use super::database_files::{file_hash, log_path};
 use super::error::StoreError;
-use super::fullness::Fullness;
+use super::fullness::DiskFullness;
 use super::head::{self, Head, HeadFile};
-use super::lease::Lease;
-use super::reserve::{self, Reserve};
+use super::lease::WriteLease;
+use super::reserve::{self, ReserveFile};
 use super::steps::Steps;
 use super::{copy, flush, parts, schema};
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
@@ -34,8 +34,8 @@ impl Store {
         if schema::version(&connection, &path)? == 0 {
             return Err(StoreError::Missing { path: folder.to_owned() });
         }
-        schema::check(&connection, &path)?;
-        Ok(Store::new((connection, Blobs::at(folder)), folder))
+        schema::check_pages(&connection, &path)?;
+        Ok(Store::new((connection, Blobs::open_for_reading(folder)), folder))
     }
 
     /// Opens the store in this folder for writing, as the only writer. An empty or absent folder becomes a new store.
@@ -46,67 +46,71 @@ impl Store {
     /// If another process writes to it, the folder cannot be written, its disk is full, or the store is damaged, or
     /// belongs to a newer program or to another one.
     pub fn create(folder: &Path) -> Result<Self, StoreError> {
-        let opened = match Store::begin(folder) {
+        let opened = match Store::create_store(folder) {
             // A full disk must not keep the cell from starting: the reserve holds the space for opening and for an
             // orderly end.
-            Err(error) if is_full(&error, folder) && Reserve::new(folder).release() => Store::begin(folder),
+            Err(error) if is_open_failure_full(&error, folder) && ReserveFile::new(folder).release() => {
+                Store::create_store(folder)
+            }
             opened => opened,
         };
-        opened.map_err(|error| if is_full(&error, folder) { reserve::full(folder) } else { error })
+        opened.map_err(
+            |error| if is_open_failure_full(&error, folder) { reserve::disk_full_error(folder) } else { error },
+        )
     }
 
     /// Opens a store for signing, beside its writer, if it has one. Signing does not handle a change made outside this
     /// program: a head that contradicts the rows must stay as it is until the next start has checked it.
     pub(super) fn for_signing(folder: &Path) -> Result<Self, StoreError> {
-        let store = Store::beside_the_writer(folder)?;
+        let store = Store::open_beside_writer(folder)?;
         let version = schema::version(&store.connection, store.path())?;
         if version < schema::SCHEMA {
             return Err(StoreError::Older { path: folder.to_owned(), found: version, known: schema::SCHEMA });
         }
-        let (told, last) = match head::read_beside(folder, || chain::last(&store.connection)) {
+        let (told, last) = match head::read_locked(folder, || chain::last_link(&store.connection)) {
             Ok((told, last)) => (Ok(told), last),
-            Err(error) => (Err(error), chain::last(&store.connection)),
+            Err(error) => (Err(error), chain::last_link(&store.connection)),
         };
-        let last = last.map_err(|error| store.failed("read the chain of", &error))?;
-        match store.contradictions(told, last)?.first() {
+        let last = last.map_err(|error| store.database_error("read the chain of", &error))?;
+        match store.end_contradictions(told, last)?.first() {
             None => Ok(store),
             Some(words) => Err(StoreError::Damaged { path: store.path().to_owned(), problem: words.clone() }),
         }
     }
 
-    fn begin(folder: &Path) -> Result<Self, StoreError> {
+    fn create_store(folder: &Path) -> Result<Self, StoreError> {
         let blobs = Blobs::create(folder)?;
         // Before anything is read: a second writer would find a head that the first one is about to change, and report
         // it as damage.
-        let lease = Lease::acquire(folder)?;
+        let lease = WriteLease::acquire(folder)?;
         let path = folder.join(DATABASE);
         // What the last process wrote but did not flush is flushed first: a power cut after this start could otherwise
         // still lose it.
-        flush::left_behind(&path)?;
+        flush::flush_after_kill(&path)?;
         let told = head::read(folder);
         let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);
         let connection = Connection::open(&path).map_err(failed)?;
         let version = schema::version(&connection, &path)?;
-        schema::check(&connection, &path)?;
+        schema::check_pages(&connection, &path)?;
         if (1..schema::SCHEMA).contains(&version) {
-            let kept = copy::keep_earlier(&connection, folder, version)?;
+            let kept = copy::keep_earlier_version(&connection, folder, version)?;
             tracing::info!("the store's tables are updated; a copy of the old ones is kept in {}", kept.display());
         }
         schema::prepare(&connection).map_err(failed)?;
-        let head = HeadFile::open(folder).map_err(|error| at_head(folder, error))?;
+        let head = HeadFile::open(folder).map_err(|error| head_error(folder, error))?;
         let mut store = Store::new((connection, blobs), folder);
         (store.lease, store.head) = (Some(lease), Some(head));
-        let found = store.raise(version).map_err(failed)?.map_err(|error| at_head(folder, error))?;
-        store.changed = store.unexplained(told, found)?;
-        if store.changed.is_empty() {
+        let found = store.raise(version).map_err(failed)?.map_err(|error| head_error(folder, error))?;
+        store.external_changes = store.head_contradictions(told, found)?;
+        if store.external_changes.is_empty() {
             // Only if nothing contradicts it: a new head would remove the evidence that rows are missing.
-            store.settle_head(found).map_err(|error| at_head(folder, error))?;
+            store.update_head(found).map_err(|error| head_error(folder, error))?;
         } else {
-            store.changed.iter().for_each(|words| tracing::warn!("the store was changed: {words}"));
+            store.external_changes.iter().for_each(|words| tracing::warn!("the store was changed: {words}"));
             // The journal is written first, for every purpose of opening: a stored incident is not reported again,
             // and a cell with an incident must rest in Aborted until a person clears it.
             store.recover()?;
-            store.keep_incident(&store.changed.clone())?;
+            store.store_incident(&store.external_changes.clone())?;
             // The office may already have the numbers of the missing rows.
             store.begin_epoch("rows of the store were changed or are missing")?;
         }
@@ -114,10 +118,10 @@ impl Store {
         if let Err(error) = store.reserve.allocate() {
             tracing::warn!("the reserve for a full disk could not be created in {}: {error}", folder.display());
             if error.kind() == std::io::ErrorKind::StorageFull {
-                store.fullness.fill();
+                store.fullness.mark_full();
                 // Without space for the journal no cycle may begin, and the store may not be opened.
-                if reserve::is_too_full_for_the_journal(folder) {
-                    return Err(reserve::full(folder));
+                if reserve::is_too_full_for_journal(folder) {
+                    return Err(reserve::disk_full_error(folder));
                 }
             }
         }
@@ -131,12 +135,12 @@ impl Store {
             blobs,
             lease: None,
             head: None,
-            journal_in_doubt: false,
-            folded: None,
-            changed: Vec::new(),
-            change_is_told: false,
-            reserve: Reserve::new(folder),
-            fullness: Fullness::default(),
+            is_journal_in_doubt: false,
+            folded_state: None,
+            external_changes: Vec::new(),
+            is_change_recorded: false,
+            reserve: ReserveFile::new(folder),
+            fullness: DiskFullness::default(),
             clock: SystemTime::now,
             steps: Steps::default(),
         }
@@ -144,9 +148,9 @@ impl Store {
 
     /// Brings the tables up to date and returns the chain's previous position: the beginning if there was none.
     fn raise(&mut self, version: i64) -> Result<Result<ChainPosition, std::io::Error>, rusqlite::Error> {
-        let Some(head) = &self.head else { return Ok(Ok(ChainPosition::BEGIN)) };
+        let Some(head) = &self.head else { return Ok(Ok(ChainPosition::START)) };
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        let before = if version < schema::CHAINED { ChainPosition::BEGIN } else { chain::last(&transaction)? };
+        let before = if version < schema::CHAINED { ChainPosition::START } else { chain::last_link(&transaction)? };
         let Some(after) = schema::raise(&transaction)? else { return Ok(Ok(before)) };
         parts::fill_missing(&transaction, &self.blobs)?;
         // A head that has content is checked before it is overwritten.
@@ -160,24 +164,24 @@ impl Store {
 
     /// Returns contradictions between the chain's end and the head, and between recently written rows and the
     /// chain. Stored incidents are not reported again.
-    fn unexplained(
+    fn head_contradictions(
         &self,
-        told: Result<Option<head::Read>, std::io::Error>,
+        told: Result<Option<head::HeadRead>, std::io::Error>,
         found: ChainPosition,
     ) -> Result<Vec<String>, StoreError> {
-        let mut changed = self.contradictions(told, found)?;
-        changed.extend(self.changed_lately()?);
+        let mut changed = self.end_contradictions(told, found)?;
+        changed.extend(self.recent_contradictions()?);
         let known: Vec<String> = self.incidents()?.into_iter().flat_map(|incident| incident.found).collect();
         changed.retain(|words| !known.contains(words));
         Ok(changed)
     }
 
-    fn settle_head(&self, found: ChainPosition) -> Result<(), std::io::Error> {
+    fn update_head(&self, found: ChainPosition) -> Result<(), std::io::Error> {
         let Some(head) = &self.head else { return Ok(()) };
         let _turn = head.acquire_turn()?;
         // Another process may have stored a verification meanwhile.
-        let at = chain::last(&self.connection).unwrap_or(found);
-        head.settle(at)
+        let at = chain::last_link(&self.connection).unwrap_or(found);
+        head.write_position(at)
     }
 }
 
@@ -185,8 +189,12 @@ impl Drop for Store {
     /// The last writer leaves a database without a log, and the database's hash in the head.
     fn drop(&mut self) {
         let (Some(_), Some(head)) = (&self.lease, &self.head) else { return };
-        let Ok(last) = chain::last(&self.connection) else { return };
-        let Ok(Some(head::Read { head: Head { at, next, .. }, .. })) = head::read(self.folder()) else { return };
+        let Ok(last) = chain::last_link(&self.connection) else { return };
+        let Ok(Some(head::HeadRead { head: Head { position: at, next_position: next, .. }, .. })) =
+            head::read(self.folder())
+        else {
+            return;
+        };
         let path = self.path().to_owned();
         let Ok(nothing) = Connection::open_in_memory() else { return };
         // The hash of a database that did not close, or that has other rows than the head states, would explain a wrong
@@ -195,7 +203,7 @@ impl Drop for Store {
             return;
         }
         // If another connection is open, the log stays, and the file alone is not the database.
-        let is_log_left = log_of(&path).exists();
+        let is_log_left = log_path(&path).exists();
         if is_log_left && next.is_some() {
             // A commit failed at the disk, and so did closing the database. The commit's lines may still be in the
             // log, and then the next start finds them. The head continues to state this.
@@ -210,16 +218,16 @@ impl Drop for Store {
     }
 }
 
-fn at_head(folder: &Path, source: std::io::Error) -> StoreError {
-    StoreError::File { doing: "write the head", path: folder.join(head::FILE), source }
+fn head_error(folder: &Path, source: std::io::Error) -> StoreError {
+    StoreError::File { operation: "write the head", path: folder.join(head::FILE), source }
 }
 
 /// Returns whether a store cannot be opened because its disk is full.
-fn is_full(error: &StoreError, folder: &Path) -> bool {
+fn is_open_failure_full(error: &StoreError, folder: &Path) -> bool {
     match error {
         StoreError::Full { .. } => true,
         StoreError::File { source, .. } => source.kind() == std::io::ErrorKind::StorageFull,
-        StoreError::Database { .. } => reserve::nothing_left(folder),
+        StoreError::Database { .. } => reserve::has_no_space(folder),
         _ => false,
     }
 }

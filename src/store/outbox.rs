@@ -7,12 +7,12 @@
 //! epoch. The progress of sending is not a row of the store (see `daemon/office`).
 
 use super::chain;
-use super::commit::{Failed, Writing};
+use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
 use super::prune;
 use crate::calib::health::Verification;
-use crate::office::{Body, CycleEnd, Envelope, Kind, Listed, NamedFile, Position, VerificationSeen};
+use crate::office::{Body, CycleEnd, ItemEnvelope, Kind, ListEntry, NamedFile, Position, VerificationSeen};
 use crate::record::CycleId;
 use crate::signing::{self, SignedCycle, Statement};
 use rusqlite::{Connection, OptionalExtension, Row, params};
@@ -40,7 +40,7 @@ pub(super) const TABLES: &str = "
 const NEW_STORE: &str = "new store";
 /// Begins the first epoch and adds the rows of an earlier program, in their order. Part of a transaction, before
 /// the tables are added to a chain if there is none yet.
-pub(super) fn begin(connection: &Connection, is_chained: bool) -> Result<(), rusqlite::Error> {
+pub(super) fn begin_outbox(connection: &Connection, is_chained: bool) -> Result<(), rusqlite::Error> {
     connection.execute(
         "INSERT INTO outbox_epochs (epoch, unix_ms, why) VALUES (lower(hex(randomblob(16))), 0, ?1)",
         [NEW_STORE],
@@ -55,7 +55,7 @@ pub(super) fn begin(connection: &Connection, is_chained: bool) -> Result<(), rus
     if !is_chained {
         return Ok(());
     }
-    let mut last = chain::last(connection)?;
+    let mut last = chain::last_link(connection)?;
     for name in ["outbox_epochs", "outbox"] {
         let part = chain::part(name).ok_or_else(|| rusqlite::Error::InvalidColumnName(name.to_owned()))?;
         let ids: Vec<i64> = connection
@@ -70,12 +70,17 @@ pub(super) fn begin(connection: &Connection, is_chained: bool) -> Result<(), rus
 }
 
 /// Writes that this row must be sent to the office. Part of the transaction that writes the row.
-pub(super) fn insert(writing: &mut Writing<'_>, kind: Kind, row_key: i64, unix_ms: i64) -> Result<(), Failed> {
+pub(super) fn insert(
+    writing: &mut WriteTransaction<'_>,
+    kind: Kind,
+    row_key: i64,
+    unix_ms: i64,
+) -> Result<(), TransactionFailure> {
     writing.execute(
         "INSERT INTO outbox (epoch_id, number, kind, row_key, unix_ms)
          SELECT epoch_id, 1 + coalesce((SELECT max(number) FROM outbox WHERE outbox.epoch_id = last.epoch_id), 0), ?1, ?2, ?3
          FROM (SELECT max(id) AS epoch_id FROM outbox_epochs) AS last",
-        params![kind.word(), row_key, unix_ms],
+        params![kind.keyword(), row_key, unix_ms],
     )?;
     writing.chain("outbox", writing.last_insert_rowid())
 }
@@ -117,15 +122,15 @@ impl Store {
             };
             self.connection.prepare_cached(sql)?.query_map([], position)?.collect()
         };
-        read().map_err(|error| self.failed("read the office's outbox from", &error))
+        read().map_err(|error| self.database_error("read the office's outbox from", &error))
     }
 
     /// The rows for the office after this position, within its epoch and in order, at most `most` rows.
     ///
     /// # Errors
     /// If it cannot be read, or a row or a file is damaged.
-    pub fn outbox_after(&self, after: &Position, most: usize) -> Result<Vec<Envelope>, StoreError> {
-        let failed = |error: rusqlite::Error| self.failed("read the office's outbox from", &error);
+    pub fn outbox_rows_after(&self, after: &Position, most: usize) -> Result<Vec<ItemEnvelope>, StoreError> {
+        let failed = |error: rusqlite::Error| self.database_error("read the office's outbox from", &error);
         let sql = format!("{ROWS} WHERE epoch = ?1 AND number > ?2 ORDER BY number LIMIT ?3");
         let mut statement = self.connection.prepare_cached(&sql).map_err(failed)?;
         let [after_number, most] = [after.number, most as u64].map(|it| i64::try_from(it).unwrap_or(i64::MAX));
@@ -148,7 +153,7 @@ impl Store {
                 .query_row(params![after.epoch, number], OutboxRow::from_row)
                 .optional()
         };
-        let row = read().map_err(|error| self.failed("read the office's outbox from", &error))?;
+        let row = read().map_err(|error| self.database_error("read the office's outbox from", &error))?;
         Ok(row.map(|row| row.unix_ms))
     }
 
@@ -156,15 +161,15 @@ impl Store {
     ///
     /// # Errors
     /// If it cannot be read, or a row or a file is damaged.
-    pub fn outbox_list(&self) -> Result<Vec<Listed>, StoreError> {
+    pub fn outbox_list(&self) -> Result<Vec<ListEntry>, StoreError> {
         let mut listed = Vec::new();
         for last in self.outbox_epochs()? {
             let mut after = Position { number: 0, ..last };
             loop {
-                let page = self.outbox_after(&after, 500)?;
+                let page = self.outbox_rows_after(&after, 500)?;
                 let Some(end) = page.last() else { break };
                 after = end.position.clone();
-                listed.extend(page.iter().map(Envelope::listed));
+                listed.extend(page.iter().map(ItemEnvelope::list_line));
             }
         }
         Ok(listed)
@@ -175,7 +180,7 @@ impl Store {
     /// # Errors
     /// If the store cannot be opened or written.
     pub fn renew_outbox(folder: &Path, why: &str) -> Result<(), StoreError> {
-        Store::for_one_row(folder)?.begin_epoch(why)
+        Store::open_for_one_row(folder)?.begin_epoch(why)
     }
 
     pub(super) fn begin_epoch(&mut self, why: &str) -> Result<(), StoreError> {
@@ -189,26 +194,26 @@ impl Store {
         })
     }
 
-    fn envelope(&self, row: OutboxRow) -> Result<Envelope, StoreError> {
+    fn envelope(&self, row: OutboxRow) -> Result<ItemEnvelope, StoreError> {
         let OutboxRow { position, kind, row_key, unix_ms } = row;
         let unknown = || StoreError::Unreadable {
             path: self.path().to_owned(),
             problem: format!("record {} of the office's outbox has the unknown kind \"{kind}\"", position.number),
         };
-        let body = match Kind::of_word(&kind).ok_or_else(unknown)? {
-            Kind::Cycle => self.cycle_end(CycleId(row_key))?,
+        let body = match Kind::from_keyword(&kind).ok_or_else(unknown)? {
+            Kind::Cycle => self.cycle_end_row(CycleId(row_key))?,
             Kind::Signature => self.signed_body(row_key)?,
             Kind::Verification => self.verification_body(row_key)?,
         };
-        Ok(Envelope { position, unix_ms, body })
+        Ok(ItemEnvelope { position, unix_ms, body })
     }
 
     /// Returns the end of a cycle, with only the content of the cycle's row: every program version that reads the row
     /// returns the same.
-    fn cycle_end(&self, id: CycleId) -> Result<Body, StoreError> {
+    fn cycle_end_row(&self, id: CycleId) -> Result<Body, StoreError> {
         let sql = "SELECT started_unix_s, ended_unix_s, panel, taught_version, recipe_hash, program_version, verdict, reasons
             FROM cycles WHERE id = ?1";
-        let part = self.part_of(id)?;
+        let part = self.cycle_part(id)?;
         let row = |row: &Row<'_>| {
             let reasons: String = row.get(7)?;
             let end = CycleEnd {
@@ -226,15 +231,15 @@ impl Store {
             Ok((end, reasons))
         };
         let read = self.connection.query_row(sql, [id.0], row);
-        let (end, reasons) = read.map_err(|error| self.failed("read a cycle of", &error))?;
-        let end = CycleEnd { reasons: self.parsed(&reasons)?, ..end };
+        let (end, reasons) = read.map_err(|error| self.database_error("read a cycle of", &error))?;
+        let end = CycleEnd { reasons: self.parse_stored(&reasons)?, ..end };
         self.canonical(&end).map(Body::Cycle)
     }
 
     fn signed_body(&self, number: i64) -> Result<Body, StoreError> {
         let row = self.signature(number)?;
         let statement = self.blob(&row.record_hash)?;
-        let read = Statement::read(&statement).map_err(|source| self.unsigned(source))?;
+        let read = Statement::read(&statement).map_err(|source| self.signing_error(source))?;
         let files = match &read.says {
             signing::StatementContent::Cycle(cycle) => self.files_for_office(cycle)?,
             signing::StatementContent::Person(_) => Vec::new(),
@@ -270,6 +275,6 @@ impl Store {
     }
 
     fn canonical(&self, value: &impl serde::Serialize) -> Result<Vec<u8>, StoreError> {
-        signing::canonical(value).map_err(|source| self.unsigned(source))
+        signing::canonical(value).map_err(|source| self.signing_error(source))
     }
 }

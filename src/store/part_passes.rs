@@ -2,7 +2,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
-use crate::record::{CycleId, CycleRecord, LostPasses, PartNames, passes, removed_bound_um};
+use crate::record::{CycleId, CycleRecord, LostPasses, PartNames, removed_bound_um, touching_passes};
 use rusqlite::{OptionalExtension, params};
 
 /// Number of abrasions of a part in one cycle.
@@ -27,7 +27,7 @@ pub(super) fn normalised_serial(serial: &str) -> String {
 impl Store {
     /// The part of a cycle, from the text that the cycle stores; `None` if none was named, or if that text is missing
     /// or damaged.
-    pub fn kept_part(&self, record: &CycleRecord) -> Option<PartNames> {
+    pub fn stored_part(&self, record: &CycleRecord) -> Option<PartNames> {
         let kept = record.files.iter().find(|file| file.name == PartNames::FILE)?;
         PartNames::read(&String::from_utf8(self.blob(&kept.hash).ok()?).ok()?)
     }
@@ -45,7 +45,9 @@ impl Store {
                 .query_row(params![cycle.0, LostPasses::FILE], |row| row.get(0))
                 .optional()
         };
-        let Some(hash) = read().map_err(|error| self.failed("read a cycle of", &error))? else { return Ok(0) };
+        let Some(hash) = read().map_err(|error| self.database_error("read a cycle of", &error))? else {
+            return Ok(0);
+        };
         let text = String::from_utf8(self.blob(&hash)?).unwrap_or_default();
         let stated = LostPasses::read(&text).ok_or_else(|| StoreError::Unreadable {
             path: self.path().to_owned(),
@@ -59,12 +61,12 @@ impl Store {
     ///
     /// # Errors
     /// If a cycle cannot be read.
-    pub fn passes_of_serial(
+    pub fn passes_by_serial(
         &self,
         serial: &str,
         before: Option<CycleId>,
     ) -> Result<Vec<PassesOfCycle>, StoreError> {
-        self.with_parts()?;
+        self.ensure_parts_table()?;
         let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
             let sql = "SELECT cycle_id, serial FROM cycle_parts WHERE serial NOTNULL AND (?1 IS NULL OR cycle_id < ?1) ORDER BY 1";
             let mut statement = self.connection.prepare(sql)?;
@@ -78,11 +80,11 @@ impl Store {
             };
             all.filter(is_it).map(|row| row.map(|(id, _)| CycleId(id))).collect()
         };
-        let cycles = read().map_err(|error| self.failed("read the cycles of", &error))?;
+        let cycles = read().map_err(|error| self.database_error("read the cycles of", &error))?;
         let mut all = Vec::new();
         for cycle in cycles {
             let record = self.cycle(cycle)?;
-            let own = passes(&record.findings, &record.motions);
+            let own = touching_passes(&record.findings, &record.motions);
             let lost = usize::from(self.lost_passes(cycle)?);
             let passes = own + lost;
             if passes > 0 {

@@ -5,7 +5,7 @@
 //! made anew for cycles of earlier programs, and `store verify` compares every row with its text.
 
 use super::blobs::Blobs;
-use super::commit::Failed;
+use super::commit::TransactionFailure;
 use super::database::Store;
 use super::error::StoreError;
 use crate::record::PartNames;
@@ -24,17 +24,17 @@ pub(super) const TABLES: &str = "
 
 /// The same table as a temporary table, for a store that is open for reading and was written by an earlier version
 /// of this program. It is removed when the store is closed.
-const BESIDE: &str =
+const TEMPORARY_TABLE_SQL: &str =
     "CREATE TEMP TABLE cycle_parts (cycle_id INTEGER PRIMARY KEY, serial TEXT, work_order TEXT, operator TEXT)";
 
 /// Returns the part's names from the texts of a new cycle.
-pub(super) fn named(file_texts: &[(String, String)]) -> Option<PartNames> {
+pub(super) fn parse_part(file_texts: &[(String, String)]) -> Option<PartNames> {
     let (_, text) = file_texts.iter().find(|(name, _)| name == PartNames::FILE)?;
     PartNames::read(text)
 }
 
 /// Writes the names of a cycle's part. Part of a transaction.
-pub(super) fn insert(connection: &Connection, cycle: i64, part: &PartNames) -> Result<(), Failed> {
+pub(super) fn insert(connection: &Connection, cycle: i64, part: &PartNames) -> Result<(), TransactionFailure> {
     Ok(write(connection, cycle, part)?)
 }
 
@@ -49,7 +49,7 @@ fn write(connection: &Connection, cycle: i64, part: &PartNames) -> Result<(), ru
 /// transaction.
 pub(super) fn fill_missing(connection: &Connection, blobs: &Blobs) -> Result<(), rusqlite::Error> {
     let there = rows(connection)?;
-    for (cycle, hash) in kept(connection)? {
+    for (cycle, hash) in cycles_with_part(connection)? {
         if !there.contains_key(&cycle)
             && let Some(part) = text(blobs, &hash)
         {
@@ -60,7 +60,7 @@ pub(super) fn fill_missing(connection: &Connection, blobs: &Blobs) -> Result<(),
 }
 
 /// Returns each cycle that stores a part's text, with the text's hash.
-fn kept(connection: &Connection) -> Result<Vec<(i64, String)>, rusqlite::Error> {
+fn cycles_with_part(connection: &Connection) -> Result<Vec<(i64, String)>, rusqlite::Error> {
     let sql =
         "SELECT cycles.id, value ->> 'hash' FROM cycles, json_each(files) WHERE value ->> 'name' = ?1 ORDER BY 1";
     let mut statement = connection.prepare(sql)?;
@@ -83,7 +83,7 @@ fn rows(connection: &Connection) -> Result<BTreeMap<i64, PartNames>, rusqlite::E
 /// Returns the rows that differ from the stored texts of their cycles, in words.
 pub(super) fn differences(connection: &Connection, blobs: &Blobs) -> Result<Vec<String>, rusqlite::Error> {
     let (mut rows, mut found) = (rows(connection)?, Vec::new());
-    for (cycle, hash) in kept(connection)? {
+    for (cycle, hash) in cycles_with_part(connection)? {
         let row = rows.remove(&cycle);
         // The check of the files reports a missing or damaged text.
         let Some(part) = text(blobs, &hash) else { continue };
@@ -106,26 +106,26 @@ impl Store {
     ///
     /// # Errors
     /// If it cannot be read.
-    pub fn part_of(&self, cycle: crate::record::CycleId) -> Result<Option<PartNames>, StoreError> {
-        self.with_parts()?;
+    pub fn cycle_part(&self, cycle: crate::record::CycleId) -> Result<Option<PartNames>, StoreError> {
+        self.ensure_parts_table()?;
         let sql = "SELECT serial, work_order, operator FROM cycle_parts WHERE cycle_id = ?1";
         let part = |row: &rusqlite::Row<'_>| {
             Ok(PartNames { serial: row.get(0)?, order: row.get(1)?, operator: row.get(2)? })
         };
         let read = || self.connection.prepare_cached(sql)?.query_row([cycle.0], part).optional();
-        read().map_err(|error| self.failed("read the parts of", &error))
+        read().map_err(|error| self.database_error("read the parts of", &error))
     }
 
     /// Makes sure that there is a table of parts to read, also beside the store of an earlier version of this
     /// program.
-    pub(super) fn with_parts(&self) -> Result<(), StoreError> {
+    pub(super) fn ensure_parts_table(&self) -> Result<(), StoreError> {
         let made = || -> Result<(), rusqlite::Error> {
             if !self.connection.table_exists(None, "cycle_parts")? {
-                self.connection.execute_batch(BESIDE)?;
+                self.connection.execute_batch(TEMPORARY_TABLE_SQL)?;
                 fill_missing(&self.connection, &self.blobs)?;
             }
             Ok(())
         };
-        made().map_err(|error| self.failed("read the parts of", &error))
+        made().map_err(|error| self.database_error("read the parts of", &error))
     }
 }

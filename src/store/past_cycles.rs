@@ -30,7 +30,9 @@ impl Store {
         let counts = |row: &rusqlite::Row<'_>| {
             Ok(CycleCounts { ended: row.get(0)?, passed: row.get(1)?, contacts: row.get(2)? })
         };
-        self.connection.query_row(sql, [], counts).map_err(|error| self.failed("count the cycles of", &error))
+        self.connection
+            .query_row(sql, [], counts)
+            .map_err(|error| self.database_error("count the cycles of", &error))
     }
 
     /// A cycle with its part and its wear of the disc.
@@ -38,7 +40,7 @@ impl Store {
     /// # Errors
     /// If there is no such cycle, or it cannot be read back.
     pub fn past_cycle(&self, id: CycleId) -> Result<PastCycle, StoreError> {
-        Ok(PastCycle { record: self.cycle(id)?, part: self.part_of(id)?, disc: self.disc_in(id)? })
+        Ok(PastCycle { record: self.cycle(id)?, part: self.cycle_part(id)?, disc: self.disc_wear_of_cycle(id)? })
     }
 
     /// The last cycles of a panel that are over, at most `most`, the oldest first.
@@ -52,7 +54,7 @@ impl Store {
             let mut rows = self.connection.prepare_cached(sql)?;
             rows.query_map(rusqlite::params![panel, most], |row| row.get(0).map(CycleId))?.collect()
         };
-        let ids = read().map_err(|error| self.failed("read the cycles of", &error))?;
+        let ids = read().map_err(|error| self.database_error("read the cycles of", &error))?;
         ids.into_iter().rev().map(|id| self.past_cycle(id)).collect()
     }
 
@@ -65,7 +67,7 @@ impl Store {
             let sql = "SELECT DISTINCT panel FROM cycles ORDER BY panel";
             self.connection.prepare_cached(sql)?.query_map([], |row| row.get(0))?.collect()
         };
-        read().map_err(|error| self.failed("read the panels of", &error))
+        read().map_err(|error| self.database_error("read the panels of", &error))
     }
 
     /// The last verifications of a subject that are not struck out, at most `most`, the oldest first.
@@ -87,7 +89,7 @@ impl Store {
     }
 
     /// A cycle's wear of the disc; `None` if there was none.
-    fn disc_in(&self, id: CycleId) -> Result<Option<DiscWear>, StoreError> {
+    fn disc_wear_of_cycle(&self, id: CycleId) -> Result<Option<DiscWear>, StoreError> {
         let read = || -> Result<Option<DiscWear>, rusqlite::Error> {
             if !self.connection.table_exists(None, "discs")? {
                 return Ok(None);
@@ -104,6 +106,6 @@ impl Store {
             let worn_mm2 = self.connection.prepare_cached(sql)?.query_row([last], |row| row.get(0))?;
             Ok(Some(DiscWear { swept_mm2, worn_mm2 }))
         };
-        read().map_err(|error| self.failed("read the disc's wear from", &error))
+        read().map_err(|error| self.database_error("read the disc's wear from", &error))
     }
 }

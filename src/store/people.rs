@@ -35,15 +35,15 @@ impl Store {
     ///
     /// # Errors
     /// If there is no store beside a writer, or it cannot be opened.
-    pub fn for_people(folder: &Path) -> Result<Self, StoreError> {
-        Store::for_one_row(folder)
+    pub fn open_for_accounts(folder: &Path) -> Result<Self, StoreError> {
+        Store::open_for_one_row(folder)
     }
 
     /// Stores a new account or a change of one, together with the line of the audit trail that records it.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn keep_account(&mut self, account: &Account, entry: &AuditEntry) -> Result<(), StoreError> {
+    pub fn store_account(&mut self, account: &Account, entry: &AuditEntry) -> Result<(), StoreError> {
         let unix_ms = unix_ms(self.clock());
         let (account, entry) = (self.text(account)?, self.text(&AuditEntry { unix_ms, ..entry.clone() })?);
         self.commit("write an account to", |writing| {
@@ -65,7 +65,7 @@ impl Store {
         }
         let rows = self.texts("SELECT id, account FROM accounts ORDER BY id", &[])?;
         let account = |(_, text): &(i64, String)| {
-            let account: Account = self.parsed(text)?;
+            let account: Account = self.parse_stored(text)?;
             Ok((account.name.clone(), account))
         };
         rows.iter().map(account).collect()
@@ -75,7 +75,7 @@ impl Store {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn keep_audit(&mut self, entry: &AuditEntry) -> Result<(), StoreError> {
+    pub fn store_audit(&mut self, entry: &AuditEntry) -> Result<(), StoreError> {
         let unix_ms = unix_ms(self.clock());
         let entry = self.text(&AuditEntry { unix_ms, ..entry.clone() })?;
         self.commit("write the audit trail of", |writing| {
@@ -103,7 +103,7 @@ impl Store {
     ///
     /// # Errors
     /// If it cannot be read.
-    pub fn audit_about(&self, what: &str, subject_begins: &str) -> Result<Vec<NumberedEntry>, StoreError> {
+    pub fn audit_of_subjects(&self, what: &str, subject_begins: &str) -> Result<Vec<NumberedEntry>, StoreError> {
         if !self.has_table("audit")? {
             return Ok(Vec::new());
         }
@@ -114,7 +114,9 @@ impl Store {
 
     fn entries(&self, sql: &str, values: &[&dyn rusqlite::ToSql]) -> Result<Vec<NumberedEntry>, StoreError> {
         let rows = self.texts(sql, values)?;
-        rows.iter().map(|(number, text)| Ok(NumberedEntry { number: *number, entry: self.parsed(text)? })).collect()
+        rows.iter()
+            .map(|(number, text)| Ok(NumberedEntry { number: *number, entry: self.parse_stored(text)? }))
+            .collect()
     }
 
     fn texts(&self, sql: &str, values: &[&dyn rusqlite::ToSql]) -> Result<Vec<(i64, String)>, StoreError> {
@@ -122,7 +124,7 @@ impl Store {
             let mut rows = self.connection.prepare(sql)?;
             rows.query_map(values, |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         };
-        read().map_err(|error| self.failed("read the accounts or the audit trail of", &error))
+        read().map_err(|error| self.database_error("read the accounts or the audit trail of", &error))
     }
 }
 
@@ -137,7 +139,7 @@ mod tests {
         let line = |what: &str, subject: &str, refused: Option<&str>| AuditEntry {
             subject: Some(subject.to_owned()),
             refused: refused.map(str::to_owned),
-            ..AuditEntry::done(None, None, "terminal".to_owned(), what)
+            ..AuditEntry::for_completed_action(None, None, "terminal".to_owned(), what)
         };
         let account = Account {
             name: "eva".to_owned(),
@@ -146,9 +148,9 @@ mod tests {
             password_hash: String::new(),
             is_enabled: true,
         };
-        store.keep_account(&account, &line("change account", "eva", None)).expect("kept");
+        store.store_account(&account, &line("change account", "eva", None)).expect("kept");
         let changed = Account { is_enabled: false, ..account };
-        store.keep_account(&changed, &line("change account", "eva", None)).expect("kept");
+        store.store_account(&changed, &line("change account", "eva", None)).expect("kept");
         assert_eq!(store.accounts().expect("read"), BTreeMap::from([("eva".to_owned(), changed)]));
         for (what, subject, refused) in [
             ("change recipe", "door.toml: first", None),
@@ -157,9 +159,9 @@ mod tests {
             ("change recipe", "door.toml: wrong", Some("line 1")),
             ("change recipe", "door.toml: more rows", None),
         ] {
-            store.keep_audit(&line(what, subject, refused)).expect("kept");
+            store.store_audit(&line(what, subject, refused)).expect("kept");
         }
-        let found = store.audit_about("change recipe", "door.toml: ").expect("read");
+        let found = store.audit_of_subjects("change recipe", "door.toml: ").expect("read");
         assert_eq!(found.iter().map(|line| line.number).collect::<Vec<_>>(), [7, 3]);
         let [newest, before] = &store.audit(None, 2).expect("read")[..] else { panic!("two") };
         assert_eq!((newest.number, before.number, before.entry.refused.as_deref()), (7, 6, Some("line 1")));
@@ -167,6 +169,6 @@ mod tests {
         assert!(before.entry.unix_ms > 0, "the time is set by the store");
         drop(store);
         let verified = Store::verify(&folder.path().join("store"), true).expect("verified");
-        assert_eq!(verified.found, [] as [String; 0]);
+        assert_eq!(verified.differences, [] as [String; 0]);
     }
 }

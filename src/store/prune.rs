@@ -27,7 +27,7 @@ const DAY_S: i64 = 86_400;
 
 /// What was removed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Pruned {
+pub struct PrunedFiles {
     /// Files.
     pub files: u64,
     /// Their size.
@@ -37,7 +37,7 @@ pub struct Pruned {
 }
 
 /// A cycle that has ended.
-struct Ended {
+struct EndedCycleFiles {
     id: i64,
     at_unix_s: i64,
     verdict: String,
@@ -51,17 +51,17 @@ impl Store {
     ///
     /// # Errors
     /// If the store cannot be read or written, or a file cannot be removed.
-    pub fn prune(folder: &Path, keep: &Retention) -> Result<Pruned, StoreError> {
-        let mut pruned = Pruned::default();
-        if keep.is_for_ever() {
+    pub fn prune(folder: &Path, keep: &Retention) -> Result<PrunedFiles, StoreError> {
+        let mut pruned = PrunedFiles::default();
+        if keep.is_unlimited() {
             return Ok(pruned);
         }
-        let mut store = Store::beside_the_writer(folder)?;
-        let due = store.due(keep)?;
-        let needed = named(&store, &|id| due.contains(&id))?;
+        let mut store = Store::open_beside_writer(folder)?;
+        let due = store.due_cycles(keep)?;
+        let needed = named_files(&store, &|id| due.contains(&id))?;
         let gone = removed(&store)?;
         for id in due {
-            let old = old(&store, id)?;
+            let old = removable_files(&store, id)?;
             for hashes in old.difference(&needed).cloned().collect::<Vec<_>>().chunks(BATCH_FILES) {
                 if !store.prune_files(id, (hashes, &gone), &mut pruned)? {
                     return Ok(pruned);
@@ -75,36 +75,37 @@ impl Store {
     ///
     /// # Errors
     /// If it cannot be read.
-    pub fn pruned_of(&self, id: CycleId) -> Result<Option<Pruned>, StoreError> {
+    pub fn pruned_files(&self, id: CycleId) -> Result<Option<PrunedFiles>, StoreError> {
         let sql = "SELECT count(*), coalesce(sum(bytes), 0), max(at_unix_s) FROM pruned WHERE cycle_id = ?1";
         let row = |row: &rusqlite::Row<'_>| {
             let (files, bytes): (i64, i64) = (row.get(0)?, row.get(1)?);
-            Ok(Pruned { files: files as u64, bytes: bytes as u64, at_unix_s: row.get(2)? })
+            Ok(PrunedFiles { files: files as u64, bytes: bytes as u64, at_unix_s: row.get(2)? })
         };
         let pruned = self.connection.query_row(sql, [id.0], row);
-        let pruned = pruned.map_err(|error| self.failed("read the list of removed files from", &error))?;
+        let pruned = pruned.map_err(|error| self.database_error("read the list of removed files from", &error))?;
         Ok(Some(pruned).filter(|pruned| pruned.files > 0))
     }
 
     /// Cycles with clips and scans that are no longer kept. Days are counted back from the newest cycle's end and not
     /// from today: a clock that jumps removes nothing.
-    fn due(&self, keep: &Retention) -> Result<Vec<i64>, StoreError> {
-        let read = || -> Result<Vec<Ended>, rusqlite::Error> {
+    fn due_cycles(&self, keep: &Retention) -> Result<Vec<i64>, StoreError> {
+        let read = || -> Result<Vec<EndedCycleFiles>, rusqlite::Error> {
             let sql = "SELECT id, ended_unix_s, verdict FROM cycles WHERE verdict IS NOT NULL ORDER BY id DESC";
             let row = |row: &rusqlite::Row<'_>| {
-                Ok(Ended { id: row.get(0)?, at_unix_s: row.get(1)?, verdict: row.get(2)? })
+                Ok(EndedCycleFiles { id: row.get(0)?, at_unix_s: row.get(1)?, verdict: row.get(2)? })
             };
             self.connection.prepare(sql)?.query_map([], row)?.collect()
         };
-        let ended = read().map_err(|error| self.failed("read the cycles of", &error))?;
+        let ended = read().map_err(|error| self.database_error("read the cycles of", &error))?;
         let newest_s = ended.first().map_or(0, |cycle| cycle.at_unix_s.min(self.unix_s()));
-        let has_passed =
-            |cycle: &Ended| [Verdict::Pass, Verdict::Accept].iter().any(|it| it.word() == cycle.verdict);
+        let has_passed = |cycle: &EndedCycleFiles| {
+            [Verdict::Pass, Verdict::Accept].iter().any(|it| it.keyword() == cycle.verdict)
+        };
         let mut due = Vec::new();
         // Counted separately: many good cycles must not push out the few failed ones, which are looked at again.
         for (passed, keep) in [(true, keep.passed), (false, keep.failed)] {
             let of_kind = ended.iter().filter(|cycle| has_passed(cycle) == passed);
-            for (newer, cycle) in of_kind.filter(|cycle| cycle.verdict != Verdict::Review.word()).enumerate() {
+            for (newer, cycle) in of_kind.filter(|cycle| cycle.verdict != Verdict::Review.keyword()).enumerate() {
                 let old_s = newest_s - cycle.at_unix_s;
                 let too_old = keep.days.is_some_and(|days| old_s > days as i64 * DAY_S);
                 if too_old || keep.cycles.is_some_and(|most| newer >= most) {
@@ -120,7 +121,7 @@ impl Store {
         &mut self,
         id: i64,
         (hashes, gone): (&[String], &BTreeSet<String>),
-        pruned: &mut Pruned,
+        pruned: &mut PrunedFiles,
     ) -> Result<bool, StoreError> {
         let blobs = self.blobs.folder().to_owned();
         // A missing file was not removed by this program, and verification must report it.
@@ -147,7 +148,7 @@ impl Store {
         if may {
             for (hash, bytes) in &there {
                 let path = blobs.join(hash);
-                fs::remove_file(&path).map_err(|source| StoreError::File { doing: "remove", path, source })?;
+                fs::remove_file(&path).map_err(|source| StoreError::File { operation: "remove", path, source })?;
                 (pruned.files, pruned.bytes) = (pruned.files + 1, pruned.bytes + bytes.unsigned_abs());
             }
             pruned.at_unix_s = Some(at_unix_s);
@@ -158,7 +159,7 @@ impl Store {
 
 /// Returns the files of a due cycle that can be removed: the pictures of its clips, and the cameras' shots. The
 /// clips' lists are not removed, since they name the pictures.
-fn old(store: &Store, id: i64) -> Result<BTreeSet<String>, StoreError> {
+fn removable_files(store: &Store, id: i64) -> Result<BTreeSet<String>, StoreError> {
     let mut old = BTreeSet::new();
     for (_, finding) in findings(store, Some(id))? {
         for shot in finding.shots {
@@ -173,8 +174,8 @@ fn old(store: &Store, id: i64) -> Result<BTreeSet<String>, StoreError> {
 }
 
 /// Returns every file that a row names; for cycles that are `due`, without the files that can be removed.
-pub(super) fn named(store: &Store, due: &dyn Fn(i64) -> bool) -> Result<BTreeSet<String>, StoreError> {
-    let read = |error: rusqlite::Error| store.failed("read the names of files in", &error);
+pub(super) fn named_files(store: &Store, due: &dyn Fn(i64) -> bool) -> Result<BTreeSet<String>, StoreError> {
+    let read = |error: rusqlite::Error| store.database_error("read the names of files in", &error);
     let mut named = BTreeSet::new();
     let sql = "SELECT scan_hash FROM taught_panels UNION SELECT picture_hash FROM taught_corners
         UNION SELECT recipe_hash FROM cycles UNION SELECT value ->> 'hash' FROM cycles, json_each(files)
@@ -204,8 +205,8 @@ fn findings(store: &Store, id: Option<i64>) -> Result<Vec<(i64, Finding)>, Store
         let sql = "SELECT cycle_id, finding FROM findings WHERE ?1 IS NULL OR cycle_id = ?1 ORDER BY id";
         store.connection.prepare(sql)?.query_map([id], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
     };
-    let rows = read().map_err(|error| store.failed("read the findings of", &error))?;
-    rows.into_iter().map(|(cycle, text)| Ok((cycle, store.parsed(&text)?))).collect()
+    let rows = read().map_err(|error| store.database_error("read the findings of", &error))?;
+    rows.into_iter().map(|(cycle, text)| Ok((cycle, store.parse_stored(&text)?))).collect()
 }
 
 /// Name of the list of a clip's pictures in a finding.
@@ -220,7 +221,7 @@ fn clip(store: &Store, hash: &str) -> Vec<String> {
 
 /// The files that were removed.
 pub(super) fn removed(store: &Store) -> Result<BTreeSet<String>, StoreError> {
-    let read = |error: rusqlite::Error| store.failed("read the list of removed files from", &error);
+    let read = |error: rusqlite::Error| store.database_error("read the list of removed files from", &error);
     let mut statement = store.connection.prepare("SELECT hash FROM pruned").map_err(read)?;
     statement.query_map([], |row| row.get(0)).map_err(read)?.collect::<Result<_, _>>().map_err(read)
 }

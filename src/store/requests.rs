@@ -37,13 +37,13 @@ impl Store {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn keep_request(
+    pub fn store_request(
         &mut self,
         asked: &RequestRecord,
         cycle: Option<CycleId>,
         journal: Option<u64>,
     ) -> Result<(), StoreError> {
-        self.writable()?;
+        self.require_writable()?;
         let unix_ms = unix_ms(self.clock());
         let text = self.text(&RequestRecord { unix_ms, ..asked.clone() })?;
         self.commit("write a request to", |writing| {
@@ -70,17 +70,17 @@ impl Store {
             let row = |row: &rusqlite::Row<'_>| Ok((row.get(0)?, row.get(1)?, row.get(2)?));
             self.connection.prepare(sql)?.query_map([before, most], row)?.collect()
         };
-        let rows = read().map_err(|error| self.failed("read the requests of", &error))?;
+        let rows = read().map_err(|error| self.database_error("read the requests of", &error))?;
         let request = |(number, cycle, text): (i64, Option<i64>, String)| {
-            Ok(NumberedRequest { number, cycle: cycle.map(CycleId), request: self.parsed(&text)? })
+            Ok(NumberedRequest { number, cycle: cycle.map(CycleId), request: self.parse_stored(&text)? })
         };
         rows.into_iter().map(request).collect()
     }
 
     /// The requests in a cycle, in order; for lines of the journal without a row, the content of the line.
-    pub(super) fn asked_in(&self, id: CycleId) -> Result<Vec<RequestRecord>, StoreError> {
+    pub(super) fn requests_in_cycle(&self, id: CycleId) -> Result<Vec<RequestRecord>, StoreError> {
         let mut asked = match self.has_table("requests")? {
-            true => self.asked_by("cycle_id = ?1", "cycle_id = ?1", id)?,
+            true => self.requests_where("cycle_id = ?1", "cycle_id = ?1", id)?,
             false => Vec::new(),
         };
         let without = match self.has_table("requests")? {
@@ -91,8 +91,8 @@ impl Store {
             "SELECT unix_ms, event FROM journal WHERE cycle_id = ?1 AND event LIKE '{{\"asked\":%' {without}
              ORDER BY sequence"
         );
-        for (unix_ms, text) in self.rows_of(&sql, id)? {
-            if let Event::Asked(request) = self.parsed(&text)? {
+        for (unix_ms, text) in self.request_rows(&sql, id)? {
+            if let Event::Asked(request) = self.parse_stored(&text)? {
                 let wanted = RequestedAction::For(request);
                 asked.push(RequestRecord {
                     unix_ms,
@@ -109,27 +109,31 @@ impl Store {
     }
 
     /// The requests between the cycle before and this one, in order.
-    pub(super) fn asked_before(&self, id: CycleId, started_unix_s: i64) -> Result<Vec<RequestRecord>, StoreError> {
+    pub(super) fn requests_before_cycle(
+        &self,
+        id: CycleId,
+        started_unix_s: i64,
+    ) -> Result<Vec<RequestRecord>, StoreError> {
         if !self.has_table("requests")? {
             return Ok(Vec::new());
         }
         let after = "id > (SELECT coalesce(max(id), 0) FROM requests WHERE cycle_id < ?1)";
         let before = "id < (SELECT coalesce(min(id), 9223372036854775807) FROM requests WHERE cycle_id >= ?1)";
-        let mut asked = self.asked_by(&format!("cycle_id IS NULL AND {after}"), before, id)?;
+        let mut asked = self.requests_where(&format!("cycle_id IS NULL AND {after}"), before, id)?;
         asked.retain(|asked| asked.unix_ms.div_euclid(1_000) <= started_unix_s);
         Ok(asked)
     }
 
-    fn asked_by(&self, one: &str, other: &str, id: CycleId) -> Result<Vec<RequestRecord>, StoreError> {
+    fn requests_where(&self, one: &str, other: &str, id: CycleId) -> Result<Vec<RequestRecord>, StoreError> {
         let sql = format!("SELECT unix_ms, request FROM requests WHERE {one} AND {other} ORDER BY id");
-        self.rows_of(&sql, id)?.iter().map(|(_, text)| self.parsed(text)).collect()
+        self.request_rows(&sql, id)?.iter().map(|(_, text)| self.parse_stored(text)).collect()
     }
 
-    fn rows_of(&self, sql: &str, id: CycleId) -> Result<Vec<(i64, String)>, StoreError> {
+    fn request_rows(&self, sql: &str, id: CycleId) -> Result<Vec<(i64, String)>, StoreError> {
         let read = || -> Result<Vec<_>, rusqlite::Error> {
             let mut rows = self.connection.prepare(sql)?;
             rows.query_map([id.0], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         };
-        read().map_err(|error| self.failed("read the requests of", &error))
+        read().map_err(|error| self.database_error("read the requests of", &error))
     }
 }

@@ -16,17 +16,17 @@ pub(super) const MB: u64 = 32;
 /// before the cell is in a safe state.
 const JOURNAL_MB: u64 = 8;
 /// Free disk space below which an ambiguous error is treated as a full disk, bytes.
-const NOTHING_BYTES: u64 = 1_000_000;
+const MIN_FREE_BYTES: u64 = 1_000_000;
 
 /// The reserved file that is deleted when the disk is full.
 #[derive(Debug)]
-pub(super) struct Reserve {
+pub(super) struct ReserveFile {
     path: PathBuf,
 }
 
-impl Reserve {
+impl ReserveFile {
     pub fn new(store: &Path) -> Self {
-        Reserve { path: store.join(FILE) }
+        ReserveFile { path: store.join(FILE) }
     }
 
     /// Allocates the disk's blocks, if they are not allocated yet.
@@ -64,27 +64,27 @@ impl Reserve {
 }
 
 /// Returns whether this error means that the disk is full.
-pub(super) fn is_full(error: &rusqlite::Error, folder: &Path) -> bool {
+pub(super) fn is_disk_full_error(error: &rusqlite::Error, folder: &Path) -> bool {
     match error.sqlite_error_code() {
         Some(ErrorCode::DiskFull) => true,
         // SQLite's log and its shared memory are files too.
-        Some(ErrorCode::SystemIoFailure | ErrorCode::CannotOpen) => nothing_left(folder),
+        Some(ErrorCode::SystemIoFailure | ErrorCode::CannotOpen) => has_no_space(folder),
         _ => false,
     }
 }
 
 /// Returns whether a disk has no space for the files that SQLite creates.
-pub(super) fn nothing_left(folder: &Path) -> bool {
-    blobs::free_bytes(folder).is_ok_and(|free| free < NOTHING_BYTES)
+pub(super) fn has_no_space(folder: &Path) -> bool {
+    blobs::free_bytes(folder).is_ok_and(|free| free < MIN_FREE_BYTES)
 }
 
 /// Returns whether there is too little space for the journal here.
-pub(super) fn is_too_full_for_the_journal(folder: &Path) -> bool {
+pub(super) fn is_too_full_for_journal(folder: &Path) -> bool {
     blobs::free_mb(folder).is_ok_and(|free| free < JOURNAL_MB)
 }
 
 /// Returns the error that this store's disk is full, with the files to delete.
-pub(super) fn full(folder: &Path) -> StoreError {
+pub(super) fn disk_full_error(folder: &Path) -> StoreError {
     let free_mb = blobs::free_mb(folder).unwrap_or(0);
     StoreError::Full { path: folder.to_owned(), free_mb, advice: advice(folder) }
 }

@@ -13,7 +13,7 @@ use super::lost_count::LostCount;
 use super::part_passes::normalised_serial;
 use super::parts;
 use crate::cycle::{Event, Report};
-use crate::record::{ANOTHER_PART, CycleId, LostPasses};
+use crate::record::{ANOTHER_PART_TEXT, CycleId, LostPasses};
 use rusqlite::params;
 use std::fmt;
 use std::fs::File;
@@ -75,7 +75,7 @@ impl Store {
             file.sync_all()?;
             File::open(folder)?.sync_all()
         };
-        write().map_err(|source| StoreError::File { doing: "write", path: path.clone(), source })
+        write().map_err(|source| StoreError::File { operation: "write", path: path.clone(), source })
     }
 
     /// Returns what the store in the folder `replaced` shows about the time after the backup that is unpacked in
@@ -88,10 +88,10 @@ impl Store {
         if !is_same {
             return None;
         }
-        let last = later.last_cycle().ok()?.map_or(0, |cycle| cycle.0).max(later.numbered_above().ok()?);
+        let last = later.newest_cycle().ok()?.map_or(0, |cycle| cycle.0).max(later.numbered_above().ok()?);
         let waiting = mark_in(replaced).ok()?;
         // Permits are committed before contact. Only in a store without a missing row do they show that there was none.
-        let is_whole = || Store::verify(replaced, false).is_ok_and(|verified| verified.found.is_empty());
+        let is_whole = || Store::verify(replaced, false).is_ok_and(|verified| verified.differences.is_empty());
         let is_nothing_abraded = waiting.is_none_or(|waiting| waiting.is_nothing_abraded)
             && later.last_permit().ok()? == store.last_permit().ok()?
             && later.restores().ok()?.len() == store.restores().ok()?.len()
@@ -102,7 +102,7 @@ impl Store {
 
     fn last_permit(&self) -> Result<i64, StoreError> {
         let last = self.connection.query_row("SELECT coalesce(max(id), 0) FROM permits", [], |row| row.get(0));
-        last.map_err(|error| self.failed("read the motions of", &error))
+        last.map_err(|error| self.database_error("read the motions of", &error))
     }
 
     /// Begins a new epoch if the store was restored, and leaves the cell aborted.
@@ -111,11 +111,11 @@ impl Store {
         self.recover()?;
         self.append(&Event::Reported(Report::StoreRestored), None)?;
         let replaced = marked.last_cycle.0;
-        let own = self.last_cycle()?.map_or(0, |cycle| cycle.0).max(self.numbered_above()?);
+        let own = self.newest_cycle()?.map_or(0, |cycle| cycle.0).max(self.numbered_above()?);
         let restore = Restore { last_cycle: CycleId(own.max(replaced)), ..marked };
         self.begin_epoch(&format!("{RESTORED_ABOVE}{restore}"))?;
         let path = self.folder().join(RESTORED);
-        std::fs::remove_file(&path).map_err(|source| StoreError::File { doing: "remove", path, source })
+        std::fs::remove_file(&path).map_err(|source| StoreError::File { operation: "remove", path, source })
     }
 
     /// The restores of this store, in order, each with the time at which the store was first opened, ms since 1970.
@@ -130,7 +130,7 @@ impl Store {
                 |row: &rusqlite::Row<'_>| Ok((Restore::parse(&row.get::<_, String>(0)?), row.get::<_, i64>(1)?));
             self.connection.prepare_cached(sql)?.query_map([RESTORED_ABOVE], restore)?.collect()
         };
-        read().map_err(|error| self.failed("read the epochs of", &error))
+        read().map_err(|error| self.database_error("read the epochs of", &error))
     }
 
     /// The number above which cycles continue after restores; 0 if there was none.
@@ -158,17 +158,17 @@ impl Store {
 
     /// The last cycle above this number whose start stated what happened to the part in lost cycles.
     fn last_statement(&self, (panel, serial): (&str, &str), above: CycleId) -> Result<Option<CycleId>, StoreError> {
-        self.with_parts()?;
+        self.ensure_parts_table()?;
         let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
             let sql =
                 "SELECT cycles.id, coalesce(serial, '') FROM cycles LEFT JOIN cycle_parts ON cycle_id = cycles.id
                  WHERE panel = ?1 AND cycles.id > ?2
                  AND EXISTS (SELECT 1 FROM json_each(files) WHERE value ->> 'name' IN (?3, ?4)) ORDER BY 1 DESC";
             let mut statement = self.connection.prepare_cached(sql)?;
-            let values = params![panel, above.0, ANOTHER_PART, LostPasses::FILE];
+            let values = params![panel, above.0, ANOTHER_PART_TEXT, LostPasses::FILE];
             statement.query_map(values, |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         };
-        let cycles = read().map_err(|error| self.failed("read the cycles of", &error))?;
+        let cycles = read().map_err(|error| self.database_error("read the cycles of", &error))?;
         let own = normalised_serial(serial);
         Ok(cycles.into_iter().find(|(_, of)| normalised_serial(of) == own).map(|(id, _)| CycleId(id)))
     }
@@ -176,12 +176,12 @@ impl Store {
     /// Refuses a cycle whose abrasions could not be counted. An air-run abrades nothing.
     pub(super) fn check_count(&self, start: &CycleStart) -> Result<(), StoreError> {
         let is_stated = |(name, text): &(String, String)| {
-            name == ANOTHER_PART || (name == LostPasses::FILE && LostPasses::read(text).is_some())
+            name == ANOTHER_PART_TEXT || (name == LostPasses::FILE && LostPasses::read(text).is_some())
         };
         if start.is_air_run || start.file_texts.iter().any(is_stated) {
             return Ok(());
         }
-        let serial = parts::named(&start.file_texts).and_then(|part| part.serial).unwrap_or_default();
+        let serial = parts::parse_part(&start.file_texts).and_then(|part| part.serial).unwrap_or_default();
         self.lost_count(&start.panel, &serial)?.map_or(Ok(()), |lost| Err(StoreError::CountUnknown(lost)))
     }
 }
@@ -192,6 +192,6 @@ fn mark_in(folder: &Path) -> Result<Option<Restore>, StoreError> {
     match std::fs::read_to_string(&path) {
         Ok(text) => Ok(Some(Restore::parse(&text))),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(source) => Err(StoreError::File { doing: "read", path, source }),
+        Err(source) => Err(StoreError::File { operation: "read", path, source }),
     }
 }

@@ -42,7 +42,7 @@ const CHECKED_BYTES: u64 = 64 << 20;
 
 /// Runs SQLite's own check of every page, except in a database above `CHECKED_BYTES`. Returns an error if a page
 /// is damaged.
-pub(super) fn check(connection: &Connection, path: &Path) -> Result<(), StoreError> {
+pub(super) fn check_pages(connection: &Connection, path: &Path) -> Result<(), StoreError> {
     if std::fs::metadata(path).is_ok_and(|file| file.len() > CHECKED_BYTES) {
         return Ok(());
     }
@@ -100,21 +100,21 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
     }
     if found < 9 {
         transaction.execute_batch(outbox::TABLES)?;
-        outbox::begin(transaction, found >= CHAINED)?;
+        outbox::begin_outbox(transaction, found >= CHAINED)?;
     }
     if found < CHAINED {
         for tables in [chain::TABLES, checkpoints::TABLES, incidents::TABLES, prune::TABLES] {
             transaction.execute_batch(tables)?;
         }
-        chain::adopt(transaction)?;
+        chain::adopt_rows(transaction)?;
     }
     transaction.pragma_update(None, "user_version", SCHEMA)?;
-    chain::last(transaction).map(Some)
+    chain::last_link(transaction).map(Some)
 }
 
 /// Returns the differences between the database's entries and this program's schema, without SQLite's own entries.
 pub(super) fn differences(connection: &Connection) -> Result<Vec<String>, rusqlite::Error> {
-    let (ours, found) = (own_entries()?, entries(connection)?);
+    let (ours, found) = (own_schema_entries()?, entries(connection)?);
     let gone = ours
         .iter()
         .filter(|entry| !found.contains(entry))
@@ -129,7 +129,7 @@ pub(super) fn differences(connection: &Connection) -> Result<Vec<String>, rusqli
 }
 
 /// Returns the entries of this program's own schema, which is created once per process.
-fn own_entries() -> Result<&'static [(String, String)], rusqlite::Error> {
+fn own_schema_entries() -> Result<&'static [(String, String)], rusqlite::Error> {
     static OWN: OnceLock<Vec<(String, String)>> = OnceLock::new();
     if let Some(known) = OWN.get() {
         return Ok(known);

@@ -3,7 +3,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
-use crate::history::{End, Hit, Hits, Query};
+use crate::history::{Hit, Hits, Query, RequiredEnd};
 use crate::record::{CycleId, PartNames};
 use crate::verdict::Verdict;
 use rusqlite::types::Value;
@@ -11,12 +11,12 @@ use rusqlite::{Row, params_from_iter};
 
 /// Conditions with the values of their placeholders, in order.
 #[derive(Default)]
-struct Conditions {
+struct SqlConditions {
     sql: Vec<String>,
     values: Vec<Value>,
 }
 
-impl Conditions {
+impl SqlConditions {
     fn add(&mut self, sql: &str, value: Option<impl Into<Value>>) {
         if let Some(value) = value {
             self.sql.push(sql.to_owned());
@@ -28,7 +28,7 @@ impl Conditions {
     fn name(&mut self, column: &str, name: Option<&String>) {
         let Some(name) = name else { return };
         if name.contains('*') {
-            let pattern = escaped(name).replace('*', "%");
+            let pattern = escape_like(name).replace('*', "%");
             self.add(&format!("{column} LIKE ? ESCAPE '\\'"), Some(pattern));
         } else {
             self.add(&format!("{column} = ? COLLATE NOCASE"), Some(name.clone()));
@@ -36,39 +36,39 @@ impl Conditions {
     }
 
     fn from_query(query: &Query) -> Self {
-        let mut all = Conditions::default();
+        let mut all = SqlConditions::default();
         all.name("serial", query.serial.as_ref());
         all.name("work_order", query.order.as_ref());
         all.name("operator", query.operator.as_ref());
         all.name("panel", query.panel.as_ref());
         all.add("started_unix_s >= ?", query.from_unix_s);
         all.add("started_unix_s < ?", query.until_unix_s);
-        all.add("cycles.id < ?", query.before.map(|id| id.0));
+        all.add("cycles.id < ?", query.before_cycle.map(|id| id.0));
         match query.end {
-            Some(End::With(verdict)) => all.add("verdict = ?", Some(verdict.word().to_owned())),
-            Some(End::Running) => all.sql.push("verdict IS NULL".to_owned()),
+            Some(RequiredEnd::With(verdict)) => all.add("verdict = ?", Some(verdict.keyword().to_owned())),
+            Some(RequiredEnd::Running) => all.sql.push("verdict IS NULL".to_owned()),
             None => {}
         }
         for word in &query.words {
             // The column's text also contains the names of its keys.
             let sql = "EXISTS (SELECT 1 FROM json_each(reasons)
                        WHERE (value ->> 'code') || ' ' || (value ->> 'message') LIKE ? ESCAPE '\\')";
-            all.add(sql, Some(format!("%{}%", escaped(word))));
+            all.add(sql, Some(format!("%{}%", escape_like(word))));
         }
         all
     }
 }
 
 /// The text in the form for use inside LIKE.
-fn escaped(text: &str) -> String {
+fn escape_like(text: &str) -> String {
     text.replace('\\', "\\\\").replace('%', "\\%").replace('_', "\\_")
 }
 
 /// SQL condition that the path was run in the air: a motion states it …
-const MOVED_IN_AIR: &str =
+const MOVED_IN_AIR_SQL: &str =
     "EXISTS (SELECT 1 FROM motions WHERE cycle_id = cycles.id AND motion ->> 'path' = 'air')";
 /// … or the run in the air was requested, which stores of earlier versions of this program do not record.
-const ASKED_FOR_AIR: &str = "EXISTS (SELECT 1 FROM requests WHERE cycle_id = cycles.id
+const REQUESTED_AIR_RUN_SQL: &str = "EXISTS (SELECT 1 FROM requests WHERE cycle_id = cycles.id
     AND json_type(request, '$.wanted.for.air_run') IS NOT NULL AND request ->> 'answer' = 'done')";
 
 impl Store {
@@ -77,14 +77,14 @@ impl Store {
     /// # Errors
     /// If they cannot be read.
     pub fn search(&self, query: &Query) -> Result<Hits, StoreError> {
-        self.with_parts()?;
-        let read = |error: rusqlite::Error| self.failed("search the cycles of", &error);
-        let Conditions { sql, mut values } = Conditions::from_query(query);
+        self.ensure_parts_table()?;
+        let read = |error: rusqlite::Error| self.database_error("search the cycles of", &error);
+        let SqlConditions { sql, mut values } = SqlConditions::from_query(query);
         let condition = if sql.is_empty() { "TRUE".to_owned() } else { sql.join(" AND ") };
-        let asked = if self.has_table("requests")? { ASKED_FOR_AIR } else { "FALSE" };
+        let asked = if self.has_table("requests")? { REQUESTED_AIR_RUN_SQL } else { "FALSE" };
         let sql = format!(
             "SELECT cycles.id, started_unix_s, ended_unix_s, panel, verdict, reasons, serial, work_order, operator,
-                    {MOVED_IN_AIR} OR {asked}
+                    {MOVED_IN_AIR_SQL} OR {asked}
              FROM cycles LEFT JOIN cycle_parts ON cycle_id = cycles.id
              WHERE {condition} ORDER BY cycles.id DESC LIMIT ?"
         );
@@ -105,23 +105,23 @@ impl Store {
     /// # Errors
     /// If they cannot be read.
     pub fn verdict_counts(&self) -> Result<Vec<(Verdict, u32)>, StoreError> {
-        let asked = if self.has_table("requests")? { ASKED_FOR_AIR } else { "FALSE" };
+        let asked = if self.has_table("requests")? { REQUESTED_AIR_RUN_SQL } else { "FALSE" };
         let sql = format!(
-            "SELECT verdict, count(*) FROM cycles WHERE verdict IS NOT NULL AND NOT ({MOVED_IN_AIR} OR {asked})
+            "SELECT verdict, count(*) FROM cycles WHERE verdict IS NOT NULL AND NOT ({MOVED_IN_AIR_SQL} OR {asked})
              GROUP BY verdict ORDER BY verdict"
         );
         let read = || -> Result<Vec<(String, u32)>, rusqlite::Error> {
             let mut statement = self.connection.prepare_cached(&sql)?;
             statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         };
-        let rows = read().map_err(|error| self.failed("count the cycles of", &error))?;
-        rows.into_iter().map(|(word, count)| Ok((self.parsed(&format!("\"{word}\""))?, count))).collect()
+        let rows = read().map_err(|error| self.database_error("count the cycles of", &error))?;
+        rows.into_iter().map(|(word, count)| Ok((self.parse_stored(&format!("\"{word}\""))?, count))).collect()
     }
 
     /// Adds the verdict and the reasons, which are decoded from their texts.
     fn hit(&self, hit: Hit, [verdict, reasons]: [Option<String>; 2]) -> Result<Hit, StoreError> {
-        let verdict = verdict.map(|word| self.parsed(&format!("\"{word}\""))).transpose()?;
-        let reasons = reasons.map(|text| self.parsed(&text)).transpose()?.unwrap_or_default();
+        let verdict = verdict.map(|word| self.parse_stored(&format!("\"{word}\""))).transpose()?;
+        let reasons = reasons.map(|text| self.parse_stored(&text)).transpose()?.unwrap_or_default();
         Ok(Hit { verdict, reasons, ..hit })
     }
 }

@@ -7,17 +7,17 @@
 //! the disk.
 
 use super::chain;
-use super::commit::Writing;
+use super::commit::WriteTransaction;
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
 use super::outbox;
 use crate::files::hex;
-use crate::number_text::{printable, utc};
+use crate::number_text::{printable, utc_text};
 use crate::office::Kind;
 use crate::record::CycleId;
 use crate::signing::{
-    BEGIN, CellKey, FORM, HEAD_FORM, Meaning, PersonSignature, SignedChainPosition, SignedCycle, SignedHead,
-    SigningError, Statement, StatementContent,
+    CHAIN_BEGIN, CellKey, HEAD_FORMAT, Meaning, PersonSignature, STATEMENT_FORMAT, SignedChainPosition,
+    SignedCycle, SignedHead, SigningError, Statement, StatementContent,
 };
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use std::path::Path;
@@ -41,12 +41,12 @@ const ATTEMPTS: usize = 10;
 /// Length limit of a name, user or remark, in characters.
 const MAX_CHARACTERS: usize = 200;
 
-const OF_CYCLE: &str = "cycle";
-const OF_PERSON: &str = "person";
+const CYCLE_SIGNATURE_SQL: &str = "cycle";
+const PERSON_SIGNATURE_SQL: &str = "person";
 
 /// A person's signature request. The caller has recognized the person, by a password or otherwise.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct PersonSigns {
+pub struct PersonSigningRequest {
     /// The cycle with the record to sign.
     pub cycle: CycleId,
     /// The person's printed name.
@@ -86,7 +86,7 @@ impl SignatureRow {
         Ok(SignatureRow {
             number: row.get::<_, i64>(0)?.unsigned_abs(),
             cycle: row.get(1).map(CycleId)?,
-            is_of_person: kind == OF_PERSON,
+            is_of_person: kind == PERSON_SIGNATURE_SQL,
             unix_ms: row.get(3)?,
             record_hash: row.get(4)?,
             previous_hash: row.get(5)?,
@@ -99,10 +99,10 @@ impl SignatureRow {
 const COLUMNS: &str = "id, cycle_id, kind, unix_ms, record_hash, previous_hash, signature, public_key";
 
 /// Returns the last signature's number and the hash of its statement.
-fn last(connection: &Connection) -> Result<(i64, String), rusqlite::Error> {
+fn last_signature(connection: &Connection) -> Result<(i64, String), rusqlite::Error> {
     let sql = "SELECT id, record_hash FROM signatures ORDER BY id DESC LIMIT 1";
     let last = connection.query_row(sql, [], |row| Ok((row.get(0)?, row.get(1)?))).optional()?;
-    Ok(last.unwrap_or((0, BEGIN.to_owned())))
+    Ok(last.unwrap_or((0, CHAIN_BEGIN.to_owned())))
 }
 
 impl Store {
@@ -133,7 +133,11 @@ impl Store {
     /// # Errors
     /// If there is no such cycle or it is not over, a text cannot be printed as given, the person has signed this
     /// record with this meaning already, or the store cannot be written.
-    pub fn sign_as(folder: &Path, key: &CellKey, signs: &PersonSigns) -> Result<SignatureRow, StoreError> {
+    pub fn sign_by_person(
+        folder: &Path,
+        key: &CellKey,
+        signs: &PersonSigningRequest,
+    ) -> Result<SignatureRow, StoreError> {
         let texts = [("name", Some(&signs.name)), ("user", Some(&signs.user)), ("remark", signs.remark.as_ref())];
         for (what, text) in texts {
             // The texts of a signature are printed.
@@ -144,12 +148,12 @@ impl Store {
             })?;
         }
         let mut store = Store::for_signing(folder)?;
-        let of_cycle = match store.signature_of_cycle(signs.cycle)? {
+        let of_cycle = match store.cell_signature(signs.cycle)? {
             Some(row) => row,
             None => store.sign_cycle(key, signs.cycle)?,
         };
-        store.not_signed_so(signs)?;
-        let PersonSigns { cycle, name, user, meaning, remark } = signs.clone();
+        store.check_not_signed(signs)?;
+        let PersonSigningRequest { cycle, name, user, meaning, remark } = signs.clone();
         let says = PersonSignature { cycle, record_hash: of_cycle.record_hash, name, user, meaning, remark };
         store.sign(key, &StatementContent::Person(says))
     }
@@ -159,12 +163,12 @@ impl Store {
     /// # Errors
     /// If there is no such cycle, it is not over, or the store cannot be written.
     pub fn sign_cycle(&mut self, key: &CellKey, id: CycleId) -> Result<SignatureRow, StoreError> {
-        let says = self.cycle_to_sign(id)?;
+        let says = self.content_to_sign(id)?;
         self.sign(key, &StatementContent::Cycle(says))
     }
 
     /// Returns the present content of a cycle to be signed.
-    pub(super) fn cycle_to_sign(&self, id: CycleId) -> Result<SignedCycle, StoreError> {
+    pub(super) fn content_to_sign(&self, id: CycleId) -> Result<SignedCycle, StoreError> {
         let record = self.cycle(id)?;
         if record.judgement.is_none() {
             return Err(StoreError::UnknownCycle {
@@ -173,13 +177,13 @@ impl Store {
                 id: id.0,
             });
         }
-        let part = self.kept_part(&record);
-        SignedCycle::new(&record, part).map_err(|source| self.unsigned(source))
+        let part = self.stored_part(&record);
+        SignedCycle::new(&record, part).map_err(|source| self.signing_error(source))
     }
 
     fn sign(&mut self, key: &CellKey, says: &StatementContent) -> Result<SignatureRow, StoreError> {
         for _ in 0..ATTEMPTS {
-            if let Some(row) = self.attempt_to_sign(key, says)? {
+            if let Some(row) = self.try_sign(key, says)? {
                 return Ok(row);
             }
         }
@@ -187,36 +191,32 @@ impl Store {
     }
 
     /// `None` if another process has signed meanwhile.
-    fn attempt_to_sign(
-        &mut self,
-        key: &CellKey,
-        says: &StatementContent,
-    ) -> Result<Option<SignatureRow>, StoreError> {
-        let read = |store: &Store, error: rusqlite::Error| store.failed("read the signatures of", &error);
-        let (before, previous) = last(&self.connection).map_err(|error| read(self, error))?;
-        let place = chain::last(&self.connection).map_err(|error| read(self, error))?;
+    fn try_sign(&mut self, key: &CellKey, says: &StatementContent) -> Result<Option<SignatureRow>, StoreError> {
+        let read = |store: &Store, error: rusqlite::Error| store.database_error("read the signatures of", &error);
+        let (before, previous) = last_signature(&self.connection).map_err(|error| read(self, error))?;
+        let place = chain::last_link(&self.connection).map_err(|error| read(self, error))?;
         let statement = Statement {
-            form: FORM.to_owned(),
+            form: STATEMENT_FORMAT.to_owned(),
             number: before.unsigned_abs() + 1,
             previous: previous.clone(),
             unix_ms: unix_ms(self.clock()),
-            public_key: key.public().hex(),
+            public_key: key.public_key().hex(),
             store: SignedChainPosition { link: place.link, hash: hex(&place.hash) },
             says: says.clone(),
         };
-        let bytes = statement.canonical().map_err(|source| self.unsigned(source))?;
+        let bytes = statement.canonical().map_err(|source| self.signing_error(source))?;
         let row = SignatureRow {
             number: statement.number,
             cycle: statement.cycle(),
             is_of_person: matches!(says, StatementContent::Person(_)),
             unix_ms: statement.unix_ms,
-            record_hash: self.blobs.put(&bytes).map_err(|error| self.full_or(error))?,
+            record_hash: self.blobs.store_bytes(&bytes).map_err(|error| self.full_disk_or(error))?,
             previous_hash: previous.clone(),
             signature: key.sign(&bytes).to_vec(),
             public_key: statement.public_key,
         };
         let is_written = self.commit("write a signature to", |writing| {
-            if last(writing)? != (before, previous.clone()) {
+            if last_signature(writing)? != (before, previous.clone()) {
                 return Ok(false);
             }
             insert(writing, before + 1, &row)?;
@@ -233,28 +233,28 @@ impl Store {
     /// # Errors
     /// If they cannot be read.
     pub fn signatures(&self) -> Result<Vec<SignatureRow>, StoreError> {
-        self.signatures_where("?1 IS NULL", None)
+        self.find_signatures("?1 IS NULL", None)
     }
 
     /// The signatures of a cycle, in order: the cell's first, then persons'.
     ///
     /// # Errors
     /// If they cannot be read.
-    pub fn signatures_of(&self, id: CycleId) -> Result<Vec<SignatureRow>, StoreError> {
-        self.signatures_where("cycle_id = ?1", Some(id.0))
+    pub fn cycle_signatures(&self, id: CycleId) -> Result<Vec<SignatureRow>, StoreError> {
+        self.find_signatures("cycle_id = ?1", Some(id.0))
     }
 
     /// The first signature after this number, and the number of signatures after it.
     ///
     /// # Errors
     /// If they cannot be read.
-    pub fn signature_after(&self, number: u64) -> Result<Option<(SignatureRow, u64)>, StoreError> {
+    pub fn next_signature(&self, number: u64) -> Result<Option<(SignatureRow, u64)>, StoreError> {
         let number = Some(i64::try_from(number).unwrap_or(i64::MAX));
         let first = "id = (SELECT min(id) FROM signatures WHERE id > ?1)";
-        let Some(first) = self.signatures_where(first, number)?.pop() else { return Ok(None) };
+        let Some(first) = self.find_signatures(first, number)?.pop() else { return Ok(None) };
         let sql = "SELECT count(*) FROM signatures WHERE id > ?1";
         let count = self.connection.query_row(sql, [number], |row| row.get::<_, i64>(0));
-        let count = count.map_err(|error| self.failed("read the signatures of", &error))?;
+        let count = count.map_err(|error| self.database_error("read the signatures of", &error))?;
         Ok(Some((first, count.unsigned_abs())))
     }
 
@@ -262,11 +262,11 @@ impl Store {
     ///
     /// # Errors
     /// If it cannot be read, or a statement is damaged.
-    pub fn signed_by_persons(&self, id: CycleId) -> Result<Vec<(i64, PersonSignature)>, StoreError> {
+    pub fn person_signatures(&self, id: CycleId) -> Result<Vec<(i64, PersonSignature)>, StoreError> {
         let mut persons = Vec::new();
-        for row in self.signatures_of(id)?.into_iter().filter(|row| row.is_of_person) {
+        for row in self.cycle_signatures(id)?.into_iter().filter(|row| row.is_of_person) {
             let statement =
-                Statement::read(&self.blob(&row.record_hash)?).map_err(|source| self.unsigned(source))?;
+                Statement::read(&self.blob(&row.record_hash)?).map_err(|source| self.signing_error(source))?;
             if let StatementContent::Person(person) = statement.says {
                 persons.push((row.unix_ms, person));
             }
@@ -281,19 +281,19 @@ impl Store {
     pub fn signed_head(&self, key: &CellKey) -> Result<(SignedHead, Vec<u8>, [u8; 64]), StoreError> {
         let row = self.signatures()?.pop();
         let head = SignedHead {
-            form: HEAD_FORM.to_owned(),
+            form: HEAD_FORMAT.to_owned(),
             number: row.as_ref().map_or(0, |row| row.number),
-            hash: row.map_or(BEGIN.to_owned(), |row| row.record_hash),
+            hash: row.map_or(CHAIN_BEGIN.to_owned(), |row| row.record_hash),
             unix_ms: unix_ms(self.clock()),
-            public_key: key.public().hex(),
+            public_key: key.public_key().hex(),
         };
-        let bytes = crate::signing::canonical(&head).map_err(|source| self.unsigned(source))?;
+        let bytes = crate::signing::canonical(&head).map_err(|source| self.signing_error(source))?;
         let signature = key.sign(&bytes);
         Ok((head, bytes, signature))
     }
 
-    fn signatures_where(&self, condition: &str, value: Option<i64>) -> Result<Vec<SignatureRow>, StoreError> {
-        let failed = |error: rusqlite::Error| self.failed("read the signatures of", &error);
+    fn find_signatures(&self, condition: &str, value: Option<i64>) -> Result<Vec<SignatureRow>, StoreError> {
+        let failed = |error: rusqlite::Error| self.database_error("read the signatures of", &error);
         if !self.has_table("signatures")? {
             return Ok(Vec::new());
         }
@@ -309,43 +309,43 @@ impl Store {
             .connection
             .prepare_cached(&sql)
             .and_then(|mut row| row.query_row([number], SignatureRow::from_row));
-        row.map_err(|error| self.failed("read a signature of", &error))
+        row.map_err(|error| self.database_error("read a signature of", &error))
     }
 
-    fn signature_of_cycle(&self, id: CycleId) -> Result<Option<SignatureRow>, StoreError> {
-        Ok(self.signatures_of(id)?.into_iter().find(|row| !row.is_of_person))
+    fn cell_signature(&self, id: CycleId) -> Result<Option<SignatureRow>, StoreError> {
+        Ok(self.cycle_signatures(id)?.into_iter().find(|row| !row.is_of_person))
     }
 
     fn unsigned_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
         let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
             let sql = "SELECT id FROM cycles WHERE verdict IS NOT NULL
                 AND id NOT IN (SELECT cycle_id FROM signatures WHERE kind = ?1) ORDER BY id";
-            self.connection.prepare(sql)?.query_map([OF_CYCLE], |row| row.get(0).map(CycleId))?.collect()
+            self.connection.prepare(sql)?.query_map([CYCLE_SIGNATURE_SQL], |row| row.get(0).map(CycleId))?.collect()
         };
-        read().map_err(|error| self.failed("read the signatures of", &error))
+        read().map_err(|error| self.database_error("read the signatures of", &error))
     }
 
-    fn not_signed_so(&self, signs: &PersonSigns) -> Result<(), StoreError> {
+    fn check_not_signed(&self, signs: &PersonSigningRequest) -> Result<(), StoreError> {
         let same =
             |(_, person): &(i64, PersonSignature)| person.user == signs.user && person.meaning == signs.meaning;
-        match self.signed_by_persons(signs.cycle)?.into_iter().find(same) {
+        match self.person_signatures(signs.cycle)?.into_iter().find(same) {
             None => Ok(()),
-            Some((unix_ms, person)) => Err(StoreError::SignedAlready {
+            Some((unix_ms, person)) => Err(StoreError::AlreadySigned {
                 name: person.name,
                 cycle: signs.cycle.0,
-                meaning: signs.meaning.words(),
-                at: utc(unix_ms.div_euclid(1_000)),
+                meaning: signs.meaning.printed_text(),
+                at: utc_text(unix_ms.div_euclid(1_000)),
             }),
         }
     }
 
-    pub(super) fn unsigned(&self, source: SigningError) -> StoreError {
+    pub(super) fn signing_error(&self, source: SigningError) -> StoreError {
         StoreError::Signing { path: self.path().to_owned(), source }
     }
 }
 
-fn insert(writing: &Writing<'_>, id: i64, row: &SignatureRow) -> Result<usize, rusqlite::Error> {
-    let kind = if row.is_of_person { OF_PERSON } else { OF_CYCLE };
+fn insert(writing: &WriteTransaction<'_>, id: i64, row: &SignatureRow) -> Result<usize, rusqlite::Error> {
+    let kind = if row.is_of_person { PERSON_SIGNATURE_SQL } else { CYCLE_SIGNATURE_SQL };
     writing.execute(
         &format!("INSERT INTO signatures ({COLUMNS}) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)"),
         params![

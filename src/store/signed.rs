@@ -4,35 +4,37 @@
 
 use super::database::Store;
 use super::signatures::SignatureRow;
-use super::verify::Verified;
+use super::verify::StoreVerification;
 use crate::files::hex;
 use crate::record::CycleId;
-use crate::signing::{self, Claim, PublicKey, Signed, SignedCycle, Statement, StatementContent, differences};
+use crate::signing::{self, NameClaim, PublicKey, Signed, SignedCycle, Statement, StatementContent, differences};
 use std::collections::BTreeSet;
 
 impl Store {
     /// Adds contradictions to the signatures, and the number of signatures.
-    pub(super) fn verify_signatures(&self, verified: &mut Verified) {
+    pub(super) fn verify_signatures(&self, verified: &mut StoreVerification) {
         let rows = match self.signatures() {
             Ok(rows) => rows,
-            Err(error) => return verified.found.push(error.to_string()),
+            Err(error) => return verified.differences.push(error.to_string()),
         };
         verified.signatures = rows.len() as u64;
         let mut all = Vec::new();
         for row in &rows {
             match self.blob(&row.record_hash) {
                 Ok(bytes) => all.push(signed(row, bytes)),
-                Err(error) => verified.found.push(format!("signature {}: {error}", row.number)),
+                Err(error) => verified.differences.push(format!("signature {}: {error}", row.number)),
             }
         }
         let named: BTreeSet<&str> = rows.iter().map(|row| row.public_key.as_str()).collect();
-        let keys: Vec<PublicKey> = named.iter().filter_map(|hex| PublicKey::of_hex(hex).ok()).collect();
+        let keys: Vec<PublicKey> = named.iter().filter_map(|hex| PublicKey::from_hex(hex).ok()).collect();
         let checked = signing::verify(&all, &keys, None);
-        verified.found.extend(checked.found);
+        verified.differences.extend(checked.differences);
         // A gap at the first numbers is reported below.
-        verified.found.extend(checked.gaps.into_iter().filter(|(first, _)| *first > 1).map(signing::missing));
+        verified
+            .differences
+            .extend(checked.gaps.into_iter().filter(|(first, _)| *first > 1).map(signing::missing_text));
         for (number, (statement, _)) in &checked.statements {
-            verified.found.extend(self.contradicts(*number, statement));
+            verified.differences.extend(self.statement_contradictions(*number, statement));
         }
         for row in &rows {
             let Some((statement, hash)) = checked.statements.get(&row.number) else { continue };
@@ -40,15 +42,15 @@ impl Store {
                 == (statement.cycle(), statement.unix_ms, &statement.previous, hash, &statement.public_key)
                 && row.is_of_person == matches!(statement.says, StatementContent::Person(_));
             if !same {
-                verified.found.push(format!("signature {} does not match its signed record", row.number));
+                verified.differences.push(format!("signature {} does not match its signed record", row.number));
             }
         }
-        verified.found.extend(after_the_last(&rows));
+        verified.differences.extend(check_no_gaps(&rows));
         verified.keys = keys.iter().map(PublicKey::hex).collect();
     }
 
     /// The contradictions between the present rows and a statement.
-    fn contradicts(&self, number: u64, statement: &Statement) -> Vec<String> {
+    fn statement_contradictions(&self, number: u64, statement: &Statement) -> Vec<String> {
         let mut found = Vec::new();
         let place = &statement.store;
         let here = if place.link == 0 { Ok(None) } else { self.link_hash(place.link) };
@@ -66,7 +68,7 @@ impl Store {
 
     fn cycle_contradicts(&self, number: u64, signed: &SignedCycle) -> Vec<String> {
         let CycleId(id) = signed.id;
-        let now = match self.cycle_to_sign(signed.id) {
+        let now = match self.content_to_sign(signed.id) {
             Ok(now) => now,
             Err(error) => return vec![format!("cycle {id}, named by signature {number}, cannot be read: {error}")],
         };
@@ -83,11 +85,11 @@ impl Store {
 
 fn signed(row: &SignatureRow, bytes: Vec<u8>) -> Signed {
     let name = format!("signature {}", row.number);
-    Signed { name, bytes, signature: row.signature.clone(), claim: Claim::Number(row.number) }
+    Signed { name, bytes, signature: row.signature.clone(), claim: NameClaim::Number(row.number) }
 }
 
 /// Checks that numbers have no gaps; the first ones must not be missing either.
-fn after_the_last(rows: &[SignatureRow]) -> Option<String> {
+fn check_no_gaps(rows: &[SignatureRow]) -> Option<String> {
     let first = rows.first()?.number;
     (first > 1).then(|| format!("signatures 1 to {} are missing", first - 1))
 }

@@ -1,6 +1,6 @@
 //! Taught panels as immutable, content-hashed versions.
 
-use super::commit::{Failed, Writing};
+use super::commit::{TransactionFailure, WriteTransaction};
 use super::database::Store;
 use super::error::StoreError;
 use crate::config::nearest;
@@ -33,7 +33,7 @@ pub(super) const TABLES: &str = "
 
 /// All inputs from which a panel is taught: unchanged files and texts.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Teaching {
+pub struct TeachingInputs {
     /// The panel's name, from the recipe.
     pub name: String,
     /// The scan of the 3D camera of the panel at its nominal pose, PCD.
@@ -63,13 +63,13 @@ pub struct TaughtCorner {
 
 /// A teaching read from the store.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Taught {
+pub struct StoredTeaching {
     /// The teaching's version: 16 hexadecimal digits of its content's hash.
     pub version: String,
     /// Time of teaching, s since 1970.
     pub taught_at_unix_s: i64,
     /// What was taught.
-    pub teaching: Teaching,
+    pub teaching: TeachingInputs,
 }
 
 /// A teaching with its files replaced by their hashes, as a row stores it.
@@ -97,15 +97,15 @@ impl Store {
     /// # Errors
     /// If the store is open for reading, a flange pose is not finite, or files or database cannot be written; then
     /// no panel was changed.
-    pub fn teach(&mut self, teaching: &Teaching) -> Result<String, StoreError> {
+    pub fn teach(&mut self, teaching: &TeachingInputs) -> Result<String, StoreError> {
         if let Some(corner) = teaching.corners.iter().position(|corner| !corner.base_from_flange.is_finite()) {
             return Err(StoreError::Pose { corner: corner + 1 });
         }
-        self.writable()?;
+        self.require_writable()?;
         let corner =
-            |corner: &TaughtCorner| Ok((self.put_blob(&corner.picture)?, write_pose(&corner.base_from_flange)));
+            |corner: &TaughtCorner| Ok((self.store_blob(&corner.picture)?, write_pose(&corner.base_from_flange)));
         let record = Record {
-            scan_hash: self.put_blob(&teaching.scan)?,
+            scan_hash: self.store_blob(&teaching.scan)?,
             texts: [
                 teaching.recipe_text.clone(),
                 teaching.scanner_calibration_text.clone(),
@@ -125,8 +125,8 @@ impl Store {
     ///
     /// # Errors
     /// If there is no such panel or version, or a part of it is damaged.
-    pub fn taught(&self, name: &str, version: Option<&str>) -> Result<Taught, StoreError> {
-        let found = self.record(name, version).map_err(|error| self.failed("read", &error))?;
+    pub fn taught(&self, name: &str, version: Option<&str>) -> Result<StoredTeaching, StoreError> {
+        let found = self.record(name, version).map_err(|error| self.database_error("read", &error))?;
         let Some((stored_version, taught_at_unix_s, record)) = found else {
             return Err(self.unknown(name, version));
         };
@@ -151,7 +151,7 @@ impl Store {
             flange_camera_text,
             flange_from_camera_text,
         ] = record.texts;
-        let teaching = Teaching {
+        let teaching = TeachingInputs {
             name: name.to_owned(),
             scan,
             recipe_text,
@@ -161,15 +161,15 @@ impl Store {
             flange_camera_text,
             flange_from_camera_text,
         };
-        Ok(Taught { version: stored_version, taught_at_unix_s, teaching })
+        Ok(StoredTeaching { version: stored_version, taught_at_unix_s, teaching })
     }
 
     /// The names of all taught panels, in alphabetical order.
     ///
     /// # Errors
     /// If they cannot be read.
-    pub fn panels(&self) -> Result<Vec<String>, StoreError> {
-        self.names().map_err(|error| self.failed("read", &error))
+    pub fn panel_names(&self) -> Result<Vec<String>, StoreError> {
+        self.names().map_err(|error| self.database_error("read", &error))
     }
 
     fn names(&self) -> Result<Vec<String>, rusqlite::Error> {
@@ -208,7 +208,7 @@ impl Store {
         };
         let (names, versions) = match lists() {
             Ok(lists) => lists,
-            Err(error) => return self.failed("read", &error),
+            Err(error) => return self.database_error("read", &error),
         };
         match version {
             Some(version) if !versions.is_empty() => {
@@ -224,10 +224,10 @@ impl Store {
 }
 
 fn insert(
-    writing: &mut Writing<'_>,
+    writing: &mut WriteTransaction<'_>,
     (name, version, taught_at_unix_s): (&str, &str, i64),
     record: &Record,
-) -> Result<(), Failed> {
+) -> Result<(), TransactionFailure> {
     let [recipe, scanner, base_from_camera, flange_camera, flange_from_camera] = &record.texts;
     writing.execute(
         "INSERT INTO taught_panels (name, version, taught_at_unix_s, scan_hash, recipe_text,

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 /// The queue of the threads that wait to write to one store.
 #[derive(Debug, Default)]
-pub(super) struct Turns {
+pub(super) struct WriteQueue {
     queue: Mutex<Queue>,
     changed: Condvar,
 }
@@ -24,28 +24,28 @@ struct Queue {
 
 /// The right to write; the turn ends when this value is dropped.
 #[derive(Debug)]
-pub(super) struct InTurn<'t> {
-    turns: &'t Turns,
+pub(super) struct WriteTurn<'t> {
+    turns: &'t WriteQueue,
     number: u64,
 }
 
-impl Turns {
+impl WriteQueue {
     /// Returns the turns of the store in this folder.
-    pub fn at(store: &Path) -> Arc<Turns> {
-        static ALL: Mutex<BTreeMap<PathBuf, Weak<Turns>>> = Mutex::new(BTreeMap::new());
+    pub fn for_folder(store: &Path) -> Arc<WriteQueue> {
+        static ALL: Mutex<BTreeMap<PathBuf, Weak<WriteQueue>>> = Mutex::new(BTreeMap::new());
         let key = store.canonicalize().unwrap_or_else(|_| store.to_owned());
         let mut all = ALL.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(turns) = all.get(&key).and_then(Weak::upgrade) {
             return turns;
         }
         all.retain(|_, turns| turns.strong_count() > 0);
-        let turns = Arc::new(Turns::default());
+        let turns = Arc::new(WriteQueue::default());
         all.insert(key, Arc::downgrade(&turns));
         turns
     }
 
     /// Waits for the turn, at most this time; `None` after a timeout.
-    pub fn acquire(&self, patience: Duration) -> Option<InTurn<'_>> {
+    pub fn acquire(&self, patience: Duration) -> Option<WriteTurn<'_>> {
         let until = Instant::now() + patience;
         let mut queue = self.lock();
         let number = queue.next;
@@ -54,15 +54,15 @@ impl Turns {
         while queue.waiting.front() != Some(&number) {
             let left = until.saturating_duration_since(Instant::now());
             if left.is_zero() {
-                self.leave(queue, number);
+                self.leave_queue(queue, number);
                 return None;
             }
             queue = self.changed.wait_timeout(queue, left).unwrap_or_else(PoisonError::into_inner).0;
         }
-        Some(InTurn { turns: self, number })
+        Some(WriteTurn { turns: self, number })
     }
 
-    fn leave(&self, mut queue: MutexGuard<'_, Queue>, number: u64) {
+    fn leave_queue(&self, mut queue: MutexGuard<'_, Queue>, number: u64) {
         queue.waiting.retain(|waiting| *waiting != number);
         drop(queue);
         self.changed.notify_all();
@@ -73,9 +73,9 @@ impl Turns {
     }
 }
 
-impl Drop for InTurn<'_> {
+impl Drop for WriteTurn<'_> {
     fn drop(&mut self) {
-        self.turns.leave(self.turns.lock(), self.number);
+        self.turns.leave_queue(self.turns.lock(), self.number);
     }
 }
 
@@ -84,7 +84,7 @@ mod tests {
     use super::*;
     use std::thread;
 
-    fn until_waiting(turns: &Turns, count: usize) {
+    fn until_waiting(turns: &WriteQueue, count: usize) {
         while turns.lock().waiting.len() < count {
             thread::sleep(Duration::from_millis(1));
         }
@@ -94,8 +94,8 @@ mod tests {
     #[test]
     fn who_comes_first_is_served_first() {
         let folder = tempfile::tempdir().expect("a folder");
-        let (turns, served) = (Turns::at(folder.path()), Mutex::new(Vec::new()));
-        assert!(Arc::ptr_eq(&turns, &Turns::at(folder.path())), "one queue for each store");
+        let (turns, served) = (WriteQueue::for_folder(folder.path()), Mutex::new(Vec::new()));
+        assert!(Arc::ptr_eq(&turns, &WriteQueue::for_folder(folder.path())), "one queue for each store");
         let serve = |name| {
             let _turn = turns.acquire(Duration::from_secs(60)).expect("a turn");
             served.lock().expect("whole").push(name);
@@ -116,7 +116,7 @@ mod tests {
 
     #[test]
     fn who_waits_too_long_leaves_the_others_their_place() {
-        let turns = Turns::default();
+        let turns = WriteQueue::default();
         let first = turns.acquire(Duration::ZERO).expect("free");
         assert!(turns.acquire(Duration::from_millis(5)).is_none());
         drop(first);

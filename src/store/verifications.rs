@@ -49,8 +49,8 @@ impl Store {
     ///
     /// # Errors
     /// If the store cannot be opened or written, or a number is not finite.
-    pub fn keep_verification_in(folder: &Path, verification: &Verification) -> Result<(Self, i64), StoreError> {
-        let mut store = Store::for_one_row(folder)?;
+    pub fn store_verification_in(folder: &Path, verification: &Verification) -> Result<(Self, i64), StoreError> {
+        let mut store = Store::open_for_one_row(folder)?;
         let number = store.insert_verification(verification)?;
         Ok((store, number))
     }
@@ -60,17 +60,17 @@ impl Store {
     ///
     /// # Errors
     /// If the store cannot be opened or written, has no such verification, or it is struck out already.
-    pub fn strike_in(folder: &Path, number: i64, strike: &Strike) -> Result<(Self, Verification), StoreError> {
+    pub fn strike_out_in(folder: &Path, number: i64, strike: &Strike) -> Result<(Self, Verification), StoreError> {
         // A mistyped folder name must not create a store.
         drop(Store::open(folder)?);
-        let mut store = Store::for_one_row(folder)?;
+        let mut store = Store::open_for_one_row(folder)?;
         let all = store.verification_history()?;
         let path = || store.path().to_owned();
         let Some((_, found)) = all.into_iter().find(|(id, _)| *id == number) else {
             return Err(StoreError::UnknownVerification { path: path(), number });
         };
         if let Some(Strike { by, .. }) = found.struck {
-            return Err(StoreError::StruckAlready { path: path(), number, by });
+            return Err(StoreError::AlreadyStruck { path: path(), number, by });
         }
         store.commit("strike out a verification in", |writing| {
             writing.execute(
@@ -82,23 +82,23 @@ impl Store {
         Ok((store, Verification { struck: Some(strike.clone()), ..found }))
     }
 
-    pub(super) fn for_one_row(folder: &Path) -> Result<Self, StoreError> {
+    pub(super) fn open_for_one_row(folder: &Path) -> Result<Self, StoreError> {
         match Store::create(folder) {
-            Err(StoreError::Leased { .. }) => Store::beside_the_writer(folder),
+            Err(StoreError::Leased { .. }) => Store::open_beside_writer(folder),
             opened => opened,
         }
     }
 
-    pub(super) fn beside_the_writer(folder: &Path) -> Result<Self, StoreError> {
+    pub(super) fn open_beside_writer(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(DATABASE);
-        flush::left_behind(&path)?;
+        flush::flush_after_kill(&path)?;
         let mut store = Store::open(folder)?;
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);
         store.connection = Connection::open_with_flags(&path, flags).map_err(failed)?;
         store.connection.pragma_update(None, "synchronous", "FULL").map_err(failed)?;
         store.head = Some(HeadFile::open(folder).map_err(|source| StoreError::File {
-            doing: "open the head of",
+            operation: "open the head of",
             path,
             source,
         })?);
@@ -109,8 +109,8 @@ impl Store {
     ///
     /// # Errors
     /// If the store is open for reading or cannot be written, or a number is not finite.
-    pub fn keep_verification(&mut self, verification: &Verification) -> Result<(), StoreError> {
-        self.writable()?;
+    pub fn store_verification(&mut self, verification: &Verification) -> Result<(), StoreError> {
+        self.require_writable()?;
         self.insert_verification(verification).map(drop)
     }
 
@@ -152,14 +152,14 @@ impl Store {
     /// # Errors
     /// As [`Store::verifications`].
     pub fn verification_history(&self) -> Result<Vec<(i64, Verification)>, StoreError> {
-        let failed = |error: rusqlite::Error| self.failed("read verifications from", &error);
+        let failed = |error: rusqlite::Error| self.database_error("read verifications from", &error);
         let mut statement = self
             .connection
             .prepare(
                 "SELECT id, subject, error_mm, limit_mm, calibration_hash, at_unix_s FROM verifications ORDER BY id",
             )
             .map_err(failed)?;
-        let strikes = self.strikes()?;
+        let strikes = self.strikes_by_verification()?;
         let rows = statement.query_map([], |row| {
             let number: i64 = row.get(0)?;
             let verification = Verification {
@@ -176,8 +176,8 @@ impl Store {
     }
 
     /// Returns strikes by the number of their verification; none for a store of an earlier version of this program.
-    fn strikes(&self) -> Result<BTreeMap<i64, Strike>, StoreError> {
-        let failed = |error: rusqlite::Error| self.failed("read strikes from", &error);
+    fn strikes_by_verification(&self) -> Result<BTreeMap<i64, Strike>, StoreError> {
+        let failed = |error: rusqlite::Error| self.database_error("read strikes from", &error);
         if !self.connection.table_exists(None, "verification_strikes").map_err(failed)? {
             return Ok(BTreeMap::new());
         }
@@ -195,7 +195,7 @@ impl Store {
     ///
     /// # Errors
     /// As [`Store::verifications`].
-    pub fn last_verification(&self, subject: &str) -> Result<Option<Verification>, StoreError> {
+    pub fn newest_verification(&self, subject: &str) -> Result<Option<Verification>, StoreError> {
         Ok(self.verifications(subject)?.pop())
     }
 }

@@ -1,9 +1,9 @@
 //! Verifies that the store contains the data that were written. Names changed, deleted, inserted, reordered or
 //! rolled-back data.
 
-use super::chain::{self, ChainPosition, Hash, PARTS, Part};
+use super::chain::{self, ChainPosition, Hash, HashedTable, PARTS};
 use super::database::{DATABASE, Store};
-use super::database_files::{file_hash, log_of};
+use super::database_files::{file_hash, log_path};
 use super::error::StoreError;
 use super::{head, parts, prune, schema};
 use crate::files::hex;
@@ -13,18 +13,18 @@ use std::path::Path;
 
 /// Number of links that a start verifies: in a small store all links, in a large store the links since its last
 /// checkpoint.
-const AT_START: i64 = 20_000;
+const START_VERIFIED_LINKS: i64 = 20_000;
 /// Limit of messages of one kind; the others are only counted.
 const MAX_MESSAGES: usize = 200;
 
 /// The result of a verification.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Verified {
+pub struct StoreVerification {
     /// Differences from the written data, in words.
-    pub found: Vec<String>,
+    pub differences: Vec<String>,
     /// Differences that were found at an earlier start and stored as an incident, and that can no longer be detected,
     /// for example missing lines.
-    pub known: Vec<String>,
+    pub earlier_differences: Vec<String>,
     /// Number of links in the chain.
     pub links: u64,
     /// Number of files that were read and are unchanged.
@@ -49,8 +49,8 @@ enum RowFault {
 
 /// The state of a verification of the chain.
 #[derive(Default)]
-struct Walk {
-    wrong: Vec<(&'static str, RowFault, i64)>,
+struct ChainWalk {
+    faults: Vec<(&'static str, RowFault, i64)>,
     links: Vec<String>,
     /// The changed rows: the hash of the written content and the hash of the present content.
     changed: Vec<(&'static str, i64, Hash, Hash)>,
@@ -66,16 +66,16 @@ impl Store {
     /// # Errors
     /// If there is no store, it is an earlier program's, or its database cannot be opened at all. Unreadable
     /// content is a finding, not an error.
-    pub fn verify(folder: &Path, files: bool) -> Result<Verified, StoreError> {
+    pub fn verify(folder: &Path, files: bool) -> Result<StoreVerification, StoreError> {
         let path = folder.join(DATABASE);
         // This is done before a connection is open: closing a file also releases the locks of a connection.
-        let log = std::fs::metadata(log_of(&path)).map_or(0, |log| log.len());
+        let log = std::fs::metadata(log_path(&path)).map_or(0, |log| log.len());
         let hash = if log == 0 { file_hash(&path).ok() } else { None };
         let store = match Store::open(folder) {
             Ok(store) => store,
             Err(StoreError::Damaged { problem, .. }) => {
                 let found = vec![format!("the database is damaged: {problem}")];
-                return Ok(Verified { found, ..Verified::default() });
+                return Ok(StoreVerification { differences: found, ..StoreVerification::default() });
             }
             Err(error) => return Err(error),
         };
@@ -85,17 +85,17 @@ impl Store {
         }
         let begin = || -> Result<ChainPosition, rusqlite::Error> {
             store.connection.execute_batch("BEGIN")?;
-            chain::last(&store.connection)
+            chain::last_link(&store.connection)
         };
-        let told = head::read_beside(folder, begin);
+        let told = head::read_locked(folder, begin);
         let (told, last) = match told {
             Ok((told, last)) => (Ok(told), last),
             Err(error) => (Err(error), begin()),
         };
-        let mut verified = Verified::default();
+        let mut verified = StoreVerification::default();
         match last {
             Ok(last) => store.verify_rows((told, last), hash, &mut verified)?,
-            Err(error) => verified.found.push(format!("the chain cannot be read: {error}")),
+            Err(error) => verified.differences.push(format!("the chain cannot be read: {error}")),
         }
         if files {
             store.verify_files(&mut verified);
@@ -106,24 +106,26 @@ impl Store {
 
     fn verify_rows(
         &self,
-        (told, last): (Result<Option<head::Read>, std::io::Error>, ChainPosition),
+        (told, last): (Result<Option<head::HeadRead>, std::io::Error>, ChainPosition),
         hash: Option<Hash>,
-        verified: &mut Verified,
+        verified: &mut StoreVerification,
     ) -> Result<(), StoreError> {
         let database = told.as_ref().ok().copied().flatten().and_then(|read| read.head.database);
-        verified.found.extend(self.contradictions(told, last)?);
-        let (found, links) = self.contradicted(ChainPosition::BEGIN, true);
-        verified.found.extend(found);
+        verified.differences.extend(self.end_contradictions(told, last)?);
+        let (found, links) = self.contradictions_after(ChainPosition::START, true);
+        verified.differences.extend(found);
         verified.links = links;
         verified
-            .found
+            .differences
             .extend(schema::differences(&self.connection).unwrap_or_else(|error| vec![error.to_string()]));
         let parts = parts::differences(&self.connection, &self.blobs);
-        verified.found.extend(parts.unwrap_or_else(|error| vec![format!("the parts cannot be read: {error}")]));
+        verified
+            .differences
+            .extend(parts.unwrap_or_else(|error| vec![format!("the parts cannot be read: {error}")]));
         if let (Some(written), Some(found)) = (database, hash)
             && written != found
         {
-            verified.found.push(format!(
+            verified.differences.push(format!(
                 "the file {DATABASE} was changed after the program closed it: its SHA-256 is {}, expected {}",
                 hex(&found),
                 hex(&written)
@@ -132,27 +134,31 @@ impl Store {
         let incidents = match self.incidents() {
             Ok(incidents) => incidents,
             Err(error) => {
-                verified.found.push(error.to_string());
+                verified.differences.push(error.to_string());
                 return Ok(());
             }
         };
-        let is_open = self.waits_for_a_person();
+        let is_open = self.is_change_unreviewed();
         for (index, incident) in incidents.iter().enumerate() {
-            for words in
-                incident.found.iter().filter(|words| !verified.found.contains(words)).cloned().collect::<Vec<_>>()
+            for words in incident
+                .found
+                .iter()
+                .filter(|words| !verified.differences.contains(words))
+                .cloned()
+                .collect::<Vec<_>>()
             {
                 if is_open && index + 1 == incidents.len() {
-                    verified.found.push(words);
+                    verified.differences.push(words);
                 } else {
-                    verified.known.push(words);
+                    verified.earlier_differences.push(words);
                 }
             }
         }
         Ok(())
     }
 
-    fn verify_files(&self, verified: &mut Verified) {
-        match prune::named(self, &|_| false) {
+    fn verify_files(&self, verified: &mut StoreVerification) {
+        match prune::named_files(self, &|_| false) {
             Ok(named) => {
                 let removed = prune::removed(self).unwrap_or_default();
                 let folder = self.folder().join("blobs");
@@ -162,19 +168,19 @@ impl Store {
                         Err(_) if removed.contains(&hash) && !folder.join(&hash).exists() => verified.pruned += 1,
                         Err(StoreError::File { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
                             verified
-                                .found
+                                .differences
                                 .push(format!("the file blobs/{hash} is missing, and no removal was recorded"));
                         }
-                        Err(error) => verified.found.push(error.to_string()),
+                        Err(error) => verified.differences.push(error.to_string()),
                     }
                 }
             }
-            Err(error) => verified.found.push(error.to_string()),
+            Err(error) => verified.differences.push(error.to_string()),
         }
     }
 
     /// Returns whether the journal states that a person must look at a change of the store.
-    fn waits_for_a_person(&self) -> bool {
+    fn is_change_unreviewed(&self) -> bool {
         use crate::cycle::{At, Cause};
         self.state().is_ok_and(|state| {
             matches!(
@@ -185,14 +191,14 @@ impl Store {
     }
 
     /// Returns contradictions between the end of the chain and the head outside the database.
-    pub(super) fn contradictions(
+    pub(super) fn end_contradictions(
         &self,
-        told: Result<Option<head::Read>, std::io::Error>,
+        told: Result<Option<head::HeadRead>, std::io::Error>,
         last: ChainPosition,
     ) -> Result<Vec<String>, StoreError> {
         let read = match told {
             Ok(Some(read)) => read,
-            Ok(None) if last == ChainPosition::BEGIN => return Ok(vec![]),
+            Ok(None) if last == ChainPosition::START => return Ok(vec![]),
             Ok(None) => return Ok(vec![format!("the head of the chain, {}, is missing", head::FILE)]),
             Err(error) => {
                 return Ok(vec![format!("the head of the chain, {}, cannot be read: {error}", head::FILE)]);
@@ -202,11 +208,11 @@ impl Store {
         if read.is_damaged {
             found.push(format!("one of the two copies in {} is damaged", head::FILE));
         }
-        let (at, end) = (read.head.at, last.link);
-        if read.head.explains(last) {
+        let (at, end) = (read.head.position, last.link);
+        if read.head.allows_position(last) {
             return Ok(found);
         }
-        let here = if at.link == 0 { Ok(Some(ChainPosition::BEGIN.hash)) } else { self.link_hash(at.link) };
+        let here = if at.link == 0 { Ok(Some(ChainPosition::START.hash)) } else { self.link_hash(at.link) };
         found.push(match here {
             _ if at.link > end => format!(
                 "rolled back: {} entries at the end of the chain are missing, links {} to {}; the hash in the head \
@@ -237,25 +243,26 @@ impl Store {
     }
 
     /// Returns contradictions between the recently written rows and the chain.
-    pub(super) fn changed_lately(&self) -> Result<Vec<String>, StoreError> {
-        let read = |error: rusqlite::Error| self.failed("read the chain of", &error);
-        let last = chain::last(&self.connection).map_err(read)?;
-        if last.link <= AT_START {
-            return Ok(self.contradicted(ChainPosition::BEGIN, true).0);
+    pub(super) fn recent_contradictions(&self) -> Result<Vec<String>, StoreError> {
+        let read = |error: rusqlite::Error| self.database_error("read the chain of", &error);
+        let last = chain::last_link(&self.connection).map_err(read)?;
+        if last.link <= START_VERIFIED_LINKS {
+            return Ok(self.contradictions_after(ChainPosition::START, true).0);
         }
         let sql = "SELECT max(0, link - 1) FROM chain WHERE part = 'checkpoints' ORDER BY link DESC LIMIT 1";
-        let from: i64 = self.connection.query_row(sql, [], |row| row.get(0)).unwrap_or(last.link - AT_START);
-        let hash = self.link_hash(from).map_err(read)?.unwrap_or(ChainPosition::BEGIN.hash);
-        Ok(self.contradicted(ChainPosition { link: from, hash }, false).0)
+        let from: i64 =
+            self.connection.query_row(sql, [], |row| row.get(0)).unwrap_or(last.link - START_VERIFIED_LINKS);
+        let hash = self.link_hash(from).map_err(read)?.unwrap_or(ChainPosition::START.hash);
+        Ok(self.contradictions_after(ChainPosition { link: from, hash }, false).0)
     }
 
     /// Returns contradictions to the chain after this position, in words, and the number of links that were read.
     /// If `whole`, rows without a link are searched for too.
-    fn contradicted(&self, from: ChainPosition, whole: bool) -> (Vec<String>, u64) {
-        let mut walk = Walk::default();
+    fn contradictions_after(&self, from: ChainPosition, whole: bool) -> (Vec<String>, u64) {
+        let mut walk = ChainWalk::default();
         let walked = walk
             .chain(&self.connection, from)
-            .and_then(|()| if whole { walk.unlinked(&self.connection) } else { Ok(()) });
+            .and_then(|()| if whole { walk.find_unlinked_rows(&self.connection) } else { Ok(()) });
         let mut found = std::mem::take(&mut walk.links);
         let rest = found.len().saturating_sub(MAX_MESSAGES);
         found.truncate(MAX_MESSAGES);
@@ -263,13 +270,13 @@ impl Store {
             (rest > 0).then(|| format!("{rest} further links of the chain do not match the links before them")),
         );
         let count = walk.count;
-        found.extend(walk.words());
+        found.extend(walk.describe_findings());
         found.extend(walked.err().map(|error| format!("the chain or a row cannot be read: {error}")));
         (found, count)
     }
 }
 
-impl Walk {
+impl ChainWalk {
     /// Reads the chain after this position, and the rows that its links name.
     fn chain(&mut self, connection: &Connection, from: ChainPosition) -> Result<(), rusqlite::Error> {
         let sql = "SELECT link, part, row_key, row_hash, hash FROM chain WHERE link > ?1 ORDER BY link";
@@ -299,7 +306,7 @@ impl Walk {
         if link != before.link + 1 {
             self.links.push(format!("links {} to {} of the chain are missing", before.link + 1, link - 1));
         }
-        let expected = ChainPosition { link: link - 1, ..before }.followed_by(&name, key, &row_hash);
+        let expected = ChainPosition { link: link - 1, ..before }.next_position(&name, key, &row_hash);
         if expected.hash != hash {
             self.links.push(format!("link {link} of the chain was changed or moved"));
         }
@@ -317,7 +324,7 @@ impl Walk {
         Ok(ChainPosition { link, hash })
     }
 
-    fn row(&mut self, connection: &Connection, (part, key): (&'static Part, i64), row_hash: Hash) {
+    fn row(&mut self, connection: &Connection, (part, key): (&'static HashedTable, i64), row_hash: Hash) {
         let wrong = match chain::row_hash(connection, part, key) {
             Ok(Some(found)) if found == row_hash => return,
             Ok(Some(found)) => {
@@ -327,19 +334,19 @@ impl Walk {
             Ok(None) => RowFault::Missing,
             Err(_) => RowFault::Unreadable,
         };
-        self.wrong.push((part.name, wrong, key));
+        self.faults.push((part.name, wrong, key));
     }
 
     /// Finds rows that no link names, and rows that are named twice.
-    fn unlinked(&mut self, connection: &Connection) -> Result<(), rusqlite::Error> {
+    fn find_unlinked_rows(&mut self, connection: &Connection) -> Result<(), rusqlite::Error> {
         for part in &PARTS {
             let mut written = self.written.remove(part.name).unwrap_or_default();
             written.sort_unstable();
             if !part.is_replaced {
                 let twice = written.windows(2).filter(|pair| pair[0] == pair[1]).map(|pair| pair[0]);
-                self.wrong.extend(twice.map(|key| (part.name, RowFault::Twice, key)));
+                self.faults.extend(twice.map(|key| (part.name, RowFault::Twice, key)));
             }
-            let Part { table, key, written: condition, .. } = part;
+            let HashedTable { table, key, is_written_sql: condition, .. } = part;
             // Reads the table and not an index, since an index may be damaged separately.
             let sql = format!("SELECT {key} FROM {table} NOT INDEXED WHERE {condition}");
             let mut statement = connection.prepare(&sql)?;
@@ -347,7 +354,7 @@ impl Walk {
             while let Some(row) = rows.next()? {
                 let key: i64 = row.get(0)?;
                 if written.binary_search(&key).is_err() {
-                    self.wrong.push((part.name, RowFault::PutIn, key));
+                    self.faults.push((part.name, RowFault::PutIn, key));
                 }
             }
         }
@@ -355,7 +362,7 @@ impl Walk {
     }
 
     /// Returns all findings in words; neighbouring rows are reported together.
-    fn words(mut self) -> Vec<String> {
+    fn describe_findings(mut self) -> Vec<String> {
         let mut told = Vec::new();
         let exchanged: Vec<(&str, i64, i64)> = self
             .changed
@@ -369,23 +376,23 @@ impl Walk {
             .take(MAX_MESSAGES)
             .collect();
         for (name, key, from) in &exchanged {
-            let words = chain::part(name).map_or(*name, |part| part.words);
+            let words = chain::part(name).map_or(*name, |part| part.row_term);
             told.push(format!("reordered: {words} {key} contains what was written as {words} {from}"));
         }
-        self.wrong
+        self.faults
             .retain(|(name, _, key)| !exchanged.iter().any(|(part, number, _)| part == name && number == key));
-        self.wrong.sort_unstable();
+        self.faults.sort_unstable();
         let mut index = 0;
-        while index < self.wrong.len() {
-            let (name, wrong, first) = self.wrong[index];
+        while index < self.faults.len() {
+            let (name, wrong, first) = self.faults[index];
             let mut last = first;
             index += 1;
-            while let Some((next, same, key)) = self.wrong.get(index)
+            while let Some((next, same, key)) = self.faults.get(index)
                 && (*next, *same, *key) == (name, wrong, last + 1)
             {
                 (last, index) = (last + 1, index + 1);
             }
-            let words = chain::part(name).map_or(name, |part| part.words);
+            let words = chain::part(name).map_or(name, |part| part.row_term);
             let range =
                 if first == last { format!("{words} {first}") } else { format!("{words} {first} to {last}") };
             told.push(match wrong {

@@ -22,7 +22,7 @@ pub struct BandMatrix {
 
 impl BandMatrix {
     /// All zero.
-    pub fn zeros(size: usize, half_width: usize) -> Self {
+    pub fn zero(size: usize, half_width: usize) -> Self {
         BandMatrix { size, half_width, lower: vec![0.0; size * (half_width + 1)] }
     }
 
@@ -33,7 +33,7 @@ impl BandMatrix {
     }
 
     /// Returns the sum of this matrix and a multiple of another matrix of the same shape.
-    pub fn plus(&self, other: &BandMatrix, factor: f64) -> BandMatrix {
+    pub fn add_scaled(&self, other: &BandMatrix, factor: f64) -> BandMatrix {
         let lower = self.lower.iter().zip(&other.lower).map(|(mine, its)| mine + factor * its).collect();
         BandMatrix { lower, ..*self }
     }
@@ -47,7 +47,7 @@ impl BandMatrix {
     pub fn times(&self, x: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut product = vec![Vector3::zeros(); self.size];
         for row in 0..self.size {
-            for column in self.first(row)..row {
+            for column in self.first_column(row)..row {
                 let element = self.lower[self.index(row, column)];
                 product[row] += x[column] * element;
                 product[column] += x[row] * element;
@@ -58,18 +58,18 @@ impl BandMatrix {
     }
 
     /// Factorises the matrix; on failure returns the row at which A is found to be singular.
-    pub fn factored(mut self) -> Result<Factor, usize> {
+    pub fn factorise(mut self) -> Result<CholeskyFactor, usize> {
         for row in 0..self.size {
-            self.factor(row)?;
+            self.factor_row(row)?;
         }
-        Ok(Factor { matrix: self })
+        Ok(CholeskyFactor { matrix: self })
     }
 
     // Computes one row of L from the rows above it.
-    fn factor(&mut self, row: usize) -> Result<(), usize> {
+    fn factor_row(&mut self, row: usize) -> Result<(), usize> {
         let diagonal = self.lower[self.index(row, row)];
-        for column in self.first(row)..=row {
-            let from = self.first(row).max(self.first(column));
+        for column in self.first_column(row)..=row {
+            let from = self.first_column(row).max(self.first_column(column));
             let (mine, above) = (self.index(row, from), self.index(column, from));
             let count = column - from;
             let product: f64 = (0..count).map(|k| self.lower[mine + k] * self.lower[above + k]).sum();
@@ -85,7 +85,7 @@ impl BandMatrix {
         Ok(())
     }
 
-    fn first(&self, row: usize) -> usize {
+    fn first_column(&self, row: usize) -> usize {
         row.saturating_sub(self.half_width)
     }
 
@@ -96,16 +96,16 @@ impl BandMatrix {
 
 /// L of A = L Lᵀ.
 #[derive(Debug, Clone)]
-pub struct Factor {
+pub struct CholeskyFactor {
     matrix: BandMatrix,
 }
 
-impl Factor {
+impl CholeskyFactor {
     /// Solves A x = b.
     pub fn solve(&self, mut right: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
         let l = &self.matrix;
         for row in 0..l.size {
-            for column in l.first(row)..row {
+            for column in l.first_column(row)..row {
                 let known = right[column];
                 right[row] -= known * l.lower[l.index(row, column)];
             }
@@ -113,7 +113,7 @@ impl Factor {
         }
         for row in (0..l.size).rev() {
             right[row] /= l.lower[l.index(row, row)];
-            for column in l.first(row)..row {
+            for column in l.first_column(row)..row {
                 let known = right[row];
                 right[column] -= known * l.lower[l.index(row, column)];
             }
@@ -122,9 +122,9 @@ impl Factor {
     }
 
     /// tr(A⁻¹ B) for a B of A's shape.
-    pub fn trace_of_inverse_times(&self, other: &BandMatrix) -> f64 {
+    pub fn trace_inverse_times(&self, other: &BandMatrix) -> f64 {
         let l = &self.matrix;
-        let mut inverse = BandMatrix::zeros(l.size, l.half_width);
+        let mut inverse = BandMatrix::zero(l.size, l.half_width);
         let mut trace = 0.0;
         for column in (0..l.size).rev() {
             let pivot = l.lower[l.index(column, column)];
@@ -152,21 +152,21 @@ mod tests {
     /// Calculated by hand: [[4, 2], [2, 5]] x = (8, 9) has x = (11/8, 5/4).
     #[test]
     fn two_by_two() {
-        let mut matrix = BandMatrix::zeros(2, 1);
+        let mut matrix = BandMatrix::zero(2, 1);
         for (row, column, value) in [(0, 0, 4.0), (1, 0, 2.0), (1, 1, 5.0)] {
             matrix.add(row, column, value);
         }
-        let solved = matrix.factored().expect("definite").solve(vec![Vector3::repeat(8.0), Vector3::repeat(9.0)]);
+        let solved = matrix.factorise().expect("definite").solve(vec![Vector3::repeat(8.0), Vector3::repeat(9.0)]);
         assert!((solved[0].x - 1.375).abs() < 1e-14 && (solved[1].y - 1.25).abs() < 1e-14);
     }
 
     #[test]
     fn a_row_without_information_is_named() {
-        let mut matrix = BandMatrix::zeros(3, 1);
+        let mut matrix = BandMatrix::zero(3, 1);
         for (row, column, value) in [(0, 0, 1.0), (1, 0, 1.0), (1, 1, 1.0), (2, 2, 1.0)] {
             matrix.add(row, column, value);
         }
-        assert_eq!(matrix.factored().err(), Some(1));
+        assert_eq!(matrix.factorise().err(), Some(1));
     }
 
     proptest! {
@@ -179,12 +179,12 @@ mod tests {
                 gap @ 1..=3 => band[i.max(j) * 4 + gap],
                 _ => 0.0,
             };
-            let mut matrix = BandMatrix::zeros(15, 3);
+            let mut matrix = BandMatrix::zero(15, 3);
             for (row, column) in (0..15usize).flat_map(|i| (i.saturating_sub(3)..=i).map(move |j| (i, j))) {
                 matrix.add(row, column, dense(row, column));
             }
             let right: Vec<_> = right.into_iter().map(Vector3::repeat).collect();
-            let factor = matrix.clone().factored().expect("dominant");
+            let factor = matrix.clone().factorise().expect("dominant");
             let solved = factor.solve(right.clone());
             for (row, expected) in right.iter().enumerate() {
                 let found: f64 = (0..15).map(|column| dense(row, column) * solved[column].x).sum();
@@ -194,12 +194,12 @@ mod tests {
                 prop_assert!((found - expected).norm() < 1e-10);
             }
             // tr(A⁻¹ A) is the size, tr(A⁻¹ I) the trace of the dense inverse.
-            prop_assert!((factor.trace_of_inverse_times(&matrix) - 15.0).abs() < 1e-10);
-            let mut one = BandMatrix::zeros(15, 3);
+            prop_assert!((factor.trace_inverse_times(&matrix) - 15.0).abs() < 1e-10);
+            let mut one = BandMatrix::zero(15, 3);
             (0..15).for_each(|i| one.add(i, i, 1.0));
             let whole = nalgebra::DMatrix::from_fn(15, 15, |i, j| dense(i.max(j), i.min(j)));
             let trace = whole.try_inverse().expect("dominant").trace();
-            prop_assert!((factor.trace_of_inverse_times(&one) - trace).abs() < 1e-10);
+            prop_assert!((factor.trace_inverse_times(&one) - trace).abs() < 1e-10);
         }
     }
 }

@@ -7,7 +7,7 @@
 //! the handedness of (u, v); the tool's Z and the retract would reverse with it. Points are in the panel's frame,
 //! mm.
 
-use super::derivatives::{Derivatives, Parameter, Tangents};
+use super::derivatives::{Derivatives, Parameter, PointTangents};
 use super::spans::SpanSurface;
 use crate::geometry::basis::{Basis, KnotVector};
 use crate::geometry::{Panel, Point, Vector};
@@ -106,56 +106,61 @@ impl BSplineSurface {
     /// S(u, v), Eq. 4.12.
     pub fn point(&self, at: Parameter) -> Point<Panel> {
         match &self.spans {
-            Some(spans) => spans.point(self.span_of(at), at),
-            None => self.slow(at).tangents.point,
+            Some(spans) => spans.point(self.span_indices(at), at),
+            None => self.evaluate_derivatives(at).tangents.point,
         }
     }
 
     /// S, S_u and S_v, Eq. 4.12 and 4.14.
-    pub fn tangents(&self, at: Parameter) -> Tangents {
+    pub fn tangents(&self, at: Parameter) -> PointTangents {
         match &self.spans {
-            Some(spans) => spans.tangents(self.span_of(at), at),
-            None => self.slow(at).tangents,
+            Some(spans) => spans.tangents(self.span_indices(at), at),
+            None => self.evaluate_derivatives(at).tangents,
         }
     }
 
     /// S with its first and second derivatives.
     pub fn derivatives(&self, at: Parameter) -> Derivatives {
         match &self.spans {
-            Some(spans) => spans.derivatives(self.span_of(at), at),
-            None => self.slow(at),
+            Some(spans) => spans.derivatives(self.span_indices(at), at),
+            None => self.evaluate_derivatives(at),
         }
     }
 
     /// S with its first and second derivatives at many parameters, in their order.
-    pub fn derivatives_at(&self, places: &[Parameter]) -> Vec<Derivatives> {
+    pub fn derivatives_at_many(&self, places: &[Parameter]) -> Vec<Derivatives> {
         places.iter().map(|at| self.derivatives(*at)).collect()
     }
 
-    fn span_of(&self, at: Parameter) -> [usize; 2] {
+    fn span_indices(&self, at: Parameter) -> [usize; 2] {
         [self.knots_u.span(at.u), self.knots_v.span(at.v)]
     }
 
     // Evaluates the surface by its basis functions: for degrees without precomputed polynomials.
-    fn slow(&self, at: Parameter) -> Derivatives {
-        let (u, v): (Basis, Basis) = (self.knots_u.with_second(at.u), self.knots_v.with_second(at.v));
+    fn evaluate_derivatives(&self, at: Parameter) -> Derivatives {
+        let (u, v): (Basis, Basis) =
+            (self.knots_u.with_second_derivatives(at.u), self.knots_v.with_second_derivatives(at.v));
         let [mut point, mut s_u, mut s_v, mut s_uu, mut s_uv, mut s_vv] = [Vector3::zeros(); 6];
-        for (i, row) in self.rows((u.first_control, v.first_control)).enumerate() {
+        for (i, row) in self.rows((u.first_control_index, v.first_control_index)).enumerate() {
             let [mut across, mut slope, mut bend] = [Vector3::zeros(); 3];
             for (j, control) in row.iter().enumerate() {
                 across += control.mm.coords * v.values[j];
-                slope += control.mm.coords * v.first[j];
-                bend += control.mm.coords * v.second[j];
+                slope += control.mm.coords * v.first_derivatives[j];
+                bend += control.mm.coords * v.second_derivatives[j];
             }
             point += across * u.values[i];
-            s_u += across * u.first[i];
-            s_uu += across * u.second[i];
+            s_u += across * u.first_derivatives[i];
+            s_uu += across * u.second_derivatives[i];
             s_v += slope * u.values[i];
-            s_uv += slope * u.first[i];
+            s_uv += slope * u.first_derivatives[i];
             s_vv += bend * u.values[i];
         }
         Derivatives {
-            tangents: Tangents { point: Point::new(point.into()), s_u: Vector::new(s_u), s_v: Vector::new(s_v) },
+            tangents: PointTangents {
+                point: Point::new(point.into()),
+                s_u: Vector::new(s_u),
+                s_v: Vector::new(s_v),
+            },
             s_uu: Vector::new(s_uu),
             s_uv: Vector::new(s_uv),
             s_vv: Vector::new(s_vv),
@@ -165,7 +170,7 @@ impl BSplineSurface {
     /// Principal curvatures, 1/mm, the larger one first; positive if the surface bends away from the camera's side,
     /// as a ball does that is seen from outside. `None` if there is no normal.
     pub fn principal_curvatures(&self, there: &Derivatives) -> Option<[f64; 2]> {
-        let normal = self.normal_of(&there.tangents)?.mm;
+        let normal = self.unit_normal(&there.tangents)?.mm;
         let (s_u, s_v) = (there.tangents.s_u.mm, there.tangents.s_v.mm);
         let (e, f, g) = (s_u.dot(&s_u), s_u.dot(&s_v), s_v.dot(&s_v));
         // The minus sign is needed because the second fundamental form is positive for a bowl seen from inside.
@@ -178,11 +183,11 @@ impl BSplineSurface {
 
     /// The unit normal, towards the side that the camera saw; `None` if S_u and S_v are parallel.
     pub fn normal(&self, at: Parameter) -> Option<Vector<Panel>> {
-        self.normal_of(&self.tangents(at))
+        self.unit_normal(&self.tangents(at))
     }
 
     /// Returns the unit normal that belongs to tangents of this surface.
-    pub fn normal_of(&self, tangents: &Tangents) -> Option<Vector<Panel>> {
+    pub fn unit_normal(&self, tangents: &PointTangents) -> Option<Vector<Panel>> {
         let cross = tangents.s_u.mm.cross(&tangents.s_v.mm); // Eq. 4.13
         let length = cross.norm();
         let straight = length > DEGENERATE_SINE * tangents.s_u.mm.norm() * tangents.s_v.mm.norm();
@@ -267,7 +272,7 @@ mod tests {
     #[test]
     fn a_twisted_net_has_its_twist_whatever_the_spans() {
         let knots = [3, 2].map(|spans| KnotVector::uniform(3, spans, 0.0..=1.0).expect("open"));
-        let (along_u, along_v) = (knots[0].greville(), knots[1].greville());
+        let (along_u, along_v) = (knots[0].greville_abscissa(), knots[1].greville_abscissa());
         let control = |u: &f64, v: &f64| Point::at(100.0 * u, 60.0 * v, 9.0 * u * v);
         let controls = along_u.iter().flat_map(|u| along_v.iter().map(move |v| control(u, v))).collect();
         let surface = BSplineSurface::new(knots, controls, Point::at(0.0, 0.0, 500.0)).expect("a surface");
@@ -287,7 +292,7 @@ mod tests {
         ) {
             let surface = net(|i, j| heights[i * 6 + j]);
             let at = Parameter { u, v };
-            let (quick, slow) = (surface.derivatives(at), surface.slow(at));
+            let (quick, slow) = (surface.derivatives(at), surface.evaluate_derivatives(at));
             prop_assert!(quick.tangents.point.distance_mm(slow.tangents.point) < 1e-9);
             for (quick, slow) in [(quick.tangents.s_u, slow.tangents.s_u), (quick.tangents.s_v, slow.tangents.s_v),
                 (quick.s_uu, slow.s_uu), (quick.s_uv, slow.s_uv), (quick.s_vv, slow.s_vv)] {

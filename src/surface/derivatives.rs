@@ -13,7 +13,7 @@ pub struct Parameter {
 
 /// A point of a surface with its first derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Tangents {
+pub struct PointTangents {
     /// S, mm.
     pub point: Point<Panel>,
     /// S_u, mm.
@@ -22,7 +22,7 @@ pub struct Tangents {
     pub s_v: Vector<Panel>,
 }
 
-impl Tangents {
+impl PointTangents {
     /// |S_u × S_v|: the surface area for a unit of u and v, mm².
     pub fn area_mm2(&self) -> f64 {
         self.s_u.mm.cross(&self.s_v.mm).norm()
@@ -33,7 +33,7 @@ impl Tangents {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Derivatives {
     /// S, S_u, S_v.
-    pub tangents: Tangents,
+    pub tangents: PointTangents,
     /// S_uu.
     pub s_uu: Vector<Panel>,
     /// S_uv.

@@ -9,8 +9,8 @@
 use super::bspline::BSplineSurface;
 use super::derivatives::Parameter;
 use super::net::{SampleGrid, sides_mm};
-use super::patch::Patch;
-use super::spread::Spread;
+use super::patch::ParameterPatch;
+use super::spread::DwellSpread;
 use crate::geometry::{Panel, Point, Rigid, Tool};
 use crate::panel::{GridId, Region};
 use rayon::prelude::*;
@@ -20,13 +20,13 @@ const SAMPLE_MM: f64 = 1.0;
 /// A disc with its point higher above the surface than this does not touch it, mm.
 pub const CONTACT_MM: f64 = 1.0;
 /// Largest number of steps of the search for the surface point below a given point.
-const FOOT_STEPS: usize = 12;
+const MAX_FOOT_STEPS: usize = 12;
 /// Accuracy at which the search for the surface point ends, mm.
-const FOOT_MM: f64 = 1e-4;
+const FOOT_TOLERANCE_MM: f64 = 1e-4;
 
 /// A pose of a path that was or will be executed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Executed {
+pub struct ExecutedPose {
     /// The tool.
     pub panel_from_tool: Rigid<Panel, Tool>,
     /// Time since the previous pose, s.
@@ -55,7 +55,7 @@ pub struct GridDwell {
 
 impl Dwell {
     /// Returns one of the evaluated grids.
-    pub fn of_grid(&self, id: GridId) -> Option<&GridDwell> {
+    pub fn grid(&self, id: GridId) -> Option<&GridDwell> {
         self.grids.iter().find(|grid| grid.id == id)
     }
 }
@@ -63,12 +63,12 @@ impl Dwell {
 impl GridDwell {
     /// Share of the grid that was under the disc, 0…1.
     pub fn share(&self) -> f64 {
-        self.share_of(|passes| passes > 0)
+        self.area_share(|passes| passes > 0)
     }
 
     /// The uniformity of the time under the disc; `None` if the disc reached nothing.
-    pub fn spread(&self) -> Option<Spread> {
-        Spread::from_times(self.times())
+    pub fn spread(&self) -> Option<DwellSpread> {
+        DwellSpread::from_times(self.times())
     }
 
     /// Returns the time under the disc, s, and the area, mm², sample by sample.
@@ -78,12 +78,12 @@ impl GridDwell {
 
     /// Share of the grid that the disc passed more than once, 0…1.
     pub fn overlap(&self) -> f64 {
-        self.share_of(|passes| passes > 1)
+        self.area_share(|passes| passes > 1)
     }
 
     /// Area that the disc did not reach, mm².
-    pub fn left_mm2(&self) -> f64 {
-        self.area_of(|passes| passes == 0)
+    pub fn untreated_mm2(&self) -> f64 {
+        self.area_where_mm2(|passes| passes == 0)
     }
 
     /// Mean time under the disc, s, of the area that the disc reached.
@@ -97,11 +97,11 @@ impl GridDwell {
         self.area_mm2.iter().map(|area| f64::from(*area)).sum()
     }
 
-    fn share_of(&self, counts: impl Fn(u16) -> bool) -> f64 {
-        self.area_of(counts) / self.area()
+    fn area_share(&self, counts: impl Fn(u16) -> bool) -> f64 {
+        self.area_where_mm2(counts) / self.area()
     }
 
-    fn area_of(&self, counts: impl Fn(u16) -> bool) -> f64 {
+    fn area_where_mm2(&self, counts: impl Fn(u16) -> bool) -> f64 {
         let counted = self.passes.iter().zip(&self.area_mm2).filter(|(passes, _)| counts(**passes));
         // The sum starts at 0 explicitly, since an empty sum of floats is −0.
         counted.fold(0.0, |sum, (_, area)| sum + f64::from(*area))
@@ -130,18 +130,18 @@ pub fn simulate(
     surface: &BSplineSurface,
     region: &Region,
     grids: &[GridId],
-    executed: &[Executed],
+    executed: &[ExecutedPose],
     radius_mm: f64,
 ) -> Dwell {
     let steps = steps(surface, executed, radius_mm);
-    let known = grids.iter().filter_map(|id| Patch::of_grid(region, *id).map(|patch| (*id, patch)));
-    let known: Vec<(GridId, Patch)> = known.collect();
-    let of_grid = |(id, patch): &(GridId, Patch)| grid_dwell(surface, (*id, patch), &steps, radius_mm);
+    let known = grids.iter().filter_map(|id| ParameterPatch::for_grid(region, *id).map(|patch| (*id, patch)));
+    let known: Vec<(GridId, ParameterPatch)> = known.collect();
+    let of_grid = |(id, patch): &(GridId, ParameterPatch)| grid_dwell(surface, (*id, patch), &steps, radius_mm);
     Dwell { grids: known.par_iter().map(of_grid).collect(), sides_mm: sides_mm(surface) }
 }
 
 /// Returns the path in contact, step by step, each projected to the surface.
-fn steps(surface: &BSplineSurface, executed: &[Executed], radius_mm: f64) -> Vec<Step> {
+fn steps(surface: &BSplineSurface, executed: &[ExecutedPose], radius_mm: f64) -> Vec<Step> {
     let mut steps = Vec::new();
     let mut guess = Parameter { u: 0.5, v: 0.5 };
     for pair in executed.windows(2).filter(|pair| pair[1].contact) {
@@ -149,10 +149,10 @@ fn steps(surface: &BSplineSurface, executed: &[Executed], radius_mm: f64) -> Vec
         let count = (from.distance_mm(to) / SAMPLE_MM).ceil().max(1.0) as usize;
         for step in 0..=count {
             let point = from + (to - from) * (step as f64 / count as f64);
-            let Some(at) = foot(surface, guess, point) else { continue };
+            let Some(at) = surface_foot(surface, guess, point) else { continue };
             guess = at;
             let tangents = surface.tangents(at);
-            let off = surface.normal_of(&tangents).map(|normal| normal.mm.dot(&(point - tangents.point).mm));
+            let off = surface.unit_normal(&tangents).map(|normal| normal.mm.dot(&(point - tangents.point).mm));
             if off.is_none_or(|height_mm| height_mm > CONTACT_MM) {
                 continue;
             }
@@ -171,9 +171,9 @@ fn steps(surface: &BSplineSurface, executed: &[Executed], radius_mm: f64) -> Vec
 
 /// Returns the parameters of the surface point below or above a point, by the Gauss–Newton method; `None` if there is
 /// none nearby.
-pub fn foot(surface: &BSplineSurface, guess: Parameter, point: Point<Panel>) -> Option<Parameter> {
+pub fn surface_foot(surface: &BSplineSurface, guess: Parameter, point: Point<Panel>) -> Option<Parameter> {
     let mut at = guess;
-    for _ in 0..FOOT_STEPS {
+    for _ in 0..MAX_FOOT_STEPS {
         let tangents = surface.tangents(at);
         let (s_u, s_v, off) = (tangents.s_u.mm, tangents.s_v.mm, (point - tangents.point).mm);
         let (e, f, g) = (s_u.dot(&s_u), s_u.dot(&s_v), s_v.dot(&s_v));
@@ -185,7 +185,7 @@ pub fn foot(surface: &BSplineSurface, guess: Parameter, point: Point<Panel>) -> 
         }
         // Far beyond the domain the border polynomials can have any value, so the parameters are limited.
         at = Parameter { u: (at.u + du).clamp(-0.2, 1.2), v: (at.v + dv).clamp(-0.2, 1.2) };
-        if (s_u * du + s_v * dv).norm() < FOOT_MM {
+        if (s_u * du + s_v * dv).norm() < FOOT_TOLERANCE_MM {
             return Some(at);
         }
     }
@@ -194,11 +194,11 @@ pub fn foot(surface: &BSplineSurface, guess: Parameter, point: Point<Panel>) -> 
 
 fn grid_dwell(
     surface: &BSplineSurface,
-    (id, patch): (GridId, &Patch),
+    (id, patch): (GridId, &ParameterPatch),
     steps: &[Step],
     radius_mm: f64,
 ) -> GridDwell {
-    let net = SampleGrid::over(surface, *patch, SAMPLE_MM);
+    let net = SampleGrid::from_patch(surface, *patch, SAMPLE_MM);
     let mut points = Vec::with_capacity(net.count());
     let mut found = GridDwell {
         id,
@@ -208,7 +208,7 @@ fn grid_dwell(
         area_mm2: Vec::with_capacity(net.count()),
     };
     for sample in 0..net.count() {
-        let tangents = surface.tangents(net.at(sample));
+        let tangents = surface.tangents(net.parameter_at(sample));
         points.push(tangents.point);
         found.area_mm2.push((tangents.area_mm2() * net.cell()) as f32);
     }
@@ -216,7 +216,7 @@ fn grid_dwell(
     for (index, Step { at, point, reach: [reach_u, reach_v], seconds }) in steps.iter().enumerate() {
         let least = Parameter { u: at.u - reach_u, v: at.v - reach_v };
         let most = Parameter { u: at.u + reach_u, v: at.v + reach_v };
-        for sample in net.around(least, most) {
+        for sample in net.points_around(least, most) {
             if points[sample].distance_mm(*point) <= radius_mm {
                 found.dwell_s[sample] += *seconds as f32;
                 found.passes[sample] += u16::from(last_step[sample].wrapping_add(1) != index);
@@ -231,14 +231,14 @@ impl Dwell {
     /// Covered share of all grids, 0…1.
     pub fn share(&self) -> f64 {
         let (covered, all) = self.grids.iter().fold((0.0, 0.0), |(covered, all), grid| {
-            (covered + grid.area_of(|passes| passes > 0), all + grid.area())
+            (covered + grid.area_where_mm2(|passes| passes > 0), all + grid.area())
         });
         covered / all
     }
 
     /// The uniformity of the time under the disc over all grids; `None` if the disc reached nothing.
-    pub fn spread(&self) -> Option<Spread> {
-        Spread::from_times(self.grids.iter().flat_map(GridDwell::times))
+    pub fn spread(&self) -> Option<DwellSpread> {
+        DwellSpread::from_times(self.grids.iter().flat_map(GridDwell::times))
     }
 
     /// The longest time that any place was under the disc, s.

@@ -29,14 +29,14 @@ const DECADES: std::ops::RangeInclusive<i32> = -8..=2;
 /// products of a pair along u with a pair along v.
 struct Block {
     pairs: [[f64; PAIRS]; PAIRS],
-    right: [Vector3<f64>; LOCAL],
+    rhs: [Vector3<f64>; LOCAL],
     square: f64,
 }
 
 /// A, b and Σ w |P|², points measured from `centre`.
-pub(super) struct Equations {
+pub(super) struct SurfaceEquations {
     matrix: BandMatrix,
-    right: Vec<Vector3<f64>>,
+    rhs: Vec<Vector3<f64>>,
     square: f64,
     centre: Vector3<f64>,
     roughness: BandMatrix,
@@ -49,7 +49,7 @@ pub(super) struct Solution {
     pub smoothing: f64,
 }
 
-impl Equations {
+impl SurfaceEquations {
     /// Computes the sums over all samples, each with its weight.
     pub fn from_samples(samples: &Samples, weights: &[Vec<f64>], centre: Vector3<f64>) -> Self {
         let band = |(samples_of_band, weights): (&Vec<Sample>, &Vec<f64>)| {
@@ -68,21 +68,21 @@ impl Equations {
         let [knots_u, knots_v] = &samples.knots;
         let (spans_v, stride) = (knots_v.spans(), knots_v.controls());
         let size = knots_u.controls() * stride;
-        let mut equations = Equations {
-            matrix: BandMatrix::zeros(size, DEGREE * (stride + 1)),
-            right: vec![Vector3::zeros(); size],
+        let mut equations = SurfaceEquations {
+            matrix: BandMatrix::zero(size, DEGREE * (stride + 1)),
+            rhs: vec![Vector3::zeros(); size],
             square: 0.0,
             centre,
-            roughness: roughness(&samples.knots),
+            roughness: roughness_matrix(&samples.knots),
         };
         for (cell, block) in bands.iter().flatten() {
             let cell = *cell as usize;
             let control = |n: usize| (cell / spans_v + n / SIDE) * stride + cell % spans_v + n % SIDE;
             equations.square += block.square;
             for n in 0..LOCAL {
-                equations.right[control(n)] += block.right[n];
+                equations.rhs[control(n)] += block.rhs[n];
                 for m in 0..=n {
-                    equations.matrix.add(control(n), control(m), block.gram(n, m));
+                    equations.matrix.add(control(n), control(m), block.basis_products(n, m));
                 }
             }
         }
@@ -90,12 +90,12 @@ impl Equations {
     }
 
     /// Returns the solution with the least smoothing; on failure the row that is not determined.
-    pub fn plain(&self) -> Result<Solution, usize> {
+    pub fn solve_plain(&self) -> Result<Solution, usize> {
         Ok(self.solve(*DECADES.start(), 0.0)?.0)
     }
 
     /// The solution with the smoothing that noise of `noise_mm` requires.
-    pub fn smoothed(&self, noise_mm: f64) -> Result<Solution, usize> {
+    pub fn solve_smoothed(&self, noise_mm: f64) -> Result<Solution, usize> {
         let mut best = self.solve(*DECADES.start(), noise_mm)?;
         for decade in DECADES.skip(1) {
             let next = self.solve(decade, noise_mm)?;
@@ -112,12 +112,12 @@ impl Equations {
     fn solve(&self, decade: i32, noise_mm: f64) -> Result<(Solution, f64), usize> {
         let smoothing = 10.0_f64.powi(decade);
         let factor = smoothing * self.matrix.trace() / self.roughness.trace();
-        let factored = self.matrix.plus(&self.roughness, factor).factored()?;
-        let controls = factored.solve(self.right.clone());
+        let factored = self.matrix.add_scaled(&self.roughness, factor).factorise()?;
+        let controls = factored.solve(self.rhs.clone());
         let images = self.matrix.times(&controls);
         let crossed = |others: &[Vector3<f64>]| controls.iter().zip(others).map(|(c, o)| c.dot(o)).sum::<f64>();
-        let misfit = self.square - 2.0 * crossed(&self.right) + crossed(&images);
-        let freedom = if noise_mm > 0.0 { factored.trace_of_inverse_times(&self.matrix) } else { 0.0 };
+        let misfit = self.square - 2.0 * crossed(&self.rhs) + crossed(&images);
+        let freedom = if noise_mm > 0.0 { factored.trace_inverse_times(&self.matrix) } else { 0.0 };
         let controls = controls.into_iter().map(|control| control + self.centre).collect();
         Ok((Solution { controls, smoothing }, misfit + 2.0 * noise_mm * noise_mm * freedom))
     }
@@ -125,22 +125,22 @@ impl Equations {
 
 impl Block {
     fn zero() -> Self {
-        Block { pairs: [[0.0; PAIRS]; PAIRS], right: [Vector3::zeros(); LOCAL], square: 0.0 }
+        Block { pairs: [[0.0; PAIRS]; PAIRS], rhs: [Vector3::zeros(); LOCAL], square: 0.0 }
     }
 
     fn add(&mut self, run: &[Sample], weights: &[f64], [on_u, on_v]: [&SpanFunctions; 2], centre: Vector3<f64>) {
         let (on_u, on_v) = (columns(on_u), columns(on_v));
         for (sample, weight) in run.iter().zip(weights).filter(|(_, weight)| **weight > 0.0) {
             let (u, v) = (values(&on_u, sample.local[0]), values(&on_v, sample.local[1]));
-            let pairs_v = pairs(&v);
-            for (sums, pair_u) in self.pairs.iter_mut().zip(pairs(&u)) {
+            let pairs_v = basis_pairs(&v);
+            for (sums, pair_u) in self.pairs.iter_mut().zip(basis_pairs(&u)) {
                 let weighted = weight * pair_u;
                 for (sum, pair_v) in sums.iter_mut().zip(&pairs_v) {
                     *sum += weighted * pair_v;
                 }
             }
             let mm = sample.mm - centre;
-            for (n, sum) in self.right.iter_mut().enumerate() {
+            for (n, sum) in self.rhs.iter_mut().enumerate() {
                 *sum += mm * (weight * u[n / SIDE] * v[n % SIDE]);
             }
             self.square += weight * mm.norm_squared();
@@ -148,7 +148,7 @@ impl Block {
     }
 
     /// Σ w N_n N_m.
-    fn gram(&self, n: usize, m: usize) -> f64 {
+    fn basis_products(&self, n: usize, m: usize) -> f64 {
         let pair = |a: usize, b: usize| a.max(b) * (a.max(b) + 1) / 2 + a.min(b);
         self.pairs[pair(n / SIDE, m / SIDE)][pair(n % SIDE, m % SIDE)]
     }
@@ -165,7 +165,7 @@ fn values(columns: &[[f64; SIDE]; SIDE], t: f64) -> [f64; SIDE] {
 }
 
 #[inline]
-fn pairs(values: &[f64; SIDE]) -> [f64; PAIRS] {
+fn basis_pairs(values: &[f64; SIDE]) -> [f64; PAIRS] {
     let mut pairs = [0.0; PAIRS];
     let mut next = 0;
     for a in 0..SIDE {
@@ -178,10 +178,10 @@ fn pairs(values: &[f64; SIDE]) -> [f64; PAIRS] {
 }
 
 /// P of Eq. 1.
-fn roughness(knots: &[KnotVector; 2]) -> BandMatrix {
+fn roughness_matrix(knots: &[KnotVector; 2]) -> BandMatrix {
     let stride = knots[1].controls();
     let size = knots[0].controls() * stride;
-    let mut matrix = BandMatrix::zeros(size, DEGREE * (stride + 1));
+    let mut matrix = BandMatrix::zero(size, DEGREE * (stride + 1));
     let [along_u, along_v] = [0, 1].map(|axis| second_differences(&knots[axis]));
     let mut add = |controls: [usize; 3], weights: [f64; 3]| {
         for n in 0..3 {
@@ -211,5 +211,5 @@ fn second_differences(knots: &KnotVector) -> Vec<[f64; 3]> {
         let (before, after) = ((at[1] - at[0]) / span, (at[2] - at[1]) / span);
         [1.0 / before, -1.0 / before - 1.0 / after, 1.0 / after]
     };
-    knots.greville().windows(3).map(difference).collect()
+    knots.greville_abscissa().windows(3).map(difference).collect()
 }

@@ -3,8 +3,8 @@
 use super::bspline::SurfaceError;
 use crate::geometry::Pixel;
 use crate::geometry::basis::{DEGREE, KnotError};
-use crate::number_text::{apart, fixed};
-use crate::verdict::{Check, SetBy, Severity};
+use crate::number_text::{distinguishable_texts, fixed_decimals};
+use crate::verdict::{Check, LimitSource, Severity};
 
 /// Smallest number of pixels that determine a pair of spans.
 pub(super) const MIN_PIXELS: usize = (DEGREE + 1) * (DEGREE + 1);
@@ -32,7 +32,7 @@ pub enum FitError {
     #[error(
         "the scan has a hole of {} mm at ({:.0}, {:.0}) px (limit {} mm, [surface] max_hole_mm); scan again or \
          move the region",
-        apart(*size_mm, *limit_mm, 1)[0], at.u, at.v, apart(*size_mm, *limit_mm, 1)[1]
+        distinguishable_texts(*size_mm, *limit_mm, 1)[0], at.u, at.v, distinguishable_texts(*size_mm, *limit_mm, 1)[1]
     )]
     Hole {
         /// The middle of the largest square without a point, in the taught picture.
@@ -55,7 +55,7 @@ pub enum FitError {
     #[error(
         "{} % of the region has no point that fits the surface (limit {} %, [surface] max_missing_percent); scan \
          again",
-        apart(*percent, *limit_percent, 1)[0], apart(*percent, *limit_percent, 1)[1]
+        distinguishable_texts(*percent, *limit_percent, 1)[0], distinguishable_texts(*percent, *limit_percent, 1)[1]
     )]
     Missing {
         /// Share found, percent.
@@ -78,8 +78,8 @@ pub enum FitError {
     /// The deviation is too large.
     #[error(
         "the scan is {} mm rms off the surface (limit {} mm, [surface] max_rms_mm); its noise is {} mm; a smaller \
-         control_spacing_mm follows a rougher panel", apart(*rms_mm, *limit_mm, 3)[0], apart(*rms_mm, *limit_mm, 3)[1],
-        fixed(*noise_mm, 3)
+         control_spacing_mm follows a rougher panel", distinguishable_texts(*rms_mm, *limit_mm, 3)[0], distinguishable_texts(*rms_mm, *limit_mm, 3)[1],
+        fixed_decimals(*noise_mm, 3)
     )]
     PoorFit {
         /// Deviation, mm.
@@ -100,22 +100,23 @@ pub enum FitError {
 impl FitError {
     /// Returns the check that the scan does not meet, with its limit and the rejection that follows; if no limit is
     /// the cause, the check contains only the rejection.
-    pub fn check(&self) -> Check {
-        let rejects = |check: Check| check.broken(true, Severity::Reject, "no_surface", || self.to_string());
-        let recipe = SetBy::recipe;
+    pub fn failed_check(&self) -> Check {
+        let rejects =
+            |check: Check| check.with_consequence_if(true, Severity::Reject, "no_surface", || self.to_string());
+        let recipe = LimitSource::recipe;
         rejects(match self {
             FitError::TooFine { pixels, .. } => {
                 Check::new("pixels in the poorest span of the surface", "", *pixels as f64)
-                    .at_least(MIN_PIXELS as f64, SetBy::Program)
+                    .with_min(MIN_PIXELS as f64, LimitSource::Program)
             }
             FitError::Hole { size_mm, limit_mm, .. } => Check::new("largest hole in the region", "mm", *size_mm)
-                .at_most(*limit_mm, recipe("surface.max_hole_mm")),
+                .with_max(*limit_mm, recipe("surface.max_hole_mm")),
             FitError::Missing { percent, limit_percent } => {
                 Check::new("region without points that fit", "%", *percent)
-                    .at_most(*limit_percent, recipe("surface.max_missing_percent"))
+                    .with_max(*limit_percent, recipe("surface.max_missing_percent"))
             }
             FitError::PoorFit { rms_mm, limit_mm, .. } => Check::new("residual of the surface, rms", "mm", *rms_mm)
-                .at_most(*limit_mm, recipe("surface.max_rms_mm")),
+                .with_max(*limit_mm, recipe("surface.max_rms_mm")),
             FitError::NoPoints
             | FitError::NoControlPoint { .. }
             | FitError::Undetermined { .. }

@@ -13,13 +13,13 @@
 //! Technometrics 16(2), 1974.
 
 use super::bspline::BSplineSurface;
-use super::equations::{Equations, Solution};
+use super::equations::{Solution, SurfaceEquations};
 use super::error::{FitError, MIN_PIXELS};
 use super::map::{DeviationMap, MapPixel};
 use super::samples::{Sample, Samples, knots, sides_mm};
 use super::thesis;
 use crate::geometry::basis::KnotVector;
-use crate::geometry::statistics::{SIGMA_OF_MEDIAN, TUKEY, tukey};
+use crate::geometry::statistics::{SIGMA_OF_MEDIAN, TUKEY, tukey_weight};
 use crate::geometry::{Panel, Pixel, Point, median};
 use crate::panel::{Region, TaughtPanel};
 use crate::recipe::{self, FitMethod};
@@ -82,21 +82,21 @@ pub struct Refusal {
 /// # Errors
 /// If the scan has holes, does not determine the surface, or deviates from it by more than the recipe allows.
 pub fn fit(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, FitError> {
-    examine(panel, settings).map_err(|refusal| refusal.error)
+    examine_fit(panel, settings).map_err(|refusal| refusal.error)
 }
 
 /// Fits the surface of the panel's region; an error contains the picture of the deviation.
 ///
 /// # Errors
 /// As [`fit`].
-pub fn examine(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, Box<Refusal>> {
+pub fn examine_fit(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, Box<Refusal>> {
     let early = |error: FitError| Box::new(Refusal { error, map: None });
     let sides_mm = sides_mm(panel).map_err(early)?;
     let knots = match settings.method() {
         FitMethod::LeastSquares => knots(sides_mm, settings.control_spacing_mm()),
         FitMethod::Thesis => thesis::knots(sides_mm, settings.control_spacing_mm()),
     };
-    let samples = Samples::gather(panel, &knots.map_err(|error| early(error.into()))?);
+    let samples = Samples::collect(panel, &knots.map_err(|error| early(error.into()))?);
     let look = FitInputs {
         samples: &samples,
         region: &panel.region,
@@ -124,7 +124,7 @@ impl FitInputs<'_> {
         self.refuse_fine().map_err(early)?;
         self.refuse_hole(seen).map_err(early)?;
         let (surface, smoothing) = match self.settings.method() {
-            FitMethod::LeastSquares => self.least_squares().map_err(early)?,
+            FitMethod::LeastSquares => self.fit_robust().map_err(early)?,
             FitMethod::Thesis => {
                 let controls = thesis::controls(panel, &self.samples.knots).map_err(early)?;
                 (self.surface(controls).map_err(early)?, 0.0)
@@ -135,7 +135,7 @@ impl FitInputs<'_> {
         let map = self.map(Some((&residuals, limit_mm)));
         let mut deviation = self.deviation(&residuals, limit_mm);
         deviation.smoothing = smoothing;
-        deviation.largest_hole_mm = self.hole(&map).0;
+        deviation.largest_hole_mm = self.largest_hole_in(&map).0;
         let judged = self.refuse_missing(deviation.rejected).and_then(|()| self.refuse_hole(&map)).and_then(|()| {
             let (rms_mm, limit_mm, noise_mm) = (deviation.rms_mm, self.settings.max_rms_mm(), deviation.noise_mm);
             if rms_mm > limit_mm { Err(FitError::PoorFit { rms_mm, limit_mm, noise_mm }) } else { Ok(()) }
@@ -147,21 +147,23 @@ impl FitInputs<'_> {
     }
 
     /// Robust least squares.
-    fn least_squares(&self) -> Result<(BSplineSurface, f64), FitError> {
+    fn fit_robust(&self) -> Result<(BSplineSurface, f64), FitError> {
         let all = || self.samples.bands.iter().map(|band| band.iter().map(|_| 1.0).collect());
         let centre = self.samples.bands.iter().flatten().next().map_or(Vector3::zeros(), |sample| sample.mm);
-        let equations = |weights: &[Vec<f64>]| Equations::from_samples(self.samples, weights, centre);
-        let plain = equations(&all().collect::<Vec<_>>()).plain().map_err(|row| self.undetermined(row))?;
+        let equations = |weights: &[Vec<f64>]| SurfaceEquations::from_samples(self.samples, weights, centre);
+        let plain =
+            equations(&all().collect::<Vec<_>>()).solve_plain().map_err(|row| self.undetermined_error(row))?;
         let mut residuals = self.residuals(&self.surface(plain.controls)?)?;
         let mut scale = scale_mm(&residuals);
         let mut round = 0;
         loop {
             round += 1;
-            let weigh = |r: &f64| tukey(r / scale);
+            let weigh = |r: &f64| tukey_weight(r / scale);
             let weights: Vec<Vec<f64>> =
                 residuals.par_iter().map(|band| band.iter().map(weigh).collect()).collect();
             let noise_mm = noise_mm(self.samples, &residuals);
-            let solution = equations(&weights).smoothed(noise_mm).map_err(|row| self.undetermined(row))?;
+            let solution =
+                equations(&weights).solve_smoothed(noise_mm).map_err(|row| self.undetermined_error(row))?;
             let Solution { controls, smoothing } = solution;
             let surface = self.surface(controls)?;
             if round == MAX_ROUNDS {
@@ -181,7 +183,7 @@ impl FitInputs<'_> {
         Ok(BSplineSurface::new(self.samples.knots.clone(), controls, self.viewer)?)
     }
 
-    fn undetermined(&self, row: usize) -> FitError {
+    fn undetermined_error(&self, row: usize) -> FitError {
         let [knots_u, knots_v] = &self.samples.knots;
         let share = |index: usize, knots: &KnotVector| index as f64 / (knots.controls() - 1) as f64;
         let (i, j) = (row / knots_v.controls(), row % knots_v.controls());
@@ -191,10 +193,10 @@ impl FitInputs<'_> {
     /// Computes the deviation of each sample along the surface's normal, mm, band by band.
     fn residuals(&self, surface: &BSplineSurface) -> Result<Vec<Vec<f64>>, FitError> {
         let residual = |sample: &Sample| {
-            let at = self.samples.place(sample);
+            let at = self.samples.sample_parameter(sample);
             let tangents = surface.tangents(at);
             let seen = surface
-                .normal_of(&tangents)
+                .unit_normal(&tangents)
                 .filter(|normal| normal.mm.dot(&(self.viewer - tangents.point).mm) > 0.0)
                 .ok_or_else(|| FitError::Fold { at: self.region.pixel(Point2::new(at.u, at.v)) });
             Ok(seen?.mm.dot(&(sample.mm - tangents.point.mm.coords)))
@@ -220,17 +222,17 @@ impl FitInputs<'_> {
     fn refuse_fine(&self) -> Result<(), FitError> {
         let poorest = self.samples.pixels.iter().enumerate().find(|(_, pixels)| **pixels < MIN_PIXELS);
         let Some((cell, pixels)) = poorest else { return Ok(()) };
-        let at = self.samples.middle(cell, self.region);
+        let at = self.samples.span_centre(cell, self.region);
         Err(FitError::TooFine { spacing_mm: self.settings.control_spacing_mm(), pixels: *pixels, at })
     }
 
-    fn hole(&self, map: &DeviationMap) -> (f64, Pixel) {
+    fn largest_hole_in(&self, map: &DeviationMap) -> (f64, Pixel) {
         let (side_px, at) = map.largest_hole();
         (side_px as f64 * map.mm_per_px, at)
     }
 
     fn refuse_hole(&self, map: &DeviationMap) -> Result<(), FitError> {
-        let ((size_mm, at), limit_mm) = (self.hole(map), self.settings.max_hole_mm());
+        let ((size_mm, at), limit_mm) = (self.largest_hole_in(map), self.settings.max_hole_mm());
         if size_mm > limit_mm { Err(FitError::Hole { at, size_mm, limit_mm }) } else { Ok(()) }
     }
 

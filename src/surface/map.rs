@@ -3,7 +3,7 @@
 
 use super::derivatives::Parameter;
 use super::samples::Window;
-use crate::geometry::{Pixel, Raster};
+use crate::geometry::{Pixel, RasterSize};
 use crate::panel::Region;
 use nalgebra::Point2;
 
@@ -36,20 +36,20 @@ pub struct DeviationMap {
 
 /// Parts of a region in which there is no panel.
 #[derive(Debug, Clone)]
-pub struct Holes {
+pub struct HoleMap {
     region: Region,
     window: Window,
     is_over: Vec<bool>,
 }
 
-impl Holes {
+impl HoleMap {
     /// Creates a region without holes.
-    pub fn none(region: &Region) -> Self {
-        Holes { region: region.clone(), window: Window { columns: 0..0, rows: 0..0 }, is_over: Vec::new() }
+    pub fn empty(region: &Region) -> Self {
+        HoleMap { region: region.clone(), window: Window { columns: 0..0, rows: 0..0 }, is_over: Vec::new() }
     }
 
     /// Returns whether the panel has a hole at this position.
-    pub fn holds(&self, at: Parameter) -> bool {
+    pub fn is_hole(&self, at: Parameter) -> bool {
         let pixel = self.region.pixel(Point2::new(at.u, at.v));
         let (column, row) = (pixel.u.round(), pixel.v.round());
         let inside = column >= self.window.columns.start as f64
@@ -76,7 +76,7 @@ impl DeviationMap {
     }
 
     /// Returns a map of the same region, in which each pixel of the region has the state that `says` returns.
-    pub(super) fn filled(&self, says: impl Fn(Pixel) -> MapPixel) -> Self {
+    pub(super) fn fill_region(&self, says: impl Fn(Pixel) -> MapPixel) -> Self {
         let one = |(index, pixel): (usize, &MapPixel)| match pixel {
             MapPixel::Outside => MapPixel::Outside,
             _ => says(self.window.pixel(index)),
@@ -105,7 +105,7 @@ impl DeviationMap {
     }
 
     /// Returns the holes that contain a square of this side, mm.
-    pub fn holes(&self, region: &Region, side_mm: f64) -> Holes {
+    pub fn holes(&self, region: &Region, side_mm: f64) -> HoleMap {
         let least = (side_mm / self.mm_per_px).ceil().max(1.0) as u32;
         let width = self.width();
         let mut reach: Vec<u32> =
@@ -119,12 +119,12 @@ impl DeviationMap {
             reach[index] = reach[index].max(right.max(below).max(both).saturating_sub(1));
         }
         let is_over = reach.into_iter().map(|side| side > 0).collect();
-        Holes { region: region.clone(), window: self.window.clone(), is_over }
+        HoleMap { region: region.clone(), window: self.window.clone(), is_over }
     }
 
     /// Returns the side of the largest square without a point that ends at each pixel, px.
     fn squares(&self) -> Vec<u32> {
-        let raster = Raster { width: self.width(), height: self.pixels.len() / self.width().max(1) };
+        let raster = RasterSize { width: self.width(), height: self.pixels.len() / self.width().max(1) };
         raster.largest_squares(|index| matches!(self.pixels[index], MapPixel::Missing | MapPixel::Rejected { .. }))
     }
 }
@@ -150,9 +150,9 @@ mod tests {
                     columns = 1 }\nlocate.box_min_mm = [0, 0, 0]\nlocate.box_max_mm = [1, 1, 1]\n";
         let recipe = crate::recipe::Recipe::check("f", text).unwrap_or_else(|e| panic!("{e}"));
         let region = Region::new(recipe.region()).expect("convex");
-        let over = |holes: &Holes, column: f64, row: f64| {
+        let over = |holes: &HoleMap, column: f64, row: f64| {
             let unit = region.unit(Pixel::at(column, row));
-            holes.holds(Parameter { u: unit.x, v: unit.y })
+            holes.is_hole(Parameter { u: unit.x, v: unit.y })
         };
         let holes = map.holes(&region, 4.0);
         assert_eq!(holes.is_over.iter().filter(|over| **over).count(), 6);

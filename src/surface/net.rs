@@ -2,13 +2,13 @@
 
 use super::bspline::BSplineSurface;
 use super::derivatives::Parameter;
-use super::patch::Patch;
+use super::patch::ParameterPatch;
 
 /// Points in rows and columns, each in the middle of its part of the patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SampleGrid {
     /// The patch.
-    pub patch: Patch,
+    pub patch: ParameterPatch,
     /// Places along u.
     pub columns: usize,
     /// Places along v.
@@ -17,8 +17,8 @@ pub struct SampleGrid {
 
 impl SampleGrid {
     /// Creates points at about this spacing, mm, measured through the middle of the patch.
-    pub fn over(surface: &BSplineSurface, patch: Patch, spacing_mm: f64) -> Self {
-        let middle = surface.tangents(patch.at(Parameter { u: 0.5, v: 0.5 }));
+    pub fn from_patch(surface: &BSplineSurface, patch: ParameterPatch, spacing_mm: f64) -> Self {
+        let middle = surface.tangents(patch.parameter_at(Parameter { u: 0.5, v: 0.5 }));
         let count = |length_mm: f64| (length_mm / spacing_mm).ceil().max(1.0) as usize;
         let [size_u, size_v] = sizes(patch);
         let (columns, rows) = (count(middle.s_u.mm.norm() * size_u), count(middle.s_v.mm.norm() * size_v));
@@ -31,9 +31,9 @@ impl SampleGrid {
     }
 
     /// The parameters of a point; points are counted row by row.
-    pub fn at(&self, place: usize) -> Parameter {
+    pub fn parameter_at(&self, place: usize) -> Parameter {
         let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
-        self.patch.at(Parameter {
+        self.patch.parameter_at(Parameter {
             u: share(place % self.columns, self.columns),
             v: share(place / self.columns, self.rows),
         })
@@ -47,7 +47,7 @@ impl SampleGrid {
     }
 
     /// Returns the points around this box of parameters: all points inside, and at most one more on each side.
-    pub fn around(&self, least: Parameter, most: Parameter) -> impl Iterator<Item = usize> + use<> {
+    pub fn points_around(&self, least: Parameter, most: Parameter) -> impl Iterator<Item = usize> + use<> {
         let range = |[least, most]: [f64; 2], [low, high]: [f64; 2], count: usize| {
             let index = |at: f64| ((at - low) / (high - low) * count as f64).clamp(0.0, count as f64) as usize;
             if most < low || least > high { 0..0 } else { index(least)..(index(most) + 1).min(count) }
@@ -59,7 +59,7 @@ impl SampleGrid {
     }
 }
 
-fn sizes(patch: Patch) -> [f64; 2] {
+fn sizes(patch: ParameterPatch) -> [f64; 2] {
     [patch.high.u - patch.low.u, patch.high.v - patch.low.v]
 }
 
@@ -88,10 +88,10 @@ mod tests {
     /// square.
     #[test]
     fn places_are_spread_evenly() {
-        let patch = Patch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 0.5, v: 0.5 } };
-        let net = SampleGrid::over(&plane(), patch, 11.0);
+        let patch = ParameterPatch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 0.5, v: 0.5 } };
+        let net = SampleGrid::from_patch(&plane(), patch, 11.0);
         assert_eq!((net.columns, net.rows, net.count()), (5, 3, 15));
-        let [first, sixth] = [0, 5].map(|place| plane().point(net.at(place)));
+        let [first, sixth] = [0, 5].map(|place| plane().point(net.parameter_at(place)));
         assert!(first.distance_mm(Point::at(5.0, 5.0, 0.0)) < 1e-9, "{first:?}");
         assert!(sixth.distance_mm(Point::at(5.0, 15.0, 0.0)) < 1e-9, "{sixth:?}");
         assert!((net.cell() - 1.0 / 60.0).abs() < 1e-12);
@@ -102,10 +102,10 @@ mod tests {
     /// patch meets none.
     #[test]
     fn a_box_meets_the_places_around_it() {
-        let patch = Patch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 0.5, v: 0.5 } };
-        let net = SampleGrid::over(&plane(), patch, 11.0);
+        let patch = ParameterPatch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 0.5, v: 0.5 } };
+        let net = SampleGrid::from_patch(&plane(), patch, 11.0);
         let around = |u: [f64; 2], v: [f64; 2]| {
-            net.around(Parameter { u: u[0], v: v[0] }, Parameter { u: u[1], v: v[1] }).collect::<Vec<_>>()
+            net.points_around(Parameter { u: u[0], v: v[0] }, Parameter { u: u[1], v: v[1] }).collect::<Vec<_>>()
         };
         assert_eq!(around([0.15, 0.25], [0.4, 0.45]), [11, 12]);
         assert_eq!(around([-1.0, 2.0], [-1.0, 2.0]), (0..15).collect::<Vec<_>>());

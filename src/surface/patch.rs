@@ -6,25 +6,25 @@ use crate::panel::{GridId, Region};
 
 /// A box of parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Patch {
+pub struct ParameterPatch {
     /// Lowest u and v.
     pub low: Parameter,
     /// Highest u and v.
     pub high: Parameter,
 }
 
-impl Patch {
+impl ParameterPatch {
     /// The patch of one grid; `None` if the region has no such grid.
-    pub fn of_grid(region: &Region, id: GridId) -> Option<Self> {
+    pub fn for_grid(region: &Region, id: GridId) -> Option<Self> {
         let known = (1..=region.rows).contains(&id.row) && (1..=region.columns).contains(&id.column);
         known.then(|| {
             let [low, high] = region.unit_box(id);
-            Patch { low: Parameter { u: low.x, v: low.y }, high: Parameter { u: high.x, v: high.y } }
+            ParameterPatch { low: Parameter { u: low.x, v: low.y }, high: Parameter { u: high.x, v: high.y } }
         })
     }
 
     /// Returns the parameters at these fractions of the patch's sides.
-    pub fn at(&self, share: Parameter) -> Parameter {
+    pub fn parameter_at(&self, share: Parameter) -> Parameter {
         Parameter {
             u: self.low.u + (self.high.u - self.low.u) * share.u,
             v: self.low.v + (self.high.v - self.low.v) * share.v,

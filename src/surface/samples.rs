@@ -82,8 +82,9 @@ pub(super) fn sides_mm(panel: &TaughtPanel) -> Result<[f64; 2], FitError> {
     let side = |unit: fn(f64, f64) -> Point2<f64>| {
         let length_mm = |across: f64| -> f64 {
             let place = |step: usize| unit(step as f64 / LENGTH_STEPS as f64, across);
-            let points: Vec<Point<_>> =
-                (0..=LENGTH_STEPS).filter_map(|step| panel.surface_at(panel.region.pixel(place(step)))).collect();
+            let points: Vec<Point<_>> = (0..=LENGTH_STEPS)
+                .filter_map(|step| panel.surface_point_at(panel.region.pixel(place(step))))
+                .collect();
             points.windows(2).map(|pair| pair[0].distance_mm(pair[1])).sum()
         };
         let longest = [0.0, 0.5, 1.0].map(length_mm).into_iter().fold(0.0, f64::max);
@@ -100,10 +101,10 @@ struct Band {
 }
 
 impl Samples {
-    pub fn gather(panel: &TaughtPanel, knots: &[KnotVector; 2]) -> Self {
+    pub fn collect(panel: &TaughtPanel, knots: &[KnotVector; 2]) -> Self {
         let functions = [0, 1].map(|axis| {
             let knots = &knots[axis];
-            (0..knots.spans()).map(|span| knots.functions_on(span)).collect::<Vec<_>>()
+            (0..knots.spans()).map(|span| knots.span_polynomials(span)).collect::<Vec<_>>()
         });
         let window = window(panel, knots);
         let starts: Vec<usize> = window.rows.clone().step_by(BAND_ROWS).collect();
@@ -128,7 +129,7 @@ impl Samples {
     }
 
     /// The parameters of a sample on the surface.
-    pub fn place(&self, sample: &Sample) -> Parameter {
+    pub fn sample_parameter(&self, sample: &Sample) -> Parameter {
         let [span_u, span_v] = self.spans(sample.cell as usize);
         let along = |functions: &SpanFunctions, share: f64| functions.start + functions.length * share;
         Parameter {
@@ -144,7 +145,7 @@ impl Samples {
     }
 
     /// Returns the middle of a pair of spans in the taught picture.
-    pub fn middle(&self, cell: usize, region: &Region) -> Pixel {
+    pub fn span_centre(&self, cell: usize, region: &Region) -> Pixel {
         let [span_u, span_v] = self.spans(cell);
         let middle = |functions: &SpanFunctions| functions.start + functions.length / 2.0;
         region.pixel(Point2::new(middle(&self.functions[0][span_u]), middle(&self.functions[1][span_v])))

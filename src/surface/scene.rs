@@ -52,7 +52,7 @@ impl Shape {
 
 /// The defects of a scan.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Spoil {
+pub(crate) struct ScanDefects {
     /// White range noise, mm.
     pub noise_mm: f64,
     /// Share of points with an error of up to 2 mm.
@@ -96,7 +96,7 @@ pub(crate) fn recipe(shape: Shape, more: &str) -> Recipe {
 }
 
 /// Returns the panel |x| ≤ 170, |y| ≤ 105 mm as the camera sees it.
-pub(crate) fn taught(shape: Shape, spoil: Spoil, recipe: &Recipe) -> TaughtPanel {
+pub(crate) fn taught(shape: Shape, spoil: ScanDefects, recipe: &Recipe) -> TaughtPanel {
     let mut random = Pcg64Mcg::seed_from_u64(7);
     let mut normal = move || {
         let [a, b] = [0, 1].map(|_| random.random::<f64>());
@@ -108,7 +108,7 @@ pub(crate) fn taught(shape: Shape, spoil: Spoil, recipe: &Recipe) -> TaughtPanel
         let [flying, missing, how_far] = [0, 1, 2].map(|_| random.random::<f64>());
         let noise = normal() * spoil.noise_mm + if flying < spoil.flying { 4.0 * how_far - 2.0 } else { 0.0 };
         let in_hole = (pixel.u - 207.0).abs() < spoil.hole_px && (pixel.v - 150.0).abs() < spoil.hole_px;
-        let ray = LENS.unproject::<Camera>(folded(pixel, spoil.fold_px)).expect("inside").mm;
+        let ray = LENS.unproject::<Camera>(fold_pixel(pixel, spoil.fold_px)).expect("inside").mm;
         let depth = depth(shape, ray).filter(|_| missing >= spoil.missing && !in_hole);
         depth.map_or([f32::NAN; 3], |depth| {
             let seen = ray * depth + ray.normalize() * noise;
@@ -118,13 +118,13 @@ pub(crate) fn taught(shape: Shape, spoil: Spoil, recipe: &Recipe) -> TaughtPanel
     let count = LENS.width_px * LENS.height_px;
     let points = (0..count).map(&mut point).collect();
     let cloud = OrganizedCloud::new(LENS.width_px, LENS.height_px, points, vec![[80; 3]; count]).expect("counts");
-    let base_from_camera: Rigid<Base, Camera> = Rigid::claim(Isometry3::identity());
+    let base_from_camera: Rigid<Base, Camera> = Rigid::from_isometry_unchecked(Isometry3::identity());
     TaughtPanel::learn(&cloud, LENS, base_from_camera, recipe).unwrap_or_else(|e| panic!("{e}"))
 }
 
 // The point that a pixel shows where the surface is folded: backwards by half a pixel for each pixel in the band,
 // and forwards again on both sides of the band, so that no neighbours are far from each other.
-fn folded(pixel: Pixel, fold_px: f64) -> Pixel {
+fn fold_pixel(pixel: Pixel, fold_px: f64) -> Pixel {
     let from_middle = pixel.u - LENS.cx_px;
     let (size, side) = (from_middle.abs(), from_middle.signum());
     let shown = match size {

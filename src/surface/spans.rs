@@ -4,7 +4,7 @@
 //! p_ij: two Horner schemes without a division, 25 ns for a point with five derivatives. x, y, z and an unused
 //! fourth number are stored side by side, as a processor adds them. Supports degrees up to 3.
 
-use super::derivatives::{Derivatives, Parameter, Tangents};
+use super::derivatives::{Derivatives, Parameter, PointTangents};
 use crate::geometry::basis::{KnotVector, SpanFunctions};
 use crate::geometry::{Panel, Point, Vector};
 use nalgebra::Vector3;
@@ -13,13 +13,13 @@ use nalgebra::Vector3;
 const SIDE: usize = 4;
 
 /// x, y, z, 0.
-type Lanes = [f64; 4];
+type VectorLanes = [f64; 4];
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SpanSurface {
     axes: [Vec<Span>; 2],
     // a_kl of span (i, j) at i · (spans along v) + j
-    cells: Vec<[[Lanes; SIDE]; SIDE]>,
+    cells: Vec<[[VectorLanes; SIDE]; SIDE]>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,7 +33,8 @@ impl SpanSurface {
         if knots_u.degree().max(knots_v.degree()) >= SIDE {
             return None;
         }
-        let functions = |knots: &KnotVector| (0..knots.spans()).map(|i| knots.functions_on(i)).collect::<Vec<_>>();
+        let functions =
+            |knots: &KnotVector| (0..knots.spans()).map(|i| knots.span_polynomials(i)).collect::<Vec<_>>();
         let (on_u, on_v) = (functions(knots_u), functions(knots_v));
         let stride = knots_v.controls();
         let mut cells = Vec::with_capacity(on_u.len() * on_v.len());
@@ -51,39 +52,45 @@ impl SpanSurface {
     }
 
     pub fn point(&self, spans: [usize; 2], at: Parameter) -> Point<Panel> {
-        let (cell, [s, t], _) = self.local(spans, at);
-        let rows = cell.map(|row| horner(&row, t));
-        point(horner(&rows, s))
+        let (cell, [s, t], _) = self.span_coefficients(spans, at);
+        let rows = cell.map(|row| evaluate_polynomial(&row, t));
+        point(evaluate_polynomial(&rows, s))
     }
 
-    pub fn tangents(&self, spans: [usize; 2], at: Parameter) -> Tangents {
-        let (cell, [s, t], per_length) = self.local(spans, at);
-        let (rows, slopes) = (cell.map(|row| horner(&row, t)), cell.map(|row| first(&row, t)));
-        Tangents {
-            point: point(horner(&rows, s)),
-            s_u: vector(first(&rows, s), per_length[0]),
-            s_v: vector(horner(&slopes, s), per_length[1]),
+    pub fn tangents(&self, spans: [usize; 2], at: Parameter) -> PointTangents {
+        let (cell, [s, t], per_length) = self.span_coefficients(spans, at);
+        let (rows, slopes) =
+            (cell.map(|row| evaluate_polynomial(&row, t)), cell.map(|row| evaluate_derivative(&row, t)));
+        PointTangents {
+            point: point(evaluate_polynomial(&rows, s)),
+            s_u: vector(evaluate_derivative(&rows, s), per_length[0]),
+            s_v: vector(evaluate_polynomial(&slopes, s), per_length[1]),
         }
     }
 
     pub fn derivatives(&self, spans: [usize; 2], at: Parameter) -> Derivatives {
-        let (cell, [s, t], [per_u, per_v]) = self.local(spans, at);
-        let (rows, slopes) = (cell.map(|row| horner(&row, t)), cell.map(|row| first(&row, t)));
+        let (cell, [s, t], [per_u, per_v]) = self.span_coefficients(spans, at);
+        let (rows, slopes) =
+            (cell.map(|row| evaluate_polynomial(&row, t)), cell.map(|row| evaluate_derivative(&row, t)));
         let bends = cell.map(|row| second(&row, t));
         Derivatives {
-            tangents: Tangents {
-                point: point(horner(&rows, s)),
-                s_u: vector(first(&rows, s), per_u),
-                s_v: vector(horner(&slopes, s), per_v),
+            tangents: PointTangents {
+                point: point(evaluate_polynomial(&rows, s)),
+                s_u: vector(evaluate_derivative(&rows, s), per_u),
+                s_v: vector(evaluate_polynomial(&slopes, s), per_v),
             },
             s_uu: vector(second(&rows, s), per_u * per_u),
-            s_uv: vector(first(&slopes, s), per_u * per_v),
-            s_vv: vector(horner(&bends, s), per_v * per_v),
+            s_uv: vector(evaluate_derivative(&slopes, s), per_u * per_v),
+            s_vv: vector(evaluate_polynomial(&bends, s), per_v * per_v),
         }
     }
 
     #[inline]
-    fn local(&self, [i, j]: [usize; 2], at: Parameter) -> (&[[Lanes; SIDE]; SIDE], [f64; 2], [f64; 2]) {
+    fn span_coefficients(
+        &self,
+        [i, j]: [usize; 2],
+        at: Parameter,
+    ) -> (&[[VectorLanes; SIDE]; SIDE], [f64; 2], [f64; 2]) {
         let (u, v) = (self.axes[0][i], self.axes[1][j]);
         let cell = &self.cells[i * self.axes[1].len() + j];
         let local = [(at.u - u.start) * u.per_length, (at.v - v.start) * v.per_length];
@@ -95,7 +102,7 @@ fn coefficients(
     (u, degree_u): (&SpanFunctions, usize),
     (v, degree_v): (&SpanFunctions, usize),
     control: impl Fn(usize, usize) -> Vector3<f64>,
-) -> [[Lanes; SIDE]; SIDE] {
+) -> [[VectorLanes; SIDE]; SIDE] {
     let mut sums = [[[0.0; 4]; SIDE]; SIDE];
     for r in 0..=degree_u {
         for q in 0..=degree_v {
@@ -114,28 +121,28 @@ fn coefficients(
 }
 
 #[inline]
-fn horner(c: &[Lanes; SIDE], t: f64) -> Lanes {
+fn evaluate_polynomial(c: &[VectorLanes; SIDE], t: f64) -> VectorLanes {
     std::array::from_fn(|axis| ((c[3][axis] * t + c[2][axis]) * t + c[1][axis]) * t + c[0][axis])
 }
 
 #[inline]
-fn first(c: &[Lanes; SIDE], t: f64) -> Lanes {
+fn evaluate_derivative(c: &[VectorLanes; SIDE], t: f64) -> VectorLanes {
     let (two, three) = (2.0 * t, 3.0 * t * t);
     std::array::from_fn(|axis| c[3][axis] * three + c[2][axis] * two + c[1][axis])
 }
 
 #[inline]
-fn second(c: &[Lanes; SIDE], t: f64) -> Lanes {
+fn second(c: &[VectorLanes; SIDE], t: f64) -> VectorLanes {
     let six = 6.0 * t;
     std::array::from_fn(|axis| c[3][axis] * six + 2.0 * c[2][axis])
 }
 
 #[inline]
-fn point([x, y, z, _]: Lanes) -> Point<Panel> {
+fn point([x, y, z, _]: VectorLanes) -> Point<Panel> {
     Point::at(x, y, z)
 }
 
 #[inline]
-fn vector([x, y, z, _]: Lanes, scale: f64) -> Vector<Panel> {
+fn vector([x, y, z, _]: VectorLanes, scale: f64) -> Vector<Panel> {
     Vector::new(Vector3::new(x * scale, y * scale, z * scale))
 }

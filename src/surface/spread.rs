@@ -5,18 +5,18 @@ const SHARES: [f64; 2] = [0.05, 0.95];
 
 /// Numbers in ascending order, each with the area to which it applies.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ByArea(Vec<(f64, f64)>);
+pub struct AreaWeighted(Vec<(f64, f64)>);
 
-impl ByArea {
+impl AreaWeighted {
     /// Sorts numbers with their areas.
     pub fn from_values(numbers: impl Iterator<Item = (f64, f64)>) -> Self {
         let mut sorted: Vec<(f64, f64)> = numbers.collect();
         sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-        ByArea(sorted)
+        AreaWeighted(sorted)
     }
 
     /// The quantile of the numbers for this share of the area; `None` if there is no number.
-    pub fn at(&self, share: f64) -> Option<f64> {
+    pub fn quantile_by_area(&self, share: f64) -> Option<f64> {
         let mut left = share * self.0.iter().map(|(_, area)| area).sum::<f64>();
         let found = self.0.iter().find(|(_, area)| {
             left -= area;
@@ -30,19 +30,19 @@ impl ByArea {
 /// The 5 % and 95 % quantiles of the time under the disc over the treated area. The treated area is the area that the
 /// disc reaches; the coverage reports the remaining area.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Spread {
+pub struct DwellSpread {
     /// The 5 % quantile of the time under the disc, s.
     pub low_s: f64,
     /// The 95 % quantile of the time under the disc, s.
     pub high_s: f64,
 }
 
-impl Spread {
+impl DwellSpread {
     /// Computed from times in s, each with its area; `None` if nothing was under the disc.
     pub fn from_times(times: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
-        let treated = ByArea::from_values(times.filter(|(time_s, _)| *time_s > 0.0));
-        let [low_s, high_s] = SHARES.map(|share| treated.at(share));
-        Some(Spread { low_s: low_s?, high_s: high_s? })
+        let treated = AreaWeighted::from_values(times.filter(|(time_s, _)| *time_s > 0.0));
+        let [low_s, high_s] = SHARES.map(|share| treated.quantile_by_area(share));
+        Some(DwellSpread { low_s: low_s?, high_s: high_s? })
     }
 
     /// Returns the long time divided by the short time.
@@ -60,11 +60,11 @@ mod tests {
     #[test]
     fn five_and_ninety_five_percent_of_the_area() {
         let even = |n: usize| (n as f64 / 100.0, 1.0);
-        let spread = Spread::from_times((0..=100).map(even)).expect("treated");
+        let spread = DwellSpread::from_times((0..=100).map(even)).expect("treated");
         assert!((spread.low_s - 0.05).abs() < 1e-12 && (spread.high_s - 0.95).abs() < 1e-12, "{spread:?}");
         assert!((spread.ratio() - 19.0).abs() < 1e-9);
-        let doubled = Spread::from_times([(1.0, 2.0), (2.0, 17.0), (5.0, 1.0)].into_iter()).expect("treated");
+        let doubled = DwellSpread::from_times([(1.0, 2.0), (2.0, 17.0), (5.0, 1.0)].into_iter()).expect("treated");
         assert_eq!((doubled.low_s, doubled.high_s), (1.0, 2.0));
-        assert_eq!(Spread::from_times([(0.0, 1.0)].into_iter()), None);
+        assert_eq!(DwellSpread::from_times([(0.0, 1.0)].into_iter()), None);
     }
 }

@@ -1,9 +1,9 @@
 //! Tests of the fit on analytic panels, with and without defects of the scan.
 
-use super::scene::{SHAPES, Shape, Spoil, recipe, taught};
-use super::{Fit, FitError, MapPixel, Parameter, examine, fit};
+use super::scene::{SHAPES, ScanDefects, Shape, recipe, taught};
+use super::{Fit, FitError, MapPixel, Parameter, examine_fit, fit};
 
-fn fitted(shape: Shape, spoil: Spoil, more: &str) -> Result<Fit, FitError> {
+fn fitted(shape: Shape, spoil: ScanDefects, more: &str) -> Result<Fit, FitError> {
     let recipe = recipe(shape, more);
     fit(&taught(shape, spoil, &recipe), recipe.surface())
 }
@@ -28,7 +28,7 @@ fn errors(shape: Shape, fit: &Fit) -> (f64, f64, f64) {
 #[test]
 fn an_exact_scan_gives_the_exact_surface() {
     for shape in SHAPES {
-        let fit = fitted(shape, Spoil::default(), "").unwrap_or_else(|e| panic!("{shape:?}: {e}"));
+        let fit = fitted(shape, ScanDefects::default(), "").unwrap_or_else(|e| panic!("{shape:?}: {e}"));
         let (_, largest, angle) = errors(shape, &fit);
         println!("{shape:?} exact: {largest:.6} mm, {angle:.4}°, {:?}", fit.deviation);
         assert!(largest < 0.002 && angle < 0.01, "{shape:?}: {largest} mm, {angle}°");
@@ -39,7 +39,7 @@ fn an_exact_scan_gives_the_exact_surface() {
 /// A quarter-size picture has a sixteenth of the points: four times the error of a full-size picture.
 #[test]
 fn noise_and_flying_points_hardly_move_the_surface() {
-    let spoil = Spoil { noise_mm: 0.055, flying: 0.01, missing: 0.01, ..Spoil::default() };
+    let spoil = ScanDefects { noise_mm: 0.055, flying: 0.01, missing: 0.01, ..ScanDefects::default() };
     for shape in SHAPES {
         let fit = fitted(shape, spoil, "").unwrap_or_else(|e| panic!("{shape:?}: {e}"));
         let (mean, largest, angle) = errors(shape, &fit);
@@ -55,17 +55,18 @@ fn noise_and_flying_points_hardly_move_the_surface() {
 /// worse, and does not improve an exact saddle.
 #[test]
 fn noise_asks_for_smoothing_and_an_exact_scan_for_none() {
-    let noisy = fitted(Shape::Plane, Spoil { noise_mm: 0.1, ..Spoil::default() }, "").expect("a surface");
-    let exact = fitted(Shape::Saddle, Spoil::default(), "").expect("a surface");
+    let noisy =
+        fitted(Shape::Plane, ScanDefects { noise_mm: 0.1, ..ScanDefects::default() }, "").expect("a surface");
+    let exact = fitted(Shape::Saddle, ScanDefects::default(), "").expect("a surface");
     let [noisy, exact] = [noisy, exact].map(|fit| fit.deviation.smoothing);
     assert!(noisy >= 1.0 && exact <= 1e-6, "{noisy} {exact}");
 }
 
 #[test]
 fn a_cluster_of_flying_points_is_left_out() {
-    let clean = fitted(Shape::Sphere, Spoil { noise_mm: 0.02, ..Spoil::default() }, "").expect("a fit");
-    let flying =
-        fitted(Shape::Sphere, Spoil { noise_mm: 0.02, flying: 0.06, ..Spoil::default() }, "").expect("a fit");
+    let clean = fitted(Shape::Sphere, ScanDefects { noise_mm: 0.02, ..ScanDefects::default() }, "").expect("a fit");
+    let flying = fitted(Shape::Sphere, ScanDefects { noise_mm: 0.02, flying: 0.06, ..ScanDefects::default() }, "")
+        .expect("a fit");
     let (clean_mean, ..) = errors(Shape::Sphere, &clean);
     let (mean, ..) = errors(Shape::Sphere, &flying);
     assert!(mean < 2.0 * clean_mean, "{mean} mm, {clean_mean} mm without flying points");
@@ -74,13 +75,13 @@ fn a_cluster_of_flying_points_is_left_out() {
 
 #[test]
 fn what_the_scan_does_not_show_is_refused() {
-    let hole = |hole_px| Spoil { noise_mm: 0.02, hole_px, ..Spoil::default() };
+    let hole = |hole_px| ScanDefects { noise_mm: 0.02, hole_px, ..ScanDefects::default() };
     let small = fitted(Shape::Plane, hole(3.0), "").expect("a small hole is bridged");
     assert!(small.deviation.missing_percent > 0.1);
     assert!(
         matches!(fitted(Shape::Plane, hole(15.0), ""), Err(FitError::Hole { size_mm, .. }) if (size_mm - 46.0).abs() < 4.0)
     );
-    let dropped = Spoil { missing: 0.2, ..hole(0.0) };
+    let dropped = ScanDefects { missing: 0.2, ..hole(0.0) };
     assert!(
         matches!(fitted(Shape::Plane, dropped, ""), Err(FitError::Missing { percent, .. }) if (percent - 20.0).abs() < 1.0)
     );
@@ -88,7 +89,7 @@ fn what_the_scan_does_not_show_is_refused() {
 
 #[test]
 fn a_poor_fit_and_too_many_controls_are_refused() {
-    let spoil = Spoil { noise_mm: 0.1, ..Spoil::default() };
+    let spoil = ScanDefects { noise_mm: 0.1, ..ScanDefects::default() };
     let poor = fitted(Shape::Saddle, spoil, "[surface]\nmax_rms_mm = 0.09\n");
     assert!(matches!(poor, Err(FitError::PoorFit { rms_mm, .. }) if (rms_mm - 0.1).abs() < 0.01), "{poor:?}");
     let fine = fitted(Shape::Saddle, spoil, "[surface]\ncontrol_spacing_mm = 6\n");
@@ -100,8 +101,9 @@ fn a_poor_fit_and_too_many_controls_are_refused() {
 #[test]
 fn a_fold_is_refused_with_its_picture() {
     let recipe = recipe(Shape::Plane, "[surface]\nmax_rms_mm = 5\n");
-    let panel = taught(Shape::Plane, Spoil { noise_mm: 0.02, fold_px: 20.0, ..Spoil::default() }, &recipe);
-    let refusal = examine(&panel, recipe.surface()).expect_err("a fold");
+    let panel =
+        taught(Shape::Plane, ScanDefects { noise_mm: 0.02, fold_px: 20.0, ..ScanDefects::default() }, &recipe);
+    let refusal = examine_fit(&panel, recipe.surface()).expect_err("a fold");
     let FitError::Fold { at } = refusal.error else { panic!("{}", refusal.error) };
     assert!((at.u - 243.0).abs() < 25.0, "{at:?}");
     let map = refusal.map.expect("a picture");
@@ -112,7 +114,7 @@ fn a_fold_is_refused_with_its_picture() {
 #[test]
 fn the_fit_is_bit_equal_for_any_number_of_threads() {
     let recipe = recipe(Shape::Sphere, "");
-    let panel = taught(Shape::Sphere, Spoil { noise_mm: 0.05, ..Spoil::default() }, &recipe);
+    let panel = taught(Shape::Sphere, ScanDefects { noise_mm: 0.05, ..ScanDefects::default() }, &recipe);
     let fits = [1, 3].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         pool.install(|| fit(&panel, recipe.surface()).expect("a fit"))

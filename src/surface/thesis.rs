@@ -20,10 +20,10 @@ pub(super) fn knots(sides_mm: [f64; 2], spacing_mm: f64) -> Result<[KnotVector; 
 
 /// Returns the scan's points that are used as control points, v running fastest.
 pub(super) fn controls(panel: &TaughtPanel, knots: &[KnotVector; 2]) -> Result<Vec<Vector3<f64>>, FitError> {
-    let (on_u, on_v) = (knots[0].greville(), knots[1].greville());
+    let (on_u, on_v) = (knots[0].greville_abscissa(), knots[1].greville_abscissa());
     let control = |(u, v): (f64, f64)| {
         let at = panel.region.pixel(Point2::new(u, v));
-        let place = at.whole(panel.scan.width(), panel.scan.height());
+        let place = at.nearest_whole(panel.scan.width(), panel.scan.height());
         let on_panel = place.filter(|(column, row)| panel.mask.contains(*column, *row));
         let point = on_panel.and_then(|(column, row)| panel.scan.point(column, row));
         point.map(|point| point.mm.coords).ok_or(FitError::NoControlPoint { at })

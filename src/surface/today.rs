@@ -10,7 +10,9 @@ use super::bspline::{BSplineSurface, SurfaceError};
 use super::derivatives::Parameter;
 use super::map::{DeviationMap, MapPixel};
 use super::net::sides_mm;
-use crate::geometry::{Camera, Height, OrganizedCloud, Panel, Raster, Rigid, RobustField, SmoothField, Vector};
+use crate::geometry::{
+    Camera, HeightSample, OrganizedCloud, Panel, RasterSize, Rigid, RobustField, SmoothField, Vector,
+};
 use crate::panel::TaughtPanel;
 use nalgebra::Point2;
 use rayon::prelude::*;
@@ -23,7 +25,7 @@ const MAX_FITTED: usize = 8_000;
 /// Largest distance of a panel's point from the taught surface, mm; farther points belong to other objects.
 const MAX_DISTANCE_MM: f64 = 20.0;
 /// Number of points along each side of the region at which the deviation is evaluated.
-const PLACES: usize = 32;
+const EVALUATION_POINTS: usize = 32;
 /// Number of iterations in which control points are moved until the surface is moved by the correction.
 const STEPS: usize = 6;
 
@@ -38,7 +40,7 @@ pub struct TodaysPoint {
 
 /// Today's surface with its deviations from the taught surface and the scan.
 #[derive(Debug, Clone)]
-pub struct Todays {
+pub struct TodaysSurfaceFit {
     /// The surface; the region is its unit square.
     pub surface: BSplineSurface,
     /// Largest distance of the surface from the taught surface, mm.
@@ -95,41 +97,49 @@ pub fn todays_points(
 ///
 /// # Errors
 /// If no point lies near the taught surface, or the points do not determine a surface.
-pub fn todays(
+pub fn correct_taught_surface(
     taught: &BSplineSurface,
     panel: &TaughtPanel,
     map: &DeviationMap,
     (points, max_hole_mm): (&[TodaysPoint], f64),
-) -> Result<Todays, TodayError> {
+) -> Result<TodaysSurfaceFit, TodayError> {
     let in_front = |point: &TodaysPoint| {
         let there = taught.tangents(point.at);
-        let mm = taught.normal_of(&there)?.mm.dot(&(point.point.mm - there.point.mm.coords));
-        Some(Height { at: [point.at.u, point.at.v], mm })
+        let mm = taught.unit_normal(&there)?.mm.dot(&(point.point.mm - there.point.mm.coords));
+        Some(HeightSample { position: [point.at.u, point.at.v], height_mm: mm })
     };
-    let seen: Vec<Height> = points.par_iter().filter_map(in_front).collect();
-    let near: Vec<Height> = seen.iter().copied().filter(|height| height.mm.abs() <= MAX_DISTANCE_MM).collect();
+    let seen: Vec<HeightSample> = points.par_iter().filter_map(in_front).collect();
+    let near: Vec<HeightSample> =
+        seen.iter().copied().filter(|height| height.height_mm.abs() <= MAX_DISTANCE_MM).collect();
     if near.is_empty() {
         return Err(TodayError::NoPoints);
     }
-    let fitted: Vec<Height> = near.iter().copied().step_by(near.len().div_ceil(MAX_FITTED)).collect();
+    let fitted: Vec<HeightSample> = near.iter().copied().step_by(near.len().div_ceil(MAX_FITTED)).collect();
     let sides_mm = sides_mm(taught);
-    let RobustField { field, limit_mm } = SmoothField::robust(sides_mm, &fitted).ok_or(TodayError::Undetermined)?;
-    let surface = corrected(taught, &field, panel)?;
+    let RobustField { field, limit_mm } =
+        SmoothField::fit_robust(sides_mm, &fitted).ok_or(TodayError::Undetermined)?;
+    let surface = displaced_surface(taught, &field, panel)?;
     // A point far from the taught surface also counts here, and is not part of the surface.
-    let off_mm: Vec<f64> = seen.par_iter().map(|height| (height.mm - field.at(height.at)).abs()).collect();
+    let off_mm: Vec<f64> =
+        seen.par_iter().map(|height| (height.height_mm - field.height_at(height.position)).abs()).collect();
     let squares: Vec<f64> = off_mm.iter().filter(|off_mm| **off_mm < limit_mm).map(|mm| mm.powi(2)).collect();
     let mut cells = Cells::new(sides_mm, max_hole_mm / 2.0);
-    seen.iter().zip(&off_mm).for_each(|(height, off_mm)| cells.count(height.at, *off_mm < limit_mm));
-    let map = map.filled(|pixel| {
+    seen.iter().zip(&off_mm).for_each(|(height, off_mm)| cells.count(height.position, *off_mm < limit_mm));
+    let map = map.fill_region(|pixel| {
         let unit: Point2<f64> = panel.region.unit(pixel);
         let at = [unit.x, unit.y].map(|share| share.clamp(0.0, 1.0));
-        if cells.shows(cells.index(at)) { MapPixel::Fits { mm: field.at(at) as f32 } } else { MapPixel::Missing }
+        if cells.is_visible(cells.index(at)) {
+            MapPixel::Fits { mm: field.height_at(at) as f32 }
+        } else {
+            MapPixel::Missing
+        }
     });
-    let middle = |index: usize| (index as f64 + 0.5) / PLACES as f64;
-    let middles = (0..PLACES * PLACES).map(|n| [middle(n % PLACES), middle(n / PLACES)]);
-    Ok(Todays {
+    let middle = |index: usize| (index as f64 + 0.5) / EVALUATION_POINTS as f64;
+    let middles = (0..EVALUATION_POINTS * EVALUATION_POINTS)
+        .map(|n| [middle(n % EVALUATION_POINTS), middle(n / EVALUATION_POINTS)]);
+    Ok(TodaysSurfaceFit {
         surface,
-        largest_mm: middles.map(|at| field.at(at).abs()).fold(0.0, f64::max),
+        largest_mm: middles.map(|at| field.height_at(at).abs()).fold(0.0, f64::max),
         rms_mm: (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt(),
         missing_percent: cells.missing_percent(),
         largest_hole_mm: cells.largest_hole_mm(),
@@ -139,7 +149,7 @@ pub fn todays(
 
 /// The region divided into cells, which state where today's surface was seen.
 struct Cells {
-    raster: Raster,
+    raster: RasterSize,
     side_mm: f64,
     /// The number of points in each cell, and the number of these that belong to the surface.
     counts: Vec<[u32; 2]>,
@@ -150,7 +160,7 @@ impl Cells {
     fn new(sides_mm: [f64; 2], cell_mm: f64) -> Self {
         let [width, height] = sides_mm.map(|mm| ((mm / cell_mm).round() as usize).max(1));
         let side_mm = (sides_mm[0] / width as f64).min(sides_mm[1] / height as f64);
-        Cells { raster: Raster { width, height }, side_mm, counts: vec![[0; 2]; width * height] }
+        Cells { raster: RasterSize { width, height }, side_mm, counts: vec![[0; 2]; width * height] }
     }
 
     fn index(&self, [u, v]: [f64; 2]) -> usize {
@@ -165,33 +175,33 @@ impl Cells {
     }
 
     /// Returns whether most points of a cell belong to the surface; `false` for a cell without points.
-    fn shows(&self, index: usize) -> bool {
+    fn is_visible(&self, index: usize) -> bool {
         let [all, of_surface] = self.counts[index];
         2 * of_surface > all
     }
 
     fn missing_percent(&self) -> f64 {
-        let missing = (0..self.counts.len()).filter(|index| !self.shows(*index)).count();
+        let missing = (0..self.counts.len()).filter(|index| !self.is_visible(*index)).count();
         100.0 * missing as f64 / self.counts.len() as f64
     }
 
     fn largest_hole_mm(&self) -> f64 {
-        let squares = self.raster.largest_squares(|index| !self.shows(index));
+        let squares = self.raster.largest_squares(|index| !self.is_visible(index));
         f64::from(squares.into_iter().max().unwrap_or(0)) * self.side_mm
     }
 }
 
 /// Returns the surface moved by c along its normals. A point without a normal, or beyond the region, moves as the
 /// border does.
-fn corrected(
+fn displaced_surface(
     taught: &BSplineSurface,
     correction: &SmoothField,
     panel: &TaughtPanel,
 ) -> Result<BSplineSurface, SurfaceError> {
-    let (along_u, along_v) = (taught.knots_u().greville(), taught.knots_v().greville());
+    let (along_u, along_v) = (taught.knots_u().greville_abscissa(), taught.knots_v().greville_abscissa());
     let places: Vec<Parameter> =
         along_u.iter().flat_map(|u| along_v.iter().map(|v| Parameter { u: *u, v: *v })).collect();
-    let wanted: Vec<f64> = places.iter().map(|at| correction.at([at.u, at.v])).collect();
+    let wanted: Vec<f64> = places.iter().map(|at| correction.height_at([at.u, at.v])).collect();
     let normals: Vec<_> =
         places.iter().map(|at| taught.normal(*at).map_or_else(Default::default, |n| n.mm)).collect();
     let knots = || [taught.knots_u().clone(), taught.knots_v().clone()];
@@ -211,7 +221,7 @@ fn corrected(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::scene::{Shape, Spoil, recipe, taught};
+    use crate::surface::scene::{ScanDefects, Shape, recipe, taught};
     use crate::surface::{Fit, fit};
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
@@ -219,7 +229,7 @@ mod tests {
     /// Returns a taught panel of 280 × 168 mm with its surface.
     fn learnt() -> (TaughtPanel, Fit) {
         let recipe = recipe(Shape::Cylinder, "");
-        let panel = taught(Shape::Cylinder, Spoil::default(), &recipe);
+        let panel = taught(Shape::Cylinder, ScanDefects::default(), &recipe);
         let fit = fit(&panel, recipe.surface()).expect("a surface");
         (panel, fit)
     }
@@ -242,7 +252,7 @@ mod tests {
 
     /// Returns the largest distance of the surface from the true surface, which lies in front of the taught surface
     /// by this distance, mm.
-    fn error_mm(fit: &Fit, todays: &Todays, in_front_mm: impl Fn(Parameter) -> f64) -> f64 {
+    fn error_mm(fit: &Fit, todays: &TodaysSurfaceFit, in_front_mm: impl Fn(Parameter) -> f64) -> f64 {
         let error = |n: usize| {
             let at = Parameter { u: (n % 41) as f64 / 40.0, v: (n / 41) as f64 / 40.0 };
             let normal = fit.surface.normal(at).expect("a normal").mm;
@@ -260,7 +270,8 @@ mod tests {
     #[test]
     fn a_panel_that_bows_is_found_as_it_is() {
         let (panel, fit) = learnt();
-        let todays = todays(&fit.surface, &panel, &fit.map, (&points(&fit, bent), 12.0)).expect("a surface");
+        let todays =
+            correct_taught_surface(&fit.surface, &panel, &fit.map, (&points(&fit, bent), 12.0)).expect("a surface");
         let error_mm = error_mm(&fit, &todays, bent);
         assert!(error_mm < 0.06, "{error_mm}");
         // Calculated by hand: at u = 0.3 the bow is 1.5 (1 − 0.16) = 1.26 mm and the wave 0.3 · sin(0.42 · 2π) =
@@ -278,7 +289,8 @@ mod tests {
     #[test]
     fn a_panel_as_it_was_taught_stays() {
         let (panel, fit) = learnt();
-        let todays = todays(&fit.surface, &panel, &fit.map, (&points(&fit, |_| 0.0), 12.0)).expect("a surface");
+        let todays = correct_taught_surface(&fit.surface, &panel, &fit.map, (&points(&fit, |_| 0.0), 12.0))
+            .expect("a surface");
         let error_mm = error_mm(&fit, &todays, |_| 0.0);
         assert!(error_mm < 0.03 && todays.largest_mm < 0.02, "{error_mm} {}", todays.largest_mm);
     }
@@ -290,7 +302,8 @@ mod tests {
         let (panel, fit) = learnt();
         let is_clamped = |at: Parameter| at.u < 0.15 && at.v < 0.2;
         let todays_points = points(&fit, |at| if is_clamped(at) { 8.0 } else { bent(at) });
-        let todays = todays(&fit.surface, &panel, &fit.map, (&todays_points, 12.0)).expect("a surface");
+        let todays =
+            correct_taught_surface(&fit.surface, &panel, &fit.map, (&todays_points, 12.0)).expect("a surface");
         let beside = |at: Parameter| if is_clamped(at) { f64::NAN } else { bent(at) };
         let error_mm = error_mm(&fit, &todays, beside);
         assert!(error_mm < 0.1, "{error_mm}");
@@ -306,7 +319,7 @@ mod tests {
         let (panel, fit) = learnt();
         let is_patch = |at: Parameter| (at.u - 0.5).abs() < 15.0 / 280.0 && (at.v - 0.5).abs() < 15.0 / 168.0;
         let patched = points(&fit, |at| if is_patch(at) { 3.0 } else { 0.0 });
-        let todays = todays(&fit.surface, &panel, &fit.map, (&patched, 12.0)).expect("a surface");
+        let todays = correct_taught_surface(&fit.surface, &panel, &fit.map, (&patched, 12.0)).expect("a surface");
         assert!((18.0..=36.0).contains(&todays.largest_hole_mm), "{todays:?}");
         assert!(todays.missing_percent < 4.0 && todays.largest_mm < 0.1, "{todays:?}");
     }
@@ -315,6 +328,9 @@ mod tests {
     fn a_scan_without_the_region_is_refused() {
         let (panel, fit) = learnt();
         let far = points(&fit, |_| 60.0);
-        assert_eq!(todays(&fit.surface, &panel, &fit.map, (&far, 12.0)).expect_err("none"), TodayError::NoPoints);
+        assert_eq!(
+            correct_taught_surface(&fit.surface, &panel, &fit.map, (&far, 12.0)).expect_err("none"),
+            TodayError::NoPoints
+        );
     }
 }

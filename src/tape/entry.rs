@@ -16,9 +16,9 @@ pub struct Entry {
     /// Time of the exchange, ns since the recording began, on the loop's clock.
     pub at_ns: u64,
     /// The loop's action; null if it only received an input.
-    pub said: Value,
+    pub action: Value,
     /// The reply or input; null if none was expected.
-    pub heard: Value,
+    pub reply: Value,
     /// The picture or points from a camera, if there are any.
     pub shot: Option<Shot>,
 }
@@ -62,7 +62,7 @@ impl Shot {
 /// The state in which the loop began, in addition to its input files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Start {
+pub struct RecordingStart {
     /// The program's version.
     pub program: String,
     /// Start time by the wall clock, ns since 1970.
@@ -72,7 +72,7 @@ pub struct Start {
     /// Whether time passes only while the loop waits for the robot's messages.
     pub lock_step: bool,
     /// The loop's memory in addition to the state machine's state.
-    pub begin: Begin,
+    pub begin: LoopMemoryStart,
     /// Error of the camera mounts at the panel, mm, 95 %, as known at the start.
     pub hand_eye_mm: Option<f64>,
     /// Error of robot and tool, mm, 95 %, as known at the start.
@@ -82,7 +82,7 @@ pub struct Start {
 /// The loop's memory when the recording began, in addition to the state machine's state.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Begin {
+pub enum LoopMemoryStart {
     /// No memory: the program started.
     #[default]
     Boot,
@@ -91,7 +91,7 @@ pub enum Begin {
         /// The robot's last report of its state.
         robot: Option<Box<eki::State>>,
         /// The deadlines that were armed.
-        armed: Vec<Armed>,
+        armed: Vec<ArmedDeadline>,
         /// The panel's last pose in the cycles before, in the base frame.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         place: Option<KukaPose>,
@@ -101,7 +101,7 @@ pub enum Begin {
 /// A deadline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Armed {
+pub struct ArmedDeadline {
     /// Of what.
     pub id: Id,
     /// Which.
@@ -123,7 +123,7 @@ pub struct LostEntries {
 
 /// The content of a recording's end.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Ending {
+pub struct RecordingEnd {
     /// Entries that were not recorded: a recording with lost entries is incomplete.
     pub lost: Vec<LostEntries>,
     /// Why the recording ends before the cycle, if it does.

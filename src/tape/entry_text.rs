@@ -2,7 +2,7 @@
 
 use super::entry::Entry;
 use super::topic::Topic;
-use super::well_known::Level;
+use super::well_known::LogLevel;
 use crate::eki::{Report, State};
 use crate::geometry::{Base, Flange, KukaPose, PinholeCamera, Rigid, Tool};
 use crate::record::Finding;
@@ -11,7 +11,7 @@ use serde::Deserialize;
 
 /// The pose of one frame in another, mm and degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Mounted {
+pub struct FramePose {
     /// The frame of reference: `base`, `flange`.
     pub parent: &'static str,
     /// The frame.
@@ -46,44 +46,49 @@ pub(super) const UNITS: &str = "all lengths in this recording are mm: a viewer t
 
 /// What is shown.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Shown {
-    Stands(Mounted),
-    Says { level: Level, message: String },
+pub(super) enum ShownText {
+    Status(FramePose),
+    Note { level: LogLevel, message: String },
 }
 
-pub(super) fn shown(entry: &Entry) -> Vec<Shown> {
+pub(super) fn entry_texts(entry: &Entry) -> Vec<ShownText> {
     match entry.topic {
-        Topic::Report => Report::deserialize(&entry.heard).map_or_else(|_| Vec::new(), |report| of_robot(&report)),
-        Topic::Finding => Finding::deserialize(&entry.said).map_or_else(|_| Vec::new(), |finding| found(&finding)),
+        Topic::Report => {
+            Report::deserialize(&entry.reply).map_or_else(|_| Vec::new(), |report| robot_texts(&report))
+        }
+        Topic::Finding => {
+            Finding::deserialize(&entry.action).map_or_else(|_| Vec::new(), |finding| finding_texts(&finding))
+        }
         _ => Vec::new(),
     }
 }
 
-fn of_robot(report: &Report) -> Vec<Shown> {
+fn robot_texts(report: &Report) -> Vec<ShownText> {
     match report {
         Report::Connected { state } | Report::State(state) | Report::Rebooted { state } => vec![flange(state)],
-        Report::LinkLost { why } => vec![Shown::Says { level: Level::Warning, message: why.to_string() }],
+        Report::LinkLost { why } => vec![ShownText::Note { level: LogLevel::Warning, message: why.to_string() }],
         _ => Vec::new(),
     }
 }
 
-fn flange(state: &State) -> Shown {
+fn flange(state: &State) -> ShownText {
     let base: Rigid<Base, Base> = state.active_base.to_rigid();
     let tip: Rigid<Base, Tool> = state.base_from_tcp.to_rigid();
     let tool: Rigid<Flange, Tool> = state.flange_from_tool.to_rigid();
     let pose = KukaPose::from_rigid(&(base * tip * tool.inverse()));
-    Shown::Stands(Mounted { parent: "base", child: "flange", pose })
+    ShownText::Status(FramePose { parent: "base", child: "flange", pose })
 }
 
-fn found(finding: &Finding) -> Vec<Shown> {
+fn finding_texts(finding: &Finding) -> Vec<ShownText> {
     let judgement = &finding.judgement;
     let level = match judgement.verdict {
-        Verdict::Accept | Verdict::Pass => Level::Info,
-        _ => Level::Warning,
+        Verdict::Accept | Verdict::Pass => LogLevel::Info,
+        _ => LogLevel::Warning,
     };
     let reasons = judgement.reasons.iter().map(|reason| format!("; {}", reason.message));
-    let message = format!("{}: {}{}", finding.kind.word(), judgement.verdict.word(), reasons.collect::<String>());
+    let message =
+        format!("{}: {}{}", finding.kind.keyword(), judgement.verdict.keyword(), reasons.collect::<String>());
     let place = finding.details.get("base_from_panel").and_then(|pose| KukaPose::deserialize(pose).ok());
-    let stands = place.map(|pose| Shown::Stands(Mounted { parent: "base", child: "panel", pose }));
-    std::iter::once(Shown::Says { level, message }).chain(stands).collect()
+    let stands = place.map(|pose| ShownText::Status(FramePose { parent: "base", child: "panel", pose }));
+    std::iter::once(ShownText::Note { level, message }).chain(stands).collect()
 }

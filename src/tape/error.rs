@@ -78,7 +78,7 @@ pub enum TapeError {
     },
     /// Times of entries that do not increase.
     #[error("the recording is not in order: a timestamp of {topic} decreases {from_s:.3} s after its beginning")]
-    Order {
+    OutOfOrder {
         /// The topic.
         topic: &'static str,
         /// When, s.
@@ -103,7 +103,7 @@ pub enum TapeError {
         problem: String,
     },
     /// The disk refuses.
-    #[error("the recording cannot be {doing}: {}", with_causes(source))]
+    #[error("the recording cannot be {doing}: {}", append_causes(source))]
     Disk {
         /// Read or written.
         doing: &'static str,
@@ -116,7 +116,7 @@ pub enum TapeError {
 }
 
 /// The library's own words leave out the error of the system.
-fn with_causes(error: &dyn std::error::Error) -> String {
+fn append_causes(error: &dyn std::error::Error) -> String {
     let mut words = error.to_string();
     let mut cause = error.source();
     while let Some(deeper) = cause {

@@ -18,20 +18,20 @@ const CHUNK_BYTES: usize = HEAD_BYTES + BEFORE_NAME + 4;
 
 /// Follows the records of a file through its bytes, in pieces of any size.
 #[derive(Debug)]
-pub struct Framing {
+pub struct RecordFraming {
     /// Bytes to skip: the magic, the rest of a record.
     skip: u64,
     /// The part of a record's head that has been received.
     head: Vec<u8>,
 }
 
-impl Default for Framing {
+impl Default for RecordFraming {
     fn default() -> Self {
-        Framing { skip: MAGIC_BYTES, head: Vec::with_capacity(CHUNK_BYTES) }
+        RecordFraming { skip: MAGIC_BYTES, head: Vec::with_capacity(CHUNK_BYTES) }
     }
 }
 
-impl Framing {
+impl RecordFraming {
     /// Reads the next bytes of the file.
     ///
     /// # Errors
@@ -41,10 +41,10 @@ impl Framing {
             let skipped = usize::try_from(self.skip).unwrap_or(usize::MAX).min(bytes.len());
             bytes = &bytes[skipped..];
             self.skip -= skipped as u64;
-            let missing = self.missing().min(bytes.len());
+            let missing = self.missing_head_bytes().min(bytes.len());
             self.head.extend_from_slice(&bytes[..missing]);
             bytes = &bytes[missing..];
-            if self.skip == 0 && self.missing() == 0 {
+            if self.skip == 0 && self.missing_head_bytes() == 0 {
                 self.judge()?;
                 self.skip = self.length().saturating_sub((self.head.len() - HEAD_BYTES) as u64);
                 self.head.clear();
@@ -54,7 +54,7 @@ impl Framing {
     }
 
     /// Returns the number of missing bytes of a record's head.
-    fn missing(&self) -> usize {
+    fn missing_head_bytes(&self) -> usize {
         let needed = match self.head.first() {
             Some(&op::CHUNK) if self.head.len() >= HEAD_BYTES => {
                 let rest = usize::try_from(self.length()).unwrap_or(usize::MAX);
@@ -103,7 +103,7 @@ mod tests {
     fn only_a_chunk_that_is_not_packed_is_refused_at_any_cut() {
         for step in [1, 2, 3, 8, 64, 1_000] {
             let read = |bytes: &[u8]| {
-                let mut framing = Framing::default();
+                let mut framing = RecordFraming::default();
                 bytes.chunks(step).try_for_each(|piece| framing.feed(piece))
             };
             assert!(read(&file(b"zstd")).is_ok(), "{step}");

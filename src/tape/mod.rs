@@ -31,11 +31,11 @@ mod write;
 #[cfg(test)]
 mod tests;
 
-pub use check::{Checked, check};
-pub use entry::{Armed, Begin, Ending, Entry, LostEntries, Shot, Start};
-pub use entry_text::{Lens, Mounted};
+pub use check::{CheckedRecording, check_recording};
+pub use entry::{ArmedDeadline, Entry, LoopMemoryStart, LostEntries, RecordingEnd, RecordingStart, Shot};
+pub use entry_text::{FramePose, Lens};
 pub use error::TapeError;
 pub use format::{FORMAT, OLDEST_FORMAT};
-pub use read::Entries;
+pub use read::EntryReader;
 pub use topic::Topic;
 pub use write::Writer;

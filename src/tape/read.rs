@@ -1,10 +1,10 @@
 //! Converts bytes to entries, one at a time: a recording may be larger than the memory.
 //!
-//! `check` reads a recording once and refuses it if anything is missing; [`Entries`] then returns its entries.
+//! `check` reads a recording once and refuses it if anything is missing; [`EntryReader`] then returns its entries.
 
 use super::entry::{Entry, Shot};
 use super::error::TapeError;
-use super::records::{Records, Wrong, seconds, topic};
+use super::records::{RecordFault, Records, seconds, topic};
 use super::topic::Topic;
 use super::well_known::{CompressedImage, PointCloud};
 use super::write::STRIDE;
@@ -19,7 +19,7 @@ use std::io::Read;
 use std::sync::Arc;
 
 /// The entries of a checked recording, in order, each with its picture or points.
-pub struct Entries<R> {
+pub struct EntryReader<R> {
     records: Records<R>,
     topics: BTreeMap<u16, Topic>,
     began_ns: u64,
@@ -27,7 +27,7 @@ pub struct Entries<R> {
 
 /// The stored form of an entry.
 #[derive(Deserialize)]
-struct Body {
+struct StoredEntry {
     said: Value,
     heard: Value,
 }
@@ -39,10 +39,10 @@ enum Part {
     Other,
 }
 
-impl<R: Read> Entries<R> {
+impl<R: Read> EntryReader<R> {
     /// Creates the entries of a recording that began at this time.
     pub fn new(source: R, began_ns: u64) -> Self {
-        Entries { records: Records::new(source), topics: BTreeMap::new(), began_ns }
+        EntryReader { records: Records::new(source), topics: BTreeMap::new(), began_ns }
     }
 
     fn part(&mut self) -> Result<Option<Part>, TapeError> {
@@ -56,20 +56,20 @@ impl<R: Read> Entries<R> {
             Record::Message { header, data } => {
                 at_ns = header.log_time.saturating_sub(began_ns);
                 match topics.get(&header.channel_id) {
-                    Some(&topic) => read_part(topic, at_ns, &data),
+                    Some(&topic) => parse_part(topic, at_ns, &data),
                     None => Ok(Part::Other),
                 }
             }
             _ => Ok(Part::Other),
         });
         part.map_err(|wrong| match wrong {
-            Wrong::Content(error) => error,
-            Wrong::Bytes(error) => TapeError::Damaged { from_s: seconds(at_ns), problem: error.to_string() },
+            RecordFault::Content(error) => error,
+            RecordFault::Bytes(error) => TapeError::Damaged { from_s: seconds(at_ns), problem: error.to_string() },
         })
     }
 }
 
-fn read_part(topic: Topic, at_ns: u64, data: &[u8]) -> Result<Part, TapeError> {
+fn parse_part(topic: Topic, at_ns: u64, data: &[u8]) -> Result<Part, TapeError> {
     let unreadable = |problem: String| TapeError::Message { topic: topic.name(), from_s: seconds(at_ns), problem };
     if topic.is_shot() {
         return Ok(Part::Shot(topic, data.to_vec()));
@@ -77,11 +77,12 @@ fn read_part(topic: Topic, at_ns: u64, data: &[u8]) -> Result<Part, TapeError> {
     if !topic.is_entry() {
         return Ok(Part::Other);
     }
-    let Body { said, heard } = serde_json::from_slice(data).map_err(|error| unreadable(error.to_string()))?;
-    Ok(Part::Entry(Entry { topic, at_ns, said, heard, shot: None }))
+    let StoredEntry { said, heard } =
+        serde_json::from_slice(data).map_err(|error| unreadable(error.to_string()))?;
+    Ok(Part::Entry(Entry { topic, at_ns, action: said, reply: heard, shot: None }))
 }
 
-impl<R: Read> Iterator for Entries<R> {
+impl<R: Read> Iterator for EntryReader<R> {
     type Item = Result<Entry, TapeError>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -95,7 +96,7 @@ impl<R: Read> Iterator for Entries<R> {
                 (Ok(Some(Part::Shot(topic, data))), Some(entry)) => {
                     let (name, from_s) = (topic.name(), seconds(entry.at_ns));
                     let unreadable = |problem| TapeError::Message { topic: name, from_s, problem };
-                    match shot(topic, &data, &entry.heard) {
+                    match parse_shot(topic, &data, &entry.reply) {
                         Ok(shot) => entry.shot = Some(shot),
                         Err(problem) => return Some(Err(unreadable(problem))),
                     }
@@ -109,7 +110,7 @@ impl<R: Read> Iterator for Entries<R> {
 
 /// Returns whether a camera's answer is a picture or points.
 fn has_shot(entry: &Entry) -> bool {
-    entry.topic == Topic::Camera && entry.heard.get("Ok").is_some_and(|shot| shot.get("size_px").is_some())
+    entry.topic == Topic::Camera && entry.reply.get("Ok").is_some_and(|shot| shot.get("size_px").is_some())
 }
 
 /// The data about a picture in a camera's answer.
@@ -118,7 +119,7 @@ struct Answer {
     size_px: [usize; 2],
 }
 
-fn shot(topic: Topic, data: &[u8], heard: &Value) -> Result<Shot, String> {
+fn parse_shot(topic: Topic, data: &[u8], heard: &Value) -> Result<Shot, String> {
     let answer: Result<Answer, Value> = Result::deserialize(heard).map_err(|error| error.to_string())?;
     let size_px = answer.map_err(|_| "the entry of the picture has no response".to_owned())?.size_px;
     let shot = if topic == Topic::Points {

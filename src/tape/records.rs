@@ -1,7 +1,7 @@
 //! The records of an MCAP file, in order, each with its checksums verified.
 
 use super::error::TapeError;
-use super::framing::Framing;
+use super::framing::RecordFraming;
 use super::topic::Topic;
 use mcap::McapError;
 use mcap::records::{Record, op};
@@ -17,7 +17,7 @@ const PIECE_BYTES: usize = 1 << 20;
 /// The records of a file, in order.
 pub(super) struct Records<R> {
     source: R,
-    framing: Framing,
+    framing: RecordFraming,
     reader: LinearReader,
 }
 
@@ -29,37 +29,37 @@ impl<R: Read> Records<R> {
             .with_validate_summary_section_crc(true)
             .with_check_finishes_after_end_magic(true)
             .with_record_length_limit(MAX_RECORD_BYTES);
-        Records { source, framing: Framing::default(), reader: LinearReader::new_with_options(options) }
+        Records { source, framing: RecordFraming::default(), reader: LinearReader::new_with_options(options) }
     }
 
     /// Passes on the next record; `None` after the last one.
     pub(super) fn next<T>(
         &mut self,
         take: impl FnOnce(Record<'_>) -> Result<T, TapeError>,
-    ) -> Result<Option<T>, Wrong> {
+    ) -> Result<Option<T>, RecordFault> {
         loop {
             match self.reader.next_event() {
                 None => return Ok(None),
-                Some(Err(error)) => return Err(Wrong::Bytes(error)),
+                Some(Err(error)) => return Err(RecordFault::Bytes(error)),
                 Some(Ok(LinearReadEvent::ReadRequest(needed))) => {
                     // The buffer grows only with received bytes, whatever length a record states.
                     let into = self.reader.insert(needed.min(PIECE_BYTES));
                     let read = loop {
                         match self.source.read(into) {
                             Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
-                            read => break read.map_err(|error| Wrong::Bytes(error.into()))?,
+                            read => break read.map_err(|error| RecordFault::Bytes(error.into()))?,
                         }
                     };
                     let framed = self.framing.feed(&into[..read]);
                     self.reader.notify_read(read);
-                    framed.map_err(Wrong::Content)?;
+                    framed.map_err(RecordFault::Content)?;
                 }
                 Some(Ok(LinearReadEvent::Record { data, opcode })) => {
-                    if opcode == op::ATTACHMENT && !is_whole_attachment(data) {
-                        return Err(Wrong::Bytes(McapError::UnexpectedEof));
+                    if opcode == op::ATTACHMENT && !is_complete_attachment(data) {
+                        return Err(RecordFault::Bytes(McapError::UnexpectedEof));
                     }
-                    let record = mcap::parse_record(opcode, data).map_err(Wrong::Bytes)?;
-                    return take(record).map(Some).map_err(Wrong::Content);
+                    let record = mcap::parse_record(opcode, data).map_err(RecordFault::Bytes)?;
+                    return take(record).map(Some).map_err(RecordFault::Content);
                 }
             }
         }
@@ -67,13 +67,13 @@ impl<R: Read> Records<R> {
 }
 
 /// The source of an error: the container, or its content.
-pub(super) enum Wrong {
+pub(super) enum RecordFault {
     Bytes(McapError),
     Content(TapeError),
 }
 
 /// Returns whether an attachment's record is as long as its lengths state; its parser assumes this.
-fn is_whole_attachment(body: &[u8]) -> bool {
+fn is_complete_attachment(body: &[u8]) -> bool {
     let length = |at: usize| {
         let bytes = body.get(at..)?.first_chunk::<4>()?;
         usize::try_from(u32::from_le_bytes(*bytes)).ok()
@@ -85,7 +85,7 @@ fn is_whole_attachment(body: &[u8]) -> bool {
 
 /// Returns the topic with this name.
 pub(super) fn topic(name: &str) -> Result<Topic, TapeError> {
-    Topic::named(name).ok_or_else(|| TapeError::Foreign { problem: format!("unknown topic \"{name}\"") })
+    Topic::from_name(name).ok_or_else(|| TapeError::Foreign { problem: format!("unknown topic \"{name}\"") })
 }
 
 pub(super) fn seconds(ns: u64) -> f64 {

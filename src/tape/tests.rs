@@ -12,14 +12,14 @@ use std::sync::Arc;
 
 const BEGAN_NS: u64 = 1_790_000_000_000_000_000;
 
-fn start() -> Start {
+fn start() -> RecordingStart {
     let (hand_eye_mm, robot_mm) = (Some(0.1), None);
-    Start {
+    RecordingStart {
         program: "0.0.0".to_owned(),
         unix_ns: BEGAN_NS,
-        state: State::NEW,
+        state: State::INITIAL,
         lock_step: true,
-        begin: Begin::Boot,
+        begin: LoopMemoryStart::Boot,
         hand_eye_mm,
         robot_mm,
     }
@@ -30,7 +30,7 @@ fn files() -> Vec<(String, Vec<u8>)> {
 }
 
 fn entry(topic: Topic, at_ms: u64, said: Value, heard: Value) -> Entry {
-    Entry { topic, at_ns: at_ms * 1_000_000, said, heard, shot: None }
+    Entry { topic, at_ns: at_ms * 1_000_000, action: said, reply: heard, shot: None }
 }
 
 fn seen(shot: Shot, at_ms: u64) -> Entry {
@@ -64,19 +64,19 @@ fn entries() -> Vec<Entry> {
     ]
 }
 
-fn written(entries: &[Entry], ending: &Ending) -> Vec<u8> {
-    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[], &[]).expect("begun");
+fn written(entries: &[Entry], ending: &RecordingEnd) -> Vec<u8> {
+    let mut writer = Writer::begin_recording(Vec::new(), &start(), &files(), &[], &[]).expect("begun");
     entries.iter().for_each(|entry| writer.write(entry).expect("written"));
     writer.finish(ending).expect("finished")
 }
 
 fn whole() -> Vec<u8> {
-    written(&entries(), &Ending::default())
+    written(&entries(), &RecordingEnd::default())
 }
 
 /// Returns the whole content of an entry, bit by bit.
 fn bits(entry: &Entry) -> (Topic, String, Vec<u32>, Vec<u8>) {
-    let line = json!([entry.said, entry.heard]).to_string();
+    let line = json!([entry.action, entry.reply]).to_string();
     let (points, colors) = match &entry.shot {
         None => (vec![], vec![]),
         Some(Shot::Points(cloud)) => (
@@ -91,11 +91,11 @@ fn bits(entry: &Entry) -> (Topic, String, Vec<u32>, Vec<u8>) {
 #[test]
 fn what_is_written_reads_back_to_the_bit() {
     let bytes = whole();
-    let checked = check(&bytes[..]).expect("whole");
+    let checked = check_recording(&bytes[..]).expect("whole");
     assert_eq!(checked.start, start());
     assert_eq!(checked.files.into_iter().collect::<Vec<_>>(), files());
     assert_eq!((checked.entries, checked.length_s > 0.299 && checked.length_s < 0.301), (9, true));
-    let back: Vec<Entry> = Entries::new(&bytes[..], BEGAN_NS).collect::<Result<_, _>>().expect("read");
+    let back: Vec<Entry> = EntryReader::new(&bytes[..], BEGAN_NS).collect::<Result<_, _>>().expect("read");
     let (back, put): (Vec<_>, Vec<_>) = (back.iter().map(bits).collect(), entries().iter().map(bits).collect());
     assert_eq!(back, put);
 }
@@ -120,10 +120,10 @@ fn points_have_colours_and_pictures_a_lens_for_those_who_look() {
         k3,
     };
     let lenses = [Topic::ScannerLens, Topic::FlangeLens].map(|topic| Lens { topic, camera: lens });
-    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[], &lenses).expect("begun");
+    let mut writer = Writer::begin_recording(Vec::new(), &start(), &files(), &[], &lenses).expect("begun");
     entries().iter().for_each(|entry| writer.write(entry).expect("written"));
-    let bytes = writer.finish(&Ending::default()).expect("finished");
-    assert_eq!(check(&bytes[..]).expect("whole").entries, 9, "lenses are for people, not for a replay");
+    let bytes = writer.finish(&RecordingEnd::default()).expect("finished");
+    assert_eq!(check_recording(&bytes[..]).expect("whole").entries, 9, "lenses are for people, not for a replay");
 
     let mut seen = std::collections::BTreeMap::new();
     for message in mcap::MessageStream::new(&bytes).expect("a container") {
@@ -165,15 +165,15 @@ fn points_have_colours_and_pictures_a_lens_for_those_who_look() {
 /// A cut file is the result of a crash: it is refused as unfinished, and read up to its last complete chunk.
 #[test]
 fn a_cut_recording_is_unfinished_wherever_it_is_cut() {
-    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[], &[]).expect("begun");
+    let mut writer = Writer::begin_recording(Vec::new(), &start(), &files(), &[], &[]).expect("begun");
     for entry in entries() {
         writer.write(&entry).expect("written");
-        writer.flush().expect("flushed");
+        writer.end_chunk().expect("flushed");
     }
-    let bytes = writer.finish(&Ending::default()).expect("finished");
+    let bytes = writer.finish(&RecordingEnd::default()).expect("finished");
     let mut most = 0;
     for length in 0..bytes.len() {
-        match check(&bytes[..length]) {
+        match check_recording(&bytes[..length]) {
             Err(TapeError::Unfinished { entries, .. }) => {
                 assert!(entries >= most, "at {length}: {entries} after {most}");
                 most = entries;
@@ -191,19 +191,19 @@ fn a_changed_byte_is_found() {
     for at in (0..bytes.len()).step_by(7) {
         let mut changed = bytes.clone();
         changed[at] ^= 0x10;
-        assert!(check(&changed[..]).is_err(), "byte {at} of {}", bytes.len());
+        assert!(check_recording(&changed[..]).is_err(), "byte {at} of {}", bytes.len());
     }
 }
 
 #[test]
 fn a_gap_is_named_with_its_topic_and_time() {
-    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[], &[]).expect("begun");
+    let mut writer = Writer::begin_recording(Vec::new(), &start(), &files(), &[], &[]).expect("begun");
     let clock = |at_ms| entry(Topic::Clock, at_ms, Value::Null, json!(at_ms));
     writer.write(&clock(100)).expect("written");
     writer.skip(Topic::Clock);
     writer.write(&clock(300)).expect("written");
-    let bytes = writer.finish(&Ending::default()).expect("finished");
-    let error = check(&bytes[..]).expect_err("a gap");
+    let bytes = writer.finish(&RecordingEnd::default()).expect("finished");
+    let error = check_recording(&bytes[..]).expect_err("a gap");
     assert!(
         matches!(error, TapeError::Gap { topic: "/clock", expected: 1, found: 2, from_s } if from_s > 0.09 && from_s < 0.11),
         "{error}"
@@ -211,8 +211,8 @@ fn a_gap_is_named_with_its_topic_and_time() {
 
     let lost = |topic, from_ms: u64| LostEntries { topic, from_ns: from_ms * 1_000_000, count: 3 };
     let lost = vec![lost(Topic::Report, 900), lost(Topic::Camera, 250)];
-    let ending = Ending { lost, stopped: None };
-    let error = check(&written(&entries(), &ending)[..]).expect_err("it says so itself");
+    let ending = RecordingEnd { lost, stopped: None };
+    let error = check_recording(&written(&entries(), &ending)[..]).expect_err("it says so itself");
     assert!(matches!(error, TapeError::Lost { topic: "/camera", count: 3, .. }), "{error}");
     assert!(error.to_string().contains("3 entries of /camera, the first 0.250 s"), "{error}");
 }
@@ -220,8 +220,8 @@ fn a_gap_is_named_with_its_topic_and_time() {
 /// A recording that ended before its cycle states why; it is complete, but it does not contain a whole cycle.
 #[test]
 fn a_recording_that_was_stopped_says_why() {
-    let ending = Ending { stopped: Some("the disk has 1999 MB left".to_owned()), ..Ending::default() };
-    let error = check(&written(&entries(), &ending)[..]).expect_err("stopped");
+    let ending = RecordingEnd { stopped: Some("the disk has 1999 MB left".to_owned()), ..RecordingEnd::default() };
+    let error = check_recording(&written(&entries(), &ending)[..]).expect_err("stopped");
     let words = "was stopped 0.300 s after its beginning, before its cycle ended: the disk has 1999 MB left";
     assert!(error.to_string().contains(words), "{error}");
 }
@@ -244,7 +244,7 @@ fn foreign(names: &[(&str, &str)]) -> Vec<u8> {
 
 #[test]
 fn other_files_are_refused_with_the_reason() {
-    let refused = |bytes: &[u8]| check(bytes).expect_err("refused").to_string();
+    let refused = |bytes: &[u8]| check_recording(bytes).expect_err("refused").to_string();
     let version = refused(&foreign(&[("format", "99"), ("program", "9.1.0")]));
     assert!(
         version.contains("format 99 (written by panelprep 9.1.0)") && version.contains(&format!("format {FORMAT}")),
@@ -255,7 +255,7 @@ fn other_files_are_refused_with_the_reason() {
     assert!(refused(&foreign(&[])).contains("not a recording of panelprep"));
     assert!(refused(&foreign(&[("format", &FORMAT.to_string())])).contains("/chatter"));
     for bytes in [&b""[..], b"P6\n2 2\n255\n", b"\x89MCAP0\r\nand then not"] {
-        assert!(matches!(check(bytes), Err(TapeError::NotMcap { .. })), "{bytes:?}");
+        assert!(matches!(check_recording(bytes), Err(TapeError::NotMcap { .. })), "{bytes:?}");
     }
 }
 
@@ -273,9 +273,9 @@ proptest! {
         let points = points.into_iter().map(|bits| bits.map(f32::from_bits)).collect();
         let said = json!({ "number": number, "words": words, "whole": whole });
         let put = [seen(Shot::Points(cloud(points)), 0), entry(Topic::Store, 1, said, Value::Null)];
-        let bytes = written(&put, &Ending::default());
-        prop_assert!(check(&bytes[..]).is_ok());
-        let back: Vec<Entry> = Entries::new(&bytes[..], BEGAN_NS).collect::<Result<_, _>>().expect("read");
+        let bytes = written(&put, &RecordingEnd::default());
+        prop_assert!(check_recording(&bytes[..]).is_ok());
+        let back: Vec<Entry> = EntryReader::new(&bytes[..], BEGAN_NS).collect::<Result<_, _>>().expect("read");
         prop_assert_eq!(back.iter().map(bits).collect::<Vec<_>>(), put.iter().map(bits).collect::<Vec<_>>());
     }
 
@@ -285,6 +285,6 @@ proptest! {
         let mut bytes = whole();
         bytes.truncate(keep);
         bytes.extend(tail);
-        prop_assert!(check(&bytes[..]).is_err());
+        prop_assert!(check_recording(&bytes[..]).is_err());
     }
 }

@@ -69,7 +69,7 @@ impl Topic {
     }
 
     /// Returns the topic with this name.
-    pub fn named(name: &str) -> Option<Self> {
+    pub fn from_name(name: &str) -> Option<Self> {
         Topic::ALL.iter().copied().find(|topic| topic.name() == name)
     }
 
@@ -92,14 +92,14 @@ impl Topic {
             Topic::ScannerLens | Topic::FlangeLens => foxglove("foxglove.CameraCalibration"),
             Topic::Transform => foxglove("foxglove.FrameTransform"),
             Topic::Log => foxglove("foxglove.Log"),
-            _ => Schema { name: "panelprep.Entry", encoding: JSON, text: ENTRY.as_bytes().to_vec() },
+            _ => Schema { name: "panelprep.Entry", encoding: JSON, text: ENTRY_SCHEMA.as_bytes().to_vec() },
         }
     }
 }
 
 pub(super) const JSON: &str = "jsonschema";
 
-const ENTRY: &str = r#"{"title": "panelprep.Entry", "type": "object", "properties": {
+const ENTRY_SCHEMA: &str = r#"{"title": "panelprep.Entry", "type": "object", "properties": {
     "said": {"description": "what the loop did"}, "heard": {"description": "what came to it"}}}"#;
 
 /// The form of a message, for readers of the file.

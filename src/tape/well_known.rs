@@ -137,7 +137,7 @@ pub struct Quaternion {
 pub struct Log {
     #[prost(message, optional, tag = "1")]
     pub timestamp: Option<Timestamp>,
-    #[prost(enumeration = "Level", tag = "2")]
+    #[prost(enumeration = "LogLevel", tag = "2")]
     pub level: i32,
     #[prost(string, tag = "3")]
     pub message: String,
@@ -147,21 +147,21 @@ pub struct Log {
 
 /// The severity of a log message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, prost::Enumeration)]
-pub enum Level {
+pub enum LogLevel {
     Unknown = 0,
     Info = 2,
     Warning = 3,
 }
 
 /// Converts ns since 1970 to a timestamp.
-pub fn timestamp(unix_ns: u64) -> Timestamp {
-    Timestamp { seconds: (unix_ns / NS) as i64, nanos: (unix_ns % NS) as i32 }
+pub fn to_timestamp(unix_ns: u64) -> Timestamp {
+    Timestamp { seconds: (unix_ns / NS_PER_S) as i64, nanos: (unix_ns % NS_PER_S) as i32 }
 }
 
-const NS: u64 = 1_000_000_000;
+const NS_PER_S: u64 = 1_000_000_000;
 
 /// The type of a field's content.
-enum Holds {
+enum FieldContent {
     Plain(Type),
     Plains(Type),
     Message(&'static str),
@@ -170,12 +170,12 @@ enum Holds {
 }
 
 const TIMESTAMP: &str = ".google.protobuf.Timestamp";
-const VECTOR: Holds = Holds::Message(".foxglove.Vector3");
-const QUATERNION: Holds = Holds::Message(".foxglove.Quaternion");
+const VECTOR: FieldContent = FieldContent::Message(".foxglove.Vector3");
+const QUATERNION: FieldContent = FieldContent::Message(".foxglove.Quaternion");
 
 /// Returns the descriptors of all messages in this file, as a serialized `FileDescriptorSet`.
 pub fn descriptors() -> Vec<u8> {
-    use Holds::{Enum, Message as One, Messages, Plain, Plains};
+    use FieldContent::{Enum, Message as One, Messages, Plain, Plains};
     let double = || Plain(Type::Double);
     let text = || Plain(Type::String);
     let when = || ("timestamp", 1, One(TIMESTAMP));
@@ -209,7 +209,7 @@ pub fn descriptors() -> Vec<u8> {
                 ("data", 6, Plain(Type::Bytes)),
             ],
         ),
-        with_enum(packed, "NumericType", &numbers),
+        add_enum(packed, "NumericType", &numbers),
         message(
             "CameraCalibration",
             [
@@ -237,20 +237,20 @@ pub fn descriptors() -> Vec<u8> {
         ),
         message("Vector3", [("x", 1, double()), ("y", 2, double()), ("z", 3, double())]),
         message("Quaternion", [("x", 1, double()), ("y", 2, double()), ("z", 3, double()), ("w", 4, double())]),
-        with_enum(log, "Level", &levels),
+        add_enum(log, "Level", &levels),
     ];
     let time = vec![message("Timestamp", [("seconds", 1, Plain(Type::Int64)), ("nanos", 2, Plain(Type::Int32))])];
     let imports = vec![TIMESTAMP_FILE.to_owned()];
     let file = vec![
-        file(TIMESTAMP_FILE, "google.protobuf", vec![], time),
-        file("foxglove.proto", "foxglove", imports, foxglove),
+        file_descriptor(TIMESTAMP_FILE, "google.protobuf", vec![], time),
+        file_descriptor("foxglove.proto", "foxglove", imports, foxglove),
     ];
     FileDescriptorSet { file }.encode_to_vec()
 }
 
 const TIMESTAMP_FILE: &str = "google/protobuf/timestamp.proto";
 
-fn file(
+fn file_descriptor(
     name: &str,
     package: &str,
     dependency: Vec<String>,
@@ -266,14 +266,14 @@ fn file(
     }
 }
 
-fn message<const N: usize>(name: &str, fields: [(&str, i32, Holds); N]) -> DescriptorProto {
-    let field = |(name, number, holds): (&str, i32, Holds)| {
+fn message<const N: usize>(name: &str, fields: [(&str, i32, FieldContent); N]) -> DescriptorProto {
+    let field = |(name, number, holds): (&str, i32, FieldContent)| {
         let (kind, type_name) = match holds {
-            Holds::Plain(kind) | Holds::Plains(kind) => (kind, None),
-            Holds::Message(of) | Holds::Messages(of) => (Type::Message, Some(of.to_owned())),
-            Holds::Enum(of) => (Type::Enum, Some(of.to_owned())),
+            FieldContent::Plain(kind) | FieldContent::Plains(kind) => (kind, None),
+            FieldContent::Message(of) | FieldContent::Messages(of) => (Type::Message, Some(of.to_owned())),
+            FieldContent::Enum(of) => (Type::Enum, Some(of.to_owned())),
         };
-        let is_repeated = matches!(holds, Holds::Messages(_) | Holds::Plains(_));
+        let is_repeated = matches!(holds, FieldContent::Messages(_) | FieldContent::Plains(_));
         let label = if is_repeated { Label::Repeated } else { Label::Optional };
         FieldDescriptorProto {
             name: Some(name.to_owned()),
@@ -288,7 +288,7 @@ fn message<const N: usize>(name: &str, fields: [(&str, i32, Holds); N]) -> Descr
     DescriptorProto { name: Some(name.to_owned()), field, ..DescriptorProto::default() }
 }
 
-fn with_enum(message: DescriptorProto, name: &str, values: &[(&str, i32)]) -> DescriptorProto {
+fn add_enum(message: DescriptorProto, name: &str, values: &[(&str, i32)]) -> DescriptorProto {
     let value = |&(name, number): &(&str, i32)| EnumValueDescriptorProto {
         name: Some(name.to_owned()),
         number: Some(number),

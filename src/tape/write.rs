@@ -1,14 +1,14 @@
 //! Converts entries to bytes. Bytes are only appended, chunk by chunk, so that after a crash the recording is valid
 //! up to its last complete chunk.
 
-use super::entry::{Ending, Entry, LostEntries, Shot, Start};
-use super::entry_text::{FLANGE_FRAME, Lens, Mounted, SCANNER_FRAME, Shown, UNITS, shown};
+use super::entry::{Entry, LostEntries, RecordingEnd, RecordingStart, Shot};
+use super::entry_text::{FLANGE_FRAME, FramePose, Lens, SCANNER_FRAME, ShownText, UNITS, entry_texts};
 use super::error::TapeError;
 use super::format::{END, FORMAT, METADATA, START};
 use super::topic::Topic;
 use super::well_known::{
-    CameraCalibration, CompressedImage, FrameTransform, Level, Log, NumericType, PackedElementField, PointCloud,
-    Pose, Quaternion, Vector3, timestamp,
+    CameraCalibration, CompressedImage, FrameTransform, Log, LogLevel, NumericType, PackedElementField, PointCloud,
+    Pose, Quaternion, Vector3, to_timestamp,
 };
 use crate::files::write_color_png;
 use crate::geometry::{Base, Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, PinholeCamera, Rigid};
@@ -23,7 +23,7 @@ use std::io::Write;
 
 /// Bytes of one point: three numbers, three colours, and the opacity, without which Foxglove shows no colours.
 pub(super) const STRIDE: usize = 16;
-const OPAQUE: u8 = 255;
+const OPAQUE_ALPHA: u8 = 255;
 
 /// The state of a topic.
 #[derive(Debug, Clone, Copy)]
@@ -46,11 +46,11 @@ impl<W: Write> Writer<W> {
     ///
     /// # Errors
     /// If the disk refuses; likewise for the others.
-    pub fn begin(
+    pub fn begin_recording(
         out: W,
-        start: &Start,
+        start: &RecordingStart,
         files: &[(String, Vec<u8>)],
-        mounted: &[Mounted],
+        mounted: &[FramePose],
         lenses: &[Lens],
     ) -> Result<Self, TapeError> {
         let options = WriteOptions::new()
@@ -59,9 +59,9 @@ impl<W: Write> Writer<W> {
             .compression_level(1)
             .compression_threads(0)
             .disable_seeking(true);
-        let mut mcap = options.create(NoSeek::new(out)).map_err(failed)?;
+        let mut mcap = options.create(NoSeek::new(out)).map_err(write_error)?;
         let version = [("format", FORMAT.to_string()), ("program", start.program.clone())];
-        mcap.write_metadata(&metadata(METADATA, version)).map_err(failed)?;
+        mcap.write_metadata(&metadata(METADATA, version)).map_err(write_error)?;
         let start_json = serde_json::to_vec_pretty(start).unwrap_or_default();
         let start_file = (START.to_owned(), start_json);
         for (name, bytes) in std::iter::once(&start_file).chain(files) {
@@ -72,20 +72,20 @@ impl<W: Write> Writer<W> {
                 media_type: media_type(name).to_owned(),
                 data: Cow::Borrowed(bytes),
             })
-            .map_err(failed)?;
+            .map_err(write_error)?;
         }
         let mut channels = BTreeMap::new();
         for &topic in Topic::ALL {
             let schema = topic.schema();
             let encoding = schema.message_encoding();
-            let id = mcap.add_schema(schema.name, schema.encoding, &schema.text).map_err(failed)?;
+            let id = mcap.add_schema(schema.name, schema.encoding, &schema.text).map_err(write_error)?;
             let lengths = BTreeMap::from([("lengths".to_owned(), "mm".to_owned())]);
-            let id = mcap.add_channel(id, topic.name(), encoding, &lengths).map_err(failed)?;
+            let id = mcap.add_channel(id, topic.name(), encoding, &lengths).map_err(write_error)?;
             channels.insert(topic, Channel { id, written: 0 });
         }
         let mut writer = Writer { mcap, channels, began_ns: start.unix_ns, last_ns: start.unix_ns };
-        writer.show(0, &Shown::Says { level: Level::Info, message: UNITS.to_owned() })?;
-        mounted.iter().try_for_each(|mounted| writer.show(0, &Shown::Stands(*mounted)))?;
+        writer.show(0, &ShownText::Note { level: LogLevel::Info, message: UNITS.to_owned() })?;
+        mounted.iter().try_for_each(|mounted| writer.show(0, &ShownText::Status(*mounted)))?;
         for lens in lenses {
             let calibration = calibration(lens, start.unix_ns);
             writer.message(lens.topic, 0, &calibration.encode_to_vec())?;
@@ -96,38 +96,38 @@ impl<W: Write> Writer<W> {
     /// Writes an entry, and its data for people.
     ///
     /// # Errors
-    /// As [`Writer::begin`].
+    /// As [`Writer::begin_recording`].
     pub fn write(&mut self, entry: &Entry) -> Result<(), TapeError> {
-        let body = json!({ "said": entry.said, "heard": entry.heard });
+        let body = json!({ "said": entry.action, "heard": entry.reply });
         self.message(entry.topic, entry.at_ns, body.to_string().as_bytes())?;
         if let Some(shot) = &entry.shot {
-            let bytes = self.packed(shot, entry.at_ns)?;
+            let bytes = self.pack_shot(shot, entry.at_ns)?;
             self.message(shot.topic(), entry.at_ns, &bytes)?;
         }
-        shown(entry).iter().try_for_each(|shown| self.show(entry.at_ns, shown))
+        entry_texts(entry).iter().try_for_each(|shown| self.show(entry.at_ns, shown))
     }
 
     /// Ends the current chunk: all entries written until now are complete, whatever happens later.
     ///
     /// # Errors
-    /// As [`Writer::begin`].
-    pub fn flush(&mut self) -> Result<(), TapeError> {
-        self.mcap.flush().map_err(failed)
+    /// As [`Writer::begin_recording`].
+    pub fn end_chunk(&mut self) -> Result<(), TapeError> {
+        self.mcap.flush().map_err(write_error)
     }
 
     /// Ends the recording and states how many messages there must be.
     ///
     /// # Errors
-    /// As [`Writer::begin`].
-    pub fn finish(mut self, ending: &Ending) -> Result<W, TapeError> {
+    /// As [`Writer::begin_recording`].
+    pub fn finish(mut self, ending: &RecordingEnd) -> Result<W, TapeError> {
         let counts: BTreeMap<&str, u64> =
             self.channels.iter().map(|(topic, channel)| (topic.name(), channel.written)).collect();
         let lost = |lost: &LostEntries| json!([lost.topic.name(), lost.from_ns, lost.count]);
         let lost: Vec<_> = ending.lost.iter().map(lost).collect();
         let ended = [("entries", json!(counts).to_string()), ("lost", json!(lost).to_string())];
         let stopped = ending.stopped.iter().map(|why| ("stopped", why.clone()));
-        self.mcap.write_metadata(&metadata(END, ended.into_iter().chain(stopped))).map_err(failed)?;
-        self.mcap.finish().map_err(failed)?;
+        self.mcap.write_metadata(&metadata(END, ended.into_iter().chain(stopped))).map_err(write_error)?;
+        self.mcap.finish().map_err(write_error)?;
         Ok(self.mcap.into_inner().into_inner())
     }
 
@@ -149,14 +149,14 @@ impl<W: Write> Writer<W> {
             publish_time: self.began_ns + at_ns,
         };
         channel.written += 1;
-        self.mcap.write_to_known_channel(&header, data).map_err(failed)
+        self.mcap.write_to_known_channel(&header, data).map_err(write_error)
     }
 
-    fn show(&mut self, at_ns: u64, shown: &Shown) -> Result<(), TapeError> {
-        let when = Some(timestamp(self.began_ns + at_ns));
+    fn show(&mut self, at_ns: u64, shown: &ShownText) -> Result<(), TapeError> {
+        let when = Some(to_timestamp(self.began_ns + at_ns));
         match shown {
-            Shown::Stands(Mounted { parent, child, pose }) => {
-                let Pose { position, orientation } = pose_of(pose);
+            ShownText::Status(FramePose { parent, child, pose }) => {
+                let Pose { position, orientation } = to_pose(pose);
                 let stands = FrameTransform {
                     timestamp: when,
                     parent_frame_id: (*parent).to_owned(),
@@ -166,7 +166,7 @@ impl<W: Write> Writer<W> {
                 };
                 self.message(Topic::Transform, at_ns, &stands.encode_to_vec())
             }
-            Shown::Says { level, message } => {
+            ShownText::Note { level, message } => {
                 let says = Log {
                     timestamp: when,
                     level: (*level).into(),
@@ -178,7 +178,7 @@ impl<W: Write> Writer<W> {
         }
     }
 
-    fn packed(&self, shot: &Shot, at_ns: u64) -> Result<Vec<u8>, TapeError> {
+    fn pack_shot(&self, shot: &Shot, at_ns: u64) -> Result<Vec<u8>, TapeError> {
         let unix_ns = self.began_ns + at_ns;
         match shot {
             Shot::Points(cloud) => Ok(points(cloud, unix_ns).encode_to_vec()),
@@ -188,7 +188,7 @@ impl<W: Write> Writer<W> {
     }
 }
 
-fn failed(source: McapError) -> TapeError {
+fn write_error(source: McapError) -> TapeError {
     TapeError::Disk { doing: "written", source }
 }
 
@@ -208,7 +208,7 @@ fn media_type(name: &str) -> &'static str {
 
 fn image(picture: &ColorPicture, frame: &str, unix_ns: u64) -> Result<Vec<u8>, TapeError> {
     let image = CompressedImage {
-        timestamp: Some(timestamp(unix_ns)),
+        timestamp: Some(to_timestamp(unix_ns)),
         data: write_color_png(picture)?,
         format: "png".to_owned(),
         frame_id: frame.to_owned(),
@@ -221,7 +221,7 @@ fn points(cloud: &OrganizedCloud<Camera>, unix_ns: u64) -> PointCloud {
     for (index, point) in cloud.raw_points_mm().iter().enumerate() {
         point.iter().for_each(|mm| data.extend(mm.to_le_bytes()));
         data.extend(cloud.color_at(index));
-        data.push(OPAQUE);
+        data.push(OPAQUE_ALPHA);
     }
     let field = |(name, offset, kind): (&str, u32, NumericType)| PackedElementField {
         name: name.to_owned(),
@@ -233,9 +233,9 @@ fn points(cloud: &OrganizedCloud<Camera>, unix_ns: u64) -> PointCloud {
     let colors = [("red", 12), ("green", 13), ("blue", 14), ("alpha", 15)];
     let colors = colors.map(|(name, offset)| (name, offset, NumericType::Uint8));
     PointCloud {
-        timestamp: Some(timestamp(unix_ns)),
+        timestamp: Some(to_timestamp(unix_ns)),
         frame_id: SCANNER_FRAME.to_owned(),
-        pose: Some(pose_of(&KukaPose::default())),
+        pose: Some(to_pose(&KukaPose::default())),
         point_stride: STRIDE as u32,
         fields: coordinates.into_iter().chain(colors).map(field).collect(),
         data,
@@ -247,7 +247,7 @@ fn points(cloud: &OrganizedCloud<Camera>, unix_ns: u64) -> PointCloud {
 fn calibration(lens: &Lens, unix_ns: u64) -> CameraCalibration {
     let PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 } = lens.camera;
     CameraCalibration {
-        timestamp: Some(timestamp(unix_ns)),
+        timestamp: Some(to_timestamp(unix_ns)),
         width: width_px as u32,
         height: height_px as u32,
         distortion_model: "plumb_bob".to_owned(),
@@ -259,7 +259,7 @@ fn calibration(lens: &Lens, unix_ns: u64) -> CameraCalibration {
     }
 }
 
-fn pose_of(pose: &KukaPose) -> Pose {
+fn to_pose(pose: &KukaPose) -> Pose {
     let rigid: Rigid<Base, Flange> = pose.to_rigid();
     let (at, turn) = (rigid.isometry().translation.vector, rigid.isometry().rotation);
     Pose {

@@ -25,7 +25,7 @@ pub enum Limit {
 
 impl Limit {
     /// Returns whether a value meets the limit. NaN meets no limit.
-    pub fn allows(self, value: f64) -> bool {
+    pub fn is_met_by(self, value: f64) -> bool {
         match self {
             Limit::Unlimited => true,
             Limit::AtMost(limit) => value <= limit,
@@ -35,7 +35,7 @@ impl Limit {
     }
 
     /// The limit's number.
-    pub fn bound(self) -> Option<f64> {
+    pub fn value(self) -> Option<f64> {
         match self {
             Limit::Unlimited => None,
             Limit::AtMost(limit) | Limit::AtLeast(limit) | Limit::Below(limit) => Some(limit),
@@ -46,7 +46,7 @@ impl Limit {
 /// The source of a limit.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum SetBy {
+pub enum LimitSource {
     /// The recipe sets the limit, with this key.
     Recipe(Cow<'static, str>),
     /// The cell's file sets the limit, with this key.
@@ -55,15 +55,15 @@ pub enum SetBy {
     Program,
 }
 
-impl SetBy {
+impl LimitSource {
     /// Returns the recipe as source, with this key, such as `locate.max_rms_mm`.
     pub const fn recipe(key: &'static str) -> Self {
-        SetBy::Recipe(Cow::Borrowed(key))
+        LimitSource::Recipe(Cow::Borrowed(key))
     }
 
     /// Returns the cell's file as source, with this key, such as `limits.min_break_mm2`.
     pub const fn cell(key: &'static str) -> Self {
-        SetBy::Cell(Cow::Borrowed(key))
+        LimitSource::Cell(Cow::Borrowed(key))
     }
 }
 
@@ -93,7 +93,7 @@ pub struct Check {
     pub limit: Limit,
     /// The source of the limit; `None` if there is no limit, or if an earlier program did not store the source.
     #[serde(default)]
-    pub set_by: Option<SetBy>,
+    pub set_by: Option<LimitSource>,
     /// The consequence if the limit is not met.
     #[serde(default)]
     pub severity: Severity,
@@ -118,45 +118,45 @@ impl Check {
 
     /// Returns the same number with this limit.
     #[must_use]
-    pub fn within(self, limit: Limit, set_by: SetBy) -> Self {
+    pub fn with_limit(self, limit: Limit, set_by: LimitSource) -> Self {
         Check { limit, set_by: Some(set_by), ..self }
     }
 
     /// The same number, with this upper limit.
     #[must_use]
-    pub fn at_most(self, limit: f64, set_by: SetBy) -> Self {
-        self.within(Limit::AtMost(limit), set_by)
+    pub fn with_max(self, limit: f64, set_by: LimitSource) -> Self {
+        self.with_limit(Limit::AtMost(limit), set_by)
     }
 
     /// The same number, with this lower limit.
     #[must_use]
-    pub fn at_least(self, limit: f64, set_by: SetBy) -> Self {
-        self.within(Limit::AtLeast(limit), set_by)
+    pub fn with_min(self, limit: f64, set_by: LimitSource) -> Self {
+        self.with_limit(Limit::AtLeast(limit), set_by)
     }
 
     /// Returns the same check with this consequence: if its limit is not met, the object is rejected for this reason.
     #[must_use]
-    pub fn rejects(self, code: &'static str, words: impl FnOnce() -> String) -> Self {
-        self.leads_to(Severity::Reject, code, words)
+    pub fn or_reject(self, code: &'static str, words: impl FnOnce() -> String) -> Self {
+        self.with_consequence(Severity::Reject, code, words)
     }
 
     /// Returns the same check with this consequence: if its limit is not met, a person decides for this reason.
     #[must_use]
     pub fn reviews(self, code: &'static str, words: impl FnOnce() -> String) -> Self {
-        self.leads_to(Severity::Review, code, words)
+        self.with_consequence(Severity::Review, code, words)
     }
 
     /// Returns the same check with this consequence, for this reason, if its limit is not met.
     #[must_use]
-    pub fn leads_to(self, severity: Severity, code: &'static str, words: impl FnOnce() -> String) -> Self {
-        let is_broken = !self.is_kept();
-        self.broken(is_broken, severity, code, words)
+    pub fn with_consequence(self, severity: Severity, code: &'static str, words: impl FnOnce() -> String) -> Self {
+        let is_broken = !self.is_met();
+        self.with_consequence_if(is_broken, severity, code, words)
     }
 
     /// Returns the same check with this consequence, for this reason, if `is_broken`. Used for a number that had to be
     /// measured and was not, or if the limit alone does not decide.
     #[must_use]
-    pub fn broken(
+    pub fn with_consequence_if(
         self,
         is_broken: bool,
         severity: Severity,
@@ -164,17 +164,17 @@ impl Check {
         words: impl FnOnce() -> String,
     ) -> Self {
         let check = Check { severity, code: Some(Cow::Borrowed(code)), message: is_broken.then(words), ..self };
-        if is_broken { check } else { check.undecided() }
+        if is_broken { check } else { check.without_failed_limit() }
     }
 
     /// Returns the same number, without its limit if the limit is not met: the limit decides nothing here.
-    fn undecided(self) -> Self {
-        if self.is_kept() { self } else { Check { limit: Limit::Unlimited, set_by: None, ..self } }
+    fn without_failed_limit(self) -> Self {
+        if self.is_met() { self } else { Check { limit: Limit::Unlimited, set_by: None, ..self } }
     }
 
     /// Returns the same check with the given reason, if there is one.
     #[must_use]
-    pub fn gives(self, reason: Option<Reason>, severity: Severity) -> Self {
+    pub fn with_reason(self, reason: Option<Reason>, severity: Severity) -> Self {
         let Some(Reason { code, message }) = reason else { return self };
         Check { severity, code: Some(code), message: Some(message), ..self }
     }
@@ -182,18 +182,18 @@ impl Check {
     /// Returns the same check without consequence: another finding makes it meaningless.
     #[must_use]
     pub fn without_consequence(self) -> Self {
-        Check { severity: Severity::None, code: None, message: None, ..self }.undecided()
+        Check { severity: Severity::None, code: None, message: None, ..self }.without_failed_limit()
     }
 
     /// Returns the same check with a consequence no worse than this.
     #[must_use]
-    pub fn at_worst(self, severity: Severity) -> Self {
+    pub fn with_max_severity(self, severity: Severity) -> Self {
         Check { severity: self.severity.min(severity), ..self }
     }
 
     /// Returns whether the value meets its limit; a value that was not measured breaks no limit.
-    pub fn is_kept(&self) -> bool {
-        self.value.is_none_or(|value| self.limit.allows(value))
+    pub fn is_met(&self) -> bool {
+        self.value.is_none_or(|value| self.limit.is_met_by(value))
     }
 
     /// Returns the reason that the check gives, if its limit is not met and this has a consequence.
@@ -204,9 +204,9 @@ impl Check {
 
     /// Returns the reason for a review of a limit that is not met, if no rule states the consequence. This is a fault
     /// of the program; the review is the safe reaction.
-    fn unjudged(&self) -> Option<Reason> {
-        let is_judged = self.is_kept() || self.reason().is_some();
-        let (value, bound) = (self.value?, self.limit.bound().filter(|_| !is_judged)?);
+    fn unjudged_reason(&self) -> Option<Reason> {
+        let is_judged = self.is_met() || self.reason().is_some();
+        let (value, bound) = (self.value?, self.limit.value().filter(|_| !is_judged)?);
         let message = format!(
             "{}: found {value} {unit} (limit {bound} {unit}), but the program defines no consequence for this \
              limit; examine this value before you accept the result, and report a fault of the program",
@@ -220,10 +220,10 @@ impl Check {
 impl Judgement {
     /// Returns the verdict of one gate from its checks, in their order; a reason that several checks give is listed
     /// once.
-    pub fn of_checks<'c>(checks: impl IntoIterator<Item = &'c Check>) -> Self {
+    pub fn from_checks<'c>(checks: impl IntoIterator<Item = &'c Check>) -> Self {
         let (mut reject, mut review, mut unjudged) = (Vec::new(), Vec::new(), Vec::new());
         for check in checks {
-            unjudged.extend(check.unjudged());
+            unjudged.extend(check.unjudged_reason());
             let Some(reason) = check.reason() else { continue };
             let list = if check.severity == Severity::Reject { &mut reject } else { &mut review };
             if !list.contains(&reason) {
@@ -240,12 +240,12 @@ impl Judgement {
     /// Returns the verdict with these checks added: a good verdict becomes a review if one of their limits is not
     /// met without a stated consequence.
     #[must_use]
-    pub fn beside<'c>(self, checks: impl IntoIterator<Item = &'c Check>) -> Self {
-        if self.verdict.badness() > 0 {
+    pub fn with_checks<'c>(self, checks: impl IntoIterator<Item = &'c Check>) -> Self {
+        if self.verdict.severity() > 0 {
             return self;
         }
-        let unjudged: Vec<Reason> = checks.into_iter().filter_map(Check::unjudged).collect();
-        self.and(Judgement::new(vec![], unjudged))
+        let unjudged: Vec<Reason> = checks.into_iter().filter_map(Check::unjudged_reason).collect();
+        self.combined_with(Judgement::new(vec![], unjudged))
     }
 }
 
@@ -257,21 +257,23 @@ mod tests {
     #[test]
     fn a_limit_says_what_it_allows() {
         assert!(
-            Limit::AtMost(1.0).allows(1.0) && !Limit::Below(1.0).allows(1.0) && Limit::AtLeast(1.0).allows(1.0)
+            Limit::AtMost(1.0).is_met_by(1.0)
+                && !Limit::Below(1.0).is_met_by(1.0)
+                && Limit::AtLeast(1.0).is_met_by(1.0)
         );
         let not_a_number = [Limit::AtMost(1.0), Limit::AtLeast(1.0), Limit::Below(1.0)];
-        assert!(not_a_number.iter().all(|limit| !limit.allows(f64::NAN)));
+        assert!(not_a_number.iter().all(|limit| !limit.is_met_by(f64::NAN)));
     }
 
     fn rms(mm: impl Into<Option<f64>>) -> Check {
-        let check = Check::new("residual", "mm", mm).at_most(0.25, SetBy::recipe("locate.max_rms_mm"));
-        check.rejects("poor_fit", || "too much".to_owned())
+        let check = Check::new("residual", "mm", mm).with_max(0.25, LimitSource::recipe("locate.max_rms_mm"));
+        check.or_reject("poor_fit", || "too much".to_owned())
     }
 
     #[test]
     fn a_check_gives_a_reason_where_it_is_not_kept() {
         let codes = |check: Check| -> Vec<String> {
-            let judgement = Judgement::of_checks(&[check]);
+            let judgement = Judgement::from_checks(&[check]);
             judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect()
         };
         assert_eq!(codes(rms(0.25)), Vec::<String>::new());
@@ -285,12 +287,12 @@ mod tests {
     #[test]
     fn a_reason_that_two_checks_give_is_listed_once() {
         let both = |severity: Severity| {
-            let check = Check::new("outline", "px", 2.0).at_most(1.0, SetBy::Program);
-            check.leads_to(severity, "outline_differs", || "it differs".to_owned())
+            let check = Check::new("outline", "px", 2.0).with_max(1.0, LimitSource::Program);
+            check.with_consequence(severity, "outline_differs", || "it differs".to_owned())
         };
-        let judgement = Judgement::of_checks(&[both(Severity::Review), both(Severity::Review)]);
+        let judgement = Judgement::from_checks(&[both(Severity::Review), both(Severity::Review)]);
         assert_eq!((judgement.verdict, judgement.reasons.len()), (Verdict::Review, 1));
-        let judgement = Judgement::of_checks(&[both(Severity::Review), both(Severity::Reject)]);
+        let judgement = Judgement::from_checks(&[both(Severity::Review), both(Severity::Reject)]);
         assert_eq!((judgement.verdict, judgement.reasons.len()), (Verdict::Reject, 1));
     }
 
@@ -299,27 +301,32 @@ mod tests {
     /// consequence that was removed.
     #[test]
     fn no_limit_is_broken_on_what_is_accepted() {
-        let over = || Check::new("overhang", "mm", 2.005).at_most(2.0, SetBy::recipe("path.edge_overhang_mm"));
+        let over =
+            || Check::new("overhang", "mm", 2.005).with_max(2.0, LimitSource::recipe("path.edge_overhang_mm"));
         let words = || "too far".to_owned();
-        let tolerated = over().broken(false, Severity::Review, "edge_overhang", words);
+        let tolerated = over().with_consequence_if(false, Severity::Review, "edge_overhang", words);
         let freed = over().reviews("edge_overhang", words).without_consequence();
         for check in [tolerated, freed] {
-            assert_eq!((check.is_kept(), check.limit, &check.set_by), (true, Limit::Unlimited, &None));
-            assert_eq!(Judgement::of_checks(&[check]).verdict, Verdict::Accept);
+            assert_eq!((check.is_met(), check.limit, &check.set_by), (true, Limit::Unlimited, &None));
+            assert_eq!(Judgement::from_checks(&[check]).verdict, Verdict::Accept);
         }
-        let kept = Check::new("overhang", "mm", 1.99).at_most(2.0, SetBy::Program).without_consequence();
+        let kept = Check::new("overhang", "mm", 1.99).with_max(2.0, LimitSource::Program).without_consequence();
         assert_eq!(kept.limit, Limit::AtMost(2.0), "a limit that is kept stays beside its number");
         // No rule states the consequence: a person must decide.
         for number in [2.005, f64::NAN] {
             let unjudged = Check { value: Some(number), ..over() };
-            let judgement = Judgement::of_checks(std::slice::from_ref(&unjudged));
+            let judgement = Judgement::from_checks(std::slice::from_ref(&unjudged));
             assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "limit"));
             let accepted = Judgement::new(vec![], vec![]);
-            assert_eq!(accepted.beside(&[unjudged]).verdict, Verdict::Review);
+            assert_eq!(accepted.with_checks(&[unjudged]).verdict, Verdict::Review);
         }
-        let judged = over().rejects("edge_overhang", words);
-        assert_eq!(Judgement::of_checks(&[over(), judged.clone()]).reasons.len(), 1, "that it is not kept is said");
-        assert_eq!(judged.at_worst(Severity::Review).severity, Severity::Review);
+        let judged = over().or_reject("edge_overhang", words);
+        assert_eq!(
+            Judgement::from_checks(&[over(), judged.clone()]).reasons.len(),
+            1,
+            "that it is not kept is said"
+        );
+        assert_eq!(judged.with_max_severity(Severity::Review).severity, Severity::Review);
     }
 
     /// An earlier version of this program stored only name, value, unit and limit.

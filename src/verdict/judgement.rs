@@ -26,13 +26,13 @@ pub enum Verdict {
 
 impl Verdict {
     /// The verdict's keyword, which users use in scripts.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         self.into()
     }
 
     /// Returns how bad the verdict is: of two verdicts on one object the larger number applies. A review is worse than
     /// a fail, since no person has decided whether the evidence holds.
-    pub fn badness(self) -> u8 {
+    pub fn severity(self) -> u8 {
         match self {
             Verdict::Accept | Verdict::Pass => 0,
             Verdict::Fail => 1,
@@ -55,7 +55,7 @@ impl Verdict {
 
 impl Serialize for Verdict {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(self.word())
+        serializer.serialize_str(self.keyword())
     }
 }
 
@@ -96,8 +96,8 @@ impl Judgement {
     }
 
     /// Combines the verdicts of two gates on one object: the worse verdict counts, and its reasons are first.
-    pub fn and(self, other: Judgement) -> Self {
-        let is_worse = other.verdict.badness() > self.verdict.badness();
+    pub fn combined_with(self, other: Judgement) -> Self {
+        let is_worse = other.verdict.severity() > self.verdict.severity();
         let (worse, better) = if is_worse { (other, self) } else { (self, other) };
         Judgement { verdict: worse.verdict, reasons: [worse.reasons, better.reasons].concat() }
     }
@@ -115,8 +115,8 @@ mod tests {
         let both = Judgement::new(vec![reason("b")], vec![reason("a")]);
         assert_eq!((both.verdict, &*both.reasons[0].code, both.reasons.len()), (Verdict::Reject, "b", 2));
         let (accept, review) = (Judgement::new(vec![], vec![]), Judgement::new(vec![], vec![reason("a")]));
-        assert_eq!(accept.clone().and(accept.clone()), accept);
-        assert_eq!(accept.and(review.clone()), review);
-        assert_eq!(review.and(Judgement::new(vec![reason("b")], vec![])), both);
+        assert_eq!(accept.clone().combined_with(accept.clone()), accept);
+        assert_eq!(accept.combined_with(review.clone()), review);
+        assert_eq!(review.combined_with(Judgement::new(vec![reason("b")], vec![])), both);
     }
 }

@@ -17,7 +17,7 @@ use panelprep::calib::Board;
 use panelprep::calib::arm_errors::{ARM_NUMBERS, AxisFault, base_from_flange};
 use panelprep::calib::detect::Corners;
 use panelprep::calib::robot::{
-    ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, Touched, calibrate,
+    ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, TouchTarget, calibrate,
 };
 use panelprep::cell::{ArmGeometry, Cell};
 use panelprep::geometry::{Camera, Flange, Joints, PinholeCamera, Pixel, Point, Rigid};
@@ -161,7 +161,7 @@ fn trial(seed: u64) -> Trial {
         let truth = look(&stood(&arm, &joints, &mut random));
         let Some(corners) = seen(&cameras[rig], &board, &truth, &mut random) else { continue };
         let name = format!("{}.png", views.len());
-        let view = ArmView::seen(name, rig, pose_of(&geometry, joints), &cameras[rig], &corners);
+        let view = ArmView::from_corners(name, rig, pose_of(&geometry, joints), &cameras[rig], &corners);
         views.extend(view.ok());
     }
     let tip = Vector3::new(3.0, -2.0, 150.0);
@@ -173,7 +173,7 @@ fn trial(seed: u64) -> Trial {
         let start = random_joints(&mut random);
         let chain = |joints: &Joints| arm.base_from_flange(joints);
         if let Some(joints) = reached(&chain, tip, spots[spot] + off, start) {
-            touches.push(ArmTouch { at: Touched::Spot(spot), pose: pose_of(&geometry, joints) });
+            touches.push(ArmTouch { target: TouchTarget::Spot(spot), pose: pose_of(&geometry, joints) });
         }
     }
     let near = |truth: &Isometry3<f64>| {
@@ -191,7 +191,7 @@ fn contacts(trial: &Trial, found: &RobotFound, is_corrected: bool) -> Vec<(f64, 
     let geometry = &trial.data.geometry;
     let (rigs, tip) = match is_corrected {
         true => (found.rigs.as_slice(), found.tip_mm.expect("touched")),
-        false => (found.rigs_before(), found.tip_before_mm().expect("touched")),
+        false => (found.uncorrected_rigs(), found.uncorrected_tip_mm().expect("touched")),
     };
     let mut all = Vec::new();
     for index in 0..35 {
@@ -267,8 +267,8 @@ fn contact(seeds: u64) -> usize {
             "  seed {seed}: {views} pictures, flange off by up to {:.3} mm, left out {:.3} → {:.3} mm, contact at worst {:.3} → {:.3} mm, \
              stated {stated:.3} mm, within it {held} of {}{}",
             off_mm(&trial),
-            found.left_out_before_mm,
-            found.left_out_after_mm,
+            found.uncorrected_left_out_mm,
+            found.corrected_left_out_mm,
             worst(&before),
             worst(&after),
             after.len(),
@@ -312,7 +312,7 @@ fn faults(seeds: u64) -> usize {
             for with_poses in [true, false] {
                 let mut data = trial.data.clone();
                 for view in &mut data.views {
-                    let joints = fault.mended(&view.pose.joints.expect("axes"));
+                    let joints = fault.correct_angles(&view.pose.joints.expect("axes"));
                     view.pose.joints = Some(joints);
                     if !with_poses {
                         view.pose.base_from_flange = pose_of(&data.geometry, joints).base_from_flange;

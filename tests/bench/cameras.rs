@@ -7,8 +7,8 @@ mod goal;
 
 use goal::Figure;
 use panelprep::devices::gige::{
-    ADDRESS, Exposing, Frame, GigeCamera, GigeError, LoopbackCamera, PACKET_BYTES, PixelFormat, Settings,
-    Statistics, Which, mosaic,
+    CameraSelector, ExposureMode, Frame, GigeCamera, GigeError, LOOPBACK_ADDRESS, LoopbackCamera, PACKET_BYTES,
+    PixelFormat, Settings, Statistics, mosaic,
 };
 use panelprep::sim;
 use std::process::ExitCode;
@@ -59,14 +59,14 @@ fn run(span: Duration) -> Result<(), String> {
     let loopback =
         LoopbackCamera::start("BENCH", size_px, FORMAT, Box::new(fill)).map_err(|error| error.to_string())?;
     let settings = Settings {
-        which: Which::Address(ADDRESS.to_owned()),
+        selector: CameraSelector::Address(LOOPBACK_ADDRESS.to_owned()),
         serial: None,
         user_set: "Default".to_owned(),
         size_px,
         format: FORMAT,
         exposure_us: None,
         gain_db: None,
-        exposing: Exposing::Freely { frames_per_s: FRAMES_PER_S },
+        exposure_mode: ExposureMode::FreeRunning { frames_per_s: FRAMES_PER_S },
         packet_bytes: PACKET_BYTES,
         may_repeat: false,
     };

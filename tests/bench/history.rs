@@ -6,8 +6,8 @@
 mod goal;
 
 use goal::Figure;
-use panelprep::history::{End, Known, Quantity, Query, heat_map, trend};
-use panelprep::record::{Check, CycleId, Finding, Kind, Limit, PartNames, SetBy, name};
+use panelprep::history::{KnownQuantity, Quantity, Query, RequiredEnd, heat_map, trend};
+use panelprep::record::{Check, CycleId, Finding, Kind, Limit, LimitSource, PartNames, name};
 use panelprep::store::{CycleStart, Store};
 use panelprep::verdict::{Judgement, Reason, Verdict};
 use std::process::ExitCode;
@@ -50,22 +50,23 @@ fn reasons(index: usize) -> Vec<Reason> {
 fn findings(index: usize) -> Vec<Finding> {
     let accept = || Judgement { verdict: Verdict::Accept, reasons: vec![] };
     let residual = 0.05 + (index % 9) as f64 * 0.002;
-    let located = Check::new(name::RESIDUAL, "mm", residual).at_most(0.25, SetBy::recipe("locate.max_rms_mm"));
+    let located =
+        Check::new(name::RESIDUAL, "mm", residual).with_max(0.25, LimitSource::recipe("locate.max_rms_mm"));
     let more = (0..60).map(|number| {
         Check::new(format!("number {number} of this phase, for its length"), "mm", number as f64)
-            .within(Limit::AtMost(100.0), SetBy::Program)
+            .with_limit(Limit::AtMost(100.0), LimitSource::Program)
     });
     let failed = format!("r{}c{}", 1 + index % 4, 1 + index % 6);
     let grids = (1..=4).flat_map(|row| (1..=6).map(move |column| format!("r{row}c{column}")));
     let areas = grids.map(|grid| {
         let area = if grid == failed { 265.5 } else { 0.0 };
-        Check::new(name::broken_film(&grid), "mm²", area).within(Limit::Below(5.0), SetBy::Program)
+        Check::new(name::broken_film(&grid), "mm²", area).with_limit(Limit::Below(5.0), LimitSource::Program)
     });
-    let time = Check::new(name::failed_after(&failed), "s", 2.0 + (index % 11) as f64);
+    let time = Check::new(name::break_time_name(&failed), "s", 2.0 + (index % 11) as f64);
     let film = Finding::new(Kind::Inspect, 0, Judgement { verdict: Verdict::Fail, reasons: vec![] });
     vec![
-        Finding::new(Kind::Locate, 0, accept()).with([located]).with(more),
-        film.with(areas).with([time]).detail("failed", vec![failed.clone()]),
+        Finding::new(Kind::Locate, 0, accept()).with_checks([located]).with_checks(more),
+        film.with_checks(areas).with_checks([time]).with_detail("failed", vec![failed.clone()]),
     ]
 }
 
@@ -82,7 +83,7 @@ fn write(store: &mut Store, cycles: usize) -> Result<(), panelprep::store::Store
         };
         let id = store.begin_cycle(&start)?;
         if index + TREND * PANELS.len() >= cycles {
-            findings(index).iter().try_for_each(|finding| store.note(id, finding))?;
+            findings(index).iter().try_for_each(|finding| store.store_finding(id, finding))?;
         }
         store.conclude(id, VERDICTS[index % 4], &reasons(index))?;
     }
@@ -113,7 +114,7 @@ fn asked() -> [QueryCase; 9] {
             |at, _| Query {
                 panel: Some(PANELS[0].to_owned()),
                 operator: Some(format!("operator {}", at % 7)),
-                end: Some(End::With(Verdict::Pass)),
+                end: Some(RequiredEnd::With(Verdict::Pass)),
                 ..Query::default()
             },
             |_| PAGE,
@@ -131,7 +132,7 @@ fn asked() -> [QueryCase; 9] {
         ),
         (
             "a page in the middle",
-            |at, cycles| Query { before: Some(CycleId((cycles / 2 + at) as i64)), ..Query::default() },
+            |at, cycles| Query { before_cycle: Some(CycleId((cycles / 2 + at) as i64)), ..Query::default() },
             |_| PAGE,
         ),
     ]
@@ -176,7 +177,7 @@ fn main() -> ExitCode {
     let begun = Instant::now();
     let past = store.past_cycles("wing", TREND).expect("read");
     let read_ms = ms(begun);
-    let residuals = trend(&Quantity::Known(Known::LocalizationResidual), &past);
+    let residuals = trend(&Quantity::Known(KnownQuantity::LocalizationResidual), &past);
     let map = heat_map(&past);
     println!(
         "a trend and a heat map over {} cycles: read in {read_ms:.0} ms, with both {:.0} ms; {} values, {} grids",

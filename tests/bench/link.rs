@@ -34,7 +34,7 @@ use link::peer::Peer;
 use loopback::served;
 use panelprep::devices::mock::Clock;
 use panelprep::devices::robot::{Address, BlockingLink};
-use panelprep::eki::{Command, LinkLimits, MoveLin, Pace, Report, Signal};
+use panelprep::eki::{ClockMode, Command, LinkLimits, MoveLin, Report, Signal};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -305,7 +305,7 @@ fn lose_acknowledgements(trials: usize) -> Vec<Duration> {
     // The timeout is much longer than a heartbeat and its answer, so that only the acknowledgement is missed.
     let limits =
         LinkLimits { watchdog: WATCHDOG_TIMEOUT, heartbeat: Duration::from_millis(8), ..LinkLimits::default() };
-    let mut link = BlockingLink::start(address, limits, Pace::Wall).expect("starts");
+    let mut link = BlockingLink::start(address, limits, ClockMode::Wall).expect("starts");
     let mut found = Vec::with_capacity(trials);
     wait(&mut link, |report| matches!(report, Report::Connected { .. }));
     while found.len() < trials {
@@ -351,7 +351,7 @@ fn long_virtual_path() -> bool {
     cell.delay_ms = (10, 10);
     let last = cell.session.queue_path(&meander(10_000)).expect("a good path");
     let done = cell.until(300_000, |report| *report == Report::PathDone { last });
-    let (underruns, stops) = (cell.controller.underruns(), cell.controller.stops().len());
+    let (underruns, stops) = (cell.controller.underrun_count(), cell.controller.program_stops().len());
     let reached = done && underruns == 0 && stops == 0 && cell.executed().len() == 10_000;
     let found = format!("{underruns} and {stops}");
     Figure("link: underruns and stops on 10,000 points in virtual time").report("0", &found, reached);
@@ -375,9 +375,9 @@ fn path_over_sockets() -> bool {
     }
     let last = link.send_path(meander(500)).expect("a good path");
     wait(&mut link, |report| *report == Report::PathDone { last });
-    let (executed, underruns, stops) = server
-        .handle()
-        .with(|controller| (controller.executed().len(), controller.underruns(), controller.stops().len()));
+    let (executed, underruns, stops) = server.handle().with_controller(|controller| {
+        (controller.executed_motions().len(), controller.underrun_count(), controller.program_stops().len())
+    });
     let reached = (executed, underruns, stops) == (500, 0, 0);
     Figure("link: on 500 points over sockets").report("0", &format!("{underruns} and {stops}"), reached);
     println!(

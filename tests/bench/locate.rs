@@ -6,10 +6,10 @@
 
 use goal::Figure;
 use panelprep::geometry::{Base, Camera, Rigid};
-use panelprep::locate::{Fit, LocateError, Prepared, RangeErrors, TaughtModel, View, gate};
+use panelprep::locate::{Fit, LocateError, PreparedScan, RangeErrors, ScanView, TaughtModel, gate};
 use panelprep::panel::TaughtPanel;
 use panelprep::recipe::Recipe;
-use panelprep::sim::{PlacementError, TRIAL_BOX_MM, Trial, Wrong};
+use panelprep::sim::{PlacementError, SceneDefect, TRIAL_BOX_MM, TrialScene};
 use panelprep::verdict::{Judgement, Verdict};
 use std::ops::RangeInclusive;
 use std::process::ExitCode;
@@ -122,7 +122,7 @@ struct Tried {
 }
 
 /// Returns the recipe of a trial, with additional keys of its panel.
-fn recipe(trial: &Trial, keys: &str) -> Recipe {
+fn recipe(trial: &TrialScene, keys: &str) -> Recipe {
     let corners = trial.region_px().map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
     let text = format!(
@@ -133,20 +133,20 @@ fn recipe(trial: &Trial, keys: &str) -> Recipe {
     Recipe::check("bench.toml", &text).expect("a valid recipe")
 }
 
-fn taught(trial: &Trial) -> (TaughtPanel, Recipe) {
+fn taught(trial: &TrialScene) -> (TaughtPanel, Recipe) {
     let recipe = recipe(trial, "");
     let scan = trial.taught_scan();
     let panel = TaughtPanel::learn(&scan, *trial.camera(), trial.base_from_camera(), &recipe).expect("a panel");
     (panel, recipe)
 }
 
-fn tried(trial: &Trial) -> Tried {
+fn tried(trial: &TrialScene) -> Tried {
     located(trial, taught(trial))
 }
 
 /// Tries a trial with further keys of the recipe's panel. If the panel cannot be taught, prints why and returns
 /// `None`.
-fn tried_with(trial: &Trial, keys: &str) -> Option<Tried> {
+fn tried_with(trial: &TrialScene, keys: &str) -> Option<Tried> {
     let recipe = recipe(trial, keys);
     match TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), trial.base_from_camera(), &recipe) {
         Ok(panel) => Some(located(trial, (panel, recipe))),
@@ -157,7 +157,7 @@ fn tried_with(trial: &Trial, keys: &str) -> Option<Tried> {
     }
 }
 
-fn located(trial: &Trial, taught: (TaughtPanel, Recipe)) -> Tried {
+fn located(trial: &TrialScene, taught: (TaughtPanel, Recipe)) -> Tried {
     located_with(trial, taught, (range_errors(), trial.base_from_camera()))
 }
 
@@ -169,16 +169,16 @@ fn range_errors() -> RangeErrors {
 
 /// Localizes a trial's panel with these known errors of the scans and this known mount of the camera.
 fn located_with(
-    trial: &Trial,
+    trial: &TrialScene,
     (panel, recipe): (TaughtPanel, Recipe),
     (range, base_from_camera): (RangeErrors, Rigid<Base, Camera>),
 ) -> Tried {
     let scan = trial.scan();
-    let view = View { scan: &scan, camera: trial.camera(), base_from_camera, range };
+    let view = ScanView { scan: &scan, camera: trial.camera(), base_from_camera, range };
     let model = TaughtModel::from_panel(&panel, range);
     let begun = Instant::now();
     let model = model.as_ref().map_err(LocateError::clone);
-    let found = model.and_then(|model| Prepared::new((&panel, model), &view, recipe.locate()).locate());
+    let found = model.and_then(|model| PreparedScan::new((&panel, model), &view, recipe.locate()).locate());
     let judgement = match &found {
         Ok(fit) => gate::judge(fit, &recipe),
         Err(error) => gate::refusal(error),
@@ -221,7 +221,7 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
     let (mut means, mut largest) = (Vec::new(), Vec::new());
     let count = seeds.clone().count();
     for seed in seeds {
-        let trial = Trial::good(seed, reduction());
+        let trial = TrialScene::good_scene(seed, reduction());
         let tried = tried(&trial);
         let [length, width] = trial.size_mm();
         times.push(tried.elapsed_ms);
@@ -238,11 +238,11 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
         println!(
             "{seed:4}  {length:.0}×{width:.0}  {:.2}  {:6}  {:.3}  {:.3}  {:.3}  {:?}  {:.3}  {:.2}  {:.0}  {}",
             trial.hidden(),
-            tried.judgement.verdict.word(),
+            tried.judgement.verdict.keyword(),
             error.mean_mm,
             error.max_mm,
             fit.uncertainty_mm,
-            fit.weakest,
+            fit.weakest_direction,
             fit.rms_mm,
             fit.outline_rms_px,
             tried.elapsed_ms,
@@ -305,12 +305,12 @@ fn good(seeds: RangeInclusive<u64>) -> usize {
 
 /// Tries scenes that must not be accepted, one of each kind in turn.
 fn bad(scenes: RangeInclusive<u64>) -> usize {
-    let kinds = Wrong::ALL.len() as u64;
+    let kinds = SceneDefect::ALL.len() as u64;
     let count = scenes.clone().count();
-    let (mut wrongly, mut table) = (0, vec![[0usize; 3]; Wrong::ALL.len()]);
+    let (mut wrongly, mut table) = (0, vec![[0usize; 3]; SceneDefect::ALL.len()]);
     for scene in scenes.map(|scene| scene - 1) {
         let (kind, seed) = ((scene % kinds) as usize, 1 + scene / kinds);
-        let trial = Trial::bad(seed, Wrong::ALL[kind], reduction());
+        let trial = TrialScene::defective_scene(seed, SceneDefect::ALL[kind], reduction());
         let tried = tried(&trial);
         let at = match tried.judgement.verdict {
             Verdict::Accept => 0,
@@ -320,32 +320,34 @@ fn bad(scenes: RangeInclusive<u64>) -> usize {
         table[kind][at] += 1;
         // If the taught panel is found at its true pose, this is not wrong; another kind of panel is wrong.
         let other = !matches!(
-            Wrong::ALL[kind],
-            Wrong::Hidden
-                | Wrong::OutOfView
-                | Wrong::CameraMoved
-                | Wrong::Wet
-                | Wrong::Smeared
-                | Wrong::HolderMoved
-                | Wrong::Bent
-                | Wrong::Warped
+            SceneDefect::ALL[kind],
+            SceneDefect::Hidden
+                | SceneDefect::OutOfView
+                | SceneDefect::CameraMoved
+                | SceneDefect::Wet
+                | SceneDefect::Smeared
+                | SceneDefect::HolderMoved
+                | SceneDefect::Bent
+                | SceneDefect::Warped
         );
         // The correct pose of a bent panel is the one at which the taught panel lies nearest to it. Along the panel's
         // normal, the measured surface follows the bend.
-        let error_mm = match Wrong::ALL[kind] {
-            Wrong::Bent | Wrong::Warped => tried.fit.as_ref().and_then(|fit| trial.aside_mm(&fit.base_from_panel)),
+        let error_mm = match SceneDefect::ALL[kind] {
+            SceneDefect::Bent | SceneDefect::Warped => {
+                tried.fit.as_ref().and_then(|fit| trial.max_point_distance_mm(&fit.base_from_panel))
+            }
             _ => tried.error.map(|error| error.max_mm),
         };
         let off = error_mm.is_some_and(|error_mm| error_mm > RIGHT_MM);
         if at == 0 && (other || off) {
             wrongly += 1;
             let error_mm = error_mm.unwrap_or(f64::NAN);
-            println!("seed {seed}, {}: accepted, {error_mm:.3} mm off", Wrong::ALL[kind].words());
+            println!("seed {seed}, {}: accepted, {error_mm:.3} mm off", SceneDefect::ALL[kind].describe());
         }
     }
     println!("kind                    accept  review  reject");
-    for (kind, [accept, review, reject]) in Wrong::ALL.iter().zip(&table) {
-        println!("{:22}  {accept:6}  {review:6}  {reject:6}", kind.words());
+    for (kind, [accept, review, reject]) in SceneDefect::ALL.iter().zip(&table) {
+        println!("{:22}  {accept:6}  {review:6}  {reject:6}", kind.describe());
     }
     let found = format!("{wrongly} of {count}");
     Figure("locate: wrong scenes that were accepted").report("0", &found, wrongly == 0 && count > 0);

@@ -145,8 +145,10 @@ fn poses(folder: &Path) -> Option<String> {
         };
         let quaternion = Quaternion::new(number("qw")?, number("qx")?, number("qy")?, number("qz")?);
         let place = Translation3::new(number("x")?, number("y")?, number("z")?).vector * 1e3;
-        let pose: Rigid<Base, Flange> =
-            Rigid::claim(Isometry3::from_parts(place.into(), UnitQuaternion::from_quaternion(quaternion)));
+        let pose: Rigid<Base, Flange> = Rigid::from_isometry_unchecked(Isometry3::from_parts(
+            place.into(),
+            UnitQuaternion::from_quaternion(quaternion),
+        ));
         let KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } = KukaPose::from_rigid(&pose);
         text += &format!(
             "[[poses]]\nimage = \"{index}.png\"\nbase_from_flange = {{ x_mm = {x_mm}, y_mm = {y_mm}, z_mm = {z_mm}, a_deg = {a_deg}, \

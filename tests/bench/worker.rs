@@ -27,9 +27,9 @@ fn main() {
     let (shots, times) = (numbers.first().copied().unwrap_or(60), numbers.get(1).copied().unwrap_or(200));
     let folder = tempfile::tempdir().expect("a folder");
     let (mut setup, launch) = stub::camera(folder.path(), FULL, "");
-    setup.restarts = Restarts { most: 10_000, ..Restarts::default() };
+    setup.restarts = Restarts { max_restarts: 10_000, ..Restarts::default() };
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
-    scanner.ready(TIMEOUT).expect("ready");
+    scanner.wait_ready(TIMEOUT).expect("ready");
     let median_ms = crossing(&mut scanner, shots);
     let begun = Instant::now();
     let killed = kills::killed(scanner, times, &mut rand_pcg::Pcg64::seed_from_u64(1));
@@ -61,7 +61,7 @@ fn crossing(scanner: &mut ZividScanner, shots: usize) -> f64 {
         let begun = Instant::now();
         std::hint::black_box(source.clone());
         copied.push(begun.elapsed().as_secs_f64() * 1e3);
-        let shot = scanner.shot().expect("a shot");
+        let shot = scanner.take_scan().expect("a shot");
         kills::right(&shot);
         crossed.push(shot.crossed_ms);
     }

@@ -43,12 +43,13 @@ enum Kind {
 }
 
 fn kuka(pose: &Isometry3<f64>) -> [f64; 3] {
-    let KukaPose { a_deg, b_deg, c_deg, .. } = KukaPose::from_rigid(&Rigid::<Base, Flange>::claim(*pose));
+    let KukaPose { a_deg, b_deg, c_deg, .. } =
+        KukaPose::from_rigid(&Rigid::<Base, Flange>::from_isometry_unchecked(*pose));
     [a_deg, b_deg, c_deg]
 }
 
 fn written(pose: &Isometry3<f64>, [a_deg, b_deg, c_deg]: [f64; 3]) -> Isometry3<f64> {
-    let at = KukaPose::from_rigid(&Rigid::<Base, Flange>::claim(*pose));
+    let at = KukaPose::from_rigid(&Rigid::<Base, Flange>::from_isometry_unchecked(*pose));
     *KukaPose { a_deg, b_deg, c_deg, ..at }.to_rigid::<Base, Flange>().isometry()
 }
 
@@ -122,7 +123,7 @@ fn mistakes() -> Vec<Mistake> {
 
 fn reads<C: Frame>(stations: &[Station<C>], change: impl Fn(&Isometry3<f64>) -> Isometry3<f64>) -> Vec<Station<C>> {
     let changed = |station: &Station<C>| Station {
-        base_from_flange: Rigid::claim(change(station.base_from_flange.isometry())),
+        base_from_flange: Rigid::from_isometry_unchecked(change(station.base_from_flange.isometry())),
         ..station.clone()
     };
     stations.iter().map(changed).collect()
@@ -133,9 +134,9 @@ fn corners<C: Frame>(
     change: impl Fn(&Point<BoardFrame>, Pixel) -> (Point<BoardFrame>, Pixel),
 ) -> Vec<Station<C>> {
     let changed = |station: &Station<C>| {
-        let BoardObservation::Pixels(corners) = &station.seen else { unreachable!("pictures") };
+        let BoardObservation::Pixels(corners) = &station.observation else { unreachable!("pictures") };
         let seen = corners.iter().map(|(q, pixel)| change(q, *pixel)).collect();
-        Station { seen: BoardObservation::Pixels(seen), ..station.clone() }
+        Station { observation: BoardObservation::Pixels(seen), ..station.clone() }
     };
     stations.iter().map(changed).collect()
 }
@@ -165,7 +166,7 @@ fn judged<A: Side>(seed: u64, mistake: &Mistake) -> (Verdict, String) {
             let [seen, said] =
                 if late { [&right[1..], &right[..POSES - 1]] } else { [&right[..POSES - 1], &right[1..]] };
             let pair = |(seen, said): (&Station<A::From>, &Station<A::From>)| Station {
-                seen: seen.seen.clone(),
+                observation: seen.observation.clone(),
                 ..said.clone()
             };
             seen.iter().zip(said).map(pair).collect()
@@ -181,7 +182,8 @@ fn judged<A: Side>(seed: u64, mistake: &Mistake) -> (Verdict, String) {
     match hand_eye::<A>(&camera, &board, &stations, None) {
         Err(error) => (Verdict::Reject, error.to_string()),
         Ok(found) => {
-            let judgement = gate::hand_eye((&found, board.square_mm()), None, rough.as_ref(), PosesFrom::File);
+            let judgement =
+                gate::judge_hand_eye((&found, board.square_mm()), None, rough.as_ref(), PosesFrom::File);
             let words = judgement.reasons.iter().map(|reason| format!("{}: {}; ", reason.code, reason.message));
             (judgement.verdict, words.collect())
         }
@@ -199,7 +201,7 @@ fn row<A: Side>(seeds: &RangeInclusive<u64>, mistake: &Mistake) -> [usize; 2] {
             !words.contains(mistake.named) || (mistake.named.is_empty() && *verdict != Verdict::Accept)
         });
         if let Some((verdict, words)) = other {
-            println!("       {}, {}: {} {words}", A::NAME, mistake.name, verdict.word());
+            println!("       {}, {}: {} {words}", A::NAME, mistake.name, verdict.keyword());
         }
     }
     [accepted, named]

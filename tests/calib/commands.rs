@@ -73,7 +73,7 @@ fn commands_calibrate_verify_and_refuse() {
         exit == 2 && words.contains("55.png is not in the folder") && words.contains("missing.toml:"),
         "{words}"
     );
-    save(folder, "small.png", &GrayPicture::filled(640, 480, 90));
+    save(folder, "small.png", &GrayPicture::uniform(640, 480, 90));
     let (exit, _, words) = panelprep(folder, &format!("intrinsics {BOARD} --out wrong_out.toml{images} small.png"));
     assert!(exit == 2 && words.contains("small.png has 640 × 480"), "{words}");
     let (exit, _, words) =
@@ -129,7 +129,7 @@ fn three_points_from_files() {
     let board = boards::board();
     let corners = board.corners_to_touch();
     let places: Vec<Point<_>> = corners.iter().filter_map(|&(c, r)| board.corner(c, r)).collect();
-    let touched = cell.touched(&(cell.base_from_camera() * shot.camera_from_board), &places, 0.05);
+    let touched = cell.touch_points(&(cell.base_from_camera() * shot.camera_from_board), &places, 0.05);
     let points: String =
         touched.iter().zip(corners).enumerate().fold(String::new(), |mut text, (index, (p, (c, r)))| {
             let (n, [x, y, z]) = (index + 1, [p.mm.x, p.mm.y, p.mm.z]);

@@ -2,7 +2,7 @@
 
 use super::files::{panelprep, pose_text, poses_of, save, small_cell, write};
 use crate::boards::GOOD_ROBOT;
-use panelprep::cell::{Intrinsics, MountedPose, ScannerMount, Supported};
+use panelprep::cell::{Intrinsics, MountedPose, ScannerMount, SupportedArea};
 use panelprep::geometry::{GrayPicture, KukaPose, Pixel};
 use panelprep::sim::{BoardCell, BoardPrint};
 use std::fmt::Write;
@@ -20,8 +20,8 @@ fn bad_input_is_told_and_writes_nothing() {
         name
     });
     write(folder, "lens.toml", Intrinsics::from_camera(cell.scanner()).to_toml());
-    save(folder, "empty.png", &GrayPicture::filled(486, 300, 90));
-    save(folder, "large.png", &GrayPicture::filled(640, 480, 90));
+    save(folder, "empty.png", &GrayPicture::uniform(486, 300, 90));
+    save(folder, "large.png", &GrayPicture::uniform(640, 480, 90));
     write(folder, "poses.toml", &poses);
     write(folder, "few.toml", poses.split("[[poses]]").take(4).collect::<Vec<_>>().join("[[poses]]"));
     write(folder, "missing.toml", poses.replace("03.png", "33.png"));
@@ -99,7 +99,7 @@ fn outside_of_what_a_lens_was_seen_in_nothing_is_measured() {
     let learn = "verify --cell cell.toml --camera scanner --board 5x4 --square-mm 40 --target target.toml --image board.png --learn";
     let lens = |outline_px: Vec<Pixel>| {
         let mut lens = Intrinsics::from_camera(cell.scanner());
-        lens.extent.supported = Some(Supported { error_px: 0.3, outline_px });
+        lens.extent.supported = Some(SupportedArea { error_px: 0.3, outline_px });
         write(folder, "lens.toml", lens.to_toml());
     };
     let (width, height) = (cell.scanner().width_px as f64, cell.scanner().height_px as f64);
@@ -130,7 +130,7 @@ fn a_look_without_its_board_ends_soon() {
     let folder = folder.path();
     let cell = BoardCell::new(5, BoardPrint::chessboard(5, 4, 40.0), GOOD_ROBOT);
     let (width, height) = (cell.scanner().width_px, cell.scanner().height_px);
-    let mut noise = GrayPicture::filled(width, height, 0);
+    let mut noise = GrayPicture::uniform(width, height, 0);
     let mut weave = noise.clone();
     let mut random = 1_u32;
     for index in 0..width * height {

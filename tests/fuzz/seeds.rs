@@ -3,7 +3,7 @@
 use super::targets::CAMERA;
 use panelprep::devices::zivid::wire;
 use panelprep::geometry::ColorPicture;
-use panelprep::sparkplug::{Metric, NodeCommand, Payload, Wire};
+use panelprep::sparkplug::{Metric, NodeCommand, Payload, WireType};
 use panelprep::{files, tape};
 use prost::Message as _;
 use serde_json::json;
@@ -172,7 +172,7 @@ pub fn poses() -> Vec<Vec<u8>> {
 /// A recording without checksums and chunks, so that they do not reveal every change.
 pub fn recordings() -> Vec<Vec<u8>> {
     let whole = shipped("fixtures/rejected.mcap");
-    let checked = tape::check(&whole[..]).expect("a recording of ours");
+    let checked = tape::check_recording(&whole[..]).expect("a recording of ours");
     let options = mcap::WriteOptions::new()
         .use_chunks(false)
         .calculate_chunk_crcs(false)
@@ -195,14 +195,14 @@ pub fn recordings() -> Vec<Vec<u8>> {
         data: Cow::Borrowed(&start),
     })
     .expect("memory");
-    let entries = tape::Entries::new(&whole[..], checked.start.unix_ns).map_while(Result::ok);
+    let entries = tape::EntryReader::new(&whole[..], checked.start.unix_ns).map_while(Result::ok);
     let entries: Vec<tape::Entry> = entries.filter(|entry| entry.shot.is_none()).take(12).collect();
     let mut channels = BTreeMap::new();
     for (index, entry) in entries.iter().enumerate() {
         let (channel, count) = channels.entry(entry.topic.name()).or_insert_with(|| {
             (out.add_channel(0, entry.topic.name(), "json", &BTreeMap::new()).expect("memory"), 0_u32)
         });
-        let body = json!({"said": entry.said, "heard": entry.heard}).to_string();
+        let body = json!({"said": entry.action, "heard": entry.reply}).to_string();
         let time_ns = checked.start.unix_ns + 1 + index as u64;
         let header = mcap::records::MessageHeader {
             channel_id: *channel,
@@ -218,7 +218,7 @@ pub fn recordings() -> Vec<Vec<u8>> {
     out.write_metadata(&metadata("panelprep.end", &end)).expect("memory");
     out.finish().expect("memory");
     let small = out.into_inner().into_inner();
-    tape::check(&small[..]).expect("the small one is whole");
+    tape::check_recording(&small[..]).expect("the small one is whole");
     vec![small]
 }
 
@@ -318,7 +318,7 @@ pub fn sealed(bytes: &[u8]) -> Vec<u8> {
 /// Returns a frame of the 3D camera's worker, and heads of other frames.
 pub fn frames() -> Vec<Vec<u8>> {
     let mut frame = Vec::new();
-    wire::write(&mut frame, (wire::Kind::Reply, 7), b"\"clip_begun\"", &[&[1; 12]]).expect("memory");
+    wire::write(&mut frame, (wire::FrameKind::Reply, 7), b"\"clip_begun\"", &[&[1; 12]]).expect("memory");
     let heads = ["{\"begin_clip\":{\"settings\":\"a\",\"pictures_per_second\":5.0}}", "\"clip_begun\""];
     texts(&heads).into_iter().chain([frame]).collect()
 }
@@ -370,14 +370,14 @@ pub fn node_commands() -> Vec<Vec<u8>> {
         value,
         ..Metric::default()
     };
-    let yes = Some(Wire::Boolean(true));
+    let yes = Some(WireType::Boolean(true));
     let payload = |metrics| Payload { timestamp: Some(1_700_000_000_000), metrics, seq: None }.encode_to_vec();
     let all: Vec<_> =
         NodeCommand::VARIANTS.iter().map(|one| metric(Some(one.name()), one.alias(), yes.clone())).collect();
     vec![
         payload(all),
         payload(vec![metric(None, Some(1_002), yes.clone()), metric(Some("Start"), None, yes)]),
-        payload(vec![metric(Some("Node Control/Stop"), None, Some(Wire::Text("now".to_owned())))]),
+        payload(vec![metric(Some("Node Control/Stop"), None, Some(WireType::Text("now".to_owned())))]),
         b"{\"online\":true,\"timestamp\":1700000000000}".to_vec(),
     ]
 }

@@ -5,7 +5,7 @@
 //! its requests, so that a run makes progress, and errs in any number if a byte demands it.
 
 use panelprep::eki::{
-    CELLCMD, CELLSTAT, Channel, ChannelFile, Command, CommandId, LinkLimits, LinkLoss, MoveLin, Pace, Report,
+    CELLCMD, CELLSTAT, Channel, ChannelFile, ClockMode, Command, CommandId, LinkLimits, LinkLoss, MoveLin, Report,
     Session, SetAccSpeed, SetTcp, StopCause, TcpKind, Time, Wire,
 };
 use panelprep::geometry::KukaPose;
@@ -29,8 +29,8 @@ pub fn wire() -> Wire {
 /// Runs a session as these bytes state, and judges it after each step.
 pub fn run(bytes: &[u8]) {
     let (pace, bytes) = match bytes.split_first() {
-        Some((1, rest)) => (Pace::LockStep, rest),
-        _ => (Pace::Wall, bytes),
+        Some((1, rest)) => (ClockMode::LockStep, rest),
+        _ => (ClockMode::Wall, bytes),
     };
     let limits = LinkLimits { harmful_outputs: 0b11, ..LinkLimits::default() };
     let mut run = Run {
@@ -141,7 +141,7 @@ impl Run<'_> {
             14 => {
                 let last = u32::from(self.bytes.or_zero());
                 // The call is refused if no epoch is open.
-                self.session.permit((last > 0).then_some(CommandId(last))).ok();
+                self.session.permit_commands((last > 0).then_some(CommandId(last))).ok();
             }
             _ => self
                 .session

@@ -9,13 +9,13 @@ use panelprep::cell::{
 use panelprep::daemon::{read_request, request_line};
 use panelprep::devices::zivid::{message, wire};
 use panelprep::eki::{ChannelFile, Framer, MAX_DOCUMENT_BYTES, Time};
-use panelprep::force::{Press, Session, SessionLimits};
+use panelprep::force::{ForceSetPoint, Session, SessionLimits};
 use panelprep::geometry::{Camera, Drawing, LengthUnit, PinholeCamera, Rigid};
-use panelprep::nominal::{Edges, Part, Rays, Seen};
-use panelprep::office::{Assembly, CellState, Chunk, Message};
+use panelprep::nominal::{Part, PartEdges, PartRays, PartView};
+use panelprep::office::{CellState, Chunk, Message, PartAssembly};
 use panelprep::recipe::Recipe;
 use panelprep::sparkplug::{
-    CellView, EdgeNode, Event, HostState, Ids, NodeAction, NodeSetup, Now, commands, values,
+    CellIds, CellView, EdgeNode, HostState, NodeAction, NodeEvent, NodeSetup, NodeTime, commands, values,
 };
 use panelprep::{backup, files, krl, labels, tape};
 use std::io::Read;
@@ -78,7 +78,7 @@ pub const CAMERA: PinholeCamera = PinholeCamera {
 fn office(bytes: &[u8]) {
     if let Ok(chunk) = Chunk::read(bytes) {
         assert_eq!(Chunk::read(&chunk.bytes().expect("bytes")).as_ref(), Ok(&chunk));
-        let mut assembly = Assembly::default();
+        let mut assembly = PartAssembly::default();
         drop(assembly.add(chunk.clone(), ()));
         drop(assembly.add(chunk, ()));
     }
@@ -98,15 +98,15 @@ fn tool(bytes: &[u8]) {
         id: 1040,
         period: Duration::from_millis(10),
         reply_within: Duration::from_millis(100),
-        at_rest: Press::held_back(-20.0),
+        rest_set_point: ForceSetPoint::retracted(-20.0),
     };
     let heard = |pieces: [&[u8]; 2]| {
         let mut session = Session::new(limits.clone());
-        session.connected(Time::at_ms(0));
-        session.received(b"ferbak", Time::at_ms(1));
-        session.tick(Time::at_ms(1));
-        pieces.iter().for_each(|piece| session.received(piece, Time::at_ms(2)));
-        (session.state().clone(), session.newest())
+        session.connected(Time::from_ms(0));
+        session.received(b"ferbak", Time::from_ms(1));
+        session.tick(Time::from_ms(1));
+        pieces.iter().for_each(|piece| session.received(piece, Time::from_ms(2)));
+        (session.state().clone(), session.last_reading())
     };
     let (first, rest) = bytes.split_at(bytes.len() / 2);
     assert_eq!(heard([bytes, b""]), heard([first, rest]));
@@ -217,12 +217,13 @@ fn mesh(bytes: &[u8]) {
         assert_eq!(back.triangles.len(), mesh.triangles.len());
     }
     if let Ok(part) = Part::choose(mesh, Some(LengthUnit::Millimetre), None)
-        && let Ok(edges) = Edges::find(&part)
+        && let Ok(edges) = PartEdges::find(&part)
     {
-        let place = Rigid::<Camera, Drawing>::claim(nalgebra::Isometry3::translation(0.0, 0.0, 500.0));
-        let rays = Rays::new(part, &place);
+        let place =
+            Rigid::<Camera, Drawing>::from_isometry_unchecked(nalgebra::Isometry3::translation(0.0, 0.0, 500.0));
+        let rays = PartRays::new(part, &place);
         let is_whole = rays.check_crossings(&edges, &place).is_ok();
-        if is_whole && let Ok(Some(seen)) = Seen::look(&rays, &CAMERA) {
+        if is_whole && let Ok(Some(seen)) = PartView::view_part(&rays, &CAMERA) {
             assert_eq!(seen.cloud().map(|cloud| cloud.width()), Some(CAMERA.width_px));
         }
     }
@@ -262,10 +263,11 @@ fn pose(bytes: &[u8]) {
 }
 
 fn recording(bytes: &[u8]) {
-    match tape::check(bytes) {
+    match tape::check_recording(bytes) {
         Err(error) => assert!(!error.to_string().is_empty()),
         Ok(checked) => {
-            let entries = tape::Entries::new(bytes, checked.start.unix_ns).take_while(Result::is_ok).count() as u64;
+            let entries =
+                tape::EntryReader::new(bytes, checked.start.unix_ns).take_while(Result::is_ok).count() as u64;
             assert!(entries <= checked.entries);
         }
     }
@@ -294,7 +296,7 @@ fn archive(bytes: &[u8]) {
     for bytes in [bytes.to_vec(), seeds::sealed(bytes)] {
         std::fs::write(file.path(), &bytes).expect("written");
         let Ok(archive) = backup::Archive::open(file.path()) else { continue };
-        let read = archive.each::<backup::BackupError>(|_, content| {
+        let read = archive.for_each_entry::<backup::BackupError>(|_, content| {
             // The reader reports content that cannot be unpacked.
             drop(std::io::copy(&mut content.take(1 << 20), &mut std::io::sink()));
             Ok(())
@@ -311,7 +313,7 @@ fn worker(mut bytes: &[u8]) {
         let again = serde_json::to_vec(&reply).expect("written");
         serde_json::from_slice::<message::Reply>(&again).expect("it reads back");
     }
-    while let Ok(frame) = wire::open(&mut bytes, wire::Kind::Reply) {
+    while let Ok(frame) = wire::open(&mut bytes, wire::FrameKind::Reply) {
         let mut plane = [0; 12];
         if frame.payload(&mut bytes, &mut [&mut plane]).is_err() {
             break;
@@ -327,8 +329,8 @@ fn label(bytes: &[u8]) {
 }
 
 /// Returns the time for this value of the node's steady clock.
-fn at_ms(steady_ms: u64) -> Now {
-    Now { unix_ms: 1_700_000_000_000, steady_ms }
+fn at_ms(steady_ms: u64) -> NodeTime {
+    NodeTime { unix_ms: 1_700_000_000_000, steady_ms }
 }
 
 const STATE: &str = "spBv1.0/STATE/host";
@@ -336,12 +338,13 @@ const STATE: &str = "spBv1.0/STATE/host";
 /// Returns a node that is born, with its primary host online.
 fn born_node() -> EdgeNode {
     let (group_id, edge_node_id) = ("G".to_owned(), "cell".to_owned());
-    let ids = Ids { group_id, edge_node_id, primary_host_id: Some("host".to_owned()) };
+    let ids = CellIds { group_id, edge_node_id, primary_host_id: Some("host".to_owned()) };
     let mut node = EdgeNode::new(NodeSetup { ids, commands_allowed: true, aliases: true });
-    node.step(Event::Connecting, at_ms(0));
-    node.step(Event::Subscribed, at_ms(0));
-    node.step(Event::Seen(values(&CellView::default())), at_ms(0));
-    let online = Event::Received { topic: STATE, payload: br#"{"online":true,"timestamp":1}"#, is_retained: true };
+    node.step(NodeEvent::Connecting, at_ms(0));
+    node.step(NodeEvent::Subscribed, at_ms(0));
+    node.step(NodeEvent::Seen(values(&CellView::default())), at_ms(0));
+    let online =
+        NodeEvent::Received { topic: STATE, payload: br#"{"online":true,"timestamp":1}"#, is_retained: true };
     node.step(online, at_ms(0));
     node
 }
@@ -355,7 +358,7 @@ fn node(bytes: &[u8]) {
     for steady_ms in 1..4 {
         let messages = [(ncmd, false), (ncmd, true), ("strange", false)];
         for (topic, is_retained) in messages {
-            acts.extend(node.step(Event::Received { topic, payload: bytes, is_retained }, at_ms(steady_ms)));
+            acts.extend(node.step(NodeEvent::Received { topic, payload: bytes, is_retained }, at_ms(steady_ms)));
         }
     }
     let asked: Vec<_> = acts.iter().filter(|act| matches!(act, NodeAction::Ask { .. })).collect();
@@ -367,7 +370,7 @@ fn node(bytes: &[u8]) {
         assert!((1..1_200).contains(&error.to_string().len()), "{error}");
     }
     let is_host = HostState::read(bytes).is_some();
-    let told = Event::Received { topic: STATE, payload: bytes, is_retained: false };
+    let told = NodeEvent::Received { topic: STATE, payload: bytes, is_retained: false };
     let acts = born_node().step(told, at_ms(5));
     assert_eq!(acts.iter().any(|act| matches!(act, NodeAction::Note(_))), !is_host, "{acts:?}");
 }

@@ -4,7 +4,7 @@ use super::each;
 use super::krl::{data, files, folder};
 use panelprep::cell::Cell;
 use panelprep::devices::mock::{Arm, Refusal};
-use panelprep::eki::{CELLCMD, CELLSTAT, ChannelFile, EPOCH_STEP, Element, Kind, LinkLimits};
+use panelprep::eki::{CELLCMD, CELLSTAT, ChannelFile, Element, Kind, LinkLimits, MAX_EPOCH_STEP};
 use std::collections::{BTreeMap, BTreeSet};
 
 fn page() -> String {
@@ -179,7 +179,7 @@ fn the_numbers_are_those_of_client_and_mock() {
         assert_eq!(of(ours) * unit, mock_constant(mocks), "{ours} and the mock's {mocks}");
     }
     assert_eq!(data["CELL_RING_N"], "100");
-    assert_eq!(of("CELL_EPOCH_STEP"), f64::from(EPOCH_STEP), "of the client");
+    assert_eq!(of("CELL_EPOCH_STEP"), f64::from(MAX_EPOCH_STEP), "of the client");
     assert!(files().iter().any(|file| file.text.contains("CELL_RING[100]")), "the array is as long");
     let arm = Arm::kr6_r700_2();
     for (axis, [low, high]) in arm.limits_deg.into_iter().enumerate() {
@@ -231,9 +231,10 @@ fn the_mapped_signals_are_those_of_the_example_cell() {
     let data = data(&files());
     let text = std::fs::read_to_string(folder().join("../cell-example.toml")).expect("the example");
     let cell = Cell::check("cell-example.toml", &text).expect("right");
-    for (array, count, named) in
-        [("CELL_IN", "CELL_IN_N", cell.io().feedbacks()), ("CELL_OUT", "CELL_OUT_N", cell.io().outputs())]
-    {
+    for (array, count, named) in [
+        ("CELL_IN", "CELL_IN_N", cell.inputs_outputs().feedbacks()),
+        ("CELL_OUT", "CELL_OUT_N", cell.inputs_outputs().outputs()),
+    ] {
         let numbers: BTreeSet<u16> = named.values().copied().collect();
         assert_eq!(number(&data, count), numbers.len() as f64);
         for (index, expected) in numbers.into_iter().enumerate() {
@@ -243,10 +244,10 @@ fn the_mapped_signals_are_those_of_the_example_cell() {
     // Outputs that the controller switches off automatically: all except the lens shutter, with the example's
     // numbers and times.
     let after_ms: BTreeMap<u16, f64> = cell
-        .io()
-        .off_after_s()
+        .inputs_outputs()
+        .off_delays_s()
         .iter()
-        .map(|(name, s)| (cell.io().outputs()[name], 1_000.0 * f64::from(*s)))
+        .map(|(name, s)| (cell.inputs_outputs().outputs()[name], 1_000.0 * f64::from(*s)))
         .collect();
     assert_eq!(number(&data, "CELL_OFF_N"), after_ms.len() as f64);
     for (index, (output, ms)) in after_ms.iter().enumerate() {
@@ -254,7 +255,7 @@ fn the_mapped_signals_are_those_of_the_example_cell() {
         assert_eq!(number(&data, &format!("CELL_OFF_MS[{}]", index + 1)), *ms);
     }
     let left_on: Vec<&String> = cell
-        .io()
+        .inputs_outputs()
         .outputs()
         .iter()
         .filter(|(_, number)| !after_ms.contains_key(number))
@@ -262,7 +263,7 @@ fn the_mapped_signals_are_those_of_the_example_cell() {
         .collect();
     assert_eq!(left_on, ["lens_shutter"]);
     for name in ["tool", "spray"] {
-        assert_eq!(after_ms[&cell.io().outputs()[name]], 0.0, "{name} goes off at once");
+        assert_eq!(after_ms[&cell.inputs_outputs().outputs()[name]], 0.0, "{name} goes off at once");
     }
 }
 

@@ -7,9 +7,9 @@
 #[path = "cell/transport.rs"]
 mod transport;
 
-use panelprep::devices::mock::{self, Clock, Controller, Executed, Setup, Unwired, World};
+use panelprep::devices::mock::{self, Clock, Controller, ExecutedMotion, Setup, UnconnectedWorld, World};
 use panelprep::eki::{
-    CELLCMD, CELLSTAT, Channel, ChannelFile, Command, LinkLimits, LinkLoss, MoveLin, Pace, Report, Session,
+    CELLCMD, CELLSTAT, Channel, ChannelFile, ClockMode, Command, LinkLimits, LinkLoss, MoveLin, Report, Session,
     SetAccSpeed, SetTcp, TcpKind, Time, Wire,
 };
 use panelprep::geometry::{Base, Joints, KukaPose, Panel, Rigid, Tool};
@@ -162,13 +162,13 @@ pub struct Cell {
 impl Cell {
     /// Not yet connected.
     pub fn new(setup: Setup, limits: LinkLimits, seed: u64) -> Self {
-        Cell::within(setup, limits, seed, Box::new(Unwired))
+        Cell::within(setup, limits, seed, Box::new(UnconnectedWorld))
     }
 
     /// Returns a cell that is not connected yet; the controller's terminals are connected to this world.
     pub fn within(setup: Setup, limits: LinkLimits, seed: u64, world: Box<dyn World>) -> Self {
         Cell {
-            session: Session::new(wire(), limits, Pace::Wall),
+            session: Session::new(wire(), limits, ClockMode::Wall),
             controller: Controller::new(setup, world).expect("the shipped files fit"),
             now_ms: 0,
             delay_ms: (1, 1),
@@ -238,8 +238,8 @@ impl Cell {
         }
     }
 
-    pub fn executed(&self) -> &[Executed] {
-        self.controller.executed()
+    pub fn executed(&self) -> &[ExecutedMotion] {
+        self.controller.executed_motions()
     }
 
     fn next_event_ms(&self, end_ms: u64) -> u64 {
@@ -263,7 +263,7 @@ impl Cell {
         if self.now_ms >= self.client_stalls_until_ms {
             self.connect();
             self.reach_client();
-            let now = Time::at_ms(self.now_ms);
+            let now = Time::from_ms(self.now_ms);
             if self.session.deadline().is_some_and(|at| at <= now) {
                 self.session.time_passed(now);
             }

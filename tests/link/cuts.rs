@@ -52,7 +52,7 @@ fn cut_and_judge(cut: Cut, mut cell: Cell, mut oracles: Oracles, at: &str) {
     let touches = |cell: &Cell| height_mm(&cell.controller) < OFF_MM;
     match cut {
         Cut::Closed(channel, side, loses) => cell.cut(channel, side, loses),
-        Cut::Silent => cell.controller.inject(Fault::Unplug { for_ms: None }),
+        Cut::Silent => cell.controller.apply_fault(Fault::Unplug { for_ms: None }),
     }
     while cell.now_ms < cut_ms + 3_000 {
         cell.step(cut_ms + 3_000, &mut oracles);

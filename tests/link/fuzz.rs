@@ -6,7 +6,7 @@
 use super::cell::{Blind, Cell, setup, wire};
 use crate::fuzz::documents;
 use panelprep::devices::mock::{self, Clock};
-use panelprep::eki::{Channel, Pace, Report};
+use panelprep::eki::{Channel, ClockMode, Report};
 use panelprep::eki::{LinkLimits, MAX_DOCUMENT_BYTES, Session, Time};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -16,7 +16,7 @@ const STREAMS: u64 = 20_000;
 
 /// The controller's messages during two seconds of a path, by channel.
 fn good_streams() -> [Vec<u8>; 2] {
-    let mut controller = mock::Controller::new(setup(Clock::Free), Box::new(mock::Unwired)).expect("fits");
+    let mut controller = mock::Controller::new(setup(Clock::Free), Box::new(mock::UnconnectedWorld)).expect("fits");
     let ends = [mock::Channel::Command, mock::Channel::State];
     ends.iter().for_each(|&end| assert!(controller.connect(end)));
     controller.state_bytes(b"<Req Id=\"1\" Ep=\"0\" Op=\"12\" N1=\"1\"></Req>");
@@ -30,7 +30,7 @@ fn good_streams() -> [Vec<u8>; 2] {
         controller.command_bytes(command.as_bytes());
     }
     controller.advance_ms(600);
-    ends.map(|end| controller.take_output(end))
+    ends.map(|end| controller.take_output_bytes(end))
 }
 
 /// Damages a stream as real faults do: bits, bytes, holes, repeats, foreign pieces.
@@ -118,12 +118,12 @@ fn a_session_survives_any_stream() {
     let streams = good_streams();
     for seed in 0..STREAMS / 10 {
         let mut draw = Pcg64::seed_from_u64(seed);
-        let mut session = Session::new(wire(), LinkLimits::default(), Pace::Wall);
-        session.connected(Time::at_ms(0));
-        session.push_state_bytes(&damage(&streams[1], &mut draw), Time::at_ms(1));
-        session.push_command_bytes(&damage(&streams[0], &mut draw), Time::at_ms(1));
-        session.time_passed(Time::at_ms(2));
-        while let Some((channel, bytes)) = session.poll_transmit(Time::at_ms(2)) {
+        let mut session = Session::new(wire(), LinkLimits::default(), ClockMode::Wall);
+        session.connected(Time::from_ms(0));
+        session.push_state_bytes(&damage(&streams[1], &mut draw), Time::from_ms(1));
+        session.push_command_bytes(&damage(&streams[0], &mut draw), Time::from_ms(1));
+        session.time_passed(Time::from_ms(2));
+        while let Some((channel, bytes)) = session.poll_transmit(Time::from_ms(2)) {
             assert!(channel == Channel::State && bytes.starts_with(b"<Req "), "seed {seed}");
         }
         let opened =

@@ -2,7 +2,7 @@
 //! by the messages sent, not by the state that either program reports about itself.
 
 use super::cell::{BASE, Insides, TICK_MS, TOOL, TOOL_OUTPUT, Watch, height_mm};
-use panelprep::devices::mock::{Controller, Executed, Stop};
+use panelprep::devices::mock::{Controller, ExecutedMotion, ProgramStop};
 use panelprep::eki::{CommandId, Epoch, MoveLin, Refusal, Report};
 use panelprep::geometry::{Base, Joints, Panel, Rigid, Tool};
 use std::collections::BTreeMap;
@@ -159,7 +159,7 @@ impl Oracles {
 
     /// Checks that a command is executed once, in order, as sent, to the target that was sent, and not after the end
     /// of its epoch.
-    fn judge_executed(&mut self, step: &Executed, stops: &[Stop]) {
+    fn judge_executed(&mut self, step: &ExecutedMotion, stops: &[ProgramStop]) {
         let (epoch, id) = (step.epoch.cast_unsigned(), step.id.cast_unsigned());
         let now_ms = step.time_ms;
         if self.sent.get(&epoch).is_none_or(|last| *last < id) {
@@ -206,13 +206,13 @@ impl Oracles {
         self.joints = Some(joints);
         self.moved_ms = now_ms;
         let (received, done) = controller.counts();
-        let last_stop = controller.stops().last();
+        let last_stop = controller.program_stops().last();
         let after_ms = last_stop.map_or(u64::MAX, |stop| now_ms - stop.time_ms);
         let retract_ms = last_stop.map_or(0, |stop| self.retract_ms(stop.time_ms));
         let brake_ms = if is_program(cell) { BRAKE_MS + STARVED_MS } else { BRAKE_MS };
         // Another stop may follow a stop in contact while the arm retracts.
         let retracts = controller
-            .stops()
+            .program_stops()
             .iter()
             .rev()
             .take(3)
@@ -227,7 +227,7 @@ impl Oracles {
             self.wrong(now_ms, format!("the arm moves {} ms after its link was lost", now_ms - self.linked_ms));
         }
         let just = controller
-            .executed()
+            .executed_motions()
             .last()
             .is_some_and(|step| step.epoch == epoch && now_ms - step.time_ms <= TICK_MS);
         let has_work = !controller.is_stopped() && (received > done || just);
@@ -249,10 +249,10 @@ impl Oracles {
         self.traced = trace.len();
         let Some(sample) = fresh.last() else { return };
         let now_ms = sample.time_ms;
-        let last_stop = cell.controller.stops().last();
+        let last_stop = cell.controller.program_stops().last();
         let stopped = cell.controller.is_stopped();
         let low = self.is_low.map_or_else(|| height_mm(cell.controller) < 1.0, |is_low| is_low(cell.controller));
-        if (stopped && last_stop.is_some_and(|stop| stop.cause.is_at_once())) || !cell.controller.can_move() {
+        if (stopped && last_stop.is_some_and(|stop| stop.cause.is_immediate())) || !cell.controller.can_move() {
             self.left_there = true;
         } else if !stopped && !low {
             // A person jogs the arm off the panel, or the next path moves it away: an epoch that is only opened moves
@@ -338,7 +338,7 @@ impl Oracles {
     /// time that the controller's program may need.
     fn late_end_ms(&self, cell: &Insides<'_>, closed_ms: u64) -> u64 {
         let latest_ms = closed_ms + SILENCE_MS + self.delay_ms;
-        let stop = cell.controller.stops().last().filter(|stop| stop.time_ms <= latest_ms);
+        let stop = cell.controller.program_stops().last().filter(|stop| stop.time_ms <= latest_ms);
         stop.map_or(0, |stop| stop.time_ms + PROGRAMS_MS)
     }
 
@@ -412,9 +412,10 @@ impl Watch for Oracles {
             }
             Report::PathDone { last } => {
                 let epoch = self.open.map_or(0, |open| open.0);
-                let is_it =
-                    |step: &Executed| (step.epoch.cast_unsigned(), step.id.cast_unsigned()) == (epoch, last.0);
-                if !self.is_strange(cell) && !cell.controller.executed().iter().rev().any(is_it) {
+                let is_it = |step: &ExecutedMotion| {
+                    (step.epoch.cast_unsigned(), step.id.cast_unsigned()) == (epoch, last.0)
+                };
+                if !self.is_strange(cell) && !cell.controller.executed_motions().iter().rev().any(is_it) {
                     self.wrong(
                         cell.now_ms,
                         format!("a path was told done, its last command {last} was not executed"),
@@ -431,11 +432,11 @@ impl Watch for Oracles {
     fn look(&mut self, cell: &Insides<'_>) {
         let controller = cell.controller;
         self.judge_client(cell);
-        let fresh = self.executed..controller.executed().len();
+        let fresh = self.executed..controller.executed_motions().len();
         for index in fresh {
-            self.judge_executed(&controller.executed()[index], controller.stops());
+            self.judge_executed(&controller.executed_motions()[index], controller.program_stops());
         }
-        self.executed = controller.executed().len();
+        self.executed = controller.executed_motions().len();
         self.judge_motion(cell);
         self.judge_contact(cell);
         self.judge_window(cell);
@@ -448,7 +449,7 @@ impl Watch for Oracles {
         if !is_program(cell) && controller.counts().0 > 0 && !controller.is_stopped() && !has_link {
             self.wrong(cell.now_ms, format!("epoch {} goes on without its link", controller.epoch()));
         }
-        let stopped_ms = controller.stops().last().map_or(0, |stop| stop.time_ms);
+        let stopped_ms = controller.program_stops().last().map_or(0, |stop| stop.time_ms);
         let goes_off = is_program(cell) && cell.now_ms <= stopped_ms + PROGRAMS_MS;
         if controller.is_stopped() && controller.outputs().get(&TOOL_OUTPUT) == Some(&true) && !goes_off {
             self.wrong(cell.now_ms, "the tool runs after a stop".to_owned());

@@ -41,10 +41,10 @@ fn ten_thousand_points_run_without_a_stop() {
         let now = cell.controller.joints();
         stood += usize::from(now == before && !cell.executed().is_empty() && cell.executed().len() < 10_000);
         before = now;
-        assert!(cell.controller.stops().is_empty(), "{:?}", cell.controller.stops());
+        assert!(cell.controller.program_stops().is_empty(), "{:?}", cell.controller.program_stops());
         assert!(cell.now_ms < 400_000, "{} points in 400 s", cell.executed().len());
     }
-    assert_eq!((cell.controller.underruns(), stood), (0, 0));
+    assert_eq!((cell.controller.underrun_count(), stood), (0, 0));
     assert!(cell.until(200, |report| *report == Report::PathDone { last }));
     // Calculated by hand: 10,000 · 3.015 mm at 150 mm/s are 201 s; corners are cut, and rows change within 3 mm.
     let took_ms = cell.executed()[9_999].time_ms - cell.executed()[0].time_ms;
@@ -56,10 +56,13 @@ fn ten_thousand_points_run_without_a_stop() {
 #[test]
 fn a_slow_robot_is_waited_for() {
     let mut cell = Cell::ready(setup(Clock::Free), 0.15);
-    cell.controller.inject(Fault::Slow { percent: 20, for_ms: None });
+    cell.controller.apply_fault(Fault::Slow { percent: 20, for_ms: None });
     let last = cell.session.queue_path(&pass(60, 3.0, true)).expect("a good path");
     assert!(cell.until(20_000, |report| *report == Report::PathDone { last }));
-    assert_eq!((cell.executed().len(), cell.controller.underruns(), cell.controller.stops().len()), (60, 0, 0));
+    assert_eq!(
+        (cell.executed().len(), cell.controller.underrun_count(), cell.controller.program_stops().len()),
+        (60, 0, 0)
+    );
     // Calculated by hand: 57 steps and the ends at 30 mm/s take slightly more than 6 s.
     assert!(cell.now_ms > 6_000);
 }
@@ -72,7 +75,7 @@ fn a_robot_that_lingers_in_contact_is_taken_off() {
         let mut cell = Cell::ready(setup(Clock::Free), 0.15);
         let last = cell.session.queue_path(&pass(60, 3.0, in_contact)).expect("a good path");
         cell.run(900, &mut Blind);
-        cell.controller.inject(Fault::Slow { percent: 2, for_ms: Some(3_000) });
+        cell.controller.apply_fault(Fault::Slow { percent: 2, for_ms: Some(3_000) });
         let lingers = |report: &Report| matches!(report, Report::Slow { contact, .. } if *contact == in_contact);
         assert!(cell.until(1_500, lingers), "in contact: {in_contact}");
         if in_contact {
@@ -80,7 +83,7 @@ fn a_robot_that_lingers_in_contact_is_taken_off() {
             assert!(super::cell::height_mm(&cell.controller) > 40.0 && cell.executed().len() < 60);
         } else {
             assert!(cell.until(8_000, |report| *report == Report::PathDone { last }));
-            assert_eq!((cell.executed().len(), cell.controller.stops().len()), (60, 0));
+            assert_eq!((cell.executed().len(), cell.controller.program_stops().len()), (60, 0));
         }
     }
 }
@@ -93,7 +96,7 @@ fn a_client_that_stands_still_in_contact_is_not_waited_for() {
     cell.run(600, &mut Blind);
     cell.client_stalls_until_ms = cell.now_ms + 3_000;
     cell.run(1_500, &mut Blind);
-    let causes: Vec<StopCause> = cell.controller.stops().iter().map(|stop| stop.cause).collect();
+    let causes: Vec<StopCause> = cell.controller.program_stops().iter().map(|stop| stop.cause).collect();
     assert_eq!(causes, [StopCause::Watchdog]);
     assert!(super::cell::height_mm(&cell.controller) > 40.0);
 }
@@ -107,7 +110,7 @@ fn no_line_follows_a_base_that_was_lost_or_is_wrong() {
         assert!(cell.until(8_000, |report| matches!(report, Report::Connected { .. })));
         cell.session.open_epoch().expect("connected");
         assert!(cell.until(1_000, |report| matches!(report, Report::EpochOpened { .. })));
-        cell.controller.inject(fault);
+        cell.controller.apply_fault(fault);
         for command in [Command::SetBase(BASE), sanding_tool(), speed(0.1)] {
             cell.session.queue(command).expect("good");
         }
@@ -135,7 +138,7 @@ fn a_states_number_goes_on_from_zero() {
     let last = cell.session.queue_path(&pass(60, 3.0, true)).expect("a good path");
     assert!(cell.until(4_000, |report| *report == Report::PathDone { last }));
     cell.run(3_000, &mut Blind);
-    assert!(cell.session.epoch().is_some() && cell.controller.stops().is_empty());
+    assert!(cell.session.epoch().is_some() && cell.controller.program_stops().is_empty());
 }
 
 /// Pieces of any size and 2 to 25 ms of jitter change only the duration.
@@ -148,6 +151,6 @@ fn pieces_and_jitter_change_nothing() {
         cell.open(0.15);
         let last = cell.session.queue_path(&pass(60, 3.0, true)).expect("a good path");
         assert!(cell.until(4_000, |report| *report == Report::PathDone { last }), "seed {seed}");
-        assert_eq!((cell.executed().len(), cell.controller.underruns()), (60, 0), "seed {seed}");
+        assert_eq!((cell.executed().len(), cell.controller.underrun_count()), (60, 0), "seed {seed}");
     }
 }

@@ -55,8 +55,11 @@ fn five_hundred_points_at_20_ms_round_trip_run_without_a_stop() {
     };
     let last = link.send_path((0..500).map(back_and_forth).collect()).expect("a good path");
     path_done(&mut link, last);
-    server.handle().with(|controller| {
-        assert_eq!((controller.executed().len(), controller.underruns(), controller.stops().len()), (500, 0, 0));
+    server.handle().with_controller(|controller| {
+        assert_eq!(
+            (controller.executed_motions().len(), controller.underrun_count(), controller.program_stops().len()),
+            (500, 0, 0)
+        );
     });
 }
 
@@ -69,7 +72,7 @@ fn a_half_open_connection_is_noticed_on_both_ends() {
     link.send(Command::SetDigout(Signal { number: TOOL_OUTPUT, on: true })).expect("good");
     link.send_path(pass(200, 1.0, true)).expect("a good path");
     wait(&mut link, |report| matches!(report, Report::Progress { done } if done.0 > 30).then_some(()));
-    server.handle().with(|controller| controller.inject(Fault::Unplug { for_ms: Some(2_500) }));
+    server.handle().with_controller(|controller| controller.apply_fault(Fault::Unplug { for_ms: Some(2_500) }));
     wait(&mut link, |report| matches!(report, Report::WatchdogExpired { .. }).then_some(()));
     let why = wait(&mut link, |report| match report {
         Report::LinkLost { why } => Some(why.clone()),
@@ -78,16 +81,16 @@ fn a_half_open_connection_is_noticed_on_both_ends() {
     // The unanswered abort ends the connections before the silence does.
     assert!(matches!(why, LinkLoss::AbortNotAnswered { waited_ms: 400..900 }), "{why}");
     wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
-    let executed = server.handle().with(|controller| {
-        let stop = controller.stops()[0].clone();
+    let executed = server.handle().with_controller(|controller| {
+        let stop = controller.program_stops()[0].clone();
         assert_eq!((stop.cause, stop.contact), (Stop::Watchdog, true));
         assert!(super::cell::height_mm(controller) > 40.0 && !controller.outputs()[&TOOL_OUTPUT]);
-        controller.executed().len()
+        controller.executed_motions().len()
     });
     for _ in 0..10 {
         wait(&mut link, |report| matches!(report, Report::State(_)).then_some(()));
     }
-    server.handle().with(|controller| assert_eq!(controller.executed().len(), executed));
+    server.handle().with_controller(|controller| assert_eq!(controller.executed_motions().len(), executed));
     assert_eq!(link.send(speed(0.1)), Err(QueueError::NoEpoch));
 }
 
@@ -100,7 +103,7 @@ fn a_link_that_nobody_reads_ends_its_epoch() {
     link.send_path(pass(200, 1.0, true)).expect("a good path");
     wait(&mut link, |report| matches!(report, Report::Progress { done } if done.0 > 5).then_some(()));
     std::thread::sleep(Duration::from_millis(1_600));
-    server.handle().with(|controller| assert_eq!(controller.stops()[0].cause, Stop::Abort));
+    server.handle().with_controller(|controller| assert_eq!(controller.program_stops()[0].cause, Stop::Abort));
     let cause = wait(&mut link, |report| match report {
         Report::Interrupted { cause } => Some(*cause),
         _ => None,

@@ -82,7 +82,7 @@ fn walk(seed: u64, weak: &Weak) -> Result<(), String> {
 pub fn walk_over(seed: u64, weak: &Weak) -> (Cell, Result<(), String>) {
     let mut draw = Pcg64::seed_from_u64(seed);
     let is_program = weak.programs.is_some();
-    let mut setup = Setup { left_out: weak.rule, programs: weak.programs.clone(), ..setup(Clock::Free) };
+    let mut setup = Setup { omitted_rule: weak.rule, programs: weak.programs.clone(), ..setup(Clock::Free) };
     let mut limits = weak.limits.unwrap_or_default();
     if is_program {
         setup.mapped_inputs = BTreeMap::from([(MAPPED_INPUT, 860)]);
@@ -176,7 +176,7 @@ impl Walk {
         }
         if self.has_line {
             let bits = self.draw.random_range(0..64);
-            self.cell.session.tell_line(bits);
+            self.cell.session.set_line_signals(bits);
         }
         let speed_m_s = [0.15, 0.3][self.draw.random_range(0..2)];
         if self.is_program && self.draw.random_bool(0.1) {
@@ -259,7 +259,7 @@ impl Walk {
     /// Removes all faults: the link must reconnect and execute a path.
     fn recover(&mut self) -> Result<(), String> {
         self.mended = true;
-        self.cell.controller.hold_start_key(false);
+        self.cell.controller.set_start_key(false);
         self.pass_time(4_000)?;
         let end_ms = self.cell.now_ms + RECOVERY_MS;
         while self.cell.now_ms < end_ms {
@@ -286,7 +286,7 @@ impl Walk {
                 return Ok(());
             }
         }
-        let last = self.cell.controller.stops().last();
+        let last = self.cell.controller.program_stops().last();
         Err(format!("not back {RECOVERY_MS} ms after everything was mended: {last:?}"))
     }
 }

@@ -6,13 +6,13 @@ use super::scenery::{CellContents, Flicker, REDUCTION, SEED, Scenery};
 use panelprep::cell;
 use panelprep::devices::gige::{LoopbackCamera, PixelFormat, mosaic};
 use panelprep::devices::mock::{
-    ChannelFile, Clock, Controller, MockHandle, MockServer, Ports, Programs, Sample, Setup, World,
+    ChannelFile, Clock, ContactSample, Controller, MockHandle, MockServer, Ports, Programs, Setup, World,
 };
 use panelprep::devices::world::{SimulatedWorld, Violation};
 use panelprep::eki::{CELLCMD, CELLSTAT};
 use panelprep::geometry::{Base, Flange, Joints, Point, Rigid, Tool};
 use panelprep::path::{Kinematics, reach};
-use panelprep::sim::{self, Scene, TOOL_LENGTH_MM, Truth};
+use panelprep::sim::{self, CellTruth, Scene, TOOL_LENGTH_MM};
 use std::net::{IpAddr, Ipv4Addr};
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
@@ -78,11 +78,11 @@ impl Cell {
     /// Starts the controller with the inputs and outputs of the cell's file.
     pub fn start_controller(&mut self, cell: &cell::Cell) {
         let greasy = self.scenery.nominal.clone();
-        let clean = sim::Cell::new(SEED, Scene::Clean, REDUCTION).placed(1);
+        let clean = sim::Cell::new(SEED, Scene::Clean, REDUCTION).with_pose(1);
         let worlds = [greasy, clean].map(|cell_now| SimulatedWorld::new(cell_now, cell).expect("all is named"));
         worlds.iter().for_each(|world| world.mount_disc(30.0));
         let channel = |text| ChannelFile::parse(text).expect("as it ships");
-        let setup = worlds[0].setup(cell, channel(CELLCMD), channel(CELLSTAT));
+        let setup = worlds[0].mock_setup(cell, channel(CELLCMD), channel(CELLSTAT));
         let programs = Some(Programs::shipped().expect("as they ship"));
         let wired = Wired {
             terminals: worlds.iter().map(SimulatedWorld::terminals).collect(),
@@ -116,7 +116,7 @@ impl Cell {
     pub fn jog(&self, base_from_flange: &Rigid<Base, Flange>) {
         let joints =
             joints_at(base_from_flange).unwrap_or_else(|| panic!("the arm comes there: {base_from_flange:?}"));
-        assert!(self.handle().with(|arm| arm.jog(joints)), "the arm stands");
+        assert!(self.handle().with_controller(|arm| arm.jog_to(joints)), "the arm stands");
     }
 
     /// A person jogs the arm to a pose for the first picture of the calibration board.
@@ -129,7 +129,7 @@ impl Cell {
             _ => boards.flange_shots(20).iter().map(|shot| shot.base_from_flange).collect(),
         };
         let joints = flanges.iter().find_map(joints_at).expect("one of twenty poses is within reach");
-        assert!(self.handle().with(|arm| arm.jog(joints)), "the arm stands");
+        assert!(self.handle().with_controller(|arm| arm.jog_to(joints)), "the arm stands");
     }
 
     /// Brings the camera on the flange to the taught corner, as a person does.
@@ -170,10 +170,10 @@ impl Cell {
 
     /// Returns the ground truth of the greasy panel, the executed motions, and the number of its greasy spots that
     /// are left.
-    pub fn greasy(&self) -> (Truth, Vec<Sample>, usize) {
+    pub fn greasy(&self) -> (CellTruth, Vec<ContactSample>, usize) {
         let (handle, worlds) = self.scenery.arm.get().expect("the controller runs");
-        let trace = handle.with(|arm| arm.trace().to_vec());
-        (worlds[0].truth().clone(), trace, worlds[0].greasy().len())
+        let trace = handle.with_controller(|arm| arm.trace().to_vec());
+        (worlds[0].truth().clone(), trace, worlds[0].greasy_spots().len())
     }
 
     /// Returns the forbidden actions that happened. A scanner that is opened takes a first shot with any light on;
@@ -197,7 +197,9 @@ fn held_at(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> Rigid<Base, F
     use nalgebra::{Isometry3, UnitQuaternion, Vector3};
     let down = UnitQuaternion::from_scaled_axis(Vector3::new(std::f64::consts::PI, 0.0, 0.0));
     let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(f64::to_radians)));
-    let tip: Rigid<Base, Tool> = Rigid::claim(Isometry3::from_parts(place.mm.coords.into(), turn * down));
-    let flange_from_tool: Rigid<Flange, Tool> = Rigid::claim(Isometry3::translation(0.0, 0.0, out_mm));
+    let tip: Rigid<Base, Tool> =
+        Rigid::from_isometry_unchecked(Isometry3::from_parts(place.mm.coords.into(), turn * down));
+    let flange_from_tool: Rigid<Flange, Tool> =
+        Rigid::from_isometry_unchecked(Isometry3::translation(0.0, 0.0, out_mm));
     tip * flange_from_tool.inverse()
 }

@@ -1,7 +1,7 @@
 //! The contents of the cell of the manual, and the pictures of its cameras, rendered from the arm's present pose.
 
 use panelprep::devices::cameras::{
-    Arm, FlangeCamera as _, Scanner as _, SimulatedFlangeCamera, SimulatedScanner, simulated,
+    Arm, FlangeCamera as _, Scanner as _, SimulatedFlangeCamera, SimulatedScanner, simulated_cameras,
 };
 use panelprep::devices::mock::MockHandle;
 use panelprep::devices::world::SimulatedWorld;
@@ -74,7 +74,7 @@ impl Scenery {
     pub fn new() -> Self {
         let nominal = sim::Cell::new(SEED, Scene::Good, REDUCTION);
         let of = |print: BoardPrint| BoardCell::new(SEED, print, EXACT).with_reduction(REDUCTION);
-        let (boards, targets) = (of(BoardPrint::chessboard(9, 6, 25.0)), of(Target::print()));
+        let (boards, targets) = (of(BoardPrint::chessboard(9, 6, 25.0)), of(Target::target_print()));
         Scenery {
             stands: Mutex::new(CellContents::Nominal),
             taken: AtomicU64::new(0),
@@ -99,7 +99,7 @@ impl Scenery {
     /// The flange's pose, unless the flange moves.
     fn flange(&self) -> Option<Rigid<Base, Flange>> {
         let (handle, _) = self.arm.get()?;
-        handle.with(|arm| (!arm.is_moving()).then(|| arm.flange_pose()))
+        handle.with_controller(|arm| (!arm.is_moving()).then(|| arm.flange_pose()))
     }
 
     pub fn flange_picture(&self) -> ColorPicture {
@@ -136,7 +136,7 @@ impl Scenery {
 
     fn cameras(&self, world: usize) -> Option<(SimulatedScanner, SimulatedFlangeCamera)> {
         let (handle, worlds) = self.arm.get()?;
-        Some(simulated(&worlds[world], &Arm::Mock(handle.clone())))
+        Some(simulated_cameras(&worlds[world], &Arm::Mock(handle.clone())))
     }
 
     /// Returns the shot of a board in front of the scanner.

@@ -17,10 +17,11 @@ fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
     plant.holds("cell-1", &cell.path());
     garbage(&plant);
     // A sender that uses the cell's name, epoch and number without its key.
-    let mut forged = cell.store.outbox_after(&cell.store.outbox_epochs().expect("epochs")[0], 1).expect("none");
+    let mut forged =
+        cell.store.outbox_rows_after(&cell.store.outbox_epochs().expect("epochs")[0], 1).expect("none");
     assert!(forged.is_empty());
     let begin = Position { number: 0, ..cell.store.outbox_epochs().expect("epochs")[0].clone() };
-    forged = cell.store.outbox_after(&begin, 1).expect("the first");
+    forged = cell.store.outbox_rows_after(&begin, 1).expect("the first");
     let Body::Cycle(content) = &mut forged[0].body else { panic!("a cycle") };
     *content = String::from_utf8(content.clone()).expect("text").replace("\"pass\"", "\"fail\"").into_bytes();
     let name = CellName::new("cell-1").expect("a name");

@@ -66,7 +66,7 @@ fn what_a_broker_or_a_database_forgets_is_sent_again() {
     // A broker that keeps its name has lost some of its accepted messages, without a report.
     plant.kill_archive();
     cell.sender = None;
-    cell.send(Office { behind_min: 1, ..plant.office("cell-1") });
+    cell.send(Office { alarm_delay_min: 1, ..plant.office("cell-1") });
     cell.cycles(5);
     wait_until_sent(&progress, 30);
     runtime().block_on(async {
@@ -87,7 +87,7 @@ fn a_record_counts_with_its_files() {
     let office = plant.office("cell-1");
     let last = cell.store.outbox_epochs().expect("epochs").pop().expect("one");
     let begin = Position { number: 0, ..last.clone() };
-    let records = cell.store.outbox_after(&begin, 10).expect("two");
+    let records = cell.store.outbox_rows_after(&begin, 10).expect("two");
     let Body::Signature { files, .. } = &records[1].body else { panic!("a signature") };
     assert!(files.len() >= 2, "{files:?}");
     for envelope in &records {
@@ -98,7 +98,7 @@ fn a_record_counts_with_its_files() {
     let archived = || {
         let link = async {
             let link = CellLink::connect(&office.broker, &office.cell).await.expect("connected");
-            link.archived(&last.epoch).await.expect("told")
+            link.archived_number(&last.epoch).await.expect("told")
         };
         runtime().block_on(link)
     };

@@ -95,7 +95,7 @@ impl Plant {
     pub fn office(&self, cell: &str) -> Office {
         let address = format!("nats://127.0.0.1:{}", self.broker_port);
         let broker = Broker { address, ca: None, login: BrokerLogin::Anybody };
-        Office { broker, cell: CellName::new(cell).expect("a name"), behind_min: 60 }
+        Office { broker, cell: CellName::new(cell).expect("a name"), alarm_delay_min: 60 }
     }
 }
 
@@ -124,7 +124,7 @@ impl Cell {
     }
 
     pub fn cycles(&mut self, count: usize) {
-        let key = CellKey::of_random(&[7; 32]);
+        let key = CellKey::from_random_bytes(&[7; 32]);
         for number in 0..count {
             let start = CycleStart {
                 panel: "wing".to_owned(),
@@ -160,7 +160,7 @@ pub fn publish(plant: &Plant, parts: &[Chunk]) {
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
         for part in parts {
-            link.send(part, 0).await.expect("sent").taken().await.expect("taken");
+            link.send(part, 0).await.expect("sent").wait_acknowledged().await.expect("taken");
         }
     });
 }

@@ -61,7 +61,7 @@ fn people_look_at_all_cells_in_a_browser() {
     let address = plant.office("cell-1");
     let offer = runtime().block_on(async {
         let link = CellLink::connect(&address.broker, &address.cell).await.expect("connected");
-        link.offer("simulated-panel").await.expect("asked").expect("offered")
+        link.recipe_offer("simulated-panel").await.expect("asked").expect("offered")
     });
     assert_eq!((offer.by.as_str(), offer.text.ends_with("# approved in the office\n")), ("Anna", true));
     assert_eq!(fs::read_to_string(folder.path().join("cell/recipe.toml")).expect("a recipe"), recipe);

@@ -35,7 +35,7 @@ fn survives(folder: &Path, after: Duration) -> bool {
 
     let service = Service::start(folder);
     let found = service.done("state");
-    assert_eq!(found["state"], expected.at.word(), "after {after:?}: {found}");
+    assert_eq!(found["state"], expected.at.keyword(), "after {after:?}: {found}");
     assert!(matches!(expected.at, At::Aborted { .. } | At::Stopped), "{expected:?}");
     // The service only receives reports: a start, the robot's condition and override, and that its outputs are off.
     std::thread::sleep(Duration::from_millis(300));
@@ -104,7 +104,7 @@ fn broken_off(folder: &Path) -> PathBuf {
     let cycle = "cycle --cell cell/cell.toml --recipe cell/recipe.toml --seed 3";
     let (exit, whole) = json(folder, cycle);
     assert_eq!(exit, 0, "{whole}");
-    let mut state = State::NEW;
+    let mut state = State::INITIAL;
     let mut copy = Store::create(&left).expect("nobody holds it");
     for event in journal(folder) {
         copy.append(&event, None).expect("written");

@@ -2,7 +2,7 @@
 
 use super::super::commands::json;
 use super::{START, Service, taught};
-use panelprep::tape::{TapeError, check};
+use panelprep::tape::{TapeError, check_recording};
 use serde_json::Value;
 use std::path::Path;
 
@@ -87,7 +87,7 @@ fn a_killed_service_leaves_a_recording_that_is_cut() {
     service.reset();
     service.done(&format!("{START} --record cut.mcap"));
     let file = folder.join("cut.mcap");
-    let whole = || match check(&std::fs::read(&file).unwrap_or_default()[..]) {
+    let whole = || match check_recording(&std::fs::read(&file).unwrap_or_default()[..]) {
         Err(TapeError::Unfinished { entries, .. }) => entries,
         Err(TapeError::NotMcap { .. }) => 0,
         other => panic!("the cycle has ended: {other:?}"),

@@ -21,7 +21,7 @@ fn the_manual_lists_every_metric() {
         rows("sparkplug.md", "| ").into_iter().filter(|row| row[0].parse::<u32>().is_ok()).collect();
     let known = METRICS.iter().enumerate().map(|(place, metric)| {
         let (alias, name) = ((place + 1).to_string(), format!("`{}`", metric.name));
-        vec![alias, name, metric.datatype.word().to_owned(), metric.meaning.to_owned()]
+        vec![alias, name, metric.datatype.type_name().to_owned(), metric.meaning.to_owned()]
     });
     assert_eq!(listed, known.collect::<Vec<_>>());
     let listed: Vec<_> =

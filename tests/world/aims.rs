@@ -1,7 +1,7 @@
 //! The required ends of a path's lines: the base and the tool that were sent in their epoch, and the point.
 //! Whatever base and tool the controller has, and whatever it reports about them, the arm ends there.
 
-use panelprep::devices::mock::Executed;
+use panelprep::devices::mock::ExecutedMotion;
 use panelprep::eki::{CommandId, Epoch, MoveLin};
 use panelprep::geometry::{Base, Flange, KukaPose, Panel, Rigid, Tool};
 use std::collections::BTreeMap;
@@ -37,14 +37,14 @@ impl Aims {
 
     /// Checks the lines executed since the last call. Returns a line that ended elsewhere, and a line that was
     /// executed after one that was left out.
-    pub fn look(&mut self, executed: &[Executed]) -> [Option<String>; 2] {
+    pub fn look(&mut self, executed: &[ExecutedMotion]) -> [Option<String>; 2] {
         let fresh = executed.get(self.looked..).unwrap_or_default();
         self.looked = executed.len();
         [self.off(fresh), self.holes(fresh)]
     }
 
     /// A path with a hole is worse than a stop: the arm cuts an unplanned corner.
-    fn holes(&mut self, fresh: &[Executed]) -> Option<String> {
+    fn holes(&mut self, fresh: &[ExecutedMotion]) -> Option<String> {
         let mut found = None;
         for step in fresh {
             let (epoch, id) = (step.epoch.cast_unsigned(), step.id.cast_unsigned());
@@ -61,7 +61,7 @@ impl Aims {
         found
     }
 
-    fn off(&self, fresh: &[Executed]) -> Option<String> {
+    fn off(&self, fresh: &[ExecutedMotion]) -> Option<String> {
         fresh.iter().find_map(|step| {
             let key = (step.epoch.cast_unsigned(), step.id.cast_unsigned());
             let (target, tool, blend_mm) = self.aims.get(&key)?;

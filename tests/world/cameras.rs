@@ -9,7 +9,7 @@ use super::judges;
 use super::script::CameraHarm;
 use panelprep::cycle::Action;
 use panelprep::daemon::{CameraAnswer, CameraCommand, CameraFault, Picture2d, Port};
-use panelprep::devices::world::Touched;
+use panelprep::devices::world::TouchedPoints;
 use panelprep::geometry::{Base, Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid};
 use panelprep::sim::{Film, SPRAY_FROM_S, WET_FROM_S};
 use std::collections::BTreeMap;
@@ -102,9 +102,9 @@ impl Cameras {
     fn heal(&mut self, world: &Inside, on_ms: u64) {
         let fixture = Fixture::get();
         let disc_mm = fixture.cycle.recipe.path().disc_diameter_mm();
-        let touched = Touched::by(&world.trace(on_ms), fixture.truth(), disc_mm);
+        let touched = TouchedPoints::reached_by_disc(&world.trace(on_ms), fixture.truth(), disc_mm);
         let takes_off = world.stands != CellContents::Stubborn;
-        let share = |spot| takes_off && touched.share_of(spot) >= HEALED_FROM;
+        let share = |spot| takes_off && touched.covered_share(spot) >= HEALED_FROM;
         self.healed = fixture.truth().spots.iter().map(share).collect();
         self.healed_at_ms = Some(on_ms);
     }
@@ -151,7 +151,7 @@ impl Cameras {
             CameraHarm::Lost => Some(Err(fault("it does not answer"))),
             CameraHarm::Hot if takes => Some(Err(fault("its housing is at 71 °C, allowed are 60 °C"))),
             CameraHarm::WrongSize if takes && command != CameraCommand::Scan => {
-                let picture = ColorPicture::filled(7, 5, [90; 3]);
+                let picture = ColorPicture::uniform(7, 5, [90; 3]);
                 Some(Ok(if flange {
                     CameraAnswer::Corner(picture)
                 } else {
@@ -235,7 +235,7 @@ fn film_picture(stands: CellContents, healed: &Healed, step: i64) -> Arc<ColorPi
     let scene = Fixture::get().scene(stands);
     let film = rendered.films.entry((stands, healed.clone())).or_insert_with(|| {
         let left = scene.spots().iter().zip(healed).filter(|(_, healed)| !**healed).map(|(spot, _)| spot.clone());
-        Arc::new(scene.film_of(&left.collect::<Vec<_>>()))
+        Arc::new(scene.film_with_spots(&left.collect::<Vec<_>>()))
     });
     let picture = Arc::new(film.picture(step as f64 * STEP_S));
     if rendered.film.len() < MAX_CACHED_PICTURES {
@@ -289,5 +289,5 @@ pub fn seen(world: &Shared, act: Action) -> Option<u64> {
 }
 
 fn black(picture: &ColorPicture) -> ColorPicture {
-    ColorPicture::filled(picture.width, picture.height, [0; 3])
+    ColorPicture::uniform(picture.width, picture.height, [0; 3])
 }

@@ -9,10 +9,11 @@
 
 use panelprep::cycle::{self, At, State};
 use panelprep::daemon::{
-    Exit, LastWrittenPage, LiveView, LoopEvent, RecordingSwitch, Reply, Request, RequestHandler, RequestKind,
-    RequestQueueError, RequestSender, Requester, ServiceParts, read_request, request_line, request_queue,
+    LastWrittenPage, LiveView, LoopEvent, RecordingSwitch, Reply, Request, RequestHandler, RequestKind,
+    RequestQueueError, RequestResult, RequestSender, Requester, ServiceParts, read_request, request_line,
+    request_queue,
 };
-use panelprep::record::{CycleId, RequestSource, Who};
+use panelprep::record::{CycleId, RequestAuthor, RequestSource};
 use panelprep::supervision::{Supervisor, ThreadFault};
 use std::path::Path;
 use std::sync::mpsc::channel;
@@ -118,7 +119,7 @@ impl Desk {
         let (words, urgent) = (format!("{what:?}"), is_urgent(&what));
         self.leaves |= matches!(what, RequestKind::Leave);
         let (reply, answer) = oneshot::channel();
-        let who = Who { front: RequestSource::Socket, uid: Some(uid), user: None, from: None };
+        let who = RequestAuthor { front: RequestSource::Socket, uid: Some(uid), user: None, from: None };
         let others = || self.waiting.iter().filter(|waiting| waiting.queued && !waiting.urgent);
         let (of_user, of_all) = (others().filter(|waiting| waiting.uid == uid).count(), others().count());
         let has_place = urgent || (of_user < MAX_QUEUED_PER_USER && of_all < MAX_QUEUED);
@@ -128,7 +129,7 @@ impl Desk {
             && self.waiting.iter().any(|waiting| waiting.queued && waiting.uid == uid && waiting.words == words);
         let before =
             if urgent { self.waiting.iter().filter(|waiting| waiting.urgent).count() } else { self.waiting.len() };
-        match (self.sender.send(Request { what, who, reply: Some(reply) }), has_place) {
+        match (self.sender.send(Request { what, requester: who, reply: Some(reply) }), has_place) {
             (Ok(()), true) => self.waiting.push(Waiting {
                 uid,
                 shown,
@@ -166,7 +167,7 @@ impl Desk {
     /// Returns the request that the loop receives now.
     pub fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         self.rounds += 1;
-        let is_due = state.at.rests() || self.rounds.is_multiple_of(PAGE_ROUNDS);
+        let is_due = state.at.is_at_rest() || self.rounds.is_multiple_of(PAGE_ROUNDS);
         if is_due && !self.waiting.iter().any(|waiting| waiting.uid == PAGE) {
             self.ask(PAGE, RequestKind::State);
         }
@@ -179,7 +180,7 @@ impl Desk {
         }
         self.answers();
         if let Some(request) = &request
-            && request.who.front == RequestSource::Socket
+            && request.requester.front == RequestSource::Socket
             && !matches!(request.what, RequestKind::Outdated { .. })
         {
             let queued = |waiting: &&mut Waiting| waiting.queued;
@@ -223,7 +224,7 @@ impl Desk {
         let leaves = self.leaves;
         self.waiting.retain_mut(|waiting| match waiting.reply.try_recv() {
             Ok(reply) => {
-                if waiting.is_stale && reply.answer != Exit::Refused {
+                if waiting.is_stale && reply.answer != RequestResult::Refused {
                     late = Some(format!(
                         "{}, decided upon what is over, was answered {:?}",
                         waiting.words, reply.answer
@@ -253,7 +254,7 @@ impl Desk {
 
     /// Handles a report of the loop.
     pub fn on_news(&mut self, news: LoopEvent) {
-        self.handler.on_news(news);
+        self.handler.on_loop_event(news);
         self.answers();
     }
 

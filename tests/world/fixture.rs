@@ -8,7 +8,7 @@ use panelprep::geometry::{Camera, KukaPose, OrganizedCloud};
 use panelprep::locate::corner;
 use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use panelprep::recipe::Recipe;
-use panelprep::sim::{self, CornerView, PanelPosition, SEARCH_BOX_MM, Scene, Truth};
+use panelprep::sim::{self, CellTruth, CornerView, PanelPosition, SEARCH_BOX_MM, Scene};
 use panelprep::store::{CycleStart, Store};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -44,7 +44,7 @@ pub struct Fixture {
     pub cycle: CycleSetup,
     /// The simulated cells with their truth, one for each scene.
     scenes: [sim::Cell; 3],
-    truth: Truth,
+    truth: CellTruth,
     /// The files of a new store, with paths relative to its folder.
     store: Vec<(PathBuf, Vec<u8>)>,
 }
@@ -111,7 +111,7 @@ impl Fixture {
     }
 
     /// Returns the ground truth of the taught panel in the cell.
-    pub fn truth(&self) -> &Truth {
+    pub fn truth(&self) -> &CellTruth {
         &self.truth
     }
 

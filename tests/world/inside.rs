@@ -25,9 +25,9 @@ use super::script::{self, CameraHarm, Entry, Power, Press};
 use super::tamper::Tampering;
 use super::terminals::{Around, Terminals};
 use panelprep::cycle::At;
-use panelprep::devices::mock::{Clock, Controller, Executed, Programs, Sample, Setup};
+use panelprep::devices::mock::{Clock, ContactSample, Controller, ExecutedMotion, Programs, Setup};
 use panelprep::devices::robot::link_limits;
-use panelprep::eki::{CommandId, Epoch, LinkLimits, MoveLin, Pace, Session};
+use panelprep::eki::{ClockMode, CommandId, Epoch, LinkLimits, MoveLin, Session};
 use panelprep::geometry::{Base, Joints, Panel, Rigid, Tool};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -166,13 +166,13 @@ fn limits(sabotage: Option<Sabotage>) -> LinkLimits {
 
 /// Returns a client's session that is not connected.
 pub fn session(sabotage: Option<Sabotage>) -> Session {
-    Session::new(wire(), limits(sabotage), Pace::Wall)
+    Session::new(wire(), limits(sabotage), ClockMode::Wall)
 }
 
 impl Inside {
     /// Jogs the arm to its park pose, as a person does, if the arm is at rest.
     pub fn jogs_to_park(&mut self) {
-        if self.cell.controller.jog(super::fixture::Fixture::get().setup.park) {
+        if self.cell.controller.jog_to(super::fixture::Fixture::get().setup.park_pose) {
             self.oracles.jogged(self.cell.controller.joints());
             self.counts.jogs += 1;
         }
@@ -190,7 +190,7 @@ impl Inside {
             _ => None,
         };
         let (inputs, outputs) = ((1..=5).collect(), (1..=5).collect());
-        let setup = Setup { start: START, inputs, outputs, programs, left_out, ..setup(Clock::Free) };
+        let setup = Setup { start: START, inputs, outputs, programs, omitted_rule: left_out, ..setup(Clock::Free) };
         let mut cell = Cell::within(setup, limits(sabotage), 1, Box::new(Terminals(around.clone())));
         cell.delay_ms = delay_ms;
         let tampering = Arc::new(Mutex::new(Tampering::default()));
@@ -332,7 +332,7 @@ impl Inside {
     /// Notes a permit that the store has acknowledged.
     pub fn permits(&mut self, permit: Permit) {
         self.permitted = match (permit, self.permitted) {
-            (Permit::Begins(count), _) => Some((self.cell.controller.executed().len(), count)),
+            (Permit::Begins(count), _) => Some((self.cell.controller.executed_motions().len(), count)),
             (Permit::GoesOn(count), Some((before, _))) => Some((before, count)),
             (Permit::GoesOn(_), None) | (Permit::Ends, _) => None,
         };
@@ -401,8 +401,8 @@ impl Inside {
     fn executed_since(&self, before: usize) -> usize {
         let Some((epoch, first)) = self.contact else { return 0 };
         let is_on_path =
-            |step: &&Executed| step.epoch.cast_unsigned() == epoch.0 && step.id.cast_unsigned() >= first.0;
-        self.cell.controller.executed().iter().skip(before).filter(is_on_path).count()
+            |step: &&ExecutedMotion| step.epoch.cast_unsigned() == epoch.0 && step.id.cast_unsigned() >= first.0;
+        self.cell.controller.executed_motions().iter().skip(before).filter(is_on_path).count()
     }
 
     /// Checks that tool and water go off when the controller has received nothing from its client for the
@@ -421,7 +421,7 @@ impl Inside {
 
     fn take_violation(&mut self) {
         self.judge_permits();
-        let [off, hole] = self.aims.look(self.cell.controller.executed());
+        let [off, hole] = self.aims.look(self.cell.controller.executed_motions());
         if let Some(what) = off.filter(|_| !self.is_strange()).or(hole) {
             self.wrong("aim", what);
         }
@@ -466,7 +466,7 @@ impl Inside {
     }
 
     /// The positions of the tool, up to that moment.
-    pub fn trace(&self, until_ms: u64) -> Vec<Sample> {
+    pub fn trace(&self, until_ms: u64) -> Vec<ContactSample> {
         self.cell.controller.trace().iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
     }
 

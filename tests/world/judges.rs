@@ -33,7 +33,7 @@ pub fn look(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Req
 /// Checks that a stop or an abort ends all motion, in every state.
 fn stops(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Request, u64)>) {
     let Some((request, since_ms)) = *stopping else { return };
-    let is_over = state.at.rests();
+    let is_over = state.at.is_at_rest();
     let bound_ms = if request == cycle::Request::Stop { STOP_MS } else { ABORT_MS };
     // The time for which faults block link and controller is added to the allowed time of a stop.
     let bound_ms = bound_ms + world.lasts_until_ms.saturating_sub(since_ms).min(20_000);
@@ -110,8 +110,8 @@ fn agrees(world: &mut Inside, state: &State) {
         world.wrong("facts", "the lens is taken for clear, and it is shut".to_owned());
     }
     if facts.arm == Some(Path::Park) && state.due.is_none() {
-        let park = super::fixture::Fixture::get().setup.park;
-        let off_deg = world.cell.controller.joints().farthest_deg(&park);
+        let park = super::fixture::Fixture::get().setup.park_pose;
+        let off_deg = world.cell.controller.joints().max_difference_deg(&park);
         if off_deg > PARKED_DEG {
             world.wrong("facts", format!("the arm is taken for parked, and stands {off_deg:.2}° off"));
         }
@@ -124,8 +124,8 @@ fn agrees(world: &mut Inside, state: &State) {
 
 /// Judges the cell when a 3D shot is about to be taken.
 pub fn scans(world: &mut Inside) {
-    let park = super::fixture::Fixture::get().setup.park;
-    let is_parked = world.cell.controller.joints().farthest_deg(&park) <= PARKED_DEG;
+    let park = super::fixture::Fixture::get().setup.park_pose;
+    let is_parked = world.cell.controller.joints().max_difference_deg(&park) <= PARKED_DEG;
     let moves = world.cell.controller.is_moving();
     let is_lit = world.is_on(1);
     // A program that receives false reports, or was just disturbed, may well be wrong.
@@ -147,7 +147,7 @@ pub fn concluded(world: &mut Inside, verdict: Verdict) {
     };
     if is_untrue {
         let stands = world.stands;
-        world.wrong("verdict", format!("the verdict is {}, and there stands {stands:?}", verdict.word()));
+        world.wrong("verdict", format!("the verdict is {}, and there stands {stands:?}", verdict.keyword()));
     }
 }
 

@@ -62,7 +62,7 @@ pub enum CommandSummary {
 /// Checks that no record has a verdict that is better than its worst finding, and checks the conditions of a pass once
 /// more.
 fn earned(record: &CycleRecord) -> Result<(), String> {
-    if let Some(words) = record.unearned().first() {
+    if let Some(words) = record.verdict_contradictions().first() {
         return Err(words.clone());
     }
     let Some(judgement) = record.judgement.as_ref().filter(|judgement| judgement.verdict == Verdict::Pass) else {
@@ -273,10 +273,10 @@ impl Ledger {
     fn cycle_holds(&self, cycle: CycleId, record: &CycleRecord) -> Result<(), String> {
         let kept = record.judgement.as_ref().map(|judgement| judgement.verdict);
         if let Some(verdict) = self.verdicts.get(&cycle).filter(|verdict| kept != Some(**verdict)) {
-            return Err(format!("it was concluded as {}, the store has {kept:?}", verdict.word()));
+            return Err(format!("it was concluded as {}, the store has {kept:?}", verdict.keyword()));
         }
         if let Some(verdict) = self.decided.get(&cycle).filter(|verdict| kept != Some(**verdict)) {
-            return Err(format!("it was about to be concluded as {}, a start has {kept:?}", verdict.word()));
+            return Err(format!("it was about to be concluded as {}, a start has {kept:?}", verdict.keyword()));
         }
         let paths = record.motions.iter().filter_map(|motion| motion.contact.as_ref());
         let may: Vec<u32> = paths.map(|contact| contact.permitted).collect();
@@ -307,7 +307,7 @@ impl Ledger {
     pub fn close(&self, folder: &Path) -> Result<(), String> {
         let words = |error: &dyn std::error::Error| error.to_string();
         let verified = Store::verify(folder, true).map_err(|error| words(&error))?;
-        if let Some(found) = verified.found.first() {
+        if let Some(found) = verified.differences.first() {
             return Err(format!("the store does not verify: {found}"));
         }
         let store = Store::open(folder).map_err(|error| words(&error))?;
@@ -328,7 +328,7 @@ impl Ledger {
             let Some(judgement) = &record.judgement else {
                 return Err(format!("cycle {cycle} ended without a verdict"));
             };
-            let word = judgement.verdict.word();
+            let word = judgement.verdict.keyword();
             // The page of a cycle that a person stopped states this.
             let is_stopped = judgement.verdict == Verdict::Aborted && page.contains("<b>stopped on request</b>");
             if !is_stopped && !page.contains(&format!("<b>{word}</b>")) {

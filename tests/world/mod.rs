@@ -63,10 +63,10 @@ use fixture::{CellContents, Fixture};
 use inside::Shared;
 use ledger::Ledger;
 use panelprep::cycle::At;
-use panelprep::daemon::{self, Computing, LoopStart, Memory, Ports, StoreRecord};
+use panelprep::daemon::{self, Computing, LoopPorts, LoopStart, Memory, StoreRecord};
 use panelprep::devices::mock::Programs;
 use panelprep::store::{Store, StoreError};
-use panelprep::tape::Begin;
+use panelprep::tape::LoopMemoryStart;
 use people::{AFTERMATH_MS, Aim, People};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -160,7 +160,7 @@ impl World {
             return None;
         }
         let mut programs = SHIPPED.clone();
-        (programs.seed, programs.adverse) = (self.seed, true);
+        (programs.seed, programs.is_adverse_scheduling) = (self.seed, true);
         Some(programs)
     }
 
@@ -381,16 +381,21 @@ impl Running {
         let cameras = Box::new(Cameras::new(self.world.clone()));
         let looks = self.world.clone();
         let sees = Box::new(move |act| cameras::seen(&looks, act));
-        let ports = Ports {
+        let ports = LoopPorts {
             robot: &mut robot,
             tool: &mut daemon::LinkedTool::default(),
             record: &mut record,
             requests: &mut self.people,
-            computing: Computing::inline(cameras, false).remembering(MEMORY.clone(), sees),
+            computing: Computing::inline(cameras, false).with_memory(MEMORY.clone(), sees),
             lock_step: false,
         };
-        let start = LoopStart { cell: Fixture::get().setup.clone(), cycle: None, state, before: Begin::Boot };
+        let start =
+            LoopStart { cell: Fixture::get().setup.clone(), cycle: None, state, before: LoopMemoryStart::Boot };
         let left = daemon::run(start, ports).map_err(|error| ("the loop goes on", error.to_string()))?.state;
-        if left.at.rests() { Ok(()) } else { Err(("the loop goes on", format!("it was left in {:?}", left.at))) }
+        if left.at.is_at_rest() {
+            Ok(())
+        } else {
+            Err(("the loop goes on", format!("it was left in {:?}", left.at)))
+        }
     }
 }

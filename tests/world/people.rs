@@ -13,8 +13,8 @@ use super::sabotage::Sabotage;
 use super::script::{self, Press};
 use panelprep::cycle::{self, At, Cause, Id, Robot, State, Trouble, Why};
 use panelprep::daemon::{LoopEvent, Port, Request, RequestAnswer, RequestCommand, RequestKind};
-use panelprep::record::{ANOTHER_PART, CycleId, LostPasses, RequestedAction};
-use panelprep::supervision::{Failure, ThreadFault};
+use panelprep::record::{ANOTHER_PART_TEXT, CycleId, LostPasses, RequestedAction};
+use panelprep::supervision::{ThreadFailure, ThreadFault};
 use panelprep::verdict::Verdict;
 use std::collections::VecDeque;
 use std::path::Path;
@@ -186,7 +186,7 @@ impl People {
                 }
             }
         }
-        if state.at.rests() && std::mem::take(&mut self.is_cause_due) && !asks_for_a_jog(state) {
+        if state.at.is_at_rest() && std::mem::take(&mut self.is_cause_due) && !asks_for_a_jog(state) {
             judges::ends_by_itself(&mut self.world.lock(), Verdict::Aborted);
         }
         let request = desk.next(state)?;
@@ -220,7 +220,7 @@ impl People {
 
     fn notes(&mut self, what: &RequestKind, state: &State, now_ms: u64) {
         if let RequestKind::Table(request @ (cycle::Request::Stop | cycle::Request::Abort)) = what
-            && !state.at.rests()
+            && !state.at.is_at_rest()
         {
             self.stopping.get_or_insert((*request, now_ms));
         }
@@ -236,7 +236,7 @@ impl People {
         }
         match (self.aim, state.at) {
             (Aim::Leave, At::Held(_)) => table(cycle::Request::Stop),
-            (Aim::Leave, at) if at.rests() => Some(RequestKind::Leave),
+            (Aim::Leave, at) if at.is_at_rest() => Some(RequestKind::Leave),
             (Aim::Leave, At::Stopping { .. } | At::Aborting { .. } | At::Clearing { .. }) => None,
             (Aim::Leave, _) => table(cycle::Request::Stop),
             // A cycle that was in progress when the faults ended is stopped.
@@ -277,7 +277,7 @@ impl People {
             Aim::Recover { whole: true } => {
                 // A cycle that only found the arm at an unknown pose does not count as the new one.
                 let is_next = asks_for_a_jog(state) && self.taken_away < MAX_ATTEMPTS;
-                has_begun && state.at.rests() && !state.job.running && !is_next
+                has_begun && state.at.is_at_rest() && !state.job.running && !is_next
             }
             Aim::Recover { whole: false } => {
                 has_begun && matches!(state.at, At::Execute(_) | At::Completing { .. } | At::Complete { .. })
@@ -312,7 +312,7 @@ impl People {
                         judges::ends_by_itself(&mut world, *verdict);
                     }
                 }
-                *world.counts.verdicts.entry(verdict.word()).or_default() += 1;
+                *world.counts.verdicts.entry(verdict.keyword()).or_default() += 1;
                 judges::concluded(&mut world, *verdict);
             }
             LoopEvent::Unable(reasons) => {
@@ -363,7 +363,7 @@ impl Port<RequestCommand> for People {
             // a judge has found something.
             RequestCommand::Next(_) if disk::is_over() || self.world.lock().violation.is_some() => {
                 let thread = "the process".to_owned();
-                RequestAnswer::Next(Err(ThreadFault { thread, what: Failure::Ended }))
+                RequestAnswer::Next(Err(ThreadFault { thread, failure: ThreadFailure::Ended }))
             }
             RequestCommand::Next(state) => RequestAnswer::Next(self.next(&state)),
             RequestCommand::LetsIn(id) => RequestAnswer::LetsIn(self.admit(id).then_some(id)),
@@ -400,7 +400,7 @@ impl Inside {
 fn begin(Stated { is_another_part, lost_passes }: Stated) -> RequestKind {
     let mut prepared = Fixture::get().prepared();
     if is_another_part {
-        prepared.start.file_texts.push((ANOTHER_PART.to_owned(), "yes".to_owned()));
+        prepared.start.file_texts.push((ANOTHER_PART_TEXT.to_owned(), "yes".to_owned()));
     }
     if let Some(passes) = lost_passes {
         prepared.start.file_texts.push((LostPasses::FILE.to_owned(), format!("passes = {passes}\n")));

@@ -10,7 +10,7 @@ use super::wear::Wear;
 use panelprep::cycle::{Outcome, Path};
 use panelprep::daemon::{Figure, Note, Port, RecordAnswer, RecordCommand, RecordError, StoreRecord};
 use panelprep::geometry::ColorPicture;
-use panelprep::record::{ANOTHER_PART, ContactPath, Kind};
+use panelprep::record::{ANOTHER_PART_TEXT, ContactPath, Kind};
 use panelprep::store::Store;
 use panelprep::verdict::Verdict;
 use std::path::Path as Folder;
@@ -117,7 +117,7 @@ impl Record<'_> {
                 }
                 if touched.has_part() {
                     world.counts.judged("no count that falls");
-                    let counted = Store::open(self.folder).and_then(|store| store.abraded_before(*cycle));
+                    let counted = Store::open(self.folder).and_then(|store| store.earlier_abrasions(*cycle));
                     let forgotten = match counted {
                         Ok(counted) => touched.uncounted(Some(*cycle), &counted),
                         Err(error) => Some(error.to_string()),
@@ -171,7 +171,7 @@ impl Counted {
             RecordCommand::OpenContact { path, .. } => Counted::Opens(path.clone()),
             RecordCommand::CloseIntent { .. } => Counted::Closes,
             RecordCommand::Begin(start) => {
-                Counted::Begins { another: start.file_texts.iter().any(|(name, _)| name == ANOTHER_PART) }
+                Counted::Begins { another: start.file_texts.iter().any(|(name, _)| name == ANOTHER_PART_TEXT) }
             }
             RecordCommand::Note(Note::Finding(finding)) if finding.kind == Kind::Inspect => Counted::Finds,
             _ => Counted::Nothing,
@@ -268,7 +268,7 @@ pub fn shrunk(note: Note) -> Note {
 /// Keeps single pixels at regular intervals, so that different pictures give different files.
 fn small(picture: &ColorPicture) -> ColorPicture {
     let (width, height) = (picture.width.clamp(1, SMALL_PX), picture.height.clamp(1, SMALL_PX));
-    let mut small = ColorPicture::filled(width, height, [0; 3]);
+    let mut small = ColorPicture::uniform(width, height, [0; 3]);
     for (index, pixel) in small.rgb.iter_mut().enumerate() {
         let (u, v) = (index % width * picture.width / width, index / width * picture.height / height);
         *pixel = picture.rgb[v * picture.width + u];

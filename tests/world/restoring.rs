@@ -29,11 +29,11 @@ pub fn backs_up(world: &mut Inside, store: &Path, ledger: &Ledger) {
     let archive = store.with_file_name("backup");
     let _ = std::fs::remove_file(&archive);
     match backup::write(&archive, Some(store), None, 0) {
-        Ok(written) if written.found.is_empty() => {
+        Ok(written) if written.differences.is_empty() => {
             world.counts.backups += 1;
             world.backup = Some(Backup { archive, ledger: ledger.clone() });
         }
-        Ok(written) => world.wrong("backup", format!("the store does not verify: {:?}", written.found)),
+        Ok(written) => world.wrong("backup", format!("the store does not verify: {:?}", written.differences)),
         Err(error) => world.wrong("backup", error.to_string()),
     }
 }
@@ -47,18 +47,20 @@ impl Running {
             archive: &backup.archive,
             cell: Path::new("/nowhere/cell.toml"),
             store: Some(&self.store()),
-            wanted: RestoredParts { store: true, configuration: false },
+            parts: RestoredParts { store: true, configuration: false },
             permission: Permission { replace_store: true, ..Permission::default() },
             last_cycle: None,
         };
         let restored = backup::restore(&plan);
         let mut world = self.world.lock();
         match restored {
-            Ok(restored) if restored.found.is_empty() => {
+            Ok(restored) if restored.differences.is_empty() => {
                 world.counts.restores += 1;
-                restored.kept.iter().for_each(|kept| drop(std::fs::remove_dir_all(kept)));
+                restored.replaced_files.iter().for_each(|kept| drop(std::fs::remove_dir_all(kept)));
             }
-            Ok(restored) => world.wrong("restore", format!("the backup does not verify: {:?}", restored.found)),
+            Ok(restored) => {
+                world.wrong("restore", format!("the backup does not verify: {:?}", restored.differences))
+            }
             Err(error) => world.wrong("restore", error.to_string()),
         }
         if world.truth.reboots > 0 {

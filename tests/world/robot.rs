@@ -89,7 +89,7 @@ impl Port<RobotCommand> for Robot {
             None => Some(command),
         };
         let Some(command) = command else { return RobotAnswer::Done(Ok(())) };
-        let now = Time::at_ms(world.now_ms());
+        let now = Time::from_ms(world.now_ms());
         match command {
             RobotCommand::Send(command) => {
                 match &command {
@@ -119,7 +119,7 @@ impl Port<RobotCommand> for Robot {
                 }
                 RobotAnswer::Queued(queued)
             }
-            RobotCommand::Permit(last) => RobotAnswer::Done(world.cell.session.permit(last)),
+            RobotCommand::Permit(last) => RobotAnswer::Done(world.cell.session.permit_commands(last)),
             RobotCommand::OpenEpoch(above) => RobotAnswer::Epoch(world.cell.session.open_epoch_above(above)),
             RobotCommand::Abort => RobotAnswer::Done(world.cell.session.abort()),
             RobotCommand::Next | RobotCommand::Now => RobotAnswer::Time(now),

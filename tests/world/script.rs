@@ -234,8 +234,8 @@ const OFTEN: [&str; 5] = ["wet", "verify", "abrade", "retract", "rinse"];
 /// Returns the name of a state; for the state Execute, the name of its phase.
 pub fn place(at: At) -> &'static str {
     match at {
-        At::Execute(phase) => phase.word(),
-        at => at.word(),
+        At::Execute(phase) => phase.keyword(),
+        at => at.keyword(),
     }
 }
 

@@ -1,7 +1,7 @@
 //! The grids that the arm touched, from the motions that the controller executed. No count of the store may forget
 //! them before the part has its result, or before another part is in the cell.
 
-use panelprep::record::{Abraded, ContactPath, CycleId, CycleRecord, EarlierPass, abraded};
+use panelprep::record::{AbradedGrid, ContactPath, CycleId, CycleRecord, EarlierPass, abraded_grids};
 use std::collections::BTreeSet;
 
 /// A grid in a pass of a cycle: cycle, pass, grid.
@@ -100,10 +100,10 @@ impl Touched {
     pub fn unrecorded(&self, cycle: CycleId, record: &CycleRecord) -> Option<String> {
         let mut places = self.all.iter().filter(|(of, ..)| *of == cycle).peekable();
         places.peek()?;
-        let counted = abraded(&record.findings, &record.motions);
+        let counted = abraded_grids(&record.findings, &record.motions);
         let knows = |(_, pass, grid): &Place| {
             let is_it =
-                |known: &Abraded| known.pass == *pass && known.grid.as_ref().is_none_or(|known| known == grid);
+                |known: &AbradedGrid| known.pass == *pass && known.grid.as_ref().is_none_or(|known| known == grid);
             counted.iter().any(is_it)
         };
         let (_, pass, grid) = places.find(|place| !knows(place))?;

@@ -22,16 +22,19 @@ pub struct Killed {
 
 /// Kills the worker this number of times, each at a random moment of a capture, a transfer, a rest or a start.
 pub fn killed(mut scanner: ZividScanner, times: usize, random: &mut impl RngExt) -> Killed {
-    scanner.ready(START_TIMEOUT).expect("ready");
-    let (is_over, status) = (AtomicBool::new(false), scanner.watch());
+    scanner.wait_ready(START_TIMEOUT).expect("ready");
+    let (is_over, status) = (AtomicBool::new(false), scanner.monitor());
     thread::scope(|scope| {
         let asks = scope.spawn(|| {
             let (mut delivered, mut turn) = (0, 0);
             while !is_over.load(Ordering::Relaxed) {
                 turn += 1;
                 // Every fourth request is a picture, and sometimes there is a pause.
-                let asked =
-                    if turn % 4 == 0 { scanner.photo().map(drop) } else { scanner.shot().map(|shot| right(&shot)) };
+                let asked = if turn % 4 == 0 {
+                    scanner.take_picture().map(drop)
+                } else {
+                    scanner.take_scan().map(|shot| right(&shot))
+                };
                 delivered += usize::from(asked.is_ok());
                 if asked.is_err() || turn % 7 == 0 {
                     thread::sleep(Duration::from_millis(5));
@@ -46,7 +49,7 @@ pub fn killed(mut scanner: ZividScanner, times: usize, random: &mut impl RngExt)
                 assert!(since.elapsed() < START_TIMEOUT, "no worker comes");
                 thread::sleep(Duration::from_millis(2));
             }
-            while status.lost() < kill {
+            while status.lost_workers() < kill {
                 assert!(
                     since.elapsed() < START_TIMEOUT,
                     "kill {kill} was not noticed: {:?}",
@@ -57,11 +60,11 @@ pub fn killed(mut scanner: ZividScanner, times: usize, random: &mut impl RngExt)
         }
         is_over.store(true, Ordering::Relaxed);
         let (mut scanner, mut delivered) = asks.join().expect("who asks is never stopped");
-        scanner.ready(START_TIMEOUT).expect("started again");
-        right(&scanner.shot().expect("it delivers again"));
+        scanner.wait_ready(START_TIMEOUT).expect("started again");
+        right(&scanner.take_scan().expect("it delivers again"));
         delivered += 1;
         let faults = status.faults();
-        assert_eq!((faults.len(), status.lost()), (times, times), "each kill is one fault: {faults:#?}");
+        assert_eq!((faults.len(), status.lost_workers()), (times, times), "each kill is one fault: {faults:#?}");
         let mut killed = Killed { delivered, ..Killed::default() };
         for fault in faults {
             let during = match &fault {

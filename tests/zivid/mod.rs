@@ -8,7 +8,7 @@ pub mod stub;
 use panelprep::daemon::{CameraPort, Cameras};
 use panelprep::devices::cameras::{Conditions, RecordedFlangeCamera, Scanner};
 use panelprep::devices::zivid::{
-    Flicker, Launcher, Restarts, Setup, Source, Warmth, ZividFault, ZividScanner, launcher,
+    CameraSetup, Flicker, Restarts, Source, WarmUpState, WorkerLauncher, ZividFault, ZividScanner, command_launcher,
 };
 use panelprep::geometry::PinholeCamera;
 use rand::SeedableRng;
@@ -20,13 +20,13 @@ const TIMEOUT: Duration = Duration::from_secs(60);
 
 fn ready(
     lines: &str,
-    patience: impl Fn(&mut panelprep::devices::zivid::Setup),
+    patience: impl Fn(&mut panelprep::devices::zivid::CameraSetup),
 ) -> (tempfile::TempDir, ZividScanner) {
     let folder = tempfile::tempdir().expect("a folder");
     let (mut setup, launch) = stub::camera(folder.path(), SMALL, lines);
     patience(&mut setup);
     let scanner = ZividScanner::start(setup, launch).expect("a thread");
-    scanner.ready(TIMEOUT).expect("ready");
+    scanner.wait_ready(TIMEOUT).expect("ready");
     (folder, scanner)
 }
 
@@ -47,30 +47,30 @@ fn each_planted_fault_of_the_camera_is_named() {
     ];
     for (fault, words) in cases {
         let (_folder, mut scanner) =
-            ready(&format!("fault 2 {fault}\n"), |setup| setup.patience.scan = Duration::from_millis(500));
-        let told = scanner.shot().expect_err(fault).to_string();
+            ready(&format!("fault 2 {fault}\n"), |setup| setup.timeouts.scan = Duration::from_millis(500));
+        let told = scanner.take_scan().expect_err(fault).to_string();
         assert!(told.starts_with(words), "{fault}: {told}");
         let since = Instant::now();
         // A worker that was started again counts its exposures from one: its second exposure fails again.
-        while !["hang", "crash"].contains(&fault) && scanner.shot().is_err() {
+        while !["hang", "crash"].contains(&fault) && scanner.take_scan().is_err() {
             assert!(since.elapsed() < TIMEOUT, "{fault}: {:?}", scanner.history());
             std::thread::sleep(Duration::from_millis(10));
         }
     }
     let (_folder, mut scanner) = ready("fault 2 throw\nfault 3 throw\nfault 5 throttled\n", |_| ());
-    scanner.shot().expect("the third try");
-    let told = scanner.photo().expect_err("hot").to_string();
+    scanner.take_scan().expect("the third try");
+    let told = scanner.take_picture().expect_err("hot").to_string();
     assert!(told.starts_with("C3 the 3D camera is hot and paused for 2500 ms during a picture"), "{told}");
 }
 
 /// Returns a camera on the network, played from these lines, and its workers.
-fn on_the_network(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (Setup, Launcher) {
+fn on_the_network(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (CameraSetup, WorkerLauncher) {
     let (setup, _) = stub::camera(folder, [width, height], lines);
     let named = format!("PANELPREP_ZIVID_STUB={}", folder.join("camera.zfc").display());
     let program = env!("CARGO_BIN_EXE_panelprep");
     let arguments =
         [named.into(), program.into(), "zivid-worker".into(), "--library".into(), stub::library().into()];
-    (Setup { source: Source::Only, ..setup }, launcher("/usr/bin/env".into(), arguments.into()))
+    (CameraSetup { source: Source::Only, ..setup }, command_launcher("/usr/bin/env".into(), arguments.into()))
 }
 
 /// A camera that is connected and does not open is not reported with "is its cable in?".
@@ -88,7 +88,7 @@ fn a_camera_that_is_there_and_does_not_open_says_why() {
         let folder = tempfile::tempdir().expect("a folder");
         let (setup, launch) = on_the_network(folder.path(), SMALL, &format!("status {status}\n"));
         let scanner = ZividScanner::start(setup, launch).expect("a thread");
-        let told = scanner.ready(TIMEOUT).expect_err(status).to_string();
+        let told = scanner.wait_ready(TIMEOUT).expect_err(status).to_string();
         assert!(
             told.starts_with(words) && told.contains("In the SDK's words: the camera cannot be connected"),
             "{told}"
@@ -98,8 +98,8 @@ fn a_camera_that_is_there_and_does_not_open_says_why() {
     let folder = tempfile::tempdir().expect("a folder");
     let (setup, launch) = on_the_network(folder.path(), SMALL, "");
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
-    scanner.ready(TIMEOUT).expect("this one opens");
-    scanner.shot().expect("and delivers");
+    scanner.wait_ready(TIMEOUT).expect("this one opens");
+    scanner.take_scan().expect("and delivers");
 }
 
 /// Calculated by hand: 30 °C at the first exposure, which warms up, and half a degree more at each later one. The
@@ -108,19 +108,19 @@ fn a_camera_that_is_there_and_does_not_open_says_why() {
 fn each_shot_tells_its_own_temperature_and_exposure() {
     let (_folder, mut scanner) = ready("lens 30\nwarms 0.5\nfault 4 throttled\nlight grid50hz 100\n", |_| ());
     assert_eq!(scanner.conditions(), Conditions::default(), "no shot yet that anybody asked for");
-    scanner.shot().expect("a shot");
+    scanner.take_scan().expect("a shot");
     let told = |exposure_us, camera_c, throttled_ms| Conditions {
         exposure_us: Some(exposure_us),
         camera_c: Some(camera_c),
         throttled_ms: Some(throttled_ms),
     };
     assert_eq!(scanner.conditions(), told(10_000.0, 30.5, 0.0));
-    scanner.photo().expect("a picture");
+    scanner.take_picture().expect("a picture");
     assert_eq!(scanner.conditions(), told(20_000.0, 31.0, 0.0));
-    scanner.shot().expect("a scene that stands bears a pause");
+    scanner.take_scan().expect("a scene that stands bears a pause");
     assert_eq!(scanner.conditions(), told(10_000.0, 31.5, 2_500.0));
-    assert!(matches!(scanner.warmth(), Warmth::NotFollowed { followed_s } if followed_s < 600.0));
-    let light = scanner.light().expect("a look at the light");
+    assert!(matches!(scanner.temperature_state(), WarmUpState::NoReadings { followed_s } if followed_s < 600.0));
+    let light = scanner.measure_ambient_light().expect("a look at the light");
     assert_eq!((light.flicker, light.frequency.as_str()), (Flicker::Grid50Hz, "100"));
 }
 
@@ -133,7 +133,7 @@ fn a_film_that_is_not_watched_has_a_gap() {
     let mut eyes = Cameras { scanner, flange };
     let dry_s = eyes.picture().expect("a picture").time_s;
     eyes.begin_film(50.0).expect("begun");
-    let mut next = || eyes.next_of_film().expect("it goes on").expect("it is waited for").time_s;
+    let mut next = || eyes.next_film_picture().expect("it goes on").expect("it is waited for").time_s;
     let before: Vec<f64> = (0..5).map(|_| next()).collect();
     assert!(before[0] > dry_s && before.is_sorted_by(|a, b| a < b), "{dry_s} {before:?}");
     std::thread::sleep(Duration::from_millis(500));
@@ -156,7 +156,7 @@ fn a_camera_that_crashes_its_process_each_time_is_left_alone() {
     let folder = tempfile::tempdir().expect("a folder");
     let (setup, launch) = stub::camera(folder.path(), SMALL, "fault 1 crash\n");
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
-    let down = scanner.ready(TIMEOUT).expect_err("down");
+    let down = scanner.wait_ready(TIMEOUT).expect_err("down");
     assert!(matches!(down, ZividFault::Down { ended: 4, allowed: 3, .. }), "{down}");
     assert!(down.to_string().contains("Last: C11 the 3D camera's worker ended (signal: 6 (SIGABRT)"), "{down}");
     assert!(matches!(scanner.temperatures(), Err(ZividFault::Down { .. })));
@@ -168,9 +168,10 @@ fn a_worker_without_its_library_says_what_to_do() {
     let folder = tempfile::tempdir().expect("a folder");
     let (setup, _) = stub::camera(folder.path(), SMALL, "");
     let arguments = ["zivid-worker".into(), "--library".into(), folder.path().join("none.so").into()];
-    let launch = panelprep::devices::zivid::launcher(env!("CARGO_BIN_EXE_panelprep").into(), arguments.into());
+    let launch =
+        panelprep::devices::zivid::command_launcher(env!("CARGO_BIN_EXE_panelprep").into(), arguments.into());
     let scanner = ZividScanner::start(setup, launch).expect("a thread");
-    let told = scanner.ready(TIMEOUT).expect_err("none").to_string();
+    let told = scanner.wait_ready(TIMEOUT).expect_err("none").to_string();
     assert!(told.starts_with("C1 the 3D camera's worker cannot run: ") && told.contains("`make zivid`"), "{told}");
 }
 
@@ -180,7 +181,7 @@ fn a_worker_without_its_library_says_what_to_do() {
 fn five_kills_are_five_named_faults() {
     let folder = tempfile::tempdir().expect("a folder");
     let (mut setup, launch) = stub::camera(folder.path(), [1944, 1200], "");
-    setup.restarts = Restarts { most: 1_000, ..Restarts::default() };
+    setup.restarts = Restarts { max_restarts: 1_000, ..Restarts::default() };
     let scanner = ZividScanner::start(setup, launch).expect("a thread");
     let killed = kills::killed(scanner, 5, &mut rand_pcg::Pcg64::seed_from_u64(9));
     assert_eq!(killed.named.values().sum::<usize>(), 5, "{killed:?}");

@@ -1,6 +1,8 @@
 //! The camera library with the played camera, and cameras behind real workers; for tests and the bench.
 
-use panelprep::devices::zivid::{Launcher, Patience, Restarts, Setup, Size, Source, launcher};
+use panelprep::devices::zivid::{
+    AnswerTimeouts, CameraSetup, Restarts, Size, Source, WorkerLauncher, command_launcher,
+};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -11,25 +13,25 @@ pub use built::{PICTURE, SCAN, library};
 
 /// Returns a camera of this size that is played from a file of these lines, and its launcher: this program runs as
 /// the worker.
-pub fn camera(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (Setup, Launcher) {
+pub fn camera(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (CameraSetup, WorkerLauncher) {
     let file = folder.join("camera.zfc");
     std::fs::write(&file, format!("width {width}\nheight {height}\n{lines}")).expect("written");
-    let setup = Setup {
+    let setup = CameraSetup {
         source: Source::File(file),
         serial: None,
         size: Size { width, height },
         scan_yaml: SCAN.to_owned(),
         picture_yaml: PICTURE.to_owned(),
         restarts: Restarts::default(),
-        patience: Patience {
+        timeouts: AnswerTimeouts {
             search: Duration::from_millis(20),
             // A machine that builds at the same time may be very slow; stalls are tested with a shorter time limit.
             scan: Duration::from_secs(100),
             picture: Duration::from_secs(100),
-            words: Duration::from_secs(100),
-            ..Patience::default()
+            settings_and_temperatures: Duration::from_secs(100),
+            ..AnswerTimeouts::default()
         },
     };
     let arguments = ["zivid-worker".into(), "--library".into(), library().into()];
-    (setup, launcher(PathBuf::from(env!("CARGO_BIN_EXE_panelprep")), arguments.into()))
+    (setup, command_launcher(PathBuf::from(env!("CARGO_BIN_EXE_panelprep")), arguments.into()))
 }

@@ -10,7 +10,7 @@ pub struct OfficeAccount {
     pub name: String,
     /// The owner's printed name.
     pub printed_name: String,
-    /// The password's hash (`accounts::hashed`).
+    /// The password's hash (`accounts::hash_password`).
     pub password_hash: String,
 }
 
@@ -34,7 +34,7 @@ impl Reader {
     ///
     /// # Errors
     /// If the database does not answer.
-    pub async fn keep_account(&self, account: &OfficeAccount) -> Result<(), ArchiveError> {
+    pub async fn store_account(&self, account: &OfficeAccount) -> Result<(), ArchiveError> {
         let sql = "INSERT INTO accounts (name, printed_name, password_hash) VALUES ($1, $2, $3)
             ON CONFLICT (name) DO UPDATE SET printed_name = EXCLUDED.printed_name, password_hash = EXCLUDED.password_hash";
         let OfficeAccount { name, printed_name, password_hash } = account;

@@ -15,16 +15,16 @@ pub struct CellNow {
     /// The state that it reported.
     pub state: Option<CellState>,
     /// The number of its records that the archive lacks, by its last report; `None` if it reported nothing.
-    pub behind: Option<u64>,
+    pub missing_records: Option<u64>,
     /// The newest cycle: number, verdict and when it began, s since 1970.
     pub last: Option<(i64, String, i64)>,
     /// The cell's cycles of the last day, by their verdicts.
-    pub day: Vec<Counted>,
+    pub last_day_counts: Vec<VerdictCount>,
 }
 
 /// The number of cycles with a verdict.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Counted {
+pub struct VerdictCount {
     /// The verdict's word.
     pub verdict: String,
     /// How many.
@@ -49,9 +49,9 @@ impl Reader {
         let day_s = now_unix_ms / 1_000 - 86_400;
         let counts = "SELECT cell, verdict, count(*) FROM cycles WHERE started_unix_s >= $1 GROUP BY cell, verdict
             ORDER BY cell, verdict";
-        let mut day: BTreeMap<String, Vec<Counted>> = BTreeMap::new();
+        let mut day: BTreeMap<String, Vec<VerdictCount>> = BTreeMap::new();
         for row in self.rows(counts, &[&day_s]).await? {
-            day.entry(row.get(0)).or_default().push(Counted { verdict: row.get(1), count: row.get(2) });
+            day.entry(row.get(0)).or_default().push(VerdictCount { verdict: row.get(1), count: row.get(2) });
         }
         let mut archived: BTreeMap<(String, String), i64> = BTreeMap::new();
         for row in self.rows("SELECT cell, epoch, archived FROM epochs", &[]).await? {
@@ -70,7 +70,7 @@ impl Reader {
             });
             let last = row.get::<_, Option<i64>>(3).map(|cycle| (cycle, row.get(4), row.get(5)));
             let day = day.remove(&cell).unwrap_or_default();
-            CellNow { heard_unix_ms: row.get(1), state, behind, last, day, cell }
+            CellNow { heard_unix_ms: row.get(1), state, missing_records: behind, last, last_day_counts: day, cell }
         };
         Ok((self.rows(known, &[]).await?.into_iter().map(cell).collect(), now_unix_ms))
     }

@@ -56,7 +56,7 @@ pub struct CycleRow {
 
 /// A signature of a cycle's record.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct SignedBy {
+pub struct RecordSignature {
     /// The number of the statement among all statements of its cell.
     pub statement: i64,
     /// Its SHA-256.
@@ -73,7 +73,7 @@ pub struct Record {
     /// The cycle.
     pub row: CycleRow,
     /// Signatures, in order.
-    pub signed: Vec<SignedBy>,
+    pub signed: Vec<RecordSignature>,
     /// The content of the cell's own statement; `None` if it has not arrived.
     pub statement: Option<SignedCycle>,
 }
@@ -139,13 +139,13 @@ impl Reader {
         let sql =
             "SELECT statement, record_hash, unix_ms, name, meaning FROM signatures WHERE cell = $1 AND cycle = $2
             ORDER BY statement";
-        let signed = self.rows(sql, &[&cell, &cycle]).await?.into_iter().map(|row| SignedBy {
+        let signed = self.rows(sql, &[&cell, &cycle]).await?.into_iter().map(|row| RecordSignature {
             statement: row.get(0),
             record_hash: row.get(1),
             unix_ms: row.get(2),
             person: row.get::<_, Option<String>>(3).zip(row.get::<_, Option<String>>(4)),
         });
-        let signed: Vec<SignedBy> = signed.collect();
+        let signed: Vec<RecordSignature> = signed.collect();
         let mut statement = None;
         if let Some(own) = signed.iter().rfind(|one| one.person.is_none()) {
             let sql = "SELECT content FROM records JOIN signatures USING (cell, epoch, number)

@@ -11,8 +11,8 @@ mod reader;
 mod recipes;
 
 pub use accounts::OfficeAccount;
-pub use cells::{CellNow, Counted};
-pub use cycles::{CycleQuery, CycleRow, Record, SignedBy};
+pub use cells::{CellNow, VerdictCount};
+pub use cycles::{CycleQuery, CycleRow, Record, RecordSignature};
 pub use numbers::CellNumbers;
 pub use reader::Reader;
 pub use recipes::RecipeUse;

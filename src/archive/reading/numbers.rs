@@ -16,7 +16,7 @@ pub struct CellNumbers {
     pub points: Vec<TrendPoint>,
 }
 
-fn by_cell(values: impl Iterator<Item = (String, TrendPoint)>) -> Vec<CellNumbers> {
+fn group_by_cell(values: impl Iterator<Item = (String, TrendPoint)>) -> Vec<CellNumbers> {
     let mut cells: BTreeMap<String, Vec<TrendPoint>> = BTreeMap::new();
     for (cell, point) in values {
         cells.entry(cell).or_default().push(point);
@@ -42,7 +42,7 @@ impl Reader {
             let limit = serde_json::from_str(&row.get::<_, String>(3)).unwrap_or(Limit::Unlimited);
             (row.get(0), point(row.get(1), row.get(2), limit))
         };
-        Ok(by_cell(rows.iter().rev().map(value)))
+        Ok(group_by_cell(rows.iter().rev().map(value)))
     }
 
     /// Returns the newest verifications of a subject in all cells, at most `most` for each cell: grouped by cell, the
@@ -59,6 +59,6 @@ impl Reader {
         let rows = self.rows(sql, &[&subject, &most]).await?;
         let value =
             |row: &tokio_postgres::Row| (row.get(0), point(row.get(1), row.get(2), Limit::AtMost(row.get(3))));
-        Ok(by_cell(rows.iter().map(value)))
+        Ok(group_by_cell(rows.iter().map(value)))
     }
 }

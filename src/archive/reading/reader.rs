@@ -2,7 +2,7 @@
 
 use crate::archive::database;
 use crate::archive::error::ArchiveError;
-use crate::archive::files::Files;
+use crate::archive::files::ContentFiles;
 use crate::office::ArchiveSettings;
 use std::sync::Arc;
 use std::time::Duration;
@@ -18,15 +18,15 @@ const QUERY_TIMEOUT: Duration = Duration::from_secs(15);
 pub struct Reader {
     settings: Arc<ArchiveSettings>,
     client: Arc<Mutex<Option<Arc<Client>>>>,
-    files: Files,
+    files: ContentFiles,
 }
 
-pub(super) type Values<'v> = &'v [&'v (dyn ToSql + Sync)];
+pub(super) type SqlValues<'v> = &'v [&'v (dyn ToSql + Sync)];
 
 impl Reader {
     /// Creates a reader of the archive with these settings; it does not connect yet.
     pub fn new(settings: &ArchiveSettings) -> Self {
-        let files = Files::at(&settings.files);
+        let files = ContentFiles::in_folder(&settings.files);
         Reader { settings: Arc::new(settings.clone()), client: Arc::default(), files }
     }
 
@@ -50,25 +50,28 @@ impl Reader {
     pub(super) async fn rows(
         &self,
         sql: &str,
-        values: Values<'_>,
+        values: SqlValues<'_>,
     ) -> Result<Vec<tokio_postgres::Row>, ArchiveError> {
         let failed = ArchiveError::database("read the archive");
         let client = self.client().await?;
         // If the library prepared each query, it would need one more round trip each time; the server plans these
         // queries in less than a millisecond.
-        self.in_time(async { client.query(sql, values).await.map_err(failed) }).await
+        self.with_timeout(async { client.query(sql, values).await.map_err(failed) }).await
     }
 
-    pub(super) async fn change(&self, sql: &str, values: Values<'_>) -> Result<u64, ArchiveError> {
+    pub(super) async fn change(&self, sql: &str, values: SqlValues<'_>) -> Result<u64, ArchiveError> {
         let failed = ArchiveError::database("write to the archive");
         let client = self.client().await?;
-        self.in_time(async { client.execute(sql, values).await.map_err(failed) }).await
+        self.with_timeout(async { client.execute(sql, values).await.map_err(failed) }).await
     }
 
     /// Waits for an answer within the time limit. The connection to a database that does not answer is dropped, so
     /// that the next page connects again.
-    async fn in_time<T>(&self, asking: impl Future<Output = Result<T, ArchiveError>>) -> Result<T, ArchiveError> {
-        let answered = database::within(QUERY_TIMEOUT, asking).await;
+    async fn with_timeout<T>(
+        &self,
+        asking: impl Future<Output = Result<T, ArchiveError>>,
+    ) -> Result<T, ArchiveError> {
+        let answered = database::with_timeout(QUERY_TIMEOUT, asking).await;
         if let Err(ArchiveError::Silent { .. }) = answered {
             *self.client.lock().await = None;
         }

@@ -44,7 +44,10 @@ fn a_damaged_or_missing_file_of_the_store_is_named() {
     let archive = cell.at("backups/cell.tar.zst");
     for words in ["is damaged: its SHA-256 is", "is missing, and no removal was recorded"] {
         let written = cell.backup(&archive).expect("looked at");
-        assert!(written.found.iter().any(|found| found.contains(&hash) && found.contains(words)), "{written:?}");
+        assert!(
+            written.differences.iter().any(|found| found.contains(&hash) && found.contains(words)),
+            "{written:?}"
+        );
         assert_eq!(fs::read_dir(cell.at("backups")).expect("listed").count(), 0);
         let _ = fs::remove_file(&file);
     }
@@ -60,7 +63,7 @@ fn a_full_disk_leaves_all_as_it_was() {
         let mut noise = rand_pcg::Pcg64::seed_from_u64(1);
         (0..8 << 20).map(|_| noise.random()).collect()
     };
-    let large = Teaching { scan: noise, ..teaching() };
+    let large = TeachingInputs { scan: noise, ..teaching() };
     Store::create(&cell.at("store")).and_then(|mut store| store.teach(&large)).expect("taught");
     let left = || fs::read_dir(disk.folder()).expect("listed").count();
     let error = cell.backup(&disk.folder().join("cell.tar.zst")).expect_err("no room").to_string();
@@ -72,7 +75,7 @@ fn a_full_disk_leaves_all_as_it_was() {
     let wanted = RestoredParts { store: true, configuration: false };
     let store = disk.folder().join("store");
     let file = cell.at("cell.toml");
-    let on_disk = Plan { wanted, store: Some(&store), ..plan(&archive, &file) };
+    let on_disk = Plan { parts: wanted, store: Some(&store), ..plan(&archive, &file) };
     let error = restore(&on_disk).expect_err("no room").to_string();
     assert!(error.contains("MB free, and the backup needs 9 MB"), "{error}");
     assert_eq!(left(), 0);

@@ -2,27 +2,28 @@
 //! allowed.
 
 use super::super::entry::Entry;
-use super::super::manifest::{FORMAT, Listed, Manifest, NAME};
-use super::super::seal::Sealing;
+use super::super::manifest::{FORMAT, Manifest, ManifestEntry, NAME};
+use super::super::seal::HashingWriter;
 use super::*;
 use crate::files::content_hash;
 
 /// One entry of a forged archive.
 struct Forged {
-    listed: Listed,
+    listed: ManifestEntry,
     header_name: String,
     kind: tar::EntryType,
     content: Vec<u8>,
 }
 
 fn forged(name: &str, content: &[u8]) -> Forged {
-    let listed = Listed { name: name.to_owned(), bytes: content.len() as u64, sha256: content_hash(content) };
+    let listed =
+        ManifestEntry { name: name.to_owned(), bytes: content.len() as u64, sha256: content_hash(content) };
     Forged { listed, header_name: name.to_owned(), kind: tar::EntryType::Regular, content: content.to_vec() }
 }
 
 /// Writes an archive as a person who knows the format may make it: sealed, with any names.
 fn forge(archive: &Path, manifest: &Manifest, entries: &[Forged]) {
-    let sealing = Sealing::new(fs::File::create(archive).expect("made"));
+    let sealing = HashingWriter::new(fs::File::create(archive).expect("made"));
     let mut tar = tar::Builder::new(zstd::Encoder::new(sealing, 1).expect("an encoder"));
     let text = serde_json::to_vec(manifest).expect("JSON");
     let first = forged(NAME, &text);
@@ -37,7 +38,7 @@ fn forge(archive: &Path, manifest: &Manifest, entries: &[Forged]) {
         header.set_cksum();
         tar.append(&header, entry.content.as_slice()).expect("appended");
     }
-    tar.into_inner().and_then(zstd::Encoder::finish).and_then(Sealing::seal).expect("sealed");
+    tar.into_inner().and_then(zstd::Encoder::finish).and_then(HashingWriter::seal).expect("sealed");
 }
 
 fn manifest(entries: &[Forged]) -> Manifest {
@@ -85,7 +86,7 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
     for (words, entries) in cases {
         forge(&archive, &manifest(&entries), &entries);
         let wanted = RestoredParts { store: false, configuration: true };
-        let told = restore(&Plan { wanted, ..plan(&archive, &cell) }).expect_err("refused").to_string();
+        let told = restore(&Plan { parts: wanted, ..plan(&archive, &cell) }).expect_err("refused").to_string();
         assert!(told.contains(words), "{words}: {told}");
         let names: Vec<_> =
             fs::read_dir(folder.path()).expect("listed").map(|e| e.expect("one").file_name()).collect();
@@ -100,12 +101,12 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
         (Manifest { format: FORMAT + 1, ..manifest(&entries) }, "restore it with the newer program"),
     ] {
         forge(&archive, &manifest, &entries);
-        let told = restore(&Plan { wanted, ..plan(&archive, &cell) }).expect_err("refused").to_string();
+        let told = restore(&Plan { parts: wanted, ..plan(&archive, &cell) }).expect_err("refused").to_string();
         assert!(told.contains(words), "{words}: {told}");
         assert!(!cell.exists());
     }
     forge(&archive, &manifest(&entries), &entries);
-    restore(&Plan { wanted, ..plan(&archive, &cell) }).expect("by itself it is right");
+    restore(&Plan { parts: wanted, ..plan(&archive, &cell) }).expect("by itself it is right");
 }
 
 /// Concatenates items that cannot be cloned.
@@ -129,7 +130,7 @@ fn a_store_that_is_not_what_was_written_is_neither_packed_nor_restored() {
         .and_then(|rows| rows.execute("UPDATE taught_panels SET taught_at_unix_s = 7", []))
         .expect("changed");
     let written = cell.backup(&archive).expect("looked at");
-    assert!(written.found.iter().any(|words| words.contains("changed: taught panel 1")), "{written:?}");
+    assert!(written.differences.iter().any(|words| words.contains("changed: taught panel 1")), "{written:?}");
     assert!(!archive.exists());
 
     let files = ["store/panelprep.sqlite", "store/panelprep.head"]
@@ -143,8 +144,8 @@ fn a_store_that_is_not_what_was_written_is_neither_packed_nor_restored() {
     let before = content(cell.0.path());
     let wanted = RestoredParts { store: true, configuration: false };
     let other = cell.at("other-store");
-    let restored =
-        restore(&Plan { wanted, store: Some(&other), ..plan(&archive, &cell.at("cell.toml")) }).expect("looked at");
-    assert!(restored.found.iter().any(|words| words.contains("changed: taught panel 1")), "{restored:?}");
+    let restored = restore(&Plan { parts: wanted, store: Some(&other), ..plan(&archive, &cell.at("cell.toml")) })
+        .expect("looked at");
+    assert!(restored.differences.iter().any(|words| words.contains("changed: taught panel 1")), "{restored:?}");
     assert_eq!(content(cell.0.path()), before);
 }

@@ -7,7 +7,7 @@ mod forgery;
 use super::*;
 use crate::geometry::KukaPose;
 use crate::record::CycleId;
-use crate::store::{CycleStart, Store, StoreError, Taught, TaughtCorner, Teaching};
+use crate::store::{CycleStart, Store, StoreError, StoredTeaching, TaughtCorner, TeachingInputs};
 use crate::verdict::Verdict;
 use std::collections::BTreeMap;
 use std::fs;
@@ -44,22 +44,22 @@ impl SmallCell {
     fn configuration(&self) -> Configuration {
         Configuration {
             cell: CELL.to_owned(),
-            named: vec![("calibration.scanner".to_owned(), self.at("calibration/scanner.toml"))],
+            named_files: vec![("calibration.scanner".to_owned(), self.at("calibration/scanner.toml"))],
             recipes: vec![("panels/wing.toml".to_owned(), self.at("panels/wing.toml"))],
         }
     }
 
-    fn backup(&self, archive: &Path) -> Result<Written, BackupError> {
+    fn backup(&self, archive: &Path) -> Result<BackupReport, BackupError> {
         write(archive, Some(&self.at("store")), Some(&self.configuration()), 1_800_000_000)
     }
 
-    fn taught(&self, store: &str) -> Taught {
+    fn taught(&self, store: &str) -> StoredTeaching {
         Store::open(&self.at(store)).and_then(|store| store.taught("wing", None)).expect("there")
     }
 }
 
-fn teaching() -> Teaching {
-    Teaching {
+fn teaching() -> TeachingInputs {
+    TeachingInputs {
         name: "wing".to_owned(),
         scan: b"scan".repeat(1_000),
         recipe_text: RECIPE.to_owned(),
@@ -76,7 +76,7 @@ fn plan<'p>(archive: &'p Path, cell: &'p Path) -> Plan<'p> {
         archive,
         cell,
         store: None,
-        wanted: BOTH,
+        parts: BOTH,
         permission: Permission::default(),
         last_cycle: Some(CycleId(0)),
     }
@@ -102,14 +102,14 @@ fn a_cell_comes_back_in_another_place() {
     let cell = SmallCell::new();
     let archive = cell.at("backups/cell.tar.zst");
     let written = cell.backup(&archive).expect("written");
-    assert_eq!((written.found.len(), written.manifest.entries.len()), (0, 7), "{:?}", written.manifest);
+    assert_eq!((written.differences.len(), written.manifest.entries.len()), (0, 7), "{:?}", written.manifest);
     assert_eq!(fs::read_dir(cell.at("backups")).expect("listed").count(), 1, "nothing is left beside it");
-    assert!(matches!(cell.backup(&archive), Err(BackupError::IsThere { .. })));
+    assert!(matches!(cell.backup(&archive), Err(BackupError::AlreadyExists { .. })));
 
     let other = cell.at("other/cell.toml");
     let restored = restore(&plan(&archive, &other)).expect("restored");
     assert_eq!(
-        (restored.links, restored.files, restored.kept.len()),
+        (restored.links, restored.files, restored.replaced_files.len()),
         (written.manifest.links.expect("a store"), 2, 0)
     );
     assert_eq!(cell.taught("other/store").teaching, teaching());
@@ -131,7 +131,7 @@ fn nothing_that_is_there_is_replaced_unless_it_is_named_and_then_it_is_kept() {
     let cell = SmallCell::new();
     let (archive, file) = (cell.at("cell.tar.zst"), cell.at("cell.toml"));
     cell.backup(&archive).expect("written");
-    let later = Teaching { scan: b"later".to_vec(), ..teaching() };
+    let later = TeachingInputs { scan: b"later".to_vec(), ..teaching() };
     Store::create(&cell.at("store")).and_then(|mut store| store.teach(&later)).expect("taught");
     fs::write(&file, format!("{CELL}# mine\n")).expect("written");
     let before = content(cell.0.path());
@@ -149,9 +149,9 @@ fn nothing_that_is_there_is_replaced_unless_it_is_named_and_then_it_is_kept() {
     assert_eq!(restored.configuration, std::slice::from_ref(&file), "what is the same stays");
     assert_eq!(fs::read_to_string(&file).expect("there"), CELL);
     assert_eq!(cell.taught("store").teaching, teaching());
-    assert_eq!(restored.kept, [cell.at("store.before-restore-1"), cell.at("cell.toml.before-restore-1")]);
+    assert_eq!(restored.replaced_files, [cell.at("store.before-restore-1"), cell.at("cell.toml.before-restore-1")]);
     assert_eq!(cell.taught("store.before-restore-1").teaching, later);
-    let found = Store::verify(&cell.at("store.before-restore-1"), true).expect("verified").found;
+    let found = Store::verify(&cell.at("store.before-restore-1"), true).expect("verified").differences;
     assert_eq!(found, [] as [String; 0]);
     assert!(fs::read_to_string(cell.at("cell.toml.before-restore-1")).expect("kept").contains("# mine"));
 }
@@ -186,19 +186,19 @@ fn files_outside_of_the_cells_folder_need_a_word() {
     let text = "store = \"../store\"\n[calibration]\nscanner = \"../lenses/scanner.toml\"\n";
     let configuration = Configuration {
         cell: text.to_owned(),
-        named: vec![("calibration.scanner".to_owned(), elsewhere)],
+        named_files: vec![("calibration.scanner".to_owned(), elsewhere)],
         recipes: vec![],
     };
     let archive = cell.at("cell.tar.zst");
     write(&archive, None, Some(&configuration), 0).expect("written");
     let wanted = RestoredParts { store: false, configuration: true };
     let file = cell.at("new/cells/cell.toml");
-    let refused = restore(&Plan { wanted, ..plan(&archive, &file) }).expect_err("outside").to_string();
+    let refused = restore(&Plan { parts: wanted, ..plan(&archive, &file) }).expect_err("outside").to_string();
     assert!(refused.contains("../lenses/scanner.toml") && refused.contains("--outside"), "{refused}");
     assert!(!cell.at("new").exists());
     fs::create_dir_all(cell.at("new/cells")).expect("made");
     let permission = Permission { outside: true, ..Permission::default() };
-    restore(&Plan { wanted, permission, ..plan(&archive, &file) }).expect("restored");
+    restore(&Plan { parts: wanted, permission, ..plan(&archive, &file) }).expect("restored");
     assert!(cell.at("new/lenses/scanner.toml").is_file());
     // Without a store in the archive, no store is restored.
     let refused =
@@ -249,7 +249,7 @@ fn without_a_replaced_store_a_person_states_the_last_cycle() {
     assert!(matches!(restore(&fresh), Err(BackupError::LastCycleUnknown { own: 2, .. })));
     let wanted = RestoredParts { store: true, configuration: false };
     let file = cell.at("cell.toml");
-    restore(&Plan { permission, wanted, last_cycle: None, ..plan(&archive, &file) }).expect("restored");
+    restore(&Plan { permission, parts: wanted, last_cycle: None, ..plan(&archive, &file) }).expect("restored");
     let mut store = Store::create(&cell.at("store")).expect("opens");
     assert_eq!(store.begin_cycle(&start).expect("nothing was abraded since the backup"), CycleId(3));
 }

@@ -6,7 +6,7 @@ pub struct Block {
     /// The block's direction, (X/Z, Y/Z).
     pub direction: [f64; 2],
     /// The block's position on the board, from the board's middle, mm.
-    pub place_mm: [f64; 2],
+    pub position_mm: [f64; 2],
     /// 1/z, 1/mm.
     pub per_depth: f64,
 }

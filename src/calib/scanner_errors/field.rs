@@ -18,27 +18,27 @@ const BOW: usize = 3;
 const BOARD_BOW_MM: f64 = 0.15;
 const SIZE: usize = FIELD_SIZE + BOW;
 /// A small weight of the field's size: if two fields explain the same data, the smaller one is selected.
-const RIDGE: f64 = 1e-6;
+const RIDGE_WEIGHT: f64 = 1e-6;
 /// Standard deviation of a block to which the bow's weight refers, mm.
 const BLOCK_MM: f64 = 0.05;
 
 /// A scan after its plane was removed by projection.
 pub(super) struct ProjectedScan {
     design: DMatrix<f64>,
-    read_mm: DVector<f64>,
+    measured_mm: DVector<f64>,
     information: DMatrix<f64>,
-    right: DVector<f64>,
+    rhs: DVector<f64>,
 }
 
 /// The field and the bow.
-pub(super) struct Solved {
+pub(super) struct FieldSolution {
     pub coefficients_mm: [f64; FIELD_SIZE],
     pub bow_mm: f64,
-    all: DVector<f64>,
+    parameters: DVector<f64>,
 }
 
 /// The prediction of scans that were left out.
-pub(super) struct LeftOut {
+pub(super) struct LeftOutPrediction {
     pub rms_mm: f64,
     /// The residual in each block of each scan, mm.
     pub residuals_mm: Vec<Vec<f64>>,
@@ -58,43 +58,43 @@ impl ProjectedScan {
             for (column, weight) in over.weights(block.direction) {
                 design[(index, column)] = scale * weight;
             }
-            let [u, v] = block.place_mm.map(|mm| mm / view.half_diagonal_mm);
+            let [u, v] = block.position_mm.map(|mm| mm / view.half_diagonal_mm);
             for (k, height) in [u * u, u * v, v * v].into_iter().enumerate() {
                 design[(index, FIELD_SIZE + k)] = z_mm * own.norm() * height;
             }
         }
-        let planes = Projection::out_of(plane::depths(&view.blocks));
-        let (read_mm, design) = (planes.left(&read_mm).column(0).into_owned(), planes.left(&design));
+        let planes = Projection::orthogonal_to(plane::depths(&view.blocks));
+        let (read_mm, design) = (planes.residual_of(&read_mm).column(0).into_owned(), planes.residual_of(&design));
         let (information, right) = (design.transpose() * &design, design.transpose() * &read_mm);
-        Some(ProjectedScan { design, read_mm, information, right })
+        Some(ProjectedScan { design, measured_mm: read_mm, information, rhs: right })
     }
 
-    fn residuals_mm(&self, solved: Option<&Solved>) -> Vec<f64> {
+    fn residuals_mm(&self, solved: Option<&FieldSolution>) -> Vec<f64> {
         match solved {
-            Some(solved) => (&self.read_mm - &self.design * &solved.all).iter().copied().collect(),
-            None => self.read_mm.iter().copied().collect(),
+            Some(solved) => (&self.measured_mm - &self.design * &solved.parameters).iter().copied().collect(),
+            None => self.measured_mm.iter().copied().collect(),
         }
     }
 }
 
 /// Returns the field that fits the scans best, with this weight of the field's roughness.
-pub(super) fn solve<'a>(fits: impl IntoIterator<Item = &'a ProjectedScan>, lambda: f64) -> Option<Solved> {
-    let mut information = penalty(lambda);
+pub(super) fn solve<'a>(fits: impl IntoIterator<Item = &'a ProjectedScan>, lambda: f64) -> Option<FieldSolution> {
+    let mut information = smoothness_penalty(lambda);
     let mut right = DVector::zeros(SIZE);
     for fit in fits {
         information += &fit.information;
-        right += &fit.right;
+        right += &fit.rhs;
     }
     let all = information.cholesky()?.solve(&right);
     let coefficients_mm = std::array::from_fn(|k| all[k]);
     let [a, b, c] = [0, 1, 2].map(|k| all[FIELD_SIZE + k]);
     // The largest height on the unit circle of a quadratic form in u and v.
     let bow_mm = ((a + c) / 2.0).abs() + ((a - c) / 2.0).hypot(b / 2.0);
-    Some(Solved { coefficients_mm, bow_mm, all })
+    Some(FieldSolution { coefficients_mm, bow_mm, parameters: all })
 }
 
 /// Predicts each scan from the others; without a weight, no field is used.
-pub(super) fn left_out(fits: &[ProjectedScan], lambda: Option<f64>) -> Option<LeftOut> {
+pub(super) fn cross_validate(fits: &[ProjectedScan], lambda: Option<f64>) -> Option<LeftOutPrediction> {
     let residuals_mm: Vec<Vec<f64>> = match lambda {
         None => fits.iter().map(|fit| fit.residuals_mm(None)).collect(),
         Some(lambda) => (0..fits.len())
@@ -105,7 +105,7 @@ pub(super) fn left_out(fits: &[ProjectedScan], lambda: Option<f64>) -> Option<Le
             .collect::<Option<_>>()?,
     };
     let all: Vec<f64> = residuals_mm.iter().flatten().copied().collect();
-    Some(LeftOut { rms_mm: rms(&all), residuals_mm })
+    Some(LeftOutPrediction { rms_mm: rms(&all), residuals_mm })
 }
 
 pub(super) fn rms(values: &[f64]) -> f64 {
@@ -113,14 +113,14 @@ pub(super) fn rms(values: &[f64]) -> f64 {
 }
 
 /// Returns the field's largest value at these directions, without its linear part over them, mm.
-pub(super) fn most_mm(field: &DepthField, directions: impl Iterator<Item = [f64; 2]>) -> f64 {
+pub(super) fn max_amplitude_mm(field: &DepthField, directions: impl Iterator<Item = [f64; 2]>) -> f64 {
     let all: Vec<([f64; 2], f64)> = directions.map(|at| (at, field.at_mm(at))).collect();
     let linear = plane::fit(all.iter().copied()).unwrap_or_default();
-    all.iter().map(|(at, mm)| (mm - plane::at(&linear, *at)).abs()).fold(0.0, f64::max)
+    all.iter().map(|(at, mm)| (mm - plane::value_at(&linear, *at)).abs()).fold(0.0, f64::max)
 }
 
-fn penalty(lambda: f64) -> DMatrix<f64> {
-    let mut penalty = DMatrix::from_diagonal_element(SIZE, SIZE, RIDGE);
+fn smoothness_penalty(lambda: f64) -> DMatrix<f64> {
+    let mut penalty = DMatrix::from_diagonal_element(SIZE, SIZE, RIDGE_WEIGHT);
     let mut add = |indices: [usize; 3]| {
         for (i, a) in indices.iter().zip([1.0, -2.0, 1.0]) {
             for (j, b) in indices.iter().zip([1.0, -2.0, 1.0]) {

@@ -13,18 +13,18 @@ pub struct ScannerErrors {
     /// Side of the squares within which the smooth error is the same, mm.
     pub correlation_mm: f64,
     /// The 95 % interval of `correlation_mm`, mm.
-    pub correlation_between_mm: [f64; 2],
+    pub correlation_interval_mm: [f64; 2],
     /// The longest length that the boards can show, their diagonal, mm.
     pub board_mm: f64,
     /// The rms deviation from the plane in scans that were left out, without a correction, mm.
-    pub left_out_plain_mm: f64,
+    pub left_out_uncorrected_mm: f64,
     /// The rms deviation in left-out scans with the correction from the other scans, mm; `None` if the correction is
     /// not better.
     pub left_out_corrected_mm: Option<f64>,
     /// The correction; `None` if no error is the same in each scan.
     pub field: Option<DepthField>,
     /// The correction's largest amount at the reference depth, at the positions of boards, mm.
-    pub field_most_mm: f64,
+    pub max_field_mm: f64,
     /// Bow of the board over half of its diagonal, mm.
     pub bow_mm: f64,
     /// The ratio of measured to printed distances, minus one, percent: the mean over scans.
@@ -34,7 +34,7 @@ pub struct ScannerErrors {
     /// The parts of the picture.
     pub parts: PictureParts,
     /// Share of the picture in which at least two scans show the board.
-    pub covered: f64,
+    pub covered_share: f64,
     /// Depths of the boards' middles, least and greatest, mm.
     pub depths_mm: [f64; 2],
     /// The largest difference of the board's rotations in its plane, degrees.

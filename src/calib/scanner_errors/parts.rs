@@ -17,13 +17,13 @@ pub struct PicturePart {
     pub scans: usize,
     /// Deviation of left-out scans from a plane there, rms, mm, after the correction if there is one; NaN without
     /// scans.
-    pub left_mm: f64,
+    pub residual_mm: f64,
 }
 
 /// All parts of a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PictureParts {
-    over: FieldRectangle,
+    rectangle: FieldRectangle,
     parts: Vec<PicturePart>,
 }
 
@@ -45,15 +45,15 @@ impl PictureParts {
         }
         let middle = |index: usize, axis: usize| {
             let share = (index as f64 + 0.5) / PARTS[axis] as f64;
-            over.from[axis] + share * (over.to[axis] - over.from[axis])
+            over.min[axis] + share * (over.max[axis] - over.min[axis])
         };
         let all = scans.into_iter().zip(sums).enumerate();
         let parts = all.map(|(index, (scans, (squares, count)))| PicturePart {
             direction: [middle(index % PARTS[0], 0), middle(index / PARTS[0], 1)],
             scans,
-            left_mm: (squares / count).sqrt(),
+            residual_mm: (squares / count).sqrt(),
         });
-        PictureParts { parts: parts.collect(), over }
+        PictureParts { parts: parts.collect(), rectangle: over }
     }
 
     /// Row by row.
@@ -62,26 +62,26 @@ impl PictureParts {
     }
 
     /// Returns the part with this direction; `None` outside of the picture.
-    pub fn at(&self, direction: [f64; 2]) -> Option<&PicturePart> {
-        self.parts.get(part(direction, &self.over)?)
+    pub fn part_at(&self, direction: [f64; 2]) -> Option<&PicturePart> {
+        self.parts.get(part(direction, &self.rectangle)?)
     }
 
     /// Returns the share of the parts in which enough scans show the board.
-    pub(super) fn covered(&self) -> f64 {
-        self.iter().filter(|part| part.is_known()).count() as f64 / self.parts.len() as f64
+    pub(super) fn covered_share(&self) -> f64 {
+        self.iter().filter(|part| part.has_enough_scans()).count() as f64 / self.parts.len() as f64
     }
 }
 
 impl PicturePart {
     /// Returns whether enough scans show the board in this part.
-    pub fn is_known(&self) -> bool {
+    pub fn has_enough_scans(&self) -> bool {
         self.scans >= MIN_SCANS
     }
 }
 
 fn part(direction: [f64; 2], over: &FieldRectangle) -> Option<usize> {
     let share = |axis: usize| {
-        let share = (direction[axis] - over.from[axis]) / (over.to[axis] - over.from[axis]);
+        let share = (direction[axis] - over.min[axis]) / (over.max[axis] - over.min[axis]);
         (0.0..1.0).contains(&share).then(|| (share * PARTS[axis] as f64) as usize)
     };
     Some(share(1)? * PARTS[0] + share(0)?)

@@ -16,7 +16,7 @@ pub(super) fn fit(values: impl IntoIterator<Item = ([f64; 2], f64)>) -> Option<V
 }
 
 /// Returns the plane's value at a direction.
-pub(super) fn at(plane: &Vector3<f64>, [x, y]: [f64; 2]) -> f64 {
+pub(super) fn value_at(plane: &Vector3<f64>, [x, y]: [f64; 2]) -> f64 {
     plane.dot(&Vector3::new(1.0, x, y))
 }
 
@@ -33,17 +33,17 @@ pub(super) struct Projection(DMatrix<f64>);
 
 impl Projection {
     /// Makes the projection that removes these columns.
-    pub fn out_of(columns: DMatrix<f64>) -> Self {
+    pub fn orthogonal_to(columns: DMatrix<f64>) -> Self {
         Projection(columns.qr().q())
     }
 
     /// Returns the residual of each column.
-    pub fn left(&self, values: &DMatrix<f64>) -> DMatrix<f64> {
+    pub fn residual_of(&self, values: &DMatrix<f64>) -> DMatrix<f64> {
         values - &self.0 * (self.0.transpose() * values)
     }
 
     /// Returns the trace of a covariance that remains after the projection.
-    pub fn trace_left(&self, covariance: &DMatrix<f64>) -> f64 {
+    pub fn projected_trace(&self, covariance: &DMatrix<f64>) -> f64 {
         covariance.trace() - (self.0.transpose() * covariance * &self.0).trace()
     }
 }

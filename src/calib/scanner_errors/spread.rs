@@ -13,7 +13,7 @@
 use super::block::Block;
 use super::plane::{self, Projection};
 use super::plane_view::PlaneView;
-use crate::geometry::statistics::WITHIN_95;
+use crate::geometry::statistics::NORMAL_TWO_SIDED_95;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
@@ -23,29 +23,29 @@ const LENGTHS_MM: [f64; 15] =
 /// Number of parts along each side.
 const PARTS: usize = 4;
 /// Minimum number of blocks in a part, as a share of the usual number.
-const FILLED: f64 = 0.5;
+const MIN_FILLED_SHARE: f64 = 0.5;
 
 /// What was found.
-pub(super) struct Spread {
+pub(super) struct CorrelationLength {
     pub deviation_mm: f64,
     pub correlation_mm: f64,
-    pub between_mm: [f64; 2],
+    pub interval_mm: [f64; 2],
 }
 
 /// One scan's blocks and parts.
-struct Cut {
+struct BlockPartition {
     /// Projections that remove the planes of the blocks and of the parts.
     planes: [Projection; 2],
     /// The matrix that computes the means over the parts from the blocks.
-    means: DMatrix<f64>,
+    averaging: DMatrix<f64>,
     distances_2: DMatrix<f64>,
     observed: [f64; 2],
 }
 
 /// Estimates L and σ of (1); `None` if too little of the boards has points.
-pub(super) fn estimate(views: &[PlaneView], residuals_mm: &[Vec<f64>]) -> Option<Spread> {
-    let cuts: Vec<Cut> =
-        views.iter().zip(residuals_mm).filter_map(|(view, mm)| Cut::new(&view.blocks, mm)).collect();
+pub(super) fn estimate(views: &[PlaneView], residuals_mm: &[Vec<f64>]) -> Option<CorrelationLength> {
+    let cuts: Vec<BlockPartition> =
+        views.iter().zip(residuals_mm).filter_map(|(view, mm)| BlockPartition::new(&view.blocks, mm)).collect();
     let observed = cuts.iter().fold([0.0; 2], |sum, cut| [sum[0] + cut.observed[0], sum[1] + cut.observed[1]]);
     let longest_mm = views.iter().map(|view| 2.0 * view.half_diagonal_mm).fold(0.0, f64::max);
     let tried: Vec<(f64, [f64; 2])> = LENGTHS_MM
@@ -57,19 +57,20 @@ pub(super) fn estimate(views: &[PlaneView], residuals_mm: &[Vec<f64>]) -> Option
         })
         .collect();
     let ratio = observed[1] / observed[0];
-    let free: f64 = cuts.iter().map(|cut| cut.means.nrows() as f64 - 3.0).sum();
+    let free: f64 = cuts.iter().map(|cut| cut.averaging.nrows() as f64 - 3.0).sum();
     // The sum of squares of the parts has the scatter of χ².
-    let share = WITHIN_95 * (2.0 / free).sqrt();
+    let share = NORMAL_TWO_SIDED_95 * (2.0 / free).sqrt();
     let [(correlation_mm, expected), (low_mm, _), (high_mm, _)] =
-        [ratio, ratio * (1.0 - share).max(0.0), ratio * (1.0 + share)].map(|ratio| where_expected(&tried, ratio));
+        [ratio, ratio * (1.0 - share).max(0.0), ratio * (1.0 + share)]
+            .map(|ratio| solve_correlation_length(&tried, ratio));
     let deviation_mm = (observed[0] / expected).sqrt();
-    let spread = Spread { deviation_mm, correlation_mm, between_mm: [low_mm, high_mm] };
+    let spread = CorrelationLength { deviation_mm, correlation_mm, interval_mm: [low_mm, high_mm] };
     deviation_mm.is_finite().then_some(spread)
 }
 
 /// Returns the L at which this ratio is expected, and the expected value of the blocks there; the first or last L
 /// if the ratio is beyond all.
-fn where_expected(tried: &[(f64, [f64; 2])], ratio: f64) -> (f64, f64) {
+fn solve_correlation_length(tried: &[(f64, [f64; 2])], ratio: f64) -> (f64, f64) {
     let of = |[blocks, parts]: [f64; 2]| parts / blocks;
     let above = tried.iter().position(|one| of(one.1) >= ratio).unwrap_or(tried.len());
     let beside = |index: usize| tried.get(index).map(|one| (one.0, one.1));
@@ -83,10 +84,10 @@ fn where_expected(tried: &[(f64, [f64; 2])], ratio: f64) -> (f64, f64) {
     }
 }
 
-impl Cut {
-    fn new(blocks: &[Block], residuals_mm: &[f64]) -> Option<Cut> {
+impl BlockPartition {
+    fn new(blocks: &[Block], residuals_mm: &[f64]) -> Option<BlockPartition> {
         let reach = |axis: usize| {
-            let places = blocks.iter().map(|block| block.place_mm[axis]);
+            let places = blocks.iter().map(|block| block.position_mm[axis]);
             let least = places.clone().fold(f64::INFINITY, f64::min);
             (least, places.fold(f64::NEG_INFINITY, f64::max) - least)
         };
@@ -94,14 +95,14 @@ impl Cut {
         let part = |block: &Block| {
             let at = |axis: usize| {
                 let (least, reach) = reaches[axis];
-                (((block.place_mm[axis] - least) / reach * PARTS as f64) as usize).min(PARTS - 1)
+                (((block.position_mm[axis] - least) / reach * PARTS as f64) as usize).min(PARTS - 1)
             };
             at(1) * PARTS + at(0)
         };
         let usual = blocks.len() as f64 / (PARTS * PARTS) as f64;
         let members: Vec<Vec<usize>> = (0..PARTS * PARTS)
             .map(|index| (0..blocks.len()).filter(|&block| part(&blocks[block]) == index).collect::<Vec<_>>())
-            .filter(|members| members.len() as f64 >= FILLED * usual)
+            .filter(|members| members.len() as f64 >= MIN_FILLED_SHARE * usual)
             .collect();
         if members.len() < 6 {
             return None;
@@ -111,22 +112,24 @@ impl Cut {
             members.iter().for_each(|&block| means[(row, block)] = 1.0 / members.len() as f64);
         }
         let depths = plane::depths(blocks);
-        let planes = [Projection::out_of(depths.clone()), Projection::out_of(&means * depths)];
+        let planes = [Projection::orthogonal_to(depths.clone()), Projection::orthogonal_to(&means * depths)];
         let distances_2 = DMatrix::from_fn(blocks.len(), blocks.len(), |i, j| {
-            let ([ax, ay], [bx, by]) = (blocks[i].place_mm, blocks[j].place_mm);
+            let ([ax, ay], [bx, by]) = (blocks[i].position_mm, blocks[j].position_mm);
             (ax - bx).powi(2) + (ay - by).powi(2)
         });
         let residuals = DMatrix::from_column_slice(blocks.len(), 1, residuals_mm);
-        let observed =
-            [planes[0].left(&residuals).norm_squared(), planes[1].left(&(&means * residuals)).norm_squared()];
-        Some(Cut { planes, means, distances_2, observed })
+        let observed = [
+            planes[0].residual_of(&residuals).norm_squared(),
+            planes[1].residual_of(&(&means * residuals)).norm_squared(),
+        ];
+        Some(BlockPartition { planes, averaging: means, distances_2, observed })
     }
 
     /// Returns both traces of (1).
     fn expected(&self, length_mm: f64) -> [f64; 2] {
         let reach_2 = length_mm * length_mm / std::f64::consts::PI;
         let covariance = self.distances_2.map(|distance_2| (-distance_2 / reach_2).exp());
-        let of_parts = &self.means * &covariance * self.means.transpose();
-        [self.planes[0].trace_left(&covariance), self.planes[1].trace_left(&of_parts)]
+        let of_parts = &self.averaging * &covariance * self.averaging.transpose();
+        [self.planes[0].projected_trace(&covariance), self.planes[1].projected_trace(&of_parts)]
     }
 }

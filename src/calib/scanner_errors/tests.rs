@@ -9,7 +9,7 @@ use rayon::prelude::*;
 const STILL: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
 
 fn over(camera: &PinholeCamera) -> FieldRectangle {
-    rectangle(camera).expect("rays")
+    direction_rectangle(camera).expect("rays")
 }
 
 /// Returns a camera's scans of a board, some of them far away and in the picture's corners.
@@ -24,7 +24,7 @@ fn views_at_scale(
     distortion: &ScannerDistortion,
     scale: impl Fn(u64) -> f64 + Sync,
 ) -> (Vec<PlaneView>, PinholeCamera) {
-    views_by(seed, count, distortion, |index, cloud| cloud.along_rays(|_| 1.0 + scale(index)))
+    views_by(seed, count, distortion, |index, cloud| cloud.scaled_along_rays(|_| 1.0 + scale(index)))
 }
 
 /// Returns the same scans as `views` from a camera that applies this change to each of its scans.
@@ -58,10 +58,10 @@ fn left_mm(found: &ScannerErrors, distortion: &ScannerDistortion, views: &[Plane
         let blocks = views.iter().flat_map(|view| &view.blocks);
         let all: Vec<([f64; 2], f64)> = blocks.map(|block| (block.direction, value(block.direction))).collect();
         let linear = plane::fit(all.iter().copied()).expect("a plane");
-        field::rms(&all.iter().map(|(at, mm)| mm - plane::at(&linear, *at)).collect::<Vec<_>>())
+        field::rms(&all.iter().map(|(at, mm)| mm - plane::value_at(&linear, *at)).collect::<Vec<_>>())
     };
     let field = found.field.expect("a correction");
-    [of(&|at| distortion.at_mm(at)), of(&|at| distortion.at_mm(at) - field.at_mm(at))]
+    [of(&|at| distortion.distortion_at_mm(at)), of(&|at| distortion.distortion_at_mm(at) - field.at_mm(at))]
 }
 
 #[test]
@@ -74,7 +74,7 @@ fn what_is_the_same_each_time_is_found() {
     println!("true error {before_mm:.3} mm rms, after the correction {after_mm:.3} mm");
     assert!(before_mm > 0.1 && after_mm < 0.25 * before_mm, "{before_mm} {after_mm}");
     let corrected_mm = found.left_out_corrected_mm.expect("better");
-    assert!(corrected_mm < 0.6 * found.left_out_plain_mm);
+    assert!(corrected_mm < 0.6 * found.left_out_uncorrected_mm);
     assert!((found.white_mm - 0.055).abs() < 0.008, "{}", found.white_mm);
 }
 
@@ -96,7 +96,7 @@ fn nothing_is_corrected_where_nothing_is_the_same() {
 fn what_turns_planes_into_planes_is_found_by_distances() {
     let bent = ScannerDistortion::new(5, 0.0);
     let tilted = |cloud: OrganizedCloud<Camera>| {
-        cloud.along_rays(|[x, _, z]| 1.0 / (1.0 - z * (x / z) / crate::geometry::REFERENCE_DEPTH_MM.powi(2)))
+        cloud.scaled_along_rays(|[x, _, z]| 1.0 / (1.0 - z * (x / z) / crate::geometry::REFERENCE_DEPTH_MM.powi(2)))
     };
     let (views, camera) = views_by(7, 16, &bent, |_, cloud| tilted(cloud));
     let found = measure(&views, over(&camera)).expect("measured");
@@ -136,7 +136,7 @@ fn size_and_length_of_the_smooth_error_are_the_simulators() {
             let found = measure(&views, over(&camera)).expect("measured");
             println!(
                 "{:.4} mm over {} mm, {:?}",
-                found.smooth_mm, found.correlation_mm, found.correlation_between_mm
+                found.smooth_mm, found.correlation_mm, found.correlation_interval_mm
             );
             found.smooth_mm * found.correlation_mm
         })

@@ -18,7 +18,7 @@ fn print_of(board: &Board) -> BoardPrint {
         columns: board.columns() + 1,
         rows: board.rows() + 1,
         square_mm: board.square_mm(),
-        begins_white: squares.contains(&(0, 0)),
+        is_first_square_white: squares.contains(&(0, 0)),
         marker_mm: charuco.marker_mm,
         markers: markers.collect(),
     }
@@ -95,7 +95,7 @@ fn what_a_charuco_board_is_instead_is_named() {
 #[test]
 fn no_board_and_another_board_are_told() {
     let board = Board::parse("9x6", 25.0).expect("a board");
-    let empty = GrayPicture::filled(640, 480, 90);
+    let empty = GrayPicture::uniform(640, 480, 90);
     let error = detect::detect("empty.png", &empty, &board, None).expect_err("no board").to_string();
     assert!(error.contains("empty.png shows no board with 9×6"), "{error}");
     let unknown = Board::parse("charuco:8x6:18:9X9_50", 25.0).expect_err("no dictionary").to_string();
@@ -131,7 +131,7 @@ fn another_board_is_named_and_a_part_is_not_the_whole() {
         assert!(told.starts_with(&format!("it.png: found a 5x4 board, expected {other}")), "{told}");
     }
     let [along, across] = ["5x4", "4x5"].map(|text| detect::detect("it.png", &picture, &board(text), None));
-    let pixels = |found: Result<detect::Detected, _>| -> Vec<[i64; 2]> {
+    let pixels = |found: Result<detect::DetectedCorners, _>| -> Vec<[i64; 2]> {
         let corners = found.expect("the board").corners;
         let mut all: Vec<_> = corners.iter().map(|(_, p)| [p.u, p.v].map(|n| (100.0 * n).round() as i64)).collect();
         all.sort_unstable();
@@ -156,15 +156,16 @@ fn a_lens_comes_back_and_a_bad_picture_is_set_aside() {
     }
     let found = calibrate((truth.width_px, truth.height_px), &views, Options::default()).expect("a camera");
     let aside: Vec<_> =
-        found.views.iter().filter(|view| view.set_aside.is_some()).map(|view| &*view.name).collect();
+        found.views.iter().filter(|view| view.exclusion_reason.is_some()).map(|view| &*view.name).collect();
     assert_eq!(aside, ["4.png"]);
     assert!((found.camera.fx_px / truth.fx_px - 1.0).abs() < 1e-3, "{}", found.camera.fx_px);
     assert!((found.camera.cx_px - truth.cx_px).abs() < 5.0 && found.rms_px < 0.09, "{:?}", found.camera);
     let off = (found.camera.fx_px - truth.fx_px).abs() / found.deviations[0];
     assert!(off < 4.0, "{off} standard deviations");
-    let kept = calibrate((truth.width_px, truth.height_px), &views, Options { keep_all: true, model: None })
-        .expect("a camera");
-    assert!(kept.views.iter().all(|view| view.set_aside.is_none()) && kept.rms_px > 0.3, "{}", kept.rms_px);
+    let kept =
+        calibrate((truth.width_px, truth.height_px), &views, Options { keep_all_pictures: true, model: None })
+            .expect("a camera");
+    assert!(kept.views.iter().all(|view| view.exclusion_reason.is_none()) && kept.rms_px > 0.3, "{}", kept.rms_px);
     let few = calibrate((truth.width_px, truth.height_px), &views[..3], Options::default()).expect_err("three");
     assert!(few.to_string().contains("4 are needed"));
 }
@@ -178,7 +179,8 @@ fn pictures_without_tilt_are_for_a_person_to_judge() {
     let flat = |index: u32| {
         let place = nalgebra::Isometry3::translation(-100.0 + f64::from(index) * 4.0, -60.0, 540.0);
         let mut shot = cell.flange_shots(1)[0];
-        (shot.index, shot.camera_from_board) = (u64::from(index), crate::geometry::Rigid::claim(place));
+        (shot.index, shot.camera_from_board) =
+            (u64::from(index), crate::geometry::Rigid::from_isometry_unchecked(place));
         View { name: index.to_string(), corners: cell.corners(&camera, &shot, 0.05) }
     };
     let views: Vec<View> = (0..10).map(flat).collect();
@@ -191,7 +193,7 @@ fn pictures_without_tilt_are_for_a_person_to_judge() {
 
 /// Renders circles of a tilted board, each pixel from five rays along each side; on a light or a dark background.
 fn circles(camera: &PinholeCamera, board: &Board, pose: &nalgebra::Isometry3<f64>, inks: [f64; 2]) -> GrayPicture {
-    let mut picture = GrayPicture::filled(camera.width_px, camera.height_px, 0);
+    let mut picture = GrayPicture::uniform(camera.width_px, camera.height_px, 0);
     let radius_mm = 0.28 * board.square_mm();
     let (origin, normal) = (pose.translation.vector, pose.rotation * nalgebra::Vector3::z());
     let corners = board.corners();
@@ -236,7 +238,7 @@ fn circles_are_found_and_placed() {
     {
         let board = Board::parse(text, None).expect("a board");
         let turn = nalgebra::UnitQuaternion::from_scaled_axis(nalgebra::Vector3::new(0.45, -0.4, 0.1));
-        let place = nalgebra::Vector3::new(0.0, 0.0, 520.0) - turn * board.middle().mm.coords;
+        let place = nalgebra::Vector3::new(0.0, 0.0, 520.0) - turn * board.centre().mm.coords;
         let pose = nalgebra::Isometry3::from_parts(place.into(), turn);
         let found = detect::detect(text, &circles(&camera, &board, &pose, inks), &board, None).expect(text);
         assert_eq!(found.corners.len(), board.count());
@@ -258,7 +260,7 @@ fn a_charuco_board_that_is_cut_off_is_read() {
     let cell = BoardCell::new(2, print_of(&board), STILL);
     let (camera, shot) = (cell.flange_camera(), cell.flange_shots(1)[0]);
     let mut picture = cell.picture(&camera, &shot);
-    let middle = camera.project(shot.camera_from_board * board.middle()).expect("in front").u as usize;
+    let middle = camera.project(shot.camera_from_board * board.centre()).expect("in front").u as usize;
     for row in picture.gray.chunks_mut(camera.width_px) {
         row[middle..].fill(90);
     }

@@ -1,6 +1,6 @@
 //! Mounts from many poses, for both kinds of mount, with synthetic corners.
 
-use crate::calib::{Arrangement, Board, BoardObservation, Fault, HandEye, Station, hand_eye::hand_eye};
+use crate::calib::{Arrangement, Board, BoardObservation, HandEye, Station, StationFault, hand_eye::hand_eye};
 use crate::cell::{FlangeCameraMount, LensCovariance, ScannerMount};
 use crate::geometry::{Camera, Flange, FlangeCamera, KukaPose, PinholeCamera, Point, Rigid};
 use crate::sim::{BoardCell, BoardPrint, BoardShot, RobotNoise};
@@ -26,7 +26,7 @@ fn stations<C: crate::geometry::Frame>(
         .map(|shot| Station {
             name: format!("{:02}.png", shot.index + 1),
             base_from_flange: shot.base_from_flange,
-            seen: BoardObservation::Pixels(cell.corners(camera, shot, NOISE_PX)),
+            observation: BoardObservation::Pixels(cell.corners(camera, shot, NOISE_PX)),
         })
         .collect()
 }
@@ -42,8 +42,8 @@ pub(super) fn on_flange(cell: &BoardCell, count: usize) -> Vec<Station<FlangeCam
 /// Returns the error of the stated point, mm, and of the rotation, degrees; then the squared error relative to its
 /// own covariance, divided by 3.
 fn error<A: Arrangement>(found: &HandEye<A>, truth: Rigid<A::To, A::From>) -> (f64, f64, f64) {
-    let pose = found.adjusted.to_from_camera;
-    let off = ((pose * found.at) - (truth * found.at)).mm;
+    let pose = found.adjustment.to_from_camera;
+    let off = ((pose * found.stated_point) - (truth * found.stated_point)).mm;
     let inverse = found.covariance_mm2().try_inverse().expect("regular");
     (off.norm(), (truth.inverse() * pose).turn().0, off.dot(&(inverse * off)) / 3.0)
 }
@@ -75,7 +75,7 @@ fn calibrated(cell: &BoardCell, stations: &[Station<Camera>]) -> HandEye<Scanner
 #[test]
 fn the_noise_comes_out_of_the_residuals() {
     let cell = cell(3, GOOD_ROBOT);
-    let noise = calibrated(&cell, &fixed(&cell, 40)).adjusted.noise;
+    let noise = calibrated(&cell, &fixed(&cell, 40)).adjustment.noise;
     let near = |found: f64, truth: f64| (found / truth - 1.0).abs() < 0.33;
     assert!(near(noise.corner, NOISE_PX), "{noise:?}");
     assert!(near(noise.shift_mm, 0.02) && near(noise.turn_rad.to_degrees(), 0.005), "{noise:?}");
@@ -107,10 +107,11 @@ fn a_pose_within_an_arms_own_scatter_is_not_wrong() {
     let suspects = |off_mm: f64| {
         let mut stations = fixed(&cell, 12);
         for (station, shot) in stations.iter_mut().zip(cell.fixed_shots(12)) {
-            station.seen = BoardObservation::Pixels(cell.corners(&camera, &shot, 0.004));
+            station.observation = BoardObservation::Pixels(cell.corners(&camera, &shot, 0.004));
         }
         let off = nalgebra::Isometry3::translation(off_mm, 0.0, 0.0);
-        stations[7].base_from_flange = stations[7].base_from_flange * Rigid::<Flange, Flange>::claim(off);
+        stations[7].base_from_flange =
+            stations[7].base_from_flange * Rigid::<Flange, Flange>::from_isometry_unchecked(off);
         calibrated(&cell, &stations).suspects
     };
     assert_eq!(suspects(0.02), []);
@@ -125,7 +126,7 @@ fn the_stated_region_holds_the_truth() {
         let cell = cell(seed, GOOD_ROBOT);
         let found = calibrated(&cell, &fixed(&cell, 15));
         let (_, _, square) = error(&found, cell.base_from_camera());
-        square <= crate::calib::quantile::f_quantile(3.0, found.adjusted.redundancy, 0.95)
+        square <= crate::calib::quantile::f_quantile(3.0, found.adjustment.redundancy, 0.95)
     });
     let held = held.count();
     assert!((34..=40).contains(&held), "{held} of 40");
@@ -141,17 +142,18 @@ fn a_lens_that_is_off_moves_the_mount_as_foretold() {
     let at = Some(cell.panel_middle());
     let [found, moved] =
         [camera, off].map(|lens| hand_eye::<ScannerMount>(&lens, &board(), &stations, at).expect("calibrated"));
-    let moved_mm = moved.adjusted.to_from_camera.distance_at_mm(found.adjusted.to_from_camera, cell.panel_middle());
+    let moved_mm =
+        moved.adjustment.to_from_camera.distance_at_mm(found.adjustment.to_from_camera, cell.panel_middle());
     let mut covariance = LensCovariance::zeros();
     covariance[(2, 2)] = 0.04;
     let stated_mm = found.uncertainty_mm;
-    let told = found.with_lens(&camera, &stations, &covariance).expect("in front of the camera");
+    let told = found.with_lens_uncertainty(&camera, &stations, &covariance).expect("in front of the camera");
     let foretold_mm = told.lens_mm2.trace().sqrt();
     assert!(moved_mm > 0.05 && (moved_mm / foretold_mm - 1.0).abs() < 0.1, "{moved_mm} mm, {foretold_mm} mm");
     assert!(told.uncertainty_mm > stated_mm.hypot(moved_mm) && told.lens_uncertainty_mm() > 1.9 * moved_mm);
 }
 
-fn only_fault(found: &HandEye<ScannerMount>) -> (&str, &Fault) {
+fn only_fault(found: &HandEye<ScannerMount>) -> (&str, &StationFault) {
     match found.suspects.as_slice() {
         [suspect] => (&suspect.name, &suspect.fault),
         others => panic!("one picture is wrong: {others:?}"),
@@ -169,7 +171,7 @@ fn a_mistyped_number_is_named_with_the_right_one() {
     let (name, fault) = only_fault(&found);
     assert_eq!(name, "07.png");
     assert!(
-        matches!(fault, Fault::Mistyped { key: "b_deg", seen, .. } if (seen - right.b_deg).abs() < 0.05),
+        matches!(fault, StationFault::Mistyped { key: "b_deg", observed_value: seen, .. } if (seen - right.b_deg).abs() < 0.05),
         "{fault:?}"
     );
     let (mm, _, _) = error(&found, cell.base_from_camera());
@@ -182,11 +184,11 @@ fn a_mistyped_number_is_named_with_the_right_one() {
 fn swapped_pictures_name_each_other() {
     let cell = cell(5, GOOD_ROBOT);
     let mut stations = fixed(&cell, 15);
-    let seen = stations[2].seen.clone();
-    stations[2].seen = std::mem::replace(&mut stations[11].seen, seen);
+    let seen = stations[2].observation.clone();
+    stations[2].observation = std::mem::replace(&mut stations[11].observation, seen);
     let found = calibrated(&cell, &stations);
     let named: Vec<_> = found.suspects.iter().map(|suspect| (suspect.name.as_str(), &suspect.fault)).collect();
-    let with = |name: &str| Fault::Swapped { with: name.to_owned() };
+    let with = |name: &str| StationFault::Swapped { other_picture: name.to_owned() };
     assert_eq!(named, [("03.png", &with("12.png")), ("12.png", &with("03.png"))]);
 }
 
@@ -194,12 +196,12 @@ fn swapped_pictures_name_each_other() {
 fn a_board_seen_upside_down_is_named() {
     let cell = cell(6, GOOD_ROBOT);
     let mut stations = fixed(&cell, 15);
-    let BoardObservation::Pixels(corners) = &mut stations[9].seen else { panic!("pixels") };
+    let BoardObservation::Pixels(corners) = &mut stations[9].observation else { panic!("pixels") };
     let mut pixels: Vec<_> = corners.iter().map(|(_, pixel)| *pixel).collect();
     pixels.reverse();
     corners.iter_mut().zip(pixels).for_each(|(corner, pixel)| corner.1 = pixel);
     let found = calibrated(&cell, &stations);
-    assert_eq!(only_fault(&found), ("10.png", &Fault::Flipped));
+    assert_eq!(only_fault(&found), ("10.png", &StationFault::Flipped));
 }
 
 #[test]
@@ -233,11 +235,11 @@ fn the_next_pose_helps() {
     let cell = cell(8, GOOD_ROBOT);
     let stations = fixed(&cell, 8);
     let found = calibrated(&cell, &stations);
-    let next = crate::calib::next_pose(&cell.scanner(), &board(), &stations, &found).expect("a suggestion");
+    let next = crate::calib::suggest_next_pose(&cell.scanner(), &board(), &stations, &found).expect("a suggestion");
     assert!(next.uncertainty_mm < 0.98 * found.uncertainty_mm, "{next:?} {}", found.uncertainty_mm);
     let seen = cell.base_from_camera().inverse()
         * next.base_from_flange.to_rigid::<crate::geometry::Base, crate::geometry::Flange>()
-        * found.adjusted.holder_from_board;
+        * found.adjustment.holder_from_board;
     for corner in board().corners() {
         assert!(cell.scanner().project_inside(seen * corner).is_some());
     }
@@ -260,12 +262,16 @@ fn measured_points_give_a_second_result() {
             Station {
                 name: shot.index.to_string(),
                 base_from_flange: shot.base_from_flange,
-                seen: BoardObservation::Points(corners.iter().map(point).enumerate().map(off).collect()),
+                observation: BoardObservation::Points(corners.iter().map(point).enumerate().map(off).collect()),
             }
         })
         .collect();
     let found = calibrated(&cell, &measured);
     let (mm, deg, _) = error(&found, cell.base_from_camera());
     assert!(mm < 0.1 && deg < 0.03, "{mm} mm, {deg}°");
-    assert!(found.adjusted.noise.corner > 0.01 && found.adjusted.noise.corner < 0.06, "{:?}", found.adjusted.noise);
+    assert!(
+        found.adjustment.noise.corner > 0.01 && found.adjustment.noise.corner < 0.06,
+        "{:?}",
+        found.adjustment.noise
+    );
 }

@@ -28,7 +28,7 @@ pub(super) const LENS: PinholeCamera = PinholeCamera {
 /// picture's middle.
 pub(super) fn pictures(lens: &PinholeCamera, seed: u64, count: usize, spread: f64, depth_mm: f64) -> Vec<View> {
     let board = Board::parse("12x9", 30.0).expect("a board");
-    let middle = board.middle().mm.coords;
+    let middle = board.centre().mm.coords;
     let mut random = Pcg64::seed_from_u64(seed);
     let normal = |random: &mut Pcg64| -> f64 { (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0 };
     (0..count)
@@ -38,7 +38,7 @@ pub(super) fn pictures(lens: &PinholeCamera, seed: u64, count: usize, spread: f6
             let depth = depth_mm * (1.0 + part(0.15));
             let place = Vector3::new(part(spread) * depth * 0.47, part(spread) * depth * 0.35, depth);
             let pose = Isometry3::from_parts(Translation3::from(place - turn * middle), turn);
-            let pose = Rigid::<Camera, crate::geometry::Board>::claim(pose);
+            let pose = Rigid::<Camera, crate::geometry::Board>::from_isometry_unchecked(pose);
             let corners: Corners = board
                 .corners()
                 .into_iter()
@@ -66,8 +66,12 @@ fn a_board_in_the_middle_gives_a_lens_that_is_known_in_the_middle() {
     for seed in 1..=3 {
         let views = pictures(&lens, seed, 28, 0.05, 1600.0);
         for model in [None, Some(LensModel::Full)] {
-            let found = calibrate(size(&lens), &views, Options { keep_all: true, model }).expect("a lens");
-            assert!(found.camera.radius_without_fold(0.0).is_some(), "seed {seed}, {model:?}: {:?}", found.camera);
+            let found = calibrate(size(&lens), &views, Options { keep_all_pictures: true, model }).expect("a lens");
+            assert!(
+                found.camera.max_undistorted_radius(0.0).is_some(),
+                "seed {seed}, {model:?}: {:?}",
+                found.camera
+            );
             let share = found.support.share;
             assert!(share < 0.9, "seed {seed}, {model:?}: known in {share}");
             let judged = gate::intrinsics(&found);
@@ -153,7 +157,7 @@ fn a_bowed_board_is_named_and_a_flat_one_is_not() {
     let size = (camera.width_px, camera.height_px);
     let found = calibrate(size, &views(1.5), Options::default()).expect("a lens");
     let shape = found.board_shape.expect("bowed");
-    assert!((shape.bow_mm - 1.5).abs() < 0.3 && shape.own_px < 0.5 * shape.flat_px, "{shape:?}");
+    assert!((shape.bow_mm - 1.5).abs() < 0.3 && shape.fitted_rms_px < 0.5 * shape.flat_px, "{shape:?}");
     let codes: Vec<_> = gate::intrinsics(&found).reasons.into_iter().map(|reason| reason.code).collect();
     assert!(codes.iter().any(|code| code == "board_shape"), "{codes:?}");
     let flat = calibrate(size, &views(0.0), Options::default()).expect("a lens");

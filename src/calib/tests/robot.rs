@@ -1,9 +1,9 @@
 //! Arms with their own errors, compared with the true values.
 
-use crate::calib::arm_errors::{ARM_NUMBERS, AxisFault, base_from_flange, usual};
+use crate::calib::arm_errors::{ARM_NUMBERS, AxisFault, base_from_flange, prior_std};
 use crate::calib::gate;
 use crate::calib::robot::{
-    ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, Touched, calibrate,
+    ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, TouchTarget, calibrate,
 };
 use crate::cell::Cell;
 use crate::geometry::{Flange, Joints, Point};
@@ -32,8 +32,8 @@ fn simulated(seed: u64, count: usize) -> Simulated {
     let geometry = *Cell::check("f", "").unwrap_or_else(|problems| panic!("{problems}")).arm().geometry();
     let mut random = Pcg64::seed_from_u64(seed);
     let errors: [f64; ARM_NUMBERS] = std::array::from_fn(|index| match index {
-        30 | 31 => random.random::<f64>() * usual()[index],
-        _ => (random.random::<f64>() * 2.0 - 1.0) * usual()[index],
+        30 | 31 => random.random::<f64>() * prior_std()[index],
+        _ => (random.random::<f64>() * 2.0 - 1.0) * prior_std()[index],
     });
     let turn = |x: f64, y: f64, z: f64| UnitQuaternion::from_scaled_axis(Vector3::new(x, y, z));
     let iso = |x, y, z, r| Isometry3::from_parts(Translation3::new(x, y, z), r);
@@ -106,7 +106,7 @@ fn simulated(seed: u64, count: usize) -> Simulated {
     for index in 0..10 {
         let spot = index % 2;
         if let Some(joints) = reached(&geometry, &errors, tip, spots[spot], pose(&mut random), &mut random) {
-            touches.push(ArmTouch { at: Touched::Spot(spot), pose: arm_pose(joints) });
+            touches.push(ArmTouch { target: TouchTarget::Spot(spot), pose: arm_pose(joints) });
         }
     }
     let near = |truth: &Isometry3<f64>| {
@@ -197,18 +197,18 @@ fn an_arm_s_own_errors_are_found() {
         };
         assert!(matches!(found.correction, Correction::Geometry { .. }));
         assert!(
-            found.left_out_after_mm < 0.6 * found.left_out_before_mm,
+            found.corrected_left_out_mm < 0.6 * found.uncorrected_left_out_mm,
             "{} {}",
-            found.left_out_before_mm,
-            found.left_out_after_mm
+            found.uncorrected_left_out_mm,
+            found.corrected_left_out_mm
         );
         assert!(worst(true) < 0.3, "seed {seed}: {} mm, before {}", worst(true), worst(false));
-        let told = found.numbers.iter().filter(|number| number.untold < 0.5).count();
-        assert!(told >= 8 && found.numbers.iter().all(|number| number.untold < 1.01), "{told}");
+        let told = found.numbers.iter().filter(|number| number.remaining_share < 0.5).count();
+        assert!(told >= 8 && found.numbers.iter().all(|number| number.remaining_share < 1.01), "{told}");
         println!(
             "seed {seed}: left out {:.3} → {:.3} mm, contact {:.3} → {:.3} mm, {told} numbers told",
-            found.left_out_before_mm,
-            found.left_out_after_mm,
+            found.uncorrected_left_out_mm,
+            found.corrected_left_out_mm,
             worst(false),
             worst(true)
         );
@@ -219,7 +219,7 @@ fn an_arm_s_own_errors_are_found() {
         assert!(matches!(found.correction, Correction::Smooth { .. }));
         println!(
             "seed {seed}, smooth: left out {:.3} → {:.3} mm",
-            found.left_out_before_mm, found.left_out_after_mm
+            found.uncorrected_left_out_mm, found.corrected_left_out_mm
         );
     }
 }
@@ -230,7 +230,7 @@ fn an_arm_s_own_errors_are_found() {
 fn an_arm_of_which_a_correction_takes_nothing_away_goes_without_one() {
     let found = calibrate(&simulated(1, 40).data).expect("an arm");
     let judged = |before: f64, after: f64| {
-        let found = RobotFound { left_out_before_mm: before, left_out_after_mm: after, ..found.clone() };
+        let found = RobotFound { uncorrected_left_out_mm: before, corrected_left_out_mm: after, ..found.clone() };
         (gate::needs_no_correction(&found), gate::robot(&found, 40).verdict)
     };
     assert_eq!(judged(0.07, 0.02), (true, Verdict::Accept));
@@ -254,7 +254,7 @@ fn exchanged_axes_and_wrong_signs_are_named() {
         for with_poses in [true, false] {
             let mut data = simulated.data.clone();
             for view in &mut data.views {
-                let wrong = fault.mended(&view.pose.joints.expect("axes"));
+                let wrong = fault.correct_angles(&view.pose.joints.expect("axes"));
                 view.pose.joints = Some(wrong);
                 if !with_poses {
                     view.pose.base_from_flange = base_from_flange(&data.geometry, &wrong, &[0.0; ARM_NUMBERS]);

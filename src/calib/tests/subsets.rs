@@ -5,7 +5,7 @@ use super::hand_eye::{GOOD_ROBOT, board, cell};
 use super::lenses::{LENS, pictures, size};
 use crate::calib::gate::{self, PosesFrom};
 use crate::calib::hand_eye::hand_eye;
-use crate::calib::health::{BoardMeasurement, distance_mm, no_look_at};
+use crate::calib::health::{BoardMeasurement, distance_mm, uninformative_measurement};
 use crate::calib::intrinsics::{Options, calibrate};
 use crate::calib::{Arrangement, BoardObservation, Station, board_pose};
 use crate::cell::{FlangeCameraMount, ScannerMount};
@@ -41,7 +41,7 @@ fn stations<C: Frame>(
     let station = |shot: &BoardShot<C>| Station {
         name: format!("{:02}.png", shot.index + 1),
         base_from_flange: shot.base_from_flange,
-        seen: BoardObservation::Pixels(cell.corners(camera, shot, 0.02 * 4.0_f64.powf(random.random()))),
+        observation: BoardObservation::Pixels(cell.corners(camera, shot, 0.02 * 4.0_f64.powf(random.random()))),
     };
     let mut all: Vec<Station<C>> = shots.iter().map(station).collect();
     all.shuffle(random);
@@ -55,7 +55,7 @@ fn mounts<A: Arrangement>(
     let judge = |count: usize| match hand_eye::<A>(camera, &board(), &stations[..count], None) {
         Ok(found) => {
             let square_mm = board().square_mm();
-            let judged = gate::hand_eye((&found, square_mm), None, Some(truth), PosesFrom::File);
+            let judged = gate::judge_hand_eye((&found, square_mm), None, Some(truth), PosesFrom::File);
             let words: Vec<String> = judged.reasons.iter().map(|reason| reason.message.to_string()).collect();
             (judged.verdict, words.join("; "))
         }
@@ -115,10 +115,10 @@ fn more_pictures_never_make_a_verification_worse() {
         let (cell, mut random) = (cell(seed, GOOD_ROBOT), Pcg64::seed_from_u64(seed));
         let (camera, known) = (cell.flange_camera(), cell.base_from_board());
         for station in stations((&cell, &camera), &cell.flange_shots(COUNTS[3]), &mut random) {
-            let pose = board_pose(&camera, &station.seen).expect("a board");
+            let pose = board_pose(&camera, &station.observation).expect("a board");
             let base_from_board = station.base_from_flange * cell.flange_from_camera() * pose.camera_from_board;
             let look = BoardMeasurement { base_from_board, pnp_rms_px: pose.rms, measured_square_mm: None };
-            assert_eq!(no_look_at(&known, &look, &board()), None, "seed {seed}, {}", station.name);
+            assert_eq!(uninformative_measurement(&known, &look, &board()), None, "seed {seed}, {}", station.name);
             let error_mm = distance_mm(&known, &base_from_board, &board().corners());
             assert!(error_mm < limit_mm, "seed {seed}, {}: {error_mm} mm of {limit_mm} mm", station.name);
         }

@@ -1,6 +1,6 @@
 //! Mounts from three touched points, for both kinds of mount.
 
-use crate::calib::three_points::{Touched, three_points};
+use crate::calib::three_points::{TouchedCorner, three_points};
 use crate::calib::{Board, BoardObservation, CalibError, gate};
 use crate::cell::{FlangeCameraMount, ScannerMount};
 use crate::geometry::{Base, Board as BoardFrame, Point, Rigid};
@@ -22,10 +22,10 @@ fn touched(
     base_from_board: &Rigid<Base, BoardFrame>,
     corners: &[(usize, usize)],
     noise_mm: f64,
-) -> Vec<Touched> {
+) -> Vec<TouchedCorner> {
     let places: Vec<_> = corners.iter().map(|&(c, r)| board().corner(c, r).expect("on the board")).collect();
-    let touched = cell.touched(base_from_board, &places, noise_mm);
-    corners.iter().zip(touched).map(|(&corner, place)| Touched { corner, place }).collect()
+    let touched = cell.touch_points(base_from_board, &places, noise_mm);
+    corners.iter().zip(touched).map(|(&corner, place)| TouchedCorner { corner, place }).collect()
 }
 
 fn codes(judgement: &crate::verdict::Judgement) -> Vec<&str> {
@@ -45,7 +45,7 @@ fn the_mount_comes_back() {
         let error = found.to_from_camera.distance_at_mm(cell.base_from_camera(), cell.panel_middle());
         assert!(error < 1e-3 && found.pnp_rms_px < 1e-3, "{error} mm");
         assert!(found.check_mm.is_some_and(|check| check < 1e-6), "{:?}", found.check_mm);
-        let expected: &[&str] = if found.looks_alike { &["no_check_point"] } else { &[] };
+        let expected: &[&str] = if found.is_symmetric { &["no_check_point"] } else { &[] };
         assert_eq!(codes(&gate::three_points(&found, None)), expected);
     }
     let (camera, shot) = (cell.flange_camera(), cell.flange_shots(1)[0]);
@@ -126,7 +126,7 @@ fn points_that_make_no_frame_are_refused() {
     assert!(refused(&[(0, 0), (4, 0), (8, 0)]).contains("on one line"));
     assert!(refused(&[(0, 0), (1, 0), (8, 5)]).contains("apart"));
     assert!(refused(&[(0, 0), (8, 0)]).contains("3 are needed"));
-    let off = vec![Touched { corner: (9, 0), place: Point::at(0.0, 0.0, 0.0) }; 3];
+    let off = vec![TouchedCorner { corner: (9, 0), place: Point::at(0.0, 0.0, 0.0) }; 3];
     let error = three_points::<ScannerMount>(&camera, &board(), &seen, &off, None).expect_err("no such corner");
     assert!(error.to_string().contains("[0, 0] to [8, 5]"), "{error}");
 }

@@ -3,7 +3,7 @@
 use super::hand_eye::{GOOD_ROBOT, board, cell, fixed, on_flange};
 use crate::calib::gate::PosesFrom;
 use crate::calib::hand_eye::hand_eye;
-use crate::calib::{Arrangement, BoardObservation, Meaning, Station, gate, square};
+use crate::calib::{Arrangement, BoardObservation, PoseInterpretation, Station, gate, square};
 use crate::cell::{FlangeCameraMount, ScannerMount};
 use crate::geometry::{Base, Flange, KukaPose, PinholeCamera, Pixel, Point, Rigid};
 use crate::verdict::{Judgement, Verdict};
@@ -17,7 +17,7 @@ fn judged<A: Arrangement>(
     rough: Option<Rigid<A::To, A::From>>,
 ) -> Result<Judgement, String> {
     let found = hand_eye::<A>(camera, &board(), stations, None).map_err(|error| error.to_string())?;
-    Ok(gate::hand_eye((&found, board().square_mm()), None, rough.as_ref(), PosesFrom::File))
+    Ok(gate::judge_hand_eye((&found, board().square_mm()), None, rough.as_ref(), PosesFrom::File))
 }
 
 fn words(judged: &Result<Judgement, String>) -> String {
@@ -34,7 +34,7 @@ fn reads<C: crate::geometry::Frame>(
     change: impl Fn(&Isometry3<f64>) -> Isometry3<f64>,
 ) -> Vec<Station<C>> {
     let changed = |station: &Station<C>| Station {
-        base_from_flange: Rigid::claim(change(station.base_from_flange.isometry())),
+        base_from_flange: Rigid::from_isometry_unchecked(change(station.base_from_flange.isometry())),
         ..station.clone()
     };
     stations.iter().map(changed).collect()
@@ -43,7 +43,7 @@ fn reads<C: crate::geometry::Frame>(
 type Change = (&'static str, &'static str, fn(&Isometry3<f64>) -> Isometry3<f64>);
 
 fn kuka(pose: &Isometry3<f64>) -> KukaPose {
-    KukaPose::from_rigid(&Rigid::<Base, Flange>::claim(*pose))
+    KukaPose::from_rigid(&Rigid::<Base, Flange>::from_isometry_unchecked(*pose))
 }
 
 fn with_angles(pose: &Isometry3<f64>, [a_deg, b_deg, c_deg]: [f64; 3]) -> Isometry3<f64> {
@@ -129,7 +129,7 @@ fn shifted_mirrored_and_other_mounts_are_named() {
     let late: Vec<_> = stations[1..]
         .iter()
         .zip(&stations)
-        .map(|(now, before)| Station { seen: now.seen.clone(), ..before.clone() })
+        .map(|(now, before)| Station { observation: now.observation.clone(), ..before.clone() })
         .collect();
     let shifted = words(&judged::<ScannerMount>(&cell.scanner(), &late, None));
     assert!(shifted.contains("shifted by one picture"), "{shifted}");
@@ -137,11 +137,11 @@ fn shifted_mirrored_and_other_mounts_are_named() {
     let mirrored: Vec<_> = stations
         .iter()
         .map(|station| {
-            let BoardObservation::Pixels(corners) = &station.seen else { panic!("pixels") };
+            let BoardObservation::Pixels(corners) = &station.observation else { panic!("pixels") };
             let flip = |(q, pixel): &(Point<crate::geometry::Board>, Pixel)| {
                 (Point::at(200.0 - q.mm.x, q.mm.y, 0.0), Pixel::at(camera.width_px as f64 - 1.0 - pixel.u, pixel.v))
             };
-            Station { seen: BoardObservation::Pixels(corners.iter().map(flip).collect()), ..station.clone() }
+            Station { observation: BoardObservation::Pixels(corners.iter().map(flip).collect()), ..station.clone() }
         })
         .collect();
     let mirrored = words(&judged::<ScannerMount>(&camera, &mirrored, None));
@@ -150,11 +150,11 @@ fn shifted_mirrored_and_other_mounts_are_named() {
     let other: Vec<Station<crate::geometry::FlangeCamera>> = stations
         .iter()
         .map(|station| {
-            let BoardObservation::Pixels(corners) = &station.seen else { panic!("pixels") };
+            let BoardObservation::Pixels(corners) = &station.observation else { panic!("pixels") };
             Station {
                 name: station.name.clone(),
                 base_from_flange: station.base_from_flange,
-                seen: BoardObservation::Pixels(corners.clone()),
+                observation: BoardObservation::Pixels(corners.clone()),
             }
         })
         .collect();
@@ -172,24 +172,25 @@ fn squares_of_another_size_are_measured_and_rejected() {
         for stated_mm in [24.9, 25.1, 24.5] {
             // The corners of a board that is stated to have these squares.
             let share = stated_mm / 25.0;
-            let fixed: Vec<_> = fixed(&cell, 15).iter().map(|station| square::scaled(station, share)).collect();
+            let fixed: Vec<_> =
+                fixed(&cell, 15).iter().map(|station| square::scale_station(station, share)).collect();
             let on_flange: Vec<_> =
-                on_flange(&cell, 15).iter().map(|station| square::scaled(station, share)).collect();
+                on_flange(&cell, 15).iter().map(|station| square::scale_station(station, share)).collect();
             let stated = crate::calib::Board::parse("9x6", stated_mm).expect("a board");
             let found = hand_eye::<ScannerMount>(&cell.scanner(), &stated, &fixed, None).expect("a mount");
             let size = found.square.as_ref().expect("measured");
             assert!((size.ratio * stated_mm - 25.0).abs() < 0.015, "seed {seed}: {}", size.ratio * stated_mm);
             assert!(size.ratio_95() * stated_mm < 0.02, "{}", size.ratio_95());
-            let judgement = gate::hand_eye((&found, stated_mm), None, rough.0.as_ref(), PosesFrom::File);
+            let judgement = gate::judge_hand_eye((&found, stated_mm), None, rough.0.as_ref(), PosesFrom::File);
             let codes: Vec<&str> = judgement.reasons.iter().map(|reason| &*reason.code).collect();
             assert!(judgement.verdict == Verdict::Reject && codes.contains(&"square_size"), "{codes:?}");
             assert!(!codes.contains(&"does_not_fit"), "no pose is blamed: {codes:?}");
             let found =
                 hand_eye::<FlangeCameraMount>(&cell.flange_camera(), &stated, &on_flange, None).expect("a mount");
-            let judgement = gate::hand_eye((&found, stated_mm), None, rough.1.as_ref(), PosesFrom::File);
+            let judgement = gate::judge_hand_eye((&found, stated_mm), None, rough.1.as_ref(), PosesFrom::File);
             assert!(words(&Ok(judgement)).contains("square_size"), "seed {seed}, {stated_mm}");
         }
-        let tenth: Vec<_> = fixed(&cell, 15).iter().map(|station| square::scaled(station, 0.1)).collect();
+        let tenth: Vec<_> = fixed(&cell, 15).iter().map(|station| square::scale_station(station, 0.1)).collect();
         let board = crate::calib::Board::parse("9x6", 2.5).expect("a board");
         let refused =
             hand_eye::<ScannerMount>(&cell.scanner(), &board, &tenth, None).expect_err("no mount").to_string();
@@ -233,8 +234,8 @@ fn a_base_or_a_tool_ends_in_review_without_a_rough_mount() {
 /// Calculated by hand: 25 mm stated, robot lengths are a thousandth of the board's.
 #[test]
 fn a_factor_on_lengths_names_the_unit() {
-    let metres = Meaning::Lengths { ratio: 1e-3, square_mm: 25.0 }.to_string();
+    let metres = PoseInterpretation::Lengths { ratio: 1e-3, square_mm: 25.0 }.to_string();
     assert!(metres.contains("0.025 mm") && metres.contains("in metres"), "{metres}");
-    let size = Meaning::Lengths { ratio: 25.0 / 29.0, square_mm: 29.0 }.to_string();
+    let size = PoseInterpretation::Lengths { ratio: 25.0 / 29.0, square_mm: 29.0 }.to_string();
     assert!(size.contains("25.000 mm") && size.contains("correct --square-mm"), "{size}");
 }

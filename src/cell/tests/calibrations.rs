@@ -124,8 +124,8 @@ proptest! {
         let outline_px = vec![Pixel::at(1.5, 2.0), Pixel::at(9.0, 2.0), Pixel::at(9.0, 8.25)];
         let extent = LensExtent {
             model: Some("k1k2".to_owned()),
-            left_out: vec!["k3: as good without".to_owned()],
-            supported: rms_px.map(|error_px| Supported { error_px, outline_px }),
+            excluded_coefficients: vec!["k3: as good without".to_owned()],
+            supported: rms_px.map(|error_px| SupportedArea { error_px, outline_px }),
         };
         let lens = Intrinsics { camera, covariance, serial, date, rms_px, extent, provenance, errors: None };
         prop_assert_eq!(Intrinsics::check("f", &lens.to_toml()), Ok(lens.clone()), "{}", lens.to_toml());

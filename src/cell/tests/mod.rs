@@ -25,7 +25,7 @@ fn an_empty_file_is_the_simulated_cell() {
     assert_eq!((cell.robot().kind(), cell.robot().host()), (RobotKind::Mock, "127.0.0.1"));
     assert_eq!((cell.robot().command_port(), cell.robot().state_port()), (54_600, 54_601));
     assert_eq!(cell.store(), Path::new("somewhere/store"));
-    assert_eq!((cell.park(), cell.limits().workspace(), cell.limits().tool_error_mm()), (None, None, None));
+    assert_eq!((cell.park_pose(), cell.limits().workspace(), cell.limits().tool_error_mm()), (None, None, None));
     assert_eq!(cell.calibration(), &CalibrationFiles::default());
 }
 
@@ -72,15 +72,18 @@ fn names_that_the_user_chose_are_kept() {
         "[poses]\npark = {{{axes}}}\nwash = {{{axes}}}\n[io]\noutputs = {{tool = 1, light = 4096}}\nfeedbacks.flow = 1"
     );
     let cell = Cell::check("cell.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
-    assert_eq!(cell.park().map(|park| (park.a1_deg, park.a6_deg)), Some((1.0, 350.0)));
-    assert_eq!((cell.pose("wash"), cell.pose("dry")), (cell.park(), None));
-    assert_eq!((cell.io().outputs().get("light"), cell.io().feedbacks().get("flow")), (Some(&4096), Some(&1)));
+    assert_eq!(cell.park_pose().map(|park| (park.a1_deg, park.a6_deg)), Some((1.0, 350.0)));
+    assert_eq!((cell.pose("wash"), cell.pose("dry")), (cell.park_pose(), None));
+    assert_eq!(
+        (cell.inputs_outputs().outputs().get("light"), cell.inputs_outputs().feedbacks().get("flow")),
+        (Some(&4096), Some(&1))
+    );
 }
 
 #[test]
 fn signals_are_the_bits_in_the_order_of_their_numbers() {
     let cell = Cell::check("cell.toml", "[io.outputs]\nlight = 9\ntool = 3\nspray = 5\n").expect("good");
-    let found = cell.io().outputs_in(0b101);
+    let found = cell.inputs_outputs().decode_outputs(0b101);
     assert_eq!(found, [("light", true), ("spray", false), ("tool", true)], "3 is bit 0, 5 bit 1, 9 bit 2");
 }
 
@@ -92,24 +95,24 @@ fn what_goes_off_by_itself_has_its_time() {
     let text = format!("[io]\n{outputs}\noff_after_s = {{ light = 20, fan = 3 }}");
     let cell = Cell::check("cell.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
     let after: Vec<(&str, u16)> =
-        cell.io().off_after_s().iter().map(|(name, after_s)| (name.as_str(), *after_s)).collect();
+        cell.inputs_outputs().off_delays_s().iter().map(|(name, after_s)| (name.as_str(), *after_s)).collect();
     assert_eq!(after, [("extraction", 30), ("fan", 3), ("light", 20), ("rinse", 0), ("spray", 0), ("tool", 0)]);
     // Numbers 2 3 4 5 6 7 8 9 are bits 0 to 7: the tool is bit 1, the spray bit 3, the rinse bit 4.
-    assert_eq!(cell.io().harmful_bits(), 0b11010);
+    assert_eq!(cell.inputs_outputs().harmful_bits(), 0b11010);
 }
 
 /// Pages and records stay for ever; the file states how long clips and scans stay.
 #[test]
 fn the_store_s_table_says_what_is_kept() {
     let check = |text: &str| Cell::check("a/cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
-    assert!(check("store = 'kept'").keep().is_for_ever());
+    assert!(check("store = 'kept'").retention().is_unlimited());
     let cell = check("[store]\nfolder = 'kept'\nkeep = { days = 30, cycles = 200, failed_days = 180 }");
     assert_eq!(cell.store(), Path::new("a/kept"));
     let expected = Retention {
-        passed: KeepFor { days: Some(30), cycles: Some(200) },
-        failed: KeepFor { days: Some(180), cycles: None },
+        passed: RetentionTime { days: Some(30), cycles: Some(200) },
+        failed: RetentionTime { days: Some(180), cycles: None },
     };
-    assert_eq!(*cell.keep(), expected);
+    assert_eq!(*cell.retention(), expected);
     assert_eq!(check("[store]").store(), Path::new("a/store"));
     for (text, words) in [
         ("[store]\nkeep = { days = 0 }", "2: store.keep.days: found 0, valid: a whole number from 1 to 36500"),
@@ -129,7 +132,7 @@ fn a_host_is_an_address_or_a_name() {
     for host in ["172.31.1.147", "::1", "localhost", "krc-4.cell.example", "krc4_left", "a1.b2c"] {
         let cell = of(host).unwrap_or_else(|problems| panic!("{host}: {problems}"));
         let here = ["::1", "localhost"].contains(&host);
-        assert_eq!(cell.robot().is_on_this_machine(), here, "{host}");
+        assert_eq!(cell.robot().is_local_controller(), here, "{host}");
     }
     for host in [
         "host.foo bar",

@@ -7,13 +7,13 @@ use super::cell_problems;
 fn the_opcua_server_is_off_until_it_is_asked_for_and_its_certificates_lie_in_the_store() {
     let cell = Cell::check("/cell/cell.toml", "store = 'kept'").expect("right");
     let OpcUa { listen, anonymous, is_unencrypted_allowed, certificates, .. } = cell.opcua().clone();
-    assert_eq!((listen, anonymous, is_unencrypted_allowed), (None, Anonymous::Nothing, false));
+    assert_eq!((listen, anonymous, is_unencrypted_allowed), (None, AnonymousAccess::Nothing, false));
     assert_eq!(certificates, Path::new("/cell/kept/opcua"));
     let text = "[opcua]\nlisten = '0.0.0.0:4840'\nhost = 'cell-1.plant'\nanonymous = 'read'\nunencrypted = true\ncertificates = 'pki'";
     let cell = Cell::check("/cell/cell.toml", text).expect("right");
     let found = cell.opcua();
     assert_eq!(found.listen.map(|address| address.port()), Some(4_840));
-    assert_eq!((found.anonymous, found.is_unencrypted_allowed), (Anonymous::Read, true));
+    assert_eq!((found.anonymous, found.is_unencrypted_allowed), (AnonymousAccess::Read, true));
     assert_eq!((found.host.as_deref(), &*found.certificates), (Some("cell-1.plant"), Path::new("/cell/pki")));
 }
 

@@ -6,12 +6,12 @@ use crate::eki::channel::{Stated, StatedChannel};
 
 /// Returns the ports and signals that two channels both use, as problems of both: the channel's index in the list,
 /// and the problem.
-pub(crate) fn clashes(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize, Problem)> {
+pub(crate) fn find_clashes(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize, Problem)> {
     let mut found = Vec::new();
     for (nth, (place, _, channel)) in channels.iter().enumerate() {
         for (other_nth, (_, other_file, other)) in channels.iter().enumerate() {
             if nth != other_nth {
-                found.extend(pair(channel, other_file, other).into_iter().map(|problem| (*place, problem)));
+                found.extend(compare_pair(channel, other_file, other).into_iter().map(|problem| (*place, problem)));
             }
         }
     }
@@ -20,8 +20,8 @@ pub(crate) fn clashes(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize,
 
 /// Returns warnings if one controller listens at different addresses: one for each channel with another address than
 /// the first channel. A controller has few networks, and usually only one for this purpose.
-pub(crate) fn addresses_apart(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize, Problem)> {
-    let listening = channels.iter().filter(|(_, _, channel)| channel.listens());
+pub(crate) fn differing_address_warnings(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize, Problem)> {
+    let listening = channels.iter().filter(|(_, _, channel)| channel.does_controller_listen());
     let mut stated = listening.filter_map(|(place, file, channel)| {
         let ip = channel.internal.ip.as_ref().filter(|ip| is_address(&ip.value))?;
         Some((*place, *file, ip))
@@ -39,7 +39,7 @@ pub(crate) fn addresses_apart(channels: &[(usize, &str, &StatedChannel)]) -> Vec
     others.map(warning).collect()
 }
 
-fn pair(channel: &StatedChannel, other_file: &str, other: &StatedChannel) -> Vec<Problem> {
+fn compare_pair(channel: &StatedChannel, other_file: &str, other: &StatedChannel) -> Vec<Problem> {
     let mut found = Vec::new();
     let mut note = |line: usize, key: String, message: String| found.push(Problem { line, key, message });
     if channel.name.eq_ignore_ascii_case(&other.name) {
@@ -50,7 +50,7 @@ fn pair(channel: &StatedChannel, other_file: &str, other: &StatedChannel) -> Vec
         );
         note(1, String::new(), message);
     }
-    if channel.listens() && other.listens() {
+    if channel.does_controller_listen() && other.does_controller_listen() {
         let port = |channel: &StatedChannel| channel.internal.port.as_ref().map_or(54_600, |port| port.value);
         if port(channel) == port(other) {
             let line = channel.internal.port.as_ref().map_or(channel.internal_line, |port| port.line);
@@ -68,7 +68,7 @@ fn pair(channel: &StatedChannel, other_file: &str, other: &StatedChannel) -> Vec
             let message = format!(
                 "{} is also set by {} in {other_file} (line {})",
                 signal.variable(),
-                theirs.cause(),
+                theirs.describe_cause(),
                 theirs.line
             );
             note(signal.line, signal.key(), message);

@@ -3,8 +3,8 @@
 use crate::eki::channel::{Environment, Protocol, ReadOrder, StatedChannel, StatedElement, StatedRaw};
 
 /// Describes the channel, one sentence for each property.
-pub(super) fn sentences(channel: &StatedChannel) -> Vec<String> {
-    let mut says = vec![who_listens(channel), how_long(channel), what_waits(channel)];
+pub(super) fn describe_channel(channel: &StatedChannel) -> Vec<String> {
+    let mut says = vec![describe_listener(channel), describe_lifetime(channel), describe_buffers(channel)];
     says.extend(
         channel
             .signals()
@@ -21,7 +21,7 @@ pub(super) fn sentences(channel: &StatedChannel) -> Vec<String> {
         says.push(format!("messages: Logging {}, Display on the smartPAD {}", word(logging), word(display)));
     }
     says.extend(roots("receives", &channel.received));
-    says.extend(channel.raw.iter().map(say_raw));
+    says.extend(channel.raw.iter().map(describe_raw));
     for signal in channel.signals() {
         if let Some(tag) = &signal.tag {
             let inside = format!("{tag}/");
@@ -40,12 +40,12 @@ pub(super) fn sentences(channel: &StatedChannel) -> Vec<String> {
     says
 }
 
-fn who_listens(channel: &StatedChannel) -> String {
+fn describe_listener(channel: &StatedChannel) -> String {
     let server = channel.server();
     let ip = server.ip.as_ref().map(|ip| ip.value.as_str());
     let protocol = channel.protocol.map_or(Protocol::Tcp, |protocol| protocol.value);
     let port = server.port.as_ref().map(|port| port.value);
-    if channel.listens() {
+    if channel.does_controller_listen() {
         let port = port.map_or("54600, not stated".to_owned(), |port| port.to_string());
         format!(
             "channel {}: the controller listens on {}, port {port}, {protocol}, and accepts one client",
@@ -63,7 +63,7 @@ fn who_listens(channel: &StatedChannel) -> String {
     }
 }
 
-fn how_long(channel: &StatedChannel) -> String {
+fn describe_lifetime(channel: &StatedChannel) -> String {
     let until = match channel.environment.map_or(Environment::Program, |stated| stated.value) {
         Environment::Submit => "the submit interpreter is cancelled or the inputs and outputs are reconfigured",
         Environment::System => "the inputs and outputs are reconfigured",
@@ -72,7 +72,7 @@ fn how_long(channel: &StatedChannel) -> String {
     format!("the channel exists until {until}")
 }
 
-fn what_waits(channel: &StatedChannel) -> String {
+fn describe_buffers(channel: &StatedChannel) -> String {
     let entries = channel.entries.as_ref().map_or(16, |entries| entries.value);
     let bytes = channel.bytes.as_ref().map_or(16_384, |bytes| bytes.value);
     let order = match channel.order.map_or(ReadOrder::Fifo, |order| order.value) {
@@ -97,9 +97,9 @@ fn roots(verb: &str, elements: &[StatedElement]) -> Vec<String> {
         let inside: Vec<String> = elements
             .iter()
             .filter(|element| element.root() == *root)
-            .filter(|element| element.kind.is_some() || (verb == "sends" && !element.inside().is_empty()))
+            .filter(|element| element.kind.is_some() || (verb == "sends" && !element.tag_below_root().is_empty()))
             .map(|element| {
-                let name = if element.inside().is_empty() { "its text" } else { element.inside() };
+                let name = if element.tag_below_root().is_empty() { "its text" } else { element.tag_below_root() };
                 match element.kind.as_deref() {
                     Some("FRAME") => format!("{name} FRAME (X Y Z A B C)"),
                     Some(kind) => format!("{name} {kind}"),
@@ -116,7 +116,7 @@ fn roots(verb: &str, elements: &[StatedElement]) -> Vec<String> {
     names.iter().map(sentence).collect()
 }
 
-fn say_raw(raw: &StatedRaw) -> String {
+fn describe_raw(raw: &StatedRaw) -> String {
     let size = raw.size.map_or("not stated".to_owned(), |size| size.to_string());
     if raw.is_stream {
         let end = raw.end.as_deref().unwrap_or("not stated");

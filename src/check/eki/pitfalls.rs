@@ -8,13 +8,13 @@ use std::collections::{BTreeMap, BTreeSet};
 const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
 /// The first number beyond the last `$FLAG`, 1024. The manual's range for Set_Flag still includes it, so it only gives
 /// a warning; larger numbers are refused as outside of that range.
-const FIRST_NO_FLAG: u32 = 1025;
+const FLAG_END: u32 = 1025;
 
 /// Adds everything to `found` that is visible from one channel's own file.
 pub(super) fn find(channel: &StatedChannel, found: &mut Findings) {
     addresses(channel, found);
-    life(channel, found);
-    buffers(channel, found);
+    check_lifetime(channel, found);
+    check_buffers(channel, found);
     signals(channel, found);
     elements(channel, found);
     raw(channel, found);
@@ -27,9 +27,9 @@ fn addresses(channel: &StatedChannel, found: &mut Findings) {
                        listen; write Client if the PC connects";
         found.warn(1, "CONFIGURATION/EXTERNAL/TYPE", message);
     }
-    if channel.listens() {
+    if channel.does_controller_listen() {
         match &channel.internal.port {
-            Some(port) if !PORTS.contains(&port.value) => found.wrong(
+            Some(port) if !PORTS.contains(&port.value) => found.add_problem(
                 port.line,
                 "CONFIGURATION/INTERNAL/PORT",
                 format!("is {}; the controller's firewall lets only ports 54600 to 54615 through", port.value),
@@ -54,10 +54,10 @@ fn addresses(channel: &StatedChannel, found: &mut Findings) {
         let missing = [("IP", channel.external.ip.is_none()), ("PORT", channel.external.port.is_none())];
         for (name, _) in missing.into_iter().filter(|(_, missing)| *missing) {
             let message = "is missing; the controller connects to the other machine and needs its address";
-            found.wrong(1, format!("CONFIGURATION/EXTERNAL/{name}"), message);
+            found.add_problem(1, format!("CONFIGURATION/EXTERNAL/{name}"), message);
         }
     }
-    let side = if channel.listens() { "INTERNAL" } else { "EXTERNAL" };
+    let side = if channel.does_controller_listen() { "INTERNAL" } else { "EXTERNAL" };
     if let Some(ip) = &channel.server().ip
         && !is_address(&ip.value)
     {
@@ -72,7 +72,7 @@ fn addresses(channel: &StatedChannel, found: &mut Findings) {
             "is UDP, which the manual does not recommend: messages may be lost, duplicated or out of order";
         found.warn(udp.line, "CONFIGURATION/INTERNAL/PROTOCOL", message);
     }
-    if let Some(wait) = channel.connect_ms.as_ref().filter(|_| channel.listens()) {
+    if let Some(wait) = channel.connect_ms.as_ref().filter(|_| channel.does_controller_listen()) {
         let message = format!(
             "stops the channel after {} ms without a client (error 2048); without this attribute, the controller waits \
              without limit",
@@ -88,7 +88,7 @@ pub(super) fn is_address(text: &str) -> bool {
     parts.len() == 4 && parts.iter().all(|part| part.parse::<u8>().is_ok())
 }
 
-fn life(channel: &StatedChannel, found: &mut Findings) {
+fn check_lifetime(channel: &StatedChannel, found: &mut Findings) {
     let key = "CONFIGURATION/INTERNAL/ENVIRONMENT";
     let consequence = "the channel is deleted when the program is reset or deselected, which disconnects the client. \
                        Set Submit or System for the channels of state and abort";
@@ -109,7 +109,7 @@ fn life(channel: &StatedChannel, found: &mut Findings) {
     }
 }
 
-fn buffers(channel: &StatedChannel, found: &mut Findings) {
+fn check_buffers(channel: &StatedChannel, found: &mut Findings) {
     let key = "CONFIGURATION/INTERNAL/BUFFERING";
     if channel.entries.is_none() && !channel.received.is_empty() {
         let message = "states no Limit: each memory has 16 entries, and the 17th entry closes the connection instead \
@@ -134,12 +134,12 @@ fn signals(channel: &StatedChannel, found: &mut Findings) {
             let message = format!(
                 "{} is also set by {} (line {}); the program cannot distinguish the two",
                 signal.variable(),
-                other.cause(),
+                other.describe_cause(),
                 other.line
             );
-            found.wrong(signal.line, &key, message);
+            found.add_problem(signal.line, &key, message);
         }
-        if signal.is_flag && signal.number == FIRST_NO_FLAG {
+        if signal.is_flag && signal.number == FLAG_END {
             found.warn(signal.line, &key, "$FLAG ends at 1024, though the manual allows 1025");
         }
     }
@@ -154,7 +154,7 @@ fn elements(channel: &StatedChannel, found: &mut Findings) {
     let raises = |tag: &str| channel.signals().any(|signal| signal.tag.as_deref() == Some(tag));
     for element in &channel.received {
         let key = format!("RECEIVE/XML/ELEMENT[{}]", element.tag);
-        let is_attribute = element.inside().contains('@');
+        let is_attribute = element.tag_below_root().contains('@');
         match element.kind.as_deref() {
             None if !raises(&element.tag) => {
                 let message = "has neither Type nor flag nor output: received data is neither stored nor reported";
@@ -162,7 +162,7 @@ fn elements(channel: &StatedChannel, found: &mut Findings) {
             }
             Some("FRAME") if is_attribute => {
                 let message = "is a FRAME in an attribute; a FRAME is an element with the attributes X Y Z A B C";
-                found.wrong(element.line, &key, message);
+                found.add_problem(element.line, &key, message);
             }
             _ => {}
         }
@@ -182,7 +182,7 @@ fn elements(channel: &StatedChannel, found: &mut Findings) {
 /// was present.
 fn root_flags(channel: &StatedChannel, found: &mut Findings) {
     let mut seen = BTreeSet::new();
-    for element in channel.received.iter().filter(|element| !element.inside().is_empty()) {
+    for element in channel.received.iter().filter(|element| !element.tag_below_root().is_empty()) {
         let root = element.root();
         let raised: Vec<&str> = channel.signals().filter_map(|signal| signal.tag.as_deref()).collect();
         if !seen.insert(root) || raised.iter().any(|tag| contains_all_data(channel, root, tag)) {
@@ -220,7 +220,7 @@ fn duplicates(section: &str, elements: &[StatedElement], found: &mut Findings) {
         };
         let (key, line) = (format!("{section}/XML/ELEMENT[{}]", element.tag), other.line);
         if element.kind.is_some() && other.kind.is_some() && element.kind != other.kind {
-            found.wrong(
+            found.add_problem(
                 element.line,
                 key,
                 format!("is defined twice with different types (line {line}); both share one memory"),
@@ -234,17 +234,17 @@ fn duplicates(section: &str, elements: &[StatedElement], found: &mut Findings) {
 fn raw(channel: &StatedChannel, found: &mut Findings) {
     let key = "RECEIVE/RAW/ELEMENT";
     for second in channel.raw.iter().skip(1) {
-        found.wrong(second.line, key, "a channel has at most one RAW element");
+        found.add_problem(second.line, key, "a channel has at most one RAW element");
     }
     for raw in &channel.raw {
         if !channel.received.is_empty() {
-            found.wrong(raw.line, key, "XML and RAW cannot be mixed on one channel");
+            found.add_problem(raw.line, key, "XML and RAW cannot be mixed on one channel");
         }
         if raw.is_stream && raw.end.is_none() {
-            found.wrong(raw.line, key, "is a STREAM without EOS: the end of a text is not defined");
+            found.add_problem(raw.line, key, "is a STREAM without EOS: the end of a text is not defined");
         }
         if !raw.is_stream && raw.size.is_none() {
-            found.wrong(raw.line, key, "is of type BYTE without Size: the length of a record is not defined");
+            found.add_problem(raw.line, key, "is of type BYTE without Size: the length of a record is not defined");
         }
     }
 }

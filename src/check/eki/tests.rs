@@ -43,7 +43,7 @@ fn our_own_files_are_right_and_say_what_they_do() {
         assert_eq!((&report.problems, &report.warnings, report.kind), (&vec![], &vec![], Some("EthernetKRL")));
     }
     assert_eq!(
-        reports[0].says,
+        reports[0].descriptions,
         [
             "channel CELLCMD: the controller listens on 172.31.1.147, port 54600, TCP, and accepts one client",
             "the channel exists until the submit interpreter is cancelled or the inputs and outputs are reconfigured",
@@ -79,7 +79,7 @@ fn defaults_are_told() {
         ],
     );
     assert_eq!(
-        report.says[..3],
+        report.descriptions[..3],
         [
             "channel THEIRS: the controller connects to an address that is not stated, port not stated, TCP, and gives up after \
              2000 ms",
@@ -105,7 +105,11 @@ fn a_placeholder_and_datagrams_are_told() {
             "6 CONFIGURATION/INTERNAL/TIMEOUT/@Connect: stops the channel after 60000 ms",
         ],
     );
-    assert!(report.says.contains(&"the connection is monitored (Ping 200)".to_owned()), "{:?}", report.says);
+    assert!(
+        report.descriptions.contains(&"the connection is monitored (Ping 200)".to_owned()),
+        "{:?}",
+        report.descriptions
+    );
 }
 
 #[test]
@@ -208,7 +212,7 @@ fn what_is_no_channel_file_is_said() {
         ),
     ] {
         let report = expect(text, &[problem], &[]);
-        assert_eq!(report.says, Vec::<String>::new());
+        assert_eq!(report.descriptions, Vec::<String>::new());
     }
     let deep = "<ETHERNETKRL>".to_owned() + &"<A>".repeat(100_000);
     expect(&deep, &["1 : not XML: elements are nested more than 32 levels deep"], &[]);
@@ -271,7 +275,7 @@ fn elements_are_looked_at_one_by_one() {
         ],
     );
     let rises = "$FLAG[5] is set when A/@B has arrived; the program resets it".to_owned();
-    assert!(report.says.contains(&rises), "{:?}", report.says);
+    assert!(report.descriptions.contains(&rises), "{:?}", report.descriptions);
 }
 
 /// Two nodes below a node with the flag: the flag is set when both have arrived. Then a datum beside that node, which
@@ -282,12 +286,12 @@ fn a_flag_above_all_data_is_as_good_as_the_roots() {
                    <ELEMENT Tag=\"A/C\" Set_Flag=\"5\"/></XML>";
     let report = expect(&file(INTERNAL, receive, ""), &[], &[]);
     assert!(
-        report.says.contains(&"receives <A>: C/@N INT, C/P FRAME (X Y Z A B C)".to_owned()),
+        report.descriptions.contains(&"receives <A>: C/@N INT, C/P FRAME (X Y Z A B C)".to_owned()),
         "{:?}",
-        report.says
+        report.descriptions
     );
     let rises = "$FLAG[5] is set when a whole <A/C> has arrived; the program resets it".to_owned();
-    assert!(report.says.contains(&rises), "{:?}", report.says);
+    assert!(report.descriptions.contains(&rises), "{:?}", report.descriptions);
     let beside = receive.replace("<XML>", "<XML><ELEMENT Tag=\"A/@M\" Type=\"INT\"/>");
     expect(
         &file(INTERNAL, &beside, ""),
@@ -299,7 +303,7 @@ fn a_flag_above_all_data_is_as_good_as_the_roots() {
 /// Records of bytes; a controller that connects as a client; two roots sent, a text and an attribute of one node.
 #[test]
 fn other_kinds_of_channel_are_put_in_words() {
-    let says = |text: &str| check_file("x/y\\B.xml", text).says;
+    let says = |text: &str| check_file("x/y\\B.xml", text).descriptions;
     let bytes =
         file(INTERNAL, "<RAW><ELEMENT Tag=\"Buffer\" Type=\"BYTE\" Set_Flag=\"3\" Size=\"256\"/></RAW>", "");
     let bytes = says(&bytes.replace("<SEND></SEND>", "<SEND/>"));

@@ -96,7 +96,7 @@ pub struct Teach {
 }
 
 fn unit(word: &str) -> Result<LengthUnit, String> {
-    let known = LengthUnit::ALL.into_iter().find(|(unit, _)| unit.word() == word);
+    let known = LengthUnit::ALL.into_iter().find(|(unit, _)| unit.abbreviation() == word);
     known.map(|(unit, _)| unit).ok_or_else(|| "valid: mm, in or m".to_owned())
 }
 

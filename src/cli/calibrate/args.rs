@@ -17,12 +17,12 @@ use clap::{Args, Subcommand};
 pub struct Calibrate {
     /// The calibration.
     #[command(subcommand)]
-    pub what: What,
+    pub what: CalibrationTask,
 }
 
 /// The calibrations.
 #[derive(Debug, Clone, Subcommand)]
-pub enum What {
+pub enum CalibrationTask {
     /// Calibrate the lens from pictures of a board (thesis 3.6).
     #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  panelprep calibrate \
                             intrinsics --board 9x6 --square-mm 25 --out target/cell/found/flange_camera.toml \

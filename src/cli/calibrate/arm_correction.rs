@@ -14,13 +14,13 @@ use crate::path::Kinematics;
 use std::path::Path;
 
 /// The correction in use.
-pub struct InUse {
+pub struct CorrectionInUse {
     arm: Kinematics,
     /// The hash of the correction's file.
     pub hash: String,
 }
 
-impl InUse {
+impl CorrectionInUse {
     /// Loads the correction of this file, else the one of the cell's file; `None` if neither is named.
     ///
     /// # Errors
@@ -39,12 +39,12 @@ impl InUse {
     }
 
     fn new(cell: Cell, numbers: CorrectionNumbers, hash: String) -> Self {
-        InUse { arm: Kinematics::new(cell.corrected(numbers).arm()), hash }
+        CorrectionInUse { arm: Kinematics::new(cell.with_arm_correction(numbers).arm()), hash }
     }
 
     /// The correction of a cell that was already read; `None` if it has none.
-    pub fn of_cell(files: &CellFiles) -> Option<Self> {
-        files.correction_hash().map(|hash| InUse { arm: Kinematics::new(files.cell.arm()), hash })
+    pub fn from_cell(files: &CellFiles) -> Option<Self> {
+        files.correction_hash().map(|hash| CorrectionInUse { arm: Kinematics::new(files.cell.arm()), hash })
     }
 
     /// The true pose of the flange; `name` is the name of the pose in messages.
@@ -57,7 +57,7 @@ impl InUse {
         reported: Rigid<Base, Flange>,
         joints: Option<&Joints>,
     ) -> Result<Rigid<Base, Flange>, Fault> {
-        self.true_flange(reported, joints).ok_or_else(|| Fault::file(file, format!("{name}: {NO_AXES}")))
+        self.true_flange(reported, joints).ok_or_else(|| Fault::file_fault(file, format!("{name}: {NO_AXES}")))
     }
 
     /// Returns the true pose of the flange; `None` if the pose has no axes.
@@ -77,7 +77,7 @@ impl InUse {
         for (index, (touched, joints)) in points.touched.iter_mut().zip(&points.joints).enumerate() {
             let missing = || {
                 let (number, why) = (index + 1, "the arm's correction needs the axis angles at each touch");
-                Fault::file(file, format!("p{number}_axes_deg = [A1, …, A6] is missing: {why}"))
+                Fault::file_fault(file, format!("p{number}_axes_deg = [A1, …, A6] is missing: {why}"))
             };
             let joints = joints.as_ref().ok_or_else(missing)?;
             touched.place = self.tip(touched.place, joints).ok_or_else(missing)?;
@@ -92,7 +92,7 @@ impl InUse {
     /// Returns the true position of the tip for the position that the controller reported: the tip moves with the
     /// flange, for any tool.
     fn tip(&self, reported: Point<Base>, joints: &Joints) -> Option<Point<Base>> {
-        let drawn = self.arm.drawn_flange(joints)?;
+        let drawn = self.arm.nominal_flange(joints)?;
         Some(self.arm.true_flange(drawn, joints) * (drawn.inverse() * reported))
     }
 }

@@ -2,7 +2,7 @@
 
 use super::super::disk;
 use super::super::fault::Fault;
-use crate::calib::detect::{self, Detected};
+use crate::calib::detect::{self, DetectedCorners};
 use crate::calib::{Board, BoardObservation, CalibError};
 use crate::files;
 use crate::geometry::{Camera, ColorPicture, GrayPicture, OrganizedCloud, PinholeCamera};
@@ -30,10 +30,10 @@ impl BoardImage {
         let is_shot =
             file.extension().is_some_and(|end| end.eq_ignore_ascii_case("pcd") || end.eq_ignore_ascii_case("ply"));
         let (gray, cloud) = if is_shot {
-            let cloud = files::read_cloud(&bytes, camera).map_err(|error| Fault::file(file, error))?;
+            let cloud = files::read_cloud(&bytes, camera).map_err(|error| Fault::file_fault(file, error))?;
             (cloud.picture().to_gray(), Some(cloud))
         } else {
-            let gray = files::read_measured_gray(&bytes, camera).map_err(|error| Fault::file(file, error))?;
+            let gray = files::read_measured_gray(&bytes, camera).map_err(|error| Fault::file_fault(file, error))?;
             (gray, None)
         };
         let name = file.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
@@ -44,7 +44,7 @@ impl BoardImage {
     ///
     /// # Errors
     /// If it shows no board.
-    pub fn detect(&self, board: &Board, half_window_px: Option<usize>) -> Result<Detected, CalibError> {
+    pub fn detect(&self, board: &Board, half_window_px: Option<usize>) -> Result<DetectedCorners, CalibError> {
         detect::detect(&self.name, &self.gray, board, half_window_px)
     }
 
@@ -58,7 +58,7 @@ impl BoardImage {
         board: &Board,
         half_window_px: Option<usize>,
         progress: &dyn Fn(&str),
-    ) -> Result<Detected, CalibError> {
+    ) -> Result<DetectedCorners, CalibError> {
         let (columns, rows) = (board.columns(), board.rows());
         progress(&format!("{}: searching for a board with {columns}×{rows} inner corners", self.name));
         self.detect(board, half_window_px)
@@ -68,7 +68,7 @@ impl BoardImage {
     pub fn measured(
         &self,
         (camera, errors): (&PinholeCamera, &ScanErrors),
-        detected: &Detected,
+        detected: &DetectedCorners,
     ) -> Option<BoardObservation<Camera>> {
         let measured = detect::measured(self.cloud.as_ref()?, camera, &detected.corners);
         let BoardObservation::Points(corners) = measured else { return Some(measured) };

@@ -9,12 +9,12 @@ pub(super) fn board(args: &BoardArgs) -> Result<Board, Fault> {
 }
 
 /// Returns the board of an option that another option may replace; the command line itself requires one of both.
-pub(super) fn named(args: &NamedBoard) -> Result<BoardArgs, Fault> {
+pub(super) fn board_from_option(args: &NamedBoard) -> Result<BoardArgs, Fault> {
     let missing = || {
         let message = "is missing: give the inner corners of the board, for example 9x6".to_owned();
         Fault::stage(CalibError::Board { text: String::new(), message })
     };
-    args.named().ok_or_else(missing)
+    args.board().ok_or_else(missing)
 }
 
 pub(super) fn window(args: &BoardArgs) -> Option<usize> {

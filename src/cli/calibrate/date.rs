@@ -9,6 +9,6 @@ pub fn now_unix_s() -> i64 {
 }
 
 /// Returns today's date in UTC.
-pub fn today() -> Option<Date> {
-    Some(Date::of_unix_s(now_unix_s()))
+pub fn today_utc() -> Option<Date> {
+    Some(Date::from_unix_s(now_unix_s()))
 }

@@ -10,16 +10,16 @@ use super::{date, files};
 use crate::calib::force::{AttitudeReading, ForceCalibration, calibrate};
 use crate::calib::health::{self, TOOL_FORCE, Verification, VerificationLimits};
 use crate::cell::CompliantTool;
-use crate::force::{Weight, downwards};
+use crate::force::{SensorLoad, down_cosine};
 use crate::geometry::{Base, Flange, Rigid, STANDARD_GRAVITY_M_S2, Tool};
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use crate::store::{Store, calibration_hash};
-use crate::verdict::{Check, Judgement, SetBy};
+use crate::verdict::{Check, Judgement, LimitSource};
 use serde_json::json;
 use std::path::Path;
 
 /// Maximum error of a reading without contact, as a share of the tool's band.
-const OF_BAND: f64 = 0.5;
+const MAX_BAND_ERROR_SHARE: f64 = 0.5;
 
 /// Determines payload and zero, or with `--verify` compares them with the cell's file and stores the result.
 ///
@@ -36,21 +36,21 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
 
 fn read(name: &str, text: &str, flange_from_tool: Rigid<Flange, Tool>) -> Result<Vec<AttitudeReading>, Fault> {
     let readings = files::force_readings(name, text)?.into_iter();
-    let at = |flange: Rigid<Base, Flange>| downwards(&(flange * flange_from_tool));
+    let at = |flange: Rigid<Base, Flange>| down_cosine(&(flange * flange_from_tool));
     Ok(readings.map(|(flange, force_n)| AttitudeReading { downwards: at(flange), force_n }).collect())
 }
 
 fn measure(files: &CellFiles, (file, readings): (&Path, &[AttitudeReading])) -> Result<Outcome, Fault> {
-    let found = calibrate(readings).map_err(|error| Fault::file(file, error))?;
-    let Weight { payload_kg, zero_n } = found.weight;
-    let known = known(&found, files.cell.tool().compliant());
-    let mut outcome = Outcome::from_judgement(&Judgement::of_checks([&known]));
-    outcome.put_checks(&[known]);
-    outcome.put("payload_kg", json!(payload_kg));
-    outcome.put("payload_95_kg", json!(found.payload_95_kg));
-    outcome.put("zero_n", json!(zero_n));
-    outcome.put("zero_95_n", json!(found.zero_95_n));
-    outcome.put("rms_n", json!(found.rms_n));
+    let found = calibrate(readings).map_err(|error| Fault::file_fault(file, error))?;
+    let SensorLoad { payload_kg, zero_n } = found.weight;
+    let known = check_uncertainty(&found, files.cell.tool().compliant());
+    let mut outcome = Outcome::from_judgement(&Judgement::from_checks([&known]));
+    outcome.add_checks(&[known]);
+    outcome.add_value("payload_kg", json!(payload_kg));
+    outcome.add_value("payload_95_kg", json!(found.payload_95_kg));
+    outcome.add_value("zero_n", json!(zero_n));
+    outcome.add_value("zero_95_n", json!(found.zero_95_n));
+    outcome.add_value("rms_n", json!(found.rms_n));
     outcome.add_line(format!(
         "payload {payload_kg:.3} ± {:.3} kg, zero {zero_n:.2} ± {:.2} N (95 %)",
         found.payload_95_kg, found.zero_95_n
@@ -63,13 +63,13 @@ fn measure(files: &CellFiles, (file, readings): (&Path, &[AttitudeReading])) -> 
 }
 
 /// Compares the uncertainty of the force, from payload and zero, with the limit of a verification.
-fn known(found: &ForceCalibration, tool: Option<&CompliantTool>) -> Check {
+fn check_uncertainty(found: &ForceCalibration, tool: Option<&CompliantTool>) -> Check {
     let known_n = found.zero_95_n + STANDARD_GRAVITY_M_S2 * found.payload_95_kg;
     let check = Check::new("force by payload and zero, 95 %, at the worst attitude", "N", known_n);
     let Some(tool) = tool else { return check };
-    let allowed_n = OF_BAND * tool.band_n;
-    check.at_most(allowed_n, SetBy::cell("tool.band_n")).reviews("force_uncertain", || {
-        let [found, allowed] = apart(known_n, allowed_n, 1);
+    let allowed_n = MAX_BAND_ERROR_SHARE * tool.band_n;
+    check.with_max(allowed_n, LimitSource::cell("tool.band_n")).reviews("force_uncertain", || {
+        let [found, allowed] = distinguishable_texts(known_n, allowed_n, 1);
         format!(
             "the force has an uncertainty of {found} N (limit {allowed} N); take more readings, at attitudes \
                  that differ more"
@@ -79,10 +79,10 @@ fn known(found: &ForceCalibration, tool: Option<&CompliantTool>) -> Check {
 
 fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fault> {
     let tool = files.cell.tool().compliant().ok_or(CalibrationFault::NoCompliantTool)?;
-    let weight = Weight::from(tool);
+    let weight = SensorLoad::from(tool);
     let off_n = |read: &AttitudeReading| weight.contact_n(read.force_n, read.downwards).abs();
     let error_n = readings.iter().map(off_n).reduce(f64::max).ok_or(CalibrationFault::NoReadings)?;
-    let demands = demands(files, tool);
+    let demands = verification_limits(files, tool);
     let verification = Verification {
         subject: TOOL_FORCE.to_owned(),
         error: error_n,
@@ -91,13 +91,13 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
         at_unix_s: date::now_unix_s(),
         struck: None,
     };
-    let (_, number) = Store::keep_verification_in(files.store_folder(), &verification).map_err(Fault::stage)?;
-    let reject = health::beyond(&verification, demands);
+    let (_, number) = Store::store_verification_in(files.store_folder(), &verification).map_err(Fault::stage)?;
+    let reject = health::exceeded_limit_reason(&verification, demands);
     let mut outcome = Outcome::from_judgement(&Judgement::new(reject.into_iter().collect(), vec![]));
-    outcome.put("error_n", json!(error_n));
-    outcome.put("limit_n", json!(demands.limit));
-    outcome.put("number", json!(number));
-    let [off, allowed] = apart(error_n, demands.limit, 2);
+    outcome.add_value("error_n", json!(error_n));
+    outcome.add_value("limit_n", json!(demands.limit));
+    outcome.add_value("number", json!(number));
+    let [off, allowed] = distinguishable_texts(error_n, demands.limit, 2);
     outcome.add_line(format!(
         "force without contact: deviation {off} N (limit {allowed} N); stored as verification number {number}"
     ));
@@ -105,8 +105,11 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
 }
 
 /// Returns the limits for the last verification of a tool's force, in N.
-pub fn demands(files: &CellFiles, tool: &CompliantTool) -> VerificationLimits {
-    VerificationLimits { limit: OF_BAND * tool.band_n, ..VerificationLimits::from_limits(files.cell.limits()) }
+pub fn verification_limits(files: &CellFiles, tool: &CompliantTool) -> VerificationLimits {
+    VerificationLimits {
+        limit: MAX_BAND_ERROR_SHARE * tool.band_n,
+        ..VerificationLimits::from_limits(files.cell.limits())
+    }
 }
 
 /// Returns the hash of the values that a verification of the force checks: payload and zero from the cell's file.

@@ -5,17 +5,17 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::{HandEye as Args, MountName};
-use super::arm_correction::InUse;
+use super::arm_correction::CorrectionInUse;
 use super::board_image::BoardImage;
 use super::boards;
 use super::mounted::{Mounted, cell, intrinsics};
-use super::output::{keep, provenance};
+use super::output::{provenance, write_calibration};
 use super::{date, files};
-use crate::calib::board_orientation::same_way_round;
-use crate::calib::detect::Detected;
+use crate::calib::board_orientation::resolve_symmetry;
+use crate::calib::detect::DetectedCorners;
 use crate::calib::gate::PosesFrom;
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye};
-use crate::calib::{Arrangement, Board, BoardObservation, CalibError, HandEye, Station, gate, next_pose};
+use crate::calib::{Arrangement, Board, BoardObservation, CalibError, HandEye, Station, gate, suggest_next_pose};
 use crate::cell::{FlangeCameraMount, MountedPose, ScannerMount};
 use crate::geometry::{Base, Frame, KukaPose, PinholeCamera, Point, Rigid};
 use crate::locate::ScanErrors;
@@ -39,7 +39,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
 /// A picture that shows the board, with the pose that the robot reported.
 struct BoardPicture {
     board_image: BoardImage,
-    detected: Detected,
+    detected: DetectedCorners,
     base_from_flange: Rigid<Base, crate::geometry::Flange>,
     /// Whether the pose includes the axes: then the controller reported it.
     has_axes: bool,
@@ -50,13 +50,15 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let lens = intrinsics(&args.intrinsics)?;
     let (camera, errors) = (lens.camera, ScanErrors::from_measured(lens.errors.as_ref()));
     let cell = cell(common)?;
-    let arm = InUse::load(args.robot.as_deref(), common)?;
-    let (mut looks, aside) = looks(args, (&board, arm.as_ref()), &camera, progress)?;
+    let arm = CorrectionInUse::load(args.robot.as_deref(), common)?;
+    let (mut looks, aside) = collect_board_pictures(args, (&board, arm.as_ref()), &camera, progress)?;
     let mut pictures: Vec<_> =
         looks.iter_mut().map(|look| (look.base_from_flange, &mut look.detected.corners)).collect();
-    same_way_round::<A>(&camera, &board, &mut pictures).map_err(Fault::stage)?;
-    let stations: Vec<Station<A::From>> =
-        looks.iter().map(|look| station(look, BoardObservation::Pixels(look.detected.corners.clone()))).collect();
+    resolve_symmetry::<A>(&camera, &board, &mut pictures).map_err(Fault::stage)?;
+    let stations: Vec<Station<A::From>> = looks
+        .iter()
+        .map(|look| make_station(look, BoardObservation::Pixels(look.detected.corners.clone())))
+        .collect();
     progress("mount");
     let calibrated =
         |stations: &[Station<A::From>], at| hand_eye::<A>(&camera, &board, stations, at).map_err(Fault::stage);
@@ -66,7 +68,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         Err(error) => return Ok(refused(&error, &args.out)),
     };
     if let Some([x, y, z]) = args.at_mm {
-        let Some(at) = A::seen_from(&found.adjusted.to_from_camera, Point::at(x, y, z)) else {
+        let Some(at) = A::point_in_camera(&found.adjustment.to_from_camera, Point::at(x, y, z)) else {
             let error = CalibError::Points(
                 "--at-mm is a point in the robot's base: use this option only with a fixed camera".to_owned(),
             );
@@ -75,39 +77,39 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         found = calibrated(&stations, Some(at))?;
     }
     if let Some(covariance) = &lens.covariance {
-        found = found.with_lens(&camera, &stations, covariance).map_err(Fault::stage)?;
+        found = found.with_lens_uncertainty(&camera, &stations, covariance).map_err(Fault::stage)?;
     }
     let (with_points, measured): (Vec<&BoardPicture>, Vec<Station<A::From>>) = looks
         .iter()
-        .filter_map(|look| Some((look, station(look, points_of::<A>(look, (&camera, &errors))?))))
+        .filter_map(|look| Some((look, make_station(look, measured_corners::<A>(look, (&camera, &errors))?))))
         .unzip();
     let second = match measured.len() >= MIN_STATIONS {
-        true => Some(calibrated(&measured, Some(found.at))?),
+        true => Some(calibrated(&measured, Some(found.stated_point))?),
         false => None,
     };
     let has_scans = looks.iter().any(|look| look.board_image.cloud().is_some());
-    let rough = cell.as_ref().and_then(A::rough);
+    let rough = cell.as_ref().and_then(A::rough_pose);
     // A pose that a person typed has no axes, also in a live session.
     let is_reported = args.live.live.is_some() && looks.iter().all(|look| look.has_axes);
     let poses = if is_reported { PosesFrom::Controller } else { PosesFrom::File };
-    let judgement = gate::hand_eye((&found, board.square_mm()), second.as_ref(), rough.as_ref(), poses);
+    let judgement = gate::judge_hand_eye((&found, board.square_mm()), second.as_ref(), rough.as_ref(), poses);
     let mut outcome = Outcome::from_judgement(&judgement);
     report_result(&mut outcome, (&found, &board), &aside);
     // The 3D camera is used through its points. So its mount is computed from them if there are any, and the
     // pictures are the check.
     let kept = second.as_ref().unwrap_or(&found);
-    outcome.put(A::TABLE, json!(pose_of(kept)));
-    outcome.put("uncertainty_mm", json!(kept.uncertainty_mm));
+    outcome.add_value(A::TABLE, json!(to_kuka_pose(kept)));
+    outcome.add_value("uncertainty_mm", json!(kept.uncertainty_mm));
     if let Some(second) = &second {
-        let apart_mm = gate::apart_mm(&found, second);
-        outcome.put(
+        let apart_mm = gate::position_difference_mm(&found, second);
+        outcome.add_value(
             "second",
-            json!({(A::TABLE): pose_of(second), "apart_mm": apart_mm, "uncertainty_mm": second.uncertainty_mm}),
+            json!({(A::TABLE): to_kuka_pose(second), "apart_mm": apart_mm, "uncertainty_mm": second.uncertainty_mm}),
         );
         outcome.add_line(format!(
             "mount from the 3D camera's own points (this mount is used): {} ± {:.3} mm ({apart_mm:.3} mm from the mount \
              by pictures, at the panel)",
-            pose_of(second),
+            to_kuka_pose(second),
             second.uncertainty_mm
         ));
     }
@@ -118,31 +120,32 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         ));
     }
     if let Some(rough) = rough {
-        let apart_mm = rough.distance_at_mm(found.adjusted.to_from_camera, Point::at(0.0, 0.0, 0.0));
+        let apart_mm = rough.distance_at_mm(found.adjustment.to_from_camera, Point::at(0.0, 0.0, 0.0));
         outcome.add_line(format!("distance from the rough mount in the cell's file: {apart_mm:.0} mm"));
     }
-    if let Some(next) = next_pose(&camera, &board, &stations, &found) {
-        outcome.put("next_pose", json!(next.base_from_flange));
-        outcome.put("next_uncertainty_mm", json!(next.uncertainty_mm));
+    if let Some(next) = suggest_next_pose(&camera, &board, &stations, &found) {
+        outcome.add_value("next_pose", json!(next.base_from_flange));
+        outcome.add_value("next_uncertainty_mm", json!(next.uncertainty_mm));
         let text = format!(
             "one more pose at {} would reduce the uncertainty most: to ± {:.3} mm",
             next.base_from_flange, next.uncertainty_mm
         );
         outcome.add_line(text);
     }
-    let mut mounted = MountedPose::<A>::from_pose(pose_of(kept));
-    mounted.date = date::today();
+    let mut mounted = MountedPose::<A>::from_pose(to_kuka_pose(kept));
+    mounted.date = date::today_utc();
     mounted.serial = args.serial.clone();
     mounted.robot_correction = arm.map(|arm| arm.hash);
     mounted.rms_mm = Some(kept.rms_mm);
     mounted.uncertainty_mm = Some(kept.uncertainty_mm);
     let of_kept: Vec<&BoardPicture> = if second.is_some() { with_points } else { looks.iter().collect() };
     let used = of_kept.into_iter().zip(&kept.residuals).filter(|(_, residual)| residual.used);
-    let (hashes, residuals) = used.map(|(look, residual)| (look.board_image.hash.clone(), residual.mm)).unzip();
+    let (hashes, residuals) =
+        used.map(|(look, residual)| (look.board_image.hash.clone(), residual.distance_mm)).unzip();
     mounted.provenance = provenance(hashes, residuals);
     let text = mounted.to_toml();
     MountedPose::<A>::check(&args.out.display().to_string(), &text)?;
-    keep(&mut outcome, &judgement, &args.out, &text)?;
+    write_calibration(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
 }
 
@@ -155,7 +158,7 @@ fn refused(error: &CalibError, out: &Path) -> Outcome {
 }
 
 /// The corners as the 3D camera measured them, if it measured most of them.
-fn points_of<A: Mounted>(
+fn measured_corners<A: Mounted>(
     look: &BoardPicture,
     camera: (&PinholeCamera, &ScanErrors),
 ) -> Option<BoardObservation<A::From>> {
@@ -167,18 +170,18 @@ fn points_of<A: Mounted>(
     A::points(seen)
 }
 
-fn pose_of<A: Arrangement>(found: &HandEye<A>) -> KukaPose {
-    KukaPose::from_rigid(&found.adjusted.to_from_camera)
+fn to_kuka_pose<A: Arrangement>(found: &HandEye<A>) -> KukaPose {
+    KukaPose::from_rigid(&found.adjustment.to_from_camera)
 }
 
-fn station<C: Frame>(look: &BoardPicture, seen: BoardObservation<C>) -> Station<C> {
-    Station { name: look.board_image.name.clone(), base_from_flange: look.base_from_flange, seen }
+fn make_station<C: Frame>(look: &BoardPicture, seen: BoardObservation<C>) -> Station<C> {
+    Station { name: look.board_image.name.clone(), base_from_flange: look.base_from_flange, observation: seen }
 }
 
 /// Returns the pictures that show the board, and for each other picture why it does not count.
-fn looks(
+fn collect_board_pictures(
     args: &Args,
-    (board, arm): (&Board, Option<&InUse>),
+    (board, arm): (&Board, Option<&CorrectionInUse>),
     camera: &PinholeCamera,
     progress: &(dyn Fn(&str) + Sync),
 ) -> Result<(Vec<BoardPicture>, Vec<(String, String)>), Fault> {
@@ -226,45 +229,46 @@ fn report_result<A: Arrangement>(
     (found, board): (&HandEye<A>, &Board),
     aside: &[(String, String)],
 ) {
-    let noise = &found.adjusted.noise;
+    let noise = &found.adjustment.noise;
     let turn_deg = noise.turn_rad.to_degrees();
-    outcome.put(A::TABLE, json!(pose_of(found)));
+    outcome.add_value(A::TABLE, json!(to_kuka_pose(found)));
     let residuals = found.residuals.iter().map(|residual| {
         json!({
-            "file": residual.name, "mm": residual.mm, "deg": residual.deg, "used": residual.used,
+            "file": residual.name, "mm": residual.distance_mm, "deg": residual.angle_deg, "used": residual.used,
             "corners_rms_px": residual.corners_rms,
         })
     });
-    outcome.put("residuals", residuals.collect());
+    outcome.add_value("residuals", residuals.collect());
     let aside_json = aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason}));
-    outcome.put("set_aside", aside_json.collect());
-    outcome.put("rms_mm", json!(found.rms_mm));
-    outcome.put("rms_deg", json!(found.rms_deg));
-    outcome.put("uncertainty_mm", json!(found.uncertainty_mm));
-    outcome.put("picture_uncertainty_mm", json!(found.uncertainty_mm));
-    outcome.put("poses_each", json!(found.poses_each));
+    outcome.add_value("set_aside", aside_json.collect());
+    outcome.add_value("rms_mm", json!(found.rms_mm));
+    outcome.add_value("rms_deg", json!(found.rms_deg));
+    outcome.add_value("uncertainty_mm", json!(found.uncertainty_mm));
+    outcome.add_value("picture_uncertainty_mm", json!(found.uncertainty_mm));
+    outcome.add_value("poses_each", json!(found.correlated_pose_count));
     let lens_mm = found.lens_uncertainty_mm();
-    outcome.put("lens_uncertainty_mm", json!(lens_mm));
+    outcome.add_value("lens_uncertainty_mm", json!(lens_mm));
     if let Some(size) = &found.square {
         let (square_mm, known_mm) = (size.ratio * board.square_mm(), size.ratio_95() * board.square_mm());
-        outcome.put("square_mm", json!(square_mm));
-        outcome.put("square_uncertainty_mm", json!(known_mm));
+        outcome.add_value("square_mm", json!(square_mm));
+        outcome.add_value("square_uncertainty_mm", json!(known_mm));
     }
-    let (left_out_mm, left_out) = &found.leave_one_out;
-    outcome.put("leave_one_out_mm", json!(left_out_mm));
-    outcome.put("second_axis_deg", json!(found.second_axis_deg));
-    outcome.put("noise", json!({"corner_px": noise.corner, "robot_mm": noise.shift_mm, "robot_deg": turn_deg}));
-    outcome.add_line(format!("{} {}", A::TABLE, pose_of(found)));
+    let (left_out_mm, left_out) = &found.worst_leave_one_out;
+    outcome.add_value("leave_one_out_mm", json!(left_out_mm));
+    outcome.add_value("second_axis_deg", json!(found.second_axis_deg));
+    outcome
+        .add_value("noise", json!({"corner_px": noise.corner, "robot_mm": noise.shift_mm, "robot_deg": turn_deg}));
+    outcome.add_line(format!("{} {}", A::TABLE, to_kuka_pose(found)));
     let lens = match lens_mm > 0.0 {
         true => format!("the lens contributes ± {lens_mm:.3} mm"),
         false => "the intrinsics' file states no covariance: the lens is assumed to have no error".to_owned(),
     };
     outcome.add_line(format!("uncertainty ± {:.3} mm at the panel (95 %); {lens}", found.uncertainty_mm));
-    if found.poses_each > 1.0 {
+    if found.correlated_pose_count > 1.0 {
         outcome.add_line(format!(
             "the arm's errors are correlated in neighbouring poses: {:.1} poses count as one; calibrate the arm (`panelprep calibrate \
              robot`), or take poses over the whole working volume",
-            found.poses_each
+            found.correlated_pose_count
         ));
     }
     outcome.add_line(format!(
@@ -281,9 +285,12 @@ fn report_result<A: Arrangement>(
     outcome.add_line(format!("without the worst picture, {left_out}, the result changes by {left_out_mm:.3} mm"));
     for residual in &found.residuals {
         let mark = if residual.used { "" } else { "  does not fit" };
-        outcome.add_line(format!("  {}: {:.3} mm, {:.4}°{mark}", residual.name, residual.mm, residual.deg));
+        outcome.add_line(format!(
+            "  {}: {:.3} mm, {:.4}°{mark}",
+            residual.name, residual.distance_mm, residual.angle_deg
+        ));
     }
-    if gate::outliers_may_stay_out(found) {
+    if gate::are_outliers_acceptable(found) {
         found.suspects.iter().for_each(|suspect| outcome.add_line(format!("excluded: {suspect}")));
     }
     for (file, reason) in aside {

@@ -9,7 +9,7 @@ use super::args::StrikeOut;
 use super::date;
 use crate::calib::health::{self, Strike, TOOL_FORCE, Verification};
 use crate::cell::Date;
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use crate::store::Store;
 use crate::verdict::Judgement;
 use serde_json::{Value, json};
@@ -26,7 +26,7 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
     }
     all.iter().for_each(|(number, verification)| outcome.add_line(line(*number, verification)));
     let rows: Vec<Value> = all.iter().map(|(number, verification)| row(*number, verification)).collect();
-    outcome.put("verifications", json!(rows));
+    outcome.add_value("verifications", json!(rows));
     Ok(outcome)
 }
 
@@ -34,10 +34,10 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
 ///
 /// # Errors
 /// If there is no store, or the verification does not exist or is already struck out.
-pub fn strike(args: &StrikeOut, common: &Common) -> Result<Outcome, Fault> {
+pub fn strike_out(args: &StrikeOut, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let strike = Strike { by: args.by.clone(), why: args.why.clone(), at_unix_s: date::now_unix_s() };
-    let struck = Store::strike_in(files.store_folder(), args.number, &strike);
+    let struck = Store::strike_out_in(files.store_folder(), args.number, &strike);
     let (_, verification) = struck.map_err(Fault::stage)?;
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
     outcome.add_line(line(args.number, &verification));
@@ -49,18 +49,18 @@ pub fn strike(args: &StrikeOut, common: &Common) -> Result<Outcome, Fault> {
     outcome.add_line(format!(
         "the verification stays in the store but is no longer valid; run `panelprep {again}` again"
     ));
-    outcome.put("verification", row(args.number, &verification));
+    outcome.add_value("verification", row(args.number, &verification));
     Ok(outcome)
 }
 
 fn line(number: i64, verification: &Verification) -> String {
     let Verification { subject, error, limit, at_unix_s, .. } = verification;
-    let day = Date::of_unix_s(*at_unix_s);
+    let day = Date::from_unix_s(*at_unix_s);
     let struck = verification.struck.as_ref().map(|Strike { by, why, at_unix_s }| {
-        format!("; struck out on {} by {by}: {why}", Date::of_unix_s(*at_unix_s))
+        format!("; struck out on {} by {by}: {why}", Date::from_unix_s(*at_unix_s))
     });
     let struck = struck.unwrap_or_default();
-    let [off, limit] = apart(*error, *limit, 3);
+    let [off, limit] = distinguishable_texts(*error, *limit, 3);
     let unit = health::unit(subject);
     format!("{number:5}  {day}  {subject:13}  deviation {off} {unit} (limit {limit} {unit}){struck}")
 }

@@ -7,11 +7,11 @@ use super::super::pictures;
 use super::args::{Intrinsics as Args, ModelName};
 use super::boards;
 use super::date;
-use super::output::{keep, provenance};
-use crate::calib::detect::{self, Detected};
+use super::output::{provenance, write_calibration};
+use crate::calib::detect::{self, DetectedCorners};
 use crate::calib::intrinsics::{Calibrated, LensModel, MIN_VIEWS, Options, View, ViewResult, calibrate};
 use crate::calib::{Board, CalibError, gate};
-use crate::cell::{Intrinsics, LensExtent, Supported};
+use crate::cell::{Intrinsics, LensExtent, SupportedArea};
 use crate::files;
 use crate::geometry::GrayPicture;
 use crate::report;
@@ -31,15 +31,15 @@ struct Picture {
 /// # Errors
 /// If a picture cannot be read, or sizes differ.
 pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let named = boards::named(&args.board)?;
+    let named = boards::board_from_option(&args.board)?;
     let (board, window) = (boards::board(&named)?, boards::window(&named));
     let read = |file: &std::path::PathBuf| {
         let bytes = disk::read(file)?;
-        let gray = files::read_gray(&bytes).map_err(|error| Fault::file(file, error))?;
+        let gray = files::read_gray(&bytes).map_err(|error| Fault::file_fault(file, error))?;
         Ok(Picture { name: file.display().to_string(), hash: files::content_hash(&bytes), gray })
     };
     let all: Vec<Picture> = args.images.par_iter().map(read).collect::<Result<_, Fault>>()?;
-    let size = one_size(&all)?;
+    let size = require_equal_sizes(&all)?;
     let done = AtomicUsize::new(0);
     let look = |picture: &Picture| {
         let found = detect::detect(&picture.name, &picture.gray, &board, window);
@@ -47,21 +47,21 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
         progress(&format!("corners: {done} of {}", all.len()));
         found
     };
-    let detected: Vec<Result<Detected, CalibError>> = all.par_iter().map(look).collect();
+    let detected: Vec<Result<DetectedCorners, CalibError>> = all.par_iter().map(look).collect();
     progress("camera");
-    let options = Options { keep_all: args.keep_all, model: model(args) };
+    let options = Options { keep_all_pictures: args.keep_all, model: model(args) };
     let found = match views(&all, &detected).and_then(|views| calibrate(size, &views, options)) {
         Ok(found) => found,
-        Err(error) => return Ok(no_lens(&error, &all, &detected, args)),
+        Err(error) => return Ok(undetermined_lens_outcome(&error, &all, &detected, args)),
     };
-    let used = found.views.iter().filter(|view| view.set_aside.is_none());
+    let used = found.views.iter().filter(|view| view.exclusion_reason.is_none());
     let hash = |name: &str| all.iter().find(|picture| picture.name == name).map(|picture| picture.hash.clone());
     let (hashes, residuals) = used.filter_map(|view| Some((hash(&view.name)?, view.rms_px))).unzip();
     let intrinsics = Intrinsics {
         camera: found.camera,
         covariance: Some(found.covariance),
         serial: args.serial.clone(),
-        date: date::today(),
+        date: date::today_utc(),
         rms_px: Some(found.rms_px),
         extent: extent(&found),
         provenance: provenance(hashes, residuals),
@@ -76,13 +76,13 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
         judgement = Judgement::new(reasons, vec![]);
     }
     let mut outcome = build_outcome(&judgement, &found, &all, &detected);
-    tell_model(&mut outcome, &found, &board);
+    report_model(&mut outcome, &found, &board);
     if let Some(folder) = &args.pictures {
         let picture = report::residual_field(size, &found).map_err(Fault::stage)?;
         let file = pictures::save(folder, "residuals", &picture)?;
         outcome.add_line(format!("{}: residuals, drawn larger", file.display()));
     }
-    keep(&mut outcome, &judgement, &args.out, &text)?;
+    write_calibration(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
 }
 
@@ -100,11 +100,11 @@ fn model(args: &Args) -> Option<LensModel> {
 }
 
 /// Returns for each coefficient outside of the model why it was left out.
-fn left_out(found: &Calibrated) -> Vec<String> {
+fn exclusion_reasons(found: &Calibrated) -> Vec<String> {
     if found.trials.len() == 1 {
         return found
             .model
-            .left_out()
+            .excluded_coefficients()
             .iter()
             .map(|name| format!("{name}: not part of the lens model of --model"))
             .collect();
@@ -129,24 +129,31 @@ fn extent(found: &Calibrated) -> LensExtent {
         .support
         .outline_px
         .as_ref()
-        .map(|outline_px| Supported { error_px: found.support.error_px, outline_px: outline_px.clone() });
-    LensExtent { model: Some(found.model.name().to_owned()), left_out: left_out(found), supported }
+        .map(|outline_px| SupportedArea { error_px: found.support.error_px, outline_px: outline_px.clone() });
+    LensExtent {
+        model: Some(found.model.name().to_owned()),
+        excluded_coefficients: exclusion_reasons(found),
+        supported,
+    }
 }
 
-fn tell_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
-    outcome.put("model", json!(found.model.name()));
+fn report_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
+    outcome.add_value("model", json!(found.model.name()));
     let trials = found
         .trials
         .iter()
         .map(|trial| json!({"model": trial.model.name(), "left_out_rms_px": trial.left_out_rms_px}));
-    outcome.put("trials", trials.collect());
-    let left_out = left_out(found);
-    outcome.put("left_out", json!(left_out));
-    outcome
-        .put("left_out_pictures", json!({"rms_px": found.left_out_rms_px, "within_95_px": found.left_out_95_px}));
+    outcome.add_value("trials", trials.collect());
+    let left_out = exclusion_reasons(found);
+    outcome.add_value("left_out", json!(left_out));
+    outcome.add_value(
+        "left_out_pictures",
+        json!({"rms_px": found.left_out_rms_px, "within_95_px": found.left_out_95_px}),
+    );
     let support = &found.support;
     let outline = support.outline_px.as_ref().map(|all| all.iter().map(|p| [p.u, p.v]).collect::<Vec<_>>());
-    outcome.put("support", json!({"share": support.share, "error_px": support.error_px, "outline_px": outline}));
+    outcome
+        .add_value("support", json!({"share": support.share, "error_px": support.error_px, "outline_px": outline}));
     outcome.add_line(format!(
         "model {}; error of corners in left-out pictures {:.3} px rms, 95 % within {:.3} px",
         found.model.name(),
@@ -160,11 +167,11 @@ fn tell_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
         support.share * 100.0
     ));
     let next = found.next_picture(board);
-    outcome.put("next_picture", json!(next.as_ref().map(|next| &next.words)));
+    outcome.add_value("next_picture", json!(next.as_ref().map(|next| &next.description)));
     match next {
         Some(next) => outcome.add_line(format!(
             "the most useful next picture: {}; the lens's error then falls to {:.0} % of its present value",
-            next.words,
+            next.description,
             next.error_share * 100.0
         )),
         None => outcome
@@ -173,25 +180,30 @@ fn tell_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
 }
 
 /// Returns the verdict for pictures that determine no lens, and what to do.
-fn no_lens(error: &CalibError, all: &[Picture], detected: &[Result<Detected, CalibError>], args: &Args) -> Outcome {
+fn undetermined_lens_outcome(
+    error: &CalibError,
+    all: &[Picture],
+    detected: &[Result<DetectedCorners, CalibError>],
+    args: &Args,
+) -> Outcome {
     let code = if matches!(error, CalibError::TooFewPictures { .. }) { "too_few_pictures" } else { "no_lens" };
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![Reason::new(code, error.to_string())], vec![]));
     let keys = ["rms_px", "fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3", "model"];
-    keys.iter().for_each(|key| outcome.put(key, Value::Null));
+    keys.iter().for_each(|key| outcome.add_value(key, Value::Null));
     if let Some(first) = all.first() {
-        outcome.put("width_px", json!(first.gray.width));
-        outcome.put("height_px", json!(first.gray.height));
+        outcome.add_value("width_px", json!(first.gray.width));
+        outcome.add_value("height_px", json!(first.gray.height));
     }
-    tell_images(&mut outcome, all, detected, &[]);
+    report_images(&mut outcome, all, detected, &[]);
     let next = "the board sharp and whole, over most of the picture, facing the camera; then four more, each tilted by 30° \
                 to another side";
-    outcome.put("next_picture", json!(next));
+    outcome.add_value("next_picture", json!(next));
     outcome.add_line(format!("next: {next}"));
     outcome.add_line(format!("{}: not written", args.out.display()));
     outcome
 }
 
-fn one_size(all: &[Picture]) -> Result<(usize, usize), Fault> {
+fn require_equal_sizes(all: &[Picture]) -> Result<(usize, usize), Fault> {
     let Some(first) = all.first() else {
         let error = CalibError::TooFewPictures { found: 0, given: 0, needed: MIN_VIEWS, first_reason: None };
         return Err(Fault::stage(error));
@@ -209,8 +221,8 @@ fn one_size(all: &[Picture]) -> Result<(usize, usize), Fault> {
     }
 }
 
-fn views(all: &[Picture], detected: &[Result<Detected, CalibError>]) -> Result<Vec<View>, CalibError> {
-    let view = |(picture, found): (&Picture, &Result<Detected, CalibError>)| {
+fn views(all: &[Picture], detected: &[Result<DetectedCorners, CalibError>]) -> Result<Vec<View>, CalibError> {
+    let view = |(picture, found): (&Picture, &Result<DetectedCorners, CalibError>)| {
         let corners = found.as_ref().ok()?.corners.clone();
         Some(View { name: picture.name.clone(), corners })
     };
@@ -227,7 +239,7 @@ fn build_outcome(
     judgement: &Judgement,
     found: &Calibrated,
     all: &[Picture],
-    detected: &[Result<Detected, CalibError>],
+    detected: &[Result<DetectedCorners, CalibError>],
 ) -> Outcome {
     let mut outcome = Outcome::from_judgement(judgement);
     let c = &found.camera;
@@ -242,30 +254,30 @@ fn build_outcome(
         ("p2", c.p2),
         ("k3", c.k3),
     ];
-    outcome.put("rms_px", json!(found.rms_px));
-    outcome.put("width_px", json!(c.width_px));
-    outcome.put("height_px", json!(c.height_px));
+    outcome.add_value("rms_px", json!(found.rms_px));
+    outcome.add_value("width_px", json!(c.width_px));
+    outcome.add_value("height_px", json!(c.height_px));
     let mut deviations = serde_json::Map::new();
     for ((key, value), deviation) in numbers.iter().zip(found.deviations) {
-        outcome.put(key, json!(value));
+        outcome.add_value(key, json!(value));
         outcome.add_line(format!("{key:6} {value:12.5} ± {deviation:.5}"));
         deviations.insert((*key).to_owned(), json!(deviation));
     }
-    outcome.put("standard_deviations", Value::Object(deviations));
+    outcome.add_value("standard_deviations", Value::Object(deviations));
     let windows: Vec<usize> = detected.iter().flatten().map(|detected| detected.half_window_px).collect();
     let (least, most) = (windows.iter().min().copied(), windows.iter().max().copied());
     let (modelled, corners) = detected
         .iter()
         .flatten()
-        .fold((0, 0), |(modelled, all), found| (modelled + found.modelled, all + found.corners.len()));
+        .fold((0, 0), |(modelled, all), found| (modelled + found.modelled_count, all + found.corners.len()));
     let placed = match modelled {
         0 => "corners located by OpenCV's cornerSubPix".to_owned(),
         modelled => format!("{modelled} of {corners} corners located by a model of their grey levels"),
     };
-    outcome.put("half_window_px", json!([least, most]));
-    outcome.put("corners", json!({"found": corners, "modelled": modelled}));
-    outcome.put("coverage", json!(found.coverage));
-    outcome.put("tilt_deg", json!(found.tilt_deg));
+    outcome.add_value("half_window_px", json!([least, most]));
+    outcome.add_value("corners", json!({"found": corners, "modelled": modelled}));
+    outcome.add_value("coverage", json!(found.coverage));
+    outcome.add_value("tilt_deg", json!(found.tilt_deg));
     outcome.add_line(format!(
         "residuals {:.3} px rms; windows of ±{} to ±{} px, {placed}; corners cover {:.0} % of the picture; tilts of the board {:.0}° to {:.0}°",
         found.rms_px,
@@ -275,23 +287,23 @@ fn build_outcome(
         found.tilt_deg[0],
         found.tilt_deg[1],
     ));
-    tell_images(&mut outcome, all, detected, &found.views);
+    report_images(&mut outcome, all, detected, &found.views);
     outcome
 }
 
 /// Reports for each picture whether it was used, and if not, why.
-fn tell_images(
+fn report_images(
     outcome: &mut Outcome,
     all: &[Picture],
-    detected: &[Result<Detected, CalibError>],
+    detected: &[Result<DetectedCorners, CalibError>],
     views: &[ViewResult],
 ) {
-    let image = |(picture, detected): (&Picture, &Result<Detected, CalibError>)| {
+    let image = |(picture, detected): (&Picture, &Result<DetectedCorners, CalibError>)| {
         let view = views.iter().find(|view| view.name == picture.name);
         let reason = match (detected, view) {
             (Err(error), _) => Some(error.to_string()),
             (Ok(_), None) => Some("no lens was determined, so this picture was not checked".to_owned()),
-            (Ok(_), Some(view)) => view.set_aside.clone(),
+            (Ok(_), Some(view)) => view.exclusion_reason.clone(),
         };
         let rms_px = view.map(|view| view.rms_px);
         json!({"file": picture.name, "used": reason.is_none(), "rms_px": rms_px, "reason": reason})
@@ -304,5 +316,5 @@ fn tell_images(
             None => outcome.add_line(format!("excluded: {}: {}", text("file"), text("reason"))),
         }
     }
-    outcome.put("images", Value::Array(images));
+    outcome.add_value("images", Value::Array(images));
 }

@@ -35,7 +35,7 @@ pub use files::pose_keys;
 use super::args::Common;
 use super::fault::Fault;
 use super::outcome::Outcome;
-use args::{Calibrate, What};
+use args::{Calibrate, CalibrationTask};
 
 /// Runs a calibration; `progress` reports long work.
 ///
@@ -43,31 +43,31 @@ use args::{Calibrate, What};
 /// If a file is invalid, or the data do not determine a calibration. Nothing is written then.
 pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     match &args.what {
-        What::Intrinsics(args) if args.live.live.is_some() => live::lens(args, common, progress),
-        What::Intrinsics(args) => match &args.from_scan {
+        CalibrationTask::Intrinsics(args) if args.live.live.is_some() => live::lens(args, common, progress),
+        CalibrationTask::Intrinsics(args) => match &args.from_scan {
             Some(scan) => scan_lens::run(args, scan),
             None => intrinsics::run(args, progress),
         },
-        What::HandEye(args) if args.live.live.is_some() => live::mount(args, common, progress),
-        What::HandEye(args) if args.poses.is_some() => hand_eye::run(args, common, progress),
-        What::HandEye(args) => three_points::run(args, common, progress),
-        What::Robot(args) => robot::run(args, common, progress),
-        What::Removal(args) => removal::run(args),
-        What::Scanner(args) => scanner::run(args, progress),
-        What::Tcp(args) => match &args.live {
+        CalibrationTask::HandEye(args) if args.live.live.is_some() => live::mount(args, common, progress),
+        CalibrationTask::HandEye(args) if args.poses.is_some() => hand_eye::run(args, common, progress),
+        CalibrationTask::HandEye(args) => three_points::run(args, common, progress),
+        CalibrationTask::Robot(args) => robot::run(args, common, progress),
+        CalibrationTask::Removal(args) => removal::run(args),
+        CalibrationTask::Scanner(args) => scanner::run(args, progress),
+        CalibrationTask::Tcp(args) => match &args.live {
             Some(folder) => live::tool((args, folder), common),
             None => tcp::run(args, common),
         },
-        What::Force(args) => force::run(args, common),
-        What::Verify(args) => match &args.live {
-            Some(folder) => live::look((args, folder), common, progress),
+        CalibrationTask::Force(args) => force::run(args, common),
+        CalibrationTask::Verify(args) => match &args.live {
+            Some(folder) => live::take_target_picture((args, folder), common, progress),
             None => verify::run(args, common, progress),
         },
-        What::Touch(args) => match &args.live {
+        CalibrationTask::Touch(args) => match &args.live {
             Some(folder) => live::touch((args, folder), common),
             None => verify::touch(args, common),
         },
-        What::History => history::run(common),
-        What::Strike(args) => history::strike(args, common),
+        CalibrationTask::History => history::run(common),
+        CalibrationTask::Strike(args) => history::strike_out(args, common),
     }
 }

@@ -11,39 +11,39 @@ use std::path::Path;
 /// The functions of a mount that the command needs in addition to those of its arrangement.
 pub trait Mounted: Arrangement {
     /// Returns the mount's rough pose from the cell's file.
-    fn rough(cell: &Cell) -> Option<Rigid<Self::To, Self::From>>;
+    fn rough_pose(cell: &Cell) -> Option<Rigid<Self::To, Self::From>>;
 
     /// Converts points of a 3D camera to points in the frame of this mount's camera.
     fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>>;
 
     /// Returns a point of the base as the camera sees it, if the camera is fixed.
-    fn seen_from(mount: &Rigid<Self::To, Self::From>, point: Point<Base>) -> Option<Point<Self::From>>;
+    fn point_in_camera(mount: &Rigid<Self::To, Self::From>, point: Point<Base>) -> Option<Point<Self::From>>;
 }
 
 impl Mounted for ScannerMount {
-    fn rough(cell: &Cell) -> Option<Rigid<Base, Camera>> {
-        cell.rough().base_from_camera
+    fn rough_pose(cell: &Cell) -> Option<Rigid<Base, Camera>> {
+        cell.rough_mounts().base_from_camera
     }
 
     fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Camera>> {
         Some(seen)
     }
 
-    fn seen_from(mount: &Rigid<Base, Camera>, point: Point<Base>) -> Option<Point<Camera>> {
+    fn point_in_camera(mount: &Rigid<Base, Camera>, point: Point<Base>) -> Option<Point<Camera>> {
         Some(mount.inverse() * point)
     }
 }
 
 impl Mounted for FlangeCameraMount {
-    fn rough(cell: &Cell) -> Option<Rigid<Self::To, Self::From>> {
-        cell.rough().flange_from_camera
+    fn rough_pose(cell: &Cell) -> Option<Rigid<Self::To, Self::From>> {
+        cell.rough_mounts().flange_from_camera
     }
 
     fn points(_: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>> {
         None
     }
 
-    fn seen_from(_: &Rigid<Self::To, Self::From>, _: Point<Base>) -> Option<Point<Self::From>> {
+    fn point_in_camera(_: &Rigid<Self::To, Self::From>, _: Point<Base>) -> Option<Point<Self::From>> {
         None
     }
 }

@@ -13,12 +13,17 @@ pub(super) fn provenance(pictures: Vec<String>, residuals: Vec<f64>) -> Provenan
 }
 
 /// Writes a calibration unless it was rejected, and reports this.
-pub(super) fn keep(outcome: &mut Outcome, judgement: &Judgement, file: &Path, text: &str) -> Result<(), Fault> {
+pub(super) fn write_calibration(
+    outcome: &mut Outcome,
+    judgement: &Judgement,
+    file: &Path,
+    text: &str,
+) -> Result<(), Fault> {
     if judgement.verdict == Verdict::Reject {
         outcome.add_line(format!("{}: not written", file.display()));
         return Ok(());
     }
-    disk::write_through(file, text)?;
+    disk::write_durable(file, text)?;
     outcome.add_line(format!("{}: written", file.display()));
     Ok(())
 }

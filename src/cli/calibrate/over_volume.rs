@@ -9,7 +9,7 @@ use super::super::fault::Fault;
 use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::args::{CameraName, Verify};
-use super::arm_correction::InUse;
+use super::arm_correction::CorrectionInUse;
 use super::board_image::BoardImage;
 use super::files;
 use super::target::Target;
@@ -17,7 +17,7 @@ use super::verification;
 use crate::calib::health::{self, BoardMeasurement};
 use crate::calib::{BoardObservation, CalibError, board_pose};
 use crate::geometry::FlangeCamera;
-use crate::report::{self, Left};
+use crate::report::{self, RemainingError};
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::Path;
@@ -46,9 +46,9 @@ pub fn run(
     let poses = files::picture_poses(&name, &disk::read_text(poses_file)?, &is_there)?;
     progress(&format!("{name}: searching for the board in {} pictures", poses.len()));
     let (lens, mount) = (files.flange_camera()?, files.flange_from_camera()?);
-    let arm = InUse::of_cell(files);
+    let arm = CorrectionInUse::from_cell(files);
     let window = args.board.subpix.map(|half_window_px| half_window_px as usize);
-    let look = |pose: &files::PicturePose| -> Result<Result<Left, (String, String)>, Fault> {
+    let look = |pose: &files::PicturePose| -> Result<Result<RemainingError, (String, String)>, Fault> {
         let aside = |why: String| Ok(Err((pose.image.clone(), why)));
         let base_from_flange = match &arm {
             None => pose.base_from_flange,
@@ -60,7 +60,7 @@ pub fn run(
             Err(error) => return aside(error.to_string()),
         };
         if let Some(reason) =
-            health::outside_of_lens(&lens.extent, detected.corners.iter().map(|(_, pixel)| *pixel))
+            health::lens_extent_refusal(&lens.extent, detected.corners.iter().map(|(_, pixel)| *pixel))
         {
             return aside(reason.message);
         }
@@ -70,13 +70,14 @@ pub fn run(
         };
         let base_from_board = base_from_flange * mount.value * found.camera_from_board;
         let look = BoardMeasurement { base_from_board, pnp_rms_px: found.rms, measured_square_mm: None };
-        if let Some(reason) = health::no_look_at(&target.base_from_board, &look, &target.board) {
+        if let Some(reason) = health::uninformative_measurement(&target.base_from_board, &look, &target.board) {
             return aside(reason.message);
         }
         let error_mm = health::distance_mm(&target.base_from_board, &base_from_board, &target.board.corners());
-        Ok(Ok(Left { name: pose.image.clone(), place: base_from_flange.origin(), error_mm }))
+        Ok(Ok(RemainingError { name: pose.image.clone(), place: base_from_flange.origin(), error_mm }))
     };
-    let all: Vec<Result<Left, (String, String)>> = poses.par_iter().map(look).collect::<Result<_, Fault>>()?;
+    let all: Vec<Result<RemainingError, (String, String)>> =
+        poses.par_iter().map(look).collect::<Result<_, Fault>>()?;
     let (mut left, mut aside) = (Vec::new(), Vec::new());
     for one in all {
         match one {
@@ -96,20 +97,23 @@ pub fn run(
 fn record_verification(
     args: &Verify,
     files: &CellFiles,
-    (left, aside): (&[Left], &[(String, String)]),
+    (left, aside): (&[RemainingError], &[(String, String)]),
     calibration_hash: String,
 ) -> Result<Outcome, Fault> {
     let worst_mm = left.iter().map(|one| one.error_mm).fold(0.0, f64::max);
     let rms_mm = (left.iter().map(|one| one.error_mm.powi(2)).sum::<f64>() / left.len() as f64).sqrt();
     let verification = verification::verification(files, "flange_camera", worst_mm, calibration_hash);
-    let mut outcome = verification::kept(files, &verification, args.pictures.as_deref())?;
-    outcome.put("rms_mm", json!(rms_mm));
+    let mut outcome = verification::store_and_judge(files, &verification, args.pictures.as_deref())?;
+    outcome.add_value("rms_mm", json!(rms_mm));
     let places = left.iter().map(|one| {
         let place = one.place.mm;
         json!({"file": one.name, "flange_mm": [place.x, place.y, place.z], "error_mm": one.error_mm})
     });
-    outcome.put("left", places.collect());
-    outcome.put("set_aside", aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason})).collect());
+    outcome.add_value("left", places.collect());
+    outcome.add_value(
+        "set_aside",
+        aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason})).collect(),
+    );
     outcome
         .add_line(format!("{} pictures: remaining error {rms_mm:.3} mm rms, {worst_mm:.3} mm at most", left.len()));
     for one in left {

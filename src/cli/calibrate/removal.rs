@@ -5,15 +5,15 @@ use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::Removal as Args;
 use super::date;
-use super::output::{keep, provenance};
+use super::output::{provenance, write_calibration};
 use crate::cell::RemovalCalibration;
 use crate::files::content_hash;
-use crate::number_text::fixed;
+use crate::number_text::fixed_decimals;
 use crate::removal::coupons::{Coupon, CouponTool};
-use crate::removal::fit::{Fitted, fit};
+use crate::removal::fit::{CouponFit, fit};
 use crate::removal::gate;
 use crate::removal::model::MM2_PER_M2;
-use crate::removal::pad::Pad;
+use crate::removal::pad::PadWithDisc;
 use crate::removal::power::Power;
 use crate::removal::speed::Orbit;
 use crate::removal::table::read_coupons;
@@ -26,9 +26,9 @@ use serde_json::{Value, json};
 /// If the table has problems, each with its line and column, or writing to the disk fails.
 pub fn run(args: &Args) -> Result<Outcome, Fault> {
     let bytes = disk::read(&args.coupons)?;
-    let coupons = read_coupons(&bytes).map_err(|error| Fault::file(&args.coupons, error))?;
+    let coupons = read_coupons(&bytes).map_err(|error| Fault::file_fault(&args.coupons, error))?;
     let tool = CouponTool {
-        pad: Pad { radius_mm: args.disc_diameter_mm / 2.0, stiffness_n_mm3: args.pad_n_mm3 },
+        pad: PadWithDisc { radius_mm: args.disc_diameter_mm / 2.0, stiffness_n_mm3: args.pad_n_mm3 },
         orbit: Orbit { diameter_mm: args.orbit_mm, speed_rev_min: args.orbit_rev_min },
     };
     let found = match fit(&coupons, &tool) {
@@ -36,17 +36,17 @@ pub fn run(args: &Args) -> Result<Outcome, Fault> {
         Err(error) => return Ok(refused(error.to_string(), args)),
     };
     let checks = gate::checks(&found, &coupons);
-    let judgement = Judgement::of_checks(&checks);
+    let judgement = Judgement::from_checks(&checks);
     let mut outcome = Outcome::from_judgement(&judgement);
-    outcome.put_checks(&checks);
+    outcome.add_checks(&checks);
     report_result(&mut outcome, &found, &coupons);
-    let left_out = found.left_out.iter().map(|one| one.map_or(f64::NAN, |one| 100.0 * one.off.abs()));
-    let residuals = if found.left_out.iter().all(Option::is_some) { left_out.collect() } else { vec![] };
+    let left_out = found.left_out_coupons.iter().map(|one| one.map_or(f64::NAN, |one| 100.0 * one.deviation.abs()));
+    let residuals = if found.left_out_coupons.iter().all(Option::is_some) { left_out.collect() } else { vec![] };
     let made = provenance(vec![content_hash(&bytes)], residuals);
     let counts = (coupons.len(), found.discs.map_or(0, |discs| discs.count));
-    let text = RemovalCalibration::text_of(&numbers(&found, (&coupons, &tool)), counts, (date::today(), &made));
+    let text = RemovalCalibration::to_text(&numbers(&found, (&coupons, &tool)), counts, (date::today_utc(), &made));
     RemovalCalibration::check(&args.out.display().to_string(), &text)?;
-    keep(&mut outcome, &judgement, &args.out, &text)?;
+    write_calibration(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
 }
 
@@ -54,13 +54,13 @@ pub fn run(args: &Args) -> Result<Outcome, Fault> {
 fn refused(message: String, args: &Args) -> Outcome {
     let judgement = Judgement::new(vec![Reason::new("no_model", message)], vec![]);
     let mut outcome = Outcome::from_judgement(&judgement);
-    outcome.put("preston_mm2_per_n", Value::Null);
+    outcome.add_value("preston_mm2_per_n", Value::Null);
     outcome.add_line(format!("{}: not written", args.out.display()));
     outcome
 }
 
 /// Returns the numbers of the file with their keys.
-fn numbers(found: &Fitted, (coupons, tool): (&[Coupon], &CouponTool)) -> Vec<(&'static str, f64)> {
+fn numbers(found: &CouponFit, (coupons, tool): (&[Coupon], &CouponTool)) -> Vec<(&'static str, f64)> {
     let force_n =
         |of: fn(f64, f64) -> f64| coupons.iter().map(|coupon| coupon.force_n).reduce(of).unwrap_or(f64::NAN);
     let [k, b] = [0, 1].map(|index| found.covariance[(index, index)].sqrt());
@@ -76,7 +76,7 @@ fn numbers(found: &Fitted, (coupons, tool): (&[Coupon], &CouponTool)) -> Vec<(&'
         ("wear_deviation_per_m2", b * MM2_PER_M2),
         ("correlation", correlation.clamp(-1.0, 1.0)),
         ("coupon_deviation_percent", 100.0 * found.coupon_deviation),
-        ("left_out_percent", 100.0 * found.left_out_rms()),
+        ("left_out_percent", 100.0 * found.cross_validation_rms()),
         ("least_force_n", force_n(f64::min)),
         ("most_force_n", force_n(f64::max)),
         ("pad_n_mm3", tool.pad.stiffness_n_mm3),
@@ -86,73 +86,77 @@ fn numbers(found: &Fitted, (coupons, tool): (&[Coupon], &CouponTool)) -> Vec<(&'
     always.into_iter().chain(law).chain(discs).collect()
 }
 
-fn power_words(power: Option<Power>) -> String {
+fn describe_power(power: Option<Power>) -> String {
     power.map_or("(unknown)".to_owned(), |power| {
-        format!("{} ± {}", fixed(power.value, 2), fixed(power.uncertainty, 2))
+        format!("{} ± {}", fixed_decimals(power.value, 2), fixed_decimals(power.uncertainty, 2))
     })
 }
 
-fn report_result(outcome: &mut Outcome, found: &Fitted, coupons: &[Coupon]) {
+fn report_result(outcome: &mut Outcome, found: &CouponFit, coupons: &[Coupon]) {
     let known_percent = 100.0 * found.preston_share_95(0.0);
     let [wear, wear_95] = [found.decay_per_mm2, found.decay_95_per_mm2()].map(|per_mm2| per_mm2 * MM2_PER_M2);
-    outcome.put("preston_mm2_per_n", json!(found.preston_mm2_per_n));
-    outcome.put("preston_uncertainty_percent", json!(known_percent));
-    outcome.put("wear_per_m2", json!(wear));
-    outcome.put("wear_uncertainty_per_m2", json!(wear_95));
-    outcome.put("coupon_deviation_percent", json!(100.0 * found.coupon_deviation));
-    outcome.put("left_out_percent", json!(100.0 * found.left_out_rms()));
+    outcome.add_value("preston_mm2_per_n", json!(found.preston_mm2_per_n));
+    outcome.add_value("preston_uncertainty_percent", json!(known_percent));
+    outcome.add_value("wear_per_m2", json!(wear));
+    outcome.add_value("wear_uncertainty_per_m2", json!(wear_95));
+    outcome.add_value("coupon_deviation_percent", json!(100.0 * found.coupon_deviation));
+    outcome.add_value("left_out_percent", json!(100.0 * found.cross_validation_rms()));
     let power = |power: Power| json!({"value": power.value, "uncertainty": power.uncertainty});
-    outcome.put("power", power(found.power));
-    outcome.put("force_power", json!(found.powers.force.map(power)));
-    outcome.put("passes_power", json!(found.powers.passes.map(power)));
-    outcome.put("discs", json!(found.discs.map(|discs| discs.count)));
-    outcome.put("disc_deviation_percent", json!(found.discs.map(|discs| 100.0 * discs.deviation)));
+    outcome.add_value("power", power(found.power));
+    outcome.add_value("force_power", json!(found.powers.force.map(power)));
+    outcome.add_value("passes_power", json!(found.powers.passes.map(power)));
+    outcome.add_value("discs", json!(found.discs.map(|discs| discs.count)));
+    outcome.add_value("disc_deviation_percent", json!(found.discs.map(|discs| 100.0 * discs.deviation)));
     outcome.add_line(format!(
         "Preston's coefficient k of a new disc: {:.3e} mm²/N ± {} % (95 %)",
         found.preston_mm2_per_n,
-        fixed(known_percent, 1)
+        fixed_decimals(known_percent, 1)
     ));
     outcome.add_line(format!(
         "wear: ln k falls by {} ± {} for each square metre that the disc has swept",
-        fixed(wear, 2),
-        fixed(wear_95, 2)
+        fixed_decimals(wear, 2),
+        fixed_decimals(wear_95, 2)
     ));
     outcome.add_line(format!(
         "{} measured places, {} % rms from the model; places that were left out of the fit: {} % rms from the prediction",
         coupons.len(),
-        fixed(100.0 * found.coupon_deviation, 1),
-        fixed(100.0 * found.left_out_rms(), 1)
+        fixed_decimals(100.0 * found.coupon_deviation, 1),
+        fixed_decimals(100.0 * found.cross_validation_rms(), 1)
     ));
     outcome.add_line(match found.discs {
         Some(discs) => {
-            format!("{} discs, which differ by {} % (σ)", discs.count, fixed(100.0 * discs.deviation, 1))
+            format!("{} discs, which differ by {} % (σ)", discs.count, fixed_decimals(100.0 * discs.deviation, 1))
         }
         None => "the scatter from disc to disc is not known".to_owned(),
     });
     outcome.add_line(format!(
         "exponents of the depth: {} for the force, {} for the number of passes",
-        power_words(found.powers.force),
-        power_words(found.powers.passes)
+        describe_power(found.powers.force),
+        describe_power(found.powers.passes)
     ));
     outcome.add_line("coupon            line   measured µm     predicted µm   off %".to_owned());
     let mut told = Vec::with_capacity(coupons.len());
-    for (coupon, one) in coupons.iter().zip(&found.left_out) {
-        let foretold = one.map(|one| (one.foretold_um, 100.0 * one.off, one.is_outlier));
+    for (coupon, one) in coupons.iter().zip(&found.left_out_coupons) {
+        let foretold = one.map(|one| (one.foretold_um, 100.0 * one.deviation, one.is_outlier));
         let (by_others, off, mark) =
             foretold.map_or(("none".to_owned(), "–".to_owned(), ""), |(um, off, is_out)| {
-                (fixed(um, 1).to_string(), fixed(off, 1).to_string(), if is_out { "   outlier" } else { "" })
+                (
+                    fixed_decimals(um, 1).to_string(),
+                    fixed_decimals(off, 1).to_string(),
+                    if is_out { "   outlier" } else { "" },
+                )
             });
         outcome.add_line(format!(
             "{:16}  {:4}   {:11}   {by_others:>16}   {off:>5}{mark}",
             coupon.name,
             coupon.line,
-            fixed(coupon.depth_um, 1)
+            fixed_decimals(coupon.depth_um, 1)
         ));
         told.push(json!({
             "coupon": coupon.name, "line": coupon.line, "depth_um": coupon.depth_um,
             "foretold_um": one.map(|one| one.foretold_um), "interval_um": one.map(|one| one.interval_um),
-            "off_percent": one.map(|one| 100.0 * one.off), "outlier": one.map(|one| one.is_outlier),
+            "off_percent": one.map(|one| 100.0 * one.deviation), "outlier": one.map(|one| one.is_outlier),
         }));
     }
-    outcome.put("coupons", json!(told));
+    outcome.add_value("coupons", json!(told));
 }

@@ -8,12 +8,12 @@ use super::args::Robot as Args;
 use super::board_image::BoardImage;
 use super::boards;
 use super::mounted;
-use super::output::{keep, provenance};
+use super::output::{provenance, write_calibration};
 use super::{date, files, robot_advice};
-use crate::calib::board_orientation::same_way_round;
+use crate::calib::board_orientation::resolve_symmetry;
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye as mount_of};
 use crate::calib::robot::{
-    self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, Touched,
+    self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, TouchTarget,
 };
 use crate::calib::{Arrangement, BoardObservation, CalibError, Station, arm_errors, board_pose, gate, robot_next};
 use crate::cell::{ArmGeometry, Cell, FlangeCameraMount, RobotCorrection, ScannerMount};
@@ -50,7 +50,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     for (kind, poses, lens) in rigs {
         let (Some(poses), Some(lens)) = (poses, lens) else { continue };
         let camera = mounted::intrinsics(lens)?.camera;
-        let mut looks = looks(args, (poses, &geometry), &camera, &mut aside, progress)?;
+        let mut looks = collect_board_views(args, (poses, &geometry), &camera, &mut aside, progress)?;
         let rig = data.rigs.len();
         let started = match kind {
             RigKind::EyeToHand => start::<ScannerMount>(args, kind, &camera, &mut looks),
@@ -66,7 +66,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
         }
         for look in looks {
             hashes.push(look.board_image.hash);
-            let view = ArmView::seen(look.board_image.name, rig, look.pose, &camera, &look.corners);
+            let view = ArmView::from_corners(look.board_image.name, rig, look.pose, &camera, &look.corners);
             data.views.push(view.map_err(Fault::stage)?);
         }
     }
@@ -89,12 +89,12 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     }
     let file = RobotCorrection {
         numbers: found.correction.for_file(),
-        left_out_before_mm: found.left_out_before_mm,
-        left_out_after_mm: found.left_out_after_mm,
-        date: date::today(),
+        left_out_before_mm: found.uncorrected_left_out_mm,
+        left_out_after_mm: found.corrected_left_out_mm,
+        date: date::today_utc(),
         provenance: provenance(hashes, vec![]),
     };
-    keep(&mut outcome, &judgement, &args.out, &file.to_toml())?;
+    write_calibration(&mut outcome, &judgement, &args.out, &file.to_toml())?;
     Ok(outcome)
 }
 
@@ -102,8 +102,8 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
 fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
     let reason = crate::verdict::Reason::new(code, message);
     let mut outcome = Outcome::from_judgement(&crate::verdict::Judgement::new(vec![reason], vec![]));
-    outcome.put("residual_left_out_mm", json!(null));
-    outcome.put("residual_left_out_before_mm", json!(null));
+    outcome.add_value("residual_left_out_mm", json!(null));
+    outcome.add_value("residual_left_out_before_mm", json!(null));
     outcome.add_line(format!("{}: not written", args.out.display()));
     outcome
 }
@@ -130,9 +130,9 @@ fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]
     let mut all = Vec::with_capacity(stated.len());
     for (touched, pose) in stated {
         let at = match touched {
-            files::StatedTouch::Spot(spot) => Touched::Spot(spot),
+            files::StatedTouch::Spot(spot) => TouchTarget::Spot(spot),
             files::StatedTouch::Corner(column, row) => {
-                Touched::Corner { rig: rig(RigKind::EyeInHand, "--eye-in-hand")?, place: corner(column, row)? }
+                TouchTarget::Corner { rig: rig(RigKind::EyeInHand, "--eye-in-hand")?, place: corner(column, row)? }
             }
             files::StatedTouch::CornerIn(column, row, image) => {
                 let rig = rig(RigKind::EyeToHand, "--eye-to-hand")?;
@@ -148,10 +148,10 @@ fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]
                         seen
                     }
                 };
-                Touched::Seen { rig, place: seen * corner(column, row)? }
+                TouchTarget::Seen { rig, place: seen * corner(column, row)? }
             }
         };
-        all.push(ArmTouch { at, pose: arm_pose(&pose, &data.geometry) });
+        all.push(ArmTouch { target: at, pose: arm_pose(&pose, &data.geometry) });
     }
     Ok(all)
 }
@@ -165,7 +165,7 @@ fn arm_pose(stated: &files::StatedPose, geometry: &ArmGeometry) -> ArmPose {
     }
 }
 
-fn looks(
+fn collect_board_views(
     args: &Args,
     (file, geometry): (&Path, &ArmGeometry),
     camera: &PinholeCamera,
@@ -202,13 +202,13 @@ fn start<A: Arrangement>(
     let board = boards::board(&args.board)?;
     let mut pictures: Vec<_> =
         looks.iter_mut().map(|look| (look.pose.base_from_flange, &mut look.corners)).collect();
-    same_way_round::<A>(camera, &board, &mut pictures).map_err(Fault::stage)?;
+    resolve_symmetry::<A>(camera, &board, &mut pictures).map_err(Fault::stage)?;
     let stations: Vec<Station<A::From>> = looks
         .iter()
         .map(|look| Station {
             name: look.board_image.name.clone(),
             base_from_flange: look.pose.base_from_flange,
-            seen: BoardObservation::Pixels(look.corners.clone()),
+            observation: BoardObservation::Pixels(look.corners.clone()),
         })
         .collect();
     if stations.len() < MIN_STATIONS {
@@ -217,19 +217,19 @@ fn start<A: Arrangement>(
         return Err(Fault::stage(error));
     }
     let found = mount_of::<A>(camera, &board, &stations, None).map_err(Fault::stage)?;
-    if let Some(words) = gate::no_start(&found, board.square_mm()) {
+    if let Some(words) = gate::starting_pose_problem(&found, board.square_mm()) {
         return Err(Fault::stage(CalibError::Points(words)));
     }
     Ok(Rig {
         kind,
-        mount: *found.adjusted.to_from_camera.isometry(),
-        board: *found.adjusted.holder_from_board.isometry(),
+        mount: *found.adjustment.to_from_camera.isometry(),
+        board: *found.adjustment.holder_from_board.isometry(),
     })
 }
 
 fn report_result(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, String)]) {
-    outcome.put("residual_left_out_mm", json!(found.left_out_after_mm));
-    outcome.put("residual_left_out_before_mm", json!(found.left_out_before_mm));
+    outcome.add_value("residual_left_out_mm", json!(found.corrected_left_out_mm));
+    outcome.add_value("residual_left_out_before_mm", json!(found.uncorrected_left_out_mm));
     let kind = match &found.correction {
         Correction::Geometry { .. } => "geometry".to_owned(),
         Correction::Smooth { middle_mm, half_mm, .. } => {
@@ -241,17 +241,17 @@ fn report_result(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, St
             "smooth".to_owned()
         }
     };
-    outcome.put("kind", json!(kind));
+    outcome.add_value("kind", json!(kind));
     outcome.add_line(format!(
         "left-out pictures: residuals {:.3} mm rms with mounts and boards alone, {:.3} mm rms with the correction",
-        found.left_out_before_mm, found.left_out_after_mm
+        found.uncorrected_left_out_mm, found.corrected_left_out_mm
     ));
     let numbers = found.numbers.iter().map(|number| {
-        json!({"name": number.name, "value": number.value, "uncertainty": number.uncertainty, "untold": number.untold})
+        json!({"name": number.name, "value": number.value, "uncertainty": number.uncertainty, "untold": number.remaining_share})
     });
-    outcome.put("parameters", numbers.collect());
+    outcome.add_value("parameters", numbers.collect());
     let (told, untold): (Vec<_>, Vec<_>) =
-        found.numbers.iter().partition(|number| number.untold < robot_next::DETERMINED_SHARE);
+        found.numbers.iter().partition(|number| number.remaining_share < robot_next::DETERMINED_SHARE);
     for number in &told {
         outcome.add_line(format!("  {} {:.4} ± {:.4}", number.name, number.value, number.uncertainty));
     }
@@ -263,8 +263,11 @@ fn report_result(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, St
         ));
     }
     if let Some(tip) = found.tip_mm {
-        outcome.put("tip_mm", json!([tip.x, tip.y, tip.z]));
+        outcome.add_value("tip_mm", json!([tip.x, tip.y, tip.z]));
     }
-    outcome.put("set_aside", aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason})).collect());
+    outcome.add_value(
+        "set_aside",
+        aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason})).collect(),
+    );
     aside.iter().for_each(|(file, reason)| outcome.add_line(format!("excluded: {file}: {reason}")));
 }

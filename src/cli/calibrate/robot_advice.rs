@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Vector3};
 use serde_json::json;
 
 /// Number of evaluated positions in the working volume along each of its sides.
-const PLACES: [usize; 3] = [4, 4, 3];
+const EVALUATION_GRID: [usize; 3] = [4, 4, 3];
 
 /// Reports the stated error over the working volume and the next pose.
 pub(super) fn report_advice(
@@ -27,13 +27,13 @@ pub(super) fn report_advice(
         .filter_map(|pose| Some((found.tip_uncertainty_mm(pose)?, (pose.base_from_flange * tip(found)))))
         .collect();
     stated.sort_by(|a, b| a.0.total_cmp(&b.0));
-    outcome.put("tip_uncertainty_mm", json!(null));
+    outcome.add_value("tip_uncertainty_mm", json!(null));
     if let Some((worst_mm, at)) = stated.last().copied() {
         let mut all: Vec<f64> = stated.iter().map(|(mm, _)| *mm).collect();
         let median_mm = median(&mut all).unwrap_or(worst_mm);
         let (x, y, z) = (at.mm.x, at.mm.y, at.mm.z);
         let places = stated.len();
-        outcome.put(
+        outcome.add_value(
             "tip_uncertainty_mm",
             json!({"median": median_mm, "worst": worst_mm, "at_mm": [x, y, z], "places": places}),
         );
@@ -43,20 +43,20 @@ pub(super) fn report_advice(
         ));
     }
     let candidates = candidates(cell, found, data, (cameras, board));
-    let next = robot_next::next_pose(found, &candidates, &volume);
-    outcome.put("next_pose", next.as_ref().map_or(json!(null), |next| object(found, next)));
-    outcome.put("enough", json!(next.as_ref().map(NextPose::is_enough)));
-    outcome.add_line(words(found, next.as_ref()));
+    let next = robot_next::best_next_pose(found, &candidates, &volume);
+    outcome.add_value("next_pose", next.as_ref().map_or(json!(null), |next| object(found, next)));
+    outcome.add_value("enough", json!(next.as_ref().map(NextPose::is_sufficient)));
+    outcome.add_line(describe_advice(found, next.as_ref()));
 }
 
-fn words(found: &RobotFound, next: Option<&NextPose>) -> String {
+fn describe_advice(found: &RobotFound, next: Option<&NextPose>) -> String {
     let Some(next) = next else {
         return "no next pose: no pose within the axis limits shows a whole board, or the data determine no parameter \
                 yet"
             .to_owned();
     };
     let less = |share: f64| format!("{:.1} %", 100.0 * (1.0 - share));
-    if next.is_enough() {
+    if next.is_sufficient() {
         return format!(
             "enough poses: no further pose reduces the tip's stated error by more than {}",
             less(next.tip_share)
@@ -70,14 +70,14 @@ fn words(found: &RobotFound, next: Option<&NextPose>) -> String {
     format!(
         "next pose, for {}: {axes}flange X {x_mm:.1} Y {y_mm:.1} Z {z_mm:.1} A {a_deg:.1} B {b_deg:.1} C {c_deg:.1}; the uncertainty \
          of the least known parameter, {}, falls by {}; a further pose reduces the tip's stated error by up to {}",
-        board_words(found, next.rig),
-        next.weakest,
+        describe_board(found, next.rig),
+        next.weakest_parameter,
         less(next.weakest_share),
         less(next.tip_share)
     )
 }
 
-fn board_words(found: &RobotFound, rig: usize) -> &'static str {
+fn describe_board(found: &RobotFound, rig: usize) -> &'static str {
     match found.rigs[rig].kind {
         RigKind::EyeToHand => "the board on the flange in front of the fixed camera",
         RigKind::EyeInHand => "the fixed board in front of the camera on the flange",
@@ -93,7 +93,7 @@ fn object(found: &RobotFound, next: &NextPose) -> serde_json::Value {
         "board": rig,
         "axes_deg": next.pose.joints.map(|joints| joints.degrees()),
         "base_from_flange": KukaPose::from_rigid(&next.pose.base_from_flange),
-        "improves": next.weakest,
+        "improves": next.weakest_parameter,
         "improves_share": next.weakest_share,
         "tip_share": next.tip_share,
     })
@@ -128,7 +128,7 @@ fn reachable_postures(
     base_from_flange: &Rigid<Base, Flange>,
     tip: Point<Flange>,
 ) -> Vec<ArmPose> {
-    let is_inside = cell.limits().workspace().is_none_or(|workspace| workspace.holds(*base_from_flange * tip));
+    let is_inside = cell.limits().workspace().is_none_or(|workspace| workspace.contains(*base_from_flange * tip));
     let ways = if is_inside { reach::postures(arm, base_from_flange, tip) } else { Vec::new() };
     let drawn = |joints: Joints| {
         let flange = arm_errors::base_from_flange(cell.arm().geometry(), &joints, &[0.0; arm_errors::ARM_NUMBERS]);
@@ -150,15 +150,15 @@ fn volume(cell: &Cell, found: &RobotFound, data: &RobotData) -> Vec<ArmPose> {
         }
     };
     let along = |axis: usize, index: usize| {
-        let share = (index as f64 + 0.5) / PLACES[axis] as f64;
+        let share = (index as f64 + 0.5) / EVALUATION_GRID[axis] as f64;
         low[axis] + share * (high[axis] - low[axis])
     };
     let mut all = Vec::new();
-    for index in 0..PLACES.iter().product() {
+    for index in 0..EVALUATION_GRID.iter().product() {
         let place = nalgebra::Point3::new(
-            along(0, index % PLACES[0]),
-            along(1, index / PLACES[0] % PLACES[1]),
-            along(2, index / PLACES[0] / PLACES[1]),
+            along(0, index % EVALUATION_GRID[0]),
+            along(1, index / EVALUATION_GRID[0] % EVALUATION_GRID[1]),
+            along(2, index / EVALUATION_GRID[0] / EVALUATION_GRID[1]),
         );
         let mut near: Vec<usize> = (0..tips.len()).collect();
         let away = |at: usize| (tips[at].mm - place).norm();
@@ -166,7 +166,8 @@ fn volume(cell: &Cell, found: &RobotFound, data: &RobotData) -> Vec<ArmPose> {
         let standing = near.into_iter().take(3).find_map(|at| {
             let turn = measured[at].isometry().rotation;
             let shift = place.coords - turn * tip(found).mm.coords;
-            let flange: Rigid<Base, Flange> = Rigid::claim(Isometry3::from_parts(shift.into(), turn));
+            let flange: Rigid<Base, Flange> =
+                Rigid::from_isometry_unchecked(Isometry3::from_parts(shift.into(), turn));
             reachable_postures(cell, &arm, &flange, tip(found)).into_iter().next()
         });
         all.extend(standing);

@@ -6,11 +6,11 @@ use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::Intrinsics as Args;
 use super::date;
-use super::output::{keep, provenance};
+use super::output::{provenance, write_calibration};
 use crate::cell::Intrinsics;
 use crate::files;
-use crate::geometry::{lens_of, sampled};
-use crate::number_text::apart;
+use crate::geometry::{fit_lens, sample_points};
+use crate::number_text::distinguishable_texts;
 use crate::verdict::{Judgement, Reason};
 use serde_json::json;
 use std::path::Path;
@@ -29,9 +29,9 @@ const MIN_RELIEF: f64 = 0.05;
 /// If the file is not an organised cloud in a camera's frame.
 pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     let bytes = disk::read(scan)?;
-    let cloud = files::read_any_cloud(&bytes, None).map_err(|error| Fault::file(scan, error))?;
-    files::check_frame(&cloud).map_err(|error| Fault::file(scan, error))?;
-    let found = lens_of(&sampled(&cloud), (cloud.width(), cloud.height()));
+    let cloud = files::read_any_cloud(&bytes, None).map_err(|error| Fault::file_fault(scan, error))?;
+    files::check_frame(&cloud).map_err(|error| Fault::file_fault(scan, error))?;
+    let found = fit_lens(&sample_points(&cloud), (cloud.width(), cloud.height()));
     let Some(found) = found else {
         let message = format!(
             "{} has too few points, or points on one line, to determine a lens; scan the whole cell",
@@ -43,7 +43,8 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     let beyond = |limit_px: f64| found.median_px.is_nan() || found.median_px > limit_px;
     if beyond(MEDIAN_PX.0) {
         let beyond = beyond(MEDIAN_PX.1);
-        let [off, allowed] = apart(found.median_px, if beyond { MEDIAN_PX.1 } else { MEDIAN_PX.0 }, 3);
+        let [off, allowed] =
+            distinguishable_texts(found.median_px, if beyond { MEDIAN_PX.1 } else { MEDIAN_PX.0 }, 3);
         let message = format!(
             "half of the points are {off} px or more from the rays of the best-fitting lens (limit {allowed} px): \
              was the scan smoothed or moved after it was taken?"
@@ -51,12 +52,12 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
         let reason = Reason::new("off_rays", message);
         if beyond { reject.push(reason) } else { review.push(reason) }
     }
-    let mut depths_mm: Vec<f64> = sampled(&cloud).iter().map(|(_, point)| point.mm.z).collect();
+    let mut depths_mm: Vec<f64> = sample_points(&cloud).iter().map(|(_, point)| point.mm.z).collect();
     depths_mm.sort_by(f64::total_cmp);
     let depth = |share: f64| depths_mm[((depths_mm.len() - 1) as f64 * share) as usize];
     let relief = (depth(0.95) - depth(0.05)) / depth(0.5);
     if relief.is_nan() || relief < MIN_RELIEF {
-        let [found, wanted] = apart(100.0 * relief, 100.0 * MIN_RELIEF, 1);
+        let [found, wanted] = distinguishable_texts(100.0 * relief, 100.0 * MIN_RELIEF, 1);
         review.push(Reason::new(
             "flat",
             format!(
@@ -67,7 +68,7 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
     }
     let intrinsics = Intrinsics {
         serial: args.serial.clone(),
-        date: date::today(),
+        date: date::today_utc(),
         // The result is a median, which hides half of the points; it is not a root mean square.
         rms_px: None,
         provenance: provenance(vec![files::content_hash(&bytes)], vec![]),
@@ -93,14 +94,14 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
         ("median_px", found.median_px),
     ];
     for (key, number) in numbers {
-        outcome.put(key, json!(number));
+        outcome.add_value(key, json!(number));
     }
-    outcome.put("width_px", json!(lens.width_px));
-    outcome.put("height_px", json!(lens.height_px));
+    outcome.add_value("width_px", json!(lens.width_px));
+    outcome.add_value("height_px", json!(lens.height_px));
     outcome.add_line(format!(
         "fx {:.2}, fy {:.2}, cx {:.2}, cy {:.2} px: half of the points are within {:.4} px of the rays of this lens",
         lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, found.median_px
     ));
-    keep(&mut outcome, &judgement, &args.out, &text)?;
+    write_calibration(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
 }

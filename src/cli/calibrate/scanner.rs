@@ -8,12 +8,12 @@ use super::args::Scanner as Args;
 use super::board_image::BoardImage;
 use super::boards;
 use super::date;
-use super::output::{keep, provenance};
-use crate::calib::scanner_errors::{BoardScan, PlaneView, ScannerErrors, checks, measure, rectangle};
+use super::output::{provenance, write_calibration};
+use crate::calib::scanner_errors::{BoardScan, PlaneView, ScannerErrors, checks, direction_rectangle, measure};
 use crate::calib::{Board, CalibError};
 use crate::cell::{Intrinsics, MeasuredScanner};
 use crate::geometry::PinholeCamera;
-use crate::number_text::fixed;
+use crate::number_text::fixed_decimals;
 use crate::report;
 use crate::verdict::{Judgement, Reason};
 use rayon::prelude::*;
@@ -22,7 +22,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A scan that was read: its name, its hash, and its blocks or the reason why there are none.
-type Read = (String, String, Result<PlaneView, CalibError>);
+type ScanRead = (String, String, Result<PlaneView, CalibError>);
 
 /// Measures the errors and writes the lens's file with them.
 ///
@@ -37,10 +37,10 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
         progress(&format!("scans: {} of {}", done.fetch_add(1, Ordering::Relaxed) + 1, args.scans.len()));
         one
     };
-    let all: Vec<Read> = args.scans.par_iter().map(read).collect::<Result<_, Fault>>()?;
+    let all: Vec<ScanRead> = args.scans.par_iter().map(read).collect::<Result<_, Fault>>()?;
     let views: Vec<PlaneView> = all.iter().filter_map(|(_, _, view)| view.as_ref().ok().cloned()).collect();
     progress("errors");
-    let over = rectangle(&lens.camera).ok_or_else(|| {
+    let over = direction_rectangle(&lens.camera).ok_or_else(|| {
         Fault::stage(CalibError::Points("the lens model has no ray for a corner of the picture".to_owned()))
     })?;
     let found = match measure(&views, over) {
@@ -48,9 +48,9 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
         Err(error) => return Ok(refused(error.to_string(), &all, args)),
     };
     let checks = checks(&found);
-    let judgement = Judgement::of_checks(&checks);
+    let judgement = Judgement::from_checks(&checks);
     let mut outcome = Outcome::from_judgement(&judgement);
-    outcome.put_checks(&checks);
+    outcome.add_checks(&checks);
     report_result(&mut outcome, &found, &all);
     let used = all.iter().filter(|(_, _, view)| view.is_ok());
     let made = provenance(used.map(|(_, hash, _)| hash.clone()).collect(), found.residuals_mm.clone());
@@ -60,9 +60,9 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
         correlation_mm: found.correlation_mm,
         scale_percent: found.scale_percent,
         scale_deviation_percent: found.scale_deviation_percent,
-        places: views.len(),
+        board_positions: views.len(),
         field: found.field,
-        date: date::today(),
+        date: date::today_utc(),
         provenance: made,
     };
     let text = Intrinsics { errors: Some(measured), ..lens }.to_toml();
@@ -72,11 +72,11 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
         let file = pictures::save(folder, "scanner_errors", &picture)?;
         outcome.add_line(format!("{}: map of the errors over the camera's picture", file.display()));
     }
-    keep(&mut outcome, &judgement, &args.out, &text)?;
+    write_calibration(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
 }
 
-fn read(file: &Path, (board, window): (&Board, Option<usize>), camera: &PinholeCamera) -> Result<Read, Fault> {
+fn read(file: &Path, (board, window): (&Board, Option<usize>), camera: &PinholeCamera) -> Result<ScanRead, Fault> {
     let board_image = BoardImage::read(file, camera)?;
     let Some(cloud) = board_image.cloud() else {
         let message = format!("{}: is a picture, which has no depth; name a scan, .pcd or .ply", file.display());
@@ -90,16 +90,16 @@ fn read(file: &Path, (board, window): (&Board, Option<usize>), camera: &PinholeC
 }
 
 /// The verdict for scans that do not determine the errors.
-fn refused(message: String, all: &[Read], args: &Args) -> Outcome {
+fn refused(message: String, all: &[ScanRead], args: &Args) -> Outcome {
     let judgement = Judgement::new(vec![Reason::new("scanner_places", message)], vec![]);
     let mut outcome = Outcome::from_judgement(&judgement);
-    outcome.put("smooth_mm", Value::Null);
-    tell_aside(&mut outcome, all);
+    outcome.add_value("smooth_mm", Value::Null);
+    report_excluded(&mut outcome, all);
     outcome.add_line(format!("{}: not written", args.out.display()));
     outcome
 }
 
-fn tell_aside(outcome: &mut Outcome, all: &[Read]) {
+fn report_excluded(outcome: &mut Outcome, all: &[ScanRead]) {
     for (name, _, view) in all {
         if let Err(error) = view {
             let why = error.to_string();
@@ -109,21 +109,21 @@ fn tell_aside(outcome: &mut Outcome, all: &[Read]) {
     }
 }
 
-fn report_result(outcome: &mut Outcome, found: &ScannerErrors, all: &[Read]) {
-    let [low_mm, high_mm] = found.correlation_between_mm.map(|mm| fixed(mm, 0));
-    outcome.add_line(format!("white noise of a pixel {} mm at 700 mm", fixed(found.white_mm, 3)));
+fn report_result(outcome: &mut Outcome, found: &ScannerErrors, all: &[ScanRead]) {
+    let [low_mm, high_mm] = found.correlation_interval_mm.map(|mm| fixed_decimals(mm, 0));
+    outcome.add_line(format!("white noise of a pixel {} mm at 700 mm", fixed_decimals(found.white_mm, 3)));
     outcome.add_line(format!(
         "smooth error of a scan {} mm, correlation length {} mm (95 %: {low_mm} to {high_mm} mm)",
-        fixed(found.smooth_mm, 3),
-        fixed(found.correlation_mm, 0)
+        fixed_decimals(found.smooth_mm, 3),
+        fixed_decimals(found.correlation_mm, 0)
     ));
-    let plain = fixed(found.left_out_plain_mm, 3);
+    let plain = fixed_decimals(found.left_out_uncorrected_mm, 3);
     outcome.add_line(match found.left_out_corrected_mm {
         Some(corrected_mm) => format!(
             "systematic error of all scans: up to {} mm at 700 mm, which is subtracted from later scans; left-out scans \
              deviate from a plane by {plain} mm rms without this correction, by {} mm rms with this correction",
-            fixed(found.field_most_mm, 2),
-            fixed(corrected_mm, 3)
+            fixed_decimals(found.max_field_mm, 2),
+            fixed_decimals(corrected_mm, 3)
         ),
         None => format!(
             "no systematic error: the scans deviate from a plane by {plain} mm rms, and a correction would not \
@@ -132,25 +132,25 @@ fn report_result(outcome: &mut Outcome, found: &ScannerErrors, all: &[Read]) {
     });
     outcome.add_line(format!(
         "distances are {} % too long, scatter from scan to scan {} %; bow of the board {} mm",
-        fixed(found.scale_percent, 3),
-        fixed(found.scale_deviation_percent, 3),
-        fixed(found.bow_mm, 2)
+        fixed_decimals(found.scale_percent, 3),
+        fixed_decimals(found.scale_deviation_percent, 3),
+        fixed_decimals(found.bow_mm, 2)
     ));
-    outcome.put("white_mm", json!(found.white_mm));
-    outcome.put("smooth_mm", json!(found.smooth_mm));
-    outcome.put("correlation_mm", json!(found.correlation_mm));
-    outcome.put("correlation_between_mm", json!(found.correlation_between_mm));
-    let left_out = json!({"plain_mm": found.left_out_plain_mm, "corrected_mm": found.left_out_corrected_mm});
-    outcome.put("left_out", left_out);
-    outcome.put("field_most_mm", json!(found.field.map(|_| found.field_most_mm)));
-    outcome.put("scale_percent", json!(found.scale_percent));
-    outcome.put("scale_deviation_percent", json!(found.scale_deviation_percent));
-    outcome.put("board_bow_mm", json!(found.bow_mm));
-    outcome.put("places", json!(found.residuals_mm.len()));
+    outcome.add_value("white_mm", json!(found.white_mm));
+    outcome.add_value("smooth_mm", json!(found.smooth_mm));
+    outcome.add_value("correlation_mm", json!(found.correlation_mm));
+    outcome.add_value("correlation_between_mm", json!(found.correlation_interval_mm));
+    let left_out = json!({"plain_mm": found.left_out_uncorrected_mm, "corrected_mm": found.left_out_corrected_mm});
+    outcome.add_value("left_out", left_out);
+    outcome.add_value("field_most_mm", json!(found.field.map(|_| found.max_field_mm)));
+    outcome.add_value("scale_percent", json!(found.scale_percent));
+    outcome.add_value("scale_deviation_percent", json!(found.scale_deviation_percent));
+    outcome.add_value("board_bow_mm", json!(found.bow_mm));
+    outcome.add_value("places", json!(found.residuals_mm.len()));
     outcome.add_line("scan                  rms from its plane, mm".to_owned());
     let used = all.iter().filter(|(_, _, view)| view.is_ok());
     for ((name, _, _), rms_mm) in used.zip(&found.residuals_mm) {
-        outcome.add_line(format!("{name:20}  {}", fixed(*rms_mm, 3)));
+        outcome.add_line(format!("{name:20}  {}", fixed_decimals(*rms_mm, 3)));
     }
-    tell_aside(outcome, all);
+    report_excluded(outcome, all);
 }

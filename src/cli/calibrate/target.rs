@@ -28,9 +28,9 @@ impl Target {
         // The check of the file accepts no target without a board.
         let Some(size) = mounted.board else {
             let missing = CalibError::Points("board and square_mm are missing".to_owned());
-            return Err(Fault::file(file, missing));
+            return Err(Fault::file_fault(file, missing));
         };
-        let board = Board::parse(&size.board, size.square_mm).map_err(|error| Fault::file(file, error))?;
+        let board = Board::parse(&size.board, size.square_mm).map_err(|error| Fault::file_fault(file, error))?;
         // A named board that is invalid is refused as invalid, not as a board that differs from the target's.
         let told = named.map(|named| Ok::<_, Fault>((named, boards::board(named)?))).transpose()?;
         if let Some((named, told)) = told.filter(|(_, told)| *told != board) {
@@ -39,7 +39,7 @@ impl Target {
                 "the target file states {size}, but the command states {said}; correct --board and --square-mm, \
                  or leave both out, or write the target again with --learn"
             );
-            return Err(Fault::file(file, CalibError::Points(message)));
+            return Err(Fault::file_fault(file, CalibError::Points(message)));
         }
         Ok(Target { board, base_from_board })
     }

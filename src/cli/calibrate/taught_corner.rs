@@ -47,14 +47,14 @@ pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outco
     };
     let found = find_taught(&shot.picture.to_gray(), (recipe.corner(), 0), &camera.value, in_camera);
     let found = found.map_err(Fault::stage)?.corner_px;
-    if let Some(reason) = health::outside_of_lens(&camera.extent, [found]) {
+    if let Some(reason) = health::lens_extent_refusal(&camera.extent, [found]) {
         return Ok(Outcome::from_judgement(&Judgement::new(vec![reason], vec![])));
     }
     let (px_per_mm, _) = camera.value.px_per_mm_at(in_camera.mm.z);
     let error_px = found.distance_px(expected);
     let hash = files.hash_with_arm(&[&camera.text, &mount.text]);
     let verification = verification::verification(files, "flange_camera", error_px / px_per_mm, hash);
-    let mut outcome = verification::kept(files, &verification, args.pictures.as_deref())?;
-    outcome.put("error_px", json!(error_px));
+    let mut outcome = verification::store_and_judge(files, &verification, args.pictures.as_deref())?;
+    outcome.add_value("error_px", json!(error_px));
     Ok(outcome)
 }

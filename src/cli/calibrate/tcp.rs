@@ -6,8 +6,8 @@ use super::super::fault::{CalibrationFault, Fault};
 use super::super::load::NO_AXES;
 use super::super::outcome::Outcome;
 use super::args::Tcp as Args;
-use super::arm_correction::InUse;
-use super::output::{keep, provenance};
+use super::arm_correction::CorrectionInUse;
+use super::output::{provenance, write_calibration};
 use super::{date, files};
 use crate::calib::tool::{flange_from_tool, tool_axis, tool_point};
 use crate::calib::{gate, readings};
@@ -24,26 +24,26 @@ use serde_json::json;
 pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     let file = args.poses.as_ref().ok_or(CalibrationFault::NoPoses)?;
     let text = disk::read_text(file)?;
-    let arm = InUse::load(args.robot.as_deref(), common)?;
+    let arm = CorrectionInUse::load(args.robot.as_deref(), common)?;
     let true_flange = |reported, joints: Option<&Joints>| match &arm {
         None => Ok(reported),
         Some(arm) => arm.true_flange(reported, joints).ok_or_else(|| NO_AXES.to_owned()),
     };
     let poses = files::tool_poses(&file.display().to_string(), &text, &true_flange)?;
-    let point = tool_point(&poses.tip).map_err(|error| Fault::file(file, error))?;
+    let point = tool_point(&poses.tip).map_err(|error| Fault::file_fault(file, error))?;
     let axis = poses.axis.as_ref().map(|touch| tool_axis(&point, touch)).transpose();
-    let axis = axis.map_err(|error| Fault::file(file, error))?;
-    let judgement = gate::tool(&point, axis.as_ref(), &readings::of_tip(&poses.tip));
+    let axis = axis.map_err(|error| Fault::file_fault(file, error))?;
+    let judgement = gate::tool(&point, axis.as_ref(), &readings::tip_readings(&poses.tip));
     // Without an axis, the flange's own axis is written, and the file states that it was not measured.
     let along = axis.as_ref().map_or(Vector::new(nalgebra::Vector3::z()), |axis| axis.axis);
     let pose = KukaPose::from_rigid(&flange_from_tool(point.tip, along));
     let mut outcome = Outcome::from_judgement(&judgement);
-    outcome.put("flange_from_tool", json!(pose));
-    outcome.put("rms_mm", json!(point.rms_mm));
-    outcome.put("uncertainty_mm", json!(point.uncertainty_mm));
-    outcome.put("residuals_mm", json!(point.residuals_mm));
-    outcome.put("axis_measured", json!(axis.is_some()));
-    outcome.put("axis_residuals_deg", json!(axis.as_ref().map(|axis| &axis.residuals_deg)));
+    outcome.add_value("flange_from_tool", json!(pose));
+    outcome.add_value("rms_mm", json!(point.rms_mm));
+    outcome.add_value("uncertainty_mm", json!(point.uncertainty_mm));
+    outcome.add_value("residuals_mm", json!(point.residuals_mm));
+    outcome.add_value("axis_measured", json!(axis.is_some()));
+    outcome.add_value("axis_residuals_deg", json!(axis.as_ref().map(|axis| &axis.residuals_deg)));
     outcome.add_line(format!("flange_from_tool {pose}"));
     outcome.add_line(format!("residuals {:.3} mm rms, tip ± {:.3} mm (95 %)", point.rms_mm, point.uncertainty_mm));
     for (index, residual_mm) in point.residuals_mm.iter().enumerate() {
@@ -51,7 +51,7 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     }
     if let Some(out) = &args.out {
         let mut mounted = MountedPose::<ToolMount>::from_pose(pose);
-        mounted.date = date::today();
+        mounted.date = date::today_utc();
         mounted.robot_correction = arm.as_ref().map(|arm| arm.hash.clone());
         mounted.rms_mm = Some(point.rms_mm);
         mounted.uncertainty_mm = Some(point.uncertainty_mm);
@@ -62,7 +62,7 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
         if judgement.verdict != Verdict::Reject {
             MountedPose::<ToolMount>::check(&out.display().to_string(), &text)?;
         }
-        keep(&mut outcome, &judgement, out, &text)?;
+        write_calibration(&mut outcome, &judgement, out, &text)?;
     }
     Ok(outcome)
 }

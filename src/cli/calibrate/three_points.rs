@@ -6,11 +6,11 @@ use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::super::pictures;
 use super::args::{HandEye as Args, MountName};
-use super::arm_correction::InUse;
+use super::arm_correction::CorrectionInUse;
 use super::board_image::BoardImage;
 use super::boards;
 use super::mounted::{Mounted, cell, intrinsics};
-use super::output::{keep, provenance};
+use super::output::{provenance, write_calibration};
 use super::{date, files};
 use crate::calib::three_points::{ThreePoints, three_points};
 use crate::calib::{BoardObservation, CalibError, gate};
@@ -47,7 +47,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         Ok(files::points(&file.display().to_string(), &disk::read_text(file)?)?)
     };
     let mut points = args.points.as_ref().map(read).transpose()?;
-    let arm = InUse::load(args.robot.as_deref(), common)?;
+    let arm = CorrectionInUse::load(args.robot.as_deref(), common)?;
     if let (Some(arm), Some(file), Some(points)) = (&arm, &args.points, &mut points) {
         arm.correct_tips(file, points)?;
     }
@@ -55,7 +55,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         Some(points) => points.touched.iter().map(|touched| touched.corner).collect(),
         None => board.corners_to_touch().to_vec(),
     };
-    let drawn = report::corners_to_touch(&board_image.color(), &board, &detected.corners, &to_touch)
+    let drawn = report::draw_corners_to_touch(&board_image.color(), &board, &detected.corners, &to_touch)
         .map_err(Fault::stage)?;
     let beside = args.out.parent().unwrap_or(Path::new("")).to_owned();
     let picture = pictures::save(args.pictures.as_ref().unwrap_or(&beside), "corners_to_touch", &drawn)?;
@@ -65,36 +65,36 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         for (index, (column, row)) in to_touch.iter().enumerate() {
             outcome.add_line(format!("  point {}: p{}_corner = [{column}, {row}]", index + 1, index + 1));
         }
-        outcome.put("picture", json!(picture));
-        outcome.put("corners", json!(to_touch));
+        outcome.add_value("picture", json!(picture));
+        outcome.add_value("corners", json!(to_touch));
         return Ok(outcome);
     };
     let seen = BoardObservation::Pixels(detected.corners.clone());
     let found = three_points::<A>(&camera, &board, &seen, &points.touched, points.base_from_flange);
     let found = found.map_err(Fault::stage)?;
-    let rough = cell(common)?.as_ref().and_then(A::rough);
+    let rough = cell(common)?.as_ref().and_then(A::rough_pose);
     let judgement = gate::three_points(&found, rough.as_ref());
     let mut outcome = build_outcome(&judgement, &found);
-    outcome.put("picture", json!(picture));
+    outcome.add_value("picture", json!(picture));
     let mut mounted = MountedPose::<A>::from_pose(KukaPose::from_rigid(&found.to_from_camera));
-    mounted.date = date::today();
+    mounted.date = date::today_utc();
     mounted.serial = args.serial.clone();
     mounted.robot_correction = arm.map(|arm| arm.hash);
     // Three points have no residual: the file states neither a residual nor an uncertainty.
     mounted.provenance = provenance(vec![board_image.hash.clone()], vec![]);
     let text = mounted.to_toml();
     MountedPose::<A>::check(&args.out.display().to_string(), &text)?;
-    keep(&mut outcome, &judgement, &args.out, &text)?;
+    write_calibration(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
 }
 
 fn build_outcome<A: Mounted>(judgement: &Judgement, found: &ThreePoints<A>) -> Outcome {
     let mut outcome = Outcome::from_judgement(judgement);
     let pose = KukaPose::from_rigid(&found.to_from_camera);
-    outcome.put(A::TABLE, json!(pose));
-    outcome.put("pnp_rms_px", json!(found.pnp_rms_px));
-    outcome.put("distance_errors_mm", json!(found.distance_errors_mm));
-    outcome.put("check_mm", json!(found.check_mm));
+    outcome.add_value(A::TABLE, json!(pose));
+    outcome.add_value("pnp_rms_px", json!(found.pnp_rms_px));
+    outcome.add_value("distance_errors_mm", json!(found.distance_errors_mm));
+    outcome.add_value("check_mm", json!(found.check_mm));
     outcome.add_line(format!("{} {pose}", A::TABLE));
     let [first, second, third] = found.distance_errors_mm;
     outcome.add_line(format!(

@@ -16,7 +16,7 @@ use std::path::Path;
 
 /// Maximum difference between the pendant's tool and the cell's tool, mm: a new calibration changes the tool by
 /// less.
-const SAME_TOOL_MM: f64 = 3.0;
+const MAX_TOOL_DIFFERENCE_MM: f64 = 3.0;
 
 /// Moves the tips to the positions that follow from axes and tool. Without axes, a position stays as the pendant shows
 /// it, which is that of an arm with its nominal geometry.
@@ -24,7 +24,7 @@ const SAME_TOOL_MM: f64 = 3.0;
 /// # Errors
 /// If axes are missing although the arm has a correction, or if the pendant shows another tip than these axes and the
 /// cell's tool give for an arm with its nominal geometry.
-pub fn by_axes(
+pub fn place_tips_by_axes(
     files: &CellFiles,
     flange_from_tool: &Rigid<Flange, Tool>,
     (file, points): (&Path, &mut Points),
@@ -37,16 +37,17 @@ pub fn by_axes(
                 continue;
             }
             let why = "the arm's correction needs the axis angles at each touch";
-            return Err(Fault::file(file, format!("p{number}_axes_deg = [A1, …, A6] is missing: {why}")));
+            return Err(Fault::file_fault(file, format!("p{number}_axes_deg = [A1, …, A6] is missing: {why}")));
         };
-        let drawn = arm.drawn_flange(joints);
-        let drawn = drawn
-            .ok_or_else(|| Fault::file(file, format!("p{number}_axes_deg: not valid axis angles of this arm")))?;
+        let drawn = arm.nominal_flange(joints);
+        let drawn = drawn.ok_or_else(|| {
+            Fault::file_fault(file, format!("p{number}_axes_deg: not valid axis angles of this arm"))
+        })?;
         let tip = Point::at(0.0, 0.0, 0.0);
         let apart_mm = touched.place.distance_mm(drawn * *flange_from_tool * tip);
-        if apart_mm > SAME_TOOL_MM {
-            let [off, allowed] = number_text::apart(apart_mm, SAME_TOOL_MM, 1);
-            return Err(Fault::file(
+        if apart_mm > MAX_TOOL_DIFFERENCE_MM {
+            let [off, allowed] = number_text::distinguishable_texts(apart_mm, MAX_TOOL_DIFFERENCE_MM, 1);
+            return Err(Fault::file_fault(
                 file,
                 format!(
                     "p{number}_mm is {off} mm from the tip of the cell's tool at p{number}_axes_deg (limit {allowed} mm). \

@@ -6,7 +6,7 @@ use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::date;
 use crate::calib::health::{self, Verification, VerificationLimits};
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use crate::report::{self};
 use crate::store::Store;
 use crate::verdict::Judgement;
@@ -26,15 +26,19 @@ pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration
 }
 
 /// Stores a verification, judges it, and draws the trend.
-pub fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Path>) -> Result<Outcome, Fault> {
-    let (store, number) = Store::keep_verification_in(files.store_folder(), verification).map_err(Fault::stage)?;
+pub fn store_and_judge(
+    files: &CellFiles,
+    verification: &Verification,
+    pictures: Option<&Path>,
+) -> Result<Outcome, Fault> {
+    let (store, number) = Store::store_verification_in(files.store_folder(), verification).map_err(Fault::stage)?;
     let (error_mm, limit_mm) = (verification.error, verification.limit);
-    let reject = health::beyond(verification, VerificationLimits::from_limits(files.cell.limits()));
+    let reject = health::exceeded_limit_reason(verification, VerificationLimits::from_limits(files.cell.limits()));
     let mut outcome = Outcome::from_judgement(&Judgement::new(reject.into_iter().collect(), vec![]));
-    outcome.put("error_mm", json!(error_mm));
-    outcome.put("limit_mm", json!(limit_mm));
-    outcome.put("number", json!(number));
-    let [off, allowed] = apart(error_mm, limit_mm, 3);
+    outcome.add_value("error_mm", json!(error_mm));
+    outcome.add_value("limit_mm", json!(limit_mm));
+    outcome.add_value("number", json!(number));
+    let [off, allowed] = distinguishable_texts(error_mm, limit_mm, 3);
     outcome.add_line(format!(
         "{}: deviation {off} mm (limit {allowed} mm); stored as verification number {number}",
         verification.subject

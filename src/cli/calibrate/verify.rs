@@ -11,47 +11,47 @@ use super::boards;
 use super::output::provenance;
 use super::over_volume;
 use super::target::Target;
-use super::verification::{kept, verification};
+use super::verification::{store_and_judge, verification};
 use super::{date, files, taught_corner, tips};
 use crate::calib::health::{self, BoardMeasurement};
 use crate::calib::{Board, BoardObservation, BoardPose, CalibError, board_pose};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Rigid};
-use crate::report::{self, Left};
+use crate::report::{self, RemainingError};
 use crate::store::calibration_hash;
 use crate::verdict::{Judgement, Reason};
 use serde_json::json;
 use std::path::Path;
 
 /// The measurement from a picture of the board, through the calibrations in use.
-struct Looked {
-    look: BoardMeasurement,
+struct BoardCheck {
+    measurement: BoardMeasurement,
     /// The board's pose from the 3D camera's own points, if there are any, and how much farther away than in the
     /// picture they place the board, mm.
-    by_points: Option<(Rigid<Base, crate::geometry::Board>, f64)>,
+    pose_from_points: Option<(Rigid<Base, crate::geometry::Board>, f64)>,
     /// Whether the picture was taken with points, which should also show the board.
     has_cloud: bool,
     /// Why no measurement is allowed at the board's position in the picture.
-    outside: Option<Reason>,
+    outside_lens: Option<Reason>,
     picture_hash: String,
     calibration_hash: String,
 }
 
-impl Looked {
+impl BoardCheck {
     /// If the board is not found in a scan's points, the scan gives no evidence about how panels are located.
-    fn without_points(&self) -> Option<Reason> {
+    fn discard_points(&self) -> Option<Reason> {
         let message = "too few 3D points on the board, so the scan does not verify how panels are located: light the board \
                        evenly, clean the board, or move the board nearer, then scan again";
-        (self.has_cloud && self.by_points.is_none()).then(|| Reason::new("no_points", message))
+        (self.has_cloud && self.pose_from_points.is_none()).then(|| Reason::new("no_points", message))
     }
 }
 
-fn look(
+fn measure_board(
     args: &Verify,
     files: &CellFiles,
     (board, window): (&Board, Option<usize>),
     progress: &dyn Fn(&str),
-) -> Result<Looked, Fault> {
+) -> Result<BoardCheck, Fault> {
     let (camera, mount_text) = match args.camera {
         CameraName::Scanner => (files.scanner()?, files.base_from_camera()?.text),
         CameraName::FlangeCamera => (files.flange_camera()?, files.flange_from_camera()?.text),
@@ -74,14 +74,14 @@ fn look(
     let measured = board_image.measured((&camera.value, &camera.scan_errors), &detected);
     let measured_square_mm = measured.as_ref().and_then(|seen| seen.square_mm(board));
     let seen = detected.corners;
-    let outside = health::outside_of_lens(&camera.extent, seen.iter().map(|(_, pixel)| *pixel));
+    let outside = health::lens_extent_refusal(&camera.extent, seen.iter().map(|(_, pixel)| *pixel));
     let (mut by_points, has_cloud) = (None, board_image.cloud().is_some());
     let (base_from_board, pnp_rms_px) = match base_from_flange {
         None => {
             let pose =
                 board_pose::<Camera>(&camera.value, &BoardObservation::Pixels(seen)).map_err(Fault::stage)?;
             if let Some(points) = measured.and_then(|points| board_pose(&camera.value, &points).ok()) {
-                let away_mm = |pose: &BoardPose<Camera>| (pose.camera_from_board * board.middle()).mm.coords.norm();
+                let away_mm = |pose: &BoardPose<Camera>| (pose.camera_from_board * board.centre()).mm.coords.norm();
                 let base_from_board = files.base_from_camera()?.value * points.camera_from_board;
                 by_points = Some((base_from_board, away_mm(&points) - away_mm(&pose)));
             }
@@ -100,7 +100,14 @@ fn look(
         CameraName::FlangeCamera => files.hash_with_arm(&texts),
     };
     let look = BoardMeasurement { base_from_board, pnp_rms_px, measured_square_mm };
-    Ok(Looked { look, by_points, has_cloud, outside, picture_hash: board_image.hash, calibration_hash })
+    Ok(BoardCheck {
+        measurement: look,
+        pose_from_points: by_points,
+        has_cloud,
+        outside_lens: outside,
+        picture_hash: board_image.hash,
+        calibration_hash,
+    })
 }
 
 /// Measures the target, a board or a taught corner, in the picture and compares it with the known pose; with
@@ -117,40 +124,40 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
         _ => return wrong("give --target for a board, or --recipe for a taught corner"),
     };
     let window = args.board.subpix.map(|half_window_px| half_window_px as usize);
-    let named = args.board.named();
+    let named = args.board.board();
     if args.learn {
         let Some(named) = &named else {
             return wrong("--learn writes the kind of board into the target file: give --board and --square-mm");
         };
         let board = boards::board(named)?;
-        let seen = look(args, &files, (&board, window), progress)?;
-        return learn((file, files.cell.limits().verify_limit_mm()), &board, named, &seen);
+        let seen = measure_board(args, &files, (&board, window), progress)?;
+        return write_target((file, files.cell.limits().verify_limit_mm()), &board, named, &seen);
     }
     let target = Target::read(file, named.as_ref())?;
     if let Some(poses) = &args.poses {
         return over_volume::run(args, (&files, poses), &target, progress);
     }
-    let seen = look(args, &files, (&target.board, window), progress)?;
+    let seen = measure_board(args, &files, (&target.board, window), progress)?;
     let off_mm = |found| health::distance_mm(&target.base_from_board, found, &target.board.corners());
     // The panel is located with points: the points of the board must be right as well.
-    let points_mm = seen.by_points.as_ref().map(|(by_points, _)| off_mm(by_points));
-    let by_picture_mm = off_mm(&seen.look.base_from_board);
+    let points_mm = seen.pose_from_points.as_ref().map(|(by_points, _)| off_mm(by_points));
+    let by_picture_mm = off_mm(&seen.measurement.base_from_board);
     let error_mm =
         points_mm.map_or(by_picture_mm, |mm| if mm > by_picture_mm || mm.is_nan() { mm } else { by_picture_mm });
-    let implausible = health::no_look_at(&target.base_from_board, &seen.look, &target.board);
-    let implausible = seen.outside.clone().or(implausible).or_else(|| seen.without_points());
+    let implausible = health::uninformative_measurement(&target.base_from_board, &seen.measurement, &target.board);
+    let implausible = seen.outside_lens.clone().or(implausible).or_else(|| seen.discard_points());
     let mut outcome = match implausible {
         Some(reason) => refused(reason, error_mm, files.cell.limits().verify_limit_mm()),
         None => {
             let verification = verification(&files, subject(args.camera), error_mm, seen.calibration_hash);
-            kept(&files, &verification, args.pictures.as_deref())?
+            store_and_judge(&files, &verification, args.pictures.as_deref())?
         }
     };
-    outcome.put("pnp_rms_px", json!(seen.look.pnp_rms_px));
-    outcome.put("base_from_board", json!(KukaPose::from_rigid(&seen.look.base_from_board)));
-    if let Some((_, farther_mm)) = seen.by_points {
-        outcome.put("points_error_mm", json!(points_mm));
-        outcome.put("points_farther_mm", json!(farther_mm));
+    outcome.add_value("pnp_rms_px", json!(seen.measurement.pnp_rms_px));
+    outcome.add_value("base_from_board", json!(KukaPose::from_rigid(&seen.measurement.base_from_board)));
+    if let Some((_, farther_mm)) = seen.pose_from_points {
+        outcome.add_value("points_error_mm", json!(points_mm));
+        outcome.add_value("points_farther_mm", json!(farther_mm));
         outcome.add_line(format!(
             "by the 3D camera's points, the board is {farther_mm:+.3} mm farther away than by its picture; if this difference is large, \
              run `panelprep calibrate scanner` and measure the board's squares"
@@ -162,8 +169,8 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
 /// Returns the outcome of a measurement that gives no evidence about the calibration and is not stored.
 fn refused(reason: Reason, error_mm: f64, limit_mm: f64) -> Outcome {
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![reason], vec![]));
-    outcome.put("error_mm", json!(error_mm));
-    outcome.put("limit_mm", json!(limit_mm));
+    outcome.add_value("error_mm", json!(error_mm));
+    outcome.add_value("limit_mm", json!(limit_mm));
     outcome
 }
 
@@ -174,27 +181,28 @@ fn subject(camera: CameraName) -> &'static str {
     }
 }
 
-fn learn(
+fn write_target(
     (target, limit_mm): (&Path, f64),
     board: &Board,
     named: &BoardArgs,
-    seen: &Looked,
+    seen: &BoardCheck,
 ) -> Result<Outcome, Fault> {
-    let apart = seen.by_points.as_ref().and_then(|(_, farther_mm)| health::depth_differs(*farther_mm, limit_mm));
-    let refused = seen.outside.clone().or_else(|| health::no_such_board(&seen.look, board)).or(apart);
-    let refused = refused.or_else(|| seen.without_points());
+    let apart =
+        seen.pose_from_points.as_ref().and_then(|(_, farther_mm)| health::depth_differs(*farther_mm, limit_mm));
+    let refused = seen.outside_lens.clone().or_else(|| health::board_mismatch(&seen.measurement, board)).or(apart);
+    let refused = refused.or_else(|| seen.discard_points());
     if let Some(reason) = refused {
         return Ok(Outcome::from_judgement(&Judgement::new(vec![reason], vec![])));
     }
-    let pose = KukaPose::from_rigid(&seen.look.base_from_board);
+    let pose = KukaPose::from_rigid(&seen.measurement.base_from_board);
     let mut mounted = MountedPose::<TargetMount>::from_pose(pose);
     mounted.board = Some(BoardSize { board: named.board.clone(), square_mm: board.square_mm() });
-    mounted.date = date::today();
+    mounted.date = date::today_utc();
     mounted.provenance = provenance(vec![seen.picture_hash.clone()], vec![]);
-    disk::write_through(target, mounted.to_toml())?;
+    disk::write_durable(target, mounted.to_toml())?;
     let mut outcome = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
-    outcome.put("base_from_board", json!(pose));
-    outcome.put("pnp_rms_px", json!(seen.look.pnp_rms_px));
+    outcome.add_value("base_from_board", json!(pose));
+    outcome.add_value("pnp_rms_px", json!(seen.measurement.pnp_rms_px));
     outcome.add_line(format!("base_from_board {pose}"));
     outcome.add_line(format!("{}: written; do not move the board", target.display()));
     Ok(outcome)
@@ -206,27 +214,27 @@ fn learn(
 /// If a file is invalid, a corner is not on the board, or the store cannot be written.
 pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    let Target { board, base_from_board: known } = Target::read(&args.target, args.board.named().as_ref())?;
+    let Target { board, base_from_board: known } = Target::read(&args.target, args.board.board().as_ref())?;
     let file = args.points.as_ref().ok_or(CalibrationFault::NoPoses)?;
     let mut points = files::points(&file.display().to_string(), &disk::read_text(file)?)?;
     let tool = files.tool_tip()?;
-    tips::by_axes(&files, &tool.value, (file, &mut points))?;
+    tips::place_tips_by_axes(&files, &tool.value, (file, &mut points))?;
     let mut errors_mm = Vec::with_capacity(points.touched.len());
     let mut corners = Vec::with_capacity(points.touched.len());
     for touched in &points.touched {
         let (column, row) = touched.corner;
         let Some(corner) = board.corner(column, row) else {
             let message = format!("corner [{column}, {row}] is not on the board");
-            return Err(Fault::file(file, CalibError::Points(message)));
+            return Err(Fault::file_fault(file, CalibError::Points(message)));
         };
         errors_mm.push((known * corner).distance_mm(touched.place));
         corners.push((corner, touched.place));
     }
     let error_mm = errors_mm.iter().copied().fold(0.0, f64::max);
     let verification = verification(&files, "tool", error_mm, files.hash_with_arm(&[&tool.text]));
-    let mut outcome = kept(&files, &verification, args.pictures.as_deref())?;
+    let mut outcome = store_and_judge(&files, &verification, args.pictures.as_deref())?;
     if let Some(folder) = &args.pictures {
-        let left = points.touched.iter().zip(&errors_mm).map(|(touched, error_mm)| Left {
+        let left = points.touched.iter().zip(&errors_mm).map(|(touched, error_mm)| RemainingError {
             name: format!("corner [{}, {}]", touched.corner.0, touched.corner.1),
             place: touched.place,
             error_mm: *error_mm,
@@ -240,9 +248,9 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
         let (column, row) = touched.corner;
         outcome.add_line(format!("  corner [{column}, {row}]: {error_mm:.3} mm"));
     }
-    outcome.put("errors_mm", json!(errors_mm));
-    if let Some(square_mm) = health::square_by_touches(&board, &corners) {
-        outcome.put("square_mm", json!(square_mm));
+    outcome.add_value("errors_mm", json!(errors_mm));
+    if let Some(square_mm) = health::square_size_from_touches(&board, &corners) {
+        outcome.add_value("square_mm", json!(square_mm));
         outcome.add_line(format!(
             "  side of the board's squares by the touches: {square_mm:.2} mm, stated {} mm; if the values differ, measure the board \
              before you correct the tool",

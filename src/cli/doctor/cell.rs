@@ -8,18 +8,18 @@ use crate::cli::args::Common;
 use crate::cli::calibrate::now_unix_s;
 use crate::cli::disk;
 use crate::cli::fault::{CalibrationFault, Fault};
-use crate::cli::load::{CellFiles, last_touch};
+use crate::cli::load::{CellFiles, last_touch_check};
 use crate::config::Problem;
 use crate::controller::{
     COMMANDS, CONFIG, Comparison, ControllerFiles, PROGRAMS, STATES, SUBMIT, SumError, USER, compare, program_sum,
 };
-use crate::requirements::{Lack, Purpose, Unmet, incomplete};
+use crate::requirements::{ProblemKind, Purpose, UnmetRequirement, incomplete_files};
 use crate::store::{Store, StoreError, calibration_hash};
 use std::net::{IpAddr, ToSocketAddrs};
 use std::path::Path;
 
 /// Keys with files that have their own check, [`calibrations`] and the scanner's check.
-const CHECKED_BELOW: [&str; 7] = [
+const SEPARATELY_CHECKED_KEYS: [&str; 7] = [
     "calibration.scanner",
     "calibration.base_from_camera",
     "calibration.flange_camera",
@@ -30,15 +30,17 @@ const CHECKED_BELOW: [&str; 7] = [
 ];
 
 /// Checks the cell's file, which was already read, and the other files that it names.
-pub(super) fn file(common: &Common, files: &CellFiles) -> Vec<Check> {
+pub(super) fn check_cell_file(common: &Common, files: &CellFiles) -> Vec<Check> {
     let name = common.cell.display().to_string();
-    let mut unmet = incomplete(&files.cell, Purpose::Cycle, &disk::read_named);
-    unmet.retain(|unmet| unmet.lack == Lack::Value || !CHECKED_BELOW.contains(&unmet.key.as_str()));
+    let mut unmet = incomplete_files(&files.cell, Purpose::Cycle, &disk::read_referenced);
+    unmet
+        .retain(|unmet| unmet.kind == ProblemKind::Value || !SEPARATELY_CHECKED_KEYS.contains(&unmet.key.as_str()));
     if unmet.is_empty() {
-        return vec![Check::right("cell file", name)];
+        return vec![Check::passed("cell file", name)];
     }
     let advice = format!("correct this entry in {name}; {} need it", Purpose::Cycle.commands());
-    let wrong = |Unmet { key, message, .. }| Check::wrong("cell file", format!("{key}: {message}"), &*advice);
+    let wrong =
+        |UnmetRequirement { key, message, .. }| Check::failed("cell file", format!("{key}: {message}"), &*advice);
     unmet.into_iter().map(wrong).collect()
 }
 
@@ -49,21 +51,21 @@ pub(super) fn store(files: &CellFiles) -> (Check, Option<Store>) {
         Ok(store) => store,
         Err(StoreError::Missing { .. }) => {
             let found = format!("no store exists yet in {folder}");
-            return (Check::wrong("store", found, "teach the panel: `panelprep teach` creates the store"), None);
+            return (Check::failed("store", found, "teach the panel: `panelprep teach` creates the store"), None);
         }
         Err(error) => {
             let advice = "check the folder, or restore the last backup of the store";
-            return (Check::wrong("store", error.to_string(), advice), None);
+            return (Check::failed("store", error.to_string(), advice), None);
         }
     };
     let check = match store.has_open_motion() {
-        Ok(false) => Check::right("store", format!("{folder}, no motion open")),
-        Ok(true) => Check::wrong(
+        Ok(false) => Check::passed("store", format!("{folder}, no motion open")),
+        Ok(true) => Check::failed(
             "store",
             "a motion is open: a program ended while the robot moved",
             "check the cell, start `panelprep run`, then run `panelprep ctl clear`",
         ),
-        Err(error) => Check::wrong("store", error.to_string(), "restore the last backup of the store"),
+        Err(error) => Check::failed("store", error.to_string(), "restore the last backup of the store"),
     };
     (check, Some(store))
 }
@@ -71,21 +73,21 @@ pub(super) fn store(files: &CellFiles) -> (Check, Option<Store>) {
 /// Checks by the hashes whether the scan and the pictures of each taught panel are still those of the teaching.
 pub(super) fn taught(store: &Store) -> Vec<Check> {
     let name = "taught panels";
-    let panels = match store.panels() {
+    let panels = match store.panel_names() {
         Ok(panels) => panels,
-        Err(error) => return vec![Check::wrong(name, error.to_string(), "restore the last backup of the store")],
+        Err(error) => return vec![Check::failed(name, error.to_string(), "restore the last backup of the store")],
     };
     if panels.is_empty() {
-        return vec![Check::wrong(name, "none", "teach the panel: `panelprep teach`")];
+        return vec![Check::failed(name, "none", "teach the panel: `panelprep teach`")];
     }
     let check = |panel: String| match store.taught(&panel, None) {
         Ok(taught) => {
             let corners = taught.teaching.corners.len();
             let found =
                 format!("version {}, scan and {corners} corner pictures unchanged since teaching", taught.version);
-            Check::right(format!("taught panel {panel}"), found)
+            Check::passed(format!("taught panel {panel}"), found)
         }
-        Err(error) => Check::wrong(
+        Err(error) => Check::failed(
             format!("taught panel {panel}"),
             error.to_string(),
             "a cycle would refuse this panel: teach the panel again, or restore the last backup of the store",
@@ -102,28 +104,29 @@ pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Chec
                 "flange_camera" => files.hash_with_arm(&[&lens, &mount]),
                 _ => calibration_hash(&[&lens, &mount]),
             };
-            verified((files, store), name, &hash)
+            verification_check((files, store), name, &hash)
         }
-        (Err(fault), _) | (_, Err(fault)) => unread(name, &fault),
+        (Err(fault), _) | (_, Err(fault)) => unreadable_check(name, &fault),
     };
     let tool = match files.flange_from_tool() {
-        Ok(tool) => match store.and_then(|store| last_touch(store, &files.hash_with_arm(&[&tool.text]))) {
+        Ok(tool) => match store.and_then(|store| last_touch_check(store, &files.hash_with_arm(&[&tool.text]))) {
             Some(touch) if touch.error.is_nan() || touch.error > files.cell.limits().verify_limit_mm() => {
-                Check::wrong(
+                Check::failed(
                     "calibration of the tool",
                     format!("the last touch deviated by {:.3} mm", touch.error),
                     "run `panelprep calibrate tcp` again, then `panelprep calibrate touch`",
                 )
             }
-            Some(touch) => {
-                Check::right("calibration of the tool", format!("the last touch deviated by {:.3} mm", touch.error))
-            }
-            None => Check::right(
+            Some(touch) => Check::passed(
+                "calibration of the tool",
+                format!("the last touch deviated by {:.3} mm", touch.error),
+            ),
+            None => Check::passed(
                 "calibration of the tool",
                 "no touch is recorded: the robot's own error was not measured",
             ),
         },
-        Err(fault) => unread("tool", &fault),
+        Err(fault) => unreadable_check("tool", &fault),
     };
     let (scanner, flange_camera) = (files.scanner(), files.flange_camera());
     vec![
@@ -133,7 +136,7 @@ pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Chec
     ]
 }
 
-fn unread(name: &str, fault: &Fault) -> Check {
+fn unreadable_check(name: &str, fault: &Fault) -> Check {
     let found = match fault {
         // The advice of the check states how the file is made.
         Fault::Calibration(CalibrationFault::CalibrationAway { file, .. }) => {
@@ -141,19 +144,19 @@ fn unread(name: &str, fault: &Fault) -> Check {
         }
         other => other.to_string(),
     };
-    Check::wrong(
+    Check::failed(
         format!("calibration of the {name}"),
         found,
         "`panelprep calibrate --help` describes how to make this calibration",
     )
 }
 
-fn verified((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &str) -> Check {
+fn verification_check((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &str) -> Check {
     let name = format!("calibration of the {subject}");
-    let last = match store.map(|store| store.last_verification(subject)) {
+    let last = match store.map(|store| store.newest_verification(subject)) {
         Some(Ok(last)) => last,
         _ => {
-            return Check::wrong(
+            return Check::failed(
                 name,
                 "not verified: the store contains no verification",
                 "teach the panel, then verify",
@@ -166,13 +169,13 @@ fn verified((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &
         (Some(reason), _) => {
             let (found, advice) =
                 reason.message.rsplit_once("; ").unwrap_or((&reason.message, "verify this calibration again"));
-            Check::wrong(name, found, advice)
+            Check::failed(name, found, advice)
         }
         (None, Some(last)) => {
             let age_h = (now - last.at_unix_s) as f64 / 3600.0;
-            Check::right(name, format!("deviation {:.3} mm, verified {age_h:.1} h ago", last.error))
+            Check::passed(name, format!("deviation {:.3} mm, verified {age_h:.1} h ago", last.error))
         }
-        (None, None) => Check::wrong(name, "never verified", "run `panelprep calibrate verify`"),
+        (None, None) => Check::failed(name, "never verified", "run `panelprep calibrate verify`"),
     }
 }
 
@@ -193,7 +196,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     let nothing = |check| Programs { checks: vec![check], sum: None, agree: false };
     let Some(folder) = folder else {
         return nothing(match cell.robot().kind() {
-            RobotKind::Mock => Check::right(KUKA, "not needed: the mock robot uses built-in files"),
+            RobotKind::Mock => Check::passed(KUKA, "not needed: the mock robot uses built-in files"),
             RobotKind::Eki => Check::open(
                 KUKA,
                 "",
@@ -215,7 +218,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
         );
         checks.extend(problems.into_iter().map(|problem| {
             let found = format!("line {}: {}: {}", problem.line, problem.key, problem.message);
-            Check::wrong(
+            Check::failed(
                 format!("{KUKA}: {name}"),
                 found,
                 "correct the file of the controller or the cell's file, so that both agree",
@@ -223,23 +226,23 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
         }));
     }
     checks.extend(not_compared.into_iter().map(|why| {
-        Check::wrong(format!("{KUKA}: not compared"), why, "write the controller's address as host of [robot]")
+        Check::failed(format!("{KUKA}: not compared"), why, "write the controller's address as host of [robot]")
     }));
-    let is_wrong = checks.iter().any(|check| !check.is_right());
+    let is_wrong = checks.iter().any(|check| !check.is_passed());
     let sum = match program_sum(&named) {
         Ok(sum) => Some(sum),
         // Each missing file, each missing value and an edited cell_user.src has its own line above.
         Err(SumError::Missing(_) | SumError::Value { .. } | SumError::UserEdited { .. }) if is_wrong => None,
         Err(error) => {
             let advice = "copy all KRL programs of one release of this program's config/kuka to the controller";
-            checks.push(Check::wrong(format!("{KUKA}: programs"), error.to_string(), advice));
+            checks.push(Check::failed(format!("{KUKA}: programs"), error.to_string(), advice));
             None
         }
     };
     let agree = sum.is_some() && !is_wrong;
-    checks.extend(sum.map(|sum| kept_sum(sum, cell.robot().programs_sum())));
-    if checks.iter().all(|check| check.is_right()) {
-        checks.insert(0, Check::right(KUKA, "agree with the cell's file and with the protocol of this program"));
+    checks.extend(sum.map(|sum| check_program_checksum(sum, cell.robot().programs_sum())));
+    if checks.iter().all(|check| check.is_passed()) {
+        checks.insert(0, Check::passed(KUKA, "agree with the cell's file and with the protocol of this program"));
     }
     Programs { checks, sum, agree }
 }
@@ -253,7 +256,7 @@ fn read_files(folder: &Path) -> (Vec<(&'static str, String)>, Vec<Check>) {
             Ok(text) => texts.push((name, text)),
             Err(error) => {
                 let advice = format!("copy {name} as it is on the controller into this folder");
-                checks.push(Check::wrong(format!("{KUKA}: {name}"), error.to_string(), advice));
+                checks.push(Check::failed(format!("{KUKA}: {name}"), error.to_string(), advice));
             }
         }
     }
@@ -261,12 +264,12 @@ fn read_files(folder: &Path) -> (Vec<(&'static str, String)>, Vec<Check>) {
     if !folder.join(SUBMIT).exists() {
         let found =
             "not in the folder, so not compared: whether it calls CELL_INIT( ) and CELL_CYCLE( ) is not known";
-        checks.push(Check::right(submit, found));
+        checks.push(Check::passed(submit, found));
         return (texts, checks);
     }
     match disk::read_controller_text(&folder.join(SUBMIT)) {
         Ok(text) => texts.push((SUBMIT, text)),
-        Err(error) => checks.push(Check::wrong(submit, error.to_string(), "copy it again, or remove it")),
+        Err(error) => checks.push(Check::failed(submit, error.to_string(), "copy it again, or remove it")),
     }
     (texts, checks)
 }
@@ -288,19 +291,19 @@ pub(super) fn acceptance(programs: &Programs, reported: Option<i32>, cell_file: 
     let advice = "correct what is named above, then run this again with --accept";
     match (programs.sum.filter(|_| programs.agree), reported) {
         (None, _) => {
-            Check::wrong(name, "refused: the controller's files do not all agree with the cell's file", advice)
+            Check::failed(name, "refused: the controller's files do not all agree with the cell's file", advice)
         }
-        (Some(sum), None) => Check::wrong(
+        (Some(sum), None) => Check::failed(
             name,
             format!("refused: the files have the sum {sum}, and no real controller reports its own"),
             "connect the controller; end the service while this runs, since a controller serves one client",
         ),
-        (Some(sum), Some(reported)) if sum != reported => Check::wrong(
+        (Some(sum), Some(reported)) if sum != reported => Check::failed(
             name,
             format!("refused: the files have the sum {sum}, and the controller reports {reported}"),
             "cold-start the controller with these files, or copy its files anew",
         ),
-        (Some(sum), Some(_)) => Check::right(
+        (Some(sum), Some(_)) => Check::passed(
             name,
             format!(
                 "the files agree, and the controller reports their sum; add to [robot] of {}: programs_sum = {sum}",
@@ -311,13 +314,13 @@ pub(super) fn acceptance(programs: &Programs, reported: Option<i32>, cell_file: 
 }
 
 /// Compares the checksum of the files with the one with which the cell was accepted.
-fn kept_sum(sum: i32, kept: Option<i32>) -> Check {
+fn check_program_checksum(sum: i32, kept: Option<i32>) -> Check {
     let name = format!("{KUKA}: programs");
     match kept {
         Some(kept) if kept == sum => {
-            Check::right(name, format!("checksum {sum}, the same as at the acceptance of the cell"))
+            Check::passed(name, format!("checksum {sum}, the same as at the acceptance of the cell"))
         }
-        Some(kept) => Check::wrong(
+        Some(kept) => Check::failed(
             name,
             format!(
                 "checksum {sum}, but the cell was accepted with {kept}: programs or cell_config.dat have changed since \
@@ -325,7 +328,7 @@ fn kept_sum(sum: i32, kept: Option<i32>) -> Check {
             ),
             "accept the cell again, then set programs_sum in [robot]; or restore the files of the acceptance",
         ),
-        None => Check::wrong(
+        None => Check::failed(
             name,
             format!("sum {sum}, but the cell's file states none: other programs would not be noticed"),
             "accept these files: run this again with --accept and add the line that it prints",
@@ -354,7 +357,7 @@ mod tests {
     }
 
     fn wrong(texts: &[(&'static str, String)]) -> Vec<String> {
-        let checks = checked(texts).checks.into_iter().filter(|check| !check.is_right());
+        let checks = checked(texts).checks.into_iter().filter(|check| !check.is_passed());
         checks.map(|check| check.found).collect()
     }
 
@@ -373,12 +376,12 @@ mod tests {
         let sum = programs.sum.expect("a sum");
         let file = Path::new("cell.toml");
         let accepted = acceptance(&programs, Some(sum), file);
-        assert!(accepted.is_right() && accepted.found.ends_with(&format!("cell.toml: programs_sum = {sum}")));
+        assert!(accepted.is_passed() && accepted.found.ends_with(&format!("cell.toml: programs_sum = {sum}")));
         for reported in [None, Some(sum + 1)] {
-            assert!(!acceptance(&programs, reported, file).is_right(), "{reported:?}");
+            assert!(!acceptance(&programs, reported, file).is_passed(), "{reported:?}");
         }
         let disagree = Programs { agree: false, ..programs };
-        assert!(!acceptance(&disagree, Some(sum), file).is_right());
+        assert!(!acceptance(&disagree, Some(sum), file).is_passed());
         // Without sps.sub, the doctor reports that it was not compared.
         let mut without = texts();
         without.retain(|(name, _)| *name != SUBMIT);

@@ -26,11 +26,11 @@ pub(in crate::cli) struct Check {
 
 impl Check {
     /// Whether the item was checked and nothing is wrong with it.
-    pub fn is_right(&self) -> bool {
+    pub fn is_passed(&self) -> bool {
         self.status == Status::Right
     }
 
-    pub(super) fn right(name: impl Into<String>, found: impl Into<String>) -> Self {
+    pub(super) fn passed(name: impl Into<String>, found: impl Into<String>) -> Self {
         Check { name: name.into(), status: Status::Right, found: found.into(), advice: String::new() }
     }
 
@@ -38,7 +38,7 @@ impl Check {
         Check { name: name.into(), status: Status::Open, found: format!("not checked{why}"), advice: advice.into() }
     }
 
-    pub(super) fn wrong(name: impl Into<String>, found: impl Into<String>, advice: impl Into<String>) -> Self {
+    pub(super) fn failed(name: impl Into<String>, found: impl Into<String>, advice: impl Into<String>) -> Self {
         Check { name: name.into(), status: Status::Wrong, found: found.into(), advice: advice.into() }
     }
 }

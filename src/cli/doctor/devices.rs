@@ -4,10 +4,10 @@ use super::check::Check;
 use super::{machine, zivid};
 use crate::cell::{Camera, Cell, Gige, RobotKind};
 use crate::cli::fault::Fault;
-use crate::cli::load::{Calibrated, CellFiles};
+use crate::cli::load::{CellFiles, LoadedCalibration};
 use crate::cli::shoot::opening;
 use crate::cli::{live, service_request};
-use crate::daemon::{Single, SingleError};
+use crate::daemon::{SingleError, SingleRobot};
 use crate::devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner};
 use crate::eki::LinkLoss;
 use crate::geometry::PinholeCamera;
@@ -15,17 +15,17 @@ use crate::geometry::PinholeCamera;
 /// Checks both cameras, and the sockets that a network camera needs.
 pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
     let scanner = match files.cell.scanner() {
-        Camera::Simulated => vec![simulated("scanner")],
+        Camera::Simulated => vec![simulated_check("scanner")],
         Camera::Recorded { folder } => {
-            vec![recorded("scanner", files.scanner(), |lens| RecordedScanner::open(folder, lens).map(drop))]
+            vec![recorded_check("scanner", files.scanner(), |lens| RecordedScanner::open(folder, lens).map(drop))]
         }
         Camera::Device(camera) => zivid::checks(files, camera, warm_up),
     };
     let flange_camera = match files.cell.flange_camera() {
-        Camera::Simulated => vec![simulated("flange camera")],
+        Camera::Simulated => vec![simulated_check("flange camera")],
         Camera::Recorded { folder } => {
             let open = |lens| RecordedFlangeCamera::open(folder, lens).map(drop);
-            vec![recorded("flange camera", files.flange_camera(), open)]
+            vec![recorded_check("flange camera", files.flange_camera(), open)]
         }
         Camera::Device(gige) => {
             let (camera, size_px) = gige_camera(files, gige);
@@ -39,29 +39,30 @@ pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
 /// picture. Also returns the size if it is known: from its calibration, else from the camera itself.
 #[cfg(feature = "gige")]
 fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
-    use super::leased_camera::borrowed;
+    use super::leased_camera::judge_shot_reply;
     use crate::daemon::BorrowedFlangeCamera;
     use crate::devices::cameras::FlangeCamera as _;
     let name = "flange camera";
     let calibrated = || files.flange_camera().ok().map(|lens| [lens.value.width_px, lens.value.height_px]);
-    if let Some(state) = service_request::state_of(&files.socket()) {
+    if let Some(state) = service_request::service_state(&files.socket()) {
         let taken = BorrowedFlangeCamera::new(files.socket()).capture();
-        return (borrowed(name, &state, taken.map(|taken| taken.picture)), calibrated());
+        return (judge_shot_reply(name, &state, taken.map(|taken| taken.picture)), calibrated());
     }
     let opened = opening::lens(files.flange_camera()).and_then(|lens| {
         let open = |lens: &PinholeCamera| live::gige_camera(&files.cell, gige, lens);
-        opening::sized(lens, open, |camera| camera.check())
+        opening::open_with_size(lens, open, |camera| camera.check_ready())
     });
-    let whole = opened.and_then(|(mut camera, size_px)| camera.check().map(|()| size_px).map_err(Fault::stage));
+    let whole =
+        opened.and_then(|(mut camera, size_px)| camera.check_ready().map(|()| size_px).map_err(Fault::stage));
     match whole {
         Ok([width, height]) => {
             let bytes = gige.packet_bytes;
             let told = format!("delivers {width}×{height} in packets of {bytes} bytes");
-            (Check::right(name, told), Some([width, height]))
+            (Check::passed(name, told), Some([width, height]))
         }
         Err(error) => {
             let advice = "check the camera's power, cable and address; end other camera programs; compare [flange_camera] with the camera";
-            (Check::wrong(name, error.to_string(), advice), calibrated())
+            (Check::failed(name, error.to_string(), advice), calibrated())
         }
     }
 }
@@ -73,19 +74,19 @@ fn gige_camera(_: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
     (Check::wrong("flange camera", found, "use a program with this feature, or set kind = \"recorded\""), None)
 }
 
-fn simulated(name: &str) -> Check {
-    Check::right(name, "simulated: the pictures are rendered")
+fn simulated_check(name: &str) -> Check {
+    Check::passed(name, "simulated: the pictures are rendered")
 }
 
-fn recorded(
+fn recorded_check(
     name: &str,
-    lens: Result<Calibrated<PinholeCamera>, Fault>,
+    lens: Result<LoadedCalibration<PinholeCamera>, Fault>,
     open: impl Fn(PinholeCamera) -> Result<(), CameraError>,
 ) -> Check {
-    let lens = opening::lens(lens).map(|lens| lens.unwrap_or_else(|| opening::of_size([2, 2])));
+    let lens = opening::lens(lens).map(|lens| lens.unwrap_or_else(|| opening::camera_of_size([2, 2])));
     match lens.and_then(|lens| open(lens).map_err(Fault::stage)) {
-        Ok(()) => Check::right(name, "recorded: the shots are read from a recording"),
-        Err(error) => Check::wrong(name, error.to_string(), "name the folder of a recording in the cell's file"),
+        Ok(()) => Check::passed(name, "recorded: the shots are read from a recording"),
+        Err(error) => Check::failed(name, error.to_string(), "name the folder of a recording in the cell's file"),
     }
 }
 
@@ -94,35 +95,35 @@ fn recorded(
 ///
 /// Also returns the sum of the programs that a real controller reports.
 pub(super) fn robot_and_service(files: &CellFiles, sum: Option<i32>) -> (Vec<Check>, Option<i32>) {
-    match service_request::state_of(&files.socket()) {
+    match service_request::service_state(&files.socket()) {
         Some(state) => {
             let robot = format!("in use by the service, which is {state}");
-            (vec![Check::right("service", format!("runs: {state}")), Check::right("robot", robot)], None)
+            (vec![Check::passed("service", format!("runs: {state}")), Check::passed("robot", robot)], None)
         }
         None => {
             let (robot, reported) = robot(&files.cell, sum);
-            (vec![robot, Check::right("service", "does not run")], reported)
+            (vec![robot, Check::passed("service", "does not run")], reported)
         }
     }
 }
 
 fn robot(cell: &Cell, sum: Option<i32>) -> (Check, Option<i32>) {
     if cell.robot().kind() == RobotKind::Mock {
-        return (Check::right("robot", "a mock controller inside the program"), None);
+        return (Check::passed("robot", "a mock controller inside the program"), None);
     }
     let (host, ports) = (cell.robot().host(), (cell.robot().command_port(), cell.robot().state_port()));
     let place = format!("{host}, ports {} and {}", ports.0, ports.1);
     let (mut link, _) = match live::robot_alone(cell) {
         Ok(alone) => alone,
         Err(fault) => {
-            return (Check::wrong("robot", fault.to_string(), "correct [robot] in the cell's file"), None);
+            return (Check::failed("robot", fault.to_string(), "correct [robot] in the cell's file"), None);
         }
     };
-    match Single::connect(&mut link, cell.arm()) {
+    match SingleRobot::connect(&mut link, cell.arm()) {
         Ok(single) => {
             let state = single.state();
-            if state.is_of_mock() {
-                let check = Check::wrong(
+            if state.is_simulated() {
+                let check = Check::failed(
                     "robot",
                     format!(
                         "{place}: a MOCK controller answers, which proves nothing about a real controller; mode {}",
@@ -133,7 +134,7 @@ fn robot(cell: &Cell, sum: Option<i32>) -> (Check, Option<i32>) {
                 return (check, None);
             }
             let check = match sum.filter(|sum| *sum != state.programs_checksum) {
-                Some(sum) => Check::wrong(
+                Some(sum) => Check::failed(
                     "robot",
                     format!(
                         "{place}: the controller answers, but runs other programs: checksum {}, the files have {sum}",
@@ -141,7 +142,7 @@ fn robot(cell: &Cell, sum: Option<i32>) -> (Check, Option<i32>) {
                     ),
                     "the controller executes other files than those in the folder of --kuka: cold-start the controller, or copy its files again",
                 ),
-                None => Check::right(
+                None => Check::passed(
                     "robot",
                     format!(
                         "{place}: the controller answers, mode {}, checksum of the programs {}",
@@ -154,7 +155,7 @@ fn robot(cell: &Cell, sum: Option<i32>) -> (Check, Option<i32>) {
         }
         Err(error) => {
             let advice = advice(&error);
-            (Check::wrong("robot", format!("{place}: {error}"), advice), None)
+            (Check::failed("robot", format!("{place}: {error}"), advice), None)
         }
     }
 }

@@ -1,13 +1,13 @@
 //! Converts a fact of the computer to a line for a person. Pure functions.
 
 use super::check::Check;
-use crate::cell::{Mains, ZividSettings, ZividUse};
+use crate::cell::{MainsFrequency, ZividSettings, ZividUse};
 use crate::daemon::FLOOR_MB;
-use crate::devices::zivid::{Flicker, Light, Warmth};
+use crate::devices::zivid::{Flicker, Light, WarmUpState};
 use crate::verdict::Reason;
 
 /// Below this free space there is room for a few cycles only, MB.
-const SCARCE_MB: u64 = 10_000;
+const MIN_FREE_MB: u64 = 10_000;
 /// Allowed difference of the clock, s: times that are written and read in the same minute may differ by this value.
 const CLOCK_TOLERANCE_S: i64 = 60;
 
@@ -15,21 +15,21 @@ const CLOCK_TOLERANCE_S: i64 = 60;
 pub(super) fn disk(folder: &str, free_mb: u64) -> Check {
     let found = format!("{free_mb} MB free on the disk of the store, {folder}");
     match free_mb {
-        ..FLOOR_MB => Check::wrong(
+        ..FLOOR_MB => Check::failed(
             "disk",
             found,
             format!("free some space: no cycle starts below {FLOOR_MB} MB; a film needs 100 to 500 MB"),
         ),
-        FLOOR_MB..SCARCE_MB => Check::right("disk", format!("{found}; enough for a few cycles only")),
-        _ => Check::right("disk", found),
+        FLOOR_MB..MIN_FREE_MB => Check::passed("disk", format!("{found}; enough for a few cycles only")),
+        _ => Check::passed("disk", found),
     }
 }
 
 /// Returns an alarm if the disk has little room; `None` if there is enough.
-pub(in crate::cli) fn scarce(folder: &str, free_mb: u64) -> Option<Reason> {
+pub(in crate::cli) fn low_disk_space(folder: &str, free_mb: u64) -> Option<Reason> {
     let code = match free_mb {
         ..FLOOR_MB => "disk_full",
-        FLOOR_MB..SCARCE_MB => "disk_scarce",
+        FLOOR_MB..MIN_FREE_MB => "disk_scarce",
         _ => return None,
     };
     let Check { found, advice, .. } = disk(folder, free_mb);
@@ -38,27 +38,28 @@ pub(in crate::cli) fn scarce(folder: &str, free_mb: u64) -> Option<Reason> {
 }
 
 /// Reports whether a time server sets the clock; `kept` is `None` if this is not known.
-pub(super) fn clock_is_kept(kept: Option<bool>) -> Check {
+pub(super) fn judge_time_sync(kept: Option<bool>) -> Check {
     match kept {
-        Some(true) => Check::right("clock", "set by a time server"),
+        Some(true) => Check::passed("clock", "set by a time server"),
         // Records contain times that an inspector signs; the clock of a cell without a network may still be set by
         // hand.
-        Some(false) => {
-            Check::right("clock", "not set by a time server; records contain the time of this computer's own clock")
-        }
-        None => Check::right("clock", "not known whether a time server sets the clock"),
+        Some(false) => Check::passed(
+            "clock",
+            "not set by a time server; records contain the time of this computer's own clock",
+        ),
+        None => Check::passed("clock", "not known whether a time server sets the clock"),
     }
 }
 
 /// Checks that the last time written in the store is not ahead of the clock.
-pub(super) fn clock_behind(written_unix_s: i64, now_unix_s: i64) -> Check {
+pub(super) fn judge_clock_order(written_unix_s: i64, now_unix_s: i64) -> Check {
     let ahead_s = written_unix_s - now_unix_s;
     if ahead_s > CLOCK_TOLERANCE_S {
         let found =
             format!("the store's last entry is {:.1} h ahead of the computer's clock", ahead_s as f64 / 3600.0);
-        return Check::wrong("clock beside the store", found, "set the computer's clock: `timedatectl`");
+        return Check::failed("clock beside the store", found, "set the computer's clock: `timedatectl`");
     }
-    Check::right("clock beside the store", format!("last written {:.1} h ago", -ahead_s as f64 / 3600.0))
+    Check::passed("clock beside the store", format!("last written {:.1} h ago", -ahead_s as f64 / 3600.0))
 }
 
 /// Judges whether a socket may have the buffer for a GigE Vision camera's picture, which comes in one burst.
@@ -77,13 +78,13 @@ pub(super) fn receive_buffer(
         None => format!("a camera needs {needed_bytes} bytes"),
     };
     match largest_bytes {
-        Some(bytes) if bytes >= needed_bytes as u64 => Check::right(name, format!("up to {bytes} bytes; {whose}")),
-        Some(bytes) => Check::wrong(
+        Some(bytes) if bytes >= needed_bytes as u64 => Check::passed(name, format!("up to {bytes} bytes; {whose}")),
+        Some(bytes) => Check::failed(
             name,
             format!("up to {bytes} bytes; {whose}; with a smaller buffer, frames are lost"),
             advice,
         ),
-        None => Check::wrong(
+        None => Check::failed(
             name,
             "the kernel does not report the largest buffer size (/proc/sys/net/core/rmem_max)",
             advice,
@@ -97,7 +98,7 @@ pub(super) fn receive_buffer(
 pub(super) fn graphics_processor(devices: Option<&str>, has_uvm_node: bool) -> Check {
     let name = "graphics processor";
     let Some(devices) = devices else {
-        return Check::wrong(name, "the kernel does not list its devices (/proc/devices)", "mount /proc");
+        return Check::failed(name, "the kernel does not list its devices (/proc/devices)", "mount /proc");
     };
     let characters = devices.split("Block devices:").next().unwrap_or_default();
     let names: Vec<&str> = characters.lines().filter_map(|line| line.split_whitespace().nth(1)).collect();
@@ -105,18 +106,18 @@ pub(super) fn graphics_processor(devices: Option<&str>, has_uvm_node: bool) -> C
     let uvm = "put a line `nvidia-uvm` into /etc/modules-load.d/panelprep.conf and run `modprobe nvidia-uvm`: the service has no \
                permission to load this module";
     match (has("nvidia") || has("nvidia-frontend"), has("nvidia-uvm"), has("drm")) {
-        (true, true, _) if has_uvm_node => Check::right(name, "NVIDIA, with nvidia-uvm"),
-        (true, true, _) => Check::wrong(
+        (true, true, _) if has_uvm_node => Check::passed(name, "NVIDIA, with nvidia-uvm"),
+        (true, true, _) => Check::failed(
             name,
             "NVIDIA, but the device /dev/nvidia-uvm does not exist",
             "run `nvidia-modprobe -c 0 -u` at boot: the service has no permission to create a device",
         ),
-        (true, false, _) => Check::wrong(name, "NVIDIA, but its kernel module nvidia-uvm is not loaded", uvm),
+        (true, false, _) => Check::failed(name, "NVIDIA, but its kernel module nvidia-uvm is not loaded", uvm),
         (false, _, true) => {
             let found = "no NVIDIA driver; a display driver (drm) is loaded, which the Zivid SDK uses if the SDK supports it";
-            Check::right(name, found)
+            Check::passed(name, found)
         }
-        (false, _, false) => Check::wrong(
+        (false, _, false) => Check::failed(
             name,
             "no driver of a graphics processor is loaded (neither nvidia nor drm in /proc/devices); the Zivid SDK needs a graphics processor",
             "install the driver of the graphics processor; a file camera may work without a driver, see the SDK's manual",
@@ -125,21 +126,21 @@ pub(super) fn graphics_processor(devices: Option<&str>, has_uvm_node: bool) -> C
 }
 
 /// Judges whether the cell's present light is suitable for the exposures of the camera's settings.
-pub(super) fn light(light: &Light, settings: &[ZividSettings]) -> Check {
+pub(super) fn judge_light(light: &Light, settings: &[ZividSettings]) -> Check {
     let name = "light on the scene";
     let every = match light.frequency.as_str() {
         "" => String::new(),
         frequency => format!(" ({frequency} Hz)"),
     };
     let mains = match light.flicker {
-        Flicker::None => return Check::right(name, "does not flicker at present"),
-        Flicker::Grid50Hz => Mains::Hz50,
-        Flicker::Grid60Hz => Mains::Hz60,
+        Flicker::None => return Check::passed(name, "does not flicker at present"),
+        Flicker::Grid50Hz => MainsFrequency::Hz50,
+        Flicker::Grid60Hz => MainsFrequency::Hz60,
         Flicker::Other | Flicker::Unknown => {
             let found = format!(
                 "flickers, but not at the frequency of the mains{every}: no suitable exposure time is known"
             );
-            return Check::wrong(
+            return Check::failed(
                 name,
                 found,
                 "find the lamp that flickers; use a lamp on direct current for the film",
@@ -150,18 +151,18 @@ pub(super) fn light(light: &Light, settings: &[ZividSettings]) -> Check {
         ZividUse::Scan => "settings",
         ZividUse::Film => "settings_2d",
     };
-    let misfits = |settings: &&ZividSettings| !settings.fitting().contains(&mains);
+    let misfits = |settings: &&ZividSettings| !settings.matching_mains().contains(&mains);
     let wrong: Vec<&str> = settings.iter().filter(misfits).map(file).collect();
     let found = format!("flickers like lamps on mains of {}{every}", mains.name());
     if wrong.is_empty() {
-        return Check::right(name, format!("{found}; each exposure time is a multiple of the flicker period"));
+        return Check::passed(name, format!("{found}; each exposure time is a multiple of the flicker period"));
     }
     let advice = format!(
         "make each ExposureTime in [scanner] {} a multiple of {:.0} µs, or use lamps on direct current",
         wrong.join(" and "),
-        mains.flicker_us()
+        mains.flicker_period_us()
     );
-    Check::wrong(
+    Check::failed(
         name,
         format!("{found}, but an exposure time is not a multiple of the flicker period, or is not stated"),
         advice,
@@ -170,23 +171,23 @@ pub(super) fn light(light: &Light, settings: &[ZividSettings]) -> Check {
 
 /// Reports that the state of the light is not known, because the camera does not report it: a doubt, not a fault of
 /// the cell.
-pub(super) fn light_not_known(why: &str) -> Check {
-    Check::right("light on the scene", format!("not known whether the light flickers: {why}"))
+pub(super) fn unknown_light(why: &str) -> Check {
+    Check::passed("light on the scene", format!("not known whether the light flickers: {why}"))
 }
 
 /// Checks whether the 3D camera has reached its steady temperature. A doubt is reported; a cycle may still begin.
-pub(super) fn warmth(warmth: Warmth) -> Check {
+pub(super) fn judge_warmth(warmth: WarmUpState) -> Check {
     let name = "scanner's warmth";
     match warmth {
-        Warmth::Changing { .. } => {
+        WarmUpState::Changing { .. } => {
             let advice =
                 "let the camera take shots for ten minutes: run `panelprep doctor --warm-up`, or run cycles";
-            Check::wrong(name, warmth.to_string(), advice)
+            Check::failed(name, warmth.to_string(), advice)
         }
-        Warmth::NotFollowed { .. } => {
-            Check::right(name, format!("{warmth}; `--warm-up` takes shots for that long"))
+        WarmUpState::NoReadings { .. } => {
+            Check::passed(name, format!("{warmth}; `--warm-up` takes shots for that long"))
         }
-        Warmth::Warm { .. } | Warmth::Unclear { .. } => Check::right(name, warmth.to_string()),
+        WarmUpState::Warm { .. } | WarmUpState::Unclear { .. } => Check::passed(name, warmth.to_string()),
     }
 }
 
@@ -202,19 +203,19 @@ mod tests {
             let text = format!("Character devices:\n  1 mem\n{lines}\nBlock devices:\n  8 sd\n253 nvidia\n");
             graphics_processor(Some(&text), true)
         };
-        assert!(listed("nvidia nvidia-modeset nvidiactl nvidia-uvm drm").is_right());
-        assert!(listed("nvidia-frontend nvidia-uvm").is_right());
+        assert!(listed("nvidia nvidia-modeset nvidiactl nvidia-uvm drm").is_passed());
+        assert!(listed("nvidia-frontend nvidia-uvm").is_passed());
         let unloaded = listed("nvidia nvidiactl drm");
-        assert!(!unloaded.is_right() && unloaded.advice.contains("modprobe nvidia-uvm"), "{unloaded:?}");
+        assert!(!unloaded.is_passed() && unloaded.advice.contains("modprobe nvidia-uvm"), "{unloaded:?}");
         assert!(listed("drm").found.contains("no NVIDIA driver"));
         let none = listed("tty");
         assert!(
-            !none.is_right() && none.found.contains("neither nvidia nor drm"),
+            !none.is_passed() && none.found.contains("neither nvidia nor drm"),
             "{none:?}: a block device is none"
         );
-        assert!(!graphics_processor(None, true).is_right());
+        assert!(!graphics_processor(None, true).is_passed());
         let nodeless = graphics_processor(Some("Character devices:\n195 nvidia\n508 nvidia-uvm\n"), false);
-        assert!(!nodeless.is_right() && nodeless.advice.contains("nvidia-modprobe -c 0 -u"), "{nodeless:?}");
+        assert!(!nodeless.is_passed() && nodeless.advice.contains("nvidia-modprobe -c 0 -u"), "{nodeless:?}");
     }
 
     /// Calculated by hand: the samples expose for 10 and 20 ms; 20 ms are 2.4 periods of a lamp on 60 Hz.
@@ -224,45 +225,49 @@ mod tests {
             [include_str!("../../../config/zivid/scan.yml"), include_str!("../../../config/zivid/film.yml")];
         let settings =
             files.map(|text| ZividSettings::read("f", text).unwrap_or_else(|problems| panic!("{problems}")));
-        let told = |flicker, frequency: &str| light(&Light { flicker, frequency: frequency.to_owned() }, &settings);
-        assert!(told(Flicker::None, "").is_right());
+        let told =
+            |flicker, frequency: &str| judge_light(&Light { flicker, frequency: frequency.to_owned() }, &settings);
+        assert!(told(Flicker::None, "").is_passed());
         let fits = told(Flicker::Grid50Hz, "100.02");
         assert!(
-            fits.is_right() && fits.found.starts_with("flickers like lamps on mains of 50 Hz (100.02 Hz)"),
+            fits.is_passed() && fits.found.starts_with("flickers like lamps on mains of 50 Hz (100.02 Hz)"),
             "{fits:?}"
         );
         let other = told(Flicker::Grid60Hz, "120");
         assert!(
-            !other.is_right() && other.advice.contains("settings and settings_2d a multiple of 8333 µs"),
+            !other.is_passed() && other.advice.contains("settings and settings_2d a multiple of 8333 µs"),
             "{other:?}"
         );
-        assert!(!told(Flicker::Unknown, "").is_right());
-        let doubt = warmth(Warmth::NotFollowed { followed_s: 61.0 });
-        assert!(doubt.is_right() && doubt.found.contains("recorded for 1 of 10 min"), "{doubt:?}");
-        assert!(!warmth(Warmth::Changing { rise_c_per_min: 0.8 }).is_right());
+        assert!(!told(Flicker::Unknown, "").is_passed());
+        let doubt = judge_warmth(WarmUpState::NoReadings { followed_s: 61.0 });
+        assert!(doubt.is_passed() && doubt.found.contains("recorded for 1 of 10 min"), "{doubt:?}");
+        assert!(!judge_warmth(WarmUpState::Changing { rise_c_per_min: 0.8 }).is_passed());
     }
 
     #[test]
     fn a_full_disk_and_a_small_buffer_say_what_to_do() {
-        assert!(disk("store", FLOOR_MB).is_right() && disk("store", 50_000).found.starts_with("50000 MB free"));
+        assert!(disk("store", FLOOR_MB).is_passed() && disk("store", 50_000).found.starts_with("50000 MB free"));
         let full = disk("store", FLOOR_MB - 1);
-        assert!(!full.is_right() && full.advice.contains("1000 MB"));
-        let alarm = |free_mb| scarce("store", free_mb).map(|reason| reason.code.into_owned());
-        let codes = [FLOOR_MB - 1, FLOOR_MB, SCARCE_MB].map(alarm);
+        assert!(!full.is_passed() && full.advice.contains("1000 MB"));
+        let alarm = |free_mb| low_disk_space("store", free_mb).map(|reason| reason.code.into_owned());
+        let codes = [FLOOR_MB - 1, FLOOR_MB, MIN_FREE_MB].map(alarm);
         assert_eq!(codes, [Some("disk_full".to_owned()), Some("disk_scarce".to_owned()), None]);
         let buffer = |largest| receive_buffer(largest, 20_874_880, Some([5_472, 3_648]));
-        assert!(buffer(Some(20_874_880)).is_right() && buffer(Some(20_874_880)).found.contains("5472×3648"));
+        assert!(buffer(Some(20_874_880)).is_passed() && buffer(Some(20_874_880)).found.contains("5472×3648"));
         for small in [Some(8_388_608), None] {
             let check = buffer(small);
-            assert!(!check.is_right() && check.advice.contains("net.core.rmem_max = 20874880"), "{check:?}");
+            assert!(!check.is_passed() && check.advice.contains("net.core.rmem_max = 20874880"), "{check:?}");
         }
     }
 
     /// Calculated by hand: written at 10:02 and read at 10:00 is two minutes ahead, more than the allowed one.
     #[test]
     fn a_clock_that_was_set_back_is_noticed() {
-        assert!(clock_behind(36_060, 36_000).is_right() && clock_behind(0, 36_000).found.contains("10.0 h ago"));
-        let behind = clock_behind(36_120, 36_000);
-        assert!(!behind.is_right() && behind.found.contains("0.0 h ahead"));
+        assert!(
+            judge_clock_order(36_060, 36_000).is_passed()
+                && judge_clock_order(0, 36_000).found.contains("10.0 h ago")
+        );
+        let behind = judge_clock_order(36_120, 36_000);
+        assert!(!behind.is_passed() && behind.found.contains("0.0 h ahead"));
     }
 }

@@ -6,14 +6,14 @@ use crate::geometry::ColorPicture;
 
 /// Judges a camera that the service uses, from the result of a request for a shot; a cell that is at work is not
 /// disturbed.
-pub(super) fn borrowed(name: &str, state: &str, taken: Result<ColorPicture, CameraError>) -> Check {
+pub(super) fn judge_shot_reply(name: &str, state: &str, taken: Result<ColorPicture, CameraError>) -> Check {
     let holder = format!("in use by the service, state {state}");
     match taken {
-        Ok(picture) => Check::right(name, format!("{holder}: delivers {}×{}", picture.width, picture.height)),
+        Ok(picture) => Check::passed(name, format!("{holder}: delivers {}×{}", picture.width, picture.height)),
         Err(CameraError::AtWork) => {
-            Check::right(name, format!("{holder}; no test picture was taken, because the cell is working"))
+            Check::passed(name, format!("{holder}; no test picture was taken, because the cell is working"))
         }
-        Err(error) => Check::wrong(
+        Err(error) => Check::failed(
             name,
             format!("{holder}: {error}"),
             "check the camera's power, cable and address; read the service's log",

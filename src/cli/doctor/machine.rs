@@ -15,8 +15,8 @@ use std::time::UNIX_EPOCH;
 pub(super) fn program() -> Check {
     let version = env!("CARGO_PKG_VERSION");
     match opencv::core::get_version_string() {
-        Ok(opencv) => Check::right("program", format!("panelprep {version} with OpenCV {opencv}")),
-        Err(error) => Check::wrong(
+        Ok(opencv) => Check::passed("program", format!("panelprep {version} with OpenCV {opencv}")),
+        Err(error) => Check::failed(
             "program",
             format!("panelprep {version}, but OpenCV does not report its version: {error}"),
             "reinstall the Debian package libopencv-dev",
@@ -25,10 +25,10 @@ pub(super) fn program() -> Check {
 }
 
 /// Checks whether a time server sets the clock.
-pub(super) fn clock_is_kept() -> Check {
+pub(super) fn check_time_sync() -> Check {
     let asked = Command::new("timedatectl").args(["show", "--property=NTPSynchronized", "--value"]).output();
     let said = asked.ok().filter(|output| output.status.success());
-    judge::clock_is_kept(said.and_then(|output| match output.stdout.trim_ascii() {
+    judge::judge_time_sync(said.and_then(|output| match output.stdout.trim_ascii() {
         b"yes" => Some(true),
         b"no" => Some(false),
         _ => None,
@@ -36,12 +36,12 @@ pub(super) fn clock_is_kept() -> Check {
 }
 
 /// Checks that nothing in the store was written in the future; `None` if there is no store.
-pub(super) fn clock_behind(store: &Path) -> Option<Check> {
+pub(super) fn check_clock_order(store: &Path) -> Option<Check> {
     let newest = fs::read_dir(store).ok()?.filter_map(|entry| {
         let written = entry.ok()?.metadata().ok()?.modified().ok()?;
         i64::try_from(written.duration_since(UNIX_EPOCH).ok()?.as_secs()).ok()
     });
-    Some(judge::clock_behind(newest.max()?, now_unix_s()))
+    Some(judge::judge_clock_order(newest.max()?, now_unix_s()))
 }
 
 /// Checks the free space at the present or future path of the store.
@@ -50,14 +50,14 @@ pub(super) fn disk(store: &Path) -> Check {
     let there: Option<PathBuf> = whole.ancestors().find(|folder| folder.is_dir()).map(Path::to_owned);
     let advice = "set `store` in the cell's file to a folder that this user may write";
     let Some(folder) = there else {
-        return Check::wrong("disk", format!("no part of {} exists", whole.display()), advice);
+        return Check::failed("disk", format!("no part of {} exists", whole.display()), advice);
     };
     if rustix::fs::access(&folder, rustix::fs::Access::WRITE_OK).is_err() {
-        return Check::wrong("disk", format!("this user has no permission to write {}", folder.display()), advice);
+        return Check::failed("disk", format!("this user has no permission to write {}", folder.display()), advice);
     }
     match free_mb(&folder) {
         Ok(free_mb) => judge::disk(&folder.display().to_string(), free_mb),
-        Err(error) => Check::wrong("disk", format!("{}: {error}", folder.display()), advice),
+        Err(error) => Check::failed("disk", format!("{}: {error}", folder.display()), advice),
     }
 }
 
@@ -69,7 +69,7 @@ pub(super) fn recordings(store: &Path) -> Option<Check> {
     let (count, mb) = (sizes.len(), sizes.iter().sum::<u64>() / 1_000_000);
     let found =
         format!("{count} recordings, {mb} MB, in {}; recordings stay until you remove them", folder.display());
-    (count > 0).then(|| Check::right("recordings", found))
+    (count > 0).then(|| Check::passed("recordings", found))
 }
 
 /// Finds the drivers of graphics processors that the kernel has.

@@ -22,7 +22,7 @@ use super::outcome::Outcome;
 use super::service_request;
 use crate::verdict::{Judgement, Reason, Verdict};
 use check::{Check, Status};
-pub(in crate::cli) use judge::scarce;
+pub(in crate::cli) use judge::low_disk_space;
 use serde_json::json;
 
 /// Checks everything and reports.
@@ -30,16 +30,16 @@ use serde_json::json;
 /// # Errors
 /// None: what cannot be read is a finding.
 pub fn run(args: &Doctor, common: &Common) -> Result<Outcome, Fault> {
-    Ok(outcome(&examined(args, common)))
+    Ok(outcome(&run_checks(args, common)))
 }
 
 /// Returns all checks, in order from the basis upwards.
-pub(in crate::cli) fn examined(args: &Doctor, common: &Common) -> Vec<Check> {
-    let mut checks = vec![machine::program(), machine::clock_is_kept()];
+pub(in crate::cli) fn run_checks(args: &Doctor, common: &Common) -> Vec<Check> {
+    let mut checks = vec![machine::program(), machine::check_time_sync()];
     match CellFiles::read(common) {
-        Ok(files) => checks.extend(of_cell(args, common, &files)),
+        Ok(files) => checks.extend(cell_checks(args, common, &files)),
         Err(fault) => {
-            checks.push(Check::wrong(
+            checks.push(Check::failed(
                 "cell file",
                 fault.to_string(),
                 "correct this problem; `panelprep check` with this file lists every problem",
@@ -51,13 +51,13 @@ pub(in crate::cli) fn examined(args: &Doctor, common: &Common) -> Vec<Check> {
     checks
 }
 
-fn of_cell(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
-    let mut checks = cell::file(common, files);
+fn cell_checks(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
+    let mut checks = cell::check_cell_file(common, files);
     checks.push(machine::disk(files.store_folder()));
     checks.extend(machine::recordings(files.store_folder()));
     let (check, store) = cell::store(files);
     checks.push(check);
-    checks.extend(machine::clock_behind(files.store_folder()));
+    checks.extend(machine::check_clock_order(files.store_folder()));
     checks.extend(store.iter().flat_map(cell::taught));
     checks.extend(cell::calibrations(files, store.as_ref()));
     let programs = cell::kuka(args.kuka.as_deref(), &files.cell);
@@ -68,18 +68,18 @@ fn of_cell(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
     if args.accept {
         checks.push(cell::acceptance(&programs, reported, &common.cell));
     }
-    checks.extend(plant::check(&files.cell));
-    checks.extend(tool::check(&files.cell, service_request::state_of(&files.socket()).is_some()));
+    checks.extend(plant::check_connections(&files.cell));
+    checks.extend(tool::check_tool(&files.cell, service_request::service_state(&files.socket()).is_some()));
     checks
 }
 
 fn outcome(checks: &[Check]) -> Outcome {
-    let wrong: Vec<&Check> = checks.iter().filter(|check| !check.is_right()).collect();
+    let wrong: Vec<&Check> = checks.iter().filter(|check| !check.is_passed()).collect();
     let reason = |check: &&Check| Reason::new("not_right", format!("{}: {}", check.name, check.found));
     let verdict = if wrong.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let mut outcome = Outcome::from_judgement(&Judgement { verdict, reasons: wrong.iter().map(reason).collect() });
     let width = checks.iter().map(|check| check.name.chars().count()).max().unwrap_or(0);
-    outcome.words = Vec::new();
+    outcome.lines = Vec::new();
     for check in checks {
         let mark = match check.status {
             Status::Right => "ok   ",
@@ -98,8 +98,8 @@ fn outcome(checks: &[Check]) -> Outcome {
     });
     let of_check = |check: &Check| {
         let advice = Some(&check.advice).filter(|advice| !advice.is_empty());
-        json!({"name": check.name, "ok": check.is_right(), "found": check.found, "advice": advice})
+        json!({"name": check.name, "ok": check.is_passed(), "found": check.found, "advice": advice})
     };
-    outcome.put("checks", json!(checks.iter().map(of_check).collect::<Vec<_>>()));
+    outcome.add_value("checks", json!(checks.iter().map(of_check).collect::<Vec<_>>()));
     outcome
 }

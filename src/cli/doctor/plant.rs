@@ -14,29 +14,31 @@ use std::time::Duration;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Checks all plant connections that the cell's file names.
-pub(super) fn check(cell: &Cell) -> Vec<Check> {
+pub(super) fn check_connections(cell: &Cell) -> Vec<Check> {
     let mut checks = Vec::new();
     checks.extend(cell.line().map(|line| recipe(&line.recipe)));
     if let Some(office) = cell.office() {
         let address = office.broker.address.split_once("://").map_or("", |(_, rest)| rest);
-        checks.push(reached("office", broker_files(&office.broker), address.to_owned()));
+        checks.push(check_reachable("office", broker_files(&office.broker), address.to_owned()));
     }
     if let Some(push) = cell.push() {
-        let files =
-            secrets(push.token_file.as_deref()).and_then(|()| authorities(push.ca_certificate.as_deref(), None));
-        checks.push(reached("quality system", files, push.to.authority()));
+        let files = check_secrets(push.token_file.as_deref())
+            .and_then(|()| authorities(push.ca_certificate.as_deref(), None));
+        checks.push(check_reachable("quality system", files, push.target_folder.authority()));
     }
     if let Some(node) = cell.sparkplug() {
-        let (ca, own) =
-            node.tls.as_ref().map_or((None, None), |tls| (Some(tls.ca_certificate.as_path()), tls.own.as_ref()));
+        let (ca, own) = node
+            .tls
+            .as_ref()
+            .map_or((None, None), |tls| (Some(tls.ca_certificate.as_path()), tls.client_certificate.as_ref()));
         let password = node.login.as_ref().map(|(_, file)| file.as_path());
-        let files = secrets(password).and_then(|()| authorities(ca, own));
-        checks.push(reached("MQTT broker", files, authority(&node.broker, node.port)));
+        let files = check_secrets(password).and_then(|()| authorities(ca, own));
+        checks.push(check_reachable("MQTT broker", files, authority(&node.broker, node.port)));
     }
     checks
 }
 
-fn secrets(file: Option<&Path>) -> Result<(), TrustError> {
+fn check_secrets(file: Option<&Path>) -> Result<(), TrustError> {
     file.map_or(Ok(()), |file| trust::secret(file).map(drop))
 }
 
@@ -49,7 +51,7 @@ fn broker_files(broker: &Broker) -> Result<(), TrustError> {
     match &broker.login {
         BrokerLogin::Anybody => Ok(()),
         // The file begins with a certificate; only the broker checks its form.
-        BrokerLogin::Credentials(file) | BrokerLogin::Password { file, .. } => secrets(Some(file)),
+        BrokerLogin::Credentials(file) | BrokerLogin::Password { file, .. } => check_secrets(Some(file)),
     }
 }
 
@@ -63,11 +65,11 @@ fn recipe(file: &Path) -> Check {
         Recipe::check(&file.display().to_string(), &text).map_err(|problems| problems.to_string())
     });
     match checked {
-        Ok(recipe) => Check::right(
+        Ok(recipe) => Check::passed(
             NAME,
             format!("the line requests cycles of panel {}, recipe {}", recipe.panel(), file.display()),
         ),
-        Err(problem) => Check::wrong(
+        Err(problem) => Check::failed(
             NAME,
             problem,
             "set [line] recipe to a valid recipe of this cell; until then, each start that the line requests is refused",
@@ -75,20 +77,20 @@ fn recipe(file: &Path) -> Check {
     }
 }
 
-fn reached(name: &'static str, files: Result<(), TrustError>, address: String) -> Check {
+fn check_reachable(name: &'static str, files: Result<(), TrustError>, address: String) -> Check {
     if let Err(problem) = files {
-        return Check::wrong(
+        return Check::failed(
             name,
             problem.to_string(),
             "correct this file, or name another file in the cell's file",
         );
     }
     match connected(address.clone(), CONNECT_TIMEOUT) {
-        Ok(()) => Check::right(name, format!("{address} accepts connections")),
+        Ok(()) => Check::passed(name, format!("{address} accepts connections")),
         Err(problem) => {
             let advice = "check the address in the cell's file, the network, and whether the server runs; the cell \
                           works without this server";
-            Check::wrong(name, format!("{address}: {problem}"), advice)
+            Check::failed(name, format!("{address}: {problem}"), advice)
         }
     }
 }
@@ -101,9 +103,9 @@ mod tests {
     fn found(folder: &Path, table: &str) -> Vec<(bool, String)> {
         let file = folder.join("cell.toml").display().to_string();
         let cell = Cell::check(&file, table).expect("right");
-        check(&cell)
+        check_connections(&cell)
             .into_iter()
-            .map(|check| (check.is_right(), format!("{}: {}", check.name, check.found)))
+            .map(|check| (check.is_passed(), format!("{}: {}", check.name, check.found)))
             .collect()
     }
 
@@ -132,9 +134,9 @@ mod tests {
     fn a_line_needs_a_recipe() {
         let folder = tempfile::tempdir().expect("a folder");
         let missing = recipe(&folder.path().join("none.toml"));
-        assert!(!missing.is_right() && missing.found.contains("none.toml: No such file"), "{}", missing.found);
+        assert!(!missing.is_passed() && missing.found.contains("none.toml: No such file"), "{}", missing.found);
         let file = folder.path().join("cell.toml");
         std::fs::write(&file, "[scanner]\nkind = \"simulated\"\n").expect("written");
-        assert!(!recipe(&file).is_right());
+        assert!(!recipe(&file).is_passed());
     }
 }

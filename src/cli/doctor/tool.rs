@@ -3,8 +3,8 @@
 use super::check::Check;
 use crate::cell::{Cell, CompliantTool};
 use crate::devices::acf::{AcfLink, ConnectedTool as _, ToolReport};
-use crate::force::{Loss, Reading, unready};
-use crate::number_text::fixed;
+use crate::force::{LinkLossCause, ToolReading, not_ready_reason};
+use crate::number_text::fixed_decimals;
 use std::time::{Duration, Instant};
 
 const NAME: &str = "compliant tool";
@@ -12,58 +12,58 @@ const NAME: &str = "compliant tool";
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Checks the tool of a cell; `None` if it is a spring. `served` states that the service runs and holds the tool.
-pub(super) fn check(cell: &Cell, served: bool) -> Option<Check> {
+pub(super) fn check_tool(cell: &Cell, served: bool) -> Option<Check> {
     let tool = cell.tool().compliant()?;
     Some(match &tool.address {
-        None => Check::right(NAME, "simulated: the tool presses on the simulated panel"),
+        None => Check::passed(NAME, "simulated: the tool presses on the simulated panel"),
         Some(_) if served => {
-            Check::right(NAME, "in use by the service, which reports at a reset whether the tool is ready")
+            Check::passed(NAME, "in use by the service, which reports at a reset whether the tool is ready")
         }
         Some(address) => match AcfLink::start(tool, address) {
-            Ok(link) => looked_at(tool, link),
+            Ok(link) => wait_until_ready(tool, link),
             Err(error) => {
-                Check::wrong(NAME, error.to_string(), "end the programs that use up the computer's threads")
+                Check::failed(NAME, error.to_string(), "end the programs that use up the computer's threads")
             }
         },
     })
 }
 
 /// Waits until the tool is ready, up to the time limit.
-fn looked_at(tool: &CompliantTool, mut link: AcfLink) -> Check {
+fn wait_until_ready(tool: &CompliantTool, mut link: AcfLink) -> Check {
     let began = Instant::now();
-    let (mut last, mut lost): (Option<Reading>, Option<Loss>) = (None, None);
+    let (mut last, mut lost): (Option<ToolReading>, Option<LinkLossCause>) = (None, None);
     while began.elapsed() < RESPONSE_TIMEOUT {
-        match link.news() {
+        match link.next_report() {
             Some(ToolReport::Reading { reading, .. }) => (last, lost) = (Some(reading), None),
             Some(ToolReport::Lost(loss)) => lost = Some(loss),
             None => std::thread::sleep(Duration::from_millis(5)),
         }
-        if last.is_some_and(|reading| unready(&reading, tool.stroke_mm).is_none()) {
+        if last.is_some_and(|reading| not_ready_reason(&reading, tool.stroke_mm).is_none()) {
             break;
         }
     }
-    found(tool, last, lost)
+    describe_tool_state(tool, last, lost)
 }
 
 /// Describes the tool's state in words.
-fn found(tool: &CompliantTool, last: Option<Reading>, lost: Option<Loss>) -> Check {
+fn describe_tool_state(tool: &CompliantTool, last: Option<ToolReading>, lost: Option<LinkLossCause>) -> Check {
     let place =
         tool.address.as_ref().map_or(String::new(), |address| format!("{}, port {}", address.host, address.port));
     let Some(reading) = last.filter(|_| lost.is_none()) else {
         let why = lost.map_or("the tool does not answer".to_owned(), |loss| loss.to_string());
         let advice = "check the tool's power, cable and address (`ping`), end other programs that are connected to the \
                       tool, and compare [tool] with the tool's settings";
-        return Check::wrong(NAME, format!("{place}: {why}"), advice);
+        return Check::failed(NAME, format!("{place}: {why}"), advice);
     };
     let says = format!(
         "{place}: responds; force {} N, extended {} mm of {} mm",
-        fixed(reading.force_n, 1),
-        fixed(reading.position_mm, 1),
-        fixed(tool.stroke_mm, 1)
+        fixed_decimals(reading.force_n, 1),
+        fixed_decimals(reading.position_mm, 1),
+        fixed_decimals(tool.stroke_mm, 1)
     );
-    match unready(&reading, tool.stroke_mm) {
-        None => Check::right(NAME, says),
-        Some(why) => Check::wrong(
+    match not_ready_reason(&reading, tool.stroke_mm) {
+        None => Check::passed(NAME, says),
+        Some(why) => Check::failed(
             NAME,
             format!("{says}; {}", why.message),
             "correct the reported problem; until then, no cycle starts",
@@ -89,26 +89,26 @@ mod tests {
     #[test]
     fn the_tool_is_looked_at() {
         let spring = Cell::check("f", "").unwrap_or_else(|problems| panic!("{problems}"));
-        assert_eq!(check(&spring, false), None);
+        assert_eq!(check_tool(&spring, false), None);
         let tool = cell(1);
         let server = MockAcfServer::start(tool.tool().compliant().expect("one"), 15.0).expect("a port");
         let there = cell(server.address().port());
-        let right = check(&there, false).expect("looked at");
+        let right = check_tool(&there, false).expect("looked at");
         assert!(
-            right.is_right() && right.found.contains("responds; force") && right.found.contains("of 30.0 mm"),
+            right.is_passed() && right.found.contains("responds; force") && right.found.contains("of 30.0 mm"),
             "{right:?}"
         );
         assert!(
-            check(&there, true)
-                .is_some_and(|check| check.is_right() && check.found.contains("in use by the service"))
+            check_tool(&there, true)
+                .is_some_and(|check| check.is_passed() && check.found.contains("in use by the service"))
         );
-        server.breaks(Some(ToolFault::Errors(2)));
-        let wrong = check(&there, false).expect("looked at");
-        assert!(!wrong.is_right() && wrong.found.contains("its sensor has an error"), "{wrong:?}");
+        server.set_fault(Some(ToolFault::Errors(2)));
+        let wrong = check_tool(&there, false).expect("looked at");
+        assert!(!wrong.is_passed() && wrong.found.contains("its sensor has an error"), "{wrong:?}");
         drop(server);
-        let away = check(&there, false).expect("looked at");
+        let away = check_tool(&there, false).expect("looked at");
         assert!(
-            !away.is_right() && away.found.contains("the connection failed") && away.advice.contains("ping"),
+            !away.is_passed() && away.found.contains("the connection failed") && away.advice.contains("ping"),
             "{away:?}"
         );
     }

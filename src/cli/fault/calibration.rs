@@ -18,7 +18,7 @@ pub enum CalibrationFault {
     #[error(
         "{}: was measured with {}, but the cell's file names {}: robot poses would be corrected twice or not at all. \
          Repeat this calibration, or name in [calibration] robot_correction the correction with which it was measured",
-        file.display(), correction_words(found.as_deref()), correction_words(ours.as_deref())
+        file.display(), describe_correction(found.as_deref()), describe_correction(ours.as_deref())
     )]
     OtherCorrection {
         /// The mount's file.
@@ -79,7 +79,7 @@ pub enum CalibrationFault {
     NoReadings,
 }
 
-fn correction_words(hash: Option<&str>) -> String {
+fn describe_correction(hash: Option<&str>) -> String {
     match hash {
         None => "no correction of the arm".to_owned(),
         Some(hash) => format!("the correction of the arm {}", hash.get(..12).unwrap_or(hash)),

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 pub enum ClipFault {
     /// A film would overwrite another film.
     #[error("{} already contains a film (clip.csv or 00001.png); name another folder", folder.display())]
-    ClipIsThere {
+    ClipExists {
         /// The folder.
         folder: PathBuf,
     },
@@ -72,7 +72,7 @@ pub enum ClipFault {
         "--spray-from-s is {spray_from_s} s, but --wet-from-s is missing; give --wet-from-s, the time at which the \
          spray is off"
     )]
-    WetFromWhen {
+    NoFirstWetPicture {
         /// The requested time.
         spray_from_s: f64,
     },

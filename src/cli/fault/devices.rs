@@ -21,10 +21,10 @@ pub enum DeviceFault {
     },
     /// No simulated tool exists that could have the fault.
     #[error("--tool-fault needs [tool] kind = \"simulated\" and [robot] kind = \"mock\" in the cell's file")]
-    NoToolThatFails,
+    NoFailingTool,
     /// An option that is simulated only in a whole cycle.
     #[error("{option} is for a whole cycle, not for single pictures and scans; leave the option out")]
-    OfACycle {
+    CycleOnlyOption {
         /// The option.
         option: &'static str,
     },

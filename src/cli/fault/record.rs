@@ -17,7 +17,7 @@ pub enum RecordFault {
     )]
     SearchBesideTask,
     /// No cycle in the store treated this panel.
-    #[error("the store contains no cycle of panel {panel}; {}", panels_words(panels))]
+    #[error("the store contains no cycle of panel {panel}; {}", describe_panels(panels))]
     NoCyclesOf {
         /// The panel as the user named it.
         panel: String,
@@ -85,7 +85,7 @@ pub enum RecordFault {
     },
 }
 
-fn panels_words(panels: &[String]) -> String {
+fn describe_panels(panels: &[String]) -> String {
     match panels {
         [] => "the store contains no cycles".to_owned(),
         _ => format!("panels in the store: {}", panels.join(", ")),

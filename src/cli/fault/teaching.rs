@@ -1,6 +1,6 @@
 //! The faults of a teaching, new or existing, that stop a command.
 
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use std::path::PathBuf;
 
 /// Why a panel cannot be taught, or why its taught data cannot be used.
@@ -74,7 +74,7 @@ pub enum TeachingFault {
     #[error(
         "[nominal] region_mm: corner {number} is {} mm in front of or behind the drawing's surface (limit {} mm); state the \
          coordinates of a point on the surface",
-        apart(*away_mm, *limit_mm, 1)[0], apart(*away_mm, *limit_mm, 1)[1]
+        distinguishable_texts(*away_mm, *limit_mm, 1)[0], distinguishable_texts(*away_mm, *limit_mm, 1)[1]
     )]
     RegionBesideDrawing {
         /// Number of the corner, from 1.

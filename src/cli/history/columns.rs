@@ -1,13 +1,13 @@
 //! Formats the history for a person at a terminal: columns of words, the newest first.
 
 use crate::history::{Alarm, Comparison, HeatMap, Hits, Summary, Trend};
-use crate::number_text::{fixed, plain, utc};
+use crate::number_text::{fixed_decimals, shortest_text, utc_text};
 use crate::record::PartNames;
-use crate::report::shown;
+use crate::report::format_value;
 use crate::verdict::{Check, Limit, Reason, Verdict};
 
 /// Placeholder for an empty value.
-const NOTHING: &str = "–";
+const EMPTY_PLACEHOLDER: &str = "–";
 
 /// Formats rows as columns; each column has the width of its widest cell, except the last one.
 fn columns(rows: &[Vec<String>]) -> Vec<String> {
@@ -28,12 +28,12 @@ fn row(cells: &[&str]) -> Vec<String> {
     cells.iter().map(|&cell| cell.to_owned()).collect()
 }
 
-fn or_nothing(text: Option<String>) -> String {
-    text.unwrap_or_else(|| NOTHING.to_owned())
+fn text_or_placeholder(text: Option<String>) -> String {
+    text.unwrap_or_else(|| EMPTY_PLACEHOLDER.to_owned())
 }
 
-fn ended(verdict: Option<Verdict>, is_air_run: bool) -> String {
-    let word = verdict.map_or("running", Verdict::word);
+fn describe_end(verdict: Option<Verdict>, is_air_run: bool) -> String {
+    let word = verdict.map_or("running", Verdict::keyword);
     if is_air_run { format!("{word} (air-run)") } else { word.to_owned() }
 }
 
@@ -51,12 +51,12 @@ pub(super) fn hits(hits: &Hits) -> Vec<String> {
         let PartNames { serial, order, operator } = hit.part.clone();
         vec![
             hit.cycle.to_string(),
-            utc(hit.started_unix_s),
+            utc_text(hit.started_unix_s),
             hit.panel.clone(),
-            or_nothing(serial),
-            or_nothing(order),
-            or_nothing(operator),
-            ended(hit.verdict, hit.is_air_run),
+            text_or_placeholder(serial),
+            text_or_placeholder(order),
+            text_or_placeholder(operator),
+            describe_end(hit.verdict, hit.is_air_run),
             codes(&hit.reasons),
         ]
     }));
@@ -74,22 +74,22 @@ pub(super) fn summary(summary: &Summary) -> Vec<String> {
         Some(grids) => grids.join(", "),
     };
     let number = |value: Option<f64>, unit: &str| {
-        value.map_or("not measured".to_owned(), |value| format!("{} {unit}", shown(value)).trim().to_owned())
+        value.map_or("not measured".to_owned(), |value| format!("{} {unit}", format_value(value)).trim().to_owned())
     };
     let check = |check: &Option<Check>| match check {
         None => "not measured".to_owned(),
         Some(check) => format!("{}{}", number(check.value, &check.unit), limit(check.limit)),
     };
-    let end = summary.ended_unix_s.map_or("not over".to_owned(), utc);
+    let end = summary.ended_unix_s.map_or("not over".to_owned(), utc_text);
     let rows = vec![
         row(&["cycle", &summary.cycle.to_string()]),
-        row(&["began", &utc(summary.started_unix_s)]),
+        row(&["began", &utc_text(summary.started_unix_s)]),
         row(&["ended", &end]),
         row(&["panel", &summary.panel]),
-        row(&["serial number", &or_nothing(serial)]),
-        row(&["work order", &or_nothing(order)]),
-        row(&["operator", &or_nothing(operator)]),
-        row(&["verdict", &ended(summary.verdict, summary.is_air_run)]),
+        row(&["serial number", &text_or_placeholder(serial)]),
+        row(&["work order", &text_or_placeholder(order)]),
+        row(&["operator", &text_or_placeholder(operator)]),
+        row(&["verdict", &describe_end(summary.verdict, summary.is_air_run)]),
         row(&[
             "films",
             &format!(
@@ -118,9 +118,9 @@ pub(super) fn summary(summary: &Summary) -> Vec<String> {
 fn limit(limit: Limit) -> String {
     match limit {
         Limit::Unlimited => String::new(),
-        Limit::AtMost(bound) => format!(", at most {}", plain(bound)),
-        Limit::AtLeast(bound) => format!(", at least {}", plain(bound)),
-        Limit::Below(bound) => format!(", below {}", plain(bound)),
+        Limit::AtMost(bound) => format!(", at most {}", shortest_text(bound)),
+        Limit::AtLeast(bound) => format!(", at least {}", shortest_text(bound)),
+        Limit::Below(bound) => format!(", below {}", shortest_text(bound)),
     }
 }
 
@@ -128,7 +128,7 @@ fn limit(limit: Limit) -> String {
 pub(super) fn comparison(comparison: &Comparison) -> Vec<String> {
     let [first, second] = &comparison.cycles;
     let mut words = vec![match comparison.is_same_part {
-        Some(true) => format!("part {}", or_nothing(first.part.serial.clone())),
+        Some(true) => format!("part {}", text_or_placeholder(first.part.serial.clone())),
         Some(false) => "the parts differ".to_owned(),
         None => "the part is not stated in at least one of the cycles".to_owned(),
     }];
@@ -136,22 +136,23 @@ pub(super) fn comparison(comparison: &Comparison) -> Vec<String> {
     let mut rows = vec![row(&["", &head[0], &head[1], "difference", "limit"])];
     rows.push(row(&[
         "verdict",
-        &ended(first.verdict, first.is_air_run),
-        &ended(second.verdict, second.is_air_run),
+        &describe_end(first.verdict, first.is_air_run),
+        &describe_end(second.verdict, second.is_air_run),
     ]));
     rows.extend(comparison.inputs.iter().filter(|input| !input.is_same).map(|input| {
-        let short =
-            |value: &Option<String>| or_nothing(value.as_ref().map(|value| value.chars().take(16).collect()));
+        let short = |value: &Option<String>| {
+            text_or_placeholder(value.as_ref().map(|value| value.chars().take(16).collect()))
+        };
         vec![input.name.clone(), short(&input.values[0]), short(&input.values[1]), "differs".to_owned()]
     }));
     rows.extend(comparison.checks.iter().map(|pair| {
-        let value = |value: Option<f64>| or_nothing(value.map(shown));
+        let value = |value: Option<f64>| text_or_placeholder(value.map(format_value));
         let limits = pair.limits.map(|one| one.map_or(String::new(), limit).trim_start_matches(", ").to_owned());
-        let limit = if pair.has_other_limit() { limits.join(" | ") } else { limits[0].clone() };
+        let limit = if pair.is_limit_different() { limits.join(" | ") } else { limits[0].clone() };
         let pass = if pair.pass == 0 { String::new() } else { format!(" {}", pair.pass) };
         let unit = if pair.unit.is_empty() { String::new() } else { format!(" [{}]", pair.unit) };
         vec![
-            format!("{}{pass}: {}{unit}", pair.kind.word(), pair.name),
+            format!("{}{pass}: {}{unit}", pair.kind.keyword(), pair.name),
             value(pair.values[0]),
             value(pair.values[1]),
             value(pair.difference),
@@ -164,7 +165,7 @@ pub(super) fn comparison(comparison: &Comparison) -> Vec<String> {
         let told = pair
             .cycles
             .each_ref()
-            .map(|past| past.as_ref().map_or("not seen".to_owned(), crate::history::GridPast::words));
+            .map(|past| past.as_ref().map_or("not seen".to_owned(), crate::history::GridPast::describe));
         format!("{}: {} | {}", pair.grid, told[0], told[1])
     }));
     words
@@ -176,12 +177,12 @@ pub(super) fn trend(trend: &Trend) -> Vec<String> {
     let mut words = vec![format!("{}{unit}", trend.title)];
     let mut rows = vec![row(&["cycle", "at", "part", "value", "limit", "hint"])];
     rows.extend(trend.points.iter().enumerate().map(|(at, point)| {
-        let hints = trend.hints.iter().filter(|hint| hint.at == at).map(|hint| hint.rule.words());
+        let hints = trend.hints.iter().filter(|hint| hint.at == at).map(|hint| hint.rule.describe());
         vec![
-            or_nothing(point.cycle.map(|cycle| cycle.to_string())),
-            utc(point.at_unix_s),
-            or_nothing(point.serial.clone()),
-            shown(point.value),
+            text_or_placeholder(point.cycle.map(|cycle| cycle.to_string())),
+            utc_text(point.at_unix_s),
+            text_or_placeholder(point.serial.clone()),
+            format_value(point.value),
             limit(point.limit).trim_start_matches(", ").to_owned(),
             hints.collect::<Vec<_>>().join("; "),
         ]
@@ -190,8 +191,8 @@ pub(super) fn trend(trend: &Trend) -> Vec<String> {
     words.push(match trend.usual {
         Some(usual) => format!(
             "usual: {} ± {} (mean and one standard deviation); hints follow the Western Electric rules and are not verdicts",
-            shown(usual.mean),
-            shown(usual.sigma)
+            format_value(usual.mean),
+            format_value(usual.sigma)
         ),
         None => format!("fewer than {} values: no hints", crate::history::western_electric::MIN_VALUES),
     });
@@ -203,7 +204,7 @@ pub(super) fn trend(trend: &Trend) -> Vec<String> {
 pub(super) fn heat(map: &HeatMap) -> Vec<String> {
     let mut rows = vec![row(&["grid", "films", "breaks", "median time to break"])];
     rows.extend(map.grids.iter().map(|cell| {
-        let time = or_nothing(cell.median_s.map(|s| format!("{} s", fixed(s, 1))));
+        let time = text_or_placeholder(cell.median_s.map(|s| format!("{} s", fixed_decimals(s, 1))));
         vec![cell.grid.clone(), cell.films.to_string(), cell.breaks.to_string(), time]
     }));
     std::iter::once(format!("first films of {} cycles", map.films)).chain(columns(&rows)).collect()
@@ -217,12 +218,12 @@ pub(super) fn alarms(alarms: &[Alarm]) -> Vec<String> {
     let told = |alarm: &Alarm| {
         let gone = match alarm.gone_unix_ms {
             None => "lasts".to_owned(),
-            Some(gone) => format!("gone {}", utc(gone.div_euclid(1_000))),
+            Some(gone) => format!("gone {}", utc_text(gone.div_euclid(1_000))),
         };
         let seen =
             alarm.acknowledged.as_ref().map_or(String::new(), |seen| format!(", acknowledged by {}", seen.who));
-        let raised = utc(alarm.raised_unix_ms.div_euclid(1_000));
-        let (priority, code, cycle) = (alarm.priority.word(), &alarm.code, alarm.cycle);
+        let raised = utc_text(alarm.raised_unix_ms.div_euclid(1_000));
+        let (priority, code, cycle) = (alarm.priority.keyword(), &alarm.code, alarm.cycle);
         let cycle = cycle.map_or("between cycles".to_owned(), |cycle| format!("cycle {cycle}"));
         let head = format!("{raised}  {priority}  {code}  {cycle}, {gone}{seen}");
         [head, format!("  {}", alarm.message), format!("  What to do: {}", alarm.remedy)]

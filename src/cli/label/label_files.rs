@@ -9,9 +9,11 @@ use super::super::calibrate::date::now_unix_s;
 use super::super::disk;
 use super::super::fault::{ClipFault, Fault};
 use crate::files;
-use crate::labels::{self, ClipFrame, DRAFT, LABELS, LabelFile, MASK, Statement, TIMES, VERSION, broken, problems};
-use crate::number_text::utc;
-use crate::page::label::{LabelStorage, Now, Saved};
+use crate::labels::{
+    self, ClipFrame, DRAFT_FILE, LABELS, LabelFile, MASK, Statement, TIMES_FILE, VERSION, broken_pixels, problems,
+};
+use crate::number_text::utc_text;
+use crate::page::label::{CurrentLabels, LabelStorage, SaveResult};
 use std::path::{Path, PathBuf};
 
 /// The folder in which the labels of a clip are stored.
@@ -49,24 +51,24 @@ impl LabelFolder {
     ///
     /// # Errors
     /// If a file is invalid.
-    pub fn now(&self) -> Result<Now, Fault> {
-        let (labels, draft) = (self.labels()?, self.read(DRAFT)?);
+    pub fn now(&self) -> Result<CurrentLabels, Fault> {
+        let (labels, draft) = (self.labels()?, self.read(DRAFT_FILE)?);
         let saved_at = labels.as_ref().map(|labels| labels.saved_at.clone());
         let is_draft = draft.is_some();
         let Some(found) = draft.or(labels) else {
-            return Ok(Now { said: Statement::default(), saved_at, is_draft, note: None });
+            return Ok(CurrentLabels { said: Statement::default(), saved_at, is_draft, note: None });
         };
         let note = (found.clip_sha256 != self.clip_sha256).then(|| {
             "the clip has changed since these labels were made: check each break again, and save".to_owned()
         });
-        Ok(Now { said: found.statement(), saved_at, is_draft, note })
+        Ok(CurrentLabels { said: found.statement(), saved_at, is_draft, note })
     }
 
-    fn file(&self, said: &Statement) -> LabelFile {
+    fn label_file(&self, said: &Statement) -> LabelFile {
         LabelFile {
             version: VERSION,
             author: said.author.trim().to_owned(),
-            saved_at: utc(now_unix_s()),
+            saved_at: utc_text(now_unix_s()),
             clip_sha256: self.clip_sha256.clone(),
             size_px: self.frame.size_px,
             clean: said.clean,
@@ -75,7 +77,7 @@ impl LabelFolder {
     }
 
     /// Copies the present labels to a file with the first free number.
-    fn keep_former(&self) -> Result<Option<String>, Fault> {
+    fn back_up_former(&self) -> Result<Option<String>, Fault> {
         let file = self.folder.join(LABELS);
         if !file.exists() {
             return Ok(None);
@@ -85,7 +87,7 @@ impl LabelFolder {
         loop {
             let name = format!("labels.{number}.json");
             match disk::write_new(&self.folder.join(&name), &bytes) {
-                Err(Fault::IsThere { .. }) => number += 1,
+                Err(Fault::AlreadyExists { .. }) => number += 1,
                 written => return written.map(|()| Some(name)),
             }
         }
@@ -93,41 +95,41 @@ impl LabelFolder {
 
     /// Writes labels, mask and times; returns the file name under which the former labels are kept.
     fn write(&self, labels: &LabelFile) -> Result<Option<String>, Fault> {
-        let broken = broken(&labels.breaks, &self.frame);
+        let broken = broken_pixels(&labels.breaks, &self.frame);
         let pictures = [
             (MASK, files::write_gray_png(&broken.mask().to_gray())),
-            (TIMES, files::write_color_png(&broken.times())),
+            (TIMES_FILE, files::write_color_png(&broken.times())),
         ];
-        let former = self.keep_former()?;
+        let former = self.back_up_former()?;
         for (name, bytes) in pictures {
-            disk::write_through(&self.folder.join(name), bytes.map_err(Fault::stage)?)?;
+            disk::write_durable(&self.folder.join(name), bytes.map_err(Fault::stage)?)?;
         }
-        disk::write_through(&self.folder.join(LABELS), labels::write(labels))?;
-        let draft = self.folder.join(DRAFT);
+        disk::write_durable(&self.folder.join(LABELS), labels::write(labels))?;
+        let draft = self.folder.join(DRAFT_FILE);
         if draft.exists() {
-            std::fs::remove_file(&draft).map_err(|error| Fault::file(&draft, error))?;
+            std::fs::remove_file(&draft).map_err(|error| Fault::file_fault(&draft, error))?;
         }
         Ok(former)
     }
 }
 
 impl LabelStorage for LabelFolder {
-    fn now(&self) -> Result<Now, String> {
+    fn now(&self) -> Result<CurrentLabels, String> {
         LabelFolder::now(self).map_err(|fault| fault.to_string())
     }
 
-    fn draft(&self, said: &Statement) -> Result<(), String> {
-        let text = labels::write(&self.file(said));
-        disk::write(&self.folder.join(DRAFT), text).map_err(|fault| fault.to_string())
+    fn store_draft(&self, said: &Statement) -> Result<(), String> {
+        let text = labels::write(&self.label_file(said));
+        disk::write(&self.folder.join(DRAFT_FILE), text).map_err(|fault| fault.to_string())
     }
 
-    fn save(&self, said: &Statement) -> Result<Saved, Vec<String>> {
+    fn save(&self, said: &Statement) -> Result<SaveResult, Vec<String>> {
         let problems = problems(said, &self.frame);
         if !problems.is_empty() {
             return Err(problems.iter().map(ToString::to_string).collect());
         }
-        let labels = self.file(said);
+        let labels = self.label_file(said);
         let former = self.write(&labels).map_err(|fault| vec![fault.to_string()])?;
-        Ok(Saved { labels: self.folder.join(LABELS).display().to_string(), saved_at: labels.saved_at, former })
+        Ok(SaveResult { labels: self.folder.join(LABELS).display().to_string(), saved_at: labels.saved_at, former })
     }
 }

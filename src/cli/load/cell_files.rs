@@ -16,7 +16,7 @@ use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, PinholeCamer
 use crate::locate::ScanErrors;
 use crate::path::Kinematics;
 use crate::removal::model::Model;
-use crate::requirements::{Purpose, incomplete, is_measured_with};
+use crate::requirements::{Purpose, incomplete_files, is_same_correction};
 use crate::store::{Store, calibration_hash};
 use std::path::{Path, PathBuf};
 
@@ -40,7 +40,7 @@ pub struct CellFiles {
 }
 
 /// A calibration and the text from which it was read.
-pub struct Calibrated<T> {
+pub struct LoadedCalibration<T> {
     /// The value.
     pub value: T,
     /// Its error at the panel, mm, 95 %, if the file states it.
@@ -73,7 +73,7 @@ impl CellFiles {
         let store = common.store.clone().unwrap_or_else(|| cell.store().to_owned());
         let files = CellFiles { file: common.cell.clone(), cell, correction_text: None, store };
         let Some((text, numbers)) = files.correction_now()? else { return Ok(files) };
-        Ok(CellFiles { cell: files.cell.corrected(numbers), correction_text: Some(text), ..files })
+        Ok(CellFiles { cell: files.cell.with_arm_correction(numbers), correction_text: Some(text), ..files })
     }
 
     /// Reads the present content of the arm's correction file, with its text.
@@ -117,7 +117,7 @@ impl CellFiles {
         if self.cell.arm().correction().is_none() {
             return Ok(reported.base_from_flange);
         }
-        let joints = reported.joints.as_ref().ok_or_else(|| Fault::file(file, NO_AXES))?;
+        let joints = reported.joints.as_ref().ok_or_else(|| Fault::file_fault(file, NO_AXES))?;
         let arm = Kinematics::new(self.cell.arm());
         Ok(KukaPose::from_rigid(&arm.true_flange(reported.base_from_flange.to_rigid(), joints)))
     }
@@ -170,8 +170,8 @@ impl CellFiles {
     }
 
     /// The last touch check of this tool's calibration; `None` if it was not touched, or there is no store yet.
-    pub fn last_touch(&self, tool_text: &str) -> Option<Verification> {
-        last_touch(&self.store().ok()?, &self.hash_with_arm(&[tool_text]))
+    pub fn last_touch_check(&self, tool_text: &str) -> Option<Verification> {
+        last_touch_check(&self.store().ok()?, &self.hash_with_arm(&[tool_text]))
     }
 
     /// Refuses a cell's file that does not state what this purpose needs, or names a file that is missing or not
@@ -180,21 +180,21 @@ impl CellFiles {
     /// # Errors
     /// All that is missing, each with its key.
     pub fn require(&self, purpose: Purpose) -> Result<(), Fault> {
-        let unmet = incomplete(&self.cell, purpose, &disk::read_named);
+        let unmet = incomplete_files(&self.cell, purpose, &disk::read_referenced);
         if unmet.is_empty() {
             return Ok(());
         }
         Err(Fault::Unmet { cell: self.file.clone(), purpose, unmet })
     }
 
-    fn away(&self, key: &'static str, file: &Path) -> Fault {
+    fn missing_file_fault(&self, key: &'static str, file: &Path) -> Fault {
         CalibrationFault::CalibrationAway { cell: self.file.clone(), key, file: file.to_owned() }.into()
     }
 
     fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), Fault> {
         let file = file.ok_or_else(|| CalibrationFault::NotCalibrated { cell: self.file.clone(), key })?;
         if !file.exists() {
-            return Err(self.away(key, file));
+            return Err(self.missing_file_fault(key, file));
         }
         Ok((name(file), disk::read_text(file)?))
     }
@@ -204,16 +204,20 @@ impl CellFiles {
         Ok((Intrinsics::check(&name, &text)?, text))
     }
 
-    fn intrinsics(&self, key: &'static str, file: Option<&PathBuf>) -> Result<Calibrated<PinholeCamera>, Fault> {
+    fn intrinsics(
+        &self,
+        key: &'static str,
+        file: Option<&PathBuf>,
+    ) -> Result<LoadedCalibration<PinholeCamera>, Fault> {
         let (Intrinsics { camera, extent, errors, .. }, text) = self.lens(key, file)?;
         let scan_errors = ScanErrors::from_measured(errors.as_ref());
-        Ok(Calibrated { value: camera, uncertainty_mm: None, extent, scan_errors, text })
+        Ok(LoadedCalibration { value: camera, uncertainty_mm: None, extent, scan_errors, text })
     }
 
     /// Checks that a mount's robot poses were corrected with the same correction as this cell's.
-    fn measured_with_this_arm<M: Mount>(&self, name: &str, mount: &MountedPose<M>) -> Result<(), Fault> {
+    fn check_arm_correction<M: Mount>(&self, name: &str, mount: &MountedPose<M>) -> Result<(), Fault> {
         let ours = self.correction_hash();
-        if is_measured_with(mount, ours.as_deref()) {
+        if is_same_correction(mount, ours.as_deref()) {
             return Ok(());
         }
         let found = mount.robot_correction.clone();
@@ -221,23 +225,23 @@ impl CellFiles {
     }
 
     /// Reads a mount that was measured with this arm's correction; returns it with its file's name and text.
-    fn mounted<M: Mount>(&self, file: Option<&PathBuf>) -> Result<(String, MountedPose<M>, String), Fault> {
+    fn load_mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<(String, MountedPose<M>, String), Fault> {
         let (name, text) = self.text(M::TABLE, file)?;
         let mount = MountedPose::<M>::check(&name, &text)?;
-        self.measured_with_this_arm(&name, &mount)?;
+        self.check_arm_correction(&name, &mount)?;
         Ok((name, mount, text))
     }
 
-    fn mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<Calibrated<Rigid<M::To, M::From>>, Fault> {
-        let (_, mount, text) = self.mounted::<M>(file)?;
-        Ok(calibrated(&mount, text))
+    fn mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<LoadedCalibration<Rigid<M::To, M::From>>, Fault> {
+        let (_, mount, text) = self.load_mount::<M>(file)?;
+        Ok(load_calibration(&mount, text))
     }
 
     /// The intrinsics of the fixed 3D camera.
     ///
     /// # Errors
     /// If the cell names no such file, or it has problems; likewise for the other calibrations.
-    pub fn scanner(&self) -> Result<Calibrated<PinholeCamera>, Fault> {
+    pub fn scanner(&self) -> Result<LoadedCalibration<PinholeCamera>, Fault> {
         self.intrinsics("scanner", self.cell.calibration().scanner.as_ref())
     }
 
@@ -253,7 +257,7 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
-    pub fn flange_camera(&self) -> Result<Calibrated<PinholeCamera>, Fault> {
+    pub fn flange_camera(&self) -> Result<LoadedCalibration<PinholeCamera>, Fault> {
         self.intrinsics("flange_camera", self.cell.calibration().flange_camera.as_ref())
     }
 
@@ -261,7 +265,7 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
-    pub fn base_from_camera(&self) -> Result<Calibrated<Rigid<Base, Camera>>, Fault> {
+    pub fn base_from_camera(&self) -> Result<LoadedCalibration<Rigid<Base, Camera>>, Fault> {
         self.mount::<ScannerMount>(self.cell.calibration().base_from_camera.as_ref())
     }
 
@@ -269,7 +273,7 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
-    pub fn flange_from_camera(&self) -> Result<Calibrated<Rigid<Flange, FlangeCamera>>, Fault> {
+    pub fn flange_from_camera(&self) -> Result<LoadedCalibration<Rigid<Flange, FlangeCamera>>, Fault> {
         self.mount::<FlangeCameraMount>(self.cell.calibration().flange_from_camera.as_ref())
     }
 
@@ -277,7 +281,7 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
-    pub fn tool_tip(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
+    pub fn tool_tip(&self) -> Result<LoadedCalibration<Rigid<Flange, Tool>>, Fault> {
         self.mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())
     }
 
@@ -286,7 +290,7 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::scanner`].
-    pub fn mounted_on_the_flange(&self) -> Result<Vec<Mounted>, Fault> {
+    pub fn flange_devices(&self) -> Result<Vec<Mounted>, Fault> {
         let calibration = self.cell.calibration();
         let is_made = |file: &Option<PathBuf>| file.as_ref().is_some_and(|file| file.exists());
         let mut mounted = Vec::new();
@@ -295,7 +299,7 @@ impl CellFiles {
             mounted.push(Mounted { name: "the sanding tool", flange_from_tip });
         }
         if is_made(&calibration.flange_from_camera) {
-            let camera = Rigid::claim(*self.flange_from_camera()?.value.isometry());
+            let camera = Rigid::from_isometry_unchecked(*self.flange_from_camera()?.value.isometry());
             mounted.push(Mounted { name: "the flange camera", flange_from_tip: camera });
         }
         Ok(mounted)
@@ -315,23 +319,30 @@ impl CellFiles {
     ///
     /// # Errors
     /// As [`CellFiles::scanner`]; also if the file does not state that the tool's axis was measured.
-    pub fn flange_from_tool(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
-        let (file, mounted, text) = self.mounted::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())?;
+    pub fn flange_from_tool(&self) -> Result<LoadedCalibration<Rigid<Flange, Tool>>, Fault> {
+        let (file, mounted, text) =
+            self.load_mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())?;
         match mounted.axis_measured {
-            Some(true) => Ok(calibrated(&mounted, text)),
+            Some(true) => Ok(load_calibration(&mounted, text)),
             _ => Err(CalibrationFault::NoAxis { file }.into()),
         }
     }
 }
 
-fn calibrated<M: Mount>(mount: &MountedPose<M>, text: String) -> Calibrated<Rigid<M::To, M::From>> {
+fn load_calibration<M: Mount>(mount: &MountedPose<M>, text: String) -> LoadedCalibration<Rigid<M::To, M::From>> {
     let (value, uncertainty_mm) = (mount.rigid(), mount.uncertainty_mm);
-    Calibrated { value, uncertainty_mm, extent: LensExtent::default(), scan_errors: ScanErrors::default(), text }
+    LoadedCalibration {
+        value,
+        uncertainty_mm,
+        extent: LensExtent::default(),
+        scan_errors: ScanErrors::default(),
+        text,
+    }
 }
 
 /// The last touch check of this tool's calibration in a store; `None` if it was not touched, or that touch was
 /// struck out.
-pub fn last_touch(store: &Store, hash: &str) -> Option<Verification> {
-    let last = store.last_verification("tool").ok()??;
+pub fn last_touch_check(store: &Store, hash: &str) -> Option<Verification> {
+    let last = store.newest_verification("tool").ok()??;
     last.counts_for(hash).then_some(last)
 }

@@ -8,7 +8,7 @@ use crate::files;
 use crate::geometry::{Base, Camera, ColorPicture, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid};
 use crate::panel::panel_from_base_at_teaching;
 use crate::recipe::Recipe;
-use crate::requirements::recipe_fits::plausible;
+use crate::requirements::recipe_fits::parse_plausible_recipe;
 use std::path::{Path, PathBuf};
 
 /// Reads and checks a recipe.
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// If it cannot be read or has problems.
 pub fn recipe(file: &Path) -> Result<Recipe, Fault> {
-    Ok(plausible(&name(file), &disk::read_text(file)?)?)
+    Ok(parse_plausible_recipe(&name(file), &disk::read_text(file)?)?)
 }
 
 /// Reads an organised scan and checks it against the camera's calibration.
@@ -25,7 +25,7 @@ pub fn recipe(file: &Path) -> Result<Recipe, Fault> {
 /// If the file is not an organised scan, or its size differs from the calibration.
 pub fn scan(file: &Path, camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, Fault> {
     let bytes = disk::read(file)?;
-    files::read_cloud(&bytes, camera).map_err(|error| Fault::file(file, error))
+    files::read_cloud(&bytes, camera).map_err(|error| Fault::file_fault(file, error))
 }
 
 /// Reads a picture of a clip and checks it against the camera's calibration.
@@ -33,7 +33,7 @@ pub fn scan(file: &Path, camera: &PinholeCamera) -> Result<OrganizedCloud<Camera
 /// # Errors
 /// If the file is not a picture, or its size differs from the calibration.
 pub fn picture(file: &Path, camera: &PinholeCamera) -> Result<ColorPicture, Fault> {
-    files::read_color_of(&disk::read(file)?, camera).map_err(|error| Fault::file(file, error))
+    files::read_color_of(&disk::read(file)?, camera).map_err(|error| Fault::file_fault(file, error))
 }
 
 /// Reads the pose of the panel; without a file, this is its nominal pose.
@@ -42,7 +42,7 @@ pub fn picture(file: &Path, camera: &PinholeCamera) -> Result<ColorPicture, Faul
 /// If the file holds no pose, or a rejected one.
 pub fn located(file: Option<&PathBuf>) -> Result<Rigid<Base, Panel>, Fault> {
     let Some(file) = file else { return Ok(panel_from_base_at_teaching().inverse()) };
-    let pose = files::read_located(&disk::read(file)?).map_err(|error| Fault::file(file, error))?;
+    let pose = files::read_located(&disk::read(file)?).map_err(|error| Fault::file_fault(file, error))?;
     Ok(pose.to_rigid())
 }
 
@@ -51,7 +51,7 @@ pub fn located(file: Option<&PathBuf>) -> Result<Rigid<Base, Panel>, Fault> {
 /// # Errors
 /// As [`located`].
 pub fn located_mm(file: &Path) -> Result<Option<f64>, Fault> {
-    files::read_located_mm(&disk::read(file)?).map_err(|error| Fault::file(file, error))
+    files::read_located_mm(&disk::read(file)?).map_err(|error| Fault::file_fault(file, error))
 }
 
 /// A corner picture with the flange's pose at that picture.
@@ -71,7 +71,8 @@ pub struct CornerShot {
 /// # Errors
 /// If it holds no pose, or it holds no axes although the arm has a correction.
 pub fn flange_file(cell_files: &CellFiles, file: &Path) -> Result<KukaPose, Fault> {
-    let reported = files::read_reported_flange(&disk::read(file)?).map_err(|error| Fault::file(file, error))?;
+    let reported =
+        files::read_reported_flange(&disk::read(file)?).map_err(|error| Fault::file_fault(file, error))?;
     cell_files.true_flange(file, &reported)
 }
 
@@ -90,7 +91,7 @@ pub fn corner_shots(
     }
     let read = |(file, flange): (&PathBuf, &PathBuf)| {
         let bytes = disk::read(file)?;
-        let picture = files::read_measured(&bytes, camera).map_err(|error| Fault::file(file, error))?;
+        let picture = files::read_measured(&bytes, camera).map_err(|error| Fault::file_fault(file, error))?;
         let base_from_flange = flange_file(cell_files, flange)?;
         Ok(CornerShot { file: file.clone(), bytes, picture, base_from_flange })
     };

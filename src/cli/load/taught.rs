@@ -8,11 +8,11 @@ use crate::locate::ScanErrors;
 use crate::panel::{TaughtCorner, TaughtPanel};
 use crate::recipe::Recipe;
 use crate::stages::learn;
-use crate::store::{Taught as KeptTeaching, Teaching};
+use crate::store::{StoredTeaching as KeptTeaching, TeachingInputs};
 use std::path::Path;
 
 /// The taught data of a panel, derived again from the data in the store.
-pub struct Taught {
+pub struct LoadedPanel {
     /// The panel.
     pub panel: TaughtPanel,
     /// The panel's corners, in the order of teaching.
@@ -25,7 +25,7 @@ pub struct Taught {
 ///
 /// # Errors
 /// If the panel was not taught, its files are damaged, or the recipe's `[region]` or `[nominal]` differs from the taught one.
-pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<Taught, Fault> {
+pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<LoadedPanel, Fault> {
     let (kept, taught_recipe) = teaching_of(files, recipe_file, recipe)?;
     let now = files.scanner_lens()?;
     derive(&kept.teaching, (&taught_recipe, &now), kept.version, &|index| format!("taught corner {}", index + 1))
@@ -58,7 +58,7 @@ pub fn teaching_of(
 
 /// Returns the errors of the camera at teaching. If they were not known then, these are the errors of the same
 /// camera that are known now.
-fn scan_errors_of_teaching(then: &Intrinsics, now: &Intrinsics) -> ScanErrors {
+fn teaching_scan_errors(then: &Intrinsics, now: &Intrinsics) -> ScanErrors {
     let is_same = then.serial == now.serial && then.camera == now.camera;
     ScanErrors::from_measured(then.errors.as_ref().or_else(|| now.errors.as_ref().filter(|_| is_same)))
 }
@@ -69,19 +69,19 @@ fn scan_errors_of_teaching(then: &Intrinsics, now: &Intrinsics) -> ScanErrors {
 /// # Errors
 /// If the scan shows no panel under the region, or pictures show no corner: all of these are named.
 pub fn derive(
-    teaching: &Teaching,
+    teaching: &TeachingInputs,
     (recipe, now): (&Recipe, &Intrinsics),
     version: String,
     name: &dyn Fn(usize) -> String,
-) -> Result<Taught, Fault> {
+) -> Result<LoadedPanel, Fault> {
     let kept = "the taught calibration";
     let lens = Intrinsics::check(kept, &teaching.scanner_calibration_text)?;
-    let errors = scan_errors_of_teaching(&lens, now);
+    let errors = teaching_scan_errors(&lens, now);
     let camera = lens.camera;
     let base_from_camera = MountedPose::<ScannerMount>::check(kept, &teaching.base_from_camera_text)?.rigid();
     let cloud = files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?;
     // A drawing's rays have none of the camera's errors.
-    let cloud = if recipe.nominal().is_some() { cloud } else { errors.corrected(cloud) };
+    let cloud = if recipe.nominal().is_some() { cloud } else { errors.correct_scan(cloud) };
     let panel = TaughtPanel::learn(&cloud, camera, base_from_camera, recipe).map_err(Fault::stage)?;
     let mut corners = Vec::with_capacity(teaching.corners.len());
     let mut problems = Vec::new();
@@ -100,5 +100,5 @@ pub fn derive(
     if !problems.is_empty() {
         return Err(TeachingFault::Corners(problems).into());
     }
-    Ok(Taught { panel, corners, version })
+    Ok(LoadedPanel { panel, corners, version })
 }

@@ -8,26 +8,26 @@ use super::super::args::{Common, FlangeCameraKind, NewCell, RobotKindName, Scann
 use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
-use super::super::output::tell_line;
-use super::connected::{self, Found};
-use super::questions::{Asker, BoxMm, Question, Refusal, any};
-use super::recipe::parsed;
-use super::setting::{joined, refusal, set};
+use super::super::output::write_progress;
+use super::connected::{self, FoundDevices};
+use super::questions::{Asker, BoxMm, Question, Refusal, accept_any};
+use super::recipe::parse_document;
+use super::setting::{format_numbers, refusal, set};
 use crate::cell::Cell;
 use crate::config::Problems;
-use crate::requirements::{Purpose, problems_of, unmet};
+use crate::requirements::{Purpose, to_problems, unmet_requirements};
 use crate::verdict::{Judgement, Verdict};
 use clap::ValueEnum;
 use serde_json::json;
 use toml_edit::Array;
 
 const SIMULATED: &str = include_str!("../../../config/cell.toml");
-const REAL: &str = include_str!("../../../config/cell-example.toml");
+const REAL_CELL_TEMPLATE: &str = include_str!("../../../config/cell-example.toml");
 /// The paths at which the service of an installed package has its store and its socket.
 const SERVICE_STORE: &str = "/var/lib/panelprep";
 const SERVICE_SOCKET: &str = "/run/panelprep/panelprep.sock";
 /// Tables of a real cell with numbers of its own.
-const OF_THE_CELL: [&str; 5] = ["poses.park", "io.outputs", "io.off_after_s", "io.feedbacks", "limits"];
+const CELL_SPECIFIC_TABLES: [&str; 5] = ["poses.park", "io.outputs", "io.off_after_s", "io.feedbacks", "limits"];
 /// The tables of a real cell that are optional.
 const OPTIONAL: [&str; 7] = [
     "poses.ready",
@@ -39,14 +39,16 @@ const OPTIONAL: [&str; 7] = [
     "keep_out",
 ];
 /// A key with a number that only a person can state.
-const STATED: &str = "tool_error_mm";
+const STATED_NUMBER_KEY: &str = "tool_error_mm";
 
 /// Returns the problems that `panelprep check` finds in the text of a cell's file; the files that it names may be
 /// missing.
 fn problems(name: &str, text: &str) -> Problems {
     match Cell::check(name, text) {
         Err(problems) => problems,
-        Ok(cell) => Problems { file: name.to_owned(), list: problems_of(text, unmet(&cell, Purpose::Cycle)) },
+        Ok(cell) => {
+            Problems { file: name.to_owned(), list: to_problems(text, unmet_requirements(&cell, Purpose::Cycle)) }
+        }
     }
 }
 
@@ -84,9 +86,9 @@ const NETWORKS: &str = "/etc/systemd/system/panelprep.service.d/network.conf";
 /// Asks the questions and writes the cell's file.
 pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     if args.out.symlink_metadata().is_ok() {
-        return Err(Fault::IsThere { file: args.out.clone() });
+        return Err(Fault::AlreadyExists { file: args.out.clone() });
     }
-    let answers = Answers::ask(args, common, &mut Asker::on_terminal(args.yes))?;
+    let answers = Answers::ask_questions(args, common, &mut Asker::for_terminal(args.yes))?;
     let name = args.out.display().to_string();
     let text = text(&name, &answers)?;
     let problems = problems(&name, &text);
@@ -95,13 +97,13 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     }
     disk::write_new(&args.out, &text)?;
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-    outcome.words = vec![
+    outcome.lines = vec![
         format!("written: {name}; `panelprep check {name}` accepts it"),
         format!(
             "next, make the files that the cell's file names: `panelprep check --for cycle {name}` lists these files"
         ),
     ];
-    let to_check: &[&str] = if answers.robot == RobotKindName::Eki { &OF_THE_CELL } else { &[] };
+    let to_check: &[&str] = if answers.robot == RobotKindName::Eki { &CELL_SPECIFIC_TABLES } else { &[] };
     if !to_check.is_empty() {
         let tables = to_check.join(", ");
         outcome.add_line(format!(
@@ -115,14 +117,18 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
             "the service can reach only the networks in {NETWORKS}: see the page network of the manual"
         ));
     }
-    outcome.put("file", json!(args.out));
-    outcome.put("to_check", json!(to_check));
+    outcome.add_value("file", json!(args.out));
+    outcome.add_value("to_check", json!(to_check));
     Ok(outcome)
 }
 
 /// Refuses options of one kind if another kind was chosen: a person would believe that the unused value was written to
 /// the file.
-fn none_of(others: &'static str, chosen: &str, given: &[(&'static str, &Option<String>)]) -> Result<(), Fault> {
+fn refuse_options(
+    others: &'static str,
+    chosen: &str,
+    given: &[(&'static str, &Option<String>)],
+) -> Result<(), Fault> {
     let of_another = given.iter().find_map(|(option, value)| Some((*option, value.as_ref()?)));
     of_another.map_or(Ok(()), |(option, found)| {
         let problem = format!(
@@ -133,18 +139,18 @@ fn none_of(others: &'static str, chosen: &str, given: &[(&'static str, &Option<S
 }
 
 /// Reports the search and returns what was found; empty if there was no search.
-fn looked(args: &NewCell, look: impl FnOnce() -> Found) -> Vec<String> {
+fn report_search(args: &NewCell, look: impl FnOnce() -> FoundDevices) -> Vec<String> {
     if args.no_search {
         return vec![];
     }
-    let Found { serials, words } = look();
-    tell_line(&words);
+    let FoundDevices { serials, description: words } = look();
+    write_progress(&words);
     serials
 }
 
 impl Answers {
     /// Returns the proposed answers: a cell that needs no device.
-    fn proposed() -> Self {
+    fn proposed_answers() -> Self {
         Answers {
             scanner: ScannerKind::Simulated,
             scanner_serial: None,
@@ -157,9 +163,9 @@ impl Answers {
         }
     }
 
-    fn ask(args: &NewCell, common: &Common, asker: &mut Asker<'_>) -> Result<Self, Fault> {
+    fn ask_questions(args: &NewCell, common: &Common, asker: &mut Asker<'_>) -> Result<Self, Fault> {
         // The robot is asked first, because it determines which cameras may be simulated.
-        let answers = robot(args, asker, Answers::proposed())?;
+        let answers = robot(args, asker, Answers::proposed_answers())?;
         let answers = scanner(args, asker, answers)?;
         let mut answers = flange_camera(args, asker, answers)?;
         let is_real = answers.robot == RobotKindName::Eki;
@@ -169,26 +175,30 @@ impl Answers {
         let given = common.store.as_ref().map(|folder| folder.display().to_string());
         let question = Question::new("the store's folder", "--store", given.as_deref());
         let proposal = if is_real { SERVICE_STORE } else { "store" };
-        answers.store = asker.words(&question.proposing(proposal), |store| {
-            Answers { store: store.clone(), ..answers.clone() }.accepted("store")
+        answers.store = asker.ask_text(&question.with_proposal(proposal), |store| {
+            Answers { store: store.clone(), ..answers.clone() }.check_file("store")
         })?;
         Ok(answers)
     }
 
     /// Checks the file that results from these answers: there must be no problem at keys that begin with `keys`.
-    fn accepted(&self, keys: &str) -> Refusal {
+    fn check_file(&self, keys: &str) -> Refusal {
         let text = text("", self).map_err(|fault| fault.to_string())?;
         refusal(problems("", &text).list, keys)
     }
 
     /// Whether the robot's controller is another machine; in this case no camera may be simulated.
-    fn is_robot_elsewhere(&self) -> bool {
-        Answers { scanner: ScannerKind::Simulated, ..self.clone() }.accepted("scanner.kind").is_err()
+    fn is_robot_remote(&self) -> bool {
+        Answers { scanner: ScannerKind::Simulated, ..self.clone() }.check_file("scanner.kind").is_err()
     }
 }
 
 /// Refuses the value of an option.
-fn given<T: ValueEnum>(option: &'static str, value: T, check: impl Fn(&T) -> Refusal) -> Result<T, Fault> {
+fn refuse_option_value<T: ValueEnum>(
+    option: &'static str,
+    value: T,
+    check: impl Fn(&T) -> Refusal,
+) -> Result<T, Fault> {
     let Err(problem) = check(&value) else { return Ok(value) };
     let found = value.to_possible_value().map_or(String::new(), |word| word.get_name().to_owned());
     Err(Fault::BadAnswer { option, found, problem })
@@ -196,24 +206,24 @@ fn given<T: ValueEnum>(option: &'static str, value: T, check: impl Fn(&T) -> Ref
 
 fn scanner(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Result<Answers, Fault> {
     let found = match (args.scanner, &args.scanner_serial) {
-        (None | Some(ScannerKind::Zivid), None) => looked(args, connected::zivid_camera),
+        (None | Some(ScannerKind::Zivid), None) => report_search(args, connected::zivid_camera),
         _ => vec![],
     };
-    let is_none = found.is_empty() && args.scanner_serial.is_none() && !answers.is_robot_elsewhere();
+    let is_none = found.is_empty() && args.scanner_serial.is_none() && !answers.is_robot_remote();
     let proposal = if is_none { "simulated" } else { "zivid" };
     let kinds = [("simulated", ScannerKind::Simulated), ("zivid", ScannerKind::Zivid)];
-    let check = |scanner: &ScannerKind| Answers { scanner: *scanner, ..answers.clone() }.accepted("scanner.kind");
+    let check = |scanner: &ScannerKind| Answers { scanner: *scanner, ..answers.clone() }.check_file("scanner.kind");
     let scanner = match args.scanner {
-        Some(kind) => given("--scanner", kind, check)?,
+        Some(kind) => refuse_option_value("--scanner", kind, check)?,
         None => {
             let question = Question::new("the fixed 3D camera: simulated or zivid", "--scanner", None);
-            asker.one_of(&question.proposing(proposal), &kinds, check)?
+            asker.ask_choice(&question.with_proposal(proposal), &kinds, check)?
         }
     };
     let scanner_serial = match (scanner, &args.scanner_serial) {
         (ScannerKind::Simulated, _) => {
             let given = [("--scanner-serial", &args.scanner_serial)];
-            none_of("--scanner zivid", "--scanner simulated", &given)?;
+            refuse_options("--scanner zivid", "--scanner simulated", &given)?;
             None
         }
         (ScannerKind::Zivid, given @ Some(_)) => given.clone(),
@@ -228,19 +238,19 @@ fn flange_camera(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Res
     let found = match args.flange_camera {
         Some(FlangeCameraKind::Simulated) => vec![],
         _ if is_named => vec![],
-        _ => looked(args, connected::gige_cameras),
+        _ => report_search(args, connected::gige_cameras),
     };
-    let is_none = found.is_empty() && !is_named && !answers.is_robot_elsewhere();
+    let is_none = found.is_empty() && !is_named && !answers.is_robot_remote();
     let proposal = if is_none { "simulated" } else { "gige" };
     let kinds = [("simulated", FlangeCameraKind::Simulated), ("gige", FlangeCameraKind::Gige)];
     let check = |flange_camera: &FlangeCameraKind| {
-        Answers { flange_camera: *flange_camera, ..answers.clone() }.accepted("flange_camera.kind")
+        Answers { flange_camera: *flange_camera, ..answers.clone() }.check_file("flange_camera.kind")
     };
     let flange_camera = match args.flange_camera {
-        Some(kind) => given("--flange-camera", kind, check)?,
+        Some(kind) => refuse_option_value("--flange-camera", kind, check)?,
         None => {
             let question = Question::new("the camera on the flange: simulated or gige", "--flange-camera", None);
-            asker.one_of(&question.proposing(proposal), &kinds, check)?
+            asker.ask_choice(&question.with_proposal(proposal), &kinds, check)?
         }
     };
     let answers = Answers { flange_camera, ..answers };
@@ -250,7 +260,7 @@ fn flange_camera(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Res
                 ("--flange-camera-serial", &args.flange_camera_serial),
                 ("--flange-camera-address", &args.flange_camera_address),
             ];
-            none_of("--flange-camera gige", "--flange-camera simulated", &given)?;
+            refuse_options("--flange-camera gige", "--flange-camera simulated", &given)?;
             None
         }
         FlangeCameraKind::Gige => {
@@ -266,11 +276,11 @@ fn flange_camera(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Res
                 }
             };
             let question = match found.first() {
-                Some(serial) => question.proposing(serial.clone()),
+                Some(serial) => question.with_proposal(serial.clone()),
                 None => question,
             };
-            let by = asker.words(&question, |by| {
-                Answers { flange_camera_by: Some((key, by.clone())), ..answers.clone() }.accepted("flange_camera")
+            let by = asker.ask_text(&question, |by| {
+                Answers { flange_camera_by: Some((key, by.clone())), ..answers.clone() }.check_file("flange_camera")
             })?;
             Some((key, by))
         }
@@ -291,19 +301,19 @@ fn robot(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Result<Answ
         None => {
             let words = "the robot's controller: mock (inside this program) or eki (a KUKA controller)";
             let proposal = if of_eki.iter().any(|(_, value)| value.is_some()) { "eki" } else { "mock" };
-            asker.one_of(&Question::new(words, "--robot", None).proposing(proposal), &kinds, any)?
+            asker.ask_choice(&Question::new(words, "--robot", None).with_proposal(proposal), &kinds, accept_any)?
         }
     };
     if robot == RobotKindName::Mock {
-        none_of("--robot eki", "--robot mock", &of_eki)?;
+        refuse_options("--robot eki", "--robot mock", &of_eki)?;
         return Ok(answers);
     }
     let answers = Answers { robot, motion: Some(MOTION), ..answers };
     let question = Question::new("the controller's address on its KLI network", "--host", args.host.as_deref());
-    let host =
-        asker.words(&question, |host| Answers { host: Some(host.clone()), ..answers.clone() }.accepted("robot"))?;
+    let host = asker
+        .ask_text(&question, |host| Answers { host: Some(host.clone()), ..answers.clone() }.check_file("robot"))?;
     if !args.no_search {
-        tell_line(&connected::controller(&host, STATE_PORT));
+        write_progress(&connected::controller(&host, STATE_PORT));
     }
     Ok(Answers { host: Some(host), ..answers })
 }
@@ -312,23 +322,24 @@ fn motion(args: &NewCell, asker: &mut Asker<'_>, answers: &Answers) -> Result<Mo
     let words =
         "axis angles at which the arm is clear of the panel and of both cameras' view, degrees: a1,a2,a3,a4,a5,a6";
     let question = Question::new(words, "--park-deg", args.park_deg.as_deref());
-    let park_deg = asker.numbers(&question.proposing(joined(&MOTION.park_deg)), |park_deg: &[f64; 6]| {
-        if park_deg.iter().all(|angle| *angle == 0.0) {
-            return Err("all axes at 0 is not a park pose: state angles at which the arm is clear".to_owned());
-        }
-        let motion = Motion { park_deg: *park_deg, ..MOTION };
-        Answers { motion: Some(motion), ..answers.clone() }.accepted("poses")
-    })?;
-    let [least, greatest] = MOTION.box_mm.map(|corner| joined(&corner));
+    let park_deg =
+        asker.numbers(&question.with_proposal(format_numbers(&MOTION.park_deg)), |park_deg: &[f64; 6]| {
+            if park_deg.iter().all(|angle| *angle == 0.0) {
+                return Err("all axes at 0 is not a park pose: state angles at which the arm is clear".to_owned());
+            }
+            let motion = Motion { park_deg: *park_deg, ..MOTION };
+            Answers { motion: Some(motion), ..answers.clone() }.check_file("poses")
+        })?;
+    let [least, greatest] = MOTION.box_mm.map(|corner| format_numbers(&corner));
     let words = "minimum corner of the box in which the tool's tip must stay, mm in the robot's base: x,y,z";
     let corners = [
-        Question::new(words, "--box-min-mm", args.box_min_mm.as_deref()).proposing(least),
+        Question::new(words, "--box-min-mm", args.box_min_mm.as_deref()).with_proposal(least),
         Question::new("maximum corner of this box: x,y,z", "--box-max-mm", args.box_max_mm.as_deref())
-            .proposing(greatest),
+            .with_proposal(greatest),
     ];
     let box_mm = asker.box_mm(corners, |box_mm| {
         let motion = Motion { park_deg, box_mm: *box_mm };
-        Answers { motion: Some(motion), ..answers.clone() }.accepted("limits")
+        Answers { motion: Some(motion), ..answers.clone() }.check_file("limits")
     })?;
     Ok(Motion { park_deg, box_mm })
 }
@@ -344,7 +355,7 @@ struct Block<'t> {
 }
 
 /// Divides a file into its tables.
-fn blocks(text: &str) -> Vec<Block<'_>> {
+fn split_tables(text: &str) -> Vec<Block<'_>> {
     let starts = text.match_indices('\n').map(|(at, _)| at + 1).filter(|at| text[*at..].starts_with('['));
     let mut cuts: Vec<usize> = std::iter::once(0).chain(starts).collect();
     cuts.push(text.len());
@@ -358,7 +369,7 @@ fn blocks(text: &str) -> Vec<Block<'_>> {
 }
 
 fn block<'t>(text: &'t str, name: &str) -> &'t str {
-    blocks(text).into_iter().find(|block| block.name == name).map_or("", |block| block.text)
+    split_tables(text).into_iter().find(|block| block.name == name).map_or("", |block| block.text)
 }
 
 /// The lines of a table as comments.
@@ -372,38 +383,39 @@ fn as_comments(text: &str) -> String {
 
 /// A table with numbers that must be checked against the cell.
 fn to_check(text: &str) -> String {
-    let line = |line: &str| match line.starts_with(STATED) {
+    let line = |line: &str| match line.starts_with(STATED_NUMBER_KEY) {
         true => format!("# {line}\n"),
         false => format!("{line}\n"),
     };
     let lines: String = text.lines().map(line).collect();
-    format!("{TO_CHECK}\n{lines}")
+    format!("{CHECK_COMMENT}\n{lines}")
 }
 
 /// The comment that is written before each table with numbers to check.
-const TO_CHECK: &str = "# TO CHECK before anything moves: numbers in this table that you did not state are from the sample, not \
+const CHECK_COMMENT: &str = "# TO CHECK before anything moves: numbers in this table that you did not state are from the sample, not \
      from your cell.";
 
 /// The file's text.
 fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
     let is_real = answers.robot == RobotKindName::Eki;
-    let scanner = if answers.scanner == ScannerKind::Zivid { REAL } else { SIMULATED };
-    let flange_camera = if answers.flange_camera == FlangeCameraKind::Gige { REAL } else { SIMULATED };
-    let base = if is_real { REAL } else { SIMULATED };
+    let scanner = if answers.scanner == ScannerKind::Zivid { REAL_CELL_TEMPLATE } else { SIMULATED };
+    let flange_camera =
+        if answers.flange_camera == FlangeCameraKind::Gige { REAL_CELL_TEMPLATE } else { SIMULATED };
+    let base = if is_real { REAL_CELL_TEMPLATE } else { SIMULATED };
     let mut text = head(answers);
-    for Block { name, text: own } in blocks(base) {
+    for Block { name, text: own } in split_tables(base) {
         let own = match name {
             "" => String::new(),
             "scanner" => block(scanner, name).to_owned(),
             "flange_camera" => block(flange_camera, name).to_owned(),
-            "calibration" => block(REAL, name).to_owned(),
+            "calibration" => block(REAL_CELL_TEMPLATE, name).to_owned(),
             name if is_real && OPTIONAL.contains(&name) => as_comments(own),
-            name if is_real && OF_THE_CELL.contains(&name) => to_check(own),
+            name if is_real && CELL_SPECIFIC_TABLES.contains(&name) => to_check(own),
             _ => own.to_owned(),
         };
         text.push_str(&own);
     }
-    let mut cell = parsed(name, &text)?;
+    let mut cell = parse_document(name, &text)?;
     set(&mut cell, "", "store", answers.store.as_str());
     if let Some(scanner) = cell.get_mut("scanner").and_then(toml_edit::Item::as_table_mut) {
         scanner.remove("serial");

@@ -1,48 +1,52 @@
 //! Searches for devices that answer at the cell: cameras and the controller. Nothing is set and nothing is moved.
 
 use super::super::connecting::connected;
-use super::super::zivid::{LIBRARY, ROLE, THIS_PROGRAM};
+use super::super::zivid::{LIBRARY, OWN_EXECUTABLE, ROLE};
 use crate::devices::gige;
-use crate::devices::zivid::{Patience, Restarts, Setup, Size, Source, ZividFault, ZividScanner, launcher};
+use crate::devices::zivid::{
+    AnswerTimeouts, CameraSetup, Restarts, Size, Source, ZividFault, ZividScanner, command_launcher,
+};
 use std::time::Duration;
 
 /// Time limit for the controller's answer.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// The devices of one kind that were found: serial numbers, and a sentence for a person.
-pub(super) struct Found {
+pub(super) struct FoundDevices {
     pub serials: Vec<String>,
-    pub words: String,
+    pub description: String,
 }
 
 /// Finds GigE Vision cameras on all networks of this machine.
-pub(super) fn gige_cameras() -> Found {
+pub(super) fn gige_cameras() -> FoundDevices {
     match gige::search() {
-        Ok(cameras) if cameras.is_empty() => Found {
+        Ok(cameras) if cameras.is_empty() => FoundDevices {
             serials: vec![],
-            words: "no GigE Vision camera answers on the networks of this machine".to_owned(),
+            description: "no GigE Vision camera answers on the networks of this machine".to_owned(),
         },
         Ok(cameras) => {
             let each: Vec<String> =
                 cameras.iter().map(|camera| format!("serial {} at {}", camera.serial, camera.address)).collect();
             let words = format!("GigE Vision cameras that answer: {}", each.join("; "));
-            Found { serials: cameras.into_iter().map(|camera| camera.serial).collect(), words }
+            FoundDevices { serials: cameras.into_iter().map(|camera| camera.serial).collect(), description: words }
         }
-        Err(words) => Found { serials: vec![], words },
+        Err(words) => FoundDevices { serials: vec![], description: words },
     }
 }
 
 /// The connected Zivid camera, if it is the only one.
-pub(super) fn zivid_camera() -> Found {
-    match only_zivid() {
-        Ok(serial) => Found { words: format!("a Zivid camera answers: serial {serial}"), serials: vec![serial] },
-        Err(words) => Found { serials: vec![], words: format!("no Zivid camera was found: {words}") },
+pub(super) fn zivid_camera() -> FoundDevices {
+    match single_zivid_serial() {
+        Ok(serial) => {
+            FoundDevices { description: format!("a Zivid camera answers: serial {serial}"), serials: vec![serial] }
+        }
+        Err(words) => FoundDevices { serials: vec![], description: format!("no Zivid camera was found: {words}") },
     }
 }
 
 /// The serial number of the connected camera, if it is the only one; its worker releases it again.
-fn only_zivid() -> Result<String, String> {
-    let setup = Setup {
+fn single_zivid_serial() -> Result<String, String> {
+    let setup = CameraSetup {
         source: Source::Only,
         // No camera has this number: the camera that is found is reported, and nothing is set in it.
         serial: Some(String::new()),
@@ -50,12 +54,12 @@ fn only_zivid() -> Result<String, String> {
         scan_yaml: String::new(),
         picture_yaml: String::new(),
         restarts: Restarts::default(),
-        patience: Patience::default(),
+        timeouts: AnswerTimeouts::default(),
     };
     let arguments = [ROLE.into(), "--library".into(), LIBRARY.into()];
-    let camera = ZividScanner::start(setup, launcher(THIS_PROGRAM.into(), arguments.into()))
+    let camera = ZividScanner::start(setup, command_launcher(OWN_EXECUTABLE.into(), arguments.into()))
         .map_err(|error| error.to_string())?;
-    match camera.ready(Patience::default().start()) {
+    match camera.wait_ready(AnswerTimeouts::default().start()) {
         Err(ZividFault::WrongCamera { found, .. }) => Ok(found),
         Err(fault) => Err(fault.to_string()),
         Ok(()) => Err("the camera reports no serial number".to_owned()),

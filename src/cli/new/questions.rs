@@ -1,42 +1,42 @@
 //! Questions on the terminal: each can be answered by an option instead, and has a proposal if one can be made.
 
 use super::super::fault::Fault;
-use super::super::output::tell_line;
-use crate::number_text::plain;
+use super::super::output::write_progress;
+use crate::number_text::shortest_text;
 use std::io::BufRead;
 use std::ops::RangeInclusive;
 
 /// Asks the questions.
 pub(super) struct Asker<'i> {
     /// Whether proposed answers are accepted without asking.
-    takes_proposals: bool,
+    are_proposals_accepted: bool,
     answers: Box<dyn BufRead + 'i>,
 }
 
 /// A question.
 pub(super) struct Question<'q> {
-    words: &'q str,
+    text: &'q str,
     option: &'static str,
-    given: Option<String>,
+    given_answer: Option<String>,
     proposal: Option<String>,
 }
 
 impl<'q> Question<'q> {
     /// A question with the option that answers it and the value of that option.
     pub fn new(words: &'q str, option: &'static str, given: Option<&str>) -> Self {
-        Question { words, option, given: given.map(str::to_owned), proposal: None }
+        Question { text: words, option, given_answer: given.map(str::to_owned), proposal: None }
     }
 
     /// Adds a proposed answer.
-    pub fn proposing(self, proposal: impl Into<String>) -> Self {
+    pub fn with_proposal(self, proposal: impl Into<String>) -> Self {
         Question { proposal: Some(proposal.into()), ..self }
     }
 }
 
 impl Asker<'static> {
     /// Creates an asker that asks on standard error and reads from standard input.
-    pub fn on_terminal(takes_proposals: bool) -> Self {
-        Asker { takes_proposals, answers: Box::new(std::io::stdin().lock()) }
+    pub fn for_terminal(takes_proposals: bool) -> Self {
+        Asker { are_proposals_accepted: takes_proposals, answers: Box::new(std::io::stdin().lock()) }
     }
 }
 
@@ -45,23 +45,25 @@ impl Asker<'_> {
     fn ask<T>(&mut self, question: &Question<'_>, read: impl Fn(&str) -> Result<T, String>) -> Result<T, Fault> {
         let option = question.option;
         let refused = |found: &str, problem| Fault::BadAnswer { option, found: found.to_owned(), problem };
-        if let Some(given) = &question.given {
+        if let Some(given) = &question.given_answer {
             return read(given).map_err(|problem| refused(given, problem));
         }
         let no_answer = || {
             let is_proposed = question.proposal.is_some();
-            Fault::NoAnswer { question: question.words.to_owned(), option, is_proposed }
+            Fault::NoAnswer { question: question.text.to_owned(), option, is_proposed }
         };
-        if self.takes_proposals {
+        if self.are_proposals_accepted {
             let proposal = question.proposal.as_deref().ok_or_else(no_answer)?;
             return read(proposal).map_err(|problem| refused(proposal, problem));
         }
         let proposed = question.proposal.as_ref().map_or(String::new(), |proposal| format!(" [{proposal}]"));
         loop {
-            tell_line(&format!("{}{proposed}", question.words));
+            write_progress(&format!("{}{proposed}", question.text));
             let mut line = String::new();
-            let count =
-                self.answers.read_line(&mut line).map_err(|error| Fault::file("standard input".as_ref(), error))?;
+            let count = self
+                .answers
+                .read_line(&mut line)
+                .map_err(|error| Fault::file_fault("standard input".as_ref(), error))?;
             if count == 0 {
                 return Err(no_answer());
             }
@@ -71,7 +73,7 @@ impl Asker<'_> {
             };
             match read(answer) {
                 Ok(answer) => return Ok(answer),
-                Err(problem) => tell_line(&format!("\"{answer}\": {problem}")),
+                Err(problem) => write_progress(&format!("\"{answer}\": {problem}")),
             }
         }
     }
@@ -82,18 +84,22 @@ pub(super) type Refusal = Result<(), String>;
 
 impl Asker<'_> {
     /// Asks for any text that `check` accepts.
-    pub fn words(&mut self, question: &Question<'_>, check: impl Fn(&String) -> Refusal) -> Result<String, Fault> {
-        self.ask(question, |answer| checked(words(answer)?, &check))
+    pub fn ask_text(
+        &mut self,
+        question: &Question<'_>,
+        check: impl Fn(&String) -> Refusal,
+    ) -> Result<String, Fault> {
+        self.ask(question, |answer| check_answer(parse_text(answer)?, &check))
     }
 
     /// Asks for one of the allowed values, if `check` accepts it.
-    pub fn one_of<T: Copy>(
+    pub fn ask_choice<T: Copy>(
         &mut self,
         question: &Question<'_>,
         allowed: &[(&str, T)],
         check: impl Fn(&T) -> Refusal,
     ) -> Result<T, Fault> {
-        self.ask(question, |answer| checked(one_of(answer, allowed)?, &check))
+        self.ask(question, |answer| check_answer(parse_choice(answer, allowed)?, &check))
     }
 
     /// Asks for a whole number in this range.
@@ -111,7 +117,7 @@ impl Asker<'_> {
         question: &Question<'_>,
         check: impl Fn(&[f64; N]) -> Refusal,
     ) -> Result<[f64; N], Fault> {
-        self.ask(question, |answer| checked(numbers(answer)?, &check))
+        self.ask(question, |answer| check_answer(numbers(answer)?, &check))
     }
 
     /// Both corners of a box that `check` accepts. The reason for a refusal may be in either corner, so both are
@@ -122,14 +128,15 @@ impl Asker<'_> {
         check: impl Fn(&BoxMm) -> Refusal,
     ) -> Result<BoxMm, Fault> {
         loop {
-            let corners = [self.numbers(&least, any)?, self.numbers(&greatest, any)?];
+            let corners = [self.numbers(&least, accept_any)?, self.numbers(&greatest, accept_any)?];
             let Err(problem) = check(&corners) else { return Ok(corners) };
-            let is_asked = |question: &Question<'_>| question.given.is_none() && !self.takes_proposals;
+            let is_asked =
+                |question: &Question<'_>| question.given_answer.is_none() && !self.are_proposals_accepted;
             if !is_asked(&least) && !is_asked(&greatest) {
-                let found = corners[1].map(plain).join(",");
+                let found = corners[1].map(shortest_text).join(",");
                 return Err(Fault::BadAnswer { option: greatest.option, found, problem });
             }
-            tell_line(&problem);
+            write_progress(&problem);
         }
     }
 }
@@ -138,16 +145,16 @@ impl Asker<'_> {
 pub(super) type BoxMm = [[f64; 3]; 2];
 
 /// Accepts every answer.
-pub(super) fn any<T>(_: &T) -> Refusal {
+pub(super) fn accept_any<T>(_: &T) -> Refusal {
     Ok(())
 }
 
-fn checked<T>(answer: T, check: impl Fn(&T) -> Refusal) -> Result<T, String> {
+fn check_answer<T>(answer: T, check: impl Fn(&T) -> Refusal) -> Result<T, String> {
     check(&answer)?;
     Ok(answer)
 }
 
-fn words(answer: &str) -> Result<String, String> {
+fn parse_text(answer: &str) -> Result<String, String> {
     match answer.trim() {
         "" => Err("an answer is needed".to_owned()),
         answer if answer.chars().any(char::is_control) => Err("valid: printable characters".to_owned()),
@@ -155,7 +162,7 @@ fn words(answer: &str) -> Result<String, String> {
     }
 }
 
-fn one_of<T: Copy>(answer: &str, allowed: &[(&str, T)]) -> Result<T, String> {
+fn parse_choice<T: Copy>(answer: &str, allowed: &[(&str, T)]) -> Result<T, String> {
     let found = allowed.iter().find(|(word, _)| *word == answer).map(|(_, value)| *value);
     let names: Vec<&str> = allowed.iter().map(|(word, _)| *word).collect();
     found.ok_or_else(|| format!("valid: {}", names.join(" or ")))
@@ -177,13 +184,13 @@ mod tests {
     use super::*;
 
     fn asker(answers: &'static str, takes_proposals: bool) -> Asker<'static> {
-        Asker { takes_proposals, answers: Box::new(answers.as_bytes()) }
+        Asker { are_proposals_accepted: takes_proposals, answers: Box::new(answers.as_bytes()) }
     }
 
     fn question(given: Option<&str>, proposal: Option<&str>) -> Question<'static> {
         let question = Question::new("how many rows", "--rows", given);
         match proposal {
-            Some(proposal) => question.proposing(proposal),
+            Some(proposal) => question.with_proposal(proposal),
             None => question,
         }
     }
@@ -192,8 +199,9 @@ mod tests {
     /// the question is asked again.
     #[test]
     fn an_answer_comes_from_the_option_the_terminal_or_the_proposal() {
-        let of =
-            |mut asker: Asker<'_>, question: &Question<'_>| asker.numbers::<1>(question, any).map(|[rows]| rows);
+        let of = |mut asker: Asker<'_>, question: &Question<'_>| {
+            asker.numbers::<1>(question, accept_any).map(|[rows]| rows)
+        };
         assert_eq!(of(asker("5\n", false), &question(Some("3"), Some("4"))).expect("given"), 3.0);
         assert_eq!(of(asker("5\n", false), &question(None, Some("4"))).expect("typed"), 5.0);
         assert_eq!(of(asker("\n", false), &question(None, Some("4"))).expect("proposed"), 4.0);
@@ -224,8 +232,8 @@ mod tests {
     #[test]
     fn a_box_that_is_refused_is_asked_again_whole() {
         let corners = |given: [Option<&str>; 2]| {
-            let least = Question::new("least", "--min", given[0]).proposing("0,0,0");
-            [least, Question::new("greatest", "--max", given[1]).proposing("9,9,9")]
+            let least = Question::new("least", "--min", given[0]).with_proposal("0,0,0");
+            [least, Question::new("greatest", "--max", given[1]).with_proposal("9,9,9")]
         };
         let check = |[least, greatest]: &BoxMm| match least[0] < greatest[0] {
             true => Ok(()),

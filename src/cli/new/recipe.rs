@@ -5,12 +5,12 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::questions::{Asker, BoxMm, Question, Refusal};
-use super::setting::{joined, refusal, set};
+use super::setting::{format_numbers, refusal, set};
 use crate::cell::Cell;
 use crate::config::{Problem, Problems};
-use crate::number_text::plain;
-use crate::requirements::problems_of;
-use crate::requirements::recipe_fits::{plausible, unfit};
+use crate::number_text::shortest_text;
+use crate::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
+use crate::requirements::to_problems;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
 use toml_edit::{Array, DocumentMut, Value};
@@ -28,13 +28,13 @@ const GRIDS: std::ops::RangeInclusive<u32> = 1..=50;
 /// Asks the questions and writes the recipe.
 pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
     if args.out.symlink_metadata().is_ok() {
-        return Err(Fault::IsThere { file: args.out.clone() });
+        return Err(Fault::AlreadyExists { file: args.out.clone() });
     }
     let name = args.out.display().to_string();
     let cell = disk::read_text(&common.cell).ok();
     let cell = cell.and_then(|text| Cell::check(&common.cell.display().to_string(), &text).ok());
-    let held = Held { name: &name, cell: cell.as_ref() };
-    let answers = Answers::ask(args, held, &mut Asker::on_terminal(args.yes))?;
+    let held = RecipeContext { name: &name, cell: cell.as_ref() };
+    let answers = Answers::ask_questions(args, held, &mut Asker::for_terminal(args.yes))?;
     let text = text(&name, &answers)?;
     let problems = held.problems(&text);
     if !problems.list.is_empty() {
@@ -42,7 +42,7 @@ pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
     }
     disk::write_new(&args.out, &text)?;
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-    outcome.words = vec![format!("written: {name}; `panelprep check {name}` accepts it")];
+    outcome.lines = vec![format!("written: {name}; `panelprep check {name}` accepts it")];
     if cell.is_none() {
         let cell = common.cell.display();
         outcome.add_line(format!(
@@ -52,33 +52,33 @@ pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
     if args.corners_px.is_none() {
         outcome.add_line("compare the corners of the region with a scan of your panel: `panelprep look` draws the scan with a pixel ruler");
     }
-    outcome.put("file", json!(args.out));
+    outcome.add_value("file", json!(args.out));
     Ok(outcome)
 }
 
 /// The context in which an answer is checked: the recipe that results from it, and the cell that will execute this
 /// recipe.
 #[derive(Clone, Copy)]
-struct Held<'a> {
+struct RecipeContext<'a> {
     /// The recipe's file.
     name: &'a str,
     /// The cell, if its file exists and is right.
     cell: Option<&'a Cell>,
 }
 
-impl Held<'_> {
+impl RecipeContext<'_> {
     /// Returns the problems that `panelprep check` finds in the recipe together with the cell.
     fn problems(&self, text: &str) -> Problems {
-        let list = match (plausible(self.name, text), self.cell) {
+        let list = match (parse_plausible_recipe(self.name, text), self.cell) {
             (Err(problems), _) => return problems,
-            (Ok(recipe), Some(cell)) => problems_of(text, unfit(cell, &recipe, &disk::read_named)),
+            (Ok(recipe), Some(cell)) => to_problems(text, unmet_demands(cell, &recipe, &disk::read_referenced)),
             (Ok(_), None) => vec![],
         };
         Problems { file: self.name.to_owned(), list }
     }
 
     /// Checks the recipe that results from these answers: there must be no problem at keys that begin with `keys`.
-    fn accepts(&self, keys: &str, answers: &Answers) -> Refusal {
+    fn check_recipe(&self, keys: &str, answers: &Answers) -> Refusal {
         let text = text(self.name, answers).map_err(|fault| fault.to_string())?;
         refusal(self.problems(&text).list, keys)
     }
@@ -98,7 +98,7 @@ struct Answers {
 }
 
 impl Answers {
-    fn proposed(cell: Option<&Cell>) -> Self {
+    fn proposed_answers(cell: Option<&Cell>) -> Self {
         let is_compliant = cell.is_some_and(|cell| cell.tool().compliant().is_some());
         Answers {
             panel: "panel".to_owned(),
@@ -111,43 +111,45 @@ impl Answers {
         }
     }
 
-    fn ask(args: &NewRecipe, held: Held<'_>, asker: &mut Asker<'_>) -> Result<Self, Fault> {
-        let mut answers = Answers::proposed(held.cell);
+    fn ask_questions(args: &NewRecipe, held: RecipeContext<'_>, asker: &mut Asker<'_>) -> Result<Self, Fault> {
+        let mut answers = Answers::proposed_answers(held.cell);
         let question =
             Question::new("the panel's name, under which it is taught", "--panel", args.panel.as_deref());
-        answers.panel = asker.words(&question, |panel| {
-            held.accepts("panel", &Answers { panel: panel.clone(), ..answers.clone() })
+        answers.panel = asker.ask_text(&question, |panel| {
+            held.check_recipe("panel", &Answers { panel: panel.clone(), ..answers.clone() })
         })?;
         let question = Question::new("rows of grids in the region", "--rows", args.rows.as_deref());
-        answers.rows = asker.count(&question.proposing(plain(answers.rows)), GRIDS)?;
+        answers.rows = asker.count(&question.with_proposal(shortest_text(answers.rows)), GRIDS)?;
         let question = Question::new("columns of grids in the region", "--columns", args.columns.as_deref());
-        answers.columns = asker.count(&question.proposing(plain(answers.columns)), GRIDS)?;
+        answers.columns = asker.count(&question.with_proposal(shortest_text(answers.columns)), GRIDS)?;
         let words =
             "the region's four corners in the scan's picture, px, as `panelprep look` shows them: u,v u,v u,v u,v";
         let question = Question::new(words, "--corners-px", args.corners_px.as_deref());
-        let proposal: Vec<String> = answers.corners_px.chunks(2).map(joined).collect();
-        answers.corners_px = asker.numbers(&question.proposing(proposal.join(" ")), |corners_px| {
-            held.accepts("region", &Answers { corners_px: *corners_px, ..answers.clone() })
+        let proposal: Vec<String> = answers.corners_px.chunks(2).map(format_numbers).collect();
+        answers.corners_px = asker.numbers(&question.with_proposal(proposal.join(" ")), |corners_px| {
+            held.check_recipe("region", &Answers { corners_px: *corners_px, ..answers.clone() })
         })?;
-        let [least, greatest] = answers.box_mm.map(|corner| joined(&corner));
+        let [least, greatest] = answers.box_mm.map(|corner| format_numbers(&corner));
         let words = "minimum corner of the box in which the panel is searched, mm in the robot's base: x,y,z";
         let corners = [
-            Question::new(words, "--box-min-mm", args.box_min_mm.as_deref()).proposing(least),
+            Question::new(words, "--box-min-mm", args.box_min_mm.as_deref()).with_proposal(least),
             Question::new("maximum corner of this box: x,y,z", "--box-max-mm", args.box_max_mm.as_deref())
-                .proposing(greatest),
+                .with_proposal(greatest),
         ];
-        answers.box_mm = asker
-            .box_mm(corners, |box_mm| held.accepts("locate", &Answers { box_mm: *box_mm, ..answers.clone() }))?;
+        answers.box_mm = asker.box_mm(corners, |box_mm| {
+            held.check_recipe("locate", &Answers { box_mm: *box_mm, ..answers.clone() })
+        })?;
         let words = "diameter of the sanding disc's contact, mm";
         let question = Question::new(words, "--disc-diameter-mm", args.disc_diameter_mm.as_deref());
-        [answers.disc_mm] = asker.numbers(&question.proposing(plain(answers.disc_mm)), |[disc_mm]| {
-            held.accepts("path.disc_diameter_mm", &Answers { disc_mm: *disc_mm, ..answers.clone() })
-        })?;
+        [answers.disc_mm] =
+            asker.numbers(&question.with_proposal(shortest_text(answers.disc_mm)), |[disc_mm]| {
+                held.check_recipe("path.disc_diameter_mm", &Answers { disc_mm: *disc_mm, ..answers.clone() })
+            })?;
         if answers.force_n.is_some() || args.force_n.is_some() {
             let words = "force with which the cell's compliant tool presses, N";
             let question = Question::new(words, "--force-n", args.force_n.as_deref());
-            let [force_n] = asker.numbers(&question.proposing("20"), |[force_n]| {
-                held.accepts("path.force_n", &Answers { force_n: Some(*force_n), ..answers.clone() })
+            let [force_n] = asker.numbers(&question.with_proposal("20"), |[force_n]| {
+                held.check_recipe("path.force_n", &Answers { force_n: Some(*force_n), ..answers.clone() })
             })?;
             answers.force_n = Some(force_n);
         }
@@ -166,8 +168,8 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
     let Answers { panel, corners_px, rows, columns, box_mm: [least, greatest], disc_mm, force_n } = answers;
     let [as_comment, as_key] = FORCE_COMMENT;
     let mut recipe = match force_n {
-        Some(_) => parsed(name, &SAMPLE.replacen(as_comment, as_key, 1))?,
-        None => parsed(name, SAMPLE)?,
+        Some(_) => parse_document(name, &SAMPLE.replacen(as_comment, as_key, 1))?,
+        None => parse_document(name, SAMPLE)?,
     };
     set(&mut recipe, "", "panel", panel.as_str());
     let corners = corners_px.chunks(2).map(|corner| Value::Array(corner.iter().copied().collect::<Array>()));
@@ -182,12 +184,12 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
         set(&mut recipe, "path", "force_n", *force_n);
     }
     // The sample's comment on this line names the last grid.
-    let grids = format!("r{}c{}", plain(*rows), plain(*columns));
+    let grids = format!("r{}c{}", shortest_text(*rows), shortest_text(*columns));
     Ok(recipe.to_string().replace("r1c1 … r4c6", &format!("r1c1 … {grids}")))
 }
 
 /// Parses the text as a TOML document.
-pub(super) fn parsed(name: &str, text: &str) -> Result<DocumentMut, Fault> {
+pub(super) fn parse_document(name: &str, text: &str) -> Result<DocumentMut, Fault> {
     text.parse().map_err(|error: toml_edit::TomlError| {
         let problem = Problem { line: 1, key: String::new(), message: error.to_string() };
         Fault::Configuration(Problems { file: name.to_owned(), list: vec![problem] })

@@ -2,7 +2,7 @@
 
 use super::questions::Refusal;
 use crate::config::{Problem, set_value};
-use crate::number_text::plain;
+use crate::number_text::shortest_text;
 use toml_edit::{DocumentMut, Value};
 
 /// Sets a value in a file's text, in an existing table; the comment next to it stays.
@@ -21,6 +21,6 @@ pub(super) fn refusal(problems: Vec<Problem>, keys: &str) -> Refusal {
 }
 
 /// Formats numbers in the form of an answer.
-pub(super) fn joined(numbers: &[f64]) -> String {
-    numbers.iter().copied().map(plain).collect::<Vec<_>>().join(",")
+pub(super) fn format_numbers(numbers: &[f64]) -> String {
+    numbers.iter().copied().map(shortest_text).collect::<Vec<_>>().join(",")
 }

@@ -4,7 +4,7 @@ use super::super::calibrate::now_unix_s;
 use super::proof::{Finding, Proof};
 use super::unattended::ControllerKind;
 use crate::cell::{ProofStage, Robot};
-use crate::number_text::utc;
+use crate::number_text::utc_text;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 const STYLE: &str = "body{font:14px/1.4 sans-serif;max-width:1100px;margin:2em auto}table{border-collapse:collapse;width:100%}\
@@ -21,13 +21,13 @@ fn part(stage: ProofStage, proofs: &[&Proof], by: &str, controller: ControllerKi
                 @for head in ["#", "Assumption", "Do", "See", "Otherwise", "Found", "Evidence", "Seen by"] { th { (head) } }
             }
             @for Proof { assumption, finding, evidence, tried } in proofs {
-                tr class=(finding.word()) {
+                tr class=(finding.keyword()) {
                     td { (assumption.number) }
                     td { (assumption.assumed) }
                     td { (assumption.to_do) }
                     td { (assumption.to_see) }
                     td { (assumption.otherwise) }
-                    td { (finding.word()) }
+                    td { (finding.keyword()) }
                     td { (evidence) }
                     td { @if *tried { "this program" } @else { (by) } }
                 }
@@ -68,7 +68,7 @@ pub(super) fn render(proofs: &[Proof], by: &str, (robot, controller): (&Robot, C
                 h1 { (title) }
                 p {
                     "Controller at " (robot.host()) ", ports " (robot.command_port()) " and " (robot.state_port()) ". "
-                    (utc(now_unix_s())) ". By " (by) "."
+                    (utc_text(now_unix_s())) ". By " (by) "."
                 }
                 p {
                     (count(Finding::Proven)) " proven, " (count(Finding::Wrong)) " wrong, " (count(Finding::Open))

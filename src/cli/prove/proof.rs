@@ -27,7 +27,7 @@ pub(super) enum Finding {
 }
 
 impl Finding {
-    pub(super) fn word(self) -> &'static str {
+    pub(super) fn keyword(self) -> &'static str {
         self.into()
     }
 }

@@ -6,7 +6,7 @@ use super::super::disk;
 use super::super::fault::{ClipFault, Fault};
 use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
-use super::opening::{self, Opened};
+use super::opening::{self, OpenedCamera};
 use crate::devices::cameras::{CameraError, Picture, PictureQuality, Scanner};
 use crate::files::{self, Clip, ClipEntry};
 use crate::phase::Phase;
@@ -41,10 +41,10 @@ pub fn capture(
 ) -> Result<(), Fault> {
     let list = args.out.join("clip.csv");
     if list.exists() || args.out.join(file_name(1)).exists() {
-        return Err(ClipFault::ClipIsThere { folder: args.out.clone() }.into());
+        return Err(ClipFault::ClipExists { folder: args.out.clone() }.into());
     }
     check_phases(args.seconds, args.spray_from_s, args.wet_from_s)?;
-    let mut opened = opening::scanner(files, &args.wanted(), progress)?;
+    let mut opened = opening::scanner(files, &args.requested_shot(), progress)?;
     progress(&format!("taking pictures for {} s", args.seconds));
     let (pictures, to_write) = sync_channel::<(ClipEntry, Picture)>(WAITING);
     let to_write = Arc::new(Mutex::new(to_write));
@@ -66,7 +66,7 @@ pub fn capture(
     report_result(args, &taken, outcome);
     let mut told = json!({});
     super::conditions(outcome, &mut told, opened.camera.conditions());
-    told.as_object().into_iter().flatten().for_each(|(key, value)| outcome.put(key, value.clone()));
+    told.as_object().into_iter().flatten().for_each(|(key, value)| outcome.add_value(key, value.clone()));
     Ok(())
 }
 
@@ -77,7 +77,7 @@ fn check_phases(seconds: f64, spray_from_s: Option<f64>, wet_from_s: Option<f64>
         (Some(spray_from_s), Some(wet_from_s)) => {
             0.0 <= spray_from_s && spray_from_s < wet_from_s && wet_from_s <= seconds
         }
-        (Some(spray_from_s), None) => return Err(ClipFault::WetFromWhen { spray_from_s }),
+        (Some(spray_from_s), None) => return Err(ClipFault::NoFirstWetPicture { spray_from_s }),
     };
     let wet_from_s = wet_from_s.unwrap_or(0.0);
     match (is_right, spray_from_s) {
@@ -90,15 +90,15 @@ fn check_phases(seconds: f64, spray_from_s: Option<f64>, wet_from_s: Option<f64>
 /// Takes pictures until the time is over; `keep` returns false if the writers have ended.
 fn record(
     args: &Shoot,
-    opened: &mut Opened<Box<dyn Scanner>>,
+    opened: &mut OpenedCamera<Box<dyn Scanner>>,
     mut keep: impl FnMut(ClipEntry, Picture) -> bool,
 ) -> Result<CapturedFilm, Fault> {
     let began_s = opened.camera.begin_clip(args.pictures_per_second).map_err(Fault::stage)?;
     let mut taken = CapturedFilm { entries: Vec::new(), quality: None, dropped: 0 };
     loop {
-        let next = match opened.camera.next_of_clip() {
+        let next = match opened.camera.next_clip_picture() {
             // The end of a recording is reached.
-            Err(CameraError::RanOut { .. }) if !taken.entries.is_empty() => break,
+            Err(CameraError::RecordingExhausted { .. }) if !taken.entries.is_empty() => break,
             next => next.map_err(Fault::stage)?,
         };
         match next {
@@ -119,7 +119,9 @@ fn record(
             }
             // In a simulated cell, time passes only when the controller's time advances.
             None => match &opened.simulated {
-                Some(simulated) => simulated.server.handle().with(|controller| controller.advance_ms(STEP_MS)),
+                Some(simulated) => {
+                    simulated.server.handle().with_controller(|controller| controller.advance_ms(STEP_MS))
+                }
                 None => thread::sleep(std::time::Duration::from_millis(1)),
             },
         }
@@ -162,17 +164,17 @@ fn report_result(args: &Shoot, taken: &CapturedFilm, outcome: &mut Outcome) {
         taken.dropped
     ));
     if let Some(quality) = &taken.quality {
-        outcome.add_line(format!("  the first picture: {}", super::words(quality)));
-        outcome.put("sharpness_gray_per_px", json!(quality.sharpness_gray_per_px));
-        outcome.put("saturated_share", json!(quality.saturated_share));
-        outcome.put("dark_share", json!(quality.dark_share));
-        outcome.put("mean_gray", json!(quality.mean_gray));
+        outcome.add_line(format!("  the first picture: {}", super::describe_quality(quality)));
+        outcome.add_value("sharpness_gray_per_px", json!(quality.sharpness_gray_per_px));
+        outcome.add_value("saturated_share", json!(quality.saturated_share));
+        outcome.add_value("dark_share", json!(quality.dark_share));
+        outcome.add_value("mean_gray", json!(quality.mean_gray));
     }
     let names = taken.entries.iter().map(|entry| entry.file.as_str()).chain(["clip.csv"]);
     let files: Vec<String> = names.map(|name| args.out.join(name).display().to_string()).collect();
-    outcome.put("files", json!(files));
-    outcome.put("pictures", json!(times_s.len()));
-    outcome.put("pictures_per_s", json!(sustained));
-    outcome.put("longest_gap_s", json!(longest_s));
-    outcome.put("dropped", json!(taken.dropped));
+    outcome.add_value("files", json!(files));
+    outcome.add_value("pictures", json!(times_s.len()));
+    outcome.add_value("pictures_per_s", json!(sustained));
+    outcome.add_value("longest_gap_s", json!(longest_s));
+    outcome.add_value("dropped", json!(taken.dropped));
 }

@@ -6,35 +6,37 @@
 
 use super::super::args::{Shot, Simulation};
 use super::super::fault::{CalibrationFault, DeviceFault, Fault};
-use super::super::live::{self, Simulated};
-use super::super::load::{Calibrated, CellFiles};
+use super::super::live::{self, SimulatedController};
+use super::super::load::{CellFiles, LoadedCalibration};
 use super::super::service_request;
 use super::super::zivid;
 use crate::cell::{self, RobotKind};
 use crate::daemon::{BorrowedFlangeCamera, RemoteScanner};
 use crate::devices::UNKNOWN_PX;
-use crate::devices::cameras::{CameraError, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, Which};
-use crate::devices::zivid::{Patience, ZividFault, ZividScanner};
+use crate::devices::cameras::{
+    CameraError, CameraRole, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner,
+};
+use crate::devices::zivid::{AnswerTimeouts, ZividFault, ZividScanner};
 use crate::geometry::PinholeCamera;
 use crate::sim;
 use std::path::PathBuf;
 
 /// An opened camera, with the simulated world if there is one.
-pub struct Opened<C> {
+pub struct OpenedCamera<C> {
     /// The camera.
     pub camera: C,
     /// The simulated world that it looks at, if there is one.
-    pub simulated: Option<Simulated>,
+    pub simulated: Option<SimulatedController>,
 }
 
-impl<C> Opened<C> {
+impl<C> OpenedCamera<C> {
     fn new(camera: C) -> Self {
-        Opened { camera, simulated: None }
+        OpenedCamera { camera, simulated: None }
     }
 }
 
 /// The requested shot.
-pub struct Wanted {
+pub struct RequestedShot {
     /// The camera, and the kind of shot.
     pub shot: Shot,
     /// What a simulated cell shows.
@@ -45,7 +47,7 @@ pub struct Wanted {
 ///
 /// # Errors
 /// If its file cannot be read or has problems.
-pub fn lens(found: Result<Calibrated<PinholeCamera>, Fault>) -> Result<Option<PinholeCamera>, Fault> {
+pub fn lens(found: Result<LoadedCalibration<PinholeCamera>, Fault>) -> Result<Option<PinholeCamera>, Fault> {
     match found {
         Ok(found) => Ok(Some(found.value)),
         Err(Fault::Calibration(
@@ -56,7 +58,7 @@ pub fn lens(found: Result<Calibrated<PinholeCamera>, Fault>) -> Result<Option<Pi
 }
 
 /// A camera of this size: all that a driver needs from a calibration.
-pub fn of_size([width_px, height_px]: [usize; 2]) -> PinholeCamera {
+pub fn camera_of_size([width_px, height_px]: [usize; 2]) -> PinholeCamera {
     let (fx_px, fy_px) = (width_px as f64, width_px as f64);
     let (cx_px, cy_px) = (width_px as f64 / 2.0, height_px as f64 / 2.0);
     PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 }
@@ -67,9 +69,9 @@ pub fn of_size([width_px, height_px]: [usize; 2]) -> PinholeCamera {
 /// # Errors
 /// If it does not become ready, and with its size if none was known.
 pub fn zivid_ready(scanner: &mut ZividScanner) -> Result<(), CameraError> {
-    scanner.ready(Patience::default().start()).map_err(|fault| match fault {
+    scanner.wait_ready(AnswerTimeouts::default().start()).map_err(|fault| match fault {
         ZividFault::WrongSize { found_px, expected_px: UNKNOWN_PX, .. } => {
-            CameraError::WrongSize { which: Which::Scanner, found_px, expected_px: UNKNOWN_PX }
+            CameraError::WrongSize { which: CameraRole::Scanner, found_px, expected_px: UNKNOWN_PX }
         }
         fault => fault.into(),
     })
@@ -79,7 +81,7 @@ pub fn zivid_ready(scanner: &mut ZividScanner) -> Result<(), CameraError> {
 ///
 /// # Errors
 /// If it cannot be opened, or does not deliver.
-pub fn sized<C>(
+pub fn open_with_size<C>(
     lens: Option<PinholeCamera>,
     open: impl Fn(&PinholeCamera) -> Result<C, Fault>,
     look: impl Fn(&mut C) -> Result<(), CameraError>,
@@ -87,32 +89,36 @@ pub fn sized<C>(
     if let Some(lens) = lens {
         return Ok((open(&lens)?, [lens.width_px, lens.height_px]));
     }
-    let mut camera = open(&of_size(UNKNOWN_PX))?;
+    let mut camera = open(&camera_of_size(UNKNOWN_PX))?;
     match look(&mut camera) {
         Ok(()) => Ok((camera, UNKNOWN_PX)),
         Err(CameraError::WrongSize { found_px, .. }) => {
             // A camera is released before it is opened again.
             drop(camera);
-            Ok((open(&of_size(found_px))?, found_px))
+            Ok((open(&camera_of_size(found_px))?, found_px))
         }
         Err(error) => Err(Fault::stage(error)),
     }
 }
 
 /// Starts the simulated world, with its own mock controller.
-fn simulated(files: &CellFiles, wanted: &Wanted, scanner: Option<PinholeCamera>) -> Result<Simulated, Fault> {
+fn start_simulated_world(
+    files: &CellFiles,
+    wanted: &RequestedShot,
+    scanner: Option<PinholeCamera>,
+) -> Result<SimulatedController, Fault> {
     if files.cell.robot().kind() != RobotKind::Mock {
         return Err(DeviceFault::NoWorld.into());
     }
     let full = *sim::Cell::new(wanted.simulation.seed, sim::Scene::Good, 1).scanner();
     let cell = live::simulated_cell(&scanner.unwrap_or(full), wanted.simulation)?;
-    Simulated::start_parked(&files.cell, cell, wanted.shot.needs_light())
+    SimulatedController::start_parked(&files.cell, cell, wanted.shot.needs_light())
 }
 
 /// The socket of the service, if it runs and has this camera. A recording is played by the program that opens it.
-fn service(files: &CellFiles, is_recorded: bool, progress: &dyn Fn(&str)) -> Option<PathBuf> {
+fn service_socket(files: &CellFiles, is_recorded: bool, progress: &dyn Fn(&str)) -> Option<PathBuf> {
     let socket = files.socket();
-    let state = if is_recorded { None } else { service_request::state_of(&socket) }?;
+    let state = if is_recorded { None } else { service_request::service_state(&socket) }?;
     progress(&format!("the service (state {state}) takes the pictures"));
     Some(socket)
 }
@@ -123,19 +129,19 @@ fn service(files: &CellFiles, is_recorded: bool, progress: &dyn Fn(&str)) -> Opt
 /// If it cannot be opened.
 pub fn scanner(
     files: &CellFiles,
-    wanted: &Wanted,
+    wanted: &RequestedShot,
     progress: &dyn Fn(&str),
-) -> Result<Opened<Box<dyn Scanner>>, Fault> {
+) -> Result<OpenedCamera<Box<dyn Scanner>>, Fault> {
     let is_recorded = matches!(files.cell.scanner(), cell::Camera::Recorded { .. });
-    if let Some(socket) = service(files, is_recorded, progress) {
-        return Ok(Opened::new(Box::new(RemoteScanner::new(socket))));
+    if let Some(socket) = service_socket(files, is_recorded, progress) {
+        return Ok(OpenedCamera::new(Box::new(RemoteScanner::new(socket))));
     }
     let lens = lens(files.scanner())?;
     match files.cell.scanner() {
         cell::Camera::Simulated => {
-            let simulated = simulated(files, wanted, lens)?;
+            let simulated = start_simulated_world(files, wanted, lens)?;
             let camera: Box<dyn Scanner> = Box::new(simulated.cameras().0);
-            Ok(Opened { simulated: Some(simulated), camera })
+            Ok(OpenedCamera { simulated: Some(simulated), camera })
         }
         cell::Camera::Recorded { folder } => {
             let open = |lens: &PinholeCamera| RecordedScanner::open(folder, *lens).map_err(Fault::stage);
@@ -143,14 +149,14 @@ pub fn scanner(
                 true => camera.capture_3d().map(drop),
                 false => camera.capture_2d().map(drop),
             };
-            Ok(Opened::new(Box::new(sized(lens, open, look)?.0)))
+            Ok(OpenedCamera::new(Box::new(open_with_size(lens, open, look)?.0)))
         }
         cell::Camera::Device(camera) => {
             progress("starting the 3D camera, which may take minutes");
             let open = |lens: &PinholeCamera| zivid::scanner(&files.cell, camera, lens);
-            let (mut scanner, _) = sized(lens, open, zivid_ready)?;
+            let (mut scanner, _) = open_with_size(lens, open, zivid_ready)?;
             zivid_ready(&mut scanner).map_err(Fault::stage)?;
-            Ok(Opened::new(Box::new(scanner)))
+            Ok(OpenedCamera::new(Box::new(scanner)))
         }
     }
 }
@@ -161,29 +167,29 @@ pub fn scanner(
 /// If it cannot be opened.
 pub fn flange_camera(
     files: &CellFiles,
-    wanted: &Wanted,
+    wanted: &RequestedShot,
     progress: &dyn Fn(&str),
-) -> Result<Opened<Box<dyn FlangeCamera>>, Fault> {
+) -> Result<OpenedCamera<Box<dyn FlangeCamera>>, Fault> {
     let is_recorded = matches!(files.cell.flange_camera(), cell::Camera::Recorded { .. });
-    if let Some(socket) = service(files, is_recorded, progress) {
-        return Ok(Opened::new(Box::new(BorrowedFlangeCamera::new(socket))));
+    if let Some(socket) = service_socket(files, is_recorded, progress) {
+        return Ok(OpenedCamera::new(Box::new(BorrowedFlangeCamera::new(socket))));
     }
     let own = lens(files.flange_camera())?;
     match files.cell.flange_camera() {
         cell::Camera::Simulated => {
-            let simulated = simulated(files, wanted, lens(files.scanner())?)?;
+            let simulated = start_simulated_world(files, wanted, lens(files.scanner())?)?;
             let camera: Box<dyn FlangeCamera> = Box::new(simulated.cameras().1);
-            Ok(Opened { simulated: Some(simulated), camera })
+            Ok(OpenedCamera { simulated: Some(simulated), camera })
         }
         cell::Camera::Recorded { folder } => {
             let open = |lens: &PinholeCamera| RecordedFlangeCamera::open(folder, *lens).map_err(Fault::stage);
             let look = |camera: &mut RecordedFlangeCamera| camera.capture().map(drop);
-            Ok(Opened::new(Box::new(sized(own, open, look)?.0)))
+            Ok(OpenedCamera::new(Box::new(open_with_size(own, open, look)?.0)))
         }
         cell::Camera::Device(gige) => {
             progress("searching for the flange camera");
             let open = |lens: &PinholeCamera| live::gige_camera(&files.cell, gige, lens);
-            Ok(Opened::new(sized(own, open, |camera| camera.check())?.0))
+            Ok(OpenedCamera::new(open_with_size(own, open, |camera| camera.check_ready())?.0))
         }
     }
 }

@@ -20,7 +20,7 @@ pub(super) fn conditions(outcome: &mut Outcome, told: &mut Value, conditions: Co
     }
 }
 
-pub(super) fn words(quality: &PictureQuality) -> String {
+pub(super) fn describe_quality(quality: &PictureQuality) -> String {
     format!(
         "sharpness {:.1} grey levels per pixel at the steepest edges, saturated {:.2} %, dark {:.1} %, mean grey level {:.0} of 255",
         quality.sharpness_gray_per_px,

@@ -6,13 +6,13 @@ use super::super::disk;
 use super::super::fault::{Fault, TeachingFault};
 use super::super::load::{self, CellFiles};
 use super::super::outcome::Outcome;
-use super::super::output::tell_line;
+use super::super::output::write_progress;
 use crate::files;
 use crate::geometry::{Base, Camera, Drawing, Flange, FlangeCamera, OrganizedCloud, PinholeCamera, Point, Rigid};
-use crate::nominal::{Edges, NominalError, NotSeen, Part, Rays, Seen};
-use crate::number_text::{apart, fixed};
+use crate::nominal::{NominalError, Part, PartEdges, PartRays, PartView, UnseenShares};
+use crate::number_text::{distinguishable_texts, fixed_decimals};
 use crate::page::drawing::canvas;
-use crate::recipe::{self, Recipe, drawn_into};
+use crate::recipe::{self, Recipe, with_shapes};
 use crate::store::TaughtCorner;
 use crate::verdict::Reason;
 use serde_json::json;
@@ -23,12 +23,12 @@ const FINE_FACETS_MM: f64 = 0.01;
 /// Beyond this deviation of the facets a person must look: it is that of the contact that a good localization allows.
 const MAX_FACETS_MM: f64 = 0.15;
 /// Largest distance of a corner of the region from the drawing's surface, along the camera's ray, mm.
-const MAX_AWAY_MM: f64 = 1.0;
+const MAX_REGION_DISTANCE_MM: f64 = 1.0;
 /// If a larger share of the surface lies outside of the picture, a person must look.
 const MAX_OUTSIDE: f64 = 0.001;
 
 /// A drawing as the cameras see it.
-pub struct Drawn {
+pub struct ViewedDrawing {
     /// What the 3D camera sees.
     pub scan: OrganizedCloud<Camera>,
     /// The same as the file that the store keeps.
@@ -42,7 +42,7 @@ pub struct Drawn {
     is_closed: bool,
     facet_error_mm: f64,
     residual_mm: Option<f64>,
-    not_seen: NotSeen,
+    not_seen: UnseenShares,
     /// Whether the part reaches the rim of the picture.
     reaches_rim: bool,
 }
@@ -55,12 +55,12 @@ struct FlangeView {
     grays: [u8; 2],
 }
 
-impl Drawn {
+impl ViewedDrawing {
     /// Looks at the drawing that the command names; `None` if it names none.
     ///
     /// # Errors
     /// If the recipe does not state the drawing's place, the file is no clear surface, or a camera does not see it.
-    pub fn look(args: &Teach, cell: &CellFiles) -> Result<Option<Drawn>, Fault> {
+    pub fn view_drawing(args: &Teach, cell: &CellFiles) -> Result<Option<ViewedDrawing>, Fault> {
         let recipe = load::recipe(&args.recipe)?;
         let (file, nominal) = match (&args.nominal, recipe.nominal()) {
             (None, None) => return Ok(None),
@@ -68,40 +68,40 @@ impl Drawn {
             (Some(_), None) => return Err(TeachingFault::NoNominalPlace { recipe: args.recipe.clone() }.into()),
             (None, Some(_)) => return Err(TeachingFault::NominalByScan { recipe: args.recipe.clone() }.into()),
         };
-        let refuse = |error: NominalError| Fault::file(file, error);
+        let refuse = |error: NominalError| Fault::file_fault(file, error);
         let bytes = disk::read(file)?;
         let hash = files::content_hash(&bytes);
-        let mesh = files::read_mesh(&bytes).map_err(|error| Fault::file(file, error))?;
+        let mesh = files::read_mesh(&bytes).map_err(|error| Fault::file_fault(file, error))?;
         drop(bytes);
-        let unit = mesh.unit.or(args.unit).map_or("", |unit| unit.word());
+        let unit = mesh.unit.or(args.unit).map_or("", |unit| unit.abbreviation());
         let part = Part::choose(mesh, args.unit, args.part.as_deref()).map_err(refuse)?;
-        let edges = Edges::find(&part).map_err(refuse)?;
+        let edges = PartEdges::find(&part).map_err(refuse)?;
         let base_from_drawing = nominal.base_from_drawing();
         let camera = cell.scanner()?.value;
         let camera_from_drawing = cell.base_from_camera()?.value.inverse() * base_from_drawing;
         let (name, triangles) = (part.name.clone(), part.triangles.len());
         let spare = (!args.flange.is_empty()).then(|| part.clone());
         let search_box_mm = [recipe.locate().box_min_mm(), recipe.locate().box_max_mm()];
-        part.check_place(&base_from_drawing, search_box_mm).map_err(refuse)?;
+        part.check_in_search_box(&base_from_drawing, search_box_mm).map_err(refuse)?;
         let [min_mm, max_mm] = part.box_mm(&base_from_drawing);
         let not_there = NominalError::NotSeen { min_mm, max_mm };
-        let rays = Rays::new(part, &camera_from_drawing);
+        let rays = PartRays::new(part, &camera_from_drawing);
         rays.check_crossings(&edges, &camera_from_drawing).map_err(refuse)?;
-        let seen = Seen::look(&rays, &camera).map_err(refuse)?;
-        let reaches_rim = seen.as_ref().is_some_and(Seen::reaches_rim);
+        let seen = PartView::view_part(&rays, &camera).map_err(refuse)?;
+        let reaches_rim = seen.as_ref().is_some_and(PartView::reaches_rim);
         let scan = seen.and_then(|seen| seen.cloud()).ok_or_else(|| refuse(not_there))?;
         if let Some(corners) = nominal.region_mm() {
             let corners = corners.map(|corner| camera_from_drawing * corner);
             set_region(args, &recipe, region_px(&corners, &scan, &camera)?)?;
         }
         let is_closed = edges.borders.is_empty();
-        let not_seen = NotSeen::find(&rays, &camera, is_closed);
+        let not_seen = UnseenShares::find(&rays, &camera, is_closed);
         let corners = match spare {
             Some(part) => corners(args, cell, (&part, &base_from_drawing), &recipe)?,
             None => vec![],
         };
         let origin = format!("the view of part \"{name}\" of the drawing with SHA-256 {hash}, unit {unit}");
-        Ok(Some(Drawn {
+        Ok(Some(ViewedDrawing {
             scan_file: files::write_pcd_from(&scan, &origin),
             scan,
             corners,
@@ -125,7 +125,7 @@ impl Drawn {
             let found = match outside > MAX_OUTSIDE {
                 true => format!(
                     "{} % of the drawing's surface lies outside of the 3D camera's picture",
-                    fixed(100.0 * outside, 1)
+                    fixed_decimals(100.0 * outside, 1)
                 ),
                 false => "the drawing reaches the rim of the 3D camera's picture".to_owned(),
             };
@@ -134,7 +134,7 @@ impl Drawn {
             )
         };
         let coarse = || {
-            let [found, limit] = apart(self.facet_error_mm, MAX_FACETS_MM, 3);
+            let [found, limit] = distinguishable_texts(self.facet_error_mm, MAX_FACETS_MM, 3);
             format!(
                 "on curved surfaces, the drawing's triangles deviate from the surface by about {found} mm (limit {limit} mm), and the \
                  measured deviation of the panel would contain this error; export the drawing with a deviation of 0.01 mm, unless the panel \
@@ -157,14 +157,14 @@ impl Drawn {
             self.triangles,
             self.unit
         ));
-        let hidden = fixed(100.0 * self.not_seen.hidden, 1);
+        let hidden = fixed_decimals(100.0 * self.not_seen.hidden, 1);
         outcome.add_line(format!(
             "{hidden} % of the surface that faces the 3D camera is hidden behind other parts of the surface"
         ));
         if let Some(residual_mm) = self.residual_mm {
-            outcome.add_line(format!("the datum points fit the drawing to {} mm", fixed(residual_mm, 2)));
+            outcome.add_line(format!("the datum points fit the drawing to {} mm", fixed_decimals(residual_mm, 2)));
         }
-        outcome.put(
+        outcome.add_value(
             "drawing",
             json!({
                 "sha256": self.hash, "part": self.part, "unit": self.unit, "triangles": self.triangles, "closed": self.is_closed,
@@ -180,7 +180,7 @@ impl Drawn {
             format!(
                 "on curved surfaces, the drawing's triangles deviate from the surface by about {} mm (better: {FINE_FACETS_MM} mm or \
                  less); export the drawing with a smaller deviation",
-                fixed(self.facet_error_mm, 3)
+                fixed_decimals(self.facet_error_mm, 3)
             )
         })
     }
@@ -196,14 +196,16 @@ fn region_px(
     for (index, (corner, px)) in corners.iter().zip(&mut corners_px).enumerate() {
         let number = index + 1;
         let seen = camera.project_inside(*corner).and_then(|pixel| {
-            let (column, row) = pixel.whole(scan.width(), scan.height())?;
+            let (column, row) = pixel.nearest_whole(scan.width(), scan.height())?;
             Some((pixel, scan.point(column, row)?))
         });
         let (pixel, point) = seen.ok_or(TeachingFault::RegionOffDrawing { number })?;
         // Along the ray alone: beside it lies half a pixel.
         let away_mm = (point.mm.coords.norm() - corner.mm.coords.norm()).abs();
-        if away_mm > MAX_AWAY_MM {
-            return Err(TeachingFault::RegionBesideDrawing { number, away_mm, limit_mm: MAX_AWAY_MM }.into());
+        if away_mm > MAX_REGION_DISTANCE_MM {
+            return Err(
+                TeachingFault::RegionBesideDrawing { number, away_mm, limit_mm: MAX_REGION_DISTANCE_MM }.into()
+            );
         }
         // As many digits as the page writes.
         *px = [pixel.u, pixel.v].map(|px| (px * 10.0).round() / 10.0);
@@ -220,10 +222,10 @@ fn set_region(args: &Teach, recipe: &Recipe, corners_px: [[f64; 2]; 4]) -> Resul
         return Ok(());
     }
     let text = disk::read_text(&args.recipe)?;
-    let changed =
-        drawn_into(&text, &recipe::Drawn { corners_px, ..canvas::drawn(recipe) }).map_err(Fault::stage)?;
-    disk::write_through(&args.recipe, changed)?;
-    tell_line(&format!("{}: [region] corners_px is set from [nominal] region_mm", args.recipe.display()));
+    let changed = with_shapes(&text, &recipe::DrawnShapes { corners_px, ..canvas::recipe_shapes(recipe) })
+        .map_err(Fault::stage)?;
+    disk::write_durable(&args.recipe, changed)?;
+    write_progress(&format!("{}: [region] corners_px is set from [nominal] region_mm", args.recipe.display()));
     Ok(())
 }
 
@@ -244,8 +246,8 @@ fn corners(
     let corner = |file: &std::path::PathBuf| {
         let base_from_flange = load::flange_file(cell, file)?;
         let base_from_camera: Rigid<Base, FlangeCamera> = base_from_flange.to_rigid() * view.flange_from_camera;
-        let rays = Rays::new(part.clone(), &(base_from_camera.inverse() * *base_from_drawing));
-        let seen = Seen::look(&rays, &view.camera).map_err(|error| Fault::file(file, error))?;
+        let rays = PartRays::new(part.clone(), &(base_from_camera.inverse() * *base_from_drawing));
+        let seen = PartView::view_part(&rays, &view.camera).map_err(|error| Fault::file_fault(file, error))?;
         let seen = seen.ok_or_else(|| TeachingFault::DrawingNotSeen { flange: file.clone() })?;
         let [panel, beside] = view.grays;
         let picture = files::write_color_png(&seen.picture(panel, beside)).map_err(Fault::stage)?;

@@ -83,7 +83,7 @@ impl Cell {
     pub fn new(rules: Rules) -> Self {
         Cell {
             rules,
-            state: State::NEW,
+            state: State::INITIAL,
             robot: Robot::Unknown,
             full_override: None,
             arm: None,

@@ -22,10 +22,10 @@ impl Cell {
         let timer = waits.iter().find_map(|wait| self.timers.iter().find(|(which, _)| which == wait));
         match timer {
             // A drain may continue if nothing waits for it.
-            Some(&(which, id)) if !self.state.at.rests() || random.random_bool(0.5) => {
+            Some(&(which, id)) if !self.state.at.is_at_rest() || random.random_bool(0.5) => {
                 Some(Event::Reported(Report::Deadline { id, which }))
             }
-            _ if !self.state.at.rests() => None,
+            _ if !self.state.at.is_at_rest() => None,
             _ if self.robot != Robot::Ready => Some(Event::Reported(Report::Robot(Robot::Ready))),
             _ if self.full_override != Some(true) => Some(Event::Reported(Report::FullOverride(true))),
             _ => Some(Event::Asked(self.request(random))),
@@ -38,7 +38,7 @@ impl Cell {
             return Some(Event::Reported(Report::Robot(Robot::Ready)));
         }
         Some(match self.state.at {
-            at if !at.rests() || self.condition_due => return self.healthy(random),
+            at if !at.is_at_rest() || self.condition_due => return self.healthy(random),
             At::Idle => Event::Asked(Request::Start { max_passes: 1, max_moves: 1, dries: false }),
             At::Aborted { .. } => Event::Asked(Request::Clear),
             At::Held(_) => Event::Asked(Request::Stop),
@@ -132,7 +132,7 @@ impl Cell {
             22 => Report::FullOverride(random.random_bool(0.4)),
             18 => Report::Robot(one_of(random, &ROBOTS)),
             21 => {
-                let proven: Vec<Switch> = self.state.facts.proven().collect();
+                let proven: Vec<Switch> = self.state.facts.proven_switches().collect();
                 if proven.is_empty() {
                     Report::Robot(Robot::Ready)
                 } else {

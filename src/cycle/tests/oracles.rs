@@ -215,8 +215,8 @@ impl Cell {
         let leaving = matches!(at, At::Holding(_) | At::Stopping { .. } | At::Aborting { .. });
         never(leaving && self.moving.is_some() && !self.ending, "the abort frame waits for something")?;
         let moves = self.moving.is_some() || self.state.intent.is_some();
-        never(at.rests() && self.state.facts.token.is_some(), "a localization that outlives its work")?;
-        if at.rests() && at != from {
+        never(at.is_at_rest() && self.state.facts.token.is_some(), "a localization that outlives its work")?;
+        if at.is_at_rest() && at != from {
             never(moves && !matches!(at, At::Aborted { .. }), "rest before the robot stands")?;
             never(self.moving.is_some() && !self.ending, "rest without an abort frame")?;
             never(self.moving.is_some() && self.state.intent.is_none(), "a motion that nobody remembers")?;
@@ -279,11 +279,13 @@ impl Cell {
             Report::FullOverride(false) if from == At::Execute(Phase::Abrade) && !self.air => {
                 never(at == from, "contact goes on at another override")
             }
-            Report::Contrary(_) if from.rests() => never(at != from, "a contrary output at rest changes the state"),
+            Report::Contrary(_) if from.is_at_rest() => {
+                never(at != from, "a contrary output at rest changes the state")
+            }
             Report::Contrary(_) if matches!(from, At::Execute(_)) => {
                 never(matches!(at, At::Execute(_)), "work goes on by what is not so any more")
             }
-            Report::Trouble(_) if from.rests() => never(at != from, "trouble at rest changes the state"),
+            Report::Trouble(_) if from.is_at_rest() => never(at != from, "trouble at rest changes the state"),
             Report::Trouble(Trouble::Store) => never(!aborts && at != At::Stopped, "motion without a journal"),
             _ => Ok(()),
         }

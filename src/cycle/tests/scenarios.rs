@@ -220,7 +220,7 @@ fn a_journal_folds_to_the_state_that_wrote_it() {
     assert!(lines.iter().all(|line| !line.contains('\n') && line.len() < 120), "{lines:#?}");
     assert_eq!(lines[3], r#"{"told":{"answered":{"id":1,"answer":{"stands":{"done":0}}}}}"#);
     let read = lines.iter().map(|line| serde_json::from_str(line).expect("an event"));
-    assert_eq!(fold(read), story.cell.state);
+    assert_eq!(fold_journal(read), story.cell.state);
     let kept = serde_json::to_string(&story.cell.state).expect("a state");
     assert_eq!(serde_json::from_str::<State>(&kept).expect("a state"), story.cell.state);
 }

@@ -114,7 +114,7 @@ impl Story {
     /// Continues until nothing is in progress; returns the acts until then.
     pub fn rests(&mut self) -> String {
         for _ in 0..200 {
-            if self.at().rests() {
+            if self.at().is_at_rest() {
                 return std::mem::take(&mut self.acts).join(" ");
             }
             self.good_news();

@@ -9,7 +9,7 @@ use std::collections::{HashMap, HashSet, VecDeque};
 /// up, causes are not distinguished, and nothing from a cycle that is over is used.
 fn canonical(mut state: State) -> State {
     if !state.job.running {
-        state.job = State::NEW.job;
+        state.job = State::INITIAL.job;
     }
     if state.facts.robot != Robot::Ready {
         state.facts.robot = Robot::Unknown;
@@ -80,7 +80,7 @@ fn events(state: &State) -> Vec<Event> {
     let robots = [Robot::Ready, Robot::LinkLost, Robot::EmergencyStop, Robot::GuardOpen];
     told.extend(robots.map(Report::Robot));
     told.extend([true, false].map(Report::FullOverride));
-    told.extend(state.facts.proven().map(Report::Contrary));
+    told.extend(state.facts.proven_switches().map(Report::Contrary));
     if let Some(Due { id, act }) = state.due {
         told.extend(answers(act, id));
         let failed = |trouble| Report::Answered { id, answer: Answer::Failed(trouble) };
@@ -106,7 +106,7 @@ fn good_news(state: &State) -> Option<Event> {
 
 #[test]
 fn every_state_comes_to_rest_and_every_rest_to_a_cycle() {
-    let start = canonical(State::NEW);
+    let start = canonical(State::INITIAL);
     let mut seen = HashSet::from([start]);
     let mut to_visit = VecDeque::from([start]);
     while let Some(state) = to_visit.pop_front() {
@@ -120,10 +120,10 @@ fn every_state_comes_to_rest_and_every_rest_to_a_cycle() {
     println!("{} states", seen.len());
     assert!(seen.len() > 10_000, "only {} states", seen.len());
     let mut words: HashMap<&str, u32> = HashMap::new();
-    seen.iter().for_each(|state| *words.entry(state.at.word()).or_default() += 1);
+    seen.iter().for_each(|state| *words.entry(state.at.keyword()).or_default() += 1);
     assert_eq!(words.len(), 14, "every PackML state is reached: {words:?}");
 
-    let mut comes_to_rest: HashSet<State> = seen.iter().filter(|state| state.at.rests()).copied().collect();
+    let mut comes_to_rest: HashSet<State> = seen.iter().filter(|state| state.at.is_at_rest()).copied().collect();
     for &state in &seen {
         let (mut now, mut way) = (state, Vec::new());
         while !comes_to_rest.contains(&now) {
@@ -134,7 +134,7 @@ fn every_state_comes_to_rest_and_every_rest_to_a_cycle() {
         }
         comes_to_rest.extend(way);
     }
-    for state in seen.iter().filter(|state| state.at.rests()) {
+    for state in seen.iter().filter(|state| state.at.is_at_rest()) {
         let mut now = step(*state, Event::Reported(Report::Robot(Robot::Ready))).0;
         for _ in 0..60 {
             let request = match now.at {
@@ -144,7 +144,7 @@ fn every_state_comes_to_rest_and_every_rest_to_a_cycle() {
                 At::Held(_) => Request::Stop,
                 _ => Request::Reset,
             };
-            now = step(now, good_news(&now).filter(|_| !now.at.rests()).unwrap_or(Event::Asked(request))).0;
+            now = step(now, good_news(&now).filter(|_| !now.at.is_at_rest()).unwrap_or(Event::Asked(request))).0;
         }
         assert_eq!(now.at, At::Execute(Phase::Locate), "no way to a cycle from {state:?}");
     }

@@ -86,7 +86,7 @@ fn an_epoch_that_is_ended_leaves_no_output_to_contradict() {
         assert_eq!(story.acts.last().map(String::as_str), Some("end-epoch"), "{request:?} {station}");
         let is_on = [Switch::ToolOn, Switch::ExtractionOn, Switch::LightOn];
         let believed: Vec<Switch> =
-            story.cell.state.facts.proven().filter(|switch| is_on.contains(switch)).collect();
+            story.cell.state.facts.proven_switches().filter(|switch| is_on.contains(switch)).collect();
         assert_eq!(believed, [], "{request:?} {station}");
     }
 }
@@ -97,7 +97,7 @@ fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
     story.asked(Request::Hold);
     assert_eq!(story.acts.join(" "), "end-epoch", "at once, and nothing else");
     let motion = story.cell.state.intent.expect("the robot has not said that it stands").motion;
-    assert!(!story.at().rests());
+    assert!(!story.at().is_at_rest());
     story.acts.clear();
     story.answer(Answer::Standstill { done: 2 });
     let closed = Effect::CloseIntent { motion, outcome: Outcome::Held, done: 2 };

@@ -27,7 +27,7 @@ fn phase(at: At) -> &'static str {
         At::Execute(Phase::Retract) => "retract",
         At::Execute(Phase::Assess { .. }) => "assess",
         At::Execute(Phase::Rinse) => "rinse",
-        other => other.word(),
+        other => other.keyword(),
     }
 }
 
@@ -44,7 +44,7 @@ fn note(coverage: &mut Coverage, cell: &Cell, before: State) {
     happened("planned again", matches!(before.at, At::Unholding { .. }) && now.at == At::Execute(Phase::Plan));
     let was_left = matches!(before.at, At::Execute(Phase::Assess { left: true }));
     happened("a path that was cut short is graded", was_left && now.at == At::Execute(Phase::Plan));
-    let is_held = matches!(now.at, At::Held(hold) if hold.is_of_contact());
+    let is_held = matches!(now.at, At::Held(hold) if hold.is_for_contact());
     happened("a contact waits for a person", is_held && now.at != before.at);
     happened("a contact path done", contact(before).is_some() && now.at == At::Execute(Phase::Retract));
     let air = |state: State| state.intent.is_some_and(|intent| intent.motion.path == Path::Air);
@@ -53,7 +53,7 @@ fn note(coverage: &mut Coverage, cell: &Cell, before: State) {
     happened("a third pass", before.job.pass == 2 && now.job.pass == 3);
     happened("a report dropped", now.dropped > before.dropped);
     if let (At::Complete { verdict }, true) = (now.at, now.at != before.at) {
-        happened(verdict.word(), true);
+        happened(verdict.keyword(), true);
     }
 }
 

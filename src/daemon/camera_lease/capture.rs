@@ -8,7 +8,7 @@ use crate::verdict::Reason;
 
 /// Which camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::daemon) enum Eye {
+pub(in crate::daemon) enum CameraEye {
     /// The fixed 3D camera.
     Scanner,
     /// The camera on the flange.
@@ -28,15 +28,15 @@ pub(in crate::daemon) struct TakenPicture {
 
 impl CameraLease<'_> {
     /// Takes a picture, if the cell is still at rest.
-    pub(super) fn capture(&self, eye: Eye) -> Result<TakenPicture, Reason> {
+    pub(super) fn capture(&self, eye: CameraEye) -> Result<TakenPicture, Reason> {
         let cameras = &mut self.cameras()?.cameras;
         let failed = |error: CameraError| Reason::new("camera", error.to_string());
         let (picture, time_s, conditions) = match eye {
-            Eye::Scanner => {
+            CameraEye::Scanner => {
                 let shot = cameras.scanner.capture_2d().map_err(failed)?;
                 (shot.picture, shot.time_s, cameras.scanner.conditions())
             }
-            Eye::Flange => {
+            CameraEye::Flange => {
                 let shot = cameras.flange.capture().map_err(failed)?;
                 (shot.picture, shot.time_s, cameras.flange.conditions())
             }
@@ -48,9 +48,9 @@ impl CameraLease<'_> {
 impl SharedCameras {
     /// Checks whether both cameras answer, if the cell is at rest and no other client has them; returns the
     /// problems found.
-    pub(in crate::daemon) fn check(&self) -> Option<Vec<Reason>> {
+    pub(in crate::daemon) fn check_cameras(&self) -> Option<Vec<Reason>> {
         let lent = self.lend().ok()?;
-        let faults = lent.cameras().ok()?.cameras.check();
+        let faults = lent.cameras().ok()?.cameras.check_cameras();
         Some(faults.into_iter().map(|fault| Reason::new("camera", fault.to_string())).collect())
     }
 
@@ -58,7 +58,7 @@ impl SharedCameras {
     ///
     /// # Errors
     /// If the cell is at work, another client uses the cameras, or the camera delivers no picture.
-    pub(in crate::daemon) fn capture(&self, eye: Eye) -> Result<TakenPicture, Reason> {
+    pub(in crate::daemon) fn capture(&self, eye: CameraEye) -> Result<TakenPicture, Reason> {
         self.lend()?.capture(eye)
     }
 }

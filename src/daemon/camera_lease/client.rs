@@ -3,11 +3,11 @@
 use super::super::protocol::request_line;
 use super::super::reply::Reply;
 use super::super::request::RequestKind;
-use super::header::Sent;
+use super::header::ShotHeader;
 use super::request::ShotRequest;
-use super::shared::AT_WORK;
+use super::shared::AT_WORK_CODE;
 use crate::devices::cameras::{
-    CameraError, Conditions, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which,
+    CameraError, CameraRole, Conditions, FlangeCamera, FlangePicture, Picture, Scanner, Shot,
 };
 use crate::files;
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
@@ -55,138 +55,144 @@ impl BorrowedFlangeCamera {
     }
 }
 
-fn failed(problem: impl std::fmt::Display) -> CameraError {
+fn connection_error(problem: impl std::fmt::Display) -> CameraError {
     CameraError::Service { problem: problem.to_string() }
 }
 
 /// Requests shots.
-fn ask(socket: &PathBuf, shot: ShotRequest) -> Result<Connection, CameraError> {
-    let mut stream = UnixStream::connect(socket).map_err(failed)?;
-    stream.set_read_timeout(Some(RESPONSE_TIMEOUT)).map_err(failed)?;
-    stream.set_write_timeout(Some(RESPONSE_TIMEOUT)).map_err(failed)?;
-    stream.write_all(request_line(&RequestKind::Shoot(shot)).map_err(failed)?.as_bytes()).map_err(failed)?;
+fn request_shots(socket: &PathBuf, shot: ShotRequest) -> Result<Connection, CameraError> {
+    let mut stream = UnixStream::connect(socket).map_err(connection_error)?;
+    stream.set_read_timeout(Some(RESPONSE_TIMEOUT)).map_err(connection_error)?;
+    stream.set_write_timeout(Some(RESPONSE_TIMEOUT)).map_err(connection_error)?;
+    stream
+        .write_all(request_line(&RequestKind::Shoot(shot)).map_err(connection_error)?.as_bytes())
+        .map_err(connection_error)?;
     Ok(BufReader::new(stream))
 }
 
 /// The next head.
-fn head(connection: &mut Connection) -> Result<Sent, CameraError> {
+fn head(connection: &mut Connection) -> Result<ShotHeader, CameraError> {
     let mut line = Vec::new();
-    connection.by_ref().take(MAX_HEAD_BYTES).read_until(b'\n', &mut line).map_err(failed)?;
+    connection.by_ref().take(MAX_HEAD_BYTES).read_until(b'\n', &mut line).map_err(connection_error)?;
     match serde_json::from_slice(&line) {
-        Ok(Sent::Failed { reasons }) if reasons.iter().any(|reason| reason.code == AT_WORK) => {
+        Ok(ShotHeader::Failed { reasons }) if reasons.iter().any(|reason| reason.code == AT_WORK_CODE) => {
             Err(CameraError::AtWork)
         }
-        Ok(Sent::Failed { reasons }) => Err(failed(words(&reasons))),
+        Ok(ShotHeader::Failed { reasons }) => Err(connection_error(describe_reasons(&reasons))),
         Ok(sent) => Ok(sent),
         // A request that was refused before the cameras were asked is answered like every other request.
         Err(error) => match serde_json::from_slice::<Reply>(&line) {
-            Ok(reply) => Err(failed(words(&reply.reasons))),
-            Err(_) => Err(failed(format!("the response of the service cannot be decoded: {error}"))),
+            Ok(reply) => Err(connection_error(describe_reasons(&reply.reasons))),
+            Err(_) => Err(connection_error(format!("the response of the service cannot be decoded: {error}"))),
         },
     }
 }
 
-fn words(reasons: &[crate::verdict::Reason]) -> String {
+fn describe_reasons(reasons: &[crate::verdict::Reason]) -> String {
     reasons.iter().map(|reason| reason.message.as_ref()).collect::<Vec<_>>().join("; ")
 }
 
 fn body(connection: &mut Connection, bytes: usize) -> Result<Vec<u8>, CameraError> {
     if bytes > MAX_SHOT_BYTES {
-        return Err(failed(format!(
+        return Err(connection_error(format!(
             "the service announced a shot of {bytes} bytes (limit {MAX_SHOT_BYTES} bytes)"
         )));
     }
     let mut body = Vec::new();
-    let read = connection.take(bytes as u64).read_to_end(&mut body).map_err(failed)?;
+    let read = connection.take(bytes as u64).read_to_end(&mut body).map_err(connection_error)?;
     if read == bytes {
         Ok(body)
     } else {
-        Err(failed(format!("connection closed by the service after {read} of {bytes} bytes")))
+        Err(connection_error(format!("connection closed by the service after {read} of {bytes} bytes")))
     }
 }
 
-fn colors(connection: &mut Connection, width: usize, height: usize) -> Result<ColorPicture, CameraError> {
+fn read_colors(connection: &mut Connection, width: usize, height: usize) -> Result<ColorPicture, CameraError> {
     let bytes = width.checked_mul(height).and_then(|pixels| pixels.checked_mul(3));
     let body = body(connection, bytes.unwrap_or(usize::MAX))?;
     let (rgb, _) = body.as_chunks::<3>();
     Ok(ColorPicture { width, height, rgb: rgb.to_vec() })
 }
 
-fn unexpected(sent: &Sent) -> CameraError {
+fn unexpected_header_error(sent: &ShotHeader) -> CameraError {
     let what = match sent {
-        Sent::Scan { .. } => "a scan",
-        Sent::Picture { .. } => "a picture",
-        Sent::Began { .. } => "the beginning of a film",
-        Sent::Ended { .. } => "the end of a film",
-        Sent::Failed { .. } => "a failure",
+        ShotHeader::Scan { .. } => "a scan",
+        ShotHeader::Picture { .. } => "a picture",
+        ShotHeader::Began { .. } => "the beginning of a film",
+        ShotHeader::Ended { .. } => "the end of a film",
+        ShotHeader::Failed { .. } => "a failure",
     };
-    failed(format!("{what} was received, but something else was requested"))
+    connection_error(format!("{what} was received, but something else was requested"))
 }
 
 impl Scanner for RemoteScanner {
     fn capture_3d(&mut self) -> Result<Shot, CameraError> {
         self.film = None;
-        let mut connection = ask(&self.socket, ShotRequest::Scan)?;
+        let mut connection = request_shots(&self.socket, ShotRequest::Scan)?;
         match head(&mut connection)? {
-            Sent::Scan { bytes, time_s, conditions } => {
+            ShotHeader::Scan { bytes, time_s, conditions } => {
                 self.conditions = conditions;
                 let body = body(&mut connection, bytes)?;
-                let cloud: OrganizedCloud<Camera> = files::read_any_cloud(&body, None).map_err(failed)?;
+                let cloud: OrganizedCloud<Camera> = files::read_any_cloud(&body, None).map_err(connection_error)?;
                 Ok(Shot { cloud, time_s })
             }
-            sent => Err(unexpected(&sent)),
+            sent => Err(unexpected_header_error(&sent)),
         }
     }
 
     fn capture_2d(&mut self) -> Result<Picture, CameraError> {
         self.film = None;
-        let mut connection = ask(&self.socket, ShotRequest::Picture)?;
+        let mut connection = request_shots(&self.socket, ShotRequest::Picture)?;
         match head(&mut connection)? {
-            Sent::Picture { width_px, height_px, time_s, conditions } => {
+            ShotHeader::Picture { width_px, height_px, time_s, conditions } => {
                 self.conditions = conditions;
-                Ok(Picture { picture: colors(&mut connection, width_px, height_px)?, time_s })
+                Ok(Picture { picture: read_colors(&mut connection, width_px, height_px)?, time_s })
             }
-            sent => Err(unexpected(&sent)),
+            sent => Err(unexpected_header_error(&sent)),
         }
     }
 
     fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
         self.film = None;
-        let mut connection = ask(&self.socket, ShotRequest::Film { pictures_per_second })?;
+        let mut connection = request_shots(&self.socket, ShotRequest::Film { pictures_per_second })?;
         match head(&mut connection)? {
-            Sent::Began { time_s } => {
+            ShotHeader::Began { time_s } => {
                 self.film = Some(connection);
                 Ok(time_s)
             }
-            sent => Err(unexpected(&sent)),
+            sent => Err(unexpected_header_error(&sent)),
         }
     }
 
-    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
-        let Some(film) = &mut self.film else { return Err(CameraError::NoClip { which: Which::Scanner }) };
+    fn next_clip_picture(&mut self) -> Result<Option<Picture>, CameraError> {
+        let Some(film) = &mut self.film else { return Err(CameraError::NoClip { which: CameraRole::Scanner }) };
         match head(film)? {
-            Sent::Picture { width_px, height_px, time_s, conditions } => {
+            ShotHeader::Picture { width_px, height_px, time_s, conditions } => {
                 self.conditions = conditions;
-                Ok(Some(Picture { picture: colors(film, width_px, height_px)?, time_s }))
+                Ok(Some(Picture { picture: read_colors(film, width_px, height_px)?, time_s }))
             }
-            sent => Err(unexpected(&sent)),
+            sent => Err(unexpected_header_error(&sent)),
         }
     }
 
     fn end_clip(&mut self) -> Result<u64, CameraError> {
-        let Some(mut film) = self.film.take() else { return Err(CameraError::NoClip { which: Which::Scanner }) };
-        film.get_ref().shutdown(Shutdown::Write).map_err(failed)?;
+        let Some(mut film) = self.film.take() else {
+            return Err(CameraError::NoClip { which: CameraRole::Scanner });
+        };
+        film.get_ref().shutdown(Shutdown::Write).map_err(connection_error)?;
         loop {
             match head(&mut film)? {
-                Sent::Ended { dropped } => return Ok(dropped),
+                ShotHeader::Ended { dropped } => return Ok(dropped),
                 // The picture was already being sent.
-                Sent::Picture { width_px, height_px, .. } => drop(colors(&mut film, width_px, height_px)?),
-                sent => return Err(unexpected(&sent)),
+                ShotHeader::Picture { width_px, height_px, .. } => {
+                    drop(read_colors(&mut film, width_px, height_px)?)
+                }
+                sent => return Err(unexpected_header_error(&sent)),
             }
         }
     }
 
-    fn check(&mut self) -> Result<(), CameraError> {
+    fn check_ready(&mut self) -> Result<(), CameraError> {
         self.capture_2d().map(drop)
     }
 
@@ -197,18 +203,18 @@ impl Scanner for RemoteScanner {
 
 impl FlangeCamera for BorrowedFlangeCamera {
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
-        let mut connection = ask(&self.socket, ShotRequest::Corner)?;
+        let mut connection = request_shots(&self.socket, ShotRequest::Corner)?;
         match head(&mut connection)? {
-            Sent::Picture { width_px, height_px, time_s, conditions } => {
+            ShotHeader::Picture { width_px, height_px, time_s, conditions } => {
                 self.conditions = conditions;
-                let picture = colors(&mut connection, width_px, height_px)?;
+                let picture = read_colors(&mut connection, width_px, height_px)?;
                 Ok(FlangePicture { picture, base_from_flange: None, time_s })
             }
-            sent => Err(unexpected(&sent)),
+            sent => Err(unexpected_header_error(&sent)),
         }
     }
 
-    fn check(&mut self) -> Result<(), CameraError> {
+    fn check_ready(&mut self) -> Result<(), CameraError> {
         self.capture().map(drop)
     }
 

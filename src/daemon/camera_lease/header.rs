@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// The header of what the service sends.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "sent", rename_all = "lowercase", deny_unknown_fields)]
-pub(super) enum Sent {
+pub(super) enum ShotHeader {
     /// A scan: this many bytes of PCD follow.
     Scan {
         /// Their number.

@@ -24,7 +24,7 @@ mod request;
 mod serving;
 mod shared;
 
-pub(super) use capture::Eye;
+pub(super) use capture::CameraEye;
 pub use client::{BorrowedFlangeCamera, RemoteScanner};
 pub use last_state::LastState;
 pub use request::ShotRequest;

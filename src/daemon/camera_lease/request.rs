@@ -21,7 +21,7 @@ pub enum ShotRequest {
 
 impl ShotRequest {
     /// Returns the request in words for a message.
-    pub fn word(self) -> &'static str {
+    pub fn describe(self) -> &'static str {
         match self {
             ShotRequest::Scan => "a scan",
             ShotRequest::Picture => "a picture",

@@ -1,7 +1,7 @@
 //! One connection that requests shots.
 
-use super::capture::{Eye, TakenPicture};
-use super::header::Sent;
+use super::capture::{CameraEye, TakenPicture};
+use super::header::ShotHeader;
 use super::request::ShotRequest;
 use super::shared::{CameraLease, SharedCameras};
 use crate::devices::cameras::{CameraError, Conditions};
@@ -20,41 +20,45 @@ const END_POLL_TIMEOUT: Duration = Duration::from_millis(2);
 const MAX_PICTURES_PER_SECOND: f64 = 100.0;
 
 /// Why a connection ends before its normal end.
-enum Broken {
+enum ConnectionEnd {
     /// The reason is reported to the client.
     Refused(Vec<Reason>),
     /// There is no client to report to.
     HungUp,
 }
 
-impl From<std::io::Error> for Broken {
+impl From<std::io::Error> for ConnectionEnd {
     fn from(_: std::io::Error) -> Self {
-        Broken::HungUp
+        ConnectionEnd::HungUp
     }
 }
 
-impl From<Reason> for Broken {
+impl From<Reason> for ConnectionEnd {
     fn from(reason: Reason) -> Self {
-        Broken::Refused(vec![reason])
+        ConnectionEnd::Refused(vec![reason])
     }
 }
 
-impl From<CameraError> for Broken {
+impl From<CameraError> for ConnectionEnd {
     fn from(error: CameraError) -> Self {
-        Broken::Refused(vec![Reason::new("camera", error.to_string())])
+        ConnectionEnd::Refused(vec![Reason::new("camera", error.to_string())])
     }
 }
 
 /// Takes the requested shots and sends them, until the client has enough or the cell is no longer at rest.
 pub fn serve(mut stream: UnixStream, request: ShotRequest, cameras: &SharedCameras) {
-    let sent = shots(&mut stream, request, cameras);
-    if let Err(Broken::Refused(reasons)) = sent {
+    let sent = serve_shots(&mut stream, request, cameras);
+    if let Err(ConnectionEnd::Refused(reasons)) = sent {
         #[expect(clippy::let_underscore_must_use, reason = "a client that disconnected needs no reply")]
-        let _ = head(&mut stream, &Sent::Failed { reasons });
+        let _ = head(&mut stream, &ShotHeader::Failed { reasons });
     }
 }
 
-fn shots(stream: &mut UnixStream, request: ShotRequest, cameras: &SharedCameras) -> Result<(), Broken> {
+fn serve_shots(
+    stream: &mut UnixStream,
+    request: ShotRequest,
+    cameras: &SharedCameras,
+) -> Result<(), ConnectionEnd> {
     stream.set_nonblocking(false)?;
     stream.set_write_timeout(Some(CLIENT_TIMEOUT))?;
     stream.set_read_timeout(Some(END_POLL_TIMEOUT))?;
@@ -66,22 +70,22 @@ fn shots(stream: &mut UnixStream, request: ShotRequest, cameras: &SharedCameras)
                 (cameras.scanner.capture_3d()?, cameras.scanner.conditions())
             };
             let pcd = files::write_pcd(&shot.cloud);
-            head(stream, &Sent::Scan { bytes: pcd.len(), time_s: shot.time_s, conditions })?;
+            head(stream, &ShotHeader::Scan { bytes: pcd.len(), time_s: shot.time_s, conditions })?;
             stream.write_all(&pcd)?;
         }
-        ShotRequest::Picture => one(stream, &lent, Eye::Scanner)?,
-        ShotRequest::Corner => one(stream, &lent, Eye::Flange)?,
+        ShotRequest::Picture => serve_one(stream, &lent, CameraEye::Scanner)?,
+        ShotRequest::Corner => serve_one(stream, &lent, CameraEye::Flange)?,
         ShotRequest::Film { pictures_per_second } => film(stream, pictures_per_second, &lent)?,
     }
     Ok(())
 }
 
-fn one(stream: &mut UnixStream, lent: &CameraLease<'_>, eye: Eye) -> Result<(), Broken> {
+fn serve_one(stream: &mut UnixStream, lent: &CameraLease<'_>, eye: CameraEye) -> Result<(), ConnectionEnd> {
     let TakenPicture { picture: taken, time_s, conditions } = lent.capture(eye)?;
     Ok(picture(stream, &taken, (time_s, conditions))?)
 }
 
-fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &CameraLease<'_>) -> Result<(), Broken> {
+fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &CameraLease<'_>) -> Result<(), ConnectionEnd> {
     if !(pictures_per_second > 0.0 && pictures_per_second <= MAX_PICTURES_PER_SECOND) {
         let message = format!(
             "the rate is {pictures_per_second} pictures per second; valid: more than 0, at most \
@@ -103,15 +107,15 @@ fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &CameraLease<'_
         std::mem::take(&mut inside.films).then(|| inside.cameras.scanner.end_clip())
     };
     sent?;
-    Ok(head(stream, &Sent::Ended { dropped: dropped.transpose()?.unwrap_or(0) })?)
+    Ok(head(stream, &ShotHeader::Ended { dropped: dropped.transpose()?.unwrap_or(0) })?)
 }
 
-fn pictures(stream: &mut UnixStream, time_s: f64, lent: &CameraLease<'_>) -> Result<(), Broken> {
-    head(stream, &Sent::Began { time_s })?;
-    while !has_enough(stream)? {
+fn pictures(stream: &mut UnixStream, time_s: f64, lent: &CameraLease<'_>) -> Result<(), ConnectionEnd> {
+    head(stream, &ShotHeader::Began { time_s })?;
+    while !has_client_finished(stream)? {
         let next = {
             let scanner = &mut lent.cameras()?.cameras.scanner;
-            let next = scanner.next_of_clip()?;
+            let next = scanner.next_clip_picture()?;
             next.map(|shot| (shot, scanner.conditions()))
         };
         if let Some((shot, conditions)) = next {
@@ -122,7 +126,7 @@ fn pictures(stream: &mut UnixStream, time_s: f64, lent: &CameraLease<'_>) -> Res
 }
 
 /// Returns whether the client has closed its writing side.
-fn has_enough(stream: &mut UnixStream) -> Result<bool, Broken> {
+fn has_client_finished(stream: &mut UnixStream) -> Result<bool, ConnectionEnd> {
     match stream.read(&mut [0; 64]) {
         Ok(0) => Ok(true),
         Ok(_) => Err(Reason::new(
@@ -136,7 +140,7 @@ fn has_enough(stream: &mut UnixStream) -> Result<bool, Broken> {
         {
             Ok(false)
         }
-        Err(_) => Err(Broken::HungUp),
+        Err(_) => Err(ConnectionEnd::HungUp),
     }
 }
 
@@ -146,11 +150,11 @@ fn picture(
     (time_s, conditions): (f64, Conditions),
 ) -> std::io::Result<()> {
     let (width_px, height_px) = (picture.width, picture.height);
-    head(stream, &Sent::Picture { width_px, height_px, time_s, conditions })?;
+    head(stream, &ShotHeader::Picture { width_px, height_px, time_s, conditions })?;
     stream.write_all(picture.rgb.as_flattened())
 }
 
-fn head(stream: &mut UnixStream, sent: &Sent) -> std::io::Result<()> {
+fn head(stream: &mut UnixStream, sent: &ShotHeader) -> std::io::Result<()> {
     let mut line = serde_json::to_vec(sent)?;
     line.push(b'\n');
     stream.write_all(&line)

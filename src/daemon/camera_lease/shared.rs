@@ -19,7 +19,7 @@ pub type AllCameras = Cameras<Box<dyn Scanner>, Box<dyn FlangeCamera>>;
 const LEND_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The code of the reason why there is no shot while the cell is at work.
-pub(super) const AT_WORK: &str = "at_work";
+pub(super) const AT_WORK_CODE: &str = "at_work";
 
 pub(super) struct Inside {
     pub(super) cameras: AllCameras,
@@ -35,7 +35,7 @@ struct Shared {
     inside: Mutex<Inside>,
     last: LastState,
     /// The cell rests, and no cycle is under way.
-    rests: AtomicBool,
+    is_at_rest: AtomicBool,
     is_lent: AtomicBool,
 }
 
@@ -44,18 +44,18 @@ impl SharedCameras {
     pub fn new(cameras: AllCameras, last: LastState) -> Self {
         let (rests, is_lent) = (AtomicBool::new(false), AtomicBool::new(false));
         let inside = Mutex::new(Inside { cameras, films: false });
-        SharedCameras(Arc::new(Shared { inside, last, rests, is_lent }))
+        SharedCameras(Arc::new(Shared { inside, last, is_at_rest: rests, is_lent }))
     }
 
     /// Records the present state of the cell.
-    pub(in crate::daemon) fn cell_is(&self, state: &State) {
-        self.0.rests.store(state.at.rests() && !state.job.running, Ordering::Relaxed);
+    pub(in crate::daemon) fn set_cell_state(&self, state: &State) {
+        self.0.is_at_rest.store(state.at.is_at_rest() && !state.job.running, Ordering::Relaxed);
     }
 
     /// Reserves the cameras for an operation that may need them: they are not lent any more until the cell's state is
     /// reported again.
-    pub(in crate::daemon) fn are_needed(&self) {
-        self.0.rests.store(false, Ordering::Relaxed);
+    pub(in crate::daemon) fn reserve(&self) {
+        self.0.is_at_rest.store(false, Ordering::Relaxed);
     }
 
     fn lock(&self) -> MutexGuard<'_, Inside> {
@@ -63,7 +63,7 @@ impl SharedCameras {
     }
 
     /// Uses the cameras for the loop; a film that is lent to a client ends first.
-    fn with<T>(&self, act: impl FnOnce(&mut AllCameras) -> T) -> T {
+    fn with_cameras<T>(&self, act: impl FnOnce(&mut AllCameras) -> T) -> T {
         let mut inside = self.lock();
         if std::mem::take(&mut inside.films) {
             #[expect(
@@ -100,7 +100,10 @@ impl SharedCameras {
 
 impl std::fmt::Debug for SharedCameras {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("SharedCameras").field("rests", &self.0.rests).field("is_lent", &self.0.is_lent).finish()
+        f.debug_struct("SharedCameras")
+            .field("rests", &self.0.is_at_rest)
+            .field("is_lent", &self.0.is_lent)
+            .finish()
     }
 }
 
@@ -123,15 +126,15 @@ impl CameraLease<'_> {
     pub(super) fn cameras(&self) -> Result<MutexGuard<'_, Inside>, Reason> {
         let inside = self.0.lock();
         // Checked after the cameras are locked: if the loop locks them later, this shot has ended by then.
-        if self.0.0.rests.load(Ordering::Relaxed) {
+        if self.0.0.is_at_rest.load(Ordering::Relaxed) {
             return Ok(inside);
         }
-        Err(Reason::new(AT_WORK, "the cell is at work; try again when the cycle has ended"))
+        Err(Reason::new(AT_WORK_CODE, "the cell is at work; try again when the cycle has ended"))
     }
 }
 
 impl Port<CameraCommand> for SharedCameras {
     fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
-        self.with(|cameras| cameras.perform(command))
+        self.with_cameras(|cameras| cameras.perform(command))
     }
 }

@@ -7,7 +7,7 @@ use super::*;
 use crate::cycle::{At, Phase, State};
 use crate::daemon::cameras::Cameras;
 use crate::daemon::ports::CameraPort as _;
-use crate::devices::cameras::{CameraError, FlangePicture, Picture, Shot, Which};
+use crate::devices::cameras::{CameraError, CameraRole, FlangePicture, Picture, Shot};
 use crate::devices::cameras::{Conditions, FlangeCamera, Scanner};
 use crate::eki;
 use crate::geometry::Joints;
@@ -44,7 +44,7 @@ impl Scanner for FakeScanner {
     }
 
     fn capture_2d(&mut self) -> Result<Picture, CameraError> {
-        Err(CameraError::Timeout { which: Which::Scanner, waited_ms: 900 })
+        Err(CameraError::Timeout { which: CameraRole::Scanner, waited_ms: 900 })
     }
 
     fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
@@ -52,11 +52,11 @@ impl Scanner for FakeScanner {
         Ok(3.5)
     }
 
-    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
+    fn next_clip_picture(&mut self) -> Result<Option<Picture>, CameraError> {
         let number = self.0.pictures.fetch_add(1, Ordering::Relaxed);
         // In every second call, no picture is due.
         let due = number % 2 == 1;
-        let picture = ColorPicture::filled(3, 2, [number as u8; 3]);
+        let picture = ColorPicture::uniform(3, 2, [number as u8; 3]);
         Ok(due.then_some(Picture { picture, time_s: number as f64 }))
     }
 
@@ -65,7 +65,7 @@ impl Scanner for FakeScanner {
         Ok(4)
     }
 
-    fn check(&mut self) -> Result<(), CameraError> {
+    fn check_ready(&mut self) -> Result<(), CameraError> {
         Ok(())
     }
 
@@ -83,7 +83,7 @@ impl FlangeCamera for FakeFlange {
         Ok(FlangePicture { picture, base_from_flange: None, time_s: 1.0 })
     }
 
-    fn check(&mut self) -> Result<(), CameraError> {
+    fn check_ready(&mut self) -> Result<(), CameraError> {
         Ok(())
     }
 }
@@ -128,7 +128,7 @@ impl Bench {
     }
 
     fn rests(&self) {
-        self.cameras.cell_is(&State { at: At::Idle, ..State::NEW });
+        self.cameras.set_cell_state(&State { at: At::Idle, ..State::INITIAL });
     }
 
     fn scanner(&self) -> RemoteScanner {
@@ -161,19 +161,19 @@ fn shots_come_over_as_they_were_taken() {
 fn a_picture_is_taken_while_the_cell_rests_and_not_in_a_cycle() {
     let bench = Bench::new();
     let code = |eye| bench.cameras.capture(eye).expect_err("none").code.into_owned();
-    bench.cameras.are_needed();
-    assert_eq!(code(Eye::Flange), "at_work");
-    bench.cameras.cell_is(&State::NEW);
-    let taken = bench.cameras.capture(Eye::Flange).expect("a picture");
+    bench.cameras.reserve();
+    assert_eq!(code(CameraEye::Flange), "at_work");
+    bench.cameras.set_cell_state(&State::INITIAL);
+    let taken = bench.cameras.capture(CameraEye::Flange).expect("a picture");
     assert_eq!((taken.picture.width, taken.picture.rgb[5], taken.time_s), (3, [5, 10, 15], 1.0));
-    assert_eq!(code(Eye::Scanner), "camera", "it delivers none");
+    assert_eq!(code(CameraEye::Scanner), "camera", "it delivers none");
     let lent = bench.cameras.lend().expect("nobody has them");
-    assert_eq!(code(Eye::Flange), "busy");
+    assert_eq!(code(CameraEye::Flange), "busy");
     drop(lent);
-    assert!(bench.cameras.capture(Eye::Flange).is_ok());
-    assert_eq!(bench.cameras.check().expect("looked at"), []);
-    bench.cameras.are_needed();
-    assert_eq!(bench.cameras.check(), None, "a cycle is not disturbed");
+    assert!(bench.cameras.capture(CameraEye::Flange).is_ok());
+    assert_eq!(bench.cameras.check_cameras().expect("looked at"), []);
+    bench.cameras.reserve();
+    assert_eq!(bench.cameras.check_cameras(), None, "a cycle is not disturbed");
 }
 
 #[test]
@@ -196,12 +196,12 @@ fn a_film_lasts_until_the_client_has_enough() {
     let mut scanner = bench.scanner();
     assert_eq!(scanner.begin_clip(5.0).expect("begun"), 3.5);
     for number in [1_u8, 3, 5] {
-        let picture = scanner.next_of_clip().expect("a picture").expect("one is waited for");
+        let picture = scanner.next_clip_picture().expect("a picture").expect("one is waited for");
         assert_eq!((picture.picture.rgb[0], picture.time_s), ([number; 3], f64::from(number)));
     }
     assert_eq!(scanner.end_clip().expect("ended"), 4);
     assert_eq!(bench.counts.films_ended.load(Ordering::Relaxed), 1);
-    refused(scanner.next_of_clip(), "is not recording a clip");
+    refused(scanner.next_clip_picture(), "is not recording a clip");
     refused(scanner.begin_clip(0.0), "valid: more than 0, at most 100");
     assert!(scanner.capture_3d().is_ok(), "the cameras are free again");
 }
@@ -212,7 +212,7 @@ fn a_client_that_is_gone_leaves_no_film() {
     let bench = Bench::new();
     let mut scanner = bench.scanner();
     scanner.begin_clip(5.0).expect("begun");
-    scanner.next_of_clip().expect("a picture");
+    scanner.next_clip_picture().expect("a picture");
     drop(scanner);
     while bench.counts.films_ended.load(Ordering::Relaxed) == 0 {
         thread::sleep(Duration::from_millis(2));
@@ -224,20 +224,20 @@ fn a_cycle_takes_its_cameras_back() {
     let bench = Bench::new();
     let mut scanner = bench.scanner();
     scanner.begin_clip(5.0).expect("begun");
-    scanner.next_of_clip().expect("a picture");
+    scanner.next_clip_picture().expect("a picture");
     refused(bench.scanner().capture_3d(), "another client is taking pictures now");
-    bench.cameras.are_needed();
-    let end = (0..1_000).find_map(|_| scanner.next_of_clip().err()).expect("the film ends");
+    bench.cameras.reserve();
+    let end = (0..1_000).find_map(|_| scanner.next_clip_picture().err()).expect("the film ends");
     assert!(end.to_string().contains("the service is using the cameras for a cycle"), "{end}");
     assert_eq!(bench.counts.films_ended.load(Ordering::Relaxed), 1, "before the cycle's own first shot");
     refused(bench.scanner().capture_3d(), "try again when the cycle has ended");
 
-    let held = State { at: At::Idle, ..State::NEW };
+    let held = State { at: At::Idle, ..State::INITIAL };
     let mut running = held;
     running.job.running = true;
-    bench.cameras.cell_is(&running);
+    bench.cameras.set_cell_state(&running);
     refused(bench.scanner().capture_3d(), "the service is using the cameras for a cycle");
-    bench.cameras.cell_is(&State { at: At::Execute(Phase::Inspect), ..held });
+    bench.cameras.set_cell_state(&State { at: At::Execute(Phase::Inspect), ..held });
     refused(bench.scanner().capture_3d(), "the service is using the cameras for a cycle");
     bench.rests();
     assert!(bench.scanner().capture_3d().is_ok());

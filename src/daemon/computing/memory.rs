@@ -6,9 +6,9 @@
 //! are compared by content, except inputs that follow from others. Films are remembered by their pictures (see
 //! `films`).
 
-use super::work::{Work, Worked};
+use super::work::{WorkInput, WorkResult};
 use crate::cycle::Action;
-use crate::daemon::abrasion::Abrasion;
+use crate::daemon::abrasion::AbrasionWork;
 use crate::daemon::films::FilmMemory;
 use crate::daemon::perception::Perception;
 use crate::daemon::ports::Note;
@@ -25,7 +25,7 @@ pub type SceneKey = Box<dyn FnMut(Action) -> Option<u64> + Send>;
 /// Results of earlier work. All clones share the same memory; it is valid for cycles of one setup.
 #[derive(Debug, Clone)]
 pub struct Memory {
-    results: Arc<Mutex<BTreeMap<String, Worked>>>,
+    results: Arc<Mutex<BTreeMap<String, WorkResult>>>,
     /// Reduces a note to the part that is remembered.
     keeps: fn(Note) -> Note,
     films: FilmMemory,
@@ -33,20 +33,21 @@ pub struct Memory {
 
 /// Returns the inputs of a piece of work as text; `None` if its result is not remembered. An act is named together
 /// with the data that its phase reads.
-pub(super) fn inputs(work: &Work, scene_key: &mut SceneKey) -> Option<String> {
-    if !matches!(work.act, Action::Locate | Action::Refine { .. } | Action::Verify { .. } | Action::Plan { .. }) {
+pub(super) fn inputs(work: &WorkInput, scene_key: &mut SceneKey) -> Option<String> {
+    if !matches!(work.action, Action::Locate | Action::Refine { .. } | Action::Verify { .. } | Action::Plan { .. })
+    {
         return None;
     }
-    let scene = scene_key(work.act)?;
-    let (act, pass, tip) = (work.act, work.pass, work.tip);
+    let scene = scene_key(work.action)?;
+    let (act, pass, tip) = (work.action, work.pass, work.tip);
     Some(match act {
         Action::Locate => format!("{act:?} {scene}"),
         // The survey that follows a corner's refinement depends on the wear of the disc.
         Action::Refine { .. } => {
             let worn_mm2 = work.abrasion.worn_mm2;
-            format!("{act:?} {pass} {scene} {tip:?} {worn_mm2} {}", work.perception.place_inputs())
+            format!("{act:?} {pass} {scene} {tip:?} {worn_mm2} {}", work.perception.pose_inputs())
         }
-        Action::Verify { .. } => format!("{act:?} {pass} {scene} {tip:?} {}", work.perception.place_inputs()),
+        Action::Verify { .. } => format!("{act:?} {pass} {scene} {tip:?} {}", work.perception.pose_inputs()),
         _ => format!("{act:?} {pass} {scene} {} {}", work.perception.inputs(), work.abrasion.inputs()),
     })
 }
@@ -63,40 +64,40 @@ impl Memory {
     }
 
     /// Returns the remembered result for these inputs, adapted to this piece of work.
-    pub(super) fn recall(&self, inputs: &str, work: &Work) -> Option<Worked> {
+    pub(super) fn cached_result(&self, inputs: &str, work: &WorkInput) -> Option<WorkResult> {
         let results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
         let worked = results.get(inputs)?;
         let artifacts = worked.artifacts.clone().map(|(mut perception, abrasion)| {
             // The data from earlier films is not a result of this work.
-            perception.keep_films_of(&work.perception, work.act == Action::Locate);
-            (perception, after(work.act, &work.abrasion, abrasion))
+            perception.copy_films(&work.perception, work.action == Action::Locate);
+            (perception, abrasion_after(work.action, &work.abrasion, abrasion))
         });
-        let (found, notes) = (worked.found.as_ref().ok()?.clone(), worked.notes.clone());
-        Some(Worked { id: work.id, found: Ok(found), artifacts, notes, is_of_film: false })
+        let (found, notes) = (worked.outcome.as_ref().ok()?.clone(), worked.notes.clone());
+        Some(WorkResult { id: work.id, outcome: Ok(found), artifacts, notes, is_of_film: false })
     }
 
     /// Remembers a result, unless it is an error.
-    pub(super) fn remember(&self, inputs: String, worked: &Worked) {
-        let Ok(found) = &worked.found else { return };
+    pub(super) fn store_result(&self, inputs: String, worked: &WorkResult) {
+        let Ok(found) = &worked.outcome else { return };
         let mut results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
         if results.len() >= MAX_RESULTS {
             return;
         }
         let artifacts = worked.artifacts.clone().map(|(mut perception, abrasion)| {
-            perception.keep_films_of(&Perception::default(), true);
+            perception.copy_films(&Perception::default(), true);
             (perception, abrasion)
         });
         let notes = worked.notes.iter().cloned().map(self.keeps).collect();
         let (id, found) = (worked.id, Ok(found.clone()));
-        results.insert(inputs, Worked { id, found, artifacts, notes, is_of_film: false });
+        results.insert(inputs, WorkResult { id, outcome: found, artifacts, notes, is_of_film: false });
     }
 }
 
 /// Returns the abrasion data after a remembered act: only planning changes it. An exception is the surface, which
 /// follows from the taught data.
-fn after(act: Action, before: &Abrasion, then: Abrasion) -> Abrasion {
+fn abrasion_after(act: Action, before: &AbrasionWork, then: AbrasionWork) -> AbrasionWork {
     match act {
         Action::Plan { .. } => then,
-        _ => before.clone().on_surface_of(then),
+        _ => before.clone().with_surface_of(then),
     }
 }

@@ -1,7 +1,7 @@
 //! A piece of work, and its result.
 
 use crate::cycle::{Action, Answer, Id, Trouble};
-use crate::daemon::abrasion::Abrasion;
+use crate::daemon::abrasion::AbrasionWork;
 use crate::daemon::error::DaemonError;
 use crate::daemon::perception::Perception;
 use crate::daemon::ports::Note;
@@ -12,14 +12,14 @@ use std::sync::Arc;
 
 /// The data that an act needs.
 #[derive(Debug)]
-pub(in crate::daemon) struct Work {
+pub(in crate::daemon) struct WorkInput {
     /// The act.
     pub id: Id,
-    pub act: Action,
+    pub action: Action,
     /// Whether this is the next step of the film under way; such a step needs no other data.
     pub is_next_picture: bool,
     pub perception: Perception,
-    pub abrasion: Abrasion,
+    pub abrasion: AbrasionWork,
     /// The pose of the active tool in the active base, as far as it is known.
     pub tip: Option<KukaPose>,
     pub pass: u8,
@@ -27,35 +27,35 @@ pub(in crate::daemon) struct Work {
     pub setup: Option<Arc<CycleSetup>>,
 }
 
-impl Work {
+impl WorkInput {
     /// Creates the next step of the film that this act watches.
-    pub fn next_picture(id: Id, act: Action, pass: u8, setup: Option<Arc<CycleSetup>>) -> Self {
+    pub fn next_picture_step(id: Id, act: Action, pass: u8, setup: Option<Arc<CycleSetup>>) -> Self {
         let (perception, abrasion) = Default::default();
-        Work { id, act, is_next_picture: true, perception, abrasion, tip: None, pass, setup }
+        WorkInput { id, action: act, is_next_picture: true, perception, abrasion, tip: None, pass, setup }
     }
 }
 
 /// The result of the work.
 #[derive(Debug)]
-pub(in crate::daemon) struct Worked {
+pub(in crate::daemon) struct WorkResult {
     pub id: Id,
-    pub found: Result<Found, DaemonError>,
+    pub outcome: Result<WorkOutcome, DaemonError>,
     /// The artifacts after the work; `None` if the work was lost.
-    pub artifacts: Option<(Perception, Abrasion)>,
+    pub artifacts: Option<(Perception, AbrasionWork)>,
     pub notes: Vec<Note>,
     /// Whether this is the result of a step of a film.
     pub(super) is_of_film: bool,
 }
 
-impl Worked {
+impl WorkResult {
     pub(super) fn is_last(&self) -> bool {
-        !matches!(self.found, Ok(Found::Watching { .. }))
+        !matches!(self.outcome, Ok(WorkOutcome::Watching { .. }))
     }
 }
 
 /// The result of a piece of work.
 #[derive(Debug, Clone)]
-pub(in crate::daemon) enum Found {
+pub(in crate::daemon) enum WorkOutcome {
     /// The act's answer.
     Answer(Answer),
     /// The film continues; this is the duration of the part seen so far, s.
@@ -65,4 +65,4 @@ pub(in crate::daemon) enum Found {
 }
 
 /// Checks the calibrations; returns a message for each one that cannot be read.
-pub type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;
+pub type CalibrationCheck = Box<dyn FnMut() -> Vec<Reason> + Send>;

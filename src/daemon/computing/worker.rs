@@ -1,13 +1,13 @@
 //! The worker: it has the cameras and the film under way, and calls the phases.
 
-use super::work::{Found, Readable, Work, Worked};
+use super::work::{CalibrationCheck, WorkInput, WorkOutcome, WorkResult};
 use crate::cycle::{Action, Answer, Grade, Trouble};
 use crate::daemon::answers::MISSING;
 use crate::daemon::error::DaemonError;
 use crate::daemon::films::FilmMemory;
 use crate::daemon::live_view::{LiveFilm, LiveFrame, LiveView};
-use crate::daemon::perception::Filming;
-use crate::daemon::ports::{CameraPort, Keeper, Note, Record, RecordError, StoredPicture};
+use crate::daemon::perception::FilmInProgress;
+use crate::daemon::ports::{CameraPort, Note, PictureStore, Record, RecordError, StoredPicture};
 use crate::daemon::setup::CycleSetup;
 use crate::files::ClipEntry;
 use crate::geometry::{Camera, Frame, OrganizedCloud, Panel, Rigid};
@@ -18,15 +18,15 @@ use std::sync::Arc;
 
 /// A list of notes instead of a record. The worker compresses and writes pictures at once on its own thread: on the
 /// loop's thread this would exceed the loop's deadlines and its watchdog time.
-struct Notes<'k> {
+struct NoteBuffer<'k> {
     notes: Vec<Note>,
-    keep: Option<&'k mut Keeper>,
+    keep: Option<&'k mut PictureStore>,
     view: &'k LiveView,
     cycle: Option<&'k Arc<CycleSetup>>,
 }
 
-impl Record for Notes<'_> {
-    fn note(&mut self, note: Note) -> Result<(), RecordError> {
+impl Record for NoteBuffer<'_> {
+    fn record_note(&mut self, note: Note) -> Result<(), RecordError> {
         self.show(&note);
         let Some(keep) = &mut self.keep else {
             self.notes.push(note);
@@ -52,14 +52,14 @@ impl Record for Notes<'_> {
         Ok(())
     }
 
-    fn scanned(&mut self, scan: &OrganizedCloud<Camera>, panel_from_camera: &Rigid<Panel, Camera>) {
+    fn show_scan(&mut self, scan: &OrganizedCloud<Camera>, panel_from_camera: &Rigid<Panel, Camera>) {
         if let Some(cycle) = self.cycle {
-            self.view.scene().scanned(cycle, scan, panel_from_camera);
+            self.view.scene().show_scan(cycle, scan, panel_from_camera);
         }
     }
 }
 
-impl Notes<'_> {
+impl NoteBuffer<'_> {
     /// Shows a camera's picture, or a drawing made from it, to people who watch.
     fn show(&self, note: &Note) {
         let (name, picture) = match note {
@@ -67,7 +67,9 @@ impl Notes<'_> {
             Note::Figure(figure) => (&figure.name, &figure.picture),
             _ => return,
         };
-        self.view.offer(|| Some(LiveFrame { name: name.clone(), picture: Arc::new(picture.clone()), film: None }));
+        self.view.offer_picture(|| {
+            Some(LiveFrame { name: name.clone(), picture: Arc::new(picture.clone()), film: None })
+        });
     }
 }
 
@@ -75,9 +77,9 @@ impl Notes<'_> {
 pub(super) struct Worker<'p> {
     cameras: Box<dyn CameraPort + Send + 'p>,
     /// Checks the calibrations, for a self-test.
-    readable: Readable,
-    keep: Option<Keeper>,
-    filming: Option<Filming>,
+    readable: CalibrationCheck,
+    keep: Option<PictureStore>,
+    filming: Option<FilmInProgress>,
     /// Memory of the films that were watched before.
     films: Option<FilmMemory>,
     /// The view for people who watch.
@@ -86,60 +88,75 @@ pub(super) struct Worker<'p> {
 
 impl<'p> Worker<'p> {
     /// Creates the worker. It stores pictures at once if there is a keeper; otherwise the record stores them.
-    pub fn new(cameras: Box<dyn CameraPort + Send + 'p>, readable: Readable, keep: Option<Keeper>) -> Self {
+    pub fn new(
+        cameras: Box<dyn CameraPort + Send + 'p>,
+        readable: CalibrationCheck,
+        keep: Option<PictureStore>,
+    ) -> Self {
         Worker { cameras, readable, keep, filming: None, films: None, view: LiveView::default() }
     }
 
     /// Lets the worker remember films.
-    pub fn remember(&mut self, films: FilmMemory) {
+    pub fn enable_film_memory(&mut self, films: FilmMemory) {
         self.films = Some(films);
     }
 
     /// Returns the worker with a live view for people who watch.
-    pub fn shown_on(self, view: LiveView) -> Self {
+    pub fn with_live_view(self, view: LiveView) -> Self {
         Worker { view, ..self }
     }
 
     /// Does one piece of work.
-    pub fn perform(&mut self, mut work: Work) -> Worked {
+    pub fn perform(&mut self, mut work: WorkInput) -> WorkResult {
         let mut keep = self.keep.take();
         let view = self.view.clone();
         let setup = work.setup.take();
-        let mut notes = Notes { notes: Vec::new(), keep: keep.as_mut(), view: &view, cycle: setup.as_ref() };
-        let found = match (work.act, setup.as_deref()) {
-            (Action::SelfTest, _) => Ok(Found::Wrong(self.test())),
+        let mut notes = NoteBuffer { notes: Vec::new(), keep: keep.as_mut(), view: &view, cycle: setup.as_ref() };
+        let found = match (work.action, setup.as_deref()) {
+            (Action::SelfTest, _) => Ok(WorkOutcome::Wrong(self.run_self_test())),
             (_, Some(cycle)) => self.phase(&mut work, cycle, &mut notes),
-            (_, None) => Ok(Found::Answer(MISSING)),
+            (_, None) => Ok(WorkOutcome::Answer(MISSING)),
         };
         let notes = notes.notes;
         self.keep = keep;
         if let (Some(filming), Some(setup), true) = (&self.filming, &setup, work.is_next_picture) {
-            view.offer(|| live(filming, setup));
+            view.offer_picture(|| live_frame(filming, setup));
         }
-        if let (Ok(Found::Answer(answer)), Some(setup)) = (&found, &setup) {
+        if let (Ok(WorkOutcome::Answer(answer)), Some(setup)) = (&found, &setup) {
             show_plan(&view, setup, &work, *answer);
         }
-        let is_of_film = work.act == Action::Film;
-        Worked { id: work.id, found, artifacts: Some((work.perception, work.abrasion)), notes, is_of_film }
+        let is_of_film = work.action == Action::Film;
+        WorkResult {
+            id: work.id,
+            outcome: found,
+            artifacts: Some((work.perception, work.abrasion)),
+            notes,
+            is_of_film,
+        }
     }
 
-    fn phase(&mut self, work: &mut Work, cycle: &CycleSetup, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
+    fn phase(
+        &mut self,
+        work: &mut WorkInput,
+        cycle: &CycleSetup,
+        notes: &mut NoteBuffer<'_>,
+    ) -> Result<WorkOutcome, DaemonError> {
         let (pass, cameras) = (work.pass, &mut *self.cameras);
-        let answer = match work.act {
+        let answer = match work.action {
             Action::Film => return self.film(work, cycle, notes),
             Action::Locate => work.perception.locate(cycle, cameras, notes)?,
             Action::DryPicture => {
                 let answer = work.perception.dry_picture(cameras, notes)?;
                 if answer == Answer::Done && cycle.recipe.inspect().reference() == SandedReference::Dry {
-                    work.abrasion.is_shown_dry();
+                    work.abrasion.note_dry_picture();
                 }
                 answer
             }
-            Action::Plan { pass } => work.abrasion.make(cycle, (pass, &work.perception), notes)?,
+            Action::Plan { pass } => work.abrasion.plan_failed_grids(cycle, (pass, &work.perception), notes)?,
             Action::Refine { view } => match work.tip() {
                 Some(tip) => {
                     let answer = work.perception.refine(cycle, (view, tip), cameras, notes)?;
-                    work.surveyed(cycle, answer, notes)?
+                    work.survey_if_refined(cycle, answer, notes)?
                 }
                 None => MISSING,
             },
@@ -149,30 +166,37 @@ impl<'p> Worker<'p> {
             },
             _ => MISSING,
         };
-        Ok(Found::Answer(answer))
+        Ok(WorkOutcome::Answer(answer))
     }
 
     /// Begins the film, or evaluates its next picture.
-    fn film(&mut self, work: &mut Work, cycle: &CycleSetup, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
+    fn film(
+        &mut self,
+        work: &mut WorkInput,
+        cycle: &CycleSetup,
+        notes: &mut NoteBuffer<'_>,
+    ) -> Result<WorkOutcome, DaemonError> {
         let cameras: &mut dyn CameraPort = &mut *self.cameras;
         let watched = match (work.is_next_picture, self.filming.take()) {
-            (true, Some(filming)) => work.perception.watch(cycle, filming, work.pass, cameras, notes)?,
+            (true, Some(filming)) => {
+                work.perception.evaluate_next_picture(cycle, filming, work.pass, cameras, notes)?
+            }
             (true, None) => Err(MISSING),
             // The act only watches the film: it produces nothing new.
             (false, _) => {
                 let eyes = (cameras, self.films.as_ref());
-                let sanded = work.abrasion.sanded();
+                let sanded = work.abrasion.sanded_pixels();
                 std::mem::take(&mut work.perception).film(cycle, (work.pass, sanded), eyes, notes)?
             }
         };
         Ok(match watched {
-            Ok(filming) => Found::Watching { seen_s: self.filming.insert(filming).seen_s },
-            Err(answer) => Found::Answer(answer),
+            Ok(filming) => WorkOutcome::Watching { seen_s: self.filming.insert(filming).seen_s },
+            Err(answer) => WorkOutcome::Answer(answer),
         })
     }
 
-    fn test(&mut self) -> Vec<(Trouble, Reason)> {
-        let faults = self.cameras.check().into_iter();
+    fn run_self_test(&mut self) -> Vec<(Trouble, Reason)> {
+        let faults = self.cameras.check_cameras().into_iter();
         let faults = faults.map(|fault| (Trouble::Camera, Reason::new("camera", fault.to_string())));
         let unreadable = (self.readable)().into_iter().map(|reason| (Trouble::Computing, reason));
         faults.chain(unreadable).collect()
@@ -180,33 +204,41 @@ impl<'p> Worker<'p> {
 }
 
 /// Shows the planned path to people who watch.
-fn show_plan(view: &LiveView, setup: &Arc<CycleSetup>, work: &Work, answer: Answer) {
+fn show_plan(view: &LiveView, setup: &Arc<CycleSetup>, work: &WorkInput, answer: Answer) {
     let (Answer::Planned { plan, .. } | Answer::PlannedForReview { plan, .. }) = answer else { return };
     if let Some(path) = work.abrasion.plan(plan) {
-        view.scene().planned(setup, (plan, work.pass), path);
+        view.scene().show_plan(setup, (plan, work.pass), path);
     }
 }
 
 /// Returns the newest picture of a film, with the water breaks so far, for people who watch.
-fn live(filming: &Filming, setup: &Arc<CycleSetup>) -> Option<LiveFrame> {
-    let (picture, broken, failed) = filming.so_far()?;
-    let film =
-        LiveFilm { seen_s: filming.seen_s, broken, failed, setup: setup.clone(), place: filming.panel.place };
+fn live_frame(filming: &FilmInProgress, setup: &Arc<CycleSetup>) -> Option<LiveFrame> {
+    let (picture, broken, failed) = filming.current_breaks()?;
+    let film = LiveFilm {
+        film_time_s: filming.seen_s,
+        broken_so_far: broken,
+        failed_so_far: failed,
+        setup: setup.clone(),
+        place: filming.panel.place,
+    };
     Some(LiveFrame { name: "film".to_owned(), picture, film: Some(film) })
 }
 
-impl Work {
+impl WorkInput {
     /// If the corner confirms the panel's pose, checks whether the arm reaches the panel before the panel is wetted.
-    fn surveyed(
+    fn survey_if_refined(
         &mut self,
         cycle: &CycleSetup,
         answer: Answer,
-        notes: &mut Notes<'_>,
+        notes: &mut NoteBuffer<'_>,
     ) -> Result<Answer, DaemonError> {
         match (answer, self.perception.approach()) {
-            (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => {
-                self.abrasion.survey(cycle, (self.pass, grade, &panel), self.perception.todays_points(), notes)
-            }
+            (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => self.abrasion.survey_region(
+                cycle,
+                (self.pass, grade, &panel),
+                self.perception.todays_points(),
+                notes,
+            ),
             (answer, _) => Ok(answer),
         }
     }

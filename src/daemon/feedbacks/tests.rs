@@ -9,7 +9,7 @@ const IO: &str = "[io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextracti
                   [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\n";
 
 fn wiring() -> Wiring {
-    Wiring::from_io(Cell::check("cell.toml", IO).expect("good").io()).expect("complete")
+    Wiring::from_io(Cell::check("cell.toml", IO).expect("good").inputs_outputs()).expect("complete")
 }
 
 /// In contact: tool and extraction on, lens guarded, water and light off. Bits of `Out` from the lowest: light,
@@ -31,7 +31,7 @@ fn state(outputs: u32, inputs: u32) -> State {
 /// between restarts the time.
 #[test]
 fn half_a_second_of_contrary_states_is_told() {
-    let (wiring, mut contrary) = (wiring(), Contrary::default());
+    let (wiring, mut contrary) = (wiring(), FeedbackContradiction::default());
     let (good, dead) = (state(0b1_1100, 0b1111), state(0b1_1100, 0b0111));
     let mut at = |ms, state: &State| contrary.update(&wiring, &CONTACT, &State { time_ms: ms, ..*state });
     assert_eq!(at(0, &good), None);
@@ -50,7 +50,7 @@ fn half_a_second_of_contrary_states_is_told() {
 fn each_output_and_each_feedback_is_watched() {
     let wiring = wiring();
     let told = |facts: &Facts, outputs, inputs| {
-        let mut contrary = Contrary::default();
+        let mut contrary = FeedbackContradiction::default();
         let first = contrary.update(&wiring, facts, &state(outputs, inputs));
         assert_eq!(first, None);
         contrary.update(&wiring, facts, &State { time_ms: 500, ..state(outputs, inputs) })

@@ -2,10 +2,10 @@
 //! the form needs a session.
 
 use super::frame;
-use super::shared::{Shared, Tried, failed};
+use super::shared::{PasswordCheck, Shared, archive_error_page};
 use crate::accounts::{Role, checked_name};
 use crate::archive::reading::OfficeAccount;
-use crate::daemon::web::{Holder, cookie, cookie_name};
+use crate::daemon::web::{SessionHolder, cookie, cookie_name};
 use crate::files::content_hash;
 use crate::random;
 use axum::Form;
@@ -21,15 +21,15 @@ use serde::Deserialize;
 /// be framed.
 const POLICY: &str = "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'self'; img-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 /// The header of requests that a page makes automatically, without a person.
-const BY_ITSELF: &str = "x-by-itself";
+const AUTOMATIC_REQUEST_HEADER: &str = "x-by-itself";
 /// Paths that need no session.
-const OPEN: [&str; 3] = ["/login", "/page.css", "/fleet.js"];
+const PUBLIC_PATHS: [&str; 3] = ["/login", "/page.css", "/fleet.js"];
 
 /// Accepts requests with a session, and shows the log-in form for the others.
-pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, next: Next) -> Response {
+pub(super) async fn require_session(State(shared): State<Shared>, request: Request<Body>, next: Next) -> Response {
     let path = request.uri().path();
-    let is_open = OPEN.contains(&path);
-    let is_action = !request.headers().contains_key(BY_ITSELF);
+    let is_open = PUBLIC_PATHS.contains(&path);
+    let is_action = !request.headers().contains_key(AUTOMATIC_REQUEST_HEADER);
     let session = token(request.headers(), &shared)
         .and_then(|token| shared.sessions().find(token, shared.now_s(), is_action));
     let mut response = match (is_open, session) {
@@ -39,10 +39,10 @@ pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, n
         (false, Some(session)) => match shared.reader().account(&session.name).await {
             Ok(account) if is_current(account.as_ref(), &session.stamp) => next.run(request).await,
             Ok(_) => {
-                shared.sessions().end_all_of(&session.name);
+                shared.sessions().end_account_sessions(&session.name);
                 Redirect::to("/login").into_response()
             }
-            Err(error) => failed(&error),
+            Err(error) => archive_error_page(&error),
         },
     };
     let headers = response.headers_mut();
@@ -55,11 +55,11 @@ pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, n
 
 /// Returns whether a session that began with this stamp continues: its account is there and is the same.
 fn is_current(account: Option<&OfficeAccount>, began_with: &str) -> bool {
-    account.is_some_and(|account| stamp(account) == began_with)
+    account.is_some_and(|account| account_stamp(account) == began_with)
 }
 
 /// Identifies an account during one of its sessions: a new password changes the stamp.
-fn stamp(account: &OfficeAccount) -> String {
+fn account_stamp(account: &OfficeAccount) -> String {
     content_hash(account.password_hash.as_bytes()).chars().take(16).collect()
 }
 
@@ -69,10 +69,10 @@ fn token<'h>(headers: &'h HeaderMap, shared: &Shared) -> Option<&'h str> {
 
 /// The form.
 pub(super) async fn page() -> Response {
-    form(StatusCode::OK, None)
+    login_form(StatusCode::OK, None)
 }
 
-fn form(status: StatusCode, problem: Option<&str>) -> Response {
+fn login_form(status: StatusCode, problem: Option<&str>) -> Response {
     let body = html! {
         section.card.narrow {
             h2 { "Log in" }
@@ -100,23 +100,23 @@ pub(super) async fn log_in(
     headers: HeaderMap,
     Form(Credentials { name, password }): Form<Credentials>,
 ) -> Response {
-    if is_foreign(&headers) {
-        return form(StatusCode::FORBIDDEN, Some("The form was not sent from this page."));
+    if is_cross_site(&headers) {
+        return login_form(StatusCode::FORBIDDEN, Some("The form was not sent from this page."));
     }
-    let wrong = || form(StatusCode::UNAUTHORIZED, Some("Name or password is wrong."));
+    let wrong = || login_form(StatusCode::UNAUTHORIZED, Some("Name or password is wrong."));
     if checked_name(&name).is_err() {
         return wrong();
     }
     let account = match shared.reader().account(&name).await {
         Ok(account) => account,
-        Err(error) => return failed(&error),
+        Err(error) => return archive_error_page(&error),
     };
     let hash = account.as_ref().map(|account| account.password_hash.clone());
-    let account = match (shared.tried(name.clone(), password, hash).await, account) {
-        (Some(Tried::Right), Some(account)) => account,
-        (Some(Tried::Pauses(left_s)), _) => {
+    let account = match (shared.check_password(name.clone(), password, hash).await, account) {
+        (Some(PasswordCheck::Right), Some(account)) => account,
+        (Some(PasswordCheck::Pauses(left_s)), _) => {
             let words = format!("This account is locked after wrong passwords. Try again in {} s.", left_s.ceil());
-            return form(StatusCode::TOO_MANY_REQUESTS, Some(&words));
+            return login_form(StatusCode::TOO_MANY_REQUESTS, Some(&words));
         }
         _ => {
             shared.log_failed_login(&name);
@@ -124,15 +124,15 @@ pub(super) async fn log_in(
         }
     };
     let (Ok(token), Ok(csrf)) = (random::token(), random::token()) else {
-        return form(
+        return login_form(
             StatusCode::SERVICE_UNAVAILABLE,
             Some("The computer's random number generator is not ready yet. Try again."),
         );
     };
-    let stamp = stamp(&account);
+    let stamp = account_stamp(&account);
     let (name, printed_name) = (account.name, account.printed_name);
-    let who = Holder { name, printed_name, role: Role::Viewer, stamp };
-    shared.sessions().begin((&token, csrf), who, shared.now_s());
+    let who = SessionHolder { name, printed_name, role: Role::Viewer, stamp };
+    shared.sessions().begin_session((&token, csrf), who, shared.now_s());
     ([(header::SET_COOKIE, set_cookie(&shared, &token, ""))], Redirect::to("/")).into_response()
 }
 
@@ -150,7 +150,7 @@ fn set_cookie(shared: &Shared, token: &str, more: &str) -> String {
 }
 
 /// Returns whether a browser states that the form comes from another site.
-fn is_foreign(headers: &HeaderMap) -> bool {
+fn is_cross_site(headers: &HeaderMap) -> bool {
     let site = headers.get("sec-fetch-site").and_then(|value| value.to_str().ok());
     site.is_some_and(|site| site != "same-origin" && site != "none")
 }
@@ -167,7 +167,7 @@ mod tests {
             printed_name: printed_name.to_owned(),
             password_hash: password_hash.to_owned(),
         };
-        let began_with = stamp(&account("$argon2id$1", "Anna"));
+        let began_with = account_stamp(&account("$argon2id$1", "Anna"));
         assert!(is_current(Some(&account("$argon2id$1", "Anna")), &began_with));
         assert!(is_current(Some(&account("$argon2id$1", "Anna Berg")), &began_with));
         assert!(!is_current(Some(&account("$argon2id$2", "Anna")), &began_with), "another password");

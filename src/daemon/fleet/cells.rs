@@ -1,7 +1,7 @@
 //! All cells with their present state.
 
 use super::frame::{self, time, verdict};
-use super::shared::{Shared, failed};
+use super::shared::{Shared, archive_error_page};
 use crate::archive::reading::CellNow;
 use axum::Json;
 use axum::extract::State;
@@ -17,25 +17,25 @@ const STALE_MS: i64 = 15_000;
 pub(super) async fn page(State(shared): State<Shared>) -> Response {
     match shared.reader().cells().await {
         Ok((cells, now_unix_ms)) => frame::page("Cells", "/", Some(RELOAD_INTERVAL_S), &body(&cells, now_unix_ms)),
-        Err(error) => failed(&error),
+        Err(error) => archive_error_page(&error),
     }
 }
 
 pub(super) async fn json(State(shared): State<Shared>) -> Response {
     let (cells, now_unix_ms) = match shared.reader().cells().await {
         Ok(found) => found,
-        Err(error) => return failed(&error),
+        Err(error) => return archive_error_page(&error),
     };
     let cells = cells.iter().map(|cell| {
         let last = cell.last.as_ref().map(|(cycle, verdict, at)| json!({"cycle": cycle, "verdict": verdict, "started_unix_s": at}));
-        let day = cell.day.iter().map(|counted| (counted.verdict.clone(), json!(counted.count)));
-        json!({"cell": cell.cell, "heard_unix_ms": cell.heard_unix_ms, "is_stale": is_stale(cell, now_unix_ms), "state": cell.state,
-            "behind": cell.behind, "last": last, "day": serde_json::Map::from_iter(day)})
+        let day = cell.last_day_counts.iter().map(|counted| (counted.verdict.clone(), json!(counted.count)));
+        json!({"cell": cell.cell, "heard_unix_ms": cell.heard_unix_ms, "is_stale": is_report_stale(cell, now_unix_ms), "state": cell.state,
+            "behind": cell.missing_records, "last": last, "day": serde_json::Map::from_iter(day)})
     });
     Json(json!({"now_unix_ms": now_unix_ms, "cells": cells.collect::<Vec<_>>()})).into_response()
 }
 
-fn is_stale(cell: &CellNow, now_unix_ms: i64) -> bool {
+fn is_report_stale(cell: &CellNow, now_unix_ms: i64) -> bool {
     cell.heard_unix_ms.is_none_or(|heard| now_unix_ms - heard > STALE_MS)
 }
 
@@ -64,7 +64,7 @@ fn body(cells: &[CellNow], now_unix_ms: i64) -> Markup {
 }
 
 fn row(cell: &CellNow, now_unix_ms: i64) -> Markup {
-    let stale = is_stale(cell, now_unix_ms);
+    let stale = is_report_stale(cell, now_unix_ms);
     let state = cell.state.as_ref();
     let needs = state.into_iter().flat_map(|state| state.reasons.iter().chain(&state.standing));
     html! {
@@ -96,8 +96,8 @@ fn row(cell: &CellNow, now_unix_ms: i64) -> Markup {
                     " " (verdict(word)) br; (time(*at))
                 }
             }
-            td { @for counted in &cell.day { div { (counted.count) " × " (verdict(&counted.verdict)) } } }
-            td { @match cell.behind { Some(0) => "none", Some(behind) => { "⚠ " (behind) }, None => "not reported" } }
+            td { @for counted in &cell.last_day_counts { div { (counted.count) " × " (verdict(&counted.verdict)) } } }
+            td { @match cell.missing_records { Some(0) => "none", Some(behind) => { "⚠ " (behind) }, None => "not reported" } }
         }
     }
 }
@@ -118,9 +118,9 @@ mod tests {
             cell: "cell-1".to_owned(),
             heard_unix_ms: Some(1_000_000),
             state: Some(state),
-            behind: Some(3),
+            missing_records: Some(3),
             last: None,
-            day: Vec::new(),
+            last_day_counts: Vec::new(),
         };
         let fresh = body(std::slice::from_ref(&cell), 1_000_000 + STALE_MS).into_string();
         assert!(!fresh.contains("stale since") && fresh.contains("<strong>execute</strong>"), "{fresh}");

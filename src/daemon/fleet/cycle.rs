@@ -1,8 +1,8 @@
 //! The page of one cycle, as the archive has it: the signed content, every number with its limit, and the pictures.
 
 use super::frame::{self, time, verdict};
-use super::shared::{Shared, failed};
-use crate::archive::reading::{Record, SignedBy};
+use super::shared::{Shared, archive_error_page};
+use crate::archive::reading::{Record, RecordSignature};
 use crate::files::content_hash;
 use crate::report::check_row;
 use crate::signing::{SignedCycle, exported_files};
@@ -28,7 +28,7 @@ async fn record(shared: &Shared, CycleKey { cell, number }: &CycleKey) -> Result
             let words = format!("The archive has no cycle {number} of cell {}.", cell.escape_debug());
             Err((StatusCode::NOT_FOUND, words).into_response())
         }
-        Err(error) => Err(failed(&error)),
+        Err(error) => Err(archive_error_page(&error)),
     }
 }
 
@@ -45,7 +45,7 @@ pub(super) async fn json(State(shared): State<Shared>, Query(key): Query<CycleKe
         Err(response) => return response,
     };
     let signed = signed.iter().map(|one| {
-        let SignedBy { statement, record_hash, unix_ms, person } = one;
+        let RecordSignature { statement, record_hash, unix_ms, person } = one;
         json!({"statement": statement, "record_hash": record_hash, "unix_ms": unix_ms, "person": person})
     });
     Json(json!({"cycle": row, "signed": signed.collect::<Vec<_>>(), "record": statement.map(|cycle| cycle.record)}))
@@ -53,7 +53,7 @@ pub(super) async fn json(State(shared): State<Shared>, Query(key): Query<CycleKe
 }
 
 /// Serves a file that a record names: a picture as a picture, everything else as text that no browser executes.
-pub(super) async fn file(State(shared): State<Shared>, Path(hash): Path<String>) -> Response {
+pub(super) async fn serve_file(State(shared): State<Shared>, Path(hash): Path<String>) -> Response {
     let reader = shared.reader().clone();
     let Ok(Some(bytes)) = tokio::task::spawn_blocking(move || reader.file(&hash)).await else {
         return (
@@ -101,7 +101,7 @@ fn body(Record { row, signed, statement }: &Record) -> Markup {
     }
 }
 
-fn signature(SignedBy { statement, record_hash, unix_ms, person }: &SignedBy) -> Markup {
+fn signature(RecordSignature { statement, record_hash, unix_ms, person }: &RecordSignature) -> Markup {
     html! {
         (time(unix_ms.div_euclid(1_000))) ": "
         @match person {
@@ -121,7 +121,7 @@ fn findings(cycle: &SignedCycle) -> Markup {
     html! {
         @for finding in &record.findings {
             section.card {
-                h2 { (finding.kind.word()) @if finding.pass > 0 { ", after pass " (finding.pass) } ": " (verdict(finding.judgement.verdict.word())) }
+                h2 { (finding.kind.keyword()) @if finding.pass > 0 { ", after pass " (finding.pass) } ": " (verdict(finding.judgement.verdict.keyword())) }
                 @for reason in &finding.judgement.reasons { p { (reason.message) " (" (reason.code) ")" } }
                 @if !finding.checks.is_empty() {
                     div.scroll tabindex="0" { table {

@@ -1,7 +1,7 @@
 //! Cycles of all cells: a search, and its results as a page, a table or JSON.
 
 use super::frame::{self, time, verdict};
-use super::shared::{Shared, failed};
+use super::shared::{Shared, archive_error_page};
 use crate::archive::ArchiveError;
 use crate::archive::reading::{CycleQuery, CycleRow};
 use crate::history::{Edge, unix_s};
@@ -70,48 +70,48 @@ impl SearchForm {
     }
 }
 
-async fn found(shared: &Shared, form: &SearchForm, limit: i64) -> Result<Vec<CycleRow>, Response> {
+async fn find_cycles(shared: &Shared, form: &SearchForm, limit: i64) -> Result<Vec<CycleRow>, Response> {
     let query = form.query(limit).map_err(|problem| (StatusCode::BAD_REQUEST, problem).into_response())?;
-    shared.reader().cycles(&query).await.map_err(|error: ArchiveError| failed(&error))
+    shared.reader().cycles(&query).await.map_err(|error: ArchiveError| archive_error_page(&error))
 }
 
 pub(super) async fn page(State(shared): State<Shared>, Query(form): Query<SearchForm>) -> Response {
-    let rows = match found(&shared, &form, PAGE).await {
+    let rows = match find_cycles(&shared, &form, PAGE).await {
         Ok(rows) => rows,
         Err(response) => return response,
     };
     match shared.reader().names().await {
         Ok((panels, cells)) => frame::page("Cycles", "/cycles", None, &body(&form, &rows, &panels, &cells)),
-        Err(error) => failed(&error),
+        Err(error) => archive_error_page(&error),
     }
 }
 
 pub(super) async fn csv(State(shared): State<Shared>, Query(form): Query<SearchForm>) -> Response {
-    match found(&shared, &form, FILE).await {
+    match find_cycles(&shared, &form, FILE).await {
         Ok(rows) => frame::csv("cycles", &frame::table(&rows)),
         Err(response) => response,
     }
 }
 
 pub(super) async fn json(State(shared): State<Shared>, Query(form): Query<SearchForm>) -> Response {
-    match found(&shared, &form, FILE).await {
+    match find_cycles(&shared, &form, FILE).await {
         Ok(rows) => Json(rows).into_response(),
         Err(response) => response,
     }
 }
 
 fn body(form: &SearchForm, rows: &[CycleRow], panels: &[String], cells: &[String]) -> Markup {
-    let verdicts: Vec<&str> = Verdict::VARIANTS.iter().map(|verdict| verdict.word()).collect();
+    let verdicts: Vec<&str> = Verdict::VARIANTS.iter().map(|verdict| verdict.keyword()).collect();
     let all = form.address("");
     let next = rows.last().filter(|_| rows.len() as i64 == PAGE);
     html! {
         section.card {
             h2 { "Cycles" }
             form.search method="get" action="/cycles" {
-                (choice("Cell", "cell", &form.cell, cells.iter().map(String::as_str)))
-                (choice("Panel", "panel", &form.panel, panels.iter().map(String::as_str)))
+                (select_list("Cell", "cell", &form.cell, cells.iter().map(String::as_str)))
+                (select_list("Panel", "panel", &form.panel, panels.iter().map(String::as_str)))
                 label { "Serial number" input name="serial" value=(form.serial); }
-                (choice("Verdict", "verdict", &form.verdict, verdicts.into_iter()))
+                (select_list("Verdict", "verdict", &form.verdict, verdicts.into_iter()))
                 label { "From (UTC)" input name="from" value=(form.from) placeholder="2026-11-25"; }
                 label { "To" input name="to" value=(form.to) placeholder="2026-11-25"; }
                 button.primary type="submit" { "Search" }
@@ -140,7 +140,7 @@ fn body(form: &SearchForm, rows: &[CycleRow], panels: &[String], cells: &[String
 }
 
 /// Shows a list from which one item, or none, is chosen.
-pub(super) fn choice<'c>(words: &str, name: &str, chosen: &str, all: impl Iterator<Item = &'c str>) -> Markup {
+pub(super) fn select_list<'c>(words: &str, name: &str, chosen: &str, all: impl Iterator<Item = &'c str>) -> Markup {
     html! {
         label { (words) select name=(name) {
             option value="" { "any" }

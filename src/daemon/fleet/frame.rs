@@ -3,7 +3,7 @@
 use crate::archive::reading::CycleRow;
 use crate::daemon::web::csv_file;
 use crate::history::{Cell, Table};
-use crate::number_text::{utc, utc_day};
+use crate::number_text::{utc_day, utc_text};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use maud::{DOCTYPE, Markup, html};
@@ -53,7 +53,7 @@ pub(super) fn page(title: &str, here: &str, again_s: Option<u32>, body: &Markup)
 
 /// Shows a time with its seconds, in UTC.
 pub(super) fn time(unix_s: i64) -> Markup {
-    html! { time { (utc(unix_s)) } }
+    html! { time { (utc_text(unix_s)) } }
 }
 
 /// A day, UTC.
@@ -87,7 +87,7 @@ pub(super) fn table(rows: &[CycleRow]) -> Table {
         "recipe_hash",
         "program_version",
     ];
-    Table::new(&columns).with(rows.iter().map(|row| {
+    Table::new(&columns).with_rows(rows.iter().map(|row| {
         vec![
             Cell::Text(row.cell.clone()),
             Cell::Whole(row.cycle),

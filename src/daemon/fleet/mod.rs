@@ -16,7 +16,7 @@ mod shared;
 
 pub use error::FleetError;
 
-use super::web::{self, listen_on};
+use super::web::{self, listen_and_serve};
 use crate::archive::reading::Reader;
 use crate::office::{ArchiveSettings, FleetPage};
 use shared::Shared;
@@ -61,7 +61,7 @@ pub async fn serve(
     });
     let router = routes::router(Shared::new(Reader::new(settings), is_tls));
     tokio::select! {
-        () = listen_on(listener, certificate, router) => {}
+        () = listen_and_serve(listener, certificate, router) => {}
         () = ended => {}
     }
     Ok(())

@@ -1,11 +1,11 @@
 //! The versions of a panel's recipe: which cell uses which version, and how two versions differ.
 
-use super::cycles::choice;
+use super::cycles::select_list;
 use super::frame::{self, day};
-use super::shared::{Shared, failed};
+use super::shared::{Shared, archive_error_page};
 use crate::archive::reading::RecipeUse;
 use crate::daemon::web::difference;
-use crate::number_text::fixed;
+use crate::number_text::fixed_decimals;
 use crate::office::RecipeOffer;
 use axum::extract::{Query, State};
 use axum::http::StatusCode;
@@ -14,7 +14,7 @@ use maud::{Markup, html};
 use serde::Deserialize;
 
 /// Number of digits of a hash that are shown.
-const SHORT: usize = 12;
+const SHORT_HASH_DIGITS: usize = 12;
 
 /// Which panel.
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -38,18 +38,18 @@ pub(super) async fn page(
         Ok((panels, panel, uses, offer)) => {
             frame::page("Recipes", "/recipes", None, &body(&panels, &panel, &uses, offer.as_ref()))
         }
-        Err(error) => failed(&error),
+        Err(error) => archive_error_page(&error),
     }
 }
 
 fn body(panels: &[String], panel: &str, uses: &[RecipeUse], offer: Option<&RecipeOffer>) -> Markup {
-    let short = |hash: &str| hash.get(..SHORT).unwrap_or(hash).to_owned();
+    let short = |hash: &str| hash.get(..SHORT_HASH_DIGITS).unwrap_or(hash).to_owned();
     let newest = uses.first().map(|one| one.recipe_hash.as_str());
     html! {
         section.card {
             h2 { "Recipes of a panel" }
             form.search method="get" action="/recipes" {
-                (choice("Panel", "panel", panel, panels.iter().map(String::as_str)))
+                (select_list("Panel", "panel", panel, panels.iter().map(String::as_str)))
                 button.primary type="submit" { "Show" }
             }
             @if let Some(offer) = offer {
@@ -68,7 +68,7 @@ fn body(panels: &[String], panel: &str, uses: &[RecipeUse], offer: Option<&Recip
                         td { (day(one.first_unix_s)) }
                         td { (day(one.last_unix_s)) }
                         td { (one.cycles) }
-                        td { (fixed(100.0 * one.passed as f64 / one.cycles.max(1) as f64, 0)) " %" }
+                        td { (fixed_decimals(100.0 * one.passed as f64 / one.cycles.max(1) as f64, 0)) " %" }
                         td { @if let Some(newest) = newest.filter(|newest| *newest != one.recipe_hash) {
                             a href={ "/recipe?" (frame::address(&[("hash", newest), ("before", &one.recipe_hash)])) } { "to " (short(newest)) }
                         } }

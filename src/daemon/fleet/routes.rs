@@ -17,7 +17,7 @@ pub(super) fn router(shared: Shared) -> Router {
         .route("/cycles.json", get(cycles::json))
         .route("/cycle", get(cycle::page))
         .route("/cycle.json", get(cycle::json))
-        .route("/file/{hash}", get(cycle::file))
+        .route("/file/{hash}", get(cycle::serve_file))
         .route("/numbers", get(numbers::page))
         .route("/numbers.csv", get(numbers::csv))
         .route("/numbers.json", get(numbers::json))
@@ -28,9 +28,9 @@ pub(super) fn router(shared: Shared) -> Router {
         .route("/recipe", get(recipes::text))
         .route("/login", get(access::page).post(access::log_in))
         .route("/logout", post(access::log_out))
-        .route("/page.css", get(style))
+        .route("/page.css", get(style_sheet))
         .route("/fleet.js", get(script))
-        .layer(middleware::from_fn_with_state(shared.clone(), access::pass))
+        .layer(middleware::from_fn_with_state(shared.clone(), access::require_session))
         .with_state(shared)
 }
 
@@ -40,7 +40,7 @@ async fn script() -> impl IntoResponse {
     (headers, include_str!("fleet.js"))
 }
 
-async fn style() -> impl IntoResponse {
+async fn style_sheet() -> impl IntoResponse {
     let headers = [(header::CONTENT_TYPE, "text/css; charset=utf-8"), (header::CACHE_CONTROL, "max-age=3600")];
     (headers, crate::daemon::web::STYLE_SHEET)
 }

@@ -4,7 +4,7 @@ use crate::accounts::{self, Lockout};
 use crate::archive::ArchiveError;
 use crate::archive::reading::Reader;
 use crate::daemon::failed_logins::{FailedLogins, words};
-use crate::daemon::hashing::Hashing;
+use crate::daemon::hashing::PasswordHashing;
 use crate::daemon::web::Sessions;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -23,10 +23,10 @@ pub(super) struct Shared(Arc<SharedParts>);
 struct SharedParts {
     reader: Reader,
     is_tls: bool,
-    began: Instant,
+    started: Instant,
     sessions: Mutex<Sessions>,
     lockout: Mutex<Lockout>,
-    hashing: Hashing,
+    hashing: PasswordHashing,
     failed_logins: FailedLogins,
 }
 
@@ -35,10 +35,10 @@ impl Shared {
         Shared(Arc::new(SharedParts {
             reader,
             is_tls,
-            began: Instant::now(),
+            started: Instant::now(),
             sessions: Mutex::new(Sessions::new(IDLE_S, SESSIONS)),
             lockout: Mutex::default(),
-            hashing: Hashing::default(),
+            hashing: PasswordHashing::default(),
             failed_logins: FailedLogins::default(),
         }))
     }
@@ -52,14 +52,14 @@ impl Shared {
     }
 
     pub fn now_s(&self) -> f64 {
-        self.0.began.elapsed().as_secs_f64()
+        self.0.started.elapsed().as_secs_f64()
     }
 
     pub fn sessions(&self) -> MutexGuard<'_, Sessions> {
         self.0.sessions.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn lockout(&self) -> MutexGuard<'_, Lockout> {
+    fn lock_lockout(&self) -> MutexGuard<'_, Lockout> {
         self.0.lockout.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -83,21 +83,26 @@ impl Shared {
 
     /// Checks a password against an account's hash when it is its turn, and counts a wrong password. For an unknown or
     /// another account the check takes the same time. Returns `None` if the program is ending.
-    pub async fn tried(&self, name: String, password: String, hash: Option<String>) -> Option<Tried> {
+    pub async fn check_password(
+        &self,
+        name: String,
+        password: String,
+        hash: Option<String>,
+    ) -> Option<PasswordCheck> {
         let shared = self.clone();
         let judge = move || {
             let who = (name.as_str(), hash.is_some());
-            if let Some(left_s) = shared.lockout().pauses_s(who, shared.now_s()) {
-                return Tried::Pauses(left_s);
+            if let Some(left_s) = shared.lock_lockout().pauses_s(who, shared.now_s()) {
+                return PasswordCheck::Pauses(left_s);
             }
-            match accounts::is_right(&password, hash.as_deref().unwrap_or_default()) {
-                true => shared.lockout().right(&name),
+            match accounts::is_correct_password(&password, hash.as_deref().unwrap_or_default()) {
+                true => shared.lock_lockout().record_success(&name),
                 false => {
-                    shared.lockout().wrong(who, shared.now_s());
-                    return Tried::Wrong;
+                    shared.lock_lockout().record_failure(who, shared.now_s());
+                    return PasswordCheck::Wrong;
                 }
             }
-            Tried::Right
+            PasswordCheck::Right
         };
         self.0.hashing.run(judge).await
     }
@@ -105,7 +110,7 @@ impl Shared {
 
 /// The outcome of a password check.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Tried {
+pub(super) enum PasswordCheck {
     Right,
     Wrong,
     /// The password was not checked: log-in to the account is blocked for this many more seconds.
@@ -113,7 +118,7 @@ pub(super) enum Tried {
 }
 
 /// Returns the page's text for an archive that does not answer.
-pub(super) fn failed(error: &ArchiveError) -> Response {
+pub(super) fn archive_error_page(error: &ArchiveError) -> Response {
     tracing::warn!("{error}");
     (StatusCode::SERVICE_UNAVAILABLE, format!("The archive cannot be read now: {error}. Load the page again."))
         .into_response()

@@ -3,17 +3,17 @@
 use crate::accounts::{AuditEntry, Role};
 use crate::cell::{InputsOutputs, LINE_INPUTS, Line};
 use crate::cycle;
-use crate::daemon::background::step_back;
+use crate::daemon::background::lower_priority;
 use crate::daemon::camera_lease::LastState;
 use crate::daemon::gateway::Gateway;
-use crate::daemon::people::People;
-use crate::daemon::reply::{Exit, Reply};
-use crate::daemon::request::{OwnText, PartNames, RequestKind, StartRequest};
+use crate::daemon::people::AccountService;
+use crate::daemon::reply::{Reply, RequestResult};
+use crate::daemon::request::{PartNames, RecipeTextPermission, RequestKind, StartRequest};
 use crate::daemon::setup_source::RecipeText;
 use crate::devices::robot::LineOutputs;
 use crate::disk;
 use crate::line::{CellStatus, Handshake, LineInputs, LineObservation, LineRequest};
-use crate::record::{RequestSource, Who};
+use crate::record::{RequestAuthor, RequestSource};
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -41,7 +41,7 @@ pub struct LineParts {
     /// The destination of requests.
     pub gateway: Gateway,
     /// The audit trail.
-    pub people: Arc<People>,
+    pub people: Arc<AccountService>,
 }
 
 impl LineParts {
@@ -68,10 +68,10 @@ impl LineFront {
         let runtime = Builder::new_current_thread().enable_time().max_blocking_threads(BLOCKING_THREADS).build()?;
         let (end, mut ended) = oneshot::channel();
         let serve = move || {
-            step_back();
+            lower_priority();
             runtime.block_on(async {
                 tokio::select! {
-                    () = follow(parts) => {}
+                    () = run_handshake(parts) => {}
                     _ = &mut ended => {}
                 }
             });
@@ -89,7 +89,7 @@ impl Drop for LineFront {
     }
 }
 
-async fn follow(parts: LineParts) {
+async fn run_handshake(parts: LineParts) {
     let mut handshake = Handshake::default();
     let mut tick = interval(UPDATE_INTERVAL);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -98,14 +98,14 @@ async fn follow(parts: LineParts) {
     let recipe = parts.recipe().await;
     loop {
         tick.tick().await;
-        let look = parts.look().await;
-        let request = handshake.look(look.clone());
+        let look = parts.read_observation().await;
+        let request = handshake.evaluate(look.clone());
         let now = handshake.output_signals(&look);
         if told.replace(now) != Some(now) {
             parts.outputs.set(now.0);
         }
         if let Some(request) = request
-            && !parts.ask(request, &recipe).await
+            && !parts.send_request(request, &recipe).await
         {
             handshake.refused(request);
         }
@@ -113,8 +113,8 @@ async fn follow(parts: LineParts) {
 }
 
 impl LineParts {
-    async fn look(&self) -> LineObservation {
-        let reply = self.gateway.request(RequestKind::State, Who::by(RequestSource::Line)).await;
+    async fn read_observation(&self) -> LineObservation {
+        let reply = self.gateway.request(RequestKind::State, RequestAuthor::from_source(RequestSource::Line)).await;
         let inputs = self.last.inputs().map(|bits| {
             let [part_present, start_request] = self.inputs.map(|bit| bits >> bit & 1 == 1);
             LineInputs { part_present, start_request }
@@ -129,13 +129,13 @@ impl LineParts {
 
     /// Sends the request to the cell and writes the result to the audit trail; returns whether the request was
     /// accepted.
-    async fn ask(&self, request: LineRequest, recipe: &Result<RecipeText, String>) -> bool {
+    async fn send_request(&self, request: LineRequest, recipe: &Result<RecipeText, String>) -> bool {
         let (word, asked) = match request {
             LineRequest::Start => ("start", self.start(recipe).await),
             LineRequest::Reset => ("reset", Ok(RequestKind::Table(cycle::Request::Reset))),
         };
         let refused = match asked {
-            Ok(what) => refused(&self.gateway.request(what, Who::by(RequestSource::Line)).await),
+            Ok(what) => refused(&self.gateway.request(what, RequestAuthor::from_source(RequestSource::Line)).await),
             Err(problem) => Some(problem),
         };
         if let Some(why) = &refused {
@@ -143,7 +143,7 @@ impl LineParts {
         }
         let is_taken = refused.is_none();
         let (role, from) = (is_taken.then_some(Role::Operator), "the line's digital signals".to_owned());
-        let entry = AuditEntry { refused, ..AuditEntry::done(None, role, from, word) };
+        let entry = AuditEntry { refused, ..AuditEntry::for_completed_action(None, role, from, word) };
         let people = self.people.clone();
         #[expect(
             clippy::let_underscore_must_use,
@@ -157,9 +157,10 @@ impl LineParts {
     /// service started is refused.
     async fn start(&self, recipe: &Result<RecipeText, String>) -> Result<RequestKind, String> {
         let Line { serial, order, operator, .. } = self.line.clone();
-        let wanted = recipe.as_ref().map_err(|problem| again(problem))?;
+        let wanted = recipe.as_ref().map_err(|problem| add_restart_advice(problem))?;
         let now = self.recipe().await?;
-        let RecipeText { name, text } = now.checked_against(&wanted.sha256()).map_err(|problem| again(&problem))?;
+        let RecipeText { name, text } =
+            now.if_unchanged(&wanted.sha256()).map_err(|problem| add_restart_advice(&problem))?;
         let part = Some(PartNames { serial, order, operator });
         Ok(RequestKind::Start(StartRequest {
             recipe: name,
@@ -168,7 +169,7 @@ impl LineParts {
             part,
             another_part: false,
             lost_passes: None,
-            own_text: OwnText::Allowed,
+            own_text: RecipeTextPermission::Allowed,
         }))
     }
 
@@ -185,11 +186,11 @@ impl LineParts {
 }
 
 /// Adds to a problem that the service must be restarted to use the recipe as it is now.
-fn again(problem: &str) -> String {
+fn add_restart_advice(problem: &str) -> String {
     format!("{problem}; restart the service if the line is to use the current recipe")
 }
 
 fn refused(reply: &Reply) -> Option<String> {
     let reasons: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
-    (reply.answer != Exit::Done).then(|| reasons.join("; "))
+    (reply.answer != RequestResult::Done).then(|| reasons.join("; "))
 }

@@ -6,13 +6,13 @@ use crate::cell::{Line, LineSignal};
 use crate::cycle;
 use crate::daemon::camera_lease::LastState;
 use crate::daemon::gateway::Gateway;
-use crate::daemon::people::People;
-use crate::daemon::reply::{Exit, Reply};
+use crate::daemon::people::AccountService;
+use crate::daemon::reply::{Reply, RequestResult};
 use crate::daemon::request::{RequestKind, StartRequest};
 use crate::daemon::request_queue::{RequestQueue, request_queue};
 use crate::devices::mock::{self, MockServer, Programs};
 use crate::devices::robot::{Address, BlockingLink};
-use crate::eki::{CELLCMD, CELLSTAT, LinkLimits, Pace, Report};
+use crate::eki::{CELLCMD, CELLSTAT, ClockMode, LinkLimits, Report};
 use crate::line::LineSignals;
 use crate::verdict::{Reason, Verdict};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -56,14 +56,14 @@ impl Bench {
             programs: Some(Programs::shipped().expect("right")),
             ..mock::Setup::new(commands, states)
         };
-        let controller = mock::Controller::new(setup, Box::new(mock::Unwired)).expect("fits");
-        let server = MockServer::start(controller, mock::Ports::free()).expect("starts");
+        let controller = mock::Controller::new(setup, Box::new(mock::UnconnectedWorld)).expect("fits");
+        let server = MockServer::start(controller, mock::Ports::free_ports()).expect("starts");
         let address = Address {
             host: "127.0.0.1".to_owned(),
             command_port: server.command_address().port(),
             state_port: server.state_address().port(),
         };
-        let link = BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts");
+        let link = BlockingLink::start(address, LinkLimits::default(), ClockMode::Wall).expect("starts");
         let (last, outputs) = (LastState::default(), link.line());
         let is_over = Arc::new(AtomicBool::new(false));
         let link = std::thread::spawn({
@@ -85,14 +85,14 @@ impl Bench {
         let (told, over) = (state.clone(), is_over.clone());
         std::thread::spawn(move || answer((&queue, &over), &told, &tell_reset));
         let line = Line { recipe, serial: None, order: Some("WO 7".to_owned()), operator: None };
-        let people = Arc::new(People::new(folder.path().to_owned()));
+        let people = Arc::new(AccountService::new(folder.path().to_owned()));
         let parts = LineParts { line, inputs: [1, 2], last, outputs, gateway, people };
         let front = Some(LineFront::serve(parts).expect("a thread"));
         Bench { server, state, starts, resets, front, is_over, link: Some(link), _folder: folder }
     }
 
     fn line_sets(&self, part_present: bool, start_request: bool) {
-        self.server.handle().with(|controller| {
+        self.server.handle().with_controller(|controller| {
             controller.set_input(INPUTS[0], part_present);
             controller.set_input(INPUTS[1], start_request);
         });
@@ -106,7 +106,7 @@ impl Bench {
     fn line_reads(&self, signals: &[LineSignal]) {
         let (wanted, since) = (LineSignals::from_signals(signals), Instant::now());
         loop {
-            let outputs = self.server.handle().with(|controller| controller.outputs().clone());
+            let outputs = self.server.handle().with_controller(|controller| controller.outputs().clone());
             let on = |number: &u16| outputs.get(number) == Some(&true);
             let read =
                 OUTPUTS.iter().enumerate().filter(|(_, number)| on(number)).map(|(place, _)| 1 << place).sum();
@@ -143,7 +143,7 @@ fn answer(
             let _ = resets.send(());
         }
         let (word, verdict) = *state.lock().expect("whole");
-        let reply = Reply { state: Some(word.to_owned()), verdict, ..Reply::refused(Exit::Done, vec![]) };
+        let reply = Reply { state: Some(word.to_owned()), verdict, ..Reply::refused(RequestResult::Done, vec![]) };
         if let Some(waits) = request.reply {
             let _ = waits.send(reply);
         }

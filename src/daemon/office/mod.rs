@@ -29,8 +29,12 @@ impl OfficeSender {
     /// # Errors
     /// If the system provides no thread.
     pub fn start(parts: OfficeParts) -> std::io::Result<Self> {
-        let plan =
-            Plan { name: "office", what: "the transfer of records to the office", blocking: 2, stack_bytes: None };
-        Ok(OfficeSender { _background: Background::in_rounds(plan, move || Sender::new(&parts))? })
+        let plan = Plan {
+            name: "office",
+            task: "the transfer of records to the office",
+            blocking_threads: 2,
+            stack_bytes: None,
+        };
+        Ok(OfficeSender { _background: Background::spawn_rounds(plan, move || Sender::new(&parts))? })
     }
 }

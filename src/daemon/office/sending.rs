@@ -1,14 +1,14 @@
 //! One round: new records go to the broker, and the office's answer comes back.
 
 use super::parts::OfficeParts;
-use super::resend::Lacking;
-use super::state::Teller;
+use super::resend::MissingRecords;
+use super::state::StateReporter;
 use super::status::OfficeStatus;
-use crate::broker::{BrokerError, CellLink, Sending};
+use crate::broker::{BrokerError, CellLink, PendingMessage};
 use crate::cell::Office;
 use crate::daemon::background::Rounds;
 use crate::daemon::progress_file;
-use crate::office::{Body, ChunkOwner, Envelope, Message, OfficeSays, Position, Progress, chunks};
+use crate::office::{Body, ChunkOwner, ItemEnvelope, Message, Position, Progress, ReportOutcome, chunks};
 use crate::store::Store;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -33,37 +33,37 @@ pub(super) struct Sender {
     office: Office,
     folder: PathBuf,
     status: OfficeStatus,
-    teller: Option<Teller>,
+    state_reporter: Option<StateReporter>,
     progress: Progress,
     store: Option<Store>,
     link: Option<CellLink>,
-    asked: Option<Instant>,
+    last_request: Option<Instant>,
     files: BTreeSet<String>,
-    offered: Option<Instant>,
+    last_offer_request: Option<Instant>,
     /// Since when the office has lacked the same record of an epoch, although the broker accepted it.
-    lacking: BTreeMap<String, Lacking>,
+    missing_records: BTreeMap<String, MissingRecords>,
 }
 
 impl Rounds for Sender {
     /// Sends the new records.
-    async fn round(&mut self) -> Result<bool, String> {
-        let last = self.last()?;
+    async fn run_round(&mut self) -> Result<bool, String> {
+        let last = self.last_positions()?;
         let was = self.progress.clone();
-        let sent = self.exchange(&last).await;
+        let sent = self.exchange_messages(&last).await;
         if self.progress != was {
             progress_file::write(&self.folder, PROGRESS, &self.progress)?;
         }
-        self.tell_status(&last)?;
+        self.update_status(&last)?;
         sent
     }
 
     fn forget(&mut self) {
-        (self.link, self.store, self.asked) = (None, None, None);
-        self.offered = None;
+        (self.link, self.store, self.last_request) = (None, None, None);
+        self.last_offer_request = None;
     }
 
     fn report_result(&self, problem: Option<&str>) -> bool {
-        self.status.goes(problem)
+        self.status.record_problem(problem)
     }
 }
 
@@ -74,42 +74,42 @@ impl Sender {
             office: office.clone(),
             folder: folder.clone(),
             status: status.clone(),
-            teller: front.clone().map(Teller::new),
+            state_reporter: front.clone().map(StateReporter::new),
             progress: progress_file::read(folder, PROGRESS),
             store: None,
             link: None,
-            asked: None,
+            last_request: None,
             files: BTreeSet::new(),
-            offered: None,
-            lacking: BTreeMap::new(),
+            last_offer_request: None,
+            missing_records: BTreeMap::new(),
         }
     }
 
-    async fn exchange(&mut self, last: &[Position]) -> Result<bool, String> {
+    async fn exchange_messages(&mut self, last: &[Position]) -> Result<bool, String> {
         let broken = |error: BrokerError| error.to_string();
         if self.link.is_none() {
             let link = CellLink::connect(&self.office.broker, &self.office.cell).await.map_err(broken)?;
             let stream = link.stream().await.map_err(broken)?;
-            self.progress.at_stream(&stream);
+            self.progress.set_stream(&stream);
             self.files.clear();
             tracing::info!("sending records to the office through the broker {}", self.office.broker.address);
             self.link = Some(link);
         }
         let Some(link) = &self.link else { return Ok(false) };
-        let state = match &mut self.teller {
+        let state = match &mut self.state_reporter {
             Some(teller) => teller.now(&self.office.cell, last).await,
             None => None,
         };
         if let Some(state) = state {
             let bytes = state.bytes().map_err(|error| error.to_string())?;
-            link.tell_state(bytes).await.map_err(broken)?;
+            link.publish_state(bytes).await.map_err(broken)?;
         }
-        if self.asked.is_none_or(|asked| asked.elapsed() >= POLL_INTERVAL) {
-            self.ask(last).await?;
+        if self.last_request.is_none_or(|asked| asked.elapsed() >= POLL_INTERVAL) {
+            self.request_positions(last).await?;
         }
-        self.ask_for_offers().await;
+        self.request_offers().await;
         for last in last {
-            let sent = Position { epoch: last.epoch.clone(), number: self.progress.sent(&last.epoch) };
+            let sent = Position { epoch: last.epoch.clone(), number: self.progress.last_sent(&last.epoch) };
             if sent.number < last.number {
                 self.send(&sent).await?;
                 return Ok(true);
@@ -120,21 +120,21 @@ impl Sender {
 
     /// Asks which recipes the office offers for the panels taught to this cell. If an offer cannot be obtained, it
     /// is requested again later.
-    async fn ask_for_offers(&mut self) {
-        if self.offered.is_some_and(|offered| offered.elapsed() < OFFER_POLL_INTERVAL) {
+    async fn request_offers(&mut self) {
+        if self.last_offer_request.is_some_and(|offered| offered.elapsed() < OFFER_POLL_INTERVAL) {
             return;
         }
-        self.offered = Some(Instant::now());
+        self.last_offer_request = Some(Instant::now());
         let panels = self.store().and_then(|store| store.cycle_panels().map_err(|error| error.to_string()));
         let (Some(link), Ok(panels)) = (&self.link, panels) else { return };
         let mut offers = Vec::new();
         for panel in panels {
-            match link.offer(&panel).await {
+            match link.recipe_offer(&panel).await {
                 Ok(offer) => offers.extend(offer),
                 Err(error) => tracing::warn!("{error}"),
             }
         }
-        self.status.offers_are(offers);
+        self.status.record_offers(offers);
     }
 
     fn store(&mut self) -> Result<&Store, String> {
@@ -144,33 +144,33 @@ impl Sender {
         self.store.as_ref().ok_or_else(|| "the store is closed".to_owned())
     }
 
-    fn last(&mut self) -> Result<Vec<Position>, String> {
+    fn last_positions(&mut self) -> Result<Vec<Position>, String> {
         self.store()?.outbox_epochs().map_err(|error| error.to_string())
     }
 
     /// Asks which records of each epoch the office has. Missing records are sent again.
-    async fn ask(&mut self, last: &[Position]) -> Result<(), String> {
+    async fn request_positions(&mut self, last: &[Position]) -> Result<(), String> {
         let Some(link) = &self.link else { return Ok(()) };
         let stream = link.stream().await.map_err(|error| error.to_string())?;
-        self.progress.at_stream(&stream);
+        self.progress.set_stream(&stream);
         let (mut more, mut again) = (Vec::new(), Vec::new());
         for last in last {
             // An office that never answered about an epoch has no records of this epoch: it may be a different office
             // than before.
-            let archived = link.archived(&last.epoch).await.map_err(|error| error.to_string())?.unwrap_or(0);
-            match self.progress.on_archived(&last.epoch, archived, last.number) {
-                OfficeSays::Known => {
-                    let lacks = archived < self.progress.sent(&last.epoch);
+            let archived = link.archived_number(&last.epoch).await.map_err(|error| error.to_string())?.unwrap_or(0);
+            match self.progress.process_archived(&last.epoch, archived, last.number) {
+                ReportOutcome::Known => {
+                    let lacks = archived < self.progress.last_sent(&last.epoch);
                     if self
-                        .lacking
+                        .missing_records
                         .entry(last.epoch.clone())
                         .or_default()
-                        .is_due((lacks, archived), self.office.behind_min)
+                        .is_resend_due((lacks, archived), self.office.alarm_delay_min)
                     {
                         again.push(last.epoch.clone());
                     }
                 }
-                OfficeSays::HasLess => {
+                ReportOutcome::HasLess => {
                     self.files.clear();
                     tracing::warn!(
                         "the office has only the records up to {archived} of epoch {}: the later records are sent \
@@ -178,26 +178,26 @@ impl Sender {
                         last.epoch
                     );
                 }
-                OfficeSays::HasMore => more.push((last.epoch.clone(), archived, last.number)),
+                ReportOutcome::HasMore => more.push((last.epoch.clone(), archived, last.number)),
             }
         }
-        self.status.has_more(more);
-        self.asked = Some(Instant::now());
+        self.status.record_newer_epochs(more);
+        self.last_request = Some(Instant::now());
         for epoch in again {
-            self.send_again(&epoch).await?;
+            self.resend_missing(&epoch).await?;
         }
         Ok(())
     }
 
     /// Sends some records after this position, each record after its files, and waits until the broker has them.
     async fn send(&mut self, after: &Position) -> Result<(), String> {
-        let envelopes = self.store()?.outbox_after(after, BATCH_RECORDS).map_err(|error| error.to_string())?;
-        let mut under_way: Vec<(Position, Vec<Sending>)> = Vec::new();
+        let envelopes = self.store()?.outbox_rows_after(after, BATCH_RECORDS).map_err(|error| error.to_string())?;
+        let mut under_way: Vec<(Position, Vec<PendingMessage>)> = Vec::new();
         let mut bytes = 0;
         let mut broken = None;
         for envelope in envelopes {
             let position = envelope.position.clone();
-            match self.begin(envelope, &mut bytes).await {
+            match self.send_record(envelope, &mut bytes).await {
                 Ok(sending) => under_way.push((position, sending)),
                 Err(problem) => {
                     broken = Some(problem);
@@ -210,15 +210,19 @@ impl Sender {
         }
         for (position, all) in under_way {
             for sending in all {
-                sending.taken().await.map_err(|error| error.to_string())?;
+                sending.wait_acknowledged().await.map_err(|error| error.to_string())?;
             }
-            self.progress.took(&position);
+            self.progress.record_accepted(&position);
         }
         broken.map_or(Ok(()), Err)
     }
 
     /// Sends a record after its files; files that are already being sent are not sent again.
-    async fn begin(&mut self, mut envelope: Envelope, bytes: &mut usize) -> Result<Vec<Sending>, String> {
+    async fn send_record(
+        &mut self,
+        mut envelope: ItemEnvelope,
+        bytes: &mut usize,
+    ) -> Result<Vec<PendingMessage>, String> {
         let cell = self.office.cell.clone();
         let mut whole: Vec<(ChunkOwner, Vec<u8>)> = Vec::new();
         if let Body::Signature { files, .. } = &mut envelope.body {
@@ -251,7 +255,9 @@ impl Sender {
         for (what, content) in whole {
             *bytes += content.len();
             for chunk in chunks(&cell, &what, &content).map_err(|error| error.to_string())? {
-                sending.push(link.send(&chunk, self.progress.again()).await.map_err(|error| error.to_string())?);
+                sending.push(
+                    link.send(&chunk, self.progress.resend_count()).await.map_err(|error| error.to_string())?,
+                );
             }
         }
         Ok(sending)
@@ -259,29 +265,29 @@ impl Sender {
 
     /// Sends the first records that the office lacks once more, with their files: a broker that accepted them may have
     /// lost them.
-    async fn send_again(&mut self, epoch: &str) -> Result<(), String> {
-        let archived = Position { epoch: epoch.to_owned(), number: self.progress.archived(epoch) };
+    async fn resend_missing(&mut self, epoch: &str) -> Result<(), String> {
+        let archived = Position { epoch: epoch.to_owned(), number: self.progress.last_archived(epoch) };
         tracing::warn!(
             "the office still has only the records up to {} of epoch {epoch}: some of the following records are \
              sent again",
             archived.number
         );
-        self.progress.begin_again();
+        self.progress.restart_sending();
         self.files.clear();
         self.send(&archived).await
     }
 
-    fn tell_status(&mut self, last: &[Position]) -> Result<(), String> {
-        let behind = self.progress.behind(last);
+    fn update_status(&mut self, last: &[Position]) -> Result<(), String> {
+        let behind = self.progress.missing_count(last);
         let mut oldest: Option<i64> = None;
         for last in last {
-            let archived = Position { epoch: last.epoch.clone(), number: self.progress.archived(&last.epoch) };
+            let archived = Position { epoch: last.epoch.clone(), number: self.progress.last_archived(&last.epoch) };
             if archived.number < last.number {
                 let since = self.store()?.outbox_waits_since(&archived).map_err(|error| error.to_string())?;
                 oldest = [oldest, since].into_iter().flatten().min();
             }
         }
-        self.status.is_behind(behind, oldest);
+        self.status.record_backlog(behind, oldest);
         Ok(())
     }
 }

@@ -6,7 +6,7 @@ use crate::daemon::interface_context::InterfaceContext;
 use crate::daemon::request::RequestKind;
 use crate::history::{Alarm, Priority};
 use crate::office::{CellState, Position, ReasonText};
-use crate::record::{RequestSource, Who};
+use crate::record::{RequestAuthor, RequestSource};
 use crate::verdict::Reason;
 use std::time::{Duration, Instant};
 
@@ -16,30 +16,35 @@ const MIN_REPORT_INTERVAL: Duration = Duration::from_secs(2);
 const ALARM_POLL_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Determines the state of the cell when a report is due.
-pub(super) struct Teller {
+pub(super) struct StateReporter {
     front: InterfaceContext,
-    told: Option<Instant>,
-    standing: Vec<ReasonText>,
-    stood: Option<Instant>,
+    last_report: Option<Instant>,
+    lasting_alarms: Vec<ReasonText>,
+    last_alarm_check: Option<Instant>,
 }
 
-impl Teller {
+impl StateReporter {
     pub fn new(front: InterfaceContext) -> Self {
-        Teller { front, told: None, standing: Vec::new(), stood: None }
+        StateReporter { front, last_report: None, lasting_alarms: Vec::new(), last_alarm_check: None }
     }
 
     /// Returns the state of the cell; `None` if it was reported a moment ago.
     pub async fn now(&mut self, cell: &CellName, last: &[Position]) -> Option<CellState> {
-        if self.told.is_some_and(|told| told.elapsed() < MIN_REPORT_INTERVAL) {
+        if self.last_report.is_some_and(|told| told.elapsed() < MIN_REPORT_INTERVAL) {
             return None;
         }
-        if self.stood.is_none_or(|stood| stood.elapsed() >= ALARM_POLL_INTERVAL) {
+        if self.last_alarm_check.is_none_or(|stood| stood.elapsed() >= ALARM_POLL_INTERVAL) {
             let front = self.front.clone();
-            self.standing = tokio::task::spawn_blocking(move || standing(&front)).await.unwrap_or_default();
-            self.stood = Some(Instant::now());
+            self.lasting_alarms =
+                tokio::task::spawn_blocking(move || lasting_alarms(&front)).await.unwrap_or_default();
+            self.last_alarm_check = Some(Instant::now());
         }
-        let reply = self.front.gateway.request(RequestKind::State, Who::by(RequestSource::Program)).await;
-        self.told = Some(Instant::now());
+        let reply = self
+            .front
+            .gateway
+            .request(RequestKind::State, RequestAuthor::from_source(RequestSource::Program))
+            .await;
+        self.last_report = Some(Instant::now());
         let mut state = CellState::new(cell);
         state.unix_ms = now_unix_ms();
         env!("CARGO_PKG_VERSION").clone_into(&mut state.version);
@@ -48,7 +53,7 @@ impl Teller {
         let reason = |reason: Reason| ReasonText { code: reason.code.into_owned(), message: reason.message };
         state.reasons = reply.reasons.into_iter().map(reason).collect();
         // A reason for which a cycle waits is also an alarm, so it is left out here.
-        state.standing = self.standing.iter().filter(|told| !state.reasons.contains(told)).cloned().collect();
+        state.standing = self.lasting_alarms.iter().filter(|told| !state.reasons.contains(told)).cloned().collect();
         state.last = last.to_vec();
         Some(state)
     }
@@ -56,9 +61,9 @@ impl Teller {
 
 /// Returns the lasting alarms that a person must know. Runs on the calling thread, which may wait for a camera or
 /// the disk.
-fn standing(front: &InterfaceContext) -> Vec<ReasonText> {
-    front.look();
-    let lasting = front.people.read(|store| front.alarms.lasting(store)).unwrap_or_else(|error| {
+fn lasting_alarms(front: &InterfaceContext) -> Vec<ReasonText> {
+    front.check_alarms();
+    let lasting = front.people.read(|store| front.alarms.active_in_order(store)).unwrap_or_else(|error| {
         tracing::warn!("the alarms cannot be reported to the office: {error}");
         Vec::new()
     });

@@ -1,11 +1,12 @@
 //! The status of the transfer to the office, as shown to people.
 
-use crate::daemon::waiting::Waiting;
+use crate::daemon::waiting::TransferBacklog;
 use crate::office::RecipeOffer;
 use crate::verdict::Reason;
 use std::sync::{Arc, Mutex, PoisonError};
 
-const WORDS: (&str, &str) = ("records have not reached the office", "the archive does not accept the records");
+const ALARM_TEXTS: (&str, &str) =
+    ("records have not reached the office", "the archive does not accept the records");
 
 /// The status; all clones share the same one.
 #[derive(Debug, Clone, Default)]
@@ -14,10 +15,10 @@ pub struct OfficeStatus(Arc<Mutex<StatusData>>);
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 struct StatusData {
     /// The records that the office does not have yet.
-    waiting: Waiting,
+    waiting: TransferBacklog,
     /// Epochs for which the office reports a higher record number than the store ever had: epoch, the office's number,
     /// the store's number.
-    more: Vec<(String, u64, u64)>,
+    newer_epochs: Vec<(String, u64, u64)>,
     /// The recipes that the office offers.
     offers: Vec<RecipeOffer>,
 }
@@ -28,32 +29,32 @@ impl OfficeStatus {
     }
 
     /// Records the present problem, if any; returns whether it is reported for the first time.
-    pub(super) fn goes(&self, problem: Option<&str>) -> bool {
-        self.change(|stands| stands.waiting.goes(problem))
+    pub(super) fn record_problem(&self, problem: Option<&str>) -> bool {
+        self.change(|stands| stands.waiting.record_problem(problem))
     }
 
-    pub(super) fn is_behind(&self, behind: u64, waits_since_unix_ms: Option<i64>) {
-        self.change(|stands| stands.waiting.is_behind(behind, waits_since_unix_ms));
+    pub(super) fn record_backlog(&self, behind: u64, waits_since_unix_ms: Option<i64>) {
+        self.change(|stands| stands.waiting.record_backlog(behind, waits_since_unix_ms));
     }
 
-    pub(super) fn has_more(&self, more: Vec<(String, u64, u64)>) {
-        self.change(|stands| stands.more = more);
+    pub(super) fn record_newer_epochs(&self, more: Vec<(String, u64, u64)>) {
+        self.change(|stands| stands.newer_epochs = more);
     }
 
-    pub(super) fn offers_are(&self, offers: Vec<RecipeOffer>) {
+    pub(super) fn record_offers(&self, offers: Vec<RecipeOffer>) {
         self.change(|stands| stands.offers = offers);
     }
 
     /// Returns the recipe that the office offers for this panel, according to the last answers of the office.
-    pub fn offer(&self, panel: &str) -> Option<RecipeOffer> {
+    pub fn recipe_offer(&self, panel: &str) -> Option<RecipeOffer> {
         self.change(|stands| stands.offers.iter().find(|offer| offer.panel == panel).cloned())
     }
 
     /// Returns the problems for the alarms between cycles: a record that waits longer than `behind_min`, and an
     /// office that has more records than the cell.
     pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
-        let StatusData { waiting, more, offers: _ } = self.change(|stands| stands.clone());
-        let late = waiting.late(behind_min, now_unix_ms, WORDS);
+        let StatusData { waiting, newer_epochs: more, offers: _ } = self.change(|stands| stands.clone());
+        let late = waiting.overdue_text(behind_min, now_unix_ms, ALARM_TEXTS);
         let mut reasons: Vec<Reason> = late.into_iter().map(|words| Reason::new("office_behind", words)).collect();
         for (epoch, office, store) in more {
             let words = format!(
@@ -74,7 +75,7 @@ mod tests {
     fn a_record_that_waits_too_long_is_an_alarm_with_its_cause() {
         let status = OfficeStatus::default();
         let minute = 60_000;
-        status.is_behind(3, Some(10 * minute));
+        status.record_backlog(3, Some(10 * minute));
         assert_eq!(status.reasons(60, 69 * minute), []);
         let late = |status: &OfficeStatus| status.reasons(60, 70 * minute);
         assert_eq!(late(&status)[0].code, "office_behind");
@@ -83,11 +84,11 @@ mod tests {
                 .message
                 .ends_with("has waited for 60 min (limit 60 min): the archive does not accept the records")
         );
-        assert!(status.goes(Some("no route")) && !status.goes(Some("no route")), "told once");
+        assert!(status.record_problem(Some("no route")) && !status.record_problem(Some("no route")), "told once");
         assert!(late(&status)[0].message.ends_with(": no route"));
-        status.is_behind(0, None);
+        status.record_backlog(0, None);
         assert_eq!(late(&status), []);
-        status.has_more(vec![("ab".to_owned(), 9, 3)]);
+        status.record_newer_epochs(vec![("ab".to_owned(), 9, 3)]);
         assert_eq!(late(&status)[0].code, "office_contradicts");
     }
 }

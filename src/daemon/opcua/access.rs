@@ -1,10 +1,10 @@
 //! Who is logged in to the OPC UA server. Names and passwords are those of the operator's page. A session is valid
 //! only as long as its account is the same as at the log-in.
 
-use super::connection_limit::Door;
+use super::connection_limit::ConnectionLimiter;
 use crate::accounts::{Account, AuditEntry, Permission, Role};
-use crate::cell::Anonymous;
-use crate::daemon::people::{LogIn, People, stamp};
+use crate::cell::AnonymousAccess;
+use crate::daemon::people::{AccountService, LoginResult, account_stamp};
 use async_trait::async_trait;
 use opcua::server::ServerEndpoint;
 use opcua::server::address_space::AccessLevel;
@@ -56,14 +56,14 @@ impl Caller {
 /// Returns the token of a session: the account's name, and a stamp of the account's state at the log-in. A new
 /// password or a new role gives another token.
 fn token(account: &Account) -> String {
-    format!("{}#{}", account.name, stamp(account))
+    format!("{}#{}", account.name, account_stamp(account))
 }
 
 /// The accounts that may use the OPC UA server, with their permissions.
 pub(super) struct Access {
-    people: Arc<People>,
-    door: Arc<Door>,
-    anonymous: Anonymous,
+    people: Arc<AccountService>,
+    connections: Arc<ConnectionLimiter>,
+    anonymous: AnonymousAccess,
     /// The valid tokens, according to the last reading of the accounts.
     valid: RwLock<BTreeMap<String, Caller>>,
     /// The secure channels on which each token was seen.
@@ -71,20 +71,21 @@ pub(super) struct Access {
 }
 
 impl Access {
-    pub fn new(people: Arc<People>, door: Arc<Door>, anonymous: Anonymous) -> Self {
-        Access { people, door, anonymous, valid: RwLock::default(), channels: RwLock::default() }
+    pub fn new(people: Arc<AccountService>, door: Arc<ConnectionLimiter>, anonymous: AnonymousAccess) -> Self {
+        Access { people, connections: door, anonymous, valid: RwLock::default(), channels: RwLock::default() }
     }
 
     /// Updates the accounts to their present state. Ends the connections of sessions with an account that was
     /// changed or disabled.
-    pub fn learn(&self, accounts: &BTreeMap<String, Account>) {
+    pub fn update_accounts(&self, accounts: &BTreeMap<String, Account>) {
         let enabled = accounts.values().filter(|account| account.is_enabled);
-        let valid: BTreeMap<String, Caller> = enabled.map(|account| (token(account), caller(account))).collect();
+        let valid: BTreeMap<String, Caller> =
+            enabled.map(|account| (token(account), caller_from_account(account))).collect();
         let mut channels = self.channels.write().unwrap_or_else(PoisonError::into_inner);
         channels.retain(|token, seen| {
             let still = valid.contains_key(token);
             if !still {
-                seen.iter().for_each(|channel| self.door.cut(*channel));
+                seen.iter().for_each(|channel| self.connections.disconnect_channel(*channel));
             }
             still
         });
@@ -93,15 +94,15 @@ impl Access {
     }
 
     /// Returns the caller with this token; `None` if the token is not valid, or no longer.
-    pub fn caller(&self, token: &UserToken) -> Option<Caller> {
+    pub fn caller_of_token(&self, token: &UserToken) -> Option<Caller> {
         if token.is_anonymous() {
-            return (self.anonymous == Anonymous::Read).then_some(Caller::Nobody);
+            return (self.anonymous == AnonymousAccess::Read).then_some(Caller::Nobody);
         }
         self.valid.read().unwrap_or_else(PoisonError::into_inner).get(&token.0).cloned()
     }
 
     /// Remembers that this token arrived on this channel.
-    pub fn came_by(&self, token: &UserToken, channel: u32) {
+    pub fn remember_channel(&self, token: &UserToken, channel: u32) {
         if token.is_anonymous() {
             return;
         }
@@ -109,27 +110,29 @@ impl Access {
         let seen = channels.entry(token.0.clone()).or_default();
         if !seen.contains(&channel) {
             seen.push(channel);
-            seen.retain(|channel| self.door.address_of(*channel).is_some());
+            seen.retain(|channel| self.connections.address_of_channel(*channel).is_some());
         }
     }
 
     /// Returns the accounts and their audit trail.
-    pub fn people(&self) -> &Arc<People> {
+    pub fn accounts_with_audit(&self) -> &Arc<AccountService> {
         &self.people
     }
 
     /// Returns the origin of a session on this channel, as written in the audit trail.
-    pub fn from(&self, channel: u32) -> String {
-        self.door.address_of(channel).map_or_else(|| "OPC UA".to_owned(), |address| format!("OPC UA, {address}"))
+    pub fn session_origin(&self, channel: u32) -> String {
+        self.connections
+            .address_of_channel(channel)
+            .map_or_else(|| "OPC UA".to_owned(), |address| format!("OPC UA, {address}"))
     }
 
     /// Returns the possible origins of a log-in. async-opcua does not report the connection, so these are all
     /// addresses that are connected.
     pub fn addresses(&self) -> String {
-        from_any(&self.door.addresses())
+        format_origin(&self.connections.addresses())
     }
 
-    async fn keep(&self, line: AuditEntry) {
+    async fn write_audit(&self, line: AuditEntry) {
         let people = self.people.clone();
         if tokio::task::spawn_blocking(move || people.audit(&line)).await.is_err() {
             tracing::warn!("an entry of the audit trail is lost: the thread that writes it has ended");
@@ -137,7 +140,7 @@ impl Access {
     }
 }
 
-fn from_any(addresses: &[IpAddr]) -> String {
+fn format_origin(addresses: &[IpAddr]) -> String {
     match addresses {
         [] => "OPC UA".to_owned(),
         [one] => format!("OPC UA, {one}"),
@@ -148,7 +151,7 @@ fn from_any(addresses: &[IpAddr]) -> String {
     }
 }
 
-fn caller(account: &Account) -> Caller {
+fn caller_from_account(account: &Account) -> Caller {
     let Account { name, printed_name, role, .. } = account;
     Caller::Person { name: name.clone(), printed_name: printed_name.clone(), role: *role }
 }
@@ -157,8 +160,8 @@ fn caller(account: &Account) -> Caller {
 impl AuthManager for Access {
     async fn authenticate_anonymous_token(&self, _: &ServerEndpoint) -> Result<(), Error> {
         match self.anonymous {
-            Anonymous::Read => Ok(()),
-            Anonymous::Nothing => Err(Error::new(
+            AnonymousAccess::Read => Ok(()),
+            AnonymousAccess::Nothing => Err(Error::new(
                 StatusCode::BadIdentityTokenRejected,
                 "log in with an account of the operator's page",
             )),
@@ -171,17 +174,17 @@ impl AuthManager for Access {
         name: &str,
         password: &Password,
     ) -> Result<UserToken, Error> {
-        let line = |role| AuditEntry::done(Some(name.to_owned()), role, self.addresses(), "log in");
-        let (status, problem) = match self.people.log_in(name, password.get().to_owned()).await {
-            LogIn::Right(account) => {
+        let line = |role| AuditEntry::for_completed_action(Some(name.to_owned()), role, self.addresses(), "log in");
+        let (status, problem) = match self.people.attempt_login(name, password.get().to_owned()).await {
+            LoginResult::Right(account) => {
                 self.valid
                     .write()
                     .unwrap_or_else(PoisonError::into_inner)
-                    .insert(token(&account), caller(&account));
-                self.keep(line(Some(account.role))).await;
+                    .insert(token(&account), caller_from_account(&account));
+                self.write_audit(line(Some(account.role))).await;
                 return Ok(UserToken(token(&account)));
             }
-            LogIn::Wrong(why) => {
+            LoginResult::Wrong(why) => {
                 let line = AuditEntry { refused: Some(why.to_owned()), ..line(None) };
                 let people = self.people.clone();
                 if tokio::task::spawn_blocking(move || people.audit_failed_login(&line)).await.is_err() {
@@ -192,11 +195,11 @@ impl AuthManager for Access {
                     "name or password is wrong, or the account is disabled".to_owned(),
                 )
             }
-            LogIn::Pauses(left_s) => {
+            LoginResult::Pauses(left_s) => {
                 let problem = format!("too many wrong passwords; try again in {:.0} s", left_s.ceil());
                 (StatusCode::BadUserAccessDenied, problem)
             }
-            LogIn::Unknown => (
+            LoginResult::Unknown => (
                 StatusCode::BadUserAccessDenied,
                 "name or password is wrong, or the account is disabled".to_owned(),
             ),
@@ -205,9 +208,9 @@ impl AuthManager for Access {
     }
 
     fn effective_user_access_level(&self, token: &UserToken, level: AccessLevel, _: &NodeId) -> AccessLevel {
-        let may_look = match self.caller(token) {
+        let may_look = match self.caller_of_token(token) {
             Some(Caller::Nobody) => true,
-            Some(Caller::Person { role, .. }) => role.may(Permission::View),
+            Some(Caller::Person { role, .. }) => role.has_permission(Permission::View),
             None => false,
         };
         if may_look { level & AccessLevel::CURRENT_READ } else { AccessLevel::empty() }
@@ -222,7 +225,7 @@ impl AuthManager for Access {
             security_policy_uri: UAString::null(),
         };
         let mut policies = Vec::new();
-        if self.anonymous == Anonymous::Read {
+        if self.anonymous == AnonymousAccess::Read {
             policies.push(policy(UAString::from(ANONYMOUS_POLICY), UserTokenType::Anonymous));
         }
         // A password is never sent over a connection on which others can read it.

@@ -24,7 +24,7 @@ pub(super) fn node_id(namespace: u16, path: &str) -> NodeId {
 }
 
 /// Returns the method that has this node.
-pub(super) fn method_of(namespace: u16, id: &NodeId) -> Option<&'static Method> {
+pub(super) fn method_for_node(namespace: u16, id: &NodeId) -> Option<&'static Method> {
     METHODS.iter().find(|method| *id == node_id(namespace, &format!("{COMMANDS}/{}", method.name)))
 }
 
@@ -46,7 +46,7 @@ fn objects() -> Vec<&'static str> {
 pub(super) fn build(space: &mut AddressSpace, namespace: u16) {
     let name = |name: &str| QualifiedName::new(namespace, name);
     ObjectBuilder::new(&node_id(namespace, ""), name(ROOT), ROOT)
-        .description(english("The robot cell, with the data of the operator's page."))
+        .description(english_text("The robot cell, with the data of the operator's page."))
         .event_notifier(EventNotifier::SUBSCRIBE_TO_EVENTS)
         .organized_by(ObjectId::ObjectsFolder)
         .has_type_definition(ObjectTypeId::BaseObjectType)
@@ -63,7 +63,7 @@ pub(super) fn build(space: &mut AddressSpace, namespace: u16) {
     METHODS.iter().for_each(|one| method(space, namespace, one));
 }
 
-fn english(text: &str) -> LocalizedText {
+fn english_text(text: &str) -> LocalizedText {
     LocalizedText::new("en", text)
 }
 
@@ -73,7 +73,7 @@ fn variable(space: &mut AddressSpace, namespace: u16, node: &Node) {
     let (readable, unit) = (AccessLevel::CURRENT_READ, unit(node.unit));
     let kind = if unit.is_some() { VariableTypeId::AnalogUnitType } else { VariableTypeId::BaseDataVariableType };
     VariableBuilder::new(&id, QualifiedName::new(namespace, own), own)
-        .description(english(node.meaning))
+        .description(english_text(node.meaning))
         .data_type(data_type)
         .value_rank(if is_array { 1 } else { -1 })
         .value(Variant::Empty)
@@ -97,7 +97,7 @@ fn variable(space: &mut AddressSpace, namespace: u16, node: &Node) {
 }
 
 fn argument(name: &str, data_type: DataTypeId, meaning: &str) -> Argument {
-    let (name, data_type, description) = (name.into(), data_type.into(), english(meaning));
+    let (name, data_type, description) = (name.into(), data_type.into(), english_text(meaning));
     Argument { name, data_type, value_rank: -1, array_dimensions: None, description }
 }
 
@@ -113,7 +113,7 @@ fn method(space: &mut AddressSpace, namespace: u16, method: &Method) {
         method.arguments.iter().map(|one| argument(one.name, kind(one.kind), one.meaning)).collect();
     let told = argument("Message", DataTypeId::String, "Result of the call, if the state does not contain it.");
     let mut builder = MethodBuilder::new(&id, QualifiedName::new(namespace, method.name), method.name)
-        .description(english(method.meaning))
+        .description(english_text(method.meaning))
         .executable(true)
         .user_executable(true)
         .component_of(node_id(namespace, COMMANDS));
@@ -140,9 +140,9 @@ mod tests {
         }
         for method in METHODS {
             let id = node_id(1, &format!("{COMMANDS}/{}", method.name));
-            assert_eq!(method_of(1, &id).map(|found| found.name), Some(method.name));
+            assert_eq!(method_for_node(1, &id).map(|found| found.name), Some(method.name));
         }
-        assert_eq!(method_of(1, &node_id(1, "Commands/Format")), None);
+        assert_eq!(method_for_node(1, &node_id(1, "Commands/Format")), None);
         assert_eq!(objects().iter().filter(|path| **path == "PackML").count(), 1);
     }
 }

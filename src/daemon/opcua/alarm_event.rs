@@ -37,7 +37,7 @@ impl AlarmStatus {
 }
 
 /// Returns the OPC UA number for the urgency, 1 to 1000.
-fn severity(priority: Priority) -> u16 {
+fn severity_number(priority: Priority) -> u16 {
     match priority {
         Priority::High => 900,
         Priority::Medium => 600,
@@ -78,8 +78,8 @@ impl AlarmEvent {
             ("Time", Variant::from(at)),
             ("ReceiveTime", Variant::from(time(now_unix_ms))),
             ("Message", text(&alarm.message)),
-            ("Severity", Variant::from(severity(alarm.priority))),
-            ("LastSeverity", Variant::from(severity(alarm.priority))),
+            ("Severity", Variant::from(severity_number(alarm.priority))),
+            ("LastSeverity", Variant::from(severity_number(alarm.priority))),
             ("ConditionClassId", Variant::from(NodeId::from(ObjectTypeId::ProcessConditionClassType))),
             ("ConditionClassName", text("ProcessConditionClassType")),
             ("ConditionName", Variant::from(alarm.code.as_str())),

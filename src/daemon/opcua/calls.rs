@@ -1,16 +1,16 @@
 //! Calls of methods: each call is checked against the table of methods, and is converted to a request of the service.
 
 use super::access::{Access, Caller};
-use super::flood::{Flood, Turn};
+use super::flood::{CallDecision, CallLimiter};
 use crate::accounts::AuditEntry;
 use crate::cycle::Request;
 use crate::daemon::alarms::AlarmId;
 use crate::daemon::clock::now_unix_ms;
 use crate::daemon::interface_context::InterfaceContext;
-use crate::daemon::reply::{Exit, Reply};
-use crate::daemon::request::{OwnText, PartNames, RequestKind, StartRequest};
+use crate::daemon::reply::{Reply, RequestResult};
+use crate::daemon::request::{PartNames, RecipeTextPermission, RequestKind, StartRequest};
 use crate::packml::{Command, LastRefusal, Method};
-use crate::record::{CycleId, RequestSource, Who};
+use crate::record::{CycleId, RequestAuthor, RequestSource};
 use crate::verdict::Reason;
 use opcua::types::{StatusCode, Variant};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,35 +21,35 @@ use tokio::time::timeout;
 /// Time within which a call is answered, even if the disk does not respond.
 const CALL_TIMEOUT: Duration = Duration::from_secs(20);
 /// Two stops within this time are handled as one, and so are two aborts.
-const MERGE_WINDOW: Duration = Duration::from_millis(100);
+const MERGE_INTERVAL: Duration = Duration::from_millis(100);
 /// The longest text that is accepted, in characters.
 const MAX_CHARACTERS: usize = 200;
 
 /// The outcome of a call.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Outcome {
+pub(super) enum CallOutcome {
     /// The call was done; the text states what the state does not show.
     Done(String),
     /// It was not.
     Refused(StatusCode, Reason),
 }
 
-fn refused(code: &'static str, status: StatusCode, message: impl Into<String>) -> Outcome {
-    Outcome::Refused(status, Reason::new(code, message))
+fn refused(code: &'static str, status: StatusCode, message: impl Into<String>) -> CallOutcome {
+    CallOutcome::Refused(status, Reason::new(code, message))
 }
 
-impl Outcome {
+impl CallOutcome {
     fn from_reply(reply: Reply) -> Self {
         let all: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
         let code = reply.reasons.first().map_or("not_now".into(), |reason| reason.code.clone());
         let status = match (reply.answer, &*code) {
-            (Exit::Done, _) => return Outcome::Done(reply.done.unwrap_or_default()),
+            (RequestResult::Done, _) => return CallOutcome::Done(reply.done.unwrap_or_default()),
             (_, "busy") => StatusCode::BadTooManyOperations,
             (_, "silent" | "ended") => StatusCode::BadTimeout,
-            (Exit::Refused, _) => StatusCode::BadInvalidState,
-            (Exit::Fault, _) => StatusCode::BadDeviceFailure,
+            (RequestResult::Refused, _) => StatusCode::BadInvalidState,
+            (RequestResult::Fault, _) => StatusCode::BadDeviceFailure,
         };
-        Outcome::Refused(status, Reason { code, message: all.join("; ") })
+        CallOutcome::Refused(status, Reason { code, message: all.join("; ") })
     }
 }
 
@@ -57,15 +57,15 @@ impl Outcome {
 pub(super) struct Calls {
     pub access: Arc<Access>,
     pub front: InterfaceContext,
-    flood: Mutex<Flood>,
+    flood: Mutex<CallLimiter>,
     refusal: Mutex<Option<LastRefusal>>,
     /// The last executed stop and the last executed abort, with their replies.
-    urgent: [AsyncMutex<Option<(Instant, Reply)>>; 2],
+    last_urgent: [AsyncMutex<Option<(Instant, Reply)>>; 2],
 }
 
 impl Calls {
     pub fn new(access: Arc<Access>, front: InterfaceContext) -> Self {
-        Calls { access, front, flood: Mutex::default(), refusal: Mutex::default(), urgent: Default::default() }
+        Calls { access, front, flood: Mutex::default(), refusal: Mutex::default(), last_urgent: Default::default() }
     }
 
     /// Returns the last call that was refused.
@@ -81,12 +81,12 @@ impl Calls {
         arguments: &[Variant],
         caller: Option<&Caller>,
         from: &str,
-    ) -> Outcome {
-        let called = self.checked(method, arguments, caller, from);
+    ) -> CallOutcome {
+        let called = self.check_call(method, arguments, caller, from);
         let outcome = timeout(CALL_TIMEOUT, called).await.unwrap_or_else(|_| {
             refused("silent", StatusCode::BadTimeout, "the service did not respond in time; check its state")
         });
-        if let Outcome::Refused(_, reason) = &outcome {
+        if let CallOutcome::Refused(_, reason) = &outcome {
             let user = caller.and_then(Caller::name).unwrap_or("a user who is not logged in").to_owned();
             let refusal =
                 LastRefusal { method: method.name, user, at_unix_ms: now_unix_ms(), reason: reason.clone() };
@@ -95,13 +95,13 @@ impl Calls {
         outcome
     }
 
-    async fn checked(
+    async fn check_call(
         &self,
         method: &'static Method,
         arguments: &[Variant],
         caller: Option<&Caller>,
         from: &str,
-    ) -> Outcome {
+    ) -> CallOutcome {
         let Some(caller) = caller else {
             let message = "the account was changed or disabled after the log-in; log in again";
             return refused("not_permitted", StatusCode::BadUserAccessDenied, message);
@@ -111,28 +111,34 @@ impl Calls {
         if !is_urgent {
             let turn = {
                 let mut flood = self.flood.lock().unwrap_or_else(PoisonError::into_inner);
-                flood.call(name, self.access.people().now_s())
+                flood.call(name, self.access.accounts_with_audit().now_s())
             };
-            if let Turn::TooMany { is_told } = turn {
+            if let CallDecision::TooMany { is_recently_reported: is_told } = turn {
                 let message = "too many calls in a short time; wait a second (Stop and Abort are always accepted)";
                 if is_told {
-                    self.keep(self.line(method, caller, from), Some("too many calls in a short time")).await;
+                    self.write_audit(self.line(method, caller, from), Some("too many calls in a short time")).await;
                 }
                 return refused("busy", StatusCode::BadTooManyOperations, message);
             }
         }
         if !method.is_allowed(caller.role()) {
             let message = match caller.role() {
-                Some(role) => format!("the role {} has no permission for this call", role.word()),
+                Some(role) => format!("the role {} has no permission for this call", role.keyword()),
                 None => "log in first".to_owned(),
             };
-            self.keep(self.line(method, caller, from), Some(&message)).await;
+            self.write_audit(self.line(method, caller, from), Some(&message)).await;
             return refused("not_permitted", StatusCode::BadUserAccessDenied, message);
         }
-        self.done(method, arguments, caller, from).await
+        self.perform_call(method, arguments, caller, from).await
     }
 
-    async fn done(&self, method: &Method, arguments: &[Variant], caller: &Caller, from: &str) -> Outcome {
+    async fn perform_call(
+        &self,
+        method: &Method,
+        arguments: &[Variant],
+        caller: &Caller,
+        from: &str,
+    ) -> CallOutcome {
         let table = |request| RequestKind::Table(request);
         let decided = |request, step: u32| RequestKind::Decided { request, step: u64::from(step) };
         let what = match (method.command, arguments) {
@@ -141,8 +147,12 @@ impl Calls {
             (Command::Clear, [Variant::UInt32(step)]) => decided(Request::Clear, *step),
             (Command::Accept, [Variant::UInt32(step)]) => decided(Request::Accept, *step),
             (Command::NewDisc, []) => RequestKind::NewDisc,
-            (Command::Stop, []) => return Outcome::from_reply(self.urgent(0, Request::Stop, caller).await),
-            (Command::Abort, []) => return Outcome::from_reply(self.urgent(1, Request::Abort, caller).await),
+            (Command::Stop, []) => {
+                return CallOutcome::from_reply(self.request_urgent(0, Request::Stop, caller).await);
+            }
+            (Command::Abort, []) => {
+                return CallOutcome::from_reply(self.request_urgent(1, Request::Abort, caller).await);
+            }
             (Command::Unhold, [Variant::Boolean(dried), Variant::UInt32(step)]) => {
                 decided(Request::Unhold { dried: *dried }, *step)
             }
@@ -150,7 +160,7 @@ impl Calls {
                 let [Some(recipe), Some(sha256), Some(serial), Some(order)] =
                     [recipe, sha256, serial, order].map(text)
                 else {
-                    return wrong_arguments(method);
+                    return argument_error(method);
                 };
                 match self.start((recipe, sha256), serial, order, caller).await {
                     Ok(start) => RequestKind::Start(StartRequest { another_part: *another_part, ..start }),
@@ -158,23 +168,23 @@ impl Calls {
                 }
             }
             (Command::AcknowledgeAlarm, [alarm]) => {
-                let Some(alarm) = text(alarm) else { return wrong_arguments(method) };
+                let Some(alarm) = text(alarm) else { return argument_error(method) };
                 return self.acknowledge(&alarm, caller, from).await;
             }
-            _ => return wrong_arguments(method),
+            _ => return argument_error(method),
         };
-        Outcome::from_reply(self.front.gateway.request(what, who(caller)).await)
+        CallOutcome::from_reply(self.front.gateway.request(what, caller_identity(caller)).await)
     }
 
     /// Requests a stop or an abort. If the same request was executed within the merge window, its reply is returned.
     /// If it was not executed, it is requested again.
-    async fn urgent(&self, place: usize, request: Request, caller: &Caller) -> Reply {
-        let mut last = self.urgent[place].lock().await;
-        if let Some((_, reply)) = last.as_ref().filter(|(at, _)| at.elapsed() < MERGE_WINDOW) {
+    async fn request_urgent(&self, place: usize, request: Request, caller: &Caller) -> Reply {
+        let mut last = self.last_urgent[place].lock().await;
+        if let Some((_, reply)) = last.as_ref().filter(|(at, _)| at.elapsed() < MERGE_INTERVAL) {
             return reply.clone();
         }
-        let reply = self.front.gateway.request(RequestKind::Table(request), who(caller)).await;
-        *last = (reply.answer == Exit::Done).then(|| (Instant::now(), reply.clone()));
+        let reply = self.front.gateway.request(RequestKind::Table(request), caller_identity(caller)).await;
+        *last = (reply.answer == RequestResult::Done).then(|| (Instant::now(), reply.clone()));
         reply
     }
 
@@ -188,7 +198,7 @@ impl Calls {
         let setup = self.front.setup.clone();
         let read = tokio::task::spawn_blocking(move || setup.recipe(&recipe));
         let recipe = read.await.map_err(|error| format!("the recipe could not be read: {error}"))??;
-        let recipe = recipe.checked_against(&sha256)?;
+        let recipe = recipe.if_unchanged(&sha256)?;
         let some = |name: String| Some(name).filter(|name| !name.is_empty());
         let operator = match caller {
             Caller::Person { printed_name, .. } => Some(printed_name.clone()),
@@ -202,12 +212,12 @@ impl Calls {
             part: Some(part),
             another_part: false,
             lost_passes: None,
-            own_text: OwnText::Refused,
+            own_text: RecipeTextPermission::Refused,
         })
     }
 
     /// Records that a person has seen the alarm with this name.
-    pub async fn acknowledge(&self, alarm: &str, caller: &Caller, from: &str) -> Outcome {
+    pub async fn acknowledge(&self, alarm: &str, caller: &Caller, from: &str) -> CallOutcome {
         let no_such = || {
             let message =
                 "there is no such alarm, or it is already acknowledged; Alarms/Ids lists the active alarms";
@@ -216,10 +226,11 @@ impl Calls {
         let (Some(alarm), Caller::Person { name, printed_name, role }) = (alarm_id(alarm), caller) else {
             return no_such();
         };
-        let line = AuditEntry::done(Some(name.clone()), Some(*role), from.to_owned(), "acknowledge alarm");
+        let line =
+            AuditEntry::for_completed_action(Some(name.clone()), Some(*role), from.to_owned(), "acknowledge alarm");
         let (alarms, who) = (self.front.alarms.clone(), format!("{printed_name} ({name})"));
         match tokio::task::spawn_blocking(move || alarms.acknowledge(&alarm, who, line)).await {
-            Ok(Ok(true)) => Outcome::Done(String::new()),
+            Ok(Ok(true)) => CallOutcome::Done(String::new()),
             Ok(Ok(false)) => no_such(),
             Ok(Err(error)) => refused("store", StatusCode::BadDeviceFailure, error.to_string()),
             Err(error) => refused("store", StatusCode::BadDeviceFailure, error.to_string()),
@@ -227,20 +238,25 @@ impl Calls {
     }
 
     fn line(&self, method: &Method, caller: &Caller, from: &str) -> AuditEntry {
-        let line = AuditEntry::done(caller.name().map(str::to_owned), caller.role(), from.to_owned(), "request");
+        let line = AuditEntry::for_completed_action(
+            caller.name().map(str::to_owned),
+            caller.role(),
+            from.to_owned(),
+            "request",
+        );
         AuditEntry { subject: Some(method.name.to_owned()), ..line }
     }
 
-    async fn keep(&self, line: AuditEntry, refused: Option<&str>) {
+    async fn write_audit(&self, line: AuditEntry, refused: Option<&str>) {
         let line = AuditEntry { refused: refused.map(str::to_owned), ..line };
-        let people = self.access.people().clone();
+        let people = self.access.accounts_with_audit().clone();
         if tokio::task::spawn_blocking(move || people.audit(&line)).await.is_err() {
             tracing::warn!("an entry of the audit trail is lost: the thread that writes it has ended");
         }
     }
 }
 
-fn wrong_arguments(method: &Method) -> Outcome {
+fn argument_error(method: &Method) -> CallOutcome {
     let taken: Vec<&str> = method.arguments.iter().map(|argument| argument.name).collect();
     let message = match taken[..] {
         [] => format!("{} takes no arguments", method.name),
@@ -270,8 +286,8 @@ fn alarm_id(name: &str) -> Option<AlarmId> {
     Some(AlarmId { cycle: (cycle != 0).then_some(CycleId(cycle)), code: code.to_owned(), raised_unix_ms })
 }
 
-fn who(caller: &Caller) -> Who {
-    Who { front: RequestSource::OpcUa, uid: None, user: caller.name().map(str::to_owned), from: None }
+fn caller_identity(caller: &Caller) -> RequestAuthor {
+    RequestAuthor { front: RequestSource::OpcUa, uid: None, user: caller.name().map(str::to_owned), from: None }
 }
 
 #[cfg(test)]

@@ -2,8 +2,8 @@
 //! be written.
 
 use super::access::{Access, Caller};
-use super::address_space::{self, NAMESPACE, method_of};
-use super::calls::{Calls, Outcome};
+use super::address_space::{self, NAMESPACE, method_for_node};
+use super::calls::{CallOutcome, Calls};
 use async_trait::async_trait;
 use opcua::server::address_space::AddressSpace;
 use opcua::server::diagnostics::NamespaceMetadata;
@@ -49,13 +49,13 @@ pub(super) fn channel(context: &RequestContext) -> u32 {
 }
 
 /// Writes the result into a call; the reason is included if the client asks for diagnostics.
-pub(super) fn answer(call: &mut MethodCall, outcome: Outcome) {
+pub(super) fn write_result(call: &mut MethodCall, outcome: CallOutcome) {
     match outcome {
-        Outcome::Done(words) => {
+        CallOutcome::Done(words) => {
             call.set_status(StatusCode::Good);
             call.set_outputs(vec![Variant::from(words)]);
         }
-        Outcome::Refused(status, reason) => {
+        CallOutcome::Refused(status, reason) => {
             call.set_status(status);
             if call.diagnostic_bits().contains(DiagnosticBits::OPERATIONAL_LEVEL_ADDITIONAL_INFO) {
                 let additional_info = Some(UAString::from(format!("{} ({})", reason.message, reason.code)));
@@ -92,7 +92,7 @@ impl InMemoryNodeManagerImpl for CellNodes {
     ) -> Vec<DataValue> {
         // The channel is also recorded when a subscription begins, so that the connection can be ended after the
         // account is changed.
-        self.access().came_by(&context.token, channel(context));
+        self.access().remember_channel(&context.token, channel(context));
         let space = space.read();
         nodes.iter().map(|node| space.read(context, node, max_age, timestamps)).collect()
     }
@@ -104,17 +104,17 @@ impl InMemoryNodeManagerImpl for CellNodes {
         calls: &mut [&mut &mut MethodCall],
     ) -> Result<(), StatusCode> {
         let channel = channel(context);
-        self.access().came_by(&context.token, channel);
-        let (caller, from) = (self.access().caller(&context.token), self.access().from(channel));
+        self.access().remember_channel(&context.token, channel);
+        let (caller, from) = (self.access().caller_of_token(&context.token), self.access().session_origin(channel));
         for call in calls {
-            let Some(method) = method_of(self.namespace, call.method_id()) else {
+            let Some(method) = method_for_node(self.namespace, call.method_id()) else {
                 call.set_status(StatusCode::BadMethodInvalid);
                 continue;
             };
             let arguments = call.arguments().to_vec();
             let caller: Option<&Caller> = caller.as_ref();
             let outcome = self.calls.call(method, &arguments, caller, &from).await;
-            answer(call, outcome);
+            write_result(call, outcome);
         }
         Ok(())
     }

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 /// The server's own certificate; the path is relative to the certificates' folder.
-pub(super) const OWN: &str = "own/cert.der";
+pub(super) const OWN_CERTIFICATE: &str = "own/cert.der";
 /// Its key.
 pub(super) const KEY: &str = "private/private.pem";
 /// The folder of the certificates of trusted clients.
@@ -39,45 +39,46 @@ const KEY_BITS: u32 = 2_048;
 pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) -> Result<String, OpcUaError> {
     for name in ["own", "private", TRUSTED, REJECTED] {
         let path = folder.join(name);
-        fs::create_dir_all(&path).map_err(|error| OpcUaError::file(&path, error))?;
+        fs::create_dir_all(&path).map_err(|error| OpcUaError::file_error(&path, error))?;
     }
     let private = folder.join("private");
     fs::set_permissions(&private, Permissions::from_mode(0o700))
-        .map_err(|error| OpcUaError::file(&private, error))?;
-    let (own, key) = (folder.join(OWN), folder.join(KEY));
+        .map_err(|error| OpcUaError::file_error(&private, error))?;
+    let (own, key) = (folder.join(OWN_CERTIFICATE), folder.join(KEY));
     match (own.is_file(), key.is_file()) {
         (true, true) => {}
-        (false, false) => make((&own, &key), application_uri, hosts)?,
+        (false, false) => make_certificate((&own, &key), application_uri, hosts)?,
         (true, false) => {
-            return Err(OpcUaError::file(
+            return Err(OpcUaError::file_error(
                 &key,
                 "the file is missing; put the key of own/cert.der there, or remove own/cert.der",
             ));
         }
         (false, true) => {
-            return Err(OpcUaError::file(
+            return Err(OpcUaError::file_error(
                 &own,
                 "the file is missing; put the certificate of the key there, or remove private/private.pem",
             ));
         }
     }
     for file in [&own, &key] {
-        crate::disk::read(file).map_err(|error| OpcUaError::file(file, error))?;
+        crate::disk::read(file).map_err(|error| OpcUaError::file_error(file, error))?;
     }
     let private = CertificateStore::read_pkey(&key)
-        .map_err(|_| OpcUaError::file(&key, "the file is not a PEM private key (RSA, PKCS #8)"))?;
+        .map_err(|_| OpcUaError::file_error(&key, "the file is not a PEM private key (RSA, PKCS #8)"))?;
     let certificate = CertificateStore::read_cert(&own)
-        .map_err(|_| OpcUaError::file(&own, "the file is not a DER certificate"))?;
-    let public = certificate.public_key().map_err(|error| OpcUaError::file(&own, error))?;
-    let belong_together = is_key_of(&private, &public).map_err(|problem| OpcUaError::file(&key, problem))?;
+        .map_err(|_| OpcUaError::file_error(&own, "the file is not a DER certificate"))?;
+    let public = certificate.public_key().map_err(|error| OpcUaError::file_error(&own, error))?;
+    let belong_together =
+        is_matching_key(&private, &public).map_err(|problem| OpcUaError::file_error(&key, problem))?;
     if !belong_together {
-        return Err(OpcUaError::file(&key, "the key does not belong to the certificate own/cert.der"));
+        return Err(OpcUaError::file_error(&key, "the key does not belong to the certificate own/cert.der"));
     }
     Ok(certificate.thumbprint().as_hex_string())
 }
 
 /// Returns whether the public key verifies a signature of the private key.
-fn is_key_of(private: &PrivateKey, public: &PublicKey) -> Result<bool, String> {
+fn is_matching_key(private: &PrivateKey, public: &PublicKey) -> Result<bool, String> {
     if private.size() * 8 < KEY_BITS as usize {
         return Err(format!("the key has {} bits (minimum {KEY_BITS} bits)", private.size() * 8));
     }
@@ -88,15 +89,15 @@ fn is_key_of(private: &PrivateKey, public: &PublicKey) -> Result<bool, String> {
 
 /// The trusted certificate files that were already checked, each with its modification time.
 #[derive(Debug, Default)]
-pub(super) struct Trusted {
-    known: BTreeSet<(PathBuf, SystemTime)>,
+pub(super) struct TrustedFiles {
+    known_files: BTreeSet<(PathBuf, SystemTime)>,
 }
 
-impl Trusted {
+impl TrustedFiles {
     /// Renames new client certificates to the names by which they are found. A person need not type such a name: a
     /// file with any other name, or in PEM format, is renamed or converted. Returns the result for each new file, for
     /// the log. It runs on the calling thread, which may wait for the disk.
-    pub fn name_new_ones(&mut self, folder: &Path) -> Vec<String> {
+    pub fn rename_new_certificates(&mut self, folder: &Path) -> Vec<String> {
         let trusted = folder.join(TRUSTED);
         let found = fs::read_dir(&trusted).into_iter().flatten().flatten();
         let files = found.filter_map(|entry| {
@@ -104,14 +105,15 @@ impl Trusted {
             Some((entry.path(), about.modified().ok()?))
         });
         let now: BTreeSet<(PathBuf, SystemTime)> = files.collect();
-        let told = now.difference(&self.known).filter_map(|(file, _)| named(file, &trusted)).collect();
-        self.known = now;
+        let told =
+            now.difference(&self.known_files).filter_map(|(file, _)| rename_certificate(file, &trusted)).collect();
+        self.known_files = now;
         told
     }
 }
 
 /// Renames a certificate to the name by which it is found; returns the result, if there is anything to report.
-fn named(file: &Path, trusted: &Path) -> Option<String> {
+fn rename_certificate(file: &Path, trusted: &Path) -> Option<String> {
     let read = crate::disk::read(file).ok();
     let certificate = read.and_then(|bytes| X509::from_der(&bytes).or_else(|_| X509::from_pem(&bytes)).ok());
     let Some(certificate) = certificate else {
@@ -136,7 +138,7 @@ fn named(file: &Path, trusted: &Path) -> Option<String> {
 
 /// Makes a certificate for this computer and its key. Both are written to a temporary folder first, and the key's
 /// permissions are set before the key is moved to its place.
-fn make((own, key): (&Path, &Path), application_uri: &str, hosts: &[String]) -> Result<(), OpcUaError> {
+fn make_certificate((own, key): (&Path, &Path), application_uri: &str, hosts: &[String]) -> Result<(), OpcUaError> {
     let data = X509Data {
         key_size: KEY_BITS,
         common_name: "Panelprep".to_owned(),
@@ -148,28 +150,28 @@ fn make((own, key): (&Path, &Path), application_uri: &str, hosts: &[String]) -> 
         certificate_duration_days: DAYS,
     };
     let folder = key.parent().unwrap_or(Path::new("."));
-    let beside = tempfile::tempdir_in(folder).map_err(|error| OpcUaError::file(folder, error))?;
+    let beside = tempfile::tempdir_in(folder).map_err(|error| OpcUaError::file_error(folder, error))?;
     let [new_own, new_key] = ["cert.der", "private.pem"].map(|name| beside.path().join(name));
     CertificateStore::create_certificate_and_key(&data, false, &new_own, &new_key)
-        .map_err(|problem| OpcUaError::file(own, format!("cannot create a certificate: {problem}")))?;
+        .map_err(|problem| OpcUaError::file_error(own, format!("cannot create a certificate: {problem}")))?;
     let placed = fs::set_permissions(&new_key, Permissions::from_mode(0o600))
         .and_then(|()| fs::rename(&new_key, key))
         .and_then(|()| fs::rename(&new_own, own));
-    placed.map_err(|error| OpcUaError::file(own, error))
+    placed.map_err(|error| OpcUaError::file_error(own, error))
 }
 
 /// The search for new files in the folder of rejected clients.
 #[derive(Debug, Default)]
-pub(super) struct Rejected {
-    known: BTreeSet<PathBuf>,
-    has_looked: bool,
+pub(super) struct RejectedFiles {
+    known_files: BTreeSet<PathBuf>,
+    is_listed_once: bool,
 }
 
-impl Rejected {
+impl RejectedFiles {
     /// Returns the files that arrived since the last call; the oldest files above the maximum number are removed.
     /// Files that were there when the service started are not new. Runs on the calling thread, which may wait for
     /// the disk.
-    pub fn new_ones(&mut self, folder: &Path) -> Vec<PathBuf> {
+    pub fn take_new_files(&mut self, folder: &Path) -> Vec<PathBuf> {
         let mut found: Vec<(SystemTime, PathBuf)> = fs::read_dir(folder.join(REJECTED))
             .into_iter()
             .flatten()
@@ -184,14 +186,14 @@ impl Rejected {
             }
         }
         let now: BTreeSet<PathBuf> = found.into_iter().map(|(_, path)| path).collect();
-        let new = now.difference(&self.known).cloned().collect();
-        self.known = now;
-        if std::mem::replace(&mut self.has_looked, true) { new } else { Vec::new() }
+        let new = now.difference(&self.known_files).cloned().collect();
+        self.known_files = now;
+        if std::mem::replace(&mut self.is_listed_once, true) { new } else { Vec::new() }
     }
 }
 
 /// Describes a certificate in words for a person who must decide whether to trust it.
-pub(super) fn words(file: &Path) -> String {
+pub(super) fn describe_certificate(file: &Path) -> String {
     let name = |certificate: &X509| {
         let subject: String = certificate.subject_name().chars().filter(|c| !c.is_control()).take(120).collect();
         format!("{subject}, SHA-1 {}", certificate.thumbprint().as_hex_string())
@@ -213,7 +215,7 @@ mod tests {
         assert_eq!((first.len(), of().expect("read")), (40, first.clone()), "the same after a restart");
         let mode = |name: &str| fs::metadata(folder.path().join(name)).expect("there").permissions().mode() & 0o777;
         assert_eq!((mode(KEY), mode("private")), (0o600, 0o700));
-        let own = CertificateStore::read_cert(&folder.path().join(OWN)).expect("a certificate");
+        let own = CertificateStore::read_cert(&folder.path().join(OWN_CERTIFICATE)).expect("a certificate");
         assert!(
             own.is_application_uri_valid("urn:panelprep:test").is_ok()
                 && own.is_hostname_valid("localhost").is_ok()
@@ -252,20 +254,20 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         prepare(folder.path(), "urn:panelprep:test", &["localhost".to_owned()]).expect("made");
         let trusted = folder.path().join(TRUSTED);
-        fs::copy(folder.path().join(OWN), trusted.join("line.crt")).expect("copied");
+        fs::copy(folder.path().join(OWN_CERTIFICATE), trusted.join("line.crt")).expect("copied");
         fs::write(trusted.join("notes.txt"), "ask Ada").expect("written");
-        let mut seen = Trusted::default();
-        let mut results = seen.name_new_ones(folder.path());
+        let mut seen = TrustedFiles::default();
+        let mut results = seen.rename_new_certificates(folder.path());
         results.sort();
         let [line, notes] = &results[..] else { panic!("{results:?}") };
         assert!(
             line.contains("line.crt is trusted now, and the file was renamed to ")
                 && notes.contains("notes.txt: the file is not a certificate")
         );
-        let certificate = CertificateStore::read_cert(&folder.path().join(OWN)).expect("a certificate");
+        let certificate = CertificateStore::read_cert(&folder.path().join(OWN_CERTIFICATE)).expect("a certificate");
         let named = trusted.join(CertificateStore::cert_file_name(&certificate));
         assert!(named.is_file() && !trusted.join("line.crt").exists());
-        assert_eq!(seen.name_new_ones(folder.path()), Vec::<String>::new());
+        assert_eq!(seen.rename_new_certificates(folder.path()), Vec::<String>::new());
     }
 
     #[test]
@@ -273,14 +275,14 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let rejected = folder.path().join(REJECTED);
         fs::create_dir(&rejected).expect("made");
-        let mut seen = Rejected::default();
+        let mut seen = RejectedFiles::default();
         fs::write(rejected.join("old.der"), "").expect("written");
-        assert_eq!(seen.new_ones(folder.path()), Vec::<PathBuf>::new(), "it was there before");
+        assert_eq!(seen.take_new_files(folder.path()), Vec::<PathBuf>::new(), "it was there before");
         for number in 0..100 {
             fs::write(rejected.join(format!("{number:03}.der")), "").expect("written");
         }
-        assert_eq!(seen.new_ones(folder.path()).len(), MAX_REJECTED);
+        assert_eq!(seen.take_new_files(folder.path()).len(), MAX_REJECTED);
         assert_eq!(fs::read_dir(&rejected).expect("there").count(), MAX_REJECTED);
-        assert_eq!(seen.new_ones(folder.path()), Vec::<PathBuf>::new());
+        assert_eq!(seen.take_new_files(folder.path()), Vec::<PathBuf>::new());
     }
 }

@@ -21,28 +21,28 @@ use std::time::{Duration, Instant};
 /// Shortest time between two refreshes of all alarms, for all clients together.
 const MIN_REFRESH_INTERVAL: Duration = Duration::from_millis(500);
 /// The text with which the names of conditions begin.
-const BEGINNING: &str = "Alarm/";
+const NAME_PREFIX: &str = "Alarm/";
 
 /// The active alarms, as last reported.
 #[derive(Debug, Default)]
-pub(super) struct Conditions {
+pub(super) struct AlarmConditions {
     namespace: OnceLock<u16>,
     inside: Mutex<Inside>,
 }
 
 #[derive(Debug, Default)]
 struct Inside {
-    told: BTreeMap<String, Alarm>,
+    reported: BTreeMap<String, Alarm>,
     refreshed: Option<Instant>,
 }
 
-fn standing(alarm: &Alarm) -> AlarmStatus {
+fn alarm_status(alarm: &Alarm) -> AlarmStatus {
     AlarmStatus { is_active: alarm.is_active(), is_acknowledged: alarm.acknowledged.is_some() }
 }
 
-impl Conditions {
+impl AlarmConditions {
     /// Sets the namespace of the cell's nodes, once it is known.
-    pub fn is_in(&self, namespace: u16) {
+    pub fn set_namespace(&self, namespace: u16) {
         self.namespace.get_or_init(|| namespace);
     }
 
@@ -55,18 +55,18 @@ impl Conditions {
     }
 
     fn event(&self, alarm: &Alarm, now_unix_ms: i64) -> AlarmEvent {
-        let condition = node_id(self.namespace(), &format!("{BEGINNING}{}", alarm_id(alarm)));
-        AlarmEvent::new(alarm, standing(alarm), (&node_id(self.namespace(), ""), condition), now_unix_ms)
+        let condition = node_id(self.namespace(), &format!("{NAME_PREFIX}{}", alarm_id(alarm)));
+        AlarmEvent::new(alarm, alarm_status(alarm), (&node_id(self.namespace(), ""), condition), now_unix_ms)
     }
 
     /// Returns the nodes that the events state as their conditions.
     pub fn nodes(&self) -> Vec<NodeId> {
-        let name = |id: &String| node_id(self.namespace(), &format!("{BEGINNING}{id}"));
-        self.lock().told.keys().map(name).collect()
+        let name = |id: &String| node_id(self.namespace(), &format!("{NAME_PREFIX}{id}"));
+        self.lock().reported.keys().map(name).collect()
     }
 
     /// Updates the active alarms; reports the new, the acknowledged and the ended ones.
-    pub fn follow(&self, alarms: &[Alarm], subscriptions: &SubscriptionCache) {
+    pub fn update_conditions(&self, alarms: &[Alarm], subscriptions: &SubscriptionCache) {
         let changed = self.changed(alarms, now_unix_ms());
         self.notify(&changed, subscriptions);
     }
@@ -74,12 +74,14 @@ impl Conditions {
     fn changed(&self, alarms: &[Alarm], now_unix_ms: i64) -> Vec<AlarmEvent> {
         let now: BTreeMap<String, Alarm> = alarms.iter().map(|alarm| (alarm_id(alarm), alarm.clone())).collect();
         let mut inside = self.lock();
-        let came = now.iter().filter(|(id, alarm)| inside.told.get(*id).map(standing) != Some(standing(alarm)));
-        let gone = inside.told.iter().filter(|(id, _)| !now.contains_key(*id));
+        let came = now
+            .iter()
+            .filter(|(id, alarm)| inside.reported.get(*id).map(alarm_status) != Some(alarm_status(alarm)));
+        let gone = inside.reported.iter().filter(|(id, _)| !now.contains_key(*id));
         let gone = gone.map(|(_, alarm)| Alarm { gone_unix_ms: Some(now_unix_ms), ..alarm.clone() });
         let came = came.map(|(_, alarm)| alarm.clone());
         let events = came.chain(gone).map(|alarm| self.event(&alarm, now_unix_ms)).collect();
-        inside.told = now;
+        inside.reported = now;
         events
     }
 
@@ -97,7 +99,7 @@ impl Conditions {
                 return StatusCode::BadRefreshInProgress;
             }
             inside.refreshed = Some(Instant::now());
-            inside.told.values().cloned().collect()
+            inside.reported.values().cloned().collect()
         };
         let lasting = alarms.iter().map(|alarm| self.event(alarm, now_unix_ms));
         let begin = AlarmEvent::refresh(true, now_unix_ms);
@@ -111,14 +113,15 @@ impl Conditions {
     ///
     /// # Errors
     /// If there is no such condition, the event is not its last one, or it was already acknowledged.
-    pub fn acknowledged(&self, condition: &NodeId, event: &ByteString) -> Result<String, StatusCode> {
+    pub fn acknowledged_alarm(&self, condition: &NodeId, event: &ByteString) -> Result<String, StatusCode> {
         let inside = self.lock();
-        let is_meant = |id: &String| *condition == node_id(self.namespace(), &format!("{BEGINNING}{id}"));
-        let (id, alarm) = inside.told.iter().find(|(id, _)| is_meant(id)).ok_or(StatusCode::BadNodeIdUnknown)?;
+        let is_meant = |id: &String| *condition == node_id(self.namespace(), &format!("{NAME_PREFIX}{id}"));
+        let (id, alarm) =
+            inside.reported.iter().find(|(id, _)| is_meant(id)).ok_or(StatusCode::BadNodeIdUnknown)?;
         if alarm.acknowledged.is_some() {
             return Err(StatusCode::BadConditionBranchAlreadyAcked);
         }
-        if event_id(alarm, standing(alarm)) != *event {
+        if event_id(alarm, alarm_status(alarm)) != *event {
             return Err(StatusCode::BadEventIdUnknown);
         }
         Ok(id.clone())
@@ -133,7 +136,7 @@ mod tests {
     use opcua::types::{AttributeId, NumericRange, ObjectTypeId, QualifiedName, Variant};
 
     fn alarm(code: &'static str, raised_unix_ms: i64) -> Alarm {
-        Alarm::between_cycles(&Reason::new(code, "5 MB are free"), raised_unix_ms)
+        Alarm::new_between_cycles(&Reason::new(code, "5 MB are free"), raised_unix_ms)
     }
 
     fn field(event: &AlarmEvent, path: &str) -> Variant {
@@ -151,8 +154,8 @@ mod tests {
 
     #[test]
     fn an_alarm_comes_is_acknowledged_and_goes() {
-        let conditions = Conditions::default();
-        conditions.is_in(3);
+        let conditions = AlarmConditions::default();
+        conditions.set_namespace(3);
         let of = |alarms: &[Alarm]| {
             let told = conditions.changed(alarms, 9_000);
             told.iter()
@@ -177,15 +180,15 @@ mod tests {
 
     #[test]
     fn an_alarm_is_acknowledged_by_its_last_event_alone() {
-        let conditions = Conditions::default();
-        conditions.is_in(3);
+        let conditions = AlarmConditions::default();
+        conditions.set_namespace(3);
         let told = conditions.changed(&[alarm("disk_scarce", 5)], 9_000);
         let Variant::ByteString(id) = field(&told[0], "EventId") else { panic!("{told:?}") };
         let node = condition(&told[0]);
-        assert_eq!(conditions.acknowledged(&node, &id), Ok("0/disk_scarce/5".to_owned()));
+        assert_eq!(conditions.acknowledged_alarm(&node, &id), Ok("0/disk_scarce/5".to_owned()));
         let other = ByteString::from(vec![1; 16]);
-        assert_eq!(conditions.acknowledged(&node, &other), Err(StatusCode::BadEventIdUnknown));
+        assert_eq!(conditions.acknowledged_alarm(&node, &other), Err(StatusCode::BadEventIdUnknown));
         let nowhere = node_id(3, "Alarm/0/disk_scarce/6");
-        assert_eq!(conditions.acknowledged(&nowhere, &id), Err(StatusCode::BadNodeIdUnknown));
+        assert_eq!(conditions.acknowledged_alarm(&nowhere, &id), Err(StatusCode::BadNodeIdUnknown));
     }
 }

@@ -30,76 +30,77 @@ const MAX_OPENING_BYTES: usize = 64 * 1_024;
 
 /// The present connections.
 #[derive(Debug, Default)]
-pub(super) struct Door(Mutex<Inside>);
+pub(super) struct ConnectionLimiter(Mutex<Inside>);
 
 #[derive(Debug, Default)]
 struct Inside {
     open: BTreeMap<u64, Peer>,
     last: u64,
-    turned_away: u64,
+    rejected: u64,
     /// Addresses that disconnected a short time ago, or were rejected.
-    left: BTreeMap<IpAddr, Instant>,
+    recently_left: BTreeMap<IpAddr, Instant>,
 }
 
 #[derive(Debug)]
 struct Peer {
     from: IpAddr,
     channel: Option<u32>,
-    cut: Arc<Notify>,
+    disconnect: Arc<Notify>,
 }
 
 impl Inside {
-    fn has_left(&mut self, from: IpAddr) {
-        self.left.retain(|_, at| at.elapsed() < DEPARTURE_RETENTION);
-        if self.left.len() < MAX_CONNECTIONS {
-            self.left.insert(from, Instant::now());
+    fn on_disconnect(&mut self, from: IpAddr) {
+        self.recently_left.retain(|_, at| at.elapsed() < DEPARTURE_RETENTION);
+        if self.recently_left.len() < MAX_CONNECTIONS {
+            self.recently_left.insert(from, Instant::now());
         }
     }
 }
 
-impl Door {
+impl ConnectionLimiter {
     fn lock(&self) -> MutexGuard<'_, Inside> {
         // Every change is completed under the lock.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Returns a connection slot for this address, if one is free.
-    fn enter(&self, from: IpAddr) -> Option<(u64, Arc<Notify>)> {
+    fn acquire_slot(&self, from: IpAddr) -> Option<(u64, Arc<Notify>)> {
         let mut inside = self.lock();
         let of_address = inside.open.values().filter(|peer| peer.from == from).count();
         if inside.open.len() >= MAX_CONNECTIONS || of_address >= MAX_CONNECTIONS_PER_ADDRESS {
-            inside.turned_away += 1;
-            inside.has_left(from);
+            inside.rejected += 1;
+            inside.on_disconnect(from);
             return None;
         }
         inside.last += 1;
         let (number, cut) = (inside.last, Arc::new(Notify::new()));
-        inside.open.insert(number, Peer { from, channel: None, cut: cut.clone() });
+        inside.open.insert(number, Peer { from, channel: None, disconnect: cut.clone() });
         Some((number, cut))
     }
 
-    fn leave(&self, number: u64) {
+    fn release_slot(&self, number: u64) {
         let mut inside = self.lock();
         if let Some(Peer { from, .. }) = inside.open.remove(&number) {
-            inside.has_left(from);
+            inside.on_disconnect(from);
         }
     }
 
-    fn has_channel(&self, number: u64, channel: u32) {
+    fn set_channel(&self, number: u64, channel: u32) {
         if let Some(peer) = self.lock().open.get_mut(&number) {
             peer.channel = Some(channel);
         }
     }
 
     /// Returns the address that has this secure channel.
-    pub fn address_of(&self, channel: u32) -> Option<IpAddr> {
+    pub fn address_of_channel(&self, channel: u32) -> Option<IpAddr> {
         self.lock().open.values().find(|peer| peer.channel == Some(channel)).map(|peer| peer.from)
     }
 
     /// Returns all addresses that are connected or were connected a short time ago, each once.
     pub fn addresses(&self) -> Vec<IpAddr> {
         let inside = self.lock();
-        let lately = inside.left.iter().filter(|(_, at)| at.elapsed() < DEPARTURE_RETENTION).map(|(from, _)| *from);
+        let lately =
+            inside.recently_left.iter().filter(|(_, at)| at.elapsed() < DEPARTURE_RETENTION).map(|(from, _)| *from);
         let mut all: Vec<IpAddr> = inside.open.values().map(|peer| peer.from).chain(lately).collect();
         all.sort();
         all.dedup();
@@ -107,37 +108,41 @@ impl Door {
     }
 
     /// Ends the connection of this secure channel.
-    pub fn cut(&self, channel: u32) {
+    pub fn disconnect_channel(&self, channel: u32) {
         let inside = self.lock();
-        inside.open.values().filter(|peer| peer.channel == Some(channel)).for_each(|peer| peer.cut.notify_one());
+        inside
+            .open
+            .values()
+            .filter(|peer| peer.channel == Some(channel))
+            .for_each(|peer| peer.disconnect.notify_one());
     }
 
     /// Returns how many connections were rejected since the last call.
-    pub fn turned_away(&self) -> u64 {
-        std::mem::take(&mut self.lock().turned_away)
+    pub fn take_rejected_count(&self) -> u64 {
+        std::mem::take(&mut self.lock().rejected)
     }
 
     /// Accepts connections and forwards them to the server behind, until the listener is dropped.
-    pub async fn attend(self: Arc<Self>, listener: TcpListener, server: SocketAddr) {
+    pub async fn serve_connections(self: Arc<Self>, listener: TcpListener, server: SocketAddr) {
         loop {
             let Ok((stream, from)) = listener.accept().await else {
                 // For example, no file descriptor is free: the connection is accepted later.
                 sleep(Duration::from_millis(50)).await;
                 continue;
             };
-            let Some((number, cut)) = self.enter(from.ip().to_canonical()) else { continue };
+            let Some((number, cut)) = self.acquire_slot(from.ip().to_canonical()) else { continue };
             let door = self.clone();
             tokio::spawn(async move {
                 tokio::select! {
-                    () = door.pass(number, stream, server) => {}
+                    () = door.forward_connection(number, stream, server) => {}
                     () = cut.notified() => {}
                 }
-                door.leave(number);
+                door.release_slot(number);
             });
         }
     }
 
-    async fn pass(&self, number: u64, stream: TcpStream, server: SocketAddr) {
+    async fn forward_connection(&self, number: u64, stream: TcpStream, server: SocketAddr) {
         let socket = socket2::SockRef::from(&stream);
         let is_set = socket
             .set_tcp_user_timeout(Some(DISCONNECT_TIMEOUT))
@@ -157,7 +162,7 @@ impl Door {
                     return;
                 }
                 if let Some(channel) = channel {
-                    self.has_channel(number, channel);
+                    self.set_channel(number, channel);
                     break;
                 }
             }
@@ -191,19 +196,19 @@ mod tests {
 
     #[test]
     fn only_so_many_are_let_in_and_nobody_takes_all_places() {
-        let door = Door::default();
+        let door = ConnectionLimiter::default();
         let address = |number: u8| IpAddr::from([10, 0, 0, number]);
-        let taken: Vec<_> = (0..30).filter_map(|_| door.enter(address(1))).collect();
+        let taken: Vec<_> = (0..30).filter_map(|_| door.acquire_slot(address(1))).collect();
         assert_eq!(taken.len(), MAX_CONNECTIONS_PER_ADDRESS);
-        assert!(door.enter(address(2)).is_some(), "another address is not kept out");
-        let others = (3..100).filter(|number| door.enter(address(*number)).is_some()).count();
+        assert!(door.acquire_slot(address(2)).is_some(), "another address is not kept out");
+        let others = (3..100).filter(|number| door.acquire_slot(address(*number)).is_some()).count();
         assert_eq!(others, MAX_CONNECTIONS - MAX_CONNECTIONS_PER_ADDRESS - 1);
-        assert_eq!(door.turned_away(), 30 - MAX_CONNECTIONS_PER_ADDRESS as u64 + 97 - others as u64);
-        door.leave(taken[0].0);
+        assert_eq!(door.take_rejected_count(), 30 - MAX_CONNECTIONS_PER_ADDRESS as u64 + 97 - others as u64);
+        door.release_slot(taken[0].0);
         assert!(door.addresses().contains(&address(1)), "also who has just left");
-        let (number, _) = door.enter(address(2)).expect("a place is free again");
-        door.has_channel(number, 77);
-        assert_eq!((door.address_of(77), door.address_of(78)), (Some(address(2)), None));
+        let (number, _) = door.acquire_slot(address(2)).expect("a place is free again");
+        door.set_channel(number, 77);
+        assert_eq!((door.address_of_channel(77), door.address_of_channel(78)), (Some(address(2)), None));
     }
 
     /// The messages of a real server: an acknowledgement, then the opening of channel 0x0102.

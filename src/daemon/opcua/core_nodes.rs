@@ -2,9 +2,9 @@
 //! first.
 
 use super::access::Caller;
-use super::calls::{Calls, Outcome};
-use super::cell_nodes::{answer, channel};
-use super::conditions::Conditions;
+use super::calls::{CallOutcome, Calls};
+use super::cell_nodes::{channel, write_result};
+use super::conditions::AlarmConditions;
 use crate::packml::method;
 use async_trait::async_trait;
 use opcua::server::CreateMonitoredItem;
@@ -26,12 +26,12 @@ use std::sync::Arc;
 pub(super) struct CoreNodes {
     core: CoreNodeManagerImpl,
     calls: Arc<Calls>,
-    conditions: Arc<Conditions>,
+    conditions: Arc<AlarmConditions>,
 }
 
 impl CoreNodes {
     pub fn build(
-        (calls, conditions): (Arc<Calls>, Arc<Conditions>),
+        (calls, conditions): (Arc<Calls>, Arc<AlarmConditions>),
         context: ServerContext,
         space: &mut AddressSpace,
     ) -> Self {
@@ -49,7 +49,7 @@ impl CoreNodes {
         }
     }
 
-    fn refreshed(&self, context: &RequestContext, subscription: Option<&Variant>) -> StatusCode {
+    fn refresh_conditions(&self, context: &RequestContext, subscription: Option<&Variant>) -> StatusCode {
         let Some(Variant::UInt32(number)) = subscription else { return StatusCode::BadInvalidArgument };
         let of_session = context.subscriptions.get_session_subscriptions(context.session_id);
         if of_session.is_none_or(|all| all.lock().get(*number).is_none()) {
@@ -58,12 +58,12 @@ impl CoreNodes {
         self.conditions.refresh(&context.subscriptions)
     }
 
-    async fn acknowledged(&self, context: &RequestContext, call: &mut MethodCall) {
+    async fn acknowledge_alarm(&self, context: &RequestContext, call: &mut MethodCall) {
         let [Variant::ByteString(event), Variant::LocalizedText(_)] = call.arguments() else {
             call.set_status(StatusCode::BadInvalidArgument);
             return;
         };
-        let alarm = match self.conditions.acknowledged(call.object_id(), event) {
+        let alarm = match self.conditions.acknowledged_alarm(call.object_id(), event) {
             Ok(alarm) => Variant::from(alarm.as_str()),
             Err(status) => {
                 call.set_status(status);
@@ -71,18 +71,18 @@ impl CoreNodes {
             }
         };
         let Some(method) = method("AcknowledgeAlarm") else { return };
-        let caller = self.calls.access.caller(&context.token);
-        let from = self.calls.access.from(channel(context));
+        let caller = self.calls.access.caller_of_token(&context.token);
+        let from = self.calls.access.session_origin(channel(context));
         let outcome = self.calls.call(method, &[alarm], caller.as_ref(), &from).await;
-        let is_done = matches!(outcome, Outcome::Done(_));
-        answer(call, outcome);
+        let is_done = matches!(outcome, CallOutcome::Done(_));
+        write_result(call, outcome);
         if is_done {
             call.set_outputs(vec![]);
         }
     }
 
-    fn may_look(&self, context: &RequestContext) -> bool {
-        matches!(self.calls.access.caller(&context.token), Some(Caller::Nobody | Caller::Person { .. }))
+    fn may_read(&self, context: &RequestContext) -> bool {
+        matches!(self.calls.access.caller_of_token(&context.token), Some(Caller::Nobody | Caller::Person { .. }))
     }
 }
 
@@ -130,8 +130,8 @@ impl InMemoryNodeManagerImpl for CoreNodes {
         _: &RwLock<AddressSpace>,
         items: &mut [&mut &mut CreateMonitoredItem],
     ) {
-        self.calls.access.came_by(&context.token, channel(context));
-        if !self.may_look(context) {
+        self.calls.access.remember_channel(&context.token, channel(context));
+        if !self.may_read(context) {
             items.iter_mut().for_each(|item| item.set_status(StatusCode::BadUserAccessDenied));
         }
     }
@@ -163,10 +163,12 @@ impl InMemoryNodeManagerImpl for CoreNodes {
         for call in calls.iter_mut() {
             match call.method_id().as_method_id() {
                 Ok(MethodId::ConditionType_ConditionRefresh) => {
-                    let status = self.refreshed(context, call.arguments().first());
+                    let status = self.refresh_conditions(context, call.arguments().first());
                     call.set_status(status);
                 }
-                Ok(MethodId::AcknowledgeableConditionType_Acknowledge) => self.acknowledged(context, call).await,
+                Ok(MethodId::AcknowledgeableConditionType_Acknowledge) => {
+                    self.acknowledge_alarm(context, call).await
+                }
                 _ => others.push(&mut **call),
             }
         }

@@ -2,8 +2,8 @@
 //! longer intervals, on a separate thread, so that a slow disk only makes these values old.
 
 use super::access::Access;
-use super::certificates::{self, Rejected, Trusted};
-use super::connection_limit::Door;
+use super::certificates::{self, RejectedFiles, TrustedFiles};
+use super::connection_limit::ConnectionLimiter;
 use crate::accounts::AuditEntry;
 use crate::daemon::interface_context::InterfaceContext;
 use crate::daemon::setup_source::recipe_hashes;
@@ -24,7 +24,7 @@ const FILE_POLL_INTERVAL: Duration = Duration::from_secs(30);
 
 /// The values that are read from the store and from files.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Depth {
+pub(super) struct StoreValues {
     pub part: PartNames,
     /// The state of each grid that was seen, by its name.
     pub grids: Vec<GridState>,
@@ -41,61 +41,61 @@ pub(super) struct Depth {
 
 /// The newest cycle, and whether it has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Newest {
+pub(super) struct NewestCycle {
     pub id: Option<CycleId>,
     pub has_ended: bool,
 }
 
 /// Reads it.
-pub(super) struct Reader {
+pub(super) struct StoreReader {
     pub access: Arc<Access>,
     pub front: InterfaceContext,
-    pub door: Arc<Door>,
+    pub connections: Arc<ConnectionLimiter>,
     /// The folder of the certificates.
     pub folder: PathBuf,
-    pub rejected: Rejected,
-    pub trusted: Trusted,
+    pub rejected: RejectedFiles,
+    pub trusted: TrustedFiles,
     pub files_read: Option<Instant>,
     /// The newest cycle up to which the cycles were counted.
-    pub counted: Option<Newest>,
-    pub last: Depth,
+    pub counted: Option<NewestCycle>,
+    pub last: StoreValues,
 }
 
-impl Reader {
+impl StoreReader {
     /// Reads all data that are old enough; a value that cannot be read stays as it was, and the log states why.
-    pub fn read(&mut self, cycle: Newest) -> Depth {
-        self.front.look();
-        let (alarms, people) = (self.front.alarms.clone(), self.access.people().clone());
+    pub fn read(&mut self, cycle: NewestCycle) -> StoreValues {
+        self.front.check_alarms();
+        let (alarms, people) = (self.front.alarms.clone(), self.access.accounts_with_audit().clone());
         let mut now = self.last.clone();
         let read = people.read(|store| {
             let accounts = store.accounts()?;
-            of_store(store, cycle.id, &mut now)?;
+            read_store(store, cycle.id, &mut now)?;
             // Counting reads all cycles, so it is done only if the newest cycle has begun or ended since the last
             // count.
             if self.counted != Some(cycle) {
                 now.counts = counts(&store.verdict_counts()?);
                 self.counted = Some(cycle);
             }
-            now.alarms = alarms.lasting(store)?;
+            now.alarms = alarms.active_in_order(store)?;
             now.alarms.retain(|alarm| alarm.priority > Priority::Note);
             now.alarms.sort_by_key(|alarm| Reverse((alarm.priority, alarm.raised_unix_ms)));
             Ok(accounts)
         });
         match read {
-            Ok(accounts) => self.access.learn(&accounts),
+            Ok(accounts) => self.access.update_accounts(&accounts),
             Err(error) => tracing::warn!("the OPC UA server continues with old values: {error}"),
         }
         if self.files_read.is_none_or(|at| at.elapsed() >= FILE_POLL_INTERVAL) {
             self.files_read = Some(Instant::now());
-            self.of_files(&mut now);
+            self.read_files(&mut now);
         }
-        self.tell_turned_away();
+        self.log_rejected();
         self.last = now.clone();
         now
     }
 
-    fn of_files(&self, now: &mut Depth) {
-        match self.front.setup.equipment() {
+    fn read_files(&self, now: &mut StoreValues) {
+        match self.front.setup.list_equipment() {
             Ok((verdict, reasons, equipment)) => {
                 now.may_start = Some(verdict != Verdict::Reject);
                 now.calibration_reasons = reasons;
@@ -108,13 +108,13 @@ impl Reader {
     }
 
     /// Writes the connections and certificates that were rejected since the last call to the audit trail.
-    fn tell_turned_away(&mut self) {
-        for words in self.trusted.name_new_ones(&self.folder) {
+    fn log_rejected(&mut self) {
+        for words in self.trusted.rename_new_certificates(&self.folder) {
             tracing::warn!("OPC UA server: {words}");
         }
-        let new = self.rejected.new_ones(&self.folder);
+        let new = self.rejected.take_new_files(&self.folder);
         for file in new.iter().take(MAX_LOGGED) {
-            let words = certificates::words(file);
+            let words = certificates::describe_certificate(file);
             let todo = format!(
                 "unknown certificate; to trust the client, move the certificate from {} to {} in {}",
                 certificates::REJECTED,
@@ -127,7 +127,7 @@ impl Reader {
         if new.len() > MAX_LOGGED {
             self.audit_refusal(None, format!("{} more unknown certificates", new.len() - MAX_LOGGED));
         }
-        let turned_away = self.door.turned_away();
+        let turned_away = self.connections.take_rejected_count();
         if turned_away > 0 {
             self.audit_refusal(None, format!("{turned_away} connections rejected: too many connections"));
         }
@@ -135,14 +135,14 @@ impl Reader {
 
     /// Records a refused connection in the audit trail.
     fn audit_refusal(&self, subject: Option<String>, refused: String) {
-        let line = AuditEntry::done(None, None, self.access.addresses(), "connect");
-        self.access.people().audit(&AuditEntry { subject, refused: Some(refused), ..line });
+        let line = AuditEntry::for_completed_action(None, None, self.access.addresses(), "connect");
+        self.access.accounts_with_audit().audit(&AuditEntry { subject, refused: Some(refused), ..line });
     }
 }
 
-fn of_store(store: &Store, cycle: Option<CycleId>, now: &mut Depth) -> Result<(), StoreError> {
+fn read_store(store: &Store, cycle: Option<CycleId>, now: &mut StoreValues) -> Result<(), StoreError> {
     let verified = |subject| -> Result<Option<Verified>, StoreError> {
-        let last = store.last_verification(subject)?;
+        let last = store.newest_verification(subject)?;
         Ok(last.map(|last| Verified { at_unix_s: last.at_unix_s, error_mm: last.error, limit_mm: last.limit }))
     };
     now.scanner = verified("scanner")?;
@@ -153,7 +153,7 @@ fn of_store(store: &Store, cycle: Option<CycleId>, now: &mut Depth) -> Result<()
         Some(cycle) => {
             let states = grid_states(&store.cycle(cycle)?.findings).into_iter();
             let grids = states.map(|(id, state)| GridState { id, state }).collect();
-            (store.part_of(cycle)?.unwrap_or_default(), grids)
+            (store.cycle_part(cycle)?.unwrap_or_default(), grids)
         }
     };
     Ok(())

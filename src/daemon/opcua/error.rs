@@ -13,7 +13,7 @@ pub struct OpcUaError {
 }
 
 impl OpcUaError {
-    pub(super) fn file(file: &Path, problem: impl ToString) -> Self {
+    pub(super) fn file_error(file: &Path, problem: impl ToString) -> Self {
         OpcUaError { file: file.to_owned(), problem: problem.to_string() }
     }
 }

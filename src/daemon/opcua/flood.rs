@@ -13,47 +13,50 @@ const REPORT_INTERVAL_S: f64 = 60.0;
 
 /// The call budget of each caller. Times are seconds of any clock that does not jump.
 #[derive(Debug, Default)]
-pub(super) struct Flood(BTreeMap<String, Bucket>);
+pub(super) struct CallLimiter(BTreeMap<String, Bucket>);
 
 #[derive(Debug, Clone, Copy)]
 struct Bucket {
-    left: f64,
+    remaining: f64,
     at_s: f64,
-    told_s: Option<f64>,
+    reported_s: Option<f64>,
 }
 
 /// What happens to a call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Turn {
+pub(super) enum CallDecision {
     /// It is made.
-    Taken,
+    Accepted,
     /// The call exceeds the limit; states whether this is to be reported.
     TooMany {
         /// False if it was reported lately.
-        is_told: bool,
+        is_recently_reported: bool,
     },
 }
 
-impl Flood {
+impl CallLimiter {
     /// Counts a call by this caller and returns what happens to it.
-    pub fn call(&mut self, caller: &str, now_s: f64) -> Turn {
+    pub fn call(&mut self, caller: &str, now_s: f64) -> CallDecision {
         if self.0.len() >= MAX_CALLERS && !self.0.contains_key(caller) {
             let oldest = self.0.iter().min_by(|a, b| a.1.at_s.total_cmp(&b.1.at_s)).map(|(name, _)| name.clone());
             oldest.and_then(|name| self.0.remove(&name));
         }
-        let bucket =
-            self.0.entry(caller.to_owned()).or_insert(Bucket { left: BURST_CALLS, at_s: now_s, told_s: None });
-        bucket.left = (bucket.left + (now_s - bucket.at_s) * CALLS_PER_SECOND).min(BURST_CALLS);
+        let bucket = self.0.entry(caller.to_owned()).or_insert(Bucket {
+            remaining: BURST_CALLS,
+            at_s: now_s,
+            reported_s: None,
+        });
+        bucket.remaining = (bucket.remaining + (now_s - bucket.at_s) * CALLS_PER_SECOND).min(BURST_CALLS);
         bucket.at_s = now_s;
-        if bucket.left >= 1.0 {
-            bucket.left -= 1.0;
-            return Turn::Taken;
+        if bucket.remaining >= 1.0 {
+            bucket.remaining -= 1.0;
+            return CallDecision::Accepted;
         }
-        let is_told = bucket.told_s.is_none_or(|told_s| now_s - told_s >= REPORT_INTERVAL_S);
+        let is_told = bucket.reported_s.is_none_or(|told_s| now_s - told_s >= REPORT_INTERVAL_S);
         if is_told {
-            bucket.told_s = Some(now_s);
+            bucket.reported_s = Some(now_s);
         }
-        Turn::TooMany { is_told }
+        CallDecision::TooMany { is_recently_reported: is_told }
     }
 }
 
@@ -65,21 +68,24 @@ mod tests {
     /// reported once in a minute.
     #[test]
     fn calls_beyond_the_measure_are_too_many_and_told_once() {
-        let mut flood = Flood::default();
-        let mut taken = |caller: &str, now_s| (0..100).filter(|_| flood.call(caller, now_s) == Turn::Taken).count();
+        let mut flood = CallLimiter::default();
+        let mut taken =
+            |caller: &str, now_s| (0..100).filter(|_| flood.call(caller, now_s) == CallDecision::Accepted).count();
         assert_eq!(taken("anna", 0.0), 20);
         assert_eq!(taken("anna", 2.0), 10);
         assert_eq!(taken("ben", 2.0), 20);
-        let mut flood = Flood::default();
+        let mut flood = CallLimiter::default();
         let told: Vec<usize> = (0..12_000)
-            .filter(|n| flood.call("anna", *n as f64 / 100.0) == Turn::TooMany { is_told: true })
+            .filter(|n| {
+                flood.call("anna", *n as f64 / 100.0) == CallDecision::TooMany { is_recently_reported: true }
+            })
             .collect();
         assert_eq!(told.len(), 2, "{told:?}: twelve thousand calls in two minutes");
     }
 
     #[test]
     fn only_so_many_callers_are_remembered() {
-        let mut flood = Flood::default();
+        let mut flood = CallLimiter::default();
         for n in 0..2_000 {
             flood.call(&format!("n{n}"), f64::from(n));
         }

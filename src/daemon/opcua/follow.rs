@@ -1,9 +1,9 @@
 //! Follows the cell and reports changes: the state five times a second, the data of the store once a second.
 
 use super::cell_nodes::CellNodes;
-use super::conditions::Conditions;
+use super::conditions::AlarmConditions;
 use super::core_nodes::CoreNodes;
-use super::depth::{Depth, Newest, Reader};
+use super::depth::{NewestCycle, StoreReader, StoreValues};
 use super::values::{data_value, time};
 use crate::cycle::State;
 use crate::daemon::clock::now_unix_ms;
@@ -11,7 +11,7 @@ use crate::daemon::gateway::Gateway;
 use crate::daemon::reply::Reply;
 use crate::daemon::request::RequestKind;
 use crate::packml::{GridState, NODES, Snapshot, UnitMode, UnitState, Value};
-use crate::record::{CycleId, RequestSource, Who};
+use crate::record::{CycleId, RequestAuthor, RequestSource};
 use opcua::server::node_manager::memory::InMemoryNodeManager;
 use opcua::server::{ServerHandle, SubscriptionCache};
 use opcua::types::NodeId;
@@ -26,7 +26,11 @@ const POLL_INTERVAL: Duration = Duration::from_millis(200);
 const STORE_POLL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Reads the store repeatedly and sends the data to the follower of the cell.
-pub(super) async fn read_on(mut reader: Reader, cycle: watch::Receiver<Newest>, tell: watch::Sender<Depth>) {
+pub(super) async fn poll_store(
+    mut reader: StoreReader,
+    cycle: watch::Receiver<NewestCycle>,
+    tell: watch::Sender<StoreValues>,
+) {
     loop {
         let of = *cycle.borrow();
         let read = tokio::task::spawn_blocking(move || {
@@ -44,12 +48,12 @@ pub(super) async fn read_on(mut reader: Reader, cycle: watch::Receiver<Newest>, 
 
 /// The times at which the unit entered its state and its mode.
 #[derive(Debug, Default)]
-struct Since {
+struct UnitTimes {
     state: Option<(UnitState, Instant)>,
     mode: Option<(UnitMode, Instant)>,
 }
 
-impl Since {
+impl UnitTimes {
     fn seconds<T: PartialEq + Copy>(of: &mut Option<(T, Instant)>, now: T) -> u32 {
         let since = match *of {
             Some((was, since)) if was == now => since,
@@ -69,30 +73,31 @@ pub(super) struct Follower {
     pub gateway: Gateway,
     pub nodes: Arc<InMemoryNodeManager<CellNodes>>,
     pub core: Arc<InMemoryNodeManager<CoreNodes>>,
-    pub conditions: Arc<Conditions>,
+    pub conditions: Arc<AlarmConditions>,
     pub handle: ServerHandle,
-    pub depth: watch::Receiver<Depth>,
-    pub cycle: watch::Sender<Newest>,
+    pub depth: watch::Receiver<StoreValues>,
+    pub cycle: watch::Sender<NewestCycle>,
 }
 
 impl Follower {
     /// Updates the nodes until the server ends.
-    pub async fn follow(self) {
+    pub async fn update_nodes(self) {
         let ids: Vec<NodeId> = NODES
             .iter()
             .map(|node| super::address_space::node_id(self.nodes.inner().namespace, node.path))
             .collect();
-        let (mut told, mut since) = (vec![None::<(Value, bool)>; NODES.len()], Since::default());
+        let (mut told, mut since) = (vec![None::<(Value, bool)>; NODES.len()], UnitTimes::default());
         let (mut now, mut linked) = (Snapshot::default(), Vec::new());
         loop {
-            let reply = self.gateway.request(RequestKind::State, Who::by(RequestSource::OpcUa)).await;
+            let reply =
+                self.gateway.request(RequestKind::State, RequestAuthor::from_source(RequestSource::OpcUa)).await;
             let depth = self.depth.borrow().clone();
             now = snapshot(now, reply, depth, &mut since);
             now.refusal = self.nodes.inner().calls.last_refusal();
-            let newest = Newest { id: now.cycle.map(CycleId), has_ended: now.verdict.is_some() };
+            let newest = NewestCycle { id: now.cycle.map(CycleId), has_ended: now.verdict.is_some() };
             self.cycle.send_if_modified(|was| std::mem::replace(was, newest) != newest);
             self.publish(&ids, &now, &mut told);
-            self.conditions.follow(&now.alarms, self.handle.subscriptions());
+            self.conditions.update_conditions(&now.alarms, self.handle.subscriptions());
             let conditions = self.conditions.nodes();
             if conditions != linked {
                 CoreNodes::link(&mut self.core.address_space().write(), &linked, &conditions);
@@ -123,9 +128,9 @@ impl Follower {
     }
 }
 
-fn snapshot(was: Snapshot, reply: Reply, depth: Depth, since: &mut Since) -> Snapshot {
+fn snapshot(was: Snapshot, reply: Reply, depth: StoreValues, since: &mut UnitTimes) -> Snapshot {
     let now_unix_ms = now_unix_ms();
-    let Depth {
+    let StoreValues {
         part,
         grids,
         scanner,

@@ -3,12 +3,12 @@
 use super::access::Access;
 use super::calls::Calls;
 use super::cell_nodes::CellNodes;
-use super::certificates::{self, Rejected, Trusted};
-use super::conditions::Conditions;
-use super::connection_limit::Door;
+use super::certificates::{self, RejectedFiles, TrustedFiles};
+use super::conditions::AlarmConditions;
+use super::connection_limit::ConnectionLimiter;
 use super::core_nodes::CoreNodes;
-use super::depth::{Depth, Newest, Reader};
-use super::follow::{Follower, read_on};
+use super::depth::{NewestCycle, StoreReader, StoreValues};
+use super::follow::{Follower, poll_store};
 use super::settings;
 use crate::cell::OpcUa;
 use crate::daemon::background::{Background, Plan};
@@ -57,7 +57,8 @@ impl OpcUaServer {
     /// If the system refuses a thread.
     pub fn serve(parts: OpcUaParts) -> std::io::Result<Option<Self>> {
         let Some(address) = parts.settings.listen else { return Ok(None) };
-        let plan = Plan { name: "opcua", what: NAME, blocking: BLOCKING_THREADS, stack_bytes: Some(STACK_BYTES) };
+        let plan =
+            Plan { name: "opcua", task: NAME, blocking_threads: BLOCKING_THREADS, stack_bytes: Some(STACK_BYTES) };
         let begin = async move |ended: &mut oneshot::Receiver<()>| run((&parts, address), ended).await;
         Ok(Some(OpcUaServer { _background: Background::start(plan, begin)? }))
     }
@@ -69,10 +70,10 @@ async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::R
     let alarms = &parts.front.alarms;
     loop {
         let problem = tokio::select! {
-            served = serve_once(parts, address) => served.err().unwrap_or_else(|| "the server ended without a reported cause".to_owned()),
+            served = serve_until_end(parts, address) => served.err().unwrap_or_else(|| "the server ended without a reported cause".to_owned()),
             _ = &mut *ended => return,
         };
-        if alarms.trouble(NAME, Some(&problem)) {
+        if alarms.set_connection_problem(NAME, Some(&problem)) {
             tracing::warn!("{NAME}: {problem}; retrying every second");
         }
         tokio::select! {
@@ -83,21 +84,21 @@ async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::R
 }
 
 /// A server with everything that belongs to it, as it was built.
-struct Built {
+struct BuiltServer {
     server: Server,
     handle: ServerHandle,
     nodes: Arc<InMemoryNodeManager<CellNodes>>,
     core: Arc<InMemoryNodeManager<CoreNodes>>,
-    conditions: Arc<Conditions>,
+    conditions: Arc<AlarmConditions>,
     access: Arc<Access>,
-    door: Arc<Door>,
+    connections: Arc<ConnectionLimiter>,
 }
 
-fn build(parts: &OpcUaParts, address: SocketAddr) -> Result<Built, String> {
-    let door = Arc::new(Door::default());
+fn build(parts: &OpcUaParts, address: SocketAddr) -> Result<BuiltServer, String> {
+    let door = Arc::new(ConnectionLimiter::default());
     let access = Arc::new(Access::new(parts.front.people.clone(), door.clone(), parts.settings.anonymous));
     let calls = Arc::new(Calls::new(access.clone(), parts.front.clone()));
-    let conditions = Arc::new(Conditions::default());
+    let conditions = Arc::new(AlarmConditions::default());
     let shared = (calls.clone(), conditions.clone());
     let core = move |context: ServerContext, space: &mut AddressSpace| CoreNodes::build(shared, context, space);
     let cell = move |context: ServerContext, space: &mut AddressSpace| CellNodes::build(calls, &context, space);
@@ -112,11 +113,11 @@ fn build(parts: &OpcUaParts, address: SocketAddr) -> Result<Built, String> {
     let nodes = nodes.ok_or_else(|| "internal fault: the nodes of the cell are missing".to_owned())?;
     let core = handle.node_managers().get_of_type::<InMemoryNodeManager<CoreNodes>>();
     let core = core.ok_or_else(|| "internal fault: the standard nodes of the server are missing".to_owned())?;
-    conditions.is_in(nodes.inner().namespace);
-    Ok(Built { server, handle, nodes, core, conditions, access, door })
+    conditions.set_namespace(nodes.inner().namespace);
+    Ok(BuiltServer { server, handle, nodes, core, conditions, access, connections: door })
 }
 
-async fn serve_once(parts: &OpcUaParts, address: SocketAddr) -> Result<(), String> {
+async fn serve_until_end(parts: &OpcUaParts, address: SocketAddr) -> Result<(), String> {
     let host = settings::host(&parts.settings, address);
     let (uri, hosts) = (settings::application_uri(&host), settings::hosts(&host, address));
     let thumbprint = certificates::prepare(&parts.settings.certificates, &uri, &hosts);
@@ -126,19 +127,19 @@ async fn serve_once(parts: &OpcUaParts, address: SocketAddr) -> Result<(), Strin
     let failed = |error: std::io::Error| error.to_string();
     let behind = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.map_err(failed)?;
     let behind_address = behind.local_addr().map_err(failed)?;
-    let Built { server, handle, nodes, core, conditions, access, door } = build(parts, address)?;
-    let (tell_depth, depth) = watch::channel(Depth::default());
-    let (tell_cycle, cycle) = watch::channel(Newest::default());
-    let reader = Reader {
+    let BuiltServer { server, handle, nodes, core, conditions, access, connections: door } = build(parts, address)?;
+    let (tell_depth, depth) = watch::channel(StoreValues::default());
+    let (tell_cycle, cycle) = watch::channel(NewestCycle::default());
+    let reader = StoreReader {
         access,
         front: parts.front.clone(),
-        door: door.clone(),
+        connections: door.clone(),
         folder: parts.settings.certificates.clone(),
-        rejected: Rejected::default(),
-        trusted: Trusted::default(),
+        rejected: RejectedFiles::default(),
+        trusted: TrustedFiles::default(),
         files_read: None,
         counted: None,
-        last: Depth::default(),
+        last: StoreValues::default(),
     };
     let follower = Follower {
         gateway: parts.front.gateway.clone(),
@@ -149,15 +150,15 @@ async fn serve_once(parts: &OpcUaParts, address: SocketAddr) -> Result<(), Strin
         depth,
         cycle: tell_cycle,
     };
-    parts.front.alarms.trouble(NAME, None);
+    parts.front.alarms.set_connection_problem(NAME, None);
     tracing::info!("{NAME}: opc.tcp://{host}:{}/, SHA-1 of its certificate {thumbprint}", address.port());
     // When one of these parts ends, all the others end too.
     tokio::select! {
         served = server.run_with(behind) => served,
-        () = read_on(reader, cycle, tell_depth) => Ok(()),
-        () = follower.follow() => Ok(()),
+        () = poll_store(reader, cycle, tell_depth) => Ok(()),
+        () = follower.update_nodes() => Ok(()),
         () = knows_its_port(&handle, address.port()) => Ok(()),
-        () = door.attend(listener, behind_address) => Ok(()),
+        () = door.serve_connections(listener, behind_address) => Ok(()),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Settings of async-opcua: addresses, security, and limits of everything that a client may send or store.
 
-use super::certificates::{KEY, OWN};
+use super::certificates::{KEY, OWN_CERTIFICATE};
 use crate::cell::OpcUa;
 use opcua::crypto::SecurityPolicy;
 use opcua::server::{ServerBuilder, ServerEndpoint};
@@ -63,7 +63,7 @@ pub(super) fn builder(settings: &OpcUa, address: SocketAddr) -> ServerBuilder {
             build_date: DateTime::null(),
         })
         .pki_dir(&settings.certificates)
-        .certificate_path(OWN)
+        .certificate_path(OWN_CERTIFICATE)
         .private_key_path(KEY)
         .trust_client_certs(false)
         .check_cert_time(true)

@@ -62,7 +62,7 @@ pub struct CameraFault {
 
 impl CameraFault {
     /// Returns the error for an answer to a different command; no port gives such an answer.
-    fn mismatch<T>() -> Result<T, Self> {
+    fn mismatch_error<T>() -> Result<T, Self> {
         Err(CameraFault {
             camera: "a camera",
             why: "internal fault: the response does not match the request".to_owned(),
@@ -74,49 +74,51 @@ impl CameraFault {
 pub trait CameraPort: Port<CameraCommand> {
     /// Takes a 3D shot.
     fn scan(&mut self) -> Result<OrganizedCloud<Camera>, CameraFault> {
-        let CameraAnswer::Scan(cloud) = self.perform(CameraCommand::Scan)? else { return CameraFault::mismatch() };
+        let CameraAnswer::Scan(cloud) = self.perform(CameraCommand::Scan)? else {
+            return CameraFault::mismatch_error();
+        };
         Ok(cloud)
     }
 
     /// Takes a picture with the 3D camera's colour sensor.
     fn picture(&mut self) -> Result<Picture2d, CameraFault> {
         let taken = self.perform(CameraCommand::Picture)?;
-        let CameraAnswer::Picture(picture) = taken else { return CameraFault::mismatch() };
+        let CameraAnswer::Picture(picture) = taken else { return CameraFault::mismatch_error() };
         Ok(picture)
     }
 
     /// Begins a film with at most this many pictures a second; returns the time on the clock of the pictures, s.
     fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, CameraFault> {
         let begun = self.perform(CameraCommand::BeginFilm(pictures_per_second))?;
-        let CameraAnswer::FilmBegan(time_s) = begun else { return CameraFault::mismatch() };
+        let CameraAnswer::FilmBegan(time_s) = begun else { return CameraFault::mismatch_error() };
         Ok(time_s)
     }
 
     /// Fetches the film's next picture; `None` if none is due yet.
-    fn next_of_film(&mut self) -> Result<Option<Picture2d>, CameraFault> {
+    fn next_film_picture(&mut self) -> Result<Option<Picture2d>, CameraFault> {
         match self.perform(CameraCommand::NextOfFilm)? {
             CameraAnswer::Picture(picture) => Ok(Some(picture)),
             CameraAnswer::NoneDue => Ok(None),
-            _ => CameraFault::mismatch(),
+            _ => CameraFault::mismatch_error(),
         }
     }
 
     /// Ends the film; returns how many of its pictures were dropped.
     fn end_film(&mut self) -> Result<u64, CameraFault> {
         let ended = self.perform(CameraCommand::EndFilm)?;
-        let CameraAnswer::FilmEnded(dropped) = ended else { return CameraFault::mismatch() };
+        let CameraAnswer::FilmEnded(dropped) = ended else { return CameraFault::mismatch_error() };
         Ok(dropped)
     }
 
     /// Takes a picture with the flange camera.
     fn corner_picture(&mut self) -> Result<ColorPicture, CameraFault> {
         let taken = self.perform(CameraCommand::CornerPicture)?;
-        let CameraAnswer::Corner(picture) = taken else { return CameraFault::mismatch() };
+        let CameraAnswer::Corner(picture) = taken else { return CameraFault::mismatch_error() };
         Ok(picture)
     }
 
     /// Returns the cameras that are not able to deliver, with the reasons.
-    fn check(&mut self) -> Vec<CameraFault> {
+    fn check_cameras(&mut self) -> Vec<CameraFault> {
         match self.perform(CameraCommand::Check) {
             Ok(CameraAnswer::Checked(faults)) => faults,
             Ok(_) => vec![],

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 /// Stores a picture, which needs more time than a loop may wait; returns its name in the store. `None` if the disk
 /// is full and the picture was dropped.
-pub type Keeper = Box<dyn FnMut(&ColorPicture) -> Result<Option<String>, RecordError> + Send>;
+pub type PictureStore = Box<dyn FnMut(&ColorPicture) -> Result<Option<String>, RecordError> + Send>;
 
 /// A figure for people.
 #[derive(Debug, Clone, PartialEq)]
@@ -143,7 +143,7 @@ pub struct RecordError(pub Box<dyn std::error::Error + Send + Sync>);
 
 impl RecordError {
     /// Returns the error for an answer to a different command; no port gives such an answer.
-    fn mismatch<T>() -> Result<T, Self> {
+    fn mismatch_error<T>() -> Result<T, Self> {
         Err(RecordError("internal fault: the response does not match the request".into()))
     }
 }
@@ -151,40 +151,40 @@ impl RecordError {
 /// The record's commands as functions. They fail if it cannot be written or read.
 pub trait RecordPort: Port<RecordCommand> {
     /// Performs a command whose only answer is that its data is recorded.
-    fn keep(&mut self, command: RecordCommand) -> Result<(), RecordError> {
+    fn perform_and_forget(&mut self, command: RecordCommand) -> Result<(), RecordError> {
         self.perform(command).map(drop)
     }
 
     /// Returns the places where the tool was on this panel in earlier cycles.
-    fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
+    fn earlier_abrasions(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
         let known = self.perform(RecordCommand::AbradedBefore)?;
-        let RecordAnswer::Earlier(earlier) = known else { return RecordError::mismatch() };
+        let RecordAnswer::Earlier(earlier) = known else { return RecordError::mismatch_error() };
         Ok(earlier)
     }
 
     /// Begins a cycle.
     fn begin(&mut self, start: CycleStart) -> Result<CycleId, RecordError> {
         let begun = self.perform(RecordCommand::Begin(start))?;
-        let RecordAnswer::Cycle(cycle) = begun else { return RecordError::mismatch() };
+        let RecordAnswer::Cycle(cycle) = begun else { return RecordError::mismatch_error() };
         Ok(cycle)
     }
 
     /// Records the end of a cycle; returns the recorded verdict.
     fn conclude(&mut self, verdict: Verdict, because: Vec<Reason>) -> Result<Verdict, RecordError> {
         let kept = self.perform(RecordCommand::Conclude { verdict, because })?;
-        let RecordAnswer::Concluded(kept) = kept else { return RecordError::mismatch() };
+        let RecordAnswer::Concluded(kept) = kept else { return RecordError::mismatch_error() };
         Ok(kept)
     }
 
     /// Returns the area that the disc in use has swept, mm².
     fn disc_worn_mm2(&mut self) -> Result<f64, RecordError> {
         let worn = self.perform(RecordCommand::DiscWorn)?;
-        let RecordAnswer::Worn(worn_mm2) = worn else { return RecordError::mismatch() };
+        let RecordAnswer::Worn(worn_mm2) = worn else { return RecordError::mismatch_error() };
         Ok(worn_mm2)
     }
 
     /// Returns why there is no room for the record of a cycle.
-    fn check(&mut self) -> Vec<Reason> {
+    fn disk_space_problems(&mut self) -> Vec<Reason> {
         match self.perform(RecordCommand::Check) {
             Ok(RecordAnswer::Wrong(reasons)) => reasons,
             Ok(_) => vec![],
@@ -193,7 +193,7 @@ pub trait RecordPort: Port<RecordCommand> {
     }
 
     /// Returns the reason if the disk has filled since the last check.
-    fn filled(&mut self) -> Option<Reason> {
+    fn disk_full_reason(&mut self) -> Option<Reason> {
         let Ok(RecordAnswer::Full(why)) = self.perform(RecordCommand::Filled) else { return None };
         why
     }
@@ -205,33 +205,33 @@ impl<P: Port<RecordCommand> + ?Sized> RecordPort for P {}
 /// it cannot be stored.
 pub trait Record {
     /// Keeps it.
-    fn note(&mut self, note: Note) -> Result<(), RecordError>;
+    fn record_note(&mut self, note: Note) -> Result<(), RecordError>;
 
     /// Shows people who watch a scan in which the panel was found; the scan is not recorded.
-    fn scanned(&mut self, _scan: &OrganizedCloud<Camera>, _panel_from_camera: &Rigid<Panel, Camera>) {}
+    fn show_scan(&mut self, _scan: &OrganizedCloud<Camera>, _panel_from_camera: &Rigid<Panel, Camera>) {}
 
     /// See [`Note::Finding`].
     fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
-        self.note(Note::Finding(finding.clone()))
+        self.record_note(Note::Finding(finding.clone()))
     }
 
     /// See [`Note::Picture`].
     fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
-        self.note(Note::Picture(name.to_owned(), picture.clone()))
+        self.record_note(Note::Picture(name.to_owned(), picture.clone()))
     }
 
     /// See [`Note::Frame`].
     fn frame(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
-        self.note(Note::Frame(picture.clone(), time_s, phase))
+        self.record_note(Note::Frame(picture.clone(), time_s, phase))
     }
 
     /// See [`Note::Figure`].
     fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
-        self.note(Note::Figure(figure.clone()))
+        self.record_note(Note::Figure(figure.clone()))
     }
 
     /// See [`Note::Budget`].
     fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
-        self.note(Note::Budget(*measured))
+        self.record_note(Note::Budget(*measured))
     }
 }

@@ -6,7 +6,7 @@ use crate::daemon::operator_texts;
 use crate::daemon::request::Request;
 use crate::record::CycleId;
 use crate::supervision::ThreadFault;
-use crate::tape::Begin;
+use crate::tape::LoopMemoryStart;
 use crate::verdict::{Reason, Verdict};
 
 /// The loop's questions and reports.
@@ -31,7 +31,7 @@ pub enum LoopEvent {
     /// The request is not executed, because another side commands the cell.
     NotPermitted(Vec<Reason>),
     /// A cycle began; the event contains the data that the loop retains from before the cycle.
-    Begun(CycleId, Begin),
+    Begun(CycleId, LoopMemoryStart),
     /// The cycle has its verdict.
     Concluded(Verdict),
     /// A film is in progress; this is the duration of the part seen so far, s.
@@ -44,7 +44,7 @@ pub enum LoopEvent {
 
 impl LoopEvent {
     /// Returns why a request in this state was refused, if this event states it.
-    pub fn why_refused(self, state: &State) -> Option<Reason> {
+    pub fn refusal_reason(self, state: &State) -> Option<Reason> {
         match self {
             LoopEvent::Refused(request, refused) => Some(operator_texts::refusal(request, refused, state)),
             LoopEvent::NotPermitted(reasons) | LoopEvent::Unable(reasons) => reasons.into_iter().next(),
@@ -84,7 +84,7 @@ pub trait RequestPort: Port<RequestCommand> {
     }
 
     /// See [`RequestCommand::LetsIn`].
-    fn admit(&mut self, result: Id) -> bool {
+    fn admit_requests(&mut self, result: Id) -> bool {
         matches!(self.perform(RequestCommand::LetsIn(result)), RequestAnswer::LetsIn(Some(_)))
     }
 
@@ -104,7 +104,7 @@ pub trait Requester {
     /// If a thread of the program failed.
     fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault>;
     /// Receives the loop's reports. A requester that needs no reports leaves this out.
-    fn on_news(&mut self, _news: LoopEvent) {}
+    fn on_loop_event(&mut self, _news: LoopEvent) {}
 }
 
 impl<R: Requester> Port<RequestCommand> for R {
@@ -113,7 +113,7 @@ impl<R: Requester> Port<RequestCommand> for R {
             RequestCommand::Next(state) => RequestAnswer::Next(self.next_request(&state)),
             RequestCommand::LetsIn(result) => RequestAnswer::LetsIn(Some(result)),
             RequestCommand::Publish(news) => {
-                self.on_news(news);
+                self.on_loop_event(news);
                 RequestAnswer::Done
             }
         }

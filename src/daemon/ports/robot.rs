@@ -4,8 +4,8 @@ use super::port::{Command as PortCommand, Port};
 use crate::daemon::camera_lease::LastState;
 use crate::devices::robot::{BlockingLink, LineOutputs, StopLine};
 use crate::devices::world::Follower;
-use crate::eki::{Channel, Command, CommandId, Epoch, LinkLoss, MoveLin, Pace, QueueError, Report, Time};
-use crate::supervision::{ThreadFault, Watched};
+use crate::eki::{Channel, ClockMode, Command, CommandId, Epoch, LinkLoss, MoveLin, QueueError, Report, Time};
+use crate::supervision::{ThreadFault, WatchedThread};
 use std::time::{Duration, Instant};
 
 /// The requests to the robot.
@@ -73,7 +73,7 @@ pub trait RobotPort: Port<RobotCommand> {
     }
 
     /// Permits commands up to this one to be sent; all of them if it is `None`.
-    fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
+    fn permit_commands(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
         let RobotAnswer::Done(done) = self.perform(RobotCommand::Permit(last)) else { return Err(MISMATCH) };
         done
     }
@@ -108,7 +108,7 @@ impl<P: Port<RobotCommand> + ?Sized> RobotPort for P {}
 /// A robot that is connected by a link.
 pub struct LinkedRobot {
     link: BlockingLink,
-    pace: Pace,
+    pace: ClockMode,
     started: Instant,
     virtual_now: Time,
     follower: Option<Follower>,
@@ -117,7 +117,7 @@ pub struct LinkedRobot {
 
 impl LinkedRobot {
     /// Creates the port of the robot at the other end of this link, with the time base `pace`.
-    pub fn new(link: BlockingLink, pace: Pace) -> Self {
+    pub fn new(link: BlockingLink, pace: ClockMode) -> Self {
         LinkedRobot {
             link,
             pace,
@@ -135,7 +135,7 @@ impl LinkedRobot {
 
     /// Returns the robot with a simulated world around it, which follows the reports of the controller. If the
     /// controller is not a mock, it is reported as lost: a simulation must not affect how a real arm moves.
-    pub fn followed(self, follower: Follower) -> Self {
+    pub fn with_follower(self, follower: Follower) -> Self {
         LinkedRobot { follower: Some(follower), ..self }
     }
 
@@ -146,17 +146,17 @@ impl LinkedRobot {
 
     /// Returns the fastest way to stop the robot; `None` in lock step, in which all events have a fixed order.
     pub fn stop_line(&self) -> Option<StopLine> {
-        (self.pace == Pace::Wall).then(|| self.link.stop_line())
+        (self.pace == ClockMode::Wall).then(|| self.link.stop_line())
     }
 
     /// Returns the link's thread, for its supervisor.
-    pub fn watched(&self) -> Watched {
-        self.link.watched()
+    pub fn supervision_handle(&self) -> WatchedThread {
+        self.link.supervision_handle()
     }
 
     /// Returns whether time passes only while the loop waits for a report.
     pub fn is_lock_step(&self) -> bool {
-        self.pace == Pace::LockStep
+        self.pace == ClockMode::LockStep
     }
 
     fn receive(&mut self) -> Result<Option<Report>, ThreadFault> {
@@ -164,20 +164,20 @@ impl LinkedRobot {
         match &report {
             Some(Report::State(state) | Report::Connected { state }) => {
                 self.last.is(Some(state));
-                self.virtual_now = Time::at_ms(u64::from(state.time_ms));
+                self.virtual_now = Time::from_ms(u64::from(state.time_ms));
                 if let Some(follower) = &self.follower {
-                    if !Follower::may_follow(state) {
+                    if !Follower::is_simulated_controller(state) {
                         let problem = "the cameras are simulated, but the controller is not a mock controller; no \
                                        command is sent to it";
                         let (channel, problem) = (Channel::State, problem.to_owned());
                         return Ok(Some(Report::LinkLost { why: LinkLoss::System { channel, problem } }));
                     }
-                    follower.on_state(state);
+                    follower.process_state(state);
                 }
             }
             Some(Report::LinkLost { .. }) => self.last.is(None),
             Some(_) => {}
-            None => self.link.watched().check()?,
+            None => self.link.supervision_handle().check_thread()?,
         }
         Ok(report)
     }
@@ -195,13 +195,13 @@ impl Port<RobotCommand> for LinkedRobot {
             RobotCommand::Path { points, permitted: Some(permitted) } => {
                 RobotAnswer::Queued(self.link.send_path_within(points, permitted))
             }
-            RobotCommand::Permit(last) => RobotAnswer::Done(self.link.permit(last)),
+            RobotCommand::Permit(last) => RobotAnswer::Done(self.link.permit_commands(last)),
             RobotCommand::OpenEpoch(above) => RobotAnswer::Epoch(self.link.open_epoch_above(above)),
             RobotCommand::Abort => RobotAnswer::Done(self.link.abort()),
             RobotCommand::Next => RobotAnswer::Report(self.receive()),
             RobotCommand::Now => RobotAnswer::Time(match self.pace {
-                Pace::LockStep => self.virtual_now,
-                Pace::Wall => Time::after_start(self.started.elapsed()),
+                ClockMode::LockStep => self.virtual_now,
+                ClockMode::Wall => Time::from_start(self.started.elapsed()),
             }),
         }
     }

@@ -2,7 +2,7 @@
 
 use super::port::{Command, Port};
 use crate::devices::acf::{ConnectedTool, ToolReport};
-use crate::force::Press;
+use crate::force::ForceSetPoint;
 use serde::Serialize;
 
 /// The requests to the tool.
@@ -10,7 +10,7 @@ use serde::Serialize;
 #[serde(rename_all = "snake_case")]
 pub enum ToolCommand {
     /// From now on, presses with these set-points.
-    Press(Press),
+    Press(ForceSetPoint),
     /// Reports the news.
     Report,
 }
@@ -31,12 +31,12 @@ impl Command for ToolCommand {
 /// The tool's commands as functions.
 pub trait ToolPort: Port<ToolCommand> {
     /// See [`ToolCommand::Press`].
-    fn press(&mut self, press: Press) {
+    fn set_force(&mut self, press: ForceSetPoint) {
         self.perform(ToolCommand::Press(press));
     }
 
     /// See [`ToolCommand::Report`].
-    fn news(&mut self) -> Option<ToolReport> {
+    fn next_report(&mut self) -> Option<ToolReport> {
         let ToolAnswer::Report(news) = self.perform(ToolCommand::Report) else { return None };
         news
     }
@@ -59,11 +59,11 @@ impl Port<ToolCommand> for LinkedTool {
     fn perform(&mut self, command: ToolCommand) -> ToolAnswer {
         match (command, &mut self.0) {
             (ToolCommand::Press(press), Some(tool)) => {
-                tool.press(press);
+                tool.set_force(press);
                 ToolAnswer::Done
             }
             (ToolCommand::Press(_), None) => ToolAnswer::Done,
-            (ToolCommand::Report, tool) => ToolAnswer::Report(tool.as_mut().and_then(|tool| tool.news())),
+            (ToolCommand::Report, tool) => ToolAnswer::Report(tool.as_mut().and_then(|tool| tool.next_report())),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! One connection to the server: the files are put one after the other.
 
-use crate::cell::{Push, WebFolder};
+use crate::cell::{PushSettings, WebFolder};
 use crate::trust;
 use axum::body::{Body, Bytes, to_bytes};
 use hyper::client::conn::http1::{SendRequest, handshake};
@@ -25,7 +25,7 @@ const MAX_CHARACTERS: usize = 200;
 
 /// A connection.
 pub(super) struct Connection {
-    to: WebFolder,
+    target_folder: WebFolder,
     authorization: Option<HeaderValue>,
     tls: Option<TlsConnector>,
     sender: Option<SendRequest<Body>>,
@@ -36,7 +36,7 @@ impl Connection {
     ///
     /// # Errors
     /// If a file cannot be used.
-    pub fn new(push: &Push) -> Result<Self, String> {
+    pub fn new(push: &PushSettings) -> Result<Self, String> {
         let token = push.token_file.as_deref().map(trust::secret).transpose().map_err(|error| error.to_string())?;
         let authorization = token.map(|token| HeaderValue::try_from(format!("Bearer {token}"))).transpose();
         let authorization = authorization
@@ -44,7 +44,7 @@ impl Connection {
         let config = push.ca_certificate.as_deref().map(|file| trust::client_config(file, None)).transpose();
         let config = config.map_err(|error| error.to_string())?;
         let tls = config.map(|config| TlsConnector::from(Arc::new(config)));
-        Ok(Connection { to: push.to.clone(), authorization, tls, sender: None })
+        Ok(Connection { target_folder: push.target_folder.clone(), authorization, tls, sender: None })
     }
 
     /// Puts a file below the folder. If an open connection of an earlier request turns out to be closed, a new one is
@@ -52,34 +52,34 @@ impl Connection {
     ///
     /// # Errors
     /// If the server cannot be reached, or does not accept the file.
-    pub async fn put(&mut self, name: &str, kind: &'static str, bytes: Bytes) -> Result<(), String> {
+    pub async fn put_file(&mut self, name: &str, kind: &'static str, bytes: Bytes) -> Result<(), String> {
         let kept = self.sender.take().filter(|sender| !sender.is_closed());
         if let Some(sender) = kept
-            && let Ok(response) = self.ask(sender, (name, kind), bytes.clone()).await
+            && let Ok(response) = self.send_file(sender, (name, kind), bytes.clone()).await
         {
-            return self.taken(name, response);
+            return self.check_response(name, response);
         }
-        let sender = self.connect().await.map_err(|problem| format!("{}: {problem}", self.to))?;
-        match self.ask(sender, (name, kind), bytes).await {
-            Ok(response) => self.taken(name, response),
-            Err(problem) => Err(format!("{}/{name}: {problem}", self.to)),
+        let sender = self.connect().await.map_err(|problem| format!("{}: {problem}", self.target_folder))?;
+        match self.send_file(sender, (name, kind), bytes).await {
+            Ok(response) => self.check_response(name, response),
+            Err(problem) => Err(format!("{}/{name}: {problem}", self.target_folder)),
         }
     }
 
     async fn connect(&self) -> Result<SendRequest<Body>, String> {
-        let WebFolder { host, port, .. } = &self.to;
+        let WebFolder { host, port, .. } = &self.target_folder;
         let connecting = async {
             let stream = TcpStream::connect((host.as_str(), *port)).await.map_err(|error| error.to_string())?;
-            let Some(tls) = &self.tls else { return begin(stream).await };
+            let Some(tls) = &self.tls else { return begin_connection(stream).await };
             let name = ServerName::try_from(host.clone()).map_err(|error| error.to_string())?;
-            begin(tls.connect(name, stream).await.map_err(|error| error.to_string())?).await
+            begin_connection(tls.connect(name, stream).await.map_err(|error| error.to_string())?).await
         };
         let late = |_| format!("the server did not respond within {} s", CONNECT_TIMEOUT.as_secs());
         timeout(CONNECT_TIMEOUT, connecting).await.map_err(late)?
     }
 
     /// Sends a file and returns the answer. The connection is retained if it can be used again.
-    async fn ask(
+    async fn send_file(
         &mut self,
         mut sender: SendRequest<Body>,
         (name, kind): (&str, &'static str),
@@ -87,10 +87,13 @@ impl Connection {
     ) -> Result<(StatusCode, String), String> {
         let mut request = Request::new(Body::from(bytes));
         *request.method_mut() = Method::PUT;
-        let address = format!("{}/{name}", self.to.path);
+        let address = format!("{}/{name}", self.target_folder.path);
         *request.uri_mut() = address.parse().map_err(|error| format!("{error}"))?;
         let headers = request.headers_mut();
-        headers.insert(HOST, HeaderValue::try_from(self.to.authority()).map_err(|error| error.to_string())?);
+        headers.insert(
+            HOST,
+            HeaderValue::try_from(self.target_folder.authority()).map_err(|error| error.to_string())?,
+        );
         headers.insert(CONTENT_TYPE, HeaderValue::from_static(kind));
         if let Some(authorization) = &self.authorization {
             headers.insert(AUTHORIZATION, authorization.clone());
@@ -106,16 +109,18 @@ impl Connection {
         Ok(answered)
     }
 
-    fn taken(&self, name: &str, (status, words): (StatusCode, String)) -> Result<(), String> {
+    fn check_response(&self, name: &str, (status, words): (StatusCode, String)) -> Result<(), String> {
         if status.is_success() {
             return Ok(());
         }
         let colon = if words.is_empty() { "" } else { ": " };
-        Err(format!("{}/{name}: the server responded {status}{colon}{words}", self.to))
+        Err(format!("{}/{name}: the server responded {status}{colon}{words}", self.target_folder))
     }
 }
 
-async fn begin(stream: impl AsyncRead + AsyncWrite + Send + Unpin + 'static) -> Result<SendRequest<Body>, String> {
+async fn begin_connection(
+    stream: impl AsyncRead + AsyncWrite + Send + Unpin + 'static,
+) -> Result<SendRequest<Body>, String> {
     let (sender, connection) = handshake(TokioIo::new(stream)).await.map_err(|error| error.to_string())?;
     tokio::spawn(async move {
         #[expect(

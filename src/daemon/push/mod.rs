@@ -31,10 +31,10 @@ impl PushSender {
     pub fn start(parts: PushParts) -> std::io::Result<Self> {
         let plan = Plan {
             name: "push",
-            what: "the transfer of signed records to the quality system",
-            blocking: 2,
+            task: "the transfer of signed records to the quality system",
+            blocking_threads: 2,
             stack_bytes: None,
         };
-        Ok(PushSender { _background: Background::in_rounds(plan, move || Sender::new(&parts))? })
+        Ok(PushSender { _background: Background::spawn_rounds(plan, move || Sender::new(&parts))? })
     }
 }

@@ -1,7 +1,7 @@
 //! The parts that the sender needs.
 
 use super::status::PushStatus;
-use crate::cell::Push;
+use crate::cell::PushSettings;
 use crate::daemon::record_source::RecordSource;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use std::sync::Arc;
 /// The parts that the sender needs.
 pub struct PushParts {
     /// The `[push]` table of the cell's file.
-    pub push: Push,
+    pub push: PushSettings,
     /// The store's folder.
     pub folder: PathBuf,
     /// The source of the pages of cycles.

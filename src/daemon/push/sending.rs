@@ -3,7 +3,7 @@
 use super::connection::Connection;
 use super::parts::PushParts;
 use super::status::PushStatus;
-use crate::cell::Push;
+use crate::cell::PushSettings;
 use crate::daemon::background::Rounds;
 use crate::daemon::progress_file;
 use crate::daemon::record_source::{RecordPdf, RecordSource};
@@ -57,7 +57,7 @@ fn page_files(cycle: CycleId, RecordPdf { pdf, page, signature }: RecordPdf) -> 
 
 /// What sends.
 pub(super) struct Sender {
-    push: Push,
+    push: PushSettings,
     folder: PathBuf,
     records: Arc<dyn RecordSource>,
     status: PushStatus,
@@ -65,7 +65,7 @@ pub(super) struct Sender {
     store: Option<Store>,
     connection: Option<Connection>,
     /// Names of files that the server has.
-    put: BTreeSet<String>,
+    stored_names: BTreeSet<String>,
     /// The files of the page that was made for the signature with this number.
     page: Option<(u64, Vec<File>)>,
 }
@@ -75,7 +75,7 @@ impl Sender {
         let PushParts { push, folder, records, status } = parts;
         let (push, folder, records, status) = (push.clone(), folder.clone(), records.clone(), status.clone());
         let mut progress: Progress = progress_file::read(&folder, PROGRESS);
-        let to = push.to.to_string();
+        let to = push.target_folder.to_string();
         if progress.to != to {
             progress = Progress { to, ..Progress::default() };
         }
@@ -87,14 +87,14 @@ impl Sender {
             progress,
             store: None,
             connection: None,
-            put: BTreeSet::new(),
+            stored_names: BTreeSet::new(),
             page: None,
         }
     }
 }
 
 impl Rounds for Sender {
-    async fn round(&mut self) -> Result<bool, String> {
+    async fn run_round(&mut self) -> Result<bool, String> {
         // The connection's own files are read even if nothing is to be put, so that errors in them are reported at
         // once.
         let mut connection = match self.connection.take() {
@@ -105,18 +105,18 @@ impl Rounds for Sender {
             Some(store) => store,
             None => Store::open(&self.folder).map_err(|error| error.to_string())?,
         };
-        self.begin_where_it_was(&store)?;
-        let waiting = store.signature_after(self.progress.number).map_err(|error| error.to_string())?;
+        self.resume_position(&store)?;
+        let waiting = store.next_signature(self.progress.number).map_err(|error| error.to_string())?;
         let Some((row, behind)) = waiting else {
-            self.status.waiting().is_behind(0, None);
+            self.status.lock_waiting().record_backlog(0, None);
             (self.store, self.connection) = (Some(store), Some(connection));
             return Ok(false);
         };
-        self.status.waiting().is_behind(behind, Some(row.unix_ms));
+        self.status.lock_waiting().record_backlog(behind, Some(row.unix_ms));
         match self.next_file(&store, &row).await? {
             Some(File { name, kind, bytes }) => {
-                connection.put(&name, kind, bytes).await?;
-                self.put.insert(name);
+                connection.put_file(&name, kind, bytes).await?;
+                self.stored_names.insert(name);
             }
             None => {
                 let (to, number, record_hash) = (self.progress.to.clone(), row.number, row.record_hash.clone());
@@ -124,9 +124,9 @@ impl Rounds for Sender {
                 progress_file::write(&self.folder, PROGRESS, &self.progress)?;
                 // Pictures, recipes and calibrations have the same name in every record, so these names stay in the
                 // list.
-                self.put.retain(|name| name.starts_with(FILES));
-                if self.put.len() >= MAX_FILES {
-                    self.put.clear();
+                self.stored_names.retain(|name| name.starts_with(FILES));
+                if self.stored_names.len() >= MAX_FILES {
+                    self.stored_names.clear();
                 }
             }
         }
@@ -139,19 +139,19 @@ impl Rounds for Sender {
     }
 
     fn report_result(&self, problem: Option<&str>) -> bool {
-        self.status.waiting().goes(problem)
+        self.status.lock_waiting().record_problem(problem)
     }
 }
 
 impl Sender {
     /// Continues after the last completed signature. If the store was restored from a backup, other signatures have
     /// the same numbers, and all of them are put again.
-    fn begin_where_it_was(&mut self, store: &Store) -> Result<(), String> {
+    fn resume_position(&mut self, store: &Store) -> Result<(), String> {
         let Progress { number, record_hash, .. } = &self.progress;
         if *number == 0 {
             return Ok(());
         }
-        let last = store.signature_after(number - 1).map_err(|error| error.to_string())?;
+        let last = store.next_signature(number - 1).map_err(|error| error.to_string())?;
         if last.is_none_or(|(row, _)| row.number != *number || row.record_hash != *record_hash) {
             tracing::warn!(
                 "record number {number} in the store differs from the record that was sent last: all records are \
@@ -164,7 +164,7 @@ impl Sender {
 
     /// Returns the first file of a cycle's page that was not put yet: the PDF, and the part that the cell signs.
     /// The page is made once for each signature.
-    async fn next_of_page(&mut self, row: &SignatureRow) -> Result<Option<File>, String> {
+    async fn next_page_file(&mut self, row: &SignatureRow) -> Result<Option<File>, String> {
         if self.page.as_ref().is_none_or(|(number, _)| *number != row.number) {
             let (records, cycle) = (self.records.clone(), row.cycle);
             let made = tokio::task::spawn_blocking(move || records.pdf(cycle)).await;
@@ -175,7 +175,7 @@ impl Sender {
             self.page = Some((row.number, made.map_or(vec![], |made| page_files(cycle, made))));
         }
         let files = self.page.iter().flat_map(|(_, files)| files);
-        Ok(files.into_iter().find(|file| !self.put.contains(&file.name)).cloned())
+        Ok(files.into_iter().find(|file| !self.stored_names.contains(&file.name)).cloned())
     }
 
     /// Returns the first file of a signature that was not put yet. A file that is damaged, or was deleted after its
@@ -185,24 +185,24 @@ impl Sender {
         if let StatementContent::Cycle(cycle) = Statement::read(&record).map_err(|error| error.to_string())?.says {
             for (what, hash) in signing::exported_files(&cycle) {
                 let name = format!("{FILES}{hash}");
-                if self.put.contains(&name) {
+                if self.stored_names.contains(&name) {
                     continue;
                 }
                 match store.blob(&hash) {
                     Ok(bytes) => return Ok(Some(File { name, kind: BYTES, bytes: bytes.into() })),
                     Err(error) => {
                         tracing::warn!("cannot send {what} of cycle {} to the quality system: {error}", row.cycle);
-                        self.put.insert(name);
+                        self.stored_names.insert(name);
                     }
                 }
             }
         }
-        if let Some(file) = self.next_of_page(row).await? {
+        if let Some(file) = self.next_page_file(row).await? {
             return Ok(Some(file));
         }
         let stem = match row.is_of_person {
             false => signing::cycle_stem(row.cycle),
-            true => signing::person_stem(row.cycle, row.number),
+            true => signing::person_signature_stem(row.cycle, row.number),
         };
         let last = [("sig", BYTES, row.signature.clone()), ("json", JSON, record)];
         let mut last = last.into_iter().map(|(ending, kind, bytes)| File {
@@ -210,6 +210,6 @@ impl Sender {
             kind,
             bytes: bytes.into(),
         });
-        Ok(last.find(|file| !self.put.contains(&file.name)))
+        Ok(last.find(|file| !self.stored_names.contains(&file.name)))
     }
 }

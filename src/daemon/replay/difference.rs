@@ -45,7 +45,7 @@ fn compare(place: String, recorded: &Value, now: &Value, found: &mut Vec<(String
             }
         }
         (before, after) if before == after => {}
-        (before, after) => found.push((place, short(before), short(after))),
+        (before, after) => found.push((place, shorten_value(before), shorten_value(after))),
     }
 }
 
@@ -58,7 +58,7 @@ fn name(index: usize, value: &Value) -> String {
 const MAX_TEXT_LENGTH: usize = 200;
 
 /// Returns a value as text, cut if it is long.
-pub(super) fn short(value: &Value) -> String {
+pub(super) fn shorten_value(value: &Value) -> String {
     let text = value.to_string();
     if text.chars().count() <= MAX_TEXT_LENGTH {
         return text;

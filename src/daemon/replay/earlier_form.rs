@@ -13,7 +13,7 @@ use serde_json::Value;
 /// The beginnings of the names of the numbers that earlier versions of this program did not store. They were added
 /// when a finding's numbers became the checks of its gate.
 const NAMES_SINCE_CHECKS: [&str; 12] = [
-    crate::locate::refine::FARTHEST,
+    crate::locate::refine::FARTHEST_CORNER,
     film::DRY_PICTURE,
     film::FILM_CHANGE,
     film::FIRST_SHARPNESS,
@@ -22,13 +22,13 @@ const NAMES_SINCE_CHECKS: [&str; 12] = [
     film::UNSEEN_GRIDS,
     film::MASKED_GRIDS,
     crate::path::TOOL_ERROR,
-    crate::path::OF_GRID,
+    crate::path::GRID_CHECK_PREFIX,
     name::WORN_BY_A_GRID,
-    name::BEGUN,
+    name::BEGUN_GRIDS_NAME,
 ];
 
 /// Returns a finding of this program in the form of the recorded finding.
-pub(super) fn in_form_of(recorded: &Value, mut now: Value) -> Value {
+pub(super) fn convert_to_recorded_form(recorded: &Value, mut now: Value) -> Value {
     let empty = Vec::new();
     let kept = recorded["numbers"].as_array().unwrap_or(&empty);
     let is_of_today = kept.iter().any(|number| SINCE_CHECKS.iter().any(|key| number.get(key).is_some()));
@@ -54,18 +54,18 @@ pub(super) fn in_form_of(recorded: &Value, mut now: Value) -> Value {
 mod tests {
     use super::super::difference::differences;
     use super::*;
-    use crate::record::{Check, Finding, Kind, SetBy};
+    use crate::record::{Check, Finding, Kind, LimitSource};
     use crate::verdict::{Judgement, Verdict};
     use serde_json::json;
 
     fn found(checks: impl IntoIterator<Item = Check>) -> Value {
         let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
-        json!(Finding::new(Kind::Inspect, 1, judgement).with(checks))
+        json!(Finding::new(Kind::Inspect, 1, judgement).with_checks(checks))
     }
 
     fn rms(mm: f64, allowed_mm: f64) -> Check {
-        let check = Check::new("residual", "mm", mm).at_most(allowed_mm, SetBy::recipe("locate.max_rms_mm"));
-        check.rejects("poor_fit", || "too much".to_owned())
+        let check = Check::new("residual", "mm", mm).with_max(allowed_mm, LimitSource::recipe("locate.max_rms_mm"));
+        check.or_reject("poor_fit", || "too much".to_owned())
     }
 
     fn shift() -> Check {
@@ -84,7 +84,7 @@ mod tests {
     }
 
     fn differing(recorded: &Value, now: Value) -> Vec<String> {
-        let now = in_form_of(recorded, now);
+        let now = convert_to_recorded_form(recorded, now);
         differences(recorded, &now).into_iter().map(|(place, ..)| place).collect()
     }
 

@@ -8,7 +8,7 @@ mod requests;
 mod robot;
 mod tool;
 
-pub(super) use cameras::of_film;
+pub(super) use cameras::film_role;
 #[cfg(test)]
 pub(super) use recordable::to_json;
 pub use recordable::{Recordable, RecordedAnswer};
@@ -17,10 +17,10 @@ use crate::record::name;
 use serde_json::Value;
 
 /// Returns a finding as it is compared, without stop-watch times: these depend on the computer.
-pub(super) fn timeless(mut finding: Value) -> Value {
+pub(super) fn without_measured_times(mut finding: Value) -> Value {
     let numbers = finding.get_mut("numbers").and_then(Value::as_array_mut);
     for number in numbers.into_iter().flatten() {
-        let stopped = number["name"].as_str().is_some_and(|name| STOPPED.contains(&name));
+        let stopped = number["name"].as_str().is_some_and(|name| WALL_CLOCK_NUMBERS.contains(&name));
         if stopped {
             number["value"] = Value::Null;
         }
@@ -29,4 +29,4 @@ pub(super) fn timeless(mut finding: Value) -> Value {
 }
 
 /// Numbers that depend on the wall clock; no decision uses them.
-const STOPPED: [&str; 2] = [name::SCAN_TO_VERDICT, name::PER_PICTURE];
+const WALL_CLOCK_NUMBERS: [&str; 2] = [name::SCAN_TO_VERDICT, name::PER_PICTURE];

@@ -19,7 +19,7 @@ mod switch;
 mod tests;
 
 pub use difference::Difference;
-pub use player::{Played, Player};
-pub use queue::{RECORDING_FLOOR_MB, Recorded, Recording, RecordingStatus, disk_full_message};
+pub use player::{Player, ReplayResult};
+pub use queue::{RECORDING_FLOOR_MB, Recording, RecordingResult, RecordingStatus, disk_full_message};
 pub use recorded_port::RecordedPort;
 pub use switch::{RecordingPlan, RecordingSwitch, free_mb, recording_file, recordings};

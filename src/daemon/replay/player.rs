@@ -6,8 +6,8 @@
 //! continues with the recorded data. If the loop makes a different call, or none, the two have diverged, and the
 //! replay ends there.
 
-use super::difference::{Difference, differences, short};
-use super::form::{Recordable, RecordedAnswer, of_film, timeless};
+use super::difference::{Difference, differences, shorten_value};
+use super::form::{Recordable, RecordedAnswer, film_role, without_measured_times};
 use crate::daemon::ports::Port;
 use crate::eki::Time;
 use crate::tape::{Entry, TapeError, Topic};
@@ -30,11 +30,11 @@ pub struct Player<'a>(Arc<Mutex<Playback<'a>>>);
 
 /// The result of a replay.
 #[derive(Debug)]
-pub struct Played {
+pub struct ReplayResult {
     /// The differences, in order.
     pub differences: Vec<Difference>,
     /// Whether the replay and the recording agree to the end.
-    pub to_the_end: bool,
+    pub is_complete: bool,
     /// The error if the recording could not be read.
     pub error: Option<TapeError>,
     /// Number of entries that were played.
@@ -55,7 +55,7 @@ struct Playback<'a> {
     rounds: u32,
     entries: u64,
     differences: Vec<Difference>,
-    parted: bool,
+    has_diverged: bool,
     error: Option<TapeError>,
 }
 
@@ -74,7 +74,7 @@ impl<'a> Player<'a> {
             rounds: 0,
             entries: 0,
             differences: Vec::new(),
-            parted: false,
+            has_diverged: false,
             error: None,
         })))
     }
@@ -84,25 +84,26 @@ impl<'a> Player<'a> {
     }
 
     /// Returns the result of the replay, once the loop has ended.
-    pub fn played(&self) -> Played {
+    pub fn replay_result(&self) -> ReplayResult {
         let mut playback = self.lock();
-        if !playback.parted && playback.peek(false).is_some() {
+        if !playback.has_diverged && playback.peek_entry(false).is_some() {
             playback.part("the loop has ended");
         }
-        playback.leave_film(true);
+        playback.skip_film(true);
         // A remaining camera call whose work had its result before the end is a difference: the loop no longer makes
         // this call. Without a result, the call may have been in progress when the loop ended.
-        let (parted, until_ns) = (playback.parted, playback.result_ns);
-        let left =
-            playback.peek(true).filter(|left| !parted && until_ns.is_some_and(|result_ns| left.at_ns < result_ns));
-        if let Some((at_ns, recorded)) = left.map(|left| (left.at_ns, short(&left.said))) {
+        let (parted, until_ns) = (playback.has_diverged, playback.result_ns);
+        let left = playback
+            .peek_entry(true)
+            .filter(|left| !parted && until_ns.is_some_and(|result_ns| left.at_ns < result_ns));
+        if let Some((at_ns, recorded)) = left.map(|left| (left.at_ns, shorten_value(&left.action))) {
             let (what, now) = ("request to the cameras".to_owned(), "nothing".to_owned());
             playback.differences.push(Difference { at_s: at_ns as f64 / 1e9, what, recorded, now });
-            playback.parted = true;
+            playback.has_diverged = true;
         }
-        Played {
+        ReplayResult {
             differences: std::mem::take(&mut playback.differences),
-            to_the_end: !playback.parted,
+            is_complete: !playback.has_diverged,
             error: playback.error.take(),
             entries: playback.entries,
         }
@@ -111,8 +112,8 @@ impl<'a> Player<'a> {
 
 impl Playback<'_> {
     /// Returns the next entry for the loop, or for the cameras, without removing it.
-    fn peek(&mut self, cameras: bool) -> Option<&Entry> {
-        while !self.parted {
+    fn peek_entry(&mut self, cameras: bool) -> Option<&Entry> {
+        while !self.has_diverged {
             let is_there = if cameras { !self.seen.is_empty() } else { !self.ahead.is_empty() };
             if is_there {
                 break;
@@ -122,7 +123,7 @@ impl Playback<'_> {
                 Some(Ok(entry)) => self.ahead.push_back(entry),
                 Some(Err(error)) => {
                     self.error = Some(error);
-                    self.parted = true;
+                    self.has_diverged = true;
                 }
                 None => break,
             }
@@ -131,7 +132,7 @@ impl Playback<'_> {
     }
 
     fn pop_entry(&mut self, cameras: bool) -> Option<Entry> {
-        self.peek(cameras)?;
+        self.peek_entry(cameras)?;
         let entry = if cameras { self.seen.pop_front() } else { self.ahead.pop_front() }?;
         (self.rounds, self.at_ns) = (0, entry.at_ns);
         self.entries += 1;
@@ -141,36 +142,38 @@ impl Playback<'_> {
     /// Answers a command of the loop.
     fn perform<C: Recordable>(&mut self, command: &C) -> C::Answer {
         let Some((topic, said)) = command.recorded_command() else {
-            return command.otherwise(self.now, self.parted);
+            return command.default_answer(self.now, self.has_diverged);
         };
         if topic == Topic::Request && said.is_null() {
             self.rounds += 1;
-            if !self.parted && self.rounds > MAX_IDLE_ROUNDS {
+            if !self.has_diverged && self.rounds > MAX_IDLE_ROUNDS {
                 self.part("the loop waits");
             }
         }
         let entry = match said.is_null() || command.is_optional() {
-            true => self.listen(topic, &said, |heard| command.fits(heard)),
+            true => self.listen(topic, &said, |heard| command.is_matching_answer(heard)),
             false => self.call(topic, &said),
         };
-        let Some(Entry { heard: value, shot, .. }) = entry else { return command.otherwise(self.now, self.parted) };
-        command.answer(RecordedAnswer { value, shot }).unwrap_or_else(|error| {
-            let (topic, from_s) = (topic.name(), self.at_s());
+        let Some(Entry { reply: value, shot, .. }) = entry else {
+            return command.default_answer(self.now, self.has_diverged);
+        };
+        command.parse_answer(RecordedAnswer { value, shot }).unwrap_or_else(|error| {
+            let (topic, from_s) = (topic.name(), self.time_s());
             self.error.get_or_insert(TapeError::Message { topic, from_s, problem: error.to_string() });
-            self.parted = true;
-            command.otherwise(self.now, true)
+            self.has_diverged = true;
+            command.default_answer(self.now, true)
         })
     }
 
     /// Returns the data on this topic, if it comes next.
     fn listen(&mut self, topic: Topic, said: &Value, fits: impl Fn(&Value) -> bool) -> Option<Entry> {
-        let is_next = |next: &Entry| next.topic == topic && next.said == *said && fits(&next.heard);
-        if self.parted || !self.peek(false).is_some_and(is_next) {
+        let is_next = |next: &Entry| next.topic == topic && next.action == *said && fits(&next.reply);
+        if self.has_diverged || !self.peek_entry(false).is_some_and(is_next) {
             return None;
         }
         let entry = self.pop_entry(false)?;
         match topic {
-            Topic::Clock => self.now = Duration::deserialize(&entry.heard).map_or(self.now, Time::after_start),
+            Topic::Clock => self.now = Duration::deserialize(&entry.reply).map_or(self.now, Time::from_start),
             Topic::Result => self.result_ns = Some(entry.at_ns),
             _ => {}
         }
@@ -179,39 +182,39 @@ impl Playback<'_> {
 
     /// Skips the rest of a film. With the wall clock a film is evaluated on a separate thread, and the pictures that
     /// were recorded after the film was abandoned are not needed.
-    fn leave_film(&mut self, with_its_begin: bool) {
+    fn skip_film(&mut self, with_its_begin: bool) {
         let is_left = |next: &Entry| {
-            let (begins, goes_on) = of_film(&next.said);
+            let (begins, goes_on) = film_role(&next.action);
             goes_on || begins && with_its_begin
         };
-        while !self.lock_step && self.peek(true).is_some_and(is_left) {
+        while !self.lock_step && self.peek_entry(true).is_some_and(is_left) {
             self.pop_entry(true);
         }
     }
 
     /// Compares a call of the loop with the next entry; returns the entry if both match.
     fn call(&mut self, topic: Topic, said: &Value) -> Option<Entry> {
-        if self.parted {
+        if self.has_diverged {
             return None;
         }
         let cameras = topic == Topic::Camera;
-        if let (true, (begins, false)) = (cameras, of_film(said)) {
-            self.leave_film(!begins);
+        if let (true, (begins, false)) = (cameras, film_role(said)) {
+            self.skip_film(!begins);
         }
-        let fits = |next: &Entry| next.topic == topic && !next.said.is_null() && same_call(&next.said, said);
-        if !self.peek(cameras).is_some_and(fits) {
-            self.part(&format!("{} {}", topic.name(), short(said)));
+        let fits = |next: &Entry| next.topic == topic && !next.action.is_null() && same_call(&next.action, said);
+        if !self.peek_entry(cameras).is_some_and(fits) {
+            self.part(&format!("{} {}", topic.name(), shorten_value(said)));
             return None;
         }
         let entry = self.pop_entry(cameras)?;
         let (recorded, now) = match topic {
             Topic::Finding => {
-                let now = super::earlier_form::in_form_of(&entry.said, said.clone());
-                (timeless(entry.said.clone()), timeless(now))
+                let now = super::earlier_form::convert_to_recorded_form(&entry.action, said.clone());
+                (without_measured_times(entry.action.clone()), without_measured_times(now))
             }
-            _ => (entry.said.clone(), said.clone()),
+            _ => (entry.action.clone(), said.clone()),
         };
-        let at_s = self.at_s();
+        let at_s = self.time_s();
         for (place, recorded, now) in differences(&recorded, &now) {
             let what = if place.is_empty() { topic.name().to_owned() } else { format!("{} {place}", topic.name()) };
             self.differences.push(Difference { at_s, what, recorded, now });
@@ -221,17 +224,17 @@ impl Playback<'_> {
 
     /// Ends the replay, because the loop makes a call other than the recorded one.
     fn part(&mut self, now: &str) {
-        let next = self.peek(false).map(|next| {
-            let what = if next.said.is_null() { &next.heard } else { &next.said };
-            (next.at_ns, format!("{} {}", next.topic.name(), short(what)))
+        let next = self.peek_entry(false).map(|next| {
+            let what = if next.action.is_null() { &next.reply } else { &next.action };
+            (next.at_ns, format!("{} {}", next.topic.name(), shorten_value(what)))
         });
         let (at_ns, recorded) = next.unwrap_or_else(|| (self.at_ns, "the end".to_owned()));
         let (at_s, now) = (at_ns as f64 / 1e9, now.to_owned());
         self.differences.push(Difference { at_s, what: "next entry".to_owned(), recorded, now });
-        self.parted = true;
+        self.has_diverged = true;
     }
 
-    fn at_s(&self) -> f64 {
+    fn time_s(&self) -> f64 {
         self.at_ns as f64 / 1e9
     }
 }

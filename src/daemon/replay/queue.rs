@@ -7,8 +7,8 @@
 
 use super::super::computing::NICE;
 use super::super::recording::FLOOR_MB;
-use crate::supervision::Supervised;
-use crate::tape::{Ending, Entry, LostEntries, Shot, TapeError, Topic, Writer};
+use crate::supervision::SupervisedThread;
+use crate::tape::{Entry, LostEntries, RecordingEnd, Shot, TapeError, Topic, Writer};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::VecDeque;
@@ -38,28 +38,28 @@ pub struct Recorder(Arc<Shared>);
 struct Shared {
     inside: Mutex<Inside>,
     changed: Condvar,
-    bounds: Bounds,
+    bounds: QueueBounds,
     /// Reports that the thread is alive, except while it waits for the disk: a disk that hangs ends the recording and
     /// nothing else.
-    sign: Option<Arc<Supervised>>,
+    sign: Option<Arc<SupervisedThread>>,
 }
 
 /// How much data may wait, and whether the loop waits if the queue is full.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Bounds {
-    pub waits: bool,
-    pub most_bytes: usize,
-    pub hangs: Duration,
-    pub hangs_at_the_end: Duration,
+pub(super) struct QueueBounds {
+    pub is_blocking: bool,
+    pub max_bytes: usize,
+    pub disk_timeout: Duration,
+    pub final_disk_timeout: Duration,
 }
 
-impl Bounds {
+impl QueueBounds {
     pub fn new(lock_step: bool) -> Self {
-        Bounds {
-            waits: lock_step,
-            most_bytes: MAX_QUEUED_BYTES,
-            hangs: DISK_TIMEOUT,
-            hangs_at_the_end: CLOSE_TIMEOUT,
+        QueueBounds {
+            is_blocking: lock_step,
+            max_bytes: MAX_QUEUED_BYTES,
+            disk_timeout: DISK_TIMEOUT,
+            final_disk_timeout: CLOSE_TIMEOUT,
         }
     }
 }
@@ -73,7 +73,7 @@ struct Inside {
     now_ns: u64,
     lost: Vec<LostEntries>,
     /// The disk has hung once.
-    hung: bool,
+    has_hung: bool,
     /// No more entries will come.
     closed: bool,
     /// Nothing more can be written, for this reason.
@@ -84,7 +84,7 @@ struct Inside {
 }
 
 /// Returns the free space on the disk of the recording, MB.
-pub(super) type Room = Box<dyn FnMut() -> std::io::Result<u64> + Send>;
+pub(super) type FreeSpace = Box<dyn FnMut() -> std::io::Result<u64> + Send>;
 
 /// A recording in progress; [`Recording::finish`] ends it. If a recording is dropped, it stays unfinished, as after a
 /// crash.
@@ -98,7 +98,7 @@ pub struct Recording {
 /// The status of a recording.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Recorded {
+pub struct RecordingResult {
     /// The file.
     pub file: String,
     /// Whether the recording can be run again.
@@ -121,18 +121,18 @@ pub enum RecordingStatus {
     NotWhole,
 }
 
-impl Recorded {
+impl RecordingResult {
     /// Returns the status of a recording that can be replayed.
-    pub fn whole(file: String, entries: u64) -> Self {
+    pub fn complete_recording(file: String, entries: u64) -> Self {
         let message = format!("recorded in {file}, {entries} entries");
-        Recorded { file, is: RecordingStatus::Whole, entries, message }
+        RecordingResult { file, is: RecordingStatus::Whole, entries, message }
     }
 
     /// Returns the status of a recording that cannot be replayed, for this reason; its number of entries is not
     /// known.
-    pub fn not_whole(file: String, why: &str) -> Self {
+    pub fn incomplete_recording(file: String, why: &str) -> Self {
         let message = format!("{file} cannot be replayed: {why}");
-        Recorded { file, is: RecordingStatus::NotWhole, entries: 0, message }
+        RecordingResult { file, is: RecordingStatus::NotWhole, entries: 0, message }
     }
 }
 
@@ -144,8 +144,8 @@ impl Recording {
     pub(super) fn start<W: Write + Send + 'static>(
         file: String,
         open: impl FnOnce() -> Result<Writer<W>, TapeError> + Send + 'static,
-        (bounds, sign): (Bounds, Option<Arc<Supervised>>),
-        mut room: Room,
+        (bounds, sign): (QueueBounds, Option<Arc<SupervisedThread>>),
+        mut room: FreeSpace,
     ) -> std::io::Result<Self> {
         let shared = Shared { inside: Mutex::default(), changed: Condvar::new(), bounds, sign };
         let recorder = Recorder(Arc::new(shared));
@@ -153,18 +153,18 @@ impl Recording {
         let write = move || {
             // The loss of a recording is less serious than a delay of the loop, so this thread gets the same low
             // priority as computing.
-            if !bounds.waits
+            if !bounds.is_blocking
                 && let Err(error) = rustix::process::setpriority_process(None, NICE)
             {
                 tracing::warn!("cannot lower the priority of the recording thread: {error}");
             }
-            let mut ends = Ends { shared: shared.clone(), panics: true };
-            if let Err(error) = open().and_then(|writer| shared.write_all(writer, &mut room)) {
+            let mut ends = ThreadEndGuard { shared: shared.clone(), panics: true };
+            if let Err(error) = open().and_then(|writer| shared.run_writer(writer, &mut room)) {
                 shared.lock().stop(error.to_string());
             }
             ends.panics = false;
             if let Some(sign) = &shared.sign {
-                sign.done();
+                sign.report_done();
             }
         };
         let thread = std::thread::Builder::new().name("recording".to_owned()).spawn(write)?;
@@ -177,15 +177,15 @@ impl Recording {
     }
 
     /// Returns its status.
-    pub fn status(&self) -> Recorded {
+    pub fn status(&self) -> RecordingResult {
         self.recorder.status(&self.file)
     }
 
     /// Ends the recording and waits until it is written, as long as the disk accepts anything.
-    pub fn finish(self) -> Recorded {
+    pub fn finish(self) -> RecordingResult {
         let Recording { file, recorder, thread } = self;
         recorder.close();
-        if recorder.ends() {
+        if recorder.wait_for_end() {
             #[expect(
                 clippy::let_underscore_must_use,
                 reason = "a panic of the thread was reported when it happened, and leaves an incomplete recording"
@@ -197,12 +197,12 @@ impl Recording {
 }
 
 /// Reports that the thread is done, regardless of the cause.
-struct Ends {
+struct ThreadEndGuard {
     shared: Arc<Shared>,
     panics: bool,
 }
 
-impl Drop for Ends {
+impl Drop for ThreadEndGuard {
     fn drop(&mut self) {
         let mut inside = self.shared.lock();
         inside.ended = true;
@@ -216,21 +216,21 @@ impl Drop for Ends {
 
 impl Recorder {
     /// Records an entry, at the time of the last [`Recorder::clock`].
-    pub fn put(&self, mut entry: Entry) {
+    pub fn record_entry(&self, mut entry: Entry) {
         let shared = &*self.0;
-        let Bounds { waits, most_bytes, hangs, .. } = shared.bounds;
+        let QueueBounds { is_blocking: waits, max_bytes: most_bytes, disk_timeout: hangs, .. } = shared.bounds;
         let bytes = size(&entry);
         let mut inside = shared.lock();
         // If the queue is empty, an entry always has room, however large it is.
         while inside.bytes > 0 && inside.bytes + bytes > most_bytes && inside.is_accepting() {
-            if !waits || inside.hung {
+            if !waits || inside.has_hung {
                 let at_ns = inside.now_ns;
-                inside.lose(entry.topic, at_ns);
+                inside.add_lost(entry.topic, at_ns);
                 return;
             }
             let waited = shared.changed.wait_timeout(inside, hangs).unwrap_or_else(PoisonError::into_inner);
             inside = waited.0;
-            inside.hung |= waited.1.timed_out();
+            inside.has_hung |= waited.1.timed_out();
         }
         if !inside.is_accepting() {
             return;
@@ -255,7 +255,7 @@ impl Recorder {
 
     /// Returns whether time stops while an entry is put in.
     pub(super) fn is_lock_step(&self) -> bool {
-        self.0.bounds.waits
+        self.0.bounds.is_blocking
     }
 
     /// Closes the queue: no more entries will come.
@@ -265,19 +265,19 @@ impl Recorder {
     }
 
     /// Waits for the thread's end; returns false if its disk hangs, and the thread is then left running.
-    fn ends(&self) -> bool {
+    fn wait_for_end(&self) -> bool {
         let Shared { changed, bounds, .. } = &*self.0;
         let mut inside = self.0.lock();
         while !inside.ended {
             let entries = inside.entries;
             let stands = |inside: &mut Inside| !inside.ended && inside.entries == entries;
-            let waited = changed.wait_timeout_while(inside, bounds.hangs_at_the_end, stands);
+            let waited = changed.wait_timeout_while(inside, bounds.final_disk_timeout, stands);
             let (guard, waited) = waited.unwrap_or_else(PoisonError::into_inner);
             inside = guard;
             if waited.timed_out() {
                 inside.stop(format!(
                     "the disk of the recording accepted no data for {} s",
-                    bounds.hangs_at_the_end.as_secs_f64()
+                    bounds.final_disk_timeout.as_secs_f64()
                 ));
                 return false;
             }
@@ -286,7 +286,7 @@ impl Recorder {
     }
 
     /// Returns the status of a recording in this file.
-    pub(super) fn status(&self, file: &str) -> Recorded {
+    pub(super) fn status(&self, file: &str) -> RecordingResult {
         let inside = self.0.lock();
         let Inside { entries, lost, stopped, .. } = &*inside;
         let gap = || {
@@ -295,11 +295,11 @@ impl Recorder {
         };
         let (file, trouble) = (file.to_owned(), stopped.clone().or_else(|| (!lost.is_empty()).then(gap)));
         match trouble {
-            Some(why) => Recorded { entries: *entries, ..Recorded::not_whole(file, &why) },
-            None if inside.ended => Recorded::whole(file, *entries),
+            Some(why) => RecordingResult { entries: *entries, ..RecordingResult::incomplete_recording(file, &why) },
+            None if inside.ended => RecordingResult::complete_recording(file, *entries),
             None => {
                 let message = format!("records in {file}");
-                Recorded { file, is: RecordingStatus::UnderWay, entries: *entries, message }
+                RecordingResult { file, is: RecordingStatus::UnderWay, entries: *entries, message }
             }
         }
     }
@@ -310,7 +310,7 @@ impl Inside {
         !self.closed && self.stopped.is_none()
     }
 
-    fn lose(&mut self, topic: Topic, from_ns: u64) {
+    fn add_lost(&mut self, topic: Topic, from_ns: u64) {
         match self.lost.iter_mut().find(|lost| lost.topic == topic) {
             Some(lost) => lost.count += 1,
             None => self.lost.push(LostEntries { topic, from_ns, count: 1 }),
@@ -334,27 +334,27 @@ impl Shared {
     }
 
     /// Runs the thread: writes the entries until no more come, or until the disk has too little room.
-    fn write_all<W: Write>(&self, mut writer: Writer<W>, room: &mut Room) -> Result<(), TapeError> {
+    fn run_writer<W: Write>(&self, mut writer: Writer<W>, room: &mut FreeSpace) -> Result<(), TapeError> {
         let mut flushed = Instant::now();
-        let mut has_room = self.has_room(room);
+        let mut has_room = self.has_free_space(room);
         while has_room && self.write_next(&mut writer)? {
             if flushed.elapsed() >= FLUSH_INTERVAL {
-                writer.flush()?;
+                writer.end_chunk()?;
                 flushed = Instant::now();
-                has_room = self.has_room(room);
+                has_room = self.has_free_space(room);
             }
         }
         let ending = {
             let inside = self.lock();
-            Ending { lost: inside.lost.clone(), stopped: inside.stopped.clone() }
+            RecordingEnd { lost: inside.lost.clone(), stopped: inside.stopped.clone() }
         };
         writer.finish(&ending)?.flush().map_err(disk)
     }
 
     /// Returns whether there is room for more; if there is none, the recording is stopped.
-    fn has_room(&self, room: &mut Room) -> bool {
+    fn has_free_space(&self, room: &mut FreeSpace) -> bool {
         if let Some(sign) = &self.sign {
-            sign.rests();
+            sign.report_resting();
         }
         let free_mb = match room() {
             // If the free space cannot be read, writing is still possible; the disk reports when it is full.
@@ -370,7 +370,7 @@ impl Shared {
     /// Writes the entries that wait, or waits a while; returns false if nothing more will come.
     fn write_next<W: Write>(&self, writer: &mut Writer<W>) -> Result<bool, TapeError> {
         if let Some(sign) = &self.sign {
-            sign.works();
+            sign.report_working();
         }
         let mut inside = self.lock();
         if inside.waiting.is_empty() && !inside.closed {
@@ -390,15 +390,15 @@ impl Shared {
 
 /// Returns the approximate memory of an entry, bytes.
 fn size(entry: &Entry) -> usize {
-    size_of(&entry.said) + size_of(&entry.heard) + entry.shot.as_ref().map_or(0, Shot::bytes)
+    value_size(&entry.action) + value_size(&entry.reply) + entry.shot.as_ref().map_or(0, Shot::bytes)
 }
 
-fn size_of(value: &Value) -> usize {
+fn value_size(value: &Value) -> usize {
     VALUE_BYTES
         + match value {
             Value::String(words) => words.len(),
-            Value::Array(values) => values.iter().map(size_of).sum(),
-            Value::Object(values) => values.iter().map(|(key, value)| key.len() + size_of(value)).sum(),
+            Value::Array(values) => values.iter().map(value_size).sum(),
+            Value::Object(values) => values.iter().map(|(key, value)| key.len() + value_size(value)).sum(),
             _ => 0,
         }
 }

@@ -22,15 +22,15 @@ impl<P> RecordedPort<P> {
 
 impl<C: Recordable, P: DerefMut<Target: Port<C>>> Port<C> for RecordedPort<P> {
     fn perform(&mut self, command: C) -> C::Answer {
-        command.before(&self.switch);
+        command.before_command(&self.switch);
         let recorder = self.switch.recorder();
         let said = recorder.as_ref().and_then(|_| command.recorded_command());
         let mut answer = self.port.perform(command);
-        C::after(&mut answer, &self.switch);
+        C::after_answer(&mut answer, &self.switch);
         if let (Some(recorder), Some((topic, said))) = (recorder, said)
             && let Some(RecordedAnswer { value: heard, shot }) = C::recorded_answer(&answer, &recorder)
         {
-            recorder.put(Entry { topic, at_ns: 0, said, heard, shot });
+            recorder.record_entry(Entry { topic, at_ns: 0, action: said, reply: heard, shot });
         }
         answer
     }

@@ -5,13 +5,13 @@
 //! from before. All slow work (the file, its beginning, each entry) is done by the recording's own thread.
 
 use super::super::Calibrations;
-use super::queue::{Bounds, Recorded, Recorder, Recording, Room};
+use super::queue::{FreeSpace, QueueBounds, Recorder, Recording, RecordingResult};
 use crate::cycle::{Request, State};
 use crate::geometry::KukaPose;
 use crate::record::CycleId;
 use crate::store;
-use crate::supervision::{Supervised, Supervisor, supervised};
-use crate::tape::{Begin, Entry, Lens, Mounted, Start, TapeError, Topic, Writer};
+use crate::supervision::{SupervisedThread, Supervisor, supervise};
+use crate::tape::{Entry, FramePose, Lens, LoopMemoryStart, RecordingStart, TapeError, Topic, Writer};
 use serde_json::{Value, json};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
@@ -48,7 +48,7 @@ struct Inside {
     recorder: Option<Recorder>,
     /// The cycle is over; the answers that are still expected belong to it.
     is_over: bool,
-    /// The finished recording, until it is taken by [`RecordingSwitch::take_recording`].
+    /// The finished recording, until it is taken by [`RecordingSwitch::finished_recording`].
     recording: Option<Recording>,
     /// The last recording, for status requests.
     last: Option<(String, Recorder)>,
@@ -72,7 +72,7 @@ impl RecordingSwitch {
         RecordingSwitch(Arc::new(Mutex::new(Inside {
             store: store.to_owned(),
             lock_step,
-            state: State::NEW,
+            state: State::INITIAL,
             wanted: None,
             recorder: None,
             is_over: false,
@@ -91,13 +91,13 @@ impl RecordingSwitch {
     ///
     /// # Errors
     /// If such a file exists already, or the disk refuses.
-    pub fn begin(&self, file: &Path, to: RecordingPlan, state: State) -> io::Result<()> {
+    pub fn begin_recording(&self, file: &Path, to: RecordingPlan, state: State) -> io::Result<()> {
         let out = OpenOptions::new().write(true).create_new(true).open(file)?;
-        self.lock().start((file, to), state, Begin::Boot, move || Ok(out))
+        self.lock().start((file, to), state, LoopMemoryStart::Boot, move || Ok(out))
     }
 
     /// Ends the recording and waits until it is written; `None` if nothing was recorded.
-    pub fn finish(&self) -> Option<Recorded> {
+    pub fn finish(&self) -> Option<RecordingResult> {
         let recording = {
             let mut inside = self.lock();
             inside.recorder = None;
@@ -107,13 +107,13 @@ impl RecordingSwitch {
     }
 
     /// Returns the status of the last recording; `None` if there was no recording.
-    pub fn status(&self) -> Option<Recorded> {
+    pub fn status(&self) -> Option<RecordingResult> {
         let inside = self.lock();
         inside.last.as_ref().map(|(file, recorder)| recorder.status(file))
     }
 
     /// Returns the recording of the cycle that has ended, if it has one that was not taken yet.
-    pub fn take_recording(&self) -> Option<Recording> {
+    pub fn finished_recording(&self) -> Option<Recording> {
         let mut inside = self.lock();
         if inside.recorder.is_some() { None } else { inside.recording.take() }
     }
@@ -123,7 +123,7 @@ impl RecordingSwitch {
     }
 
     /// Notes that an order has reached the loop.
-    pub(super) fn wants(&self, plan: Option<RecordingPlan>, request: Request) {
+    pub(super) fn on_order(&self, plan: Option<RecordingPlan>, request: Request) {
         let mut inside = self.lock();
         let state = inside.state;
         if inside.recorder.is_none() {
@@ -132,7 +132,7 @@ impl RecordingSwitch {
     }
 
     /// Notes that the order's cycle begins.
-    pub(super) fn begins(&self, cycle: CycleId, before: Begin) {
+    pub(super) fn on_cycle_start(&self, cycle: CycleId, before: LoopMemoryStart) {
         let mut inside = self.lock();
         inside.last = None;
         let Some((to, request, state)) = inside.wanted.take() else { return };
@@ -149,14 +149,14 @@ impl RecordingSwitch {
     }
 
     /// Records that the cycle has ended, as far as the loop knows.
-    pub(super) fn is_over(&self) {
+    pub(super) fn on_cycle_end(&self) {
         let mut inside = self.lock();
         inside.is_over = inside.recorder.is_some();
     }
 
     /// Handles the loop's question for the next request: if the cycle has ended, its remaining data have been received
     /// by now, and the recording ends with the request to leave.
-    pub(super) fn listens(&self, state: &State) {
+    pub(super) fn on_request_poll(&self, state: &State) {
         let mut inside = self.lock();
         inside.state = *state;
         if std::mem::take(&mut inside.is_over) {
@@ -177,11 +177,11 @@ impl Inside {
         &mut self,
         (file, to): (&Path, RecordingPlan),
         state: State,
-        begin: Begin,
+        begin: LoopMemoryStart,
         open: impl FnOnce() -> io::Result<File> + Send + 'static,
     ) -> io::Result<()> {
         let RecordingPlan { files, calibrations, .. } = to;
-        let start = Start {
+        let start = RecordingStart {
             program: env!("CARGO_PKG_VERSION").to_owned(),
             unix_ns: unix_ns(),
             state,
@@ -191,7 +191,7 @@ impl Inside {
             robot_mm: calibrations.robot_mm,
         };
         let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).map(Path::to_owned);
-        let (sign, watched) = supervised("recording", HEARTBEAT_TIMEOUT);
+        let (sign, watched) = supervise("recording", HEARTBEAT_TIMEOUT);
         let sign = Arc::new(sign);
         let of_disk = sign.clone();
         let begun = move || {
@@ -201,13 +201,13 @@ impl Inside {
                 Ok(out)
             });
             let out = made.map_err(|error| TapeError::Disk { doing: "made", source: error.into() })?;
-            let (mounted, lenses) = (mounted(&calibrations), lenses(&calibrations));
-            Writer::begin(BufWriter::new(OnDisk(out, of_disk)), &start, &files, &mounted, &lenses)
+            let (mounted, lenses) = (mounting_poses(&calibrations), camera_lenses(&calibrations));
+            Writer::begin_recording(BufWriter::new(DurableFile(out, of_disk)), &start, &files, &mounted, &lenses)
         };
         let name = file.display().to_string();
-        let bounds = (Bounds::new(self.lock_step), Some(sign));
-        let recording = Recording::start(name.clone(), begun, bounds, room(file))?;
-        self.supervisor.watch(watched);
+        let bounds = (QueueBounds::new(self.lock_step), Some(sign));
+        let recording = Recording::start(name.clone(), begun, bounds, free_space_reader(file))?;
+        self.supervisor.add_thread(watched);
         (self.recorder, self.is_over) = (Some(recording.recorder()), false);
         self.last = Some((name, recording.recorder()));
         self.recording = Some(recording);
@@ -216,25 +216,31 @@ impl Inside {
 
     fn heard_request(&self, heard: Value) {
         if let Some(recorder) = &self.recorder {
-            recorder.put(Entry { topic: Topic::Request, at_ns: 0, said: Value::Null, heard, shot: None });
+            recorder.record_entry(Entry {
+                topic: Topic::Request,
+                at_ns: 0,
+                action: Value::Null,
+                reply: heard,
+                shot: None,
+            });
         }
     }
 }
 
 /// A file that is flushed to the disk itself, and not only to the system's memory, which loses its content on a power
 /// failure. While the disk works, no life sign of the thread is expected.
-struct OnDisk(File, Arc<Supervised>);
+struct DurableFile(File, Arc<SupervisedThread>);
 
-impl OnDisk {
+impl DurableFile {
     fn rests_for<T>(&mut self, disk: impl FnOnce(&mut File) -> io::Result<T>) -> io::Result<T> {
-        self.1.rests();
+        self.1.report_resting();
         let done = disk(&mut self.0);
-        self.1.works();
+        self.1.report_working();
         done
     }
 }
 
-impl Write for OnDisk {
+impl Write for DurableFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.rests_for(|file| file.write(bytes))
     }
@@ -245,8 +251,8 @@ impl Write for OnDisk {
 }
 
 /// Returns the poses of cameras and tool, for viewers of the recording.
-fn mounted(values: &Calibrations) -> [Mounted; 3] {
-    let mounted = |parent, child, pose| Mounted { parent, child, pose };
+fn mounting_poses(values: &Calibrations) -> [FramePose; 3] {
+    let mounted = |parent, child, pose| FramePose { parent, child, pose };
     [
         mounted("base", "scanner", KukaPose::from_rigid(&values.base_from_camera)),
         mounted("flange", "flange_camera", KukaPose::from_rigid(&values.flange_from_camera)),
@@ -255,13 +261,13 @@ fn mounted(values: &Calibrations) -> [Mounted; 3] {
 }
 
 /// Returns the cameras' lenses, for the recording.
-fn lenses(values: &Calibrations) -> [Lens; 2] {
+fn camera_lenses(values: &Calibrations) -> [Lens; 2] {
     let lens = |topic, camera| Lens { topic, camera };
     [lens(Topic::ScannerLens, values.scanner), lens(Topic::FlangeLens, values.flange_camera)]
 }
 
 /// Returns a function that measures the free space on the disk of this file, MB.
-fn room(file: &Path) -> Room {
+fn free_space_reader(file: &Path) -> FreeSpace {
     let file = file.to_owned();
     Box::new(move || free_mb(&file))
 }

@@ -1,7 +1,7 @@
 //! Tests of the queue when no thread empties it, and of the player's report when the loop acts differently.
 
 use super::form::to_json;
-use super::queue::{Bounds, Recorder};
+use super::queue::{QueueBounds, Recorder};
 use super::*;
 use crate::cycle::{Id, State};
 use crate::daemon::ports::{Note, RecordCommand, RecordPort, RequestPort, RobotPort};
@@ -9,7 +9,7 @@ use crate::daemon::request::{Request, RequestKind};
 use crate::eki::{Command, CommandId, QueueError, Report};
 use crate::geometry::{ColorPicture, KukaPose};
 use crate::record::{Check, Finding, Kind, name};
-use crate::tape::{Begin, Entry, Shot, Start, TapeError, Topic, Writer, check};
+use crate::tape::{Entry, LoopMemoryStart, RecordingStart, Shot, TapeError, Topic, Writer, check_recording};
 use crate::verdict::Judgement;
 use serde_json::{Value, json};
 use std::io::{self, Write};
@@ -54,18 +54,31 @@ impl Write for Disk {
     }
 }
 
-fn start() -> Start {
+fn start() -> RecordingStart {
     let (hand_eye_mm, robot_mm) = (None, None);
-    let (program, state) = ("0.0.0".to_owned(), State::NEW);
-    Start { program, unix_ns: 1, state, lock_step: true, begin: Begin::Boot, hand_eye_mm, robot_mm }
+    let (program, state) = ("0.0.0".to_owned(), State::INITIAL);
+    RecordingStart {
+        program,
+        unix_ns: 1,
+        state,
+        lock_step: true,
+        begin: LoopMemoryStart::Boot,
+        hand_eye_mm,
+        robot_mm,
+    }
 }
 
 fn begun(disk: &Disk) -> Writer<Disk> {
-    Writer::begin(disk.clone(), &start(), &[], &[], &[]).expect("begun")
+    Writer::begin_recording(disk.clone(), &start(), &[], &[], &[]).expect("begun")
 }
 
-fn bounds(waits: bool, hangs_at_the_end: Duration) -> Bounds {
-    Bounds { waits, most_bytes: 40_000, hangs: Duration::from_millis(20), hangs_at_the_end }
+fn bounds(waits: bool, hangs_at_the_end: Duration) -> QueueBounds {
+    QueueBounds {
+        is_blocking: waits,
+        max_bytes: 40_000,
+        disk_timeout: Duration::from_millis(20),
+        final_disk_timeout: hangs_at_the_end,
+    }
 }
 
 /// Starts a recording to this disk, with a queue of 40 kB, that continues while there is room.
@@ -77,7 +90,7 @@ fn recording(writer: Writer<Disk>, waits: bool, room_mb: impl FnMut() -> u64 + S
 }
 
 fn line(topic: Topic, said: Value, heard: Value) -> Entry {
-    Entry { topic, at_ns: 0, said, heard, shot: None }
+    Entry { topic, at_ns: 0, action: said, reply: heard, shot: None }
 }
 
 /// Puts pictures of 30 kB into a queue of 40 kB.
@@ -90,7 +103,7 @@ fn put_pictures(recorder: &Recorder, count: u64) {
         let picture = Arc::new(ColorPicture { width: 100, height: 100, rgb });
         let heard = json!({ "Ok": { "size_px": [100, 100] } });
         let shot = Some(Shot::Scanner(picture));
-        recorder.put(Entry { shot, ..line(Topic::Camera, json!("picture"), heard) });
+        recorder.record_entry(Entry { shot, ..line(Topic::Camera, json!("picture"), heard) });
     }
 }
 
@@ -115,7 +128,8 @@ fn by_the_wall_clock_nobody_waits_and_a_full_queue_is_a_gap() {
     put_pictures(&recording.recorder(), 200);
     drop(go);
     let written = recording.finish();
-    let TapeError::Lost { topic: "/camera", count, .. } = check(&disk.bytes()[..]).expect_err("a gap") else {
+    let TapeError::Lost { topic: "/camera", count, .. } = check_recording(&disk.bytes()[..]).expect_err("a gap")
+    else {
         panic!("{written:?}")
     };
     assert_eq!((written.is, written.entries + count), (RecordingStatus::NotWhole, 200));
@@ -133,7 +147,7 @@ fn in_lock_step_a_full_queue_is_waited_for() {
     put_pictures(&recording.recorder(), 50);
     let written = recording.finish();
     assert_eq!((written.entries, written.is), (50, RecordingStatus::Whole), "{}", written.message);
-    assert_eq!(check(&disk.bytes()[..]).expect("whole").entries, 50);
+    assert_eq!(check_recording(&disk.bytes()[..]).expect("whole").entries, 50);
 }
 
 #[test]
@@ -154,7 +168,7 @@ fn a_disk_that_hangs_makes_a_gap_in_lock_step_too() {
     put_pictures(&recording.recorder(), 200);
     drop(go);
     assert_eq!(recording.finish().is, RecordingStatus::NotWhole);
-    assert!(matches!(check(&disk.bytes()[..]), Err(TapeError::Lost { .. })));
+    assert!(matches!(check_recording(&disk.bytes()[..]), Err(TapeError::Lost { .. })));
 }
 
 /// A caller that ends the recording, such as the service's end or the next cycle's page, does not wait for a disk that
@@ -185,7 +199,7 @@ fn below_the_floor_the_recording_ends_with_its_reason() {
     let written = recording.finish();
     let words = "the disk of the recording has 1999 MB free (minimum 2000 MB); free some space";
     assert!(written.is == RecordingStatus::NotWhole && written.message.ends_with(words), "{written:?}");
-    let error = check(&disk.bytes()[..]).expect_err("stopped");
+    let error = check_recording(&disk.bytes()[..]).expect_err("stopped");
     assert!(matches!(error, TapeError::Stopped { .. }) && error.to_string().ends_with(words), "{error}");
 
     let disk = Disk::new();
@@ -201,7 +215,7 @@ fn below_the_floor_the_recording_ends_with_its_reason() {
         std::thread::sleep(Duration::from_millis(10));
     }
     assert!(recording.finish().entries > 0);
-    assert!(matches!(check(&disk.bytes()[..]), Err(TapeError::Stopped { until_s, .. }) if until_s > 0.0));
+    assert!(matches!(check_recording(&disk.bytes()[..]), Err(TapeError::Stopped { until_s, .. }) if until_s > 0.0));
 }
 
 fn recording_of(disk: &Disk, room_mb: impl FnMut() -> u64 + Send + 'static) -> Recording {
@@ -215,7 +229,8 @@ fn a_file_that_cannot_be_made_is_said() {
         Err(TapeError::Disk { doing: "made", source })
     };
     let room = Box::new(|| Ok(u64::MAX));
-    let recording = Recording::start("a.mcap".to_owned(), open, (Bounds::new(true), None), room).expect("started");
+    let recording =
+        Recording::start("a.mcap".to_owned(), open, (QueueBounds::new(true), None), room).expect("started");
     put_pictures(&recording.recorder(), 50);
     let written = recording.finish();
     assert!(
@@ -234,9 +249,9 @@ fn time_begins_with_the_recording() {
     let recorder = recording.recorder();
     assert!(recorder.clock(hour_ns) && !recorder.clock(hour_ns), "the first reading is news");
     assert!(recorder.clock(hour_ns + 250_000_000));
-    recorder.put(line(Topic::Request, Value::Null, json!("leave")));
+    recorder.record_entry(line(Topic::Request, Value::Null, json!("leave")));
     assert_eq!(recording.finish().is, RecordingStatus::Whole);
-    let length_s = check(&disk.bytes()[..]).expect("whole").length_s;
+    let length_s = check_recording(&disk.bytes()[..]).expect("whole").length_s;
     assert!((length_s - 0.25).abs() < 1e-6, "{length_s}");
 }
 
@@ -263,8 +278,8 @@ fn the_same_words_are_no_difference_and_come_with_their_answer() {
     assert_eq!(player.send(ended("same")), Ok(CommandId(4)));
     assert_eq!(next_report(&mut player), Some(Report::Progress { done: CommandId(4) }));
     assert_eq!(player.abort(), Err(QueueError::FramesNotSet { missing: "a recipe" }));
-    let played = player.played();
-    assert!(played.to_the_end && played.differences.is_empty() && played.error.is_none(), "{played:?}");
+    let played = player.replay_result();
+    assert!(played.is_complete && played.differences.is_empty() && played.error.is_none(), "{played:?}");
 }
 
 #[test]
@@ -272,8 +287,8 @@ fn another_number_is_a_difference_and_the_replay_goes_on() {
     let sent = line(Topic::Command, json!({ "send": ended("same") }), json!({ "Ok": 4 }));
     let mut player = player(vec![sent]);
     assert_eq!(player.send(ended("other")), Ok(CommandId(4)));
-    let played = player.played();
-    assert!(played.to_the_end);
+    let played = player.replay_result();
+    assert!(played.is_complete);
     let [difference] = played.differences.as_slice() else { panic!("{played:?}") };
     assert_eq!(difference.to_string(), "0.000 s, /robot/command send.set_base.x_mm: recorded 1.5, now 1.75");
 }
@@ -286,7 +301,7 @@ fn next_report(player: &mut Player) -> Option<Report> {
 /// Returns whether the player makes a request to the state table; by this request, a replay that has diverged ends the
 /// loop.
 fn asks(player: &mut Player) -> bool {
-    let next = RequestPort::next(player, &State::NEW).expect("no thread is lost");
+    let next = RequestPort::next(player, &State::INITIAL).expect("no thread is lost");
     matches!(next, Some(Request { what: RequestKind::Table(_), .. }))
 }
 
@@ -296,17 +311,17 @@ fn another_call_or_none_parts_them() {
     let mut other = player(vec![abort()]);
     assert!(other.send(ended("same")).is_err());
     assert!(next_report(&mut other).is_none() && asks(&mut other));
-    let played = other.played();
-    assert!(!played.to_the_end && played.differences.len() == 1, "{played:?}");
+    let played = other.replay_result();
+    assert!(!played.is_complete && played.differences.len() == 1, "{played:?}");
     assert!(played.differences[0].now.starts_with("/robot/command {\"send\""), "{played:?}");
 
     let mut waiting = player(vec![abort()]);
     let asked: Vec<bool> = (0..10).map(|_| asks(&mut waiting)).collect();
     assert_eq!(asked.last(), Some(&true), "it does not wait for ever");
-    assert!(waiting.played().differences[0].now.contains("waits"));
+    assert!(waiting.replay_result().differences[0].now.contains("waits"));
 
-    let left = player(vec![abort()]).played();
-    assert!(!left.to_the_end && left.differences[0].now.contains("ended"), "{left:?}");
+    let left = player(vec![abort()]).replay_result();
+    assert!(!left.is_complete && left.differences[0].now.contains("ended"), "{left:?}");
 }
 
 /// A camera call that the loop no longer makes is a difference, although it had no result at that time.
@@ -315,15 +330,15 @@ fn a_camera_that_is_not_asked_any_more_is_a_difference() {
     let look = || line(Topic::Camera, json!("picture"), to_json(&Err::<(), _>("blind")));
     let result = || Entry { at_ns: 5, ..line(Topic::Result, Value::Null, json!(7)) };
     let mut later = player(vec![look(), result()]);
-    assert!(later.admit(Id(7)));
-    let played = later.played();
-    assert!(!played.to_the_end, "{played:?}");
+    assert!(later.admit_requests(Id(7)));
+    let played = later.replay_result();
+    assert!(!played.is_complete, "{played:?}");
     assert_eq!(
         played.differences[0].to_string(),
         "0.000 s, request to the cameras: recorded \"picture\", now nothing"
     );
     // With the wall clock, the loop may end while a camera command is in progress.
-    assert!(player(vec![look()]).played().differences.is_empty());
+    assert!(player(vec![look()]).replay_result().differences.is_empty());
 }
 
 /// A result that is computed in parallel with the loop arrives at the recorded time, not before, and no other
@@ -333,26 +348,26 @@ fn a_result_waits_for_its_turn() {
     let reports = || line(Topic::Report, Value::Null, to_json(&Report::Progress { done: CommandId(4) }));
     let result = line(Topic::Result, Value::Null, json!(7));
     let mut player = player(vec![reports(), result]);
-    assert!(!player.admit(Id(7)), "a report comes first");
+    assert!(!player.admit_requests(Id(7)), "a report comes first");
     assert!(next_report(&mut player).is_some());
-    assert!(!player.admit(Id(8)) && player.admit(Id(7)) && !player.admit(Id(7)));
-    assert!(player.played().to_the_end);
+    assert!(!player.admit_requests(Id(8)) && player.admit_requests(Id(7)) && !player.admit_requests(Id(7)));
+    assert!(player.replay_result().is_complete);
 }
 
 #[test]
 fn a_stop_watch_is_no_finding_but_its_limit_is() {
     let found = |ms: f64, mm: f64| {
         let numbers = [Check::new(name::SCAN_TO_VERDICT, "ms", ms), Check::new("residual", "mm", mm)];
-        Finding::new(Kind::Locate, 0, Judgement::new(vec![], vec![])).with(numbers)
+        Finding::new(Kind::Locate, 0, Judgement::new(vec![], vec![])).with_checks(numbers)
     };
     let finding = |ms, mm| RecordCommand::Note(Note::Finding(found(ms, mm)));
     let recorded = || line(Topic::Finding, to_json(&found(10.0, 0.25)), json!({ "Ok": null }));
     let mut same = player(vec![recorded()]);
-    same.keep(finding(99.0, 0.25)).expect("kept");
-    assert!(same.played().differences.is_empty());
+    same.perform_and_forget(finding(99.0, 0.25)).expect("kept");
+    assert!(same.replay_result().differences.is_empty());
     let mut other = player(vec![recorded()]);
-    other.keep(finding(10.0, 0.25000000000000006)).expect("kept");
-    let played = other.played();
+    other.perform_and_forget(finding(10.0, 0.25000000000000006)).expect("kept");
+    let played = other.replay_result();
     assert_eq!(played.differences.len(), 1);
     assert_eq!(played.differences[0].what, "/cycle/finding numbers.residual.value");
 }

@@ -3,7 +3,7 @@
 use super::super::request_queue::{RequestSender, request_queue};
 use super::*;
 use crate::cycle::{Event, Hold, Id, Intent, Motion, Report, Robot, Trouble, Why, step};
-use crate::tape::Begin;
+use crate::tape::LoopMemoryStart;
 use std::path::Path;
 use std::sync::mpsc;
 
@@ -19,7 +19,7 @@ fn parts(pages: Sender<EndedCycle>) -> ServiceParts {
 }
 
 fn at(at: At) -> State {
-    State { at, ..step(State::NEW, Event::Reported(Report::Robot(Robot::Ready))).0 }
+    State { at, ..step(State::INITIAL, Event::Reported(Report::Robot(Robot::Ready))).0 }
 }
 
 /// Returns the next request that comes to the loop.
@@ -37,8 +37,8 @@ fn asked(handler: &mut RequestHandler, state: &State) -> Option<cycle::Request> 
 /// Sends a request as a client that waits for the reply.
 fn send(sender: &RequestSender, uid: u32, what: RequestKind) -> oneshot::Receiver<Reply> {
     let (reply, answer) = oneshot::channel();
-    let who = Who { front: RequestSource::Socket, uid: Some(uid), user: None, from: None };
-    sender.send(Request { what, who, reply: Some(reply) }).expect("a place");
+    let who = RequestAuthor { front: RequestSource::Socket, uid: Some(uid), user: None, from: None };
+    sender.send(Request { what, requester: who, reply: Some(reply) }).expect("a place");
     answer
 }
 
@@ -63,8 +63,8 @@ fn a_page_is_due_once_the_cell_rests() {
     let (_sender, queue) = request_queue();
     let (tell, pages) = mpsc::channel();
     let mut handler = RequestHandler::new(queue, None, parts(tell));
-    handler.on_news(LoopEvent::Begun(CycleId(7), Begin::Boot));
-    handler.on_news(LoopEvent::Concluded(Verdict::Fail));
+    handler.on_loop_event(LoopEvent::Begun(CycleId(7), LoopMemoryStart::Boot));
+    handler.on_loop_event(LoopEvent::Concluded(Verdict::Fail));
     next(&mut handler, &at(At::Completing { verdict: Verdict::Fail }));
     assert!(pages.try_recv().is_err());
     for _ in 0..2 {
@@ -93,14 +93,14 @@ fn a_decision_is_good_for_the_step_that_was_shown() {
     let mut taken = send(&sender, 7, accept(screens[0]));
     assert_eq!(asked(&mut handler, &first), Some(cycle::Request::Accept));
     next(&mut handler, &State { step: 8, ..at(At::Unholding { resume: Phase::Plan, verify: false }) });
-    assert_eq!(taken.try_recv().expect("answered").answer, Exit::Done);
+    assert_eq!(taken.try_recv().expect("answered").answer, RequestResult::Done);
 
     let mut stale = send(&sender, 8, accept(screens[1]));
     let Some(RequestKind::Outdated { request, reasons }) = next(&mut handler, &second) else {
         panic!("it went through")
     };
     let reply = stale.try_recv().expect("answered");
-    assert_eq!((request, &reply.reasons, reply.answer), (cycle::Request::Accept, &reasons, Exit::Refused));
+    assert_eq!((request, &reply.reasons, reply.answer), (cycle::Request::Accept, &reasons, RequestResult::Refused));
     assert_eq!((&*reasons[0].code, reply.step), ("outdated", Some(11)));
     assert_eq!(
         reasons[0].message,
@@ -124,22 +124,22 @@ fn each_request_has_one_reply() {
     let mut state = send(&sender, 7, RequestKind::State);
     assert!(next(&mut handler, &busy).is_none());
     let reply = state.try_recv().expect("answered");
-    assert_eq!((reply.answer, reply.phase.as_deref()), (Exit::Done, Some("wet")));
+    assert_eq!((reply.answer, reply.phase.as_deref()), (RequestResult::Done, Some("wet")));
 
     let mut taken = send(&sender, 7, RequestKind::Table(cycle::Request::Hold));
     assert_eq!(asked(&mut handler, &busy), Some(cycle::Request::Hold));
     assert!(taken.try_recv().is_err(), "not before the table has taken it");
     next(&mut handler, &busy);
-    assert_eq!(taken.try_recv().expect("answered").answer, Exit::Done);
+    assert_eq!(taken.try_recv().expect("answered").answer, RequestResult::Done);
 
-    handler.on_news(LoopEvent::Noted(vec![Reason::new("film", "it broke")]));
+    handler.on_loop_event(LoopEvent::Noted(vec![Reason::new("film", "it broke")]));
     for request in [cycle::Request::Reset, cycle::Request::Hold] {
         let mut refused = send(&sender, 7, RequestKind::Table(request));
         assert_eq!(asked(&mut handler, &idle), Some(request));
-        handler.on_news(LoopEvent::Refused(request, Refusal::NotNow));
+        handler.on_loop_event(LoopEvent::Refused(request, Refusal::NotNow));
         let reply = refused.try_recv().expect("answered");
-        assert_eq!((reply.answer, &*reply.reasons[0].code), (Exit::Refused, "not_now"));
-        assert_eq!(handler.noted.len(), 1, "a refusal changes nothing");
+        assert_eq!((reply.answer, &*reply.reasons[0].code), (RequestResult::Refused, "not_now"));
+        assert_eq!(handler.problems.len(), 1, "a refusal changes nothing");
         next(&mut handler, &idle);
         assert!(refused.try_recv().is_err(), "answered once");
     }
@@ -154,25 +154,28 @@ fn a_reset_that_fails_at_once_tells_what_was_found() {
     let failed = || LoopEvent::Refused(cycle::Request::Reset, Refusal::Failed(Trouble::Camera));
     let found = || LoopEvent::Noted(vec![Reason::new("scanner", "the worker stays down")]);
     let codes = |reasons: &[Reason]| reasons.iter().map(|reason| reason.code.clone()).collect::<Vec<_>>();
-    handler.on_news(LoopEvent::Noted(vec![Reason::new("film", "it broke")]));
+    handler.on_loop_event(LoopEvent::Noted(vec![Reason::new("film", "it broke")]));
 
     let mut reset = send(&sender, 7, RequestKind::Table(cycle::Request::Reset));
     assert_eq!(asked(&mut handler, &stopped), Some(cycle::Request::Reset));
-    handler.on_news(found());
-    handler.on_news(failed());
+    handler.on_loop_event(found());
+    handler.on_loop_event(failed());
     let reply = reset.try_recv().expect("answered");
-    assert_eq!((reply.answer, codes(&reply.reasons)), (Exit::Fault, vec!["camera".into(), "scanner".into()]));
-    assert_eq!(codes(&handler.noted), ["camera", "scanner"]);
+    assert_eq!(
+        (reply.answer, codes(&reply.reasons)),
+        (RequestResult::Fault, vec!["camera".into(), "scanner".into()])
+    );
+    assert_eq!(codes(&handler.problems), ["camera", "scanner"]);
 
     let mut reset = send(&sender, 7, RequestKind::Table(cycle::Request::Reset));
     assert_eq!(asked(&mut handler, &stopped), Some(cycle::Request::Reset));
     let mut disc = send(&sender, 7, RequestKind::NewDisc);
     assert!(matches!(next(&mut handler, &stopped), Some(RequestKind::NewDisc)));
-    assert_eq!(reset.try_recv().expect("answered").answer, Exit::Done, "it was taken");
-    handler.on_news(found());
-    handler.on_news(failed());
+    assert_eq!(reset.try_recv().expect("answered").answer, RequestResult::Done, "it was taken");
+    handler.on_loop_event(found());
+    handler.on_loop_event(failed());
     assert!(disc.try_recv().is_err(), "it is no reset");
-    assert_eq!(codes(&handler.noted), ["camera", "scanner"]);
+    assert_eq!(codes(&handler.problems), ["camera", "scanner"]);
 }
 
 /// A client that requests the state without end does not delay a stop.
@@ -191,9 +194,9 @@ fn a_stop_is_taken_in_the_round_in_which_it_comes() {
 #[test]
 fn a_lost_thread_is_told_to_the_loop() {
     let (_sender, queue) = request_queue();
-    let (thread, watched) = supervised("socket", Duration::MAX);
+    let (thread, watched) = supervise("socket", Duration::MAX);
     let parts = parts(mpsc::channel().0);
-    parts.supervisor.watch(watched);
+    parts.supervisor.add_thread(watched);
     let mut handler = RequestHandler::new(queue, None, parts);
     let idle = at(At::Idle);
     assert!(next(&mut handler, &idle).is_none());
@@ -207,8 +210,8 @@ fn a_lost_thread_is_told_to_the_loop() {
 fn the_state_tells_how_far_the_work_is() {
     let (_sender, mut handler) = handler();
     (handler.panel, handler.cycle) = (Some("wing".to_owned()), Some(CycleId(3)));
-    handler.on_news(LoopEvent::Filmed(12.5));
-    let told = |handler: &RequestHandler, state: State| handler.reply(Exit::Done, vec![], &state);
+    handler.on_loop_event(LoopEvent::Filmed(12.5));
+    let told = |handler: &RequestHandler, state: State| handler.reply(RequestResult::Done, vec![], &state);
     let films = told(&handler, at(At::Execute(Phase::Inspect)));
     assert_eq!((films.film_s, films.waypoint, films.panel.as_deref()), (Some(12.5), None, Some("wing")));
     let motion = Motion { epoch: 4, path: PathKind::Contact, plan: 1, waypoints: 101 };
@@ -228,7 +231,7 @@ fn the_state_tells_how_far_the_work_is() {
 #[test]
 fn drying_is_offered_where_it_is_accepted() {
     let (_sender, handler) = handler();
-    let held = |why, resume| handler.extras(&at(At::Held(Hold { why, resume }))).possible;
+    let held = |why, resume| handler.page_data(&at(At::Held(Hold { why, resume }))).possible;
     for (why, resume, is_offered) in [
         (Why::Review, Phase::Plan, true),
         (Why::Drying, Phase::Locate, true),
@@ -251,7 +254,7 @@ fn a_hold_names_its_author_and_reason_while_it_lasts() {
         reasons.map(|reason| reason.message).collect()
     };
     let ask = |handler: &mut RequestHandler, state: &State, user: &str, what| {
-        let who = Who { user: Some(user.to_owned()), ..Who::by(RequestSource::Page) };
+        let who = RequestAuthor { user: Some(user.to_owned()), ..RequestAuthor::from_source(RequestSource::Page) };
         sender.send(Request::new(what, who)).expect("a place");
         assert!(next(handler, state).is_some());
     };
@@ -270,12 +273,12 @@ fn a_hold_names_its_author_and_reason_while_it_lasts() {
 fn a_cycle_begins_without_a_picture() {
     let (_sender, mut handler) = handler();
     let view = handler.parts.view.clone();
-    view.newest();
-    view.offer(|| {
-        let picture = Arc::new(crate::geometry::ColorPicture::filled(1, 1, [7; 3]));
+    view.newest_picture();
+    view.offer_picture(|| {
+        let picture = Arc::new(crate::geometry::ColorPicture::uniform(1, 1, [7; 3]));
         Some(crate::daemon::live_view::LiveFrame { name: "film".to_owned(), picture, film: None })
     });
-    assert!(view.newest().1.is_some());
-    handler.on_news(LoopEvent::Begun(CycleId(3), Begin::Boot));
-    assert!(view.newest().1.is_none());
+    assert!(view.newest_picture().1.is_some());
+    handler.on_loop_event(LoopEvent::Begun(CycleId(3), LoopMemoryStart::Boot));
+    assert!(view.newest_picture().1.is_none());
 }

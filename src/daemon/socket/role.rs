@@ -5,47 +5,47 @@
 
 use crate::accounts::{Permission, Role};
 use crate::cycle::Request;
-use crate::daemon::request::{OwnText, RequestKind};
-use crate::record::Who;
+use crate::daemon::request::{RecipeTextPermission, RequestKind};
+use crate::record::RequestAuthor;
 use crate::verdict::Reason;
 
 /// Who may request what.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Rule {
+pub(super) struct AccessRule {
     /// The role of the socket's users; without a role they may request everything.
     pub role: Option<Role>,
     /// The user who runs the service.
     pub service_uid: u32,
 }
 
-impl Rule {
+impl AccessRule {
     /// Returns whether this user's start may contain a recipe that is not in the folder. This requires the permission
     /// to change the folder.
-    pub fn own_text(self, who: &Who) -> OwnText {
-        match self.role_of(who) {
-            Some(role) if !role.may(Permission::Configure) => OwnText::Refused,
-            _ => OwnText::Allowed,
+    pub fn recipe_text_permission(self, who: &RequestAuthor) -> RecipeTextPermission {
+        match self.limiting_role(who) {
+            Some(role) if !role.has_permission(Permission::Configure) => RecipeTextPermission::Refused,
+            _ => RecipeTextPermission::Allowed,
         }
     }
 
     /// Returns the role that limits this user; `None` if the user has no limits.
-    fn role_of(self, who: &Who) -> Option<Role> {
+    fn limiting_role(self, who: &RequestAuthor) -> Option<Role> {
         self.role.filter(|_| who.uid.is_none_or(|uid| uid != 0 && uid != self.service_uid))
     }
 
     /// Returns why this user may not request it; `None` if it is allowed.
-    pub fn refusal(self, who: &Who, what: &RequestKind) -> Option<Reason> {
-        let role = self.role_of(who)?;
-        let needed = needed(what)?;
-        if role.may(needed) {
+    pub fn refusal(self, who: &RequestAuthor, what: &RequestKind) -> Option<Reason> {
+        let role = self.limiting_role(who)?;
+        let needed = needed_permission(what)?;
+        if role.has_permission(needed) {
             return None;
         }
-        let may: Vec<&str> = Role::allowed(needed).map(Role::word).collect();
+        let may: Vec<&str> = Role::roles_with_permission(needed).map(Role::keyword).collect();
         let message = format!(
             "\"{}\" is not permitted through the socket: its users have the role {} (socket_role in the cell's \
              file); permitted roles: {}",
-            what.words(),
-            role.word(),
+            what.describe(),
+            role.keyword(),
             may.join(", ")
         );
         Some(Reason::new("not_permitted", message))
@@ -53,7 +53,7 @@ impl Rule {
 }
 
 /// Returns the permission that a role needs for this request; `None` if every user may make it.
-fn needed(what: &RequestKind) -> Option<Permission> {
+fn needed_permission(what: &RequestKind) -> Option<Permission> {
     match what {
         RequestKind::Table(Request::Stop | Request::Abort) => None,
         RequestKind::State => Some(Permission::View),
@@ -87,19 +87,19 @@ mod tests {
 
     const SERVICE: u32 = 990;
 
-    fn refusal(role: Option<Role>, who: &Who, what: &RequestKind) -> Option<Reason> {
-        Rule { role, service_uid: SERVICE }.refusal(who, what)
+    fn refusal(role: Option<Role>, who: &RequestAuthor, what: &RequestKind) -> Option<Reason> {
+        AccessRule { role, service_uid: SERVICE }.refusal(who, what)
     }
 
-    fn who(uid: u32) -> Who {
-        Who { front: RequestSource::Socket, uid: Some(uid), user: None, from: None }
+    fn who(uid: u32) -> RequestAuthor {
+        RequestAuthor { front: RequestSource::Socket, uid: Some(uid), user: None, from: None }
     }
 
     /// Every role with every request of the protocol: a viewer reads, stops and aborts, an inspector also accepts,
     /// an operator and an engineer do everything.
     #[test]
     fn the_group_may_what_its_role_may() {
-        let table = |request: Request| match request.is_decision() {
+        let table = |request: Request| match request.is_operator_decision() {
             true => RequestKind::Decided { request, step: 3 },
             false => RequestKind::Table(request),
         };
@@ -122,7 +122,7 @@ mod tests {
             (Role::Inspector, vec!["stop", "abort", "accept", "state"]),
         ] {
             let open = all().filter(|what| refusal(Some(role), &who(1_001), what).is_none());
-            assert_eq!(open.map(|what| what.words()).collect::<Vec<_>>(), allowed, "{role:?}");
+            assert_eq!(open.map(|what| what.describe()).collect::<Vec<_>>(), allowed, "{role:?}");
         }
         for role in [Some(Role::Operator), Some(Role::Engineer), None] {
             assert!(all().all(|what| refusal(role, &who(1_001), &what).is_none()), "{role:?}");
@@ -130,7 +130,7 @@ mod tests {
         for uid in [0, SERVICE] {
             assert!(all().all(|what| refusal(Some(Role::Viewer), &who(uid), &what).is_none()), "{uid}");
         }
-        let unknown = Who { front: RequestSource::Socket, uid: None, user: None, from: None };
+        let unknown = RequestAuthor { front: RequestSource::Socket, uid: None, user: None, from: None };
         assert!(
             refusal(Some(Role::Viewer), &unknown, &RequestKind::NewDisc).is_some(),
             "an unknown user is not root"
@@ -146,12 +146,13 @@ mod tests {
     /// An operator, or a person with a role that permits less, can only start recipes of the folder.
     #[test]
     fn a_text_of_ones_own_needs_who_may_change_the_folder() {
-        let own = |role, uid| Rule { role, service_uid: SERVICE }.own_text(&who(uid));
+        let own = |role, uid| AccessRule { role, service_uid: SERVICE }.recipe_text_permission(&who(uid));
         for role in Role::VARIANTS.iter().copied() {
-            let expected = if role == Role::Engineer { OwnText::Allowed } else { OwnText::Refused };
+            let expected =
+                if role == Role::Engineer { RecipeTextPermission::Allowed } else { RecipeTextPermission::Refused };
             assert_eq!(own(Some(role), 1_001), expected, "{role:?}");
-            assert_eq!(own(Some(role), 0), OwnText::Allowed, "root can do it without the socket");
+            assert_eq!(own(Some(role), 0), RecipeTextPermission::Allowed, "root can do it without the socket");
         }
-        assert_eq!(own(None, 1_001), OwnText::Allowed, "the cell's file sets no limit");
+        assert_eq!(own(None, 1_001), RecipeTextPermission::Allowed, "the cell's file sets no limit");
     }
 }

@@ -15,11 +15,11 @@ const KEEP_ALIVE: Duration = Duration::from_secs(10);
 const MAX_BYTES: [usize; 2] = [16 * 1_024, 256 * 1_024];
 
 /// How the broker is reached.
-pub(super) struct Broker {
+pub(super) struct BrokerConnection {
     options: MqttOptions,
 }
 
-impl Broker {
+impl BrokerConnection {
     /// Reads the files that `[sparkplug]` names.
     ///
     /// # Errors
@@ -29,18 +29,18 @@ impl Broker {
         let mut options = MqttOptions::new(client_id, node.broker.clone(), node.port);
         options.set_keep_alive(KEEP_ALIVE).set_clean_session(true).set_max_packet_size(MAX_BYTES[0], MAX_BYTES[1]);
         if let Some(tls) = &node.tls {
-            let config = trust::client_config(&tls.ca_certificate, tls.own.as_ref())?;
+            let config = trust::client_config(&tls.ca_certificate, tls.client_certificate.as_ref())?;
             let config = TlsConfiguration::Rustls(Arc::new(config));
             options.set_transport(Transport::Tls(config));
         }
         if let Some((user, file)) = &node.login {
             options.set_credentials(user.clone(), trust::secret(file)?);
         }
-        Ok(Broker { options })
+        Ok(BrokerConnection { options })
     }
 
     /// Returns the options for a connection with this will.
-    pub fn options(&self, will: Message) -> MqttOptions {
+    pub fn connection_options(&self, will: Message) -> MqttOptions {
         let mut options = self.options.clone();
         options.set_last_will(LastWill::new(will.topic, will.payload, quality(will.qos), false));
         options

@@ -1,20 +1,20 @@
 //! The thread that keeps the cell connected to its broker.
 
-use super::broker::Broker;
-use super::following::follow;
-use super::host_requests::Asking;
-use super::session::{Ended, NAME, Parts, connected};
+use super::broker::BrokerConnection;
+use super::following::poll_cell;
+use super::host_requests::HostRequests;
+use super::session::{NAME, SessionEnd, SessionParts, connected};
 use crate::cell::{NodeCommands, SparkplugNode};
 use crate::daemon::background::{Background, Plan};
 use crate::daemon::interface_context::InterfaceContext;
-use crate::sparkplug::{EdgeNode, Ids, NodeSetup};
+use crate::sparkplug::{CellIds, EdgeNode, NodeSetup};
 use std::time::{Duration, Instant};
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
 /// Delays before a lost broker is tried again: the first value at the beginning, then twice as long each time, up to
 /// the second value.
-const BACK_OFF: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(60)];
+const RETRY_DELAYS: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(60)];
 /// Time after which a connection counts as stable.
 const MIN_STABLE_TIME: Duration = Duration::from_secs(30);
 /// Number of threads that wait for the store's disk and for the names of hosts.
@@ -41,7 +41,7 @@ impl SparkplugEdge {
     /// # Errors
     /// If the system refuses a thread.
     pub fn serve(SparkplugParts { node, front }: SparkplugParts) -> std::io::Result<Self> {
-        let plan = Plan { name: "sparkplug", what: NAME, blocking: BLOCKING_THREADS, stack_bytes: None };
+        let plan = Plan { name: "sparkplug", task: NAME, blocking_threads: BLOCKING_THREADS, stack_bytes: None };
         let begin = async move |leave: &mut oneshot::Receiver<()>| run((&node, &front), leave).await;
         Ok(SparkplugEdge { _background: Background::start(plan, begin)? })
     }
@@ -50,44 +50,50 @@ impl SparkplugEdge {
 async fn run((node, front): (&SparkplugNode, &InterfaceContext), leave: &mut oneshot::Receiver<()>) {
     let address = format!("{}:{}", node.broker, node.port);
     let from = format!("MQTT broker {address}");
-    let asking = Asking { gateway: front.gateway.clone(), people: front.people.clone(), from };
+    let asking = HostRequests { gateway: front.gateway.clone(), people: front.people.clone(), origin: from };
     let (tell, view) = watch::channel(None);
-    tokio::spawn(follow(front.clone(), tell));
-    let session = Parts { asking, view, begun: Instant::now(), address, alarms: front.alarms.clone() };
+    tokio::spawn(poll_cell(front.clone(), tell));
+    let session = SessionParts {
+        host_requests: asking,
+        view,
+        started: Instant::now(),
+        address,
+        alarms: front.alarms.clone(),
+    };
     let mut edge = EdgeNode::new(NodeSetup {
         commands_allowed: node.commands == NodeCommands::Operator,
         aliases: node.aliases,
-        ids: Ids {
+        ids: CellIds {
             group_id: node.group_id.clone(),
             edge_node_id: node.edge_node_id.clone(),
             primary_host_id: node.primary_host_id.clone(),
         },
     });
-    let mut pause = BACK_OFF[0];
+    let mut pause = RETRY_DELAYS[0];
     loop {
         let begun = Instant::now();
-        let ended = match Broker::read(node) {
+        let ended = match BrokerConnection::read(node) {
             Ok(broker) => connected((&session, &broker), &mut edge, leave).await,
-            Err(problem) => Ended::Lost(format!(
+            Err(problem) => SessionEnd::Lost(format!(
                 "{problem}; check the files that [sparkplug] in the cell's file \
                                                  names"
             )),
         };
         match ended {
-            Ended::Leaves => return,
-            Ended::HostOffline => {
+            SessionEnd::Leaving => return,
+            SessionEnd::HostOffline => {
                 tracing::info!(
                     "MQTT Sparkplug: the primary host is offline; disconnecting from {}",
                     session.address
                 );
             }
-            Ended::Lost(why) => session.fails(&why),
+            SessionEnd::Lost(why) => session.report_failure(&why),
         }
-        pause = if begun.elapsed() >= MIN_STABLE_TIME { BACK_OFF[0] } else { pause };
+        pause = if begun.elapsed() >= MIN_STABLE_TIME { RETRY_DELAYS[0] } else { pause };
         tokio::select! {
             _ = &mut *leave => return,
             () = sleep(pause) => {}
         }
-        pause = (2 * pause).min(BACK_OFF[1]);
+        pause = (2 * pause).min(RETRY_DELAYS[1]);
     }
 }

@@ -7,7 +7,7 @@ use crate::daemon::interface_context::InterfaceContext;
 use crate::daemon::reply::Reply;
 use crate::daemon::request::RequestKind;
 use crate::history::{Query, summary};
-use crate::record::{RequestSource, Who};
+use crate::record::{RequestAuthor, RequestSource};
 use crate::sparkplug::{CellView, LoopView, StoreView};
 use crate::store::{Store, StoreError, free_mb};
 use crate::verdict::Verdict;
@@ -22,16 +22,18 @@ const POLL_INTERVAL: Duration = Duration::from_millis(500);
 const MAX_STORE_POLL_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Reads the cell repeatedly, until no receiver is left.
-pub(super) async fn follow(parts: InterfaceContext, tell: watch::Sender<Option<CellView>>) {
+pub(super) async fn poll_cell(parts: InterfaceContext, tell: watch::Sender<Option<CellView>>) {
     let (mut kept, mut read) = (StoreView::default(), None::<(Instant, LoopView)>);
     while !tell.is_closed() {
-        let reply = parts.gateway.request(RequestKind::State, Who::by(RequestSource::Sparkplug)).await;
+        let reply =
+            parts.gateway.request(RequestKind::State, RequestAuthor::from_source(RequestSource::Sparkplug)).await;
         let now = loop_view(reply);
-        let is_due =
-            read.as_ref().is_none_or(|(at, was)| at.elapsed() >= MAX_STORE_POLL_INTERVAL || is_another(was, &now));
+        let is_due = read
+            .as_ref()
+            .is_none_or(|(at, was)| at.elapsed() >= MAX_STORE_POLL_INTERVAL || has_store_changed(was, &now));
         if is_due {
             let shared = parts.clone();
-            kept = tokio::task::spawn_blocking(move || kept_view(&shared)).await.unwrap_or_default();
+            kept = tokio::task::spawn_blocking(move || read_store_view(&shared)).await.unwrap_or_default();
             read = Some((Instant::now(), now.clone()));
         }
         tell.send_replace(Some(CellView { now, kept: kept.clone() }));
@@ -40,7 +42,7 @@ pub(super) async fn follow(parts: InterfaceContext, tell: watch::Sender<Option<C
 }
 
 /// Returns whether the store may contain something new: a phase, a state, a pass or a cycle has changed.
-fn is_another(was: &LoopView, now: &LoopView) -> bool {
+fn has_store_changed(was: &LoopView, now: &LoopView) -> bool {
     let key = |view: &LoopView| (view.table.map(|state| state.at), view.phase.clone(), view.cycle, view.pass);
     key(was) != key(now)
 }
@@ -65,8 +67,8 @@ fn loop_view(reply: Reply) -> LoopView {
 
 /// Returns the data of the store and the disk; runs on the calling thread, which may wait for the disk. If the
 /// store cannot be read, none of its data is reported.
-fn kept_view(parts: &InterfaceContext) -> StoreView {
-    parts.look();
+fn read_store_view(parts: &InterfaceContext) -> StoreView {
+    parts.check_alarms();
     match parts.people.read(|store| read(store, &parts.alarms)) {
         Ok(view) => view,
         Err(error) => {
@@ -78,14 +80,14 @@ fn kept_view(parts: &InterfaceContext) -> StoreView {
 
 fn read(store: &Store, alarms: &Alarms) -> Result<StoreView, StoreError> {
     let now_unix_s = now_unix_ms() / 1_000;
-    let newest = store.last_cycle()?.map(|id| store.past_cycle(id)).transpose()?.map(|past| summary(&past));
+    let newest = store.newest_cycle()?.map(|id| store.past_cycle(id)).transpose()?.map(|past| summary(&past));
     let newest = newest.as_ref();
     // Only the newest cycle can still be running, so if there are two cycles, at least one is over.
     let hits = store.search(&Query { limit: 2, ..Query::default() })?.hits;
     let last = hits.iter().find_map(|hit| Some((hit.cycle.0, hit.verdict?)));
-    let lasting = alarms.lasting(store)?;
+    let lasting = alarms.active_in_order(store)?;
     let verified_h = |subject: &str| -> Result<Option<i64>, StoreError> {
-        Ok(store.last_verification(subject)?.map(|last| (now_unix_s - last.at_unix_s).div_euclid(3_600)))
+        Ok(store.newest_verification(subject)?.map(|last| (now_unix_s - last.at_unix_s).div_euclid(3_600)))
     };
     let counts = store.cycle_counts()?;
     Ok(StoreView {
@@ -93,7 +95,7 @@ fn read(store: &Store, alarms: &Alarms) -> Result<StoreView, StoreError> {
         work_order: newest.and_then(|newest| newest.part.order.clone()),
         failed_grids: newest.and_then(|newest| newest.films.failed_at_end.clone()),
         last_cycle: last.map(|(number, _)| number),
-        last_verdict: last.map(|(_, verdict)| Verdict::word(verdict)),
+        last_verdict: last.map(|(_, verdict)| Verdict::keyword(verdict)),
         active_alarms: Some(lasting.len()),
         newest_alarm: lasting.last().map(|alarm| alarm.code.clone()),
         scanner_verified_h: verified_h("scanner")?,

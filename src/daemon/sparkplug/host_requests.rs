@@ -2,41 +2,48 @@
 
 use crate::accounts::{AuditEntry, Role};
 use crate::daemon::gateway::Gateway;
-use crate::daemon::people::People;
-use crate::daemon::reply::Exit;
+use crate::daemon::people::AccountService;
+use crate::daemon::reply::RequestResult;
 use crate::daemon::request::RequestKind;
-use crate::record::{RequestSource, Who};
+use crate::record::{RequestAuthor, RequestSource};
 use crate::sparkplug::{AuditNote, NodeCommand};
 use std::sync::Arc;
 
 /// The destinations of commands and of lines of the audit trail.
 #[derive(Clone)]
-pub(super) struct Asking {
+pub(super) struct HostRequests {
     pub gateway: Gateway,
-    pub people: Arc<People>,
+    pub people: Arc<AccountService>,
     /// The origin of the commands, in the audit trail.
-    pub from: String,
+    pub origin: String,
 }
 
-impl Asking {
+impl HostRequests {
     /// Makes the request to the cell, by the same requests and gates as the operator's page, and records the result.
-    pub async fn ask(self, command: NodeCommand, is_noted: bool) {
+    pub async fn request_cell(self, command: NodeCommand, is_noted: bool) {
         let Some(request) = command.request() else { return };
-        let reply = self.gateway.request(RequestKind::Table(request), Who::by(RequestSource::Sparkplug)).await;
+        let reply = self
+            .gateway
+            .request(RequestKind::Table(request), RequestAuthor::from_source(RequestSource::Sparkplug))
+            .await;
         let reasons: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
-        let refused = (reply.answer != Exit::Done).then(|| reasons.join("; "));
+        let refused = (reply.answer != RequestResult::Done).then(|| reasons.join("; "));
         let subject = reply.cycle_id.map(|cycle| format!("cycle {cycle}"));
         if is_noted {
-            self.note(AuditNote { what: command.word().to_owned(), subject, refused }).await;
+            self.write_audit(AuditNote { what: command.keyword().to_owned(), subject, refused }).await;
         }
     }
 
     /// Records a line of the audit trail, on a thread that may wait for the disk.
-    pub async fn note(self, note: AuditNote) {
+    pub async fn write_audit(self, note: AuditNote) {
         let AuditNote { what, subject, refused } = note;
         // The role that the cell's file gives to all hosts; it is not known which host made this request.
         let role = refused.is_none().then_some(Role::Operator);
-        let entry = AuditEntry { subject, refused, ..AuditEntry::done(None, role, self.from.clone(), &what) };
+        let entry = AuditEntry {
+            subject,
+            refused,
+            ..AuditEntry::for_completed_action(None, role, self.origin.clone(), &what)
+        };
         #[expect(
             clippy::let_underscore_must_use,
             reason = "an entry that cannot be stored is written to the service's log"

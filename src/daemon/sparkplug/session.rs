@@ -1,10 +1,10 @@
 //! One connection to the broker, from beginning to end.
 
-use super::broker::{Broker, quality};
-use super::host_requests::Asking;
+use super::broker::{BrokerConnection, quality};
+use super::host_requests::HostRequests;
 use crate::daemon::alarms::Alarms;
 use crate::daemon::clock::now_unix_ms;
-use crate::sparkplug::{CellView, EdgeNode, Event, NodeAction, Now, values};
+use crate::sparkplug::{CellView, EdgeNode, NodeAction, NodeEvent, NodeTime, values};
 use rumqttc::{AsyncClient, ConnectReturnCode, ConnectionError, EventLoop, Outgoing, Packet, SubscribeReasonCode};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -27,9 +27,9 @@ const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 pub(super) const BROKEN: &str = "the connection's task failed";
 
 /// How a connection ended.
-pub(super) enum Ended {
+pub(super) enum SessionEnd {
     /// The program ends.
-    Leaves,
+    Leaving,
     /// The primary host went offline.
     HostOffline,
     /// The connection was lost, or was never established, for this reason.
@@ -37,10 +37,10 @@ pub(super) enum Ended {
 }
 
 /// The parts that every connection uses.
-pub(super) struct Parts {
-    pub asking: Asking,
+pub(super) struct SessionParts {
+    pub host_requests: HostRequests,
     pub view: watch::Receiver<Option<CellView>>,
-    pub begun: Instant,
+    pub started: Instant,
     /// The broker's address and port, for people.
     pub address: String,
     pub alarms: Arc<Alarms>,
@@ -49,29 +49,29 @@ pub(super) struct Parts {
 /// The name of the node in the log and among alarms.
 pub(super) const NAME: &str = "MQTT Sparkplug";
 
-impl Parts {
+impl SessionParts {
     /// Reports that there is no connection, for this reason; the same reason is logged only once until a connection
     /// exists again.
-    pub fn fails(&self, why: &str) {
+    pub fn report_failure(&self, why: &str) {
         let problem = format!("no connection to {}: {why}", self.address);
-        if self.alarms.trouble(NAME, Some(&problem)) {
+        if self.alarms.set_connection_problem(NAME, Some(&problem)) {
             tracing::warn!("{NAME}: {problem}; retrying");
         }
     }
 
-    fn works(&self) {
-        self.alarms.trouble(NAME, None);
+    fn report_success(&self) {
+        self.alarms.set_connection_problem(NAME, None);
         tracing::info!("{NAME}: connected to {}", self.address);
     }
 
-    fn now(&self) -> Now {
-        let steady_ms = u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX);
-        Now { unix_ms: now_unix_ms().unsigned_abs(), steady_ms }
+    fn now(&self) -> NodeTime {
+        let steady_ms = u64::try_from(self.started.elapsed().as_millis()).unwrap_or(u64::MAX);
+        NodeTime { unix_ms: now_unix_ms().unsigned_abs(), steady_ms }
     }
 }
 
 struct Session<'s> {
-    parts: &'s Parts,
+    parts: &'s SessionParts,
     node: &'s mut EdgeNode,
     client: AsyncClient,
     packets: mpsc::Receiver<Result<rumqttc::Event, ConnectionError>>,
@@ -81,27 +81,27 @@ struct Session<'s> {
 
 /// Connects, and serves the connection until it ends.
 pub(super) async fn connected(
-    (parts, broker): (&Parts, &Broker),
+    (parts, broker): (&SessionParts, &BrokerConnection),
     node: &mut EdgeNode,
     leave: &mut oneshot::Receiver<()>,
-) -> Ended {
-    node.step(Event::Connecting, parts.now());
-    let options = broker.options(node.will(parts.now()));
+) -> SessionEnd {
+    node.step(NodeEvent::Connecting, parts.now());
+    let options = broker.connection_options(node.last_will(parts.now()));
     // Each connection has its own client: messages that waited for an earlier connection are not sent on this one.
     let (client, mut eventloop) = AsyncClient::new(options, MAX_WAITING);
     eventloop.network_options.set_connection_timeout(CONNECT_TIMEOUT_S);
     let (tell, packets) = mpsc::channel(MAX_PACKETS);
     // The task ends with this connection, because dropping a set ends its tasks.
     let mut polling = JoinSet::new();
-    polling.spawn(poll(eventloop, tell));
+    polling.spawn(drive_connection(eventloop, tell));
     let mut session = Session { parts, node, client, packets, open_subscriptions: 0 };
     let ended = session.serve(leave).await;
-    node.step(Event::Lost, parts.now());
+    node.step(NodeEvent::Lost, parts.now());
     ended
 }
 
 /// Drives the connection. This needs a task of its own: if a poll is dropped half-way, a message may be cut.
-async fn poll(mut eventloop: EventLoop, tell: mpsc::Sender<Result<rumqttc::Event, ConnectionError>>) {
+async fn drive_connection(mut eventloop: EventLoop, tell: mpsc::Sender<Result<rumqttc::Event, ConnectionError>>) {
     loop {
         let event = eventloop.poll().await;
         let is_over = event.is_err();
@@ -112,21 +112,21 @@ async fn poll(mut eventloop: EventLoop, tell: mpsc::Sender<Result<rumqttc::Event
 }
 
 impl Session<'_> {
-    async fn serve(&mut self, leave: &mut oneshot::Receiver<()>) -> Ended {
+    async fn serve(&mut self, leave: &mut oneshot::Receiver<()>) -> SessionEnd {
         let mut look = interval(POLL_INTERVAL);
         look.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             let ended = tokio::select! {
                 _ = &mut *leave => {
-                    let acts = self.node.step(Event::Leaving, self.parts.now());
+                    let acts = self.node.step(NodeEvent::Leaving, self.parts.now());
                     self.perform(acts).await;
-                    return Ended::Leaves;
+                    return SessionEnd::Leaving;
                 }
-                _ = look.tick() => self.looked().await,
+                _ = look.tick() => self.on_cell_values().await,
                 packet = self.packets.recv() => match packet {
                     Some(Ok(event)) => self.on_event(event).await,
-                    Some(Err(error)) => Some(Ended::Lost(words(&error))),
-                    None => Some(Ended::Lost(BROKEN.to_owned())),
+                    Some(Err(error)) => Some(SessionEnd::Lost(describe_error(&error))),
+                    None => Some(SessionEnd::Lost(BROKEN.to_owned())),
                 },
             };
             if let Some(ended) = ended {
@@ -135,25 +135,25 @@ impl Session<'_> {
         }
     }
 
-    async fn looked(&mut self) -> Option<Ended> {
+    async fn on_cell_values(&mut self) -> Option<SessionEnd> {
         let seen = self.parts.view.borrow().as_ref().map(values)?;
-        let acts = self.node.step(Event::Seen(seen), self.parts.now());
+        let acts = self.node.step(NodeEvent::Seen(seen), self.parts.now());
         self.perform(acts).await
     }
 
-    async fn on_event(&mut self, event: rumqttc::Event) -> Option<Ended> {
+    async fn on_event(&mut self, event: rumqttc::Event) -> Option<SessionEnd> {
         match event {
             rumqttc::Event::Incoming(Packet::ConnAck(_)) => {
                 let topics = self.node.subscriptions();
                 self.open_subscriptions = topics.len();
                 let all = topics.into_iter().map(|topic| self.client.try_subscribe(topic, quality(1)));
                 let failed = all.filter(Result::is_err).count();
-                (failed > 0).then(|| Ended::Lost("the subscriptions could not be sent".to_owned()))
+                (failed > 0).then(|| SessionEnd::Lost("the subscriptions could not be sent".to_owned()))
             }
             rumqttc::Event::Incoming(Packet::SubAck(ack)) => {
                 if ack.return_codes.contains(&SubscribeReasonCode::Failure) {
                     let topics = self.node.subscriptions().join(" and ");
-                    return Some(Ended::Lost(format!(
+                    return Some(SessionEnd::Lost(format!(
                         "the broker refuses the subscription to {topics}; check the permissions of its user"
                     )));
                 }
@@ -162,35 +162,35 @@ impl Session<'_> {
                 if !was_open || self.open_subscriptions > 0 {
                     return None;
                 }
-                self.parts.works();
-                let acts = self.node.step(Event::Subscribed, self.parts.now());
+                self.parts.report_success();
+                let acts = self.node.step(NodeEvent::Subscribed, self.parts.now());
                 self.perform(acts).await
             }
             rumqttc::Event::Incoming(Packet::Publish(message)) => {
                 let (topic, payload, is_retained) = (&*message.topic, &*message.payload, message.retain);
-                let acts = self.node.step(Event::Received { topic, payload, is_retained }, self.parts.now());
+                let acts = self.node.step(NodeEvent::Received { topic, payload, is_retained }, self.parts.now());
                 self.perform(acts).await
             }
             _ => None,
         }
     }
 
-    async fn perform(&mut self, acts: Vec<NodeAction>) -> Option<Ended> {
+    async fn perform(&mut self, acts: Vec<NodeAction>) -> Option<SessionEnd> {
         for act in acts {
-            let asking = self.parts.asking.clone();
+            let asking = self.parts.host_requests.clone();
             match act {
                 NodeAction::Publish(message) => {
                     let sent = self.client.try_publish(message.topic, quality(message.qos), false, message.payload);
                     if sent.is_err() {
-                        return Some(Ended::Lost("a message could not be sent to the broker".to_owned()));
+                        return Some(SessionEnd::Lost("a message could not be sent to the broker".to_owned()));
                     }
                 }
                 // The connection never waits for the loop or the disk; the number of these tasks is limited.
-                NodeAction::Ask { command, is_noted } => drop(tokio::spawn(asking.ask(command, is_noted))),
-                NodeAction::Note(note) => drop(tokio::spawn(asking.note(note))),
+                NodeAction::Ask { command, is_noted } => drop(tokio::spawn(asking.request_cell(command, is_noted))),
+                NodeAction::Note(note) => drop(tokio::spawn(asking.write_audit(note))),
                 NodeAction::Disconnect => {
                     self.disconnect().await;
-                    return Some(Ended::HostOffline);
+                    return Some(SessionEnd::HostOffline);
                 }
             }
         }
@@ -217,7 +217,7 @@ impl Session<'_> {
     }
 }
 
-fn words(error: &ConnectionError) -> String {
+fn describe_error(error: &ConnectionError) -> String {
     match error {
         ConnectionError::ConnectionRefused(code) => match code {
             ConnectReturnCode::BadUserNamePassword | ConnectReturnCode::NotAuthorized => {

@@ -1,14 +1,14 @@
 //! Brokers that behave wrongly: the connection ends with a reason, and the cell receives no request.
 
-use super::broker::Broker;
-use super::host_requests::Asking;
-use super::session::{BROKEN, Ended, Parts, connected};
+use super::broker::BrokerConnection;
+use super::host_requests::HostRequests;
+use super::session::{BROKEN, SessionEnd, SessionParts, connected};
 use crate::cell::{NodeCommands, SparkplugNode};
 use crate::daemon::alarms::Alarms;
 use crate::daemon::gateway::Gateway;
-use crate::daemon::people::People;
+use crate::daemon::people::AccountService;
 use crate::daemon::request_queue::{RequestQueue, request_queue};
-use crate::sparkplug::{CellView, EdgeNode, Ids, Metric, NodeSetup, Payload, Wire};
+use crate::sparkplug::{CellIds, CellView, EdgeNode, Metric, NodeSetup, Payload, WireType};
 use prost::Message as _;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -22,8 +22,8 @@ use tokio::sync::{oneshot, watch};
 
 /// A node with the cell's state, and the results of its requests.
 struct Edge {
-    parts: Parts,
-    broker: Broker,
+    parts: SessionParts,
+    broker: BrokerConnection,
     node: EdgeNode,
     queue: RequestQueue,
     listener: TcpListener,
@@ -49,13 +49,19 @@ impl Edge {
         let folder = tempfile::tempdir().expect("a folder");
         let (sender, queue) = request_queue();
         let gateway = Gateway::new(sender, Arc::new(|_| Err(vec![])), None);
-        let people = Arc::new(People::new(folder.path().to_owned()));
+        let people = Arc::new(AccountService::new(folder.path().to_owned()));
         let alarms = Arc::new(Alarms::new(people.clone()));
-        let asking = Asking { gateway, people, from: "a broker".to_owned() };
+        let asking = HostRequests { gateway, people, origin: "a broker".to_owned() };
         let (tell, view) = watch::channel(Some(CellView::default()));
-        let broker = Broker::read(&settings).expect("no file is named");
-        let parts = Parts { asking, view, begun: Instant::now(), address: "a broker".to_owned(), alarms };
-        let ids = Ids { group_id: "G".to_owned(), edge_node_id: "cell".to_owned(), primary_host_id: None };
+        let broker = BrokerConnection::read(&settings).expect("no file is named");
+        let parts = SessionParts {
+            host_requests: asking,
+            view,
+            started: Instant::now(),
+            address: "a broker".to_owned(),
+            alarms,
+        };
+        let ids = CellIds { group_id: "G".to_owned(), edge_node_id: "cell".to_owned(), primary_host_id: None };
         let node = EdgeNode::new(NodeSetup { ids, commands_allowed: true, aliases: true });
         let runtime = Builder::new_current_thread().enable_all().build().expect("a runtime");
         Edge { parts, broker, node, queue, listener, runtime, _tell: tell, _folder: folder }
@@ -76,7 +82,7 @@ impl Edge {
         });
         let (_end, mut leave) = oneshot::channel();
         let ended = self.runtime.block_on(connected((&self.parts, &self.broker), &mut self.node, &mut leave));
-        let Ended::Lost(why) = ended else { panic!("it did not end so") };
+        let SessionEnd::Lost(why) = ended else { panic!("it did not end so") };
         (why, plays.join().expect("it ends"))
     }
 
@@ -107,7 +113,7 @@ fn message(flags: u8, topic: &str, payload: &[u8]) -> Vec<u8> {
 }
 
 fn stop() -> Vec<u8> {
-    let (name, value) = (Some("Node Control/Stop".to_owned()), Some(Wire::Boolean(true)));
+    let (name, value) = (Some("Node Control/Stop".to_owned()), Some(WireType::Boolean(true)));
     let metric = Metric { name, value, ..Metric::default() };
     Payload { timestamp: Some(1), metrics: vec![metric], seq: None }.encode_to_vec()
 }

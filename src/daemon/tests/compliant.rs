@@ -101,7 +101,7 @@ fn faults_end_contact_in_time(step: u32) {
             assert!(matches!(end.state.at, At::Held(Hold { why: Why::Trouble(Trouble::Force), .. })), "{at}");
             let abraded =
                 end.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("what was touched");
-            assert_eq!(abraded.number(name::EXECUTED), end.done.map(f64::from), "{at}");
+            assert_eq!(abraded.number(name::EXECUTED_WAYPOINTS_NAME), end.done.map(f64::from), "{at}");
         }
     }
     println!(

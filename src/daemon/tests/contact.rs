@@ -59,7 +59,7 @@ fn an_abort_in_contact_is_booked_with_its_motion() {
     let (motion, outcome, done) = story.motions(Path::Contact)[0];
     assert!(outcome == Outcome::Aborted && done > 2 && done < motion.waypoints, "{story}");
     let found = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("its end was told");
-    assert_eq!(found.number(name::EXECUTED), Some(f64::from(done)));
+    assert_eq!(found.number(name::EXECUTED_WAYPOINTS_NAME), Some(f64::from(done)));
 }
 
 /// R21: if a feedback goes off in contact, the path ends, and the executed part is recorded. The contradicting output
@@ -76,7 +76,7 @@ fn a_feedback_that_goes_off_in_contact_holds() {
         let Reason { code, message, .. } = &told.judgement.reasons[0];
         assert!(code == "feedback" && message.contains(&format!("the feedback {name} reads off")), "{message}");
         let found = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("what was touched");
-        assert_eq!(found.number(name::EXECUTED), Some(f64::from(done)));
+        assert_eq!(found.number(name::EXECUTED_WAYPOINTS_NAME), Some(f64::from(done)));
     }
 }
 

@@ -98,10 +98,11 @@ impl OnOneGrid {
         let grids = ["r2c3".parse().expect("a grid")];
         let plan = path::plan(&fit.surface, &panel.region, &grids, &panel.outline, recipe.path()).expect("a plan");
         let (arm, flange_from_tool) = (Kinematics::new(cell.arm()), calibrations.flange_from_tool);
-        let stand = panel_reach::ReachSetup { arm: &arm, flange_from_tool, base_from_panel: place, from: None };
-        let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
-        let plan = panel_reach::turned(&plan, reached.spin);
-        OnOneGrid { setup, place, flange_from_tool, plan, joints: reached.travel.joints }
+        let stand =
+            panel_reach::ReachSetup { arm: &arm, flange_from_tool, base_from_panel: place, start_joints: None };
+        let reached = panel_reach::follow_plan(&plan, &stand, recipe.path()).expect("in reach");
+        let plan = panel_reach::turned_plan(&plan, reached.spin);
+        OnOneGrid { setup, place, flange_from_tool, plan, joints: reached.arm_travel.joints }
     }
 }
 
@@ -115,11 +116,11 @@ fn no_plan_is_sent_that_its_gate_rejects() {
         StartState { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
     let first = plan.paths[0].waypoints[0].as_sent();
     let gated = |plan: &Plan| routes::contact(&standing, place, (first, plan), job.recipe.path());
-    assert!(gated(&plan).is_good(), "{:?}", gated(&plan).judgement());
+    assert!(gated(&plan).is_sendable(), "{:?}", gated(&plan).judgement());
     let mut doubtful = plan.clone();
     doubtful.grid_dwell[0].1.low_s *= 0.1;
     assert_eq!(path::judge(&doubtful, job.recipe.path()).verdict, Verdict::Review);
-    assert!(gated(&doubtful).is_good(), "a person was asked before");
+    assert!(gated(&doubtful).is_sendable(), "a person was asked before");
     for (spoil, code) in [
         ((|plan| plan.paths[0].waypoints[0].contact = true) as fn(&mut Plan), "no_air"),
         (|plan| plan.duration_s = f64::NAN, "not_finite"),
@@ -127,7 +128,7 @@ fn no_plan_is_sent_that_its_gate_rejects() {
         let mut spoilt = plan.clone();
         spoil(&mut spoilt);
         let refused = gated(&spoilt);
-        assert!(!refused.is_good() && refused.joints.is_none(), "{code}");
+        assert!(!refused.is_sendable() && refused.joints.is_none(), "{code}");
         assert_eq!(refused.judgement().reasons[0].code, code);
     }
 }
@@ -136,7 +137,7 @@ fn no_plan_is_sent_that_its_gate_rejects() {
 /// the approximate axes there.
 fn standing_over_the_panel(fake: &Fake, lifted_mm: f64) -> (Rigid<Base, Flange>, Joints) {
     let OnOneGrid { place, flange_from_tool, plan, joints, .. } = OnOneGrid::new(fake);
-    let lifted = routes::lifted(&plan, lifted_mm);
+    let lifted = routes::lift_contact_points(&plan, lifted_mm);
     let at = routes::waypoints(&plan).iter().position(|waypoint| waypoint.contact).expect("contact") + 3;
     let base_from_flange = place * routes::waypoints(&lifted)[at].as_sent() * flange_from_tool.inverse();
     (base_from_flange, joints[at])
@@ -241,13 +242,13 @@ fn the_arm_stands_where_its_own_corners_lead() {
     let (job, (_, corners)) = (&setup, taught);
     let (arm, place) = (Kinematics::new(cell.arm()), crate::panel::panel_from_base_at_teaching().inverse());
     let at = |corners: &[usize], obstacles: Option<&Arc<Obstacles>>| {
-        job.tour().reach_setup(&arm, &Approach { base_from_panel: place, corners, obstacles })
+        job.corner_tour().reach_setup(&arm, &Approach { base_from_panel: place, corners, obstacles })
     };
-    assert_eq!(job.tour().corners_in_reach(&arm, place, 2).expect("in reach"), [0, 1]);
+    assert_eq!(job.corner_tour().reachable_corners(&arm, place, 2).expect("in reach"), [0, 1]);
     for (chosen, last) in [(&[0, 1][..], 1), (&[0], 0)] {
-        let joints = at(chosen, None).expect("in reach").from.expect("known");
+        let joints = at(chosen, None).expect("in reach").start_joints.expect("known");
         let camera = arm.base_from_flange(&joints).expect("finite") * calibrations.flange_from_camera;
-        let wanted = place * corners[last].teaching.panel_from_camera;
+        let wanted = place * corners[last].teaching_data.panel_from_camera;
         assert!(camera.origin().distance_mm(wanted.origin()) < 0.01, "{chosen:?}");
     }
     // Directly from the ready pose to the second corner, axis 3 would have to move beyond its margin.
@@ -258,8 +259,8 @@ fn the_arm_stands_where_its_own_corners_lead() {
     );
     assert_eq!(at(&[], None).expect_err("no corner").code, "no_corner");
     // An object at the position of the camera.
-    let eye = (place * corners[1].teaching.panel_from_camera).origin();
-    let obstacles = Arc::new(Obstacles::default().with("what the scan saw", [eye]));
+    let eye = (place * corners[1].teaching_data.panel_from_camera).origin();
+    let obstacles = Arc::new(Obstacles::default().with_points_of("what the scan saw", [eye]));
     let refused = at(&[0, 1], Some(&obstacles)).expect_err("in the way");
     assert_eq!(refused.code, "out_of_reach");
     assert!(
@@ -286,15 +287,16 @@ fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
             half_mm: [half_mm; 3],
             numbers: [0.0; crate::cell::SMOOTH_NUMBERS],
         };
-        let cell = cell.clone().corrected(smooth);
+        let cell = cell.clone().with_arm_correction(smooth);
         let setup = fake::setup(&cell, &recipe, &taught, calibrations);
         let job = &setup;
         let arm = Kinematics::new(cell.arm());
         let flange_from_tool = calibrations.flange_from_tool;
-        let stand = panel_reach::ReachSetup { arm: &arm, flange_from_tool, base_from_panel: place, from: None };
-        let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
-        let plan = panel_reach::turned(&plan, reached.spin);
-        let joints = reached.travel.joints[0];
+        let stand =
+            panel_reach::ReachSetup { arm: &arm, flange_from_tool, base_from_panel: place, start_joints: None };
+        let reached = panel_reach::follow_plan(&plan, &stand, recipe.path()).expect("in reach");
+        let plan = panel_reach::turned_plan(&plan, reached.spin);
+        let joints = reached.arm_travel.joints[0];
         let standing =
             StartState { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
         let from = plan.paths[0].waypoints[0].as_sent();
@@ -302,7 +304,7 @@ fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
         let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].as_sent());
         let view = routes::view(&standing, (here, there), job.sander());
         for gated in [contact, view] {
-            assert_eq!(gated.is_good(), code.is_none(), "{:?}", gated.judgement());
+            assert_eq!(gated.is_sendable(), code.is_none(), "{:?}", gated.judgement());
             assert_eq!(gated.judgement().reasons.first().map(|reason| reason.code.to_string()).as_deref(), code);
             assert_eq!(gated.joints.is_none(), code.is_some());
         }

@@ -4,7 +4,7 @@ use super::fake::Cell as Fake;
 use super::serving::{Script, complete};
 use super::*;
 use crate::cycle::State;
-use crate::tape::{Begin, Entries, Entry, Topic, check};
+use crate::tape::{Entry, EntryReader, LoopMemoryStart, Topic, check_recording};
 use std::path::Path as File;
 
 /// Attempts of a test that runs by the wall clock.
@@ -21,21 +21,21 @@ fn recorded(mut fake: Fake, script: impl FnOnce(Script, &Fake, &Fake) -> Script)
     let mut script = script(Script::default(), &plain, &fake);
     fake.serve(|cameras| cameras, vec![], &mut script);
     let (ended, played) = fake.replay(&file);
-    assert!(played.differences.is_empty() && played.to_the_end && played.error.is_none(), "{played:?}");
+    assert!(played.differences.is_empty() && played.is_complete && played.error.is_none(), "{played:?}");
     assert_eq!(ended.verdict.as_ref(), script.verdicts.last());
     (entries(&file), ended.verdict)
 }
 
 fn entries(file: &File) -> Vec<Entry> {
     let bytes = std::fs::read(file).expect("a recording");
-    let start = check(&bytes[..]).expect("whole").start;
-    assert!(matches!(start.begin, Begin::Cycle { robot: Some(_), .. }), "{start:?}");
-    Entries::new(&bytes[..], start.unix_ns).collect::<Result<_, _>>().expect("read")
+    let start = check_recording(&bytes[..]).expect("whole").start;
+    assert!(matches!(start.begin, LoopMemoryStart::Cycle { robot: Some(_), .. }), "{start:?}");
+    EntryReader::new(&bytes[..], start.unix_ns).collect::<Result<_, _>>().expect("read")
 }
 
 fn asked(entries: &[Entry]) -> Vec<String> {
-    let heard = entries.iter().filter(|entry| entry.topic == Topic::Request && !entry.heard.is_null());
-    heard.map(|entry| entry.heard.to_string()).collect()
+    let heard = entries.iter().filter(|entry| entry.topic == Topic::Request && !entry.reply.is_null());
+    heard.map(|entry| entry.reply.to_string()).collect()
 }
 
 /// The first cycle is not recorded, and its deadlines remain. Of the second cycle everything is recorded, contact
@@ -70,7 +70,8 @@ fn what_is_asked_meanwhile_is_replayed_too() {
             .when(move |state| held(state) && dries(), RequestKind::Table(cycle::Request::Unhold { dried: true }))
             .leave_when(complete)
     });
-    let findings = || entries.iter().filter(|e| e.topic == Topic::Finding).map(|e| e.said["judgement"].to_string());
+    let findings =
+        || entries.iter().filter(|e| e.topic == Topic::Finding).map(|e| e.action["judgement"].to_string());
     assert_eq!(verdict, Some(Verdict::Pass), "{:#?}", findings().collect::<Vec<_>>());
     let asked = asked(&entries);
     assert_eq!(asked.len(), 7, "{asked:?}");
@@ -100,7 +101,7 @@ fn by_the_wall_clock_results_come_when_they_came() {
         });
         assert_eq!(verdict, Some(Verdict::Aborted));
         // While the scan was evaluated, the robot reported its state.
-        let scan = entries.iter().position(|entry| entry.said == "scan")?;
+        let scan = entries.iter().position(|entry| entry.action == "scan")?;
         let located = entries.iter().skip(scan).position(|entry| entry.topic == Topic::Result)?;
         Some(entries[scan..scan + located].iter().filter(|entry| entry.topic == Topic::Report).count())
     };
@@ -121,6 +122,6 @@ fn a_cycle_with_a_compliant_tool_replays_without_a_difference() {
     });
     assert_eq!(verdict, Some(Verdict::Pass));
     let of_tool = entries.iter().filter(|entry| entry.topic == Topic::Tool);
-    let (told, heard): (Vec<_>, Vec<_>) = of_tool.partition(|entry| !entry.said.is_null());
+    let (told, heard): (Vec<_>, Vec<_>) = of_tool.partition(|entry| !entry.action.is_null());
     assert!(told.len() > 4 && heard.len() > 100, "{} {}", told.len(), heard.len());
 }

@@ -3,10 +3,10 @@
 use super::fake::{Cell as Fake, FakeCameras};
 use super::*;
 use crate::cycle::{self, Action, Answer, Effect, Event, Hold, Id, Refusal, Report, State, Trouble, Why};
-use crate::daemon::abrasion::Abrasion;
-use crate::daemon::computing::{Found, Work, Worked};
+use crate::daemon::abrasion::AbrasionWork;
+use crate::daemon::computing::{WorkInput, WorkOutcome, WorkResult};
 use crate::daemon::perception::Perception;
-use crate::record::{CycleId, Kind, RequestSource, Who};
+use crate::record::{CycleId, Kind, RequestAuthor, RequestSource};
 use crate::supervision::ThreadFault;
 use crate::verdict::Reason;
 use std::collections::VecDeque;
@@ -55,10 +55,10 @@ impl Script {
 impl Requester for Script {
     fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         let next = self.steps.pop_front_if(|(when, _)| when(state));
-        Ok(next.map(|(_, what)| Request::new(what, Who::by(RequestSource::Socket))))
+        Ok(next.map(|(_, what)| Request::new(what, RequestAuthor::from_source(RequestSource::Socket))))
     }
 
-    fn on_news(&mut self, news: LoopEvent) {
+    fn on_loop_event(&mut self, news: LoopEvent) {
         match news {
             LoopEvent::Refused(request, refusal) => self.refusals.push((request, refusal)),
             LoopEvent::Unable(reasons) => self.unable.extend(reasons.iter().map(|reason| reason.code.to_string())),
@@ -138,7 +138,7 @@ fn a_command_after_a_stop_on_the_wire_is_no_fault() {
             },
             RequestKind::Table(cycle::Request::Stop),
         )
-        .leave_when(|state| state.at.rests());
+        .leave_when(|state| state.at.is_at_rest());
     cell.serve(|cameras| cameras, vec![], &mut script);
     let codes: Vec<&str> = script.noted.iter().map(|reason| &*reason.code).collect();
     assert!(codes.contains(&"stopped") && !codes.contains(&"not_sent"), "{codes:?}");
@@ -158,11 +158,11 @@ fn a_command_without_an_epoch_is_a_fault() {
                 if matches!(state.at, At::Execute(cycle::Phase::Locate)) {
                     is_stopped();
                 }
-                matches!(state.at, At::Held(_)) || state.at.rests() && state.at != At::Idle
+                matches!(state.at, At::Held(_)) || state.at.is_at_rest() && state.at != At::Idle
             },
             RequestKind::Table(cycle::Request::Stop),
         )
-        .leave_when(|state| state.at.rests());
+        .leave_when(|state| state.at.is_at_rest());
     cell.serve(|cameras| cameras, vec![], &mut script);
     assert!(script.noted.iter().any(|reason| reason.code == "not_sent"), "{:?}", script.noted);
     assert_eq!(script.verdicts, [Verdict::Aborted]);
@@ -257,9 +257,17 @@ fn a_film_goes_on_without_the_robot() {
     for (id, act) in [(1, Action::Locate), (2, Action::DryPicture), (3, Action::Film)] {
         fake.light(act != Action::Locate);
         fake.time_passes(500);
-        let (abrasion, setup) = (Abrasion::default(), Some(setup.clone()));
-        let work =
-            Work { id: Id(id), act, is_next_picture: false, perception, abrasion, tip: None, pass: 1, setup };
+        let (abrasion, setup) = (AbrasionWork::default(), Some(setup.clone()));
+        let work = WorkInput {
+            id: Id(id),
+            action: act,
+            is_next_picture: false,
+            perception,
+            abrasion,
+            tip: None,
+            pass: 1,
+            setup,
+        };
         computing.submit(work);
         let worked = worked(&mut computing).expect("in time");
         seen_s.extend(watched_s(&worked));
@@ -277,14 +285,14 @@ fn a_film_goes_on_without_the_robot() {
 }
 
 /// Returns the next result, if one comes within a time that is long even on a busy machine.
-fn worked(computing: &mut Computing) -> Option<Worked> {
+fn worked(computing: &mut Computing) -> Option<WorkResult> {
     computing.ready(Duration::from_secs(60))?;
-    computing.take_result()
+    computing.ready_result()
 }
 
-fn watched_s(worked: &Worked) -> Option<f64> {
-    match worked.found {
-        Ok(Found::Watching { seen_s }) => Some(seen_s),
+fn watched_s(worked: &WorkResult) -> Option<f64> {
+    match worked.outcome {
+        Ok(WorkOutcome::Watching { seen_s }) => Some(seen_s),
         _ => None,
     }
 }
@@ -374,7 +382,7 @@ fn other_programs_than_the_accepted_ones_refuse_reset_and_start() {
         "without a reset there is no start"
     );
     // The sum changes while the cell is idle: the request that was under way is refused.
-    let mut idle = State { at: At::Idle, ..State::NEW };
+    let mut idle = State { at: At::Idle, ..State::INITIAL };
     idle.facts.robot = other;
     let (after, effects) = cycle::step(idle, Event::Asked(start));
     let refused = Effect::Refuse { request: start, refusal: Refusal::Robot(other) };

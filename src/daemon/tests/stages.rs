@@ -8,8 +8,8 @@ use crate::path::Kinematics;
 use crate::path::approach::Approach;
 use crate::phase::Phase;
 use crate::record::Check;
-use crate::stages::corners::Taught;
-use crate::stages::removal::RemovedBefore;
+use crate::stages::corners::CornerReference;
+use crate::stages::removal::EarlierRemoval;
 use crate::stages::survey::ToolState;
 use crate::stages::{film, locate, plan, survey};
 use crate::surface::{self, TodaysPoint};
@@ -20,8 +20,12 @@ fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
     let (_, recipe, (panel, _), calibrations) = fake.files();
     let scan = fake.scan();
     let (camera, base_from_camera) = (&calibrations.scanner, calibrations.base_from_camera);
-    let view =
-        crate::locate::View { scan: &scan, camera, base_from_camera, range: crate::locate::RangeErrors::default() };
+    let view = crate::locate::ScanView {
+        scan: &scan,
+        camera,
+        base_from_camera,
+        range: crate::locate::RangeErrors::default(),
+    };
     let model = crate::locate::TaughtModel::from_panel(&panel, view.range);
     let by_command = locate::locate((&panel, &model), view, &recipe);
     let story = fake.run(Asks::one_cycle());
@@ -41,8 +45,12 @@ fn todays_points(fake: &Fake) -> Vec<TodaysPoint> {
     let (_, recipe, (panel, _), calibrations) = fake.files();
     let scan = fake.scan();
     let (camera, base_from_camera) = (&calibrations.scanner, calibrations.base_from_camera);
-    let view =
-        crate::locate::View { scan: &scan, camera, base_from_camera, range: crate::locate::RangeErrors::default() };
+    let view = crate::locate::ScanView {
+        scan: &scan,
+        camera,
+        base_from_camera,
+        range: crate::locate::RangeErrors::default(),
+    };
     let model = crate::locate::TaughtModel::from_panel(&panel, view.range);
     let located = locate::locate((&panel, &model), view, &recipe).fit.expect("found");
     surface::todays_points(&panel, &scan, &(located.base_from_panel.inverse() * base_from_camera))
@@ -62,9 +70,9 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
     let (kinematics, base_from_panel) =
         (Kinematics::new(&job.cell.arm), story.outcome.base_from_panel.expect("found"));
     let panel_stands = Approach { base_from_panel, corners: &[0, 1], obstacles: None };
-    let stand = job.tour().reach_setup(&kinematics, &panel_stands).expect("in reach");
+    let stand = job.corner_tour().reach_setup(&kinematics, &panel_stands).expect("in reach");
     let taught = crate::surface::fit(panel, recipe.surface()).expect("a surface");
-    let fit = survey::today((panel, &taught), &todays_points(&fake_again), recipe.surface()).fit;
+    let fit = survey::correct_by_scan((panel, &taught), &todays_points(&fake_again), recipe.surface()).fit;
     let tool = ToolState {
         error_mm: job.cell.limits.tool_error_mm(),
         worn_mm2: 0.0,
@@ -72,13 +80,13 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
         stroke_mm: None,
         in_air: false,
     };
-    let laid = plan::lay((panel, &fit), &grids, (recipe, tool)).expect("a path");
+    let laid = plan::lay_paths((panel, &fit), &grids, (recipe, tool)).expect("a path");
     let by_command = plan::judge(
         laid,
         (panel, &fit),
-        plan::Reach::From(stand),
+        plan::ReachStart::From(stand),
         (recipe, tool),
-        (None, RemovedBefore::default()),
+        (None, EarlierRemoval::default()),
     );
     assert!(!grids.is_empty() && by_command.checks.len() > 10);
     assert_eq!(by_loop.checks, by_command.checks);
@@ -87,8 +95,12 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
 
 /// Returns the checks without the measured computing times and the values of the loop's own moves.
 fn of_the_stage<'c>(checks: impl IntoIterator<Item = &'c Check>) -> Vec<Check> {
-    let of_the_loop =
-        [name::PER_PICTURE, "pictures that were dropped", name::MOVES, "corner from where it was looked for"];
+    let of_the_loop = [
+        name::PER_PICTURE,
+        "pictures that were dropped",
+        name::CORRECTION_MOVES_NAME,
+        "corner from where it was looked for",
+    ];
     checks.into_iter().filter(|check| !of_the_loop.contains(&&*check.name)).cloned().collect()
 }
 
@@ -98,12 +110,12 @@ fn a_clip_gives_the_loop_and_a_command_the_same_checks() {
     let setup = fake.setup();
     let story = fake.run(Asks::one_cycle());
     let place = story.outcome.base_from_panel.expect("found");
-    let film_setup = film::Setup {
+    let film_setup = film::FilmSetup {
         panel: &setup.panel,
         camera: &setup.calibrations.scanner,
         camera_from_panel: setup.calibrations.base_from_camera.inverse() * place,
         sanded: None,
-        demands: setup.demands(),
+        demands: setup.film_demands(),
         recipe: &setup.recipe,
     };
     let by_loop: Vec<_> = story.findings.iter().filter(|finding| finding.kind == Kind::Inspect).collect();
@@ -116,15 +128,16 @@ fn a_clip_gives_the_loop_and_a_command_the_same_checks() {
     // The second film shows places that were sanded.
     for (index, by_loop) in by_loop.into_iter().enumerate().take(1) {
         let end = starts.get(index + 1).copied().unwrap_or(story.frames.len());
-        let mut filming = film::Filming::begin(&film_setup, setup.demands().observation_s).expect("in the picture");
+        let mut filming =
+            film::FilmRun::begin_test(&film_setup, setup.film_demands().observation_s).expect("in the picture");
         for (place, (picture, time_s, phase)) in story.frames[starts[index]..end].iter().enumerate() {
             filming.push(picture, *time_s, *phase).expect("taken");
             if place == 0 {
-                filming.begins(story.films_began_s[index]);
+                filming.set_start(story.films_began_s[index]);
             }
         }
         let filmed = filming.finish().expect("a film");
-        let counted = film::Counted { ms_per_picture: None, dropped: None };
+        let counted = film::FilmCounts { ms_per_picture: None, dropped: None };
         let by_command = filmed.finding(&film_setup, by_loop.pass, counted);
         assert!(by_command.checks.len() > 10);
         assert_eq!(of_the_stage(&by_loop.checks), of_the_stage(&by_command.checks));
@@ -142,7 +155,7 @@ fn corner_pictures_give_the_loop_and_a_command_the_same_checks() {
     let by_loop = story.findings.iter().rfind(|finding| finding.kind == Kind::Refine).expect("refined");
     let located = story.findings.iter().find(|finding| finding.kind == Kind::Locate).expect("located");
     let located: KukaPose = serde_json::from_value(located.details["base_from_panel"].clone()).expect("a pose");
-    let held = Taught {
+    let held = CornerReference {
         corners: &setup.corners,
         camera: &setup.calibrations.flange_camera,
         lens: &setup.lens,

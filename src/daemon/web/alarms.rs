@@ -1,12 +1,12 @@
 //! The alarms of the newest cycles as a list, and their acknowledgement.
 
-use super::downloads::{self, Form};
-use super::guard::{By, refusal};
-use super::layout::{Frame, Script, local};
+use super::downloads::{self, DownloadFormat};
+use super::guard::{VisitorExtension, refusal};
+use super::layout::{Frame, Script, local_time};
 use super::messages;
 use super::page_texts::Language;
-use super::reading::{Answer, ended, reading};
-use super::state::{Web, blocking, entry};
+use super::reading::{Answer, panic_response, reading};
+use super::state::{Web, entry, run_blocking};
 use crate::accounts::{AuditEntry, Permission};
 use crate::daemon::alarms;
 use crate::history::{Alarm, Priority, alarm_table};
@@ -21,46 +21,50 @@ use serde::Deserialize;
 use serde_json::json;
 use std::sync::Arc;
 
-pub(super) async fn page(state: State<Arc<Web>>, by: By) -> Answer {
-    listed(state, by, Form::Page).await
+pub(super) async fn page(state: State<Arc<Web>>, by: VisitorExtension) -> Answer {
+    list_alarms(state, by, DownloadFormat::Page).await
 }
 
-pub(super) async fn csv(state: State<Arc<Web>>, by: By) -> Answer {
-    listed(state, by, Form::Csv).await
+pub(super) async fn csv(state: State<Arc<Web>>, by: VisitorExtension) -> Answer {
+    list_alarms(state, by, DownloadFormat::Csv).await
 }
 
-pub(super) async fn json(state: State<Arc<Web>>, by: By) -> Answer {
-    listed(state, by, Form::Json).await
+pub(super) async fn json(state: State<Arc<Web>>, by: VisitorExtension) -> Answer {
+    list_alarms(state, by, DownloadFormat::Json).await
 }
 
-async fn listed(State(web): State<Arc<Web>>, Extension(visitor): By, as_what: Form) -> Answer {
+async fn list_alarms(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    as_what: DownloadFormat,
+) -> Answer {
     let shared = web.clone();
-    let alarms = reading(&web, &visitor, move |store| shared.front.alarms.all_in_store(store)).await?;
+    let alarms = reading(&web, &visitor, move |store| shared.front.alarms.all_from_store(store)).await?;
     Ok(match as_what {
-        Form::Page => {
+        DownloadFormat::Page => {
             let words = visitor.language();
             let frame = Frame {
                 visitor: &visitor,
-                title: words.word("alarms.title"),
+                title: words.text("alarms.title"),
                 here: "/alarms",
                 scripts: &[Script::Forms],
             };
-            frame.page(&body(words, &alarms, visitor.may(Permission::Acknowledge)))
+            frame.page(&body(words, &alarms, visitor.has_permission(Permission::Acknowledge)))
         }
-        Form::Csv => downloads::csv(&visitor, "alarms", &alarm_table(&alarms)),
-        Form::Json => downloads::json(&json!({ "alarms": alarms })),
+        DownloadFormat::Csv => downloads::csv(&visitor, "alarms", &alarm_table(&alarms)),
+        DownloadFormat::Json => downloads::json(&json!({ "alarms": alarms })),
     })
 }
 
 fn body(words: Language<'_>, alarms: &[Alarm], may_acknowledge: bool) -> Markup {
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     html! {
         section.card {
             h2 { (word("alarms.title")) }
             p.note { (word("alarms.help")) }
             p.links { a href="/alarms.csv" { "CSV" } " · " a href="/alarms.json" { "JSON" } }
             @if alarms.is_empty() { p { (word("alarms.none")) } }
-            @for alarm in alarms { (one(words, alarm, may_acknowledge)) }
+            @for alarm in alarms { (show_alarm(words, alarm, may_acknowledge)) }
         }
     }
 }
@@ -75,24 +79,24 @@ fn priority_key(priority: Priority) -> &'static str {
     }
 }
 
-fn one(words: Language<'_>, alarm: &Alarm, may_acknowledge: bool) -> Markup {
-    let word = |key| words.word(key);
-    let class = format!("alarm {}{}", alarm.priority.word(), if alarm.is_active() { " is-active" } else { "" });
+fn show_alarm(words: Language<'_>, alarm: &Alarm, may_acknowledge: bool) -> Markup {
+    let word = |key| words.text(key);
+    let class = format!("alarm {}{}", alarm.priority.keyword(), if alarm.is_active() { " is-active" } else { "" });
     html! {
         article class=(class) {
             h3 { (alarm.code) " – " (word(priority_key(alarm.priority))) @if alarm.is_active() { ", " (word("alarms.active")) } }
             p {
-                (word("alarms.raised")) " " (local(alarm.raised_unix_ms))
-                @if let Some(gone) = alarm.gone_unix_ms { " · " (word("alarms.gone")) " " (local(gone)) }
+                (word("alarms.raised")) " " (local_time(alarm.raised_unix_ms))
+                @if let Some(gone) = alarm.gone_unix_ms { " · " (word("alarms.gone")) " " (local_time(gone)) }
                 @match alarm.cycle {
                     Some(cycle) => { " · " a href={ "/cycle/" (cycle) } { (word("run.cycle")) " " (cycle) } },
                     None => { " · " (word("alarms.between")) },
                 }
-                @if let Some(kind) = alarm.phase { " · " (kind.word()) }
+                @if let Some(kind) = alarm.phase { " · " (kind.keyword()) }
             }
-            (messages::explained(words, &alarm.code, &[&alarm.message]))
+            (messages::explain_code(words, &alarm.code, &[&alarm.message]))
             @match &alarm.acknowledged {
-                Some(seen) => p { "✓ " (word("alarms.acknowledged")) ": " (seen.who) ", " (local(seen.unix_ms)) },
+                Some(seen) => p { "✓ " (word("alarms.acknowledged")) ": " (seen.who) ", " (local_time(seen.unix_ms)) },
                 None if may_acknowledge && alarm.priority > Priority::Note => form data-post="/alarms/acknowledge" data-then="/alarms" {
                     input type="hidden" name="cycle" value=[alarm.cycle];
                     input type="hidden" name="code" value=(alarm.code);
@@ -118,22 +122,27 @@ pub(super) struct AcknowledgeForm {
 /// Records that the person has seen an alarm, and writes this to the audit trail.
 pub(super) async fn acknowledge(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Json(form): Json<AcknowledgeForm>,
 ) -> Response {
     let line = entry(&visitor, "acknowledge alarm");
     let person = visitor.person.as_ref();
     let who = person.map_or(String::new(), |person| format!("{} ({})", person.printed_name, person.name));
-    match blocking(move || kept(&web, line, &form, who)).await {
-        Some(Ok(true)) => Json(json!({ "message": visitor.language().word("saved") })).into_response(),
-        Some(Ok(false)) => refusal(StatusCode::CONFLICT, "alarm", visitor.language().word("alarms.no_such")),
+    match run_blocking(move || store_acknowledgement(&web, line, &form, who)).await {
+        Some(Ok(true)) => Json(json!({ "message": visitor.language().text("saved") })).into_response(),
+        Some(Ok(false)) => refusal(StatusCode::CONFLICT, "alarm", visitor.language().text("alarms.no_such")),
         Some(Err(error)) => refusal(StatusCode::SERVICE_UNAVAILABLE, "store", &error.to_string()),
-        None => ended(),
+        None => panic_response(),
     }
 }
 
 /// Returns false if there is no such alarm, or it was already acknowledged.
-fn kept(web: &Web, line: AuditEntry, form: &AcknowledgeForm, who: String) -> Result<bool, StoreError> {
+fn store_acknowledgement(
+    web: &Web,
+    line: AuditEntry,
+    form: &AcknowledgeForm,
+    who: String,
+) -> Result<bool, StoreError> {
     let Ok(raised_unix_ms) = form.raised_unix_ms.parse() else { return Ok(false) };
     // An alarm between cycles names no cycle.
     let cycle = match form.cycle.as_str() {
@@ -150,7 +159,7 @@ fn kept(web: &Web, line: AuditEntry, form: &AcknowledgeForm, who: String) -> Res
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::web::page_texts::Words;
+    use crate::daemon::web::page_texts::Translations;
     use crate::history::Acknowledgement;
 
     fn alarm(gone_unix_ms: Option<i64>) -> Alarm {
@@ -170,7 +179,7 @@ mod tests {
 
     #[test]
     fn an_alarm_tells_its_cause_and_can_be_acknowledged_by_who_may() {
-        let words = Words::read(None).expect("the program's own");
+        let words = Translations::read(None).expect("the program's own");
         let html = |alarm: &Alarm, may| {
             body(words.language(Some("en"), None), std::slice::from_ref(alarm), may).into_string()
         };

@@ -22,7 +22,7 @@ const FILES: [(&str, &str, &str); 10] = [
     ("matrix.js", SCRIPT, include_str!("assets/matrix.js")),
     ("draw.js", SCRIPT, include_str!("assets/draw.js")),
     ("sheet.js", SCRIPT, canvas::SCRIPT),
-    ("sheet.css", STYLE, canvas::STYLE),
+    ("sheet.css", STYLE, canvas::STYLE_SHEET),
     ("icon.svg", "image/svg+xml", include_str!("assets/icon.svg")),
 ];
 
@@ -38,7 +38,7 @@ pub(super) fn address(name: &str) -> String {
 }
 
 /// Serves a file under its address.
-pub(super) async fn asset(Path(name): Path<String>) -> Response {
+pub(super) async fn serve_asset(Path(name): Path<String>) -> Response {
     let own = name.strip_prefix(VERSION.as_str()).and_then(|rest| rest.strip_prefix('-'));
     match own.and_then(|own| FILES.iter().find(|(name, ..)| *name == own)) {
         Some((_, kind, text)) => {

@@ -1,14 +1,14 @@
 //! The audit trail: who did what, when and from which address.
 
 use super::downloads;
-use super::guard::By;
-use super::layout::{Frame, local};
+use super::guard::VisitorExtension;
+use super::layout::{Frame, local_time};
 use super::reading::{Answer, reading};
 use super::state::Web;
 use crate::accounts::{AuditEntry, Role};
 use crate::daemon::operator_texts::command;
 use crate::history::Table;
-use crate::record::{Answer as Outcome, RequestSource, RequestedAction, Who};
+use crate::record::{Answer as Outcome, RequestAuthor, RequestSource, RequestedAction};
 use crate::store::{NumberedEntry, NumberedRequest, Store, StoreError};
 use axum::Extension;
 use axum::extract::{Query, State};
@@ -59,16 +59,20 @@ fn of_request(NumberedRequest { number, cycle, request }: NumberedRequest) -> Li
         None => (Some("its result was not recorded".to_owned()), None),
     };
     let (who, from) = match request.who {
-        Some(Who { user: Some(user), front, from, .. }) => (Some(user), (front, from)),
-        Some(Who { uid: Some(uid), front, from, .. }) => (Some(format!("user {uid}")), (front, from)),
-        Some(Who { front, from, .. }) => (None, (front, from)),
+        Some(RequestAuthor { user: Some(user), front, from, .. }) => (Some(user), (front, from)),
+        Some(RequestAuthor { uid: Some(uid), front, from, .. }) => (Some(format!("user {uid}")), (front, from)),
+        Some(RequestAuthor { front, from, .. }) => (None, (front, from)),
         None => (None, (RequestSource::Program, None)),
     };
     let subject: Vec<String> = in_cycle.into_iter().chain(of).chain(remark).collect();
     let from = [Some(front_word(from.0).to_owned()), from.1].into_iter().flatten().collect::<Vec<_>>().join(", ");
     let subject = Some(subject.join(": ")).filter(|subject| !subject.is_empty());
-    let entry =
-        AuditEntry { unix_ms: request.unix_ms, subject, refused, ..AuditEntry::done(who, None, from, what) };
+    let entry = AuditEntry {
+        unix_ms: request.unix_ms,
+        subject,
+        refused,
+        ..AuditEntry::for_completed_action(who, None, from, what)
+    };
     Line { number: format!("R{number}"), entry }
 }
 
@@ -88,12 +92,12 @@ fn front_word(front: RequestSource) -> &'static str {
 /// Shows the newest lines, or the lines before a time.
 pub(super) async fn page(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Query(Before { before }): Query<Before>,
 ) -> Answer {
     let lines = reading(&web, &visitor, move |store| lines(store, before, PAGE)).await?;
     let words = visitor.language();
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     // Lines of the same millisecond are shown again rather than left out.
     let older = lines.last().filter(|_| lines.len() == PAGE).map(|line| line.entry.unix_ms + 1);
     let body = html! {
@@ -110,8 +114,8 @@ pub(super) async fn page(
                     tbody { @for Line { number, entry } in &lines {
                         tr.refused[entry.refused.is_some()] {
                             td { (number) }
-                            td { (local(entry.unix_ms)) }
-                            td { (entry.who.as_deref().unwrap_or("–")) @if let Some(role) = entry.role { " (" (role.word()) ")" } }
+                            td { (local_time(entry.unix_ms)) }
+                            td { (entry.who.as_deref().unwrap_or("–")) @if let Some(role) = entry.role { " (" (role.keyword()) ")" } }
                             td { (entry.from) }
                             td { (entry.what) }
                             @for text in [&entry.subject, &entry.before, &entry.after, &entry.refused] { td { (text.as_deref().unwrap_or("")) } }
@@ -127,19 +131,19 @@ pub(super) async fn page(
 }
 
 /// Returns the whole trail as a file.
-pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
+pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
     let lines = reading(&web, &visitor, |store| lines(store, None, FILE)).await?;
     Ok(downloads::csv(&visitor, "audit", &table(&lines)))
 }
 
 fn table(lines: &[Line]) -> Table {
     let columns = ["number", "unix_ms", "who", "role", "from", "what", "subject", "before", "after", "refused"];
-    Table::new(&columns).with(lines.iter().map(|Line { number, entry }| {
+    Table::new(&columns).with_rows(lines.iter().map(|Line { number, entry }| {
         vec![
             number.clone().into(),
             entry.unix_ms.into(),
             entry.who.clone().into(),
-            entry.role.map(Role::word).into(),
+            entry.role.map(Role::keyword).into(),
             entry.from.as_str().into(),
             entry.what.as_str().into(),
             entry.subject.clone().into(),
@@ -178,10 +182,10 @@ mod tests {
     fn a_request_to_the_cell_is_a_line_with_its_author_address_and_outcome() {
         let folder = tempfile::tempdir().expect("a folder");
         let mut store = Store::create(&folder.path().join("store")).expect("a store");
-        let who = |front, user: Option<&str>| Who {
+        let who = |front, user: Option<&str>| RequestAuthor {
             user: user.map(str::to_owned),
             from: Some("10.0.0.7".to_owned()),
-            ..Who::by(front)
+            ..RequestAuthor::from_source(front)
         };
         let request = |wanted, who, answer, reasons: &[&str]| RequestRecord {
             unix_ms: 0,
@@ -202,9 +206,11 @@ mod tests {
                 &["not now"],
             ),
         ] {
-            store.keep_request(&kept, None, None).expect("kept");
+            store.store_request(&kept, None, None).expect("kept");
         }
-        store.keep_audit(&AuditEntry::done(None, None, "terminal".to_owned(), "log out")).expect("kept");
+        store
+            .store_audit(&AuditEntry::for_completed_action(None, None, "terminal".to_owned(), "log out"))
+            .expect("kept");
         let told = lines(&store, None, 10).expect("read");
         let told: Vec<_> = told
             .iter()

@@ -11,15 +11,15 @@ use tokio::time::{Instant, timeout_at};
 pub(super) const BODY_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Returns a request with a body that ends with an error if it does not come in time.
-pub(super) async fn in_time(request: Request) -> Request {
+pub(super) async fn with_body_timeout(request: Request) -> Request {
     let until = Instant::now() + BODY_TIMEOUT;
     request.map(|body| match body.is_end_stream() {
         true => body,
-        false => limited(body, until),
+        false => limit_body(body, until),
     })
 }
 
-fn limited(body: Body, until: Instant) -> Body {
+fn limit_body(body: Body, until: Instant) -> Body {
     let parts = stream::unfold(Some(body.into_data_stream()), move |body| async move {
         let mut body = body?;
         match timeout_at(until, body.next()).await {

@@ -4,7 +4,7 @@ use crate::devices::cameras::{Conditions, PictureQuality};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The last picture of a camera that was requested on the page.
-pub(super) struct View {
+pub(super) struct CameraShot {
     pub jpeg: Vec<u8>,
     pub unix_ms: i64,
     pub size_px: [usize; 2],
@@ -14,18 +14,18 @@ pub(super) struct View {
 
 /// The last picture of each camera.
 #[derive(Default)]
-pub(super) struct Views([Mutex<Option<Arc<View>>>; 2]);
+pub(super) struct CameraShots([Mutex<Option<Arc<CameraShot>>>; 2]);
 
-impl Views {
-    fn slot(&self, at: usize) -> MutexGuard<'_, Option<Arc<View>>> {
+impl CameraShots {
+    fn lock_slot(&self, at: usize) -> MutexGuard<'_, Option<Arc<CameraShot>>> {
         self.0[at].lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub fn keep(&self, at: usize, view: View) {
-        *self.slot(at) = Some(Arc::new(view));
+    pub fn store(&self, at: usize, view: CameraShot) {
+        *self.lock_slot(at) = Some(Arc::new(view));
     }
 
-    pub fn last(&self, at: usize) -> Option<Arc<View>> {
-        self.slot(at).clone()
+    pub fn last_shot(&self, at: usize) -> Option<Arc<CameraShot>> {
+        self.lock_slot(at).clone()
     }
 }

@@ -1,17 +1,17 @@
 //! The record of one cycle: to read, to download, and to sign.
 
-use super::guard::{By, not_found, refusal};
-use super::layout::{Frame, Script, local};
-use super::reading::{Answer, doing, ended, reading};
+use super::guard::{VisitorExtension, not_found_page, refusal};
+use super::layout::{Frame, Script, local_time};
+use super::reading::{Answer, panic_response, reading, with_store};
 use super::scene;
 use super::state::{Web, entry, hashing, pauses};
 use super::visitor::{Person, Visitor};
 use crate::accounts::{Account, AuditEntry, Permission};
-use crate::daemon::people::{LogIn, stamp};
+use crate::daemon::people::{LoginResult, account_stamp};
 use crate::daemon::record_source::RecordPdf;
 use crate::record::{CycleId, CycleRecord};
 use crate::signing::{Meaning, PersonSignature};
-use crate::store::{PersonSigns, Store};
+use crate::store::{PersonSigningRequest, Store};
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -30,21 +30,21 @@ const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src dat
 async fn id(number: &str) -> Result<CycleId, Response> {
     match number.parse() {
         Ok(number @ 1..) => Ok(CycleId(number)),
-        _ => Err(not_found().await),
+        _ => Err(not_found_page().await),
     }
 }
 
 /// Shows a cycle with its record inside, its signatures and the form to sign it.
 pub(super) async fn page(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Path(number): Path<String>,
 ) -> Answer {
     let id = id(&number).await?;
-    let read = move |store: &Store| Ok((store.cycle(id)?, store.signed_by_persons(id)?));
+    let read = move |store: &Store| Ok((store.cycle(id)?, store.person_signatures(id)?));
     let (record, signatures) = reading(&web, &visitor, read).await?;
     let words = visitor.language();
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     let title = format!("{} {id}", word("run.cycle"));
     let is_over = record.judgement.is_some();
     let body = html! {
@@ -57,10 +57,10 @@ pub(super) async fn page(
             }
             h3 { (word("cycle.signatures")) }
             @if signatures.is_empty() { p { (word("cycle.unsigned")) } }
-            ul { @for (unix_ms, signature) in &signatures { li { (signature_text(signature)) ", " (local(*unix_ms)) } } }
-            @if visitor.may(Permission::Sign) && is_over { (form(&visitor, id)) }
+            ul { @for (unix_ms, signature) in &signatures { li { (signature_text(signature)) ", " (local_time(*unix_ms)) } } }
+            @if visitor.has_permission(Permission::Sign) && is_over { (sign_form(&visitor, id)) }
         }
-        section.card { (scene::shown(words, Some(id))) }
+        section.card { (scene::show_scene(words, Some(id))) }
         iframe.record title=(word("cycle.record")) src={ "/cycle/" (id) "/record" } {}
     };
     Ok(Frame { visitor: &visitor, title: &title, here: "/cycle", scripts: &[Script::Forms, Script::Scene] }
@@ -70,19 +70,19 @@ pub(super) async fn page(
 fn signature_text(signature: &PersonSignature) -> String {
     let PersonSignature { name, user, meaning, remark, .. } = signature;
     let remark = remark.as_ref().map_or(String::new(), |remark| format!(": {remark}"));
-    format!("{name} ({user}): {}{remark}", meaning.words())
+    format!("{name} ({user}): {}{remark}", meaning.printed_text())
 }
 
-fn form(visitor: &Visitor, id: CycleId) -> Markup {
+fn sign_form(visitor: &Visitor, id: CycleId) -> Markup {
     let words = visitor.language();
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     html! {
         details #sign {
             summary { (word("cycle.sign")) }
             form.narrow data-post={ "/cycle/" (id) "/sign" } data-then={ "/cycle/" (id) } {
                 label { (word("cycle.meaning")) select name="meaning" required {
                     option value="" {}
-                    @for meaning in Meaning::ALL { option value=(meaning_key(meaning)) { (meaning.words()) } }
+                    @for meaning in Meaning::ALL { option value=(meaning_key(meaning)) { (meaning.printed_text()) } }
                 } }
                 label { (word("cycle.remark")) input name="remark" maxlength="200" autocomplete="off"; }
                 label { (word("login.password")) input name="password" type="password" autocomplete="current-password" required maxlength="200"; }
@@ -101,11 +101,11 @@ fn meaning_key(meaning: Meaning) -> String {
 /// Serves the page of the record only, as a person reads and prints it.
 pub(super) async fn record(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Path(number): Path<String>,
 ) -> Answer {
-    let id = known(&web, &visitor, &number).await?;
-    let html = doing(&visitor, move || web.records.page(id)).await?;
+    let id = existing_cycle(&web, &visitor, &number).await?;
+    let html = with_store(&visitor, move || web.records.page(id)).await?;
     let headers = [
         (header::CONTENT_TYPE, "text/html; charset=utf-8"),
         (header::CONTENT_SECURITY_POLICY, POLICY),
@@ -115,10 +115,14 @@ pub(super) async fn record(
 }
 
 /// Serves the record as PDF/A-3 with the signed JSON inside.
-pub(super) async fn pdf(State(web): State<Arc<Web>>, Extension(visitor): By, Path(number): Path<String>) -> Answer {
-    let id = known(&web, &visitor, &number).await?;
-    let unsigned = visitor.language().word("cycle.unsigned");
-    let Some(RecordPdf { pdf, .. }) = doing(&visitor, move || web.records.pdf(id)).await? else {
+pub(super) async fn pdf(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Path(number): Path<String>,
+) -> Answer {
+    let id = existing_cycle(&web, &visitor, &number).await?;
+    let unsigned = visitor.language().text("cycle.unsigned");
+    let Some(RecordPdf { pdf, .. }) = with_store(&visitor, move || web.records.pdf(id)).await? else {
         return Err(refusal(StatusCode::NOT_FOUND, "not_signed", unsigned));
     };
     let name = format!("attachment; filename=\"cycle-{id}.pdf\"");
@@ -127,18 +131,18 @@ pub(super) async fn pdf(State(web): State<Arc<Web>>, Extension(visitor): By, Pat
 }
 
 /// Returns the number of a cycle, if the cycle exists.
-async fn known(web: &Arc<Web>, visitor: &Visitor, number: &str) -> Result<CycleId, Response> {
+async fn existing_cycle(web: &Arc<Web>, visitor: &Visitor, number: &str) -> Result<CycleId, Response> {
     let id = id(number).await?;
     match reading(web, visitor, move |store| store.has_cycle(id)).await? {
         true => Ok(id),
-        false => Err(not_found().await),
+        false => Err(not_found_page().await),
     }
 }
 
 /// Serves a cycle's record as JSON.
 pub(super) async fn json(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Path(number): Path<String>,
 ) -> Answer {
     let id = id(&number).await?;
@@ -149,12 +153,12 @@ pub(super) async fn json(
 /// Serves a picture that a finding of the cycle names.
 pub(super) async fn picture(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Path((number, finding, picture)): Path<(String, String, String)>,
 ) -> Answer {
     let id = id(&number).await?;
     let (Ok(finding), Ok(picture)) = (finding.parse::<usize>(), picture.parse::<usize>()) else {
-        return Err(not_found().await);
+        return Err(not_found_page().await);
     };
     let read = move |store: &Store| {
         let record: CycleRecord = store.cycle(id)?;
@@ -163,13 +167,13 @@ pub(super) async fn picture(
     };
     match reading(&web, &visitor, read).await? {
         Some(jpeg) => Ok(([(header::CONTENT_TYPE, "image/jpeg")], jpeg).into_response()),
-        None => Err(not_found().await),
+        None => Err(not_found_page().await),
     }
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Signs {
+pub(super) struct SignForm {
     meaning: Meaning,
     #[serde(default)]
     remark: String,
@@ -179,18 +183,18 @@ pub(super) struct Signs {
 /// Signs the record as the person who is logged in; the person must give the password once more.
 pub(super) async fn sign(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Path(number): Path<String>,
-    Json(Signs { meaning, remark, password }): Json<Signs>,
+    Json(SignForm { meaning, remark, password }): Json<SignForm>,
 ) -> Answer {
     let id = id(&number).await?;
-    let Some(person) = visitor.person.clone() else { return Err(not_found().await) };
+    let Some(person) = visitor.person.clone() else { return Err(not_found_page().await) };
     let remark = Some(remark.trim().to_owned()).filter(|remark| !remark.is_empty());
     let name = person.printed_name.clone();
-    let signs = PersonSigns { cycle: id, name, user: person.name.clone(), meaning, remark };
+    let signs = PersonSigningRequest { cycle: id, name, user: person.name.clone(), meaning, remark };
     let line = AuditEntry {
         subject: Some(format!("cycle {id}")),
-        after: Some(meaning.words().to_owned()),
+        after: Some(meaning.printed_text().to_owned()),
         ..entry(&visitor, "sign record")
     };
     let shared = web.clone();
@@ -207,11 +211,11 @@ pub(super) async fn sign(
     let problem_at = |code, problem: &str| refusal(StatusCode::UNPROCESSABLE_ENTITY, code, problem);
     match signed.await {
         Some(Ok(number)) => {
-            Ok(Json(json!({ "message": visitor.language().word("saved"), "number": number })).into_response())
+            Ok(Json(json!({ "message": visitor.language().text("saved"), "number": number })).into_response())
         }
         Some(Err(NotSigned::Pauses(left_s))) => Err(problem_at("password", &pauses(left_s, visitor.language()))),
         Some(Err(NotSigned::Problem(problem))) => Err(problem_at("sign", &problem)),
-        None => Err(ended()),
+        None => Err(panic_response()),
     }
 }
 
@@ -225,16 +229,18 @@ enum NotSigned {
 
 /// Signs the record and returns the signature's number. The present account data are used, and only if the account has
 /// not changed since the person logged in.
-fn signed(web: &Web, signs: PersonSigns, person: &Person, password: &str) -> Result<u64, NotSigned> {
+fn signed(web: &Web, signs: PersonSigningRequest, person: &Person, password: &str) -> Result<u64, NotSigned> {
     let refused = |problem: &str| Err(NotSigned::Problem(problem.to_owned()));
-    match web.front.people.tried(&signs.user, password) {
-        LogIn::Right(account) if stamp(&account) != person.stamp || !account.role.may(Permission::Sign) => {
+    match web.front.people.check_password(&signs.user, password) {
+        LoginResult::Right(account)
+            if account_stamp(&account) != person.stamp || !account.role.has_permission(Permission::Sign) =>
+        {
             refused("the account was changed since the log-in; log in again; the record is not signed")
         }
-        LogIn::Right(Account { name: user, printed_name: name, .. }) => {
-            web.records.sign(&PersonSigns { user, name, ..signs }).map_err(NotSigned::Problem)
+        LoginResult::Right(Account { name: user, printed_name: name, .. }) => {
+            web.records.sign(&PersonSigningRequest { user, name, ..signs }).map_err(NotSigned::Problem)
         }
-        LogIn::Pauses(left_s) => Err(NotSigned::Pauses(left_s)),
-        LogIn::Wrong(_) | LogIn::Unknown => refused("the password is wrong; the record is not signed"),
+        LoginResult::Pauses(left_s) => Err(NotSigned::Pauses(left_s)),
+        LoginResult::Wrong(_) | LoginResult::Unknown => refused("the password is wrong; the record is not signed"),
     }
 }

@@ -1,32 +1,32 @@
 //! The state of the whole cell, as `panelprep doctor` reports it: each item from the bottom up, with its findings and
 //! the remedy.
 
-use super::guard::By;
+use super::guard::VisitorExtension;
 use super::layout::Frame;
 use super::page_texts::Language;
-use super::reading::{Answer, ended};
-use super::state::{Web, blocking};
-use crate::daemon::setup_source::Examined;
+use super::reading::{Answer, panic_response};
+use super::state::{Web, run_blocking};
+use crate::daemon::setup_source::ExaminedItem;
 use axum::Extension;
 use axum::extract::State;
 use maud::{Markup, html};
 use std::sync::Arc;
 
 /// Examines everything now, for one person at a time: it queries cameras, robot and disk.
-pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
-    let Ok(_turn) = web.examining.acquire().await else { return Err(ended()) };
+pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
+    let Ok(_turn) = web.examining.acquire().await else { return Err(panic_response()) };
     let source = web.front.setup.clone();
-    let Some(examined) = blocking(move || source.examine()).await else { return Err(ended()) };
+    let Some(examined) = run_blocking(move || source.examine_cell()).await else { return Err(panic_response()) };
     let words = visitor.language();
-    let title = words.word("doctor.title");
+    let title = words.text("doctor.title");
     let frame = Frame { visitor: &visitor, title, here: "/setup", scripts: &[] };
     Ok(frame.page(&body(words, &examined)))
 }
 
 /// Shows the things that are not right first, then the others, both in the order from the bottom up.
-fn body(words: Language<'_>, examined: &[Examined]) -> Markup {
-    let word = |key| words.word(key);
-    let (right, wrong): (Vec<&Examined>, Vec<&Examined>) = examined.iter().partition(|one| one.is_right);
+fn body(words: Language<'_>, examined: &[ExaminedItem]) -> Markup {
+    let word = |key| words.text(key);
+    let (right, wrong): (Vec<&ExaminedItem>, Vec<&ExaminedItem>) = examined.iter().partition(|one| one.is_right);
     html! {
         section.card {
             h2 { (word("doctor.title")) }
@@ -51,18 +51,18 @@ fn body(words: Language<'_>, examined: &[Examined]) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::web::page_texts::Words;
+    use crate::daemon::web::page_texts::Translations;
 
     #[test]
     fn what_is_wrong_stands_first_with_what_to_do() {
-        let one = |name: &str, is_right, advice: &str| Examined {
+        let one = |name: &str, is_right, advice: &str| ExaminedItem {
             name: name.to_owned(),
             is_right,
             found: format!("{name} <found>"),
             advice: advice.to_owned(),
         };
         let examined = [one("disk", true, ""), one("robot", false, "look at its cable"), one("clock", true, "")];
-        let words = Words::read(None).expect("the program's own");
+        let words = Translations::read(None).expect("the program's own");
         let page = body(words.language(Some("en"), None), &examined).into_string();
         let at = |text: &str| page.find(text).unwrap_or_else(|| panic!("{text} is missing: {page}"));
         assert!(

@@ -1,6 +1,6 @@
 //! The data of a page as a file: CSV for a spreadsheet, JSON for a program.
 
-use super::layout::failed;
+use super::layout::error_page;
 use super::visitor::Visitor;
 use crate::history::Table;
 use axum::Json;
@@ -10,7 +10,7 @@ use serde::Serialize;
 
 /// The requested format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Form {
+pub(super) enum DownloadFormat {
     Page,
     Csv,
     Json,
@@ -18,7 +18,7 @@ pub(super) enum Form {
 
 /// Returns a table as a file; `name` is the file name without its extension.
 pub(super) fn csv(visitor: &Visitor, name: &str, table: &Table) -> Response {
-    csv_file(name, table).unwrap_or_else(|error| failed(visitor, &error))
+    csv_file(name, table).unwrap_or_else(|error| error_page(visitor, &error))
 }
 
 /// Returns the same file for callers that report a failure differently.

@@ -1,16 +1,16 @@
 //! Drawing a recipe's region, outline and masks on the taught scan's picture. The drawing becomes a proposed recipe
 //! text, shown with its differences; the text is approved and saved like every other change of a recipe.
 
-use super::guard::{By, refusal};
+use super::guard::{VisitorExtension, refusal};
 use super::layout::{Frame, Script};
-use super::reading::{Answer, ended};
-use super::state::{Web, blocking};
+use super::reading::{Answer, panic_response};
+use super::state::{Web, run_blocking};
 use super::versions::difference;
 use crate::daemon::setup_source::SetupSource;
 use crate::files;
 use crate::files::content_hash;
 use crate::page::drawing::canvas;
-use crate::recipe::Drawn;
+use crate::recipe::DrawnShapes;
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -20,27 +20,31 @@ use serde_json::json;
 use std::sync::Arc;
 
 /// Does work with the recipes that may wait for a disk; an error becomes the response.
-async fn with<T: Send + 'static>(
+async fn with_recipes<T: Send + 'static>(
     web: &Web,
     work: impl FnOnce(&dyn SetupSource) -> Result<T, String> + Send + 'static,
 ) -> Result<T, Response> {
     let source = web.front.setup.clone();
-    match blocking(move || work(&*source)).await {
+    match run_blocking(move || work(&*source)).await {
         Some(Ok(done)) => Ok(done),
         Some(Err(problem)) => Err(refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problem)),
-        None => Err(ended()),
+        None => Err(panic_response()),
     }
 }
 
 /// Shows the sheet with its tools, and the form that approves the drawing.
-pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By, Path(name): Path<String>) -> Answer {
+pub(super) async fn page(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Path(name): Path<String>,
+) -> Answer {
     let asked = name.clone();
-    with(&web, move |source| source.recipe(&asked)).await?;
+    with_recipes(&web, move |source| source.recipe(&asked)).await?;
     let words = visitor.language();
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     let own = format!("/setup/recipe/{}", encoded(&name));
     let title = format!("{}: {name}", word("setup.draw"));
-    let sheet = canvas::markup(&format!("{own}/picture.png"), "", |key| words.word(key).to_owned());
+    let sheet = canvas::sheet_markup(&format!("{own}/picture.png"), "", |key| words.text(key).to_owned());
     let body = html! {
         section.card {
             h2 { (title) }
@@ -50,14 +54,14 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By, Pa
             div.drawing data-recipe=(own) { (PreEscaped(sheet)) }
             button.primary #propose type="button" disabled { (word("setup.propose")) }
         }
-        (approval(&own, &word))
+        (approval_form(&own, &word))
     };
     Ok(Frame { visitor: &visitor, title: &title, here: "/setup", scripts: &[Script::Draw, Script::Forms] }
         .page(&body))
 }
 
 /// Shows the drawing as lines of the recipe, and the form that approves them.
-fn approval<'w>(own: &str, word: &dyn Fn(&'w str) -> &'w str) -> Markup {
+fn approval_form<'w>(own: &str, word: &dyn Fn(&'w str) -> &'w str) -> Markup {
     html! {
         section.card #proposal hidden {
             h2 { (word("setup.proposal")) }
@@ -79,7 +83,7 @@ fn encoded(name: &str) -> String {
 
 /// Serves the taught scan's picture.
 pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String>) -> Answer {
-    let png = with(&web, move |source| {
+    let png = with_recipes(&web, move |source| {
         let picture = source.taught_picture(&name)?;
         files::write_color_png(&picture).map_err(|error| error.to_string())
     });
@@ -88,9 +92,11 @@ pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String
 
 /// Returns the drawing of the recipe's content.
 pub(super) async fn drawing(State(web): State<Arc<Web>>, Path(name): Path<String>) -> Answer {
-    let drawn = with(&web, move |source| {
+    let drawn = with_recipes(&web, move |source| {
         let text = source.recipe(&name)?.text;
-        canvas::checked(&name, &text).map(|recipe| canvas::drawn(&recipe)).map_err(|problems| problems.join("\n"))
+        canvas::check_recipe(&name, &text)
+            .map(|recipe| canvas::recipe_shapes(&recipe))
+            .map_err(|problems| problems.join("\n"))
     });
     Ok(Json(drawn.await?).into_response())
 }
@@ -99,13 +105,14 @@ pub(super) async fn drawing(State(web): State<Arc<Web>>, Path(name): Path<String
 pub(super) async fn propose(
     State(web): State<Arc<Web>>,
     Path(name): Path<String>,
-    Json(drawn): Json<Drawn>,
+    Json(drawn): Json<DrawnShapes>,
 ) -> Answer {
-    let proposed = with(&web, move |source| {
+    let proposed = with_recipes(&web, move |source| {
         let before = source.recipe(&name)?.text;
         let picture = source.taught_picture(&name)?;
         let size_px = [picture.width, picture.height];
-        let after = canvas::drawn_on((&name, &before), size_px, &drawn).map_err(|problems| problems.join("\n"))?;
+        let after = canvas::recipe_with_shapes((&name, &before), size_px, &drawn)
+            .map_err(|problems| problems.join("\n"))?;
         match source.problems(&name, &after) {
             problems if problems.is_empty() => Ok((before, after)),
             problems => Err(problems.join("\n")),

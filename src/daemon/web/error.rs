@@ -36,7 +36,7 @@ pub struct PageFileError {
 }
 
 impl PageFileError {
-    pub(super) fn file(path: &Path, problem: impl ToString) -> Self {
+    pub(super) fn file_error(path: &Path, problem: impl ToString) -> Self {
         PageFileError { path: path.to_owned(), problem: problem.to_string() }
     }
 }

@@ -3,21 +3,21 @@
 use crate::daemon::live_scene::LiveScene;
 use crate::daemon::live_view::{LiveFrame, LiveView};
 use crate::files;
-use crate::report::canvas::resized;
+use crate::report::canvas::resize_to_width;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The largest width of a picture that is sent, px.
 const MAX_WIDTH_PX: usize = 960;
 
 /// The newest picture as a JPEG.
-pub(super) struct Frames {
+pub(super) struct FrameEncoder {
     view: LiveView,
     last: Mutex<Option<(u64, Arc<Vec<u8>>)>>,
 }
 
-impl Frames {
+impl FrameEncoder {
     pub fn new(view: LiveView) -> Self {
-        Frames { view, last: Mutex::new(None) }
+        FrameEncoder { view, last: Mutex::new(None) }
     }
 
     /// Returns the newest cycle in three dimensions.
@@ -26,8 +26,8 @@ impl Frames {
     }
 
     /// Returns the number of the newest picture and its name; 0 if there is none.
-    pub fn newest(&self) -> (u64, Option<String>) {
-        match self.view.newest() {
+    pub fn newest_frame(&self) -> (u64, Option<String>) {
+        match self.view.newest_picture() {
             (number, Some(frame)) => (number, Some(frame.name.clone())),
             (_, None) => (0, None),
         }
@@ -35,9 +35,9 @@ impl Frames {
 
     /// Returns the newest picture; `None` if there is none. Encoding takes a few hundredths of a second, once for each
     /// picture.
-    pub fn jpeg(&self) -> Option<Arc<Vec<u8>>> {
+    pub fn newest_jpeg(&self) -> Option<Arc<Vec<u8>>> {
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        let (number, frame) = self.view.newest();
+        let (number, frame) = self.view.newest_picture();
         let frame = frame?;
         if let Some((kept, jpeg)) = last.as_ref()
             && *kept == number
@@ -51,8 +51,8 @@ impl Frames {
 }
 
 fn encoded(frame: &LiveFrame) -> Option<Vec<u8>> {
-    let drawn = frame.drawn().and_then(|picture| match picture.width > MAX_WIDTH_PX {
-        true => resized(&picture, MAX_WIDTH_PX),
+    let drawn = frame.draw().and_then(|picture| match picture.width > MAX_WIDTH_PX {
+        true => resize_to_width(&picture, MAX_WIDTH_PX),
         false => Ok(picture),
     });
     let jpeg = drawn.map_err(|error| error.to_string());

@@ -4,7 +4,7 @@
 use super::access::{Access, Method, Route};
 use super::layout;
 use super::sessions::Session;
-use super::state::{Web, blocking, entry};
+use super::state::{Web, entry, run_blocking};
 use super::visitor::{Person, Visitor, role_key};
 use axum::body::Body;
 use axum::extract::{ConnectInfo, Request, State};
@@ -41,7 +41,7 @@ pub(super) fn refusal(status: StatusCode, code: &str, message: &str) -> Response
 }
 
 /// Identifies the visitor, and lets permitted requests pass.
-pub(super) async fn pass(
+pub(super) async fn identify_visitor(
     State((web, route)): State<(Arc<Web>, &'static Route)>,
     ConnectInfo(from): ConnectInfo<SocketAddr>,
     mut request: Request<Body>,
@@ -49,7 +49,7 @@ pub(super) async fn pass(
 ) -> Response {
     let headers = request.headers();
     let (is_change, access) = (route.method == Method::Post, route.access);
-    let mut visitor = visitor(&web, headers, from, is_change || !is_by_itself(request.uri().path()));
+    let mut visitor = find_visitor(&web, headers, from, is_change || !is_automatic_request(request.uri().path()));
     // A request that is open to all persons, such as a stop, waits for no disk.
     if let (Access::Needs(_), Some(person)) = (access, &visitor.person)
         && !web.stamps.count(&web.front.people, person).await
@@ -57,11 +57,11 @@ pub(super) async fn pass(
         web.sessions().end(&person.token);
         (visitor.person, visitor.has_ended) = (None, true);
     }
-    if is_change && let Some(refused) = foreign(headers, &visitor, access) {
+    if is_change && let Some(refused) = cross_site_refusal(headers, &visitor, access) {
         return refused;
     }
     if let Access::Needs(permission) = access
-        && !visitor.may(permission)
+        && !visitor.has_permission(permission)
     {
         let path = request.uri().path().to_owned();
         return refused(&web, visitor, path, is_change).await;
@@ -72,11 +72,11 @@ pub(super) async fn pass(
 
 /// Returns whether a page makes this request automatically, without a person: such a request does not extend a
 /// session.
-fn is_by_itself(path: &str) -> bool {
+fn is_automatic_request(path: &str) -> bool {
     ["/events", "/frame.jpg", "/now.json", "/review"].contains(&path) || path.starts_with("/assets/")
 }
 
-fn visitor(web: &Web, headers: &HeaderMap, from: SocketAddr, is_action: bool) -> Visitor {
+fn find_visitor(web: &Web, headers: &HeaderMap, from: SocketAddr, is_action: bool) -> Visitor {
     let text = |name| headers.get(name).and_then(|value: &HeaderValue| value.to_str().ok()).map(str::to_owned);
     let token = cookie(headers, cookie_name(web.is_tls));
     let person = token.and_then(|token| {
@@ -90,14 +90,14 @@ fn visitor(web: &Web, headers: &HeaderMap, from: SocketAddr, is_action: bool) ->
         person,
         chosen: cookie(headers, "language").map(str::to_owned),
         accepted: text(header::ACCEPT_LANGUAGE),
-        words: web.words.clone(),
+        words: web.translations.clone(),
     }
 }
 
 /// Returns the refusal of a change that does not come from our own page. A browser states the site from which the
 /// request comes, or names the page's own host as the origin; and for a logged-in person the page has the session's
 /// token.
-fn foreign(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Option<Response> {
+fn cross_site_refusal(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Option<Response> {
     let text = |name: &str| headers.get(name).and_then(|value| value.to_str().ok());
     let host = text("host").unwrap_or("");
     let is_same = match (text("sec-fetch-site"), text("origin")) {
@@ -119,7 +119,7 @@ fn foreign(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Option<Res
     // still executed.
     match &visitor.person {
         Some(person) if access != Access::Open && text(CSRF) != Some(&person.csrf) => {
-            Some(refusal(StatusCode::FORBIDDEN, "token", visitor.language().word("refused.token")))
+            Some(refusal(StatusCode::FORBIDDEN, "token", visitor.language().text("refused.token")))
         }
         _ => None,
     }
@@ -128,10 +128,10 @@ fn foreign(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Option<Res
 async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool) -> Response {
     let words = visitor.language();
     let Some(person) = &visitor.person else {
-        let first = || refusal(StatusCode::UNAUTHORIZED, "log_in", words.word("refused.log_in"));
+        let first = || refusal(StatusCode::UNAUTHORIZED, "log_in", words.text("refused.log_in"));
         return match is_change {
             true => first(),
-            false if is_by_itself(&path) => first(),
+            false if is_automatic_request(&path) => first(),
             false => Redirect::to(&format!(
                 "/login?next={}",
                 form_urlencoded::byte_serialize(path.as_bytes()).collect::<String>()
@@ -139,15 +139,15 @@ async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool
             .into_response(),
         };
     };
-    let message = format!("the role {} has no permission for this request", person.role.word());
-    let told = format!("{} ({})", words.word("refused.role"), words.word(role_key(person.role)));
+    let message = format!("the role {} has no permission for this request", person.role.keyword());
+    let told = format!("{} ({})", words.text("refused.role"), words.text(role_key(person.role)));
     let (web, mut line) = (web.clone(), entry(&visitor, if is_change { "request" } else { "look" }));
     (line.subject, line.refused) = (Some(path), Some(message));
-    blocking(move || web.audit_refusal(&line)).await;
+    run_blocking(move || web.audit_refusal(&line)).await;
     refusal(StatusCode::FORBIDDEN, "role", &told)
 }
 
-pub(super) async fn not_found() -> Response {
+pub(super) async fn not_found_page() -> Response {
     refusal(StatusCode::NOT_FOUND, "not_found", "there is no page at this address")
 }
 
@@ -171,7 +171,7 @@ pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>,
     }
     let is_asset = request.uri().path().starts_with("/assets/");
     let viewer = looks_at_a_page(&request).then(|| request.extensions().get::<ConnectInfo<SocketAddr>>().copied());
-    let viewer = viewer.flatten().map(|from| visitor(&web, request.headers(), from.0, false));
+    let viewer = viewer.flatten().map(|from| find_visitor(&web, request.headers(), from.0, false));
     let mut response = next.run(request).await;
     let error = match response.status() {
         StatusCode::NOT_FOUND => Some("refused.not_found"),
@@ -200,4 +200,4 @@ pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>,
 }
 
 /// The visitor, as a handler receives it.
-pub(super) type By = Extension<Visitor>;
+pub(super) type VisitorExtension = Extension<Visitor>;

@@ -1,13 +1,13 @@
 //! The history: a search for cycles, and its results as a table.
 
-use super::downloads::{self, Form};
-use super::guard::By;
-use super::layout::{Frame, local};
+use super::downloads::{self, DownloadFormat};
+use super::guard::VisitorExtension;
+use super::layout::{Frame, local_time};
 use super::page_texts::Language;
 use super::reading::{Answer, reading};
 use super::state::Web;
 use super::visitor::Visitor;
-use crate::history::{DateError, Edge, End, Hit, Hits, Query, hits_table, unix_s};
+use crate::history::{DateError, Edge, Hit, Hits, Query, RequiredEnd, hits_table, unix_s};
 use crate::record::CycleId;
 use crate::verdict::{Reason, Verdict};
 use axum::Extension;
@@ -53,7 +53,7 @@ impl SearchForm {
     fn query(&self, limit: usize) -> Result<Query, DateError> {
         let filled = |text: &str| Some(text.trim().to_owned()).filter(|text| !text.is_empty());
         let date = |text: &str, edge| filled(text).map(|text| unix_s(&text, edge)).transpose();
-        let verdict = VERDICTS.into_iter().find(|verdict| verdict.word() == self.verdict).map(End::With);
+        let verdict = VERDICTS.into_iter().find(|verdict| verdict.keyword() == self.verdict).map(RequiredEnd::With);
         Ok(Query {
             serial: filled(&self.part),
             order: filled(&self.order),
@@ -61,9 +61,9 @@ impl SearchForm {
             operator: filled(&self.operator),
             from_unix_s: date(&self.from, Edge::Start)?,
             until_unix_s: date(&self.to, Edge::Behind)?,
-            end: verdict.or_else(|| (self.verdict == RUNNING).then_some(End::Running)),
+            end: verdict.or_else(|| (self.verdict == RUNNING).then_some(RequiredEnd::Running)),
             words: self.text.split_whitespace().map(str::to_owned).collect(),
-            before: self.before.map(CycleId),
+            before_cycle: self.before.map(CycleId),
             limit,
         })
     }
@@ -85,46 +85,48 @@ impl SearchForm {
     }
 }
 
-pub(super) async fn page(state: State<Arc<Web>>, by: By, form: QueryString<SearchForm>) -> Answer {
-    searched(state, by, form, Form::Page).await
+pub(super) async fn page(state: State<Arc<Web>>, by: VisitorExtension, form: QueryString<SearchForm>) -> Answer {
+    search_cycles(state, by, form, DownloadFormat::Page).await
 }
 
-pub(super) async fn csv(state: State<Arc<Web>>, by: By, form: QueryString<SearchForm>) -> Answer {
-    searched(state, by, form, Form::Csv).await
+pub(super) async fn csv(state: State<Arc<Web>>, by: VisitorExtension, form: QueryString<SearchForm>) -> Answer {
+    search_cycles(state, by, form, DownloadFormat::Csv).await
 }
 
-pub(super) async fn json(state: State<Arc<Web>>, by: By, form: QueryString<SearchForm>) -> Answer {
-    searched(state, by, form, Form::Json).await
+pub(super) async fn json(state: State<Arc<Web>>, by: VisitorExtension, form: QueryString<SearchForm>) -> Answer {
+    search_cycles(state, by, form, DownloadFormat::Json).await
 }
 
-async fn searched(
+async fn search_cycles(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     QueryString(form): QueryString<SearchForm>,
-    as_what: Form,
+    as_what: DownloadFormat,
 ) -> Answer {
-    let query = form.query(if as_what == Form::Page { PAGE } else { FILE }).map_err(|error| {
+    let query = form.query(if as_what == DownloadFormat::Page { PAGE } else { FILE }).map_err(|error| {
         let told = match as_what {
-            Form::Page => framed(&visitor, &body(visitor.language(), &form, &Hits::default(), Some(&error))),
-            Form::Csv | Form::Json => error.to_string().into_response(),
+            DownloadFormat::Page => {
+                history_page(&visitor, &body(visitor.language(), &form, &Hits::default(), Some(&error)))
+            }
+            DownloadFormat::Csv | DownloadFormat::Json => error.to_string().into_response(),
         };
         (StatusCode::BAD_REQUEST, told).into_response()
     })?;
     let hits = reading(&web, &visitor, move |store| store.search(&query)).await?;
     Ok(match as_what {
-        Form::Page => framed(&visitor, &body(visitor.language(), &form, &hits, None)),
-        Form::Csv => downloads::csv(&visitor, "cycles", &hits_table(&hits.hits)),
-        Form::Json => downloads::json(&hits),
+        DownloadFormat::Page => history_page(&visitor, &body(visitor.language(), &form, &hits, None)),
+        DownloadFormat::Csv => downloads::csv(&visitor, "cycles", &hits_table(&hits.hits)),
+        DownloadFormat::Json => downloads::json(&hits),
     })
 }
 
-fn framed(visitor: &Visitor, body: &Markup) -> Response {
-    let title = visitor.language().word("history.title");
+fn history_page(visitor: &Visitor, body: &Markup) -> Response {
+    let title = visitor.language().text("history.title");
     Frame { visitor, title, here: "/history", scripts: &[] }.page(body)
 }
 
 fn body(words: Language<'_>, form: &SearchForm, hits: &Hits, error: Option<&DateError>) -> Markup {
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     let address = form.address();
     let first = form.before.is_none();
     html! {
@@ -150,7 +152,7 @@ fn body(words: Language<'_>, form: &SearchForm, hits: &Hits, error: Option<&Date
 }
 
 fn fields(words: Language<'_>, form: &SearchForm) -> Markup {
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     let texts = [
         ("part", "run.serial", &form.part),
         ("order", "run.order", &form.order),
@@ -169,8 +171,8 @@ fn fields(words: Language<'_>, form: &SearchForm) -> Markup {
                 (word("history.verdict"))
                 select name="verdict" {
                     option value="" { (word("history.any")) }
-                    @for verdict in VERDICTS.map(|verdict| verdict.word()).into_iter().chain([RUNNING]) {
-                        option value=(verdict) selected[form.verdict == verdict] { (verdict_word(words, verdict)) }
+                    @for verdict in VERDICTS.map(|verdict| verdict.keyword()).into_iter().chain([RUNNING]) {
+                        option value=(verdict) selected[form.verdict == verdict] { (verdict_text(words, verdict)) }
                     }
                 }
             }
@@ -181,11 +183,11 @@ fn fields(words: Language<'_>, form: &SearchForm) -> Markup {
 }
 
 /// Returns the word of a verdict in the reader's language.
-pub(super) fn verdict_word(words: Language<'_>, verdict: &str) -> String {
+pub(super) fn verdict_text(words: Language<'_>, verdict: &str) -> String {
     match verdict {
-        RUNNING => words.word("js.state.execute").to_owned(),
+        RUNNING => words.text("js.state.execute").to_owned(),
         _ => words
-            .all("js.verdict.")
+            .texts_with_prefix("js.verdict.")
             .get(format!("js.verdict.{verdict}").as_str())
             .map_or(verdict, |word| *word)
             .to_owned(),
@@ -194,7 +196,7 @@ pub(super) fn verdict_word(words: Language<'_>, verdict: &str) -> String {
 
 /// Shows the cycles that were found; two of them can be compared.
 fn table(words: Language<'_>, hits: &[Hit]) -> Markup {
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     html! {
         form method="get" action="/compare" {
             div.scroll tabindex="0" {
@@ -210,11 +212,11 @@ fn table(words: Language<'_>, hits: &[Hit]) -> Markup {
                                 td { label.pick { input type="radio" name=(name) value=(hit.cycle) required aria-label={ (word(if name == "first" { "compare.first" } else { "compare.second" })) " " (hit.cycle) }; } }
                             }
                             td { a href={ "/cycle/" (hit.cycle) } { (hit.cycle) } }
-                            td { (local(hit.started_unix_s.saturating_mul(1_000))) }
+                            td { (local_time(hit.started_unix_s.saturating_mul(1_000))) }
                             td { (hit.panel) }
                             @for name in [&hit.part.serial, &hit.part.order, &hit.part.operator] { td { (name.as_deref().unwrap_or("–")) } }
                             td {
-                                (verdict_word(words, hit.verdict.map_or(RUNNING, Verdict::word)))
+                                (verdict_text(words, hit.verdict.map_or(RUNNING, Verdict::keyword)))
                                 @if hit.is_air_run { " (" (word("history.air_run")) ")" }
                             }
                             td { @for (reason, count) in codes(&hit.reasons) { span title=(reason.message) { (reason.code) } @if count > 1 { " ×" (count) } " " } }
@@ -242,7 +244,7 @@ fn codes(reasons: &[Reason]) -> Vec<(&Reason, usize)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::web::page_texts::Words;
+    use crate::daemon::web::page_texts::Translations;
     use crate::record::PartNames;
 
     fn hit() -> Hit {
@@ -268,7 +270,7 @@ mod tests {
             ..SearchForm::default()
         };
         let query = form.query(PAGE).expect("a date");
-        assert_eq!((query.serial.as_deref(), query.end), (Some("SN&1"), Some(End::Running)));
+        assert_eq!((query.serial.as_deref(), query.end), (Some("SN&1"), Some(RequiredEnd::Running)));
         assert_eq!((query.words.len(), query.panel), (2, None));
         assert!(form.address().contains("part=+SN%261+&from=2026-05-31"), "{}", form.address());
         assert!(SearchForm { to: "yesterday".to_owned(), ..form }.query(PAGE).is_err());
@@ -276,7 +278,7 @@ mod tests {
 
     #[test]
     fn the_page_has_every_word_and_executes_no_name() {
-        let words = Words::read(None).expect("the program's own");
+        let words = Translations::read(None).expect("the program's own");
         for language in ["en", "de"] {
             let hits = Hits { hits: vec![hit()], next: Some(CycleId(7)) };
             let error = unix_s("x", Edge::Start).expect_err("no date");

@@ -3,7 +3,7 @@
 use super::assets;
 use super::visitor::{Visitor, role_key};
 use crate::accounts::Permission;
-use crate::number_text::utc;
+use crate::number_text::utc_text;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use maud::{DOCTYPE, Markup, html};
@@ -22,7 +22,7 @@ pub(super) enum Script {
 }
 
 impl Script {
-    fn file(self) -> &'static str {
+    fn script_file(self) -> &'static str {
         match self {
             Script::Forms => "forms.js",
             Script::Run => "run.js",
@@ -56,11 +56,11 @@ impl Frame<'_> {
     /// Returns the whole page around this body.
     pub fn page(&self, body: &Markup) -> Response {
         let words = self.visitor.language();
-        let word = |key| words.word(key);
+        let word = |key| words.text(key);
         let csrf = self.visitor.person.as_ref().map_or("", |person| &person.csrf);
         let person = self.visitor.person.as_ref().map_or("", |person| &person.name);
-        let mut script_words = words.all("js.");
-        script_words.extend(words.all("action."));
+        let mut script_words = words.texts_with_prefix("js.");
+        script_words.extend(words.texts_with_prefix("action."));
         let script_words = serde_json::to_string(&script_words).unwrap_or_default();
         let page = html! {
             (DOCTYPE)
@@ -76,7 +76,7 @@ impl Frame<'_> {
                     link rel="stylesheet" href=(assets::address("page.css"));
                     @if self.scripts.contains(&Script::Draw) { link rel="stylesheet" href=(assets::address("sheet.css")); }
                     script type="module" src=(assets::address("page.js")) {}
-                    @for script in self.scripts { script type="module" src=(assets::address(script.file())) {} }
+                    @for script in self.scripts { script type="module" src=(assets::address(script.script_file())) {} }
                 }
                 body {
                     a.skip href="#main" { (word("skip")) }
@@ -94,8 +94,10 @@ impl Frame<'_> {
 
     fn header(&self) -> Markup {
         let words = self.visitor.language();
-        let word = |key| words.word(key);
-        let shown = PAGES.iter().filter(|(.., needs)| needs.is_none_or(|permission| self.visitor.may(permission)));
+        let word = |key| words.text(key);
+        let shown = PAGES
+            .iter()
+            .filter(|(.., needs)| needs.is_none_or(|permission| self.visitor.has_permission(permission)));
         html! {
             header {
                 nav aria-label=(word("nav.label")) {
@@ -127,23 +129,23 @@ impl Frame<'_> {
 }
 
 /// Shows a time, which the browser displays as its own local time with the offset.
-pub(super) fn local(unix_ms: i64) -> Markup {
-    html! { time data-ms=(unix_ms) { (utc(unix_ms.div_euclid(1_000))) } }
+pub(super) fn local_time(unix_ms: i64) -> Markup {
+    html! { time data-ms=(unix_ms) { (utc_text(unix_ms.div_euclid(1_000))) } }
 }
 
 /// Returns a page that reports an error in making the requested page.
-pub(super) fn failed(visitor: &Visitor, error: &dyn std::fmt::Display) -> Response {
+pub(super) fn error_page(visitor: &Visitor, error: &dyn std::fmt::Display) -> Response {
     tracing::warn!("the page could not be built: {error}");
     let words = visitor.language();
-    let body = html! { section.card { h2 { (words.word("failed")) } p { (error.to_string()) } } };
-    let title = words.word("failed");
+    let body = html! { section.card { h2 { (words.text("failed")) } p { (error.to_string()) } } };
+    let title = words.text("failed");
     let page = Frame { visitor, title, here: "", scripts: &[] }.page(&body);
     (StatusCode::INTERNAL_SERVER_ERROR, page).into_response()
 }
 
 /// Returns the page in place of one that does not exist, or that the visitor's role may not see.
 pub(super) fn without_page(visitor: &Visitor, status: StatusCode, error: &str) -> Response {
-    let message = visitor.language().word(error);
+    let message = visitor.language().text(error);
     let body = html! { section.card { h2 { (message) } } };
     (status, Frame { visitor, title: message, here: "", scripts: &[] }.page(&body)).into_response()
 }

@@ -1,13 +1,13 @@
 //! The state of the cell for all viewers: requested once, sent to all.
 
-use super::frame::Frames;
-use super::guard::By;
-use super::live_state::Live;
+use super::frame::FrameEncoder;
+use super::guard::VisitorExtension;
+use super::live_state::LiveState;
 use super::places::owner;
 use super::state::Web;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::request::RequestKind;
-use crate::record::{RequestSource, Who};
+use crate::record::{RequestAuthor, RequestSource};
 use axum::Extension;
 use axum::extract::{ConnectInfo, State};
 use axum::response::sse::{Event, KeepAlive, Sse};
@@ -25,19 +25,21 @@ const POLL_INTERVAL: Duration = Duration::from_millis(200);
 const KEEP_ALIVE_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Polls the loop and reports changes, until no receiver is left.
-pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::Sender<Arc<Live>>) {
+pub(super) async fn poll_loop(gateway: Gateway, frames: Arc<FrameEncoder>, tell: watch::Sender<Arc<LiveState>>) {
     let mut told = tokio::time::Instant::now();
     loop {
-        let reply = gateway.request(RequestKind::State, Who::by(RequestSource::Page)).await;
+        let reply = gateway.request(RequestKind::State, RequestAuthor::from_source(RequestSource::Page)).await;
         let was = tell.borrow().clone();
         let now = match reply.state {
             // If the page itself is the only receiver, there is no viewer: then no picture is requested or made.
-            Some(_) if tell.receiver_count() <= 1 => Live::from_reply(reply, (was.frame, was.frame_name.clone())),
-            Some(_) => Live::from_reply(reply, frames.newest()),
+            Some(_) if tell.receiver_count() <= 1 => {
+                LiveState::from_reply(reply, (was.frame, was.frame_name.clone()))
+            }
+            Some(_) => LiveState::from_reply(reply, frames.newest_frame()),
             // The last known values are retained, with their time.
-            None => Live { answers: false, reasons: reply.reasons, possible: vec![], ..(*was).clone() },
+            None => LiveState { answers: false, reasons: reply.reasons, possible: vec![], ..(*was).clone() },
         };
-        if !now.says_the_same(&was) || told.elapsed() >= KEEP_ALIVE_INTERVAL {
+        if !now.is_unchanged(&was) || told.elapsed() >= KEEP_ALIVE_INTERVAL {
             told = tokio::time::Instant::now();
             if tell.send(Arc::new(now)).is_err() {
                 return;
@@ -51,7 +53,7 @@ pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::S
 #[derive(Serialize)]
 struct Seen<'l> {
     #[serde(flatten)]
-    live: &'l Live,
+    live: &'l LiveState,
     /// The account whose session the page has; `None` after its end. A page that was made for another one shows
     /// nothing more.
     by: Option<String>,
@@ -62,17 +64,17 @@ struct Seen<'l> {
 /// watched for longest gives way; a browser reconnects automatically.
 pub(super) async fn events(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     ConnectInfo(from): ConnectInfo<SocketAddr>,
 ) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
-    let place = web.lookers.acquire(owner(from.ip()));
+    let place = web.viewer_slots.acquire(owner(from.ip()));
     let mut live = web.live.clone();
     live.mark_changed();
     let token = visitor.person.map(|person| person.token);
     let stream = stream::unfold((live, place, web, token), |(mut live, mut place, web, token)| async move {
         tokio::select! {
             biased;
-            () = place.is_wanted() => return None,
+            () = place.wait_until_wanted() => return None,
             changed = live.changed() => changed.ok()?,
         }
         let now = live.borrow_and_update().clone();

@@ -1,14 +1,14 @@
 //! The state of the cell, as a page shows it.
 
 use crate::daemon::clock::now_unix_ms;
-use crate::daemon::reply::{Extras, Reply};
+use crate::daemon::reply::{PageData, Reply};
 use crate::verdict::{Reason, Verdict};
 use serde::Serialize;
 use std::sync::Arc;
 
 /// The state of the cell.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
-pub(super) struct Live {
+pub(super) struct LiveState {
     /// The service's clock when the loop answered last, ms since 1970.
     pub answered_ms: u64,
     /// Whether the loop answers now.
@@ -35,7 +35,7 @@ pub(super) struct Live {
     pub frame_name: Option<String>,
 }
 
-impl Live {
+impl LiveState {
     /// Returns the state that this reply reports, with the newest picture's number and name. A cell that was reset
     /// has no cycle until the next one begins: what the last cycle left behind belongs to another part.
     pub fn from_reply(reply: Reply, (frame, frame_name): (u64, Option<String>)) -> Self {
@@ -44,7 +44,7 @@ impl Live {
             true => (without_cycle(reply), (0, None)),
             false => (reply, (frame, frame_name)),
         };
-        Live {
+        LiveState {
             answered_ms: now_unix_ms().unsigned_abs(),
             answers: reply.state.is_some(),
             state: reply.state,
@@ -70,24 +70,24 @@ impl Live {
     /// Returns the state as a visitor without a session sees it: without the names of people.
     pub fn for_strangers(&self) -> Self {
         let reasons = self.reasons.iter().filter(|reason| reason.code != "held_by").cloned().collect();
-        Live { reasons, ..self.clone() }
+        LiveState { reasons, ..self.clone() }
     }
 
     /// Returns whether nothing changed except the time.
-    pub fn says_the_same(&self, other: &Live) -> bool {
-        Live { answered_ms: 0, ..self.clone() } == Live { answered_ms: 0, ..other.clone() }
+    pub fn is_unchanged(&self, other: &LiveState) -> bool {
+        LiveState { answered_ms: 0, ..self.clone() } == LiveState { answered_ms: 0, ..other.clone() }
     }
 }
 
 fn without_cycle(reply: Reply) -> Reply {
-    let extras = Extras { grids: Arc::default(), film_total_s: None, ..reply.extras };
+    let extras = PageData { grids: Arc::default(), film_total_s: None, ..reply.extras };
     Reply { panel: None, pass: None, cycle_id: None, verdict: None, extras, ..reply }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::reply::Exit;
+    use crate::daemon::reply::RequestResult;
     use crate::panel::GridId;
 
     /// After a reset, nothing of the last part is shown as the present one.
@@ -100,19 +100,19 @@ mod tests {
             pass: Some(1),
             cycle_id: Some(7),
             verdict: Some(Verdict::Pass),
-            extras: Extras { grids: Arc::from([grid]), ..Extras::default() },
-            ..Reply::refused(Exit::Done, vec![])
+            extras: PageData { grids: Arc::from([grid]), ..PageData::default() },
+            ..Reply::refused(RequestResult::Done, vec![])
         };
         let picture = || (9, Some("film".to_owned()));
-        let complete = Live::from_reply(reply("complete"), picture());
+        let complete = LiveState::from_reply(reply("complete"), picture());
         assert_eq!((complete.cycle, complete.frame, complete.grids.len()), (Some(7), 9, 1));
         for state in ["resetting", "idle"] {
-            let live = Live::from_reply(reply(state), picture());
-            let expected = Live {
+            let live = LiveState::from_reply(reply(state), picture());
+            let expected = LiveState {
                 state: Some(state.to_owned()),
                 answers: true,
                 answered_ms: live.answered_ms,
-                ..Live::default()
+                ..LiveState::default()
             };
             assert_eq!(live, expected);
         }
@@ -120,7 +120,7 @@ mod tests {
     #[test]
     fn a_visitor_without_a_session_sees_no_names() {
         let reasons = vec![Reason::new("asked", "held"), Reason::new("held_by", "anna: a hair")];
-        let live = Live { reasons, ..Live::default() }.for_strangers();
+        let live = LiveState { reasons, ..LiveState::default() }.for_strangers();
         assert_eq!(live.reasons, [Reason::new("asked", "held")]);
     }
 }

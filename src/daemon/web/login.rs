@@ -1,13 +1,13 @@
 //! Logging in and out, and one's own password.
 
-use super::guard::{By, cookie_name, refusal};
+use super::guard::{VisitorExtension, cookie_name, refusal};
 use super::layout::{Frame, Script};
-use super::reading::ended;
-use super::sessions::Holder;
-use super::state::{Web, blocking, entry, hashing, pauses};
+use super::reading::panic_response;
+use super::sessions::SessionHolder;
+use super::state::{Web, entry, hashing, pauses, run_blocking};
 use super::visitor::Visitor;
 use crate::accounts::{self, Account, AuditEntry, Role};
-use crate::daemon::people::{LogIn, stamp};
+use crate::daemon::people::{LoginResult, account_stamp};
 use crate::files::content_hash;
 use crate::random;
 use axum::extract::{Path, Query, State};
@@ -20,14 +20,14 @@ use serde_json::json;
 use std::sync::Arc;
 
 #[derive(Debug, Deserialize)]
-pub(super) struct Next {
+pub(super) struct NextPath {
     #[serde(default)]
     next: String,
 }
 
 /// Returns the path if it is on this page, otherwise `/`: a log-in must not lead to another site. A browser removes
 /// tabs and line feeds from an address before it uses the address, so that `/<tab>/host` would be another host.
-fn own_path(next: &str) -> &str {
+fn local_path(next: &str) -> &str {
     let is_own = next.starts_with('/')
         && !next.starts_with("//")
         && !next.contains('\\')
@@ -36,13 +36,16 @@ fn own_path(next: &str) -> &str {
 }
 
 /// The form.
-pub(super) async fn page(Extension(visitor): By, Query(Next { next }): Query<Next>) -> Response {
+pub(super) async fn page(
+    Extension(visitor): VisitorExtension,
+    Query(NextPath { next }): Query<NextPath>,
+) -> Response {
     let words = visitor.language();
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     let body = html! {
         section.card.narrow {
             h2 { (word("login.title")) }
-            form data-post="/login" data-then=(own_path(&next)) {
+            form data-post="/login" data-then=(local_path(&next)) {
                 label { (word("login.name")) input name="name" autocomplete="username" autofocus required maxlength="40"; }
                 label { (word("login.password")) input name="password" type="password" autocomplete="current-password" required maxlength="200"; }
                 p.told role="status" {}
@@ -62,31 +65,31 @@ pub(super) struct Credentials {
 }
 
 /// Begins a session if name and password are right.
-pub(super) async fn log_in(
+pub(super) async fn login(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Json(Credentials { name, password }): Json<Credentials>,
 ) -> Response {
     let wrong = |message: &str| refusal(StatusCode::UNAUTHORIZED, "log_in", message);
     let words = visitor.language();
     let line = AuditEntry { who: Some(name.clone()), role: None, ..entry(&visitor, "log in") };
-    let account = match web.front.people.log_in(&name, password).await {
-        LogIn::Right(account) => account,
-        LogIn::Wrong(why) => {
+    let account = match web.front.people.attempt_login(&name, password).await {
+        LoginResult::Right(account) => account,
+        LoginResult::Wrong(why) => {
             let line = AuditEntry { refused: Some(why.to_owned()), ..line };
             let people = web.front.people.clone();
-            blocking(move || people.audit_failed_login(&line)).await;
-            return wrong(words.word("login.wrong"));
+            run_blocking(move || people.audit_failed_login(&line)).await;
+            return wrong(words.text("login.wrong"));
         }
-        LogIn::Pauses(left_s) => return wrong(&pauses(left_s, words)),
-        LogIn::Unknown => return wrong(words.word("login.wrong")),
+        LoginResult::Pauses(left_s) => return wrong(&pauses(left_s, words)),
+        LoginResult::Unknown => return wrong(words.text("login.wrong")),
     };
-    keep(&web, AuditEntry { role: Some(account.role), ..line }).await;
-    begin(&web, &visitor, account)
+    write_audit(&web, AuditEntry { role: Some(account.role), ..line }).await;
+    begin_session(&web, &visitor, account)
 }
 
 /// Begins a session under a new token, whatever token the browser had before.
-fn begin(web: &Web, visitor: &Visitor, account: Account) -> Response {
+fn begin_session(web: &Web, visitor: &Visitor, account: Account) -> Response {
     let (Ok(token), Ok(csrf)) = (random::token(), random::token()) else {
         return refusal(
             StatusCode::SERVICE_UNAVAILABLE,
@@ -101,15 +104,15 @@ fn begin(web: &Web, visitor: &Visitor, account: Account) -> Response {
     if let Some(person) = &visitor.person {
         web.sessions().end(&person.token);
     }
-    web.sessions().begin((&token, csrf), holder(account), web.now_s());
+    web.sessions().begin_session((&token, csrf), holder(account), web.now_s());
     let cookie = set_cookie(web, &token, lasts);
     ([(header::SET_COOKIE, cookie)], Json(json!({ "message": "" }))).into_response()
 }
 
-fn holder(account: Account) -> Holder {
-    let stamp = stamp(&account);
+fn holder(account: Account) -> SessionHolder {
+    let stamp = account_stamp(&account);
     let Account { name, printed_name, role, .. } = account;
-    Holder { name, printed_name, role, stamp }
+    SessionHolder { name, printed_name, role, stamp }
 }
 
 /// Returns the token of a wall display's session. It follows from the password's hash, which only the store has, so
@@ -129,14 +132,14 @@ pub(super) fn begin_displays(web: &Web) {
     for account in displays {
         let Ok(csrf) = random::token() else { return };
         let token = display_token(&account);
-        web.sessions().begin((&token, csrf), holder(account), web.now_s());
+        web.sessions().begin_session((&token, csrf), holder(account), web.now_s());
     }
 }
 
-pub(super) async fn log_out(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+pub(super) async fn logout(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Response {
     if let Some(person) = &visitor.person {
         web.sessions().end(&person.token);
-        keep(&web, entry(&visitor, "log out")).await;
+        write_audit(&web, entry(&visitor, "log out")).await;
     }
     let cookie = set_cookie(&web, "", "; Max-Age=0");
     ([(header::SET_COOKIE, cookie)], Json(json!({ "message": "" }))).into_response()
@@ -155,9 +158,9 @@ pub(super) struct NewPassword {
 }
 
 /// The form with which a person changes the own password, so that no other person knows it.
-pub(super) async fn own(Extension(visitor): By) -> Response {
+pub(super) async fn own(Extension(visitor): VisitorExtension) -> Response {
     let words = visitor.language();
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     let body = html! {
         section.card.narrow {
             h2 { (word("login.own")) }
@@ -175,37 +178,37 @@ pub(super) async fn own(Extension(visitor): By) -> Response {
 /// Changes the person's own password; the old password is needed.
 pub(super) async fn change_password(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Json(NewPassword { password, new }): Json<NewPassword>,
 ) -> Response {
     let Some(person) = visitor.person.clone() else { return StatusCode::UNAUTHORIZED.into_response() };
     let (shared, line) = (web.clone(), entry(&visitor, "change own password"));
     let name = person.name.clone();
     let changed = hashing(&web, move || -> Result<(), NotChanged> {
-        let account = match shared.front.people.tried(&person.name, &password) {
-            LogIn::Right(account) => account,
-            LogIn::Pauses(left_s) => return Err(NotChanged::Pauses(left_s)),
-            LogIn::Wrong(_) | LogIn::Unknown => return Err(NotChanged::WrongPassword),
+        let account = match shared.front.people.check_password(&person.name, &password) {
+            LoginResult::Right(account) => account,
+            LoginResult::Pauses(left_s) => return Err(NotChanged::Pauses(left_s)),
+            LoginResult::Wrong(_) | LoginResult::Unknown => return Err(NotChanged::WrongPassword),
         };
         let problem = |problem: &dyn std::fmt::Display| NotChanged::Problem(problem.to_string());
         let salt = random::bytes().map_err(|error| problem(&error))?;
-        let password_hash = accounts::hashed(&new, &person.name, salt).map_err(|error| problem(&error))?;
+        let password_hash = accounts::hash_password(&new, &person.name, salt).map_err(|error| problem(&error))?;
         let account = Account { password_hash, ..account };
-        shared.write(|store| store.keep_account(&account, &line)).map_err(|error| problem(&error))
+        shared.write(|store| store.store_account(&account, &line)).map_err(|error| problem(&error))
     });
     let words = visitor.language();
     let refused = |problem: &str| refusal(StatusCode::UNPROCESSABLE_ENTITY, "password", problem);
     match changed.await {
         Some(Ok(())) => {
-            web.sessions().end_all_of(&name);
-            Json(json!({ "message": words.word("login.again") })).into_response()
+            web.sessions().end_account_sessions(&name);
+            Json(json!({ "message": words.text("login.again") })).into_response()
         }
         Some(Err(NotChanged::Pauses(left_s))) => {
             refusal(StatusCode::UNAUTHORIZED, "log_in", &pauses(left_s, words))
         }
-        Some(Err(NotChanged::WrongPassword)) => refused(words.word("login.old_wrong")),
+        Some(Err(NotChanged::WrongPassword)) => refused(words.text("login.old_wrong")),
         Some(Err(NotChanged::Problem(problem))) => refused(&problem),
-        None => ended(),
+        None => panic_response(),
     }
 }
 
@@ -223,17 +226,17 @@ enum NotChanged {
 pub(super) async fn language(
     State(web): State<Arc<Web>>,
     Path(name): Path<String>,
-    Query(Next { next }): Query<Next>,
+    Query(NextPath { next }): Query<NextPath>,
 ) -> Response {
-    let known = web.words.languages().iter().find(|language| **language == name);
-    let Some(known) = known else { return super::guard::not_found().await };
+    let known = web.translations.languages().iter().find(|language| **language == name);
+    let Some(known) = known else { return super::guard::not_found_page().await };
     let cookie = format!("language={known}; Path=/; SameSite=Strict; Max-Age=31536000");
-    ([(header::SET_COOKIE, cookie)], Redirect::to(own_path(&next))).into_response()
+    ([(header::SET_COOKIE, cookie)], Redirect::to(local_path(&next))).into_response()
 }
 
-async fn keep(web: &Arc<Web>, line: AuditEntry) {
+async fn write_audit(web: &Arc<Web>, line: AuditEntry) {
     let web = web.clone();
-    blocking(move || web.audit(&line)).await;
+    run_blocking(move || web.audit(&line)).await;
 }
 
 #[cfg(test)]
@@ -243,7 +246,7 @@ mod tests {
     #[test]
     fn nobody_is_sent_elsewhere() {
         for path in ["/", "/cycle/7", "/setup/recipe/panel.toml"] {
-            assert_eq!(own_path(path), path);
+            assert_eq!(local_path(path), path);
         }
         for path in [
             "",
@@ -254,7 +257,7 @@ mod tests {
             "/\t/evil.example/x",
             "/\u{1}",
         ] {
-            assert_eq!(own_path(path), "/", "{path}");
+            assert_eq!(local_path(path), "/", "{path}");
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The program's messages in a person's language: what a code means and what to do, beside the English sentence
 //! with its values.
 
-use super::guard::{By, not_found};
+use super::guard::{VisitorExtension, not_found_page};
 use super::page_texts::Language;
 use super::reading::Answer;
 use crate::verdict::Reason;
@@ -12,10 +12,10 @@ use maud::{Markup, html};
 use serde_json::json;
 
 /// Returns what a code means and what to do, in the visitor's language.
-pub(super) async fn json(Extension(visitor): By, Path(code): Path<String>) -> Answer {
+pub(super) async fn json(Extension(visitor): VisitorExtension, Path(code): Path<String>) -> Answer {
     match visitor.language().message(&code) {
         Some((cause, remedy)) => Ok(Json(json!({ "cause": cause, "remedy": remedy })).into_response()),
-        None => Err(not_found().await),
+        None => Err(not_found_page().await),
     }
 }
 
@@ -30,7 +30,7 @@ pub(super) fn text(words: Language<'_>, reasons: &[Reason]) -> String {
 
 /// Shows reasons by their codes: the meaning of each code and the remedy are shown once, next to all of its
 /// sentences.
-pub(super) fn by_code(words: Language<'_>, reasons: &[Reason]) -> Markup {
+pub(super) fn show_by_code(words: Language<'_>, reasons: &[Reason]) -> Markup {
     let mut codes: Vec<(&str, Vec<&str>)> = Vec::new();
     for reason in reasons {
         match codes.iter_mut().find(|(code, _)| *code == reason.code) {
@@ -38,27 +38,26 @@ pub(super) fn by_code(words: Language<'_>, reasons: &[Reason]) -> Markup {
             None => codes.push((&reason.code, vec![&reason.message])),
         }
     }
-    html! { ul { @for (code, messages) in &codes { li { (explained(words, code, messages)) } } } }
+    html! { ul { @for (code, messages) in &codes { li { (explain_code(words, code, messages)) } } } }
 }
 
 /// Shows the messages of a reason's code, its cause and the remedy: in English the messages first, in other languages
 /// the cause and the remedy first.
-pub(super) fn explained(words: Language<'_>, code: &str, messages: &[&str]) -> Markup {
-    let remedy = |remedy| html! { p { strong { (words.word("alarms.remedy")) ": " } (prose(remedy)) } };
-    let sentences =
-        html! { @for message in messages { p lang="en" { (prose(message)) " " small { "(" (code) ")" } } } };
+pub(super) fn explain_code(words: Language<'_>, code: &str, messages: &[&str]) -> Markup {
+    let remedy = |remedy| html! { p { strong { (words.text("alarms.remedy")) ": " } (markup_with_code(remedy)) } };
+    let sentences = html! { @for message in messages { p lang="en" { (markup_with_code(message)) " " small { "(" (code) ")" } } } };
     match words.message(code) {
         Some((cause, what)) if words.is_english() => html! {
             (sentences)
-            details { summary { (words.word("alarms.cause")) " · " (words.word("alarms.remedy")) } p { (prose(cause)) } (remedy(what)) }
+            details { summary { (words.text("alarms.cause")) " · " (words.text("alarms.remedy")) } p { (markup_with_code(cause)) } (remedy(what)) }
         },
-        Some((cause, what)) => html! { p { (prose(cause)) } (remedy(what)) (sentences) },
+        Some((cause, what)) => html! { p { (markup_with_code(cause)) } (remedy(what)) (sentences) },
         None => sentences,
     }
 }
 
 /// Shows a text in which the parts between backticks are set as code.
-fn prose(text: &str) -> Markup {
+fn markup_with_code(text: &str) -> Markup {
     html! {
         @for (at, part) in text.split('`').enumerate() {
             @if at % 2 == 1 { code lang="en" { (part) } } @else { (part) }
@@ -69,18 +68,18 @@ fn prose(text: &str) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::web::page_texts::Words;
+    use crate::daemon::web::page_texts::Translations;
 
     #[test]
     fn a_message_stands_in_the_persons_language_with_the_values_beside_it() {
-        let words = Words::read(None).expect("the program's own");
+        let words = Translations::read(None).expect("the program's own");
         let reason = Reason::new("shift_limit", "moved 80 mm, allowed < 60 mm");
         let (english, german) = (words.language(Some("en"), None), words.language(Some("de"), None));
         let (cause, _) = german.message("shift_limit").expect("a row");
         assert_eq!(text(english, std::slice::from_ref(&reason)), "moved 80 mm, allowed < 60 mm");
         let told = text(german, &[reason, Reason::new("no_such_code", "odd")]);
         assert!(told.starts_with(cause) && told.ends_with(" (moved 80 mm, allowed < 60 mm); odd"), "{told}");
-        let page = |words| explained(words, "shift_limit", &["moved 80 mm, allowed < 60 mm"]).into_string();
+        let page = |words| explain_code(words, "shift_limit", &["moved 80 mm, allowed < 60 mm"]).into_string();
         let at = |page: &str, text: &str| page.find(text).unwrap_or_else(|| panic!("{text}: {page}"));
         let (english, german) = (page(english), page(german));
         assert!(
@@ -90,11 +89,11 @@ mod tests {
             at(&german, "Abhilfe") < at(&german, "moved 80 mm") && german.contains("<code lang=\"en\">[locate]")
         );
         let two = [("a", "1"), ("b", "2"), ("a", "3")].map(|(code, message)| Reason::new(code, message));
-        let listed = by_code(words.language(Some("de"), None), &two).into_string();
+        let listed = show_by_code(words.language(Some("de"), None), &two).into_string();
         assert!(listed.matches("<li>").count() == 2 && at(&listed, ">3 ") < at(&listed, ">2 "), "{listed}");
         assert!(!english.contains('`') && !german.contains('`'));
         assert!(
-            explained(words.language(Some("de"), None), "no_such_code", &["odd"]).into_string().contains("odd")
+            explain_code(words.language(Some("de"), None), "no_such_code", &["odd"]).into_string().contains("odd")
         );
     }
 }

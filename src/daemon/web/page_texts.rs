@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 /// The table that is part of the program: English and German.
 const TABLE: &str = include_str!("words.csv");
 /// The tables that other parts of the program add for their pages.
-const MORE: [&str; 1] = [crate::page::drawing::canvas::WORDS];
+const ADDITIONAL_TABLES: [&str; 1] = [crate::page::drawing::canvas::TRANSLATION_TABLE];
 
 /// The text with which the keys of messages begin.
 const MESSAGE: &str = "message.";
@@ -28,7 +28,7 @@ pub struct WordsError {
 
 /// All words in all languages.
 #[derive(Debug, Clone)]
-pub struct Words {
+pub struct Translations {
     languages: Vec<String>,
     table: BTreeMap<String, Vec<String>>,
 }
@@ -36,23 +36,23 @@ pub struct Words {
 /// The words of one language.
 #[derive(Debug, Clone, Copy)]
 pub struct Language<'w> {
-    words: &'w Words,
+    words: &'w Translations,
     column: usize,
 }
 
-impl Words {
+impl Translations {
     /// Reads the program's own translation table, with the columns of a further one, if there is one.
     ///
     /// # Errors
     /// If a table is not a valid CSV file, or lacks a key that the program's own table has.
     pub fn read(more: Option<&str>) -> Result<Self, WordsError> {
-        let mut words = Self::parsed(TABLE)?;
-        for more in MORE {
-            words.table.extend(Self::parsed(more)?.table);
+        let mut words = Self::parse_table(TABLE)?;
+        for more in ADDITIONAL_TABLES {
+            words.table.extend(Self::parse_table(more)?.table);
         }
         words.table.extend(messages(&words.languages));
         let Some(more) = more else { return Ok(words) };
-        let more = Self::parsed(more)?;
+        let more = Self::parse_table(more)?;
         for (at, language) in more.languages.iter().enumerate() {
             let column = words.languages.iter().position(|known| known == language);
             if column.is_none() {
@@ -72,7 +72,7 @@ impl Words {
         Ok(words)
     }
 
-    fn parsed(text: &str) -> Result<Self, WordsError> {
+    fn parse_table(text: &str) -> Result<Self, WordsError> {
         let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).from_reader(text.as_bytes());
         let at = |error: &csv::Error| error.position().map_or(1, csv::Position::line);
         let failed = |error: csv::Error| WordsError { line: at(&error), problem: error.to_string() };
@@ -91,7 +91,7 @@ impl Words {
                 return Err(WordsError { line, problem: format!("the key {key} appears twice") });
             }
         }
-        Ok(Words { languages, table })
+        Ok(Translations { languages, table })
     }
 
     /// Returns the languages, the default one first.
@@ -144,7 +144,7 @@ impl<'w> Language<'w> {
     }
 
     /// Returns the text for this key; the key itself if there is no text, so that a test finds the gap.
-    pub fn word(&self, key: &'w str) -> &'w str {
+    pub fn text(&self, key: &'w str) -> &'w str {
         self.words.table.get(key).and_then(|row| row.get(self.column)).map_or(key, String::as_str)
     }
 
@@ -154,7 +154,7 @@ impl<'w> Language<'w> {
     }
 
     /// Returns every key with this beginning and its word: the words that a script needs.
-    pub fn all(&self, beginning: &str) -> BTreeMap<&'w str, &'w str> {
+    pub fn texts_with_prefix(&self, beginning: &str) -> BTreeMap<&'w str, &'w str> {
         let words = self.words.table.iter().filter(|(key, _)| key.starts_with(beginning));
         words.filter_map(|(key, row)| Some((key.as_str(), row.get(self.column)?.as_str()))).collect()
     }
@@ -166,13 +166,13 @@ mod tests {
 
     #[test]
     fn a_language_is_a_column() {
-        let words = Words::read(None).expect("the program's own");
+        let words = Translations::read(None).expect("the program's own");
         assert_eq!(words.languages(), ["en", "de"]);
-        let word = |chosen, accepted| words.language(chosen, accepted).word("action.stop");
+        let word = |chosen, accepted| words.language(chosen, accepted).text("action.stop");
         assert_eq!((word(None, None), word(Some("de"), None)), ("Stop", "Stopp"));
         assert_eq!(word(None, Some("fr-CH, de-AT;q=0.9, en;q=0.8")), "Stopp", "the first that there is");
         assert_eq!(word(Some("xx"), Some("*")), "Stop");
-        let rows = MORE.iter().flat_map(|table| table.lines().skip(1));
+        let rows = ADDITIONAL_TABLES.iter().flat_map(|table| table.lines().skip(1));
         let own = TABLE.lines().chain(rows).filter(|line| !line.starts_with('#'));
         let more: String = own
             .map(|line| {
@@ -180,19 +180,19 @@ mod tests {
                 if key == "key" { "key,fr\n".to_owned() } else { format!("{key},mot de {key}\n") }
             })
             .collect();
-        let words = Words::read(Some(&more)).expect("a further column");
-        assert_eq!(words.language(Some("fr"), None).word("action.stop"), "mot de action.stop");
+        let words = Translations::read(Some(&more)).expect("a further column");
+        assert_eq!(words.language(Some("fr"), None).text("action.stop"), "mot de action.stop");
         let message = |name| words.language(Some(name), None).message("low_overlap").expect("a row");
         assert_ne!(message("de"), message("en"));
         assert_eq!(message("fr"), message("en"), "a table without messages has them in English");
         assert!(words.language(Some("de"), None).message("no_such_code").is_none());
-        let short = Words::read(Some("key,fr\naction.stop,Arrêt\n")).expect_err("not whole");
+        let short = Translations::read(Some("key,fr\naction.stop,Arrêt\n")).expect_err("not whole");
         assert!(short.problem.contains("is missing"), "{short}");
     }
 
     #[test]
     fn a_table_that_is_not_whole_is_refused() {
-        let problem = |text: &str| Words::parsed(text).expect_err("refused").to_string();
+        let problem = |text: &str| Translations::parse_table(text).expect_err("refused").to_string();
         assert_eq!(problem("key,en\na,b\na,c\n"), "line 3: the key a appears twice");
         assert_eq!(problem("key,en,de\na,b,\n"), "line 2: the key a has no text in one language");
         assert!(problem("key,en\na,b,c\n").contains("line: 2"));

@@ -1,8 +1,8 @@
 //! Accounts: who may log in, and with which role.
 
-use super::guard::{By, refusal};
+use super::guard::{VisitorExtension, refusal};
 use super::layout::{Frame, Script};
-use super::reading::{Answer, ended, reading};
+use super::reading::{Answer, panic_response, reading};
 use super::state::{Web, entry, hashing};
 use super::visitor::{Visitor, role_key};
 use crate::accounts::{Account, AuditEntry, MAX_PRINTED, Permission, Role};
@@ -20,10 +20,10 @@ use std::sync::Arc;
 use strum::VariantArray;
 
 /// Shows all accounts, with a form for each.
-pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
+pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
     let accounts = reading(&web, &visitor, Store::accounts).await?;
     let words = visitor.language();
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     let body = html! {
         section.card {
             h2 { (word("people.title")) }
@@ -36,22 +36,22 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
                             td { (account.printed_name) }
                             td { (word(role_key(account.role))) }
                             td { (word(if account.is_enabled { "yes" } else { "no" })) }
-                            td { details { summary { (word("people.change")) } (form(&visitor, Some(account))) } }
+                            td { details { summary { (word("people.change")) } (account_form(&visitor, Some(account))) } }
                         }
                     }
                 }
             }
         }
-        section.card.narrow { h2 { (word("people.add")) } (form(&visitor, None)) }
+        section.card.narrow { h2 { (word("people.add")) } (account_form(&visitor, None)) }
     };
     let frame =
         Frame { visitor: &visitor, title: word("people.title"), here: "/people", scripts: &[Script::Forms] };
     Ok(frame.page(&body))
 }
 
-fn form(visitor: &Visitor, account: Option<&Account>) -> Markup {
+fn account_form(visitor: &Visitor, account: Option<&Account>) -> Markup {
     let words = visitor.language();
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     let (name, printed) = account.map_or(("", ""), |account| (&account.name, &account.printed_name));
     html! {
         form data-post="/people" data-then="/people" {
@@ -66,7 +66,7 @@ fn form(visitor: &Visitor, account: Option<&Account>) -> Markup {
             label { (word("people.role"))
                 select name="role" {
                     @for role in Role::VARIANTS {
-                        option value=(role.word()) selected[account.is_some_and(|account| account.role == *role)] { (word(role_key(*role))) }
+                        option value=(role.keyword()) selected[account.is_some_and(|account| account.role == *role)] { (word(role_key(*role))) }
                     }
                 }
             }
@@ -85,7 +85,7 @@ fn form(visitor: &Visitor, account: Option<&Account>) -> Markup {
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Changed {
+pub(super) struct AccountChange {
     /// Whether the account is to be added: one that exists is not changed.
     #[serde(default)]
     is_new: bool,
@@ -100,23 +100,23 @@ pub(super) struct Changed {
 /// Adds an account or changes one.
 pub(super) async fn save(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
-    Json(changed): Json<Changed>,
+    Extension(visitor): VisitorExtension,
+    Json(changed): Json<AccountChange>,
 ) -> Response {
     let (shared, line, name) = (web.clone(), entry(&visitor, "change account"), changed.name.clone());
-    let exists = visitor.language().word("people.exists").to_owned();
-    match hashing(&web, move || kept(&shared, line, changed, exists)).await {
+    let exists = visitor.language().text("people.exists").to_owned();
+    match hashing(&web, move || store_change(&shared, line, changed, exists)).await {
         Some(Ok(())) => {
             // The person's permissions have changed: the old role must not remain in use.
-            web.sessions().end_all_of(&name);
-            Json(json!({ "message": visitor.language().word("saved") })).into_response()
+            web.sessions().end_account_sessions(&name);
+            Json(json!({ "message": visitor.language().text("saved") })).into_response()
         }
         Some(Err(problem)) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "account", &problem),
-        None => ended(),
+        None => panic_response(),
     }
 }
 
-fn kept(web: &Web, line: AuditEntry, changed: Changed, exists: String) -> Result<(), String> {
+fn store_change(web: &Web, line: AuditEntry, changed: AccountChange, exists: String) -> Result<(), String> {
     let accounts = web.read(|store| store.accounts()).map_err(|error| error.to_string())?;
     let former = accounts.get(&changed.name);
     if changed.is_new && former.is_some() {
@@ -124,7 +124,7 @@ fn kept(web: &Web, line: AuditEntry, changed: Changed, exists: String) -> Result
         return Err(exists);
     }
     let account = account(&changed, former)?;
-    if leaves_nobody(&accounts, &account) {
+    if removes_last_administrator(&accounts, &account) {
         return Err(
             "this account is the last enabled account that may manage accounts; create another administrator first"
                 .to_owned(),
@@ -136,18 +136,18 @@ fn kept(web: &Web, line: AuditEntry, changed: Changed, exists: String) -> Result
         after: Some(account.summary()),
         ..line
     };
-    web.write(|store| store.keep_account(&account, &line)).map_err(|error| error.to_string())
+    web.write(|store| store.store_account(&account, &line)).map_err(|error| error.to_string())
 }
 
-fn account(changed: &Changed, former: Option<&Account>) -> Result<Account, String> {
-    let Changed { name, printed_name, role, password, is_enabled, .. } = changed;
+fn account(changed: &AccountChange, former: Option<&Account>) -> Result<Account, String> {
+    let AccountChange { name, printed_name, role, password, is_enabled, .. } = changed;
     let salt = random::bytes().map_err(|error| format!("this computer has no random numbers: {error}"))?;
     let password = Some(password.as_str()).filter(|password| !password.is_empty());
-    Account::checked((name, printed_name), (*role, *is_enabled), (password, salt), former)
+    Account::create_validated((name, printed_name), (*role, *is_enabled), (password, salt), former)
 }
 
 /// Returns whether, after this change, no account would be left that may change accounts.
-fn leaves_nobody(accounts: &BTreeMap<String, Account>, changed: &Account) -> bool {
-    let may = |account: &Account| account.is_enabled && account.role.may(Permission::ManagePeople);
+fn removes_last_administrator(accounts: &BTreeMap<String, Account>, changed: &Account) -> bool {
+    let may = |account: &Account| account.is_enabled && account.role.has_permission(Permission::ManagePeople);
     !may(changed) && !accounts.values().any(|other| other.name != changed.name && may(other))
 }

@@ -1,16 +1,16 @@
 //! The largest number of connections to a page, from one address and from all.
 
-use crate::daemon::slots::{Most, Slots};
+use crate::daemon::slots::{MaxConnections, Slots};
 use std::net::{IpAddr, Ipv6Addr};
 
 /// Largest number of connections at one time. If all are in use, the one that has been silent for longest gives way to
 /// a new one.
-pub(super) const CONNECTIONS: Most = Most { of_one: 256, of_all: 512 };
+pub(super) const CONNECTIONS: MaxConnections = MaxConnections { per_owner: 256, total: 512 };
 /// Largest number of connections among these that may follow the events, a response without an end.
-pub(super) const LOOKERS: Most = Most { of_one: 64, of_all: 192 };
+pub(super) const MAX_VIEWERS: MaxConnections = MaxConnections { per_owner: 64, total: 192 };
 
 /// Places of connections, by their owners.
-pub(super) type Places = Slots<IpAddr>;
+pub(super) type ViewerSlots = Slots<IpAddr>;
 
 /// Returns the owner of a connection from this address: one host of IPv4, or one network of IPv6, since its hosts
 /// choose addresses freely.

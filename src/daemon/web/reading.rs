@@ -1,8 +1,8 @@
 //! Reading the store for a page, beside the page's runtime.
 
-use super::guard::not_found;
-use super::layout::failed;
-use super::state::{Web, blocking};
+use super::guard::not_found_page;
+use super::layout::error_page;
+use super::state::{Web, run_blocking};
 use super::visitor::Visitor;
 use crate::store::{Store, StoreError};
 use axum::http::StatusCode;
@@ -19,27 +19,27 @@ pub(super) async fn reading<T: Send + 'static>(
     read: impl FnOnce(&Store) -> Result<T, StoreError> + Send + 'static,
 ) -> Result<T, Response> {
     let shared = web.clone();
-    match blocking(move || shared.read(read)).await {
+    match run_blocking(move || shared.read(read)).await {
         Some(Ok(read)) => Ok(read),
-        Some(Err(StoreError::UnknownCycle { .. })) => Err(not_found().await),
-        Some(Err(error)) => Err(failed(visitor, &error)),
-        None => Err(ended()),
+        Some(Err(StoreError::UnknownCycle { .. })) => Err(not_found_page().await),
+        Some(Err(error)) => Err(error_page(visitor, &error)),
+        None => Err(panic_response()),
     }
 }
 
 /// Does work that may wait for a disk; an error, in words, becomes the response.
-pub(super) async fn doing<T: Send + 'static>(
+pub(super) async fn with_store<T: Send + 'static>(
     visitor: &Visitor,
     work: impl FnOnce() -> Result<T, String> + Send + 'static,
 ) -> Result<T, Response> {
-    match blocking(work).await {
+    match run_blocking(work).await {
         Some(Ok(done)) => Ok(done),
-        Some(Err(problem)) => Err(failed(visitor, &problem)),
-        None => Err(ended()),
+        Some(Err(problem)) => Err(error_page(visitor, &problem)),
+        None => Err(panic_response()),
     }
 }
 
 /// Returns the error response for a thread that panicked; the panic is in the log.
-pub(super) fn ended() -> Response {
+pub(super) fn panic_response() -> Response {
     StatusCode::INTERNAL_SERVER_ERROR.into_response()
 }

@@ -2,11 +2,11 @@
 //! lines are written, and one more that counts the others, so that requests that are not permitted do not keep the
 //! disk busy.
 
-use crate::accounts::{AuditEntry, LineLimit, MostLines};
+use crate::accounts::{AuditEntry, LineLimit, MaxLinesPerMinute};
 use std::collections::BTreeMap;
 
 /// Lines of one account in a minute; one more line counts the lines that are left out.
-const LINES: MostLines = MostLines { done: 0, refused: 19 };
+const LINES: MaxLinesPerMinute = MaxLinesPerMinute { done: 0, refused: 19 };
 
 /// For each account whose requests were refused in this minute: its line limit and the last line.
 #[derive(Debug, Default)]
@@ -14,23 +14,26 @@ pub(super) struct Refusals(BTreeMap<String, (LineLimit, AuditEntry)>);
 
 impl Refusals {
     /// Returns whether this line of a refusal is written; if not, the line is counted.
-    pub fn allows(&mut self, line: &AuditEntry, now_ms: u64) -> bool {
+    pub fn admit_line(&mut self, line: &AuditEntry, now_ms: u64) -> bool {
         let who = line.who.clone().unwrap_or_default();
         let (limit, last) = self.0.entry(who).or_insert_with(|| (LineLimit::new(LINES, now_ms), line.clone()));
         last.clone_from(line);
-        limit.allows(true)
+        limit.admit_line(true)
     }
 
     /// Returns, for the minutes that have passed, the lines that count the lines left out.
-    pub fn over(&mut self, now_ms: u64) -> Vec<AuditEntry> {
+    pub fn take_elapsed_lines(&mut self, now_ms: u64) -> Vec<AuditEntry> {
         let mut counted = Vec::new();
         self.0.retain(|_, (limit, last)| {
-            let is_over = limit.is_over(now_ms);
-            if let Some(left_out) = limit.minute_over(now_ms) {
+            let is_over = limit.has_minute_elapsed(now_ms);
+            if let Some(left_out) = limit.end_elapsed_minute(now_ms) {
                 let refused =
                     format!("{left_out} further refused requests within one minute were not recorded individually");
                 let AuditEntry { who, role, from, .. } = last.clone();
-                counted.push(AuditEntry { refused: Some(refused), ..AuditEntry::done(who, role, from, "flood") });
+                counted.push(AuditEntry {
+                    refused: Some(refused),
+                    ..AuditEntry::for_completed_action(who, role, from, "flood")
+                });
             }
             !is_over
         });

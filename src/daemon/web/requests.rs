@@ -1,13 +1,13 @@
 //! Requests to the cell from the page: each request goes through the gateway, like a request from the socket.
 
-use super::guard::By;
+use super::guard::VisitorExtension;
 use super::messages;
-use super::state::{Web, blocking, entry};
+use super::state::{Web, entry, run_blocking};
 use super::visitor::Visitor;
 use crate::accounts::AuditEntry;
 use crate::cycle;
-use crate::daemon::reply::{Exit, Reply};
-use crate::daemon::request::{OwnText, PartNames, RequestKind, StartRequest};
+use crate::daemon::reply::{Reply, RequestResult};
+use crate::daemon::request::{PartNames, RecipeTextPermission, RequestKind, StartRequest};
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -19,26 +19,27 @@ use std::sync::Arc;
 /// Returns the outcome of a request, for the page.
 fn to_response(visitor: &Visitor, reply: &Reply) -> Response {
     let status = match reply.answer {
-        Exit::Done => StatusCode::OK,
-        Exit::Refused => StatusCode::CONFLICT,
-        Exit::Fault => StatusCode::SERVICE_UNAVAILABLE,
+        RequestResult::Done => StatusCode::OK,
+        RequestResult::Refused => StatusCode::CONFLICT,
+        RequestResult::Fault => StatusCode::SERVICE_UNAVAILABLE,
     };
     let message = match reply.answer {
-        Exit::Done => reply.done.clone().unwrap_or_default(),
+        RequestResult::Done => reply.done.clone().unwrap_or_default(),
         _ => messages::text(visitor.language(), &reply.reasons),
     };
-    let code = reply.reasons.first().map(|reason| reason.code.as_ref()).filter(|_| reply.answer != Exit::Done);
+    let code =
+        reply.reasons.first().map(|reason| reason.code.as_ref()).filter(|_| reply.answer != RequestResult::Done);
     (status, Json(json!({ "code": code, "message": message, "state": reply.state }))).into_response()
 }
 
-async fn requested(web: &Web, visitor: &Visitor, what: RequestKind) -> Response {
-    to_response(visitor, &web.front.gateway.request(what, visitor.who()).await)
+async fn perform_request(web: &Web, visitor: &Visitor, what: RequestKind) -> Response {
+    to_response(visitor, &web.front.gateway.request(what, visitor.as_requester()).await)
 }
 
 macro_rules! table_requests {
     ($($name:ident => $request:expr),* $(,)?) => {
-        $(pub(super) async fn $name(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
-            requested(&web, &visitor, RequestKind::Table($request)).await
+        $(pub(super) async fn $name(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Response {
+            perform_request(&web, &visitor, RequestKind::Table($request)).await
         })*
     };
 }
@@ -59,19 +60,19 @@ pub(super) struct Decision {
 /// Reports that the cause of an abort is gone.
 pub(super) async fn clear(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Json(Decision { step }): Json<Decision>,
 ) -> Response {
-    requested(&web, &visitor, RequestKind::Decided { request: cycle::Request::Clear, step }).await
+    perform_request(&web, &visitor, RequestKind::Decided { request: cycle::Request::Clear, step }).await
 }
 
 /// Accepts a result that waits for review.
 pub(super) async fn accept(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Json(Decision { step }): Json<Decision>,
 ) -> Response {
-    requested(&web, &visitor, RequestKind::Decided { request: cycle::Request::Accept, step }).await
+    perform_request(&web, &visitor, RequestKind::Decided { request: cycle::Request::Accept, step }).await
 }
 
 /// The longest reason, in characters.
@@ -87,7 +88,7 @@ pub(super) struct Hold {
 /// Holds the cycle; the reason that the person gives belongs to this hold only.
 pub(super) async fn hold(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Json(Hold { why }): Json<Hold>,
 ) -> Response {
     let why: String = why.trim().chars().filter(|c| !c.is_control()).take(MAX_CHARACTERS).collect();
@@ -95,7 +96,7 @@ pub(super) async fn hold(
         true => RequestKind::Table(cycle::Request::Hold),
         false => RequestKind::Hold { why },
     };
-    requested(&web, &visitor, what).await
+    perform_request(&web, &visitor, what).await
 }
 
 #[derive(Debug, Deserialize)]
@@ -108,14 +109,14 @@ pub(super) struct Unhold {
 /// Continues after a hold.
 pub(super) async fn unhold(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Json(Unhold { dried, step }): Json<Unhold>,
 ) -> Response {
-    requested(&web, &visitor, RequestKind::Decided { request: cycle::Request::Unhold { dried }, step }).await
+    perform_request(&web, &visitor, RequestKind::Decided { request: cycle::Request::Unhold { dried }, step }).await
 }
 
-pub(super) async fn new_disc(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
-    requested(&web, &visitor, RequestKind::NewDisc).await
+pub(super) async fn new_disc(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Response {
+    perform_request(&web, &visitor, RequestKind::NewDisc).await
 }
 
 /// The cycle that is to begin. The operator is the person who is logged in.
@@ -137,18 +138,18 @@ pub(super) struct Start {
 /// Begins a cycle with one of the offered recipes.
 pub(super) async fn start(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Json(Start { recipe, sha256, serial, order, another_part }): Json<Start>,
 ) -> Response {
     let source = web.front.setup.clone();
     let named = recipe.clone();
-    let text = blocking(move || source.recipe(&named)?.checked_against(&sha256)).await;
+    let text = run_blocking(move || source.recipe(&named)?.if_unchanged(&sha256)).await;
     let text = match text {
         Some(Ok(text)) => text,
         Some(Err(problem)) => {
             let line =
                 AuditEntry { subject: Some(recipe), refused: Some(problem.clone()), ..entry(&visitor, "start") };
-            blocking(move || web.audit_refusal(&line)).await;
+            run_blocking(move || web.audit_refusal(&line)).await;
             return (StatusCode::CONFLICT, Json(json!({ "code": "recipe", "message": problem }))).into_response();
         }
         None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
@@ -163,7 +164,7 @@ pub(super) async fn start(
         part: Some(part),
         another_part,
         lost_passes: None,
-        own_text: OwnText::Refused,
+        own_text: RecipeTextPermission::Refused,
     };
-    requested(&web, &visitor, RequestKind::Start(start)).await
+    perform_request(&web, &visitor, RequestKind::Start(start)).await
 }

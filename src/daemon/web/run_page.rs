@@ -1,15 +1,15 @@
 //! The page of the running cell: readable from two metres. A script updates it with the events.
 
-use super::guard::{By, not_found};
+use super::guard::{VisitorExtension, not_found_page};
 use super::layout::{Frame, Script};
 use super::messages;
 use super::reading::{Answer, reading};
 use super::scene;
-use super::state::{Web, blocking};
+use super::state::{Web, run_blocking};
 use super::visitor::Visitor;
 use crate::accounts::Permission;
 use crate::daemon::setup_source::recipe_hashes;
-use crate::history::{grid_states, passes, touched_grids};
+use crate::history::{grid_states, touched_grids, touching_passes};
 use crate::packml::RecipeHash;
 use crate::record::{CycleId, Finding};
 use crate::report::check_row;
@@ -28,14 +28,14 @@ const PHASES: [&str; 11] =
     ["locate", "refine", "dry", "wet", "inspect", "plan", "verify", "abrade", "retract", "assess", "rinse"];
 
 /// The page.
-pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Response {
     let source = web.front.setup.clone();
-    let recipes = match visitor.may(Permission::Operate) {
-        true => blocking(move || recipe_hashes(&*source)).await.unwrap_or_else(|| Ok(vec![])),
+    let recipes = match visitor.has_permission(Permission::Operate) {
+        true => run_blocking(move || recipe_hashes(&*source)).await.unwrap_or_else(|| Ok(vec![])),
         false => Ok(vec![]),
     };
     let words = visitor.language();
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     let phase = |name: &'static str| (name, format!("phase.{name}"));
     let phases = PHASES.map(phase);
     let body = html! {
@@ -50,15 +50,15 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
         section.review #review hidden aria-live="polite" {}
         section.actions.card {
             h2 { (word("run.actions")) }
-            @if visitor.may(Permission::Operate) || visitor.may(Permission::Accept) { (actions(&visitor)) }
+            @if visitor.has_permission(Permission::Operate) || visitor.has_permission(Permission::Accept) { (actions(&visitor)) }
             @else { p { (word("run.no_actions")) } }
             p.told #told role="status" {}
-            @if visitor.may(Permission::Operate) { (start(&visitor, &recipes)) }
+            @if visitor.has_permission(Permission::Operate) { (start(&visitor, &recipes)) }
         }
         section.progress.card {
             h2 { (word("run.progress")) }
             ol.phases #phases {
-                @for (name, key) in &phases { li data-phase=(name) { (words.word(key)) } }
+                @for (name, key) in &phases { li data-phase=(name) { (words.text(key)) } }
             }
             dl.numbers {
                 div { dt { (word("run.film")) } dd #film { "–" } }
@@ -71,14 +71,14 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
         }
         section.view.card {
             h2 { (word("run.view")) }
-            @if visitor.may(Permission::View) {
+            @if visitor.has_permission(Permission::View) {
                 figure { img #frame alt=(word("js.picture.none")) hidden; figcaption #frame-name { (word("js.picture.none")) } }
-                (scene::shown(words, None))
+                (scene::show_scene(words, None))
             } @else { p { (word("run.log_in_to_see")) } }
         }
         section.grids.card {
             h2 { (word("run.grids")) }
-            @if visitor.may(Permission::View) {
+            @if visitor.has_permission(Permission::View) {
                 div #grids {}
                 ul.key {
                     @for (class, key) in [("untested", "grid.untested"), ("whole", "grid.whole"), ("broke", "grid.broke"), ("abraded", "grid.abraded"), ("touched", "grid.touched")] {
@@ -99,7 +99,7 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
 
 fn actions(visitor: &Visitor) -> Markup {
     let words = visitor.language();
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     let plain = [
         ("hold", "action.hold"),
         ("clear", "action.clear"),
@@ -108,20 +108,20 @@ fn actions(visitor: &Visitor) -> Markup {
     ];
     html! {
         div.buttons {
-            @if visitor.may(Permission::Operate) {
+            @if visitor.has_permission(Permission::Operate) {
                 @for (name, key) in plain { button type="button" data-request=(name) disabled { (word(key)) } }
                 label.inline { (word("run.why")) input #why-held maxlength="200" autocomplete="off"; }
                 button type="button" data-request="unhold" data-body=r#"{"dried":false}"# disabled { (word("action.unhold")) }
                 button type="button" data-request="unhold" data-body=r#"{"dried":true}"# data-needs="unhold --dried" disabled { (word("action.unhold_dried")) }
             }
-            @if visitor.may(Permission::Accept) { button type="button" data-request="accept" disabled { (word("action.accept")) } }
+            @if visitor.has_permission(Permission::Accept) { button type="button" data-request="accept" disabled { (word("action.accept")) } }
         }
     }
 }
 
 fn start(visitor: &Visitor, recipes: &Result<Vec<RecipeHash>, String>) -> Markup {
     let words = visitor.language();
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     html! {
         form #start data-post="/request/start" {
             h3 { (word("run.start")) }
@@ -142,44 +142,44 @@ fn start(visitor: &Visitor, recipes: &Result<Vec<RecipeHash>, String>) -> Markup
 
 /// Serves the picture that the camera sees now.
 pub(super) async fn frame(State(web): State<Arc<Web>>) -> Response {
-    match blocking(move || web.frames.jpeg()).await.flatten() {
+    match run_blocking(move || web.frames.newest_jpeg()).await.flatten() {
         Some(jpeg) => ([(header::CONTENT_TYPE, "image/jpeg")], jpeg.to_vec()).into_response(),
         None => StatusCode::NOT_FOUND.into_response(),
     }
 }
 
 /// Returns the shown cycle from its record so far: its part and panel, its abrasions, and the state of each grid.
-pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
+pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
     let cycle = web.live.borrow().cycle;
     let Some(id) = cycle.map(CycleId) else { return Ok(Json(json!({ "cycle": null })).into_response()) };
     let (part, record) =
-        reading(&web, &visitor, move |store: &Store| Ok((store.part_of(id)?, store.cycle(id)?))).await?;
-    let (mut grids, passes) = (grid_states(&record.findings), passes(&record));
+        reading(&web, &visitor, move |store: &Store| Ok((store.cycle_part(id)?, store.cycle(id)?))).await?;
+    let (mut grids, passes) = (grid_states(&record.findings), touching_passes(&record));
     grids.extend(touched_grids(&record).into_iter().map(|grid| (grid, "touched")));
     let told = json!({ "cycle": id, "part": part, "panel": record.panel, "passes": passes, "grids": grids });
     Ok(Json(told).into_response())
 }
 
 /// Shows the question for a person's decision: the numbers in question and the pictures, next to the buttons.
-pub(super) async fn review(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
+pub(super) async fn review(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
     let cycle = web.live.borrow().cycle;
-    let Some(id) = cycle.map(CycleId) else { return Err(not_found().await) };
+    let Some(id) = cycle.map(CycleId) else { return Err(not_found_page().await) };
     let record = reading(&web, &visitor, move |store| store.cycle(id)).await?;
     let asked = record.findings.iter().enumerate().rev();
     let mut asked = asked.filter(|(_, finding)| finding.judgement.verdict == Verdict::Review);
     match asked.next() {
         Some(found) => Ok(Html(question(&visitor, id, found).into_string()).into_response()),
-        None => Err(not_found().await),
+        None => Err(not_found_page().await),
     }
 }
 
 fn question(visitor: &Visitor, id: CycleId, (number, finding): (usize, &Finding)) -> Markup {
     let words = visitor.language();
-    let word = |key| words.word(key);
-    let judged = finding.checks.iter().filter(|check| check.limit.bound().is_some());
+    let word = |key| words.text(key);
+    let judged = finding.checks.iter().filter(|check| check.limit.value().is_some());
     html! {
         h2 { (word("review.title")) }
-        (messages::by_code(words, &finding.judgement.reasons))
+        (messages::show_by_code(words, &finding.judgement.reasons))
         div.evidence {
             @for (at, picture) in finding.pictures.iter().enumerate() {
                 figure {

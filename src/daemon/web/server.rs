@@ -2,18 +2,18 @@
 
 use super::bodies;
 use super::error::{PageError, PageFileError};
-use super::frame::Frames;
+use super::frame::FrameEncoder;
 use super::live;
-use super::live_state::Live;
+use super::live_state::LiveState;
 use super::login;
-use super::page_texts::Words;
-use super::places::{CONNECTIONS, Places, owner};
+use super::page_texts::Translations;
+use super::places::{CONNECTIONS, ViewerSlots, owner};
 use super::routes;
 use super::state::{Web, WebParts};
 use super::tls::{self, Certificate};
 use super::watching;
 use crate::cell;
-use crate::daemon::background::step_back;
+use crate::daemon::background::lower_priority;
 use crate::daemon::interface_context::InterfaceContext;
 use crate::daemon::live_view::LiveView;
 use crate::daemon::record_source::RecordSource;
@@ -43,7 +43,7 @@ const MAX_DRAINING: usize = 64;
 /// How long a connection that must give way is still read.
 const DRAIN_TIMEOUT: Duration = Duration::from_millis(50);
 /// Time within which the TLS handshake, and the head of each request, must arrive.
-const HEAD_TIMEOUT: Duration = Duration::from_secs(10);
+const REQUEST_HEAD_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time after which an unavailable address is tried again.
 const BIND_RETRY_DELAY: Duration = Duration::from_secs(1);
 /// A peer that accepts no data for this time is gone.
@@ -86,7 +86,7 @@ impl OperatorPage {
         let PageParts { page, folder, front, view, records } = parts;
         let gateway = front.gateway.clone();
         let Some(address) = page.listen else { return Ok(None) };
-        let words = words(&page)?;
+        let words = load_translations(&page)?;
         let is_local = address.ip().is_loopback() && page.certificate.is_none();
         let certificate = match is_local {
             true => None,
@@ -106,13 +106,22 @@ impl OperatorPage {
                 (None, address)
             }
         };
-        let (tell, live) = watch::channel(Arc::new(Live::default()));
-        let frames = Arc::new(Frames::new(view));
+        let (tell, live) = watch::channel(Arc::new(LiveState::default()));
+        let frames = Arc::new(FrameEncoder::new(view));
         let is_tls = certificate.is_some();
         let (idle_min, sessions) = (page.idle_min, page.sessions);
         let hosts = is_local.then(|| [address.to_string(), format!("localhost:{}", address.port())]);
-        let parts =
-            WebParts { front, live, frames: frames.clone(), words, records, is_tls, hosts, idle_min, sessions };
+        let parts = WebParts {
+            front,
+            live,
+            frames: frames.clone(),
+            translations: words,
+            records,
+            is_tls,
+            hosts,
+            idle_min,
+            sessions,
+        };
         let web = Arc::new(Web::new(parts));
         login::begin_displays(&web);
         let router = routes::router(&web);
@@ -120,9 +129,9 @@ impl OperatorPage {
         let fingerprint = certificate.as_ref().and_then(|certificate| certificate.fingerprint.clone());
         let acceptor = certificate.map(|certificate| TlsAcceptor::from(certificate.config));
         let serve = move || {
-            step_back();
-            runtime.spawn(live::follow(gateway, frames, tell));
-            runtime.spawn(watching::follow(web));
+            lower_priority();
+            runtime.spawn(live::poll_loop(gateway, frames, tell));
+            runtime.spawn(watching::repeat_check(web));
             run(&runtime, (listener, address), (acceptor, router), ended);
         };
         let thread = thread::Builder::new().name("page".to_owned()).spawn(serve).map_err(PageError::Thread)?;
@@ -138,19 +147,19 @@ impl Drop for OperatorPage {
     }
 }
 
-fn words(page: &cell::Page) -> Result<Words, PageError> {
-    let more = match &page.words {
+fn load_translations(page: &cell::Page) -> Result<Translations, PageError> {
+    let more = match &page.translations {
         None => None,
         Some(file) => {
-            let bytes = disk::read(file).map_err(|error| PageFileError::file(file, error))?;
+            let bytes = disk::read(file).map_err(|error| PageFileError::file_error(file, error))?;
             Some(
                 String::from_utf8(bytes)
-                    .map_err(|_| PageFileError::file(file, "the file is not valid UTF-8 text"))?,
+                    .map_err(|_| PageFileError::file_error(file, "the file is not valid UTF-8 text"))?,
             )
         }
     };
-    let file = page.words.clone().unwrap_or_default();
-    Ok(Words::read(more.as_deref()).map_err(|error| PageFileError::file(&file, error))?)
+    let file = page.translations.clone().unwrap_or_default();
+    Ok(Translations::read(more.as_deref()).map_err(|error| PageFileError::file_error(&file, error))?)
 }
 
 fn run(
@@ -164,7 +173,7 @@ fn run(
             () = async {
                 let listener = match listener {
                     Some(listener) => listener,
-                    None => bound(address).await,
+                    None => bind_with_retries(address).await,
                 };
                 accept(listener, acceptor, router).await;
             } => {}
@@ -175,7 +184,7 @@ fn run(
 
 /// Tries until the address is free and the network is up, as after a power cut: the cell continues without a page
 /// meanwhile.
-async fn bound(address: SocketAddr) -> TcpListener {
+async fn bind_with_retries(address: SocketAddr) -> TcpListener {
     loop {
         sleep(BIND_RETRY_DELAY).await;
         if let Ok(listener) = TcpListener::bind(address).await {
@@ -186,13 +195,17 @@ async fn bound(address: SocketAddr) -> TcpListener {
 }
 
 /// Serves these pages on an address, with or without a certificate, until the returned future is dropped.
-pub(in crate::daemon) async fn listen_on(listener: TcpListener, certificate: Option<Certificate>, router: Router) {
+pub(in crate::daemon) async fn listen_and_serve(
+    listener: TcpListener,
+    certificate: Option<Certificate>,
+    router: Router,
+) {
     accept(listener, certificate.map(|certificate| TlsAcceptor::from(certificate.config)), router).await;
 }
 
 async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Router) {
-    let places = Places::new(CONNECTIONS);
-    let attended = Arc::new(Semaphore::new(CONNECTIONS.of_all + MAX_DRAINING));
+    let places = ViewerSlots::new(CONNECTIONS);
+    let attended = Arc::new(Semaphore::new(CONNECTIONS.total + MAX_DRAINING));
     loop {
         let Ok(attended) = attended.clone().acquire_owned().await else { return };
         match listener.accept().await {
@@ -202,9 +215,9 @@ async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Ro
                 tokio::spawn(async move {
                     let heard = place.activity_handle();
                     tokio::select! {
-                        () = attend(stream, from, acceptor, (router, heard)) => {}
+                        () = serve_connection(stream, from, acceptor, (router, heard)) => {}
                         () = async {
-                            place.is_wanted().await;
+                            place.wait_until_wanted().await;
                             sleep(DRAIN_TIMEOUT).await;
                         } => {}
                     }
@@ -218,36 +231,41 @@ async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Ro
 }
 
 /// The pages of one connection, and the handle that marks it as active.
-type Heeded = (Router, ActivityHandle<IpAddr>);
+type MonitoredPages = (Router, ActivityHandle<IpAddr>);
 
-async fn attend(stream: TcpStream, from: SocketAddr, acceptor: Option<TlsAcceptor>, router: Heeded) {
+async fn serve_connection(
+    stream: TcpStream,
+    from: SocketAddr,
+    acceptor: Option<TlsAcceptor>,
+    router: MonitoredPages,
+) {
     let socket = socket2::SockRef::from(&stream);
     if socket.set_tcp_user_timeout(Some(DISCONNECT_TIMEOUT)).and_then(|()| socket.set_tcp_nodelay(true)).is_err() {
         return;
     }
     match acceptor {
-        None => speak(stream, from, router).await,
+        None => serve_http(stream, from, router).await,
         Some(acceptor) => {
-            if let Ok(Ok(stream)) = timeout(HEAD_TIMEOUT, acceptor.accept(stream)).await {
-                speak(stream, from, router).await;
+            if let Ok(Ok(stream)) = timeout(REQUEST_HEAD_TIMEOUT, acceptor.accept(stream)).await {
+                serve_http(stream, from, router).await;
             }
         }
     }
 }
 
-async fn speak(
+async fn serve_http(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
     from: SocketAddr,
-    (router, heard): Heeded,
+    (router, heard): MonitoredPages,
 ) {
-    let router = router.layer(map_request(bodies::in_time)).layer(axum::Extension(ConnectInfo(from)));
+    let router = router.layer(map_request(bodies::with_body_timeout)).layer(axum::Extension(ConnectInfo(from)));
     let heeded = from_fn(move |request: Request, next: Next| {
         heard.now();
         next.run(request)
     });
     let service = TowerToHyperService::new(router.layer(heeded));
     let mut server = http1::Builder::new();
-    server.timer(TokioTimer::new()).header_read_timeout(HEAD_TIMEOUT).max_buf_size(64 * 1_024);
+    server.timer(TokioTimer::new()).header_read_timeout(REQUEST_HEAD_TIMEOUT).max_buf_size(64 * 1_024);
     #[expect(clippy::let_underscore_must_use, reason = "a client that disconnected needs no reply")]
     let _ = server.serve_connection(TokioIo::new(stream), service).await;
 }

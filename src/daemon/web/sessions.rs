@@ -18,7 +18,7 @@ pub struct Session {
     pub printed_name: String,
     /// The role.
     pub role: Role,
-    /// The stamp of the account when the person logged in (`people::stamp`).
+    /// The stamp of the account when the person logged in (`people::account_stamp`).
     pub stamp: String,
     /// The token that each change must contain, so that no other site can cause a change.
     pub csrf: String,
@@ -28,7 +28,7 @@ pub struct Session {
 
 /// The person who owns a session.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Holder {
+pub struct SessionHolder {
     /// The account's name.
     pub name: String,
     /// The person's printed name.
@@ -41,17 +41,17 @@ pub struct Holder {
 
 /// The hash of a token: a copy of the memory does not allow a log-in, and the time of a lookup reveals nothing about
 /// the token.
-type Key = [u8; 32];
+type TokenHash = [u8; 32];
 
 /// All sessions. Times are seconds of a clock that does not jump.
 #[derive(Debug)]
 pub struct Sessions {
-    open: BTreeMap<Key, Session>,
+    open: BTreeMap<TokenHash, Session>,
     idle_s: f64,
     of_account: usize,
 }
 
-fn key(token: &str) -> Key {
+fn key(token: &str) -> TokenHash {
     Sha256::digest(token.as_bytes()).into()
 }
 
@@ -64,20 +64,20 @@ impl Sessions {
 
     /// Begins a session under a new token. If this account then has too many sessions, the session without a request
     /// for the longest time ends.
-    pub fn begin(&mut self, (token, csrf): (&str, String), who: Holder, now_s: f64) {
+    pub fn begin_session(&mut self, (token, csrf): (&str, String), who: SessionHolder, now_s: f64) {
         self.forget(now_s);
-        let Holder { name, printed_name, role, stamp } = who;
+        let SessionHolder { name, printed_name, role, stamp } = who;
         while self.open.values().filter(|session| session.name == name).count() >= self.of_account {
-            self.end_oldest(|session| session.name == name);
+            self.end_oldest_session(|session| session.name == name);
         }
         if self.open.len() >= MAX_SESSIONS {
-            self.end_oldest(|_| true);
+            self.end_oldest_session(|_| true);
         }
         let session = Session { name, printed_name, role, stamp, csrf, began_s: now_s, seen_s: now_s };
         self.open.insert(key(token), session);
     }
 
-    fn end_oldest(&mut self, of: impl Fn(&Session) -> bool) {
+    fn end_oldest_session(&mut self, of: impl Fn(&Session) -> bool) {
         let oldest = self.open.iter().filter(|(_, session)| of(session));
         let oldest = oldest.min_by(|a, b| a.1.seen_s.total_cmp(&b.1.seen_s)).map(|(key, _)| *key);
         oldest.and_then(|key| self.open.remove(&key));
@@ -99,7 +99,7 @@ impl Sessions {
     }
 
     /// Ends every session of this account, for example when the account is changed.
-    pub fn end_all_of(&mut self, name: &str) {
+    pub fn end_account_sessions(&mut self, name: &str) {
         self.open.retain(|_, session| session.name != name);
     }
 
@@ -115,18 +115,18 @@ impl Sessions {
 mod tests {
     use super::*;
 
-    fn anna() -> Holder {
+    fn anna() -> SessionHolder {
         let (name, printed_name) = ("anna".to_owned(), "Anna B".to_owned());
-        Holder { name, printed_name, role: Role::Operator, stamp: String::new() }
+        SessionHolder { name, printed_name, role: Role::Operator, stamp: String::new() }
     }
 
     #[test]
     fn a_session_ends_when_idle_and_at_the_end_of_a_shift() {
         let mut sessions = Sessions::new(60.0, 2);
-        sessions.begin(("t", "c".to_owned()), anna(), 0.0);
+        sessions.begin_session(("t", "c".to_owned()), anna(), 0.0);
         assert_eq!(sessions.find("t", 59.0, false).map(|found| found.name), Some("anna".to_owned()));
         assert_eq!(sessions.find("t", 60.0, false), None, "a page that only looks keeps nothing alive");
-        sessions.begin(("t", "c".to_owned()), anna(), 100.0);
+        sessions.begin_session(("t", "c".to_owned()), anna(), 100.0);
         let mut now_s = 100.0;
         while sessions.find("t", now_s, true).is_some() {
             now_s += 59.0;
@@ -138,9 +138,9 @@ mod tests {
     #[test]
     fn a_display_on_the_wall_keeps_its_session_without_clicks() {
         let mut sessions = Sessions::new(60.0, 2);
-        sessions.begin(("t", "c".to_owned()), Holder { role: Role::Display, ..anna() }, 0.0);
+        sessions.begin_session(("t", "c".to_owned()), SessionHolder { role: Role::Display, ..anna() }, 0.0);
         assert!(sessions.find("t", 30.0 * 24.0 * 3_600.0, false).is_some(), "30 days");
-        sessions.end_all_of("anna");
+        sessions.end_account_sessions("anna");
         assert_eq!(sessions.find("t", 1.0, false), None);
     }
 
@@ -148,13 +148,13 @@ mod tests {
     fn an_account_has_only_so_many() {
         let mut sessions = Sessions::new(60.0, 2);
         for (token, now_s) in [("a", 0.0), ("b", 1.0)] {
-            sessions.begin((token, String::new()), anna(), now_s);
+            sessions.begin_session((token, String::new()), anna(), now_s);
         }
         sessions.find("a", 2.0, true).expect("open");
-        sessions.begin(("c", String::new()), anna(), 3.0);
+        sessions.begin_session(("c", String::new()), anna(), 3.0);
         let open: Vec<bool> = ["a", "b", "c"].map(|token| sessions.find(token, 4.0, false).is_some()).into();
         assert_eq!(open, [true, false, true], "the one that was silent for longest ended");
-        sessions.end_all_of("anna");
+        sessions.end_account_sessions("anna");
         assert_eq!(sessions.open.len(), 0);
     }
 }

@@ -1,10 +1,10 @@
 //! The set-up of the cell: recipes with their problems, and the equipment with the age of its calibrations.
 
-use super::guard::{By, refusal};
-use super::layout::{Frame, Script, local};
+use super::guard::{VisitorExtension, refusal};
+use super::layout::{Frame, Script, local_time};
 use super::page_texts::Language;
-use super::reading::{Answer, ended, reading};
-use super::state::{Web, blocking, entry};
+use super::reading::{Answer, panic_response, reading};
+use super::state::{Web, entry, run_blocking};
 use super::versions;
 use crate::accounts::{AuditEntry, Permission};
 use crate::files::content_hash;
@@ -21,13 +21,13 @@ use serde_json::json;
 use std::sync::{Arc, PoisonError};
 
 /// Recipes and equipment.
-pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Response {
     let source = web.front.setup.clone();
-    let Some((recipes, equipment)) = blocking(move || (source.recipes(), source.equipment())).await else {
-        return ended();
+    let Some((recipes, equipment)) = run_blocking(move || (source.recipes(), source.list_equipment())).await else {
+        return panic_response();
     };
     let words = visitor.language();
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     let body = html! {
         section.card {
             h2 { (word("setup.recipes")) }
@@ -40,7 +40,7 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
             h2 { (word("setup.cell")) }
             p.links {
                 a href="/setup/cameras" { (word("cameras.title")) }
-                @if visitor.may(Permission::Configure) { " · " a href="/setup/doctor" { (word("doctor.title")) } }
+                @if visitor.has_permission(Permission::Configure) { " · " a href="/setup/doctor" { (word("doctor.title")) } }
             }
         }
         section.card {
@@ -64,38 +64,38 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
 /// Shows one recipe: its text, its problems, and a form to change it for persons who may do so.
 pub(super) async fn recipe(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Path(name): Path<String>,
     Query(OfferQuery { offer: taken }): Query<OfferQuery>,
 ) -> Answer {
     let (source, asked) = (web.front.setup.clone(), name.clone());
-    let read = blocking(move || {
+    let read = run_blocking(move || {
         let recipe = source.recipe(&asked)?;
         let problems = source.problems(&asked, &recipe.text);
         let not_taught = source.not_taught(&asked, &recipe.text);
-        let offer = source.offer(&asked)?;
+        let offer = source.recipe_offer(&asked)?;
         Ok::<_, String>((recipe, (problems, not_taught), offer))
     });
     let (recipe, (problems, not_taught), offer) = match read.await {
         Some(Ok(read)) => read,
         Some(Err(problem)) => return Err(refusal(StatusCode::NOT_FOUND, "recipe", &problem)),
-        None => return Err(ended()),
+        None => return Err(panic_response()),
     };
     let beginning = versions::subject(&name, "");
-    let versions = move |store: &Store| store.audit_about(versions::CHANGE, &beginning);
+    let versions = move |store: &Store| store.audit_of_subjects(versions::RECIPE_CHANGE, &beginning);
     let versions = reading(&web, &visitor, versions).await?;
     let words = visitor.language();
-    let word = |key| words.word(key);
+    let word = |key| words.text(key);
     let body = html! {
         section.card {
             h2 { (name) }
             (verdict(&problems, word("setup.right")))
             @if let Some(why) = &not_taught { p.told.bad { (word("setup.not_taught")) " " (why) } }
-            @if visitor.may(Permission::Configure) {
+            @if visitor.has_permission(Permission::Configure) {
                 p.links { a href={ "/setup/recipe/" (name) "/draw" } { (word("setup.draw")) } }
             }
-            @if let Some(offer) = &offer { (offered(words, (&name, &recipe.text), offer)) }
-            @if visitor.may(Permission::Configure) {
+            @if let Some(offer) = &offer { (show_offer(words, (&name, &recipe.text), offer)) }
+            @if visitor.has_permission(Permission::Configure) {
                 @let taken = offer.as_ref().filter(|offer| offer.hash() == taken);
                 @let why = taken.map_or(String::new(), |offer| format!("{} {}: {}", word("setup.of_office"), offer.by, offer.why));
                 form data-post={ "/setup/recipe/" (name) } {
@@ -111,7 +111,7 @@ pub(super) async fn recipe(
                     }
                 }
             } @else { pre.scroll tabindex="0" { (recipe.text) } }
-            (versions::shown(words, &name, &versions))
+            (versions::show_versions(words, &name, &versions))
         }
     };
     Ok(Frame { visitor: &visitor, title: &name, here: "/setup", scripts: &[Script::Forms] }.page(&body))
@@ -125,13 +125,13 @@ pub(super) struct OfferQuery {
 }
 
 /// Shows the office's offer, its author and reason, its difference, and the link that copies it into the form.
-fn offered(words: Language<'_>, (name, text): (&str, &str), offer: &RecipeOffer) -> Markup {
+fn show_offer(words: Language<'_>, (name, text): (&str, &str), offer: &RecipeOffer) -> Markup {
     html! {
         section.review {
-            h3 { (words.word("setup.offered")) }
-            p { (offer.by) ", " (local(offer.unix_ms)) ": " (offer.why) }
+            h3 { (words.text("setup.offered")) }
+            p { (offer.by) ", " (local_time(offer.unix_ms)) ": " (offer.why) }
             (versions::difference(text, &offer.text))
-            p.links { a href={ "/setup/recipe/" (name) "?offer=" (offer.hash()) } { (words.word("setup.take")) } }
+            p.links { a href={ "/setup/recipe/" (name) "?offer=" (offer.hash()) } { (words.text("setup.take")) } }
         }
     }
 }
@@ -145,7 +145,7 @@ fn verdict(problems: &[String], right: &str) -> Markup {
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Text {
+pub(super) struct RecipeTextForm {
     text: String,
     #[serde(default)]
     why: String,
@@ -155,55 +155,55 @@ pub(super) struct Text {
 }
 
 /// Checks this text and returns what is wrong with it; nothing is written.
-pub(super) async fn check(
+pub(super) async fn check_text(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
-    Json(Text { text, .. }): Json<Text>,
+    Extension(visitor): VisitorExtension,
+    Json(RecipeTextForm { text, .. }): Json<RecipeTextForm>,
 ) -> Response {
     let source = web.front.setup.clone();
     let name = "recipe.toml";
-    match blocking(move || (source.problems(name, &text), source.not_taught(name, &text))).await {
+    match run_blocking(move || (source.problems(name, &text), source.not_taught(name, &text))).await {
         Some((problems, not_taught)) if problems.is_empty() => {
             let words = visitor.language();
-            let missing = not_taught.map(|why| format!("\n{} {why}", words.word("setup.not_taught")));
-            let message = format!("{}{}", words.word("setup.right"), missing.unwrap_or_default());
+            let missing = not_taught.map(|why| format!("\n{} {why}", words.text("setup.not_taught")));
+            let message = format!("{}{}", words.text("setup.right"), missing.unwrap_or_default());
             Json(json!({ "message": message })).into_response()
         }
         Some((problems, _)) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problems.join("\n")),
-        None => ended(),
+        None => panic_response(),
     }
 }
 
 /// Writes the recipe; the audit trail contains the text before and after the change, with the reason.
 pub(super) async fn save(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Path(name): Path<String>,
-    Json(Text { text, why, before: read }): Json<Text>,
+    Json(RecipeTextForm { text, why, before: read }): Json<RecipeTextForm>,
 ) -> Response {
     if why.trim().is_empty() {
-        return refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", visitor.language().word("setup.why_missing"));
+        return refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", visitor.language().text("setup.why_missing"));
     }
     let subject = Some(versions::subject(&name, why.trim()));
-    let line = AuditEntry { subject, after: Some(text), ..entry(&visitor, versions::CHANGE) };
-    let changed = visitor.language().word("setup.changed_meanwhile").to_owned();
+    let line = AuditEntry { subject, after: Some(text), ..entry(&visitor, versions::RECIPE_CHANGE) };
+    let changed = visitor.language().text("setup.changed_meanwhile").to_owned();
     let after = content_hash(line.after.as_deref().unwrap_or_default().as_bytes());
-    let kept = blocking(move || kept(&web, &name, line, (&read, &changed)));
+    let kept = run_blocking(move || store_recipe(&web, &name, line, (&read, &changed)));
     match kept.await {
         // The form continues from the saved text.
         Some(Ok(_)) => {
-            let told = json!({ "message": visitor.language().word("saved"), "fields": { "before": after } });
+            let told = json!({ "message": visitor.language().text("saved"), "fields": { "before": after } });
             Json(told).into_response()
         }
         Some(Err(problem)) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problem),
-        None => ended(),
+        None => panic_response(),
     }
 }
 
 /// Stores the text after this line's change as the recipe. In one locked step, the present text is compared with the
 /// text on which the change is based, the change is written to the audit trail, and the recipe is written. So if two
 /// people save at the same time, the second one is informed. Nothing is written that is not in the audit trail.
-fn kept(web: &Web, name: &str, line: AuditEntry, (read, changed): (&str, &str)) -> Result<(), String> {
+fn store_recipe(web: &Web, name: &str, line: AuditEntry, (read, changed): (&str, &str)) -> Result<(), String> {
     // A panic of another thread under this lock leaves nothing incomplete: a file is written as a whole.
     let _turn = web.saving.lock().unwrap_or_else(PoisonError::into_inner);
     let setup = &web.front.setup;
@@ -221,7 +221,7 @@ fn kept(web: &Web, name: &str, line: AuditEntry, (read, changed): (&str, &str)) 
     };
     let before = Some(checked.map_err(refused)?);
     let told = AuditEntry { before, ..line.clone() };
-    web.write(|store| store.keep_audit(&told)).map_err(|error| {
+    web.write(|store| store.store_audit(&told)).map_err(|error| {
         format!(
             "the audit trail cannot be written, so the recipe was not saved: {error}; save the recipe again later"
         )
@@ -237,7 +237,11 @@ mod tests {
 
     fn line(text: &str) -> AuditEntry {
         let (subject, after) = (Some("door.toml: finer".to_owned()), Some(text.to_owned()));
-        AuditEntry { subject, after, ..AuditEntry::done(None, None, "10.0.0.1".to_owned(), versions::CHANGE) }
+        AuditEntry {
+            subject,
+            after,
+            ..AuditEntry::for_completed_action(None, None, "10.0.0.1".to_owned(), versions::RECIPE_CHANGE)
+        }
     }
 
     #[test]
@@ -246,7 +250,7 @@ mod tests {
         let read = content_hash(DOOR.as_bytes());
         let save = |rows| {
             let text = DOOR.replace("rows = 2", rows);
-            kept(&site.web, "door.toml", line(&text), (&read, "changed meanwhile"))
+            store_recipe(&site.web, "door.toml", line(&text), (&read, "changed meanwhile"))
         };
         let came = std::thread::scope(|scope| {
             let both = [scope.spawn(|| save("rows = 5")), scope.spawn(|| save("rows = 6"))];
@@ -254,7 +258,8 @@ mod tests {
         });
         let told: Vec<_> = came.iter().filter_map(|came| came.as_ref().err()).collect();
         assert_eq!(told, ["changed meanwhile"], "exactly one is kept");
-        let lines = site.web.read(|store| store.audit_about(versions::CHANGE, "door.toml: ")).expect("read");
+        let lines =
+            site.web.read(|store| store.audit_of_subjects(versions::RECIPE_CHANGE, "door.toml: ")).expect("read");
         let now = site.web.front.setup.recipe("door.toml").expect("it");
         assert_eq!(lines.len(), 1);
         assert_eq!(lines[0].entry.after.as_deref(), Some(now.text.as_str()), "the one that the trail has");
@@ -266,7 +271,8 @@ mod tests {
         let store = site.folder.path().join("store");
         fs::remove_dir_all(&store).expect("removed");
         fs::write(&store, "no folder").expect("written");
-        let told = kept(&site.web, "door.toml", line(&DOOR.replace("rows = 2", "rows = 5")), ("", "changed"));
+        let told =
+            store_recipe(&site.web, "door.toml", line(&DOOR.replace("rows = 2", "rows = 5")), ("", "changed"));
         assert!(told.is_err_and(|told| told.contains("the audit trail cannot be written")));
         assert_eq!(site.web.front.setup.recipe("door.toml").expect("it").text, DOOR);
     }

@@ -2,7 +2,7 @@
 //! given another role or password: on another page, on the terminal, or while the person was logging in.
 
 use super::visitor::Person;
-use crate::daemon::people::{People, stamp};
+use crate::daemon::people::{AccountService, account_stamp};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use tokio::sync::Mutex;
@@ -14,35 +14,36 @@ const MIN_READ_INTERVAL_S: f64 = 1.0;
 
 /// The accounts as they were read last; `None` before the first reading.
 #[derive(Debug, Default)]
-pub(super) struct Stamps(Mutex<Option<Known>>);
+pub(super) struct AccountStamps(Mutex<Option<KnownStamps>>);
 
 /// The stamps of all enabled accounts.
 #[derive(Debug)]
-struct Known {
+struct KnownStamps {
     read_s: f64,
     stamps: BTreeMap<String, String>,
 }
 
-impl Known {
-    fn has(&self, person: &Person) -> bool {
+impl KnownStamps {
+    fn contains(&self, person: &Person) -> bool {
         self.stamps.get(&person.name) == Some(&person.stamp)
     }
 }
 
-impl Stamps {
+impl AccountStamps {
     /// Returns whether this person's session is still valid. It may wait for the store's disk.
-    pub async fn count(&self, people: &Arc<People>, person: &Person) -> bool {
+    pub async fn count(&self, people: &Arc<AccountService>, person: &Person) -> bool {
         let mut known = self.0.lock().await;
         let read_s = people.now_s();
-        if known.as_ref().is_some_and(|known| read_s - known.read_s < MIN_READ_INTERVAL_S && known.has(person)) {
+        if known.as_ref().is_some_and(|known| read_s - known.read_s < MIN_READ_INTERVAL_S && known.contains(person))
+        {
             return true;
         }
         let shared = people.clone();
         match spawn_blocking(move || shared.read(|store| store.accounts())).await {
             Ok(Ok(accounts)) => {
                 let enabled = accounts.values().filter(|account| account.is_enabled);
-                let stamps = enabled.map(|account| (account.name.clone(), stamp(account))).collect();
-                known.insert(Known { read_s, stamps }).has(person)
+                let stamps = enabled.map(|account| (account.name.clone(), account_stamp(account))).collect();
+                known.insert(KnownStamps { read_s, stamps }).contains(person)
             }
             // A store that cannot be read ends no session: the last known data remains valid.
             failed => {
@@ -51,7 +52,7 @@ impl Stamps {
                         "the accounts could not be read, so changes of accounts are not effective yet: {error}"
                     );
                 }
-                known.as_ref().is_none_or(|known| known.has(person))
+                known.as_ref().is_none_or(|known| known.contains(person))
             }
         }
     }

@@ -1,13 +1,13 @@
 //! What the page's handlers share.
 
-use super::camera_views::Views;
-use super::frame::Frames;
-use super::live_state::Live;
-use super::page_texts::{Language, Words};
-use super::places::{LOOKERS, Places};
+use super::camera_views::CameraShots;
+use super::frame::FrameEncoder;
+use super::live_state::LiveState;
+use super::page_texts::{Language, Translations};
+use super::places::{MAX_VIEWERS, ViewerSlots};
 use super::refusals::Refusals;
 use super::sessions::Sessions;
-use super::stamps::Stamps;
+use super::stamps::AccountStamps;
 use super::visitor::Visitor;
 use crate::accounts::AuditEntry;
 use crate::daemon::interface_context::InterfaceContext;
@@ -20,10 +20,10 @@ use tokio::sync::{Semaphore, watch};
 /// What the page's handlers share.
 pub(super) struct Web {
     pub front: InterfaceContext,
-    pub live: watch::Receiver<Arc<Live>>,
-    pub frames: Arc<Frames>,
+    pub live: watch::Receiver<Arc<LiveState>>,
+    pub frames: Arc<FrameEncoder>,
     pub scene: LiveScene,
-    pub words: Arc<Words>,
+    pub translations: Arc<Translations>,
     pub records: Arc<dyn RecordSource>,
     /// Whether the page uses TLS.
     pub is_tls: bool,
@@ -32,11 +32,11 @@ pub(super) struct Web {
     /// Locked while a person runs an examination of the whole cell.
     pub examining: Semaphore,
     /// The last pictures of the cameras between cycles.
-    pub views: Views,
+    pub views: CameraShots,
     /// The viewers of the events.
-    pub lookers: Places,
+    pub viewer_slots: ViewerSlots,
     /// The accounts as they were read last.
-    pub stamps: Stamps,
+    pub stamps: AccountStamps,
     /// Held while a recipe is saved.
     pub saving: Mutex<()>,
     refusals: Mutex<Refusals>,
@@ -46,9 +46,9 @@ pub(super) struct Web {
 /// The parts from which the shared data of the page is made.
 pub(super) struct WebParts {
     pub front: InterfaceContext,
-    pub live: watch::Receiver<Arc<Live>>,
-    pub frames: Arc<Frames>,
-    pub words: Words,
+    pub live: watch::Receiver<Arc<LiveState>>,
+    pub frames: Arc<FrameEncoder>,
+    pub translations: Translations,
     pub records: Arc<dyn RecordSource>,
     pub is_tls: bool,
     pub hosts: Option<[String; 2]>,
@@ -64,14 +64,14 @@ impl Web {
             live: parts.live,
             scene: parts.frames.scene(),
             frames: parts.frames,
-            words: Arc::new(parts.words),
+            translations: Arc::new(parts.translations),
             records: parts.records,
             is_tls: parts.is_tls,
             hosts: parts.hosts,
             examining: Semaphore::new(1),
-            views: Views::default(),
-            lookers: Places::new(LOOKERS),
-            stamps: Stamps::default(),
+            views: CameraShots::default(),
+            viewer_slots: ViewerSlots::new(MAX_VIEWERS),
+            stamps: AccountStamps::default(),
             saving: Mutex::default(),
             refusals: Mutex::default(),
             sessions: Mutex::new(Sessions::new(idle_s, parts.sessions)),
@@ -93,7 +93,7 @@ impl Web {
     pub fn audit_refusal(&self, line: &AuditEntry) {
         let now_ms = self.now_ms();
         self.count_refusals(now_ms);
-        if self.refusals().allows(line, now_ms) {
+        if self.lock_refusals().admit_line(line, now_ms) {
             self.audit(line);
         }
     }
@@ -101,11 +101,11 @@ impl Web {
     /// Records the lines that count the refusals of the minutes that have passed by this time. It runs on the calling
     /// thread.
     pub fn count_refusals(&self, now_ms: u64) {
-        let counted = self.refusals().over(now_ms);
+        let counted = self.lock_refusals().take_elapsed_lines(now_ms);
         counted.iter().for_each(|line| self.audit(line));
     }
 
-    fn refusals(&self) -> MutexGuard<'_, Refusals> {
+    fn lock_refusals(&self) -> MutexGuard<'_, Refusals> {
         // Every change is completed under the lock.
         self.refusals.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -139,17 +139,17 @@ impl Web {
 
 /// Returns the text that log-in to the account is blocked for this many more seconds after wrong passwords.
 pub(super) fn pauses(left_s: f64, words: Language<'_>) -> String {
-    format!("{} {:.0} s", words.word("login.pauses"), left_s.ceil())
+    format!("{} {:.0} s", words.text("login.pauses"), left_s.ceil())
 }
 
 /// Returns a line of the audit trail for this visitor and an action that was done.
 pub(super) fn entry(visitor: &Visitor, what: &str) -> AuditEntry {
     let (who, role) = visitor.person.as_ref().map(|person| (person.name.clone(), person.role)).unzip();
-    AuditEntry::done(who, role, visitor.from.clone(), what)
+    AuditEntry::for_completed_action(who, role, visitor.from.clone(), what)
 }
 
 /// Runs work that may wait for a disk or need long, outside the page's runtime.
-pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+pub(super) async fn run_blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     tokio::task::spawn_blocking(work).await.ok()
 }
 

@@ -6,9 +6,9 @@ mod roles;
 mod served;
 mod sessions;
 
-use super::frame::Frames;
-use super::live_state::Live;
-use super::page_texts::Words;
+use super::frame::FrameEncoder;
+use super::live_state::LiveState;
+use super::page_texts::Translations;
 use super::routes;
 use super::server::PageParts;
 use super::state::{Web, WebParts};
@@ -17,16 +17,16 @@ use crate::daemon::alarms::Alarms;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::interface_context::InterfaceContext;
 use crate::daemon::live_view::LiveView;
-use crate::daemon::people::People;
+use crate::daemon::people::AccountService;
 use crate::daemon::record_source::{RecordPdf, RecordSource};
-use crate::daemon::reply::{Exit, Reply};
+use crate::daemon::reply::{Reply, RequestResult};
 use crate::daemon::request::Request as CellRequest;
 use crate::daemon::request_queue::request_queue;
-use crate::daemon::setup_source::{Equipment, Examined, RecipeText, SetupSource};
+use crate::daemon::setup_source::{Equipment, ExaminedItem, RecipeText, SetupSource};
 use crate::geometry::ColorPicture;
 use crate::office::RecipeOffer;
 use crate::record::CycleId;
-use crate::store::{PersonSigns, Store};
+use crate::store::{PersonSigningRequest, Store};
 use crate::verdict::{Reason, Verdict};
 use axum::Router;
 use axum::body::{Body, to_bytes};
@@ -42,7 +42,8 @@ use tower::ServiceExt;
 
 pub(super) const PASSWORD: &str = "correct horse";
 /// One hash for all, since it needs a while.
-static HASH: LazyLock<String> = LazyLock::new(|| accounts::hashed(PASSWORD, "nobody", [3; 16]).expect("allowed"));
+static HASH: LazyLock<String> =
+    LazyLock::new(|| accounts::hash_password(PASSWORD, "nobody", [3; 16]).expect("allowed"));
 
 /// A correct recipe, with a comment that must not be lost.
 pub(super) const DOOR: &str = "panel = \"door\" # the left one\n\n[locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [900, 900, 900]\n\n\
@@ -70,7 +71,7 @@ impl SetupSource for Source {
         }
     }
 
-    fn offer(&self, name: &str) -> Result<Option<RecipeOffer>, String> {
+    fn recipe_offer(&self, name: &str) -> Result<Option<RecipeOffer>, String> {
         let of_door =
             || RecipeOffer::new("door", &DOOR.replace("rows = 2", "rows = 3"), ("Anna <b>", "finer film"), 1_000);
         Ok((name == "door.toml").then(|| of_door().expect("an offer")))
@@ -96,15 +97,15 @@ impl SetupSource for Source {
     }
 
     fn taught_picture(&self, name: &str) -> Result<ColorPicture, String> {
-        self.recipe(name).map(|_| ColorPicture::filled(100, 80, [9, 9, 9]))
+        self.recipe(name).map(|_| ColorPicture::uniform(100, 80, [9, 9, 9]))
     }
 
-    fn standing(&self) -> Vec<Reason> {
+    fn cycle_obstacles(&self) -> Vec<Reason> {
         vec![Reason::new("disk_scarce", "5 MB are free")]
     }
 
-    fn examine(&self) -> Vec<Examined> {
-        let of = |name: &str, is_right| Examined {
+    fn examine_cell(&self) -> Vec<ExaminedItem> {
+        let of = |name: &str, is_right| ExaminedItem {
             name: name.to_owned(),
             is_right,
             found: "found".to_owned(),
@@ -113,7 +114,7 @@ impl SetupSource for Source {
         vec![of("disk", true), of("robot", false)]
     }
 
-    fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
+    fn list_equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
         Ok((Verdict::Accept, vec![], vec![]))
     }
 }
@@ -127,7 +128,7 @@ impl RecordSource for Source {
         Ok(None)
     }
 
-    fn sign(&self, _: &PersonSigns) -> Result<u64, String> {
+    fn sign(&self, _: &PersonSigningRequest) -> Result<u64, String> {
         Ok(1)
     }
 }
@@ -171,14 +172,14 @@ impl PageFixture {
         let store = Store::create(&folder.path().join("store")).expect("a store");
         drop(store);
         let folder_of_store = folder.path().join("store");
-        let mut store = Store::for_people(&folder_of_store).expect("open");
-        let entry = AuditEntry::done(None, None, "terminal".to_owned(), "change account");
+        let mut store = Store::open_for_accounts(&folder_of_store).expect("open");
+        let entry = AuditEntry::for_completed_action(None, None, "terminal".to_owned(), "change account");
         for role in Role::VARIANTS {
-            let name = role.word().to_owned();
+            let name = role.keyword().to_owned();
             let printed_name = format!("<script>alert('{name}')</script>");
             let account =
                 Account { name, printed_name, role: *role, password_hash: HASH.clone(), is_enabled: true };
-            store.keep_account(&account, &entry).expect("kept");
+            store.store_account(&account, &entry).expect("kept");
         }
         drop(store);
         let (sender, queue) = request_queue();
@@ -186,20 +187,22 @@ impl PageFixture {
         let heard = asked.clone();
         thread::spawn(move || {
             loop {
-                let Some(CellRequest { what, who, reply }) = queue.next(Duration::from_secs(60)) else { return };
+                let Some(CellRequest { what, requester: who, reply }) = queue.next(Duration::from_secs(60)) else {
+                    return;
+                };
                 if !matches!(what, crate::daemon::request::RequestKind::State) {
-                    heard.lock().expect("whole").push(format!("{} by {who}", what.words()));
+                    heard.lock().expect("whole").push(format!("{} by {who}", what.describe()));
                 }
-                let done = Reply { state: Some("idle".to_owned()), ..Reply::refused(Exit::Done, vec![]) };
+                let done = Reply { state: Some("idle".to_owned()), ..Reply::refused(RequestResult::Done, vec![]) };
                 if let Some(reply) = reply {
                     drop(reply.send(done));
                 }
             }
         });
         let loader = Arc::new(|_| Err(vec![Reason::new("bad_input", "no cell here")]));
-        let (_, live) = tokio::sync::watch::channel(Arc::new(Live::default()));
+        let (_, live) = tokio::sync::watch::channel(Arc::new(LiveState::default()));
         let gateway = Gateway::new(sender, loader, None);
-        let people = Arc::new(People::new(folder_of_store));
+        let people = Arc::new(AccountService::new(folder_of_store));
         let alarms = Arc::new(Alarms::new(people.clone()));
         let web = Arc::new(Web::new(WebParts {
             front: InterfaceContext {
@@ -209,8 +212,8 @@ impl PageFixture {
                 setup: Arc::new(Source::default()),
             },
             live,
-            frames: Arc::new(Frames::new(LiveView::default())),
-            words: Words::read(None).expect("the program's own"),
+            frames: Arc::new(FrameEncoder::new(LiveView::default())),
+            translations: Translations::read(None).expect("the program's own"),
             records: Arc::new(Source::default()),
             is_tls: false,
             hosts: Some(["127.0.0.1:8090".to_owned(), "localhost:8090".to_owned()]),
@@ -225,7 +228,7 @@ impl PageFixture {
     /// Returns the parts from which a real server of the same page is started.
     pub fn parts(&self, page: crate::cell::Page) -> PageParts {
         let (folder, gateway) = (self.folder.path().join("store"), self.gateway.clone());
-        let people = Arc::new(People::new(folder.clone()));
+        let people = Arc::new(AccountService::new(folder.clone()));
         let alarms = Arc::new(Alarms::new(people.clone()));
         let front = InterfaceContext { gateway, people, alarms, setup: Arc::new(Source::default()) };
         PageParts { page, folder, front, view: LiveView::default(), records: Arc::new(Source::default()) }

@@ -15,7 +15,7 @@ use std::sync::Arc;
 use tempfile::NamedTempFile;
 
 /// The names of the files that the program makes.
-const OWN: [&str; 2] = ["page-certificate.pem", "page-key.pem"];
+const OWN_FILE_NAMES: [&str; 2] = ["page-certificate.pem", "page-key.pem"];
 
 /// The certificate that a server presents in TLS.
 pub struct Certificate {
@@ -35,24 +35,24 @@ pub fn certificate(
     folder: &Path,
     listen: SocketAddr,
 ) -> Result<Certificate, PageFileError> {
-    let own = OWN.map(|name| folder.join(name));
+    let own = OWN_FILE_NAMES.map(|name| folder.join(name));
     let files = match given {
         Some(files) => files,
         None => {
             if !own.iter().all(|file| file.is_file()) {
-                make(&own, listen)?;
+                make_certificate(&own, listen)?;
             }
             &own
         }
     };
     let [text, key] = files;
-    let read = |file: &Path| disk::read(file).map_err(|error| PageFileError::file(file, error));
+    let read = |file: &Path| disk::read(file).map_err(|error| PageFileError::file_error(file, error));
     let chain: Vec<CertificateDer<'static>> = CertificateDer::pem_slice_iter(&read(text)?)
         .collect::<Result<_, _>>()
-        .map_err(|error| PageFileError::file(text, format!("the file is not a PEM certificate: {error}")))?;
+        .map_err(|error| PageFileError::file_error(text, format!("the file is not a PEM certificate: {error}")))?;
     let private = PrivateKeyDer::from_pem_slice(&read(key)?)
-        .map_err(|error| PageFileError::file(key, format!("the file is not a PEM private key: {error}")))?;
-    let first = chain.first().ok_or_else(|| PageFileError::file(text, "the file contains no certificate"))?;
+        .map_err(|error| PageFileError::file_error(key, format!("the file is not a PEM private key: {error}")))?;
+    let first = chain.first().ok_or_else(|| PageFileError::file_error(text, "the file contains no certificate"))?;
     let is_own = given.is_none();
     let fingerprint = is_own.then(|| {
         let bytes = Sha256::digest(first.as_ref());
@@ -63,18 +63,19 @@ pub fn certificate(
         .with_safe_default_protocol_versions()
         .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, private))
         .map_err(|error| {
-            PageFileError::file(text, format!("the certificate cannot be used with its private key: {error}"))
+            PageFileError::file_error(text, format!("the certificate cannot be used with its private key: {error}"))
         })?;
     Ok(Certificate { config: Arc::new(config), fingerprint })
 }
 
 /// Makes a certificate for this computer, for ten years: a browser has to be configured to trust its fingerprint
 /// only once.
-fn make([text, key]: &[PathBuf; 2], listen: SocketAddr) -> Result<(), PageFileError> {
+fn make_certificate([text, key]: &[PathBuf; 2], listen: SocketAddr) -> Result<(), PageFileError> {
     let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
     let mut names = vec![host, "localhost".to_owned(), "127.0.0.1".to_owned()];
     names.extend((!listen.ip().is_unspecified()).then(|| listen.ip().to_string()));
-    let failed = |error: rcgen::Error| PageFileError::file(text, format!("cannot create a certificate: {error}"));
+    let failed =
+        |error: rcgen::Error| PageFileError::file_error(text, format!("cannot create a certificate: {error}"));
     let pair = KeyPair::generate().map_err(failed)?;
     let mut params = CertificateParams::new(names).map_err(failed)?;
     params.distinguished_name.push(rcgen::DnType::CommonName, "Panelprep operator's page");
@@ -88,7 +89,7 @@ fn write(file: &Path, text: &str) -> Result<(), PageFileError> {
     let folder = file.parent().unwrap_or(Path::new("."));
     let written = NamedTempFile::new_in(folder).and_then(|mut new| new.write_all(text.as_bytes()).map(|()| new));
     let placed = written.and_then(|new| new.persist(file).map_err(|error| error.error));
-    placed.map(drop).map_err(|error| PageFileError::file(file, error))
+    placed.map(drop).map_err(|error| PageFileError::file_error(file, error))
 }
 
 #[cfg(test)]
@@ -103,7 +104,7 @@ mod tests {
         let of = || certificate(None, folder.path(), listen).expect("made").fingerprint.expect("its own");
         let first = of();
         assert_eq!((first.len(), of()), (32 * 3 - 1, first.clone()), "the same after a restart");
-        let key = folder.path().join(OWN[1]);
+        let key = folder.path().join(OWN_FILE_NAMES[1]);
         assert_eq!(std::fs::metadata(&key).expect("there").permissions().mode() & 0o777, 0o600);
         std::fs::write(&key, "no key").expect("written");
         let error = certificate(None, folder.path(), listen).err().expect("refused").to_string();

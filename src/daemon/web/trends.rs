@@ -1,15 +1,15 @@
 //! Trends: the development of one quantity of a panel over its cycles, and the locations at which its film breaks.
 
 use super::downloads;
-use super::guard::By;
+use super::guard::VisitorExtension;
 use super::layout::Frame;
 use super::page_texts::Language;
 use super::reading::{Answer, reading};
 use super::state::Web;
 use super::visitor::Visitor;
-use crate::history::{HeatMap, Known, Quantity, Trend, heat_map, heat_table, trend, trend_table};
-use crate::number_text::utc;
-use crate::report::{ChartWords, heat_chart, shown, trend_chart};
+use crate::history::{HeatMap, KnownQuantity, Quantity, Trend, heat_map, heat_table, trend, trend_table};
+use crate::number_text::utc_text;
+use crate::report::{ChartTexts, format_value, heat_chart, trend_chart};
 use crate::store::{Store, StoreError};
 use axum::Extension;
 use axum::extract::{Query, State};
@@ -31,7 +31,7 @@ pub(super) struct TrendQuery {
 }
 
 /// What is shown.
-struct Shown {
+struct TrendSelection {
     panels: Vec<String>,
     panel: String,
     name: String,
@@ -53,15 +53,15 @@ impl TrendQuery {
     /// Returns the name of the selected number: a check's name that was typed in has priority over the list of
     /// numbers.
     fn name(&self) -> String {
-        let names = [self.check.trim(), self.name.as_str(), Known::LocalizationResidual.word()];
+        let names = [self.check.trim(), self.name.as_str(), KnownQuantity::LocalizationResidual.keyword()];
         names.into_iter().find(|name| !name.is_empty()).unwrap_or_default().to_owned()
     }
 
-    fn read(&self, store: &Store) -> Result<Shown, StoreError> {
+    fn read(&self, store: &Store) -> Result<TrendSelection, StoreError> {
         let panels = store.cycle_panels()?;
         let (panel, name) = (self.panel(store, &panels)?, self.name());
         let cycles = store.past_cycles(&panel, CYCLES)?;
-        let quantity = Quantity::named(&name);
+        let quantity = Quantity::from_keyword(&name);
         let trend = match &quantity {
             Quantity::Known(known) if known.verified_subject().is_some() => {
                 let (title, unit) = known.title_and_unit();
@@ -74,28 +74,28 @@ impl TrendQuery {
             }
             _ => trend(&quantity, &cycles),
         };
-        Ok(Shown { panels, panel, name, trend, heat: heat_map(&cycles) })
+        Ok(TrendSelection { panels, panel, name, trend, heat: heat_map(&cycles) })
     }
 }
 
-async fn read(web: &Arc<Web>, visitor: &Visitor, query: TrendQuery) -> Result<Shown, Response> {
+async fn read(web: &Arc<Web>, visitor: &Visitor, query: TrendQuery) -> Result<TrendSelection, Response> {
     reading(web, visitor, move |store| query.read(store)).await
 }
 
 pub(super) async fn page(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Query(query): Query<TrendQuery>,
 ) -> Answer {
     let shown = read(&web, &visitor, query).await?;
     let words = visitor.language();
-    let frame = Frame { visitor: &visitor, title: words.word("trends.title"), here: "/trends", scripts: &[] };
+    let frame = Frame { visitor: &visitor, title: words.text("trends.title"), here: "/trends", scripts: &[] };
     Ok(frame.page(&body(words, &shown)))
 }
 
 pub(super) async fn csv(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Query(query): Query<TrendQuery>,
 ) -> Answer {
     let shown = read(&web, &visitor, query).await?;
@@ -104,7 +104,7 @@ pub(super) async fn csv(
 
 pub(super) async fn json(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Query(query): Query<TrendQuery>,
 ) -> Answer {
     Ok(downloads::json(&read(&web, &visitor, query).await?.trend))
@@ -112,7 +112,7 @@ pub(super) async fn json(
 
 pub(super) async fn heat_csv(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Query(query): Query<TrendQuery>,
 ) -> Answer {
     let shown = read(&web, &visitor, query).await?;
@@ -121,15 +121,15 @@ pub(super) async fn heat_csv(
 
 pub(super) async fn heat_json(
     State(web): State<Arc<Web>>,
-    Extension(visitor): By,
+    Extension(visitor): VisitorExtension,
     Query(query): Query<TrendQuery>,
 ) -> Answer {
     Ok(downloads::json(&read(&web, &visitor, query).await?.heat))
 }
 
-fn body(words: Language<'_>, shown: &Shown) -> Markup {
-    let word = |key| words.word(key);
-    let Shown { panel, trend, heat, .. } = shown;
+fn body(words: Language<'_>, shown: &TrendSelection) -> Markup {
+    let word = |key| words.text(key);
+    let TrendSelection { panel, trend, heat, .. } = shown;
     let query = [("panel", panel), ("name", &shown.name)];
     let address = form_urlencoded::Serializer::new(String::new()).extend_pairs(query).finish();
     html! {
@@ -141,8 +141,8 @@ fn body(words: Language<'_>, shown: &Shown) -> Markup {
             h2 { (trend.title) @if !trend.unit.is_empty() { " [" (trend.unit) "]" } }
             p.links { a href={ "/trends.csv?" (address) } { "CSV" } " · " a href={ "/trends.json?" (address) } { "JSON" } }
             @if trend.points.is_empty() { p { (word("trends.no_values")) } } @else {
-                (trend_chart(trend, chart_words(words)))
-                (hints(words, trend))
+                (trend_chart(trend, chart_texts(words)))
+                (show_hints(words, trend))
             }
             @if trend.without > 0 { p.note { (word("trends.without")) " " (trend.without) } }
         }
@@ -155,20 +155,20 @@ fn body(words: Language<'_>, shown: &Shown) -> Markup {
     }
 }
 
-fn chart_words(words: Language<'_>) -> ChartWords<'_> {
-    ChartWords {
-        cycle: words.word("run.cycle"),
-        usual: words.word("trends.usual"),
-        unusual: words.word("trends.unusual"),
-        beyond: words.word("trends.beyond"),
-        limit: words.word("trends.limit"),
-        mean: words.word("trends.mean"),
+fn chart_texts(words: Language<'_>) -> ChartTexts<'_> {
+    ChartTexts {
+        cycle: words.text("run.cycle"),
+        usual: words.text("trends.usual"),
+        unusual: words.text("trends.unusual"),
+        beyond: words.text("trends.beyond"),
+        limit: words.text("trends.limit"),
+        mean: words.text("trends.mean"),
     }
 }
 
-fn fields(words: Language<'_>, shown: &Shown) -> Markup {
-    let word = |key| words.word(key);
-    let is_known = Known::words().contains(&shown.name.as_str());
+fn fields(words: Language<'_>, shown: &TrendSelection) -> Markup {
+    let word = |key| words.text(key);
+    let is_known = KnownQuantity::keywords().contains(&shown.name.as_str());
     html! {
         form.search method="get" action="/trends" {
             label {
@@ -180,7 +180,7 @@ fn fields(words: Language<'_>, shown: &Shown) -> Markup {
             label {
                 (word("trends.number"))
                 select name="name" {
-                    @for name in Known::words() { option value=(name) selected[name == shown.name] { (name.replace('-', " ")) } }
+                    @for name in KnownQuantity::keywords() { option value=(name) selected[name == shown.name] { (name.replace('-', " ")) } }
                 }
             }
             label { (word("trends.named")) input name="check" value=(if is_known { "" } else { &shown.name }) maxlength="200" autocomplete="off"; }
@@ -190,17 +190,17 @@ fn fields(words: Language<'_>, shown: &Shown) -> Markup {
 }
 
 /// Shows the unusual values in words: the meaning of the triangles.
-fn hints(words: Language<'_>, trend: &Trend) -> Markup {
+fn show_hints(words: Language<'_>, trend: &Trend) -> Markup {
     let of = |at: usize| trend.points.get(at);
     html! {
-        @if trend.usual.is_none() { p.note { (words.word("trends.too_few")) } }
+        @if trend.usual.is_none() { p.note { (words.text("trends.too_few")) } }
         @else if !trend.hints.is_empty() {
             details {
-                summary { (words.word("trends.hints")) " (" (trend.hints.len()) ")" }
+                summary { (words.text("trends.hints")) " (" (trend.hints.len()) ")" }
                 ul { @for hint in &trend.hints { @if let Some(point) = of(hint.at) {
                     li {
-                        @if let Some(cycle) = point.cycle { a href={ "/cycle/" (cycle) } { (words.word("run.cycle")) " " (cycle) } ", " }
-                        (utc(point.at_unix_s)) ": " (shown(point.value)) " " (trend.unit) " – " (hint.rule.words())
+                        @if let Some(cycle) = point.cycle { a href={ "/cycle/" (cycle) } { (words.text("run.cycle")) " " (cycle) } ", " }
+                        (utc_text(point.at_unix_s)) ": " (format_value(point.value)) " " (trend.unit) " – " (hint.rule.describe())
                     }
                 } } }
             }
@@ -211,12 +211,12 @@ fn hints(words: Language<'_>, trend: &Trend) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::web::page_texts::Words;
+    use crate::daemon::web::page_texts::Translations;
     use crate::history::{HeatCell, TrendPoint};
     use crate::record::CycleId;
     use crate::verdict::Limit;
 
-    fn shown_of(points: usize) -> Shown {
+    fn shown_of(points: usize) -> TrendSelection {
         let point = |at: usize| TrendPoint {
             cycle: Some(CycleId(at as i64 + 1)),
             at_unix_s: 0,
@@ -226,7 +226,7 @@ mod tests {
         };
         let grids =
             vec![HeatCell { grid: "r1c1".to_owned(), row: 1, column: 1, films: 3, breaks: 1, median_s: Some(5.0) }];
-        Shown {
+        TrendSelection {
             panels: vec!["a&b".to_owned(), "wing".to_owned()],
             panel: "a&b".to_owned(),
             name: "passes".to_owned(),
@@ -237,7 +237,7 @@ mod tests {
 
     #[test]
     fn a_trend_is_drawn_with_its_hints_in_words_in_every_language() {
-        let words = Words::read(None).expect("the program's own");
+        let words = Translations::read(None).expect("the program's own");
         for language in ["en", "de"] {
             let html = body(words.language(Some(language), None), &shown_of(12)).into_string();
             assert!(html.contains("href=\"/trends.csv?panel=a%26b&amp;name=passes\""), "{html}");

@@ -1,8 +1,8 @@
 //! The sender of a request to the page: a person with a role, or a visitor who is not logged in.
 
-use super::page_texts::{Language, Words};
+use super::page_texts::{Language, Translations};
 use crate::accounts::{Permission, Role};
-use crate::record::{RequestSource, Who};
+use crate::record::{RequestAuthor, RequestSource};
 use std::sync::Arc;
 
 /// The sender of a request.
@@ -17,7 +17,7 @@ pub(super) struct Visitor {
     /// The language that was chosen; the next field has the languages that the browser prefers.
     pub chosen: Option<String>,
     pub accepted: Option<String>,
-    pub words: Arc<Words>,
+    pub words: Arc<Translations>,
 }
 
 /// A person who is logged in.
@@ -39,14 +39,14 @@ impl Visitor {
     }
 
     /// Returns the visitor in the form in which the service records the author of a request.
-    pub fn who(&self) -> Who {
+    pub fn as_requester(&self) -> RequestAuthor {
         let user = self.person.as_ref().map(|person| person.name.clone());
-        Who { front: RequestSource::Page, uid: None, user, from: Some(self.from.clone()) }
+        RequestAuthor { front: RequestSource::Page, uid: None, user, from: Some(self.from.clone()) }
     }
 
     /// Returns whether the visitor's role has this permission; a visitor who is not logged in has none.
-    pub fn may(&self, permission: Permission) -> bool {
-        self.person.as_ref().is_some_and(|person| person.role.may(permission))
+    pub fn has_permission(&self, permission: Permission) -> bool {
+        self.person.as_ref().is_some_and(|person| person.role.has_permission(permission))
     }
 }
 

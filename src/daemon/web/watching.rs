@@ -1,7 +1,7 @@
 //! Checks the cell once a minute, for the alarms between cycles (`daemon::alarms`), and counts what was refused in
 //! a flood.
 
-use super::state::{Web, blocking};
+use super::state::{Web, run_blocking};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -9,11 +9,11 @@ use std::time::Duration;
 const CHECK_INTERVAL: Duration = Duration::from_secs(60);
 
 /// Repeats the check as long as the page is served.
-pub(super) async fn follow(web: Arc<Web>) {
+pub(super) async fn repeat_check(web: Arc<Web>) {
     loop {
         let shared = web.clone();
-        blocking(move || {
-            shared.front.look();
+        run_blocking(move || {
+            shared.front.check_alarms();
             shared.count_refusals(shared.now_ms());
         })
         .await;

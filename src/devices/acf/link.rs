@@ -3,8 +3,8 @@
 use super::tool::{ConnectedTool, ToolReport, session_limits};
 use crate::cell::{CompliantTool, ToolAddress};
 use crate::eki::Time;
-use crate::force::{Loss, Press, Reading, Session, SessionLimits, State};
-use crate::supervision::{Supervised, Watched, supervised};
+use crate::force::{ForceSetPoint, LinkLossCause, Session, SessionLimits, State, ToolReading};
+use crate::supervision::{SupervisedThread, WatchedThread, supervise};
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -30,21 +30,21 @@ pub struct AcfStartError(#[from] io::Error);
 pub struct AcfLink {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
-    watched: Watched,
-    told: Option<Instant>,
+    watched: WatchedThread,
+    last_report: Option<Instant>,
 }
 
 #[derive(Default)]
 struct Shared {
     inside: Mutex<Inside>,
-    ends: AtomicBool,
+    ending: AtomicBool,
 }
 
 #[derive(Default)]
 struct Inside {
-    pressed: Option<Press>,
-    newest: Option<(Instant, Reading)>,
-    loss: Option<Loss>,
+    set_point: Option<ForceSetPoint>,
+    last_reading: Option<(Instant, ToolReading)>,
+    loss: Option<LinkLossCause>,
 }
 
 impl Shared {
@@ -52,8 +52,8 @@ impl Shared {
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn ends(&self) -> bool {
-        self.ends.load(Ordering::Relaxed)
+    fn is_ending(&self) -> bool {
+        self.ending.load(Ordering::Relaxed)
     }
 }
 
@@ -63,7 +63,7 @@ impl AcfLink {
     /// # Errors
     /// If the system provides no thread.
     pub fn start(tool: &CompliantTool, address: &ToolAddress) -> Result<Self, AcfStartError> {
-        let (sign, watched) = supervised("compliant tool", HEARTBEAT_TIMEOUT);
+        let (sign, watched) = supervise("compliant tool", HEARTBEAT_TIMEOUT);
         let shared = Arc::new(Shared::default());
         let kept = LinkThread {
             address: address.clone(),
@@ -73,30 +73,30 @@ impl AcfLink {
         };
         let run = move || {
             kept.run(&sign);
-            sign.done();
+            sign.report_done();
         };
         let thread = std::thread::Builder::new().name("compliant tool".to_owned()).spawn(run)?;
-        Ok(AcfLink { shared, thread: Some(thread), watched, told: None })
+        Ok(AcfLink { shared, thread: Some(thread), watched, last_report: None })
     }
 
     /// Returns the link's thread, for its supervisor.
-    pub fn watched(&self) -> Watched {
+    pub fn supervision_handle(&self) -> WatchedThread {
         self.watched.clone()
     }
 }
 
 impl ConnectedTool for AcfLink {
-    fn press(&mut self, press: Press) {
-        self.shared.lock().pressed = Some(press);
+    fn set_force(&mut self, press: ForceSetPoint) {
+        self.shared.lock().set_point = Some(press);
     }
 
-    fn news(&mut self) -> Option<ToolReport> {
+    fn next_report(&mut self) -> Option<ToolReport> {
         let mut inside = self.shared.lock();
         if let Some(loss) = inside.loss.take() {
             return Some(ToolReport::Lost(loss));
         }
-        let (at, reading) = inside.newest.filter(|(at, _)| self.told != Some(*at))?;
-        self.told = Some(at);
+        let (at, reading) = inside.last_reading.filter(|(at, _)| self.last_report != Some(*at))?;
+        self.last_report = Some(at);
         let age_ms = u32::try_from(at.elapsed().as_millis()).unwrap_or(u32::MAX);
         Some(ToolReport::Reading { reading, age_ms })
     }
@@ -104,7 +104,7 @@ impl ConnectedTool for AcfLink {
 
 impl Drop for AcfLink {
     fn drop(&mut self) {
-        self.shared.ends.store(true, Ordering::Relaxed);
+        self.shared.ending.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
             let _ = thread.join();
@@ -122,23 +122,23 @@ struct LinkThread {
 
 impl LinkThread {
     fn now(&self) -> Time {
-        Time::after_start(self.since.elapsed())
+        Time::from_start(self.since.elapsed())
     }
 
-    fn run(&self, sign: &Supervised) {
-        let mut told: Option<Loss> = None;
-        while !self.shared.ends() {
-            sign.works();
+    fn run(&self, sign: &SupervisedThread) {
+        let mut told: Option<LinkLossCause> = None;
+        while !self.shared.is_ending() {
+            sign.report_working();
             let loss = match self.connected() {
-                Ok(stream) => self.keep(stream, sign, &mut told),
-                Err(error) => Some(Loss::Unreachable { problem: error.to_string() }),
+                Ok(stream) => self.run_session(stream, sign, &mut told),
+                Err(error) => Some(LinkLossCause::Unreachable { problem: error.to_string() }),
             };
             // A repeated loss for the same reason is reported only once.
             if let Some(loss) = loss.filter(|loss| told.as_ref() != Some(loss)) {
                 self.shared.lock().loss = Some(loss.clone());
                 told = Some(loss);
             }
-            if !self.shared.ends() {
+            if !self.shared.is_ending() {
                 std::thread::sleep(RECONNECT_DELAY);
             }
         }
@@ -155,57 +155,62 @@ impl LinkThread {
     }
 
     /// Runs a session on this connection until its end.
-    fn keep(&self, mut stream: TcpStream, sign: &Supervised, told: &mut Option<Loss>) -> Option<Loss> {
+    fn run_session(
+        &self,
+        mut stream: TcpStream,
+        sign: &SupervisedThread,
+        told: &mut Option<LinkLossCause>,
+    ) -> Option<LinkLossCause> {
         let mut session = Session::new(self.limits.clone());
         let login = session.connected(self.now());
         // Set-points for the previous session do not apply to this one.
-        self.shared.lock().pressed = None;
+        self.shared.lock().set_point = None;
         if stream.write_all(&login).is_err() {
-            return Some(Loss::Closed);
+            return Some(LinkLossCause::Closed);
         }
-        while !self.shared.ends() {
-            sign.works();
-            if let Err(loss) = self.round(&mut session, &mut stream) {
+        while !self.shared.is_ending() {
+            sign.report_working();
+            if let Err(loss) = self.exchange_once(&mut session, &mut stream) {
                 return Some(loss);
             }
-            if session.is_live() {
+            if session.is_receiving() {
                 *told = None;
             }
         }
         None
     }
 
-    fn round(&self, session: &mut Session, stream: &mut TcpStream) -> Result<(), Loss> {
-        let pressed = self.shared.lock().pressed.take();
+    fn exchange_once(&self, session: &mut Session, stream: &mut TcpStream) -> Result<(), LinkLossCause> {
+        let pressed = self.shared.lock().set_point.take();
         if let Some(press) = pressed {
-            session.press(press, self.now());
+            session.set_point_now(press, self.now());
         }
         if let Some(bytes) = session.tick(self.now()) {
-            stream.write_all(&bytes).map_err(|_| Loss::Closed)?;
+            stream.write_all(&bytes).map_err(|_| LinkLossCause::Closed)?;
         }
         let wait = session
-            .due()
+            .next_tick()
             .map_or(COMMAND_POLL_INTERVAL, |due| due.since(self.now()))
             .clamp(Duration::from_millis(1), COMMAND_POLL_INTERVAL);
         let mut buffer = [0; 256];
         let read = stream.set_read_timeout(Some(wait)).and_then(|()| stream.read(&mut buffer));
         match read {
-            Ok(0) => return Err(Loss::Closed),
+            Ok(0) => return Err(LinkLossCause::Closed),
             Ok(count) => session.received(&buffer[..count], self.now()),
             Err(error)
                 if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) => {
             }
-            Err(_) => return Err(Loss::Closed),
+            Err(_) => return Err(LinkLossCause::Closed),
         }
-        if let Some((at, reading)) = session.newest() {
+        if let Some((at, reading)) = session.last_reading() {
             let age = self.now().since(at);
             let mut inside = self.shared.lock();
             let at = Instant::now().checked_sub(age).unwrap_or(self.since);
             if inside
-                .newest
+                .last_reading
                 .is_none_or(|(known, _)| at.saturating_duration_since(known) > Duration::from_micros(500))
             {
-                inside.newest = Some((at, reading));
+                inside.last_reading = Some((at, reading));
             }
         }
         match session.state() {

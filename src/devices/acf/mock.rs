@@ -20,12 +20,12 @@ const GRAVITY_M_S2: f64 = 9.806_65;
 
 /// The surroundings of the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Surrounding {
+pub struct ToolSurroundings {
     /// The time, ms.
     pub time_ms: u64,
     /// The extension at which the disc touches, mm; infinite if nothing is in front of it, negative if the arm
     /// pushes it against its stop.
-    pub touches_at_mm: f64,
+    pub contact_extension_mm: f64,
     /// The downward component of the tool's direction, −1…1.
     pub downwards: f64,
 }
@@ -59,10 +59,10 @@ pub struct MockAcf {
     tool: CompliantTool,
     fault: Option<ToolFault>,
     is_logged_in: bool,
-    heard: Vec<u8>,
+    received: Vec<u8>,
     /// The bytes that are to be sent, and the times.
-    sends: Vec<(u64, Vec<u8>)>,
-    told_n: [f64; 2],
+    scheduled: Vec<(u64, Vec<u8>)>,
+    commanded_n: [f64; 2],
     position_mm: f64,
     time_ms: Option<u64>,
     pub(super) contact: bool,
@@ -76,9 +76,9 @@ impl MockAcf {
             tool: tool.clone(),
             fault: None,
             is_logged_in: false,
-            heard: Vec::new(),
-            sends: Vec::new(),
-            told_n: [tool.min_force_n; 2],
+            received: Vec::new(),
+            scheduled: Vec::new(),
+            commanded_n: [tool.min_force_n; 2],
             position_mm: 0.0,
             time_ms: None,
             contact: false,
@@ -87,7 +87,7 @@ impl MockAcf {
     }
 
     /// Sets the fault that the mock has from now on; `None` means no fault.
-    pub fn breaks(&mut self, fault: Option<ToolFault>) {
+    pub fn set_fault(&mut self, fault: Option<ToolFault>) {
         self.fault = fault;
     }
 
@@ -98,17 +98,17 @@ impl MockAcf {
 
     /// A client connects.
     pub fn connect(&mut self) {
-        (self.is_logged_in, self.heard, self.sends) = (false, Vec::new(), Vec::new());
+        (self.is_logged_in, self.received, self.scheduled) = (false, Vec::new(), Vec::new());
     }
 
     /// Time passes.
-    pub fn advance(&mut self, around: Surrounding) {
-        let Surrounding { time_ms, touches_at_mm, downwards } = around;
+    pub fn advance(&mut self, around: ToolSurroundings) {
+        let ToolSurroundings { time_ms, contact_extension_mm: touches_at_mm, downwards } = around;
         let passed_s = time_ms.saturating_sub(self.time_ms.unwrap_or(time_ms)) as f64 / 1_000.0;
         self.time_ms = Some(time_ms);
         let weight_n = self.tool.payload_kg * GRAVITY_M_S2 * downwards;
         let off_n = if let Some(ToolFault::ForceOff(off_n)) = self.fault { off_n } else { 0.0 };
-        let actuator_n = self.told_n[usize::from(!self.contact)] + off_n;
+        let actuator_n = self.commanded_n[usize::from(!self.contact)] + off_n;
         let total_n = actuator_n + weight_n;
         let is_stuck = self.fault == Some(ToolFault::Stuck);
         if !is_stuck {
@@ -131,18 +131,18 @@ impl MockAcf {
 
     /// These bytes came.
     pub fn receive(&mut self, bytes: &[u8], now_ms: u64) {
-        self.heard.extend(bytes);
-        while let Some(end) = self.heard.iter().position(|byte| *byte == b'k') {
-            let telegram: Vec<u8> = self.heard.drain(..=end).collect();
-            self.answer(&telegram[..end], now_ms);
+        self.received.extend(bytes);
+        while let Some(end) = self.received.iter().position(|byte| *byte == b'k') {
+            let telegram: Vec<u8> = self.received.drain(..=end).collect();
+            self.answer_telegram(&telegram[..end], now_ms);
         }
     }
 
-    fn answer(&mut self, telegram: &[u8], now_ms: u64) {
+    fn answer_telegram(&mut self, telegram: &[u8], now_ms: u64) {
         if !self.is_logged_in {
             self.is_logged_in = telegram == self.tool.login.as_bytes();
             let echo = if self.is_logged_in { telegram } else { b"denied" };
-            self.sends.push((now_ms, [echo, b"k"].concat()));
+            self.scheduled.push((now_ms, [echo, b"k"].concat()));
             return;
         }
         let text = String::from_utf8_lossy(telegram);
@@ -151,7 +151,7 @@ impl MockAcf {
         if id != f64::from(self.tool.id) {
             return;
         }
-        self.told_n = [force_n, no_contact_n];
+        self.commanded_n = [force_n, no_contact_n];
         let (at_ms, bytes) = match self.fault {
             Some(ToolFault::Silent | ToolFault::LinkCut) => return,
             Some(ToolFault::Late(late_ms)) => (now_ms + late_ms, self.reply(self.tool.id, 0)),
@@ -160,7 +160,7 @@ impl MockAcf {
             Some(ToolFault::Errors(bits)) => (now_ms, self.reply(self.tool.id, bits)),
             _ => (now_ms, self.reply(self.tool.id, 0)),
         };
-        self.sends.push((at_ms, bytes));
+        self.scheduled.push((at_ms, bytes));
     }
 
     fn reply(&self, id: u16, errors: u8) -> Vec<u8> {
@@ -169,11 +169,11 @@ impl MockAcf {
     }
 
     /// Returns the bytes that the mock has sent by now; `None` if the connection is cut.
-    pub fn sent(&mut self, now_ms: u64) -> Option<Vec<u8>> {
+    pub fn sent_bytes(&mut self, now_ms: u64) -> Option<Vec<u8>> {
         if self.fault == Some(ToolFault::LinkCut) {
             return None;
         }
-        let due = self.sends.extract_if(.., |(at_ms, _)| *at_ms <= now_ms);
+        let due = self.scheduled.extract_if(.., |(at_ms, _)| *at_ms <= now_ms);
         Some(due.flat_map(|(_, bytes)| bytes).collect())
     }
 

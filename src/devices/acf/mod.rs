@@ -21,7 +21,7 @@ mod tool;
 mod tests;
 
 pub use link::{AcfLink, AcfStartError};
-pub use mock::{MockAcf, Surrounding, ToolFault};
+pub use mock::{MockAcf, ToolFault, ToolSurroundings};
 pub use planned_fault::{PlannedToolFault, PlannedToolFaultError};
 pub use server::MockAcfServer;
 pub use simulated::{SimulatedAcf, SimulatedPanel, Surroundings};

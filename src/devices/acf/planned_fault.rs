@@ -4,8 +4,8 @@ use super::mock::ToolFault;
 use std::str::FromStr;
 
 /// Delay of an answer if no time is named, ms, and error of the force, N.
-const LATE_MS: u64 = 130;
-const FORCE_OFF_N: f64 = 12.0;
+const DEFAULT_DELAY_MS: u64 = 130;
+const DEFAULT_FORCE_ERROR_N: f64 = 12.0;
 
 /// A fault, and the number of waypoints after which the tool has the fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,11 +43,11 @@ fn read(text: &str) -> Option<PlannedToolFault> {
     let fault = match (name, value) {
         ("link-cut", None) => ToolFault::LinkCut,
         ("silent", None) => ToolFault::Silent,
-        ("late", ms) => ToolFault::Late(ms.map_or(Some(LATE_MS), |ms| ms.parse().ok())?),
+        ("late", ms) => ToolFault::Late(ms.map_or(Some(DEFAULT_DELAY_MS), |ms| ms.parse().ok())?),
         ("garbage", None) => ToolFault::Garbage,
         ("other-id", None) => ToolFault::OtherId,
         ("errors", bits) => ToolFault::Errors(bits.map_or(Some(1), |bits| bits.parse().ok())?),
-        ("force", off) => ToolFault::ForceOff(off.map_or(Some(FORCE_OFF_N), finite)?),
+        ("force", off) => ToolFault::ForceOff(off.map_or(Some(DEFAULT_FORCE_ERROR_N), parse_finite)?),
         ("no-contact", None) => ToolFault::NoContact,
         ("stuck", None) => ToolFault::Stuck,
         _ => return None,
@@ -55,7 +55,7 @@ fn read(text: &str) -> Option<PlannedToolFault> {
     Some(PlannedToolFault { fault, from: from.parse().ok().filter(|from| *from > 0)? })
 }
 
-fn finite(text: &str) -> Option<f64> {
+fn parse_finite(text: &str) -> Option<f64> {
     text.parse().ok().filter(|number: &f64| number.is_finite())
 }
 

@@ -1,6 +1,6 @@
 //! The mock behind a TCP port of this machine, for tests of the link and of the doctor. One client at a time.
 
-use super::mock::{MockAcf, Surrounding, ToolFault};
+use super::mock::{MockAcf, ToolFault, ToolSurroundings};
 use crate::cell::CompliantTool;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
@@ -16,7 +16,7 @@ const POLL_TIMEOUT: Duration = Duration::from_millis(2);
 pub struct MockAcfServer {
     address: SocketAddr,
     fault: Arc<Mutex<Option<ToolFault>>>,
-    ends: Arc<AtomicBool>,
+    ending: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -41,7 +41,7 @@ impl MockAcfServer {
             }
         };
         let thread = std::thread::Builder::new().name("mock tool".to_owned()).spawn(run)?;
-        Ok(MockAcfServer { address, fault, ends, thread: Some(thread) })
+        Ok(MockAcfServer { address, fault, ending: ends, thread: Some(thread) })
     }
 
     /// Returns the address at which it listens.
@@ -50,14 +50,14 @@ impl MockAcfServer {
     }
 
     /// Sets the fault that the mock has from now on.
-    pub fn breaks(&self, fault: Option<ToolFault>) {
+    pub fn set_fault(&self, fault: Option<ToolFault>) {
         *self.fault.lock().unwrap_or_else(PoisonError::into_inner) = fault;
     }
 }
 
 impl Drop for MockAcfServer {
     fn drop(&mut self) {
-        self.ends.store(true, Ordering::Relaxed);
+        self.ending.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
             let _ = thread.join();
@@ -80,16 +80,16 @@ fn serve(
     }
     let mut buffer = [0; 256];
     while !ends.load(Ordering::Relaxed) {
-        mock.breaks(*fault.lock().unwrap_or_else(PoisonError::into_inner));
+        mock.set_fault(*fault.lock().unwrap_or_else(PoisonError::into_inner));
         let time_ms = u64::try_from(since.elapsed().as_millis()).unwrap_or(u64::MAX);
-        mock.advance(Surrounding { time_ms, touches_at_mm, downwards: 0.0 });
+        mock.advance(ToolSurroundings { time_ms, contact_extension_mm: touches_at_mm, downwards: 0.0 });
         match stream.read(&mut buffer) {
             Ok(0) => return,
             Ok(count) => mock.receive(&buffer[..count], time_ms),
             Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
             Err(_) => return,
         }
-        let Some(bytes) = mock.sent(time_ms) else { return };
+        let Some(bytes) = mock.sent_bytes(time_ms) else { return };
         if stream.write_all(&bytes).is_err() {
             return;
         }

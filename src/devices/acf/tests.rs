@@ -3,7 +3,7 @@
 use super::*;
 use crate::cell::CompliantTool;
 use crate::cell::{Cell, ToolAddress};
-use crate::force::Press;
+use crate::force::ForceSetPoint;
 use std::time::Duration;
 use std::time::Instant;
 
@@ -21,7 +21,7 @@ fn started(server: &MockAcfServer) -> AcfLink {
 fn wait(link: &mut AcfLink, wanted: impl Fn(&ToolReport) -> bool) -> (ToolReport, Duration) {
     let began = Instant::now();
     while began.elapsed() < Duration::from_secs(4) {
-        match link.news().filter(&wanted) {
+        match link.next_report().filter(&wanted) {
             Some(news) => return (news, began.elapsed()),
             None => std::thread::sleep(Duration::from_millis(1)),
         }
@@ -36,7 +36,7 @@ fn a_tool_over_a_socket_presses_as_it_is_told() {
     let mut link = started(&server);
     let held = |news: &ToolReport| matches!(news, ToolReport::Reading { reading, .. } if !reading.contact);
     wait(&mut link, held);
-    link.press(Press { force_n: 20.0, no_contact_n: 5.0, ramp_s: 0.1 });
+    link.set_force(ForceSetPoint { force_n: 20.0, no_contact_n: 5.0, ramp_s: 0.1 });
     let pressed = |news: &ToolReport| matches!(news, ToolReport::Reading { reading, .. } if (reading.force_n - 20.0).abs() < 0.5);
     let (news, _) = wait(&mut link, pressed);
     let ToolReport::Reading { reading, age_ms } = news else { panic!("{news:?}") };
@@ -57,15 +57,15 @@ fn each_fault_of_the_link_is_told_and_mended() {
         (ToolFault::Garbage, "reply is not valid"),
         (ToolFault::OtherId, "id 1041 replied"),
     ] {
-        server.breaks(None);
+        server.set_fault(None);
         wait(&mut link, reads);
-        server.breaks(Some(fault));
+        server.set_fault(Some(fault));
         let (news, took) = wait(&mut link, |news| matches!(news, ToolReport::Lost(_)));
         let ToolReport::Lost(loss) = news else { panic!("{news:?}") };
         assert!(loss.to_string().contains(word), "{fault}: {loss}");
         assert!(took < Duration::from_millis(400), "{fault} took {took:?}");
     }
-    server.breaks(None);
+    server.set_fault(None);
     wait(&mut link, reads);
 }
 
@@ -75,7 +75,7 @@ fn each_fault_of_the_link_is_told_and_mended() {
 fn the_mocks_actuator_goes_out_until_it_touches() {
     let mut mock = MockAcf::new(&tool());
     mock.receive(b"ferbak1040 20.00 20.00 0.000 0.000 0k", 0);
-    let at = |time_ms, downwards| Surrounding { time_ms, touches_at_mm: 15.0, downwards };
+    let at = |time_ms, downwards| ToolSurroundings { time_ms, contact_extension_mm: 15.0, downwards };
     mock.advance(at(0, 0.0));
     mock.advance(at(30, 0.0));
     assert!((mock.position_mm() - 7.5).abs() < 1e-9 && !mock.contact);
@@ -84,9 +84,9 @@ fn the_mocks_actuator_goes_out_until_it_touches() {
     mock.advance(at(80, 1.0));
     // The sensor reports the actuator's force.
     assert!((mock.sensor_n - 20.0).abs() <= 0.2, "{}", mock.sensor_n);
-    mock.breaks(Some(ToolFault::ForceOff(12.0)));
+    mock.set_fault(Some(ToolFault::ForceOff(12.0)));
     mock.advance(at(90, 0.0));
     assert!((mock.sensor_n - 32.0).abs() <= 0.2, "{}", mock.sensor_n);
-    mock.advance(Surrounding { time_ms: 100, touches_at_mm: -2.0, downwards: 0.0 });
+    mock.advance(ToolSurroundings { time_ms: 100, contact_extension_mm: -2.0, downwards: 0.0 });
     assert!(mock.position_mm() == 0.0 && mock.sensor_n > 100.0, "pushed against its stop");
 }

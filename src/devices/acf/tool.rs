@@ -1,7 +1,7 @@
 //! A compliant tool as the loop uses it: its commands and its reports.
 
 use crate::cell::CompliantTool;
-use crate::force::{Loss, Press, Reading, SessionLimits};
+use crate::force::{ForceSetPoint, LinkLossCause, SessionLimits, ToolReading};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -12,20 +12,20 @@ pub enum ToolReport {
     /// A reading, with its age, ms.
     Reading {
         /// Its report.
-        reading: Reading,
+        reading: ToolReading,
         /// When, ms ago.
         age_ms: u32,
     },
     /// The link to the tool is lost; reported once.
-    Lost(Loss),
+    Lost(LinkLossCause),
 }
 
 /// A compliant tool that is connected by a link. No call blocks for an answer of the tool.
 pub trait ConnectedTool: Send {
     /// Commands the force with which the tool presses from now on.
-    fn press(&mut self, press: Press);
+    fn set_force(&mut self, press: ForceSetPoint);
     /// Returns the next report of the tool; `None` if there is none.
-    fn news(&mut self) -> Option<ToolReport>;
+    fn next_report(&mut self) -> Option<ToolReport>;
 }
 
 /// Returns the limits that a session with this tool uses.
@@ -35,6 +35,6 @@ pub fn session_limits(tool: &CompliantTool) -> SessionLimits {
         id: tool.id,
         period: Duration::from_millis(u64::from(tool.period_ms)),
         reply_within: Duration::from_millis(u64::from(tool.reply_ms)),
-        at_rest: Press::held_back(tool.min_force_n),
+        rest_set_point: ForceSetPoint::retracted(tool.min_force_n),
     }
 }

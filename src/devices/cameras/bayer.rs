@@ -27,7 +27,7 @@ impl FlangeCamera for BayerFlangeCamera {
         Ok(FlangePicture { picture: colored.unwrap_or_else(|| seen.picture.clone()), ..seen })
     }
 
-    fn check(&mut self) -> Result<(), CameraError> {
-        self.simulated.check()
+    fn check_ready(&mut self) -> Result<(), CameraError> {
+        self.simulated.check_ready()
     }
 }

@@ -12,9 +12,9 @@ use crate::sim::{BoardCell, BoardShot, ScannerDistortion};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BoardView {
     /// The fixed camera; a person holds the board in front of it.
-    FixedByHand,
+    HandHeldForFixed,
     /// The camera on the flange; a person holds the board in front of it.
-    FlangeByHand,
+    HandHeldForFlange,
     /// The fixed camera; the board is on the flange.
     Fixed,
     /// The camera on the flange; the board is fixed.
@@ -24,7 +24,7 @@ pub enum BoardView {
 impl BoardView {
     /// Returns whether the fixed camera looks at the board.
     pub fn is_fixed(self) -> bool {
-        matches!(self, BoardView::Fixed | BoardView::FixedByHand)
+        matches!(self, BoardView::Fixed | BoardView::HandHeldForFixed)
     }
 }
 
@@ -51,16 +51,16 @@ impl SimulatedBoards {
         let (number, stood) = self.next()?;
         let (scanner, flange_camera) = (self.cell.scanner(), self.cell.flange_camera());
         let (picture, flange) = match self.view {
-            BoardView::FixedByHand => {
+            BoardView::HandHeldForFixed => {
                 let shots = self.cell.lens_shots::<crate::geometry::Camera>(&scanner, number + 1);
                 (self.cell.picture(&scanner, &shots[number]), None)
             }
-            BoardView::FlangeByHand => {
+            BoardView::HandHeldForFlange => {
                 let shots = self.cell.lens_shots::<crate::geometry::FlangeCamera>(&flange_camera, number + 1);
                 (self.cell.picture(&flange_camera, &shots[number]), None)
             }
             BoardView::Fixed => {
-                let shot = self.on_flange(number, stood);
+                let shot = self.view_of_flange_board(number, stood);
                 (self.cell.picture(&scanner, &shot), Some(shot.base_from_flange))
             }
             BoardView::Flange => {
@@ -81,7 +81,7 @@ impl SimulatedBoards {
     /// If the arm moves.
     pub fn scan(&mut self) -> Result<(OrganizedCloud<Camera>, Rigid<Base, Flange>), CameraError> {
         let (number, stood) = self.next()?;
-        let shot = self.on_flange(number, stood);
+        let shot = self.view_of_flange_board(number, stood);
         let exact = ScannerDistortion::new(0, 0.0);
         Ok((self.cell.real_scan(&shot, &exact), shot.base_from_flange))
     }
@@ -90,14 +90,14 @@ impl SimulatedBoards {
     fn next(&mut self) -> Result<(usize, Option<Rigid<Base, Flange>>), CameraError> {
         let number = self.taken;
         self.taken += 1;
-        match self.arm.as_ref().map(|arm| arm.with(|arm| (arm.is_moving(), arm.flange_pose()))) {
+        match self.arm.as_ref().map(|arm| arm.with_controller(|arm| (arm.is_moving(), arm.flange_pose()))) {
             Some((true, _)) => Err(CameraError::ArmMoves),
             stood => Ok((number, stood.map(|(_, flange)| flange))),
         }
     }
 
     /// The fixed camera's view of the board on the flange.
-    fn on_flange(&self, number: usize, stood: Option<Rigid<Base, Flange>>) -> BoardShot<Camera> {
+    fn view_of_flange_board(&self, number: usize, stood: Option<Rigid<Base, Flange>>) -> BoardShot<Camera> {
         match stood {
             Some(flange) => self.cell.fixed_view(number as u64, flange),
             None => self.cell.fixed_shots(number + 1)[number],

@@ -73,7 +73,7 @@ pub trait Scanner: Send {
     ///
     /// # Errors
     /// If the camera does not deliver, or no clip is being taken.
-    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError>;
+    fn next_clip_picture(&mut self) -> Result<Option<Picture>, CameraError>;
 
     /// Ends the clip; returns how many of its pictures were dropped.
     ///
@@ -85,11 +85,11 @@ pub trait Scanner: Send {
     ///
     /// # Errors
     /// If the camera is not able to deliver.
-    fn check(&mut self) -> Result<(), CameraError>;
+    fn check_ready(&mut self) -> Result<(), CameraError>;
 
-    /// Waits while the camera is being started, which may take minutes; [`Scanner::check`] reports its state
+    /// Waits while the camera is being started, which may take minutes; [`Scanner::check_ready`] reports its state
     /// afterwards.
-    fn warm(&mut self) {}
+    fn wait_warmed_up(&mut self) {}
 
     /// Returns what the camera reports about its last shot.
     fn conditions(&self) -> Conditions {
@@ -109,7 +109,7 @@ pub trait FlangeCamera: Send {
     ///
     /// # Errors
     /// If the camera is not able to deliver.
-    fn check(&mut self) -> Result<(), CameraError>;
+    fn check_ready(&mut self) -> Result<(), CameraError>;
 
     /// Returns what the camera reports about its last shot.
     fn conditions(&self) -> Conditions {
@@ -130,20 +130,20 @@ impl<S: Scanner + ?Sized> Scanner for Box<S> {
         (**self).begin_clip(pictures_per_second)
     }
 
-    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
-        (**self).next_of_clip()
+    fn next_clip_picture(&mut self) -> Result<Option<Picture>, CameraError> {
+        (**self).next_clip_picture()
     }
 
     fn end_clip(&mut self) -> Result<u64, CameraError> {
         (**self).end_clip()
     }
 
-    fn check(&mut self) -> Result<(), CameraError> {
-        (**self).check()
+    fn check_ready(&mut self) -> Result<(), CameraError> {
+        (**self).check_ready()
     }
 
-    fn warm(&mut self) {
-        (**self).warm();
+    fn wait_warmed_up(&mut self) {
+        (**self).wait_warmed_up();
     }
 
     fn conditions(&self) -> Conditions {
@@ -156,8 +156,8 @@ impl<C: FlangeCamera + ?Sized> FlangeCamera for Box<C> {
         (**self).capture()
     }
 
-    fn check(&mut self) -> Result<(), CameraError> {
-        (**self).check()
+    fn check_ready(&mut self) -> Result<(), CameraError> {
+        (**self).check_ready()
     }
 
     fn conditions(&self) -> Conditions {

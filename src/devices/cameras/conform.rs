@@ -6,9 +6,9 @@ use std::collections::BTreeSet;
 
 /// Checks 3D shots: of the calibrated size, each point in the pixel that sees it, with colours, in the order of
 /// their times.
-pub fn shots(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
-    scanner.warm();
-    scanner.check().expect("it would deliver");
+pub fn check_shot(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
+    scanner.wait_warmed_up();
+    scanner.check_ready().expect("it would deliver");
     let mut last_s = f64::NEG_INFINITY;
     for _ in 0..2 {
         let shot = scanner.capture_3d().expect("a shot");
@@ -17,7 +17,7 @@ pub fn shots(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
         assert!(shot.time_s >= last_s, "{} after {last_s}", shot.time_s);
         last_s = shot.time_s;
         let (mut there, mut colors) = (0, BTreeSet::new());
-        for (index, point) in cloud.valid() {
+        for (index, point) in cloud.valid_points() {
             let pixel = lens.project(point).expect("before the camera");
             let (column, row) = ((index % lens.width_px) as f64, (index / lens.width_px) as f64);
             let off_px = (pixel.u - column).hypot(pixel.v - row);
@@ -49,11 +49,11 @@ pub fn pictures(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
 /// Tests a clip: the times of its pictures rise, none is before its beginning or after its end; another capture
 /// ends it too. `pass` lets some time pass.
 pub fn clips(scanner: &mut dyn Scanner, lens: &PinholeCamera, mut pass: impl FnMut()) {
-    assert!(scanner.next_of_clip().is_err() && scanner.end_clip().is_err(), "none has begun");
+    assert!(scanner.next_clip_picture().is_err() && scanner.end_clip().is_err(), "none has begun");
     let began_s = scanner.begin_clip(10.0).expect("begun");
     let (mut last_s, mut taken) = (f64::NEG_INFINITY, 0);
     while taken < 4 {
-        let Some(next) = scanner.next_of_clip().expect("it goes on") else {
+        let Some(next) = scanner.next_clip_picture().expect("it goes on") else {
             pass();
             continue;
         };
@@ -63,9 +63,9 @@ pub fn clips(scanner: &mut dyn Scanner, lens: &PinholeCamera, mut pass: impl FnM
         (last_s, taken) = (next.time_s, taken + 1);
     }
     scanner.end_clip().expect("ended");
-    assert!(scanner.next_of_clip().is_err(), "it has ended");
+    assert!(scanner.next_clip_picture().is_err(), "it has ended");
     scanner.begin_clip(10.0).expect("begun again");
     let between = scanner.capture_2d().expect("a picture");
     assert!(between.time_s >= last_s, "one clock for all");
-    assert!(scanner.next_of_clip().is_err(), "a picture ends a clip");
+    assert!(scanner.next_clip_picture().is_err(), "a picture ends a clip");
 }

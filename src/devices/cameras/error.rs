@@ -6,18 +6,18 @@ use std::path::PathBuf;
 
 /// Which camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Which {
+pub enum CameraRole {
     /// The fixed 3D camera.
     Scanner,
     /// The camera on the flange.
     Flange,
 }
 
-impl std::fmt::Display for Which {
+impl std::fmt::Display for CameraRole {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Which::Scanner => "scanner",
-            Which::Flange => "flange camera",
+            CameraRole::Scanner => "scanner",
+            CameraRole::Flange => "flange camera",
         })
     }
 }
@@ -27,9 +27,9 @@ impl std::fmt::Display for Which {
 pub enum CameraError {
     /// No camera answers.
     #[error("the {which} is not available: {reason}")]
-    NotThere {
+    Missing {
         /// Which.
-        which: Which,
+        which: CameraRole,
         /// What was found instead.
         reason: String,
     },
@@ -37,13 +37,13 @@ pub enum CameraError {
     #[error("no shot from the {which} within {waited_ms} ms")]
     Timeout {
         /// Which.
-        which: Which,
+        which: CameraRole,
         /// How long the program waited, ms.
         waited_ms: u64,
     },
     /// A recording has come to its end.
     #[error("{} contains no further {what}: all {played} were used", folder.display())]
-    RanOut {
+    RecordingExhausted {
         /// The recording.
         folder: PathBuf,
         /// The item that was requested.
@@ -55,7 +55,7 @@ pub enum CameraError {
     #[error("a shot of the {which} is {}×{} px, but its calibration is for {}×{} px", found_px[0], found_px[1], expected_px[0], expected_px[1])]
     WrongSize {
         /// Which.
-        which: Which,
+        which: CameraRole,
         /// Width and height, px.
         found_px: [usize; 2],
         /// Width and height in the calibration, px.
@@ -65,7 +65,7 @@ pub enum CameraError {
     #[error("the {which} delivered no usable picture: {reason}")]
     Unusable {
         /// Which.
-        which: Which,
+        which: CameraRole,
         /// Why not.
         reason: String,
     },
@@ -73,7 +73,7 @@ pub enum CameraError {
     #[error("the {which} is not recording a clip, so it has no picture of a clip")]
     NoClip {
         /// Which.
-        which: Which,
+        which: CameraRole,
     },
     /// A 3D shot with the arm in front of the camera.
     #[error("a 3D shot needs the arm at standstill in its park pose; the largest deviation of an axis is \

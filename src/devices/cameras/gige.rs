@@ -1,11 +1,11 @@
 //! GigE Vision cameras as flange cameras: a real one, and the simulated one over the loopback interface.
 
 use super::bayer::FORMAT;
-use super::{CameraError, Conditions, FlangeCamera, FlangePicture, SimulatedFlangeCamera, Which};
+use super::{CameraError, CameraRole, Conditions, FlangeCamera, FlangePicture, SimulatedFlangeCamera};
 use crate::cell::Gige;
 use crate::devices::gige::{
-    self, Exposing, Frame, Gauge, GigeCamera, GigeError, LoopbackCamera, NoLoopback, PixelFormat, Settings,
-    demosaic, mosaic,
+    self, ExposureMode, Frame, GigeCamera, GigeError, LinkMonitor, LoopbackCamera, LoopbackError, PixelFormat,
+    Settings, demosaic, mosaic,
 };
 use crate::geometry::{ColorPicture, PinholeCamera};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -18,64 +18,64 @@ pub struct GigeFlangeCamera {
     /// Exposure of each picture, µs: as stated in the cell's file and confirmed by the camera.
     exposure_us: f64,
     conditions: Conditions,
-    began: Instant,
+    started: Instant,
 }
 
 impl GigeFlangeCamera {
     /// Begins to search for the camera that the cell's file names; its pictures must have the size of `calibrated`,
     /// and the camera must have this `serial`, if that is known. If the camera is not present yet,
-    /// [`FlangeCamera::check`] reports this.
+    /// [`FlangeCamera::check_ready`] reports this.
     ///
     /// # Errors
     /// If the system provides no thread.
     pub fn open(cell: &Gige, calibrated: &PinholeCamera, serial: Option<String>) -> Result<Self, CameraError> {
         let which = match (&cell.serial, &cell.address) {
-            (_, Some(address)) => gige::Which::Address(address.clone()),
-            (Some(serial), None) => gige::Which::Serial(serial.clone()),
-            (None, None) => gige::Which::Only,
+            (_, Some(address)) => gige::CameraSelector::Address(address.clone()),
+            (Some(serial), None) => gige::CameraSelector::Serial(serial.clone()),
+            (None, None) => gige::CameraSelector::Only,
         };
-        let format = PixelFormat::named(cell.pixel_format).ok_or_else(|| CameraError::NotThere {
-            which: Which::Flange,
+        let format = PixelFormat::from_name(cell.pixel_format).ok_or_else(|| CameraError::Missing {
+            which: CameraRole::Flange,
             reason: format!("this program does not support the pixel format {}", cell.pixel_format),
         })?;
         let settings = Settings {
-            which,
+            selector: which,
             serial,
             user_set: cell.user_set.clone(),
             size_px: [calibrated.width_px, calibrated.height_px],
             format,
             exposure_us: Some(cell.exposure_us),
             gain_db: cell.gain_db,
-            exposing: Exposing::OnTrigger,
+            exposure_mode: ExposureMode::Triggered,
             packet_bytes: cell.packet_bytes,
             may_repeat: false,
         };
         let needed = gige::socket_buffer_bytes(settings.size_px, settings.packet_bytes);
-        if let Some(short) = socket_buffer_short_of(needed) {
+        if let Some(short) = granted_socket_buffer(needed) {
             tracing::warn!("pictures of the flange camera may arrive incomplete: {short}");
         }
-        let (camera, conditions, began) = (opened(settings)?, Conditions::default(), Instant::now());
-        Ok(GigeFlangeCamera { camera, exposure_us: cell.exposure_us, conditions, began })
+        let (camera, conditions, began) = (open_camera(settings)?, Conditions::default(), Instant::now());
+        Ok(GigeFlangeCamera { camera, exposure_us: cell.exposure_us, conditions, started: began })
     }
 
     /// Returns the counters of the camera's link, now and later.
-    pub fn gauge(&self) -> Gauge {
+    pub fn gauge(&self) -> LinkMonitor {
         self.camera.gauge()
     }
 }
 
 impl FlangeCamera for GigeFlangeCamera {
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
-        let frame = self.camera.picture().map_err(failed)?;
+        let frame = self.camera.picture().map_err(camera_error)?;
         let exposure_us = Some(self.exposure_us);
         // Such a camera has no projector, and makes no pauses because of heat.
         self.conditions = Conditions { exposure_us, camera_c: frame.camera_c, throttled_ms: None };
-        let picture = colored(&frame)?;
-        Ok(FlangePicture { picture, base_from_flange: None, time_s: self.began.elapsed().as_secs_f64() })
+        let picture = to_color(&frame)?;
+        Ok(FlangePicture { picture, base_from_flange: None, time_s: self.started.elapsed().as_secs_f64() })
     }
 
-    fn check(&mut self) -> Result<(), CameraError> {
-        self.camera.check().map_err(failed)
+    fn check_ready(&mut self) -> Result<(), CameraError> {
+        self.camera.check_ready().map_err(camera_error)
     }
 
     fn conditions(&self) -> Conditions {
@@ -106,8 +106,8 @@ impl LoopbackFlangeCamera {
     pub fn start(simulated: SimulatedFlangeCamera, camera: &PinholeCamera) -> Result<Self, CameraError> {
         let size_px = [camera.width_px, camera.height_px];
         let needed = gige::burst_bytes(size_px, gige::PACKET_BYTES);
-        if let Some(reason) = socket_buffer_short_of(needed) {
-            return Err(CameraError::NotThere { which: Which::Flange, reason });
+        if let Some(reason) = granted_socket_buffer(needed) {
+            return Err(CameraError::Missing { which: CameraRole::Flange, reason });
         }
         let sensor = Arc::new(Mutex::new(vec![0; size_px[0] * size_px[1]]));
         let sees = sensor.clone();
@@ -117,27 +117,27 @@ impl LoopbackFlangeCamera {
             pixels[..both].copy_from_slice(&seen[..both]);
         };
         let not_there =
-            |reason: NoLoopback| CameraError::NotThere { which: Which::Flange, reason: reason.to_string() };
+            |reason: LoopbackError| CameraError::Missing { which: CameraRole::Flange, reason: reason.to_string() };
         let loopback = LoopbackCamera::start(SERIAL, size_px, FORMAT, Box::new(fill)).map_err(not_there)?;
         let settings = Settings {
-            which: gige::Which::Address(gige::ADDRESS.to_owned()),
+            selector: gige::CameraSelector::Address(gige::LOOPBACK_ADDRESS.to_owned()),
             serial: Some(SERIAL.to_owned()),
             user_set: "Default".to_owned(),
             size_px,
             format: FORMAT,
             exposure_us: None,
             gain_db: None,
-            exposing: Exposing::OnTrigger,
+            exposure_mode: ExposureMode::Triggered,
             packet_bytes: gige::PACKET_BYTES,
             may_repeat: true,
         };
-        let mut camera = opened(settings)?;
-        camera.check().map_err(failed)?;
+        let mut camera = open_camera(settings)?;
+        camera.check_ready().map_err(camera_error)?;
         Ok(LoopbackFlangeCamera { camera, _loopback: loopback, sensor, simulated })
     }
 
     /// Returns the counters of the camera's link, now and later.
-    pub fn gauge(&self) -> Gauge {
+    pub fn gauge(&self) -> LinkMonitor {
         self.camera.gauge()
     }
 }
@@ -149,44 +149,44 @@ impl FlangeCamera for LoopbackFlangeCamera {
         let seen = self.simulated.capture()?;
         let raw = mosaic(&seen.picture, FORMAT);
         self.sensor.lock().unwrap_or_else(PoisonError::into_inner).clone_from(&raw);
-        let frame = self.camera.picture().map_err(failed)?;
+        let frame = self.camera.picture().map_err(camera_error)?;
         if frame.pixels != raw {
             let differing = frame.pixels.iter().zip(&raw).filter(|(came, went)| came != went).count();
             let reason = format!("{differing} of {} bytes differ from what was sent", raw.len());
-            return Err(CameraError::Unusable { which: Which::Flange, reason });
+            return Err(CameraError::Unusable { which: CameraRole::Flange, reason });
         }
-        Ok(FlangePicture { picture: colored(&frame)?, ..seen })
+        Ok(FlangePicture { picture: to_color(&frame)?, ..seen })
     }
 
-    fn check(&mut self) -> Result<(), CameraError> {
-        self.camera.check().map_err(failed)
+    fn check_ready(&mut self) -> Result<(), CameraError> {
+        self.camera.check_ready().map_err(camera_error)
     }
 }
 
 /// If the system gives sockets a smaller receive buffer than these bytes: returns the size that it gives and what
 /// to do.
-fn socket_buffer_short_of(bytes: usize) -> Option<String> {
+fn granted_socket_buffer(bytes: usize) -> Option<String> {
     let given = gige::rmem_max().filter(|given| *given < bytes)?;
     Some(format!(
         "net.core.rmem_max is {given}, at least {bytes} are needed: run sysctl -w net.core.rmem_max={bytes}"
     ))
 }
 
-fn opened(settings: Settings) -> Result<GigeCamera, CameraError> {
+fn open_camera(settings: Settings) -> Result<GigeCamera, CameraError> {
     let no_thread =
-        |error: std::io::Error| CameraError::NotThere { which: Which::Flange, reason: error.to_string() };
+        |error: std::io::Error| CameraError::Missing { which: CameraRole::Flange, reason: error.to_string() };
     GigeCamera::open(settings).map_err(no_thread)
 }
 
-fn colored(frame: &Frame) -> Result<ColorPicture, CameraError> {
+fn to_color(frame: &Frame) -> Result<ColorPicture, CameraError> {
     let format = PixelFormat::ALL.iter().copied().find(|format| format.code() == frame.facts.format);
     let colored = format.and_then(|format| demosaic(&frame.pixels, frame.facts.size_px, format));
     let reason = || "the data do not match the picture's size and pixel format".to_owned();
-    colored.ok_or_else(|| CameraError::Unusable { which: Which::Flange, reason: reason() })
+    colored.ok_or_else(|| CameraError::Unusable { which: CameraRole::Flange, reason: reason() })
 }
 
-fn failed(error: GigeError) -> CameraError {
-    let which = Which::Flange;
+fn camera_error(error: GigeError) -> CameraError {
+    let which = CameraRole::Flange;
     match error {
         GigeError::Timeout { waited_ms } => CameraError::Timeout { which, waited_ms },
         GigeError::WrongSize { found_px, expected_px } => CameraError::WrongSize { which, found_px, expected_px },
@@ -194,10 +194,10 @@ fn failed(error: GigeError) -> CameraError {
         | GigeError::NotOpened { .. }
         | GigeError::Controlled { .. }
         | GigeError::WrongCamera { .. }
-        | GigeError::Lost { .. } => CameraError::NotThere { which, reason: error.to_string() },
+        | GigeError::Lost { .. } => CameraError::Missing { which, reason: error.to_string() },
         GigeError::Plan(_)
         | GigeError::NotTaken { .. }
-        | GigeError::NothingWhole { .. }
+        | GigeError::NoCompletePicture { .. }
         | GigeError::OtherFormat { .. }
         | GigeError::Refused { .. }
         | GigeError::Frozen { .. } => CameraError::Unusable { which, reason: error.to_string() },
@@ -212,7 +212,9 @@ mod tests {
     /// The pixel formats that a cell may name are the same as those that this program reads.
     #[test]
     fn every_pixel_format_of_a_cell_is_known() {
-        assert!(PIXEL_FORMATS.into_iter().all(|name| PixelFormat::named(name).is_some_and(|f| f.name() == name)));
+        assert!(
+            PIXEL_FORMATS.into_iter().all(|name| PixelFormat::from_name(name).is_some_and(|f| f.name() == name))
+        );
         assert_eq!(PIXEL_FORMATS.len(), PixelFormat::ALL.len());
     }
 }

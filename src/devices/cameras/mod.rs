@@ -23,12 +23,12 @@ mod simulated;
 pub use bayer::BayerFlangeCamera;
 pub use boards::{BoardView, SimulatedBoards};
 pub use capture::{Conditions, FlangeCamera, FlangePicture, Picture, Scanner, Shot};
-pub use error::{CameraError, FileError, Which};
+pub use error::{CameraError, CameraRole, FileError};
 #[cfg(feature = "gige")]
 pub use gige::{GigeFlangeCamera, LoopbackFlangeCamera};
 pub use quality::{PictureQuality, ScanQuality};
 pub use recorded::{RecordedFlangeCamera, RecordedScanner};
-pub use simulated::{Arm, SimulatedFlangeCamera, SimulatedScanner, simulated};
+pub use simulated::{Arm, SimulatedFlangeCamera, SimulatedScanner, simulated_cameras};
 
 #[cfg(test)]
 pub mod conform;

@@ -45,7 +45,7 @@ impl PictureQuality {
             picture.rgb.iter().filter(|rgb| is_one(rgb)).count() as f64 / pixels
         };
         PictureQuality {
-            sharpness_gray_per_px: below(&mut slopes, 1.0 - STEEPEST_SHARE).unwrap_or(0.0),
+            sharpness_gray_per_px: quantile(&mut slopes, 1.0 - STEEPEST_SHARE).unwrap_or(0.0),
             saturated_share: share(&|rgb| rgb.iter().any(|level| *level >= SATURATED)),
             dark_share: share(&|rgb| rgb.iter().all(|level| *level < DARK)),
             mean_gray: gray.gray.iter().map(|level| f64::from(*level)).sum::<f64>() / pixels,
@@ -67,10 +67,10 @@ pub struct ScanQuality {
 impl ScanQuality {
     /// Of a scan.
     pub fn compute(cloud: &OrganizedCloud<Camera>) -> Self {
-        let mut depths: Vec<f64> = cloud.valid().map(|(_, point)| point.mm.z).collect();
+        let mut depths: Vec<f64> = cloud.valid_points().map(|(_, point)| point.mm.z).collect();
         let points = depths.len();
         let pixels = (cloud.width() * cloud.height()).max(1);
-        let mut at = |share: f64| below(&mut depths, share);
+        let mut at = |share: f64| quantile(&mut depths, share);
         let depth_mm = match (at(0.05), at(0.5), at(0.95)) {
             (Some(near), Some(middle), Some(far)) => Some([near, middle, far]),
             _ => None,
@@ -80,7 +80,7 @@ impl ScanQuality {
 }
 
 /// Returns the quantile of these values for this fraction; `None` if there are no values.
-fn below(values: &mut [f64], share: f64) -> Option<f64> {
+fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
     let index = ((values.len() as f64 * share) as usize).min(values.len().checked_sub(1)?);
     Some(*values.select_nth_unstable_by(index, f64::total_cmp).1)
 }
@@ -94,7 +94,7 @@ mod tests {
     #[test]
     fn an_edge_is_as_steep_as_it_is_sharp() {
         let picture = |levels: [u8; 20]| {
-            let mut picture = ColorPicture::filled(20, 10, [0; 3]);
+            let mut picture = ColorPicture::uniform(20, 10, [0; 3]);
             picture.rgb.iter_mut().enumerate().for_each(|(index, rgb)| *rgb = [levels[index % 20]; 3]);
             picture
         };

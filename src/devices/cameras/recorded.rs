@@ -5,7 +5,7 @@
 //! other pictures are refused, since a corner is measured in each picture. A capture without a recorded time gets a
 //! count as its time: 0, 1, 2 … s. Only names are read ahead, so a folder may contain many files.
 
-use super::{CameraError, FileError, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which};
+use super::{CameraError, CameraRole, FileError, FlangeCamera, FlangePicture, Picture, Scanner, Shot};
 use crate::disk;
 use crate::files::{self, ClipEntry, CloudFileError, PictureError};
 use crate::geometry::{ColorPicture, PinholeCamera};
@@ -18,30 +18,30 @@ const PICTURES: [&str; 5] = ["png", "jpg", "jpeg", "tif", "tiff"];
 
 /// The files of a folder that are still to be played.
 #[derive(Debug)]
-struct Reel<T> {
+struct FileSequence<T> {
     folder: PathBuf,
     what: &'static str,
     played: usize,
-    ahead: VecDeque<T>,
+    read_ahead: VecDeque<T>,
 }
 
-impl<T> Reel<T> {
+impl<T> FileSequence<T> {
     fn new(folder: &Path, what: &'static str, ahead: impl IntoIterator<Item = T>) -> Self {
-        Reel { folder: folder.to_owned(), what, played: 0, ahead: ahead.into_iter().collect() }
+        FileSequence { folder: folder.to_owned(), what, played: 0, read_ahead: ahead.into_iter().collect() }
     }
 
     fn next(&mut self) -> Result<T, CameraError> {
-        let Reel { folder, what, played, .. } = self;
-        let out = CameraError::RanOut { folder: folder.clone(), what, played: *played };
-        let next = self.ahead.pop_front().ok_or(out)?;
+        let FileSequence { folder, what, played, .. } = self;
+        let out = CameraError::RecordingExhausted { folder: folder.clone(), what, played: *played };
+        let next = self.read_ahead.pop_front().ok_or(out)?;
         self.played += 1;
         Ok(next)
     }
 
     /// Checks whether a file is left.
-    fn check(&self) -> Result<(), CameraError> {
-        let Reel { folder, what, played, ahead } = self;
-        let out = || CameraError::RanOut { folder: folder.clone(), what, played: *played };
+    fn check_remaining(&self) -> Result<(), CameraError> {
+        let FileSequence { folder, what, played, read_ahead: ahead } = self;
+        let out = || CameraError::RecordingExhausted { folder: folder.clone(), what, played: *played };
         ahead.front().map(drop).ok_or_else(out)
     }
 
@@ -55,8 +55,8 @@ impl<T> Reel<T> {
 #[derive(Debug)]
 pub struct RecordedScanner {
     camera: PinholeCamera,
-    clouds: Reel<PathBuf>,
-    pictures: Reel<ClipEntry>,
+    clouds: FileSequence<PathBuf>,
+    pictures: FileSequence<ClipEntry>,
     takes_clip: bool,
 }
 
@@ -66,17 +66,22 @@ impl RecordedScanner {
     /// # Errors
     /// If there is no such folder, or its `clip.csv` is invalid.
     pub fn open(folder: &Path, camera: PinholeCamera) -> Result<Self, CameraError> {
-        let clouds = files_of(folder, &CLOUDS, Which::Scanner)?;
+        let clouds = list_files(folder, &CLOUDS, CameraRole::Scanner)?;
         let list = folder.join("clip.csv");
         let entries = match list.exists() {
             true => {
-                let clip = read(&list).and_then(|bytes| named(&list, files::read_clip(&bytes)))?;
-                clip.shots().to_vec()
+                let clip = read(&list).and_then(|bytes| with_file_name(&list, files::read_clip(&bytes)))?;
+                clip.entries().to_vec()
             }
             false => Vec::new(),
         };
-        let pictures = Reel::new(folder, "picture in its clip.csv", entries);
-        Ok(RecordedScanner { camera, clouds: Reel::new(folder, "3D shot", clouds), pictures, takes_clip: false })
+        let pictures = FileSequence::new(folder, "picture in its clip.csv", entries);
+        Ok(RecordedScanner {
+            camera,
+            clouds: FileSequence::new(folder, "3D shot", clouds),
+            pictures,
+            takes_clip: false,
+        })
     }
 }
 
@@ -85,12 +90,12 @@ impl RecordedScanner {
         let entry = self.pictures.next()?;
         let file = self.pictures.folder.join(&entry.file);
         let picture = files::read_color_of(&read(&file)?, &self.camera);
-        let picture = fitting(&file, Which::Scanner, picture)?;
+        let picture = check_size(&file, CameraRole::Scanner, picture)?;
         Ok(Picture { picture, time_s: entry.time_s })
     }
 
     fn clip(&self) -> Result<(), CameraError> {
-        if self.takes_clip { Ok(()) } else { Err(CameraError::NoClip { which: Which::Scanner }) }
+        if self.takes_clip { Ok(()) } else { Err(CameraError::NoClip { which: CameraRole::Scanner }) }
     }
 }
 
@@ -103,12 +108,12 @@ impl Scanner for RecordedScanner {
         let size_px = (self.camera.width_px, self.camera.height_px);
         let cloud = match files::read_any_cloud(&read(&file)?, Some(size_px)) {
             Err(CloudFileError::Size { width, height, .. }) => {
-                return Err(wrong_size(Which::Scanner, [width, height], &self.camera));
+                return Err(wrong_size_error(CameraRole::Scanner, [width, height], &self.camera));
             }
-            other => named(&file, other)?,
+            other => with_file_name(&file, other)?,
         };
         if (cloud.width(), cloud.height()) != size_px {
-            return Err(wrong_size(Which::Scanner, [cloud.width(), cloud.height()], &self.camera));
+            return Err(wrong_size_error(CameraRole::Scanner, [cloud.width(), cloud.height()], &self.camera));
         }
         Ok(Shot { cloud, time_s: self.clouds.count_s() })
     }
@@ -121,11 +126,11 @@ impl Scanner for RecordedScanner {
     /// Each picture is available at once, with its recorded time.
     fn begin_clip(&mut self, _: f64) -> Result<f64, CameraError> {
         self.takes_clip = true;
-        self.pictures.check()?;
-        Ok(self.pictures.ahead.front().map_or(0.0, |next| next.time_s))
+        self.pictures.check_remaining()?;
+        Ok(self.pictures.read_ahead.front().map_or(0.0, |next| next.time_s))
     }
 
-    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
+    fn next_clip_picture(&mut self) -> Result<Option<Picture>, CameraError> {
         self.clip()?;
         self.picture().map(Some)
     }
@@ -136,8 +141,8 @@ impl Scanner for RecordedScanner {
         Ok(0)
     }
 
-    fn check(&mut self) -> Result<(), CameraError> {
-        self.clouds.check().and_then(|()| self.pictures.check())
+    fn check_ready(&mut self) -> Result<(), CameraError> {
+        self.clouds.check_remaining().and_then(|()| self.pictures.check_remaining())
     }
 }
 
@@ -145,7 +150,7 @@ impl Scanner for RecordedScanner {
 #[derive(Debug)]
 pub struct RecordedFlangeCamera {
     camera: PinholeCamera,
-    pictures: Reel<PathBuf>,
+    pictures: FileSequence<PathBuf>,
 }
 
 impl RecordedFlangeCamera {
@@ -154,8 +159,8 @@ impl RecordedFlangeCamera {
     /// # Errors
     /// If there is no such folder.
     pub fn open(folder: &Path, camera: PinholeCamera) -> Result<Self, CameraError> {
-        let pictures = files_of(folder, &PICTURES, Which::Flange)?;
-        Ok(RecordedFlangeCamera { camera, pictures: Reel::new(folder, "picture", pictures) })
+        let pictures = list_files(folder, &PICTURES, CameraRole::Flange)?;
+        Ok(RecordedFlangeCamera { camera, pictures: FileSequence::new(folder, "picture", pictures) })
     }
 }
 
@@ -163,37 +168,37 @@ impl FlangeCamera for RecordedFlangeCamera {
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
         let file = self.pictures.next()?;
         let beside = file.with_extension("json");
-        let pose = read(&beside).and_then(|bytes| named(&beside, files::read_flange(&bytes)))?;
-        let picture = fitting(&file, Which::Flange, files::read_measured(&read(&file)?, &self.camera))?;
+        let pose = read(&beside).and_then(|bytes| with_file_name(&beside, files::read_flange(&bytes)))?;
+        let picture = check_size(&file, CameraRole::Flange, files::read_measured(&read(&file)?, &self.camera))?;
         Ok(FlangePicture { picture, base_from_flange: Some(pose.to_rigid()), time_s: self.pictures.count_s() })
     }
 
-    fn check(&mut self) -> Result<(), CameraError> {
-        self.pictures.check()
+    fn check_ready(&mut self) -> Result<(), CameraError> {
+        self.pictures.check_remaining()
     }
 }
 
 /// A picture of the wrong size is reported as an error of the camera, any other problem as an error of the file.
-fn fitting(
+fn check_size(
     file: &Path,
-    which: Which,
+    which: CameraRole,
     picture: Result<ColorPicture, PictureError>,
 ) -> Result<ColorPicture, CameraError> {
     match picture {
         Err(PictureError::Size { width, height, width_px, height_px }) => {
             Err(CameraError::WrongSize { which, found_px: [width, height], expected_px: [width_px, height_px] })
         }
-        other => named(file, other),
+        other => with_file_name(file, other),
     }
 }
 
-fn wrong_size(which: Which, found_px: [usize; 2], camera: &PinholeCamera) -> CameraError {
+fn wrong_size_error(which: CameraRole, found_px: [usize; 2], camera: &PinholeCamera) -> CameraError {
     CameraError::WrongSize { which, found_px, expected_px: [camera.width_px, camera.height_px] }
 }
 
 /// Returns the folder's files of these kinds, in the order of their names.
-fn files_of(folder: &Path, kinds: &[&str], which: Which) -> Result<Vec<PathBuf>, CameraError> {
-    let gone = |error: std::io::Error| CameraError::NotThere {
+fn list_files(folder: &Path, kinds: &[&str], which: CameraRole) -> Result<Vec<PathBuf>, CameraError> {
+    let gone = |error: std::io::Error| CameraError::Missing {
         which,
         reason: format!("its recording {}: {error}", folder.display()),
     };
@@ -208,9 +213,9 @@ fn files_of(folder: &Path, kinds: &[&str], which: Which) -> Result<Vec<PathBuf>,
 }
 
 fn read(file: &Path) -> Result<Vec<u8>, CameraError> {
-    named(file, disk::read(file))
+    with_file_name(file, disk::read(file))
 }
 
-fn named<T, E: Into<FileError>>(file: &Path, result: Result<T, E>) -> Result<T, CameraError> {
+fn with_file_name<T, E: Into<FileError>>(file: &Path, result: Result<T, E>) -> Result<T, CameraError> {
     result.map_err(|cause| CameraError::File { file: file.to_owned(), cause: cause.into() })
 }

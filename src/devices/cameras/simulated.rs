@@ -2,9 +2,9 @@
 //! time. The arm is a mock controller in this process, or a mock controller in another process whose messages are
 //! followed.
 
-use super::{CameraError, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which};
-use crate::devices::mock::{MockHandle, Sample};
-use crate::devices::world::{Follower, Moment, SimulatedWorld};
+use super::{CameraError, CameraRole, FlangeCamera, FlangePicture, Picture, Scanner, Shot};
+use crate::devices::mock::{ContactSample, MockHandle};
+use crate::devices::world::{Follower, RobotMoment, SimulatedWorld};
 
 /// The arm that moves in a simulated world.
 #[derive(Clone)]
@@ -16,24 +16,26 @@ pub enum Arm {
 }
 
 impl Arm {
-    fn moment(&self, which: Which) -> Result<Moment, CameraError> {
+    fn current_moment(&self, which: CameraRole) -> Result<RobotMoment, CameraError> {
         let reason = || "no state of the arm was received yet from the robot controller".to_owned();
         match self {
-            Arm::Mock(robot) => Ok(robot.with(|controller| Moment::from_controller(controller))),
-            Arm::Followed(robot) => robot.moment().ok_or_else(|| CameraError::NotThere { which, reason: reason() }),
+            Arm::Mock(robot) => Ok(robot.with_controller(|controller| RobotMoment::from_controller(controller))),
+            Arm::Followed(robot) => {
+                robot.current_moment().ok_or_else(|| CameraError::Missing { which, reason: reason() })
+            }
         }
     }
 
     /// Returns the time and pose of the arm for callers that take no picture; `None` if nothing was received from the
     /// controller yet.
-    pub(in crate::devices) fn moment_now(&self) -> Option<Moment> {
-        self.moment(Which::Flange).ok()
+    pub(in crate::devices) fn moment_now(&self) -> Option<RobotMoment> {
+        self.current_moment(CameraRole::Flange).ok()
     }
 
     /// Returns the path of the tool up to this time.
-    fn trace(&self, until_ms: u64) -> Vec<Sample> {
+    fn trace(&self, until_ms: u64) -> Vec<ContactSample> {
         match self {
-            Arm::Mock(robot) => robot.with(|controller| {
+            Arm::Mock(robot) => robot.with_controller(|controller| {
                 controller.trace().iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
             }),
             Arm::Followed(robot) => robot.trace(until_ms),
@@ -58,7 +60,7 @@ struct Clip {
 }
 
 impl Clip {
-    fn is_due(&self, now_ms: u64) -> bool {
+    fn is_picture_due(&self, now_ms: u64) -> bool {
         now_ms.saturating_sub(self.began_ms) as f64 / 1e3 * self.pictures_per_second >= f64::from(self.taken)
     }
 }
@@ -71,7 +73,7 @@ pub struct SimulatedFlangeCamera {
 }
 
 /// Returns both cameras of a world and of the arm that moves in it.
-pub fn simulated(world: &SimulatedWorld, arm: &Arm) -> (SimulatedScanner, SimulatedFlangeCamera) {
+pub fn simulated_cameras(world: &SimulatedWorld, arm: &Arm) -> (SimulatedScanner, SimulatedFlangeCamera) {
     let (scanner, flange) = (world.clone(), world.clone());
     (
         SimulatedScanner { world: scanner, arm: arm.clone(), clip: None },
@@ -84,21 +86,21 @@ pub fn simulated(world: &SimulatedWorld, arm: &Arm) -> (SimulatedScanner, Simula
 
 impl SimulatedScanner {
     fn picture(&self) -> Result<Picture, CameraError> {
-        if let Some(until_ms) = self.world.abrasion_is_due() {
+        if let Some(until_ms) = self.world.abrasion_due_until() {
             self.world.abrade(&self.arm.trace(until_ms));
         }
-        Ok(self.world.picture(&self.arm.moment(Which::Scanner)?))
+        Ok(self.world.picture(&self.arm.current_moment(CameraRole::Scanner)?))
     }
 
     fn clip(&mut self) -> Result<&mut Clip, CameraError> {
-        self.clip.as_mut().ok_or(CameraError::NoClip { which: Which::Scanner })
+        self.clip.as_mut().ok_or(CameraError::NoClip { which: CameraRole::Scanner })
     }
 }
 
 impl Scanner for SimulatedScanner {
     fn capture_3d(&mut self) -> Result<Shot, CameraError> {
         self.clip = None;
-        self.world.scan(&self.arm.moment(Which::Scanner)?)
+        self.world.scan(&self.arm.current_moment(CameraRole::Scanner)?)
     }
 
     fn capture_2d(&mut self) -> Result<Picture, CameraError> {
@@ -107,16 +109,16 @@ impl Scanner for SimulatedScanner {
     }
 
     fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
-        let began_ms = self.arm.moment(Which::Scanner)?.time_ms();
+        let began_ms = self.arm.current_moment(CameraRole::Scanner)?.time_ms();
         self.clip = Some(Clip { began_ms, pictures_per_second, taken: 0 });
         Ok(began_ms as f64 / 1e3)
     }
 
     /// Never waits, since in lock step time stops during a wait: the picture is taken when it is due.
-    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
-        let now_ms = self.arm.moment(Which::Scanner)?.time_ms();
+    fn next_clip_picture(&mut self) -> Result<Option<Picture>, CameraError> {
+        let now_ms = self.arm.current_moment(CameraRole::Scanner)?.time_ms();
         let clip = self.clip()?;
-        if !clip.is_due(now_ms) {
+        if !clip.is_picture_due(now_ms) {
             return Ok(None);
         }
         clip.taken += 1;
@@ -130,18 +132,18 @@ impl Scanner for SimulatedScanner {
     }
 
     /// Always succeeds: the renderer is part of this program.
-    fn check(&mut self) -> Result<(), CameraError> {
+    fn check_ready(&mut self) -> Result<(), CameraError> {
         Ok(())
     }
 }
 
 impl FlangeCamera for SimulatedFlangeCamera {
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
-        self.world.flange_picture(&self.arm.moment(Which::Flange)?)
+        self.world.flange_picture(&self.arm.current_moment(CameraRole::Flange)?)
     }
 
     /// Always succeeds: the renderer is part of this program.
-    fn check(&mut self) -> Result<(), CameraError> {
+    fn check_ready(&mut self) -> Result<(), CameraError> {
         Ok(())
     }
 }

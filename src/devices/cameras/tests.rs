@@ -13,7 +13,7 @@ fn camera(width_px: usize, height_px: usize) -> PinholeCamera {
 }
 
 fn png(gray: u8) -> Vec<u8> {
-    files::write_color_png(&ColorPicture::filled(3, 2, [gray; 3])).expect("a picture")
+    files::write_color_png(&ColorPicture::uniform(3, 2, [gray; 3])).expect("a picture")
 }
 
 fn pcd(gray: u8) -> Vec<u8> {
@@ -59,13 +59,13 @@ fn a_recorded_flange_camera_has_a_pose_beside_each_picture() {
     assert_eq!((taken.picture.rgb[0], taken.base_from_flange), ([1; 3], Some(pose.to_rigid())));
     let refused = flange.capture().expect_err("no pose");
     assert!(matches!(&refused, CameraError::File { file, cause: FileError::Disk(_) } if file.ends_with("2.json")));
-    assert!(matches!(flange.capture(), Err(CameraError::RanOut { played: 2, .. })));
+    assert!(matches!(flange.capture(), Err(CameraError::RecordingExhausted { played: 2, .. })));
 }
 
 #[test]
 fn what_does_not_fit_is_told() {
     let gone = RecordedScanner::open(Path::new("/nowhere"), camera(3, 2)).expect_err("gone");
-    assert!(matches!(gone, CameraError::NotThere { which: Which::Scanner, .. }), "{gone}");
+    assert!(matches!(gone, CameraError::Missing { which: CameraRole::Scanner, .. }), "{gone}");
     let folder = folder(&[("a.pcd", pcd(1)), ("b.pcd", b"pcd".to_vec())]);
     let mut turned = RecordedScanner::open(folder.path(), camera(2, 3)).expect("there");
     let told = turned.capture_3d().expect_err("turned").to_string();

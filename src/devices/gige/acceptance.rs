@@ -23,7 +23,7 @@ pub enum Delivery {
 }
 
 impl Delivery {
-    fn words(self) -> &'static str {
+    fn describe(self) -> &'static str {
         match self {
             Delivery::Complete => "complete",
             Delivery::MissingPackets => "packets are missing",
@@ -36,7 +36,7 @@ impl Delivery {
 
 /// The data of a frame besides its pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Facts {
+pub struct FrameMetadata {
     /// How the frame arrived. If a frame is not complete, only its number is valid, and only if its first packet
     /// arrived; otherwise the number is that of an earlier frame, or 0.
     pub delivery: Delivery,
@@ -52,20 +52,20 @@ pub struct Facts {
 
 /// The requirements that a frame must satisfy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Expected {
+pub struct FrameRequirements {
     /// Width and height of the calibrated camera, px.
     pub size_px: [usize; 2],
     /// The pixel format.
     pub format: PixelFormat,
     /// How a gap in the frame numbers is handled.
-    pub gaps: Gaps,
+    pub gaps: GapPolicy,
     /// Whether two consecutive frames may have the same pixels. The noise of a real sensor never repeats.
     pub may_repeat: bool,
 }
 
 /// How a gap in the frame numbers is handled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Gaps {
+pub enum GapPolicy {
     /// One frame belongs to each trigger: a frame whose number is not the next one is refused.
     Refused,
     /// The camera runs freely: missing frames are counted.
@@ -74,9 +74,9 @@ pub enum Gaps {
 
 /// Why a frame is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Refused {
+pub enum FrameRefusal {
     /// Not whole.
-    #[error("frame {id} is incomplete: {}", delivery.words())]
+    #[error("frame {id} is incomplete: {}", delivery.describe())]
     Incomplete {
         /// Its number.
         id: u64,
@@ -138,16 +138,19 @@ pub enum Refused {
     },
 }
 
-impl Refused {
+impl FrameRefusal {
     /// Returns whether the reason shows that the camera delivers an old scene.
-    pub fn is_stale(&self) -> bool {
-        matches!(self, Refused::NotNewer { .. } | Refused::OutOfSequence { .. } | Refused::Repeated { .. })
+    pub fn is_old_scene(&self) -> bool {
+        matches!(
+            self,
+            FrameRefusal::NotNewer { .. } | FrameRefusal::OutOfSequence { .. } | FrameRefusal::Repeated { .. }
+        )
     }
 }
 
 /// Returns by how many numbers a frame is ahead of the last one: 1 for the next frame. `None` if it is an earlier
 /// frame, the same one, or has no number.
-pub fn ahead(last: u64, id: u64) -> Option<u64> {
+pub fn frames_ahead(last: u64, id: u64) -> Option<u64> {
     const CYCLE: u64 = 65_535;
     match (last, id) {
         (_, 0) => None,
@@ -161,7 +164,7 @@ pub fn ahead(last: u64, id: u64) -> Option<u64> {
 /// Judges frame after frame of one stream.
 #[derive(Debug, Clone)]
 pub struct Acceptance {
-    expected: Expected,
+    expected: FrameRequirements,
     /// The number of the last frame that was received, accepted or not.
     last_id: Option<u64>,
     /// Time of the last accepted frame.
@@ -177,7 +180,7 @@ pub struct Acceptance {
 
 impl Acceptance {
     /// Creates the judge of a stream from which no frame was received yet.
-    pub fn new(expected: Expected) -> Self {
+    pub fn new(expected: FrameRequirements) -> Self {
         Acceptance {
             expected,
             last_id: None,
@@ -196,12 +199,12 @@ impl Acceptance {
     }
 
     /// What is expected.
-    pub fn expected(&self) -> Expected {
+    pub fn expected(&self) -> FrameRequirements {
         self.expected
     }
 
     /// Returns the number of frames that are missing in the numbering of a free running camera.
-    pub fn lost(&self) -> u64 {
+    pub fn missing_frames(&self) -> u64 {
         self.lost
     }
 
@@ -213,7 +216,7 @@ impl Acceptance {
     /// Returns whether the camera's clock was set back, as by PTP when a new master takes over. This is true if the
     /// previous frame was refused for its time and this frame is newer than the previous one. A camera that repeats
     /// one old frame never satisfies this condition.
-    fn is_clock_step(&self, camera_time_ns: u64) -> bool {
+    fn is_clock_set_back(&self, camera_time_ns: u64) -> bool {
         self.older_time_ns.is_some_and(|older_ns| camera_time_ns > older_ns)
     }
 
@@ -221,43 +224,43 @@ impl Acceptance {
     ///
     /// # Errors
     /// If the frame must not be used.
-    pub fn judge(&mut self, facts: &Facts, pixels: &[u8]) -> Result<(), Refused> {
-        let Facts { id, delivery, camera_time_ns, size_px, format } = *facts;
+    pub fn judge(&mut self, facts: &FrameMetadata, pixels: &[u8]) -> Result<(), FrameRefusal> {
+        let FrameMetadata { id, delivery, camera_time_ns, size_px, format } = *facts;
         let before = self.last_id;
-        let step = before.map_or((id > 0).then_some(1), |last| ahead(last, id));
+        let step = before.map_or((id > 0).then_some(1), |last| frames_ahead(last, id));
         if let Some(step) = step {
             self.last_id = Some(id);
-            if self.expected.gaps == Gaps::Counted {
+            if self.expected.gaps == GapPolicy::Counted {
                 self.lost += (step - 1).saturating_sub(self.unnumbered);
             }
             self.unnumbered = 0;
         }
         if delivery != Delivery::Complete {
             self.unnumbered += u64::from(step.is_none());
-            return Err(Refused::Incomplete { id, delivery });
+            return Err(FrameRefusal::Incomplete { id, delivery });
         }
-        let Expected { size_px: expected_px, format: expected, gaps, may_repeat } = self.expected;
+        let FrameRequirements { size_px: expected_px, format: expected, gaps, may_repeat } = self.expected;
         if size_px != expected_px || format != expected.code() {
-            return Err(Refused::WrongForm { id, found_px: size_px, format, expected_px, expected });
+            return Err(FrameRefusal::WrongForm { id, found_px: size_px, format, expected_px, expected });
         }
         if pixels.len() != size_px[0] * size_px[1] {
-            return Err(Refused::WrongLength { id, found: pixels.len(), expected: size_px[0] * size_px[1] });
+            return Err(FrameRefusal::WrongLength { id, found: pixels.len(), expected: size_px[0] * size_px[1] });
         }
         match step {
             Some(1) => {}
-            Some(_) if gaps == Gaps::Counted => {}
-            _ => return Err(Refused::OutOfSequence { id, last: before.unwrap_or_default() }),
+            Some(_) if gaps == GapPolicy::Counted => {}
+            _ => return Err(FrameRefusal::OutOfSequence { id, last: before.unwrap_or_default() }),
         }
         let not_newer = self.last_time_ns.filter(|&last_ns| camera_time_ns <= last_ns);
-        let is_clock_step = not_newer.is_some() && self.is_clock_step(camera_time_ns);
+        let is_clock_step = not_newer.is_some() && self.is_clock_set_back(camera_time_ns);
         if let Some(last_ns) = not_newer.filter(|_| !is_clock_step) {
             self.older_time_ns = Some(camera_time_ns);
-            return Err(Refused::NotNewer { id, found_ns: camera_time_ns, last_ns });
+            return Err(FrameRefusal::NotNewer { id, found_ns: camera_time_ns, last_ns });
         }
         // A picture of uniform brightness, such as from a shut lens, may repeat.
         let plain = pixels.iter().all(|level| Some(level) == pixels.first());
         if !may_repeat && !plain && pixels == self.last_pixels {
-            return Err(Refused::Repeated { id });
+            return Err(FrameRefusal::Repeated { id });
         }
         self.clock_steps += u64::from(is_clock_step);
         (self.last_time_ns, self.older_time_ns) = (Some(camera_time_ns), None);
@@ -274,12 +277,16 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const EXPECTED: Expected =
-        Expected { size_px: [4, 2], format: PixelFormat::BayerRG8, gaps: Gaps::Refused, may_repeat: false };
+    const EXPECTED: FrameRequirements = FrameRequirements {
+        size_px: [4, 2],
+        format: PixelFormat::BayerRG8,
+        gaps: GapPolicy::Refused,
+        may_repeat: false,
+    };
 
-    fn frame(id: u64) -> Facts {
+    fn frame(id: u64) -> FrameMetadata {
         let (size_px, format) = ([4, 2], PixelFormat::BayerRG8.code());
-        Facts { delivery: Delivery::Complete, id, camera_time_ns: 1_000 * id, size_px, format }
+        FrameMetadata { delivery: Delivery::Complete, id, camera_time_ns: 1_000 * id, size_px, format }
     }
 
     fn pixels(id: u64) -> Vec<u8> {
@@ -288,23 +295,44 @@ mod tests {
 
     #[test]
     fn numbers_wrap_at_16_bits_and_go_on_at_64() {
-        assert_eq!(ahead(65_535, 1), Some(1));
-        assert_eq!(ahead(65_535, 65_536), Some(1));
-        assert_eq!(ahead(65_530, 3), Some(8));
-        assert_eq!(ahead(1 << 40, (1 << 40) + 3), Some(3));
-        assert_eq!([ahead(7, 7), ahead(7, 6), ahead(1, 65_535), ahead(70_000, 69_999), ahead(9, 0)], [None; 5]);
+        assert_eq!(frames_ahead(65_535, 1), Some(1));
+        assert_eq!(frames_ahead(65_535, 65_536), Some(1));
+        assert_eq!(frames_ahead(65_530, 3), Some(8));
+        assert_eq!(frames_ahead(1 << 40, (1 << 40) + 3), Some(3));
+        assert_eq!(
+            [
+                frames_ahead(7, 7),
+                frames_ahead(7, 6),
+                frames_ahead(1, 65_535),
+                frames_ahead(70_000, 69_999),
+                frames_ahead(9, 0)
+            ],
+            [None; 5]
+        );
     }
 
     #[test]
     fn each_fault_of_a_frame_is_named() {
         let good = frame(8);
-        let cases: [(Facts, Vec<u8>, &str); 7] = [
-            (Facts { delivery: Delivery::MissingPackets, ..good }, vec![], "incomplete: packets are missing"),
-            (Facts { size_px: [2, 4], ..good }, pixels(8), "is 2×4 with pixel format 0x01080009, expected 4×2"),
-            (Facts { format: PixelFormat::Mono8.code(), ..good }, pixels(8), "0x01080001, expected 4×2 and Bayer"),
+        let cases: [(FrameMetadata, Vec<u8>, &str); 7] = [
+            (
+                FrameMetadata { delivery: Delivery::MissingPackets, ..good },
+                vec![],
+                "incomplete: packets are missing",
+            ),
+            (
+                FrameMetadata { size_px: [2, 4], ..good },
+                pixels(8),
+                "is 2×4 with pixel format 0x01080009, expected 4×2",
+            ),
+            (
+                FrameMetadata { format: PixelFormat::Mono8.code(), ..good },
+                pixels(8),
+                "0x01080001, expected 4×2 and Bayer",
+            ),
             (good, vec![1; 7], "has 7 bytes, but its size needs 8"),
-            (Facts { camera_time_ns: 7_000, ..good }, pixels(8), "not after the last frame, 7000 ns"),
-            (Facts { id: 10, ..good }, pixels(8), "frame 10 does not follow frame 7"),
+            (FrameMetadata { camera_time_ns: 7_000, ..good }, pixels(8), "not after the last frame, 7000 ns"),
+            (FrameMetadata { id: 10, ..good }, pixels(8), "frame 10 does not follow frame 7"),
             (good, pixels(7), "has exactly the same pixels as the last frame"),
         ];
         for (facts, bytes, says) in cases {
@@ -324,7 +352,7 @@ mod tests {
         }
         assert!(acceptance.judge(&frame(5), &pixels(5)).is_err());
         acceptance.new_stream();
-        let restarted = Facts { id: 1, camera_time_ns: 9_000, ..frame(1) };
+        let restarted = FrameMetadata { id: 1, camera_time_ns: 9_000, ..frame(1) };
         assert_eq!(acceptance.judge(&restarted, &pixels(1)), Ok(()));
     }
 
@@ -332,14 +360,14 @@ mod tests {
     /// one accepted, and from then on the new time is valid. The same old frame is never accepted again.
     #[test]
     fn a_clock_that_is_set_back_costs_one_picture() {
-        let at = |id: u64, camera_time_ns: u64| Facts { camera_time_ns, ..frame(id) };
+        let at = |id: u64, camera_time_ns: u64| FrameMetadata { camera_time_ns, ..frame(id) };
         let mut acceptance = Acceptance::new(EXPECTED);
         assert_eq!(acceptance.judge(&at(7, 8_000), &pixels(7)), Ok(()));
         let back = acceptance.judge(&at(8, 1_000), &pixels(8)).expect_err("older");
-        assert!(matches!(back, Refused::NotNewer { .. }), "{back}");
+        assert!(matches!(back, FrameRefusal::NotNewer { .. }), "{back}");
         acceptance.new_stream();
         let same = acceptance.judge(&at(1, 1_000), &pixels(8)).expect_err("the same once more");
-        assert!(matches!(same, Refused::NotNewer { .. }), "{same}");
+        assert!(matches!(same, FrameRefusal::NotNewer { .. }), "{same}");
         acceptance.new_stream();
         assert_eq!(acceptance.judge(&at(1, 1_100), &pixels(9)), Ok(()));
         assert_eq!((acceptance.judge(&at(2, 1_200), &pixels(10)), acceptance.clock_steps()), (Ok(()), 1));
@@ -355,19 +383,19 @@ mod tests {
                 let id = start + index;
                 if wide || start > 65_535 { id } else { (id - 1) % 65_535 + 1 }
             };
-            let mut acceptance = Acceptance::new(Expected { gaps: Gaps::Counted, may_repeat: true, ..EXPECTED });
+            let mut acceptance = Acceptance::new(FrameRequirements { gaps: GapPolicy::Counted, may_repeat: true, ..EXPECTED });
             let (mut taken, mut broken, mut numbered) = (0, 0, 0);
             // The first and the last frame are complete, so that the number of frames is known.
             let fates: Vec<u8> = [vec![9], fates, vec![9]].concat();
             for (index, fate) in fates.iter().enumerate() {
                 let index = index as u64;
-                let facts = Facts { id: number(index), camera_time_ns: 1 + index, ..frame(1) };
+                let facts = FrameMetadata { id: number(index), camera_time_ns: 1 + index, ..frame(1) };
                 let (facts, expect) = match fate {
                     0 => continue, // lost whole
-                    1 => (Facts { delivery: Delivery::TimedOut, ..facts }, false),
+                    1 => (FrameMetadata { delivery: Delivery::TimedOut, ..facts }, false),
                     // Without the first packet, the number is that of the buffer's last use, or there is none.
-                    2 => (Facts { delivery: Delivery::TimedOut, id: numbered, ..facts }, false),
-                    3 => (Facts { delivery: Delivery::MissingPackets, id: 0, ..facts }, false),
+                    2 => (FrameMetadata { delivery: Delivery::TimedOut, id: numbered, ..facts }, false),
+                    3 => (FrameMetadata { delivery: Delivery::MissingPackets, id: 0, ..facts }, false),
                     _ => (facts, true),
                 };
                 numbered = if facts.id > 0 { facts.id } else { numbered };
@@ -380,7 +408,7 @@ mod tests {
                     broken += 1;
                 }
             }
-            prop_assert_eq!(taken + broken + acceptance.lost(), fates.len() as u64);
+            prop_assert_eq!(taken + broken + acceptance.missing_frames(), fates.len() as u64);
         }
     }
 }

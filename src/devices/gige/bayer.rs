@@ -35,17 +35,17 @@ pub fn demosaic(raw: &[u8], [width, height]: [usize; 2], format: PixelFormat) ->
     if width < 3 || height < 3 {
         return None;
     }
-    let mut picture = ColorPicture::filled(width, height, [0; 3]);
+    let mut picture = ColorPicture::uniform(width, height, [0; 3]);
     let at_row = |row: usize, by: isize| {
-        let row = mirrored(row, by, height);
+        let row = mirrored_index(row, by, height);
         &raw[row * width..(row + 1) * width]
     };
     picture.rgb.par_chunks_mut(width).enumerate().for_each(|(row, colors)| {
         let rows = [-2, -1, 0, 1, 2].map(|by| at_row(row, by));
         for (column, color) in colors.iter_mut().enumerate() {
-            let columns = [-2, -1, 0, 1, 2].map(|by| mirrored(column, by, width));
+            let columns = [-2, -1, 0, 1, 2].map(|by| mirrored_index(column, by, width));
             let around = |across: usize, down: usize| i32::from(rows[down][columns[across]]);
-            *color = three(format, [column, row], around);
+            *color = interpolate_rgb(format, [column, row], around);
         }
     });
     Some(picture)
@@ -53,7 +53,7 @@ pub fn demosaic(raw: &[u8], [width, height]: [usize; 2], format: PixelFormat) ->
 
 /// Returns the index of the pixel at this offset; beyond the border it is mirrored, and the border pixel is not
 /// repeated.
-fn mirrored(at: usize, by: isize, count: usize) -> usize {
+fn mirrored_index(at: usize, by: isize, count: usize) -> usize {
     let to = at.saturating_add_signed(by);
     match to {
         _ if by < 0 && at < by.unsigned_abs() => by.unsigned_abs() - at,
@@ -63,7 +63,11 @@ fn mirrored(at: usize, by: isize, count: usize) -> usize {
 }
 
 /// Calculates equation (1) at one pixel; `around(2, 2)` is the pixel itself.
-fn three(format: PixelFormat, [column, row]: [usize; 2], around: impl Fn(usize, usize) -> i32) -> [u8; 3] {
+fn interpolate_rgb(
+    format: PixelFormat,
+    [column, row]: [usize; 2],
+    around: impl Fn(usize, usize) -> i32,
+) -> [u8; 3] {
     let sum = |places: [[usize; 2]; 4]| places.into_iter().map(|[across, down]| around(across, down)).sum::<i32>();
     let own = around(2, 2);
     let (beside, above) = (around(1, 2) + around(3, 2), around(2, 1) + around(2, 3));

@@ -2,24 +2,24 @@
 
 use super::error::GigeError;
 use super::search::search;
-use super::settings::{Settings, Step, Which, plan};
-use super::sockets::subnets_here;
-use super::streaming::gone;
+use super::settings::{CameraSelector, SettingStep, Settings, plan};
+use super::sockets::local_subnets;
+use super::streaming::gone_error;
 use super::subnet;
 use aravis::glib::object::Cast;
 use aravis::prelude::*;
 use aravis::{GvDevice, GvInterface, GvPacketSizeAdjustment};
 
 /// Finds and opens the selected camera.
-pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
+pub(super) fn open_selected(which: &CameraSelector) -> Result<GvDevice, GigeError> {
     let wanted = which.to_string();
     let not_found = |found: String| GigeError::NotFound { wanted: wanted.clone(), found };
     let interface = GvInterface::instance()
         .ok_or_else(|| not_found("the Aravis library has no GigE Vision support".to_owned()))?;
-    let far = |address: &str| subnet::out_of_reach(address, &subnets_here());
+    let far = |address: &str| subnet::unreachable_reason(address, &local_subnets());
     let id = match which {
-        Which::Address(address) => address.clone(),
-        Which::Only | Which::Serial(_) => {
+        CameraSelector::Address(address) => address.clone(),
+        CameraSelector::Only | CameraSelector::Serial(_) => {
             let all = search().map_err(not_found)?;
             let told: Vec<String> =
                 all.iter().map(|found| format!("serial {} at {}", found.serial, found.address)).collect();
@@ -27,12 +27,12 @@ pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
                 true => format!(
                     "no camera responded; cameras respond in this computer's subnets ({}), but a camera with an \
                      address outside of them may not respond",
-                    subnet::describe(&subnets_here())
+                    subnet::describe(&local_subnets())
                 ),
                 false => format!("found {}", told.join(", ")),
             };
             let right = all.iter().filter(|found| match which {
-                Which::Serial(wanted) => found.serial == *wanted,
+                CameraSelector::Serial(wanted) => found.serial == *wanted,
                 _ => true,
             });
             match right.collect::<Vec<_>>().as_slice() {
@@ -54,7 +54,7 @@ pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
 pub(super) fn configure(camera: &aravis::Camera, settings: &Settings) -> Result<(), GigeError> {
     let has = |node: &str| camera.is_feature_available(node).unwrap_or(false);
     if let Some(expected) = &settings.serial {
-        let found = camera.device_serial_number().map_err(gone)?.to_string();
+        let found = camera.device_serial_number().map_err(gone_error)?.to_string();
         if found != *expected {
             return Err(GigeError::WrongCamera { found, expected: expected.clone() });
         }
@@ -73,7 +73,7 @@ pub(super) fn configure(camera: &aravis::Camera, settings: &Settings) -> Result<
         let why = format!("the camera set {taken} instead");
         return Err(GigeError::NotTaken { node, value: bytes.to_string(), why });
     }
-    let (_, _, width, height) = camera.region().map_err(gone)?;
+    let (_, _, width, height) = camera.region().map_err(gone_error)?;
     let found_px = [width, height].map(|px| usize::try_from(px).unwrap_or_default());
     if found_px != settings.size_px {
         return Err(GigeError::WrongSize { found_px, expected_px: settings.size_px });
@@ -82,19 +82,19 @@ pub(super) fn configure(camera: &aravis::Camera, settings: &Settings) -> Result<
 }
 
 /// Performs one step; the value that was set is read back.
-fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
+fn set(camera: &aravis::Camera, step: &SettingStep) -> Result<(), GigeError> {
     let (node, value) = match step {
-        Step::Command(node) => (*node, "()".to_owned()),
-        Step::Choose(node, entry) => (*node, entry.clone()),
-        Step::Number(node, number) | Step::Limit(node, number) => (*node, number.to_string()),
-        Step::Switch(node, on) => (*node, on.to_string()),
+        SettingStep::Command(node) => (*node, "()".to_owned()),
+        SettingStep::SetEnum(node, entry) => (*node, entry.clone()),
+        SettingStep::Number(node, number) | SettingStep::Limit(node, number) => (*node, number.to_string()),
+        SettingStep::Switch(node, on) => (*node, on.to_string()),
     };
     let not_taken = |why: String| GigeError::NotTaken { node, value: value.clone(), why };
     let refused = |error: aravis::glib::Error| not_taken(error.to_string());
     match step {
-        Step::Command(node) => camera.execute_command(node).map_err(refused),
-        Step::Switch(node, on) => camera.set_boolean(node, *on).map_err(refused),
-        Step::Choose(node, entry) => {
+        SettingStep::Command(node) => camera.execute_command(node).map_err(refused),
+        SettingStep::Switch(node, on) => camera.set_boolean(node, *on).map_err(refused),
+        SettingStep::SetEnum(node, entry) => {
             camera.set_string(node, entry).map_err(|error| {
                 let entries = camera.dup_available_enumerations_as_strings(node).unwrap_or_default();
                 let entries = entries.iter().map(|entry| entry.as_str()).collect::<Vec<_>>().join(", ");
@@ -103,14 +103,14 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
             let taken = camera.string(node).map_err(refused)?;
             if taken == *entry { Ok(()) } else { Err(not_taken(format!("the camera set {taken} instead"))) }
         }
-        Step::Limit(node, number) => {
+        SettingStep::Limit(node, number) => {
             let (_, most) = camera.float_bounds(node).map_err(refused)?;
-            set(camera, &Step::Number(node, number.min(most)))
+            set(camera, &SettingStep::Number(node, number.min(most)))
         }
-        Step::Number(node, number) => {
+        SettingStep::Number(node, number) => {
             let (least, most) = camera.float_bounds(node).map_err(refused)?;
             if !(least..=most).contains(number) {
-                return Err(not_taken(format!("valid: {least} to {most}{}", at_its_rate(camera, node))));
+                return Err(not_taken(format!("valid: {least} to {most}{}", describe_frame_rate(camera, node))));
             }
             camera.set_float(node, *number).map_err(refused)?;
             let taken = camera.float(node).map_err(refused)?;
@@ -123,7 +123,7 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
 }
 
 /// The frame rate that limits the exposure, in words, if the camera reports one.
-fn at_its_rate(camera: &aravis::Camera, node: &str) -> String {
+fn describe_frame_rate(camera: &aravis::Camera, node: &str) -> String {
     let rate = node.starts_with("Exposure").then(|| camera.float("AcquisitionFrameRate").ok()).flatten();
     rate.map_or(String::new(), |rate| format!(" at the camera's lowest rate, {rate:.3} pictures per second"))
 }

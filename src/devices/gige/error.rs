@@ -1,6 +1,6 @@
 //! Why a GigE Vision camera gives no picture.
 
-use super::acceptance::Refused;
+use super::acceptance::FrameRefusal;
 use super::format::PixelFormat;
 use super::settings::PlanError;
 
@@ -69,7 +69,7 @@ pub enum GigeError {
          {packet_bytes} bytes, that net.core.rmem_max (now {rmem_max}) is at least {wanted_bytes}, and that no \
          firewall of this computer drops UDP from the camera. Last: {last}"
     )]
-    NothingWhole {
+    NoCompletePicture {
         /// The number of pictures requested.
         tries: u32,
         /// Size of a packet, bytes.
@@ -92,7 +92,7 @@ pub enum GigeError {
         /// The pixel format that was set.
         expected: PixelFormat,
         /// Why the last frame was refused.
-        last: Refused,
+        last: FrameRefusal,
     },
     /// The camera was connected and is lost.
     #[error("the connection to the camera is lost: {why}")]
@@ -112,18 +112,18 @@ pub enum GigeError {
         /// Number of frames that were tried.
         tries: u32,
         /// Why the last frame was refused.
-        last: Refused,
+        last: FrameRefusal,
     },
     /// The camera delivers an old scene.
     #[error("the camera delivers old pictures: {last}; the second try had the same result")]
     Frozen {
         /// Why the last frame was refused.
-        last: Refused,
+        last: FrameRefusal,
     },
 }
 
 /// For messages.
 #[cfg(feature = "gige")]
-pub(super) fn whole_ms(time: std::time::Duration) -> u64 {
+pub(super) fn round_to_ms(time: std::time::Duration) -> u64 {
     u64::try_from(time.as_millis()).unwrap_or(u64::MAX)
 }

@@ -38,13 +38,13 @@ impl PixelFormat {
     }
 
     /// Returns the format with this name.
-    pub fn named(name: &str) -> Option<Self> {
+    pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.iter().copied().find(|format| format.name() == name)
     }
 
     /// Returns a format's name by its code, according to GenICam's naming convention. This includes formats that
     /// this program does not accept.
-    pub fn name_of(code: u32) -> String {
+    pub fn name_of_code(code: u32) -> String {
         let ours = Self::ALL.iter().copied().find(|format| format.code() == code).map(Self::name);
         let other = || match code {
             0x0110_0003 => Some("Mono10"),

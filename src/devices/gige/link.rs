@@ -4,9 +4,9 @@
 //! start and once at its end. Until then, every request for a picture is refused at once with the reason. No client
 //! waits for a camera that is known to be unavailable.
 
-use super::camera::{Connected, Frame, WARM_UP};
-use super::error::{GigeError, whole_ms};
-use super::settings::{Exposing, Settings};
+use super::camera::{ConnectedCamera, Frame, MAX_FIRST_PICTURES};
+use super::error::{GigeError, round_to_ms};
+use super::settings::{ExposureMode, Settings};
 use super::single_picture::MAX_ATTEMPTS;
 use super::statistics::Statistics;
 use crate::devices::UNKNOWN_PX;
@@ -45,7 +45,7 @@ enum CameraRequest {
 
 #[derive(Debug)]
 struct Shared {
-    standing: LinkStatus,
+    status: LinkStatus,
     /// Statistics of the present connection and all earlier ones.
     statistics: Statistics,
 }
@@ -60,7 +60,7 @@ pub struct GigeCamera {
     which: String,
     /// Time limits for the first search and for one picture in total.
     search: Duration,
-    longest: Duration,
+    max_wait: Duration,
     is_ending: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -73,25 +73,25 @@ impl GigeCamera {
     pub fn open(settings: Settings) -> std::io::Result<Self> {
         let (asks, asked) = mpsc::channel();
         let standing = LinkStatus::Searching;
-        let shared = Arc::new(Mutex::new(Shared { standing, statistics: Statistics::default() }));
-        let search = SEARCH_TIMEOUT + WARM_UP * settings.patience();
-        let longest = RELEASE_TIMEOUT + MAX_ATTEMPTS * settings.patience();
+        let shared = Arc::new(Mutex::new(Shared { status: standing, statistics: Statistics::default() }));
+        let search = SEARCH_TIMEOUT + MAX_FIRST_PICTURES * settings.picture_timeout();
+        let longest = RELEASE_TIMEOUT + MAX_ATTEMPTS * settings.picture_timeout();
         let is_ending = Arc::new(AtomicBool::new(false));
         let mut link = Link {
             settings,
             is_ending: is_ending.clone(),
-            longest,
+            max_wait: longest,
             shared: shared.clone(),
             connected: None,
-            before: Statistics::default(),
+            earlier_counts: Statistics::default(),
             away_since: None,
             next_search: Instant::now(),
             pause: MIN_SEARCH_INTERVAL,
         };
-        let which = link.settings.which.to_string();
+        let which = link.settings.selector.to_string();
         let thread = std::thread::Builder::new().name("gige".to_owned()).spawn(move || link.serve(&asked))?;
         let (asks, opened, thread) = (Some(asks), Instant::now(), Some(thread));
-        Ok(GigeCamera { asks, shared, opened, which, search, longest, is_ending, thread })
+        Ok(GigeCamera { asks, shared, opened, which, search, max_wait: longest, is_ending, thread })
     }
 
     /// Returns a still, or the next picture of a free running camera.
@@ -99,7 +99,7 @@ impl GigeCamera {
     /// # Errors
     /// If the camera is away or delivers no usable picture.
     pub fn picture(&mut self) -> Result<Frame, GigeError> {
-        self.check()?;
+        self.check_ready()?;
         let lost = || GigeError::Lost { why: "the camera's thread has ended".to_owned() };
         let (reply, answer) = mpsc::channel();
         let asked = Instant::now();
@@ -109,11 +109,11 @@ impl GigeCamera {
                 Ok(picture) => return picture,
                 Err(RecvTimeoutError::Disconnected) => return Err(lost()),
                 Err(RecvTimeoutError::Timeout) => {
-                    if let LinkStatus::Away(why) = self.standing() {
+                    if let LinkStatus::Away(why) = self.link_status() {
                         return Err(why);
                     }
-                    if asked.elapsed() > self.longest {
-                        return Err(GigeError::Timeout { waited_ms: whole_ms(self.longest) });
+                    if asked.elapsed() > self.max_wait {
+                        return Err(GigeError::Timeout { waited_ms: round_to_ms(self.max_wait) });
                     }
                 }
             }
@@ -124,9 +124,9 @@ impl GigeCamera {
     ///
     /// # Errors
     /// If the camera is away.
-    pub fn check(&mut self) -> Result<(), GigeError> {
+    pub fn check_ready(&mut self) -> Result<(), GigeError> {
         loop {
-            match self.standing() {
+            match self.link_status() {
                 LinkStatus::Connected => return Ok(()),
                 LinkStatus::Away(why) => return Err(why),
                 LinkStatus::Searching if self.opened.elapsed() > self.search => {
@@ -139,8 +139,8 @@ impl GigeCamera {
     }
 
     /// Returns the link's present state.
-    pub fn standing(&self) -> LinkStatus {
-        lock(&self.shared).standing.clone()
+    pub fn link_status(&self) -> LinkStatus {
+        lock(&self.shared).status.clone()
     }
 
     /// What was counted.
@@ -149,19 +149,19 @@ impl GigeCamera {
     }
 
     /// Returns a handle by which other threads can read the link's state and counters.
-    pub fn gauge(&self) -> Gauge {
-        Gauge(self.shared.clone())
+    pub fn gauge(&self) -> LinkMonitor {
+        LinkMonitor(self.shared.clone())
     }
 }
 
 /// A read-only view of a camera's link, to report its state while another thread has the camera.
 #[derive(Debug, Clone)]
-pub struct Gauge(Arc<Mutex<Shared>>);
+pub struct LinkMonitor(Arc<Mutex<Shared>>);
 
-impl Gauge {
+impl LinkMonitor {
     /// Returns the link's present state.
-    pub fn standing(&self) -> LinkStatus {
-        lock(&self.0).standing.clone()
+    pub fn link_status(&self) -> LinkStatus {
+        lock(&self.0).status.clone()
     }
 
     /// Returns the statistics up to now.
@@ -189,11 +189,11 @@ fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
 struct Link {
     settings: Settings,
     is_ending: Arc<AtomicBool>,
-    longest: Duration,
+    max_wait: Duration,
     shared: Arc<Mutex<Shared>>,
-    connected: Option<Connected>,
+    connected: Option<ConnectedCamera>,
     /// The counts of earlier connections.
-    before: Statistics,
+    earlier_counts: Statistics,
     away_since: Option<Instant>,
     next_search: Instant,
     pause: Duration,
@@ -206,28 +206,30 @@ impl Link {
                 self.search();
             }
             match asked.recv_timeout(CHECK_INTERVAL) {
-                Ok(CameraRequest::Picture { asked, reply }) if asked.elapsed() < self.longest => {
+                Ok(CameraRequest::Picture { asked, reply }) if asked.elapsed() < self.max_wait => {
                     let picture = self.picture();
                     if let Some(why) = picture.as_ref().err().filter(|_| self.connected.is_some()) {
-                        self.lost(why.clone());
+                        self.on_lost(why.clone());
                     }
                     let is_lost = picture.is_err();
                     #[expect(clippy::let_underscore_must_use, reason = "who asked may have given up meanwhile")]
                     let _ = reply.send(picture);
                     if is_lost {
-                        self.let_go();
+                        self.release_camera();
                     }
                 }
                 Ok(CameraRequest::Picture { .. }) => {}
                 Err(RecvTimeoutError::Timeout) => {
-                    if let Some(why) = self.connected.as_ref().and_then(|connected| connected.check().err()) {
-                        self.lost(why);
-                        self.let_go();
+                    if let Some(why) =
+                        self.connected.as_ref().and_then(|connected| connected.check_connected().err())
+                    {
+                        self.on_lost(why);
+                        self.release_camera();
                     }
                 }
                 Err(RecvTimeoutError::Disconnected) => {
                     self.publish();
-                    tracing::info!("{}: {}", self.settings.which, lock(&self.shared).statistics);
+                    tracing::info!("{}: {}", self.settings.selector, lock(&self.shared).statistics);
                     return;
                 }
             }
@@ -236,60 +238,60 @@ impl Link {
 
     fn picture(&mut self) -> Result<Frame, GigeError> {
         let Some(connected) = &mut self.connected else {
-            let away = match &lock(&self.shared).standing {
+            let away = match &lock(&self.shared).status {
                 LinkStatus::Away(why) => why.clone(),
                 _ => GigeError::Lost { why: "the program is searching for the camera".to_owned() },
             };
             return Err(away);
         };
-        let picture = match self.settings.exposing {
-            Exposing::OnTrigger => connected.still(),
-            Exposing::Freely { .. } => connected.next(),
+        let picture = match self.settings.exposure_mode {
+            ExposureMode::Triggered => connected.take_still(),
+            ExposureMode::FreeRunning { .. } => connected.next(),
         };
         self.publish();
         picture
     }
 
     fn search(&mut self) {
-        match Connected::open(&self.settings, self.is_ending.clone()) {
+        match ConnectedCamera::open(&self.settings, self.is_ending.clone()) {
             Ok(connected) => {
                 self.connected = Some(connected);
-                self.before.connections += 1;
+                self.earlier_counts.connections += 1;
                 self.pause = MIN_SEARCH_INTERVAL;
-                lock(&self.shared).standing = LinkStatus::Connected;
+                lock(&self.shared).status = LinkStatus::Connected;
                 self.publish();
                 if let Some(since) = self.away_since.take() {
                     let away_s = since.elapsed().as_secs_f64();
-                    tracing::info!("{} is available again after {away_s:.1} s", self.settings.which);
+                    tracing::info!("{} is available again after {away_s:.1} s", self.settings.selector);
                 }
             }
             Err(why) => {
                 self.next_search = Instant::now() + self.pause;
                 self.pause = (self.pause * 2).min(MAX_SEARCH_INTERVAL);
-                self.away(why);
+                self.report_away(why);
             }
         }
     }
 
     /// Handles a connected camera that gives no picture.
-    fn lost(&mut self, why: GigeError) {
-        self.before.losses += 1;
+    fn on_lost(&mut self, why: GigeError) {
+        self.earlier_counts.losses += 1;
         self.publish();
-        self.away(why);
+        self.report_away(why);
     }
 
     /// Releases a camera that gives no picture. When it is opened again, all settings are written again, in case they
     /// have changed.
-    fn let_go(&mut self) {
+    fn release_camera(&mut self) {
         let Some(connected) = self.connected.take() else { return };
-        self.before = self.before.and(connected.statistics());
+        self.earlier_counts = self.earlier_counts.plus(connected.statistics());
         self.next_search = Instant::now() + self.pause;
         // This needs seconds if the camera is gone and does not answer.
         drop(connected);
     }
 
     /// Reports once that the camera is away; the reason may change meanwhile.
-    fn away(&mut self, why: GigeError) {
+    fn report_away(&mut self, why: GigeError) {
         if self.away_since.is_none() {
             match why {
                 GigeError::WrongSize { expected_px: UNKNOWN_PX, .. } => tracing::debug!("{why}"),
@@ -297,11 +299,11 @@ impl Link {
             }
             self.away_since = Some(Instant::now());
         }
-        lock(&self.shared).standing = LinkStatus::Away(why);
+        lock(&self.shared).status = LinkStatus::Away(why);
     }
 
     fn publish(&mut self) {
-        let now = self.connected.as_ref().map(Connected::statistics).unwrap_or_default();
-        lock(&self.shared).statistics = self.before.and(now);
+        let now = self.connected.as_ref().map(ConnectedCamera::statistics).unwrap_or_default();
+        lock(&self.shared).statistics = self.earlier_counts.plus(now);
     }
 }

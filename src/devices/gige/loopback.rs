@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The address that every machine has. Only one loopback camera can use it at a time.
-pub const ADDRESS: &str = "127.0.0.1";
+pub const LOOPBACK_ADDRESS: &str = "127.0.0.1";
 
 /// The port of GigE Vision's control packets.
 const PORT: u16 = 3956;
@@ -60,14 +60,14 @@ pub enum Register {
 }
 
 /// Fills the pixels of an exposure, given the number of earlier exposures.
-pub type Fill = Box<dyn Fn(u64, &mut [u8]) + Send + Sync>;
+pub type FillPixels = Box<dyn Fn(u64, &mut [u8]) + Send + Sync>;
 
 /// Why the loopback camera could not be started.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum NoLoopback {
+pub enum LoopbackError {
     /// The port is in use.
     #[error(
-        "no GigE Vision camera can be simulated at {ADDRESS}: UDP port {PORT} is taken, by another simulation or a camera tool"
+        "no GigE Vision camera can be simulated at {LOOPBACK_ADDRESS}: UDP port {PORT} is taken, by another simulation or a camera tool"
     )]
     Taken,
     /// The fake camera does not accept its size.
@@ -86,7 +86,7 @@ pub enum NoLoopback {
 /// What the fake camera's thread uses.
 struct Exposures {
     camera: Mutex<aravis::FakeCamera>,
-    fill: Fill,
+    fill: FillPixels,
     count: AtomicU64,
 }
 
@@ -110,8 +110,13 @@ impl LoopbackCamera {
     ///
     /// # Errors
     /// If its port is in use, or it cannot have that size.
-    pub fn start(serial: &str, size_px: [usize; 2], format: PixelFormat, fill: Fill) -> Result<Self, NoLoopback> {
-        Self::start_as(DESCRIPTION, serial, size_px, format, fill)
+    pub fn start(
+        serial: &str,
+        size_px: [usize; 2],
+        format: PixelFormat,
+        fill: FillPixels,
+    ) -> Result<Self, LoopbackError> {
+        Self::start_with_description(DESCRIPTION, serial, size_px, format, fill)
     }
 
     /// Starts a camera that accepts `format` but sends `sent`, the code of a format of up to two bytes per pixel.
@@ -125,38 +130,38 @@ impl LoopbackCamera {
         size_px: [usize; 2],
         format: PixelFormat,
         sent: u32,
-        fill: Fill,
-    ) -> Result<Self, NoLoopback> {
+        fill: FillPixels,
+    ) -> Result<Self, LoopbackError> {
         let value = |code: u32| format!("<Value>{code}</Value>");
         let depth = "((FORMAT &gt;&gt; 16) &amp; 0xFF) / 8";
         let description = DESCRIPTION.replace(&value(format.code()), &value(sent)).replace(depth, "1");
-        Self::start_as(&description, serial, size_px, format, fill)
+        Self::start_with_description(&description, serial, size_px, format, fill)
     }
 
-    fn start_as(
+    fn start_with_description(
         description: &str,
         serial: &str,
         size_px: [usize; 2],
         format: PixelFormat,
-        fill: Fill,
-    ) -> Result<Self, NoLoopback> {
+        fill: FillPixels,
+    ) -> Result<Self, LoopbackError> {
         let sensor_px = ffi::ARV_FAKE_CAMERA_SENSOR_WIDTH as usize;
         if size_px.iter().any(|px| !(1..=sensor_px).contains(px)) {
-            return Err(NoLoopback::TooLarge { sensor_px, size_px });
+            return Err(LoopbackError::TooLarge { sensor_px, size_px });
         }
-        let lock = TcpListener::bind((ADDRESS, PORT)).map_err(|_| NoLoopback::Taken)?;
+        let lock = TcpListener::bind((LOOPBACK_ADDRESS, PORT)).map_err(|_| LoopbackError::Taken)?;
         // Detects a camera of another program that does not use the lock.
-        UdpSocket::bind((ADDRESS, PORT)).map_err(|_| NoLoopback::Taken)?;
+        UdpSocket::bind((LOOPBACK_ADDRESS, PORT)).map_err(|_| LoopbackError::Taken)?;
         // Aravis reads the file while it starts.
-        let no_file = |error: std::io::Error| NoLoopback::NoDescription(error.to_string());
+        let no_file = |error: std::io::Error| LoopbackError::NoDescription(error.to_string());
         let mut file = tempfile::Builder::new().suffix(".xml").tempfile().map_err(no_file)?;
         file.write_all(description.as_bytes()).and_then(|()| file.flush()).map_err(no_file)?;
         let name = file
             .path()
             .to_str()
-            .ok_or_else(|| NoLoopback::NoDescription("the file's name is not valid UTF-8".to_owned()))?;
-        let fake = GvFakeCamera::new_full(Some(ADDRESS), Some(serial), Some(name));
-        let camera = fake.fake_camera().filter(|_| fake.is_running()).ok_or(NoLoopback::Taken)?;
+            .ok_or_else(|| LoopbackError::NoDescription("the file's name is not valid UTF-8".to_owned()))?;
+        let fake = GvFakeCamera::new_full(Some(LOOPBACK_ADDRESS), Some(serial), Some(name));
+        let camera = fake.fake_camera().filter(|_| fake.is_running()).ok_or(LoopbackError::Taken)?;
         let [width, height] = size_px.map(|px| px as u32);
         for (register, value) in [
             (ffi::ARV_FAKE_CAMERA_REGISTER_WIDTH as u32, width),
@@ -194,7 +199,7 @@ impl LoopbackCamera {
 
     /// Makes the camera's picture smaller while a client has the camera open, as if another program changed its
     /// settings. A larger size is ignored.
-    pub fn shrink(&self, size_px: [usize; 2]) {
+    pub fn shrink_picture(&self, size_px: [usize; 2]) {
         let camera = self.exposures.camera();
         let registers = [ffi::ARV_FAKE_CAMERA_REGISTER_WIDTH, ffi::ARV_FAKE_CAMERA_REGISTER_HEIGHT];
         for (register, px) in registers.map(|register| register as u32).into_iter().zip(size_px) {
@@ -213,12 +218,12 @@ fn set_fill(exposures: &Arc<Exposures>) {
     // SAFETY: the camera is alive while it is borrowed. `data` lives as long as `LoopbackCamera`, which is the only
     // owner of the fake GigE Vision camera and drops it first; the drop waits for the camera's thread, and nothing
     // else calls the callback.
-    unsafe { ffi::arv_fake_camera_set_fill_pattern(exposures.camera().to_glib_none().0, Some(filled), data) }
+    unsafe { ffi::arv_fake_camera_set_fill_pattern(exposures.camera().to_glib_none().0, Some(fill_buffer), data) }
 }
 
 /// Aravis's callback: writes an exposure's pixels into its buffer.
 #[allow(unsafe_code, reason = "called from C with C's pointers")]
-unsafe extern "C" fn filled(
+unsafe extern "C" fn fill_buffer(
     buffer: *mut ffi::ArvBuffer,
     data: *mut c_void,
     _exposure_us: u32,

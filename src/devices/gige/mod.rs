@@ -36,22 +36,26 @@ mod statistics;
 mod streaming;
 mod subnet;
 
-pub use acceptance::{Acceptance, Delivery, Expected, Facts, Gaps, Refused, ahead};
+pub use acceptance::{
+    Acceptance, Delivery, FrameMetadata, FrameRefusal, FrameRequirements, GapPolicy, frames_ahead,
+};
 pub use bayer::{demosaic, mosaic};
 #[cfg(feature = "gige")]
 pub use camera::Frame;
 pub use error::GigeError;
 pub use format::PixelFormat;
 #[cfg(feature = "gige")]
-pub use link::{Gauge, GigeCamera, LinkStatus};
+pub use link::{GigeCamera, LinkMonitor, LinkStatus};
 #[cfg(feature = "gige")]
-pub use loopback::{ADDRESS, Fill, LoopbackCamera, NoLoopback, Register};
+pub use loopback::{FillPixels, LOOPBACK_ADDRESS, LoopbackCamera, LoopbackError, Register};
 pub use search::{FoundCamera, search};
-pub use settings::{Exposing, NoNode, PACKET_BYTES, PlanError, Settings, Step, Which, plan};
-pub use single_picture::{MAX_ATTEMPTS, NoStill, Shutter, capture};
+pub use settings::{
+    CameraSelector, ExposureMode, MissingNode, PACKET_BYTES, PlanError, SettingStep, Settings, plan,
+};
+pub use single_picture::{MAX_ATTEMPTS, StillError, TriggeredCamera, capture};
 pub use sockets::{burst_bytes, rmem_max, socket_buffer_bytes};
 pub use statistics::Statistics;
-pub use subnet::{Subnet, out_of_reach, subnets};
+pub use subnet::{Subnet, parse_subnets, unreachable_reason};
 
 #[cfg(all(test, feature = "gige"))]
 pub(super) mod tests;

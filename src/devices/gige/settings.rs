@@ -10,7 +10,7 @@ use std::time::Duration;
 
 /// Which camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Which {
+pub enum CameraSelector {
     /// The only camera that is found.
     Only,
     /// The camera with this serial number.
@@ -19,23 +19,23 @@ pub enum Which {
     Address(String),
 }
 
-impl std::fmt::Display for Which {
+impl std::fmt::Display for CameraSelector {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Which::Only => f.write_str("the only GigE Vision camera"),
-            Which::Serial(serial) => write!(f, "the GigE Vision camera with serial {serial}"),
-            Which::Address(address) => write!(f, "the GigE Vision camera at {address}"),
+            CameraSelector::Only => f.write_str("the only GigE Vision camera"),
+            CameraSelector::Serial(serial) => write!(f, "the GigE Vision camera with serial {serial}"),
+            CameraSelector::Address(address) => write!(f, "the GigE Vision camera at {address}"),
         }
     }
 }
 
 /// When the camera exposes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Exposing {
+pub enum ExposureMode {
     /// Once for each software trigger.
-    OnTrigger,
+    Triggered,
     /// All the time.
-    Freely {
+    FreeRunning {
         /// Pictures a second.
         frames_per_s: f64,
     },
@@ -45,7 +45,7 @@ pub enum Exposing {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// Which camera.
-    pub which: Which,
+    pub selector: CameraSelector,
     /// The serial number of the calibrated camera, if known.
     pub serial: Option<String>,
     /// The set of values stored in the camera from which all other settings start.
@@ -59,7 +59,7 @@ pub struct Settings {
     /// Gain, dB; with `None` the user set's value stays.
     pub gain_db: Option<f64>,
     /// When it exposes.
-    pub exposing: Exposing,
+    pub exposure_mode: ExposureMode,
     /// Size of a packet with its headers, bytes: at most the size that every port on the way permits.
     pub packet_bytes: u16,
     /// Whether two consecutive pictures may be equal, as from a simulated sensor.
@@ -71,7 +71,7 @@ const PICTURE_TIMEOUT: Duration = Duration::from_millis(1_000);
 
 impl Settings {
     /// Returns how long the program waits for one picture.
-    pub fn patience(&self) -> Duration {
+    pub fn picture_timeout(&self) -> Duration {
         PICTURE_TIMEOUT + Duration::from_micros(self.exposure_us.unwrap_or_default() as u64)
     }
 }
@@ -81,11 +81,11 @@ pub const PACKET_BYTES: u16 = 1_400;
 
 /// One setting of the camera.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Step {
+pub enum SettingStep {
     /// Execute a command.
     Command(&'static str),
     /// Choose an enumeration's entry.
-    Choose(&'static str, String),
+    SetEnum(&'static str, String),
     /// Set a number.
     Number(&'static str, f64),
     /// Set a switch.
@@ -97,7 +97,7 @@ pub enum Step {
 /// A setting for which this camera has no node.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the camera has no setting for {wanted} (searched for {}); {advice}", nodes.join(", "))]
-pub struct NoNode {
+pub struct MissingNode {
     /// What is wanted.
     pub wanted: &'static str,
     /// The nodes that were looked for; one of them is sufficient.
@@ -111,7 +111,7 @@ pub struct NoNode {
 pub enum PlanError {
     /// A setting has no node.
     #[error(transparent)]
-    NoNode(#[from] NoNode),
+    NoNode(#[from] MissingNode),
     /// The pictures would overlap.
     #[error(
         "an exposure of {exposure_us} µs is too long for {frames_per_s} pictures per second (limit {} µs); reduce \
@@ -138,53 +138,55 @@ const EXPOSED_SHARE: f64 = 0.9;
 ///
 /// # Errors
 /// If a requested setting has no node on the camera, or an exposure is longer than one picture's time.
-pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<Step>, PlanError> {
+pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<SettingStep>, PlanError> {
     let mut steps = Vec::new();
-    let choose = |node: &'static str, entry: &str| Step::Choose(node, entry.to_owned());
+    let choose = |node: &'static str, entry: &str| SettingStep::SetEnum(node, entry.to_owned());
     let one_of = |wanted, nodes: &[&'static str], advice| {
         let found = nodes.iter().copied().find(|node| has(node));
-        found.ok_or_else(|| NoNode { wanted, nodes: nodes.to_vec(), advice })
+        found.ok_or_else(|| MissingNode { wanted, nodes: nodes.to_vec(), advice })
     };
     if has("UserSetSelector") && has("UserSetLoad") {
-        steps.extend([choose("UserSetSelector", &settings.user_set), Step::Command("UserSetLoad")]);
+        steps.extend([choose("UserSetSelector", &settings.user_set), SettingStep::Command("UserSetLoad")]);
     }
     steps.push(choose(
         one_of("pixel format", &["PixelFormat"], "this program does not support this camera")?,
         settings.format.name(),
     ));
     let switches = ["ChunkModeActive", "PtpEnable"].into_iter().filter(|node| has(node));
-    steps.extend(switches.map(|node| Step::Switch(node, false)));
+    steps.extend(switches.map(|node| SettingStep::Switch(node, false)));
     let off = ["ExposureAuto", "GainAuto", "BalanceWhiteAuto"].into_iter().filter(|node| has(node));
     steps.extend(off.map(|node| choose(node, "Off")));
     const RATES: [&str; 2] = ["AcquisitionFrameRate", "AcquisitionFrameRateAbs"];
-    let enable = has("AcquisitionFrameRateEnable").then_some(Step::Switch("AcquisitionFrameRateEnable", true));
-    let rate = match settings.exposing {
-        Exposing::OnTrigger => {
+    let enable =
+        has("AcquisitionFrameRateEnable").then_some(SettingStep::Switch("AcquisitionFrameRateEnable", true));
+    let rate = match settings.exposure_mode {
+        ExposureMode::Triggered => {
             let limit = |exposure_us| EXPOSED_SHARE * 1e6 / exposure_us;
             let node = RATES.into_iter().find(|node| has(node));
-            settings.exposure_us.and_then(|exposure_us| Some(Step::Limit(node?, limit(exposure_us))))
+            settings.exposure_us.and_then(|exposure_us| Some(SettingStep::Limit(node?, limit(exposure_us))))
         }
-        Exposing::Freely { frames_per_s } => {
+        ExposureMode::FreeRunning { frames_per_s } => {
             if let Some(exposure_us) = settings.exposure_us.filter(|exposure_us| exposure_us * frames_per_s > 1e6) {
                 return Err(PlanError::TooLong { exposure_us, frames_per_s });
             }
-            Some(Step::Number(one_of("frame rate", &RATES, "trigger it instead")?, frames_per_s))
+            Some(SettingStep::Number(one_of("frame rate", &RATES, "trigger it instead")?, frames_per_s))
         }
     };
-    let rate: Vec<Step> = rate.into_iter().flat_map(|rate| enable.clone().into_iter().chain([rate])).collect();
+    let rate: Vec<SettingStep> =
+        rate.into_iter().flat_map(|rate| enable.clone().into_iter().chain([rate])).collect();
     if let Some(exposure_us) = settings.exposure_us {
         let nodes = ["ExposureTime", "ExposureTimeAbs"];
         let node = one_of("exposure time in µs", &nodes, "this program does not support this camera")?;
         let before = rate.iter().map(|step| match step {
-            Step::Number(node, number) => Step::Limit(node, *number),
+            SettingStep::Number(node, number) => SettingStep::Limit(node, *number),
             other => other.clone(),
         });
-        steps.extend(before.chain([Step::Number(node, exposure_us)]));
+        steps.extend(before.chain([SettingStep::Number(node, exposure_us)]));
     }
     steps.extend(rate);
     if let Some(gain_db) = settings.gain_db {
         let advice = "remove gain_db to use the gain of the user set";
-        steps.push(Step::Number(one_of("gain in dB", &["Gain"], advice)?, gain_db));
+        steps.push(SettingStep::Number(one_of("gain in dB", &["Gain"], advice)?, gain_db));
     }
     if has("AcquisitionMode") {
         steps.push(choose("AcquisitionMode", "Continuous"));
@@ -192,15 +194,15 @@ pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<Step>
     if has("TriggerSelector") {
         steps.push(choose("TriggerSelector", "FrameStart"));
     }
-    match settings.exposing {
-        Exposing::OnTrigger => {
+    match settings.exposure_mode {
+        ExposureMode::Triggered => {
             let advice = "this camera cannot take single pictures";
             let mode = one_of("trigger", &["TriggerMode"], advice)?;
             let source = one_of("trigger source", &["TriggerSource"], advice)?;
             one_of("software trigger", &["TriggerSoftware"], advice)?;
             steps.extend([choose(mode, "On"), choose(source, "Software")]);
         }
-        Exposing::Freely { .. } => steps.extend(has("TriggerMode").then(|| choose("TriggerMode", "Off"))),
+        ExposureMode::FreeRunning { .. } => steps.extend(has("TriggerMode").then(|| choose("TriggerMode", "Off"))),
     }
     Ok(steps)
 }
@@ -211,14 +213,14 @@ mod tests {
 
     fn settings() -> Settings {
         Settings {
-            which: Which::Only,
+            selector: CameraSelector::Only,
             serial: None,
             user_set: "Default".to_owned(),
             size_px: [2048, 1536],
             format: PixelFormat::BayerRG8,
             exposure_us: Some(8_000.0),
             gain_db: Some(3.0),
-            exposing: Exposing::OnTrigger,
+            exposure_mode: ExposureMode::Triggered,
             packet_bytes: PACKET_BYTES,
             may_repeat: false,
         }
@@ -226,12 +228,12 @@ mod tests {
 
     fn planned_steps(settings: &Settings, nodes: &[&str]) -> Vec<String> {
         let steps = plan(settings, &|node| nodes.contains(&node)).expect("all nodes are there");
-        let told = |step: Step| match step {
-            Step::Command(node) => format!("{node}()"),
-            Step::Choose(node, entry) => format!("{node}={entry}"),
-            Step::Number(node, number) => format!("{node}={number}"),
-            Step::Switch(node, on) => format!("{node}={on}"),
-            Step::Limit(node, number) => format!("{node}<={number}"),
+        let told = |step: SettingStep| match step {
+            SettingStep::Command(node) => format!("{node}()"),
+            SettingStep::SetEnum(node, entry) => format!("{node}={entry}"),
+            SettingStep::Number(node, number) => format!("{node}={number}"),
+            SettingStep::Switch(node, on) => format!("{node}={on}"),
+            SettingStep::Limit(node, number) => format!("{node}<={number}"),
         };
         steps.into_iter().map(told).collect()
     }
@@ -288,7 +290,11 @@ mod tests {
     #[test]
     fn what_is_not_there_is_left_out() {
         let nodes = ["PixelFormat", "ExposureTimeAbs", "TriggerMode", "AcquisitionFrameRate"];
-        let free = Settings { gain_db: None, exposing: Exposing::Freely { frames_per_s: 10.0 }, ..settings() };
+        let free = Settings {
+            gain_db: None,
+            exposure_mode: ExposureMode::FreeRunning { frames_per_s: 10.0 },
+            ..settings()
+        };
         assert_eq!(
             planned_steps(&free, &nodes),
             [
@@ -315,8 +321,8 @@ mod tests {
             let refused = plan(&rest, &|node| node != missing && nodes.contains(&node)).expect_err(missing);
             assert!(matches!(&refused, PlanError::NoNode(no) if no.nodes.contains(&missing)), "{refused}");
         }
-        let exposing = Exposing::Freely { frames_per_s: 30.0 };
-        let long = Settings { exposure_us: Some(40_000.0), gain_db: None, exposing, ..settings() };
+        let exposing = ExposureMode::FreeRunning { frames_per_s: 30.0 };
+        let long = Settings { exposure_us: Some(40_000.0), gain_db: None, exposure_mode: exposing, ..settings() };
         let refused = plan(&long, &|_| true).expect_err("33 ms a picture").to_string();
         assert!(
             refused.starts_with("an exposure of 40000 µs is too long for 30 pictures per second (limit 33333 µs)")

@@ -4,14 +4,14 @@
 //! So after each failed try a new stream is started, in which no older exposure can arrive. A camera that shows an old
 //! scene twice in a row is frozen; no third try is made.
 
-use super::acceptance::{Acceptance, Facts, Refused};
+use super::acceptance::{Acceptance, FrameMetadata, FrameRefusal};
 use super::statistics::Statistics;
 
 /// Largest number of triggers for one still.
 pub const MAX_ATTEMPTS: u32 = 3;
 
 /// A camera that exposes on demand.
-pub trait Shutter {
+pub trait TriggeredCamera {
     /// The error if the camera cannot continue because it has disappeared.
     type Gone;
 
@@ -24,43 +24,43 @@ pub trait Shutter {
     /// Waits for the next frame; returns `None` if no frame came in time.
     ///
     /// # Errors
-    /// As [`Shutter::trigger`].
-    fn wait(&mut self) -> Result<Option<(Facts, Vec<u8>)>, Self::Gone>;
+    /// As [`TriggeredCamera::trigger`].
+    fn wait(&mut self) -> Result<Option<(FrameMetadata, Vec<u8>)>, Self::Gone>;
 
     /// Begins a new stream: no earlier exposure arrives after this.
     ///
     /// # Errors
-    /// As [`Shutter::trigger`].
+    /// As [`TriggeredCamera::trigger`].
     fn renew(&mut self) -> Result<(), Self::Gone>;
 }
 
 /// Why there is no still.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum NoStill<G> {
+pub enum StillError<G> {
     /// The camera is gone.
     Gone(G),
     /// At the last try, nothing came in time.
     Timeout,
     /// At the last try, the frame could not be used.
-    Refused(Refused),
+    Refused(FrameRefusal),
     /// The camera shows an old scene.
-    Frozen(Refused),
+    Frozen(FrameRefusal),
 }
 
 /// Takes a still.
 ///
 /// # Errors
 /// If no attempt delivers a usable frame.
-pub fn capture<S: Shutter>(
+pub fn capture<S: TriggeredCamera>(
     shutter: &mut S,
     acceptance: &mut Acceptance,
     statistics: &mut Statistics,
-) -> Result<(Facts, Vec<u8>), NoStill<S::Gone>> {
-    let mut last: Option<NoStill<S::Gone>> = None;
+) -> Result<(FrameMetadata, Vec<u8>), StillError<S::Gone>> {
+    let mut last: Option<StillError<S::Gone>> = None;
     for attempt in 0..MAX_ATTEMPTS {
         statistics.retries += u64::from(attempt > 0);
-        shutter.trigger().map_err(NoStill::Gone)?;
-        let failed = match shutter.wait().map_err(NoStill::Gone)? {
+        shutter.trigger().map_err(StillError::Gone)?;
+        let failed = match shutter.wait().map_err(StillError::Gone)? {
             Some((facts, pixels)) => match acceptance.judge(&facts, &pixels) {
                 Ok(()) => {
                     statistics.accepted += 1;
@@ -68,29 +68,31 @@ pub fn capture<S: Shutter>(
                 }
                 Err(refused) => {
                     statistics.refused += 1;
-                    NoStill::Refused(refused)
+                    StillError::Refused(refused)
                 }
             },
             None => {
                 statistics.timeouts += 1;
-                NoStill::Timeout
+                StillError::Timeout
             }
         };
-        shutter.renew().map_err(NoStill::Gone)?;
+        shutter.renew().map_err(StillError::Gone)?;
         acceptance.new_stream();
         last = match (failed, last) {
-            (NoStill::Refused(now), Some(NoStill::Refused(before))) if now.is_stale() && before.is_stale() => {
-                return Err(NoStill::Frozen(now));
+            (StillError::Refused(now), Some(StillError::Refused(before)))
+                if now.is_old_scene() && before.is_old_scene() =>
+            {
+                return Err(StillError::Frozen(now));
             }
             (failed, _) => Some(failed),
         };
     }
-    Err(last.unwrap_or(NoStill::Timeout))
+    Err(last.unwrap_or(StillError::Timeout))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::acceptance::{Delivery, Expected, Gaps};
+    use super::super::acceptance::{Delivery, FrameRequirements, GapPolicy};
     use super::super::format::PixelFormat;
     use super::*;
     use proptest::prelude::*;
@@ -113,7 +115,7 @@ mod tests {
         fates: VecDeque<Fate>,
         exposures: u64,
         id: u64,
-        coming: VecDeque<(Facts, Vec<u8>)>,
+        coming: VecDeque<(FrameMetadata, Vec<u8>)>,
         renewed: u32,
     }
 
@@ -123,15 +125,15 @@ mod tests {
             Scripted { fates, exposures: 0, id: 0, coming, renewed: 0 }
         }
 
-        fn frame(&mut self, delivery: Delivery, shows: u64) -> (Facts, Vec<u8>) {
+        fn frame(&mut self, delivery: Delivery, shows: u64) -> (FrameMetadata, Vec<u8>) {
             self.id += 1;
             let format = PixelFormat::Mono8.code();
-            let facts = Facts { delivery, id: self.id, camera_time_ns: shows, size_px: [4, 2], format };
+            let facts = FrameMetadata { delivery, id: self.id, camera_time_ns: shows, size_px: [4, 2], format };
             (facts, (0..8).map(|pixel| (shows * 16 + pixel) as u8).collect())
         }
     }
 
-    impl Shutter for Scripted {
+    impl TriggeredCamera for Scripted {
         type Gone = ();
 
         fn trigger(&mut self) -> Result<(), ()> {
@@ -157,7 +159,7 @@ mod tests {
             Ok(())
         }
 
-        fn wait(&mut self) -> Result<Option<(Facts, Vec<u8>)>, ()> {
+        fn wait(&mut self) -> Result<Option<(FrameMetadata, Vec<u8>)>, ()> {
             let fate = self.fates.pop_front();
             if fate == Some(Fate::Late) {
                 let shows = self.exposures;
@@ -178,10 +180,10 @@ mod tests {
 
     fn acceptance() -> Acceptance {
         let (size_px, format) = ([4, 2], PixelFormat::Mono8);
-        Acceptance::new(Expected { size_px, format, gaps: Gaps::Refused, may_repeat: false })
+        Acceptance::new(FrameRequirements { size_px, format, gaps: GapPolicy::Refused, may_repeat: false })
     }
 
-    fn take_of(fates: &[Fate]) -> (Result<u8, NoStill<()>>, Statistics) {
+    fn take_of(fates: &[Fate]) -> (Result<u8, StillError<()>>, Statistics) {
         let (mut camera, mut statistics) = (Scripted::new(fates), Statistics::default());
         let taken = capture(&mut camera, &mut acceptance(), &mut statistics);
         (taken.map(|(_, pixels)| pixels[0] / 16), statistics)
@@ -193,9 +195,9 @@ mod tests {
         assert_eq!(take_of(&[Good]).0, Ok(1));
         let (taken, statistics) = take_of(&[Torn, Nothing, Good]);
         assert_eq!((taken, statistics.retries, statistics.refused, statistics.timeouts), (Ok(3), 2, 1, 1));
-        assert_eq!(take_of(&[Nothing, Torn, Nothing, Good]).0, Err(NoStill::Timeout));
-        assert!(matches!(take_of(&[Torn; 4]).0, Err(NoStill::Refused(Refused::Incomplete { .. }))));
-        assert_eq!(take_of(&[Torn, Gone]).0, Err(NoStill::Gone(())));
+        assert_eq!(take_of(&[Nothing, Torn, Nothing, Good]).0, Err(StillError::Timeout));
+        assert!(matches!(take_of(&[Torn; 4]).0, Err(StillError::Refused(FrameRefusal::Incomplete { .. }))));
+        assert_eq!(take_of(&[Torn, Gone]).0, Err(StillError::Gone(())));
         // The first exposure's frame arrives while the program waits for the second one; it is not mistaken for the
         // second one.
         assert_eq!(take_of(&[Late, Good]).0, Ok(2));
@@ -209,7 +211,7 @@ mod tests {
         capture(&mut camera, &mut acceptance, &mut statistics).expect("good");
         camera.fates = VecDeque::from([Fate::Old, Fate::Old, Fate::Good]);
         let frozen = capture(&mut camera, &mut acceptance, &mut statistics).expect_err("frozen");
-        assert!(matches!(frozen, NoStill::Frozen(Refused::NotNewer { .. })), "{frozen:?}");
+        assert!(matches!(frozen, StillError::Frozen(FrameRefusal::NotNewer { .. })), "{frozen:?}");
         assert_eq!((statistics.accepted, statistics.refused), (1, 2));
     }
 

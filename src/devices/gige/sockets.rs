@@ -1,7 +1,7 @@
 //! The socket buffers that a picture in one burst of packets needs, and the system's information about its network.
 
 #[cfg(feature = "gige")]
-use super::subnet::{Subnet, subnets};
+use super::subnet::{Subnet, parse_subnets};
 
 /// The minimum request, bytes: two pictures of an ordinary camera.
 const MIN_BYTES: usize = 8 << 20;
@@ -31,11 +31,11 @@ pub fn rmem_max() -> Option<usize> {
     // The service cannot read this file (`ProcSubset=pid`). If a socket requests the maximum, the size granted is
     // `rmem_max`, counted twice.
     let socket = std::net::UdpSocket::bind((std::net::Ipv4Addr::LOCALHOST, 0)).ok()?;
-    largest(&socket)
+    largest_receive_buffer(&socket)
 }
 
 /// Returns the buffer that a socket is granted when it requests the largest possible size.
-fn largest(socket: &std::net::UdpSocket) -> Option<usize> {
+fn largest_receive_buffer(socket: &std::net::UdpSocket) -> Option<usize> {
     let socket = socket2::SockRef::from(socket);
     socket.set_recv_buffer_size(i32::MAX as usize / 2).ok()?;
     socket.recv_buffer_size().ok().map(|granted| granted / 2)
@@ -43,8 +43,8 @@ fn largest(socket: &std::net::UdpSocket) -> Option<usize> {
 
 /// Returns this computer's subnets, as the kernel lists them; the service can read only its own process in /proc.
 #[cfg(feature = "gige")]
-pub(super) fn subnets_here() -> Vec<Subnet> {
-    subnets(&std::fs::read_to_string("/proc/self/net/route").unwrap_or_default())
+pub(super) fn local_subnets() -> Vec<Subnet> {
+    parse_subnets(&std::fs::read_to_string("/proc/self/net/route").unwrap_or_default())
 }
 
 #[cfg(test)]
@@ -56,7 +56,7 @@ mod tests {
     fn the_largest_buffer_is_found_without_the_kernels_file() {
         let socket = std::net::UdpSocket::bind((std::net::Ipv4Addr::LOCALHOST, 0)).expect("a socket");
         let file = std::fs::read_to_string("/proc/sys/net/core/rmem_max").expect("it is there");
-        assert_eq!(largest(&socket), file.trim().parse().ok());
+        assert_eq!(largest_receive_buffer(&socket), file.trim().parse().ok());
     }
 
     /// Calculated by hand: 3,145,728 bytes in packets of 1,364: 2,307 packets and two more. For each packet 2,048 +

@@ -33,7 +33,7 @@ pub struct Statistics {
 
 impl Statistics {
     /// Both together.
-    pub fn and(self, other: Statistics) -> Self {
+    pub fn plus(self, other: Statistics) -> Self {
         Statistics {
             accepted: self.accepted + other.accepted,
             refused: self.refused + other.refused,

@@ -1,9 +1,9 @@
 //! A camera's stream: frames from Aravis's buffers, on demand or as they come.
 
-use super::acceptance::{Delivery, Facts};
+use super::acceptance::{Delivery, FrameMetadata};
 use super::error::GigeError;
 use super::settings::Settings;
-use super::single_picture::Shutter;
+use super::single_picture::TriggeredCamera;
 use super::sockets::socket_buffer_bytes;
 use aravis::glib::object::Cast;
 use aravis::prelude::*;
@@ -28,7 +28,7 @@ const ARMED: &str = "TriggerArmed";
 const MAX_UNARMED_WAITS: u64 = 3;
 /// Buffer size in bytes per pixel. With this size, a picture in a format with more bits than was set still arrives
 /// completely and reports its format.
-const ROOM: usize = 2;
+const BUFFER_BYTES_PER_PIXEL: usize = 2;
 /// The node of the camera's temperature, in cameras that have this node.
 const TEMPERATURE: &str = "DeviceTemperature";
 
@@ -39,9 +39,9 @@ pub(super) struct Streaming {
     camera: aravis::Camera,
     payload: usize,
     socket_bytes: usize,
-    patience: Duration,
-    tells_armed: bool,
-    tells_temperature: bool,
+    picture_timeout: Duration,
+    reports_armed: bool,
+    reports_temperature: bool,
     /// Triggers given to a camera that did not report that it was ready.
     pub unarmed: u64,
     /// The camera has reported that it is gone.
@@ -49,12 +49,12 @@ pub(super) struct Streaming {
     /// No more pictures are requested.
     is_ending: Arc<AtomicBool>,
     /// The counts of the streams that have ended.
-    ended: Packets,
+    earlier_counts: PacketCounts,
 }
 
 /// Aravis's counters of one stream.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Packets {
+pub(super) struct PacketCounts {
     pub received: u64,
     pub resent: u64,
     pub missing: u64,
@@ -63,36 +63,36 @@ pub(super) struct Packets {
 
 impl Streaming {
     /// Begins to stream.
-    pub fn begin(
+    pub fn start_stream(
         camera: aravis::Camera,
         settings: &Settings,
         lost: Arc<AtomicBool>,
         is_ending: Arc<AtomicBool>,
     ) -> Result<Self, GigeError> {
-        let payload = camera.payload().map_err(gone)? as usize;
+        let payload = camera.payload().map_err(gone_error)? as usize;
         let has = |node| camera.is_feature_available(node).unwrap_or(false);
         let (tells_armed, tells_temperature) = (has(ARMED), has(TEMPERATURE));
-        let (patience, ended) = (settings.patience(), Packets::default());
+        let (patience, ended) = (settings.picture_timeout(), PacketCounts::default());
         let socket_bytes = socket_buffer_bytes(settings.size_px, settings.packet_bytes);
         let mut streaming = Streaming {
             stream: None,
             camera,
             payload,
             socket_bytes,
-            patience,
-            tells_armed,
-            tells_temperature,
+            picture_timeout: patience,
+            reports_armed: tells_armed,
+            reports_temperature: tells_temperature,
             unarmed: 0,
             lost,
             is_ending,
-            ended,
+            earlier_counts: ended,
         };
         streaming.start()?;
         Ok(streaming)
     }
 
     fn start(&mut self) -> Result<(), GigeError> {
-        let stream = self.camera.create_stream().map_err(gone)?;
+        let stream = self.camera.create_stream().map_err(gone_error)?;
         let stream = stream
             .downcast::<GvStream>()
             .map_err(|_| GigeError::Lost { why: "the camera's stream is not a GigE Vision stream".to_owned() })?;
@@ -102,14 +102,14 @@ impl Streaming {
         stream.set_frame_retention(FRAME_RETENTION_US);
         stream.set_packet_timeout(PACKET_TIMEOUT_US);
         for _ in 0..BUFFERS {
-            stream.push_buffer(aravis::Buffer::new_allocate(ROOM * self.payload));
+            stream.push_buffer(aravis::Buffer::new_allocate(BUFFER_BYTES_PER_PIXEL * self.payload));
         }
         self.stream = Some(stream);
-        self.camera.start_acquisition().map_err(gone)
+        self.camera.start_acquisition().map_err(gone_error)
     }
 
     /// Checks that the camera is present and that pictures are still requested.
-    pub fn check(&self) -> Result<(), GigeError> {
+    pub fn check_streaming(&self) -> Result<(), GigeError> {
         let lost = |why: &str| Err(GigeError::Lost { why: why.to_owned() });
         match () {
             () if self.is_ending.load(Ordering::Relaxed) => lost("the program ends"),
@@ -119,13 +119,13 @@ impl Streaming {
     }
 
     /// Returns what was counted since the camera was opened.
-    pub fn packets(&self) -> Packets {
-        self.ended.and(self.stream.as_ref().map(Packets::from_stream).unwrap_or_default())
+    pub fn packet_counts(&self) -> PacketCounts {
+        self.earlier_counts.plus(self.stream.as_ref().map(PacketCounts::from_stream).unwrap_or_default())
     }
 
     /// Returns the camera's temperature, °C, if the camera reports one.
     pub fn temperature_c(&self) -> Option<f64> {
-        self.tells_temperature.then(|| self.camera.float(TEMPERATURE).ok()).flatten()
+        self.reports_temperature.then(|| self.camera.float(TEMPERATURE).ok()).flatten()
     }
 
     /// Waits until the camera is ready, because most cameras ignore a trigger during sensor readout. If the camera
@@ -133,16 +133,16 @@ impl Streaming {
     /// ignored, the missing picture shows this.
     fn wait_until_armed(&mut self) -> Result<(), GigeError> {
         let begun = Instant::now();
-        while self.tells_armed && !self.camera.boolean(ARMED).map_err(gone)? {
-            self.check()?;
-            if begun.elapsed() > self.patience {
+        while self.reports_armed && !self.camera.boolean(ARMED).map_err(gone_error)? {
+            self.check_streaming()?;
+            if begun.elapsed() > self.picture_timeout {
                 self.unarmed += 1;
                 if self.unarmed >= MAX_UNARMED_WAITS {
                     tracing::warn!(
                         "the camera never reports that it is ready for its trigger ({ARMED}); the program triggers the \
                          camera without this report"
                     );
-                    self.tells_armed = false;
+                    self.reports_armed = false;
                 }
                 break;
             }
@@ -152,24 +152,24 @@ impl Streaming {
     }
 }
 
-impl Shutter for Streaming {
+impl TriggeredCamera for Streaming {
     type Gone = GigeError;
 
     fn trigger(&mut self) -> Result<(), GigeError> {
-        self.check()?;
+        self.check_streaming()?;
         if let Some(stream) = &self.stream {
             while let Some(old) = stream.try_pop_buffer() {
                 stream.push_buffer(old);
             }
         }
         self.wait_until_armed()?;
-        self.camera.software_trigger().map_err(gone)
+        self.camera.software_trigger().map_err(gone_error)
     }
 
-    fn wait(&mut self) -> Result<Option<(Facts, Vec<u8>)>, GigeError> {
+    fn wait(&mut self) -> Result<Option<(FrameMetadata, Vec<u8>)>, GigeError> {
         let begun = Instant::now();
-        while begun.elapsed() < self.patience {
-            self.check()?;
+        while begun.elapsed() < self.picture_timeout {
+            self.check_streaming()?;
             let Some(stream) = &self.stream else { return Ok(None) };
             let Some(buffer) = stream.timeout_pop_buffer(CONNECTION_CHECK_INTERVAL.as_micros() as u64) else {
                 continue;
@@ -182,10 +182,10 @@ impl Shutter for Streaming {
     }
 
     fn renew(&mut self) -> Result<(), GigeError> {
-        self.check()?;
-        self.camera.stop_acquisition().map_err(gone)?;
+        self.check_streaming()?;
+        self.camera.stop_acquisition().map_err(gone_error)?;
         if let Some(stream) = self.stream.take() {
-            self.ended = self.ended.and(Packets::from_stream(&stream));
+            self.earlier_counts = self.earlier_counts.plus(PacketCounts::from_stream(&stream));
         }
         self.start()
     }
@@ -203,10 +203,10 @@ impl Drop for Streaming {
     }
 }
 
-impl Packets {
+impl PacketCounts {
     fn from_stream(stream: &GvStream) -> Self {
         let count = |name| stream.info_uint64_by_name(name);
-        Packets {
+        PacketCounts {
             received: count("n_received_packets"),
             resent: count("n_resent_packets"),
             missing: count("n_missing_packets"),
@@ -214,8 +214,8 @@ impl Packets {
         }
     }
 
-    fn and(self, other: Packets) -> Self {
-        Packets {
+    fn plus(self, other: PacketCounts) -> Self {
+        PacketCounts {
             received: self.received + other.received,
             resent: self.resent + other.resent,
             missing: self.missing + other.missing,
@@ -226,7 +226,7 @@ impl Packets {
 
 /// Returns a frame's facts, and its pixels if it is complete. For other frames Aravis knows neither size nor
 /// format.
-fn read(buffer: &aravis::Buffer) -> (Facts, Vec<u8>) {
+fn read(buffer: &aravis::Buffer) -> (FrameMetadata, Vec<u8>) {
     let is_image = buffer.payload_type() == BufferPayloadType::Image;
     let delivery = match buffer.status() {
         BufferStatus::Success if is_image => Delivery::Complete,
@@ -235,7 +235,8 @@ fn read(buffer: &aravis::Buffer) -> (Facts, Vec<u8>) {
         BufferStatus::SizeMismatch => Delivery::SizeMismatch,
         _ => Delivery::Broken,
     };
-    let mut facts = Facts { delivery, id: buffer.frame_id(), camera_time_ns: 0, size_px: [0; 2], format: 0 };
+    let mut facts =
+        FrameMetadata { delivery, id: buffer.frame_id(), camera_time_ns: 0, size_px: [0; 2], format: 0 };
     if delivery != Delivery::Complete {
         return (facts, Vec::new());
     }
@@ -247,6 +248,6 @@ fn read(buffer: &aravis::Buffer) -> (Facts, Vec<u8>) {
 }
 
 /// Returns the error for a camera that did not answer.
-pub(super) fn gone(error: aravis::glib::Error) -> GigeError {
+pub(super) fn gone_error(error: aravis::glib::Error) -> GigeError {
     GigeError::Lost { why: error.to_string() }
 }

@@ -17,7 +17,7 @@ pub struct Subnet {
 }
 
 impl Subnet {
-    fn holds(&self, address: Ipv4Addr) -> bool {
+    fn contains(&self, address: Ipv4Addr) -> bool {
         u32::from(address) & self.mask == self.network
     }
 }
@@ -30,7 +30,7 @@ impl std::fmt::Display for Subnet {
 
 /// Returns the subnets of a table of routes in the form of `/proc/net/route`: hexadecimal, in the machine's byte
 /// order.
-pub fn subnets(routes: &str) -> Vec<Subnet> {
+pub fn parse_subnets(routes: &str) -> Vec<Subnet> {
     let of_line = |line: &str| {
         let fields: Vec<&str> = line.split_whitespace().collect();
         let [port, network, gateway, _, _, _, _, mask, ..] = fields.as_slice() else { return None };
@@ -42,9 +42,9 @@ pub fn subnets(routes: &str) -> Vec<Subnet> {
 }
 
 /// Returns why a camera at this address cannot be reached; `None` if the reason is not the address.
-pub fn out_of_reach(address: &str, subnets: &[Subnet]) -> Option<String> {
+pub fn unreachable_reason(address: &str, subnets: &[Subnet]) -> Option<String> {
     let address: Ipv4Addr = address.parse().ok()?;
-    if address.is_loopback() || subnets.iter().any(|subnet| subnet.holds(address)) {
+    if address.is_loopback() || subnets.iter().any(|subnet| subnet.contains(address)) {
         return None;
     }
     let by_itself = if address.is_link_local() {
@@ -82,24 +82,24 @@ mod tests {
     #[cfg(target_endian = "little")]
     #[test]
     fn a_neighbour_is_reached_and_another_subnet_is_named() {
-        let subnets = subnets(ROUTES);
+        let subnets = parse_subnets(ROUTES);
         assert_eq!(describe(&subnets), "eth0 172.31.1.0/24, eth1 192.168.64.0/20");
         for near in ["172.31.1.20", "192.168.70.9", "192.168.79.9", "127.0.0.1", "camera.local"] {
-            assert_eq!(out_of_reach(near, &subnets), None, "{near}");
+            assert_eq!(unreachable_reason(near, &subnets), None, "{near}");
         }
-        let far = out_of_reach("10.0.0.2", &subnets).expect("another subnet");
+        let far = unreachable_reason("10.0.0.2", &subnets).expect("another subnet");
         assert!(
             far.starts_with("10.0.0.2 is in none of this computer's subnets (eth0 172.31.1.0/24, eth1"),
             "{far}"
         );
-        let own = out_of_reach("169.254.3.4", &subnets).expect("none of ours");
+        let own = unreachable_reason("169.254.3.4", &subnets).expect("none of ours");
         assert!(own.contains("selects automatically if no DHCP server responds"), "{own}");
-        assert!(out_of_reach("10.0.0.2", &[]).is_some_and(|told| told.contains("this computer has none")));
+        assert!(unreachable_reason("10.0.0.2", &[]).is_some_and(|told| told.contains("this computer has none")));
     }
 
     #[test]
     fn a_table_that_is_none_names_nothing() {
-        assert_eq!(subnets(""), []);
-        assert_eq!(subnets("Iface\neth0 zz\n"), []);
+        assert_eq!(parse_subnets(""), []);
+        assert_eq!(parse_subnets("Iface\neth0 zz\n"), []);
     }
 }

@@ -25,7 +25,7 @@ fn loopback<F: Fn(u64, &mut [u8]) + Send + Sync + Clone + 'static>(
     let begun = Instant::now();
     loop {
         match LoopbackCamera::start("T1", size_px, format, Box::new(fill.clone())) {
-            Err(NoLoopback::Taken) if begun.elapsed() < Duration::from_secs(300) => {
+            Err(LoopbackError::Taken) if begun.elapsed() < Duration::from_secs(300) => {
                 std::thread::sleep(Duration::from_millis(200));
             }
             started => return started.unwrap_or_else(|error| panic!("{error}")),
@@ -35,14 +35,14 @@ fn loopback<F: Fn(u64, &mut [u8]) + Send + Sync + Clone + 'static>(
 
 fn settings(size_px: [usize; 2], format: PixelFormat) -> Settings {
     Settings {
-        which: Which::Address(ADDRESS.to_owned()),
+        selector: CameraSelector::Address(LOOPBACK_ADDRESS.to_owned()),
         serial: Some("T1".to_owned()),
         user_set: "Default".to_owned(),
         size_px,
         format,
         exposure_us: None,
         gain_db: None,
-        exposing: Exposing::OnTrigger,
+        exposure_mode: ExposureMode::Triggered,
         packet_bytes: PACKET_BYTES,
         may_repeat: false,
     }
@@ -134,9 +134,9 @@ fn stills_come_byte_by_byte() {
         let raw: Vec<Vec<u8>> = pictures.iter().map(|picture| mosaic(picture, format)).collect();
         let loopback = loopback(size_px, format, numbered(raw.clone()));
         // With a serial number, the camera is found by a search.
-        let settings = Settings { which: Which::Serial("T1".to_owned()), ..settings(size_px, format) };
+        let settings = Settings { selector: CameraSelector::Serial("T1".to_owned()), ..settings(size_px, format) };
         let mut camera = GigeCamera::open(settings).expect("a thread");
-        camera.check().unwrap_or_else(|error| panic!("{error}"));
+        camera.check_ready().unwrap_or_else(|error| panic!("{error}"));
         let before = loopback.exposures();
         for still in 0..4 {
             let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));

@@ -26,7 +26,7 @@ pub(super) struct Ack {
 
 /// The documents that were sent last.
 #[derive(Debug)]
-pub(super) struct Answers {
+pub(super) struct LastAnswers {
     pub(super) ack: Template,
     pub(super) state: Template,
     pub(super) last_ack: Option<(Ack, u64)>,
@@ -35,9 +35,9 @@ pub(super) struct Answers {
     pub(super) answered: i32,
 }
 
-impl Answers {
+impl LastAnswers {
     pub(super) fn new(setup: &Setup) -> Self {
-        Answers {
+        LastAnswers {
             ack: Template::new(&setup.commands.sent, &ACK_TAGS),
             state: Template::new(&setup.states.sent, &STATE_TAGS),
             last_ack: None,

@@ -8,7 +8,7 @@ use quick_xml::{Reader, XmlVersion};
 
 /// The type of a received element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum ElementKind {
     Int,
     Real,
     Bool,
@@ -42,26 +42,26 @@ pub(super) struct Element {
     /// The tag as written in the file.
     pub(super) tag: String,
     /// `None` if the element only sets a flag.
-    pub(super) kind: Option<Kind>,
+    pub(super) kind: Option<ElementKind>,
     /// The order for this element, if it differs from the channel's order.
     pub(super) order: Option<ReadOrder>,
     /// The $FLAG and $OUT that are set when the element has arrived.
     pub(super) set_flag: Option<u16>,
     pub(super) set_out: Option<u16>,
     /// The position of `/@` in the tag.
-    split: Option<usize>,
+    attribute_position: Option<usize>,
 }
 
 impl Element {
     /// Creates an element that sets no flag or output.
-    pub(super) fn new(tag: &str, kind: Option<Kind>) -> Self {
+    pub(super) fn new(tag: &str, kind: Option<ElementKind>) -> Self {
         let split = tag.find("/@");
-        Element { tag: tag.to_owned(), kind, order: None, set_flag: None, set_out: None, split }
+        Element { tag: tag.to_owned(), kind, order: None, set_flag: None, set_out: None, attribute_position: split }
     }
 
     /// Returns the node's path and, if the element is an attribute, its name.
     pub(super) fn address(&self) -> (&str, Option<&str>) {
-        match self.split {
+        match self.attribute_position {
             Some(at) => (&self.tag[..at], Some(&self.tag[at + 2..])),
             None => (&self.tag, None),
         }
@@ -124,7 +124,7 @@ impl ChannelFile {
                     file.read_element(&path, &node)?;
                     path.pop();
                 }
-                Event::Text(text) => file.read_text(&path, text.into_inner().trim())?,
+                Event::Text(text) => file.read_value(&path, text.into_inner().trim())?,
                 Event::End(_) => {
                     path.pop();
                 }
@@ -144,7 +144,7 @@ impl ChannelFile {
         match names[..] {
             ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "BUFFERING"] => {
                 self.limit_entries = count(node, "Limit")?.unwrap_or(self.limit_entries);
-                self.order = order(node)?.unwrap_or(self.order);
+                self.order = parse_read_order(node)?.unwrap_or(self.order);
             }
             ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "BUFFSIZE"] => {
                 self.limit_bytes = count(node, "Limit")?.unwrap_or(self.limit_bytes);
@@ -162,7 +162,7 @@ impl ChannelFile {
         Ok(())
     }
 
-    fn read_text(&mut self, path: &[String], text: &str) -> Result<(), FileProblem> {
+    fn read_value(&mut self, path: &[String], text: &str) -> Result<(), FileProblem> {
         let names: Vec<&str> = path.iter().map(String::as_str).collect();
         match (&names[..], text) {
             (["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "PORT"], _) => self.port = number("PORT", text)?,
@@ -171,7 +171,7 @@ impl ChannelFile {
                     "Program" => Environment::Program,
                     "Submit" => Environment::Submit,
                     "System" => Environment::System,
-                    _ => return Err(word("ENVIRONMENT", text, "Program, Submit or System")),
+                    _ => return Err(invalid_word("ENVIRONMENT", text, "Program, Submit or System")),
                 };
             }
             _ => {}
@@ -184,12 +184,12 @@ fn count<N: std::str::FromStr>(node: &BytesStart<'_>, name: &str) -> Result<Opti
     attribute(node, name)?.map(|text| number(name, &text)).transpose()
 }
 
-fn order(node: &BytesStart<'_>) -> Result<Option<ReadOrder>, FileProblem> {
+fn parse_read_order(node: &BytesStart<'_>) -> Result<Option<ReadOrder>, FileProblem> {
     match attribute(node, "Mode")?.as_deref() {
         None => Ok(None),
         Some("FIFO") => Ok(Some(ReadOrder::Fifo)),
         Some("LIFO") => Ok(Some(ReadOrder::Lifo)),
-        Some(other) => Err(word("Mode", other, "FIFO or LIFO")),
+        Some(other) => Err(invalid_word("Mode", other, "FIFO or LIFO")),
     }
 }
 
@@ -197,15 +197,15 @@ fn element(node: &BytesStart<'_>) -> Result<Element, FileProblem> {
     let tag = attribute(node, "Tag")?.ok_or(FileProblem::Missing("Tag in an ELEMENT"))?;
     let kind = match attribute(node, "Type")?.as_deref() {
         None => None,
-        Some("INT") => Some(Kind::Int),
-        Some("REAL") => Some(Kind::Real),
-        Some("BOOL") => Some(Kind::Bool),
-        Some("STRING") => Some(Kind::Text),
-        Some("FRAME") => Some(Kind::Frame),
+        Some("INT") => Some(ElementKind::Int),
+        Some("REAL") => Some(ElementKind::Real),
+        Some("BOOL") => Some(ElementKind::Bool),
+        Some("STRING") => Some(ElementKind::Text),
+        Some("FRAME") => Some(ElementKind::Frame),
         Some(other) => return Err(FileProblem::Type { tag, found: other.to_owned() }),
     };
     let (set_flag, set_out) = (count(node, "Set_Flag")?, count(node, "Set_Out")?);
-    Ok(Element { order: order(node)?, set_flag, set_out, ..Element::new(&tag, kind) })
+    Ok(Element { order: parse_read_order(node)?, set_flag, set_out, ..Element::new(&tag, kind) })
 }
 
 fn attribute(node: &BytesStart<'_>, name: &str) -> Result<Option<String>, FileProblem> {
@@ -225,7 +225,7 @@ fn number<N: std::str::FromStr>(name: &str, found: &str) -> Result<N, FileProble
     found.parse().map_err(|_| FileProblem::Number { name: name.to_owned(), found: found.to_owned() })
 }
 
-fn word(name: &'static str, found: &str, allowed: &'static str) -> FileProblem {
+fn invalid_word(name: &'static str, found: &str, allowed: &'static str) -> FileProblem {
     FileProblem::Word { name, found: found.to_owned(), allowed }
 }
 
@@ -240,7 +240,7 @@ mod tests {
         assert_eq!((commands.limit_entries, commands.limit_bytes, commands.port), (512, 65_534, 54_600));
         assert_eq!((commands.environment, commands.alive), (Environment::Submit, (Some(850), None)));
         assert_eq!(commands.received.len(), 9);
-        assert_eq!(commands.received[7], Element::new("Cmd/P", Some(Kind::Frame)));
+        assert_eq!(commands.received[7], Element::new("Cmd/P", Some(ElementKind::Frame)));
         assert_eq!(commands.received[7].address(), ("Cmd/P", None));
         assert_eq!((commands.received[8].kind, commands.received[8].set_flag), (None, Some(851)));
         assert_eq!(commands.sent[4].address(), ("Ack", Some("ErrId")));
@@ -258,7 +258,7 @@ mod tests {
         let many = "<CONFIGURATION><INTERNAL><BUFFERING Limit=\"many\"/></INTERNAL></CONFIGURATION>";
         assert_eq!(file(many), Err(FileProblem::Number { name: "Limit".to_owned(), found: "many".to_owned() }));
         let pile = "<CONFIGURATION><INTERNAL><BUFFERING Mode=\"PILE\"/></INTERNAL></CONFIGURATION>";
-        assert_eq!(file(pile), Err(word("Mode", "PILE", "FIFO or LIFO")));
+        assert_eq!(file(pile), Err(invalid_word("Mode", "PILE", "FIFO or LIFO")));
         assert!(matches!(ChannelFile::parse("<a"), Err(FileProblem::Xml(_))));
     }
 }

@@ -13,7 +13,7 @@ impl Controller {
     /// Connects a client: the channel is opened anew. Returns false if the channel already has a client or does not
     /// listen.
     pub fn connect(&mut self, channel: Channel) -> bool {
-        let (now_ms, unplugged) = (self.now_ms, self.troubles.unplugged());
+        let (now_ms, unplugged) = (self.now_ms, self.troubles.is_unplugged());
         if self.running.is_some() {
             return !unplugged && self.connect_interpreted(channel);
         }
@@ -34,7 +34,7 @@ impl Controller {
         self.last_frame_ms = now_ms;
         // If the client was lost without notice, attempts of a new client must not reset the time of the old client's
         // last request.
-        if !self.is_connected(channel.other()) {
+        if !self.is_connected(channel.opposite()) {
             self.last_request_ms = now_ms;
         }
         self.awaits_commands = true;
@@ -45,7 +45,7 @@ impl Controller {
     /// Handles the loss of the client, or the closing of the channel by the controller. The queued commands are not
     /// executed; the program clears and opens the channel again.
     pub fn disconnect(&mut self, channel: Channel) {
-        if self.troubles.unplugged() {
+        if self.troubles.is_unplugged() {
             self.troubles.hung_up[channel as usize] = true;
             return;
         }
@@ -68,7 +68,7 @@ impl Controller {
         self.show_alive(channel);
         self.awaits_commands &= channel != Channel::Command;
         self.link_lost();
-        self.serve_in_lock_step();
+        self.serve_lock_step();
     }
 
     /// Accepts bytes that arrived on the command channel.
@@ -80,38 +80,38 @@ impl Controller {
                 self.count_arrived(u64::from(documents));
             }
         } else if documents > 0 {
-            match self.command_places.newest_order(&self.commands.memory) {
+            match self.command_places.newest_epoch_and_id(&self.commands.memory) {
                 Some(newest) => self.arrived = self.arrived.max(newest),
                 None => self.awaits_commands = false,
             }
             self.count_arrived(u64::from(documents));
-            self.serve_in_lock_step();
+            self.serve_lock_step();
         }
     }
 
     /// Accepts bytes that arrived on the state channel.
     pub fn state_bytes(&mut self, bytes: &[u8]) {
         if self.receive(Channel::State, bytes).is_some_and(|documents| documents > 0) {
-            self.serve_in_lock_step();
+            self.serve_lock_step();
         }
     }
 
     /// Returns how many documents these bytes completed; `None` if the channel is or was closed.
     fn receive(&mut self, channel: Channel, bytes: &[u8]) -> Option<u32> {
-        if self.troubles.unplugged() {
-            self.troubles.behind_cable[channel as usize].extend_from_slice(bytes);
+        if self.troubles.is_unplugged() {
+            self.troubles.cable_buffer[channel as usize].extend_from_slice(bytes);
             return None;
         }
         if !self.is_connected(channel) {
             return None;
         }
-        if self.holds() {
+        if self.is_holding_back() {
             self.hold(channel, bytes);
             return None;
         }
         let link = self.link(channel);
         let received = link.memory.receive(bytes);
-        let raised = link.memory.take_raised();
+        let raised = link.memory.take_raised_signals();
         self.note_change();
         raised.iter().for_each(|&raised| self.raise(raised, true));
         match received {
@@ -144,13 +144,13 @@ impl Controller {
         output.map(Raised::Output).into_iter().for_each(|output| self.raise(output, connected));
     }
 
-    /// Closes a channel by the controller: see [`Controller::fault`].
+    /// Closes a channel by the controller: see [`Controller::close_reason`].
     pub(super) fn close(&mut self, channel: Channel, fault: EkiFault) {
         self.drop_client(channel, fault);
     }
 
     /// Returns why this channel was last closed; `None` while the channel is open, or if it was never closed.
-    pub fn fault(&self, channel: Channel) -> Option<EkiFault> {
+    pub fn close_reason(&self, channel: Channel) -> Option<EkiFault> {
         match channel {
             Channel::Command => self.commands.fault,
             Channel::State => self.states.fault,
@@ -166,8 +166,8 @@ impl Controller {
     }
 
     /// Takes the bytes that are to be sent on this channel.
-    pub fn take_output(&mut self, channel: Channel) -> Vec<u8> {
-        if self.troubles.unplugged() {
+    pub fn take_output_bytes(&mut self, channel: Channel) -> Vec<u8> {
+        if self.troubles.is_unplugged() {
             return Vec::new();
         }
         std::mem::take(&mut self.link(channel).out)
@@ -180,14 +180,14 @@ impl Controller {
         }
     }
 
-    fn serve_in_lock_step(&mut self) {
+    fn serve_lock_step(&mut self) {
         // Bytes that arrive during a granted time wait for the end of this time.
         if self.setup.clock == Clock::LockStep && self.read_up_to.is_none() {
             self.serve_requests();
         }
     }
 
-    pub(super) fn lives_with_program(&mut self, channel: Channel) -> bool {
+    pub(super) fn closes_with_program(&mut self, channel: Channel) -> bool {
         self.link(channel).environment == Environment::Program
     }
 

@@ -4,7 +4,7 @@
 //! contains every tag of the file, in its order, opened and closed; numbers are written as `%f` of a 32-bit float. A
 //! tag that the program did not set is present and empty.
 
-use super::channel_file::{Element, Kind};
+use super::channel_file::{Element, ElementKind};
 use super::error::EkiFault;
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
@@ -46,20 +46,20 @@ pub(super) fn decode(elements: &[Element], document: &[u8]) -> Result<Vec<Arriva
         match reader.read_event().map_err(|_| EkiFault::Malformed)? {
             Event::Start(node) => {
                 content.clear();
-                reading.descend(node.name().into_inner());
+                reading.enter_element(node.name().into_inner());
                 reading.read_attributes(&node)?;
             }
             Event::Empty(node) => {
                 let above = reading.path.len();
-                reading.descend(node.name().into_inner());
+                reading.enter_element(node.name().into_inner());
                 reading.read_attributes(&node)?;
-                reading.read_content("")?;
+                reading.read_node_text("")?;
                 reading.path.truncate(above);
             }
             Event::Text(text) => content.push_str(&text),
             Event::GeneralRef(name) => content.push(predefined(&name).ok_or(EkiFault::Malformed)?),
             Event::End(_) => {
-                reading.read_content(content.trim())?;
+                reading.read_node_text(content.trim())?;
                 content.clear();
                 reading.path.truncate(reading.path.rfind('/').unwrap_or(0));
             }
@@ -81,7 +81,7 @@ struct Reading<'a> {
 }
 
 impl Reading<'_> {
-    fn descend(&mut self, name: &str) {
+    fn enter_element(&mut self, name: &str) {
         if !self.path.is_empty() {
             self.path.push('/');
         }
@@ -93,7 +93,7 @@ impl Reading<'_> {
         let path = self.path.as_str();
         let own = |element: &Element, attribute: Option<&str>| element.address() == (path, attribute);
         let frame =
-            self.elements.iter().position(|element| element.kind == Some(Kind::Frame) && own(element, None));
+            self.elements.iter().position(|element| element.kind == Some(ElementKind::Frame) && own(element, None));
         let mut numbers = [None; 6];
         // A client writes its attributes in the file's order, so the search for the next one starts after the last.
         let mut next = 0;
@@ -103,7 +103,7 @@ impl Reading<'_> {
             let name = attribute.key.into_inner();
             let place = FRAME_ATTRIBUTES.iter().position(|known| *known == name);
             if let (Some(place), true) = (place, frame.is_some()) {
-                numbers[place] = Some(real(&value)?);
+                numbers[place] = Some(parse_real(&value)?);
             }
             let (before, behind) = self.elements.split_at(next);
             let found = behind.iter().chain(before).position(|element| own(element, Some(name)));
@@ -123,9 +123,9 @@ impl Reading<'_> {
     }
 
     /// Reads the text of a node that has ended.
-    fn read_content(&mut self, content: &str) -> Result<(), EkiFault> {
+    fn read_node_text(&mut self, content: &str) -> Result<(), EkiFault> {
         for (index, element) in self.elements.iter().enumerate() {
-            if element.kind != Some(Kind::Frame) && element.address() == (self.path.as_str(), None) {
+            if element.kind != Some(ElementKind::Frame) && element.address() == (self.path.as_str(), None) {
                 self.arrived.push(Arrival { element: index, value: scalar(element.kind, content)? });
             }
         }
@@ -134,22 +134,22 @@ impl Reading<'_> {
 }
 
 /// Parses a value; an empty value gives nothing.
-fn scalar(kind: Option<Kind>, text: &str) -> Result<Option<Value>, EkiFault> {
+fn scalar(kind: Option<ElementKind>, text: &str) -> Result<Option<Value>, EkiFault> {
     let value = match kind {
         _ if text.is_empty() => return Ok(None),
-        None | Some(Kind::Frame) => return Ok(None),
-        Some(Kind::Int) => Value::Int(text.parse().map_err(|_| EkiFault::Malformed)?),
-        Some(Kind::Real) => Value::Real(real(text)?),
-        Some(Kind::Bool) if text == "1" || text.eq_ignore_ascii_case("true") => Value::Bool(true),
-        Some(Kind::Bool) if text == "0" || text.eq_ignore_ascii_case("false") => Value::Bool(false),
-        Some(Kind::Bool) => return Err(EkiFault::Malformed),
-        Some(Kind::Text) if text.len() > MAX_TEXT_LENGTH => return Err(EkiFault::TextTooLong),
-        Some(Kind::Text) => Value::Text(text.to_owned()),
+        None | Some(ElementKind::Frame) => return Ok(None),
+        Some(ElementKind::Int) => Value::Int(text.parse().map_err(|_| EkiFault::Malformed)?),
+        Some(ElementKind::Real) => Value::Real(parse_real(text)?),
+        Some(ElementKind::Bool) if text == "1" || text.eq_ignore_ascii_case("true") => Value::Bool(true),
+        Some(ElementKind::Bool) if text == "0" || text.eq_ignore_ascii_case("false") => Value::Bool(false),
+        Some(ElementKind::Bool) => return Err(EkiFault::Malformed),
+        Some(ElementKind::Text) if text.len() > MAX_TEXT_LENGTH => return Err(EkiFault::TextTooLong),
+        Some(ElementKind::Text) => Value::Text(text.to_owned()),
     };
     Ok(Some(value))
 }
 
-fn real(text: &str) -> Result<f32, EkiFault> {
+fn parse_real(text: &str) -> Result<f32, EkiFault> {
     text.parse().ok().filter(|number: &f32| number.is_finite()).ok_or(EkiFault::Malformed)
 }
 
@@ -198,12 +198,12 @@ impl Template {
         }
         let mut template = Template { pieces: Vec::new() };
         if let Some(root) = top.children.first() {
-            template.lay_out(root, tags);
+            template.add_node(root, tags);
         }
         template
     }
 
-    fn lay_out(&mut self, node: &Node, tags: &[&str]) {
+    fn add_node(&mut self, node: &Node, tags: &[&str]) {
         let place = |tag: &str| Piece::Slot(tags.iter().position(|known| *known == tag));
         self.text(&format!("<{}", node.name));
         for (name, tag) in &node.attributes {
@@ -215,7 +215,7 @@ impl Template {
         if let Some(tag) = &node.text {
             self.pieces.push(place(tag));
         }
-        node.children.iter().for_each(|child| self.lay_out(child, tags));
+        node.children.iter().for_each(|child| self.add_node(child, tags));
         self.text(&format!("</{}>", node.name));
     }
 
@@ -245,7 +245,7 @@ fn write_value(out: &mut Vec<u8>, value: &Value) {
         Value::Int(number) => write!(out, "{number}"),
         Value::Real(number) => write_real(out, *number),
         Value::Bool(value) => write!(out, "{}", i32::from(*value)),
-        Value::Text(text) => escape(out, text),
+        Value::Text(text) => escape_text(out, text),
         Value::Unset | Value::Frame(_) => Ok(()),
     };
 }
@@ -262,7 +262,7 @@ fn write_real(out: &mut Vec<u8>, number: f32) -> std::io::Result<()> {
     }
 }
 
-fn escape(out: &mut Vec<u8>, text: &str) -> std::io::Result<()> {
+fn escape_text(out: &mut Vec<u8>, text: &str) -> std::io::Result<()> {
     text.chars().try_for_each(|character| match character {
         '&' => out.write_all(b"&amp;"),
         '<' => out.write_all(b"&lt;"),
@@ -317,7 +317,7 @@ mod tests {
     /// Text of elements, BOOL and STRING, with the five entities that XML predefines.
     #[test]
     fn element_text_is_a_value_too() {
-        let elements = [("S/Name", Kind::Text), ("S/On", Kind::Bool), ("S/N", Kind::Int)]
+        let elements = [("S/Name", ElementKind::Text), ("S/On", ElementKind::Bool), ("S/N", ElementKind::Int)]
             .map(|(tag, kind)| Element::new(tag, Some(kind)));
         let document = "<S><Name> a &lt;b&gt; &amp; c </Name><On>1</On><N></N><N>4</N><N>5</N></S>";
         let found = decode(&elements, document.as_bytes()).expect("decoded");

@@ -14,16 +14,16 @@ const RETRACT_MM_S: f64 = 200.0;
 const RETRACT_MM_S2: f64 = 2000.0;
 
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Contact {
+pub(super) struct ContactState {
     /// The last point that was reached is a point in contact.
-    behind: bool,
+    was_last_point_in_contact: bool,
     /// The tool that is in contact.
     tool: Option<Rigid<Flange, Tool>>,
-    retract: Retract,
+    retract: RetractState,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-enum Retract {
+enum RetractState {
     #[default]
     No,
     /// Begins as soon as the arm has stopped.
@@ -31,15 +31,15 @@ enum Retract {
     Runs,
 }
 
-impl Contact {
+impl ContactState {
     /// Returns whether the tool is in contact, or moves towards contact.
     pub(super) fn touches(&self, front: Option<&Move>) -> bool {
-        self.behind || front.is_some_and(Move::contact)
+        self.was_last_point_in_contact || front.is_some_and(Move::contact)
     }
 
     /// Returns whether both ends of the present segment are in contact.
-    pub(super) fn sands(&self, front: Option<&Move>) -> bool {
-        self.behind && front.is_none_or(Move::contact)
+    pub(super) fn is_in_contact(&self, front: Option<&Move>) -> bool {
+        self.was_last_point_in_contact && front.is_none_or(Move::contact)
     }
 
     /// Returns the tool that is in contact.
@@ -57,60 +57,61 @@ impl Contact {
     }
 
     /// Records that the end of this move was reached or passed.
-    pub(super) fn reached(&mut self, step: &Move) {
-        self.behind = step.contact();
+    pub(super) fn on_point_reached(&mut self, step: &Move) {
+        self.was_last_point_in_contact = step.contact();
         if step.key().is_none() {
-            self.retract = Retract::No;
+            self.retract = RetractState::No;
         }
     }
 
     /// Stops: the tool retracts from the panel as soon as the arm has stopped, if this is allowed.
     pub(super) fn stop(&mut self, front: Option<&Move>, may_retract: bool) {
-        self.behind = self.touches(front);
-        self.retract = if may_retract && self.behind { Retract::Due } else { Retract::No };
+        self.was_last_point_in_contact = self.touches(front);
+        self.retract =
+            if may_retract && self.was_last_point_in_contact { RetractState::Due } else { RetractState::No };
     }
 
     /// Resets the contact for a new epoch: a person jogs a tool off the panel if an e-stop left it there. A retract
     /// continues.
     pub(super) fn forget(&mut self) {
-        if !self.wants_retract() {
-            *self = Contact::default();
+        if !self.is_retract_due() {
+            *self = ContactState::default();
         }
     }
 
     /// Abandons the retract, because it cannot be executed.
-    pub(super) fn give_up(&mut self) {
-        self.retract = Retract::No;
+    pub(super) fn abandon_retract(&mut self) {
+        self.retract = RetractState::No;
     }
 
-    pub(super) fn wants_retract(&self) -> bool {
-        self.retract != Retract::No
+    pub(super) fn is_retract_due(&self) -> bool {
+        self.retract != RetractState::No
     }
 
-    pub(super) fn retracts(&self) -> bool {
-        self.retract == Retract::Runs
+    pub(super) fn is_retracting(&self) -> bool {
+        self.retract == RetractState::Runs
     }
 
     /// Returns the retract that is due, from the tool's present position.
-    pub(super) fn begin_retract(&mut self, tool_at: impl Fn(&Rigid<Flange, Tool>) -> Pose) -> Option<Move> {
-        if self.retract != Retract::Due {
+    pub(super) fn take_retract(&mut self, tool_at: impl Fn(&Rigid<Flange, Tool>) -> Pose) -> Option<Move> {
+        if self.retract != RetractState::Due {
             return None;
         }
         let Some(flange_from_tool) = self.tool else {
-            self.retract = Retract::No;
+            self.retract = RetractState::No;
             return None;
         };
-        self.retract = Retract::Runs;
+        self.retract = RetractState::Runs;
         let from = tool_at(&flange_from_tool);
         let away = from * Vector::<Tool>::new(nalgebra::Vector3::z() * -RETRACT_MM);
         Some(Move::Lin(Lin {
             key: None,
-            target: from.displaced(away),
+            target: from.followed_by_displacement(away),
             flange_from_tool,
             blend_mm: 0.0,
             contact: false,
-            switches: None,
-            to_come: 0,
+            switched_output: None,
+            remaining_points: 0,
             speed_mm_s: RETRACT_MM_S,
             acceleration_mm_s2: RETRACT_MM_S2,
         }))

@@ -15,10 +15,10 @@ const ACK_INTERVAL_MS: u64 = 500;
 impl Controller {
     /// Sends at the end of a tick what has changed or is due.
     pub(super) fn publish_changes(&mut self) {
-        let ack = self.ack();
+        let ack = self.make_ack();
         let due =
             self.answers.last_ack.is_none_or(|(told, at_ms)| told != ack || self.now_ms >= at_ms + ACK_INTERVAL_MS);
-        if due && self.commands.connected && !self.troubles.silences(Channel::Command) {
+        if due && self.commands.connected && !self.troubles.is_channel_silenced(Channel::Command) {
             self.answers.last_ack = Some((ack, self.now_ms));
             let numbers = [ack.received, ack.done, ack.free, ack.refusal.0, ack.refusal.1, ack.epoch];
             self.answers.ack.write(&mut self.commands.out, &numbers.map(Value::Int));
@@ -26,34 +26,35 @@ impl Controller {
         // If a heartbeat has granted this time, the answer to the heartbeat replaces this state.
         let next_ms = self.now_ms + TICK_MS;
         if self.read_up_to.is_none() && next_ms > self.answers.last_state_ms + STATE_INTERVAL_MS {
-            self.tell_state(self.answers.answered);
+            self.send_state(self.answers.answered);
         }
     }
 
-    fn ack(&self) -> Ack {
+    fn make_ack(&self) -> Ack {
         let epoch = &self.epoch;
         Ack {
-            received: epoch.received,
-            done: epoch.done,
-            free: epoch.free() as i32,
+            received: epoch.last_received,
+            done: epoch.last_executed,
+            free: epoch.free_entries() as i32,
             refusal: epoch.refusal.map_or((0, 0), |(refusal, id)| (refusal as i32, id)),
             epoch: epoch.number,
         }
     }
 
     /// Sends the state, as the answer to this request.
-    pub(super) fn tell_state(&mut self, request: i32) {
-        if !self.states.connected || self.troubles.silences(Channel::State) {
+    pub(super) fn send_state(&mut self, request: i32) {
+        if !self.states.connected || self.troubles.is_channel_silenced(Channel::State) {
             return;
         }
         self.answers.answered = request;
         self.answers.last_state_ms = self.now_ms;
         // After the highest 32-bit number, the count continues from 0.
-        self.answers.sequence = self.answers.sequence.wrapping_add(1 + self.troubles.take_skip()) & i32::MAX;
+        self.answers.sequence =
+            self.answers.sequence.wrapping_add(1 + self.troubles.take_sequence_skip()) & i32::MAX;
         let whole = self.state_numbers().map(Value::Int);
         let tool = self.epoch.tool.map_or_else(KukaPose::default, |tool| tool.pose);
         let tcp = self.tcp();
-        let measured = KukaPose { z_mm: tcp.z_mm + self.troubles.measured_off_mm(), ..tcp };
+        let measured = KukaPose { z_mm: tcp.z_mm + self.troubles.pose_deviation_mm(), ..tcp };
         let frames = [measured, self.epoch.base.unwrap_or_default(), tool].map(numbers);
         let real = angles_deg(&self.mover.joints()).into_iter().chain(frames.into_iter().flatten());
         let values: Vec<Value> = whole.into_iter().chain(real.map(|number| Value::Real(number as f32))).collect();
@@ -73,7 +74,7 @@ impl Controller {
             self.flag_bits(),
             bits(&self.setup.inputs, &self.inputs),
             bits(&self.setup.outputs, &self.outputs),
-            self.epoch.done,
+            self.epoch.last_executed,
             self.underruns,
             i32::from(self.troubles.override_percent()),
         ]

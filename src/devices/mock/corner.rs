@@ -12,11 +12,11 @@ use nalgebra::{Isometry3, Translation3};
 pub(super) type Pose = Rigid<Base, Tool>;
 
 /// Returns the pose at this fraction of the path: position on the line, orientation by rotation about one axis.
-pub(super) fn between(from: &Pose, to: &Pose, share: f64) -> Pose {
+pub(super) fn interpolate_pose(from: &Pose, to: &Pose, share: f64) -> Pose {
     let (from, to) = (from.isometry(), to.isometry());
     let origin = from.translation.vector.lerp(&to.translation.vector, share);
     let turn = (from.rotation.inverse() * to.rotation).powf(share);
-    Rigid::claim(Isometry3::from_parts(Translation3::from(origin), from.rotation * turn))
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::from(origin), from.rotation * turn))
 }
 
 /// Returns the distance between two poses, mm.
@@ -36,15 +36,15 @@ const MIN_BLEND_MM: f64 = 1e-6;
 
 /// The two lines of a corner, and the limit of the blend.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Bend {
+pub(super) struct CornerBlend {
     /// A pose on the incoming line.
-    pub(super) from: Pose,
+    pub(super) incoming_pose: Pose,
     /// Length of the whole incoming line, from corner to corner, mm.
-    pub(super) whole_in_mm: f64,
+    pub(super) incoming_length_mm: f64,
     /// The corner.
     pub(super) vertex: Pose,
     /// The end of the outgoing line.
-    pub(super) next: Pose,
+    pub(super) outgoing_end: Pose,
     /// The requested blend distance, mm.
     pub(super) blend_mm: f64,
     /// Equivalent length of a rotation by one degree, mm.
@@ -60,24 +60,31 @@ pub(super) struct Corner {
     /// Its measure, mm.
     pub(super) length_mm: f64,
     /// Length of the whole outgoing line, mm.
-    pub(super) whole_out_mm: f64,
+    pub(super) outgoing_length_mm: f64,
     /// Arc lengths from the start, at equal steps of t.
     arc_mm: [f64; PARTS + 1],
 }
 
 impl Corner {
     /// Returns `None` if the arm must stop at the corner.
-    pub(super) fn new(bend: &Bend) -> Option<Self> {
-        let whole_out_mm = distance_mm(&bend.vertex, &bend.next);
-        let blend_mm = bend.blend_mm.min(bend.whole_in_mm / 2.0).min(whole_out_mm / 2.0);
-        let in_mm = distance_mm(&bend.from, &bend.vertex);
+    pub(super) fn new(bend: &CornerBlend) -> Option<Self> {
+        let whole_out_mm = distance_mm(&bend.vertex, &bend.outgoing_end);
+        let blend_mm = bend.blend_mm.min(bend.incoming_length_mm / 2.0).min(whole_out_mm / 2.0);
+        let in_mm = distance_mm(&bend.incoming_pose, &bend.vertex);
         if blend_mm < MIN_BLEND_MM || in_mm < blend_mm - 1e-9 {
             return None;
         }
-        let start = between(&bend.from, &bend.vertex, (1.0 - blend_mm / in_mm).max(0.0));
-        let end = between(&bend.vertex, &bend.next, blend_mm / whole_out_mm);
+        let start = interpolate_pose(&bend.incoming_pose, &bend.vertex, (1.0 - blend_mm / in_mm).max(0.0));
+        let end = interpolate_pose(&bend.vertex, &bend.outgoing_end, blend_mm / whole_out_mm);
         let vertex = bend.vertex;
-        let mut corner = Corner { start, vertex, end, length_mm: 0.0, whole_out_mm, arc_mm: [0.0; PARTS + 1] };
+        let mut corner = Corner {
+            start,
+            vertex,
+            end,
+            length_mm: 0.0,
+            outgoing_length_mm: whole_out_mm,
+            arc_mm: [0.0; PARTS + 1],
+        };
         let mut before = start.origin().mm.coords;
         for part in 1..=PARTS {
             let here = corner.origin_mm(part as f64 / PARTS as f64);
@@ -112,9 +119,13 @@ impl Corner {
         // At a full reversal the two halves of the parabola coincide, so that a chord may have the length zero.
         let inside = if high > low { (arc_mm - low) / (high - low) } else { 1.0 };
         let t = ((after - 1) as f64 + inside) / PARTS as f64;
-        let turned = between(&between(&self.start, &self.vertex, t), &between(&self.vertex, &self.end, t), t);
+        let turned = interpolate_pose(
+            &interpolate_pose(&self.start, &self.vertex, t),
+            &interpolate_pose(&self.vertex, &self.end, t),
+            t,
+        );
         let origin = Translation3::from(self.origin_mm(t));
-        Rigid::claim(Isometry3::from_parts(origin, turned.isometry().rotation))
+        Rigid::from_isometry_unchecked(Isometry3::from_parts(origin, turned.isometry().rotation))
     }
 }
 
@@ -127,12 +138,12 @@ mod tests {
         KukaPose { x_mm, y_mm, a_deg, ..KukaPose::default() }.to_rigid()
     }
 
-    fn right_angle(blend_mm: f64) -> Bend {
-        Bend {
-            from: pose(0.0, 0.0, 0.0),
-            whole_in_mm: 10.0,
+    fn right_angle(blend_mm: f64) -> CornerBlend {
+        CornerBlend {
+            incoming_pose: pose(0.0, 0.0, 0.0),
+            incoming_length_mm: 10.0,
             vertex: pose(10.0, 0.0, 0.0),
-            next: pose(10.0, 6.0, 30.0),
+            outgoing_end: pose(10.0, 6.0, 30.0),
             blend_mm,
             mm_per_deg: 0.0,
         }
@@ -155,7 +166,7 @@ mod tests {
         let corner = Corner::new(&right_angle(50.0)).expect("blended");
         assert!(distance_mm(&corner.start, &pose(7.0, 0.0, 0.0)) < 1e-12);
         assert!(Corner::new(&right_angle(0.0)).is_none());
-        let whole = Bend { whole_in_mm: 2.0, ..right_angle(50.0) };
+        let whole = CornerBlend { incoming_length_mm: 2.0, ..right_angle(50.0) };
         assert!(distance_mm(&Corner::new(&whole).expect("blended").start, &pose(9.0, 0.0, 0.0)) < 1e-12);
     }
 

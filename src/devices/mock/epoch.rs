@@ -12,8 +12,8 @@ pub(super) struct Epoch {
     pub(super) number: i32,
     /// Commands are accepted; false once the epoch has ended.
     pub(super) open: bool,
-    pub(super) received: i32,
-    pub(super) done: i32,
+    pub(super) last_received: i32,
+    pub(super) last_executed: i32,
     /// The first refusal and the id of the refused command.
     pub(super) refusal: Option<(Refusal, i32)>,
     /// Commands that were received and are not yet planned.
@@ -43,12 +43,12 @@ impl ActiveTool {
 
 impl Epoch {
     /// Returns an epoch that accepts no commands.
-    pub(super) fn ended(number: i32) -> Self {
+    pub(super) fn closed(number: i32) -> Self {
         Epoch {
             number,
             open: false,
-            received: 0,
-            done: 0,
+            last_received: 0,
+            last_executed: 0,
             refusal: None,
             ring: VecDeque::new(),
             base: None,
@@ -61,11 +61,11 @@ impl Epoch {
     }
 
     /// Creates a new epoch, without base and tool.
-    pub(super) fn opened(number: i32) -> Self {
-        Epoch { open: true, ..Epoch::ended(number) }
+    pub(super) fn new_open(number: i32) -> Self {
+        Epoch { open: true, ..Epoch::closed(number) }
     }
 
-    pub(super) fn free(&self) -> usize {
+    pub(super) fn free_entries(&self) -> usize {
         RING.saturating_sub(self.ring.len())
     }
 }

@@ -12,7 +12,7 @@ pub(super) struct Framer {
     /// The start of the current document in `buffer`; the bytes before it were already returned.
     start: usize,
     /// Number of bytes of `buffer` that were already searched.
-    seen: usize,
+    searched: usize,
     place: ParserState,
     depth: usize,
     /// The first byte inside the open tag.
@@ -33,62 +33,70 @@ enum ParserState {
 impl Framer {
     pub(super) fn new(limit_bytes: usize) -> Self {
         let (start, seen, depth, tag_start) = (0, 0, 0, 0);
-        Framer { buffer: Vec::new(), start, seen, place: ParserState::Between, depth, tag_start, limit_bytes }
+        Framer {
+            buffer: Vec::new(),
+            start,
+            searched: seen,
+            place: ParserState::Between,
+            depth,
+            tag_start,
+            limit_bytes,
+        }
     }
 
     pub(super) fn push(&mut self, bytes: &[u8]) {
         self.buffer.drain(..self.start);
-        self.seen -= self.start;
+        self.searched -= self.start;
         self.tag_start = self.tag_start.saturating_sub(self.start);
         self.start = 0;
         self.buffer.extend_from_slice(bytes);
     }
 
     /// Skips bytes that have no meaning in the present state.
-    fn skip(&mut self) {
-        let rest = &self.buffer[self.seen..];
+    fn skip_bytes(&mut self) {
+        let rest = &self.buffer[self.searched..];
         let plain = match self.place {
             ParserState::Text => rest.iter().position(|&byte| byte == b'<'),
             ParserState::Quoted(quote) => rest.iter().position(|&byte| byte == quote),
-            ParserState::Tag if self.seen > self.tag_start => {
+            ParserState::Tag if self.searched > self.tag_start => {
                 rest.iter().position(|byte| matches!(byte, b'"' | b'\'' | b'>'))
             }
             ParserState::Tag | ParserState::Between | ParserState::Prolog => Some(0),
         };
-        self.seen += plain.unwrap_or(rest.len());
+        self.searched += plain.unwrap_or(rest.len());
     }
 
     /// Returns the next complete document, if there is one.
     pub(super) fn next(&mut self) -> Result<Option<Vec<u8>>, EkiFault> {
         loop {
-            self.skip();
-            let at = self.seen;
+            self.skip_bytes();
+            let at = self.searched;
             let Some(&byte) = self.buffer.get(at) else { break };
-            self.seen += 1;
+            self.searched += 1;
             match self.place {
-                ParserState::Between => self.between(byte, at)?,
+                ParserState::Between => self.read_between(byte, at)?,
                 ParserState::Text if byte == b'<' => self.open_tag(),
-                ParserState::Tag if self.seen - 1 == self.tag_start && byte == b'!' => {
+                ParserState::Tag if self.searched - 1 == self.tag_start && byte == b'!' => {
                     return Err(EkiFault::Malformed);
                 }
-                ParserState::Tag if self.seen - 1 == self.tag_start && byte == b'?' => {
+                ParserState::Tag if self.searched - 1 == self.tag_start && byte == b'?' => {
                     self.place = ParserState::Prolog
                 }
                 ParserState::Tag if byte == b'"' || byte == b'\'' => self.place = ParserState::Quoted(byte),
                 ParserState::Tag if byte == b'>' => {
                     if self.close_tag(at)? {
-                        return Ok(Some(self.cut()));
+                        return Ok(Some(self.take_document()));
                     }
                 }
                 ParserState::Quoted(quote) if byte == quote => self.place = ParserState::Tag,
-                ParserState::Prolog if byte == b'>' && self.buffer[at - 1] == b'?' => self.end_prolog(),
+                ParserState::Prolog if byte == b'>' && self.buffer[at - 1] == b'?' => self.finish_prolog(),
                 ParserState::Text | ParserState::Tag | ParserState::Quoted(_) | ParserState::Prolog => {}
             }
         }
         if self.buffer.len() - self.start > self.limit_bytes { Err(EkiFault::TooLong) } else { Ok(None) }
     }
 
-    fn between(&mut self, byte: u8, at: usize) -> Result<(), EkiFault> {
+    fn read_between(&mut self, byte: u8, at: usize) -> Result<(), EkiFault> {
         match byte {
             b'<' => {
                 self.start = at;
@@ -102,7 +110,7 @@ impl Framer {
 
     fn open_tag(&mut self) {
         self.place = ParserState::Tag;
-        self.tag_start = self.seen;
+        self.tag_start = self.searched;
     }
 
     /// Returns true if this `>` ends the document.
@@ -118,13 +126,13 @@ impl Framer {
         Ok(self.depth == 0)
     }
 
-    fn end_prolog(&mut self) {
+    fn finish_prolog(&mut self) {
         self.place = if self.depth == 0 { ParserState::Between } else { ParserState::Text };
     }
 
-    fn cut(&mut self) -> Vec<u8> {
-        let document = self.buffer[self.start..self.seen].to_vec();
-        self.start = self.seen;
+    fn take_document(&mut self) -> Vec<u8> {
+        let document = self.buffer[self.start..self.searched].to_vec();
+        self.start = self.searched;
         document
     }
 }

@@ -12,7 +12,7 @@
 //! Hofbaur, Proc. Austrian Robotics Workshop 2014; KUKA's zero and signs as in kroshu/kuka_robot_descriptions.
 
 use crate::geometry::{Base, Degrees, Flange, Joints, Rigid};
-use crate::number_text::plain;
+use crate::number_text::shortest_text;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// The lengths of an arm and the limits of its axes.
@@ -49,7 +49,7 @@ pub enum Unreachable {
         allowed_mm: [f64; 2],
     },
     /// Every solution for this pose needs an axis beyond its limits.
-    #[error("axis {axis} would be at {}°; the limits are {} to {}°", plain(*angle_deg), allowed_deg[0], allowed_deg[1])]
+    #[error("axis {axis} would be at {}°; the limits are {} to {}°", shortest_text(*angle_deg), allowed_deg[0], allowed_deg[1])]
     AxisLimit {
         /// 1 to 6.
         axis: usize,
@@ -97,14 +97,14 @@ impl Arm {
         let rotation = turn_z(q1) * turn_y(q2 + q3) * turn_z(q4) * turn_y(q5) * turn_z(q6);
         let wrist_mm = Vector3::new(radius_mm * q1.cos(), radius_mm * q1.sin(), height_mm);
         let origin_mm = wrist_mm + rotation * Vector3::z() * self.c4_mm;
-        Rigid::claim(Isometry3::from_parts(Translation3::from(origin_mm), rotation))
+        Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::from(origin_mm), rotation))
     }
 
     /// Returns all solutions for this flange pose, up to eight. Each axis angle is chosen by full turns within its
     /// limits, nearest to `near`; solutions that cannot be brought within the limits are left out.
-    pub fn solutions(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<Joints> {
-        let ways = self.ways_rad(base_from_flange, near);
-        ways.iter().filter_map(|&way| self.wound(way, near).ok()).map(joints).collect()
+    pub fn inverse_solutions(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<Joints> {
+        let ways = self.solutions_rad(base_from_flange, near);
+        ways.iter().filter_map(|&way| self.wind_to_limits(way, near).ok()).map(to_joints).collect()
     }
 
     /// Returns the axis angles for this flange pose that the axes reach from `near` in the least time.
@@ -112,23 +112,23 @@ impl Arm {
     /// # Errors
     /// If the pose is out of reach, or needs an axis beyond its limits.
     pub fn nearest(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Result<Joints, Unreachable> {
-        let ways = self.ways_rad(base_from_flange, near);
+        let ways = self.solutions_rad(base_from_flange, near);
         if ways.is_empty() {
-            return Err(self.out_of_reach(base_from_flange));
+            return Err(self.distance_error(base_from_flange));
         }
         let best = |ways: &mut dyn Iterator<Item = [f64; 6]>| {
             ways.min_by(|one, other| self.effort_s(one, near).total_cmp(&self.effort_s(other, near)))
         };
-        if let Some(inside) = best(&mut ways.iter().filter_map(|&way| self.wound(way, near).ok())) {
-            return Ok(joints(inside));
+        if let Some(inside) = best(&mut ways.iter().filter_map(|&way| self.wind_to_limits(way, near).ok())) {
+            return Ok(to_joints(inside));
         }
-        let refused = ways.iter().filter_map(|&way| self.wound(way, near).err());
+        let refused = ways.iter().filter_map(|&way| self.wind_to_limits(way, near).err());
         let off_deg = |refused: &Unreachable| match refused {
             Unreachable::AxisLimit { axis, angle_deg, .. } => (angle_deg - angles_deg(near)[axis - 1]).abs(),
             Unreachable::Distance { .. } => f64::INFINITY,
         };
         let nearest = refused.min_by(|one, other| off_deg(one).total_cmp(&off_deg(other)));
-        Err(nearest.unwrap_or_else(|| self.out_of_reach(base_from_flange)))
+        Err(nearest.unwrap_or_else(|| self.distance_error(base_from_flange)))
     }
 
     /// Checks that all axes are within their limits.
@@ -144,8 +144,8 @@ impl Arm {
         angles_deg(joints).into_iter().enumerate().find_map(outside).map_or(Ok(()), Err)
     }
 
-    fn out_of_reach(&self, base_from_flange: &Rigid<Base, Flange>) -> Unreachable {
-        let (across_mm, up_mm) = self.seen_from_axis_2(&self.wrist_mm(base_from_flange), 1.0);
+    fn distance_error(&self, base_from_flange: &Rigid<Base, Flange>) -> Unreachable {
+        let (across_mm, up_mm) = self.wrist_from_axis_2(&self.wrist_mm(base_from_flange), 1.0);
         let k_mm = self.a2_mm.hypot(self.c3_mm);
         Unreachable::Distance {
             distance_mm: across_mm.hypot(up_mm),
@@ -159,12 +159,12 @@ impl Arm {
 
     /// Returns the position of the wrist's centre relative to axis 2, horizontal and vertical; `side` is 1 in front of
     /// axis 1 and −1 behind it.
-    fn seen_from_axis_2(&self, wrist_mm: &Vector3<f64>, side: f64) -> (f64, f64) {
+    fn wrist_from_axis_2(&self, wrist_mm: &Vector3<f64>, side: f64) -> (f64, f64) {
         (side * wrist_mm.x.hypot(wrist_mm.y) - self.a1_mm, wrist_mm.z - self.c1_mm)
     }
 
     /// Returns the model's angles of every solution for this pose, each within half a turn of zero.
-    fn ways_rad(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<[f64; 6]> {
+    fn solutions_rad(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<[f64; 6]> {
         let wrist_mm = self.wrist_mm(base_from_flange);
         let [near_q1, _, _, near_q4, ..] = model_rad(near);
         // If the wrist's centre lies on axis 1, every q1 is a solution.
@@ -173,7 +173,7 @@ impl Arm {
         let k_mm = self.a2_mm.hypot(self.c3_mm);
         let mut ways = Vec::with_capacity(8);
         for (side, q1) in [(1.0, forward_rad), (-1.0, forward_rad + std::f64::consts::PI)] {
-            let (across_mm, up_mm) = self.seen_from_axis_2(&wrist_mm, side);
+            let (across_mm, up_mm) = self.wrist_from_axis_2(&wrist_mm, side);
             let square_mm2 = across_mm * across_mm + up_mm * up_mm;
             let cosine = (square_mm2 - self.c2_mm * self.c2_mm - k_mm * k_mm) / (2.0 * self.c2_mm * k_mm);
             if cosine.abs() > 1.0 {
@@ -185,7 +185,7 @@ impl Arm {
                 let q3 = phi_rad - self.a2_mm.atan2(self.c3_mm);
                 let arm = turn_z(q1) * turn_y(q2 + q3);
                 let wrist = (arm.inverse() * base_from_flange.isometry().rotation).to_rotation_matrix();
-                for [q4, q5, q6] in wrist_ways_rad(wrist.matrix(), near_q4) {
+                for [q4, q5, q6] in wrist_solutions_rad(wrist.matrix(), near_q4) {
                     ways.push([q1, q2, q3, q4, q5, q6]);
                 }
             }
@@ -194,7 +194,7 @@ impl Arm {
     }
 
     /// Returns the controller's angles of a solution, each chosen by full turns within its limits, nearest to `near`.
-    fn wound(&self, way_rad: [f64; 6], near: &Joints) -> Result<[f64; 6], Unreachable> {
+    fn wind_to_limits(&self, way_rad: [f64; 6], near: &Joints) -> Result<[f64; 6], Unreachable> {
         let (mut wound_deg, near_deg) = (controller_deg(way_rad), angles_deg(near));
         for (index, angle_deg) in wound_deg.iter_mut().enumerate() {
             let [lowest, highest] = self.limits_deg[index];
@@ -220,7 +220,7 @@ impl Arm {
 }
 
 /// Returns both wrist solutions for this rotation, or one if axes 4 and 6 are in line.
-fn wrist_ways_rad(r: &nalgebra::Matrix3<f64>, near_q4_rad: f64) -> Vec<[f64; 3]> {
+fn wrist_solutions_rad(r: &nalgebra::Matrix3<f64>, near_q4_rad: f64) -> Vec<[f64; 3]> {
     use std::f64::consts::PI;
     let sine = r[(0, 2)].hypot(r[(1, 2)]);
     let q5 = sine.atan2(r[(2, 2)]);
@@ -240,14 +240,14 @@ pub(super) fn angles_deg(joints: &Joints) -> [f64; 6] {
 }
 
 /// Returns the numbers as angles, axis 1 first.
-pub(super) fn joints(angles_deg: [f64; 6]) -> Joints {
+pub(super) fn to_joints(angles_deg: [f64; 6]) -> Joints {
     let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = angles_deg;
     Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
 }
 
 fn model_rad(joints: &Joints) -> [f64; 6] {
     let [a1, a2, a3, a4, a5, a6] = angles_deg(joints);
-    [-a1, a2 + 90.0, a3, -a4, a5, -a6].map(|angle_deg| Degrees(angle_deg).rad())
+    [-a1, a2 + 90.0, a3, -a4, a5, -a6].map(|angle_deg| Degrees(angle_deg).to_rad())
 }
 
 fn controller_deg(way_rad: [f64; 6]) -> [f64; 6] {
@@ -273,7 +273,7 @@ mod tests {
     const ARM: Arm = Arm::kr6_r700_2();
 
     fn at(angles: [f64; 6]) -> Rigid<Base, Flange> {
-        ARM.base_from_flange(&joints(angles))
+        ARM.base_from_flange(&to_joints(angles))
     }
 
     fn assert_flange(angles: [f64; 6], origin_mm: [f64; 3], axes: [[f64; 3]; 2]) {
@@ -327,11 +327,11 @@ mod tests {
     /// Calculated by hand: the wrist's centre can be at most 335 + hypot(25, 365) = 700.9 mm from axis 2.
     #[test]
     fn beyond_reach_is_refused_with_the_distance() {
-        let far = Rigid::<Base, Flange>::claim(Isometry3::from_parts(
+        let far = Rigid::<Base, Flange>::from_isometry_unchecked(Isometry3::from_parts(
             Translation3::new(1115.0, 0.0, 400.0),
             at([0.0; 6]).isometry().rotation,
         ));
-        let Err(Unreachable::Distance { distance_mm, allowed_mm }) = ARM.nearest(&far, &joints([0.0; 6])) else {
+        let Err(Unreachable::Distance { distance_mm, allowed_mm }) = ARM.nearest(&far, &to_joints([0.0; 6])) else {
             panic!("reached");
         };
         assert!((distance_mm - 1000.0).abs() < 1e-9 && (allowed_mm[1] - 700.855).abs() < 1e-3, "{allowed_mm:?}");
@@ -344,9 +344,9 @@ mod tests {
         let behind = at([178.0, -60.0, 60.0, 0.0, 30.0, 0.0]);
         let mut narrow = ARM;
         narrow.limits_deg[1] = [-80.0, 0.0]; // not over its head either
-        let found = narrow.nearest(&behind, &joints([170.0, -60.0, 60.0, 0.0, 30.0, 0.0]));
+        let found = narrow.nearest(&behind, &to_joints([170.0, -60.0, 60.0, 0.0, 30.0, 0.0]));
         assert!(matches!(found, Err(Unreachable::AxisLimit { axis: 1, .. })), "{found:?}");
-        let over = ARM.within_limits(&joints([0.0, 45.1, 0.0, 0.0, 0.0, 0.0]));
+        let over = ARM.within_limits(&to_joints([0.0, 45.1, 0.0, 0.0, 0.0, 0.0]));
         assert_eq!(over, Err(Unreachable::AxisLimit { axis: 2, angle_deg: 45.1, allowed_deg: [-190.0, 45.0] }));
     }
 
@@ -354,7 +354,7 @@ mod tests {
     #[test]
     fn at_the_wrists_pole_axis_4_stays() {
         let pose = at([10.0, -80.0, 100.0, 25.0, 0.0, 35.0]);
-        let found = ARM.nearest(&pose, &joints([10.0, -80.0, 100.0, 40.0, 0.0, 0.0])).expect("reached");
+        let found = ARM.nearest(&pose, &to_joints([10.0, -80.0, 100.0, 40.0, 0.0, 0.0])).expect("reached");
         assert!((found.a4_deg - 40.0).abs() < 1e-9 && (found.a6_deg - 20.0).abs() < 1e-6, "{found:?}");
     }
 
@@ -367,7 +367,7 @@ mod tests {
         #[test]
         fn every_way_leads_back_to_the_pose(angles in inside(), near in inside()) {
             let pose = at(angles);
-            for way in ARM.solutions(&pose, &joints(near)) {
+            for way in ARM.inverse_solutions(&pose, &to_joints(near)) {
                 let there = ARM.base_from_flange(&way);
                 prop_assert!(there.origin().distance_mm(pose.origin()) < 1e-7, "{way:?}");
                 prop_assert!((there.rotation().matrix() - pose.rotation().matrix()).norm() < 1e-8, "{way:?}");
@@ -383,7 +383,7 @@ mod tests {
             let wrist_mm = ARM.wrist_mm(&pose);
             let phi_deg = angles[2] + ARM.a2_mm.atan2(ARM.c3_mm).to_degrees();
             prop_assume!(angles[4].abs() > 0.1 && phi_deg.abs() > 0.1 && wrist_mm.xy().norm() > 1.0);
-            let found = angles_deg(&ARM.nearest(&pose, &joints(angles)).expect("reached"));
+            let found = angles_deg(&ARM.nearest(&pose, &to_joints(angles)).expect("reached"));
             for axis in 0..6 {
                 prop_assert!((found[axis] - angles[axis]).abs() < 1e-4, "{found:?}");
             }

@@ -1,10 +1,10 @@
 //! Legs of a path: straight lines and blended corners.
 
-use super::corner::{Corner, Pose, between};
+use super::corner::{Corner, Pose, interpolate_pose};
 use super::moves::Lin;
 
 #[derive(Debug, Clone)]
-pub(super) enum Leg {
+pub(super) enum MoverLeg {
     /// A straight line; `stops` is true if the arm stops at its end.
     Line {
         from: Pose,
@@ -19,31 +19,31 @@ pub(super) enum Leg {
     },
 }
 
-impl Leg {
+impl MoverLeg {
     pub(super) fn length_mm(&self) -> f64 {
         match self {
-            Leg::Line { length_mm, .. } => *length_mm,
-            Leg::Corner { corner, .. } => corner.length_mm,
+            MoverLeg::Line { length_mm, .. } => *length_mm,
+            MoverLeg::Corner { corner, .. } => corner.length_mm,
         }
     }
 
-    pub(super) fn lin(&self) -> &Lin {
+    pub(super) fn linear_motion(&self) -> &Lin {
         match self {
-            Leg::Line { lin, .. } | Leg::Corner { lin, .. } => lin,
+            MoverLeg::Line { lin, .. } | MoverLeg::Corner { lin, .. } => lin,
         }
     }
 
     pub(super) fn pose_at(&self, gone_mm: f64) -> Pose {
         match self {
-            Leg::Line { to, length_mm, .. } if gone_mm >= *length_mm => *to,
-            Leg::Line { from, to, length_mm, .. } => between(from, to, gone_mm / length_mm),
-            Leg::Corner { corner, .. } => corner.pose_at(gone_mm),
+            MoverLeg::Line { to, length_mm, .. } if gone_mm >= *length_mm => *to,
+            MoverLeg::Line { from, to, length_mm, .. } => interpolate_pose(from, to, gone_mm / length_mm),
+            MoverLeg::Corner { corner, .. } => corner.pose_at(gone_mm),
         }
     }
 }
 
 /// Returns the pose at this distance after the start of the first leg.
-pub(super) fn pose_ahead(legs: &[Leg], mut gone_mm: f64) -> Option<Pose> {
+pub(super) fn pose_ahead(legs: &[MoverLeg], mut gone_mm: f64) -> Option<Pose> {
     for leg in legs {
         if gone_mm <= leg.length_mm() {
             return Some(leg.pose_at(gone_mm));

@@ -1,12 +1,12 @@
 //! A log of what the controller did, for tests and for the simulated world.
 
-use super::mover::Blocked;
+use super::mover::MoveBlocked;
 use super::wire::Refusal;
 use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
 
 /// A motion command that was executed; each command has one entry.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Executed {
+pub struct ExecutedMotion {
     /// Its epoch.
     pub epoch: i32,
     /// Its id.
@@ -23,7 +23,7 @@ pub struct Executed {
 
 /// The tool's position at one tick of a contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample {
+pub struct ContactSample {
     /// Time of the sample, ms since the controller's start.
     pub time_ms: u64,
     /// The flange.
@@ -75,13 +75,13 @@ pub enum StopCause {
 
 impl StopCause {
     /// Returns whether the arm stops at once on its path and the robot program is reset, without a retract.
-    pub fn is_at_once(self) -> bool {
+    pub fn is_immediate(self) -> bool {
         use StopCause::{Deselected, Drives, EStop, Guard, Halted, Mode, Rebooted};
         matches!(self, EStop | Guard | Drives | Mode | Deselected | Rebooted | Halted)
     }
 
     /// In words.
-    pub fn words(self) -> &'static str {
+    pub fn describe(self) -> &'static str {
         match self {
             StopCause::Abort => "the client ended the epoch",
             StopCause::Superseded => "a new epoch began before the end of this epoch",
@@ -105,7 +105,7 @@ impl StopCause {
 
 /// A stop by the program.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Stop {
+pub struct ProgramStop {
     /// Time of the stop, ms since the controller's start.
     pub time_ms: u64,
     /// The epoch that the stop ended.
@@ -119,9 +119,9 @@ pub struct Stop {
 }
 
 /// Returns a message for a path that cannot be continued.
-pub(super) fn words(blocked: &Blocked) -> String {
+pub(super) fn path_stop_message(blocked: &MoveBlocked) -> String {
     match blocked {
-        Blocked::Unreachable(why) => why.to_string(),
-        Blocked::AxisSpeed(axis) => format!("axis {axis} would exceed its speed limit at any tool speed"),
+        MoveBlocked::Unreachable(why) => why.to_string(),
+        MoveBlocked::AxisSpeed(axis) => format!("axis {axis} would exceed its speed limit at any tool speed"),
     }
 }

@@ -6,7 +6,7 @@
 //! program reads with the functions below, which are `EKI_CheckBuffer`, `EKI_Get…` and `EKI_ClearBuffer`: an empty
 //! memory gives an error at once.
 
-use super::channel_file::{ChannelFile, Kind, ReadOrder};
+use super::channel_file::{ChannelFile, ElementKind, ReadOrder};
 use super::codec::{Value, decode};
 use super::error::{EkiError, EkiFault, FileProblem};
 use super::framer::Framer;
@@ -93,22 +93,22 @@ impl Memory {
     }
 
     /// Returns the flags and outputs that were set since the last call.
-    pub(super) fn take_raised(&mut self) -> Vec<Raised> {
+    pub(super) fn take_raised_signals(&mut self) -> Vec<Raised> {
         std::mem::take(&mut self.raised)
     }
 
     /// Returns how many values of this tag wait.
-    pub(super) fn waiting(&self, place: usize) -> usize {
+    pub(super) fn waiting_count(&self, place: usize) -> usize {
         self.tags.get(place).map_or(0, |tag| tag.entries.len())
     }
 
     /// Returns the next value of this tag without removing it.
-    pub(super) fn peek(&self, place: usize) -> Result<&Value, EkiError> {
+    pub(super) fn peek_value(&self, place: usize) -> Result<&Value, EkiError> {
         self.tags.get(place).and_then(TagMemory::next).map(|entry| &entry.value).ok_or(EkiError::Empty)
     }
 
     /// Returns the value of this tag that arrived last, and the sequence number of its document.
-    pub(super) fn newest(&self, place: usize) -> Result<(&Value, u32), EkiError> {
+    pub(super) fn newest_value(&self, place: usize) -> Result<(&Value, u32), EkiError> {
         let newest = self.tags.get(place).and_then(|tag| tag.entries.back());
         newest.map(|entry| (&entry.value, entry.counter)).ok_or(EkiError::Empty)
     }
@@ -125,7 +125,7 @@ impl Memory {
 
     /// Takes an integer with the sequence number of its document.
     pub(super) fn get_int(&mut self, place: usize) -> Result<(i32, u32), EkiError> {
-        self.get(place, int)
+        self.get(place, as_int)
     }
 
     /// Takes a real number with the sequence number of its document.
@@ -157,13 +157,13 @@ impl Memory {
     }
 
     /// Returns the position of this tag, which the program reads as this type.
-    pub(super) fn place(&self, tag: &'static str, kind: Kind) -> Result<usize, FileProblem> {
+    pub(super) fn position_of(&self, tag: &'static str, kind: ElementKind) -> Result<usize, FileProblem> {
         let found = self.file.received.iter().position(|element| element.tag == tag && element.kind == Some(kind));
         found.ok_or(FileProblem::NotReceived(tag))
     }
 }
 
-pub(super) fn int(value: &Value) -> Option<i32> {
+pub(super) fn as_int(value: &Value) -> Option<i32> {
     if let Value::Int(number) = value { Some(*number) } else { None }
 }
 
@@ -189,10 +189,10 @@ mod tests {
     #[test]
     fn one_entry_too_many_is_stored_and_closes() {
         let mut memory = shipped();
-        let id = memory.place("Req/@Id", Kind::Int).expect("received");
+        let id = memory.position_of("Req/@Id", ElementKind::Int).expect("received");
         assert_eq!(memory.receive(format!("{}<Else/>", request(1)).repeat(64).as_bytes()), Ok(128));
         assert_eq!(memory.receive(request(2).as_bytes()), Err(EkiFault::Overflow));
-        assert_eq!(memory.waiting(id), 65);
+        assert_eq!(memory.waiting_count(id), 65);
         // A file without a limit has room for 16 values.
         let mut memory = super::tests::memory(|file| file.replace(" Limit=\"64\"", ""));
         assert_eq!(memory.receive(request(1).repeat(16).as_bytes()), Ok(16));
@@ -203,14 +203,14 @@ mod tests {
     #[test]
     fn an_empty_memory_and_a_wrong_type_are_errors_at_once() {
         let mut memory = shipped();
-        let id = memory.place("Req/@Id", Kind::Int).expect("received");
+        let id = memory.position_of("Req/@Id", ElementKind::Int).expect("received");
         assert_eq!(memory.get_int(id), Err(EkiError::Empty));
         assert_eq!(memory.receive(b"<Req Id=\"7\"></Req>oops"), Err(EkiFault::Malformed));
         assert_eq!(memory.get_real(id), Err(EkiError::Type));
         assert_eq!(memory.get_int(id), Ok((7, 1)), "what came before a fault stays");
         assert_eq!(memory.get_int(id), Err(EkiError::Empty));
-        assert_eq!(memory.place("Req/@R1", Kind::Real), Err(FileProblem::NotReceived("Req/@R1")));
-        assert_eq!(memory.place("Req/@Id", Kind::Real), Err(FileProblem::NotReceived("Req/@Id")));
+        assert_eq!(memory.position_of("Req/@R1", ElementKind::Real), Err(FileProblem::NotReceived("Req/@R1")));
+        assert_eq!(memory.position_of("Req/@Id", ElementKind::Real), Err(FileProblem::NotReceived("Req/@Id")));
     }
 
     /// The second document lacks N1: the program reads the N1 of a later document in this row, and only the sequence
@@ -218,15 +218,16 @@ mod tests {
     #[test]
     fn a_missing_element_lets_the_memories_drift() {
         let mut memory = shipped();
-        let [id, n1] = ["Req/@Id", "Req/@N1"].map(|tag| memory.place(tag, Kind::Int).expect("received"));
+        let [id, n1] =
+            ["Req/@Id", "Req/@N1"].map(|tag| memory.position_of(tag, ElementKind::Int).expect("received"));
         let without = "<Req Id=\"2\" Ep=\"0\" Op=\"9\"></Req><Req Id=\"3\" Ep=\"0\" Op=\"9\" N1=\"\"></Req>";
         memory.receive(format!("{}{without}{}", request(1), request(4)).as_bytes()).expect("good XML");
-        assert_eq!((memory.waiting(id), memory.waiting(n1)), (4, 2));
+        assert_eq!((memory.waiting_count(id), memory.waiting_count(n1)), (4, 2));
         assert_eq!((memory.get_int(id), memory.get_int(n1)), (Ok((1, 1)), Ok((0, 1))));
         assert_eq!((memory.get_int(id), memory.get_int(n1)), (Ok((2, 2)), Ok((0, 4))));
         assert_eq!(memory.get_int(n1), Err(EkiError::Empty));
         memory.clear_buffers();
-        assert_eq!(memory.waiting(id), 0);
+        assert_eq!(memory.waiting_count(id), 0);
     }
 
     /// The channel is LIFO, one of its tags is FIFO.
@@ -236,7 +237,8 @@ mod tests {
             let file = file.replace("Mode=\"FIFO\"", "Mode=\"LIFO\"");
             file.replace("Tag=\"Req/@N1\" Type=\"INT\"", "Tag=\"Req/@N1\" Type=\"INT\" Mode=\"FIFO\"")
         });
-        let [id, n1] = ["Req/@Id", "Req/@N1"].map(|tag| memory.place(tag, Kind::Int).expect("received"));
+        let [id, n1] =
+            ["Req/@Id", "Req/@N1"].map(|tag| memory.position_of(tag, ElementKind::Int).expect("received"));
         for number in 1..=3 {
             let document = format!("<Req Id=\"{number}\" N1=\"{number}\"></Req>");
             memory.receive(document.as_bytes()).expect("good XML");
@@ -254,10 +256,10 @@ mod tests {
             file.replace(leaf, &format!("{leaf} Set_Flag=\"860\" Set_Out=\"12\""))
         });
         memory.receive(b"<Req Id=\"1\"></Req>").expect("good XML");
-        assert_eq!(memory.take_raised(), [Raised::Flag(854)]);
+        assert_eq!(memory.take_raised_signals(), [Raised::Flag(854)]);
         memory.receive(b"<Req Id=\"1\" N1=\"4\"></Req><Else/>").expect("good XML");
-        assert_eq!(memory.take_raised(), [Raised::Flag(860), Raised::Output(12), Raised::Flag(854)]);
-        assert_eq!(memory.take_raised(), []);
+        assert_eq!(memory.take_raised_signals(), [Raised::Flag(860), Raised::Output(12), Raised::Flag(854)]);
+        assert_eq!(memory.take_raised_signals(), []);
     }
 
     /// Up to 16384 bytes of one document may wait; the next byte is too many.

@@ -58,13 +58,13 @@ mod tests;
 
 pub use channel_file::ChannelFile;
 pub use error::{EkiError, EkiFault, FileProblem, MockError};
-pub use fault::{Fault, FaultSpec, FaultSpecError, Planned, Side, When};
+pub use fault::{ConnectionSide, Fault, FaultSpec, FaultSpecError, FaultTime, PlannedFault};
 pub use interpreted::{Programs, RobotState};
 pub use kinematics::{Arm, Unreachable};
-pub use log::{Executed, Sample, Stop, StopCause};
+pub use log::{ContactSample, ExecutedMotion, ProgramStop, StopCause};
 pub use model::Controller;
 pub use options::{Clock, Mode, Rule};
 pub use server::{MockHandle, MockServer, Ports};
 pub use setup::Setup;
 pub use wire::{Channel, Refusal};
-pub use world::{Unwired, World};
+pub use world::{UnconnectedWorld, World};

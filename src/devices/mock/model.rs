@@ -5,21 +5,21 @@
 //! reported. In lock step requests are answered as they arrive, and a heartbeat grants 100 ms. In that time, only the
 //! commands up to the one that the heartbeat names are read, so that the result does not depend on when bytes arrive.
 
-use super::answer::Answers;
+use super::answer::LastAnswers;
 use super::channel_link::Link;
 use super::codec::Template;
-use super::contact::Contact;
+use super::contact::ContactState;
 use super::epoch::Epoch;
 use super::error::{FileProblem, MockError};
-use super::fault::Troubles;
-use super::interpreted::Running;
-use super::log::{Executed, Sample, Stop};
+use super::fault::FaultState;
+use super::interpreted::RunningPrograms;
+use super::log::{ContactSample, ExecutedMotion, ProgramStop};
 use super::memory::Memory;
 use super::mover::Mover;
 use super::options::Clock;
-use super::safety::Safety;
+use super::safety::SafetyState;
 use super::setup::Setup;
-use super::wire::{CommandPlaces, LINE_ALONE, RequestPlaces};
+use super::wire::{CommandPositions, RequestPositions, UNCONNECTED_LINE_OUTPUTS};
 use super::world::World;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -32,18 +32,18 @@ pub struct Controller {
     pub(super) world: Box<dyn World>,
     pub(super) commands: Link,
     pub(super) states: Link,
-    pub(super) command_places: CommandPlaces,
-    pub(super) request_places: RequestPlaces,
-    pub(super) answers: Answers,
+    pub(super) command_places: CommandPositions,
+    pub(super) request_places: RequestPositions,
+    pub(super) answers: LastAnswers,
     pub(super) now_ms: u64,
     /// Granted time that is left over because it is less than a tick, ms.
     carried_ms: u64,
-    pub(super) safety: Safety,
+    pub(super) safety: SafetyState,
     pub(super) inputs: BTreeMap<u16, bool>,
     pub(super) outputs: BTreeMap<u16, bool>,
     /// Every $FLAG that was ever set.
     pub(super) flags: BTreeMap<u16, bool>,
-    pub(super) troubles: Troubles,
+    pub(super) troubles: FaultState,
     /// The time at which the controller was last started.
     pub(super) started_ms: u64,
     pub(super) epoch: Epoch,
@@ -52,11 +52,11 @@ pub struct Controller {
     /// The time at which the last epoch ended; the next field has the outputs that are still to be switched off after
     /// the epoch.
     pub(super) ended_ms: u64,
-    pub(super) off_due: BTreeSet<u16>,
+    pub(super) pending_off_outputs: BTreeSet<u16>,
     pub(super) mover: Mover,
-    pub(super) contact: Contact,
+    pub(super) contact: ContactState,
     pub(super) underruns: i32,
-    pub(super) stale: u64,
+    pub(super) stale_messages: u64,
     /// The time of the last frame from the client; the next field has the time of its last request.
     pub(super) last_frame_ms: u64,
     pub(super) last_request_ms: u64,
@@ -69,11 +69,11 @@ pub struct Controller {
     pub(super) awaits_commands: bool,
     /// The last command that is read in a granted time.
     pub(super) read_up_to: Option<(i32, i32)>,
-    pub(super) executed: Vec<Executed>,
-    pub(super) trace: Vec<Sample>,
-    pub(super) stops: Vec<Stop>,
+    pub(super) executed: Vec<ExecutedMotion>,
+    pub(super) trace: Vec<ContactSample>,
+    pub(super) stops: Vec<ProgramStop>,
     /// The programs that are executed in place of the model.
-    pub(super) running: Option<Box<Running>>,
+    pub(super) running: Option<Box<RunningPrograms>>,
     /// The templates of the documents that each channel sends, built once.
     pub(super) templates: [Option<Template>; 2],
 }
@@ -87,28 +87,28 @@ impl Controller {
         let (commands, states) = (Memory::new(setup.commands.clone()), Memory::new(setup.states.clone()));
         let of = |channel: &'static str| move |problem: FileProblem| MockError::File { channel, problem };
         let mut controller = Controller {
-            command_places: CommandPlaces::new(&commands).map_err(of("CELLCMD"))?,
-            request_places: RequestPlaces::new(&states).map_err(of("CELLSTAT"))?,
+            command_places: CommandPositions::new(&commands).map_err(of("CELLCMD"))?,
+            request_places: RequestPositions::new(&states).map_err(of("CELLSTAT"))?,
             commands: Link::new(commands, &setup.commands),
             states: Link::new(states, &setup.states),
-            answers: Answers::new(&setup),
+            answers: LastAnswers::new(&setup),
             world,
             now_ms: 0,
             carried_ms: 0,
-            safety: Safety::at_start(),
+            safety: SafetyState::initial(),
             flags: BTreeMap::new(),
             inputs: BTreeMap::new(),
             outputs: BTreeMap::new(),
-            troubles: Troubles::new(setup.faults.planned.clone()),
+            troubles: FaultState::new(setup.faults.planned.clone()),
             started_ms: 0,
-            epoch: Epoch::ended(0),
+            epoch: Epoch::closed(0),
             stopped: false,
             ended_ms: 0,
-            off_due: BTreeSet::new(),
+            pending_off_outputs: BTreeSet::new(),
             mover: Mover::new(setup.arm, setup.start),
-            contact: Contact::default(),
+            contact: ContactState::default(),
             underruns: 0,
-            stale: 0,
+            stale_messages: 0,
             last_frame_ms: 0,
             last_request_ms: 0,
             submit_ran_ms: 0,
@@ -118,7 +118,7 @@ impl Controller {
             executed: Vec::new(),
             trace: Vec::new(),
             stops: Vec::new(),
-            running: setup.programs.clone().map(|programs| Box::new(Running::new(programs, &setup))),
+            running: setup.programs.clone().map(|programs| Box::new(RunningPrograms::new(programs, &setup))),
             templates: [None, None],
             setup,
         };
@@ -144,20 +144,20 @@ impl Controller {
         if self.running.is_some() {
             return self.tick_interpreted();
         }
-        let submit_runs = !self.troubles.stalled();
+        let submit_runs = !self.troubles.is_submit_stalled();
         if submit_runs {
             self.submit_ran_ms = self.now_ms;
-            self.look_for_program();
+            self.check_program_running();
             if !self.states.connected {
-                self.tell_line(LINE_ALONE);
+                self.set_line_outputs(UNCONNECTED_LINE_OUTPUTS);
             }
             if self.setup.clock == Clock::Free {
                 self.serve_requests();
             }
-            self.read_inputs();
+            self.process_input();
             self.read_commands();
-            self.watch();
-            self.switch_off_in_time();
+            self.check_watchdog();
+            self.switch_off_due_outputs();
         } else {
             self.miss_submit();
         }
@@ -168,7 +168,7 @@ impl Controller {
         }
     }
 
-    pub(super) fn read_inputs(&mut self) {
+    pub(super) fn process_input(&mut self) {
         for &number in &self.setup.inputs {
             if let Some(value) = self.world.input(number, self.now_ms) {
                 self.inputs.insert(number, value);
@@ -177,15 +177,15 @@ impl Controller {
     }
 
     /// Starts the controller: sequence numbers, epochs, flags and motions are reset; the boot number changes.
-    pub(super) fn forget_all(&mut self) {
-        self.mover.freeze();
-        self.contact = Contact::default();
-        self.epoch = Epoch::ended(0);
-        (self.stopped, self.underruns, self.stale) = (false, 0, 0);
+    pub(super) fn reset_controller(&mut self) {
+        self.mover.stop_immediately();
+        self.contact = ContactState::default();
+        self.epoch = Epoch::closed(0);
+        (self.stopped, self.underruns, self.stale_messages) = (false, 0, 0);
         (self.arrived, self.read_up_to) = ((0, 0), None);
         (self.started_ms, self.submit_ran_ms) = (self.now_ms, self.now_ms);
         self.setup.boot = self.setup.boot.wrapping_add(1);
-        self.answers = Answers::new(&self.setup);
+        self.answers = LastAnswers::new(&self.setup);
         self.flags.clear();
         let on: Vec<u16> = self.outputs.iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect();
         on.iter().for_each(|&number| self.set_output(number, false));

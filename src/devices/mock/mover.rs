@@ -8,27 +8,27 @@
 //! load.
 
 use super::corner::{Corner, Pose, distance_mm};
-use super::kinematics::{Arm, Unreachable, angles_deg, joints};
-use super::legs::{Leg, pose_ahead};
-use super::moves::{Key, Lin, Move, Override, Ptp, ROUNDING_MM};
+use super::kinematics::{Arm, Unreachable, angles_deg, to_joints};
+use super::legs::{MoverLeg, pose_ahead};
+use super::moves::{Lin, Move, MoveKey, Override, Ptp, ROUNDING_MM};
 use super::ramp::{self, Limits};
 use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
 use std::collections::VecDeque;
 
 /// A move that was executed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Done {
+pub(super) struct CompletedMove {
     pub(super) step: Move,
     /// The axes at the end of the move, or in the middle of its blend.
     pub(super) joints: Joints,
     /// The arm stopped there because nothing further was planned in time. Other waiting commands are not
     /// considered.
-    pub(super) starved: bool,
+    pub(super) was_starved: bool,
 }
 
 /// Why the arm cannot continue.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Blocked {
+pub(super) enum MoveBlocked {
     Unreachable(Unreachable),
     /// At any speed of the tool, this axis, 1 to 6, would exceed its maximum speed.
     AxisSpeed(usize),
@@ -48,18 +48,18 @@ pub(super) struct Mover {
     pub(super) planned: VecDeque<Move>,
     pub(super) place: MotionState,
     /// Distance moved on the present leg, mm or degrees of the leading axis.
-    pub(super) gone: f64,
+    pub(super) leg_distance: f64,
     /// Speed along the path, mm/s or degrees/s of the leading axis.
     pub(super) speed: f64,
     pub(super) braking: bool,
     /// The legs ahead; valid while neither plan nor leg changes.
-    ahead: Option<Vec<Leg>>,
+    cached_legs: Option<Vec<MoverLeg>>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum MotionState {
     Standing,
-    Line { from: Pose, whole_mm: f64 },
+    Line { from: Pose, length_mm: f64 },
     Corner { corner: Box<Corner>, passing: Option<Lin> },
     Axes { from: [f64; 6] },
 }
@@ -67,7 +67,16 @@ pub(super) enum MotionState {
 impl Mover {
     pub(super) fn new(arm: Arm, joints: Joints) -> Self {
         let place = MotionState::Standing;
-        Mover { arm, joints, planned: VecDeque::new(), place, gone: 0.0, speed: 0.0, braking: false, ahead: None }
+        Mover {
+            arm,
+            joints,
+            planned: VecDeque::new(),
+            place,
+            leg_distance: 0.0,
+            speed: 0.0,
+            braking: false,
+            cached_legs: None,
+        }
     }
 
     pub(super) fn joints(&self) -> Joints {
@@ -75,7 +84,7 @@ impl Mover {
     }
 
     /// Sets the axis positions of an arm at rest.
-    pub(super) fn jog(&mut self, joints: Joints) {
+    pub(super) fn set_joints(&mut self, joints: Joints) {
         *self = Mover::new(self.arm, joints);
     }
 
@@ -94,33 +103,33 @@ impl Mover {
     }
 
     /// Returns whether the arm is at rest and the only planned motion is to be blended into the next.
-    pub(super) fn waits_for_next(&self) -> bool {
+    pub(super) fn is_waiting_for_blend(&self) -> bool {
         let is_blended = matches!(self.planned.front(), Some(Move::Lin(lin)) if lin.blend_mm > 0.0);
         self.place == MotionState::Standing && self.planned.len() == 1 && is_blended
     }
 
     /// Returns whether the arm slows down to a stop that discards the remaining moves.
-    pub(super) fn brakes(&self) -> bool {
+    pub(super) fn is_braking(&self) -> bool {
         self.braking
     }
 
     /// Returns the number of planned moves, the present one included.
-    pub(super) fn planned(&self) -> usize {
+    pub(super) fn planned_count(&self) -> usize {
         self.planned.len()
     }
 
     /// Returns the move that is being executed.
-    pub(super) fn front(&self) -> Option<&Move> {
+    pub(super) fn current_move(&self) -> Option<&Move> {
         if self.place == MotionState::Standing { None } else { self.planned.front() }
     }
 
     /// Returns whether one of the planned moves, the present one included, ends in contact.
-    pub(super) fn is_near_contact(&self) -> bool {
+    pub(super) fn has_contact_ahead(&self) -> bool {
         self.planned.iter().any(Move::contact)
     }
 
     /// Returns the oldest move that is not executed.
-    pub(super) fn oldest(&self) -> Option<Key> {
+    pub(super) fn oldest_move(&self) -> Option<MoveKey> {
         let passing = match &self.place {
             MotionState::Corner { passing, .. } => passing.and_then(|lin| lin.key),
             _ => None,
@@ -131,35 +140,35 @@ impl Mover {
     /// Plans a move after the others; its target must be reachable from their end.
     pub(super) fn plan(&mut self, step: Move) {
         self.planned.push_back(step);
-        self.ahead = None;
+        self.cached_legs = None;
     }
 
     /// Switches this output at the end of the last planned move. Returns false if there is no such move, or if it
     /// already switches an output.
     pub(super) fn switch_at_end(&mut self, output: (u16, bool)) -> bool {
         let switches = match self.planned.back_mut() {
-            Some(Move::Lin(lin)) => &mut lin.switches,
-            Some(Move::Ptp(ptp)) => &mut ptp.switches,
+            Some(Move::Lin(lin)) => &mut lin.switched_output,
+            Some(Move::Ptp(ptp)) => &mut ptp.switched_output,
             None => return false,
         };
-        self.ahead = None;
+        self.cached_legs = None;
         let is_free = switches.is_none();
         switches.get_or_insert(output);
         is_free
     }
 
     /// Slows down to a stop on the path and discards the remaining moves.
-    pub(super) fn brake(&mut self) {
+    pub(super) fn start_braking(&mut self) {
         self.braking = true;
         if self.speed == 0.0 {
-            self.freeze();
+            self.stop_immediately();
         }
     }
 
     /// Stops at once and discards the remaining path.
-    pub(super) fn freeze(&mut self) {
+    pub(super) fn stop_immediately(&mut self) {
         self.planned.clear();
-        self.ahead = None;
+        self.cached_legs = None;
         self.place = MotionState::Standing;
         self.speed = 0.0;
         self.braking = false;
@@ -167,9 +176,9 @@ impl Mover {
 
     /// Executes one step. Returns moves that reached or passed their end, and the reason if the arm cannot
     /// continue.
-    pub(super) fn step(&mut self, allowed: Override, step_s: f64) -> (Vec<Done>, Option<Blocked>) {
+    pub(super) fn step(&mut self, allowed: Override, step_s: f64) -> (Vec<CompletedMove>, Option<MoveBlocked>) {
         if self.place == MotionState::Standing {
-            self.begin();
+            self.begin_front_move();
         }
         let mut done = Vec::new();
         let blocked = match (&self.place, self.planned.front()) {
@@ -186,24 +195,24 @@ impl Mover {
         if blocked.is_some() {
             self.speed = 0.0; // what is left is the caller's to forget
         } else if self.braking && self.speed == 0.0 {
-            self.freeze();
+            self.stop_immediately();
         }
         (done, blocked)
     }
 
-    fn begin(&mut self) {
-        (self.gone, self.speed, self.ahead) = (0.0, 0.0, None);
+    fn begin_front_move(&mut self) {
+        (self.leg_distance, self.speed, self.cached_legs) = (0.0, 0.0, None);
         match self.planned.front() {
             None => {}
             Some(Move::Lin(lin)) => {
                 let from = self.base_from_flange() * lin.flange_from_tool;
-                self.place = MotionState::Line { from, whole_mm: distance_mm(&from, &lin.target) };
+                self.place = MotionState::Line { from, length_mm: distance_mm(&from, &lin.target) };
             }
             Some(Move::Ptp(_)) => self.place = MotionState::Axes { from: angles_deg(&self.joints) },
         }
     }
 
-    fn step_axes(&mut self, from: [f64; 6], ptp: Ptp, allowed: Override, step_s: f64) -> Option<Done> {
+    fn step_axes(&mut self, from: [f64; 6], ptp: Ptp, allowed: Override, step_s: f64) -> Option<CompletedMove> {
         let to = angles_deg(&ptp.target);
         let way: [f64; 6] = std::array::from_fn(|axis| to[axis] - from[axis]);
         let lead_deg = way.iter().fold(0.0, |lead: f64, way_deg| lead.max(way_deg.abs()));
@@ -213,43 +222,49 @@ impl Mover {
             (0..6).filter(|&axis| way[axis] != 0.0).map(of_axis).fold(f64::INFINITY, f64::min)
         };
         let limits = Limits {
-            to_stop: lead_deg - self.gone,
+            to_stop: lead_deg - self.leg_distance,
             speed: if self.braking { 0.0 } else { pace((ptp.speed_share * allowed.share).min(allowed.axis_share)) },
             acceleration: pace(if self.braking { 1.0 } else { ptp.acceleration_share }) / AXIS_RAMP_S,
         };
         let (further, speed) = if lead_deg > 0.0 { ramp::step(self.speed, limits, step_s) } else { (0.0, 0.0) };
-        self.gone += further;
+        self.leg_distance += further;
         self.speed = speed;
-        if self.gone < lead_deg {
-            let share = self.gone / lead_deg;
-            self.joints = joints(std::array::from_fn(|axis| from[axis] + way[axis] * share));
+        if self.leg_distance < lead_deg {
+            let share = self.leg_distance / lead_deg;
+            self.joints = to_joints(std::array::from_fn(|axis| from[axis] + way[axis] * share));
             return None;
         }
         self.joints = ptp.target;
         self.planned.pop_front();
         self.place = MotionState::Standing;
-        Some(Done { step: Move::Ptp(ptp), joints: self.joints, starved: self.planned.is_empty() })
+        Some(CompletedMove { step: Move::Ptp(ptp), joints: self.joints, was_starved: self.planned.is_empty() })
     }
 
-    fn step_lines(&mut self, allowed: Override, step_s: f64, done: &mut Vec<Done>) -> Result<(), Blocked> {
-        let legs = self.ahead.take().unwrap_or_else(|| self.legs());
-        let Some(flange_from_tool) = legs.first().map(|leg| leg.lin().flange_from_tool) else {
+    fn step_lines(
+        &mut self,
+        allowed: Override,
+        step_s: f64,
+        done: &mut Vec<CompletedMove>,
+    ) -> Result<(), MoveBlocked> {
+        let legs = self.cached_legs.take().unwrap_or_else(|| self.legs_to_stop());
+        let Some(flange_from_tool) = legs.first().map(|leg| leg.linear_motion().flange_from_tool) else {
             return Ok(());
         };
         let (further_mm, speed) = ramp::step(self.speed, self.line_limits(&legs, allowed, step_s), step_s);
         let mut share = 1.0;
         for halving in 0..=HALVINGS {
-            let Some(pose) = pose_ahead(&legs, self.gone + further_mm * share) else { break };
-            let next = self.joints_at(&pose, &flange_from_tool).map_err(Blocked::Unreachable)?;
+            let Some(pose) = pose_ahead(&legs, self.leg_distance + further_mm * share) else { break };
+            let next = self.joints_at(&pose, &flange_from_tool).map_err(MoveBlocked::Unreachable)?;
             match self.too_fast(&next, step_s) {
                 None => {
                     self.speed = if halving == 0 { speed } else { further_mm * share / step_s };
                     self.joints = next;
-                    let same_leg = self.advance(&legs, further_mm * share, done).map_err(Blocked::Unreachable)?;
-                    self.ahead = same_leg.then_some(legs);
+                    let same_leg =
+                        self.advance(&legs, further_mm * share, done).map_err(MoveBlocked::Unreachable)?;
+                    self.cached_legs = same_leg.then_some(legs);
                     return Ok(());
                 }
-                Some(axis) if halving == HALVINGS => return Err(Blocked::AxisSpeed(axis)),
+                Some(axis) if halving == HALVINGS => return Err(MoveBlocked::AxisSpeed(axis)),
                 Some(_) => share *= 0.5,
             }
         }
@@ -267,30 +282,35 @@ impl Mover {
     }
 
     /// Advances along the legs, from one to the next at their ends. Returns true if the arm is still on the first leg.
-    fn advance(&mut self, legs: &[Leg], further_mm: f64, done: &mut Vec<Done>) -> Result<bool, Unreachable> {
-        self.gone += further_mm;
+    fn advance(
+        &mut self,
+        legs: &[MoverLeg],
+        further_mm: f64,
+        done: &mut Vec<CompletedMove>,
+    ) -> Result<bool, Unreachable> {
+        self.leg_distance += further_mm;
         for (index, leg) in legs.iter().enumerate() {
             self.complete_blended_move(leg, done)?;
-            if self.gone < leg.length_mm() - ROUNDING_MM {
+            if self.leg_distance < leg.length_mm() - ROUNDING_MM {
                 return Ok(index == 0);
             }
-            self.gone -= leg.length_mm();
+            self.leg_distance -= leg.length_mm();
             match leg {
-                Leg::Line { lin, stops: true, .. } => {
+                MoverLeg::Line { lin, stops: true, .. } => {
                     self.planned.pop_front();
-                    (self.place, self.gone, self.speed) = (MotionState::Standing, 0.0, 0.0);
-                    let starved = self.is_starved(lin);
-                    done.push(Done { step: Move::Lin(*lin), joints: self.joints, starved });
+                    (self.place, self.leg_distance, self.speed) = (MotionState::Standing, 0.0, 0.0);
+                    let starved = self.is_unintended_stop(lin);
+                    done.push(CompletedMove { step: Move::Lin(*lin), joints: self.joints, was_starved: starved });
                     return Ok(false);
                 }
-                Leg::Line { lin, .. } => {
+                MoverLeg::Line { lin, .. } => {
                     self.planned.pop_front();
-                    if let Some(Leg::Corner { corner, .. }) = legs.get(index + 1) {
+                    if let Some(MoverLeg::Corner { corner, .. }) = legs.get(index + 1) {
                         self.place = MotionState::Corner { corner: corner.clone(), passing: Some(*lin) };
                     }
                 }
-                Leg::Corner { corner, .. } => {
-                    self.place = MotionState::Line { from: corner.end, whole_mm: corner.whole_out_mm };
+                MoverLeg::Corner { corner, .. } => {
+                    self.place = MotionState::Line { from: corner.end, length_mm: corner.outgoing_length_mm };
                 }
             }
         }
@@ -298,7 +318,7 @@ impl Mover {
     }
 
     /// Returns whether the standstill at the end of this move was not intended.
-    fn is_starved(&self, lin: &Lin) -> bool {
+    fn is_unintended_stop(&self, lin: &Lin) -> bool {
         match self.planned.front() {
             None => true,
             // The next move was planned only after the blend's start was passed.
@@ -308,15 +328,15 @@ impl Mover {
     }
 
     /// Counts a blended move as executed in the middle of its corner.
-    fn complete_blended_move(&mut self, leg: &Leg, done: &mut Vec<Done>) -> Result<(), Unreachable> {
+    fn complete_blended_move(&mut self, leg: &MoverLeg, done: &mut Vec<CompletedMove>) -> Result<(), Unreachable> {
         let MotionState::Corner { corner, passing } = &mut self.place else { return Ok(()) };
-        if self.gone < corner.length_mm / 2.0 {
+        if self.leg_distance < corner.length_mm / 2.0 {
             return Ok(());
         }
         if let Some(lin) = passing.take() {
             let middle = leg.pose_at(leg.length_mm() / 2.0);
             let joints = self.joints_at(&middle, &lin.flange_from_tool)?;
-            done.push(Done { step: Move::Lin(lin), joints, starved: false });
+            done.push(CompletedMove { step: Move::Lin(lin), joints, was_starved: false });
         }
         Ok(())
     }

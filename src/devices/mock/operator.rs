@@ -15,7 +15,7 @@ impl Controller {
             return self.start_interpreted();
         }
         let safety = &mut self.safety;
-        safety.started |= safety.selected && safety.enabled() && (!safety.manual() || safety.start_key);
+        safety.started |= safety.selected && safety.is_enabled() && (!safety.is_manual() || safety.start_key);
     }
 
     /// Presses the emergency stop: the arm stops at once where it is, the drives go off, the epoch ends.
@@ -56,7 +56,7 @@ impl Controller {
     }
 
     /// Presses or releases the start key, which must be held in T1 and T2; when it is released, the motion pauses.
-    pub fn hold_start_key(&mut self, held: bool) {
+    pub fn set_start_key(&mut self, held: bool) {
         self.safety.start_key = held;
         if held {
             self.start_program();
@@ -65,10 +65,10 @@ impl Controller {
 
     /// Jogs the arm to these angles, as a person does; the arm is there at once. This is not possible while a motion
     /// is planned. Returns whether the arm was jogged.
-    pub fn jog(&mut self, joints: Joints) -> bool {
+    pub fn jog_to(&mut self, joints: Joints) -> bool {
         let stands = self.mover.is_idle();
         if stands {
-            self.mover.jog(joints);
+            self.mover.set_joints(joints);
         }
         stands
     }
@@ -79,12 +79,12 @@ impl Controller {
     }
 
     /// Deselects the robot program: the arm stops, and channels of its environment are closed.
-    pub fn deselect(&mut self) {
+    pub fn deselect_program(&mut self) {
         if std::mem::replace(&mut self.safety.selected, false) {
             self.stop(StopCause::Deselected, String::new());
         }
         for channel in [Channel::Command, Channel::State] {
-            if self.lives_with_program(channel) {
+            if self.closes_with_program(channel) {
                 self.disconnect(channel);
                 self.link(channel).listens_at_ms = u64::MAX;
             }
@@ -97,7 +97,7 @@ impl Controller {
         self.select_interpreted();
         self.start_program();
         for channel in [Channel::Command, Channel::State] {
-            if self.lives_with_program(channel) {
+            if self.closes_with_program(channel) {
                 self.link(channel).listens_at_ms = self.now_ms + REOPEN_MS;
             }
         }
@@ -114,6 +114,6 @@ impl Controller {
             let instant = self.setup.clock == Clock::LockStep;
             self.link(channel).listens_at_ms = if instant { self.now_ms } else { self.now_ms + down_ms };
         }
-        self.forget_all();
+        self.reset_controller();
     }
 }

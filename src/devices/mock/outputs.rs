@@ -6,7 +6,7 @@ use super::options::Rule;
 
 /// Time after the switch-off following an epoch's end during which an output is switched off again if it is switched
 /// on, ms.
-const KEEP_OFF_MS: u64 = 1_000;
+const FORCED_OFF_MS: u64 = 1_000;
 
 impl Controller {
     /// Switches an output, as a person does on the teach pendant.
@@ -21,7 +21,7 @@ impl Controller {
     }
 
     /// Sets the outputs to a line: the lowest bit is its first output.
-    pub(super) fn tell_line(&mut self, bits: i32) {
+    pub(super) fn set_line_outputs(&mut self, bits: i32) {
         for (place, number) in self.setup.line_outputs.into_iter().enumerate() {
             if number > 0 {
                 self.set_output(number, bits >> place & 1 == 1);
@@ -30,17 +30,17 @@ impl Controller {
     }
 
     /// Returns whether an output that the end of an epoch switches off at once, such as tool or water, is on.
-    pub(super) fn is_at_stake(&self) -> bool {
-        let mut at_once = self.setup.off_after_ms.iter().filter(|(_, after_ms)| **after_ms == 0);
+    pub(super) fn has_harmful_output_on(&self) -> bool {
+        let mut at_once = self.setup.off_delays_ms.iter().filter(|(_, after_ms)| **after_ms == 0);
         at_once.any(|(number, _)| self.outputs.get(number) == Some(&true))
     }
 
     /// Switches off the outputs in the list of automatic switch-off whose delay satisfies this condition.
-    pub(super) fn switch_off(&mut self, is_over: impl Fn(u64) -> bool) {
-        if self.setup.left_out == Some(Rule::OutputsOff) {
+    pub(super) fn switch_off_outputs(&mut self, is_over: impl Fn(u64) -> bool) {
+        if self.setup.omitted_rule == Some(Rule::OutputsOff) {
             return;
         }
-        let over = self.setup.off_after_ms.iter().filter(|(_, after_ms)| is_over(**after_ms));
+        let over = self.setup.off_delays_ms.iter().filter(|(_, after_ms)| is_over(**after_ms));
         let on = over.map(|(number, _)| *number).filter(|number| self.outputs.get(number) == Some(&true));
         let on: Vec<u16> = on.collect();
         on.into_iter().for_each(|number| self.set_output(number, false));
@@ -48,18 +48,18 @@ impl Controller {
 
     /// Switches off each output of the list when its delay after an epoch's end has passed, and keeps it off for a
     /// while.
-    pub(super) fn switch_off_in_time(&mut self) {
-        if self.epoch.open || self.setup.left_out == Some(Rule::OutputsOff) {
+    pub(super) fn switch_off_due_outputs(&mut self) {
+        if self.epoch.open || self.setup.omitted_rule == Some(Rule::OutputsOff) {
             return;
         }
         let since_ms = self.now_ms - self.ended_ms;
-        for (number, after_ms) in self.setup.off_after_ms.clone() {
-            if since_ms >= after_ms && self.off_due.contains(&number) {
+        for (number, after_ms) in self.setup.off_delays_ms.clone() {
+            if since_ms >= after_ms && self.pending_off_outputs.contains(&number) {
                 if self.outputs.get(&number) == Some(&true) {
                     self.set_output(number, false);
                 }
-                if since_ms >= after_ms + KEEP_OFF_MS {
-                    self.off_due.remove(&number);
+                if since_ms >= after_ms + FORCED_OFF_MS {
+                    self.pending_off_outputs.remove(&number);
                 }
             }
         }

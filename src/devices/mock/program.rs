@@ -5,16 +5,16 @@
 
 use super::epoch::ActiveTool;
 use super::kinematics;
-use super::log::{Executed, Sample, StopCause, words};
+use super::log::{ContactSample, ExecutedMotion, StopCause, path_stop_message};
 use super::model::{Controller, TICK_MS};
-use super::mover::{Blocked, Done};
-use super::moves::{Key, Lin, Move, Override, Ptp};
+use super::mover::{CompletedMove, MoveBlocked};
+use super::moves::{Lin, Move, MoveKey, Override, Ptp};
 use super::options::Mode;
 use super::wire::{self, Command, Refusal};
 use crate::geometry::{Base, KukaPose, Panel, Rigid, Tool};
 
 /// $ADVANCE: number of motions that are planned in addition to the present one.
-const ADVANCE: usize = 3;
+const ADVANCE_MOTIONS: usize = 3;
 
 impl Controller {
     /// Executes or plans the commands in the ring, as far as the advance run reaches.
@@ -22,15 +22,15 @@ impl Controller {
         if !self.safety.motion_possible() {
             return;
         }
-        if self.mover.is_idle() && self.contact.wants_retract() {
+        if self.mover.is_idle() && self.contact.is_retract_due() {
             let mover = &self.mover;
             if let Some(away) =
-                self.contact.begin_retract(|flange_from_tool| mover.base_from_flange() * *flange_from_tool)
+                self.contact.take_retract(|flange_from_tool| mover.base_from_flange() * *flange_from_tool)
             {
                 self.mover.plan(away);
             }
         }
-        while !self.contact.wants_retract() && !self.mover.brakes() {
+        while !self.contact.is_retract_due() && !self.mover.is_braking() {
             let Some(&command) = self.epoch.ring.front() else { return };
             match self.execute(&command) {
                 Ok(true) => {
@@ -46,24 +46,24 @@ impl Controller {
     fn execute(&mut self, command: &Command) -> Result<bool, (Refusal, String)> {
         let Command { n: [n1, n2], r: [r1, r2], p, .. } = *command;
         match command.operation {
-            wire::MOVE_J | wire::MOVE_LIN if self.mover.planned() > ADVANCE => return Ok(false),
+            wire::MOVE_J | wire::MOVE_LIN if self.mover.planned_count() > ADVANCE_MOTIONS => return Ok(false),
             wire::MOVE_J => {
-                let key = Key { epoch: command.epoch, id: command.id };
-                let (target, acceleration_share) = (kinematics::joints(p), self.epoch.axis_acceleration_share);
+                let key = MoveKey { epoch: command.epoch, id: command.id };
+                let (target, acceleration_share) = (kinematics::to_joints(p), self.epoch.axis_acceleration_share);
                 let speed_share = r1 / 100.0;
                 self.mover.plan(Move::Ptp(Ptp {
                     key: Some(key),
                     target,
                     speed_share,
                     acceleration_share,
-                    switches: None,
+                    switched_output: None,
                 }));
             }
             wire::MOVE_LIN => {
                 if r2 > 0.0 {
                     self.epoch.speed_mm_s = r2 * 1000.0;
                 }
-                let lin = self.lin(command)?;
+                let lin = self.linear_motion(command)?;
                 self.mover.plan(Move::Lin(lin));
             }
             wire::SET_ACC_SPEED => {
@@ -75,10 +75,10 @@ impl Controller {
             // These commands stop the advance run.
             _ if !self.mover.is_idle() => return Ok(false),
             wire::SET_BASE => {
-                self.epoch.base = self.troubles.spoil(command).map(kuka_pose).or(self.epoch.base);
+                self.epoch.base = self.troubles.faulty_frame(command).map(kuka_pose).or(self.epoch.base);
             }
             wire::SET_TCP => {
-                let set = self.troubles.spoil(command).map(kuka_pose);
+                let set = self.troubles.faulty_frame(command).map(kuka_pose);
                 self.epoch.tool = set.map(|pose| ActiveTool { pose, sanding: n1 == 1 }).or(self.epoch.tool);
             }
             wire::SET_DIGOUT => self.set_output(number(n1), n2 == 1),
@@ -90,7 +90,7 @@ impl Controller {
         Ok(true)
     }
 
-    fn lin(&self, command: &Command) -> Result<Lin, (Refusal, String)> {
+    fn linear_motion(&self, command: &Command) -> Result<Lin, (Refusal, String)> {
         let (Some(base), Some(tool)) = (self.epoch.base, self.epoch.tool) else {
             return Err((Refusal::NoBaseOrTool, String::new()));
         };
@@ -104,13 +104,13 @@ impl Controller {
         let reached = self.setup.arm.nearest(&base_from_flange, &self.mover.joints());
         reached.map_err(|why| (Refusal::Unreachable, why.to_string()))?;
         Ok(Lin {
-            key: Some(Key { epoch: command.epoch, id: command.id }),
+            key: Some(MoveKey { epoch: command.epoch, id: command.id }),
             target,
             flange_from_tool,
             blend_mm: command.r[0],
             contact,
-            switches: None,
-            to_come: command.n[0],
+            switched_output: None,
+            remaining_points: command.n[0],
             speed_mm_s: self.epoch.speed_mm_s,
             acceleration_mm_s2: self.epoch.acceleration_mm_s2,
         })
@@ -128,15 +128,15 @@ impl Controller {
 
     /// Performs one interpolation step of the arm.
     pub(super) fn step_arm(&mut self) {
-        let (done, blocked) = self.mover.step(self.allowed(), TICK_MS as f64 / 1000.0);
+        let (done, blocked) = self.mover.step(self.speed_limits(), TICK_MS as f64 / 1000.0);
         for step in &done {
-            self.reached(step);
+            self.on_move_done(step);
         }
         if let Some(blocked) = blocked {
-            self.blocked(&blocked);
+            self.on_blocked(&blocked);
         }
-        self.contact.heads_for(self.mover.front());
-        self.count_done();
+        self.contact.heads_for(self.mover.current_move());
+        self.update_executed_count();
         let dwells = self.epoch.open && self.mover.is_idle() && self.epoch.ring.is_empty();
         if dwells && self.contact.touches(None) {
             self.underruns += 1;
@@ -145,7 +145,7 @@ impl Controller {
         self.sample();
     }
 
-    pub(super) fn allowed(&self) -> Override {
+    pub(super) fn speed_limits(&self) -> Override {
         if !self.safety.motion_possible() {
             return Override { tool_mm_s: 0.0, axis_share: 0.0, share: 1.0 };
         }
@@ -156,20 +156,20 @@ impl Controller {
         }
     }
 
-    fn reached(&mut self, done: &Done) {
-        self.contact.reached(&done.step);
+    fn on_move_done(&mut self, done: &CompletedMove) {
+        self.contact.on_point_reached(&done.step);
         let Some(key) = done.step.key() else { return };
         if key.epoch == self.epoch.number {
-            self.epoch.done = self.epoch.done.max(key.id);
+            self.epoch.last_executed = self.epoch.last_executed.max(key.id);
         }
         // If an epoch was stopped, it switches no outputs while the arm brakes.
-        if let Some((number, on)) = done.step.switches()
+        if let Some((number, on)) = done.step.switched_output()
             && key.epoch == self.epoch.number
             && self.epoch.open
         {
             self.set_output(number, on);
         }
-        self.executed.push(Executed {
+        self.executed.push(ExecutedMotion {
             epoch: key.epoch,
             id: key.id,
             joints: done.joints,
@@ -179,8 +179,8 @@ impl Controller {
         });
         if let Move::Lin(lin) = done.step
             && self.epoch.open
-            && done.starved
-            && lin.to_come > 0
+            && done.was_starved
+            && lin.remaining_points > 0
         {
             let next = self.epoch.ring.front();
             let waits = next.is_some_and(|next| ![wire::MOVE_J, wire::MOVE_LIN].contains(&next.operation));
@@ -192,32 +192,32 @@ impl Controller {
         }
     }
 
-    fn blocked(&mut self, blocked: &Blocked) {
-        if let Some(key) = self.mover.oldest()
-            && !self.mover.brakes()
+    fn on_blocked(&mut self, blocked: &MoveBlocked) {
+        if let Some(key) = self.mover.oldest_move()
+            && !self.mover.is_braking()
         {
-            return self.refuse(key.id, Refusal::Unreachable, words(blocked));
+            return self.refuse(key.id, Refusal::Unreachable, path_stop_message(blocked));
         }
-        self.mover.freeze();
-        if self.contact.retracts() {
-            self.contact.give_up();
+        self.mover.stop_immediately();
+        if self.contact.is_retracting() {
+            self.contact.abandon_retract();
         }
     }
 
     /// Sets the count of executed commands: all before the oldest command that is not executed.
-    pub(super) fn count_done(&mut self) {
+    pub(super) fn update_executed_count(&mut self) {
         if !self.epoch.open {
             return;
         }
-        let moving = self.mover.oldest().filter(|key| key.epoch == self.epoch.number).map(|key| key.id);
+        let moving = self.mover.oldest_move().filter(|key| key.epoch == self.epoch.number).map(|key| key.id);
         let oldest = moving.or(self.epoch.ring.front().map(|command| command.id));
-        self.epoch.done = oldest.map_or(self.epoch.received, |id| id - 1);
+        self.epoch.last_executed = oldest.map_or(self.epoch.last_received, |id| id - 1);
     }
 
     pub(super) fn sample(&mut self) {
-        let front = self.mover.front();
+        let front = self.mover.current_move();
         let Some(flange_from_tool) = self.contact.tool().filter(|_| self.contact.touches(front)) else { return };
-        if self.contact.retracts() {
+        if self.contact.is_retracting() {
             return;
         }
         let base_from_flange = self.flange_pose();
@@ -227,11 +227,11 @@ impl Controller {
         let base_from_tool =
             real_arm.map_or_else(|| base_from_flange * flange_from_tool, |arm| arm.base_from_tool(&joints));
         let tool_on = self.setup.tool_output.and_then(|number| self.outputs.get(&number)).copied();
-        self.trace.push(Sample {
+        self.trace.push(ContactSample {
             time_ms: self.now_ms,
             base_from_flange,
             base_from_tool,
-            sanding: self.contact.sands(front),
+            sanding: self.contact.is_in_contact(front),
             tool_on: tool_on.unwrap_or(false),
         });
     }

@@ -8,7 +8,7 @@ use super::options::Mode;
 
 /// The states of the safety controller and the pendant.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Safety {
+pub(super) struct SafetyState {
     pub(super) mode: Mode,
     pub(super) drives_on: bool,
     pub(super) e_stop: bool,
@@ -23,10 +23,10 @@ pub(super) struct Safety {
     pub(super) foreign_program_resets: u32,
 }
 
-impl Safety {
+impl SafetyState {
     /// Returns the state at the start: automatic mode, nothing that prevents motion, the program started.
-    pub(super) fn at_start() -> Self {
-        Safety {
+    pub(super) fn initial() -> Self {
+        SafetyState {
             mode: Mode::Ext,
             drives_on: true,
             e_stop: false,
@@ -39,22 +39,22 @@ impl Safety {
         }
     }
 
-    pub(super) fn manual(&self) -> bool {
+    pub(super) fn is_manual(&self) -> bool {
         matches!(self.mode, Mode::T1 | Mode::T2)
     }
 
-    pub(super) fn enabled(&self) -> bool {
-        self.drives_on && !self.e_stop && (self.manual() || self.guard_closed)
+    pub(super) fn is_enabled(&self) -> bool {
+        self.drives_on && !self.e_stop && (self.is_manual() || self.guard_closed)
     }
 
     /// Returns whether the program runs, so that the arm may move.
     pub(super) fn motion_possible(&self) -> bool {
-        self.started && self.enabled() && !self.paused()
+        self.started && self.is_enabled() && !self.is_paused()
     }
 
     /// Returns whether a program that is started would run.
     pub(super) fn may_start(&self) -> bool {
-        self.enabled() && (!self.manual() || self.start_key)
+        self.is_enabled() && (!self.is_manual() || self.start_key)
     }
 
     /// Returns whether a program was started and has made its block coincidence.
@@ -63,8 +63,8 @@ impl Safety {
     }
 
     /// Returns whether the start key was released.
-    pub(super) fn paused(&self) -> bool {
-        self.started && self.manual() && !self.start_key
+    pub(super) fn is_paused(&self) -> bool {
+        self.started && self.is_manual() && !self.start_key
     }
 
     /// Resets the program: it begins again at its first line, once it is started.

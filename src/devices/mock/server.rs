@@ -29,7 +29,7 @@ pub struct Ports {
 
 impl Ports {
     /// Returns two free ports of this machine.
-    pub fn free() -> Self {
+    pub fn free_ports() -> Self {
         Ports { host: IpAddr::V4(Ipv4Addr::LOCALHOST), command: 0, state: 0 }
     }
 }
@@ -45,8 +45,8 @@ struct Shared {
     command: Option<TcpStream>,
     state: Option<TcpStream>,
     /// The slow streams towards the controller, by channel; the next field has the streams to the clients.
-    ways_in: [DelayedStream; 2],
-    ways_out: [DelayedStream; 2],
+    slow_inputs: [DelayedStream; 2],
+    slow_outputs: [DelayedStream; 2],
 }
 
 impl Shared {
@@ -59,26 +59,26 @@ impl Shared {
 
     /// Hands over received bytes, sends the controller's output, and disconnects if the controller closed the
     /// channel.
-    fn flush(&mut self) {
+    fn exchange_bytes(&mut self) {
         let now = Instant::now();
         for channel in [Channel::Command, Channel::State] {
-            while let Some(bytes) = self.ways_in[channel as usize].pop(now) {
+            while let Some(bytes) = self.slow_inputs[channel as usize].pop(now) {
                 self.deliver(channel, &bytes);
             }
         }
         for channel in [Channel::Command, Channel::State] {
-            let bytes = self.controller.take_output(channel);
+            let bytes = self.controller.take_output_bytes(channel);
             if self.stream(channel).is_none() {
                 continue;
             }
-            self.ways_out[channel as usize].put(now, &bytes);
+            self.slow_outputs[channel as usize].send_bytes(now, &bytes);
             let mut sent = true;
-            while let Some(piece) = self.ways_out[channel as usize].pop(now) {
+            while let Some(piece) = self.slow_outputs[channel as usize].pop(now) {
                 let stream = self.stream(channel).as_mut();
                 sent &= stream.is_some_and(|stream| stream.write_all(&piece).is_ok());
             }
             if !sent || !self.controller.is_connected(channel) {
-                self.hang_up(channel);
+                self.disconnect_client(channel);
             }
         }
     }
@@ -90,13 +90,13 @@ impl Shared {
         }
     }
 
-    fn hang_up(&mut self, channel: Channel) {
+    fn disconnect_client(&mut self, channel: Channel) {
         if let Some(stream) = self.stream(channel).take() {
             #[expect(clippy::let_underscore_must_use, reason = "it may be gone already")]
             let _ = stream.shutdown(Shutdown::Both);
         }
-        self.ways_in[channel as usize].clear();
-        self.ways_out[channel as usize].clear();
+        self.slow_inputs[channel as usize].clear();
+        self.slow_outputs[channel as usize].clear();
         self.controller.disconnect(channel);
     }
 }
@@ -116,10 +116,10 @@ impl MockHandle {
     }
 
     /// Executes this action on the controller, between two of its ticks, and sends the resulting output.
-    pub fn with<T>(&self, act: impl FnOnce(&mut Controller) -> T) -> T {
+    pub fn with_controller<T>(&self, act: impl FnOnce(&mut Controller) -> T) -> T {
         let mut shared = self.lock();
         let result = act(&mut shared.controller);
-        shared.flush();
+        shared.exchange_bytes();
         result
     }
 
@@ -134,7 +134,7 @@ pub struct MockServer {
     handle: MockHandle,
     command_address: SocketAddr,
     state_address: SocketAddr,
-    ends: Arc<AtomicBool>,
+    ending: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -150,18 +150,19 @@ impl MockServer {
         let (delay_ms, fragment, seed) = controller.wire_faults();
         let way = |index: u64| DelayedStream::new(delay_ms, fragment, seed.wrapping_add(index));
         let (ways_in, ways_out) = ([way(0), way(1)], [way(2), way(3)]);
-        let shared = Shared { controller, command: None, state: None, ways_in, ways_out };
+        let shared =
+            Shared { controller, command: None, state: None, slow_inputs: ways_in, slow_outputs: ways_out };
         let handle = MockHandle { shared: Arc::new(Mutex::new(shared)) };
         let ends = Arc::new(AtomicBool::new(false));
-        let rounds = Rounds {
+        let rounds = AcceptThread {
             handle: handle.clone(),
             listeners: [(Channel::Command, command), (Channel::State, state)],
-            ends: ends.clone(),
+            ending: ends.clone(),
             readers: Vec::new(),
         };
         let thread = std::thread::Builder::new().name("mock controller".to_owned());
         let thread = thread.spawn(move || rounds.run(clock)).map_err(MockError::Thread)?;
-        Ok(MockServer { handle, command_address, state_address, ends, thread: Some(thread) })
+        Ok(MockServer { handle, command_address, state_address, ending: ends, thread: Some(thread) })
     }
 
     /// The controller inside.
@@ -182,7 +183,7 @@ impl MockServer {
 
 impl Drop for MockServer {
     fn drop(&mut self) {
-        self.ends.store(true, Ordering::Relaxed);
+        self.ending.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             #[expect(clippy::let_underscore_must_use, reason = "its panic was reported where it happened")]
             let _ = thread.join();
@@ -199,31 +200,31 @@ fn listen(address: SocketAddr) -> Result<(TcpListener, SocketAddr), MockError> {
 }
 
 /// The thread that accepts clients and lets time pass.
-struct Rounds {
+struct AcceptThread {
     handle: MockHandle,
     listeners: [(Channel, TcpListener); 2],
-    ends: Arc<AtomicBool>,
+    ending: Arc<AtomicBool>,
     readers: Vec<JoinHandle<()>>,
 }
 
-impl Rounds {
+impl AcceptThread {
     fn run(mut self, clock: Clock) {
         let started = Instant::now();
         let mut passed_ms = 0;
-        while !self.ends.load(Ordering::Relaxed) {
+        while !self.ending.load(Ordering::Relaxed) {
             self.accept();
             if clock == Clock::Free {
                 let now_ms = started.elapsed().as_millis() as u64;
                 if now_ms >= passed_ms + TICK_MS {
-                    self.handle.with(|controller| controller.advance_ms(now_ms - passed_ms));
+                    self.handle.with_controller(|controller| controller.advance_ms(now_ms - passed_ms));
                     passed_ms = now_ms;
                 }
             }
-            self.handle.lock().flush();
+            self.handle.lock().exchange_bytes();
             std::thread::sleep(POLL_INTERVAL);
         }
         for (channel, _) in &self.listeners {
-            self.handle.lock().hang_up(*channel);
+            self.handle.lock().disconnect_client(*channel);
         }
         for reader in self.readers.drain(..) {
             #[expect(clippy::let_underscore_must_use, reason = "its panic was reported where it happened")]
@@ -285,13 +286,13 @@ fn read(handle: &MockHandle, channel: Channel, mut stream: TcpStream) {
             Err(_) => break,
         };
         let mut shared = handle.lock();
-        shared.ways_in[channel as usize].put(Instant::now(), &bytes[..count]);
-        shared.flush();
+        shared.slow_inputs[channel as usize].send_bytes(Instant::now(), &bytes[..count]);
+        shared.exchange_bytes();
         if shared.stream(channel).is_none() {
             return;
         }
     }
     let mut shared = handle.lock();
-    shared.hang_up(channel);
-    shared.flush();
+    shared.disconnect_client(channel);
+    shared.exchange_bytes();
 }

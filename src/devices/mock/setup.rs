@@ -36,7 +36,7 @@ pub struct Setup {
     pub tool_output: Option<u16>,
     /// Each $OUT that the end of an epoch switches off, and the delay, ms. With the delay 0, the output is switched
     /// off at once, and the client is watched for silence while the output is on.
-    pub off_after_ms: BTreeMap<u16, u64>,
+    pub off_delays_ms: BTreeMap<u16, u64>,
     /// The $OUT number of each signal to a production line: ready, cycle done, pass, fail, review, fault; 0 for a
     /// signal that is not used.
     pub line_outputs: [u16; 6],
@@ -51,7 +51,7 @@ pub struct Setup {
     /// The controller's own programs that are executed; `None` for the model in Rust.
     pub programs: Option<Programs>,
     /// A rule that is not followed; for tests of the tests.
-    pub left_out: Option<Rule>,
+    pub omitted_rule: Option<Rule>,
 }
 
 impl Setup {
@@ -71,14 +71,14 @@ impl Setup {
             inputs: (1..=8).collect(),
             outputs: (1..=8).collect(),
             tool_output: Some(5),
-            off_after_ms: BTreeMap::from([(1, 60_000), (2, 0), (4, 30_000), (5, 0)]),
+            off_delays_ms: BTreeMap::from([(1, 60_000), (2, 0), (4, 30_000), (5, 0)]),
             line_outputs: [0; 6],
             mapped_inputs: BTreeMap::new(),
             subroutines_ms: vec![100],
             first_state: 0,
             faults: FaultSpec::default(),
             programs: None,
-            left_out: None,
+            omitted_rule: None,
         }
     }
 }

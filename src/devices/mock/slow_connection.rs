@@ -20,7 +20,7 @@ impl DelayedStream {
     }
 
     /// Bytes set out.
-    pub(super) fn put(&mut self, now: Instant, bytes: &[u8]) {
+    pub(super) fn send_bytes(&mut self, now: Instant, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
             let length = if self.fragment { self.draw.random_range(1..=rest.len()) } else { rest.len() };
@@ -53,7 +53,7 @@ mod tests {
     fn bytes_come_late_in_order_and_in_pieces() {
         let mut way = DelayedStream::new(Some((5, 15)), true, 1);
         let (now, bytes): (Instant, Vec<u8>) = (Instant::now(), (0..100).collect());
-        way.put(now, &bytes);
+        way.send_bytes(now, &bytes);
         assert_eq!(way.pop(now + Duration::from_millis(4)), None);
         let mut found: Vec<Vec<u8>> = Vec::new();
         while let Some(piece) = way.pop(now + Duration::from_millis(15)) {

@@ -2,7 +2,7 @@
 
 use super::epoch::{Epoch, RING};
 use super::error::EkiFault;
-use super::log::{Stop, StopCause};
+use super::log::{ProgramStop, StopCause};
 use super::model::Controller;
 use super::options::{Clock, Rule};
 use super::wire::{self, Channel, Command, Refusal, Request};
@@ -10,7 +10,7 @@ use super::wire::{self, Channel, Command, Refusal, Request};
 /// Largest number of commands that are read in one tick.
 const COMMANDS_PER_TICK: usize = 8;
 /// Time that a heartbeat grants in lock step.
-const GRANT_MS: u64 = 100;
+const HEARTBEAT_GRANT_MS: u64 = 100;
 /// Silence after which the queued commands are stopped, ms.
 const WATCHDOG_MS: u64 = 400;
 /// Time of silence after which the program considers its channels dead, clears them and listens again. Otherwise a
@@ -19,24 +19,24 @@ const SILENCE_MS: u64 = 3_000;
 /// The time for clearing, initialising and opening a channel.
 pub(super) const REOPEN_MS: u64 = 24;
 /// The largest step by which one request may raise the epoch.
-const EPOCH_STEP: i32 = 1_000_000;
+const MAX_EPOCH_STEP: i32 = 1_000_000;
 /// Highest $VEL.CP, m/s, and $ACC.CP, m/s².
 const MAX_VEL_ACC: [f64; 2] = [2.0, 10.0];
 
 impl Controller {
     /// Answers the requests in order. In lock step a heartbeat waits for the commands that it names.
     pub(super) fn serve_requests(&mut self) {
-        if self.troubles.stalled() || self.running.is_some() {
+        if self.troubles.is_submit_stalled() || self.running.is_some() {
             return;
         }
         self.reset_flags(Channel::State);
-        while self.states.connected && self.request_places.waits(&self.states.memory) {
+        while self.states.connected && self.request_places.is_waiting(&self.states.memory) {
             let is_grant =
                 |request: &Request| self.setup.clock == Clock::LockStep && request.operation == wire::HEARTBEAT;
             let next = self.request_places.next(&self.states.memory);
             // A document that came after the heartbeat, such as an abort, does not wait for the heartbeat.
-            let is_last = self.request_places.waiting(&self.states.memory) == 1;
-            let is_delivered = next.as_ref().is_none_or(|next| self.is_delivered(next));
+            let is_last = self.request_places.waiting_count(&self.states.memory) == 1;
+            let is_delivered = next.as_ref().is_none_or(|next| self.is_heartbeat_satisfied(next));
             let grants = next.as_ref().is_some_and(is_grant) && (is_delivered || is_last);
             if grants && !is_delivered {
                 return;
@@ -49,21 +49,21 @@ impl Controller {
             match request.operation {
                 wire::ABORT => self.abort(request.n1),
                 wire::RESET => self.reset(request.n1),
-                wire::LINE => self.tell_line(request.n1),
+                wire::LINE => self.set_line_outputs(request.n1),
                 wire::HEARTBEAT if grants => {
                     self.read_up_to = Some((request.epoch, request.n1));
-                    self.advance_ms(GRANT_MS);
+                    self.advance_ms(HEARTBEAT_GRANT_MS);
                     self.read_up_to = None;
                 }
                 _ => {}
             }
-            self.tell_state(request.id);
+            self.send_state(request.id);
         }
     }
 
     /// Returns whether there is no need to wait for the named commands. This is so if they have arrived, the channel
     /// was lost or the epoch has ended; if a channel is not yet open, the heartbeat waits for it.
-    fn is_delivered(&self, heartbeat: &Request) -> bool {
+    fn is_heartbeat_satisfied(&self, heartbeat: &Request) -> bool {
         let named = (heartbeat.epoch, heartbeat.n1);
         heartbeat.n1 <= 0 || !self.awaits_commands || heartbeat.epoch < self.epoch.number || self.arrived >= named
     }
@@ -72,42 +72,42 @@ impl Controller {
     /// not change the count.
     fn abort(&mut self, number: i32) {
         self.stop(StopCause::Abort, String::new());
-        if self.follows(number) {
-            self.epoch = Epoch::ended(number);
+        if self.is_next_epoch(number) {
+            self.epoch = Epoch::closed(number);
         }
     }
 
     /// Returns whether the number is higher than the epoch by at most one step: a single wrong message must not
     /// exhaust the count.
-    fn follows(&self, number: i32) -> bool {
+    fn is_next_epoch(&self, number: i32) -> bool {
         let steps = i64::from(number) - i64::from(self.epoch.number);
-        steps > 0 && (steps <= i64::from(EPOCH_STEP) || self.setup.left_out == Some(Rule::EpochStep))
+        steps > 0 && (steps <= i64::from(MAX_EPOCH_STEP) || self.setup.omitted_rule == Some(Rule::EpochStep))
     }
 
     /// Opens an epoch, without base and tool. Nothing moves except a motion that is still being stopped.
     fn reset(&mut self, number: i32) {
-        if !self.follows(number) {
+        if !self.is_next_epoch(number) {
             return;
         }
         if self.epoch.open && self.is_busy() {
             self.stop(StopCause::Superseded, String::new());
         }
-        self.epoch = Epoch::opened(number);
+        self.epoch = Epoch::new_open(number);
         self.contact.forget();
         self.stopped = false;
     }
 
     /// Reads commands from the channel's memories.
     pub(super) fn read_commands(&mut self) {
-        if !self.commands.connected || !self.command_places.waits(&self.commands.memory) {
+        if !self.commands.connected || !self.command_places.is_waiting(&self.commands.memory) {
             return;
         }
         self.reset_flags(Channel::Command);
         for _ in 0..COMMANDS_PER_TICK {
-            if !self.command_places.waits(&self.commands.memory) {
+            if !self.command_places.is_waiting(&self.commands.memory) {
                 return;
             }
-            let next = self.command_places.next_order(&self.commands.memory);
+            let next = self.command_places.next_epoch_and_id(&self.commands.memory);
             if let (Some(last), Some(next)) = (self.read_up_to, next)
                 && next > last
             {
@@ -116,17 +116,17 @@ impl Controller {
             match self.command_places.pop(&mut self.commands.memory) {
                 Ok(command) => {
                     self.last_frame_ms = self.now_ms;
-                    self.on_command(command);
+                    self.process_command(command);
                 }
                 Err(fault) => return self.close(Channel::Command, fault),
             }
         }
     }
 
-    fn on_command(&mut self, command: Command) {
-        let left_out = self.setup.left_out;
+    fn process_command(&mut self, command: Command) {
+        let left_out = self.setup.omitted_rule;
         if command.epoch < self.epoch.number && left_out != Some(Rule::EpochCheck) {
-            self.stale += 1; // in flight when its epoch ended
+            self.stale_messages += 1; // in flight when its epoch ended
             return;
         }
         let judged = match (left_out, self.troubles.take_refusal()) {
@@ -136,7 +136,7 @@ impl Controller {
         };
         match judged {
             Ok(()) => {
-                self.epoch.received = command.id;
+                self.epoch.last_received = command.id;
                 self.epoch.ring.push_back(command);
             }
             Err(refusal) => self.refuse(command.id, refusal, String::new()),
@@ -150,7 +150,7 @@ impl Controller {
         if !self.epoch.open {
             return Err(if self.stopped { Refusal::Stopped } else { Refusal::WrongEpoch });
         }
-        if command.id != self.epoch.received + 1 {
+        if command.id != self.epoch.last_received + 1 {
             return Err(Refusal::IdGap);
         }
         self.judge_values(command)?;
@@ -166,7 +166,7 @@ impl Controller {
         let percent = |number: f64| (1.0..=100.0).contains(&number);
         let right = match command.operation {
             wire::MOVE_J => {
-                let target = super::kinematics::joints(p);
+                let target = super::kinematics::to_joints(p);
                 self.setup.arm.within_limits(&target).map_err(|_| Refusal::Unreachable)?;
                 percent(r1) && r2 == 0.0
             }
@@ -205,19 +205,22 @@ impl Controller {
 
     /// Ends the epoch if the client is silent while a command is queued, or while tool or water is on; also if the
     /// override changes in contact.
-    pub(super) fn watch(&mut self) {
-        if self.epoch.open && self.troubles.override_percent() != 100 && self.contact.touches(self.mover.front()) {
-            self.refuse(self.epoch.done + 1, Refusal::Override, String::new());
+    pub(super) fn check_watchdog(&mut self) {
+        if self.epoch.open
+            && self.troubles.override_percent() != 100
+            && self.contact.touches(self.mover.current_move())
+        {
+            self.refuse(self.epoch.last_executed + 1, Refusal::Override, String::new());
         }
-        let watches = self.setup.left_out != Some(Rule::Watchdog);
-        let at_stake = self.is_busy() || self.is_at_stake();
+        let watches = self.setup.omitted_rule != Some(Rule::Watchdog);
+        let at_stake = self.is_busy() || self.has_harmful_output_on();
         if self.epoch.open && at_stake && watches && self.now_ms - self.last_frame_ms >= WATCHDOG_MS {
             self.stop(StopCause::Watchdog, String::new());
         }
         let silence_ms = self.now_ms - self.last_request_ms;
         if (self.commands.connected || self.states.connected) && watches && silence_ms >= SILENCE_MS {
             for channel in [Channel::Command, Channel::State] {
-                self.troubles.behind_cable[channel as usize].clear();
+                self.troubles.cable_buffer[channel as usize].clear();
                 self.troubles.hung_up[channel as usize] = false;
                 self.drop_client(channel, EkiFault::NoContact);
             }
@@ -225,7 +228,7 @@ impl Controller {
     }
 
     /// Without a running program, queued commands have no receiver.
-    pub(super) fn look_for_program(&mut self) {
+    pub(super) fn check_program_running(&mut self) {
         if self.epoch.open && self.is_busy() && !self.safety.has_program() {
             self.stop(StopCause::Deselected, String::new());
         }
@@ -233,7 +236,7 @@ impl Controller {
 
     /// Stops the robot program, because the submit interpreter does not run.
     pub(super) fn miss_submit(&mut self) {
-        let watches = self.setup.left_out != Some(Rule::Watchdog);
+        let watches = self.setup.omitted_rule != Some(Rule::Watchdog);
         let dead_ms = self.now_ms - self.submit_ran_ms;
         if !(self.safety.has_program() && watches && dead_ms >= WATCHDOG_MS) {
             return;
@@ -242,12 +245,12 @@ impl Controller {
             self.stop(StopCause::SubmitDead, String::new());
         }
         // Switches off at once all outputs that an ended epoch left on, because no interpreter counts their delays.
-        self.switch_off(|_| true);
+        self.switch_off_outputs(|_| true);
     }
 
     /// Ends the epoch when its link is lost, busy or not: a tool that runs in the air is switched off, too.
     pub(super) fn link_lost(&mut self) {
-        if self.running.is_none() && self.epoch.open && self.setup.left_out != Some(Rule::LinkLoss) {
+        if self.running.is_none() && self.epoch.open && self.setup.omitted_rule != Some(Rule::LinkLoss) {
             self.stop(StopCause::LinkLost, String::new());
         }
     }
@@ -262,22 +265,22 @@ impl Controller {
         if self.running.is_some() {
             return self.stop_interpreted(cause);
         }
-        self.count_done();
-        let contact = self.contact.touches(self.mover.front());
-        let at_once = cause.is_at_once() || self.safety.paused();
+        self.update_executed_count();
+        let contact = self.contact.touches(self.mover.current_move());
+        let at_once = cause.is_immediate() || self.safety.is_paused();
         // A retract is part of the end of an epoch; it is never executed later, and only a running program can execute
         // it.
         let may_retract =
-            self.epoch.open && self.safety.has_program() && self.setup.left_out != Some(Rule::Retract);
+            self.epoch.open && self.safety.has_program() && self.setup.omitted_rule != Some(Rule::Retract);
         if self.epoch.open {
             let (time_ms, epoch) = (self.now_ms, self.epoch.number);
-            self.stops.push(Stop { time_ms, epoch, cause, contact, detail });
+            self.stops.push(ProgramStop { time_ms, epoch, cause, contact, detail });
             // A second stop does not extend the delays.
             self.ended_ms = self.now_ms;
-            self.off_due = self.setup.off_after_ms.keys().copied().collect();
+            self.pending_off_outputs = self.setup.off_delays_ms.keys().copied().collect();
         }
-        self.switch_off(|after_ms| after_ms == 0);
-        if self.setup.left_out != Some(Rule::Discard) {
+        self.switch_off_outputs(|after_ms| after_ms == 0);
+        if self.setup.omitted_rule != Some(Rule::Discard) {
             self.epoch.ring.clear();
         }
         self.epoch.subroutine_until_ms = None;
@@ -285,12 +288,12 @@ impl Controller {
         self.stopped = true;
         if at_once {
             self.safety.reset_program();
-            self.contact.stop(self.mover.front(), false);
-            self.mover.freeze();
-        } else if !self.contact.wants_retract() {
+            self.contact.stop(self.mover.current_move(), false);
+            self.mover.stop_immediately();
+        } else if !self.contact.is_retract_due() {
             // A retract in progress continues.
-            self.contact.stop(self.mover.front(), may_retract);
-            self.mover.brake();
+            self.contact.stop(self.mover.current_move(), may_retract);
+            self.mover.start_braking();
         }
     }
 }

@@ -6,7 +6,7 @@ mod protocol;
 mod served;
 mod stops;
 
-use super::kinematics::joints;
+use super::kinematics::to_joints;
 use super::*;
 use crate::geometry::{Base, Point};
 use std::sync::{Arc, Mutex};
@@ -22,7 +22,7 @@ const TOOL_OUTPUT: u16 = 5;
 fn setup(clock: Clock) -> Setup {
     let commands = ChannelFile::parse(include_str!("../../../config/kuka/CELLCMD.xml")).expect("read");
     let states = ChannelFile::parse(include_str!("../../../config/kuka/CELLSTAT.xml")).expect("read");
-    Setup { clock, start: joints(START_DEG), ..Setup::new(commands, states) }
+    Setup { clock, start: to_joints(START_DEG), ..Setup::new(commands, states) }
 }
 
 /// Records every change of an output; input 4 follows the tool's output.
@@ -118,8 +118,8 @@ impl Rig {
     }
 
     fn listen(&mut self) {
-        self.acks += &String::from_utf8(self.controller.take_output(Channel::Command)).expect("text");
-        self.states += &String::from_utf8(self.controller.take_output(Channel::State)).expect("text");
+        self.acks += &String::from_utf8(self.controller.take_output_bytes(Channel::Command)).expect("text");
+        self.states += &String::from_utf8(self.controller.take_output_bytes(Channel::State)).expect("text");
     }
 
     /// Sends a heartbeat: in lock step it grants 100 ms.
@@ -177,11 +177,11 @@ impl Rig {
     }
 
     fn ids(&self) -> Vec<i32> {
-        self.controller.executed().iter().map(|executed| executed.id).collect()
+        self.controller.executed_motions().iter().map(|executed| executed.id).collect()
     }
 
     fn causes(&self) -> Vec<StopCause> {
-        self.controller.stops().iter().map(|stop| stop.cause).collect()
+        self.controller.program_stops().iter().map(|stop| stop.cause).collect()
     }
 }
 

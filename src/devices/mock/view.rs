@@ -1,6 +1,6 @@
 //! The controller's state as tests, cameras and servers can see it.
 
-use super::log::{Executed, Sample, Stop};
+use super::log::{ContactSample, ExecutedMotion, ProgramStop};
 use super::model::Controller;
 use super::options::Clock;
 use crate::geometry::{Base, Flange, Joints, Rigid};
@@ -38,7 +38,7 @@ impl Controller {
 
     /// Returns whether the arm moves or has planned moves.
     pub fn is_moving(&self) -> bool {
-        !self.mover.is_idle() || self.contact.wants_retract()
+        !self.mover.is_idle() || self.contact.is_retract_due()
     }
 
     /// Returns the override that a person has set, %.
@@ -47,8 +47,8 @@ impl Controller {
     }
 
     /// Returns the deviation of the reported pose along Z of the present base, mm.
-    pub fn measured_off_mm(&self) -> f64 {
-        self.troubles.measured_off_mm()
+    pub fn pose_deviation_mm(&self) -> f64 {
+        self.troubles.pose_deviation_mm()
     }
 
     /// Returns every `$OUT` that was ever set.
@@ -68,7 +68,9 @@ impl Controller {
 
     /// Returns the last command received in the present epoch, and the last one executed.
     pub fn counts(&self) -> (i32, i32) {
-        self.running.as_ref().map_or((self.epoch.received, self.epoch.done), |running| running.counts())
+        self.running
+            .as_ref()
+            .map_or((self.epoch.last_received, self.epoch.last_executed), |running| running.counts())
     }
 
     /// The present epoch.
@@ -82,27 +84,27 @@ impl Controller {
     }
 
     /// Returns how many times the next point was missing.
-    pub fn underruns(&self) -> i32 {
+    pub fn underrun_count(&self) -> i32 {
         self.running.as_ref().map_or(self.underruns, |running| running.underruns())
     }
 
     /// Returns how many commands of ended epochs arrived and were dropped.
     pub fn stale_commands(&self) -> u64 {
-        self.stale
+        self.stale_messages
     }
 
     /// Returns every motion that was executed, in order.
-    pub fn executed(&self) -> &[Executed] {
+    pub fn executed_motions(&self) -> &[ExecutedMotion] {
         &self.executed
     }
 
     /// Returns the samples of the tool at each tick of every contact.
-    pub fn trace(&self) -> &[Sample] {
+    pub fn trace(&self) -> &[ContactSample] {
         &self.trace
     }
 
     /// Returns every stop by the program.
-    pub fn stops(&self) -> &[Stop] {
+    pub fn program_stops(&self) -> &[ProgramStop] {
         &self.stops
     }
 }

@@ -1,9 +1,9 @@
 //! The messages that the cell's programs understand: commands, requests, refusals; and their numbers in the
 //! protocol.
 
-use super::channel_file::Kind;
+use super::channel_file::ElementKind;
 use super::error::{EkiFault, FileProblem};
-use super::memory::{Memory, int};
+use super::memory::{Memory, as_int};
 
 /// A channel of the controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,7 +15,7 @@ pub enum Channel {
 }
 
 impl Channel {
-    pub(super) fn other(self) -> Self {
+    pub(super) fn opposite(self) -> Self {
         match self {
             Channel::Command => Channel::State,
             Channel::State => Channel::Command,
@@ -107,101 +107,102 @@ pub(super) const ABORT: i32 = 11;
 pub(super) const RESET: i32 = 12;
 pub(super) const LINE: i32 = 13;
 /// The outputs to a line while no client is connected: only the fault output is on.
-pub(super) const LINE_ALONE: i32 = 32;
+pub(super) const UNCONNECTED_LINE_OUTPUTS: i32 = 32;
 
 /// The positions of a command's values in a channel's memory.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct CommandPlaces {
+pub(super) struct CommandPositions {
     ints: [usize; 5],
     reals: [usize; 2],
     frame: usize,
 }
 
-impl CommandPlaces {
+impl CommandPositions {
     pub(super) fn new(memory: &Memory) -> Result<Self, FileProblem> {
         let ints = ["Cmd/@Id", "Cmd/@Ep", "Cmd/@Op", "Cmd/@N1", "Cmd/@N2"];
-        let [id, epoch, operation, n1, n2] = ints.map(|tag| memory.place(tag, Kind::Int));
-        let (r1, r2) = (memory.place("Cmd/@R1", Kind::Real)?, memory.place("Cmd/@R2", Kind::Real)?);
+        let [id, epoch, operation, n1, n2] = ints.map(|tag| memory.position_of(tag, ElementKind::Int));
+        let (r1, r2) =
+            (memory.position_of("Cmd/@R1", ElementKind::Real)?, memory.position_of("Cmd/@R2", ElementKind::Real)?);
         let ints = [id?, epoch?, operation?, n1?, n2?];
-        Ok(CommandPlaces { ints, reals: [r1, r2], frame: memory.place("Cmd/P", Kind::Frame)? })
+        Ok(CommandPositions { ints, reals: [r1, r2], frame: memory.position_of("Cmd/P", ElementKind::Frame)? })
     }
 
     /// Returns true if a command waits, complete or not.
-    pub(super) fn waits(&self, memory: &Memory) -> bool {
-        memory.waiting(self.ints[0]) > 0
+    pub(super) fn is_waiting(&self, memory: &Memory) -> bool {
+        memory.waiting_count(self.ints[0]) > 0
     }
 
     /// Removes and returns the next command by eight reads; the sequence numbers of all values must be that of one
     /// document.
     pub(super) fn pop(&self, memory: &mut Memory) -> Result<Command, EkiFault> {
-        let mut row = Row::default();
-        let [id, epoch, operation, n1, n2] = self.ints.map(|place| row.keep(memory.get_int(place)));
-        let [r1, r2] = self.reals.map(|place| row.keep(memory.get_real(place)));
-        let p = row.keep(memory.get_frame(self.frame));
-        row.checked()?;
+        let mut row = RowReader::default();
+        let [id, epoch, operation, n1, n2] = self.ints.map(|place| row.take_value(memory.get_int(place)));
+        let [r1, r2] = self.reals.map(|place| row.take_value(memory.get_real(place)));
+        let p = row.take_value(memory.get_frame(self.frame));
+        row.finish()?;
         Ok(Command { id, epoch, operation, n: [n1, n2], r: [r1, r2], p })
     }
 
     /// Returns epoch and id of the next command, which define the order of the commands.
-    pub(super) fn next_order(&self, memory: &Memory) -> Option<(i32, i32)> {
-        let number = |place| memory.peek(place).ok().and_then(int);
+    pub(super) fn next_epoch_and_id(&self, memory: &Memory) -> Option<(i32, i32)> {
+        let number = |place| memory.peek_value(place).ok().and_then(as_int);
         Some((number(self.ints[1])?, number(self.ints[0])?))
     }
 
     /// Returns epoch and id of the command that arrived last; `None` if it lacked one of them.
-    pub(super) fn newest_order(&self, memory: &Memory) -> Option<(i32, i32)> {
+    pub(super) fn newest_epoch_and_id(&self, memory: &Memory) -> Option<(i32, i32)> {
         let [(id, of_id), (epoch, of_epoch)] =
-            [memory.newest(self.ints[0]).ok()?, memory.newest(self.ints[1]).ok()?];
+            [memory.newest_value(self.ints[0]).ok()?, memory.newest_value(self.ints[1]).ok()?];
         let one_document = of_id == of_epoch;
-        Some((int(epoch)?, int(id)?)).filter(|_| one_document)
+        Some((as_int(epoch)?, as_int(id)?)).filter(|_| one_document)
     }
 }
 
 /// The positions of a request's values in a channel's memory.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct RequestPlaces([usize; 4]);
+pub(super) struct RequestPositions([usize; 4]);
 
-impl RequestPlaces {
+impl RequestPositions {
     /// Returns how many requests wait.
-    pub(super) fn waiting(&self, memory: &Memory) -> usize {
-        memory.waiting(self.0[0])
+    pub(super) fn waiting_count(&self, memory: &Memory) -> usize {
+        memory.waiting_count(self.0[0])
     }
 
     pub(super) fn new(memory: &Memory) -> Result<Self, FileProblem> {
         let tags = ["Req/@Id", "Req/@Ep", "Req/@Op", "Req/@N1"];
-        let [id, epoch, operation, n1] = tags.map(|tag| memory.place(tag, Kind::Int));
-        Ok(RequestPlaces([id?, epoch?, operation?, n1?]))
+        let [id, epoch, operation, n1] = tags.map(|tag| memory.position_of(tag, ElementKind::Int));
+        Ok(RequestPositions([id?, epoch?, operation?, n1?]))
     }
 
     /// Returns true if a request waits, complete or not.
-    pub(super) fn waits(&self, memory: &Memory) -> bool {
-        memory.waiting(self.0[0]) > 0
+    pub(super) fn is_waiting(&self, memory: &Memory) -> bool {
+        memory.waiting_count(self.0[0]) > 0
     }
 
     /// Returns operation, epoch and N1 of the next request without removing it; `None` if one of them is missing.
     pub(super) fn next(&self, memory: &Memory) -> Option<Request> {
-        let [id, epoch, operation, n1] = self.0.map(|place| memory.peek(place).ok().and_then(int));
+        let [id, epoch, operation, n1] = self.0.map(|place| memory.peek_value(place).ok().and_then(as_int));
         Some(Request { id: id?, epoch: epoch?, operation: operation?, n1: n1? })
     }
 
     /// Takes the next request.
     pub(super) fn pop(&self, memory: &mut Memory) -> Result<Request, EkiFault> {
-        let mut row = Row::default();
-        let [id, epoch, operation, n1] = self.0.map(|place| row.keep(memory.get_int(place)));
-        row.checked()?;
+        let mut row = RowReader::default();
+        let [id, epoch, operation, n1] = self.0.map(|place| row.take_value(memory.get_int(place)));
+        row.finish()?;
         Ok(Request { id, epoch, operation, n1 })
     }
 }
 
 /// The state of reading the values of one row: all must belong to the same document.
 #[derive(Default)]
-struct Row {
+struct RowReader {
     fault: Option<EkiFault>,
     counter: Option<u32>,
 }
 
-impl Row {
-    fn keep<T: Default>(&mut self, read: Result<(T, u32), super::error::EkiError>) -> T {
+impl RowReader {
+    fn take_value<T: Default>(&mut self, read: Result<(T, u32), super::error::EkiError>) -> T {
         match read {
             Ok((value, counter)) => {
                 if *self.counter.get_or_insert(counter) != counter {
@@ -216,7 +217,7 @@ impl Row {
         }
     }
 
-    fn checked(self) -> Result<(), EkiFault> {
+    fn finish(self) -> Result<(), EkiFault> {
         self.fault.map_or(Ok(()), Err)
     }
 }

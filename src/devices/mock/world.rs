@@ -13,9 +13,9 @@ pub trait World: Send {
 
 /// Nothing is connected.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Unwired;
+pub struct UnconnectedWorld;
 
-impl World for Unwired {
+impl World for UnconnectedWorld {
     fn on_output(&mut self, _: u16, _: bool, _: u64) {}
 
     fn input(&self, _: u16, _: u64) -> Option<bool> {

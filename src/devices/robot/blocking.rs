@@ -2,8 +2,8 @@
 
 use super::address::Address;
 use super::link::{LineOutputs, RobotLink, StartError, StopLine};
-use crate::eki::{Command, CommandId, Epoch, LinkLimits, MoveLin, Pace, QueueError, Report};
-use crate::supervision::Watched;
+use crate::eki::{ClockMode, Command, CommandId, Epoch, LinkLimits, MoveLin, QueueError, Report};
+use crate::supervision::WatchedThread;
 use std::time::Duration;
 use tokio::runtime::Runtime;
 
@@ -20,7 +20,7 @@ impl BlockingLink {
     ///
     /// # Errors
     /// As for [`RobotLink::start`].
-    pub fn start(address: Address, limits: LinkLimits, pace: Pace) -> Result<Self, StartError> {
+    pub fn start(address: Address, limits: LinkLimits, pace: ClockMode) -> Result<Self, StartError> {
         let link = RobotLink::start(address, limits, pace)?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
         Ok(BlockingLink { link, runtime })
@@ -50,12 +50,12 @@ impl BlockingLink {
         self.runtime.block_on(self.link.send_path_within(points, permitted))
     }
 
-    /// Permits more commands, as [`RobotLink::permit`] does.
+    /// Permits more commands, as [`RobotLink::permit_commands`] does.
     ///
     /// # Errors
-    /// As for [`RobotLink::permit`].
-    pub fn permit(&self, last: Option<CommandId>) -> Result<(), QueueError> {
-        self.runtime.block_on(self.link.permit(last))
+    /// As for [`RobotLink::permit_commands`].
+    pub fn permit_commands(&self, last: Option<CommandId>) -> Result<(), QueueError> {
+        self.runtime.block_on(self.link.permit_commands(last))
     }
 
     /// Opens an epoch as [`RobotLink::open_epoch`] does.
@@ -93,8 +93,8 @@ impl BlockingLink {
     }
 
     /// As [`RobotLink::watched`].
-    pub fn watched(&self) -> Watched {
-        self.link.watched()
+    pub fn supervision_handle(&self) -> WatchedThread {
+        self.link.supervision_handle()
     }
 
     /// Returns the next report; `None` if none arrives within this time by the wall clock.

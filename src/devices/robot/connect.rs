@@ -26,31 +26,31 @@ async fn open(channel: Channel, host: &str, port: u16) -> Result<TcpStream, Link
     let address = format!("{host}:{port}");
     let stream = match tokio::time::timeout(CONNECT_TIMEOUT, TcpStream::connect((host, port))).await {
         Ok(Ok(stream)) => stream,
-        Ok(Err(error)) => return Err(refused_by(&error, channel, address)),
-        Err(_) => return Err(no_answer(channel, address)),
+        Ok(Err(error)) => return Err(connection_refusal(&error, channel, address)),
+        Err(_) => return Err(no_answer_loss(channel, address)),
     };
-    set_up(&stream).map_err(|error| failed(channel, &error))?;
+    configure_stream(&stream).map_err(|error| system_loss(channel, &error))?;
     Ok(stream)
 }
 
 /// Returns the reason for a failed connection. If a cable is unplugged, the next host or the system itself reports
 /// that there is no route; this is reported as a controller that does not answer.
-fn refused_by(error: &IoError, channel: Channel, address: String) -> LinkLoss {
+fn connection_refusal(error: &IoError, channel: Channel, address: String) -> LinkLoss {
     match error.kind() {
         ErrorKind::ConnectionRefused => LinkLoss::Refused { channel, address },
         ErrorKind::TimedOut | ErrorKind::HostUnreachable | ErrorKind::NetworkUnreachable => {
-            no_answer(channel, address)
+            no_answer_loss(channel, address)
         }
-        ErrorKind::PermissionDenied => failed(channel, error),
+        ErrorKind::PermissionDenied => system_loss(channel, error),
         _ => LinkLoss::System { channel, problem: format!("{address}: {error}") },
     }
 }
 
-fn no_answer(channel: Channel, address: String) -> LinkLoss {
+fn no_answer_loss(channel: Channel, address: String) -> LinkLoss {
     LinkLoss::NoAnswer { channel, address, waited_ms: CONNECT_TIMEOUT.as_millis() as u64 }
 }
 
-fn set_up(stream: &TcpStream) -> Result<(), IoError> {
+fn configure_stream(stream: &TcpStream) -> Result<(), IoError> {
     // Nagle's algorithm would hold back a heartbeat or an abort, until the last segment is
     // acknowledged.
     stream.set_nodelay(true)?;
@@ -64,7 +64,7 @@ fn set_up(stream: &TcpStream) -> Result<(), IoError> {
 }
 
 /// Returns the system's error and, if a permission is missing, where to check it.
-pub(super) fn failed(channel: Channel, error: &IoError) -> LinkLoss {
+pub(super) fn system_loss(channel: Channel, error: &IoError) -> LinkLoss {
     if matches!(error.kind(), ErrorKind::ConnectionReset | ErrorKind::ConnectionAborted | ErrorKind::BrokenPipe) {
         return LinkLoss::Closed { channel };
     }
@@ -85,10 +85,13 @@ mod tests {
     /// The error as the kernel reports it if a unit's IPAddressDeny blocks the packet.
     #[test]
     fn a_network_that_the_unit_does_not_allow_is_told() {
-        let said = failed(Channel::Command, &IoError::from_raw_os_error(rustix::io::Errno::PERM.raw_os_error()));
+        let said =
+            system_loss(Channel::Command, &IoError::from_raw_os_error(rustix::io::Errno::PERM.raw_os_error()));
         assert!(said.to_string().contains("panelprep.service.d/network.conf"), "{said}");
-        let other =
-            failed(Channel::Command, &IoError::from_raw_os_error(rustix::io::Errno::NETUNREACH.raw_os_error()));
+        let other = system_loss(
+            Channel::Command,
+            &IoError::from_raw_os_error(rustix::io::Errno::NETUNREACH.raw_os_error()),
+        );
         assert!(!other.to_string().contains("network.conf"), "{other}");
     }
 
@@ -97,7 +100,7 @@ mod tests {
     fn a_host_that_cannot_be_reached_does_not_answer() {
         let loss = |errno: rustix::io::Errno| {
             let error = IoError::from_raw_os_error(errno.raw_os_error());
-            refused_by(&error, Channel::Command, "192.0.2.7:54600".to_owned())
+            connection_refusal(&error, Channel::Command, "192.0.2.7:54600".to_owned())
         };
         for errno in [rustix::io::Errno::HOSTUNREACH, rustix::io::Errno::NETUNREACH, rustix::io::Errno::TIMEDOUT] {
             let said = loss(errno).to_string();

@@ -6,10 +6,10 @@ use super::queue::{self, ReportQueue};
 use super::run;
 use crate::cell;
 use crate::eki::{
-    CELLCMD, CELLSTAT, ChannelError, ChannelFile, Command, CommandId, Epoch, LinkLimits, MappedInputs, MoveLin,
-    Pace, QueueError, Report, SchemaError, Session, Wire,
+    CELLCMD, CELLSTAT, ChannelError, ChannelFile, ClockMode, Command, CommandId, Epoch, LinkLimits, MappedInputs,
+    MoveLin, QueueError, Report, SchemaError, Session, Wire,
 };
-use crate::supervision::{Watched, supervised};
+use crate::supervision::{WatchedThread, supervise};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -31,8 +31,9 @@ pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
         heartbeat: ms(limits.heartbeat_ms()),
         watchdog: ms(limits.watchdog_ms()),
         // The default is never used: a cell's file with too many names was already refused.
-        mapped_inputs: MappedInputs::new(cell.io().mapped_inputs().values().copied()).unwrap_or_default(),
-        harmful_outputs: cell.io().harmful_bits(),
+        mapped_inputs: MappedInputs::new(cell.inputs_outputs().mapped_inputs().values().copied())
+            .unwrap_or_default(),
+        harmful_outputs: cell.inputs_outputs().harmful_bits(),
     }
 }
 
@@ -94,11 +95,11 @@ impl StopLine {
 pub struct RobotLink {
     orders: mpsc::UnboundedSender<LinkRequest>,
     reports: Arc<ReportQueue>,
-    pace: Pace,
+    pace: ClockMode,
     /// The number of reports when time was last allowed to pass.
     granted: Option<u64>,
     thread: Option<JoinHandle<()>>,
-    watched: Watched,
+    watched: WatchedThread,
 }
 
 impl RobotLink {
@@ -106,18 +107,18 @@ impl RobotLink {
     ///
     /// # Errors
     /// If the shipped EthernetKRL files do not fit, or the system cannot start a thread.
-    pub fn start(address: Address, limits: LinkLimits, pace: Pace) -> Result<Self, StartError> {
+    pub fn start(address: Address, limits: LinkLimits, pace: ClockMode) -> Result<Self, StartError> {
         let read = |file, text| ChannelFile::parse(text).map_err(|error| StartError::Channel { file, error });
         let wire = Wire::new(&read("CELLCMD.xml", CELLCMD)?, &read("CELLSTAT.xml", CELLSTAT)?)?;
         let session = Session::new(wire, limits, pace);
         let (orders, taken) = mpsc::unbounded_channel();
         let reports = Arc::new(ReportQueue::default());
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
-        let (sign, watched) = supervised("robot link", HEARTBEAT_TIMEOUT);
-        let link = run::Link::new(address, session, pace, (taken, reports.clone()), sign);
+        let (sign, watched) = supervise("robot link", HEARTBEAT_TIMEOUT);
+        let link = run::LinkLoop::new(address, session, pace, (taken, reports.clone()), sign);
         let thread = std::thread::Builder::new().name("robot link".to_owned());
         let thread = thread.spawn(move || {
-            if pace == Pace::Wall {
+            if pace == ClockMode::Wall {
                 raise_priority();
             }
             runtime.block_on(link.run());
@@ -126,7 +127,7 @@ impl RobotLink {
     }
 
     /// Returns the link's thread for its supervisor.
-    pub fn watched(&self) -> Watched {
+    pub fn supervision_handle(&self) -> WatchedThread {
         self.watched.clone()
     }
 
@@ -145,7 +146,7 @@ impl RobotLink {
     /// # Errors
     /// If there is no controller, no open epoch, or the command cannot be executed.
     pub async fn send(&self, command: Command) -> Result<CommandId, QueueError> {
-        self.ask(|reply| LinkRequest::Queue(command, reply)).await
+        self.send_request(|reply| LinkRequest::Queue(command, reply)).await
     }
 
     /// Queues a whole path, in the active base, and returns the id of its last point.
@@ -153,7 +154,7 @@ impl RobotLink {
     /// # Errors
     /// As [`RobotLink::send`]; one bad point refuses all points.
     pub async fn send_path(&self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
-        self.ask(|reply| LinkRequest::QueuePath(points, reply)).await
+        self.send_request(|reply| LinkRequest::QueuePath(points, reply)).await
     }
 
     /// Queues a whole path, but sends only the first `permitted` points until more points are permitted.
@@ -161,15 +162,15 @@ impl RobotLink {
     /// # Errors
     /// As [`RobotLink::send_path`].
     pub async fn send_path_within(&self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
-        self.ask(|reply| LinkRequest::QueuePathWithin(points, permitted, reply)).await
+        self.send_request(|reply| LinkRequest::QueuePathWithin(points, permitted, reply)).await
     }
 
     /// Permits commands up to this one to be sent, or all if it is `None`.
     ///
     /// # Errors
     /// If no epoch is open.
-    pub async fn permit(&self, last: Option<CommandId>) -> Result<(), QueueError> {
-        self.ask(|reply| LinkRequest::Permit(last, reply)).await
+    pub async fn permit_commands(&self, last: Option<CommandId>) -> Result<(), QueueError> {
+        self.send_request(|reply| LinkRequest::Permit(last, reply)).await
     }
 
     /// Requests a new epoch; [`Report::EpochOpened`] follows. Nothing moves.
@@ -185,7 +186,7 @@ impl RobotLink {
     /// # Errors
     /// As [`RobotLink::open_epoch`].
     pub async fn open_epoch_above(&self, above: Epoch) -> Result<Epoch, QueueError> {
-        self.ask(|reply| LinkRequest::OpenEpoch(above, reply)).await
+        self.send_request(|reply| LinkRequest::OpenEpoch(above, reply)).await
     }
 
     /// Ends the epoch; [`Report::Standstill`] follows.
@@ -193,7 +194,7 @@ impl RobotLink {
     /// # Errors
     /// If no controller has answered yet.
     pub async fn abort(&self) -> Result<(), QueueError> {
-        self.ask(LinkRequest::Abort).await
+        self.send_request(LinkRequest::Abort).await
     }
 
     /// Returns the next report. If this future is dropped while it waits, no report is lost. In lock step the
@@ -202,8 +203,10 @@ impl RobotLink {
         loop {
             match self.reports.pop() {
                 Ok(report) => return report,
-                Err(queue::Empty { closed: true, .. }) => std::future::pending().await,
-                Err(queue::Empty { told, .. }) if self.pace == Pace::LockStep && self.granted != Some(told) => {
+                Err(queue::NoReport { closed: true, .. }) => std::future::pending().await,
+                Err(queue::NoReport { told, .. })
+                    if self.pace == ClockMode::LockStep && self.granted != Some(told) =>
+                {
                     self.granted = Some(told);
                     #[expect(
                         clippy::let_underscore_must_use,
@@ -217,7 +220,7 @@ impl RobotLink {
         }
     }
 
-    async fn ask<T>(
+    async fn send_request<T>(
         &self,
         order: impl FnOnce(oneshot::Sender<Result<T, QueueError>>) -> LinkRequest,
     ) -> Result<T, QueueError> {

@@ -26,7 +26,7 @@ struct Inside {
 
 /// The result if no report is waiting.
 #[derive(Debug)]
-pub(super) struct Empty {
+pub(super) struct NoReport {
     /// Number of reports so far.
     pub told: u64,
     /// No more reports will come.
@@ -59,15 +59,15 @@ impl ReportQueue {
         self.changed.notify_one();
     }
 
-    pub(super) fn pop(&self) -> Result<Report, Empty> {
+    pub(super) fn pop(&self) -> Result<Report, NoReport> {
         let mut inside = self.lock();
         // The reader is alive at this moment, so that the time of the next report counts from here.
         inside.unread_since = (inside.waiting.len() > 1).then(Instant::now);
-        inside.waiting.pop_front().ok_or(Empty { told: inside.told, closed: inside.closed })
+        inside.waiting.pop_front().ok_or(NoReport { told: inside.told, closed: inside.closed })
     }
 
     /// Records that the program was active by sending a request: reports then count as unread from now on only.
-    pub(super) fn attended(&self) {
+    pub(super) fn mark_active(&self) {
         let mut inside = self.lock();
         inside.unread_since = inside.unread_since.map(|_| Instant::now());
     }

@@ -1,11 +1,11 @@
 //! The link's thread: connects, moves bytes between sockets and session, performs requests, lets virtual time pass.
 
 use super::address::Address;
-use super::connect::{connect, failed};
+use super::connect::{connect, system_loss};
 use super::order::LinkRequest;
 use super::queue::ReportQueue;
-use crate::eki::{Channel, LinkLoss, Pace, Report, Session, StopCause, Time};
-use crate::supervision::Supervised;
+use crate::eki::{Channel, ClockMode, LinkLoss, Report, Session, StopCause, Time};
+use crate::supervision::SupervisedThread;
 use std::io::{Error as IoError, ErrorKind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -27,49 +27,49 @@ const REPORT_READ_TIMEOUT: Duration = Duration::from_secs(1);
 /// Interval at which the thread signals that it works, if nothing else happens.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(500);
 
-pub(super) struct Link {
+pub(super) struct LinkLoop {
     address: Address,
     session: Session,
-    pace: Pace,
+    pace: ClockMode,
     orders: mpsc::UnboundedReceiver<LinkRequest>,
     reports: Arc<ReportQueue>,
     started: Instant,
     /// The controller's time as last received; in lock step only.
     virtual_now: Time,
     /// The loss that was reported; stored until a controller answers.
-    told_loss: Option<LinkLoss>,
-    sign: Supervised,
+    reported_loss: Option<LinkLoss>,
+    sign: SupervisedThread,
 }
 
 /// No sender of orders is left.
-struct Deserted;
+struct NoSenders;
 
 /// Two connections and the bytes that are still to be written to them.
-struct Streams {
+struct LinkStreams {
     command: TcpStream,
     state: TcpStream,
     command_out: Vec<u8>,
     state_out: Vec<u8>,
 }
 
-impl Drop for Link {
+impl Drop for LinkLoop {
     fn drop(&mut self) {
         self.reports.close();
         if !std::thread::panicking() {
-            self.sign.done();
+            self.sign.report_done();
         }
     }
 }
 
-impl Link {
+impl LinkLoop {
     pub(super) fn new(
         address: Address,
         session: Session,
-        pace: Pace,
+        pace: ClockMode,
         (orders, reports): (mpsc::UnboundedReceiver<LinkRequest>, Arc<ReportQueue>),
-        sign: Supervised,
+        sign: SupervisedThread,
     ) -> Self {
-        Link {
+        LinkLoop {
             address,
             session,
             pace,
@@ -77,7 +77,7 @@ impl Link {
             reports,
             started: Instant::now(),
             virtual_now: Time::default(),
-            told_loss: None,
+            reported_loss: None,
             sign,
         }
     }
@@ -87,25 +87,25 @@ impl Link {
         let mut pause = MIN_RECONNECT_DELAY;
         loop {
             let address = self.address.clone();
-            match self.meanwhile(connect(&address)).await {
-                Err(Deserted) => return,
+            match self.run_beside_requests(connect(&address)).await {
+                Err(NoSenders) => return,
                 Ok(Err(why)) => {
                     self.session.disconnected(why);
                     self.publish();
                 }
                 Ok(Ok((command, state))) => {
                     let (command_out, state_out) = (Vec::new(), Vec::new());
-                    let mut streams = Streams { command, state, command_out, state_out };
+                    let mut streams = LinkStreams { command, state, command_out, state_out };
                     self.session.connected(self.now());
                     let served = self.serve(&mut streams).await;
-                    self.farewell(&mut streams).await;
+                    self.send_pending_abort(&mut streams).await;
                     self.publish();
-                    if let Err(Deserted) = served {
+                    if let Err(NoSenders) = served {
                         return;
                     }
                     // Only a controller that answered resets the delay. One that accepts and closes connections would
                     // otherwise be tried ten times a second.
-                    if self.told_loss.is_none() {
+                    if self.reported_loss.is_none() {
                         pause = MIN_RECONNECT_DELAY;
                     }
                 }
@@ -113,7 +113,7 @@ impl Link {
             // An additional random delay of up to a quarter, so that not all clients connect at the same time to a
             // controller that comes back.
             let jitter = pause * (self.started.elapsed().subsec_nanos() % 256) / 1024;
-            if let Err(Deserted) = self.meanwhile(tokio::time::sleep(pause + jitter)).await {
+            if let Err(NoSenders) = self.run_beside_requests(tokio::time::sleep(pause + jitter)).await {
                 return;
             }
             pause = (2 * pause).min(MAX_RECONNECT_DELAY);
@@ -121,25 +121,25 @@ impl Link {
     }
 
     /// Awaits this work and continues to answer requests meanwhile.
-    async fn meanwhile<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Deserted> {
+    async fn run_beside_requests<T>(&mut self, work: impl Future<Output = T>) -> Result<T, NoSenders> {
         tokio::pin!(work);
         loop {
-            self.sign.works();
+            self.sign.report_working();
             tokio::select! {
                 result = &mut work => return Ok(result),
                 () = tokio::time::sleep(HEARTBEAT_INTERVAL) => {}
-                order = self.orders.recv() => self.obey(order.ok_or(Deserted)?),
+                order = self.orders.recv() => self.handle_request(order.ok_or(NoSenders)?),
             }
         }
     }
 
     /// Serves two connections until one of them fails or is closed.
-    async fn serve(&mut self, streams: &mut Streams) -> Result<(), Deserted> {
+    async fn serve(&mut self, streams: &mut LinkStreams) -> Result<(), NoSenders> {
         let mut heard = Instant::now();
         loop {
-            self.sign.works();
+            self.sign.report_working();
             // The heartbeats of this thread would keep an arm moving whose cycle hangs.
-            if self.pace == Pace::Wall && self.reports.unread_for() >= REPORT_READ_TIMEOUT {
+            if self.pace == ClockMode::Wall && self.reports.unread_for() >= REPORT_READ_TIMEOUT {
                 self.session.interrupt(StopCause::Unattended);
             }
             while let Some((channel, bytes)) = self.session.poll_transmit(self.now()) {
@@ -149,7 +149,7 @@ impl Link {
                         streams.state_out.extend_from_slice(&bytes);
                         // In lock step there is no message between two requests, however long a computation lasts: the
                         // controller's silence is measured from the request on.
-                        if self.pace == Pace::LockStep {
+                        if self.pace == ClockMode::LockStep {
                             heard = Instant::now();
                         }
                     }
@@ -161,7 +161,7 @@ impl Link {
             }
             // In lock step acknowledgements are read together with the state that follows them, so that the speed
             // of the machine has no influence.
-            let reads_command = self.pace == Pace::Wall;
+            let reads_command = self.pace == ClockMode::Wall;
             let deadline = self.deadline(heard);
             let step = tokio::select! {
                 // In this order: a stop from the caller first, then the state channel, then commands. With a random
@@ -171,23 +171,23 @@ impl Link {
                     let Some(order) = order else {
                         #[expect(clippy::let_underscore_must_use, reason = "refused only where nothing was sent")]
                         let _ = self.session.abort();
-                        return Err(Deserted);
+                        return Err(NoSenders);
                     };
-                    self.obey(order);
+                    self.handle_request(order);
                     Ok(())
                 }
                 ready = streams.state.writable(), if !streams.state_out.is_empty() => {
-                    ready.and_then(|()| write(&streams.state, &mut streams.state_out)).map_err(|error| failed(Channel::State, &error))
+                    ready.and_then(|()| write(&streams.state, &mut streams.state_out)).map_err(|error| system_loss(Channel::State, &error))
                 }
                 ready = streams.state.readable() => {
                     heard = Instant::now();
-                    ready.map_err(|error| failed(Channel::State, &error)).and_then(|()| self.read(streams))
+                    ready.map_err(|error| system_loss(Channel::State, &error)).and_then(|()| self.read(streams))
                 }
                 ready = streams.command.writable(), if !streams.command_out.is_empty() => {
-                    ready.and_then(|()| write(&streams.command, &mut streams.command_out)).map_err(|error| failed(Channel::Command, &error))
+                    ready.and_then(|()| write(&streams.command, &mut streams.command_out)).map_err(|error| system_loss(Channel::Command, &error))
                 }
                 ready = streams.command.readable(), if reads_command => {
-                    ready.map_err(|error| failed(Channel::Command, &error)).and_then(|()| self.read_acks(&streams.command))
+                    ready.map_err(|error| system_loss(Channel::Command, &error)).and_then(|()| self.receive_acks(&streams.command))
                 }
                 () = tokio::time::sleep_until(deadline.into()) => self.time_passed(heard),
                 // Nothing happens, and the thread signals that it works.
@@ -201,10 +201,10 @@ impl Link {
 
     fn deadline(&self, heard: Instant) -> Instant {
         match self.pace {
-            Pace::LockStep if self.session.awaits_answer() => heard + LOCK_STEP_TIMEOUT,
+            ClockMode::LockStep if self.session.awaits_answer() => heard + LOCK_STEP_TIMEOUT,
             // No deadline is due before the next request; the sleep only needs some end.
-            Pace::LockStep => Instant::now() + LOCK_STEP_TIMEOUT,
-            Pace::Wall => {
+            ClockMode::LockStep => Instant::now() + LOCK_STEP_TIMEOUT,
+            ClockMode::Wall => {
                 let due = self.session.deadline().map_or(MAX_RECONNECT_DELAY, Time::since_start);
                 self.started + due
             }
@@ -214,7 +214,7 @@ impl Link {
     fn time_passed(&mut self, heard: Instant) -> Result<(), LinkLoss> {
         self.session.time_passed(self.now());
         let silence = heard.elapsed();
-        if self.pace == Pace::LockStep && self.session.awaits_answer() && silence >= LOCK_STEP_TIMEOUT {
+        if self.pace == ClockMode::LockStep && self.session.awaits_answer() && silence >= LOCK_STEP_TIMEOUT {
             let silence_ms = silence.as_millis() as u64;
             return Err(LinkLoss::Silent { channel: Channel::State, silence_ms });
         }
@@ -222,18 +222,18 @@ impl Link {
     }
 
     /// Reads from the state channel; in lock step first from the command channel.
-    fn read(&mut self, streams: &Streams) -> Result<(), LinkLoss> {
+    fn read(&mut self, streams: &LinkStreams) -> Result<(), LinkLoss> {
         let mut bytes = [0; 16 * 1024];
         let count = read_available(Channel::State, &streams.state, &mut bytes)?;
-        if self.pace == Pace::LockStep {
-            self.read_acks(&streams.command)?;
+        if self.pace == ClockMode::LockStep {
+            self.receive_acks(&streams.command)?;
         }
         let now = self.now();
         self.session.push_state_bytes(&bytes[..count], now);
         Ok(())
     }
 
-    fn read_acks(&mut self, stream: &TcpStream) -> Result<(), LinkLoss> {
+    fn receive_acks(&mut self, stream: &TcpStream) -> Result<(), LinkLoss> {
         let mut bytes = [0; 16 * 1024];
         loop {
             let count = read_available(Channel::Command, stream, &mut bytes)?;
@@ -245,8 +245,8 @@ impl Link {
         }
     }
 
-    fn obey(&mut self, order: LinkRequest) {
-        self.reports.attended();
+    fn handle_request(&mut self, order: LinkRequest) {
+        self.reports.mark_active();
         // If the caller no longer waits for the answer, sending the answer fails, which has no consequence.
         match order {
             LinkRequest::Queue(command, reply) => drop(reply.send(self.session.queue(command))),
@@ -254,9 +254,9 @@ impl Link {
             LinkRequest::QueuePathWithin(points, permitted, reply) => {
                 drop(reply.send(self.session.queue_path_within(&points, permitted)));
             }
-            LinkRequest::Permit(last, reply) => drop(reply.send(self.session.permit(last))),
+            LinkRequest::Permit(last, reply) => drop(reply.send(self.session.permit_commands(last))),
             LinkRequest::OpenEpoch(above, reply) => drop(reply.send(self.session.open_epoch_above(above))),
-            LinkRequest::Line(bits) => self.session.tell_line(bits),
+            LinkRequest::Line(bits) => self.session.set_line_signals(bits),
             LinkRequest::Abort(reply) => drop(reply.send(self.session.abort())),
             // Without a connection the controller has stopped by itself.
             LinkRequest::Stop => self.session.stop_now(),
@@ -273,35 +273,37 @@ impl Link {
     /// Hands over the session's reports. In lock step all reports of one answer are handed over at once. A caller
     /// that reacts to the first of these reports does so before any more time passes.
     fn publish(&mut self) {
-        if self.pace == Pace::LockStep && self.session.awaits_answer() {
+        if self.pace == ClockMode::LockStep && self.session.awaits_answer() {
             return;
         }
         while let Some(report) = self.session.poll_report() {
             match &report {
-                Report::LinkLost { why } if self.told_loss.as_ref().is_some_and(|told| is_same(told, why)) => {
+                Report::LinkLost { why }
+                    if self.reported_loss.as_ref().is_some_and(|told| is_same_loss(told, why)) =>
+                {
                     continue;
                 }
-                Report::LinkLost { why } => self.told_loss = Some(why.clone()),
+                Report::LinkLost { why } => self.reported_loss = Some(why.clone()),
                 Report::Connected { state } => {
-                    self.told_loss = None;
-                    self.virtual_now = Time::at_ms(u64::from(state.time_ms));
+                    self.reported_loss = None;
+                    self.virtual_now = Time::from_ms(u64::from(state.time_ms));
                 }
-                Report::State(state) => self.virtual_now = Time::at_ms(u64::from(state.time_ms)),
+                Report::State(state) => self.virtual_now = Time::from_ms(u64::from(state.time_ms)),
                 _ => {}
             }
-            self.reports.add(report, self.pace == Pace::Wall);
+            self.reports.add(report, self.pace == ClockMode::Wall);
         }
     }
 
     fn now(&self) -> Time {
         match self.pace {
-            Pace::Wall => Time::after_start(self.started.elapsed()),
-            Pace::LockStep => self.virtual_now,
+            ClockMode::Wall => Time::from_start(self.started.elapsed()),
+            ClockMode::LockStep => self.virtual_now,
         }
     }
 
     /// Sends a pending abort before the connections close.
-    async fn farewell(&mut self, streams: &mut Streams) {
+    async fn send_pending_abort(&mut self, streams: &mut LinkStreams) {
         while let Some((channel, bytes)) = self.session.poll_transmit(self.now()) {
             if channel == Channel::State {
                 streams.state_out.extend_from_slice(&bytes);
@@ -328,7 +330,7 @@ fn read_available(channel: Channel, stream: &TcpStream, bytes: &mut [u8]) -> Res
         Ok(0) => Err(LinkLoss::Closed { channel }),
         Ok(count) => Ok(count),
         Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(0),
-        Err(error) => Err(failed(channel, &error)),
+        Err(error) => Err(system_loss(channel, &error)),
     }
 }
 
@@ -344,6 +346,6 @@ fn write(stream: &TcpStream, bytes: &mut Vec<u8>) -> Result<(), IoError> {
 }
 
 /// Returns whether two losses have the same cause, so that the cause is reported once.
-fn is_same(one: &LinkLoss, other: &LinkLoss) -> bool {
+fn is_same_loss(one: &LinkLoss, other: &LinkLoss) -> bool {
     std::mem::discriminant(one) == std::mem::discriminant(other)
 }

@@ -3,8 +3,8 @@
 use super::*;
 use crate::devices::mock::{self, MockServer};
 use crate::eki::{
-    CELLCMD, CELLSTAT, Channel, Command, CommandId, LinkLimits, LinkLoss, MoveJ, MoveLin, Pace, QueueError, Report,
-    SetAccSpeed, SetTcp, TcpKind,
+    CELLCMD, CELLSTAT, Channel, ClockMode, Command, CommandId, LinkLimits, LinkLoss, MoveJ, MoveLin, QueueError,
+    Report, SetAccSpeed, SetTcp, TcpKind,
 };
 use crate::geometry::{Base, Flange, Joints, KukaPose, Tool};
 use std::io::Write;
@@ -21,7 +21,7 @@ fn listener() -> TcpListener {
 }
 
 fn first_loss(address: Address) -> LinkLoss {
-    let mut link = BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts");
+    let mut link = BlockingLink::start(address, LinkLimits::default(), ClockMode::Wall).expect("starts");
     let report = link.next(Duration::from_secs(5));
     assert_eq!(link.open_epoch(), Err(QueueError::NotConnected));
     let Some(Report::LinkLost { why }) = report else { panic!("{report:?}") };
@@ -58,20 +58,20 @@ fn a_controller_that_hangs_up_before_a_word_has_another_client() {
 }
 
 fn first_loss_of_any(address: Address) -> LinkLoss {
-    let mut link = BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts");
+    let mut link = BlockingLink::start(address, LinkLimits::default(), ClockMode::Wall).expect("starts");
     let report = link.next(Duration::from_secs(5));
     let Some(Report::LinkLost { why }) = report else { panic!("{report:?}") };
     why
 }
 
 /// Starts a controller with this time base, and the link to it.
-fn cell(pace: Pace) -> (MockServer, BlockingLink) {
+fn cell(pace: ClockMode) -> (MockServer, BlockingLink) {
     let [commands, states] =
         [CELLCMD, CELLSTAT].map(|text| mock::ChannelFile::parse(text).expect("a shipped file"));
-    let clock = if pace == Pace::Wall { mock::Clock::Free } else { mock::Clock::LockStep };
+    let clock = if pace == ClockMode::Wall { mock::Clock::Free } else { mock::Clock::LockStep };
     let setup = mock::Setup { clock, ..mock::Setup::new(commands, states) };
-    let controller = mock::Controller::new(setup, Box::new(mock::Unwired)).expect("fits");
-    let server = MockServer::start(controller, mock::Ports::free()).expect("starts");
+    let controller = mock::Controller::new(setup, Box::new(mock::UnconnectedWorld)).expect("fits");
+    let server = MockServer::start(controller, mock::Ports::free_ports()).expect("starts");
     let address = Address {
         host: "127.0.0.1".to_owned(),
         command_port: server.command_address().port(),
@@ -95,7 +95,7 @@ fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
 }
 
 /// Sets base and tool at the arm's position and moves the arm once around a circle with a radius of 40 mm.
-fn circle(pace: Pace, points: usize, speed_m_s: f64) -> (Vec<mock::Executed>, i32, Vec<CommandId>) {
+fn circle(pace: ClockMode, points: usize, speed_m_s: f64) -> (Vec<mock::ExecutedMotion>, i32, Vec<CommandId>) {
     let (server, mut link) = cell(pace);
     let state = wait(&mut link, |report| match report {
         Report::Connected { state } => Some(**state),
@@ -128,14 +128,16 @@ fn circle(pace: Pace, points: usize, speed_m_s: f64) -> (Vec<mock::Executed>, i3
             other => panic!("unexpected: {other:?}"),
         }
     }
-    server.handle().with(|controller| (controller.executed().to_vec(), controller.underruns(), progress))
+    server.handle().with_controller(|controller| {
+        (controller.executed_motions().to_vec(), controller.underrun_count(), progress)
+    })
 }
 
 /// The pause is longer than a controller may be silent: during a computation no time passes, and nothing is requested
 /// from the controller.
 #[test]
 fn a_pause_between_two_questions_is_no_silence_in_lock_step() {
-    let (_server, mut link) = cell(Pace::LockStep);
+    let (_server, mut link) = cell(ClockMode::LockStep);
     let mut heard = |count: usize| {
         (0..count).for_each(|_| {
             let report = link.next(Duration::from_secs(30));
@@ -151,7 +153,7 @@ fn a_pause_between_two_questions_is_no_silence_in_lock_step() {
 /// acknowledged once.
 #[test]
 fn five_hundred_points_are_executed_once_in_lock_step() {
-    let (executed, underruns, progress) = circle(Pace::LockStep, 500, 0.04);
+    let (executed, underruns, progress) = circle(ClockMode::LockStep, 500, 0.04);
     let ids: Vec<i32> = executed.iter().map(|step| step.id).collect();
     assert_eq!(ids, (4..=503).collect::<Vec<i32>>());
     assert_eq!(underruns, 0);
@@ -161,20 +163,20 @@ fn five_hundred_points_are_executed_once_in_lock_step() {
     let took_ms = executed[499].time_ms - executed[0].time_ms;
     assert!((6_200..6_500).contains(&took_ms), "{took_ms} ms");
     // In virtual time a second run is equal to the bit, whatever the machine does.
-    assert_eq!(circle(Pace::LockStep, 500, 0.04).0, executed);
+    assert_eq!(circle(ClockMode::LockStep, 500, 0.04).0, executed);
 }
 
 /// A circle on the wall clock: 63 points of 4 mm at 200 mm/s are 1.3 s, with heartbeats and watchdog by deadline.
 #[test]
 fn a_path_runs_on_the_wall_clock() {
-    let (executed, underruns, progress) = circle(Pace::Wall, 63, 0.2);
+    let (executed, underruns, progress) = circle(ClockMode::Wall, 63, 0.2);
     assert_eq!(executed.iter().map(|step| step.id).collect::<Vec<i32>>(), (4..=66).collect::<Vec<i32>>());
     assert_eq!((underruns, progress.last()), (0, Some(&CommandId(66))));
 }
 
 #[test]
 fn an_abort_on_the_way_ends_in_standstill() {
-    let (server, mut link) = cell(Pace::LockStep);
+    let (server, mut link) = cell(ClockMode::LockStep);
     wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
     link.open_epoch().expect("connected");
     wait(&mut link, |report| matches!(report, Report::EpochOpened { .. }).then_some(()));
@@ -190,8 +192,8 @@ fn an_abort_on_the_way_ends_in_standstill() {
         _ => None,
     });
     assert_eq!(done, CommandId(0));
-    server.handle().with(|controller| {
-        assert!(controller.executed().is_empty() && !controller.is_moving());
+    server.handle().with_controller(|controller| {
+        assert!(controller.executed_motions().is_empty() && !controller.is_moving());
         assert!(controller.joints().a1_deg.abs() > 0.1, "it had begun");
     });
 }
@@ -199,7 +201,7 @@ fn an_abort_on_the_way_ends_in_standstill() {
 /// The controller's programs restart with a path queued: the link connects again by itself and nothing moves.
 #[test]
 fn a_link_that_comes_back_moves_nothing() {
-    let (server, mut link) = cell(Pace::LockStep);
+    let (server, mut link) = cell(ClockMode::LockStep);
     wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
     link.open_epoch().expect("connected");
     wait(&mut link, |report| matches!(report, Report::EpochOpened { .. }).then_some(()));
@@ -207,7 +209,7 @@ fn a_link_that_comes_back_moves_nothing() {
     for _ in 0..3 {
         link.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: 20.0 })).expect("good");
     }
-    server.handle().with(|controller| controller.disconnect(mock::Channel::Command));
+    server.handle().with_controller(|controller| controller.disconnect(mock::Channel::Command));
     // Each channel has its own socket: the state channel may report the stop before the command channel's end is
     // detected.
     wait(&mut link, |report| matches!(report, Report::LinkLost { .. } | Report::Interrupted { .. }).then_some(()));
@@ -216,7 +218,9 @@ fn a_link_that_comes_back_moves_nothing() {
     for _ in 0..20 {
         wait(&mut link, |report| matches!(report, Report::State(_)).then_some(()));
     }
-    server.handle().with(|controller| assert!(controller.executed().is_empty() && !controller.is_moving()));
+    server
+        .handle()
+        .with_controller(|controller| assert!(controller.executed_motions().is_empty() && !controller.is_moving()));
     assert_eq!(link.send(Command::CallSubroutine { index: 0 }), Err(QueueError::NoEpoch));
 }
 
@@ -245,7 +249,7 @@ fn an_abort_to_a_peer_that_does_not_read_ends_the_link() {
             std::thread::sleep(Duration::from_millis(20));
         }
     });
-    let mut link = BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts");
+    let mut link = BlockingLink::start(address, LinkLimits::default(), ClockMode::Wall).expect("starts");
     let wait = |link: &mut BlockingLink, found: &dyn Fn(&Report) -> bool| loop {
         let report = link.next(Duration::from_secs(5)).expect("something is told");
         if found(&report) {

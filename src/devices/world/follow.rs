@@ -9,9 +9,9 @@
 //! the path are therefore cut by at most the distance that the arm moves in 100 ms, a few millimetres under a disc of
 //! 20 mm and more. If messages were late, nothing is interpolated: only the reported positions count.
 
-use super::simulated_world::{Moment, SimulatedWorld};
+use super::simulated_world::{RobotMoment, SimulatedWorld};
 use crate::cell::{Cell, Output};
-use crate::devices::mock::Sample;
+use crate::devices::mock::ContactSample;
 use crate::eki::State;
 use crate::geometry::{Base, Flange, Rigid, Tool};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -27,7 +27,7 @@ const STEP_MM: f64 = 1.0;
 pub struct Follower {
     world: SimulatedWorld,
     cell: Arc<Cell>,
-    told: Arc<Mutex<ReceivedStates>>,
+    received_states: Arc<Mutex<ReceivedStates>>,
 }
 
 /// What was reported.
@@ -35,7 +35,7 @@ pub struct Follower {
 struct ReceivedStates {
     last: Option<ReceivedState>,
     outputs: Vec<(u16, bool)>,
-    trace: Vec<Sample>,
+    trace: Vec<ContactSample>,
 }
 
 /// A message, its time of arrival, and an offset that makes its time count from the start of the first controller: a
@@ -68,16 +68,16 @@ impl ReceivedState {
 impl Follower {
     /// Creates a follower: this world then follows the controller of this cell.
     pub fn new(world: SimulatedWorld, cell: &Cell) -> Self {
-        Follower { world, cell: Arc::new(cell.clone()), told: Arc::default() }
+        Follower { world, cell: Arc::new(cell.clone()), received_states: Arc::default() }
     }
 
     /// Returns whether the state is from a mock controller. A simulated camera must never follow a real arm.
-    pub fn may_follow(state: &State) -> bool {
-        state.is_of_mock()
+    pub fn is_simulated_controller(state: &State) -> bool {
+        state.is_simulated()
     }
 
     /// Processes a state message of the controller.
-    pub fn on_state(&self, state: &State) {
+    pub fn process_state(&self, state: &State) {
         let outputs = {
             let mut told = self.lock();
             let before_ms = match told.last {
@@ -88,7 +88,7 @@ impl Follower {
             let heard = ReceivedState { state: *state, at: Instant::now(), before_ms };
             let changed = self.changed(&mut told.outputs, state);
             if self.tool_is_on(state) {
-                let way = told.last.map_or(vec![], |last| way(&last, &heard, self.tool_is_on(&last.state)));
+                let way = told.last.map_or(vec![], |last| swept_poses(&last, &heard, self.tool_is_on(&last.state)));
                 told.trace.extend(way);
             }
             let earliest_ms = heard.time_ms().saturating_sub(STRAIGHT_MS);
@@ -102,8 +102,8 @@ impl Follower {
 
     /// Returns the outputs that differ from the previous report.
     fn changed(&self, known: &mut Vec<(u16, bool)>, state: &State) -> Vec<(u16, bool)> {
-        let io = self.cell.io();
-        let numbers = io.outputs_in(state.outputs);
+        let io = self.cell.inputs_outputs();
+        let numbers = io.decode_outputs(state.outputs);
         let now: Vec<(u16, bool)> =
             numbers.into_iter().filter_map(|(name, on)| Some((*io.outputs().get(name)?, on))).collect();
         let before = std::mem::replace(known, now.clone());
@@ -113,13 +113,17 @@ impl Follower {
 
     fn tool_is_on(&self, state: &State) -> bool {
         let name = Output::Tool.name();
-        self.cell.io().outputs_in(state.outputs).into_iter().any(|(output, on)| output == name && on)
+        self.cell
+            .inputs_outputs()
+            .decode_outputs(state.outputs)
+            .into_iter()
+            .any(|(output, on)| output == name && on)
     }
 
     /// Returns the present state of the arm; `None` before the first message.
-    pub fn moment(&self) -> Option<Moment> {
+    pub fn current_moment(&self) -> Option<RobotMoment> {
         let told = self.lock().last?;
-        Some(Moment {
+        Some(RobotMoment {
             time_ms: told.now_ms(),
             joints: told.state.joints,
             base_from_flange: told.base_from_flange(),
@@ -128,18 +132,18 @@ impl Follower {
     }
 
     /// Returns the tool's positions while it ran, up to that moment.
-    pub fn trace(&self, until_ms: u64) -> Vec<Sample> {
+    pub fn trace(&self, until_ms: u64) -> Vec<ContactSample> {
         self.lock().trace.iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
     }
 
     fn lock(&self) -> MutexGuard<'_, ReceivedStates> {
-        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+        self.received_states.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// Returns the tool poses between two messages, if the tool ran.
-fn way(from: &ReceivedState, to: &ReceivedState, ran: bool) -> Vec<Sample> {
-    let sample = |base_from_tool: Rigid<Base, Tool>| Sample {
+fn swept_poses(from: &ReceivedState, to: &ReceivedState, ran: bool) -> Vec<ContactSample> {
+    let sample = |base_from_tool: Rigid<Base, Tool>| ContactSample {
         time_ms: to.time_ms(),
         base_from_flange: base_from_tool * to.state.flange_from_tool.to_rigid::<Flange, Tool>().inverse(),
         base_from_tool,
@@ -153,7 +157,7 @@ fn way(from: &ReceivedState, to: &ReceivedState, ran: bool) -> Vec<Sample> {
     (1..=steps)
         .map(|step| {
             let back = (start.origin() - end.origin()) * (1.0 - step as f64 / steps as f64);
-            sample(end.displaced(back))
+            sample(end.followed_by_displacement(back))
         })
         .collect()
 }

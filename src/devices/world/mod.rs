@@ -23,6 +23,6 @@ mod touch;
 mod water;
 
 pub use follow::Follower;
-pub use simulated_world::{Moment, SimulatedWorld, WorldError};
+pub use simulated_world::{RobotMoment, SimulatedWorld, WorldError};
 pub use state::Violation;
-pub use touch::{ContactErrors, Touched, contact_errors, step_over};
+pub use touch::{ContactErrors, TouchedPoints, contact_errors, measure_step_over};

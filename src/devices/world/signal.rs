@@ -3,12 +3,12 @@
 use crate::cell::Output;
 
 /// Delay until the device at an output follows, ms.
-struct Delays {
+struct DeviceDelays {
     on_ms: u64,
     off_ms: u64,
 }
 
-fn delays(output: Output) -> Delays {
+fn delays(output: Output) -> DeviceDelays {
     let (on_ms, off_ms) = match output {
         Output::Light => (300, 0),
         Output::Spray => (0, 200), // the valve closes slower than it opens
@@ -16,7 +16,7 @@ fn delays(output: Output) -> Delays {
         Output::Extraction => (800, 500),
         Output::Tool => (1_000, 600),
     };
-    Delays { on_ms, off_ms }
+    DeviceDelays { on_ms, off_ms }
 }
 
 /// An output and the feedback that follows it.
@@ -32,30 +32,30 @@ pub(super) struct Signal {
     /// When it changed.
     since_ms: u64,
     /// Whether the driven device was running when the output last changed.
-    ran: bool,
+    was_running: bool,
 }
 
 impl Signal {
     pub fn new(output: Output, number: u16, feedback: u16) -> Self {
-        Signal { output, number, feedback, on: false, since_ms: 0, ran: false }
+        Signal { output, number, feedback, on: false, since_ms: 0, was_running: false }
     }
 
     /// The output changes.
     pub fn switch(&mut self, on: bool, now_ms: u64) {
-        self.ran = self.runs(now_ms);
+        self.was_running = self.is_running(now_ms);
         (self.on, self.since_ms) = (on, now_ms);
     }
 
     /// Returns whether the driven device runs.
-    pub fn runs(&self, now_ms: u64) -> bool {
-        let Delays { on_ms, off_ms } = delays(self.output);
+    pub fn is_running(&self, now_ms: u64) -> bool {
+        let DeviceDelays { on_ms, off_ms } = delays(self.output);
         let follows = now_ms >= self.since_ms + if self.on { on_ms } else { off_ms };
-        if follows { self.on } else { self.ran }
+        if follows { self.on } else { self.was_running }
     }
 
     /// Returns the feedback: for the spray whether it is off, for everything else whether it runs.
     pub fn is_feedback_on(&self, now_ms: u64) -> bool {
-        self.runs(now_ms) != (self.output == Output::Spray)
+        self.is_running(now_ms) != (self.output == Output::Spray)
     }
 
     /// Returns the start-up progress of the driven device, 0…1, linear in time; when the device is switched off, the
@@ -65,7 +65,7 @@ impl Signal {
         let on_ms = delays(self.output).on_ms.max(1) as f64;
         if !self.on {
             0.0
-        } else if self.ran {
+        } else if self.was_running {
             1.0
         } else {
             (since_ms / on_ms).min(1.0)

@@ -2,18 +2,18 @@
 
 use super::line::SimulatedLine;
 use super::signal::Signal;
-use super::state::{Sanded, State, Violation};
-use super::touch::Touched;
+use super::state::{SandedArea, Violation, WorldState};
+use super::touch::TouchedPoints;
 use super::water::{film_s, seconds};
 use crate::cell::{self, Feedback, Output};
 use crate::devices::cameras::{CameraError, FlangePicture, Picture, Shot};
-use crate::devices::mock::{self, ChannelFile, Controller, Sample, Setup};
+use crate::devices::mock::{self, ChannelFile, ContactSample, Controller, Setup};
 use crate::geometry::{Base, ColorPicture, Flange, Joints, Mask, OrganizedCloud, Rigid};
-use crate::sim::{self, Film, SandedLook, Spot, Truth, WET_FROM_S};
+use crate::sim::{self, CellTruth, Film, GreasySpot, SandingStrength, WET_FROM_S};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Fraction of a spot's area that must be covered for the grease to be removed.
-const HEALED_FROM: f64 = 0.9;
+const MIN_REMOVED_SHARE: f64 = 0.9;
 /// Largest distance of an axis from its park angle at which the axis counts as parked, degrees.
 const PARKED_DEG: f64 = 0.1;
 
@@ -38,14 +38,14 @@ pub enum WorldError {
 
 /// The robot's state at one moment.
 #[derive(Debug, Clone, Copy)]
-pub struct Moment {
+pub struct RobotMoment {
     pub(super) time_ms: u64,
     pub(super) joints: Joints,
     pub(super) base_from_flange: Rigid<Base, Flange>,
     pub(super) moving: bool,
 }
 
-impl Moment {
+impl RobotMoment {
     /// Returns the time since the controller's start, ms.
     pub fn time_ms(&self) -> u64 {
         self.time_ms
@@ -58,7 +58,7 @@ impl Moment {
 
     /// Returns the controller's present state.
     pub fn from_controller(controller: &Controller) -> Self {
-        Moment {
+        RobotMoment {
             time_ms: controller.time_ms(),
             joints: controller.joints(),
             base_from_flange: controller.flange_pose(),
@@ -70,13 +70,13 @@ impl Moment {
 /// The simulated world; all clones share the same world.
 #[derive(Clone)]
 pub struct SimulatedWorld {
-    fixed: Arc<Fixed>,
-    state: Arc<Mutex<State>>,
+    fixed: Arc<FixedWorld>,
+    state: Arc<Mutex<WorldState>>,
 }
 
-struct Fixed {
+struct FixedWorld {
     cell: sim::Cell,
-    truth: Truth,
+    truth: CellTruth,
     park: Joints,
 }
 
@@ -89,17 +89,17 @@ impl SimulatedWorld {
     pub fn new(simulated: sim::Cell, cell: &cell::Cell) -> Result<Self, WorldError> {
         let signal = |output: Output| {
             let unnamed = |table, name| WorldError::Unnamed { table, name };
-            let number = cell.io().output(output).ok_or(unnamed("outputs", output.name()))?;
+            let number = cell.inputs_outputs().output(output).ok_or(unnamed("outputs", output.name()))?;
             let feedback = output.feedback();
-            let feedback = cell.io().feedback(feedback).ok_or(unnamed("feedbacks", feedback.name()))?;
+            let feedback = cell.inputs_outputs().feedback(feedback).ok_or(unnamed("feedbacks", feedback.name()))?;
             Ok(Signal::new(output, number, feedback))
         };
         let signals = Output::ALL.iter().copied().map(signal).collect::<Result<Vec<Signal>, _>>()?;
-        let park = cell.park().ok_or(WorldError::NoPark)?;
+        let park = cell.park_pose().ok_or(WorldError::NoPark)?;
         let truth = simulated.truth();
-        let mut state = State::new(signals, truth.spots.len());
-        state.tool_stands = cell.io().feedback(Feedback::ToolStands);
-        let fixed = Fixed { cell: simulated, truth, park };
+        let mut state = WorldState::new(signals, truth.spots.len());
+        state.tool_stands = cell.inputs_outputs().feedback(Feedback::ToolStands);
+        let fixed = FixedWorld { cell: simulated, truth, park };
         Ok(SimulatedWorld { fixed: Arc::new(fixed), state: Arc::new(Mutex::new(state)) })
     }
 
@@ -108,7 +108,7 @@ impl SimulatedWorld {
     /// # Errors
     /// If the cell's file does not name the line's signals.
     pub fn bring_parts(&self, parts: u32, cell: &cell::Cell) -> Result<(), WorldError> {
-        self.lock().line = Some(SimulatedLine::new(cell.io(), parts).ok_or(WorldError::NoLine)?);
+        self.lock().line = Some(SimulatedLine::new(cell.inputs_outputs(), parts).ok_or(WorldError::NoLine)?);
         Ok(())
     }
 
@@ -124,7 +124,7 @@ impl SimulatedWorld {
 
     /// Returns the mock controller's configuration in this world: inputs, outputs and the tool's output from the
     /// cell's file, in the order of their numbers.
-    pub fn setup(&self, cell: &cell::Cell, commands: ChannelFile, states: ChannelFile) -> Setup {
+    pub fn mock_setup(&self, cell: &cell::Cell, commands: ChannelFile, states: ChannelFile) -> Setup {
         let numbers = |names: &std::collections::BTreeMap<String, u16>| {
             let mut numbers: Vec<u16> = names.values().copied().collect();
             numbers.sort_unstable();
@@ -132,16 +132,18 @@ impl SimulatedWorld {
         };
         Setup {
             real_arm: self.fixed.cell.real_arm().cloned(),
-            inputs: numbers(cell.io().feedbacks()),
-            outputs: numbers(cell.io().outputs()),
-            tool_output: cell.io().output(Output::Tool),
-            off_after_ms: (cell.io().off_after_s().iter())
-                .filter_map(|(name, after_s)| Some((*cell.io().outputs().get(name)?, 1_000 * u64::from(*after_s))))
+            inputs: numbers(cell.inputs_outputs().feedbacks()),
+            outputs: numbers(cell.inputs_outputs().outputs()),
+            tool_output: cell.inputs_outputs().output(Output::Tool),
+            off_delays_ms: (cell.inputs_outputs().off_delays_s().iter())
+                .filter_map(|(name, after_s)| {
+                    Some((*cell.inputs_outputs().outputs().get(name)?, 1_000 * u64::from(*after_s)))
+                })
                 .collect(),
-            line_outputs: cell.io().line_outputs(),
+            line_outputs: cell.inputs_outputs().line_outputs(),
             // The choice of flags does not matter here: nothing in this world reads them.
             mapped_inputs: (860..)
-                .zip(cell.io().mapped_inputs().values())
+                .zip(cell.inputs_outputs().mapped_inputs().values())
                 .map(|(flag, input)| (*input, flag))
                 .collect(),
             ..Setup::new(commands, states)
@@ -154,20 +156,20 @@ impl SimulatedWorld {
     }
 
     /// Returns the ground truth, which is only for scores.
-    pub fn truth(&self) -> &Truth {
+    pub fn truth(&self) -> &CellTruth {
         &self.fixed.truth
     }
 
     /// Returns the ground truth: the spots that are still greasy as of the last wetting, so that no film holds there.
-    pub fn greasy(&self) -> Vec<Spot> {
-        self.fixed.greasy(&self.lock().healed.1)
+    pub fn greasy_spots(&self) -> Vec<GreasySpot> {
+        self.fixed.greasy_spots(&self.lock().removed_grease.1)
     }
 
     /// Returns the ground truth: for each watched wetting of this part, in order, the pixels with a broken film in
     /// its last picture.
-    pub fn broken(&self) -> Vec<Mask> {
-        let watched = self.lock().watched.clone();
-        watched.iter().map(|(_, film, film_s)| film.broken(*film_s)).collect()
+    pub fn true_breaks(&self) -> Vec<Mask> {
+        let watched = self.lock().watched_films.clone();
+        watched.iter().map(|(_, film, film_s)| film.broken_pixels(*film_s)).collect()
     }
 
     /// Returns the violations of the process rules, each with the controller's time, ms.
@@ -175,13 +177,13 @@ impl SimulatedWorld {
         self.lock().violations.clone()
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, WorldState> {
         // The lock is used even after a panic: a test that failed while it had locked the world must not be hidden by
         // a second failure here.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn violated(&self, now: &Moment, violation: Violation) {
+    fn record_violation(&self, now: &RobotMoment, violation: Violation) {
         self.lock().violations.push((now.time_ms, violation));
     }
 
@@ -189,88 +191,88 @@ impl SimulatedWorld {
     ///
     /// # Errors
     /// If the arm is not parked, or moves.
-    pub fn scan(&self, now: &Moment) -> Result<Shot, CameraError> {
-        let axis_off_deg = now.joints.farthest_deg(&self.fixed.park);
+    pub fn scan(&self, now: &RobotMoment) -> Result<Shot, CameraError> {
+        let axis_off_deg = now.joints.max_difference_deg(&self.fixed.park);
         if now.moving || axis_off_deg > PARKED_DEG {
-            self.violated(now, Violation::ArmInView);
+            self.record_violation(now, Violation::ArmInView);
             return Err(CameraError::ArmInView { axis_off_deg, moving: now.moving });
         }
         if self.lock().signal(Output::Light).on {
-            self.violated(now, Violation::LightDuring3d);
+            self.record_violation(now, Violation::LightDuring3d);
         }
         let (shot, covered) = {
             let mut state = self.lock();
             state.shots += 1;
-            (state.shots - 1, state.signal(Output::LensShutter).runs(now.time_ms))
+            (state.shots - 1, state.signal(Output::LensShutter).is_running(now.time_ms))
         };
         let cloud = self.fixed.cell.scan_at(&self.fixed.truth.base_from_panel, shot);
-        Ok(Shot { cloud: if covered { nothing_seen(cloud) } else { cloud }, time_s: seconds(now.time_ms) })
+        Ok(Shot { cloud: if covered { black_shot(cloud) } else { cloud }, time_s: seconds(now.time_ms) })
     }
 
     /// Returns the time up to which abrasion must be applied before the next picture: the time at which the water last
     /// came on; `None` if this was already done.
-    pub fn abrasion_is_due(&self) -> Option<u64> {
+    pub fn abrasion_due_until(&self) -> Option<u64> {
         let state = self.lock();
-        state.wetting.map(|wetting| wetting.on_ms).filter(|on_ms| state.healed.0 != Some(*on_ms))
+        state.wetting.map(|wetting| wetting.on_ms).filter(|on_ms| state.removed_grease.0 != Some(*on_ms))
     }
 
     /// Applies the motions of the trace. Spots that the disc covered will hold their film after the next wetting. The
     /// panel's appearance changes where the disc was since the previous wetting.
-    pub fn abrade(&self, trace: &[Sample]) {
-        let Fixed { cell, truth, .. } = &*self.fixed;
+    pub fn abrade(&self, trace: &[ContactSample]) {
+        let FixedWorld { cell, truth, .. } = &*self.fixed;
         let (disc_diameter_mm, since_ms, mut sanded) = {
             let state = self.lock();
             (state.disc_diameter_mm, state.part_since_ms, state.sanded.clone())
         };
         let from = |time_ms: u64| &trace[trace.partition_point(|sample| sample.time_ms < time_ms)..];
-        let touched = Touched::by(from(since_ms), truth, disc_diameter_mm);
-        let healed = truth.spots.iter().map(|spot| touched.share_of(spot) >= HEALED_FROM).collect();
-        let new = Touched::by(from(sanded.until_ms.max(since_ms)), truth, disc_diameter_mm);
+        let touched = TouchedPoints::reached_by_disc(from(since_ms), truth, disc_diameter_mm);
+        let healed = truth.spots.iter().map(|spot| touched.covered_share(spot) >= MIN_REMOVED_SHARE).collect();
+        let new = TouchedPoints::reached_by_disc(from(sanded.until_ms.max(since_ms)), truth, disc_diameter_mm);
         sanded.until_ms = trace.last().map_or(sanded.until_ms, |last| last.time_ms + 1);
         if !new.centres().is_empty() && disc_diameter_mm > 0.0 {
             let sanding = Arc::make_mut(&mut sanded.sanding);
-            cell.sand(sanding, new.centres(), disc_diameter_mm / 2.0, SandedLook::USUAL);
+            cell.sand(sanding, new.centres(), disc_diameter_mm / 2.0, SandingStrength::TYPICAL);
             sanded.passes += 1;
         }
         let mut state = self.lock();
-        state.healed = (state.wetting.map(|wetting| wetting.on_ms), healed);
+        state.removed_grease = (state.wetting.map(|wetting| wetting.on_ms), healed);
         state.sanded = sanded;
     }
 
     /// Returns a colour picture of the fixed camera.
-    pub fn picture(&self, now: &Moment) -> Picture {
+    pub fn picture(&self, now: &RobotMoment) -> Picture {
         let (wetting, light) = {
             let state = self.lock();
-            let covered = state.signal(Output::LensShutter).runs(now.time_ms);
+            let covered = state.signal(Output::LensShutter).is_running(now.time_ms);
             let light = if covered { 0.0 } else { state.signal(Output::Light).share(now.time_ms) };
             (state.wetting, light)
         };
         let (film, film_s) = (self.film(), film_s(wetting, now.time_ms));
         if let Some(wetting) = wetting.filter(|_| film_s >= WET_FROM_S) {
             let mut state = self.lock();
-            state.watched.pop_if(|(on_ms, ..)| *on_ms == wetting.on_ms);
-            state.watched.push((wetting.on_ms, film.clone(), film_s));
+            state.watched_films.pop_if(|(on_ms, ..)| *on_ms == wetting.on_ms);
+            state.watched_films.push((wetting.on_ms, film.clone(), film_s));
         }
         let mut picture = film.picture(film_s);
-        dim(&mut picture, light);
+        dim_picture(&mut picture, light);
         Picture { picture, time_s: seconds(now.time_ms) }
     }
 
     /// Returns the film for the spots that are greasy now and for the panel's present appearance; computes it only if
     /// these have changed. The world is not locked during the computation: a controller must not wait for it.
     fn film(&self) -> Arc<Film> {
-        let (healed, Sanded { sanding, passes, .. }, last) = {
+        let (healed, SandedArea { sanding, passes, .. }, last) = {
             let state = self.lock();
-            (state.healed.1.clone(), state.sanded.clone(), state.film.clone())
+            (state.removed_grease.1.clone(), state.sanded.clone(), state.film.clone())
         };
         let of = (healed, passes);
         if let Some((_, film)) = last.filter(|(known, _)| *known == of) {
             return film;
         }
-        let greasy = self.fixed.greasy(&of.0);
+        let greasy = self.fixed.greasy_spots(&of.0);
         let film = Arc::new(match passes {
-            0 => self.fixed.cell.film_of(&greasy),
-            _ => self.fixed.cell.film_sanded(&greasy, &sanding, passes),
+            0 => self.fixed.cell.film_with_spots(&greasy),
+            _ => self.fixed.cell.sanded_film(&greasy, &sanding, passes),
         });
         self.lock().film = Some((of, film.clone()));
         film
@@ -280,22 +282,22 @@ impl SimulatedWorld {
     ///
     /// # Errors
     /// If the arm moves.
-    pub fn flange_picture(&self, now: &Moment) -> Result<FlangePicture, CameraError> {
+    pub fn flange_picture(&self, now: &RobotMoment) -> Result<FlangePicture, CameraError> {
         if now.moving {
-            self.violated(now, Violation::ArmMoves);
+            self.record_violation(now, Violation::ArmMoves);
             return Err(CameraError::ArmMoves);
         }
-        let Fixed { cell, truth, .. } = &*self.fixed;
+        let FixedWorld { cell, truth, .. } = &*self.fixed;
         let mut picture = cell.flange_picture_at(&now.base_from_flange, &truth.base_from_panel);
-        if self.lock().signal(Output::LensShutter).runs(now.time_ms) {
-            dim(&mut picture, 0.0);
+        if self.lock().signal(Output::LensShutter).is_running(now.time_ms) {
+            dim_picture(&mut picture, 0.0);
         }
         Ok(FlangePicture { picture, base_from_flange: Some(now.base_from_flange), time_s: seconds(now.time_ms) })
     }
 }
 
-impl Fixed {
-    fn greasy(&self, healed: &[bool]) -> Vec<Spot> {
+impl FixedWorld {
+    fn greasy_spots(&self, healed: &[bool]) -> Vec<GreasySpot> {
         let left = self.cell.spots().iter().zip(healed).filter(|(_, healed)| !**healed);
         left.map(|(spot, _)| spot.clone()).collect()
     }
@@ -306,7 +308,7 @@ struct Terminals(SimulatedWorld);
 
 impl mock::World for Terminals {
     fn on_output(&mut self, number: u16, value: bool, time_ms: u64) {
-        self.0.lock().on_output(number, value, time_ms);
+        self.0.lock().process_output(number, value, time_ms);
     }
 
     fn input(&self, number: u16, time_ms: u64) -> Option<bool> {
@@ -315,14 +317,14 @@ impl mock::World for Terminals {
 }
 
 /// Scales the picture's brightness by this fraction of the light, 0…1.
-fn dim(picture: &mut ColorPicture, light: f64) {
+fn dim_picture(picture: &mut ColorPicture, light: f64) {
     if light < 1.0 {
         picture.rgb.as_flattened_mut().iter_mut().for_each(|gray| *gray = (f64::from(*gray) * light) as u8);
     }
 }
 
 /// Returns the shot through a closed lens: black, without a point.
-fn nothing_seen<F: crate::geometry::Frame>(cloud: OrganizedCloud<F>) -> OrganizedCloud<F> {
+fn black_shot<F: crate::geometry::Frame>(cloud: OrganizedCloud<F>) -> OrganizedCloud<F> {
     let (width, height) = (cloud.width(), cloud.height());
     OrganizedCloud::new(width, height, vec![[f32::NAN; 3]; width * height], vec![[0; 3]; width * height])
         .unwrap_or(cloud)

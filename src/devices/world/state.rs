@@ -2,7 +2,7 @@
 
 use super::line::SimulatedLine;
 use super::signal::Signal;
-use super::water::Wetting;
+use super::water::LastWetting;
 use crate::cell::Output;
 use crate::sim::{Film, Sanding};
 use std::sync::Arc;
@@ -19,14 +19,14 @@ pub enum Violation {
     /// Water while the lens was not shut.
     SprayOnLens,
     /// Water while the tool ran, or the tool switched on while water came.
-    ToolInWater,
+    WaterWhileToolRuns,
     /// The tool switched on without the extraction's flow.
-    ToolWithoutExtraction,
+    ToolWithoutDustExtraction,
 }
 
 /// The area of this part that the disc has sanded.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Sanded {
+pub(super) struct SandedArea {
     /// The disc's positions, grouped in passes: one pass for each wetting that followed.
     pub sanding: Arc<Sanding>,
     /// The number of passes.
@@ -36,19 +36,19 @@ pub(super) struct Sanded {
 }
 
 /// What changes.
-pub(super) struct State {
+pub(super) struct WorldState {
     pub signals: Vec<Signal>,
     /// The input that is on while the tool is stopped, if the cell names one.
     pub tool_stands: Option<u16>,
-    pub wetting: Option<Wetting>,
+    pub wetting: Option<LastWetting>,
     /// The time at which the last evaluated wetting began, and which spots were no longer greasy then.
-    pub healed: (Option<u64>, Vec<bool>),
-    pub sanded: Sanded,
+    pub removed_grease: (Option<u64>, Vec<bool>),
+    pub sanded: SandedArea,
     /// The last film, with the spots that were no longer greasy and the number of passes for which it was computed.
     pub film: Option<((Vec<bool>, u64), Arc<Film>)>,
     /// Each watched wetting of this part: the time at which its water came on, its film, and the film's time in the
     /// last picture, s.
-    pub watched: Vec<(u64, Arc<Film>, f64)>,
+    pub watched_films: Vec<(u64, Arc<Film>, f64)>,
     pub shots: u64,
     pub disc_diameter_mm: f64,
     pub violations: Vec<(u64, Violation)>,
@@ -57,17 +57,17 @@ pub(super) struct State {
     pub part_since_ms: u64,
 }
 
-impl State {
+impl WorldState {
     /// Creates the state in which nothing was done yet.
     pub fn new(signals: Vec<Signal>, spots: usize) -> Self {
-        State {
+        WorldState {
             signals,
             tool_stands: None,
             wetting: None,
-            healed: (None, vec![false; spots]),
-            sanded: Sanded::default(),
+            removed_grease: (None, vec![false; spots]),
+            sanded: SandedArea::default(),
             film: None,
-            watched: Vec::new(),
+            watched_films: Vec::new(),
             shots: 0,
             disc_diameter_mm: 0.0,
             violations: Vec::new(),
@@ -77,33 +77,33 @@ impl State {
     }
 
     pub fn signal(&self, output: Output) -> &Signal {
-        &self.signals[place(output)]
+        &self.signals[output_index(output)]
     }
 
     /// Replaces the part by one that is dry and as greasy as the first. The films of the previous part are released,
     /// so that memory does not grow when a line brings parts for days.
     fn bring_part(&mut self, now_ms: u64) {
         (self.part_since_ms, self.wetting) = (now_ms, None);
-        self.watched.clear();
-        self.healed = (None, vec![false; self.healed.1.len()]);
-        self.sanded = Sanded { until_ms: now_ms, ..Sanded::default() };
+        self.watched_films.clear();
+        self.removed_grease = (None, vec![false; self.removed_grease.1.len()]);
+        self.sanded = SandedArea { until_ms: now_ms, ..SandedArea::default() };
     }
 
     /// Processes a changed output of the controller.
-    pub fn on_output(&mut self, number: u16, value: bool, time_ms: u64) {
-        if self.line.as_mut().is_some_and(|line| line.reads(number, value, time_ms)) {
+    pub fn process_output(&mut self, number: u16, value: bool, time_ms: u64) {
+        if self.line.as_mut().is_some_and(|line| line.process_output(number, value, time_ms)) {
             self.bring_part(time_ms);
         }
         let Some(signal) = self.signals.iter_mut().find(|signal| signal.number == number) else { return };
         signal.switch(value, time_ms);
         let output = signal.output;
-        let runs = |output| self.signal(output).runs(time_ms);
+        let runs = |output| self.signal(output).is_running(time_ms);
         let mut wrong = Vec::new();
         match (output, value) {
             (Output::Spray, true) => {
-                wrong.extend(runs(Output::Tool).then_some(Violation::ToolInWater));
+                wrong.extend(runs(Output::Tool).then_some(Violation::WaterWhileToolRuns));
                 wrong.extend((!runs(Output::LensShutter)).then_some(Violation::SprayOnLens));
-                self.wetting = Some(Wetting { on_ms: time_ms, off_ms: None });
+                self.wetting = Some(LastWetting { on_ms: time_ms, off_ms: None });
             }
             (Output::Spray, false) => {
                 if let Some(wetting) = &mut self.wetting {
@@ -111,8 +111,8 @@ impl State {
                 }
             }
             (Output::Tool, true) => {
-                wrong.extend(runs(Output::Spray).then_some(Violation::ToolInWater));
-                wrong.extend((!runs(Output::Extraction)).then_some(Violation::ToolWithoutExtraction));
+                wrong.extend(runs(Output::Spray).then_some(Violation::WaterWhileToolRuns));
+                wrong.extend((!runs(Output::Extraction)).then_some(Violation::ToolWithoutDustExtraction));
             }
             _ => {}
         }
@@ -121,7 +121,7 @@ impl State {
 
     /// Returns an input of the controller, if something is wired to it.
     pub fn input(&self, number: u16, time_ms: u64) -> Option<bool> {
-        if let Some(set) = self.line.as_ref().and_then(|line| line.sets(number, time_ms)) {
+        if let Some(set) = self.line.as_ref().and_then(|line| line.input_state(number, time_ms)) {
             return Some(set);
         }
         if self.tool_stands == Some(number) {
@@ -132,6 +132,6 @@ impl State {
 }
 
 /// Returns the position of an output among all outputs.
-fn place(output: Output) -> usize {
+fn output_index(output: Output) -> usize {
     Output::ALL.iter().position(|other| *other == output).unwrap_or_default()
 }

@@ -4,31 +4,31 @@
 //! A sample counts if both ends of its segment are in contact, the tool is on, and its point is at most the pad's
 //! reach from the true surface. The disc is assumed to touch with its whole area, as a compliant pad does.
 
-use crate::devices::mock::Sample;
+use crate::devices::mock::ContactSample;
 use crate::geometry::{Panel, Point, Rigid, Tool, Vector};
 use crate::path::{StepOver, step_overs_mm};
-use crate::sim::{TrueSpot, Truth};
+use crate::sim::{CellTruth, TrueSpot};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 /// Distance from the surface beyond which the pad does not touch, mm.
 const PAD_REACH_MM: f64 = 2.0;
 /// Smallest cosine between a step and the rows' direction at which the step is part of a row.
-const ALONG_ROW: f64 = 0.98;
+const MIN_ROW_COSINE: f64 = 0.98;
 
 /// The points of the panel that the disc has touched.
 #[derive(Debug, Clone)]
-pub struct Touched {
+pub struct TouchedPoints {
     centres: Vec<Point<Panel>>,
     radius_mm: f64,
 }
 
-impl Touched {
+impl TouchedPoints {
     /// Finds the points that a disc of this diameter reached during the trace.
-    pub fn by(trace: &[Sample], truth: &Truth, disc_diameter_mm: f64) -> Self {
+    pub fn reached_by_disc(trace: &[ContactSample], truth: &CellTruth, disc_diameter_mm: f64) -> Self {
         let touches = |point: &Point<Panel>| truth.distance_mm(*point).abs() <= PAD_REACH_MM;
         let centres =
-            sanding(trace, truth).map(|panel_from_tool| panel_from_tool.origin()).filter(touches).collect();
-        Touched { centres, radius_mm: disc_diameter_mm / 2.0 }
+            sanding_poses(trace, truth).map(|panel_from_tool| panel_from_tool.origin()).filter(touches).collect();
+        TouchedPoints { centres, radius_mm: disc_diameter_mm / 2.0 }
     }
 
     /// Returns the positions of the disc's centre.
@@ -37,23 +37,23 @@ impl Touched {
     }
 
     /// Returns whether the disc was at this point.
-    pub fn covers(&self, point: Point<Panel>) -> bool {
+    pub fn was_touched(&self, point: Point<Panel>) -> bool {
         self.centres.iter().any(|centre| centre.distance_mm(point) <= self.radius_mm)
     }
 
     /// Returns the covered fraction of these points, 0…1, each point representing the same area; 0 if there are no
     /// points.
     pub fn share(&self, points: &[Point<Panel>]) -> f64 {
-        let covered = points.iter().filter(|point| self.covers(**point)).count();
+        let covered = points.iter().filter(|point| self.was_touched(**point)).count();
         covered as f64 / points.len().max(1) as f64
     }
 
     /// Returns the covered fraction of a spot's area, 0…1.
-    pub fn share_of(&self, spot: &TrueSpot) -> f64 {
+    pub fn covered_share(&self, spot: &TrueSpot) -> f64 {
         const RINGS: usize = 8;
         let reach_mm = spot.outline.iter().map(|point| point.distance_mm(spot.centre)).fold(0.0, f64::max);
         let near = |centre: &&Point<Panel>| centre.distance_mm(spot.centre) <= reach_mm + self.radius_mm;
-        let near = Touched { centres: self.centres.iter().filter(near).copied().collect(), ..*self };
+        let near = TouchedPoints { centres: self.centres.iter().filter(near).copied().collect(), ..*self };
         let (mut whole_mm2, mut covered_mm2) = (0.0, 0.0);
         // Divides the spot into sectors about the centre, each with rings of equal area.
         for (index, &from) in spot.outline.iter().enumerate() {
@@ -64,7 +64,7 @@ impl Touched {
                 let outwards = ((ring as f64 + 0.5) / RINGS as f64).sqrt();
                 let place = spot.centre + Vector::new((from.mm + to.mm) / 2.0) * outwards;
                 whole_mm2 += ring_mm2;
-                covered_mm2 += if near.covers(place) { ring_mm2 } else { 0.0 };
+                covered_mm2 += if near.was_touched(place) { ring_mm2 } else { 0.0 };
             }
         }
         covered_mm2 / whole_mm2
@@ -83,14 +83,14 @@ pub struct ContactErrors {
 }
 
 /// Returns the tool's errors relative to the true surface; `None` if it was never in contact.
-pub fn contact_errors(trace: &[Sample], truth: &Truth) -> Option<ContactErrors> {
+pub fn contact_errors(trace: &[ContactSample], truth: &CellTruth) -> Option<ContactErrors> {
     let of = |panel_from_tool: Rigid<Panel, Tool>| {
         let outward = panel_from_tool * Vector::<Tool>::new(-Vector3::z());
         let point = panel_from_tool.origin();
-        (outward.angle_to(truth.normal(point)).0, truth.distance_mm(point).abs())
+        (outward.angle_between(truth.normal(point)).0, truth.distance_mm(point).abs())
     };
     let none = ContactErrors { samples: 0, normal_max_deg: 0.0, surface_max_mm: 0.0 };
-    let errors = sanding(trace, truth).map(of).fold(none, |all, (normal_deg, surface_mm)| ContactErrors {
+    let errors = sanding_poses(trace, truth).map(of).fold(none, |all, (normal_deg, surface_mm)| ContactErrors {
         samples: all.samples + 1,
         normal_max_deg: all.normal_max_deg.max(normal_deg),
         surface_max_mm: all.surface_max_mm.max(surface_mm),
@@ -102,12 +102,12 @@ pub fn contact_errors(trace: &[Sample], truth: &Truth) -> Option<ContactErrors> 
 /// rows.
 ///
 /// The rows of a grid run along the main direction of its track; the connections between rows do not.
-pub fn step_over(trace: &[Sample], truth: &Truth) -> Option<StepOver> {
+pub fn measure_step_over(trace: &[ContactSample], truth: &CellTruth) -> Option<StepOver> {
     let mut found: Option<StepOver> = None;
     // The grids are separated here: between two grids the tool leaves the panel.
     for grid in trace.chunk_by(|before, after| before.sanding == after.sanding) {
         let track: Vec<Point<Panel>> =
-            sanding(grid, truth).map(|panel_from_tool| panel_from_tool.origin()).collect();
+            sanding_poses(grid, truth).map(|panel_from_tool| panel_from_tool.origin()).collect();
         for pair in rows(&track).windows(2) {
             for step_mm in step_overs_mm(&pair[0], &pair[1]) {
                 let so_far = found.unwrap_or(StepOver { min_mm: step_mm, max_mm: step_mm });
@@ -126,7 +126,7 @@ fn rows(track: &[Point<Panel>]) -> Vec<Vec<Point<Panel>>> {
     let along: Vector3<f64> = principal.eigenvectors.column(principal.eigenvalues.imax()).into();
     let heading = |step: &Vector3<f64>| {
         let cosine = step.dot(&along) / step.norm().max(f64::EPSILON);
-        if cosine.abs() > ALONG_ROW { cosine.signum() as i32 } else { 0 }
+        if cosine.abs() > MIN_ROW_COSINE { cosine.signum() as i32 } else { 0 }
     };
     let headings: Vec<(usize, i32)> = steps.iter().map(heading).enumerate().collect();
     let straight = headings.chunk_by(|before, after| before.1 == after.1).filter(|row| row[0].1 != 0);
@@ -134,7 +134,10 @@ fn rows(track: &[Point<Panel>]) -> Vec<Vec<Point<Panel>>> {
 }
 
 /// Returns the tool in the true panel's frame, at each tick in which it sanded.
-fn sanding<'a>(trace: &'a [Sample], truth: &Truth) -> impl Iterator<Item = Rigid<Panel, Tool>> + 'a {
+fn sanding_poses<'a>(
+    trace: &'a [ContactSample],
+    truth: &CellTruth,
+) -> impl Iterator<Item = Rigid<Panel, Tool>> + 'a {
     let panel_from_base = truth.base_from_panel.inverse();
     trace
         .iter()
@@ -149,17 +152,18 @@ mod tests {
     use crate::sim::{Cell, Scene};
     use nalgebra::Isometry3;
 
-    fn sample(base_from_tool: Rigid<Base, Tool>) -> Sample {
-        let base_from_flange = Rigid::claim(Isometry3::identity());
-        Sample { time_ms: 0, base_from_flange, base_from_tool, sanding: true, tool_on: true }
+    fn sample(base_from_tool: Rigid<Base, Tool>) -> ContactSample {
+        let base_from_flange = Rigid::from_isometry_unchecked(Isometry3::identity());
+        ContactSample { time_ms: 0, base_from_flange, base_from_tool, sanding: true, tool_on: true }
     }
 
     /// Returns a sample with the tool on the true surface, at this height along the normal.
-    fn standing(truth: &Truth, point: Point<Panel>, height_mm: f64) -> Sample {
+    fn standing(truth: &CellTruth, point: Point<Panel>, height_mm: f64) -> ContactSample {
         let normal = truth.normal(point);
         let turn = nalgebra::UnitQuaternion::rotation_between(&Vector3::z(), &-normal.mm).expect("not opposite");
         let origin = (point + normal * height_mm).mm.coords;
-        let panel_from_tool = Rigid::<Panel, Tool>::claim(Isometry3::from_parts(origin.into(), turn));
+        let panel_from_tool =
+            Rigid::<Panel, Tool>::from_isometry_unchecked(Isometry3::from_parts(origin.into(), turn));
         sample(truth.base_from_panel * panel_from_tool)
     }
 
@@ -170,15 +174,23 @@ mod tests {
         let truth = Cell::new(1, Scene::Good, 8).truth();
         let spot = &truth.spots[0];
         let on = [standing(&truth, spot.centre, 0.0)];
-        assert!((Touched::by(&on, &truth, 200.0).share_of(spot) - 1.0).abs() < 1e-12);
-        let share = Touched::by(&on, &truth, 8.0).share_of(spot);
+        assert!((TouchedPoints::reached_by_disc(&on, &truth, 200.0).covered_share(spot) - 1.0).abs() < 1e-12);
+        let share = TouchedPoints::reached_by_disc(&on, &truth, 8.0).covered_share(spot);
         assert!((share - std::f64::consts::PI * 16.0 / spot.area_mm2).abs() < 0.02, "{share}");
         let above = [standing(&truth, spot.centre, 2.1)];
-        assert_eq!(Touched::by(&above, &truth, 200.0).share_of(spot), 0.0, "the pad does not reach");
-        let off = [Sample { tool_on: false, ..on[0] }];
-        assert_eq!(Touched::by(&off, &truth, 200.0).share(&[spot.centre]), 0.0, "it does not turn");
-        let lands = [Sample { sanding: false, ..on[0] }];
-        assert_eq!(Touched::by(&lands, &truth, 200.0).share(&[spot.centre]), 0.0);
+        assert_eq!(
+            TouchedPoints::reached_by_disc(&above, &truth, 200.0).covered_share(spot),
+            0.0,
+            "the pad does not reach"
+        );
+        let off = [ContactSample { tool_on: false, ..on[0] }];
+        assert_eq!(
+            TouchedPoints::reached_by_disc(&off, &truth, 200.0).share(&[spot.centre]),
+            0.0,
+            "it does not turn"
+        );
+        let lands = [ContactSample { sanding: false, ..on[0] }];
+        assert_eq!(TouchedPoints::reached_by_disc(&lands, &truth, 200.0).share(&[spot.centre]), 0.0);
     }
 
     /// Calculated by hand: rows of 60 mm on a flat panel, 10, 10 and 12 mm apart, with a connecting motion between
@@ -209,7 +221,7 @@ mod tests {
         let point = truth.spots[0].centre;
         let turned = standing(&truth, point, 0.0);
         let by_half_a_degree: Rigid<Tool, Tool> =
-            Rigid::claim(Isometry3::rotation(Vector3::x() * 0.5_f64.to_radians()));
+            Rigid::from_isometry_unchecked(Isometry3::rotation(Vector3::x() * 0.5_f64.to_radians()));
         let turned = sample(turned.base_from_tool * by_half_a_degree);
         let errors = contact_errors(&[standing(&truth, point, -0.3), turned], &truth).expect("contact");
         assert_eq!(errors.samples, 2);

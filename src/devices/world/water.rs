@@ -8,15 +8,15 @@ use crate::sim::{SPRAY_FROM_S, WET_FROM_S};
 
 /// The last time that the water was on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Wetting {
+pub(super) struct LastWetting {
     pub on_ms: u64,
     pub off_ms: Option<u64>,
 }
 
 /// Calculates the film's time at this time of the cell, s. Before the first wetting it also advances, so that no two
 /// pictures have the same noise.
-pub(super) fn film_s(last: Option<Wetting>, now_ms: u64) -> f64 {
-    let Some(Wetting { on_ms, off_ms }) = last else { return -seconds(now_ms) };
+pub(super) fn film_s(last: Option<LastWetting>, now_ms: u64) -> f64 {
+    let Some(LastWetting { on_ms, off_ms }) = last else { return -seconds(now_ms) };
     let reached_s = SPRAY_FROM_S + seconds(off_ms.unwrap_or(now_ms).saturating_sub(on_ms));
     match off_ms {
         Some(off_ms) if reached_s >= WET_FROM_S => WET_FROM_S + seconds(now_ms.saturating_sub(off_ms)),
@@ -35,7 +35,7 @@ mod tests {
     /// Calculated by hand: the spray is watched from 1 s to 4 s of the film's time.
     #[test]
     fn three_seconds_of_water_make_a_film() {
-        let sprayed = |off_ms| Some(Wetting { on_ms: 10_000, off_ms });
+        let sprayed = |off_ms| Some(LastWetting { on_ms: 10_000, off_ms });
         assert!(film_s(None, 20_000) < SPRAY_FROM_S);
         assert_eq!(film_s(sprayed(None), 10_000), 1.0);
         assert_eq!(film_s(sprayed(None), 12_000), 3.0);

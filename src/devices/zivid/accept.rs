@@ -3,7 +3,7 @@
 
 use super::fault::ZividFault;
 use super::message::{SettingsHash, ShotInfo, Size};
-use super::sensor::Planes;
+use super::sensor::ShotPlanes;
 
 /// The expected values with which a shot is compared.
 #[derive(Debug, Clone, PartialEq)]
@@ -83,7 +83,7 @@ pub fn accept(taken: &ShotInfo, sum: u32, asked: &ExpectedShot) -> Result<(), Zi
 ///
 /// # Errors
 /// If there are almost no points, or some coordinates are infinite, which no camera measures.
-pub fn accept_points(planes: &Planes) -> Result<(), ZividFault> {
+pub fn accept_points(planes: &ShotPlanes) -> Result<(), ZividFault> {
     let (mut there, mut infinite) = (0_usize, 0_usize);
     for point in &planes.points_mm {
         there += usize::from(point.iter().all(|number| number.is_finite()));
@@ -180,7 +180,7 @@ mod tests {
     /// Calculated by hand: 1 of 100 points is 1 %, which is enough; 0 is not.
     #[test]
     fn a_shot_needs_points() {
-        let mut planes = Planes::with_size(Size { width: 10, height: 10 });
+        let mut planes = ShotPlanes::with_size(Size { width: 10, height: 10 });
         planes.points_mm.fill([f32::NAN; 3]);
         let none = accept_points(&planes).expect_err("all missing").to_string();
         assert!(none.starts_with("C6 no 3D data: 0.00 % of"), "{none}");

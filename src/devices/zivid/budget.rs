@@ -11,7 +11,7 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Restarts {
     /// Restarts, at most.
-    pub most: usize,
+    pub max_restarts: usize,
     /// The period, which may begin at any time.
     pub within: Duration,
 }
@@ -19,22 +19,22 @@ pub struct Restarts {
 impl Default for Restarts {
     /// `faults.md`, C11.
     fn default() -> Self {
-        Restarts { most: 3, within: Duration::from_secs(600) }
+        Restarts { max_restarts: 3, within: Duration::from_secs(600) }
     }
 }
 
 /// The remaining restarts.
 #[derive(Debug, Clone)]
-pub struct Budget {
+pub struct RestartBudget {
     allowed: Restarts,
     /// When restarts were used, the oldest first.
-    used: VecDeque<Duration>,
+    used_at: VecDeque<Duration>,
     is_spent: bool,
 }
 
 /// The decision about a worker that ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
+pub enum RestartDecision {
     /// Start the worker again; this is restart `number` of the allowed ones.
     Restart {
         /// Counted from 1.
@@ -44,53 +44,53 @@ pub enum Verdict {
     StayDown,
 }
 
-impl Budget {
+impl RestartBudget {
     /// A whole budget.
     pub fn new(allowed: Restarts) -> Self {
-        Budget { allowed, used: VecDeque::new(), is_spent: false }
+        RestartBudget { allowed, used_at: VecDeque::new(), is_spent: false }
     }
 
     /// Records that the worker ended at `now`, the time since any fixed instant; returns what to do.
-    pub fn ended(&mut self, now: Duration) -> Verdict {
+    pub fn on_worker_ended(&mut self, now: Duration) -> RestartDecision {
         self.forget(now);
-        if self.is_spent || self.used.len() >= self.allowed.most {
+        if self.is_spent || self.used_at.len() >= self.allowed.max_restarts {
             self.is_spent = true;
-            return Verdict::StayDown;
+            return RestartDecision::StayDown;
         }
-        self.used.push_back(now);
-        Verdict::Restart { number: self.used.len() }
+        self.used_at.push_back(now);
+        RestartDecision::Restart { number: self.used_at.len() }
     }
 
     /// Handles a person's request for the worker: returns whether a worker that stays down may be started. This counts
     /// as a restart, so it is refused until the oldest counted restart is long enough ago.
-    pub fn asked(&mut self, now: Duration) -> Verdict {
+    pub fn on_person_request(&mut self, now: Duration) -> RestartDecision {
         self.forget(now);
         self.is_spent = false;
-        self.ended(now)
+        self.on_worker_ended(now)
     }
 
     /// Returns the time from `now` until a person's request for a restart is accepted; zero if it is accepted now.
     pub fn wait(&self, now: Duration) -> Duration {
-        let oldest = (self.used.len() >= self.allowed.most).then(|| self.used.front()).flatten();
+        let oldest = (self.used_at.len() >= self.allowed.max_restarts).then(|| self.used_at.front()).flatten();
         oldest.map_or(Duration::ZERO, |oldest| (*oldest + self.allowed.within).saturating_sub(now))
     }
 
     /// What is allowed.
-    pub fn allowed(&self) -> Restarts {
+    pub fn allowed_restarts(&self) -> Restarts {
         self.allowed
     }
 
     fn forget(&mut self, now: Duration) {
         let is_over = |used: &Duration| now.saturating_sub(*used) >= self.allowed.within;
-        while self.used.front().is_some_and(is_over) {
-            self.used.pop_front();
+        while self.used_at.front().is_some_and(is_over) {
+            self.used_at.pop_front();
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Verdict::{Restart, StayDown};
+    use super::RestartDecision::{Restart, StayDown};
     use super::*;
     use proptest::prelude::*;
 
@@ -103,20 +103,23 @@ mod tests {
     /// it, since all three restarts are more than 10 minutes ago.
     #[test]
     fn the_fourth_in_ten_minutes_stays_down() {
-        let mut budget = Budget::new(Restarts::default());
-        let ends = [0, 3, 6].map(|minute| budget.ended(at(minute)));
+        let mut budget = RestartBudget::new(Restarts::default());
+        let ends = [0, 3, 6].map(|minute| budget.on_worker_ended(at(minute)));
         assert_eq!(ends, [1, 2, 3].map(|number| Restart { number }));
-        assert_eq!((budget.ended(at(9)), budget.wait(at(9))), (StayDown, at(1)));
-        assert_eq!(budget.asked(at(9)), StayDown, "asking does not make more of it");
-        assert_eq!(budget.ended(at(30)), StayDown, "time alone does not start it");
-        assert_eq!((budget.wait(at(30)), budget.asked(at(30))), (Duration::ZERO, Restart { number: 1 }));
+        assert_eq!((budget.on_worker_ended(at(9)), budget.wait(at(9))), (StayDown, at(1)));
+        assert_eq!(budget.on_person_request(at(9)), StayDown, "asking does not make more of it");
+        assert_eq!(budget.on_worker_ended(at(30)), StayDown, "time alone does not start it");
+        assert_eq!(
+            (budget.wait(at(30)), budget.on_person_request(at(30))),
+            (Duration::ZERO, Restart { number: 1 })
+        );
     }
 
     /// Calculated by hand: of ends at 0, 4, 8 and 12 minutes, no four lie within ten minutes.
     #[test]
     fn restarts_that_are_long_ago_count_no_more() {
-        let mut budget = Budget::new(Restarts::default());
-        let numbers = [0, 4, 8, 12, 16].map(|minute| budget.ended(at(minute)));
+        let mut budget = RestartBudget::new(Restarts::default());
+        let numbers = [0, 4, 8, 12, 16].map(|minute| budget.on_worker_ended(at(minute)));
         assert_eq!(numbers, [1, 2, 3, 3, 3].map(|number| Restart { number }));
     }
 
@@ -126,11 +129,11 @@ mod tests {
         fn no_stretch_of_time_has_more_starts(
             steps in proptest::collection::vec((0_u64..400, any::<bool>()), 1..60),
         ) {
-            let mut budget = Budget::new(Restarts::default());
+            let mut budget = RestartBudget::new(Restarts::default());
             let (mut now, mut starts) = (Duration::ZERO, Vec::new());
             for (seconds, person) in steps {
                 now += Duration::from_secs(seconds);
-                let verdict = if person { budget.asked(now) } else { budget.ended(now) };
+                let verdict = if person { budget.on_person_request(now) } else { budget.on_worker_ended(now) };
                 if verdict != StayDown {
                     starts.push(now);
                 }

@@ -2,7 +2,7 @@
 
 use super::clock::now_ns;
 use super::message::{Refusal, SettingsHash, ShotInfo, Trouble};
-use super::sensor::{Exposed, Sensor};
+use super::sensor::{ExposureMetadata, Sensor};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// A camera and the number of its shots.
@@ -22,14 +22,14 @@ impl Camera {
     pub(super) fn capture<T>(
         &mut self,
         settings: &SettingsHash,
-        shot: impl FnOnce(&mut dyn Sensor) -> Result<(Exposed, T), Refusal>,
+        shot: impl FnOnce(&mut dyn Sensor) -> Result<(ExposureMetadata, T), Refusal>,
     ) -> Result<(ShotInfo, T), Refusal> {
         let closed = || Refusal { trouble: Trouble::OutOfOrder, message: "no camera is open".to_owned() };
         let serial = self.serial.clone().ok_or_else(closed)?;
         let begun_ns = now_ns();
         let (exposed, data) = shot(&mut *self.sensor)?;
         self.taken += 1;
-        let Exposed { size, exposed_ns, throttled_ms, lens_c } = exposed;
+        let ExposureMetadata { size, exposed_ns, throttled_ms, lens_c } = exposed;
         let settings = settings.clone();
         let taken = ShotInfo {
             size,

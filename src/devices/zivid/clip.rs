@@ -4,7 +4,7 @@
 use super::camera::{Camera, lock};
 use super::clock::now_ns;
 use super::message::{ClipEnd, Refusal, SettingsHash, ShotInfo, Trouble};
-use super::sensor::Slot;
+use super::sensor::SettingsSlot;
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -27,12 +27,12 @@ const MAX_MISSED: u32 = 2;
 const MAX_PICTURES_PER_SECOND: f64 = 1_000.0;
 
 /// A picture with its metadata.
-pub(super) type Photo = (ShotInfo, Vec<[u8; 3]>);
+pub(super) type PictureWithMetadata = (ShotInfo, Vec<[u8; 3]>);
 
 /// The data that the clip's thread and the worker share.
 #[derive(Default)]
-struct Queue {
-    waiting: VecDeque<Photo>,
+struct ClipQueue {
+    waiting: VecDeque<PictureWithMetadata>,
     taken: u64,
     dropped: u64,
     /// Pictures in a row that the camera did not give.
@@ -44,9 +44,9 @@ struct Queue {
     is_over: bool,
 }
 
-impl Queue {
+impl ClipQueue {
     /// Processes the result of a capture at this time.
-    fn receive(&mut self, taken: Result<Photo, Refusal>, now_ns: u64) {
+    fn receive(&mut self, taken: Result<PictureWithMetadata, Refusal>, now_ns: u64) {
         match taken {
             Ok(photo) => self.push(photo),
             Err(refusal) if refusal.trouble == Trouble::NoShot && self.missed < MAX_MISSED => self.missed += 1,
@@ -64,7 +64,7 @@ impl Queue {
     }
 
     /// Adds a picture; if the queue is full, the oldest picture is dropped.
-    fn push(&mut self, photo: Photo) {
+    fn push(&mut self, photo: PictureWithMetadata) {
         (self.taken, self.missed) = (self.taken + 1, 0);
         self.waiting.push_back(photo);
         if self.waiting.len() > QUEUE_LENGTH {
@@ -73,7 +73,7 @@ impl Queue {
         }
     }
 
-    fn pop(&mut self) -> Option<Photo> {
+    fn pop(&mut self) -> Option<PictureWithMetadata> {
         let (mut taken, rgb) = self.waiting.pop_front()?;
         taken.dropped = self.dropped;
         Some((taken, rgb))
@@ -82,14 +82,14 @@ impl Queue {
 
 /// A clip that is being taken; dropping it ends it.
 pub(super) struct Clip {
-    shared: Arc<(Mutex<Queue>, Condvar)>,
+    shared: Arc<(Mutex<ClipQueue>, Condvar)>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Clip {
-    pub(super) fn begin(
+    pub(super) fn begin_clip(
         camera: Arc<Mutex<Camera>>,
-        (slot, settings): (Slot, SettingsHash),
+        (slot, settings): (SettingsSlot, SettingsHash),
         pictures_per_second: f64,
     ) -> Result<Self, Refusal> {
         let refused = |message| Refusal { trouble: Trouble::OutOfOrder, message };
@@ -100,7 +100,7 @@ impl Clip {
             )));
         }
         let period_ns = (1e9 / pictures_per_second) as u64;
-        let queue = Queue { asked_ns: now_ns(), ..Queue::default() };
+        let queue = ClipQueue { asked_ns: now_ns(), ..ClipQueue::default() };
         let shared = Arc::new((Mutex::new(queue), Condvar::new()));
         let theirs = shared.clone();
         let run = move || {
@@ -131,9 +131,9 @@ impl Clip {
     }
 
     /// Returns the oldest waiting picture, or waits for the next one.
-    pub(super) fn next(&mut self) -> Result<Photo, Refusal> {
+    pub(super) fn next(&mut self) -> Result<PictureWithMetadata, Refusal> {
         let (queue, news) = &*self.shared;
-        let idle = |queue: &mut Queue| queue.waiting.is_empty() && !queue.is_over;
+        let idle = |queue: &mut ClipQueue| queue.waiting.is_empty() && !queue.is_over;
         lock(queue).asked_ns = now_ns();
         let waited = news.wait_timeout_while(lock(queue), PICTURE_TIMEOUT, idle);
         let mut queue = waited.unwrap_or_else(PoisonError::into_inner).0;
@@ -170,7 +170,7 @@ mod tests {
     use super::super::message::Size;
     use super::*;
 
-    fn photo(number: u64) -> Photo {
+    fn photo(number: u64) -> PictureWithMetadata {
         let size = Size { width: 1, height: 1 };
         let taken = ShotInfo {
             size,
@@ -190,7 +190,7 @@ mod tests {
     /// By hand: of five pictures that are not fetched, the first two are lost.
     #[test]
     fn the_queue_keeps_the_newest_and_counts_the_others() {
-        let mut queue = Queue::default();
+        let mut queue = ClipQueue::default();
         (1..=5).for_each(|number| queue.push(photo(number)));
         let taken = std::iter::from_fn(|| queue.pop()).map(|(taken, _)| (taken.number, taken.dropped));
         assert_eq!(taken.collect::<Vec<_>>(), [(3, 2), (4, 2), (5, 2)]);
@@ -205,14 +205,14 @@ mod tests {
     /// ends the clip.
     #[test]
     fn a_missing_picture_is_a_gap_and_three_are_the_end() {
-        let mut queue = Queue::default();
+        let mut queue = ClipQueue::default();
         for taken in [Err(no_shot()), Err(no_shot()), Ok(photo(1)), Err(no_shot()), Err(no_shot())] {
             queue.receive(taken, 0);
             assert!(!queue.is_over);
         }
         queue.receive(Err(no_shot()), 0);
         assert!(queue.is_over && queue.failed == Some(no_shot()));
-        let mut gone = Queue::default();
+        let mut gone = ClipQueue::default();
         gone.receive(Err(Refusal { trouble: Trouble::Gone, message: String::new() }), 0);
         assert!(gone.is_over, "a camera that is gone ends it at once");
     }
@@ -220,7 +220,7 @@ mod tests {
     /// The clip of an abandoned film continues for ten seconds and no longer.
     #[test]
     fn a_clip_that_nobody_asks_for_ends() {
-        let mut queue = Queue { asked_ns: 5_000_000_000, ..Queue::default() };
+        let mut queue = ClipQueue { asked_ns: 5_000_000_000, ..ClipQueue::default() };
         queue.receive(Ok(photo(1)), 15_000_000_000);
         assert!(!queue.is_over);
         queue.receive(Ok(photo(2)), 15_000_000_001);

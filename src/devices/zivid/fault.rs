@@ -2,7 +2,7 @@
 //! what to do.
 
 use crate::devices::UNKNOWN_PX;
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use std::time::Duration;
 
 /// A fault of the 3D camera. Each message begins with the fault's row in the fault model.
@@ -52,7 +52,7 @@ pub enum ZividFault {
         /// How long the program waited.
         waited: Duration,
         /// What happens now.
-        next: Next,
+        next: NextStep,
     },
     /// The worker did not answer in time, and its end was not confirmed either.
     #[error(
@@ -79,7 +79,7 @@ pub enum ZividFault {
     /// The camera paused to cool.
     #[error(
         "C3 the 3D camera is hot and paused for {} ms during {during} (limit {} ms){}; let the camera cool down, and \
-         lower Brightness in its settings", apart(*paused_ms, *allowed_ms, 0)[0], apart(*paused_ms, *allowed_ms, 0)[1], lens(*lens_c)
+         lower Brightness in its settings", distinguishable_texts(*paused_ms, *allowed_ms, 0)[0], distinguishable_texts(*paused_ms, *allowed_ms, 0)[1], lens(*lens_c)
     )]
     Throttled {
         /// The request.
@@ -101,7 +101,7 @@ pub enum ZividFault {
         /// What is wrong with the data.
         cause: String,
         /// What happens now.
-        next: Next,
+        next: NextStep,
     },
     /// Points with a coordinate that is not finite.
     #[error("C4 the shot was discarded, because {0} points have an infinite coordinate")]
@@ -152,7 +152,7 @@ pub enum ZividFault {
     /// No points.
     #[error(
         "C6 no 3D data: {} % of the shot's pixels have a point, but at least {needed_percent} % are needed. Check that \
-         the panel is in the camera's range, that the lens is open and dry, and the exposure", apart(*found_percent, *needed_percent, 2)[0]
+         the panel is in the camera's range, that the lens is open and dry, and the exposure", distinguishable_texts(*found_percent, *needed_percent, 2)[0]
     )]
     NoPoints {
         /// Found.
@@ -171,7 +171,7 @@ pub enum ZividFault {
         /// The activity during which the fault occurred.
         during: &'static str,
         /// What happens now.
-        next: Next,
+        next: NextStep,
     },
     /// The worker is being started.
     #[error("C11 the 3D camera's worker has been starting for {} s; its first shot may take {} s more", since.as_secs(), most.as_secs())]
@@ -210,7 +210,7 @@ pub enum ZividFault {
 
 /// What happens to a worker that was lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Next {
+pub enum NextStep {
     /// The worker is started again.
     Restart {
         /// Counted from 1.
@@ -224,17 +224,17 @@ pub enum Next {
     StaysDown,
 }
 
-impl std::fmt::Display for Next {
+impl std::fmt::Display for NextStep {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Next::Restart { number, of, within } => {
+            NextStep::Restart { number, of, within } => {
                 write!(
                     f,
                     "the program restarts the worker, restart {number} of {of} in {} min",
                     within.as_secs() / 60
                 )
             }
-            Next::StaysDown => f.write_str("the worker stays down, because its restarts are used up"),
+            NextStep::StaysDown => f.write_str("the worker stays down, because its restarts are used up"),
         }
     }
 }
@@ -246,7 +246,7 @@ fn lens(lens_c: Option<f64>) -> String {
 impl ZividFault {
     /// Returns whether the fault reports a value that the client did not know when it opened the camera: its size,
     /// [`UNKNOWN_PX`], or its serial number, "".
-    pub fn tells_what_was_unknown(&self) -> bool {
+    pub fn reports_unknown_value(&self) -> bool {
         match self {
             ZividFault::WrongSize { expected_px, .. } => *expected_px == UNKNOWN_PX,
             ZividFault::WrongCamera { expected, .. } => expected.is_empty(),

@@ -9,7 +9,7 @@ pub const VERSION: u16 = 2;
 
 /// Who speaks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, VariantArray)]
-pub enum Kind {
+pub enum FrameKind {
     /// From the worker, when it starts.
     Hello,
     /// The daemon.
@@ -18,22 +18,22 @@ pub enum Kind {
     Reply,
 }
 
-impl Kind {
-    pub(super) const ALL: &'static [Kind] = <Self as VariantArray>::VARIANTS;
+impl FrameKind {
+    pub(super) const ALL: &'static [FrameKind] = <Self as VariantArray>::VARIANTS;
 
     pub(super) fn number(self) -> u16 {
         match self {
-            Kind::Hello => 1,
-            Kind::Request => 2,
-            Kind::Reply => 3,
+            FrameKind::Hello => 1,
+            FrameKind::Request => 2,
+            FrameKind::Reply => 3,
         }
     }
 
-    fn word(self) -> &'static str {
+    fn keyword(self) -> &'static str {
         match self {
-            Kind::Hello => "a greeting",
-            Kind::Request => "a request",
-            Kind::Reply => "a reply",
+            FrameKind::Hello => "a greeting",
+            FrameKind::Request => "a request",
+            FrameKind::Reply => "a reply",
         }
     }
 }
@@ -48,13 +48,13 @@ pub enum WireError {
     #[error("the connection ended within the {part} of a frame")]
     Cut {
         /// Within what.
-        part: Part,
+        part: FramePart,
     },
     /// The frame came too slowly, or not at all.
     #[error("the rest of the {part} of a frame did not arrive in time")]
     Stalled {
         /// Within what.
-        part: Part,
+        part: FramePart,
     },
     /// The data do not begin with the opening of a frame.
     #[error("a frame begins with {found:02x?}, expected {MAGIC:02x?}")]
@@ -72,19 +72,19 @@ pub enum WireError {
     #[error("the checksum of a frame's {part} is {found:08x}, but the checksum of its bytes is {computed:08x}")]
     Checksum {
         /// Of what.
-        part: Part,
+        part: FramePart,
         /// Sent.
         found: u32,
         /// Computed.
         computed: u32,
     },
     /// Another kind of frame was expected.
-    #[error("found a frame of kind {found}, expected kind {}, {}", allowed.number(), allowed.word())]
+    #[error("found a frame of kind {found}, expected kind {}, {}", allowed.number(), allowed.keyword())]
     Kind {
         /// Found.
         found: u16,
         /// What was due.
-        allowed: Kind,
+        allowed: FrameKind,
     },
     /// A reply to another request.
     #[error("found a response to request {found}, but the last request was {allowed}")]
@@ -98,7 +98,7 @@ pub enum WireError {
     #[error("the {part} of a frame has {found} bytes (limit {allowed} bytes)")]
     TooLong {
         /// Of what.
-        part: Part,
+        part: FramePart,
         /// Found.
         found: u64,
         /// Allowed.
@@ -122,7 +122,7 @@ pub enum WireError {
 
 /// A part of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Part {
+pub enum FramePart {
     /// Its first bytes.
     Opening,
     /// The JSON.
@@ -131,12 +131,12 @@ pub enum Part {
     Payload,
 }
 
-impl std::fmt::Display for Part {
+impl std::fmt::Display for FramePart {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Part::Opening => "opening",
-            Part::Head => "head",
-            Part::Payload => "payload",
+            FramePart::Opening => "opening",
+            FramePart::Head => "head",
+            FramePart::Payload => "payload",
         })
     }
 }

@@ -8,7 +8,7 @@
 #![allow(unsafe_code, reason = "calls into the camera vendor's SDK go through a C interface")]
 
 use super::message::{Flicker, Identity, Lens, Light, Refusal, Size, Source, Temperatures, Trouble, Use};
-use super::sensor::{Exposed, Planes, Sensor, Slot};
+use super::sensor::{ExposureMetadata, Sensor, SettingsSlot, ShotPlanes};
 use libloading::Library;
 use std::ffi::{CStr, CString, OsStr, c_char};
 use std::os::unix::ffi::OsStrExt;
@@ -173,16 +173,16 @@ impl Sdk {
             state: function!("state"),
             light: function!("light"),
         };
-        let (mut sdk, mut message) = ([0; NAME_BYTES], Message::empty());
+        let (mut sdk, mut message) = ([0; NAME_BYTES], Message::new_empty());
         // SAFETY: both buffers have the sizes that the header states.
         let session = unsafe { begin(sdk.as_mut_ptr(), &raw mut message) };
         let session = NonNull::new(session).ok_or_else(|| LibraryError::Sdk(message.read()))?;
-        Ok(Sdk { functions, session, version: words(&sdk) })
+        Ok(Sdk { functions, session, version: text_until_nul(&sdk) })
     }
 
     /// Makes a call and reads its status.
     fn call(&mut self, call: impl FnOnce(&Functions, Session, *mut Message) -> Status) -> Result<(), Refusal> {
-        let mut message = Message::empty();
+        let mut message = Message::new_empty();
         let trouble = match call(&self.functions, self.session.as_ptr(), &raw mut message) {
             0 => return Ok(()),
             1 => Trouble::NotFound,
@@ -206,7 +206,7 @@ impl Drop for Sdk {
 }
 
 impl Sensor for Sdk {
-    fn sdk(&self) -> String {
+    fn sdk_version(&self) -> String {
         self.version.clone()
     }
 
@@ -224,10 +224,10 @@ impl Sensor for Sdk {
             // SAFETY: the texts end in NUL or are null and outlive the call; identity and message outlive it too.
             unsafe { (functions.connect)(session, pointer(serial), pointer(file), into, message) }
         })?;
-        Ok(Identity { serial: words(&identity.serial), model: words(&identity.model) })
+        Ok(Identity { serial: text_until_nul(&identity.serial), model: text_until_nul(&identity.model) })
     }
 
-    fn settings(&mut self, usage: Use, file: &Path) -> Result<(Slot, Size), Refusal> {
+    fn settings(&mut self, usage: Use, file: &Path) -> Result<(SettingsSlot, Size), Refusal> {
         let file = c_string(file.as_os_str())?;
         let (mut slot, mut size) = (0, RawSize::default());
         let (slot_into, size_into) = (&raw mut slot, &raw mut size);
@@ -239,16 +239,16 @@ impl Sensor for Sdk {
             // SAFETY: the text ends in NUL, and all pointers stay valid during the call.
             unsafe { read(session, file.as_ptr(), slot_into, size_into, message) }
         })?;
-        Ok((Slot(slot), size.checked()?))
+        Ok((SettingsSlot(slot), size.validated()?))
     }
 
-    fn scan(&mut self, slot: Slot) -> Result<(Exposed, Planes), Refusal> {
+    fn scan(&mut self, slot: SettingsSlot) -> Result<(ExposureMetadata, ShotPlanes), Refusal> {
         let mut taken = RawShotInfo::default();
         let into = &raw mut taken;
         // SAFETY: all pointers stay valid during the call.
         self.call(|functions, session, message| unsafe { (functions.scan)(session, slot.0, into, message) })?;
         let exposed = taken.read()?;
-        let mut planes = Planes::with_size(exposed.size);
+        let mut planes = ShotPlanes::with_size(exposed.size);
         let pixels = planes.points_mm.len();
         let (points, colors) = (planes.points_mm.as_flattened_mut(), planes.colors.as_flattened_mut());
         let (points, colors, snr) = (points.as_mut_ptr(), colors.as_mut_ptr(), planes.snr.as_mut_ptr());
@@ -259,7 +259,7 @@ impl Sensor for Sdk {
         Ok((exposed, planes))
     }
 
-    fn picture(&mut self, slot: Slot) -> Result<(Exposed, Vec<[u8; 3]>), Refusal> {
+    fn picture(&mut self, slot: SettingsSlot) -> Result<(ExposureMetadata, Vec<[u8; 3]>), Refusal> {
         let mut taken = RawShotInfo::default();
         let into = &raw mut taken;
         // SAFETY: all pointers stay valid during the call.
@@ -274,7 +274,7 @@ impl Sensor for Sdk {
         Ok((exposed, rgb))
     }
 
-    fn intrinsics(&mut self, slot: Slot) -> Result<Lens, Refusal> {
+    fn intrinsics(&mut self, slot: SettingsSlot) -> Result<Lens, Refusal> {
         let mut lens = RawLens::default();
         let into = &raw mut lens;
         // SAFETY: all pointers stay valid during the call.
@@ -293,22 +293,25 @@ impl Sensor for Sdk {
         Ok(Temperatures { dmd_c, general_c, led_c, lens_c, pcb_c })
     }
 
-    fn light(&mut self) -> Result<Light, Refusal> {
+    fn measure_ambient_light(&mut self) -> Result<Light, Refusal> {
         let mut found = RawFlicker { classification: [0; NAME_BYTES], frequency: [0; NAME_BYTES] };
         let into = &raw mut found;
         // SAFETY: all pointers stay valid during the call.
         self.call(|functions, session, message| unsafe { (functions.light)(session, into, message) })?;
-        Ok(Light { flicker: Flicker::named(&words(&found.classification)), frequency: words(&found.frequency) })
+        Ok(Light {
+            flicker: Flicker::from_sdk_name(&text_until_nul(&found.classification)),
+            frequency: text_until_nul(&found.frequency),
+        })
     }
 }
 
 impl Message {
-    fn empty() -> Self {
+    fn new_empty() -> Self {
         Message { text: [0; MESSAGE_BYTES] }
     }
 
     fn read(&self) -> String {
-        words(&self.text)
+        text_until_nul(&self.text)
     }
 }
 
@@ -317,7 +320,7 @@ impl Message {
 const MAX_SIDE_PX: u64 = 16_384;
 
 impl RawSize {
-    fn checked(self) -> Result<Size, Refusal> {
+    fn validated(self) -> Result<Size, Refusal> {
         let side = |pixels: u64| usize::try_from(pixels).ok().filter(|_| (1..=MAX_SIDE_PX).contains(&pixels));
         match (side(self.width), side(self.height)) {
             (Some(width), Some(height)) => Ok(Size { width, height }),
@@ -330,15 +333,15 @@ impl RawSize {
 }
 
 impl RawShotInfo {
-    fn read(&self) -> Result<Exposed, Refusal> {
+    fn read(&self) -> Result<ExposureMetadata, Refusal> {
         let lens_c = Some(self.lens_c).filter(|celsius| celsius.is_finite());
         let throttled_ms = if self.throttled_ms.is_finite() { self.throttled_ms } else { 0.0 };
-        Ok(Exposed { size: self.size.checked()?, exposed_ns: self.exposed_ns, throttled_ms, lens_c })
+        Ok(ExposureMetadata { size: self.size.validated()?, exposed_ns: self.exposed_ns, throttled_ms, lens_c })
     }
 }
 
 /// Returns the text up to its NUL, or all of the text if there is none.
-fn words(text: &[c_char]) -> String {
+fn text_until_nul(text: &[c_char]) -> String {
     let bytes: Vec<u8> = text.iter().map(|&c| c.to_ne_bytes()[0]).collect();
     let text = CStr::from_bytes_until_nul(&bytes).map_or(bytes.as_slice(), CStr::to_bytes);
     String::from_utf8_lossy(text).into_owned()

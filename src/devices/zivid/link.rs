@@ -2,8 +2,8 @@
 
 use super::clock::now_ns;
 use super::message::{Hello, Reply, Request, ShotInfo, Size};
-use super::sensor::Planes;
-use super::wire::{self, Kind, Opened, WireError};
+use super::sensor::ShotPlanes;
+use super::wire::{self, FrameKind, OpenedFrame, WireError};
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
@@ -24,20 +24,20 @@ pub enum Answer {
     /// Words alone.
     Words(Reply),
     /// A 3D shot.
-    Scan(Delivery, Planes),
+    Scan(ShotDelivery, ShotPlanes),
     /// A picture.
-    Picture(Delivery, Vec<[u8; 3]>),
+    Picture(ShotDelivery, Vec<[u8; 3]>),
 }
 
 /// A shot as it was delivered.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Delivery {
+pub struct ShotDelivery {
     /// The metadata of the shot.
-    pub taken: ShotInfo,
+    pub metadata: ShotInfo,
     /// The checksum of its payload.
     pub sum: u32,
     /// When the shot had arrived completely, ns of the monotonic clock.
-    pub came_ns: u64,
+    pub arrived_ns: u64,
 }
 
 impl Link {
@@ -50,11 +50,11 @@ impl Link {
     ///
     /// # Errors
     /// If it does not arrive in time or cannot be read.
-    pub fn hello(&mut self, within: Duration) -> Result<Hello, WireError> {
-        let mut timed = self.timed(Instant::now() + within);
-        let opened = wire::open(&mut timed, Kind::Hello)?;
+    pub fn receive_hello(&mut self, within: Duration) -> Result<Hello, WireError> {
+        let mut timed = self.with_deadline(Instant::now() + within);
+        let opened = wire::open(&mut timed, FrameKind::Hello)?;
         let hello = serde_json::from_slice(&opened.head)?;
-        opened.without_payload(&mut timed)?;
+        opened.finish_without_payload(&mut timed)?;
         Ok(hello)
     }
 
@@ -63,32 +63,32 @@ impl Link {
     /// # Errors
     /// If no answer arrives in time, or the received data are not an answer. No request is possible afterwards: it
     /// is unknown what is in progress.
-    pub fn ask(&mut self, request: &Request, within: Duration) -> Result<Answer, WireError> {
+    pub fn send_and_receive(&mut self, request: &Request, within: Duration) -> Result<Answer, WireError> {
         self.sequence = self.sequence.wrapping_add(1);
         let sequence = self.sequence;
-        let mut timed = self.timed(Instant::now() + within);
-        wire::write(&mut timed, (Kind::Request, sequence), &serde_json::to_vec(request)?, &[])?;
-        let opened = wire::open(&mut timed, Kind::Reply)?;
+        let mut timed = self.with_deadline(Instant::now() + within);
+        wire::write(&mut timed, (FrameKind::Request, sequence), &serde_json::to_vec(request)?, &[])?;
+        let opened = wire::open(&mut timed, FrameKind::Reply)?;
         if opened.sequence != sequence {
             return Err(WireError::Sequence { found: opened.sequence, allowed: sequence });
         }
         match serde_json::from_slice(&opened.head)? {
             Reply::Scan(taken) => scan(opened, &mut timed, taken),
             Reply::Picture(taken) => {
-                opened.holds(bytes(taken.size, 3))?;
+                opened.check_payload_size(bytes(taken.size, 3))?;
                 let mut rgb = vec![[0; 3]; taken.size.pixels()];
                 let sum = opened.payload(&mut timed, &mut [rgb.as_flattened_mut()])?;
-                Ok(Answer::Picture(Delivery { taken, sum, came_ns: now_ns() }, rgb))
+                Ok(Answer::Picture(ShotDelivery { metadata: taken, sum, arrived_ns: now_ns() }, rgb))
             }
             words => {
-                opened.without_payload(&mut timed)?;
+                opened.finish_without_payload(&mut timed)?;
                 Ok(Answer::Words(words))
             }
         }
     }
 
-    fn timed(&self, until: Instant) -> Timed<'_> {
-        Timed { stream: &self.stream, until, is_ending: &self.is_ending }
+    fn with_deadline(&self, until: Instant) -> TimedSocket<'_> {
+        TimedSocket { stream: &self.stream, until, is_ending: &self.is_ending }
     }
 }
 
@@ -99,32 +99,32 @@ fn bytes(size: Size, each: usize) -> usize {
     size.pixels().saturating_mul(each)
 }
 
-fn scan(opened: Opened, timed: &mut Timed<'_>, taken: ShotInfo) -> Result<Answer, WireError> {
-    opened.holds(bytes(taken.size, SCAN_BYTES))?;
+fn scan(opened: OpenedFrame, timed: &mut TimedSocket<'_>, taken: ShotInfo) -> Result<Answer, WireError> {
+    opened.check_payload_size(bytes(taken.size, SCAN_BYTES))?;
     // Read directly into its final memory.
-    let mut planes = Planes::with_size(taken.size);
+    let mut planes = ShotPlanes::with_size(taken.size);
     let into = &mut [
         bytemuck::cast_slice_mut(planes.points_mm.as_mut_slice()),
         planes.colors.as_flattened_mut(),
         bytemuck::cast_slice_mut(planes.snr.as_mut_slice()),
     ];
     let sum = opened.payload(timed, into)?;
-    Ok(Answer::Scan(Delivery { taken, sum, came_ns: now_ns() }, planes))
+    Ok(Answer::Scan(ShotDelivery { metadata: taken, sum, arrived_ns: now_ns() }, planes))
 }
 
 /// Interval of checks whether the program ends.
 const SHUTDOWN_POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// A socket with one deadline for all reads and writes.
-struct Timed<'a> {
+struct TimedSocket<'a> {
     stream: &'a UnixStream,
     until: Instant,
     is_ending: &'a AtomicBool,
 }
 
-impl Timed<'_> {
+impl TimedSocket<'_> {
     /// Returns the time for one wait; an error if the time is over.
-    fn patience(&self) -> std::io::Result<Duration> {
+    fn remaining_wait(&self) -> std::io::Result<Duration> {
         if self.is_ending.load(Ordering::Relaxed) {
             return Err(std::io::Error::other("the program ends"));
         }
@@ -133,10 +133,10 @@ impl Timed<'_> {
     }
 }
 
-impl Read for Timed<'_> {
+impl Read for TimedSocket<'_> {
     fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
         loop {
-            self.stream.set_read_timeout(Some(self.patience()?))?;
+            self.stream.set_read_timeout(Some(self.remaining_wait()?))?;
             match (&*self.stream).read(bytes) {
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {}
                 other => return other,
@@ -145,10 +145,10 @@ impl Read for Timed<'_> {
     }
 }
 
-impl Write for Timed<'_> {
+impl Write for TimedSocket<'_> {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
         loop {
-            self.stream.set_write_timeout(Some(self.patience()?))?;
+            self.stream.set_write_timeout(Some(self.remaining_wait()?))?;
             match (&*self.stream).write(bytes) {
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {}
                 other => return other,

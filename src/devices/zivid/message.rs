@@ -246,7 +246,7 @@ pub enum Flicker {
 
 impl Flicker {
     /// Returns the flicker with this SDK name.
-    pub fn named(classification: &str) -> Self {
+    pub fn from_sdk_name(classification: &str) -> Self {
         match classification {
             "noFlicker" => Flicker::None,
             "grid50hz" => Flicker::Grid50Hz,

@@ -42,8 +42,8 @@ mod tests;
 
 pub use budget::Restarts;
 pub use fault::ZividFault;
-pub use host::{Patience, Setup};
+pub use host::{AnswerTimeouts, CameraSetup};
 pub use message::{Flicker, Light, Size, Source};
-pub use process::{Launcher, launcher};
-pub use scanner::{ZividPicture, ZividScanner, ZividShot, ZividWatch};
-pub use warmth::Warmth;
+pub use process::{WorkerLauncher, command_launcher};
+pub use scanner::{CameraMonitor, ZividPicture, ZividScanner, ZividShot};
+pub use warmth::WarmUpState;

@@ -14,20 +14,20 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// The process or thread at the other end of a socket.
-pub trait Peer: Send {
+pub trait WorkerPeer: Send {
     /// Ends the peer at once, whatever its state.
     fn kill(&mut self);
     /// Returns how the peer ended, if it ends within this time.
-    fn ended(&mut self, within: Duration) -> Option<String>;
+    fn wait_ended(&mut self, within: Duration) -> Option<String>;
     /// Its process.
     fn id(&self) -> Option<u32>;
 }
 
 /// Starts a worker and returns the daemon's end of its socket.
-pub type Launcher = Box<dyn FnMut() -> io::Result<(UnixStream, Box<dyn Peer>)> + Send>;
+pub type WorkerLauncher = Box<dyn FnMut() -> io::Result<(UnixStream, Box<dyn WorkerPeer>)> + Send>;
 
 /// Returns a launcher that starts this program with these arguments.
-pub fn launcher(program: PathBuf, arguments: Vec<OsString>) -> Launcher {
+pub fn command_launcher(program: PathBuf, arguments: Vec<OsString>) -> WorkerLauncher {
     Box::new(move || {
         let (ours, theirs) = UnixStream::pair()?;
         let child = Command::new(&program)
@@ -39,11 +39,11 @@ pub fn launcher(program: PathBuf, arguments: Vec<OsString>) -> Launcher {
             // Signals that a terminal sends to its foreground processes, such as Ctrl-C, are handled by the daemon.
             .process_group(0)
             .spawn()?;
-        Ok((ours, Box::new(Process { child: Some(child) }) as Box<dyn Peer>))
+        Ok((ours, Box::new(WorkerProcess { child: Some(child) }) as Box<dyn WorkerPeer>))
     })
 }
 
-struct Process {
+struct WorkerProcess {
     /// `None` once the process is no longer supervised.
     child: Option<Child>,
 }
@@ -54,12 +54,12 @@ const KILL_TIMEOUT: Duration = Duration::from_secs(2);
 /// Interval of checks whether the worker has ended.
 const EXIT_POLL_INTERVAL: Duration = Duration::from_millis(5);
 
-impl Peer for Process {
+impl WorkerPeer for WorkerProcess {
     fn kill(&mut self) {
         let Some(child) = &mut self.child else { return };
         #[expect(clippy::let_underscore_must_use, reason = "fails only where it has ended already")]
         let _ = child.kill();
-        if self.ended(KILL_TIMEOUT).is_some() {
+        if self.wait_ended(KILL_TIMEOUT).is_some() {
             return;
         }
         if let Some(mut child) = self.child.take() {
@@ -68,7 +68,7 @@ impl Peer for Process {
         }
     }
 
-    fn ended(&mut self, within: Duration) -> Option<String> {
+    fn wait_ended(&mut self, within: Duration) -> Option<String> {
         let child = self.child.as_mut()?;
         let until = Instant::now() + within;
         loop {
@@ -86,7 +86,7 @@ impl Peer for Process {
     }
 }
 
-impl Drop for Process {
+impl Drop for WorkerProcess {
     fn drop(&mut self) {
         self.kill();
     }

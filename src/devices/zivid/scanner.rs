@@ -2,11 +2,14 @@
 
 use super::clock::now_ns;
 use super::fault::ZividFault;
-use super::host::{CameraAnswer, CameraRequest, Host, MAX_ATTEMPTS, Patience, QueuedRequest, Setup, Shared, Stage};
-use super::link::Delivery;
+use super::host::{
+    AnswerTimeouts, CameraAnswer, CameraRequest, CameraSetup, CameraStage, Host, MAX_ATTEMPTS, QueuedRequest,
+    Shared,
+};
+use super::link::ShotDelivery;
 use super::message::{ClipEnd, Lens, Light, ShotInfo, Size, Temperatures};
-use super::process::Launcher;
-use super::warmth::{Warmth, warmth};
+use super::process::WorkerLauncher;
+use super::warmth::{WarmUpState, judge_warm_up};
 use crate::cell::ZividSettings;
 use crate::devices::cameras::{CameraError, Conditions, Picture, Scanner, Shot};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
@@ -24,7 +27,7 @@ pub struct ZividShot {
     /// Signal to noise ratio of each point.
     pub snr: Vec<f32>,
     /// The metadata of the shot.
-    pub taken: ShotInfo,
+    pub metadata: ShotInfo,
     /// Time from the availability of the data in the worker until the complete and checked shot here, ms.
     pub crossed_ms: f64,
 }
@@ -35,14 +38,14 @@ pub struct ZividPicture {
     /// The picture.
     pub picture: ColorPicture,
     /// The metadata of the picture; for a clip also the number of pictures dropped so far.
-    pub taken: ShotInfo,
+    pub metadata: ShotInfo,
 }
 
 /// The fixed camera, operated through its worker.
 pub struct ZividScanner {
     orders: Sender<QueuedRequest>,
     shared: Arc<Shared>,
-    patience: Patience,
+    timeouts: AnswerTimeouts,
     size: Size,
     /// Exposure times of 3D shots and of pictures, by their settings, µs.
     exposures_us: [Option<f64>; 2],
@@ -53,16 +56,16 @@ pub struct ZividScanner {
 
 /// A view of the status of a camera that another thread uses.
 #[derive(Debug, Clone)]
-pub struct ZividWatch(Arc<Shared>);
+pub struct CameraMonitor(Arc<Shared>);
 
-impl ZividWatch {
+impl CameraMonitor {
     /// Returns the faults so far.
     pub fn faults(&self) -> Vec<ZividFault> {
         self.0.status().faults.iter().cloned().collect()
     }
 
     /// Returns the number of times that a worker was lost.
-    pub fn lost(&self) -> usize {
+    pub fn lost_workers(&self) -> usize {
         self.0.status().lost
     }
 
@@ -84,32 +87,32 @@ impl ZividScanner {
     ///
     /// # Errors
     /// If the system cannot start a thread.
-    pub fn start(setup: Setup, launch: Launcher) -> std::io::Result<Self> {
+    pub fn start(setup: CameraSetup, launch: WorkerLauncher) -> std::io::Result<Self> {
         let (orders, taken) = mpsc::channel();
         let shared = Arc::new(Shared::default());
-        let (patience, size) = (setup.patience, setup.size);
+        let (patience, size) = (setup.timeouts, setup.size);
         let exposures_us =
             [&setup.scan_yaml, &setup.picture_yaml].map(|yaml| ZividSettings::read("", yaml).ok()?.exposure_us());
         let host = Host::new(setup, launch, shared.clone());
         let thread = thread::Builder::new().name("zivid".to_owned()).spawn(move || host.run(&taken))?;
         let (conditions, thread) = (Conditions::default(), Some(thread));
-        Ok(ZividScanner { orders, shared, patience, size, exposures_us, conditions, thread })
+        Ok(ZividScanner { orders, shared, timeouts: patience, size, exposures_us, conditions, thread })
     }
 
     /// Waits until the camera delivers, at most for this time.
     ///
     /// # Errors
     /// If it does not deliver.
-    pub fn ready(&self, within: Duration) -> Result<(), ZividFault> {
-        match self.shared.settled(within) {
-            Stage::Ready(_) => Ok(()),
-            Stage::NoCamera(fault) | Stage::Down(fault) => Err(fault),
-            Stage::Starting(since) => Err(self.starting(since)),
+    pub fn wait_ready(&self, within: Duration) -> Result<(), ZividFault> {
+        match self.shared.wait_started(within) {
+            CameraStage::Ready(_) => Ok(()),
+            CameraStage::NoCamera(fault) | CameraStage::Down(fault) => Err(fault),
+            CameraStage::Starting(since) => Err(self.starting_fault(since)),
         }
     }
 
-    fn starting(&self, since: Instant) -> ZividFault {
-        ZividFault::Starting { since: since.elapsed(), most: self.patience.start() }
+    fn starting_fault(&self, since: Instant) -> ZividFault {
+        ZividFault::Starting { since: since.elapsed(), most: self.timeouts.start() }
     }
 
     /// Returns the faults so far, the number of lost workers, and the process ID of the worker.
@@ -119,13 +122,13 @@ impl ZividScanner {
     }
 
     /// Returns a handle with which another thread can read the camera's state at any time.
-    pub fn watch(&self) -> ZividWatch {
-        ZividWatch(self.shared.clone())
+    pub fn monitor(&self) -> CameraMonitor {
+        CameraMonitor(self.shared.clone())
     }
 
     /// Returns whether the camera has reached its final temperature, from the temperatures that it has reported.
-    pub fn warmth(&self) -> Warmth {
-        warmth(self.shared.status().temperatures.make_contiguous(), now_ns() as f64 * 1e-9)
+    pub fn temperature_state(&self) -> WarmUpState {
+        judge_warm_up(self.shared.status().temperatures.make_contiguous(), now_ns() as f64 * 1e-9)
     }
 
     fn update_conditions(&mut self, taken: &ShotInfo, exposure_us: Option<f64>) {
@@ -133,21 +136,21 @@ impl ZividScanner {
         self.conditions = Conditions { exposure_us, camera_c: taken.lens_c, throttled_ms };
     }
 
-    fn ask(&self, ask: CameraRequest) -> Result<CameraAnswer, ZividFault> {
+    fn send_request(&self, ask: CameraRequest) -> Result<CameraAnswer, ZividFault> {
         if ask != CameraRequest::Check {
             // A request never waits for the start of a worker.
-            self.ready(Duration::ZERO)?;
+            self.wait_ready(Duration::ZERO)?;
         }
         let is_given_up = Arc::new(AtomicBool::new(false));
         let (answer, answered) = mpsc::channel();
-        let order = QueuedRequest { ask, is_given_up: is_given_up.clone(), answer };
+        let order = QueuedRequest { ask, is_abandoned: is_given_up.clone(), answer };
         let gone = || ZividFault::NoWorker("the thread that controls the worker has ended".to_owned());
         self.orders.send(order).map_err(|_| gone())?;
         let begun = Instant::now();
         let most = if ask == CameraRequest::Check {
             CHECK_TIMEOUT
         } else {
-            MAX_ATTEMPTS * self.patience.timeout(ask) + SHUTDOWN_TIMEOUT
+            MAX_ATTEMPTS * self.timeouts.timeout(ask) + SHUTDOWN_TIMEOUT
         };
         loop {
             match answered.recv_timeout(POLL_INTERVAL) {
@@ -155,15 +158,15 @@ impl ZividScanner {
                 Err(RecvTimeoutError::Disconnected) => return Err(gone()),
                 // The camera was lost before this request and is being started: that may last minutes.
                 Err(RecvTimeoutError::Timeout) if ask != CameraRequest::Check => {
-                    if let Stage::Starting(since) = self.shared.status().stage {
+                    if let CameraStage::Starting(since) = self.shared.status().stage {
                         is_given_up.store(true, Ordering::Relaxed);
                         // If this request itself led to the loss of the worker, its answer arrives soon.
-                        return answered.recv_timeout(POLL_INTERVAL).unwrap_or(Err(self.starting(since)));
+                        return answered.recv_timeout(POLL_INTERVAL).unwrap_or(Err(self.starting_fault(since)));
                     }
                 }
                 Err(RecvTimeoutError::Timeout) if begun.elapsed() > most => {
                     is_given_up.store(true, Ordering::Relaxed);
-                    return Err(self.silent(ask, begun.elapsed()));
+                    return Err(self.no_answer_fault(ask, begun.elapsed()));
                 }
                 Err(RecvTimeoutError::Timeout) => {}
             }
@@ -171,11 +174,11 @@ impl ZividScanner {
     }
 
     /// Returns why there is no answer yet, from the camera's state.
-    fn silent(&self, ask: CameraRequest, waited: Duration) -> ZividFault {
+    fn no_answer_fault(&self, ask: CameraRequest, waited: Duration) -> ZividFault {
         match self.shared.status().stage.clone() {
-            Stage::NoCamera(fault) | Stage::Down(fault) => fault,
-            Stage::Starting(since) => self.starting(since),
-            Stage::Ready(_) => ZividFault::Stuck { during: ask.words(), waited },
+            CameraStage::NoCamera(fault) | CameraStage::Down(fault) => fault,
+            CameraStage::Starting(since) => self.starting_fault(since),
+            CameraStage::Ready(_) => ZividFault::Stuck { during: ask.describe(), waited },
         }
     }
 
@@ -183,64 +186,64 @@ impl ZividScanner {
     ///
     /// # Errors
     /// If the camera delivers no acceptable shot; the same applies to the other methods.
-    pub fn shot(&mut self) -> Result<ZividShot, ZividFault> {
-        match self.ask(CameraRequest::Scan)? {
-            CameraAnswer::Scan(Delivery { taken, came_ns, .. }, planes) => {
+    pub fn take_scan(&mut self) -> Result<ZividShot, ZividFault> {
+        match self.send_request(CameraRequest::Scan)? {
+            CameraAnswer::Scan(ShotDelivery { metadata: taken, arrived_ns: came_ns, .. }, planes) => {
                 let Size { width, height } = taken.size;
                 self.update_conditions(&taken, self.exposures_us[0]);
                 let crossed_ms = came_ns.saturating_sub(taken.ready_ns) as f64 * 1e-6;
                 let cloud = OrganizedCloud::new(width, height, planes.points_mm, planes.colors)
-                    .map_err(|error| unexpected(&error))?;
-                Ok(ZividShot { cloud, snr: planes.snr, taken, crossed_ms })
+                    .map_err(|error| unexpected_answer_fault(&error))?;
+                Ok(ZividShot { cloud, snr: planes.snr, metadata: taken, crossed_ms })
             }
-            _ => Err(unexpected(&"something else came")),
+            _ => Err(unexpected_answer_fault(&"something else came")),
         }
     }
 
     /// Takes one picture.
     ///
     /// # Errors
-    /// As [`ZividScanner::shot`].
-    pub fn photo(&mut self) -> Result<ZividPicture, ZividFault> {
-        self.picture_of(CameraRequest::Picture)
+    /// As [`ZividScanner::take_scan`].
+    pub fn take_picture(&mut self) -> Result<ZividPicture, ZividFault> {
+        self.request_picture(CameraRequest::Picture)
     }
 
     /// Begins to take pictures one after the other, at most at this rate per second; another shot ends this.
     ///
     /// # Errors
-    /// As [`ZividScanner::shot`].
+    /// As [`ZividScanner::take_scan`].
     pub fn begin_clip(&mut self, pictures_per_second: f64) -> Result<(), ZividFault> {
-        self.ask(CameraRequest::BeginClip(pictures_per_second)).map(drop)
+        self.send_request(CameraRequest::BeginClip(pictures_per_second)).map(drop)
     }
 
     /// Returns the next picture of the clip. Pictures that are not fetched in time are dropped, the oldest first,
     /// and counted.
     ///
     /// # Errors
-    /// As [`ZividScanner::shot`].
-    pub fn next_of_clip(&mut self) -> Result<ZividPicture, ZividFault> {
-        self.picture_of(CameraRequest::NextPicture)
+    /// As [`ZividScanner::take_scan`].
+    pub fn next_clip_picture(&mut self) -> Result<ZividPicture, ZividFault> {
+        self.request_picture(CameraRequest::NextPicture)
     }
 
     /// Ends the clip.
     ///
     /// # Errors
-    /// As [`ZividScanner::shot`].
+    /// As [`ZividScanner::take_scan`].
     pub fn end_clip(&mut self) -> Result<ClipEnd, ZividFault> {
-        match self.ask(CameraRequest::EndClip)? {
+        match self.send_request(CameraRequest::EndClip)? {
             CameraAnswer::Clip(end) => Ok(end),
-            _ => Err(unexpected(&"something else came")),
+            _ => Err(unexpected_answer_fault(&"something else came")),
         }
     }
 
     /// Returns the camera's own model of its lens at the settings of 3D shots.
     ///
     /// # Errors
-    /// As [`ZividScanner::shot`].
+    /// As [`ZividScanner::take_scan`].
     pub fn intrinsics(&mut self) -> Result<Lens, ZividFault> {
-        match self.ask(CameraRequest::Intrinsics)? {
+        match self.send_request(CameraRequest::Intrinsics)? {
             CameraAnswer::Lens(lens) => Ok(lens),
-            _ => Err(unexpected(&"something else came")),
+            _ => Err(unexpected_answer_fault(&"something else came")),
         }
     }
 
@@ -248,41 +251,41 @@ impl ZividScanner {
     /// is started again if the restart budget allows it: the function is called for a person's reset.
     ///
     /// # Errors
-    /// As [`ZividScanner::shot`].
+    /// As [`ZividScanner::take_scan`].
     pub fn temperatures(&mut self) -> Result<Temperatures, ZividFault> {
-        if let Stage::Starting(since) = self.shared.settled(CHECK_TIMEOUT) {
-            return Err(self.starting(since));
+        if let CameraStage::Starting(since) = self.shared.wait_started(CHECK_TIMEOUT) {
+            return Err(self.starting_fault(since));
         }
-        match self.ask(CameraRequest::Check)? {
+        match self.send_request(CameraRequest::Check)? {
             CameraAnswer::State(temperatures) => Ok(temperatures),
-            _ => Err(unexpected(&"something else came")),
+            _ => Err(unexpected_answer_fault(&"something else came")),
         }
     }
 
     /// Measures how the ambient light flickers at present.
     ///
     /// # Errors
-    /// As [`ZividScanner::shot`].
-    pub fn light(&mut self) -> Result<Light, ZividFault> {
-        match self.ask(CameraRequest::Light)? {
+    /// As [`ZividScanner::take_scan`].
+    pub fn measure_ambient_light(&mut self) -> Result<Light, ZividFault> {
+        match self.send_request(CameraRequest::Light)? {
             CameraAnswer::Light(light) => Ok(light),
-            _ => Err(unexpected(&"something else came")),
+            _ => Err(unexpected_answer_fault(&"something else came")),
         }
     }
 
-    fn picture_of(&mut self, ask: CameraRequest) -> Result<ZividPicture, ZividFault> {
-        match self.ask(ask)? {
-            CameraAnswer::Picture(Delivery { taken, .. }, rgb) => {
+    fn request_picture(&mut self, ask: CameraRequest) -> Result<ZividPicture, ZividFault> {
+        match self.send_request(ask)? {
+            CameraAnswer::Picture(ShotDelivery { metadata: taken, .. }, rgb) => {
                 self.update_conditions(&taken, self.exposures_us[1]);
                 let Size { width, height } = self.size;
-                Ok(ZividPicture { picture: ColorPicture { width, height, rgb }, taken })
+                Ok(ZividPicture { picture: ColorPicture { width, height, rgb }, metadata: taken })
             }
-            _ => Err(unexpected(&"something else came")),
+            _ => Err(unexpected_answer_fault(&"something else came")),
         }
     }
 }
 
-fn unexpected(what: &dyn std::fmt::Display) -> ZividFault {
+fn unexpected_answer_fault(what: &dyn std::fmt::Display) -> ZividFault {
     ZividFault::OutOfOrder { during: "the request", message: what.to_string() }
 }
 
@@ -304,13 +307,13 @@ fn time_s(taken: &ShotInfo) -> f64 {
 
 impl Scanner for ZividScanner {
     fn capture_3d(&mut self) -> Result<Shot, CameraError> {
-        let shot = self.shot()?;
-        Ok(Shot { time_s: time_s(&shot.taken), cloud: shot.cloud })
+        let shot = self.take_scan()?;
+        Ok(Shot { time_s: time_s(&shot.metadata), cloud: shot.cloud })
     }
 
     fn capture_2d(&mut self) -> Result<Picture, CameraError> {
-        let photo = self.photo()?;
-        Ok(Picture { time_s: time_s(&photo.taken), picture: photo.picture })
+        let photo = self.take_picture()?;
+        Ok(Picture { time_s: time_s(&photo.metadata), picture: photo.picture })
     }
 
     fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
@@ -319,27 +322,27 @@ impl Scanner for ZividScanner {
         Ok(now_ns() as f64 * 1e-9)
     }
 
-    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
-        let photo = ZividScanner::next_of_clip(self)?;
-        Ok(Some(Picture { time_s: time_s(&photo.taken), picture: photo.picture }))
+    fn next_clip_picture(&mut self) -> Result<Option<Picture>, CameraError> {
+        let photo = ZividScanner::next_clip_picture(self)?;
+        Ok(Some(Picture { time_s: time_s(&photo.metadata), picture: photo.picture }))
     }
 
     fn end_clip(&mut self) -> Result<u64, CameraError> {
         Ok(ZividScanner::end_clip(self)?.dropped)
     }
 
-    fn check(&mut self) -> Result<(), CameraError> {
+    fn check_ready(&mut self) -> Result<(), CameraError> {
         let found = self.temperatures()?;
         tracing::info!(?found, "the 3D camera passed its check");
-        match self.warmth() {
-            Warmth::Warm { .. } => {}
+        match self.temperature_state() {
+            WarmUpState::Warm { .. } => {}
             doubt => tracing::warn!("{doubt}"),
         }
         Ok(())
     }
 
-    fn warm(&mut self) {
-        self.shared.settled(self.patience.start());
+    fn wait_warmed_up(&mut self) {
+        self.shared.wait_started(self.timeouts.start());
     }
 
     fn conditions(&self) -> Conditions {

@@ -5,11 +5,11 @@ use std::path::Path;
 
 /// The number that the sensor gave to settings that it has read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Slot(pub u32);
+pub struct SettingsSlot(pub u32);
 
 /// The metadata of an exposure.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Exposed {
+pub struct ExposureMetadata {
     /// Its size.
     pub size: Size,
     /// Time at which the exposure ended, ns of the monotonic clock.
@@ -22,7 +22,7 @@ pub struct Exposed {
 
 /// The values of a 3D shot, row by row.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Planes {
+pub struct ShotPlanes {
     /// x, y, z in the camera's frame, mm; NaN if missing.
     pub points_mm: Vec<[f32; 3]>,
     /// Red, green, blue, sRGB.
@@ -31,11 +31,11 @@ pub struct Planes {
     pub snr: Vec<f32>,
 }
 
-impl Planes {
+impl ShotPlanes {
     /// Allocates memory for a shot of this size.
     pub fn with_size(size: Size) -> Self {
         let pixels = size.pixels();
-        Planes { points_mm: vec![[0.0; 3]; pixels], colors: vec![[0; 3]; pixels], snr: vec![0.0; pixels] }
+        ShotPlanes { points_mm: vec![[0.0; 3]; pixels], colors: vec![[0; 3]; pixels], snr: vec![0.0; pixels] }
     }
 }
 
@@ -43,7 +43,7 @@ impl Planes {
 /// words.
 pub trait Sensor: Send {
     /// Returns the version of the SDK with which the sensor was built.
-    fn sdk(&self) -> String;
+    fn sdk_version(&self) -> String;
 
     /// Opens a camera; a camera that is open is released first, with its settings.
     ///
@@ -55,25 +55,25 @@ pub trait Sensor: Send {
     ///
     /// # Errors
     /// As [`Sensor::connect`].
-    fn settings(&mut self, usage: Use, file: &Path) -> Result<(Slot, Size), Refusal>;
+    fn settings(&mut self, usage: Use, file: &Path) -> Result<(SettingsSlot, Size), Refusal>;
 
     /// Takes a 3D shot.
     ///
     /// # Errors
     /// As [`Sensor::connect`].
-    fn scan(&mut self, slot: Slot) -> Result<(Exposed, Planes), Refusal>;
+    fn scan(&mut self, slot: SettingsSlot) -> Result<(ExposureMetadata, ShotPlanes), Refusal>;
 
     /// Takes a picture: red, green, blue of each pixel.
     ///
     /// # Errors
     /// As [`Sensor::connect`].
-    fn picture(&mut self, slot: Slot) -> Result<(Exposed, Vec<[u8; 3]>), Refusal>;
+    fn picture(&mut self, slot: SettingsSlot) -> Result<(ExposureMetadata, Vec<[u8; 3]>), Refusal>;
 
     /// Returns the camera's model of its lens.
     ///
     /// # Errors
     /// As [`Sensor::connect`].
-    fn intrinsics(&mut self, slot: Slot) -> Result<Lens, Refusal>;
+    fn intrinsics(&mut self, slot: SettingsSlot) -> Result<Lens, Refusal>;
 
     /// Returns the camera's temperatures.
     ///
@@ -85,5 +85,5 @@ pub trait Sensor: Send {
     ///
     /// # Errors
     /// As [`Sensor::connect`].
-    fn light(&mut self) -> Result<Light, Refusal>;
+    fn measure_ambient_light(&mut self) -> Result<Light, Refusal>;
 }

@@ -10,7 +10,7 @@
 //! were recorded for less than the ten minutes, or the limit lies within the error of the result, a doubt is reported.
 //! This module never waits and never stops a cycle. Source: support.zivid.com, "Warm-up" and "Thermal Stabilization".
 
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 
 /// How long the camera's temperature must have been recorded, s: the manufacturer's ten minutes.
 const MIN_OBSERVED_S: f64 = 600.0;
@@ -28,7 +28,7 @@ pub const MAX_TEMPERATURE_AGE_S: f64 = MIN_OBSERVED_S + MAX_GAP_S;
 
 /// A temperature.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reading {
+pub struct TemperatureReading {
     /// When, s.
     pub at_s: f64,
     /// Temperature of the lens, °C.
@@ -37,7 +37,7 @@ pub struct Reading {
 
 /// The result of judging the temperatures.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Warmth {
+pub enum WarmUpState {
     /// The camera's temperature is stable.
     Warm {
         /// Rise, °C a minute.
@@ -56,37 +56,37 @@ pub enum Warmth {
         error_c_per_min: f64,
     },
     /// The temperatures were recorded for too short a time, or the camera reports no temperature.
-    NotFollowed {
+    NoReadings {
         /// Time of recording without a gap, s.
         followed_s: f64,
     },
 }
 
-impl std::fmt::Display for Warmth {
+impl std::fmt::Display for WarmUpState {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Warmth::Warm { rise_c_per_min } => {
+            WarmUpState::Warm { rise_c_per_min } => {
                 write!(
                     f,
                     "the 3D camera is warm: its temperature changes by {:.2} °C per minute",
                     rise_c_per_min.abs()
                 )
             }
-            Warmth::Changing { rise_c_per_min } => {
+            WarmUpState::Changing { rise_c_per_min } => {
                 let verb = if *rise_c_per_min > 0.0 { "warms up" } else { "cools down" };
-                let [found, limit] = apart(rise_c_per_min.abs(), LIMIT_C_PER_MIN, 2);
+                let [found, limit] = distinguishable_texts(rise_c_per_min.abs(), LIMIT_C_PER_MIN, 2);
                 write!(
                     f,
                     "the 3D camera still {verb}, by {found} °C per minute (limit {limit} °C per minute). Take shots \
                      for ten minutes before you rely on an accuracy of tenths of a millimetre"
                 )
             }
-            Warmth::Unclear { rise_c_per_min, error_c_per_min } => write!(
+            WarmUpState::Unclear { rise_c_per_min, error_c_per_min } => write!(
                 f,
                 "it is not clear whether the 3D camera is warm: its temperature changes by {rise_c_per_min:.2} ± \
                  {error_c_per_min:.2} °C per minute (warm: {LIMIT_C_PER_MIN} °C per minute or less)"
             ),
-            Warmth::NotFollowed { followed_s } => write!(
+            WarmUpState::NoReadings { followed_s } => write!(
                 f,
                 "it is not known whether the 3D camera is warm: its temperature was recorded for {:.0} of {:.0} min",
                 (followed_s / 60.0).floor(),
@@ -97,25 +97,26 @@ impl std::fmt::Display for Warmth {
 }
 
 /// Judges temperatures, in the order of their times, at `now_s` of the same clock.
-pub fn warmth(readings: &[Reading], now_s: f64) -> Warmth {
-    let series = unbroken(readings, now_s);
+pub fn judge_warm_up(readings: &[TemperatureReading], now_s: f64) -> WarmUpState {
+    let series = recent_readings(readings, now_s);
     let followed_s = series.first().map_or(0.0, |first| now_s - first.at_s);
     if followed_s < MIN_OBSERVED_S {
-        return Warmth::NotFollowed { followed_s };
+        return WarmUpState::NoReadings { followed_s };
     }
-    let line: Vec<Reading> = series.iter().filter(|reading| now_s - reading.at_s <= LINE_S).copied().collect();
-    let Some((rise_c_per_min, error_c_per_min)) = rise(&line) else {
-        return Warmth::NotFollowed { followed_s: 0.0 };
+    let line: Vec<TemperatureReading> =
+        series.iter().filter(|reading| now_s - reading.at_s <= LINE_S).copied().collect();
+    let Some((rise_c_per_min, error_c_per_min)) = temperature_slope(&line) else {
+        return WarmUpState::NoReadings { followed_s: 0.0 };
     };
     match rise_c_per_min.abs() {
-        most if most + error_c_per_min <= LIMIT_C_PER_MIN => Warmth::Warm { rise_c_per_min },
-        least if least - error_c_per_min > LIMIT_C_PER_MIN => Warmth::Changing { rise_c_per_min },
-        _ => Warmth::Unclear { rise_c_per_min, error_c_per_min },
+        most if most + error_c_per_min <= LIMIT_C_PER_MIN => WarmUpState::Warm { rise_c_per_min },
+        least if least - error_c_per_min > LIMIT_C_PER_MIN => WarmUpState::Changing { rise_c_per_min },
+        _ => WarmUpState::Unclear { rise_c_per_min, error_c_per_min },
     }
 }
 
 /// Returns the last readings without a gap between them, up to now.
-fn unbroken(readings: &[Reading], now_s: f64) -> &[Reading] {
+fn recent_readings(readings: &[TemperatureReading], now_s: f64) -> &[TemperatureReading] {
     let mut next_s = now_s;
     let of_series = readings.iter().rev().take_while(|reading| {
         let is_near = next_s - reading.at_s <= MAX_GAP_S;
@@ -127,12 +128,12 @@ fn unbroken(readings: &[Reading], now_s: f64) -> &[Reading] {
 }
 
 /// Calculates slope and its error (95 %) by (1), °C a minute; `None` for fewer than three readings.
-fn rise(line: &[Reading]) -> Option<(f64, f64)> {
+fn temperature_slope(line: &[TemperatureReading]) -> Option<(f64, f64)> {
     let count = line.len() as f64;
     if line.len() < 3 {
         return None;
     }
-    let mean = |of: &dyn Fn(&Reading) -> f64| line.iter().map(of).sum::<f64>() / count;
+    let mean = |of: &dyn Fn(&TemperatureReading) -> f64| line.iter().map(of).sum::<f64>() / count;
     let (middle_s, middle_c) = (mean(&|reading| reading.at_s), mean(&|reading| reading.lens_c));
     let spread: f64 = line.iter().map(|reading| (reading.at_s - middle_s).powi(2)).sum();
     if spread <= 0.0 {
@@ -140,7 +141,7 @@ fn rise(line: &[Reading]) -> Option<(f64, f64)> {
     }
     let together: f64 = line.iter().map(|reading| (reading.at_s - middle_s) * (reading.lens_c - middle_c)).sum();
     let slope = together / spread;
-    let left = |reading: &Reading| reading.lens_c - middle_c - slope * (reading.at_s - middle_s);
+    let left = |reading: &TemperatureReading| reading.lens_c - middle_c - slope * (reading.at_s - middle_s);
     let squares: f64 = line.iter().map(|reading| left(reading).powi(2)).sum();
     let error_c = (squares / (count - 2.0)).sqrt().max(MIN_ERROR_C);
     Some((60.0 * slope, 60.0 * 2.0 * error_c / spread.sqrt()))
@@ -151,9 +152,9 @@ mod tests {
     use super::*;
 
     /// Returns a reading each half minute from `from_s` to 900 s.
-    fn readings(from_s: f64, lens_c: impl Fn(f64) -> f64) -> Vec<Reading> {
+    fn readings(from_s: f64, lens_c: impl Fn(f64) -> f64) -> Vec<TemperatureReading> {
         let times = (0..=30).map(|half| f64::from(half) * 30.0).filter(|at_s| *at_s >= from_s);
-        times.map(|at_s| Reading { at_s, lens_c: lens_c(at_s) }).collect()
+        times.map(|at_s| TemperatureReading { at_s, lens_c: lens_c(at_s) }).collect()
     }
 
     /// Calculated by hand: 0.06 °C a minute is 0.001 °C a second. Eleven readings, 30 s apart: Σ (t − t̄)² = 2 ·
@@ -162,9 +163,9 @@ mod tests {
     #[test]
     fn a_straight_rise_is_found_with_its_error() {
         let line = readings(600.0, |at_s| 30.0 + 0.001 * at_s);
-        let (rise_c, error_c) = rise(&line).expect("eleven");
+        let (rise_c, error_c) = temperature_slope(&line).expect("eleven");
         assert!((rise_c - 0.06).abs() < 1e-9 && (error_c - 0.01101).abs() < 1e-5, "{rise_c} {error_c}");
-        assert_eq!(rise(&line[..2]), None);
+        assert_eq!(temperature_slope(&line[..2]), None);
     }
 
     /// A camera that approaches its final temperature as 40 − 15 e^(−t/τ), τ = 2.5 min: at 15 min its temperature
@@ -173,13 +174,13 @@ mod tests {
     fn a_camera_is_warm_when_it_changes_no_more() {
         let warming = |at_s: f64| 40.0 - 15.0 * (-at_s / 150.0_f64).exp();
         assert!(
-            matches!(warmth(&readings(0.0, warming), 900.0), Warmth::Warm { rise_c_per_min } if rise_c_per_min > 0.03)
+            matches!(judge_warm_up(&readings(0.0, warming), 900.0), WarmUpState::Warm { rise_c_per_min } if rise_c_per_min > 0.03)
         );
         // The same camera, seen ten minutes earlier in its warm-up.
-        let early = warmth(&readings(0.0, |at_s| warming(at_s - 600.0)), 900.0);
-        assert!(matches!(early, Warmth::Changing { rise_c_per_min } if rise_c_per_min > 0.8), "{early:?}");
+        let early = judge_warm_up(&readings(0.0, |at_s| warming(at_s - 600.0)), 900.0);
+        assert!(matches!(early, WarmUpState::Changing { rise_c_per_min } if rise_c_per_min > 0.8), "{early:?}");
         assert!(early.to_string().starts_with("the 3D camera still warms up, by "), "{early}");
-        let film = warmth(&readings(0.0, |at_s| 40.0 - 0.005 * at_s), 900.0);
+        let film = judge_warm_up(&readings(0.0, |at_s| 40.0 - 0.005 * at_s), 900.0);
         assert!(
             film.to_string()
                 .starts_with("the 3D camera still cools down, by 0.30 °C per minute (limit 0.1 °C per minute)")
@@ -189,19 +190,19 @@ mod tests {
     #[test]
     fn what_is_not_known_is_told() {
         let steady = |_: f64| 36.0;
-        let short = warmth(&readings(330.0, steady), 900.0);
-        assert_eq!(short, Warmth::NotFollowed { followed_s: 570.0 });
+        let short = judge_warm_up(&readings(330.0, steady), 900.0);
+        assert_eq!(short, WarmUpState::NoReadings { followed_s: 570.0 });
         assert!(short.to_string().ends_with("recorded for 9 of 10 min"), "{short}");
-        assert_eq!(warmth(&[], 900.0), Warmth::NotFollowed { followed_s: 0.0 });
+        assert_eq!(judge_warm_up(&[], 900.0), WarmUpState::NoReadings { followed_s: 0.0 });
         // In the first case the last reading is three minutes old; in the second there is a gap of three minutes
         // before the last five readings.
-        assert_eq!(warmth(&readings(0.0, steady), 1_080.0), Warmth::NotFollowed { followed_s: 0.0 });
+        assert_eq!(judge_warm_up(&readings(0.0, steady), 1_080.0), WarmUpState::NoReadings { followed_s: 0.0 });
         let mut gap = readings(0.0, steady);
         gap.retain(|reading| !(430.0..=580.0).contains(&reading.at_s));
-        assert_eq!(warmth(&gap, 900.0), Warmth::NotFollowed { followed_s: 300.0 });
+        assert_eq!(judge_warm_up(&gap, 900.0), WarmUpState::NoReadings { followed_s: 300.0 });
         // A rise of 0.1 °C a minute is exactly at the limit.
-        let edge = warmth(&readings(0.0, |at_s| 30.0 + at_s / 600.0), 900.0);
-        assert!(matches!(edge, Warmth::Unclear { .. }), "{edge:?}");
+        let edge = judge_warm_up(&readings(0.0, |at_s| 30.0 + at_s / 600.0), 900.0);
+        assert!(matches!(edge, WarmUpState::Unclear { .. }), "{edge:?}");
         assert!(edge.to_string().contains("changes by 0.10 ± 0.01 °C per minute"), "{edge}");
     }
 }

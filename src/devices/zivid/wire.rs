@@ -14,7 +14,7 @@
 //! against one that sends false data on purpose. A frame that is cut, changed or foreign is an error, after which
 //! nothing more of that stream is read: the stream has no marker at which reading could start again.
 
-pub use super::frame::{Kind, Part, VERSION, WireError};
+pub use super::frame::{FrameKind, FramePart, VERSION, WireError};
 
 use super::frame::MAGIC;
 use crc32fast::Hasher;
@@ -37,13 +37,13 @@ const PIECE_BYTES: usize = 1 << 18;
 /// If the stream accepts no more data. Nothing is written if a part is longer than a reader allows.
 pub fn write(
     stream: &mut impl Write,
-    (kind, sequence): (Kind, u32),
+    (kind, sequence): (FrameKind, u32),
     head: &[u8],
     planes: &[&[u8]],
 ) -> Result<(), WireError> {
     let payload_bytes: usize = planes.iter().map(|plane| plane.len()).sum();
-    allowed(Part::Head, head.len() as u64, MAX_HEAD_BYTES)?;
-    allowed(Part::Payload, payload_bytes as u64, MAX_PAYLOAD_BYTES)?;
+    check_length(FramePart::Head, head.len() as u64, MAX_HEAD_BYTES)?;
+    check_length(FramePart::Payload, payload_bytes as u64, MAX_PAYLOAD_BYTES)?;
     let mut opening = Vec::with_capacity(OPENING_BYTES + head.len() + 8);
     opening.extend(MAGIC);
     opening.extend(VERSION.to_le_bytes());
@@ -53,10 +53,10 @@ pub fn write(
     opening.extend((payload_bytes as u64).to_le_bytes());
     let mut sum = Hasher::new();
     sum.update(&opening);
-    opening.extend(so_far(&sum).to_le_bytes());
+    opening.extend(checksum_so_far(&sum).to_le_bytes());
     sum.update(head);
     opening.extend(head);
-    opening.extend(so_far(&sum).to_le_bytes());
+    opening.extend(checksum_so_far(&sum).to_le_bytes());
     stream.write_all(&opening).map_err(WireError::Io)?;
     for piece in planes.iter().flat_map(|plane| plane.chunks(PIECE_BYTES)) {
         sum.update(piece);
@@ -66,18 +66,18 @@ pub fn write(
     stream.flush().map_err(WireError::Io)
 }
 
-fn so_far(sum: &Hasher) -> u32 {
+fn checksum_so_far(sum: &Hasher) -> u32 {
     sum.clone().finalize()
 }
 
-fn allowed(part: Part, found: u64, most: usize) -> Result<(), WireError> {
+fn check_length(part: FramePart, found: u64, most: usize) -> Result<(), WireError> {
     let allowed = most as u64;
     if found <= allowed { Ok(()) } else { Err(WireError::TooLong { part, found, allowed }) }
 }
 
 /// A frame up to its payload, which has not been read yet.
 #[derive(Debug)]
-pub struct Opened {
+pub struct OpenedFrame {
     /// The sequence number: a reply has the number of its request.
     pub sequence: u32,
     /// Its head, JSON.
@@ -90,13 +90,13 @@ pub struct Opened {
 ///
 /// # Errors
 /// If the stream ends, or the received data are not such a frame.
-pub fn open(stream: &mut impl Read, allowed_kind: Kind) -> Result<Opened, WireError> {
+pub fn open(stream: &mut impl Read, allowed_kind: FrameKind) -> Result<OpenedFrame, WireError> {
     let mut opening = [0; OPENING_BYTES];
-    fill(stream, &mut opening[..1], Part::Opening).map_err(|error| match error {
+    read_exact_bytes(stream, &mut opening[..1], FramePart::Opening).map_err(|error| match error {
         WireError::Cut { .. } => WireError::Ended,
         other => other,
     })?;
-    fill(stream, &mut opening[1..], Part::Opening)?;
+    read_exact_bytes(stream, &mut opening[1..], FramePart::Opening)?;
     let [m0, m1, m2, m3, v0, v1, k0, k1, s0, s1, s2, s3, h0, h1, h2, h3, payload @ ..] = opening;
     if [m0, m1, m2, m3] != MAGIC {
         return Err(WireError::NotAFrame { found: [m0, m1, m2, m3] });
@@ -108,28 +108,28 @@ pub fn open(stream: &mut impl Read, allowed_kind: Kind) -> Result<Opened, WireEr
     }
     let mut sum = Hasher::new();
     sum.update(&opening);
-    check(stream, &sum, Part::Opening)?;
+    check_checksum(stream, &sum, FramePart::Opening)?;
     let kind = u16::from_le_bytes([k0, k1]);
-    if Kind::ALL.iter().copied().find(|known| known.number() == kind) != Some(allowed_kind) {
+    if FrameKind::ALL.iter().copied().find(|known| known.number() == kind) != Some(allowed_kind) {
         return Err(WireError::Kind { found: kind, allowed: allowed_kind });
     }
     let head_bytes = u32::from_le_bytes([h0, h1, h2, h3]);
     let payload_bytes = u64::from_le_bytes(payload);
-    allowed(Part::Head, u64::from(head_bytes), MAX_HEAD_BYTES)?;
-    allowed(Part::Payload, payload_bytes, MAX_PAYLOAD_BYTES)?;
+    check_length(FramePart::Head, u64::from(head_bytes), MAX_HEAD_BYTES)?;
+    check_length(FramePart::Payload, payload_bytes, MAX_PAYLOAD_BYTES)?;
     let mut head = vec![0; head_bytes as usize];
-    fill(stream, &mut head, Part::Head)?;
+    read_exact_bytes(stream, &mut head, FramePart::Head)?;
     sum.update(&head);
-    check(stream, &sum, Part::Head)?;
-    Ok(Opened { sequence: u32::from_le_bytes([s0, s1, s2, s3]), head, payload_bytes, sum })
+    check_checksum(stream, &sum, FramePart::Head)?;
+    Ok(OpenedFrame { sequence: u32::from_le_bytes([s0, s1, s2, s3]), head, payload_bytes, sum })
 }
 
-impl Opened {
+impl OpenedFrame {
     /// Checks the payload's size against the size in the head, before memory is allocated for it.
     ///
     /// # Errors
     /// If the sizes differ.
-    pub fn holds(&self, expected: usize) -> Result<(), WireError> {
+    pub fn check_payload_size(&self, expected: usize) -> Result<(), WireError> {
         let (found, expected) = (self.payload_bytes, expected as u64);
         if found == expected { Ok(()) } else { Err(WireError::PayloadSize { found, expected }) }
     }
@@ -139,14 +139,14 @@ impl Opened {
     /// # Errors
     /// If the payload has another size, is cut, or has a wrong checksum.
     pub fn payload(self, stream: &mut impl Read, planes: &mut [&mut [u8]]) -> Result<u32, WireError> {
-        self.holds(planes.iter().map(|plane| plane.len()).sum())?;
+        self.check_payload_size(planes.iter().map(|plane| plane.len()).sum())?;
         let (mut sum, mut own) = (self.sum, Hasher::new());
         for piece in planes.iter_mut().flat_map(|plane| plane.chunks_mut(PIECE_BYTES)) {
-            fill(stream, piece, Part::Payload)?;
+            read_exact_bytes(stream, piece, FramePart::Payload)?;
             sum.update(piece);
             own.update(piece);
         }
-        check(stream, &sum, Part::Payload)?;
+        check_checksum(stream, &sum, FramePart::Payload)?;
         Ok(own.finalize())
     }
 
@@ -154,19 +154,19 @@ impl Opened {
     ///
     /// # Errors
     /// If the frame has a payload, or its checksum is wrong.
-    pub fn without_payload(self, stream: &mut impl Read) -> Result<(), WireError> {
+    pub fn finish_without_payload(self, stream: &mut impl Read) -> Result<(), WireError> {
         self.payload(stream, &mut []).map(drop)
     }
 }
 
-fn check(stream: &mut impl Read, sum: &Hasher, part: Part) -> Result<(), WireError> {
+fn check_checksum(stream: &mut impl Read, sum: &Hasher, part: FramePart) -> Result<(), WireError> {
     let mut found = [0; 4];
-    fill(stream, &mut found, part)?;
-    let (found, computed) = (u32::from_le_bytes(found), so_far(sum));
+    read_exact_bytes(stream, &mut found, part)?;
+    let (found, computed) = (u32::from_le_bytes(found), checksum_so_far(sum));
     if found == computed { Ok(()) } else { Err(WireError::Checksum { part, found, computed }) }
 }
 
-fn fill(stream: &mut impl Read, bytes: &mut [u8], part: Part) -> Result<(), WireError> {
+fn read_exact_bytes(stream: &mut impl Read, bytes: &mut [u8], part: FramePart) -> Result<(), WireError> {
     stream.read_exact(bytes).map_err(|error| match error.kind() {
         ErrorKind::UnexpectedEof | ErrorKind::ConnectionReset | ErrorKind::BrokenPipe => WireError::Cut { part },
         ErrorKind::TimedOut | ErrorKind::WouldBlock => WireError::Stalled { part },
@@ -181,13 +181,13 @@ mod tests {
 
     fn written(sequence: u32, head: &[u8], planes: &[&[u8]]) -> Vec<u8> {
         let mut bytes = Vec::new();
-        write(&mut bytes, (Kind::Reply, sequence), head, planes).expect("written");
+        write(&mut bytes, (FrameKind::Reply, sequence), head, planes).expect("written");
         bytes
     }
 
     /// Reads the sequence number, the head and the planes of these sizes.
     fn read(mut bytes: &[u8], sizes: &[usize]) -> Result<(u32, Vec<u8>, Vec<Vec<u8>>), WireError> {
-        let opened = open(&mut bytes, Kind::Reply)?;
+        let opened = open(&mut bytes, FrameKind::Reply)?;
         let (sequence, head) = (opened.sequence, opened.head.clone());
         let mut planes: Vec<Vec<u8>> = sizes.iter().map(|&size| vec![0; size]).collect();
         let mut filled: Vec<&mut [u8]> = planes.iter_mut().map(Vec::as_mut_slice).collect();
@@ -217,7 +217,7 @@ mod tests {
         newer[4] = 3;
         assert_eq!(told(&newer, 9), "the received frames have the version 3, but this program uses version 2");
         let mut request = Vec::new();
-        write(&mut request, (Kind::Request, 1), b"{}", &[]).expect("written");
+        write(&mut request, (FrameKind::Request, 1), b"{}", &[]).expect("written");
         assert_eq!(told(&request, 0), "found a frame of kind 2, expected kind 3, a reply");
     }
 
@@ -228,11 +228,11 @@ mod tests {
         opening.extend(0_u32.to_le_bytes());
         opening.extend(u64::MAX.to_le_bytes());
         opening.extend(crc32fast::hash(&opening).to_le_bytes());
-        assert!(matches!(read(&opening, &[]), Err(WireError::TooLong { part: Part::Payload, .. })));
+        assert!(matches!(read(&opening, &[]), Err(WireError::TooLong { part: FramePart::Payload, .. })));
         let head = vec![b' '; MAX_HEAD_BYTES + 1];
         let mut nothing = Vec::new();
-        let refused = write(&mut nothing, (Kind::Request, 0), &head, &[]);
-        assert!(matches!(refused, Err(WireError::TooLong { part: Part::Head, .. })) && nothing.is_empty());
+        let refused = write(&mut nothing, (FrameKind::Request, 0), &head, &[]);
+        assert!(matches!(refused, Err(WireError::TooLong { part: FramePart::Head, .. })) && nothing.is_empty());
     }
 
     proptest! {

@@ -7,8 +7,8 @@
 use super::camera::{Camera, lock};
 use super::clip::Clip;
 use super::message::{Hello, Refusal, Reply, Request, SettingsHash, ShotInfo, Size, Source, Trouble, Use};
-use super::sensor::{Planes, Sensor, Slot};
-use super::wire::{self, Kind, WireError};
+use super::sensor::{Sensor, SettingsSlot, ShotPlanes};
+use super::wire::{self, FrameKind, WireError};
 use crate::files::content_hash;
 use std::collections::HashMap;
 use std::io::Write;
@@ -33,15 +33,15 @@ pub enum WorkerError {
 /// An answer with its payload.
 enum Answer {
     Words(Reply),
-    Scan(ShotInfo, Planes),
+    Scan(ShotInfo, ShotPlanes),
     Picture(ShotInfo, Vec<[u8; 3]>),
 }
 
 /// Settings that were read.
 #[derive(Debug, Clone, Copy)]
-struct Known {
+struct LoadedSettings {
     usage: Use,
-    slot: Slot,
+    slot: SettingsSlot,
 }
 
 /// Serves one daemon until the daemon closes the connection.
@@ -49,19 +49,20 @@ struct Known {
 /// # Errors
 /// If a request of the daemon cannot be read or answered: then the connection to the daemon cannot be used any more.
 pub fn serve(mut daemon: UnixStream, sensor: Box<dyn Sensor>) -> Result<(), WorkerError> {
-    greet(&mut daemon, Ok(sensor.sdk()))?;
+    send_hello(&mut daemon, Ok(sensor.sdk_version()))?;
     #[expect(clippy::let_underscore_must_use, reason = "a hint; without it a shot takes a few milliseconds more")]
     let _ = rustix::net::sockopt::set_socket_send_buffer_size(&daemon, SOCKET_BYTES);
     let camera = Arc::new(Mutex::new(Camera::new(sensor)));
-    let mut worker = Worker { camera, settings: HashMap::new(), clip: None };
+    let mut worker = SensorWorker { camera, settings: HashMap::new(), clip: None };
     loop {
-        let opened = match wire::open(&mut daemon, Kind::Request) {
+        let opened = match wire::open(&mut daemon, FrameKind::Request) {
             Err(WireError::Ended) => return Ok(()),
             other => other?,
         };
         let (sequence, request) = (opened.sequence, serde_json::from_slice::<Request>(&opened.head)?);
-        opened.without_payload(&mut daemon)?;
-        let answer = worker.answer(request).unwrap_or_else(|refusal| Answer::Words(Reply::Refused(refusal)));
+        opened.finish_without_payload(&mut daemon)?;
+        let answer =
+            worker.answer_request(request).unwrap_or_else(|refusal| Answer::Words(Reply::Refused(refusal)));
         send(&mut daemon, sequence, &answer)?;
     }
 }
@@ -70,18 +71,18 @@ pub fn serve(mut daemon: UnixStream, sensor: Box<dyn Sensor>) -> Result<(), Work
 ///
 /// # Errors
 /// If the message is not received.
-pub fn greet(daemon: &mut UnixStream, sdk: Result<String, String>) -> Result<(), WorkerError> {
+pub fn send_hello(daemon: &mut UnixStream, sdk: Result<String, String>) -> Result<(), WorkerError> {
     let hello = Hello { program: env!("CARGO_PKG_VERSION").to_owned(), sdk };
-    Ok(wire::write(daemon, (Kind::Hello, 0), &serde_json::to_vec(&hello)?, &[])?)
+    Ok(wire::write(daemon, (FrameKind::Hello, 0), &serde_json::to_vec(&hello)?, &[])?)
 }
 
 fn send(daemon: &mut UnixStream, sequence: u32, answer: &Answer) -> Result<(), WorkerError> {
     let mut reply = |head: &Reply, planes: &[&[u8]]| -> Result<(), WorkerError> {
-        Ok(wire::write(daemon, (Kind::Reply, sequence), &serde_json::to_vec(head)?, planes)?)
+        Ok(wire::write(daemon, (FrameKind::Reply, sequence), &serde_json::to_vec(head)?, planes)?)
     };
     match answer {
         Answer::Words(words) => reply(words, &[]),
-        Answer::Scan(taken, Planes { points_mm, colors, snr }) => {
+        Answer::Scan(taken, ShotPlanes { points_mm, colors, snr }) => {
             let planes = [
                 bytemuck::cast_slice(points_mm.as_slice()),
                 bytemuck::cast_slice(colors.as_slice()),
@@ -93,14 +94,14 @@ fn send(daemon: &mut UnixStream, sequence: u32, answer: &Answer) -> Result<(), W
     }
 }
 
-struct Worker {
+struct SensorWorker {
     camera: Arc<Mutex<Camera>>,
-    settings: HashMap<SettingsHash, Known>,
+    settings: HashMap<SettingsHash, LoadedSettings>,
     clip: Option<Clip>,
 }
 
-impl Worker {
-    fn answer(&mut self, request: Request) -> Result<Answer, Refusal> {
+impl SensorWorker {
+    fn answer_request(&mut self, request: Request) -> Result<Answer, Refusal> {
         // Every request except the ones for the next picture and for the clip's end stops a clip: camera and projector
         // execute one task at a time.
         if !matches!(request, Request::NextPicture | Request::EndClip) {
@@ -111,18 +112,18 @@ impl Worker {
             Request::Connect { source } => words(self.connect(&source)?),
             Request::Settings { usage, yaml, hash } => words(Reply::Settings(self.read(usage, &yaml, hash)?)),
             Request::Scan { settings } => {
-                let slot = self.slot(Use::Scan, &settings)?;
+                let slot = self.settings_slot(Use::Scan, &settings)?;
                 let (taken, planes) = lock(&self.camera).capture(&settings, |sensor| sensor.scan(slot))?;
                 Ok(Answer::Scan(taken, planes))
             }
             Request::Picture { settings } => {
-                let slot = self.slot(Use::Picture, &settings)?;
+                let slot = self.settings_slot(Use::Picture, &settings)?;
                 let (taken, rgb) = lock(&self.camera).capture(&settings, |sensor| sensor.picture(slot))?;
                 Ok(Answer::Picture(taken, rgb))
             }
             Request::BeginClip { settings, pictures_per_second } => {
-                let slot = self.slot(Use::Picture, &settings)?;
-                self.clip = Some(Clip::begin(self.camera.clone(), (slot, settings), pictures_per_second)?);
+                let slot = self.settings_slot(Use::Picture, &settings)?;
+                self.clip = Some(Clip::begin_clip(self.camera.clone(), (slot, settings), pictures_per_second)?);
                 words(Reply::ClipBegun)
             }
             Request::NextPicture => {
@@ -135,11 +136,11 @@ impl Worker {
                 words(Reply::ClipEnded(ended))
             }
             Request::Intrinsics { settings } => {
-                let known = self.known(&settings)?;
+                let known = self.loaded_settings(&settings)?;
                 words(Reply::Intrinsics(lock(&self.camera).sensor.intrinsics(known.slot)?))
             }
             Request::State => words(Reply::State(lock(&self.camera).sensor.state()?)),
-            Request::Light => words(Reply::Light(lock(&self.camera).sensor.light()?)),
+            Request::Light => words(Reply::Light(lock(&self.camera).sensor.measure_ambient_light()?)),
         }
     }
 
@@ -167,11 +168,11 @@ impl Worker {
         let mut file = tempfile::Builder::new().suffix(".yml").tempfile().map_err(failed)?;
         file.write_all(yaml.as_bytes()).and_then(|()| file.flush()).map_err(failed)?;
         let (slot, size) = lock(&self.camera).sensor.settings(usage, file.path())?;
-        self.settings.insert(hash, Known { usage, slot });
+        self.settings.insert(hash, LoadedSettings { usage, slot });
         Ok(size)
     }
 
-    fn known(&self, hash: &SettingsHash) -> Result<Known, Refusal> {
+    fn loaded_settings(&self, hash: &SettingsHash) -> Result<LoadedSettings, Refusal> {
         let unknown = || Refusal {
             trouble: Trouble::OutOfOrder,
             message: format!("settings {hash} were not sent since the camera was opened"),
@@ -179,8 +180,8 @@ impl Worker {
         self.settings.get(hash).copied().ok_or_else(unknown)
     }
 
-    fn slot(&self, usage: Use, hash: &SettingsHash) -> Result<Slot, Refusal> {
-        let known = self.known(hash)?;
+    fn settings_slot(&self, usage: Use, hash: &SettingsHash) -> Result<SettingsSlot, Refusal> {
+        let known = self.loaded_settings(hash)?;
         if known.usage == usage {
             return Ok(known.slot);
         }

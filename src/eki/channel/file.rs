@@ -1,7 +1,7 @@
 //! One channel of the controller: the file's statements, and the manual's defaults for everything that it does not
 //! state.
 
-use super::kinds::{Environment, Kind, Peer, Protocol, ReadOrder};
+use super::kinds::{Environment, Kind, PeerRole, Protocol, ReadOrder};
 use super::stated::{StatedChannel, StatedElement};
 use crate::config::Problem;
 
@@ -42,7 +42,7 @@ pub struct Element {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ChannelFile {
     /// The role of the other machine.
-    pub peer: Peer,
+    pub peer: PeerRole,
     /// The address of the machine that listens: the controller's, or the other machine's if the controller connects.
     /// Any text is allowed: placeholders are common.
     pub address: Option<String>,
@@ -105,7 +105,7 @@ impl ChannelFile {
         let signal =
             |is_flag| stated.alive.iter().find(|signal| signal.is_flag == is_flag).map(|signal| signal.number);
         ChannelFile {
-            peer: stated.peer(),
+            peer: stated.peer_role(),
             address: server.ip.as_ref().map(|ip| ip.value.clone()),
             port: server.port.map_or(DEFAULT_PORT, |port| port.value),
             environment: stated.environment.map_or(Environment::Program, |environment| environment.value),

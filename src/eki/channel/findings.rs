@@ -15,7 +15,7 @@ pub(crate) struct Findings {
 
 impl Findings {
     /// Notes a problem.
-    pub(crate) fn wrong(&mut self, line: usize, key: impl Into<String>, message: impl Into<String>) {
+    pub(crate) fn add_problem(&mut self, line: usize, key: impl Into<String>, message: impl Into<String>) {
         self.problems.push(Problem { line, key: key.into(), message: message.into() });
     }
 

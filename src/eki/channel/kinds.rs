@@ -6,7 +6,7 @@ use strum::{Display, EnumString, VariantNames};
 /// The role of the other machine, as the controller sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
 #[strum(ascii_case_insensitive)]
-pub enum Peer {
+pub enum PeerRole {
     /// The other machine connects; the controller listens.
     Client,
     /// The other machine listens; the controller connects.

@@ -12,9 +12,9 @@ use crate::config::Problem;
 /// If the text is not XML or not a classic EthernetKRL file.
 pub(crate) fn read(name: &str, text: &str) -> Result<(StatedChannel, Findings), Problem> {
     let root = tree::tree(text)?;
-    manual::is_classic(&root)?;
+    manual::is_classic_dialect(&root)?;
     let mut found = Findings::default();
-    manual::check(&root, &mut found);
+    manual::check_against_manual(&root, &mut found);
     let stated = StatedChannel::from_xml(name, &root, &mut found);
     Ok((stated, found))
 }

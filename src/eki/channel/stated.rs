@@ -2,7 +2,7 @@
 //! out.
 
 use super::findings::Findings;
-use super::kinds::{Environment, Peer, Protocol, ReadOrder};
+use super::kinds::{Environment, PeerRole, Protocol, ReadOrder};
 use super::tree::Node;
 use std::str::FromStr;
 
@@ -11,7 +11,7 @@ pub(crate) struct StatedChannel {
     /// The file's name without folder and extension, by which KRL refers to the channel.
     pub(crate) name: String,
     /// TYPE if its keyword is valid; the manual's default is `Server`.
-    peer: Option<Peer>,
+    peer: Option<PeerRole>,
     /// Whether TYPE is stated, with any keyword.
     pub(crate) type_stated: bool,
     /// The line where INTERNAL begins; 1 if there is none.
@@ -69,7 +69,7 @@ impl Signal {
     }
 
     /// What raises it.
-    pub(crate) fn cause(&self) -> String {
+    pub(crate) fn describe_cause(&self) -> String {
         self.tag.as_ref().map_or("a connection".to_owned(), |tag| format!("the arrival of {tag}"))
     }
 
@@ -98,7 +98,7 @@ impl StatedElement {
     }
 
     /// Returns the part of the tag below the root, `@Id`, `P` or `J/@A1`; empty for the root.
-    pub(crate) fn inside(&self) -> &str {
+    pub(crate) fn tag_below_root(&self) -> &str {
         self.tag.split_once('/').map_or("", |(_, inside)| inside)
     }
 }
@@ -117,24 +117,24 @@ pub(crate) struct StatedRaw {
 impl StatedChannel {
     /// Extracts the statements from the tree of a file with this name, and records elements without a usable tag.
     pub(super) fn from_xml(name: &str, root: &Node, found: &mut Findings) -> StatedChannel {
-        let internal = |part: &str| first(root, &format!("CONFIGURATION/INTERNAL/{part}"));
-        let peer = first(root, "CONFIGURATION/EXTERNAL/TYPE").filter(|node| !node.text.is_empty());
+        let internal = |part: &str| first_node(root, &format!("CONFIGURATION/INTERNAL/{part}"));
+        let peer = first_node(root, "CONFIGURATION/EXTERNAL/TYPE").filter(|node| !node.text.is_empty());
         let alive = internal("ALIVE");
         let messages = internal("MESSAGES");
         let message = |part: &str| messages.and_then(|node| node.attribute(part)).map(|at| at.value.to_lowercase());
         let mut elements = |path: &str| -> Vec<StatedElement> {
-            root.at(path).into_iter().filter_map(|node| element(node, found)).collect()
+            root.nodes_at(path).into_iter().filter_map(|node| element(node, found)).collect()
         };
         StatedChannel {
-            name: stem(name),
+            name: file_stem(name),
             peer: peer.and_then(|node| node.text.parse().ok()),
             type_stated: peer.is_some(),
-            internal_line: first(root, "CONFIGURATION/INTERNAL").map_or(1, |node| node.line),
+            internal_line: first_node(root, "CONFIGURATION/INTERNAL").map_or(1, |node| node.line),
             internal: Address::from_xml(root, "INTERNAL"),
             external: Address::from_xml(root, "EXTERNAL"),
-            environment: stated(internal("ENVIRONMENT"), word),
-            protocol: stated(internal("PROTOCOL"), word),
-            order: internal("BUFFERING").and_then(order),
+            environment: parse_stated(internal("ENVIRONMENT"), parse_keyword),
+            protocol: parse_stated(internal("PROTOCOL"), parse_keyword),
+            order: internal("BUFFERING").and_then(parse_read_order),
             entries: number(internal("BUFFERING"), "Limit", 512),
             bytes: number(internal("BUFFSIZE"), "Limit", 65_534),
             connect_ms: number(internal("TIMEOUT"), "Connect", 65_534),
@@ -144,24 +144,26 @@ impl StatedChannel {
             messages: [message("Logging"), message("Display")],
             received: elements("RECEIVE/XML/ELEMENT"),
             sent: elements("SEND/XML/ELEMENT"),
-            raw_line: first(root, "RECEIVE/RAW").or_else(|| first(root, "SEND/RAW")).map(|node| node.line),
-            raw: root.at("RECEIVE/RAW/ELEMENT").into_iter().map(raw).collect(),
+            raw_line: first_node(root, "RECEIVE/RAW")
+                .or_else(|| first_node(root, "SEND/RAW"))
+                .map(|node| node.line),
+            raw: root.nodes_at("RECEIVE/RAW/ELEMENT").into_iter().map(raw).collect(),
         }
     }
 
     /// Returns the role of the other machine.
-    pub(super) fn peer(&self) -> Peer {
-        self.peer.unwrap_or(Peer::Server)
+    pub(super) fn peer_role(&self) -> PeerRole {
+        self.peer.unwrap_or(PeerRole::Server)
     }
 
     /// Returns whether the controller listens, so that the other machine connects.
-    pub(crate) fn listens(&self) -> bool {
-        self.peer() == Peer::Client
+    pub(crate) fn does_controller_listen(&self) -> bool {
+        self.peer_role() == PeerRole::Client
     }
 
     /// Returns the address on which the server listens.
     pub(crate) fn server(&self) -> &Address {
-        if self.listens() { &self.internal } else { &self.external }
+        if self.does_controller_listen() { &self.internal } else { &self.external }
     }
 
     /// Returns all entries that set a flag or an output.
@@ -173,35 +175,35 @@ impl StatedChannel {
 
 impl Address {
     fn from_xml(root: &Node, side: &str) -> Address {
-        let part = |name: &str| first(root, &format!("CONFIGURATION/{side}/{name}"));
+        let part = |name: &str| first_node(root, &format!("CONFIGURATION/{side}/{name}"));
         Address {
-            ip: stated(part("IP"), |text| Some(text.to_owned())),
-            port: stated(part("PORT"), |text| text.parse().ok().filter(|port| (1..=65_534).contains(port))),
+            ip: parse_stated(part("IP"), |text| Some(text.to_owned())),
+            port: parse_stated(part("PORT"), |text| text.parse().ok().filter(|port| (1..=65_534).contains(port))),
         }
     }
 }
 
-fn stem(name: &str) -> String {
+fn file_stem(name: &str) -> String {
     let file = name.rsplit(['/', '\\']).next().unwrap_or_default();
     file.rsplit_once('.').map_or(file, |(stem, _)| stem).to_owned()
 }
 
-fn first<'a>(root: &'a Node, path: &str) -> Option<&'a Node> {
-    root.at(path).first().copied()
+fn first_node<'a>(root: &'a Node, path: &str) -> Option<&'a Node> {
+    root.nodes_at(path).first().copied()
 }
 
-fn stated<T>(node: Option<&Node>, read: impl Fn(&str) -> Option<T>) -> Option<Stated<T>> {
+fn parse_stated<T>(node: Option<&Node>, read: impl Fn(&str) -> Option<T>) -> Option<Stated<T>> {
     let node = node.filter(|node| !node.text.is_empty())?;
     Some(Stated { value: read(&node.text)?, line: node.text_line })
 }
 
-fn word<T: FromStr>(text: &str) -> Option<T> {
+fn parse_keyword<T: FromStr>(text: &str) -> Option<T> {
     text.parse().ok()
 }
 
-fn order(node: &Node) -> Option<Stated<ReadOrder>> {
+fn parse_read_order(node: &Node) -> Option<Stated<ReadOrder>> {
     let at = node.attribute("Mode")?;
-    Some(Stated { value: word(&at.value)?, line: at.line })
+    Some(Stated { value: parse_keyword(&at.value)?, line: at.line })
 }
 
 fn number(node: Option<&Node>, name: &str, high: u32) -> Option<Stated<u32>> {
@@ -220,19 +222,19 @@ fn signals(node: &Node, tag: Option<&str>) -> Vec<Signal> {
 
 fn element(node: &Node, found: &mut Findings) -> Option<StatedElement> {
     let Some(tag) = node.attribute("Tag").filter(|tag| !tag.value.is_empty()) else {
-        found.wrong(node.line, node.key(), "has no Tag; an element without this path transfers no data");
+        found.add_problem(node.line, node.key(), "has no Tag; an element without this path transfers no data");
         return None;
     };
     if !is_path(&tag.value) {
         let key = format!("{}/@Tag", node.key());
         let message = format!("is \"{}\"; write the path as Root/Child or Root/Child/@Attribute", tag.value);
-        found.wrong(tag.line, key, message);
+        found.add_problem(tag.line, key, message);
         return None;
     }
     let kind = node.attribute("Type").map(|kind| kind.value.to_uppercase());
     // The manual defines neither order nor signals for SEND.
     let is_received = node.path.starts_with("RECEIVE/");
-    let order = order(node).filter(|_| is_received).map(|order| order.value);
+    let order = parse_read_order(node).filter(|_| is_received).map(|order| order.value);
     let signals = if is_received { signals(node, Some(&tag.value)) } else { Vec::new() };
     Some(StatedElement { line: node.line, tag: tag.value.clone(), kind, order, signals })
 }

@@ -12,7 +12,7 @@ fn file(internal: &str, received: &str) -> String {
 #[test]
 fn the_shipped_files_say_who_listens_where_and_what_travels() {
     let command = ChannelFile::parse(CELLCMD).expect("reads");
-    assert_eq!((command.peer, command.port, command.environment), (Peer::Client, 54_600, Environment::Submit));
+    assert_eq!((command.peer, command.port, command.environment), (PeerRole::Client, 54_600, Environment::Submit));
     assert_eq!(command.memory, Memory { order: ReadOrder::Fifo, entries: 512, bytes: 65_534 });
     assert_eq!(command.alive_flag, Some(850));
     let received: Vec<&str> = command.received.iter().map(|element| element.tag.as_str()).collect();
@@ -37,7 +37,7 @@ fn what_a_file_does_not_say_is_the_manuals_default() {
                  <INTERNAL><IP>address.of.controller</IP><PORT>54605</PORT></INTERNAL></CONFIGURATION>\
                  <RECEIVE></RECEIVE></ETHERNETKRL>";
     let dials = ChannelFile::parse(dials).expect("reads");
-    assert_eq!((dials.peer, dials.port, dials.address.as_deref()), (Peer::Server, 18_735, Some("192.168.1.2")));
+    assert_eq!((dials.peer, dials.port, dials.address.as_deref()), (PeerRole::Server, 18_735, Some("192.168.1.2")));
 }
 
 #[test]

@@ -39,8 +39,8 @@ impl Node {
     }
 
     /// Returns all nodes with this path, in this node and below.
-    pub(super) fn at<'a>(&'a self, path: &str) -> Vec<&'a Node> {
-        let mut found: Vec<&Node> = self.children.iter().flat_map(|child| child.at(path)).collect();
+    pub(super) fn nodes_at<'a>(&'a self, path: &str) -> Vec<&'a Node> {
+        let mut found: Vec<&Node> = self.children.iter().flat_map(|child| child.nodes_at(path)).collect();
         if self.path == path {
             found.insert(0, self);
         }
@@ -70,17 +70,20 @@ pub(super) fn tree(text: &str) -> Result<Node, Problem> {
         let at = offset(reader.buffer_position());
         let event = reader.read_event().map_err(|error| {
             let at = offset(reader.error_position());
-            not_xml(line_of(text, at), &error.to_string())
+            xml_problem(line_number(text, at), &error.to_string())
         })?;
-        let line = line_of(text, at);
+        let line = line_number(text, at);
         match event {
             Event::Start(tag) | Event::Empty(tag) if open.is_empty() && root.is_some() => {
-                return Err(not_xml(line, &format!("{} follows the end of the root element", tag.name().0)));
+                return Err(xml_problem(line, &format!("{} follows the end of the root element", tag.name().0)));
             }
             Event::Start(tag) => {
                 open.push(node(text, at, &tag, open.last())?);
                 if open.len() > MAX_DEPTH {
-                    return Err(not_xml(line, &format!("elements are nested more than {MAX_DEPTH} levels deep")));
+                    return Err(xml_problem(
+                        line,
+                        &format!("elements are nested more than {MAX_DEPTH} levels deep"),
+                    ));
                 }
             }
             Event::Empty(tag) => close(node(text, at, &tag, open.last())?, &mut open, &mut root),
@@ -93,15 +96,15 @@ pub(super) fn tree(text: &str) -> Result<Node, Problem> {
             Event::CData(content) => add_text(text, at, &content, &mut open)?,
             Event::GeneralRef(name) => add_text(text, at, &format!("&{};", &*name), &mut open)?,
             Event::DocType(_) => {
-                return Err(not_xml(line, "a document type (DOCTYPE) is not valid in a channel file"));
+                return Err(xml_problem(line, "a document type (DOCTYPE) is not valid in a channel file"));
             }
             Event::Eof => break,
             Event::Comment(_) | Event::Decl(_) | Event::PI(_) => {}
         }
     }
     match (open.last(), root) {
-        (Some(node), _) => Err(not_xml(node.line, &format!("{} is never closed", node.name))),
-        (None, None) => Err(not_xml(1, "the file contains no element")),
+        (Some(node), _) => Err(xml_problem(node.line, &format!("{} is never closed", node.name))),
+        (None, None) => Err(xml_problem(1, "the file contains no element")),
         (None, Some(root)) => Ok(root),
     }
 }
@@ -110,11 +113,11 @@ fn offset(position: u64) -> usize {
     usize::try_from(position).unwrap_or(usize::MAX)
 }
 
-fn line_of(text: &str, at: usize) -> usize {
+fn line_number(text: &str, at: usize) -> usize {
     1 + text.as_bytes()[..at.min(text.len())].iter().filter(|&&byte| byte == b'\n').count()
 }
 
-fn not_xml(line: usize, what: &str) -> Problem {
+fn xml_problem(line: usize, what: &str) -> Problem {
     Problem { line, key: String::new(), message: format!("not XML: {what}") }
 }
 
@@ -131,13 +134,13 @@ fn add_text(text: &str, at: usize, content: &str, open: &mut [Node]) -> Result<(
         return Ok(());
     }
     let blanks = content.len() - content.trim_start().len();
-    let line = line_of(text, at + blanks);
+    let line = line_number(text, at + blanks);
     let Some(node) = open.last_mut() else {
         let stray = trimmed.trim_start_matches('\u{feff}');
         return if stray.is_empty() {
             Ok(())
         } else {
-            Err(not_xml(line, &format!("\"{stray}\" is outside of the elements")))
+            Err(xml_problem(line, &format!("\"{stray}\" is outside of the elements")))
         };
     };
     if node.text.is_empty() {
@@ -150,7 +153,7 @@ fn add_text(text: &str, at: usize, content: &str, open: &mut [Node]) -> Result<(
 }
 
 fn node(text: &str, at: usize, tag: &BytesStart<'_>, parent: Option<&Node>) -> Result<Node, Problem> {
-    let line = line_of(text, at);
+    let line = line_number(text, at);
     let name = tag.name().0.to_owned();
     let path = match parent {
         None => String::new(),
@@ -160,12 +163,12 @@ fn node(text: &str, at: usize, tag: &BytesStart<'_>, parent: Option<&Node>) -> R
     let mut attributes: Vec<Attribute> = Vec::new();
     let mut cursor = at + name.len();
     for attribute in tag.attributes().with_checks(false) {
-        let attribute = attribute.map_err(|error| not_xml(line, &error.to_string()))?;
+        let attribute = attribute.map_err(|error| xml_problem(line, &error.to_string()))?;
         let key = attribute.key.0;
         // An element may extend over several lines.
         cursor += text.get(cursor..).and_then(|rest| rest.find(key)).unwrap_or(0);
         let attribute =
-            Attribute { name: key.to_owned(), value: attribute.value.to_string(), line: line_of(text, cursor) };
+            Attribute { name: key.to_owned(), value: attribute.value.to_string(), line: line_number(text, cursor) };
         cursor += key.len() + attribute.value.len();
         attributes.push(attribute);
     }

@@ -1,6 +1,6 @@
 //! Sends commands into the open epoch: one command, a whole path, or a path of which only a part is sent for now.
 
-use super::flow::Flow;
+use super::flow::CommandFlow;
 use super::limits::{LinkLimits, QueueError};
 use super::{Phase, Session};
 use crate::eki::command::{Command, CommandError, MoveLin, Request, Signal};
@@ -15,18 +15,18 @@ impl Session {
     pub fn queue(&mut self, command: Command) -> Result<CommandId, QueueError> {
         match command {
             Command::GetCurrentState => {
-                self.greeted()?;
-                self.ask(Request::State);
+                self.require_greeting()?;
+                self.number_request(Request::State);
                 Ok(CommandId(0))
             }
             Command::MoveLin(point) => self.queue_path(&[point]),
             // Refused here with the remedy: the controller would only stop the program with its own message.
             Command::SetDigin(Signal { number, .. }) if !self.limits.mapped_inputs.contains(number) => {
-                self.greeted()?;
+                self.require_greeting()?;
                 Err(CommandError::InputReadOnly { number }.into())
             }
             other => {
-                let (flow, wire, limits) = self.flow()?;
+                let (flow, wire, limits) = self.open_flow()?;
                 flow.queue(other, wire, limits)
             }
         }
@@ -37,21 +37,21 @@ impl Session {
     /// # Errors
     /// As [`Session::queue`], and if base or tool were not set in this epoch.
     pub fn queue_path(&mut self, points: &[MoveLin]) -> Result<CommandId, QueueError> {
-        let (flow, wire, limits) = self.flow()?;
+        let (flow, wire, limits) = self.open_flow()?;
         flow.queue_path(points, wire, limits)
     }
 
     /// Queues a whole path as [`Session::queue_path`] does, but sends only this number of points until
-    /// [`Session::permit`] permits more. A client that records which points the robot may have executed records them
+    /// [`Session::permit_commands`] permits more. A client that records which points the robot may have executed records them
     /// before it permits them.
     ///
     /// # Errors
     /// As [`Session::queue_path`].
     pub fn queue_path_within(&mut self, points: &[MoveLin], permitted: u32) -> Result<CommandId, QueueError> {
-        let (flow, wire, limits) = self.flow()?;
+        let (flow, wire, limits) = self.open_flow()?;
         let last = flow.queue_path(points, wire, limits)?;
         let count = u32::try_from(points.len()).unwrap_or(u32::MAX);
-        flow.permit(Some(CommandId((last.0 + 1).saturating_sub(count).saturating_add(permitted) - 1)));
+        flow.permit_up_to(Some(CommandId((last.0 + 1).saturating_sub(count).saturating_add(permitted) - 1)));
         Ok(last)
     }
 
@@ -59,13 +59,13 @@ impl Session {
     ///
     /// # Errors
     /// If no epoch is open.
-    pub fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
-        self.flow()?.0.permit(last);
+    pub fn permit_commands(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
+        self.open_flow()?.0.permit_up_to(last);
         Ok(())
     }
 
-    fn flow(&mut self) -> Result<(&mut Flow, &Wire, &LinkLimits), QueueError> {
-        self.greeted()?;
+    fn open_flow(&mut self) -> Result<(&mut CommandFlow, &Wire, &LinkLimits), QueueError> {
+        self.require_greeting()?;
         match &mut self.phase {
             Phase::Open(flow) => Ok((flow, &self.wire, &self.limits)),
             _ => Err(QueueError::NoEpoch),

@@ -33,7 +33,7 @@ impl FrameEcho {
 
     /// Returns the last queued command that sets the frame; linear motions that are queued after that command wait for
     /// its echo.
-    pub(super) fn last(&self) -> Option<CommandId> {
+    pub(super) fn last_queued(&self) -> Option<CommandId> {
         self.set.back().map(|&(id, _)| id)
     }
 
@@ -44,7 +44,7 @@ impl FrameEcho {
 
     /// Compares the frame with a state in which all commands up to `done` are executed; commands up to `sent` have
     /// been sent.
-    pub(super) fn follow(
+    pub(super) fn compare_with_state(
         &mut self,
         done: CommandId,
         sent: CommandId,
@@ -62,7 +62,7 @@ impl FrameEcho {
         if !is_set {
             return Err(Box::new(EchoMismatch::NotSet { frame, id }));
         }
-        let (distance_mm, turn_deg) = apart(sent, found);
+        let (distance_mm, turn_deg) = pose_difference(sent, found);
         if distance_mm <= TOLERANCE && turn_deg <= TOLERANCE {
             self.confirmed = id;
             Ok(())
@@ -73,7 +73,7 @@ impl FrameEcho {
 }
 
 /// Calculates the largest difference along an axis, mm, and the angle between the rotations, degrees.
-fn apart(one: KukaPose, other: KukaPose) -> (f64, f64) {
+fn pose_difference(one: KukaPose, other: KukaPose) -> (f64, f64) {
     let [one, other] = [one, other].map(|pose| pose.to_rigid::<Base, Tool>());
     let distance_mm = (one.origin() - other.origin()).mm.amax();
     (distance_mm, one.isometry().rotation.angle_to(&other.isometry().rotation).to_degrees())
@@ -86,7 +86,7 @@ mod tests {
     fn echo(sent: KukaPose, found: KukaPose) -> bool {
         let mut echo = FrameEcho::new("base");
         echo.queued(CommandId(1), sent);
-        echo.follow(CommandId(1), CommandId(1), true, found).is_ok() && echo.is_confirmed(CommandId(1))
+        echo.compare_with_state(CommandId(1), CommandId(1), true, found).is_ok() && echo.is_confirmed(CommandId(1))
     }
 
     /// At B = 90° only C − A counts: (40, 90, 10) and (0, 90, −30) are the same rotation, (0, 90, −30.01) is
@@ -118,11 +118,11 @@ mod tests {
         echo.queued(CommandId(1), at(1.0));
         echo.queued(CommandId(2), at(2.0));
         let (one, two) = (CommandId(1), CommandId(2));
-        assert_eq!(echo.follow(one, two, true, at(1.0)), Ok(()));
-        assert_eq!(echo.follow(one, two, true, at(2.0)), Ok(()));
+        assert_eq!(echo.compare_with_state(one, two, true, at(1.0)), Ok(()));
+        assert_eq!(echo.compare_with_state(one, two, true, at(2.0)), Ok(()));
         assert!(!echo.is_confirmed(one) && !echo.is_confirmed(two));
-        assert!(echo.follow(two, two, true, at(1.0)).is_err());
-        assert_eq!(echo.follow(two, two, true, at(2.0)), Ok(()));
+        assert!(echo.compare_with_state(two, two, true, at(1.0)).is_err());
+        assert_eq!(echo.compare_with_state(two, two, true, at(2.0)), Ok(()));
         assert!(echo.is_confirmed(two));
     }
 }

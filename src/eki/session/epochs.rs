@@ -2,9 +2,9 @@
 //! for nothing.
 
 use super::limits::QueueError;
-use super::{Phase, Session, Stopping};
+use super::{PendingAbort, Phase, Session};
 use crate::eki::command::Request;
-use crate::eki::ids::{CommandId, EPOCH_STEP, Epoch, LAST_NUMBER};
+use crate::eki::ids::{CommandId, Epoch, LAST_NUMBER, MAX_EPOCH_STEP};
 use crate::eki::report::{Report, StopCause};
 
 /// The maximum number of steps by which a new epoch may be above the controller's epoch: the controller's channel
@@ -26,7 +26,7 @@ impl Session {
     /// # Errors
     /// As for [`Session::open_epoch`].
     pub fn open_epoch_above(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
-        self.greeted()?;
+        self.require_greeting()?;
         let is_busy = match &self.phase {
             Phase::Open(flow) => flow.is_busy(),
             phase => matches!(phase, Phase::Stopping(_)),
@@ -36,11 +36,11 @@ impl Session {
             return Err(QueueError::NotStanding);
         }
         // Above all three: a number that was ever used could make a delayed command of that epoch valid again.
-        let highest = self.known_epoch().max(self.opened_epoch).max(above);
-        let (epoch, steps) = self.steps_to(u64::from(highest.0) + 1)?;
+        let highest = self.highest_known_epoch().max(self.opened_epoch).max(above);
+        let (epoch, steps) = self.epoch_steps(u64::from(highest.0) + 1)?;
         let mut request = self.asked;
         for step in steps {
-            request = self.ask(Request::Reset { next: step });
+            request = self.number_request(Request::Reset { next: step });
         }
         if !self.is_connected() {
             return Err(QueueError::NotConnected);
@@ -54,26 +54,26 @@ impl Session {
 
     /// Returns this epoch, and the intermediate epochs that lead to this one, each at most one step above the previous
     /// one. The epochs in between were never open for a command.
-    fn steps_to(&self, next: u64) -> Result<(Epoch, Vec<Epoch>), QueueError> {
-        let found = self.known_epoch();
-        let far = u64::from(MAX_STEPS) * u64::from(EPOCH_STEP);
+    fn epoch_steps(&self, next: u64) -> Result<(Epoch, Vec<Epoch>), QueueError> {
+        let found = self.highest_known_epoch();
+        let far = u64::from(MAX_STEPS) * u64::from(MAX_EPOCH_STEP);
         let epoch = u32::try_from(next).ok().filter(|epoch| *epoch <= LAST_NUMBER);
         let epoch = epoch.filter(|epoch| u64::from(epoch.saturating_sub(found.0)) <= far);
         let Some(epoch) = epoch else {
-            let most = MAX_STEPS * EPOCH_STEP;
+            let most = MAX_STEPS * MAX_EPOCH_STEP;
             return Err(QueueError::EpochTooFar { next, found, most, above: next.saturating_sub(1) });
         };
         let mut steps = Vec::new();
         let mut reached = found.0;
         while reached < epoch {
-            reached = reached.saturating_add(EPOCH_STEP).min(epoch);
+            reached = reached.saturating_add(MAX_EPOCH_STEP).min(epoch);
             steps.push(Epoch(reached));
         }
         Ok((Epoch(epoch), steps))
     }
 
     /// Returns the highest epoch in which the controller can be, according to its reports and our requests.
-    pub(super) fn known_epoch(&self) -> Epoch {
+    pub(super) fn highest_known_epoch(&self) -> Epoch {
         self.controller_epoch.max(self.asked_epoch)
     }
 
@@ -106,14 +106,15 @@ impl Session {
             return;
         }
         let (ended, sent, done) = match &self.phase {
-            Phase::Open(flow) => (Some(flow.epoch()), flow.sent(), flow.done()),
+            Phase::Open(flow) => (Some(flow.epoch()), flow.last_sent(), flow.last_executed()),
             _ => (None, CommandId(0), CommandId(0)),
         };
         // If no higher number is left, the last one also stops the controller.
-        let next = Epoch(self.known_epoch().0.saturating_add(1).min(LAST_NUMBER));
-        let request = self.ask(Request::Abort { next });
+        let next = Epoch(self.highest_known_epoch().0.saturating_add(1).min(LAST_NUMBER));
+        let request = self.number_request(Request::Abort { next });
         self.asked_epoch = next;
-        let stopping = Stopping { ended, sent, done, refusal_told: false, request, asked_at: None, obeyed: false };
+        let stopping =
+            PendingAbort { ended, sent, done, is_refusal_reported: false, request, asked_at: None, obeyed: false };
         self.phase = match self.phase {
             Phase::Offline => return,
             Phase::Greeting { .. } => Phase::Greeting { abort: Some(stopping) },
@@ -123,18 +124,18 @@ impl Session {
 
     /// Ends the epoch for this cause if it has commands left, or if tool or water is on.
     pub fn interrupt(&mut self, cause: StopCause) {
-        if self.is_at_stake() {
-            self.fault(Report::Interrupted { cause });
+        if self.has_open_work() {
+            self.report_fault(Report::Interrupted { cause });
         }
     }
 
     /// Returns whether an open epoch has commands left, or tool or water is on.
-    pub(super) fn is_at_stake(&self) -> bool {
+    pub(super) fn has_open_work(&self) -> bool {
         matches!(&self.phase, Phase::Open(flow) if flow.is_busy() || self.harmful_on)
     }
 
     /// Reports the fault and ends the epoch.
-    pub(super) fn fault(&mut self, report: Report) {
+    pub(super) fn report_fault(&mut self, report: Report) {
         // The reason is reported before the stop that it causes, so that it is the reason that the cycle records.
         self.reports.push_back(report);
         self.stop();

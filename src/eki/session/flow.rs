@@ -40,7 +40,7 @@ struct QueuedCommand {
     /// The command ends on the panel.
     contact: bool,
     /// The path of which the command is a point; `None` for other commands.
-    path: Option<Part>,
+    path: Option<PathPoint>,
     /// The end and the speed of the command's linear motion, while its start is not known.
     from_anywhere: Option<(KukaPose, Option<f64>)>,
     sent_at: Time,
@@ -48,7 +48,7 @@ struct QueuedCommand {
 
 /// The path of a point: its first and its last command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Part {
+struct PathPoint {
     first: CommandId,
     last: CommandId,
     /// The commands that set base and tool; the points of the path wait for the echoes of both.
@@ -58,7 +58,7 @@ struct Part {
 
 /// One open epoch.
 #[derive(Debug)]
-pub(super) struct Flow {
+pub(super) struct CommandFlow {
     epoch: Epoch,
     queue: VecDeque<QueuedCommand>,
     in_flight: VecDeque<QueuedCommand>,
@@ -72,14 +72,14 @@ pub(super) struct Flow {
     acked_received: CommandId,
     acked_done: CommandId,
     state_done: CommandId,
-    told: CommandId,
+    reported: CommandId,
     /// The highest command number that may be sent, from the free places in the controller's ring.
-    credit: Option<u64>,
+    max_sendable: Option<u64>,
     base: FrameEcho,
     tool: FrameEcho,
     speed_mm_s: Option<f64>,
     /// The end of the last queued line, if known.
-    end: Option<KukaPose>,
+    last_line_end: Option<KukaPose>,
     path_ends: VecDeque<CommandId>,
     /// When the last command was executed, as far as reported, and whether it ended on the panel.
     progressed_at: Time,
@@ -92,15 +92,15 @@ pub(super) struct Flow {
 
 /// A point that should have been executed long ago.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Late {
+pub(super) struct LatePoint {
     pub id: CommandId,
     pub contact: bool,
     pub waited: Duration,
 }
 
-impl Flow {
+impl CommandFlow {
     pub(super) fn new(epoch: Epoch) -> Self {
-        Flow {
+        CommandFlow {
             epoch,
             queue: VecDeque::new(),
             in_flight: VecDeque::new(),
@@ -112,12 +112,12 @@ impl Flow {
             acked_received: CommandId(0),
             acked_done: CommandId(0),
             state_done: CommandId(0),
-            told: CommandId(0),
-            credit: None,
+            reported: CommandId(0),
+            max_sendable: None,
             base: FrameEcho::new("base"),
             tool: FrameEcho::new("tool"),
             speed_mm_s: None,
-            end: None,
+            last_line_end: None,
             path_ends: VecDeque::new(),
             progressed_at: Time::default(),
             touches: false,
@@ -130,11 +130,11 @@ impl Flow {
         self.epoch
     }
 
-    pub(super) fn sent(&self) -> CommandId {
+    pub(super) fn last_sent(&self) -> CommandId {
         self.sent
     }
 
-    pub(super) fn done(&self) -> CommandId {
+    pub(super) fn last_executed(&self) -> CommandId {
         self.acked_done.max(self.state_done)
     }
 
@@ -155,7 +155,7 @@ impl Flow {
         wire: &Wire,
         limits: &LinkLimits,
     ) -> Result<CommandId, QueueError> {
-        let id = self.next_ids(1)?;
+        let id = self.reserve_ids(1)?;
         // Encoded before anything changes: a refused command leaves neither a gap in the ids nor a frame that waits for
         // its echo.
         let bytes = wire.encode_command(id, self.epoch, &command, 0)?;
@@ -176,7 +176,7 @@ impl Flow {
             // After these the tip is at a place that only the controller knows in the present frames.
             Command::SetBase(_) | Command::SetTcp(_) | Command::MoveJ(_) | Command::CallSubroutine { .. }
         ) {
-            self.end = None;
+            self.last_line_end = None;
         }
         self.queue.push_back(QueuedCommand {
             id,
@@ -198,18 +198,18 @@ impl Flow {
         wire: &Wire,
         limits: &LinkLimits,
     ) -> Result<CommandId, QueueError> {
-        let base = self.base.last().ok_or(QueueError::FramesNotSet { missing: "the base" })?;
-        let tool = self.tool.last().ok_or(QueueError::FramesNotSet { missing: "the tool" })?;
+        let base = self.base.last_queued().ok_or(QueueError::FramesNotSet { missing: "the base" })?;
+        let tool = self.tool.last_queued().ok_or(QueueError::FramesNotSet { missing: "the tool" })?;
         let count = u32::try_from(points.len()).unwrap_or(u32::MAX);
         if count == 0 {
             return Err(QueueError::EmptyPath);
         }
-        let first = self.next_ids(count)?;
+        let first = self.reserve_ids(count)?;
         let last = CommandId(first.0 + (count - 1));
-        let path = Some(Part { first, last, base, tool });
+        let path = Some(PathPoint { first, last, base, tool });
         // In copies until every point is encoded: one bad point refuses the whole path, since a part of it would end in
         // contact.
-        let (mut end, mut speed_mm_s) = (self.end, self.speed_mm_s);
+        let (mut end, mut speed_mm_s) = (self.last_line_end, self.speed_mm_s);
         let mut queued = Vec::with_capacity(points.len());
         for (point, id) in points.iter().zip((first.0..=last.0).map(CommandId)) {
             let bytes = wire.encode_command(id, self.epoch, &Command::MoveLin(*point), last.0 - id.0)?;
@@ -231,18 +231,18 @@ impl Flow {
             });
         }
         self.queue.extend(queued);
-        (self.end, self.speed_mm_s, self.next_id) = (end, speed_mm_s, CommandId(last.0 + 1));
+        (self.last_line_end, self.speed_mm_s, self.next_id) = (end, speed_mm_s, CommandId(last.0 + 1));
         self.path_ends.push_back(last);
         Ok(last)
     }
 
     /// Sends nothing behind this command until a later one is permitted; `None` removes this limit.
-    pub(super) fn permit(&mut self, last: Option<CommandId>) {
+    pub(super) fn permit_up_to(&mut self, last: Option<CommandId>) {
         self.permitted = last;
     }
 
     /// Returns the first id of a block of this many new ids.
-    fn next_ids(&self, count: u32) -> Result<CommandId, QueueError> {
+    fn reserve_ids(&self, count: u32) -> Result<CommandId, QueueError> {
         match self.next_id.0.checked_add(count) {
             Some(after) if after <= LAST_NUMBER => Ok(self.next_id),
             _ => Err(QueueError::IdsExhausted { most: LAST_NUMBER }),
@@ -250,8 +250,8 @@ impl Flow {
     }
 
     /// Returns the bytes of the next command, if it may be sent now.
-    pub(super) fn send_next(&mut self, now: Time, limits: &LinkLimits) -> Option<Vec<u8>> {
-        if !self.queue.front().is_some_and(|next| self.may_go(next, limits)) {
+    pub(super) fn next_command_bytes(&mut self, now: Time, limits: &LinkLimits) -> Option<Vec<u8>> {
+        if !self.queue.front().is_some_and(|next| self.may_send(next, limits)) {
             return None;
         }
         let mut queued = self.queue.pop_front()?;
@@ -263,7 +263,7 @@ impl Flow {
         Some(bytes)
     }
 
-    fn may_go(&self, next: &QueuedCommand, limits: &LinkLimits) -> bool {
+    fn may_send(&self, next: &QueuedCommand, limits: &LinkLimits) -> bool {
         // The points behind are planned but not yet checked by the caller; what the controller has received it
         // executes.
         if self.permitted.is_some_and(|last| next.id > last) {
@@ -271,7 +271,7 @@ impl Flow {
         }
         // Both limits hold: the ring of the program, and the bytes that EthernetKRL buffers before the program reads
         // them.
-        let has_place = self.credit.is_none_or(|credit| u64::from(next.id.0) <= credit)
+        let has_place = self.max_sendable.is_none_or(|credit| u64::from(next.id.0) <= credit)
             && self.unreceived_bytes + next.bytes.len() <= MAX_UNRECEIVED_BYTES;
         let commands = self.in_flight.len();
         let Some(part) = next.path else {
@@ -291,7 +291,7 @@ impl Flow {
 
     /// Returns whether the duration of the path's next points fits into the window. If only a few points of the path
     /// are in flight, the duration is not limited.
-    fn motion_fits(&self, part: Part, together: usize, limits: &LinkLimits) -> bool {
+    fn motion_fits(&self, part: PathPoint, together: usize, limits: &LinkLimits) -> bool {
         let is_ours = |queued: &QueuedCommand| queued.path == Some(part);
         let ahead = self.in_flight.iter().filter(|queued| is_ours(queued)).count();
         let few = ahead < limits.min_points
@@ -302,30 +302,30 @@ impl Flow {
 
     /// Accepts an acknowledgement of this epoch.
     pub(super) fn acknowledge(&mut self, ack: &Ack, now: Time) -> Result<(), SequenceError> {
-        within("received", ack.received, self.acked_received, self.sent)?;
+        check_range("received", ack.received, self.acked_received, self.sent)?;
         // Executed before received is impossible: such an acknowledgement is damaged or of another client.
-        within("executed", ack.done, self.acked_done, ack.received)?;
+        check_range("executed", ack.done, self.acked_done, ack.received)?;
         (self.acked_received, self.acked_done) = (ack.received, ack.done);
-        self.received_up_to(ack.received);
+        self.acknowledge_up_to(ack.received);
         // In 64 bits: a damaged count near the largest number must not wrap into a small or a huge credit.
-        self.credit = Some(u64::from(ack.received.0) + u64::from(ack.free));
-        self.forget_done(now);
+        self.max_sendable = Some(u64::from(ack.received.0) + u64::from(ack.free));
+        self.remove_executed(now);
         Ok(())
     }
 
     /// Accepts a state of this epoch.
-    pub(super) fn follow(&mut self, state: &State, now: Time) -> Result<(), Report> {
-        within("executed", state.done, self.state_done, self.sent).map_err(Report::SequenceError)?;
+    pub(super) fn accept_state(&mut self, state: &State, now: Time) -> Result<(), Report> {
+        check_range("executed", state.done, self.state_done, self.sent).map_err(Report::SequenceError)?;
         self.state_done = state.done;
         // The state may overtake the acknowledgement on the other channel, and what was executed was received.
-        self.received_up_to(state.done);
-        self.forget_done(now);
+        self.acknowledge_up_to(state.done);
+        self.remove_executed(now);
         let echo = [
             (&mut self.base, state.base_set, state.active_base),
             (&mut self.tool, state.tool_set, state.flange_from_tool),
         ];
         for (frame, is_set, found) in echo {
-            frame.follow(state.done, self.sent, is_set, found).map_err(Report::EchoMismatch)?;
+            frame.compare_with_state(state.done, self.sent, is_set, found).map_err(Report::EchoMismatch)?;
         }
         self.measure_start(state);
         Ok(())
@@ -333,10 +333,10 @@ impl Flow {
 
     /// Calculates the duration of a linear motion that starts at the arm's present position.
     fn measure_start(&mut self, state: &State) {
-        let is_seen = |frame: &FrameEcho| frame.last().is_some_and(|last| frame.is_confirmed(last));
+        let is_seen = |frame: &FrameEcho| frame.last_queued().is_some_and(|last| frame.is_confirmed(last));
         // Only an arm at rest in confirmed frames is at the reported pose; a moving one is already farther on.
         if !self.is_busy() && is_seen(&self.base) && is_seen(&self.tool) {
-            self.end = Some(state.base_from_tcp);
+            self.last_line_end = Some(state.base_from_tcp);
         }
         let stands = self.in_flight.iter().all(|queued| queued.motion.is_zero());
         if let Some(next) = self.queue.front_mut().filter(|_| stands)
@@ -349,7 +349,7 @@ impl Flow {
         }
     }
 
-    pub(super) fn received_up_to(&mut self, id: CommandId) {
+    pub(super) fn acknowledge_up_to(&mut self, id: CommandId) {
         let before = self.in_flight.partition_point(|queued| queued.id <= self.received);
         // Never beyond what was sent, or the bytes in flight would be subtracted twice.
         self.received = self.received.max(id).min(self.sent);
@@ -357,8 +357,8 @@ impl Flow {
         self.unreceived_bytes -= fresh.map(|queued| queued.bytes.len()).sum::<usize>();
     }
 
-    fn forget_done(&mut self, now: Time) {
-        let done = self.done();
+    fn remove_executed(&mut self, now: Time) {
+        let done = self.last_executed();
         while let Some(queued) = self.in_flight.pop_front_if(|queued| queued.id <= done) {
             self.motion -= queued.motion;
             (self.progressed_at, self.touches) = (now, queued.contact);
@@ -366,7 +366,7 @@ impl Flow {
     }
 
     /// Returns the point to which the arm is moving, if the motion takes far longer than planned: once for each path.
-    pub(super) fn late(&mut self, now: Time) -> Option<Late> {
+    pub(super) fn late_point(&mut self, now: Time) -> Option<LatePoint> {
         let next = self.in_flight.front().filter(|next| next.measured)?;
         let last = next.path?.last;
         // A point that waits behind others is not late: its time runs from the end of the one before.
@@ -374,20 +374,20 @@ impl Flow {
         if waited <= 2 * next.motion + MAX_LATENESS || self.late.replace(last) == Some(last) {
             return None;
         }
-        Some(Late { id: next.id, contact: next.contact || self.touches, waited })
+        Some(LatePoint { id: next.id, contact: next.contact || self.touches, waited })
     }
 
     /// Returns whether the tool touches the panel, or a sent point will touch it.
-    pub(super) fn is_near(&self) -> bool {
+    pub(super) fn is_contact_possible(&self) -> bool {
         self.in_flight.iter().any(|queued| queued.contact) || (self.is_busy() && self.touches)
     }
 
     /// Returns the progress and the completed paths since the last call.
-    pub(super) fn news(&mut self) -> Vec<Report> {
-        let done = self.done();
+    pub(super) fn take_progress(&mut self) -> Vec<Report> {
+        let done = self.last_executed();
         let mut news = Vec::new();
-        if done > self.told {
-            self.told = done;
+        if done > self.reported {
+            self.reported = done;
             news.push(Report::Progress { done });
         }
         while let Some(last) = self.path_ends.pop_front_if(|last| *last <= done) {
@@ -397,7 +397,12 @@ impl Flow {
     }
 }
 
-fn within(what: &'static str, found: CommandId, first: CommandId, last: CommandId) -> Result<(), SequenceError> {
+fn check_range(
+    what: &'static str,
+    found: CommandId,
+    first: CommandId,
+    last: CommandId,
+) -> Result<(), SequenceError> {
     if found >= first && found <= last { Ok(()) } else { Err(SequenceError::Command { what, found, first, last }) }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::eki::command::{CommandError, MappedInputs};
 use crate::eki::ids::Epoch;
-use crate::eki::word::{Word, word};
+use crate::eki::word::{Keyword, intern_keyword};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -74,8 +74,8 @@ pub enum QueueError {
     #[error("move_lin needs base and tool to be set in this epoch; {missing} is not set")]
     FramesNotSet {
         /// What is missing.
-        #[serde(deserialize_with = "word")]
-        missing: Word,
+        #[serde(deserialize_with = "intern_keyword")]
+        missing: Keyword,
     },
     /// A path without points.
     #[error("the path has no points")]

@@ -8,7 +8,7 @@
 //! A stop reaches the arm in every state. An abort needs no unused number: the controller stops even if the abort's
 //! number is not a valid successor. The abort must be answered and obeyed within the watchdog's time, or the
 //! connections are closed, which stops the controller by its own rules. Reports never exceed what the controller has
-//! reported. Epochs that jump by more than [`EPOCH_STEP`](super::EPOCH_STEP) are refused on both sides, so that one
+//! reported. Epochs that jump by more than [`MAX_EPOCH_STEP`](super::MAX_EPOCH_STEP) are refused on both sides, so that one
 //! wrong message cannot exhaust the counter. Knowledge of the controller's epoch is valid for one connection; epochs
 //! that this program opened are remembered beyond it. After a controller's cold start, or with a store that was
 //! restored from a backup, the next epoch is reached in steps.
@@ -34,13 +34,13 @@ use super::ids::{CommandId, Epoch, LAST_NUMBER};
 use super::report::{Channel, LinkLoss, Report};
 use super::time::Time;
 use super::wire::Wire;
-use flow::Flow;
+use flow::CommandFlow;
 pub use limits::{LinkLimits, QueueError};
 use std::collections::VecDeque;
 
 /// The clock that applies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Pace {
+pub enum ClockMode {
     /// The wall clock: heartbeats and watchdog follow deadlines.
     Wall,
     /// The controller's virtual clock: it advances only as far as heartbeats allow.
@@ -53,25 +53,25 @@ enum Phase {
     /// No connection.
     Offline,
     /// Connected; the state was requested, and also a stop if an abort was commanded before the answer arrived.
-    Greeting { abort: Option<Stopping> },
+    Greeting { abort: Option<PendingAbort> },
     /// The controller is known; no epoch is open.
     Idle,
     /// The session has requested an epoch; `request` is the number of this request.
     Opening { epoch: Epoch, request: u32 },
     /// Commands flow.
-    Open(Box<Flow>),
+    Open(Box<CommandFlow>),
     /// An abort was sent; the session waits for standstill.
-    Stopping(Stopping),
+    Stopping(PendingAbort),
 }
 
 /// An abort in progress.
 #[derive(Debug, Clone, Copy)]
-struct Stopping {
+struct PendingAbort {
     /// The epoch that the abort ended, with the sent and executed commands of that epoch.
     ended: Option<Epoch>,
     sent: CommandId,
     done: CommandId,
-    refusal_told: bool,
+    is_refusal_reported: bool,
     /// The abort request, and when it was handed over for sending.
     request: u32,
     asked_at: Option<Time>,
@@ -81,7 +81,7 @@ struct Stopping {
 
 /// Returns why a connection ended before the controller identified itself. If the controller closed it, another
 /// client is connected. A message that belongs on the other channel means exchanged ports.
-fn before_a_word(why: LinkLoss) -> LinkLoss {
+fn connection_end_cause(why: LinkLoss) -> LinkLoss {
     match why {
         LinkLoss::Closed { channel } => LinkLoss::Occupied { channel },
         LinkLoss::Message { channel, error: DecodeError::Root { found, .. } }
@@ -98,7 +98,7 @@ fn before_a_word(why: LinkLoss) -> LinkLoss {
 pub struct Session {
     wire: Wire,
     limits: LinkLimits,
-    pace: Pace,
+    pace: ClockMode,
     phase: Phase,
     command_framer: Framer,
     state_framer: Framer,
@@ -120,24 +120,24 @@ pub struct Session {
     answered: u32,
     /// The numbers of the unanswered heartbeats, each with the last command that the heartbeat names; in lock step
     /// only.
-    named: VecDeque<(u32, u32)>,
+    heartbeat_commands: VecDeque<(u32, u32)>,
     last_sequence: Option<u32>,
     /// As last heard.
     moving: bool,
     harmful_on: bool,
-    heard: Time,
+    last_received: Time,
     next_heartbeat: Time,
-    stale: u64,
+    stale_messages: u64,
     /// The commanded outputs to a production line, and those already sent to the controller on this connection.
     line: Option<u32>,
-    line_told: Option<u32>,
+    sent_line: Option<u32>,
     /// Number of successive epochs in which no command was acknowledged in time.
     unacknowledged: u32,
 }
 
 impl Session {
     /// Creates a session that is not connected.
-    pub fn new(wire: Wire, limits: LinkLimits, pace: Pace) -> Self {
+    pub fn new(wire: Wire, limits: LinkLimits, pace: ClockMode) -> Self {
         Session {
             wire,
             limits,
@@ -155,15 +155,15 @@ impl Session {
             opened_epoch: Epoch(0),
             asked: 0,
             answered: 0,
-            named: VecDeque::new(),
+            heartbeat_commands: VecDeque::new(),
             last_sequence: None,
             moving: false,
             harmful_on: false,
-            heard: Time::default(),
+            last_received: Time::default(),
             next_heartbeat: Time::default(),
-            stale: 0,
+            stale_messages: 0,
             line: None,
-            line_told: None,
+            sent_line: None,
             unacknowledged: 0,
         }
     }
@@ -176,17 +176,17 @@ impl Session {
         self.requests.clear();
         (self.asked, self.answered, self.last_sequence) = (0, 0, None);
         (self.controller_epoch, self.asked_epoch) = (Epoch(0), Epoch(0));
-        self.named.clear();
-        (self.unacknowledged, self.line_told) = (0, None);
-        (self.heard, self.next_heartbeat) = (now, now + self.limits.heartbeat);
+        self.heartbeat_commands.clear();
+        (self.unacknowledged, self.sent_line) = (0, None);
+        (self.last_received, self.next_heartbeat) = (now, now + self.limits.heartbeat);
         self.phase = Phase::Greeting { abort: None };
-        self.ask(Request::State);
+        self.number_request(Request::State);
     }
 
     /// Handles a connection that failed, or could not be made. Queued commands are forgotten. An abort remains to be
     /// sent, in case the state channel is still connected.
     pub fn disconnected(&mut self, why: LinkLoss) {
-        let why = if self.is_greeting() { before_a_word(why) } else { why };
+        let why = if self.is_waiting_for_greeting() { connection_end_cause(why) } else { why };
         if self.is_connected() {
             self.stop();
         }
@@ -211,7 +211,7 @@ impl Session {
 
     /// Returns the number of messages of ended epochs that were dropped.
     pub fn stale_messages(&self) -> u64 {
-        self.stale
+        self.stale_messages
     }
 
     /// Returns the next bytes to send. Requests come first, so that no command delays an abort.
@@ -223,7 +223,7 @@ impl Session {
             return Some((Channel::State, request));
         }
         let Phase::Open(flow) = &mut self.phase else { return None };
-        flow.send_next(now, &self.limits).map(|bytes| (Channel::Command, bytes))
+        flow.next_command_bytes(now, &self.limits).map(|bytes| (Channel::Command, bytes))
     }
 
     /// Returns the next report.
@@ -231,14 +231,14 @@ impl Session {
         self.reports.pop_front()
     }
 
-    fn stopping_mut(&mut self) -> Option<&mut Stopping> {
+    fn stopping_mut(&mut self) -> Option<&mut PendingAbort> {
         match &mut self.phase {
             Phase::Stopping(stopping) | Phase::Greeting { abort: Some(stopping) } => Some(stopping),
             _ => None,
         }
     }
 
-    fn greeted(&self) -> Result<(), QueueError> {
+    fn require_greeting(&self) -> Result<(), QueueError> {
         match self.phase {
             Phase::Offline | Phase::Greeting { .. } => Err(QueueError::NotConnected),
             _ => Ok(()),
@@ -249,28 +249,28 @@ impl Session {
     fn current_epoch(&self) -> Epoch {
         match &self.phase {
             Phase::Open(flow) => flow.epoch(),
-            Phase::Stopping(Stopping { ended: Some(ended), .. }) => *ended,
-            _ => self.known_epoch(),
+            Phase::Stopping(PendingAbort { ended: Some(ended), .. }) => *ended,
+            _ => self.highest_known_epoch(),
         }
     }
 
     /// Sets the signals to a production line from now on, as bits of the controller's outputs to that line. They are
     /// sent at once if a controller answers, and again on each new connection; they move nothing.
-    pub fn tell_line(&mut self, bits: u32) {
+    pub fn set_line_signals(&mut self, bits: u32) {
         self.line = Some(bits);
-        if self.greeted().is_ok() {
+        if self.require_greeting().is_ok() {
             self.line_due();
         }
     }
 
     fn line_due(&mut self) {
-        if let Some(bits) = self.line.filter(|_| self.line != self.line_told) {
-            self.ask(Request::Line { bits });
-            self.line_told = self.line;
+        if let Some(bits) = self.line.filter(|_| self.line != self.sent_line) {
+            self.number_request(Request::Line { bits });
+            self.sent_line = self.line;
         }
     }
 
-    fn ask(&mut self, request: Request) -> u32 {
+    fn number_request(&mut self, request: Request) -> u32 {
         // The last request number is reserved for an abort; any other request that would need this number ends the
         // connection.
         if self.asked + 1 >= LAST_NUMBER && !matches!(request, Request::Abort { .. }) {

@@ -1,11 +1,11 @@
 //! Receives messages: converts bytes to documents, and processes the documents according to the phase of the
 //! session.
 
-use super::flow::{Flow, Late};
-use super::{Phase, Session, Stopping};
+use super::flow::{CommandFlow, LatePoint};
+use super::{PendingAbort, Phase, Session};
 use crate::eki::ack::Ack;
 use crate::eki::framer::Framer;
-use crate::eki::ids::{CommandId, EPOCH_STEP, Epoch, LAST_NUMBER, MAX_EPOCH};
+use crate::eki::ids::{CommandId, Epoch, LAST_NUMBER, MAX_EPOCH, MAX_EPOCH_STEP};
 use crate::eki::report::{Channel, LinkLoss, Report, SequenceError, StopCause};
 use crate::eki::state::{CONTACT_OVERRIDE_PERCENT, Mode, State};
 use crate::eki::time::Time;
@@ -18,11 +18,11 @@ impl Session {
         while self.is_connected() {
             match self.command_framer.next_document() {
                 Ok(None) => {
-                    self.begun[0] = begun(self.begun[0], &self.command_framer, has_ended, now);
+                    self.begun[0] = message_start(self.begun[0], &self.command_framer, has_ended, now);
                     return;
                 }
                 Ok(Some(document)) => match self.wire.decode_ack(&document) {
-                    Ok(ack) => self.on_ack(&ack, now),
+                    Ok(ack) => self.process_ack(&ack, now),
                     Err(error) => self.disconnected(LinkLoss::Message { channel: Channel::Command, error }),
                 },
                 Err(error) => self.disconnected(LinkLoss::Frame { channel: Channel::Command, error }),
@@ -38,13 +38,13 @@ impl Session {
         while self.is_connected() {
             match self.state_framer.next_document() {
                 Ok(None) => {
-                    self.begun[1] = begun(self.begun[1], &self.state_framer, has_ended, now);
+                    self.begun[1] = message_start(self.begun[1], &self.state_framer, has_ended, now);
                     return self.check_pace(now);
                 }
                 Ok(Some(document)) => match self.wire.decode_state(&document) {
                     Ok(state) => {
-                        self.heard = now;
-                        self.on_state(state, now);
+                        self.last_received = now;
+                        self.process_state(state, now);
                     }
                     Err(error) => self.disconnected(LinkLoss::Message { channel: Channel::State, error }),
                 },
@@ -54,32 +54,32 @@ impl Session {
         }
     }
 
-    fn on_ack(&mut self, ack: &Ack, now: Time) {
-        if !self.is_greeting() && !self.follows(Channel::Command, ack.epoch) {
+    fn process_ack(&mut self, ack: &Ack, now: Time) {
+        if !self.is_waiting_for_greeting() && !self.is_plausible_epoch(Channel::Command, ack.epoch) {
             return;
         }
         match &mut self.phase {
             Phase::Open(flow) if ack.epoch == flow.epoch() => {
                 match flow.acknowledge(ack, now) {
-                    Err(error) => return self.fault(Report::SequenceError(error)),
-                    Ok(()) => self.tell_progress(),
+                    Err(error) => return self.report_fault(Report::SequenceError(error)),
+                    Ok(()) => self.report_progress(),
                 }
                 // A controller that receives commands again has no half message in its memory.
                 if ack.received > CommandId(0) {
                     self.unacknowledged = 0;
                 }
                 if let Some((id, refusal)) = ack.refused {
-                    self.fault(Report::Refused { id, refusal });
+                    self.report_fault(Report::Refused { id, refusal });
                     if let Phase::Stopping(stopping) = &mut self.phase {
-                        stopping.refusal_told = true;
+                        stopping.is_refusal_reported = true;
                     }
                 }
             }
             // The reason for the stop may arrive after the state that shows the stop.
             Phase::Stopping(stopping) if Some(ack.epoch) == stopping.ended => {
-                let told = ack.refused.filter(|_| !stopping.refusal_told);
-                stopping.refusal_told |= told.is_some();
-                let wrong = stopping.executed(ack.done).err();
+                let told = ack.refused.filter(|_| !stopping.is_refusal_reported);
+                stopping.is_refusal_reported |= told.is_some();
+                let wrong = stopping.record_executed(ack.done).err();
                 self.reports.extend(wrong.map(Report::SequenceError));
                 self.reports.extend(told.map(|(id, refusal)| Report::Refused { id, refusal }));
             }
@@ -87,27 +87,27 @@ impl Session {
                 let error = SequenceError::Epoch { found: ack.epoch, ours: flow.epoch() };
                 // The abort's number must be above this epoch.
                 self.asked_epoch = self.asked_epoch.max(ack.epoch);
-                self.fault(Report::SequenceError(error));
+                self.report_fault(Report::SequenceError(error));
             }
             // Acknowledgements of an ended epoch are normal after an abort: they were under way. They are only counted.
-            _ => self.stale += u64::from(ack.epoch < self.known_epoch()),
+            _ => self.stale_messages += u64::from(ack.epoch < self.highest_known_epoch()),
         }
     }
 
     /// Returns whether the controller can be in this epoch, according to what is known on this connection. If it
     /// cannot, this is reported, and no part of its message is used.
-    fn follows(&mut self, channel: Channel, found: Epoch) -> bool {
-        let known = self.known_epoch();
+    fn is_plausible_epoch(&mut self, channel: Channel, found: Epoch) -> bool {
+        let known = self.highest_known_epoch();
         // States arrive in order; an acknowledgement may belong to a previous epoch.
         let goes_back = channel == Channel::State && found < self.controller_epoch;
-        let follows = found.0 <= known.0.saturating_add(EPOCH_STEP) && !goes_back;
+        let follows = found.0 <= known.0.saturating_add(MAX_EPOCH_STEP) && !goes_back;
         if !follows {
-            self.disconnected(LinkLoss::EpochJump { channel, found, known, step: EPOCH_STEP });
+            self.disconnected(LinkLoss::EpochJump { channel, found, known, step: MAX_EPOCH_STEP });
         }
         follows
     }
 
-    fn on_state(&mut self, state: State, now: Time) {
+    fn process_state(&mut self, state: State, now: Time) {
         let identity = (state.boot, state.programs_checksum);
         if self.identity.is_some_and(|known| known != identity) {
             // The controller's count may begin again; the client's count does not, so that no number ever belongs
@@ -116,15 +116,15 @@ impl Session {
             self.reports.push_back(Report::Rebooted { state: Box::new(state) });
         }
         let is_new = self.identity.replace(identity) != Some(identity);
-        if is_new || self.is_greeting() {
+        if is_new || self.is_waiting_for_greeting() {
             if state.epoch.0 > MAX_EPOCH {
                 let why = LinkLoss::EpochTooHigh { found: state.epoch, most: MAX_EPOCH };
                 return self.disconnected(why);
             }
-        } else if !self.follows(Channel::State, state.epoch) {
+        } else if !self.is_plausible_epoch(Channel::State, state.epoch) {
             return;
         }
-        if is_new && !self.is_greeting() {
+        if is_new && !self.is_waiting_for_greeting() {
             // If the controller has not restarted after all, it must not continue the commands of the client's
             // epoch.
             self.controller_epoch = state.epoch;
@@ -145,18 +145,18 @@ impl Session {
             self.controller_epoch = state.epoch;
             self.phase = abort.map_or(Phase::Idle, Phase::Stopping);
             self.reports.push_back(Report::Connected { state: Box::new(state) });
-            return self.in_phase(&state, now);
+            return self.process_in_phase(&state, now);
         }
         if let Err(error) = self.check_counts(&state) {
-            self.fault(Report::SequenceError(error));
+            self.report_fault(Report::SequenceError(error));
         }
         self.note_counts(&state);
         self.controller_epoch = state.epoch;
-        self.in_phase(&state, now);
+        self.process_in_phase(&state, now);
         self.reports.push_back(Report::State(Box::new(state)));
     }
 
-    pub(super) fn is_greeting(&self) -> bool {
+    pub(super) fn is_waiting_for_greeting(&self) -> bool {
         matches!(self.phase, Phase::Greeting { .. })
     }
 
@@ -177,18 +177,20 @@ impl Session {
         self.answered = state.answered.clamp(self.answered, self.asked);
         // In lock step the controller answers a heartbeat only when it has received the commands that the heartbeat
         // names.
-        while let Some((_, last_sent)) = self.named.pop_front_if(|(request, _)| *request <= self.answered) {
+        while let Some((_, last_sent)) =
+            self.heartbeat_commands.pop_front_if(|(request, _)| *request <= self.answered)
+        {
             if let Phase::Open(flow) = &mut self.phase {
-                flow.received_up_to(CommandId(last_sent));
+                flow.acknowledge_up_to(CommandId(last_sent));
             }
         }
     }
 
-    fn in_phase(&mut self, state: &State, now: Time) {
+    fn process_in_phase(&mut self, state: &State, now: Time) {
         match &mut self.phase {
             Phase::Opening { epoch, .. } if state.epoch == *epoch => {
                 let epoch = *epoch;
-                self.phase = Phase::Open(Box::new(Flow::new(epoch)));
+                self.phase = Phase::Open(Box::new(CommandFlow::new(epoch)));
                 self.reports.push_back(Report::EpochOpened { epoch });
             }
             Phase::Opening { epoch, request } if state.answered >= *request => {
@@ -198,28 +200,28 @@ impl Session {
                 self.asked_epoch = self.controller_epoch;
                 self.phase = Phase::Idle;
             }
-            Phase::Stopping(_) => self.stops(state),
-            Phase::Open(flow) if state.epoch == flow.epoch() => match flow.follow(state, now) {
-                Err(report) => self.fault(report),
+            Phase::Stopping(_) => self.process_stopping_state(state),
+            Phase::Open(flow) if state.epoch == flow.epoch() => match flow.accept_state(state, now) {
+                Err(report) => self.report_fault(report),
                 Ok(()) => {
-                    self.tell_progress();
+                    self.report_progress();
                     self.check_interlocks(state);
                 }
             },
             // The epoch is not that of the client, and on this channel no message is delayed.
             Phase::Open(flow) => {
                 let error = SequenceError::Epoch { found: state.epoch, ours: flow.epoch() };
-                self.fault(Report::SequenceError(error));
+                self.report_fault(Report::SequenceError(error));
             }
             _ => {}
         }
     }
 
     /// Evaluates a state during an abort in progress.
-    fn stops(&mut self, state: &State) {
+    fn process_stopping_state(&mut self, state: &State) {
         let (asked, Phase::Stopping(stopping)) = (self.asked, &mut self.phase) else { return };
         if stopping.ended == Some(state.epoch)
-            && let Err(error) = stopping.executed(state.done)
+            && let Err(error) = stopping.record_executed(state.done)
         {
             self.reports.push_back(Report::SequenceError(error));
         }
@@ -244,23 +246,25 @@ impl Session {
     /// because the disc has stayed too long at one place.
     fn check_pace(&mut self, now: Time) {
         let Phase::Open(flow) = &mut self.phase else { return };
-        match flow.late(now) {
-            Some(Late { id, contact: true, waited }) => self.fault(Report::Slow { id, contact: true, waited }),
-            Some(Late { id, contact, waited }) => self.reports.push_back(Report::Slow { id, contact, waited }),
+        match flow.late_point(now) {
+            Some(LatePoint { id, contact: true, waited }) => {
+                self.report_fault(Report::Slow { id, contact: true, waited })
+            }
+            Some(LatePoint { id, contact, waited }) => self.reports.push_back(Report::Slow { id, contact, waited }),
             None => {}
         }
     }
 
     /// Reports the progress of the open epoch, once.
-    fn tell_progress(&mut self) {
+    fn report_progress(&mut self) {
         if let Phase::Open(flow) = &mut self.phase {
-            self.reports.extend(flow.news());
+            self.reports.extend(flow.take_progress());
         }
     }
 
     /// Returns whether the tool touches the panel, or a point that was sent will touch it.
-    fn is_near(&self) -> bool {
-        matches!(&self.phase, Phase::Open(flow) if flow.is_near())
+    fn is_contact_possible(&self) -> bool {
+        matches!(&self.phase, Phase::Open(flow) if flow.is_contact_possible())
     }
 
     fn check_interlocks(&mut self, state: &State) {
@@ -271,7 +275,7 @@ impl Session {
             (state.emergency_stop, StopCause::EmergencyStop),
             (!state.guard_closed, StopCause::GuardOpen),
             (!state.drives_on, StopCause::DrivesOff),
-            (self.is_near() && state.override_percent != CONTACT_OVERRIDE_PERCENT, StopCause::Override),
+            (self.is_contact_possible() && state.override_percent != CONTACT_OVERRIDE_PERCENT, StopCause::Override),
             (state.stopped && by_hand && self.was_automatic, StopCause::ModeTurned),
             (state.stopped && !state.motion_possible, StopCause::NoProgram),
             (state.stopped, StopCause::ByProgram),
@@ -279,14 +283,14 @@ impl Session {
         // An epoch that the controller has stopped accepts no more commands, busy or not.
         let ends = state.stopped || matches!(&self.phase, Phase::Open(flow) if flow.is_busy());
         if let Some(&(_, cause)) = causes.iter().find(|(holds, _)| ends && *holds) {
-            self.fault(Report::Interrupted { cause });
+            self.report_fault(Report::Interrupted { cause });
         }
     }
 }
 
-impl Stopping {
+impl PendingAbort {
     /// Notes the number of executed commands of the ended epoch; no more than were sent.
-    fn executed(&mut self, done: CommandId) -> Result<(), SequenceError> {
+    fn record_executed(&mut self, done: CommandId) -> Result<(), SequenceError> {
         let (first, last) = (CommandId(0), self.sent);
         if done > last {
             return Err(SequenceError::Command { what: "executed", found: done, first, last });
@@ -298,6 +302,6 @@ impl Stopping {
 
 /// Returns the time at which the unfinished message began. If another message has ended in these bytes, the unfinished
 /// one began with these bytes, now.
-fn begun(before: Option<Time>, framer: &Framer, has_ended: bool, now: Time) -> Option<Time> {
+fn message_start(before: Option<Time>, framer: &Framer, has_ended: bool, now: Time) -> Option<Time> {
     framer.is_inside().then(|| before.filter(|_| !has_ended).unwrap_or(now))
 }

@@ -2,12 +2,13 @@
 //! is a part. Free-form curves and surfaces are refused, because a part of the panel would be missing without them.
 
 use super::super::mesh_error::{MAX_TRIANGLES, MeshFileError};
-use super::super::ply::divided;
-use super::stl::{one_unit, point};
+use super::super::ply::triangulate;
+use super::stl::{merge_units, point};
 use crate::geometry::{LengthUnit, TriangleMesh};
 
 /// Statements without effect on the shape of a mesh.
-const UNUSED: [&str; 12] = ["vt", "vn", "vp", "s", "g", "mg", "usemtl", "mtllib", "usemap", "maplib", "l", "p"];
+const IGNORED_STATEMENTS: [&str; 12] =
+    ["vt", "vn", "vp", "s", "g", "mg", "usemtl", "mtllib", "usemap", "maplib", "l", "p"];
 
 /// Returns whether the bytes begin as an OBJ file: comments, and then one of its statements.
 pub(super) fn is_text(bytes: &[u8]) -> bool {
@@ -15,7 +16,7 @@ pub(super) fn is_text(bytes: &[u8]) -> bool {
     let first = lines.find(|line| !line.is_empty() && !line.starts_with(b"#"));
     let word = first.and_then(|line| line.split(u8::is_ascii_whitespace).next());
     word.and_then(|word| std::str::from_utf8(word).ok())
-        .is_some_and(|word| ["v", "o", "f"].contains(&word) || UNUSED.contains(&word))
+        .is_some_and(|word| ["v", "o", "f"].contains(&word) || IGNORED_STATEMENTS.contains(&word))
 }
 
 /// Reads a file.
@@ -27,9 +28,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
         let text = String::from_utf8_lossy(line);
         let text = text.trim();
         if let Some(comment) = text.strip_prefix('#') {
-            mesh.unit = one_unit(
+            mesh.unit = merge_units(
                 mesh.unit,
-                LengthUnit::stated_in(comment).map_err(|found| MeshFileError::UnknownUnit { found })?,
+                LengthUnit::from_comment(comment).map_err(|found| MeshFileError::UnknownUnit { found })?,
             )?;
             continue;
         }
@@ -48,12 +49,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
                 for word in words {
                     corners.push(vertex(word, mesh.vertices.len()).map_err(refuse)?);
                 }
-                let triangles = divided(&mesh.vertices, &corners);
+                let triangles = triangulate(&mesh.vertices, &corners);
                 let failed = MeshFileError::NotConvex { line: index + 1, corners: corners.len() };
                 mesh.triangles.extend(triangles.ok_or(failed)?);
             }
             Some("o") => mesh.begin_object(&words.collect::<Vec<_>>().join(" ")),
-            Some(word) if UNUSED.contains(&word) => {}
+            Some(word) if IGNORED_STATEMENTS.contains(&word) => {}
             Some(word) => {
                 return Err(refuse(format!(
                     "'{}' is not a statement of a mesh; export the panel as a mesh of triangles",

@@ -11,12 +11,12 @@ const TRIANGLE_BYTES: usize = 50;
 
 /// Triangles of which each states its three corners: the same numbers are the same vertex of an object.
 #[derive(Default)]
-struct Corners {
+struct CornerTriangles {
     mesh: TriangleMesh,
     known: HashMap<[u64; 3], u32>,
 }
 
-impl Corners {
+impl CornerTriangles {
     fn begin_object(&mut self, name: &str) {
         self.mesh.begin_object(name);
         // The same place in another object is another vertex: objects that touch stay apart.
@@ -40,19 +40,22 @@ impl Corners {
 }
 
 /// Returns the count of triangles that a binary file's header states.
-fn stated(bytes: &[u8]) -> Option<u64> {
+fn stated_triangle_count(bytes: &[u8]) -> Option<u64> {
     let count: [u8; 4] = bytes.get(HEADER_BYTES..START_BYTES)?.try_into().ok()?;
     Some(u64::from(u32::from_le_bytes(count)))
 }
 
 /// Returns whether the size is exactly that of a binary STL file; its first word may be "solid", too.
 pub(super) fn is_binary(bytes: &[u8]) -> bool {
-    stated(bytes).is_some_and(|count| bytes.len() as u64 == START_BYTES as u64 + TRIANGLE_BYTES as u64 * count)
+    stated_triangle_count(bytes)
+        .is_some_and(|count| bytes.len() as u64 == START_BYTES as u64 + TRIANGLE_BYTES as u64 * count)
 }
 
 /// Refuses bytes that are no text of any kind as a binary STL file of the wrong length, if they can be one.
 pub(super) fn check_size(bytes: &[u8]) -> Result<(), MeshFileError> {
-    let Some(triangles) = stated(bytes).filter(|&count| count <= MAX_TRIANGLES as u64) else { return Ok(()) };
+    let Some(triangles) = stated_triangle_count(bytes).filter(|&count| count <= MAX_TRIANGLES as u64) else {
+        return Ok(());
+    };
     let needed = START_BYTES as u64 + TRIANGLE_BYTES as u64 * triangles;
     let is_text = std::str::from_utf8(&bytes[..HEADER_BYTES]).is_ok() && !bytes[..START_BYTES].contains(&0);
     if is_text { Ok(()) } else { Err(MeshFileError::StlSize { triangles, needed, found: bytes.len() as u64 }) }
@@ -64,9 +67,9 @@ pub(super) fn read_binary(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
     if records.len() > MAX_TRIANGLES {
         return Err(MeshFileError::TooMany { found: records.len() as u64 });
     }
-    let mut corners = Corners::default();
+    let mut corners = CornerTriangles::default();
     corners.mesh.triangles.reserve_exact(records.len());
-    corners.mesh.unit = LengthUnit::stated_in(&String::from_utf8_lossy(&bytes[..HEADER_BYTES]))
+    corners.mesh.unit = LengthUnit::from_comment(&String::from_utf8_lossy(&bytes[..HEADER_BYTES]))
         .map_err(|found| MeshFileError::UnknownUnit { found })?;
     for (index, record) in records.enumerate() {
         let number = |at: usize| {
@@ -92,7 +95,7 @@ pub(super) fn is_text(bytes: &[u8]) -> bool {
 
 /// Reads a text file.
 pub(super) fn read_text(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
-    let mut corners = Corners::default();
+    let mut corners = CornerTriangles::default();
     let mut facet: Vec<[f64; 3]> = Vec::with_capacity(3);
     let (mut is_in_solid, mut is_in_loop, mut count) = (false, false, 0);
     for (index, line) in bytes.split(|&byte| byte == b'\n').enumerate() {
@@ -108,8 +111,8 @@ pub(super) fn read_text(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
                 is_in_solid = true;
                 let rest = words.clone().collect::<Vec<_>>().join(" ");
                 corners.begin_object(words.next().unwrap_or_default());
-                let unit = LengthUnit::stated_in(&rest).map_err(|found| MeshFileError::UnknownUnit { found })?;
-                corners.mesh.unit = one_unit(corners.mesh.unit, unit)?;
+                let unit = LengthUnit::from_comment(&rest).map_err(|found| MeshFileError::UnknownUnit { found })?;
+                corners.mesh.unit = merge_units(corners.mesh.unit, unit)?;
             }
             "facet" | "endfacet" if is_in_solid && !is_in_loop => {}
             "outer" if is_in_solid && !is_in_loop => is_in_loop = true,
@@ -139,13 +142,13 @@ pub(super) fn point<'a>(mut words: impl Iterator<Item = &'a str>) -> Option<[f64
 }
 
 /// Joins the units that two comments state.
-pub(super) fn one_unit(
+pub(super) fn merge_units(
     known: Option<LengthUnit>,
     further: Option<LengthUnit>,
 ) -> Result<Option<LengthUnit>, MeshFileError> {
     match (known, further) {
         (Some(first), Some(second)) if first != second => {
-            Err(MeshFileError::TwoUnits { first: first.word(), second: second.word() })
+            Err(MeshFileError::TwoUnits { first: first.abbreviation(), second: second.abbreviation() })
         }
         _ => Ok(known.or(further)),
     }
@@ -154,7 +157,7 @@ pub(super) fn one_unit(
 /// Returns triangles as a binary STL file whose header states the unit; without normals, which readers compute.
 pub fn write_stl(mesh: &TriangleMesh) -> Vec<u8> {
     let mut bytes = match mesh.unit {
-        Some(unit) => format!("unit: {}", unit.word()).into_bytes(),
+        Some(unit) => format!("unit: {}", unit.abbreviation()).into_bytes(),
         None => Vec::new(),
     };
     bytes.resize(HEADER_BYTES, b' ');

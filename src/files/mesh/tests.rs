@@ -51,7 +51,7 @@ fn binary_ply() -> Vec<u8> {
 fn solids_stay_apart() {
     let mesh =
         read_mesh(TEXT.replacen("endfacet\n", "endfacet\nendsolid\nsolid rib\n", 1).as_bytes()).expect("two");
-    let objects: Vec<_> = mesh.each_object().map(|(name, triangles)| (name, triangles.len())).collect();
+    let objects: Vec<_> = mesh.objects().map(|(name, triangles)| (name, triangles.len())).collect();
     assert_eq!((objects, mesh.vertices.len()), (vec![("skin", 1), ("rib", 1)], 6));
 }
 

@@ -49,8 +49,8 @@ fn small_cloud() -> OrganizedCloud<Camera> {
 fn what_pcl_wrote_reads_as_it_was_made_in_all_three_encodings() {
     for bytes in BY_PCL {
         let cloud = read_pcd(bytes).expect("a PCL file");
-        assert_eq!((cloud.width(), cloud.height(), cloud.valid().count()), (40, 30, 36 * 30 - 4 * 3));
-        for (index, point) in cloud.valid() {
+        assert_eq!((cloud.width(), cloud.height(), cloud.valid_points().count()), (40, 30, 36 * 30 - 4 * 3));
+        for (index, point) in cloud.valid_points() {
             let (u, v) = (index % 40, index / 40);
             assert!((point.mm.z - (700 + u + 2 * v) as f64).abs() < 1e-3, "{u},{v}: {point:?}");
         }
@@ -65,7 +65,7 @@ fn what_pcl_wrote_reads_as_it_was_made_in_all_three_encodings() {
 #[test]
 fn the_three_encodings_hold_the_same_cloud() {
     let [ascii, binary, compressed] = BY_PCL.map(|bytes| read_pcd(bytes).expect("a PCL file"));
-    let valid = |cloud: &OrganizedCloud<Camera>| cloud.valid().collect::<Vec<(usize, Point<Camera>)>>();
+    let valid = |cloud: &OrganizedCloud<Camera>| cloud.valid_points().collect::<Vec<(usize, Point<Camera>)>>();
     assert_eq!(valid(&binary), valid(&compressed));
     for ((index, a), (other, b)) in valid(&ascii).into_iter().zip(valid(&binary)) {
         assert!(index == other && a.distance_mm(b) < 1e-4, "{a:?} {b:?}");

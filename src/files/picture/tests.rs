@@ -71,7 +71,7 @@ fn deep_and_transparent_pixels_are_refused_and_opaque_alpha_is_dropped() {
         let pixels = image::RgbaImage::from_pixel(3, 2, image::Rgba([10, 20, 30, alpha]));
         read_color(&as_file(pixels.into(), ImageFormat::Png))
     };
-    assert_eq!(rgba(255), Ok(ColorPicture::filled(3, 2, [10, 20, 30])));
+    assert_eq!(rgba(255), Ok(ColorPicture::uniform(3, 2, [10, 20, 30])));
     assert!(rgba(254).expect_err("transparent").to_string().contains("partly transparent"));
 }
 
@@ -80,8 +80,8 @@ fn sizes_that_do_not_fit_are_refused() {
     let broken = ColorPicture { width: 3, height: 3, rgb: vec![[0; 3]; 8] };
     let error = write_color_png(&broken).expect_err("8 pixels").to_string();
     assert!(error.contains("3×3 cannot be written from 8 pixels"), "{error}");
-    assert!(write_color_jpeg(&ColorPicture::filled(0, 0, [0; 3])).is_err());
-    assert!(write_color_jpeg(&ColorPicture::filled(65_536, 1, [0; 3])).is_err());
+    assert!(write_color_jpeg(&ColorPicture::uniform(0, 0, [0; 3])).is_err());
+    assert!(write_color_jpeg(&ColorPicture::uniform(65_536, 1, [0; 3])).is_err());
 }
 
 proptest! {

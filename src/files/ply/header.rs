@@ -11,7 +11,7 @@ const MAX_POINT_BYTES: u64 = 128;
 pub(super) const NAMES: [&str; 6] = ["x", "y", "z", "red", "green", "blue"];
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Number {
+pub(super) enum NumberType {
     Float,
     Double,
     Byte,
@@ -22,27 +22,27 @@ pub(super) enum Number {
     },
 }
 
-impl Number {
-    pub(super) fn named(name: &str) -> Option<Self> {
+impl NumberType {
+    pub(super) fn from_name(name: &str) -> Option<Self> {
         Some(match name {
-            "float" | "float32" => Number::Float,
-            "double" | "float64" => Number::Double,
-            "uchar" | "uint8" => Number::Byte,
-            "char" | "int8" => Number::Other { bytes: 1, is_signed: true },
-            "short" | "int16" => Number::Other { bytes: 2, is_signed: true },
-            "ushort" | "uint16" => Number::Other { bytes: 2, is_signed: false },
-            "int" | "int32" => Number::Other { bytes: 4, is_signed: true },
-            "uint" | "uint32" => Number::Other { bytes: 4, is_signed: false },
+            "float" | "float32" => NumberType::Float,
+            "double" | "float64" => NumberType::Double,
+            "uchar" | "uint8" => NumberType::Byte,
+            "char" | "int8" => NumberType::Other { bytes: 1, is_signed: true },
+            "short" | "int16" => NumberType::Other { bytes: 2, is_signed: true },
+            "ushort" | "uint16" => NumberType::Other { bytes: 2, is_signed: false },
+            "int" | "int32" => NumberType::Other { bytes: 4, is_signed: true },
+            "uint" | "uint32" => NumberType::Other { bytes: 4, is_signed: false },
             _ => return None,
         })
     }
 
     pub(super) fn bytes(self) -> usize {
         match self {
-            Number::Byte => 1,
-            Number::Float => 4,
-            Number::Double => 8,
-            Number::Other { bytes, .. } => bytes,
+            NumberType::Byte => 1,
+            NumberType::Float => 4,
+            NumberType::Double => 8,
+            NumberType::Other { bytes, .. } => bytes,
         }
     }
 
@@ -52,13 +52,13 @@ impl Number {
         wide.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
         let whole = u64::from_le_bytes(wide);
         match self {
-            Number::Float => f64::from(f32::from_bits(whole as u32)),
-            Number::Double => f64::from_bits(whole),
-            Number::Other { bytes, is_signed: true } => {
+            NumberType::Float => f64::from(f32::from_bits(whole as u32)),
+            NumberType::Double => f64::from_bits(whole),
+            NumberType::Other { bytes, is_signed: true } => {
                 let unused_bits = 64 - 8 * bytes as u32;
                 ((whole << unused_bits) as i64 >> unused_bits) as f64
             }
-            Number::Byte | Number::Other { .. } => whole as f64,
+            NumberType::Byte | NumberType::Other { .. } => whole as f64,
         }
     }
 }
@@ -68,7 +68,7 @@ impl Number {
 pub(super) struct PropertyOffset {
     pub word: usize,
     pub byte: usize,
-    pub number: Number,
+    pub number: NumberType,
 }
 
 pub(super) type PropertyOffsets = [PropertyOffset; 6];
@@ -87,7 +87,7 @@ pub(super) struct Header {
     width: Option<u64>,
     height: Option<u64>,
     pub vertices: u64,
-    pub properties: Vec<(String, Number)>,
+    pub properties: Vec<(String, NumberType)>,
     pub elements: usize,
     /// The elements after the vertices, with the words of each property's line.
     pub later: Vec<LaterElement>,
@@ -146,7 +146,7 @@ impl Header {
             }
             ["property", "list", ..] => return Err("list properties of a vertex are not supported"),
             ["property", kind, name] if self.elements == 1 => {
-                let number = Number::named(kind).ok_or("valid types: char … double and int8 … float64")?;
+                let number = NumberType::from_name(kind).ok_or("valid types: char … double and int8 … float64")?;
                 if self.properties.iter().any(|(known, _)| known == name) {
                     return Err("this property is defined twice");
                 }
@@ -189,32 +189,32 @@ impl Header {
         }
     }
 
-    pub fn places(&self) -> Result<PropertyOffsets, CloudFileError> {
-        let mut places = [PropertyOffset { word: 0, byte: 0, number: Number::Byte }; 6];
+    pub fn property_offsets(&self) -> Result<PropertyOffsets, CloudFileError> {
+        let mut places = [PropertyOffset { word: 0, byte: 0, number: NumberType::Byte }; 6];
         for (index, (place, name)) in places.iter_mut().zip(NAMES).enumerate() {
             let allowed =
                 if index < 3 { "float or double, in mm" } else { "uchar; export the cloud with its colours" };
-            *place = self.place(name, allowed, |number| match number {
-                Number::Float | Number::Double => index < 3,
-                Number::Byte => index >= 3,
-                Number::Other { .. } => false,
+            *place = self.property_offset(name, allowed, |number| match number {
+                NumberType::Float | NumberType::Double => index < 3,
+                NumberType::Byte => index >= 3,
+                NumberType::Other { .. } => false,
             })?;
         }
         Ok(places)
     }
 
     /// The places of x, y and z alone, for a file without colours.
-    pub fn point_places(&self) -> Result<[PropertyOffset; 3], CloudFileError> {
-        let is_right = |number| matches!(number, Number::Float | Number::Double);
-        let place = |name| self.place(name, "float or double", is_right);
+    pub fn point_offsets(&self) -> Result<[PropertyOffset; 3], CloudFileError> {
+        let is_right = |number| matches!(number, NumberType::Float | NumberType::Double);
+        let place = |name| self.property_offset(name, "float or double", is_right);
         Ok([place("x")?, place("y")?, place("z")?])
     }
 
-    fn place(
+    fn property_offset(
         &self,
         name: &'static str,
         allowed: &'static str,
-        is_right: impl Fn(Number) -> bool,
+        is_right: impl Fn(NumberType) -> bool,
     ) -> Result<PropertyOffset, CloudFileError> {
         let refuse = |found: &str| CloudFileError::Field { name, found: found.to_owned(), allowed };
         let word = self.properties.iter().position(|(known, _)| known == name).ok_or_else(|| refuse("none"))?;

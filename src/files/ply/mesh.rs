@@ -2,7 +2,7 @@
 //! only list; other properties and elements are not used. `ascii` or `binary_little_endian`.
 
 use super::super::mesh_error::{MAX_TRIANGLES, MeshFileError};
-use super::header::{Header, LaterElement, Number};
+use super::header::{Header, LaterElement, NumberType};
 use crate::geometry::{LengthUnit, TriangleMesh};
 use nalgebra::{Point3, Vector3};
 
@@ -16,7 +16,7 @@ const MAX_OFF_PLANE: f64 = 5e-4;
 
 /// Divides a face into triangles from its first corner; `None` if it has too few or too many corners, or is not
 /// plane and convex, so that another division would be another surface.
-pub(in crate::files) fn divided(vertices: &[[f64; 3]], corners: &[u32]) -> Option<Vec<[u32; 3]>> {
+pub(in crate::files) fn triangulate(vertices: &[[f64; 3]], corners: &[u32]) -> Option<Vec<[u32; 3]>> {
     if !(3..=MAX_CORNERS).contains(&corners.len()) {
         return None;
     }
@@ -44,24 +44,24 @@ pub(in crate::files) fn divided(vertices: &[[f64; 3]], corners: &[u32]) -> Optio
 /// One property of a face.
 enum FaceProperty {
     /// The list of vertices, with the kinds of its count and its items.
-    Corners(Number, Number),
+    Corners(NumberType, NumberType),
     /// A number that is not used.
-    Other(Number),
+    Other(NumberType),
 }
 
 /// Reads the mesh of a PLY file.
 pub(in crate::files) fn read_ply_mesh(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
     let header = Header::parse(bytes)?;
     let vertices = header.checked_points()?;
-    let places = header.point_places()?;
+    let places = header.point_offsets()?;
     let line = header.lines;
     let mut mesh = TriangleMesh::default();
     for comment in &header.comments {
-        let unit = LengthUnit::stated_in(comment).map_err(|found| MeshFileError::UnknownUnit { found })?;
+        let unit = LengthUnit::from_comment(comment).map_err(|found| MeshFileError::UnknownUnit { found })?;
         if let (Some(first), Some(second)) = (mesh.unit, unit)
             && first != second
         {
-            return Err(MeshFileError::TwoUnits { first: first.word(), second: second.word() });
+            return Err(MeshFileError::TwoUnits { first: first.abbreviation(), second: second.abbreviation() });
         }
         mesh.unit = mesh.unit.or(unit);
     }
@@ -89,7 +89,7 @@ pub(in crate::files) fn read_ply_mesh(bytes: &[u8]) -> Result<TriangleMesh, Mesh
         }
         values.end()?;
         if !point.iter().all(|number| number.is_finite()) {
-            return Err(values.wrong("a coordinate is infinite or not a number"));
+            return Err(values.value_error("a coordinate is infinite or not a number"));
         }
         mesh.vertices.push(point);
     }
@@ -103,12 +103,14 @@ pub(in crate::files) fn read_ply_mesh(bytes: &[u8]) -> Result<TriangleMesh, Mesh
                 FaceProperty::Corners(count, item) => {
                     let count = values.next(count)?;
                     if !(3.0..=MAX_CORNERS as f64).contains(&count) || count.fract() != 0.0 {
-                        return Err(values.wrong(&format!("a face of {count} corners; valid: 3 to {MAX_CORNERS}")));
+                        return Err(
+                            values.value_error(&format!("a face of {count} corners; valid: 3 to {MAX_CORNERS}"))
+                        );
                     }
                     for _ in 0..count as usize {
                         let corner = values.next(item)?;
                         if !(0.0..vertices as f64).contains(&corner) || corner.fract() != 0.0 {
-                            return Err(values.wrong(&format!(
+                            return Err(values.value_error(&format!(
                                 "vertex {corner} does not exist; the file has {vertices} vertices"
                             )));
                         }
@@ -119,7 +121,7 @@ pub(in crate::files) fn read_ply_mesh(bytes: &[u8]) -> Result<TriangleMesh, Mesh
         }
         values.end()?;
         let not_convex = MeshFileError::NotConvex { line: values.number, corners: corners.len() };
-        mesh.triangles.extend(divided(&mesh.vertices, &corners).ok_or(not_convex)?);
+        mesh.triangles.extend(triangulate(&mesh.vertices, &corners).ok_or(not_convex)?);
         if mesh.triangles.len() > MAX_TRIANGLES {
             return Err(MeshFileError::TooMany { found: mesh.triangles.len() as u64 });
         }
@@ -131,7 +133,8 @@ pub(in crate::files) fn read_ply_mesh(bytes: &[u8]) -> Result<TriangleMesh, Mesh
 }
 
 fn face_properties(element: &LaterElement) -> Result<Vec<FaceProperty>, String> {
-    let number = |word: &str| Number::named(word).ok_or_else(|| format!("'{word}' is not a number type of PLY"));
+    let number =
+        |word: &str| NumberType::from_name(word).ok_or_else(|| format!("'{word}' is not a number type of PLY"));
     let property = |words: &Vec<String>| match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["list", count, item, "vertex_indices" | "vertex_index"] => {
             Ok(FaceProperty::Corners(number(count)?, number(item)?))
@@ -195,28 +198,30 @@ impl<'a> Source<'a> {
 }
 
 impl Values<'_, '_> {
-    fn next(&mut self, number: Number) -> Result<f64, MeshFileError> {
+    fn next(&mut self, number: NumberType) -> Result<f64, MeshFileError> {
         if let Some(words) = &mut self.words {
             let word = words.next().and_then(|word| word.parse::<f64>().ok());
-            return word.ok_or_else(|| self.wrong("a number is missing or not readable"));
+            return word.ok_or_else(|| self.value_error("a number is missing or not readable"));
         }
         let bytes = self.rest.as_mut().and_then(|rest| {
             let (value, after) = rest.split_at_checked(number.bytes())?;
             **rest = after;
             Some(value)
         });
-        bytes.map(|bytes| number.value(bytes)).ok_or_else(|| self.wrong("the file ends here: it is truncated"))
+        bytes
+            .map(|bytes| number.value(bytes))
+            .ok_or_else(|| self.value_error("the file ends here: it is truncated"))
     }
 
     /// Checks that the line has no further number.
     fn end(&mut self) -> Result<(), MeshFileError> {
         match self.words.as_mut().and_then(Iterator::next) {
             None => Ok(()),
-            Some(_) => Err(self.wrong("more numbers than the header states")),
+            Some(_) => Err(self.value_error("more numbers than the header states")),
         }
     }
 
-    fn wrong(&self, problem: &str) -> MeshFileError {
+    fn value_error(&self, problem: &str) -> MeshFileError {
         match self.words {
             Some(_) => MeshFileError::Line { line: self.number, problem: problem.to_owned() },
             None => {

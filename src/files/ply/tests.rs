@@ -31,7 +31,7 @@ fn small_cloud() -> OrganizedCloud<Camera> {
 #[test]
 fn text_with_the_size_from_the_camera() {
     let cloud = read_ply(good().as_bytes(), &CAMERA).expect("good");
-    assert_eq!((cloud.width(), cloud.height(), cloud.valid().count()), (2, 2, 2));
+    assert_eq!((cloud.width(), cloud.height(), cloud.valid_points().count()), (2, 2, 2));
     assert_eq!(cloud.point(1, 0), Some(Point::at(1.0, 2.0, 3.0)));
     assert_eq!(cloud.color_at(3), [4, 5, 6]);
 }
@@ -41,7 +41,7 @@ fn what_is_written_reads_back_with_its_own_size() {
     let cloud = small_cloud();
     let back = read_ply(&write_ply(&cloud), &PinholeCamera { width_px: 3, ..CAMERA }).expect("our own");
     assert_eq!((back.width(), back.height()), (3, 2));
-    assert!(back.valid().eq(cloud.valid()) && back.picture() == cloud.picture());
+    assert!(back.valid_points().eq(cloud.valid_points()) && back.picture() == cloud.picture());
 }
 
 /// By hand: one vertex is double x y z, then a float that is skipped, then the colour: 31 bytes.

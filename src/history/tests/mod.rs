@@ -4,7 +4,7 @@ mod alarms;
 
 use super::*;
 use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, Kind, PartNames, name};
-use crate::verdict::{Check, Judgement, Limit, Reason, SetBy, Verdict};
+use crate::verdict::{Check, Judgement, Limit, LimitSource, Reason, Verdict};
 use std::collections::BTreeMap;
 
 fn found(kind: Kind, pass: u8, verdict: Verdict) -> Finding {
@@ -16,22 +16,24 @@ fn film(pass: u8, failed: &[(&str, f64)]) -> Finding {
     let verdict = if failed.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let area = |grid: &str| if failed.iter().any(|(id, _)| *id == grid) { 50.0 } else { 0.0 };
     let grids = ["r1c1", "r1c2", "r2c1", "r2c2"].map(|grid| {
-        Check::new(name::broken_film(grid), "mm²", area(grid)).within(Limit::Below(5.0), SetBy::Program)
+        Check::new(name::broken_film(grid), "mm²", area(grid)).with_limit(Limit::Below(5.0), LimitSource::Program)
     });
-    let times = failed.iter().map(|(grid, s)| Check::new(name::failed_after(grid), "s", *s));
+    let times = failed.iter().map(|(grid, s)| Check::new(name::break_time_name(grid), "s", *s));
     let names: Vec<&str> = failed.iter().map(|(grid, _)| *grid).collect();
-    let light = |name: &'static str, percent: f64| Check::new(name, "%", percent).at_least(-40.0, SetBy::Program);
+    let light =
+        |name: &'static str, percent: f64| Check::new(name, "%", percent).with_min(-40.0, LimitSource::Program);
     found(Kind::Inspect, pass, verdict)
-        .with([Check::new(name::WATCHED, "s", 60.0 + f64::from(pass))])
-        .with([light(name::LIGHT_MIN, if pass == 0 { -7.0 } else { -3.0 })])
-        .with(grids)
-        .with(times)
-        .detail("failed", serde_json::json!(names))
+        .with_checks([Check::new(name::WATCHED_TIME_NAME, "s", 60.0 + f64::from(pass))])
+        .with_checks([light(name::LIGHT_MIN, if pass == 0 { -7.0 } else { -3.0 })])
+        .with_checks(grids)
+        .with_checks(times)
+        .with_detail("failed", serde_json::json!(names))
 }
 
 fn located(residual_mm: f64) -> Finding {
-    let check = Check::new(name::RESIDUAL, "mm", residual_mm).at_most(0.25, SetBy::recipe("locate.max_rms_mm"));
-    found(Kind::Locate, 0, Verdict::Accept).with([check])
+    let check =
+        Check::new(name::RESIDUAL, "mm", residual_mm).with_max(0.25, LimitSource::recipe("locate.max_rms_mm"));
+    found(Kind::Locate, 0, Verdict::Accept).with_checks([check])
 }
 
 /// A cycle that began at `id` × 1,000 s and lasted 90 s: it failed, was abraded, and passed except for the grids in
@@ -40,7 +42,7 @@ fn cycle(id: i64, residual_mm: f64, first: &[(&str, f64)], at_end: &[(&str, f64)
     let mut findings = vec![located(residual_mm), film(0, first)];
     if !first.is_empty() {
         let grids: Vec<&str> = first.iter().map(|(grid, _)| *grid).collect();
-        findings.push(found(Kind::Abrade, 1, Verdict::Accept).detail("grids", serde_json::json!(grids)));
+        findings.push(found(Kind::Abrade, 1, Verdict::Accept).with_detail("grids", serde_json::json!(grids)));
         findings.push(film(1, at_end));
     }
     let record = CycleRecord {
@@ -110,12 +112,12 @@ fn two_cycles_are_compared_check_by_check_and_grid_by_grid() {
     let residual = told.checks.iter().find(|pair| pair.name == name::RESIDUAL).expect("compared");
     assert_eq!(residual.values, [Some(0.06), Some(0.09)]);
     // 0.09 less 0.06 is 0.03, exact to the last digit of both numbers.
-    assert!(residual.difference.is_some_and(|mm| (mm - 0.03).abs() < 1e-15) && !residual.has_other_limit());
+    assert!(residual.difference.is_some_and(|mm| (mm - 0.03).abs() < 1e-15) && !residual.is_limit_different());
     let only =
         told.checks.iter().find(|pair| pair.pass == 1 && pair.name == "r2c1 failed after").expect("compared");
     assert_eq!((only.values, only.difference), ([None, Some(9.0)], None));
     let grid = |id: &str| told.grids.iter().find(|pair| pair.grid == id).expect("compared").clone();
-    let words = grid("r1c2").cycles.map(|past| past.map(|past| past.words()).unwrap_or_default());
+    let words = grid("r1c2").cycles.map(|past| past.map(|past| past.describe()).unwrap_or_default());
     assert_eq!(
         words,
         [
@@ -155,12 +157,13 @@ fn a_trend_has_its_limits_and_hints() {
     let mut cycles: Vec<PastCycle> =
         (1..=12).map(|id| cycle(id, if id % 2 == 0 { 0.05 } else { 0.06 }, &[], &[])).collect();
     cycles.push(cycle(13, 0.20, &[("r1c1", 7.5), ("r2c2", 2.5)], &[]));
-    let told = trend(&Quantity::named("localization-residual"), &cycles);
+    let told = trend(&Quantity::from_keyword("localization-residual"), &cycles);
     assert_eq!((told.points.len(), told.unit.as_str(), told.without), (13, "mm", 0));
     assert_eq!(told.points[12].limit, Limit::AtMost(0.25));
     let beyond = told.hints.iter().filter(|hint| hint.rule == western_electric::Rule::OneBeyondThree);
     assert_eq!(beyond.map(|hint| hint.at).collect::<Vec<_>>(), [12], "within its limit, and yet unusual");
-    let value = |quantity: &str| trend(&Quantity::named(quantity), &cycles).points.last().map(|point| point.value);
+    let value =
+        |quantity: &str| trend(&Quantity::from_keyword(quantity), &cycles).points.last().map(|point| point.value);
     assert_eq!(value("time-to-break"), Some(2.5));
     assert_eq!(value("passes"), Some(1.0));
     assert_eq!(value("light-least"), Some(-7.0), "of two films the one with less light");
@@ -169,15 +172,18 @@ fn a_trend_has_its_limits_and_hints() {
     assert_eq!(value("error-at-tool"), Some(0.5));
     assert_eq!(value("broken film in r2c1"), Some(0.0), "a check by its name");
     assert_eq!(value("no such thing"), None);
-    assert_eq!(trend(&Quantity::named("time-to-break"), &cycles).without, 12);
+    assert_eq!(trend(&Quantity::from_keyword("time-to-break"), &cycles).without, 12);
 }
 
 #[test]
 fn every_quantity_has_a_word_that_names_it() {
-    for word in Known::words() {
-        assert!(matches!(Quantity::named(word), Quantity::Known(known) if known.word() == word), "{word}");
+    for word in KnownQuantity::keywords() {
+        assert!(
+            matches!(Quantity::from_keyword(word), Quantity::Known(known) if known.keyword() == word),
+            "{word}"
+        );
     }
-    assert_eq!(Known::words().len(), 21);
+    assert_eq!(KnownQuantity::keywords().len(), 21);
 }
 
 /// Each table is as wide as its column names require; the CSV writer checks this.
@@ -220,7 +226,7 @@ fn everything_is_a_table() {
             .expect("written")
             .contains("7,1970-01-01 00:00:00 UTC,0,,wing,,,,,true,a_b c,words; more")
     );
-    let trend = trend_table(&trend(&Quantity::named("passes"), &cycles)).csv().expect("written");
+    let trend = trend_table(&trend(&Quantity::from_keyword("passes"), &cycles)).csv().expect("written");
     assert!(trend.starts_with("cycle,at_utc,at_unix_s,serial,value,limit,hints\r\n1,"), "{trend}");
 }
 
@@ -240,10 +246,10 @@ fn the_heat_map_counts_one_taught_panel_only() {
 #[test]
 fn a_pass_that_was_cut_short_leaves_grids_that_may_be_sanded() {
     use crate::cycle::{Id, Motion, Path};
-    use crate::record::{Contact, ContactPath, MotionRecord, Reached};
+    use crate::record::{Contact, ContactPath, FirstReached, MotionRecord};
     let mut record = cycle(1, 0.05, &[("r1c1", 4.0)], &[("r1c1", 5.0)]).record;
-    assert!(touched_grids(&record).is_empty() && passes(&record) == 1);
-    let reached = |(grid, first): (&str, u32)| Reached { grid: grid.to_owned(), first };
+    assert!(touched_grids(&record).is_empty() && touching_passes(&record) == 1);
+    let reached = |(grid, first): (&str, u32)| FirstReached { grid: grid.to_owned(), first };
     let grids = [("r1c1", 2), ("r2c1", 10), ("r2c2", 30)].map(reached).into();
     let path = ContactPath { id: Id(9), pass: 2, grids, wears_mm2: 100.0 };
     record.motions.push(MotionRecord {
@@ -253,5 +259,5 @@ fn a_pass_that_was_cut_short_leaves_grids_that_may_be_sanded() {
         contact: Some(Contact { path, told: 4, permitted: 16 }),
     });
     assert_eq!(touched_grids(&record).into_iter().collect::<Vec<_>>(), ["r1c1", "r2c1"]);
-    assert_eq!(passes(&record), 2);
+    assert_eq!(touching_passes(&record), 2);
 }

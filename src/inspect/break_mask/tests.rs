@@ -5,7 +5,7 @@ use super::*;
 
 const SIDE: usize = 40;
 const WINDOW: Window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
-const SIZES: Sizes = Sizes { glint_px: 50, bead_px: 6, break_px: 12 };
+const SIZES: FeatureSizes = FeatureSizes { glint_px: 50, bead_px: 6, break_px: 12 };
 
 /// The simulated observations; the default is a film that does not break.
 struct Film {
@@ -27,7 +27,7 @@ impl Film {
     fn with(place: impl Fn(usize, usize) -> bool) -> Self {
         let inside = |i: usize| place(i % SIDE, i / SIDE);
         Film {
-            broke_s: (0..SIDE * SIDE).map(|i| if inside(i) { 1.0 } else { NEVER }).collect(),
+            broke_s: (0..SIDE * SIDE).map(|i| if inside(i) { 1.0 } else { NOT_BROKEN }).collect(),
             open_s: vec![None; SIDE * SIDE],
             bare: vec![0.9; SIDE * SIDE],
             film: vec![0.6; SIDE * SIDE],
@@ -42,28 +42,28 @@ impl Film {
 
     /// The number of pixels that broke, and the number for which this cannot be decided.
     fn settled(&self) -> (usize, usize) {
-        let Settled { broke_s, unsure } = settled(&WINDOW, self.broke_s.clone(), SIZES, self);
-        (broke_s.iter().filter(|time_s| **time_s < NEVER).count(), unsure.len())
+        let FinalMask { broke_s, unsure } = determine_breaks(&WINDOW, self.broke_s.clone(), SIZES, self);
+        (broke_s.iter().filter(|time_s| **time_s < NOT_BROKEN).count(), unsure.len())
     }
 }
 
-impl Observed for Film {
-    fn looks_bare_since_s(&self, _index: usize) -> Option<f32> {
+impl PixelObservations for Film {
+    fn bare_since_s(&self, _index: usize) -> Option<f32> {
         None
     }
-    fn was_open_s(&self, index: usize) -> Option<f32> {
+    fn open_time_s(&self, index: usize) -> Option<f32> {
         self.open_s[index]
     }
-    fn bare_look(&self, index: usize) -> f32 {
+    fn bare_brightness_ratio(&self, index: usize) -> f32 {
         if self.is_sanded { self.bare[index] / self.film[index] } else { self.bare[index] }
     }
-    fn film_look(&self, index: usize) -> f32 {
+    fn film_brightness_ratio(&self, index: usize) -> f32 {
         if self.is_sanded { 1.0 } else { self.film[index] }
     }
     fn noise(&self, _index: usize) -> f32 {
         0.005
     }
-    fn is_bright(&self, index: usize) -> bool {
+    fn is_film_brighter(&self, index: usize) -> bool {
         self.bright[index]
     }
     fn has_contrast(&self, _index: usize) -> bool {
@@ -78,18 +78,18 @@ impl Observed for Film {
     fn is_inside(&self, _index: usize) -> bool {
         true
     }
-    fn is_without_dry(&self, _index: usize) -> bool {
+    fn has_no_dry_brightness(&self, _index: usize) -> bool {
         self.is_sanded
     }
     fn levels(&self, index: usize) -> [f32; 2] {
-        let is_open = self.broke_s[index] < NEVER && self.open_s[index].is_none();
+        let is_open = self.broke_s[index] < NOT_BROKEN && self.open_s[index].is_none();
         let open = self.now.unwrap_or(self.bare[index]);
         [self.bare[index], if is_open { open } else { self.film[index] }].map(|look| look * 100.0)
     }
-    fn alike_share(&self) -> f32 {
+    fn neighbour_tolerance(&self) -> f32 {
         0.08
     }
-    fn break_to_film(&self) -> Option<[f32; 2]> {
+    fn break_ratio_range(&self) -> Option<[f32; 2]> {
         self.break_to_film
     }
 }

@@ -13,8 +13,8 @@
 mod samples;
 
 use super::InspectError;
-use crate::geometry::{AROUND, Camera, Mask, Panel, PinholeCamera, Pixel, Raster, Rigid};
-use crate::imaging::{ImagingError, named};
+use crate::geometry::{ALL_NEIGHBOURS, Camera, Mask, Panel, PinholeCamera, Pixel, RasterSize, Rigid};
+use crate::imaging::{ImagingError, with_operation};
 use crate::panel::{GridId, TaughtPanel};
 use crate::recipe;
 use opencv::core::{Mat, MatTraitConstManual};
@@ -23,11 +23,11 @@ use samples::{Sample, mean_areas, region_samples};
 
 /// A grid counts as looked at if at least this fraction of its surface is in the picture; the rest is rounding at
 /// edges.
-const SEEN_SHARE: f64 = 0.99;
+const MIN_SEEN_SHARE: f64 = 0.99;
 
 /// Each of the two methods finds a break of this number of pixels; a smaller break may be lost in its blurred rim.
 /// `make bench-inspect` prints the miss rate against size.
-const SURE_PX: f64 = 12.0;
+const MIN_DETECTABLE_PX: f64 = 12.0;
 
 /// Side of the squares over which the surface of a pixel is averaged, px.
 const BLOCK_PX: usize = 16;
@@ -47,8 +47,8 @@ pub struct Window {
 
 impl Window {
     /// Its size.
-    pub fn raster(&self) -> Raster {
-        Raster { width: self.width, height: self.height }
+    pub fn raster(&self) -> RasterSize {
+        RasterSize { width: self.width, height: self.height }
     }
 }
 
@@ -62,7 +62,7 @@ struct Patch {
 
 /// The part of the taught region that is inspected.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Looked<'a> {
+pub struct InspectedPart<'a> {
     /// The window is wider than the region by this margin, px.
     pub margin_px: usize,
     /// Quadrilaterals of the taught picture that are left out.
@@ -91,18 +91,18 @@ pub struct GridFootprint {
 impl GridFootprint {
     /// Returns whether the whole grid lies in the picture and is not masked, even if parts showed nothing there.
     /// Otherwise the grid cannot pass.
-    pub fn is_looked_at(&self) -> bool {
-        self.looked_at_share() >= SEEN_SHARE
+    pub fn is_inspected(&self) -> bool {
+        self.inspected_share() >= MIN_SEEN_SHARE
     }
 
-    fn looked_at_share(&self) -> f64 {
+    fn inspected_share(&self) -> f64 {
         self.seen_share + if self.area_mm2 > 0.0 { self.lost_mm2 / self.area_mm2 } else { 0.0 }
     }
 
     /// Returns whether the recipe masks a part of the grid and this mask accounts for every part that is not looked
     /// at.
-    pub fn only_masked(&self) -> bool {
-        self.masked_share > 0.0 && self.looked_at_share() + self.masked_share >= SEEN_SHARE
+    pub fn is_only_masked(&self) -> bool {
+        self.masked_share > 0.0 && self.inspected_share() + self.masked_share >= MIN_SEEN_SHARE
     }
 }
 
@@ -127,7 +127,7 @@ impl Footprint {
         taught: &TaughtPanel,
         camera: &PinholeCamera,
         camera_from_panel: Rigid<Camera, Panel>,
-        Looked { margin_px, masked_px, sanded }: Looked<'_>,
+        InspectedPart { margin_px, masked_px, sanded }: InspectedPart<'_>,
     ) -> Result<Self, InspectError> {
         let samples = region_samples(taught, masked_px, sanded);
         let mean_mm2 = mean_areas(&samples, taught.grids.len());
@@ -141,7 +141,7 @@ impl Footprint {
                 continue;
             }
             let pixel = point.and_then(|point| camera.project(camera_from_panel * point)); // Eq. 4.6, 4.7, 3.11
-            if let Some((column, row)) = pixel.and_then(|px| px.whole(camera.width_px, camera.height_px)) {
+            if let Some((column, row)) = pixel.and_then(|px| px.nearest_whole(camera.width_px, camera.height_px)) {
                 seen_mm2[grid] += area_mm2;
                 held.push((
                     PixelPosition { row, column },
@@ -152,7 +152,7 @@ impl Footprint {
         held.sort_by_key(|(place, _)| *place);
         let window =
             window_around(&held, camera, margin_px.max(MIN_MARGIN_PX)).ok_or(InspectError::RegionNotInPicture)?;
-        let starts = starts_of(&held, &window);
+        let starts = patch_starts(&held, &window);
         let inside = closed(&window, |index| starts[index] < starts[index + 1])?;
         let share = |part_mm2: f64, index: usize| {
             if whole_mm2[index] > 0.0 { part_mm2 / whole_mm2[index] } else { 0.0 }
@@ -186,7 +186,7 @@ impl Footprint {
     ) -> Result<f64, InspectError> {
         let nominal = taught.panel_from_camera.inverse();
         let masked_px = &settings.masked_px();
-        let looked = Looked { masked_px, ..Looked::default() };
+        let looked = InspectedPart { masked_px, ..InspectedPart::default() };
         Ok(Footprint::new(taught, &taught.camera, nominal, looked)?.detection_limit_mm2())
     }
 
@@ -202,7 +202,7 @@ impl Footprint {
 
     /// Returns for each pixel of the window whether it shows a place that was sanded after the dry picture. A pixel
     /// between such pixels counts, too.
-    pub(super) fn sanded(&self) -> Vec<bool> {
+    pub(super) fn sanded_pixels(&self) -> Vec<bool> {
         let own: Vec<Option<bool>> = (0..self.inside.len())
             .map(|index| {
                 let patches = &self.patches[self.starts[index] as usize..self.starts[index + 1] as usize];
@@ -210,7 +210,7 @@ impl Footprint {
             })
             .collect();
         let raster = self.window.raster();
-        let near = |index: usize| raster.neighbours(index, &AROUND).any(|next| own[next] == Some(true));
+        let near = |index: usize| raster.neighbours(index, &ALL_NEIGHBOURS).any(|next| own[next] == Some(true));
         (0..own.len()).map(|index| own[index].unwrap_or_else(|| self.inside[index] && near(index))).collect()
     }
 
@@ -231,7 +231,7 @@ impl Footprint {
     pub fn broken_mm2(&self, mask: &Mask) -> Vec<f64> {
         let mut broken_mm2 = vec![0.0; self.grids.len()];
         for index in 0..self.inside.len() {
-            let (column, row) = self.place(index);
+            let (column, row) = self.pixel_position(index);
             if self.inside[index] && mask.contains(column, row) {
                 self.add_area(index, &mut broken_mm2);
             }
@@ -240,7 +240,7 @@ impl Footprint {
     }
 
     /// The smallest break that is surely found on this panel from the camera's position, mm²: the surface of
-    /// [`SURE_PX`] of the coarsest pixels. Of two neighbouring pixels one may contain two taught pixels and the other
+    /// [`MIN_DETECTABLE_PX`] of the coarsest pixels. Of two neighbouring pixels one may contain two taught pixels and the other
     /// none, so the surface is averaged over many.
     pub fn detection_limit_mm2(&self) -> f64 {
         let across = self.window.width.div_ceil(BLOCK_PX);
@@ -257,7 +257,7 @@ impl Footprint {
             blocks.iter().filter(is_full).map(|(area_mm2, pixels)| area_mm2 / *pixels as f64).reduce(f64::max);
         // A region with few pixels has no full block.
         let all = self.inside.iter().filter(|inside| **inside).count().max(1) as f64;
-        SURE_PX * coarsest.unwrap_or_else(|| self.region_mm2() / all)
+        MIN_DETECTABLE_PX * coarsest.unwrap_or_else(|| self.region_mm2() / all)
     }
 
     /// Returns the pixels of the picture that belong to each grid: if two grids share a pixel, its first patch
@@ -267,7 +267,7 @@ impl Footprint {
         for index in 0..self.inside.len() {
             if let Some(patch) = self.patches[self.starts[index] as usize..self.starts[index + 1] as usize].first()
             {
-                let (column, row) = self.place(index);
+                let (column, row) = self.pixel_position(index);
                 held[patch.grid as usize].1.push(row * self.width_px + column);
             }
         }
@@ -287,13 +287,13 @@ impl Footprint {
     }
 
     /// Returns the average number of pixels that cover this surface.
-    pub(super) fn pixels_of(&self, area_mm2: f64) -> usize {
+    pub(super) fn pixels_for_area(&self, area_mm2: f64) -> usize {
         let inside = self.inside.iter().filter(|inside| **inside).count() as f64;
         (area_mm2 * inside / self.region_mm2().max(f64::MIN_POSITIVE)) as usize
     }
 
     /// Subtracts the surface of pixels that were not seen from the seen share of their grids.
-    pub(super) fn lose(&mut self, unseen: impl Fn(usize) -> bool) {
+    pub(super) fn subtract_unseen(&mut self, unseen: impl Fn(usize) -> bool) {
         let mut lost_mm2 = vec![0.0; self.grids.len()];
         for index in (0..self.inside.len()).filter(|&index| self.inside[index] && unseen(index)) {
             self.add_area(index, &mut lost_mm2);
@@ -309,7 +309,7 @@ impl Footprint {
     }
 
     /// Returns for each pixel of the window whether it belongs to the region, row by row.
-    pub(super) fn inside(&self) -> &[bool] {
+    pub(super) fn region_pixels(&self) -> &[bool] {
         &self.inside
     }
 
@@ -321,21 +321,21 @@ impl Footprint {
     }
 
     /// Returns the column and the row in the picture for one of the window's pixels.
-    pub(super) fn place(&self, index: usize) -> (usize, usize) {
+    pub(super) fn pixel_position(&self, index: usize) -> (usize, usize) {
         (self.window.left + index % self.window.width, self.window.top + index / self.window.width)
     }
 
     /// Returns the window's index of a pixel of the picture.
-    pub(super) fn index_of(&self, column: usize, row: usize) -> Option<usize> {
+    pub(super) fn window_index(&self, column: usize, row: usize) -> Option<usize> {
         let (column, row) = (column.checked_sub(self.window.left)?, row.checked_sub(self.window.top)?);
         (column < self.window.width && row < self.window.height).then_some(row * self.window.width + column)
     }
 
     /// Makes a mask of the whole picture from a mask of the window.
     pub(super) fn to_picture(&self, inside: impl Fn(usize) -> bool) -> Mask {
-        let mut mask = Mask::empty(self.width_px, self.height_px);
+        let mut mask = Mask::all_outside(self.width_px, self.height_px);
         for index in (0..self.inside.len()).filter(|&index| inside(index)) {
-            let (column, row) = self.place(index);
+            let (column, row) = self.pixel_position(index);
             mask.inside[row * self.width_px + column] = true;
         }
         mask
@@ -359,7 +359,7 @@ fn window_around(held: &[(PixelPosition, Patch)], camera: &PinholeCamera, margin
     Some(Window { left, top, width, height })
 }
 
-fn starts_of(held: &[(PixelPosition, Patch)], window: &Window) -> Vec<u32> {
+fn patch_starts(held: &[(PixelPosition, Patch)], window: &Window) -> Vec<u32> {
     let mut starts = vec![0u32; window.width * window.height + 1];
     for (place, _) in held {
         starts[(place.row - window.top) * window.width + place.column - window.left + 1] += 1;
@@ -373,7 +373,7 @@ fn starts_of(held: &[(PixelPosition, Patch)], window: &Window) -> Vec<u32> {
 /// Returns the pixels of the window for which `holds`, and the gaps of one pixel between them.
 fn closed(window: &Window, holds: impl Fn(usize) -> bool) -> Result<Vec<bool>, ImagingError> {
     let bytes: Vec<u8> = (0..window.width * window.height).map(|index| u8::from(holds(index))).collect();
-    named("the closing of the region's mask", closed_bytes(window, &bytes))
+    with_operation("the closing of the region's mask", closed_bytes(window, &bytes))
 }
 
 fn closed_bytes(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
@@ -387,7 +387,7 @@ fn closed_bytes(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::panel::flat::{Flat, taught};
+    use crate::panel::flat::{FlatPanelOptions, taught};
     use crate::recipe::Recipe;
 
     /// By hand: a pixel of a flat panel that faces the camera is 1 mm², so twelve are 12 mm², wherever the region
@@ -398,13 +398,14 @@ mod tests {
         let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
                     [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
         let recipe = Recipe::check("test.toml", text).unwrap_or_else(|e| panic!("{e}"));
-        let limit_mm2 =
-            |flat: Flat| Footprint::taught_detection_limit_mm2(&taught(&flat), recipe.inspect()).expect("in view");
+        let limit_mm2 = |flat: FlatPanelOptions| {
+            Footprint::taught_detection_limit_mm2(&taught(&flat), recipe.inspect()).expect("in view")
+        };
         for flat in [
-            Flat::default(),
-            Flat { notch: Some(140), ..Flat::default() },
-            Flat { hole_px: 17, ..Flat::default() },
-            Flat { region_right_px: 250.0, ..Flat::default() },
+            FlatPanelOptions::default(),
+            FlatPanelOptions { notch: Some(140), ..FlatPanelOptions::default() },
+            FlatPanelOptions { hole_px: 17, ..FlatPanelOptions::default() },
+            FlatPanelOptions { region_right_px: 250.0, ..FlatPanelOptions::default() },
         ] {
             let limit_mm2 = limit_mm2(flat);
             assert!((limit_mm2 - 12.0).abs() < 1.0, "{limit_mm2} mm²");

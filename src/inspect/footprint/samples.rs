@@ -25,26 +25,26 @@ pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]], sanded:
         masked_px.iter().map(|corners| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect()).collect();
     let corners =
         [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(s, t)| taught.region.pixel(Point2::new(s, t)));
-    let columns = whole_range(corners.map(|corner| corner.u), taught.mask.width);
-    let rows = whole_range(corners.map(|corner| corner.v), taught.mask.height);
+    let columns = pixel_range(corners.map(|corner| corner.u), taught.mask.width);
+    let rows = pixel_range(corners.map(|corner| corner.v), taught.mask.height);
     let sample = |(column, row): (usize, usize)| {
         let pixel = Pixel::at(column as f64, row as f64);
         let id = taught.region.grid_at(pixel)?;
         let grid = (id.row - 1) * taught.region.columns + id.column - 1;
         let own = taught.scan.point(column, row).filter(|_| taught.mask.contains(column, row));
         let area_mm2 = own
-            .filter(|_| is_surrounded(&taught.mask, column, row))
-            .and_then(|_| taught.scan.pixel_area_over_mm2(column, row, AREA_REACH_PX));
+            .filter(|_| has_valid_neighbours(&taught.mask, column, row))
+            .and_then(|_| taught.scan.smoothed_pixel_area_mm2(column, row, AREA_REACH_PX));
         let masked = masks.iter().any(|mask| polygon::contains(mask, pixel));
         let sanded = sanded.is_some_and(|sanded| sanded.contains(column, row));
-        Some(Sample { grid, point: own.or_else(|| taught.surface_at(pixel)), area_mm2, masked, sanded })
+        Some(Sample { grid, point: own.or_else(|| taught.surface_point_at(pixel)), area_mm2, masked, sanded })
     };
     rows.flat_map(|row| columns.clone().map(move |column| (column, row))).filter_map(sample).collect()
 }
 
 /// Checks whether the neighbours that determine a pixel's surface are on the panel. Points behind the edge or
 /// behind a hole are far away.
-fn is_surrounded(mask: &Mask, column: usize, row: usize) -> bool {
+fn has_valid_neighbours(mask: &Mask, column: usize, row: usize) -> bool {
     let reach = AREA_REACH_PX as isize;
     [(-reach, 0), (reach, 0), (0, -reach), (0, reach)].into_iter().all(|(right, down)| {
         let (column, row) = (column.checked_add_signed(right), row.checked_add_signed(down));
@@ -55,7 +55,7 @@ fn is_surrounded(mask: &Mask, column: usize, row: usize) -> bool {
 }
 
 /// Returns the whole pixels from the smallest to the largest of these values, limited to the picture's length.
-fn whole_range(ends: [f64; 4], length: usize) -> std::ops::Range<usize> {
+fn pixel_range(ends: [f64; 4], length: usize) -> std::ops::Range<usize> {
     let low = ends.into_iter().fold(f64::INFINITY, f64::min).max(0.0) as usize;
     let high = ends.into_iter().fold(0.0, f64::max) as usize + 1;
     low..high.min(length)

@@ -3,7 +3,7 @@
 use super::super::observed::Observation;
 use super::super::quality::{Flaw, Flawed, MIN_SHARPNESS, Quality};
 use super::super::steady::MIN_OUTLINE_SEEN_PERCENT;
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use crate::recipe;
 
 /// Returns the flaw that most pictures have; if several have the same number, the first of them.
@@ -14,7 +14,12 @@ pub(super) fn worst_flaw(quality: &Quality) -> (Flaw, Flawed) {
 }
 
 /// Describes a flaw: the worst measured value and the limit.
-pub(super) fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::Inspect) -> String {
+pub(super) fn describe_flaw(
+    flaw: Flaw,
+    worst: f64,
+    observation: &Observation,
+    settings: &recipe::Inspect,
+) -> String {
     let [darker_percent, brighter_percent] = observation.light_limits_percent(settings);
     let (limit, decimals) = match flaw {
         Flaw::Darker => (darker_percent, 1),
@@ -26,7 +31,7 @@ pub(super) fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings:
         Flaw::Frozen | Flaw::OutlineDisagrees => (0.0, 0),
         Flaw::Outline => (MIN_OUTLINE_SEEN_PERCENT, 0),
     };
-    let [worst, limit] = apart(worst, limit, decimals);
+    let [worst, limit] = distinguishable_texts(worst, limit, decimals);
     match flaw {
         Flaw::Darker => {
             format!(

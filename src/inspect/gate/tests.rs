@@ -1,6 +1,6 @@
 //! Tests the gate at its limits.
 
-use super::super::observed::ByCell;
+use super::super::observed::CellDemands;
 use super::super::quality::Quality;
 use super::super::tests::inspect_table;
 use super::*;
@@ -10,7 +10,7 @@ const DEMANDS: Demands = Demands {
     frames_per_second: 1.0,
     min_break_mm2: 5.0,
     persist_s: 1.0,
-    by_cell: ByCell { observation: false, min_break: false },
+    cell_demands: CellDemands { observation: false, min_break: false },
 };
 
 fn good() -> Observation {

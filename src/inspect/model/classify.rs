@@ -29,39 +29,39 @@
 #![allow(unsafe_code, reason = "multiversion's dispatch; nothing here is unsafe by itself")]
 
 use super::kernel::{
-    BLOCK_PX, BROKE, BUSY, Block, EVER_WET, INSIDE, LEVEL, LOOK, MOVED, NEW, NO_DRY, OPEN, OVEREXPOSED, STEPPED,
-    choose, high, lit, mask,
+    BLOCK_PX, BROKE, BUSY, Block, EVER_WET_FLAG, INSIDE, LEVEL, LOOK_MASK, MOVED_FLAG, NEW_BREAK_FLAG, NO_DRY_FLAG,
+    OPEN_FLAG, OVEREXPOSED, STEPPED_FLAG, apply_gain, choose, mask, multiply_high,
 };
 use multiversion::multiversion;
 
 /// Times are counted in ticks; this is the number of ticks per second.
 pub const TICKS_PER_SECOND: f64 = 64.0;
 /// Reflections move on within this time, s, and a break stays.
-pub const MOVES_ON_S: f64 = 3.0;
+pub const REFLECTION_TIME_S: f64 = 3.0;
 /// A look that lies outside of the bare looks by at most this, in σ, may still count as bare …
-const BARE_SIGMA: u16 = 6;
+const BARE_TOLERANCE_SIGMA: u16 = 6;
 /// … two looks that differ by at most this, in σ, count as equal …
-const ALIKE_SIGMA: u16 = 4;
+const EQUALITY_SIGMA: u16 = 4;
 /// … and a look that lies farther than this outside of all bare looks is water, in σ.
-const SURE_SIGMA: u16 = 8;
+const WATER_SIGMA: u16 = 8;
 /// A step changes the look by more than one part in this number: at the edge of a shadow the light is not known more
 /// exactly, and a film removes two fifths of the brightness.
-const FAR_PART: u16 = 6;
+const STEP_DIVISOR: u16 = 6;
 /// A step lasts this long at most, ticks: a quarter of a second, or two pictures …
-const QUICK_TICKS: u16 = 16;
+const MAX_STEP_TICKS: u16 = 16;
 /// … and the place was calm for this long before it: a second.
-const CALM_TICKS: u16 = 64;
+const MIN_CALM_TICKS: u16 = 64;
 /// If a place has a look nearer to bare than to its film for this time, ticks, it does not pass.
-const BETWEEN_TICKS: u16 = (MOVES_ON_S * TICKS_PER_SECOND) as u16;
+const MIN_INTERMEDIATE_TICKS: u16 = (REFLECTION_TIME_S * TICKS_PER_SECOND) as u16;
 /// The rounding error that is added to a bound.
 const MARGIN: u16 = 3 * LEVEL / 2;
 
 /// The observation of one block of pixels in a picture.
 #[derive(Debug, Clone, Copy)]
-pub struct Observed<'a> {
-    pub look: &'a Block,
+pub struct BlockObservation<'a> {
+    pub current: &'a Block,
     /// The picture before.
-    pub before: &'a Block,
+    pub previous: &'a Block,
     pub dry: &'a Block,
     /// The gain of the film relative to its wet look, 1/4096.
     pub gain_q12: &'a Block,
@@ -71,45 +71,45 @@ pub struct Observed<'a> {
 
 /// Data about a block's pixels that are stored from picture to picture, besides their states.
 #[derive(Debug, Clone, Copy)]
-pub struct Past {
+pub struct BlockHistory {
     /// Time for which the pixel has looked bare, ticks.
-    pub run: Block,
+    pub bare_time: Block,
     /// The picture since which the pixel has looked bare.
-    pub since: Block,
+    pub bare_since: Block,
     /// The picture in which the pixel's film closed again, if the film broke before.
-    pub until: Block,
+    pub closed_at: Block,
     /// The difference from the pixel's dry look while it looked bare, or from its wet look if it has no dry look. This
     /// is an exponential moving average, 1/64 level, signed.
-    pub off: Block,
+    pub bare_difference: Block,
     /// Time for which the pixel showed neither film nor a bare place, ticks …
-    pub unseen: Block,
+    pub unseen_time: Block,
     /// … and the picture in which the pixel last showed film or a bare place.
-    pub seen_at: Block,
+    pub last_seen_at: Block,
     /// Time for which the pixel has had a steady look that is neither film nor bare, ticks.
-    pub away: Block,
+    pub away_time: Block,
     /// Time at which the pixel last had its film's look, ticks; known while the pixel is busy.
-    pub left: Block,
+    pub left_wet_at: Block,
     /// Time since which the present wet look has been the film's look, ticks.
-    pub anchored: Block,
+    pub wet_look_since: Block,
 }
 
-impl Past {
-    pub const NONE: Past = Past {
-        run: [0; BLOCK_PX],
-        since: [0; BLOCK_PX],
-        until: [0; BLOCK_PX],
-        off: [0; BLOCK_PX],
-        unseen: [0; BLOCK_PX],
-        seen_at: [0; BLOCK_PX],
-        away: [0; BLOCK_PX],
-        left: [0; BLOCK_PX],
-        anchored: [0; BLOCK_PX],
+impl BlockHistory {
+    pub const NONE: BlockHistory = BlockHistory {
+        bare_time: [0; BLOCK_PX],
+        bare_since: [0; BLOCK_PX],
+        closed_at: [0; BLOCK_PX],
+        bare_difference: [0; BLOCK_PX],
+        unseen_time: [0; BLOCK_PX],
+        last_seen_at: [0; BLOCK_PX],
+        away_time: [0; BLOCK_PX],
+        left_wet_at: [0; BLOCK_PX],
+        wet_look_since: [0; BLOCK_PX],
     };
 }
 
 /// The parameters for judging pixels.
 #[derive(Debug, Clone, Copy)]
-pub struct Rule {
+pub struct ClassifyParameters {
     /// β in 1/65536.
     pub damp_q16: u16,
     /// The bound a for a place without a dry look, as a fraction of its wet look, 1/65536.
@@ -126,7 +126,7 @@ pub struct Rule {
     /// The time of this picture, ticks.
     pub ticks: u16,
     /// The numbers of the previous picture and of this picture.
-    pub before: u16,
+    pub previous: u16,
     pub now: u16,
     /// The ratio of the light to the previous light, 1/4096.
     pub brighter_q12: u16,
@@ -139,7 +139,7 @@ pub struct Rule {
 
 /// The bare looks of a place, and the permitted variation of its film's look.
 #[derive(Debug, Clone, Copy)]
-struct Bounds {
+struct BareBounds {
     bare: [u16; 2],
     /// The bare looks together with the half of the gap that is nearer to them.
     half: [u16; 2],
@@ -148,42 +148,43 @@ struct Bounds {
 }
 
 #[inline(always)]
-fn bounds(wet: u16, dry: u16, has_dry: u16, rule: &Rule) -> Bounds {
-    let least = high(dry, rule.damp_q16);
+fn bounds(wet: u16, dry: u16, has_dry: u16, rule: &ClassifyParameters) -> BareBounds {
+    let least = multiply_high(dry, rule.damp_q16);
     let (darker, brighter) = (mask(wet < least), mask(wet > dry));
     let gap = least.saturating_sub(wet) | wet.saturating_sub(dry);
-    let reach = (gap / 2).min(BARE_SIGMA * rule.noise);
+    let reach = (gap / 2).min(BARE_TOLERANCE_SIGMA * rule.noise);
     let low = choose(
         darker,
         least.saturating_sub(reach),
         choose(brighter, (least - least / 8).saturating_sub(MARGIN), least),
     );
     let high_end = choose(brighter, dry + reach, dry + dry / 8 + MARGIN);
-    let away = high(wet, rule.away_q16).max(ALIKE_SIGMA * rule.noise);
-    let near = choose(has_dry, reach.max(ALIKE_SIGMA * rule.noise), away);
+    let away = multiply_high(wet, rule.away_q16).max(EQUALITY_SIGMA * rule.noise);
+    let near = choose(has_dry, reach.max(EQUALITY_SIGMA * rule.noise), away);
     let half = [
         choose(darker, low.min(least.saturating_sub(gap / 2)), low),
         choose(brighter, high_end.max(dry + gap / 2), high_end),
     ];
-    Bounds { bare: [low, high_end], half, near, gap }
+    BareBounds { bare: [low, high_end], half, near, gap }
 }
 
 /// Adds the blocks of a row that must be judged; `first` is the index of the row's first block. A block is skipped
 /// only if each pixel of the region in it is film, looks as its film does, and did so before.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
-pub fn stirred(first: usize, rows: Row<'_>, rule: &Rule, found: &mut Vec<usize>) {
-    for index in 0..rows.look.len() {
-        let (look, dry, state) = (&rows.look[index], &rows.dry[index], &rows.state[index]);
+pub fn disturbed_blocks(first: usize, rows: BlockRow<'_>, rule: &ClassifyParameters, found: &mut Vec<usize>) {
+    for index in 0..rows.current.len() {
+        let (look, dry, state) = (&rows.current[index], &rows.dry[index], &rows.state[index]);
         let (wet, gain_q12, light_q12) = (&rows.wet[index], &rows.gain_q12[index], &rows.light_q12[index]);
         let mut stirred = 0;
         for i in 0..BLOCK_PX {
-            let s = look[i] & LOOK;
-            let has_dry = mask(state[i] & NO_DRY == 0);
-            let wet = lit(wet[i], gain_q12[i]);
-            let Bounds { bare, near, .. } = bounds(wet, lit(dry[i], light_q12[i]), has_dry, rule);
+            let s = look[i] & LOOK_MASK;
+            let has_dry = mask(state[i] & NO_DRY_FLAG == 0);
+            let wet = apply_gain(wet[i], gain_q12[i]);
+            let BareBounds { bare, near, .. } = bounds(wet, apply_gain(dry[i], light_q12[i]), has_dry, rule);
             let is_bare = mask(s >= bare[0]) & mask(s <= bare[1]) & has_dry;
             let calm = mask(s.abs_diff(wet) <= near) & !is_bare & mask(look[i] & OVEREXPOSED == 0);
-            let still = calm & mask(state[i] & (BUSY | OPEN | NEW | EVER_WET) == EVER_WET);
+            let still =
+                calm & mask(state[i] & (BUSY | OPEN_FLAG | NEW_BREAK_FLAG | EVER_WET_FLAG) == EVER_WET_FLAG);
             stirred |= !still & state[i] & INSIDE;
         }
         if stirred > 0 {
@@ -194,8 +195,8 @@ pub fn stirred(first: usize, rows: Row<'_>, rule: &Rule, found: &mut Vec<usize>)
 
 /// The blocks of a row in a picture.
 #[derive(Debug, Clone, Copy)]
-pub struct Row<'a> {
-    pub look: &'a [Block],
+pub struct BlockRow<'a> {
+    pub current: &'a [Block],
     pub dry: &'a [Block],
     pub state: &'a [Block],
     pub wet: &'a [Block],
@@ -204,35 +205,48 @@ pub struct Row<'a> {
 }
 
 /// The data of a block's pixels so far: their states, the looks of their film, and their past.
-pub struct Known<'a> {
+pub struct BlockState<'a> {
     pub state: &'a mut Block,
     pub wet: &'a mut Block,
-    pub past: &'a mut Past,
+    pub past: &'a mut BlockHistory,
 }
 
 /// Judges one block; returns whether one of its pixels broke now.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
-pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
-    let Known { state: states, wet: wets_as, past } = known;
+pub fn judge(observed: BlockObservation<'_>, known: BlockState<'_>, rule: &ClassifyParameters) -> bool {
+    let BlockState { state: states, wet: wets_as, past } = known;
     // Copies that no other reference can alias: otherwise the compiler does not vectorize the loop.
-    let Observed { look, before, dry, gain_q12, light_q12 } = observed;
+    let BlockObservation { current: look, previous: before, dry, gain_q12, light_q12 } = observed;
     let (look, before, dry, gain_q12, light_q12) = (*look, *before, *dry, *gain_q12, *light_q12);
     let mut wet = *wets_as;
-    let Past { mut run, mut since, mut until, mut off, .. } = *past;
-    let Past { mut unseen, mut seen_at, mut away, mut left, mut anchored, .. } = *past;
+    let BlockHistory {
+        bare_time: mut run,
+        bare_since: mut since,
+        closed_at: mut until,
+        bare_difference: mut off,
+        ..
+    } = *past;
+    let BlockHistory {
+        unseen_time: mut unseen,
+        last_seen_at: mut seen_at,
+        away_time: mut away,
+        left_wet_at: mut left,
+        wet_look_since: mut anchored,
+        ..
+    } = *past;
     let mut state = *states;
     let learns = mask(rule.learn.is_some());
     let shift = rule.learn.unwrap_or(0);
-    let sure = SURE_SIGMA * rule.noise;
+    let sure = WATER_SIGMA * rule.noise;
     let mut any = 0;
     for i in 0..BLOCK_PX {
-        let s = look[i] & LOOK;
+        let s = look[i] & LOOK_MASK;
         let own = state[i];
-        let has_dry = mask(own & NO_DRY == 0);
+        let has_dry = mask(own & NO_DRY_FLAG == 0);
         let visible = mask(look[i] & OVEREXPOSED == 0);
-        let (w, d) = (lit(wet[i], gain_q12[i]), lit(dry[i], light_q12[i]));
-        let Bounds { bare, half, near, gap } = bounds(w, d, has_dry, rule);
-        let change = s.abs_diff(lit(before[i] & LOOK, rule.brighter_q12));
+        let (w, d) = (apply_gain(wet[i], gain_q12[i]), apply_gain(dry[i], light_q12[i]));
+        let BareBounds { bare, half, near, gap } = bounds(w, d, has_dry, rule);
+        let change = s.abs_diff(apply_gain(before[i] & LOOK_MASK, rule.brighter_q12));
         let steady = mask(change <= 4 * rule.noise + d / 32) & mask(before[i] & OVEREXPOSED == 0);
         let is_near = mask(s.abs_diff(w) <= near);
         let is_bare = mask(s >= bare[0]) & mask(s <= bare[1]) & visible & has_dry; // (1)
@@ -240,17 +254,18 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         // stated, or a film that becomes thinner.
         let is_nearer = mask(s >= half[0]) & mask(s <= half[1]) & !is_near & has_dry & visible;
         let is_between = is_nearer & !is_bare;
-        let is_bright = mask(s > lit(w, rule.bright_q12));
+        let is_bright = mask(s > apply_gain(w, rule.bright_q12));
         let looks_bare = choose(has_dry, is_bare, !is_near & !is_bright & visible) & steady; // (2)
         let looks_wet = choose(has_dry, !is_bare & !is_between, is_near | is_bright) & visible;
 
         let from = s.wrapping_sub(choose(has_dry, d, w));
         let drift = from.wrapping_sub(off[i]) as i16;
-        let drifted = mask(drift.unsigned_abs() > 4 * rule.noise + d / 32) & looks_bare & mask(own & OPEN == 0);
+        let drifted =
+            mask(drift.unsigned_abs() > 4 * rule.noise + d / 32) & looks_bare & mask(own & OPEN_FLAG == 0);
         let was = run[i] & !drifted;
         let grown = (was + (rule.step & !drifted)).min(rule.persist);
         run[i] = choose(looks_bare, grown, choose(looks_wet, was.saturating_sub(rule.step), was));
-        since[i] = choose(mask(was == 0) & looks_bare & mask(own & BROKE == 0), rule.before, since[i]);
+        since[i] = choose(mask(was == 0) & looks_bare & mask(own & BROKE == 0), rule.previous, since[i]);
         let closes = mask(was > 0) & mask(run[i] == 0);
         until[i] = choose(closes, rule.now, until[i]);
         let nearer = (drift >> rule.mean) as u16;
@@ -260,15 +275,15 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         unseen[i] += rule.step & !seen;
         // A calm place is not judged, and has shown its film up to the previous picture.
         let idle = mask(own & BUSY == 0);
-        seen_at[i] = choose(seen, rule.now, choose(idle, rule.before, seen_at[i]));
+        seen_at[i] = choose(seen, rule.now, choose(idle, rule.previous, seen_at[i]));
 
         // Learns the film's look, for which a second is long enough. A place that is bare at the beginning learns its
         // film's look when it first becomes wet.
-        let ever_wet = mask(own & EVER_WET > 0);
+        let ever_wet = mask(own & EVER_WET_FLAG > 0);
         let nearer = ((s.wrapping_sub(w) as i16) >> shift) as u16;
         let first = !ever_wet & looks_wet & has_dry & !is_near;
-        let outside = high(d, rule.damp_q16).saturating_sub(s) | s.saturating_sub(d);
-        let is_sure = looks_wet & (is_near & mask(gap >= ALIKE_SIGMA * rule.noise) | mask(outside >= sure));
+        let outside = multiply_high(d, rule.damp_q16).saturating_sub(s) | s.saturating_sub(d);
+        let is_sure = looks_wet & (is_near & mask(gap >= EQUALITY_SIGMA * rule.noise) | mask(outside >= sure));
         let wets = choose(has_dry, is_sure, looks_wet);
 
         // Detects steps: the place leaves its film's look for another steady look that is not bare.
@@ -276,17 +291,17 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         // A film that left its look and returned to it is moving.
         let moved = is_near & has_dry & !idle & mask(rule.ticks - begun > rule.step);
         left[i] = choose(is_near & visible, rule.ticks, begun);
-        let is_far = mask(s.abs_diff(w) > w / FAR_PART);
+        let is_far = mask(s.abs_diff(w) > w / STEP_DIVISOR);
         let is_away = (looks_wet | is_nearer) & has_dry & !is_near & is_far & steady & ever_wet;
-        away[i] = (away[i].min(rule.persist.max(BETWEEN_TICKS)) + rule.step) & is_away;
+        away[i] = (away[i].min(rule.persist.max(MIN_INTERMEDIATE_TICKS)) + rule.step) & is_away;
         let reached = is_away & mask(away[i] >= rule.persist);
         let took = rule.ticks.saturating_sub(away[i]).saturating_sub(left[i]);
-        let calm = mask(left[i].saturating_sub(anchored[i]) >= CALM_TICKS);
-        let quick = mask(took <= QUICK_TICKS.max(2 * rule.step));
-        let took_another = reached & quick & calm & mask(own & MOVED == 0) & !is_nearer;
+        let calm = mask(left[i].saturating_sub(anchored[i]) >= MIN_CALM_TICKS);
+        let quick = mask(took <= MAX_STEP_TICKS.max(2 * rule.step));
+        let took_another = reached & quick & calm & mask(own & MOVED_FLAG == 0) & !is_nearer;
         // A place that keeps a look nearer to bare than to its film does not pass, whatever led to this look. If
         // the place is bare all the time, it breaks.
-        let stepped = took_another | is_between & mask(away[i] >= BETWEEN_TICKS);
+        let stepped = took_another | is_between & mask(away[i] >= MIN_INTERMEDIATE_TICKS);
         let anchors = (reached & !stepped & !is_nearer) | first;
         wet[i] = choose(anchors, s, choose(learns & is_near & !is_bare, wet[i].wrapping_add(nearer), wet[i]));
         anchored[i] = choose(anchors, rule.ticks, anchored[i]);
@@ -295,13 +310,29 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         let opens = mask(run[i] >= rule.persist) & mask(own & INSIDE > 0);
         let closed = mask(run[i] == 0);
         let busy = mask(run[i] > 0) | mask(away[i] > 0) | !seen | (!is_near & has_dry) | learns;
-        let new = opens & mask(own & BROKE == 0) & (BROKE | NEW);
-        let kept = own & !(NEW | BUSY) & !(closed & OPEN);
-        let next = kept | opens & OPEN | new | wets & EVER_WET | stepped & STEPPED | moved & MOVED | busy & BUSY;
+        let new = opens & mask(own & BROKE == 0) & (BROKE | NEW_BREAK_FLAG);
+        let kept = own & !(NEW_BREAK_FLAG | BUSY) & !(closed & OPEN_FLAG);
+        let next = kept
+            | opens & OPEN_FLAG
+            | new
+            | wets & EVER_WET_FLAG
+            | stepped & STEPPED_FLAG
+            | moved & MOVED_FLAG
+            | busy & BUSY;
         state[i] = next;
         any |= next;
     }
     (*states, *wets_as) = (state, wet);
-    *past = Past { run, since, until, off, unseen, seen_at, away, left, anchored };
-    any & NEW > 0
+    *past = BlockHistory {
+        bare_time: run,
+        bare_since: since,
+        closed_at: until,
+        bare_difference: off,
+        unseen_time: unseen,
+        last_seen_at: seen_at,
+        away_time: away,
+        left_wet_at: left,
+        wet_look_since: anchored,
+    };
+    any & NEW_BREAK_FLAG > 0
 }

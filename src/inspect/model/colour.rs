@@ -11,7 +11,7 @@ const NOISE_LEVELS: f64 = 6.0;
 const NOISE_SHARE: f64 = 1.0 / 16.0;
 
 /// Returns the result of (1) for a place's channels now and when it was dry.
-pub(super) fn is_of_dry_colour(now: [u8; 3], dry: [u8; 3], tint: [f64; 3]) -> bool {
+pub(super) fn has_dry_colour_ratio(now: [u8; 3], dry: [u8; 3], tint: [f64; 3]) -> bool {
     let [now, dry] = [now, dry].map(|rgb| rgb.map(f64::from));
     let lit: [f64; 3] = std::array::from_fn(|i| tint[i] * dry[i]);
     let light = now.iter().sum::<f64>() / lit.iter().sum::<f64>().max(1.0);
@@ -31,10 +31,10 @@ mod tests {
     fn a_white_reflection_on_red_has_not_the_dry_colour() {
         let red = [100, 35, 35];
         let none = [1.0; 3];
-        assert!(is_of_dry_colour([103, 34, 37], red, none) && is_of_dry_colour([80, 28, 28], red, none));
-        assert!(!is_of_dry_colour([83, 38, 38], red, none));
-        assert!(is_of_dry_colour([57; 3], [57; 3], none));
+        assert!(has_dry_colour_ratio([103, 34, 37], red, none) && has_dry_colour_ratio([80, 28, 28], red, none));
+        assert!(!has_dry_colour_ratio([83, 38, 38], red, none));
+        assert!(has_dry_colour_ratio([57; 3], [57; 3], none));
         // A lamp that is now a fifth redder turns dry red into (120, 35, 35).
-        assert!(is_of_dry_colour([120, 35, 35], red, [1.2, 1.0, 1.0]));
+        assert!(has_dry_colour_ratio([120, 35, 35], red, [1.2, 1.0, 1.0]));
     }
 }

@@ -15,12 +15,12 @@ const MIN_SWINGS: u32 = 3;
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Flicker {
     pictures: u32,
-    channels: [Swings; 3],
+    channels: [LightChange; 3],
 }
 
 /// The light of the last picture and its change, both as logarithms, and the swings so far.
 #[derive(Debug, Clone, Copy, Default)]
-struct Swings {
+struct LightChange {
     last: f64,
     change: f64,
     count: u32,
@@ -30,7 +30,7 @@ struct Swings {
 impl Flicker {
     /// The mean swing with this picture's light, in the channel in which it is largest, percent; 0 if the light
     /// does not flicker.
-    pub fn percent_with(&mut self, gains: [f64; 3]) -> f64 {
+    pub fn mean_swing_percent(&mut self, gains: [f64; 3]) -> f64 {
         self.pictures += 1;
         for (swings, gain) in self.channels.iter_mut().zip(gains) {
             let change = gain.ln() - swings.last;
@@ -39,13 +39,13 @@ impl Flicker {
             swings.sum += if swing >= MIN_SWING { swing } else { 0.0 };
             (swings.last, swings.change) = (gain.ln(), change);
         }
-        let flickers = |swings: &&Swings| swings.count >= MIN_SWINGS.max(self.pictures / 4);
+        let flickers = |swings: &&LightChange| swings.count >= MIN_SWINGS.max(self.pictures / 4);
         let means = self.channels.iter().filter(flickers).map(|swings| swings.sum / f64::from(swings.count));
         100.0 * means.fold(0.0, f64::max)
     }
 
     /// The same flicker for light that is measured against the last picture from now on.
-    pub fn against_this(mut self) -> Self {
+    pub fn referenced_to_last(mut self) -> Self {
         self.channels.iter_mut().for_each(|swings| swings.last = 0.0);
         self
     }
@@ -60,11 +60,12 @@ mod tests {
     #[test]
     fn a_swing_is_the_smaller_of_two_changes() {
         let mut flicker = Flicker::default();
-        let percents = [0.05, 0.02, 0.06, 0.0].map(|level: f64| flicker.percent_with([level.exp(), 1.0, 1.0]));
+        let percents =
+            [0.05, 0.02, 0.06, 0.0].map(|level: f64| flicker.mean_swing_percent([level.exp(), 1.0, 1.0]));
         assert_eq!(percents[..3], [0.0; 3]);
         assert!((percents[3] - (3.0 + 3.0 + 4.0) / 3.0).abs() < 1e-9, "{percents:?}");
-        let mut light = Flicker::default().against_this();
-        let falls = [0.9, 0.8, 0.7, 0.6].map(|gain| light.percent_with([gain; 3]));
+        let mut light = Flicker::default().referenced_to_last();
+        let falls = [0.9, 0.8, 0.7, 0.6].map(|gain| light.mean_swing_percent([gain; 3]));
         assert_eq!(falls, [0.0; 4]);
     }
 
@@ -72,9 +73,9 @@ mod tests {
     #[test]
     fn what_swung_once_does_not_flicker() {
         let mut flicker = Flicker::default();
-        let swings = [1.1, 1.0, 1.1, 1.0].map(|gain| flicker.percent_with([gain; 3]));
+        let swings = [1.1, 1.0, 1.1, 1.0].map(|gain| flicker.mean_swing_percent([gain; 3]));
         assert!(swings[3] > 9.0, "{swings:?}");
-        let later: Vec<f64> = (0..12).map(|_| flicker.percent_with([1.0; 3])).collect();
+        let later: Vec<f64> = (0..12).map(|_| flicker.mean_swing_percent([1.0; 3])).collect();
         assert_eq!(later[11], 0.0, "{later:?}");
     }
 }

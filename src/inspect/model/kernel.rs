@@ -13,7 +13,7 @@ use multiversion::multiversion;
 /// A look is in 1/64 grey level, 14 bits; the 16th bit marks an overexposed channel.
 pub const LEVEL: u16 = 64;
 pub const OVEREXPOSED: u16 = 0x8000;
-pub const LOOK: u16 = 0x3fff;
+pub const LOOK_MASK: u16 = 0x3fff;
 /// From this value upward a channel may be overexposed.
 const OVEREXPOSED_FROM: u8 = 250;
 
@@ -27,25 +27,25 @@ pub const CELLS: usize = BLOCK_PX / CELL_PX;
 /// State of a pixel: the pixel belongs to the region and can be looked at.
 pub const INSIDE: u16 = 0x0001;
 /// State of a pixel: its film is open now, according to the present data.
-pub const OPEN: u16 = 0x0002;
+pub const OPEN_FLAG: u16 = 0x0002;
 /// State of a pixel: it was seen wet at least once.
-pub const EVER_WET: u16 = 0x0004;
+pub const EVER_WET_FLAG: u16 = 0x0004;
 /// It broke.
 pub const BROKE: u16 = 0x0008;
 /// State of a pixel: it broke in this picture.
-pub const NEW: u16 = 0x0010;
+pub const NEW_BREAK_FLAG: u16 = 0x0010;
 /// State of a pixel: it changed within a moment from its wet look to another steady look that is not the dry one.
-pub const STEPPED: u16 = 0x0020;
+pub const STEPPED_FLAG: u16 = 0x0020;
 /// State of a pixel: it no longer has a dry look of its own and is judged only by its wet look.
-pub const NO_DRY: u16 = 0x0040;
+pub const NO_DRY_FLAG: u16 = 0x0040;
 /// State of a pixel: it left its film's look once and returned to it, so water moves there.
-pub const MOVED: u16 = 0x0080;
+pub const MOVED_FLAG: u16 = 0x0080;
 /// State of a pixel: a change is in progress, and the pixel must be judged in the next picture, whatever it shows.
 pub const BUSY: u16 = 0x0100;
 
 /// Returns a b / 2¹⁶.
 #[inline(always)]
-pub fn high(a: u16, b: u16) -> u16 {
+pub fn multiply_high(a: u16, b: u16) -> u16 {
     ((u32::from(a) * u32::from(b)) >> 16) as u16
 }
 
@@ -63,19 +63,19 @@ pub fn choose(mask: u16, first: u16, second: u16) -> u16 {
 
 /// Applies a gain in 1/4096, below 4, to a look.
 #[inline(always)]
-pub fn lit(look: u16, gain_q12: u16) -> u16 {
-    high(look << 2, gain_q12 << 2)
+pub fn apply_gain(look: u16, gain_q12: u16) -> u16 {
+    multiply_high(look << 2, gain_q12 << 2)
 }
 
 /// Calculates weighted sums of the channels; `weights` add up to some [`LEVEL`].
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
-pub fn looks(pixels: &[[u8; 3]], weights: [u16; 3], out: &mut [u16]) {
+pub fn weighted_looks(pixels: &[[u8; 3]], weights: [u16; 3], out: &mut [u16]) {
     let count = out.len().min(pixels.len());
     let (out, bytes) = (&mut out[..count], &pixels.as_flattened()[..3 * count]);
     // Written as a loop over bytes: compilers vectorize this loop, but would load the triples of pixels one by one.
     for i in 0..count {
         let [r, g, b] = [bytes[3 * i], bytes[3 * i + 1], bytes[3 * i + 2]].map(u16::from);
-        let sum = (r * weights[0]).saturating_add(g * weights[1]).saturating_add(b * weights[2]).min(LOOK);
+        let sum = (r * weights[0]).saturating_add(g * weights[1]).saturating_add(b * weights[2]).min(LOOK_MASK);
         let brightest = r.max(g).max(b);
         out[i] = sum | if brightest >= u16::from(OVEREXPOSED_FROM) { OVEREXPOSED } else { 0 };
     }
@@ -92,35 +92,36 @@ pub struct Sum {
 
 /// Selects the rows of a tile that are added up, and the looks that count.
 #[derive(Debug, Clone, Copy)]
-pub struct Adding {
+pub struct RowSelection {
     /// Distance from one row to the next, blocks.
     pub stride: usize,
     /// Only every nth row is added up, with this n.
-    pub every: usize,
+    pub row_interval: usize,
     /// The band, in 1/1024 of the expected look, below 2.
     pub band_q10: [u16; 2],
 }
 
 /// The number of looks of 14 bits that can be added without exceeding 16 bits.
-const WITHIN_16_BITS: usize = 4;
+const MAX_SUMMED_LOOKS: usize = 4;
 
 /// Adds up the looks of a tile's film and its wet looks. The tile is one block wide, and its first row is at the
 /// beginning of the slices.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
-pub fn add_up(look: &[Block], wet: &[Block], state: &[Block], adding: Adding) -> Sum {
-    let Adding { stride, every, band_q10 } = adding;
+pub fn sum_tile(look: &[Block], wet: &[Block], state: &[Block], adding: RowSelection) -> Sum {
+    let RowSelection { stride, row_interval: every, band_q10 } = adding;
     let band_q15 = band_q10.map(|bound| bound << 5);
     let mut sum = Sum::default();
     let step = stride * every;
     let rows = look.len().div_ceil(step);
-    for from in (0..rows).step_by(WITHIN_16_BITS) {
+    for from in (0..rows).step_by(MAX_SUMMED_LOOKS) {
         let (mut found, mut expected, mut pixels) = ([0; BLOCK_PX], [0; BLOCK_PX], [0; BLOCK_PX]);
-        for row in from..rows.min(from + WITHIN_16_BITS) {
+        for row in from..rows.min(from + MAX_SUMMED_LOOKS) {
             let (look, wet, state) = (&look[row * step], &wet[row * step], &state[row * step]);
             for i in 0..BLOCK_PX {
-                let (s, w) = (look[i] & LOOK, wet[i]);
-                let within = mask(s >= high(w << 1, band_q15[0])) & mask(s <= high(w << 1, band_q15[1]));
-                let is_film = mask(state[i] & (INSIDE | OPEN | BROKE | STEPPED) == INSIDE);
+                let (s, w) = (look[i] & LOOK_MASK, wet[i]);
+                let within =
+                    mask(s >= multiply_high(w << 1, band_q15[0])) & mask(s <= multiply_high(w << 1, band_q15[1]));
+                let is_film = mask(state[i] & (INSIDE | OPEN_FLAG | BROKE | STEPPED_FLAG) == INSIDE);
                 let counts = within & is_film & mask(look[i] & OVEREXPOSED == 0);
                 found[i] += s & counts;
                 expected[i] += w & counts;
@@ -141,7 +142,7 @@ fn total(lanes: &Block) -> u32 {
 
 /// Counts the overexposed pixels of the region in a row.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
-pub fn overexposed(look: &[Block], state: &[Block]) -> u32 {
+pub fn count_overexposed(look: &[Block], state: &[Block]) -> u32 {
     let mut lanes = [0; BLOCK_PX];
     for (look, state) in look.iter().zip(state) {
         for i in 0..BLOCK_PX {
@@ -159,7 +160,7 @@ mod tests {
     #[test]
     fn a_look_is_a_weighted_mean() {
         let mut out = [0; 2];
-        looks(&[[10, 20, 30], [255, 0, 0]], [16, 32, 16], &mut out);
+        weighted_looks(&[[10, 20, 30], [255, 0, 0]], [16, 32, 16], &mut out);
         assert_eq!(out, [20 * 64, (16 * 255) | OVEREXPOSED]);
     }
 
@@ -169,9 +170,9 @@ mod tests {
     fn only_film_near_its_wet_look_tells_the_light() {
         let (mut look, mut state) = ([0; BLOCK_PX], [INSIDE; BLOCK_PX]);
         (look[0], look[1], look[2], look[3]) = (60 * 64, 100 * 64, 30 * 64, 60 * 64);
-        state[3] |= OPEN;
-        let adding = Adding { stride: 1, every: 1, band_q10: [820, 1331] };
-        let sum = add_up(&[look], &[[60 * 64; BLOCK_PX]], &[state], adding);
+        state[3] |= OPEN_FLAG;
+        let adding = RowSelection { stride: 1, row_interval: 1, band_q10: [820, 1331] };
+        let sum = sum_tile(&[look], &[[60 * 64; BLOCK_PX]], &[state], adding);
         assert_eq!((sum.pixels, sum.found, sum.expected), (1, 60 * 64, 60 * 64));
     }
 }

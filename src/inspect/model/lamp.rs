@@ -19,31 +19,31 @@ use crate::inspect::footprint::Window;
 
 /// A margin around the window, as a share of its size, in which nothing is looked at: the panel's own rim, and the
 /// area that is sprayed.
-const AROUND: f64 = 0.06;
+const MARGIN_SHARE: f64 = 0.06;
 /// About this many places are examined at most; the next constant is the number below which there is no result.
-const PLACES: usize = 1_500;
-const MIN_PLACES: usize = 60;
+const MAX_EXAMINED_PLACES: usize = 1_500;
+const MIN_EXAMINED_PLACES: usize = 60;
 /// Levels of a dry place that can be used.
 const LEVELS: std::ops::RangeInclusive<u8> = 16..=235;
 /// No lamp changes beyond this range while a panel is tested: outside of it, the surroundings became wet.
-const PLAUSIBLE: std::ops::Range<f64> = 0.77..1.3;
+const PLAUSIBLE_GAINS: std::ops::Range<f64> = 0.77..1.3;
 /// At this level or above a place may be overexposed, and shows only that it is at least as bright.
 const SATURATED: u8 = 250;
 /// A place agrees if its ratio differs from the median by less than this fraction.
-const NEAR: f64 = 0.08;
+const MAX_RATIO_DEVIATION: f64 = 0.08;
 /// At least this fraction of the places around the panel must agree on the light.
 const MIN_AGREE: f64 = 0.5;
-/// If the light changed by more than [`NEAR`], the fraction of places that agree must be at least this part of the
+/// If the light changed by more than [`MAX_RATIO_DEVIATION`], the fraction of places that agree must be at least this part of the
 /// previous fraction. Otherwise a shadow lies on most of the places.
-const STILL_AGREE: f64 = 0.9;
+const MIN_AGREEING_SHARE: f64 = 0.9;
 
 /// The surroundings of the panel in the dry picture.
 #[derive(Debug, Clone, Default)]
-pub struct Lamp {
-    places: Vec<(usize, [f64; 3])>,
+pub struct LampObserver {
+    reference_places: Vec<(usize, [f64; 3])>,
     flicker: Flicker,
-    /// The last light that was accepted, and the value of [`Lamp::followed`] at that time.
-    believed: Option<(Lit, f64)>,
+    /// The last light that was accepted, and the value of [`LampObserver::followed`] at that time.
+    accepted: Option<(LampGain, f64)>,
     /// The light that follows from the common change of most places from picture to picture; the mean of the channels.
     followed: f64,
     /// The last levels of the square around each place, in the dry picture's light.
@@ -53,19 +53,20 @@ pub struct Lamp {
 
 /// The light of one picture.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Lit {
+pub struct LampGain {
     /// The gain of each channel, relative to the dry picture.
     pub gains: [f64; 3],
     /// The fraction of the places that agree; 0 if there are too few places, or if no lamp has such a light.
-    pub agree: f64,
+    pub agreeing_share: f64,
     /// The mean swing of a lamp that flickers, percent, if the places agree on a light that no lamp has; otherwise 0.
     pub flicker_percent: f64,
     /// The mean gain, if the places agree that it is more than a lamp's drift.
-    pub brighter: Option<f64>,
+    pub brighter_gain: Option<f64>,
 }
 
-impl Lit {
-    const UNKNOWN: Lit = Lit { gains: [1.0; 3], agree: 0.0, flicker_percent: 0.0, brighter: None };
+impl LampGain {
+    const UNKNOWN: LampGain =
+        LampGain { gains: [1.0; 3], agreeing_share: 0.0, flicker_percent: 0.0, brighter_gain: None };
 
     /// Returns the mean of the channels.
     pub fn mean(&self) -> f64 {
@@ -74,27 +75,29 @@ impl Lit {
 
     /// Returns whether this is the light of a shadow on most places, if these became brighter by this factor since the
     /// previous light.
-    fn is_shadow_after(&self, before: &Lit, brighter: f64) -> bool {
-        let is_change = is_near(self.mean(), brighter * before.mean()) && self.agree >= STILL_AGREE * before.agree;
-        !is_near(self.mean(), before.mean()) && !is_change
+    fn is_shadow_onset(&self, before: &LampGain, brighter: f64) -> bool {
+        let is_change = is_near_gain(self.mean(), brighter * before.mean())
+            && self.agreeing_share >= MIN_AGREEING_SHARE * before.agreeing_share;
+        !is_near_gain(self.mean(), before.mean()) && !is_change
     }
 
     /// The gain of each channel, if enough of the places agree.
-    pub fn sure(&self) -> Option<[f64; 3]> {
-        (self.agree >= MIN_AGREE).then_some(self.gains)
+    pub fn agreed_gains(&self) -> Option<[f64; 3]> {
+        (self.agreeing_share >= MIN_AGREE).then_some(self.gains)
     }
 }
 
-impl Lamp {
+impl LampObserver {
     /// Examines the surroundings of this window in a dry picture.
-    pub fn around(window: &Window, dry: &ColorPicture) -> Self {
-        let margin = |length: usize| (AROUND * length as f64).ceil() as usize;
+    pub fn observe_surroundings(window: &Window, dry: &ColorPicture) -> Self {
+        let margin = |length: usize| (MARGIN_SHARE * length as f64).ceil() as usize;
         let (across, down) = (margin(window.width), margin(window.height));
         let columns = window.left.saturating_sub(across)..window.left + window.width + across;
         let rows = window.top.saturating_sub(down)..window.top + window.height + down;
         let inside = window.width * window.height;
-        let step =
-            (((dry.width * dry.height).saturating_sub(inside) as f64 / PLACES as f64).sqrt() as usize).max(1);
+        let step = (((dry.width * dry.height).saturating_sub(inside) as f64 / MAX_EXAMINED_PLACES as f64).sqrt()
+            as usize)
+            .max(1);
         let mut places = Vec::new();
         for row in (step / 2..dry.height).step_by(step) {
             for column in (step / 2..dry.width).step_by(step) {
@@ -106,66 +109,72 @@ impl Lamp {
                 }
             }
         }
-        Lamp { places, ..Lamp::default() }
+        LampObserver { reference_places: places, ..LampObserver::default() }
     }
 
     /// Adds the surroundings of this window in the next dry picture.
-    pub fn and_around(&mut self, window: &Window, dry: &ColorPicture) {
-        self.at(dry);
+    pub fn add_surroundings(&mut self, window: &Window, dry: &ColorPicture) {
+        self.measure(dry);
         let sensor = std::mem::take(&mut self.sensor);
-        *self = Lamp { flicker: self.flicker.against_this(), sensor, ..Lamp::around(window, dry) };
+        *self = LampObserver {
+            flicker: self.flicker.referenced_to_last(),
+            sensor,
+            ..LampObserver::observe_surroundings(window, dry)
+        };
     }
 
     /// Measures the light of the next picture.
-    pub fn at(&mut self, picture: &ColorPicture) -> Lit {
-        if self.places.len() < MIN_PLACES {
-            return Lit::UNKNOWN;
+    pub fn measure(&mut self, picture: &ColorPicture) -> LampGain {
+        if self.reference_places.len() < MIN_EXAMINED_PLACES {
+            return LampGain::UNKNOWN;
         }
         let ratio = |now: u8, dry: f64| (f64::from(now) + 0.01) / dry;
         let is_saturated = |index: usize| picture.rgb[index].iter().any(|level| *level >= SATURATED);
-        let (saturated, told): (Vec<_>, Vec<_>) = self.places.iter().partition(|(index, _)| is_saturated(*index));
+        let (saturated, told): (Vec<_>, Vec<_>) =
+            self.reference_places.iter().partition(|(index, _)| is_saturated(*index));
         // A saturated place shows a lower bound only. If most are, the bound may still prove that there is more light
         // than can be compensated.
-        if told.len() < MIN_PLACES.max(saturated.len()) {
+        if told.len() < MIN_EXAMINED_PLACES.max(saturated.len()) {
             let mut least: Vec<f64> =
                 saturated.iter().map(|(index, dry)| ratio(picture.rgb[*index][1], dry[1])).collect();
-            let least = median(&mut least).filter(|least| *least >= PLAUSIBLE.end);
-            return Lit { brighter: least, ..Lit::UNKNOWN };
+            let least = median(&mut least).filter(|least| *least >= PLAUSIBLE_GAINS.end);
+            return LampGain { brighter_gain: least, ..LampGain::UNKNOWN };
         }
         let mut ratios = [0, 1, 2].map(|i| -> Vec<f64> {
             told.iter().map(|(index, dry)| ratio(picture.rgb[*index][i], dry[i])).collect()
         });
-        let gains = ratios.each_mut().map(|ratios| most(ratios));
+        let gains = ratios.each_mut().map(|ratios| majority_ratio(ratios));
         let near = ratios
             .iter()
             .zip(gains)
-            .map(|(ratios, gain)| ratios.iter().filter(|ratio| is_near(**ratio, gain)).count());
+            .map(|(ratios, gain)| ratios.iter().filter(|ratio| is_near_gain(**ratio, gain)).count());
         let agree = near.sum::<usize>() as f64 / (3 * told.len()) as f64;
         self.add_noise(picture, gains);
-        let flicker_percent = self.flicker.percent_with(gains);
+        let flicker_percent = self.flicker.mean_swing_percent(gains);
         // Outside of this range the spray has wetted the surroundings, and their darkness is no light.
-        if gains.iter().all(|gain| PLAUSIBLE.contains(gain)) {
-            let lit = Lit { gains, agree, flicker_percent: 0.0, brighter: None };
-            let is_shadow = |(before, followed): (Lit, f64)| lit.is_shadow_after(&before, self.followed / followed);
+        if gains.iter().all(|gain| PLAUSIBLE_GAINS.contains(gain)) {
+            let lit = LampGain { gains, agreeing_share: agree, flicker_percent: 0.0, brighter_gain: None };
+            let is_shadow =
+                |(before, followed): (LampGain, f64)| lit.is_shadow_onset(&before, self.followed / followed);
             // A shadow over the surroundings alone would make the film look too bright, as a break does.
-            if self.believed.is_some_and(is_shadow) {
-                return Lit { gains, ..Lit::UNKNOWN };
+            if self.accepted.is_some_and(is_shadow) {
+                return LampGain { gains, ..LampGain::UNKNOWN };
             }
-            if lit.sure().is_some() {
-                self.believed = Some((lit, self.followed));
+            if lit.agreed_gains().is_some() {
+                self.accepted = Some((lit, self.followed));
             }
             return lit;
         }
         if agree < MIN_AGREE {
-            return Lit { gains, ..Lit::UNKNOWN };
+            return LampGain { gains, ..LampGain::UNKNOWN };
         }
-        let lit = Lit { gains, flicker_percent, ..Lit::UNKNOWN };
-        Lit { brighter: Some(lit.mean()).filter(|mean| *mean >= PLAUSIBLE.end), ..lit }
+        let lit = LampGain { gains, flicker_percent, ..LampGain::UNKNOWN };
+        LampGain { brighter_gain: Some(lit.mean()).filter(|mean| *mean >= PLAUSIBLE_GAINS.end), ..lit }
     }
 }
 
-impl Lamp {
-    /// Returns the sensor's noise in the means of squares of [`Lamp::SIDE_PX`]: for one channel, and for the mean
+impl LampObserver {
+    /// Returns the sensor's noise in the means of squares of [`LampObserver::SIDE_PX`]: for one channel, and for the mean
     /// of all three. Neighbours and channels of a colour picture are not independent, so that neither value follows
     /// from the noise of a pixel.
     pub fn sensor(&self) -> [&SensorNoise; 2] {
@@ -176,7 +185,7 @@ impl Lamp {
     pub const SIDE_PX: usize = 4;
 
     fn add_noise(&mut self, picture: &ColorPicture, gains: [f64; 3]) {
-        let side = Lamp::SIDE_PX;
+        let side = LampObserver::SIDE_PX;
         // A saturated pixel has no noise: such a place gives no information.
         let now = |(index, _): &(usize, [f64; 3])| -> [f64; 3] {
             let left = (index % picture.width).min(picture.width.saturating_sub(side));
@@ -190,7 +199,7 @@ impl Lamp {
             }
             std::array::from_fn(|i| sums[i] / gains[i] / (side * side) as f64)
         };
-        let mut now: Vec<[f64; 3]> = self.places.iter().map(now).collect();
+        let mut now: Vec<[f64; 3]> = self.reference_places.iter().map(now).collect();
         let mut followed = gains;
         if self.last.len() == now.len() {
             // The squares determine the common change more exactly than single pixels do.
@@ -214,16 +223,16 @@ impl Lamp {
 
 /// Returns the ratio that most places have: the median of the ratios near the median of all, repeated once about
 /// the result. The ratios of places that became wet lie outside.
-fn most(ratios: &mut [f64]) -> f64 {
+fn majority_ratio(ratios: &mut [f64]) -> f64 {
     let first = median(ratios).unwrap_or(1.0).clamp(0.25, 4.0);
     (0..2).fold(first, |gain, _| {
-        let mut near: Vec<f64> = ratios.iter().copied().filter(|ratio| is_near(*ratio, gain)).collect();
+        let mut near: Vec<f64> = ratios.iter().copied().filter(|ratio| is_near_gain(*ratio, gain)).collect();
         median(&mut near).unwrap_or(gain)
     })
 }
 
-fn is_near(ratio: f64, gain: f64) -> bool {
-    (ratio / gain - 1.0).abs() < NEAR
+fn is_near_gain(ratio: f64, gain: f64) -> bool {
+    (ratio / gain - 1.0).abs() < MAX_RATIO_DEVIATION
 }
 
 #[cfg(test)]
@@ -235,20 +244,21 @@ mod tests {
     #[test]
     fn a_tint_is_told_by_what_lies_around_the_panel() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
-        let mut lamp = Lamp::around(&window, &ColorPicture::filled(160, 120, [100; 3]));
-        let mut now = ColorPicture::filled(160, 120, [110, 100, 90]);
+        let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(160, 120, [100; 3]));
+        let mut now = ColorPicture::uniform(160, 120, [110, 100, 90]);
         for row in 0..120 {
             let wet = if row < 20 { 0..160 } else { 40..120 };
             now.rgb[row * 160..][wet].fill([30; 3]);
         }
-        let lit = lamp.at(&now);
+        let lit = lamp.measure(&now);
         assert!(lit.gains.iter().zip([1.1, 1.0, 0.9]).all(|(found, real)| (found - real).abs() < 1e-3), "{lit:?}");
-        assert!(lit.agree > 0.5 && lit.agree < 0.9, "{lit:?}");
-        let wet = lamp.at(&ColorPicture::filled(160, 120, [60; 3]));
-        assert_eq!(wet.agree, 0.0, "all around became wet: no lamp");
+        assert!(lit.agreeing_share > 0.5 && lit.agreeing_share < 0.9, "{lit:?}");
+        let wet = lamp.measure(&ColorPicture::uniform(160, 120, [60; 3]));
+        assert_eq!(wet.agreeing_share, 0.0, "all around became wet: no lamp");
         let whole = Window { left: 0, top: 0, width: 160, height: 120 };
-        let none = Lamp::around(&whole, &ColorPicture::filled(160, 120, [100; 3])).at(&now);
-        assert_eq!(none, Lit::UNKNOWN, "nothing lies around the panel");
+        let none =
+            LampObserver::observe_surroundings(&whole, &ColorPicture::uniform(160, 120, [100; 3])).measure(&now);
+        assert_eq!(none, LampGain::UNKNOWN, "nothing lies around the panel");
     }
 
     /// By hand: of 40 rows, 35 and a margin of 3 belong to the window. Two rows of 25 px are fewer than 60 places, and
@@ -257,8 +267,8 @@ mod tests {
     fn few_places_show_no_light() {
         let light = |width: usize| {
             let window = Window { left: 0, top: 5, width, height: 35 };
-            let mut lamp = Lamp::around(&window, &ColorPicture::filled(width, 40, [100; 3]));
-            lamp.at(&ColorPicture::filled(width, 40, [90; 3])).sure()
+            let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(width, 40, [100; 3]));
+            lamp.measure(&ColorPicture::uniform(width, 40, [90; 3])).agreed_gains()
         };
         assert!(light(25).is_none() && light(35).is_some(), "{:?} {:?}", light(25), light(35));
     }
@@ -269,9 +279,9 @@ mod tests {
     fn an_exposure_that_changed_is_no_lamp_and_no_water() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
         for (dry, now, least) in [(100, 180, 1.79), (190, 255, 1.33)] {
-            let mut lamp = Lamp::around(&window, &ColorPicture::filled(160, 120, [dry; 3]));
-            let lit = lamp.at(&ColorPicture::filled(160, 120, [now; 3]));
-            assert!(lit.sure().is_none() && lit.brighter.is_some_and(|gain| gain >= least), "{lit:?}");
+            let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(160, 120, [dry; 3]));
+            let lit = lamp.measure(&ColorPicture::uniform(160, 120, [now; 3]));
+            assert!(lit.agreed_gains().is_none() && lit.brighter_gain.is_some_and(|gain| gain >= least), "{lit:?}");
         }
     }
 
@@ -280,13 +290,13 @@ mod tests {
     #[test]
     fn what_became_wet_does_not_count_for_light() {
         let window = Window { left: 0, top: 40, width: 100, height: 20 };
-        let mut lamp = Lamp::around(&window, &ColorPicture::filled(100, 100, [100; 3]));
-        let mut now = ColorPicture::filled(100, 100, [60; 3]);
+        let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(100, 100, [100; 3]));
+        let mut now = ColorPicture::uniform(100, 100, [60; 3]);
         let shown = [60, 60, 60, 60, 97, 97, 100, 100, 103, 103].map(|level| [level; 3]);
         now.rgb.chunks_mut(10).for_each(|places| places.copy_from_slice(&shown));
-        let lit = lamp.at(&now);
+        let lit = lamp.measure(&now);
         assert!(lit.gains.iter().all(|gain| (gain - 1.0).abs() < 1e-3), "{lit:?}");
-        assert!((lit.agree - 0.6).abs() < 1e-9, "{lit:?}");
+        assert!((lit.agreeing_share - 0.6).abs() < 1e-9, "{lit:?}");
     }
 
     /// By hand: a shadow that removes a fifth of the light from six of ten rows is no lamp, and one that removes it
@@ -294,11 +304,11 @@ mod tests {
     #[test]
     fn a_shadow_on_most_of_what_lies_around_is_no_lamp() {
         let window = Window { left: 0, top: 0, width: 160, height: 20 };
-        let mut lamp = Lamp::around(&window, &ColorPicture::filled(160, 120, [100; 3]));
+        let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(160, 120, [100; 3]));
         let mut shown = |shadowed_rows: usize| {
-            let mut now = ColorPicture::filled(160, 120, [100; 3]);
+            let mut now = ColorPicture::uniform(160, 120, [100; 3]);
             now.rgb[(120 - shadowed_rows) * 160..].fill([80; 3]);
-            lamp.at(&now).sure().map(|gains| (100.0 * gains[1]).round())
+            lamp.measure(&now).agreed_gains().map(|gains| (100.0 * gains[1]).round())
         };
         assert_eq!([0, 58, 40, 120, 0].map(&mut shown), [Some(100.0), None, Some(100.0), Some(80.0), Some(100.0)]);
         // A shadow that moves slowly over the places darkens only few of them from one picture to the next.
@@ -312,12 +322,12 @@ mod tests {
     fn a_lamp_that_flickers_is_told_from_what_becomes_wet() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
         let shown = |levels: [u8; 5]| {
-            let mut lamp = Lamp::around(&window, &ColorPicture::filled(160, 120, [200; 3]));
-            levels.map(|level| lamp.at(&ColorPicture::filled(160, 120, [level; 3])))[4]
+            let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(160, 120, [200; 3]));
+            levels.map(|level| lamp.measure(&ColorPicture::uniform(160, 120, [level; 3])))[4]
         };
         for wet in [[180, 160, 150, 142, 140], [100, 130, 130, 130, 130], [140, 142, 140, 142, 140]] {
             let lit = shown(wet);
-            assert_eq!((lit.agree, lit.flicker_percent), (0.0, 0.0), "{wet:?}");
+            assert_eq!((lit.agreeing_share, lit.flicker_percent), (0.0, 0.0), "{wet:?}");
         }
         let flickers = shown([140, 200, 140, 200, 140]).flicker_percent;
         assert!((flickers - 100.0 * (200.0_f64 / 140.0).ln()).abs() < 0.1, "{flickers}");

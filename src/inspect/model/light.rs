@@ -24,46 +24,51 @@ const LOCALLY: [f64; 2] = [0.55, 1.08];
 
 /// The light of one picture.
 #[derive(Debug, Clone)]
-pub struct Light {
+pub struct TileLight {
     columns: usize,
     /// The light of each tile, row by row, relative to the light of the wet looks.
     tiles: Vec<f64>,
     /// The region's median.
-    pub global: f64,
+    pub region_median: f64,
     /// Whether the lamp's own change is left out of the light.
-    without_lamp: bool,
+    is_lamp_excluded: bool,
 }
 
-impl Light {
+impl TileLight {
     /// Returns a light that equals the light of the wet looks, for a lattice of tiles.
-    pub fn even(columns: usize, rows: usize) -> Self {
-        Light { columns, tiles: vec![1.0; columns * rows], global: 1.0, without_lamp: false }
+    pub fn uniform(columns: usize, rows: usize) -> Self {
+        TileLight { columns, tiles: vec![1.0; columns * rows], region_median: 1.0, is_lamp_excluded: false }
     }
 
     /// Returns the light of the first wet picture, which is that of the wet looks.
-    pub fn first(&self, without_lamp: bool) -> Light {
-        Light { tiles: vec![1.0; self.tiles.len()], global: 1.0, without_lamp, ..*self }
+    pub fn of_first_wet(&self, without_lamp: bool) -> TileLight {
+        TileLight {
+            tiles: vec![1.0; self.tiles.len()],
+            region_median: 1.0,
+            is_lamp_excluded: without_lamp,
+            ..*self
+        }
     }
 
     /// Returns whether the lamp's own change is left out of the light.
-    pub fn is_without_lamp(&self) -> bool {
-        self.without_lamp
+    pub fn is_lamp_excluded(&self) -> bool {
+        self.is_lamp_excluded
     }
 
     /// Returns the light on a tile, relative to the first wet picture.
-    pub fn of_tile(&self, tile: usize) -> f64 {
+    pub fn tile_light(&self, tile: usize) -> f64 {
         self.tiles[tile].max(f64::MIN_POSITIVE)
     }
 
     /// Calculates the light from the tiles' sums; `inside` is the number of pixels of each tile in the region.
-    pub fn found(&self, sums: &[Sum], inside: &[u32], without_lamp: bool) -> Light {
+    pub fn updated(&self, sums: &[Sum], inside: &[u32], without_lamp: bool) -> TileLight {
         let known =
             |i: usize| f64::from(sums[i].pixels) >= MIN_SHARE * f64::from(inside[i]) && sums[i].expected > 0;
         let ratio = |i: usize| f64::from(sums[i].found) / f64::from(sums[i].expected);
         let mut ratios: Vec<(f64, u32)> =
             (0..sums.len()).filter(|&i| inside[i] > 0 && known(i)).map(|i| (ratio(i), inside[i])).collect();
         ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let last = if without_lamp == self.without_lamp { self.global } else { 1.0 };
+        let last = if without_lamp == self.is_lamp_excluded { self.region_median } else { 1.0 };
         let median = weighted_median(&ratios).unwrap_or(last);
         // If the film broke everywhere, the region is brighter than any film that thins out, and this is not the
         // lamp's light.
@@ -88,7 +93,12 @@ impl Light {
             }
             if weight > 0.0 { sum / weight } else { global }
         };
-        Light { columns: self.columns, tiles: (0..sums.len()).map(smooth).collect(), global, without_lamp }
+        TileLight {
+            columns: self.columns,
+            tiles: (0..sums.len()).map(smooth).collect(),
+            region_median: global,
+            is_lamp_excluded: without_lamp,
+        }
     }
 
     /// Returns the light on the blocks of one row of tiles, 1/4096, once for each row of cells. The light is
@@ -97,14 +107,14 @@ impl Light {
         let (rows, columns) = (self.tiles.len() / self.columns, self.columns);
         let mut blocks = vec![[0; BLOCK_PX]; CELLS * columns];
         for (cell_row, blocks) in blocks.chunks_exact_mut(columns).enumerate() {
-            let (above, below, down) = between(row * CELLS + cell_row, rows);
+            let (above, below, down) = neighbouring_tiles(row * CELLS + cell_row, rows);
             for (cell, px) in blocks.as_flattened_mut().as_chunks_mut::<CELL_PX>().0.iter_mut().enumerate() {
-                let (left, right, across) = between(cell, columns);
+                let (left, right, across) = neighbouring_tiles(cell, columns);
                 let at = |row: usize| {
                     let (a, b) = (self.tiles[row * columns + left], self.tiles[row * columns + right]);
                     a + across * (b - a)
                 };
-                px.fill(q12(at(above) + down * (at(below) - at(above))));
+                px.fill(to_q12(at(above) + down * (at(below) - at(above))));
             }
         }
         blocks
@@ -112,25 +122,25 @@ impl Light {
 
     /// Returns the light on bare places, 1/4096, from the gains of the film beside them. If the lamp's change is known
     /// and left out, it is at most the lamp's light.
-    pub fn on_bare_q12(&self, gains: &[Block]) -> Vec<Block> {
-        if !self.without_lamp {
+    pub fn bare_light_q12(&self, gains: &[Block]) -> Vec<Block> {
+        if !self.is_lamp_excluded {
             return gains.to_vec();
         }
-        let lamp = q12(1.0);
+        let lamp = to_q12(1.0);
         gains.iter().map(|block| block.map(|gain| gain.min(lamp))).collect()
     }
 }
 
 /// Returns the two neighbouring tiles between whose centres a cell's centre lies, for this many tiles, and the
 /// fraction of the distance between them.
-fn between(cell: usize, tiles: usize) -> (usize, usize, f64) {
+fn neighbouring_tiles(cell: usize, tiles: usize) -> (usize, usize, f64) {
     let at = ((cell as f64 + 0.5) / CELLS as f64 - 0.5).clamp(0.0, tiles as f64 - 1.0);
     let first = (at as usize).min(tiles.saturating_sub(2));
     (first, (first + 1).min(tiles - 1), at - first as f64)
 }
 
 /// Converts a gain to units of 1/4096.
-pub fn q12(gain: f64) -> u16 {
+pub fn to_q12(gain: f64) -> u16 {
     (gain * 4096.0).clamp(0.0, MAX_Q12) as u16
 }
 
@@ -160,11 +170,11 @@ mod tests {
     fn a_part_may_be_darker_and_not_brighter() {
         let mut sums = vec![sum(1_100); 9];
         sums[4] = sum(1_300);
-        let light = Light::even(3, 3).found(&sums, &[100; 9], false);
-        assert!((light.global - 1.1).abs() < 1e-12);
+        let light = TileLight::uniform(3, 3).updated(&sums, &[100; 9], false);
+        assert!((light.region_median - 1.1).abs() < 1e-12);
         assert!((light.tiles[4] - (8.0 * 1.1 + 1.188) / 9.0).abs() < 1e-9, "{}", light.tiles[4]);
         sums[4] = sum(800);
-        let light = Light::even(3, 3).found(&sums, &[100; 9], false);
+        let light = TileLight::uniform(3, 3).updated(&sums, &[100; 9], false);
         assert!((light.tiles[4] - (8.0 * 1.1 + 0.8) / 9.0).abs() < 1e-9);
     }
 
@@ -172,30 +182,30 @@ mod tests {
     /// place has the lamp's light. In a shadow of 0.8 both have 0.8.
     #[test]
     fn beside_a_known_lamp_no_film_is_light() {
-        let of = |found: u32| Light::even(3, 3).found(&[sum(found); 9], &[100; 9], true);
+        let of = |found: u32| TileLight::uniform(3, 3).updated(&[sum(found); 9], &[100; 9], true);
         let light = of(1_300);
-        assert!((light.global - 1.08).abs() < 1e-12 && (light.tiles[4] - 1.08).abs() < 1e-12);
-        assert_eq!(light.on_bare_q12(&light.blocks_q12(1))[0][0], 4096);
+        assert!((light.region_median - 1.08).abs() < 1e-12 && (light.tiles[4] - 1.08).abs() < 1e-12);
+        assert_eq!(light.bare_light_q12(&light.blocks_q12(1))[0][0], 4096);
         let shadow = of(800);
         let gains = shadow.blocks_q12(1);
-        assert_eq!((gains[0][0], shadow.on_bare_q12(&gains)[0][0]), (3276, 3276));
+        assert_eq!((gains[0][0], shadow.bare_light_q12(&gains)[0][0]), (3276, 3276));
     }
 
     #[test]
     fn a_tile_that_shows_nothing_takes_its_neighbours_light() {
         let mut sums = vec![sum(900); 9];
         sums[4] = Sum { pixels: 20, ..sum(1_600) };
-        let light = Light::even(3, 3).found(&sums, &[100; 9], false);
+        let light = TileLight::uniform(3, 3).updated(&sums, &[100; 9], false);
         assert!((light.tiles[4] - 0.9).abs() < 1e-12);
-        let nothing = light.found(&[Sum::default(); 9], &[100; 9], false);
-        assert!((nothing.global - 0.9).abs() < 1e-12, "the light of before");
+        let nothing = light.updated(&[Sum::default(); 9], &[100; 9], false);
+        assert!((nothing.region_median - 0.9).abs() < 1e-12, "the light of before");
     }
 
     /// By hand: the first cell's centre lies before the first tile's; the cells between two tiles' centres are
     /// interpolated.
     #[test]
     fn light_goes_smoothly_from_tile_to_tile() {
-        let light = Light { tiles: vec![1.0, 2.0], ..Light::even(2, 1) };
+        let light = TileLight { tiles: vec![1.0, 2.0], ..TileLight::uniform(2, 1) };
         let blocks = light.blocks_q12(0);
         let cells = blocks[..2].as_flattened().iter().step_by(CELL_PX).map(|gain| gain / 64);
         assert_eq!(cells.collect::<Vec<u16>>(), [64, 64, 72, 88, 104, 120, 128, 128]);

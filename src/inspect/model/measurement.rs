@@ -13,7 +13,7 @@ pub struct PictureMeasurement {
     /// Whether the picture is bit-equal to the previous one: the camera sends one picture again and again.
     pub frozen: bool,
     /// τ, measured or assumed.
-    pub film_left: f64,
+    pub film_transmission: f64,
     /// The flicker of the lamp, percent, if it is not known whether the lamp or water changed the surroundings;
     /// otherwise 0.
     pub flicker_percent: f64,

@@ -4,13 +4,13 @@
 //! the differences larger, so only the lower third of their distribution counts. In a normal distribution 30 % of
 //! the absolute differences are below 0.385 √2 σ.
 
-use super::kernel::{Block, INSIDE, LEVEL, LOOK, NO_DRY, OVEREXPOSED};
+use super::kernel::{Block, INSIDE, LEVEL, LOOK_MASK, NO_DRY_FLAG, OVEREXPOSED};
 
 /// The quantile of the differences that is evaluated, and its value for σ = 1.
 const SHARE: f64 = 0.3;
 const AT_SHARE: f64 = 0.385;
 /// Differences are counted in classes of 1/16 level; the second constant is the number of classes.
-const CLASS: u16 = LEVEL / 16;
+const CLASSES_PER_LEVEL: u16 = LEVEL / 16;
 const CLASSES: usize = 512;
 /// Noise below that of rounding to whole levels is not a measurement, levels. The second constant is the noise that
 /// is assumed before the first measurement.
@@ -36,10 +36,10 @@ impl Noise {
     pub fn add(&mut self, look: &[Block], before: &[Block], state: &[Block], brighter: f64) {
         for ((look, before), state) in look.iter().zip(before).zip(state) {
             for ((look, before), state) in look.iter().zip(before).zip(state) {
-                let counts = state & (INSIDE | NO_DRY) != 0 && (look | before) & OVEREXPOSED == 0;
+                let counts = state & (INSIDE | NO_DRY_FLAG) != 0 && (look | before) & OVEREXPOSED == 0;
                 if counts && state & INSIDE > 0 {
-                    let was = (f64::from(before & LOOK) * brighter) as u16;
-                    let class = usize::from((look & LOOK).abs_diff(was) / CLASS);
+                    let was = (f64::from(before & LOOK_MASK) * brighter) as u16;
+                    let class = usize::from((look & LOOK_MASK).abs_diff(was) / CLASSES_PER_LEVEL);
                     self.classes[class.min(CLASSES - 1)] += 1;
                 }
             }
@@ -58,7 +58,7 @@ impl Noise {
             let next = below + *count as f64;
             if next >= wanted {
                 let within = (wanted - below) / (*count as f64).max(1.0);
-                let level = (class as f64 + within) * f64::from(CLASS) / f64::from(LEVEL);
+                let level = (class as f64 + within) * f64::from(CLASSES_PER_LEVEL) / f64::from(LEVEL);
                 return (level / AT_SHARE / std::f64::consts::SQRT_2).max(MIN_LEVELS);
             }
             below = next;

@@ -9,19 +9,19 @@
 //! second differences cancel the change of a place that dries steadily. A shadow or a glint that passes a still place
 //! affects a few second differences, a film affects most.
 
-use super::kernel::{BLOCK_PX, Block, INSIDE, LOOK, NO_DRY, OVEREXPOSED};
-use super::lamp::Lamp;
+use super::kernel::{BLOCK_PX, Block, INSIDE, LOOK_MASK, NO_DRY_FLAG, OVEREXPOSED};
+use super::lamp::LampObserver;
 use rayon::prelude::*;
 
 /// A site is a square with this side, px: water moves on a scale of millimetres, and the mean of a square has less
 /// noise.
-const SITE_SIDE_PX: usize = Lamp::SIDE_PX;
+const SITE_SIDE_PX: usize = LampObserver::SIDE_PX;
 /// The number of spans. A span begins with a picture and contains the pictures of the following `SPAN_S`, s: a
 /// second minus the rounding of clocks. With less than one picture a second, each picture is a span.
 const SPANS: usize = 24;
 const SPAN_S: f64 = 0.99;
 /// At least this fraction of a site's pixels and pictures must be seen in a span.
-const WHOLE: f32 = 0.9;
+const MIN_SPAN_SHARE: f32 = 0.9;
 /// The number of second differences of the spans.
 pub const DIFFERENCES: usize = SPANS - 2;
 /// The sums for each place that is looked at, on a lattice of sites.
@@ -39,8 +39,8 @@ pub struct Shimmer {
 }
 
 /// The inputs from one picture.
-pub struct Picture<'a> {
-    pub look: &'a [Block],
+pub struct ShimmerInput<'a> {
+    pub current: &'a [Block],
     pub wet: &'a [Block],
     pub state: &'a [Block],
     pub since_wet_s: f64,
@@ -64,7 +64,7 @@ impl Shimmer {
     }
 
     /// Adds a picture; pictures after the last span are ignored.
-    pub fn add(&mut self, picture: &Picture<'_>) {
+    pub fn add(&mut self, picture: &ShimmerInput<'_>) {
         if picture.since_wet_s - self.began_s >= SPAN_S {
             if self.began_s.is_finite() {
                 self.close();
@@ -81,7 +81,7 @@ impl Shimmer {
         self.sums.par_chunks_mut(of_row).enumerate().for_each(|(line, sums)| {
             for row in SITE_SIDE_PX * line..SITE_SIDE_PX * (line + 1) {
                 let blocks = row * columns..(row + 1) * columns;
-                let looks = picture.look[blocks.clone()].iter().zip(&picture.wet[blocks.clone()]);
+                let looks = picture.current[blocks.clone()].iter().zip(&picture.wet[blocks.clone()]);
                 let blocks = looks.zip(&picture.state[blocks]);
                 for (((look, wet), state), sums) in blocks.zip(sums.chunks_mut(BLOCK_PX / SITE_SIDE_PX)) {
                     add_row(look, wet, state, sums);
@@ -96,7 +96,7 @@ impl Shimmer {
         for (sums, means) in self.sums.iter_mut().zip(&mut self.means) {
             let [sum, count] = *sums;
             // With fewer values the noise of the mean would be larger than assumed.
-            if count > 0.0 && count >= WHOLE * (SITE_SIDE_PX * SITE_SIDE_PX) as f32 * pictures as f32 {
+            if count > 0.0 && count >= MIN_SPAN_SHARE * (SITE_SIDE_PX * SITE_SIDE_PX) as f32 * pictures as f32 {
                 means[self.span] = sum / count;
             }
             *sums = [0.0; 2];
@@ -120,12 +120,12 @@ impl Shimmer {
     }
 
     /// Returns the row and the column of a site in the window, px.
-    pub fn place(&self, at: usize) -> (usize, usize) {
+    pub fn site_position(&self, at: usize) -> (usize, usize) {
         (at / self.columns() * SITE_SIDE_PX, at % self.columns() * SITE_SIDE_PX)
     }
 
     /// Returns the sites around a pixel of the window.
-    pub fn sites_about(&self, row: usize, column: usize) -> impl Iterator<Item = usize> + '_ {
+    pub fn nearby_sites(&self, row: usize, column: usize) -> impl Iterator<Item = usize> + '_ {
         let (row, column) = (row / SITE_SIDE_PX, column / SITE_SIDE_PX);
         let columns = column.saturating_sub(1)..(column + 2).min(self.columns());
         (row.saturating_sub(1)..row + 2)
@@ -134,7 +134,7 @@ impl Shimmer {
 
     /// Returns z of a site for each second difference; `noise` is σ/w of a site in one picture. NaN if too little was
     /// seen.
-    pub fn at(&self, site: usize, noise: f64) -> [f32; DIFFERENCES] {
+    pub fn difference_statistics(&self, site: usize, noise: f64) -> [f32; DIFFERENCES] {
         let x = &self.means[site];
         std::array::from_fn(|k| {
             let part = |k: usize| 1.0 / self.pictures[k].max(1) as f32;
@@ -147,9 +147,9 @@ impl Shimmer {
 fn add_row(look: &Block, wet: &Block, state: &Block, sums: &mut [[f32; 2]]) {
     let mut shares = [[0.0_f32; 2]; BLOCK_PX];
     for i in 0..BLOCK_PX {
-        let counts = state[i] & (INSIDE | NO_DRY) == INSIDE | NO_DRY && look[i] & OVEREXPOSED == 0;
+        let counts = state[i] & (INSIDE | NO_DRY_FLAG) == INSIDE | NO_DRY_FLAG && look[i] & OVEREXPOSED == 0;
         let own = f32::from(u8::from(counts && wet[i] > 0));
-        shares[i] = [own * f32::from(look[i] & LOOK) / f32::from(wet[i].max(1)), own];
+        shares[i] = [own * f32::from(look[i] & LOOK_MASK) / f32::from(wet[i].max(1)), own];
     }
     for (sums, shares) in sums.iter_mut().zip(shares.chunks(SITE_SIDE_PX)) {
         for share in shares {
@@ -170,7 +170,7 @@ mod tests {
     fn what_a_film_shows_and_a_place_that_dries_does_not() {
         const ROWS: usize = 32;
         let wet = [[60 * LEVEL; BLOCK_PX]; ROWS];
-        let state = [[INSIDE | NO_DRY; BLOCK_PX]; ROWS];
+        let state = [[INSIDE | NO_DRY_FLAG; BLOCK_PX]; ROWS];
         let mut shimmer = Shimmer::new(1, ROWS);
         for picture in 0..240_usize {
             let span = (picture / 10) as f64;
@@ -181,12 +181,12 @@ mod tests {
                 })
                 .collect();
             let since_wet_s = 0.1 * picture as f64 + 0.05;
-            shimmer.add(&Picture { look: &look, wet: &wet, state: &state, since_wet_s });
+            shimmer.add(&ShimmerInput { current: &look, wet: &wet, state: &state, since_wet_s });
         }
         shimmer.end();
-        let at = |row: usize| shimmer.at(row / SITE_SIDE_PX * shimmer.columns() + 5, 1.0 / 60.0);
+        let at = |row: usize| shimmer.difference_statistics(row / SITE_SIDE_PX * shimmer.columns() + 5, 1.0 / 60.0);
         assert!(at(10).iter().all(|shown| shown.abs() < 0.05), "{:?}", at(10));
         assert!(at(20).iter().all(|shown| (shown.abs() - 2.58).abs() < 0.05), "{:?}", at(20));
-        assert_eq!(shimmer.place(5 * 8 + 5), (20, 20));
+        assert_eq!(shimmer.site_position(5 * 8 + 5), (20, 20));
     }
 }

@@ -7,7 +7,7 @@
 use super::*;
 
 const SIDE: usize = 64;
-const TERMS: Terms = Terms { channel_weights: [1.0; 3], persist_s: 0.6, damp: 0.8 };
+const TERMS: FilmParameters = FilmParameters { channel_weights: [1.0; 3], persist_s: 0.6, damp: 0.8 };
 /// A place of 100 px.
 const PLACE: [std::ops::Range<usize>; 2] = [30..40, 30..40];
 
@@ -21,10 +21,10 @@ fn film(place: u8) -> ColorPicture {
     picture(|column, row| if PLACE[0].contains(&column) && PLACE[1].contains(&row) { place } else { 60 })
 }
 
-fn model(sanded: &[bool], terms: Terms) -> Model {
+fn model(sanded: &[bool], terms: FilmParameters) -> Model {
     let window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
     let mut model = Model::new(window, &[true; SIDE * SIDE], sanded, terms);
-    model.dry(&picture(|_, _| 100));
+    model.add_dry(&picture(|_, _| 100));
     model
 }
 
@@ -32,8 +32,8 @@ fn model(sanded: &[bool], terms: Terms) -> Model {
 fn show(model: &mut Model, times_s: impl Iterator<Item = f64>, level: impl Fn(f64) -> u8) -> usize {
     let one = |time_s: f64| {
         let picture = film(level(time_s));
-        model.look(&picture);
-        model.follow(&picture, time_s).len()
+        model.measure_wet(&picture);
+        model.judge_last(&picture, time_s).len()
     };
     times_s.map(one).sum()
 }
@@ -44,7 +44,7 @@ fn after_film(model: &mut Model, level: u8) -> (bool, bool) {
     let times_s = (0..20).map(|picture| 0.2 * f64::from(picture));
     let broke = show(model, times_s, |time_s| if time_s < 2.0 { 60 } else { level });
     assert!(broke == 0 || broke == 100, "all of the place or nothing: {broke}");
-    (broke == 100, model.saw(35 * SIDE + 35))
+    (broke == 100, model.was_observed(35 * SIDE + 35))
 }
 
 #[test]
@@ -72,7 +72,7 @@ fn a_place_that_stays_between_film_and_bare_is_not_seen() {
         };
         let times_s = (0..60).map(|picture| 0.2 * f64::from(picture));
         assert_eq!(show(&mut model, times_s, level), 0, "it is not bare");
-        model.saw(35 * SIDE + 35)
+        model.was_observed(35 * SIDE + 35)
     };
     assert!(seen(2.0) && !seen(5.0));
 }
@@ -86,7 +86,7 @@ fn a_place_that_ends_between_film_and_bare_is_not_seen() {
         let times_s = (0..60).map(|picture| 0.2 * f64::from(picture));
         let from_s = 0.2 * f64::from(60 - pictures) - 0.1;
         assert_eq!(show(&mut model, times_s, |time_s| if time_s < from_s { 60 } else { 74 }), 0, "it is not bare");
-        model.saw(35 * SIDE + 35)
+        model.was_observed(35 * SIDE + 35)
     };
     assert_eq!([2, 4, 10].map(seen), [true, false, false]);
 }
@@ -119,7 +119,7 @@ fn times_are_those_of_the_time_stamps() {
                 let off = if picture % 2 == 1 { uneven / rate } else { 0.0 };
                 f64::from(picture) / rate + off
             };
-            let mut model = model(&[], Terms { persist_s: 1.0, ..TERMS });
+            let mut model = model(&[], FilmParameters { persist_s: 1.0, ..TERMS });
             let broke =
                 show(
                     &mut model,
@@ -131,7 +131,7 @@ fn times_are_those_of_the_time_stamps() {
             assert_eq!(broke, 100, "{rate} a second, uneven by {uneven}");
             let since_s = f64::from(model.broke_s(35 * SIDE + 35).expect("broken"));
             assert!((since_s - 4.0).abs() <= 1.5 / rate + 1e-3, "{rate}: {since_s}");
-            assert!(!model.is_open(35 * SIDE + 35), "{rate}: it closed");
+            assert!(!model.is_open_now(35 * SIDE + 35), "{rate}: it closed");
         }
     }
 }
@@ -162,8 +162,8 @@ fn what_is_wet_under_the_spray() {
 fn a_black_or_overexposed_dry_place_is_not_seen() {
     let window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
     let mut model = Model::new(window, &[true; SIDE * SIDE], &[], TERMS);
-    model.dry(&picture(|column, _| [3, 4, 249, 250][column % 4]));
-    assert_eq!([0, 1, 2, 3].map(|index| model.sees(index)), [false, true, true, false]);
+    model.add_dry(&picture(|column, _| [3, 4, 249, 250][column % 4]));
+    assert_eq!([0, 1, 2, 3].map(|index| model.is_evaluated(index)), [false, true, true, false]);
 }
 
 /// A place whose film is overexposed for half of the time, or for the last 3 s, was not seen.
@@ -173,7 +173,7 @@ fn what_is_hidden_is_not_seen() {
         let mut model = model(&[], TERMS);
         let times_s = (0..60).map(|picture| 0.2 * f64::from(picture));
         show(&mut model, times_s, |time_s| if (from_s..to_s).contains(&time_s) { 255 } else { 60 });
-        model.saw(35 * SIDE + 35)
+        model.was_observed(35 * SIDE + 35)
     };
     assert!(seen(2.0, 7.5) && !seen(2.0, 8.5), "of 11.8 s");
     assert!(seen(9.2, 12.0) && !seen(8.4, 12.0), "at the end");
@@ -195,13 +195,13 @@ fn a_white_reflection_on_a_coloured_panel_is_no_break() {
             ColorPicture { width: SIDE, height: SIDE, rgb }
         };
         let (dry, film) = ([100, 35, 35], [58, 13, 13]);
-        model.dry(&ColorPicture { width: SIDE, height: SIDE, rgb: vec![dry; SIDE * SIDE] });
+        model.add_dry(&ColorPicture { width: SIDE, height: SIDE, rgb: vec![dry; SIDE * SIDE] });
         let pictures = (0..20).map(|time| {
             let picture = show(film, if time < 6 { film } else { place });
-            model.look(&picture);
-            model.follow(&picture, 0.2 * f64::from(time)).len()
+            model.measure_wet(&picture);
+            model.judge_last(&picture, 0.2 * f64::from(time)).len()
         });
-        (pictures.sum::<usize>(), model.saw(35 * SIDE + 35))
+        (pictures.sum::<usize>(), model.was_observed(35 * SIDE + 35))
     };
     assert_eq!(broke([83, 38, 38], 1.0), (0, false));
     assert_eq!(broke([100, 35, 35], 1.0), (100, true));

@@ -11,7 +11,7 @@ use super::light::TILE_PX;
 const MAX_LEVELS: f64 = 40.0;
 /// A single channel is chosen only if it is better than the mean by this factor, because each tile decides from a few
 /// hundred noisy pixels.
-const BETTER: f64 = 1.1;
+const MIN_CHANNEL_GAIN: f64 = 1.1;
 
 /// The weights of the channels in each view that may be chosen, and the ratio of its noise to the noise of one
 /// channel.
@@ -47,7 +47,7 @@ impl Views {
         }
         for (chosen, said) in self.chosen.iter_mut().zip(said) {
             let best = (0..said.len()).fold(0, |best, view| if said[view] > said[best] { view } else { best });
-            *chosen = if said[best] > BETTER * said[0] { best } else { 0 };
+            *chosen = if said[best] > MIN_CHANNEL_GAIN * said[0] { best } else { 0 };
         }
     }
 

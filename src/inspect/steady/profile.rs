@@ -43,7 +43,7 @@ pub(super) struct Profile {
 }
 
 /// The levels across a place in one view; `None` if the profile leaves the picture.
-fn profile_of(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<[f32; COUNT]> {
+fn read_profile(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<[f32; COUNT]> {
     let mut profile = [0.0_f32; COUNT];
     for (value, step) in profile.iter_mut().zip(-REACH_PX..) {
         *value = level(picture, place.at + place.normal * step as f32, view)?;
@@ -53,7 +53,7 @@ fn profile_of(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Opti
 
 pub(super) fn profiles(place: &EdgeLocation, picture: &ColorPicture) -> [Profile; VIEWS] {
     std::array::from_fn(|view| {
-        let mean = profile_of(place, picture, view).map(|profile| profile.iter().sum::<f32>() / COUNT as f32);
+        let mean = read_profile(place, picture, view).map(|profile| profile.iter().sum::<f32>() / COUNT as f32);
         Profile { edge: edge(place, picture, view), mean }
     })
 }
@@ -63,7 +63,7 @@ pub(super) fn edges(place: &EdgeLocation, picture: &ColorPicture) -> [Option<Edg
 }
 
 pub(super) fn edge(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<Edge> {
-    let profile = profile_of(place, picture, view)?;
+    let profile = read_profile(place, picture, view)?;
     let steps: [f32; COUNT - 1] = std::array::from_fn(|i| profile[i + 1] - profile[i]);
     let contrast = (profile[..4].iter().sum::<f32>() - profile[COUNT - 4..].iter().sum::<f32>()).abs() / 4.0;
     let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));

@@ -67,7 +67,8 @@ fn taught(recipe: &Recipe) -> TaughtPanel {
     let points = (0..WIDTH * HEIGHT).map(point).collect();
     let scan =
         OrganizedCloud::<Camera>::new(WIDTH, HEIGHT, points, vec![DRY; WIDTH * HEIGHT]).expect("counts agree");
-    TaughtPanel::learn(&scan, CAMERA, Rigid::claim(Isometry3::identity()), recipe).expect("a panel")
+    TaughtPanel::learn(&scan, CAMERA, Rigid::from_isometry_unchecked(Isometry3::identity()), recipe)
+        .expect("a panel")
 }
 
 fn shifted(x_mm: f64) -> Rigid<Camera, Panel> {
@@ -75,7 +76,7 @@ fn shifted(x_mm: f64) -> Rigid<Camera, Panel> {
 }
 
 fn moved([x_mm, y_mm, z_mm]: [f64; 3]) -> Rigid<Camera, Panel> {
-    Rigid::claim(Translation3::new(x_mm, y_mm, z_mm).into())
+    Rigid::from_isometry_unchecked(Translation3::new(x_mm, y_mm, z_mm).into())
 }
 
 /// The thesis's method with a median of 3 × 3 px, so that a block loses only its corners.
@@ -90,22 +91,22 @@ fn demands() -> Demands {
         frames_per_second: 1.0,
         min_break_mm2: MIN_BREAK_MM2,
         persist_s: 1.0,
-        by_cell: ByCell::default(),
+        cell_demands: CellDemands::default(),
     }
 }
 
-fn view(taught: &TaughtPanel, camera_from_panel: Rigid<Camera, Panel>) -> View<'_> {
-    View { taught, camera: &CAMERA, camera_from_panel, sanded: None }
+fn view(taught: &TaughtPanel, camera_from_panel: Rigid<Camera, Panel>) -> FilmView<'_> {
+    FilmView { taught, camera: &CAMERA, camera_from_panel, sanded: None }
 }
 
-fn watch(x_mm: f64, settings: &str) -> Watch {
+fn watch(x_mm: f64, settings: &str) -> FilmWatch {
     let recipe = recipe(settings);
-    Watch::new(&view(&taught(&recipe), shifted(x_mm)), recipe.inspect(), demands()).expect("in view")
+    FilmWatch::new(&view(&taught(&recipe), shifted(x_mm)), recipe.inspect(), demands()).expect("in view")
 }
 
 /// Returns a picture of a wet panel with dry blocks, each from left, top to right, bottom (exclusive).
 fn picture(blocks: &[[usize; 4]]) -> ColorPicture {
-    let mut picture = ColorPicture::filled(WIDTH, HEIGHT, WET);
+    let mut picture = ColorPicture::uniform(WIDTH, HEIGHT, WET);
     for &[left, top, right, bottom] in blocks {
         for row in top..bottom {
             picture.rgb[row * WIDTH + left..row * WIDTH + right].fill(DRY);
@@ -124,12 +125,12 @@ fn exposed(mut picture: ColorPicture, exposure: usize) -> ColorPicture {
 }
 
 /// A dry picture, and six wet ones a second apart; the blocks that `dry_at` returns are dry then.
-fn run(mut watch: Watch, dry_at: impl Fn(usize) -> Vec<[usize; 4]>) -> Inspection {
-    watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+fn run(mut watch: FilmWatch, dry_at: impl Fn(usize) -> Vec<[usize; 4]>) -> Inspection {
+    watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     watched(watch, dry_at)
 }
 
-fn watched(mut watch: Watch, dry_at: impl Fn(usize) -> Vec<[usize; 4]>) -> Inspection {
+fn watched(mut watch: FilmWatch, dry_at: impl Fn(usize) -> Vec<[usize; 4]>) -> Inspection {
     for second in 0..6 {
         let picture = exposed(picture(&dry_at(second)), second);
         watch.push(&picture, 10.0 + second as f64, Phase::Wet).expect("in order");

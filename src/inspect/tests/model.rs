@@ -36,7 +36,7 @@ fn a_film_that_closes_again_has_broken() {
 fn light_is_made_up_for_within_its_limit() {
     let lit = |share: f64| {
         let mut watch = watch(0.0, FILM);
-        watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+        watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
         for second in 0..6 {
             let mut picture = picture(&[[70, 30, 90, 45]]);
             let gain = if second == 0 { 1.0 } else { share };
@@ -62,9 +62,9 @@ fn light_is_made_up_for_within_its_limit() {
 fn a_film_that_goes_all_at_once_is_no_light() {
     let shown = |level: u8| {
         let mut watch = watch(0.0, FILM);
-        watch.push(&ColorPicture::filled(WIDTH, HEIGHT, [100; 3]), 1.0, Phase::Dry).expect("first");
+        watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, [100; 3]), 1.0, Phase::Dry).expect("first");
         for second in 0..6 {
-            let picture = ColorPicture::filled(WIDTH, HEIGHT, [if second < 2 { 70 } else { level }; 3]);
+            let picture = ColorPicture::uniform(WIDTH, HEIGHT, [if second < 2 { 70 } else { level }; 3]);
             watch.push(&exposed(picture, second), 10.0 + second as f64, Phase::Wet).expect("in order");
         }
         watch.finish().expect("wet pictures").judgement.verdict
@@ -84,7 +84,7 @@ fn the_smallest_disc_is_25_mm_wide() {
 #[test]
 fn a_camera_that_stands_still_or_no_dry_picture_is_no_test() {
     let mut still = watch(0.0, FILM);
-    still.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+    still.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     for second in 0..6 {
         still.push(&picture(&[]), 10.0 + second as f64, Phase::Wet).expect("in order");
     }
@@ -110,7 +110,7 @@ fn a_region_that_is_hardly_wet_is_no_test() {
 #[test]
 fn what_dries_under_the_spray_is_a_break_at_0_s() {
     let mut watch = watch(0.0, FILM);
-    watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+    watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     watch.push(&exposed(picture(&[]), 9), 2.0, Phase::Spray).expect("second");
     let inspection = watched(watch, |_| vec![[20, 20, 60, 100]]);
     assert_eq!(inspection.judgement.verdict, Verdict::Fail, "{:?}", inspection.judgement);
@@ -143,7 +143,7 @@ fn what_was_wet_in_the_dry_picture_neither_fails_nor_passes() {
         watch.push(&dry, 1.0, Phase::Dry).expect("first");
         watched(watch, |_| wet.to_vec())
     };
-    let mut dry = ColorPicture::filled(WIDTH, HEIGHT, DRY);
+    let mut dry = ColorPicture::uniform(WIDTH, HEIGHT, DRY);
     for row in block[1]..block[3] {
         dry.rgb[row * WIDTH + block[0]..row * WIDTH + block[2]].fill(WET);
     }
@@ -151,7 +151,7 @@ fn what_was_wet_in_the_dry_picture_neither_fails_nor_passes() {
     assert_eq!((drop.judgement.verdict, codes(&drop)), (Verdict::Invalid, vec!["wet_when_dry"]));
     assert!(drop.judgement.reasons[0].message.contains("r1c3"), "{:?}", drop.judgement);
     assert_eq!((drop.mask().count(), drop.grids.iter().filter(|grid| grid.seen).count()), (0, 5));
-    let never = inspection(ColorPicture::filled(WIDTH, HEIGHT, DRY), &[block]);
+    let never = inspection(ColorPicture::uniform(WIDTH, HEIGHT, DRY), &[block]);
     assert_eq!((never.judgement.verdict, codes(&never)), (Verdict::Fail, vec!["broken"]));
 }
 
@@ -205,7 +205,7 @@ fn a_grid_that_failed_has_failed_whatever_is_hidden_and_what_broke_counts_with_w
 /// picture.
 fn shone([left, top, right, bottom]: [usize; 4], pictures: usize, blocks: &[[usize; 4]]) -> Inspection {
     let mut watch = watch(0.0, FILM);
-    watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+    watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     for second in 0..6 {
         let mut picture = exposed(picture(if second > 0 { blocks } else { &[] }), second);
         for row in (top..bottom).filter(|_| second < pictures) {
@@ -221,7 +221,7 @@ fn shone([left, top, right, bottom]: [usize; 4], pictures: usize, blocks: &[[usi
 fn a_shadow_on_the_first_wet_picture_is_no_film() {
     let shaded = |blocks: &[[usize; 4]]| {
         let mut watch = watch(0.0, FILM);
-        watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+        watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
         for second in 0..6 {
             let mut picture = exposed(picture(if second > 1 { blocks } else { &[] }), second);
             for pixel in picture.rgb.iter_mut().filter(|_| second == 0) {
@@ -271,9 +271,9 @@ fn where_the_film_looks_dry_nothing_is_told() {
 fn mirrored(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspection {
     let tint = [1.06, 1.0, 0.94];
     let mut watch = watch(0.0, FILM);
-    watch.push(&exposed(ColorPicture::filled(WIDTH, HEIGHT, DRY), 1), 1.0, Phase::Dry).expect("first");
+    watch.push(&exposed(ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1), 1.0, Phase::Dry).expect("first");
     for second in 0..6 {
-        let mut picture = ColorPicture::filled(WIDTH, HEIGHT, DRY);
+        let mut picture = ColorPicture::uniform(WIDTH, HEIGHT, DRY);
         for row in 20..100 {
             for (column, level) in levels.into_iter().enumerate() {
                 picture.rgb[row * WIDTH + 20 + 40 * column..][..40].fill(level);
@@ -297,7 +297,7 @@ fn mirrored(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspection {
 fn a_part_that_the_film_hardly_changes_cannot_be_judged() {
     let codes_with = |level: u8| {
         let shown = |bright: u8, dark: u8| {
-            let mut picture = ColorPicture::filled(WIDTH, HEIGHT, [bright; 3]);
+            let mut picture = ColorPicture::uniform(WIDTH, HEIGHT, [bright; 3]);
             picture.rgb.chunks_mut(WIDTH).for_each(|row| row[100..].fill([dark; 3]));
             picture
         };

@@ -28,7 +28,7 @@ fn a_displaced_panel_takes_its_grids_along() {
     assert!((inspection.breaks[0].area_mm2 - 1184.0).abs() < 0.1, "{:?}", inspection.breaks[0]);
     assert!(inspection.grids[1].failed);
     for grid in inspection.footprint.grids() {
-        assert!((grid.area_mm2 - 6400.0).abs() < 0.5 && grid.is_looked_at(), "{grid:?}");
+        assert!((grid.area_mm2 - 6400.0).abs() < 0.5 && grid.is_inspected(), "{grid:?}");
     }
     let corner = inspection.footprint.grids()[0].edge_px[0];
     assert!(corner.distance_px(Pixel::at(39.5, 19.5)) < 1e-3, "{corner:?}");
@@ -42,7 +42,7 @@ fn a_displaced_panel_takes_its_grids_along() {
 fn a_nearer_panel_keeps_its_areas() {
     let recipe = recipe(SHARP);
     let nearer = moved([0.0, 0.0, -160.0]);
-    let watch = Watch::new(&view(&taught(&recipe), nearer), recipe.inspect(), demands()).expect("in view");
+    let watch = FilmWatch::new(&view(&taught(&recipe), nearer), recipe.inspect(), demands()).expect("in view");
     let inspection = run(watch, |second| if second < 2 { vec![] } else { vec![[70, 20, 94, 40]] });
     assert!(inspection.footprint.region().count().abs_diff(15_000) < 300);
     let found_mm2 = inspection.breaks.iter().map(|found| found.area_mm2).sum::<f64>();
@@ -86,7 +86,7 @@ fn a_place_that_never_wets_broke_at_0_s_where_a_dry_picture_was_taken() {
     let without = watched(watch(0.0, SHARP), never);
     assert_eq!((without.judgement.verdict, without.breaks.len()), (Verdict::Invalid, 0), "it never differs");
     let mut watch = watch(0.0, SHARP);
-    watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+    watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     watch.push(&pseudo_random(WIDTH, HEIGHT, 3), 2.0, Phase::Spray).expect("second");
     let inspection = watched(watch, never);
     assert_eq!((inspection.judgement.verdict, inspection.breaks.len()), (Verdict::Fail, 1));
@@ -98,7 +98,7 @@ fn a_place_that_never_wets_broke_at_0_s_where_a_dry_picture_was_taken() {
 fn colour_can_rule_a_change_out() {
     let settings = format!("{SHARP}\nhsv_min = [0, 0, 120]");
     let mut watch = watch(0.0, &settings);
-    watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+    watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     let inspection = watched(watch, |second| if second < 2 { vec![] } else { vec![[70, 30, 90, 45]] });
     assert_eq!(inspection.judgement.verdict, Verdict::Pass, "a value of {} is below 120", DRY[0]);
     assert!(inspection.breaks.is_empty());
@@ -108,7 +108,7 @@ fn colour_can_rule_a_change_out() {
 #[test]
 fn what_colour_rules_out_and_was_never_wet_does_not_pass() {
     let mut watch = watch(0.0, &format!("{SHARP}\nhsv_min = [0, 0, 120]"));
-    watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+    watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     let inspection = watched(watch, |_| vec![[100, 60, 120, 80]]);
     assert_eq!((inspection.judgement.verdict, codes(&inspection)), (Verdict::Invalid, vec!["not_seen"]));
     assert!(inspection.breaks.is_empty());
@@ -118,7 +118,7 @@ fn what_colour_rules_out_and_was_never_wet_does_not_pass() {
 fn every_picture_is_told_at_once() {
     let mut watch = watch(0.0, SHARP);
     let dry = |exposure| exposed(picture(&[[50, 30, 70, 45]]), exposure);
-    watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), -1.0, Phase::Dry).expect("dry");
+    watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), -1.0, Phase::Dry).expect("dry");
     assert_eq!(watch.push(&picture(&[]), 0.0, Phase::Wet).expect("first").since_wet_s, Some(0.0));
     assert_eq!(watch.push(&dry(1), 1.0, Phase::Wet).expect("second").newly_failed, []);
     let step = watch.push(&dry(2), 2.0, Phase::Wet).expect("third");
@@ -133,7 +133,7 @@ fn part_of_a_test_says_nothing() {
     let broken = picture(&[[70, 30, 90, 45]]);
     let test = |x_mm: f64, times_s: &[f64]| {
         let mut watch = watch(x_mm, SHARP);
-        watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), -1.0, Phase::Dry).expect("first");
+        watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), -1.0, Phase::Dry).expect("first");
         for (exposure, &time_s) in times_s.iter().enumerate() {
             let picture = if time_s > 0.0 { broken.clone() } else { picture(&[]) };
             watch.push(&exposed(picture, exposure), time_s, Phase::Wet).expect("in order");
@@ -159,8 +159,8 @@ fn part_of_a_test_says_nothing() {
 fn a_film_that_begins_late_has_a_gap() {
     let begun = |begins_s: f64| {
         let mut watch = watch(0.0, SHARP);
-        watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
-        watch.begins(begins_s);
+        watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+        watch.set_start(begins_s);
         watched(watch, |_| vec![])
     };
     assert_eq!((codes(&begun(5.0)), codes(&begun(4.9))), (vec![], vec!["gap"]));
@@ -169,17 +169,17 @@ fn a_film_that_begins_late_has_a_gap() {
 #[test]
 fn truth_makes_grids_fail_by_the_same_rule() {
     let inspection = run(watch(0.0, SHARP), |second| if second < 2 { vec![] } else { vec![[70, 30, 90, 45]] });
-    let mut truth = Mask::empty(WIDTH, HEIGHT);
+    let mut truth = Mask::all_outside(WIDTH, HEIGHT);
     // By hand: 13 pixels of 4 mm² are 52 mm².
     truth.inside[70 * WIDTH + 30..70 * WIDTH + 43].fill(true);
-    let confusion = inspection.confusion(&truth).expect("one size");
+    let confusion = inspection.compare_with_truth(&truth).expect("one size");
     assert_eq!(confusion, Confusion { true_fail: 0, false_fail: 1, false_pass: 1, true_pass: 4 });
 }
 
 #[test]
 fn bad_pictures_are_refused_with_what_is_wrong() {
     let mut watch = watch(0.0, SHARP);
-    let wrong = watch.push(&ColorPicture::filled(80, 60, WET), 0.0, Phase::Wet).expect_err("half the size");
+    let wrong = watch.push(&ColorPicture::uniform(80, 60, WET), 0.0, Phase::Wet).expect_err("half the size");
     assert!(wrong.to_string().contains("80×60 px, but the camera was calibrated for 160×120"), "{wrong}");
     watch.push(&picture(&[]), 1.0, Phase::Spray).expect("first");
     for (time_s, phase) in [(1.0, Phase::Wet), (f64::NAN, Phase::Wet), (2.0, Phase::Dry)] {
@@ -187,7 +187,7 @@ fn bad_pictures_are_refused_with_what_is_wrong() {
     }
     assert_eq!(watch.finish().map(|_| ()), Err(InspectError::NoWetPicture));
     let recipe = recipe("");
-    let gone = Watch::new(&view(&taught(&recipe), shifted(900.0)), recipe.inspect(), demands());
+    let gone = FilmWatch::new(&view(&taught(&recipe), shifted(900.0)), recipe.inspect(), demands());
     assert_eq!(gone.map(|_| ()), Err(InspectError::RegionNotInPicture));
 }
 
@@ -199,10 +199,13 @@ fn a_sanded_place_needs_evidence_of_water_by_either_method() {
         let (recipe, all) =
             (recipe(method), Mask { width: WIDTH, height: HEIGHT, inside: vec![true; WIDTH * HEIGHT] });
         let taught = taught(&recipe);
-        let sanded = View { sanded: Some(&all), ..view(&taught, shifted(0.0)) };
-        let watch = Watch::new(&sanded, recipe.inspect(), demands()).expect("in view");
+        let sanded = FilmView { sanded: Some(&all), ..view(&taught, shifted(0.0)) };
+        let watch = FilmWatch::new(&sanded, recipe.inspect(), demands()).expect("in view");
         let inspection = run(watch, |_| vec![]);
         assert_eq!(inspection.judgement.verdict, Verdict::Invalid, "{method}: {:?}", inspection.judgement);
-        assert!(inspection.grids.iter().all(|grid| !grid.seen && grid.reference == Reference::Wet), "{method}");
+        assert!(
+            inspection.grids.iter().all(|grid| !grid.seen && grid.reference == ComparisonReference::Wet),
+            "{method}"
+        );
     }
 }

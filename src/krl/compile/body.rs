@@ -16,34 +16,34 @@ impl Compiler<'_> {
     }
 
     fn statement(&mut self, statement: &Statement) {
-        self.mark(statement.line);
+        self.begin_statement(statement.line);
         match &statement.action {
             Action::Assign { to, value } => self.assign(to, value),
             Action::Call(call) => self.call_and_forget(call),
-            Action::If { condition, then, otherwise } => self.if_block(condition, then, otherwise),
-            Action::Switch { on, cases, default } => self.switch_block(on, cases, default.as_deref()),
+            Action::If { condition, then, otherwise } => self.compile_if(condition, then, otherwise),
+            Action::Switch { on, cases, default } => self.compile_switch(on, cases, default.as_deref()),
             Action::For { variable, from, to, step, body } => {
-                self.for_block(variable, [from, to], step.as_ref(), body, statement.line);
+                self.compile_for(variable, [from, to], step.as_ref(), body, statement.line);
             }
             Action::While { condition, body } => {
-                let start = self.here() - 1;
+                let start = self.next_step() - 1;
                 let out = self.condition(condition);
-                self.looped(body, start, Some(out));
+                self.compile_loop(body, start, Some(out));
             }
             Action::Repeat { body, until, until_line } => {
-                let start = self.here();
+                let start = self.next_step();
                 self.exits.push(Vec::new());
                 self.block(body);
-                self.mark(*until_line);
+                self.begin_statement(*until_line);
                 let back = self.condition(until);
                 if let Op::JumpIfNot(to) = &mut self.program.code[back] {
                     *to = start;
                 }
-                self.leave_loop();
+                self.compile_exit();
             }
             Action::Loop { body } => {
-                let start = self.here() - 1;
-                self.looped(body, start, None);
+                let start = self.next_step() - 1;
+                self.compile_loop(body, start, None);
             }
             Action::Exit => {
                 let jump = self.emit(Op::Jump(0));
@@ -54,29 +54,29 @@ impl Compiler<'_> {
             }
             Action::Return(value) => self.return_value(value.as_ref()),
             Action::Label(_) => {}
-            Action::Goto(_) => self.not_executed("GOTO"),
-            Action::NotRead => self.not_executed("a statement that was not parsed"),
-            _ => self.of_the_robot(&statement.action),
+            Action::Goto(_) => self.record_unexecuted("GOTO"),
+            Action::NotRead => self.record_unexecuted("a statement that was not parsed"),
+            _ => self.compile_robot_action(&statement.action),
         }
     }
 
-    fn of_the_robot(&mut self, action: &Action) {
+    fn compile_robot_action(&mut self, action: &Action) {
         match action {
             Action::InterruptDeclaration { global, with_brake, number, condition, call } => {
                 if *with_brake {
-                    self.not_executed("INTERRUPT WITH BRAKE");
+                    self.record_unexecuted("INTERRUPT WITH BRAKE");
                 }
                 self.typed_value(number, Type::Int, "INTERRUPT DECL");
                 let declaration = self.emit(Op::InterruptDeclaration { global: *global, call: 0, after: 0 });
                 self.typed_value(condition, Type::Bool, "WHEN");
                 self.emit(Op::EndCondition);
-                let at = self.here();
+                let at = self.next_step();
                 if let Op::InterruptDeclaration { call, .. } = &mut self.program.code[declaration] {
                     *call = at;
                 }
                 self.call_and_forget(call);
                 self.emit(Op::EndInterrupt);
-                self.lead_here(declaration);
+                self.set_jump_target(declaration);
             }
             Action::InterruptSwitch { how, number } => self.interrupt_switch(*how, number.as_ref()),
             Action::Trigger { at, delay, action, priority } => {
@@ -89,7 +89,7 @@ impl Compiler<'_> {
                 self.emit(Op::WaitSeconds);
             }
             Action::WaitFor(condition) => {
-                let start = self.here();
+                let start = self.next_step();
                 self.typed_value(condition, Type::Bool, "WAIT FOR");
                 self.emit(Op::WaitFor(start));
             }
@@ -104,10 +104,10 @@ impl Compiler<'_> {
             }
             Action::Checked { word, values } => {
                 for (value, type_name) in values {
-                    let kind = self.types.own(type_name);
+                    let kind = self.types.kuka_type(type_name);
                     self.typed_value(value, kind, word);
                 }
-                self.not_executed(word);
+                self.record_unexecuted(word);
             }
             _ => {
                 self.emit(Op::Continue);
@@ -120,7 +120,7 @@ impl Compiler<'_> {
             InterruptSwitch::On => true,
             InterruptSwitch::Off => false,
             InterruptSwitch::Enable | InterruptSwitch::Disable => {
-                self.not_executed("INTERRUPT ENABLE and DISABLE");
+                self.record_unexecuted("INTERRUPT ENABLE and DISABLE");
                 false
             }
         };
@@ -163,12 +163,12 @@ impl Compiler<'_> {
         let given = self.value(value, Type::Text);
         let is_text = [Type::Text, Type::Char, Type::Unknown].contains(&given);
         if kind == Type::Unknown {
-            self.not_executed(&to.name);
+            self.record_unexecuted(&to.name);
         } else if kind != Type::Char || !is_text {
             self.problem(&to.name, "a whole array cannot be assigned; add an index");
         }
         if given == Type::Char || to.steps.len() > 1 {
-            self.not_executed("a string in a variable");
+            self.record_unexecuted("a string in a variable");
         }
         let cells = cells_u32(self.types.cells(kind, dimensions));
         self.emit(Op::StoreText(cells));
@@ -193,20 +193,20 @@ impl Compiler<'_> {
         self.emit(Op::JumpIfNot(0))
     }
 
-    fn if_block(&mut self, condition: &Expression, then: &[Statement], otherwise: &[Statement]) {
+    fn compile_if(&mut self, condition: &Expression, then: &[Statement], otherwise: &[Statement]) {
         let over = self.condition(condition);
         self.block(then);
         if otherwise.is_empty() {
-            self.lead_here(over);
+            self.set_jump_target(over);
             return;
         }
         let end = self.emit(Op::Jump(0));
-        self.lead_here(over);
+        self.set_jump_target(over);
         self.block(otherwise);
-        self.lead_here(end);
+        self.set_jump_target(end);
     }
 
-    fn switch_block(&mut self, on: &Expression, cases: &[Case], default: Option<&[Statement]>) {
+    fn compile_switch(&mut self, on: &Expression, cases: &[Case], default: Option<&[Statement]>) {
         // Evaluated once: a function call behind SWITCH must not run again for each CASE.
         let selector = self.reserve(1);
         self.emit(Op::Local(selector));
@@ -223,7 +223,7 @@ impl Compiler<'_> {
             let mut next = None;
             for value in &case.values {
                 if let Some(jump) = next.take() {
-                    self.lead_here(jump);
+                    self.set_jump_target(jump);
                 }
                 self.emit(Op::LoadLocal(selector));
                 self.typed_value(value, kind, "CASE");
@@ -232,21 +232,21 @@ impl Compiler<'_> {
                 hits.push(self.emit(Op::Jump(0)));
             }
             for hit in hits {
-                self.lead_here(hit);
+                self.set_jump_target(hit);
             }
             self.block(&case.body);
             ends.push(self.emit(Op::Jump(0)));
             if let Some(jump) = next {
-                self.lead_here(jump);
+                self.set_jump_target(jump);
             }
         }
         self.block(default.unwrap_or_default());
         for end in ends {
-            self.lead_here(end);
+            self.set_jump_target(end);
         }
     }
 
-    fn for_block(
+    fn compile_for(
         &mut self,
         variable: &VariableRef,
         [from, to]: [&Expression; 2],
@@ -264,8 +264,8 @@ impl Compiler<'_> {
             self.emit(Op::Store);
         }
         let is_int = |found: Type| found == Type::Int || found == Type::Unknown;
-        let start = self.here();
-        self.mark(line);
+        let start = self.next_step();
+        self.begin_statement(line);
         let kind = self.value(&Expression::Variable(variable.clone()), Type::Int);
         if !is_int(kind) {
             self.problem(&variable.name, "the counter of FOR must be an INT");
@@ -274,7 +274,7 @@ impl Compiler<'_> {
         self.emit(Op::LoadLocal(by));
         self.emit(Op::ForTest);
         let out = self.emit(Op::JumpIfNot(0));
-        if let (Some(Cell::Int(from)), Some(Cell::Int(to)), None) = (self.constant(from), self.constant(to), step)
+        if let (Some(Cell::Int(from)), Some(Cell::Int(to)), None) = (self.evaluate_constant(from), self.evaluate_constant(to), step)
             // Only then is the range of the counter known, so that an index with it can be checked before the start.
             && from <= to
         {
@@ -289,23 +289,23 @@ impl Compiler<'_> {
         self.emit(Op::Binary(Binary::Plus));
         self.emit(Op::Store);
         self.emit(Op::Jump(start));
-        self.lead_here(out);
-        self.leave_loop();
+        self.set_jump_target(out);
+        self.compile_exit();
     }
 
-    fn looped(&mut self, body: &[Statement], start: u32, out: Option<usize>) {
+    fn compile_loop(&mut self, body: &[Statement], start: u32, out: Option<usize>) {
         self.exits.push(Vec::new());
         self.block(body);
         self.emit(Op::Jump(start));
         if let Some(out) = out {
-            self.lead_here(out);
+            self.set_jump_target(out);
         }
-        self.leave_loop();
+        self.compile_exit();
     }
 
-    fn leave_loop(&mut self) {
+    fn compile_exit(&mut self) {
         for exit in self.exits.pop().unwrap_or_default() {
-            self.lead_here(exit);
+            self.set_jump_target(exit);
         }
     }
 
@@ -317,7 +317,7 @@ impl Compiler<'_> {
             (Some(value), Some(kind)) => {
                 self.typed_value(value, kind, "RETURN");
                 if kind == Type::Text {
-                    self.not_executed("a string as the return value of a function");
+                    self.record_unexecuted("a string as the return value of a function");
                 }
                 let cells = cells_u32(self.types.size(kind));
                 self.emit(Op::Return(cells));

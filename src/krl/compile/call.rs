@@ -1,7 +1,7 @@
 //! Compiles calls: the number of arguments, their types, and whether they are passed by value or as a variable.
 
 use super::super::code::Op;
-use super::super::routines::{Builtin, Known, Wants, known};
+use super::super::routines::{ArgumentPassing, Builtin, KnownRoutine, find_routine};
 use super::super::syntax::{Call, Expression, VariableRef};
 use super::super::types::Type;
 use super::compiler::{Argument, Compiler, cells_u32};
@@ -10,13 +10,13 @@ impl Compiler<'_> {
     /// Calls a routine and returns the type of its result, `None` if it has no result. `wanted` is the expected
     /// type.
     pub(super) fn call(&mut self, call: &Call, wanted: Type) -> Option<Type> {
-        if let Some(index) = self.routine_seen(&call.name) {
+        if let Some(index) = self.visible_routine(&call.name) {
             return self.call_routine(call, index);
         }
-        if let Some(known) = known(&call.name) {
-            return self.call_known(call, known, wanted);
+        if let Some(known) = find_routine(&call.name) {
+            return self.compile_builtin_call(call, known, wanted);
         }
-        self.not_executed(&call.name);
+        self.record_unexecuted(&call.name);
         if let Some(other) = self.routine_places.get(&call.name).and_then(|places| places.first()) {
             let file = &self.files[self.routines[*other].file].name;
             let message = format!(
@@ -26,12 +26,12 @@ impl Compiler<'_> {
         } else {
             self.warn_once(&call.name, "this routine is defined in none of the given files; add its file");
         }
-        call.arguments.iter().flatten().for_each(|given| self.any(given));
+        call.arguments.iter().flatten().for_each(|given| self.compile_untyped_argument(given));
         Some(Type::Unknown)
     }
 
     /// Returns the routine of this name that is visible in this file: its own routine, or else a global one.
-    pub(super) fn routine_seen(&self, name: &str) -> Option<usize> {
+    pub(super) fn visible_routine(&self, name: &str) -> Option<usize> {
         let places = self.routine_places.get(name)?;
         let own = places.iter().find(|place| self.routines[**place].file == self.file);
         own.or_else(|| places.iter().find(|place| self.routines[**place].global)).copied()
@@ -45,7 +45,7 @@ impl Compiler<'_> {
         }
         if given != wanted || call.arguments.contains(&None) {
             // The routine uses VARSTATE to find which arguments were given.
-            self.not_executed(&call.name);
+            self.record_unexecuted(&call.name);
         }
         for (place, given) in call.arguments.iter().enumerate() {
             let Some(given) = given else { continue };
@@ -58,7 +58,7 @@ impl Compiler<'_> {
     }
 
     /// Compiles an argument of which nothing is known: a value, a variable, or an array.
-    fn any(&mut self, given: &Expression) {
+    fn compile_untyped_argument(&mut self, given: &Expression) {
         if let Expression::Variable(place) = given {
             self.address(place);
         } else {
@@ -76,7 +76,7 @@ impl Compiler<'_> {
         let Expression::Variable(place) = given else {
             let message = format!("{routine} needs a variable for this argument (:OUT), found a value");
             self.warn(&wanted.name, message);
-            self.not_executed(routine);
+            self.record_unexecuted(routine);
             self.value(given, wanted.kind);
             return;
         };
@@ -89,7 +89,7 @@ impl Compiler<'_> {
                     "{routine} needs a variable for this argument, but this variable is a constant or read-only"
                 ),
             );
-            self.not_executed(routine);
+            self.record_unexecuted(routine);
         }
         self.same_variable(place, found.kind, wanted.kind);
         if found.dimensions.len() != wanted.dimensions.len() {
@@ -99,7 +99,7 @@ impl Compiler<'_> {
 
     /// Compiles a text, or an array as a whole, that is passed by value.
     fn array_by_value(&mut self, given: &Expression, wanted: &Argument) {
-        self.not_executed("an array that is passed by value");
+        self.record_unexecuted("an array that is passed by value");
         let found = match given {
             Expression::Variable(place) => match self.address(place) {
                 Some(found) if found.dimensions.is_empty() && found.kind != Type::Unknown => {
@@ -112,55 +112,57 @@ impl Compiler<'_> {
         };
         let is_text = wanted.kind == Type::Char && matches!(found, Type::Text | Type::Char);
         let is_known = found != Type::Unknown && wanted.kind != Type::Unknown;
-        if is_known && !is_text && !self.types.are_same(found, wanted.kind) {
-            self.mismatched(found, wanted.kind, &wanted.name);
+        if is_known && !is_text && !self.types.are_same_type(found, wanted.kind) {
+            self.report_type_mismatch(found, wanted.kind, &wanted.name);
         }
     }
 
     /// Checks that a passed variable has the expected type, or a type that the controller converts into it.
     fn same_variable(&mut self, place: &VariableRef, found: Type, wanted: Type) {
-        if found == Type::Unknown || wanted == Type::Unknown || self.types.are_same(found, wanted) {
+        if found == Type::Unknown || wanted == Type::Unknown || self.types.are_same_type(found, wanted) {
             return;
         }
-        self.not_executed(&place.name);
+        self.record_unexecuted(&place.name);
         let (given, needed) = (self.types.name(found), self.types.name(wanted));
         let message = format!("expected a variable of type {needed}, found {given}");
         let is_number = |kind: Type| matches!(kind, Type::Int | Type::Real | Type::Char);
-        if self.types.are_alike(found, wanted) || (is_number(found) && is_number(wanted)) {
+        if self.types.are_convertible(found, wanted) || (is_number(found) && is_number(wanted)) {
             self.warn(&place.name, message);
         } else {
             self.problem(&place.name, message);
         }
     }
 
-    fn call_known(&mut self, call: &Call, known: &'static Known, wanted: Type) -> Option<Type> {
+    fn compile_builtin_call(&mut self, call: &Call, known: &'static KnownRoutine, wanted: Type) -> Option<Type> {
         if known.of_ethernet_krl_6 {
             self.warn_once(
                 &call.name,
                 "this name belongs to EthernetKRL 6 (iiQKA.OS2) and does not exist in KSS 8",
             );
         }
-        let (given, most) = (call.arguments.len(), known.wants.len());
-        if given > most && !known.open {
+        let (given, most) = (call.arguments.len(), known.argument_passing.len());
+        if given > most && !known.accepts_more {
             self.problem(&call.name, format!("found {given} arguments, expected {most}"));
-        } else if given < known.least {
-            self.warn(&call.name, format!("found {given} arguments, expected {}", known.least));
+        } else if given < known.min_arguments {
+            self.warn(&call.name, format!("found {given} arguments, expected {}", known.min_arguments));
         }
         for (place, given) in call.arguments.iter().enumerate() {
             let Some(given) = given else { continue };
-            match known.wants.get(place) {
-                Some(wants) => self.known_argument(call, given, *wants),
-                None => self.any(given),
+            match known.argument_passing.get(place) {
+                Some(wants) => self.compile_builtin_argument(call, given, *wants),
+                None => self.compile_untyped_argument(given),
             }
         }
-        self.check_text_of_varstate(call, known);
+        self.check_varstate_text(call, known);
         match known.builtin {
-            Some(builtin) if executed_with(builtin, known) == given && !call.arguments.contains(&None) => {
+            Some(builtin)
+                if executed_argument_count(builtin, known) == given && !call.arguments.contains(&None) =>
+            {
                 self.emit(Op::Builtin(builtin));
             }
-            _ => self.not_executed(&call.name),
+            _ => self.record_unexecuted(&call.name),
         }
-        let returns = known.returns.map(|name| self.types.own(name));
+        let returns = known.returns.map(|name| self.types.kuka_type(name));
         let of_6 = self.files[self.file].of_ethernet_krl_6;
         if known.returns == Some("EKI_STATUS") && (of_6 || wanted == Type::Int) {
             if !of_6 {
@@ -168,14 +170,14 @@ impl Compiler<'_> {
                                EKI_STATUS";
                 self.warn_once(&call.name, message);
             }
-            self.not_executed(&call.name);
+            self.record_unexecuted(&call.name);
             return Some(Type::Unknown);
         }
         returns
     }
 
     /// VARSTATE interprets the text as a name: an index in it is a number.
-    fn check_text_of_varstate(&mut self, call: &Call, known: &Known) {
+    fn check_varstate_text(&mut self, call: &Call, known: &KnownRoutine) {
         let Some(Some(Expression::Text(text))) = call.arguments.first() else { return };
         let index = text.split_once('[').and_then(|(_, behind)| behind.split_once(']')).map(|(index, _)| index);
         let is_number = |index: &str| index.chars().all(|c| c.is_ascii_digit() || matches!(c, ',' | ' '));
@@ -188,13 +190,13 @@ impl Compiler<'_> {
         }
     }
 
-    fn known_argument(&mut self, call: &Call, given: &Expression, wanted: Wants) {
+    fn compile_builtin_argument(&mut self, call: &Call, given: &Expression, wanted: ArgumentPassing) {
         match wanted {
-            Wants::Any => {
-                self.any(given);
-                self.not_executed(&call.name);
+            ArgumentPassing::Any => {
+                self.compile_untyped_argument(given);
+                self.record_unexecuted(&call.name);
             }
-            Wants::Value("NUMBER") => {
+            ArgumentPassing::Value("NUMBER") => {
                 let kind = self.value(given, Type::Real);
                 if kind == Type::Int {
                     self.emit(Op::ToReal(0));
@@ -202,8 +204,8 @@ impl Compiler<'_> {
                     self.problem(&call.name, "a number is expected");
                 }
             }
-            Wants::Value("FRAME") => {
-                let frame = self.types.own("FRAME");
+            ArgumentPassing::Value("FRAME") => {
+                let frame = self.types.kuka_type("FRAME");
                 let kind = self.value(given, frame);
                 let cells = cells_u32(self.types.size(kind));
                 if self.types.is_pose(kind) {
@@ -212,16 +214,18 @@ impl Compiler<'_> {
                     self.problem(&call.name, "expected a FRAME, POS or E6POS");
                 }
             }
-            Wants::Value(name) => {
-                let kind = self.types.own(name);
+            ArgumentPassing::Value(name) => {
+                let kind = self.types.kuka_type(name);
                 self.typed_value(given, kind, &call.name);
             }
-            Wants::Variable(name) | Wants::Filled(name) => self.known_variable(call, given, name),
+            ArgumentPassing::Variable(name) | ArgumentPassing::Filled(name) => {
+                self.compile_builtin_variable(call, given, name)
+            }
         }
     }
 
-    fn known_variable(&mut self, call: &Call, given: &Expression, name: &str) {
-        let kind = self.types.own(name);
+    fn compile_builtin_variable(&mut self, call: &Call, given: &Expression, name: &str) {
+        let kind = self.types.kuka_type(name);
         let Expression::Variable(place) = given else {
             let message = format!("expected a variable of type {name}");
             self.value(given, kind);
@@ -229,9 +233,9 @@ impl Compiler<'_> {
         };
         let Some(found) = self.address(place) else { return };
         if kind == Type::Text {
-            self.not_executed("a text in a variable");
+            self.record_unexecuted("a text in a variable");
             if ![Type::Char, Type::Unknown].contains(&found.kind) {
-                self.mismatched(found.kind, Type::Char, &place.name);
+                self.report_type_mismatch(found.kind, Type::Char, &place.name);
             }
         } else {
             self.same_variable(place, found.kind, kind);
@@ -245,9 +249,9 @@ impl Compiler<'_> {
 }
 
 /// The number of arguments that a routine needs for its execution.
-fn executed_with(builtin: Builtin, known: &Known) -> usize {
+fn executed_argument_count(builtin: Builtin, known: &KnownRoutine) -> usize {
     match builtin {
         Builtin::Bas => 2,
-        _ => known.least,
+        _ => known.min_arguments,
     }
 }

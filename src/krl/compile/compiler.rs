@@ -2,7 +2,7 @@
 
 use crate::config::Problem;
 use crate::krl::code::{Cell, Location, Op};
-use crate::krl::kuka_types::{is_known_by_name, kuka_types};
+use crate::krl::kuka_types::{is_name_only_type, kuka_types};
 use crate::krl::lex::RESERVED;
 use crate::krl::limits::{MEMORY_VALUES, REPORTS, STEPS};
 use crate::krl::program::Program;
@@ -16,7 +16,7 @@ const MAX_NAME_LENGTH: usize = 24;
 
 /// The location of a variable.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Home {
+pub(super) enum VariableHome {
     Global(u32),
     Local(u32),
     Referred(u32),
@@ -35,7 +35,7 @@ pub(super) struct Variable {
     pub(super) kind: Type,
     /// The sizes of an array; 0 if the caller determines the size, or if it is not known.
     pub(super) dimensions: Vec<usize>,
-    pub(super) home: Home,
+    pub(super) home: VariableHome,
     pub(super) constant: bool,
     /// Of a constant.
     pub(super) value: Option<Cell>,
@@ -175,7 +175,7 @@ impl Compiler<'_> {
     }
 
     /// Records that the statement being compiled is understood but not executed.
-    pub(super) fn not_executed(&mut self, what: &str) {
+    pub(super) fn record_unexecuted(&mut self, what: &str) {
         let problem = Problem { line: self.line, key: what.to_owned(), message: "is not executed".to_owned() };
         push(&mut self.unexecuted[self.file], problem);
         self.program.unexecuted.entry(self.statement).or_insert_with(|| what.to_owned());
@@ -192,17 +192,17 @@ impl Compiler<'_> {
     }
 
     /// The scopes in which a type is looked for, the innermost one first.
-    pub(super) fn scopes(&self) -> Vec<Scope> {
+    pub(super) fn type_scopes(&self) -> Vec<Scope> {
         let routine = self.routine.map(|place| Scope::Routine { file: self.file, place });
         routine.into_iter().chain([Scope::Module(self.modules[self.file])]).collect()
     }
 
     /// Returns the type of this name, and warns if the name is unknown.
-    pub(super) fn type_named(&mut self, name: &str) -> Type {
-        if let Some(kind) = self.types.find(name, &self.scopes()) {
+    pub(super) fn resolve_type(&mut self, name: &str) -> Type {
+        if let Some(kind) = self.types.find(name, &self.type_scopes()) {
             return kind;
         }
-        if is_known_by_name(name) {
+        if is_name_only_type(name) {
             return Type::Unknown;
         }
         self.warn_once(
@@ -225,12 +225,12 @@ impl Compiler<'_> {
         self.program.code.len() - 1
     }
 
-    pub(super) fn here(&self) -> u32 {
+    pub(super) fn next_step(&self) -> u32 {
         cells_u32(self.program.code.len())
     }
 
     /// A statement begins.
-    pub(super) fn mark(&mut self, line: usize) {
+    pub(super) fn begin_statement(&mut self, line: usize) {
         self.line = line;
         self.statement = cells_u32(self.program.statements.len());
         self.program.statements.push(Location { file: self.file, line });
@@ -238,8 +238,8 @@ impl Compiler<'_> {
     }
 
     /// Sets the target of a jump to the next step.
-    pub(super) fn lead_here(&mut self, jump: usize) {
-        let here = self.here();
+    pub(super) fn set_jump_target(&mut self, jump: usize) {
+        let here = self.next_step();
         match &mut self.program.code[jump] {
             Op::Jump(to) | Op::JumpIfNot(to) | Op::JumpDecided { to, .. } => *to = here,
             Op::InterruptDeclaration { after, .. } | Op::Trigger { after } => *after = here,
@@ -254,7 +254,7 @@ impl Compiler<'_> {
         if cells <= MEMORY_VALUES.saturating_sub(offset) {
             self.frame_cells += cells;
         } else {
-            self.not_executed("a variable of this size");
+            self.record_unexecuted("a variable of this size");
         }
         cells_u32(offset)
     }

@@ -2,16 +2,18 @@
 
 use super::super::code::{Cell, Shared};
 use super::super::limits::{ARRAY_VALUES, MEMORY_VALUES};
-use super::super::syntax::{Action, Data, Declaration, Declared, Expression, Item, Step, Unary, VariableRef};
+use super::super::syntax::{
+    Action, Data, Declaration, DeclarationContent, Expression, Item, Step, Unary, VariableRef,
+};
 use super::super::system;
 use super::super::types::Type;
-use super::compiler::{Compiler, Home, SharedVariable, Variable, cells_u32};
-use super::types::is_seen_everywhere;
+use super::compiler::{Compiler, SharedVariable, Variable, VariableHome, cells_u32};
+use super::types::is_visible_everywhere;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Part of a shared variable that receives a first value.
 #[derive(Clone)]
-struct Part {
+struct InitialPart {
     /// The first cell of the part; `None` if no memory is allocated for the part.
     at: Option<usize>,
     kind: Type,
@@ -22,9 +24,9 @@ impl Compiler<'_> {
     /// Returns an array's size; 0 if the caller determines it.
     pub(super) fn dimension(&mut self, size: Option<&Expression>) -> usize {
         let Some(size) = size else { return 0 };
-        match self.constant(size) {
+        match self.evaluate_constant(size) {
             Some(Cell::Int(size)) if size >= 1 => usize::try_from(size).unwrap_or(1),
-            None if self.may_be_constant(size) => 0,
+            None if self.is_size_possibly_constant(size) => 0,
             _ => {
                 self.problem("", "the size of an array must be a constant whole number of at least 1");
                 1
@@ -34,11 +36,13 @@ impl Compiler<'_> {
 
     /// Returns whether a size that is unknown here may be known to the controller, from a constant in a file that is
     /// not part of this check.
-    fn may_be_constant(&self, size: &Expression) -> bool {
+    fn is_size_possibly_constant(&self, size: &Expression) -> bool {
         match size {
             Expression::Variable(place) => self.shared_variable(&place.name).is_none_or(|known| known.constant),
-            Expression::Binary(_, left, right) => self.may_be_constant(left) || self.may_be_constant(right),
-            Expression::Unary(_, inner) => self.may_be_constant(inner),
+            Expression::Binary(_, left, right) => {
+                self.is_size_possibly_constant(left) || self.is_size_possibly_constant(right)
+            }
+            Expression::Unary(_, inner) => self.is_size_possibly_constant(inner),
             _ => false,
         }
     }
@@ -58,12 +62,14 @@ impl Compiler<'_> {
                 });
                 let below: BTreeMap<&str, &Expression> = below.collect();
                 for declaration in &data.declarations {
-                    let Declared::Variables { constant: true, items, .. } = &declaration.kind else { continue };
-                    let is_global = declaration.global || is_seen_everywhere(data);
+                    let DeclarationContent::Variables { constant: true, items, .. } = &declaration.kind else {
+                        continue;
+                    };
+                    let is_global = declaration.global || is_visible_everywhere(data);
                     let module = if is_global { None } else { Some(self.modules[index]) };
                     for item in items.iter().filter(|item| item.dimensions.is_empty()) {
                         let value = item.value.as_ref().or_else(|| below.get(item.name.as_str()).copied());
-                        if let Some(cell) = value.and_then(|value| self.constant(value)) {
+                        if let Some(cell) = value.and_then(|value| self.evaluate_constant(value)) {
                             self.constants.insert((module, item.name.clone()), cell);
                         }
                     }
@@ -79,11 +85,11 @@ impl Compiler<'_> {
             self.file = index;
             let Some(data) = &file.data else { continue };
             self.declare_list(data);
-            self.values_of_constants(data);
+            self.check_constant_values(data);
             for value in &data.values {
                 self.line = value.line;
                 if let Action::Assign { to, value } = &value.action {
-                    self.first_value(to, value);
+                    self.compile_initial_value(to, value);
                 }
             }
         }
@@ -95,16 +101,16 @@ impl Compiler<'_> {
             // A statement that is executed never belongs to a declaration.
             self.statement = u32::MAX;
             match &declaration.kind {
-                Declared::Variables { constant, type_name, items } => {
+                DeclarationContent::Variables { constant, type_name, items } => {
                     self.declare_shared(declaration, data, type_name, items, *constant);
                 }
-                Declared::Signal { name, from, to } => {
+                DeclarationContent::Signal { name, from, to } => {
                     let variable = self.signal(name, [from, to]);
                     self.add_shared(declaration, data, name, variable);
                 }
-                Declared::Import { type_name, name } => {
-                    let kind = self.type_named(type_name);
-                    let variable = nowhere(kind, Vec::new());
+                DeclarationContent::Import { type_name, name } => {
+                    let kind = self.resolve_type(type_name);
+                    let variable = untyped_location(kind, Vec::new());
                     self.add_shared(declaration, data, name, variable);
                 }
                 _ => {}
@@ -120,7 +126,7 @@ impl Compiler<'_> {
         items: &[Item],
         constant: bool,
     ) {
-        if declaration.global && !data.public && !is_seen_everywhere(data) {
+        if declaration.global && !data.public && !is_visible_everywhere(data) {
             self.warn(
                 &items[0].name,
                 "GLOBAL needs a PUBLIC data list; otherwise, other programs may not see this variable",
@@ -128,23 +134,23 @@ impl Compiler<'_> {
         }
         for item in items {
             self.check_name(&item.name);
-            let kind = self.type_named(type_name);
+            let kind = self.resolve_type(type_name);
             let dimensions: Vec<usize> = item.dimensions.iter().map(|size| self.dimension(size.as_ref())).collect();
-            let at = self.lay_out(&item.name, kind, &dimensions);
+            let at = self.allocate_variable(&item.name, kind, &dimensions);
             let mut value = None;
             if let Some(expression) = &item.value {
-                self.write_value(&item.name, Part { at, kind, dimensions: dimensions.clone() }, expression);
+                self.write_value(&item.name, InitialPart { at, kind, dimensions: dimensions.clone() }, expression);
                 let is_simple = dimensions.is_empty() && self.types.size(kind) == 1;
                 value = at.and_then(|at| self.program.memory.get(at).copied()).filter(|_| constant && is_simple);
             }
-            let home = at.map_or(Home::Nowhere, |at| Home::Global(cells_u32(at)));
+            let home = at.map_or(VariableHome::Nowhere, |at| VariableHome::Global(cells_u32(at)));
             let variable = Variable { kind, dimensions, home, constant, value, writable: !constant };
             self.add_shared(declaration, data, &item.name, variable);
         }
     }
 
     /// Allocates memory for a shared variable and returns its first cell; `None` if it does not fit into memory.
-    fn lay_out(&mut self, name: &str, kind: Type, dimensions: &[usize]) -> Option<usize> {
+    fn allocate_variable(&mut self, name: &str, kind: Type, dimensions: &[usize]) -> Option<usize> {
         let cells = self.types.cells(kind, dimensions);
         if cells > ARRAY_VALUES {
             let message =
@@ -153,7 +159,7 @@ impl Compiler<'_> {
         }
         let offset = self.program.memory.len();
         if cells > MEMORY_VALUES.saturating_sub(offset) {
-            self.not_executed("a variable of this size");
+            self.record_unexecuted("a variable of this size");
             return None;
         }
         self.program.memory.resize(offset + cells, Cell::Unset);
@@ -168,7 +174,7 @@ impl Compiler<'_> {
     fn add_shared(&mut self, declaration: &Declaration, data: &Data, name: &str, variable: Variable) {
         let (file, line) = (self.file, declaration.line);
         let shared = SharedVariable { variable, file, line };
-        let own_list = is_seen_everywhere(data);
+        let own_list = is_visible_everywhere(data);
         let taken = if declaration.global || own_list {
             self.globals.insert(name.to_owned(), shared)
         } else {
@@ -180,7 +186,7 @@ impl Compiler<'_> {
         } else {
             format!("{}, line {}", self.files[other.file].name, other.line)
         };
-        let is_of_controller = |file: usize| self.files[file].data.as_ref().is_some_and(is_seen_everywhere);
+        let is_of_controller = |file: usize| self.files[file].data.as_ref().is_some_and(is_visible_everywhere);
         if other.file != file && (own_list || is_of_controller(other.file)) {
             self.warn(
                 name,
@@ -201,11 +207,11 @@ impl Compiler<'_> {
             Some(_) => Type::Int,
             None => Type::Bool,
         };
-        let mut variable = nowhere(kind, Vec::new());
+        let mut variable = untyped_location(kind, Vec::new());
         if let (Some(from), None, false) = (from, to, analog)
             && let Some((index, number)) = self.bit(from)
         {
-            variable.home = Home::Bit { variable: index, number };
+            variable.home = VariableHome::Bit { variable: index, number };
             variable.writable = system::SYSTEM_VARIABLES[usize::from(index)].writable;
         }
         variable
@@ -216,7 +222,7 @@ impl Compiler<'_> {
         let index = system::find(&place.name)?;
         let [Step::Index(indices)] = &place.steps[..] else { return None };
         let [Some(number)] = &indices[..] else { return None };
-        let Some(Cell::Int(number)) = self.constant(number) else { return None };
+        let Some(Cell::Int(number)) = self.evaluate_constant(number) else { return None };
         let count = system::SYSTEM_VARIABLES[index].count;
         if !usize::try_from(number).is_ok_and(|number| (1..=count).contains(&number)) {
             self.problem(&place.name, format!("the index {number} is outside of the array (valid: 1 to {count})"));
@@ -226,7 +232,7 @@ impl Compiler<'_> {
     }
 
     /// A CONST without a value in its declaration must receive one below.
-    fn values_of_constants(&mut self, data: &Data) {
+    fn check_constant_values(&mut self, data: &Data) {
         let valued: BTreeSet<&str> = data
             .values
             .iter()
@@ -236,7 +242,7 @@ impl Compiler<'_> {
             })
             .collect();
         for declaration in &data.declarations {
-            let Declared::Variables { constant: true, items, .. } = &declaration.kind else { continue };
+            let DeclarationContent::Variables { constant: true, items, .. } = &declaration.kind else { continue };
             self.line = declaration.line;
             for item in items.iter().filter(|item| item.value.is_none() && !valued.contains(item.name.as_str())) {
                 self.warn(
@@ -248,7 +254,7 @@ impl Compiler<'_> {
     }
 
     /// Compiles `NAME[1]=17` in a data list.
-    fn first_value(&mut self, to: &VariableRef, value: &Expression) {
+    fn compile_initial_value(&mut self, to: &VariableRef, value: &Expression) {
         self.statement = u32::MAX;
         let Some(variable) = self.shared_variable(&to.name).cloned() else {
             if !to.name.starts_with('$') {
@@ -259,8 +265,8 @@ impl Compiler<'_> {
             }
             return;
         };
-        let at = if let Home::Global(start) = variable.home { Some(start as usize) } else { None };
-        let mut part = Part { at, kind: variable.kind, dimensions: variable.dimensions };
+        let at = if let VariableHome::Global(start) = variable.home { Some(start as usize) } else { None };
+        let mut part = InitialPart { at, kind: variable.kind, dimensions: variable.dimensions };
         for step in &to.steps {
             match step {
                 Step::Index(indices) => {
@@ -291,18 +297,18 @@ impl Compiler<'_> {
         }
     }
 
-    fn component_part(&mut self, variable: &str, name: &str, part: &mut Part) -> Option<()> {
+    fn component_part(&mut self, variable: &str, name: &str, part: &mut InitialPart) -> Option<()> {
         if part.kind == Type::Unknown {
             return None;
         }
-        let component = self.component_of(variable, part.kind, name)?;
+        let component = self.resolve_component(variable, part.kind, name)?;
         part.at = part.at.map(|at| at + component.offset);
         (part.kind, part.dimensions) = (component.kind, component.dimensions);
         Some(())
     }
 
     /// Selects an element, or a row of a table: `NAME[2,]`.
-    fn index_part(&mut self, name: &str, indices: &[Option<Expression>], part: &mut Part) -> Option<()> {
+    fn index_part(&mut self, name: &str, indices: &[Option<Expression>], part: &mut InitialPart) -> Option<()> {
         let dimensions = std::mem::take(&mut part.dimensions);
         if indices.len() != dimensions.len() {
             // Text in a row of characters is written with [].
@@ -320,7 +326,7 @@ impl Compiler<'_> {
                 offset = offset.saturating_mul(count);
                 continue;
             };
-            let Some(Cell::Int(index)) = self.constant(index) else {
+            let Some(Cell::Int(index)) = self.evaluate_constant(index) else {
                 part.at = None;
                 continue;
             };
@@ -339,8 +345,8 @@ impl Compiler<'_> {
         Some(())
     }
 
-    fn write_value(&mut self, name: &str, part: Part, value: &Expression) {
-        let Part { at, kind, dimensions } = part;
+    fn write_value(&mut self, name: &str, part: InitialPart, value: &Expression) {
+        let InitialPart { at, kind, dimensions } = part;
         match value {
             Expression::Text(text) if kind == Type::Char => {
                 let cells = self.types.cells(kind, &dimensions);
@@ -361,7 +367,7 @@ impl Compiler<'_> {
                 self.write_aggregate(name, (at, kind), type_name.as_deref(), parts)
             }
             Expression::Word(word) => {
-                if let Some(place) = self.word_place(word, kind) {
+                if let Some(place) = self.constant_index(word, kind) {
                     self.set(at, Cell::Word(place));
                 }
             }
@@ -376,22 +382,22 @@ impl Compiler<'_> {
         type_name: Option<&str>,
         parts: &[(VariableRef, Expression)],
     ) {
-        let stated = type_name.map(|name| self.type_named(name)).filter(|stated| *stated != Type::Unknown);
+        let stated = type_name.map(|name| self.resolve_type(name)).filter(|stated| *stated != Type::Unknown);
         let kind = match stated {
-            Some(stated) if kind == Type::Unknown || self.types.are_alike(stated, kind) => stated,
+            Some(stated) if kind == Type::Unknown || self.types.are_convertible(stated, kind) => stated,
             _ => kind,
         };
         if kind == Type::Unknown {
             return;
         }
-        if self.types.struc(kind).is_none() {
+        if self.types.structure(kind).is_none() {
             let type_name = self.types.name(kind);
             return self.problem(name, format!("expected {type_name}, found components in braces"));
         }
         for (place, value) in parts {
-            let Some(component) = self.component_of(name, kind, &place.name) else { continue };
+            let Some(component) = self.resolve_component(name, kind, &place.name) else { continue };
             let at = at.map(|at| at + component.offset);
-            let mut part = Part { at, kind: component.kind, dimensions: component.dimensions };
+            let mut part = InitialPart { at, kind: component.kind, dimensions: component.dimensions };
             for step in &place.steps {
                 let found = match step {
                     Step::Index(indices) => self.index_part(&place.name, indices, &mut part),
@@ -406,7 +412,7 @@ impl Compiler<'_> {
     }
 
     fn write_simple(&mut self, name: &str, at: Option<usize>, kind: Type, value: &Expression) {
-        let found = self.constant(value);
+        let found = self.evaluate_constant(value);
         let cell = match (found, kind) {
             (_, Type::Unknown) => return,
             (Some(Cell::Int(number)), Type::Real) => Cell::Real(number as f32),
@@ -434,8 +440,8 @@ impl Compiler<'_> {
     }
 
     /// Returns the value of an expression that is known before the program runs.
-    pub(super) fn constant(&self, expression: &Expression) -> Option<Cell> {
-        use super::super::syntax::Binary::{By, Minus, Plus, Times};
+    pub(super) fn evaluate_constant(&self, expression: &Expression) -> Option<Cell> {
+        use super::super::syntax::Binary::{Divide, Minus, Multiply, Plus};
         match expression {
             Expression::Int(number) => Some(Cell::Int(*number)),
             Expression::Real(number) => Some(Cell::Real(*number)),
@@ -453,20 +459,22 @@ impl Compiler<'_> {
                     }
                 }
             }
-            Expression::Unary(Unary::Minus, inner) => match self.constant(inner)? {
+            Expression::Unary(Unary::Minus, inner) => match self.evaluate_constant(inner)? {
                 Cell::Int(number) => Some(Cell::Int(number.checked_neg()?)),
                 Cell::Real(number) => Some(Cell::Real(-number)),
                 _ => None,
             },
             Expression::Binary(operator, left, right) => {
-                let (Cell::Int(left), Cell::Int(right)) = (self.constant(left)?, self.constant(right)?) else {
+                let (Cell::Int(left), Cell::Int(right)) =
+                    (self.evaluate_constant(left)?, self.evaluate_constant(right)?)
+                else {
                     return None;
                 };
                 match operator {
                     Plus => left.checked_add(right),
                     Minus => left.checked_sub(right),
-                    Times => left.checked_mul(right),
-                    By => left.checked_div(right),
+                    Multiply => left.checked_mul(right),
+                    Divide => left.checked_div(right),
                     _ => None,
                 }
                 .map(Cell::Int)
@@ -484,6 +492,6 @@ impl Compiler<'_> {
 }
 
 /// Returns a variable of which only the type is known.
-pub(super) fn nowhere(kind: Type, dimensions: Vec<usize>) -> Variable {
-    Variable { kind, dimensions, home: Home::Nowhere, constant: false, value: None, writable: true }
+pub(super) fn untyped_location(kind: Type, dimensions: Vec<usize>) -> Variable {
+    Variable { kind, dimensions, home: VariableHome::Nowhere, constant: false, value: None, writable: true }
 }

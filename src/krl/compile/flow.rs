@@ -5,21 +5,22 @@
 //! passed by reference to a routine counts as assigned by that routine; EthernetKRL's readers need a variable that
 //! already holds a value. A routine with labels is not checked: a GOTO may come from anywhere.
 
-use super::super::routines::{Wants, known};
+use super::super::routines::{ArgumentPassing, find_routine};
 use super::super::syntax::{
-    Action, Call, Declared, Expression, MotionStatement, Routine, Statement, Step, TriggerPlace, VariableRef,
+    Action, Call, DeclarationContent, Expression, MotionStatement, Routine, Statement, Step, TriggerPlace,
+    VariableRef,
 };
 use super::compiler::{Compiler, Signature};
 use std::collections::BTreeMap;
 
 /// The local variables that are assigned, by their numbers; `None` if this point of the program is never reached.
-type Assigned = Option<Set>;
+type AssignedVariables = Option<VariableSet>;
 
 /// A set of local variables.
 #[derive(Debug, Clone, Default)]
-struct Set(Vec<u64>);
+struct VariableSet(Vec<u64>);
 
-impl Set {
+impl VariableSet {
     fn insert(&mut self, number: usize) {
         let word = number / 64;
         if self.0.len() <= word {
@@ -32,29 +33,29 @@ impl Set {
         self.0.get(number / 64).is_some_and(|word| word >> (number % 64) & 1 == 1)
     }
 
-    fn common(mut self, other: &Set) -> Set {
+    fn intersection(mut self, other: &VariableSet) -> VariableSet {
         self.0.truncate(other.0.len());
         self.0.iter_mut().zip(&other.0).for_each(|(one, other)| *one &= other);
         self
     }
 }
 
-struct Flow<'a, 'b> {
+struct FlowAnalysis<'a, 'b> {
     compiler: &'a mut Compiler<'b>,
     locals: BTreeMap<&'a str, usize>,
-    reported: Set,
+    reported: VariableSet,
     /// For each loop, the variables that are assigned at each EXIT.
-    exits: Vec<Vec<Set>>,
+    exits: Vec<Vec<VariableSet>>,
 }
 
-pub(super) fn check(compiler: &mut Compiler<'_>, routine: &Routine, signature: &Signature) {
+pub(super) fn check_assignments(compiler: &mut Compiler<'_>, routine: &Routine, signature: &Signature) {
     // With GOTO any line may follow any other; the check would report variables that are assigned in fact.
     if has_labels(&routine.body) {
         return;
     }
     let mut locals = BTreeMap::new();
     for declaration in &routine.declarations {
-        if let Declared::Variables { items, .. } = &declaration.kind {
+        if let DeclarationContent::Variables { items, .. } = &declaration.kind {
             for item in items.iter().filter(|item| item.value.is_none()) {
                 let number = locals.len();
                 locals.entry(item.name.as_str()).or_insert(number);
@@ -64,8 +65,8 @@ pub(super) fn check(compiler: &mut Compiler<'_>, routine: &Routine, signature: &
     for argument in &signature.arguments {
         locals.remove(argument.name.as_str());
     }
-    let mut flow = Flow { compiler, locals, reported: Set::default(), exits: Vec::new() };
-    let ends = flow.block(&routine.body, Some(Set::default()));
+    let mut flow = FlowAnalysis { compiler, locals, reported: VariableSet::default(), exits: Vec::new() };
+    let ends = flow.block(&routine.body, Some(VariableSet::default()));
     if ends.is_some() && signature.returns.is_some() {
         compiler.line = routine.end_line;
         compiler.warn(&routine.name, "a path through this function may end without RETURN");
@@ -75,12 +76,12 @@ pub(super) fn check(compiler: &mut Compiler<'_>, routine: &Routine, signature: &
 fn has_labels(body: &[Statement]) -> bool {
     body.iter().any(|statement| {
         matches!(statement.action, Action::Label(_) | Action::Goto(_))
-            || statement.action.blocks().into_iter().any(has_labels)
+            || statement.action.statement_blocks().into_iter().any(has_labels)
     })
 }
 
-impl Flow<'_, '_> {
-    fn block(&mut self, statements: &[Statement], mut before: Assigned) -> Assigned {
+impl FlowAnalysis<'_, '_> {
+    fn block(&mut self, statements: &[Statement], mut before: AssignedVariables) -> AssignedVariables {
         for statement in statements {
             self.compiler.line = statement.line;
             before = self.statement(statement, before);
@@ -88,7 +89,7 @@ impl Flow<'_, '_> {
         before
     }
 
-    fn statement(&mut self, statement: &Statement, before: Assigned) -> Assigned {
+    fn statement(&mut self, statement: &Statement, before: AssignedVariables) -> AssignedVariables {
         let mut now = before?;
         match &statement.action {
             Action::Assign { to, value } => {
@@ -100,7 +101,7 @@ impl Flow<'_, '_> {
                 self.read(condition, &mut now);
                 let one = self.block(then, Some(now.clone()));
                 let other = self.block(otherwise, Some(now));
-                return both(one, other);
+                return assigned_on_both(one, other);
             }
             Action::Switch { on, cases, default } => {
                 self.read(on, &mut now);
@@ -110,7 +111,7 @@ impl Flow<'_, '_> {
                 };
                 for case in cases {
                     let of_case = self.block(&case.body, Some(now.clone()));
-                    after = both(after, of_case);
+                    after = assigned_on_both(after, of_case);
                 }
                 return after;
             }
@@ -119,13 +120,13 @@ impl Flow<'_, '_> {
                     self.read(value, &mut now);
                 }
                 self.assign(variable, &mut now);
-                return self.looped(body, now, true);
+                return self.analyse_loop(body, now, true);
             }
             Action::While { condition, body } => {
                 self.read(condition, &mut now);
-                return self.looped(body, now, true);
+                return self.analyse_loop(body, now, true);
             }
-            Action::Loop { body } => return self.looped(body, now, false),
+            Action::Loop { body } => return self.analyse_loop(body, now, false),
             Action::Repeat { body, until, .. } => {
                 self.exits.push(Vec::new());
                 let mut after = self.block(body, Some(now));
@@ -133,7 +134,7 @@ impl Flow<'_, '_> {
                     self.read(until, after);
                 }
                 let exits = self.exits.pop().unwrap_or_default();
-                return exits.into_iter().fold(after, |after, exit| both(after, Some(exit)));
+                return exits.into_iter().fold(after, |after, exit| assigned_on_both(after, Some(exit)));
             }
             Action::Spline { with, body } => {
                 self.settings(with, &mut now);
@@ -175,13 +176,13 @@ impl Flow<'_, '_> {
         Some(now)
     }
 
-    fn motion(&mut self, motion: &MotionStatement, now: &mut Set) {
+    fn motion(&mut self, motion: &MotionStatement, now: &mut VariableSet) {
         self.settings(&motion.with, now);
         let values = [motion.auxiliary.as_ref(), Some(&motion.target), motion.angle.as_ref()];
         values.into_iter().flatten().for_each(|value| self.read(value, now));
     }
 
-    fn settings(&mut self, with: &[(VariableRef, Expression)], now: &mut Set) {
+    fn settings(&mut self, with: &[(VariableRef, Expression)], now: &mut VariableSet) {
         for (to, value) in with {
             self.read(value, now);
             self.assign(to, now);
@@ -189,27 +190,27 @@ impl Flow<'_, '_> {
     }
 
     /// Evaluates a loop. `may_skip` is true if the loop can also end without EXIT, so that its body may be skipped.
-    fn looped(&mut self, body: &[Statement], now: Set, may_skip: bool) -> Assigned {
+    fn analyse_loop(&mut self, body: &[Statement], now: VariableSet, may_skip: bool) -> AssignedVariables {
         self.exits.push(Vec::new());
         self.block(body, Some(now.clone()));
         let exits = self.exits.pop().unwrap_or_default();
         // What the body assigns does not count behind the loop, since the body may not be executed at all.
         let after = may_skip.then_some(now);
-        exits.into_iter().fold(after, |after, exit| both(after, Some(exit)))
+        exits.into_iter().fold(after, |after, exit| assigned_on_both(after, Some(exit)))
     }
 
-    fn assign(&mut self, to: &VariableRef, now: &mut Set) {
-        self.read_indices(to, now);
+    fn assign(&mut self, to: &VariableRef, now: &mut VariableSet) {
+        self.analyse_indices(to, now);
         if let Some(number) = self.locals.get(to.name.as_str()) {
             now.insert(*number);
         }
     }
 
-    fn read(&mut self, value: &Expression, now: &mut Set) {
+    fn read(&mut self, value: &Expression, now: &mut VariableSet) {
         match value {
             Expression::Variable(place) => {
-                self.read_indices(place, now);
-                self.want(&place.name, now);
+                self.analyse_indices(place, now);
+                self.require_assigned(&place.name, now);
             }
             Expression::Call(call) => self.call(call, now),
             Expression::Aggregate { parts, .. } => parts.iter().for_each(|(_, value)| self.read(value, now)),
@@ -222,7 +223,7 @@ impl Flow<'_, '_> {
         }
     }
 
-    fn want(&mut self, name: &str, now: &Set) {
+    fn require_assigned(&mut self, name: &str, now: &VariableSet) {
         let Some(number) = self.locals.get(name).copied() else { return };
         if !now.contains(number) && !self.reported.contains(number) {
             // Once for each variable: its other uses have the same cause.
@@ -231,7 +232,7 @@ impl Flow<'_, '_> {
         }
     }
 
-    fn read_indices(&mut self, place: &VariableRef, now: &mut Set) {
+    fn analyse_indices(&mut self, place: &VariableRef, now: &mut VariableSet) {
         for step in &place.steps {
             if let Step::Index(indices) = step {
                 indices.iter().flatten().for_each(|index| self.read(index, now));
@@ -239,9 +240,9 @@ impl Flow<'_, '_> {
         }
     }
 
-    fn call(&mut self, call: &Call, now: &mut Set) {
-        let routine = self.compiler.routine_seen(&call.name);
-        let wants = known(&call.name).map(|known| &known.wants);
+    fn call(&mut self, call: &Call, now: &mut VariableSet) {
+        let routine = self.compiler.visible_routine(&call.name);
+        let wants = find_routine(&call.name).map(|known| &known.argument_passing);
         for (index, argument) in call.arguments.iter().enumerate() {
             let Some(argument) = argument else { continue };
             let is_written = match (routine, wants) {
@@ -249,7 +250,9 @@ impl Flow<'_, '_> {
                     let wanted = self.compiler.routines[routine].arguments.get(index);
                     wanted.is_some_and(|wanted| !wanted.by_value)
                 }
-                (None, Some(wants)) => !matches!(wants.get(index), Some(Wants::Value(_) | Wants::Filled(_))),
+                (None, Some(wants)) => {
+                    !matches!(wants.get(index), Some(ArgumentPassing::Value(_) | ArgumentPassing::Filled(_)))
+                }
                 (None, None) => true,
             };
             match argument {
@@ -261,9 +264,9 @@ impl Flow<'_, '_> {
 }
 
 /// Returns the variables that are assigned on both paths that meet here.
-fn both(one: Assigned, other: Assigned) -> Assigned {
+fn assigned_on_both(one: AssignedVariables, other: AssignedVariables) -> AssignedVariables {
     match (one, other) {
-        (Some(one), Some(other)) => Some(one.common(&other)),
+        (Some(one), Some(other)) => Some(one.intersection(&other)),
         (one, other) => one.or(other),
     }
 }

@@ -4,12 +4,12 @@
 //! The check examines one block, statement by statement. It ends at any statement that may wait, or that is not known.
 
 use super::super::routines::Builtin::{EkiCheckBuffer, EkiClear, EkiClearBuffer, EkiClose};
-use super::super::routines::{Builtin, known};
+use super::super::routines::{Builtin, find_routine};
 use super::super::syntax::{Action, Call, Expression, Statement};
 use super::compiler::Compiler;
 
 /// A memory, or a whole channel, that was cleared.
-struct Cleared<'a> {
+struct ClearedMemory<'a> {
     channel: &'a str,
     tag: Option<&'a str>,
     by: &'a str,
@@ -18,41 +18,41 @@ struct Cleared<'a> {
 
 impl Compiler<'_> {
     pub(super) fn check_memories(&mut self, body: &[Statement]) {
-        let mut cleared: Vec<Cleared<'_>> = Vec::new();
+        let mut cleared: Vec<ClearedMemory<'_>> = Vec::new();
         for statement in body {
             match &statement.action {
                 Action::Assign { value: Expression::Call(call), .. } | Action::Call(call) => {
-                    self.look_at(call, statement.line, &mut cleared);
+                    self.check_call(call, statement.line, &mut cleared);
                 }
                 // A plain assignment takes almost no time.
                 Action::Assign { value, .. } if !calls(value) => {}
                 action => {
                     cleared.clear();
-                    action.blocks().into_iter().for_each(|block| self.check_memories(block));
+                    action.statement_blocks().into_iter().for_each(|block| self.check_memories(block));
                 }
             }
         }
     }
 
-    fn look_at<'a>(&mut self, call: &'a Call, line: usize, cleared: &mut Vec<Cleared<'a>>) {
+    fn check_call<'a>(&mut self, call: &'a Call, line: usize, cleared: &mut Vec<ClearedMemory<'a>>) {
         let text = |place: usize| match call.arguments.get(place) {
             Some(Some(Expression::Text(text))) => Some(text.as_str()),
             _ => None,
         };
-        let builtin = known(&call.name).and_then(|known| known.builtin);
+        let builtin = find_routine(&call.name).and_then(|known| known.builtin);
         let reads = call.name.starts_with("EKI_GET");
         match (builtin, text(0)) {
             (Some(EkiClear | EkiClose), Some(channel)) => {
-                cleared.push(Cleared { channel, tag: None, by: &call.name, line });
+                cleared.push(ClearedMemory { channel, tag: None, by: &call.name, line });
             }
             (Some(EkiClearBuffer), Some(channel)) if text(1).is_some() => {
-                cleared.push(Cleared { channel, tag: text(1), by: &call.name, line });
+                cleared.push(ClearedMemory { channel, tag: text(1), by: &call.name, line });
             }
             (_, Some(channel)) if reads => {
                 let tag = text(1).unwrap_or_default();
                 let found =
-                    cleared.iter().find(|cleared| cleared.channel == channel && is_within(tag, cleared.tag));
-                if let Some(Cleared { by, line: cleared_at, .. }) = found {
+                    cleared.iter().find(|cleared| cleared.channel == channel && is_part_of_tag(tag, cleared.tag));
+                if let Some(ClearedMemory { by, line: cleared_at, .. }) = found {
                     self.line = line;
                     let message = format!(
                         "{by} (line {cleared_at}) emptied the memory that is read here, and the program does not wait \
@@ -61,7 +61,7 @@ impl Compiler<'_> {
                     self.problem(&call.name, message);
                 }
             }
-            (Some(builtin), _) if takes_no_time(builtin) => {}
+            (Some(builtin), _) if is_instant(builtin) => {}
             _ => cleared.clear(),
         }
     }
@@ -69,7 +69,7 @@ impl Compiler<'_> {
 
 /// Returns whether a memory is still empty after this routine: not after EKI_CheckBuffer, which reports whether
 /// something has arrived, and not after routines that open or send, which need time.
-fn takes_no_time(builtin: Builtin) -> bool {
+fn is_instant(builtin: Builtin) -> bool {
     use Builtin::{
         Bas, Cwrite, EkiCheck, EkiClear, EkiClearBuffer, EkiInit, EkiLock, EkiOpen, EkiSend, EkiUnlock, IrStopm,
     };
@@ -91,7 +91,7 @@ fn takes_no_time(builtin: Builtin) -> bool {
 }
 
 /// Returns whether a tag is the cleared tag, or a part of the cleared tag.
-fn is_within(tag: &str, cleared: Option<&str>) -> bool {
+fn is_part_of_tag(tag: &str, cleared: Option<&str>) -> bool {
     cleared.is_none_or(|cleared| {
         tag.strip_prefix(cleared).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
     })

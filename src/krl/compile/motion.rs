@@ -25,14 +25,14 @@ impl Compiler<'_> {
                 let approximates = motion.approximates.first().copied();
                 self.emit(Op::Motion { motion: executed, axes, approximates });
             }
-            None => self.not_executed(motion.word),
+            None => self.record_unexecuted(motion.word),
         }
     }
 
     /// Compiles a target, so that 6 numbers are on the stack. Returns true for axes, false for a pose.
     fn target(&mut self, path: PathKind, target: &Expression) -> bool {
         let wanted = match target {
-            Expression::Aggregate { type_name: None, parts } => self.kind_of_parts(parts),
+            Expression::Aggregate { type_name: None, parts } => self.infer_aggregate_type(parts),
             _ => Type::Unknown,
         };
         let kind = self.value(target, wanted);
@@ -54,7 +54,7 @@ impl Compiler<'_> {
     }
 
     pub(super) fn spline(&mut self, with: &[(VariableRef, Expression)], body: &[Statement]) {
-        self.not_executed("SPLINE");
+        self.record_unexecuted("SPLINE");
         self.settings(with);
         self.block(body);
     }
@@ -70,7 +70,7 @@ impl Compiler<'_> {
             TriggerPlace::Distance(distance) => self.typed_value(distance, Type::Int, "DISTANCE"),
             TriggerPlace::Path(path) => {
                 self.typed_value(path, Type::Real, "PATH");
-                self.not_executed("TRIGGER WHEN PATH");
+                self.record_unexecuted("TRIGGER WHEN PATH");
             }
         }
         self.typed_value(delay.unwrap_or(&Expression::Int(0)), Type::Real, "DELAY");
@@ -82,7 +82,7 @@ impl Compiler<'_> {
             _ => {}
         }
         self.emit(Op::EndInterrupt);
-        self.lead_here(trigger);
+        self.set_jump_target(trigger);
     }
 
     /// Checks that each GOTO leads to a label of its own routine, and that each label exists once.
@@ -109,14 +109,18 @@ impl Compiler<'_> {
     }
 }
 
-type Places<'a> = Vec<(&'a str, usize)>;
+type ComponentPositions<'a> = Vec<(&'a str, usize)>;
 
-fn collect_labels<'a>(body: &'a [Statement], labels: &mut Places<'a>, jumps: &mut Places<'a>) {
+fn collect_labels<'a>(
+    body: &'a [Statement],
+    labels: &mut ComponentPositions<'a>,
+    jumps: &mut ComponentPositions<'a>,
+) {
     for statement in body {
         match &statement.action {
             Action::Label(name) => labels.push((name, statement.line)),
             Action::Goto(name) => jumps.push((name, statement.line)),
-            other => other.blocks().into_iter().for_each(|block| collect_labels(block, labels, jumps)),
+            other => other.statement_blocks().into_iter().for_each(|block| collect_labels(block, labels, jumps)),
         }
     }
 }

@@ -8,8 +8,8 @@ use super::compiler::{Compiler, cells_u32};
 impl Compiler<'_> {
     pub(super) fn binary(&mut self, operator: Binary, left: &Expression, right: &Expression) -> Type {
         match operator {
-            Binary::And | Binary::Or => self.logical(operator, left, right),
-            Binary::Geometric => self.geometric(left, right),
+            Binary::And | Binary::Or => self.compile_logical(operator, left, right),
+            Binary::Geometric => self.compile_geometric(left, right),
             Binary::Equal | Binary::Unequal => {
                 // An enumeration constant belongs to the enumeration on the other side; a text of one character is
                 // a CHAR if the other side is a CHAR.
@@ -20,18 +20,20 @@ impl Compiler<'_> {
             Binary::Less | Binary::AtMost | Binary::Greater | Binary::AtLeast => {
                 self.compare(operator, left, right)
             }
-            Binary::Times | Binary::By | Binary::Plus | Binary::Minus => {
-                let (left, right) = self.two(left, right);
+            Binary::Multiply | Binary::Divide | Binary::Plus | Binary::Minus => {
+                let (left, right) = self.compile_operands(left, right);
                 let kind = self.number(operator, left, right);
                 self.emit(Op::Binary(operator));
                 kind
             }
-            Binary::Exor => self.same(operator, left, right, Type::Bool),
-            Binary::BitAnd | Binary::BitOr | Binary::BitExor => self.same(operator, left, right, Type::Int),
+            Binary::Exor => self.compile_same_type(operator, left, right, Type::Bool),
+            Binary::BitAnd | Binary::BitOr | Binary::BitExor => {
+                self.compile_same_type(operator, left, right, Type::Int)
+            }
         }
     }
 
-    fn two(&mut self, left: &Expression, right: &Expression) -> (Type, Type) {
+    fn compile_operands(&mut self, left: &Expression, right: &Expression) -> (Type, Type) {
         let left = self.value(left, Type::Unknown);
         (left, self.value(right, left))
     }
@@ -51,14 +53,14 @@ impl Compiler<'_> {
                 Type::Real
             }
             (Type::Char | Type::Int | Type::Real, Type::Char | Type::Int | Type::Real) => {
-                self.not_executed("a calculation with CHAR");
+                self.record_unexecuted("a calculation with CHAR");
                 if left == Type::Real || right == Type::Real { Type::Real } else { Type::Int }
             }
-            _ => self.mismatch(operator, left, right),
+            _ => self.report_operand_mismatch(operator, left, right),
         }
     }
 
-    fn mismatch(&mut self, operator: Binary, left: Type, right: Type) -> Type {
+    fn report_operand_mismatch(&mut self, operator: Binary, left: Type, right: Type) -> Type {
         let (left, right) = (self.types.name(left), self.types.name(right));
         let hint = match operator {
             Binary::And | Binary::Or | Binary::Exor => {
@@ -70,38 +72,38 @@ impl Compiler<'_> {
         Type::Unknown
     }
 
-    fn same(&mut self, operator: Binary, left: &Expression, right: &Expression, wanted: Type) -> Type {
-        let (left, right) = self.two(left, right);
+    fn compile_same_type(&mut self, operator: Binary, left: &Expression, right: &Expression, wanted: Type) -> Type {
+        let (left, right) = self.compile_operands(left, right);
         self.emit(Op::Binary(operator));
         if wanted == Type::Int && (left == Type::Char || right == Type::Char) {
-            self.not_executed("a calculation with CHAR");
+            self.record_unexecuted("a calculation with CHAR");
         }
         let fits =
             |kind: Type| kind == wanted || kind == Type::Unknown || (wanted == Type::Int && kind == Type::Char);
-        if fits(left) && fits(right) { wanted } else { self.mismatch(operator, left, right) }
+        if fits(left) && fits(right) { wanted } else { self.report_operand_mismatch(operator, left, right) }
     }
 
-    fn logical(&mut self, operator: Binary, left: &Expression, right: &Expression) -> Type {
+    fn compile_logical(&mut self, operator: Binary, left: &Expression, right: &Expression) -> Type {
         let kind = self.value(left, Type::Bool);
         let jump = self.emit(Op::JumpDecided { decided: operator == Binary::Or, to: 0 });
         let other = self.value(right, Type::Bool);
         self.emit(Op::Binary(operator));
-        self.lead_here(jump);
+        self.set_jump_target(jump);
         let fits = |kind: Type| matches!(kind, Type::Bool | Type::Unknown);
-        if fits(kind) && fits(other) { Type::Bool } else { self.mismatch(operator, kind, other) }
+        if fits(kind) && fits(other) { Type::Bool } else { self.report_operand_mismatch(operator, kind, other) }
     }
 
     fn compare(&mut self, operator: Binary, left: &Expression, right: &Expression) -> Type {
-        let (left, right) = self.two(left, right);
+        let (left, right) = self.compile_operands(left, right);
         let ordered = !matches!(operator, Binary::Equal | Binary::Unequal);
         match (left, right) {
-            (Type::Struc(_), Type::Struc(_)) if !ordered && self.types.are_same(left, right) => {
-                self.not_executed("a comparison of structures");
+            (Type::Struc(_), Type::Struc(_)) if !ordered && self.types.are_same_type(left, right) => {
+                self.record_unexecuted("a comparison of structures");
             }
             (Type::Text | Type::Char, Type::Text) | (Type::Text, Type::Char) => {
-                self.not_executed("a comparison of texts");
+                self.record_unexecuted("a comparison of texts");
             }
-            _ if self.types.are_same(left, right)
+            _ if self.types.are_same_type(left, right)
                 && (!ordered || matches!(left, Type::Int | Type::Real | Type::Char | Type::Enumeration(_))) => {}
             _ => {
                 self.number(operator, left, right);
@@ -112,8 +114,8 @@ impl Compiler<'_> {
     }
 
     /// Compiles `POS:FRAME` and similar expressions: two values of 6 numbers each, with 6 numbers as the result.
-    fn geometric(&mut self, left: &Expression, right: &Expression) -> Type {
-        let frame = self.types.own("FRAME");
+    fn compile_geometric(&mut self, left: &Expression, right: &Expression) -> Type {
+        let frame = self.types.kuka_type("FRAME");
         let mut sides = [Type::Unknown; 2];
         for (side, expression) in sides.iter_mut().zip([left, right]) {
             *side = self.value(expression, frame);
@@ -124,14 +126,18 @@ impl Compiler<'_> {
         }
         self.emit(Op::Geometric);
         let fits = |kind: Type| kind == Type::Unknown || self.types.is_pose(kind);
-        if sides.into_iter().all(fits) { frame } else { self.mismatch(Binary::Geometric, sides[0], sides[1]) }
+        if sides.into_iter().all(fits) {
+            frame
+        } else {
+            self.report_operand_mismatch(Binary::Geometric, sides[0], sides[1])
+        }
     }
 }
 
 fn sign(operator: Binary) -> &'static str {
     match operator {
-        Binary::Times => "*",
-        Binary::By => "/",
+        Binary::Multiply => "*",
+        Binary::Divide => "/",
         Binary::Plus => "+",
         Binary::Minus => "-",
         Binary::Geometric => ":",

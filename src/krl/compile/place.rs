@@ -5,11 +5,11 @@ use super::super::routines::VARIABLES_OF_ETHERNET_KRL_6;
 use super::super::syntax::{Expression, Step, VariableRef};
 use super::super::system::{self, LOWEST_KSS, SYSTEM_VARIABLES};
 use super::super::types::{Component, Type};
-use super::compiler::{Compiler, Home, Variable, cells_u32};
-use super::data::nowhere;
+use super::compiler::{Compiler, Variable, VariableHome, cells_u32};
+use super::data::untyped_location;
 
 /// A variable or a part of one, whose address the steps have put on the stack.
-pub(super) struct Found {
+pub(super) struct ResolvedVariable {
     pub(super) kind: Type,
     /// The sizes if the value is a whole array; empty for a single value.
     pub(super) dimensions: Vec<usize>,
@@ -28,9 +28,9 @@ impl Compiler<'_> {
         if let Some(index) = system::find(name) {
             return Some(self.system_variable(index));
         }
-        if let Some(named) = system::named(name) {
-            let kind = if named.type_name == "ANY" { Type::Unknown } else { self.types.own(named.type_name) };
-            return (kind != Type::Unknown).then(|| nowhere(kind, vec![0; named.dimensions]));
+        if let Some(named) = system::find_variable(name) {
+            let kind = if named.type_name == "ANY" { Type::Unknown } else { self.types.kuka_type(named.type_name) };
+            return (kind != Type::Unknown).then(|| untyped_location(kind, vec![0; named.dimensions]));
         }
         self.report_unknown(name);
         None
@@ -38,11 +38,11 @@ impl Compiler<'_> {
 
     /// Checks that a variable is writable. Writing a constant is an error; for other read-only variables it is not
     /// known whether a controller refuses the program.
-    pub(super) fn check_writable(&mut self, name: &str, found: &Found, message: &str) {
+    pub(super) fn check_writable(&mut self, name: &str, found: &ResolvedVariable, message: &str) {
         if found.writable {
             return;
         }
-        self.not_executed(name);
+        self.record_unexecuted(name);
         if found.constant {
             self.problem(name, message);
         } else {
@@ -84,9 +84,9 @@ impl Compiler<'_> {
             }
         }
         Variable {
-            kind: self.types.own(row.type_name),
+            kind: self.types.kuka_type(row.type_name),
             dimensions: if row.count > 0 { vec![row.count] } else { Vec::new() },
-            home: Home::System(u16::try_from(index).unwrap_or_default()),
+            home: VariableHome::System(u16::try_from(index).unwrap_or_default()),
             constant: false,
             value: None,
             writable: row.writable,
@@ -95,16 +95,16 @@ impl Compiler<'_> {
 
     /// Puts the address of a variable, or of one of its parts, on the stack; `None` if the variable is not known; in
     /// that case the statement is not executed.
-    pub(super) fn address(&mut self, place: &VariableRef) -> Option<Found> {
+    pub(super) fn address(&mut self, place: &VariableRef) -> Option<ResolvedVariable> {
         let Some(variable) = self.variable(&place.name) else {
-            self.not_executed(&place.name);
+            self.record_unexecuted(&place.name);
             self.check_indices(place);
             return None;
         };
         self.push_home(&place.name, &variable);
-        let by_reference = matches!(variable.home, Home::Referred(_));
+        let by_reference = matches!(variable.home, VariableHome::Referred(_));
         let Variable { kind, dimensions, writable, constant, .. } = variable;
-        let mut found = Found { kind, dimensions, writable, constant };
+        let mut found = ResolvedVariable { kind, dimensions, writable, constant };
         for step in &place.steps {
             match step {
                 Step::Index(indices) => self.index(&place.name, indices, &mut found, by_reference)?,
@@ -115,17 +115,17 @@ impl Compiler<'_> {
     }
 
     fn push_home(&mut self, name: &str, variable: &Variable) {
-        if variable.home == Home::Nowhere {
-            self.not_executed(name);
+        if variable.home == VariableHome::Nowhere {
+            self.record_unexecuted(name);
         }
         self.emit(match variable.home {
-            Home::Global(offset) => Op::Global(offset),
-            Home::Local(offset) => Op::Local(offset),
-            Home::Referred(offset) => Op::Referred(offset),
-            Home::System(index) | Home::Bit { variable: index, .. } => Op::System(index),
-            Home::Nowhere => Op::Push(Cell::Unset),
+            VariableHome::Global(offset) => Op::Global(offset),
+            VariableHome::Local(offset) => Op::Local(offset),
+            VariableHome::Referred(offset) => Op::Referred(offset),
+            VariableHome::System(index) | VariableHome::Bit { variable: index, .. } => Op::System(index),
+            VariableHome::Nowhere => Op::Push(Cell::Unset),
         });
-        if let Home::Bit { variable, number } = variable.home {
+        if let VariableHome::Bit { variable, number } = variable.home {
             let count = cells_u32(SYSTEM_VARIABLES[usize::from(variable)].count);
             self.emit(Op::Push(Cell::Int(number)));
             self.emit(Op::Index { count, size: 1 });
@@ -142,12 +142,13 @@ impl Compiler<'_> {
     }
 
     /// Returns the component of this name, and reports if it does not exist.
-    pub(super) fn component_of(&mut self, variable: &str, kind: Type, name: &str) -> Option<Component> {
-        let struc = self.types.struc(kind);
+    pub(super) fn resolve_component(&mut self, variable: &str, kind: Type, name: &str) -> Option<Component> {
+        let struc = self.types.structure(kind);
         if let Some(component) = struc.and_then(|struc| struc.component(name)) {
             return Some(component.clone());
         }
-        let (is_kukas, known) = struc.map_or((false, String::new()), |struc| (struc.kuka, struc.listed()));
+        let (is_kukas, known) =
+            struc.map_or((false, String::new()), |struc| (struc.kuka, struc.describe_components()));
         let is_complete = self.types.is_pose(kind) || self.types.is_axes(kind);
         let type_name = self.types.name(kind);
         if is_kukas && !is_complete {
@@ -156,7 +157,7 @@ impl Compiler<'_> {
                 &key,
                 format!("not checked: of {type_name}, this program knows only the components {known}"),
             );
-            self.not_executed(&key);
+            self.record_unexecuted(&key);
             return None;
         }
         let known = if known.is_empty() { String::new() } else { format!("; its components are {known}") };
@@ -164,7 +165,7 @@ impl Compiler<'_> {
         None
     }
 
-    fn component(&mut self, variable: &str, name: &str, found: &mut Found) -> Option<()> {
+    fn component(&mut self, variable: &str, name: &str, found: &mut ResolvedVariable) -> Option<()> {
         if found.kind == Type::Unknown {
             return None;
         }
@@ -172,7 +173,7 @@ impl Compiler<'_> {
             self.problem(variable, format!("an index is missing before .{name}"));
             return None;
         }
-        let component = self.component_of(variable, found.kind, name)?;
+        let component = self.resolve_component(variable, found.kind, name)?;
         let offset = cells_u32(component.offset);
         match self.program.code.last_mut() {
             Some(Op::Global(at) | Op::Local(at)) => *at = at.saturating_add(offset),
@@ -189,7 +190,7 @@ impl Compiler<'_> {
         &mut self,
         variable: &str,
         indices: &[Option<Expression>],
-        found: &mut Found,
+        found: &mut ResolvedVariable,
         by_reference: bool,
     ) -> Option<()> {
         if indices.iter().all(Option::is_none) {
@@ -210,14 +211,14 @@ impl Compiler<'_> {
         for (place, (index, &count)) in indices.iter().zip(&dimensions).enumerate() {
             let Some(index) = index else {
                 found.dimensions.push(count);
-                self.not_executed("a row of an array");
+                self.record_unexecuted("a row of an array");
                 continue;
             };
             self.check_bounds(variable, index, count);
             let inner = dimensions[place + 1..].iter().fold(size, |cells, count| cells.saturating_mul(*count));
             self.typed_value(index, Type::Int, variable);
             if count == 0 && !by_reference {
-                self.not_executed(variable);
+                self.record_unexecuted(variable);
             }
             let count = if count == 0 { u32::MAX } else { cells_u32(count) };
             self.emit(Op::Index { count, size: cells_u32(inner) });
@@ -233,7 +234,7 @@ impl Compiler<'_> {
         let is_outside =
             |index: &i32| usize::try_from(*index).is_ok_and(|index| !(1..=count).contains(&index)) || *index < 1;
         let message = |index: i32| format!("the index {index} is outside of the array (valid: 1 to {count})");
-        if let Some(Cell::Int(index)) = self.constant(index) {
+        if let Some(Cell::Int(index)) = self.evaluate_constant(index) {
             if is_outside(&index) {
                 self.problem(variable, message(index));
             }

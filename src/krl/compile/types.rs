@@ -1,13 +1,13 @@
 //! Declares STRUC and ENUM of all files. A structure may refer to a structure that is declared after it.
 
 use super::super::limits::ARRAY_VALUES;
-use super::super::syntax::{Data, Declaration, Declared, Item};
+use super::super::syntax::{Data, Declaration, DeclarationContent, Item};
 use super::super::types::{NewComponent, Scope};
 use super::compiler::Compiler;
 use std::collections::BTreeMap;
 
 /// A structure that is still to be declared.
-struct Waiting<'a> {
+struct PendingStructure<'a> {
     file: usize,
     routine: Option<usize>,
     line: usize,
@@ -47,30 +47,30 @@ impl<'a> Compiler<'a> {
         (file, routine): (usize, Option<usize>),
         data: Option<&Data>,
         declaration: &'a Declaration,
-        waiting: &mut Vec<Waiting<'a>>,
+        waiting: &mut Vec<PendingStructure<'a>>,
     ) {
         (self.file, self.routine, self.line) = (file, routine, declaration.line);
-        let is_seen = declaration.global || data.is_some_and(is_seen_everywhere);
+        let is_seen = declaration.global || data.is_some_and(is_visible_everywhere);
         let scope = match routine {
             _ if is_seen => Scope::Everywhere,
             Some(place) => Scope::Routine { file, place },
             None => Scope::Module(self.modules[file]),
         };
         match &declaration.kind {
-            Declared::Enumeration { name, words } => {
+            DeclarationContent::Enumeration { name, words } => {
                 self.check_name(name);
                 let is_free = self.types.add_enumeration(scope, name, words.clone());
-                self.report_taken(is_free, name);
+                self.report_if_taken(is_free, name);
             }
-            Declared::Struc { name, components } => {
-                waiting.push(Waiting { file, routine, line: declaration.line, scope, name, components });
+            DeclarationContent::Struc { name, components } => {
+                waiting.push(PendingStructure { file, routine, line: declaration.line, scope, name, components });
             }
             _ => {}
         }
     }
 
-    fn report_taken(&mut self, is_free: bool, name: &str) {
-        let in_own_list = self.files[self.file].data.as_ref().is_some_and(is_seen_everywhere);
+    fn report_if_taken(&mut self, is_free: bool, name: &str) {
+        let in_own_list = self.files[self.file].data.as_ref().is_some_and(is_visible_everywhere);
         if !is_free && !in_own_list {
             self.problem(name, "a type of this name is already declared");
         }
@@ -78,7 +78,7 @@ impl<'a> Compiler<'a> {
 
     /// Declares each structure after the structures to which it refers. The structures that remain refer to each other
     /// in a circle.
-    fn declare_strucs(&mut self, waiting: &[Waiting<'_>]) {
+    fn declare_strucs(&mut self, waiting: &[PendingStructure<'_>]) {
         let mut by_name: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
         for (place, struc) in waiting.iter().enumerate() {
             by_name.entry(struc.name).or_default().push(place);
@@ -93,7 +93,7 @@ impl<'a> Compiler<'a> {
                     .get(type_name.as_str())
                     .into_iter()
                     .flatten()
-                    .filter(|other| self.sees(struc, &waiting[**other]))
+                    .filter(|other| self.is_visible_to(struc, &waiting[**other]))
                 {
                     awaits[place] += 1;
                     waiters[other].push(place);
@@ -125,18 +125,18 @@ impl<'a> Compiler<'a> {
     }
 
     /// Returns whether the second structure is known at the declaration of the first one.
-    fn sees(&self, from: &Waiting<'_>, other: &Waiting<'_>) -> bool {
+    fn is_visible_to(&self, from: &PendingStructure<'_>, other: &PendingStructure<'_>) -> bool {
         other.scope == Scope::Everywhere
             || other.scope == Scope::Module(self.modules[from.file])
             || (other.file == from.file && other.routine == from.routine)
     }
 
-    fn declare_struc(&mut self, struc: &Waiting<'_>) {
+    fn declare_struc(&mut self, struc: &PendingStructure<'_>) {
         (self.file, self.routine, self.line) = (struc.file, struc.routine, struc.line);
         self.check_name(struc.name);
         let mut placed: Vec<NewComponent> = Vec::new();
         for (type_name, item) in struc.components {
-            let kind = self.type_named(type_name);
+            let kind = self.resolve_type(type_name);
             let dimensions = item.dimensions.iter().map(|size| self.dimension(size.as_ref())).collect();
             placed.push(NewComponent { name: item.name.clone(), kind, dimensions });
         }
@@ -151,12 +151,12 @@ impl<'a> Compiler<'a> {
             placed.clear();
         }
         let is_free = self.types.add_struc(struc.scope, struc.name, placed);
-        self.report_taken(is_free, struc.name);
+        self.report_if_taken(is_free, struc.name);
     }
 }
 
 /// Returns whether a data list is visible everywhere. The controller's own data lists, `$config.dat` and others, are
 /// visible in every program, even without PUBLIC and GLOBAL.
-pub(super) fn is_seen_everywhere(data: &Data) -> bool {
+pub(super) fn is_visible_everywhere(data: &Data) -> bool {
     data.name.starts_with('$')
 }

@@ -15,7 +15,7 @@ impl Compiler<'_> {
             Expression::Real(number) => self.push(Cell::Real(*number), Type::Real),
             Expression::Bool(value) => self.push(Cell::Bool(*value), Type::Bool),
             Expression::Text(text) => self.text_value(text, wanted),
-            Expression::Word(word) => self.word(word, wanted),
+            Expression::Word(word) => self.compile_constant(word, wanted),
             Expression::Variable(place) => self.variable_value(place),
             Expression::Call(call) => match self.call(call, wanted) {
                 Some(kind) => kind,
@@ -25,7 +25,7 @@ impl Compiler<'_> {
                 }
             },
             Expression::Aggregate { type_name, parts } => self.aggregate(type_name.as_deref(), parts, wanted),
-            Expression::Unary(operator, inner) => self.unary(*operator, inner),
+            Expression::Unary(operator, inner) => self.compile_unary(*operator, inner),
             Expression::Binary(operator, left, right) => self.binary(*operator, left, right),
             Expression::Channel => self.unknown("a channel"),
             Expression::NotRead => self.unknown("an expression that was not parsed"),
@@ -39,7 +39,7 @@ impl Compiler<'_> {
 
     /// Compiles a value of unknown type.
     fn unknown(&mut self, what: &str) -> Type {
-        self.not_executed(what);
+        self.record_unexecuted(what);
         self.push(Cell::Unset, Type::Unknown)
     }
 
@@ -49,11 +49,11 @@ impl Compiler<'_> {
         {
             return self.push(Cell::Char(character), Type::Char);
         }
-        let place = self.text_place(text);
+        let place = self.text_index(text);
         self.push(Cell::Text(place), Type::Text)
     }
 
-    fn text_place(&mut self, text: &str) -> u32 {
+    fn text_index(&mut self, text: &str) -> u32 {
         if let Some(place) = self.text_places.get(text) {
             return *place;
         }
@@ -63,26 +63,28 @@ impl Compiler<'_> {
         place
     }
 
-    fn word(&mut self, word: &str, wanted: Type) -> Type {
+    fn compile_constant(&mut self, word: &str, wanted: Type) -> Type {
         if wanted == Type::Unknown {
             return self.unknown("an enumeration constant that cannot be resolved");
         }
-        match self.word_place(word, wanted) {
+        match self.constant_index(word, wanted) {
             Some(place) => self.push(Cell::Word(place), wanted),
             None => self.unknown("an enumeration constant that cannot be resolved"),
         }
     }
 
     /// Returns the index of a constant in its enumeration, and reports if the enumeration does not contain it.
-    pub(super) fn word_place(&mut self, word: &str, kind: Type) -> Option<u16> {
+    pub(super) fn constant_index(&mut self, word: &str, kind: Type) -> Option<u16> {
         if kind == Type::Unknown {
             return None;
         }
-        if let Some(place) = self.types.word(kind, word) {
+        if let Some(place) = self.types.constant_index(kind, word) {
             return Some(place);
         }
-        let (is_kukas, known) =
-            self.types.enumeration(kind).map_or((false, String::new()), |known| (known.kuka, known.listed()));
+        let (is_kukas, known) = self
+            .types
+            .enumeration(kind)
+            .map_or((false, String::new()), |known| (known.kuka, known.describe_constants()));
         let (key, name) = (format!("#{word}"), self.types.name(kind));
         if is_kukas {
             self.warn_once(
@@ -103,7 +105,7 @@ impl Compiler<'_> {
             return found.kind;
         }
         if found.kind == Type::Char {
-            self.not_executed("a string in a variable");
+            self.record_unexecuted("a string in a variable");
             return Type::Text;
         }
         if found.kind != Type::Unknown {
@@ -120,7 +122,7 @@ impl Compiler<'_> {
 
     /// Returns the type of an aggregate whose type is neither expected nor stated; the type follows from its
     /// components.
-    pub(super) fn kind_of_parts(&self, parts: &[(VariableRef, Expression)]) -> Type {
+    pub(super) fn infer_aggregate_type(&self, parts: &[(VariableRef, Expression)]) -> Type {
         let has = |name: &str| parts.iter().any(|(place, _)| place.name == name);
         let any = |names: &[&str]| names.iter().any(|name| has(name));
         let has_extra = any(&["E1", "E2", "E3", "E4", "E5", "E6"]);
@@ -135,12 +137,12 @@ impl Compiler<'_> {
         } else {
             "AXIS"
         };
-        self.types.own(name)
+        self.types.kuka_type(name)
     }
 
     fn aggregate(&mut self, type_name: Option<&str>, parts: &[(VariableRef, Expression)], wanted: Type) -> Type {
-        let kind = type_name.map_or(wanted, |name| self.type_named(name));
-        let Some(size) = self.types.struc(kind).map(|struc| struc.size.max(struc.components.len())) else {
+        let kind = type_name.map_or(wanted, |name| self.resolve_type(name));
+        let Some(size) = self.types.structure(kind).map(|struc| struc.size.max(struc.components.len())) else {
             if kind != Type::Unknown {
                 let name = self.types.name(kind);
                 self.problem("{", format!("expected {name}, found components in braces"));
@@ -152,12 +154,12 @@ impl Compiler<'_> {
         };
         let is_wide = size > AGGREGATE_VALUES;
         if is_wide {
-            self.not_executed("{…}");
+            self.record_unexecuted("{…}");
         }
         for (place, value) in parts {
-            let component = self.component_of(&place.name, kind, &place.name);
+            let component = self.resolve_component(&place.name, kind, &place.name);
             if component.is_none() || !place.steps.is_empty() {
-                self.not_executed("{…}");
+                self.record_unexecuted("{…}");
             }
             if let Some(Component { kind, dimensions, .. }) = component.filter(|_| is_wide) {
                 self.part(place, value, kind, &dimensions);
@@ -166,7 +168,7 @@ impl Compiler<'_> {
         if is_wide {
             return kind;
         }
-        let components = self.types.struc(kind).map(|struc| struc.components.clone()).unwrap_or_default();
+        let components = self.types.structure(kind).map(|struc| struc.components.clone()).unwrap_or_default();
         for component in &components {
             let given = parts.iter().find(|(place, _)| place.name == component.name);
             match given {
@@ -189,20 +191,20 @@ impl Compiler<'_> {
                 self.value(value, Type::Unknown);
             }
             _ if kind == Type::Char => {
-                self.not_executed("a text in a component");
+                self.record_unexecuted("a text in a component");
                 let given = self.value(value, Type::Text);
                 if ![Type::Text, Type::Char, Type::Int, Type::Unknown].contains(&given) {
-                    self.mismatched(given, Type::Text, &place.name);
+                    self.report_type_mismatch(given, Type::Text, &place.name);
                 }
             }
             _ => {
-                self.not_executed("{…}");
+                self.record_unexecuted("{…}");
                 self.typed_value(value, kind, &place.name);
             }
         }
     }
 
-    fn unary(&mut self, operator: Unary, inner: &Expression) -> Type {
+    fn compile_unary(&mut self, operator: Unary, inner: &Expression) -> Type {
         let kind = self.value(inner, Type::Unknown);
         let (op, sign, allowed): (Op, &str, &[Type]) = match operator {
             Unary::Minus => (Op::Negate, "-", &[Type::Int, Type::Real]),
@@ -211,7 +213,7 @@ impl Compiler<'_> {
         };
         self.emit(op);
         if kind == Type::Char {
-            self.not_executed("a calculation with CHAR");
+            self.record_unexecuted("a calculation with CHAR");
         }
         if kind != Type::Unknown && !allowed.contains(&kind) {
             let name = self.types.name(kind);
@@ -228,7 +230,7 @@ impl Compiler<'_> {
     }
 
     pub(super) fn convert(&mut self, found: Type, wanted: Type, key: &str) {
-        if found == Type::Unknown || wanted == Type::Unknown || self.types.are_same(found, wanted) {
+        if found == Type::Unknown || wanted == Type::Unknown || self.types.are_same_type(found, wanted) {
             return;
         }
         match (found, wanted) {
@@ -239,12 +241,12 @@ impl Compiler<'_> {
                 self.emit(Op::ToInt);
             }
             (Type::Int, Type::Char) | (Type::Char, Type::Int | Type::Real) | (Type::Text, Type::Char) => {
-                self.not_executed("a conversion between CHAR and another type");
+                self.record_unexecuted("a conversion between CHAR and another type");
             }
             // One character instead of a text.
-            (Type::Char, Type::Text) => self.not_executed("a string in a variable"),
-            _ if self.types.are_alike(found, wanted) => self.resize(found, wanted),
-            _ => self.mismatched(found, wanted, key),
+            (Type::Char, Type::Text) => self.record_unexecuted("a string in a variable"),
+            _ if self.types.are_convertible(found, wanted) => self.resize(found, wanted),
+            _ => self.report_type_mismatch(found, wanted, key),
         }
     }
 
@@ -259,7 +261,7 @@ impl Compiler<'_> {
         }
     }
 
-    pub(super) fn mismatched(&mut self, found: Type, wanted: Type, key: &str) {
+    pub(super) fn report_type_mismatch(&mut self, found: Type, wanted: Type, key: &str) {
         let (found, wanted) = (self.types.name(found), self.types.name(wanted));
         self.problem(key, format!("expected {wanted}, found {found}"));
     }

@@ -1,13 +1,13 @@
 //! The memory that a step reads and writes: cells of the data lists, of a frame, and of the system. An access to a
 //! system variable may have to wait for the arm.
 
-use super::super::code::{Address, Cell, Space};
+use super::super::code::{Cell, MemoryAddress, MemorySpace};
 use super::super::program::Program;
 use super::super::system::SYSTEM_VARIABLES;
 use super::host::Host;
 use super::interpreter::Interpreter;
 use super::memory::Memory;
-use super::outcome::{Flow, Stepped, Wrong};
+use super::outcome::{StepError, StepFlow, StepResult};
 use super::stack::INVALID;
 
 impl Interpreter {
@@ -21,8 +21,8 @@ impl Interpreter {
 
     /// Returns whether reading this address must wait for the arm.
     #[inline]
-    pub(super) fn must_wait(&self, address: Address, host: &mut dyn Host) -> bool {
-        let Space::System(index) = address.space else { return false };
+    pub(super) fn must_wait_for_arm(&self, address: MemoryAddress, host: &mut dyn Host) -> bool {
+        let MemorySpace::System(index) = address.space else { return false };
         if !SYSTEM_VARIABLES[index as usize].stops_advance {
             return false;
         }
@@ -30,20 +30,25 @@ impl Interpreter {
     }
 
     pub(super) fn stops_advance_run(&self, host: &mut dyn Host) -> bool {
-        if !self.moves || self.keeps_going.is_some() || self.in_interrupt() || host.arm_stands() {
+        if !self.moves || self.continue_statement.is_some() || self.is_in_interrupt() || host.is_arm_at_rest() {
             return false;
         }
-        host.let_arm_finish();
+        host.finish_motions();
         true
     }
 
     #[inline]
-    pub(super) fn read(&self, address: Address, memory: &Memory, host: &mut dyn Host) -> Result<Cell, Wrong> {
+    pub(super) fn read(
+        &self,
+        address: MemoryAddress,
+        memory: &Memory,
+        host: &mut dyn Host,
+    ) -> Result<Cell, StepError> {
         let at = address.offset as usize;
         let cell = match address.space {
-            Space::Global => memory.cells.get(at).copied(),
-            Space::Frame => self.cells.get(at).copied(),
-            Space::System(index) => return Ok(host.read(index, address.offset)?),
+            MemorySpace::Global => memory.cells.get(at).copied(),
+            MemorySpace::Frame => self.cells.get(at).copied(),
+            MemorySpace::System(index) => return Ok(host.read(index, address.offset)?),
         };
         cell.ok_or_else(|| "outside of memory".into())
     }
@@ -51,39 +56,39 @@ impl Interpreter {
     #[inline]
     pub(super) fn write(
         &mut self,
-        address: Address,
+        address: MemoryAddress,
         value: Cell,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<(), Wrong> {
+    ) -> Result<(), StepError> {
         let at = address.offset as usize;
         let cell = match address.space {
-            Space::Global => memory.cells.get_mut(at),
-            Space::Frame => self.cells.get_mut(at),
-            Space::System(index) => return Ok(host.write(index, address.offset, value)?),
+            MemorySpace::Global => memory.cells.get_mut(at),
+            MemorySpace::Frame => self.cells.get_mut(at),
+            MemorySpace::System(index) => return Ok(host.write(index, address.offset, value)?),
         };
         *cell.ok_or("outside of memory")? = value;
         Ok(())
     }
 
     #[inline]
-    pub(super) fn load(&mut self, cells: u32, memory: &Memory, host: &mut dyn Host) -> Stepped {
+    pub(super) fn load(&mut self, cells: u32, memory: &Memory, host: &mut dyn Host) -> StepResult {
         let address = self.pop_address()?;
-        if self.must_wait(address, host) {
+        if self.must_wait_for_arm(address, host) {
             self.stack.push(Cell::Address(address));
-            return Ok(Flow::Wait);
+            return Ok(StepFlow::Wait);
         }
         let mut any = false;
         for cell in 0..cells {
-            let value = self.read(Address { offset: address.offset + cell, ..address }, memory, host)?;
+            let value = self.read(MemoryAddress { offset: address.offset + cell, ..address }, memory, host)?;
             any |= value != Cell::Unset;
             self.stack.push(value);
         }
         if !any {
             return Err(INVALID.into());
         }
-        self.at += 1;
-        Ok(Flow::Next)
+        self.step_index += 1;
+        Ok(StepFlow::Next)
     }
 
     pub(super) fn store(
@@ -92,7 +97,7 @@ impl Interpreter {
         keeps_rest: bool,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<(), Wrong> {
+    ) -> Result<(), StepError> {
         let at = self
             .stack
             .len()
@@ -104,8 +109,8 @@ impl Interpreter {
         };
         let to = address.offset as usize..address.offset as usize + cells;
         let plain = match address.space {
-            Space::Global if !keeps_rest => memory.cells.get_mut(to),
-            Space::Frame if !keeps_rest => self.cells.get_mut(to),
+            MemorySpace::Global if !keeps_rest => memory.cells.get_mut(to),
+            MemorySpace::Frame if !keeps_rest => self.cells.get_mut(to),
             _ => None,
         };
         if let Some(plain) = plain {
@@ -116,7 +121,7 @@ impl Interpreter {
         for (index, offset) in (at..self.stack.len()).zip(address.offset..) {
             let value = self.stack[index];
             if value != Cell::Unset || !keeps_rest {
-                self.write(Address { offset, ..address }, value, memory, host)?;
+                self.write(MemoryAddress { offset, ..address }, value, memory, host)?;
             }
         }
         self.stack.truncate(at - 1);
@@ -129,7 +134,7 @@ impl Interpreter {
         program: &Program,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<(), Wrong> {
+    ) -> Result<(), StepError> {
         let text = self.pop_text(program)?;
         let address = self.pop_address()?;
         if text.len() > cells as usize {
@@ -139,7 +144,7 @@ impl Interpreter {
         }
         for cell in 0..cells {
             let value = text.as_bytes().get(cell as usize).map_or(Cell::Unset, |byte| Cell::Char(*byte));
-            self.write(Address { offset: address.offset + cell, ..address }, value, memory, host)?;
+            self.write(MemoryAddress { offset: address.offset + cell, ..address }, value, memory, host)?;
         }
         Ok(())
     }

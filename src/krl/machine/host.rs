@@ -55,10 +55,10 @@ pub trait Host {
     fn now_ms(&self) -> u64;
 
     /// Returns whether no motion is planned and the arm does not move.
-    fn arm_stands(&self) -> bool;
+    fn is_arm_at_rest(&self) -> bool;
 
     /// Returns the number of planned motions, including the present one.
-    fn planned(&self) -> usize;
+    fn planned_motions(&self) -> usize;
 
     /// `$ADVANCE`.
     fn advance(&self) -> usize;
@@ -70,10 +70,10 @@ pub trait Host {
     fn plan(&mut self, request: &MotionRequest, caller: &Caller<'_>) -> Result<u64, String>;
 
     /// Executes all planned motions to their end, because a statement waits for the arm.
-    fn let_arm_finish(&mut self);
+    fn finish_motions(&mut self);
 
-    /// Brakes; the arm has stopped once [`Host::arm_stands`] is true.
-    fn brake(&mut self, fast: bool);
+    /// Brakes; the arm has stopped once [`Host::is_arm_at_rest`] is true.
+    fn start_braking(&mut self, fast: bool);
 
     /// Discards the planned motions after RESUME.
     fn discard(&mut self);
@@ -106,7 +106,7 @@ pub struct Caller<'a> {
 
 impl Caller<'_> {
     /// Returns this many cells of the innermost local variable of this name.
-    pub fn local(&self, name: &str, cells: usize) -> Option<Vec<Cell>> {
-        self.interpreter.local(self.program, self.memory, name, cells)
+    pub fn local_cells(&self, name: &str, cells: usize) -> Option<Vec<Cell>> {
+        self.interpreter.local_cells(self.program, self.memory, name, cells)
     }
 }

@@ -1,7 +1,7 @@
 //! The state of a run: frames, stack, local variables, interrupts.
 
-use super::memory::{Meaning, Memory};
-use crate::krl::code::{Cell, Space};
+use super::memory::{Memory, UndocumentedBehaviour};
+use crate::krl::code::{Cell, MemorySpace};
 use crate::krl::program::Program;
 
 #[derive(Debug, Clone)]
@@ -13,11 +13,11 @@ pub(super) struct Frame {
     /// Height of the stack when the routine was called.
     pub(super) height: usize,
     /// Present if an interrupt or trigger broke in: its priority, and what the interrupted program waited for.
-    pub(super) broke_in: Option<BrokeIn>,
+    pub(super) interrupt_entry: Option<InterruptEntry>,
 }
 
 #[derive(Debug, Clone)]
-pub(super) struct BrokeIn {
+pub(super) struct InterruptEntry {
     pub(super) priority: i32,
     /// The frame that declared the interrupt.
     pub(super) declared_in: usize,
@@ -36,7 +36,7 @@ pub(super) struct Interrupt {
     pub(super) call: usize,
     pub(super) on: bool,
     /// The value of the condition at its last evaluation.
-    pub(super) was: bool,
+    pub(super) last_condition: bool,
     pub(super) pending: bool,
 }
 
@@ -52,10 +52,10 @@ pub(super) struct Trigger {
 /// One interpreter: the state of a run. The program is passed with each call; it must always be the same program.
 #[derive(Debug, Clone)]
 pub struct Interpreter {
-    pub(super) meaning: Meaning,
+    pub(super) meaning: UndocumentedBehaviour,
     /// Whether this is the robot interpreter: it moves the arm, waits for it, and has interrupts.
     pub(super) moves: bool,
-    pub(super) at: usize,
+    pub(super) step_index: usize,
     pub(super) stack: Vec<Cell>,
     /// Parameters and local variables.
     pub(super) cells: Vec<Cell>,
@@ -69,10 +69,10 @@ pub struct Interpreter {
     /// Whether the motion of this statement is planned.
     pub(super) planned: bool,
     /// The statement to which CONTINUE applies.
-    pub(super) keeps_going: Option<usize>,
+    pub(super) continue_statement: Option<usize>,
     /// The effect of ON_ERROR_PROCEED: the error of the next statement is ignored.
-    pub(super) proceeds: u8,
-    /// The saved `planned`, `keeps_going` and `statement` of each statement that an interrupt broke into.
+    pub(super) error_suppression: u8,
+    /// The saved `planned`, `continue_statement` and `statement` of each statement that an interrupt broke into.
     pub(super) saved: Vec<(bool, Option<usize>, usize)>,
     pub(super) statement: usize,
     pub(super) statement_height: usize,
@@ -83,11 +83,11 @@ pub struct Interpreter {
 
 impl Interpreter {
     /// Creates an interpreter without a program; `moves` is true for the robot interpreter.
-    pub fn new(meaning: Meaning, moves: bool) -> Self {
+    pub fn new(meaning: UndocumentedBehaviour, moves: bool) -> Self {
         Interpreter {
             meaning,
             moves,
-            at: 0,
+            step_index: 0,
             stack: Vec::new(),
             cells: Vec::new(),
             frames: Vec::new(),
@@ -96,8 +96,8 @@ impl Interpreter {
             waits_until_ms: None,
             braked: None,
             planned: false,
-            keeps_going: None,
-            proceeds: 0,
+            continue_statement: None,
+            error_suppression: 0,
             saved: Vec::new(),
             statement: 0,
             statement_height: 0,
@@ -106,9 +106,9 @@ impl Interpreter {
     }
 
     /// Resets the interpreter and begins at this routine, which has no arguments.
-    pub fn begin(&mut self, program: &Program, routine: u32) {
+    pub fn start_routine(&mut self, program: &Program, routine: u32) {
         self.clear();
-        self.enter(program, routine, usize::MAX, 0);
+        self.enter_routine(program, routine, usize::MAX, 0);
     }
 
     /// Forgets everything.
@@ -121,9 +121,9 @@ impl Interpreter {
         interrupts.clear();
         armed.clear();
         saved.clear();
-        (self.at, self.statement, self.statement_height) = (0, 0, 0);
-        (self.waits_until_ms, self.braked, self.planned, self.keeps_going) = (None, None, false, None);
-        (self.proceeds, self.condition_base) = (0, None);
+        (self.step_index, self.statement, self.statement_height) = (0, 0, 0);
+        (self.waits_until_ms, self.braked, self.planned, self.continue_statement) = (None, None, false, None);
+        (self.error_suppression, self.condition_base) = (0, None);
     }
 
     /// Returns whether there is nothing to execute.
@@ -133,12 +133,12 @@ impl Interpreter {
     }
 
     /// Returns the file and the line that are executed.
-    pub fn place(&self, program: &Program) -> String {
+    pub fn current_location(&self, program: &Program) -> String {
         let location = program.statements.get(self.statement);
         location.map_or(String::new(), |at| format!("{}:{}", program.files[at.file], at.line))
     }
 
-    pub(super) fn enter(&mut self, program: &Program, routine: u32, return_to: usize, height: usize) {
+    pub(super) fn enter_routine(&mut self, program: &Program, routine: u32, return_to: usize, height: usize) {
         let entry = &program.routines[routine as usize];
         let base = self.cells.len();
         // Unset and not zero: a controller stops at a variable that was never assigned, and so must the execution here.
@@ -149,12 +149,18 @@ impl Interpreter {
             *cell = *value;
         }
         self.stack.truncate(given);
-        self.at = entry.start as usize;
-        self.frames.push(Frame { routine, return_to, base, height, broke_in: None });
+        self.step_index = entry.start as usize;
+        self.frames.push(Frame { routine, return_to, base, height, interrupt_entry: None });
     }
 
-    pub(super) fn local(&self, program: &Program, memory: &Memory, name: &str, cells: usize) -> Option<Vec<Cell>> {
-        for frame in self.frames.iter().rev().filter(|frame| frame.broke_in.is_none()) {
+    pub(super) fn local_cells(
+        &self,
+        program: &Program,
+        memory: &Memory,
+        name: &str,
+        cells: usize,
+    ) -> Option<Vec<Cell>> {
+        for frame in self.frames.iter().rev().filter(|frame| frame.interrupt_entry.is_none()) {
             let entry = &program.routines[frame.routine as usize];
             let Some(local) = entry.locals.iter().find(|local| local.name == name) else { continue };
             let at = frame.base + local.offset as usize;
@@ -164,7 +170,7 @@ impl Interpreter {
             let Some(Cell::Address(address)) = self.cells.get(at) else { continue };
             let from = address.offset as usize;
             let within = match address.space {
-                Space::Frame => &self.cells,
+                MemorySpace::Frame => &self.cells,
                 _ => &memory.cells,
             };
             return within.get(from..from + cells).map(<[Cell]>::to_vec);

@@ -7,9 +7,9 @@
 use super::super::code::Op;
 use super::super::program::Program;
 use super::host::Host;
-use super::interpreter::{BrokeIn, Frame, Interpreter, Interrupt};
+use super::interpreter::{Frame, Interpreter, Interrupt, InterruptEntry};
 use super::memory::Memory;
-use super::outcome::{Flow, Wrong};
+use super::outcome::{StepError, StepFlow};
 
 /// Priority of a trigger with PRIO=-1: the controller uses a priority that programs may not use.
 const TRIGGER_PRIORITY: i32 = 80;
@@ -17,7 +17,7 @@ const TRIGGER_PRIORITY: i32 = 80;
 pub const INTERRUPT_DEPTH: usize = 32;
 
 impl Interpreter {
-    pub(super) fn declare(&mut self, number: i32, global: bool, call: u32) -> Result<(), Wrong> {
+    pub(super) fn declare(&mut self, number: i32, global: bool, call: u32) -> Result<(), StepError> {
         let allowed = (1..=39).contains(&number) || (81..=128).contains(&number);
         if !allowed {
             return Err(format!("interrupt {number} does not exist (valid: 1 to 39 and 81 to 128)").into());
@@ -32,10 +32,10 @@ impl Interpreter {
             number,
             global,
             declared_in,
-            condition: self.at + 1,
+            condition: self.step_index + 1,
             call: call as usize,
             on: false,
-            was: false,
+            last_condition: false,
             pending: false,
         });
         // The number is the priority: if several are pending, the lowest is executed first.
@@ -50,7 +50,7 @@ impl Interpreter {
         program: &Program,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<(), Wrong> {
+    ) -> Result<(), StepError> {
         let is_meant = |of: &Interrupt| number.is_none_or(|number| of.number == number);
         if number.is_some() && !self.interrupts.iter().any(is_meant) {
             let number = number.unwrap_or_default();
@@ -64,7 +64,7 @@ impl Interpreter {
             let fires = was && !self.interrupts[index].on && self.meaning.on_fires_at_once;
             let interrupt = &mut self.interrupts[index];
             interrupt.pending = on && (interrupt.pending || fires);
-            (interrupt.on, interrupt.was) = (on, was);
+            (interrupt.on, interrupt.last_condition) = (on, was);
         }
         Ok(())
     }
@@ -76,15 +76,15 @@ impl Interpreter {
         program: &Program,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<bool, Wrong> {
-        let (at, height) = (self.at, self.stack.len());
+    ) -> Result<bool, StepError> {
+        let (at, height) = (self.step_index, self.stack.len());
         let interrupt = &self.interrupts[index];
         let (start, level) = (interrupt.condition, interrupt.declared_in);
         // A condition uses the variables of the routine that declared it.
         self.condition_base = self.frames.get(level).map(|frame| (frame.base, self.frames.len()));
-        self.at = start;
+        self.step_index = start;
         let value = loop {
-            match program.code.get(self.at) {
+            match program.code.get(self.step_index) {
                 Some(Op::EndCondition) => break self.pop_bool(),
                 Some(op) => match self.condition_op(op, program, memory, host) {
                     Ok(()) => {}
@@ -95,7 +95,7 @@ impl Interpreter {
         };
         self.condition_base = None;
         self.stack.truncate(height);
-        self.at = at;
+        self.step_index = at;
         value
     }
 
@@ -105,8 +105,8 @@ impl Interpreter {
         program: &Program,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<(), Wrong> {
-        if self.condensed(program, memory, host)? {
+    ) -> Result<(), StepError> {
+        if self.run_condensed(program, memory, host)? {
             return Ok(());
         }
         if let Op::Load = op {
@@ -114,12 +114,12 @@ impl Interpreter {
             let address = self.pop_address()?;
             let cell = self.read(address, memory, host)?;
             self.stack.push(cell);
-            self.at += 1;
+            self.step_index += 1;
             return Ok(());
         }
-        match self.op(op, program, memory, host)? {
-            Flow::Next => Ok(()),
-            Flow::Wait | Flow::Ended => Err("the condition of an interrupt must not wait".into()),
+        match self.run_op(op, program, memory, host)? {
+            StepFlow::Next => Ok(()),
+            StepFlow::Wait | StepFlow::Ended => Err("the condition of an interrupt must not wait".into()),
         }
     }
 
@@ -127,21 +127,26 @@ impl Interpreter {
     ///
     /// # Errors
     /// If a condition cannot be evaluated.
-    pub fn look(&mut self, program: &Program, memory: &mut Memory, host: &mut dyn Host) -> Result<(), String> {
+    pub fn evaluate_conditions(
+        &mut self,
+        program: &Program,
+        memory: &mut Memory,
+        host: &mut dyn Host,
+    ) -> Result<(), String> {
         for index in 0..self.interrupts.len() {
             if !self.interrupts[index].on {
                 continue;
             }
             let now = self.condition(index, program, memory, host)?;
             let interrupt = &mut self.interrupts[index];
-            interrupt.pending |= now && !interrupt.was;
-            interrupt.was = now;
+            interrupt.pending |= now && !interrupt.last_condition;
+            interrupt.last_condition = now;
         }
         Ok(())
     }
 
     /// Interrupts the program if an interrupt with a higher priority is pending. Returns true if there is one.
-    pub fn break_in(&mut self) -> bool {
+    pub fn run_pending_interrupt(&mut self) -> bool {
         let current = self.priority();
         let found = self.interrupts.iter().position(|it| it.on && it.pending && it.number < current);
         let Some(index) = found else { return false };
@@ -176,30 +181,36 @@ impl Interpreter {
     }
 
     fn push_break(&mut self, priority: i32, declared_in: usize, call: usize, base: usize) {
-        let broke_in = BrokeIn {
+        let broke_in = InterruptEntry {
             priority,
             declared_in,
             waits_until_ms: self.waits_until_ms.take(),
             braked: self.braked.take(),
         };
         let routine = self.frames.last().map_or(0, |frame| frame.routine);
-        let frame = Frame { routine, return_to: self.at, base, height: self.stack.len(), broke_in: Some(broke_in) };
-        self.saved.push((self.planned, self.keeps_going.take(), self.statement));
+        let frame = Frame {
+            routine,
+            return_to: self.step_index,
+            base,
+            height: self.stack.len(),
+            interrupt_entry: Some(broke_in),
+        };
+        self.saved.push((self.planned, self.continue_statement.take(), self.statement));
         self.frames.push(frame);
-        self.at = call;
+        self.step_index = call;
     }
 
     /// Returns the priority of the code that runs now; the program itself comes after all interrupts.
     fn priority(&self) -> i32 {
-        let broke_in = self.frames.iter().rev().find_map(|frame| frame.broke_in.as_ref());
+        let broke_in = self.frames.iter().rev().find_map(|frame| frame.interrupt_entry.as_ref());
         broke_in.map_or(i32::MAX, |broke_in| broke_in.priority)
     }
 
-    pub(super) fn in_interrupt(&self) -> bool {
-        self.frames.iter().any(|frame| frame.broke_in.is_some())
+    pub(super) fn is_in_interrupt(&self) -> bool {
+        self.frames.iter().any(|frame| frame.interrupt_entry.is_some())
     }
 
-    pub(super) fn end_interrupt(&mut self) -> Result<Flow, Wrong> {
+    pub(super) fn end_interrupt(&mut self) -> Result<StepFlow, StepError> {
         if self.braked == Some(true) {
             return Err(
                 "an interrupt program ended after BRAKE without RESUME; this interpreter does not support continuing \
@@ -209,45 +220,46 @@ impl Interpreter {
         }
         let frame = self.frames.pop().ok_or("no interrupt runs")?;
         self.stack.truncate(frame.height);
-        self.at = frame.return_to;
-        self.restore(frame.broke_in);
-        Ok(Flow::Next)
+        self.step_index = frame.return_to;
+        self.restore(frame.interrupt_entry);
+        Ok(StepFlow::Next)
     }
 
-    fn restore(&mut self, broke_in: Option<BrokeIn>) {
+    fn restore(&mut self, broke_in: Option<InterruptEntry>) {
         if let Some(broke_in) = broke_in {
             (self.waits_until_ms, self.braked) = (broke_in.waits_until_ms, broke_in.braked);
         }
         if let Some((planned, keeps_going, statement)) = self.saved.pop() {
-            (self.planned, self.keeps_going, self.statement) = (planned, keeps_going, statement);
+            (self.planned, self.continue_statement, self.statement) = (planned, keeps_going, statement);
         }
     }
 
     /// Leaves all frames above the level that declared the interrupt, and continues at that level.
-    pub(super) fn resume(&mut self, host: &mut dyn Host) -> Result<Flow, Wrong> {
-        let innermost = self.frames.iter().rposition(|frame| frame.broke_in.is_some());
+    pub(super) fn resume(&mut self, host: &mut dyn Host) -> Result<StepFlow, StepError> {
+        let innermost = self.frames.iter().rposition(|frame| frame.interrupt_entry.is_some());
         let innermost = innermost.ok_or("RESUME is valid only in an interrupt program")?;
-        let declared_in = self.frames[innermost].broke_in.as_ref().map_or(0, |broke_in| broke_in.declared_in);
+        let declared_in =
+            self.frames[innermost].interrupt_entry.as_ref().map_or(0, |broke_in| broke_in.declared_in);
         if self.meaning.resume_needs_advance_0 && host.advance() != 0 {
             return Err("RESUME needs $ADVANCE = 0".into());
         }
-        let below = self.frames.get(declared_in + 1).filter(|frame| frame.broke_in.is_none()).cloned();
+        let below = self.frames.get(declared_in + 1).filter(|frame| frame.interrupt_entry.is_none()).cloned();
         let below = below.ok_or(
             "RESUME is not valid at the level that declared the interrupt, only in a routine called from there",
         )?;
-        let broken = self.frames[declared_in + 1..].iter().filter(|frame| frame.broke_in.is_some()).count();
+        let broken = self.frames[declared_in + 1..].iter().filter(|frame| frame.interrupt_entry.is_some()).count();
         self.frames.truncate(declared_in + 1);
         self.saved.truncate(self.saved.len().saturating_sub(broken));
         self.stack.truncate(below.height);
         self.cells.truncate(below.base);
-        self.at = below.return_to;
-        (self.waits_until_ms, self.braked, self.planned, self.keeps_going) = (None, None, false, None);
+        self.step_index = below.return_to;
+        (self.waits_until_ms, self.braked, self.planned, self.continue_statement) = (None, None, false, None);
         self.armed.clear();
         let level = self.frames.len();
         self.interrupts.retain(|interrupt| interrupt.global || interrupt.declared_in < level);
         // The planned motions belong to the routines that were left; none of them may be executed after this.
         host.discard();
-        Ok(Flow::Next)
+        Ok(StepFlow::Next)
     }
 
     /// Removes the triggers of this motion, so that they never fire.

@@ -6,7 +6,7 @@ use crate::krl::program::Program;
 /// Points that public documents do not specify. Each may be true or false on a controller; the programs must work
 /// in both cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Meaning {
+pub struct UndocumentedBehaviour {
     /// RESUME requires `$ADVANCE` = 0 at the time of its execution; otherwise the program stops.
     pub resume_needs_advance_0: bool,
     /// INTERRUPT ON fires if the condition already holds.
@@ -53,7 +53,7 @@ impl Memory {
 
     /// A shared INT; 0 if the cell holds none.
     #[inline]
-    pub fn int(&self, cell: Option<u32>) -> i32 {
+    pub fn shared_int(&self, cell: Option<u32>) -> i32 {
         match cell.and_then(|cell| self.cells.get(cell as usize)) {
             Some(Cell::Int(number)) => *number,
             _ => 0,

@@ -2,7 +2,7 @@
 
 /// The way in which a step ended.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Pause {
+pub enum StepPause {
     /// The statement has ended.
     Statement,
     /// The step waits, for the arm or for time.
@@ -14,7 +14,7 @@ pub enum Pause {
 }
 
 /// The result of a step.
-pub(super) enum Flow {
+pub(super) enum StepFlow {
     Next,
     /// The same step must be executed again later.
     Wait,
@@ -24,25 +24,25 @@ pub(super) enum Flow {
 /// The error of a step: a message, boxed so that the result of a successful step stays small.
 #[derive(Debug)]
 #[allow(clippy::box_collection, reason = "a result is twice as large with the text itself")]
-pub(super) struct Wrong(Box<String>);
+pub(super) struct StepError(Box<String>);
 
-impl From<String> for Wrong {
+impl From<String> for StepError {
     fn from(message: String) -> Self {
-        Wrong(Box::new(message))
+        StepError(Box::new(message))
     }
 }
 
-impl From<&str> for Wrong {
+impl From<&str> for StepError {
     fn from(message: &str) -> Self {
-        Wrong(Box::new(message.to_owned()))
+        StepError(Box::new(message.to_owned()))
     }
 }
 
-impl From<Wrong> for String {
-    fn from(wrong: Wrong) -> Self {
+impl From<StepError> for String {
+    fn from(wrong: StepError) -> Self {
         *wrong.0
     }
 }
 
 /// The result of a step, or its error.
-pub(super) type Stepped = Result<Flow, Wrong>;
+pub(super) type StepResult = Result<StepFlow, StepError>;

@@ -1,12 +1,12 @@
 //! Steps that use the controller: motions, waiting, braking, its own routines.
 
-use super::super::code::{Address, Cell, Op};
+use super::super::code::{Cell, MemoryAddress, Op};
 use super::super::program::Program;
 use super::super::routines::Builtin;
 use super::host::{Caller, Host, MotionRequest};
 use super::interpreter::{Interpreter, Trigger};
 use super::memory::Memory;
-use super::outcome::{Flow, Wrong};
+use super::outcome::{StepError, StepFlow};
 
 impl Interpreter {
     pub(super) fn robot_op(
@@ -15,7 +15,7 @@ impl Interpreter {
         program: &Program,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<Flow, Wrong> {
+    ) -> Result<StepFlow, StepError> {
         // The submit interpreter runs beside every program, also while the drives are off.
         if !self.moves && !matches!(op, Op::WaitSeconds | Op::Continue) {
             return Err("motions and interrupts are not valid in the submit interpreter".into());
@@ -24,21 +24,21 @@ impl Interpreter {
             Op::WaitSeconds => return self.wait_seconds(host),
             Op::WaitFor(start) => {
                 if self.stops_advance_run(host) {
-                    return Ok(Flow::Wait);
+                    return Ok(StepFlow::Wait);
                 }
                 if !self.pop_bool()? {
-                    self.at = start as usize;
-                    return Ok(Flow::Wait);
+                    self.step_index = start as usize;
+                    return Ok(StepFlow::Wait);
                 }
             }
             Op::Motion { motion, axes, approximates } => {
                 if !self.planned {
                     // The advance run may plan only `$ADVANCE` motions beyond the present one; without this limit
                     // blending would look better than it is.
-                    if host.planned() > host.advance() {
-                        return Ok(Flow::Wait);
+                    if host.planned_motions() > host.advance() {
+                        return Ok(StepFlow::Wait);
                     }
-                    if self.in_interrupt() {
+                    if self.is_in_interrupt() {
                         return Err("this interpreter does not support a motion in an interrupt program".into());
                     }
                     let target = numbers(self.pop_block()?)?;
@@ -52,16 +52,16 @@ impl Interpreter {
                     self.attach_triggers(sequence);
                     self.planned = true;
                 }
-                if host.advance() == 0 && !host.arm_stands() {
-                    host.let_arm_finish();
-                    return Ok(Flow::Wait);
+                if host.advance() == 0 && !host.is_arm_at_rest() {
+                    host.finish_motions();
+                    return Ok(StepFlow::Wait);
                 }
             }
             Op::InterruptDeclaration { global, call, after } => {
                 let number = self.pop_int()?;
                 self.declare(number, global, call)?;
-                self.at = after as usize;
-                return Ok(Flow::Next);
+                self.step_index = after as usize;
+                return Ok(StepFlow::Next);
             }
             Op::InterruptSwitch { on } => {
                 let number = self.pop_int()?;
@@ -75,21 +75,21 @@ impl Interpreter {
                     return Err("this interpreter supports only TRIGGER WHEN DISTANCE=1 DELAY=0".into());
                 }
                 let base = self.frames.last().map_or(0, |frame| frame.base);
-                self.armed.push(Trigger { sequence: None, call: self.at + 1, base });
-                self.at = after as usize;
-                return Ok(Flow::Next);
+                self.armed.push(Trigger { sequence: None, call: self.step_index + 1, base });
+                self.step_index = after as usize;
+                return Ok(StepFlow::Next);
             }
             Op::EndInterrupt => return self.end_interrupt(),
             Op::Brake { fast } => {
-                if !self.in_interrupt() {
+                if !self.is_in_interrupt() {
                     return Err("BRAKE is valid only in an interrupt program".into());
                 }
                 if self.braked.is_none() {
-                    self.braked = Some(!host.arm_stands());
-                    host.brake(fast);
+                    self.braked = Some(!host.is_arm_at_rest());
+                    host.start_braking(fast);
                 }
-                if !host.arm_stands() {
-                    return Ok(Flow::Wait);
+                if !host.is_arm_at_rest() {
+                    return Ok(StepFlow::Wait);
                 }
             }
             Op::Resume => return self.resume(host),
@@ -98,28 +98,28 @@ impl Interpreter {
                     "HALT: the program waits for the Start key, which this interpreter does not support".into()
                 );
             }
-            Op::Continue => self.keeps_going = Some(program.statements[self.statement].line),
+            Op::Continue => self.continue_statement = Some(program.statements[self.statement].line),
             _ => return Err("internal error of the KRL interpreter: an unknown operation".into()),
         }
-        self.at += 1;
-        Ok(Flow::Next)
+        self.step_index += 1;
+        Ok(StepFlow::Next)
     }
 
-    fn wait_seconds(&mut self, host: &mut dyn Host) -> Result<Flow, Wrong> {
+    fn wait_seconds(&mut self, host: &mut dyn Host) -> Result<StepFlow, StepError> {
         if self.waits_until_ms.is_none() {
             if self.stops_advance_run(host) {
-                return Ok(Flow::Wait);
+                return Ok(StepFlow::Wait);
             }
             let seconds = self.pop_real()?;
             let wait_ms = (f64::from(seconds.max(0.0)) * 1000.0).ceil() as u64;
             self.waits_until_ms = Some(host.now_ms() + wait_ms);
         }
         if self.waits_until_ms.is_some_and(|until_ms| host.now_ms() < until_ms) {
-            return Ok(Flow::Wait);
+            return Ok(StepFlow::Wait);
         }
         self.waits_until_ms = None;
-        self.at += 1;
-        Ok(Flow::Next)
+        self.step_index += 1;
+        Ok(StepFlow::Next)
     }
 
     pub(super) fn controller_call(
@@ -128,7 +128,7 @@ impl Interpreter {
         program: &Program,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<(), Wrong> {
+    ) -> Result<(), StepError> {
         match builtin {
             Builtin::InvPos => {
                 let frame = numbers(self.pop_block()?)?;
@@ -146,7 +146,7 @@ impl Interpreter {
             Builtin::ErrClear => {
                 self.pop_address()?;
             }
-            Builtin::OnErrorProceed => self.proceeds = 2,
+            Builtin::OnErrorProceed => self.error_suppression = 2,
             Builtin::Varstate => {
                 let name = self.pop_text(program)?.to_uppercase();
                 let known = name.starts_with('$') && host.is_initialized(&name);
@@ -173,9 +173,9 @@ impl Interpreter {
         program: &Program,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<(), Wrong> {
+    ) -> Result<(), StepError> {
         use Builtin::*;
-        let mut into: Option<Address> = None;
+        let mut into: Option<MemoryAddress> = None;
         let mut value = [Cell::Unset; 6];
         match builtin {
             EkiGetBool | EkiGetInt | EkiGetReal | EkiGetFrame => {
@@ -204,7 +204,7 @@ impl Interpreter {
         if let Some(address) = into.filter(|_| answer.msg_no == 0) {
             let cells = if builtin == EkiGetFrame { 6 } else { 1 };
             for (offset, cell) in (address.offset..).zip(answer.value.into_iter().take(cells)) {
-                self.write(Address { offset, ..address }, cell, memory, host)?;
+                self.write(MemoryAddress { offset, ..address }, cell, memory, host)?;
             }
         }
         self.stack.extend([
@@ -219,7 +219,7 @@ impl Interpreter {
 }
 
 /// Returns six REAL numbers; an invalid number is an error.
-pub(super) fn numbers(cells: [Cell; 6]) -> Result<[f32; 6], Wrong> {
+pub(super) fn numbers(cells: [Cell; 6]) -> Result<[f32; 6], StepError> {
     let mut found = [0.0; 6];
     for (number, cell) in found.iter_mut().zip(cells) {
         match cell {
@@ -232,7 +232,7 @@ pub(super) fn numbers(cells: [Cell; 6]) -> Result<[f32; 6], Wrong> {
 
 type Matrix = nalgebra::Isometry3<f64>;
 
-fn isometry(frame: [f32; 6]) -> Matrix {
+fn frame_to_isometry(frame: [f32; 6]) -> Matrix {
     let [x, y, z, a, b, c] = frame.map(f64::from);
     // KUKA rotates about Z, then about the new Y, then about the newest X.
     let turn = nalgebra::UnitQuaternion::from_euler_angles(c.to_radians(), b.to_radians(), a.to_radians());
@@ -246,10 +246,10 @@ fn frame(isometry: &Matrix) -> [f32; 6] {
 }
 
 /// `left:right`.
-pub(super) fn composed(left: [f32; 6], right: [f32; 6]) -> [f32; 6] {
-    frame(&(isometry(left) * isometry(right)))
+pub(super) fn compose_frames(left: [f32; 6], right: [f32; 6]) -> [f32; 6] {
+    frame(&(frame_to_isometry(left) * frame_to_isometry(right)))
 }
 
 fn inverse(of: [f32; 6]) -> [f32; 6] {
-    frame(&isometry(of).inverse())
+    frame(&frame_to_isometry(of).inverse())
 }

@@ -1,49 +1,53 @@
 //! Executes one statement: step after step until the next statement begins, or until a step must wait.
 
-use super::super::code::{Address, Cell, Op, Space};
+use super::super::code::{Cell, MemoryAddress, MemorySpace, Op};
 use super::super::program::Program;
 use super::host::Host;
 use super::interpreter::Interpreter;
 use super::memory::Memory;
-use super::outcome::{Flow, Pause, Stepped, Wrong};
+use super::outcome::{StepError, StepFlow, StepPause, StepResult};
 use super::stack::INVALID;
 
 impl Interpreter {
     /// Executes the next statement, or continues one that waits.
-    pub fn step(&mut self, program: &Program, memory: &mut Memory, host: &mut dyn Host) -> Pause {
+    pub fn step(&mut self, program: &Program, memory: &mut Memory, host: &mut dyn Host) -> StepPause {
         if self.frames.is_empty() {
-            return Pause::Ended;
+            return StepPause::Ended;
         }
         loop {
-            let Some(op) = program.code.get(self.at) else { return Pause::Ended };
+            let Some(op) = program.code.get(self.step_index) else { return StepPause::Ended };
             if let Op::Statement(index) = op {
                 self.begin_statement(*index as usize, program, memory);
                 // It ends here by name: a skipped statement would make every result behind it a guess.
                 if let Some(what) = program.unexecuted.get(index) {
-                    return Pause::Fault(format!(
+                    return StepPause::Fault(format!(
                         "{}: this interpreter does not execute {what}",
-                        self.place(program)
+                        self.current_location(program)
                     ));
                 }
-                self.at += 1;
+                self.step_index += 1;
             } else {
-                let stepped = match self.condensed(program, memory, host) {
-                    Ok(true) => Ok(Flow::Next),
-                    Ok(false) => self.op(op, program, memory, host),
+                let stepped = match self.run_condensed(program, memory, host) {
+                    Ok(true) => Ok(StepFlow::Next),
+                    Ok(false) => self.run_op(op, program, memory, host),
                     Err(wrong) => Err(wrong),
                 };
                 match stepped {
-                    Ok(Flow::Next) => {}
-                    Ok(Flow::Wait) => return Pause::Waits,
-                    Ok(Flow::Ended) => return Pause::Ended,
-                    Err(_) if self.proceeds > 0 => self.skip_statement(program),
+                    Ok(StepFlow::Next) => {}
+                    Ok(StepFlow::Wait) => return StepPause::Waits,
+                    Ok(StepFlow::Ended) => return StepPause::Ended,
+                    Err(_) if self.error_suppression > 0 => self.skip_statement(program),
                     Err(wrong) => {
-                        return Pause::Fault(format!("{}: {}", self.place(program), String::from(wrong)));
+                        return StepPause::Fault(format!(
+                            "{}: {}",
+                            self.current_location(program),
+                            String::from(wrong)
+                        ));
                     }
                 }
             }
-            if matches!(program.code.get(self.at), Some(Op::Statement(_))) {
-                return Pause::Statement;
+            if matches!(program.code.get(self.step_index), Some(Op::Statement(_))) {
+                return StepPause::Statement;
             }
         }
     }
@@ -52,38 +56,44 @@ impl Interpreter {
         memory.hits[index] += 1;
         self.statement = index;
         self.statement_height = self.stack.len();
-        self.proceeds = self.proceeds.saturating_sub(1);
+        self.error_suppression = self.error_suppression.saturating_sub(1);
         self.planned = false;
-        if self.keeps_going.is_some_and(|line| line + 1 < program.statements[index].line) {
-            self.keeps_going = None;
+        if self.continue_statement.is_some_and(|line| line + 1 < program.statements[index].line) {
+            self.continue_statement = None;
         }
     }
 
     /// ON_ERROR_PROCEED: skips the rest of the statement.
     fn skip_statement(&mut self, program: &Program) {
         self.stack.truncate(self.statement_height);
-        let behind = &program.code[self.at..];
-        self.at += behind.iter().position(|op| matches!(op, Op::Statement(_))).unwrap_or(behind.len());
+        let behind = &program.code[self.step_index..];
+        self.step_index += behind.iter().position(|op| matches!(op, Op::Statement(_))).unwrap_or(behind.len());
     }
 
-    fn push_address(&mut self, space: Space, offset: u32) {
-        self.stack.push(Cell::Address(Address { space, offset }));
+    fn push_address(&mut self, space: MemorySpace, offset: u32) {
+        self.stack.push(Cell::Address(MemoryAddress { space, offset }));
     }
 
-    fn valid(cell: Cell) -> Result<Cell, Wrong> {
+    fn require_valid(cell: Cell) -> Result<Cell, StepError> {
         if cell == Cell::Unset { Err(INVALID.into()) } else { Ok(cell) }
     }
 
-    pub(super) fn op(&mut self, op: &Op, program: &Program, memory: &mut Memory, host: &mut dyn Host) -> Stepped {
+    pub(super) fn run_op(
+        &mut self,
+        op: &Op,
+        program: &Program,
+        memory: &mut Memory,
+        host: &mut dyn Host,
+    ) -> StepResult {
         match *op {
             Op::Push(cell) => self.stack.push(cell),
-            Op::Global(offset) => self.push_address(Space::Global, offset),
-            Op::Local(offset) => self.push_address(Space::Frame, self.base() as u32 + offset),
+            Op::Global(offset) => self.push_address(MemorySpace::Global, offset),
+            Op::Local(offset) => self.push_address(MemorySpace::Frame, self.base() as u32 + offset),
             Op::Referred(offset) => {
                 let cell = self.cells.get(self.base() + offset as usize).copied();
                 self.stack.push(cell.unwrap_or(Cell::Unset));
             }
-            Op::System(index) => self.push_address(Space::System(index), 0),
+            Op::System(index) => self.push_address(MemorySpace::System(index), 0),
             Op::Component(cells) => {
                 let mut address = self.pop_address()?;
                 address.offset += cells;
@@ -100,20 +110,20 @@ impl Interpreter {
             }
             Op::LoadGlobal(at) => {
                 let cell = memory.cells.get(at as usize).copied().unwrap_or(Cell::Unset);
-                self.stack.push(Self::valid(cell)?);
+                self.stack.push(Self::require_valid(cell)?);
             }
             Op::LoadLocal(at) => {
                 let cell = self.cells.get(self.base() + at as usize).copied().unwrap_or(Cell::Unset);
-                self.stack.push(Self::valid(cell)?);
+                self.stack.push(Self::require_valid(cell)?);
             }
             Op::Load => return self.load(1, memory, host),
             Op::LoadBlock(cells) => return self.load(cells, memory, host),
             Op::Store => {
                 let value = self.pop()?;
                 let address = self.pop_address()?;
-                if self.must_wait(address, host) {
+                if self.must_wait_for_arm(address, host) {
                     self.stack.extend([Cell::Address(address), value]);
-                    return Ok(Flow::Wait);
+                    return Ok(StepFlow::Wait);
                 }
                 self.write(address, value, memory, host)?;
             }
@@ -123,22 +133,22 @@ impl Interpreter {
             }
             Op::StoreText(cells) => self.store_text(cells, program, memory, host)?,
             Op::Jump(to) => {
-                self.at = to as usize;
-                return Ok(Flow::Next);
+                self.step_index = to as usize;
+                return Ok(StepFlow::Next);
             }
             Op::JumpIfNot(to) => {
                 let value = self.pop_bool()?;
-                memory.branches[self.at][usize::from(value)] = true;
+                memory.branches[self.step_index][usize::from(value)] = true;
                 if !value {
-                    self.at = to as usize;
-                    return Ok(Flow::Next);
+                    self.step_index = to as usize;
+                    return Ok(StepFlow::Next);
                 }
             }
             Op::JumpDecided { decided, to } => {
                 let is_decided = self.stack.last() == Some(&Cell::Bool(decided));
                 if self.meaning.short_circuit && is_decided {
-                    self.at = to as usize;
-                    return Ok(Flow::Next);
+                    self.step_index = to as usize;
+                    return Ok(StepFlow::Next);
                 }
             }
             Op::Call(routine) => {
@@ -147,11 +157,11 @@ impl Interpreter {
                 if self.frames.len() > 100 {
                     return Err("routine calls are nested more than 100 levels deep".into());
                 }
-                self.enter(program, routine, self.at + 1, height);
-                return Ok(Flow::Next);
+                self.enter_routine(program, routine, self.step_index + 1, height);
+                return Ok(StepFlow::Next);
             }
             Op::Builtin(builtin) => self.builtin(builtin, program, memory, host)?,
-            Op::Return(cells) => return self.leave(cells as usize),
+            Op::Return(cells) => return self.leave_routine(cells as usize),
             Op::NoReturn => return Err("a function ended without RETURN".into()),
             Op::Drop(cells) => self.stack.truncate(self.stack.len().saturating_sub(cells as usize)),
             Op::Keep { first, of } => {
@@ -163,13 +173,13 @@ impl Interpreter {
                 false => return self.robot_op(op, program, memory, host),
             },
         }
-        self.at += 1;
-        Ok(Flow::Next)
+        self.step_index += 1;
+        Ok(StepFlow::Next)
     }
 
     /// Leaves a routine, with its return value on the stack.
-    fn leave(&mut self, cells: usize) -> Stepped {
-        let Some(frame) = self.frames.pop() else { return Ok(Flow::Ended) };
+    fn leave_routine(&mut self, cells: usize) -> StepResult {
+        let Some(frame) = self.frames.pop() else { return Ok(StepFlow::Ended) };
         let level = self.frames.len();
         if !self.interrupts.is_empty() {
             self.interrupts.retain(|interrupt| interrupt.global || interrupt.declared_in < level);
@@ -181,7 +191,7 @@ impl Interpreter {
             self.stack.truncate(frame.height + above - value);
         }
         self.cells.truncate(frame.base);
-        self.at = frame.return_to;
-        if self.frames.is_empty() { Ok(Flow::Ended) } else { Ok(Flow::Next) }
+        self.step_index = frame.return_to;
+        if self.frames.is_empty() { Ok(StepFlow::Ended) } else { Ok(StepFlow::Next) }
     }
 }

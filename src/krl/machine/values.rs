@@ -7,12 +7,12 @@ use super::calculate;
 use super::host::Host;
 use super::interpreter::Interpreter;
 use super::memory::Memory;
-use super::outcome::Wrong;
+use super::outcome::StepError;
 use super::stack::INVALID;
 
 impl Interpreter {
     /// Executes a step that only pops and pushes values; returns false for other steps.
-    pub(super) fn value_op(&mut self, op: &Op) -> Result<bool, Wrong> {
+    pub(super) fn value_op(&mut self, op: &Op) -> Result<bool, StepError> {
         match *op {
             Op::Binary(operator) => {
                 let right = self.pop()?;
@@ -33,10 +33,10 @@ impl Interpreter {
             }
             Op::ToInt => {
                 let number = self.pop_real()?;
-                self.stack.push(calculate::round(number)?);
+                self.stack.push(calculate::round_to_int(number)?);
             }
             Op::Negate => match self.pop()? {
-                Cell::Int(number) => self.stack.push(calculate::negated(number)?),
+                Cell::Int(number) => self.stack.push(calculate::negate(number)?),
                 Cell::Real(number) => self.stack.push(Cell::Real(-number)),
                 _ => return Err(INVALID.into()),
             },
@@ -51,7 +51,7 @@ impl Interpreter {
             Op::Geometric => {
                 let right = super::robot::numbers(self.pop_block()?)?;
                 let left = super::robot::numbers(self.pop_block()?)?;
-                self.stack.extend(super::robot::composed(left, right).map(Cell::Real));
+                self.stack.extend(super::robot::compose_frames(left, right).map(Cell::Real));
             }
             Op::ForTest => {
                 let (step, last, now) = (self.pop_int()?, self.pop_int()?, self.pop_int()?);
@@ -68,7 +68,7 @@ impl Interpreter {
         program: &Program,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<(), Wrong> {
+    ) -> Result<(), StepError> {
         let one = |value: f32, f: fn(f64) -> f64| Cell::Real(f(f64::from(value)) as f32);
         let result = match builtin {
             Builtin::Abs => one(self.pop_real()?, f64::abs),

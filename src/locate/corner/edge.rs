@@ -19,13 +19,13 @@ const MIN_CONTRAST: f64 = 20.0;
 const MIN_SHARE: f64 = 0.5;
 /// Points farther from the line than this multiple of the median distance are left out, but points within a third of a
 /// pixel are always used.
-const MEDIANS: f64 = 4.0;
+const MAX_OUTLIER_MEDIANS: f64 = 4.0;
 const FLOOR_PX: f64 = 0.33;
-const LINE_ROUNDS: usize = 6;
+const LINE_FIT_ITERATIONS: usize = 6;
 
 /// The stretch in which an edge is searched, starting at the corner.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Length {
+pub(super) struct EdgeStretch {
     /// Length that is left out beside the corner, px.
     pub skip_px: f64,
     /// Fitted, px.
@@ -46,29 +46,30 @@ pub struct EdgeLine {
 }
 
 /// Fits the edge along contour pixels, given from the corner outwards.
-pub(super) fn fit(picture: &GrayPicture, contour: &[Pixel], length: Length) -> Result<EdgeLine, CornerError> {
+pub(super) fn fit(picture: &GrayPicture, contour: &[Pixel], length: EdgeStretch) -> Result<EdgeLine, CornerError> {
     let needed = ((length.fit_px * MIN_SHARE) as usize).max(4);
     let short = |found: usize| CornerError::EdgeTooShort { found, needed };
     let (Some(first), Some(last)) = (contour.first(), contour.last()) else { return Err(short(0)) };
     let outwards = vector(*last) - vector(*first);
-    let mut line = Line::through(&contour.iter().map(|&pixel| vector(pixel)).collect::<Vec<_>>(), outwards)
-        .ok_or_else(|| short(contour.len()))?;
+    let mut line =
+        FittedLine::fit_trimmed(&contour.iter().map(|&pixel| vector(pixel)).collect::<Vec<_>>(), outwards)
+            .ok_or_else(|| short(contour.len()))?;
     for _ in 0..2 {
-        let places = crossings(picture, &line);
-        line = Line::through(&places, outwards)
+        let places = edge_points(picture, &line);
+        line = FittedLine::fit_trimmed(&places, outwards)
             .filter(|line| line.points >= needed)
             .ok_or_else(|| short(places.len()))?;
     }
     Ok(EdgeLine {
-        from: pixel(line.middle + line.along * line.span[0]),
-        to: pixel(line.middle + line.along * line.span[1]),
+        from: pixel(line.centre + line.direction * line.span[0]),
+        to: pixel(line.centre + line.direction * line.span[1]),
         rms_px: line.rms_px,
         points: line.points,
     })
 }
 
 /// Returns the intersection of two edges.
-pub(super) fn meet(a: &EdgeLine, b: &EdgeLine, min_angle_deg: f64) -> Result<Pixel, CornerError> {
+pub(super) fn intersect_edges(a: &EdgeLine, b: &EdgeLine, min_angle_deg: f64) -> Result<Pixel, CornerError> {
     let along = |edge: &EdgeLine| (vector(edge.to) - vector(edge.from)).normalize();
     let (along_a, along_b) = (along(a), along(b));
     let sine = along_a.perp(&along_b);
@@ -80,32 +81,32 @@ pub(super) fn meet(a: &EdgeLine, b: &EdgeLine, min_angle_deg: f64) -> Result<Pix
     Ok(pixel(vector(a.from) + along_a * way))
 }
 
-struct Line {
-    middle: Vector2<f64>,
-    along: Vector2<f64>,
+struct FittedLine {
+    centre: Vector2<f64>,
+    direction: Vector2<f64>,
     /// First and last point along the line, measured from the middle of the line.
     span: [f64; 2],
     rms_px: f64,
     points: usize,
 }
 
-impl Line {
+impl FittedLine {
     /// Fits a line by total least squares with trimming: the direction of largest scatter among the points near the
     /// line.
-    fn through(places: &[Vector2<f64>], outwards: Vector2<f64>) -> Option<Line> {
+    fn fit_trimmed(places: &[Vector2<f64>], outwards: Vector2<f64>) -> Option<FittedLine> {
         let mut kept = places.to_vec();
-        let mut line = Line::least_squares(&kept, outwards)?;
-        for _ in 0..LINE_ROUNDS {
-            let away = |place: &Vector2<f64>| (place - line.middle).perp(&line.along).abs();
+        let mut line = FittedLine::fit_least_squares(&kept, outwards)?;
+        for _ in 0..LINE_FIT_ITERATIONS {
+            let away = |place: &Vector2<f64>| (place - line.centre).perp(&line.direction).abs();
             let mut sizes: Vec<f64> = kept.iter().map(away).collect();
-            let limit_px = (MEDIANS * median(&mut sizes)?).max(FLOOR_PX);
+            let limit_px = (MAX_OUTLIER_MEDIANS * median(&mut sizes)?).max(FLOOR_PX);
             kept = places.iter().filter(|place| away(place) <= limit_px).copied().collect();
-            line = Line::least_squares(&kept, outwards)?;
+            line = FittedLine::fit_least_squares(&kept, outwards)?;
         }
         Some(line)
     }
 
-    fn least_squares(places: &[Vector2<f64>], outwards: Vector2<f64>) -> Option<Line> {
+    fn fit_least_squares(places: &[Vector2<f64>], outwards: Vector2<f64>) -> Option<FittedLine> {
         if places.len() < 2 {
             return None;
         }
@@ -119,27 +120,27 @@ impl Line {
         let way = |place: &Vector2<f64>| (place - middle).dot(&along);
         let span = [places.iter().map(way).fold(0.0, f64::min), places.iter().map(way).fold(0.0, f64::max)];
         let rms_px = (eigen.eigenvalues.min().max(0.0) / count).sqrt();
-        Some(Line { middle, along, span, rms_px, points: places.len() })
+        Some(FittedLine { centre: middle, direction: along, span, rms_px, points: places.len() })
     }
 }
 
 /// Finds the sub-pixel edge points, one for each pixel along a line near the edge.
-fn crossings(picture: &GrayPicture, line: &Line) -> Vec<Vector2<f64>> {
-    let across = Vector2::new(-line.along.y, line.along.x);
+fn edge_points(picture: &GrayPicture, line: &FittedLine) -> Vec<Vector2<f64>> {
+    let across = Vector2::new(-line.direction.y, line.direction.x);
     let steps = (line.span[1] - line.span[0]).floor().max(0.0) as usize;
     let place = |step: usize| {
-        let centre = line.middle + line.along * (line.span[0] + step as f64);
+        let centre = line.centre + line.direction * (line.span[0] + step as f64);
         let profile = (-REACH_PX..=REACH_PX)
             .map(|offset| gray_at(picture, centre + across * f64::from(offset)))
             .collect::<Option<Vec<f64>>>()?;
-        Some(centre + across * (crossing(&profile)? - f64::from(REACH_PX)))
+        Some(centre + across * (find_crossing(&profile)? - f64::from(REACH_PX)))
     };
     (0..=steps).filter_map(place).collect()
 }
 
 /// Finds where a profile crosses the middle between its ends, nearest to its centre, in samples; `None` if the ends
 /// differ too little.
-fn crossing(profile: &[f64]) -> Option<f64> {
+fn find_crossing(profile: &[f64]) -> Option<f64> {
     let mean = |side: &[f64]| side.iter().sum::<f64>() / side.len() as f64;
     let (first, last) = (mean(&profile[..SIDE_SAMPLES]), mean(&profile[profile.len() - SIDE_SAMPLES..]));
     if (last - first).abs() < MIN_CONTRAST {
@@ -192,8 +193,8 @@ mod tests {
         profile[8] = 60.0;
         profile[9] = 120.0;
         profile[10..].fill(140.0);
-        assert!((crossing(&profile).expect("a step") - 8.5).abs() < 1e-12);
-        assert_eq!(crossing(&[100.0; 17]), None);
+        assert!((find_crossing(&profile).expect("a step") - 8.5).abs() < 1e-12);
+        assert_eq!(find_crossing(&[100.0; 17]), None);
     }
 
     /// By hand: y = 10 and x = 20 + y/2 meet at (25, 10).
@@ -207,9 +208,9 @@ mod tests {
         };
         let level = line((40.0, 10.0), (90.0, 10.0));
         let steep = line((30.0, 20.0), (50.0, 60.0));
-        let corner = meet(&level, &steep, 20.0).expect("a corner");
+        let corner = intersect_edges(&level, &steep, 20.0).expect("a corner");
         assert!(corner.distance_px(Pixel::at(25.0, 10.0)) < 1e-12, "{corner:?}");
-        let error = meet(&level, &line((40.0, 20.0), (90.0, 22.0)), 20.0).expect_err("nearly parallel");
+        let error = intersect_edges(&level, &line((40.0, 20.0), (90.0, 22.0)), 20.0).expect_err("nearly parallel");
         assert!(matches!(error, CornerError::EdgesParallel { angle_deg, .. } if (angle_deg - 2.29).abs() < 0.01));
     }
 
@@ -217,8 +218,8 @@ mod tests {
     fn a_few_wrong_places_do_not_turn_the_line() {
         let place =
             |i: i32| Vector2::new(f64::from(i), if i % 9 == 0 { 14.0 } else { 5.0 + 0.01 * f64::from(i % 2) });
-        let line = Line::through(&(0..90).map(place).collect::<Vec<_>>(), Vector2::x()).expect("a line");
-        assert!(line.along.y.abs() < 1e-3 && (line.middle.y - 5.005).abs() < 1e-3, "{:?}", line.middle);
+        let line = FittedLine::fit_trimmed(&(0..90).map(place).collect::<Vec<_>>(), Vector2::x()).expect("a line");
+        assert!(line.direction.y.abs() < 1e-3 && (line.centre.y - 5.005).abs() < 1e-3, "{:?}", line.centre);
         assert_eq!(line.points, 80);
     }
 }

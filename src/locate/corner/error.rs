@@ -1,7 +1,7 @@
 //! Errors for a picture that shows no corner, in words for the person who set the recipe.
 
 use crate::imaging::ImagingError;
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 
 /// The reason why a picture shows no corner.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -20,7 +20,7 @@ pub enum CornerError {
     /// The largest object with the panel's brightness is too small.
     #[error(
         "the largest object with the panel's brightness covers {} % of the picture, at least {} % are needed; \
-         check that the panel is in view, and check panel_gray_max", apart(*found_percent, *needed_percent, 1)[0], apart(*found_percent, *needed_percent, 1)[1]
+         check that the panel is in view, and check panel_gray_max", distinguishable_texts(*found_percent, *needed_percent, 1)[0], distinguishable_texts(*found_percent, *needed_percent, 1)[1]
     )]
     ContourTooSmall {
         /// The fraction of the picture that the object covers, percent.
@@ -52,8 +52,8 @@ pub enum CornerError {
     },
     /// The two edges have nearly the same direction.
     #[error(
-        "the two edges meet at {}°, at least {}° are needed; check that the picture shows a corner of the panel", apart(*angle_deg, *min_deg, 1)[0],
-        apart(*angle_deg, *min_deg, 1)[1]
+        "the two edges meet at {}°, at least {}° are needed; check that the picture shows a corner of the panel", distinguishable_texts(*angle_deg, *min_deg, 1)[0],
+        distinguishable_texts(*angle_deg, *min_deg, 1)[1]
     )]
     EdgesParallel {
         /// The angle, degrees.

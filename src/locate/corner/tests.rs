@@ -58,7 +58,7 @@ fn the_named_corner_is_found() {
 #[test]
 fn what_is_no_corner_is_refused_in_words() {
     let settings = settings(SHORT);
-    let nothing = find(&GrayPicture::filled(320, 240, 200), &settings, CornerName::TopLeft, 5.0);
+    let nothing = find(&GrayPicture::uniform(320, 240, 200), &settings, CornerName::TopLeft, 5.0);
     assert!(matches!(nothing, Err(CornerError::NoContour { min: 0, max: 110 })), "{nothing:?}");
     let speck = find(&picture(Pixel::at(310.0, 230.0), 0.0, 1.0), &settings, CornerName::TopLeft, 5.0);
     assert!(matches!(speck, Err(CornerError::ContourTooSmall { .. })), "{speck:?}");

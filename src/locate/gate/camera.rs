@@ -4,8 +4,8 @@
 //! the camera's motion displaced the panel. A fixture that shows too little cannot detect a camera motion.
 
 use super::super::evidence::Fit;
-use crate::number_text::{apart, fixed, percent_apart};
-use crate::verdict::{Check, SetBy, Severity};
+use crate::number_text::{distinguishable_percents, distinguishable_texts, fixed_decimals};
+use crate::verdict::{Check, LimitSource, Severity};
 
 /// A camera motion that displaces the panel by more than this distance, mm, means that the camera has moved since
 /// teaching.
@@ -22,7 +22,7 @@ pub fn noticed_mm(uncertainty_mm: f64) -> f64 {
 
 /// Returns whether a fixture that gives the camera's pose with this uncertainty, mm, can detect a motion of the
 /// camera; `None` means that the fixture carries no information.
-pub fn is_watched(uncertainty_mm: Option<f64>) -> bool {
+pub fn can_detect_motion(uncertainty_mm: Option<f64>) -> bool {
     uncertainty_mm.is_some_and(|mm| noticed_mm(mm) <= MAX_CAMERA_NOTICED_MM)
 }
 
@@ -30,26 +30,27 @@ pub fn is_watched(uncertainty_mm: Option<f64>) -> bool {
 pub(super) fn camera(fit: &Fit) -> Vec<Check> {
     let camera = fit.camera.as_ref();
     let (moved_mm, uncertainty_mm) = (camera.map(|it| it.moved_mm), camera.map(|it| it.uncertainty_mm));
-    let same = Check::new("fixture that stands where it stood", "", camera.map(|it| it.same))
-        .at_least(MIN_FIXTURE_SAME, SetBy::Program);
-    let is_other = !same.is_kept();
-    let same = same.rejects("camera_moved", || {
-        let [same, needed] = percent_apart(camera.map_or(f64::NAN, |it| it.same), MIN_FIXTURE_SAME, 0);
+    let same = Check::new("fixture that stands where it stood", "", camera.map(|it| it.unmoved_share))
+        .with_min(MIN_FIXTURE_SAME, LimitSource::Program);
+    let is_other = !same.is_met();
+    let same = same.or_reject("camera_moved", || {
+        let [same, needed] =
+            distinguishable_percents(camera.map_or(f64::NAN, |it| it.unmoved_share), MIN_FIXTURE_SAME, 0);
         format!(
             "only {same} % of the fixture is where it was at teaching, at least {needed} % are needed; check \
              whether the camera or the fixture was moved, then calibrate and teach again"
         )
     });
     let moved = Check::new("motion less its error", "mm", fit.camera_moved_mm())
-        .at_most(MAX_CAMERA_MOVED_MM, SetBy::Program)
-        .rejects("camera_moved", || {
+        .with_max(MAX_CAMERA_MOVED_MM, LimitSource::Program)
+        .or_reject("camera_moved", || {
             let (moved_mm, uncertainty_mm) = (moved_mm.unwrap_or(f64::NAN), uncertainty_mm.unwrap_or(f64::NAN));
-            let [least, allowed] = apart(moved_mm - uncertainty_mm, MAX_CAMERA_MOVED_MM, 2);
+            let [least, allowed] = distinguishable_texts(moved_mm - uncertainty_mm, MAX_CAMERA_MOVED_MM, 2);
             format!(
                 "the fixture shows that the camera has moved since teaching, which shifts the panel's pose by {} ± \
                  {} mm, at least {least} mm (limit {allowed} mm); calibrate the camera again",
-                fixed(moved_mm, 2),
-                fixed(uncertainty_mm, 2)
+                fixed_decimals(moved_mm, 2),
+                fixed_decimals(uncertainty_mm, 2)
             )
         });
     vec![
@@ -62,17 +63,17 @@ pub(super) fn camera(fit: &Fit) -> Vec<Check> {
 }
 
 /// Checks whether this scan can show that the camera has not moved.
-pub(super) fn watch(fit: &Fit) -> Vec<Check> {
+pub(super) fn check_fixture(fit: &Fit) -> Vec<Check> {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
     let noticed = Check::new("a camera is noticed that moves it by", "mm", uncertainty_mm.map(noticed_mm));
     // The limit applies if the fixture can detect a motion of the camera, now or at teaching.
-    let is_shown = is_watched(uncertainty_mm) || is_watched(fit.camera_at_teaching_mm);
-    let noticed = if is_shown { noticed.at_most(MAX_CAMERA_NOTICED_MM, SetBy::Program) } else { noticed };
+    let is_shown = can_detect_motion(uncertainty_mm) || can_detect_motion(fit.camera_at_teaching_mm);
+    let noticed = if is_shown { noticed.with_max(MAX_CAMERA_NOTICED_MM, LimitSource::Program) } else { noticed };
     // If the fixture at teaching also shows too little, a warning was already given at teaching.
-    let is_unwatched = !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
-    vec![noticed.broken(is_unwatched, Severity::Review, "camera_unwatched", || {
+    let is_unwatched = !can_detect_motion(uncertainty_mm) && can_detect_motion(fit.camera_at_teaching_mm);
+    vec![noticed.with_consequence_if(is_unwatched, Severity::Review, "camera_unwatched", || {
         let seen = uncertainty_mm.map_or("too little of the fixture is visible".to_owned(), |mm| {
-            let [noticed, _] = apart(noticed_mm(mm), MAX_CAMERA_NOTICED_MM, 2);
+            let [noticed, _] = distinguishable_texts(noticed_mm(mm), MAX_CAMERA_NOTICED_MM, 2);
             format!(
                 "the fixture reveals a movement of the camera only if it shifts the panel by {noticed} mm or more"
             )
@@ -86,11 +87,11 @@ pub(super) fn watch(fit: &Fit) -> Vec<Check> {
 }
 
 /// Checks whether the taught scan shows enough of the fixture to notice a camera that moved.
-pub(super) fn at_teaching(fit: &Fit) -> Check {
+pub(super) fn check_taught_fixture(fit: &Fit) -> Check {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
     Check::new("a camera is noticed that moves the panel by", "mm", uncertainty_mm.map(noticed_mm))
-        .at_most(MAX_CAMERA_NOTICED_MM, SetBy::Program)
-        .broken(!is_watched(uncertainty_mm), Severity::Review, "camera_unwatched", || {
+        .with_max(MAX_CAMERA_NOTICED_MM, LimitSource::Program)
+        .with_consequence_if(!can_detect_motion(uncertainty_mm), Severity::Review, "camera_unwatched", || {
             "too little of the fixture is visible to detect a movement of the camera; put fixed objects into view \
              beside the panel, outside of the search box, with clear edges in two directions"
                 .to_owned()

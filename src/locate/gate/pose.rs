@@ -5,10 +5,10 @@
 
 use super::super::CompetingPose;
 use super::super::evidence::Fit;
-use crate::number_text::{apart, fixed};
+use crate::number_text::{distinguishable_texts, fixed_decimals};
 use crate::recipe;
 use crate::record::name;
-use crate::verdict::{Check, SetBy};
+use crate::verdict::{Check, LimitSource};
 
 /// Largest distance between the results of fits from independent starts, mm.
 pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
@@ -19,52 +19,52 @@ pub const MIN_MARGIN: f64 = 2.0;
 pub const MAX_UNCERTAINTY_MM: f64 = 0.35;
 
 /// Checks whether the panel's pose is known well enough.
-pub(super) fn knowledge(fit: &Fit) -> Vec<Check> {
+pub(super) fn check_pose_uncertainty(fit: &Fit) -> Vec<Check> {
     let rival = fit.rival.as_ref();
     let ambiguous = |rival: &CompetingPose| {
-        let [margin, needed] = apart(rival.margin(), MIN_MARGIN, 1);
+        let [margin, needed] = distinguishable_texts(rival.evidence_ratio(), MIN_MARGIN, 1);
         format!(
             "another pose, turned by {}°, explains the scan about as well: {} mm of outline and surface support \
              only the first pose and {} mm only the other, a ratio of {margin} (at least {needed} is needed); a \
              person must decide which pose is right",
-            fixed(rival.turned.0, 0),
-            fixed(rival.for_first_mm, 0),
-            fixed(rival.for_rival_mm, 0)
+            fixed_decimals(rival.rotation.0, 0),
+            fixed_decimals(rival.for_first_mm, 0),
+            fixed_decimals(rival.for_rival_mm, 0)
         )
     };
     vec![
         Check::new(name::LOCATION_ERROR, "mm", fit.uncertainty_mm)
-            .at_most(MAX_UNCERTAINTY_MM, SetBy::Program)
+            .with_max(MAX_UNCERTAINTY_MM, LimitSource::Program)
             .reviews("uncertain", || {
-                let [known, allowed] = apart(fit.uncertainty_mm, MAX_UNCERTAINTY_MM, 2);
+                let [known, allowed] = distinguishable_texts(fit.uncertainty_mm, MAX_UNCERTAINTY_MM, 2);
                 format!(
                     "the uncertainty of the pose is {known} mm at the worst place of the panel (95 %; limit \
                      {allowed} mm); {}",
-                    why_uncertain(fit)
+                    uncertainty_reason(fit)
                 )
             }),
         Check::new("error along the weakest direction, 95 %", "mm", fit.weakest_mm),
         Check::new("fits from independent starts, apart", "mm", fit.agreement_mm)
-            .at_most(MAX_DISAGREEMENT_MM, SetBy::Program)
+            .with_max(MAX_DISAGREEMENT_MM, LimitSource::Program)
             .reviews("starts_disagree", || {
-                let [agreement, allowed] = apart(fit.agreement_mm, MAX_DISAGREEMENT_MM, 3);
+                let [agreement, allowed] = distinguishable_texts(fit.agreement_mm, MAX_DISAGREEMENT_MM, 3);
                 format!("fits from independent starts end {agreement} mm apart (limit {allowed} mm); scan again")
             }),
-        Check::new("for this placement against the next best, times", "", rival.map(CompetingPose::margin))
-            .at_least(MIN_MARGIN, SetBy::Program)
+        Check::new("for this placement against the next best, times", "", rival.map(CompetingPose::evidence_ratio))
+            .with_min(MIN_MARGIN, LimitSource::Program)
             .reviews("ambiguous", || rival.map_or(String::new(), ambiguous)),
     ]
 }
 
 /// States what makes a pose uncertain, and what helps.
-fn why_uncertain(fit: &Fit) -> String {
-    let mm = |value| fixed(value, 2);
+fn uncertainty_reason(fit: &Fit) -> String {
+    let mm = |value| fixed_decimals(value, 2);
     if fit.uncertainty_at_taught_place_mm <= MAX_UNCERTAINTY_MM {
         format!(
             "the panel's centre is {} mm from its taught position, so the scale error of the 3D camera counts; at \
              the taught position the uncertainty would be {} mm: put the panel nearer to it, measure the camera \
              with `panelprep calibrate scanner`, or correct the pose with two corners",
-            fixed(fit.shift_mm, 0),
+            fixed_decimals(fit.shift_mm, 0),
             mm(fit.uncertainty_at_taught_place_mm)
         )
     } else if fit.uncertainty_without_scale_mm <= MAX_UNCERTAINTY_MM {
@@ -76,7 +76,7 @@ fn why_uncertain(fit: &Fit) -> String {
     } else {
         format!(
             "the pose is least certain {}; uncover more of the panel, or correct the pose with two corners",
-            fit.weakest.words()
+            fit.weakest_direction.describe()
         )
     }
 }
@@ -85,27 +85,27 @@ fn why_uncertain(fit: &Fit) -> String {
 pub(super) fn motion(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     vec![
         Check::new("shift of the panel's centre", "mm", fit.shift_mm)
-            .at_most(limits.max_shift_mm(), SetBy::recipe("locate.max_shift_mm"))
-            .rejects("shift_limit", || {
-                let [shift, allowed] = apart(fit.shift_mm, limits.max_shift_mm(), 1);
+            .with_max(limits.max_shift_mm(), LimitSource::recipe("locate.max_shift_mm"))
+            .or_reject("shift_limit", || {
+                let [shift, allowed] = distinguishable_texts(fit.shift_mm, limits.max_shift_mm(), 1);
                 format!(
                     "the panel's centre is {shift} mm from its nominal position (limit {allowed} mm); move the \
                      panel nearer to it"
                 )
             }),
         Check::new("turn in the panel's plane, either way", "°", fit.turn.0.abs())
-            .at_most(limits.turn_limit_deg(), SetBy::recipe("locate.turn_limit_deg"))
-            .rejects("turn_limit", || {
-                let [turn, allowed] = apart(fit.turn.0.abs(), limits.turn_limit_deg(), 2);
+            .with_max(limits.turn_limit_deg(), LimitSource::recipe("locate.turn_limit_deg"))
+            .or_reject("turn_limit", || {
+                let [turn, allowed] = distinguishable_texts(fit.turn.0.abs(), limits.turn_limit_deg(), 2);
                 let sign = if fit.turn.0 < 0.0 { "-" } else { "" };
                 format!(
                     "the panel is turned by {sign}{turn}° in its plane (limit ±{allowed}°); turn the panel back"
                 )
             }),
         Check::new("tilt of the panel's normal", "°", fit.tilt.0)
-            .at_most(limits.max_tilt_deg(), SetBy::recipe("locate.max_tilt_deg"))
-            .rejects("tilt_limit", || {
-                let [tilt, allowed] = apart(fit.tilt.0, limits.max_tilt_deg(), 2);
+            .with_max(limits.max_tilt_deg(), LimitSource::recipe("locate.max_tilt_deg"))
+            .or_reject("tilt_limit", || {
+                let [tilt, allowed] = distinguishable_texts(fit.tilt.0, limits.max_tilt_deg(), 2);
                 format!("the panel's normal is tilted by {tilt}° (limit {allowed}°); set the panel upright")
             }),
     ]
@@ -128,7 +128,7 @@ mod tests {
                 uncertainty_without_scale_mm,
                 ..good()
             };
-            Judgement::of_checks(&knowledge(&fit))
+            Judgement::from_checks(&check_pose_uncertainty(&fit))
                 .reasons
                 .into_iter()
                 .map(|reason| reason.message)

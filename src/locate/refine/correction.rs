@@ -14,25 +14,25 @@ pub struct CornerReport {
     /// The shift that this corner alone indicates, along its camera's X and Y, mm.
     pub shift_mm: [f64; 2],
     /// The part of this shift that remains after the common correction, mm.
-    pub left_mm: f64,
+    pub remaining_shift_mm: f64,
 }
 
 impl CornerReport {
     /// The size of the shift of the panel that this corner alone indicates, mm.
-    pub fn asked_mm(&self) -> f64 {
+    pub fn indicated_shift_mm(&self) -> f64 {
         self.shift_mm[0].hypot(self.shift_mm[1])
     }
 }
 
 /// A corrected pose and the data on which it is based.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Refined {
+pub struct RefinedPose {
     /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
     /// The correction along X and Y of the first camera, mm.
     pub shift_mm: [f64; 2],
     /// Angle by which the panel was turned, if there are two or more corners at different places.
-    pub turned: Degrees,
+    pub rotation: Degrees,
     /// The largest distance between found and expected corner, px.
     pub error_px: f64,
     /// Each corner, in the order of the views.

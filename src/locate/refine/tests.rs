@@ -37,7 +37,7 @@ fn taught(
     let panel_from_camera = crate::panel::panel_from_base_at_teaching() * base_from_camera;
     let reference_px = camera.project(panel_from_camera.inverse() * point).expect("in front");
     TaughtCorner {
-        teaching: CornerTeaching { reference_px, panel_from_camera },
+        teaching_data: CornerTeaching { reference_px, panel_from_camera },
         point,
         normal: Vector::new(-Vector3::x()),
     }
@@ -56,7 +56,7 @@ fn a_corner_to_the_right_moves_the_panel_to_the_right() {
     assert!((refined.base_from_panel.origin().mm.coords - Vector3::new(0.0, -2.4, 1.0)).norm() < 1e-9);
     assert!((refined.shift_mm[0] - 2.4).abs() < 1e-9 && (refined.shift_mm[1] + 1.0).abs() < 1e-9);
     assert!((refined.error_px - 26.0).abs() < 1e-9, "√(24² + 10²) = 26 px: {}", refined.error_px);
-    assert!(refined.corners[0].left_mm < 1e-9);
+    assert!(refined.corners[0].remaining_shift_mm < 1e-9);
 }
 
 /// By hand: cameras along X and along −Y, both 240 mm away. The first corner indicates 1 mm in −Y and 1 mm up, the
@@ -83,7 +83,11 @@ fn two_corners_share_the_difference() {
     let refined = refine(nominal, &CAMERA, &views).expect("in view");
     let shift = refined.base_from_panel.origin().mm.coords;
     assert!((shift - Vector3::new(-2.0, -1.0, 1.5)).norm() < 1e-9, "{shift}");
-    assert!(refined.corners.iter().all(|corner| (corner.left_mm - 0.5).abs() < 1e-9), "{:?}", refined.corners);
+    assert!(
+        refined.corners.iter().all(|corner| (corner.remaining_shift_mm - 0.5).abs() < 1e-9),
+        "{:?}",
+        refined.corners
+    );
 }
 
 /// Calculated by hand: a camera 100 mm in front of the surface and 100 mm aside sees sin 45° of a move along the
@@ -91,8 +95,8 @@ fn two_corners_share_the_difference() {
 #[test]
 fn a_slanted_view_sees_a_part_of_a_move_along_the_normal() {
     let corner = |y: f64| taught(Point::at(560.0, 0.0, 360.0), looks_along_x(Point::at(460.0, y, 360.0)), &CAMERA);
-    assert!((corner(100.0).normal_seen() - 0.5f64.sqrt()).abs() < 1e-9);
-    assert!(corner(0.0).normal_seen() < 1e-9);
+    assert!((corner(100.0).visible_normal_share() - 0.5f64.sqrt()).abs() < 1e-9);
+    assert!(corner(0.0).visible_normal_share() < 1e-9);
 }
 
 /// Calculated by hand: two corners are 200 mm apart, and both cameras look along X. After a turn by 0.01 rad about
@@ -109,14 +113,14 @@ fn two_corners_apart_turn_the_panel() {
         found_px: Pixel::at(1024.0 + 5.0, 768.0 - up_px),
     };
     let refined = refine(nominal, &CAMERA, &[seen(0, 100.0, 10.0), seen(1, -100.0, -10.0)]).expect("in view");
-    assert!((refined.turned.rad() - 0.01).abs() < 1e-6, "{refined:?}");
+    assert!((refined.rotation.to_rad() - 0.01).abs() < 1e-6, "{refined:?}");
     let first = (refined.base_from_panel * corners[0].point).mm;
     assert!((first.y - 99.5).abs() < 0.01 && (first.z - 361.0).abs() < 0.01, "{first}");
-    assert!(refined.corners.iter().all(|corner| corner.left_mm < 0.01), "{refined:?}");
+    assert!(refined.corners.iter().all(|corner| corner.remaining_shift_mm < 0.01), "{refined:?}");
     // Claimed errors of 1 mm and 0.2 mm give 1.02 mm together. √(1² + 0.5²) = 1.118 mm is less than twice that
     // value, but more than twice 0.3 mm.
-    assert_eq!(disagreement(&refined, &[1.0, 0.2]).expect("a corner").reason(), None);
-    assert_eq!(found(disagreement(&refined, &[0.3])).code, "corner_disagrees");
+    assert_eq!(worst_disagreement(&refined, &[1.0, 0.2]).expect("a corner").reason(), None);
+    assert_eq!(found(worst_disagreement(&refined, &[0.3])).code, "corner_disagrees");
 }
 
 /// Calculated by hand: only the second taught corner is viewed, 12 px off at 10 px a mm. Each gate names the corner
@@ -130,8 +134,9 @@ fn a_corner_has_the_number_that_it_was_taught_with() {
     let refined = refine(nominal, &CAMERA, &[view]).expect("in view");
     let recipe = limits("max_correction_mm = 1.0\n");
     let reasons =
-        [judge(&refined, recipe.corner()).reasons, judge_stands(&refined, recipe.corner()).reasons].concat();
-    let reasons = reasons.into_iter().chain(disagreement(&refined, &[0.1]).and_then(|check| check.reason()));
+        [judge(&refined, recipe.corner()).reasons, judge_standing_panel(&refined, recipe.corner()).reasons]
+            .concat();
+    let reasons = reasons.into_iter().chain(worst_disagreement(&refined, &[0.1]).and_then(|check| check.reason()));
     let said: Vec<(String, bool)> =
         reasons.map(|it| (it.code.to_string(), it.message.contains("corner 2"))).collect();
     let codes = ["correction_limit", "moved", "corner_disagrees"];
@@ -146,12 +151,12 @@ fn what_is_not_a_number_is_never_accepted() {
         expected_px: Pixel::at(0.0, 0.0),
         error_px: 0.0,
         shift_mm: [shift_mm, 0.0],
-        left_mm,
+        remaining_shift_mm: left_mm,
     };
-    let refined = |corners| Refined {
+    let refined = |corners| RefinedPose {
         base_from_panel: crate::panel::panel_from_base_at_teaching().inverse(),
         shift_mm: [0.0; 2],
-        turned: Degrees(0.0),
+        rotation: Degrees(0.0),
         error_px: 0.0,
         corners,
     };
@@ -162,8 +167,8 @@ fn what_is_not_a_number_is_never_accepted() {
         assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "corners_disagree"));
         let asked = refined(vec![report(0, nan, 0.0), report(1, 0.1, 0.0)]);
         assert_eq!(judge(&asked, recipe.corner()).reasons[0].code, "correction_limit");
-        assert_eq!(judge_stands(&asked, recipe.corner()).reasons[0].code, "moved");
-        assert_eq!(found(disagreement(&asked, &[0.3])).code, "corner_disagrees");
+        assert_eq!(judge_standing_panel(&asked, recipe.corner()).reasons[0].code, "moved");
+        assert_eq!(found(worst_disagreement(&asked, &[0.3])).code, "corner_disagrees");
     }
 }
 
@@ -188,7 +193,7 @@ fn corners_that_no_rigid_panel_has_are_a_finding() {
         found_px: Pixel::at(1024.0 + right_px, 768.0),
     };
     let refined = refine(nominal, &CAMERA, &[seen(0, 100.0, 10.0), seen(1, -100.0, -10.0)]).expect("in view");
-    assert!(refined.corners.iter().all(|corner| (corner.left_mm - 1.0).abs() < 1e-6), "{refined:?}");
+    assert!(refined.corners.iter().all(|corner| (corner.remaining_shift_mm - 1.0).abs() < 1e-6), "{refined:?}");
     let recipe = limits("");
     let judgement = judge(&refined, recipe.corner());
     assert_eq!((judgement.verdict, judgement.reasons[0].code.as_ref()), (Verdict::Review, "corners_disagree"));
@@ -236,21 +241,21 @@ proptest! {
         };
         let nominal_camera = looks_along_x(Point::at(325.0, -140.0, 455.0));
         let corner = taught(Point::at(560.0, -150.0, 460.0), nominal_camera, &camera);
-        let located: Rigid<Base, Panel> = Rigid::claim(small(moved, 20.0, 0.1));
-        let new_pose = located * corner.teaching.panel_from_camera; // Eq. 3.22
+        let located: Rigid<Base, Panel> = Rigid::from_isometry_unchecked(small(moved, 20.0, 0.1));
+        let new_pose = located * corner.teaching_data.panel_from_camera; // Eq. 3.22
         let at_new_pose = CornerView { corner: 0, taught: &corner, base_from_camera: new_pose, found_px: Pixel::at(u, v) };
         let refined = refine(located, &camera, &[at_new_pose]).expect("in view");
         let expected = refined.corners[0].expected_px;
-        prop_assert!(expected.distance_px(corner.teaching.reference_px) < 1e-6);
+        prop_assert!(expected.distance_px(corner.teaching_data.reference_px) < 1e-6);
 
         let [x, y] = refined.shift_mm;
         let new_from_refined = Isometry3::translation(x, y, 0.0);
         let turn = (located.inverse() * new_pose).isometry().rotation; // Eq. 3.25
         let printed = located.isometry() * turn * new_from_refined * turn.inverse(); // Eq. 3.24
-        let printed: Rigid<Base, Panel> = Rigid::claim(printed);
+        let printed: Rigid<Base, Panel> = Rigid::from_isometry_unchecked(printed);
         prop_assert!(printed.distance_at_mm(refined.base_from_panel, corner.point) < 1e-9);
 
-        let base_from_camera = new_pose * Rigid::<FlangeCamera, FlangeCamera>::claim(small(off, 5.0, 0.017));
+        let base_from_camera = new_pose * Rigid::<FlangeCamera, FlangeCamera>::from_isometry_unchecked(small(off, 5.0, 0.017));
         let view = CornerView { base_from_camera, ..at_new_pose };
         let refined = refine(located, &camera, &[view]).expect("in view");
         let seen = camera.project(base_from_camera.inverse() * (refined.base_from_panel * corner.point));
@@ -262,7 +267,7 @@ proptest! {
     fn nothing_is_turned(u in 700.0..1300.0f64, moved in prop::array::uniform3(-0.2..0.2f64)) {
         let base_from_camera = looks_along_x(Point::at(320.0, 0.0, 360.0));
         let corner = taught(Point::at(560.0, 0.0, 360.0), base_from_camera, &CAMERA);
-        let located: Rigid<Base, Panel> = Rigid::claim(Isometry3::new(Vector3::zeros(), moved.into()));
+        let located: Rigid<Base, Panel> = Rigid::from_isometry_unchecked(Isometry3::new(Vector3::zeros(), moved.into()));
         let view = CornerView { corner: 0, taught: &corner, base_from_camera, found_px: Pixel::at(u, 700.0) };
         if let Ok(refined) = refine(located, &CAMERA, &[view]) {
             let turned: Rigid<Panel, Panel> = located.inverse() * refined.base_from_panel;

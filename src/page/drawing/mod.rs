@@ -9,9 +9,9 @@
 pub mod canvas;
 
 use super::session::Session;
-use super::{Local, LocalError};
+use super::{LocalError, LocalServer};
 use crate::disk;
-use crate::recipe::{Drawn, Recipe};
+use crate::recipe::{DrawnShapes, Recipe};
 use axum::extract::State;
 use axum::http::{StatusCode, header};
 use axum::response::{Html, IntoResponse, Response};
@@ -23,14 +23,14 @@ use std::sync::Arc;
 
 const PAGE: &str = include_str!("drawing.html");
 const SCRIPT: &str = include_str!("drawing.js");
-const STYLE: &str = include_str!("drawing.css");
+const STYLE_SHEET: &str = include_str!("drawing.css");
 const BUTTONS: &str = include_str!("buttons.html");
 
 /// Writes the recipe's new text completely or not at all.
-pub type Write = dyn Fn(&str) -> Result<(), String> + Send + Sync;
+pub type WriteRecipe = dyn Fn(&str) -> Result<(), String> + Send + Sync;
 
 /// The data on which a person draws.
-pub struct Sheet {
+pub struct DrawingSheet {
     /// The recipe's file.
     pub recipe: PathBuf,
     /// The scan's picture, PNG.
@@ -38,11 +38,11 @@ pub struct Sheet {
     /// Its size, px.
     pub size_px: [usize; 2],
     /// Keeps the recipe.
-    pub write: Box<Write>,
+    pub write: Box<WriteRecipe>,
 }
 
 struct Inside {
-    sheet: Sheet,
+    sheet: DrawingSheet,
     session: Session,
 }
 
@@ -50,7 +50,7 @@ struct Inside {
 ///
 /// # Errors
 /// If the operating system refuses what the server needs.
-pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
+pub fn serve(local: LocalServer, sheet: DrawingSheet) -> Result<u32, LocalError> {
     let (session, done) = Session::new();
     let inside = Arc::new(Inside { sheet, session });
     let text =
@@ -58,22 +58,22 @@ pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
     let pages = Router::new()
         .route(&local.path(""), get(page))
         .route(&local.path("sheet.js"), text("text/javascript; charset=utf-8", canvas::SCRIPT))
-        .route(&local.path("sheet.css"), text("text/css; charset=utf-8", canvas::STYLE))
+        .route(&local.path("sheet.css"), text("text/css; charset=utf-8", canvas::STYLE_SHEET))
         .route(&local.path("drawing.js"), text("text/javascript; charset=utf-8", SCRIPT))
-        .route(&local.path("drawing.css"), text("text/css; charset=utf-8", STYLE))
+        .route(&local.path("drawing.css"), text("text/css; charset=utf-8", STYLE_SHEET))
         .route(&local.path("picture.png"), get(picture))
         .route(&local.path("drawing.json"), get(drawing))
         .route(&local.path("save"), post(save))
         .route(&local.path("done"), post(end))
         .with_state(inside.clone());
     local.serve(pages, done)?;
-    Ok(inside.session.saves())
+    Ok(inside.session.save_count())
 }
 
 async fn page() -> Html<String> {
     Html(PAGE.replace(
         "{sheet}",
-        &canvas::markup("picture.png", BUTTONS, |key| canvas::english(key).unwrap_or_default()),
+        &canvas::sheet_markup("picture.png", BUTTONS, |key| canvas::english_text(key).unwrap_or_default()),
     ))
 }
 
@@ -82,11 +82,11 @@ async fn picture(State(inside): State<Arc<Inside>>) -> Response {
 }
 
 /// Reads the recipe's file as it is now.
-fn read(sheet: &Sheet) -> Result<(String, Recipe), Vec<String>> {
+fn read(sheet: &DrawingSheet) -> Result<(String, Recipe), Vec<String>> {
     let name = sheet.recipe.display().to_string();
     let bytes = disk::read(&sheet.recipe).map_err(|error| vec![format!("{name}: {error}")])?;
     let text = String::from_utf8(bytes).map_err(|error| vec![format!("{name}: {error}")])?;
-    let recipe = canvas::checked(&name, &text)?;
+    let recipe = canvas::check_recipe(&name, &text)?;
     Ok((text, recipe))
 }
 
@@ -99,7 +99,7 @@ async fn drawing(State(inside): State<Arc<Inside>>) -> Response {
     match read(sheet) {
         Ok((_, recipe)) => {
             let told: Value = json!({
-                "panel": recipe.panel(), "recipe": sheet.recipe.display().to_string(), "drawn": canvas::drawn(&recipe),
+                "panel": recipe.panel(), "recipe": sheet.recipe.display().to_string(), "drawn": canvas::recipe_shapes(&recipe),
             });
             Json(told).into_response()
         }
@@ -107,8 +107,8 @@ async fn drawing(State(inside): State<Arc<Inside>>) -> Response {
     }
 }
 
-async fn save(State(inside): State<Arc<Inside>>, Json(drawn): Json<Drawn>) -> Response {
-    match put(&inside.sheet, &drawn) {
+async fn save(State(inside): State<Arc<Inside>>, Json(drawn): Json<DrawnShapes>) -> Response {
+    match write_shapes(&inside.sheet, &drawn) {
         Ok(()) => {
             inside.session.count_save();
             Json(json!({ "saved": inside.sheet.recipe.display().to_string() })).into_response()
@@ -118,10 +118,10 @@ async fn save(State(inside): State<Arc<Inside>>, Json(drawn): Json<Drawn>) -> Re
 }
 
 /// Writes the drawn shapes to the file if the result is still a valid recipe.
-fn put(sheet: &Sheet, drawn: &Drawn) -> Result<(), Vec<String>> {
+fn write_shapes(sheet: &DrawingSheet, drawn: &DrawnShapes) -> Result<(), Vec<String>> {
     let (text, _) = read(sheet)?;
     let name = sheet.recipe.display().to_string();
-    let edited = canvas::drawn_on((&name, &text), sheet.size_px, drawn)?;
+    let edited = canvas::recipe_with_shapes((&name, &text), sheet.size_px, drawn)?;
     (sheet.write)(&edited).map_err(|problem| vec![problem])
 }
 

@@ -20,8 +20,8 @@ fn open() -> Open {
     std::fs::write(&recipe, RECIPE).expect("written");
     let file = recipe.clone();
     let write = Box::new(move |text: &str| std::fs::write(&file, text).map_err(|error| error.to_string()));
-    let sheet = Sheet { recipe, picture_png: vec![1, 2, 3], size_px: [100, 80], write };
-    let local = Local::listen(([127, 0, 0, 1], 0).into()).expect("a port");
+    let sheet = DrawingSheet { recipe, picture_png: vec![1, 2, 3], size_px: [100, 80], write };
+    let local = LocalServer::listen(([127, 0, 0, 1], 0).into()).expect("a port");
     let url = local.url();
     Open { url, serving: std::thread::spawn(move || serve(local, sheet).expect("served")), folder }
 }
@@ -113,5 +113,5 @@ fn nobody_else_is_served() {
     assert_eq!(page.ask_as(page.host(), "GET", "/0123/drawing.json", "").0, 404);
     let key = page.url.trim_end_matches('/').rsplit('/').next().expect("a key");
     assert_eq!(page.ask_as("evil.example", "GET", &format!("/{key}/drawing.json"), "").0, 403);
-    assert!(Local::listen(([0, 0, 0, 0], 0).into()).is_err(), "not for the whole network");
+    assert!(LocalServer::listen(([0, 0, 0, 0], 0).into()).is_err(), "not for the whole network");
 }

@@ -6,7 +6,7 @@
 //! done` ends the page.
 
 use super::session::Session;
-use super::{Local, LocalError};
+use super::{LocalError, LocalServer};
 use crate::disk;
 use crate::files::{self, ClipEntry};
 use crate::labels::Statement;
@@ -22,11 +22,11 @@ use std::sync::Arc;
 
 const HTML: &str = "text/html; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
-const STYLE: &str = "text/css; charset=utf-8";
+const STYLE_SHEET: &str = "text/css; charset=utf-8";
 /// The page's own files.
 const FILES: [(&str, &str, &str); 9] = [
     ("", HTML, include_str!("label.html")),
-    ("label.css", STYLE, include_str!("label.css")),
+    ("label.css", STYLE_SHEET, include_str!("label.css")),
     ("label.js", SCRIPT, include_str!("label.js")),
     ("breaks.js", SCRIPT, include_str!("breaks.js")),
     ("overlay.js", SCRIPT, include_str!("overlay.js")),
@@ -47,7 +47,7 @@ pub struct GridOutline {
 
 /// The labels stored so far.
 #[derive(Debug, Clone, Serialize)]
-pub struct Now {
+pub struct CurrentLabels {
     /// The person's statement.
     pub said: Statement,
     /// When labels were last saved, UTC; `None` if they never were.
@@ -60,7 +60,7 @@ pub struct Now {
 
 /// The result of a save.
 #[derive(Debug, Clone, Serialize)]
-pub struct Saved {
+pub struct SaveResult {
     /// The labels' file.
     pub labels: String,
     /// The time of the save, UTC.
@@ -75,23 +75,23 @@ pub trait LabelStorage: Send + Sync {
     ///
     /// # Errors
     /// If a file is not valid, in words.
-    fn now(&self) -> Result<Now, String>;
+    fn now(&self) -> Result<CurrentLabels, String>;
 
     /// Stores the current drawing, valid or not.
     ///
     /// # Errors
     /// If the file cannot be written, in words.
-    fn draft(&self, said: &Statement) -> Result<(), String>;
+    fn store_draft(&self, said: &Statement) -> Result<(), String>;
 
     /// Saves the statement as labels.
     ///
     /// # Errors
     /// Everything in the statement that is not possible, or the reason why the files cannot be written, in words.
-    fn save(&self, said: &Statement) -> Result<Saved, Vec<String>>;
+    fn save(&self, said: &Statement) -> Result<SaveResult, Vec<String>>;
 }
 
 /// What is marked.
-pub struct Sheet {
+pub struct LabelSheet {
     /// The clip's folder.
     pub folder: PathBuf,
     /// Its pictures.
@@ -105,7 +105,7 @@ pub struct Sheet {
 }
 
 struct Inside {
-    sheet: Sheet,
+    sheet: LabelSheet,
     session: Session,
 }
 
@@ -113,7 +113,7 @@ struct Inside {
 ///
 /// # Errors
 /// If the operating system refuses what the server needs.
-pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
+pub fn serve(local: LocalServer, sheet: LabelSheet) -> Result<u32, LocalError> {
     let (session, done) = Session::new();
     let inside = Arc::new(Inside { sheet, session });
     let mut pages = Router::new();
@@ -123,12 +123,12 @@ pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
     let pages = pages
         .route(&local.path("clip.json"), get(clip))
         .route(&local.path("picture/{number}"), get(picture))
-        .route(&local.path("draft"), post(draft))
+        .route(&local.path("draft"), post(handle_draft))
         .route(&local.path("save"), post(save))
         .route(&local.path("done"), post(end))
         .with_state(inside.clone());
     local.serve(pages, done)?;
-    Ok(inside.session.saves())
+    Ok(inside.session.save_count())
 }
 
 fn refused(status: StatusCode, problems: &[String]) -> Response {
@@ -136,10 +136,10 @@ fn refused(status: StatusCode, problems: &[String]) -> Response {
 }
 
 async fn clip(State(inside): State<Arc<Inside>>) -> Response {
-    let Sheet { folder, shots, size_px, grids, keep } = &inside.sheet;
+    let LabelSheet { folder, shots, size_px, grids, keep } = &inside.sheet;
     let shots: Vec<_> = shots
         .iter()
-        .map(|shot| json!({"file": shot.file, "time_s": shot.time_s, "phase": shot.phase.word()}))
+        .map(|shot| json!({"file": shot.file, "time_s": shot.time_s, "phase": shot.phase.keyword()}))
         .collect();
     match keep.now() {
         Ok(now) => {
@@ -152,14 +152,14 @@ async fn clip(State(inside): State<Arc<Inside>>) -> Response {
 }
 
 async fn picture(State(inside): State<Arc<Inside>>, Path(number): Path<String>) -> Response {
-    let Sheet { folder, shots, .. } = &inside.sheet;
+    let LabelSheet { folder, shots, .. } = &inside.sheet;
     let shot = number.parse::<usize>().ok().and_then(|number| shots.get(number.checked_sub(1)?));
     let Some(shot) = shot else {
         let problem = format!("the clip has no picture {number}; valid: 1 to {}", shots.len());
         return refused(StatusCode::NOT_FOUND, &[problem]);
     };
     let file = folder.join(&shot.file);
-    match disk::read(&file).map_err(|error| error.to_string()).and_then(shown) {
+    match disk::read(&file).map_err(|error| error.to_string()).and_then(browser_picture) {
         Ok((kind, bytes)) => ([(header::CONTENT_TYPE, kind)], bytes).into_response(),
         Err(problem) => refused(StatusCode::UNPROCESSABLE_ENTITY, &[format!("{}: {problem}", file.display())]),
     }
@@ -168,7 +168,7 @@ async fn picture(State(inside): State<Arc<Inside>>, Path(number): Path<String>) 
 /// Returns a picture in a format that browsers show, with the pixels as the program reads them. PNG and JPEG are sent
 /// unchanged, TIFF is converted to PNG. A browser rotates a picture by its EXIF data, so that the drawing would lie at
 /// other pixels: a picture that may have EXIF data is encoded again.
-fn shown(bytes: Vec<u8>) -> Result<(&'static str, Vec<u8>), String> {
+fn browser_picture(bytes: Vec<u8>) -> Result<(&'static str, Vec<u8>), String> {
     let has = |name: &[u8]| bytes.windows(name.len()).any(|part| part == name);
     if bytes.starts_with(b"\x89PNG") && !has(b"eXIf") {
         return Ok(("image/png", bytes));
@@ -180,8 +180,8 @@ fn shown(bytes: Vec<u8>) -> Result<(&'static str, Vec<u8>), String> {
     png.map(|png| ("image/png", png)).map_err(|error| error.to_string())
 }
 
-async fn draft(State(inside): State<Arc<Inside>>, Json(said): Json<Statement>) -> Response {
-    match inside.sheet.keep.draft(&said) {
+async fn handle_draft(State(inside): State<Arc<Inside>>, Json(said): Json<Statement>) -> Response {
+    match inside.sheet.keep.store_draft(&said) {
         Ok(()) => Json(json!({ "kept": true })).into_response(),
         Err(problem) => refused(StatusCode::UNPROCESSABLE_ENTITY, &[problem]),
     }

@@ -12,23 +12,28 @@ use std::thread::JoinHandle;
 struct Memory(Mutex<(Statement, u32)>);
 
 impl LabelStorage for Memory {
-    fn now(&self) -> Result<Now, String> {
+    fn now(&self) -> Result<CurrentLabels, String> {
         let (said, saved) = self.0.lock().expect("nobody failed").clone();
-        Ok(Now { said, saved_at: (saved > 0).then(|| "today".to_owned()), is_draft: saved == 0, note: None })
+        Ok(CurrentLabels {
+            said,
+            saved_at: (saved > 0).then(|| "today".to_owned()),
+            is_draft: saved == 0,
+            note: None,
+        })
     }
 
-    fn draft(&self, said: &Statement) -> Result<(), String> {
+    fn store_draft(&self, said: &Statement) -> Result<(), String> {
         self.0.lock().expect("nobody failed").0 = said.clone();
         Ok(())
     }
 
-    fn save(&self, said: &Statement) -> Result<Saved, Vec<String>> {
+    fn save(&self, said: &Statement) -> Result<SaveResult, Vec<String>> {
         if said.author.is_empty() {
             return Err(vec!["nobody signs".to_owned(), "and more".to_owned()]);
         }
         let mut kept = self.0.lock().expect("nobody failed");
         *kept = (said.clone(), kept.1 + 1);
-        Ok(Saved { labels: "labels.json".to_owned(), saved_at: "today".to_owned(), former: None })
+        Ok(SaveResult { labels: "labels.json".to_owned(), saved_at: "today".to_owned(), former: None })
     }
 }
 
@@ -41,7 +46,7 @@ struct Open {
 /// Opens a clip with a PNG, a JPEG and a TIFF picture, and one that is missing.
 fn open() -> Open {
     let folder = tempfile::tempdir().expect("a folder");
-    let picture = crate::geometry::ColorPicture::filled(4, 2, [9, 8, 7]);
+    let picture = crate::geometry::ColorPicture::uniform(4, 2, [9, 8, 7]);
     let png = files::write_color_png(&picture).expect("packed");
     std::fs::write(folder.path().join("1.png"), png).expect("written");
     std::fs::write(folder.path().join("2.jpg"), files::write_color_jpeg(&picture).expect("packed"))
@@ -54,14 +59,14 @@ fn open() -> Open {
         time_s: index as f64,
         phase,
     };
-    let sheet = Sheet {
+    let sheet = LabelSheet {
         folder: folder.path().to_owned(),
         shots: names.into_iter().enumerate().map(shot).collect(),
         size_px: [4, 2],
         grids: vec![GridOutline { id: "r1c1".to_owned(), edge_px: vec![[0.0, 0.0], [3.0, 0.0], [3.0, 1.0]] }],
         keep: Arc::new(Memory::default()),
     };
-    let local = Local::listen(([127, 0, 0, 1], 0).into()).expect("a port");
+    let local = LocalServer::listen(([127, 0, 0, 1], 0).into()).expect("a port");
     let url = local.url();
     Open { url, serving: std::thread::spawn(move || serve(local, sheet).expect("served")), _folder: folder }
 }
@@ -172,14 +177,14 @@ fn a_picture_is_shown_as_its_pixels_stand() {
         for (bytes, plain) in [(jpeg, &plain_jpeg), (png, &plain_png)] {
             let expected = files::read_color(plain).expect("a picture");
             assert_eq!(files::read_color(&bytes).expect("a picture"), expected, "the program takes the pixels");
-            let (kind, sent) = shown(bytes).expect("it is shown");
+            let (kind, sent) = browser_picture(bytes).expect("it is shown");
             assert_eq!((kind, files::read_color(&sent).expect("a picture")), ("image/png", expected));
             let has = |name: &[u8]| sent.windows(name.len()).any(|part| part == name);
             assert!(!has(b"Exif") && !has(b"eXIf"), "no word of a turn");
         }
     }
     for plain in [plain_jpeg, plain_png] {
-        assert_eq!(shown(plain.clone()).expect("it is shown").1, plain, "as it is");
+        assert_eq!(browser_picture(plain.clone()).expect("it is shown").1, plain, "as it is");
     }
 }
 

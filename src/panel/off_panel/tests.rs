@@ -1,17 +1,17 @@
-use super::super::flat::{Flat, taught};
+use super::super::flat::{FlatPanelOptions, taught};
 use super::*;
 
-fn found(flat: Flat) -> Vec<OffPanel> {
+fn found(flat: FlatPanelOptions) -> Vec<OffPanel> {
     taught(&flat).region_off_panel(12.0, &[])
 }
 
 /// A region inside the panel, with noise and some missing points, does not extend beyond the panel.
 #[test]
 fn a_region_on_the_panel_is_on_it() {
-    assert_eq!(found(Flat::default()), []);
-    assert_eq!(found(Flat { dropouts: true, ..Flat::default() }), []);
+    assert_eq!(found(FlatPanelOptions::default()), []);
+    assert_eq!(found(FlatPanelOptions { dropouts: true, ..FlatPanelOptions::default() }), []);
     // A panel edge that coincides with the region's edge is no overhang: here both end at column 250.
-    assert_eq!(found(Flat { region_right_px: 250.0, ..Flat::default() }), []);
+    assert_eq!(found(FlatPanelOptions { region_right_px: 250.0, ..FlatPanelOptions::default() }), []);
 }
 
 /// Calculated by hand: a pixel is 1 mm at 700 mm. A notch of 20 × 12 px enters the panel from above, columns 140 to
@@ -19,8 +19,9 @@ fn a_region_on_the_panel_is_on_it() {
 /// lies in the notch's middle on the region's edge.
 #[test]
 fn a_region_over_the_edge_is_measured_and_named() {
-    let off = found(Flat { notch: Some(140), ..Flat::default() });
-    let [OffPanel { beyond: Beyond::Edge, size_mm: Some(mm), at, grid, corner: None, grids }] = &off[..] else {
+    let off = found(FlatPanelOptions { notch: Some(140), ..FlatPanelOptions::default() });
+    let [OffPanel { gap_kind: GapKind::Edge, size_mm: Some(mm), pixel: at, grid, corner: None, grids }] = &off[..]
+    else {
         panic!("{off:?}")
     };
     assert!((mm - 7.0).abs() < 1.0, "{mm} mm");
@@ -44,8 +45,8 @@ fn a_region_over_the_edge_is_measured_and_named() {
 /// itself is on the panel.
 #[test]
 fn a_corner_beside_which_the_region_hangs_over_is_named() {
-    let off = found(Flat { notch: Some(219), ..Flat::default() });
-    let [OffPanel { beyond: Beyond::Edge, corner: Some(2), grid, .. }] = &off[..] else { panic!("{off:?}") };
+    let off = found(FlatPanelOptions { notch: Some(219), ..FlatPanelOptions::default() });
+    let [OffPanel { gap_kind: GapKind::Edge, corner: Some(2), grid, .. }] = &off[..] else { panic!("{off:?}") };
     assert_eq!(grid.to_string(), "r1c6");
     assert!(
         off[0].reason().message.contains("near corner 2 of the region, in grid r1c6"),
@@ -59,8 +60,9 @@ fn a_corner_beside_which_the_region_hangs_over_is_named() {
 /// already known to the person.
 #[test]
 fn a_hole_is_measured_and_named() {
-    let off = found(Flat { hole_px: 17, ..Flat::default() });
-    let [OffPanel { beyond: Beyond::Hole, size_mm: Some(mm), at, grid, corner: None, .. }] = &off[..] else {
+    let off = found(FlatPanelOptions { hole_px: 17, ..FlatPanelOptions::default() });
+    let [OffPanel { gap_kind: GapKind::Hole, size_mm: Some(mm), pixel: at, grid, corner: None, .. }] = &off[..]
+    else {
         panic!("{off:?}")
     };
     assert!((mm - 17.0).abs() < 0.5, "{mm} mm");
@@ -71,17 +73,25 @@ fn a_hole_is_measured_and_named() {
         "{}",
         reason.message
     );
-    assert_eq!(found(Flat { hole_px: 9, ..Flat::default() }), []);
+    assert_eq!(found(FlatPanelOptions { hole_px: 9, ..FlatPanelOptions::default() }), []);
     let mask = [[175.0, 85.0], [201.0, 85.0], [201.0, 111.0], [175.0, 111.0]];
-    assert_eq!(taught(&Flat { hole_px: 17, ..Flat::default() }).region_off_panel(12.0, &[mask]), []);
+    assert_eq!(
+        taught(&FlatPanelOptions { hole_px: 17, ..FlatPanelOptions::default() }).region_off_panel(12.0, &[mask]),
+        []
+    );
 }
 
 /// Inside a person's outline, missing points are no hole; a place at which the background is seen is a hole.
 #[test]
 fn a_drawn_outline_says_what_is_panel() {
     let drawn = |sees_through: bool| {
-        found(Flat { hole_px: 17, is_drawn: true, is_hole_empty: !sees_through, ..Flat::default() })
+        found(FlatPanelOptions {
+            hole_px: 17,
+            is_drawn: true,
+            is_hole_empty: !sees_through,
+            ..FlatPanelOptions::default()
+        })
     };
     assert_eq!(drawn(false), []);
-    assert!(matches!(drawn(true)[..], [OffPanel { beyond: Beyond::Hole, .. }]), "{:?}", drawn(true));
+    assert!(matches!(drawn(true)[..], [OffPanel { gap_kind: GapKind::Hole, .. }]), "{:?}", drawn(true));
 }

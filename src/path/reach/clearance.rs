@@ -3,7 +3,7 @@
 use super::infeasible::Infeasibility;
 use super::margins::{TOOL, parts};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid, Tool};
-use crate::path::kinematics::{Angles, Kinematics};
+use crate::path::kinematics::{JointAngles, Kinematics};
 use crate::path::obstacles::Obstacle;
 
 /// Largest distance of the tool from an obstacle that is required at the end of a checked path, mm. Elsewhere the
@@ -17,12 +17,12 @@ const MESH_MM: f64 = 8.0;
 const BODY_SLACK_MM: f64 = 1.0;
 
 /// Checks that neither a part of the arm nor the tool with its tip at this point is too near to any obstacle point.
-pub(super) fn keeps_clear(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Infeasibility> {
+pub(super) fn check_clearance(arm: &Kinematics, tip: Point<Base>, at: &JointAngles) -> Result<(), Infeasibility> {
     let Some(obstacles) = arm.obstacles() else { return Ok(()) };
     for (index, (part, from, to, needed_mm)) in parts(arm, tip, at).into_iter().enumerate() {
-        for (number, obstacle) in obstacles.of_each().iter().enumerate() {
+        for (number, obstacle) in obstacles.obstacles().iter().enumerate() {
             let needed_mm = arm.least_mm(number).map_or(needed_mm, |least_mm| least_mm[index]);
-            let nearer_mm = obstacle.nearer_mm(needed_mm, |point| from_line_mm(point, from, to));
+            let nearer_mm = obstacle.smallest_distance_mm(needed_mm, |point| from_line_mm(point, from, to));
             if let Some(distance_mm) = nearer_mm {
                 let name = obstacle.name.to_owned();
                 return Err(Infeasibility::KeepOut { part, name, distance_mm, needed_mm });
@@ -35,7 +35,7 @@ pub(super) fn keeps_clear(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Re
 /// Returns whether the arm with this tool keeps the configured distances from the obstacles at these axis angles.
 pub fn is_clear(arm: &Kinematics, flange_from_tool: Rigid<Flange, Tool>, at: &Joints) -> bool {
     let tip = arm.base_from_flange(at).map(|flange| (flange * flange_from_tool).origin());
-    tip.is_some_and(|tip| keeps_clear(arm, tip, &at.degrees()).is_ok())
+    tip.is_some_and(|tip| check_clearance(arm, tip, &at.degrees()).is_ok())
 }
 
 /// Returns the arm at the end of a checked path that led near to an obstacle: on a motion that begins with these axis
@@ -48,7 +48,7 @@ pub fn departing(arm: &Kinematics, from: &Joints, flange_from_tool: Rigid<Flange
     let parts = parts(arm, tip, &from.degrees());
     let of_obstacle = |obstacle: &Obstacle| {
         parts.map(|(part, from, to, needed_mm)| {
-            let nearer_mm = obstacle.nearer_mm(needed_mm, |point| from_line_mm(point, from, to));
+            let nearer_mm = obstacle.smallest_distance_mm(needed_mm, |point| from_line_mm(point, from, to));
             let start_mm = nearer_mm.unwrap_or(needed_mm);
             match part {
                 TOOL => (0.5 * start_mm).clamp(MESH_MM, DEPARTURE_MM).min(needed_mm),
@@ -56,7 +56,7 @@ pub fn departing(arm: &Kinematics, from: &Joints, flange_from_tool: Rigid<Flange
             }
         })
     };
-    let least_mm = obstacles.of_each().iter().map(of_obstacle).collect();
+    let least_mm = obstacles.obstacles().iter().map(of_obstacle).collect();
     Some(arm.clone().with_least_distances(least_mm))
 }
 
@@ -73,7 +73,7 @@ mod tests {
     use crate::cell::Cell;
     use crate::geometry::{KukaPose, Vector};
     use crate::path::obstacles::Obstacles;
-    use crate::path::reach::{Leg, follow};
+    use crate::path::reach::{PathLine, follow_path};
     use nalgebra::Vector3;
     use std::sync::Arc;
 
@@ -95,11 +95,13 @@ mod tests {
         let tool: Rigid<Flange, Tool> = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
         let at = Joints { a2_deg: -90.0, a3_deg: 90.0, a5_deg: 30.0, ..Joints::default() };
         let start = bare.base_from_flange(&at).expect("finite") * tool;
-        let ahead = |mm: f64| start * Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * mm));
-        let leg = Leg { base_from_tool: ahead(60.0), feed_mm_s: 50.0, blend_mm: 0.0 };
+        let ahead = |mm: f64| {
+            start * Rigid::<Tool, Tool>::identity().followed_by_displacement(Vector::new(Vector3::z() * mm))
+        };
+        let leg = PathLine { base_from_tool: ahead(60.0), feed_mm_s: 50.0, blend_mm: 0.0 };
         let follows = |before_mm: f64| {
-            let obstacles = Obstacles::default().with("panel", [ahead(60.0 + before_mm).origin()]);
-            follow(&bare.clone().beside(Arc::new(obstacles)), tool, Some(&at), &[leg])
+            let obstacles = Obstacles::default().with_points_of("panel", [ahead(60.0 + before_mm).origin()]);
+            follow_path(&bare.clone().with_obstacles(Arc::new(obstacles)), tool, Some(&at), &[leg])
         };
         let met = follows(30.0).expect_err("too near").cause;
         assert!(matches!(&met, Infeasibility::KeepOut { part: "tool", name, .. } if name == "panel"), "{met}");

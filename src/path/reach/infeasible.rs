@@ -1,11 +1,11 @@
 //! The reasons why an arm cannot follow a path, in words: which axis or part, how far, and the limit.
 
 use crate::controller::RETRACT_MM;
-use crate::number_text::{apart, plain};
+use crate::number_text::{distinguishable_texts, shortest_text};
 
 /// Which singular place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Singular {
+pub enum Singularity {
     /// Axes 4 and 6 are in line.
     Wrist,
     /// The arm stretched.
@@ -28,8 +28,8 @@ pub enum Infeasibility {
     },
     /// An axis exceeds its limits, which are reduced by the margin.
     #[error(
-        "axis {axis} would be at {}°, the limits are {} to {}°", beyond(*angle_deg, *allowed_deg), plain(allowed_deg[0]),
-        plain(allowed_deg[1])
+        "axis {axis} would be at {}°, the limits are {} to {}°", format_beyond(*angle_deg, *allowed_deg), shortest_text(allowed_deg[0]),
+        shortest_text(allowed_deg[1])
     )]
     AxisLimit {
         /// 1 to 6.
@@ -40,10 +40,10 @@ pub enum Infeasibility {
         allowed_deg: [f64; 2],
     },
     /// The arm is near a singularity.
-    #[error("{} ({}, needed {})", singular_words(*which), apart(*found, *needed, 1)[0], apart(*found, *needed, 1)[1])]
+    #[error("{} ({}, needed {})", describe_singularity(*singularity), distinguishable_texts(*found, *needed, 1)[0], distinguishable_texts(*found, *needed, 1)[1])]
     Singular {
         /// Which.
-        which: Singular,
+        singularity: Singularity,
         /// Distance from the singularity, degrees or mm.
         found: f64,
         /// Distance needed.
@@ -61,8 +61,8 @@ pub enum Infeasibility {
     },
     /// An axis is too fast.
     #[error(
-        "axis {axis} would turn at {} °/s (limit {} °/s); lower feed_mm_s", apart(*needed_deg_s, *allowed_deg_s, 0)[0],
-        apart(*needed_deg_s, *allowed_deg_s, 0)[1]
+        "axis {axis} would turn at {} °/s (limit {} °/s); lower feed_mm_s", distinguishable_texts(*needed_deg_s, *allowed_deg_s, 0)[0],
+        distinguishable_texts(*needed_deg_s, *allowed_deg_s, 0)[1]
     )]
     AxisSpeed {
         /// 1 to 6.
@@ -75,7 +75,7 @@ pub enum Infeasibility {
     /// The acceleration of an axis is too high.
     #[error(
         "axis {axis} would accelerate at {} °/s² (limit {} °/s²); lower feed_mm_s",
-        apart(*needed_deg_s2, *allowed_deg_s2, 0)[0], apart(*needed_deg_s2, *allowed_deg_s2, 0)[1]
+        distinguishable_texts(*needed_deg_s2, *allowed_deg_s2, 0)[0], distinguishable_texts(*needed_deg_s2, *allowed_deg_s2, 0)[1]
     )]
     AxisAcceleration {
         /// 1 to 6.
@@ -87,8 +87,8 @@ pub enum Infeasibility {
     },
     /// A part of the arm is in a keep-out box or too near to an obstacle.
     #[error(
-        "the {part} would be {} mm from \"{name}\", at least {} mm are needed", apart(*distance_mm, *needed_mm, 0)[0],
-        apart(*distance_mm, *needed_mm, 0)[1]
+        "the {part} would be {} mm from \"{name}\", at least {} mm are needed", distinguishable_texts(*distance_mm, *needed_mm, 0)[0],
+        distinguishable_texts(*distance_mm, *needed_mm, 0)[1]
     )]
     KeepOut {
         /// Which part.
@@ -122,16 +122,16 @@ impl Infeasibility {
 }
 
 /// Formats an angle beyond its limits, with enough digits to distinguish it from the exceeded limit.
-fn beyond(angle_deg: f64, [low_deg, high_deg]: [f64; 2]) -> String {
-    let [angle, _] = apart(angle_deg, if angle_deg < low_deg { low_deg } else { high_deg }, 1);
+fn format_beyond(angle_deg: f64, [low_deg, high_deg]: [f64; 2]) -> String {
+    let [angle, _] = distinguishable_texts(angle_deg, if angle_deg < low_deg { low_deg } else { high_deg }, 1);
     angle
 }
 
-fn singular_words(which: Singular) -> &'static str {
+fn describe_singularity(which: Singularity) -> &'static str {
     match which {
-        Singular::Wrist => "axis 5 would be too near its singularity, degrees",
-        Singular::Elbow => "the arm would be too near the elbow singularity (arm extended), degrees",
-        Singular::Overhead => "the wrist would be too near axis 1, mm",
+        Singularity::Wrist => "axis 5 would be too near its singularity, degrees",
+        Singularity::Elbow => "the arm would be too near the elbow singularity (arm extended), degrees",
+        Singularity::Overhead => "the wrist would be too near axis 1, mm",
     }
 }
 

@@ -4,11 +4,11 @@
 //! checks that remain are the limits themselves, the keep-out boxes and the obstacles of the scan, in steps of at most 0.4° of the
 //! axis that turns farthest.
 
-use super::clearance::keeps_clear;
+use super::clearance::check_clearance;
 use super::infeasible::Infeasibility;
-use super::margins::keeps_out;
+use super::margins::check_keep_out;
 use crate::geometry::{Flange, Joints, Rigid, Tool};
-use crate::path::kinematics::{Angles, Kinematics};
+use crate::path::kinematics::{JointAngles, Kinematics};
 
 /// Largest turn of an axis between two checked poses, degrees: at a radius of 1 m the tip moves by 7 mm, less than the
 /// smallest distance that is kept from a surface, 8 mm.
@@ -39,14 +39,14 @@ pub fn joint_motion(
     let steps = (farthest_deg / STEP_DEG).ceil().max(1.0) as usize;
     for step in 0..=steps {
         let share = step as f64 / steps as f64;
-        let at: Angles = std::array::from_fn(|axis| from[axis] + (to[axis] - from[axis]) * share);
+        let at: JointAngles = std::array::from_fn(|axis| from[axis] + (to[axis] - from[axis]) * share);
         let base_from_flange = arm.base_from_flange(&Joints::from(at)).ok_or(Infeasibility::NotFinite)?;
         let tip = (base_from_flange * flange_from_tool).origin();
         // A motion out of a keep-out box is permitted.
         if step > 0 {
-            keeps_out(arm, tip, &at)?;
+            check_keep_out(arm, tip, &at)?;
         }
-        keeps_clear(arm, tip, &at)?;
+        check_clearance(arm, tip, &at)?;
     }
     Ok(())
 }
@@ -85,9 +85,9 @@ mod tests {
     fn a_joint_motion_keeps_clear_of_what_the_scan_saw() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
         let obstacles = Obstacles::default()
-            .with("what the scan saw", (0..45).map(|k| Point::at(275.0, -275.0, f64::from(20 * k))));
+            .with_points_of("what the scan saw", (0..45).map(|k| Point::at(275.0, -275.0, f64::from(20 * k))));
         let arm = Kinematics::new(cell.arm());
-        let beside = arm.clone().beside(Arc::new(obstacles));
+        let beside = arm.clone().with_obstacles(Arc::new(obstacles));
         let tool = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
         let met = joint_motion(&beside, tool, &turn(0.0), &turn(90.0));
         assert!(matches!(&met, Err(Infeasibility::KeepOut { name, .. }) if name == "what the scan saw"), "{met:?}");
@@ -109,7 +109,7 @@ mod tests {
             let at = |x: i32, z: i32| (tip.mm.x + f64::from(8 * x), tip.mm.z + f64::from(8 * z));
             let sheet = (-12..=12).flat_map(|x| (-12..=0).map(move |z| at(x, z)));
             let points = sheet.map(|(x, z)| Point::at(x + 4.0, tip.mm.y + beside_mm, z + 4.0));
-            let arm = arm.clone().beside(Arc::new(Obstacles::default().with("panel", points)));
+            let arm = arm.clone().with_obstacles(Arc::new(Obstacles::default().with_points_of("panel", points)));
             let departing = departing(&arm, &turn(0.0), tool).expect("finite");
             [&arm, &departing].map(|arm| joint_motion(arm, tool, &turn(0.0), &turn(to_deg)).is_ok())
         };
@@ -124,9 +124,9 @@ mod tests {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
         let arm = Kinematics::new(cell.arm());
         let tool: Rigid<Flange, Tool> = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
-        let [_, elbow, wrist, _] = arm.skeleton(&turn(30.0).degrees());
+        let [_, elbow, wrist, _] = arm.centre_line(&turn(30.0).degrees());
         let beside = elbow + (wrist - elbow) * 0.5;
-        let arm = arm.beside(Arc::new(Obstacles::default().with("post", [beside])));
+        let arm = arm.with_obstacles(Arc::new(Obstacles::default().with_points_of("post", [beside])));
         let departing = departing(&arm, &turn(0.0), tool).expect("finite");
         let met = joint_motion(&departing, tool, &turn(0.0), &turn(30.0)).expect_err("a collision");
         assert!(

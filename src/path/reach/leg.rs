@@ -1,12 +1,12 @@
 //! The lines of a path, and the poses on them that are checked.
 
 use crate::geometry::{Base, Flange, Frame, Point, Rigid, Tool};
-use crate::path::kinematics::Angles;
+use crate::path::kinematics::JointAngles;
 use nalgebra::Isometry3;
 
 /// One line of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Leg {
+pub struct PathLine {
     /// The pose at the end of the line.
     pub base_from_tool: Rigid<Base, Tool>,
     /// Speed of the tool centre point on this line, mm/s.
@@ -26,14 +26,14 @@ pub(super) struct CheckedPose {
     pub change_s: Option<f64>,
     /// Whether a waypoint ends here.
     pub is_end: bool,
-    pub ways: Vec<Angles>,
+    pub solutions: Vec<JointAngles>,
 }
 
 /// Returns the pose at a fraction of a straight line, rotated by the same fraction of the angle.
-pub fn between<To: Frame>(from: Rigid<To, Tool>, to: Rigid<To, Tool>, share: f64) -> Rigid<To, Tool> {
+pub fn interpolate_pose<To: Frame>(from: Rigid<To, Tool>, to: Rigid<To, Tool>, share: f64) -> Rigid<To, Tool> {
     let (from, to) = (from.isometry(), to.isometry());
     let place = from.translation.vector.lerp(&to.translation.vector, share);
     // Between opposite rotations the interpolation is not unique; the check at the end finds the jump.
     let turned = from.rotation.try_slerp(&to.rotation, share, 1e-9).unwrap_or(to.rotation);
-    Rigid::claim(Isometry3::from_parts(place.into(), turned))
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(place.into(), turned))
 }

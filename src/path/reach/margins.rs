@@ -1,10 +1,10 @@
 //! The limits that every pose of a path must satisfy: the axes' limits, the singularities, speeds and
 //! accelerations, and the boxes that no part of the arm may enter.
 
-use super::infeasible::{Infeasibility, Singular};
+use super::infeasible::{Infeasibility, Singularity};
 use super::leg::CheckedPose;
 use crate::geometry::{Base, Point};
-use crate::path::kinematics::{Angles, Kinematics};
+use crate::path::kinematics::{JointAngles, Kinematics};
 use nalgebra::Vector3;
 
 /// The part of the arm that may be near to the panel.
@@ -13,7 +13,7 @@ pub(super) const TOOL: &str = "tool";
 const SAMPLE_MM: f64 = 15.0;
 
 /// Returns the first axis that exceeds its limits, which are reduced by the margin.
-pub(super) fn beyond(arm: &Kinematics, at: &Angles) -> Option<Infeasibility> {
+pub(super) fn first_exceeded_axis(arm: &Kinematics, at: &JointAngles) -> Option<Infeasibility> {
     let (axes, margin_deg) = (arm.arm().axes(), arm.arm().margins().limit_margin_deg());
     (0..6).find_map(|axis| {
         let allowed_deg = [axes.min_deg[axis] + margin_deg, axes.max_deg[axis] - margin_deg];
@@ -23,31 +23,31 @@ pub(super) fn beyond(arm: &Kinematics, at: &Angles) -> Option<Infeasibility> {
 }
 
 /// Returns the reason that excludes all solutions: the axis limit that is exceeded least.
-pub(super) fn axis_limit(arm: &Kinematics, ways: &[Angles]) -> Infeasibility {
+pub(super) fn axis_limit(arm: &Kinematics, ways: &[JointAngles]) -> Infeasibility {
     let far = |cause: &Infeasibility| match cause {
         Infeasibility::AxisLimit { angle_deg, allowed_deg, .. } => {
             (allowed_deg[0] - angle_deg).max(angle_deg - allowed_deg[1])
         }
         _ => f64::INFINITY,
     };
-    let all = ways.iter().filter_map(|way| beyond(arm, way));
+    let all = ways.iter().filter_map(|way| first_exceeded_axis(arm, way));
     all.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(Infeasibility::NotFinite)
 }
 
 /// Calculates the room beyond all margins, degrees.
-pub(super) fn room(arm: &Kinematics, look: &CheckedPose, at: &Angles) -> Result<f64, Infeasibility> {
-    if let Some(cause) = beyond(arm, at) {
+pub(super) fn limit_room_deg(arm: &Kinematics, look: &CheckedPose, at: &JointAngles) -> Result<f64, Infeasibility> {
+    if let Some(cause) = first_exceeded_axis(arm, at) {
         return Err(cause);
     }
     let margins = arm.arm().margins();
     let wrist_deg = at[4].abs().min(180.0 - at[4].abs());
     let checks = [
-        (Singular::Wrist, wrist_deg, margins.wrist_margin_deg()),
-        (Singular::Elbow, arm.elbow_deg(at), margins.elbow_margin_deg()),
-        (Singular::Overhead, arm.overhead_mm(&look.base_from_flange), margins.overhead_margin_mm()),
+        (Singularity::Wrist, wrist_deg, margins.wrist_margin_deg()),
+        (Singularity::Elbow, arm.elbow_deg(at), margins.elbow_margin_deg()),
+        (Singularity::Overhead, arm.overhead_mm(&look.base_from_flange), margins.overhead_margin_mm()),
     ];
     if let Some((which, found, needed)) = checks.into_iter().find(|(_, found, needed)| found < needed) {
-        return Err(Infeasibility::Singular { which, found, needed });
+        return Err(Infeasibility::Singular { singularity: which, found, needed });
     }
     let (axes, margin_deg) = (arm.arm().axes(), margins.limit_margin_deg());
     let of_axis = |axis: usize| (at[axis] - axes.min_deg[axis]).min(axes.max_deg[axis] - at[axis]) - margin_deg;
@@ -59,15 +59,15 @@ pub(super) fn room(arm: &Kinematics, look: &CheckedPose, at: &Angles) -> Result<
 pub(super) fn too_fast(
     arm: &Kinematics,
     look: &CheckedPose,
-    turned: &Angles,
-    before: &Angles,
-) -> Result<Angles, Infeasibility> {
+    turned: &JointAngles,
+    before: &JointAngles,
+) -> Result<JointAngles, Infeasibility> {
     let axes = arm.arm().axes();
     // A rotation on the spot takes as long as the controller plans.
     if look.seconds <= 0.0 {
         return Ok([0.0; 6]);
     }
-    let speed: Angles = turned.map(|turn| turn / look.seconds);
+    let speed: JointAngles = turned.map(|turn| turn / look.seconds);
     for axis in 0..6 {
         let (needed_deg_s, allowed_deg_s) = (speed[axis].abs(), axes.max_speed_deg_s[axis]);
         if needed_deg_s > allowed_deg_s {
@@ -87,10 +87,10 @@ pub(super) fn too_fast(
 pub(super) fn parts(
     arm: &Kinematics,
     tip: Point<Base>,
-    at: &Angles,
+    at: &JointAngles,
 ) -> [(&'static str, Point<Base>, Point<Base>, f64); 4] {
     let margins = arm.arm().margins();
-    let [shoulder, elbow, wrist, flange] = arm.skeleton(at);
+    let [shoulder, elbow, wrist, flange] = arm.centre_line(at);
     [
         ("upper arm", shoulder, elbow, margins.clearance_mm()),
         ("forearm", elbow, wrist, margins.clearance_mm()),
@@ -101,7 +101,7 @@ pub(super) fn parts(
 
 /// Checks that neither a part of the arm nor the tool with its tip at this point is in a keep-out box or too near to a
 /// box.
-pub(super) fn keeps_out(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Infeasibility> {
+pub(super) fn check_keep_out(arm: &Kinematics, tip: Point<Base>, at: &JointAngles) -> Result<(), Infeasibility> {
     if arm.arm().keep_out().is_empty() {
         return Ok(());
     }

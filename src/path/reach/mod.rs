@@ -21,8 +21,8 @@ mod tests;
 
 pub use super::obstacles::Obstacles;
 pub use clearance::{departing, is_clear};
-pub use follow::{Travel, follow, helpful_shift, postures};
-pub use infeasible::{Infeasibility, ReachFault, Singular};
+pub use follow::{ArmTravel, follow_path, helpful_shift, postures};
+pub use infeasible::{Infeasibility, ReachFault, Singularity};
 pub use joint_motion::joint_motion;
-pub use leg::{Leg, between};
-pub use retract::{retract, retracts};
+pub use leg::{PathLine, interpolate_pose};
+pub use retract::{check_retracts, retract};

@@ -4,18 +4,18 @@
 //!
 //! Applies to a path that was followed; only the retract is checked, not the way back.
 
-use super::follow::follow;
+use super::follow::follow_path;
 use super::infeasible::{Infeasibility, ReachFault};
-use super::leg::Leg;
+use super::leg::PathLine;
 use crate::controller::{RETRACT_MM, RETRACT_MM_S};
 use crate::geometry::{Base, Flange, Joints, Rigid, Tool, Vector};
 use crate::path::Kinematics;
 use nalgebra::Vector3;
 
 /// Returns the straight line away from the panel.
-pub fn retract(base_from_tool: Rigid<Base, Tool>) -> Leg {
-    let away = Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * -RETRACT_MM));
-    Leg { base_from_tool: base_from_tool * away, feed_mm_s: RETRACT_MM_S, blend_mm: 0.0 }
+pub fn retract(base_from_tool: Rigid<Base, Tool>) -> PathLine {
+    let away = Rigid::<Tool, Tool>::identity().followed_by_displacement(Vector::new(Vector3::z() * -RETRACT_MM));
+    PathLine { base_from_tool: base_from_tool * away, feed_mm_s: RETRACT_MM_S, blend_mm: 0.0 }
 }
 
 /// Checks each waypoint in contact. Each item states whether the waypoint is in contact, the tool's pose and the axis
@@ -23,7 +23,7 @@ pub fn retract(base_from_tool: Rigid<Base, Tool>) -> Leg {
 ///
 /// # Errors
 /// The first waypoint from which the arm could not lift off, as [`Infeasibility::Retract`].
-pub fn retracts(
+pub fn check_retracts(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
     waypoints: impl IntoIterator<Item = (bool, Rigid<Base, Tool>, Joints)>,
@@ -32,7 +32,7 @@ pub fn retracts(
     // Each waypoint, since an epoch can end at any of them, and the controller retracts along a line by itself without
     // asking.
     for (index, (_, base_from_tool, joints)) in in_contact {
-        if let Err(fault) = follow(arm, flange_from_tool, Some(&joints), &[retract(base_from_tool)]) {
+        if let Err(fault) = follow_path(arm, flange_from_tool, Some(&joints), &[retract(base_from_tool)]) {
             return Err(ReachFault { index, cause: Infeasibility::Retract { why: Box::new(fault.cause) } });
         }
     }
@@ -69,11 +69,11 @@ mod tests {
             let joints = Joints::from(axes_deg);
             let pose = arm.base_from_flange(&joints).expect("an arm") * flange_from_tool;
             assert_eq!(
-                retracts(&arm, flange_from_tool, [(false, pose, joints)]),
+                check_retracts(&arm, flange_from_tool, [(false, pose, joints)]),
                 Ok(()),
                 "nobody retracts from the air"
             );
-            retracts(&arm, flange_from_tool, [(false, pose, joints), (true, pose, joints)])
+            check_retracts(&arm, flange_from_tool, [(false, pose, joints), (true, pose, joints)])
         };
         let fault = asked([0.0, -156.2, 127.9, 0.0, 115.0, 0.0]).expect_err("axis 5 has no room");
         assert_eq!((fault.index, fault.cause.code()), (1, "retract_out_of_reach"));

@@ -9,12 +9,13 @@ use super::*;
 use crate::geometry::{Degrees, KukaPose, Panel, Point, Rigid, Tool};
 use crate::panel::{GridId, Region};
 use crate::recipe;
-use crate::surface::scene::{self, SHAPES, Shape, Spoil, taught};
-use crate::surface::{BSplineSurface, Fit, KnotVector, Parameter, Patch, fit};
+use crate::surface::scene::{self, SHAPES, ScanDefects, Shape, taught};
+use crate::surface::{BSplineSurface, Fit, KnotVector, Parameter, ParameterPatch, fit};
 use crate::verdict::Verdict;
 use nalgebra::Vector3;
 
-const WHOLE: Patch = Patch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 1.0, v: 1.0 } };
+const WHOLE: ParameterPatch =
+    ParameterPatch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 1.0, v: 1.0 } };
 
 /// The bilinear surface between four corners in the plane z = 0, from the first to the second along u, seen from +z.
 fn quad(corners_mm: [[f64; 2]; 4]) -> BSplineSurface {
@@ -49,7 +50,7 @@ fn tool(waypoint: &Waypoint) -> Rigid<Panel, Tool> {
     waypoint.panel_from_tool
 }
 
-fn fitted(shape: Shape, spoil: Spoil, more: &str) -> (Fit, Region, Vec<Point<Panel>>, recipe::Path) {
+fn fitted(shape: Shape, spoil: ScanDefects, more: &str) -> (Fit, Region, Vec<Point<Panel>>, recipe::Path) {
     let recipe = scene::recipe(shape, more);
     let panel = taught(shape, spoil, &recipe);
     let fit = fit(&panel, recipe.surface()).unwrap_or_else(|e| panic!("{e}"));

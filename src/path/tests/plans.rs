@@ -99,23 +99,23 @@ fn a_path_that_is_not_finite_is_never_followed() {
     let arm = Kinematics::new(cell.arm());
     let stand = panel_reach::ReachSetup {
         arm: &arm,
-        flange_from_tool: Rigid::claim(nalgebra::Isometry3::identity()),
-        base_from_panel: Rigid::claim(nalgebra::Isometry3::identity()),
-        from: None,
+        flange_from_tool: Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity()),
+        base_from_panel: Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity()),
+        start_joints: None,
     };
-    let _ = panel_reach::of_plan(&plan, &stand, &settings);
+    let _ = panel_reach::follow_plan(&plan, &stand, &settings);
 }
 
 /// A person decides on a grid out of reach, but not on a path that the gate rejects, no matter which grid it is
 /// over.
 #[test]
 fn a_path_that_the_gate_rejects_is_not_for_review() {
-    let unreached = panel_reach::Unreached {
+    let unreached = panel_reach::UnreachablePlan {
         fault: reach::ReachFault { index: 3, cause: reach::Infeasibility::OutOfReach { beyond_mm: 5.0 } },
         at: Point::at(0.0, 0.0, 0.0),
         shift: None,
     };
-    let grid = |column: usize, outcome: Result<f64, Box<panel_reach::Unreached>>, refused: Vec<Check>| {
+    let grid = |column: usize, outcome: Result<f64, Box<panel_reach::UnreachablePlan>>, refused: Vec<Check>| {
         panel_reach::GridReach { id: GridId { row: 1, column }, outcome, swept_mm2: 1.0, refused }
     };
     let mut grids = vec![grid(1, Ok(20.0), vec![]), grid(2, Err(Box::new(unreached)), vec![])];
@@ -123,10 +123,9 @@ fn a_path_that_the_gate_rejects_is_not_for_review() {
     grids.push(grid(
         3,
         Ok(20.0),
-        vec![
-            Check::new("step", "mm", 9.0)
-                .broken(true, Severity::Reject, "large_turn", || "grid r1c3: the tool turns by 20°".to_owned()),
-        ],
+        vec![Check::new("step", "mm", 9.0).with_consequence_if(true, Severity::Reject, "large_turn", || {
+            "grid r1c3: the tool turns by 20°".to_owned()
+        })],
     ));
     let judgement = panel_reach::judge_grids(&grids);
     assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Reject, "large_turn"));
@@ -151,7 +150,7 @@ fn the_krl_program_is_as_written() {
     let one = one_grid();
     let straight = settings("landing_mm = 0");
     let plan = plan(&surface, &one, &[GridId { row: 1, column: 1 }], &[], &straight).expect("a plan");
-    let text = krl(
+    let text = to_krl(
         &Program {
             name: &"PANEL_1".parse().expect("a name"),
             plan: &plan,

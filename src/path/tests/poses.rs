@@ -4,7 +4,7 @@ use super::*;
 
 #[test]
 fn the_tool_stands_on_the_normal_and_turns_gently() {
-    let spoil = Spoil { noise_mm: 0.03, flying: 0.01, ..Spoil::default() };
+    let spoil = ScanDefects { noise_mm: 0.03, flying: 0.01, ..ScanDefects::default() };
     for (shape, axis) in SHAPES.into_iter().zip(["[0, 0, 0]", "[1, 0, 0]", "[0, 1, 0]", "[0.6, -0.8, 0.1]"]) {
         let (fit, region, outline, settings) = fitted(shape, spoil, &format!("[path]\nreference_axis = {axis}\n"));
         let grids: Vec<GridId> = region.ids().collect();
@@ -38,21 +38,31 @@ fn the_tool_stands_on_the_normal_and_turns_gently() {
 fn a_reference_along_the_normal_is_refused() {
     let surface = rectangle(50.0, 50.0);
     let place = Parameter { u: 0.5, v: 0.5 };
-    let refused =
-        panel_from_tool(&surface, place, 0.0, Stance::from_settings(&settings("reference_axis = [0.05, 0, -1]")));
+    let refused = panel_from_tool(
+        &surface,
+        place,
+        0.0,
+        ToolOrientation::from_settings(&settings("reference_axis = [0.05, 0, -1]")),
+    );
     assert!(
         matches!(refused, Err(OrientationError::ReferenceAlongNormal { angle }) if (angle.0 - 2.862).abs() < 0.01)
     );
     assert!(
-        panel_from_tool(&surface, place, 0.0, Stance::from_settings(&settings("reference_axis = [0.2, 0, -1]")))
-            .is_ok()
+        panel_from_tool(
+            &surface,
+            place,
+            0.0,
+            ToolOrientation::from_settings(&settings("reference_axis = [0.2, 0, -1]"))
+        )
+        .is_ok()
     );
 }
 
 /// Between two grids, the tool moves through the air at 40 mm, also above a cylinder.
 #[test]
 fn between_grids_the_tool_stays_above_the_surface() {
-    let (fit, region, outline, settings) = fitted(Shape::Cylinder, Spoil::default(), "[path]\nlanding_mm = 0\n");
+    let (fit, region, outline, settings) =
+        fitted(Shape::Cylinder, ScanDefects::default(), "[path]\nlanding_mm = 0\n");
     let grids = ["r1c1", "r3c5"].map(|id| id.parse().expect("a grid"));
     let plan = plan(&fit.surface, &region, &grids, &outline, &settings).expect("a plan");
     let flown: Vec<_> = plan.paths[1].waypoints.iter().take_while(|waypoint| !waypoint.contact).collect();
@@ -67,7 +77,7 @@ fn between_grids_the_tool_stays_above_the_surface() {
 #[test]
 fn waypoints_come_closer_where_the_panel_bends() {
     let (fit, region, outline, settings) =
-        fitted(Shape::Cylinder, Spoil::default(), "[path]\nchord_error_mm = 0.02\nplanning_time_ms = 200\n");
+        fitted(Shape::Cylinder, ScanDefects::default(), "[path]\nchord_error_mm = 0.02\nplanning_time_ms = 200\n");
     let grids: Vec<GridId> = region.ids().collect();
     let plan = plan(&fit.surface, &region, &grids, &outline, &settings).expect("a plan");
     let contact: Vec<_> = plan.paths[0].waypoints.iter().filter(|waypoint| waypoint.contact).collect();
@@ -113,9 +123,10 @@ fn the_disc_lands_and_leaves_while_it_moves() {
 fn lead_and_tilt_lean_the_tool_about_its_point() {
     let surface = rectangle(50.0, 50.0);
     let at = Parameter { u: 0.5, v: 0.5 };
-    let upright = panel_from_tool(&surface, at, 0.0, Stance::from_settings(&settings(""))).expect("a pose");
-    let leaning =
-        panel_from_tool(&surface, at, 0.0, Stance::from_settings(&settings("lead_deg = 5"))).expect("a pose");
+    let upright =
+        panel_from_tool(&surface, at, 0.0, ToolOrientation::from_settings(&settings(""))).expect("a pose");
+    let leaning = panel_from_tool(&surface, at, 0.0, ToolOrientation::from_settings(&settings("lead_deg = 5")))
+        .expect("a pose");
     assert!(leaning.origin().distance_mm(upright.origin()) < 1e-12);
     assert!(((upright.inverse() * leaning).turn().0 - 5.0).abs() < 1e-9);
     // Calculated by hand: Z = (0, 0, −1), X = (1, 0, 0); a lead of 5° rotates Z towards X.

@@ -22,7 +22,7 @@ fn a_straight_track_covers_a_stadium() {
 fn a_large_disc_keeps_off_the_outline_where_it_can() {
     let (fit, region, outline, settings) = fitted(
         Shape::Plane,
-        Spoil::default(),
+        ScanDefects::default(),
         "[path]\ndisc_diameter_mm = 120\nstep_over_mm = 12\nmax_dwell_ratio = 9\n",
     );
     let plan =
@@ -61,15 +61,15 @@ fn every_pattern_covers_the_region() {
     {
         for pattern in ["raster", "cross-hatch", "spiral", "offset", "offset-spiral"] {
             let more = format!("[path]\npattern = \"{pattern}\"\n{more}\n");
-            let (fit, region, outline, settings) = fitted(shape, Spoil::default(), &more);
+            let (fit, region, outline, settings) = fitted(shape, ScanDefects::default(), &more);
             let grids: Vec<GridId> =
                 ["r1c1", "r1c2", "r2c1", "r2c2", "r3c4"].map(|id| id.parse().expect("a grid")).into();
             let plan = plan(&fit.surface, &region, &grids, &outline, &settings).unwrap_or_else(|e| panic!("{e}"));
             let judgement = judge(&plan, &settings);
             println!("{shape:?} {pattern}: {:.4}, {:?}", plan.coverage, plan.step_over_mm);
             assert_eq!(judgement.verdict, Verdict::Accept, "{shape:?} {pattern}: {judgement:?}");
-            let (checks, _) = super::super::gate::judged(&plan, &settings);
-            let broken: Vec<_> = checks.iter().filter(|check| !check.is_kept()).collect();
+            let (checks, _) = super::super::gate::judge_plan(&plan, &settings);
+            let broken: Vec<_> = checks.iter().filter(|check| !check.is_met()).collect();
             assert!(broken.is_empty(), "no row of an accepted plan says \"not allowed\": {broken:?}");
             assert_eq!(plan.paths.len(), 2, "{shape:?} {pattern}");
             let step_over = plan.step_over_mm.expect("lines side by side");
@@ -85,7 +85,7 @@ fn every_pattern_covers_the_region() {
 fn dwell_by_hand() {
     let (surface, region) = (rectangle(50.0, 50.0), one_grid());
     let pose = |x: f64| KukaPose { x_mm: x, y_mm: 25.0, c_deg: 180.0, ..KukaPose::default() }.to_rigid();
-    let at = |x: f64| dwell::Executed { panel_from_tool: pose(x), seconds: 2.0, contact: true, force_n: None };
+    let at = |x: f64| dwell::ExecutedPose { panel_from_tool: pose(x), seconds: 2.0, contact: true, force_n: None };
     let grids: Vec<GridId> = region.ids().collect();
     let once = dwell::simulate(&surface, &region, &grids, &[at(15.0), at(35.0)], 5.0);
     let sample = |dwell: &dwell::Dwell, x: usize, y: usize| {
@@ -95,8 +95,8 @@ fn dwell_by_hand() {
     assert!((sample(&once, 25, 25).0 - 1.0).abs() < 0.11 && (sample(&once, 25, 28).0 - 0.7).abs() < 0.11);
     assert_eq!((sample(&once, 25, 25).1, sample(&once, 25, 31)), (1, (0.0, 0)));
     // A straight track covers a stadium of 20 · 10 + 25π = 278.5 of 2500 mm².
-    assert!((once.share() - 0.1114).abs() < 0.003 && (once.grids[0].left_mm2() - 2_221.5).abs() < 8.0);
-    let back = dwell::Executed { contact: false, ..at(60.0) };
+    assert!((once.share() - 0.1114).abs() < 0.003 && (once.grids[0].untreated_mm2() - 2_221.5).abs() < 8.0);
+    let back = dwell::ExecutedPose { contact: false, ..at(60.0) };
     let twice = dwell::simulate(&surface, &region, &grids, &[at(15.0), at(35.0), back, at(35.0), at(15.0)], 5.0);
     assert_eq!(sample(&twice, 25, 25).1, 2);
     assert!((twice.grids[0].overlap() - once.share()).abs() < 0.04, "{}", twice.grids[0].overlap());
@@ -114,10 +114,10 @@ fn a_disc_larger_than_the_grid_covers_it_by_every_count() {
             let surface = rectangle(side_mm, side_mm);
             let settings = settings(&format!("disc_diameter_mm = 60\npattern = \"{pattern}\""));
             let plan = plan(&surface, &region, &grids, &[], &settings).expect("a plan");
-            let dwell = dwell::simulate(&surface, &region, &grids, &dwell::planned(&plan), 30.0);
+            let dwell = dwell::simulate(&surface, &region, &grids, &dwell::timed_poses(&plan), 30.0);
             let name = format!("{pattern}, {side_mm} mm");
             assert!(plan.coverage == 1.0 && dwell.share() == 1.0, "{name}: {} {}", plan.coverage, dwell.share());
-            assert_eq!(format!("{:.2}", dwell.grids[0].left_mm2()), "0.00", "{name}");
+            assert_eq!(format!("{:.2}", dwell.grids[0].untreated_mm2()), "0.00", "{name}");
             let spread = plan.dwell.expect("treated");
             assert!(spread.low_s > 0.1 && plan.contact_mm >= 15.0 - 1e-9, "{name}: {spread:?} {}", plan.contact_mm);
         }
@@ -135,7 +135,7 @@ fn the_feed_makes_the_time_under_the_disc_even() {
     let grids: Vec<GridId> = region.ids().collect();
     let plan = plan(&surface, &region, &grids, &[], &settings).expect("a plan");
     let simulated = |plan: &Plan| {
-        dwell::simulate(&surface, &region, &grids, &dwell::planned(plan), 15.0).spread().expect("treated")
+        dwell::simulate(&surface, &region, &grids, &dwell::timed_poses(plan), 15.0).spread().expect("treated")
     };
     let (said, found) = (plan.dwell.expect("treated"), simulated(&plan));
     let mut at_one_feed = plan.clone();
@@ -152,10 +152,10 @@ fn the_feed_makes_the_time_under_the_disc_even() {
 /// The plan's own coverage and the simulation of its poses agree.
 #[test]
 fn what_is_planned_is_what_the_simulated_path_covers() {
-    let (fit, region, outline, settings) = fitted(Shape::Saddle, Spoil::default(), "");
+    let (fit, region, outline, settings) = fitted(Shape::Saddle, ScanDefects::default(), "");
     let grids: Vec<GridId> = region.ids().collect();
     let plan = plan(&fit.surface, &region, &grids, &outline, &settings).expect("a plan");
-    let dwell = dwell::simulate(&fit.surface, &region, &grids, &dwell::planned(&plan), 15.0);
+    let dwell = dwell::simulate(&fit.surface, &region, &grids, &dwell::timed_poses(&plan), 15.0);
     assert!(
         (dwell.share() - plan.coverage).abs() < 0.002 && dwell.share() > 0.995,
         "{} {}",
@@ -163,23 +163,23 @@ fn what_is_planned_is_what_the_simulated_path_covers() {
         plan.coverage
     );
     // Half of the path: the simulation shows the part that is not covered.
-    let mut half = dwell::planned(&plan);
+    let mut half = dwell::timed_poses(&plan);
     half.truncate(half.len() / 2);
     let executed = dwell::simulate(&fit.surface, &region, &grids, &half, 15.0);
     assert!((0.4..0.7).contains(&executed.share()), "{}", executed.share());
-    let used = disc::DiscUse::compute(&plan, &settings, 0.0);
-    assert!((used.swept_mm2 - plan.contact_mm * 30.0).abs() < 1e-6 && !used.asks_for_a_change());
+    let used = disc::DiscWearPlan::compute(&plan, &settings, 0.0);
+    assert!((used.swept_mm2 - plan.contact_mm * 30.0).abs() < 1e-6 && !used.is_change_needed());
 }
 
 /// A square hole of 44 mm in r2c2's neighbour at (207, 150) px: over the hole the tool is lifted, beside the hole
 /// nothing changes, and the part that was not abraded is reported.
 #[test]
 fn the_tool_is_lifted_over_a_hole() {
-    let spoil = Spoil { hole_px: 14.0, ..Spoil::default() };
+    let spoil = ScanDefects { hole_px: 14.0, ..ScanDefects::default() };
     let (fit, region, outline, settings) = fitted(Shape::Plane, spoil, "[surface]\nmax_hole_mm = 60\n");
     let holes = fit.map.holes(&region, settings.lift_hole_mm());
     let grids: Vec<GridId> = region.ids().collect();
-    let lifted = plan_around(&fit.surface, &region, &grids, (&outline, &holes), &settings).expect("a plan");
+    let lifted = plan_over_holes(&fit.surface, &region, &grids, (&outline, &holes), &settings).expect("a plan");
     let whole = plan(&fit.surface, &region, &grids, &outline, &settings).expect("a plan");
     let (mut over, mut beside) = (0, 0);
     for waypoint in &lifted.paths[0].waypoints {

@@ -19,7 +19,7 @@ fn a_square_of_50_mm_has_five_rows() {
         assert!(row[5].distance_mm(Point::at(to, y, 0.0)) < 1e-6);
     }
     // Each turn of 11 mm gets one waypoint in its middle.
-    assert_eq!(raster.track(&surface, settings.waypoint_spacing_mm()).len(), 5 * 6 + 4);
+    assert_eq!(raster.to_track(&surface, settings.waypoint_spacing_mm()).len(), 5 * 6 + 4);
 }
 
 /// Calculated by hand: below 6 mm there is no space for two insets of 3 mm.
@@ -55,7 +55,7 @@ fn the_last_row_follows_the_far_border() {
 /// The cylinder unrolled: rows that run along its axis are r' apart around it, which is 400 mm times the angle.
 #[test]
 fn the_step_over_holds_around_a_cylinder() {
-    let (fit, _, _, settings) = fitted(Shape::Cylinder, Spoil::default(), "[path]\nstep_over_mm = 12\n");
+    let (fit, _, _, settings) = fitted(Shape::Cylinder, ScanDefects::default(), "[path]\nstep_over_mm = 12\n");
     // In the region, u runs around the cylinder; after the swap, rows run along the cylinder's axis.
     let surface = transposed(&fit.surface);
     let raster = raster(&surface, &WHOLE, &settings).expect("rows");
@@ -98,7 +98,7 @@ fn rows_stand_at_the_equal_distance_of_their_column() {
     for shape in SHAPES {
         for angle_deg in [0.0, 90.0] {
             let more = format!("[path]\nfeed_angle_deg = {angle_deg}\nwaypoint_spacing_mm = 4\n");
-            let (fit, region, ..) = fitted(shape, Spoil::default(), &more);
+            let (fit, region, ..) = fitted(shape, ScanDefects::default(), &more);
             let settings = scene::recipe(shape, &more).path().clone();
             let grids: Vec<GridId> = region.ids().collect();
             let plan = plan(&fit.surface, &region, &grids, &[], &settings).expect("a plan");
@@ -181,9 +181,9 @@ proptest! {
 #[test]
 fn the_innermost_ring_s_sides_keep_the_step_over_where_the_patch_is_widest() {
     let surface = quad([[0.0, 0.0], [100.0, 0.0], [100.0, 64.0], [0.0, 56.0]]);
-    let insets = crate::path::raster::Insets::of_disc(&settings(""));
-    let rings = crate::path::rings::Rings::new(&surface, &WHOLE, insets, 12.0);
-    let [low, high] = rings.beside();
+    let insets = crate::path::raster::Insets::for_disc(&settings(""));
+    let rings = crate::path::rings::PatchRings::new(&surface, &WHOLE, insets, 12.0);
+    let [low, high] = rings.innermost_sides();
     let closed = rings.closed().expect("rings");
     assert_eq!(closed.len(), 4);
     let innermost = closed.last().expect("one");

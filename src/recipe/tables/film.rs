@@ -12,7 +12,7 @@ settings! {
         /// Largest number of abrasions of one grid in a cycle.
         max_passes_per_grid: usize, 1..=10, default 2;
         /// Largest number of passes in which one part may be abraded, over all cycles that name its serial number;
-        /// see [`Process::passes_of_a_part`].
+        /// see [`Process::effective_passes_per_part`].
         max_passes_per_part: Option<usize>, 1..=100, default None;
         /// Time for which the dust is washed off, s.
         rinse_s: f64, 0.5..=120.0, default 10.0;
@@ -38,14 +38,14 @@ settings! {
 impl Process {
     /// Number of passes in which one part may be abraded, over all cycles that name its serial number; if the
     /// recipe does not state it, twice `max_passes_per_grid`.
-    pub fn passes_of_a_part(&self) -> usize {
+    pub fn effective_passes_per_part(&self) -> usize {
         self.max_passes_per_part().unwrap_or(2 * self.max_passes_per_grid())
     }
 }
 
 pub(in crate::recipe) fn parse_process(section: &Section<'_, '_>) -> Option<Process> {
     let process = Process::parse(section)?;
-    let (part, grid) = (process.passes_of_a_part(), process.max_passes_per_grid());
+    let (part, grid) = (process.effective_passes_per_part(), process.max_passes_per_grid());
     if part < grid {
         let allowed = format!("found {part}, must be at least max_passes_per_grid, {grid}");
         section.problem("max_passes_per_part", allowed);
@@ -70,7 +70,7 @@ settings! {
 
 pub(in crate::recipe) fn parse_region(section: &Section<'_, '_>) -> Option<Region> {
     let region = Region::parse(section)?;
-    let turns: Vec<f64> = (0..4).map(|i| turn_at(&region.corners_px(), i)).collect();
+    let turns: Vec<f64> = (0..4).map(|i| corner_turn(&region.corners_px(), i)).collect();
     if !(turns.iter().all(|turn| *turn > 1.0) || turns.iter().all(|turn| *turn < -1.0)) {
         section.problem(
             "corners_px",
@@ -81,7 +81,7 @@ pub(in crate::recipe) fn parse_region(section: &Section<'_, '_>) -> Option<Regio
     Some(region)
 }
 
-fn turn_at(corners_px: &[[f64; 2]; 4], index: usize) -> f64 {
+fn corner_turn(corners_px: &[[f64; 2]; 4], index: usize) -> f64 {
     let [a, b, c] = [corners_px[index], corners_px[(index + 1) % 4], corners_px[(index + 2) % 4]];
     (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
 }
@@ -96,7 +96,7 @@ pub enum Method {
 }
 
 impl Choice for Method {
-    const WORDS: &'static [(&'static str, Self)] = &[("film", Method::Film), ("thesis", Method::Thesis)];
+    const KEYWORDS: &'static [(&'static str, Self)] = &[("film", Method::Film), ("thesis", Method::Thesis)];
 }
 
 /// The reference with which a film on sanded places is compared.
@@ -109,7 +109,8 @@ pub enum SandedReference {
 }
 
 impl Choice for SandedReference {
-    const WORDS: &'static [(&'static str, Self)] = &[("wet", SandedReference::Wet), ("dry", SandedReference::Dry)];
+    const KEYWORDS: &'static [(&'static str, Self)] =
+        &[("wet", SandedReference::Wet), ("dry", SandedReference::Dry)];
 }
 
 settings! {

@@ -8,7 +8,7 @@ mod place;
 mod removal;
 
 pub use film::{Inspect, Method, Process, Region, SandedReference};
-pub use nominal::Nominal;
+pub use nominal::DrawingPlacement;
 pub use panel::Panel;
 pub use path::{FitMethod, Path, Pattern, Surface};
 pub use place::{Corner, CornerName, CornerNames, Locate, Registration};

@@ -2,29 +2,29 @@
 //! nominal place, by a pose or by datum points.
 
 use crate::config::Section;
-use crate::geometry::{Base, Drawing, KukaPose, Point, Rigid, nearest_motion};
-use crate::number_text::fixed;
+use crate::geometry::{Base, Drawing, KukaPose, Point, Rigid, fit_rigid_motion};
+use crate::number_text::fixed_decimals;
 
 /// Number of datum points.
-const DATUMS: std::ops::RangeInclusive<usize> = 3..=20;
+const DATUM_COUNT_RANGE: std::ops::RangeInclusive<usize> = 3..=20;
 /// Smallest distance of a datum point from the line through two others, mm: nearer points determine no rotation.
 const MIN_SPREAD_MM: f64 = 20.0;
 /// Largest distance of a datum point from its place after the fit, mm.
 const MAX_RESIDUAL_MM: f64 = 1.0;
 /// Largest number of datum points of which all orders are tried.
-const ALL_ORDERS: usize = 5;
+const MAX_PERMUTED_DATUMS: usize = 5;
 /// Limits of the coordinates, mm: an aircraft's frame has its origin far from the panel.
-const REACH_MM: f64 = 100_000.0;
+const COORDINATE_RANGE_MM: f64 = 100_000.0;
 
 /// `[nominal]`: where the drawing lies.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Nominal {
+pub struct DrawingPlacement {
     base_from_drawing: Rigid<Base, Drawing>,
     residual_mm: Option<f64>,
     region_mm: Option<[[f64; 3]; 4]>,
 }
 
-impl Nominal {
+impl DrawingPlacement {
     /// The drawing's frame in the robot's base, with the panel at its nominal place.
     pub fn base_from_drawing(&self) -> Rigid<Base, Drawing> {
         self.base_from_drawing
@@ -44,22 +44,24 @@ impl Nominal {
 }
 
 /// Returns `Some(None)` if the table is absent.
-pub(in crate::recipe) fn parse_nominal(section: &Section<'_, '_>) -> Option<Option<Nominal>> {
+pub(in crate::recipe) fn parse_nominal(section: &Section<'_, '_>) -> Option<Option<DrawingPlacement>> {
     if !section.is_present() {
         return Some(None);
     }
     let pose = section.section("base_from_drawing");
-    let limits = || -REACH_MM..=REACH_MM;
+    let limits = || -COORDINATE_RANGE_MM..=COORDINATE_RANGE_MM;
     let points = |key| section.parse::<Vec<[f64; 3]>>(key, limits(), Some(Vec::new()));
     let (drawn, measured) = (points("datums_drawing_mm"), points("datums_base_mm"));
     let region_mm = section.parse::<Option<[[f64; 3]; 4]>>("region_mm", limits(), Some(None));
     let (is_pose, pose) = (pose.is_present(), parse_pose(&pose));
-    section.done();
+    section.finish();
     let (drawn, measured, region_mm) = (drawn?, measured?, region_mm?);
-    let nominal = |(base_from_drawing, residual_mm)| Nominal { base_from_drawing, residual_mm, region_mm };
+    let nominal = |(base_from_drawing, residual_mm)| DrawingPlacement { base_from_drawing, residual_mm, region_mm };
     match (is_pose, drawn.is_empty() && measured.is_empty()) {
         (true, true) => Some(Some(nominal((pose?.to_rigid(), None)))),
-        (false, false) => fitted(section, &drawn, &measured).map(|(place, mm)| Some(nominal((place, Some(mm))))),
+        (false, false) => {
+            fit_datums(section, &drawn, &measured).map(|(place, mm)| Some(nominal((place, Some(mm)))))
+        }
         (true, false) => {
             section.problem(
                 "base_from_drawing",
@@ -83,21 +85,21 @@ fn parse_pose(section: &Section<'_, '_>) -> Option<KukaPose> {
         return None;
     }
     let number = |key, limit: f64| section.parse::<f64>(key, -limit..=limit, None);
-    let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| number(key, REACH_MM));
+    let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| number(key, COORDINATE_RANGE_MM));
     let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| number(key, 360.0));
-    section.done();
+    section.finish();
     Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? })
 }
 
 /// Fits the drawing's frame to datum points, and returns the largest distance of a point from its place; the problem
 /// is noted if they do not determine it.
-fn fitted(
+fn fit_datums(
     section: &Section<'_, '_>,
     drawn: &[[f64; 3]],
     measured: &[[f64; 3]],
 ) -> Option<(Rigid<Base, Drawing>, f64)> {
-    if drawn.len() != measured.len() || !DATUMS.contains(&drawn.len()) {
-        let (low, high) = (DATUMS.start(), DATUMS.end());
+    if drawn.len() != measured.len() || !DATUM_COUNT_RANGE.contains(&drawn.len()) {
+        let (low, high) = (DATUM_COUNT_RANGE.start(), DATUM_COUNT_RANGE.end());
         let found = format!(
             "found {} points, and {} in datums_drawing_mm; valid: {low} to {high} points, the same in both lists \
              and in the same order",
@@ -110,7 +112,7 @@ fn fitted(
     for (key, points) in [("datums_drawing_mm", drawn), ("datums_base_mm", measured)] {
         let spread_mm = spread_mm(points);
         if spread_mm < MIN_SPREAD_MM {
-            let [spread, needed] = [spread_mm, MIN_SPREAD_MM].map(|mm| fixed(mm, 1));
+            let [spread, needed] = [spread_mm, MIN_SPREAD_MM].map(|mm| fixed_decimals(mm, 1));
             section.problem(
                 key,
                 format!(
@@ -126,7 +128,7 @@ fn fitted(
         .zip(measured)
         .map(|(drawn, measured)| (Point::new((*drawn).into()), Point::new((*measured).into())))
         .collect();
-    let Some(base_from_drawing) = nearest_motion(&pairs) else {
+    let Some(base_from_drawing) = fit_rigid_motion(&pairs) else {
         section.problem(
             "datums_base_mm",
             "the points do not determine a pose; choose points far apart, not on one line",
@@ -138,7 +140,7 @@ fn fitted(
         .enumerate()
         .fold((0, 0.0), |worst, (index, mm)| if mm > worst.1 { (index + 1, mm) } else { worst });
     if residual_mm > MAX_RESIDUAL_MM {
-        let [found, limit] = crate::number_text::apart(residual_mm, MAX_RESIDUAL_MM, 2);
+        let [found, limit] = crate::number_text::distinguishable_texts(residual_mm, MAX_RESIDUAL_MM, 2);
         section.problem(
             "datums_base_mm",
             format!(
@@ -148,7 +150,7 @@ fn fitted(
         );
         return None;
     }
-    if let Some(order) = other_order(drawn, measured) {
+    if let Some(order) = alternative_order(drawn, measured) {
         let order: Vec<String> = order.iter().map(|index| (index + 1).to_string()).collect();
         section.problem(
             "datums_base_mm",
@@ -165,7 +167,7 @@ fn fitted(
 
 /// Returns another order of the measured points that fits the drawing as well; `None` if there is none. All orders of
 /// up to five points are tried, and all exchanges of two of more points.
-fn other_order(drawn: &[[f64; 3]], measured: &[[f64; 3]]) -> Option<Vec<usize>> {
+fn alternative_order(drawn: &[[f64; 3]], measured: &[[f64; 3]]) -> Option<Vec<usize>> {
     let own: Vec<usize> = (0..measured.len()).collect();
     let fits = |order: &Vec<usize>| {
         let pairs: Vec<(Point<Drawing>, Point<Base>)> = drawn
@@ -176,14 +178,14 @@ fn other_order(drawn: &[[f64; 3]], measured: &[[f64; 3]]) -> Option<Vec<usize>> 
         let off_mm = |motion: Rigid<Base, Drawing>| {
             pairs.iter().map(|(drawn, measured)| (motion * *drawn).distance_mm(*measured)).fold(0.0, f64::max)
         };
-        nearest_motion(&pairs).is_some_and(|motion| off_mm(motion) <= MAX_RESIDUAL_MM)
+        fit_rigid_motion(&pairs).is_some_and(|motion| off_mm(motion) <= MAX_RESIDUAL_MM)
     };
-    let orders = if own.len() <= ALL_ORDERS { all_orders(own.len()) } else { exchanges(&own) };
+    let orders = if own.len() <= MAX_PERMUTED_DATUMS { permutations(own.len()) } else { transpositions(&own) };
     orders.into_iter().find(|order| *order != own && fits(order))
 }
 
 /// Returns all orders of this number of points: the last one is put at each position of the orders of the others.
-fn all_orders(count: usize) -> Vec<Vec<usize>> {
+fn permutations(count: usize) -> Vec<Vec<usize>> {
     let Some(last) = count.checked_sub(1) else { return vec![vec![]] };
     let with_last = |order: Vec<usize>| {
         (0..count).map(move |position| {
@@ -192,11 +194,11 @@ fn all_orders(count: usize) -> Vec<Vec<usize>> {
             order
         })
     };
-    all_orders(last).into_iter().flat_map(with_last).collect()
+    permutations(last).into_iter().flat_map(with_last).collect()
 }
 
 /// Returns the orders in which two points are exchanged.
-fn exchanges(own: &[usize]) -> Vec<Vec<usize>> {
+fn transpositions(own: &[usize]) -> Vec<Vec<usize>> {
     let pairs = (0..own.len()).flat_map(|one| (0..one).map(move |other| (one, other)));
     let exchanged = |(one, other)| {
         let mut order = own.to_vec();

@@ -2,7 +2,7 @@
 
 use crate::config::{Section, settings};
 use crate::geometry::{Pixel, polygon};
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 
 settings! {
     /// `[panel]`: the panel's name, and a person's statements on its outline. `panel = "name"` alone is the short
@@ -46,13 +46,13 @@ pub(in crate::recipe) fn parse_panel(top: &Section<'_, '_>) -> Option<Panel> {
             section.problem("outline_px", format!("found {found} corners, valid: 3 to {MAX_CORNERS}, or none"));
             return None;
         }
-        if let Some(problem) = wrong(outline) {
+        if let Some(problem) = polygon_problem(outline) {
             section.problem("outline_px", format!("the outline {problem}"));
             return None;
         }
     }
     for (index, held) in panel.held_px.iter().enumerate() {
-        if let Some(problem) = wrong(held) {
+        if let Some(problem) = polygon_problem(held) {
             section.problem("held_px", format!("item {}: the held place {problem}", index + 1));
             return None;
         }
@@ -61,14 +61,14 @@ pub(in crate::recipe) fn parse_panel(top: &Section<'_, '_>) -> Option<Panel> {
 }
 
 /// Returns the reason why these corners do not form a simple polygon; `None` if they do.
-fn wrong(corners: &[[f64; 2]]) -> Option<String> {
+fn polygon_problem(corners: &[[f64; 2]]) -> Option<String> {
     let pixels: Vec<Pixel> = corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect();
     if let Some([first, second]) = polygon::crossing_sides(&pixels) {
         return Some(format!("crosses itself: the sides from corner {} and from corner {}", first + 1, second + 1));
     }
     let area_px2 = polygon::signed_area_px2(&pixels).abs();
     (area_px2 < MIN_AREA_PX2).then(|| {
-        let [area, needed] = apart(area_px2, MIN_AREA_PX2, 1);
+        let [area, needed] = distinguishable_texts(area_px2, MIN_AREA_PX2, 1);
         format!("has an area of {area} px², at least {needed} px² are needed")
     })
 }

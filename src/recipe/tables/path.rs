@@ -12,7 +12,7 @@ pub enum FitMethod {
 }
 
 impl Choice for FitMethod {
-    const WORDS: &'static [(&'static str, Self)] =
+    const KEYWORDS: &'static [(&'static str, Self)] =
         &[("least-squares", FitMethod::LeastSquares), ("thesis", FitMethod::Thesis)];
 }
 
@@ -50,7 +50,7 @@ pub enum Pattern {
 }
 
 impl Choice for Pattern {
-    const WORDS: &'static [(&'static str, Self)] = &[
+    const KEYWORDS: &'static [(&'static str, Self)] = &[
         ("raster", Pattern::Raster),
         ("cross-hatch", Pattern::CrossHatch),
         ("spiral", Pattern::Spiral),
@@ -150,7 +150,7 @@ pub(in crate::recipe) fn parse_path(section: &Section<'_, '_>) -> Option<Path> {
         }
         _ => {}
     }
-    if !is_force_right(section, &path) {
+    if !check_force_keys(section, &path) {
         return None;
     }
     if path.landing_height_mm() > path.approach_mm() {
@@ -178,10 +178,10 @@ impl Path {
 }
 
 /// Checks that the keys of a compliant tool's force are consistent.
-fn is_force_right(section: &Section<'_, '_>, path: &Path) -> bool {
+fn check_force_keys(section: &Section<'_, '_>, path: &Path) -> bool {
     let Some(force_n) = path.force_n() else {
         let lonely: Vec<&str> =
-            ["landing_force_n", "force_ramp_s"].into_iter().filter(|key| section.has(key)).collect();
+            ["landing_force_n", "force_ramp_s"].into_iter().filter(|key| section.has_key(key)).collect();
         lonely.iter().for_each(|key| section.problem(key, "has no effect without force_n"));
         return lonely.is_empty();
     };

@@ -14,7 +14,7 @@ pub enum Registration {
 }
 
 impl Choice for Registration {
-    const WORDS: &'static [(&'static str, Self)] =
+    const KEYWORDS: &'static [(&'static str, Self)] =
         &[("point-to-plane", Registration::PointToPlane), ("thesis", Registration::Thesis)];
 }
 
@@ -67,7 +67,7 @@ pub enum CornerName {
 }
 
 impl Choice for CornerName {
-    const WORDS: &'static [(&'static str, Self)] = &[
+    const KEYWORDS: &'static [(&'static str, Self)] = &[
         ("top-left", CornerName::TopLeft),
         ("top-right", CornerName::TopRight),
         ("bottom-right", CornerName::BottomRight),
@@ -86,9 +86,9 @@ impl CornerNames {
     }
 
     /// Returns all keywords as a recipe writes them, in the order of teaching.
-    pub fn words(&self) -> Vec<&'static str> {
+    pub fn keywords(&self) -> Vec<&'static str> {
         let word =
-            |name: &CornerName| CornerName::WORDS.iter().find(|(_, known)| known == name).map(|(word, _)| *word);
+            |name: &CornerName| CornerName::KEYWORDS.iter().find(|(_, known)| known == name).map(|(word, _)| *word);
         self.0.iter().filter_map(word).collect()
     }
 }

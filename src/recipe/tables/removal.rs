@@ -13,7 +13,7 @@ pub enum RemovalMethod {
 }
 
 impl Choice for RemovalMethod {
-    const WORDS: &'static [(&'static str, Self)] =
+    const KEYWORDS: &'static [(&'static str, Self)] =
         &[("constant", RemovalMethod::Constant), ("scheduled", RemovalMethod::Scheduled)];
 }
 

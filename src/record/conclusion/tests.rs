@@ -1,5 +1,5 @@
 use super::*;
-use crate::record::{RequestSource, Who};
+use crate::record::{RequestAuthor, RequestSource};
 use proptest::prelude::*;
 
 fn finding(kind: Kind, verdict: Verdict, code: &'static str) -> Finding {
@@ -11,7 +11,7 @@ fn finding(kind: Kind, verdict: Verdict, code: &'static str) -> Finding {
 }
 
 fn asked(request: Request, answer: Answer, findings: u64) -> RequestRecord {
-    let (wanted, who) = (RequestedAction::For(request), Some(Who::by(RequestSource::Socket)));
+    let (wanted, who) = (RequestedAction::For(request), Some(RequestAuthor::from_source(RequestSource::Socket)));
     RequestRecord { unix_ms: 7, wanted, who, answer: Some(answer), reasons: vec![], findings: Some(findings) }
 }
 
@@ -31,7 +31,7 @@ fn a_film_that_failed_is_superseded_by_an_abrasion_and_a_later_film() {
     let all = passed();
     let judgement = conclude(Verdict::Pass, &all, &[], &[]);
     assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Pass, vec![]));
-    assert_eq!(dispositions(&all, &[])[1], Disposition::Superseded);
+    assert_eq!(finding_dispositions(&all, &[])[1], Disposition::Superseded);
     // Without the abrasion, without the later film, or with the two in reverse order, the first film counts.
     for left_out in [3, 4] {
         let mut less = passed();
@@ -76,7 +76,7 @@ fn a_review_counts_until_a_person_decides() {
     let unknown = RequestRecord { findings: None, ..asked(Request::Accept, Answer::Done, 4) };
     assert_eq!(verdict(&[unknown]), Verdict::Review, "when it was asked is not on the record");
     let accept = [asked(Request::Accept, Answer::Done, 4)];
-    assert_eq!(dispositions(&all, &accept)[3], Disposition::Decided(&accept[0]));
+    assert_eq!(finding_dispositions(&all, &accept)[3], Disposition::Decided(&accept[0]));
 }
 
 /// Each reason occurs once, in the order of the findings; the reason for the cycle's end comes last, if no finding has
@@ -154,11 +154,11 @@ proptest! {
         ended in prop::sample::select(&ENDED[..]),
     ) {
         let judgement = conclude(ended, &findings, &requests, &[]);
-        prop_assert!(judgement.verdict.badness() >= ended.badness());
-        for (finding, disposition) in findings.iter().zip(dispositions(&findings, &requests)) {
+        prop_assert!(judgement.verdict.severity() >= ended.severity());
+        for (finding, disposition) in findings.iter().zip(finding_dispositions(&findings, &requests)) {
             let found = &finding.judgement;
             if disposition == Disposition::Counts {
-                prop_assert!(judgement.verdict.badness() >= found.verdict.badness());
+                prop_assert!(judgement.verdict.severity() >= found.verdict.severity());
                 let named = found.reasons.iter().all(|reason| judgement.reasons.contains(reason));
                 prop_assert!(named || (found.verdict == Verdict::Fail && judgement.verdict != Verdict::Fail));
             }
@@ -176,10 +176,10 @@ proptest! {
     fn a_pass_that_was_not_concluded_is_named(findings in findings(), requests in requests()) {
         let judgement = conclude(Verdict::Pass, &findings, &requests, &[]);
         let mut record = crate::record::tests::record(judgement.clone(), findings, requests);
-        let is_shown = is_shown_by_a_film(&record.findings);
-        prop_assert_eq!(record.unearned().is_empty(), judgement.verdict != Verdict::Pass || is_shown);
+        let is_shown = is_proven_by_film(&record.findings);
+        prop_assert_eq!(record.verdict_contradictions().is_empty(), judgement.verdict != Verdict::Pass || is_shown);
         record.judgement = Some(Judgement { verdict: Verdict::Pass, reasons: vec![] });
-        prop_assert_eq!(record.unearned().is_empty(), judgement.verdict == Verdict::Pass && is_shown);
+        prop_assert_eq!(record.verdict_contradictions().is_empty(), judgement.verdict == Verdict::Pass && is_shown);
     }
 }
 
@@ -189,7 +189,7 @@ proptest! {
 fn a_pass_needs_a_film_that_passed() {
     let pass = Judgement { verdict: Verdict::Pass, reasons: vec![] };
     let unearned = |findings: Vec<Finding>, asked: Vec<RequestRecord>| {
-        crate::record::tests::record(pass.clone(), findings, asked).unearned()
+        crate::record::tests::record(pass.clone(), findings, asked).verdict_contradictions()
     };
     assert_eq!(unearned(passed(), vec![]), [""; 0]);
     let no_film = ["cycle 3 has the verdict pass, but its last film did not pass, or an abrasion followed it"];

@@ -2,8 +2,10 @@
 //! known.
 
 use crate::cycle::{Path, Request};
-use crate::number_text::utc;
-use crate::record::{Abraded, Answer, Bounds, CycleRecord, How, MotionRecord, RequestRecord, RequestedAction};
+use crate::number_text::utc_text;
+use crate::record::{
+    AbradedGrid, AbrasionExtent, Answer, Bounds, CycleRecord, MotionRecord, RequestRecord, RequestedAction,
+};
 use crate::report::page::{Row, Section};
 use std::collections::BTreeMap;
 
@@ -12,22 +14,23 @@ const BESIDE: &str =
     "The disc also overlaps the grids beside them, by up to 0.8 of its radius; those are not counted here.";
 
 /// Lists how often each grid was abraded, completely or in part, or may have been abraded.
-pub(super) fn abraded(record: &CycleRecord) -> Section {
-    let all = crate::record::abraded(&record.findings, &record.motions);
+pub(super) fn abrasion_list(record: &CycleRecord) -> Section {
+    let all = crate::record::abraded_grids(&record.findings, &record.motions);
     let mut passes: BTreeMap<String, Vec<String>> = BTreeMap::new();
-    for Abraded { grid, pass, how } in &all {
+    for AbradedGrid { grid, pass, how } in &all {
         let how = match how {
-            How::Whole => "",
-            How::InPart => " in part",
-            How::Touched => ": touched, extent unknown",
-            How::Perhaps => ": possibly touched, not confirmed",
+            AbrasionExtent::Whole => "",
+            AbrasionExtent::InPart => " in part",
+            AbrasionExtent::Touched => ": touched, extent unknown",
+            AbrasionExtent::PossiblyTouched => ": possibly touched, not confirmed",
         };
         let grid = grid.clone().unwrap_or_else(|| "any grid (it was not recorded which grids)".to_owned());
         passes.entry(grid).or_default().push(format!("pass {pass}{how}"));
     }
-    let left = record.motions.iter().filter(|one| one.motion.path == Path::Contact && !one.end_is_known());
+    let left = record.motions.iter().filter(|one| one.motion.path == Path::Contact && !one.is_end_reported());
     let worn_mm2: f64 = left.filter_map(|one| one.contact.as_ref()).map(|contact| contact.path.wears_mm2).sum();
-    let is_unsure = all.iter().any(|one| matches!(one.how, How::Touched | How::Perhaps));
+    let is_unsure =
+        all.iter().any(|one| matches!(one.how, AbrasionExtent::Touched | AbrasionExtent::PossiblyTouched));
     let mut text = match (passes.is_empty(), is_unsure) {
         (true, _) => "Nothing: the tool touched no grid.".to_owned(),
         (false, false) => format!("Each grid that was planned to be sanded, with its passes. {BESIDE}"),
@@ -53,7 +56,7 @@ pub(super) fn abraded(record: &CycleRecord) -> Section {
 
 /// The requests of people and programs to the cell: the time, the request, the sender and the result; before the
 /// cycle, and in it.
-pub(super) fn asked(record: &CycleRecord) -> Vec<Section> {
+pub(super) fn request_list(record: &CycleRecord) -> Vec<Section> {
     let section = |heading: &str, text: &str, asked: &[RequestRecord]| Section {
         heading: heading.to_owned(),
         text: if asked.is_empty() { "Nothing.".to_owned() } else { text.to_owned() },
@@ -76,7 +79,7 @@ pub(super) fn asked(record: &CycleRecord) -> Vec<Section> {
 fn request(asked: &RequestRecord) -> Row {
     let reasons: Vec<&str> = asked.reasons.iter().map(|reason| reason.message.as_str()).collect();
     let because = if reasons.is_empty() { String::new() } else { format!(": {}", reasons.join("; ")) };
-    let (what, meant) = wanted(&asked.wanted);
+    let (what, meant) = describe_request(&asked.wanted);
     let came = match asked.answer {
         Some(Answer::Done) => format!("{what}: done{meant}{because}"),
         Some(Answer::Refused) => format!("REFUSED: {what}. Nothing was done{because}"),
@@ -84,11 +87,11 @@ fn request(asked: &RequestRecord) -> Row {
         None => format!("{what}: its result was not recorded"),
     };
     let who = asked.who.as_ref().map_or("not recorded".to_owned(), ToString::to_string);
-    Row::new(&utc(asked.unix_ms.div_euclid(1_000)), format!("{came}. Requested by: {who}"), "")
+    Row::new(&utc_text(asked.unix_ms.div_euclid(1_000)), format!("{came}. Requested by: {who}"), "")
 }
 
 /// Returns a request in words, and its meaning if it was done.
-fn wanted(wanted: &RequestedAction) -> (String, String) {
+fn describe_request(wanted: &RequestedAction) -> (String, String) {
     let plain = |what: &str, meant: &str| (what.to_owned(), meant.to_owned());
     match wanted {
         RequestedAction::NewDisc => plain("new-disc", ", a new disc was mounted and its wear counts from 0"),
@@ -135,7 +138,7 @@ pub(super) fn motions(record: &CycleRecord) -> Section {
         };
         let plan = match motion.motion.plan {
             0 => String::new(),
-            _ => format!(", plan {}", motion.motion.plan_word()),
+            _ => format!(", plan {}", motion.motion.plan_keyword()),
         };
         Row::new(&format!("{path}, epoch {}{plan}", motion.motion.epoch), end(motion), "")
     });
@@ -153,11 +156,11 @@ pub(super) fn motions(record: &CycleRecord) -> Section {
 fn end(motion: &MotionRecord) -> String {
     let all = motion.motion.waypoints;
     let is_counted = matches!(motion.motion.path, Path::Contact | Path::Air);
-    match (motion.outcome.filter(|_| motion.end_is_known()), motion.executed()) {
+    match (motion.outcome.filter(|_| motion.is_end_reported()), motion.executed_bounds()) {
         (Some(outcome), _) if is_counted => {
-            format!("{}, {} of {all} waypoints", outcome.word(), motion.done)
+            format!("{}, {} of {all} waypoints", outcome.keyword(), motion.done)
         }
-        (Some(outcome), _) => outcome.word().to_owned(),
+        (Some(outcome), _) => outcome.keyword().to_owned(),
         (None, Some(Bounds { at_most: 0, .. })) => {
             "the end of the motion was not reported; no part of the motion was released for sending".to_owned()
         }

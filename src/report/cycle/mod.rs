@@ -2,11 +2,11 @@
 
 mod cycle_events;
 
-use super::checks::{NOT_MEASURED, check_row, shown};
+use super::checks::{NOT_MEASURED_TEXT, check_row, format_value};
 use super::page::{Figure, Page, Row, Section};
 use crate::geometry::KukaPose;
-use crate::number_text::utc;
-use crate::record::{Check, Clock, CycleRecord, Disposition, Finding, Kind, dispositions, name};
+use crate::number_text::utc_text;
+use crate::record::{Check, Clock, CycleRecord, Disposition, Finding, Kind, finding_dispositions, name};
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -24,16 +24,16 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
         verdict: Verdict::Invalid,
         reasons: vec![Reason::new("running", "the cycle has not ended: this page does not show its final result")],
     };
-    let times = Times::from_record(record);
+    let times = ClockKind::from_record(record);
     let mut sections: Vec<Section> = record
         .findings
         .iter()
-        .zip(dispositions(&record.findings, &record.asked))
+        .zip(finding_dispositions(&record.findings, &record.asked))
         .map(|(finding, disposition)| section((finding, disposition), pictures, times))
         .collect();
-    sections.extend([cycle_events::abraded(record), cycle_events::motions(record), budget(record)]);
-    sections.extend(cycle_events::asked(record));
-    sections.push(used(record));
+    sections.extend([cycle_events::abrasion_list(record), cycle_events::motions(record), budget(record)]);
+    sections.extend(cycle_events::request_list(record));
+    sections.push(used_inputs(record));
     // Nothing was tested.
     let is_air_run = record.is_air_run();
     sections.extend((!is_air_run).then(|| conditions(record, times)));
@@ -54,12 +54,12 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
 
 /// Returns what was abraded and what was requested in the cycle, also for the record as PDF.
 pub(super) fn event_sections(record: &CycleRecord) -> Vec<Section> {
-    std::iter::once(cycle_events::abraded(record)).chain(cycle_events::asked(record)).collect()
+    std::iter::once(cycle_events::abrasion_list(record)).chain(cycle_events::request_list(record)).collect()
 }
 
 /// The clock by which the times of films and motions are measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Times {
+enum ClockKind {
     /// The computer's clock: a number needs no remark.
     Wall,
     /// The simulated cell's.
@@ -68,22 +68,22 @@ enum Times {
     Unknown,
 }
 
-impl Times {
+impl ClockKind {
     fn from_record(record: &CycleRecord) -> Self {
         match record.clocks[0] {
-            Some(Clock::Wall) => Times::Wall,
-            Some(Clock::Simulated { .. }) => Times::Simulated,
-            None => Times::Unknown,
+            Some(Clock::Wall) => ClockKind::Wall,
+            Some(Clock::Simulated { .. }) => ClockKind::Simulated,
+            None => ClockKind::Unknown,
         }
     }
 
     /// Returns the remark on a duration, so that a reader does not confuse the two clocks.
-    fn beside(self, kind: Kind, check: &Check) -> &'static str {
+    fn clock_remark(self, kind: Kind, check: &Check) -> &'static str {
         match (self, check.unit.as_str()) {
             // The time of a plan is calculated, not measured by a clock.
             (_, "s") if kind == Kind::Plan => ", planned",
-            (Times::Simulated, "s") => " of simulated time",
-            (Times::Simulated, "ms") => " of wall time",
+            (ClockKind::Simulated, "s") => " of simulated time",
+            (ClockKind::Simulated, "ms") => " of wall time",
             _ => "",
         }
     }
@@ -91,7 +91,7 @@ impl Times {
 
 /// Returns the begin and the end of the cycle, and its duration, by each clock.
 fn duration(record: &CycleRecord) -> String {
-    let began = utc(record.started_unix_s);
+    let began = utc_text(record.started_unix_s);
     let reasons = record.judgement.iter().flat_map(|judgement| &judgement.reasons);
     let is_interrupted = reasons.into_iter().any(|reason| reason.code == "interrupted");
     let wall = match record.ended_unix_s {
@@ -99,14 +99,14 @@ fn duration(record: &CycleRecord) -> String {
         Some(end) if is_interrupted => format!(
             "began {began}; the program stopped during the cycle at an unrecorded time, and concluded the cycle at \
              its next start, {}",
-            utc(end)
+            utc_text(end)
         ),
-        Some(end) => format!("{began} to {}, {} s", utc(end), end - record.started_unix_s),
+        Some(end) => format!("{began} to {}, {} s", utc_text(end), end - record.started_unix_s),
     };
     match record.clocks {
         [Some(Clock::Wall), _] => format!("Wall time: {wall}."),
         [Some(Clock::Simulated { at_ms: from }), Some(Clock::Simulated { at_ms: to })] if to >= from => {
-            let simulated_s = shown((to - from) as f64 / 1_000.0);
+            let simulated_s = format_value((to - from) as f64 / 1_000.0);
             format!("Simulated cell. Simulated time: {simulated_s} s. Wall time: {wall}.")
         }
         [Some(Clock::Simulated { .. }), _] => {
@@ -122,7 +122,7 @@ fn duration(record: &CycleRecord) -> String {
 fn section(
     (finding, disposition): (&Finding, Disposition<'_>),
     pictures: &BTreeMap<String, Vec<u8>>,
-    times: Times,
+    times: ClockKind,
 ) -> Section {
     let heading = match finding.kind {
         Kind::Locate => "The panel's pose",
@@ -142,8 +142,8 @@ fn section(
         pass => format!(", pass {pass}"),
     };
     let reasons = finding.judgement.reasons.iter().map(|reason| format!("; {} ({})", reason.message, reason.code));
-    let became = disposition.words().map_or(String::new(), |words| format!(", {words}"));
-    let details = finding.details.iter().map(|(name, value)| Row::new(name, words(value), ""));
+    let became = disposition.describe().map_or(String::new(), |words| format!(", {words}"));
+    let details = finding.details.iter().map(|(name, value)| Row::new(name, format_detail(value), ""));
     let shots = finding.shots.iter().map(|shot| Row::new(&format!("picture {}", shot.name), &shot.hash, ""));
     let figure = |picture: &crate::record::Picture| match pictures.get(&picture.hash) {
         Some(jpeg) => Ok(Figure { caption: picture.caption.clone(), jpeg: jpeg.clone() }),
@@ -161,7 +161,7 @@ fn section(
         let to_execute = to_execute.and_then(|number| number.value).map(|all| {
             let words = format!(
                 "{}: all but the first waypoint, which is in air at the end of the approach",
-                shown((all - 1.0).max(0.0))
+                format_value((all - 1.0).max(0.0))
             );
             Row::new("of these, of the path over the panel", words, "")
         });
@@ -169,14 +169,14 @@ fn section(
     });
     Section {
         heading: format!("{heading}{pass}"),
-        text: format!("{}{became}{}", finding.judgement.verdict.word(), reasons.collect::<String>()),
+        text: format!("{}{became}{}", finding.judgement.verdict.keyword(), reasons.collect::<String>()),
         rows: numbers.chain(details).chain(shots).chain(missing).collect(),
         figures,
     }
 }
 
 /// Formats a detail for people: a pose with its units, a list of names; any other value as it is stored.
-fn words(value: &Value) -> String {
+fn format_detail(value: &Value) -> String {
     let pose = serde_json::from_value::<KukaPose>(value.clone()).ok();
     let names = serde_json::from_value::<Vec<String>>(value.clone()).ok();
     match (pose, names, value) {
@@ -188,15 +188,19 @@ fn words(value: &Value) -> String {
     }
 }
 
-fn row(check: &Check, kind: Kind, times: Times) -> Row {
-    check_row(check, times.beside(kind, check))
+fn row(check: &Check, kind: Kind, times: ClockKind) -> Row {
+    check_row(check, times.clock_remark(kind, check))
 }
 
 fn budget(record: &CycleRecord) -> Section {
     let budget = record.budget.unwrap_or_default();
     let total = budget.total_mm();
     let part = |name: &str, value: Option<f64>| {
-        Row::new(name, value.map_or(NOT_MEASURED.to_owned(), |value| format!("{} mm", shown(value))), "")
+        Row::new(
+            name,
+            value.map_or(NOT_MEASURED_TEXT.to_owned(), |value| format!("{} mm", format_value(value))),
+            "",
+        )
     };
     let is_corrected = record.files.iter().any(|file| file.name == "robot_correction");
     let robot = if is_corrected { "robot, corrected by robot_correction, and tool" } else { "robot and tool" };
@@ -209,7 +213,7 @@ fn budget(record: &CycleRecord) -> Section {
     ];
     if total.is_none() {
         let stated = budget.stated_mm.map_or("not stated".to_owned(), |value| {
-            format!("{} mm, stated by the cell's file, not measured", shown(value))
+            format!("{} mm, stated by the cell's file, not measured", format_value(value))
         });
         rows.push(Row::new("used instead of the total: [limits] tool_error_mm", stated, ""));
     }
@@ -223,7 +227,7 @@ fn budget(record: &CycleRecord) -> Section {
     }
 }
 
-fn used(record: &CycleRecord) -> Section {
+fn used_inputs(record: &CycleRecord) -> Section {
     let mut rows =
         vec![Row::new("taught version", &record.taught_version, ""), Row::new("recipe", &record.recipe_hash, "")];
     rows.extend(record.files.iter().map(|file| Row::new(&file.name, &file.hash, "")));
@@ -237,21 +241,21 @@ fn used(record: &CycleRecord) -> Section {
     }
 }
 
-fn conditions(record: &CycleRecord, times: Times) -> Section {
-    let film = |number: &&Check| number.name == name::WATCHED;
+fn conditions(record: &CycleRecord, times: ClockKind) -> Section {
+    let film = |number: &&Check| number.name == name::WATCHED_TIME_NAME;
     let inspections = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
     let films = inspections.map(|finding| {
         let seconds = finding
             .checks
             .iter()
             .find(film)
-            .map_or(NOT_MEASURED.to_owned(), |number| row(number, Kind::Inspect, times).value);
+            .map_or(NOT_MEASURED_TEXT.to_owned(), |number| row(number, Kind::Inspect, times).value);
         let pass = format!("film watched after pass {}", finding.pass);
         Row::new(if finding.pass == 0 { "film watched first" } else { &pass }, seconds, "")
     });
     let stated = |detail: &str| {
         let value = record.findings.iter().find_map(|finding| finding.details.get(detail));
-        value.map_or(BLANK.to_owned(), |value| format!("{} (stated by the recipe)", words(value)))
+        value.map_or(BLANK.to_owned(), |value| format!("{} (stated by the recipe)", format_detail(value)))
     };
     let mut rows = vec![
         Row::new("water: kind, conductivity, temperature", stated(name::WATER), ""),

@@ -1,17 +1,21 @@
 use super::*;
 use crate::cycle::{Id, Motion, Outcome, Path, Request};
 use crate::record::{
-    Answer, Budget, Contact, ContactPath, CycleId, KeptFile, Limit, MotionRecord, Picture, Reached, RequestRecord,
-    RequestSource, RequestedAction, SetBy, Who,
+    Answer, Budget, Contact, ContactPath, CycleId, FirstReached, KeptFile, Limit, LimitSource, MotionRecord,
+    Picture, RequestAuthor, RequestRecord, RequestSource, RequestedAction,
 };
 
 fn finding(kind: Kind, pass: u8, numbers: Vec<Check>) -> Finding {
     let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
-    Finding::new(kind, pass, judgement).with(numbers)
+    Finding::new(kind, pass, judgement).with_checks(numbers)
 }
 
 fn asked(wanted: RequestedAction, answer: Option<Answer>) -> RequestRecord {
-    let who = Who { uid: Some(1_000), user: Some("ada".to_owned()), ..Who::by(RequestSource::Socket) };
+    let who = RequestAuthor {
+        uid: Some(1_000),
+        user: Some("ada".to_owned()),
+        ..RequestAuthor::from_source(RequestSource::Socket)
+    };
     let reasons = match answer {
         Some(Answer::Refused) => vec![Reason::new("not_now", "it is not held")],
         _ => vec![],
@@ -20,8 +24,8 @@ fn asked(wanted: RequestedAction, answer: Option<Answer>) -> RequestRecord {
 }
 
 fn record() -> CycleRecord {
-    let rms = Check::new("residual", "mm", 0.123456).within(Limit::AtMost(0.25), SetBy::Program);
-    let overlap = Check::new("overlap", "", 0.85).within(Limit::AtLeast(0.9), SetBy::Program);
+    let rms = Check::new("residual", "mm", 0.123456).with_limit(Limit::AtMost(0.25), LimitSource::Program);
+    let overlap = Check::new("overlap", "", 0.85).with_limit(Limit::AtLeast(0.9), LimitSource::Program);
     let mut located = finding(Kind::Locate, 0, vec![rms, overlap, Check::new("drift", "mm", None)]);
     let pose = KukaPose { x_mm: 1.5, a_deg: -3.0, ..KukaPose::default() };
     located.details.insert("base_from_panel".to_owned(), serde_json::json!(pose));
@@ -32,8 +36,10 @@ fn record() -> CycleRecord {
         hash: hash.to_owned(),
     };
     located.pictures = vec![picture("outline", "aa"), picture("grids", "bb")];
-    let watched = |seconds: f64| vec![Check::new(name::WATCHED, "s", seconds)];
-    let part = finding(Kind::Abrade, 2, vec![]).detail("grids", vec!["r1c1"]).detail("grids_in_part", vec!["r2c4"]);
+    let watched = |seconds: f64| vec![Check::new(name::WATCHED_TIME_NAME, "s", seconds)];
+    let part = finding(Kind::Abrade, 2, vec![])
+        .with_detail("grids", vec!["r1c1"])
+        .with_detail("grids_in_part", vec!["r2c4"]);
     let motion = Motion { epoch: 3, path: Path::Contact, plan: 0xAB, waypoints: 200 };
     CycleRecord {
         id: CycleId(7),
@@ -49,7 +55,7 @@ fn record() -> CycleRecord {
         findings: vec![
             located,
             finding(Kind::Inspect, 0, watched(60.0)),
-            finding(Kind::Abrade, 1, vec![]).detail("grids", vec!["r1c1"]),
+            finding(Kind::Abrade, 1, vec![]).with_detail("grids", vec!["r1c1"]),
             part,
             finding(Kind::Inspect, 1, watched(59.8)),
         ],
@@ -126,20 +132,20 @@ fn a_whole_budget_needs_no_stated_error_and_a_running_cycle_is_no_result() {
 
 #[test]
 fn numbers_keep_four_digits() {
-    let texts = [0.123456, 59.8, 123456.7, 0.00012344, -2.5, 0.0, 100.04, 3.0].map(shown);
+    let texts = [0.123456, 59.8, 123456.7, 0.00012344, -2.5, 0.0, 100.04, 3.0].map(format_value);
     assert_eq!(texts, ["0.1235", "59.8", "123457", "0.0001234", "-2.5", "0", "100", "3"]);
 }
 
 /// A contact path with an end that was not reported: 3 waypoints were reported, 16 permitted; r1c1 is reached from
 /// 2 on, r1c2 from 10, r1c3 from 30.
 fn cut_short() -> CycleRecord {
-    let reached = |grid: &str, first| Reached { grid: grid.to_owned(), first };
+    let reached = |grid: &str, first| FirstReached { grid: grid.to_owned(), first };
     let grids = vec![reached("r1c1", 2), reached("r1c2", 10), reached("r1c3", 30)];
     let path = ContactPath { id: Id(5), pass: 1, grids, wears_mm2: 1_234.0 };
     let motion = Motion { epoch: 3, path: Path::Contact, plan: 0xAB, waypoints: 101 };
     let contact = Some(Contact { path, told: 3, permitted: 16 });
     let motions = vec![MotionRecord { motion, outcome: None, done: 0, contact }];
-    let findings = vec![finding(Kind::Inspect, 0, vec![Check::new(name::WATCHED, "s", 61.4)])];
+    let findings = vec![finding(Kind::Inspect, 0, vec![Check::new(name::WATCHED_TIME_NAME, "s", 61.4)])];
     CycleRecord { motions, findings, ..record() }
 }
 
@@ -196,7 +202,8 @@ fn simulated_time_and_wall_time_are_told_apart() {
 /// By hand: of 102 waypoints 101 belong to the path, and these are executed; the approach ends at the first waypoint.
 #[test]
 fn planned_and_executed_waypoints_agree() {
-    let executed = Check::new(name::EXECUTED, "", 101.0).within(Limit::AtLeast(101.0), SetBy::Program);
+    let executed = Check::new(name::EXECUTED_WAYPOINTS_NAME, "", 101.0)
+        .with_limit(Limit::AtLeast(101.0), LimitSource::Program);
     let findings = vec![
         finding(Kind::Plan, 1, vec![Check::new(name::PLANNED, "", 102.0)]),
         finding(Kind::Abrade, 1, vec![executed]),
@@ -214,7 +221,11 @@ fn planned_and_executed_waypoints_agree() {
 #[test]
 fn a_number_that_is_not_allowed_differs_from_its_limit() {
     let shown = |value: f64, limit: Limit| {
-        let row = row(&Check::new("n", "%", value).within(limit, SetBy::Program), Kind::Locate, Times::Wall);
+        let row = row(
+            &Check::new("n", "%", value).with_limit(limit, LimitSource::Program),
+            Kind::Locate,
+            ClockKind::Wall,
+        );
         [row.value, row.allowed]
     };
     assert_eq!(shown(8.000_4, Limit::AtMost(8.0)), ["8.0004 %, outside of the limit", "≤ 8 %"]);

@@ -2,8 +2,8 @@
 
 use super::grids::film_name;
 use super::numbers::row;
-use super::sources::{Equipment, Sources};
-use crate::record::{CycleRecord, Disposition, Finding, Kind, dispositions, name};
+use super::sources::{Equipment, RecordSources};
+use crate::record::{CycleRecord, Disposition, Finding, Kind, finding_dispositions, name};
 use crate::report::cycle::event_sections;
 use crate::report::page::Section;
 use crate::verdict::Verdict;
@@ -22,18 +22,18 @@ pub struct Block {
 const TABLE: [(&str, f32); 4] = [("check", 0.42), ("measured", 0.2), ("limit", 0.18), ("limit set by", 0.2)];
 
 /// Lists every film, including invalid films.
-pub(super) fn attempts(record: &CycleRecord) -> Block {
+pub(super) fn film_list(record: &CycleRecord) -> Block {
     let films = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
     let attempt = |film: &Finding| {
         let failed = film.names("failed");
-        let watched = film.checks.iter().find(|check| check.name == name::WATCHED);
+        let watched = film.checks.iter().find(|check| check.name == name::WATCHED_TIME_NAME);
         let reasons: Vec<&str> = film.judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
         vec![
             film_name(film.pass),
-            film.judgement.verdict.word().to_owned(),
+            film.judgement.verdict.keyword().to_owned(),
             watched.map_or(String::new(), |check| row(check, "")[1].clone()),
-            if failed.is_empty() { "none".to_owned() } else { shortened(&failed.join(", "), 45) },
-            shortened(&reasons.join("; "), 75),
+            if failed.is_empty() { "none".to_owned() } else { shorten_for_page(&failed.join(", "), 45) },
+            shorten_for_page(&reasons.join("; "), 75),
         ]
     };
     Block {
@@ -62,7 +62,7 @@ pub(super) fn numbers(record: &CycleRecord) -> Block {
         (Kind::Plan, name::REMOVED_EVEN, "planned removal, deviation from the target"),
         (Kind::Plan, name::DWELL_RATIO, "ratio of longest to shortest dwell time"),
         (Kind::Plan, name::WORN_BY_A_GRID, name::WORN_BY_A_GRID),
-        (Kind::Abrade, name::OFF_PATH, "largest distance of a reported pose from the path"),
+        (Kind::Abrade, name::PATH_DEVIATION_NAME, "largest distance of a reported pose from the path"),
     ];
     let last = |(kind, name, label): (Kind, &str, &str)| {
         let findings = record.findings.iter().rev().filter(|finding| finding.kind == kind);
@@ -71,7 +71,7 @@ pub(super) fn numbers(record: &CycleRecord) -> Block {
         let (finding, check) = checks.next()?;
         let of = if finding.pass == 0 { String::new() } else { format!(", pass {}", finding.pass) };
         let mut row = row(check, "");
-        row[0] = format!("{label} ({}{of})", kind_word(kind));
+        row[0] = format!("{label} ({}{of})", kind_text(kind));
         Some(row)
     };
     Block {
@@ -81,7 +81,7 @@ pub(super) fn numbers(record: &CycleRecord) -> Block {
     }
 }
 
-fn kind_word(kind: Kind) -> &'static str {
+fn kind_text(kind: Kind) -> &'static str {
     match kind {
         Kind::Locate => "localization",
         Kind::Refine => "corner",
@@ -97,7 +97,7 @@ fn kind_word(kind: Kind) -> &'static str {
     }
 }
 
-pub(super) fn equipment(all: &[Equipment]) -> Block {
+pub(super) fn equipment_table(all: &[Equipment]) -> Block {
     let line = |one: &Equipment| {
         let verified = one.verified.as_ref();
         vec![
@@ -105,7 +105,7 @@ pub(super) fn equipment(all: &[Equipment]) -> Block {
             one.serial.clone().unwrap_or_else(|| "not named".to_owned()),
             one.calibrated.clone().unwrap_or_else(|| "not dated".to_owned()),
             verified.map_or("not verified".to_owned(), |last| format!("{}, {}", last.day, last.error)),
-            short(&one.hash),
+            short_hash(&one.hash),
         ]
     };
     Block {
@@ -123,14 +123,14 @@ pub(super) fn equipment(all: &[Equipment]) -> Block {
 
 /// Lists the results on which a person had to decide, and who decided.
 pub(super) fn deviations(record: &CycleRecord) -> Block {
-    let all = record.findings.iter().zip(dispositions(&record.findings, &record.asked));
+    let all = record.findings.iter().zip(finding_dispositions(&record.findings, &record.asked));
     let reviews = all.filter(|(finding, _)| finding.judgement.verdict == Verdict::Review);
     let review = |(finding, disposition): (&Finding, Disposition<'_>)| {
         let reasons: Vec<&str> = finding.judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
         let pass = if finding.pass == 0 { String::new() } else { format!(", pass {}", finding.pass) };
-        let decision = disposition.words().unwrap_or_else(|| "no person decided".to_owned());
+        let decision = disposition.describe().unwrap_or_else(|| "no person decided".to_owned());
         [
-            vec![format!("review: {}{pass}", kind_word(finding.kind)), shortened(&reasons.join("; "), 100)],
+            vec![format!("review: {}{pass}", kind_text(finding.kind)), shorten_for_page(&reasons.join("; "), 100)],
             vec!["decision".to_owned(), decision],
         ]
     };
@@ -141,11 +141,11 @@ pub(super) fn deviations(record: &CycleRecord) -> Block {
     }
 }
 
-pub(super) fn signatures(sources: &Sources<'_>) -> Block {
+pub(super) fn signatures(sources: &RecordSources<'_>) -> Block {
     let mut rows: Vec<Vec<String>> = sources
         .signatures
         .iter()
-        .map(|one| vec![one.name.clone(), one.time.clone(), one.meaning.clone(), one.bound.clone()])
+        .map(|one| vec![one.name.clone(), one.time.clone(), one.meaning.clone(), one.chain_position.clone()])
         .collect();
     if sources.signatures.is_empty() {
         rows.push(vec!["the cell".to_owned(), String::new(), "not signed yet".to_owned(), String::new()]);
@@ -159,9 +159,9 @@ pub(super) fn signatures(sources: &Sources<'_>) -> Block {
 
 /// Returns the line to sign by hand; `None` for an air-run or a cycle on foam, which have nothing to release, or if a signature already
 /// decides.
-pub(super) fn line_to_sign(sources: &Sources<'_>) -> Option<Vec<String>> {
+pub(super) fn signature_line(sources: &RecordSources<'_>) -> Option<Vec<String>> {
     let releases = !sources.record.is_air_run() && !sources.record.is_on_foam();
-    let is_open = releases && !sources.signatures.iter().any(|one| one.decides);
+    let is_open = releases && !sources.signatures.iter().any(|one| one.is_deciding);
     let line = "……………………………".to_owned();
     is_open.then(|| vec![line.clone(), line.clone(), "released / not released".to_owned(), line])
 }
@@ -183,13 +183,14 @@ pub(super) fn events(record: &CycleRecord) -> Vec<Block> {
 
 /// Lists every reason in full, because the page has no space for long ones.
 pub(super) fn reasons(record: &CycleRecord) -> Option<Block> {
-    let row =
-        |what: String, verdict: Verdict, message: &str| vec![what, verdict.word().to_owned(), message.to_owned()];
+    let row = |what: String, verdict: Verdict, message: &str| {
+        vec![what, verdict.keyword().to_owned(), message.to_owned()]
+    };
     let of_cycle = record.judgement.iter().flat_map(|judgement| {
         judgement.reasons.iter().map(|reason| row("the cycle".to_owned(), judgement.verdict, &reason.message))
     });
     let of_findings = record.findings.iter().flat_map(|finding| {
-        let what = format!("{}, pass {}", kind_word(finding.kind), finding.pass);
+        let what = format!("{}, pass {}", kind_text(finding.kind), finding.pass);
         let judgement = &finding.judgement;
         judgement.reasons.iter().map(move |reason| row(what.clone(), judgement.verdict, &reason.message))
     });
@@ -198,17 +199,17 @@ pub(super) fn reasons(record: &CycleRecord) -> Option<Block> {
     (!rows.is_empty()).then(|| Block { heading: "All reasons".to_owned(), columns, rows })
 }
 
-pub(super) fn all_checks(finding: &Finding) -> Block {
+pub(super) fn check_table(finding: &Finding) -> Block {
     let pass = if finding.pass == 0 { String::new() } else { format!(", pass {}", finding.pass) };
     Block {
-        heading: format!("All numbers: {}{pass}, {}", kind_word(finding.kind), finding.judgement.verdict.word()),
+        heading: format!("All numbers: {}{pass}, {}", kind_text(finding.kind), finding.judgement.verdict.keyword()),
         columns: TABLE.to_vec(),
         rows: finding.checks.iter().map(|check| row(check, "")).collect(),
     }
 }
 
 /// Shortens a text to what fits on the page; the annex has the full text.
-pub(super) fn shortened(text: &str, most: usize) -> String {
+pub(super) fn shorten_for_page(text: &str, most: usize) -> String {
     match text.char_indices().nth(most) {
         Some((end, _)) => format!("{}… (see the annex)", &text[..end]),
         None => text.to_owned(),
@@ -216,6 +217,6 @@ pub(super) fn shortened(text: &str, most: usize) -> String {
 }
 
 /// Returns the first digits of a hash: enough to compare by eye; the signed record has all digits.
-pub(super) fn short(hash: &str) -> String {
+pub(super) fn short_hash(hash: &str) -> String {
     hash.get(..16).map_or(hash.to_owned(), |digits| format!("{digits}…"))
 }

@@ -1,21 +1,21 @@
 //! The content of the page, in tables of text, from the stored data of a cycle.
 
 use super::blocks::{
-    Block, all_checks, attempts, deviations, equipment, events, line_to_sign, numbers, reasons, short, shortened,
-    signatures,
+    Block, check_table, deviations, equipment_table, events, film_list, numbers, reasons, short_hash,
+    shorten_for_page, signature_line, signatures,
 };
 use super::grids::{GridMap, failed_rows, map};
 use super::numbers::uncertainty;
-use super::sources::{EarlierCycle, Sources};
+use super::sources::{EarlierCycle, RecordSources};
 use crate::inspect::picture_interval_s;
-use crate::number_text::{fixed, utc};
+use crate::number_text::{fixed_decimals, utc_text};
 use crate::recipe::{self, Recipe};
 use crate::record::{Check, Clock, CycleRecord, Kind, name};
 use crate::verdict::Verdict;
 
 /// The page.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sheet {
+pub struct RecordSheet {
     /// Its title.
     pub title: String,
     /// How the cycle ended.
@@ -33,19 +33,19 @@ pub struct Sheet {
 }
 
 /// Number of rows that each table is guaranteed on the page; the annex has all rows.
-const ROWS_EACH: usize = 5;
-const NOT_NAMED: &str = "not stated at the start";
+const GUARANTEED_ROWS: usize = 5;
+const UNNAMED_TEXT: &str = "not stated at the start";
 
 /// Tables that receive the free rows of the other tables, in this order: numbers, equipment and then failed grids.
 /// A row of these tables is one line.
-const FIRST_SERVED: [usize; 3] = [2, 3, 0];
+const ROW_PRIORITY: [usize; 3] = [2, 3, 0];
 
 /// Returns the number of rows of each table on the page; together the tables have at most as many rows as if each had
-/// [`ROWS_EACH`].
-fn rows_on_the_page(rows: [usize; 6]) -> [usize; 6] {
-    let mut shown = rows.map(|count| count.min(ROWS_EACH));
-    let mut free = shown.iter().map(|count| ROWS_EACH - count).sum::<usize>();
-    for table in FIRST_SERVED {
+/// [`GUARANTEED_ROWS`].
+fn page_row_counts(rows: [usize; 6]) -> [usize; 6] {
+    let mut shown = rows.map(|count| count.min(GUARANTEED_ROWS));
+    let mut free = shown.iter().map(|count| GUARANTEED_ROWS - count).sum::<usize>();
+    for table in ROW_PRIORITY {
         let more = (rows[table] - shown[table]).min(free);
         shown[table] += more;
         free -= more;
@@ -53,9 +53,9 @@ fn rows_on_the_page(rows: [usize; 6]) -> [usize; 6] {
     shown
 }
 
-impl Sheet {
+impl RecordSheet {
     /// Creates the page of a cycle.
-    pub fn from_sources(sources: &Sources<'_>) -> Self {
+    pub fn from_sources(sources: &RecordSources<'_>) -> Self {
         let record = sources.record;
         let failed = Block {
             heading: "Grids on which the film broke".to_owned(),
@@ -72,13 +72,13 @@ impl Sheet {
         };
         let all = [
             failed,
-            attempts(record),
+            film_list(record),
             numbers(record),
-            equipment(sources.equipment),
+            equipment_table(sources.equipment),
             deviations(record),
             signatures(sources),
         ];
-        let most_rows = rows_on_the_page(all.each_ref().map(|block| block.rows.len()));
+        let most_rows = page_row_counts(all.each_ref().map(|block| block.rows.len()));
         let (mut annex, mut blocks) = (Vec::new(), Vec::new());
         for (block, most) in all.into_iter().zip(most_rows).filter(|(block, _)| !block.rows.is_empty()) {
             let mut shown = block.clone();
@@ -91,16 +91,16 @@ impl Sheet {
             blocks.push(shown);
         }
         // The line for the person who decides follows the rows of the people who signed, whatever their number.
-        if let (Some(line), Some(block)) = (line_to_sign(sources), blocks.last_mut()) {
+        if let (Some(line), Some(block)) = (signature_line(sources), blocks.last_mut()) {
             block.rows.push(line);
         }
         annex.extend(events(record));
         annex.extend(reasons(record));
-        annex.extend(record.findings.iter().filter(|finding| !finding.checks.is_empty()).map(all_checks));
-        Sheet {
+        annex.extend(record.findings.iter().filter(|finding| !finding.checks.is_empty()).map(check_table));
+        RecordSheet {
             title: format!("Water-break test, panel {}, cycle {}", record.panel, record.id),
             verdict: record.judgement.as_ref().map_or(Verdict::Invalid, |judgement| judgement.verdict),
-            disposition: disposition(record),
+            disposition: disposition_text(record),
             facts: facts(sources),
             map: match sources.recipe {
                 Some(recipe) if !record.is_air_run() => {
@@ -115,7 +115,7 @@ impl Sheet {
     }
 }
 
-fn disposition(record: &CycleRecord) -> String {
+fn disposition_text(record: &CycleRecord) -> String {
     if record.is_air_run() {
         return "AIR-RUN: the path was run above the panel; nothing was tested and nothing is released".to_owned();
     }
@@ -135,13 +135,17 @@ fn disposition(record: &CycleRecord) -> String {
         Verdict::Accept => "accepted",
     };
     let reasons: Vec<&str> = judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
-    let why = if reasons.is_empty() { String::new() } else { format!(": {}", shortened(&reasons.join("; "), 260)) };
-    format!("{}, {words}{why}", judgement.verdict.word().to_uppercase())
+    let why = if reasons.is_empty() {
+        String::new()
+    } else {
+        format!(": {}", shorten_for_page(&reasons.join("; "), 260))
+    };
+    format!("{}, {words}{why}", judgement.verdict.keyword().to_uppercase())
 }
 
-fn facts(sources: &Sources<'_>) -> Vec<(String, String)> {
-    let Sources { record, part, recipe, .. } = *sources;
-    let named = |name: Option<&String>| name.cloned().unwrap_or_else(|| NOT_NAMED.to_owned());
+fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
+    let RecordSources { record, part, recipe, .. } = *sources;
+    let named = |name: Option<&String>| name.cloned().unwrap_or_else(|| UNNAMED_TEXT.to_owned());
     let stated = |detail: &str| {
         let value = record.findings.iter().find_map(|finding| finding.details.get(detail));
         let value = value.and_then(|value| value.as_str()).map(|text| format!("{text} (stated by the recipe)"));
@@ -153,7 +157,7 @@ fn facts(sources: &Sources<'_>) -> Vec<(String, String)> {
         format!(
             "at most {} abrasions per grid, {} passes per part",
             process.max_passes_per_grid(),
-            process.passes_of_a_part()
+            process.effective_passes_per_part()
         )
     });
     let fact = |name: &str, value: String| (name.to_owned(), value);
@@ -161,9 +165,9 @@ fn facts(sources: &Sources<'_>) -> Vec<(String, String)> {
         fact("part, serial number", named(part.and_then(|part| part.serial.as_ref()))),
         fact("work order", named(part.and_then(|part| part.order.as_ref()))),
         fact("operator", named(part.and_then(|part| part.operator.as_ref()))),
-        fact("earlier passes on this part", earlier(sources.earlier)),
+        fact("earlier passes on this part", earlier_removal_text(sources.earlier)),
         fact("panel, taught version", format!("{}, {}", record.panel, record.taught_version)),
-        fact("recipe, SHA-256", short(&record.recipe_hash)),
+        fact("recipe, SHA-256", short_hash(&record.recipe_hash)),
         fact(
             "procedure",
             procedure.unwrap_or_else(|| "ASTM F22; its edition is not stated by the recipe".to_owned()),
@@ -179,7 +183,7 @@ fn facts(sources: &Sources<'_>) -> Vec<(String, String)> {
     ]
 }
 
-fn earlier(earlier: Option<&[EarlierCycle]>) -> String {
+fn earlier_removal_text(earlier: Option<&[EarlierCycle]>) -> String {
     let Some(earlier) = earlier else { return "unknown: no serial number was stated".to_owned() };
     let cycles: Vec<String> = earlier.iter().map(|one| format!("cycle {}: {}", one.cycle, one.passes)).collect();
     match cycles.is_empty() {
@@ -188,14 +192,14 @@ fn earlier(earlier: Option<&[EarlierCycle]>) -> String {
             format!(
                 "{} ({})",
                 earlier.iter().map(|one| one.passes).sum::<usize>(),
-                shortened(&cycles.join(", "), 60)
+                shorten_for_page(&cycles.join(", "), 60)
             )
         }
     }
 }
 
 fn time(record: &CycleRecord) -> String {
-    let began = utc(record.started_unix_s);
+    let began = utc_text(record.started_unix_s);
     let took =
         record.ended_unix_s.map_or("not ended".to_owned(), |end| format!("{} s", end - record.started_unix_s));
     let simulated = if matches!(record.clocks[0], Some(Clock::Simulated { .. })) { "; SIMULATED CELL" } else { "" };
@@ -209,16 +213,21 @@ fn criterion(record: &CycleRecord, process: Option<&recipe::Process>) -> String 
     let checks: Vec<&Check> = films.flat_map(|film| &film.checks).collect();
     let area = checks
         .iter()
-        .find(|check| name::grid_of_broken_film(&check.name).is_some())
-        .and_then(|check| check.limit.bound());
-    let watched = checks.iter().find(|check| check.name == name::WATCHED).and_then(|check| check.limit.bound());
+        .find(|check| name::broken_film_grid(&check.name).is_some())
+        .and_then(|check| check.limit.value());
+    let watched =
+        checks.iter().find(|check| check.name == name::WATCHED_TIME_NAME).and_then(|check| check.limit.value());
     let window = |watched: f64| match process {
         Some(process) => watched + picture_interval_s(process.frames_per_second()),
         None => watched,
     };
     match (area, watched.map(window)) {
         (Some(mm2), Some(s)) => {
-            format!("no grid with {} mm² of broken film or more within {} s", fixed(mm2, 1), fixed(s, 1))
+            format!(
+                "no grid with {} mm² of broken film or more within {} s",
+                fixed_decimals(mm2, 1),
+                fixed_decimals(s, 1)
+            )
         }
         _ => "no film was evaluated".to_owned(),
     }
@@ -252,8 +261,8 @@ mod tests {
     /// 7 rows; the equipment uses the other 3, although it needs 4 more.
     #[test]
     fn free_rows_go_to_numbers_and_equipment_first() {
-        assert_eq!(rows_on_the_page([9, 2, 9, 9, 5, 1]), [5, 2, 9, 8, 5, 1]);
-        assert_eq!(rows_on_the_page([24, 1, 3, 7, 0, 1]), [18, 1, 3, 7, 0, 1]);
-        assert_eq!(rows_on_the_page([9; 6]), [5; 6]);
+        assert_eq!(page_row_counts([9, 2, 9, 9, 5, 1]), [5, 2, 9, 8, 5, 1]);
+        assert_eq!(page_row_counts([24, 1, 3, 7, 0, 1]), [18, 1, 3, 7, 0, 1]);
+        assert_eq!(page_row_counts([9; 6]), [5; 6]);
     }
 }

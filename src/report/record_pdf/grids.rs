@@ -1,7 +1,7 @@
 //! The result of each grid: passed at once, failed and passed after it was abraded, failed, or not reported.
 
-use super::numbers::rounded;
-use crate::record::{CycleRecord, Finding, Kind, abraded};
+use super::numbers::format_with_unit;
+use crate::record::{CycleRecord, Finding, Kind, abraded_grids};
 use crate::verdict::Verdict;
 use std::collections::BTreeSet;
 
@@ -24,7 +24,7 @@ impl GridState {
         [GridState::Passed, GridState::PassedAfterAbrasion, GridState::Failed, GridState::NotTested];
 
     /// Returns the letter that identifies the state without colour.
-    pub fn letter(self) -> &'static str {
+    pub fn state_letter(self) -> &'static str {
         match self {
             GridState::NotTested => "–",
             GridState::Passed => "P",
@@ -34,7 +34,7 @@ impl GridState {
     }
 
     /// In words.
-    pub fn words(self) -> &'static str {
+    pub fn describe(self) -> &'static str {
         match self {
             GridState::NotTested => "not tested",
             GridState::Passed => "passed",
@@ -44,7 +44,7 @@ impl GridState {
     }
 
     /// Returns the state's colour: red, green, blue; the letter and the hatch give the same information.
-    pub fn colour(self) -> [u8; 3] {
+    pub fn state_color(self) -> [u8; 3] {
         match self {
             GridState::NotTested => [255, 255, 255],
             GridState::Passed => [214, 236, 226],
@@ -54,7 +54,7 @@ impl GridState {
     }
 
     /// The directions in which the state's cell is hatched: `[down to the right, up to the right]`.
-    pub fn hatch(self) -> [bool; 2] {
+    pub fn hatch_directions(self) -> [bool; 2] {
         match self {
             GridState::NotTested | GridState::Passed => [false, false],
             GridState::PassedAfterAbrasion => [false, true],
@@ -89,14 +89,14 @@ fn broken_mm2(film: &Finding, grid: &str) -> Option<f64> {
     film.number(&format!("broken film in {grid}"))
 }
 
-fn failed(film: &Finding, grid: &str) -> bool {
+fn is_failed(film: &Finding, grid: &str) -> bool {
     film.names("failed").iter().any(|name| name == grid)
 }
 
 fn state(record: &CycleRecord, grid: &str) -> GridState {
     let Some(last) = films(record).last() else { return GridState::NotTested };
-    let has_failed = films(record).any(|film| failed(film, grid));
-    match (failed(last, grid), broken_mm2(last, grid), has_failed) {
+    let has_failed = films(record).any(|film| is_failed(film, grid));
+    match (is_failed(last, grid), broken_mm2(last, grid), has_failed) {
         (true, ..) => GridState::Failed,
         (false, None, _) => GridState::NotTested,
         (false, Some(_), true) => GridState::PassedAfterAbrasion,
@@ -120,12 +120,12 @@ pub(super) fn failed_rows(record: &CycleRecord) -> Vec<Vec<String>> {
             (row.parse().unwrap_or(0), column.parse().unwrap_or(0), grid.clone())
         })
         .collect();
-    let all = abraded(&record.findings, &record.motions);
+    let all = abraded_grids(&record.findings, &record.motions);
     let row = |(_, _, grid): (usize, usize, String)| {
-        let first = films(record).find(|film| failed(film, &grid));
+        let first = films(record).find(|film| is_failed(film, &grid));
         let last = films(record).last();
         let area = |film: Option<&Finding>| {
-            film.and_then(|film| broken_mm2(film, &grid)).map_or(String::new(), |mm2| rounded(mm2, "mm²"))
+            film.and_then(|film| broken_mm2(film, &grid)).map_or(String::new(), |mm2| format_with_unit(mm2, "mm²"))
         };
         let time = first.and_then(|film| film.number(&format!("{grid} failed after")));
         let passes = all.iter().filter(|one| one.grid.as_deref().is_none_or(|name| name == grid));
@@ -133,11 +133,11 @@ pub(super) fn failed_rows(record: &CycleRecord) -> Vec<Vec<String>> {
         vec![
             grid.clone(),
             first.map_or(String::new(), |film| film_name(film.pass)),
-            time.map_or(String::new(), |time_s| rounded(time_s, "s")),
+            time.map_or(String::new(), |time_s| format_with_unit(time_s, "s")),
             area(first),
             passes.len().to_string(),
             area(last),
-            state(record, &grid).words().to_owned(),
+            state(record, &grid).describe().to_owned(),
         ]
     };
     names.into_iter().map(row).collect()

@@ -2,7 +2,7 @@
 //! corner.
 
 use super::blocks::Block;
-use super::content::Sheet;
+use super::content::RecordSheet;
 use super::grids::{GridMap, GridState};
 use ttf_parser::{Face, FaceParsingError};
 
@@ -22,7 +22,7 @@ const BLACK: [u8; 3] = [0, 0, 0];
 
 /// A drawn element of a page.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Mark {
+pub(super) enum PageElement {
     /// A line of text; its position is its left end on the baseline.
     Text { at: [f32; 2], size_pt: f32, bold: bool, colour: [u8; 3], text: String },
     /// A line.
@@ -35,7 +35,7 @@ pub(super) enum Mark {
 
 /// A picture of the annex.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Shown<'p> {
+pub(super) struct AnnexPicture<'p> {
     /// What it shows.
     pub caption: &'p str,
     /// Its size, px.
@@ -43,25 +43,25 @@ pub(super) struct Shown<'p> {
 }
 
 /// The two fonts, for calculating the widths of texts.
-pub(super) struct Faces {
+pub(super) struct FontFaces {
     regular: Face<'static>,
     bold: Face<'static>,
 }
 
-impl Faces {
+impl FontFaces {
     pub fn new() -> Result<Self, FaceParsingError> {
-        Ok(Faces {
+        Ok(FontFaces {
             regular: Face::parse(dejavu::sans_condensed::regular(), 0)?,
             bold: Face::parse(dejavu::sans_condensed::bold(), 0)?,
         })
     }
 
-    fn face(&self, bold: bool) -> &Face<'static> {
+    fn font_face(&self, bold: bool) -> &Face<'static> {
         if bold { &self.bold } else { &self.regular }
     }
 
     fn width(&self, text: &str, (size_pt, bold): (f32, bool)) -> f32 {
-        let face = self.face(bold);
+        let face = self.font_face(bold);
         let advance = |sign| face.glyph_index(sign).and_then(|glyph| face.glyph_hor_advance(glyph)).unwrap_or(0);
         let units: f32 = text.chars().map(|sign| f32::from(advance(sign))).sum();
         units * size_pt / f32::from(face.units_per_em())
@@ -83,7 +83,7 @@ impl Faces {
     }
 
     /// Splits a text into lines of at most this width; a wider word is cut.
-    fn wrapped(&self, text: &str, style: (f32, bool), width_pt: f32) -> Vec<String> {
+    fn wrap_text(&self, text: &str, style: (f32, bool), width_pt: f32) -> Vec<String> {
         let mut lines = vec![String::new()];
         for word in self.printable(text).split(' ').filter(|word| !word.is_empty()) {
             let line = lines.last().cloned().unwrap_or_default();
@@ -113,15 +113,19 @@ impl Faces {
 }
 
 /// Pages under way.
-struct Laying<'f> {
-    faces: &'f Faces,
-    pages: Vec<Vec<Mark>>,
+struct PageLayout<'f> {
+    faces: &'f FontFaces,
+    pages: Vec<Vec<PageElement>>,
     y: f32,
 }
 
 /// Returns the marks of each page, and the number of pages before the annex.
-pub(super) fn pages(sheet: &Sheet, pictures: &[Shown<'_>], faces: &Faces) -> (Vec<Vec<Mark>>, usize) {
-    let mut laying = Laying { faces, pages: vec![vec![]], y: MARGIN_PT };
+pub(super) fn pages(
+    sheet: &RecordSheet,
+    pictures: &[AnnexPicture<'_>],
+    faces: &FontFaces,
+) -> (Vec<Vec<PageElement>>, usize) {
+    let mut laying = PageLayout { faces, pages: vec![vec![]], y: MARGIN_PT };
     laying.text(&sheet.title, (TITLE_PT, true), BLACK);
     laying.text(&sheet.disposition, (HEADING_PT, true), BLACK);
     laying.facts(&sheet.facts);
@@ -132,60 +136,72 @@ pub(super) fn pages(sheet: &Sheet, pictures: &[Shown<'_>], faces: &Faces) -> (Ve
     sheet.blocks.iter().for_each(|block| laying.table(block));
     let first = laying.pages.len();
     if !sheet.annex.is_empty() || !pictures.is_empty() {
-        laying.next_page();
+        laying.begin_page();
         laying.text(&format!("Annex: {}", sheet.title), (TITLE_PT, true), BLACK);
     }
     sheet.annex.iter().for_each(|block| laying.table(block));
     for (number, shown) in pictures.iter().enumerate() {
         laying.picture(number, shown);
     }
-    laying.numbered(&sheet.title);
+    laying.add_page_feet(&sheet.title);
     (laying.pages, first)
 }
 
-impl Laying<'_> {
-    fn put(&mut self, mark: Mark) {
+impl PageLayout<'_> {
+    fn add_element(&mut self, mark: PageElement) {
         if let Some(page) = self.pages.last_mut() {
             page.push(mark);
         }
     }
 
-    fn next_page(&mut self) {
+    fn begin_page(&mut self) {
         self.pages.push(Vec::new());
         self.y = MARGIN_PT;
     }
 
     /// Begins a new page if this height has no room on the current one.
-    fn needs(&mut self, height_pt: f32) {
+    fn ensure_height(&mut self, height_pt: f32) {
         if self.y + height_pt > PAGE_PT[1] - MARGIN_PT && self.y > MARGIN_PT {
-            self.next_page();
+            self.begin_page();
         }
     }
 
     fn text(&mut self, text: &str, (size_pt, bold): (f32, bool), colour: [u8; 3]) {
-        for text in self.faces.wrapped(text, (size_pt, bold), PAGE_PT[0] - 2.0 * MARGIN_PT) {
-            self.needs(size_pt * LEADING);
+        for text in self.faces.wrap_text(text, (size_pt, bold), PAGE_PT[0] - 2.0 * MARGIN_PT) {
+            self.ensure_height(size_pt * LEADING);
             self.y += size_pt * LEADING;
-            self.put(Mark::Text { at: [MARGIN_PT, self.y - 0.25 * size_pt], size_pt, bold, colour, text });
+            self.add_element(PageElement::Text {
+                at: [MARGIN_PT, self.y - 0.25 * size_pt],
+                size_pt,
+                bold,
+                colour,
+                text,
+            });
         }
     }
 
     /// Adds cells side by side, each wrapped in its column: x, width, colour, text.
     fn row(&mut self, cells: &[(f32, f32, [u8; 3], &str)], style: (f32, bool)) {
         let wrapped: Vec<Vec<String>> =
-            cells.iter().map(|(_, width, _, text)| self.faces.wrapped(text, style, width - 4.0)).collect();
+            cells.iter().map(|(_, width, _, text)| self.faces.wrap_text(text, style, width - 4.0)).collect();
         let lines = wrapped.iter().map(Vec::len).max().unwrap_or(1);
         let line_pt = style.0 * LEADING;
-        self.needs(lines as f32 * line_pt + 2.0);
+        self.ensure_height(lines as f32 * line_pt + 2.0);
         for ((x, _, colour, _), texts) in cells.iter().zip(wrapped) {
             for (index, text) in texts.into_iter().enumerate() {
                 let y = self.y + (index + 1) as f32 * line_pt - 0.25 * style.0;
-                self.put(Mark::Text { at: [*x, y], size_pt: style.0, bold: style.1, colour: *colour, text });
+                self.add_element(PageElement::Text {
+                    at: [*x, y],
+                    size_pt: style.0,
+                    bold: style.1,
+                    colour: *colour,
+                    text,
+                });
             }
         }
         self.y += lines as f32 * line_pt + 1.0;
         let (from, to) = ([MARGIN_PT, self.y], [PAGE_PT[0] - MARGIN_PT, self.y]);
-        self.put(Mark::Line { from, to, width_pt: 0.25 });
+        self.add_element(PageElement::Line { from, to, width_pt: 0.25 });
         self.y += 1.0;
     }
 
@@ -208,7 +224,7 @@ impl Laying<'_> {
 
     fn table(&mut self, block: &Block) {
         // A heading stays on the same page as its first row.
-        self.needs(HEADING_PT * LEADING + 4.0 * TEXT_PT * LEADING);
+        self.ensure_height(HEADING_PT * LEADING + 4.0 * TEXT_PT * LEADING);
         self.y += 3.0;
         self.text(&block.heading, (HEADING_PT, true), BLACK);
         let width = PAGE_PT[0] - 2.0 * MARGIN_PT;
@@ -232,7 +248,7 @@ impl Laying<'_> {
         let most = map.columns.max(map.rows.len()).max(1) as f32;
         let side = CELL_PT.min(MAP_PT / most);
         let height = (map.rows.len() as f32 * side).max(4.0 * 13.0);
-        self.needs(height + 8.0);
+        self.ensure_height(height + 8.0);
         self.y += 5.0;
         let top = self.y;
         for (row, states) in map.rows.iter().enumerate() {
@@ -245,52 +261,52 @@ impl Laying<'_> {
             let y = top + 13.0 * index as f32;
             self.cell([x, y], 11.0, state);
             let count = map.rows.iter().flatten().filter(|one| **one == state).count();
-            let text = format!("{}: {count}", state.words());
+            let text = format!("{}: {count}", state.describe());
             let at = [x + 16.0, y + 8.0];
-            self.put(Mark::Text { at, size_pt: TEXT_PT, bold: false, colour: BLACK, text });
+            self.add_element(PageElement::Text { at, size_pt: TEXT_PT, bold: false, colour: BLACK, text });
         }
         self.y = top + height + 3.0;
     }
 
     fn cell(&mut self, at: [f32; 2], side_pt: f32, state: GridState) {
-        self.put(Mark::Cell { at, side_pt, colour: state.colour() });
-        let ([x, y], [down, up]) = (at, state.hatch());
+        self.add_element(PageElement::Cell { at, side_pt, colour: state.state_color() });
+        let ([x, y], [down, up]) = (at, state.hatch_directions());
         if down {
-            self.put(Mark::Line { from: [x, y], to: [x + side_pt, y + side_pt], width_pt: 0.4 });
+            self.add_element(PageElement::Line { from: [x, y], to: [x + side_pt, y + side_pt], width_pt: 0.4 });
         }
         if up {
-            self.put(Mark::Line { from: [x, y + side_pt], to: [x + side_pt, y], width_pt: 0.4 });
+            self.add_element(PageElement::Line { from: [x, y + side_pt], to: [x + side_pt, y], width_pt: 0.4 });
         }
         let size_pt = (0.6 * side_pt).min(8.0);
         if size_pt >= 3.0 {
-            let text = state.letter().to_owned();
+            let text = state.state_letter().to_owned();
             let at = [
                 x + (side_pt - self.faces.width(&text, (size_pt, true))) / 2.0,
                 y + side_pt / 2.0 + 0.36 * size_pt,
             ];
-            self.put(Mark::Text { at, size_pt, bold: true, colour: BLACK, text });
+            self.add_element(PageElement::Text { at, size_pt, bold: true, colour: BLACK, text });
         }
     }
 
-    fn picture(&mut self, number: usize, shown: &Shown<'_>) {
+    fn picture(&mut self, number: usize, shown: &AnnexPicture<'_>) {
         let room = [PAGE_PT[0] - 2.0 * MARGIN_PT, 330.0];
         let [width, height] = shown.size_px.map(|px| px.max(1) as f32);
         let scale = (room[0] / width).min(room[1] / height);
         let size = [width * scale, height * scale];
-        self.needs(size[1] + 3.0 * TEXT_PT * LEADING);
+        self.ensure_height(size[1] + 3.0 * TEXT_PT * LEADING);
         self.y += 6.0;
-        self.put(Mark::Picture { at: [MARGIN_PT, self.y], size, number });
+        self.add_element(PageElement::Picture { at: [MARGIN_PT, self.y], size, number });
         self.y += size[1];
         self.text(shown.caption, (TEXT_PT, false), GREY);
     }
 
     /// Adds the foot of each page.
-    fn numbered(&mut self, title: &str) {
+    fn add_page_feet(&mut self, title: &str) {
         let all = self.pages.len();
         for (index, page) in self.pages.iter_mut().enumerate() {
             let text = self.faces.printable(&format!("{title} · page {} of {all}", index + 1));
             let at = [MARGIN_PT, PAGE_PT[1] - 0.55 * MARGIN_PT];
-            page.push(Mark::Text { at, size_pt: 6.0, bold: false, colour: GREY, text });
+            page.push(PageElement::Text { at, size_pt: 6.0, bold: false, colour: GREY, text });
         }
     }
 }

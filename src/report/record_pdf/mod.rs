@@ -14,11 +14,11 @@ mod pdf;
 mod sources;
 
 pub use blocks::Block;
-pub use content::Sheet;
+pub use content::RecordSheet;
 pub use grids::{GridMap, GridState};
 pub use html::html;
-pub use pdf::{Attached, PdfError, pdf};
-pub use sources::{EarlierCycle, Equipment, LastVerification, Signatory, Sources};
+pub use pdf::{AttachedFile, PdfError, pdf};
+pub use sources::{EarlierCycle, Equipment, LastVerification, PrintedSignature, RecordSources};
 
 #[cfg(test)]
 mod tests;

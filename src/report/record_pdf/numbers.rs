@@ -1,8 +1,8 @@
 //! The numbers of the page in one format: with the digits that the measurement supports, beside the limit and its
 //! source.
 
-use crate::number_text::{apart, fixed};
-use crate::record::{Check, Limit, SetBy};
+use crate::number_text::{distinguishable_texts, fixed_decimals};
+use crate::record::{Check, Limit, LimitSource};
 
 /// Returns the number of digits after the point that the measurements of a unit support: a picture every fifth of a
 /// second, a pixel of a few tenths of a millimetre, a calibration of hundredths.
@@ -27,14 +27,14 @@ fn exact_decimals(value: f64) -> usize {
 }
 
 /// Formats a number with its unit.
-pub(super) fn rounded(value: f64, unit: &str) -> String {
-    format!("{} {unit}", fixed(value, decimals(value, unit))).trim_end().to_owned()
+pub(super) fn format_with_unit(value: f64, unit: &str) -> String {
+    format!("{} {unit}", fixed_decimals(value, decimals(value, unit))).trim_end().to_owned()
 }
 
 /// Returns an uncertainty with its two significant digits.
 pub(super) fn uncertainty(value: f64, unit: &str) -> String {
     let digits = if value > 0.0 { (1 - value.log10().floor() as i32).clamp(0, 4) as usize } else { 2 };
-    format!("{} {unit}", fixed(value, digits))
+    format!("{} {unit}", fixed_decimals(value, digits))
 }
 
 /// Formats a check as a row of the table of numbers: name, found value, limit, source of the limit. If the value
@@ -56,17 +56,17 @@ pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
     let of_bound = |bound: f64| decimals(bound, &check.unit).max(exact_decimals(bound));
     let decimals = decimals(value, &check.unit).max(bound.map_or(0, of_bound));
     let unit = |number: String| format!("{number} {}", check.unit).trim_end().to_owned();
-    let shown = |value: f64| unit(fixed(value, decimals).to_string());
+    let shown = |value: f64| unit(fixed_decimals(value, decimals).to_string());
     let (mut found, mut allowed) = (shown(value), bound.map(shown).unwrap_or_default());
-    if let (false, Some(bound)) = (check.is_kept(), bound) {
-        let [number, limit] = apart(value, bound, decimals);
+    if let (false, Some(bound)) = (check.is_met(), bound) {
+        let [number, limit] = distinguishable_texts(value, bound, decimals);
         (found, allowed) = (format!("{}, outside of the limit", unit(number)), unit(limit));
     }
     let by = match &check.set_by {
         _ if bound.is_none() => String::new(),
-        Some(SetBy::Recipe(key)) => format!("recipe, {key}"),
-        Some(SetBy::Cell(key)) => format!("cell, {key}"),
-        Some(SetBy::Program) | None => "program".to_owned(),
+        Some(LimitSource::Recipe(key)) => format!("recipe, {key}"),
+        Some(LimitSource::Cell(key)) => format!("cell, {key}"),
+        Some(LimitSource::Program) | None => "program".to_owned(),
     };
     vec![what, found, if allowed.is_empty() { String::new() } else { format!("{sign}{allowed}") }, by]
 }

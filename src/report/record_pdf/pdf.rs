@@ -1,9 +1,9 @@
 //! The page and its annex as PDF/A-3, with the signed record inside: this one file contains everything that was
 //! signed.
 
-use super::content::Sheet;
-use super::layout::{Faces, Mark, PAGE_PT, Shown, pages};
-use crate::number_text::utc;
+use super::content::RecordSheet;
+use super::layout::{AnnexPicture, FontFaces, PAGE_PT, PageElement, pages};
+use crate::number_text::utc_text;
 use crate::report::page::Figure;
 use krilla::color::rgb;
 use krilla::configure::{Archival, ConfigurationBuilder};
@@ -20,7 +20,7 @@ use krilla::{Document, SerializeSettings};
 
 /// A file attached to the PDF.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Attached {
+pub struct AttachedFile {
     /// Its name.
     pub name: String,
     /// The content of the file, in words.
@@ -61,8 +61,13 @@ impl PdfError {
 ///
 /// # Errors
 /// If a picture is not a JPEG, or the file would not be PDF/A-3.
-pub fn pdf(sheet: &Sheet, figures: &[Figure], attached: &[Attached], unix_s: i64) -> Result<Vec<u8>, PdfError> {
-    let faces = Faces::new().map_err(|error| PdfError::new(&error.to_string()))?;
+pub fn pdf(
+    sheet: &RecordSheet,
+    figures: &[Figure],
+    attached: &[AttachedFile],
+    unix_s: i64,
+) -> Result<Vec<u8>, PdfError> {
+    let faces = FontFaces::new().map_err(|error| PdfError::new(&error.to_string()))?;
     let fonts = [dejavu::sans_condensed::regular(), dejavu::sans_condensed::bold()];
     let [regular, bold] = fonts.map(|bytes| Font::new(bytes.into(), 0));
     let fonts = regular.zip(bold).ok_or_else(|| PdfError::new("a font cannot be read"))?;
@@ -71,8 +76,9 @@ pub fn pdf(sheet: &Sheet, figures: &[Figure], attached: &[Attached], unix_s: i64
     };
     let images: Vec<Image> = figures.iter().map(image).collect::<Result<_, _>>()?;
     let shown = figures.iter().zip(&images);
-    let shown: Vec<Shown<'_>> =
-        shown.map(|(figure, image)| Shown { caption: &figure.caption, size_px: image.size().into() }).collect();
+    let shown: Vec<AnnexPicture<'_>> = shown
+        .map(|(figure, image)| AnnexPicture { caption: &figure.caption, size_px: image.size().into() })
+        .collect();
     let (laid, _) = pages(sheet, &shown, &faces);
     let archival = ConfigurationBuilder::new().with_archival_validator(Archival::A3_B).finish();
     let settings = SerializeSettings {
@@ -100,13 +106,13 @@ pub fn pdf(sheet: &Sheet, figures: &[Figure], attached: &[Attached], unix_s: i64
     }
     for file in attached {
         let embedded =
-            embedded(file, date).ok_or_else(|| PdfError::new("the type of an attached file is unknown"))?;
+            embed_file(file, date).ok_or_else(|| PdfError::new("the type of an attached file is unknown"))?;
         document.embed_file(embedded).ok_or_else(|| PdfError::new("two attached files have the same name"))?;
     }
     document.finish().map_err(|error| PdfError::from_krilla(&error))
 }
 
-fn embedded(file: &Attached, date: DateTime) -> Option<EmbeddedFile> {
+fn embed_file(file: &AttachedFile, date: DateTime) -> Option<EmbeddedFile> {
     Some(EmbeddedFile {
         path: file.name.clone(),
         mime_type: Some(MimeType::new(file.mime_type)?),
@@ -119,44 +125,44 @@ fn embedded(file: &Attached, date: DateTime) -> Option<EmbeddedFile> {
     })
 }
 
-fn fill([red, green, blue]: [u8; 3]) -> Fill {
+fn to_fill([red, green, blue]: [u8; 3]) -> Fill {
     Fill { paint: rgb::Color::new(red, green, blue).into(), ..Fill::default() }
 }
 
-fn stroke(width: f32) -> Stroke {
+fn to_stroke(width: f32) -> Stroke {
     Stroke { paint: rgb::Color::new(60, 60, 60).into(), width, ..Stroke::default() }
 }
 
-fn draw(surface: &mut Surface<'_>, mark: &Mark, fonts: &(Font, Font), images: &[Image]) {
+fn draw(surface: &mut Surface<'_>, mark: &PageElement, fonts: &(Font, Font), images: &[Image]) {
     match mark {
-        Mark::Text { at: [x, y], size_pt, bold, colour, text } => {
+        PageElement::Text { at: [x, y], size_pt, bold, colour, text } => {
             let font = if *bold { fonts.1.clone() } else { fonts.0.clone() };
             surface.set_stroke(None);
-            surface.set_fill(Some(fill(*colour)));
+            surface.set_fill(Some(to_fill(*colour)));
             surface.draw_text(Point::from_xy(*x, *y), font, *size_pt, text, false, TextDirection::LeftToRight);
         }
-        Mark::Line { from, to, width_pt } => {
+        PageElement::Line { from, to, width_pt } => {
             let mut path = PathBuilder::new();
             path.move_to(from[0], from[1]);
             path.line_to(to[0], to[1]);
             surface.set_fill(None);
-            surface.set_stroke(Some(stroke(*width_pt)));
+            surface.set_stroke(Some(to_stroke(*width_pt)));
             if let Some(path) = path.finish() {
                 surface.draw_path(&path);
             }
         }
-        Mark::Cell { at: [x, y], side_pt, colour } => {
+        PageElement::Cell { at: [x, y], side_pt, colour } => {
             let mut path = PathBuilder::new();
             if let Some(rect) = Rect::from_xywh(*x, *y, *side_pt, *side_pt) {
                 path.push_rect(rect);
             }
-            surface.set_fill(Some(fill(*colour)));
-            surface.set_stroke(Some(stroke(0.4)));
+            surface.set_fill(Some(to_fill(*colour)));
+            surface.set_stroke(Some(to_stroke(0.4)));
             if let Some(path) = path.finish() {
                 surface.draw_path(&path);
             }
         }
-        Mark::Picture { at: [x, y], size: [width, height], number } => {
+        PageElement::Picture { at: [x, y], size: [width, height], number } => {
             if let (Some(image), Some(size)) = (images.get(*number), Size::from_wh(*width, *height)) {
                 surface.push_transform(&Transform::from_translate(*x, *y));
                 surface.draw_image(image.clone(), size);
@@ -168,7 +174,7 @@ fn draw(surface: &mut Surface<'_>, mark: &Mark, fonts: &(Font, Font), images: &[
 
 /// Converts a time to the date format of a PDF; the date is taken from the text that people read.
 fn date(unix_s: i64) -> Option<DateTime> {
-    let words = utc(unix_s);
+    let words = utc_text(unix_s);
     let numbers: Vec<u16> =
         words.split(|sign: char| !sign.is_ascii_digit()).filter_map(|part| part.parse().ok()).collect();
     let [year, month, day, hour, minute, second] = numbers.try_into().ok()?;

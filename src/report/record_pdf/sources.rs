@@ -5,7 +5,7 @@ use crate::record::{CycleRecord, PartNames};
 
 /// The data from which the page is made.
 #[derive(Debug, Clone, Copy)]
-pub struct Sources<'s> {
+pub struct RecordSources<'s> {
     /// The cycle.
     pub record: &'s CycleRecord,
     /// The cycle's part; `None` if none was named.
@@ -17,7 +17,7 @@ pub struct Sources<'s> {
     /// Earlier cycles that abraded the same part; `None` if no serial number was named.
     pub earlier: Option<&'s [EarlierCycle]>,
     /// The people who signed, in order.
-    pub signatures: &'s [Signatory],
+    pub signatures: &'s [PrintedSignature],
 }
 
 /// A camera, a tool or a mount with its calibration.
@@ -57,7 +57,7 @@ pub struct EarlierCycle {
 
 /// A signature, as it is printed.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Signatory {
+pub struct PrintedSignature {
     /// The printed name.
     pub name: String,
     /// The time.
@@ -65,7 +65,7 @@ pub struct Signatory {
     /// What it means.
     pub meaning: String,
     /// The record's number in the chain of signed records, and the record's hash.
-    pub bound: String,
+    pub chain_position: String,
     /// A person who decides whether the part is released.
-    pub decides: bool,
+    pub is_deciding: bool,
 }

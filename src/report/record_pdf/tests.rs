@@ -1,12 +1,12 @@
 //! The page shows what the record contains, and it fits on one sheet.
 
-use super::layout::{Faces, Mark, pages};
+use super::layout::{FontFaces, PageElement, pages};
 use super::*;
 use crate::cycle::Request;
 use crate::recipe::Recipe;
 use crate::record::{
-    Answer, Budget, Check, CycleId, CycleRecord, Finding, Kind, PartNames, RequestRecord, RequestSource,
-    RequestedAction, SetBy, Who, name,
+    Answer, Budget, Check, CycleId, CycleRecord, Finding, Kind, LimitSource, PartNames, RequestAuthor,
+    RequestRecord, RequestSource, RequestedAction, name,
 };
 use crate::report::page::Figure;
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -28,25 +28,32 @@ fn judged(verdict: Verdict, words: &str) -> Judgement {
 /// A film of a region of 2 by 3 grids; for each grid the broken area, mm², or `None` if the grid was not seen.
 fn film(pass: u8, verdict: Verdict, areas_mm2: [Option<f64>; 6]) -> Finding {
     let names = ["r1c1", "r1c2", "r1c3", "r2c1", "r2c2", "r2c3"];
-    let mut finding =
-        Finding::new(Kind::Inspect, pass, judged(verdict, ""))
-            .with([Check::new(name::WATCHED, "s", 61.27).at_least(59.8, SetBy::Program)]);
+    let mut finding = Finding::new(Kind::Inspect, pass, judged(verdict, "")).with_checks([Check::new(
+        name::WATCHED_TIME_NAME,
+        "s",
+        61.27,
+    )
+    .with_min(59.8, LimitSource::Program)]);
     let mut failed = Vec::new();
     for (name, area_mm2) in names.into_iter().zip(areas_mm2) {
         finding.checks.push(
             Check::new(format!("broken film in {name}"), "mm²", area_mm2)
-                .within(crate::record::Limit::Below(30.0), SetBy::recipe("inspect.min_break_mm2")),
+                .with_limit(crate::record::Limit::Below(30.0), LimitSource::recipe("inspect.min_break_mm2")),
         );
         if area_mm2.is_some_and(|mm2| mm2 >= 30.0) {
             failed.push(name);
             finding.checks.push(Check::new(format!("{name} failed after"), "s", 5.32));
         }
     }
-    finding.detail("failed", failed)
+    finding.with_detail("failed", failed)
 }
 
 fn record(findings: Vec<Finding>) -> CycleRecord {
-    let who = Who { uid: Some(1_000), user: Some("ada".to_owned()), ..Who::by(RequestSource::Socket) };
+    let who = RequestAuthor {
+        uid: Some(1_000),
+        user: Some("ada".to_owned()),
+        ..RequestAuthor::from_source(RequestSource::Socket)
+    };
     CycleRecord {
         id: CycleId(7),
         started_unix_s: 1_700_000_000,
@@ -81,13 +88,13 @@ fn films() -> Vec<Finding> {
     vec![
         film(0, Verdict::Fail, [Some(0.0), Some(203.4), Some(45.0), Some(0.0), Some(1.25), Some(0.0)]),
         Finding::new(Kind::Abrade, 1, judged(Verdict::Review, "the robot executed 9 of 10 waypoints"))
-            .detail("grids", vec!["r1c2", "r1c3"]),
+            .with_detail("grids", vec!["r1c2", "r1c3"]),
         film(1, Verdict::Invalid, [None; 6]),
         film(1, Verdict::Fail, [Some(0.0), Some(0.0), Some(31.5), Some(0.0), Some(1.25), None]),
     ]
 }
 
-fn sheet(record: &CycleRecord, signatures: &[Signatory]) -> Sheet {
+fn sheet(record: &CycleRecord, signatures: &[PrintedSignature]) -> RecordSheet {
     let part = PartNames { serial: Some("SN 17".to_owned()), order: None, operator: Some("Ada".to_owned()) };
     let earlier = [EarlierCycle { cycle: 3, started_unix_s: 0, passes: 2 }];
     let verified = LastVerification { day: "2026-05-30".to_owned(), error: "0.24 mm (limit 0.8 mm)".to_owned() };
@@ -99,7 +106,7 @@ fn sheet(record: &CycleRecord, signatures: &[Signatory]) -> Sheet {
         verified: Some(verified),
     }];
     let recipe = recipe();
-    Sheet::from_sources(&Sources {
+    RecordSheet::from_sources(&RecordSources {
         record,
         part: Some(&part),
         recipe: Some(&recipe),
@@ -109,7 +116,7 @@ fn sheet(record: &CycleRecord, signatures: &[Signatory]) -> Sheet {
     })
 }
 
-fn rows<'s>(sheet: &'s Sheet, heading: &str) -> &'s [Vec<String>] {
+fn rows<'s>(sheet: &'s RecordSheet, heading: &str) -> &'s [Vec<String>] {
     let block = sheet.blocks.iter().chain(&sheet.annex).find(|block| block.heading.starts_with(heading));
     &block.unwrap_or_else(|| panic!("no {heading}")).rows
 }
@@ -159,9 +166,9 @@ fn the_page_names_part_criteria_deviations_and_who_accepted_them() {
 fn numbers_stand_in_one_form() {
     let locate = |value: Option<f64>| {
         let check = Check::new("residual, point to plane, rms", "mm", value);
-        let check = check.at_most(0.25, SetBy::recipe("locate.max_rms_mm"));
+        let check = check.with_max(0.25, LimitSource::recipe("locate.max_rms_mm"));
         let mut findings = films();
-        findings.push(Finding::new(Kind::Locate, 0, judged(Verdict::Accept, "")).with([check]));
+        findings.push(Finding::new(Kind::Locate, 0, judged(Verdict::Accept, "")).with_checks([check]));
         rows(&sheet(&record(findings), &[]), "Measured values")[0].clone()
     };
     let what = "residual, point to plane, rms (localization)";
@@ -171,20 +178,20 @@ fn numbers_stand_in_one_form() {
         [what, "0.2504 mm, outside of the limit", "≤ 0.25 mm", "recipe, locate.max_rms_mm"]
     );
     assert_eq!(locate(None), [what, "", "not measured", ""]);
-    let share = Check::new("coverage", "", 1.0).at_least(0.99, SetBy::Program);
+    let share = Check::new("coverage", "", 1.0).with_min(0.99, LimitSource::Program);
     assert_eq!(super::numbers::row(&share, "")[1..], ["1.00", "≥ 0.99", "program"]);
 }
 
 #[test]
 fn a_line_to_sign_stands_until_a_person_has_decided() {
-    let signed = |decides| Signatory {
+    let signed = |decides| PrintedSignature {
         name: "Grace Hopper (grace)".to_owned(),
         time: "2026-05-31 09:00:00 UTC".to_owned(),
         meaning: "reviewed".to_owned(),
-        bound: "number 2".to_owned(),
-        decides,
+        chain_position: "number 2".to_owned(),
+        is_deciding: decides,
     };
-    let lines = |signatures: &[Signatory]| {
+    let lines = |signatures: &[PrintedSignature]| {
         let sheet = sheet(&record(films()), signatures);
         rows(&sheet, "Signatures").iter().filter(|row| row[2] == "released / not released").count()
     };
@@ -214,16 +221,16 @@ fn the_page_fits_on_one_sheet_and_the_rest_is_the_annex() {
         findings.push(film);
         findings.push(Finding::new(Kind::Verify, pass, judged(Verdict::Review, &long)));
     }
-    let who = Signatory {
+    let who = PrintedSignature {
         name: "Maria Magdalena von Sonnenberg-Hohenstein (mmvsonnenberg)".to_owned(),
         time: "2026-05-31 09:00:00 UTC".to_owned(),
         meaning: "deviation accepted".to_owned(),
-        bound: "number 2, SHA-256 0123456789abcdef…, key 0123456789abcdef…".to_owned(),
-        decides: false,
+        chain_position: "number 2, SHA-256 0123456789abcdef…, key 0123456789abcdef…".to_owned(),
+        is_deciding: false,
     };
     let full = CycleRecord { judgement: Some(judged(Verdict::Fail, &long)), ..record(findings) };
     let sheet = sheet(&full, &vec![who; 5]);
-    let faces = Faces::new().expect("the fonts");
+    let faces = FontFaces::new().expect("the fonts");
     let (laid, first) = pages(&sheet, &[], &faces);
     assert_eq!(first, 1, "one page to sign");
     assert!(
@@ -236,7 +243,7 @@ fn the_page_fits_on_one_sheet_and_the_rest_is_the_annex() {
         "and an annex"
     );
     for mark in laid.iter().flatten() {
-        if let Mark::Text { at: [x, y], text, .. } = mark {
+        if let PageElement::Text { at: [x, y], text, .. } = mark {
             assert!((30.0..565.0).contains(x) && (30.0..830.0).contains(y), "off the page: {text}");
         }
     }
@@ -251,7 +258,7 @@ fn the_pdf_is_of_the_standard_and_the_same_for_the_same_record() {
         .encode(&[120; 8 * 8 * 3], 8, 8, jpeg_encoder::ColorType::Rgb)
         .expect("a JPEG");
     let figures = [Figure { caption: "film".to_owned(), jpeg }];
-    let attached = [Attached {
+    let attached = [AttachedFile {
         name: "cycle-7.json".to_owned(),
         description: "The signed record".to_owned(),
         mime_type: "application/json",
@@ -276,13 +283,15 @@ fn the_pdf_is_of_the_standard_and_the_same_for_the_same_record() {
 /// second is not 59.8 s.
 #[test]
 fn criteria_are_printed_as_they_are_stated() {
-    let check = Check::new("coverage", "", 0.9981).at_least(0.995, SetBy::Program);
+    let check = Check::new("coverage", "", 0.9981).with_min(0.995, LimitSource::Program);
     assert_eq!(super::numbers::row(&check, "")[1..3], ["0.998", "≥ 0.995"]);
     let fps = recipe().process().frames_per_second();
     let limit_s = 60.0 - 1.001 / fps;
     let mut films = films();
-    for check in films.iter_mut().flat_map(|film| &mut film.checks).filter(|check| check.name == name::WATCHED) {
-        *check = Check::new(name::WATCHED, "s", 61.27).at_least(limit_s, SetBy::Program);
+    for check in
+        films.iter_mut().flat_map(|film| &mut film.checks).filter(|check| check.name == name::WATCHED_TIME_NAME)
+    {
+        *check = Check::new(name::WATCHED_TIME_NAME, "s", 61.27).with_min(limit_s, LimitSource::Program);
     }
     let sheet = sheet(&record(films), &[]);
     let criterion = sheet.facts.iter().find(|(name, _)| name == "acceptance").map(|(_, value)| value.as_str());

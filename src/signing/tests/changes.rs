@@ -7,12 +7,12 @@ use rand_pcg::Pcg64;
 /// Calculated by hand: cycle 1 has number 1, cycle n has 2n − 2, and the person's signature on cycle n has 2n − 1.
 #[test]
 fn each_kind_of_change_is_named() {
-    let changed = |change: &dyn Fn(&mut Export, &mut Signed)| {
+    let changed = |change: &dyn Fn(&mut ExportContent, &mut Signed)| {
         let (mut export, mut head) = exported();
         change(&mut export, &mut head);
         found(&export, Some(&head))
     };
-    let exchange = |export: &mut Export, one: &str, other: &str| {
+    let exchange = |export: &mut ExportContent, one: &str, other: &str| {
         for ending in ["json", "sig"] {
             let [one, other] = [one, other].map(|stem| format!("{stem}.{ending}"));
             let kept = export.statements[&one].clone();
@@ -20,19 +20,19 @@ fn each_kind_of_change_is_named() {
             export.statements.insert(one, there);
         }
     };
-    let remove = |export: &mut Export, stem: &str| {
+    let remove = |export: &mut ExportContent, stem: &str| {
         export
             .statements
             .retain(|name, _| !["json", "sig"].iter().any(|ending| *name == format!("{stem}.{ending}")));
     };
-    let by_other_key = |export: &mut Export| {
+    let by_other_key = |export: &mut ExportContent| {
         let stem = cycle_stem(CycleId(4));
-        let other = CellKey::of_random(&[9; 32]);
+        let other = CellKey::from_random_bytes(&[9; 32]);
         let bytes = export.statements[&format!("{stem}.json")].clone();
         export.statements.insert(format!("{stem}.sig"), other.sign(&bytes).to_vec());
     };
     let picture = record(2).findings[0].pictures[0].hash.clone();
-    type Change<'c> = Box<dyn Fn(&mut Export, &mut Signed) + 'c>;
+    type Change<'c> = Box<dyn Fn(&mut ExportContent, &mut Signed) + 'c>;
     let cases: Vec<(Change<'_>, &str)> = vec![
         (
             Box::new(|export, _| export.statements.get_mut("cycle-3.json").expect("there")[200] ^= 1),
@@ -158,7 +158,7 @@ fn a_forged_record_contradicts_the_chain_the_head_and_the_person() {
 }
 
 /// Changes one element at random; returns the kind of change and a word that the finding must contain.
-fn change(random: &mut Pcg64, export: &mut Export, head: &mut Signed) -> (&'static str, String) {
+fn change(random: &mut Pcg64, export: &mut ExportContent, head: &mut Signed) -> (&'static str, String) {
     let (pages, names): (Vec<String>, Vec<String>) =
         export.statements.keys().cloned().partition(|name| name.contains("-page."));
     let name = names[random.random_range(0..names.len())].clone();

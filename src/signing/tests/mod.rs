@@ -8,21 +8,21 @@ use super::*;
 use crate::cycle::{Motion, Outcome, Path, Request};
 use crate::files::content_hash;
 use crate::record::{
-    Answer, Budget, Check, CycleId, CycleRecord, Finding, KeptFile, Kind, MotionRecord, PartNames, Picture,
-    RequestRecord, RequestSource, RequestedAction, SetBy, Who,
+    Answer, Budget, Check, CycleId, CycleRecord, Finding, KeptFile, Kind, LimitSource, MotionRecord, PartNames,
+    Picture, RequestAuthor, RequestRecord, RequestSource, RequestedAction,
 };
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::collections::BTreeMap;
 
 fn key() -> CellKey {
-    CellKey::of_random(&[7; 32])
+    CellKey::from_random_bytes(&[7; 32])
 }
 
 fn record(id: i64) -> CycleRecord {
     let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
-    let check = Check::new("residual", "mm", 0.1 + 0.2).at_most(0.35, SetBy::Program);
-    let mut finding = Finding::new(Kind::Locate, 0, judgement.clone()).with([check]);
+    let check = Check::new("residual", "mm", 0.1 + 0.2).with_max(0.35, LimitSource::Program);
+    let mut finding = Finding::new(Kind::Locate, 0, judgement.clone()).with_checks([check]);
     let hash = |name: &str| content_hash(format!("{name} of cycle {id}").as_bytes());
     finding.pictures =
         vec![Picture { name: "located".to_owned(), caption: "outline".to_owned(), hash: hash("located") }];
@@ -50,12 +50,12 @@ fn record(id: i64) -> CycleRecord {
 
 fn statement(number: u64, previous: &str, says: StatementContent) -> Statement {
     Statement {
-        form: FORM.to_owned(),
+        form: STATEMENT_FORMAT.to_owned(),
         number,
         previous: previous.to_owned(),
         unix_ms: 1_700_000_100_000,
-        public_key: key().public().hex(),
-        store: SignedChainPosition { link: 40, hash: BEGIN.to_owned() },
+        public_key: key().public_key().hex(),
+        store: SignedChainPosition { link: 40, hash: CHAIN_BEGIN.to_owned() },
         says,
     }
 }
@@ -65,10 +65,10 @@ fn part() -> Option<PartNames> {
 }
 
 /// Returns six cycles as an exported folder with its head. A person released each cycle except the first.
-fn exported() -> (Export, Signed) {
-    let (key, mut export) = (key(), Export { files: Some(BTreeMap::new()), ..Export::default() });
+fn exported() -> (ExportContent, Signed) {
+    let (key, mut export) = (key(), ExportContent { files: Some(BTreeMap::new()), ..ExportContent::default() });
     let (mut pdfs, mut pages) = (BTreeMap::new(), BTreeMap::new());
-    let (mut number, mut previous) = (0, BEGIN.to_owned());
+    let (mut number, mut previous) = (0, CHAIN_BEGIN.to_owned());
     let mut add = |stem: &dyn Fn(u64) -> String, says: StatementContent| {
         number += 1;
         let bytes = statement(number, &previous, says).canonical().expect("JSON");
@@ -87,7 +87,7 @@ fn exported() -> (Export, Signed) {
             let (name, user) = ("Grace Hopper".to_owned(), "grace".to_owned());
             let meaning = Meaning::InspectedAndReleased;
             let says = PersonSignature { cycle: CycleId(id), record_hash, name, user, meaning, remark: None };
-            add(&|number| person_stem(CycleId(id), number), StatementContent::Person(says));
+            add(&|number| person_signature_stem(CycleId(id), number), StatementContent::Person(says));
         }
         let (cycle, shows) = (CycleId(id), if id > 1 { 2 * id - 1 } else { 1 } as u64);
         let (pdf, stem) = (format!("%PDF of cycle {id}"), page_stem(cycle));
@@ -98,20 +98,20 @@ fn exported() -> (Export, Signed) {
     export.statements.extend(pages);
     export.pdfs = pdfs;
     let head = SignedHead {
-        form: HEAD_FORM.to_owned(),
+        form: HEAD_FORMAT.to_owned(),
         number,
         hash: previous,
         unix_ms: 1,
-        public_key: key.public().hex(),
+        public_key: key.public_key().hex(),
     };
     let bytes = canonical(&head).expect("JSON");
     let signature = key.sign(&bytes).to_vec();
     export.files = Some(files);
-    (export, Signed { name: "head.json".to_owned(), bytes, signature, claim: Claim::Nothing })
+    (export, Signed { name: "head.json".to_owned(), bytes, signature, claim: NameClaim::Nothing })
 }
 
-fn found(export: &Export, head: Option<&Signed>) -> Vec<String> {
-    verify_export(export, &[key().public()], head).found
+fn found(export: &ExportContent, head: Option<&Signed>) -> Vec<String> {
+    verify_export(export, &[key().public_key()], head).differences
 }
 
 /// RFC 8785, 3.2.3 and its appendix B, calculated by hand: names in the order of UTF-16, the shortest digits, no
@@ -141,16 +141,17 @@ fn a_pass_that_its_findings_forbid_is_refused() {
         record.asked.extend(accepted.map(|findings| RequestRecord {
             unix_ms: 1,
             wanted: RequestedAction::For(Request::Accept),
-            who: Some(Who::by(RequestSource::Socket)),
+            who: Some(RequestAuthor::from_source(RequestSource::Socket)),
             answer: Some(Answer::Done),
             reasons: vec![],
             findings: Some(findings),
         }));
-        let bytes = statement(1, BEGIN, StatementContent::Cycle(SignedCycle::new(&record, None).expect("JSON")));
+        let bytes =
+            statement(1, CHAIN_BEGIN, StatementContent::Cycle(SignedCycle::new(&record, None).expect("JSON")));
         let bytes = bytes.canonical().expect("JSON");
         let signature = key().sign(&bytes).to_vec();
         let statements = [("cycle-1.json".to_owned(), bytes), ("cycle-1.sig".to_owned(), signature)].into();
-        found(&Export { statements, ..Export::default() }, None)
+        found(&ExportContent { statements, ..ExportContent::default() }, None)
     };
     for (worst, what) in [(Verdict::Reject, "reject"), (Verdict::Invalid, "invalid")] {
         for accepted in [None, Some(3)] {
@@ -177,25 +178,28 @@ fn a_signature_is_that_of_the_standard() {
         (0..hex.len()).step_by(2).map(|at| u8::from_str_radix(&hex[at..at + 2], 16).expect("hex")).collect()
     };
     let secret = bytes("4ccd089b28ff96da9db6c346ec114e0f5b8a319f35aba624da8cf6ed4fb8a6fb");
-    let key = CellKey::of_random(&secret.try_into().expect("32 bytes"));
-    assert_eq!(key.public().hex(), "3d4017c3e843895a92b70aa74d1b7ebc9c982ccf2ec4968cc0cd55f12af4660c");
+    let key = CellKey::from_random_bytes(&secret.try_into().expect("32 bytes"));
+    assert_eq!(key.public_key().hex(), "3d4017c3e843895a92b70aa74d1b7ebc9c982ccf2ec4968cc0cd55f12af4660c");
     let expected = "92a009a9f0d4cab8720e820b5f642540a2b27b5416503f8fb3762223ebdb69da\
                     085ac1e43e15996e458f3613d0f11d8c387b2eaeb4302aeeb00d291612bb0c00";
     assert_eq!(key.sign(&[0x72]).to_vec(), bytes(expected));
-    assert!(key.public().verifies(&[0x72], &bytes(expected)) && !key.public().verifies(&[0x73], &bytes(expected)));
+    assert!(
+        key.public_key().is_valid_signature(&[0x72], &bytes(expected))
+            && !key.public_key().is_valid_signature(&[0x73], &bytes(expected))
+    );
     assert!(!format!("{key:?}").contains("4ccd"), "the secret stands in no message");
 }
 
 #[test]
 fn keys_come_back_from_their_files() {
-    let pem = key().pem().expect("PEM");
+    let pem = key().to_pem().expect("PEM");
     assert!(pem.starts_with("-----BEGIN PRIVATE KEY-----\n"), "{pem}");
-    assert_eq!(CellKey::read(&pem).expect("read").public(), key().public());
-    let other = CellKey::of_random(&[8; 32]).public();
-    let both = format!("{}{}", key().public().pem().expect("PEM"), other.pem().expect("PEM"));
-    assert_eq!(PublicKey::read_all(&both).expect("two"), [key().public(), other.clone()]);
-    assert_eq!(PublicKey::of_hex(&other.hex()).expect("hex"), other);
-    let refused = PublicKey::read_all(&pem).expect_err("a private one").to_string();
+    assert_eq!(CellKey::read(&pem).expect("read").public_key(), key().public_key());
+    let other = CellKey::from_random_bytes(&[8; 32]).public_key();
+    let both = format!("{}{}", key().public_key().to_pem().expect("PEM"), other.to_pem().expect("PEM"));
+    assert_eq!(PublicKey::parse_all(&both).expect("two"), [key().public_key(), other.clone()]);
+    assert_eq!(PublicKey::from_hex(&other.hex()).expect("hex"), other);
+    let refused = PublicKey::parse_all(&pem).expect_err("a private one").to_string();
     assert!(refused.contains("no PUBLIC KEY block") && refused.contains("valid: the PEM file"), "{refused}");
     assert!(CellKey::read("x").expect_err("no key").to_string().contains("openssl genpkey -algorithm ed25519"));
 }
@@ -203,8 +207,8 @@ fn keys_come_back_from_their_files() {
 #[test]
 fn a_whole_export_is_found_whole() {
     let (export, head) = exported();
-    let verified = verify_export(&export, &[key().public()], Some(&head));
-    assert_eq!(verified.found, [] as [String; 0]);
+    let verified = verify_export(&export, &[key().public_key()], Some(&head));
+    assert_eq!(verified.differences, [] as [String; 0]);
     assert_eq!(verified.statements.len(), 11);
     let StatementContent::Cycle(first) = &verified.statements[&1].0.says else { panic!("the first is a cycle") };
     assert_eq!((first.id, &first.part), (CycleId(1), &part()));
@@ -215,16 +219,20 @@ fn a_whole_export_is_found_whole() {
     let is_in_part = |name: &String| ["cycle-2", "cycle-5"].iter().any(|stem| name.starts_with(stem));
     part.statements.retain(|name, _| is_in_part(name));
     part.pdfs.retain(|name, _| is_in_part(name));
-    let told = verify_export(&part, &[key().public()], None);
-    assert_eq!((told.found, told.gaps), (vec![], vec![(1, 1), (4, 7)]));
-    let told = verify_export(&part, &[key().public()], Some(&head));
+    let told = verify_export(&part, &[key().public_key()], None);
+    assert_eq!((told.differences, told.gaps), (vec![], vec![(1, 1), (4, 7)]));
+    let told = verify_export(&part, &[key().public_key()], Some(&head));
     let expected = ["record number 1 is missing", "records number 4 to 7 are missing", "rolled back"];
-    assert!(told.found.iter().zip(expected).all(|(found, words)| found.contains(words)), "{:?}", told.found);
-    assert_eq!((told.found.len(), told.gaps), (3, vec![]));
+    assert!(
+        told.differences.iter().zip(expected).all(|(found, words)| found.contains(words)),
+        "{:?}",
+        told.differences
+    );
+    assert_eq!((told.differences.len(), told.gaps), (3, vec![]));
     // A cycle and the persons' signatures on it can be verified without other records.
     let of_third = export.statements.clone().into_iter().filter(|(name, _)| name.starts_with("cycle-3")).collect();
     let pdfs = export.pdfs.clone().into_iter().filter(|(name, _)| name.starts_with("cycle-3")).collect();
-    assert_eq!(found(&Export { statements: of_third, pdfs, files: None }, None), [] as [String; 0]);
+    assert_eq!(found(&ExportContent { statements: of_third, pdfs, files: None }, None), [] as [String; 0]);
 }
 
 #[test]
@@ -235,7 +243,7 @@ fn what_is_no_canonical_record_is_refused() {
     assert!(Statement::read(&spaced).expect_err("refused").to_string().contains("not in canonical form"));
     assert!(Statement::read(b"{}").is_err() && Statement::read(b"\xff").is_err());
     assert!(SignedHead::read(bytes).is_err());
-    let other = String::from_utf8(bytes.clone()).expect("UTF-8").replace(FORM, "panelprep-record-9");
+    let other = String::from_utf8(bytes.clone()).expect("UTF-8").replace(STATEMENT_FORMAT, "panelprep-record-9");
     let refused = Statement::read(other.as_bytes()).expect_err("refused").to_string();
     assert!(refused.contains("\"panelprep-record-9\", expected \"panelprep-record-1\""), "{refused}");
 }

@@ -9,7 +9,11 @@ fn in_search_box<F: Frame>(point: &Point<F>) -> bool {
 }
 
 fn panel_points(cell: &Cell, cloud: &OrganizedCloud<Camera>) -> usize {
-    cloud.moved(&cell.calibrated_base_from_camera()).valid().filter(|(_, point)| in_search_box(point)).count()
+    cloud
+        .transformed(&cell.calibrated_base_from_camera())
+        .valid_points()
+        .filter(|(_, point)| in_search_box(point))
+        .count()
 }
 
 /// 300,000 points in the full picture are 18,750 points at a quarter of its width and height. Calculated by hand:
@@ -38,7 +42,7 @@ fn scenes_differ_in_what_stands_before_the_fixture() {
     let (right, other) = (good.truth(), wrong.truth());
     let off_mm = other.surface_points().iter().map(|&point| right.distance_mm(point).abs()).fold(0.0, f64::max);
     assert!(off_mm > 5.0, "{off_mm}");
-    assert!(clean.truth().spots.is_empty() && clean.film().broken(60.0).count() == 0);
+    assert!(clean.truth().spots.is_empty() && clean.film().broken_pixels(60.0).count() == 0);
     assert!(!good.truth().spots.is_empty());
 }
 
@@ -50,7 +54,7 @@ fn white_noise_of_the_scanner() {
     let base_from_camera = cell.truth().base_from_camera;
     let errors: Vec<f64> = cell
         .scan()
-        .valid()
+        .valid_points()
         .filter_map(|(_, point)| {
             let error_mm = (base_from_camera * point).mm.x - 665.0;
             (error_mm.abs() < 2.0).then(|| error_mm / (0.055 * (point.mm.z / 700.0).powi(2)))
@@ -71,15 +75,15 @@ fn correlated_noise_of_the_scanner() {
     for shot in 0..60 {
         let camera_from_panel = truth.base_from_camera.inverse() * scene::nominal();
         let scan = cell.scan_at(&scene::nominal(), shot);
-        for (_, point) in scan.valid().step_by(5) {
+        for (_, point) in scan.valid_points().step_by(5) {
             let on_panel = camera_from_panel.inverse() * point;
             let distance_mm = truth.distance_mm(on_panel);
             if distance_mm.abs() > 2.0 || truth.outline_distance_mm(on_panel) > -8.0 {
                 continue;
             }
-            let toward =
-                (camera_from_panel * truth.normal(on_panel)).angle_to(Point::<Camera>::at(0.0, 0.0, 0.0) - point);
-            let cos = toward.rad().cos();
+            let toward = (camera_from_panel * truth.normal(on_panel))
+                .angle_between(Point::<Camera>::at(0.0, 0.0, 0.0) - point);
+            let cos = toward.to_rad().cos();
             let white_mm = 0.055 * (point.mm.z / 700.0).powi(2) / cos;
             sum += (distance_mm / cos).powi(2) - white_mm * white_mm;
             count += 1;
@@ -103,11 +107,11 @@ fn edges_have_holes_and_flying_points() {
     let (view, projector) = (cell.scanner_view(panel), Projector::new(&scene::base_from_camera(), panel, &[]));
     let (mut edge, mut missing, mut between, mut others, mut dropped, mut dark) = (0, 0, 0, 0, 0, 0);
     for row in 0..scan.height() {
-        view.look_along_row(row, |column, sight| {
+        view.cast_row(row, |column, sight| {
             let point = scan.point(column, row);
             let inside = sight.panel.is_some_and(|panel| panel.edge_px <= -1.0);
             let behind = sight.background.depth_mm.filter(|_| !inside);
-            if behind.is_some_and(|depth_mm| !projector.lights(&(sight.ray * depth_mm), None)) {
+            if behind.is_some_and(|depth_mm| !projector.is_lit(&(sight.ray * depth_mm), None)) {
                 dark += 1;
                 assert!(point.is_none() || sight.panel.is_some_and(|panel| panel.edge_px < 0.0), "{column}, {row}");
                 return;
@@ -178,7 +182,7 @@ fn corner_pictures_show_a_dark_quadrant() {
             for (right, down) in [(false, false), (true, false), (false, true), (true, true)] {
                 let step = |positive: bool| if positive { 45.0 } else { -45.0 };
                 let pixel = Pixel::at(corner.u + step(right), corner.v + step(down));
-                let (column, row) = pixel.whole(gray.width, gray.height).expect("near the middle");
+                let (column, row) = pixel.nearest_whole(gray.width, gray.height).expect("near the middle");
                 let dark = gray.gray[row * gray.width + column] < 110;
                 assert_eq!(dark, right == left && down == top, "{} at {pixel:?}", view.name);
             }
@@ -198,7 +202,7 @@ fn the_region_lies_well_inside_in_grids_of_about_45_mm() {
         }
         let scan = cell.taught_scan();
         for corner in region.corners_px {
-            let (column, row) = corner.whole(scan.width(), scan.height()).expect("in the picture");
+            let (column, row) = corner.nearest_whole(scan.width(), scan.height()).expect("in the picture");
             let near = [(column, row), (column + 1, row), (column, row + 1)];
             let point = near.into_iter().find_map(|(column, row)| scan.point(column, row)).expect("a point");
             let depth_mm = cell.truth().outline_distance_mm(Point::new((cell.truth().base_from_camera * point).mm));
@@ -214,10 +218,10 @@ fn breaks_open_grow_and_fill_their_spots() {
     let first_s = truth.spots.iter().map(|spot| spot.breaks_at_s).fold(f64::INFINITY, f64::min);
     let last_s = truth.spots.iter().map(|spot| spot.grown_at_s).fold(0.0, f64::max);
     assert!(first_s > WET_FROM_S && last_s < WET_FROM_S + 60.0);
-    assert_eq!(film.broken(first_s - 0.1).count(), 0);
-    let counts: Vec<usize> = (0..80).map(|second| film.broken(f64::from(second)).count()).collect();
+    assert_eq!(film.broken_pixels(first_s - 0.1).count(), 0);
+    let counts: Vec<usize> = (0..80).map(|second| film.broken_pixels(f64::from(second)).count()).collect();
     assert!(counts.windows(2).all(|pair| pair[0] <= pair[1]));
-    assert_eq!(counts[79], film.broken(last_s + 0.1).count());
+    assert_eq!(counts[79], film.broken_pixels(last_s + 0.1).count());
     // The final mask is the projected outlines, except for pixels on their edges.
     let camera_from_panel = truth.base_from_camera.inverse() * truth.base_from_panel;
     let project = |&point: &Point<Panel>| cell.scanner().project(camera_from_panel * point).expect("in front");
@@ -225,7 +229,7 @@ fn breaks_open_grow_and_fill_their_spots() {
         truth.spots.iter().map(|spot| spot.outline.iter().map(project).collect()).collect();
     let area_px2: f64 = outlines.iter().map(|outline| polygon::signed_area_px2(outline).abs()).sum();
     assert!((counts[79] as f64 / area_px2 - 1.0).abs() < 0.03, "{} px, {area_px2}", counts[79]);
-    let mask = film.broken(79.0);
+    let mask = film.broken_pixels(79.0);
     let inside = (0..mask.inside.len()).filter(|&i| mask.inside[i]).filter(|i| {
         let pixel = Pixel::at((i % mask.width) as f64, (i / mask.width) as f64);
         outlines.iter().any(|outline| polygon::contains(outline, pixel))
@@ -237,8 +241,8 @@ fn breaks_open_grow_and_fill_their_spots() {
 /// change.
 #[test]
 fn a_whole_film_is_dark_and_a_broken_one_is_not() {
-    let cell = Cell::new(6, Scene::Good, 4).with_films(FilmSpec::CALM);
-    let (film, mask) = (cell.film(), cell.film().broken(80.0));
+    let cell = Cell::new(6, Scene::Good, 4).with_films(FilmSpec::CALM_FILM);
+    let (film, mask) = (cell.film(), cell.film().broken_pixels(80.0));
     let (dry, wet) = (film.picture(0.0).to_gray(), film.picture(80.0).to_gray());
     let mut means = [(0.0, 0.0, 0); 3];
     for index in 0..mask.inside.len() {
@@ -261,7 +265,7 @@ fn a_whole_film_is_dark_and_a_broken_one_is_not() {
 /// One panel at several places: shape, grease and teaching stay, only its pose changes.
 #[test]
 fn another_place_is_the_same_panel() {
-    let at = |place: u32| Cell::new(3, Scene::Good, 8).placed(place);
+    let at = |place: u32| Cell::new(3, Scene::Good, 8).with_pose(place);
     let (first, second) = (at(0), at(2));
     assert_eq!(first.scan().picture(), Cell::new(3, Scene::Good, 8).scan().picture());
     assert_eq!(first.taught_scan().picture(), second.taught_scan().picture());

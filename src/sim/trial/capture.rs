@@ -1,21 +1,21 @@
 //! A trial's scan: the panel among other objects, with glints, water or motion blur.
 
-use super::Trial;
+use super::TrialScene;
 use super::contents::SceneContents;
-use super::marks::Marks;
+use super::marks::PrintedDiscs;
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, Rigid};
 use crate::sim::appearance::dry_and_wet;
-use crate::sim::cast::{PixelHit, View};
-use crate::sim::distractors::Met;
+use crate::sim::cast::{CastView, PixelHit};
+use crate::sim::distractors::SlabHit;
 use crate::sim::fixture::Background;
-use crate::sim::noise::{LEVEL, Normal, Purpose, ValueNoise, to_bytes};
+use crate::sim::noise::{LEVEL, NormalStream, RandomPurpose, ValueNoise, to_bytes};
 use crate::sim::projector::Projector;
-use crate::sim::scanner::{LATTICE_HALF_WIDTH_MM, correlated, measured};
+use crate::sim::scanner::{LATTICE_HALF_WIDTH_MM, correlated_noise, measured};
 use crate::sim::shape::Shape;
 use rand::RngExt;
 use rayon::prelude::*;
 
-impl Trial {
+impl TrialScene {
     pub(super) fn capture(
         &self,
         panel: Option<(&Shape, &Rigid<Base, Panel>)>,
@@ -23,32 +23,33 @@ impl Trial {
         SceneContents { slabs, glints, wet, smear_px, patches, marks }: SceneContents<'_>,
         shot: u64,
     ) -> OrganizedCloud<Camera> {
-        let view = View::new(&self.camera, &self.rays, base_from_camera, panel);
+        let view = CastView::new(&self.camera, &self.rays, base_from_camera, panel);
         let projector = Projector::new(base_from_camera, panel, slabs);
-        let seed = self.seed.child(Purpose::Trial, 10 + shot);
+        let seed = self.seed.child(RandomPurpose::Trial, 10 + shot);
         let (width, height) = (view.width(), view.height());
         let mut points = vec![[f32::NAN; 3]; width * height];
         let mut colors = vec![[0_u8; 3]; width * height];
-        let correlated = correlated(seed, self.alike_mm);
-        let puddles = ValueNoise::new(seed.stream(Purpose::Scan, 2), 14.0, LATTICE_HALF_WIDTH_MM);
+        let correlated = correlated_noise(seed, self.correlation_length_mm);
+        let puddles = ValueNoise::new(seed.stream(RandomPurpose::Scan, 2), 14.0, LATTICE_HALF_WIDTH_MM);
         let (eye, turn) = (base_from_camera.origin().mm, base_from_camera.rotation());
         let pixel_rad = 1.0 / self.camera.fx_px;
         let rows = points.par_chunks_mut(width).zip(colors.par_chunks_mut(width)).enumerate();
         rows.for_each(|(row, (points, colors))| {
-            let mut normal = Normal::new(seed.stream(Purpose::ScanRow, row as u64));
-            let mut chance = seed.stream(Purpose::Trial, row as u64);
+            let mut normal = NormalStream::new(seed.stream(RandomPurpose::ScanRow, row as u64));
+            let mut chance = seed.stream(RandomPurpose::Trial, row as u64);
             let noise = self.pixels.row(seed, row, width);
             let mut line = vec![[0_u16; 3]; width];
-            view.look_along_row(row, |column, sight| {
+            view.cast_row(row, |column, sight| {
                 let ray = turn * sight.ray;
-                let met: Vec<Met> = slabs.iter().filter_map(|slab| slab.look(&eye, &ray, pixel_rad)).collect();
-                let (sight, veil) = among(sight, &met);
+                let met: Vec<SlabHit> =
+                    slabs.iter().filter_map(|slab| slab.intersect(&eye, &ray, pixel_rad)).collect();
+                let (sight, veil) = add_occluders(sight, &met);
                 let (dry, film) = dry_and_wet(&sight);
                 line[column] = if wet { film } else { dry };
                 let marked =
                     sight.panel.zip(marks).map_or(0.0, |(panel, marks)| marks.share(panel.place, panel.pixel_mm));
                 if marked > 0.0 {
-                    line[column] = Marks::painted(line[column], marked);
+                    line[column] = PrintedDiscs::blend_paint(line[column], marked);
                 }
                 let glint = sight.panel.is_some_and(|panel| {
                     glints.iter().any(|(at, r)| (panel.place[0] - at[0]).hypot(panel.place[1] - at[1]) < *r)
@@ -64,7 +65,7 @@ impl Trial {
                     point = point.map(|p| p.map(|x| x * 0.996));
                 }
                 if let (true, Some(panel)) = (wet, sight.panel) {
-                    let film = puddles.at(panel.place);
+                    let film = puddles.value_at(panel.place);
                     if film > -0.1 && lucky < 0.85 {
                         point = None;
                     } else if film > -0.4 {
@@ -72,27 +73,27 @@ impl Trial {
                     }
                 }
                 if marked < 0.5
-                    && sight.panel.is_some_and(|panel| patches.is_some_and(|patches| patches.has(panel.place)))
+                    && sight.panel.is_some_and(|panel| patches.is_some_and(|patches| patches.contains(panel.place)))
                 {
                     point = None;
                 }
                 points[column] = point.unwrap_or([f32::NAN; 3]);
             });
             for (column, color) in colors.iter_mut().enumerate() {
-                *color = to_bytes(smeared(&line, column, smear_px), noise, column);
+                *color = to_bytes(smear_pixel(&line, column, smear_px), noise, column);
             }
         });
         let scale = self.scale[usize::from(shot > 0)];
         match OrganizedCloud::new(width, height, points, colors) {
             Ok(cloud) if scale == 0.0 => cloud,
-            Ok(cloud) => cloud.along_rays(|_| 1.0 + scale),
+            Ok(cloud) => cloud.scaled_along_rays(|_| 1.0 + scale),
             Err(error) => unreachable!("one point and one colour a pixel were made: {error}"),
         }
     }
 }
 
 /// Returns the mean of a pixel and its neighbours along the row.
-fn smeared(line: &[[u16; 3]], column: usize, smear_px: usize) -> [u16; 3] {
+fn smear_pixel(line: &[[u16; 3]], column: usize, smear_px: usize) -> [u16; 3] {
     let (from, to) = (column.saturating_sub(smear_px / 2), (column + smear_px / 2).min(line.len() - 1));
     let count = (to - from + 1) as u32;
     std::array::from_fn(|channel| {
@@ -102,14 +103,14 @@ fn smeared(line: &[[u16; 3]], column: usize, smear_px: usize) -> [u16; 3] {
 
 /// Adds slabs in front of and behind the panel to a pixel. Returns the pixel, and the share that the nearest slab
 /// in front of the panel fills.
-fn among(mut sight: PixelHit, met: &[Met]) -> (PixelHit, Option<f64>) {
+fn add_occluders(mut sight: PixelHit, met: &[SlabHit]) -> (PixelHit, Option<f64>) {
     let panel_mm = sight.panel.map_or(f64::INFINITY, |panel| panel.depth_mm);
-    let paint = |under: [f64; 3], slab: &Met| {
+    let paint = |under: [f64; 3], slab: &SlabHit| {
         std::array::from_fn(|channel| under[channel] + slab.share * (slab.color[channel] - under[channel]))
     };
     let mut veil: Option<f64> = None;
     // Far slabs first, so that near slabs are painted over them.
-    let mut sorted: Vec<&Met> = met.iter().collect();
+    let mut sorted: Vec<&SlabHit> = met.iter().collect();
     sorted.sort_by(|a, b| b.depth_mm.total_cmp(&a.depth_mm));
     for slab in sorted {
         let behind = slab.depth_mm > panel_mm;
@@ -156,7 +157,7 @@ mod tests {
     /// 0.30769 · 698.44 = 214.9 mm from the middle.
     #[test]
     fn a_thing_before_a_wall_throws_a_shadow_away_from_the_projector() {
-        let trial = Trial::good(1, 1);
+        let trial = TrialScene::good_scene(1, 1);
         let thing = Slab::facing(Point3::new(565.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
         let scan = trial.capture(
             None,
@@ -192,7 +193,7 @@ mod tests {
 
     #[test]
     fn scans_of_trials_are_bit_equal_for_any_number_of_threads() {
-        let trial = Trial::bad(2, crate::sim::Wrong::Hidden, 8);
+        let trial = TrialScene::defective_scene(2, crate::sim::SceneDefect::Hidden, 8);
         let scan = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             let scan = pool.install(|| trial.scan());

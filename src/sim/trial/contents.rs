@@ -1,6 +1,6 @@
 //! The contents of a trial's scene besides the panel.
 
-use super::marks::Marks;
+use super::marks::PrintedDiscs;
 use crate::sim::distractors::Slab;
 use crate::sim::noise::ValueNoise;
 
@@ -9,12 +9,12 @@ use crate::sim::noise::ValueNoise;
 pub(super) struct MissingPatches {
     pub noise: ValueNoise,
     /// Points are missing where the noise is below this.
-    pub below: f64,
+    pub threshold: f64,
 }
 
 impl MissingPatches {
-    pub fn has(&self, place: [f64; 2]) -> bool {
-        self.noise.at(place) < self.below
+    pub fn contains(&self, place: [f64; 2]) -> bool {
+        self.noise.value_at(place) < self.threshold
     }
 }
 
@@ -26,5 +26,5 @@ pub(super) struct SceneContents<'a> {
     pub wet: bool,
     pub smear_px: usize,
     pub patches: Option<&'a MissingPatches>,
-    pub marks: Option<&'a Marks>,
+    pub marks: Option<&'a PrintedDiscs>,
 }

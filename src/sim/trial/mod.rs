@@ -16,7 +16,7 @@ mod placement;
 mod scene_defects;
 mod space;
 
-pub use scene_defects::Wrong;
+pub use scene_defects::SceneDefect;
 pub use space::TRIAL_BOX_MM;
 
 use super::cast::Rays;
@@ -28,15 +28,15 @@ use super::truth::PlacementError;
 use super::variety::{self, generator};
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid};
 use contents::SceneContents;
-use marks::Marks;
-use space::lattice;
+use marks::PrintedDiscs;
+use space::sheet_points;
 
 /// Size of the panels relative to those of other trials, if two are in the box.
-const SMALL: f64 = 0.55;
+const REDUCED_PANEL_SCALE: f64 = 0.55;
 
 /// A scene with its ground truth.
 #[derive(Debug, Clone)]
-pub struct Trial {
+pub struct TrialScene {
     seed: Seed,
     taught: Shape,
     present: Option<Shape>,
@@ -51,55 +51,55 @@ pub struct Trial {
     camera: PinholeCamera,
     rays: Rays,
     pixels: PixelNoise,
-    hidden: f64,
+    hidden_share: f64,
     is_held: bool,
     /// Share of the panel without points, in patches.
-    missing: f64,
+    missing_share: f64,
     /// The print on the taught panel, and on the panel that is present.
-    taught_marks: Option<Marks>,
-    present_marks: Option<Marks>,
+    taught_marks: Option<PrintedDiscs>,
+    present_marks: Option<PrintedDiscs>,
     /// The correlation length of the scanner's smooth error, mm, if it is not the usual one.
-    alike_mm: Option<f64>,
+    correlation_length_mm: Option<f64>,
     /// Scale error of the scanner's distances, at teaching and now: positive if they are too long.
     scale: [f64; 2],
     /// A second panel of the same kind.
-    twin: Option<Rigid<Base, Panel>>,
+    second_panel: Option<Rigid<Base, Panel>>,
     /// Whether the holder is at a side other than at teaching.
     is_holder_moved: bool,
 }
 
-impl Trial {
+impl TrialScene {
     /// Creates a good scene, with camera pictures `reduction` times smaller than the real ones.
-    pub fn good(seed: u64, reduction: usize) -> Trial {
-        Trial::new(Seed(seed), None, reduction)
+    pub fn good_scene(seed: u64, reduction: usize) -> TrialScene {
+        TrialScene::new(Seed(seed), None, reduction)
     }
 
     /// Creates a good scene with a flat plate; only its outline determines its sideways position.
-    pub fn flat(seed: u64, reduction: usize) -> Trial {
-        let mut trial = Trial::good(seed, reduction);
-        let panel = variety::Panel::any(&mut generator(Seed(seed), 0)).flattened();
+    pub fn flat_scene(seed: u64, reduction: usize) -> TrialScene {
+        let mut trial = TrialScene::good_scene(seed, reduction);
+        let panel = variety::Panel::random(&mut generator(Seed(seed), 0)).flat_copy();
         (trial.taught, trial.present) = (panel.shape(), Some(panel.shape()));
-        trial.put(&mut generator(Seed(seed), 1), None);
+        trial.place_validly(&mut generator(Seed(seed), 1), None);
         trial
     }
 
     /// Creates a scene with a defect.
-    pub fn bad(seed: u64, wrong: Wrong, reduction: usize) -> Trial {
-        Trial::new(Seed(seed), Some(wrong), reduction)
+    pub fn defective_scene(seed: u64, wrong: SceneDefect, reduction: usize) -> TrialScene {
+        TrialScene::new(Seed(seed), Some(wrong), reduction)
     }
 
-    fn new(seed: Seed, wrong: Option<Wrong>, reduction: usize) -> Trial {
+    fn new(seed: Seed, wrong: Option<SceneDefect>, reduction: usize) -> TrialScene {
         let camera = scene::scanner(reduction);
         let mut random = generator(seed, 0);
         let panel = match wrong {
-            Some(Wrong::Symmetric) => variety::Panel::symmetric(&mut random),
-            Some(Wrong::MirroredMarks) => variety::Panel::symmetric(&mut random).flattened(),
-            Some(Wrong::HolderMoved) => variety::Panel::any(&mut random).flattened(),
+            Some(SceneDefect::Symmetric) => variety::Panel::random_symmetric(&mut random),
+            Some(SceneDefect::MirroredMarks) => variety::Panel::random_symmetric(&mut random).flat_copy(),
+            Some(SceneDefect::HolderMoved) => variety::Panel::random(&mut random).flat_copy(),
             // There is no room for two large panels.
-            Some(Wrong::TwoPanels) => variety::Panel::any(&mut random).scaled(SMALL),
-            _ => variety::Panel::any(&mut random),
+            Some(SceneDefect::TwoPanels) => variety::Panel::random(&mut random).scaled_copy(REDUCED_PANEL_SCALE),
+            _ => variety::Panel::random(&mut random),
         };
-        let mut trial = Trial {
+        let mut trial = TrialScene {
             seed,
             taught: panel.shape(),
             present: Some(panel.shape()),
@@ -107,27 +107,27 @@ impl Trial {
             place: scene::nominal(),
             slabs: Vec::new(),
             glints: Vec::new(),
-            wet: wrong == Some(Wrong::Wet),
-            smear_px: if wrong == Some(Wrong::Smeared) { (13 / reduction).max(5) } else { 0 },
+            wet: wrong == Some(SceneDefect::Wet),
+            smear_px: if wrong == Some(SceneDefect::Smeared) { (13 / reduction).max(5) } else { 0 },
             camera_now: scene::base_from_camera(),
             camera,
             rays: Rays::new(&camera),
             pixels: PixelNoise::new(seed),
-            hidden: 0.0,
+            hidden_share: 0.0,
             is_held: false,
-            missing: 0.0,
+            missing_share: 0.0,
             taught_marks: None,
             present_marks: None,
-            alike_mm: None,
+            correlation_length_mm: None,
             scale: [0.0; 2],
-            twin: None,
+            second_panel: None,
             is_holder_moved: false,
         };
-        trial.put(&mut generator(seed, 1), wrong);
+        trial.place_validly(&mut generator(seed, 1), wrong);
         if let Some(wrong) = wrong {
-            trial.spoil(&panel, wrong, &mut generator(seed, 2));
+            trial.add_defect(&panel, wrong, &mut generator(seed, 2));
         }
-        if wrong == Some(Wrong::MirroredMarks) { trial.with_mirrored_marks() } else { trial }
+        if wrong == Some(SceneDefect::MirroredMarks) { trial.with_mirrored_marks() } else { trial }
     }
 
     /// The 3D camera.
@@ -147,7 +147,7 @@ impl Trial {
 
     /// The share of the panel that the 3D camera does not see: hidden, in shadow, or out of view.
     pub fn hidden(&self) -> f64 {
-        self.hidden
+        self.hidden_share
     }
 
     /// The panel's pose.
@@ -162,7 +162,7 @@ impl Trial {
 
     /// The distance between the panel's surface at a found pose and the true surface.
     pub fn error_mm(&self, found: &Rigid<Base, Panel>) -> PlacementError {
-        let points = lattice(&self.taught);
+        let points = sheet_points(&self.taught);
         let errors = points.iter().map(|&at| self.place.distance_at_mm(*found, self.taught.point(at)));
         let (sum_mm, max_mm) = errors.fold((0.0, 0.0_f64), |(sum, max), error| (sum + error, max.max(error)));
         PlacementError { mean_mm: sum_mm / points.len() as f64, max_mm }
@@ -171,8 +171,8 @@ impl Trial {
     /// The scan that teaches the panel, at its nominal pose and without clutter.
     pub fn taught_scan(&self) -> OrganizedCloud<Camera> {
         let taught = Some((&self.taught, &scene::nominal()));
-        let holder: Vec<Slab> = self.holder(&scene::nominal(), false).into_iter().collect();
-        let patches = self.patches(0);
+        let holder: Vec<Slab> = self.holder_of(&scene::nominal(), false).into_iter().collect();
+        let patches = self.missing_patches(0);
         let marks = self.taught_marks.as_ref();
         let contents =
             SceneContents { slabs: &holder, patches: patches.as_ref(), marks, ..SceneContents::default() };
@@ -183,8 +183,8 @@ impl Trial {
     pub fn scan(&self) -> OrganizedCloud<Camera> {
         let present = self.present.as_ref().map(|shape| (shape, &self.place));
         let slabs: Vec<Slab> =
-            self.slabs.iter().copied().chain(self.holder(&self.place, self.is_holder_moved)).collect();
-        let patches = self.patches(1);
+            self.slabs.iter().copied().chain(self.holder_of(&self.place, self.is_holder_moved)).collect();
+        let patches = self.missing_patches(1);
         let contents = SceneContents {
             slabs: &slabs,
             glints: &self.glints,
@@ -194,9 +194,9 @@ impl Trial {
             marks: self.present_marks.as_ref(),
         };
         let scan = self.capture(present, &self.camera_now, contents, 1);
-        match (&self.present, &self.twin) {
+        match (&self.present, &self.second_panel) {
             (Some(shape), Some(place)) => {
-                before(scan, self.capture(Some((shape, place)), &self.camera_now, contents, 2))
+                combine_nearer(scan, self.capture(Some((shape, place)), &self.camera_now, contents, 2))
             }
             _ => scan,
         }
@@ -204,7 +204,7 @@ impl Trial {
 }
 
 /// Combines two scans of one view: at each pixel the nearer point, or the only one if a scan has no point there.
-fn before(scan: OrganizedCloud<Camera>, other: OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
+fn combine_nearer(scan: OrganizedCloud<Camera>, other: OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
     let count = scan.width() * scan.height();
     let depth = |cloud: &OrganizedCloud<Camera>, index: usize| {
         let [_, _, z] = cloud.raw_points_mm()[index];
@@ -228,15 +228,15 @@ mod tests {
     #[test]
     fn good_trials_are_good() {
         for seed in 0..6 {
-            let trial = Trial::good(seed, 4);
+            let trial = TrialScene::good_scene(seed, 4);
             assert!(trial.hidden() < 0.2, "{}", trial.hidden());
             let scan = trial.scan();
             let camera_from_base = trial.base_from_camera().inverse();
             let (mut near, mut seen) = (0, 0);
-            for at in lattice(&trial.taught) {
+            for at in sheet_points(&trial.taught) {
                 let point = camera_from_base * (trial.base_from_panel() * trial.taught.point(at));
                 let Some(pixel) = trial.camera().project_inside(point) else { continue };
-                let Some((column, row)) = pixel.whole(scan.width(), scan.height()) else { continue };
+                let Some((column, row)) = pixel.nearest_whole(scan.width(), scan.height()) else { continue };
                 seen += 1;
                 near += usize::from(scan.point(column, row).is_some_and(|p| (p.mm.z - point.mm.z).abs() < 2.0));
             }
@@ -246,13 +246,14 @@ mod tests {
 
     #[test]
     fn bad_trials_are_bad() {
-        assert!(Trial::bad(1, Wrong::Hidden, 8).hidden() > 0.4);
-        assert!(Trial::bad(1, Wrong::OutOfView, 8).hidden() > 0.35);
-        let wet = Trial::bad(1, Wrong::Wet, 8).scan().valid().count();
-        assert!(wet < Trial::good(1, 8).scan().valid().count());
-        let moved = Trial::bad(1, Wrong::CameraMoved, 8);
+        assert!(TrialScene::defective_scene(1, SceneDefect::Hidden, 8).hidden() > 0.4);
+        assert!(TrialScene::defective_scene(1, SceneDefect::OutOfView, 8).hidden() > 0.35);
+        let wet = TrialScene::defective_scene(1, SceneDefect::Wet, 8).scan().valid_points().count();
+        assert!(wet < TrialScene::good_scene(1, 8).scan().valid_points().count());
+        let moved = TrialScene::defective_scene(1, SceneDefect::CameraMoved, 8);
         assert!((moved.camera_now.origin() - moved.base_from_camera().origin()).mm.norm() > 0.9);
-        let twins = (1..=12).filter(|&seed| Trial::bad(seed, Wrong::TwoPanels, 8).twin.is_some());
+        let twins = (1..=12)
+            .filter(|&seed| TrialScene::defective_scene(seed, SceneDefect::TwoPanels, 8).second_panel.is_some());
         assert_eq!(twins.count(), 12, "both panels have room");
     }
 }

@@ -1,9 +1,9 @@
 //! Draws the panel's pose of a trial: in the box, in front of the fixture, among other objects, and with the
 //! required visible share.
 
-use super::Trial;
-use super::scene_defects::Wrong;
-use super::space::{TRIAL_BOX_MM, lattice};
+use super::TrialScene;
+use super::scene_defects::SceneDefect;
+use super::space::{TRIAL_BOX_MM, sheet_points};
 use crate::geometry::{Base, Panel, Rigid};
 use crate::sim::distractors::Slab;
 use crate::sim::projector::Projector;
@@ -18,43 +18,43 @@ use std::ops::Range;
 const MAX_X_MM: f64 = 628.0;
 pub(super) const MAX_HIDDEN: f64 = 0.195;
 
-impl Trial {
+impl TrialScene {
     /// Draws poses until one is valid: in front of the fixture, in the box, and with the required visible share.
-    pub(super) fn put(&mut self, random: &mut Pcg64, wrong: Option<Wrong>) {
+    pub(super) fn place_validly(&mut self, random: &mut Pcg64, wrong: Option<SceneDefect>) {
         let share = match wrong {
-            Some(Wrong::Hidden) => 0.42..0.65,
-            Some(Wrong::OutOfView) => 0.36..0.6,
+            Some(SceneDefect::Hidden) => 0.42..0.65,
+            Some(SceneDefect::OutOfView) => 0.36..0.6,
             // The camera must be able to see that the cut-off strip is missing.
-            Some(Wrong::Trimmed) => 0.0..1e-9,
+            Some(SceneDefect::Trimmed) => 0.0..1e-9,
             _ => 0.0..MAX_HIDDEN,
         };
-        let lattice = lattice(&self.taught);
+        let lattice = sheet_points(&self.taught);
         loop {
             let tilt_deg = random.random_range(0.0..30.0);
             let turn_deg = random.random_range(-180.0..180.0);
-            let aside = if wrong == Some(Wrong::OutOfView) { 400.0 } else { 160.0 };
+            let aside = if wrong == Some(SceneDefect::OutOfView) { 400.0 } else { 160.0 };
             let centre = Vector3::new(
                 random.random_range(450.0..590.0),
                 random.random_range(-aside..aside),
                 360.0 + random.random_range(-aside / 1.6..aside / 1.6),
             );
-            self.place = placed(centre, turn_deg, tilt_deg, random.random_range(0.0..std::f64::consts::TAU));
+            self.place = make_pose(centre, turn_deg, tilt_deg, random.random_range(0.0..std::f64::consts::TAU));
             // A panel that is out of view may be out of the box as well.
-            let axes = if wrong == Some(Wrong::OutOfView) { 0..1 } else { 0..3 };
+            let axes = if wrong == Some(SceneDefect::OutOfView) { 0..1 } else { 0..3 };
             if !self.is_valid_place(&self.place, &lattice, axes) {
                 continue;
             }
-            self.slabs = beside(random, &self.place);
+            self.slabs = add_distractors(random, &self.place);
             let covers = match wrong {
-                Some(Wrong::Hidden) => 2,
-                Some(Wrong::OutOfView) => 0,
+                Some(SceneDefect::Hidden) => 2,
+                Some(SceneDefect::OutOfView) => 0,
                 _ => random.random_range(0..3),
             };
             for _ in 0..covers {
-                self.slabs.push(self.before(random, &lattice, wrong == Some(Wrong::Hidden)));
+                self.slabs.push(self.occluding_slab(random, &lattice, wrong == Some(SceneDefect::Hidden)));
             }
-            self.hidden = self.hidden_at(&self.place, &lattice);
-            if share.contains(&self.hidden) {
+            self.hidden_share = self.hidden_share_at(&self.place, &lattice);
+            if share.contains(&self.hidden_share) {
                 break;
             }
         }
@@ -75,7 +75,7 @@ impl Trial {
     }
 
     /// Returns a slab somewhere between the camera and a point of the panel.
-    fn before(&self, random: &mut Pcg64, lattice: &[[f64; 2]], large: bool) -> Slab {
+    fn occluding_slab(&self, random: &mut Pcg64, lattice: &[[f64; 2]], large: bool) -> Slab {
         let eye = scene::base_from_camera().origin().mm;
         let at = lattice[random.random_range(0..lattice.len())];
         let point = (self.place * self.taught.point(at)).mm;
@@ -104,7 +104,7 @@ impl Trial {
     }
 
     /// Returns the share of these points of a panel at this pose that the camera or the projector does not see.
-    pub(super) fn hidden_at(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> f64 {
+    pub(super) fn hidden_share_at(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> f64 {
         let base_from_camera = scene::base_from_camera();
         let camera_from_base = base_from_camera.inverse();
         let eye = base_from_camera.origin().mm;
@@ -113,31 +113,34 @@ impl Trial {
             let point = *place * self.taught.point(at);
             let seen = camera_from_base * point;
             self.camera.project_inside(seen).is_none()
-                || self.slabs.iter().any(|slab| is_before(slab, &eye, &(point.mm - eye)))
-                || !projector.lights(&seen.mm.coords, None)
+                || self.slabs.iter().any(|slab| is_occluded_by(slab, &eye, &(point.mm - eye)))
+                || !projector.is_lit(&seen.mm.coords, None)
         };
         lattice.iter().filter(hidden).count() as f64 / lattice.len() as f64
     }
 }
 
 /// Returns whether a slab is between the eye and the end of a ray.
-fn is_before(slab: &Slab, eye: &Point3<f64>, ray: &Vector3<f64>) -> bool {
+fn is_occluded_by(slab: &Slab, eye: &Point3<f64>, ray: &Vector3<f64>) -> bool {
     let length_mm = ray.norm();
-    let met = slab.look(eye, &(ray / length_mm), 1e-6);
+    let met = slab.intersect(eye, &(ray / length_mm), 1e-6);
     met.is_some_and(|met| met.share > 0.5 && met.depth_mm < length_mm - 1.0)
 }
 
 /// Creates a pose from the panel's centre, its turn about the normal, and its tilt about a direction in the plane.
-fn placed(centre: Vector3<f64>, turn_deg: f64, tilt_deg: f64, about_rad: f64) -> Rigid<Base, Panel> {
+fn make_pose(centre: Vector3<f64>, turn_deg: f64, tilt_deg: f64, about_rad: f64) -> Rigid<Base, Panel> {
     let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), turn_deg.to_radians());
     let axis = Unit::new_normalize(Vector3::new(0.0, about_rad.cos(), about_rad.sin()));
     let rotation =
         UnitQuaternion::from_rotation_matrix(&(Rotation3::from_axis_angle(&axis, tilt_deg.to_radians()) * turn));
-    Rigid::claim(Isometry3::from_parts(Translation3::from(centre - rotation * Vector3::from(CENTRE_MM)), rotation))
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(
+        Translation3::from(centre - rotation * Vector3::from(CENTRE_MM)),
+        rotation,
+    ))
 }
 
 /// Objects beside and behind the panel, in the box; few hide a part of the panel.
-fn beside(random: &mut Pcg64, place: &Rigid<Base, Panel>) -> Vec<Slab> {
+fn add_distractors(random: &mut Pcg64, place: &Rigid<Base, Panel>) -> Vec<Slab> {
     let middle = place.isometry() * Point3::from(CENTRE_MM);
     let count = random.random_range(2..6);
     (0..count)

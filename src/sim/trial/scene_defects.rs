@@ -4,7 +4,7 @@ use strum::{IntoStaticStr, VariantArray};
 
 /// What is wrong with a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
-pub enum Wrong {
+pub enum SceneDefect {
     /// No panel, only other objects.
     #[strum(serialize = "no panel")]
     Nothing,
@@ -58,12 +58,12 @@ pub enum Wrong {
     Warped,
 }
 
-impl Wrong {
+impl SceneDefect {
     /// Every kind.
-    pub const ALL: &'static [Wrong] = <Self as VariantArray>::VARIANTS;
+    pub const ALL: &'static [SceneDefect] = <Self as VariantArray>::VARIANTS;
 
     /// In words.
-    pub fn words(self) -> &'static str {
+    pub fn describe(self) -> &'static str {
         self.into()
     }
 }

@@ -7,7 +7,7 @@ use nalgebra::Vector2;
 pub const TRIAL_BOX_MM: [[f64; 3]; 2] = [[250.0, -420.0, 10.0], [640.0, 420.0, 720.0]];
 
 /// Returns points of the sheet on the panel, 8 mm apart.
-pub(super) fn lattice(shape: &Shape) -> Vec<[f64; 2]> {
+pub(super) fn sheet_points(shape: &Shape) -> Vec<[f64; 2]> {
     let places = (-26..=26).flat_map(|j| (-26..=26).map(move |i| [f64::from(i) * 8.0, f64::from(j) * 8.0]));
     places.filter(|&at| shape.outline().distance(Vector2::from(at)).0 < 0.0).collect()
 }

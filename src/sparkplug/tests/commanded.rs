@@ -5,17 +5,17 @@ use super::{at, born, published, shown};
 use prost::Message as _;
 
 /// Returns a message that writes this value to a metric.
-fn written(name: Option<&str>, alias: Option<u64>, value: Option<Wire>) -> Vec<u8> {
+fn written(name: Option<&str>, alias: Option<u64>, value: Option<WireType>) -> Vec<u8> {
     let metric = Metric { name: name.map(str::to_owned), alias, value, ..Metric::default() };
     Payload { timestamp: Some(5), metrics: vec![metric], seq: None }.encode_to_vec()
 }
 
 fn yes(name: &str) -> Vec<u8> {
-    written(Some(name), None, Some(Wire::Boolean(true)))
+    written(Some(name), None, Some(WireType::Boolean(true)))
 }
 
 fn send_command(node: &mut EdgeNode, payload: &[u8], ms: u64) -> Vec<NodeAction> {
-    node.step(Event::Received { topic: "spBv1.0/G/NCMD/cell", payload, is_retained: false }, at(ms))
+    node.step(NodeEvent::Received { topic: "spBv1.0/G/NCMD/cell", payload, is_retained: false }, at(ms))
 }
 
 fn refusal(acts: &[NodeAction]) -> String {
@@ -27,7 +27,7 @@ fn refusal(acts: &[NodeAction]) -> String {
 #[test]
 fn allowed_commands_are_asked_for() {
     for (command, alias) in [(NodeCommand::Hold, 1_001), (NodeCommand::Stop, 1_002), (NodeCommand::Abort, 1_003)] {
-        let (name, yes) = (command.name(), Some(Wire::Boolean(true)));
+        let (name, yes) = (command.name(), Some(WireType::Boolean(true)));
         for (name, alias) in [(Some(name), None), (None, Some(alias)), (Some(name), Some(alias))] {
             let acts = send_command(&mut born(true), &written(name, alias, yes.clone()), 1);
             assert_eq!(acts, [NodeAction::Ask { command, is_noted: true }]);
@@ -44,11 +44,11 @@ fn allowed_commands_are_asked_for() {
 #[test]
 fn a_rebirth_tells_everything_again_under_the_same_number() {
     let mut node = born(false);
-    node.step(Event::Seen(shown("held")), at(10));
+    node.step(NodeEvent::Seen(shown("held")), at(10));
     let acts = send_command(&mut node, &yes("Node Control/Rebirth"), 20);
     let [(kind, birth)] = &published(&acts)[..] else { panic!("{acts:?}") };
     assert_eq!((kind.as_str(), birth.seq), ("NBIRTH", Some(0)));
-    assert!(birth.metrics.iter().any(|one| one.value == Some(Wire::Text("held".to_owned()))));
+    assert!(birth.metrics.iter().any(|one| one.value == Some(WireType::Text("held".to_owned()))));
     assert!(
         matches!(&acts[1], NodeAction::Note(AuditNote { what, refused: None, .. }) if what == "rebirth"),
         "{acts:?}"
@@ -56,10 +56,10 @@ fn a_rebirth_tells_everything_again_under_the_same_number() {
 
     // A second request immediately afterwards waits, and no data are sent before it.
     assert_eq!(send_command(&mut node, &yes("Node Control/Rebirth"), 30), []);
-    assert_eq!(node.step(Event::Seen(shown("idle")), at(500)), []);
-    let acts = node.step(Event::Seen(shown("idle")), at(1_020));
+    assert_eq!(node.step(NodeEvent::Seen(shown("idle")), at(500)), []);
+    let acts = node.step(NodeEvent::Seen(shown("idle")), at(1_020));
     assert_eq!(published(&acts).iter().map(|(kind, _)| kind.as_str()).collect::<Vec<_>>(), ["NBIRTH"]);
-    let acts = node.step(Event::Seen(shown("held")), at(1_500));
+    let acts = node.step(NodeEvent::Seen(shown("held")), at(1_500));
     assert_eq!(published(&acts)[0].1.seq, Some(1), "and on it goes");
 }
 
@@ -70,7 +70,7 @@ fn other_messages_are_refused() {
     let null = Metric {
         name: Some(stop.to_owned()),
         is_null: Some(true),
-        value: Some(Wire::Boolean(true)),
+        value: Some(WireType::Boolean(true)),
         ..Metric::default()
     };
     let of = |metrics| Payload { timestamp: None, metrics, seq: None }.encode_to_vec();
@@ -81,12 +81,12 @@ fn other_messages_are_refused() {
         (of(vec![Metric::default(); 33]), "has 33 metrics (limit 32)"),
         (of(vec![Metric::default()]), "without a name or an alias"),
         (of(vec![null]), "valid: the Boolean true"),
-        (written(Some(stop), None, Some(Wire::Boolean(false))), "valid: the Boolean true"),
-        (written(Some(stop), None, Some(Wire::Int(1))), "valid: the Boolean true"),
+        (written(Some(stop), None, Some(WireType::Boolean(false))), "valid: the Boolean true"),
+        (written(Some(stop), None, Some(WireType::Int(1))), "valid: the Boolean true"),
         (written(Some(stop), None, None), "valid: the Boolean true"),
-        (written(Some(stop), Some(1_001), Some(Wire::Boolean(true))), "cannot be written; valid"),
-        (written(None, Some(2), Some(Wire::Boolean(true))), "\"State/number\", which is read-only"),
-        (written(None, Some(999), Some(Wire::Boolean(true))), "with the alias 999"),
+        (written(Some(stop), Some(1_001), Some(WireType::Boolean(true))), "cannot be written; valid"),
+        (written(None, Some(2), Some(WireType::Boolean(true))), "\"State/number\", which is read-only"),
+        (written(None, Some(999), Some(WireType::Boolean(true))), "with the alias 999"),
     ];
     for (payload, words) in cases {
         let why = refusal(&send_command(&mut born(true), &payload, 1));
@@ -103,12 +103,12 @@ fn other_messages_are_refused() {
 fn a_broker_that_lies_is_not_believed() {
     let payload = yes(NodeCommand::Stop.name());
     let topic = "spBv1.0/G/NCMD/cell";
-    let acts = born(true).step(Event::Received { topic, payload: &payload, is_retained: true }, at(1));
+    let acts = born(true).step(NodeEvent::Received { topic, payload: &payload, is_retained: true }, at(1));
     assert!(refusal(&acts).contains("its age is unknown"));
     for topic in
         ["spBv1.0/G/NCMD/other", "spBv1.0/G/DCMD/cell/x", "spBv1.0/G/NBIRTH/cell", "", "spBv1.0/STATE/scada"]
     {
-        let acts = born(true).step(Event::Received { topic, payload: &payload, is_retained: false }, at(1));
+        let acts = born(true).step(NodeEvent::Received { topic, payload: &payload, is_retained: false }, at(1));
         assert!(refusal(&acts).contains("has not subscribed"), "{topic}");
     }
 }
@@ -133,16 +133,16 @@ fn a_flood_is_bounded_and_swallows_no_stop() {
         keep(send_command(&mut node, &yes(NodeCommand::Stop.name()), ms), ms);
         keep(send_command(&mut node, b"nonsense", ms), ms);
         if ms % 500 == 0 {
-            keep(node.step(Event::Seen(shown("idle")), at(ms)), ms);
+            keep(node.step(NodeEvent::Seen(shown("idle")), at(ms)), ms);
         }
     }
-    keep(node.step(Event::Seen(shown("idle")), at(10_500)), 10_500);
+    keep(node.step(NodeEvent::Seen(shown("idle")), at(10_500)), 10_500);
     assert!(asked.iter().all(|(command, _)| *command == NodeCommand::Stop));
     assert!((10..=11).contains(&asked.len()), "{asked:?}");
     assert_eq!(asked[0].1, 0, "the first one goes on at once");
     assert!(asked.last().is_some_and(|(_, ms)| *ms >= 9_999), "and so does the last one: {asked:?}");
     assert_eq!(notes.len(), 20);
-    let acts = node.step(Event::Seen(shown("idle")), at(60_000));
+    let acts = node.step(NodeEvent::Seen(shown("idle")), at(60_000));
     let why = refusal(&acts);
     assert!(why.starts_with("9980 further messages"), "{why}");
     assert!(send_command(&mut node, b"nonsense", 60_001).len() == 1, "a new minute");
@@ -156,9 +156,10 @@ fn what_waits_ends_with_the_connection() {
         let asked = |acts: &[NodeAction]| acts.iter().filter(|act| matches!(act, NodeAction::Ask { .. })).count();
         assert_eq!(asked(&send_command(&mut node, &yes(command.name()), 1)), 1);
         assert_eq!(asked(&send_command(&mut node, &yes(command.name()), 500)), 0, "it waits");
-        node.step(Event::Lost, at(600));
-        node.step(Event::Connecting, at(100_000));
-        let acts = [node.step(Event::Subscribed, at(100_000)), node.step(Event::Seen(shown("idle")), at(180_000))];
+        node.step(NodeEvent::Lost, at(600));
+        node.step(NodeEvent::Connecting, at(100_000));
+        let acts =
+            [node.step(NodeEvent::Subscribed, at(100_000)), node.step(NodeEvent::Seen(shown("idle")), at(180_000))];
         assert_eq!(asked(&acts.concat()), 0, "{command:?} of minutes ago");
         assert_eq!(asked(&send_command(&mut node, &yes(command.name()), 180_001)), 1, "a new one is passed on");
     }

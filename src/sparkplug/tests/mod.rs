@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 
 /// Creates a node of the group G, with a primary host or without.
 fn node(primary_host: Option<&str>, commands_allowed: bool, aliases: bool) -> EdgeNode {
-    let ids = Ids {
+    let ids = CellIds {
         group_id: "G".to_owned(),
         edge_node_id: "cell".to_owned(),
         primary_host_id: primary_host.map(str::to_owned),
@@ -20,8 +20,8 @@ fn node(primary_host: Option<&str>, commands_allowed: bool, aliases: bool) -> Ed
 }
 
 /// The same time for the wall clock and the monotonic clock.
-fn at(ms: u64) -> Now {
-    Now { unix_ms: 1_700_000_000_000 + ms, steady_ms: ms }
+fn at(ms: u64) -> NodeTime {
+    NodeTime { unix_ms: 1_700_000_000_000 + ms, steady_ms: ms }
 }
 
 /// Returns the cell's values in this state.
@@ -29,9 +29,9 @@ fn shown(state: &str) -> Vec<Value> {
     let hold = Hold { why: Why::Asked, resume: Phase::Locate };
     let at = [At::Stopped, At::Idle, At::Starting, At::Held(hold)]
         .into_iter()
-        .find(|at| at.word() == state)
+        .find(|at| at.keyword() == state)
         .expect("a state");
-    let now = LoopView { table: Some(State { at, ..State::NEW }), ..LoopView::default() };
+    let now = LoopView { table: Some(State { at, ..State::INITIAL }), ..LoopView::default() };
     values(&CellView { now, ..CellView::default() })
 }
 
@@ -51,9 +51,9 @@ fn published(acts: &[NodeAction]) -> Vec<(String, Payload)> {
 /// Creates a node that is connected and has published its birth.
 fn born(commands_allowed: bool) -> EdgeNode {
     let mut node = node(None, commands_allowed, true);
-    node.step(Event::Connecting, at(0));
-    node.step(Event::Seen(shown("idle")), at(0));
-    assert_eq!(published(&node.step(Event::Subscribed, at(0))).len(), 1);
+    node.step(NodeEvent::Connecting, at(0));
+    node.step(NodeEvent::Seen(shown("idle")), at(0));
+    assert_eq!(published(&node.step(NodeEvent::Subscribed, at(0))).len(), 1);
     node
 }
 
@@ -66,8 +66,8 @@ fn metric<'p>(payload: &'p Payload, name: &str) -> &'p Metric {
 #[test]
 fn a_death_is_these_bytes() {
     let mut node = node(None, false, true);
-    node.step(Event::Connecting, at(0));
-    let will = node.will(at(0));
+    node.step(NodeEvent::Connecting, at(0));
+    let will = node.last_will(at(0));
     let time = [0x80, 0xd0, 0x95, 0xff, 0xbc, 0x31];
     let metric = [&[0x0a, 5][..], b"bdSeq", &[0x18], &time, &[0x20, 4, 0x58, 0]].concat();
     let bytes = [&[0x08][..], &time, &[0x12, metric.len() as u8], &metric].concat();
@@ -80,9 +80,9 @@ fn a_death_is_these_bytes() {
 fn a_birth_has_everything() {
     for (aliases, commands_allowed) in [(true, true), (true, false), (false, true)] {
         let mut node = node(None, commands_allowed, aliases);
-        node.step(Event::Connecting, at(0));
-        node.step(Event::Subscribed, at(1));
-        let acts = node.step(Event::Seen(shown("held")), at(2));
+        node.step(NodeEvent::Connecting, at(0));
+        node.step(NodeEvent::Subscribed, at(1));
+        let acts = node.step(NodeEvent::Seen(shown("held")), at(2));
         let [NodeAction::Publish(message)] = &acts[..] else { panic!("{acts:?}") };
         assert_eq!(message.topic, "spBv1.0/G/NBIRTH/cell");
         let (_, payload) = &published(&acts)[0];
@@ -98,12 +98,12 @@ fn a_birth_has_everything() {
         let all = if aliases { payload.metrics.len() - 2 } else { 0 };
         assert_eq!((numbers.len(), numbers.iter().collect::<BTreeSet<_>>().len()), (all, all));
         let rebirth = metric(payload, "Node Control/Rebirth");
-        assert_eq!((rebirth.alias, &rebirth.value), (None, &Some(Wire::Boolean(false))));
+        assert_eq!((rebirth.alias, &rebirth.value), (None, &Some(WireType::Boolean(false))));
         assert_eq!(rebirth.datatype, Some(11));
         let bd_seq = metric(payload, "bdSeq");
-        assert_eq!((bd_seq.datatype, &bd_seq.value), (Some(4), &Some(Wire::Long(0))));
-        assert_eq!(metric(payload, "State/number").value, Some(Wire::Long(11)));
-        assert_eq!(metric(payload, "State/word").value, Some(Wire::Text("held".to_owned())));
+        assert_eq!((bd_seq.datatype, &bd_seq.value), (Some(4), &Some(WireType::Long(0))));
+        assert_eq!(metric(payload, "State/number").value, Some(WireType::Long(11)));
+        assert_eq!(metric(payload, "State/word").value, Some(WireType::Text("held".to_owned())));
         assert_eq!(metric(payload, "Cycle/panel").is_null, Some(true), "there was none");
     }
 }
@@ -113,17 +113,17 @@ fn a_birth_has_everything() {
 #[test]
 fn data_are_what_changed() {
     let mut node = born(false);
-    assert_eq!(node.step(Event::Seen(shown("idle")), at(10)), []);
-    let acts = node.step(Event::Seen(shown("starting")), at(20));
+    assert_eq!(node.step(NodeEvent::Seen(shown("idle")), at(10)), []);
+    let acts = node.step(NodeEvent::Seen(shown("starting")), at(20));
     let (kind, payload) = &published(&acts)[0];
     assert_eq!((kind.as_str(), payload.seq, payload.timestamp), ("NDATA", Some(1), Some(at(20).unix_ms)));
     let told: Vec<_> = payload.metrics.iter().map(|one| (one.alias, one.value.clone())).collect();
-    let expected = [(Some(2), Some(Wire::Long(3))), (Some(3), Some(Wire::Text("starting".to_owned())))];
+    let expected = [(Some(2), Some(WireType::Long(3))), (Some(3), Some(WireType::Text("starting".to_owned())))];
     assert_eq!(told, expected);
     for one in &payload.metrics {
         assert_eq!((&one.name, one.datatype, one.timestamp), (&None, None, Some(at(20).unix_ms)));
     }
-    let acts = node.step(Event::Seen(values(&CellView::default())), at(30));
+    let acts = node.step(NodeEvent::Seen(values(&CellView::default())), at(30));
     let (_, payload) = &published(&acts)[0];
     assert!(payload.metrics.iter().all(|one| one.is_null == Some(true) && one.value.is_none()), "{payload:?}");
 }
@@ -132,10 +132,10 @@ fn data_are_what_changed() {
 #[test]
 fn without_aliases_data_are_named() {
     let mut node = node(None, false, false);
-    node.step(Event::Connecting, at(0));
-    node.step(Event::Subscribed, at(0));
-    node.step(Event::Seen(shown("idle")), at(0));
-    let acts = node.step(Event::Seen(shown("held")), at(1));
+    node.step(NodeEvent::Connecting, at(0));
+    node.step(NodeEvent::Subscribed, at(0));
+    node.step(NodeEvent::Seen(shown("idle")), at(0));
+    let acts = node.step(NodeEvent::Seen(shown("held")), at(1));
     let (_, payload) = &published(&acts)[0];
     assert_eq!(metric(payload, "State/number").datatype, Some(4));
     assert!(payload.metrics.iter().all(|one| one.alias.is_none()));
@@ -147,22 +147,22 @@ fn without_aliases_data_are_named() {
 fn numbers_count_on() {
     let mut node = node(None, false, true);
     for connection in 0..300_u64 {
-        node.step(Event::Connecting, at(connection));
-        let will = Payload::decode(&*node.will(at(0)).payload).expect("a payload");
+        node.step(NodeEvent::Connecting, at(connection));
+        let will = Payload::decode(&*node.last_will(at(0)).payload).expect("a payload");
         assert_eq!((will.metrics.len(), will.seq), (1, None));
-        assert_eq!(metric(&will, "bdSeq").value, Some(Wire::Long(connection % 256)));
-        node.step(Event::Seen(shown("idle")), at(connection));
-        let acts = node.step(Event::Subscribed, at(connection));
+        assert_eq!(metric(&will, "bdSeq").value, Some(WireType::Long(connection % 256)));
+        node.step(NodeEvent::Seen(shown("idle")), at(connection));
+        let acts = node.step(NodeEvent::Subscribed, at(connection));
         let (_, birth) = &published(&acts)[0];
-        assert_eq!(metric(birth, "bdSeq").value, Some(Wire::Long(connection % 256)));
+        assert_eq!(metric(birth, "bdSeq").value, Some(WireType::Long(connection % 256)));
         assert_eq!(birth.seq, Some(0));
-        node.step(Event::Lost, at(connection));
-        assert_eq!(node.step(Event::Seen(shown("held")), at(connection)), [], "nobody is told");
+        node.step(NodeEvent::Lost, at(connection));
+        assert_eq!(node.step(NodeEvent::Seen(shown("held")), at(connection)), [], "nobody is told");
     }
     let mut node = born(false);
     for message in 1..600_u64 {
         let state = if message % 2 == 0 { "idle" } else { "held" };
-        let acts = node.step(Event::Seen(shown(state)), at(message));
+        let acts = node.step(NodeEvent::Seen(shown(state)), at(message));
         assert_eq!(published(&acts)[0].1.seq, Some(message % 256));
     }
 }
@@ -171,19 +171,23 @@ fn numbers_count_on() {
 #[test]
 fn it_leaves_with_its_death() {
     let mut node = born(false);
-    let acts = node.step(Event::Leaving, at(5));
+    let acts = node.step(NodeEvent::Leaving, at(5));
     assert_eq!(acts.last(), Some(&NodeAction::Disconnect));
     let [(kind, payload)] = &published(&acts)[..] else { panic!("{acts:?}") };
     assert_eq!((kind.as_str(), payload.seq), ("NDEATH", None));
-    assert_eq!(metric(payload, "bdSeq").value, Some(Wire::Long(0)));
+    assert_eq!(metric(payload, "bdSeq").value, Some(WireType::Long(0)));
     let mut unborn = self::node(None, false, true);
-    unborn.step(Event::Connecting, at(0));
-    assert_eq!(unborn.step(Event::Leaving, at(1)), [NodeAction::Disconnect], "what was never born does not die");
+    unborn.step(NodeEvent::Connecting, at(0));
+    assert_eq!(
+        unborn.step(NodeEvent::Leaving, at(1)),
+        [NodeAction::Disconnect],
+        "what was never born does not die"
+    );
 }
 
 fn host_says(node: &mut EdgeNode, text: &str, ms: u64) -> Vec<NodeAction> {
     let payload = text.as_bytes();
-    node.step(Event::Received { topic: "spBv1.0/STATE/scada", payload, is_retained: true }, at(ms))
+    node.step(NodeEvent::Received { topic: "spBv1.0/STATE/scada", payload, is_retained: true }, at(ms))
 }
 
 /// Nothing is published before the primary host is online; if it goes offline, the node publishes its death and
@@ -192,10 +196,10 @@ fn host_says(node: &mut EdgeNode, text: &str, ms: u64) -> Vec<NodeAction> {
 fn the_primary_host_is_waited_for() {
     let mut node = node(Some("scada"), false, true);
     assert_eq!(node.subscriptions(), ["spBv1.0/G/NCMD/cell", "spBv1.0/STATE/scada"]);
-    node.step(Event::Connecting, at(0));
-    node.step(Event::Seen(shown("idle")), at(0));
-    assert_eq!(node.step(Event::Subscribed, at(0)), []);
-    let other = Event::Received {
+    node.step(NodeEvent::Connecting, at(0));
+    node.step(NodeEvent::Seen(shown("idle")), at(0));
+    assert_eq!(node.step(NodeEvent::Subscribed, at(0)), []);
+    let other = NodeEvent::Received {
         topic: "spBv1.0/STATE/other",
         payload: br#"{"online":true,"timestamp":9}"#,
         is_retained: true,
@@ -209,15 +213,19 @@ fn the_primary_host_is_waited_for() {
     assert!(node.is_born());
     let acts = host_says(&mut node, r#"{"online":false,"timestamp":100}"#, 6);
     assert_eq!((published(&acts)[0].0.as_str(), acts.last()), ("NDEATH", Some(&NodeAction::Disconnect)));
-    assert_eq!(node.step(Event::Seen(shown("held")), at(7)), []);
-    node.step(Event::Lost, at(8));
+    assert_eq!(node.step(NodeEvent::Seen(shown("held")), at(7)), []);
+    node.step(NodeEvent::Lost, at(8));
 
-    node.step(Event::Connecting, at(9));
-    assert_eq!(node.step(Event::Subscribed, at(10)), [], "the host is not known to be online at this connection");
+    node.step(NodeEvent::Connecting, at(9));
+    assert_eq!(
+        node.step(NodeEvent::Subscribed, at(10)),
+        [],
+        "the host is not known to be online at this connection"
+    );
     assert_eq!(host_says(&mut node, r#"{"online":true,"timestamp":50}"#, 11), []);
     let acts = host_says(&mut node, r#"{"online":true,"timestamp":200}"#, 12);
     let (kind, birth) = &published(&acts)[0];
-    assert_eq!((kind.as_str(), &metric(birth, "bdSeq").value), ("NBIRTH", &Some(Wire::Long(1))));
+    assert_eq!((kind.as_str(), &metric(birth, "bdSeq").value), ("NBIRTH", &Some(WireType::Long(1))));
 }
 
 #[test]
@@ -227,9 +235,9 @@ fn what_no_host_says_is_refused() {
     {
         assert_eq!(HostState::read(text.as_bytes()), None, "{text}");
         let mut node = node(Some("scada"), false, true);
-        node.step(Event::Connecting, at(0));
-        node.step(Event::Subscribed, at(0));
-        node.step(Event::Seen(shown("idle")), at(0));
+        node.step(NodeEvent::Connecting, at(0));
+        node.step(NodeEvent::Subscribed, at(0));
+        node.step(NodeEvent::Seen(shown("idle")), at(0));
         let acts = host_says(&mut node, text, 1);
         let [NodeAction::Note(note)] = &acts[..] else { panic!("{acts:?}") };
         assert!(note.refused.as_ref().is_some_and(|why| why.contains("\"timestamp\"")), "{note:?}");
@@ -249,7 +257,7 @@ fn names_are_told_apart() {
 /// The numbers are those of `packml`, which has its own tests for all of them.
 #[test]
 fn state_and_mode_are_told_by_number_and_word() {
-    let mut state = State { at: At::Idle, ..State::NEW };
+    let mut state = State { at: At::Idle, ..State::INITIAL };
     state.facts.robot = Robot::Ready;
     let told = |state: State| {
         let now = LoopView { table: Some(state), ..LoopView::default() };
@@ -268,7 +276,7 @@ fn state_and_mode_are_told_by_number_and_word() {
 #[test]
 fn the_mode_is_not_guessed() {
     let heard = |robot: Robot| {
-        let mut state = State::NEW;
+        let mut state = State::INITIAL;
         state.facts.robot = robot;
         unit_mode(&LoopView { table: Some(state), ..LoopView::default() })
     };

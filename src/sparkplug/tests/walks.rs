@@ -39,7 +39,7 @@ struct Host {
     bd_seq: u64,
     born: bool,
     seq: u64,
-    values: Vec<Option<Wire>>,
+    values: Vec<Option<WireType>>,
 }
 
 impl Host {
@@ -47,7 +47,7 @@ impl Host {
         match kind {
             "NBIRTH" => {
                 assert_eq!(payload.seq, Some(0));
-                assert_eq!(metric(payload, "bdSeq").value, Some(Wire::Long(self.bd_seq)));
+                assert_eq!(metric(payload, "bdSeq").value, Some(WireType::Long(self.bd_seq)));
                 (self.born, self.seq) = (true, 0);
                 self.values = METRICS.iter().map(|one| metric(payload, one.name).value.clone()).collect();
             }
@@ -65,7 +65,7 @@ impl Host {
             "NDEATH" => {
                 assert!(self.born, "a death without a birth");
                 assert_eq!((payload.seq, payload.metrics.len()), (None, 1));
-                assert_eq!(metric(payload, "bdSeq").value, Some(Wire::Long(self.bd_seq)));
+                assert_eq!(metric(payload, "bdSeq").value, Some(WireType::Long(self.bd_seq)));
                 self.born = false;
             }
             other => panic!("{other}"),
@@ -91,7 +91,7 @@ proptest! {
             let ncmd = "spBv1.0/G/NCMD/cell";
             let rebirth = Metric {
                 name: Some("Node Control/Rebirth".to_owned()),
-                value: Some(Wire::Boolean(true)),
+                value: Some(WireType::Boolean(true)),
                 ..Metric::default()
             };
             let bytes = match &step {
@@ -105,28 +105,28 @@ proptest! {
             let payload = &bytes[..];
             let event = match &step {
                 Step::Connect if connected => continue,
-                Step::Connect => Event::Connecting,
+                Step::Connect => NodeEvent::Connecting,
                 Step::Subscribed if !connected || node.is_born() => continue,
-                Step::Subscribed => Event::Subscribed,
-                Step::Lose => Event::Lost,
+                Step::Subscribed => NodeEvent::Subscribed,
+                Step::Lose => NodeEvent::Lost,
                 Step::See(state) => {
                     seen = Some(STATES[usize::from(*state)]);
-                    Event::Seen(shown(STATES[usize::from(*state)]))
+                    NodeEvent::Seen(shown(STATES[usize::from(*state)]))
                 }
                 Step::Host { .. } | Step::Rebirth | Step::Bytes(_) if !connected => continue,
                 Step::Host { online: is_online, .. } => {
                     online |= *is_online;
-                    Event::Received { topic: "spBv1.0/STATE/scada", payload, is_retained: false }
+                    NodeEvent::Received { topic: "spBv1.0/STATE/scada", payload, is_retained: false }
                 }
-                Step::Rebirth | Step::Bytes(_) => Event::Received { topic: ncmd, payload, is_retained: false },
-                Step::Leave => Event::Leaving,
+                Step::Rebirth | Step::Bytes(_) => NodeEvent::Received { topic: ncmd, payload, is_retained: false },
+                Step::Leave => NodeEvent::Leaving,
             };
-            let begins = event == Event::Connecting;
-            let ends = matches!(event, Event::Lost | Event::Leaving);
+            let begins = event == NodeEvent::Connecting;
+            let ends = matches!(event, NodeEvent::Lost | NodeEvent::Leaving);
             let acts = node.step(event, at(ms));
             if begins {
-                let will = Payload::decode(&*node.will(at(ms)).payload).expect("a payload");
-                let Some(Wire::Long(bd_seq)) = metric(&will, "bdSeq").value else { panic!("{will:?}") };
+                let will = Payload::decode(&*node.last_will(at(ms)).payload).expect("a payload");
+                let Some(WireType::Long(bd_seq)) = metric(&will, "bdSeq").value else { panic!("{will:?}") };
                 (host, connected, online) = (Host { bd_seq, ..Host::default() }, true, false);
             }
             for (kind, payload) in published(&acts) {
@@ -138,7 +138,7 @@ proptest! {
             if host.born && matches!(step, Step::See(_)) {
                 let word = METRICS.iter().position(|one| one.name == "State/word").expect("it is there");
                 let told = host.values[word].clone();
-                let lags = told != seen.map(|state| Wire::Text(state.to_owned()));
+                let lags = told != seen.map(|state| WireType::Text(state.to_owned()));
                 // Data are held back only while a rebirth waits for its time.
                 prop_assert!(!lags || node.waits_for_rebirth());
             }

@@ -6,7 +6,7 @@ use crate::recipe;
 use crate::removal::schedule::Move;
 
 /// Returns the moves in contact, with the feeds that recipe and controller allow on each.
-pub fn moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Vec<Move> {
+pub fn contact_moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Vec<Move> {
     let planning_s = settings.planning_time_ms() / 1_000.0;
     let pairs = all.windows(2).enumerate().filter(|(_, pair)| pair[0].contact && pair[1].contact);
     pairs
@@ -20,32 +20,32 @@ pub fn moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path)
 
 /// Shares of the path in contact on which the feed could not be scheduled as wanted, 0…1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct AtBounds {
+pub(super) struct BoundShares {
     /// At `min_feed_mm_s`.
     pub(super) lowest: f64,
     /// At `feed_mm_s`.
     pub(super) highest: f64,
 }
 
-impl AtBounds {
+impl BoundShares {
     /// Computes the shares from a plan's waypoints. A move that is too short for the controller is not counted: its
     /// highest feed is not set by the recipe.
     pub(super) fn compute(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Self {
-        let moves = moves(all, asked, settings);
+        let moves = contact_moves(all, asked, settings);
         let way_mm: f64 = moves.iter().map(|own| own.length_mm).sum();
         let share = |is_at: &dyn Fn(f64) -> bool| {
             let at = moves.iter().filter(|own| is_at(all[own.pose].feed_mm_s));
             at.map(|own| own.length_mm).sum::<f64>() / way_mm.max(f64::MIN_POSITIVE)
         };
-        AtBounds {
-            lowest: share(&|feed_mm_s| feed_mm_s <= asked.min_feed_mm_s() * (1.0 + SAME_FEED)),
-            highest: share(&|feed_mm_s| feed_mm_s >= settings.feed_mm_s() * (1.0 - SAME_FEED)),
+        BoundShares {
+            lowest: share(&|feed_mm_s| feed_mm_s <= asked.min_feed_mm_s() * (1.0 + FEED_TOLERANCE)),
+            highest: share(&|feed_mm_s| feed_mm_s >= settings.feed_mm_s() * (1.0 - FEED_TOLERANCE)),
         }
     }
 }
 
 /// Feeds that differ by less than this share are the same.
-const SAME_FEED: f64 = 1e-3;
+const FEED_TOLERANCE: f64 = 1e-3;
 
 #[cfg(test)]
 mod tests {
@@ -70,8 +70,8 @@ mod tests {
         let feeds = [30.0, 5.0, 30.0, 60.0, 60.0];
         let at = |index: usize| Waypoint { feed_mm_s: feeds[index], ..waypoint(10.0 * index as f64) };
         let all: Vec<Waypoint> = (0..5).map(at).collect();
-        let found = AtBounds::compute(&all, asked, recipe.path());
-        assert_eq!(found, AtBounds { lowest: 0.25, highest: 0.5 });
-        assert_eq!(AtBounds::compute(&[], asked, recipe.path()), AtBounds::default());
+        let found = BoundShares::compute(&all, asked, recipe.path());
+        assert_eq!(found, BoundShares { lowest: 0.25, highest: 0.5 });
+        assert_eq!(BoundShares::compute(&[], asked, recipe.path()), BoundShares::default());
     }
 }

@@ -3,9 +3,9 @@
 use super::*;
 use crate::record::name;
 use crate::removal::model::tests::EVEN_MODEL;
-use crate::stages::plan::{self, Reach};
-use crate::surface::examine;
-use crate::surface::scene::{Shape, Spoil, recipe, taught};
+use crate::stages::plan::{self, ReachStart};
+use crate::surface::examine_fit;
+use crate::surface::scene::{ScanDefects, Shape, recipe, taught};
 use crate::verdict::Verdict;
 
 fn tool(removal: Option<Model>) -> ToolState {
@@ -14,14 +14,14 @@ fn tool(removal: Option<Model>) -> ToolState {
 
 /// Returns the verdict, the codes of its reasons, and the checks, for a plan over the middle grid of a panel that is
 /// the inside of a sphere.
-fn planned(removal: &str, known: Option<Model>, before: RemovedBefore) -> (Verdict, Vec<String>, Vec<Check>) {
+fn planned(removal: &str, known: Option<Model>, before: EarlierRemoval) -> (Verdict, Vec<String>, Vec<Check>) {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{removal}"));
-    let panel = taught(Shape::Sphere, Spoil::default(), &recipe);
-    let fit = examine(&panel, recipe.surface()).expect("a surface");
+    let panel = taught(Shape::Sphere, ScanDefects::default(), &recipe);
+    let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
     let (on, tool) = ((&panel, &fit), tool(known));
     let grids = [GridId { row: 2, column: 3 }];
-    let plan = plan::lay(on, &grids, (&recipe, tool)).expect("a path");
-    let found = plan::judge(plan, on, Reach::Unknown, (&recipe, tool), (None, before));
+    let plan = plan::lay_paths(on, &grids, (&recipe, tool)).expect("a path");
+    let found = plan::judge(plan, on, ReachStart::Unknown, (&recipe, tool), (None, before));
     let codes = found.judgement.reasons.iter().map(|reason| reason.code.to_string()).collect();
     (found.judgement.verdict, codes, found.checks)
 }
@@ -35,7 +35,7 @@ const TABLE: &str = "[removal]\ntarget_um = 30\nmax_um = 50\nforce_n = 20\n";
 #[test]
 fn scheduled_feeds_remove_the_target() {
     let (verdict, codes, checks) =
-        planned(&format!("{TABLE}method = \"scheduled\"\n"), Some(EVEN_MODEL), RemovedBefore::default());
+        planned(&format!("{TABLE}method = \"scheduled\"\n"), Some(EVEN_MODEL), EarlierRemoval::default());
     assert_eq!((verdict, codes), (Verdict::Accept, vec![]));
     assert!((value(&checks, name::REMOVED_MEAN) / 30.0 - 1.0).abs() < 0.03);
     assert!(value(&checks, name::REMOVED_EVEN) < 20.0 && value(&checks, name::REMOVED_BOUND) < 50.0);
@@ -48,11 +48,11 @@ fn the_feed_that_hinders_is_named() {
     let told = |feed_mm_s: f64, lowest_mm_s: f64| {
         let table = format!("{TABLE}method = \"scheduled\"\nmin_feed_mm_s = {lowest_mm_s}\n");
         let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = {feed_mm_s}\n{table}"));
-        let panel = taught(Shape::Sphere, Spoil::default(), &recipe);
-        let fit = examine(&panel, recipe.surface()).expect("a surface");
+        let panel = taught(Shape::Sphere, ScanDefects::default(), &recipe);
+        let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
         let (on, tool) = ((&panel, &fit), tool(Some(EVEN_MODEL)));
-        let plan = plan::lay(on, &[GridId { row: 2, column: 3 }], (&recipe, tool)).expect("a path");
-        let found = plan::judge(plan, on, Reach::Unknown, (&recipe, tool), (None, RemovedBefore::default()));
+        let plan = plan::lay_paths(on, &[GridId { row: 2, column: 3 }], (&recipe, tool)).expect("a path");
+        let found = plan::judge(plan, on, ReachStart::Unknown, (&recipe, tool), (None, EarlierRemoval::default()));
         let uneven = found.judgement.reasons.into_iter().find(|reason| reason.code == "removal_uneven");
         uneven.map(|reason| reason.message).unwrap_or_default()
     };
@@ -68,7 +68,7 @@ fn what_may_be_too_deep_is_rejected_and_never_cut() {
     let (verdict, codes, checks) = planned(
         &format!("{}method = \"scheduled\"\n", TABLE.replace("50", "34")),
         Some(EVEN_MODEL),
-        RemovedBefore::default(),
+        EarlierRemoval::default(),
     );
     assert_eq!((verdict, codes), (Verdict::Reject, vec!["removal_too_deep".to_owned()]));
     let ratio = value(&checks, name::REMOVED_BOUND) / value(&checks, "expected removal over all passes, largest");
@@ -79,24 +79,24 @@ fn what_may_be_too_deep_is_rejected_and_never_cut() {
 #[test]
 fn earlier_cycles_count() {
     let scheduled = format!("{TABLE}method = \"scheduled\"\n");
-    let alone = planned(&scheduled, Some(EVEN_MODEL), RemovedBefore::default());
-    let after = planned(&scheduled, Some(EVEN_MODEL), RemovedBefore { bound_um: 12.5, unknown: 0 });
+    let alone = planned(&scheduled, Some(EVEN_MODEL), EarlierRemoval::default());
+    let after = planned(&scheduled, Some(EVEN_MODEL), EarlierRemoval { bound_um: 12.5, unknown: 0 });
     let bounds = [&alone.2, &after.2].map(|checks| value(checks, name::REMOVED_BOUND));
     assert!((bounds[1] - bounds[0] - 12.5).abs() < 1e-9);
     assert_eq!(after.1, ["removal_too_deep"]);
-    let unknown = planned(&scheduled, Some(EVEN_MODEL), RemovedBefore { bound_um: 0.0, unknown: 1 });
+    let unknown = planned(&scheduled, Some(EVEN_MODEL), EarlierRemoval { bound_um: 0.0, unknown: 1 });
     assert_eq!((unknown.0, unknown.1), (Verdict::Review, vec!["earlier_unknown".to_owned()]));
 }
 
 /// Calculated by hand: at 120 mm/s and rows of 12 mm, about 4·10⁻⁴ · 20 · 2618 / (120 · 12) = 14.5 µm.
 #[test]
 fn today_s_feed_stays_and_its_removal_is_told() {
-    let (_, codes, checks) = planned(TABLE, Some(EVEN_MODEL), RemovedBefore::default());
+    let (_, codes, checks) = planned(TABLE, Some(EVEN_MODEL), EarlierRemoval::default());
     assert!(codes.contains(&"more_passes".to_owned()), "{codes:?}");
     assert!(value(&checks, name::REMOVED_MEAN) < 25.0 && value(&checks, "passes that the target takes") == 2.0);
-    let (verdict, codes, _) = planned(TABLE, None, RemovedBefore::default());
+    let (verdict, codes, _) = planned(TABLE, None, EarlierRemoval::default());
     assert_eq!((verdict, codes), (Verdict::Reject, vec!["removal_unknown".to_owned()]));
-    let (verdict, _, checks) = planned("", Some(EVEN_MODEL), RemovedBefore::default());
+    let (verdict, _, checks) = planned("", Some(EVEN_MODEL), EarlierRemoval::default());
     assert!(verdict == Verdict::Accept && !checks.iter().any(|check| check.name.contains("remov")));
 }
 
@@ -104,20 +104,20 @@ fn today_s_feed_stays_and_its_removal_is_told() {
 #[test]
 fn what_an_air_run_would_remove_is_no_reason() {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{TABLE}"));
-    let panel = taught(Shape::Sphere, Spoil::default(), &recipe);
-    let fit = examine(&panel, recipe.surface()).expect("a surface");
+    let panel = taught(Shape::Sphere, ScanDefects::default(), &recipe);
+    let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
     let (on, grids) = ((&panel, &fit), [GridId { row: 2, column: 3 }]);
     for (known, before) in [(None, 0.0), (Some(EVEN_MODEL), 1_000.0)] {
         let judged = |in_air: bool| {
             let tool = ToolState { in_air, ..tool(known) };
-            let plan = plan::lay(on, &grids, (&recipe, tool)).expect("a path");
-            let before = RemovedBefore { bound_um: before, unknown: 1 };
-            plan::judge(plan, on, Reach::Unknown, (&recipe, tool), (None, before))
+            let plan = plan::lay_paths(on, &grids, (&recipe, tool)).expect("a path");
+            let before = EarlierRemoval { bound_um: before, unknown: 1 };
+            plan::judge(plan, on, ReachStart::Unknown, (&recipe, tool), (None, before))
         };
         let (contact, air) = (judged(false), judged(true));
         assert_eq!(contact.judgement.verdict, Verdict::Reject);
         let of_removal = |check: &&Check| check.name.contains("remov") || check.name.contains("passes");
-        assert!(air.checks.iter().filter(of_removal).all(|check| check.reason().is_none() && check.is_kept()));
+        assert!(air.checks.iter().filter(of_removal).all(|check| check.reason().is_none() && check.is_met()));
         assert!(
             air.judgement.reasons.iter().all(|reason| !reason.code.starts_with("remov")),
             "{:?}",
@@ -131,17 +131,18 @@ fn what_an_air_run_would_remove_is_no_reason() {
 #[test]
 fn the_force_that_was_measured_counts() {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{TABLE}"));
-    let panel = taught(Shape::Sphere, Spoil::default(), &recipe);
-    let fit = examine(&panel, recipe.surface()).expect("a surface");
+    let panel = taught(Shape::Sphere, ScanDefects::default(), &recipe);
+    let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
     let tool = tool(Some(EVEN_MODEL));
     let grids = [GridId { row: 2, column: 3 }];
-    let plan = plan::lay((&panel, &fit), &grids, (&recipe, tool)).expect("a path");
-    let before = RemovedBefore::default();
-    let abrasive = Abrasive { panel: &panel, fit: &fit, recipe: &recipe, tool, earlier: None, before };
+    let plan = plan::lay_paths((&panel, &fit), &grids, (&recipe, tool)).expect("a path");
+    let before = EarlierRemoval::default();
+    let abrasive =
+        RemovalInputs { panel: &panel, fit: &fit, recipe: &recipe, tool, earlier: None, earlier_removal: before };
     let mean_um = |force_n: Option<f64>| {
-        let poses: Vec<Executed> =
-            dwell::planned(&plan).into_iter().map(|pose| Executed { force_n, ..pose }).collect();
-        value(&abrasive.executed(&grids, &poses).expect("known").checks, name::REMOVED_MEAN)
+        let poses: Vec<ExecutedPose> =
+            dwell::timed_poses(&plan).into_iter().map(|pose| ExecutedPose { force_n, ..pose }).collect();
+        value(&abrasive.executed_removal(&grids, &poses).expect("known").checks, name::REMOVED_MEAN)
     };
     let [unmeasured, as_asked, half] = [None, Some(20.0), Some(10.0)].map(mean_um);
     assert!((unmeasured - as_asked).abs() < 1e-9, "{unmeasured} {as_asked}");

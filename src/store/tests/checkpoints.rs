@@ -25,7 +25,7 @@ fn a_checkpoint_folds_as_the_whole_journal() {
     assert_eq!(store.recover().expect("recovers"), whole);
     store.append(&Event::Reported(Report::Boot), None).expect("written");
     let folded = store.state().expect("known");
-    assert_eq!(folded, crate::cycle::fold(store.journal().expect("whole")));
+    assert_eq!(folded, crate::cycle::fold_journal(store.journal().expect("whole")));
 }
 
 /// The duration of a start with this number of lines in the journal: `cargo test -- --ignored --nocapture
@@ -67,7 +67,7 @@ fn a_start_does_not_read_the_whole_journal() {
     assert_eq!(store.recover().expect("the tail alone").at, At::Stopped);
     assert!(store.journal().is_err());
     drop(store);
-    assert!(verify(&folder).found.iter().any(|words| words.contains("journal line 7 ")));
+    assert!(verify(&folder).differences.iter().any(|words| words.contains("journal line 7 ")));
     // A recent change is detected at once.
     behind_its_back(&folder, "UPDATE checkpoints SET folded = replace(folded, 'stopped', 'idle')");
     let store = Store::create(&store_in(&folder)).expect("opens");

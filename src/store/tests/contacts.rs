@@ -3,13 +3,13 @@
 use super::journal::progress;
 use super::*;
 use crate::cycle::{Event, Id, Motion, Outcome, Path as MotionPath, Report};
-use crate::record::{Bounds, Clock, ContactPath, CycleId, EarlierPass, Finding, Kind, Reached, RecordingFile};
+use crate::record::{Bounds, Clock, ContactPath, CycleId, EarlierPass, Finding, FirstReached, Kind, RecordingFile};
 use crate::verdict::{Judgement, Reason, Verdict};
 
 const MOTION: Motion = Motion { epoch: 3, path: MotionPath::Contact, plan: 0xAB, waypoints: 40 };
 
 fn path() -> ContactPath {
-    let reached = |grid: &str, first| Reached { grid: grid.to_owned(), first };
+    let reached = |grid: &str, first| FirstReached { grid: grid.to_owned(), first };
     ContactPath { id: Id(9), pass: 1, grids: vec![reached("r1c1", 2), reached("r1c2", 30)], wears_mm2: 900.0 }
 }
 
@@ -30,17 +30,21 @@ fn an_open_contact_is_bounded_by_what_was_told_and_permitted() {
     assert!(store.open_contact(&MOTION, Some(id), (&path(), 16)).is_err(), "one motion at a time");
     report_progress(&mut store, id, 4);
     store.append(&progress(77), Some(id)).expect("written");
-    store.permit(20).expect("permitted");
+    store.store_permit(20).expect("permitted");
     report_progress(&mut store, id, 7);
     drop(store);
     let mut store = Store::create(&folder.path().join("store")).expect("the next program");
     let motions = store.cycle(id).expect("there").motions;
-    assert_eq!(motions[0].executed(), Some(Bounds { at_least: 7, at_most: 20 }));
+    assert_eq!(motions[0].executed_bounds(), Some(Bounds { at_least: 7, at_most: 20 }));
     assert_eq!(motions[0].contact.as_ref().map(|contact| &contact.path), Some(&path()));
     store.close_intent(&MOTION, Outcome::Cleared, 0).expect("a person cleared it");
     let cleared = store.cycle(id).expect("there").motions;
-    assert_eq!(cleared[0].executed(), Some(Bounds { at_least: 7, at_most: 20 }), "nobody knows more by that");
-    assert!(store.permit(30).is_err(), "no motion is open");
+    assert_eq!(
+        cleared[0].executed_bounds(),
+        Some(Bounds { at_least: 7, at_most: 20 }),
+        "nobody knows more by that"
+    );
+    assert!(store.store_permit(30).is_err(), "no motion is open");
 }
 
 /// A cycle that crashed, a cycle that was stopped with its finding, then a cycle that passes: after that the next
@@ -55,36 +59,50 @@ fn what_may_have_been_abraded_counts_until_the_part_has_a_result() {
     store.conclude(one, Verdict::Aborted, &[]).expect("concluded");
     store.close_intent(&MOTION, Outcome::Cleared, 0).expect("cleared");
     let two = begin(&mut store);
-    assert_eq!(store.abraded_before(two).expect("read"), [earlier(one, "r1c1", false)], "r1c2 was not permitted");
+    assert_eq!(
+        store.earlier_abrasions(two).expect("read"),
+        [earlier(one, "r1c1", false)],
+        "r1c2 was not permitted"
+    );
 
     store.open_contact(&Motion { epoch: 5, ..MOTION }, Some(two), (&path(), 40)).expect("opened");
     let found = Finding::new(Kind::Abrade, 1, Judgement { verdict: Verdict::Accept, reasons: vec![] });
-    store.note(two, &found.detail("grids", vec!["r1c1"]).detail("grids_in_part", vec!["r1c2"])).expect("kept");
+    store
+        .store_finding(two, &found.with_detail("grids", vec!["r1c1"]).with_detail("grids_in_part", vec!["r1c2"]))
+        .expect("kept");
     store.close_intent(&Motion { epoch: 5, ..MOTION }, Outcome::Stopped, 33).expect("closed");
     store.conclude(two, Verdict::Aborted, &[]).expect("concluded");
     let other =
         store.begin_cycle(&CycleStart { panel: "fin".to_owned(), ..super::cycles::start() }).expect("begun");
-    assert_eq!(store.abraded_before(other).expect("read"), [], "another panel");
+    assert_eq!(store.earlier_abrasions(other).expect("read"), [], "another panel");
     let three = begin(&mut store);
     let counted = [earlier(one, "r1c1", false), earlier(two, "r1c1", true), earlier(two, "r1c2", true)];
-    assert_eq!(store.abraded_before(three).expect("read"), counted);
+    assert_eq!(store.earlier_abrasions(three).expect("read"), counted);
     store.conclude(three, Verdict::Reject, &[Reason::new("overlap", "too little")]).expect("concluded");
     let four = begin(&mut store);
-    assert_eq!(store.abraded_before(four).expect("read"), counted, "a panel that was not found is still that part");
+    assert_eq!(
+        store.earlier_abrasions(four).expect("read"),
+        counted,
+        "a panel that was not found is still that part"
+    );
     let used = Reason::new(crate::record::PASSES_USED, "r1c1 may not be abraded again");
     store.conclude(four, Verdict::Reject, &[used]).expect("concluded");
     let five = begin(&mut store);
     assert_eq!(
-        store.abraded_before(five).expect("read"),
+        store.earlier_abrasions(five).expect("read"),
         counted,
         "the part that had all of its passes lies there still"
     );
     air_run(&mut store, five);
     let six = begin(&mut store);
-    assert_eq!(store.abraded_before(six).expect("read"), counted, "an air-run abrades nothing and ends no count");
+    assert_eq!(
+        store.earlier_abrasions(six).expect("read"),
+        counted,
+        "an air-run abrades nothing and ends no count"
+    );
     film(&mut store, six, Verdict::Pass);
     let seven = begin(&mut store);
-    assert_eq!(store.abraded_before(seven).expect("read"), [], "the part had a result, and is taken out");
+    assert_eq!(store.earlier_abrasions(seven).expect("read"), [], "the part had a result, and is taken out");
 }
 
 /// Adds a finished air-run: a pass without a film.
@@ -95,7 +113,7 @@ fn air_run(store: &mut Store, id: CycleId) {
 /// Adds a cycle that ends by its film.
 pub fn film(store: &mut Store, id: CycleId, verdict: Verdict) {
     let found = Finding::new(Kind::Inspect, 0, Judgement { verdict, reasons: vec![] });
-    store.note(id, &found).expect("kept");
+    store.store_finding(id, &found).expect("kept");
     store.conclude(id, verdict, &[]).expect("concluded");
 }
 
@@ -115,7 +133,7 @@ pub fn start_of(serial: &str, another: bool) -> CycleStart {
         start.file_texts.push(("part".to_owned(), format!("serial = \"{serial}\"\n")));
     }
     if another {
-        start.file_texts.push((crate::record::ANOTHER_PART.to_owned(), "yes".to_owned()));
+        start.file_texts.push((crate::record::ANOTHER_PART_TEXT.to_owned(), "yes".to_owned()));
     }
     start
 }
@@ -130,7 +148,7 @@ fn a_count_is_of_one_part_and_falls_by_nothing_else() {
     let mut counted = |serial: &str, another| {
         let id = store.begin_cycle(&start_of(serial, another)).expect("begun");
         let mut cycles: Vec<i64> =
-            store.abraded_before(id).expect("read").iter().map(|pass| pass.cycle.0).collect();
+            store.earlier_abrasions(id).expect("read").iter().map(|pass| pass.cycle.0).collect();
         cycles.dedup();
         (id, cycles)
     };
@@ -147,7 +165,7 @@ fn a_count_is_of_one_part_and_falls_by_nothing_else() {
     let mut after = |serial: &str| {
         let id = store.begin_cycle(&start_of(serial, false)).expect("begun");
         store
-            .abraded_before(id)
+            .earlier_abrasions(id)
             .expect("read")
             .iter()
             .map(|pass| pass.cycle)
@@ -170,7 +188,7 @@ fn a_fail_ends_no_count_without_a_serial_number() {
     };
     let counted = |store: &mut Store, (serial, another)| -> Vec<CycleId> {
         let id = store.begin_cycle(&start_of(serial, another)).expect("begun");
-        store.abraded_before(id).expect("read").iter().map(|pass| pass.cycle).collect()
+        store.earlier_abrasions(id).expect("read").iter().map(|pass| pass.cycle).collect()
     };
     let without_serial = failed(&mut store, ("", 3), false);
     assert_eq!(counted(&mut store, ("", false)), [without_serial]);
@@ -193,7 +211,10 @@ fn a_contact_that_was_never_permitted_touched_nothing() {
     let none = ContactPath { grids: vec![], wears_mm2: 0.0, ..path() };
     store.open_contact(&MOTION, Some(id), (&none, 0)).expect("opened");
     let motion = &store.cycle(id).expect("there").motions[0];
-    assert_eq!((motion.executed(), motion.touched()), (Some(Bounds { at_least: 0, at_most: 0 }), Some(vec![])));
+    assert_eq!(
+        (motion.executed_bounds(), motion.touched_grids()),
+        (Some(Bounds { at_least: 0, at_most: 0 }), Some(vec![]))
+    );
 }
 
 #[test]
@@ -204,7 +225,7 @@ fn a_cycle_keeps_its_clock_and_its_recording() {
     let id = store.begin_cycle(&start).expect("begun");
     assert_eq!(store.cycle(id).expect("there").clocks, [None, None]);
     let clocks = [Clock::Simulated { at_ms: 100 }, Clock::Simulated { at_ms: 61_500 }];
-    clocks.iter().for_each(|clock| store.keep_clock(id, *clock).expect("kept"));
+    clocks.iter().for_each(|clock| store.store_clock(id, *clock).expect("kept"));
     let record = store.cycle(id).expect("there");
     assert_eq!((record.clocks, record.recording), (clocks.map(Some), Some(file)));
 }

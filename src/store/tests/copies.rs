@@ -20,7 +20,7 @@ fn a_copy_beside_a_writer_is_the_store_of_one_moment() {
             for number in 0..20 {
                 let to = folder.path().join(format!("copy{number}"));
                 let copied = Store::copy_rows(&path, &to).expect("copied");
-                assert_eq!(copied.found, [] as [String; 0]);
+                assert_eq!(copied.deviations, [] as [String; 0]);
                 assert!(copied.links >= links && copied.files.len() == 3, "{copied:?}");
                 let copy = Store::open(&to).expect("a store");
                 let journal = copy.journal().expect("whole");
@@ -46,7 +46,7 @@ fn a_copy_beside_a_writer_is_the_store_of_one_moment() {
     // With its files, the copy is a complete store.
     let to = folder.path().join("copy19");
     fs::rename(path.join("blobs"), to.join("blobs")).expect("moved");
-    assert_eq!(Store::verify(&to, true).expect("verified").found, [] as [String; 0]);
+    assert_eq!(Store::verify(&to, true).expect("verified").differences, [] as [String; 0]);
     let store = Store::create(&to).expect("opens for writing");
     assert_eq!(store.changed(), [] as [String; 0]);
     assert_eq!(store.taught("wing", None).expect("there").version, version);
@@ -67,7 +67,7 @@ fn a_store_that_was_changed_is_told_and_not_copied() {
     drop(store);
     fs::write(path.join(DATABASE), whole).expect("rolled back");
     let copied = Store::copy_rows(&path, &folder.path().join("copy")).expect("looked at");
-    assert!(copied.found.iter().any(|words| words.contains("rolled back")), "{copied:?}");
+    assert!(copied.deviations.iter().any(|words| words.contains("rolled back")), "{copied:?}");
     assert!(!folder.path().join("copy").exists());
 
     // A changed row that no head shows: the copy is verified, too.
@@ -76,7 +76,7 @@ fn a_store_that_was_changed_is_told_and_not_copied() {
     connection.execute("UPDATE journal SET unix_ms = 7 WHERE sequence = 3", []).expect("changed");
     drop(connection);
     let copied = Store::copy_rows(&path, &folder.path().join("copy")).expect("looked at");
-    assert!(copied.found.iter().any(|words| words.contains("changed: journal line 3")), "{copied:?}");
+    assert!(copied.deviations.iter().any(|words| words.contains("changed: journal line 3")), "{copied:?}");
 }
 
 /// The database of an earlier version of this program is copied beside the store before it is changed. The copy is

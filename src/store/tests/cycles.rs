@@ -3,7 +3,7 @@
 use super::*;
 use crate::cycle::{Event, Motion, Outcome, Path as MotionPath, Request};
 use crate::record::{
-    Budget, Check, CycleId, Finding, KeptFile, Kind, Limit, MotionRecord, Picture, RequestedAction, SetBy,
+    Budget, Check, CycleId, Finding, KeptFile, Kind, Limit, LimitSource, MotionRecord, Picture, RequestedAction,
 };
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::collections::BTreeMap;
@@ -23,7 +23,7 @@ pub fn start() -> CycleStart {
 }
 
 fn finding(picture: &str) -> Finding {
-    let number = Check::new("residual", "mm", 0.1 + 0.2).within(Limit::AtMost(1.0 / 3.0), SetBy::Program);
+    let number = Check::new("residual", "mm", 0.1 + 0.2).with_limit(Limit::AtMost(1.0 / 3.0), LimitSource::Program);
     let reasons = vec![Reason::new("overlap", "0.85 of the panel, allowed 0.9")];
     Finding {
         kind: Kind::Locate,
@@ -46,9 +46,9 @@ fn a_cycle_comes_back_whole_and_to_the_bit() {
     let id = store.begin_cycle(&start()).expect("begun");
     let running = store.cycle(id).expect("there");
     assert_eq!((running.judgement, running.ended_unix_s, running.budget), (None, None, None));
-    let picture = store.put_blob(b"jpeg").expect("kept");
-    store.note(id, &finding(&picture)).expect("kept");
-    store.note(id, &Finding { kind: Kind::Abrade, pass: 1, ..finding(&picture) }).expect("kept");
+    let picture = store.store_blob(b"jpeg").expect("kept");
+    store.store_finding(id, &finding(&picture)).expect("kept");
+    store.store_finding(id, &Finding { kind: Kind::Abrade, pass: 1, ..finding(&picture) }).expect("kept");
     let motion = Motion { epoch: 3, path: MotionPath::Contact, plan: u64::MAX, waypoints: 200 };
     store.open_intent(&motion, Some(id)).expect("opened");
     store.close_intent(&motion, Outcome::Held, 17).expect("closed");
@@ -80,21 +80,21 @@ fn a_cycle_comes_back_whole_and_to_the_bit() {
     let files: Vec<_> =
         record.files.iter().map(|file| (file.name.as_str(), store.blob(&file.hash).expect("kept"))).collect();
     assert_eq!(files, [("cell", b"[limits]\n".to_vec()), ("scanner", b"fx_px = 1\n".to_vec())]);
-    assert_eq!(store.last_cycle().expect("read"), Some(id));
+    assert_eq!(store.newest_cycle().expect("read"), Some(id));
 }
 
 #[test]
 fn what_does_not_fit_is_refused() {
     let (_folder, mut store) = new_store();
     let id = store.begin_cycle(&start()).expect("begun");
-    let picture = store.put_blob(b"jpeg").expect("kept");
+    let picture = store.store_blob(b"jpeg").expect("kept");
     let mut spoilt = finding(&picture);
     spoilt.checks[0].value = Some(f64::NAN);
-    assert!(store.note(id, &spoilt).expect_err("NaN").to_string().contains("'residual'"));
-    spoilt.checks[0] = Check::new("shift", "mm", 1.0).within(Limit::Below(f64::INFINITY), SetBy::Program);
-    assert!(store.note(id, &spoilt).is_err());
-    assert!(store.note(id, &finding(&"0".repeat(64))).is_err(), "a picture that is not there");
-    assert!(store.note(CycleId(9), &finding(&picture)).is_err(), "no such cycle");
+    assert!(store.store_finding(id, &spoilt).expect_err("NaN").to_string().contains("'residual'"));
+    spoilt.checks[0] = Check::new("shift", "mm", 1.0).with_limit(Limit::Below(f64::INFINITY), LimitSource::Program);
+    assert!(store.store_finding(id, &spoilt).is_err());
+    assert!(store.store_finding(id, &finding(&"0".repeat(64))).is_err(), "a picture that is not there");
+    assert!(store.store_finding(CycleId(9), &finding(&picture)).is_err(), "no such cycle");
     assert!(store.set_budget(id, &Budget { fit_mm: Some(f64::NAN), ..Budget::default() }).is_err());
     assert_eq!(store.cycle(id).expect("there").findings, []);
     assert!(store.cycle(CycleId(9)).expect_err("none").to_string().contains("no cycle 9"));

@@ -16,10 +16,10 @@ pub fn whole() -> TempDir {
     for number in 0..4_u32 {
         let id = store.begin_cycle(&super::cycles::start()).expect("begun");
         let judgement = Judgement { verdict: Verdict::Review, reasons: vec![] };
-        let picture = store.put_blob(format!("picture {number}").as_bytes()).expect("kept");
+        let picture = store.store_blob(format!("picture {number}").as_bytes()).expect("kept");
         let mut finding = Finding::new(Kind::Locate, 0, judgement);
         finding.shots.push(crate::record::KeptFile { name: "scan".to_owned(), hash: picture });
-        store.note(id, &finding).expect("kept");
+        store.store_finding(id, &finding).expect("kept");
         let motion = Motion { epoch: 1 + number, path: MotionPath::Park, plan: 0, waypoints: 1 };
         store.open_intent(&motion, Some(id)).expect("opened");
         for done in 0..30 {
@@ -31,10 +31,10 @@ pub fn whole() -> TempDir {
         store.set_budget(id, &Budget { locate_mm: Some(0.2), ..Budget::default() }).expect("replaced");
         store.conclude(id, Verdict::Fail, &[]).expect("kept");
     }
-    store.keep_verification(&super::verifications::verified("scanner", 0.1)).expect("kept");
+    store.store_verification(&super::verifications::verified("scanner", 0.1)).expect("kept");
     drop(store);
     let strike = crate::calib::health::Strike { by: "A".to_owned(), why: "mistyped".to_owned(), at_unix_s: 9 };
-    Store::strike_in(&folder.path().join("store"), 1, &strike).expect("struck out");
+    Store::strike_out_in(&folder.path().join("store"), 1, &strike).expect("struck out");
     folder
 }
 
@@ -42,7 +42,7 @@ pub fn store_in(folder: &TempDir) -> std::path::PathBuf {
     folder.path().join("store")
 }
 
-pub fn verify(folder: &TempDir) -> Verified {
+pub fn verify(folder: &TempDir) -> StoreVerification {
     Store::verify(&store_in(folder), true).expect("verified")
 }
 
@@ -54,8 +54,13 @@ pub fn behind_its_back(folder: &TempDir, sql: &str) {
     connection.execute_batch(sql).unwrap_or_else(|error| panic!("{sql}: {error}"));
 }
 
-fn rows_alone(found: &Verified) -> Vec<&str> {
-    found.found.iter().map(String::as_str).filter(|words| !words.contains("after the program closed it")).collect()
+fn rows_alone(found: &StoreVerification) -> Vec<&str> {
+    found
+        .differences
+        .iter()
+        .map(String::as_str)
+        .filter(|words| !words.contains("after the program closed it"))
+        .collect()
 }
 
 /// A new table or column must be added to the chain. The table of parts is an index over texts that are in the
@@ -80,7 +85,7 @@ fn every_column_of_every_table_is_in_the_chain() {
 fn a_store_that_nobody_touched_is_whole() {
     let folder = whole();
     let found = verify(&folder);
-    assert_eq!((found.found.clone(), found.known.len()), (vec![], 0));
+    assert_eq!((found.differences.clone(), found.earlier_differences.len()), (vec![], 0));
     assert!(found.links > 150 && found.files > 5, "{found:?}");
     for _ in 0..3 {
         let mut store = Store::create(&store_in(&folder)).expect("opens");
@@ -88,7 +93,7 @@ fn a_store_that_nobody_touched_is_whole() {
         assert_eq!(store.recover().expect("recovers").at, At::Stopped);
         store.append(&progress(1), None).expect("written");
     }
-    assert_eq!(verify(&folder).found, [] as [String; 0]);
+    assert_eq!(verify(&folder).differences, [] as [String; 0]);
 }
 
 /// Each change has a word that the finding must contain.
@@ -144,7 +149,7 @@ fn a_chain_that_was_written_anew_contradicts_its_head() {
     behind_its_back(&folder, "UPDATE cycles SET verdict = 'pass'");
     let connection = Connection::open(store_in(&folder).join(DATABASE)).expect("opens");
     connection.execute("DELETE FROM chain", []).expect("forged");
-    let forged = chain::adopt(&connection).expect("forged");
+    let forged = chain::adopt_rows(&connection).expect("forged");
     drop(connection);
     let found = verify(&folder);
     let told = rows_alone(&found);
@@ -160,7 +165,7 @@ fn a_chain_that_was_written_anew_contradicts_its_head() {
         rows.collect::<Result<_, _>>().expect("read")
     };
     connection.execute("DELETE FROM chain", []).expect("forged");
-    let mut place = chain::ChainPosition::BEGIN;
+    let mut place = chain::ChainPosition::START;
     for (part, key) in links {
         place = chain::add(&connection, place, chain::part(&part).expect("ours"), key).expect("forged");
     }
@@ -184,7 +189,7 @@ fn a_flipped_bit_in_any_page_is_found() {
             fs::write(&path, spoilt).expect("spoilt");
             let found = Store::verify(&store_in(&folder), false).map_or(1, |found| {
                 named += usize::from(!rows_alone(&found).is_empty());
-                found.found.len()
+                found.differences.len()
             });
             assert!(found > 0, "page {page}, byte {offset} is silent");
             flips += 1;
@@ -193,7 +198,7 @@ fn a_flipped_bit_in_any_page_is_found() {
     eprintln!("{flips} flips in {pages} pages, all found; {named} of them in what rows, links and pages say");
     assert!(pages > 10 && named > flips / 4);
     fs::write(&path, bytes).expect("as it was");
-    assert_eq!(verify(&folder).found, [] as [String; 0]);
+    assert_eq!(verify(&folder).differences, [] as [String; 0]);
 }
 
 /// A changed bit in any byte of the head is reported, and the store still opens if the other copy explains it.
@@ -207,7 +212,7 @@ fn a_flipped_bit_in_the_head_is_found() {
         spoilt[place] ^= 0x01;
         fs::write(&path, spoilt).expect("spoilt");
         let found = Store::verify(&store_in(&folder), false).expect("verified");
-        assert!(!found.found.is_empty(), "byte {place} is silent");
+        assert!(!found.differences.is_empty(), "byte {place} is silent");
     }
 }
 
@@ -220,7 +225,7 @@ fn the_last_line_alone_cannot_be_cut_off() {
         "DELETE FROM chain WHERE link = (SELECT max(link) FROM chain); DELETE FROM verification_strikes",
     );
     let found = verify(&folder);
-    assert!(found.found.iter().any(|words| words.contains("rolled back: 1 entries")), "{found:?}");
+    assert!(found.differences.iter().any(|words| words.contains("rolled back: 1 entries")), "{found:?}");
 }
 
 /// The content of a store from an earlier version of this program is added to a chain, once.
@@ -247,7 +252,7 @@ fn a_store_without_a_chain_is_taken_into_one() {
     assert_eq!(store.recover().expect("recovers").at, At::Stopped);
     drop(store);
     let found = verify(&folder);
-    assert!(found.found.is_empty() && found.links > 130, "{found:?}");
+    assert!(found.differences.is_empty() && found.links > 130, "{found:?}");
     behind_its_back(&folder, "UPDATE cycles SET verdict = 'pass' WHERE id = 1");
-    assert!(verify(&folder).found.iter().any(|words| words.contains("end of cycle 1")));
+    assert!(verify(&folder).differences.iter().any(|words| words.contains("end of cycle 1")));
 }

@@ -58,23 +58,23 @@ fn the_journal_goes_on_where_the_disk_is_full() {
     let mut store = Store::create(&path).expect("a new store");
     store.recover().expect("recovers");
     let id = store.begin_cycle(&super::cycles::start()).expect("begun");
-    let picture = store.put_picture(b"jpeg").expect("kept").expect("there is room");
+    let picture = store.store_picture(b"jpeg").expect("kept").expect("there is room");
     let motion = Motion { epoch: 3, path: MotionPath::Contact, plan: 7, waypoints: 200 };
     store.open_intent(&motion, Some(id)).expect("opened");
 
     disk.fill();
-    assert_eq!(store.put_picture(b"another").expect("no error"), None, "pictures first");
+    assert_eq!(store.store_picture(b"another").expect("no error"), None, "pictures first");
     assert!(store.is_disk_full());
-    assert!(matches!(store.put_blob(b"a recipe"), Err(StoreError::Full { .. })), "what must be kept is an error");
+    assert!(matches!(store.store_blob(b"a recipe"), Err(StoreError::Full { .. })), "what must be kept is an error");
     for done in 0..1_000 {
         store.append(&progress(done), Some(id)).expect("the journal goes on");
     }
     let finding = Finding::new(Kind::Abrade, 1, Judgement { verdict: Verdict::Review, reasons: vec![] });
-    store.note(id, &finding).expect("kept");
+    store.store_finding(id, &finding).expect("kept");
     store.close_intent(&motion, Outcome::Held, 17).expect("closed");
     store.conclude(id, Verdict::Aborted, &[]).expect("concluded");
     assert_eq!(store.dropped_pictures(), 1);
-    assert!(!store.has_room());
+    assert!(!store.has_free_space());
     drop(store);
 
     // Starts in the space that the reserve has freed.
@@ -97,9 +97,9 @@ fn the_journal_goes_on_where_the_disk_is_full() {
     disk.empty();
     let mut store = Store::create(&path).expect("opens");
     assert_eq!((store.recover().expect("recovers"), store.changed().len()), (recovered, 0));
-    assert!(store.has_room() && !store.is_disk_full());
+    assert!(store.has_free_space() && !store.is_disk_full());
     assert_eq!(store.blob(&picture).expect("kept"), b"jpeg");
     assert_eq!(store.journal().expect("whole").len(), 1_000);
     drop(store);
-    assert_eq!(Store::verify(&path, true).expect("verified").found, [] as [String; 0]);
+    assert_eq!(Store::verify(&path, true).expect("verified").differences, [] as [String; 0]);
 }

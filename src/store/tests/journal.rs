@@ -35,7 +35,7 @@ struct Walk {
 
 impl Walk {
     fn new() -> Self {
-        Walk { state: State::NEW, armed: Vec::new(), films: 0 }
+        Walk { state: State::INITIAL, armed: Vec::new(), films: 0 }
     }
 
     fn likely(&mut self) -> Event {
@@ -138,7 +138,7 @@ proptest! {
         let recovered = store.recover().expect("recovers");
         prop_assert_eq!(recovered, cycle::recover(memory));
         prop_assert_eq!(store.has_open_motion().expect("read"), recovered.intent.is_some());
-        prop_assert!(recovered.intent.is_none() || recovered.at.word() == "aborted");
+        prop_assert!(recovered.intent.is_none() || recovered.at.keyword() == "aborted");
         prop_assert_eq!(store.open_cycles().expect("read").len(), usize::from(walk.state.job.running));
         prop_assert_eq!(store.recover().expect("again"), recovered);
     }
@@ -173,7 +173,7 @@ fn an_open_motion_is_aborted_after_a_restart_until_a_person_clears_it() {
 
     // The next process: boot, robot ready, clear, and the robot reports standstill.
     let mut cell = Loop { running: store.open_cycles().expect("read").first().copied(), store };
-    let mut walk = Walk { state: cycle::fold(cell.store.journal().expect("read")), ..Walk::new() };
+    let mut walk = Walk { state: cycle::fold_journal(cell.store.journal().expect("read")), ..Walk::new() };
     let mut event = Event::Reported(Report::Boot);
     for _ in 0..20 {
         cell.append(&event, walk.state.at);
@@ -185,7 +185,7 @@ fn an_open_motion_is_aborted_after_a_restart_until_a_person_clears_it() {
     }
     assert_eq!(walk.state.at, At::Stopped);
     assert!(!cell.store.has_open_motion().expect("read"));
-    let id = cell.store.last_cycle().expect("read").expect("a cycle");
+    let id = cell.store.newest_cycle().expect("read").expect("a cycle");
     let record = cell.store.cycle(id).expect("whole");
     assert_eq!(record.judgement.map(|judgement| judgement.verdict), Some(crate::verdict::Verdict::Aborted));
     assert_eq!(record.motions.last().and_then(|motion| motion.outcome), Some(Outcome::Cleared));
@@ -244,7 +244,7 @@ fn a_full_disk_takes_the_reserve_and_then_nothing() {
     store.connection.pragma_update_and_check(None, "max_page_count", 100_000, |_| Ok(())).expect("set");
     assert_eq!(store.append(&progress(written + 1), None).expect("there is room"), u64::from(written) + 1);
     written += 1;
-    assert!(store.has_room() && !store.is_disk_full() && reserve.exists(), "it is taken again");
+    assert!(store.has_free_space() && !store.is_disk_full() && reserve.exists(), "it is taken again");
     drop(store);
     let mut store = Store::create(&folder.path().join("store")).expect("opens again");
     let expected: Vec<Event> = (1..=written).map(progress).collect();

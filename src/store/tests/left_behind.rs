@@ -22,13 +22,13 @@ fn a_change_that_a_small_command_finds_waits_for_a_person_too() {
     store.append(&Event::Reported(Report::Boot), None).expect("written");
     drop(store);
     fs::write(path.join(DATABASE), before).expect("rolled back");
-    drop(Store::for_people(&path).expect("opens"));
+    drop(Store::open_for_accounts(&path).expect("opens"));
     let mut store = Store::create(&path).expect("opens");
     assert_eq!(store.changed(), [] as [String; 0], "it is kept as an incident");
     assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
     drop(store);
     let waits = Store::verify(&path, false).expect("verified");
-    assert!(waits.found.iter().any(|words| words.contains("rolled back")), "{waits:?}");
+    assert!(waits.differences.iter().any(|words| words.contains("rolled back")), "{waits:?}");
 }
 
 /// A copy without its log: its content is old, and the start rests until a person clears it.
@@ -49,7 +49,7 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
     fs::create_dir_all(lost.join("blobs")).expect("made");
     fs::write(lost.join(DATABASE), before).expect("copied");
     fs::copy(path.join(head::FILE), lost.join(head::FILE)).expect("copied");
-    let found = Store::verify(&lost, false).expect("verified").found;
+    let found = Store::verify(&lost, false).expect("verified").differences;
     assert!(found.iter().any(|words| words.starts_with("rolled back: 2 entries")), "{found:?}");
 
     let mut store = Store::create(&lost).expect("opens");
@@ -62,7 +62,7 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
     assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
     assert_eq!(store.incidents().expect("kept").len(), 1);
     let waits = Store::verify(&lost, false).expect("verified");
-    assert!(waits.found.iter().any(|words| words.contains("rolled back")), "{waits:?}");
+    assert!(waits.differences.iter().any(|words| words.contains("rolled back")), "{waits:?}");
     for event in [
         Event::Reported(Report::Boot),
         Event::Reported(Report::Robot(crate::cycle::Robot::Ready)),
@@ -79,14 +79,14 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
     assert_eq!(store.recover().expect("recovers").at, At::Stopped);
     drop(store);
     let cleared = Store::verify(&lost, false).expect("verified");
-    assert_eq!((cleared.found.len(), cleared.known.len()), (0, 1), "{cleared:?}");
+    assert_eq!((cleared.differences.len(), cleared.earlier_differences.len()), (0, 1), "{cleared:?}");
 }
 
 #[test]
 fn a_head_that_is_gone_and_a_database_that_is_gone_are_told() {
     let folder = whole();
     fs::remove_file(store_in(&folder).join(head::FILE)).expect("removed");
-    assert!(verify(&folder).found[0].contains("is missing"));
+    assert!(verify(&folder).differences[0].contains("is missing"));
     let mut store = Store::create(&store_in(&folder)).expect("opens");
     assert!(matches!(store.recover().expect("recovers").at, At::Aborted { .. }));
     drop(store);
@@ -122,14 +122,14 @@ fn no_kill_between_commit_and_head_is_a_false_alarm() {
     let mut seen = [0; 3];
     for kill in fs::read_dir(left.path()).expect("listed") {
         let path = kill.expect("a folder").path();
-        let found = Store::verify(&path, false).expect("verified").found;
+        let found = Store::verify(&path, false).expect("verified").differences;
         assert_eq!(found, [] as [String; 0], "{}", path.display());
         let mut store = Store::create(&path).expect("opens");
         assert_eq!(store.changed(), [] as [String; 0], "{}", path.display());
         assert_eq!(store.recover().expect("recovers").at, At::Stopped);
         store.append(&progress(7), None).expect("goes on");
         drop(store);
-        assert_eq!(Store::verify(&path, false).expect("verified").found, [] as [String; 0]);
+        assert_eq!(Store::verify(&path, false).expect("verified").differences, [] as [String; 0]);
         fs::remove_dir_all(&path).expect("removed");
         let step = [Step::Prepared, Step::Committed, Step::Settled];
         let step = step.iter().position(|step| path.display().to_string().ends_with(&format!("{step:?}")));
@@ -172,5 +172,5 @@ fn a_clock_of_1960_stops_nothing() {
     assert_eq!(store.taught("wing", None).expect("there").taught_at_unix_s, -315_360_000);
     assert_eq!(unix_ms(std::time::UNIX_EPOCH - std::time::Duration::from_millis(1)), -1);
     drop(store);
-    assert_eq!(verify(&folder).found, [] as [String; 0]);
+    assert_eq!(verify(&folder).differences, [] as [String; 0]);
 }

@@ -32,9 +32,9 @@ fn new_store() -> (TempDir, Store) {
     (folder, store)
 }
 
-fn teaching(name: &str) -> Teaching {
+fn teaching(name: &str) -> TeachingInputs {
     let pose = KukaPose { x_mm: 0.1 + 0.2, a_deg: -0.0, b_deg: 1.0 / 3.0, ..KukaPose::default() };
-    Teaching {
+    TeachingInputs {
         name: name.to_owned(),
         scan: b"scan".to_vec(),
         recipe_text: "panel = \"wing\"\n".to_owned(),
@@ -66,7 +66,7 @@ fn what_was_taught_comes_back_to_the_bit_after_a_restart() {
 fn the_latest_version_is_the_default_and_older_ones_stay() {
     let (_folder, mut store) = new_store();
     let first = store.teach(&teaching("wing")).expect("taught");
-    let changed = Teaching { scan: b"another".to_vec(), ..teaching("wing") };
+    let changed = TeachingInputs { scan: b"another".to_vec(), ..teaching("wing") };
     let second = store.teach(&changed).expect("taught");
     let latest = |store: &Store| store.taught("wing", None).expect("there").version;
     assert_eq!(latest(&store), second);
@@ -78,7 +78,7 @@ fn the_latest_version_is_the_default_and_older_ones_stay() {
 #[test]
 fn every_part_is_in_the_version() {
     let (_folder, mut store) = new_store();
-    let changes: [fn(&mut Teaching); 8] = [
+    let changes: [fn(&mut TeachingInputs); 8] = [
         |_| {},
         |t| t.scan.push(0),
         |t| t.recipe_text += "\n",
@@ -118,17 +118,18 @@ fn an_unknown_panel_or_version_lists_what_there_is() {
 fn a_damaged_blob_is_named_and_never_comes_out() {
     let (folder, mut store) = new_store();
     store.teach(&teaching("wing")).expect("taught");
-    let hash = store.put_blob(b"second").expect("there already");
+    let hash = store.store_blob(b"second").expect("there already");
     let path = folder.path().join("store/blobs").join(&hash);
     fs::write(&path, b"sec0nd").expect("spoilt");
-    for error in [store.taught("wing", None).expect_err("damaged"), store.put_blob(b"second").expect_err("damaged")]
+    for error in
+        [store.taught("wing", None).expect_err("damaged"), store.store_blob(b"second").expect_err("damaged")]
     {
         assert!(matches!(&error, StoreError::DamagedBlob { path: named, .. } if *named == path), "{error}");
         assert!(error.to_string().contains(&hash));
     }
     fs::remove_file(&path).expect("removed");
     assert!(store.taught("wing", None).expect_err("missing").to_string().contains(&hash));
-    store.put_blob(b"second").expect("written again");
+    store.store_blob(b"second").expect("written again");
     assert_eq!(store.taught("wing", None).expect("whole again").teaching, teaching("wing"));
 }
 
@@ -174,7 +175,7 @@ fn two_threads_may_keep_the_same_content_at_once() {
             let (picture, started) = (&picture, &start);
             scope.spawn(move || {
                 started.wait();
-                writer.put_picture(picture).expect("kept").expect("there is room")
+                writer.store_picture(picture).expect("kept").expect("there is room")
             })
         };
         let writers: Vec<_> = (0..8).map(|_| writer()).collect();

@@ -62,7 +62,7 @@ fn one_process_writes_and_others_read() {
     store.teach(&teaching("wing")).expect("taught");
     let mut reader = Store::open(&path).expect("beside the writer");
     assert_eq!(reader.taught("wing", None).expect("there").teaching, teaching("wing"));
-    assert!(matches!(reader.put_blob(b"new"), Err(StoreError::ReadOnly { .. })));
+    assert!(matches!(reader.store_blob(b"new"), Err(StoreError::ReadOnly { .. })));
     assert!(matches!(reader.teach(&teaching("fin")), Err(StoreError::ReadOnly { .. })));
     assert!(matches!(reader.recover().map(drop), Ok(())), "nothing to write");
     drop(store);

@@ -16,7 +16,7 @@ fn concluded(store: &mut Store) -> CycleId {
     };
     let id = store.begin_cycle(&start).expect("begun");
     let film = Finding::new(crate::record::Kind::Inspect, 1, Judgement { verdict: Verdict::Pass, reasons: vec![] });
-    store.note(id, &film).expect("kept");
+    store.store_finding(id, &film).expect("kept");
     store.conclude(id, Verdict::Pass, &[]).expect("over");
     id
 }
@@ -30,7 +30,7 @@ fn verified(store: &mut Store) {
         at_unix_s: 1_700_000_000,
         struck: None,
     };
-    store.keep_verification(&verification).expect("kept");
+    store.store_verification(&verification).expect("kept");
 }
 
 fn kinds(store: &Store) -> Vec<(u64, Kind)> {
@@ -44,11 +44,12 @@ fn the_end_of_a_cycle_a_signature_and_a_verification_are_numbered_as_they_are_wr
     assert_eq!(kinds(&store), []);
     let id = concluded(&mut store);
     verified(&mut store);
-    Store::sign_missing(&path, &CellKey::of_random(&[7; 32]), &|_, row| assert!(row.is_ok())).expect("signed");
+    Store::sign_missing(&path, &CellKey::from_random_bytes(&[7; 32]), &|_, row| assert!(row.is_ok()))
+        .expect("signed");
     assert_eq!(kinds(&store), [(1, Kind::Cycle), (2, Kind::Verification), (3, Kind::Signature)]);
     let [last] = &store.outbox_epochs().expect("epochs")[..] else { panic!("one epoch") };
     let begin = Position { number: 0, ..last.clone() };
-    let [first, second, third] = &store.outbox_after(&begin, 10).expect("all")[..] else { panic!("three") };
+    let [first, second, third] = &store.outbox_rows_after(&begin, 10).expect("all")[..] else { panic!("three") };
     let end: serde_json::Value = serde_json::from_slice(first.body.content()).expect("JSON");
     assert_eq!((&end["cycle"], &end["verdict"]), (&serde_json::json!(id.0), &serde_json::json!("pass")));
     assert!(String::from_utf8_lossy(second.body.content()).contains("\"error\":0.1"));
@@ -58,12 +59,15 @@ fn the_end_of_a_cycle_a_signature_and_a_verification_are_numbered_as_they_are_wr
         [("recipe", &None), ("cell", &None)]
     );
     // The rest after this position is sent, and is not sent again.
-    assert_eq!(store.outbox_after(&second.position, 10).expect("the rest").as_slice(), std::slice::from_ref(third));
+    assert_eq!(
+        store.outbox_rows_after(&second.position, 10).expect("the rest").as_slice(),
+        std::slice::from_ref(third)
+    );
     assert_eq!(store.outbox_waits_since(&third.position).expect("read"), None);
     assert_eq!(store.outbox_waits_since(&second.position).expect("read"), Some(third.unix_ms));
     // Each row is in the chain, and the tables contain only rows that this program writes.
     drop(store);
-    assert_eq!(Store::verify(&path, true).expect("verified").found, Vec::<String>::new());
+    assert_eq!(Store::verify(&path, true).expect("verified").differences, Vec::<String>::new());
 }
 
 #[test]
@@ -92,10 +96,10 @@ fn a_row_that_somebody_deletes_is_found_and_a_new_epoch_begins() {
 fn what_an_earlier_program_kept_is_taken_in_and_chained() {
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
-    let key = CellKey::of_random(&[7; 32]);
+    let key = CellKey::from_random_bytes(&[7; 32]);
     for _ in 0..2 {
         concluded(&mut store);
-        store.sign_cycle(&key, store.last_cycle().expect("read").expect("one")).expect("signed");
+        store.sign_cycle(&key, store.newest_cycle().expect("read").expect("one")).expect("signed");
     }
     drop(store);
     let connection = Connection::open(path.join(DATABASE)).expect("opened");
@@ -112,7 +116,7 @@ fn what_an_earlier_program_kept_is_taken_in_and_chained() {
     assert_eq!(kinds, [Kind::Cycle, Kind::Cycle, Kind::Signature, Kind::Signature]);
     drop(store);
     // The cell's signatures name links of a chain that this test has changed.
-    let found = Store::verify(&path, true).expect("verified").found;
+    let found = Store::verify(&path, true).expect("verified").differences;
     assert!(found.iter().all(|words| words.contains("differs from the link that signature")), "{found:?}");
 }
 
@@ -127,9 +131,9 @@ pub fn chain_without_outbox(path: &Path) {
         .collect::<Result<_, _>>()
         .expect("links");
     connection.execute_batch("DELETE FROM chain").expect("emptied");
-    let mut place = crate::store::chain::ChainPosition::BEGIN;
+    let mut place = crate::store::chain::ChainPosition::START;
     for (part, key, row_hash) in links {
-        place = place.followed_by(&part, key, &row_hash);
+        place = place.next_position(&part, key, &row_hash);
         let values = rusqlite::params![place.link, part, key, row_hash, place.hash];
         let sql = "INSERT INTO chain (link, part, row_key, row_hash, hash) VALUES (?1, ?2, ?3, ?4, ?5)";
         connection.execute(sql, values).expect("a link");

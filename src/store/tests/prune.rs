@@ -1,7 +1,7 @@
 //! Which old files are removed, and which are never removed.
 
 use super::*;
-use crate::cell::{KeepFor, Retention};
+use crate::cell::{Retention, RetentionTime};
 use crate::record::{CycleId, Finding, KeptFile, Kind, Picture};
 use crate::verdict::{Judgement, Verdict};
 use std::time::{Duration, SystemTime};
@@ -9,7 +9,7 @@ use std::time::{Duration, SystemTime};
 /// Creates a cycle with a scan, a clip of three pictures and a picture on its page; returns the cameras' shots.
 fn cycle(store: &mut Store, number: u32, verdict: Option<Verdict>) -> (CycleId, Vec<String>) {
     let id = store.begin_cycle(&super::cycles::start()).expect("begun");
-    let put = |what: String| store.put_blob(what.as_bytes()).expect("kept");
+    let put = |what: String| store.store_blob(what.as_bytes()).expect("kept");
     let scan = put(format!("scan {number}"));
     let frames: Vec<String> = (0..3).map(|frame| put(format!("frame {number} {frame}"))).collect();
     let lines: String = frames.iter().map(|frame| format!("{frame},0.5,wet\n")).collect();
@@ -19,7 +19,7 @@ fn cycle(store: &mut Store, number: u32, verdict: Option<Verdict>) -> (CycleId, 
     let named = |name: &str, hash: &String| KeptFile { name: name.to_owned(), hash: hash.clone() };
     finding.shots = vec![named("scan", &scan), named("clip.csv of 3 pictures", &list)];
     finding.pictures = vec![Picture { name: "film".to_owned(), caption: String::new(), hash: shown }];
-    store.note(id, &finding).expect("kept");
+    store.store_finding(id, &finding).expect("kept");
     if let Some(verdict) = verdict {
         store.conclude(id, verdict, &[]).expect("over");
     }
@@ -31,7 +31,7 @@ fn kept(folder: &TempDir, files: &[String]) -> usize {
 }
 
 fn newest(cycles: usize, failed: usize) -> Retention {
-    let of = |cycles| KeepFor { cycles: Some(cycles), days: None };
+    let of = |cycles| RetentionTime { cycles: Some(cycles), days: None };
     Retention { passed: of(cycles), failed: of(failed) }
 }
 
@@ -42,7 +42,7 @@ fn old_clips_and_scans_go_and_everything_else_stays() {
     let ended = [Verdict::Pass, Verdict::Fail, Verdict::Review, Verdict::Pass, Verdict::Aborted, Verdict::Pass];
     let cycles: Vec<_> =
         (0..).zip(ended).map(|(number, verdict)| cycle(&mut store, number, Some(verdict))).collect();
-    assert_eq!(Store::prune(&path, &Retention::default()).expect("nothing"), Pruned::default());
+    assert_eq!(Store::prune(&path, &Retention::default()).expect("nothing"), PrunedFiles::default());
     let there = |number: usize| kept(&folder, &cycles[number].1);
 
     // Removal works while a writer has the store open.
@@ -54,17 +54,17 @@ fn old_clips_and_scans_go_and_everything_else_stays() {
         "the newest of each kind, and what waits for a person"
     );
     assert_eq!(Store::prune(&path, &newest(1, 1)).expect("again").files, 0);
-    let of = store.pruned_of(cycles[0].0).expect("read").expect("some");
-    assert_eq!((of.files, store.pruned_of(cycles[2].0).expect("read")), (4, None));
+    let of = store.pruned_files(cycles[0].0).expect("read").expect("some");
+    assert_eq!((of.files, store.pruned_files(cycles[2].0).expect("read")), (4, None));
     let found = Store::verify(&path, true).expect("verified");
-    assert_eq!((found.found, found.pruned), (vec![], 12), "removed is not missing");
+    assert_eq!((found.differences, found.pruned), (vec![], 12), "removed is not missing");
     // Every record reads back, with its page's pictures.
     for (id, _) in &cycles {
         let record = store.cycle(*id).expect("there");
         assert!(store.blob(&record.findings[0].pictures[0].hash).is_ok());
     }
     fs::remove_file(path.join("blobs").join(&cycles[5].1[0])).expect("removed");
-    let found = Store::verify(&path, true).expect("verified").found;
+    let found = Store::verify(&path, true).expect("verified").differences;
     assert!(
         matches!(&found[..], [words] if words.contains("is missing, and no removal was recorded")),
         "{found:?}"
@@ -73,7 +73,7 @@ fn old_clips_and_scans_go_and_everything_else_stays() {
     let connection = Connection::open(path.join(DATABASE)).expect("opens");
     connection.execute("DELETE FROM pruned WHERE id = 3", []).expect("deleted");
     drop(connection);
-    let found = Store::verify(&path, true).expect("verified").found;
+    let found = Store::verify(&path, true).expect("verified").differences;
     assert!(found.iter().any(|words| words.contains("deleted: entry of a removed file 3 is missing")), "{found:?}");
 }
 
@@ -108,7 +108,8 @@ fn days_are_counted_to_the_newest_cycle() {
     const DAY: Duration = Duration::from_secs(86_400);
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
-    let keep = Retention { passed: KeepFor { days: Some(30), cycles: None }, failed: KeepFor::default() };
+    let keep =
+        Retention { passed: RetentionTime { days: Some(30), cycles: None }, failed: RetentionTime::default() };
     store.clock = || SystemTime::now() - 40 * DAY;
     let (_, old) = cycle(&mut store, 0, Some(Verdict::Pass));
     let (_, failed) = cycle(&mut store, 1, Some(Verdict::Fail));
@@ -132,7 +133,7 @@ fn what_a_killed_process_left_is_removed_by_the_next() {
     cycle(&mut store, 1, Some(Verdict::Pass));
     Store::prune(&path, &newest(1, 1)).expect("removed");
     fs::write(path.join("blobs").join(&first[3]), "scan 0").expect("as if it had not come to it");
-    assert_eq!(Store::verify(&path, true).expect("verified").found, [] as [String; 0]);
+    assert_eq!(Store::verify(&path, true).expect("verified").differences, [] as [String; 0]);
     Store::prune(&path, &newest(1, 1)).expect("removed");
     assert_eq!(kept(&folder, &first), 0);
     let rows: i64 =

@@ -2,11 +2,12 @@
 
 use super::*;
 use crate::cycle::{Event, Request};
-use crate::record::{Answer, CycleId, RequestRecord, RequestSource, RequestedAction, Who};
+use crate::record::{Answer, CycleId, RequestAuthor, RequestRecord, RequestSource, RequestedAction};
 use crate::verdict::{Reason, Verdict};
 
 fn asked(wanted: RequestedAction, answer: Answer) -> RequestRecord {
-    let who = Who { front: RequestSource::Socket, uid: Some(1_000), user: Some("ada".to_owned()), from: None };
+    let who =
+        RequestAuthor { front: RequestSource::Socket, uid: Some(1_000), user: Some("ada".to_owned()), from: None };
     let reasons = match answer {
         Answer::Done => vec![],
         _ => vec![Reason::new("not_now", "not in this state")],
@@ -16,7 +17,7 @@ fn asked(wanted: RequestedAction, answer: Answer) -> RequestRecord {
 
 fn ask(store: &mut Store, request: Request, cycle: Option<CycleId>, answer: Answer) {
     let line = store.append(&Event::Asked(request), cycle).expect("written");
-    store.keep_request(&asked(RequestedAction::For(request), answer), cycle, Some(line)).expect("kept");
+    store.store_request(&asked(RequestedAction::For(request), answer), cycle, Some(line)).expect("kept");
 }
 
 fn words(asked: &[RequestRecord]) -> Vec<(RequestedAction, Option<Answer>)> {
@@ -32,12 +33,12 @@ fn requests_stand_where_they_were_asked_with_their_answers() {
     ask(&mut store, Request::Start { max_passes: 2, max_moves: 3, dries: false }, Some(one), Answer::Done);
     store.conclude(one, Verdict::Pass, &[]).expect("concluded");
     ask(&mut store, Request::Clear, None, Answer::Refused);
-    store.keep_request(&asked(RequestedAction::NewDisc, Answer::Done), None, None).expect("kept");
+    store.store_request(&asked(RequestedAction::NewDisc, Answer::Done), None, None).expect("kept");
     let two = store.begin_cycle(&super::cycles::start()).expect("begun");
     ask(&mut store, Request::Start { max_passes: 2, max_moves: 3, dries: false }, Some(two), Answer::Done);
     ask(&mut store, Request::Accept, Some(two), Answer::Refused);
     store.append(&Event::Asked(Request::Hold), Some(two)).expect("written");
-    store.keep_request(&asked(RequestedAction::NewDisc, Answer::Refused), Some(two), None).expect("kept");
+    store.store_request(&asked(RequestedAction::NewDisc, Answer::Refused), Some(two), None).expect("kept");
     drop(store);
 
     let store = Store::open(&folder.path().join("store")).expect("for reading");
@@ -67,7 +68,7 @@ fn requests_stand_where_they_were_asked_with_their_answers() {
     assert!(accept.unix_ms > 1_700_000_000_000 && accept.reasons[0].code == "not_now");
     let mut reader = store;
     assert!(matches!(
-        reader.keep_request(&asked(RequestedAction::NewDisc, Answer::Done), None, None),
+        reader.store_request(&asked(RequestedAction::NewDisc, Answer::Done), None, None),
         Err(StoreError::ReadOnly { .. })
     ));
 }

@@ -97,12 +97,12 @@ fn no_part_begins_on_the_count_of_a_restored_store() {
     store.conclude(two, Verdict::Aborted, &[]).expect("concluded");
     let three = store.begin_cycle(&start_of("SN1", false)).expect("it is known now");
     for cycle in [two, three] {
-        let counted = store.abraded_before(cycle).expect("read");
+        let counted = store.earlier_abrasions(cycle).expect("read");
         let stated =
             counted.iter().filter(|pass| pass.is_stated && pass.grid.is_none() && pass.cycle == two).count();
         assert_eq!((counted.len(), stated, counted[0].cycle), (3, 2, one), "{counted:?}");
     }
-    let of_serial = store.passes_of_serial("SN1", None).expect("read");
+    let of_serial = store.passes_by_serial("SN1", None).expect("read");
     assert_eq!(of_serial.iter().map(|cycle| (cycle.cycle, cycle.passes)).collect::<Vec<_>>(), [(one, 1), (two, 2)]);
     assert_eq!(of_serial[1].removed_um, None, "its depth is not known");
 
@@ -165,5 +165,5 @@ fn the_replaced_store_shows_what_is_known() {
     Store::mark_restored(&backup, &nothing).expect("marked");
     let mut store = Store::create(&backup).expect("opened");
     let three = store.begin_cycle(&start_of("SN1", false)).expect("begun");
-    assert_eq!((three, store.abraded_before(three).expect("read").len()), (CycleId(3), 1));
+    assert_eq!((three, store.earlier_abrasions(three).expect("read").len()), (CycleId(3), 1));
 }

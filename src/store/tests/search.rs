@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::cycle::{Motion, Path as MotionPath, Request};
-use crate::history::{Acknowledgement, End, Hits, Query};
+use crate::history::{Acknowledgement, Hits, Query, RequiredEnd};
 use crate::record::{Answer, CycleId, Finding, Kind, PartNames, RequestRecord, RequestedAction};
 use crate::verdict::{Judgement, Reason, Verdict};
 
@@ -59,8 +59,8 @@ fn each_condition_finds_what_it_says() {
         (Query { operator: name("ADA"), ..all() }, vec![2, 1]),
         (Query { panel: name("fin"), ..all() }, vec![3]),
         (Query { from_unix_s: Some(2_000), until_unix_s: Some(3_000), ..all() }, vec![2]),
-        (Query { end: Some(End::Running), ..all() }, vec![3]),
-        (Query { end: Some(End::With(Verdict::Pass)), ..all() }, vec![4, 2]),
+        (Query { end: Some(RequiredEnd::Running), ..all() }, vec![3]),
+        (Query { end: Some(RequiredEnd::With(Verdict::Pass)), ..all() }, vec![4, 2]),
         (Query { words: words("OVERLAP seen"), ..all() }, vec![1]),
         (Query { words: words("overlap note"), ..all() }, vec![]),
         // The pattern characters % and _ are ordinary characters in a search, and the names of the keys are not
@@ -84,8 +84,8 @@ fn a_cycle_is_found_with_its_part_verdict_and_reasons() {
     assert_eq!((hits[1].verdict, hits[1].ended_unix_s, &hits[1].part), (None, None, &part("SN-10", "", "Grace")));
     assert_eq!(hits[3].part, part("SN-1", "W-4", "Ada"));
     assert_eq!((hits[3].verdict, &*hits[3].reasons[0].code), (Some(Verdict::Reject), "low_overlap"));
-    assert_eq!(store.part_of(CycleId(1)).expect("read"), Some(part("SN-1", "W-4", "Ada")));
-    assert_eq!(store.part_of(CycleId(4)).expect("read"), None);
+    assert_eq!(store.cycle_part(CycleId(1)).expect("read"), Some(part("SN-1", "W-4", "Ada")));
+    assert_eq!(store.cycle_part(CycleId(4)).expect("read"), None);
 }
 
 /// Pages of one cycle: a cycle that begins in between is on none of the later pages.
@@ -102,7 +102,7 @@ fn pages_follow_each_other_while_cycles_begin() {
         if next.is_none() {
             break;
         }
-        query.before = next;
+        query.before_cycle = next;
     }
     assert_eq!(seen, [4, 3, 2, 1]);
 }
@@ -134,7 +134,7 @@ fn the_parts_of_an_earlier_programs_store_are_found_reading_and_after_it_is_rais
     assert_eq!(found(&store, serial()), [2, 1]);
     drop(store);
     assert_eq!(version(&path), 9);
-    assert_eq!(Store::verify(&path, true).expect("verified").found, [] as [String; 0]);
+    assert_eq!(Store::verify(&path, true).expect("verified").differences, [] as [String; 0]);
 }
 
 /// The table is an index: a change in it is detected by comparison with the authoritative text.
@@ -149,7 +149,7 @@ fn a_part_that_was_changed_is_named() {
         drop(store);
         let path = folder.path().join("store");
         Connection::open(path.join(DATABASE)).expect("opened").execute_batch(sql).expect("changed");
-        let found = Store::verify(&path, false).expect("verified").found;
+        let found = Store::verify(&path, false).expect("verified").differences;
         assert!(found.iter().any(|found| found.contains(words)), "{words}: {found:?}");
     }
 }
@@ -160,15 +160,15 @@ fn the_time_of_a_finding_is_kept_beside_it_and_is_in_the_chain() {
     let id = CycleId(3);
     let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
     store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(3_000_250);
-    store.note(id, &Finding::new(Kind::Locate, 0, judgement.clone())).expect("kept");
+    store.store_finding(id, &Finding::new(Kind::Locate, 0, judgement.clone())).expect("kept");
     store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(3_100_500);
-    store.note(id, &Finding::new(Kind::Inspect, 0, judgement)).expect("kept");
+    store.store_finding(id, &Finding::new(Kind::Inspect, 0, judgement)).expect("kept");
     assert_eq!(store.finding_times_unix_ms(id).expect("read"), [Some(3_000_250), Some(3_100_500)]);
     drop(store);
     let path = folder.path().join("store");
     let change = "UPDATE finding_times SET unix_ms = 1 WHERE finding_id = 2";
     Connection::open(path.join(DATABASE)).expect("opened").execute_batch(change).expect("changed");
-    let found = Store::verify(&path, false).expect("verified").found;
+    let found = Store::verify(&path, false).expect("verified").differences;
     assert!(found.iter().any(|words| words.contains("changed: time of finding 2")), "{found:?}");
 }
 
@@ -198,7 +198,7 @@ fn acknowledgements_are_kept_for_good_with_the_time_at_which_they_came() {
         .expect("opened")
         .execute_batch("DELETE FROM acknowledgements WHERE id = 1")
         .expect("gone");
-    let found = Store::verify(&path, false).expect("verified").found;
+    let found = Store::verify(&path, false).expect("verified").differences;
     assert!(found.iter().any(|words| words.contains("deleted: acknowledgement 1 is missing")), "{found:?}");
 }
 
@@ -212,7 +212,10 @@ fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
     store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_004_250);
     let reasons = vec![Reason::new("no_panel", "the box is empty")];
     store
-        .note(id, &Finding::new(Kind::Locate, 0, Judgement { verdict: Verdict::Reject, reasons: reasons.clone() }))
+        .store_finding(
+            id,
+            &Finding::new(Kind::Locate, 0, Judgement { verdict: Verdict::Reject, reasons: reasons.clone() }),
+        )
         .expect("kept");
     store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_009_900);
     store.conclude(id, Verdict::Reject, &reasons).expect("concluded");
@@ -237,7 +240,7 @@ fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
         findings: None,
     };
     store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_020_500);
-    store.keep_request(&reset, None, None).expect("kept");
+    store.store_request(&reset, None, None).expect("kept");
     assert_eq!(gone(&store), Some(1_020_500), "the first of both");
 }
 

@@ -11,7 +11,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 
 fn key() -> CellKey {
-    CellKey::of_random(&[7; 32])
+    CellKey::from_random_bytes(&[7; 32])
 }
 
 fn cycle(store: &mut Store, serial: Option<&str>) -> CycleId {
@@ -22,7 +22,7 @@ fn cycle(store: &mut Store, serial: Option<&str>) -> CycleId {
     }
     let id = store.begin_cycle(&start).expect("begun");
     let judgement = Judgement { verdict: Verdict::Review, reasons: vec![] };
-    store.note(id, &Finding::new(Kind::Locate, 0, judgement)).expect("kept");
+    store.store_finding(id, &Finding::new(Kind::Locate, 0, judgement)).expect("kept");
     store.conclude(id, Verdict::Fail, &[]).expect("over");
     id
 }
@@ -37,17 +37,17 @@ fn signed() -> (TempDir, PathBuf) {
     }
     drop(store);
     let path = folder.path().join("store");
-    Store::sign_as(&path, &key(), &signs(2)).expect("signed");
+    Store::sign_by_person(&path, &key(), &signs(2)).expect("signed");
     (folder, path)
 }
 
-fn signs(cycle: i64) -> PersonSigns {
+fn signs(cycle: i64) -> PersonSigningRequest {
     let (name, user) = ("Grace Hopper".to_owned(), "grace".to_owned());
-    PersonSigns { cycle: CycleId(cycle), name, user, meaning: Meaning::InspectedAndReleased, remark: None }
+    PersonSigningRequest { cycle: CycleId(cycle), name, user, meaning: Meaning::InspectedAndReleased, remark: None }
 }
 
 fn found(path: &Path) -> Vec<String> {
-    let found = Store::verify(path, true).expect("verified").found;
+    let found = Store::verify(path, true).expect("verified").differences;
     found.into_iter().filter(|words| !words.contains("after the program closed it")).collect()
 }
 
@@ -70,35 +70,40 @@ fn each_cycle_is_signed_once_in_order_also_beside_a_writer() {
     assert!(refused.contains("no concluded cycle 3"), "{refused}");
     let rows = store.signatures().expect("read");
     assert_eq!(rows[1].previous_hash, rows[0].record_hash);
-    assert_eq!(store.signatures_of(ids[1]).expect("read"), rows[1..]);
+    assert_eq!(store.cycle_signatures(ids[1]).expect("read"), rows[1..]);
     drop(store);
     let verified = Store::verify(&path, true).expect("verified");
-    assert_eq!((verified.found, verified.signatures), (vec![], 2));
+    assert_eq!((verified.differences, verified.signatures), (vec![], 2));
 }
 
 #[test]
 fn a_person_signs_a_record_once_for_each_meaning() {
     let (_folder, path) = signed();
-    let persons = Store::open(&path).expect("opens").signed_by_persons(CycleId(2)).expect("read");
+    let persons = Store::open(&path).expect("opens").person_signatures(CycleId(2)).expect("read");
     assert_eq!(persons.len(), 1);
     assert_eq!(
-        (persons[0].1.name.as_str(), persons[0].1.meaning.words()),
+        (persons[0].1.name.as_str(), persons[0].1.meaning.printed_text()),
         ("Grace Hopper", "inspected and released")
     );
-    let refused = Store::sign_as(&path, &key(), &signs(2)).expect_err("signed already").to_string();
+    let refused = Store::sign_by_person(&path, &key(), &signs(2)).expect_err("signed already").to_string();
     assert!(
         refused.contains("has already signed the record of cycle 2 as inspected and released, 20"),
         "{refused}"
     );
-    Store::sign_as(&path, &key(), &PersonSigns { meaning: Meaning::Reviewed, ..signs(2) })
+    Store::sign_by_person(&path, &key(), &PersonSigningRequest { meaning: Meaning::Reviewed, ..signs(2) })
         .expect("another meaning");
-    let bad = PersonSigns { name: "Grace\nHopper".to_owned(), ..signs(1) };
-    let refused = Store::sign_as(&path, &key(), &bad).expect_err("refused").to_string();
+    let bad = PersonSigningRequest { name: "Grace\nHopper".to_owned(), ..signs(1) };
+    let refused = Store::sign_by_person(&path, &key(), &bad).expect_err("refused").to_string();
     assert!(
         refused.contains("the signature's name is \"Grace\\nHopper\": the text contains control characters"),
         "{refused}"
     );
-    assert!(Store::sign_as(&path, &key(), &signs(9)).expect_err("no cycle").to_string().contains("has no cycle 9"));
+    assert!(
+        Store::sign_by_person(&path, &key(), &signs(9))
+            .expect_err("no cycle")
+            .to_string()
+            .contains("has no cycle 9")
+    );
     assert_eq!(found(&path), [] as [String; 0]);
 }
 
@@ -111,7 +116,7 @@ fn rows_changed_with_their_chain_contradict_what_was_signed() {
     let sql =
         "UPDATE findings SET finding = replace(finding, 'review', 'accept') WHERE cycle_id = 2; DELETE FROM chain";
     connection.execute_batch(sql).expect("changed");
-    let last = chain::adopt(&connection).expect("written anew");
+    let last = chain::adopt_rows(&connection).expect("written anew");
     connection.close().expect("closed");
     head::HeadFile::open(&path).and_then(|head| head.close(last, None)).expect("written anew");
     let told = found(&path);
@@ -176,9 +181,9 @@ fn a_signed_pass_over_a_rejected_finding_does_not_verify() {
     let id = store.begin_cycle(&super::cycles::start()).expect("begun");
     let judged = |verdict| Judgement { verdict, reasons: vec![Reason::new("removal_too_deep", "64 µm")] };
     let film = Finding::new(Kind::Inspect, 1, Judgement { verdict: Verdict::Pass, reasons: vec![] });
-    store.note(id, &film).expect("kept");
+    store.store_finding(id, &film).expect("kept");
     assert_eq!(store.conclude(id, Verdict::Pass, &[]).expect("over").verdict, Verdict::Pass);
-    store.note(id, &Finding::new(Kind::Abrade, 1, judged(Verdict::Reject))).expect("kept");
+    store.store_finding(id, &Finding::new(Kind::Abrade, 1, judged(Verdict::Reject))).expect("kept");
     store.sign_cycle(&key(), id).expect("signed");
     drop(store);
     let told = found(&folder.path().join("store"));
@@ -196,8 +201,10 @@ fn a_cycle_is_concluded_by_its_worst_finding() {
     store.recover().expect("recovers");
     let id = store.begin_cycle(&super::cycles::start()).expect("begun");
     let judged = |verdict, code| Judgement { verdict, reasons: vec![Reason::new(code, "words")] };
-    store.note(id, &Finding::new(Kind::Abrade, 1, judged(Verdict::Reject, "removal_too_deep"))).expect("kept");
-    store.note(id, &Finding::new(Kind::Robot, 1, judged(Verdict::Review, "feedback"))).expect("kept");
+    store
+        .store_finding(id, &Finding::new(Kind::Abrade, 1, judged(Verdict::Reject, "removal_too_deep")))
+        .expect("kept");
+    store.store_finding(id, &Finding::new(Kind::Robot, 1, judged(Verdict::Review, "feedback"))).expect("kept");
     let judgement = store.conclude(id, Verdict::Pass, &[]).expect("over");
     let codes: Vec<&str> = judgement.reasons.iter().map(|reason| &*reason.code).collect();
     assert_eq!((judgement.verdict, codes), (Verdict::Reject, vec!["removal_too_deep", "feedback"]));
@@ -230,21 +237,21 @@ fn cycles_of_an_earlier_program_are_signed_once_the_store_is_brought_up_to_date(
 fn the_key_is_made_once_for_its_owner_alone() {
     let folder = tempfile::tempdir().expect("a folder");
     let store = folder.path();
-    let first = cell_key(store, &KeyPlace::InStore).expect("made");
-    assert_eq!(cell_key(store, &KeyPlace::InStore).expect("read").public(), first.public());
+    let first = cell_key(store, &KeyLocation::InStore).expect("made");
+    assert_eq!(cell_key(store, &KeyLocation::InStore).expect("read").public_key(), first.public_key());
     let file = store.join("record-key.pem");
     let mode = |file: &Path| fs::metadata(file).expect("there").permissions().mode() & 0o777;
     assert_eq!(mode(&file), 0o600);
-    let elsewhere = KeyPlace::File(store.join("keys/cell.pem"));
+    let elsewhere = KeyLocation::File(store.join("keys/cell.pem"));
     let second = cell_key(store, &elsewhere).expect("made");
-    assert_ne!(first.public(), second.public(), "random");
-    assert_eq!(public_keys(store).expect("both"), [second.public(), first.public()]);
+    assert_ne!(first.public_key(), second.public_key(), "random");
+    assert_eq!(public_keys(store).expect("both"), [second.public_key(), first.public_key()]);
     fs::set_permissions(&file, fs::Permissions::from_mode(0o644)).expect("set");
-    let refused = cell_key(store, &KeyPlace::InStore).expect_err("others read it").to_string();
+    let refused = cell_key(store, &KeyLocation::InStore).expect_err("others read it").to_string();
     assert!(refused.contains("(mode 644, valid: 600)"), "{refused}");
-    let provided = KeyPlace::Provided(file.clone());
-    assert_eq!(cell_key(store, &provided).expect("read").public(), first.public());
-    let none = KeyPlace::Provided(store.join("none"));
+    let provided = KeyLocation::Provided(file.clone());
+    assert_eq!(cell_key(store, &provided).expect("read").public_key(), first.public_key());
+    let none = KeyLocation::Provided(store.join("none"));
     assert!(cell_key(store, &none).is_err() && !store.join("none").exists(), "it is not made");
     fs::write(&file, "x").expect("spoilt");
     assert!(
@@ -266,12 +273,12 @@ fn passes_of_a_serial_are_counted_over_its_cycles() {
         for pass in 1..=passes {
             let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
             let found = Finding::new(Kind::Abrade, pass, judgement);
-            store.note(id, &found.detail("grids", vec!["r1c1", "r1c2"])).expect("kept");
+            store.store_finding(id, &found.with_detail("grids", vec!["r1c1", "r1c2"])).expect("kept");
         }
         store.conclude(id, Verdict::Pass, &[]).expect("over");
     }
     let of = |serial: &str, before: Option<i64>| -> Vec<(i64, usize)> {
-        let all = store.passes_of_serial(serial, before.map(CycleId)).expect("read");
+        let all = store.passes_by_serial(serial, before.map(CycleId)).expect("read");
         all.into_iter().map(|passes| (passes.cycle.0, passes.passes)).collect()
     };
     assert_eq!(of("SN 1", None), [(1, 2), (3, 1)]);
@@ -318,7 +325,7 @@ fn no_kill_leaves_half_a_record(kills: u64) {
         }
         assert!(!child.wait().expect("ended").success());
         let verified = Store::verify(&path, true).expect("verified");
-        assert_eq!(verified.found, [] as [String; 0], "kill {kill}");
+        assert_eq!(verified.differences, [] as [String; 0], "kill {kill}");
         assert!((signed..=signed + 1).contains(&verified.signatures), "kill {kill}: {signed} told, {verified:?}");
         before = verified.signatures;
     }

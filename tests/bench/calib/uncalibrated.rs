@@ -46,8 +46,8 @@ fn stations<A: Side>(seed: u64, error_mm: f64, (robot, noise_px): (RobotNoise, f
         let corners = cell.corners(&camera, shot, noise_px).into_iter().step_by(EVERY_CORNER).collect();
         Some(Station {
             name: shot.index.to_string(),
-            base_from_flange: arm.reported(&shot.base_from_flange)?.base_from_flange,
-            seen: BoardObservation::Pixels(corners),
+            base_from_flange: arm.reported_pose(&shot.base_from_flange)?.base_from_flange,
+            observation: BoardObservation::Pixels(corners),
         })
     };
     A::shots(&cell, DRAWN).iter().filter_map(station).collect()
@@ -57,7 +57,7 @@ fn stations<A: Side>(seed: u64, error_mm: f64, (robot, noise_px): (RobotNoise, f
 fn in_regions<A: Side>(all: &[Station<A::From>]) -> Vec<Station<A::From>> {
     let distance_mm = |one: &Station<A::From>, other: &Station<A::From>| {
         let [one, other]: [Rigid<Base, Flange>; 2] = [one.base_from_flange, other.base_from_flange];
-        one.origin().distance_mm(other.origin()).hypot(LEVER_MM * (one.inverse() * other).turn().rad())
+        one.origin().distance_mm(other.origin()).hypot(LEVER_MM * (one.inverse() * other).turn().to_rad())
     };
     let mut middles = vec![&all[0]];
     while middles.len() < REGIONS {
@@ -78,8 +78,9 @@ fn in_regions<A: Side>(all: &[Station<A::From>]) -> Vec<Station<A::From>> {
 /// Returns the error, the stated bound and the number of poses that count as one; `None` if the poses are refused.
 fn judged<A: Side>(lens: &Lens, stations: &[Station<A::From>], own: &HandEye<A>) -> Option<(f64, f64, f64)> {
     let found = hand_eye::<A>(&lens.camera, &boards::board(), stations, None).ok()?;
-    let error_mm = found.adjusted.to_from_camera.distance_at_mm(own.adjusted.to_from_camera, found.at);
-    Some((error_mm, found.uncertainty_mm, found.poses_each))
+    let error_mm =
+        found.adjustment.to_from_camera.distance_at_mm(own.adjustment.to_from_camera, found.stated_point);
+    Some((error_mm, found.uncertainty_mm, found.correlated_pose_count))
 }
 
 fn mounts<A: Side>(error_mm: f64) -> usize {

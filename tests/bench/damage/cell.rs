@@ -5,13 +5,13 @@ use super::{Damage, damaged, one_of};
 use panelprep::cell::LensExtent;
 use panelprep::files;
 use panelprep::geometry::{Base, ColorPicture, Flange, Panel, Point, Rigid};
-use panelprep::inspect::{ByCell, Demands, Footprint};
-use panelprep::locate::{TaughtModel, View};
+use panelprep::inspect::{CellDemands, Demands, Footprint};
+use panelprep::locate::{ScanView, TaughtModel};
 use panelprep::panel::{TaughtCorner, TaughtPanel};
 use panelprep::recipe::Recipe;
 use panelprep::sim::{self, Cell, FilmSpec, Grease, PanelPosition, Scene, WET_FROM_S};
-use panelprep::stages::corners::Taught;
-use panelprep::stages::film::{Filming, Setup};
+use panelprep::stages::corners::CornerReference;
+use panelprep::stages::film::{FilmRun, FilmSetup};
 use panelprep::stages::learn;
 use panelprep::stages::locate::locate;
 use panelprep::verdict::Verdict;
@@ -90,7 +90,7 @@ impl Held {
             frames_per_second: FRAMES_PER_SECOND,
             min_break_mm2: (1.2 * limit_mm2).max(5.0),
             persist_s: recipe.inspect().persist_s(),
-            by_cell: ByCell::default(),
+            cell_demands: CellDemands::default(),
         };
         let (clip, list) = clip(&cell, &demands);
         let scan = files::write_pcd(&cell.scan());
@@ -130,7 +130,7 @@ impl Held {
     fn locate(&self, scan: &[u8]) -> Option<Option<Rigid<Base, Panel>>> {
         let camera = self.cell.scanner();
         let scan = files::read_cloud(scan, camera).ok()?;
-        let view = View {
+        let view = ScanView {
             scan: &scan,
             camera,
             base_from_camera: self.cell.calibrated_base_from_camera(),
@@ -154,8 +154,12 @@ impl Held {
     /// The panel's pose from the corners, if it is accepted.
     fn refine(&self, pictures: &[&ColorPicture]) -> Option<Rigid<Base, Panel>> {
         let camera = self.cell.flange_camera();
-        let held =
-            Taught { corners: &self.corners, camera, lens: &LensExtent::default(), limits: self.recipe.corner() };
+        let held = CornerReference {
+            corners: &self.corners,
+            camera,
+            lens: &LensExtent::default(),
+            limits: self.recipe.corner(),
+        };
         let views = self.corners.iter().enumerate().zip(&self.pictures).zip(pictures);
         let sightings = views.map(|((corner, file), picture)| {
             let base_from_camera = file.base_from_flange * self.cell.calibrated_flange_from_camera();
@@ -198,7 +202,7 @@ impl Held {
         let camera_from_panel =
             self.cell.calibrated_base_from_camera().inverse() * self.cell.truth().base_from_panel;
         let camera = self.cell.scanner();
-        let setup = Setup {
+        let setup = FilmSetup {
             panel: &self.panel,
             camera,
             camera_from_panel,
@@ -206,8 +210,8 @@ impl Held {
             demands: self.demands,
             recipe: &self.recipe,
         };
-        let mut filming = Filming::begin(&setup, OBSERVED_S).ok()?;
-        for shot in listed.shots() {
+        let mut filming = FilmRun::begin_test(&setup, OBSERVED_S).ok()?;
+        for shot in listed.entries() {
             let picture = pictures.get(shot.file.strip_suffix(".png")?.parse::<usize>().ok()?)?;
             filming.push(picture, shot.time_s, shot.phase).ok()?;
         }
@@ -261,8 +265,8 @@ fn spoilt(picture: &ColorPicture, damage: &Damage, draw: &mut Pcg64) -> ColorPic
 
 /// Returns a film with breaks as files, with its list.
 fn clip(cell: &Cell, demands: &Demands) -> (Vec<Frame>, String) {
-    let spots = cell.greased(&Grease::Mixed { count: 3, until_s: WET_FROM_S + 2.0 }, 1);
-    let film = cell.film_as(&spots, &FilmSpec::USUAL, 1);
+    let spots = cell.with_other_grease(&Grease::Mixed { count: 3, until_s: WET_FROM_S + 2.0 }, 1);
+    let film = cell.film_with_spec(&spots, &FilmSpec::TYPICAL_FILM, 1);
     let end_s = WET_FROM_S + demands.filmed_s();
     let mut list = String::from("file,time_s,phase\n");
     let frames = (0..=(end_s * FRAMES_PER_SECOND).round() as u32).map(|number| {

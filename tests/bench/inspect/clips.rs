@@ -4,11 +4,13 @@ use crate::conditions::Conditions;
 use crate::goal::Figure;
 use crate::tally::{Clip, Figures, Tally, Truth, contrast_to_noise};
 use panelprep::geometry::{Camera, ColorPicture, Mask, Panel, Point, Rigid, Vector};
-use panelprep::inspect::{ByCell, Demands, Footprint, Inspection, View, Watch};
+use panelprep::inspect::{CellDemands, Demands, FilmView, FilmWatch, Footprint, Inspection};
 use panelprep::panel::{GridId, TaughtPanel};
 use panelprep::phase::Phase;
 use panelprep::recipe::Recipe;
-use panelprep::sim::{self, Cell, Film, FilmSpec, Grease, SandedLook, Sanding, Scene, Spot, SpotKind, WET_FROM_S};
+use panelprep::sim::{
+    self, Cell, Film, FilmSpec, Grease, GreasySpot, Sanding, SandingStrength, Scene, SpotKind, WET_FROM_S,
+};
 use std::time::Instant;
 
 /// The frame rate that the recipes of all clips require.
@@ -57,15 +59,15 @@ impl Bench {
             frames_per_second: FRAMES_PER_SECOND,
             min_break_mm2: (1.2 * limit_mm2).max(5.0),
             persist_s: settings.persist_s(),
-            by_cell: ByCell::default(),
+            cell_demands: CellDemands::default(),
         }
     }
 
-    pub fn watch(&self, observation_s: f64, sanded: Option<&Mask>) -> Watch {
+    pub fn watch(&self, observation_s: f64, sanded: Option<&Mask>) -> FilmWatch {
         let demands = self.demands(observation_s);
         let (taught, camera_from_panel) = (&self.taught, self.camera_from_panel);
-        let view = View { taught, camera: self.cell.scanner(), camera_from_panel, sanded };
-        Watch::new(&view, self.recipe.inspect(), demands).expect("in view")
+        let view = FilmView { taught, camera: self.cell.scanner(), camera_from_panel, sanded };
+        FilmWatch::new(&view, self.recipe.inspect(), demands).expect("in view")
     }
 
     /// Returns the sanding of the panel after these grids were sanded, pass by pass.
@@ -74,7 +76,7 @@ impl Bench {
         for pass in &conditions.sanded {
             let areas: Vec<[Point<Panel>; 4]> =
                 pass.iter().map(|id| self.widened(*id, conditions.beyond_mm)).collect();
-            self.cell.sand_areas(&mut sanding, &areas, SandedLook::WORST);
+            self.cell.sand_areas(&mut sanding, &areas, SandingStrength::EXTREME);
         }
         sanding
     }
@@ -126,13 +128,15 @@ fn kind(seed: u64, extent: &Extent) -> Kind {
     const SHARES: [f64; 8] = [0.01, 0.03, 0.07, 0.15, 0.3, 0.5, 0.8, 1.0];
     let mixed = |count| Grease::Mixed { count, until_s: WET_FROM_S + 0.85 * extent.observed_s };
     let spray = |share| Grease::Share { share, kind: SpotKind::UnderSpray };
-    let hard =
-        FilmSpec { shadow_at_s: WET_FROM_S + (seed % 7) as f64 / 7.0 * extent.observed_s, ..FilmSpec::hard(seed) };
+    let hard = FilmSpec {
+        shadow_at_s: WET_FROM_S + (seed % 7) as f64 / 7.0 * extent.observed_s,
+        ..FilmSpec::hardest(seed)
+    };
     match seed % 8 {
         0..4 => Kind { name: "mixed", spec: hard, grease: Some(mixed(2 + (seed / 8 % 5) as usize)) },
-        4 => Kind { name: "usual", spec: FilmSpec::USUAL, grease: Some(mixed(4)) },
+        4 => Kind { name: "usual", spec: FilmSpec::TYPICAL_FILM, grease: Some(mixed(4)) },
         5 => Kind { name: "spray", spec: hard, grease: Some(spray(SHARES[(seed / 8 % 8) as usize])) },
-        6 if seed % 16 == 6 => Kind { name: "clean", spec: FilmSpec::USUAL, grease: None },
+        6 if seed % 16 == 6 => Kind { name: "clean", spec: FilmSpec::TYPICAL_FILM, grease: None },
         _ => Kind { name: "clean", spec: hard, grease: None },
     }
 }
@@ -158,14 +162,15 @@ fn one(seed: u64, extent: &Extent, tally: &mut Tally) {
     let bench = Bench::new(seed, extent.reduction, &std::env::var("INSPECT").unwrap_or_default());
     let Kind { name, spec, grease } = kind(seed, extent);
     let conditions = Conditions::new(seed, &bench.taught.grids.iter().map(|grid| grid.id).collect::<Vec<_>>());
-    let spots: Vec<Spot> = grease.iter().flat_map(|grease| bench.cell.greased(grease, seed)).collect();
+    let spots: Vec<GreasySpot> =
+        grease.iter().flat_map(|grease| bench.cell.with_other_grease(grease, seed)).collect();
     let sanding = bench.sanded(&conditions);
-    let film = bench.cell.film_sanded_as((&spots, &spots), &sanding, &spec, seed);
+    let film = bench.cell.sanded_film_with_spec((&spots, &spots), &sanding, &spec, seed);
     let demands = bench.demands(extent.observed_s);
     // The disc's path gives the sanded area to a few millimetres.
-    let declared = bench.cell.sanded_in_taught(&sanding, SANDED_MARGIN_MM);
+    let declared = bench.cell.sanded_taught_pixels(&sanding, SANDED_MARGIN_MM);
     let mut watch = bench.watch(extent.observed_s, Some(&declared));
-    let before = bench.cell.film_as(&spots, &spec, seed);
+    let before = bench.cell.film_with_spec(&spots, &spec, seed);
     watch.push(&before.picture(0.0), 0.0, Phase::Dry).expect("the first");
     let mut last = None;
     for time_s in conditions.times_s(WET_FROM_S + demands.filmed_s()) {
@@ -184,13 +189,13 @@ fn one(seed: u64, extent: &Extent, tally: &mut Tally) {
     let (picture, last_s) = last.expect("pictures");
     let inspection = watch.finish().expect("wet pictures");
     let wet_from_s = last_s - inspection.observation.observed_s;
-    let broken = film.broken(last_s.min(wet_from_s + extent.observed_s));
+    let broken = film.broken_pixels(last_s.min(wet_from_s + extent.observed_s));
     if let Ok(folder) = std::env::var("PICTURES") {
         save(&folder, &format!("clip{seed:04}"), &picture, &inspection, &broken);
     }
     let looks = film.dry_and_wet_levels();
     let contrast: Vec<f64> = looks.into_iter().map(|looks| contrast_to_noise(looks, |_| NOISE_LEVELS)).collect();
-    let truth = Truth { broken: &broken, later: &film.broken(last_s), contrast: &contrast };
+    let truth = Truth { broken: &broken, later: &film.broken_pixels(last_s), contrast: &contrast };
     let sanded = bench.taught.grids.iter().filter(|grid| conditions.passes_of(grid.id) > 0).count();
     let clip = Clip { renderer: "sim", seed, kind: name, frames_per_second: conditions.frames_per_second, sanded };
     tally.add(&clip, &inspection, &truth, |id| conditions.passes_of(id) > 0);
@@ -202,7 +207,7 @@ fn one(seed: u64, extent: &Extent, tally: &mut Tally) {
 /// not seen.
 pub fn save(folder: &str, name: &str, picture: &ColorPicture, inspection: &Inspection, truth: &Mask) {
     let mut drawn = picture.clone();
-    let (found, region, not_seen) = (inspection.mask(), inspection.footprint.region(), inspection.not_seen());
+    let (found, region, not_seen) = (inspection.mask(), inspection.footprint.region(), inspection.unseen_pixels());
     for index in (0..drawn.rgb.len()).filter(|&index| region.inside[index]) {
         match (found.inside[index], truth.inside[index]) {
             (true, true) => drawn.rgb[index] = [0, 158, 115],

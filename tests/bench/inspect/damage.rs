@@ -53,8 +53,8 @@ pub fn run(seeds: u64, reduction: usize) -> usize {
     for seed in 1..=seeds {
         let bench = Bench::new(seed, reduction, "");
         let grease = Grease::Mixed { count: 3, until_s: WET_FROM_S + 6.0 };
-        let spots = if seed % 2 == 0 { Vec::new() } else { bench.cell.greased(&grease, seed) };
-        let film = bench.cell.film_as(&spots, &FilmSpec::USUAL, seed);
+        let spots = if seed % 2 == 0 { Vec::new() } else { bench.cell.with_other_grease(&grease, seed) };
+        let film = bench.cell.film_with_spec(&spots, &FilmSpec::TYPICAL_FILM, seed);
         let demands = bench.demands(OBSERVED_S);
         let mut frozen = None;
         let still: (&str, &str, Damage) = ("a camera that stands still", "frozen", |picture, _| Some(picture));
@@ -81,7 +81,7 @@ pub fn run(seeds: u64, reduction: usize) -> usize {
             all += 1;
             println!(
                 "{seed:4}  {name:32} {:8} {codes:?}{}",
-                judgement.verdict.word(),
+                judgement.verdict.keyword(),
                 if right { "" } else { "  <-" }
             );
         }

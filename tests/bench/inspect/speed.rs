@@ -14,8 +14,8 @@ const FRAMES: u32 = 300;
 
 pub fn run(reduction: usize) {
     let bench = Bench::new(3, reduction, "");
-    let spots = bench.cell.greased(&Grease::Mixed { count: 5, until_s: WET_FROM_S + 40.0 }, 3);
-    let film = bench.cell.film_as(&spots, &FilmSpec::USUAL, 3);
+    let spots = bench.cell.with_other_grease(&Grease::Mixed { count: 5, until_s: WET_FROM_S + 40.0 }, 3);
+    let film = bench.cell.film_with_spec(&spots, &FilmSpec::TYPICAL_FILM, 3);
     let folder = std::env::temp_dir().join(format!("panelprep-frames-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder for passing frames");
     let frames = FRAMES / (reduction * reduction) as u32;

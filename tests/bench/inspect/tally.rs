@@ -152,7 +152,7 @@ impl Tally {
             }
         }
         // Pixels that were not seen are counted above; they are neither found nor missed.
-        let not_seen = inspection.not_seen();
+        let not_seen = inspection.unseen_pixels();
         let within = Mask {
             inside: (0..region.inside.len())
                 .map(|i| region.inside[i] && clear.inside[i] && !not_seen.inside[i])
@@ -179,7 +179,7 @@ impl Tally {
             clip.kind,
             clip.frames_per_second,
             clip.sanded,
-            inspection.judgement.verdict.word(),
+            inspection.judgement.verdict.keyword(),
             iou.map_or_else(|| "  –  ".to_owned(), |iou| format!("{iou:.3}")),
             codes.join(" "),
             if wrong.is_empty() { "" } else { "  <-" },
@@ -196,8 +196,8 @@ impl Tally {
     pub fn times(&mut self, inspection: &Inspection, truth: &Mask, true_s: impl Fn(usize) -> f64) {
         let (footprint, region) = (&inspection.footprint, inspection.footprint.region());
         let inside = truth.inside.iter().zip(&region.inside).map(|(truly, inside)| *truly && *inside).collect();
-        for piece in (Mask { inside, ..*truth }).pieces() {
-            let mut mask = Mask::empty(truth.width, truth.height);
+        for piece in (Mask { inside, ..*truth }).connected_pieces() {
+            let mut mask = Mask::all_outside(truth.width, truth.height);
             piece.iter().for_each(|&index| mask.inside[index] = true);
             let area_mm2: f64 = footprint.broken_mm2(&mask).iter().sum();
             let mut real: Vec<f64> = piece.iter().map(|&i| true_s(i).max(0.0)).collect();

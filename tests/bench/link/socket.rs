@@ -5,18 +5,18 @@ use super::peer::Peer;
 use crate::clients::harass;
 use panelprep::cell::{self, Cell};
 use panelprep::daemon::{
-    self, Alarms, CellSetup, Computing, DaemonError, Equipment, Examined, Gateway, InterfaceContext,
-    LastWrittenPage, LinkedRobot, LiveView, LoopStart, NoCameras, OperatorPage, PageParts, People, Port, Ports,
-    RecipeText, RecordAnswer, RecordCommand, RecordError, RecordPdf, RecordSource, RecordingSwitch, Request,
-    RequestHandler, RequestSender, ServiceParts, SetupSource, Socket, StoreRecord,
+    self, AccountService, Alarms, CellSetup, Computing, DaemonError, Equipment, ExaminedItem, Gateway,
+    InterfaceContext, LastWrittenPage, LinkedRobot, LiveView, LoopPorts, LoopStart, NoCameras, OperatorPage,
+    PageParts, Port, RecipeText, RecordAnswer, RecordCommand, RecordError, RecordPdf, RecordSource,
+    RecordingSwitch, Request, RequestHandler, RequestSender, ServiceParts, SetupSource, Socket, StoreRecord,
 };
 use panelprep::devices::robot::{Address, BlockingLink, link_limits};
-use panelprep::eki::Pace;
+use panelprep::eki::ClockMode;
 use panelprep::geometry::ColorPicture;
 use panelprep::record::CycleId;
-use panelprep::store::{PersonSigns, Store};
+use panelprep::store::{PersonSigningRequest, Store};
 use panelprep::supervision::Supervisor;
-use panelprep::tape::Begin;
+use panelprep::tape::LoopMemoryStart;
 use panelprep::verdict::Verdict;
 use serde_json::{Value, json};
 use std::io::{Read, Write};
@@ -99,9 +99,9 @@ impl Served {
         let (peer, supervisor) = (Peer::start(), Supervisor::default());
         let (command_port, state_port) = peer.ports();
         let address = Address { host: "127.0.0.1".to_owned(), command_port, state_port };
-        let link = BlockingLink::start(address, link_limits(&cell), Pace::Wall).expect("a link");
+        let link = BlockingLink::start(address, link_limits(&cell), ClockMode::Wall).expect("a link");
         let (sender, queue) = daemon::request_queue();
-        sender.stops_by(link.stop_line());
+        sender.set_urgent_line(link.stop_line());
         let hangs = Arc::new(AtomicBool::new(false));
         let hung = hangs.clone();
         let loader: Arc<daemon::Loader> = Arc::new(|_| Err(vec![]));
@@ -110,9 +110,9 @@ impl Served {
         drop(Store::create(&store_folder).expect("a store"));
         let watched = supervisor.clone();
         let service = std::thread::spawn(move || {
-            let mut robot = LinkedRobot::new(link, Pace::Wall);
+            let mut robot = LinkedRobot::new(link, ClockMode::Wall);
             let mut store = Store::create(&store_folder).expect("a store");
-            let keep = daemon::keeper(&store).expect("writable");
+            let keep = daemon::picture_store(&store).expect("writable");
             let mut record = Hanging { record: StoreRecord::new(&mut store, None), hangs: hung };
             let (pages, _) = mpsc::channel();
             let parts = ServiceParts {
@@ -126,7 +126,7 @@ impl Served {
             let parts_of_computing = (Box::new(NoCameras) as _, Box::new(Vec::new) as _, keep);
             let computing =
                 Computing::on_thread(parts_of_computing, false, &watched, LiveView::default()).expect("a thread");
-            let ports = Ports {
+            let ports = LoopPorts {
                 robot: &mut robot,
                 tool: &mut daemon::LinkedTool::default(),
                 record: &mut record,
@@ -135,8 +135,8 @@ impl Served {
                 lock_step: false,
             };
             let cell = Arc::new(CellSetup::new(&cell).expect("whole"));
-            let state = panelprep::cycle::State::NEW;
-            daemon::run(LoopStart { cell, cycle: None, state, before: Begin::Boot }, ports).map(drop)
+            let state = panelprep::cycle::State::INITIAL;
+            daemon::run(LoopStart { cell, cycle: None, state, before: LoopMemoryStart::Boot }, ports).map(drop)
         });
         Served { peer, hangs, sender, gateway, folder, supervisor, service }
     }
@@ -207,7 +207,7 @@ impl SetupSource for Nothing {
     fn recipe(&self, _: &str) -> Result<RecipeText, String> {
         Err("there is none".to_owned())
     }
-    fn offer(&self, _: &str) -> Result<Option<panelprep::office::RecipeOffer>, String> {
+    fn recipe_offer(&self, _: &str) -> Result<Option<panelprep::office::RecipeOffer>, String> {
         Ok(None)
     }
     fn problems(&self, _: &str, _: &str) -> Vec<String> {
@@ -222,13 +222,13 @@ impl SetupSource for Nothing {
     fn taught_picture(&self, _: &str) -> Result<ColorPicture, String> {
         Err("there is none".to_owned())
     }
-    fn standing(&self) -> Vec<panelprep::verdict::Reason> {
+    fn cycle_obstacles(&self) -> Vec<panelprep::verdict::Reason> {
         vec![]
     }
-    fn examine(&self) -> Vec<Examined> {
+    fn examine_cell(&self) -> Vec<ExaminedItem> {
         vec![]
     }
-    fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
+    fn list_equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
         Ok((Verdict::Accept, vec![], vec![]))
     }
 }
@@ -240,7 +240,7 @@ impl RecordSource for Nothing {
     fn pdf(&self, _: CycleId) -> Result<Option<RecordPdf>, String> {
         Ok(None)
     }
-    fn sign(&self, _: &PersonSigns) -> Result<u64, String> {
+    fn sign(&self, _: &PersonSigningRequest) -> Result<u64, String> {
         Err("there is none".to_owned())
     }
 }
@@ -267,13 +267,13 @@ pub fn aborts_on_the_page(trials: usize, viewers: usize) -> Vec<Duration> {
         listen: Some(([127, 0, 0, 1], 0).into()),
         certificate: None,
         recipes: served.folder.path().to_owned(),
-        words: None,
+        translations: None,
         idle_min: 30,
         sessions: 3,
     };
     let (folder, gateway) = (served.folder.path().join("store"), served.gateway.clone());
     let (setup, records) = (Arc::new(Nothing), Arc::new(Nothing));
-    let people = Arc::new(People::new(folder.clone()));
+    let people = Arc::new(AccountService::new(folder.clone()));
     let alarms = Arc::new(Alarms::new(people.clone()));
     let view = LiveView::default();
     let front = InterfaceContext { gateway, people, alarms, setup };

@@ -10,7 +10,7 @@ use panelprep::geometry::{Base, Camera, Rigid};
 use panelprep::locate::RangeErrors;
 use panelprep::panel::TaughtPanel;
 use panelprep::recipe::Recipe;
-use panelprep::sim::{Bend, TRIAL_BOX_MM, Trial};
+use panelprep::sim::{PanelBend, TRIAL_BOX_MM, TrialScene};
 use panelprep::surface::{self, Parameter};
 use panelprep::verdict::Verdict;
 use rand::{RngExt, SeedableRng};
@@ -42,7 +42,7 @@ const BOTH_MS: f64 = 120.0;
 
 /// The results for a bent panel.
 struct Found {
-    bend: Bend,
+    bend: PanelBend,
     /// Whether the camera's scale is wrong.
     is_scaled: bool,
     tried: Tried,
@@ -65,7 +65,7 @@ pub fn panels(seeds: RangeInclusive<u64>) -> usize {
         let mut random = Pcg64::seed_from_u64(seed);
         let scaled = between(&mut random, SCALE) - 1.0;
         for (scale, range, count) in [(0.0, range_errors(), PANELS - 1), (scaled, RangeErrors::default(), 1)] {
-            let trial = Trial::good(seed, reduction()).with_scale([scale; 2]);
+            let trial = TrialScene::good_scene(seed, reduction()).with_scale_error([scale; 2]);
             let (panel, recipe, mount) = taught(&trial, scale);
             let Ok(fit) = surface::fit(&panel, recipe.surface()) else {
                 println!("{seed:4}  no surface was taught");
@@ -73,7 +73,7 @@ pub fn panels(seeds: RangeInclusive<u64>) -> usize {
             };
             for _ in 0..count {
                 let bend = drawn(&mut random, &trial);
-                let found = found(&trial.clone().bent_by(bend), bend, (&panel, &recipe, &fit), (range, mount));
+                let found = found(&trial.clone().with_bend(bend), bend, (&panel, &recipe, &fit), (range, mount));
                 println!("{seed:4}  {scale:+.4}  {}", words(&found));
                 all.push(found);
             }
@@ -86,10 +86,10 @@ fn between(random: &mut Pcg64, [low, high]: [f64; 2]) -> f64 {
     random.random_range(low..high)
 }
 
-fn drawn(random: &mut Pcg64, trial: &Trial) -> Bend {
+fn drawn(random: &mut Pcg64, trial: &TrialScene) -> PanelBend {
     let sign = if random.random::<bool>() { 1.0 } else { -1.0 };
     let turn = [0.0, std::f64::consts::TAU];
-    Bend {
+    PanelBend {
         bow_mm: sign * between(random, BOW_MM),
         half_mm: trial.size_mm()[0] / 2.0,
         along_rad: between(random, turn),
@@ -102,7 +102,7 @@ fn drawn(random: &mut Pcg64, trial: &Trial) -> Bend {
 
 /// The panel taught by a camera whose distances are too long by this share, and the mount that was measured with
 /// this camera at the panel's taught place.
-fn taught(trial: &Trial, scale: f64) -> (TaughtPanel, Recipe, Rigid<Base, Camera>) {
+fn taught(trial: &TrialScene, scale: f64) -> (TaughtPanel, Recipe, Rigid<Base, Camera>) {
     let corners = trial.middle_px(REGION).map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
     let text = format!(
@@ -116,14 +116,14 @@ fn taught(trial: &Trial, scale: f64) -> (TaughtPanel, Recipe, Rigid<Base, Camera
     let panel = learnt(trial.base_from_camera());
     let centre = panel.panel_from_camera.inverse() * panel.centre();
     let shift: Rigid<Camera, Camera> =
-        Rigid::claim(Translation3::from(-scale / (1.0 + scale) * centre.mm.coords).into());
+        Rigid::from_isometry_unchecked(Translation3::from(-scale / (1.0 + scale) * centre.mm.coords).into());
     let mount = trial.base_from_camera() * shift;
     (learnt(mount), recipe, mount)
 }
 
 fn found(
-    trial: &Trial,
-    bend: Bend,
+    trial: &TrialScene,
+    bend: PanelBend,
     (panel, recipe, taught): (&TaughtPanel, &Recipe, &surface::Fit),
     (range, mount): (RangeErrors, Rigid<Base, Camera>),
 ) -> Found {
@@ -135,17 +135,22 @@ fn found(
     let scan = trial.scan();
     let begun = Instant::now();
     let points = surface::todays_points(panel, &scan, &(pose.inverse() * mount));
-    let today = surface::todays(&taught.surface, panel, &taught.map, (&points, recipe.surface().max_hole_mm()));
+    let today = surface::correct_taught_surface(
+        &taught.surface,
+        panel,
+        &taught.map,
+        (&points, recipe.surface().max_hole_mm()),
+    );
     let fit_ms = begun.elapsed().as_secs_f64() * 1e3;
     let hole_mm = today.as_ref().map_or(f64::INFINITY, |today| today.largest_hole_mm);
     let contact_mm = today.ok().map(|today| {
         let middle = |n: usize| (n as f64 + 0.5) / PLACES as f64;
         let places = (0..PLACES * PLACES).map(|n| Parameter { u: middle(n % PLACES), v: middle(n / PLACES) });
-        let off = |at| trial.before_surface_mm(pose * today.surface.point(at)).expect("a panel").abs();
+        let off = |at| trial.height_over_surface_mm(pose * today.surface.point(at)).expect("a panel").abs();
         let off_mm: Vec<f64> = places.map(off).collect();
         [off_mm.iter().sum::<f64>() / off_mm.len() as f64, off_mm.iter().copied().fold(0.0, f64::max)]
     });
-    let aside_mm = trial.aside_mm(&pose);
+    let aside_mm = trial.max_point_distance_mm(&pose);
     Found { bend, is_scaled, tried, contact_mm, hole_mm, aside_mm, fit_ms }
 }
 
@@ -157,7 +162,7 @@ fn words(found: &Found) -> String {
     let [mean_mm, largest_mm] = contact_mm.unwrap_or([f64::NAN; 2]);
     format!(
         "{shape}  {:6}  {:.2}  {:.3}  {:.2}  {mean_mm:.3} {largest_mm:.3}  {hole_mm:.0}  {:.3}  {:.3}  {:.0} + {fit_ms:.0}  {}",
-        tried.judgement.verdict.word(),
+        tried.judgement.verdict.keyword(),
         fit.deviation_mm.unwrap_or(f64::NAN),
         fit.rms_mm,
         fit.outline_rms_px,

@@ -9,7 +9,7 @@ use panelprep::geometry::{Base, Camera, Rigid};
 use panelprep::locate::RangeErrors;
 use panelprep::panel::TaughtPanel;
 use panelprep::recipe::Recipe;
-use panelprep::sim::Trial;
+use panelprep::sim::TrialScene;
 use panelprep::verdict::Verdict;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -31,16 +31,17 @@ const STATED: RangeInclusive<f64> = 0.9..=1.0;
 /// `CORRELATED`. Returns the number of missed targets.
 pub fn errors(seeds: RangeInclusive<u64>) -> usize {
     let asked = std::env::var("CORRELATED").unwrap_or_default();
-    let kinds: [(&str, fn(u64, usize) -> Trial); 2] = [("bent", Trial::good), ("flat", Trial::flat)];
+    let kinds: [(&str, fn(u64, usize) -> TrialScene); 2] =
+        [("bent", TrialScene::good_scene), ("flat", TrialScene::flat_scene)];
     let (mut missed, mut least) = (0, [None; 2]);
     for (kind, trial) in kinds {
         for alike_mm in ALIKE_MM {
             let range = RangeErrors {
                 correlation_mm: alike_mm,
-                between_scans_mm: std::f64::consts::SQRT_2 * SMOOTH_MM,
-                of_taught_mm: 1.5 * SMOOTH_MM,
+                scan_to_scan_mm: std::f64::consts::SQRT_2 * SMOOTH_MM,
+                taught_scan_mm: 1.5 * SMOOTH_MM,
                 scale: 0.0,
-                scale_between_scans: 0.0,
+                scan_to_scan_scale: 0.0,
                 is_measured: true,
             };
             for (index, (words, range)) in
@@ -51,7 +52,7 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
                     continue;
                 }
                 let trials = seeds.clone().map(|seed| {
-                    let trial = trial(seed, reduction()).alike_over(alike_mm);
+                    let trial = trial(seed, reduction()).with_correlated_error(alike_mm);
                     let (taught, mount) = (taught(&trial), trial.base_from_camera());
                     (trial, taught, mount)
                 });
@@ -67,7 +68,7 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
         measured,
     );
     reported(Figure("locate: camera not measured"), not_measured);
-    let scaled = |(kind, trial): (&str, fn(u64, usize) -> Trial)| match "distances off".contains(&asked) {
+    let scaled = |(kind, trial): (&str, fn(u64, usize) -> TrialScene)| match "distances off".contains(&asked) {
         true => scaled(kind, trial, &seeds),
         false => 0,
     };
@@ -77,10 +78,10 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
 /// A camera whose distances are too long by a fraction that is the same in all its scans, and by a second fraction
 /// that differs from scan to scan. Its mount was measured with the same camera at the panel's taught place, so the
 /// first fraction cancels there.
-fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64>) -> usize {
+fn scaled(kind: &str, trial: fn(u64, usize) -> TrialScene, seeds: &RangeInclusive<u64>) -> usize {
     let range = RangeErrors {
         scale: SCALE,
-        scale_between_scans: BETWEEN_SCANS,
+        scan_to_scan_scale: BETWEEN_SCANS,
         is_measured: true,
         ..RangeErrors::default()
     };
@@ -88,10 +89,11 @@ fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64
         let mut random = Pcg64::seed_from_u64(seed);
         let shared = drawn(&mut random, SCALE);
         let scale = [0, 1].map(|_| shared + drawn(&mut random, BETWEEN_SCANS));
-        let trial = trial(seed, reduction()).with_scale(scale);
+        let trial = trial(seed, reduction()).with_scale_error(scale);
         let (panel, recipe) = taught(&trial);
         let centre = panel.panel_from_camera.inverse() * panel.centre();
-        let shift: Rigid<Camera, Camera> = Rigid::claim(Translation3::from(-shared * centre.mm.coords).into());
+        let shift: Rigid<Camera, Camera> =
+            Rigid::from_isometry_unchecked(Translation3::from(-shared * centre.mm.coords).into());
         let mount = trial.base_from_camera() * shift;
         let panel = TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), mount, &recipe).expect("a panel");
         (trial, (panel, recipe), mount)
@@ -110,7 +112,7 @@ fn drawn(random: &mut Pcg64, deviation: f64) -> f64 {
 }
 
 /// A trial, its panel as taught, and the camera's measured mount.
-type Scanned = (Trial, (TaughtPanel, Recipe), Rigid<Base, Camera>);
+type Scanned = (TrialScene, (TaughtPanel, Recipe), Rigid<Base, Camera>);
 
 /// The accepted scans of one row, and how many of them are within the stated error.
 #[derive(Clone, Copy)]

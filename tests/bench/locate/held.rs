@@ -3,7 +3,7 @@
 
 use super::goal::Figure;
 use super::{RIGHT_MM, Tried, reduction, row, share, shared, tried_with, words};
-use panelprep::sim::Trial;
+use panelprep::sim::TrialScene;
 use panelprep::verdict::Verdict;
 use std::ops::RangeInclusive;
 
@@ -30,7 +30,7 @@ pub(super) enum PriorKnowledge {
 
 struct Kind {
     words: &'static str,
-    trial: fn(u64, usize) -> Trial,
+    trial: fn(u64, usize) -> TrialScene,
     said: PriorKnowledge,
     /// The share that must be accepted.
     floor: f64,
@@ -40,60 +40,65 @@ struct Kind {
 const TABLE_KIND: &str = "flat, marks, held, points missing, outline drawn";
 
 const KINDS: [Kind; 10] = [
-    Kind { words: "flat", trial: Trial::flat, said: PriorKnowledge::Nothing, floor: ACCEPTED },
-    Kind { words: "flat, outline drawn", trial: Trial::flat, said: PriorKnowledge::Outline, floor: ACCEPTED },
+    Kind { words: "flat", trial: TrialScene::flat_scene, said: PriorKnowledge::Nothing, floor: ACCEPTED },
+    Kind {
+        words: "flat, outline drawn",
+        trial: TrialScene::flat_scene,
+        said: PriorKnowledge::Outline,
+        floor: ACCEPTED,
+    },
     Kind {
         words: "flat, held, nothing said",
-        trial: |s, r| Trial::flat(s, r).held(),
+        trial: |s, r| TrialScene::flat_scene(s, r).with_holder(),
         said: PriorKnowledge::Nothing,
         floor: 0.0,
     },
     Kind {
         words: "flat, held",
-        trial: |s, r| Trial::flat(s, r).held(),
+        trial: |s, r| TrialScene::flat_scene(s, r).with_holder(),
         said: PriorKnowledge::Held,
         floor: ACCEPTED,
     },
     Kind {
         words: "flat, held, outline drawn",
-        trial: |s, r| Trial::flat(s, r).held(),
+        trial: |s, r| TrialScene::flat_scene(s, r).with_holder(),
         said: PriorKnowledge::Both,
         floor: ACCEPTED,
     },
     Kind {
         words: "bent, held",
-        trial: |s, r| Trial::good(s, r).held(),
+        trial: |s, r| TrialScene::good_scene(s, r).with_holder(),
         said: PriorKnowledge::Held,
         floor: ACCEPTED,
     },
     Kind {
         words: "flat, held, points missing, outline drawn",
-        trial: |s, r| Trial::flat(s, r).held().patchy(MISSING),
+        trial: |s, r| TrialScene::flat_scene(s, r).with_holder().with_missing_patches(MISSING),
         said: PriorKnowledge::Both,
         floor: MISSING_ACCEPTED,
     },
     Kind {
         words: "flat, marks",
-        trial: |s, r| Trial::flat(s, r).marked(),
+        trial: |s, r| TrialScene::flat_scene(s, r).with_marks(),
         said: PriorKnowledge::Nothing,
         floor: ACCEPTED,
     },
     Kind {
         words: "flat, marks, held, outline drawn",
-        trial: |s, r| Trial::flat(s, r).marked().held(),
+        trial: |s, r| TrialScene::flat_scene(s, r).with_marks().with_holder(),
         said: PriorKnowledge::Both,
         floor: ACCEPTED,
     },
     Kind {
         words: TABLE_KIND,
-        trial: |s, r| Trial::flat(s, r).marked().held().patchy(MISSING),
+        trial: |s, r| TrialScene::flat_scene(s, r).with_marks().with_holder().with_missing_patches(MISSING),
         said: PriorKnowledge::Both,
         floor: ACCEPTED,
     },
 ];
 
 /// Returns the keys of the recipe's `[panel]` with the person's information.
-pub(super) fn keys(trial: &Trial, said: PriorKnowledge) -> String {
+pub(super) fn keys(trial: &TrialScene, said: PriorKnowledge) -> String {
     let mut keys = String::new();
     if matches!(said, PriorKnowledge::Outline | PriorKnowledge::Both) {
         let corners: Vec<[f64; 2]> = trial.outline_px().iter().map(|pixel| [pixel.u, pixel.v]).collect();
@@ -101,7 +106,7 @@ pub(super) fn keys(trial: &Trial, said: PriorKnowledge) -> String {
     }
     if matches!(said, PriorKnowledge::Held | PriorKnowledge::Both) {
         let held: Vec<[[f64; 2]; 4]> =
-            trial.held_px().iter().map(|held| held.map(|pixel| [pixel.u, pixel.v])).collect();
+            trial.marked_holder_px().iter().map(|held| held.map(|pixel| [pixel.u, pixel.v])).collect();
         keys += &format!(", held_px = {held:?}");
     }
     keys
@@ -125,7 +130,7 @@ pub fn scenes(seeds: RangeInclusive<u64>) -> usize {
             println!(
                 "{}: {seed:3} {:6} {max_mm:.3?} {stated_mm:.3?} {}",
                 kind.words,
-                judgement.verdict.word(),
+                judgement.verdict.keyword(),
                 words(&judgement)
             );
             if judgement.verdict == Verdict::Accept {

@@ -1,9 +1,9 @@
 //! The memory of a localization at full size: a separate process that does nothing else, measured by the system.
 
 use panelprep::geometry::{Camera, OrganizedCloud, PinholeCamera};
-use panelprep::locate::{self, View};
+use panelprep::locate::{self, ScanView};
 use panelprep::panel::TaughtPanel;
-use panelprep::sim::Trial;
+use panelprep::sim::TrialScene;
 use std::path::Path;
 use std::process::Command;
 
@@ -14,7 +14,7 @@ const ALLOWED_MB: f64 = 600.0;
 
 /// Starts the process on a rendered scan and prints the result.
 pub fn measured() -> usize {
-    let trial = Trial::good(SEED, super::reduction());
+    let trial = TrialScene::good_scene(SEED, super::reduction());
     let folder = std::env::temp_dir().join(format!("panelprep-memory-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder for passing files");
     for (name, scan) in [("taught", trial.taught_scan()), ("scan", trial.scan())] {
@@ -30,7 +30,7 @@ pub fn measured() -> usize {
 
 /// Runs as the separate process: teaches, locates, and prints its peak resident memory, MB.
 pub fn alone(folder: &Path) {
-    let trial = Trial::good(SEED, super::reduction());
+    let trial = TrialScene::good_scene(SEED, super::reduction());
     let read = |name: &str| cloud(&std::fs::read(folder.join(name)).expect("a scan"), trial.camera());
     let recipe = super::recipe(&trial, "");
     let (camera, base_from_camera) = (trial.camera(), trial.base_from_camera());
@@ -38,7 +38,7 @@ pub fn alone(folder: &Path) {
     let scan = read("scan");
     locate::locate(
         &panel,
-        &View { scan: &scan, camera, base_from_camera, range: locate::RangeErrors::default() },
+        &ScanView { scan: &scan, camera, base_from_camera, range: locate::RangeErrors::default() },
         recipe.locate(),
     )
     .expect("located");

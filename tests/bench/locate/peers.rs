@@ -6,7 +6,7 @@ use super::{RIGHT_MM, quantile, reduction, taught, tried};
 use panelprep::geometry::{Base, Camera, OrganizedCloud, Panel, Point, Rigid};
 use panelprep::locate::thesis_icp;
 use panelprep::panel::TaughtPanel;
-use panelprep::sim::{TRIAL_BOX_MM, Trial};
+use panelprep::sim::{TRIAL_BOX_MM, TrialScene};
 use std::ops::RangeInclusive;
 use std::path::Path;
 use std::process::Command;
@@ -18,7 +18,7 @@ pub fn compared(seeds: RangeInclusive<u64>) {
     let folder = std::env::temp_dir().join(format!("panelprep-locate-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder for passing files");
     for seed in seeds.clone() {
-        let trial = Trial::good(seed, reduction());
+        let trial = TrialScene::good_scene(seed, reduction());
         let tried = tried(&trial);
         if let Some(error) = tried.error {
             runs.push(Run { method: "panelprep".to_owned(), seed, ms: tried.elapsed_ms, error_mm: error.mean_mm });
@@ -64,14 +64,14 @@ pub fn compared(seeds: RangeInclusive<u64>) {
 
 /// Returns the taught panel's points in the panel's frame and the scan's points in the search box in the base
 /// frame, mm.
-fn clouds(trial: &Trial, panel: &TaughtPanel) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+fn clouds(trial: &TrialScene, panel: &TaughtPanel) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
     let source = panel.points().map(|(_, point)| point.mm.coords.into()).collect();
     let scan: OrganizedCloud<Camera> = trial.scan();
     let base_from_camera = trial.base_from_camera();
     let [low, high] = TRIAL_BOX_MM;
     let in_box = |p: &[f64; 3]| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&p[axis]));
     let target = scan
-        .valid()
+        .valid_points()
         .map(|(_, point)| <[f64; 3]>::from((base_from_camera * point).mm.coords))
         .filter(in_box)
         .collect();
@@ -79,12 +79,13 @@ fn clouds(trial: &Trial, panel: &TaughtPanel) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) 
 }
 
 /// Returns a start pose for methods that need one: the true pose, 10 mm and 3° off.
-fn near(trial: &Trial) -> Rigid<Base, Panel> {
+fn near(trial: &TrialScene) -> Rigid<Base, Panel> {
     let turn = nalgebra::Vector3::new(0.04, 0.025, -0.02);
     let centre = trial.base_from_panel().isometry() * nalgebra::Point3::new(560.0, 0.0, 360.0);
     let rotation = nalgebra::UnitQuaternion::from_scaled_axis(turn);
     let shift = centre.coords + nalgebra::Vector3::new(2.0, 8.0, -5.0) - rotation * centre.coords;
-    let off: Rigid<Base, Base> = Rigid::claim(nalgebra::Isometry3::from_parts(shift.into(), rotation));
+    let off: Rigid<Base, Base> =
+        Rigid::from_isometry_unchecked(nalgebra::Isometry3::from_parts(shift.into(), rotation));
     off * trial.base_from_panel()
 }
 
@@ -96,7 +97,7 @@ fn of_peers(python: &str, folder: &Path, seeds: RangeInclusive<u64>) -> Vec<Run>
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/bench/locate/peers.py");
     let mut runs = Vec::new();
     for seed in seeds {
-        let trial = Trial::good(seed, reduction());
+        let trial = TrialScene::good_scene(seed, reduction());
         let output = Command::new(python).arg(script).arg(folder.join(format!("{seed}.json"))).output();
         let Ok(output) = output else {
             println!("peers did not start");
@@ -117,7 +118,7 @@ fn of_peers(python: &str, folder: &Path, seeds: RangeInclusive<u64>) -> Vec<Run>
             let matrix = nalgebra::Matrix4::from_row_slice(&row);
             let rotation = nalgebra::Rotation3::from_matrix(&matrix.fixed_view::<3, 3>(0, 0).into_owned());
             let shift = nalgebra::Translation3::from(matrix.fixed_view::<3, 1>(0, 3).into_owned());
-            let pose = Rigid::claim(nalgebra::Isometry3::from_parts(shift, rotation.into()));
+            let pose = Rigid::from_isometry_unchecked(nalgebra::Isometry3::from_parts(shift, rotation.into()));
             let error_mm = trial.error_mm(&pose).mean_mm;
             runs.push(Run {
                 method: method.clone(),

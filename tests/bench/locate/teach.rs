@@ -5,7 +5,7 @@ use super::goal::Figure;
 use super::held::{PriorKnowledge, keys};
 use super::{recipe, reduction, row, share};
 use panelprep::panel::{LearnError, TaughtPanel};
-use panelprep::sim::Trial;
+use panelprep::sim::TrialScene;
 use std::ops::RangeInclusive;
 
 /// Shares of the panel without points.
@@ -24,7 +24,7 @@ pub fn panels(seeds: RangeInclusive<u64>) -> usize {
         off: Figure("locate: error of grid edges on these panels, bent"),
     };
     let flat = Figures { taught: Figure("locate: flat panels"), off: Figure("locate: error there, flat") };
-    kind(("bent", Trial::good), &seeds, &bent) + kind(("flat", Trial::flat), &seeds, &flat)
+    kind(("bent", TrialScene::good_scene), &seeds, &bent) + kind(("flat", TrialScene::flat_scene), &seeds, &flat)
 }
 
 /// The figures of a kind of panel: how many were taught, and the error of their grids' edges.
@@ -33,7 +33,7 @@ struct Figures {
     off: Figure,
 }
 
-type KindOfPanel = (&'static str, fn(u64, usize) -> Trial);
+type KindOfPanel = (&'static str, fn(u64, usize) -> TrialScene);
 
 fn kind((words, trial): KindOfPanel, seeds: &RangeInclusive<u64>, figures: &Figures) -> usize {
     let found = MISSING.map(|missing| taught(words, trial, missing, seeds));
@@ -54,12 +54,12 @@ struct Taught {
     off_mm: f64,
 }
 
-fn taught(words: &str, trial: fn(u64, usize) -> Trial, missing: f64, seeds: &RangeInclusive<u64>) -> Taught {
+fn taught(words: &str, trial: fn(u64, usize) -> TrialScene, missing: f64, seeds: &RangeInclusive<u64>) -> Taught {
     let (mut count, mut done, mut off_mm) = (0, 0, 0.0_f64);
     for seed in seeds.clone() {
         count += 1;
         let whole = learnt(&trial(seed, reduction())).expect("the whole panel is taught");
-        match learnt(&trial(seed, reduction()).patchy(missing)) {
+        match learnt(&trial(seed, reduction()).with_missing_patches(missing)) {
             Ok(panel) => {
                 done += 1;
                 let edges = panel.grids.iter().zip(&whole.grids);
@@ -76,7 +76,7 @@ fn taught(words: &str, trial: fn(u64, usize) -> Trial, missing: f64, seeds: &Ran
     Taught { missed: row(share(done, count) >= TAUGHT && off_mm <= OFF_MM, &told), done, off_mm }
 }
 
-fn learnt(trial: &Trial) -> Result<TaughtPanel, LearnError> {
+fn learnt(trial: &TrialScene) -> Result<TaughtPanel, LearnError> {
     let recipe = recipe(trial, &keys(trial, PriorKnowledge::Outline));
     TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), trial.base_from_camera(), &recipe)
 }

@@ -3,7 +3,7 @@
 use super::goal::Figure;
 use panelprep::geometry::{Base, Flange, FlangeCamera, Panel, Rigid, Vector};
 use panelprep::locate::corner;
-use panelprep::locate::refine::{CornerView, Refined, refine};
+use panelprep::locate::refine::{CornerView, RefinedPose, refine};
 use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use panelprep::recipe::Recipe;
 use panelprep::sim::{Cell, PanelPosition, SEARCH_BOX_MM, Scene};
@@ -39,7 +39,8 @@ pub fn verifications(seeds: RangeInclusive<u64>) -> usize {
         let across = normal.mm.cross(&nalgebra::Vector3::z()).normalize();
         let up = normal.mm.cross(&across);
         let step = place * Vector::<Panel>::new((across * angle.cos() + up * angle.sin()) * length_mm);
-        let seen = look(&cell, &recipe, &corners, refined.base_from_panel, place.displaced(step), true);
+        let seen =
+            look(&cell, &recipe, &corners, refined.base_from_panel, place.followed_by_displacement(step), true);
         let off_mm =
             seen.corners.iter().map(|corner| corner.shift_mm[0].hypot(corner.shift_mm[1])).fold(0.0, f64::max);
         let alarm = off_mm > recipe.corner().verify_mm();
@@ -103,7 +104,7 @@ fn look(
     place: Rigid<Base, Panel>,
     stands: Rigid<Base, Panel>,
     wet: bool,
-) -> Refined {
+) -> RefinedPose {
     let sightings: Vec<(Rigid<Base, FlangeCamera>, _)> = corners
         .iter()
         .map(|corner| {

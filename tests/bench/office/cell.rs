@@ -30,7 +30,7 @@ pub fn run(arguments: &[String]) -> ExitCode {
     let mut store = Store::create(folder).expect("a store");
     store.recover().expect("recovered");
     let broker = Broker { address: format!("nats://127.0.0.1:{port}"), ca: None, login: BrokerLogin::Anybody };
-    let office = Office { broker, cell: CellName::new(name).expect("a name"), behind_min: 60 };
+    let office = Office { broker, cell: CellName::new(name).expect("a name"), alarm_delay_min: 60 };
     let parts = OfficeParts { office, folder: folder.to_owned(), front: None, status: OfficeStatus::default() };
     let _sender = OfficeSender::start(parts).expect("a thread");
     loop {
@@ -43,7 +43,7 @@ pub fn run(arguments: &[String]) -> ExitCode {
 }
 
 fn key() -> CellKey {
-    CellKey::of_random(&[7; 32])
+    CellKey::from_random_bytes(&[7; 32])
 }
 
 fn sign_what_is_not(folder: &Path) {
@@ -62,11 +62,11 @@ fn cycle(store: &mut Store, picture_bytes: usize) -> CycleId {
     let id = store.begin_cycle(&start).expect("begun");
     let mut picture = format!("picture of cycle {id}").into_bytes();
     picture.resize(picture_bytes, b'.');
-    let hash = store.put_blob(&picture).expect("kept");
+    let hash = store.store_blob(&picture).expect("kept");
     let judgement = Judgement { verdict: Verdict::Pass, reasons: vec![] };
     let pictures = vec![Picture { name: "overlay".to_owned(), caption: "what was seen".to_owned(), hash }];
     let finding = Finding { pictures, ..Finding::new(Kind::Inspect, 0, judgement) };
-    store.note(id, &finding).expect("noted");
+    store.store_finding(id, &finding).expect("noted");
     store.conclude(id, Verdict::Pass, &[]).expect("over");
     id
 }

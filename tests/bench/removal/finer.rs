@@ -7,7 +7,7 @@ use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, exact_mod
 use super::{held, most};
 use panelprep::panel::GridId;
 use panelprep::removal::map::removed;
-use panelprep::removal::track::stretches;
+use panelprep::removal::track::path_stretches;
 use panelprep::surface::Parameter;
 use std::f64::consts::TAU;
 
@@ -97,7 +97,7 @@ fn ours(case: &Case) -> Vec<f64> {
         .collect();
     let edge_v = 0.5 + case.edge_mm / SIDES_MM[1];
     let ground = |at: Parameter| at.v < edge_v;
-    let all = stretches(&surface, &line, (&disc(true), FORCE_N), &ground);
+    let all = path_stretches(&surface, &line, (&disc(true), FORCE_N), &ground);
     let map = removed(
         (&surface, &region([1, 1]), &ground),
         &[GridId { row: 1, column: 1 }],

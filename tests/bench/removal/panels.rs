@@ -7,17 +7,17 @@ use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, recipe};
 use super::{held, most, reached};
 use panelprep::geometry::{Panel, Point};
 use panelprep::panel::{GridId, Region};
-use panelprep::path::dwell::{self, Executed};
-use panelprep::path::{Plan, plan, plan_beyond};
+use panelprep::path::dwell::{self, ExecutedPose};
+use panelprep::path::{Plan, plan, plan_beyond_borders};
 use panelprep::recipe::Recipe;
 use panelprep::removal::coupons::{Coupon, CouponTool, Lines};
 use panelprep::removal::fit::fit;
 use panelprep::removal::map::{RemovalMap, removed};
 use panelprep::removal::model::Model;
 use panelprep::removal::schedule::{RemovalTarget, schedule};
-use panelprep::removal::track::{Disc, stretches};
-use panelprep::stages::removal::moves;
-use panelprep::surface::{BSplineSurface, Holes, Parameter};
+use panelprep::removal::track::{Disc, path_stretches};
+use panelprep::stages::removal::contact_moves;
+use panelprep::surface::{BSplineSurface, HoleMap, Parameter};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -69,7 +69,7 @@ pub fn measure() -> usize {
         };
         let model = by_coupons(&truth, &mut random);
         let run = |plan: &Plan, random: &mut Pcg64Mcg| {
-            let poses = dwell::planned(plan);
+            let poses = dwell::timed_poses(plan);
             let expected = map((&surface, &region), plan, &poses, (&model, truth.worn_mm2));
             let pressed = pressed(&poses, random);
             let exact = Model {
@@ -145,22 +145,22 @@ pub fn scheduled_plan(
     let (settings, asked) = (recipe.path(), recipe.removal().expect("stated"));
     let laid = beyond(surface, region, &grids, recipe);
     let all: Vec<_> = laid.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect();
-    let moves = moves(&all, asked, settings);
+    let moves = contact_moves(&all, asked, settings);
     let ground = |_: Parameter| true;
     let disc = Disc { swept_mm2: worn_mm2, ..disc(true) };
-    let on = stretches(surface, &dwell::planned(&laid), (&disc, FORCE_N), &ground);
+    let on = path_stretches(surface, &dwell::timed_poses(&laid), (&disc, FORCE_N), &ground);
     let wanted = RemovalTarget { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
     let found = schedule((surface, region, &ground), &grids, (&on, &moves), model, &wanted);
     let mut feeds_mm_s: Vec<f64> = all.iter().map(|waypoint| waypoint.feed_mm_s).collect();
     moves.iter().zip(&found).for_each(|(own, feed)| feeds_mm_s[own.pose] = *feed);
-    laid.fed(&feeds_mm_s, settings)
+    laid.with_feeds(&feeds_mm_s, settings)
 }
 
 /// Returns a plan with lines as far beyond the border as in the stage's plan.
 pub fn beyond(surface: &BSplineSurface, region: &Region, grids: &[GridId], recipe: &Recipe) -> Plan {
     let beyond_mm = 0.4 * PAD.radius_mm;
-    let holes = Holes::none(region);
-    plan_beyond(surface, region, grids, (&outline(), &holes), (recipe.path(), beyond_mm)).expect("a plan")
+    let holes = HoleMap::empty(region);
+    plan_beyond_borders(surface, region, grids, (&outline(), &holes), (recipe.path(), beyond_mm)).expect("a plan")
 }
 
 /// Returns a plan with today's constant feed, chosen such that the mean removal is the target.
@@ -168,12 +168,12 @@ fn constant_plan((surface, region): (&BSplineSurface, &Region), model: &Model, t
     let grids: Vec<GridId> = region.ids().collect();
     let recipe = path_recipe("");
     let laid = plan(surface, region, &grids, &outline(), recipe.path()).expect("a plan");
-    let map = map((surface, region), &laid, &dwell::planned(&laid), (model, truth.worn_mm2));
+    let map = map((surface, region), &laid, &dwell::timed_poses(&laid), (model, truth.worn_mm2));
     let depths = map.grids.iter().flat_map(|grid| &grid.depth_um);
     let mean = depths.clone().map(|depth| f64::from(*depth)).sum::<f64>() / depths.count() as f64;
     let all = laid.paths.iter().flat_map(|path| &path.waypoints);
     let feeds_mm_s: Vec<f64> = all.map(|waypoint| waypoint.feed_mm_s * mean / TARGET_UM).collect();
-    laid.fed(&feeds_mm_s, recipe.path())
+    laid.with_feeds(&feeds_mm_s, recipe.path())
 }
 
 /// Returns the model that results from coupons made with this sander.
@@ -222,12 +222,12 @@ fn normal(random: &mut Pcg64Mcg) -> f64 {
 }
 
 /// Returns the same poses with a force that has a bias for the panel and a noise that lasts for some poses.
-fn pressed(poses: &[Executed], random: &mut Pcg64Mcg) -> Vec<Executed> {
+fn pressed(poses: &[ExecutedPose], random: &mut Pcg64Mcg) -> Vec<ExecutedPose> {
     let bias = FORCE_BIAS * normal(random);
     let (mut slow, keep) = (0.0, 0.8_f64);
-    let mut press = |pose: &Executed| {
+    let mut press = |pose: &ExecutedPose| {
         slow = keep * slow + (1.0 - keep * keep).sqrt() * FORCE_NOISE * normal(random);
-        Executed { force_n: Some(FORCE_N * (1.0 + bias + slow)), ..*pose }
+        ExecutedPose { force_n: Some(FORCE_N * (1.0 + bias + slow)), ..*pose }
     };
     poses.iter().map(&mut press).collect()
 }
@@ -235,18 +235,18 @@ fn pressed(poses: &[Executed], random: &mut Pcg64Mcg) -> Vec<Executed> {
 fn map(
     (surface, region): (&BSplineSurface, &Region),
     plan: &Plan,
-    poses: &[Executed],
+    poses: &[ExecutedPose],
     (model, worn_mm2): (&Model, f64),
 ) -> RemovalMap {
     let grids: Vec<GridId> = plan.grids.iter().map(|grid| grid.id).collect();
     let ground = |_: Parameter| true;
     let disc = Disc { swept_mm2: worn_mm2, ..disc(true) };
-    let all = stretches(surface, poses, (&disc, FORCE_N), &ground);
+    let all = path_stretches(surface, poses, (&disc, FORCE_N), &ground);
     removed((surface, region, &ground), &grids, &all, (model, FORCE_SHARE_95), 2.0)
 }
 
 fn share_within(map: &RemovalMap) -> f64 {
-    panelprep::removal::figures::Figures::share_within(map, TARGET_UM, WITHIN_PERCENT)
+    panelprep::removal::figures::MapFigures::share_within(map, TARGET_UM, WITHIN_PERCENT)
 }
 
 /// Returns the largest depth, µm, the share of positions with a true depth within the stated limits, and the share of

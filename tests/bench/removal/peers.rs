@@ -9,7 +9,7 @@ use super::scene::{FORCE_N, ORBIT, PAD, PRESTON_MM2_PER_N, bent, disc, exact_mod
 use super::{held, most, reached};
 use panelprep::panel::GridId;
 use panelprep::removal::map::removed;
-use panelprep::removal::track::stretches;
+use panelprep::removal::track::path_stretches;
 use panelprep::surface::Parameter;
 use serde_json::{Value, json};
 use std::process::Command;
@@ -87,7 +87,7 @@ fn ours(bends: [f64; 2]) -> (Vec<f64>, f64) {
         .collect();
     let ground = |_: Parameter| true;
     let work = || {
-        let all = stretches(&surface, &line, (&disc(false), FORCE_N), &ground);
+        let all = path_stretches(&surface, &line, (&disc(false), FORCE_N), &ground);
         removed((&surface, &region, &ground), &[GridId { row: 1, column: 1 }], &all, (&exact_model(), 0.0), 1.0)
     };
     let started = Instant::now();

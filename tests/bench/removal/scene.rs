@@ -4,14 +4,14 @@ use panelprep::geometry::{Panel, Point, Rigid, Tool};
 use panelprep::panel::Region;
 use panelprep::recipe::Recipe;
 use panelprep::removal::model::Model;
-use panelprep::removal::pad::Pad;
+use panelprep::removal::pad::PadWithDisc;
 use panelprep::removal::speed::Orbit;
 use panelprep::removal::track::Disc;
-use panelprep::surface::dwell::Executed;
+use panelprep::surface::dwell::ExecutedPose;
 use panelprep::surface::{BSplineSurface, KnotVector};
 
 pub const ORBIT: Orbit = Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 };
-pub const PAD: Pad = Pad { radius_mm: 15.0, stiffness_n_mm3: 0.05 };
+pub const PAD: PadWithDisc = PadWithDisc { radius_mm: 15.0, stiffness_n_mm3: 0.05 };
 pub const FORCE_N: f64 = 20.0;
 pub const PRESTON_MM2_PER_N: f64 = 4e-4;
 
@@ -66,15 +66,15 @@ pub fn region(grids: [usize; 2]) -> Region {
 
 /// Returns the pose with the tool's point at this position and the pad along the surface's normal, leaning by an
 /// angle about Y.
-pub fn pose(at: [f64; 3], normal: [f64; 3], (lean_deg, seconds): (f64, f64)) -> Executed {
+pub fn pose(at: [f64; 3], normal: [f64; 3], (lean_deg, seconds): (f64, f64)) -> ExecutedPose {
     use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
     let away = Vector3::from(normal).normalize();
     let turn = Rotation3::rotation_between(&Vector3::z(), &-away)
         .unwrap_or(Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
     let lean = Rotation3::from_axis_angle(&Vector3::y_axis(), lean_deg.to_radians());
-    let panel_from_tool: Rigid<Panel, Tool> = Rigid::claim(Isometry3::from_parts(
+    let panel_from_tool: Rigid<Panel, Tool> = Rigid::from_isometry_unchecked(Isometry3::from_parts(
         Translation3::new(at[0], at[1], at[2]),
         UnitQuaternion::from_rotation_matrix(&(lean * turn)),
     ));
-    Executed { panel_from_tool, seconds, contact: true, force_n: None }
+    ExecutedPose { panel_from_tool, seconds, contact: true, force_n: None }
 }

@@ -8,8 +8,8 @@ use panelprep::geometry::median;
 use panelprep::panel::{GridId, Region};
 use panelprep::path::dwell;
 use panelprep::removal::schedule::{RemovalTarget, schedule};
-use panelprep::removal::track::stretches;
-use panelprep::stages::removal::moves;
+use panelprep::removal::track::path_stretches;
+use panelprep::stages::removal::contact_moves;
 use panelprep::surface::Parameter;
 use std::time::Instant;
 
@@ -24,12 +24,12 @@ pub fn measure() -> usize {
     let laid = beyond(&surface, &region, &grids, &recipe);
     let (settings, asked) = (recipe.path(), recipe.removal().expect("stated"));
     let all: Vec<_> = laid.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect();
-    let (moves, ground, model) = (moves(&all, asked, settings), |_: Parameter| true, exact_model());
+    let (moves, ground, model) = (contact_moves(&all, asked, settings), |_: Parameter| true, exact_model());
     let wanted = RemovalTarget { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
     let mut times_ms: Vec<f64> = (0..RUNS)
         .map(|_| {
             let started = Instant::now();
-            let on = stretches(&surface, &dwell::planned(&laid), (&disc(true), FORCE_N), &ground);
+            let on = path_stretches(&surface, &dwell::timed_poses(&laid), (&disc(true), FORCE_N), &ground);
             let found = schedule((&surface, &region, &ground), &grids, (&on, &moves), &model, &wanted);
             std::hint::black_box(found);
             1e3 * started.elapsed().as_secs_f64()

@@ -98,7 +98,7 @@ fn against_truth(scanned: &Scanned, surface: &BSplineSurface) -> (Vec<f64>, Vec<
         let at = Parameter { u: f64::from(n % 101) / 100.0, v: f64::from(n / 101) / 100.0 };
         let point = surface.point(at);
         distances.push(truth.distance_mm(point).abs());
-        angles.push(surface.normal(at).expect("a normal").angle_to(truth.normal(point)).0);
+        angles.push(surface.normal(at).expect("a normal").angle_between(truth.normal(point)).0);
     }
     (distances, angles)
 }

@@ -6,7 +6,7 @@ use super::{held, held_time, most, timed};
 use panelprep::geometry::{Panel, Point};
 use panelprep::panel::GridId;
 use panelprep::path::{self, Plan, dwell};
-use panelprep::surface::{self, BSplineSurface, Parameter, Patch};
+use panelprep::surface::{self, BSplineSurface, Parameter, ParameterPatch};
 use std::f64::consts::FRAC_PI_2;
 
 const PATHS_MS: f64 = 50.0;
@@ -23,7 +23,8 @@ const ATTITUDES: [(&str, [f64; 3]); 4] = [
 ];
 
 /// A patch that is the whole region.
-const WHOLE: Patch = Patch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 1.0, v: 1.0 } };
+const WHOLE: ParameterPatch =
+    ParameterPatch { low: Parameter { u: 0.0, v: 0.0 }, high: Parameter { u: 1.0, v: 1.0 } };
 
 /// Tests time, distances between passes and every pattern on one panel of 48 grids.
 pub fn panel() -> usize {
@@ -37,7 +38,7 @@ pub fn panel() -> usize {
     let alone = timed(RUNS, || path::plan(&surface, region, &apart, outline, settings));
     let plan = path::plan(&surface, region, &grids, outline, settings).expect("a plan");
     let radius_mm = settings.disc_diameter_mm() / 2.0;
-    let executed = dwell::planned(&plan);
+    let executed = dwell::timed_poses(&plan);
     let simulated = timed(3, || dwell::simulate(&surface, region, &grids, &executed, radius_mm));
     println!("   {:.0} mm of path simulated in {:.1} ms", plan.length_mm, simulated.wall_ms);
     let mut missed = held_time(&format!("paths of {} grids, joined", grids.len()), &all, PATHS_MS);
@@ -72,8 +73,13 @@ fn row(name: &str, plan: &Plan, settings: &panelprep::recipe::Path) -> usize {
     let judgement = path::judge(plan, settings);
     let least = plan.grids.iter().map(|grid| grid.share()).fold(1.0, f64::min);
     let steps = plan.step_over_mm.map_or("-".to_owned(), |s| format!("{:.2} to {:.2}", s.min_mm, s.max_mm));
-    println!("   {name:30}  {}  {:6.2}  {steps}  {:.0}", judgement.verdict.word(), 100.0 * least, plan.length_mm);
-    usize::from(1.0 - least > LEFT || judgement.verdict.word() != "accept")
+    println!(
+        "   {name:30}  {}  {:6.2}  {steps}  {:.0}",
+        judgement.verdict.keyword(),
+        100.0 * least,
+        plan.length_mm
+    );
+    usize::from(1.0 - least > LEFT || judgement.verdict.keyword() != "accept")
 }
 
 /// The largest relative deviation of the distance between two neighbouring passes from r'. r' is the distance

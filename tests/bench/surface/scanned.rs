@@ -46,7 +46,8 @@ impl Scanned {
 
     fn learnt(cell: Cell, scan: &OrganizedCloud<Camera>, turn: Rotation3<f64>) -> Self {
         let recipe = recipe(&cell, &turn, "");
-        let turned: Rigid<Base, Base> = Rigid::claim(Isometry3::from_parts(Translation3::identity(), turn.into()));
+        let turned: Rigid<Base, Base> =
+            Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::identity(), turn.into()));
         let base_from_camera = turned * cell.truth().base_from_camera;
         let panel = TaughtPanel::learn(scan, *cell.scanner(), base_from_camera, &recipe).expect("a panel");
         Scanned { cell, recipe, panel, turn }
@@ -61,7 +62,7 @@ impl Scanned {
     pub fn white_mm(&self) -> f64 {
         let scan = &self.panel.scan;
         let panel_from_camera = self.panel.panel_from_camera;
-        let depths = scan.valid().filter(|(index, _)| {
+        let depths = scan.valid_points().filter(|(index, _)| {
             let (column, row) = (index % scan.width(), index / scan.width());
             self.panel.mask.contains(column, row)
         });
@@ -96,7 +97,8 @@ fn white(cell: &Cell, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
         (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
     };
     // At the panel's nominal place, its frame is equal to the base frame.
-    let panel_from_camera = Rigid::<panelprep::geometry::Panel, Camera>::claim(*truth.base_from_camera.isometry());
+    let panel_from_camera =
+        Rigid::<panelprep::geometry::Panel, Camera>::from_isometry_unchecked(*truth.base_from_camera.isometry());
     let point = |index: usize| {
         let Some(seen) = scan.point_at(index) else { return [f32::NAN; 3] };
         if truth.distance_mm(panel_from_camera * seen).abs() > OFF_PANEL_MM {

@@ -17,7 +17,7 @@ pub fn evaluation() -> usize {
     // The parameters are scattered over the region and the same in every run.
     let place = |n: usize| Parameter { u: (n as f64 * 0.618_034).fract(), v: (n as f64 * 0.414_214).fract() };
     let places: Vec<Parameter> = (0..BATCH).map(place).collect();
-    let took = timed_alone(RUNS, || surface.derivatives_at(&places));
+    let took = timed_alone(RUNS, || surface.derivatives_at_many(&places));
     let [point_us, wall_us] = [took.share_ms, took.wall_ms].map(|ms| ms * 1e3 / BATCH as f64);
     let what = format!("a point with both derivatives, batch, one core ({wall_us:.3} µs by the wall clock)");
     let missed = held(&what, point_us, POINT_US, "µs");

@@ -47,7 +47,7 @@ impl Cell {
             self.to_robot = Default::default();
             self.to_client = Default::default();
             (self.heard_ms, self.reached_ms) = (self.now_ms, self.now_ms);
-            self.session.connected(Time::at_ms(self.now_ms));
+            self.session.connected(Time::from_ms(self.now_ms));
             return;
         }
         for ((_, end), opened) in CHANNELS.into_iter().zip(opened) {
@@ -83,7 +83,7 @@ impl Cell {
 
     pub(super) fn leave_robot(&mut self) {
         for (index, (_, end)) in CHANNELS.into_iter().enumerate() {
-            let bytes = self.controller.take_output(end);
+            let bytes = self.controller.take_output_bytes(end);
             if !bytes.is_empty() && self.up {
                 self.messages += 1;
                 self.put(false, index, &bytes);
@@ -126,7 +126,7 @@ impl Cell {
                 if !self.session.is_connected() {
                     continue;
                 }
-                let now = Time::at_ms(self.now_ms);
+                let now = Time::from_ms(self.now_ms);
                 match (piece, channel) {
                     (Piece::Bytes(bytes), Channel::Command) => self.session.push_command_bytes(&bytes, now),
                     (Piece::Bytes(bytes), Channel::State) => {
@@ -140,7 +140,7 @@ impl Cell {
     }
 
     pub(super) fn leave_client(&mut self, watch: &mut impl Watch) {
-        while let Some((channel, bytes)) = self.session.poll_transmit(Time::at_ms(self.now_ms)) {
+        while let Some((channel, bytes)) = self.session.poll_transmit(Time::from_ms(self.now_ms)) {
             if channel == Channel::Command {
                 let (epoch, id) = epoch_and_id(&bytes);
                 watch.sent(epoch, id, self.now_ms);

@@ -6,14 +6,14 @@ use super::raw::{Raw, started};
 use super::scenes::is_left_in_contact;
 use super::{Undone, load, texts, undo, walk};
 use panelprep::devices::mock::{Channel, Controller, Mode, Programs, RobotState};
-use panelprep::krl::{Kss, Meaning, Op, analyse, parse};
+use panelprep::krl::{Kss, Op, UndocumentedBehaviour, analyse, parse};
 use rayon::prelude::*;
 
 const BEFORE: &str = "fixtures/kuka_before";
 const SHIPS: &str = "config/kuka";
 
 /// Loads the programs before the repair and the shipped programs, with this meaning.
-fn both(meaning: Meaning) -> [Programs; 2] {
+fn both(meaning: UndocumentedBehaviour) -> [Programs; 2] {
     [BEFORE, SHIPS].map(|folder| {
         let mut programs = load(&texts(folder));
         programs.meaning = meaning;
@@ -25,11 +25,11 @@ fn both(meaning: Meaning) -> [Programs; 2] {
 /// gives this error.
 #[test]
 fn walks_show_the_faults_of_before() {
-    let standard = Meaning::default();
-    let rows: [(&str, Meaning, u64, &str); 2] = [
+    let standard = UndocumentedBehaviour::default();
+    let rows: [(&str, UndocumentedBehaviour, u64, &str); 2] = [
         (
             "RESUME with $ADVANCE at 3",
-            Meaning { resume_needs_advance_0: true, ..standard },
+            UndocumentedBehaviour { resume_needs_advance_0: true, ..standard },
             0,
             "RESUME needs $ADVANCE",
         ),
@@ -72,7 +72,7 @@ fn comes_back(programs: Programs) -> bool {
 #[test]
 fn a_client_that_vanishes_within_a_cycle_closes_no_channel_for_good() {
     for immediate_reopen_fails in [false, true] {
-        let meaning = Meaning { immediate_reopen_fails, ..Meaning::default() };
+        let meaning = UndocumentedBehaviour { immediate_reopen_fails, ..UndocumentedBehaviour::default() };
         assert_eq!(both(meaning).map(comes_back), [false, true], "{immediate_reopen_fails}");
     }
 }
@@ -90,7 +90,7 @@ fn a_foreign_program_is_left_alone() {
         controller.switch_drives(true);
         (controller.foreign_program_resets(), controller.robot_state())
     };
-    let [before, ships] = both(Meaning::default()).map(resets);
+    let [before, ships] = both(UndocumentedBehaviour::default()).map(resets);
     assert_eq!((before.0, ships), (1, (0, Some(RobotState::Stopped))));
 }
 
@@ -100,7 +100,7 @@ fn key_in_contact(programs: Programs) -> Option<u64> {
     let mut raw = Raw::opened(programs);
     raw.controller.select_mode(Mode::T2);
     raw.run(200);
-    raw.controller.hold_start_key(true);
+    raw.controller.set_start_key(true);
     raw.run(300);
     raw.open();
     raw.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0, 0.0], [0.0; 6]);
@@ -116,7 +116,7 @@ fn key_in_contact(programs: Programs) -> Option<u64> {
         assert!(waited_ms < 3_000, "the path begins: {}", raw.int("CELL_DONE"));
     }
     assert!(is_on(&raw.controller), "in contact, the tool runs");
-    raw.controller.hold_start_key(false);
+    raw.controller.set_start_key(false);
     (0..200).find_map(|tick| {
         raw.run(12);
         (!is_on(&raw.controller)).then_some(12 * tick)
@@ -126,7 +126,7 @@ fn key_in_contact(programs: Programs) -> Option<u64> {
 /// The client continues its heartbeats; only the programs could switch the tool off.
 #[test]
 fn the_stop_key_in_contact_switches_the_tool_off() {
-    let [before, ships] = both(Meaning::default()).map(key_in_contact);
+    let [before, ships] = both(UndocumentedBehaviour::default()).map(key_in_contact);
     assert_eq!(before, None, "the tool of before ran on");
     assert!(ships.is_some_and(|ms| ms <= 100), "{ships:?}");
 }
@@ -134,7 +134,7 @@ fn the_stop_key_in_contact_switches_the_tool_off() {
 /// At the first start of a controller, no channel was ever initialised.
 #[test]
 fn no_channel_is_cleared_before_it_was_initialised() {
-    let meaning = Meaning { clear_of_unknown_stops: true, ..Meaning::default() };
+    let meaning = UndocumentedBehaviour { clear_of_unknown_stops: true, ..UndocumentedBehaviour::default() };
     let [before, ships] = both(meaning).map(|programs| started(programs).program_faults().to_vec());
     assert!(before.iter().any(|fault| fault.contains("EKI_Clear")), "{before:?}");
     assert_eq!(ships, Vec::<String>::new());
@@ -171,7 +171,7 @@ fn without_a_client_the_submit_interpreter_waits() {
         controller.advance_ms(1_200);
         controller.statement_hits()[first] - before
     };
-    let [before, ships] = both(Meaning::default()).map(cycles);
+    let [before, ships] = both(UndocumentedBehaviour::default()).map(cycles);
     assert!(before > 500, "{before}");
     assert!((45..=101).contains(&ships), "{ships}");
 }
@@ -199,7 +199,7 @@ fn the_axes_speed_of_set_acc_speed_is_applied() {
 /// Sends a single blended line in the air; more points are promised, but none is sent.
 #[test]
 fn a_lone_blended_line_starts() {
-    let meaning = Meaning { lone_approximation_waits: true, ..Meaning::default() };
+    let meaning = UndocumentedBehaviour { lone_approximation_waits: true, ..UndocumentedBehaviour::default() };
     let moved = |programs: Programs| {
         let mut raw = Raw::opened(programs);
         raw.line(5, false, [10.0, 0.0, -20.0]);
@@ -216,7 +216,7 @@ fn a_lone_blended_line_starts() {
 fn no_stop_in_contact_goes_without_a_retract() {
     let seeds =
         |programs: &Programs| (0..400).into_par_iter().filter(|seed| is_left_in_contact(programs, *seed)).count();
-    let [before, ships] = both(Meaning::default()).map(|programs| seeds(&programs));
+    let [before, ships] = both(UndocumentedBehaviour::default()).map(|programs| seeds(&programs));
     assert!(before > 0, "the programs of before left the tool on the panel in none of 400 runs");
     assert_eq!(ships, 0, "of 400");
 }
@@ -224,7 +224,7 @@ fn no_stop_in_contact_goes_without_a_retract() {
 /// After each line that stops, an output follows. A trigger that fires late must not count the next line.
 #[test]
 fn a_late_trigger_counts_its_own_motion() {
-    let meaning = Meaning { late_triggers: true, ..Meaning::default() };
+    let meaning = UndocumentedBehaviour { late_triggers: true, ..UndocumentedBehaviour::default() };
     let is_ahead = |programs: Programs| {
         let mut raw = Raw::opened(programs);
         let first = raw.int("CELL_DONE") + 1;
@@ -238,7 +238,7 @@ fn a_late_trigger_counts_its_own_motion() {
             raw.run(12);
             let done = raw.int("CELL_DONE");
             let is_line = done >= first && (done - first) % 2 == 0;
-            is_ahead |= is_line && !raw.controller.executed().iter().any(|step| step.id == done);
+            is_ahead |= is_line && !raw.controller.executed_motions().iter().any(|step| step.id == done);
         }
         assert_eq!(raw.int("CELL_DONE"), first + 79, "all are executed in the end");
         is_ahead
@@ -272,7 +272,7 @@ fn each_mend_is_missed_where_it_is_undone() {
     let ships = load(&texts(SHIPS));
     let anew: Option<u64> = std::env::var("KRL_FIND").ok().and_then(|walks| walks.parse().ok());
     for undone in &UNDONE {
-        let mut meaning = Meaning::default();
+        let mut meaning = UndocumentedBehaviour::default();
         (undone.meaning)(&mut meaning);
         let programs = undo(undone);
         if let Some(walks) = anew {

@@ -8,7 +8,7 @@ mod script;
 use super::super::cell::{self, Blind, Cell, height_mm, setup};
 use super::{load, meaning, texts};
 use meant::{Both, Kind, MEANT};
-use panelprep::devices::mock::{Clock, Executed, Programs, Setup, World};
+use panelprep::devices::mock::{Clock, ExecutedMotion, Programs, Setup, World};
 use panelprep::eki::{Command, LinkLimits, LinkLoss, MoveLin, Refusal, Report, StopCause};
 use rayon::prelude::*;
 use script::{Disturbance, Moment, Part, script};
@@ -34,7 +34,7 @@ struct EpochTrace {
     opened: bool,
     /// Whether the epoch's last path was reported done.
     finished: bool,
-    executed: Vec<Executed>,
+    executed: Vec<ExecutedMotion>,
     /// The outputs that were on before the epoch.
     before: BTreeMap<u16, bool>,
     /// The changes of the outputs in the epoch, in order.
@@ -126,7 +126,7 @@ impl Run {
         self.disturb(&mut wrong, |_| true);
         self.cell.run(SETTLE_MS, &mut Blind);
         self.take_reports(&mut trace, last);
-        let of_epoch = |step: &&Executed| step.epoch.cast_unsigned() == epoch.0;
+        let of_epoch = |step: &&ExecutedMotion| step.epoch.cast_unsigned() == epoch.0;
         trace.executed = self.cell.executed()[executed_before..].iter().filter(of_epoch).copied().collect();
         let outputs = self.cell.controller.outputs();
         trace.harmful =
@@ -140,7 +140,7 @@ impl Run {
         let Some((_, disturbance)) = wrong.take_if(|(moment, _)| is_now(*moment)) else { return };
         let now_ms = self.cell.now_ms;
         match disturbance {
-            Disturbance::Happens(fault) => self.cell.controller.inject(fault),
+            Disturbance::Happens(fault) => self.cell.controller.apply_fault(fault),
             Disturbance::Cut(channel, side) => self.cell.cut(channel, side, false),
             Disturbance::Stalls(for_ms) => self.cell.client_stalls_until_ms = now_ms + for_ms,
             Disturbance::Deaf(for_ms) => self.cell.deaf_until_ms = now_ms + for_ms,
@@ -193,7 +193,7 @@ type Found = (u64, usize, Kind, String, Option<usize>);
 fn run_both(seed: u64, ships: &Programs) -> Vec<Found> {
     let adverse = seed % 2 == 1;
     let mut programs = ships.clone();
-    (programs.meaning, programs.seed, programs.adverse) = (meaning(seed), seed, adverse);
+    (programs.meaning, programs.seed, programs.is_adverse_scheduling) = (meaning(seed), seed, adverse);
     let (mut model, mut programs) = (Run::new(None, seed), Run::new(Some(programs), seed));
     let mut found = Vec::new();
     for (index, part) in script(seed).iter().enumerate() {

@@ -12,7 +12,7 @@ use super::cell::{Cell, height_mm};
 use super::walks::{Weak, walk_over};
 pub use coverage::Coverage;
 use panelprep::devices::mock::Programs;
-use panelprep::krl::Meaning;
+use panelprep::krl::UndocumentedBehaviour;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::Path;
@@ -43,9 +43,9 @@ pub fn load(texts: &[(String, String)]) -> Programs {
 }
 
 /// Returns the meaning for this walk: each switch is a bit of the seed, so that 1,024 walks cover all combinations.
-pub fn meaning(seed: u64) -> Meaning {
+pub fn meaning(seed: u64) -> UndocumentedBehaviour {
     let bit = |place: u32| seed >> place & 1 == 1;
-    Meaning {
+    UndocumentedBehaviour {
         resume_needs_advance_0: bit(0),
         on_fires_at_once: bit(1),
         short_circuit: bit(2),
@@ -60,9 +60,9 @@ pub fn meaning(seed: u64) -> Meaning {
 }
 
 /// Runs one walk of the programs; returns the cell at its end, and what was wrong.
-pub fn walk(seed: u64, programs: &Programs, meaning: Meaning) -> (Cell, Result<(), String>) {
+pub fn walk(seed: u64, programs: &Programs, meaning: UndocumentedBehaviour) -> (Cell, Result<(), String>) {
     let mut programs = programs.clone();
-    (programs.meaning, programs.seed, programs.adverse) = (meaning, seed, true);
+    (programs.meaning, programs.seed, programs.is_adverse_scheduling) = (meaning, seed, true);
     programs.cold_start = seed.is_multiple_of(3);
     // The submit interpreter executes several rounds in one tick.
     programs.busy_submit = seed % 64 == 7;
@@ -111,10 +111,10 @@ fn no_walk_of_the_shipped_programs_violates_a_rule() {
         let (cell, found) = walk(seed, &programs, meaning(seed & mask));
         let controller = &cell.controller;
         println!("{found:?} {:?} {:?}", controller.robot_state(), controller.program_places());
-        for stop in controller.stops().iter().rev().take(3) {
+        for stop in controller.program_stops().iter().rev().take(3) {
             println!("{stop:?}");
         }
-        for step in controller.executed().iter().rev().take(3) {
+        for step in controller.executed_motions().iter().rev().take(3) {
             println!("{} ms: {} of epoch {}, contact {}", step.time_ms, step.id, step.epoch, step.contact);
         }
         println!("{:.2} mm above the panel", height_mm(controller));
@@ -151,7 +151,7 @@ struct Undone {
     file: &'static str,
     ships: &'static str,
     before: &'static str,
-    meaning: fn(&mut Meaning),
+    meaning: fn(&mut UndocumentedBehaviour),
     /// The seed of a walk that shows the fault.
     seed: u64,
 }

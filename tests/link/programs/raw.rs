@@ -2,7 +2,7 @@
 //! never does.
 
 use super::super::cell::{START, setup};
-use panelprep::devices::mock::{Channel, Clock, Controller, Programs, Setup, Unwired};
+use panelprep::devices::mock::{Channel, Clock, Controller, Programs, Setup, UnconnectedWorld};
 use panelprep::krl::Cell;
 
 /// Time between two heartbeats, ms.
@@ -17,7 +17,7 @@ pub struct Raw {
 /// Returns a controller with these programs, open channels, and its robot program running.
 pub fn started(programs: Programs) -> Controller {
     let setup = Setup { programs: Some(programs), ..setup(Clock::Free) };
-    let mut controller = Controller::new(setup, Box::new(Unwired)).expect("starts");
+    let mut controller = Controller::new(setup, Box::new(UnconnectedWorld)).expect("starts");
     controller.advance_ms(600);
     controller
 }
@@ -75,8 +75,8 @@ impl Raw {
         let end_ms = self.controller.time_ms() + ms;
         while self.controller.time_ms() < end_ms {
             self.controller.advance_ms(12);
-            self.controller.take_output(Channel::Command);
-            self.controller.take_output(Channel::State);
+            self.controller.take_output_bytes(Channel::Command);
+            self.controller.take_output_bytes(Channel::State);
             if self.controller.time_ms().is_multiple_of(HEARTBEAT_MS) {
                 self.request(10, self.id);
             }

@@ -4,7 +4,7 @@
 use super::super::cell::{TOOL_OUTPUT, height_mm};
 use super::raw::{Raw, started};
 use panelprep::devices::mock::{Channel, Fault, Programs, RobotState};
-use panelprep::krl::{Cell, Meaning};
+use panelprep::krl::{Cell, UndocumentedBehaviour};
 
 /// Number of runs of a path that ends in contact, each with another order of the interpreters.
 const ORDERS: u64 = 150;
@@ -83,23 +83,23 @@ const SCENES: [(&str, Scene); 24] = [
         raw.controller.press_e_stop();
         raw.run(100);
         let is_off = raw.controller.outputs().get(&TOOL_OUTPUT) == Some(&false);
-        let executed = raw.controller.executed().len();
+        let executed = raw.controller.executed_motions().len();
         raw.controller.release_e_stop();
         raw.controller.switch_drives(true);
         raw.run(4_000);
-        is_off && executed > 0 && raw.controller.executed().len() == executed && !raw.is("CELL_OPEN")
+        is_off && executed > 0 && raw.controller.executed_motions().len() == executed && !raw.is("CELL_OPEN")
     }),
     ("an epoch whose program is gone is over", |programs| {
         let mut raw = Raw::opened(programs.clone());
         (0..40).for_each(|point| raw.line(39 - point, false, [6.0 * f64::from(point), 0.0, -20.0]));
         raw.run(400);
-        raw.controller.deselect();
+        raw.controller.deselect_program();
         raw.run(200);
         !raw.is("CELL_OPEN") && raw.int("CELL_QR") == raw.int("CELL_QW")
     }),
     ("an epoch of before the program's start stays without motion", |programs| {
         let mut raw = Raw::opened(programs.clone());
-        raw.controller.deselect();
+        raw.controller.deselect_program();
         raw.run(200);
         raw.begin();
         raw.run(100);
@@ -129,7 +129,8 @@ const SCENES: [(&str, Scene); 24] = [
     }),
     ("a channel that did not open is tried again soon", |programs| {
         let mut programs = programs.clone();
-        programs.meaning = Meaning { immediate_reopen_fails: true, ..Meaning::default() };
+        programs.meaning =
+            UndocumentedBehaviour { immediate_reopen_fails: true, ..UndocumentedBehaviour::default() };
         let mut raw = Raw::opened(programs);
         raw.controller.disconnect(Channel::Command);
         raw.run(300);
@@ -156,7 +157,7 @@ const SCENES: [(&str, Scene); 24] = [
         let mut programs = programs.clone();
         programs.busy_submit = true;
         let mut raw = Raw::opened(programs);
-        raw.controller.deselect();
+        raw.controller.deselect_program();
         raw.controller.select_foreign_program();
         raw.controller.reboot(1_500);
         raw.controller.advance_ms(5_000);
@@ -173,7 +174,7 @@ const SCENES: [(&str, Scene); 24] = [
     }),
     ("contact at another override is refused", |programs| {
         let mut raw = Raw::opened(programs.clone());
-        raw.controller.inject(Fault::Override { percent: 50, for_ms: None });
+        raw.controller.apply_fault(Fault::Override { percent: 50, for_ms: None });
         raw.line(1, false, [0.0, 0.0, -10.0]);
         raw.run(100);
         let in_air = raw.int("CELL_ERR");
@@ -184,7 +185,7 @@ const SCENES: [(&str, Scene); 24] = [
     ("an override that is changed in contact leaves the panel", |programs| {
         let mut raw = Raw::opened(programs.clone());
         let begun = is_in_contact(&mut raw);
-        raw.controller.inject(Fault::Override { percent: 90, for_ms: None });
+        raw.controller.apply_fault(Fault::Override { percent: 90, for_ms: None });
         raw.run(100);
         let tool_off = raw.controller.outputs().get(&TOOL_OUTPUT) == Some(&false);
         raw.run(2_000);
@@ -220,19 +221,19 @@ fn is_in_contact(raw: &mut Raw) -> bool {
 /// Returns the programs with the limits of the shipped `cell_config.dat`, not those of a cell.
 fn as_configured(programs: &Programs) -> Programs {
     let mut programs = programs.clone();
-    programs.keeps_config = true;
+    programs.uses_config_io = true;
     programs
 }
 
 /// An abort shortly before or after the landing, this number of ticks later: at the end the tool is off the panel.
 fn leaves_after_an_abort(programs: &Programs, tick: u64) -> bool {
     let mut programs = programs.clone();
-    programs.meaning = Meaning { late_triggers: true, ..Meaning::default() };
+    programs.meaning = UndocumentedBehaviour { late_triggers: true, ..UndocumentedBehaviour::default() };
     programs.seed = tick;
     let mut raw = Raw::opened(programs);
     raw.line(9, false, [-40.0, 0.0, -10.0]);
     (0..9).for_each(|point| raw.line(8 - point, true, [3.0 * f64::from(point) - 37.0, 0.0, 0.0]));
-    while raw.controller.executed().is_empty() {
+    while raw.controller.executed_motions().is_empty() {
         raw.run(12);
     }
     raw.run(12 * (tick % 8));
@@ -250,7 +251,7 @@ fn leaves_the_ring_free(programs: &Programs) -> bool {
         raw.run(300);
     }
     let received = raw.int("CELL_RX");
-    raw.controller.deselect();
+    raw.controller.deselect_program();
     raw.run(100);
     raw.controller.select();
     raw.run(600);
@@ -258,8 +259,8 @@ fn leaves_the_ring_free(programs: &Programs) -> bool {
     for _ in 0..60 {
         raw.controller.advance_ms(12);
         raw.request(10, 0);
-        raw.controller.take_output(Channel::State);
-        told.push_str(&String::from_utf8_lossy(&raw.controller.take_output(Channel::Command)));
+        raw.controller.take_output_bytes(Channel::State);
+        told.push_str(&String::from_utf8_lossy(&raw.controller.take_output_bytes(Channel::Command)));
     }
     received > 110 && told.contains("Free=\"100\"") && !told.contains("Free=\"-")
 }
@@ -268,7 +269,7 @@ fn leaves_the_ring_free(programs: &Programs) -> bool {
 /// interpreters.
 fn echoes_the_base(programs: &Programs, seed: u64) -> bool {
     let mut programs = programs.clone();
-    (programs.seed, programs.adverse) = (seed, true);
+    (programs.seed, programs.is_adverse_scheduling) = (seed, true);
     let mut raw = Raw::opened(programs);
     raw.begin();
     raw.run(60);
@@ -277,7 +278,7 @@ fn echoes_the_base(programs: &Programs, seed: u64) -> bool {
     for _ in 0..10 {
         (0..6).for_each(|_| raw.request(9, 0));
         raw.controller.advance_ms(12);
-        told.push_str(&String::from_utf8_lossy(&raw.controller.take_output(Channel::State)));
+        told.push_str(&String::from_utf8_lossy(&raw.controller.take_output_bytes(Channel::State)));
     }
     let number =
         |state: &str, name: &str| -> Option<i32> { state.split_once(name)?.1.split('"').next()?.parse().ok() };
@@ -298,7 +299,7 @@ pub fn first_wrong(programs: &Programs) -> Option<&'static str> {
 /// order of the interpreters.
 pub fn is_left_in_contact(programs: &Programs, seed: u64) -> bool {
     let mut programs = programs.clone();
-    (programs.seed, programs.adverse) = (seed, true);
+    (programs.seed, programs.is_adverse_scheduling) = (seed, true);
     let mut raw = Raw::opened(programs);
     raw.line(4, false, [0.0, 0.0, -10.0]);
     for point in 0..4 {

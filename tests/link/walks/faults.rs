@@ -3,7 +3,7 @@
 use super::super::cell::Side;
 use super::super::damage;
 use super::Walk;
-use panelprep::devices::mock::{self, Fault, Mode, Side as End};
+use panelprep::devices::mock::{self, ConnectionSide as End, Fault, Mode};
 use panelprep::eki::Channel;
 use rand::RngExt;
 
@@ -76,14 +76,14 @@ impl Walk {
                 return;
             }
             // A person holds or releases the start key, whatever the program does.
-            25 => return self.cell.controller.hold_start_key(draw.random_bool(0.5)),
+            25 => return self.cell.controller.set_start_key(draw.random_bool(0.5)),
             26..30 => return self.damage(),
             30 => return self.turn_over(),
             31 => return self.cell.controller.set_input(draw.random_range(1..9), draw.random_bool(0.7)),
             32 => return self.cell.controller.fail_channels(until_ms),
             _ => Fault::Stall { for_ms: Some(draw.random_range(100..380)) },
         };
-        self.cell.controller.inject(fault);
+        self.cell.controller.apply_fault(fault);
     }
 
     /// Sends messages that no good client sends.
@@ -114,10 +114,10 @@ impl Walk {
         let Some(home_at_ms) = self.home_at_ms else { return };
         if self.cell.now_ms >= home_at_ms {
             self.home_at_ms = None;
-            self.cell.controller.deselect();
+            self.cell.controller.deselect_program();
             self.cell.controller.select();
         } else if self.cell.now_ms >= home_at_ms - 1_000 && self.cell.controller.can_start() {
-            self.cell.controller.inject(Fault::Drives { for_ms: Some(2_000) });
+            self.cell.controller.apply_fault(Fault::Drives { for_ms: Some(2_000) });
         }
     }
 }

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use panelprep::devices::mock::{self, Mode};
 use panelprep::eki::{CommandId, Epoch};
 use panelprep::geometry::{Base, Flange, Joints, Panel, Point, Rigid, Tool};
-use panelprep::stages::abrade::off_limit_mm;
+use panelprep::stages::abrade::deviation_limit_mm;
 use std::collections::VecDeque;
 
 /// Distance from the panel within which the tip must never come in a motion by axes, mm.
@@ -95,12 +95,12 @@ impl Inside {
         self.places.jog = None;
         let mode = mock::Fault::Mode { to: Mode::T1, for_ms: Some(jog.for_ms) };
         self.expects_of(&mode);
-        self.cell.controller.inject(mode);
+        self.cell.controller.apply_fault(mode);
         let until_ms = self.now_ms() + Fault::Jog { percent: 0, height_mm: 0, for_ms: jog.for_ms }.lasts_ms();
         self.lasts_until_ms = self.lasts_until_ms.max(until_ms);
         self.others_last_until_ms = self.others_last_until_ms.max(until_ms);
         self.struck_ms = self.now_ms();
-        if self.cell.controller.jog(to) {
+        if self.cell.controller.jog_to(to) {
             self.oracles.jogged(self.cell.controller.joints());
             self.places.jogged = Some((from, self.cell.controller.joints()));
             self.places.joints = None;
@@ -110,7 +110,7 @@ impl Inside {
 
     /// Returns the pose to which a person jogs the arm; `None` if the tool would be in the panel.
     fn jogged_to(&self, jog: Jog) -> Option<Joints> {
-        let (near, park) = (near_panel(f64::from(jog.height_mm))?, Fixture::get().setup.park);
+        let (near, park) = (near_panel(f64::from(jog.height_mm))?, Fixture::get().setup.park_pose);
         let share = f64::from(jog.percent.min(100)) / 100.0;
         let axis = |index: usize| near.degrees()[index] + (park.degrees()[index] - near.degrees()[index]) * share;
         let to = Joints::from(std::array::from_fn(axis));
@@ -123,7 +123,7 @@ impl Inside {
     pub(super) fn judge_where(&mut self) {
         let joints = self.cell.controller.joints();
         let before = self.places.joints.replace(joints);
-        let moved = before.is_some_and(|before| before.farthest_deg(&joints) > 1e-3);
+        let moved = before.is_some_and(|before| before.max_difference_deg(&joints) > 1e-3);
         self.judge_axis_motion(moved);
         self.judge_override(moved);
         self.judge_measured(moved);
@@ -174,8 +174,8 @@ impl Inside {
 
     /// Checks that contact ends if the measured pose is far from the path.
     fn judge_measured(&mut self, moved: bool) {
-        let far_mm = FAR_OFF_LIMITS * off_limit_mm(Fixture::get().cycle.recipe.path());
-        let is_far = self.cell.controller.measured_off_mm() > far_mm + LOW_MM && self.is_calm_but_for_feedback();
+        let far_mm = FAR_OFF_LIMITS * deviation_limit_mm(Fixture::get().cycle.recipe.path());
+        let is_far = self.cell.controller.pose_deviation_mm() > far_mm + LOW_MM && self.is_calm_but_for_feedback();
         if !(is_far && self.is_in_contact(moved)) {
             if !is_far || self.cell.controller.is_stopped() || self.height_mm() >= LOW_MM {
                 self.places.measured_since_ms = None;
@@ -186,7 +186,7 @@ impl Inside {
         let now_ms = self.now_ms();
         let since_ms = *self.places.measured_since_ms.get_or_insert(now_ms);
         if now_ms > since_ms + MEASURED_MS {
-            let off_mm = self.cell.controller.measured_off_mm();
+            let off_mm = self.cell.controller.pose_deviation_mm();
             let what = format!("the pose is measured {off_mm} mm off, and contact has continued for {since_ms} ms");
             self.wrong("no contact at a pose far off", what);
         }
@@ -227,7 +227,7 @@ fn near_panel(height_mm: f64) -> Option<Joints> {
             );
         let pose =
             Isometry3::from_parts(Translation3::from(tip.coords), UnitQuaternion::from_rotation_matrix(&turned));
-        let panel_from_tool: Rigid<Panel, Tool> = Rigid::claim(pose);
+        let panel_from_tool: Rigid<Panel, Tool> = Rigid::from_isometry_unchecked(pose);
         let base_from_tool: Rigid<Base, Tool> = truth.base_from_panel * panel_from_tool;
         let tool_from_flange: Rigid<Tool, Flange> = fixture.cycle.calibrations.flange_from_tool.inverse();
         let base_from_flange: Rigid<Base, Flange> = base_from_tool * tool_from_flange;

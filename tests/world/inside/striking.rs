@@ -89,7 +89,7 @@ impl Inside {
             Fault::Controller(text) => {
                 if let Some(fault) = self.fault_of(&text) {
                     self.expects_of(&fault);
-                    self.cell.controller.inject(fault);
+                    self.cell.controller.apply_fault(fault);
                 }
             }
             Fault::Foreign { operation, number } => {
@@ -100,7 +100,7 @@ impl Inside {
             Fault::ForeignProgram(ms) => {
                 self.home_at_ms = Some(now_ms + ms + HOME_MS);
                 self.truth.faulty_until_ms = self.truth.faulty_until_ms.max(now_ms + ms + 2 * HOME_MS);
-                self.cell.controller.deselect();
+                self.cell.controller.deselect_program();
             }
             Fault::Feedback { input, on, for_ms } => {
                 self.lock_around().stuck = Some((input, on, now_ms + for_ms));
@@ -145,7 +145,7 @@ impl Inside {
     pub(super) fn work_with_another_program(&mut self) {
         if self.home_at_ms.is_some_and(|home_at_ms| self.now_ms() >= home_at_ms) {
             self.home_at_ms = None;
-            self.cell.controller.deselect();
+            self.cell.controller.deselect_program();
             self.cell.controller.select();
         }
     }

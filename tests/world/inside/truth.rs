@@ -136,10 +136,10 @@ impl Inside {
             self.truth.must_end.extract_if(.., |must| must.by_ms < now_ms).collect::<Vec<_>>()
         {
             self.counts.judged("what ends an epoch");
-            let is_it = |stop: &&panelprep::devices::mock::Stop| {
+            let is_it = |stop: &&panelprep::devices::mock::ProgramStop| {
                 stop.epoch == epoch && (since_ms..=by_ms).contains(&stop.time_ms)
             };
-            if !self.cell.controller.stops().iter().rev().any(|stop| is_it(&stop)) {
+            if !self.cell.controller.program_stops().iter().rev().any(|stop| is_it(&stop)) {
                 self.wrong("what ends an epoch", format!("epoch {epoch} went on after {why} at {since_ms} ms"));
             }
         }

@@ -15,8 +15,8 @@ pub(super) const ALL: [Mutation; 5] = [
     change(
         "the controller takes a command behind a gap",
         SUBMIT,
-        "if command.id != self.epoch.received + 1 {",
-        "if command.id > self.epoch.received + 1_000 {",
+        "if command.id != self.epoch.last_received + 1 {",
+        "if command.id > self.epoch.last_received + 1_000 {",
     ),
     change(
         "the controller's watchdog does not look at tool and water",
@@ -30,9 +30,9 @@ pub(super) const ALL: [Mutation; 5] = [
         "const SILENCE_MS: u64 = 3_000;",
         "const SILENCE_MS: u64 = 18_000_000;",
     ),
-    change("a stop leaves the water on", SUBMIT, "self.switch_off(|after_ms| after_ms == 0);", "").and(
+    change("a stop leaves the water on", SUBMIT, "self.switch_off_outputs(|after_ms| after_ms == 0);", "").and(
         OUTPUTS,
-        "if since_ms >= after_ms && self.off_due.contains(&number) {",
-        "if since_ms >= after_ms && number != 2 && self.off_due.contains(&number) {",
+        "if since_ms >= after_ms && self.pending_off_outputs.contains(&number) {",
+        "if since_ms >= after_ms && number != 2 && self.pending_off_outputs.contains(&number) {",
     ),
 ];

@@ -13,8 +13,8 @@ pub(super) const ALL: [Mutation; 18] = [
     change(
         "an epoch that the link ends while the cell is reset or cleared is taken for open",
         STEP,
-        "if self.rules.keep(Rule::LinkEndsEpoch) {",
-        "if self.rules.keep(Rule::LinkEndsEpoch) && !matches!(self.state.at, At::Resetting | At::Clearing { .. }) {",
+        "if self.rules.is_active(Rule::LinkEndsEpoch) {",
+        "if self.rules.is_active(Rule::LinkEndsEpoch) && !matches!(self.state.at, At::Resetting | At::Clearing { .. }) {",
     ),
     change(
         "a start with tool or water that may run is Stopped",
@@ -108,8 +108,8 @@ pub(super) const ALL: [Mutation; 18] = [
     change(
         "what a contact path did is not graded",
         EXECUTE,
-        "if self.rules.keep(Rule::AssessFirst) { Phase::Assess { left } } else { otherwise }",
-        "if self.rules.keep(Rule::AssessFirst) && left { Phase::Assess { left } } else { otherwise }",
+        "if self.rules.is_active(Rule::AssessFirst) { Phase::Assess { left } } else { otherwise }",
+        "if self.rules.is_active(Rule::AssessFirst) && left { Phase::Assess { left } } else { otherwise }",
     ),
     change(
         "a motion begins before it is on the record",

@@ -15,7 +15,7 @@ pub(super) const ALL: [Mutation; 16] = [
     change(
         "a contact path is not counted as wear before it begins",
         CONTACTS,
-        "self.ports.record.keep(RecordCommand::WearDisc(wears_mm2))?;",
+        "self.ports.record.perform_and_forget(RecordCommand::WearDisc(wears_mm2))?;",
         "",
     ),
     change(
@@ -27,8 +27,8 @@ pub(super) const ALL: [Mutation; 16] = [
     change(
         "the end of a path is not waited for until the arm stands",
         ACTS,
-        "Condition::PathEnd if stands => self.path_end(id, act, state)?,",
-        "Condition::PathEnd => self.path_end(id, act, state)?,",
+        "Condition::PathEnd if stands => self.end_path(id, act, state)?,",
+        "Condition::PathEnd => self.end_path(id, act, state)?,",
     )
     .not_found(
         "the controller counts a path's last point where the arm stands; that it moves can only be older news",
@@ -36,20 +36,20 @@ pub(super) const ALL: [Mutation; 16] = [
     change(
         "a switch is taken for done before output and feedback say so",
         ACTS,
-        "Condition::Feedback { last, proof } if state.done >= last && proof.is_told(state) => {",
-        "Condition::Feedback { last, proof } if state.done >= last && (proof.is_told(state) || state.done >= last) => {",
+        "Condition::Feedback { last, proof } if state.done >= last && proof.is_satisfied(state) => {",
+        "Condition::Feedback { last, proof } if state.done >= last && (proof.is_satisfied(state) || state.done >= last) => {",
     ),
     change("what was proven is not watched in contact", REPORTS, "self.watch_outputs(state)?;", ""),
     change(
         "an event is done before it is on the journal",
         RUN,
-        "self.ports.record.keep(RecordCommand::Event(event))?;",
+        "self.ports.record.perform_and_forget(RecordCommand::Event(event))?;",
         "",
     )
     .and(
         RUN,
-        "self.keep_request(event, refused)?;",
-        "self.ports.record.keep(RecordCommand::Event(event))?;\n        self.keep_request(event, refused)?;",
+        "self.record_request(event, refused)?;",
+        "self.ports.record.perform_and_forget(RecordCommand::Event(event))?;\n        self.record_request(event, refused)?;",
     ),
     change(
         "an answer that does not come is waited for 5 hours",
@@ -57,18 +57,18 @@ pub(super) const ALL: [Mutation; 16] = [
         "const FEEDBACK_S: f64 = 5.0;",
         "const FEEDBACK_S: f64 = 18_000.0;",
     ),
-    change("a lost link is not told to the table", REPORTS, "self.becomes(cycle::Robot::LinkLost);", ""),
+    change("a lost link is not told to the table", REPORTS, "self.on_robot_condition(cycle::Robot::LinkLost);", ""),
     change(
         "a controller that has started anew is taken for the same",
         REPORTS,
-        "self.becomes(cycle::Robot::Restarted);",
+        "self.on_robot_condition(cycle::Robot::Restarted);",
         "",
     ),
     change(
         "the end of an epoch forgets which waypoints were executed",
         MOVES,
-        "self.left_at = sent.waypoints(done).max(sent.told);",
-        "self.left_at = sent.waypoints(done).min(0);",
+        "self.executed_at_stop = sent.waypoints(done).max(sent.reported);",
+        "self.executed_at_stop = sent.waypoints(done).min(0);",
     ),
     change(
         "a reason to reject is one to review",
@@ -79,14 +79,14 @@ pub(super) const ALL: [Mutation; 16] = [
     change(
         "the program leaves while the cell works",
         RUN,
-        "RequestOutcome::Leave if self.state.at.rests() => return Ok(None),",
-        "RequestOutcome::Leave if self.state.at.rests() || self.state.due.is_some() => return Ok(None),",
+        "RequestOutcome::Leave if self.state.at.is_at_rest() => return Ok(None),",
+        "RequestOutcome::Leave if self.state.at.is_at_rest() || self.state.due.is_some() => return Ok(None),",
     ),
     change(
         "a full disk does not hold the cell",
         RUN,
-        "if let Some(why) = self.ports.record.filled() {",
-        "if let Some(why) = self.ports.record.filled().filter(|_| self.is_single) {",
+        "if let Some(why) = self.ports.record.disk_full_reason() {",
+        "if let Some(why) = self.ports.record.disk_full_reason().filter(|_| self.is_single) {",
     ),
     change(
         "one waypoint more is taken for executed than was",

@@ -13,25 +13,25 @@ pub(super) const ALL: [Mutation; 15] = [
     change(
         "an abort is not sent where no number of an epoch is left, and any number is believed",
         EPOCHS,
-        "let next = Epoch(self.known_epoch().0.saturating_add(1).min(LAST_NUMBER));",
-        "let next = Epoch(self.known_epoch().0.saturating_add(1));\n        if next.0 > LAST_NUMBER {\n            return;\n        }",
+        "let next = Epoch(self.highest_known_epoch().0.saturating_add(1).min(LAST_NUMBER));",
+        "let next = Epoch(self.highest_known_epoch().0.saturating_add(1));\n        if next.0 > LAST_NUMBER {\n            return;\n        }",
     )
     .and(
         RECEIVE,
-        "let follows = found.0 <= known.0.saturating_add(EPOCH_STEP) && !goes_back;",
-        "let follows = found.0 <= LAST_NUMBER && !(goes_back && found.0 > LAST_NUMBER) && EPOCH_STEP > 0;",
+        "let follows = found.0 <= known.0.saturating_add(MAX_EPOCH_STEP) && !goes_back;",
+        "let follows = found.0 <= LAST_NUMBER && !(goes_back && found.0 > LAST_NUMBER) && MAX_EPOCH_STEP > 0;",
     ),
     change(
         "any jump of the controller's epoch is believed",
         RECEIVE,
-        "found.0 <= known.0.saturating_add(EPOCH_STEP) && !goes_back;",
+        "found.0 <= known.0.saturating_add(MAX_EPOCH_STEP) && !goes_back;",
         "!goes_back;",
     ),
     change(
         "an ended epoch may be opened again",
         EPOCHS,
-        "let highest = self.known_epoch().max(self.opened_epoch).max(above);",
-        "let highest = self.known_epoch().max(above.min(Epoch(0)));",
+        "let highest = self.highest_known_epoch().max(self.opened_epoch).max(above);",
+        "let highest = self.highest_known_epoch().max(above.min(Epoch(0)));",
     ),
     change(
         "a silent connection is never given up",
@@ -42,8 +42,8 @@ pub(super) const ALL: [Mutation; 15] = [
     change(
         "silence of the states does not end the epoch",
         TIMING,
-        "let both = [self.is_at_stake().then_some(state), unreceived];",
-        "let both = [(self.is_at_stake() && self.stale == u64::MAX).then_some(state), unreceived];",
+        "let both = [self.has_open_work().then_some(state), unreceived];",
+        "let both = [(self.has_open_work() && self.stale == u64::MAX).then_some(state), unreceived];",
     ),
     change(
         "silence while tool or water is on does not end the epoch",
@@ -103,7 +103,7 @@ pub(super) const ALL: [Mutation; 15] = [
     change(
         "an acknowledgement frees places of commands that were not executed",
         FLOW,
-        "let done = self.done();\n        while let Some(queued) = self.in_flight",
-        "let done = self.received;\n        while let Some(queued) = self.in_flight",
+        "let done = self.last_executed();\n        while let Some(queued) = self.in_flight",
+        "let last_executed = self.received;\n        while let Some(queued) = self.in_flight",
     ),
 ];

@@ -23,8 +23,8 @@ pub(super) const ALL: [Mutation; 19] = [
     change(
         "the head is not flushed before a commit",
         HEAD,
-        "self.write(Head { at, next: Some(next), database: None })?;\n        self.file.sync_data()",
-        "self.write(Head { at, next: Some(next), database: None })",
+        "self.write(Head { position: at, next_position: Some(next), database: None })?;\n        self.file.sync_data()",
+        "self.write(Head { at, next_position: Some(next_position), database: None })",
     ),
     change(
         "a file of the store is not flushed before it has its name",
@@ -41,7 +41,7 @@ pub(super) const ALL: [Mutation; 19] = [
     change(
         "a start leaves the log of a killed process as it is",
         "src/store/opening.rs",
-        "flush::left_behind(&path)?;\n        let told",
+        "flush::flush_after_kill(&path)?;\n        let told",
         "let told",
     ),
     change(
@@ -53,7 +53,7 @@ pub(super) const ALL: [Mutation; 19] = [
     change(
         "the head does not say where the chain will be",
         COMMIT,
-        "head.prepare(before, last).map_err(Failed::Head)?;",
+        "head.prepare(before, last).map_err(TransactionFailure::Head)?;",
         "",
     ),
     change(
@@ -68,7 +68,12 @@ pub(super) const ALL: [Mutation; 19] = [
         "if source.kind() == ErrorKind::StorageFull => {",
         "if source.kind() == ErrorKind::NotFound => {",
     ),
-    change("a start does not write what the last process did not come to", JOURNAL, "self.settle(&settled)?;", ""),
+    change(
+        "a start does not write what the last process did not come to",
+        JOURNAL,
+        "self.write_missing_rows(&settled)?;",
+        "",
+    ),
     change(
         "a start leaves a cycle open whose end was not written",
         MOTIONS,

@@ -36,7 +36,7 @@ pub struct NamedBoard {
 
 impl NamedBoard {
     /// The board that the command names; `None` if it names none.
-    pub fn named(&self) -> Option<BoardArgs> {
+    pub fn board(&self) -> Option<BoardArgs> {
         Some(BoardArgs { board: self.board.clone()?, square_mm: self.square_mm, subpix: self.subpix })
     }
 }

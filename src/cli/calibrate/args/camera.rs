@@ -34,7 +34,7 @@ pub struct LiveArgs {
 
 impl LiveArgs {
     /// Returns arguments without live pictures.
-    pub fn none() -> Self {
+    pub fn without_live() -> Self {
         LiveArgs { live: None, count: None, every_s: 0, simulation: Simulation::default() }
     }
 }
@@ -130,7 +130,7 @@ pub struct HandEye {
     #[arg(long, value_name = "DIR", requires = "poses")]
     pub images: Option<PathBuf>,
     /// Many poses, fixed camera: a point of the panel in the base, at which the uncertainty is stated.
-    #[arg(long, value_name = "X,Y,Z", value_parser = place, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
     pub at_mm: Option<[f64; 3]>,
     /// Serial number of the camera, for the file.
     #[arg(long)]
@@ -149,7 +149,7 @@ pub struct HandEye {
     pub live: LiveArgs,
 }
 
-fn place(text: &str) -> Result<[f64; 3], String> {
+fn parse_point(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
     let allowed = || "valid: three numbers in mm, such as 560,0,360".to_owned();
     <[f64; 3]>::try_from(numbers.map_err(|_| allowed())?).map_err(|_| allowed())

@@ -68,27 +68,27 @@ pub struct Removal {
     #[arg(value_name = "COUPONS.csv")]
     pub coupons: PathBuf,
     /// Diameter of the disc's contact, mm.
-    #[arg(long, value_name = "MM", value_parser = within::<2, 300>)]
+    #[arg(long, value_name = "MM", value_parser = parse_in_range::<2, 300>)]
     pub disc_diameter_mm: f64,
     /// Stiffness of the pad, N/mm³: its modulus divided by its thickness.
-    #[arg(long, value_name = "N/MM3", value_parser = stiffness)]
+    #[arg(long, value_name = "N/MM3", value_parser = parse_stiffness)]
     pub pad_n_mm3: f64,
     /// Diameter of the orbit, mm; 0 for a disc that does not orbit.
-    #[arg(long, value_name = "MM", value_parser = within::<0, 50>)]
+    #[arg(long, value_name = "MM", value_parser = parse_in_range::<0, 50>)]
     pub orbit_mm: f64,
     /// Orbits a minute.
-    #[arg(long, value_name = "N", value_parser = within::<0, 100_000>)]
+    #[arg(long, value_name = "N", value_parser = parse_in_range::<0, 100_000>)]
     pub orbit_rev_min: f64,
     /// The file to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
 }
 
-fn within<const LOW: i32, const HIGH: i32>(text: &str) -> Result<f64, String> {
+fn parse_in_range<const LOW: i32, const HIGH: i32>(text: &str) -> Result<f64, String> {
     number(text, f64::from(LOW)..=f64::from(HIGH))
 }
 
-fn stiffness(text: &str) -> Result<f64, String> {
+fn parse_stiffness(text: &str) -> Result<f64, String> {
     number(text, 1e-4..=1_000.0)
 }
 

@@ -1,7 +1,7 @@
 //! The mount of a camera: the touched points, or the poses at its pictures.
 
-use super::pose::{AXIS_DEG, CORNER, PLACE_MM, like_radians, pose_of};
-use crate::calib::three_points::Touched;
+use super::pose::{AXIS_DEG, CORNER, POSITION_RANGE_MM, like_radians, parse_pose_table};
+use crate::calib::three_points::TouchedCorner;
 use crate::config::{self, Problems};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid};
 
@@ -9,7 +9,7 @@ use crate::geometry::{Base, Flange, Joints, Point, Rigid};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Points {
     /// Three corners, and a fourth if the file has one.
-    pub touched: Vec<Touched>,
+    pub touched: Vec<TouchedCorner>,
     /// The axes at each corner, if the file has them.
     pub joints: Vec<Option<Joints>>,
     /// The flange's pose at the picture.
@@ -25,26 +25,26 @@ pub struct Points {
 pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
     const KEYS: [(&str, &str); 4] =
         [("p1_mm", "p1_corner"), ("p2_mm", "p2_corner"), ("p3_mm", "p3_corner"), ("p4_mm", "p4_corner")];
-    config::check(file, text, |top| {
+    config::parse_file(file, text, |top| {
         let touched = |(place, corner): (&'static str, &'static str)| {
-            let place = top.parse::<[f64; 3]>(place, PLACE_MM, None);
+            let place = top.parse::<[f64; 3]>(place, POSITION_RANGE_MM, None);
             let corner = top.parse::<[usize; 2]>(corner, CORNER, None);
             let ([x, y, z], [column, row]) = (place?, corner?);
-            Some(Touched { corner: (column, row), place: Point::at(x, y, z) })
+            Some(TouchedCorner { corner: (column, row), place: Point::at(x, y, z) })
         };
         let three = [KEYS[0], KEYS[1], KEYS[2]].map(touched);
-        let check_place = top.parse::<Option<[f64; 3]>>(KEYS[3].0, PLACE_MM, Some(None));
+        let check_place = top.parse::<Option<[f64; 3]>>(KEYS[3].0, POSITION_RANGE_MM, Some(None));
         let check_corner = top.parse::<Option<[usize; 2]>>(KEYS[3].1, CORNER, Some(None));
         const AXES: [&str; 4] = ["p1_axes_deg", "p2_axes_deg", "p3_axes_deg", "p4_axes_deg"];
         let axes = |key| top.parse::<Option<[f64; 6]>>(key, AXIS_DEG, Some(None));
         let joints: Option<Vec<Option<[f64; 6]>>> = AXES.into_iter().map(axes).collect();
         let flange_joints = axes("axes_deg");
-        let flange = top.has("base_from_flange").then(|| pose_of(top, "base_from_flange"));
+        let flange = top.has_key("base_from_flange").then(|| parse_pose_table(top, "base_from_flange"));
         if flange.is_none() {
             // Known, and absent.
             let _ = top.section("base_from_flange");
         }
-        top.done();
+        top.finish();
         if flange.flatten().is_some_and(|pose| like_radians(&pose)) {
             let message = "these angles look like radians; write A, B, C in degrees";
             top.problem("base_from_flange", message);
@@ -52,7 +52,7 @@ pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
         }
         let fourth = match (check_place?, check_corner?) {
             (Some([x, y, z]), Some([column, row])) => {
-                Some(Touched { corner: (column, row), place: Point::at(x, y, z) })
+                Some(TouchedCorner { corner: (column, row), place: Point::at(x, y, z) })
             }
             (None, None) => None,
             _ => {
@@ -61,7 +61,7 @@ pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
             }
         };
         let [first, second, third] = three;
-        let touched: Vec<Touched> = [first?, second?, third?].into_iter().chain(fourth).collect();
+        let touched: Vec<TouchedCorner> = [first?, second?, third?].into_iter().chain(fourth).collect();
         let joints = joints?.into_iter().take(touched.len()).map(|axes| axes.map(Joints::from)).collect();
         let flange_joints = flange_joints?.map(Joints::from);
         let base_from_flange = match flange {
@@ -92,14 +92,14 @@ pub fn picture_poses(
     text: &str,
     is_there: &dyn Fn(&str) -> bool,
 ) -> Result<Vec<PicturePose>, Problems> {
-    config::check(file, text, |top| {
+    config::parse_file(file, text, |top| {
         let mut poses: Vec<PicturePose> = Vec::new();
         let mut whole = true;
         for section in top.sections("poses") {
             let image = section.parse::<String>("image", (), None);
-            let base_from_flange = pose_of(&section, "base_from_flange");
+            let base_from_flange = parse_pose_table(&section, "base_from_flange");
             let axes_deg = section.parse::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None));
-            section.done();
+            section.finish();
             let (Some(image), Some(base_from_flange), Some(axes_deg)) = (image, base_from_flange, axes_deg) else {
                 whole = false;
                 continue;
@@ -114,7 +114,7 @@ pub fn picture_poses(
             let joints = axes_deg.map(Joints::from);
             poses.push(PicturePose { image, base_from_flange: base_from_flange.to_rigid(), joints });
         }
-        top.done();
+        top.finish();
         if whole && poses.is_empty() {
             top.problem("poses", "is missing; write [[poses]] with image and base_from_flange for each picture");
             return None;

@@ -3,10 +3,10 @@
 use crate::config::{Section, Setting};
 use crate::files::ReportedFlange;
 use crate::geometry::{Base, Flange, KukaPose, Rigid};
-use crate::number_text::apart;
+use crate::number_text::distinguishable_texts;
 use toml::de::DeValue;
 
-pub(super) const PLACE_MM: std::ops::RangeInclusive<f64> = -20_000.0..=20_000.0;
+pub(super) const POSITION_RANGE_MM: std::ops::RangeInclusive<f64> = -20_000.0..=20_000.0;
 
 const ANGLE_DEG: std::ops::RangeInclusive<f64> = -360.0..=360.0;
 
@@ -22,18 +22,18 @@ struct WrittenPose(KukaPose);
 /// Maximum deviation of a rotation's columns from unit length and from right angles: files state seven digits.
 const ORTHONORMAL: f64 = 1e-3;
 
-fn allowed() -> String {
+fn describe_allowed() -> String {
     "valid: a table {x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}, a pose as the controller writes it, \"{X 400.5, Y 0, \
      Z 600, A 90, B 0, C 180}\", or a matrix of four rows of four numbers with the translation in mm"
         .to_owned()
 }
 
 /// Reads the pose from a 4 × 4 matrix.
-fn of_matrix(rows: &[toml::Spanned<DeValue<'_>>]) -> Result<KukaPose, String> {
+fn parse_matrix(rows: &[toml::Spanned<DeValue<'_>>]) -> Result<KukaPose, String> {
     let mut matrix = nalgebra::Matrix4::<f64>::zeros();
-    let [_, _, _, _] = rows else { return Err(allowed()) };
+    let [_, _, _, _] = rows else { return Err(describe_allowed()) };
     for (i, row) in rows.iter().enumerate() {
-        let row = row.get_ref().as_array().filter(|row| row.len() == 4).ok_or_else(allowed)?;
+        let row = row.get_ref().as_array().filter(|row| row.len() == 4).ok_or_else(describe_allowed)?;
         for (j, number) in row.iter().enumerate() {
             matrix[(i, j)] = f64::parse(number.get_ref(), &(-20_000.0..=20_000.0))?;
         }
@@ -45,7 +45,7 @@ fn of_matrix(rows: &[toml::Spanned<DeValue<'_>>]) -> Result<KukaPose, String> {
         return Err("the last row of the matrix is not 0, 0, 0, 1; is it transposed?".to_owned());
     }
     if off > ORTHONORMAL {
-        let [off, limit] = apart(off, ORTHONORMAL, 4);
+        let [off, limit] = distinguishable_texts(off, ORTHONORMAL, 4);
         return Err(format!(
             "the matrix is not a pose: its rotation deviates from an orthonormal matrix by {off} (limit {limit})"
         ));
@@ -56,7 +56,7 @@ fn of_matrix(rows: &[toml::Spanned<DeValue<'_>>]) -> Result<KukaPose, String> {
     let rotation = nalgebra::Rotation3::from_matrix_eps(&rotation, 1e-12, 100, nalgebra::Rotation3::identity());
     let place = nalgebra::Translation3::new(matrix[(0, 3)], matrix[(1, 3)], matrix[(2, 3)]);
     let pose = nalgebra::Isometry3::from_parts(place, nalgebra::UnitQuaternion::from_rotation_matrix(&rotation));
-    Ok(KukaPose::from_rigid(&Rigid::<Base, Flange>::claim(pose)))
+    Ok(KukaPose::from_rigid(&Rigid::<Base, Flange>::from_isometry_unchecked(pose)))
 }
 
 impl Setting for WrittenPose {
@@ -64,18 +64,18 @@ impl Setting for WrittenPose {
 
     fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
         if let Some(rows) = value.as_array() {
-            return of_matrix(rows).map(WrittenPose);
+            return parse_matrix(rows).map(WrittenPose);
         }
-        let text = value.as_str().ok_or_else(allowed)?.trim();
-        let inside = text.strip_prefix('{').and_then(|text| text.strip_suffix('}')).ok_or_else(allowed)?;
+        let text = value.as_str().ok_or_else(describe_allowed)?.trim();
+        let inside = text.strip_prefix('{').and_then(|text| text.strip_suffix('}')).ok_or_else(describe_allowed)?;
         let inside = inside.split_once(':').map_or(inside, |(_, numbers)| numbers);
         let mut numbers = [None; 6];
         for part in inside.split(',') {
-            let (name, number) = part.trim().split_once(char::is_whitespace).ok_or_else(allowed)?;
+            let (name, number) = part.trim().split_once(char::is_whitespace).ok_or_else(describe_allowed)?;
             let place = ["X", "Y", "Z", "A", "B", "C"].iter().position(|key| key.eq_ignore_ascii_case(name));
             let Some(place) = place else { continue };
-            let number: f64 = number.trim().parse().map_err(|_| allowed())?;
-            let limits = if place < 3 { PLACE_MM } else { ANGLE_DEG };
+            let number: f64 = number.trim().parse().map_err(|_| describe_allowed())?;
+            let limits = if place < 3 { POSITION_RANGE_MM } else { ANGLE_DEG };
             if numbers[place].is_some() || !limits.contains(&number) {
                 return Err(format!(
                     "{name} {number}; valid: each of X, Y, Z, A, B, C once, from {} to {}",
@@ -86,15 +86,15 @@ impl Setting for WrittenPose {
             numbers[place] = Some(number);
         }
         let [Some(x_mm), Some(y_mm), Some(z_mm), Some(a_deg), Some(b_deg), Some(c_deg)] = numbers else {
-            return Err(allowed());
+            return Err(describe_allowed());
         };
         Ok(WrittenPose(KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }))
     }
 }
 
 /// Reads the pose under this key of a table: six keys, or the form of the controller or of another program.
-pub(super) fn pose_of(section: &Section<'_, '_>, key: &'static str) -> Option<KukaPose> {
-    match section.has(key) && !section.is_table(key) {
+pub(super) fn parse_pose_table(section: &Section<'_, '_>, key: &'static str) -> Option<KukaPose> {
+    match section.has_key(key) && !section.is_table(key) {
         true => section.parse::<WrittenPose>(key, (), None).map(|pose| pose.0),
         false => pose(&section.section(key)),
     }
@@ -102,9 +102,9 @@ pub(super) fn pose_of(section: &Section<'_, '_>, key: &'static str) -> Option<Ku
 
 /// Reads the six keys of a pose in mm and degrees; all of them are required.
 pub(super) fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
-    let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.parse(key, PLACE_MM, None));
+    let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.parse(key, POSITION_RANGE_MM, None));
     let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| section.parse(key, ANGLE_DEG, None));
-    section.done();
+    section.finish();
     Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? })
 }
 

@@ -26,7 +26,7 @@ fn stated_pose(section: &Section<'_, '_>) -> Option<StatedPose> {
     let flange = section.section("base_from_flange");
     let base_from_flange = if flange.is_present() { Some(pose(&flange)?.to_rigid()) } else { None };
     let axes_deg = section.parse::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None))?;
-    section.done();
+    section.finish();
     match (base_from_flange, axes_deg.map(Joints::from)) {
         (Some(flange), None) => Some(StatedPose::Flange(flange)),
         (None, Some(joints)) => Some(StatedPose::Axes(joints)),
@@ -43,7 +43,7 @@ fn stated_pose(section: &Section<'_, '_>) -> Option<StatedPose> {
 /// # Errors
 /// Every problem with its line and key; also a picture that is missing or named twice.
 pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Result<Vec<NamedPose>, Problems> {
-    config::check(file, text, |top| {
+    config::parse_file(file, text, |top| {
         let read = |section: Section<'_, '_>| {
             let image = section.parse::<String>("image", (), None)?;
             if !is_there(&image) {
@@ -54,7 +54,7 @@ pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Res
         };
         // Every table is read, so that every problem is reported.
         let all: Vec<Option<NamedPose>> = top.sections("poses").into_iter().map(read).collect();
-        top.done();
+        top.finish();
         let poses: Vec<NamedPose> = all.into_iter().collect::<Option<_>>()?;
         let twice =
             poses.iter().enumerate().find(|(index, pose)| poses[..*index].iter().any(|p| p.image == pose.image));
@@ -88,7 +88,7 @@ pub fn arm_touches(
     text: &str,
     is_there: &dyn Fn(&str) -> bool,
 ) -> Result<Vec<(StatedTouch, StatedPose)>, Problems> {
-    config::check(file, text, |top| {
+    config::parse_file(file, text, |top| {
         let read = |section: Section<'_, '_>| {
             let spot = section.parse::<Option<usize>>("spot", 0..=99, Some(None))?;
             let corner = section.parse::<Option<[usize; 2]>>("corner", CORNER, Some(None))?;
@@ -111,7 +111,7 @@ pub fn arm_touches(
             Some((touched, stated_pose(&section)?))
         };
         let all: Vec<_> = top.sections("touches").into_iter().map(read).collect();
-        top.done();
+        top.finish();
         all.into_iter().collect()
     })
 }

@@ -1,6 +1,6 @@
 //! The tool: poses that determine its point and axis, and readings of its force without contact.
 
-use super::pose::{AXIS_DEG, PLACE_MM, pose};
+use super::pose::{AXIS_DEG, POSITION_RANGE_MM, pose};
 use crate::calib::tool::AxisTouch;
 use crate::config::{self, Problems, Section};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid};
@@ -12,16 +12,16 @@ const FORCE_N: std::ops::RangeInclusive<f64> = -2_000.0..=2_000.0;
 /// # Errors
 /// Every problem with its line and key.
 pub fn force_readings(file: &str, text: &str) -> Result<Vec<(Rigid<Base, Flange>, f64)>, Problems> {
-    config::check(file, text, |top| {
+    config::parse_file(file, text, |top| {
         let read = |section: Section<'_, '_>| {
             let flange = pose(&section.section("base_from_flange"));
             let force_n = section.parse("force_n", FORCE_N, None);
-            section.done();
+            section.finish();
             Some((flange?.to_rigid(), force_n?))
         };
         // Every table is read, so that every problem is reported.
         let all: Vec<_> = top.sections("readings").into_iter().map(read).collect();
-        top.done();
+        top.finish();
         all.into_iter().collect()
     })
 }
@@ -43,13 +43,13 @@ pub type TrueFlange<'a> = &'a dyn Fn(Rigid<Base, Flange>, Option<&Joints>) -> Re
 /// # Errors
 /// Every problem with its line and key.
 pub fn tool_poses(file: &str, text: &str, true_flange: TrueFlange<'_>) -> Result<ToolPoses, Problems> {
-    config::check(file, text, |top| {
+    config::parse_file(file, text, |top| {
         let flange = |key: &'static str| -> Option<Vec<Rigid<Base, Flange>>> {
             let read = |section: Section<'_, '_>| {
                 let _ = section.parse::<Option<String>>("image", (), Some(None));
                 let read = pose(&section.section("base_from_flange"));
                 let axes_deg = section.parse::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None));
-                section.done();
+                section.finish();
                 match true_flange(read?.to_rigid(), axes_deg?.map(Joints::from).as_ref()) {
                     Ok(flange) => Some(flange),
                     Err(problem) => {
@@ -63,19 +63,19 @@ pub fn tool_poses(file: &str, text: &str, true_flange: TrueFlange<'_>) -> Result
             all.into_iter().collect()
         };
         let place = |section: Section<'_, '_>| {
-            let place = section.parse::<[f64; 3]>("place_mm", PLACE_MM, None);
-            section.done();
+            let place = section.parse::<[f64; 3]>("place_mm", POSITION_RANGE_MM, None);
+            section.finish();
             place.map(|[x, y, z]| Point::at(x, y, z))
         };
         let (tip, behind, flat) = (flange("poses"), flange("axis"), flange("flat"));
         let plate: Vec<_> = top.sections("plate").into_iter().map(place).collect();
-        top.done();
+        top.finish();
         let plate: Vec<Point<Base>> = plate.into_iter().collect::<Option<_>>()?;
         let (tip, behind, flat) = (tip?, behind?, flat?);
         let axis = match (behind.is_empty(), plate.is_empty(), flat.is_empty()) {
             (true, true, true) => None,
             (false, true, true) => Some(AxisTouch::Behind(behind)),
-            (true, false, false) => Some(AxisTouch::Plate { places: plate, flat }),
+            (true, false, false) => Some(AxisTouch::Plate { touched_points: plate, flat_poses: flat }),
             _ => {
                 top.problem("axis", "valid: [[axis]] alone, or [[plate]] and [[flat]] together");
                 return None;

@@ -16,7 +16,7 @@ mod target_picture;
 mod touching;
 mod view;
 
-pub use target_picture::look;
+pub use target_picture::take_target_picture;
 pub use touching::{tool, touch};
 
 use super::super::args::Common;
@@ -32,10 +32,10 @@ use super::{hand_eye, intrinsics};
 use crate::calib::CalibError;
 use crate::calib::hand_eye::MIN_STATIONS;
 use crate::devices::cameras::BoardView;
-use interim::{say_lens, say_mount};
-use session::{Choice, Session};
+use interim::{report_lens, report_mount};
+use session::{OperatorChoice, Session};
 use std::path::PathBuf;
-use view::View;
+use view::CalibrationCamera;
 
 /// Maximum number of pictures: enough for any lens.
 const MAX_PICTURES: usize = 60;
@@ -49,25 +49,27 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
         return Err(CalibrationFault::NoLiveCamera.into());
     };
     let cell = CellFiles::read(common)?;
-    let named = boards::named(&args.board)?;
+    let named = boards::board_from_option(&args.board)?;
     let board = boards::board(&named)?;
     let view = match camera {
-        CameraName::Scanner => BoardView::FixedByHand,
-        CameraName::FlangeCamera => BoardView::FlangeByHand,
+        CameraName::Scanner => BoardView::HandHeldForFixed,
+        CameraName::FlangeCamera => BoardView::HandHeldForFlange,
     };
     // The lens is calibrated again: only the size of its pictures is taken from the old calibration.
     let known = match camera {
         CameraName::Scanner => opening::lens(cell.scanner())?,
         CameraName::FlangeCamera => opening::lens(cell.flange_camera())?,
     };
-    let mut view = View::open(&cell, (view, &board), (&args.live, known), progress)?;
+    let mut view = CalibrationCamera::open(&cell, (view, &board), (&args.live, known), progress)?;
     let mut session = Session::new((folder, &args.live), (&board, boards::window(&named)), None)?;
     let on_files = |images: Vec<PathBuf>, out: PathBuf| Intrinsics { images, out, pictures: None, ..args.clone() };
-    while session.taken() < MAX_PICTURES && session.ask()? == Choice::Take {
+    while session.picture_count() < MAX_PICTURES && session.ask_for_picture()? == OperatorChoice::Take {
         let (taken, _) = view.capture()?;
-        if session.keep(&taken, None)? && session.found() >= crate::calib::intrinsics::MIN_VIEWS {
+        if session.store_picture(&taken, None)?
+            && session.board_picture_count() >= crate::calib::intrinsics::MIN_VIEWS
+        {
             let so_far = on_files(session.pictures(), folder.join("so_far.toml"));
-            say_lens(&intrinsics::run(&so_far, &|_| ())?);
+            report_lens(&intrinsics::run(&so_far, &|_| ())?);
         }
     }
     let whole = Intrinsics { pictures: args.pictures.clone(), ..on_files(session.pictures(), args.out.clone()) };
@@ -100,19 +102,19 @@ pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
     if args.r#move {
         moving::run((args, &cell, kind), (&board, camera), &mut session, (&so_far, progress))?;
     } else {
-        let mut view = View::open(&cell, (kind, &board), (&args.live, Some(camera)), progress)?;
+        let mut view = CalibrationCamera::open(&cell, (kind, &board), (&args.live, Some(camera)), progress)?;
         let poses = FlangePoses::new(&cell);
-        while session.taken() < MAX_PICTURES && session.ask()? == Choice::Take {
+        while session.picture_count() < MAX_PICTURES && session.ask_for_picture()? == OperatorChoice::Take {
             let before = poses.now();
             let (taken, from_camera) = view.capture()?;
-            let Some(flange) = poses.known_or_asked(before, from_camera)? else { continue };
-            if session.keep(&taken, Some(&flange))? && session.found() >= MIN_STATIONS {
-                say_mount(&so_far()?);
+            let Some(flange) = poses.combine_or_ask(before, from_camera)? else { continue };
+            if session.store_picture(&taken, Some(&flange))? && session.board_picture_count() >= MIN_STATIONS {
+                report_mount(&so_far()?);
             }
         }
     }
-    if session.found() < MIN_STATIONS {
-        let (found, given) = (session.found(), session.taken());
+    if session.board_picture_count() < MIN_STATIONS {
+        let (found, given) = (session.board_picture_count(), session.picture_count());
         return Err(Fault::stage(CalibError::TooFewPictures {
             found,
             given,

@@ -6,20 +6,20 @@
 //! Each move passes the gate of `panelprep robot move-j`; a pose that the gate refuses is left out.
 
 use super::super::super::fault::{CalibrationFault, Fault};
-use super::super::super::flange_pose::reported;
+use super::super::super::flange_pose::controller_pose;
 use super::super::super::live;
 use super::super::super::load::CellFiles;
 use super::super::super::outcome::Outcome;
-use super::super::super::output::tell_line as tell;
+use super::super::super::output::write_progress as tell;
 use super::super::super::signed;
 use super::super::args::HandEye;
 use super::super::boards;
-use super::interim::next_pose;
-use super::session::{Choice, Session};
-use super::view::{self, View};
+use super::interim::suggest_next_pose;
+use super::session::{OperatorChoice, Session};
+use super::view::{self, CalibrationCamera};
 use crate::calib::{Board, BoardObservation, board_pose, detect};
 use crate::cell::RobotKind;
-use crate::daemon::{Single, SingleError};
+use crate::daemon::{SingleError, SingleRobot};
 use crate::devices::cameras::BoardView;
 use crate::files::ReportedFlange;
 use crate::geometry::{self, Base, Degrees, Flange, Joints, PinholeCamera, Point, Rigid};
@@ -31,9 +31,9 @@ const AXIS_PERCENT: u8 = 10;
 /// Maximum number of pictures of one session.
 const MAX_PICTURES: usize = 30;
 /// Number of pictures with the board, before a mount is computed for the first time.
-const FIRST: usize = 8;
+const MIN_FIRST_PICTURES: usize = 8;
 /// The poses around the first pose: turns about X, Y and Z of the flange, degrees, and shifts, mm.
-const ABOUT: [([f64; 3], [f64; 3]); 14] = [
+const POSE_VARIATIONS: [([f64; 3], [f64; 3]); 14] = [
     ([18.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
     ([-18.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
     ([0.0, 18.0, 0.0], [0.0, 0.0, 0.0]),
@@ -65,39 +65,39 @@ pub fn run(
     // Another program that holds the store may be moving the robot.
     let _store = (!is_mock).then(|| cell.settled_store()).transpose()?;
     let starts = if is_mock { first_pose((args, cell, kind), board, camera)? } else { None };
-    let (mut robot, simulated) = live::robot_alone_at(&cell.cell, starts)?;
+    let (mut robot, simulated) = live::start_robot_at(&cell.cell, starts)?;
     let mut view = match &simulated {
         Some(simulated) if view::is_simulated(cell, kind) => {
             let arm = Some(simulated.server.handle());
-            View::simulated((kind, board), (&args.live, Some(camera)), arm)?
+            CalibrationCamera::simulated((kind, board), (&args.live, Some(camera)), arm)?
         }
-        _ => View::open(cell, (kind, board), (&args.live, Some(camera)), progress)?,
+        _ => CalibrationCamera::open(cell, (kind, board), (&args.live, Some(camera)), progress)?,
     };
-    let single = Single::connect(&mut robot, cell.cell.arm()).map_err(Fault::stage)?;
+    let single = SingleRobot::connect(&mut robot, cell.cell.arm()).map_err(Fault::stage)?;
     let state = single.state();
-    signed::permits_motion(state.mode, state.is_of_mock(), &cell.cell).map_err(Fault::stage)?;
-    let mut single = single.carrying(cell.mounted_on_the_flange()?);
+    signed::permits_motion(state.mode, state.is_simulated(), &cell.cell).map_err(Fault::stage)?;
+    let mut single = single.with_mounted(cell.flange_devices()?);
     tell(&format!(
         "The arm will move by itself, at {AXIS_PERCENT} % of its axes' speed, to up to {} poses around its present \
          pose. Make sure that the path is clear, and keep a hand on the enabling switch or the emergency stop.",
-        session.most(MAX_PICTURES)
+        session.max_pictures(MAX_PICTURES)
     ));
-    if session.ask()? == Choice::Done {
+    if session.ask_for_picture()? == OperatorChoice::Done {
         return Ok(());
     }
-    let mut tour = Tour { single: &mut single, cell, arm: Kinematics::new(cell.cell.arm()) };
+    let mut tour = PoseTour { single: &mut single, cell, arm: Kinematics::new(cell.cell.arm()) };
     let first = tour.flange_pose()?.base_from_flange.to_rigid();
-    look(&mut view, &tour, session)?;
+    take_board_picture(&mut view, &tour, session)?;
     let about_mm = distance_mm(&session.pictures(), kind, (&camera, board), args)?;
-    let mut variations = ABOUT.iter().map(|change| varied(&first, about_mm, change));
-    while session.taken() < session.most(MAX_PICTURES) {
-        let known = if session.found() >= FIRST { Some(so_far()?) } else { None };
-        if known.as_ref().is_some_and(|known| !super::say_mount(known)) {
+    let mut variations = POSE_VARIATIONS.iter().map(|change| vary_pose(&first, about_mm, change));
+    while session.picture_count() < session.max_pictures(MAX_PICTURES) {
+        let known = if session.board_picture_count() >= MIN_FIRST_PICTURES { Some(so_far()?) } else { None };
+        if known.as_ref().is_some_and(|known| !super::report_mount(known)) {
             return Ok(());
         }
-        let proposed = known.as_ref().and_then(next_pose);
+        let proposed = known.as_ref().and_then(suggest_next_pose);
         let is_there = match proposed {
-            Some(pose) => tour.goes_to(&pose.to_rigid())?,
+            Some(pose) => tour.move_to(&pose.to_rigid())?,
             None => false,
         };
         if !is_there {
@@ -107,33 +107,33 @@ pub fn run(
                 );
                 return Ok(());
             };
-            if !tour.goes_to(&next)? {
+            if !tour.move_to(&next)? {
                 continue;
             }
         }
-        look(&mut view, &tour, session)?;
+        take_board_picture(&mut view, &tour, session)?;
     }
     Ok(())
 }
 
 /// The motion of the arm from pose to pose.
-struct Tour<'t, 's> {
-    single: &'t mut Single<'s>,
+struct PoseTour<'t, 's> {
+    single: &'t mut SingleRobot<'s>,
     cell: &'t CellFiles,
     arm: Kinematics,
 }
 
-impl Tour<'_, '_> {
+impl PoseTour<'_, '_> {
     /// The arm's pose, as the controller computes it.
     fn flange_pose(&self) -> Result<ReportedFlange, Fault> {
-        reported(&self.arm, &self.single.state().joints).ok_or(CalibrationFault::NoAxes.into())
+        controller_pose(&self.arm, &self.single.state().joints).ok_or(CalibrationFault::NoAxes.into())
     }
 
     /// Moves to this pose with the smallest motion of the axes; returns false if the arm cannot reach it or the
     /// gate refuses.
-    fn goes_to(&mut self, base_from_flange: &Rigid<Base, Flange>) -> Result<bool, Fault> {
+    fn move_to(&mut self, base_from_flange: &Rigid<Base, Flange>) -> Result<bool, Fault> {
         let now = self.single.state().joints;
-        let far_deg = |joints: &Joints| joints.farthest_deg(&now);
+        let far_deg = |joints: &Joints| joints.max_difference_deg(&now);
         let mut ways = reach::postures(&self.arm, base_from_flange, Point::at(0.0, 0.0, 0.0));
         ways.sort_by(|a, b| far_deg(a).total_cmp(&far_deg(b)));
         let Some(joints) = ways.first().filter(|joints| far_deg(joints) < MAX_TURN_DEG) else {
@@ -156,9 +156,13 @@ impl Tour<'_, '_> {
 /// motion to it goes far through the cell.
 const MAX_TURN_DEG: f64 = 90.0;
 
-fn look(view: &mut View, tour: &Tour<'_, '_>, session: &mut Session<'_>) -> Result<bool, Fault> {
+fn take_board_picture(
+    view: &mut CalibrationCamera,
+    tour: &PoseTour<'_, '_>,
+    session: &mut Session<'_>,
+) -> Result<bool, Fault> {
     let (taken, _) = view.capture()?;
-    session.keep(&taken, Some(&tour.flange_pose()?))
+    session.store_picture(&taken, Some(&tour.flange_pose()?))
 }
 
 /// The distance of the board along the flange's Z axis. If the camera is on the flange, it is the distance of the
@@ -178,19 +182,19 @@ fn distance_mm(
         .map_err(Fault::stage)?;
     let seen: BoardObservation<geometry::FlangeCamera> = BoardObservation::Pixels(found.corners);
     let posed = board_pose(camera, &seen).map_err(Fault::stage)?;
-    Ok((posed.camera_from_board * board.middle()).mm.z)
+    Ok((posed.camera_from_board * board.centre()).mm.z)
 }
 
 /// Returns the flange's pose, turned about a point at the distance `about_mm` in front of it, and shifted.
-fn varied(
+fn vary_pose(
     base_from_flange: &Rigid<Base, Flange>,
     about_mm: f64,
     (turn_deg, shift_mm): &([f64; 3], [f64; 3]),
 ) -> Rigid<Base, Flange> {
-    let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(|deg| Degrees(deg).rad())));
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(|deg| Degrees(deg).to_rad())));
     let about = Translation3::new(0.0, 0.0, about_mm);
     let moved: Isometry3<f64> = Translation3::from(Vector3::from(*shift_mm)) * about * turn * about.inverse();
-    *base_from_flange * Rigid::<Flange, Flange>::claim(moved)
+    *base_from_flange * Rigid::<Flange, Flange>::from_isometry_unchecked(moved)
 }
 
 /// Maximum number of random poses that see the board; the first one within the simulated arm's reach is used.
@@ -221,16 +225,17 @@ mod tests {
     /// moves it to the side of that point.
     #[test]
     fn the_flange_is_turned_about_the_board() {
-        let start: Rigid<Base, Flange> = Rigid::claim(Isometry3::translation(500.0, 0.0, 300.0));
+        let start: Rigid<Base, Flange> = Rigid::from_isometry_unchecked(Isometry3::translation(500.0, 0.0, 300.0));
         let at = |turn_deg, shift_mm| {
-            let moved = varied(&start, 100.0, &(turn_deg, shift_mm));
+            let moved = vary_pose(&start, 100.0, &(turn_deg, shift_mm));
             (moved * Point::<Flange>::at(0.0, 0.0, 0.0)).mm
         };
         let near = |a: nalgebra::Point3<f64>, b: [f64; 3]| (a - nalgebra::Point3::from(b)).norm() < 1e-9;
         assert!(near(at([0.0, 0.0, 90.0], [0.0; 3]), [500.0, 0.0, 300.0]));
         assert!(near(at([90.0, 0.0, 0.0], [0.0; 3]), [500.0, 100.0, 400.0]));
         assert!(near(at([0.0; 3], [1.0, 2.0, 3.0]), [501.0, 2.0, 303.0]));
-        let board = varied(&start, 100.0, &([20.0, -30.0, 40.0], [0.0; 3])) * Point::<Flange>::at(0.0, 0.0, 100.0);
+        let board =
+            vary_pose(&start, 100.0, &([20.0, -30.0, 40.0], [0.0; 3])) * Point::<Flange>::at(0.0, 0.0, 100.0);
         assert!(near(board.mm, [500.0, 0.0, 400.0]), "the point itself stays: {board:?}");
     }
 }

@@ -2,7 +2,7 @@
 
 use super::super::super::disk;
 use super::super::super::fault::Fault;
-use super::super::super::output::{answer, tell_line as tell};
+use super::super::super::output::{read_answer_line, write_progress as tell};
 use super::super::args::LiveArgs;
 use super::super::board_image::BoardImage;
 use super::super::pose_keys;
@@ -22,10 +22,10 @@ pub const POSES: &str = "poses.toml";
 const DARK: f64 = 20.0;
 
 /// File endings of pictures and of 3D shots.
-const ENDINGS: [&str; 2] = ["png", "pcd"];
+const FILE_EXTENSIONS: [&str; 2] = ["png", "pcd"];
 
 /// What a camera delivered.
-pub enum Taken {
+pub enum Capture {
     /// A picture.
     Picture(ColorPicture),
     /// A 3D shot.
@@ -34,7 +34,7 @@ pub enum Taken {
 
 /// The choice of a person.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Choice {
+pub enum OperatorChoice {
     /// A picture.
     Take,
     /// That is all.
@@ -69,17 +69,20 @@ impl<'a> Session<'a> {
         let unasked = args.count.map(|count| (count as usize, every));
         let mut session = Session { folder, unasked, board, window, pictures: Vec::new(), found: 0, poses };
         let earlier = |number| {
-            let named = |ending: &&str| session.named(number, ending);
+            let named = |ending: &&str| session.numbered_path(number, ending);
             // Without a lens there is no reading of a 3D shot: it belongs to a session of another command.
-            ENDINGS[..if camera.is_some() { 2 } else { 1 }].iter().map(named).find(|picture| picture.is_file())
+            FILE_EXTENSIONS[..if camera.is_some() { 2 } else { 1 }]
+                .iter()
+                .map(named)
+                .find(|picture| picture.is_file())
         };
         session.pictures = (1..).map_while(earlier).collect();
         for picture in &session.pictures {
             let is_found = match camera {
                 Some(camera) => BoardImage::read(picture, &camera)?.detect(board, window).is_ok(),
                 None => {
-                    let gray =
-                        files::read_gray(&disk::read(picture)?).map_err(|error| Fault::file(picture, error))?;
+                    let gray = files::read_gray(&disk::read(picture)?)
+                        .map_err(|error| Fault::file_fault(picture, error))?;
                     detect::detect("picture", &gray, board, window).is_ok()
                 }
             };
@@ -92,22 +95,22 @@ impl<'a> Session<'a> {
         Ok(session)
     }
 
-    fn named(&self, number: usize, ending: &str) -> PathBuf {
+    fn numbered_path(&self, number: usize, ending: &str) -> PathBuf {
         self.folder.join(format!("board_{number:04}.{ending}"))
     }
 
     /// The largest number of pictures to take.
-    pub fn most(&self, usual: usize) -> usize {
+    pub fn max_pictures(&self, usual: usize) -> usize {
         self.unasked.map_or(usual, |(count, _)| count)
     }
 
     /// Returns the number of pictures.
-    pub fn taken(&self) -> usize {
+    pub fn picture_count(&self) -> usize {
         self.pictures.len()
     }
 
     /// Returns the number of pictures that show the board.
-    pub fn found(&self) -> usize {
+    pub fn board_picture_count(&self) -> usize {
         self.found
     }
 
@@ -120,21 +123,21 @@ impl<'a> Session<'a> {
     ///
     /// # Errors
     /// If the person cannot be asked.
-    pub fn ask(&self) -> Result<Choice, Fault> {
+    pub fn ask_for_picture(&self) -> Result<OperatorChoice, Fault> {
         if let Some((count, every)) = self.unasked {
-            if self.taken() >= count {
-                return Ok(Choice::Done);
+            if self.picture_count() >= count {
+                return Ok(OperatorChoice::Done);
             }
             std::thread::sleep(every);
-            return Ok(Choice::Take);
+            return Ok(OperatorChoice::Take);
         }
         tell(&format!(
             "Press Enter to take picture {}; type done and press Enter when the pictures are enough.",
-            self.taken() + 1
+            self.picture_count() + 1
         ));
-        Ok(match answer()?.as_deref() {
-            None | Some("done") => Choice::Done,
-            Some(_) => Choice::Take,
+        Ok(match read_answer_line()?.as_deref() {
+            None | Some("done") => OperatorChoice::Done,
+            Some(_) => OperatorChoice::Take,
         })
     }
 
@@ -142,23 +145,23 @@ impl<'a> Session<'a> {
     ///
     /// # Errors
     /// If writing to the disk fails.
-    pub fn keep(&mut self, taken: &Taken, flange: Option<&ReportedFlange>) -> Result<bool, Fault> {
+    pub fn store_picture(&mut self, taken: &Capture, flange: Option<&ReportedFlange>) -> Result<bool, Fault> {
         let of_scan;
         let (ending, bytes, picture) = match taken {
-            Taken::Picture(picture) => {
-                (ENDINGS[0], files::write_color_png(picture).map_err(Fault::stage)?, picture)
+            Capture::Picture(picture) => {
+                (FILE_EXTENSIONS[0], files::write_color_png(picture).map_err(Fault::stage)?, picture)
             }
-            Taken::Scan(cloud) => {
+            Capture::Scan(cloud) => {
                 of_scan = cloud.picture();
-                (ENDINGS[1], files::write_pcd(cloud), &of_scan)
+                (FILE_EXTENSIONS[1], files::write_pcd(cloud), &of_scan)
             }
         };
-        let file = self.named(self.taken() + 1, ending);
+        let file = self.numbered_path(self.picture_count() + 1, ending);
         disk::write(&file, bytes)?;
         let name = file.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
         if let Some(flange) = flange {
             self.poses += &format!("[[poses]]\nimage = \"{name}\"\n{}\n", pose_keys(flange));
-            disk::write_through(&self.folder.join(POSES), &self.poses)?;
+            disk::write_durable(&self.folder.join(POSES), &self.poses)?;
         }
         self.pictures.push(file);
         match detect::detect(&name, &picture.to_gray(), self.board, self.window) {

@@ -8,13 +8,13 @@ use super::super::super::flange_pose::FlangePoses;
 use super::super::super::live;
 use super::super::super::load::CellFiles;
 use super::super::super::outcome::Outcome;
-use super::super::super::output::tell_line as tell;
+use super::super::super::output::write_progress as tell;
 use super::super::super::shoot::{free_names, opening};
 use super::super::args::{CameraName, Verify};
 use super::super::verify;
 use crate::files::{self, ReportedFlange};
 use crate::geometry::{ColorPicture, KukaPose};
-use opening::Wanted;
+use opening::RequestedShot;
 use std::path::{Path, PathBuf};
 
 /// Takes the picture and does the same as the command with files.
@@ -22,7 +22,11 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// If the camera does not deliver, the flange's pose is not known, or writing to the disk fails; otherwise as for the
 /// command with files.
-pub fn look((args, folder): (&Verify, &Path), common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
+pub fn take_target_picture(
+    (args, folder): (&Verify, &Path),
+    common: &Common,
+    progress: &dyn Fn(&str),
+) -> Result<Outcome, Fault> {
     let cell = CellFiles::read(common)?;
     let (image, flange) = match args.camera {
         CameraName::Scanner => (scanner(args, (&cell, folder), progress)?, None),
@@ -44,7 +48,7 @@ fn scanner(args: &Verify, (cell, folder): (&CellFiles, &Path), progress: &dyn Fn
         return disk::write(&file, picture).map(|()| file);
     }
     let file = free_names(folder, "verify_scanner", &["pcd"]).remove(0);
-    let wanted = Wanted { shot: Shot::Scan, simulation: args.simulation };
+    let wanted = RequestedShot { shot: Shot::Scan, simulation: args.simulation };
     let mut opened = opening::scanner(cell, &wanted, progress)?;
     let shot = opened.camera.capture_3d().map_err(Fault::stage)?;
     disk::write(&file, files::write_pcd(&shot.cloud)).map(|()| file)
@@ -58,15 +62,15 @@ fn flange_camera(
 ) -> Result<(PathBuf, PathBuf), Fault> {
     let names = free_names(folder, "verify_flange_camera", &["png", "json"]);
     let (picture, flange) = match cell.cell.flange_camera().is_simulated() {
-        true => simulated(args, cell)?,
+        true => simulated_picture(args, cell)?,
         false => {
-            let wanted = Wanted { shot: Shot::Corner, simulation: args.simulation };
+            let wanted = RequestedShot { shot: Shot::Corner, simulation: args.simulation };
             let mut opened = opening::flange_camera(cell, &wanted, progress)?;
             let poses = FlangePoses::new(cell);
             loop {
                 let before = poses.now();
                 let shot = opened.camera.capture().map_err(Fault::stage)?;
-                if let Some(flange) = poses.known_or_asked(before, shot.base_from_flange)? {
+                if let Some(flange) = poses.combine_or_ask(before, shot.base_from_flange)? {
                     break (shot.picture, flange);
                 }
             }
@@ -77,7 +81,7 @@ fn flange_camera(
     Ok((names[0].clone(), names[1].clone()))
 }
 
-fn simulated(args: &Verify, cell: &CellFiles) -> Result<(ColorPicture, ReportedFlange), Fault> {
+fn simulated_picture(args: &Verify, cell: &CellFiles) -> Result<(ColorPicture, ReportedFlange), Fault> {
     let world = live::simulated_cell(&cell.scanner()?.value, args.simulation)?;
     let target = world.flange_target();
     let base_from_flange = KukaPose::from_rigid(&target.base_from_flange);

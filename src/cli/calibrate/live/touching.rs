@@ -8,17 +8,17 @@ use super::super::super::fault::{CalibrationFault, Fault};
 use super::super::super::flange_pose::FlangePoses;
 use super::super::super::load::CellFiles;
 use super::super::super::outcome::Outcome;
-use super::super::super::output::{answer, tell_line as tell};
+use super::super::super::output::{read_answer_line, write_progress as tell};
 use super::super::args::{Tcp, Touch};
 use super::super::target::Target;
 use super::super::{pose_keys, tcp, verify};
 use crate::files::ReportedFlange;
 use crate::geometry::{Base, Flange, Point};
-use crate::number_text::fixed;
+use crate::number_text::fixed_decimals;
 use std::path::Path;
 
 /// Number of poses with which a tool's tip is computed for the first time.
-const FIRST: usize = 4;
+const MIN_FIRST_POSES: usize = 4;
 
 /// The answer of a person to a question for a pose.
 enum PoseAnswer {
@@ -28,9 +28,9 @@ enum PoseAnswer {
 }
 
 /// Reads the person's input: `axis` if it is possible, `done`, or only Enter for a pose.
-fn read_answer(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<PoseAnswer, Fault> {
+fn read_pose_answer(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<PoseAnswer, Fault> {
     loop {
-        match answer()?.as_deref() {
+        match read_answer_line()?.as_deref() {
             None | Some("done") => return Ok(PoseAnswer::Done),
             Some("axis") if may_be_axis => return Ok(PoseAnswer::Axis),
             Some("") => {}
@@ -40,7 +40,7 @@ fn read_answer(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<PoseAnswer,
             }
         }
         let before = poses.now();
-        if let Some(flange) = poses.known_or_asked(before, None)? {
+        if let Some(flange) = poses.combine_or_ask(before, None)? {
             return Ok(PoseAnswer::Here(flange));
         }
         tell("Press Enter again when the arm is at rest; type done when there are enough poses.");
@@ -80,14 +80,14 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
                 "Hold a mark on the tool's axis, behind the tip, at the same spot. Press Enter for pose {number} of the mark; type done to end."
             ),
         });
-        match read_answer(&poses, table == "poses")? {
+        match read_pose_answer(&poses, table == "poses")? {
             PoseAnswer::Done => break,
             PoseAnswer::Axis => table = "axis",
             PoseAnswer::Here(flange) => {
                 text += &format!("[[{table}]]\n{}\n", pose_keys(&flange));
-                disk::write_through(&file, &text)?;
-                if table == "poses" && number >= FIRST {
-                    say_tip(tcp::run(&on_file(None), common));
+                disk::write_durable(&file, &text)?;
+                if table == "poses" && number >= MIN_FIRST_POSES {
+                    report_tip(tcp::run(&on_file(None), common));
                 }
             }
         }
@@ -99,7 +99,7 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
 }
 
 /// Reports how well the poses so far determine the tip. If they do not determine it, the poses are kept.
-fn say_tip(found: Result<Outcome, Fault>) {
+fn report_tip(found: Result<Outcome, Fault>) {
     match found {
         Ok(outcome) => {
             let number = |key: &str| outcome.json.get(key).and_then(serde_json::Value::as_f64);
@@ -117,18 +117,18 @@ fn say_tip(found: Result<Outcome, Fault>) {
 /// As [`tool`].
 pub fn touch((args, folder): (&Touch, &Path), common: &Common) -> Result<Outcome, Fault> {
     let cell = CellFiles::read(common)?;
-    let Target { board, base_from_board } = Target::read(&args.target, args.board.named().as_ref())?;
+    let Target { board, base_from_board } = Target::read(&args.target, args.board.board().as_ref())?;
     let flange_from_tool = cell.tool_tip()?.value;
     let poses = FlangePoses::new(&cell);
     let mut text = String::new();
     for (index, (column, row)) in board.outer_corners().into_iter().enumerate() {
         let Some(corner) = board.corner(column, row) else { continue };
         let place = (base_from_board * corner).mm;
-        let [x, y, z] = [place.x, place.y, place.z].map(|mm| fixed(mm, 0));
+        let [x, y, z] = [place.x, place.y, place.z].map(|mm| fixed_decimals(mm, 0));
         tell(&format!(
             "Touch the board's inner corner [{column}, {row}] with the tip, at about X {x}, Y {y}, Z {z} mm in the robot's base, and press Enter."
         ));
-        let PoseAnswer::Here(flange) = read_answer(&poses, false)? else { break };
+        let PoseAnswer::Here(flange) = read_pose_answer(&poses, false)? else { break };
         let tip =
             (flange.base_from_flange.to_rigid::<Base, Flange>() * flange_from_tool * Point::at(0.0, 0.0, 0.0)).mm;
         let number = index + 1;
@@ -144,6 +144,6 @@ pub fn touch((args, folder): (&Touch, &Path), common: &Common) -> Result<Outcome
         return Err(CalibrationFault::NoPoses.into());
     }
     let file = folder.join("touched.toml");
-    disk::write_through(&file, &text)?;
+    disk::write_durable(&file, &text)?;
     verify::touch(&Touch { points: Some(file), live: None, ..args.clone() }, common)
 }

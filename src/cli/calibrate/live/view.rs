@@ -4,9 +4,9 @@ use super::super::super::args::Shot;
 use super::super::super::fault::{CalibrationFault, Fault};
 use super::super::super::load::CellFiles;
 use super::super::super::render_boards::ROBOT;
-use super::super::super::shoot::opening::{self, Wanted};
+use super::super::super::shoot::opening::{self, RequestedShot};
 use super::super::args::LiveArgs;
-use super::session::Taken;
+use super::session::Capture;
 use crate::calib::Board;
 use crate::devices::cameras::{BoardView, FlangeCamera, Scanner, SimulatedBoards};
 use crate::devices::mock::MockHandle;
@@ -14,7 +14,7 @@ use crate::geometry::{Base, Flange, PinholeCamera, Rigid};
 use crate::sim::{BoardCell, BoardPrint};
 
 /// The camera.
-pub enum View {
+pub enum CalibrationCamera {
     /// The fixed camera, with its colour picture.
     Scanner(Box<dyn Scanner>),
     /// The fixed camera, with its 3D shot: its mount is computed from its own points.
@@ -27,7 +27,7 @@ pub enum View {
     BoardScans(SimulatedBoards),
 }
 
-impl View {
+impl CalibrationCamera {
     /// Opens the camera that the cell's file names; `lens` is given if the camera's size is known.
     ///
     /// # Errors
@@ -39,16 +39,18 @@ impl View {
         progress: &(dyn Fn(&str) + Sync),
     ) -> Result<Self, Fault> {
         if is_simulated(cell, view) {
-            return View::simulated((view, board), (args, lens), None);
+            return CalibrationCamera::simulated((view, board), (args, lens), None);
         }
-        let wanted = |shot| Wanted { shot, simulation: args.simulation };
+        let wanted = |shot| RequestedShot { shot, simulation: args.simulation };
         Ok(match view {
-            BoardView::Fixed => View::Scans(opening::scanner(cell, &wanted(Shot::Scan), progress)?.camera),
-            BoardView::FixedByHand => {
-                View::Scanner(opening::scanner(cell, &wanted(Shot::Picture), progress)?.camera)
+            BoardView::Fixed => {
+                CalibrationCamera::Scans(opening::scanner(cell, &wanted(Shot::Scan), progress)?.camera)
             }
-            BoardView::Flange | BoardView::FlangeByHand => {
-                View::Flange(opening::flange_camera(cell, &wanted(Shot::Corner), progress)?.camera)
+            BoardView::HandHeldForFixed => {
+                CalibrationCamera::Scanner(opening::scanner(cell, &wanted(Shot::Picture), progress)?.camera)
+            }
+            BoardView::Flange | BoardView::HandHeldForFlange => {
+                CalibrationCamera::Flange(opening::flange_camera(cell, &wanted(Shot::Corner), progress)?.camera)
             }
         })
     }
@@ -63,28 +65,36 @@ impl View {
         arm: Option<MockHandle>,
     ) -> Result<Self, Fault> {
         let boards = SimulatedBoards::new(board_cell((view, board), (args, lens))?, view, arm);
-        Ok(if view == BoardView::Fixed { View::BoardScans(boards) } else { View::Boards(boards) })
+        Ok(if view == BoardView::Fixed {
+            CalibrationCamera::BoardScans(boards)
+        } else {
+            CalibrationCamera::Boards(boards)
+        })
     }
 
     /// Takes a picture or a 3D shot; returns it with the flange's pose if the camera's source knows it.
     ///
     /// # Errors
     /// If the camera does not deliver.
-    pub fn capture(&mut self) -> Result<(Taken, Option<Rigid<Base, Flange>>), Fault> {
+    pub fn capture(&mut self) -> Result<(Capture, Option<Rigid<Base, Flange>>), Fault> {
         Ok(match self {
-            View::Scanner(camera) => (Taken::Picture(camera.capture_2d().map_err(Fault::stage)?.picture), None),
-            View::Scans(camera) => (Taken::Scan(camera.capture_3d().map_err(Fault::stage)?.cloud), None),
-            View::Flange(camera) => {
+            CalibrationCamera::Scanner(camera) => {
+                (Capture::Picture(camera.capture_2d().map_err(Fault::stage)?.picture), None)
+            }
+            CalibrationCamera::Scans(camera) => {
+                (Capture::Scan(camera.capture_3d().map_err(Fault::stage)?.cloud), None)
+            }
+            CalibrationCamera::Flange(camera) => {
                 let taken = camera.capture().map_err(Fault::stage)?;
-                (Taken::Picture(taken.picture), taken.base_from_flange)
+                (Capture::Picture(taken.picture), taken.base_from_flange)
             }
-            View::BoardScans(camera) => {
+            CalibrationCamera::BoardScans(camera) => {
                 let (cloud, flange) = camera.scan().map_err(Fault::stage)?;
-                (Taken::Scan(cloud), Some(flange))
+                (Capture::Scan(cloud), Some(flange))
             }
-            View::Boards(camera) => {
+            CalibrationCamera::Boards(camera) => {
                 let (picture, flange) = camera.capture().map_err(Fault::stage)?;
-                (Taken::Picture(picture), flange)
+                (Capture::Picture(picture), flange)
             }
         })
     }
@@ -101,7 +111,7 @@ pub fn is_simulated(cell: &CellFiles, view: BoardView) -> bool {
 /// Returns the simulated cell's board in the form that the renderer needs.
 ///
 /// # Errors
-/// As [`View::simulated`].
+/// As [`CalibrationCamera::simulated`].
 pub fn board_cell(
     (view, board): (BoardView, &Board),
     (args, lens): (&LiveArgs, Option<PinholeCamera>),

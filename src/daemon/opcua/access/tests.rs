@@ -16,22 +16,22 @@ fn endpoint(mode: MessageSecurityMode) -> ServerEndpoint {
 }
 
 fn ada(role: Role, password: &str) -> Account {
-    let password_hash = accounts::hashed(password, "ada", [7; 16]).expect("allowed");
+    let password_hash = accounts::hash_password(password, "ada", [7; 16]).expect("allowed");
     let (name, printed_name) = ("ada".to_owned(), "Ada B".to_owned());
     Account { name, printed_name, role, password_hash, is_enabled: true }
 }
 
 fn keep(folder: &TempDir, account: &Account) {
-    let mut store = Store::for_people(&folder.path().join("store")).expect("open");
-    let entry = AuditEntry::done(None, None, "terminal".to_owned(), "change account");
-    store.keep_account(account, &entry).expect("kept");
+    let mut store = Store::open_for_accounts(&folder.path().join("store")).expect("open");
+    let entry = AuditEntry::for_completed_action(None, None, "terminal".to_owned(), "change account");
+    store.store_account(account, &entry).expect("kept");
 }
 
-fn access(anonymous: Anonymous) -> (TempDir, Access) {
+fn access(anonymous: AnonymousAccess) -> (TempDir, Access) {
     let folder = tempfile::tempdir().expect("a folder");
     drop(Store::create(&folder.path().join("store")).expect("a store"));
     keep(&folder, &ada(Role::Operator, "correct horse"));
-    let people = Arc::new(People::new(folder.path().join("store")));
+    let people = Arc::new(AccountService::new(folder.path().join("store")));
     (folder, Access::new(people, Arc::default(), anonymous))
 }
 
@@ -49,12 +49,13 @@ fn read(access: &Access, token: &UserToken) -> bool {
 
 #[tokio::test]
 async fn a_session_counts_as_long_as_its_account_is_as_it_was() {
-    let (_folder, access) = access(Anonymous::Nothing);
+    let (_folder, access) = access(AnonymousAccess::Nothing);
     let token = log_in(&access, "ada", "correct horse").await.expect("right");
-    assert_eq!(access.caller(&token).and_then(|caller| caller.role()), Some(Role::Operator));
+    assert_eq!(access.caller_of_token(&token).and_then(|caller| caller.role()), Some(Role::Operator));
     assert!(read(&access, &token));
     let same = ada(Role::Operator, "correct horse");
-    let learn = |account: &Account| access.learn(&BTreeMap::from([(account.name.clone(), account.clone())]));
+    let learn =
+        |account: &Account| access.update_accounts(&BTreeMap::from([(account.name.clone(), account.clone())]));
     for changed in [
         ada(Role::Viewer, "correct horse"),
         ada(Role::Operator, "another horse"),
@@ -63,16 +64,16 @@ async fn a_session_counts_as_long_as_its_account_is_as_it_was() {
         learn(&same);
         assert!(read(&access, &token));
         learn(&changed);
-        assert_eq!(access.caller(&token), None, "{changed:?}");
+        assert_eq!(access.caller_of_token(&token), None, "{changed:?}");
         assert!(!read(&access, &token));
     }
-    access.learn(&BTreeMap::new());
-    assert_eq!(access.caller(&token), None);
+    access.update_accounts(&BTreeMap::new());
+    assert_eq!(access.caller_of_token(&token), None);
 }
 
 #[tokio::test]
 async fn wrong_passwords_are_counted_kept_and_pause_the_account() {
-    let (_folder, access) = access(Anonymous::Nothing);
+    let (_folder, access) = access(AnonymousAccess::Nothing);
     for _ in 0..accounts::MAX_ATTEMPTS {
         assert!(log_in(&access, "ada", "wrong horse").await.is_err());
     }
@@ -88,7 +89,7 @@ async fn wrong_passwords_are_counted_kept_and_pause_the_account() {
 #[tokio::test]
 async fn nobody_without_an_account_is_let_in_unless_the_file_says_so() {
     let anonymous = UserToken(opcua::server::ANONYMOUS_USER_TOKEN_ID.to_owned());
-    for (setting, may) in [(Anonymous::Nothing, false), (Anonymous::Read, true)] {
+    for (setting, may) in [(AnonymousAccess::Nothing, false), (AnonymousAccess::Read, true)] {
         let (_folder, access) = access(setting);
         for mode in [MessageSecurityMode::None, MessageSecurityMode::SignAndEncrypt] {
             assert_eq!(access.authenticate_anonymous_token(&endpoint(mode)).await.is_ok(), may);
@@ -98,15 +99,15 @@ async fn nobody_without_an_account_is_let_in_unless_the_file_says_so() {
             assert!(!access.supports_x509(&endpoint(mode)) && !access.supports_issued_token(&endpoint(mode)));
         }
         assert_eq!(read(&access, &anonymous), may);
-        assert_eq!(access.caller(&anonymous).and_then(|caller| caller.role()), None);
+        assert_eq!(access.caller_of_token(&anonymous).and_then(|caller| caller.role()), None);
     }
-    assert!(Role::VARIANTS.iter().all(|role| role.may(Permission::View)), "every role looks");
+    assert!(Role::VARIANTS.iter().all(|role| role.has_permission(Permission::View)), "every role looks");
 }
 
 #[test]
 fn a_log_in_is_said_to_come_from_those_who_are_connected() {
     let address = |last| IpAddr::from([10, 0, 0, last]);
-    assert_eq!(from_any(&[]), "OPC UA");
-    assert_eq!(from_any(&[address(1)]), "OPC UA, 10.0.0.1");
-    assert_eq!(from_any(&[address(1), address(2)]), "OPC UA, from one of the addresses 10.0.0.1, 10.0.0.2");
+    assert_eq!(format_origin(&[]), "OPC UA");
+    assert_eq!(format_origin(&[address(1)]), "OPC UA, 10.0.0.1");
+    assert_eq!(format_origin(&[address(1), address(2)]), "OPC UA, from one of the addresses 10.0.0.1, 10.0.0.2");
 }

@@ -2,12 +2,12 @@
 
 use super::*;
 use crate::accounts::Role;
-use crate::cell::Anonymous;
+use crate::cell::AnonymousAccess;
 use crate::daemon::interface_context::InterfaceContext;
-use crate::daemon::people::People;
+use crate::daemon::people::AccountService;
 use crate::daemon::request::Request as CellRequest;
 use crate::daemon::request_queue::request_queue;
-use crate::daemon::setup_source::{Equipment, Examined, RecipeText};
+use crate::daemon::setup_source::{Equipment, ExaminedItem, RecipeText};
 use crate::daemon::{Alarms, Gateway, SetupSource};
 use crate::geometry::ColorPicture;
 use crate::office::RecipeOffer;
@@ -33,7 +33,7 @@ impl SetupSource for Source {
         }
     }
 
-    fn offer(&self, _: &str) -> Result<Option<RecipeOffer>, String> {
+    fn recipe_offer(&self, _: &str) -> Result<Option<RecipeOffer>, String> {
         Ok(None)
     }
 
@@ -53,15 +53,15 @@ impl SetupSource for Source {
         Err("none".to_owned())
     }
 
-    fn standing(&self) -> Vec<Reason> {
+    fn cycle_obstacles(&self) -> Vec<Reason> {
         vec![Reason::new("disk_scarce", "5 MB are free")]
     }
 
-    fn examine(&self) -> Vec<Examined> {
+    fn examine_cell(&self) -> Vec<ExaminedItem> {
         vec![]
     }
 
-    fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
+    fn list_equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
         Ok((Verdict::Accept, vec![], vec![]))
     }
 }
@@ -79,23 +79,23 @@ impl Cell {
     fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         drop(Store::create(&folder.path().join("store")).expect("a store"));
-        let people = Arc::new(People::new(folder.path().join("store")));
+        let people = Arc::new(AccountService::new(folder.path().join("store")));
         let alarms = Arc::new(Alarms::new(people.clone()));
         let (sender, queue) = request_queue();
         let asked = Arc::new(Mutex::new(Vec::new()));
         let refuses = Arc::new(AtomicUsize::new(0));
         let (heard, refused) = (asked.clone(), refuses.clone());
         thread::spawn(move || {
-            while let Some(CellRequest { what, who, reply }) = queue.next(Duration::from_secs(60)) {
-                heard.lock().expect("whole").push(format!("{} by {who}", what.words()));
+            while let Some(CellRequest { what, requester: who, reply }) = queue.next(Duration::from_secs(60)) {
+                heard.lock().expect("whole").push(format!("{} by {who}", what.describe()));
                 let left = refused.fetch_update(Relaxed, Relaxed, |left| left.checked_sub(1));
-                let exit = if left.is_ok() { Exit::Refused } else { Exit::Done };
+                let exit = if left.is_ok() { RequestResult::Refused } else { RequestResult::Done };
                 let told = Reply { state: Some("idle".to_owned()), ..Reply::refused(exit, vec![]) };
                 reply.into_iter().for_each(|reply| drop(reply.send(told.clone())));
             }
         });
         let loader = Arc::new(|_| Err(vec![Reason::new("bad_input", "no cell here")]));
-        let access = Arc::new(Access::new(people.clone(), Arc::default(), Anonymous::Read));
+        let access = Arc::new(Access::new(people.clone(), Arc::default(), AnonymousAccess::Read));
         let calls = Calls::new(
             access,
             InterfaceContext {
@@ -113,24 +113,24 @@ impl Cell {
     }
 
     fn audit(&self) -> Vec<AuditEntry> {
-        let lines = self.calls.access.people().read(|store| store.audit(None, 10_000)).expect("read");
+        let lines = self.calls.access.accounts_with_audit().read(|store| store.audit(None, 10_000)).expect("read");
         lines.into_iter().map(|line| line.entry).collect()
     }
 
-    async fn call(&self, name: &str, arguments: &[Variant], role: Option<Role>) -> Outcome {
+    async fn call(&self, name: &str, arguments: &[Variant], role: Option<Role>) -> CallOutcome {
         let caller = role.map_or(Caller::Nobody, person);
         self.calls.call(method(name).expect("such a method"), arguments, Some(&caller), "OPC UA, 10.0.0.1").await
     }
 }
 
 fn person(role: Role) -> Caller {
-    Caller::Person { name: role.word().to_owned(), printed_name: "Ada B".to_owned(), role }
+    Caller::Person { name: role.keyword().to_owned(), printed_name: "Ada B".to_owned(), role }
 }
 
-fn status(outcome: &Outcome) -> StatusCode {
+fn status(outcome: &CallOutcome) -> StatusCode {
     match outcome {
-        Outcome::Done(_) => StatusCode::Good,
-        Outcome::Refused(status, _) => *status,
+        CallOutcome::Done(_) => StatusCode::Good,
+        CallOutcome::Refused(status, _) => *status,
     }
 }
 
@@ -152,7 +152,7 @@ async fn each_method_reaches_the_loop_as_the_table_says() {
                 arguments[1] = Variant::from(door.sha256());
             }
             let outcome = cell.call(method.name, &arguments, role).await;
-            let who = role.map_or("a client that was not logged in".to_owned(), |role| role.word().to_owned());
+            let who = role.map_or("a client that was not logged in".to_owned(), |role| role.keyword().to_owned());
             let word = match method.command {
                 Command::Start => "start by door.toml",
                 Command::Unhold => "unhold --dried",
@@ -253,7 +253,7 @@ async fn of_a_flood_little_reaches_the_loop_and_one_line_is_kept() {
     for _ in 0..500 {
         assert_eq!(status(&cell.call("Abort", &[], Some(Role::Viewer)).await), StatusCode::Good);
     }
-    let most = 2 + since.elapsed().as_millis() / MERGE_WINDOW.as_millis();
+    let most = 2 + since.elapsed().as_millis() / MERGE_INTERVAL.as_millis();
     let aborts = cell.asked().len() - before;
     assert!(aborts >= 1 && aborts as u128 <= most, "{aborts} of at most {most}");
 }
@@ -274,7 +274,7 @@ async fn only_a_stop_that_was_done_answers_the_next_one() {
 #[tokio::test]
 async fn an_alarm_is_acknowledged_by_its_name_once() {
     let cell = Cell::new();
-    cell.calls.front.alarms.look(&Source, None);
+    cell.calls.front.alarms.check_cell(&Source, None);
     let alarm = cell.calls.front.alarms.all().expect("read").remove(0);
     let name = Variant::from(crate::packml::alarm_id(&alarm).as_str());
     assert_eq!(

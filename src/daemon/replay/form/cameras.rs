@@ -38,7 +38,7 @@ impl From<FaultForm> for CameraFault {
 }
 
 /// Returns whether this command begins a film, and whether it fetches a picture of a film or ends one.
-pub fn of_film(said: &Value) -> (bool, bool) {
+pub fn film_role(said: &Value) -> (bool, bool) {
     (said.get("begin_film").is_some(), said == "next_of_film" || said == "end_film")
 }
 
@@ -71,7 +71,7 @@ impl Recordable for CameraCommand {
         }
     }
 
-    fn answer(&self, mut heard: RecordedAnswer) -> Result<Self::Answer, serde_json::Error> {
+    fn parse_answer(&self, mut heard: RecordedAnswer) -> Result<Self::Answer, serde_json::Error> {
         let shot = heard.shot.take();
         let fault = CameraFault::from;
         Ok(match self {
@@ -86,22 +86,22 @@ impl Recordable for CameraCommand {
             | CameraCommand::NextOfFilm
             | CameraCommand::CornerPicture => {
                 let seen: Result<Option<ShotForm>, FaultForm> = read(heard)?;
-                seen.map_err(fault).and_then(|seen| self.taken(seen, shot))
+                seen.map_err(fault).and_then(|seen| self.recorded_shot(seen, shot))
             }
         })
     }
 
-    fn otherwise(&self, _: Time, _: bool) -> Self::Answer {
+    fn default_answer(&self, _: Time, _: bool) -> Self::Answer {
         match self {
             CameraCommand::Check => Ok(CameraAnswer::Checked(vec![])),
-            _ => Err(missing()),
+            _ => Err(missing_shot_fault()),
         }
     }
 }
 
 impl CameraCommand {
     /// Returns the recorded shot for this command.
-    fn taken(&self, seen: Option<ShotForm>, shot: Option<Shot>) -> Result<CameraAnswer, CameraFault> {
+    fn recorded_shot(&self, seen: Option<ShotForm>, shot: Option<Shot>) -> Result<CameraAnswer, CameraFault> {
         let time_s = seen.as_ref().and_then(|seen| seen.time_s);
         Ok(match (self, shot) {
             (CameraCommand::NextOfFilm, _) if seen.is_none() => CameraAnswer::NoneDue,
@@ -111,9 +111,9 @@ impl CameraCommand {
             }
             (CameraCommand::Picture | CameraCommand::NextOfFilm, Some(Shot::Scanner(picture))) => {
                 let picture = Arc::unwrap_or_clone(picture);
-                CameraAnswer::Picture(Picture2d { picture, time_s: time_s.ok_or_else(missing)? })
+                CameraAnswer::Picture(Picture2d { picture, time_s: time_s.ok_or_else(missing_shot_fault)? })
             }
-            (_, None) => return Err(missing()),
+            (_, None) => return Err(missing_shot_fault()),
             (_, Some(_)) => {
                 let why = "a picture was expected, but the recording contains another response".to_owned();
                 return Err(CameraFault { camera: "a camera", why });
@@ -122,6 +122,6 @@ impl CameraCommand {
     }
 }
 
-fn missing() -> CameraFault {
+fn missing_shot_fault() -> CameraFault {
     CameraFault { camera: "a camera", why: "the recording contains no more pictures".to_owned() }
 }

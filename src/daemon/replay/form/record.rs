@@ -11,7 +11,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
 /// The question which grids of the panel were abraded in earlier cycles.
-const ABRADED_BEFORE: &str = "abraded_before";
+const EARLIER_ABRASIONS: &str = "abraded_before";
 
 impl Recordable for RecordCommand {
     fn recorded_command(&self) -> Option<(Topic, Value)> {
@@ -26,7 +26,7 @@ impl Recordable for RecordCommand {
             RecordCommand::CloseIntent { motion, outcome, done } => {
                 json!({ "close_intent": { "motion": motion, "outcome": outcome, "done": done } })
             }
-            RecordCommand::AbradedBefore => json!(ABRADED_BEFORE),
+            RecordCommand::AbradedBefore => json!(EARLIER_ABRASIONS),
             RecordCommand::Conclude { verdict, because } => json!({ "conclude": verdict, "because": because }),
             RecordCommand::Begin(_) => json!("begin"),
             RecordCommand::DiscWorn => json!("disc_worn_mm2"),
@@ -58,23 +58,25 @@ impl Recordable for RecordCommand {
         }
     }
 
-    fn answer(&self, heard: RecordedAnswer) -> Result<Self::Answer, serde_json::Error> {
-        fn kept<T: DeserializeOwned>(heard: RecordedAnswer) -> Result<Result<T, RecordError>, serde_json::Error> {
+    fn parse_answer(&self, heard: RecordedAnswer) -> Result<Self::Answer, serde_json::Error> {
+        fn parse_record_answer<T: DeserializeOwned>(
+            heard: RecordedAnswer,
+        ) -> Result<Result<T, RecordError>, serde_json::Error> {
             let kept: Result<T, String> = read(heard)?;
             Ok(kept.map_err(|words| RecordError(words.into())))
         }
         Ok(match self {
-            RecordCommand::Begin(_) => kept(heard)?.map(RecordAnswer::Cycle),
-            RecordCommand::Conclude { .. } => kept(heard)?.map(RecordAnswer::Concluded),
-            RecordCommand::DiscWorn => kept(heard)?.map(RecordAnswer::Worn),
-            RecordCommand::AbradedBefore => kept(heard)?.map(RecordAnswer::Earlier),
+            RecordCommand::Begin(_) => parse_record_answer(heard)?.map(RecordAnswer::Cycle),
+            RecordCommand::Conclude { .. } => parse_record_answer(heard)?.map(RecordAnswer::Concluded),
+            RecordCommand::DiscWorn => parse_record_answer(heard)?.map(RecordAnswer::Worn),
+            RecordCommand::AbradedBefore => parse_record_answer(heard)?.map(RecordAnswer::Earlier),
             RecordCommand::Check => Ok(RecordAnswer::Wrong(read(heard)?)),
             RecordCommand::Filled => Ok(RecordAnswer::Full(Some(read(heard)?))),
-            _ => kept::<()>(heard)?.map(|()| RecordAnswer::Done),
+            _ => parse_record_answer::<()>(heard)?.map(|()| RecordAnswer::Done),
         })
     }
 
-    fn otherwise(&self, _: Time, _: bool) -> Self::Answer {
+    fn default_answer(&self, _: Time, _: bool) -> Self::Answer {
         match self {
             RecordCommand::Permit(_)
             | RecordCommand::Asked(_)
@@ -91,9 +93,9 @@ impl Recordable for RecordCommand {
         matches!(self, RecordCommand::AbradedBefore)
     }
 
-    fn before(&self, switch: &RecordingSwitch) {
+    fn before_command(&self, switch: &RecordingSwitch) {
         if matches!(self, RecordCommand::BetweenCycles) {
-            switch.is_over();
+            switch.on_cycle_end();
         }
     }
 }
@@ -101,7 +103,7 @@ impl Recordable for RecordCommand {
 /// Returns the recorded form of a phase's result. A picture that is already in the store has the same form as one that
 /// is still to be stored.
 fn note_form(note: &Note) -> Value {
-    let frame = |time_s: f64, phase: Phase| json!({ "frame": { "time_s": time_s, "phase": phase.word() } });
+    let frame = |time_s: f64, phase: Phase| json!({ "frame": { "time_s": time_s, "phase": phase.keyword() } });
     let figure = |name: &str, caption: &str| json!({ "figure": { "name": name, "caption": caption } });
     match note {
         Note::Finding(finding) => to_json(finding),

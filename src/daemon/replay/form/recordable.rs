@@ -26,14 +26,14 @@ pub trait Recordable: Command {
     fn recorded_answer(answer: &Self::Answer, recorder: &Recorder) -> Option<RecordedAnswer>;
 
     /// Returns the recorded answer to the command.
-    fn answer(&self, heard: RecordedAnswer) -> Result<Self::Answer, serde_json::Error>;
+    fn parse_answer(&self, heard: RecordedAnswer) -> Result<Self::Answer, serde_json::Error>;
 
     /// Returns the answer if the recording has none: the command is not recorded, there was no data, or the replay has
     /// diverged from the recording. `now` is the clock's last reading.
-    fn otherwise(&self, now: Time, has_parted: bool) -> Self::Answer;
+    fn default_answer(&self, now: Time, has_parted: bool) -> Self::Answer;
 
     /// Returns whether a recorded answer is the one for which the loop waits; true if the loop accepts any answer.
-    fn fits(&self, _heard: &Value) -> bool {
+    fn is_matching_answer(&self, _heard: &Value) -> bool {
         true
     }
 
@@ -43,10 +43,10 @@ pub trait Recordable: Command {
     }
 
     /// Informs the switch before the command is performed.
-    fn before(&self, _switch: &RecordingSwitch) {}
+    fn before_command(&self, _switch: &RecordingSwitch) {}
 
     /// Informs the switch about the answer.
-    fn after(_answer: &mut Self::Answer, _switch: &RecordingSwitch) {}
+    fn after_answer(_answer: &mut Self::Answer, _switch: &RecordingSwitch) {}
 }
 
 /// Returns a value as it is written down; null if it cannot be written.

@@ -7,7 +7,7 @@ use crate::daemon::replay::queue::Recorder;
 use crate::daemon::replay::switch::RecordingSwitch;
 use crate::daemon::request::{Request, RequestKind};
 use crate::eki::Time;
-use crate::record::{RequestSource, Who};
+use crate::record::{RequestAuthor, RequestSource};
 use crate::tape::Topic;
 use serde_json::{Value, json};
 
@@ -51,7 +51,7 @@ impl Recordable for RequestCommand {
         }
     }
 
-    fn answer(&self, heard: RecordedAnswer) -> Result<RequestAnswer, serde_json::Error> {
+    fn parse_answer(&self, heard: RecordedAnswer) -> Result<RequestAnswer, serde_json::Error> {
         Ok(match self {
             RequestCommand::LetsIn(result) => RequestAnswer::LetsIn(Some(*result)),
             RequestCommand::Publish(_) => RequestAnswer::Done,
@@ -69,7 +69,7 @@ impl Recordable for RequestCommand {
         })
     }
 
-    fn otherwise(&self, _: Time, has_parted: bool) -> RequestAnswer {
+    fn default_answer(&self, _: Time, has_parted: bool) -> RequestAnswer {
         match self {
             // This request ends the loop, because the player's record refuses it.
             RequestCommand::Next(_) if has_parted => next(RequestKind::Table(cycle::Request::Abort)),
@@ -79,28 +79,30 @@ impl Recordable for RequestCommand {
         }
     }
 
-    fn fits(&self, heard: &Value) -> bool {
+    fn is_matching_answer(&self, heard: &Value) -> bool {
         match self {
             RequestCommand::LetsIn(result) => *heard == json!(result),
             _ => true,
         }
     }
 
-    fn before(&self, switch: &RecordingSwitch) {
+    fn before_command(&self, switch: &RecordingSwitch) {
         match self {
-            RequestCommand::Next(state) => switch.listens(state),
-            RequestCommand::Publish(LoopEvent::Begun(cycle, before)) => switch.begins(*cycle, before.clone()),
+            RequestCommand::Next(state) => switch.on_request_poll(state),
+            RequestCommand::Publish(LoopEvent::Begun(cycle, before)) => {
+                switch.on_cycle_start(*cycle, before.clone())
+            }
             _ => {}
         }
     }
 
-    fn after(answer: &mut RequestAnswer, switch: &RecordingSwitch) {
+    fn after_answer(answer: &mut RequestAnswer, switch: &RecordingSwitch) {
         if let RequestAnswer::Next(Ok(Some(Request { what: RequestKind::Begin(prepared), .. }))) = answer {
-            switch.wants(prepared.recording.take(), prepared.request);
+            switch.on_order(prepared.recording.take(), prepared.request);
         }
     }
 }
 
 fn next(what: RequestKind) -> RequestAnswer {
-    RequestAnswer::Next(Ok(Some(Request::new(what, Who::by(RequestSource::Program)))))
+    RequestAnswer::Next(Ok(Some(Request::new(what, RequestAuthor::from_source(RequestSource::Program)))))
 }

@@ -37,17 +37,17 @@ impl Recordable for RobotCommand {
         }
     }
 
-    fn answer(&self, heard: RecordedAnswer) -> Result<RobotAnswer, serde_json::Error> {
+    fn parse_answer(&self, heard: RecordedAnswer) -> Result<RobotAnswer, serde_json::Error> {
         Ok(match self {
             RobotCommand::Send(_) | RobotCommand::Path { .. } => RobotAnswer::Queued(read(heard)?),
             RobotCommand::OpenEpoch(_) => RobotAnswer::Epoch(read(heard)?),
             RobotCommand::Abort | RobotCommand::Permit(_) => RobotAnswer::Done(read(heard)?),
             RobotCommand::Next => RobotAnswer::Report(Ok(Some(read(heard)?))),
-            RobotCommand::Now => RobotAnswer::Time(Time::after_start(read::<Duration>(heard)?)),
+            RobotCommand::Now => RobotAnswer::Time(Time::from_start(read::<Duration>(heard)?)),
         })
     }
 
-    fn otherwise(&self, now: Time, _: bool) -> RobotAnswer {
+    fn default_answer(&self, now: Time, _: bool) -> RobotAnswer {
         match self {
             RobotCommand::Send(_) | RobotCommand::Path { .. } => RobotAnswer::Queued(Err(QueueError::NotConnected)),
             RobotCommand::OpenEpoch(_) => RobotAnswer::Epoch(Err(QueueError::NotConnected)),

@@ -22,14 +22,14 @@ impl Recordable for ToolCommand {
         }
     }
 
-    fn answer(&self, heard: RecordedAnswer) -> Result<ToolAnswer, serde_json::Error> {
+    fn parse_answer(&self, heard: RecordedAnswer) -> Result<ToolAnswer, serde_json::Error> {
         Ok(match self {
             ToolCommand::Press(_) => ToolAnswer::Done,
             ToolCommand::Report => ToolAnswer::Report(Some(read(heard)?)),
         })
     }
 
-    fn otherwise(&self, _: Time, _: bool) -> ToolAnswer {
+    fn default_answer(&self, _: Time, _: bool) -> ToolAnswer {
         match self {
             ToolCommand::Press(_) => ToolAnswer::Done,
             ToolCommand::Report => ToolAnswer::Report(None),

@@ -65,7 +65,7 @@ impl FakeCameras {
             0 => 0.0,
             off_ms => WET_FROM_S + (world.time_ms - off_ms) as f64 / 1_000.0,
         };
-        let picture = world.sim.film_of(&spots).picture(film_s);
+        let picture = world.sim.film_with_spots(&spots).picture(film_s);
         Picture2d { picture, time_s: world.time_ms as f64 / 1e3 }
     }
 
@@ -75,8 +75,10 @@ impl FakeCameras {
         let turn_deg = if world.water_off_ms > 0 { world.turns_when_wet_deg } else { 0.0 };
         let about = (stands * world.sim.corner_views()[0].corner).mm;
         let turn = UnitQuaternion::from_scaled_axis(Vector3::x() * turn_deg.to_radians());
-        let turned: Rigid<Base, Base> =
-            Rigid::claim(Isometry3::from_parts((about.coords - turn * about.coords).into(), turn));
+        let turned: Rigid<Base, Base> = Rigid::from_isometry_unchecked(Isometry3::from_parts(
+            (about.coords - turn * about.coords).into(),
+            turn,
+        ));
         world.sim.flange_picture_at(&world.base_from_flange, &(turned * stands))
     }
 }

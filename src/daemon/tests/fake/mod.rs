@@ -25,7 +25,7 @@ use crate::record::EarlierPass;
 use crate::removal::model::Model;
 use crate::sim::{self, Scene};
 use crate::store::CycleStart;
-use crate::tape::{Begin, Entries, check};
+use crate::tape::{EntryReader, LoopMemoryStart, check_recording};
 use crate::verdict::Reason;
 use robot::FakeRobot;
 use std::path::PathBuf;
@@ -103,7 +103,7 @@ impl Cell {
     pub fn whose_panel_bows(self, bow_mm: f64) -> Self {
         {
             let mut world = self.world.borrow_mut();
-            world.sim = world.sim.clone().bowed(bow_mm);
+            world.sim = world.sim.clone().with_bow(bow_mm);
         }
         self
     }
@@ -228,7 +228,7 @@ impl Cell {
         let mut robot = FakeRobot { world: self.world.clone(), by_the_wall: self.by_the_wall };
         let mut tool = self.tool();
         let cameras = RecordedPort::new(Box::new(cameras(FakeCameras::new(self.world.clone()))), recording.clone());
-        let ports = Ports {
+        let ports = LoopPorts {
             robot: &mut RecordedPort::new(&mut robot, recording.clone()),
             tool: &mut RecordedPort::new(&mut tool, recording.clone()),
             record: &mut RecordedPort::new(&mut record, recording.clone()),
@@ -237,7 +237,7 @@ impl Cell {
             lock_step,
         };
         let cell = Arc::new(CellSetup::new(&self.files().0).expect("complete"));
-        let start = LoopStart { cell, cycle: None, state: State::NEW, before: Begin::Boot };
+        let start = LoopStart { cell, cycle: None, state: State::INITIAL, before: LoopMemoryStart::Boot };
         run(start, ports).unwrap_or_else(|error| panic!("{error}"));
         if let Some(recorded) = recording.finish() {
             assert_eq!(recorded.is, RecordingStatus::Whole, "{}", recorded.message);
@@ -282,12 +282,12 @@ impl Cell {
     }
 
     /// Runs the recording in this file again.
-    pub fn replay(&self, file: &std::path::Path) -> (LoopOutcome, Played) {
+    pub fn replay(&self, file: &std::path::Path) -> (LoopOutcome, ReplayResult) {
         let bytes = std::fs::read(file).expect("a recording");
-        let start = check(&bytes[..]).expect("whole").start;
+        let start = check_recording(&bytes[..]).expect("whole").start;
         let setup = Arc::new(self.setup());
-        let player = Player::new(Entries::new(&bytes[..], start.unix_ns), start.lock_step);
-        let ports = Ports {
+        let player = Player::new(EntryReader::new(&bytes[..], start.unix_ns), start.lock_step);
+        let ports = LoopPorts {
             robot: &mut player.clone(),
             tool: &mut player.clone(),
             record: &mut player.clone(),
@@ -297,7 +297,7 @@ impl Cell {
         };
         let start = LoopStart { cell: setup.cell(), cycle: Some(setup), state: start.state, before: start.begin };
         let ended = run(start, ports);
-        let played = player.played();
+        let played = player.replay_result();
         (ended.unwrap_or_else(|error| panic!("{error}: {played:?}")), played)
     }
 
@@ -325,7 +325,7 @@ impl Cell {
         let (fails_at, worn_mm2) = (self.fails_at, self.worn_mm2);
         let earlier = self.earlier.clone();
         let mut record = Memory { fails_at, worn_mm2, earlier, ..Memory::default_of(&self.world) };
-        let ports = Ports {
+        let ports = LoopPorts {
             robot: &mut robot,
             tool: &mut self.tool(),
             record: &mut record,
@@ -333,7 +333,12 @@ impl Cell {
             computing: Computing::inline(Box::new(cameras), true),
             lock_step: true,
         };
-        let start = LoopStart { cell: setup.cell(), cycle: Some(setup), state: State::NEW, before: Begin::Boot };
+        let start = LoopStart {
+            cell: setup.cell(),
+            cycle: Some(setup),
+            state: State::INITIAL,
+            before: LoopMemoryStart::Boot,
+        };
         let outcome = run(start, ports)?;
         let world = self.world.borrow();
         Ok(Story {

@@ -77,7 +77,7 @@ impl Port<RecordCommand> for Memory {
             | RecordCommand::Note(Note::Kept(StoredPicture::Figure(Picture { name, .. }))) => {
                 self.figures.push(name)
             }
-            RecordCommand::Note(Note::Budget(measured)) => self.budget = self.budget.renewed(measured),
+            RecordCommand::Note(Note::Budget(measured)) => self.budget = self.budget.updated_by(measured),
             RecordCommand::Note(Note::Picture(name, picture)) => {
                 let flange = self.world.borrow().base_from_flange;
                 self.pictures.push((name, picture, flange));

@@ -2,7 +2,7 @@
 
 use super::super::super::*;
 use crate::cycle::{self, At, Refusal, State};
-use crate::record::{RequestSource, Who};
+use crate::record::{RequestAuthor, RequestSource};
 use crate::supervision::ThreadFault;
 use std::collections::VecDeque;
 
@@ -67,10 +67,10 @@ impl Requester for Asks {
                 _ => None,
             },
         };
-        Ok(what.map(|what| Request::new(what, Who::by(RequestSource::Command))))
+        Ok(what.map(|what| Request::new(what, RequestAuthor::from_source(RequestSource::Command))))
     }
 
-    fn on_news(&mut self, news: LoopEvent) {
+    fn on_loop_event(&mut self, news: LoopEvent) {
         if let LoopEvent::Refused(request, refusal) = news {
             self.refusals.push((request, refusal));
         }

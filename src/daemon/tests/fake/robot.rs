@@ -78,7 +78,7 @@ impl World {
         let off = self.off_plan.filter(|(_, [from, to])| in_contact && (*from..*to).contains(&self.in_contact));
         let off = crate::geometry::Vector::new(nalgebra::Vector3::x() * off.map_or(0.0, |(mm, _)| mm));
         let tip: crate::geometry::Rigid<Panel, Tool> =
-            tip * crate::geometry::Rigid::<Tool, Tool>::identity().displaced(off);
+            tip * crate::geometry::Rigid::<Tool, Tool>::identity().followed_by_displacement(off);
         eki::State {
             time_ms: self.time_ms as u32,
             epoch: Epoch(self.epoch),
@@ -141,7 +141,7 @@ impl Port<RobotCommand> for FakeRobot {
             RobotCommand::OpenEpoch(above) => RobotAnswer::Epoch(Ok(world.open_epoch(above))),
             RobotCommand::Abort => RobotAnswer::Done(world.abort()),
             RobotCommand::Next => RobotAnswer::Report(Ok(world.next_report())),
-            RobotCommand::Now => RobotAnswer::Time(Time::at_ms(world.time_ms)),
+            RobotCommand::Now => RobotAnswer::Time(Time::from_ms(world.time_ms)),
         }
     }
 }

@@ -5,13 +5,13 @@ use crate::cycle::{self, Event, Motion, Outcome, Path, Refusal};
 use crate::geometry::{Base, ColorPicture, Flange, Rigid};
 use crate::phase::Phase;
 use crate::record::{Budget, Clock, ContactPath, Kind, RequestRecord};
-use crate::sim::Truth;
+use crate::sim::CellTruth;
 use std::sync::Arc;
 
 /// The result of a run.
 pub struct Story {
     pub outcome: LoopOutcome,
-    pub truth: Truth,
+    pub truth: CellTruth,
     pub findings: Vec<Finding>,
     pub figures: Vec<String>,
     pub pictures: Vec<(String, ColorPicture, Rigid<Base, Flange>)>,

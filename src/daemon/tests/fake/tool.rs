@@ -5,12 +5,12 @@ use super::{Asks, Cell, FakeCameras, FakeRobot, Memory, Shared, World};
 use crate::cycle::{Action, At, Event, Phase, State, Switch};
 use crate::daemon::{
     self,
-    running::{Outside, Running},
+    running::{LoopMemory, OtherPorts},
 };
-use crate::devices::acf::{ConnectedTool as _, SimulatedAcf, Surrounding, Surroundings, ToolFault};
-use crate::force::downwards;
+use crate::devices::acf::{ConnectedTool as _, SimulatedAcf, Surroundings, ToolFault, ToolSurroundings};
+use crate::force::down_cosine;
 use crate::geometry::{Flange, KukaPose, Rigid, Tool};
-use crate::tape::Armed;
+use crate::tape::ArmedDeadline;
 use std::sync::Arc;
 
 /// The simulated panel in front of the tool.
@@ -20,20 +20,20 @@ struct FakePanel {
 }
 
 impl Surroundings for FakePanel {
-    fn now(&mut self) -> Option<Surrounding> {
+    fn now(&mut self) -> Option<ToolSurroundings> {
         let world = self.world.borrow();
         let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid();
         let base_from_tool = world.base_from_flange * flange_from_tool;
         let truth = world.sim.truth();
         let height_mm = truth.distance_mm((truth.base_from_panel.inverse() * base_from_tool).origin());
-        Some(Surrounding {
+        Some(ToolSurroundings {
             time_ms: world.time_ms,
-            touches_at_mm: self.stroke_mm / 2.0 + height_mm,
-            downwards: downwards(&base_from_tool),
+            contact_extension_mm: self.stroke_mm / 2.0 + height_mm,
+            downwards: down_cosine(&base_from_tool),
         })
     }
 
-    fn fault(&mut self) -> Option<ToolFault> {
+    fn current_fault(&mut self) -> Option<ToolFault> {
         let mut world = self.world.borrow_mut();
         let (from, fault) = world.tool_fault?;
         if world.in_contact < from {
@@ -79,9 +79,9 @@ pub struct AtContact {
     world: World,
     state: State,
     perception: daemon::perception::Perception,
-    abrasion: daemon::abrasion::Abrasion,
+    abrasion: daemon::abrasion::AbrasionWork,
     pending: daemon::pending_action::PendingAction,
-    armed: Vec<Armed>,
+    armed: Vec<ArmedDeadline>,
     robot_state: Option<crate::eki::State>,
 }
 
@@ -105,16 +105,18 @@ impl AtContact {
         let mut asks = Asks::one_cycle();
         let computing = Computing::inline(Box::new(FakeCameras::new(cell.world.clone())), true);
         let robot = daemon::corrected::CalibratedRobot::new(&mut robot, &setup.cell.arm);
-        let ports = Outside { robot, tool: &mut tool, record: &mut record, requests: &mut asks };
-        let mut running = Running::new((setup.cell(), Some(setup.clone())), computing, ports, (State::NEW, true));
+        let ports = OtherPorts { robot, tool: &mut tool, record: &mut record, requests: &mut asks };
+        let mut running =
+            LoopMemory::new((setup.cell(), Some(setup.clone())), computing, ports, (State::INITIAL, true));
         while let Some(event) = running.next_event().expect("no fault") {
-            running.on_event(event).expect("no fault");
+            running.process_event(event).expect("no fault");
             let switches = running.state.due.is_some_and(|due| due.act == Action::Switch(Switch::ToolOn));
             if running.state.at == At::Execute(Phase::Abrade) && switches {
                 break;
             }
         }
-        let Running { state, perception, abrasion, pending, deadlines, robot_state, .. } = running;
+        let LoopMemory { state, perception, abrasion, pending_action: pending, deadlines, robot_state, .. } =
+            running;
         let pending = pending.unwrap_or_else(|| panic!("no contact: {:?}", state.at));
         let armed = deadlines.to_recording();
         let world = cell.world.borrow().clone();
@@ -136,31 +138,35 @@ impl AtContact {
         // Some readings first, as if the tool had been connected for a long time.
         let mut tool = simulated(&self.cell, &world).expect("a compliant tool");
         for _ in 0..3 {
-            tool.news();
+            tool.next_report();
             world.borrow_mut().time_ms += 10;
         }
         let mut tool = LinkedTool::new(tool);
         let computing = Computing::inline(Box::new(FakeCameras::new(world.clone())), true);
         let robot = daemon::corrected::CalibratedRobot::new(&mut robot, &self.setup.cell.arm);
-        let ports = Outside { robot, tool: &mut tool, record: &mut record, requests: &mut asks };
+        let ports = OtherPorts { robot, tool: &mut tool, record: &mut record, requests: &mut asks };
         let cycle = (self.setup.cell(), Some(self.setup.clone()));
-        let mut running = Running::new(cycle, computing, ports, (self.state, true));
+        let mut running = LoopMemory::new(cycle, computing, ports, (self.state, true));
         let robot = self.robot_state.map(Box::new);
-        running.remember(crate::tape::Begin::Cycle { robot, armed: self.armed.clone(), place: None });
+        running.restore_memory(crate::tape::LoopMemoryStart::Cycle {
+            robot,
+            armed: self.armed.clone(),
+            place: None,
+        });
         (running.perception, running.abrasion) = (self.perception.clone(), self.abrasion.clone());
-        running.pending = Some(self.pending);
+        running.pending_action = Some(self.pending);
         let goes_on = |state: &State| {
             let last = state.due.is_some_and(
                 |due| matches!(due.act, Action::Move(motion) if motion.path == crate::cycle::Path::Retract),
             );
-            !state.at.rests() && !last
+            !state.at.is_at_rest() && !last
         };
         while goes_on(&running.state)
             && let Some(event) = running.next_event().expect("no fault")
         {
             let is_done = matches!(event, Event::Reported(crate::cycle::Report::Boot));
             assert!(!is_done, "it goes on");
-            running.on_event(event).expect("no fault");
+            running.process_event(event).expect("no fault");
         }
         let state = running.state;
         drop(running);

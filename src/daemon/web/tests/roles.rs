@@ -17,7 +17,7 @@ async fn each_role_gets_what_the_table_gives_it_and_nothing_else() {
     let site = PageFixture::new();
     let mut visitors: Vec<(Option<Role>, Browser)> = vec![(None, Browser::default())];
     for role in Role::VARIANTS {
-        visitors.push((Some(*role), site.log_in(role.word(), super::PASSWORD).await.expect("logged in")));
+        visitors.push((Some(*role), site.log_in(role.keyword(), super::PASSWORD).await.expect("logged in")));
     }
     for route in ROUTES {
         for (role, browser) in &visitors {
@@ -31,7 +31,7 @@ async fn each_role_gets_what_the_table_gives_it_and_nothing_else() {
             };
             let may = match route.access {
                 Access::Open => true,
-                Access::Needs(permission) => role.is_some_and(|role| role.may(permission)),
+                Access::Needs(permission) => role.is_some_and(|role| role.has_permission(permission)),
             };
             let is_refused = match (role, route.method) {
                 (None, Method::Get) => {

@@ -12,7 +12,7 @@ fn parts(site: &PageFixture, listen: SocketAddr) -> PageParts {
         listen: Some(listen),
         certificate: None,
         recipes: site.folder.path().to_owned(),
-        words: None,
+        translations: None,
         idle_min: 30,
         sessions: 3,
     };

@@ -150,11 +150,11 @@ async fn one_changes_ones_own_password_by_the_old_one() {
 
 /// Changes an account in the store without the page, as another process does.
 fn change_beside(site: &PageFixture, name: &str, change: impl FnOnce(&mut Account)) {
-    let mut store = Store::for_people(&site.folder.path().join("store")).expect("open");
+    let mut store = Store::open_for_accounts(&site.folder.path().join("store")).expect("open");
     let mut account = store.accounts().expect("read").remove(name).expect("an account");
     change(&mut account);
-    let entry = AuditEntry::done(None, None, "terminal".to_owned(), "change account");
-    store.keep_account(&account, &entry).expect("kept");
+    let entry = AuditEntry::for_completed_action(None, None, "terminal".to_owned(), "change account");
+    store.store_account(&account, &entry).expect("kept");
 }
 
 /// Makes requests until the session has ended, which it does within a few seconds.
@@ -207,14 +207,14 @@ async fn a_page_without_its_session_says_so_and_a_display_keeps_its_own() {
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
     let ended = "role=\"alert\">Your session has ended";
     assert!(!site.get(&operator, "/").await.body.contains(ended));
-    site.web.sessions().end_all_of("operator");
+    site.web.sessions().end_account_sessions("operator");
     let page = site.get(&operator, "/").await.body;
     assert!(page.contains(ended) && page.contains("name=\"person\" content=\"\""), "{page}");
     assert!(!page.contains("id=\"grids\"") && !page.contains("id=\"frame\""), "{page}");
     assert!(!site.get(&Browser::default(), "/").await.body.contains(ended), "a stranger");
 
     let display = site.log_in("display", PASSWORD).await.expect("logged in");
-    site.web.sessions().end_all_of("display");
+    site.web.sessions().end_account_sessions("display");
     crate::daemon::web::login::begin_displays(&site.web);
     assert_eq!(site.get(&display, "/history").await.status, StatusCode::OK, "after a restart of the service");
     assert_eq!(site.post(&display, "/request/reset", "{}").await.status, StatusCode::FORBIDDEN);

@@ -12,7 +12,7 @@ fn picture() -> Vec<Vec<u8>> {
 /// Returns the camera at the loopback interface as soon as it is present.
 fn opened() -> GigeCamera {
     let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
-    camera.check().unwrap_or_else(|error| panic!("{error}"));
+    camera.check_ready().unwrap_or_else(|error| panic!("{error}"));
     camera
 }
 
@@ -26,14 +26,14 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
     loopback.lose_packets(0.03);
     let (mut whole, mut refused) = (0, 0);
     for _ in 0..12 {
-        wait_for("the camera", || camera.standing() == LinkStatus::Connected);
+        wait_for("the camera", || camera.link_status() == LinkStatus::Connected);
         match camera.picture() {
             Ok(frame) => {
                 exposure_of(&frame, &picture());
                 whole += 1;
             }
             Err(
-                GigeError::Refused { tries: MAX_ATTEMPTS, last: Refused::Incomplete { .. } }
+                GigeError::Refused { tries: MAX_ATTEMPTS, last: FrameRefusal::Incomplete { .. } }
                 | GigeError::Timeout { .. },
             ) => {
                 refused += 1;
@@ -51,11 +51,11 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
     // again.
     assert_eq!(
         (counted.losses, counted.connections),
-        (refused, refused + u64::from(camera.standing() == LinkStatus::Connected))
+        (refused, refused + u64::from(camera.link_status() == LinkStatus::Connected))
     );
     // The packet loss has no lasting effect.
     loopback.lose_packets(0.0);
-    wait_for("the camera", || camera.standing() == LinkStatus::Connected);
+    wait_for("the camera", || camera.link_status() == LinkStatus::Connected);
     for _ in 0..3 {
         let before = loopback.exposures();
         let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
@@ -75,14 +75,14 @@ fn a_camera_that_dies_is_told_once_and_comes_back() {
     drop(first);
     let lost = camera.picture().expect_err("it is gone");
     assert!(matches!(lost, GigeError::Lost { .. } | GigeError::Timeout { .. }), "{lost}");
-    wait_for("the loss", || matches!(gauge.standing(), LinkStatus::Away(_)));
+    wait_for("the loss", || matches!(gauge.link_status(), LinkStatus::Away(_)));
     let begun = Instant::now();
-    assert!(camera.picture().is_err() && camera.check().is_err());
+    assert!(camera.picture().is_err() && camera.check_ready().is_err());
     assert!(begun.elapsed() < Duration::from_secs(1), "nobody waits for a camera that is away");
     assert_eq!(gauge.statistics().losses, 1);
 
     let second = loopback(SIZE, FORMAT, numbered(picture()));
-    wait_for("the camera", || gauge.standing() == LinkStatus::Connected);
+    wait_for("the camera", || gauge.link_status() == LinkStatus::Connected);
     let before = second.exposures();
     let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(exposure_of(&frame, &picture()), before);
@@ -100,9 +100,9 @@ fn a_camera_that_gives_no_picture_is_set_anew() {
     loopback.lose_packets(1.0);
     let refused = camera.picture().expect_err("nothing comes");
     assert!(matches!(refused, GigeError::Timeout { .. } | GigeError::Refused { .. }), "{refused}");
-    assert_eq!(camera.check(), Err(refused), "it is away for this reason");
+    assert_eq!(camera.check_ready(), Err(refused), "it is away for this reason");
     loopback.lose_packets(0.0);
-    wait_for("the camera", || camera.standing() == LinkStatus::Connected);
+    wait_for("the camera", || camera.link_status() == LinkStatus::Connected);
     let before = loopback.exposures();
     let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(exposure_of(&frame, &picture()), before);
@@ -116,7 +116,7 @@ fn a_camera_that_dies_unused_is_noticed() {
     let first = loopback(SIZE, FORMAT, numbered(picture()));
     let camera = opened();
     drop(first);
-    wait_for("the loss", || matches!(camera.standing(), LinkStatus::Away(_)));
+    wait_for("the loss", || matches!(camera.link_status(), LinkStatus::Away(_)));
     assert_eq!(camera.statistics().losses, 1);
 }
 
@@ -125,15 +125,15 @@ fn a_wrong_camera_is_refused_in_words() {
     let _alone = alone();
     let says = |settings: Settings| {
         let mut camera = GigeCamera::open(settings).expect("a thread");
-        camera.check().expect_err("refused").to_string()
+        camera.check_ready().expect_err("refused").to_string()
     };
-    let nowhere = Which::Address("127.0.0.77".to_owned());
-    let absent = says(Settings { which: nowhere, ..settings(SIZE, FORMAT) });
+    let nowhere = CameraSelector::Address("127.0.0.77".to_owned());
+    let absent = says(Settings { selector: nowhere, ..settings(SIZE, FORMAT) });
     assert!(absent.starts_with("the GigE Vision camera at 127.0.0.77 was not found"), "{absent}");
     let _loopback = loopback(SIZE, FORMAT, numbered(picture()));
     let beside = LoopbackCamera::start("T2", SIZE, FORMAT, Box::new(numbered(picture())));
-    assert_eq!(beside.err(), Some(NoLoopback::Taken), "one at a time, else a client speaks to either");
-    let other = says(Settings { which: Which::Serial("T2".to_owned()), ..settings(SIZE, FORMAT) });
+    assert_eq!(beside.err(), Some(LoopbackError::Taken), "one at a time, else a client speaks to either");
+    let other = says(Settings { selector: CameraSelector::Serial("T2".to_owned()), ..settings(SIZE, FORMAT) });
     assert!(
         other.contains("serial T2 was not found: found") && other.contains("serial T1 at 127.0.0.1"),
         "{other}"
@@ -157,10 +157,14 @@ fn a_wrong_camera_is_refused_in_words() {
     assert!(exposure.contains("does not accept AcquisitionFrameRate = 0.075: valid: 0.1 to 1000"), "{exposure}");
     // Another program controls the camera: here this program, with a second connection.
     let mut first = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
-    wait_for("the camera", || first.standing() == LinkStatus::Connected);
+    wait_for("the camera", || first.link_status() == LinkStatus::Connected);
     let second = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
-    wait_for("a refusal", || matches!(second.standing(), LinkStatus::Away(_)));
-    assert!(matches!(second.standing(), LinkStatus::Away(GigeError::Controlled { .. })), "{:?}", second.standing());
+    wait_for("a refusal", || matches!(second.link_status(), LinkStatus::Away(_)));
+    assert!(
+        matches!(second.link_status(), LinkStatus::Away(GigeError::Controlled { .. })),
+        "{:?}",
+        second.link_status()
+    );
     // The first connection keeps the camera.
     exposure_of(&first.picture().unwrap_or_else(|error| panic!("{error}")), &picture());
 }
@@ -172,13 +176,13 @@ fn a_size_that_changes_is_refused() {
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
     let mut camera = opened();
     camera.picture().unwrap_or_else(|error| panic!("{error}"));
-    loopback.shrink([128, 192]);
+    loopback.shrink_picture([128, 192]);
     let refused = camera.picture().expect_err("another size");
     assert!(
         matches!(
             &refused,
             GigeError::Refused {
-                last: Refused::WrongForm { found_px: [128, 192], .. } | Refused::Incomplete { .. },
+                last: FrameRefusal::WrongForm { found_px: [128, 192], .. } | FrameRefusal::Incomplete { .. },
                 ..
             }
         ),
@@ -196,14 +200,14 @@ fn a_format_that_the_camera_changed_is_named() {
     let _loopback = loop {
         let fill = Box::new(numbered(picture()));
         match LoopbackCamera::start_sending("T1", SIZE, FORMAT, BAYER_RG12, fill) {
-            Err(NoLoopback::Taken) if begun.elapsed() < Duration::from_secs(300) => {
+            Err(LoopbackError::Taken) if begun.elapsed() < Duration::from_secs(300) => {
                 std::thread::sleep(Duration::from_millis(200));
             }
             started => break started.unwrap_or_else(|error| panic!("{error}")),
         }
     };
     let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
-    let told = camera.check().expect_err("another format").to_string();
+    let told = camera.check_ready().expect_err("another format").to_string();
     assert!(told.starts_with("the camera accepted pixel format BayerRG8 but sends BayerRG12: frame "), "{told}");
     assert!(told.contains("pixel_format") && !told.contains("firewall"), "{told}");
 }

@@ -9,15 +9,16 @@ fn numbers_begin_again_and_no_frame_is_lost() {
     let (size_px, format) = ([64, 48], PixelFormat::Mono8);
     let raw = vec![(0..64 * 48).map(|pixel| (pixel % 251) as u8).collect::<Vec<u8>>()];
     let _loopback = loopback(size_px, format, numbered(raw.clone()));
-    let exposing = Exposing::Freely { frames_per_s: 50.0 };
-    let mut camera = GigeCamera::open(Settings { exposing, ..settings(size_px, format) }).expect("a thread");
+    let exposing = ExposureMode::FreeRunning { frames_per_s: 50.0 };
+    let mut camera =
+        GigeCamera::open(Settings { exposure_mode: exposing, ..settings(size_px, format) }).expect("a thread");
     let mut before: Option<(u64, u64)> = None;
     let mut wrapped = false;
     for _ in 0..180 {
         let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
         let (id, exposure) = (frame.facts.id, exposure_of(&frame, &raw));
         if let Some((last_id, last_exposure)) = before {
-            assert_eq!(ahead(last_id, id), Some(exposure - last_exposure));
+            assert_eq!(frames_ahead(last_id, id), Some(exposure - last_exposure));
             wrapped |= id < last_id;
         }
         before = Some((id, exposure));
@@ -38,8 +39,9 @@ fn full_pictures_keep_their_integrity() {
     let size_px = if room { full } else { [256, 192] };
     let raw = tiled(size_px, format);
     let loopback = loopback(size_px, format, numbered(raw.clone()));
-    let exposing = Exposing::Freely { frames_per_s: 5.0 };
-    let mut camera = GigeCamera::open(Settings { exposing, ..settings(size_px, format) }).expect("a thread");
+    let exposing = ExposureMode::FreeRunning { frames_per_s: 5.0 };
+    let mut camera =
+        GigeCamera::open(Settings { exposure_mode: exposing, ..settings(size_px, format) }).expect("a thread");
     let mut next = || loop {
         match camera.picture() {
             // A busy machine may be late, or deliver incomplete pictures; those are counted.

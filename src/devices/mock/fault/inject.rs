@@ -3,13 +3,13 @@
 use super::super::model::Controller;
 use super::super::options::Mode;
 use super::super::wire::{Channel, Refusal, SET_BASE, SET_TCP};
-use super::plan::{Fault, Side, When};
+use super::plan::{ConnectionSide, Fault, FaultTime};
 
 const REBOOT_MS: u64 = 3_000;
 
 impl Controller {
     /// Makes this fault happen now.
-    pub fn inject(&mut self, fault: Fault) {
+    pub fn apply_fault(&mut self, fault: Fault) {
         let for_ms = self.set(fault, true);
         let for_ms = if let Fault::Reboot { for_ms: None } = fault { Some(REBOOT_MS) } else { for_ms };
         if let Some(for_ms) = for_ms {
@@ -21,15 +21,15 @@ impl Controller {
     pub(in super::super) fn pass_faults(&mut self) {
         let now_ms = self.now_ms;
         let arrived = self.troubles.commands_arrived;
-        let is_due = |when: When| match when {
-            When::AtMs(at_ms) => at_ms <= now_ms,
-            When::AtCommand(number) => number <= arrived,
+        let is_due = |when: FaultTime| match when {
+            FaultTime::AtMs(at_ms) => at_ms <= now_ms,
+            FaultTime::AtCommand(number) => number <= arrived,
         };
         if self.troubles.planned.iter().any(|planned| is_due(planned.when)) {
             let all = std::mem::take(&mut self.troubles.planned);
             let (due, later): (Vec<_>, Vec<_>) = all.into_iter().partition(|planned| is_due(planned.when));
             self.troubles.planned = later;
-            due.iter().for_each(|planned| self.inject(planned.fault));
+            due.iter().for_each(|planned| self.apply_fault(planned.fault));
         }
         while let Some(at) = self.troubles.ends.iter().position(|(end_ms, _)| *end_ms <= now_ms) {
             let (_, fault) = self.troubles.ends.swap_remove(at);
@@ -60,7 +60,7 @@ impl Controller {
             Fault::Unplug { for_ms } => {
                 troubles.unplugged = begins;
                 if !begins {
-                    self.plug_in();
+                    self.reconnect_cable();
                 }
                 for_ms
             }
@@ -84,7 +84,7 @@ impl Controller {
                 None
             }
             Fault::LoseBase | Fault::LoseTool => {
-                troubles.lost = Some(if fault == Fault::LoseBase { SET_BASE } else { SET_TCP });
+                troubles.lost_operation = Some(if fault == Fault::LoseBase { SET_BASE } else { SET_TCP });
                 None
             }
             Fault::WrongBase => {
@@ -102,21 +102,21 @@ impl Controller {
                 troubles.override_percent = begins.then_some(percent);
                 for_ms
             }
-            Fault::Measured { off_mm, for_ms } => {
-                troubles.measured_off_mm = begins.then_some(off_mm);
+            Fault::Measured { deviation_mm: off_mm, for_ms } => {
+                troubles.pose_deviation_mm = begins.then_some(off_mm);
                 for_ms
             }
             Fault::Slow { percent, for_ms } => {
                 troubles.slow_share = begins.then_some(f64::from(percent) / 100.0);
                 for_ms
             }
-            _ => self.press(fault, begins),
+            _ => self.perform_person_action(fault, begins),
         }
     }
 
     /// Performs an action of people, of the safety controller or of the mains.
-    fn press(&mut self, fault: Fault, begins: bool) -> Option<u64> {
-        let for_ms = self.press_one(fault, begins);
+    fn perform_person_action(&mut self, fault: Fault, begins: bool) -> Option<u64> {
+        let for_ms = self.perform_single_action(fault, begins);
         if !begins {
             // The person who corrected the fault starts the program again.
             self.start_program();
@@ -124,7 +124,7 @@ impl Controller {
         for_ms
     }
 
-    fn press_one(&mut self, fault: Fault, begins: bool) -> Option<u64> {
+    fn perform_single_action(&mut self, fault: Fault, begins: bool) -> Option<u64> {
         match fault {
             Fault::EStop { for_ms } => {
                 if begins {
@@ -149,7 +149,7 @@ impl Controller {
             }
             Fault::Deselect { for_ms } => {
                 if begins {
-                    self.deselect();
+                    self.deselect_program();
                 } else {
                     self.select();
                 }
@@ -166,9 +166,9 @@ impl Controller {
     }
 
     /// Plugs the cable in again: the waiting bytes arrive first, then the closing of connections.
-    fn plug_in(&mut self) {
+    fn reconnect_cable(&mut self) {
         for (index, channel) in [Channel::Command, Channel::State].into_iter().enumerate() {
-            let bytes = std::mem::take(&mut self.troubles.behind_cable[index]);
+            let bytes = std::mem::take(&mut self.troubles.cable_buffer[index]);
             match channel {
                 Channel::Command => self.command_bytes(&bytes),
                 Channel::State => self.state_bytes(&bytes),
@@ -180,10 +180,10 @@ impl Controller {
     }
 }
 
-fn channels(side: Side) -> &'static [Channel] {
+fn channels(side: ConnectionSide) -> &'static [Channel] {
     match side {
-        Side::Command => &[Channel::Command],
-        Side::State => &[Channel::State],
-        Side::Both => &[Channel::Command, Channel::State],
+        ConnectionSide::Command => &[Channel::Command],
+        ConnectionSide::State => &[Channel::State],
+        ConnectionSide::Both => &[Channel::Command, Channel::State],
     }
 }

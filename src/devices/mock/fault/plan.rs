@@ -4,7 +4,7 @@ use super::super::options::Mode;
 
 /// Which connections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Side {
+pub enum ConnectionSide {
     /// CELLCMD.
     Command,
     /// CELLSTAT.
@@ -17,7 +17,7 @@ pub enum Side {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
     /// `cut`: the controller closes connections.
-    Cut(Side),
+    Cut(ConnectionSide),
     /// `unplug`: the cable is out. Bytes wait on both sides, nothing is reported.
     Unplug {
         /// How long, ms.
@@ -39,7 +39,7 @@ pub enum Fault {
         for_ms: Option<u64>,
     },
     /// `garbage`: the controller sends bytes that are no document.
-    Garbage(Side),
+    Garbage(ConnectionSide),
     /// `skip-state`: the sequence number of the next state is skipped.
     SkipState,
     /// `lose-base`: the next `set_base` is acknowledged and has no effect.
@@ -68,7 +68,7 @@ pub enum Fault {
     /// `measured`: the reported pose of the tool is off by this distance, 1 to 200 mm, along Z of the active base.
     Measured {
         /// How far, mm.
-        off_mm: u8,
+        deviation_mm: u8,
         /// How long, ms.
         for_ms: Option<u64>,
     },
@@ -108,7 +108,7 @@ pub enum Fault {
 
 /// When it happens.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum When {
+pub enum FaultTime {
     /// At this time, ms since the controller's start.
     AtMs(u64),
     /// When this number of commands has arrived.
@@ -117,9 +117,9 @@ pub enum When {
 
 /// A fault and its time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Planned {
+pub struct PlannedFault {
     /// When.
-    pub when: When,
+    pub when: FaultTime,
     /// What.
     pub fault: Fault,
 }
@@ -134,5 +134,5 @@ pub struct FaultSpec {
     /// The output is sent in pieces that do not follow the documents' boundaries.
     pub fragment: bool,
     /// The faults, each with its time.
-    pub planned: Vec<Planned>,
+    pub planned: Vec<PlannedFault>,
 }

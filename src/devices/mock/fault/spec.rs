@@ -1,7 +1,7 @@
 //! A fault specification from text.
 
 use super::super::options::Mode;
-use super::plan::{Fault, FaultSpec, Planned, Side, When};
+use super::plan::{ConnectionSide, Fault, FaultSpec, FaultTime, PlannedFault};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::str::FromStr;
@@ -13,7 +13,7 @@ pub enum FaultSpecError {
     #[error("an item is empty; items are separated by single commas")]
     Empty,
     /// The name is no fault or setting.
-    #[error("\"{item}\": {name} is not a fault or setting{}; valid: {}", nearest(name), known())]
+    #[error("\"{item}\": {name} is not a fault or setting{}; valid: {}", nearest(name), known_faults())]
     Unknown {
         /// The whole item.
         item: String,
@@ -90,7 +90,7 @@ const FAULTS: [&str; 20] = [
 const MAX_TIME_MS: f64 = 86_400_000.0;
 const MAX_RANDOM_FAULTS: usize = 1_000;
 
-fn known() -> String {
+fn known_faults() -> String {
     SETTINGS.iter().chain(&FAULTS).copied().collect::<Vec<_>>().join(", ")
 }
 
@@ -127,20 +127,21 @@ impl FromStr for FaultSpec {
             let item = Item::parse(text.trim())?;
             match item.name {
                 "seed" => {
-                    spec.seed = item.plain()?.value("a whole number, such as seed=7", |text| text.parse().ok())?;
+                    spec.seed =
+                        item.check_no_time()?.value("a whole number, such as seed=7", |text| text.parse().ok())?;
                 }
-                "delay" => spec.delay_ms = Some(item.plain()?.delay()?),
+                "delay" => spec.delay_ms = Some(item.check_no_time()?.delay()?),
                 "fragment" => {
-                    item.plain()?.no_value()?;
+                    item.check_no_time()?.check_no_value()?;
                     spec.fragment = true;
                 }
                 "random" => random = Some(item.random()?),
-                _ => spec.planned.push(item.planned()?),
+                _ => spec.planned.push(item.to_planned_fault()?),
             }
         }
         if let Some((count, within_ms)) = random {
             let mut draw = Pcg64::seed_from_u64(spec.seed);
-            spec.planned.extend((0..count).map(|_| any_fault(&mut draw, within_ms)));
+            spec.planned.extend((0..count).map(|_| random_fault(&mut draw, within_ms)));
         }
         Ok(spec)
     }
@@ -148,7 +149,7 @@ impl FromStr for FaultSpec {
 
 /// One item, split into its parts.
 struct Item<'a> {
-    whole: &'a str,
+    text: &'a str,
     name: &'a str,
     value: Option<&'a str>,
     duration: Option<&'a str>,
@@ -170,29 +171,29 @@ impl<'a> Item<'a> {
         if !SETTINGS.iter().chain(&FAULTS).any(|known| *known == name) {
             return Err(FaultSpecError::Unknown { item: whole.to_owned(), name: name.to_owned() });
         }
-        Ok(Item { whole, name, value, duration, when })
+        Ok(Item { text: whole, name, value, duration, when })
     }
 
-    fn needless(&self, what: &'static str) -> FaultSpecError {
-        FaultSpecError::Needless { item: self.whole.to_owned(), name: self.name.to_owned(), what }
+    fn needless_error(&self, what: &'static str) -> FaultSpecError {
+        FaultSpecError::Needless { item: self.text.to_owned(), name: self.name.to_owned(), what }
     }
 
     /// Checks that the item is a setting, which has neither duration nor time.
-    fn plain(self) -> Result<Self, FaultSpecError> {
+    fn check_no_time(self) -> Result<Self, FaultSpecError> {
         match (self.duration, self.when) {
-            (Some(_), _) => Err(self.needless("duration")),
-            (_, Some(_)) => Err(self.needless("time")),
+            (Some(_), _) => Err(self.needless_error("duration")),
+            (_, Some(_)) => Err(self.needless_error("time")),
             _ => Ok(self),
         }
     }
 
-    fn no_value(&self) -> Result<(), FaultSpecError> {
-        if self.value.is_some() { Err(self.needless("value")) } else { Ok(()) }
+    fn check_no_value(&self) -> Result<(), FaultSpecError> {
+        if self.value.is_some() { Err(self.needless_error("value")) } else { Ok(()) }
     }
 
     fn value<T>(&self, allowed: &'static str, read: impl Fn(&str) -> Option<T>) -> Result<T, FaultSpecError> {
         self.value.and_then(read).ok_or_else(|| FaultSpecError::Value {
-            item: self.whole.to_owned(),
+            item: self.text.to_owned(),
             found: self.value.map_or_else(|| "missing".to_owned(), |value| format!("\"{value}\"")),
             allowed,
         })
@@ -200,15 +201,15 @@ impl<'a> Item<'a> {
 
     fn time(&self, text: &str, at: bool) -> Result<u64, FaultSpecError> {
         milliseconds(text).ok_or_else(|| FaultSpecError::Time {
-            item: self.whole.to_owned(),
+            item: self.text.to_owned(),
             found: format!("\"{text}\""),
             at,
         })
     }
 
     fn delay(&self) -> Result<(u64, u64), FaultSpecError> {
-        const ALLOWED: &str = "a time or a range of times, such as 20ms or 2ms..25ms, at most 10s";
-        self.value(ALLOWED, |text| {
+        const ALLOWED_FAULTS: &str = "a time or a range of times, such as 20ms or 2ms..25ms, at most 10s";
+        self.value(ALLOWED_FAULTS, |text| {
             let (low, high) = text.split_once("..").unwrap_or((text, text));
             let (low, high) = (milliseconds(low)?, milliseconds(high)?);
             (low <= high && high <= 10_000).then_some((low, high))
@@ -217,7 +218,7 @@ impl<'a> Item<'a> {
 
     fn random(&self) -> Result<(usize, u64), FaultSpecError> {
         if self.when.is_some() {
-            return Err(self.needless("time"));
+            return Err(self.needless_error("time"));
         }
         let within_ms = self.duration.map_or(Ok(60_000), |text| self.time(text, false))?;
         let count = self.value("a count of 1 to 1000, such as random=5/60s", |text| {
@@ -226,22 +227,22 @@ impl<'a> Item<'a> {
         Ok((count, within_ms.max(1)))
     }
 
-    fn side(&self) -> Result<Side, FaultSpecError> {
+    fn side(&self) -> Result<ConnectionSide, FaultSpecError> {
         let side = |text: &str| match text {
-            "command" => Some(Side::Command),
-            "state" => Some(Side::State),
-            "both" => Some(Side::Both),
+            "command" => Some(ConnectionSide::Command),
+            "state" => Some(ConnectionSide::State),
+            "both" => Some(ConnectionSide::Both),
             _ => None,
         };
-        if self.value.is_none() { Ok(Side::Both) } else { self.value("command, state or both", side) }
+        if self.value.is_none() { Ok(ConnectionSide::Both) } else { self.value("command, state or both", side) }
     }
 
-    fn planned(&self) -> Result<Planned, FaultSpecError> {
+    fn to_planned_fault(&self) -> Result<PlannedFault, FaultSpecError> {
         let when = match self.when {
-            None => return Err(FaultSpecError::NoTime { item: self.whole.to_owned() }),
+            None => return Err(FaultSpecError::NoTime { item: self.text.to_owned() }),
             Some(text) => match text.strip_prefix('#').map(str::parse) {
-                Some(Ok(number)) => When::AtCommand(number),
-                _ => When::AtMs(self.time(text, true)?),
+                Some(Ok(number)) => FaultTime::AtCommand(number),
+                _ => FaultTime::AtMs(self.time(text, true)?),
             },
         };
         let for_ms = self.duration.map(|text| self.time(text, false)).transpose()?;
@@ -262,10 +263,10 @@ impl<'a> Item<'a> {
                 | "reboot"
         );
         if for_ms.is_some() && !lasts {
-            return Err(self.needless("duration"));
+            return Err(self.needless_error("duration"));
         }
         if !matches!(self.name, "cut" | "garbage" | "refuse" | "slow" | "override" | "measured" | "mode") {
-            self.no_value()?;
+            self.check_no_value()?;
         }
         let number =
             |low: u8, high: u8| move |text: &str| text.parse().ok().filter(|number| (low..=high).contains(number));
@@ -283,19 +284,19 @@ impl<'a> Item<'a> {
             "refuse" => Fault::Refuse(self.value("an Err of 1 to 12", number(1, 12))?),
             "slow" => Fault::Slow { percent: self.value("1 to 100 percent", number(1, 100))?, for_ms },
             "override" => Fault::Override { percent: self.value("1 to 100 percent", number(1, 100))?, for_ms },
-            "measured" => Fault::Measured { off_mm: self.value("1 to 200 mm", number(1, 200))?, for_ms },
+            "measured" => Fault::Measured { deviation_mm: self.value("1 to 200 mm", number(1, 200))?, for_ms },
             "e-stop" => Fault::EStop { for_ms },
             "guard" => Fault::Guard { for_ms },
             "drives" => Fault::Drives { for_ms },
-            "mode" => Fault::Mode { to: self.value("T1, T2, AUT or EXT", mode)?, for_ms },
+            "mode" => Fault::Mode { to: self.value("T1, T2, AUT or EXT", parse_mode)?, for_ms },
             "deselect" => Fault::Deselect { for_ms },
             _ => Fault::Reboot { for_ms },
         };
-        Ok(Planned { when, fault })
+        Ok(PlannedFault { when, fault })
     }
 }
 
-fn mode(text: &str) -> Option<Mode> {
+fn parse_mode(text: &str) -> Option<Mode> {
     match text {
         "T1" => Some(Mode::T1),
         "T2" => Some(Mode::T2),
@@ -318,9 +319,9 @@ fn milliseconds(text: &str) -> Option<u64> {
 }
 
 /// Returns a random fault that ends by itself, at a time within these ms.
-pub(super) fn any_fault(draw: &mut Pcg64, within_ms: u64) -> Planned {
+pub(super) fn random_fault(draw: &mut Pcg64, within_ms: u64) -> PlannedFault {
     let for_ms = Some(draw.random_range(100..3_000));
-    let side = [Side::Command, Side::State, Side::Both][draw.random_range(0..3)];
+    let side = [ConnectionSide::Command, ConnectionSide::State, ConnectionSide::Both][draw.random_range(0..3)];
     let faults = [
         Fault::Cut(side),
         Fault::Garbage(side),
@@ -343,7 +344,7 @@ pub(super) fn any_fault(draw: &mut Pcg64, within_ms: u64) -> Planned {
         Fault::Reboot { for_ms },
     ];
     let fault = faults[draw.random_range(0..faults.len())];
-    Planned { when: When::AtMs(draw.random_range(0..within_ms)), fault }
+    PlannedFault { when: FaultTime::AtMs(draw.random_range(0..within_ms)), fault }
 }
 
 #[cfg(test)]

@@ -1,15 +1,15 @@
 //! The faults of a controller: those that are still to come, and those that last.
 
 use super::super::wire::{Channel, Command, Refusal, SET_BASE, SET_TCP};
-use super::plan::{Fault, Planned};
+use super::plan::{Fault, PlannedFault};
 
 /// The error of a wrong base, mm.
-const WRONG_MM: f64 = 1.0;
+const BASE_ERROR_MM: f64 = 1.0;
 
 /// The faults of a controller: those that are still to come, and those that last.
 #[derive(Debug, Default)]
-pub(in super::super) struct Troubles {
-    pub(super) planned: Vec<Planned>,
+pub(in super::super) struct FaultState {
+    pub(super) planned: Vec<PlannedFault>,
     pub(super) commands_arrived: u64,
     /// The faults that end by themselves, and the times of their ends.
     pub(super) ends: Vec<(u64, Fault)>,
@@ -19,34 +19,34 @@ pub(in super::super) struct Troubles {
     pub(super) stalled: bool,
     pub(super) slow_share: Option<f64>,
     pub(super) override_percent: Option<u8>,
-    pub(super) measured_off_mm: Option<u8>,
+    pub(super) pose_deviation_mm: Option<u8>,
     /// The operation, `set_base` or `set_tcp`, whose next command is acknowledged without an effect.
-    pub(super) lost: Option<i32>,
+    pub(super) lost_operation: Option<i32>,
     pub(super) wrong_base: bool,
     pub(super) refusal: Option<Refusal>,
     pub(super) skips_state: bool,
     /// Bytes and closed connections that wait for the cable, by channel.
-    pub(in super::super) behind_cable: [Vec<u8>; 2],
+    pub(in super::super) cable_buffer: [Vec<u8>; 2],
     pub(in super::super) hung_up: [bool; 2],
 }
 
-impl Troubles {
-    pub(in super::super) fn new(planned: Vec<Planned>) -> Self {
-        Troubles { planned, ..Troubles::default() }
+impl FaultState {
+    pub(in super::super) fn new(planned: Vec<PlannedFault>) -> Self {
+        FaultState { planned, ..FaultState::default() }
     }
 
     /// Returns whether the cable is out.
-    pub(in super::super) fn unplugged(&self) -> bool {
+    pub(in super::super) fn is_unplugged(&self) -> bool {
         self.unplugged
     }
 
     /// Returns whether nothing is sent on this channel.
-    pub(in super::super) fn silences(&self, channel: Channel) -> bool {
+    pub(in super::super) fn is_channel_silenced(&self, channel: Channel) -> bool {
         self.mute || (self.no_acks && channel == Channel::Command)
     }
 
     /// Returns whether the submit interpreter is stalled.
-    pub(in super::super) fn stalled(&self) -> bool {
+    pub(in super::super) fn is_submit_stalled(&self) -> bool {
         self.stalled
     }
 
@@ -56,8 +56,8 @@ impl Troubles {
     }
 
     /// Returns the deviation of the measured pose along Z, mm.
-    pub(in super::super) fn measured_off_mm(&self) -> f64 {
-        self.measured_off_mm.map_or(0.0, f64::from)
+    pub(in super::super) fn pose_deviation_mm(&self) -> f64 {
+        self.pose_deviation_mm.map_or(0.0, f64::from)
     }
 
     /// Returns the share of its commanded speed at which the arm moves.
@@ -71,25 +71,25 @@ impl Troubles {
     }
 
     /// Returns one if the sequence number of a state is to be skipped, otherwise zero.
-    pub(in super::super) fn take_skip(&mut self) -> i32 {
+    pub(in super::super) fn take_sequence_skip(&mut self) -> i32 {
         i32::from(std::mem::take(&mut self.skips_state))
     }
 
     /// Returns the value to which a frame is really set, with the faults applied; `None` if the command has no effect.
-    pub(in super::super) fn spoil(&mut self, command: &Command) -> Option<[f64; 6]> {
+    pub(in super::super) fn faulty_frame(&mut self, command: &Command) -> Option<[f64; 6]> {
         let mut numbers = command.p;
-        if self.lost == Some(command.operation) {
-            self.lost = None;
+        if self.lost_operation == Some(command.operation) {
+            self.lost_operation = None;
             return None;
         }
         if command.operation == SET_BASE && std::mem::take(&mut self.wrong_base) {
-            numbers[0] += WRONG_MM;
+            numbers[0] += BASE_ERROR_MM;
         }
         Some(numbers)
     }
 }
 
-impl Troubles {
+impl FaultState {
     /// Returns the value to which `$BASE` or `$TOOL` is really set when a program sets it, with the faults applied;
     /// `None` if there is no effect. Null frames are not affected: the program itself sets them, at the start of an
     /// epoch.
@@ -98,12 +98,12 @@ impl Troubles {
         if frame == [0.0; 6] {
             return Some(frame);
         }
-        if self.lost == Some(operation) {
-            self.lost = None;
+        if self.lost_operation == Some(operation) {
+            self.lost_operation = None;
             return None;
         }
         if is_base && std::mem::take(&mut self.wrong_base) {
-            frame[0] += WRONG_MM as f32;
+            frame[0] += BASE_ERROR_MM as f32;
         }
         Some(frame)
     }

@@ -7,15 +7,15 @@ use super::super::codec::{Template, Value};
 use super::super::error::{EkiError, EkiFault};
 use super::super::model::Controller;
 use super::super::wire::Channel;
-use super::values::Values;
-use crate::krl::{Builtin, Cell, EkiAnswer, Meaning};
+use super::values::ControllerValues;
+use crate::krl::{Builtin, Cell, EkiAnswer, UndocumentedBehaviour};
 
 /// Error codes, in this order: not available; initialised already; interpretation failed; exists already; unknown
 /// element; no client is connected.
 const NOT_AVAILABLE: i32 = 9;
 const INITIALISED: i32 = 23;
 const FAILED: i32 = 6;
-const EXISTS: i32 = 12;
+const ALREADY_INITIALISED: i32 = 12;
 const NO_ELEMENT: i32 = 16;
 const DISCONNECTED: i32 = 10;
 /// Time after EKI_Clear during which an EKI_Open may fail, ms.
@@ -23,8 +23,8 @@ const REOPEN_MS: u64 = 24;
 
 pub(super) fn call(
     controller: &mut Controller,
-    values: &mut Values,
-    meaning: Meaning,
+    values: &mut ControllerValues,
+    meaning: UndocumentedBehaviour,
     what: Builtin,
     (name, tag): (&str, &str),
     value: &[Cell],
@@ -34,7 +34,7 @@ pub(super) fn call(
     } else if name.eq_ignore_ascii_case("CELLSTAT") {
         Channel::State
     } else {
-        return Ok(answer(controller, Channel::Command, NOT_AVAILABLE));
+        return Ok(eki_answer(controller, Channel::Command, NOT_AVAILABLE));
     };
     let now_ms = controller.now_ms;
     let state = &mut values.channels[channel as usize];
@@ -58,11 +58,11 @@ pub(super) fn call(
             0
         }
         Builtin::EkiOpen if !state.initialised => NOT_AVAILABLE,
-        Builtin::EkiOpen if state.listens => EXISTS,
+        Builtin::EkiOpen if state.listens => ALREADY_INITIALISED,
         Builtin::EkiOpen
             if meaning.immediate_reopen_fails && now_ms < state.cleared_ms + REOPEN_MS && now_ms > REOPEN_MS =>
         {
-            EXISTS
+            ALREADY_INITIALISED
         }
         Builtin::EkiOpen => {
             state.listens = true;
@@ -83,16 +83,16 @@ pub(super) fn call(
         Builtin::EkiSetFrame => return Err("the mock controller does not support EKI_SetFrame".to_owned()),
         _ => return Ok(read(controller, channel, what, tag)),
     };
-    Ok(answer(controller, channel, msg_no))
+    Ok(eki_answer(controller, channel, msg_no))
 }
 
-fn answer(controller: &Controller, channel: Channel, msg_no: i32) -> EkiAnswer {
+fn eki_answer(controller: &Controller, channel: Channel, msg_no: i32) -> EkiAnswer {
     let connected = controller.is_connected(channel);
     EkiAnswer { buff: 0, read: 0, msg_no, connected, counter: 0, value: [Cell::Unset; 6] }
 }
 
 fn read(controller: &mut Controller, channel: Channel, what: Builtin, tag: &str) -> EkiAnswer {
-    let empty = answer(controller, channel, 0);
+    let empty = eki_answer(controller, channel, 0);
     let memory = &mut controller.link(channel).memory;
     let Some(place) = memory.find(tag) else { return EkiAnswer { msg_no: NO_ELEMENT, ..empty } };
     let mut value = [Cell::Unset; 6];
@@ -115,11 +115,11 @@ fn read(controller: &mut Controller, channel: Channel, what: Builtin, tag: &str)
             return empty;
         }
         _ => {
-            let buff = i32::try_from(memory.waiting(place)).unwrap_or(i32::MAX);
+            let buff = i32::try_from(memory.waiting_count(place)).unwrap_or(i32::MAX);
             return EkiAnswer { buff, ..empty };
         }
     };
-    let buff = i32::try_from(memory.waiting(place)).unwrap_or(i32::MAX);
+    let buff = i32::try_from(memory.waiting_count(place)).unwrap_or(i32::MAX);
     match found {
         Ok(counter) => EkiAnswer { buff, read: 1, counter: counter.cast_signed(), value, ..empty },
         Err(EkiError::Empty) => EkiAnswer { msg_no: 15, ..empty },
@@ -127,8 +127,8 @@ fn read(controller: &mut Controller, channel: Channel, what: Builtin, tag: &str)
     }
 }
 
-fn set(controller: &Controller, values: &mut Values, channel: Channel, tag: &str, value: Cell) -> i32 {
-    let sent = controller.sent(channel);
+fn set(controller: &Controller, values: &mut ControllerValues, channel: Channel, tag: &str, value: Cell) -> i32 {
+    let sent = controller.sent_elements(channel);
     let state = &mut values.channels[channel as usize];
     // Programs set the values in the file's order, so the search for the next one starts after the last.
     let (before, behind) = sent.split_at(state.set_next.min(sent.len()));
@@ -145,14 +145,14 @@ fn set(controller: &Controller, values: &mut Values, channel: Channel, tag: &str
     0
 }
 
-fn send(controller: &mut Controller, values: &Values, channel: Channel, tag: &str) -> i32 {
-    if !controller.sent(channel).iter().any(|element| element.tag.split('/').next() == Some(tag)) {
+fn send(controller: &mut Controller, values: &ControllerValues, channel: Channel, tag: &str) -> i32 {
+    if !controller.sent_elements(channel).iter().any(|element| element.tag.split('/').next() == Some(tag)) {
         return NO_ELEMENT;
     }
     if !controller.is_connected(channel) {
         return DISCONNECTED;
     }
-    if !controller.troubles.silences(channel) {
+    if !controller.troubles.is_channel_silenced(channel) {
         let sent = match channel {
             Channel::Command => &controller.setup.commands.sent,
             Channel::State => &controller.setup.states.sent,
@@ -173,7 +173,7 @@ fn send(controller: &mut Controller, values: &Values, channel: Channel, tag: &st
 impl Controller {
     /// Connects a client. Returns true if the program has opened the channel and no client is connected.
     pub(in super::super) fn connect_interpreted(&mut self, channel: Channel) -> bool {
-        self.open_in_lock_step(channel);
+        self.wait_for_channel_open(channel);
         let listens =
             self.running.as_ref().is_some_and(|running| running.values.channels[channel as usize].listens);
         if !listens || self.is_connected(channel) {
@@ -196,7 +196,7 @@ impl Controller {
         }
         (link.connected, link.fault) = (false, Some(fault));
         link.out.clear();
-        self.forget_held(channel);
+        self.clear_held(channel);
         self.show_alive(channel);
         if let Some(running) = &mut self.running {
             running.values.channels[channel as usize].listens = false;
@@ -206,7 +206,7 @@ impl Controller {
 
     /// Closes the channel, as the program requested.
     pub(super) fn eki_closes(&mut self, channel: Channel) {
-        self.troubles.behind_cable[channel as usize].clear();
+        self.troubles.cable_buffer[channel as usize].clear();
         self.troubles.hung_up[channel as usize] = false;
         let link = self.link(channel);
         link.connected = false;
@@ -214,7 +214,7 @@ impl Controller {
         self.show_alive(channel);
     }
 
-    pub(super) fn sent(&self, channel: Channel) -> &[Element] {
+    pub(super) fn sent_elements(&self, channel: Channel) -> &[Element] {
         match channel {
             Channel::Command => &self.setup.commands.sent,
             Channel::State => &self.setup.states.sent,

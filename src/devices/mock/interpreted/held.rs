@@ -28,7 +28,7 @@ pub(super) struct HeldDocuments {
     /// Whether commands that a heartbeat names may still arrive, because their channel was not lost.
     pub(super) awaits_commands: bool,
     /// A request is being served.
-    pub(super) serves: bool,
+    pub(super) is_serving: bool,
 }
 
 impl HeldDocuments {
@@ -39,7 +39,7 @@ impl HeldDocuments {
             requests: VecDeque::new(),
             arrived: (0, 0),
             awaits_commands: true,
-            serves: false,
+            is_serving: false,
         }
     }
 
@@ -56,7 +56,7 @@ impl HeldDocuments {
     }
 
     /// Takes the commands up to the one that a heartbeat names.
-    pub(super) fn up_to(&mut self, heartbeat: &Document) -> Vec<Document> {
+    pub(super) fn take_up_to(&mut self, heartbeat: &Document) -> Vec<Document> {
         let named = heartbeat.epoch.zip(heartbeat.number);
         let is_later = |command: &Document| match (command.epoch.zip(command.id), named) {
             (Some(key), Some(named)) => key > named,

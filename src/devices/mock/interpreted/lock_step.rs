@@ -12,7 +12,7 @@ use super::super::wire::{self, Channel};
 use super::held::Document;
 
 /// Time that a heartbeat grants.
-const GRANT_MS: u64 = 100;
+const HEARTBEAT_GRANT_MS: u64 = 100;
 /// Time from the controller's start until its programs run, ms.
 const BOOT_MS: u64 = 600;
 /// Time limit for an answer, or for a channel that must be opened, ms.
@@ -20,8 +20,9 @@ const RESPONSE_TIMEOUT_MS: u64 = 10_000;
 
 impl Controller {
     /// Returns whether arriving bytes are held back.
-    pub(in super::super) fn holds(&self) -> bool {
-        self.setup.clock == Clock::LockStep && self.running.as_ref().is_some_and(|running| !running.held.serves)
+    pub(in super::super) fn is_holding_back(&self) -> bool {
+        self.setup.clock == Clock::LockStep
+            && self.running.as_ref().is_some_and(|running| !running.held_documents.is_serving)
     }
 
     /// Lets the time pass that the programs need to start, so that a client that connects finds them running. No
@@ -40,7 +41,7 @@ impl Controller {
         };
         let Some(running) = &mut self.running else { return };
         let mut read = Vec::new();
-        let held = &mut running.held;
+        let held = &mut running.held_documents;
         held.framers[channel as usize].push(bytes);
         let broken = loop {
             match held.framers[channel as usize].next() {
@@ -60,41 +61,41 @@ impl Controller {
         }
         match broken {
             Some(fault) => self.close(channel, fault),
-            None => self.serve_held(),
+            None => self.process_held(),
         }
     }
 
     /// Forgets all documents of a client that is gone.
-    pub(super) fn forget_held(&mut self, channel: Channel) {
+    pub(super) fn clear_held(&mut self, channel: Channel) {
         let limit_bytes = match channel {
             Channel::Command => self.setup.commands.limit_bytes,
             Channel::State => self.setup.states.limit_bytes,
         };
         let Some(running) = &mut self.running else { return };
-        running.held.framers[channel as usize] = Framer::new(limit_bytes);
-        running.held.queue_mut(channel).clear();
-        running.held.awaits_commands &= channel != Channel::Command;
+        running.held_documents.framers[channel as usize] = Framer::new(limit_bytes);
+        running.held_documents.queue_mut(channel).clear();
+        running.held_documents.awaits_commands &= channel != Channel::Command;
     }
 
     /// Gives the programs the time to open their channel, because a client wants to connect.
-    pub(super) fn open_in_lock_step(&mut self, channel: Channel) {
-        if !self.holds() || self.is_connected(channel) {
+    pub(super) fn wait_for_channel_open(&mut self, channel: Channel) {
+        if !self.is_holding_back() || self.is_connected(channel) {
             return;
         }
-        self.forget_held(channel);
+        self.clear_held(channel);
         let listens = |controller: &Controller| {
             controller.running.as_ref().is_some_and(|running| running.values.channels[channel as usize].listens)
         };
         if !listens(self) {
-            self.let_pass(listens);
+            self.run_until(listens);
         }
         if let Some(running) = &mut self.running {
-            running.held.awaits_commands = true;
+            running.held_documents.awaits_commands = true;
         }
     }
 
     /// Lets ticks pass until this condition is satisfied, at least one tick.
-    fn let_pass(&mut self, holds: impl Fn(&Controller) -> bool) {
+    fn run_until(&mut self, holds: impl Fn(&Controller) -> bool) {
         for _ in 0..RESPONSE_TIMEOUT_MS / TICK_MS {
             self.advance_ms(TICK_MS);
             if holds(self) {
@@ -103,32 +104,32 @@ impl Controller {
         }
     }
 
-    fn serve_held(&mut self) {
+    fn process_held(&mut self) {
         loop {
             let epoch = self.epoch();
-            let Some(held) = self.running.as_mut().map(|running| &mut running.held) else { return };
+            let Some(held) = self.running.as_mut().map(|running| &mut running.held_documents) else { return };
             let Some(next) = held.requests.front() else { return };
             let is_delivered = held.is_delivered(next, epoch);
             let is_heartbeat = next.operation == Some(wire::HEARTBEAT);
             // A heartbeat whose commands have not arrived waits only if no document follows it: a later document, such
             // as an abort, must not wait for the heartbeat.
-            if held.serves || (is_heartbeat && !is_delivered && held.requests.len() == 1) {
+            if held.is_serving || (is_heartbeat && !is_delivered && held.requests.len() == 1) {
                 return;
             }
             let Some(request) = held.requests.pop_front() else { return };
-            held.serves = true;
+            held.is_serving = true;
             if is_heartbeat && is_delivered {
-                let commands = held.up_to(&request);
+                let commands = held.take_up_to(&request);
                 commands.iter().for_each(|command| self.command_bytes(&command.bytes));
-                self.advance_ms(GRANT_MS - TICK_MS);
+                self.advance_ms(HEARTBEAT_GRANT_MS - TICK_MS);
             }
             self.state_bytes(&request.bytes);
-            self.let_pass(|controller| {
+            self.run_until(|controller| {
                 let answered = controller.shared("CELL_RE");
                 !controller.is_connected(Channel::State) || answered == request.id.map(crate::krl::Cell::Int)
             });
             if let Some(running) = &mut self.running {
-                running.held.serves = false;
+                running.held_documents.is_serving = false;
             }
         }
     }

@@ -31,4 +31,4 @@ mod variables;
 pub use programs::Programs;
 pub use robot_state::RobotState;
 
-pub(super) use running::Running;
+pub(super) use running::RunningPrograms;

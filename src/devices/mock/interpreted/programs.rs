@@ -3,7 +3,7 @@
 use super::super::error::MockError;
 use crate::config::Problem;
 use crate::controller::base_name;
-use crate::krl::{Kss, Meaning, Program, analyse, parse};
+use crate::krl::{Kss, Program, UndocumentedBehaviour, analyse, parse};
 use std::sync::Arc;
 
 /// The programs that a mock controller executes, and the options of their execution.
@@ -11,11 +11,11 @@ use std::sync::Arc;
 pub struct Programs {
     pub(super) program: Arc<Program>,
     /// The behaviour that public documents do not define.
-    pub meaning: Meaning,
+    pub meaning: UndocumentedBehaviour,
     /// Of the scheduler.
     pub seed: u64,
     /// The scheduler chooses turns of any length; otherwise each interpreter runs until it waits.
-    pub adverse: bool,
+    pub is_adverse_scheduling: bool,
     /// A start of the controller uses the values of the data lists; otherwise it uses the values at the last end.
     pub cold_start: bool,
     /// The value of `$ROB_TIMER` at the start, ms.
@@ -25,13 +25,13 @@ pub struct Programs {
     pub busy_submit: bool,
     /// Inputs and outputs are those of `cell_config.dat`; otherwise those of the mock controller's setup replace
     /// them.
-    pub keeps_config: bool,
+    pub uses_config_io: bool,
     /// Remarks for a person about these programs: file, line, and what is not executed or not known.
     pub remarks: Vec<String>,
 }
 
 /// The shipped programs and data lists.
-const SHIPPED: [(&str, &str); 8] = [
+const SHIPPED_FILES: [(&str, &str); 8] = [
     ("cell_config.dat", include_str!("../../../../config/kuka/cell_config.dat")),
     ("cell_data.dat", include_str!("../../../../config/kuka/cell_data.dat")),
     ("cell_judge.src", include_str!("../../../../config/kuka/cell_judge.src")),
@@ -75,13 +75,13 @@ impl Programs {
         Ok(Programs {
             remarks: remarks.collect(),
             program: Arc::new(analysis.program),
-            meaning: Meaning::default(),
+            meaning: UndocumentedBehaviour::default(),
             seed: 0,
-            adverse: false,
+            is_adverse_scheduling: false,
             cold_start: false,
             uptime_ms: 0,
             busy_submit: false,
-            keeps_config: false,
+            uses_config_io: false,
         })
     }
 
@@ -90,12 +90,12 @@ impl Programs {
     ///
     /// # Errors
     /// If a file is not correct, with file and line.
-    pub fn with_own(own: &[(&str, &str)]) -> Result<Self, MockError> {
+    pub fn with_user_files(own: &[(&str, &str)]) -> Result<Self, MockError> {
         let is_own = |name: &str| own.iter().any(|(of, _)| base_name(of).eq_ignore_ascii_case(name));
-        let shipped = SHIPPED.iter().copied().filter(|(name, _)| !is_own(name));
+        let shipped = SHIPPED_FILES.iter().copied().filter(|(name, _)| !is_own(name));
         let files: Vec<_> = own.iter().copied().chain(shipped).collect();
         let keeps_config = is_own("cell_config.dat");
-        Ok(Programs { keeps_config, ..Programs::load(&files)? })
+        Ok(Programs { uses_config_io: keeps_config, ..Programs::load(&files)? })
     }
 
     /// Returns the shipped programs, as a mock controller executes them.
@@ -103,7 +103,7 @@ impl Programs {
     /// # Errors
     /// Never for the files with which this program was built; they are read like all others.
     pub fn shipped() -> Result<Self, MockError> {
-        Programs::load(&SHIPPED)
+        Programs::load(&SHIPPED_FILES)
     }
 
     /// Returns the program, for tests that refer to its statements.

@@ -4,24 +4,24 @@ use super::super::log::StopCause;
 use super::super::setup::Setup;
 use super::held::HeldDocuments;
 use super::programs::Programs;
-use super::values::Values;
+use super::values::ControllerValues;
 use crate::krl::{Cell, Interpreter, Memory};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::collections::VecDeque;
 
 /// The programs of one controller while they run.
-pub(in super::super) struct Running {
+pub(in super::super) struct RunningPrograms {
     pub(super) programs: Programs,
     pub(super) memory: Memory,
     pub(super) robot: Interpreter,
     pub(super) submit: Interpreter,
-    pub(super) values: Values,
-    pub(super) cells: Cells,
-    pub(super) draw: Pcg64,
+    pub(super) values: ControllerValues,
+    pub(super) cells: SharedCells,
+    pub(super) random: Pcg64,
     /// The scheduler's present bias towards one of the interpreters; the next field is the time at which it ends.
-    pub(super) mood: SchedulerBias,
-    pub(super) mood_until_ms: u64,
+    pub(super) scheduler_bias: SchedulerBias,
+    pub(super) bias_until_ms: u64,
     /// The time at which the submit interpreter begins.
     pub(super) boots_at_ms: u64,
     pub(super) initialised: bool,
@@ -29,24 +29,24 @@ pub(in super::super) struct Running {
     pub(super) sequences: VecDeque<u64>,
     pub(super) next_sequence: u64,
     /// Triggers that are due: the number of the motion, and the time at which the trigger becomes due.
-    pub(super) fired: VecDeque<(u64, u64)>,
+    pub(super) due_triggers: VecDeque<(u64, u64)>,
     /// Errors that stopped an interpreter although no stop was intended.
     pub(super) faults: Vec<String>,
     pub(super) was_open: bool,
     /// The last stop of the arm by the safety controller or a person: its time and cause.
-    pub(super) pressed: Option<(u64, StopCause)>,
+    pub(super) last_stop: Option<(u64, StopCause)>,
     pub(super) reset_since_ms: Option<u64>,
     /// The time at which a program that the safety controller stops is reported as stopped.
     pub(super) stops_at_ms: Option<u64>,
     /// The time at which the foreign program that a person selects begins.
     pub(super) foreign_at_ms: Option<u64>,
     /// In lock step, the documents that have arrived and are not yet handed over.
-    pub(super) held: HeldDocuments,
+    pub(super) held_documents: HeldDocuments,
 }
 
 /// Shared variables that are read from outside the programs.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Cells {
+pub(super) struct SharedCells {
     pub(super) epoch: Option<u32>,
     pub(super) open: Option<u32>,
     pub(super) stopped: Option<u32>,
@@ -67,13 +67,13 @@ pub(super) struct Cells {
     pub(super) sequence: Option<u32>,
 }
 
-impl Running {
+impl RunningPrograms {
     pub(in super::super) fn new(programs: Programs, setup: &Setup) -> Self {
         let program = programs.program.clone();
         let mut memory = Memory::new(&program);
         configure(&mut memory, &programs, setup);
         let cell = |name: &str| program.cell(name);
-        let cells = Cells {
+        let cells = SharedCells {
             epoch: cell("CELL_EP"),
             open: cell("CELL_OPEN"),
             stopped: cell("CELL_STOPPED"),
@@ -91,27 +91,27 @@ impl Running {
             under_touch: cell("CELL_UNDER_TOUCH"),
             sequence: cell("CELL_SEQ"),
         };
-        Running {
+        RunningPrograms {
             robot: Interpreter::new(programs.meaning, true),
             submit: Interpreter::new(programs.meaning, false),
-            values: Values::new(setup),
+            values: ControllerValues::new(setup),
             memory,
             cells,
-            draw: Pcg64::seed_from_u64(programs.seed),
-            mood: SchedulerBias::Fair,
-            mood_until_ms: 0,
+            random: Pcg64::seed_from_u64(programs.seed),
+            scheduler_bias: SchedulerBias::Fair,
+            bias_until_ms: 0,
             boots_at_ms: 0,
             initialised: false,
             sequences: VecDeque::new(),
             next_sequence: 1,
-            fired: VecDeque::new(),
+            due_triggers: VecDeque::new(),
             faults: Vec::new(),
             was_open: false,
-            pressed: None,
+            last_stop: None,
             reset_since_ms: None,
             stops_at_ms: None,
             foreign_at_ms: None,
-            held: HeldDocuments::new(setup),
+            held_documents: HeldDocuments::new(setup),
             programs,
         }
     }
@@ -126,15 +126,15 @@ impl Running {
         }
         self.robot.clear();
         self.submit.clear();
-        self.values = Values::new(setup);
+        self.values = ControllerValues::new(setup);
         self.sequences.clear();
-        self.fired.clear();
+        self.due_triggers.clear();
         (self.boots_at_ms, self.initialised) = (at_ms, false);
     }
 }
 
 /// Limits that fit any cell; the shipped file has the limits of one cell.
-const WIDE: [(&str, usize, f32); 4] = [
+const WIDE_LIMITS: [(&str, usize, f32); 4] = [
     ("CELL_BOX_MIN", 3, -10_000.0),
     ("CELL_BOX_MAX", 3, 10_000.0),
     ("CELL_STEP_MM", 1, 2_000.0),
@@ -153,10 +153,10 @@ fn configure(memory: &mut Memory, programs: &Programs, setup: &Setup) {
     };
     let count = |list: usize| i32::try_from(list).unwrap_or(i32::MAX);
     set("CELL_SEQ", 0, setup.first_state);
-    if programs.keeps_config {
+    if programs.uses_config_io {
         return;
     }
-    for (name, places, value) in WIDE {
+    for (name, places, value) in WIDE_LIMITS {
         for index in 0..places {
             let cell = program.cell(name).and_then(|cell| memory.cells.get_mut(cell as usize + index));
             cell.into_iter().for_each(|cell| *cell = Cell::Real(value));
@@ -168,8 +168,8 @@ fn configure(memory: &mut Memory, programs: &Programs, setup: &Setup) {
             *cell = Cell::Int(value);
         }
     };
-    set("CELL_OFF_N", 0, count(setup.off_after_ms.len().min(31)));
-    for (index, (number, after_ms)) in setup.off_after_ms.iter().take(31).enumerate() {
+    set("CELL_OFF_N", 0, count(setup.off_delays_ms.len().min(31)));
+    for (index, (number, after_ms)) in setup.off_delays_ms.iter().take(31).enumerate() {
         set("CELL_OFF", index, i32::from(*number));
         set("CELL_OFF_MS", index, i32::try_from(*after_ms).unwrap_or(i32::MAX));
     }

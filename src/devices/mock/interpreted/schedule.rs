@@ -1,13 +1,13 @@
 //! One tick of both interpreters: which one runs, for how many statements, and when interrupts and triggers
 //! interrupt it.
 
-use super::super::log::Executed;
+use super::super::log::ExecutedMotion;
 use super::super::model::{Controller, TICK_MS};
-use super::super::mover::Done;
-use super::environment::Around;
+use super::super::mover::CompletedMove;
+use super::environment::InterpreterHost;
 use super::robot_state::RobotState;
-use super::running::{Running, SchedulerBias};
-use crate::krl::Pause;
+use super::running::{RunningPrograms, SchedulerBias};
+use crate::krl::StepPause;
 use rand::RngExt;
 
 /// Number of statements per tick: enough to complete a cycle of the submit interpreter, and one pass of the robot
@@ -19,15 +19,15 @@ const ROBOT_STATEMENTS: u32 = 60;
 
 /// The turn of one of the two interpreters in a tick.
 #[derive(Debug, Clone, Copy)]
-struct Turn {
-    left: u32,
+struct SchedulerTurn {
+    remaining_steps: u32,
     done: bool,
 }
 
-const IDLE: Turn = Turn { left: 0, done: true };
+const IDLE_TURN: SchedulerTurn = SchedulerTurn { remaining_steps: 0, done: true };
 
-fn submit_turn(runs: bool, statements: u32) -> Turn {
-    Turn { left: statements, done: !runs }
+fn submit_turn(runs: bool, statements: u32) -> SchedulerTurn {
+    SchedulerTurn { remaining_steps: statements, done: !runs }
 }
 
 impl Controller {
@@ -40,27 +40,27 @@ impl Controller {
     }
 }
 
-impl Running {
+impl RunningPrograms {
     fn tick(&mut self, controller: &mut Controller) {
         self.pass_states(controller);
-        self.pass_mood(controller.now_ms);
-        controller.read_inputs();
-        let [mut submit, mut robot] = self.turns(controller);
+        self.update_bias(controller.now_ms);
+        controller.process_input();
+        let [mut submit, mut robot] = self.scheduler_turns(controller);
         while !(submit.done && robot.done) {
-            let submit_next = if submit.done || robot.done { robot.done } else { self.draw.random_bool(0.5) };
-            let burst = self.burst();
+            let submit_next = if submit.done || robot.done { robot.done } else { self.random.random_bool(0.5) };
+            let burst = self.random_burst();
             for _ in 0..burst {
                 let turn = if submit_next { &mut submit } else { &mut robot };
                 if turn.done {
                     break;
                 }
-                turn.left -= 1;
-                turn.done = turn.left == 0;
+                turn.remaining_steps -= 1;
+                turn.done = turn.remaining_steps == 0;
                 if submit_next {
                     submit.done |= self.step_submit(controller);
                     self.note_stop(controller);
                     // The submit interpreter may have set a flag for which the robot interpreter waits.
-                    robot.done &= robot.left == 0 || !self.wakes(controller);
+                    robot.done &= robot.remaining_steps == 0 || !self.wake_interpreter(controller);
                 } else {
                     robot.done |= self.step_robot(controller);
                     self.note_stop(controller);
@@ -70,65 +70,65 @@ impl Running {
         self.step_arm(controller);
     }
 
-    fn pass_mood(&mut self, now_ms: u64) {
-        if !self.programs.adverse || now_ms < self.mood_until_ms {
+    fn update_bias(&mut self, now_ms: u64) {
+        if !self.programs.is_adverse_scheduling || now_ms < self.bias_until_ms {
             return;
         }
-        self.mood_until_ms = now_ms + self.draw.random_range(30..1_500);
-        self.mood = match self.draw.random_range(0..8) {
+        self.bias_until_ms = now_ms + self.random.random_range(30..1_500);
+        self.scheduler_bias = match self.random.random_range(0..8) {
             0 => SchedulerBias::StarvesSubmit,
             1 => SchedulerBias::StarvesRobot,
             _ => SchedulerBias::Fair,
         };
     }
 
-    fn turns(&mut self, controller: &Controller) -> [Turn; 2] {
-        let submit_runs = controller.now_ms >= self.boots_at_ms && !controller.troubles.stalled();
-        let submit = match self.mood {
-            SchedulerBias::StarvesSubmit => self.draw.random_range(40..200),
+    fn scheduler_turns(&mut self, controller: &Controller) -> [SchedulerTurn; 2] {
+        let submit_runs = controller.now_ms >= self.boots_at_ms && !controller.troubles.is_submit_stalled();
+        let submit = match self.scheduler_bias {
+            SchedulerBias::StarvesSubmit => self.random.random_range(40..200),
             _ if self.programs.busy_submit => BUSY_SUBMIT_STATEMENTS,
             _ => SUBMIT_STATEMENTS,
         };
-        let robot = match self.mood {
-            SchedulerBias::StarvesRobot if self.draw.random_bool(0.5) => {
-                return [submit_turn(submit_runs, submit), IDLE];
+        let robot = match self.scheduler_bias {
+            SchedulerBias::StarvesRobot if self.random.random_bool(0.5) => {
+                return [submit_turn(submit_runs, submit), IDLE_TURN];
             }
-            SchedulerBias::StarvesRobot => self.draw.random_range(10..ROBOT_STATEMENTS),
+            SchedulerBias::StarvesRobot => self.random.random_range(10..ROBOT_STATEMENTS),
             _ => ROBOT_STATEMENTS,
         };
         let robot_runs = self.values.state == RobotState::Active && !self.robot.is_idle();
-        [submit_turn(submit_runs, submit), Turn { left: robot, done: !robot_runs }]
+        [submit_turn(submit_runs, submit), SchedulerTurn { remaining_steps: robot, done: !robot_runs }]
     }
 
-    fn burst(&mut self) -> u32 {
-        if !self.programs.adverse {
+    fn random_burst(&mut self) -> u32 {
+        if !self.programs.is_adverse_scheduling {
             return u32::MAX;
         }
-        match self.draw.random_range(0..8) {
+        match self.random.random_range(0..8) {
             0..4 => 1,
             4 => 2,
-            5 => self.draw.random_range(3..9),
-            6 => self.draw.random_range(9..40),
+            5 => self.random.random_range(3..9),
+            6 => self.random.random_range(9..40),
             _ => 400,
         }
     }
 
-    fn wakes(&mut self, controller: &mut Controller) -> bool {
-        self.values.state == RobotState::Active && self.values.changed && self.looks(controller)
+    fn wake_interpreter(&mut self, controller: &mut Controller) -> bool {
+        self.values.state == RobotState::Active && self.values.changed && self.check_interrupts(controller)
     }
 
     /// Checks the interrupts' conditions. Returns true if an interrupt begins.
-    fn looks(&mut self, controller: &mut Controller) -> bool {
+    fn check_interrupts(&mut self, controller: &mut Controller) -> bool {
         if std::mem::take(&mut self.values.changed) {
-            let Running { robot, memory, values, sequences, next_sequence, programs, .. } = self;
+            let RunningPrograms { robot, memory, values, sequences, next_sequence, programs, .. } = self;
             let meaning = programs.meaning;
-            let mut around = Around { controller, values, sequences, next_sequence, meaning };
-            if let Err(message) = robot.look(&programs.program, memory, &mut around) {
+            let mut around = InterpreterHost { controller, values, sequences, next_sequence, meaning };
+            if let Err(message) = robot.evaluate_conditions(&programs.program, memory, &mut around) {
                 self.faults.push(message);
                 return false;
             }
         }
-        self.robot.break_in()
+        self.robot.run_pending_interrupt()
     }
 
     /// Executes one statement of the submit interpreter. Returns true if its cycle is over.
@@ -136,20 +136,20 @@ impl Running {
         if self.submit.is_idle() {
             let name = if self.initialised { "CELL_CYCLE" } else { "CELL_INIT" };
             let Some(routine) = self.programs.program.routine(name) else { return true };
-            self.submit.begin(&self.programs.program, routine);
+            self.submit.start_routine(&self.programs.program, routine);
         }
-        let Running { submit, memory, values, sequences, next_sequence, programs, .. } = self;
+        let RunningPrograms { submit, memory, values, sequences, next_sequence, programs, .. } = self;
         let meaning = programs.meaning;
-        let mut around = Around { controller, values, sequences, next_sequence, meaning };
+        let mut around = InterpreterHost { controller, values, sequences, next_sequence, meaning };
         match submit.step(&programs.program, memory, &mut around) {
-            Pause::Statement => false,
-            Pause::Waits => true,
-            Pause::Ended => {
+            StepPause::Statement => false,
+            StepPause::Waits => true,
+            StepPause::Ended => {
                 self.initialised = true;
                 self.submit.clear();
                 !self.programs.busy_submit
             }
-            Pause::Fault(message) => {
+            StepPause::Fault(message) => {
                 self.faults.push(format!("submit interpreter: {message}"));
                 self.submit.clear();
                 // The submit interpreter is stopped until the controller starts again.
@@ -161,20 +161,20 @@ impl Running {
 
     /// Executes one statement of the robot interpreter. Returns true if it waits.
     fn step_robot(&mut self, controller: &mut Controller) -> bool {
-        self.looks(controller);
+        self.check_interrupts(controller);
         self.offer_trigger(controller.now_ms);
-        let Running { robot, memory, values, sequences, next_sequence, programs, .. } = self;
+        let RunningPrograms { robot, memory, values, sequences, next_sequence, programs, .. } = self;
         let meaning = programs.meaning;
-        let mut around = Around { controller, values, sequences, next_sequence, meaning };
+        let mut around = InterpreterHost { controller, values, sequences, next_sequence, meaning };
         match robot.step(&programs.program, memory, &mut around) {
-            Pause::Statement => false,
-            Pause::Waits => true,
-            Pause::Ended => {
+            StepPause::Statement => false,
+            StepPause::Waits => true,
+            StepPause::Ended => {
                 self.values.state = RobotState::Ended;
                 true
             }
-            Pause::Fault(message) => {
-                if self.values.gave_up.take().is_none() {
+            StepPause::Fault(message) => {
+                if self.values.abandon_reason.take().is_none() {
                     self.faults.push(format!("robot interpreter: {message}"));
                 }
                 self.stop_program(controller);
@@ -191,11 +191,11 @@ impl Running {
     }
 
     fn offer_trigger(&mut self, now_ms: u64) {
-        if let Some((sequence, due_ms)) = self.fired.front().copied()
+        if let Some((sequence, due_ms)) = self.due_triggers.front().copied()
             && now_ms >= due_ms
             && self.robot.fire_triggers(sequence)
         {
-            self.fired.pop_front();
+            self.due_triggers.pop_front();
         }
     }
 
@@ -205,42 +205,42 @@ impl Running {
             self.values.released = false;
         }
         let waits = self.programs.meaning.lone_approximation_waits && !self.values.released;
-        if waits && controller.mover.waits_for_next() {
+        if waits && controller.mover.is_waiting_for_blend() {
             controller.sample();
             return;
         }
-        let (done, blocked) = controller.mover.step(controller.allowed(), TICK_MS as f64 / 1000.0);
+        let (done, blocked) = controller.mover.step(controller.speed_limits(), TICK_MS as f64 / 1000.0);
         for step in &done {
-            self.reached(controller, step);
+            self.on_move_done(controller, step);
         }
         if let Some(blocked) = blocked {
-            self.values.gave_up = Some(super::super::log::words(&blocked));
+            self.values.abandon_reason = Some(super::super::log::path_stop_message(&blocked));
             self.stop_program(controller);
         }
         if controller.mover.is_idle() {
             self.sequences.clear();
         }
-        controller.contact.heads_for(controller.mover.front());
+        controller.contact.heads_for(controller.mover.current_move());
         controller.sample();
         self.note_stop(controller);
     }
 
-    fn reached(&mut self, controller: &mut Controller, done: &Done) {
-        controller.contact.reached(&done.step);
+    fn on_move_done(&mut self, controller: &mut Controller, done: &CompletedMove) {
+        controller.contact.on_point_reached(&done.step);
         if let Some(sequence) = self.sequences.pop_front() {
-            let late_ms = match self.programs.meaning.late_triggers && self.draw.random_bool(0.3) {
-                true => self.draw.random_range(0..3) * TICK_MS,
+            let late_ms = match self.programs.meaning.late_triggers && self.random.random_bool(0.3) {
+                true => self.random.random_range(0..3) * TICK_MS,
                 false => 0,
             };
             let lost = self.programs.meaning.triggers_get_lost && controller.mover.is_idle();
-            if lost && self.draw.random_bool(0.3) {
+            if lost && self.random.random_bool(0.3) {
                 self.robot.forget_triggers(sequence);
             } else if self.robot.has_trigger(sequence) {
-                self.fired.push_back((sequence, controller.now_ms + late_ms));
+                self.due_triggers.push_back((sequence, controller.now_ms + late_ms));
             }
         }
         let Some(key) = done.step.key() else { return };
-        controller.executed.push(Executed {
+        controller.executed.push(ExecutedMotion {
             epoch: key.epoch,
             id: key.id,
             joints: done.joints,

@@ -1,7 +1,7 @@
 //! The parts of the programs that can be read from outside.
 
 use super::super::model::Controller;
-use super::running::Running;
+use super::running::RunningPrograms;
 use crate::krl::Cell;
 
 impl Controller {
@@ -36,9 +36,9 @@ impl Controller {
 
     /// Returns the present file and line of each interpreter, the robot's first.
     pub fn program_places(&self) -> Option<[String; 2]> {
-        self.running
-            .as_ref()
-            .map(|running| [&running.robot, &running.submit].map(|it| it.place(&running.programs.program)))
+        self.running.as_ref().map(|running| {
+            [&running.robot, &running.submit].map(|it| it.current_location(&running.programs.program))
+        })
     }
 
     /// Returns how often each statement of the programs was executed; empty for the hand-written model.
@@ -52,9 +52,9 @@ impl Controller {
     }
 }
 
-impl Running {
+impl RunningPrograms {
     pub(in super::super) fn epoch(&self) -> i32 {
-        self.memory.int(self.cells.epoch)
+        self.memory.shared_int(self.cells.epoch)
     }
 
     pub(in super::super) fn is_stopped(&self) -> bool {
@@ -64,14 +64,15 @@ impl Running {
     /// Returns whether the robot program has ended the present epoch.
     pub(super) fn robot_has_ended(&self) -> bool {
         let epoch = self.epoch();
-        self.memory.int(self.cells.dead_epoch) == epoch && self.memory.int(self.cells.run_epoch) == epoch
+        self.memory.shared_int(self.cells.dead_epoch) == epoch
+            && self.memory.shared_int(self.cells.run_epoch) == epoch
     }
 
     /// Returns whether, as far as the robot program knows, the tool is on the panel or a planned motion ends there. In
     /// case of doubt the program retracts, since a trigger may be late.
-    pub(super) fn is_near(&self) -> bool {
-        let [read, write, places] =
-            [self.cells.queue_read, self.cells.queue_write, self.cells.queue_places].map(|it| self.memory.int(it));
+    pub(super) fn is_contact_possible(&self) -> bool {
+        let [read, write, places] = [self.cells.queue_read, self.cells.queue_write, self.cells.queue_places]
+            .map(|it| self.memory.shared_int(it));
         let touches = |motion: i32| {
             let place = u32::try_from(motion.checked_rem(places).unwrap_or(0)).unwrap_or(0);
             self.memory.bool(self.cells.queue_touch.map(|first| first + place))
@@ -85,18 +86,18 @@ impl Running {
         if !self.initialised {
             return (0, 0);
         }
-        let of_this_epoch = self.memory.int(self.cells.run_epoch) == self.epoch();
-        let done = if of_this_epoch { self.memory.int(self.cells.done) } else { 0 };
-        (self.memory.int(self.cells.received), done)
+        let of_this_epoch = self.memory.shared_int(self.cells.run_epoch) == self.epoch();
+        let done = if of_this_epoch { self.memory.shared_int(self.cells.done) } else { 0 };
+        (self.memory.shared_int(self.cells.received), done)
     }
 
     pub(in super::super) fn underruns(&self) -> i32 {
-        self.memory.int(self.cells.under_air) + self.memory.int(self.cells.under_touch)
+        self.memory.shared_int(self.cells.under_air) + self.memory.shared_int(self.cells.under_touch)
     }
 
     /// Makes the controller abandon the next motion.
     pub(in super::super) fn refuse_motion(&mut self) {
-        self.values.refuses = true;
+        self.values.abandons_next_motion = true;
     }
 
     /// Skips the sequence number of the next state message.

@@ -1,25 +1,25 @@
 //! The robot program's states, and the effects of people, the safety controller and the cell's PLC on these states.
 
-use super::super::contact::Contact;
-use super::super::log::{Stop, StopCause};
+use super::super::contact::ContactState;
+use super::super::log::{ProgramStop, StopCause};
 use super::super::model::{Controller, TICK_MS};
 use super::super::options::Mode;
 use super::super::wire::Channel;
 use super::robot_state::RobotState;
-use super::running::Running;
+use super::running::RunningPrograms;
 use rand::RngExt;
 
 /// Time between a reset and the start of the program by the cell's PLC.
 const RESTART_MS: u64 = 300;
 /// Time until the PLC starts the program again after a stop that is not reset.
-const GO_ON_MS: u64 = 1_500;
+const PLC_RESTART_MS: u64 = 1_500;
 
 /// Time after a stop within which the controller decides whether and how the arm retracts.
-const RETRACT_BEGINS_MS: u64 = 500;
+const RETRACT_DECISION_MS: u64 = 500;
 /// Time after a person's action within which a stop is attributed to that person.
-const PRESSED_MS: u64 = 1_000;
+const PERSON_STOP_WINDOW_MS: u64 = 1_000;
 /// The time that a person needs to select another program.
-const SELECT_MS: u64 = 1_000;
+const PROGRAM_SELECTION_MS: u64 = 1_000;
 
 impl Controller {
     /// Deselects the cell's program; shortly afterwards another program is selected and runs.
@@ -30,7 +30,7 @@ impl Controller {
             running.sequences.clear();
             running.values.state = RobotState::Free;
             running.values.stop_message = false;
-            running.foreign_at_ms = Some(controller.now_ms + SELECT_MS);
+            running.foreign_at_ms = Some(controller.now_ms + PROGRAM_SELECTION_MS);
             controller.safety.foreign = true;
             controller.safety.started = false;
         });
@@ -52,11 +52,11 @@ impl Controller {
     }
 
     fn stop_arm_for_good(&mut self) {
-        self.contact.stop(self.mover.front(), false);
-        self.mover.freeze();
+        self.contact.stop(self.mover.current_move(), false);
+        self.mover.stop_immediately();
     }
 
-    pub(in super::super) fn with_running(&mut self, act: impl FnOnce(&mut Controller, &mut Running)) {
+    pub(in super::super) fn with_running(&mut self, act: impl FnOnce(&mut Controller, &mut RunningPrograms)) {
         if let Some(mut running) = self.running.take() {
             act(self, &mut running);
             self.running = Some(running);
@@ -75,11 +75,11 @@ impl Controller {
                 }
                 RobotState::Reset | RobotState::Ended => {
                     if let Some(routine) = running.programs.program.routine("CELL_MOTION") {
-                        running.robot.begin(&running.programs.program, routine);
+                        running.robot.start_routine(&running.programs.program, routine);
                     }
                     controller.stop_arm_for_good();
                     running.sequences.clear();
-                    running.fired.clear();
+                    running.due_triggers.clear();
                     running.values.base.now = None;
                     running.values.tool.now = None;
                     running.values.state = RobotState::Active;
@@ -100,7 +100,7 @@ impl Controller {
     pub(in super::super) fn stop_interpreted(&mut self, cause: StopCause) {
         let now_ms = self.now_ms;
         self.with_running(|controller, running| {
-            running.pressed = Some((now_ms, cause));
+            running.last_stop = Some((now_ms, cause));
             running.values.changed = true;
             match cause {
                 StopCause::Deselected => {
@@ -114,7 +114,7 @@ impl Controller {
                 _ if running.values.state == RobotState::Active => {
                     running.stops_at_ms = Some(now_ms + running.draw_stop_ms());
                     running.values.stop_message |= cause != StopCause::Mode;
-                    running.stop_in_time(now_ms);
+                    running.stop_when_due(now_ms);
                 }
                 _ => {}
             }
@@ -142,7 +142,7 @@ impl Controller {
         self.started_ms = self.now_ms;
         self.flags.clear();
         self.stop_arm_for_good();
-        self.contact = Contact::default();
+        self.contact = ContactState::default();
         let on: Vec<u16> = self.outputs.iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect();
         on.iter().for_each(|&number| self.set_output(number, false));
         self.safety.started = false;
@@ -153,13 +153,13 @@ impl Controller {
     }
 }
 
-impl Running {
+impl RunningPrograms {
     /// Draws the delay between the cause of a stop and the report that the program is stopped, ms.
     fn draw_stop_ms(&mut self) -> u64 {
-        if self.programs.meaning.stops_late { self.draw.random_range(0..5) * TICK_MS } else { 0 }
+        if self.programs.meaning.stops_late { self.random.random_range(0..5) * TICK_MS } else { 0 }
     }
 
-    fn stop_in_time(&mut self, now_ms: u64) {
+    fn stop_when_due(&mut self, now_ms: u64) {
         if self.stops_at_ms.is_none_or(|at_ms| now_ms < at_ms) {
             return;
         }
@@ -184,7 +184,7 @@ impl Running {
         if values.state == RobotState::Active && !may_run {
             self.stops_at_ms.get_or_insert(controller.now_ms);
         }
-        self.stop_in_time(controller.now_ms);
+        self.stop_when_due(controller.now_ms);
         let values = &mut self.values;
         if std::mem::take(&mut values.reset_asked) && values.state == RobotState::Stopped {
             values.state = RobotState::Reset;
@@ -207,7 +207,7 @@ impl Running {
 
     /// Returns whether the PLC starts the program now.
     pub(super) fn plc_starts(&self, now_ms: u64) -> bool {
-        let wait_ms = if self.values.state == RobotState::Stopped { GO_ON_MS } else { RESTART_MS };
+        let wait_ms = if self.values.state == RobotState::Stopped { PLC_RESTART_MS } else { RESTART_MS };
         self.initialised && self.reset_since_ms.is_some_and(|since_ms| now_ms >= since_ms + wait_ms)
     }
 
@@ -216,20 +216,20 @@ impl Running {
         // If the submit interpreter is dead, the robot program itself ends the epoch.
         let is_open = self.memory.bool(self.cells.open) && !self.robot_has_ended();
         if is_open == self.was_open {
-            self.complete_last_stop(controller);
+            self.set_last_stop_cause(controller);
             return;
         }
         if !is_open {
-            let cause = match (self.is_halted(controller), self.pressed_lately(controller)) {
+            let cause = match (self.is_halted(controller), self.recent_stop_cause(controller)) {
                 (true, Some(cause)) => cause,
                 (true, None) => StopCause::Halted,
                 _ => StopCause::Program,
             };
-            let near = controller.mover.is_near_contact() || self.is_near();
-            let contact = controller.contact.touches(controller.mover.front()) || near;
-            let epoch = self.memory.int(self.cells.epoch);
-            let (time_ms, detail) = (controller.now_ms, self.values.gave_up.clone().unwrap_or_default());
-            controller.stops.push(Stop { time_ms, epoch, cause, contact, detail });
+            let near = controller.mover.has_contact_ahead() || self.is_contact_possible();
+            let contact = controller.contact.touches(controller.mover.current_move()) || near;
+            let epoch = self.memory.shared_int(self.cells.epoch);
+            let (time_ms, detail) = (controller.now_ms, self.values.abandon_reason.clone().unwrap_or_default());
+            controller.stops.push(ProgramStop { time_ms, epoch, cause, contact, detail });
         }
         self.was_open = is_open;
     }
@@ -237,12 +237,12 @@ impl Running {
     /// Completes the cause of a stop while its retract is being decided. `CELL_STOP` closes the epoch some statements
     /// before it halts the robot program: if a person pressed something at that moment, the person is the cause. A
     /// motion to the panel that was planned when the stop began can be recognised only by the retract.
-    fn complete_last_stop(&self, controller: &mut Controller) {
-        let pressed = self.pressed_lately(controller).filter(|_| self.is_halted(controller));
+    fn set_last_stop_cause(&self, controller: &mut Controller) {
+        let pressed = self.recent_stop_cause(controller).filter(|_| self.is_halted(controller));
         let now_ms = controller.now_ms;
-        let is_recent = |stop: &&mut Stop| !self.was_open && now_ms < stop.time_ms + RETRACT_BEGINS_MS;
+        let is_recent = |stop: &&mut ProgramStop| !self.was_open && now_ms < stop.time_ms + RETRACT_DECISION_MS;
         let Some(last) = controller.stops.last_mut().filter(is_recent) else { return };
-        last.contact |= self.memory.bool(self.cells.retract) && self.is_near();
+        last.contact |= self.memory.bool(self.cells.retract) && self.is_contact_possible();
         if let (StopCause::Program, Some(cause)) = (last.cause, pressed) {
             last.cause = cause;
         }
@@ -254,7 +254,9 @@ impl Running {
     }
 
     /// Returns the action of a person within the last second that stops the arm.
-    fn pressed_lately(&self, controller: &Controller) -> Option<StopCause> {
-        self.pressed.filter(|(at_ms, _)| controller.now_ms < at_ms + PRESSED_MS).map(|(_, cause)| cause)
+    fn recent_stop_cause(&self, controller: &Controller) -> Option<StopCause> {
+        self.last_stop
+            .filter(|(at_ms, _)| controller.now_ms < at_ms + PERSON_STOP_WINDOW_MS)
+            .map(|(_, cause)| cause)
     }
 }

@@ -28,7 +28,7 @@ pub(super) struct WrittenFrame {
 
 /// The values on which $POS_ACT depends.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct PoseOf {
+pub(super) struct PoseInputs {
     pub(super) joints: Joints,
     pub(super) base: Option<[f32; 6]>,
     pub(super) tool: Option<[f32; 6]>,
@@ -47,7 +47,7 @@ pub(super) struct ChannelState {
 
 /// The controller's values in addition to the data lists.
 #[derive(Debug, Clone)]
-pub(in super::super) struct Values {
+pub(in super::super) struct ControllerValues {
     pub(super) state: RobotState,
     pub(super) stop_message: bool,
     pub(super) advance: i32,
@@ -71,23 +71,23 @@ pub(in super::super) struct Values {
     /// An approximated motion from standstill does not wait for a next motion.
     pub(super) released: bool,
     /// The reason why the arm abandoned a motion.
-    pub(super) gave_up: Option<String>,
+    pub(super) abandon_reason: Option<String>,
     /// Whether the next motion will be abandoned.
-    pub(super) refuses: bool,
+    pub(super) abandons_next_motion: bool,
     pub(super) reset_asked: bool,
     /// The value of `$ROB_TIMER` at the start.
     pub(super) uptime_ms: u64,
     /// The last requested $POS_ACT.
-    pub(super) pose: Option<(PoseOf, [f64; 6])>,
+    pub(super) pose: Option<(PoseInputs, [f64; 6])>,
 }
 
-impl Values {
+impl ControllerValues {
     pub(super) fn new(setup: &Setup) -> Self {
         let channel = |elements: usize| ChannelState {
             set: vec![super::super::codec::Value::Unset; elements],
             ..ChannelState::default()
         };
-        Values {
+        ControllerValues {
             state: RobotState::Reset,
             stop_message: false,
             advance: 3,
@@ -105,8 +105,8 @@ impl Values {
             channels_fail_until_ms: 0,
             changed: true,
             released: false,
-            gave_up: None,
-            refuses: false,
+            abandon_reason: None,
+            abandons_next_motion: false,
             reset_asked: false,
             uptime_ms: setup.programs.as_ref().map_or(0, |programs| programs.uptime_ms),
             pose: None,

@@ -10,7 +10,7 @@ fn fifty_points_take_the_time_computed_by_hand() {
     let from_ms = rig.controller.time_ms();
     rig.line(50, 50, false);
     rig.settle();
-    let passed_ms: Vec<u64> = rig.controller.executed().iter().map(|done| done.time_ms - from_ms).collect();
+    let passed_ms: Vec<u64> = rig.controller.executed_motions().iter().map(|done| done.time_ms - from_ms).collect();
     assert_eq!((passed_ms.len(), passed_ms[9], passed_ms[49]), (50, 46 * 12, 217 * 12));
     assert_eq!(rig.ids(), (4..=53).collect::<Vec<i32>>());
     assert_eq!((rig.state("Done"), rig.state("Under"), rig.flag(3), rig.flag(7)), (53, 0, false, false));
@@ -32,9 +32,9 @@ fn a_move_of_the_axes_takes_the_time_computed_by_hand() {
     rig.beats(2);
     // All axes move together: half of the way is done in half of the time.
     rig.settle();
-    let done = rig.controller.executed()[0];
+    let done = rig.controller.executed_motions()[0];
     assert_eq!((done.time_ms, done.id, done.contact), (34 * 12, 2, false));
-    assert_eq!(rig.controller.joints(), joints(target));
+    assert_eq!(rig.controller.joints(), to_joints(target));
     assert_eq!(rig.state("Done"), 2);
 }
 
@@ -61,7 +61,7 @@ fn steps_mm(rig: &Rig) -> Vec<f64> {
 fn blended_corners_keep_the_speed() {
     let mut rig = Rig::ready(Clock::LockStep);
     zigzag(&mut rig, 2.0, true);
-    assert_eq!((rig.causes(), rig.controller.underruns()), (vec![], 0));
+    assert_eq!((rig.causes(), rig.controller.underrun_count()), (vec![], 0));
     let steps = steps_mm(&rig);
     let run: Vec<f64> = steps.iter().copied().skip(12).take(60).collect();
     assert!(run.iter().all(|step| (1.15..1.2001).contains(step)), "{run:?}");
@@ -71,7 +71,7 @@ fn blended_corners_keep_the_speed() {
     let steps = steps_mm(&rig);
     let stops = steps.windows(3).filter(|steps| steps[1] < steps[0] && steps[1] <= steps[2]).count();
     assert!((18..=22).contains(&stops), "{stops}");
-    assert_eq!((rig.causes(), rig.controller.underruns()), (vec![], 0), "an exact stop that was asked for");
+    assert_eq!((rig.causes(), rig.controller.underrun_count()), (vec![], 0), "an exact stop that was asked for");
 }
 
 /// A path that lands, sands and leaves: samples cover the contact, and the sanding samples lie between contact
@@ -87,7 +87,7 @@ fn the_trace_covers_the_contact() {
     rig.settle();
     assert_eq!(rig.causes(), []);
     let trace = rig.controller.trace();
-    let off_mm = |sample: &Sample| sample.base_from_tool.origin().mm.z - BASE_MM[2];
+    let off_mm = |sample: &ContactSample| sample.base_from_tool.origin().mm.z - BASE_MM[2];
     assert!(trace.iter().all(|sample| sample.tool_on));
     assert!(trace.iter().filter(|sample| sample.sanding).all(|sample| off_mm(sample) < 1.0));
     // Calculated by hand: 40 mm at 1.2 mm a tick are 33 samples, with a tolerance for the halves of the blended
@@ -96,7 +96,7 @@ fn the_trace_covers_the_contact() {
     assert!((31..=35).contains(&sanding), "{sanding}");
     // The path begins and ends 20 mm above the surface, so the trace begins and ends in the air.
     assert!(off_mm(&trace[0]) > 15.0 && off_mm(trace.last().expect("some")) > 15.0);
-    assert!(rig.controller.executed().iter().map(|done| done.contact).eq([false, true, true, false]));
+    assert!(rig.controller.executed_motions().iter().map(|done| done.contact).eq([false, true, true, false]));
 }
 
 /// Ten points of twenty: the arm stops exactly at the tenth, once, and continues when the others arrive.
@@ -125,7 +125,7 @@ fn dense_points_slow_the_arm_down() {
         rig.command(2, [90 - point, 0], [0.5, 0.0], [f64::from(point), 0.0, 0.0, 0.0, 0.0, 0.0]);
     }
     rig.settle();
-    let times: Vec<u64> = rig.controller.executed().iter().map(|done| done.time_ms).collect();
+    let times: Vec<u64> = rig.controller.executed_motions().iter().map(|done| done.time_ms).collect();
     let speed_mm_s = 40.0 / ((times[60] - times[20]) as f64 / 1000.0);
     assert!((60.0..90.0).contains(&speed_mm_s), "{speed_mm_s}");
     assert_eq!(rig.state("Under"), 0);
@@ -143,7 +143,7 @@ fn a_slower_move_is_braked_for_before_it_begins() {
     rig.command(2, [0, 1], [0.0; 2], [150.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     rig.command(2, [0, 0], [0.0; 2], [150.0, 0.0, -10.0, 0.0, 0.0, 0.0]);
     rig.settle();
-    let tip_mm = |sample: &Sample| BASE_MM[0] - sample.base_from_tool.origin().mm.x;
+    let tip_mm = |sample: &ContactSample| BASE_MM[0] - sample.base_from_tool.origin().mm.x;
     let trace = rig.controller.trace();
     let fastest = |from_mm: f64, to_mm: f64| {
         let inside = trace.windows(2).filter(|pair| tip_mm(&pair[0]) >= from_mm && tip_mm(&pair[1]) <= to_mm);
@@ -162,7 +162,7 @@ fn turning_in_place_takes_time() {
     rig.settle();
     // Calculated by hand: one degree counts as 100/200 mm, so 90° count as 45 mm; at 100 mm/s and 1000 mm/s² they need
     // 0.55 s, 46 ticks.
-    assert_eq!(rig.controller.executed()[0].time_ms - from_ms, 46 * 12);
+    assert_eq!(rig.controller.executed_motions()[0].time_ms - from_ms, 46 * 12);
     assert!((rig.controller.joints().a6_deg.abs() - 90.0).abs() < 1e-6, "{:?}", rig.controller.joints());
 }
 
@@ -171,21 +171,21 @@ fn turning_in_place_takes_time() {
 fn t1_is_slow_and_waits_for_the_key() {
     let mut rig = Rig::new(Clock::LockStep);
     rig.controller.select_mode(Mode::T1);
-    rig.controller.hold_start_key(true);
+    rig.controller.set_start_key(true);
     rig.open();
     rig.prepare();
     rig.command(5, [100, 100], [2.0, 5.0], [0.0; 6]);
     let from_ms = rig.controller.time_ms();
     rig.command(2, [0, 0], [0.0; 2], [100.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     rig.beats(2);
-    rig.controller.hold_start_key(false);
+    rig.controller.set_start_key(false);
     rig.beats(3);
     let waits = rig.tool_tip();
     rig.beat();
     assert!(rig.tool_tip().distance_mm(waits) < 1e-9 && rig.ids().is_empty() && !rig.flag(4));
-    rig.controller.hold_start_key(true);
+    rig.controller.set_start_key(true);
     rig.settle();
-    let took_ms = rig.controller.executed()[0].time_ms - from_ms;
+    let took_ms = rig.controller.executed_motions()[0].time_ms - from_ms;
     // Calculated by hand: 100/250 + 250/5000 = 0.45 s plus the four beats of waiting, with a tolerance for ramps.
     assert!((800..=960).contains(&took_ms), "{took_ms}");
     assert_eq!(rig.state("Mode"), 1);
@@ -206,7 +206,7 @@ fn an_output_on_the_path_stops_nothing() {
         }
         rig.settle();
         assert_eq!((rig.ids().len(), rig.state("Under"), rig.ack("Done")), (20, 0, rig.id));
-        let times: Vec<u64> = rig.controller.executed().iter().map(|step| step.time_ms).collect();
+        let times: Vec<u64> = rig.controller.executed_motions().iter().map(|step| step.time_ms).collect();
         (times, rig.wires.changes())
     };
     let (blended, changes) = run(&[1.0]);
@@ -220,7 +220,7 @@ fn an_output_on_the_path_stops_nothing() {
 
 /// Returns the flange pose at these angles as the numbers of a move in the robot's own base with the bare flange.
 fn flange_numbers(angles_deg: [f64; 6]) -> [f64; 6] {
-    let pose = crate::geometry::KukaPose::from_rigid(&Arm::kr6_r700_2().base_from_flange(&joints(angles_deg)));
+    let pose = crate::geometry::KukaPose::from_rigid(&Arm::kr6_r700_2().base_from_flange(&to_joints(angles_deg)));
     [pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg]
 }
 
@@ -247,7 +247,7 @@ fn near_the_wrists_pole_the_tool_slows_down() {
         rig.ask(9, 0);
         rig.controller.advance_ms(12);
         fastest_deg_s = fastest_deg_s.max((rig.controller.joints().a4_deg - before_deg).abs() / 0.012);
-        assert!(rig.controller.stops().is_empty(), "{:?}", rig.controller.stops());
+        assert!(rig.controller.program_stops().is_empty(), "{:?}", rig.controller.program_stops());
     }
     let took_ms = rig.controller.time_ms() - from_ms;
     assert!((225.0..450.001).contains(&fastest_deg_s), "{fastest_deg_s}");
@@ -264,7 +264,7 @@ fn a_line_that_needs_another_configuration_stops() {
     let id = rig.command(2, [0, 0], [0.0; 2], flange_numbers(behind(-160.0)));
     rig.settle();
     assert_eq!((rig.ack("Err"), rig.ack("ErrId"), rig.ids().len()), (Refusal::Unreachable as i32, id, 1));
-    assert!(rig.controller.stops()[0].detail.contains("axis"), "{:?}", rig.controller.stops());
+    assert!(rig.controller.program_stops()[0].detail.contains("axis"), "{:?}", rig.controller.program_stops());
     assert!(rig.controller.joints().a1_deg > 165.0, "{:?}", rig.controller.joints());
 }
 
@@ -295,7 +295,7 @@ fn two_runs_are_equal_to_the_bit() {
             rig.listen();
         }
         rig.settle();
-        (rig.controller.trace().to_vec(), rig.controller.executed().to_vec(), rig.acks, rig.states)
+        (rig.controller.trace().to_vec(), rig.controller.executed_motions().to_vec(), rig.acks, rig.states)
     };
     let first = run(1000, true);
     assert!(first.0.len() > 50 && first.1.len() == 40, "{} {}", first.0.len(), first.1.len());

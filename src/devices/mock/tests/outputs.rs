@@ -37,10 +37,10 @@ fn every_end_of_an_epoch_switches_its_outputs_off_in_time() {
         ("an abort", 24, |rig| rig.ask(11, 2)),
         ("a command channel that is cut", 24, |rig| rig.controller.disconnect(Channel::Command)),
         ("a state channel that is cut", 24, |rig| rig.controller.disconnect(Channel::State)),
-        ("a cable that is pulled", 420, |rig| rig.controller.inject(Fault::Unplug { for_ms: None })),
+        ("a cable that is pulled", 420, |rig| rig.controller.apply_fault(Fault::Unplug { for_ms: None })),
         ("a client that is silent", 420, |_| {}),
         ("an emergency stop", 24, |rig| rig.controller.press_e_stop()),
-        ("a program that is deselected", 24, |rig| rig.controller.deselect()),
+        ("a program that is deselected", 24, |rig| rig.controller.deselect_program()),
         ("a gap in the commands", 24, |rig| {
             rig.id += 1;
             rig.line(1, 1, false);
@@ -64,7 +64,7 @@ fn every_end_of_an_epoch_switches_its_outputs_off_in_time() {
 #[test]
 fn a_dead_submit_interpreter_leaves_nothing_on() {
     let mut rig = all_on();
-    rig.controller.inject(Fault::Stall { for_ms: None });
+    rig.controller.apply_fault(Fault::Stall { for_ms: None });
     rig.controller.advance_ms(424);
     assert_eq!(on(&rig), [SHUTTER]);
 }

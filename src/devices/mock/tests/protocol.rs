@@ -220,13 +220,13 @@ fn a_channel_with_a_timeout_does_not_listen_for_ever() {
         include_str!("../../../../config/kuka/CELLSTAT.xml").replace("<ALIVE", "<TIMEOUT Connect=\"2000\"/><ALIVE");
     let states = ChannelFile::parse(&with).expect("read");
     let mut controller =
-        Controller::new(Setup { states, ..setup(Clock::Free) }, Box::new(Unwired)).expect("started");
+        Controller::new(Setup { states, ..setup(Clock::Free) }, Box::new(UnconnectedWorld)).expect("started");
     controller.advance_ms(1_992);
     assert!(controller.connect(Channel::State));
     controller.disconnect(Channel::State);
     controller.advance_ms(2_100);
     assert!(!controller.connect(Channel::State));
-    assert_eq!(controller.fault(Channel::State), Some(EkiFault::TimeLimit));
+    assert_eq!(controller.close_reason(Channel::State), Some(EkiFault::TimeLimit));
 }
 
 /// The cell's own programs read flag 870 in place of input 12; `In` still reports $IN.
@@ -248,18 +248,18 @@ fn what_cannot_be_read_closes_the_channel() {
     rig.controller.command_bytes(b"<Cmd Id=\"1\"></Cmd>"); // lacks the rest
     rig.id = 1;
     rig.beat();
-    assert_eq!(rig.controller.fault(Channel::Command), Some(EkiFault::Unread(EkiError::Empty)));
+    assert_eq!(rig.controller.close_reason(Channel::Command), Some(EkiFault::Unread(EkiError::Empty)));
     assert!(!rig.controller.is_connected(Channel::Command));
     assert_eq!(rig.controller.time_ms(), 96, "and nothing waits for it");
     rig.controller.state_bytes(b"<Req Id=\"x\"></Req>");
-    assert_eq!(rig.controller.fault(Channel::State), Some(EkiFault::Malformed));
+    assert_eq!(rig.controller.close_reason(Channel::State), Some(EkiFault::Malformed));
 }
 
 #[test]
 fn a_file_without_what_the_program_reads_is_refused() {
     let states = ChannelFile::parse(include_str!("../../../../config/kuka/CELLSTAT.xml")).expect("read");
     let swapped = Setup { commands: states, ..setup(Clock::Free) };
-    let Err(MockError::File { channel, problem }) = Controller::new(swapped, Box::new(Unwired)) else {
+    let Err(MockError::File { channel, problem }) = Controller::new(swapped, Box::new(UnconnectedWorld)) else {
         panic!("started");
     };
     assert_eq!((channel, problem), ("CELLCMD", FileProblem::NotReceived("Cmd/@R1")));

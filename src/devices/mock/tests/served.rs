@@ -38,8 +38,8 @@ impl Client {
 }
 
 fn serve(clock: Clock) -> MockServer {
-    let controller = Controller::new(setup(clock), Box::new(Unwired)).expect("started");
-    MockServer::start(controller, Ports::free()).expect("listening")
+    let controller = Controller::new(setup(clock), Box::new(UnconnectedWorld)).expect("started");
+    MockServer::start(controller, Ports::free_ports()).expect("listening")
 }
 
 fn path() -> Vec<String> {
@@ -78,8 +78,8 @@ fn a_path_over_tcp_is_the_path_without_it() {
     alone.controller.command_bytes(path().concat().as_bytes());
     alone.id = 22;
     alone.beats(15);
-    let there = server.handle().with(|controller| controller.executed().to_vec());
-    assert_eq!(there, alone.controller.executed());
+    let there = server.handle().with_controller(|controller| controller.executed_motions().to_vec());
+    assert_eq!(there, alone.controller.executed_motions());
     assert_eq!(server.handle().flange_pose(), alone.controller.flange_pose());
 }
 
@@ -94,9 +94,9 @@ fn a_second_client_is_turned_away_and_the_next_one_is_not() {
     drop(first);
     let until = Instant::now() + Duration::from_secs(10);
     let any = |server: &MockServer| {
-        server
-            .handle()
-            .with(|controller| controller.is_connected(Channel::Command) || controller.is_connected(Channel::State))
+        server.handle().with_controller(|controller| {
+            controller.is_connected(Channel::Command) || controller.is_connected(Channel::State)
+        })
     };
     while any(&server) {
         assert!(Instant::now() < until, "still there");
@@ -112,7 +112,7 @@ fn malformed_bytes_hang_up() {
     client.ask(0, 9, 0);
     client.state.write_all(b"HTTP/1.1").expect("sent");
     assert!(!matches!(client.state.read(&mut [0; 8]), Ok(count) if count > 0));
-    let fault = server.handle().with(|controller| controller.fault(Channel::State));
+    let fault = server.handle().with_controller(|controller| controller.close_reason(Channel::State));
     assert_eq!(fault, Some(EkiFault::Malformed));
 }
 
@@ -124,17 +124,21 @@ fn on_the_wall_clock_a_cut_link_stops_the_arm() {
     client.ask(0, 12, 1);
     client.command.write_all(path().concat().as_bytes()).expect("sent");
     let until = Instant::now() + Duration::from_secs(10);
-    while server.handle().with(|controller| controller.executed().is_empty()) {
+    while server.handle().with_controller(|controller| controller.executed_motions().is_empty()) {
         assert!(Instant::now() < until, "it never moved");
         client.ask(1, 10, 22);
     }
     drop(client);
-    while server.handle().with(|controller| controller.stops().is_empty() || controller.is_moving()) {
+    while server
+        .handle()
+        .with_controller(|controller| controller.program_stops().is_empty() || controller.is_moving())
+    {
         assert!(Instant::now() < until, "it never stopped");
         std::thread::sleep(Duration::from_millis(2));
     }
-    let (cause, executed) =
-        server.handle().with(|controller| (controller.stops()[0].cause, controller.executed().len()));
+    let (cause, executed) = server
+        .handle()
+        .with_controller(|controller| (controller.program_stops()[0].cause, controller.executed_motions().len()));
     assert!(cause == StopCause::LinkLost && executed < 20, "{cause:?} {executed}");
 }
 
@@ -149,5 +153,5 @@ fn dropping_the_server_hangs_up_and_frees_its_ports() {
     assert!(matches!(gone, Ok(0)) || gone.is_err_and(|error| error.kind() == ErrorKind::ConnectionReset));
     assert!(TcpStream::connect(address).is_err());
     // The controller can still be inspected.
-    assert_eq!(handle.with(|controller| controller.epoch()), 0);
+    assert_eq!(handle.with_controller(|controller| controller.epoch()), 0);
 }

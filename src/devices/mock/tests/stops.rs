@@ -101,7 +101,7 @@ fn silence_stops_what_is_queued() {
     let heard_ms = rig.controller.last_frame_ms;
     rig.controller.advance_ms(3200);
     rig.listen();
-    let stop = rig.controller.stops()[0].clone();
+    let stop = rig.controller.program_stops()[0].clone();
     assert_eq!(
         (stop.cause, stop.contact, stop.epoch, stop.time_ms),
         (StopCause::Watchdog, true, 1, heard_ms + 408)
@@ -110,7 +110,7 @@ fn silence_stops_what_is_queued() {
     // sample.
     let last = rig.controller.trace().last().expect("some").time_ms;
     assert!(last <= heard_ms + 500, "{last} {heard_ms}");
-    assert_eq!(rig.controller.fault(Channel::State), Some(EkiFault::NoContact));
+    assert_eq!(rig.controller.close_reason(Channel::State), Some(EkiFault::NoContact));
     assert!([Channel::Command, Channel::State].map(|channel| rig.controller.connect(channel)) == [true; 2]);
     assert_retracted(&mut rig);
     // With nothing queued, the client is considered gone after three seconds.
@@ -173,7 +173,11 @@ fn an_unreachable_point_stops_the_path() {
     rig.settle();
     assert_eq!((rig.ack("Err"), rig.ack("ErrId")), (Refusal::Unreachable as i32, id));
     assert!(rig.ids().len() < 10, "{:?}", rig.ids());
-    assert!(rig.controller.stops()[0].detail.contains("mm from axis 2"), "{:?}", rig.controller.stops());
+    assert!(
+        rig.controller.program_stops()[0].detail.contains("mm from axis 2"),
+        "{:?}",
+        rig.controller.program_stops()
+    );
 }
 
 /// Contact is allowed only with the sanding tool: the direction of the retract is known only along its Z.
@@ -239,17 +243,17 @@ fn drives_guard_and_mode_end_the_epoch_at_once() {
 fn a_stop_while_the_program_is_paused_resets_it() {
     let mut rig = Rig::new(Clock::LockStep);
     rig.controller.select_mode(Mode::T1);
-    rig.controller.hold_start_key(true);
+    rig.controller.set_start_key(true);
     rig.open();
     rig.prepare();
     rig.line(200, 60, true);
     rig.beats(5);
-    rig.controller.hold_start_key(false);
+    rig.controller.set_start_key(false);
     rig.beats(2);
     let (at, executed) = (rig.tool_tip(), rig.ids().len());
     rig.ask(11, rig.epoch + 1);
     assert!(rig.flag(7) && !rig.flag(3) && !rig.flag(4));
-    rig.controller.hold_start_key(true);
+    rig.controller.set_start_key(true);
     rig.beats(10);
     assert!(rig.tool_tip().distance_mm(at) < 1e-12 && rig.ids().len() == executed, "the key went on");
     assert!(rig.flag(4), "and the program runs again");
@@ -259,7 +263,7 @@ fn a_stop_while_the_program_is_paused_resets_it() {
 #[test]
 fn without_a_program_nothing_is_kept() {
     let mut rig = Rig::new(Clock::LockStep);
-    rig.controller.deselect();
+    rig.controller.deselect_program();
     rig.open();
     rig.command(6, [1, 1], [0.0; 2], [0.0; 6]);
     rig.beat();
@@ -272,9 +276,9 @@ fn without_a_program_nothing_is_kept() {
 fn a_dead_submit_interpreter_stops_the_arm() {
     let mut rig = sanding(Clock::Free);
     let from_ms = rig.controller.time_ms();
-    rig.controller.inject(Fault::Stall { for_ms: Some(2_000) });
+    rig.controller.apply_fault(Fault::Stall { for_ms: Some(2_000) });
     rig.controller.advance_ms(1_500);
-    let stop = rig.controller.stops()[0].clone();
+    let stop = rig.controller.program_stops()[0].clone();
     assert_eq!((stop.cause, stop.contact), (StopCause::SubmitDead, true));
     assert!(stop.time_ms <= from_ms + 412, "{stop:?}");
     assert!((rig.tool_tip().mm.z - (BASE_MM[2] + 50.0)).abs() < 1e-6 && !rig.tool_on());
@@ -316,7 +320,7 @@ fn done_is_what_was_executed() {
 #[test]
 fn a_changed_override_in_contact_retracts() {
     let mut rig = sanding(Clock::LockStep);
-    rig.controller.inject(Fault::Override { percent: 90, for_ms: None });
+    rig.controller.apply_fault(Fault::Override { percent: 90, for_ms: None });
     rig.beat();
     assert_eq!((rig.causes(), rig.tool_on()), (vec![StopCause::Refused(Refusal::Override)], false));
     assert_eq!((rig.state("Ov"), rig.ack("Err")), (90, 11));
@@ -327,7 +331,7 @@ fn a_changed_override_in_contact_retracts() {
 #[test]
 fn contact_at_another_override_is_refused() {
     let mut rig = Rig::ready(Clock::LockStep);
-    rig.controller.inject(Fault::Override { percent: 50, for_ms: None });
+    rig.controller.apply_fault(Fault::Override { percent: 50, for_ms: None });
     rig.line(20, 5, false);
     rig.beats(3);
     assert_eq!(rig.causes(), []);
@@ -345,7 +349,7 @@ fn a_measured_pose_that_is_off_is_reported() {
         last(&tcp[..tcp.find("/>").or(tcp.find('>')).expect("closed")], "Z").parse::<f64>().expect("a number")
     };
     let before_mm = z_mm(&rig);
-    rig.controller.inject(Fault::Measured { off_mm: 60, for_ms: None });
+    rig.controller.apply_fault(Fault::Measured { deviation_mm: 60, for_ms: None });
     rig.beat();
     // In one beat the arm itself moves 10 mm at most.
     assert!((45.0..75.0).contains(&(z_mm(&rig) - before_mm)), "{before_mm}");

@@ -1,5 +1,5 @@
 use super::*;
-use crate::devices::world::{Violation, touch::Touched};
+use crate::devices::world::{Violation, touch::TouchedPoints};
 use crate::eki::{CommandId, Epoch, Mode};
 use crate::geometry::{Joints, KukaPose, Panel};
 use crate::sim::{self, Scene};
@@ -60,10 +60,10 @@ const SHUT_INPUT: u16 = 2;
 #[test]
 fn the_tool_goes_straight_from_one_message_to_the_next() {
     let follower = follower();
-    follower.on_state(&state_message(1_000, 0, at(0.0)));
-    follower.on_state(&state_message(1_100, TOOL, at(10.0)));
+    follower.process_state(&state_message(1_000, 0, at(0.0)));
+    follower.process_state(&state_message(1_100, TOOL, at(10.0)));
     assert_eq!(follower.trace(9_999).len(), 1, "where it was before the tool ran does not count");
-    follower.on_state(&state_message(1_200, TOOL, at(16.0)));
+    follower.process_state(&state_message(1_200, TOOL, at(16.0)));
     let trace = follower.trace(9_999);
     let places: Vec<f64> = trace.iter().map(|sample| sample.base_from_tool.origin().mm.x).collect();
     assert_eq!(places.len(), 7);
@@ -72,26 +72,26 @@ fn the_tool_goes_straight_from_one_message_to_the_next() {
     }
     assert!((trace[6].base_from_flange.origin().mm.z + 120.0).abs() < 1e-9);
     assert_eq!(follower.trace(1_100).len(), 1, "only up to that moment");
-    follower.on_state(&state_message(1_900, TOOL, at(60.0)));
+    follower.process_state(&state_message(1_900, TOOL, at(60.0)));
     assert_eq!(follower.trace(9_999).len(), 8, "a way of 700 ms is not known");
-    follower.on_state(&state_message(2_000, 0, at(70.0)));
+    follower.process_state(&state_message(2_000, 0, at(70.0)));
     assert_eq!(follower.trace(9_999).len(), 8, "the tool is off");
 }
 
 #[test]
 fn outputs_act_on_the_world_and_time_goes_on() {
     let follower = follower();
-    assert!(follower.moment().is_none());
-    follower.on_state(&state_message(1_000, 0, at(0.0)));
-    follower.on_state(&state_message(1_100, SPRAY, at(0.0)));
+    assert!(follower.current_moment().is_none());
+    follower.process_state(&state_message(1_000, 0, at(0.0)));
+    follower.process_state(&state_message(1_100, SPRAY, at(0.0)));
     assert_eq!(follower.world.violations(), [(1_000, Violation::SprayOnLens)]);
-    follower.on_state(&state_message(1_200, SPRAY, at(0.0)));
+    follower.process_state(&state_message(1_200, SPRAY, at(0.0)));
     assert_eq!(follower.world.violations().len(), 1, "told once");
     std::thread::sleep(std::time::Duration::from_millis(20));
-    assert!(follower.moment().expect("told").time_ms() >= 1_220);
+    assert!(follower.current_moment().expect("told").time_ms() >= 1_220);
     // The controller restarts and counts from zero; the world's time never runs backwards.
-    follower.on_state(&state_message(50, 0, at(0.0)));
-    assert!((1_250..2_000).contains(&follower.moment().expect("told").time_ms()));
+    follower.process_state(&state_message(50, 0, at(0.0)));
+    assert!((1_250..2_000).contains(&follower.current_moment().expect("told").time_ms()));
 }
 
 /// Calculated by hand: the shutter needs 250 ms. It opened at 2.050 s, so the controller reads its feedback at 2.300
@@ -100,14 +100,16 @@ fn outputs_act_on_the_world_and_time_goes_on() {
 fn a_lens_whose_feedback_is_told_is_open() {
     let follower = follower();
     let is_shut = |time_ms: u32| follower.world.terminals().input(SHUT_INPUT, u64::from(time_ms)) == Some(true);
-    follower.on_state(&state_message(1_000, 0, at(0.0)));
-    follower.on_state(&state_message(1_100, SHUTTER, at(0.0)));
+    follower.process_state(&state_message(1_000, 0, at(0.0)));
+    follower.process_state(&state_message(1_100, SHUTTER, at(0.0)));
     assert!(is_shut(2_000));
-    follower.on_state(&state_message(2_000, SHUTTER, at(0.0)));
-    [2_100, 2_200, 2_300].into_iter().for_each(|time_ms| follower.on_state(&state_message(time_ms, 0, at(0.0))));
+    follower.process_state(&state_message(2_000, SHUTTER, at(0.0)));
+    [2_100, 2_200, 2_300]
+        .into_iter()
+        .for_each(|time_ms| follower.process_state(&state_message(time_ms, 0, at(0.0))));
     assert!(!is_shut(2_300));
     // After late messages, the time of the change is unknown.
-    follower.on_state(&state_message(9_000, SHUTTER, at(0.0)));
+    follower.process_state(&state_message(9_000, SHUTTER, at(0.0)));
     assert!(!is_shut(8_899) && is_shut(8_900));
 }
 
@@ -122,15 +124,16 @@ fn what_the_messages_tell_abrades() {
         let normal = truth.normal(spot.centre);
         let turn = nalgebra::UnitQuaternion::rotation_between(&nalgebra::Vector3::z(), &-normal.mm).expect("one");
         let place = (spot.centre + normal * height_mm).mm.coords;
-        let panel_from_tool = Rigid::<Panel, Tool>::claim(nalgebra::Isometry3::from_parts(place.into(), turn));
+        let panel_from_tool =
+            Rigid::<Panel, Tool>::from_isometry_unchecked(nalgebra::Isometry3::from_parts(place.into(), turn));
         KukaPose::from_rigid(&(truth.base_from_panel * panel_from_tool))
     };
     let share = |height_mm: f64| {
-        let follower = Follower { told: Arc::default(), ..follower.clone() };
+        let follower = Follower { received_states: Arc::default(), ..follower.clone() };
         let state =
             |time_ms| State { active_base: KukaPose::default(), ..state_message(time_ms, TOOL, along(height_mm)) };
-        [0, 100, 200].into_iter().for_each(|time_ms| follower.on_state(&state(time_ms)));
-        Touched::by(&follower.trace(9_999), &truth, 200.0).share_of(spot)
+        [0, 100, 200].into_iter().for_each(|time_ms| follower.process_state(&state(time_ms)));
+        TouchedPoints::reached_by_disc(&follower.trace(9_999), &truth, 200.0).covered_share(spot)
     };
     assert!((share(0.0) - 1.0).abs() < 1e-12);
     assert_eq!(share(3.0), 0.0);
@@ -138,6 +141,6 @@ fn what_the_messages_tell_abrades() {
 
 #[test]
 fn a_controller_that_is_no_mock_is_not_followed() {
-    assert!(Follower::may_follow(&state_message(0, 0, at(0.0))));
-    assert!(!Follower::may_follow(&State { boot: 813_715_200, ..state_message(0, 0, at(0.0)) }));
+    assert!(Follower::is_simulated_controller(&state_message(0, 0, at(0.0))));
+    assert!(!Follower::is_simulated_controller(&State { boot: 813_715_200, ..state_message(0, 0, at(0.0)) }));
 }

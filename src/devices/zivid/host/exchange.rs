@@ -1,28 +1,28 @@
 //! Sends one request to a ready camera and checks its answer.
 
-use super::outcome::{Failed, Loss, MAX_ATTEMPTS, name};
+use super::outcome::{MAX_ATTEMPTS, RequestFailure, WorkerLoss, name};
 use super::{CameraAnswer, CameraRequest, Host};
 use crate::devices::zivid::accept::{self, ExpectedShot};
 use crate::devices::zivid::clock::now_ns;
 use crate::devices::zivid::fault::ZividFault;
-use crate::devices::zivid::link::{Answer, Delivery};
+use crate::devices::zivid::link::{Answer, ShotDelivery};
 use crate::devices::zivid::message::{Refusal, Reply, Request, Source, Trouble};
 use crate::devices::zivid::wire::WireError;
 use std::time::{Duration, Instant};
 
 impl Host {
-    pub(super) fn ask(&mut self, request: &Request, within: Duration) -> Result<Answer, Failed> {
+    pub(super) fn send_request(&mut self, request: &Request, within: Duration) -> Result<Answer, RequestFailure> {
         let worker = self.worker.as_mut().ok_or(WireError::Ended)?;
-        match worker.link.ask(request, within)? {
-            Answer::Words(Reply::Refused(refusal)) => Err(Failed::Refused(refusal)),
+        match worker.link.send_and_receive(request, within)? {
+            Answer::Words(Reply::Refused(refusal)) => Err(RequestFailure::Refused(refusal)),
             answer => Ok(answer),
         }
     }
 
     /// Sends a request to a camera that is ready.
-    pub(super) fn asked(&mut self, ask: CameraRequest) -> Result<CameraAnswer, ZividFault> {
+    pub(super) fn request_from_ready(&mut self, ask: CameraRequest) -> Result<CameraAnswer, ZividFault> {
         let (scan, picture) = (self.scan.hash.clone(), self.picture.hash.clone());
-        let within = self.setup.patience.timeout(ask);
+        let within = self.setup.timeouts.timeout(ask);
         let request = match ask {
             CameraRequest::Scan => Request::Scan { settings: scan },
             CameraRequest::Picture => Request::Picture { settings: picture },
@@ -39,19 +39,21 @@ impl Host {
         // Every request except the one for the next picture ends a clip.
         self.takes_clip =
             matches!(ask, CameraRequest::BeginClip(_)) || self.takes_clip && ask == CameraRequest::NextPicture;
-        let during = ask.words();
+        let during = ask.describe();
         let mut tries = 0;
         loop {
             tries += 1;
             let from_ns = if ask == CameraRequest::NextPicture { self.clip_from_ns } else { now_ns() };
-            let message = match self.ask(&request, within) {
-                Ok(answer) => match self.checked(ask, from_ns, answer) {
+            let message = match self.send_request(&request, within) {
+                Ok(answer) => match self.check_answer(ask, from_ns, answer) {
                     // The camera's own buffer may have delivered the previous shot once more.
                     Err(ZividFault::Frozen(_)) if tries < 2 => continue,
-                    other => return other.inspect_err(|fault| self.shared.note(fault)),
+                    other => return other.inspect_err(|fault| self.shared.record_fault(fault)),
                 },
-                Err(Failed::Lost(error)) => return Err(self.lost(during, Loss::from_wire_error(error, within))),
-                Err(Failed::Refused(refusal)) => {
+                Err(RequestFailure::Lost(error)) => {
+                    return Err(self.on_worker_lost(during, WorkerLoss::from_wire_error(error, within)));
+                }
+                Err(RequestFailure::Refused(refusal)) => {
                     if let Some(fault) = self.refused(ask, &refusal) {
                         return Err(fault);
                     }
@@ -60,7 +62,7 @@ impl Host {
             };
             if tries >= MAX_ATTEMPTS {
                 let fault = ZividFault::NoShot { during, tries, message };
-                self.shared.note(&fault);
+                self.shared.record_fault(&fault);
                 return Err(fault);
             }
         }
@@ -68,13 +70,13 @@ impl Host {
 
     /// Returns the fault of a refusal; none if another attempt may help.
     fn refused(&mut self, ask: CameraRequest, refusal: &Refusal) -> Option<ZividFault> {
-        let (during, message) = (ask.words(), refusal.message.clone());
+        let (during, message) = (ask.describe(), refusal.message.clone());
         let is_shot = matches!(ask, CameraRequest::Scan | CameraRequest::Picture);
         match refusal.trouble {
             Trouble::Gone | Trouble::NotFound | Trouble::Firmware | Trouble::InUse | Trouble::OutOfReach => {
                 let fault = ZividFault::Lost { during, message };
                 self.search = Instant::now();
-                self.without_camera(fault.clone());
+                self.on_camera_missing(fault.clone());
                 Some(fault)
             }
             Trouble::NoShot if is_shot => None,
@@ -83,19 +85,24 @@ impl Host {
         }
         .inspect(|fault| {
             if !matches!(fault, ZividFault::Lost { .. }) {
-                self.shared.note(fault);
+                self.shared.record_fault(fault);
             }
         })
     }
 
     /// Checks an answer against the request.
-    fn checked(&mut self, ask: CameraRequest, from_ns: u64, answer: Answer) -> Result<CameraAnswer, ZividFault> {
+    fn check_answer(
+        &mut self,
+        ask: CameraRequest,
+        from_ns: u64,
+        answer: Answer,
+    ) -> Result<CameraAnswer, ZividFault> {
         match (ask, answer) {
             (CameraRequest::Scan, Answer::Scan(came, planes)) => {
-                self.accepted(ask, from_ns, &came, false)?;
+                self.accept_shot(ask, from_ns, &came, false)?;
                 accept::accept_points(&planes)?;
-                if came.taken.throttled_ms > 0.0 {
-                    tracing::warn!("the 3D camera paused for {:.0} ms to cool", came.taken.throttled_ms);
+                if came.metadata.throttled_ms > 0.0 {
+                    tracing::warn!("the 3D camera paused for {:.0} ms to cool", came.metadata.throttled_ms);
                 }
                 Ok(CameraAnswer::Scan(came, planes))
             }
@@ -103,27 +110,27 @@ impl Host {
                 // If a scene is black or white, all its pictures are the same; the evaluation of the pictures
                 // reports that.
                 let is_plain = rgb.windows(2).all(|two| two[0] == two[1]);
-                self.accepted(ask, from_ns, &came, is_plain)?;
-                accept::accept_pause(&came.taken, ask.words())?;
+                self.accept_shot(ask, from_ns, &came, is_plain)?;
+                accept::accept_pause(&came.metadata, ask.describe())?;
                 Ok(CameraAnswer::Picture(came, rgb))
             }
             (CameraRequest::BeginClip(_), Answer::Words(Reply::ClipBegun)) => Ok(CameraAnswer::Done),
             (CameraRequest::EndClip, Answer::Words(Reply::ClipEnded(end))) => Ok(CameraAnswer::Clip(end)),
             (CameraRequest::Intrinsics, Answer::Words(Reply::Intrinsics(lens))) => Ok(CameraAnswer::Lens(lens)),
             (CameraRequest::Check, Answer::Words(Reply::State(temperatures))) => {
-                self.shared.felt(now_ns(), temperatures.lens_c);
+                self.shared.record_temperature(now_ns(), temperatures.lens_c);
                 Ok(CameraAnswer::State(temperatures))
             }
             (CameraRequest::Light, Answer::Words(Reply::Light(light))) => Ok(CameraAnswer::Light(light)),
-            (_, other) => Err(self.lost(ask.words(), Loss::Damaged(name(&other)))),
+            (_, other) => Err(self.on_worker_lost(ask.describe(), WorkerLoss::Damaged(name(&other)))),
         }
     }
 
-    fn accepted(
+    fn accept_shot(
         &mut self,
         ask: CameraRequest,
         from_ns: u64,
-        came: &Delivery,
+        came: &ShotDelivery,
         may_repeat: bool,
     ) -> Result<(), ZividFault> {
         let is_file = matches!(self.setup.source, Source::File(_));
@@ -132,13 +139,13 @@ impl Host {
         let taking = if ask == CameraRequest::Scan { &mut self.scan } else { &mut self.picture };
         let last_sum = taking.last_sum.filter(|_| !is_file && !may_repeat);
         let settings = taking.hash.clone();
-        let until_ns = came.came_ns;
+        let until_ns = came.arrived_ns;
         let asked =
-            ExpectedShot { what: ask.words(), settings, serial, size, from_ns, until_ns, last_number, last_sum };
-        accept::accept(&came.taken, came.sum, &asked)?;
+            ExpectedShot { what: ask.describe(), settings, serial, size, from_ns, until_ns, last_number, last_sum };
+        accept::accept(&came.metadata, came.sum, &asked)?;
         taking.last_sum = Some(came.sum);
-        self.last_number = came.taken.number;
-        self.shared.felt(came.taken.exposed_ns, came.taken.lens_c);
+        self.last_number = came.metadata.number;
+        self.shared.record_temperature(came.metadata.exposed_ns, came.metadata.lens_c);
         Ok(())
     }
 }

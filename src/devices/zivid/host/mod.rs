@@ -20,21 +20,23 @@ mod outcome;
 mod shared;
 mod worker_restart;
 
-use super::budget::{Budget, Verdict};
+use super::budget::{RestartBudget, RestartDecision};
 use super::clock::now_ns;
 use super::fault::ZividFault;
 use super::link::Link;
 use super::message::{Identity, SettingsHash};
-use super::process::{Launcher, Peer};
+use super::process::{WorkerLauncher, WorkerPeer};
 use super::worker::settings_hash;
-use outcome::Loss;
+use outcome::WorkerLoss;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 pub(super) use outcome::MAX_ATTEMPTS;
-pub use shared::{CameraAnswer, CameraRequest, Patience, QueuedRequest, Setup, Shared, Stage, Status};
+pub use shared::{
+    AnswerTimeouts, CameraAnswer, CameraRequest, CameraSetup, CameraStage, QueuedRequest, Shared, Status,
+};
 
 /// Interval of the checks of an idle worker.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
@@ -48,28 +50,28 @@ const RELEASE_TIMEOUT: Duration = Duration::from_secs(3);
 /// Longest interval between two searches, if a person has to correct something first.
 const MAX_SEARCH_INTERVAL: Duration = Duration::from_secs(60);
 
-struct Worker {
+struct RunningWorker {
     link: Link,
-    peer: Box<dyn Peer>,
+    peer: Box<dyn WorkerPeer>,
 }
 
 /// The hash of the settings and the checksum of the last shot or picture taken with them.
-struct Taking {
+struct LastShot {
     hash: SettingsHash,
     last_sum: Option<u32>,
 }
 
 /// The thread's own.
 pub struct Host {
-    setup: Setup,
-    launch: Launcher,
+    setup: CameraSetup,
+    launch: WorkerLauncher,
     shared: Arc<Shared>,
-    budget: Budget,
+    budget: RestartBudget,
     began: Instant,
-    worker: Option<Worker>,
+    worker: Option<RunningWorker>,
     camera: Option<Identity>,
-    scan: Taking,
-    picture: Taking,
+    scan: LastShot,
+    picture: LastShot,
     last_number: u64,
     clip_from_ns: u64,
     /// A clip is being taken.
@@ -82,13 +84,13 @@ pub struct Host {
 
 impl Host {
     /// Creates the host before the first start of the worker.
-    pub fn new(setup: Setup, launch: Launcher, shared: Arc<Shared>) -> Self {
-        let taking = |yaml: &str| Taking { hash: settings_hash(yaml), last_sum: None };
+    pub fn new(setup: CameraSetup, launch: WorkerLauncher, shared: Arc<Shared>) -> Self {
+        let taking = |yaml: &str| LastShot { hash: settings_hash(yaml), last_sum: None };
         let now = Instant::now();
         Host {
             scan: taking(&setup.scan_yaml),
             picture: taking(&setup.picture_yaml),
-            budget: Budget::new(setup.restarts),
+            budget: RestartBudget::new(setup.restarts),
             setup,
             launch,
             shared,
@@ -106,34 +108,34 @@ impl Host {
     /// Serves until no more requests can come.
     pub fn run(mut self, orders: &Receiver<QueuedRequest>) {
         loop {
-            self.look_after();
+            self.start_and_open_if_due();
             match orders.recv_timeout(POLL_INTERVAL) {
-                Ok(order) if order.is_given_up.load(Ordering::Relaxed) => {}
+                Ok(order) if order.is_abandoned.load(Ordering::Relaxed) => {}
                 // The caller may have gone meanwhile.
                 Ok(order) => drop(order.answer.send(self.perform(order.ask))),
                 Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return self.farewell(),
+                Err(RecvTimeoutError::Disconnected) => return self.end_session(),
             }
             if self.shared.is_ending.load(Ordering::Relaxed) {
-                return self.farewell();
+                return self.end_session();
             }
         }
     }
 
-    fn farewell(&mut self) {
-        if let Some(Worker { link, mut peer }) = self.worker.take() {
+    fn end_session(&mut self) {
+        if let Some(RunningWorker { link, mut peer }) = self.worker.take() {
             drop(link); // hangs up
-            let _ = peer.ended(RELEASE_TIMEOUT);
+            let _ = peer.wait_ended(RELEASE_TIMEOUT);
         }
     }
 
     /// Starts the worker and opens the camera, as far as this is due and possible.
-    fn look_after(&mut self) {
-        if matches!(self.shared.status().stage, Stage::Down(_)) {
+    fn start_and_open_if_due(&mut self) {
+        if matches!(self.shared.status().stage, CameraStage::Down(_)) {
             return;
         }
-        if let Some(how) = self.worker.as_mut().and_then(|worker| worker.peer.ended(Duration::ZERO)) {
-            self.lost("its rest", Loss::Ended(how));
+        if let Some(how) = self.worker.as_mut().and_then(|worker| worker.peer.wait_ended(Duration::ZERO)) {
+            self.on_worker_lost("its rest", WorkerLoss::Ended(how));
         } else if self.worker.is_none() {
             self.start();
         } else if self.camera.is_none() && Instant::now() >= self.search {
@@ -141,24 +143,24 @@ impl Host {
         } else if self.camera.is_some() && !self.takes_clip && self.shared.is_temperature_due(now_ns()) {
             // The temperatures over time show whether the camera is warm; a fault in this request is reported like any
             // other.
-            drop(self.asked(CameraRequest::Check));
+            drop(self.request_from_ready(CameraRequest::Check));
         }
     }
 
     fn perform(&mut self, ask: CameraRequest) -> Result<CameraAnswer, ZividFault> {
         let stage = self.shared.status().stage.clone();
         match (stage, ask) {
-            (Stage::Ready(_), _) => self.asked(ask),
-            (Stage::Starting(since), _) => {
-                Err(ZividFault::Starting { since: since.elapsed(), most: self.setup.patience.start() })
+            (CameraStage::Ready(_), _) => self.request_from_ready(ask),
+            (CameraStage::Starting(since), _) => {
+                Err(ZividFault::Starting { since: since.elapsed(), most: self.setup.timeouts.start() })
             }
-            (Stage::NoCamera(_), CameraRequest::Check) => {
+            (CameraStage::NoCamera(_), CameraRequest::Check) => {
                 self.open();
-                self.looked()
+                self.open_on_request()
             }
-            (Stage::NoCamera(fault), _) => Err(fault),
-            (Stage::Down(fault), CameraRequest::Check) => self.revived(fault),
-            (Stage::Down(fault), _) => Err(self.as_of_now(fault)),
+            (CameraStage::NoCamera(fault), _) => Err(fault),
+            (CameraStage::Down(fault), CameraRequest::Check) => self.restart_on_request(fault),
+            (CameraStage::Down(fault), _) => Err(self.as_of_now(fault)),
         }
     }
 
@@ -174,25 +176,25 @@ impl Host {
     }
 
     /// Handles a person's request for a worker that stays down.
-    fn revived(&mut self, fault: ZividFault) -> Result<CameraAnswer, ZividFault> {
+    fn restart_on_request(&mut self, fault: ZividFault) -> Result<CameraAnswer, ZividFault> {
         // A cause other than the budget, such as a missing library, may be removed at any time, so the start is tried.
         let by_budget = matches!(fault, ZividFault::Down { .. });
-        if by_budget && self.budget.asked(self.began.elapsed()) == Verdict::StayDown {
+        if by_budget && self.budget.on_person_request(self.began.elapsed()) == RestartDecision::StayDown {
             return Err(self.as_of_now(fault));
         }
         self.start();
-        self.looked()
+        self.open_on_request()
     }
 
     /// Returns the answer to a person's request for the camera, after an attempt to open it.
-    fn looked(&mut self) -> Result<CameraAnswer, ZividFault> {
+    fn open_on_request(&mut self) -> Result<CameraAnswer, ZividFault> {
         let stage = self.shared.status().stage.clone();
         match stage {
-            Stage::Ready(_) => self.asked(CameraRequest::Check),
-            Stage::Starting(since) => {
-                Err(ZividFault::Starting { since: since.elapsed(), most: self.setup.patience.start() })
+            CameraStage::Ready(_) => self.request_from_ready(CameraRequest::Check),
+            CameraStage::Starting(since) => {
+                Err(ZividFault::Starting { since: since.elapsed(), most: self.setup.timeouts.start() })
             }
-            Stage::NoCamera(fault) | Stage::Down(fault) => Err(fault),
+            CameraStage::NoCamera(fault) | CameraStage::Down(fault) => Err(fault),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Starts the worker, opens the camera and warms up the SDK.
 
-use super::outcome::{Failed, Loss, name};
-use super::{Host, MAX_SEARCH_INTERVAL, Stage, Worker};
+use super::outcome::{RequestFailure, WorkerLoss, name};
+use super::{CameraStage, Host, MAX_SEARCH_INTERVAL, RunningWorker};
 use crate::devices::zivid::fault::ZividFault;
 use crate::devices::zivid::link::{Answer, Link};
 use crate::devices::zivid::message::{Identity, Refusal, Reply, Request, Size, Source, Trouble, Use};
@@ -11,30 +11,33 @@ use std::time::{Duration, Instant};
 impl Host {
     /// Starts a worker and opens the camera.
     pub(super) fn start(&mut self) {
-        self.shared.becomes(Stage::Starting(Instant::now()));
+        self.shared.set_stage(CameraStage::Starting(Instant::now()));
         let (stream, peer) = match (self.launch)() {
             Ok(started) => started,
             Err(error) => {
-                return self.down(ZividFault::NoWorker(format!("the worker's process cannot be started: {error}")));
+                return self
+                    .stop_worker(ZividFault::NoWorker(format!("the worker's process cannot be started: {error}")));
             }
         };
         self.shared.status().worker = peer.id();
         let mut link = Link::new(stream, self.shared.is_ending.clone());
-        let hello = link.hello(self.setup.patience.hello);
-        self.worker = Some(Worker { link, peer });
+        let hello = link.receive_hello(self.setup.timeouts.hello);
+        self.worker = Some(RunningWorker { link, peer });
         let during = "its start";
         match hello {
             Err(WireError::Version { found }) => {
                 let expected = VERSION.to_string();
-                self.down(ZividFault::WrongVersion { found: format!("protocol {found}"), expected });
+                self.stop_worker(ZividFault::WrongVersion { found: format!("protocol {found}"), expected });
             }
-            Err(error) => drop(self.lost(during, Loss::from_wire_error(error, self.setup.patience.hello))),
+            Err(error) => {
+                drop(self.on_worker_lost(during, WorkerLoss::from_wire_error(error, self.setup.timeouts.hello)))
+            }
             Ok(hello) if hello.program != env!("CARGO_PKG_VERSION") => {
                 let expected = env!("CARGO_PKG_VERSION").to_owned();
-                self.down(ZividFault::WrongVersion { found: hello.program, expected });
+                self.stop_worker(ZividFault::WrongVersion { found: hello.program, expected });
             }
             Ok(hello) => match hello.sdk {
-                Err(why) => self.down(ZividFault::NoWorker(why)),
+                Err(why) => self.stop_worker(ZividFault::NoWorker(why)),
                 Ok(sdk) => {
                     tracing::info!("the 3D camera's worker runs; Zivid SDK: {sdk}");
                     self.open();
@@ -45,27 +48,27 @@ impl Host {
 
     /// Opens the camera; an obstacle is reported once.
     pub(super) fn open(&mut self) {
-        match self.opened() {
+        match self.open_camera() {
             Ok(identity) => {
                 tracing::info!("the 3D camera is ready: {} {}", identity.model, identity.serial);
                 self.camera = Some(identity.clone());
                 self.search_pause = Duration::ZERO;
-                self.shared.becomes(Stage::Ready(identity));
+                self.shared.set_stage(CameraStage::Ready(identity));
             }
-            Err(Opening::Lost(during, loss)) => drop(self.lost(during, loss)),
-            Err(Opening::NoCamera(fault)) => {
-                self.search_pause = next_pause(&fault, self.search_pause, self.setup.patience.search);
+            Err(OpenFailure::Lost(during, loss)) => drop(self.on_worker_lost(during, loss)),
+            Err(OpenFailure::NoCamera(fault)) => {
+                self.search_pause = search_delay(&fault, self.search_pause, self.setup.timeouts.search);
                 self.search = Instant::now() + self.search_pause;
-                self.without_camera(fault);
+                self.on_camera_missing(fault);
             }
         }
     }
 
-    fn opened(&mut self) -> Result<Identity, Opening> {
-        let (setup, patience) = (self.setup.clone(), self.setup.patience);
+    fn open_camera(&mut self) -> Result<Identity, OpenFailure> {
+        let (setup, patience) = (self.setup.clone(), self.setup.timeouts);
         let connect = Request::Connect { source: setup.source.clone() };
         let refused = |Refusal { trouble, message }: Refusal| {
-            Opening::NoCamera(match trouble {
+            OpenFailure::NoCamera(match trouble {
                 Trouble::Firmware => ZividFault::Firmware(message),
                 Trouble::InUse => ZividFault::InUse(message),
                 Trouble::OutOfReach => ZividFault::OutOfReach(message),
@@ -74,7 +77,7 @@ impl Host {
         };
         let identity = match self.step(&connect, ("its opening", patience.connect), refused)? {
             Answer::Words(Reply::Connected(identity)) => identity,
-            other => return Err(foreign("its opening", &other)),
+            other => return Err(unexpected_answer("its opening", &other)),
         };
         let by_source = match &setup.source {
             Source::Serial(serial) => Some(serial),
@@ -82,7 +85,7 @@ impl Host {
         };
         if let Some(expected) = setup.serial.iter().chain(by_source).find(|serial| **serial != identity.serial) {
             let (found, expected) = (identity.serial, expected.clone());
-            return Err(Opening::NoCamera(ZividFault::WrongCamera { found, expected }));
+            return Err(OpenFailure::NoCamera(ZividFault::WrongCamera { found, expected }));
         }
         let uses = [
             (Use::Scan, "the settings for 3D shots", setup.scan_yaml, self.scan.hash.clone()),
@@ -90,16 +93,16 @@ impl Host {
         ];
         for (usage, what, yaml, hash) in uses {
             let refused =
-                |refusal: Refusal| Opening::NoCamera(ZividFault::Settings { what, message: refusal.message });
+                |refusal: Refusal| OpenFailure::NoCamera(ZividFault::Settings { what, message: refusal.message });
             let request = Request::Settings { usage, yaml, hash };
-            match self.step(&request, ("its settings", patience.words), refused)? {
+            match self.step(&request, ("its settings", patience.settings_and_temperatures), refused)? {
                 Answer::Words(Reply::Settings(size)) if size == setup.size => {}
                 Answer::Words(Reply::Settings(size)) => {
                     let px = |size: Size| [size.width, size.height];
                     let (found_px, expected_px) = (px(size), px(setup.size));
-                    return Err(Opening::NoCamera(ZividFault::WrongSize { what, found_px, expected_px }));
+                    return Err(OpenFailure::NoCamera(ZividFault::WrongSize { what, found_px, expected_px }));
                 }
-                other => return Err(foreign("its settings", &other)),
+                other => return Err(unexpected_answer("its settings", &other)),
             }
         }
         // The content of this shot does not matter; it only warms up the SDK.
@@ -107,15 +110,15 @@ impl Host {
         let during = "its first shot";
         let refused = |refusal: Refusal| {
             let message = refusal.message;
-            Opening::NoCamera(ZividFault::NoShot { during, tries: 1, message })
+            OpenFailure::NoCamera(ZividFault::NoShot { during, tries: 1, message })
         };
         match self.step(&request, (during, patience.warm_up), refused)? {
             Answer::Scan(came, _) => {
-                self.shared.felt(came.taken.exposed_ns, came.taken.lens_c);
-                self.last_number = came.taken.number;
+                self.shared.record_temperature(came.metadata.exposed_ns, came.metadata.lens_c);
+                self.last_number = came.metadata.number;
                 Ok(identity)
             }
-            other => Err(foreign(during, &other)),
+            other => Err(unexpected_answer(during, &other)),
         }
     }
 
@@ -124,38 +127,38 @@ impl Host {
         &mut self,
         request: &Request,
         (during, within): (&'static str, Duration),
-        refused: impl FnOnce(Refusal) -> Opening,
-    ) -> Result<Answer, Opening> {
-        self.ask(request, within).map_err(|failed| match failed {
-            Failed::Lost(error) => Opening::Lost(during, Loss::from_wire_error(error, within)),
-            Failed::Refused(refusal) => refused(refusal),
+        refused: impl FnOnce(Refusal) -> OpenFailure,
+    ) -> Result<Answer, OpenFailure> {
+        self.send_request(request, within).map_err(|failed| match failed {
+            RequestFailure::Lost(error) => OpenFailure::Lost(during, WorkerLoss::from_wire_error(error, within)),
+            RequestFailure::Refused(refusal) => refused(refusal),
         })
     }
 
     /// Handles the state in which the worker is present, but the camera cannot be used because of this fault.
-    pub(super) fn without_camera(&mut self, fault: ZividFault) {
+    pub(super) fn on_camera_missing(&mut self, fault: ZividFault) {
         self.camera = None;
-        let is_known = matches!(&self.shared.status().stage, Stage::NoCamera(known) if *known == fault);
+        let is_known = matches!(&self.shared.status().stage, CameraStage::NoCamera(known) if *known == fault);
         if !is_known {
-            self.shared.note(&fault);
-            self.shared.becomes(Stage::NoCamera(fault));
+            self.shared.record_fault(&fault);
+            self.shared.set_stage(CameraStage::NoCamera(fault));
         }
     }
 }
 
 /// Why the camera is not open.
-enum Opening {
-    Lost(&'static str, Loss),
+enum OpenFailure {
+    Lost(&'static str, WorkerLoss),
     NoCamera(ZividFault),
 }
 
-fn foreign(during: &'static str, answer: &Answer) -> Opening {
-    Opening::Lost(during, Loss::Damaged(name(answer)))
+fn unexpected_answer(during: &'static str, answer: &Answer) -> OpenFailure {
+    OpenFailure::Lost(during, WorkerLoss::Damaged(name(answer)))
 }
 
 /// Returns the delay until the next search. The delay is short for an absent camera, which may be connected at any
 /// time. For a faulty camera it increases each time, since each attempt may expose and heat the camera.
-fn next_pause(fault: &ZividFault, last: Duration, shortest: Duration) -> Duration {
+fn search_delay(fault: &ZividFault, last: Duration, shortest: Duration) -> Duration {
     match fault {
         ZividFault::NotFound(_) | ZividFault::InUse(_) | ZividFault::OutOfReach(_) => shortest,
         _ => (2 * last).clamp(shortest, MAX_SEARCH_INTERVAL.max(shortest)),
@@ -170,10 +173,11 @@ mod tests {
     fn a_camera_that_is_wrong_is_opened_ever_more_rarely() {
         let wrong = ZividFault::WrongCamera { found: "1".to_owned(), expected: "2".to_owned() };
         let shortest = Duration::from_secs(3);
-        let pauses = std::iter::successors(Some(Duration::ZERO), |last| Some(next_pause(&wrong, *last, shortest)));
+        let pauses =
+            std::iter::successors(Some(Duration::ZERO), |last| Some(search_delay(&wrong, *last, shortest)));
         let pauses_s: Vec<u64> = pauses.skip(1).take(7).map(|pause| pause.as_secs()).collect();
         assert_eq!(pauses_s, [3, 6, 12, 24, 48, 60, 60]);
         let absent = ZividFault::NotFound("none".to_owned());
-        assert_eq!(next_pause(&absent, Duration::from_secs(60), shortest), shortest);
+        assert_eq!(search_delay(&absent, Duration::from_secs(60), shortest), shortest);
     }
 }

@@ -10,21 +10,21 @@ use std::time::Duration;
 pub(in crate::devices::zivid) const MAX_ATTEMPTS: u32 = 3;
 
 /// Why the worker did not fulfil a request.
-pub(super) enum Failed {
+pub(super) enum RequestFailure {
     /// It is lost.
     Lost(WireError),
     /// The worker states the reason.
     Refused(Refusal),
 }
 
-impl From<WireError> for Failed {
+impl From<WireError> for RequestFailure {
     fn from(error: WireError) -> Self {
-        Failed::Lost(error)
+        RequestFailure::Lost(error)
     }
 }
 
 /// How a worker was lost.
-pub(super) enum Loss {
+pub(super) enum WorkerLoss {
     /// The worker had already ended.
     Ended(String),
     /// The worker closed its end of the socket.
@@ -35,15 +35,15 @@ pub(super) enum Loss {
     Damaged(String),
 }
 
-impl Loss {
+impl WorkerLoss {
     pub(super) fn from_wire_error(error: WireError, waited: Duration) -> Self {
         match error {
-            WireError::Ended | WireError::Cut { .. } => Loss::HungUp,
-            WireError::Io(error) if error.kind() == ErrorKind::BrokenPipe => Loss::HungUp,
-            WireError::Io(error) if error.kind() == ErrorKind::ConnectionReset => Loss::HungUp,
-            WireError::Io(error) if error.kind() == ErrorKind::TimedOut => Loss::Stalled(waited),
-            WireError::Stalled { .. } => Loss::Stalled(waited),
-            other => Loss::Damaged(other.to_string()),
+            WireError::Ended | WireError::Cut { .. } => WorkerLoss::HungUp,
+            WireError::Io(error) if error.kind() == ErrorKind::BrokenPipe => WorkerLoss::HungUp,
+            WireError::Io(error) if error.kind() == ErrorKind::ConnectionReset => WorkerLoss::HungUp,
+            WireError::Io(error) if error.kind() == ErrorKind::TimedOut => WorkerLoss::Stalled(waited),
+            WireError::Stalled { .. } => WorkerLoss::Stalled(waited),
+            other => WorkerLoss::Damaged(other.to_string()),
         }
     }
 }

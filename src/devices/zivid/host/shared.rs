@@ -2,10 +2,10 @@
 
 use crate::devices::zivid::budget::Restarts;
 use crate::devices::zivid::fault::ZividFault;
-use crate::devices::zivid::link::Delivery;
+use crate::devices::zivid::link::ShotDelivery;
 use crate::devices::zivid::message::{ClipEnd, Identity, Lens, Light, Size, Source, Temperatures};
-use crate::devices::zivid::sensor::Planes;
-use crate::devices::zivid::warmth::{self, Reading};
+use crate::devices::zivid::sensor::ShotPlanes;
+use crate::devices::zivid::warmth::{self, TemperatureReading};
 use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::Sender;
@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 /// The configuration of a camera.
 #[derive(Debug, Clone)]
-pub struct Setup {
+pub struct CameraSetup {
     /// Which camera.
     pub source: Source,
     /// The serial number of the calibrated camera, if known.
@@ -28,12 +28,12 @@ pub struct Setup {
     /// The limit for restarts of the worker.
     pub restarts: Restarts,
     /// Time limits for the answers.
-    pub patience: Patience,
+    pub timeouts: AnswerTimeouts,
 }
 
 /// Time limits for the answers of the worker.
 #[derive(Debug, Clone, Copy)]
-pub struct Patience {
+pub struct AnswerTimeouts {
     /// For the worker's first message: the SDK starts.
     pub hello: Duration,
     /// For finding and opening a camera; the vendor's own samples allow 100 s.
@@ -45,30 +45,30 @@ pub struct Patience {
     /// For a picture, or the next picture of a clip.
     pub picture: Duration,
     /// Words: settings, temperatures.
-    pub words: Duration,
+    pub settings_and_temperatures: Duration,
     /// Interval between searches for an absent camera.
     pub search: Duration,
 }
 
-impl Default for Patience {
+impl Default for AnswerTimeouts {
     fn default() -> Self {
         let s = Duration::from_secs;
-        Patience {
+        AnswerTimeouts {
             hello: s(30),
             connect: s(100),
             warm_up: s(100),
             scan: s(15),
             picture: s(6),
-            words: s(10),
+            settings_and_temperatures: s(10),
             search: s(3),
         }
     }
 }
 
-impl Patience {
+impl AnswerTimeouts {
     /// Returns the time limit from the start of the worker to the first shot.
     pub fn start(&self) -> Duration {
-        self.hello + self.connect + 2 * self.words + self.warm_up
+        self.hello + self.connect + 2 * self.settings_and_temperatures + self.warm_up
     }
 
     /// Returns the time limit for the answer to this request, for each attempt.
@@ -80,7 +80,7 @@ impl Patience {
             | CameraRequest::BeginClip(_)
             | CameraRequest::NextPicture
             | CameraRequest::EndClip => self.picture,
-            CameraRequest::Intrinsics | CameraRequest::Check => self.words,
+            CameraRequest::Intrinsics | CameraRequest::Check => self.settings_and_temperatures,
             // The measurement includes an exposure of some duration.
             CameraRequest::Light => self.scan,
         }
@@ -89,7 +89,7 @@ impl Patience {
 
 /// The state of the camera.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Stage {
+pub enum CameraStage {
     /// The worker is being started, since this time.
     Starting(Instant),
     /// It delivers.
@@ -104,7 +104,7 @@ pub enum Stage {
 #[derive(Debug)]
 pub struct Status {
     /// The camera's state.
-    pub stage: Stage,
+    pub stage: CameraStage,
     /// Number of times that a worker was lost.
     pub lost: usize,
     /// The last faults, in order.
@@ -112,7 +112,7 @@ pub struct Status {
     /// The worker's process.
     pub worker: Option<u32>,
     /// The lens's temperatures, in order, for the period that is needed to judge its warmth.
-    pub temperatures: VecDeque<Reading>,
+    pub temperatures: VecDeque<TemperatureReading>,
 }
 
 /// Interval between temperature readings of a camera without requests.
@@ -125,7 +125,7 @@ const MAX_FAULTS: usize = 1_000;
 #[derive(Debug)]
 pub struct Shared {
     status: Mutex<Status>,
-    news: Condvar,
+    changed: Condvar,
     /// No more requests come.
     pub is_ending: Arc<AtomicBool>,
 }
@@ -133,10 +133,10 @@ pub struct Shared {
 impl Default for Shared {
     /// Creates the state before the first start.
     fn default() -> Self {
-        let stage = Stage::Starting(Instant::now());
+        let stage = CameraStage::Starting(Instant::now());
         let (faults, temperatures) = (VecDeque::new(), VecDeque::new());
         let status = Status { stage, lost: 0, faults, worker: None, temperatures };
-        Shared { status: Mutex::new(status), news: Condvar::new(), is_ending: Arc::default() }
+        Shared { status: Mutex::new(status), changed: Condvar::new(), is_ending: Arc::default() }
     }
 }
 
@@ -147,22 +147,22 @@ impl Shared {
     }
 
     /// Waits until the camera is no longer being started, at most for this time. Returns its state at that time.
-    pub fn settled(&self, within: Duration) -> Stage {
-        let starting = |status: &mut Status| matches!(status.stage, Stage::Starting(_));
-        let waited = self.news.wait_timeout_while(self.status(), within, starting);
+    pub fn wait_started(&self, within: Duration) -> CameraStage {
+        let starting = |status: &mut Status| matches!(status.stage, CameraStage::Starting(_));
+        let waited = self.changed.wait_timeout_while(self.status(), within, starting);
         waited.unwrap_or_else(PoisonError::into_inner).0.stage.clone()
     }
 
-    pub(super) fn becomes(&self, stage: Stage) {
+    pub(super) fn set_stage(&self, stage: CameraStage) {
         self.status().stage = stage;
-        self.news.notify_all();
+        self.changed.notify_all();
     }
 
     /// Records the lens temperature at this time, ns of the monotonic clock.
-    pub(super) fn felt(&self, at_ns: u64, lens_c: Option<f64>) {
+    pub(super) fn record_temperature(&self, at_ns: u64, lens_c: Option<f64>) {
         let Some(lens_c) = lens_c else { return };
         let (mut status, at_s) = (self.status(), at_ns as f64 * 1e-9);
-        status.temperatures.push_back(Reading { at_s, lens_c });
+        status.temperatures.push_back(TemperatureReading { at_s, lens_c });
         while status.temperatures.front().is_some_and(|oldest| at_s - oldest.at_s > warmth::MAX_TEMPERATURE_AGE_S) {
             status.temperatures.pop_front();
         }
@@ -174,13 +174,13 @@ impl Shared {
         now_ns as f64 * 1e-9 - last_s > TEMPERATURE_INTERVAL.as_secs_f64()
     }
 
-    pub(super) fn note(&self, fault: &ZividFault) {
+    pub(super) fn record_fault(&self, fault: &ZividFault) {
         let mut status = self.status();
         status.faults.push_back(fault.clone());
         if status.faults.len() > MAX_FAULTS {
             status.faults.pop_front();
         }
-        match fault.tells_what_was_unknown() {
+        match fault.reports_unknown_value() {
             true => tracing::debug!("{fault}"),
             false => tracing::warn!("{fault}"),
         }
@@ -210,7 +210,7 @@ pub enum CameraRequest {
 
 impl CameraRequest {
     /// In words.
-    pub fn words(self) -> &'static str {
+    pub fn describe(self) -> &'static str {
         match self {
             CameraRequest::Scan => "a 3D shot",
             CameraRequest::Picture => "a picture",
@@ -228,9 +228,9 @@ impl CameraRequest {
 #[derive(Debug)]
 pub enum CameraAnswer {
     /// A 3D shot.
-    Scan(Delivery, Planes),
+    Scan(ShotDelivery, ShotPlanes),
     /// A picture.
-    Picture(Delivery, Vec<[u8; 3]>),
+    Picture(ShotDelivery, Vec<[u8; 3]>),
     /// Done.
     Done,
     /// A clip has ended.
@@ -249,7 +249,7 @@ pub struct QueuedRequest {
     /// The request.
     pub ask: CameraRequest,
     /// The caller no longer waits.
-    pub is_given_up: Arc<AtomicBool>,
+    pub is_abandoned: Arc<AtomicBool>,
     /// The channel for the answer.
     pub answer: Sender<Result<CameraAnswer, ZividFault>>,
 }

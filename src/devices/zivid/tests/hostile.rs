@@ -3,7 +3,7 @@
 use super::super::*;
 use super::TIMEOUT;
 use super::played::{Plan, in_thread, setup};
-use crate::devices::zivid::process::Launcher;
+use crate::devices::zivid::process::WorkerLauncher;
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -35,7 +35,7 @@ fn frame(worker: &mut UnixStream) -> Option<Vec<u8>> {
 }
 
 /// Returns a launcher of good workers whose frames are changed in transit.
-fn tampered(tamper: impl Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync + 'static) -> Launcher {
+fn tampered(tamper: impl Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync + 'static) -> WorkerLauncher {
     let (frames, tamper): (_, Arc<Tamper>) = (Arc::new(AtomicUsize::new(0)), Arc::new(tamper));
     let inner = Mutex::new(super::played::played(Plan::default()));
     in_thread(move |mut daemon| {
@@ -61,13 +61,13 @@ fn tampered(tamper: impl Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync + 'static
 /// Tampers with the first shot and returns its fault; checks that the next shot is good.
 fn first_shot(tamper: impl Fn(&mut Vec<u8>) -> Rest + Send + Sync + 'static) -> ZividFault {
     let mut setup = setup();
-    setup.patience.scan = Duration::from_millis(400);
+    setup.timeouts.scan = Duration::from_millis(400);
     let launch = tampered(move |number, bytes| if number == SHOT { tamper(bytes) } else { Rest::GoesOn });
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
-    scanner.ready(TIMEOUT).expect("ready");
-    let fault = scanner.shot().expect_err("tampered with");
-    scanner.ready(TIMEOUT).expect("started again");
-    scanner.shot().expect("the next one is good");
+    scanner.wait_ready(TIMEOUT).expect("ready");
+    let fault = scanner.take_scan().expect_err("tampered with");
+    scanner.wait_ready(TIMEOUT).expect("started again");
+    scanner.take_scan().expect("the next one is good");
     assert_eq!((scanner.history().0, scanner.history().1), (vec![fault.clone()], 1));
     fault
 }
@@ -134,7 +134,7 @@ fn a_payload_that_is_short_is_thrown_away() {
         let sequence = u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]);
         let (head, payload) = (bytes[28..28 + head].to_vec(), bytes[28 + head + 4..bytes.len() - 4 - 19].to_vec());
         bytes.clear();
-        wire::write(bytes, (wire::Kind::Reply, sequence), &head, &[&payload]).expect("written");
+        wire::write(bytes, (wire::FrameKind::Reply, sequence), &head, &[&payload]).expect("written");
         Rest::GoesOn
     });
     let words = "C4 the data received for a 3D shot are damaged and were discarded: a frame's payload has 893 bytes, \
@@ -155,8 +155,8 @@ fn an_answer_to_another_request_is_thrown_away() {
         Rest::GoesOn
     });
     let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
-    scanner.ready(TIMEOUT).expect("ready");
-    let fault = scanner.shot().expect_err("the warm-up's").to_string();
+    scanner.wait_ready(TIMEOUT).expect("ready");
+    let fault = scanner.take_scan().expect_err("the warm-up's").to_string();
     assert!(fault.contains("found a response to request 4, but the last request was 5"), "{fault}");
 }
 
@@ -170,11 +170,11 @@ fn a_worker_of_another_version_stays_down() {
         Rest::GoesOn
     });
     let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
-    let fault = scanner.ready(TIMEOUT).expect_err("refused").to_string();
+    let fault = scanner.wait_ready(TIMEOUT).expect_err("refused").to_string();
     let words = "C5 the version of the 3D camera's worker is protocol 9, but the version of this program is 2; restart \
                  the service after an upgrade";
     assert_eq!(fault, words);
-    assert_eq!(scanner.shot().expect_err("down").to_string(), words);
+    assert_eq!(scanner.take_scan().expect_err("down").to_string(), words);
     assert_eq!(scanner.history().1, 0, "no restart was used");
     scanner.temperatures().expect("a person's reset looks again, and the second worker is of this version");
 }
@@ -183,11 +183,11 @@ fn a_worker_of_another_version_stays_down() {
 fn a_worker_of_another_program_stays_down() {
     let other = in_thread(|mut daemon| {
         let hello = br#"{"program":"0.0.7","sdk":{"Ok":"played"}}"#;
-        wire::write(&mut daemon, (wire::Kind::Hello, 0), hello, &[]).expect("written");
+        wire::write(&mut daemon, (wire::FrameKind::Hello, 0), hello, &[]).expect("written");
         let _ = daemon.read(&mut [0]);
     });
     let scanner = ZividScanner::start(setup(), other).expect("a thread");
-    let fault = scanner.ready(TIMEOUT).expect_err("refused").to_string();
+    let fault = scanner.wait_ready(TIMEOUT).expect_err("refused").to_string();
     assert!(
         fault.starts_with("C5 the version of the 3D camera's worker is 0.0.7, but the version of this program is "),
         "{fault}"
@@ -197,10 +197,10 @@ fn a_worker_of_another_program_stays_down() {
 #[test]
 fn a_worker_without_its_library_says_so() {
     let bare = in_thread(|mut daemon| {
-        worker::greet(&mut daemon, Err("libpanelprep_zivid.so: not found".to_owned())).expect("told");
+        worker::send_hello(&mut daemon, Err("libpanelprep_zivid.so: not found".to_owned())).expect("told");
     });
     let scanner = ZividScanner::start(setup(), bare).expect("a thread");
-    let fault = scanner.ready(TIMEOUT).expect_err("none").to_string();
+    let fault = scanner.wait_ready(TIMEOUT).expect_err("none").to_string();
     assert_eq!(fault, "C1 the 3D camera's worker cannot run: libpanelprep_zivid.so: not found");
 }
 
@@ -216,7 +216,7 @@ fn the_fourth_end_stays_down_and_says_so() {
         Rest::GoesOn
     });
     let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
-    let fault = scanner.ready(TIMEOUT).expect_err("down").to_string();
+    let fault = scanner.wait_ready(TIMEOUT).expect_err("down").to_string();
     let words =
         "C11 the 3D camera's worker stays down: it ended 4 times within 10 min (limit 3 restarts). Last: C11";
     assert!(fault.starts_with(words) && fault.contains("reset after"), "{fault}");
@@ -230,14 +230,14 @@ fn the_fourth_end_stays_down_and_says_so() {
     );
     let refused = scanner.temperatures().expect_err("a reset does not make more of it");
     assert!(matches!(refused, ZividFault::Down { .. }), "{refused}");
-    assert!(matches!(scanner.shot(), Err(ZividFault::Down { .. })));
+    assert!(matches!(scanner.take_scan(), Err(ZividFault::Down { .. })));
 }
 
 /// The behaviour in virtual time is tested in `budget`. Here the period is short, and a person's reset starts the
 /// worker again after the period.
 #[test]
 fn a_person_has_it_started_again_when_the_time_is_over() {
-    let restarts = Restarts { most: 1, within: Duration::from_millis(300) };
+    let restarts = Restarts { max_restarts: 1, within: Duration::from_millis(300) };
     // The reply to the warm-up of the first two workers does not arrive.
     let launch = tampered(|number, bytes| {
         if [SHOT - 1, 2 * SHOT - 1].contains(&number) {
@@ -246,11 +246,11 @@ fn a_person_has_it_started_again_when_the_time_is_over() {
         }
         Rest::GoesOn
     });
-    let mut scanner = ZividScanner::start(Setup { restarts, ..setup() }, launch).expect("a thread");
-    let fault = scanner.ready(TIMEOUT).expect_err("down").to_string();
+    let mut scanner = ZividScanner::start(CameraSetup { restarts, ..setup() }, launch).expect("a thread");
+    let fault = scanner.wait_ready(TIMEOUT).expect_err("down").to_string();
     assert!(fault.contains("it ended 2 times within 0 min (limit 1 restarts)"), "{fault}");
     std::thread::sleep(restarts.within);
-    assert!(matches!(scanner.shot(), Err(ZividFault::Down { .. })), "time alone does not start it");
+    assert!(matches!(scanner.take_scan(), Err(ZividFault::Down { .. })), "time alone does not start it");
     scanner.temperatures().expect("a person does");
-    scanner.shot().expect("and it delivers");
+    scanner.take_scan().expect("and it delivers");
 }

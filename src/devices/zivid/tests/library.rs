@@ -12,10 +12,10 @@ use std::path::Path;
 use std::process::Command;
 
 /// Writes a camera file with these lines and returns the camera that is simulated from it.
-fn file_camera(folder: &Path, lines: &str) -> (Setup, Launcher) {
+fn file_camera(folder: &Path, lines: &str) -> (CameraSetup, WorkerLauncher) {
     let file = folder.join("camera.zfc");
     std::fs::write(&file, lines).expect("written");
-    let setup = Setup {
+    let setup = CameraSetup {
         source: Source::File(file),
         size: Size { width: 162, height: 100 },
         scan_yaml: SCAN.to_owned(),
@@ -44,7 +44,7 @@ fn the_camera_behind_the_sdk_does_what_every_scanner_does() {
     let folder = tempfile::tempdir().expect("a folder");
     let (setup, launch) = file_camera(folder.path(), "width 162\nheight 100\nserial 2127A0F3\nlens 35.5\n");
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
-    conform::shots(&mut scanner, &lens());
+    conform::check_shot(&mut scanner, &lens());
     conform::pictures(&mut scanner, &lens());
     scanner.capture_3d().expect("a shot after pictures");
     let found = scanner.intrinsics().expect("a lens");
@@ -52,7 +52,7 @@ fn the_camera_behind_the_sdk_does_what_every_scanner_does() {
     assert_eq!(found.distortion, [-0.08, 0.1, 0.0002, -0.0001, -0.02], "k1, k2, p1, p2, k3");
     let state = scanner.temperatures().expect("well");
     assert_eq!((state.lens_c, state.led_c), (Some(35.5), Some(47.5)));
-    let taken = scanner.shot().expect("a shot").taken;
+    let taken = scanner.take_scan().expect("a shot").metadata;
     assert_eq!((taken.serial.as_str(), taken.lens_c), ("2127A0F3", Some(35.5)));
     assert_eq!(scanner.history().0, []);
     // These tests also make requests that must be refused.
@@ -66,8 +66,8 @@ fn numbers_come_through_the_interface_as_they_were() {
     let folder = tempfile::tempdir().expect("a folder");
     let (setup, launch) = file_camera(folder.path(), "width 162\nheight 100\n");
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
-    scanner.ready(TIMEOUT).expect("ready");
-    let shot = scanner.shot().expect("a shot");
+    scanner.wait_ready(TIMEOUT).expect("ready");
+    let shot = scanner.take_scan().expect("a shot");
     let point = shot.cloud.point(81, 50).expect("there").mm;
     assert!((708.157..708.209).contains(&point.z), "{point}");
     assert!((point.x - 0.5 * point.z / 148.75).abs() < 1e-3 && (point.y - point.x).abs() < 1e-6, "{point}");
@@ -84,10 +84,10 @@ fn numbers_come_through_the_interface_as_they_were() {
 #[test]
 fn settings_that_the_sdk_refuses_are_told_in_its_words() {
     let folder = tempfile::tempdir().expect("a folder");
-    let told = |change: &dyn Fn(&mut Setup)| {
+    let told = |change: &dyn Fn(&mut CameraSetup)| {
         let (mut setup, launch) = file_camera(folder.path(), "width 162\nheight 100\n");
         change(&mut setup);
-        ZividScanner::start(setup, launch).expect("a thread").ready(TIMEOUT).expect_err("refused").to_string()
+        ZividScanner::start(setup, launch).expect("a thread").wait_ready(TIMEOUT).expect_err("refused").to_string()
     };
     let swapped = told(&|setup| setup.scan_yaml = PICTURE.to_owned());
     assert_eq!(swapped, "C5 the settings for 3D shots are not accepted: this is no Settings file");

@@ -16,14 +16,14 @@ const TIMEOUT: Duration = Duration::from_secs(60);
 /// Creates a camera that behaves according to this plan and is ready.
 fn ready(plan: Plan) -> ZividScanner {
     let scanner = ZividScanner::start(setup(), played(plan)).expect("a thread");
-    scanner.ready(TIMEOUT).expect("ready");
+    scanner.wait_ready(TIMEOUT).expect("ready");
     scanner
 }
 
 /// Waits until the camera delivers again by itself.
 fn delivers_again(scanner: &mut ZividScanner) {
     let since = Instant::now();
-    while scanner.shot().is_err() {
+    while scanner.take_scan().is_err() {
         assert!(since.elapsed() < TIMEOUT, "{:?}", scanner.history());
         std::thread::sleep(Duration::from_millis(5));
     }
@@ -32,17 +32,17 @@ fn delivers_again(scanner: &mut ZividScanner) {
 #[test]
 fn a_good_camera_delivers_all_it_is_asked_for() {
     let mut scanner = ready(Plan::default());
-    let shot = scanner.shot().expect("a shot");
+    let shot = scanner.take_scan().expect("a shot");
     assert_eq!((shot.cloud.width(), shot.cloud.height(), shot.snr.len()), (SIZE.width, SIZE.height, 48));
     assert_eq!(shot.cloud.point(0, 0), None, "the first pixel sees nothing");
     let point = shot.cloud.point(1, 0).expect("there").mm;
     assert_eq!((point.x, point.y, point.z), (1.0, 2.0, 702.0), "shot 2; the first one was to warm up");
-    assert_eq!((shot.cloud.color_at(3), shot.taken.number), ([3, 2, 1], 2));
-    assert_eq!(shot.taken.settings, super::worker::settings_hash(&setup().scan_yaml));
+    assert_eq!((shot.cloud.color_at(3), shot.metadata.number), ([3, 2, 1], 2));
+    assert_eq!(shot.metadata.settings, super::worker::settings_hash(&setup().scan_yaml));
     assert!(shot.crossed_ms < 1_000.0, "{}", shot.crossed_ms);
 
-    let photo = scanner.photo().expect("a picture");
-    assert_eq!((photo.picture.rgb[5], photo.taken.number), ([5, 3, 0], 3));
+    let photo = scanner.take_picture().expect("a picture");
+    assert_eq!((photo.picture.rgb[5], photo.metadata.number), ([5, 3, 0], 3));
     assert_eq!(scanner.intrinsics().expect("a lens").matrix_px, [2.0, 2.0, 4.0, 3.0]);
     assert_eq!(scanner.temperatures().expect("well").lens_c, Some(36.0));
     assert_eq!(scanner.history().0, [], "nothing went wrong");
@@ -56,21 +56,21 @@ fn a_clip_has_true_times_and_drops_the_oldest() {
     scanner.begin_clip(200.0).expect("begun");
     let mut last_ns = 0;
     for _ in 0..5 {
-        let taken = scanner.next_of_clip().expect("a picture").taken;
+        let taken = scanner.next_clip_picture().expect("a picture").metadata;
         assert!(taken.begun_ns > last_ns && taken.begun_ns <= taken.exposed_ns, "{taken:?}");
         last_ns = taken.begun_ns;
     }
     std::thread::sleep(Duration::from_millis(150));
-    let late = scanner.next_of_clip().expect("a picture").taken;
+    let late = scanner.next_clip_picture().expect("a picture").metadata;
     // 30 pictures were due and three are waiting; a busy machine produces fewer, so the limit is low.
     assert!(late.dropped >= 3, "{late:?}");
     let end = scanner.end_clip().expect("over");
     assert!(end.taken >= end.dropped + 6 && end.dropped >= late.dropped, "{end:?}");
-    let none = scanner.next_of_clip().expect_err("no clip").to_string();
+    let none = scanner.next_clip_picture().expect_err("no clip").to_string();
     assert_eq!(none, "C11 the 3D camera's worker refused a picture of a clip: no clip is being recorded");
     scanner.begin_clip(200.0).expect("begun");
-    scanner.shot().expect("a shot ends the clip");
-    assert!(scanner.next_of_clip().is_err());
+    scanner.take_scan().expect("a shot ends the clip");
+    assert!(scanner.next_clip_picture().is_err());
     assert!(scanner.begin_clip(0.0).is_err() && scanner.begin_clip(f64::NAN).is_err());
 }
 
@@ -106,9 +106,9 @@ fn each_trouble_of_the_camera_has_its_name() {
         let frozen = !plan.frozen.is_empty();
         let mut scanner = ready(plan);
         if frozen {
-            scanner.shot().expect("the one that is repeated");
+            scanner.take_scan().expect("the one that is repeated");
         }
-        let fault = scanner.shot().expect_err(words);
+        let fault = scanner.take_scan().expect_err(words);
         assert!(fault.to_string().starts_with(words), "{fault}");
         assert!(fault.to_string().starts_with(fault.row()), "{fault}");
         delivers_again(&mut scanner);
@@ -119,8 +119,8 @@ fn each_trouble_of_the_camera_has_its_name() {
 #[test]
 fn a_shot_that_fails_now_and_then_is_asked_for_again() {
     let mut scanner = ready(Plan { no_shot: vec![2, 3], frozen: vec![5], ..Plan::default() });
-    assert_eq!(scanner.shot().expect("the third try").taken.number, 2, "shots that were none do not count");
-    scanner.shot().expect("one that came twice is thrown away");
+    assert_eq!(scanner.take_scan().expect("the third try").metadata.number, 2, "shots that were none do not count");
+    scanner.take_scan().expect("one that came twice is thrown away");
     assert_eq!(scanner.history().0, []);
 }
 
@@ -128,8 +128,8 @@ fn a_shot_that_fails_now_and_then_is_asked_for_again() {
 #[test]
 fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
     let mut scanner = ready(Plan { hot: vec![2, 3], ..Plan::default() });
-    assert!((scanner.shot().expect("stands").taken.throttled_ms - 900.0).abs() < 1e-9);
-    let fault = scanner.photo().expect_err("too late").to_string();
+    assert!((scanner.take_scan().expect("stands").metadata.throttled_ms - 900.0).abs() < 1e-9);
+    let fault = scanner.take_picture().expect_err("too late").to_string();
     let words =
         "C3 the 3D camera is hot and paused for 900 ms during a picture (limit 500 ms), lens temperature 36 °C";
     assert!(fault.starts_with(words), "{fault}");
@@ -140,10 +140,11 @@ fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
 fn settings_whose_text_is_not_what_was_announced_are_refused() {
     let (stream, _peer) = played(Plan::default())().expect("a worker");
     let mut link = link::Link::new(stream, std::sync::Arc::default());
-    link.hello(TIMEOUT).expect("its first words");
+    link.receive_hello(TIMEOUT).expect("its first words");
     let hash = worker::settings_hash("scan, before");
     let (usage, yaml) = (message::Use::Scan, "scan".to_owned());
-    let answer = link.ask(&message::Request::Settings { usage, yaml, hash }, TIMEOUT).expect("an answer");
+    let answer =
+        link.send_and_receive(&message::Request::Settings { usage, yaml, hash }, TIMEOUT).expect("an answer");
     let link::Answer::Words(message::Reply::Refused(refusal)) = answer else { panic!("{answer:?}") };
     assert!(refusal.message.contains("was announced"), "{refusal:?}");
 }
@@ -153,7 +154,7 @@ fn settings_whose_text_is_not_what_was_announced_are_refused() {
 fn two_black_pictures_are_two_pictures() {
     let mut scanner = ready(Plan { dark: vec![2, 3], ..Plan::default() });
     for _ in 0..2 {
-        assert!(scanner.photo().expect("dark").picture.rgb.iter().all(|pixel| *pixel == [0; 3]));
+        assert!(scanner.take_picture().expect("dark").picture.rgb.iter().all(|pixel| *pixel == [0; 3]));
     }
     assert_eq!(scanner.history().0, []);
 }
@@ -162,19 +163,19 @@ fn two_black_pictures_are_two_pictures() {
 #[test]
 fn a_check_looks_for_a_camera_that_is_absent() {
     let mut setup = setup();
-    setup.patience.search = Duration::from_secs(3_600);
+    setup.timeouts.search = Duration::from_secs(3_600);
     let mut scanner =
         ZividScanner::start(setup, played(Plan { absent_for: 1, ..Plan::default() })).expect("a thread");
-    assert!(scanner.ready(TIMEOUT).is_err(), "absent");
+    assert!(scanner.wait_ready(TIMEOUT).is_err(), "absent");
     scanner.temperatures().expect("it is there by now");
-    scanner.shot().expect("and delivers");
+    scanner.take_scan().expect("and delivers");
 }
 
 #[test]
 fn a_camera_that_is_absent_is_told_once_and_found_by_itself() {
     let plan = Plan { absent_for: 3, ..Plan::default() };
     let mut scanner = ZividScanner::start(setup(), played(plan)).expect("a thread");
-    let fault = scanner.ready(TIMEOUT).expect_err("absent");
+    let fault = scanner.wait_ready(TIMEOUT).expect_err("absent");
     assert!(
         fault.to_string().starts_with("C1 the 3D camera is not found: no such camera; check its power"),
         "{fault}"
@@ -185,21 +186,21 @@ fn a_camera_that_is_absent_is_told_once_and_found_by_itself() {
 
 #[test]
 fn another_camera_or_other_settings_are_refused_before_a_shot() {
-    let told = |setup: Setup| {
+    let told = |setup: CameraSetup| {
         let scanner = ZividScanner::start(setup, played(Plan::default())).expect("a thread");
-        scanner.ready(TIMEOUT).expect_err("refused").to_string()
+        scanner.wait_ready(TIMEOUT).expect_err("refused").to_string()
     };
-    let other = told(Setup { serial: Some("77".to_owned()), ..setup() });
+    let other = told(CameraSetup { serial: Some("77".to_owned()), ..setup() });
     let words = "C5 found the 3D camera with serial STUB1, but the calibration is for serial 77; ";
     assert!(other.starts_with(words), "{other}");
-    let other = told(Setup { source: Source::Serial("STUB2".to_owned()), ..setup() });
+    let other = told(CameraSetup { source: Source::Serial("STUB2".to_owned()), ..setup() });
     assert!(
         other.starts_with("C5 found the 3D camera with serial STUB1, but the calibration is for serial STUB2"),
         "{other}"
     );
-    let size = told(Setup { size: Size { width: 16, height: 12 }, ..setup() });
+    let size = told(CameraSetup { size: Size { width: 16, height: 12 }, ..setup() });
     let words = "C5 the settings for 3D shots: 8×6 px, but the camera's calibration is for 16×12";
     assert!(size.starts_with(words), "{size}");
-    let settings = told(Setup { picture_yaml: "nonsense".to_owned(), ..setup() });
+    let settings = told(CameraSetup { picture_yaml: "nonsense".to_owned(), ..setup() });
     assert_eq!(settings, "C5 the settings for pictures are not accepted: these are no settings");
 }

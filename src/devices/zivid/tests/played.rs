@@ -2,10 +2,10 @@
 
 use super::super::clock::now_ns;
 use super::super::message::{Flicker, Identity, Lens, Light, Refusal, Temperatures, Trouble, Use};
-use super::super::process::Peer;
-use super::super::sensor::{Exposed, Planes, Sensor, Slot};
+use super::super::process::WorkerPeer;
+use super::super::sensor::{ExposureMetadata, Sensor, SettingsSlot, ShotPlanes};
 use super::super::worker;
-use super::super::{Launcher, Patience, Restarts, Setup, Size, Source};
+use super::super::{AnswerTimeouts, CameraSetup, Restarts, Size, Source, WorkerLauncher};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::sync::Arc;
@@ -34,23 +34,23 @@ pub struct Plan {
     pub absent_for: u64,
 }
 
-pub fn setup() -> Setup {
+pub fn setup() -> CameraSetup {
     let ms = Duration::from_millis;
     // The time limits are long if a busy machine may be slow, and short if a test waits for their end.
-    let patience = Patience { search: ms(5), ..Patience::default() };
-    Setup {
+    let patience = AnswerTimeouts { search: ms(5), ..AnswerTimeouts::default() };
+    CameraSetup {
         source: Source::Only,
         serial: None,
         size: SIZE,
         scan_yaml: "scan".to_owned(),
         picture_yaml: "picture".to_owned(),
         restarts: Restarts::default(),
-        patience,
+        timeouts: patience,
     }
 }
 
 /// Returns a launcher of workers with a sensor that follows this plan.
-pub fn played(plan: Plan) -> Launcher {
+pub fn played(plan: Plan) -> WorkerLauncher {
     let counts = Arc::new((AtomicU64::new(0), AtomicU64::new(0)));
     in_thread(move |stream| {
         let sensor = Played { plan: plan.clone(), counts: counts.clone(), is_open: false, content: 0 };
@@ -60,7 +60,7 @@ pub fn played(plan: Plan) -> Launcher {
 }
 
 /// Returns a launcher that runs `serve` with one end of a socket, each time in a new thread.
-pub fn in_thread(serve: impl Fn(UnixStream) + Send + Sync + 'static) -> Launcher {
+pub fn in_thread(serve: impl Fn(UnixStream) + Send + Sync + 'static) -> WorkerLauncher {
     let serve = Arc::new(serve);
     Box::new(move || {
         let (ours, theirs) = UnixStream::pair()?;
@@ -71,7 +71,7 @@ pub fn in_thread(serve: impl Fn(UnixStream) + Send + Sync + 'static) -> Launcher
             drop(hangs_up);
         });
         let stream = ours.try_clone()?;
-        Ok((ours, Box::new(Threaded { stream, thread }) as Box<dyn Peer>))
+        Ok((ours, Box::new(Threaded { stream, thread }) as Box<dyn WorkerPeer>))
     })
 }
 
@@ -89,13 +89,13 @@ struct Threaded {
     thread: JoinHandle<()>,
 }
 
-impl Peer for Threaded {
+impl WorkerPeer for Threaded {
     fn kill(&mut self) {
         let _ = self.stream.shutdown(std::net::Shutdown::Both);
     }
 
     /// A thread has no exit status.
-    fn ended(&mut self, within: Duration) -> Option<String> {
+    fn wait_ended(&mut self, within: Duration) -> Option<String> {
         if within.is_zero() {
             return self.thread.is_finished().then(|| "it hung up".to_owned());
         }
@@ -122,7 +122,7 @@ struct Played {
 
 impl Played {
     /// Returns the exposure's number and its metadata, or the planned fault.
-    fn expose(&mut self) -> Result<(u64, Exposed), Refusal> {
+    fn expose(&mut self) -> Result<(u64, ExposureMetadata), Refusal> {
         let number = self.counts.1.fetch_add(1, Ordering::Relaxed) + 1;
         let refused = |trouble, message: &str| Err(Refusal { trouble, message: message.to_owned() });
         let plan = &self.plan;
@@ -140,12 +140,12 @@ impl Played {
         if !plan.frozen.contains(&number) {
             self.content = number;
         }
-        Ok((number, Exposed { size, exposed_ns, throttled_ms, lens_c: Some(36.0) }))
+        Ok((number, ExposureMetadata { size, exposed_ns, throttled_ms, lens_c: Some(36.0) }))
     }
 }
 
 impl Sensor for Played {
-    fn sdk(&self) -> String {
+    fn sdk_version(&self) -> String {
         "played".to_owned()
     }
 
@@ -157,20 +157,20 @@ impl Sensor for Played {
         Ok(Identity { serial: "STUB1".to_owned(), model: "played".to_owned() })
     }
 
-    fn settings(&mut self, usage: Use, file: &Path) -> Result<(Slot, Size), Refusal> {
+    fn settings(&mut self, usage: Use, file: &Path) -> Result<(SettingsSlot, Size), Refusal> {
         let text = std::fs::read_to_string(file).expect("the file is there while it is read");
         match (usage, text.as_str()) {
-            (Use::Scan, "scan") => Ok((Slot(0), SIZE)),
-            (Use::Picture, "picture") => Ok((Slot(1), SIZE)),
+            (Use::Scan, "scan") => Ok((SettingsSlot(0), SIZE)),
+            (Use::Picture, "picture") => Ok((SettingsSlot(1), SIZE)),
             _ => Err(Refusal { trouble: Trouble::Settings, message: "these are no settings".to_owned() }),
         }
     }
 
     /// Returns a scan whose point k is (k, content, 700 + content).
-    fn scan(&mut self, slot: Slot) -> Result<(Exposed, Planes), Refusal> {
-        assert_eq!(slot, Slot(0));
+    fn scan(&mut self, slot: SettingsSlot) -> Result<(ExposureMetadata, ShotPlanes), Refusal> {
+        assert_eq!(slot, SettingsSlot(0));
         let (number, exposed) = self.expose()?;
-        let mut planes = Planes::with_size(exposed.size);
+        let mut planes = ShotPlanes::with_size(exposed.size);
         for (k, point) in planes.points_mm.iter_mut().enumerate() {
             *point = [k as f32, self.content as f32, 700.0 + self.content as f32];
         }
@@ -187,8 +187,8 @@ impl Sensor for Played {
         Ok((exposed, planes))
     }
 
-    fn picture(&mut self, slot: Slot) -> Result<(Exposed, Vec<[u8; 3]>), Refusal> {
-        assert_eq!(slot, Slot(1));
+    fn picture(&mut self, slot: SettingsSlot) -> Result<(ExposureMetadata, Vec<[u8; 3]>), Refusal> {
+        assert_eq!(slot, SettingsSlot(1));
         let (number, exposed) = self.expose()?;
         if self.plan.dark.contains(&number) {
             return Ok((exposed, vec![[0; 3]; exposed.size.pixels()]));
@@ -197,7 +197,7 @@ impl Sensor for Played {
         Ok((exposed, (0..exposed.size.pixels()).map(pixel).collect()))
     }
 
-    fn intrinsics(&mut self, _: Slot) -> Result<Lens, Refusal> {
+    fn intrinsics(&mut self, _: SettingsSlot) -> Result<Lens, Refusal> {
         Ok(Lens { matrix_px: [2.0, 2.0, 4.0, 3.0], distortion: [0.0; 5] })
     }
 
@@ -206,7 +206,7 @@ impl Sensor for Played {
         Ok(Temperatures { dmd_c, general_c, led_c, lens_c: Some(36.0), pcb_c })
     }
 
-    fn light(&mut self) -> Result<Light, Refusal> {
+    fn measure_ambient_light(&mut self) -> Result<Light, Refusal> {
         Ok(Light { flicker: Flicker::Grid50Hz, frequency: "100".to_owned() })
     }
 }

@@ -173,11 +173,11 @@ fn messages_of_ended_epochs_are_dropped_and_counted() {
     let mut cell = Cell::ready();
     cell.pass(300);
     let late = "<Ack Rx=\"90\" Done=\"80\" Free=\"1\" Err=\"8\" ErrId=\"81\" Ep=\"5\"></Ack>";
-    cell.session.push_command_bytes(late.as_bytes(), Time::at_ms(400));
+    cell.session.push_command_bytes(late.as_bytes(), Time::from_ms(400));
     assert_eq!(cell.session.stale_messages(), 1);
     let own = late.replace("Ep=\"5\"", "Ep=\"7\"").replace("Rx=\"90\"", "Rx=\"2\"");
     assert!(cell.session.poll_report().is_none());
-    cell.session.push_command_bytes(own.as_bytes(), Time::at_ms(400));
+    cell.session.push_command_bytes(own.as_bytes(), Time::from_ms(400));
     assert!(
         matches!(cell.session.poll_report(), Some(Report::SequenceError(_))),
         "the same of our epoch is a fault"

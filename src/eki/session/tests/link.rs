@@ -31,11 +31,11 @@ fn an_epoch_that_was_asked_for_and_not_confirmed_never_comes_again() {
     cell.pass(50);
     assert_eq!(cell.controller.epoch, asked.0, "the controller has opened it");
     cell.session.disconnected(LinkLoss::Closed { channel: Channel::State });
-    while cell.session.poll_transmit(Time::at_ms(cell.now_ms)).is_some() {}
+    while cell.session.poll_transmit(Time::from_ms(cell.now_ms)).is_some() {}
     cell.controller.begin(0);
     (cell.controller.boot, cell.controller.sequence, cell.controller.answered) = (78, 0, 0);
     cell.controller.silent = false;
-    cell.session.connected(Time::at_ms(cell.now_ms));
+    cell.session.connected(Time::from_ms(cell.now_ms));
     cell.pass(200);
     let next = cell.session.open_epoch().expect("connected");
     assert!(next > asked, "{next:?} after {asked:?}");
@@ -47,9 +47,9 @@ fn a_broken_stream_aborts_and_closes() {
     let mut cell = Cell::ready();
     cell.session.queue_path(&path(200, 2.0)).expect("a good path");
     cell.pass(1_000);
-    cell.session.push_state_bytes(b"<!DOCTYPE x>", Time::at_ms(cell.now_ms));
+    cell.session.push_state_bytes(b"<!DOCTYPE x>", Time::from_ms(cell.now_ms));
     assert!(!cell.session.is_connected());
-    let transmitted = std::iter::from_fn(|| cell.session.poll_transmit(Time::at_ms(cell.now_ms)));
+    let transmitted = std::iter::from_fn(|| cell.session.poll_transmit(Time::from_ms(cell.now_ms)));
     let last = transmitted.map(|(_, bytes)| String::from_utf8(bytes).expect("ASCII")).last();
     assert!(last.as_deref().is_some_and(|text| text.contains("Op=\"11\" N1=\"8\"")), "{last:?}");
     let report = cell.session.poll_report();
@@ -64,12 +64,12 @@ fn a_reconnection_moves_nothing() {
     cell.session.queue_path(&path(200, 2.0)).expect("a good path");
     cell.pass(1_000);
     cell.session.disconnected(LinkLoss::Closed { channel: Channel::Command });
-    let left = std::iter::from_fn(|| cell.session.poll_transmit(Time::at_ms(cell.now_ms)));
+    let left = std::iter::from_fn(|| cell.session.poll_transmit(Time::from_ms(cell.now_ms)));
     assert!(left.into_iter().all(|(channel, _)| channel == Channel::State), "a command after the link was lost");
     cell.controller.begin(7);
     cell.controller.answered = 0;
     let executed = cell.controller.executed.len();
-    cell.session.connected(Time::at_ms(cell.now_ms));
+    cell.session.connected(Time::from_ms(cell.now_ms));
     cell.pass(2_000);
     assert_eq!(cell.controller.executed.len(), executed);
     assert!(matches!(cell.events()[..], [.., Report::LinkLost { .. }, Report::Connected { .. }]));
@@ -95,7 +95,7 @@ fn what_cannot_be_executed_is_refused_where_it_is_queued() {
     assert_eq!(cell.session.queue_path(&path(1, 2.0)), Ok(CommandId(4)));
     assert_eq!(cell.session.queue(input), Ok(CommandId(5)));
     assert_eq!(cell.session.open_epoch(), Err(QueueError::NotStanding));
-    let mut offline = Session::new(wire(), LinkLimits::default(), Pace::Wall);
+    let mut offline = Session::new(wire(), LinkLimits::default(), ClockMode::Wall);
     assert_eq!(offline.queue(speed(0.1)), Err(QueueError::NotConnected));
     assert_eq!(offline.open_epoch(), Err(QueueError::NotConnected));
 }
@@ -104,8 +104,8 @@ fn what_cannot_be_executed_is_refused_where_it_is_queued() {
 #[test]
 fn in_lock_step_only_heartbeats_pass_time() {
     let mut cell = Cell::new();
-    cell.session = Session::new(wire(), LinkLimits::default(), Pace::LockStep);
-    cell.session.connected(Time::at_ms(0));
+    cell.session = Session::new(wire(), LinkLimits::default(), ClockMode::LockStep);
+    cell.session.connected(Time::from_ms(0));
     cell.exchange();
     cell.session.open_epoch().expect("connected");
     cell.exchange();
@@ -113,10 +113,10 @@ fn in_lock_step_only_heartbeats_pass_time() {
     cell.controller.silent = true;
     cell.session.queue(speed(0.1)).expect("good");
     cell.exchange();
-    cell.session.time_passed(Time::at_ms(60_000));
+    cell.session.time_passed(Time::from_ms(60_000));
     assert!(cell.session.is_connected() && cell.session.epoch().is_some());
     assert!(!cell.session.awaits_answer());
-    cell.session.heartbeat(Time::at_ms(0));
+    cell.session.heartbeat(Time::from_ms(0));
     assert!(cell.session.awaits_answer());
 }
 
@@ -127,12 +127,12 @@ fn a_message_has_200_ms_from_its_first_byte_to_its_last() {
     let mut cell = Cell::ready();
     cell.pass(100);
     let now_ms = cell.now_ms;
-    cell.session.push_command_bytes(b"<Ack Rx=\"0\"", Time::at_ms(now_ms));
+    cell.session.push_command_bytes(b"<Ack Rx=\"0\"", Time::from_ms(now_ms));
     let at = |session: &Session| session.deadline().expect("connected").since_start().as_millis() as u64;
     assert!(at(&cell.session) <= now_ms + 200);
-    cell.session.time_passed(Time::at_ms(now_ms + 199));
+    cell.session.time_passed(Time::from_ms(now_ms + 199));
     assert!(cell.session.is_connected());
-    cell.session.time_passed(Time::at_ms(now_ms + 200));
+    cell.session.time_passed(Time::from_ms(now_ms + 200));
     cell.exchange();
     let unfinished = LinkLoss::Unfinished { channel: Channel::Command, waited_ms: 200 };
     assert_eq!(cell.events().last(), Some(&&Report::LinkLost { why: unfinished }));
@@ -144,12 +144,12 @@ fn requests_do_not_wrap() {
     let mut cell = Cell::ready();
     cell.pass(100);
     cell.session.asked = LAST_NUMBER;
-    cell.session.heartbeat(Time::at_ms(cell.now_ms));
+    cell.session.heartbeat(Time::from_ms(cell.now_ms));
     assert!(!cell.session.is_connected());
     let exhausted = LinkLoss::RequestsExhausted { most: LAST_NUMBER };
     assert_eq!(cell.session.poll_report(), Some(Report::LinkLost { why: exhausted }));
-    cell.session.connected(Time::at_ms(cell.now_ms));
-    let (_, request) = cell.session.poll_transmit(Time::at_ms(cell.now_ms)).expect("asks");
+    cell.session.connected(Time::from_ms(cell.now_ms));
+    let (_, request) = cell.session.poll_transmit(Time::from_ms(cell.now_ms)).expect("asks");
     assert!(request.starts_with(b"<Req Id=\"1\""));
 }
 
@@ -161,7 +161,7 @@ fn another_clients_epoch_is_told_and_left_behind() {
     cell.session.queue_path(&path(200, 2.0)).expect("a good path");
     cell.pass(500);
     let foreign = "<Ack Rx=\"0\" Done=\"0\" Free=\"100\" Err=\"0\" ErrId=\"0\" Ep=\"20\"></Ack>";
-    cell.session.push_command_bytes(foreign.as_bytes(), Time::at_ms(cell.now_ms));
+    cell.session.push_command_bytes(foreign.as_bytes(), Time::from_ms(cell.now_ms));
     cell.pass(300);
     assert!(matches!(
         cell.events()[2..],
@@ -180,7 +180,7 @@ fn what_ends_a_connection_before_a_word_is_named_as_what_it_is() {
         let mut first = Cell::new();
         let mut second = Cell::new();
         for cell in [&mut first, &mut second] {
-            cell.session.connected(Time::at_ms(0));
+            cell.session.connected(Time::from_ms(0));
             if after_a_word {
                 cell.pass(200);
             }
@@ -188,7 +188,7 @@ fn what_ends_a_connection_before_a_word_is_named_as_what_it_is() {
         first.session.disconnected(closed);
         second.session.push_state_bytes(
             b"<Ack Rx=\"0\" Done=\"0\" Free=\"100\" Err=\"0\" ErrId=\"0\" Ep=\"0\"></Ack>",
-            Time::at_ms(second.now_ms),
+            Time::from_ms(second.now_ms),
         );
         [first, second].map(|mut cell| {
             let reports = std::iter::from_fn(|| cell.session.poll_report()).chain(cell.reports.clone());

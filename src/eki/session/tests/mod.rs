@@ -211,19 +211,19 @@ struct Cell {
 
 impl Cell {
     fn new() -> Self {
-        let session = Session::new(wire(), LinkLimits::default(), Pace::Wall);
+        let session = Session::new(wire(), LinkLimits::default(), ClockMode::Wall);
         Cell { session, controller: Controller::new(), now_ms: 0, reports: Vec::new() }
     }
 
     /// Creates a connected session in an epoch, with base, tool and speed queued.
     fn ready() -> Self {
-        Cell::ready_at(Pace::Wall)
+        Cell::ready_at(ClockMode::Wall)
     }
 
-    fn ready_at(pace: Pace) -> Self {
+    fn ready_at(pace: ClockMode) -> Self {
         let mut cell = Cell::new();
         cell.session = Session::new(wire(), LinkLimits::default(), pace);
-        cell.session.connected(Time::at_ms(0));
+        cell.session.connected(Time::from_ms(0));
         cell.pass(100);
         cell.open();
         cell
@@ -248,7 +248,7 @@ impl Cell {
     }
 
     fn exchange(&mut self) {
-        let now = Time::at_ms(self.now_ms);
+        let now = Time::from_ms(self.now_ms);
         if self.session.deadline().is_some_and(|at| at <= now) {
             self.session.time_passed(now);
         }

@@ -1,14 +1,14 @@
 //! A stop reaches the arm in every state, whatever the controller has reported before.
 
 use super::*;
-use crate::eki::EPOCH_STEP;
+use crate::eki::MAX_EPOCH_STEP;
 use rayon::prelude::*;
 
 /// Time limit in which the controller must have stopped after an abort is commanded, ms.
 const BOUND_MS: u64 = 500;
 /// The ends of every field's range, values beyond it, and the ends of an epoch step; the epoch is 6 to 8 here.
 const VALUES: [i64; 9] =
-    [i32::MIN as i64, -1, 0, 1, 9, 255, EPOCH_STEP as i64, EPOCH_STEP as i64 + 9, i32::MAX as i64];
+    [i32::MIN as i64, -1, 0, 1, 9, 255, MAX_EPOCH_STEP as i64, MAX_EPOCH_STEP as i64 + 9, i32::MAX as i64];
 const ACK_FIELDS: [&str; 6] = ["Rx", "Done", "Free", "Err", "ErrId", "Ep"];
 const STATE_FIELDS: [&str; 15] =
     ["T", "Seq", "Re", "Ep", "Boot", "Sum", "Mode", "Flags", "In", "Out", "Done", "Under", "A1", "X", "C"];
@@ -32,12 +32,12 @@ impl Stage {
         match self {
             Stage::Greeting => {
                 let mut cell = Cell::new();
-                cell.session.connected(Time::at_ms(0));
+                cell.session.connected(Time::from_ms(0));
                 cell
             }
             Stage::Idle | Stage::Opening => {
                 let mut cell = Cell::new();
-                cell.session.connected(Time::at_ms(0));
+                cell.session.connected(Time::from_ms(0));
                 cell.pass(100);
                 if matches!(self, Stage::Opening) {
                     cell.session.open_epoch().expect("connected");
@@ -84,7 +84,7 @@ impl Cell {
     /// Sends one message with a value that no controller sends, then an abort. The controller has stopped within
     /// the time limit, and nothing more is executed. Then everything works as before.
     fn survives(mut self, name: &str, channel: Channel, message: &str) {
-        let now = Time::at_ms(self.now_ms);
+        let now = Time::from_ms(self.now_ms);
         match channel {
             Channel::Command => self.session.push_command_bytes(message.as_bytes(), now),
             Channel::State => self.session.push_state_bytes(message.as_bytes(), now),
@@ -106,14 +106,14 @@ impl Cell {
             assert!(tries <= 3, "{name}: no epoch can be opened: {:?}", self.events());
             if !self.session.is_connected() {
                 self.controller.answered = 0;
-                self.session.connected(Time::at_ms(self.now_ms));
+                self.session.connected(Time::from_ms(self.now_ms));
                 self.pass_to_the_end(200);
             }
             let opened = self.session.open_epoch();
             assert!(opened.is_ok() || !self.session.is_connected(), "{name}: {opened:?}");
             self.pass_to_the_end(200);
         }
-        assert!(self.controller.epoch < 2 * EPOCH_STEP, "{name}: the count is used up");
+        assert!(self.controller.epoch < 2 * MAX_EPOCH_STEP, "{name}: the count is used up");
         self.session.queue(speed(0.1)).expect("open");
         self.pass_to_the_end(300);
         assert_eq!(self.controller.executed.len(), executed + 1, "{name}");
@@ -144,7 +144,7 @@ fn a_stop_reaches_the_controller_after_any_value_of_any_field_in_any_state() {
 fn the_last_epoch_in_one_message_is_not_believed() {
     for message in [Channel::Command, Channel::State] {
         let mut cell = Stage::Busy.cell();
-        let now = Time::at_ms(cell.now_ms);
+        let now = Time::from_ms(cell.now_ms);
         match message {
             Channel::Command => {
                 let ack = with_value(&cell.controller.ack(), "Ep", i64::from(i32::MAX));
@@ -156,7 +156,7 @@ fn the_last_epoch_in_one_message_is_not_believed() {
             }
         }
         let (found, known) = (Epoch(LAST_NUMBER), Epoch(7));
-        let why = LinkLoss::EpochJump { channel: message, found, known, step: EPOCH_STEP };
+        let why = LinkLoss::EpochJump { channel: message, found, known, step: MAX_EPOCH_STEP };
         let left: Vec<_> = std::iter::from_fn(|| cell.session.poll_transmit(now)).collect();
         let [(Channel::State, abort)] = &left[..] else { panic!("{left:?}") };
         assert!(String::from_utf8_lossy(abort).contains("Op=\"11\" N1=\"8\""));
@@ -172,7 +172,7 @@ fn a_controller_at_the_end_of_its_count_is_refused() {
     cell.controller.epoch = LAST_NUMBER;
     for _ in 0..3 {
         cell.controller.answered = 0;
-        cell.session.connected(Time::at_ms(cell.now_ms));
+        cell.session.connected(Time::from_ms(cell.now_ms));
         cell.pass(100);
         let why = LinkLoss::EpochTooHigh { found: Epoch(LAST_NUMBER), most: 2_000_000_000 };
         assert_eq!(cell.events().last(), Some(&&Report::LinkLost { why }));
@@ -180,7 +180,7 @@ fn a_controller_at_the_end_of_its_count_is_refused() {
     }
     // A repaired controller is accepted again.
     (cell.controller.epoch, cell.controller.answered) = (0, 0);
-    cell.session.connected(Time::at_ms(cell.now_ms));
+    cell.session.connected(Time::from_ms(cell.now_ms));
     cell.pass(100);
     assert_eq!(cell.session.open_epoch(), Ok(Epoch(1)));
 }
@@ -233,7 +233,7 @@ fn an_abort_waits_for_no_greeting() {
 #[test]
 fn epochs_go_on_above_what_either_side_knows() {
     let mut cell = Stage::Idle.cell();
-    let above = 3 * EPOCH_STEP + 5;
+    let above = 3 * MAX_EPOCH_STEP + 5;
     let opened = cell.session.open_epoch_above(Epoch(above));
     assert_eq!(opened, Ok(Epoch(above + 1)));
     cell.pass(100);
@@ -243,7 +243,7 @@ fn epochs_go_on_above_what_either_side_knows() {
     assert_eq!(cell.session.open_epoch_above(Epoch(2)), Ok(Epoch(7)));
 
     let mut cell = Stage::Idle.cell();
-    for above in [LAST_NUMBER, 20 * EPOCH_STEP] {
+    for above in [LAST_NUMBER, 20 * MAX_EPOCH_STEP] {
         let refused = cell.session.open_epoch_above(Epoch(above));
         assert!(matches!(refused, Err(QueueError::EpochTooFar { .. })), "{refused:?}");
     }
@@ -258,7 +258,7 @@ fn silence_counts_while_an_output_does_harm() {
     let harmful = |cell: &mut Cell| {
         cell.session.limits.harmful_outputs = 0b10;
         let state = with_value(&cell.controller.next_state(), "Out", 0b10);
-        cell.session.push_state_bytes(state.as_bytes(), Time::at_ms(cell.now_ms));
+        cell.session.push_state_bytes(state.as_bytes(), Time::from_ms(cell.now_ms));
     };
     let mut cell = Stage::Open.cell();
     harmful(&mut cell);

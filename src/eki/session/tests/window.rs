@@ -70,10 +70,10 @@ fn what_is_not_permitted_waits() {
     assert_eq!(last, CommandId(43));
     cell.pass(3_000);
     assert_eq!(cell.controller.done, 3 + 16);
-    cell.session.permit(Some(CommandId(30))).expect("open");
+    cell.session.permit_commands(Some(CommandId(30))).expect("open");
     cell.pass(3_000);
     assert_eq!(cell.controller.done, 30);
-    cell.session.permit(None).expect("open");
+    cell.session.permit_commands(None).expect("open");
     let after = cell.session.queue(speed(0.1)).expect("a good command");
     cell.pass(3_000);
     assert_eq!((cell.controller.done, after), (44, CommandId(44)));
@@ -83,7 +83,7 @@ fn what_is_not_permitted_waits() {
 /// commands that it names: then the window fills to its 50 commands.
 #[test]
 fn bytes_not_yet_received_are_bounded() {
-    let mut cell = Cell::ready_at(Pace::LockStep);
+    let mut cell = Cell::ready_at(ClockMode::LockStep);
     cell.pass(300);
     let mut points = path(200, 1.0);
     for MoveLin { pose, .. } in &mut points {
@@ -91,7 +91,7 @@ fn bytes_not_yet_received_are_bounded() {
         (pose.a_deg, pose.b_deg, pose.c_deg) = (-3_600.0, -3_600.0, -3_600.0);
     }
     cell.session.queue_path(&points).expect("a good path");
-    let now = Time::at_ms(cell.now_ms);
+    let now = Time::from_ms(cell.now_ms);
     let send = |session: &mut Session| -> Vec<usize> {
         std::iter::from_fn(|| session.poll_transmit(now)).map(|(_, bytes)| bytes.len()).collect()
     };

@@ -20,7 +20,7 @@ use crate::clips::SANDED_MARGIN_MM;
 use crate::goal::Figure;
 use crate::tally::{Clip, Figures, Tally, Truth};
 use panelprep::geometry::ColorPicture;
-use panelprep::inspect::{ByCell, Demands, Footprint, View, Watch};
+use panelprep::inspect::{CellDemands, Demands, FilmView, FilmWatch, Footprint};
 use scene::Scene;
 use std::time::Instant;
 use water::WET_FROM_S;
@@ -53,16 +53,16 @@ fn one(seed: u64, reduction: usize, observed_s: f64, tally: &mut Tally) {
         frames_per_second: crate::clips::FRAMES_PER_SECOND,
         min_break_mm2: (1.2 * limit_mm2).max(5.0),
         persist_s: settings.persist_s(),
-        by_cell: ByCell::default(),
+        cell_demands: CellDemands::default(),
     };
     let sanded = scene.sanded_in_taught(SANDED_MARGIN_MM);
-    let view = View {
+    let view = FilmView {
         taught: &scene.taught,
         camera: &scene.camera,
         camera_from_panel: scene.camera_from_panel,
         sanded: Some(&sanded),
     };
-    let mut watch = Watch::new(&view, settings, demands).expect("in view");
+    let mut watch = FilmWatch::new(&view, settings, demands).expect("in view");
     let mut last = None;
     for time_s in scene.conditions.times_s(WET_FROM_S + demands.filmed_s()) {
         let picture = scene.picture(time_s);

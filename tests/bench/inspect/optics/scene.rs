@@ -296,7 +296,7 @@ impl Scene {
         let scale = (random.between(50.0, 110.0) / brightest).min(225.0 / f64::from(most));
         let region = Scene::region(&shape, &camera);
         let recipe = Scene::recipe(&region);
-        let base_from_camera: Rigid<Base, Camera> = Rigid::claim(Isometry3::from_parts(
+        let base_from_camera: Rigid<Base, Camera> = Rigid::from_isometry_unchecked(Isometry3::from_parts(
             Translation3::new(0.0, 0.0, DEPTH_MM),
             UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI),
         ));
@@ -309,7 +309,7 @@ impl Scene {
         let beat = [0.5, 0.8, 1.0].map(|part| (deep * part * kept, random.between(0.0, 0.8)));
         let mut scene = Scene {
             camera,
-            camera_from_panel: Rigid::claim(*base_from_camera.inverse().isometry()),
+            camera_from_panel: Rigid::from_isometry_unchecked(*base_from_camera.inverse().isometry()),
             // A placeholder: the panel is taught below, with a picture of its own.
             taught: Scene::teach(&camera, cloud.clone(), vec![[0; 3]; width * height], base_from_camera, &recipe),
             recipe,
@@ -388,7 +388,7 @@ impl Scene {
 
     pub fn picture(&self, time_s: f64) -> ColorPicture {
         let (width, height) = (self.camera.width_px, self.camera.height_px);
-        let mut picture = ColorPicture::filled(width, height, [0; 3]);
+        let mut picture = ColorPicture::uniform(width, height, [0; 3]);
         let lamp = self.lamp(time_s).map(|gain| gain * self.scale);
         let mut random = Random::new(self.seed, 5_000_000 + (time_s * 1000.0) as u64);
         let from = random.bits() as usize % 60_000;
@@ -455,7 +455,7 @@ impl Scene {
 
     /// The pixels of places that were sanded, and this margin around them. The panel is filmed at its taught pose.
     pub fn sanded_in_taught(&self, margin_mm: f64) -> Mask {
-        let mut mask = Mask::empty(self.camera.width_px, self.camera.height_px);
+        let mut mask = Mask::all_outside(self.camera.width_px, self.camera.height_px);
         for one in &self.seen {
             let at = [one.point[0], one.point[1]];
             mask.inside[one.index] = self.zones.iter().any(|zone| zone.depth(at) > -margin_mm);
@@ -465,7 +465,7 @@ impl Scene {
 
     /// Truth: the pixels whose film is open at this time.
     pub fn broken(&self, time_s: f64) -> Mask {
-        let mut mask = Mask::empty(self.camera.width_px, self.camera.height_px);
+        let mut mask = Mask::all_outside(self.camera.width_px, self.camera.height_px);
         for one in &self.seen {
             mask.inside[one.index] = self.water.opens_s(&one.place) <= time_s;
         }

@@ -2,7 +2,7 @@
 
 use super::EpochTrace;
 use super::script::{Disturbance, Part, STEP_MM};
-use panelprep::devices::mock::{Executed, Fault};
+use panelprep::devices::mock::{ExecutedMotion, Fault};
 
 /// Allowed difference in the number of motions until a stop: 0.3 s at most, from the watchdogs' different last
 /// messages.
@@ -60,7 +60,7 @@ impl Both<'_> {
             Kind::Outputs,
             both_finished && model.before == programs.before && model.outputs != programs.outputs,
         );
-        let off_mm = |(one, other): (&Executed, &Executed)| {
+        let off_mm = |(one, other): (&ExecutedMotion, &ExecutedMotion)| {
             one.base_from_flange.origin().distance_mm(other.base_from_flange.origin())
         };
         differ(Kind::Place, one.iter().zip(other).map(off_mm).fold(0.0, f64::max) > CORNER_MM);

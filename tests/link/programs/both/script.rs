@@ -1,7 +1,7 @@
 //! Scripts: epochs of commands, and the disturbances at certain points of them.
 
 use super::super::super::cell::{self, Side, pass, sanding_tool, speed};
-use panelprep::devices::mock::{Fault, Mode, Side as End};
+use panelprep::devices::mock::{ConnectionSide as End, Fault, Mode};
 use panelprep::eki::{Channel, Command, MoveJ, Signal};
 use panelprep::geometry::Joints;
 use rand::{RngExt, SeedableRng};

@@ -9,16 +9,16 @@ fn read(text: &str) -> Result<FaultSpec, FaultSpecError> {
 #[test]
 fn every_kind_of_item_is_read() {
     let spec = read("seed=7, delay=5ms..15ms,fragment,unplug/2s@10s,refuse=8@#40,cut@250ms,slow=20/1.5s@3s");
-    let planned = |when, fault| Planned { when, fault };
+    let planned = |when, fault| PlannedFault { when, fault };
     let expected = FaultSpec {
         seed: 7,
         delay_ms: Some((5, 15)),
         fragment: true,
         planned: vec![
-            planned(When::AtMs(10_000), Fault::Unplug { for_ms: Some(2_000) }),
-            planned(When::AtCommand(40), Fault::Refuse(8)),
-            planned(When::AtMs(250), Fault::Cut(Side::Both)),
-            planned(When::AtMs(3_000), Fault::Slow { percent: 20, for_ms: Some(1_500) }),
+            planned(FaultTime::AtMs(10_000), Fault::Unplug { for_ms: Some(2_000) }),
+            planned(FaultTime::AtCommand(40), Fault::Refuse(8)),
+            planned(FaultTime::AtMs(250), Fault::Cut(ConnectionSide::Both)),
+            planned(FaultTime::AtMs(3_000), Fault::Slow { percent: 20, for_ms: Some(1_500) }),
         ],
     };
     assert_eq!(spec, Ok(expected));
@@ -79,7 +79,7 @@ fn what_is_wrong_is_said_with_what_is_allowed() {
 fn random_faults_come_from_the_seed() {
     let spec = read("random=50/20s,seed=3").expect("read");
     assert_eq!(spec.planned.len(), 50);
-    assert!(spec.planned.iter().all(|planned| matches!(planned.when, When::AtMs(0..20_000))));
+    assert!(spec.planned.iter().all(|planned| matches!(planned.when, FaultTime::AtMs(0..20_000))));
     assert_eq!(read("seed=3,random=50/20s").expect("read"), spec);
     assert_ne!(read("seed=4,random=50/20s").expect("read").planned, spec.planned);
 }

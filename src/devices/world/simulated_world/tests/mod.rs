@@ -5,13 +5,13 @@ mod reach;
 use super::*;
 use crate::cell::Feedback;
 use crate::devices::cameras::{
-    Arm, FlangeCamera, Scanner, SimulatedFlangeCamera, SimulatedScanner, conform, simulated,
+    Arm, FlangeCamera, Scanner, SimulatedFlangeCamera, SimulatedScanner, conform, simulated_cameras,
 };
 use crate::devices::mock::{MockServer, Ports};
 use crate::devices::robot::{Address, BlockingLink};
 use crate::devices::world::contact_errors;
 use crate::eki::{
-    Command, CommandId, LinkLimits, MoveJ, MoveLin, Pace, Report, SetAccSpeed, SetTcp, Signal as Out, TcpKind,
+    ClockMode, Command, CommandId, LinkLimits, MoveJ, MoveLin, Report, SetAccSpeed, SetTcp, Signal as Out, TcpKind,
 };
 use crate::geometry::{Camera, KukaPose, Panel, Point};
 use crate::sim::{Scene, WET_FROM_S};
@@ -40,15 +40,16 @@ impl Bench {
         world.mount_disc(DISC_MM);
         let [commands, states] = [crate::eki::CELLCMD, crate::eki::CELLSTAT]
             .map(|text| ChannelFile::parse(text).expect("a shipped file"));
-        let controller = Controller::new(world.setup(&cell, commands, states), world.terminals()).expect("fits");
-        let server = MockServer::start(controller, Ports::free()).expect("starts");
+        let controller =
+            Controller::new(world.mock_setup(&cell, commands, states), world.terminals()).expect("fits");
+        let server = MockServer::start(controller, Ports::free_ports()).expect("starts");
         let address = Address {
             host: "127.0.0.1".to_owned(),
             command_port: server.command_address().port(),
             state_port: server.state_address().port(),
         };
-        let link = BlockingLink::start(address, LinkLimits::default(), Pace::LockStep).expect("starts");
-        let (scanner, flange) = simulated(&world, &Arm::Mock(server.handle()));
+        let link = BlockingLink::start(address, LinkLimits::default(), ClockMode::LockStep).expect("starts");
+        let (scanner, flange) = simulated_cameras(&world, &Arm::Mock(server.handle()));
         let mut bench = Bench { cell, sim, world, scanner, flange, link, server };
         bench.until(|report| matches!(report, Report::Connected { .. }));
         bench.link.open_epoch().expect("connected");
@@ -88,11 +89,11 @@ impl Bench {
     }
 
     fn now_ms(&self) -> u64 {
-        self.server.handle().with(|controller| controller.time_ms())
+        self.server.handle().with_controller(|controller| controller.time_ms())
     }
 
     fn switch(&mut self, output: Output, on: bool) {
-        let number = self.cell.io().output(output).expect("named");
+        let number = self.cell.inputs_outputs().output(output).expect("named");
         self.send(Command::SetDigout(Out { number, on }));
     }
 
@@ -101,7 +102,7 @@ impl Bench {
     }
 
     fn park(&mut self) {
-        self.move_j(self.cell.park().expect("named"));
+        self.move_j(self.cell.park_pose().expect("named"));
     }
 
     fn gray(&mut self, point: Point<Panel>) -> f64 {
@@ -138,7 +139,7 @@ impl Bench {
         poses.extend(rows.concat().into_iter().map(|(across_mm, up_mm)| (place(across_mm, up_mm, 0.0), true)));
         poses.push((place(-20.0, 18.0, 30.0), false));
         let above = truth.base_from_panel * poses[0].0 * tool().inverse();
-        self.move_j(ARM.nearest(&above, &self.cell.park().expect("named")).expect("in reach"));
+        self.move_j(ARM.nearest(&above, &self.cell.park_pose().expect("named")).expect("in reach"));
         let flange_from_tool = KukaPose::from_rigid(&tool());
         self.send(Command::SetBase(base));
         self.send(Command::SetTcp(SetTcp { flange_from_tool, kind: TcpKind::Sanding }));
@@ -173,7 +174,7 @@ fn gray_at(sim: &sim::Cell, picture: &ColorPicture, point: Point<Panel>) -> f64 
 fn feedbacks_follow_their_outputs_in_the_controllers_time() {
     let mut bench = Bench::new();
     let feedbacks = [Feedback::LightOn, Feedback::WaterOff, Feedback::ExtractionFlow, Feedback::ToolRunning];
-    let bits = feedbacks.map(|feedback| bench.cell.io().feedback_bit(feedback).expect("named"));
+    let bits = feedbacks.map(|feedback| bench.cell.inputs_outputs().feedback_bit(feedback).expect("named"));
     let says = |bench: &mut Bench| loop {
         if let Some(Report::State(state)) = bench.link.next(Duration::from_secs(20)) {
             break bits.map(|bit| state.inputs >> bit & 1 == 1);
@@ -205,9 +206,13 @@ fn a_flange_picture_shows_what_the_executed_pose_sees() {
     let mut bench = Bench::new();
     let view = bench.sim.corner_views()[0];
     let aim = bench.sim.displaced_corner_pose(&view);
-    bench.move_j(ARM.nearest(&aim, &bench.cell.park().expect("named")).expect("in reach"));
+    bench.move_j(ARM.nearest(&aim, &bench.cell.park_pose().expect("named")).expect("in reach"));
     let taken = bench.flange.capture().expect("simulated");
-    let executed = bench.server.handle().with(|controller| controller.executed().last().copied()).expect("one");
+    let executed = bench
+        .server
+        .handle()
+        .with_controller(|controller| controller.executed_motions().last().copied())
+        .expect("one");
     let stood = taken.base_from_flange.expect("the simulation knows it");
     assert_eq!(stood, executed.base_from_flange);
     // The link transfers angles as f32, so the pose is close to the commanded one but not equal to it.
@@ -237,18 +242,18 @@ fn a_flange_picture_over_gige_is_the_one_without() {
     let _alone = crate::devices::gige::tests::alone();
     let mut bench = Bench::new();
     let aim = bench.sim.displaced_corner_pose(&bench.sim.corner_views()[0]);
-    bench.move_j(ARM.nearest(&aim, &bench.cell.park().expect("named")).expect("in reach"));
+    bench.move_j(ARM.nearest(&aim, &bench.cell.park_pose().expect("named")).expect("in reach"));
     let begun = std::time::Instant::now();
     let mut over_gige = loop {
         match LoopbackFlangeCamera::start(bench.flange.clone(), bench.sim.flange_camera()) {
-            Err(CameraError::NotThere { reason, .. }) if reason.contains("taken") => {
+            Err(CameraError::Missing { reason, .. }) if reason.contains("taken") => {
                 assert!(begun.elapsed() < Duration::from_secs(300), "{reason}");
                 std::thread::sleep(Duration::from_millis(200));
             }
             started => break started.unwrap_or_else(|error| panic!("{error}")),
         }
     };
-    over_gige.check().expect("it delivers");
+    over_gige.check_ready().expect("it delivers");
     let came = over_gige.capture().unwrap_or_else(|error| panic!("{error}"));
     let without = BayerFlangeCamera::new(bench.flange.clone()).capture().expect("simulated");
     assert!(came.picture == without.picture);
@@ -265,7 +270,7 @@ fn the_simulated_scanner_does_what_every_scanner_does() {
     let mut bench = Bench::new();
     let lens = *bench.sim.scanner();
     bench.park();
-    conform::shots(&mut bench.scanner, &lens);
+    conform::check_shot(&mut bench.scanner, &lens);
     bench.switch(Output::Light, true);
     bench.pass_s(1.5);
     conform::pictures(&mut bench.scanner, &lens);
@@ -282,7 +287,7 @@ fn a_simulated_clip_keeps_the_worlds_time() {
     scanner.begin_clip(2.0).expect("begun");
     let (mut times_s, until_ms) = (Vec::new(), bench.now_ms() + 1_300);
     while bench.now_ms() < until_ms {
-        times_s.extend(scanner.next_of_clip().expect("it goes on").map(|picture| picture.time_s));
+        times_s.extend(scanner.next_clip_picture().expect("it goes on").map(|picture| picture.time_s));
         bench.pass_s(0.1);
     }
     let since: Vec<f64> = times_s.iter().map(|time_s| time_s - times_s[0]).collect();
@@ -292,7 +297,7 @@ fn a_simulated_clip_keeps_the_worlds_time() {
 #[test]
 fn a_moving_arm_is_not_pictured() {
     let mut bench = Bench::new();
-    let joints = bench.cell.park().expect("named");
+    let joints = bench.cell.park_pose().expect("named");
     bench.link.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: 5.0 })).expect("good");
     bench.pass_s(0.5);
     assert!(matches!(bench.flange.capture(), Err(CameraError::ArmMoves)));
@@ -343,9 +348,9 @@ fn an_abraded_spot_holds_water_after_it_is_wetted_again() {
 
     bench.sand(abraded.centre);
     bench.park();
-    let trace = bench.server.handle().with(|controller| controller.trace().to_vec());
-    let touched = Touched::by(&trace, bench.world.truth(), DISC_MM);
-    assert!(touched.share_of(&abraded) > 0.999 && touched.share_of(&left) == 0.0);
+    let trace = bench.server.handle().with_controller(|controller| controller.trace().to_vec());
+    let touched = TouchedPoints::reached_by_disc(&trace, bench.world.truth(), DISC_MM);
+    assert!(touched.covered_share(&abraded) > 0.999 && touched.covered_share(&left) == 0.0);
     let errors = contact_errors(&trace, bench.world.truth()).expect("it sanded");
     assert!(errors.surface_max_mm < 0.2 && errors.normal_max_deg < 0.5 && errors.samples > 100, "{errors:?}");
     assert!(bench.gray(abraded.centre) > 0.8 * dry[0], "the old film does not mend");
@@ -355,7 +360,7 @@ fn an_abraded_spot_holds_water_after_it_is_wetted_again() {
     // The sanded area has a different brightness: at most 1.4 times as bright, of which a film leaves two thirds.
     assert!(after[0] < 0.66 * 1.4 * dry[0], "it holds its film: {after:?} of {dry:?}");
     assert!(after[1] > 0.8 * dry[1], "untouched, it breaks again: {after:?} of {dry:?}");
-    assert_eq!(bench.world.greasy(), bench.sim.spots()[1..]);
+    assert_eq!(bench.world.greasy_spots(), bench.sim.spots()[1..]);
     assert_eq!(bench.world.violations(), []);
 }
 
@@ -383,10 +388,10 @@ fn the_films_of_a_part_go_with_it() {
         cell::Cell::check("config/cell.toml", &(text + line)).unwrap_or_else(|problems| panic!("{problems}"));
     let world = SimulatedWorld::new(sim::Cell::new(1, Scene::Good, 8), &cell).expect("all names");
     world.bring_parts(2, &cell).expect("all signals");
-    let spray = cell.io().output(Output::Spray).expect("named");
-    let moment = |time_ms| Moment {
+    let spray = cell.inputs_outputs().output(Output::Spray).expect("named");
+    let moment = |time_ms| RobotMoment {
         time_ms,
-        joints: cell.park().expect("named"),
+        joints: cell.park_pose().expect("named"),
         base_from_flange: KukaPose::default().to_rigid(),
         moving: false,
     };
@@ -397,7 +402,7 @@ fn the_films_of_a_part_go_with_it() {
             world.terminals().on_output(number, on, begins_ms + after_ms);
         }
         world.picture(&moment(begins_ms + 10_000));
-        world.broken().len()
+        world.true_breaks().len()
     });
     assert_eq!(films, [1, 1, 2]);
 }

@@ -4,7 +4,7 @@
 use crate::cell;
 use crate::devices::mock::Arm;
 use crate::geometry::{Base, Camera, Flange, Joints, KukaPose, Panel, Point, Rigid, Tool, Vector};
-use crate::sim::{Cell, Scene, Truth};
+use crate::sim::{Cell, CellTruth, Scene};
 use nalgebra::{Point3, Rotation3, Vector3};
 
 pub(super) const ARM: Arm = Arm::kr6_r700_2();
@@ -78,7 +78,7 @@ fn the_park_pose_is_out_of_view() {
 }
 
 /// Returns the tool pose on the true surface, with its X along the panel's −Y.
-pub(super) fn standing(truth: &Truth, point: Point<Panel>, height_mm: f64) -> Rigid<Panel, Tool> {
+pub(super) fn standing(truth: &CellTruth, point: Point<Panel>, height_mm: f64) -> Rigid<Panel, Tool> {
     let normal = truth.normal(point);
     let z = -normal.mm;
     let x = (-Vector3::y() + z * z.y).normalize();
@@ -110,7 +110,7 @@ impl Margins {
 
     /// Moves the axes from the park pose to the ready pose, then the TCP linearly to the target. TCP, flange and
     /// camera stay in front of the panel, and no axis jumps.
-    fn way(&mut self, truth: &Truth, target: &Rigid<Base, Flange>) {
+    fn way(&mut self, truth: &CellTruth, target: &Rigid<Base, Flange>) {
         let (from, to) = (angles_deg(&park()), angles_deg(&pose("ready")));
         for step in 0..=40 {
             let share = f64::from(step) / 40.0;
@@ -121,7 +121,8 @@ impl Margins {
         let (from, to) = (ARM.base_from_flange(&stands) * tool(), *target * tool());
         for step in 1..=40 {
             let share = f64::from(step) / 40.0;
-            let tip: Rigid<Base, Tool> = Rigid::claim(from.isometry().lerp_slerp(to.isometry(), share));
+            let tip: Rigid<Base, Tool> =
+                Rigid::from_isometry_unchecked(from.isometry().lerp_slerp(to.isometry(), share));
             let flange = tip * tool().inverse();
             self.stay_before(truth, &flange);
             let next = ARM.nearest(&flange, &stands).unwrap_or_else(|why| panic!("on the way: {why}"));
@@ -130,7 +131,7 @@ impl Margins {
         }
     }
 
-    fn stay_before(&mut self, truth: &Truth, base_from_flange: &Rigid<Base, Flange>) {
+    fn stay_before(&mut self, truth: &CellTruth, base_from_flange: &Rigid<Base, Flange>) {
         for (x, y, z) in [(0.0, 0.0, 120.0), (0.0, 0.0, 0.0), (80.0, 4.0, 30.0)] {
             let point = *base_from_flange * Point::<Flange>::at(x, y, z);
             let seen = truth.base_from_panel.inverse() * point;
@@ -156,7 +157,7 @@ fn the_arm_reaches_every_pose_of_ten_seeds() {
     for seed in 0..10 {
         let cell = Cell::new(seed, Scene::Good, 8);
         let truth = cell.truth();
-        let moved: Rigid<Base, Base> = Rigid::claim(*truth.base_from_panel.isometry());
+        let moved: Rigid<Base, Base> = Rigid::from_isometry_unchecked(*truth.base_from_panel.isometry());
         for view in cell.corner_views() {
             let poses = [view.base_from_flange, moved * view.base_from_flange, cell.displaced_corner_pose(&view)];
             for pose in poses {
@@ -168,7 +169,7 @@ fn the_arm_reaches_every_pose_of_ten_seeds() {
         }
         let inside: Vec<Point<Panel>> =
             truth.surface_points().into_iter().filter(|&point| truth.outline_distance_mm(point) < -5.0).collect();
-        for place in [Rigid::claim(nalgebra::Isometry3::identity()), truth.base_from_panel] {
+        for place in [Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity()), truth.base_from_panel] {
             let mut near = None;
             for point in &inside {
                 let reach = |height_mm: f64, near: &Joints| {
