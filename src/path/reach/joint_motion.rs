@@ -1,8 +1,8 @@
 //! Checks whether all axes may turn together from one position to another, as `move_j` does.
 //!
 //! No line is followed, so singularities do not matter; the margins from the axis limits also apply only to lines. The
-//! checks that remain are the limits themselves, the keep-out boxes and the obstacles of the scan, in steps of at most 0.4° of the
-//! axis that turns farthest.
+//! checks that remain are the limits themselves, the keep-out boxes and the obstacles of the scan, in steps of at most
+//! 0.4° of the axis that turns farthest.
 
 use super::clearance::check_clearance;
 use super::infeasible::Infeasibility;

@@ -89,7 +89,7 @@ pub(super) const ALL: [Mutation; 19] = [
     change(
         "the first permit of a contact path is not written",
         CONTACTS,
-        r#"            writing.execute(PERMIT, params![id, unix_ms, permitted])?;
+        r#"            writing.execute(INSERT_PERMIT_SQL, params![id, unix_ms, permitted])?;
             writing.chain("permits", writing.last_insert_rowid())"#,
         "            let _ = (unix_ms, permitted);\n            Ok(())",
     ),
