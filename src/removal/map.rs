@@ -146,7 +146,7 @@ impl GridRemoval {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::super::model::tests::MODEL;
+    use super::super::examples::MODEL;
     use super::super::track::tests::{DISC, level, pose};
     use super::super::track::{Disc, path_stretches};
     use super::*;

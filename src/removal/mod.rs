@@ -56,6 +56,8 @@
 pub mod coupons;
 mod descent;
 mod disc_scatter;
+#[cfg(test)]
+pub mod examples;
 pub mod figures;
 pub mod fit;
 mod fit_error;

@@ -161,9 +161,9 @@ fn limit_feed_steps(feeds_mm_s: &[f64], moves: &[Move], acceleration_mm_s2: f64)
 
 #[cfg(test)]
 mod tests {
+    use super::super::examples::MODEL;
     use super::super::figures::MapFigures;
     use super::super::map::{RemovalMap, removed, tests::region};
-    use super::super::model::tests::MODEL;
     use super::super::track::tests::{DISC, level, pose};
     use super::super::track::{Disc, path_stretches};
     use super::*;

@@ -140,7 +140,7 @@ fn contact(
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::super::model::tests::MODEL;
+    use super::super::examples::MODEL;
     use super::*;
     use crate::geometry::KukaPose;
     use crate::surface::KnotVector;

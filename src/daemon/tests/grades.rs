@@ -5,7 +5,7 @@ use super::fake::{Asks, Cell as Fake};
 use super::*;
 use crate::cycle::{Hold, Phase, State};
 use crate::record::conclude;
-use crate::removal::model::tests::EVEN_MODEL;
+use crate::removal::examples::EVEN_MODEL;
 
 fn codes(story: &fake::Story, kind: Kind) -> Vec<String> {
     let of_kind = story.findings.iter().filter(|finding| finding.kind == kind);

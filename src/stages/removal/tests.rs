@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::record::name;
-use crate::removal::model::tests::EVEN_MODEL;
+use crate::removal::examples::EVEN_MODEL;
 use crate::stages::plan::{self, ReachStart};
 use crate::surface::examine_fit;
 use crate::surface::scene::{ScanDefects, Shape, recipe, taught};
