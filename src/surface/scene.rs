@@ -10,14 +10,17 @@ use rand_pcg::Pcg64Mcg;
 /// The depth of an analytic panel behind z = 700 mm in the camera's frame, which is also the panel's frame here.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Shape {
+    /// A tilted plane.
     Plane,
     /// Axis along y, bulging towards the camera, radius 400 mm.
     Cylinder,
     /// Radius 600 mm, hollow towards the camera.
     Sphere,
+    /// Bulging along x, hollow along y.
     Saddle,
 }
 
+/// All shapes.
 pub(crate) const SHAPES: [Shape; 4] = [Shape::Plane, Shape::Cylinder, Shape::Sphere, Shape::Saddle];
 
 impl Shape {
@@ -65,6 +68,7 @@ pub(crate) struct ScanDefects {
     pub fold_px: f64,
 }
 
+/// The lens of a quarter-size 3D camera.
 pub(crate) const LENS: PinholeCamera = PinholeCamera {
     width_px: 486,
     height_px: 300,

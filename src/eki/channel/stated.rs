@@ -16,47 +16,66 @@ pub(crate) struct StatedChannel {
     pub(crate) type_stated: bool,
     /// The line where INTERNAL begins; 1 if there is none.
     pub(crate) internal_line: usize,
+    /// The address of the controller.
     pub(crate) internal: Address,
+    /// The address of the other machine.
     pub(crate) external: Address,
+    /// The part of the controller that receives.
     pub(crate) environment: Option<Stated<Environment>>,
+    /// TCP or UDP.
     pub(crate) protocol: Option<Stated<Protocol>>,
+    /// The order in which buffered elements are read.
     pub(crate) order: Option<Stated<ReadOrder>>,
+    /// Elements that the buffer holds.
     pub(crate) entries: Option<Stated<u32>>,
+    /// Bytes that the buffer holds.
     pub(crate) bytes: Option<Stated<u32>>,
+    /// The time limit of a connection attempt, ms.
     pub(crate) connect_ms: Option<Stated<u32>>,
     /// The line of ALIVE.
     pub(crate) alive_line: Option<usize>,
     /// The signals that are on while a connection exists.
     pub(super) alive: Vec<Signal>,
+    /// The interval of ALIVE, s.
     pub(crate) ping: Option<Stated<u32>>,
     /// `Logging` and `Display` of MESSAGES.
     pub(crate) messages: [Option<String>; 2],
+    /// The elements that the controller receives.
     pub(crate) received: Vec<StatedElement>,
     /// The line of the first RAW section.
     pub(super) raw_line: Option<usize>,
+    /// The elements of RAW.
     pub(crate) raw: Vec<StatedRaw>,
+    /// The elements that the controller sends.
     pub(crate) sent: Vec<StatedElement>,
 }
 
 /// A value and its line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Stated<T> {
+    /// The value.
     pub(crate) value: T,
+    /// Its line in the file.
     pub(crate) line: usize,
 }
 
 /// The address on which one of the two machines listens.
 #[derive(Debug, Default)]
 pub(crate) struct Address {
+    /// The IP address.
     pub(crate) ip: Option<Stated<String>>,
+    /// The port.
     pub(crate) port: Option<Stated<u16>>,
 }
 
 /// `$FLAG[number]` or `$OUT[number]`, and the event that sets it.
 #[derive(Debug, Clone)]
 pub(crate) struct Signal {
+    /// Its line in the file.
     pub(crate) line: usize,
+    /// Whether it is a flag; otherwise it is an output.
     pub(crate) is_flag: bool,
+    /// The number of the flag or output.
     pub(crate) number: u32,
     /// The tag whose arrival sets the signal; `None` for ALIVE.
     pub(crate) tag: Option<String>,
@@ -82,10 +101,13 @@ impl Signal {
 /// An element of XML.
 #[derive(Debug)]
 pub(crate) struct StatedElement {
+    /// Its line in the file.
     pub(crate) line: usize,
+    /// The path of the element, such as `Ack/@Rx`.
     pub(crate) tag: String,
     /// The type's keyword in capitals, valid or not.
     pub(crate) kind: Option<String>,
+    /// The order in which its values are read.
     pub(crate) order: Option<ReadOrder>,
     /// The signals that the element's arrival sets.
     pub(super) signals: Vec<Signal>,
@@ -106,9 +128,13 @@ impl StatedElement {
 /// An element of RAW.
 #[derive(Debug)]
 pub(crate) struct StatedRaw {
+    /// Its line in the file.
     pub(crate) line: usize,
+    /// Whether it is a stream of any length; otherwise its size is fixed.
     pub(crate) is_stream: bool,
+    /// The size, bytes.
     pub(crate) size: Option<u32>,
+    /// The bytes that end a stream.
     pub(crate) end: Option<String>,
     /// The signals that the element's arrival sets.
     signals: Vec<Signal>,
