@@ -6,15 +6,17 @@ use std::process::Command;
 use std::sync::OnceLock;
 
 /// Settings of 3D shots: the delivered sample.
-pub const SCAN: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/config/zivid/scan.yml"));
+pub const SCAN: &str = include_str!("../../../../config/zivid/scan.yml");
 /// Those of pictures.
-pub const PICTURE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/config/zivid/film.yml"));
+pub const PICTURE: &str = include_str!("../../../../config/zivid/film.yml");
 
 /// The library, built.
 pub fn library() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(|| {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        // This file is compiled in two crates, whose folders differ.
+        let mut folders = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
+        let root = folders.find(|folder| folder.join("Makefile").exists()).expect("the project's root");
         let made =
             Command::new("make").args(["-s", "zivid-stub"]).current_dir(root).output().expect("make is here");
         assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
