@@ -19,7 +19,7 @@ pub use contact::{
     TouchedGrid, abraded_grids, touching_passes,
 };
 pub use finding::{CycleId, Finding, KeptFile, Kind, Picture, name};
-pub use part::{LostPasses, PartNames};
+pub use part::{LostPasses, PartNames, describe_part};
 pub use removed::{PathRemoval, removed, removed_bound_um};
 pub use requests::{Answer, RequestAuthor, RequestRecord, RequestSource, RequestedAction};
 
@@ -151,9 +151,9 @@ impl CycleRecord {
         let Some(verdict) = self.judgement.as_ref().map(|judgement| judgement.verdict) else { return Vec::new() };
         // The verdict of a run in the air refers only to the motions.
         let needs_film = verdict == Verdict::Pass && !self.is_air_run();
-        let no_film = (needs_film && !conclusion::is_proven_by_film(&self.findings)).then(|| {
+        let no_film = conclusion::missing_film(&self.findings).filter(|_| needs_film).map(|missing| {
             format!(
-                "cycle {} has the verdict pass, but its last film did not pass, or an abrasion followed it",
+                "cycle {} has the verdict pass, but {missing}; do not release the part, and inspect it again",
                 self.id
             )
         });

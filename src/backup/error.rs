@@ -114,8 +114,8 @@ pub enum BackupError {
     },
     /// The last number of a cycle is not known, and a number must not be used twice.
     #[error(
-        "{} shows no later state of this store, so the number of the cell's last cycle is not known; state it with \
-         --last-cycle N, from the office's page of this cell or from the last record; the last one of the backup is {own}",
+        "{} is not an unchanged later state of the store in the backup, so the number of the cell's last cycle is not \
+         known; state it with --last-cycle NUMBER, from the office's page of this cell or from the last record; the last one of the backup is {own}",
         path.display()
     )]
     LastCycleUnknown {

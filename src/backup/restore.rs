@@ -48,7 +48,8 @@ pub struct Plan<'p> {
     pub parts: RestoredParts,
     /// What may be replaced.
     pub permission: Permission,
-    /// The number of the cell's last cycle, as a person stated it. It is needed if the replaced store does not show it.
+    /// The number of the cell's last cycle, as a person stated it. It is needed if the replaced store does not show it,
+    /// and as evidence that the replaced store is the newest state.
     pub last_cycle: Option<CycleId>,
 }
 
@@ -60,6 +61,8 @@ pub struct RestoreReport {
     pub differences: Vec<String>,
     /// The store's folder.
     pub store: Option<PathBuf>,
+    /// What is known about the time after the backup; `None` if no store was restored.
+    pub since_backup: Option<Restore>,
     /// The files of the configuration.
     pub configuration: Vec<PathBuf>,
     /// The replaced files, under their new names.
@@ -154,7 +157,7 @@ fn unpack_and_place(
         copy_permissions(&staged, folder.metadata().ok().as_ref())
             .map_err(BackupError::file_error("write", &staged))?;
         puts.push((staged, folder.to_owned()));
-        restored.store = Some(folder.to_owned());
+        (restored.store, restored.since_backup) = (Some(folder.to_owned()), Some(restore));
     }
     for (at, bytes) in files {
         let staged = staged_file(at, bytes, placing)?;
@@ -168,7 +171,8 @@ fn unpack_and_place(
     Ok(restored)
 }
 
-/// Returns what is known about the time after the backup: from the replaced store, from the person, or from both.
+/// Returns what is known about the time after the backup: from the replaced store, from the person, or from both. That
+/// nothing was abraded counts only if the number that the person stated is the one that the replaced store shows.
 fn since_backup(
     archive: &Archive,
     (staged, replaced): (&Path, &Path),
@@ -181,17 +185,24 @@ fn since_backup(
         return Err(BackupError::LastCycleTooLow { stated: stated.0, own: own.0 });
     }
     let made_unix_s = archive.manifest.made_unix_s;
+    let above = |stated: CycleId, found: CycleId| CycleId(stated.0.max(found.0));
     let shown = Store::compute_restore(replaced, staged, made_unix_s);
     match (shown, stated) {
         (None, None) => {
             Err(BackupError::LastCycleUnknown { path: replaced.to_owned(), own: own.map_or(0, |own| own.0) })
         }
-        (None, Some(last_cycle)) => {
+        (None, Some(stated)) => {
+            // A number must not be used twice, even if it is read from a store that proves nothing.
+            let found = Store::last_readable_number(replaced, staged);
+            let last_cycle = found.map_or(stated, |found| above(stated, found));
             Ok(Restore { last_cycle, made_unix_s: Some(made_unix_s), is_nothing_abraded: false })
         }
-        (Some(shown), stated) => {
-            let last = stated.map_or(shown.last_cycle.0, |stated| stated.0.max(shown.last_cycle.0));
-            Ok(Restore { last_cycle: CycleId(last), ..shown })
+        (Some(shown), None) => Ok(Restore { is_nothing_abraded: false, ..shown }),
+        (Some(shown), Some(stated)) => {
+            // If the numbers differ, cycles are missing in the replaced store, or the person does not know them.
+            let is_confirmed = stated == shown.last_cycle;
+            let last_cycle = above(stated, shown.last_cycle);
+            Ok(Restore { last_cycle, is_nothing_abraded: shown.is_nothing_abraded && is_confirmed, ..shown })
         }
     }
 }

@@ -8,6 +8,7 @@ use super::outcome::Outcome;
 use crate::backup::{self, BackupError, Configuration, Permission, Plan, RestoredParts, named_files};
 use crate::check::check_file;
 use crate::record::CycleId;
+use crate::store::Restore as SinceBackup;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -117,6 +118,18 @@ fn format_count(count: usize, word: &str) -> String {
     if count == 1 { format!("1 {word}") } else { format!("{count} {word}s") }
 }
 
+/// Describes what is known about the time between the backup and the restore.
+fn describe_time_since_backup(since: &SinceBackup) -> String {
+    let abraded = if since.is_nothing_abraded {
+        "nothing was abraded since the backup: the replaced store shows it, and its last cycle is the one that --last-cycle \
+         states"
+    } else {
+        "it is not proven that nothing was abraded since the backup: each part needs a statement at its first start \
+         (`--lost-passes NUMBER`, or `--another-part` for a part without a serial number)"
+    };
+    format!("later cycles are numbered above {}; {abraded}", since.last_cycle)
+}
+
 /// Restores an archive.
 ///
 /// # Errors
@@ -160,6 +173,10 @@ pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
             restored.links,
             format_count(restored.files as usize, "file")
         ));
+    }
+    if let Some(since) = &restored.since_backup {
+        outcome.add_value("nothing_abraded", json!(since.is_nothing_abraded));
+        outcome.add_line(describe_time_since_backup(since));
     }
     restored.configuration.iter().for_each(|file| outcome.add_line(format!("written: {}", file.display())));
     restored

@@ -160,9 +160,11 @@ impl TaughtRecipe {
     /// If earlier cycles have used all allowed passes; each cycle is named with its passes. If the store was restored
     /// and nothing was stated about the part.
     pub fn check_part_passes(&self) -> Result<(), Fault> {
-        let is_stated = self.count.another_part || self.count.lost_passes.is_some();
-        if let (Some(lost), false) = (&self.lost, is_stated) {
-            return Err(RecordFault::CountUnknown(lost.clone()).into());
+        if let (Some(lost), None) = (&self.lost, self.count.lost_passes) {
+            let is_answered = self.count.another_part && LostCount::is_answered_by_another_part(&lost.serial);
+            if !is_answered {
+                return Err(RecordFault::CountUnknown(lost.clone()).into());
+            }
         }
         let most = self.recipe.process().effective_passes_per_part();
         part::check_pass_limit(self.part.as_ref(), (&self.earlier, self.lost_passes()), most)

@@ -3,7 +3,7 @@
 
 use super::fault::{Fault, RecordFault};
 use crate::number_text::{printable, utc_day};
-use crate::record::{ANOTHER_PART_TEXT, CycleRecord, LostPasses, PartNames};
+use crate::record::{ANOTHER_PART_TEXT, CycleRecord, LostPasses, PartNames, describe_part};
 use crate::report::page::{Row, Section};
 use crate::store::{PassesOfCycle, Store};
 
@@ -60,7 +60,7 @@ pub fn check_pass_limit(
     (earlier, lost): (&[PassesOfCycle], u8),
     most: usize,
 ) -> Result<(), Fault> {
-    let serial = part.and_then(|part| part.serial.clone()).unwrap_or_default();
+    let part = describe_part(part.and_then(|part| part.serial.as_deref()).unwrap_or_default());
     let used: usize = earlier.iter().map(|cycle| cycle.passes).sum::<usize>() + usize::from(lost);
     if used < most {
         return Ok(());
@@ -68,7 +68,7 @@ pub fn check_pass_limit(
     let stated = (lost > 0).then(|| format!("lost cycles, as stated: {}", counted(usize::from(lost))));
     let known = (!earlier.is_empty()).then(|| history(earlier));
     let history = known.into_iter().chain(stated).collect::<Vec<_>>().join("; ");
-    Err(RecordFault::PartUsedUp { serial, most, history }.into())
+    Err(RecordFault::PartUsedUp { part, most, history }.into())
 }
 
 /// Returns a number of passes with its noun.
@@ -86,10 +86,8 @@ pub fn history(earlier: &[PassesOfCycle]) -> String {
 
 /// The section about the part on a cycle's page; `None` if no part was named.
 pub fn section(store: &Store, record: &CycleRecord) -> Option<Section> {
-    let kept = record.files.iter().find(|file| file.name == PartNames::FILE)?;
-    let text = store.blob(&kept.hash).ok().and_then(|bytes| String::from_utf8(bytes).ok());
-    let part = text.and_then(|text| PartNames::read(&text));
-    let (text, part) = match part {
+    record.files.iter().find(|file| file.name == PartNames::FILE)?;
+    let (text, part) = match store.stored_part(record) {
         Some(part) => ("The part as it was named when the cycle was started.", part),
         None => ("The part was named, but its data is missing or damaged in the store.", PartNames::default()),
     };
@@ -129,6 +127,10 @@ mod tests {
         let refused =
             check_pass_limit(Some(&part), (&earlier, 1), 4).expect_err("a stated pass counts").to_string();
         assert!(refused.contains("1 pass; lost cycles, as stated: 1 pass; take the part out"), "{refused}");
+        let refused = check_pass_limit(None, (&[], 3), 3).expect_err("three stated passes").to_string();
+        let words = "a part without a serial number has reached the limit of 3 passes ([process] max_passes_per_part): \
+                     lost cycles, as stated: 3 passes; take the part out";
+        assert!(refused.starts_with(words), "{refused}");
     }
 
     #[test]

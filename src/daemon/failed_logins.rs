@@ -13,9 +13,6 @@ const MAX_LINES: MaxLinesPerMinute = MaxLinesPerMinute { done: 0, refused: 20 };
 pub(super) struct FailedLogins {
     lines: Mutex<LineLimit>,
     begun: Instant,
-    /// Added to the clock by a test.
-    #[cfg(test)]
-    ahead_ms: std::sync::atomic::AtomicU64,
 }
 
 /// What is to be done about a wrong log-in.
@@ -29,18 +26,12 @@ pub(super) struct Counted {
     pub report_after: Option<Duration>,
 }
 
-impl Default for FailedLogins {
-    fn default() -> Self {
-        FailedLogins {
-            lines: Mutex::new(LineLimit::new(MAX_LINES, 0)),
-            begun: Instant::now(),
-            #[cfg(test)]
-            ahead_ms: std::sync::atomic::AtomicU64::new(0),
-        }
-    }
-}
-
 impl FailedLogins {
+    /// Starts without a wrong log-in; the first minute began at this time.
+    pub fn new(begun: Instant) -> Self {
+        FailedLogins { lines: Mutex::new(LineLimit::new(MAX_LINES, 0)), begun }
+    }
+
     /// Counts a wrong log-in.
     pub fn count(&self) -> Counted {
         self.count_at(self.now_ms())
@@ -62,34 +53,18 @@ impl FailedLogins {
     }
 
     fn now_ms(&self) -> u64 {
-        let now_ms = u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX);
-        #[cfg(test)]
-        let now_ms = now_ms + self.ahead_ms.load(std::sync::atomic::Ordering::Relaxed);
-        now_ms
+        u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
     fn lines(&self) -> MutexGuard<'_, LineLimit> {
         // A poisoned lock is harmless: every change under it is complete.
         self.lines.lock().unwrap_or_else(PoisonError::into_inner)
     }
-
-    /// Lets the present minute appear to have begun this long ago.
-    #[cfg(test)]
-    pub fn begin_minute_ago(&self, ago: Duration) {
-        let ago_ms = u64::try_from(ago.as_millis()).unwrap_or(u64::MAX);
-        self.ahead_ms.store(ago_ms, std::sync::atomic::Ordering::Relaxed);
-    }
-
-    /// Ends the present minute now.
-    #[cfg(test)]
-    pub fn end_minute(&self) -> Option<u64> {
-        self.lines().end_elapsed_minute(u64::MAX)
-    }
 }
 
 /// Describes the lines that were left out.
 pub(super) fn words(left_out: u64) -> String {
-    format!("{left_out} more wrong log-ins within a minute have no line of their own")
+    format!("further wrong log-ins within a minute, without a line of their own: {left_out}")
 }
 
 #[cfg(test)]
@@ -100,13 +75,14 @@ mod tests {
     /// one does in this minute.
     #[test]
     fn the_first_line_that_is_left_out_requests_the_report() {
-        let failed = FailedLogins::default();
+        let failed = FailedLogins::new(Instant::now());
         let counted: Vec<Counted> = (0..25).map(|_| failed.count_at(300)).collect();
         assert!(counted[..20].iter().all(|one| one.is_written && one.report_after.is_none()));
         assert!(counted[20..].iter().all(|one| !one.is_written));
         assert_eq!(counted[20].report_after, Some(Duration::from_millis(59_700)));
         assert!(counted[21..].iter().all(|one| one.report_after.is_none()));
-        assert_eq!(failed.end_minute(), Some(5));
-        assert_eq!(failed.end_minute(), None, "it is reported once");
+        assert_eq!(failed.lines().end_elapsed_minute(59_999), None, "the minute is not over");
+        assert_eq!(failed.lines().end_elapsed_minute(60_000), Some(5));
+        assert_eq!(failed.lines().end_elapsed_minute(120_000), None, "it is reported once");
     }
 }

@@ -54,7 +54,7 @@ impl AccountService {
             store: StoreAccess::new(folder),
             hashing: PasswordHashing::default(),
             lockout: Mutex::default(),
-            failed_logins: FailedLogins::default(),
+            failed_logins: FailedLogins::new(Instant::now()),
             started: Instant::now(),
         }
     }
@@ -230,18 +230,20 @@ mod tests {
     fn a_flood_that_stops_is_counted_when_its_minute_is_over() {
         let folder = tempfile::tempdir().expect("a folder");
         drop(Store::create(&folder.path().join("store")).expect("a store"));
-        let people = Arc::new(AccountService::new(folder.path().join("store")));
+        let mut people = AccountService::new(folder.path().join("store"));
+        let begun = Instant::now();
+        let minute_began = begun.checked_sub(Duration::from_secs(55)).expect("the computer runs for a minute");
+        people.failed_logins = FailedLogins::new(minute_began);
+        let people = Arc::new(people);
         let line =
             AuditEntry::for_completed_action(Some("engineer".to_owned()), None, "10.0.0.1".to_owned(), "log in");
-        let begun = Instant::now();
-        people.failed_logins.begin_minute_ago(Duration::from_secs(55));
         (0..25).for_each(|_| people.audit_failed_login(&line));
         let counted = || {
             let lines = people.read(|store| store.audit(None, 100)).expect("read");
             lines
                 .iter()
                 .filter_map(|line| line.entry.refused.clone())
-                .any(|refused| refused.contains("5 more wrong"))
+                .any(|refused| refused == "further wrong log-ins within a minute, without a line of their own: 5")
         };
         while !counted() {
             assert!(begun.elapsed() < Duration::from_secs(60), "the count is lost");

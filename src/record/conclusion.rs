@@ -110,10 +110,20 @@ pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], b
     Judgement { verdict, reasons }
 }
 
-/// Returns whether the last film passed and no abrasion followed.
-pub(super) fn is_proven_by_film(findings: &[Finding]) -> bool {
-    let last = findings.iter().rfind(|finding| matches!(finding.kind, Kind::Inspect | Kind::Abrade));
-    last.is_some_and(|last| last.kind == Kind::Inspect && last.judgement.verdict == Verdict::Pass)
+/// Returns why the findings do not show that the last film passed and no abrasion followed it, in words with number
+/// and limit; `None` if they show it.
+pub(super) fn missing_film(findings: &[Finding]) -> Option<String> {
+    let Some(last) = findings.iter().rposition(|finding| finding.kind == Kind::Inspect) else {
+        return Some("it has 0 films (minimum 1)".to_owned());
+    };
+    let abrasions = findings.iter().skip(last).filter(|finding| finding.kind == Kind::Abrade).count();
+    if abrasions > 0 {
+        return Some(format!("{abrasions} of its abrasions followed the last film (limit 0)"));
+    }
+    let verdict = findings.get(last)?.judgement.verdict;
+    let found =
+        || format!("its last film, finding {}, has the verdict {} instead of pass", last + 1, verdict.keyword());
+    (verdict != Verdict::Pass).then(found)
 }
 
 /// Lists findings that contradict the verdict `pass` or `accept` of this cycle, in words; none for any other verdict.

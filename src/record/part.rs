@@ -37,6 +37,11 @@ impl LostPasses {
     }
 }
 
+/// Describes a part in a sentence by its serial number, which is empty for a part without one.
+pub fn describe_part(serial: &str) -> String {
+    if serial.is_empty() { "a part without a serial number".to_owned() } else { format!("the part {serial}") }
+}
+
 impl PartNames {
     /// Name of the stored file with these names, among a cycle's [`files`](super::CycleRecord::files).
     pub const FILE: &'static str = "part";

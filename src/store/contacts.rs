@@ -136,10 +136,11 @@ impl Store {
 
     /// The places on this cycle's part at which the tool was, or may have been, in earlier cycles. Cycles with the
     /// same serial number count, and those that named none. They count until a cycle of that part passed by a film,
-    /// after which the part is taken out of the cell. They also count only until a start stated that another part is
-    /// present. A fail by a film ends the count of a part with this serial number; without one, nothing shows that the
-    /// next part is another one. An air-run, an abort, a reject and a part with another serial number end no count.
-    /// Passes that a person stated after a restore count as well.
+    /// after which the part is taken out of the cell. Cycles without a serial number also count only until a start
+    /// stated that another part is present. Such a statement does not end the count of a serial number, which names one
+    /// part. A fail by a film ends the count of a part with this serial number; without one, nothing shows that the next
+    /// part is another one. An air-run, an abort, a reject and a part with another serial number end no count. Passes
+    /// that a person stated after a restore count as well.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -192,7 +193,10 @@ impl Store {
         // has the empty text.
         let (mut over, mut found) = (BTreeSet::new(), Vec::new());
         if self.part_change_evidence(own).map_err(failed)?.is_other_part {
-            return Ok(found);
+            if serial.is_empty() {
+                return Ok(found);
+            }
+            over.insert(String::new());
         }
         for (cycle, of) in cycles {
             let may_be_it = serial.is_empty() || of.is_empty() || of == serial;
@@ -205,11 +209,15 @@ impl Store {
             if !is_over {
                 found.push(CycleId(cycle));
             }
-            // If a start stated that this part is another one, it differs from all parts before.
-            if is_another && of == serial {
+            // If a start without a serial number stated another part, this part differs from all parts before.
+            if is_another && serial.is_empty() && of.is_empty() {
                 break;
             }
-            if is_over || is_another {
+            // A start with a serial number that stated another part separates it only from parts without one.
+            if is_another && (of.is_empty() || of == serial) {
+                over.insert(String::new());
+            }
+            if is_over {
                 over.insert(of);
             }
             if over.contains(&serial) && over.contains("") {

@@ -238,13 +238,15 @@ pub enum StoreError {
         source: crate::signing::SigningError,
     },
     /// The disk is full.
-    #[error("the disk of the store {} is full ({free_mb} MB free); {advice}", path.display())]
+    #[error("the disk of the store {} is full ({free}, minimum {minimum_mb} MB); {advice}", path.display())]
     Full {
         /// The folder.
         path: PathBuf,
-        /// Free space.
-        free_mb: u64,
-        /// The files that may be deleted.
+        /// The free space in words, or why it is not known.
+        free: String,
+        /// Minimum free space with which the store continues, MB.
+        minimum_mb: u64,
+        /// What to do: the files that may be deleted.
         advice: String,
     },
 }

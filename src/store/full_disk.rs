@@ -2,8 +2,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
-use super::fullness::PICTURES_MB;
-use super::reserve::{self, MB};
+use super::reserve::{self, ROOM_MB};
 
 impl Store {
     /// Returns whether the disk was found full since [`Store::has_free_space`] last found space.
@@ -29,7 +28,7 @@ impl Store {
     /// Returns whether there is room for the reserve and pictures again; if so, the reserve is allocated.
     pub fn has_free_space(&mut self) -> bool {
         let free = self.blobs.free_mb().unwrap_or(0);
-        let has_room = free >= MB + PICTURES_MB && self.reserve.allocate().is_ok();
+        let has_room = free >= ROOM_MB && self.reserve.allocate().is_ok();
         if has_room {
             self.fullness.clear_full();
         }

@@ -57,6 +57,7 @@ mod signatures;
 mod signed;
 mod steps;
 mod teaching;
+mod trail;
 mod turns;
 mod verifications;
 mod verify;
@@ -79,6 +80,7 @@ pub use requests::NumberedRequest;
 pub use restores::Restore;
 pub use signatures::{PersonSigningRequest, SignatureRow};
 pub use teaching::{StoredTeaching, TaughtCorner, TeachingInputs};
+pub use trail::TrailPosition;
 pub use verifications::calibration_hash;
 pub use verify::StoreVerification;
 

@@ -3,6 +3,7 @@
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
+use super::trail::TrailPosition;
 use crate::accounts::{Account, AuditEntry};
 use rusqlite::params;
 use std::collections::BTreeMap;
@@ -85,17 +86,18 @@ impl Store {
     }
 
     /// The newest lines of the audit trail, at most `most`, the newest first; with `before`, only lines before this
-    /// time, ms since 1970. Requests to the cell have rows of their own ([`Store::requests`]).
+    /// position. Requests to the cell have rows of their own ([`Store::requests`]).
     ///
     /// # Errors
     /// If they cannot be read.
-    pub fn audit(&self, before: Option<i64>, most: usize) -> Result<Vec<NumberedEntry>, StoreError> {
+    pub fn audit(&self, before: Option<TrailPosition>, most: usize) -> Result<Vec<NumberedEntry>, StoreError> {
         if !self.has_table("audit")? {
             return Ok(Vec::new());
         }
-        let sql = "SELECT id, entry FROM audit WHERE unix_ms < ?1 ORDER BY id DESC LIMIT ?2";
-        let (before, most) = (before.unwrap_or(i64::MAX), i64::try_from(most).unwrap_or(i64::MAX));
-        self.entries(sql, &[&before, &most])
+        let sql =
+            "SELECT id, entry FROM audit WHERE (unix_ms, id) < (?1, ?2) ORDER BY unix_ms DESC, id DESC LIMIT ?3";
+        let before = before.unwrap_or(TrailPosition::END);
+        self.entries(sql, &[&before.unix_ms, &before.number, &i64::try_from(most).unwrap_or(i64::MAX)])
     }
 
     /// The actions that were done, and not refused, under this name on subjects with this beginning; the newest
@@ -165,10 +167,33 @@ mod tests {
         assert_eq!(found.iter().map(|line| line.number).collect::<Vec<_>>(), [7, 3]);
         let [newest, before] = &store.audit(None, 2).expect("read")[..] else { panic!("two") };
         assert_eq!((newest.number, before.number, before.entry.refused.as_deref()), (7, 6, Some("line 1")));
-        assert_eq!(store.audit(Some(store.audit(None, 9).expect("read")[6].entry.unix_ms), 9).expect("read"), []);
+        let oldest = store.audit(None, 9).expect("read")[6].clone();
+        let position = TrailPosition { unix_ms: oldest.entry.unix_ms, number: oldest.number };
+        assert_eq!(store.audit(Some(position), 9).expect("read"), []);
         assert!(before.entry.unix_ms > 0, "the time is set by the store");
         drop(store);
         let verified = Store::verify(&folder.path().join("store"), true).expect("verified");
         assert_eq!(verified.differences, [] as [String; 0]);
+    }
+
+    /// Five lines of one millisecond, then a line that the clock, set back, dates before them: pages of two contain
+    /// each line once.
+    #[test]
+    fn pages_contain_each_line_of_one_millisecond_once() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut store = Store::create(&folder.path().join("store")).expect("a store");
+        let line = AuditEntry::for_completed_action(None, None, "terminal".to_owned(), "log in");
+        store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(2_000);
+        (0..5).for_each(|_| store.store_audit(&line).expect("kept"));
+        store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_999);
+        store.store_audit(&line).expect("kept");
+        let (mut before, mut pages) = (None, Vec::new());
+        loop {
+            let page = store.audit(before, 2).expect("read");
+            let Some(last) = page.last() else { break };
+            before = Some(TrailPosition { unix_ms: last.entry.unix_ms, number: last.number });
+            pages.push(page.iter().map(|line| line.number).collect::<Vec<_>>());
+        }
+        assert_eq!(pages, [[5, 4], [3, 2], [1, 6]]);
     }
 }

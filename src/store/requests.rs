@@ -6,6 +6,7 @@
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
+use super::trail::TrailPosition;
 use crate::cycle::Event;
 use crate::record::{CycleId, RequestRecord, RequestedAction};
 use rusqlite::params;
@@ -56,19 +57,21 @@ impl Store {
     }
 
     /// The newest requests of all cycles and between them, at most `most`, the newest first, each with its number and
-    /// its cycle; with `before`, only requests before this time, ms since 1970.
+    /// its cycle; with `before`, only requests before this position.
     ///
     /// # Errors
     /// If they cannot be read.
-    pub fn requests(&self, before: Option<i64>, most: usize) -> Result<Vec<NumberedRequest>, StoreError> {
+    pub fn requests(&self, before: Option<TrailPosition>, most: usize) -> Result<Vec<NumberedRequest>, StoreError> {
         if !self.has_table("requests")? {
             return Ok(Vec::new());
         }
-        let (before, most) = (before.unwrap_or(i64::MAX), i64::try_from(most).unwrap_or(i64::MAX));
+        let TrailPosition { unix_ms, number } = before.unwrap_or(TrailPosition::END);
+        let most = i64::try_from(most).unwrap_or(i64::MAX);
         let read = || -> Result<Vec<(i64, Option<i64>, String)>, rusqlite::Error> {
-            let sql = "SELECT id, cycle_id, request FROM requests WHERE unix_ms < ?1 ORDER BY id DESC LIMIT ?2";
+            let sql = "SELECT id, cycle_id, request FROM requests WHERE (unix_ms, id) < (?1, ?2)
+                ORDER BY unix_ms DESC, id DESC LIMIT ?3";
             let row = |row: &rusqlite::Row<'_>| Ok((row.get(0)?, row.get(1)?, row.get(2)?));
-            self.connection.prepare(sql)?.query_map([before, most], row)?.collect()
+            self.connection.prepare(sql)?.query_map([unix_ms, number, most], row)?.collect()
         };
         let rows = read().map_err(|error| self.database_error("read the requests of", &error))?;
         let request = |(number, cycle, text): (i64, Option<i64>, String)| {

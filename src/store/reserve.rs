@@ -3,6 +3,7 @@
 use super::blobs;
 use super::error::StoreError;
 use super::flush;
+use super::fullness::PICTURES_MB;
 use rusqlite::ErrorCode;
 use std::fs::{self, OpenOptions};
 use std::path::{Path, PathBuf};
@@ -12,6 +13,8 @@ pub(super) const FILE: &str = "panelprep.reserve";
 /// The reserve's size. A line of the journal needs at most 16 kB of the database's log: the reserve is enough for
 /// 2,000 lines, and a retract, a hold and a stop need less than 100.
 pub(super) const MB: u64 = 32;
+/// Free disk space with which a full disk has room again for the reserve and for pictures, MB.
+pub(super) const ROOM_MB: u64 = MB + PICTURES_MB;
 /// Free disk space below which no program starts on a store without a reserve, MB: its journal would fill the disk
 /// before the cell is in a safe state.
 const JOURNAL_MB: u64 = 8;
@@ -85,11 +88,14 @@ pub(super) fn is_too_full_for_journal(folder: &Path) -> bool {
 
 /// Returns the error that this store's disk is full, with the files to delete.
 pub(super) fn disk_full_error(folder: &Path) -> StoreError {
-    let free_mb = blobs::free_mb(folder).unwrap_or(0);
-    StoreError::Full { path: folder.to_owned(), free_mb, advice: advice(folder) }
+    let free = match blobs::free_mb(folder) {
+        Ok(free_mb) => format!("{free_mb} MB free"),
+        Err(error) => format!("the free space cannot be read: {error}"),
+    };
+    StoreError::Full { path: folder.to_owned(), free, minimum_mb: ROOM_MB, advice: advice(folder) }
 }
 
-/// Returns which files of the store may be deleted.
+/// Returns which files may be deleted, as an imperative.
 fn advice(folder: &Path) -> String {
     let recordings = folder.join("recordings");
     let files = fs::read_dir(&recordings).into_iter().flatten().flatten();

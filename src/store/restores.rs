@@ -4,8 +4,10 @@
 //! A backup lacks what the cell did after it was made. The reason of the epoch that begins after a restore states the
 //! last number that is known to be used, when the backup was made, and whether it is proven that nothing was abraded
 //! since then. Without this proof, no cycle of a part begins before a person has stated for this part what happened
-//! to it: another part is in the fixture, or the number of passes that it had in the lost cycles.
+//! to it: the number of passes that it had in the lost cycles, or, for a part without a serial number, that another part
+//! is in the fixture.
 
+use super::chain;
 use super::cycles::CycleStart;
 use super::database::Store;
 use super::error::StoreError;
@@ -78,26 +80,57 @@ impl Store {
         write().map_err(|source| StoreError::File { operation: "write", path: path.clone(), source })
     }
 
-    /// Returns what the store in the folder `replaced` shows about the time after the backup that is unpacked in
-    /// `backup`. `None` if it cannot be read or is not a later state of the same store: then it does not show which
-    /// numbers were used.
+    /// Returns what the store in the folder `replaced` shows about the time after the backup that is unpacked and
+    /// verified in `backup`. `None` if `replaced` is not a later state of the same store: its chain contains the last
+    /// link of the backup's chain, no row contradicts its chain, and its incidents are those of the backup.
+    ///
+    /// This shows that the state began as the backup did, and that no row is missing before the end that its own head
+    /// states. It does not show that this end is the newest one: an older copy of the store is a later state as well.
+    /// Since the chain contains no secret, it also does not show that no person wrote the rows after the backup and
+    /// the head anew. The caller compares the number of the last cycle with a number from another source.
     pub fn compute_restore(replaced: &Path, backup: &Path, made_unix_s: i64) -> Option<Restore> {
-        let (later, store) = (Store::open(replaced).ok()?, Store::open(backup).ok()?);
-        let last_epoch = store.outbox_epochs().ok()?.pop()?.epoch;
-        let is_same = later.outbox_epochs().ok()?.iter().any(|epoch| epoch.epoch == last_epoch);
-        if !is_same {
+        // Before a connection is open: the verification closes the database's file, which releases the locks.
+        let is_whole = Store::verify(replaced, false).is_ok_and(|verified| verified.differences.is_empty());
+        if !is_whole {
             return None;
         }
-        let last = later.newest_cycle().ok()?.map_or(0, |cycle| cycle.0).max(later.numbered_above().ok()?);
+        let (later, store) = (Store::open(replaced).ok()?, Store::open(backup).ok()?);
+        if !later.continues(&store).ok()? {
+            return None;
+        }
         let waiting = mark_in(replaced).ok()?;
-        // Permits are committed before contact. Only in a store without a missing row do they show that there was none.
-        let is_whole = || Store::verify(replaced, false).is_ok_and(|verified| verified.differences.is_empty());
+        // Permits are committed before contact.
         let is_nothing_abraded = waiting.is_none_or(|waiting| waiting.is_nothing_abraded)
             && later.last_permit().ok()? == store.last_permit().ok()?
-            && later.restores().ok()?.len() == store.restores().ok()?.len()
-            && is_whole();
-        let last = last.max(waiting.map_or(0, |waiting| waiting.last_cycle.0));
+            && later.restores().ok()?.len() == store.restores().ok()?.len();
+        let last = later.last_number().ok()?.max(waiting.map_or(0, |waiting| waiting.last_cycle.0));
         Some(Restore { last_cycle: CycleId(last), made_unix_s: Some(made_unix_s), is_nothing_abraded })
+    }
+
+    /// Returns the last number of a cycle that the store in the folder `replaced` contains, if it has an epoch of the
+    /// store in `backup`. The store may be damaged or changed: the number is no evidence of what happened, but numbers
+    /// up to it may be used. `None` if it cannot be read or is another store.
+    pub fn last_readable_number(replaced: &Path, backup: &Path) -> Option<CycleId> {
+        let (found, store) = (Store::open(replaced).ok()?, Store::open(backup).ok()?);
+        let epochs = store.outbox_epochs().ok()?;
+        let is_known = |epoch: &str| epochs.iter().any(|own| own.epoch == epoch);
+        let is_same = found.outbox_epochs().ok()?.iter().any(|epoch| is_known(&epoch.epoch));
+        if is_same { found.last_number().ok().map(CycleId) } else { None }
+    }
+
+    /// Returns whether this store's chain contains the last link of the other store's chain, and whether the incidents
+    /// of both are the same.
+    fn continues(&self, other: &Store) -> Result<bool, StoreError> {
+        let end = chain::last_link(&other.connection)
+            .map_err(|error| other.database_error("read the chain of", &error))?;
+        let own = self.link_hash(end.link).map_err(|error| self.database_error("read the chain of", &error))?;
+        // Every chain contains the beginning, which is link 0 and is not stored.
+        Ok(own == Some(end.hash) && self.incidents()? == other.incidents()?)
+    }
+
+    /// The last number of a cycle that is known to be used; 0 if there is none.
+    fn last_number(&self) -> Result<i64, StoreError> {
+        Ok(self.newest_cycle()?.map_or(0, |cycle| cycle.0).max(self.numbered_above()?))
     }
 
     fn last_permit(&self) -> Result<i64, StoreError> {
@@ -111,7 +144,7 @@ impl Store {
         self.recover()?;
         self.append(&Event::Reported(Report::StoreRestored), None)?;
         let replaced = marked.last_cycle.0;
-        let own = self.newest_cycle()?.map_or(0, |cycle| cycle.0).max(self.numbered_above()?);
+        let own = self.last_number()?;
         let restore = Restore { last_cycle: CycleId(own.max(replaced)), ..marked };
         self.begin_epoch(&format!("{RESTORED_ABOVE}{restore}"))?;
         let path = self.folder().join(RESTORED);
@@ -139,7 +172,8 @@ impl Store {
     }
 
     /// Returns why the abrasions of this panel's part cannot be counted: cycles are lost by a restore, and since then
-    /// no start stated what happened to the part in them. An empty serial number means a part without one.
+    /// no start stated what happened to the part in them ([`LostCount::is_answered_by_another_part`]). An empty serial
+    /// number means a part without one.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -159,29 +193,32 @@ impl Store {
     /// The last cycle above this number whose start stated what happened to the part in lost cycles.
     fn last_statement(&self, (panel, serial): (&str, &str), above: CycleId) -> Result<Option<CycleId>, StoreError> {
         self.ensure_parts_table()?;
+        let own = normalised_serial(serial);
+        let accepted =
+            if LostCount::is_answered_by_another_part(serial) { ANOTHER_PART_TEXT } else { LostPasses::FILE };
         let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
             let sql =
                 "SELECT cycles.id, coalesce(serial, '') FROM cycles LEFT JOIN cycle_parts ON cycle_id = cycles.id
                  WHERE panel = ?1 AND cycles.id > ?2
                  AND EXISTS (SELECT 1 FROM json_each(files) WHERE value ->> 'name' IN (?3, ?4)) ORDER BY 1 DESC";
             let mut statement = self.connection.prepare_cached(sql)?;
-            let values = params![panel, above.0, ANOTHER_PART_TEXT, LostPasses::FILE];
+            let values = params![panel, above.0, accepted, LostPasses::FILE];
             statement.query_map(values, |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         };
         let cycles = read().map_err(|error| self.database_error("read the cycles of", &error))?;
-        let own = normalised_serial(serial);
         Ok(cycles.into_iter().find(|(_, of)| normalised_serial(of) == own).map(|(id, _)| CycleId(id)))
     }
 
     /// Refuses a cycle whose abrasions could not be counted. An air-run abrades nothing.
     pub(super) fn check_count(&self, start: &CycleStart) -> Result<(), StoreError> {
+        let serial = parts::parse_part(&start.file_texts).and_then(|part| part.serial).unwrap_or_default();
         let is_stated = |(name, text): &(String, String)| {
-            name == ANOTHER_PART_TEXT || (name == LostPasses::FILE && LostPasses::read(text).is_some())
+            (name == ANOTHER_PART_TEXT && LostCount::is_answered_by_another_part(&serial))
+                || (name == LostPasses::FILE && LostPasses::read(text).is_some())
         };
         if start.is_air_run || start.file_texts.iter().any(is_stated) {
             return Ok(());
         }
-        let serial = parts::parse_part(&start.file_texts).and_then(|part| part.serial).unwrap_or_default();
         self.lost_count(&start.panel, &serial)?.map_or(Ok(()), |lost| Err(StoreError::CountUnknown(lost)))
     }
 }

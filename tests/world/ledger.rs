@@ -112,6 +112,11 @@ impl CommandSummary {
 }
 
 impl Ledger {
+    /// Returns the last cycle that ever began.
+    pub fn last(&self) -> Option<CycleId> {
+        self.last
+    }
+
     /// Notes a command that the store has acknowledged.
     pub fn acknowledged(&mut self, told: CommandSummary, answer: &RecordAnswer) {
         let begun = if let RecordAnswer::Cycle(cycle) = answer { Some(*cycle) } else { None };

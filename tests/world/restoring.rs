@@ -8,6 +8,8 @@ use super::ledger::Ledger;
 use super::sabotage::Sabotage;
 use panelprep::backup::{self, Permission, Plan, RestoredParts};
 use panelprep::cycle::{At, Cause, State};
+use panelprep::record::CycleId;
+use panelprep::store::Store;
 use std::path::{Path, PathBuf};
 
 /// Exists in a restored store that has not been opened since.
@@ -49,7 +51,7 @@ impl Running {
             store: Some(&self.store()),
             parts: RestoredParts { store: true, configuration: false },
             permission: Permission { replace_store: true, ..Permission::default() },
-            last_cycle: None,
+            last_cycle: Some(self.last_number()),
         };
         let restored = backup::restore(&plan);
         let mut world = self.world.lock();
@@ -75,6 +77,12 @@ impl Running {
         self.world.lock().lost_passes = self.ledger.touched.lost();
         self.is_restored = true;
         self.watch();
+    }
+
+    /// Returns the last number that the people know: from their own list, or from the page of the present store.
+    fn last_number(&self) -> CycleId {
+        let shown = Store::open(&self.store()).and_then(|store| store.newest_cycle()).ok().flatten();
+        self.ledger.last().max(shown).unwrap_or(CycleId(0))
     }
 
     /// Checks that a restored store rests until a person has answered what may have happened since.

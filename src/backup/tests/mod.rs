@@ -7,7 +7,7 @@ mod forgery;
 use super::*;
 use crate::geometry::KukaPose;
 use crate::record::CycleId;
-use crate::store::{CycleStart, Store, StoreError, StoredTeaching, TaughtCorner, TeachingInputs};
+use crate::store::{CycleStart, Restore, Store, StoreError, StoredTeaching, TaughtCorner, TeachingInputs};
 use crate::verdict::Verdict;
 use std::collections::BTreeMap;
 use std::fs;
@@ -206,25 +206,33 @@ fn files_outside_of_the_cells_folder_need_a_word() {
     assert!(refused.contains("contains no store"), "{refused}");
 }
 
-/// On a new computer nothing shows which numbers of cycles were used: they are stated, or nothing is restored. A number
-/// below those of the backup is a mistake.
-#[test]
-fn without_a_replaced_store_a_person_states_the_last_cycle() {
-    let cell = SmallCell::new();
-    let start = CycleStart {
+/// Returns the start of a cycle of the taught panel.
+fn start() -> CycleStart {
+    CycleStart {
         panel: "wing".to_owned(),
         taught_version: "1".to_owned(),
         recipe_text: RECIPE.to_owned(),
         file_texts: vec![],
         recording: None,
         is_air_run: false,
-    };
-    let mut store = Store::create(&cell.at("store")).expect("a store");
-    for _ in 0..2 {
-        let id = store.begin_cycle(&start).expect("begun");
+    }
+}
+
+/// Adds cycles in which nothing is abraded.
+fn add_cycles(store: &Path, count: usize) {
+    let mut store = Store::create(store).expect("a store");
+    for _ in 0..count {
+        let id = store.begin_cycle(&start()).expect("begun");
         store.conclude(id, Verdict::Aborted, &[]).expect("concluded");
     }
-    drop(store);
+}
+
+/// On a new computer nothing shows which numbers of cycles were used: they are stated, or nothing is restored. A number
+/// below those of the backup is a mistake.
+#[test]
+fn without_a_replaced_store_a_person_states_the_last_cycle() {
+    let cell = SmallCell::new();
+    add_cycles(&cell.at("store"), 2);
     let (archive, file) = (cell.at("cell.tar.zst"), cell.at("other/cell.toml"));
     cell.backup(&archive).expect("written");
     let restored = |last_cycle| restore(&Plan { last_cycle, ..plan(&archive, &file) });
@@ -235,21 +243,70 @@ fn without_a_replaced_store_a_person_states_the_last_cycle() {
     assert!(told.contains("--last-cycle 1 is below 2"), "{told}");
     restored(Some(CycleId(9))).expect("restored");
     let mut store = Store::create(&cell.at("other/store")).expect("opens");
-    assert!(matches!(store.begin_cycle(&start), Err(StoreError::CountUnknown(_))));
-    let air_run = CycleStart { is_air_run: true, ..start.clone() };
+    assert!(matches!(store.begin_cycle(&start()), Err(StoreError::CountUnknown(_))));
+    let air_run = CycleStart { is_air_run: true, ..start() };
     assert_eq!(store.begin_cycle(&air_run).expect("begun"), CycleId(10));
     drop(store);
 
-    // The empty store of a new computer shows nothing either. The cell's own store shows its last cycle.
+    // The empty store of a new computer shows nothing either.
     fs::create_dir_all(cell.at("fresh")).expect("a folder");
     drop(Store::create(&cell.at("fresh/store")).expect("a new store"));
     let permission = Permission { replace_store: true, ..Permission::default() };
     let file = cell.at("fresh/cell.toml");
     let fresh = Plan { permission, last_cycle: None, ..plan(&archive, &file) };
     assert!(matches!(restore(&fresh), Err(BackupError::LastCycleUnknown { own: 2, .. })));
-    let wanted = RestoredParts { store: true, configuration: false };
-    let file = cell.at("cell.toml");
-    restore(&Plan { permission, parts: wanted, last_cycle: None, ..plan(&archive, &file) }).expect("restored");
+}
+
+/// Restores a backup of cycle 1 in place of the present store. Returns what is known about the time since the backup,
+/// and the number of the next air-run.
+fn replaced_store(cell: &SmallCell, last_cycle: Option<i64>) -> Result<(Restore, CycleId), BackupError> {
+    let (archive, file) = (cell.at("cell.tar.zst"), cell.at("cell.toml"));
+    let permission = Permission { replace_store: true, ..Permission::default() };
+    let parts = RestoredParts { store: true, configuration: false };
+    let last_cycle = last_cycle.map(CycleId);
+    let restored = restore(&Plan { permission, parts, last_cycle, ..plan(&archive, &file) })?;
     let mut store = Store::create(&cell.at("store")).expect("opens");
-    assert_eq!(store.begin_cycle(&start).expect("nothing was abraded since the backup"), CycleId(3));
+    let known = restored.since_backup.expect("a store was restored");
+    let begun = store.begin_cycle(&start());
+    let continues = match &begun {
+        Ok(_) => true,
+        Err(StoreError::CountUnknown(_)) => false,
+        Err(error) => panic!("{error}"),
+    };
+    assert_eq!(continues, known.is_nothing_abraded, "{begun:?}");
+    let next = store.begin_cycle(&CycleStart { is_air_run: true, ..start() }).expect("begun");
+    Ok((known, next))
+}
+
+/// The replaced store shows cycle 3, and that nothing was abraded since the backup of cycle 1. This counts only if a
+/// person states the same number: a larger one means that the replaced store is an older copy.
+#[test]
+fn nothing_was_abraded_only_if_a_person_states_the_same_last_cycle() {
+    // With the proof, cycle 4 begins before the air-run.
+    for (stated, is_nothing_abraded, last, next) in
+        [(Some(3), true, 3, 5), (None, false, 3, 4), (Some(2), false, 3, 4), (Some(9), false, 9, 10)]
+    {
+        let cell = SmallCell::new();
+        add_cycles(&cell.at("store"), 1);
+        cell.backup(&cell.at("cell.tar.zst")).expect("written");
+        add_cycles(&cell.at("store"), 2);
+        let known = Restore { last_cycle: CycleId(last), made_unix_s: Some(1_800_000_000), is_nothing_abraded };
+        assert_eq!(replaced_store(&cell, stated).expect("restored"), (known, CycleId(next)), "{stated:?}");
+    }
+}
+
+/// A row of the replaced store was changed: it proves nothing, a person states the last cycle, and no number that can
+/// be read in it is used again.
+#[test]
+fn a_changed_store_proves_nothing_and_its_numbers_are_not_used_again() {
+    let cell = SmallCell::new();
+    add_cycles(&cell.at("store"), 1);
+    cell.backup(&cell.at("cell.tar.zst")).expect("written");
+    add_cycles(&cell.at("store"), 2);
+    rusqlite::Connection::open(cell.at("store/panelprep.sqlite"))
+        .and_then(|rows| rows.execute("UPDATE taught_panels SET taught_at_unix_s = 7", []))
+        .expect("changed");
+    assert!(matches!(replaced_store(&cell, None), Err(BackupError::LastCycleUnknown { own: 1, .. })));
+    let (known, next) = replaced_store(&cell, Some(2)).expect("restored");
+    assert_eq!((known.is_nothing_abraded, known.last_cycle, next), (false, CycleId(3), CycleId(4)));
 }

@@ -136,12 +136,13 @@ pub struct Decision {
 /// What a person states at a start about the abrasions of the part.
 #[derive(Debug, Clone, Copy, Default, Args)]
 pub struct CountArguments {
-    /// Another part than in the cycles before is in the fixture: abrasions are counted from zero. This statement is
-    /// stored with the cycle.
+    /// Another part than in the cycles before is in the fixture: the abrasions in cycles without a serial number do not
+    /// count for it. Abrasions of the same serial number always count. This statement is stored with the cycle.
     #[arg(long)]
     pub another_part: bool,
-    /// After a restore from a backup: how many passes this part had in the cycles that the restored store lacks. They
-    /// count, and the statement is stored with the cycle.
+    /// After a restore from a backup: how many passes this part had in the cycles that the restored store lacks, 0 if
+    /// it had none. They count, and the statement is stored with the cycle. For a part with a serial number only this
+    /// statement answers what happened in the missing cycles.
     #[arg(long, value_name = "NUMBER", conflicts_with = "another_part")]
     pub lost_passes: Option<u8>,
 }

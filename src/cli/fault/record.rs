@@ -42,12 +42,12 @@ pub enum RecordFault {
     },
     /// A part that may not be abraded any more.
     #[error(
-        "the part {serial} has reached the limit of {most} passes ([process] max_passes_per_part): {history}; take \
+        "{part} has reached the limit of {most} passes ([process] max_passes_per_part): {history}; take \
          the part out, and let the inspector decide about the part with the pages of these cycles"
     )]
     PartUsedUp {
-        /// Its serial number.
-        serial: String,
+        /// The part in words, with its serial number if it has one.
+        part: String,
         /// Maximum number of passes.
         most: usize,
         /// The cycles, with the number of passes in each.

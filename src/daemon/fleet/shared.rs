@@ -39,7 +39,7 @@ impl Shared {
             sessions: Mutex::new(Sessions::new(IDLE_S, SESSIONS)),
             lockout: Mutex::default(),
             hashing: PasswordHashing::default(),
-            failed_logins: FailedLogins::default(),
+            failed_logins: FailedLogins::new(Instant::now()),
         }))
     }
 

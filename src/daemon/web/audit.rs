@@ -9,7 +9,7 @@ use crate::accounts::{AuditEntry, Role};
 use crate::daemon::operator_texts::command;
 use crate::history::Table;
 use crate::record::{Answer as Outcome, RequestAuthor, RequestSource, RequestedAction};
-use crate::store::{NumberedEntry, NumberedRequest, Store, StoreError};
+use crate::store::{NumberedEntry, NumberedRequest, Store, StoreError, TrailPosition};
 use axum::Extension;
 use axum::extract::{Query, State};
 use maud::html;
@@ -20,25 +20,53 @@ use std::sync::Arc;
 const PAGE: usize = 100;
 const FILE: usize = 100_000;
 
-#[derive(Debug, Deserialize)]
+/// The line before which a page begins: the last one of the page before.
+#[derive(Debug, Clone, Default, Deserialize)]
 pub(super) struct Before {
-    /// Only lines before this time, ms since 1970.
+    /// Its time, ms since 1970.
     before: Option<i64>,
+    /// Its label. Without it, the page begins before this time.
+    line: Option<String>,
+}
+
+impl Before {
+    /// Returns the positions in the audit trail and among the requests. Of the lines of one millisecond, the requests
+    /// come first.
+    fn positions(&self) -> Option<(TrailPosition, TrailPosition)> {
+        let label = self.line.as_deref().unwrap_or_default();
+        let (audit, request) = match (label.parse::<i64>(), label.strip_prefix('R').map(str::parse::<i64>)) {
+            (Ok(number), _) => (number, i64::MIN),
+            (_, Some(Ok(number))) => (i64::MAX, number),
+            _ => (i64::MIN, i64::MIN),
+        };
+        let at = |unix_ms| move |number| TrailPosition { unix_ms, number };
+        self.before.map(at).map(|at| (at(audit), at(request)))
+    }
 }
 
 /// A line of the trail: of the store's audit trail, or a request to the cell through any front.
 struct Line {
-    /// The number in its table of the store; a request has an R before it.
-    number: String,
+    is_request: bool,
+    /// The number in its table of the store.
+    number: i64,
     entry: AuditEntry,
 }
 
+impl Line {
+    /// The number, with an R before it for a request.
+    fn label(&self) -> String {
+        if self.is_request { format!("R{}", self.number) } else { self.number.to_string() }
+    }
+}
+
 /// Returns the newest lines of both tables, the newest first.
-fn lines(store: &Store, before: Option<i64>, most: usize) -> Result<Vec<Line>, StoreError> {
-    let of_people = store.audit(before, most)?.into_iter();
-    let of_people = of_people.map(|NumberedEntry { number, entry }| Line { number: number.to_string(), entry });
-    let mut lines: Vec<Line> = of_people.chain(store.requests(before, most)?.into_iter().map(of_request)).collect();
-    lines.sort_by_key(|line| std::cmp::Reverse(line.entry.unix_ms));
+fn lines(store: &Store, before: &Before, most: usize) -> Result<Vec<Line>, StoreError> {
+    let (audit, request) = before.positions().unzip();
+    let of_people = store.audit(audit, most)?.into_iter();
+    let of_people = of_people.map(|NumberedEntry { number, entry }| Line { is_request: false, number, entry });
+    let requests = store.requests(request, most)?.into_iter().map(of_request);
+    let mut lines: Vec<Line> = of_people.chain(requests).collect();
+    lines.sort_by_key(|line| std::cmp::Reverse((line.entry.unix_ms, line.is_request, line.number)));
     lines.truncate(most);
     Ok(lines)
 }
@@ -73,7 +101,7 @@ fn of_request(NumberedRequest { number, cycle, request }: NumberedRequest) -> Li
         refused,
         ..AuditEntry::for_completed_action(who, None, from, what)
     };
-    Line { number: format!("R{number}"), entry }
+    Line { is_request: true, number, entry }
 }
 
 fn front_word(front: RequestSource) -> &'static str {
@@ -89,17 +117,17 @@ fn front_word(front: RequestSource) -> &'static str {
     }
 }
 
-/// Shows the newest lines, or the lines before a time.
+/// Shows the newest lines, or the lines before another line.
 pub(super) async fn page(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
-    Query(Before { before }): Query<Before>,
+    Query(before): Query<Before>,
 ) -> Answer {
-    let lines = reading(&web, &visitor, move |store| lines(store, before, PAGE)).await?;
+    let lines = reading(&web, &visitor, move |store| lines(store, &before, PAGE)).await?;
     let words = visitor.language();
     let word = |key| words.text(key);
-    // Lines of the same millisecond are shown again rather than left out.
-    let older = lines.last().filter(|_| lines.len() == PAGE).map(|line| line.entry.unix_ms + 1);
+    let older = lines.last().filter(|_| lines.len() == PAGE);
+    let older = older.map(|line| format!("/audit?before={}&line={}", line.entry.unix_ms, line.label()));
     let body = html! {
         section.card {
             h2 { (word("audit.title")) }
@@ -111,9 +139,9 @@ pub(super) async fn page(
                             th { (word(key)) }
                         }
                     } }
-                    tbody { @for Line { number, entry } in &lines {
+                    tbody { @for (line, entry) in lines.iter().map(|line| (line, &line.entry)) {
                         tr.refused[entry.refused.is_some()] {
-                            td { (number) }
+                            td { (line.label()) }
                             td { (local_time(entry.unix_ms)) }
                             td { (entry.who.as_deref().unwrap_or("–")) @if let Some(role) = entry.role { " (" (role.keyword()) ")" } }
                             td { (entry.from) }
@@ -123,7 +151,7 @@ pub(super) async fn page(
                     } }
                 }
             }
-            @if let Some(before) = older { p { a.button href={ "/audit?before=" (before) } { (word("older")) } } }
+            @if let Some(older) = older { p { a.button href=(older) { (word("older")) } } }
         }
     };
     let frame = Frame { visitor: &visitor, title: word("audit.title"), here: "/audit", scripts: &[] };
@@ -132,15 +160,16 @@ pub(super) async fn page(
 
 /// Returns the whole trail as a file.
 pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
-    let lines = reading(&web, &visitor, |store| lines(store, None, FILE)).await?;
+    let lines = reading(&web, &visitor, |store| lines(store, &Before::default(), FILE)).await?;
     Ok(downloads::csv(&visitor, "audit", &table(&lines)))
 }
 
 fn table(lines: &[Line]) -> Table {
     let columns = ["number", "unix_ms", "who", "role", "from", "what", "subject", "before", "after", "refused"];
-    Table::new(&columns).with_rows(lines.iter().map(|Line { number, entry }| {
+    Table::new(&columns).with_rows(lines.iter().map(|line| {
+        let entry = &line.entry;
         vec![
-            number.clone().into(),
+            line.label().into(),
             entry.unix_ms.into(),
             entry.who.clone().into(),
             entry.role.map(Role::keyword).into(),
@@ -174,7 +203,7 @@ mod tests {
             after: Some("a,\"b\"".to_owned()),
             refused: None,
         };
-        let csv = table(&[Line { number: "3".to_owned(), entry }]).csv().expect("written");
+        let csv = table(&[Line { is_request: false, number: 3, entry }]).csv().expect("written");
         let row = csv.lines().nth(1).map(str::to_owned);
         assert_eq!(row.as_deref(), Some("3,7,anna,operator,10.0.0.1,log in,'=cmd(),,\"a,\"\"b\"\"\","));
     }
@@ -211,7 +240,7 @@ mod tests {
         store
             .store_audit(&AuditEntry::for_completed_action(None, None, "terminal".to_owned(), "log out"))
             .expect("kept");
-        let told = lines(&store, None, 10).expect("read");
+        let told = lines(&store, &Before::default(), 10).expect("read");
         let told: Vec<_> = told
             .iter()
             .map(|Line { entry: line, .. }| {
@@ -226,8 +255,37 @@ mod tests {
         ] {
             assert!(told.contains(&line), "{line:?}: {told:?}");
         }
-        let newest = lines(&store, None, 2).expect("read");
+        let newest = lines(&store, &Before::default(), 2).expect("read");
         assert_eq!(newest.len(), 2);
-        assert!(lines(&store, Some(0), 10).expect("read").is_empty(), "nothing before 1970");
+        let before_1970 = Before { before: Some(0), line: None };
+        assert!(lines(&store, &before_1970, 10).expect("read").is_empty(), "nothing before 1970");
+    }
+
+    /// Three requests and two lines of people in one millisecond: pages of two contain each of the five once.
+    #[test]
+    fn pages_contain_each_line_of_one_millisecond_once() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut store = Store::create(&folder.path().join("store")).expect("a store");
+        let at = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(2_000);
+        crate::store::tests::set_clock(&mut store, at);
+        let request = RequestRecord {
+            unix_ms: 0,
+            wanted: RequestedAction::NewDisc,
+            who: None,
+            answer: Some(Outcome::Done),
+            reasons: vec![],
+            findings: None,
+        };
+        (0..3).for_each(|_| store.store_request(&request, None, None).expect("kept"));
+        let line = AuditEntry::for_completed_action(None, None, "terminal".to_owned(), "log in");
+        (0..2).for_each(|_| store.store_audit(&line).expect("kept"));
+        let (mut before, mut pages) = (Before::default(), Vec::new());
+        loop {
+            let page = lines(&store, &before, 2).expect("read");
+            let Some(last) = page.last() else { break };
+            before = Before { before: Some(last.entry.unix_ms), line: Some(last.label()) };
+            pages.push(page.iter().map(Line::label).collect::<Vec<_>>());
+        }
+        assert_eq!(pages, [vec!["R3", "R2"], vec!["R1", "2"], vec!["1"]]);
     }
 }

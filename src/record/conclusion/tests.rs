@@ -176,7 +176,7 @@ proptest! {
     fn a_pass_that_was_not_concluded_is_named(findings in findings(), requests in requests()) {
         let judgement = conclude(Verdict::Pass, &findings, &requests, &[]);
         let mut record = crate::record::tests::record(judgement.clone(), findings, requests);
-        let is_shown = is_proven_by_film(&record.findings);
+        let is_shown = missing_film(&record.findings).is_none();
         prop_assert_eq!(record.verdict_contradictions().is_empty(), judgement.verdict != Verdict::Pass || is_shown);
         record.judgement = Some(Judgement { verdict: Verdict::Pass, reasons: vec![] });
         prop_assert_eq!(record.verdict_contradictions().is_empty(), judgement.verdict == Verdict::Pass && is_shown);
@@ -192,14 +192,18 @@ fn a_pass_needs_a_film_that_passed() {
         crate::record::tests::record(pass.clone(), findings, asked).verdict_contradictions()
     };
     assert_eq!(unearned(passed(), vec![]), [""; 0]);
-    let no_film = ["cycle 3 has the verdict pass, but its last film did not pass, or an abrasion followed it"];
+    let told = |missing: &str| {
+        [format!("cycle 3 has the verdict pass, but {missing}; do not release the part, and inspect it again")]
+    };
+    let no_film = told("it has 0 films (minimum 1)");
     assert_eq!(unearned(vec![], vec![]), no_film);
     assert_eq!(unearned(vec![finding(Kind::Locate, Verdict::Accept, "")], vec![]), no_film);
     let mut abraded_again = passed();
     abraded_again.push(finding(Kind::Abrade, Verdict::Accept, ""));
-    assert_eq!(unearned(abraded_again, vec![]), no_film);
+    assert_eq!(unearned(abraded_again, vec![]), told("1 of its abrasions followed the last film (limit 0)"));
     let accepted = vec![finding(Kind::Inspect, Verdict::Accept, "")];
-    assert_eq!(unearned(accepted, vec![]), no_film, "a film passes or does not");
+    let words = "its last film, finding 1, has the verdict accept instead of pass";
+    assert_eq!(unearned(accepted, vec![]), told(words), "a film passes or does not");
     assert_eq!(unearned(vec![], vec![asked(Request::AirRun { max_moves: 3 }, Answer::Done, 0)]), [""; 0]);
     let refused = asked(Request::AirRun { max_moves: 3 }, Answer::Refused, 0);
     assert_eq!(unearned(vec![], vec![refused]), no_film);

@@ -160,6 +160,8 @@ fn a_count_is_of_one_part_and_falls_by_nothing_else() {
     assert_eq!(counted("", false).1, both, "it may be any of them");
     assert_eq!(counted("SN 30", true).1, [0_i64; 0], "a person says so");
     assert_eq!(counted("SN 30", false).1, [0_i64; 0], "and said so before");
+    assert_eq!(counted("SN ü17", true).1, [one.0], "its own pass; the part without a number is another one");
+    assert_eq!(counted("SN ü17", false).1, [one.0], "as stated before");
     let (other, _) = counted("SN 18", false);
     film(&mut store, other, Verdict::Fail);
     let mut after = |serial: &str| {

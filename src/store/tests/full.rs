@@ -89,7 +89,10 @@ fn the_journal_goes_on_where_the_disk_is_full() {
         match Store::create(&path) {
             Err(error @ StoreError::Full { .. }) => {
                 let words = error.to_string();
-                assert!(words.contains("is full (0 MB free)") && words.contains("delete"), "{words}");
+                assert!(
+                    words.contains("is full (0 MB free, minimum 96 MB)") && words.contains("delete"),
+                    "{words}"
+                );
             }
             other => panic!("a start without room for a journal: {:?}", other.map(drop)),
         }

@@ -72,3 +72,20 @@ fn requests_stand_where_they_were_asked_with_their_answers() {
         Err(StoreError::ReadOnly { .. })
     ));
 }
+
+/// Five requests of one millisecond: pages of two contain each request once.
+#[test]
+fn pages_contain_each_request_of_one_millisecond_once() {
+    let (_folder, mut store) = new_store();
+    store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(2_000);
+    let request = asked(RequestedAction::NewDisc, Answer::Done);
+    (0..5).for_each(|_| store.store_request(&request, None, None).expect("kept"));
+    let (mut before, mut pages) = (None, Vec::new());
+    loop {
+        let page = store.requests(before, 2).expect("read");
+        let Some(last) = page.last() else { break };
+        before = Some(TrailPosition { unix_ms: last.request.unix_ms, number: last.number });
+        pages.push(page.iter().map(|kept| kept.number).collect::<Vec<_>>());
+    }
+    assert_eq!(pages, [vec![5, 4], vec![3, 2], vec![1]]);
+}

@@ -189,8 +189,8 @@ fn a_signed_pass_over_a_rejected_finding_does_not_verify() {
     let told = found(&folder.path().join("store"));
     let words = "signature 1: cycle 1 has the verdict pass, but its finding 2 (abrade, pass 1) is reject: 64 µm \
                  (removal_too_deep)";
-    let no_film =
-        "signature 1: cycle 1 has the verdict pass, but its last film did not pass, or an abrasion followed it";
+    let no_film = "signature 1: cycle 1 has the verdict pass, but 1 of its abrasions followed the last film (limit 0); do \
+                   not release the part, and inspect it again";
     assert_eq!(told, [words, no_film]);
 }
 
