@@ -85,4 +85,6 @@ pub use verifications::calibration_hash;
 pub use verify::StoreVerification;
 
 #[cfg(test)]
+pub mod testing;
+#[cfg(test)]
 pub(crate) mod tests;

@@ -267,7 +267,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let mut store = Store::create(&folder.path().join("store")).expect("a store");
         let at = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(2_000);
-        crate::store::tests::set_clock(&mut store, at);
+        crate::store::testing::set_clock(&mut store, at);
         let request = RequestRecord {
             unix_ms: 0,
             wanted: RequestedAction::NewDisc,

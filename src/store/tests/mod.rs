@@ -32,11 +32,6 @@ fn new_store() -> (TempDir, Store) {
     (folder, store)
 }
 
-/// Sets the clock that dates the rows of a store.
-pub(crate) fn set_clock(store: &mut Store, clock: fn() -> std::time::SystemTime) {
-    store.clock = clock;
-}
-
 fn teaching(name: &str) -> TeachingInputs {
     let pose = KukaPose { x_mm: 0.1 + 0.2, a_deg: -0.0, b_deg: 1.0 / 3.0, ..KukaPose::default() };
     TeachingInputs {
