@@ -140,7 +140,7 @@ enum SecondClient {
 
 impl SecondClient {
     /// Connects to a port that has a client, sends a document and waits for an answer.
-    fn of(cell: &Cell, port: u16, document: &str) -> Self {
+    fn observe(cell: &Cell, port: u16, document: &str) -> Self {
         let mut second = match connect(cell, port) {
             Ok(second) => second,
             Err(error) => {
@@ -177,9 +177,10 @@ pub(super) fn check_second_client_refused(cell: &Cell) -> TestResult {
     };
     let request = format!("<Req Id=\"1\" Ep=\"0\" Op=\"{OP_RESET}\" N1=\"{}\"></Req>", epoch + 2);
     let ports = [(cell.robot().state_port(), request), (cell.robot().command_port(), set_base(1, epoch, "9.0"))];
-    // The first client goes on meanwhile: a silent one would lose its epoch by its own fault.
+    // The first client continues meanwhile: a silent one would lose its epoch by its own fault.
     let second = std::thread::scope(|scope| {
-        let others = ports.map(|(port, document)| scope.spawn(move || SecondClient::of(cell, port, &document)));
+        let others =
+            ports.map(|(port, document)| scope.spawn(move || SecondClient::observe(cell, port, &document)));
         first.listen(WATCHED, |_| others.iter().all(std::thread::ScopedJoinHandle::is_finished));
         others.map(|other| other.join().unwrap_or(SecondClient::NotTried))
     });
