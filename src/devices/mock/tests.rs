@@ -70,12 +70,8 @@ impl Rig {
     }
 
     fn before_reset(clock: Clock) -> Self {
-        Rig::with_setup(setup(clock))
-    }
-
-    fn with_setup(setup: Setup) -> Self {
         let wires = Wires::default();
-        let mut controller = Controller::new(setup, Box::new(wires.clone())).expect("started");
+        let mut controller = Controller::new(setup(clock), Box::new(wires.clone())).expect("started");
         controller.connect(Channel::Command);
         controller.connect(Channel::State);
         Rig { controller, wires, epoch: 0, id: 0, request: 0, acks: String::new(), states: String::new() }

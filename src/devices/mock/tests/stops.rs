@@ -340,35 +340,6 @@ fn contact_at_another_override_is_refused() {
     assert_eq!((rig.causes(), rig.ack("Err")), (vec![StopCause::Refused(Refusal::Override)], 11));
 }
 
-/// The controller's own programs do not know where the panel is. While the tool runs, they judge a line in the air by
-/// the override, and by the longest step of 110 mm behind another line; with the tool off they do not.
-#[test]
-fn the_programs_judge_each_line_while_the_tool_runs() {
-    let programs = crate::devices::mock::Programs::shipped().expect("as they ship");
-    for (runs, percent, step_mm, refused) in [
-        (false, 50, 150.0, 0),
-        (true, 100, 100.0, 0),
-        (true, 50, 10.0, Refusal::Override as i32),
-        (true, 100, 120.0, 12),
-    ] {
-        let mut rig = Rig::with_setup(Setup { programs: Some(programs.clone()), ..setup(Clock::LockStep) });
-        rig.open();
-        rig.prepare();
-        rig.beats(3);
-        if runs {
-            rig.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0; 2], [0.0; 6]);
-            rig.beats(3);
-        }
-        assert_eq!(rig.tool_on(), runs);
-        rig.controller.apply_fault(Fault::Override { percent, for_ms: None });
-        rig.command(2, [1, 0], [0.0; 2], [0.0, 5.0, 0.0, 0.0, 0.0, 0.0]);
-        rig.command(2, [0, 0], [0.0; 2], [0.0, 5.0 + step_mm, 0.0, 0.0, 0.0, 0.0]);
-        rig.beats(3);
-        assert_eq!(rig.ack("Err"), refused, "{runs} {percent} % {step_mm} mm");
-        assert_eq!(rig.tool_on(), runs && refused == 0, "a refusal switches the tool off");
-    }
-}
-
 /// The reported pose is off while the arm moves to the commanded positions: the client must detect the difference.
 #[test]
 fn a_measured_pose_that_is_off_is_reported() {
