@@ -12,7 +12,7 @@ pub mod recipe_fits;
 pub use findings::{ProblemKind, Purpose, UnmetRequirement, to_problems};
 pub use named_files::{CALIBRATION_ADVICE, NamedFile, ReadNamed, is_same_correction, skip_file};
 
-use crate::cell::{Camera, Cell, Output, RobotKind};
+use crate::cell::{Camera, Cell, Output, Robot, RobotKind};
 use crate::geometry::{Joints, Rigid};
 use crate::number_text::{fixed_decimals, shortest_text};
 use crate::path::Kinematics;
@@ -47,18 +47,24 @@ pub fn incomplete_files(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> V
     unmet_requirements(cell, purpose).into_iter().chain(of_files).chain(acceptance(cell, purpose)).collect()
 }
 
-/// Requires the sum of the programs with which the cell was accepted. A controller on this computer is a rehearsal
-/// with `mock-robot`.
+/// Requires the sum of the programs with which the cell was accepted. A rehearsal with `mock-robot` on this computer
+/// needs none. This is an early notice and no permission: a real controller behind a tunnel is recognised by its
+/// state, and nothing moves in automatic mode without its signed proofs, which need the sum.
 fn acceptance(cell: &Cell, purpose: Purpose) -> Option<UnmetRequirement> {
     let robot = cell.robot();
     let message = "is missing: with which programs of the controller this cell was accepted is NOT PROVEN, and others would not \
                    be noticed; run `panelprep doctor --kuka DIR --accept` with the controller's files and add the \
                    line that it prints";
-    let lacks = purpose == Purpose::Cycle && robot.is_real() && robot.programs_sum().is_none();
+    let lacks = purpose == Purpose::Cycle && is_elsewhere(robot) && robot.programs_sum().is_none();
     lacks.then(|| UnmetRequirement {
         kind: ProblemKind::Acceptance,
         ..UnmetRequirement::new("robot.programs_sum", message)
     })
+}
+
+/// Returns whether the controller is another machine, by its address.
+fn is_elsewhere(robot: &Robot) -> bool {
+    robot.kind() == RobotKind::Eki && !robot.is_local_controller()
 }
 
 /// Returns the names of the cameras, each with a flag that states whether the camera is simulated.
@@ -196,7 +202,7 @@ fn calibrations(cell: &Cell) -> Vec<UnmetRequirement> {
 fn cameras(cell: &Cell) -> Vec<UnmetRequirement> {
     let mut wrong = Vec::new();
     let robot = cell.robot();
-    if robot.is_real() {
+    if is_elsewhere(robot) {
         let message = format!(
             "found \"simulated\", a camera of the simulated cell, but [robot] is a controller at {}; configure the \
              real camera or a recording, or test with `panelprep mock-robot` and host = \"127.0.0.1\"",

@@ -2,6 +2,9 @@
 
 use super::commands::{json, panelprep, taught_and_verified};
 use super::wall::Mock;
+use panelprep::cell::ProofStage;
+use panelprep::record::{RequestAuthor, RequestSource};
+use panelprep::store::{ProofsPage, Store};
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -95,11 +98,20 @@ fn a_path_on_a_real_controller_needs_the_signed_stage() {
         let words = said(signed, command);
         assert!(words.contains("stage_not_signed") && words.contains(needed), "{signed} {command}: {words}");
     }
-    for (signed, command) in [
-        ("signed_stage = \"A\"", "air-run"),
-        ("signed_stage = \"B\"", "cycle --on-foam"),
-        ("signed_stage = \"C\"", "cycle"),
+    for (stage, signed, command) in [
+        (ProofStage::A, "signed_stage = \"A\"", "air-run"),
+        (ProofStage::B, "signed_stage = \"B\"", "cycle --on-foam"),
+        (ProofStage::C, "signed_stage = \"C\"", "cycle"),
     ] {
+        // Stated by hand, without a signed page of these programs in the store.
+        assert!(said(signed, command).contains("stage_not_signed"), "{signed} {command}");
+        let who = RequestAuthor::from_source(RequestSource::Command);
+        for (programs_sum, counts) in [(2, false), (1, true)] {
+            let (page_sha256, by) = ("ab".repeat(32), "Ada".to_owned());
+            let page = ProofsPage { stage, programs_sum, page_sha256, by, is_signed: true };
+            Store::store_proofs_in(&folder.join("cell/store"), &page, who.clone()).expect("stored");
+            assert_eq!(!said(signed, command).contains("stage_not_signed"), counts, "{signed} {programs_sum}");
+        }
         let words = said(signed, command);
         assert!(!words.contains("signed"), "{signed} {command}: {words}");
     }

@@ -1,6 +1,6 @@
 //! `[scanner]`, `[flange_camera]`, `[robot]`: the connected devices.
 
-use super::proof_stage::{ProofStage, Unsigned};
+use super::proof_stage::{ProofStage, SignedPage, Unsigned, UnsignedCause};
 use crate::config::{Choice, Section};
 use core::net::IpAddr;
 use std::path::{Path, PathBuf};
@@ -108,7 +108,9 @@ pub struct Robot {
     command_port: u16,
     state_port: u16,
     programs_sum: Option<i32>,
-    signed_stage: Option<ProofStage>,
+    stated_stage: Option<ProofStage>,
+    /// The newest signed page of proofs in the store; the cell's file does not contain it.
+    signed_page: Option<SignedPage>,
 }
 
 impl Robot {
@@ -143,29 +145,53 @@ impl Robot {
         self.programs_sum
     }
 
-    /// Returns the last stage of the list of proofs that a person signed for this controller.
-    pub fn signed_stage(&self) -> Option<ProofStage> {
-        self.signed_stage
+    /// Returns the last stage of the list of proofs that the cell's file states as signed.
+    pub fn stated_stage(&self) -> Option<ProofStage> {
+        self.stated_stage
     }
 
-    /// Checks that this stage of the list of proofs is signed. A mock controller, and one on this computer, which is a
-    /// rehearsal with `mock-robot`, need no proof.
+    /// Returns the last stage of the list of proofs that counts as signed: the cell's file states it, and the newest
+    /// signed page in the store proves it for the accepted programs.
+    pub fn signed_stage(&self) -> Option<ProofStage> {
+        let page = self.signed_page.filter(|page| Some(page.programs_sum) == self.programs_sum)?;
+        self.stated_stage.map(|stated| stated.min(page.stage))
+    }
+
+    /// Adds the newest signed page of proofs in the store; `None` if the store has none.
+    #[must_use]
+    pub fn with_signed_page(self, signed_page: Option<SignedPage>) -> Self {
+        Robot { signed_page, ..self }
+    }
+
+    /// Checks that this stage of the list of proofs is signed. The mock controller inside this program needs no proof.
+    /// Each other controller counts as a real one, whatever its address is: only its state shows whether it is a mock.
     ///
     /// # Errors
     /// If it is not signed.
     pub fn requires_signed(&self, needed: ProofStage) -> Result<(), Unsigned> {
-        if self.is_real() && self.signed_stage < Some(needed) {
-            return Err(Unsigned { needed, signed: self.signed_stage });
+        let signed = self.signed_stage();
+        if self.kind == RobotKind::Mock || signed >= Some(needed) {
+            return Ok(());
         }
-        Ok(())
+        Err(Unsigned { needed, signed, why: self.unsigned_cause(needed) })
     }
 
-    /// Returns whether this is a real controller. One on this computer is a rehearsal with `mock-robot`.
-    pub fn is_real(&self) -> bool {
-        self.kind == RobotKind::Eki && !self.is_local_controller()
+    fn unsigned_cause(&self, needed: ProofStage) -> UnsignedCause {
+        let Some(stated) = self.stated_stage else { return UnsignedCause::NotStated };
+        if stated < needed && self.signed_stage() == Some(stated) {
+            return UnsignedCause::Lower(stated);
+        }
+        match (self.signed_page, self.programs_sum) {
+            (Some(page), Some(accepted)) if page.programs_sum != accepted => {
+                UnsignedCause::OtherPrograms { stated, page: page.programs_sum, accepted }
+            }
+            (Some(page), Some(_)) => UnsignedCause::LowerPage { stated, page: page.stage },
+            _ => UnsignedCause::NoPage(stated),
+        }
     }
 
-    /// Returns whether the controller's address can only be this machine's own.
+    /// Returns whether the address is this machine's own: a rehearsal with `mock-robot`, or the end of a tunnel to a
+    /// real controller. Before anything moves, the controller's own state decides which of the two it is.
     pub fn is_local_controller(&self) -> bool {
         is_local_host(&self.host)
     }
@@ -208,12 +234,18 @@ pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
     let command_port = section.parse("command_port", PORTS, Some(54_600));
     let state_port = section.parse("state_port", PORTS, Some(54_601));
     let programs_sum = section.parse::<Option<usize>>("programs_sum", 0..=MAX_CHECKSUM, Some(None));
-    let signed_stage = section.parse::<Option<ProofStage>>("signed_stage", (), Some(None));
+    let stated_stage = section.parse::<Option<ProofStage>>("signed_stage", (), Some(None));
     section.finish();
-    let (kind, controller, host, signed_stage) = (kind?, controller?, host?, signed_stage?);
+    let (kind, controller, host, stated_stage) = (kind?, controller?, host?, stated_stage?);
     let (command_port, state_port, programs_sum) = (command_port?, state_port?, programs_sum?);
     if command_port == state_port {
         section.problem("state_port", format!("found {state_port}, valid: any port other than command_port's"));
+        return None;
+    }
+    if stated_stage.is_some() && programs_sum.is_none() {
+        let message = "needs programs_sum, the checksum of the programs that were proven; run `panelprep doctor --kuka DIR \
+                       --accept` with the controller's files and add the line that it prints";
+        section.problem("signed_stage", message);
         return None;
     }
     let host = match (kind, host) {
@@ -249,6 +281,7 @@ pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
         command_port,
         state_port,
         programs_sum: programs_sum.and_then(|sum| i32::try_from(sum).ok()),
-        signed_stage,
+        stated_stage,
+        signed_page: None,
     })
 }

@@ -60,7 +60,7 @@ pub use names::{Feedback, InputsOutputs, LOCAL_CONTROL, Output, WARNING};
 pub use office::{CellName, Office};
 pub use opcua::{AnonymousAccess, OpcUa};
 pub use page::Page;
-pub use proof_stage::{ProofStage, Unsigned};
+pub use proof_stage::{ProofStage, SignedPage, Unsigned, UnsignedCause};
 pub use provenance::Provenance;
 pub use push::{PushSettings, WebFolder};
 pub use removal::{RemovalCalibration, RemovalNumbers};
@@ -363,5 +363,11 @@ impl Cell {
     #[must_use]
     pub fn with_arm_correction(self, correction: CorrectionNumbers) -> Self {
         Cell { arm: self.arm.with_correction(correction), ..self }
+    }
+
+    /// Adds the newest signed page of proofs in the store: without it, no stage of the controller counts as signed.
+    #[must_use]
+    pub fn with_signed_page(self, page: Option<SignedPage>) -> Self {
+        Cell { robot: self.robot.with_signed_page(page), ..self }
     }
 }

@@ -6,7 +6,7 @@ use crate::cell::Cell;
 use crate::config::{Problem, key_line};
 use crate::controller::{
     COMMANDS, CONFIG, ControllerFiles, DATA, Difference, MOTION, STATES, SUBMIT, SumError, USER, among_programs,
-    base_name, compare, highest_acceleration_m_s2, program_sum,
+    compare, highest_acceleration_m_s2, is_named, program_sum,
 };
 use crate::requirements::recipe_fits::parse_plausible_recipe;
 
@@ -47,7 +47,7 @@ fn compare_accelerations(files: &[(&str, &str)], reports: &mut [FileReport]) {
 }
 
 fn place(name: &str, files: &[(&str, &str)]) -> Option<usize> {
-    files.iter().position(|(file, _)| base_name(file).eq_ignore_ascii_case(name))
+    files.iter().position(|(file, _)| is_named(file, name))
 }
 
 /// Compares the controller's files with the cell, which has a controller.
@@ -92,12 +92,16 @@ pub(super) fn compare_with_cell(
                 "is {kept}, but the checksum of the controller's files is {sum}; the cell was accepted with other files"
             ),
         }),
-        (Ok(sum), _) => {
+        (Ok(sum), kept) => {
+            let advice = match kept {
+                Some(_) => "as [robot] programs_sum of the cell's file states",
+                None => {
+                    "and [robot] programs_sum of the cell's file is missing: `panelprep doctor --kuka DIR --accept` compares it with \
+                     the controller and prints the line"
+                }
+            };
             if let Some(place) = place(CONFIG) {
-                let message = format!(
-                    "the checksum of the programs with this file is {sum}; state it as programs_sum in [robot] of the \
-                     cell's file"
-                );
+                let message = format!("the checksum of the programs with this file is {sum}, {advice}");
                 reports[place].descriptions.push(message);
             }
         }

@@ -1,6 +1,7 @@
 //! `panelprep cycle` and `panelprep air-run`: one cycle on the configured cell, or its path in the air, then exit.
 
 use super::args::{Common, Cycle, Simulation};
+use super::controller_kind;
 use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::{DeviceFault, Fault};
 use super::health;
@@ -91,7 +92,7 @@ fn run_once(
 ) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     files.require(Purpose::Cycle)?;
-    files.cell.robot().requires_signed(needed).map_err(DeviceFault::from)?;
+    controller_kind::require_signed(&files.cell, needed)?;
     if let Some(file) = &args.record {
         recording::check_command_file(file, files.store_folder())?;
     }

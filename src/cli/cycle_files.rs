@@ -198,7 +198,7 @@ impl TaughtRecipe {
         let taught = (self.taught.panel.clone(), self.taught.corners.clone());
         let setup =
             CycleSetup::new(cell, self.recipe.clone(), taught, calibrated.for_cycle()).map_err(Fault::stage)?;
-        Ok(setup.with_earlier_removal(self.removed_before()))
+        Ok(setup.with_earlier_removal(self.removed_before()).with_foam(self.on_foam))
     }
 
     /// The first entries of the cycle's record.

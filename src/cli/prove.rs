@@ -3,119 +3,207 @@
 //!
 //! It tests over the two ports what a client alone can see. For the rest it states what to do and what to expect,
 //! and writes down what the person at the controller has seen. It causes no motion. The answers become a page to
-//! sign.
+//! sign; `--sign` stores the signature.
 
+mod link_trials;
 mod page;
 mod proof;
 mod raw_client;
+mod sign;
 mod table;
+mod trial;
 mod unattended;
 
 use super::args::Prove;
+use super::controller_kind::{ControllerKind, ReportedController, identify};
 use super::fault::{DeviceFault, Fault};
-use super::live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::cell::{ProofStage, RobotKind};
+use crate::daemon::current_user;
+use crate::eki::Mode;
+use crate::files::content_hash;
 use crate::requirements::Purpose;
+use crate::store::{ProofsPage, Store};
 use crate::verdict::{Judgement, Reason, Verdict};
+use page::{PageBasis, ProofPage};
 use proof::{Assumption, Finding, Proof};
 use serde_json::json;
 use std::io::BufRead;
 use table::{INSTALLATION, assumptions};
-use unattended::ControllerKind;
 
-/// Goes through the rows of a stage and writes its page.
+/// Goes through the rows of a stage and writes its page, or stores the signature of a page.
 ///
 /// # Errors
-/// If the cell's robot is not a controller with two ports, the stage before is not signed, another program holds the
-/// store, or the page exists already or cannot be written.
+/// If the cell's robot is not a controller with two ports, the stage before is not signed, the controller has another
+/// mode or other programs than the stage needs, another program holds the store, or the page exists already or cannot
+/// be written.
 pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     files.require(Purpose::Robot)?;
     if files.cell.robot().kind() != RobotKind::Eki {
         return Err(DeviceFault::NothingToProve.into());
     }
+    if args.sign {
+        return sign::run(args, files);
+    }
     // The store is free while a person is asked: that person uses other commands of this program meanwhile.
     drop(files.settled_store()?);
-    let (robot, _) = live::robot_alone(&files.cell)?;
-    drop(robot);
-    let mut controller = unattended::controller(&files.cell)?;
-    let signed = files.cell.robot().signed_stage();
-    let stage = args.stage.unwrap_or_else(|| ProofStage::after(signed));
-    if let Some(before) =
-        stage.before().filter(|before| signed < Some(*before) && controller != ControllerKind::Mock)
-    {
-        return Err(DeviceFault::ProvenTooEarly { stage, before }.into());
-    }
-    let page = |proofs: &[Proof], controller| page::render(proofs, &args.by, (files.cell.robot(), controller));
-    // The page is written before the first question: after a day's work at the controller, it must be possible to
-    // store the answers.
-    super::disk::write_new(&args.out, page(&[], controller))?;
-    if controller == ControllerKind::Mock {
+    let begin = identify(&files.cell)?;
+    let stage = stage_to_prove(args, files, &begin)?;
+    let mut run = ProofRun::begin(args, files, (stage, begin))?;
+    if begin.kind == ControllerKind::Mock {
         tell(
             "a MOCK controller answered: this is a rehearsal, which proves nothing about a real controller; do not \
              sign its page",
         );
     }
-    let rows: Vec<Assumption> = assumptions(INSTALLATION).into_iter().filter(|row| row.stage == stage).collect();
-    tell(&format!("stage {}, {} rows; {}", stage.letter(), rows.len(), stage.conditions()));
-    let mut answers = std::io::stdin().lock().lines().map_while(Result::ok);
-    let mut proofs: Vec<Proof> = Vec::new();
-    // The trials of this program come first: in T1 a person holds the start key during them, and not afterwards.
-    let (tried, asked): (Vec<_>, Vec<_>) =
-        rows.into_iter().partition(|row| unattended::for_row(row.number).is_some());
-    for assumption in tried.into_iter().chain(asked) {
-        tell(&format!("{}. {}", assumption.number, assumption.assumed));
-        let proof = match unattended::for_row(assumption.number) {
-            Some(attempt) => {
-                let (finding, evidence) = attempted(files, attempt)?;
-                Proof { assumption, finding, evidence, tried: true }
-            }
-            None => ask_observation(assumption, &mut answers, tell),
-        };
-        tell(&format!("   {}: {}", proof.finding.keyword(), proof.evidence));
-        proofs.push(proof);
-        proofs.sort_by_key(|proof| proof.assumption.number);
-        super::disk::write(&args.out, page(&proofs, controller))?;
+    tell(&format!("stage {}, {} rows; {}", stage.letter(), run.proofs.len(), stage.conditions()));
+    run.go_through(tell)?;
+    run.end()
+}
+
+/// Returns the stage to be proven, if the controller is ready for it. A mock controller is always ready.
+fn stage_to_prove(args: &Prove, files: &CellFiles, begin: &ReportedController) -> Result<ProofStage, Fault> {
+    let robot = files.cell.robot();
+    let stage = args.stage.unwrap_or_else(|| ProofStage::after(robot.signed_stage()));
+    if begin.kind == ControllerKind::Mock {
+        return Ok(stage);
     }
-    // The tests are valid only for the controller that also answers now: a controller may not have answered at first,
-    // or another one may have replaced it.
-    controller = controller.combine(unattended::controller(&files.cell)?);
-    super::disk::write(&args.out, page(&proofs, controller))?;
-    let is_mock = controller == ControllerKind::Mock;
-    let mut outcome = Outcome::from_judgement(&judgement(&proofs, controller != ControllerKind::Real));
-    let rows: Vec<_> = proofs
-        .iter()
-        .map(|proof| {
+    let (Some(reported), Some(mode)) = (begin.programs_sum, begin.mode) else {
+        return Err(DeviceFault::NoControllerToProve.into());
+    };
+    if let Some(before) = stage.before().filter(|before| robot.signed_stage() < Some(*before)) {
+        return Err(DeviceFault::ProvenTooEarly { stage, before }.into());
+    }
+    let accepted = robot.programs_sum();
+    if accepted != Some(reported) {
+        return Err(DeviceFault::ProofsOfOtherPrograms { reported, accepted }.into());
+    }
+    if !is_mode_of(stage, mode) {
+        return Err(DeviceFault::ProvenInOtherMode { stage, mode: mode.name() }.into());
+    }
+    Ok(stage)
+}
+
+/// Returns whether a stage is proven in this mode: in stage A a person holds the enabling switch.
+fn is_mode_of(stage: ProofStage, mode: Mode) -> bool {
+    match stage {
+        ProofStage::A => mode == Mode::T1,
+        ProofStage::B | ProofStage::C => matches!(mode, Mode::Automatic | Mode::External),
+    }
+}
+
+/// The rows of a stage while they are gone through.
+struct ProofRun<'r> {
+    args: &'r Prove,
+    files: &'r CellFiles,
+    stage: ProofStage,
+    begin: ReportedController,
+    /// All rows of the stage, in their order: each is open until it was done.
+    proofs: Vec<Proof>,
+}
+
+impl<'r> ProofRun<'r> {
+    /// Writes the page before the first question: after a day's work at the controller, it must be possible to store
+    /// the answers.
+    fn begin(
+        args: &'r Prove,
+        files: &'r CellFiles,
+        (stage, begin): (ProofStage, ReportedController),
+    ) -> Result<Self, Fault> {
+        let rows = assumptions(INSTALLATION).into_iter().filter(|row| row.stage == stage);
+        let run = ProofRun { args, files, stage, begin, proofs: rows.map(Proof::open).collect() };
+        super::disk::write_new(&args.out, run.page(None).render())?;
+        Ok(run)
+    }
+
+    fn page(&self, end: Option<ReportedController>) -> ProofPage<'_> {
+        ProofPage {
+            stage: self.stage,
+            proofs: &self.proofs,
+            by: &self.args.by,
+            robot: self.files.cell.robot(),
+            reports: (self.begin, end),
+        }
+    }
+
+    /// Goes through the rows. The trials of this program come first: in T1 a person holds the start key during them,
+    /// and not afterwards.
+    fn go_through(&mut self, tell: &dyn Fn(&str)) -> Result<(), Fault> {
+        let mut answers = std::io::stdin().lock().lines().map_while(Result::ok);
+        let is_tried = |place: &usize| unattended::for_row(self.proofs[*place].assumption.number).is_some();
+        let (tried, asked): (Vec<usize>, Vec<usize>) = (0..self.proofs.len()).partition(is_tried);
+        for place in tried.into_iter().chain(asked) {
+            let assumption = self.proofs[place].assumption.clone();
+            tell(&format!("{}. {}", assumption.number, assumption.assumed));
+            let proof = match unattended::for_row(assumption.number) {
+                Some(attempt) => {
+                    let (finding, evidence) = attempted(self.files, attempt)?;
+                    Proof { assumption, finding, evidence, tried: true }
+                }
+                None => ask_observation(assumption, &mut answers, tell),
+            };
+            tell(&format!("   {}: {}", proof.finding.keyword(), proof.evidence));
+            self.proofs[place] = proof;
+            super::disk::write(&self.args.out, self.page(None).render())?;
+        }
+        Ok(())
+    }
+
+    /// Writes the final page, and stores it if each row was proven. The rows hold only for the controller that also
+    /// answers at the end, with the programs of the beginning.
+    fn end(self) -> Result<Outcome, Fault> {
+        // After a day's work, a link that cannot be started costs the signature, and not the page.
+        let end = identify(&self.files.cell).unwrap_or(ReportedController::UNKNOWN);
+        let page = self.page(Some(end));
+        let text = page.render();
+        super::disk::write(&self.args.out, &text)?;
+        if let Some(programs_sum) = end.programs_sum.filter(|_| page.is_signable()) {
+            let (page_sha256, by) = (content_hash(text.as_bytes()), self.args.by.clone());
+            let row = ProofsPage { stage: self.stage, programs_sum, page_sha256, by, is_signed: false };
+            Store::store_proofs_in(self.files.store_folder(), &row, current_user()).map_err(Fault::stage)?;
+        }
+        Ok(self.outcome(&page))
+    }
+
+    fn outcome(&self, page: &ProofPage<'_>) -> Outcome {
+        let basis = page.basis();
+        let mut outcome = Outcome::from_judgement(&judgement(&self.proofs, basis));
+        let row = |proof: &Proof| {
             json!({
                 "number": proof.assumption.number, "finding": proof.finding.keyword(),
                 "evidence": proof.evidence, "tried": proof.tried
             })
-        })
-        .collect();
-    outcome.add_value("proofs", json!(rows));
-    outcome.add_value("stage", json!(stage.letter()));
-    outcome.add_value("mock", json!(is_mock));
-    outcome.add_value("page", json!(args.out.display().to_string()));
-    let page = args.out.display();
-    let unproven = proofs.iter().filter(|proof| proof.finding != Finding::Proven).count();
-    outcome.add_line(match controller {
-        ControllerKind::Real if unproven > 0 => {
-            let stage = stage.letter();
-            format!("page: {page}; stage {stage} cannot be signed: {unproven} rows are wrong or open")
-        }
-        ControllerKind::Mock => format!("page: {page}; from a rehearsal on a mock controller, nothing to sign"),
-        ControllerKind::Unknown => {
-            format!(
-                "page: {page}; no controller answered at the beginning or at the end: do not sign the page; run the command again"
-            )
-        }
-        ControllerKind::Real => format!(
-            "page: {page}; print it, sign it, and keep it with the cell's file; then set signed_stage = \"{}\" in [robot]",
-            stage.letter()
+        };
+        outcome.add_value("proofs", json!(self.proofs.iter().map(row).collect::<Vec<_>>()));
+        outcome.add_value("stage", json!(self.stage.letter()));
+        outcome.add_value("mock", json!(basis == PageBasis::Mock));
+        outcome.add_value("page", json!(self.args.out.display().to_string()));
+        outcome.add_line(describe_end(page, &self.args.out.display().to_string()));
+        outcome
+    }
+}
+
+/// Returns the line about the page and what to do with it.
+fn describe_end(page: &ProofPage<'_>, file: &str) -> String {
+    let stage = page.stage.letter();
+    match page.basis() {
+        PageBasis::Real if page.is_signable() => format!(
+            "page: {file}; print it, sign it, and keep it with the cell's file; then store the signature with `panelprep robot \
+             prove --stage {stage} --sign --out {file} --by NAME` and set signed_stage = \"{stage}\" in [robot]"
         ),
-    });
-    Ok(outcome)
+        PageBasis::Real => {
+            format!("page: {file}; stage {stage} cannot be signed: {} rows are wrong or open", page.unproven())
+        }
+        PageBasis::Mock => format!("page: {file}; from a rehearsal on a mock controller, nothing to sign"),
+        PageBasis::Unknown | PageBasis::Unconfirmed => {
+            format!("page: {file}; no controller answered at the end: do not sign the page; run the command again")
+        }
+        PageBasis::OtherPrograms => format!(
+            "page: {file}; the controller's programs were changed during the proofs: do not sign the page; accept the programs \
+             (`panelprep doctor --kuka DIR --accept`), then run the command again"
+        ),
+    }
 }
 
 /// Tries a row, with the store held, so that no other program of this cell uses the controller meanwhile.
@@ -139,32 +227,47 @@ fn ask_observation(
     Proof { assumption, finding, evidence, tried: false }
 }
 
+/// The shortest text that can name a trace, a film or a figure.
+const MIN_EVIDENCE_CHARS: usize = 3;
+
 fn parse_observation(line: &str) -> (Finding, String) {
     let (word, evidence) = line.trim().split_once(' ').unwrap_or((line.trim(), ""));
     let evidence = evidence.trim();
     match word.to_ascii_lowercase().as_str() {
         "" => (Finding::Open, "not done".to_owned()),
         // Evidence that cannot be looked up later proves nothing.
-        "y" if evidence.is_empty() => (Finding::Open, "reported as expected, without evidence".to_owned()),
+        "y" if evidence.chars().count() < MIN_EVIDENCE_CHARS => {
+            (Finding::Open, "reported as expected, without evidence".to_owned())
+        }
         "y" => (Finding::Proven, evidence.to_owned()),
         "n" => (Finding::Wrong, if evidence.is_empty() { "not as expected" } else { evidence }.to_owned()),
         _ => (Finding::Open, format!("the answer \"{}\" is neither y nor n", line.trim())),
     }
 }
 
-fn judgement(proofs: &[Proof], is_mock: bool) -> Judgement {
-    let of_mock = is_mock.then(|| {
-        let message =
-            "a mock controller answered: tests on a mock controller prove nothing about a real controller";
-        Reason::new("mock_controller", message)
-    });
-    let of_proofs = proofs.iter().filter(|proof| proof.finding != Finding::Proven).map(|proof| {
+fn judgement(proofs: &[Proof], basis: PageBasis) -> Judgement {
+    let of_basis = match basis {
+        PageBasis::Real => None,
+        PageBasis::Mock => Some((
+            "mock_controller",
+            "a mock controller answered: tests on a mock controller prove nothing about a real controller",
+        )),
+        PageBasis::Unknown | PageBasis::Unconfirmed => {
+            Some(("no_controller", "no controller answered at the end of the proofs: they prove nothing"))
+        }
+        PageBasis::OtherPrograms => Some((
+            "other_programs",
+            "the controller reports other programs at the end than at the beginning of the proofs: they prove nothing",
+        )),
+    };
+    let of_proofs = proofs.iter().filter(|proof| !proof.is_proven()).map(|proof| {
         let number = proof.assumption.number;
         let message = format!("assumption {number} is {}: {}", proof.finding.keyword(), proof.evidence);
         Reason::new(if proof.finding == Finding::Wrong { "assumption_wrong" } else { "assumption_open" }, message)
     });
-    let reasons: Vec<Reason> = of_mock.into_iter().chain(of_proofs).collect();
-    let is_wrong = is_mock || proofs.iter().any(|proof| proof.finding == Finding::Wrong);
+    let is_wrong = of_basis.is_some() || proofs.iter().any(|proof| proof.finding == Finding::Wrong);
+    let of_basis = of_basis.map(|(code, message)| Reason::new(code, message));
+    let reasons: Vec<Reason> = of_basis.into_iter().chain(of_proofs).collect();
     let verdict = match (is_wrong, reasons.is_empty()) {
         (true, _) => Verdict::Reject,
         (false, false) => Verdict::Review,
@@ -180,9 +283,33 @@ mod tests {
     #[test]
     fn an_answer_without_evidence_proves_nothing() {
         assert_eq!(parse_observation("y film 12, 0.3 s"), (Finding::Proven, "film 12, 0.3 s".to_owned()));
-        assert_eq!(parse_observation("y").0, Finding::Open);
+        for without in ["y", "y y", "y ok", "  ", "perhaps"] {
+            assert_eq!(parse_observation(without).0, Finding::Open, "{without}");
+        }
         assert_eq!(parse_observation("N stops at the second").0, Finding::Wrong);
-        assert_eq!(parse_observation("  ").0, Finding::Open);
-        assert_eq!(parse_observation("perhaps").0, Finding::Open);
+    }
+
+    #[test]
+    fn each_stage_has_its_mode() {
+        let modes = [Mode::T1, Mode::T2, Mode::Automatic, Mode::External];
+        for (stage, expected) in [
+            (ProofStage::A, [true, false, false, false]),
+            (ProofStage::B, [false, false, true, true]),
+            (ProofStage::C, [false, false, true, true]),
+        ] {
+            assert_eq!(modes.map(|mode| is_mode_of(stage, mode)), expected, "{stage:?}");
+        }
+    }
+
+    /// Without a row, with an open row, or at an end that confirms nothing, the run is not accepted.
+    #[test]
+    fn only_proven_rows_on_a_confirmed_controller_are_accepted() {
+        let row = assumptions(INSTALLATION).remove(0);
+        let proven = Proof { finding: Finding::Proven, evidence: "trace 1".to_owned(), ..Proof::open(row.clone()) };
+        assert_eq!(judgement(std::slice::from_ref(&proven), PageBasis::Real).verdict, Verdict::Accept);
+        assert_eq!(judgement(&[proven.clone(), Proof::open(row)], PageBasis::Real).verdict, Verdict::Review);
+        for basis in [PageBasis::Mock, PageBasis::Unknown, PageBasis::Unconfirmed, PageBasis::OtherPrograms] {
+            assert_eq!(judgement(std::slice::from_ref(&proven), basis).verdict, Verdict::Reject, "{basis:?}");
+        }
     }
 }

@@ -6,7 +6,6 @@ use super::fault::Fault;
 use super::live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use super::signed;
 use crate::cell::{Cell, InputsOutputs, RobotKind};
 use crate::daemon::{SingleError, SingleLine, SingleRobot, speed_command};
 use crate::eki::{Command, SetTcp, Signal, State, TcpKind};
@@ -131,9 +130,6 @@ impl RobotAction {
     }
 
     fn perform(&self, single: &mut SingleRobot<'_>, cell: &Cell) -> Result<(), SingleError> {
-        if matches!(self, RobotAction::MoveJ(..) | RobotAction::MoveLin(_) | RobotAction::Call(_)) {
-            signed::permits_motion(single.state().mode, single.state().is_simulated(), cell)?;
-        }
         match self {
             // While the arm moves, axes and tip may be reported for different moments.
             RobotAction::State if single.state().moving => Ok(()),

@@ -53,6 +53,11 @@ fn dispatcher(routine: &StatedRoutine, found: &mut Differences) {
         let message = format!("has {} arguments, and cell_motion gives it one: N:IN", routine.parameters);
         found.note(USER, routine.line, DISPATCHER, message);
     }
+    for switch in routine.switches.iter().filter(|switch| !switch.is_on_first_parameter) {
+        let message = "does not decide by the first parameter of CELL_USER_CALL, which is the index that the PC calls: \
+                       another subroutine, or none, would be executed and reported; write SWITCH with that parameter";
+        found.note(USER, switch.line, "SWITCH", message);
+    }
 }
 
 /// Compares the cases with the number of subroutines: each index below it needs its own case.
@@ -88,9 +93,27 @@ fn cases(routine: &StatedRoutine, count: Number, found: &mut Differences) {
     }
 }
 
+/// Names each further call: both routines are called once, in the main routine.
+fn further_calls(main: &[StatedCall], others: &[StatedCall], found: &mut Differences) {
+    for (name, effect) in [
+        ("CELL_INIT", "each call ends the epoch and closes the channels"),
+        ("CELL_CYCLE", "the link would have two cycles in one of the loop"),
+    ] {
+        for call in main.iter().filter(|call| call.name == name).skip(1) {
+            found.note(SUBMIT, call.line, name, format!("is called a second time: {effect}; remove this call"));
+        }
+        for call in others.iter().filter(|call| call.name == name) {
+            let message = format!("is called outside of the main routine: {effect}; remove this call");
+            found.note(SUBMIT, call.line, name, message);
+        }
+    }
+}
+
 /// Checks that the program of the submit interpreter calls the programs' beginning once, and their cycle in its loop.
 pub(super) fn submit(text: &str, found: &mut Differences) {
-    let calls = parse(SUBMIT, text).main_calls();
+    let file = parse(SUBMIT, text);
+    let calls = file.main_calls();
+    further_calls(&calls, &file.other_calls(), found);
     let first = |name: &str| calls.iter().find(|call: &&StatedCall| call.name == name);
     let (begins, cycles) = (first("CELL_INIT"), first("CELL_CYCLE"));
     match begins {

@@ -5,9 +5,8 @@ use super::called;
 use super::data::DataComparison;
 use super::declared::declarations;
 use super::difference::{Difference, Differences};
-use super::names::{COMMANDS, CONFIG, MOTION, STATES, SUBMIT, USER};
+use super::names::{COMMANDS, CONFIG, MOTION, STATES, SUBMIT, USER, is_named};
 use super::stated::DataList;
-use super::sum::base_name;
 use crate::cell::{Cell, RobotKind};
 use crate::eki::{CELLCMD, CELLSTAT, ChannelFile, Element};
 
@@ -33,9 +32,7 @@ pub struct ControllerFiles<'a> {
 impl<'a> ControllerFiles<'a> {
     /// Finds the files among others, each given by its name and its text.
     pub fn among(files: &[(&str, &'a str)]) -> Self {
-        let text = |name: &str| {
-            files.iter().find(|(file, _)| base_name(file).eq_ignore_ascii_case(name)).map(|(_, text)| *text)
-        };
+        let text = |name: &str| files.iter().find(|(file, _)| is_named(file, name)).map(|(_, text)| *text);
         ControllerFiles {
             config: text(CONFIG),
             motion: text(MOTION),

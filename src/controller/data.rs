@@ -3,8 +3,8 @@
 
 use super::difference::{Difference, Differences};
 use super::names::CONFIG;
-use super::planned::{AIR_ACCELERATION_M_S2, RETRACT_MM, RETRACT_MM_S};
-use super::stated::{DataList, Number};
+use super::planned::{AIR_ACCELERATION_M_S2, RETRACT_M_S2, RETRACT_MM, RETRACT_MM_S};
+use super::stated::{DataList, Number, stated_key};
 use crate::cell::{Cell, Output};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -51,8 +51,13 @@ impl DataComparison<'_> {
             self.found.push(Difference { file: CONFIG, problem: problem.clone() });
         }
         for stated in self.config.duplicates() {
-            let key = stated.index.map_or(stated.name.clone(), |index| format!("{}[{index}]", stated.name));
+            let key = stated_key(&stated.name, stated.index);
             self.note(stated.line, key, "is set twice; the controller uses the last value");
+        }
+        for (key, line) in self.config.unread() {
+            let message = "is no plain number, so it was not compared, and the controller uses the last value; write the \
+                           number";
+            self.note(line, key, message);
         }
         let (outputs, off) = (self.outputs(), self.automatic_off_outputs());
         self.check_off_outputs(&outputs, &off);
@@ -441,8 +446,6 @@ impl DataComparison<'_> {
         }
         let fastest = self.config.get("CELL_VEL_MAX").map_or(f64::INFINITY, |number| number.value);
         let planned_m_s = RETRACT_MM_S / 1_000.0;
-        // Below this acceleration the retract ends before it has reached its speed, and the tool stays long.
-        let least_m_s2 = RETRACT_MM_S * RETRACT_MM_S / RETRACT_MM / 1_000.0;
         for (name, low, high, why) in [
             (
                 "CELL_ACC_MAX",
@@ -459,9 +462,9 @@ impl DataComparison<'_> {
             ),
             (
                 "CELL_RETRACT_ACC",
-                least_m_s2,
+                RETRACT_M_S2,
                 10.0,
-                "m/s²: with less, the tool leaves the panel slower than planned",
+                "m/s²: with less, the tool leaves the panel later than the safety concept states",
             ),
         ] {
             if let Some(number) = self.single_number(name)

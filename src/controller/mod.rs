@@ -22,7 +22,7 @@ mod tests;
 
 pub use compare::{Comparison, ControllerFiles, among_programs, compare};
 pub use difference::Difference;
-pub use names::{COMMANDS, CONFIG, DATA, MOTION, PROGRAMS, STATES, SUBMIT, USER};
-pub use planned::{AIR_ACCELERATION_M_S2, RETRACT_MM, RETRACT_MM_S};
+pub use names::{COMMANDS, CONFIG, DATA, MOTION, PROGRAMS, STATES, SUBMIT, USER, is_named};
+pub use planned::{AIR_ACCELERATION_M_S2, RETRACT_M_S2, RETRACT_MM, RETRACT_MM_S};
 pub use stated::highest_acceleration_m_s2;
-pub use sum::{SumError, base_name, program_sum};
+pub use sum::{SumError, program_sum};

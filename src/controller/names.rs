@@ -18,3 +18,9 @@ pub const SUBMIT: &str = "sps.sub";
 /// values, and `USER` by the value CELL_USER_REVISION, which states the sum of its text.
 pub const PROGRAMS: [&str; 6] =
     [DATA, "cell_judge.src", "cell_link.src", MOTION, "cell_submit.src", "cell_tell.src"];
+
+/// Returns whether a file, given with or without its folder, has this name. The controller distinguishes no upper and
+/// lower case.
+pub fn is_named(file: &str, name: &str) -> bool {
+    file.rsplit(['/', '\\']).next().unwrap_or(file).eq_ignore_ascii_case(name)
+}

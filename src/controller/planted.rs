@@ -206,7 +206,8 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
         "CELL_RETRACT_VEL=0.25",
         "CELL_RETRACT_VEL: is 0.25, the limits are 0.2 to 0.2",
     ),
-    (CONFIG, "CELL_RETRACT_ACC=2.0", "CELL_RETRACT_ACC=0.1", "CELL_RETRACT_ACC: is 0.1, the limits are 0.8 to 10"),
+    (CONFIG, "CELL_RETRACT_ACC=2.0", "CELL_RETRACT_ACC=0.1", "CELL_RETRACT_ACC: is 0.1, the limits are 2 to 10"),
+    (CONFIG, "CELL_RETRACT_ACC=2.0", "CELL_RETRACT_ACC=1.9", "CELL_RETRACT_ACC: is 1.9, the limits are 2 to 10"),
     (CONFIG, "CELL_ACC_MAX=10.0", "CELL_ACC_MAX=0.1", "CELL_ACC_MAX: is 0.1, the limits are 1 to 10"),
     // The cell's own subroutines.
     (
@@ -219,6 +220,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
     (USER, "GLOBAL DEF CELL_USER_CALL(N:IN)", "GLOBAL DEF CELL_USER_DO(N:IN)", "CELL_USER_CALL: is not there"),
     (USER, "GLOBAL DEF CELL_USER_CALL(N:IN)", "DEF CELL_USER_CALL(N:IN)", "CELL_USER_CALL: is not GLOBAL"),
     (USER, "    CASE 0\n", "    CASE 1\n", "CELL_USER_CALL: has no CASE 0"),
+    (USER, "  SWITCH N\n", "  SWITCH CELL_USER_N\n", "SWITCH: does not decide by the first parameter"),
     (USER, "      CELL_USER_0( )\n", "", "CASE 0: does nothing"),
     (
         USER,
@@ -273,6 +275,23 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
         "CELL_INIT: is called in the loop",
     ),
     (SUBMIT, "  LOOP\n", "  CELL_CYCLE( )\n  LOOP\n", "CELL_CYCLE: is called outside of the loop"),
+    (SUBMIT, "  LOOP\n", "  CELL_INIT( )\n  LOOP\n", "CELL_INIT: is called a second time"),
+    (SUBMIT, "    CELL_CYCLE( )\n", "    CELL_CYCLE( )\n    CELL_INIT( )\n", "CELL_INIT: is called a second time"),
+    (
+        SUBMIT,
+        "    CELL_CYCLE( )\n",
+        "    CELL_CYCLE( )\n    CELL_CYCLE( )\n",
+        "CELL_CYCLE: is called a second time",
+    ),
+    (SUBMIT, "  $OUT[40]=FALSE\n", "  CELL_INIT( )\n", "CELL_INIT: is called outside of the main routine"),
+    // A value that is no number, behind one that is.
+    (CONFIG, "CELL_OUT[3]=19", "CELL_OUT[3]=19\nCELL_OUT[3]=CELL_OUT_N", "CELL_OUT[3]: is no plain number"),
+    (
+        CONFIG,
+        "CELL_BOX_MAX[1]=760.0",
+        "CELL_BOX_MAX[1]=760.0\nCELL_BOX_MAX[1]=CELL_STEP_MM",
+        "CELL_BOX_MAX[1]: is no plain",
+    ),
 ];
 
 /// Returns the mistakes of which no text of `said` returns the expected words; `said` returns all messages about texts

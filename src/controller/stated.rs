@@ -2,7 +2,7 @@
 
 use super::names::CONFIG;
 use crate::config::Problem;
-use crate::krl::{DeclaredVariable, StatedValue, parse};
+use crate::krl::{DeclaredVariable, StatedValue, UnreadValue, parse};
 use std::collections::BTreeMap;
 
 /// Returns the highest acceleration that the controller accepts, m/s², from the text of `cell_config.dat`.
@@ -25,10 +25,17 @@ impl Number {
     }
 }
 
+/// Returns the name of a variable or of an element of an array, as a message names it.
+pub(super) fn stated_key(name: &str, index: Option<i32>) -> String {
+    index.map_or(name.to_owned(), |index| format!("{name}[{index}]"))
+}
+
 /// The numbers of one data list.
 #[derive(Debug, Default)]
 pub(super) struct DataList {
     numbers: BTreeMap<(String, Option<i32>), Number>,
+    /// Values that are no plain numbers: name, index, line.
+    unread: Vec<UnreadValue>,
     /// Values that are stated twice: name, index, line of the second statement.
     duplicates: Vec<StatedValue>,
     /// The variables that the list declares.
@@ -47,6 +54,7 @@ impl DataList {
             problems: file.problems.clone(),
             declared: file.declared_variables(),
             list: file.data_list(),
+            unread: file.unread_values(),
             ..DataList::default()
         };
         for stated in file.stated_values() {
@@ -78,6 +86,12 @@ impl DataList {
     pub fn first_line_of(&self, name: &str) -> Option<usize> {
         let of_name = self.numbers.iter().filter(|((of, _), _)| of == name);
         of_name.map(|(_, number)| number.line).min()
+    }
+
+    /// Returns the values that are no plain numbers, each by its key, with its line. Another number of the same name does
+    /// not hold: the controller uses the last value.
+    pub fn unread(&self) -> Vec<(String, usize)> {
+        self.unread.iter().map(|value| (stated_key(&value.name, value.index), value.line)).collect()
     }
 
     /// Returns the values that are stated a second time.

@@ -7,7 +7,7 @@
 //! gives no protection against intended deception: this is the task of the controller's own checksums of its
 //! project and of its safety configuration.
 
-use super::names::{CONFIG, DATA, PROGRAMS, USER};
+use super::names::{CONFIG, DATA, PROGRAMS, USER, is_named};
 use super::stated::DataList;
 
 /// The modulus of the sum, as in the controller's programs.
@@ -94,7 +94,7 @@ const OWN: [&str; 2] = ["CELL_USER_N", "CELL_USER_REVISION"];
 /// If a file or value is missing, or if a program differs from the one for which the release computed its sum.
 pub fn program_sum(files: &[(&str, &str)]) -> Result<i32, SumError> {
     let find = |name: &'static str| {
-        let named = files.iter().find(|(file, _)| base_name(file).eq_ignore_ascii_case(name));
+        let named = files.iter().find(|(file, _)| is_named(file, name));
         named.map(|(_, text)| *text).ok_or(SumError::Missing(name))
     };
     let texts = PROGRAMS.iter().map(|name| find(name)).collect::<Result<Vec<_>, _>>()?;
@@ -113,11 +113,6 @@ pub fn program_sum(files: &[(&str, &str)]) -> Result<i32, SumError> {
         }
         _ => checksum_of_values(computed, &config),
     }
-}
-
-/// The name of a file without its folder.
-pub fn base_name(file: &str) -> &str {
-    file.rsplit(['/', '\\']).next().unwrap_or(file)
 }
 
 /// Computes the sum: previous sum times 31 plus the byte, over all lines except the headers and the line that

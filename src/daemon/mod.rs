@@ -67,6 +67,7 @@ mod people;
 mod perception;
 mod ports;
 mod progress_file;
+mod proof_gate;
 mod protocol;
 mod push;
 mod record_source;
@@ -121,6 +122,7 @@ pub use ports::{
     RecordPort, RequestAnswer, RequestCommand, RequestPort, Requester, RobotAnswer, RobotCommand, RobotPort,
     StoredPicture, ToolAnswer, ToolCommand, ToolPort,
 };
+pub use proof_gate::ProofGate;
 pub use protocol::{MAX_BYTES, ProtocolError, read_request, request_line};
 pub use push::{PushParts, PushSender, PushStatus};
 pub use record_source::{RecordPdf, RecordSource};

@@ -6,6 +6,7 @@ use super::error::DaemonError;
 use super::path_progress::{PathEndPose, SentPath};
 use super::pending_action::{Condition, PendingAction};
 use super::ports::RobotPort;
+use super::proof_gate;
 use super::running::LoopMemory;
 use super::setup::CycleSetup;
 use crate::cycle::{Action, Answer, Event, Id, Motion, Path, Report, Trouble};
@@ -44,6 +45,13 @@ impl LoopMemory<'_> {
     pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
         // A motion that is refused before it is sent has executed nothing, regardless of the previous path.
         (self.sent_path, self.executed_at_stop) = (None, 0);
+        let on_foam = self.cycle_setup().is_some_and(|setup| setup.on_foam);
+        let needed = proof_gate::stage_of_motion(motion.path, on_foam);
+        if let Some(why) = self.cell.proofs.refusal(needed, self.robot_state.as_ref()) {
+            self.record_problem(Kind::Gate, vec![why])?;
+            self.answer_action(id, Answer::Failed(Trouble::Gate));
+            return Ok(());
+        }
         if !self.tool_lets_go(id, motion.path)? {
             return Ok(());
         }

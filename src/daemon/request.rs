@@ -110,6 +110,10 @@ impl RequestKind {
                 format!("start by {recipe}")
             }
             RequestKind::Refused { wanted: RequestedAction::NewDisc, .. } => "new-disc".to_owned(),
+            // No front requests it: `robot prove` stores it by itself.
+            RequestKind::Refused { wanted: RequestedAction::Proofs { stage, .. }, .. } => {
+                format!("proofs of stage {stage}")
+            }
             RequestKind::Refused { wanted: RequestedAction::For(request), .. } => {
                 operator_texts::command(*request).to_owned()
             }

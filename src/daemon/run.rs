@@ -10,6 +10,7 @@ use super::operator_texts;
 use super::pending_action::Condition;
 use super::perception::Perception;
 use super::ports::{LoopEvent, RecordCommand, RecordPort, RequestPort, RobotPort, ToolPort};
+use super::proof_gate;
 use super::request::{PreparedCycle, Request, RequestKind};
 use super::running::{LoopMemory, OtherPorts};
 use super::setup::{CellSetup, CycleSetup};
@@ -259,7 +260,10 @@ impl LoopMemory<'_> {
     ) -> Result<RequestOutcome, DaemonError> {
         self.requester = who;
         if let Some(request) = what.table_request()
-            && let Some(why) = self.control.refusal(request, self.requester.front, self.robot_state.as_ref())
+            && let Some(why) = self
+                .control
+                .refusal(request, self.requester.front, self.robot_state.as_ref())
+                .or_else(|| self.unproven_start(request, &what))
         {
             self.ports.requests.publish(LoopEvent::NotPermitted(vec![why.clone()]));
             self.record_answer(
@@ -305,6 +309,17 @@ impl LoopMemory<'_> {
             RequestKind::Decided { .. } | RequestKind::State | RequestKind::Start(_) | RequestKind::Shoot(_) => {}
         }
         Ok(RequestOutcome::Done)
+    }
+
+    /// Returns why the proofs of the controller do not permit this start. Each motion is judged once more when it
+    /// begins; here nothing was recorded and no film was made yet.
+    fn unproven_start(&self, request: cycle::Request, what: &RequestKind) -> Option<Reason> {
+        let setup = match what {
+            RequestKind::Begin(prepared) => Some(&prepared.setup),
+            _ => self.cycle_setup(),
+        };
+        let needed = proof_gate::stage_of_request(request, setup.is_some_and(|setup| setup.on_foam))?;
+        self.cell.proofs.refusal(needed, self.robot_state.as_ref())
     }
 
     /// Returns whether the disk was found full and still is; if so, informs the client.

@@ -1,6 +1,7 @@
 //! The setup of a cell and of a cycle: read once, then never changed.
 
 use super::error::DaemonError;
+use super::proof_gate::ProofGate;
 use super::wiring::Wiring;
 use crate::calib::health;
 use crate::cell::{Arm, Cell, CompliantTool, LOCAL_CONTROL, LensExtent, Limits, WARNING};
@@ -56,6 +57,8 @@ pub struct CellSetup {
     pub tool: Option<CompliantTool>,
     /// The checksum of the controller's programs with which the cell was accepted, if one was kept.
     pub programs_sum: Option<i32>,
+    /// Whether the proofs of the controller permit a motion.
+    pub proofs: ProofGate,
     /// The pose in which the arm parks.
     pub park_pose: Joints,
     /// `[poses.ready]`: on the way to and from the park pose, if the cell names one.
@@ -80,10 +83,17 @@ impl CellSetup {
                 .get(WARNING)
                 .and_then(|&number| Some((number, cell.inputs_outputs().output_bit(number)?))),
             programs_sum: cell.robot().programs_sum(),
+            proofs: ProofGate::Controller(cell.robot().clone()),
             tool: cell.tool().compliant().cloned(),
             park_pose: cell.park_pose().ok_or(DaemonError::NotStated { key: "poses.park" })?,
             ready_pose: cell.pose("ready"),
         })
+    }
+
+    /// Returns the same cell for a replay, which moves nothing.
+    #[must_use]
+    pub fn replayed(self) -> Self {
+        CellSetup { proofs: ProofGate::Replay, ..self }
     }
 }
 
@@ -105,6 +115,8 @@ pub struct CycleSetup {
     pub lens: LensExtent,
     /// What earlier cycles removed from this part.
     pub removed_before: EarlierRemoval,
+    /// Foam lies in the cell instead of a panel: contact needs a lower stage of the proofs.
+    pub on_foam: bool,
 }
 
 impl CycleSetup {
@@ -131,13 +143,20 @@ impl CycleSetup {
         }
         let removed_before = EarlierRemoval::default();
         let taught_model = Arc::default();
-        Ok(CycleSetup { cell, recipe, panel, taught_model, corners, calibrations, lens, removed_before })
+        let on_foam = false;
+        Ok(CycleSetup { cell, recipe, panel, taught_model, corners, calibrations, lens, removed_before, on_foam })
     }
 
     /// Returns the same setup for a part from which earlier cycles removed this amount.
     #[must_use]
     pub fn with_earlier_removal(self, removed_before: EarlierRemoval) -> Self {
         CycleSetup { removed_before, ..self }
+    }
+
+    /// Returns the same setup for foam in place of the panel.
+    #[must_use]
+    pub fn with_foam(self, on_foam: bool) -> Self {
+        CycleSetup { on_foam, ..self }
     }
 
     /// Returns the taught panel as the localization uses it, or why it cannot be used; the first call calculates

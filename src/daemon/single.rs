@@ -9,9 +9,10 @@
 use super::corrected::CalibratedRobot;
 use super::moves::{self, move_lin};
 use super::ports::RobotPort;
+use super::proof_gate;
 use super::single_interlocks;
 use super::wiring::is_input_on;
-use crate::cell::{Arm, Cell, InputsOutputs, LOCAL_CONTROL};
+use crate::cell::{Arm, Cell, InputsOutputs, LOCAL_CONTROL, ProofStage};
 use crate::cycle::{Action, Path};
 use crate::eki::{
     Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp, Signal, State, Time,
@@ -280,7 +281,28 @@ impl<'r> SingleRobot<'r> {
         while self.state.sequence == told {
             self.receive()?;
         }
-        require_accept(single_interlocks::judge(name, act, &self.state, cell))
+        let judged = single_interlocks::judge(name, act, &self.state, cell);
+        // A person may have turned the mode switch since the motion was first checked.
+        let unproven = self.unproven(cell).filter(|_| matches!(act, Action::Move(_)));
+        match unproven {
+            Some(why) => Err(SingleError::Gate(Judgement::new(vec![why], vec![]))),
+            None => require_accept(judged),
+        }
+    }
+
+    /// Checks that the proofs of the controller permit motions in its present mode.
+    ///
+    /// # Errors
+    /// If the stage that they need is not signed.
+    pub fn check_proofs(&self, cell: &Cell) -> Result<(), SingleError> {
+        self.unproven(cell).map_or(Ok(()), |why| Err(gate(why)))
+    }
+
+    /// Returns why the proofs do not permit a motion in automatic mode. In T1 a person holds the enabling switch; T2 is
+    /// refused by its own rule.
+    fn unproven(&self, cell: &Cell) -> Option<Reason> {
+        let is_by_hand = matches!(self.state.mode, Mode::T1 | Mode::T2);
+        proof_gate::refusal(cell.robot(), ProofStage::A, Some(&self.state)).filter(|_| !is_by_hand)
     }
 
     /// Checks that a motion is permitted, under a person's control or without one.
@@ -310,7 +332,7 @@ impl<'r> SingleRobot<'r> {
         ];
         let open = checks.into_iter().filter(|(wrong, ..)| *wrong);
         let others = open.map(|(_, code, message)| Reason::new(code, message));
-        let reasons = self.other_programs(cell).into_iter().chain(others).collect();
+        let reasons = self.other_programs(cell).into_iter().chain(self.unproven(cell)).chain(others).collect();
         require_accept(Judgement::new(reasons, vec![]))
     }
 
@@ -504,6 +526,38 @@ mod tests {
             }
         }
     }
+
+    /// A real controller without a signed stage moves in T1 alone, also at an address of this computer.
+    #[test]
+    fn a_motion_in_automatic_mode_needs_stage_a() {
+        use crate::cell::SignedPage;
+        let unsigned = |host: &str| {
+            Cell::check("cell.toml", &format!("[robot]\nkind = 'eki'\nhost = '{host}'\nprograms_sum = 1"))
+                .unwrap_or_else(|problems| panic!("{problems}"))
+        };
+        let text = "[robot]\nkind = 'eki'\nhost = 'krc'\nprograms_sum = 1\nsigned_stage = 'A'";
+        let signed = Cell::check("cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
+        let signed = signed.with_signed_page(Some(SignedPage { stage: ProofStage::A, programs_sum: 1 }));
+        let (real_boot, mock_boot) = (820_000_000, 1);
+        for (mode, boot, cell, permitted) in [
+            (Mode::T1, real_boot, unsigned("krc"), true),
+            (Mode::Automatic, real_boot, unsigned("krc"), false),
+            (Mode::External, real_boot, unsigned("krc"), false),
+            (Mode::External, real_boot, unsigned("127.0.0.1"), false),
+            (Mode::External, mock_boot, unsigned("127.0.0.1"), true),
+            (Mode::Automatic, real_boot, signed, true),
+        ] {
+            let mut robot = Says(State { joints: AT, mode, boot, ..standing_state() });
+            let mut single = SingleRobot::connect(&mut robot, cell.arm()).expect("it answers");
+            for moved in [single.move_joints(AT, 10, &cell), single.call(0, &cell)] {
+                let Err(SingleError::Gate(judgement)) = moved else { panic!("another gate refuses: {moved:?}") };
+                let is_unsigned = judgement.reasons.iter().any(|reason| reason.code == "stage_not_signed");
+                assert_eq!(!is_unsigned, permitted, "{mode:?} {boot}: {judgement:?}");
+            }
+            assert_eq!(single.check_proofs(&cell).is_ok(), permitted, "{mode:?} {boot}");
+        }
+    }
+
     /// Another sum than the accepted one refuses every function that sends something: nothing is sent. The accepted sum
     /// leads to the next gate.
     #[test]

@@ -41,10 +41,10 @@ pub use lex::RESERVED;
 pub use machine::{
     Caller, EkiAnswer, Host, INTERRUPT_DEPTH, Interpreter, Memory, MotionRequest, StepPause, UndocumentedBehaviour,
 };
-pub use outline::{DeclaredVariable, StatedCall, StatedCase, StatedRoutine};
+pub use outline::{DeclaredVariable, StatedCall, StatedCase, StatedRoutine, StatedSwitch};
 pub use parse::parse;
 pub use program::Program;
 pub use routines::Builtin;
-pub use stated::StatedValue;
+pub use stated::{StatedValue, UnreadValue};
 pub use syntax::{Approximation, Binary, File, Motion};
 pub use system::{Kss, LOWEST_KSS, SYSTEM_VARIABLES, SystemVariable};

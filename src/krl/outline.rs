@@ -32,6 +32,15 @@ impl fmt::Display for DeclaredVariable {
     }
 }
 
+/// A SWITCH of a routine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StatedSwitch {
+    /// Line, from 1.
+    pub line: usize,
+    /// Whether it decides by the routine's first parameter alone.
+    pub is_on_first_parameter: bool,
+}
+
 /// A CASE of a routine's SWITCH with a plain number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StatedCase {
@@ -52,7 +61,9 @@ pub struct StatedRoutine {
     pub global: bool,
     /// The number of its parameters.
     pub parameters: usize,
-    /// The cases of the SWITCH statements at its top level.
+    /// The SWITCH statements at its top level.
+    pub switches: Vec<StatedSwitch>,
+    /// The cases of those that decide by the first parameter.
     pub cases: Vec<StatedCase>,
 }
 
@@ -100,8 +111,19 @@ impl File {
     pub fn stated_routine(&self, name: &str) -> Option<StatedRoutine> {
         let place = self.routines.iter().position(|routine| routine.name == name)?;
         let routine = &self.routines[place];
+        let first = routine.parameters.first().map(|parameter| parameter.name.as_str());
+        let is_first = |on: &Expression| match on {
+            Expression::Variable(on) => on.steps.is_empty() && Some(on.name.as_str()) == first,
+            _ => false,
+        };
+        let switches = routine.body.iter().filter_map(|statement| match &statement.action {
+            Action::Switch { on, .. } => {
+                Some(StatedSwitch { line: statement.line, is_on_first_parameter: is_first(on) })
+            }
+            _ => None,
+        });
         let cases = routine.body.iter().flat_map(|statement| match &statement.action {
-            Action::Switch { cases, .. } => cases.as_slice(),
+            Action::Switch { on, cases, .. } if is_first(on) => cases.as_slice(),
             _ => &[],
         });
         let cases = cases.flat_map(|case| {
@@ -116,8 +138,18 @@ impl File {
             // The first routine of a file is seen by all.
             global: routine.global || place == 0,
             parameters: routine.parameters.len(),
+            switches: switches.collect(),
             cases: cases.collect(),
         })
+    }
+
+    /// Returns the calls in all routines but the main one, in the order of the text.
+    pub fn other_calls(&self) -> Vec<StatedCall> {
+        let mut calls = Vec::new();
+        for routine in self.routines.iter().skip(1) {
+            collect_calls(&routine.body, false, &mut calls);
+        }
+        calls
     }
 
     /// Returns the calls in the main routine, which is the first one, in the order of the text.
@@ -178,5 +210,10 @@ mod tests {
         let cases: Vec<_> = b.cases.iter().map(|case| (case.value, case.line, case.is_empty)).collect();
         assert_eq!(cases, [(0, 12, false), (1, 12, false), (2, 14, true)]);
         assert_eq!((b.line, b.global, b.parameters), (9, false, 1));
+        assert!(b.switches.iter().map(|it| (it.line, it.is_on_first_parameter)).eq([(11, true)]));
+        let other = parse("a.src", &text.replace("SWITCH N", "SWITCH M")).stated_routine("B").expect("there");
+        assert!(other.cases.is_empty() && !other.switches[0].is_on_first_parameter);
+        let calls: Vec<_> = file.other_calls().into_iter().map(|call| (call.name, call.line)).collect();
+        assert_eq!(calls, [("A".to_owned(), 13)]);
     }
 }

@@ -16,7 +16,47 @@ pub struct StatedValue {
     pub value: f64,
 }
 
+/// A value of a data list that is no plain number.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnreadValue {
+    /// The name of the variable, in upper case.
+    pub name: String,
+    /// The index in a one-dimensional array; `None` for a single variable, and for an index that is no plain number.
+    pub index: Option<i32>,
+    /// Line, from 1.
+    pub line: usize,
+}
+
 impl File {
+    /// Returns the values of the data list that are no plain numbers, in the order of the text: [`File::stated_values`]
+    /// omits them, and each of them may replace a number that was stated before.
+    pub fn unread_values(&self) -> Vec<UnreadValue> {
+        let Some(data) = &self.data else { return Vec::new() };
+        let declared = data.declarations.iter().flat_map(|declaration| {
+            let items = match &declaration.kind {
+                DeclarationContent::Variables { items, .. } => items.as_slice(),
+                _ => &[],
+            };
+            let unread =
+                items.iter().filter(|item| item.value.as_ref().is_some_and(|value| number(value).is_none()));
+            unread.map(move |item| UnreadValue { name: item.name.clone(), index: None, line: declaration.line })
+        });
+        let assigned = data.values.iter().filter_map(|statement| {
+            let Action::Assign { to, value } = &statement.action else { return None };
+            let (is_plain, index) = match to.steps.as_slice() {
+                [] => (true, None),
+                [Step::Index(places)] => match places.as_slice() {
+                    [Some(Expression::Int(place))] => (true, Some(*place)),
+                    _ => (false, None),
+                },
+                _ => (false, None),
+            };
+            let is_read = is_plain && number(value).is_some();
+            (!is_read).then(|| UnreadValue { name: to.name.clone(), index, line: statement.line })
+        });
+        declared.chain(assigned).collect()
+    }
+
     /// Returns the numbers of the data list, in the order of the text; empty for a program. Values that are not
     /// plain numbers are omitted.
     pub fn stated_values(&self) -> Vec<StatedValue> {
@@ -77,6 +117,8 @@ mod tests {
         let found: Vec<_> =
             file.stated_values().into_iter().map(|it| (it.name, it.index, it.line, it.value)).collect();
         assert_eq!(found, [("N".to_owned(), None, 2, 2.0), ("B".to_owned(), Some(1), 4, -0.5)]);
+        let unread: Vec<_> = file.unread_values().into_iter().map(|it| (it.name, it.index, it.line)).collect();
+        assert_eq!(unread, [("B".to_owned(), Some(2), 5)]);
         assert!(file.declares_variable("M") && !file.declares_variable("K"));
     }
 }

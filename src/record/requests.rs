@@ -36,6 +36,19 @@ pub enum RequestedAction {
         /// The recipe's file as named in the request.
         recipe: String,
     },
+    /// A person proved a stage of the controller's proofs, or signed its page.
+    Proofs {
+        /// The letter of the stage.
+        stage: String,
+        /// The checksum that the controller's programs reported.
+        programs_sum: i32,
+        /// SHA-256 of the page.
+        page_sha256: String,
+        /// The person at the controller, or the one who signed.
+        by: String,
+        /// Whether the page is signed; otherwise each of its rows was proven.
+        is_signed: bool,
+    },
 }
 
 /// The sender of a request.

@@ -45,6 +45,15 @@ impl Store {
         journal: Option<u64>,
     ) -> Result<(), StoreError> {
         self.require_writable()?;
+        self.insert_request(asked, cycle, journal)
+    }
+
+    pub(super) fn insert_request(
+        &mut self,
+        asked: &RequestRecord,
+        cycle: Option<CycleId>,
+        journal: Option<u64>,
+    ) -> Result<(), StoreError> {
         let unix_ms = unix_ms(self.clock());
         let text = self.text(&RequestRecord { unix_ms, ..asked.clone() })?;
         self.commit("write a request to", |writing| {

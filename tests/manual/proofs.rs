@@ -26,6 +26,7 @@ fn out_of_order(steps: &[&str]) -> Vec<String> {
 fn the_manual_follows_the_stages_of_the_proofs() {
     let order = [
         "robot prove --stage A",
+        "--sign --out proven-a.html",
         "signed_stage = \"A\"",
         "panelprep calibrate intrinsics",
         "\npanelprep air-run --recipe",

@@ -80,6 +80,10 @@ fn each_mistake_is_named() {
             "2: robot.programs_sum: found 1000003, valid: a whole number from 0 to 1000002",
         ),
         (
+            "[robot]\nkind = 'eki'\nhost = 'krc'\nsigned_stage = 'C'",
+            "4: robot.signed_stage: needs programs_sum, the checksum of the programs that were proven",
+        ),
+        (
             "[robot]\nhost = '172.31.1.147'",
             "2: robot.host: found \"172.31.1.147\"; kind = \"mock\" runs on this machine, 127.0.0.1",
         ),

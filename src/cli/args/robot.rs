@@ -106,10 +106,15 @@ pub struct Prove {
     /// `[robot] signed_stage` of the cell's file does not state as signed.
     #[arg(long, value_name = "STAGE", value_parser = parse_stage)]
     pub stage: Option<ProofStage>,
-    /// The page to write, HTML; it must not exist yet, and is written again after each answer.
+    /// The page to write, HTML; it must not exist yet, and is written again after each answer. With --sign the page
+    /// that was written, which is not changed.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// The person at the controller.
+    /// Stores the signature of a page of which each row was proven, with the person and the date. Nothing is proven, and
+    /// no controller is needed. Only then `[robot] signed_stage` counts.
+    #[arg(long)]
+    pub sign: bool,
+    /// The person at the controller; with --sign the person who signed the page.
     #[arg(long, value_name = "NAME", value_parser = parse_non_empty)]
     pub by: String,
 }

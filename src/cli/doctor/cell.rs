@@ -2,7 +2,7 @@
 
 use super::check::Check;
 use crate::calib::health::{VerificationLimits, health};
-use crate::cell::{Cell, RobotKind};
+use crate::cell::{Cell, ProofStage, RobotKind, Unsigned};
 use crate::check::check_files;
 use crate::cli::args::Common;
 use crate::cli::calibrate::now_unix_s;
@@ -247,8 +247,8 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     Programs { checks, sum, agree }
 }
 
-/// Reads the controller's files; a missing one is a check that failed. KUKA's own program of the submit interpreter is
-/// read if it is there.
+/// Reads the controller's files; a missing one is a check that failed. Without KUKA's own program of the submit
+/// interpreter it is not known whether a stop is received at all.
 fn read_files(folder: &Path) -> (Vec<(&'static str, String)>, Vec<Check>) {
     let (mut texts, mut checks) = (Vec::new(), Vec::new());
     for name in [CONFIG].into_iter().chain(PROGRAMS).chain([USER, COMMANDS, STATES]) {
@@ -262,14 +262,17 @@ fn read_files(folder: &Path) -> (Vec<(&'static str, String)>, Vec<Check>) {
     }
     let submit = format!("{KUKA}: {SUBMIT}");
     if !folder.join(SUBMIT).exists() {
-        let found =
-            "not in the folder, so not compared: whether it calls CELL_INIT( ) and CELL_CYCLE( ) is not known";
-        checks.push(Check::passed(submit, found));
+        let why =
+            ": not in the folder, so not compared; whether it calls CELL_INIT( ) and CELL_CYCLE( ) is not known";
+        let advice = "copy KRC/R1/System/sps.sub as it is on the controller into this folder";
+        checks.push(Check::open(submit, why, advice));
         return (texts, checks);
     }
     match disk::read_controller_text(&folder.join(SUBMIT)) {
         Ok(text) => texts.push((SUBMIT, text)),
-        Err(error) => checks.push(Check::failed(submit, error.to_string(), "copy it again, or remove it")),
+        Err(error) => {
+            checks.push(Check::failed(submit, error.to_string(), "copy it again as it is on the controller"))
+        }
     }
     (texts, checks)
 }
@@ -284,15 +287,42 @@ fn addresses_of(host: &str) -> Vec<[u8; 4]> {
     four.collect()
 }
 
+/// Checks which stage of the controller's proofs is signed, and what is missing for a cycle on a panel.
+pub(super) fn proofs(cell: &Cell) -> Check {
+    let (name, robot) = ("proofs", cell.robot());
+    if robot.kind() == RobotKind::Mock {
+        return Check::passed(name, "not needed: the mock robot inside the program moves no arm");
+    }
+    match robot.requires_signed(ProofStage::C) {
+        Ok(()) => {
+            Check::passed(name, "stage C is signed for the accepted programs: a cycle on a panel is permitted")
+        }
+        Err(Unsigned { signed, why, .. }) => {
+            let permitted = signed.map_or("no motion in automatic mode", ProofStage::permits);
+            let next = ProofStage::after(signed).letter();
+            Check::failed(
+                name,
+                format!("{why}; permitted: {permitted}"),
+                format!(
+                    "prove stage {next} with `panelprep robot prove --stage {next} --out FILE --by NAME`, sign its page, store the \
+                     signature with --sign, then set signed_stage = \"{next}\" in [robot]; a mock controller needs none"
+                ),
+            )
+        }
+    }
+}
+
 /// The acceptance of the controller's programs: the files must agree with the cell's file, and a real controller must
 /// report their sum. Then the line for the cell's file is printed; nothing is written.
 pub(super) fn acceptance(programs: &Programs, reported: Option<i32>, cell_file: &Path) -> Check {
     let name = "acceptance";
     let advice = "correct what is named above, then run this again with --accept";
     match (programs.sum.filter(|_| programs.agree), reported) {
-        (None, _) => {
-            Check::failed(name, "refused: the controller's files do not all agree with the cell's file", advice)
-        }
+        (None, _) => Check::failed(
+            name,
+            "refused: the controller's files do not all agree with the cell's file, or were not all compared",
+            advice,
+        ),
         (Some(sum), None) => Check::failed(
             name,
             format!("refused: the files have the sum {sum}, and no real controller reports its own"),
@@ -382,10 +412,12 @@ mod tests {
         }
         let disagree = Programs { agree: false, ..programs };
         assert!(!acceptance(&disagree, Some(sum), file).is_passed());
-        // Without sps.sub, the doctor reports that it was not compared.
+        // Without sps.sub, the doctor reports that it was not compared, and nothing is accepted.
         let mut without = texts();
         without.retain(|(name, _)| *name != SUBMIT);
-        let said = checked(&without).checks;
-        assert!(said.iter().any(|check| check.name.ends_with(SUBMIT) && check.found.contains("not compared")));
+        let programs = checked(&without);
+        let said = programs.checks.iter().find(|check| check.name.ends_with(SUBMIT)).expect("a row");
+        assert!(!said.is_passed() && said.found.contains("not compared"), "{said:?}");
+        assert!(!acceptance(&programs, Some(sum), file).is_passed());
     }
 }

@@ -65,6 +65,7 @@ fn cell_checks(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> 
     checks.extend(devices::cameras(files, args.warm_up));
     let (of_robot, reported) = devices::robot_and_service(files, programs.sum);
     checks.extend(of_robot);
+    checks.push(cell::proofs(&files.cell));
     if args.accept {
         checks.push(cell::acceptance(&programs, reported, &common.cell));
     }

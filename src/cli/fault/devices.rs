@@ -81,14 +81,56 @@ pub enum DeviceFault {
     Unsigned(#[from] Unsigned),
     /// A stage is to be proven before the one on which it depends is signed.
     #[error(
-        "stage {} is proven after stage {before} is signed: sign the page of stage {before}, then set signed_stage = \"{before}\" in \
-         [robot] of the cell's file", stage.letter(), before = before.letter()
+        "stage {} is proven after stage {before} is signed: sign the page of stage {before}, store the signature with \
+         `panelprep robot prove --stage {before} --sign --out FILE --by NAME`, then set signed_stage = \"{before}\" in [robot] of \
+         the cell's file", stage.letter(), before = before.letter()
     )]
     ProvenTooEarly {
         /// The stage to be proven.
         stage: ProofStage,
         /// The stage before it.
         before: ProofStage,
+    },
+    /// The controller executes other programs than the accepted ones, so that its proofs would not hold for them.
+    #[error(
+        "the proofs are of programs with the checksum {reported}, but [robot] programs_sum is {}: accept the programs first with \
+         `panelprep doctor --kuka DIR --accept`, and add the line that it prints to the cell's file",
+        .accepted.map_or("missing".to_owned(), |sum| sum.to_string())
+    )]
+    ProofsOfOtherPrograms {
+        /// The checksum that the controller reports, or that the page states.
+        reported: i32,
+        /// The checksum with which the cell was accepted.
+        accepted: Option<i32>,
+    },
+    /// A stage is to be proven in another mode than its own.
+    #[error(
+        "stage {} is proven in {}, but the controller reports {mode}: turn the mode switch, then run the command again",
+        stage.letter(), if *stage == ProofStage::A { "T1" } else { "AUT or EXT" }
+    )]
+    ProvenInOtherMode {
+        /// The stage to be proven.
+        stage: ProofStage,
+        /// The name of the reported mode.
+        mode: &'static str,
+    },
+    /// No controller answers that could be proven.
+    #[error(
+        "no controller answers, so nothing can be proven: connect it, and end the service while this runs, since a \
+         controller serves one client; `panelprep doctor` reports what is missing"
+    )]
+    NoControllerToProve,
+    /// A page is to be signed that this store does not know as proven.
+    #[error(
+        "{} is not the newest page of stage {} of which each row was proven: a page that was changed, has an open row or is \
+         of a mock controller cannot be signed. Prove the stage again with `panelprep robot prove --stage {} --out FILE --by NAME`",
+        page.display(), stage.letter(), stage.letter()
+    )]
+    PageNotProven {
+        /// The page.
+        page: PathBuf,
+        /// The stage to be signed.
+        stage: ProofStage,
     },
     /// Foam for a path that touches nothing.
     #[error("--on-foam is for `panelprep cycle`: an air-run touches nothing, so leave it out")]

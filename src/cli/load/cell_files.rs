@@ -4,7 +4,7 @@
 use crate::calib::health::Verification;
 use crate::cell::{
     Cell, CorrectionNumbers, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RemovalCalibration,
-    RobotCorrection, ScannerMount, ToolMount,
+    RobotCorrection, ScannerMount, SignedPage, ToolMount,
 };
 use crate::cli::args::Common;
 use crate::cli::disk;
@@ -63,6 +63,19 @@ pub fn calibrated_serial(intrinsics: Option<&Path>) -> Result<Option<String>, Fa
     Ok(Intrinsics::check(&name(file), &disk::read_text(file)?)?.serial)
 }
 
+/// Returns the newest signed page of proofs in the store in this folder. Without a store that can be read, no page
+/// counts.
+fn newest_signed_page(folder: &Path) -> Option<SignedPage> {
+    let page = Store::open(folder).and_then(|store| store.newest_proofs(|page| page.is_signed));
+    match page {
+        Ok(page) => page.map(|page| SignedPage { stage: page.stage, programs_sum: page.programs_sum }),
+        Err(error) => {
+            tracing::warn!("the signed proofs cannot be read, so no stage counts as signed: {error}");
+            None
+        }
+    }
+}
+
 impl CellFiles {
     /// Reads and checks the cell's file.
     ///
@@ -71,6 +84,8 @@ impl CellFiles {
     pub fn read(common: &Common) -> Result<Self, Fault> {
         let cell = Cell::check(&name(&common.cell), &disk::read_text(&common.cell)?)?;
         let store = common.store.clone().unwrap_or_else(|| cell.store().to_owned());
+        let signed = cell.robot().stated_stage().and_then(|_| newest_signed_page(&store));
+        let cell = cell.with_signed_page(signed);
         let files = CellFiles { file: common.cell.clone(), cell, correction_text: None, store };
         let Some((text, numbers)) = files.correction_now()? else { return Ok(files) };
         Ok(CellFiles { cell: files.cell.with_arm_correction(numbers), correction_text: Some(text), ..files })

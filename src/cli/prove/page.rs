@@ -1,8 +1,8 @@
 //! The page of proofs to sign.
 
 use super::super::calibrate::now_unix_s;
+use super::super::controller_kind::{ControllerKind, ReportedController};
 use super::proof::{Finding, Proof};
-use super::unattended::ControllerKind;
 use crate::cell::{ProofStage, Robot};
 use crate::number_text::utc_text;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -11,76 +11,217 @@ const STYLE: &str = "body{font:14px/1.4 sans-serif;max-width:1100px;margin:2em a
 td,th{border:1px solid #999;padding:4px 6px;text-align:left;vertical-align:top}\
 .wrong{border-left:.6em solid #d55e00}.open{border-left:.6em solid #e69f00}.proven{border-left:.6em solid #009e73}.sign{margin-top:3em}";
 
-/// Renders a stage, which is signed by itself: only if each of its rows is proven, on a real controller.
-fn part(stage: ProofStage, proofs: &[&Proof], by: &str, controller: ControllerKind) -> Markup {
-    let open = proofs.iter().filter(|proof| proof.finding != Finding::Proven).count();
-    html! {
-        h2 { "Stage " (stage.letter()) ": " (stage.conditions()) }
-        table {
-            tr {
-                @for head in ["#", "Assumption", "Do", "See", "Otherwise", "Found", "Evidence", "Seen by"] { th { (head) } }
+/// For which controller the rows of a page hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum PageBasis {
+    /// One real controller with the same programs, from the first row to the last.
+    Real,
+    /// A mock controller.
+    Mock,
+    /// The run has not ended, so that its end does not confirm the controller yet.
+    Unconfirmed,
+    /// No controller answered at the end.
+    Unknown,
+    /// At the end the controller reported other programs than at the beginning.
+    OtherPrograms,
+}
+
+impl PageBasis {
+    /// Returns the basis of a run by what the controller reported at its beginning, and at its end if it has ended.
+    pub(super) fn of_run(begin: &ReportedController, end: Option<&ReportedController>) -> Self {
+        let is_mock = |controller: &ReportedController| controller.kind == ControllerKind::Mock;
+        let Some(end) = end else {
+            return if is_mock(begin) { PageBasis::Mock } else { PageBasis::Unconfirmed };
+        };
+        match (begin.kind, end.kind) {
+            _ if is_mock(begin) || is_mock(end) => PageBasis::Mock,
+            (ControllerKind::Real, ControllerKind::Real) if begin.programs_sum == end.programs_sum => {
+                PageBasis::Real
             }
-            @for Proof { assumption, finding, evidence, tried } in proofs {
-                tr class=(finding.keyword()) {
-                    td { (assumption.number) }
-                    td { (assumption.assumed) }
-                    td { (assumption.to_do) }
-                    td { (assumption.to_see) }
-                    td { (assumption.otherwise) }
-                    td { (finding.keyword()) }
-                    td { (evidence) }
-                    td { @if *tried { "this program" } @else { (by) } }
-                }
-            }
+            (ControllerKind::Real, ControllerKind::Real) => PageBasis::OtherPrograms,
+            _ => PageBasis::Unknown,
         }
-        @if controller == ControllerKind::Real && open > 0 {
-            p.sign { "Stage " (stage.letter()) " cannot be signed: " (open) " rows are wrong or open." }
-        } @else if controller == ControllerKind::Real {
-            p.sign {
-                "Stage " (stage.letter()) " permits " (stage.permits()) ". Date, name, signature: \
-                 ____________________________________________________"
-            }
-            p { "Then set signed_stage = \"" (stage.letter()) "\" in [robot] of the cell's file." }
+    }
+
+    /// Returns the page's title.
+    fn title(self) -> &'static str {
+        match self {
+            PageBasis::Real => "Proven on the controller",
+            PageBasis::Mock => "Rehearsed on a mock controller: proves nothing about a real controller",
+            PageBasis::Unconfirmed => "Not finished: proves nothing yet",
+            PageBasis::Unknown => "No controller answered at the end: proves nothing",
+            PageBasis::OtherPrograms => "The controller's programs were changed during the proofs: proves nothing",
         }
     }
 }
 
-/// Renders all proofs, with the person, the date and the controller.
-///
-/// For a mock controller, and for a controller that did not answer, nothing is proven, and the page cannot be
-/// signed.
-pub(super) fn render(proofs: &[Proof], by: &str, (robot, controller): (&Robot, ControllerKind)) -> String {
-    let title = match controller {
-        ControllerKind::Mock => "Rehearsed on a mock controller: proves nothing about a real controller",
-        ControllerKind::Unknown => "No controller answered: proves nothing",
-        ControllerKind::Real => "Proven on the controller",
-    };
-    let count = |finding: Finding| proofs.iter().filter(|proof| proof.finding == finding).count();
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                title { (title) }
-                style { (PreEscaped(STYLE)) }
-            }
-            body {
-                h1 { (title) }
-                p {
-                    "Controller at " (robot.host()) ", ports " (robot.command_port()) " and " (robot.state_port()) ". "
-                    (utc_text(now_unix_s())) ". By " (by) "."
+/// A stage's rows, and what is known about the run.
+pub(super) struct ProofPage<'p> {
+    pub(super) stage: ProofStage,
+    /// All rows of the stage; a row that was not reached is open.
+    pub(super) proofs: &'p [Proof],
+    pub(super) by: &'p str,
+    pub(super) robot: &'p Robot,
+    /// What the controller reported at the beginning and at the end.
+    pub(super) reports: (ReportedController, Option<ReportedController>),
+}
+
+impl ProofPage<'_> {
+    /// Returns the controller for which the rows hold.
+    pub(super) fn basis(&self) -> PageBasis {
+        PageBasis::of_run(&self.reports.0, self.reports.1.as_ref())
+    }
+
+    /// Returns the number of rows that are wrong or open.
+    pub(super) fn unproven(&self) -> usize {
+        self.proofs.iter().filter(|proof| !proof.is_proven()).count()
+    }
+
+    /// Returns whether the page can be signed: each row is proven, on one real controller.
+    pub(super) fn is_signable(&self) -> bool {
+        self.basis() == PageBasis::Real && !self.proofs.is_empty() && self.unproven() == 0
+    }
+
+    fn count(&self, finding: Finding) -> usize {
+        self.proofs.iter().filter(|proof| proof.finding == finding).count()
+    }
+
+    /// Returns the modes and the checksum that the controller reported.
+    fn reported(&self) -> String {
+        let words = |controller: &ReportedController| {
+            let sum = controller.programs_sum.map_or("unknown".to_owned(), |sum| sum.to_string());
+            let mode = controller.mode.map_or("unknown", |mode| mode.name());
+            format!("mode {mode}, checksum of the programs {sum}")
+        };
+        let end = self.reports.1.as_ref().map_or("not reached".to_owned(), words);
+        format!("Reported at the beginning: {}; at the end: {end}.", words(&self.reports.0))
+    }
+
+    fn rows(&self) -> Markup {
+        html! {
+            table {
+                tr {
+                    @for head in ["#", "Assumption", "Do", "See", "Otherwise", "Found", "Evidence", "Seen by"] { th { (head) } }
                 }
-                p {
-                    (count(Finding::Proven)) " proven, " (count(Finding::Wrong)) " wrong, " (count(Finding::Open))
-                    " open. While any assumption is wrong or open, keep the robot in T1, the sanding tool without power and the \
-                     panel out of reach."
-                }
-                @for stage in ProofStage::ALL {
-                    @let of_stage: Vec<&Proof> = proofs.iter().filter(|proof| proof.assumption.stage == stage).collect();
-                    @if !of_stage.is_empty() { (part(stage, &of_stage, by, controller)) }
+                @for Proof { assumption, finding, evidence, tried } in self.proofs {
+                    tr class=(finding.keyword()) {
+                        td { (assumption.number) }
+                        td { (assumption.assumed) }
+                        td { (assumption.to_do) }
+                        td { (assumption.to_see) }
+                        td { (assumption.otherwise) }
+                        td { (finding.keyword()) }
+                        td { (evidence) }
+                        td { @if *tried { "this program" } @else if *finding != Finding::Open { (self.by) } }
+                    }
                 }
             }
         }
-    };
-    page.into_string() + "\n"
+    }
+
+    /// Renders the place for the signature, or why there is none.
+    fn end(&self) -> Markup {
+        let letter = self.stage.letter();
+        html! {
+            @if self.is_signable() {
+                p.sign {
+                    "Stage " (letter) " permits " (self.stage.permits()) ". Date, name, signature: \
+                     ____________________________________________________"
+                }
+                p {
+                    "Then store the signature with panelprep robot prove --stage " (letter) " --sign --out FILE --by NAME, and set \
+                     signed_stage = \"" (letter) "\" in [robot] of the cell's file. This page must not be changed before."
+                }
+            } @else if self.basis() == PageBasis::Real {
+                p.sign { "Stage " (letter) " cannot be signed: " (self.unproven()) " rows are wrong or open." }
+            }
+        }
+    }
+
+    /// Renders all rows, with the person, the date and the controller.
+    ///
+    /// Only a page of a run that has ended on one real controller can be signed.
+    pub(super) fn render(&self) -> String {
+        let title = self.basis().title();
+        let page = html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    title { (title) }
+                    style { (PreEscaped(STYLE)) }
+                }
+                body {
+                    h1 { (title) }
+                    p {
+                        "Controller at " (self.robot.host()) ", ports " (self.robot.command_port()) " and "
+                        (self.robot.state_port()) ". " (utc_text(now_unix_s())) ". By " (self.by) ". " (self.reported())
+                    }
+                    p {
+                        (self.count(Finding::Proven)) " proven, " (self.count(Finding::Wrong)) " wrong, "
+                        (self.count(Finding::Open)) " open. While any assumption is wrong or open, keep the robot in T1, the \
+                         sanding tool without power and the panel out of reach."
+                    }
+                    h2 { "Stage " (self.stage.letter()) ": " (self.stage.conditions()) }
+                    (self.rows())
+                    (self.end())
+                }
+            }
+        };
+        page.into_string() + "\n"
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::table::{INSTALLATION, assumptions};
+    use super::*;
+    use crate::cell::Cell;
+    use crate::eki::Mode;
+
+    fn reported(kind: ControllerKind, sum: i32) -> ReportedController {
+        ReportedController { kind, programs_sum: Some(sum), mode: Some(Mode::T1) }
+    }
+
+    fn proven(number: usize) -> Vec<Proof> {
+        let rows = assumptions(INSTALLATION).into_iter().filter(|row| row.stage == ProofStage::A);
+        let mut proofs: Vec<Proof> = rows.map(Proof::open).collect();
+        for proof in proofs.iter_mut().take(number) {
+            (proof.finding, proof.evidence) = (Finding::Proven, "trace 1".to_owned());
+        }
+        proofs
+    }
+
+    fn is_signable(proofs: &[Proof], end: Option<ReportedController>) -> bool {
+        let cell = Cell::check("cell.toml", "[robot]\nkind = 'eki'\nhost = 'krc'").expect("good");
+        let reports = (reported(ControllerKind::Real, 7), end);
+        let page = ProofPage { stage: ProofStage::A, proofs, by: "Ada", robot: cell.robot(), reports };
+        let text = page.render();
+        assert_eq!(text.matches("<tr class=").count(), proofs.len(), "each row is on the page");
+        assert_eq!(text.contains("name, signature"), page.is_signable());
+        page.is_signable()
+    }
+
+    /// The page begins with each row open. A run that is interrupted, or whose end confirms nothing, leaves no place
+    /// for a signature.
+    #[test]
+    fn only_a_whole_run_on_one_controller_can_be_signed() {
+        let all = proven(usize::MAX);
+        let end = Some(reported(ControllerKind::Real, 7));
+        assert!(all.len() > 20 && is_signable(&all, end));
+        assert!(!is_signable(&proven(0), end));
+        assert!(!is_signable(&proven(all.len() - 1), end));
+        assert!(!is_signable(&[], end), "no row proves nothing");
+        for wrong in [
+            None,
+            Some(ReportedController::UNKNOWN),
+            Some(reported(ControllerKind::Mock, 7)),
+            Some(reported(ControllerKind::Real, 8)),
+        ] {
+            assert!(!is_signable(&all, wrong), "{wrong:?}");
+        }
+        let mut empty = all;
+        empty[0].evidence.clear();
+        assert!(!is_signable(&empty, end), "without evidence");
+    }
 }

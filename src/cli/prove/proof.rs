@@ -32,6 +32,21 @@ impl Finding {
     }
 }
 
+/// Why a row is open that was not reached.
+const NOT_DONE: &str = "not done";
+
+impl Proof {
+    /// Returns the proof of a row before anything was done.
+    pub(super) fn open(assumption: Assumption) -> Self {
+        Proof { assumption, finding: Finding::Open, evidence: NOT_DONE.to_owned(), tried: false }
+    }
+
+    /// Returns whether the row is proven, with evidence.
+    pub(super) fn is_proven(&self) -> bool {
+        self.finding == Finding::Proven && !self.evidence.is_empty()
+    }
+}
+
 /// One line of the page of proofs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Proof {

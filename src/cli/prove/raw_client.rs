@@ -72,6 +72,12 @@ impl Heard {
         attribute(self.state.as_deref()?, name)?.parse().ok()
     }
 
+    /// Returns whether the controller has answered a request that was sent after this one: `Re` is the number of the last
+    /// request that it has read.
+    pub(super) fn has_answered_after(&self, request: i32) -> bool {
+        self.of_state("Re").is_some_and(|answered| answered > i64::from(request))
+    }
+
     /// Returns a number of the newest acknowledgement.
     pub(super) fn of_ack(&self, name: &str) -> Option<i64> {
         attribute(self.ack.as_deref()?, name)?.parse().ok()

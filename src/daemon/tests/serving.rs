@@ -395,6 +395,40 @@ fn other_programs_than_the_accepted_ones_refuse_reset_and_start() {
     assert_eq!(script.refusals, []);
 }
 
+/// A real controller behind a tunnel to this computer, without signed proofs: nothing is started, and a cycle that began
+/// with a mock moves nothing more once the real one answers.
+#[test]
+fn a_real_controller_at_an_address_of_this_computer_does_not_move() {
+    let tunnel = "[robot]\nkind = \"eki\"\nhost = \"127.0.0.1\"\nprograms_sum = 1\n";
+    let mut cell = Fake::new(Scene::Clean);
+    cell.more_cell = tunnel;
+    cell.becomes_real()();
+    let heard = |state: &State| state.facts.robot == cycle::Robot::Ready;
+    let start = RequestKind::Begin(Box::new(cell.prepared()));
+    let mut script = Script::default().when(heard, start).leave_when(|_| true);
+    cell.serve(|cameras| cameras, vec![], &mut script);
+    assert_eq!((script.not_permitted, script.cycles), (vec!["stage_not_signed".to_owned()], vec![]));
+
+    let mut cell = Fake::new(Scene::Clean);
+    cell.more_cell = tunnel;
+    let becomes_real = cell.becomes_real();
+    let ends = move |state: &State| {
+        if matches!(state.at, At::Execute(cycle::Phase::Locate)) {
+            becomes_real();
+        }
+        matches!(state.at, At::Held(_) | At::Aborted { .. })
+    };
+    let mut script = Script::default()
+        .reset()
+        .start(&cell)
+        .when(ends, RequestKind::Table(cycle::Request::Stop))
+        .leave_when(|state| state.at.is_at_rest());
+    cell.serve(|cameras| cameras, vec![], &mut script);
+    assert_eq!((script.not_permitted, script.cycles.len()), (vec![], 1), "a mock needs no proofs");
+    assert!(script.noted.iter().any(|reason| reason.code == "stage_not_signed"), "{:?}", script.noted);
+    assert_eq!(script.verdicts, [Verdict::Aborted]);
+}
+
 /// Each thing that is wrong gives a reason, and the reset ends in Stopped.
 #[test]
 fn a_self_test_names_all_that_is_wrong() {

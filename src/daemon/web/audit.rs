@@ -77,6 +77,9 @@ fn of_request(NumberedRequest { number, cycle, request }: NumberedRequest) -> Li
         RequestedAction::For(asked) => (command(*asked), None),
         RequestedAction::NewDisc => ("new-disc", None),
         RequestedAction::Start { recipe } => ("start", Some(recipe.clone())),
+        RequestedAction::Proofs { stage, by, is_signed, .. } => {
+            (if *is_signed { "proofs-signed" } else { "proofs" }, Some(format!("stage {stage}, by {by}")))
+        }
     };
     let reasons: Vec<String> = request.reasons.iter().map(|reason| reason.message.clone()).collect();
     let reasons = Some(reasons.join("; ")).filter(|reasons| !reasons.is_empty());

@@ -96,6 +96,13 @@ fn describe_request(wanted: &RequestedAction) -> (String, String) {
     match wanted {
         RequestedAction::NewDisc => plain("new-disc", ", a new disc was mounted and its wear counts from 0"),
         RequestedAction::Start { recipe } => (format!("start by {recipe}"), String::new()),
+        RequestedAction::Proofs { stage, programs_sum, by, is_signed, .. } => {
+            let done = if *is_signed { "the page was signed" } else { "each row was proven" };
+            (
+                format!("proofs of stage {stage}"),
+                format!(", {done} by {by}, programs with the checksum {programs_sum}"),
+            )
+        }
         RequestedAction::For(request) => match request {
             Request::Reset => plain("reset", ""),
             Request::Start { max_passes, max_moves, dries } => {

@@ -11,6 +11,7 @@ mod killed;
 mod left_behind;
 mod opening;
 mod outbox;
+mod proofs;
 mod prune;
 mod requests;
 mod restores;

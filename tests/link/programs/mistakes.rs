@@ -26,7 +26,7 @@ const fn mistake(
 }
 
 #[rustfmt::skip] // a row for each mistake
-const MISTAKES: [Mistake; 41] = [
+const MISTAKES: [Mistake; 43] = [
     mistake(
         "a stop leaves the epoch open", "cell_submit.src",
         "  CELL_OPEN=FALSE\n  CELL_STOPPED=TRUE\n",
@@ -212,6 +212,18 @@ const MISTAKES: [Mistake; 41] = [
         "  IF CMD.ID<>CELL_RX+1 THEN\n    RETURN CELL_E_ID_GAP\n  ENDIF\n",
         "",
         Some(100),
+    ),
+    mistake(
+        "a line beside a running tool is judged by no override", "cell_judge.src",
+        "IF ((CMD.N2==1) OR CELL_AT_STAKE( )) AND",
+        "IF (CMD.N2==1) AND",
+        None,
+    ),
+    mistake(
+        "a line beside a running tool is judged by no length", "cell_judge.src",
+        "      IF CELL_AT_STAKE( ) AND (NOT CELL_SHORT(CMD)) THEN\n        RETURN CELL_E_SPACE\n      ENDIF\n",
+        "",
+        None,
     ),
     mistake(
         "a speed is not judged", "cell_judge.src",

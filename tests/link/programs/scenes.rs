@@ -14,10 +14,13 @@ const RETRACTED_MM: f64 = 40.0;
 /// Number of aborts, each one tick later than the previous one.
 const ABORTS: u64 = 80;
 
+/// The output that runs the tool in the shipped `cell_config.dat`.
+const CONFIGURED_TOOL_OUTPUT: i32 = 21;
+
 type Scene = fn(&Programs) -> bool;
 
 /// Each scene is right if it returns TRUE.
-const SCENES: [(&str, Scene); 24] = [
+const SCENES: [(&str, Scene); 27] = [
     ("thirty commands at once are all executed", |programs| {
         let mut raw = Raw::opened(programs.clone());
         (0..30).for_each(|_| raw.command(6, [1, 0], [0.0, 0.0], [0.0; 6]));
@@ -203,6 +206,39 @@ const SCENES: [(&str, Scene); 24] = [
         raw.line(0, true, [110.0, 0.0, 0.0]);
         raw.run(1_500);
         raw.int("CELL_ERR") == 12
+    }),
+    ("a line in the air at another override is refused while the tool runs", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        raw.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0, 0.0], [0.0; 6]);
+        raw.run(100);
+        let is_on = raw.controller.outputs().get(&TOOL_OUTPUT) == Some(&true);
+        raw.controller.apply_fault(Fault::Override { percent: 50, for_ms: None });
+        raw.line(0, false, [0.0, 0.0, -10.0]);
+        raw.run(100);
+        is_on && raw.int("CELL_ERR") == 11 && raw.controller.outputs().get(&TOOL_OUTPUT) == Some(&false)
+    }),
+    ("a line in the air that is longer than a step is refused while the tool runs", |programs| {
+        let refusal = |runs: bool| {
+            let mut raw = Raw::opened(as_configured(programs));
+            if runs {
+                raw.command(6, [CONFIGURED_TOOL_OUTPUT, 1], [0.0, 0.0], [0.0; 6]);
+                raw.run(100);
+            }
+            raw.line(1, false, [-40.0, 0.0, -10.0]);
+            raw.line(0, false, [110.0, 0.0, -10.0]);
+            raw.run(1_500);
+            raw.int("CELL_ERR")
+        };
+        (refusal(false), refusal(true)) == (0, 12)
+    }),
+    ("a line that is the first command beside a running tool stops no interpreter", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        raw.begin();
+        raw.run(100);
+        raw.controller.switch_output(TOOL_OUTPUT, true);
+        raw.line(0, false, [0.0, 0.0, -10.0]);
+        raw.run(200);
+        raw.int("CELL_ERR") == 6
     }),
 ];
 

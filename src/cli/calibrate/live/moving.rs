@@ -11,7 +11,6 @@ use super::super::super::live;
 use super::super::super::load::CellFiles;
 use super::super::super::outcome::Outcome;
 use super::super::super::output::write_progress as tell;
-use super::super::super::signed;
 use super::super::args::HandEye;
 use super::super::boards;
 use super::interim::suggest_next_pose;
@@ -74,8 +73,7 @@ pub fn run(
         _ => CalibrationCamera::open(cell, (kind, board), (&args.live, Some(camera)), progress)?,
     };
     let single = SingleRobot::connect(&mut robot, cell.cell.arm()).map_err(Fault::stage)?;
-    let state = single.state();
-    signed::permits_motion(state.mode, state.is_simulated(), &cell.cell).map_err(Fault::stage)?;
+    single.check_proofs(&cell.cell).map_err(Fault::stage)?;
     let mut single = single.with_mounted(cell.flange_devices()?);
     tell(&format!(
         "The arm will move by itself, at {AXIS_PERCENT} % of its axes' speed, to up to {} poses around its present \

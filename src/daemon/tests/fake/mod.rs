@@ -250,6 +250,12 @@ impl Cell {
         computing(Box::new(FakeCameras::new(self.world.clone())), vec![], false)
     }
 
+    /// Returns a function by which a real controller answers in place of the mock, by its boot id.
+    pub fn becomes_real(&self) -> impl Fn() + use<> {
+        let world = self.world.clone();
+        move || world.borrow_mut().boot = 820_000_000
+    }
+
     /// Returns a function that turns the selector switch.
     pub fn turns_to_local(&self, is_local: bool) -> impl Fn() -> bool + use<> {
         let world = self.world.clone();

@@ -98,6 +98,7 @@ impl World {
             base_from_tcp: KukaPose::from_rigid(&tip),
             active_base: base,
             flange_from_tool,
+            boot: self.boot,
             ..standing_state()
         }
     }

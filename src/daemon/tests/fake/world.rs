@@ -80,6 +80,8 @@ pub(super) struct World {
     pub(super) contact_off_mm: Vec<f64>,
     /// The state of input 6, the selector switch.
     pub(super) is_local: bool,
+    /// The boot id that the controller reports.
+    pub(super) boot: i32,
     /// A stop on the wire has ended the epoch before the next command arrived.
     pub(super) is_overtaken: bool,
     /// Number of commands that came when no epoch was open.
@@ -135,6 +137,7 @@ impl World {
             first_move_ms: None,
             contact_off_mm: Vec::new(),
             is_local: true,
+            boot: 1,
             is_overtaken: false,
             unsent: 0,
             films_began_s: Vec::new(),

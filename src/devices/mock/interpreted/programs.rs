@@ -2,7 +2,7 @@
 
 use super::super::error::MockError;
 use crate::config::Problem;
-use crate::controller::base_name;
+use crate::controller::is_named;
 use crate::krl::{Kss, Program, UndocumentedBehaviour, analyse, parse};
 use std::sync::Arc;
 
@@ -91,7 +91,7 @@ impl Programs {
     /// # Errors
     /// If a file is not correct, with file and line.
     pub fn with_user_files(own: &[(&str, &str)]) -> Result<Self, MockError> {
-        let is_own = |name: &str| own.iter().any(|(of, _)| base_name(of).eq_ignore_ascii_case(name));
+        let is_own = |name: &str| own.iter().any(|(of, _)| is_named(of, name));
         let shipped = SHIPPED_FILES.iter().copied().filter(|(name, _)| !is_own(name));
         let files: Vec<_> = own.iter().copied().chain(shipped).collect();
         let keeps_config = is_own("cell_config.dat");
