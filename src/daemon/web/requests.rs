@@ -2,12 +2,13 @@
 
 use super::guard::VisitorExtension;
 use super::messages;
-use super::state::{Web, entry, run_blocking};
+use super::state::{Web, run_blocking};
 use super::visitor::Visitor;
-use crate::accounts::AuditEntry;
 use crate::cycle;
 use crate::daemon::reply::{Reply, RequestResult};
 use crate::daemon::request::{PartNames, RecipeTextPermission, RequestKind, StartRequest};
+use crate::record::RequestedAction;
+use crate::verdict::Reason;
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -146,11 +147,12 @@ pub(super) async fn start(
     let text = run_blocking(move || source.recipe(&named)?.if_unchanged(&sha256)).await;
     let text = match text {
         Some(Ok(text)) => text,
+        // The refusal is kept with the requests to the cell, as that of every other start.
         Some(Err(problem)) => {
-            let line =
-                AuditEntry { subject: Some(recipe), refused: Some(problem.clone()), ..entry(&visitor, "start") };
-            run_blocking(move || web.audit_refusal(&line)).await;
-            return (StatusCode::CONFLICT, Json(json!({ "code": "recipe", "message": problem }))).into_response();
+            let reasons = vec![Reason::new("bad_input", problem)];
+            let wanted = RequestedAction::Start { recipe };
+            web.front.gateway.keep_refused(wanted, visitor.as_requester(), reasons.clone());
+            return to_response(&visitor, &Reply::refused(RequestResult::Refused, reasons));
         }
         None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
     };
