@@ -94,6 +94,12 @@ const halts = async (page, name, expected) => {
   await page.waitForFunction((expected) => new RegExp(expected).test(document.querySelector("#stop-told").innerText), expected, { timeout: 1_500 });
   return Date.now() - since;
 };
+// An answer that is not the cell's own does not count as received.
+for (const status of [200, 403, 502]) {
+  await reader.route("**/request/stop", (route) => route.fulfill({ status, contentType: "text/html", body: "a proxy" }));
+  await halts(reader, "stop", "no answer.*emergency stop");
+  await reader.unroute("**/request/stop");
+}
 step("hang");
 await lines.next();
 for (const page of [operator, reader]) await halts(page, "stop", "emergency stop");

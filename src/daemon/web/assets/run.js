@@ -16,11 +16,12 @@ let reviewStep = null;
 let path = null;
 
 /** The record of the shown cycle; what was read of another cycle is never shown. */
-const record = () => (now.cycle !== null && read?.cycle === now.cycle ? read : { part: null, panel: null, passes: null, grids: {} });
+const record = () => (now.cycle !== null && read?.cycle === now.cycle ? read : { part: null, panel: null, passes: null, grids: {}, no_part: false });
 
 /** How a state is shown: only abnormal states have a colour, and a sign beside it. */
 function looks(now) {
   if (!now.answers || now.state === "aborted" || now.state === "aborting") return "bad";
+  if (now.state === "complete" && record().no_part) return "doubt";
   if (now.state === "complete") return { pass: "good", accept: "good", fail: "bad", reject: "bad" }[now.verdict] ?? "doubt";
   if (now.state === "held" || now.state === "holding" || (now.state === "stopped" && now.verdict === "aborted") || (now.reasons.length > 0 && now.state !== "execute")) return "doubt";
   return "";
@@ -35,7 +36,7 @@ const DECISIONS = new Set(["unhold", "accept", "clear"]);
 /** A text of the program for this page: with buttons instead of commands, and without the backticks around names. */
 const readable = (text) => COMMANDS.reduce((all, [command, name]) => all.replaceAll(`\`panelprep ctl ${command}\``, `“${action(name)}”`), text).replaceAll("`", "");
 
-/** The meanings of the requested codes, by code: { cause, remedy }, or null if there is no answer yet. */
+/** The meanings of the requested codes, by code: { short, cause, remedy }, or null if there is no answer yet. */
 const meanings = new Map();
 
 /** The meaning of a code and its remedy, in the page's language; fetched once, and the state is shown again when it arrives. */
@@ -50,10 +51,10 @@ function meaning(code) {
   return meanings.get(code);
 }
 
-/** What a review waits for: a worn disc, a decision on what the tool did, which drying the panel does not change, or another decision. */
+/** What a review waits for: a worn disc, a decision on what the tool did (the phase Assess), which drying the panel does not change, or another decision. */
 function reviewKind() {
   if (now.reasons.some(({ code }) => code === "disc_worn")) return "_disc";
-  return now.possible.includes("unhold --dried") ? "" : "_contact";
+  return now.phase === "assess" ? "_contact" : "";
 }
 
 /** The texts of a reason on this page, { text, sentence, remedy }: in the page's language, with the program's English sentence and its values beside it. */
@@ -64,6 +65,8 @@ function said(reason) {
   const sentence = `${readable(reason.message)} (${reason.code})`;
   const known = meaning(reason.code);
   const remedy = known ? readable(known.remedy) : "";
+  // One short line is read from a distance; the sentence with its values is beside it.
+  if (known?.short) return { text: known.short, sentence, remedy };
   const isEnglish = document.documentElement.lang === "en";
   return known && !isEnglish ? { text: readable(known.cause), sentence, remedy } : { text: sentence, sentence: "", remedy };
 }
@@ -76,7 +79,9 @@ function next() {
 
 function showState() {
   const ended = ["complete", "stopped", "aborted"].includes(now.state) && now.verdict;
-  const verdict = now.verdict && now.state !== "aborted" ? `: ${word(`verdict.${now.verdict}`)}` : "";
+  // A cycle that found no part says nothing about the part that was named.
+  const isNoPart = now.state === "complete" && Boolean(record().no_part);
+  const verdict = now.verdict && now.state !== "aborted" ? `: ${word(`verdict.${isNoPart ? "no_part" : now.verdict}`)}` : "";
   const state = id("state");
   state.dataset.state = now.state ?? "";
   state.className = `state ${looks(now)}`;
@@ -85,7 +90,8 @@ function showState() {
   const part = named ?? {};
   set(id("panel"), [now.panel ?? panel, part.serial, part.order, part.operator].filter(Boolean).join(" · "));
   // The reasons of a review are shown beside its pictures and buttons.
-  const list = (now.is_review ? now.reasons.slice(0, 1) : now.reasons).map(said);
+  const given = (now.is_review ? now.reasons.slice(0, 1) : now.reasons).map(said);
+  const list = isNoPart ? [{ text: word("next.no_part"), sentence: "", remedy: "" }, ...given] : given;
   const first = list[0] ?? { text: next(), sentence: "", remedy: "" };
   set(id("why"), first.text);
   id("why").classList.toggle("is-long", first.text.length > 140);
@@ -96,7 +102,11 @@ function showState() {
   const more = id("reasons");
   if (more.dataset.list !== JSON.stringify(list)) {
     more.dataset.list = JSON.stringify(list);
-    more.replaceChildren(...list.slice(1).map(({ text }) => Object.assign(document.createElement("li"), { textContent: text })));
+    more.replaceChildren(...list.slice(1).map(({ text, sentence }) => {
+      const item = Object.assign(document.createElement("li"), { textContent: text });
+      if (sentence) item.append(" ", Object.assign(document.createElement("small"), { lang: "en", textContent: sentence }));
+      return item;
+    }));
   }
 }
 
