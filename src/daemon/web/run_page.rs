@@ -156,7 +156,10 @@ pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): Visitor
         reading(&web, &visitor, move |store: &Store| Ok((store.cycle_part(id)?, store.cycle(id)?))).await?;
     let (mut grids, passes) = (grid_states(&record.findings), touching_passes(&record));
     grids.extend(touched_grids(&record).into_iter().map(|grid| (grid, "touched")));
-    let told = json!({ "cycle": id, "part": part, "panel": record.panel, "passes": passes, "grids": grids });
+    let no_part = record.has_no_part();
+    let told = json!({
+        "cycle": id, "part": part, "panel": record.panel, "passes": passes, "grids": grids, "no_part": no_part,
+    });
     Ok(Json(told).into_response())
 }
 

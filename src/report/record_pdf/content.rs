@@ -125,6 +125,11 @@ fn disposition_text(record: &CycleRecord) -> String {
     let Some(judgement) = &record.judgement else {
         return "NOT ENDED: this is not the final result of the cycle".to_owned();
     };
+    if record.has_no_part() {
+        return "NO PART: nothing, or another object than the taught panel, was in the cell; the part with this serial \
+                number was not examined"
+            .to_owned();
+    }
     let words = match judgement.verdict {
         Verdict::Pass => "the film held on every tested grid",
         Verdict::Fail => "the film broke, and no further abrasion was allowed",
