@@ -4,7 +4,7 @@
 // node browser.mjs ADDRESS PICTURES MODULES: writes a line for each step; at "restart" and "hang" it waits for a line on its input.
 
 import { createInterface } from "node:readline";
-import { asked, base, browser, fail, judged, logIn, password, person, pictures, reaches, state, step, wide, wrong } from "./people.mjs";
+import { asked, base, browser, fail, judged, logIn, password, person, pictures, reaches, starts, state, step, wide, wrong } from "./people.mjs";
 
 const lines = createInterface({ input: process.stdin })[Symbol.asyncIterator]();
 
@@ -21,7 +21,17 @@ await reaches(operator, "idle");
 await operator.fill("input[name=serial]", "SN-0017");
 await operator.fill("input[name=order]", "W-4");
 await judged(operator, "run-idle");
-await operator.click("form#start button[type=submit]");
+// A scanner's Enter leads to the next field; the first press asks, and a double click is one press.
+await operator.focus("input[name=serial]");
+for (const key of ["Enter", "Enter"]) await operator.keyboard.press(key);
+if (!(await operator.evaluate(() => document.activeElement.matches("input[name=order]")))) fail("Enter does not lead to the next field");
+await operator.dblclick("#start-first");
+await operator.waitForTimeout(300);
+if ((await state(operator)) !== "idle" || !(await operator.locator("#start-second").isVisible())) fail("a start does not ask first");
+if (!(await operator.isDisabled("#start-second button[type=submit]"))) fail("a double click is two presses");
+await judged(operator, "run-start-asked");
+await operator.click("#start-cancel");
+await starts(operator);
 step("started with a serial number");
 
 await reaches(operator, "held");
@@ -151,7 +161,7 @@ const ready = await operator.evaluate(() => ["#panel", "#cycle", "#pass"].map((n
 if (ready !== "|–|–" || (await operator.$("#grids table td")) || !(await operator.locator("#frame").isHidden())) fail(`a cell that was reset shows ${ready}`);
 await judged(operator, "run-ready-again");
 await operator.fill("input[name=serial]", "SN-0018");
-await operator.click("form#start button[type=submit]");
+await starts(operator);
 await operator.waitForFunction(() => document.querySelector("#state").dataset.state === "execute");
 const stranger = await person();
 await stranger.goto(`${base}/`);

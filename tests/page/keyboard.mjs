@@ -51,7 +51,9 @@ await to(operator, "#why-held");
 await operator.keyboard.type("a hair on the lens");
 await to(operator, "input[name=serial]");
 await operator.keyboard.type("SN-0020");
-await presses(operator, "form#start button[type=submit]:enabled", "Space");
+await presses(operator, "#start-first:enabled", "Space");
+await operator.waitForSelector("#start-second button[type=submit]:enabled");
+await presses(operator, "#start-second button[type=submit]:enabled", "Space");
 step("started");
 
 await reaches(operator, "held");

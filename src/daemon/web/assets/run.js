@@ -150,6 +150,8 @@ function showButtons() {
   const isShown = reviewStep !== null && reviewStep === now.step;
   for (const button of document.querySelectorAll('button[data-request="accept"]')) button.disabled ||= !isShown;
   for (const button of document.querySelectorAll("button[data-needs]")) button.disabled = !possible.has(button.dataset.needs);
+  const second = document.querySelector("#start-second button[type=submit]");
+  if (second) second.disabled ||= !isStartOpen();
 }
 
 function showGrids() {
@@ -264,8 +266,42 @@ async function ask(button) {
   if (now) showButtons();
 }
 
+// A start needs two presses: the second one states that the guard is closed and no person is inside.
+const START_PAUSE_MS = 1000; // a double click is one press
+const START_ASKED_MS = 20_000; // after this time the cell may have changed, and the question is asked anew
+let startAsked = null;
+
+/** Whether the second press counts now. */
+function isStartOpen() {
+  const since = startAsked === null ? -1 : Date.now() - startAsked;
+  return since >= START_PAUSE_MS && since < START_ASKED_MS;
+}
+
+/** Shows the question before a start, or the first button in its place. */
+function askStart(isAsked) {
+  if (!id("start-second")) return;
+  startAsked = isAsked ? Date.now() : null;
+  id("start-second").hidden = !isAsked;
+  id("start-first").hidden = isAsked;
+  // The answer that starts nothing has the focus.
+  if (isAsked) id("start-cancel").focus();
+  if (now) showButtons();
+}
+
+id("start-first")?.addEventListener("click", () => { if (id("start").reportValidity()) askStart(true); });
+id("start-cancel")?.addEventListener("click", () => askStart(false));
+id("start")?.addEventListener("input", () => askStart(false));
+id("start")?.addEventListener("submit", () => askStart(false));
+// A scanner ends each code with Enter: it leads to the next field, and never starts the arm.
+id("start")?.addEventListener("keydown", (event) => {
+  if (event.key !== "Enter") return;
+  event.preventDefault();
+  const fields = [...id("start").querySelectorAll("input[name=serial], input[name=order]")];
+  if (fields.includes(event.target)) fields[fields.indexOf(event.target) + 1]?.focus();
+});
+
 // The next part is another one, so the form is emptied after a start.
-id("start")?.addEventListener("sent", () => { for (const field of id("start").querySelectorAll("input")) { field.value = ""; field.checked = false; } });
+id("start")?.addEventListener("sent", () => { for (const field of id("start").querySelectorAll("input:not([type=hidden])")) { field.value = ""; field.checked = false; } });
 
 for (const button of document.querySelectorAll("button[data-request]")) button.addEventListener("click", () => ask(button));
 
@@ -309,4 +345,9 @@ function listen() {
   source.onerror = () => { if (source.readyState === EventSource.CLOSED) setTimeout(listen, 1000); };
 }
 listen();
-setInterval(showStale, 500);
+setInterval(() => {
+  showStale();
+  if (startAsked === null) return;
+  if (Date.now() - startAsked >= START_ASKED_MS) askStart(false);
+  else if (now && Date.now() - heard <= STALE_MS) showButtons();
+}, 500);

@@ -66,17 +66,26 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
         assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY, "{decision} without its step");
     }
     let sha256 = Source::default().recipe("panel.toml").expect("it is offered").sha256();
-    let start = |sha256: &str| format!(r#"{{"recipe":"panel.toml","sha256":"{sha256}","serial":"7"}}"#);
+    let start =
+        |sha256: &str| format!(r#"{{"recipe":"panel.toml","sha256":"{sha256}","serial":"7","is_clear":true}}"#);
     // The recipe was changed since the page was loaded: nothing goes to the loop.
     let stale = site.post(&operator, "/request/start", &start(&"0".repeat(64))).await;
     assert!(stale.status == StatusCode::CONFLICT && stale.body.contains(&sha256), "{}", stale.body);
     assert!(stale.body.contains("\"code\":\"bad_input\""), "{}", stale.body);
+    // Without the statement that no person is inside, no start goes to the loop either.
+    let unsaid = start(&sha256).replace(",\"is_clear\":true", "");
+    let unsaid = site.post(&operator, "/request/start", &unsaid).await;
+    assert!(
+        unsaid.status == StatusCode::CONFLICT && unsaid.body.contains("no person is inside"),
+        "{}",
+        unsaid.body
+    );
     let start = site.post(&operator, "/request/start", &start(&sha256)).await;
     assert_eq!(start.status, StatusCode::CONFLICT, "the loader of this test refuses");
     let by = "operator, on the operator's page at 127.0.0.1";
     // A refused start is passed to the loop only for the record; no client waits for this.
     let since = std::time::Instant::now();
-    while site.asked().len() < 6 && since.elapsed() < std::time::Duration::from_secs(20) {
+    while site.asked().len() < 7 && since.elapsed() < std::time::Duration::from_secs(20) {
         tokio::task::yield_now().await;
     }
     let asked = site.asked();
@@ -89,7 +98,8 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
             &format!("unhold --dried by {by}"),
             &format!("hold: waterleaks by {by}"),
             &format!("abort by {by}"),
-            // Of the recipe that was changed, then of the loader: each is one line of the trail, in the requests.
+            // Of the recipe that was changed, of the missing statement, then of the loader: each is one line of the trail, in the requests.
+            &start,
             &start,
             &start,
         ]
