@@ -10,7 +10,7 @@ use maud::{Markup, html};
 use similar::{ChangeTag, TextDiff};
 
 /// The name of a recipe's change in the audit trail.
-pub(super) const RECIPE_CHANGE: &str = "change recipe";
+pub(super) use crate::accounts::RECIPE_CHANGE;
 
 /// Returns the subject in the audit trail for a change of this recipe, with its reason.
 pub(super) fn subject(name: &str, why: &str) -> String {
