@@ -53,8 +53,10 @@ function meaning(code) {
 
 /** What a review waits for: a worn disc, a decision on what the tool did (the phase Assess), which drying the panel does not change, or another decision. */
 function reviewKind() {
-  if (now.reasons.some(({ code }) => code === "disc_worn")) return "_disc";
-  return now.phase === "assess" ? "_contact" : "";
+  // A person who may not accept the result calls one who may.
+  const call = document.querySelector('button[data-request="accept"]') ? "" : "_call";
+  if (now.reasons.some(({ code }) => code === "disc_worn")) return `_disc${call}`;
+  return now.phase === "assess" ? `_contact${call}` : call;
 }
 
 /** The texts of a reason on this page, { text, sentence, remedy }: in the page's language, with the program's English sentence and its values beside it. */

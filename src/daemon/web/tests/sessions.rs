@@ -61,8 +61,11 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
     let stale = Browser { csrf: "old".to_owned(), ..operator.clone() };
     assert_eq!(site.post(&stale, "/request/abort", "{}").await.status, StatusCode::OK);
     assert_eq!(site.post(&stale, "/request/reset", "{}").await.status, StatusCode::FORBIDDEN);
+    // To accept a deviation is not the operator's task.
+    assert_eq!(site.post(&operator, "/request/accept", "{\"step\":3}").await.status, StatusCode::FORBIDDEN);
+    let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     for decision in ["accept", "unhold", "clear"] {
-        let told = site.post(&operator, &format!("/request/{decision}"), "{\"dried\":true}").await;
+        let told = site.post(&engineer, &format!("/request/{decision}"), "{\"dried\":true}").await;
         assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY, "{decision} without its step");
     }
     let sha256 = Source::default().recipe("panel.toml").expect("it is offered").sha256();
