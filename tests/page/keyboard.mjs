@@ -1,4 +1,4 @@
-// The operator's page with the keyboard alone: an operator logs in, starts, holds with a reason and goes on, an inspector accepts and signs.
+// The operator's page with the keyboard alone: an operator logs in, starts, holds with a reason and continues, an inspector accepts and signs.
 // Whatever the Tab key comes to must show that it has the focus.
 //
 // node keyboard.mjs ADDRESS PICTURES MODULES

@@ -101,7 +101,8 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
             &format!("unhold --dried by {by}"),
             &format!("hold: waterleaks by {by}"),
             &format!("abort by {by}"),
-            // Of the recipe that was changed, of the missing statement, then of the loader: each is one line of the trail, in the requests.
+            // Of the recipe that was changed, of the missing statement, then of the loader: each is one line of the
+            // trail, among the requests.
             &start,
             &start,
             &start,
