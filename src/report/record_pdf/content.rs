@@ -159,7 +159,10 @@ fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
     // Of several people who state a value, the last one counts.
     let by_person = |value: fn(&StatedValues) -> Option<&String>| {
         let mut last_first = sources.signatures.iter().rev();
-        last_first.find_map(|one| Some(format!("{} (stated by {})", value(&one.values)?, one.name)))
+        last_first.find_map(|one| {
+            let text = shorten_for_page(value(&one.values)?, MAX_STATED_CHARACTERS);
+            Some(format!("{text} (stated by {})", one.name))
+        })
     };
     let stated = |values: [Option<String>; 2], blank: &str| {
         let known: Vec<String> = values.into_iter().flatten().collect();
@@ -208,8 +211,11 @@ fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
     ]
 }
 
+/// Characters of a value that a person stated, on the page; the signed file of the signature has all of them.
+const MAX_STATED_CHARACTERS: usize = 90;
+
 /// What the page states if the store has no approval of the recipe's text.
-const NO_APPROVAL: &str = "no approval of this text in the store";
+const NO_APPROVAL: &str = "no approval in the store";
 
 fn earlier_removal_text(earlier: Option<&[EarlierCycle]>) -> String {
     let Some(earlier) = earlier else { return "unknown: no serial number was stated".to_owned() };

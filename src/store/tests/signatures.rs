@@ -128,7 +128,7 @@ fn a_cycle_that_failed_is_released_by_two_persons_with_a_reason() {
         assert!(told.contains(words), "{words}: {told}");
     };
     let released = Meaning::InspectedAndReleased;
-    refused(sign("ada", released, Some("clean")), "the cycle's verdict is fail: another person must first sign");
+    refused(sign("ada", released, Some("clean")), "the cycle's verdict is review: another person must first sign");
     sign("ada", Meaning::DeviationAccepted, None).expect("one person");
     refused(sign("ada", released, Some("clean")), "another person must first sign");
     refused(sign("grace", released, None), "state the reason of the release in the remark");
