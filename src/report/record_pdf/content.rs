@@ -160,7 +160,7 @@ fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
     let by_person = |value: fn(&StatedValues) -> Option<&String>| {
         let mut last_first = sources.signatures.iter().rev();
         last_first.find_map(|one| {
-            let text = shorten_for_page(value(&one.values)?, MAX_STATED_CHARACTERS);
+            let text = stated_text(value(&one.values)?);
             Some(format!("{text} (stated by {})", one.name))
         })
     };
@@ -213,6 +213,14 @@ fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
 
 /// Characters of a value that a person stated, on the page; the signed file of the signature has all of them.
 const MAX_STATED_CHARACTERS: usize = 90;
+
+/// Returns a value that a person stated, as the page prints it.
+fn stated_text(text: &str) -> String {
+    match text.char_indices().nth(MAX_STATED_CHARACTERS) {
+        Some((end, _)) => format!("{}… (see the signed file)", &text[..end]),
+        None => text.to_owned(),
+    }
+}
 
 /// What the page states if the store has no approval of the recipe's text.
 const NO_APPROVAL: &str = "no approval in the store";
