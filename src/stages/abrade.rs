@@ -247,8 +247,7 @@ impl AbrasionResult {
             ]
         }));
         let beside = self.beside.iter();
-        let of_beside =
-            beside.map(|grid| Check::new(name::overlapped_share(&grid.id.to_string()), "", grid.share()));
+        let of_beside = beside.map(|grid| Check::new(name::overlapped_share(grid.id), "", grid.share()));
         let finding = finding.with_checks(of_beside).with_checks(of_removal).with_checks(self.contact_forces());
         if self.incomplete.is_empty() {
             finding
