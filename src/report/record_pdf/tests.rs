@@ -319,7 +319,7 @@ fn the_annex_has_the_requests_and_what_was_abraded() {
     let sheet = sheet(&record, &[]);
     assert!(rows(&sheet, "What was abraded").iter().any(|row| row[0] == "r1c2" && row[1].starts_with("pass 1")));
     // A grid beside the planned ones is counted, with its share in each pass.
-    let beside = |pass, share| {
+    let beside = |pass: u8, share: f64| {
         let checks = [Check::new(name::overlapped_share("r1c3"), "", share)];
         Finding::new(Kind::Abrade, pass, judged(Verdict::Accept, "")).with_checks(checks)
     };

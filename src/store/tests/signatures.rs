@@ -118,7 +118,7 @@ fn a_person_signs_a_record_once_for_each_meaning() {
 #[test]
 fn a_cycle_that_failed_is_released_by_two_persons_with_a_reason() {
     let (_folder, path) = signed();
-    let sign = |user: &str, meaning, remark: Option<&str>| {
+    let sign = |user: &str, meaning: Meaning, remark: Option<&str>| {
         let (user, remark) = (user.to_owned(), remark.map(str::to_owned));
         let signs = PersonSigningRequest { user, meaning, remark, ..signs(1) };
         Store::sign_by_person(&path, &key(), &signs).map(|row| row.number).map_err(|error| error.to_string())
@@ -143,7 +143,7 @@ fn a_cycle_that_failed_is_released_by_two_persons_with_a_reason() {
 fn a_cycle_that_passed_is_released_by_one_and_one_without_a_part_by_none() {
     let (folder, mut store) = new_store();
     store.recover().expect("recovers");
-    let mut ended = |kind: Kind, verdict, code: &'static str| {
+    let mut ended = |kind: Kind, verdict: Verdict, code: &'static str| {
         let id = store.begin_cycle(&super::cycles::start()).expect("begun");
         let reasons = if verdict == Verdict::Pass { vec![] } else { vec![Reason::new(code, "as measured")] };
         store.store_finding(id, &Finding::new(kind, 0, Judgement { verdict, reasons })).expect("kept");
@@ -157,7 +157,7 @@ fn a_cycle_that_passed_is_released_by_one_and_one_without_a_part_by_none() {
     drop(store);
     let path = folder.path().join("store");
     let values = StatedValues { water: Some("deionised, 2 µS/cm, 21 °C".to_owned()), ..StatedValues::default() };
-    let release = |cycle| PersonSigningRequest {
+    let release = |cycle: i64| PersonSigningRequest {
         meaning: Meaning::InspectedAndReleased,
         values: values.clone(),
         ..signs(cycle)
