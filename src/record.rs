@@ -13,7 +13,7 @@ mod removed;
 mod requests;
 
 pub use crate::verdict::{Check, Limit, LimitSource, Severity};
-pub use conclusion::{Disposition, conclude, finding_dispositions};
+pub use conclusion::{Disposition, NO_PART, conclude, finding_dispositions, states_no_part};
 pub use contact::{
     AbradedGrid, AbrasionExtent, Bounds, Contact, ContactPath, EarlierPass, FirstReached, MotionRecord,
     TouchedGrid, abraded_grids, touching_passes,
@@ -169,6 +169,12 @@ impl CycleRecord {
                 && asked.answer == Some(Answer::Done)
         };
         self.asked.iter().any(asked) || self.motions.iter().any(|kept| kept.motion.path == Path::Air)
+    }
+
+    /// Returns whether the cycle found nothing, or another object than the taught panel: its verdict `reject` is then
+    /// not about the part that was named.
+    pub fn has_no_part(&self) -> bool {
+        self.judgement.as_ref().is_some_and(|judgement| states_no_part(&judgement.reasons))
     }
 
     /// Returns whether the cycle was started with the statement that foam lies in the cell instead of a panel.

@@ -4,7 +4,8 @@
 use super::commands::json;
 use super::commands::taught::{LINE_INPUTS, LINE_OUTPUTS};
 use super::service::{Service, taught};
-use panelprep::record::{Kind, PartNames};
+use panelprep::cycle::Request;
+use panelprep::record::{Answer, Kind, PartNames, RequestAuthor, RequestSource, RequestedAction};
 use panelprep::store::Store;
 use panelprep::verdict::Verdict;
 use std::path::Path;
@@ -57,14 +58,27 @@ fn a_line_has_its_parts_prepared() {
         let names = PartNames { serial: None, order: Some("WO 7".to_owned()), operator: Some("Line 2".to_owned()) };
         assert_eq!(store.cycle_part(id).expect("read"), Some(names));
     }
+    // Each request is one line with its outcome, among the requests to the cell.
+    let of_line = |who: &RequestAuthor| who.front == RequestSource::Line;
     let asked: Vec<(String, bool)> = store
-        .audit(None, 100)
+        .requests(None, 100)
         .expect("read")
         .into_iter()
-        .filter(|line| line.entry.from == "the line's digital signals")
-        .map(|line| (line.entry.what, line.entry.refused.is_some()))
+        .map(|numbered| numbered.request)
+        .filter(|asked| asked.who.as_ref().is_some_and(of_line))
+        .map(|asked| (word(&asked.wanted).to_owned(), asked.answer != Some(Answer::Done)))
         .rev()
         .collect();
     let [start, reset] = ["start", "reset"].map(|what| (what.to_owned(), false));
     assert_eq!(asked, [start.clone(), reset.clone(), start, reset, ("start".to_owned(), true)]);
+    let beside = store.audit(None, 100).expect("read");
+    assert!(beside.iter().all(|line| !["start", "reset"].contains(&&*line.entry.what)), "{beside:#?}");
+}
+
+fn word(wanted: &RequestedAction) -> &'static str {
+    match wanted {
+        RequestedAction::Start { .. } | RequestedAction::For(Request::Start { .. }) => "start",
+        RequestedAction::For(Request::Reset) => "reset",
+        _ => "other",
+    }
 }

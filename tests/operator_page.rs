@@ -77,11 +77,12 @@ fn looked_through(browser: Child, service: &Service) {
     assert_eq!(told.lines().last(), Some("whole"), "{told}\n{problems}");
 }
 
-/// Returns the reasons that people gave for each hold.
-fn reasons_of_holds(store: &panelprep::store::Store) -> Vec<Vec<String>> {
+/// Returns the author of each hold, with the reasons that were given.
+fn holds(store: &panelprep::store::Store) -> Vec<(Option<String>, Vec<String>)> {
     let asked = store.requests(None, 1_000).expect("read").into_iter().map(|asked| asked.request);
     let holds = asked.filter(|asked| asked.wanted == RequestedAction::For(Request::Hold));
-    holds.map(|hold| hold.reasons.into_iter().map(|reason| reason.message).collect()).collect()
+    let user = |hold: &panelprep::record::RequestRecord| hold.who.as_ref().and_then(|who| who.user.clone());
+    holds.map(|hold| (user(&hold), hold.reasons.into_iter().map(|reason| reason.message).collect())).collect()
 }
 
 /// A part is run from start to signature without a mouse; the focus is always visible.
@@ -98,7 +99,7 @@ fn a_part_is_run_and_signed_with_the_keyboard_alone() {
     let store = panelprep::store::Store::open(&folder.join("cell/store")).expect("a store");
     let signed = store.person_signatures(panelprep::record::CycleId(1)).expect("read");
     assert!(signed.iter().any(|(_, signature)| signature.user == "inspector"), "{signed:?}");
-    assert_eq!(reasons_of_holds(&store), [["a hair on the lens"]]);
+    assert_eq!(holds(&store), [(Some("operator".to_owned()), vec!["a hair on the lens".to_owned()])]);
 }
 
 /// With one pass or two, the page draws and reports what the robot executed in each.
@@ -175,7 +176,7 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
         // The change that would overwrite another person's change was attempted; a wrong recipe was only checked.
         assert!(has(what, who, refused), "{what} by {who}: {audit:#?}");
     }
-    assert_eq!(reasons_of_holds(&store), [["water on the lens"]]);
+    assert_eq!(holds(&store), [(Some("operator".to_owned()), vec!["water on the lens".to_owned()])]);
     let asked = store.cycle(panelprep::record::CycleId(2)).expect("read").asked;
     let abort = asked.iter().find(|asked| format!("{:?}", asked.wanted).contains("Abort")).expect("it is kept");
     let who = abort.who.as_ref().expect("by whom").to_string();

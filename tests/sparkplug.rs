@@ -5,6 +5,8 @@ mod manual;
 mod peers;
 
 use super::service::{START, Service, taught};
+use panelprep::cycle::Request;
+use panelprep::record::{Answer, RequestRecord, RequestSource, RequestedAction};
 use panelprep::sparkplug::{METRICS, NodeCommand};
 use panelprep::store::{NumberedEntry, Store};
 use peers::{Broker, Host, PASSWORD, USER, are_there, free_port};
@@ -24,6 +26,15 @@ fn with_broker(folder: &Path, more: &str) {
 
 fn audit(folder: &Path) -> Vec<NumberedEntry> {
     Store::open(&folder.join("cell/store")).expect("a store").audit(None, 10_000).expect("read")
+}
+
+/// Returns the requests of hosts to the cell, the newest first.
+fn requests(folder: &Path) -> Vec<RequestRecord> {
+    let store = Store::open(&folder.join("cell/store")).expect("a store");
+    let all = store.requests(None, 10_000).expect("read").into_iter().map(|numbered| numbered.request);
+    let is_host =
+        |asked: &RequestRecord| asked.who.as_ref().is_some_and(|who| who.front == RequestSource::Sparkplug);
+    all.filter(is_host).collect()
 }
 
 /// The cell as a host knows it after these messages, metric by metric. Each message is checked against the rules of
@@ -156,9 +167,10 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     // A host holds a cycle. A command that the cell's state machine does not accept is refused for a host as for
     // everyone else.
     host.does("write Node Control/Hold");
-    service.wait("a refusal", |_| audit(folder).iter().any(|line| line.entry.what == "hold"));
-    let refused = audit(folder)[0].entry.refused.clone();
-    assert!(refused.is_some_and(|why| why.contains("hold is not possible in state complete")));
+    let asked = |request| requests(folder).into_iter().find(|asked| asked.wanted == RequestedAction::For(request));
+    service.wait("a refusal", |_| asked(Request::Hold).is_some());
+    let refused = asked(Request::Hold).expect("it was recorded");
+    assert!(refused.reasons.iter().any(|why| why.message.contains("hold is not possible in state complete")));
     service.reset();
     service.done(START);
     service.wait("work", |service| service.state() == "execute");
@@ -172,12 +184,20 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     }
     host.does("write-false Node Control/Abort");
     service
-        .wait("five refusals", |_| audit(folder).iter().filter(|line| line.entry.refused.is_some()).count() >= 4);
+        .wait("three refusals", |_| audit(folder).iter().filter(|line| line.entry.refused.is_some()).count() >= 3);
     assert_eq!(service.state(), "stopped");
     let done: Vec<_> = audit(folder).into_iter().filter(|line| line.entry.refused.is_none()).collect();
     let words: Vec<&str> = done.iter().rev().map(|line| line.entry.what.as_str()).collect();
-    assert_eq!(words, ["rebirth", "hold", "stop"]);
-    assert!(done.iter().all(|line| line.entry.from == format!("MQTT broker localhost:{tls_port}")));
+    // Requests to the cell are one line each, among the requests; only the rebirth never reached the cell.
+    assert_eq!(words, ["rebirth"]);
+    let origin = format!("MQTT broker localhost:{tls_port}");
+    assert!(done.iter().all(|line| line.entry.from == origin));
+    let of_hosts: Vec<_> = requests(folder).into_iter().rev().map(|asked| (asked.wanted, asked.answer)).collect();
+    let [hold, stop] = [Request::Hold, Request::Stop].map(RequestedAction::For);
+    let done = Some(Answer::Done);
+    assert_eq!(of_hosts, [(hold.clone(), Some(Answer::Refused)), (hold, done), (stop, done)]);
+    let from = |asked: &RequestRecord| asked.who.as_ref().and_then(|who| who.from.clone());
+    assert!(requests(folder).iter().all(|asked| from(asked).as_deref() == Some(&*origin)));
     let store = Store::open(&folder.join("cell/store")).expect("a store");
     let asked = store.cycle(panelprep::record::CycleId(2)).expect("read").asked;
     let who: Vec<String> = asked.iter().filter_map(|asked| asked.who.as_ref()).map(ToString::to_string).collect();

@@ -70,6 +70,9 @@ impl Account {
     }
 }
 
+/// The name of a recipe's change in the audit trail: a person approved the text after it.
+pub const RECIPE_CHANGE: &str = "change recipe";
+
 /// A line of the audit trail: who did what, when and from which address. Refused attempts are recorded too.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -73,7 +73,8 @@ impl Role {
         use Permission::{Accept, Acknowledge, Audit, Configure, ManagePeople, Operate, Sign, View};
         match self {
             Role::Display | Role::Viewer => matches!(permission, View),
-            Role::Operator => matches!(permission, View | Operate | Accept | Acknowledge),
+            // To accept a deviation is not the task of the person who runs the parts.
+            Role::Operator => matches!(permission, View | Operate | Acknowledge),
             Role::Inspector => matches!(permission, View | Accept | Acknowledge | Sign | Audit),
             Role::Engineer => matches!(permission, View | Operate | Accept | Acknowledge | Configure | Audit),
             Role::Administrator => matches!(permission, View | Audit | ManagePeople),
@@ -107,7 +108,7 @@ mod tests {
             ["display", "viewer", "operator", "inspector", "engineer", "administrator"]
         );
         assert_eq!(all(Permission::Operate), ["operator", "engineer"]);
-        assert_eq!(all(Permission::Accept), ["operator", "inspector", "engineer"]);
+        assert_eq!(all(Permission::Accept), ["inspector", "engineer"]);
         assert_eq!(all(Permission::Acknowledge), ["operator", "inspector", "engineer"]);
         assert_eq!(all(Permission::Sign), ["inspector"]);
         assert_eq!(all(Permission::Configure), ["engineer"]);

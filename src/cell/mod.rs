@@ -24,6 +24,7 @@ mod names;
 mod office;
 mod opcua;
 mod page;
+mod part;
 mod proof_stage;
 mod provenance;
 mod push;
@@ -60,6 +61,7 @@ pub use names::{Feedback, InputsOutputs, LOCAL_CONTROL, Output, WARNING};
 pub use office::{CellName, Office};
 pub use opcua::{AnonymousAccess, OpcUa};
 pub use page::Page;
+pub use part::{NameDemand, NameRule, PartNameError, PartRules};
 pub use proof_stage::{ProofStage, SignedPage, Unsigned, UnsignedCause};
 pub use provenance::Provenance;
 pub use push::{PushSettings, WebFolder};
@@ -157,10 +159,11 @@ pub struct Cell {
     sparkplug: Option<SparkplugNode>,
     opcua: OpcUa,
     line: Option<Line>,
+    part: PartRules,
 }
 
 /// The keys at the top of a cell's file, by which it is distinguished from other files.
-pub const CELL_KEYS: [&str; 20] = [
+pub const CELL_KEYS: [&str; 21] = [
     "store",
     "socket",
     "socket_role",
@@ -181,6 +184,7 @@ pub const CELL_KEYS: [&str; 20] = [
     "sparkplug",
     "opcua",
     "line",
+    "part",
 ];
 
 impl Cell {
@@ -213,6 +217,7 @@ impl Cell {
         let sparkplug = sparkplug::parse_sparkplug(folder, &top.section("sparkplug"));
         let opcua = opcua::parse_opcua(folder, &top.section("opcua"));
         let line = line::parse_line(folder, &top.section("line"), io.as_ref());
+        let part = part::parse_part(&top.section("part"));
         top.finish();
         let store = store?;
         let store_folder = folder.join(&store.folder);
@@ -238,6 +243,7 @@ impl Cell {
             push: push?,
             sparkplug: sparkplug?,
             line: line?,
+            part: part?,
         })
     }
 
@@ -357,6 +363,11 @@ impl Cell {
     /// Returns the handshake with a line by digital signals, if there is one.
     pub fn line(&self) -> Option<&Line> {
         self.line.as_ref()
+    }
+
+    /// Returns how a start must name its part.
+    pub fn part(&self) -> &PartRules {
+        &self.part
     }
 
     /// Returns the cell with its arm corrected by `correction`, which comes from the file that `[calibration]` names.

@@ -101,6 +101,10 @@ fn run_once(
     let taught_recipe = taught_recipe.on_foam(args.on_foam);
     // An air-run abrades nothing, so that the limit of passes does not apply.
     if matches!(request(&taught_recipe), cycle::Request::Start { .. }) {
+        // Foam is no part.
+        if !args.on_foam {
+            taught_recipe.check_part_names(&files)?;
+        }
         taught_recipe.check_part_passes()?;
     }
     let calibrated = Calibrated::read(&files, common)?;

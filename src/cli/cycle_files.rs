@@ -153,6 +153,17 @@ impl TaughtRecipe {
         Ok(TaughtRecipe { part, earlier, count, lost, ..self })
     }
 
+    /// Checks that the part is named as `[part]` of the cell's file demands.
+    ///
+    /// # Errors
+    /// If a required name is missing, or a name does not have its form.
+    pub fn check_part_names(&self, files: &CellFiles) -> Result<(), Fault> {
+        let part = self.part.as_ref();
+        let serial = part.and_then(|part| part.serial.as_deref());
+        let order = part.and_then(|part| part.order.as_deref());
+        files.cell.part().check(serial, order).map_err(|problem| RecordFault::PartNames(problem).into())
+    }
+
     /// Checks that the part's abrasions can be counted, and by `[process] max_passes_per_part` that it may be abraded
     /// once more.
     ///

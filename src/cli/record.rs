@@ -16,7 +16,8 @@ use crate::number_text::utc_text;
 use crate::record::CycleId;
 use crate::report::page::Figure;
 use crate::signing::{
-    self, CellKey, ExportContent, Meaning, NameClaim, PublicKey, Signed, SignedPage, Statement, StatementContent,
+    self, CellKey, ExportContent, Meaning, NameClaim, PublicKey, Signed, SignedPage, StatedValues, Statement,
+    StatementContent,
 };
 use crate::store::{self, KeyLocation, PersonSigningRequest, SignatureRow, Store};
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -101,12 +102,14 @@ fn sign(args: &SignRecord, common: &Common) -> Result<Outcome, Fault> {
         MeaningName::NotReleased => Meaning::InspectedAndNotReleased,
         MeaningName::Reviewed => Meaning::Reviewed,
         MeaningName::DeviationAccepted => Meaning::DeviationAccepted,
+        MeaningName::ReleaseWithdrawn => Meaning::ReleaseWithdrawn,
     };
-    let (name, remark) = (args.name.clone(), args.remark.clone());
+    let SignRecord { name, remark, water, lamp, ambient, abrasive, .. } = args.clone();
+    let values = StatedValues { water, lamp, ambient, abrasive };
     // A store must not be created in a mistyped folder.
     drop(files.store()?);
-    let row =
-        sign_by_person(&files, &PersonSigningRequest { cycle: CycleId(args.cycle), name, user, meaning, remark })?;
+    let cycle = CycleId(args.cycle);
+    let row = sign_by_person(&files, &PersonSigningRequest { cycle, name, user, meaning, remark, values })?;
     let mut outcome = Outcome::from_judgement(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.lines = vec![format!(
         "cycle {}: {} by {}, as record number {}",

@@ -2,7 +2,9 @@
 //! that the cycle used.
 
 use super::fault::Fault;
+use crate::accounts::{AuditEntry, RECIPE_CHANGE};
 use crate::calib::health::{self, TOOL_FORCE, Verification};
+use crate::files::content_hash;
 use crate::number_text::{distinguishable_texts, utc_day, utc_text};
 use crate::recipe::Recipe;
 use crate::record::{CycleRecord, KeptFile, name};
@@ -37,12 +39,14 @@ pub fn read(store: &Store, record: &CycleRecord) -> Result<RecordSheet, Fault> {
         None => None,
     };
     let earlier: Option<Vec<EarlierCycle>> = earlier.map(|all| all.iter().map(earlier_cycle).collect());
-    let equipment = collect_equipment(store, record)?;
+    let approval = recipe_approval(store, record)?;
+    let equipment = collect_equipment(store, record, recipe.as_ref())?;
     let signatures = signatures(store, record)?;
     Ok(RecordSheet::from_sources(&RecordSources {
         record,
         part: part.as_ref(),
         recipe: recipe.as_ref(),
+        recipe_approval: approval.as_deref(),
         equipment: &equipment,
         earlier: earlier.as_deref(),
         signatures: &signatures,
@@ -87,9 +91,30 @@ fn earlier_cycle(PassesOfCycle { cycle, started_unix_s, passes, .. }: &PassesOfC
     EarlierCycle { cycle: cycle.0, started_unix_s: *started_unix_s, passes: *passes }
 }
 
-fn collect_equipment(store: &Store, record: &CycleRecord) -> Result<Vec<Equipment>, Fault> {
+/// Returns who approved the recipe's text last before the cycle, and on which day; `None` if the audit trail of this
+/// store has no such approval.
+fn recipe_approval(store: &Store, record: &CycleRecord) -> Result<Option<String>, Fault> {
+    let changes = store.audit_of_subjects(RECIPE_CHANGE, "").map_err(Fault::stage)?;
+    let is_this = |entry: &AuditEntry| {
+        let is_before = entry.unix_ms.div_euclid(1_000) <= record.started_unix_s;
+        is_before && entry.after.as_ref().is_some_and(|text| content_hash(text.as_bytes()) == record.recipe_hash)
+    };
+    let approved = changes.into_iter().map(|line| line.entry).find(is_this);
+    Ok(approved.map(|entry| {
+        let who = entry.who.as_deref().unwrap_or("a person who is not named");
+        format!("approved by {who}, {}", utc_day(entry.unix_ms.div_euclid(1_000)))
+    }))
+}
+
+fn collect_equipment(
+    store: &Store,
+    record: &CycleRecord,
+    recipe: Option<&Recipe>,
+) -> Result<Vec<Equipment>, Fault> {
     let mut all = Vec::new();
-    for (name, what, subject) in EQUIPMENT {
+    // The coupons measured nothing for a cycle whose recipe asks for no removal.
+    let is_used = |name: &str| name != "removal" || recipe.is_none_or(|recipe| recipe.removal().is_some());
+    for (name, what, subject) in EQUIPMENT.into_iter().filter(|(name, ..)| is_used(*name)) {
         let Some(KeptFile { hash, .. }) = record.files.iter().find(|file| file.name == name) else { continue };
         let read = text(store, hash).and_then(|text| text.parse::<toml::Table>().ok()).unwrap_or_default();
         let verified = match subject {
@@ -153,6 +178,7 @@ fn signatures(store: &Store, record: &CycleRecord) -> Result<Vec<PrintedSignatur
         let hash = row.record_hash.get(..16).unwrap_or_default();
         let key = row.public_key.get(..16).unwrap_or_default();
         let person = person.map(|(_, person)| person);
+        let values = person.as_ref().map(|one| one.values.clone()).unwrap_or_default();
         all.push(PrintedSignature {
             name: person.as_ref().map_or("the cell".to_owned(), |one| format!("{} ({})", one.name, one.user)),
             time: utc_text(row.unix_ms.div_euclid(1_000)),
@@ -161,9 +187,12 @@ fn signatures(store: &Store, record: &CycleRecord) -> Result<Vec<PrintedSignatur
                 format!("{}{remark}", one.meaning.printed_text())
             }),
             chain_position: format!("number {}, SHA-256 {hash}…, key {key}…", row.number),
-            is_deciding: person.is_some_and(|one| {
-                matches!(one.meaning, Meaning::InspectedAndReleased | Meaning::InspectedAndNotReleased)
+            is_deciding: person.as_ref().is_some_and(|one| {
+                let decides =
+                    [Meaning::InspectedAndReleased, Meaning::InspectedAndNotReleased, Meaning::ReleaseWithdrawn];
+                decides.contains(&one.meaning)
             }),
+            values,
         });
     }
     Ok(all)

@@ -293,6 +293,7 @@ fn cycle_loader(
             let taught_recipe = TaughtRecipe::from_text(&files, Path::new(&name), text.clone())?;
             let taught_recipe =
                 taught_recipe.with_part(&files, part.clone(), CountArguments { another_part, lost_passes })?;
+            taught_recipe.check_part_names(&files)?;
             if let Some(world) = &world {
                 world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
             }
@@ -321,6 +322,7 @@ fn cycle_loader(
             let code = match fault {
                 Fault::Record(RecordFault::PartUsedUp { .. }) => "part_used_up",
                 Fault::Record(RecordFault::CountUnknown(_)) => "count_unknown",
+                Fault::Record(RecordFault::PartNames(_)) => "part_name",
                 _ => "bad_input",
             };
             vec![Reason::new(code, fault.to_string())]

@@ -6,6 +6,7 @@ use super::calibrate::now_unix_s;
 use super::fault::Fault;
 use super::load::{self, CellFiles};
 use super::{disk, doctor, health};
+use crate::cell::PartRules;
 use crate::check::{self, FileReport};
 use crate::config::Problems;
 use crate::daemon::{Equipment, ExaminedItem, OfficeStatus, PushStatus, RecipeText, SetupSource};
@@ -152,6 +153,10 @@ impl SetupSource for FolderSource {
             advice: check.advice,
         });
         examined.collect()
+    }
+
+    fn part_rules(&self) -> PartRules {
+        self.files.cell.part().clone()
     }
 
     fn list_equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {

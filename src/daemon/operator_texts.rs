@@ -67,11 +67,13 @@ pub(super) fn describe_place(at: At) -> String {
     }
 }
 
-/// Returns the requests that the state table would accept now.
-fn possible_requests(state: &State) -> Vec<&'static str> {
+/// Returns the commands of the requests that the state table would accept now: the buttons of the page, the nodes of
+/// the plant and the text of a refusal name the same ones.
+pub(super) fn possible_requests(state: &State) -> Vec<&'static str> {
     let all = [
         Request::Reset,
-        Request::Start { max_passes: 1, max_moves: 1, dries: false },
+        Request::Start { max_passes: 1, max_moves: 0, dries: false },
+        Request::AirRun { max_moves: 0 },
         Request::Hold,
         Request::Unhold { dried: false },
         Request::Unhold { dried: true },

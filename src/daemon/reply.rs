@@ -92,6 +92,18 @@ pub struct PageData {
 }
 
 impl Reply {
+    /// Returns the sentences of all reasons as one text.
+    pub(super) fn joined_reasons(&self) -> String {
+        let sentences: Vec<&str> = self.reasons.iter().map(|reason| reason.message.as_str()).collect();
+        sentences.join("; ")
+    }
+
+    /// Returns whether the request certainly never entered the loop's queue: then the loop does not record it.
+    pub(super) fn was_never_queued(&self) -> bool {
+        let codes = ["busy", "ended", "bad_request"];
+        self.state.is_none() && self.reasons.first().is_some_and(|reason| codes.contains(&&*reason.code))
+    }
+
     /// Creates an answer that does not come from the loop.
     pub fn refused(answer: RequestResult, reasons: Vec<Reason>) -> Self {
         Reply {

@@ -199,16 +199,7 @@ impl RequestHandler {
 
     /// Returns the data that only the operator's page and the plant show.
     fn page_data(&self, state: &State) -> PageData {
-        use cycle::Request::{Abort, Accept, AirRun, Clear, Hold, Reset, Start, Stop, Unhold};
-        let start = Start { max_passes: 1, max_moves: 0, dries: false };
-        let air_run = AirRun { max_moves: 0 };
-        let [plain, dried] = [false, true].map(|dried| Unhold { dried });
-        let asked = [Hold, plain, dried, Accept, Stop, Abort, Clear, Reset, start, air_run];
-        let is_taken = |request: &cycle::Request| {
-            let (_, effects) = cycle::step(*state, cycle::Event::Asked(*request));
-            !effects.iter().any(|effect| matches!(effect, cycle::Effect::Refuse { .. }))
-        };
-        let mut possible: Vec<_> = asked.into_iter().filter(is_taken).map(operator_texts::command).collect();
+        let mut possible = operator_texts::possible_requests(state);
         possible.extend(state.at.is_at_rest().then_some("new-disc"));
         let is_review = matches!(state.at, At::Held(hold) if hold.why == cycle::Why::Review);
         let (grids, film_total_s) = (self.grids.clone(), self.film_total_s);

@@ -1,5 +1,6 @@
 //! The source of recipes and calibrations.
 
+use crate::cell::PartRules;
 use crate::files::content_hash;
 use crate::geometry::ColorPicture;
 use crate::office::RecipeOffer;
@@ -108,6 +109,11 @@ pub trait SetupSource: Send + Sync {
     /// Examines the whole cell, as `panelprep doctor` does; nothing moves. It may need some seconds. If something
     /// cannot be read, that is a finding.
     fn examine_cell(&self) -> Vec<ExaminedItem>;
+
+    /// Returns how a start must name its part.
+    fn part_rules(&self) -> PartRules {
+        PartRules::default()
+    }
 
     /// Returns the equipment, and whether a cycle may start with it.
     ///

@@ -81,11 +81,19 @@ pub fn reported_grids(film: &Finding) -> BTreeMap<String, (bool, Option<f64>)> {
     });
     checks.collect()
 }
+
+/// Returns whether a finding is a film with a result for its grids: it names the failed grids, and its verdict is
+/// neither invalid nor aborted. Only such a film counts as a test of a grid.
+pub fn is_valid_film(film: &Finding) -> bool {
+    film.kind == Kind::Inspect
+        && film.details.contains_key("failed")
+        && ![Verdict::Invalid, Verdict::Aborted].contains(&film.judgement.verdict)
+}
+
 /// The grids that the tool sanded only in part, or touched, or may have touched, after the last valid film. A cycle
 /// that was cut short in contact leaves such grids.
 pub fn touched_grids(record: &CycleRecord) -> BTreeSet<String> {
-    let films = record.findings.iter().filter(|one| one.kind == Kind::Inspect);
-    let last_film = films.filter(|film| film.judgement.verdict != Verdict::Invalid).map(|film| film.pass).max();
+    let last_film = record.findings.iter().filter(|one| is_valid_film(one)).map(|film| film.pass).max();
     let after = |one: &AbradedGrid| last_film.is_none_or(|film| one.pass > film);
     let unknown = |one: &AbradedGrid| one.how != AbrasionExtent::Whole;
     let all = abraded_grids(&record.findings, &record.motions).into_iter().filter(|one| after(one) && unknown(one));
@@ -97,7 +105,7 @@ pub fn grid_states(findings: &[Finding]) -> BTreeMap<String, &'static str> {
     let mut grids = BTreeMap::new();
     for finding in findings {
         match finding.kind {
-            Kind::Inspect if finding.judgement.verdict != Verdict::Invalid => {
+            Kind::Inspect if is_valid_film(finding) => {
                 let seen = reported_grids(finding).into_iter();
                 grids.extend(seen.map(|(grid, (failed, _))| (grid, if failed { "broke" } else { "whole" })));
             }
@@ -135,6 +143,11 @@ mod tests {
         assert_eq!(of(&findings), [pair("r1c1", "whole"), pair("r1c2", "broke")]);
         findings.push(finding(Kind::Abrade, Verdict::Pass).with_detail("grids", vec!["r1c2"]));
         findings.push(film(Verdict::Invalid, &["r1c1"], &["r1c1"]));
+        assert_eq!(of(&findings), [pair("r1c1", "whole"), pair("r1c2", "abraded")]);
+        // A film that was aborted, or that names no failed grids, tests no grid.
+        findings.push(film(Verdict::Aborted, &["r1c1", "r1c2", "r1c3"], &["r1c1"]));
+        let unfinished = Check::new(name::broken_film("r1c3"), "mm²", Some(0.0));
+        findings.push(finding(Kind::Inspect, Verdict::Review).with_checks([unfinished]));
         assert_eq!(of(&findings), [pair("r1c1", "whole"), pair("r1c2", "abraded")]);
         findings.push(film(Verdict::Pass, &["r1c1", "r1c2", "r1c3"], &[]));
         assert!(of(&findings).iter().all(|(_, state)| *state == "whole"));

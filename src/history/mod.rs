@@ -28,7 +28,7 @@ pub use alarms::{Alarm, AlarmTimes, alarms};
 pub use codes::{Code, Priority, Row, code, codes, languages, row};
 pub use compare::{CheckPair, Comparison, GridPair, InputPair, compare};
 pub use dates::{DateError, Edge, unix_s};
-pub use grid::{GridPast, grid_row_and_column, grid_states, reported_grids, touched_grids};
+pub use grid::{GridPast, grid_row_and_column, grid_states, is_valid_film, reported_grids, touched_grids};
 pub use heat::{HeatCell, HeatMap, heat_map};
 pub use past_cycle::{DiscWear, PastCycle, touching_passes};
 pub use quantity::{KnownQuantity, Quantity};

@@ -1,8 +1,8 @@
 //! A past cycle, as the other modules of the history read it: its record, its part, and the wear of the disc.
 
-use super::grid::{GridPast, grids};
+use super::grid::{GridPast, grids, is_valid_film};
 use crate::record::{CycleRecord, Finding, Kind, PartNames, abraded_grids};
-use crate::verdict::{Check, Verdict};
+use crate::verdict::Check;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -65,8 +65,4 @@ impl PastCycle {
 pub fn touching_passes(record: &CycleRecord) -> u8 {
     let all = abraded_grids(&record.findings, &record.motions);
     all.iter().filter(|one| one.how.is_certain()).map(|one| one.pass).max().unwrap_or(0)
-}
-
-fn is_valid_film(film: &Finding) -> bool {
-    film.details.contains_key("failed") && ![Verdict::Invalid, Verdict::Aborted].contains(&film.judgement.verdict)
 }

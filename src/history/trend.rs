@@ -49,9 +49,11 @@ impl Trend {
     }
 }
 
-/// Returns the trend of a quantity over these cycles, the oldest first. Cycles that ran in the air are left out.
+/// Returns the trend of a quantity over these cycles, the oldest first. Cycles that ran in the air, or that found no
+/// part, are left out.
 pub fn trend(quantity: &Quantity, cycles: &[PastCycle]) -> Trend {
-    let over_panels: Vec<&PastCycle> = cycles.iter().filter(|past| !past.record.is_air_run()).collect();
+    let over_panels: Vec<&PastCycle> =
+        cycles.iter().filter(|past| !past.record.is_air_run() && !past.record.has_no_part()).collect();
     let point = |past: &&PastCycle| {
         let (value, limit) = quantity.value_and_limit(past)?;
         Some(TrendPoint {

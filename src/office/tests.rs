@@ -42,6 +42,7 @@ fn signature() -> Message {
         user: "ada".to_owned(),
         meaning: Meaning::Reviewed,
         remark: None,
+        values: signing::StatedValues::default(),
     };
     let statement = Statement {
         form: STATEMENT_FORMAT.to_owned(),

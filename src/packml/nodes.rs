@@ -131,14 +131,14 @@ pub const NODES: &[Node] = &[
         "PackML/Admin/ProdProcessedCount",
         Kind::UInt32,
         "",
-        "number of ended cycles in the store, without air-runs",
+        "number of ended cycles in the store, without air-runs and without cycles that found no part",
         |now| Value::UInt32(now.counts.processed_count()),
     ),
     node(
         "PackML/Admin/ProdDefectiveCount",
         Kind::UInt32,
         "",
-        "number of ended cycles with the verdict fail or reject, without air-runs",
+        "number of ended cycles with the verdict fail or reject, without air-runs and without cycles that found no part",
         |now| Value::UInt32(now.counts.defective_count()),
     ),
     node(

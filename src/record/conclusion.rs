@@ -107,7 +107,47 @@ pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], b
     let is_new: Vec<Reason> =
         because.iter().filter(|why| reasons.iter().all(|reason| reason.code != why.code)).cloned().collect();
     reasons.extend(is_new);
+    if verdict == Verdict::Reject && found_no_part(findings) {
+        reasons.insert(0, no_part_reason());
+    }
     Judgement { verdict, reasons }
+}
+
+/// The code of the reason that a cycle examined no part.
+pub const NO_PART: &str = "no_part";
+
+/// Codes of a localization that saw another extent or outline than that of the taught panel.
+const OTHER_EXTENT_CODES: [&str; 3] = ["outline_differs", "low_overlap", "seen_through"];
+/// Codes of a scan that says nothing about what lies in the cell.
+const UNUSABLE_SCAN_CODES: [&str; 2] = ["camera_moved", "other_scan"];
+
+/// Returns whether nothing, or another object than the taught panel, lay in the cell: the last localization was
+/// rejected, because the search box is empty, or because the object differs from the taught panel in its surface and in
+/// its extent. One of both alone may be a damaged part, and so is a nonconformance. A cycle with a film or an abrasion
+/// had a part.
+fn found_no_part(findings: &[Finding]) -> bool {
+    if findings.iter().any(|finding| matches!(finding.kind, Kind::Inspect | Kind::Abrade)) {
+        return false;
+    }
+    let located = findings.iter().rfind(|finding| finding.kind == Kind::Locate);
+    located.filter(|located| located.judgement.verdict == Verdict::Reject).is_some_and(|located| {
+        let has = |code: &&str| located.judgement.reasons.iter().any(|reason| reason.code == *code);
+        let is_other = has(&"poor_fit") && OTHER_EXTENT_CODES.iter().any(has);
+        (has(&"no_panel") || is_other) && !UNUSABLE_SCAN_CODES.iter().any(has)
+    })
+}
+
+/// Returns whether the reasons of a cycle's verdict state that it examined no part.
+pub fn states_no_part(reasons: &[Reason]) -> bool {
+    reasons.first().is_some_and(|first| first.code == NO_PART)
+}
+
+fn no_part_reason() -> Reason {
+    Reason::new(
+        NO_PART,
+        "nothing, or another object than the taught panel, lies in the cell: the part of this cycle was not examined; \
+         put the right part in, then start again. If the right part is in the cell, let an inspector look at it",
+    )
 }
 
 /// Returns why the findings do not show that the last film passed and no abrasion followed it, in words with number

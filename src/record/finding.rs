@@ -112,6 +112,7 @@ pub mod name {
     pub const PATH_DEVIATION_NAME: &str = "farthest of them from the planned path";
 
     const BROKEN_FILM: &str = "broken film in ";
+    const OVERLAPPED_SHARE: &str = "share under the disc, beside the planned grids, of ";
 
     /// Returns the name of the number: the area of a grid on which the film broke, mm².
     pub fn broken_film(grid: impl std::fmt::Display) -> String {
@@ -121,6 +122,16 @@ pub mod name {
     /// Returns the grid of a [`broken_film`] name; `None` for another name.
     pub fn broken_film_grid(name: &str) -> Option<&str> {
         name.strip_prefix(BROKEN_FILM)
+    }
+
+    /// Returns the name of the number: the share of a grid beside the planned ones that was under the disc, 0…1.
+    pub fn overlapped_share(grid: impl std::fmt::Display) -> String {
+        format!("{OVERLAPPED_SHARE}{grid}")
+    }
+
+    /// Returns the grid of an [`overlapped_share`] name; `None` for another name.
+    pub fn overlapped_grid(name: &str) -> Option<&str> {
+        name.strip_prefix(OVERLAPPED_SHARE)
     }
 
     /// Returns the name of the number: the time after which a grid failed, s.

@@ -29,7 +29,7 @@ pub use names::{cycle_stem, page_stem, pdf_name, person_signature_stem};
 pub use page::SignedPage;
 pub use statement::{
     CHAIN_BEGIN, HEAD_FORMAT, Meaning, PersonSignature, STATEMENT_FORMAT, SignedChainPosition, SignedCycle,
-    SignedHead, Statement, StatementContent, named_files,
+    SignedHead, StatedValues, Statement, StatementContent, named_files,
 };
 
 #[cfg(test)]

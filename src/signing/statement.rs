@@ -97,6 +97,45 @@ pub struct PersonSignature {
     pub meaning: Meaning,
     /// The person's remark; `None` if there is none.
     pub remark: Option<String>,
+    /// The values that the cell does not measure.
+    #[serde(default, skip_serializing_if = "StatedValues::is_empty")]
+    pub values: StatedValues,
+}
+
+/// Values that the cell does not measure, in the words of the person who signs; `None` if the person states none.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StatedValues {
+    /// The water: kind, conductivity, temperature.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub water: Option<String>,
+    /// The lamp: kind, brightness at the panel.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lamp: Option<String>,
+    /// The ambient temperature and humidity.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ambient: Option<String>,
+    /// The abrasive: product, grit, lot.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub abrasive: Option<String>,
+}
+
+impl StatedValues {
+    /// Whether the person states no value.
+    pub fn is_empty(&self) -> bool {
+        *self == StatedValues::default()
+    }
+
+    /// The values with their names, in the order in which a page prints them.
+    pub fn named(&self) -> [(&'static str, Option<&String>); 4] {
+        let StatedValues { water, lamp, ambient, abrasive } = self;
+        [
+            ("water", water.as_ref()),
+            ("lamp", lamp.as_ref()),
+            ("ambient", ambient.as_ref()),
+            ("abrasive", abrasive.as_ref()),
+        ]
+    }
 }
 
 /// The meaning of a person's signature.
@@ -111,15 +150,18 @@ pub enum Meaning {
     Reviewed,
     /// A deviation that the record states is accepted.
     DeviationAccepted,
+    /// An earlier release is withdrawn: the part is not released.
+    ReleaseWithdrawn,
 }
 
 impl Meaning {
     /// All meanings, in the order in which they are offered.
-    pub const ALL: [Meaning; 4] = [
+    pub const ALL: [Meaning; 5] = [
         Meaning::InspectedAndReleased,
         Meaning::InspectedAndNotReleased,
         Meaning::Reviewed,
         Meaning::DeviationAccepted,
+        Meaning::ReleaseWithdrawn,
     ];
 
     /// Returns the printed text of the meaning.
@@ -129,6 +171,7 @@ impl Meaning {
             Meaning::InspectedAndNotReleased => "inspected and not released",
             Meaning::Reviewed => "reviewed",
             Meaning::DeviationAccepted => "deviation accepted",
+            Meaning::ReleaseWithdrawn => "release withdrawn",
         }
     }
 }

@@ -58,6 +58,8 @@ pub struct AbrasionResult {
     executed_path: ExecutedPath,
     deviation_limit_mm: f64,
     dwell: Dwell,
+    /// The grids beside the planned ones that the disc overlapped.
+    beside: Vec<GridDwell>,
     longest_dwell: Option<LongestDwell>,
 }
 
@@ -80,9 +82,12 @@ pub fn evaluate_abrasion(
     let disc_mm = settings.disc_diameter_mm();
     let walked = trace.executed_path(&waypoints(plan), progress.done);
     let planned: Vec<GridId> = plan.grids.iter().map(|grid| grid.id).collect();
-    let simulated = |poses: &[ExecutedPose]| dwell::simulate(surface, region, &planned, poses, disc_mm / 2.0);
-    let dwell = simulated(&walked.poses);
-    let longer = longest_dwell(&dwell.grids, &simulated(&dwell::timed_poses(plan)).grids);
+    let simulated =
+        |grids: &[GridId], poses: &[ExecutedPose]| dwell::simulate(surface, region, grids, poses, disc_mm / 2.0);
+    let dwell = simulated(&planned, &walked.poses);
+    let longer = longest_dwell(&dwell.grids, &simulated(&planned, &dwell::timed_poses(plan)).grids);
+    let others: Vec<GridId> = region.ids().filter(|id| !planned.contains(id)).collect();
+    let beside = overlapped(simulated(&others, &walked.poses).grids);
     let (whole, begun) = split_covered(plan, &dwell, progress.done);
     let off_limit_mm = deviation_limit_mm(settings);
     let removed = removal.and_then(|removal| removal.executed_removal(&planned, &walked.poses));
@@ -95,8 +100,14 @@ pub fn evaluate_abrasion(
         executed_path: walked,
         deviation_limit_mm: off_limit_mm,
         dwell,
+        beside,
         longest_dwell: longer,
     }
+}
+
+/// Keeps the grids that the disc reached.
+fn overlapped(grids: Vec<GridDwell>) -> Vec<GridDwell> {
+    grids.into_iter().filter(|grid| grid.share() > 0.0).collect()
 }
 
 /// Returns the limit of a measured pose's distance from the planned lines, mm. At a rounded corner the distance is
@@ -235,7 +246,9 @@ impl AbrasionResult {
                 Check::new(format!("of {id} left"), "mm²", grid.untreated_mm2()),
             ]
         }));
-        let finding = finding.with_checks(of_removal).with_checks(self.contact_forces());
+        let beside = self.beside.iter();
+        let of_beside = beside.map(|grid| Check::new(name::overlapped_share(grid.id), "", grid.share()));
+        let finding = finding.with_checks(of_beside).with_checks(of_removal).with_checks(self.contact_forces());
         if self.incomplete.is_empty() {
             finding
         } else {
@@ -308,6 +321,16 @@ mod tests {
 
     fn ratio(executed: [f32; 4], planned: [f32; 4]) -> Option<f64> {
         longest_dwell(&[grid(1, executed)], &[grid(1, planned)]).map(|longer| longer.ratio)
+    }
+
+    #[test]
+    fn only_a_grid_that_the_disc_reached_is_overlapped() {
+        let kept = overlapped(vec![grid(1, [0.0; 4]), grid(2, [0.0, 0.0, 0.0, 0.2])]);
+        // Calculated by hand: the disc reached one of four equal samples of the second grid.
+        assert_eq!(
+            kept.iter().map(|one| (one.id.to_string(), one.share())).collect::<Vec<_>>(),
+            [("r1c2".to_owned(), 0.25)]
+        );
     }
 
     /// Calculated by hand: at an override of 50 % each place is under the disc twice as long. A stop at one of four

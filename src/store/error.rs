@@ -203,7 +203,7 @@ pub enum StoreError {
     /// A text of a person's signature cannot be stored as given.
     #[error("the signature's {what} is \"{found}\": {problem}")]
     Unsignable {
-        /// The invalid field: "name", "user" or "remark".
+        /// The invalid field: "name", "user", "remark" or the name of a stated value.
         what: &'static str,
         /// What was given.
         found: String,
@@ -221,6 +221,16 @@ pub enum StoreError {
         meaning: &'static str,
         /// When.
         at: String,
+    },
+    /// The record does not permit a signature with this meaning.
+    #[error("the record of cycle {cycle} cannot be signed as \"{meaning}\": {problem}")]
+    MeaningNotPermitted {
+        /// The cycle.
+        cycle: i64,
+        /// The signature's meaning.
+        meaning: &'static str,
+        /// Why, and what to do.
+        problem: String,
     },
     /// Other processes signed at the same time, in every attempt.
     #[error("the record cannot be signed: other processes signed in the store {} at the same time, in ten \

@@ -4,7 +4,7 @@
 use super::database::Store;
 use super::error::StoreError;
 use crate::history::{Hit, Hits, Query, RequiredEnd};
-use crate::record::{CycleId, PartNames};
+use crate::record::{CycleId, NO_PART, PartNames};
 use crate::verdict::Verdict;
 use rusqlite::types::Value;
 use rusqlite::{Row, params_from_iter};
@@ -100,7 +100,7 @@ impl Store {
         Ok(Hits { hits, next })
     }
 
-    /// The number of cycles that ended with each verdict, without runs in the air.
+    /// The number of cycles that ended with each verdict, without runs in the air and without cycles that found no part.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -108,6 +108,7 @@ impl Store {
         let asked = if self.has_table("requests")? { REQUESTED_AIR_RUN_SQL } else { "FALSE" };
         let sql = format!(
             "SELECT verdict, count(*) FROM cycles WHERE verdict IS NOT NULL AND NOT ({MOVED_IN_AIR_SQL} OR {asked})
+             AND coalesce(reasons ->> '$[0].code', '') <> '{NO_PART}'
              GROUP BY verdict ORDER BY verdict"
         );
         let read = || -> Result<Vec<(String, u32)>, rusqlite::Error> {

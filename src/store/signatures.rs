@@ -17,8 +17,9 @@ use crate::office::Kind;
 use crate::record::CycleId;
 use crate::signing::{
     CHAIN_BEGIN, CellKey, HEAD_FORMAT, Meaning, PersonSignature, STATEMENT_FORMAT, SignedChainPosition,
-    SignedCycle, SignedHead, SigningError, Statement, StatementContent,
+    SignedCycle, SignedHead, SigningError, StatedValues, Statement, StatementContent,
 };
+use crate::verdict::Verdict;
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use std::path::Path;
 
@@ -57,6 +58,8 @@ pub struct PersonSigningRequest {
     pub meaning: Meaning,
     /// The person's remark; `None` if there is none.
     pub remark: Option<String>,
+    /// The values that the cell does not measure, as the person states them.
+    pub values: StatedValues,
 }
 
 /// A signature as stored; the file `record_hash` contains the signed statement.
@@ -132,14 +135,15 @@ impl Store {
     ///
     /// # Errors
     /// If there is no such cycle or it is not over, a text cannot be printed as given, the person has signed this
-    /// record with this meaning already, or the store cannot be written.
+    /// record with this meaning already, the record does not permit this meaning ([`Meaning`]: a release, or its
+    /// withdrawal), or the store cannot be written.
     pub fn sign_by_person(
         folder: &Path,
         key: &CellKey,
         signs: &PersonSigningRequest,
     ) -> Result<SignatureRow, StoreError> {
         let texts = [("name", Some(&signs.name)), ("user", Some(&signs.user)), ("remark", signs.remark.as_ref())];
-        for (what, text) in texts {
+        for (what, text) in texts.into_iter().chain(signs.values.named()) {
             // The texts of a signature are printed.
             let Some(text) = text else { continue };
             printable(text, MAX_CHARACTERS).map_err(|problem| {
@@ -153,8 +157,10 @@ impl Store {
             None => store.sign_cycle(key, signs.cycle)?,
         };
         store.check_not_signed(signs)?;
-        let PersonSigningRequest { cycle, name, user, meaning, remark } = signs.clone();
-        let says = PersonSignature { cycle, record_hash: of_cycle.record_hash, name, user, meaning, remark };
+        store.check_meaning(signs)?;
+        let PersonSigningRequest { cycle, name, user, meaning, remark, values } = signs.clone();
+        let record_hash = of_cycle.record_hash;
+        let says = PersonSignature { cycle, record_hash, name, user, meaning, remark, values };
         store.sign(key, &StatementContent::Person(says))
     }
 
@@ -336,6 +342,53 @@ impl Store {
                 meaning: signs.meaning.printed_text(),
                 at: utc_text(unix_ms.div_euclid(1_000)),
             }),
+        }
+    }
+
+    /// Checks that the record permits a release, or its withdrawal. A cycle that passed is released by one person. After
+    /// any other verdict, another person must have accepted the deviation before, and the release needs a remark. A
+    /// cycle that tested no part releases none.
+    fn check_meaning(&self, signs: &PersonSigningRequest) -> Result<(), StoreError> {
+        let refused = |problem: String| {
+            Err(StoreError::MeaningNotPermitted {
+                cycle: signs.cycle.0,
+                meaning: signs.meaning.printed_text(),
+                problem,
+            })
+        };
+        let earlier = self.person_signatures(signs.cycle)?;
+        let has = |meaning: Meaning, is_other: bool| {
+            earlier.iter().any(|(_, one)| one.meaning == meaning && (!is_other || one.user != signs.user))
+        };
+        match signs.meaning {
+            Meaning::InspectedAndReleased => {}
+            Meaning::ReleaseWithdrawn if !has(Meaning::InspectedAndReleased, false) => {
+                return refused("no person has released it".to_owned());
+            }
+            Meaning::ReleaseWithdrawn if signs.remark.is_none() => {
+                return refused("state the reason in the remark".to_owned());
+            }
+            _ => return Ok(()),
+        }
+        let record = self.cycle(signs.cycle)?;
+        if record.is_air_run() || record.is_on_foam() || record.has_no_part() {
+            return refused("this cycle tested no part".to_owned());
+        }
+        let verdict = record.judgement.map(|judgement| judgement.verdict);
+        if verdict == Some(Verdict::Pass) {
+            return Ok(());
+        }
+        let verdict = verdict.map_or("none", Verdict::keyword);
+        if !has(Meaning::DeviationAccepted, true) {
+            return refused(format!(
+                "the cycle's verdict is {verdict}: another person must first sign \"deviation accepted\""
+            ));
+        }
+        match signs.remark {
+            Some(_) => Ok(()),
+            None => {
+                refused(format!("the cycle's verdict is {verdict}: state the reason of the release in the remark"))
+            }
         }
     }
 

@@ -4,7 +4,7 @@
 // node browser.mjs ADDRESS PICTURES MODULES: writes a line for each step; at "restart" and "hang" it waits for a line on its input.
 
 import { createInterface } from "node:readline";
-import { asked, base, browser, fail, judged, logIn, password, person, pictures, reaches, state, step, wide, wrong } from "./people.mjs";
+import { asked, base, browser, fail, judged, logIn, password, person, pictures, reaches, starts, state, step, wide, wrong } from "./people.mjs";
 
 const lines = createInterface({ input: process.stdin })[Symbol.asyncIterator]();
 
@@ -21,7 +21,17 @@ await reaches(operator, "idle");
 await operator.fill("input[name=serial]", "SN-0017");
 await operator.fill("input[name=order]", "W-4");
 await judged(operator, "run-idle");
-await operator.click("form#start button[type=submit]");
+// A scanner's Enter leads to the next field; the first press asks, and a double click is one press.
+await operator.focus("input[name=serial]");
+for (const key of ["Enter", "Enter"]) await operator.keyboard.press(key);
+if (!(await operator.evaluate(() => document.activeElement.matches("input[name=order]")))) fail("Enter does not lead to the next field");
+await operator.dblclick("#start-first");
+await operator.waitForTimeout(300);
+if ((await state(operator)) !== "idle" || !(await operator.locator("#start-second").isVisible())) fail("a start does not ask first");
+if (!(await operator.isDisabled("#start-second button[type=submit]"))) fail("a double click is two presses");
+await judged(operator, "run-start-asked");
+await operator.click("#start-cancel");
+await starts(operator);
 step("started with a serial number");
 
 await reaches(operator, "held");
@@ -37,9 +47,9 @@ await german.locator("#review").waitFor();
 const said = await german.locator("#review").innerText();
 if ((said.match(/Abhilfe:/g) ?? []).length !== 1 || !/Prüfen|prüfen/.test(said) || !/grid r/.test(said)) fail(`the review is not told in German: ${said}`);
 await judged(german, "run-review-german");
-await german.close();
 step("read the review in German");
-await review.locator("button").click();
+if ((await review.locator("button").count()) !== 0 || !/Call an inspector/.test(await operator.innerText("#state"))) fail("an operator is offered to accept a deviation");
+await german.locator("#review button:enabled").click();
 step("accepted a review by its numbers");
 
 await operator.waitForFunction(() => /\d/.test(document.querySelector("#film").textContent));
@@ -55,12 +65,13 @@ step("watched and held with a reason");
 await asked(operator, "unhold");
 await operator.waitForFunction(() => document.querySelector("#state").dataset.state === "held" && document.querySelector("#review:not([hidden])") || document.querySelector("#state").dataset.state === "complete");
 while ((await state(operator)) !== "complete") {
-  await operator.locator("#review button:enabled").click();
+  await german.locator("#review button:enabled").click();
   await operator.waitForFunction(() => ["held", "complete"].includes(document.querySelector("#state").dataset.state) && document.querySelector("#state").dataset.state !== "execute");
   await operator.waitForTimeout(300);
 }
 await judged(operator, "run-complete");
 if (/now|jetzt/i.test(await operator.innerText("#frame-name"))) fail("a film that is over is called the film now");
+await german.context().close();
 step("continued and completed");
 
 // A session that ended: the page shows nothing of the part, and says so. A wall display keeps its session.
@@ -94,6 +105,12 @@ const halts = async (page, name, expected) => {
   await page.waitForFunction((expected) => new RegExp(expected).test(document.querySelector("#stop-told").innerText), expected, { timeout: 1_500 });
   return Date.now() - since;
 };
+// An answer that is not the cell's own does not count as received.
+for (const status of [200, 403, 502]) {
+  await reader.route("**/request/stop", (route) => route.fulfill({ status, contentType: "text/html", body: "a proxy" }));
+  await halts(reader, "stop", "no answer.*emergency stop");
+  await reader.unroute("**/request/stop");
+}
 step("hang");
 await lines.next();
 for (const page of [operator, reader]) await halts(page, "stop", "emergency stop");
@@ -145,7 +162,7 @@ const ready = await operator.evaluate(() => ["#panel", "#cycle", "#pass"].map((n
 if (ready !== "|–|–" || (await operator.$("#grids table td")) || !(await operator.locator("#frame").isHidden())) fail(`a cell that was reset shows ${ready}`);
 await judged(operator, "run-ready-again");
 await operator.fill("input[name=serial]", "SN-0018");
-await operator.click("form#start button[type=submit]");
+await starts(operator);
 await operator.waitForFunction(() => document.querySelector("#state").dataset.state === "execute");
 const stranger = await person();
 await stranger.goto(`${base}/`);

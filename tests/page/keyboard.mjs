@@ -1,4 +1,4 @@
-// The operator's page with the keyboard alone: a person logs in, starts, holds with a reason, goes on and accepts, an inspector signs.
+// The operator's page with the keyboard alone: an operator logs in, starts, holds with a reason and continues, an inspector accepts and signs.
 // Whatever the Tab key comes to must show that it has the focus.
 //
 // node keyboard.mjs ADDRESS PICTURES MODULES
@@ -51,11 +51,15 @@ await to(operator, "#why-held");
 await operator.keyboard.type("a hair on the lens");
 await to(operator, "input[name=serial]");
 await operator.keyboard.type("SN-0020");
-await presses(operator, "form#start button[type=submit]:enabled", "Space");
+await presses(operator, "#start-first:enabled", "Space");
+await operator.waitForSelector("#start-second button[type=submit]:enabled");
+await presses(operator, "#start-second button[type=submit]:enabled", "Space");
 step("started");
 
 await reaches(operator, "held");
-await presses(operator, "#review button:enabled");
+const inspector = await person();
+await logsIn(inspector, "inspector");
+await presses(inspector, "#review button:enabled");
 step("accepted");
 
 await operator.waitForFunction(() => /\d/.test(document.querySelector("#film").textContent));
@@ -66,15 +70,13 @@ await presses(operator, ".actions button[data-request=unhold]:enabled");
 step("held and continued");
 
 for (;;) {
-  await operator.waitForFunction(() => document.querySelector("#state").dataset.state === "complete" || document.querySelector("#review:not([hidden]) button:enabled"));
+  await operator.waitForFunction(() => document.querySelector("#state").dataset.state === "complete" || document.querySelector("#review:not([hidden])"));
   if ((await state(operator)) === "complete") break;
-  await presses(operator, "#review button:enabled");
+  await presses(inspector, "#review button:enabled");
   await operator.waitForFunction(() => document.querySelector("#state").dataset.state !== "held");
 }
 step("completed");
 
-const inspector = await person();
-await logsIn(inspector, "inspector");
 await inspector.goto(`${base}/cycle/1`);
 await presses(inspector, "#sign summary");
 await to(inspector, "select[name=meaning]");

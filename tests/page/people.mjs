@@ -38,6 +38,12 @@ export const state = (page) => page.getAttribute("#state", "data-state");
 export const reaches = (page, wanted) => page.waitForFunction((wanted) => document.querySelector("#state").dataset.state === wanted, wanted);
 export const asked = (page, name) => page.click(`.actions button[data-request="${name}"]:enabled`);
 
+/** Presses Start, and then states that the guard is closed and no person is inside. */
+export async function starts(page) {
+  await page.click("#start-first:enabled");
+  await page.click("#start-second button[type=submit]:enabled");
+}
+
 export async function judged(page, name) {
   await page.evaluate(axe);
   const { violations } = await page.evaluate(() => window.axe.run(document, { iframes: false, resultTypes: ["violations"] }));

@@ -55,6 +55,18 @@ pub struct SignRecord {
     /// A remark that you add to the signature.
     #[arg(long, value_name = "TEXT")]
     pub remark: Option<String>,
+    /// The water in this cycle: kind, conductivity, temperature.
+    #[arg(long, value_name = "TEXT")]
+    pub water: Option<String>,
+    /// The lamp in this cycle: kind, brightness at the panel.
+    #[arg(long, value_name = "TEXT")]
+    pub lamp: Option<String>,
+    /// The ambient temperature and humidity in this cycle.
+    #[arg(long, value_name = "TEXT")]
+    pub ambient: Option<String>,
+    /// The abrasive in this cycle: product, grit, lot.
+    #[arg(long, value_name = "TEXT")]
+    pub abrasive: Option<String>,
 }
 
 /// The meaning of a signature.
@@ -68,6 +80,8 @@ pub enum MeaningName {
     Reviewed,
     /// A deviation that the record states is accepted.
     DeviationAccepted,
+    /// An earlier release is withdrawn; state the reason as the remark.
+    ReleaseWithdrawn,
 }
 
 /// Options of `record export`.

@@ -53,6 +53,9 @@ pub enum RecordFault {
         /// The cycles, with the number of passes in each.
         history: String,
     },
+    /// The names of a part that the cell does not accept.
+    #[error("{0}")]
+    PartNames(crate::cell::PartNameError),
     /// A part whose abrasions cannot be counted, because the store was restored from a backup.
     #[error("{0}")]
     CountUnknown(crate::store::LostCount),

@@ -1,6 +1,6 @@
 //! The thread of the handshake.
 
-use crate::accounts::{AuditEntry, Role};
+use crate::accounts::AuditEntry;
 use crate::cell::{InputsOutputs, LINE_INPUTS, Line};
 use crate::cycle;
 use crate::daemon::background::lower_priority;
@@ -13,7 +13,8 @@ use crate::daemon::setup_source::RecipeText;
 use crate::devices::robot::LineOutputs;
 use crate::disk;
 use crate::line::{CellStatus, Handshake, LineInputs, LineObservation, LineRequest};
-use crate::record::{RequestAuthor, RequestSource};
+use crate::record::{RequestAuthor, RequestSource, RequestedAction};
+use crate::verdict::Reason;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -127,30 +128,44 @@ impl LineParts {
         LineObservation { inputs, cell }
     }
 
-    /// Sends the request to the cell and writes the result to the audit trail; returns whether the request was
-    /// accepted.
+    /// Sends the request to the cell; returns whether the request was accepted. The loop records the request with its
+    /// result.
     async fn send_request(&self, request: LineRequest, recipe: &Result<RecipeText, String>) -> bool {
         let (word, asked) = match request {
             LineRequest::Start => ("start", self.start(recipe).await),
             LineRequest::Reset => ("reset", Ok(RequestKind::Table(cycle::Request::Reset))),
         };
-        let refused = match asked {
-            Ok(what) => refused(&self.gateway.request(what, RequestAuthor::from_source(RequestSource::Line)).await),
-            Err(problem) => Some(problem),
+        let who = RequestAuthor::from_source(RequestSource::Line);
+        let reply = match asked {
+            Ok(what) => self.gateway.request(what, who).await,
+            Err(problem) => {
+                let reasons = vec![Reason::new("bad_input", problem)];
+                let wanted = RequestedAction::Start { recipe: self.line.recipe.display().to_string() };
+                self.gateway.keep_refused(wanted, who, reasons.clone());
+                Reply::refused(RequestResult::Refused, reasons)
+            }
         };
-        if let Some(why) = &refused {
-            tracing::warn!("the line requested a {word}, which was refused: {why}");
+        if reply.answer == RequestResult::Done {
+            return true;
         }
-        let is_taken = refused.is_none();
-        let (role, from) = (is_taken.then_some(Role::Operator), "the line's digital signals".to_owned());
-        let entry = AuditEntry { refused, ..AuditEntry::for_completed_action(None, role, from, word) };
+        tracing::warn!("the line requested a {word}, which was refused: {}", reply.joined_reasons());
+        if reply.was_never_queued() {
+            self.write_audit(word, reply.joined_reasons()).await;
+        }
+        false
+    }
+
+    /// Writes a line of the audit trail for a request that the loop never received.
+    async fn write_audit(&self, word: &str, refused: String) {
+        let from = "the line's digital signals".to_owned();
+        let entry =
+            AuditEntry { refused: Some(refused), ..AuditEntry::for_completed_action(None, None, from, word) };
         let people = self.people.clone();
         #[expect(
             clippy::let_underscore_must_use,
             reason = "an entry that cannot be stored is written to the service's log"
         )]
         let _ = tokio::task::spawn_blocking(move || people.audit(&entry)).await;
-        is_taken
     }
 
     /// Starts a cycle with the recipe and the part that the cell's file names. A recipe that was changed since the
@@ -188,9 +203,4 @@ impl LineParts {
 /// Adds to a problem that the service must be restarted to use the recipe as it is now.
 fn add_restart_advice(problem: &str) -> String {
     format!("{problem}; restart the service if the line is to use the current recipe")
-}
-
-fn refused(reply: &Reply) -> Option<String> {
-    let reasons: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
-    (reply.answer != RequestResult::Done).then(|| reasons.join("; "))
 }

@@ -10,7 +10,7 @@ use crate::daemon::interface_context::InterfaceContext;
 use crate::daemon::reply::{Reply, RequestResult};
 use crate::daemon::request::{PartNames, RecipeTextPermission, RequestKind, StartRequest};
 use crate::packml::{Command, LastRefusal, Method};
-use crate::record::{CycleId, RequestAuthor, RequestSource};
+use crate::record::{CycleId, RequestAuthor, RequestSource, RequestedAction};
 use crate::verdict::Reason;
 use opcua::types::{StatusCode, Variant};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -162,9 +162,15 @@ impl Calls {
                 else {
                     return argument_error(method);
                 };
+                let wanted = RequestedAction::Start { recipe: recipe.clone() };
                 match self.start((recipe, sha256), serial, order, caller).await {
                     Ok(start) => RequestKind::Start(StartRequest { another_part: *another_part, ..start }),
-                    Err(problem) => return refused("bad_input", StatusCode::BadInvalidArgument, problem),
+                    Err(problem) => {
+                        let reason = Reason::new("bad_input", problem);
+                        let reasons = vec![reason.clone()];
+                        self.front.gateway.keep_refused(wanted, caller_identity(caller), reasons);
+                        return CallOutcome::Refused(StatusCode::BadInvalidArgument, reason);
+                    }
                 }
             }
             (Command::AcknowledgeAlarm, [alarm]) => {

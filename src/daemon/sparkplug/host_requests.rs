@@ -1,9 +1,8 @@
-//! The requests of a host to the cell, and the line of the audit trail that states the result.
+//! The requests of a host to the cell, and the lines of the audit trail for what never reached the cell.
 
 use crate::accounts::{AuditEntry, Role};
 use crate::daemon::gateway::Gateway;
 use crate::daemon::people::AccountService;
-use crate::daemon::reply::RequestResult;
 use crate::daemon::request::RequestKind;
 use crate::record::{RequestAuthor, RequestSource};
 use crate::sparkplug::{AuditNote, NodeCommand};
@@ -19,18 +18,16 @@ pub(super) struct HostRequests {
 }
 
 impl HostRequests {
-    /// Makes the request to the cell, by the same requests and gates as the operator's page, and records the result.
+    /// Makes the request to the cell, by the same requests and gates as the operator's page. The loop records the
+    /// request with its result; a line of the audit trail is written only for a request that the loop never received.
     pub async fn request_cell(self, command: NodeCommand, is_noted: bool) {
         let Some(request) = command.request() else { return };
-        let reply = self
-            .gateway
-            .request(RequestKind::Table(request), RequestAuthor::from_source(RequestSource::Sparkplug))
-            .await;
-        let reasons: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
-        let refused = (reply.answer != RequestResult::Done).then(|| reasons.join("; "));
-        let subject = reply.cycle_id.map(|cycle| format!("cycle {cycle}"));
-        if is_noted {
-            self.write_audit(AuditNote { what: command.keyword().to_owned(), subject, refused }).await;
+        let from = Some(self.origin.clone());
+        let who = RequestAuthor { from, ..RequestAuthor::from_source(RequestSource::Sparkplug) };
+        let reply = self.gateway.request(RequestKind::Table(request), who).await;
+        if is_noted && reply.was_never_queued() {
+            let refused = Some(reply.joined_reasons());
+            self.write_audit(AuditNote { what: command.keyword().to_owned(), subject: None, refused }).await;
         }
     }
 

@@ -1,17 +1,21 @@
 //! The record of one cycle: to read, to download, and to sign.
 
 use super::guard::{VisitorExtension, not_found_page, refusal};
+use super::history::verdict_text;
 use super::layout::{Frame, Script, local_time};
+use super::page_texts::Language;
 use super::reading::{Answer, panic_response, reading, with_store};
 use super::scene;
+use super::signed_files;
 use super::state::{Web, entry, hashing, pauses};
 use super::visitor::{Person, Visitor};
 use crate::accounts::{Account, AuditEntry, Permission};
 use crate::daemon::people::{LoginResult, account_stamp};
 use crate::daemon::record_source::RecordPdf;
-use crate::record::{CycleId, CycleRecord};
-use crate::signing::{Meaning, PersonSignature};
+use crate::record::{CycleId, CycleRecord, PartNames};
+use crate::signing::{Meaning, PersonSignature, StatedValues};
 use crate::store::{PersonSigningRequest, Store};
+use crate::verdict::Verdict;
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -41,8 +45,10 @@ pub(super) async fn page(
     Path(number): Path<String>,
 ) -> Answer {
     let id = id(&number).await?;
-    let read = move |store: &Store| Ok((store.cycle(id)?, store.person_signatures(id)?));
-    let (record, signatures) = reading(&web, &visitor, read).await?;
+    let read = move |store: &Store| {
+        Ok(((store.cycle(id)?, store.cycle_part(id)?), store.person_signatures(id)?, store.cycle_signatures(id)?))
+    };
+    let ((record, part), signatures, rows) = reading(&web, &visitor, read).await?;
     let words = visitor.language();
     let word = |key| words.text(key);
     let title = format!("{} {id}", word("run.cycle"));
@@ -50,6 +56,7 @@ pub(super) async fn page(
     let body = html! {
         section.card {
             h2 { (title) " · " (record.panel) }
+            (show_end(words, &record, part.as_ref()))
             p.links {
                 a href={ "/cycle/" (id) "/record" } { (word("cycle.record")) }
                 @if is_over { " · " a href={ "/cycle/" (id) "/record.pdf" } { "PDF/A-3" } }
@@ -58,7 +65,8 @@ pub(super) async fn page(
             h3 { (word("cycle.signatures")) }
             @if signatures.is_empty() { p { (word("cycle.unsigned")) } }
             ul { @for (unix_ms, signature) in &signatures { li { (signature_text(signature)) ", " (local_time(*unix_ms)) } } }
-            @if visitor.has_permission(Permission::Sign) && is_over { (sign_form(&visitor, id)) }
+            (signed_files::show_links(words, id, &rows))
+            @if visitor.has_permission(Permission::Sign) && is_over { (sign_form(&visitor, &record, part.as_ref())) }
         }
         section.card { (scene::show_scene(words, Some(id))) }
         iframe.record title=(word("cycle.record")) src={ "/cycle/" (id) "/record" } {}
@@ -68,23 +76,54 @@ pub(super) async fn page(
 }
 
 fn signature_text(signature: &PersonSignature) -> String {
-    let PersonSignature { name, user, meaning, remark, .. } = signature;
+    let PersonSignature { name, user, meaning, remark, values, .. } = signature;
     let remark = remark.as_ref().map_or(String::new(), |remark| format!(": {remark}"));
-    format!("{name} ({user}): {}{remark}", meaning.printed_text())
+    let values = values.named().into_iter().filter_map(|(name, value)| Some(format!("; {name}: {}", value?)));
+    format!("{name} ({user}): {}{remark}{}", meaning.printed_text(), values.collect::<String>())
 }
 
-fn sign_form(visitor: &Visitor, id: CycleId) -> Markup {
+/// Shows the part and the result of the cycle: what a person signs.
+fn show_end(words: Language<'_>, record: &CycleRecord, part: Option<&PartNames>) -> Markup {
+    let part = part.cloned().unwrap_or_default();
+    let names: Vec<String> = [part.serial, part.order, part.operator].into_iter().flatten().collect();
+    let end = record.judgement.as_ref();
+    html! {
+        p {
+            @if !names.is_empty() { (names.join(" · ")) " · " }
+            @match end {
+                Some(_) if record.has_no_part() => strong { (words.text("js.verdict.no_part")) },
+                Some(end) => strong { (verdict_text(words, end.verdict.keyword())) },
+                None => strong { (words.text("cycle.running")) },
+            }
+        }
+    }
+}
+
+/// Returns whether the record permits a release by one person alone.
+fn is_released_by_one(record: &CycleRecord) -> bool {
+    let has_passed = record.judgement.as_ref().is_some_and(|end| end.verdict == Verdict::Pass);
+    has_passed && !record.is_air_run() && !record.is_on_foam()
+}
+
+/// Shows the form of a signature, with the part, the result, and the values that the cell does not measure.
+fn sign_form(visitor: &Visitor, record: &CycleRecord, part: Option<&PartNames>) -> Markup {
     let words = visitor.language();
     let word = |key| words.text(key);
+    let id = record.id;
     html! {
         details #sign {
             summary { (word("cycle.sign")) }
+            (show_end(words, record, part))
+            @if !is_released_by_one(record) { p.told.bad { (word("cycle.not_passed")) } }
             form.narrow data-post={ "/cycle/" (id) "/sign" } data-then={ "/cycle/" (id) } {
                 label { (word("cycle.meaning")) select name="meaning" required {
                     option value="" {}
                     @for meaning in Meaning::ALL { option value=(meaning_key(meaning)) { (meaning.printed_text()) } }
                 } }
                 label { (word("cycle.remark")) input name="remark" maxlength="200" autocomplete="off"; }
+                @for (name, key) in [("water", "cycle.water"), ("lamp", "cycle.lamp"), ("ambient", "cycle.ambient"), ("abrasive", "cycle.abrasive")] {
+                    label { (word(key)) input name=(name) maxlength="200" autocomplete="off"; }
+                }
                 label { (word("login.password")) input name="password" type="password" autocomplete="current-password" required maxlength="200"; }
                 p.told role="status" {}
                 button.primary type="submit" { (word("cycle.sign")) }
@@ -177,6 +216,14 @@ pub(super) struct SignForm {
     meaning: Meaning,
     #[serde(default)]
     remark: String,
+    #[serde(default)]
+    water: String,
+    #[serde(default)]
+    lamp: String,
+    #[serde(default)]
+    ambient: String,
+    #[serde(default)]
+    abrasive: String,
     password: String,
 }
 
@@ -185,13 +232,20 @@ pub(super) async fn sign(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
     Path(number): Path<String>,
-    Json(SignForm { meaning, remark, password }): Json<SignForm>,
+    Json(form): Json<SignForm>,
 ) -> Answer {
     let id = id(&number).await?;
     let Some(person) = visitor.person.clone() else { return Err(not_found_page().await) };
-    let remark = Some(remark.trim().to_owned()).filter(|remark| !remark.is_empty());
-    let name = person.printed_name.clone();
-    let signs = PersonSigningRequest { cycle: id, name, user: person.name.clone(), meaning, remark };
+    let SignForm { meaning, remark, water, lamp, ambient, abrasive, password } = form;
+    let stated = |text: String| Some(text.trim().to_owned()).filter(|text| !text.is_empty());
+    let values = StatedValues {
+        water: stated(water),
+        lamp: stated(lamp),
+        ambient: stated(ambient),
+        abrasive: stated(abrasive),
+    };
+    let (name, user, remark) = (person.printed_name.clone(), person.name.clone(), stated(remark));
+    let signs = PersonSigningRequest { cycle: id, name, user, meaning, remark, values };
     let line = AuditEntry {
         subject: Some(format!("cycle {id}")),
         after: Some(meaning.printed_text().to_owned()),

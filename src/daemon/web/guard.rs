@@ -35,9 +35,15 @@ pub(in crate::daemon) fn cookie<'h>(headers: &'h HeaderMap, name: &str) -> Optio
     each.find(|(found, _)| *found == name).map(|(_, value)| value)
 }
 
+/// The text of a refusal, beside its JSON: the page in place of the requested one shows it.
+#[derive(Debug, Clone)]
+struct RefusalText(String);
+
 /// Returns the answer to a refused request.
 pub(super) fn refusal(status: StatusCode, code: &str, message: &str) -> Response {
-    (status, Json(json!({ "code": code, "message": message }))).into_response()
+    let mut response = (status, Json(json!({ "code": code, "message": message }))).into_response();
+    response.extensions_mut().insert(RefusalText(message.to_owned()));
+    response
 }
 
 /// Identifies the visitor, and lets permitted requests pass.
@@ -147,8 +153,30 @@ async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool
     refusal(StatusCode::FORBIDDEN, "role", &told)
 }
 
+/// Returns the answer if nothing is at an address. It has no text of its own: a person reads the general one in the
+/// own language.
 pub(super) async fn not_found_page() -> Response {
-    refusal(StatusCode::NOT_FOUND, "not_found", "there is no page at this address")
+    let body = json!({ "code": "not_found", "message": "there is no page at this address" });
+    (StatusCode::NOT_FOUND, Json(body)).into_response()
+}
+
+/// Returns the page that a person sees in place of an answer without a page: with the text of the refusal, or with
+/// the general text of its status. `None` if the answer is a page, or no error.
+fn error_as_page(viewer: &Visitor, response: &Response) -> Option<Response> {
+    let status = response.status();
+    let kind = response.headers().get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
+    let is_page = kind.is_some_and(|kind| kind.starts_with("text/html"));
+    if is_page || !(status.is_client_error() || status.is_server_error()) {
+        return None;
+    }
+    let general = match status {
+        StatusCode::NOT_FOUND | StatusCode::METHOD_NOT_ALLOWED => "refused.not_found",
+        StatusCode::FORBIDDEN => "refused.role",
+        StatusCode::UNAUTHORIZED => "refused.log_in",
+        _ => "failed",
+    };
+    let own = response.extensions().get::<RefusalText>().map(|text| text.0.as_str());
+    Some(layout::without_page(viewer, status, own.unwrap_or_else(|| viewer.language().text(general))))
 }
 
 /// Returns whether a person goes to a page with this request, who needs Stop and the navigation also beside an error.
@@ -173,13 +201,8 @@ pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>,
     let viewer = looks_at_a_page(&request).then(|| request.extensions().get::<ConnectInfo<SocketAddr>>().copied());
     let viewer = viewer.flatten().map(|from| find_visitor(&web, request.headers(), from.0, false));
     let mut response = next.run(request).await;
-    let error = match response.status() {
-        StatusCode::NOT_FOUND => Some("refused.not_found"),
-        StatusCode::FORBIDDEN => Some("refused.role"),
-        _ => None,
-    };
-    if let (Some(viewer), Some(error)) = (viewer, error) {
-        response = layout::without_page(&viewer, response.status(), error);
+    if let Some(page) = viewer.and_then(|viewer| error_as_page(&viewer, &response)) {
+        response = page;
     }
     let headers = response.headers_mut();
     let kept = if is_asset { "max-age=31536000, immutable" } else { "no-store" };

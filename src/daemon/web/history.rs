@@ -8,7 +8,7 @@ use super::reading::{Answer, reading};
 use super::state::Web;
 use super::visitor::Visitor;
 use crate::history::{DateError, Edge, Hit, Hits, Query, RequiredEnd, hits_table, unix_s};
-use crate::record::CycleId;
+use crate::record::{CycleId, states_no_part};
 use crate::verdict::{Reason, Verdict};
 use axum::Extension;
 use axum::extract::{Query as QueryString, State};
@@ -216,7 +216,8 @@ fn table(words: Language<'_>, hits: &[Hit]) -> Markup {
                             td { (hit.panel) }
                             @for name in [&hit.part.serial, &hit.part.order, &hit.part.operator] { td { (name.as_deref().unwrap_or("–")) } }
                             td {
-                                (verdict_text(words, hit.verdict.map_or(RUNNING, Verdict::keyword)))
+                                @if states_no_part(&hit.reasons) { (word("js.verdict.no_part")) }
+                                @else { (verdict_text(words, hit.verdict.map_or(RUNNING, Verdict::keyword))) }
                                 @if hit.is_air_run { " (" (word("history.air_run")) ")" }
                             }
                             td { @for (reason, count) in codes(&hit.reasons) { span title=(reason.message) { (reason.code) } @if count > 1 { " ×" (count) } " " } }

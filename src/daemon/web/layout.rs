@@ -143,9 +143,8 @@ pub(super) fn error_page(visitor: &Visitor, error: &dyn std::fmt::Display) -> Re
     (StatusCode::INTERNAL_SERVER_ERROR, page).into_response()
 }
 
-/// Returns the page in place of one that does not exist, or that the visitor's role may not see.
-pub(super) fn without_page(visitor: &Visitor, status: StatusCode, error: &str) -> Response {
-    let message = visitor.language().text(error);
+/// Returns the page in place of one that does not exist, or that the visitor's role may not see, with this text.
+pub(super) fn without_page(visitor: &Visitor, status: StatusCode, message: &str) -> Response {
     let body = html! { section.card { h2 { (message) } } };
     (status, Frame { visitor, title: message, here: "", scripts: &[] }.page(&body)).into_response()
 }

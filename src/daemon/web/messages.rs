@@ -11,10 +11,14 @@ use axum::{Extension, Json};
 use maud::{Markup, html};
 use serde_json::json;
 
-/// Returns what a code means and what to do, in the visitor's language.
+/// Returns the short line of a code, what the code means and what to do, in the visitor's language.
 pub(super) async fn json(Extension(visitor): VisitorExtension, Path(code): Path<String>) -> Answer {
-    match visitor.language().message(&code) {
-        Some((cause, remedy)) => Ok(Json(json!({ "cause": cause, "remedy": remedy })).into_response()),
+    let words = visitor.language();
+    match words.message(&code) {
+        Some((cause, remedy)) => {
+            let told = json!({ "short": words.short(&code), "cause": cause, "remedy": remedy });
+            Ok(Json(told).into_response())
+        }
         None => Err(not_found_page().await),
     }
 }
@@ -41,17 +45,19 @@ pub(super) fn show_by_code(words: Language<'_>, reasons: &[Reason]) -> Markup {
     html! { ul { @for (code, messages) in &codes { li { (explain_code(words, code, messages)) } } } }
 }
 
-/// Shows the messages of a reason's code, its cause and the remedy: in English the messages first, in other languages
-/// the cause and the remedy first.
+/// Shows the short line of a reason's code, its messages, its cause and the remedy: in English the messages come before
+/// the cause, in other languages the cause and the remedy come first.
 pub(super) fn explain_code(words: Language<'_>, code: &str, messages: &[&str]) -> Markup {
     let remedy = |remedy| html! { p { strong { (words.text("alarms.remedy")) ": " } (markup_with_code(remedy)) } };
     let sentences = html! { @for message in messages { p lang="en" { (markup_with_code(message)) " " small { "(" (code) ")" } } } };
+    let short = html! { @if let Some(short) = words.short(code) { p { strong { (short) } } } };
     match words.message(code) {
         Some((cause, what)) if words.is_english() => html! {
+            (short)
             (sentences)
             details { summary { (words.text("alarms.cause")) " · " (words.text("alarms.remedy")) } p { (markup_with_code(cause)) } (remedy(what)) }
         },
-        Some((cause, what)) => html! { p { (markup_with_code(cause)) } (remedy(what)) (sentences) },
+        Some((cause, what)) => html! { (short) p { (markup_with_code(cause)) } (remedy(what)) (sentences) },
         None => sentences,
     }
 }

@@ -47,6 +47,7 @@ mod scene;
 mod server;
 mod sessions;
 mod setup;
+mod signed_files;
 mod stamps;
 mod state;
 mod tls;

@@ -3,7 +3,8 @@
 //!
 //! Messages of the program are English sentences with their values, each with a code. The table also contains the
 //! meaning of each code and the remedy (`message.CODE.cause`, `message.CODE.remedy`), from the manual's pages of
-//! messages. A further table may leave these keys out; the English texts are then used.
+//! messages. `short.CODE` is the one line that a person at the cell reads first. A further table may leave these keys
+//! out; the English texts are then used.
 
 use crate::history::{codes, row};
 use std::collections::BTreeMap;
@@ -11,10 +12,12 @@ use std::collections::BTreeMap;
 /// The table that is part of the program: English and German.
 const TABLE: &str = include_str!("words.csv");
 /// The tables that other parts of the program add for their pages.
-const ADDITIONAL_TABLES: [&str; 1] = [crate::page::drawing::canvas::TRANSLATION_TABLE];
+const ADDITIONAL_TABLES: [&str; 2] = [crate::page::drawing::canvas::TRANSLATION_TABLE, include_str!("short.csv")];
 
 /// The text with which the keys of messages begin.
 const MESSAGE: &str = "message.";
+/// The text with which the keys of the short lines of codes begin.
+const SHORT: &str = "short.";
 
 /// Why a translation table cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -59,7 +62,8 @@ impl Translations {
                 words.languages.push(language.clone());
             }
             for (key, row) in &mut words.table {
-                let own = key.starts_with(MESSAGE).then(|| row[column.unwrap_or(0)].clone());
+                let has_default = [MESSAGE, SHORT].iter().any(|beginning| key.starts_with(beginning));
+                let own = has_default.then(|| row[column.unwrap_or(0)].clone());
                 let Some(word) = more.table.get(key).map(|row| row[at].clone()).or(own) else {
                     return Err(WordsError { line: 1, problem: format!("the key {key} is missing") });
                 };
@@ -138,6 +142,11 @@ impl<'w> Language<'w> {
         Some((word("cause")?, word("remedy")?))
     }
 
+    /// Returns the short line of this code; `None` if it has none.
+    pub fn short(&self, code: &str) -> Option<&'w str> {
+        self.words.table.get(&format!("{SHORT}{code}"))?.get(self.column).map(String::as_str)
+    }
+
     /// Returns whether the language is English, like the program's sentences.
     pub fn is_english(&self) -> bool {
         self.name() == "en"
@@ -163,6 +172,7 @@ impl<'w> Language<'w> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::history::Priority;
 
     #[test]
     fn a_language_is_a_column() {
@@ -188,6 +198,24 @@ mod tests {
         assert!(words.language(Some("de"), None).message("no_such_code").is_none());
         let short = Translations::read(Some("key,fr\naction.stop,Arrêt\n")).expect_err("not whole");
         assert!(short.problem.contains("is missing"), "{short}");
+    }
+
+    /// A person at the cell reads one short line in the own language for every code that aborts a cycle, or may leave
+    /// something in motion.
+    #[test]
+    fn each_urgent_code_has_a_short_line_in_each_language() {
+        let words = Translations::read(None).expect("the program's own");
+        let short = |language, code: &str| words.language(Some(language), None).short(code);
+        for code in codes().iter().filter(|code| code.priority == Priority::High) {
+            let lines = ["en", "de"].map(|language| short(language, &code.code).expect(&code.code));
+            assert!(lines[0] != lines[1], "{lines:?}");
+        }
+        for (key, row) in words.table.iter().filter(|(key, _)| key.starts_with(SHORT)) {
+            assert!(codes().iter().any(|code| key.strip_prefix(SHORT) == Some(&*code.code)), "{key} is no code");
+            assert!(row.iter().all(|line| line.chars().count() <= 85), "{row:?}");
+        }
+        assert_eq!(short("de", "guard_open"), Some("Die Schutztür ist offen."));
+        assert_eq!(short("en", "no_such_code"), None);
     }
 
     #[test]

@@ -2,12 +2,13 @@
 
 use super::guard::VisitorExtension;
 use super::messages;
-use super::state::{Web, entry, run_blocking};
+use super::state::{Web, run_blocking};
 use super::visitor::Visitor;
-use crate::accounts::AuditEntry;
 use crate::cycle;
 use crate::daemon::reply::{Reply, RequestResult};
 use crate::daemon::request::{PartNames, RecipeTextPermission, RequestKind, StartRequest};
+use crate::record::RequestedAction;
+use crate::verdict::Reason;
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -133,25 +134,35 @@ pub(super) struct Start {
     /// Whether the part in the cell is not the part of the earlier cycles.
     #[serde(default)]
     another_part: bool,
+    /// Whether the person states that the guard is closed and no person is inside the cell.
+    #[serde(default)]
+    is_clear: bool,
+}
+
+/// Refuses a start. The refusal is kept with the requests to the cell, as that of every other start.
+fn refuse_start(web: &Web, visitor: &Visitor, recipe: String, why: Reason) -> Response {
+    let wanted = RequestedAction::Start { recipe };
+    web.front.gateway.keep_refused(wanted, visitor.as_requester(), vec![why.clone()]);
+    to_response(visitor, &Reply::refused(RequestResult::Refused, vec![why]))
 }
 
 /// Begins a cycle with one of the offered recipes.
 pub(super) async fn start(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
-    Json(Start { recipe, sha256, serial, order, another_part }): Json<Start>,
+    Json(Start { recipe, sha256, serial, order, another_part, is_clear }): Json<Start>,
 ) -> Response {
+    if !is_clear {
+        let problem = "the start does not state that the guard is closed and no person is inside the cell; look at the \
+                       cell, then confirm both";
+        return refuse_start(&web, &visitor, recipe, Reason::new("bad_input", problem));
+    }
     let source = web.front.setup.clone();
     let named = recipe.clone();
     let text = run_blocking(move || source.recipe(&named)?.if_unchanged(&sha256)).await;
     let text = match text {
         Some(Ok(text)) => text,
-        Some(Err(problem)) => {
-            let line =
-                AuditEntry { subject: Some(recipe), refused: Some(problem.clone()), ..entry(&visitor, "start") };
-            run_blocking(move || web.audit_refusal(&line)).await;
-            return (StatusCode::CONFLICT, Json(json!({ "code": "recipe", "message": problem }))).into_response();
-        }
+        Some(Err(problem)) => return refuse_start(&web, &visitor, recipe, Reason::new("bad_input", problem)),
         None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
     };
     let some = |name: String| Some(name.trim().to_owned()).filter(|name| !name.is_empty());

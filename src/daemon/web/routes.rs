@@ -5,7 +5,7 @@ use super::access::{Access, Method, Route};
 use super::state::Web;
 use super::{
     alarms, assets, audit, cameras, compare, cycle, doctor, draw, guard, history, live, login, messages, people,
-    requests, run_page, scene, setup, trends,
+    requests, run_page, scene, setup, signed_files, trends,
 };
 use crate::accounts::Permission;
 use axum::Router;
@@ -57,6 +57,7 @@ pub(super) static ROUTES: &[Route] = &[
     view_route("/cycle/{number}/record.pdf", Needs(View), || get(cycle::pdf)),
     change("/cycle/{number}/sign", Needs(Sign), || post(cycle::sign)),
     view_route("/cycle/{number}/record.json", Needs(View), || get(cycle::json)),
+    view_route("/cycle/{number}/signed/{name}", Needs(View), || get(signed_files::file)),
     view_route("/cycle/{number}/picture/{finding}/{picture}", Needs(View), || get(cycle::picture)),
     view_route("/cycle/{number}/scene.bin", Needs(View), || get(scene::points)),
     view_route("/cycle/{number}/scene.json", Needs(View), || get(scene::paths)),

@@ -8,6 +8,7 @@ use super::scene;
 use super::state::{Web, run_blocking};
 use super::visitor::Visitor;
 use crate::accounts::Permission;
+use crate::cell::{NameDemand, PartRules};
 use crate::daemon::setup_source::recipe_hashes;
 use crate::history::{grid_states, touched_grids, touching_passes};
 use crate::packml::RecipeHash;
@@ -30,6 +31,7 @@ const PHASES: [&str; 11] =
 /// The page.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Response {
     let source = web.front.setup.clone();
+    let rules = source.part_rules();
     let recipes = match visitor.has_permission(Permission::Operate) {
         true => run_blocking(move || recipe_hashes(&*source)).await.unwrap_or_else(|| Ok(vec![])),
         false => Ok(vec![]),
@@ -53,7 +55,7 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): Visito
             @if visitor.has_permission(Permission::Operate) || visitor.has_permission(Permission::Accept) { (actions(&visitor)) }
             @else { p { (word("run.no_actions")) } }
             p.told #told role="status" {}
-            @if visitor.has_permission(Permission::Operate) { (start(&visitor, &recipes)) }
+            @if visitor.has_permission(Permission::Operate) { (start(&visitor, &recipes, &rules)) }
         }
         section.progress.card {
             h2 { (word("run.progress")) }
@@ -119,7 +121,9 @@ fn actions(visitor: &Visitor) -> Markup {
     }
 }
 
-fn start(visitor: &Visitor, recipes: &Result<Vec<RecipeHash>, String>) -> Markup {
+/// Shows the form of a start. It has two buttons: the first one asks whether the guard is closed and no person is inside,
+/// and only the second one, which the script enables a moment later, sends the form.
+fn start(visitor: &Visitor, recipes: &Result<Vec<RecipeHash>, String>, rules: &PartRules) -> Markup {
     let words = visitor.language();
     let word = |key| words.text(key);
     html! {
@@ -131,11 +135,20 @@ fn start(visitor: &Visitor, recipes: &Result<Vec<RecipeHash>, String>) -> Markup
                     @for recipe in recipes { option value=(recipe.name) data-sha256=(recipe.sha256) { (recipe.name) } }
                 } }
             }
-            label { (word("run.serial")) input name="serial" maxlength="120" autocomplete="off"; }
-            label { (word("run.order")) input name="order" maxlength="120" autocomplete="off"; }
+            @for (name, key, rule) in [("serial", "run.serial", &rules.serial), ("order", "run.order", &rules.order)] {
+                label { (word(key)) input name=(name) maxlength="120" autocomplete="off" required[rule.demand == NameDemand::Required] placeholder=[rule.pattern.as_deref()]; }
+            }
             label.inline { input type="checkbox" name="another_part"; (word("run.another_part")) }
             p.told role="status" {}
-            button.primary type="submit" data-needs="start" disabled { (word("action.start")) }
+            input type="hidden" name="is_clear" value="true";
+            button.primary #start-first type="button" data-needs="start" disabled { (word("action.start")) }
+            div #start-second role="group" aria-label=(word("run.clear")) hidden {
+                p role="alert" { (word("run.clear")) }
+                div.buttons {
+                    button.primary type="submit" data-needs="start" disabled { (word("run.start_now")) }
+                    button #start-cancel type="button" { (word("run.start_cancel")) }
+                }
+            }
         }
     }
 }
@@ -156,7 +169,10 @@ pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): Visitor
         reading(&web, &visitor, move |store: &Store| Ok((store.cycle_part(id)?, store.cycle(id)?))).await?;
     let (mut grids, passes) = (grid_states(&record.findings), touching_passes(&record));
     grids.extend(touched_grids(&record).into_iter().map(|grid| (grid, "touched")));
-    let told = json!({ "cycle": id, "part": part, "panel": record.panel, "passes": passes, "grids": grids });
+    let no_part = record.has_no_part();
+    let told = json!({
+        "cycle": id, "part": part, "panel": record.panel, "passes": passes, "grids": grids, "no_part": no_part,
+    });
     Ok(Json(told).into_response())
 }
 

@@ -48,7 +48,9 @@ const REQUEST_HEAD_TIMEOUT: Duration = Duration::from_secs(10);
 const BIND_RETRY_DELAY: Duration = Duration::from_secs(1);
 /// A peer that accepts no data for this time is gone.
 const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(30);
-/// Number of threads that wait for the store's disk, hash passwords and encode pictures.
+/// Number of threads that wait for the store's disk, hash passwords and encode pictures. The cell's computer has two
+/// cores: with twice as many threads, two readers that wait for the disk leave two for pictures and passwords. More
+/// would only take time from the control loop, and a stop needs none of them.
 const BLOCKING_THREADS: usize = 4;
 
 /// The parts that the page needs.

@@ -1,10 +1,14 @@
 //! Sessions of people who logged in. They are stored in memory only: a restart of the service ends all of them.
+//!
+//! A wall display ([`Role::Display`]) is the exception. No person clicks there, so its session has no time limit, and
+//! the service begins it again at its start (`login::begin_displays`). It ends with a log-out, another password or a
+//! disabled account; its role can only look.
 
 use crate::accounts::Role;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 
-/// Time after the log-in at which a session ends, whatever the person does, s.
+/// Time after the log-in at which a person's session ends, whatever the person does, s. A wall display has no limit.
 const MAX_SESSION_S: f64 = 12.0 * 3_600.0;
 /// Largest number of sessions of all accounts.
 const MAX_SESSIONS: usize = 200;
@@ -56,8 +60,8 @@ fn key(token: &str) -> TokenHash {
 }
 
 impl Sessions {
-    /// Creates an empty set of sessions; a session ends after `idle_s` seconds without a request, and an account has
-    /// at most `of_account` sessions.
+    /// Creates an empty set of sessions; a session ends after `idle_s` seconds without a request, except that of a wall
+    /// display, and an account has at most `of_account` sessions.
     pub fn new(idle_s: f64, of_account: usize) -> Self {
         Sessions { open: BTreeMap::new(), idle_s, of_account }
     }
@@ -106,7 +110,7 @@ impl Sessions {
     fn forget(&mut self, now_s: f64) {
         let idle_s = self.idle_s;
         let lasts = |session: &Session| now_s - session.seen_s < idle_s && now_s - session.began_s < MAX_SESSION_S;
-        // No person clicks on a screen on the wall.
+        // No person clicks on a screen on the wall; its role can only look, and its account can be disabled.
         self.open.retain(|_, session| session.role == Role::Display || lasts(session));
     }
 }

@@ -7,6 +7,7 @@ use super::reading::{Answer, panic_response, reading};
 use super::state::{Web, entry, run_blocking};
 use super::versions;
 use crate::accounts::{AuditEntry, Permission};
+use crate::daemon::clock::now_unix_ms;
 use crate::files::content_hash;
 use crate::office::RecipeOffer;
 use crate::store::Store;
@@ -90,6 +91,7 @@ pub(super) async fn recipe(
         section.card {
             h2 { (name) }
             (verdict(&problems, word("setup.right")))
+            (versions::show_warnings(words, &recipe.text, &versions))
             @if let Some(why) = &not_taught { p.told.bad { (word("setup.not_taught")) " " (why) } }
             @if visitor.has_permission(Permission::Configure) {
                 p.links { a href={ "/setup/recipe/" (name) "/draw" } { (word("setup.draw")) } }
@@ -191,9 +193,12 @@ pub(super) async fn save(
     let kept = run_blocking(move || store_recipe(&web, &name, line, (&read, &changed)));
     match kept.await {
         // The form continues from the saved text.
-        Some(Ok(_)) => {
-            let told = json!({ "message": visitor.language().text("saved"), "fields": { "before": after } });
-            Json(told).into_response()
+        Some(Ok(removed_um)) => {
+            let words = visitor.language();
+            let author = AuditEntry { unix_ms: now_unix_ms(), ..entry(&visitor, versions::RECIPE_CHANGE) };
+            let warning = removed_um.map(|um| format!(" {}", versions::removed_limit_warning(words, um, &author)));
+            let message = format!("{}{}", words.text("saved"), warning.unwrap_or_default());
+            Json(json!({ "message": message, "fields": { "before": after } })).into_response()
         }
         Some(Err(problem)) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problem),
         None => panic_response(),
@@ -202,8 +207,14 @@ pub(super) async fn save(
 
 /// Stores the text after this line's change as the recipe. In one locked step, the present text is compared with the
 /// text on which the change is based, the change is written to the audit trail, and the recipe is written. So if two
-/// people save at the same time, the second one is informed. Nothing is written that is not in the audit trail.
-fn store_recipe(web: &Web, name: &str, line: AuditEntry, (read, changed): (&str, &str)) -> Result<(), String> {
+/// people save at the same time, the second one is informed. Nothing is written that is not in the audit trail. Returns
+/// the limit of the removal, µm, if the change removed it.
+fn store_recipe(
+    web: &Web,
+    name: &str,
+    line: AuditEntry,
+    (read, changed): (&str, &str),
+) -> Result<Option<f64>, String> {
     // A panic of another thread under this lock leaves nothing incomplete: a file is written as a whole.
     let _turn = web.saving.lock().unwrap_or_else(PoisonError::into_inner);
     let setup = &web.front.setup;
@@ -219,14 +230,16 @@ fn store_recipe(web: &Web, name: &str, line: AuditEntry, (read, changed): (&str,
         web.audit(&AuditEntry { refused: Some(problem.clone()), ..line.clone() });
         problem
     };
-    let before = Some(checked.map_err(refused)?);
-    let told = AuditEntry { before, ..line.clone() };
+    let before = checked.map_err(refused)?;
+    let removed_um = versions::removed_limit_um(&before, &text);
+    let told = AuditEntry { before: Some(before), ..line.clone() };
     web.write(|store| store.store_audit(&told)).map_err(|error| {
         format!(
             "the audit trail cannot be written, so the recipe was not saved: {error}; save the recipe again later"
         )
     })?;
-    setup.save(name, &text).map(drop).map_err(refused)
+    setup.save(name, &text).map_err(refused)?;
+    Ok(removed_um)
 }
 
 #[cfg(test)]

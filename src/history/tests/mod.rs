@@ -3,7 +3,7 @@
 mod alarms;
 
 use super::*;
-use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, Kind, PartNames, name};
+use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, Kind, NO_PART, PartNames, name};
 use crate::verdict::{Check, Judgement, Limit, LimitSource, Reason, Verdict};
 use std::collections::BTreeMap;
 
@@ -260,4 +260,18 @@ fn a_pass_that_was_cut_short_leaves_grids_that_may_be_sanded() {
     });
     assert_eq!(touched_grids(&record).into_iter().collect::<Vec<_>>(), ["r1c1", "r2c1"]);
     assert_eq!(touching_passes(&record), 2);
+}
+
+/// What lay in the cell was not the part: its residual is no value of the panel.
+#[test]
+fn a_cycle_without_a_part_is_not_in_a_trend() {
+    let mut cycles = vec![cycle(1, 0.1, &[], &[]), cycle(2, 9.0, &[], &[])];
+    let values = |cycles: &[PastCycle]| -> (Vec<f64>, usize) {
+        let trend = trend(&Quantity::from_keyword("localization-residual"), cycles);
+        (trend.points.iter().map(|point| point.value).collect(), trend.without)
+    };
+    assert_eq!(values(&cycles), (vec![0.1, 9.0], 0));
+    let reasons = vec![Reason::new(NO_PART, "another object"), Reason::new("poor_fit", "9 mm")];
+    cycles[1].record.judgement = Some(Judgement { verdict: Verdict::Reject, reasons });
+    assert_eq!(values(&cycles), (vec![0.1], 0));
 }

@@ -44,6 +44,39 @@ fn a_film_that_failed_is_superseded_by_an_abrasion_and_a_later_film() {
     assert_eq!(conclude(Verdict::Pass, &exchanged, &[], &[]).verdict, Verdict::Fail);
 }
 
+/// An empty cell, or another object, is no nonconformance of a part. A part that differs in one respect alone is one, and
+/// so is a part that was tested or touched before.
+#[test]
+fn a_cycle_that_found_nothing_or_another_object_examined_no_part() {
+    let located = |given: &[&'static str]| {
+        let reasons = given.iter().map(|code| Reason::new(*code, "as measured")).collect();
+        Finding::new(Kind::Locate, 0, Judgement { verdict: Verdict::Reject, reasons })
+    };
+    let concluded = |findings: &[Finding]| conclude(Verdict::Reject, findings, &[], &[]);
+    for (given, is_no_part) in [
+        (&["no_panel"][..], true),
+        (&["poor_fit", "outline_differs", "blurred"], true),
+        (&["poor_fit", "low_overlap"], true),
+        (&["poor_fit"], false),
+        (&["outline_differs", "seen_through"], false),
+        (&["shift_limit"], false),
+        (&["no_panel", "camera_moved"], false),
+        (&["other_scan", "no_panel"], false),
+    ] {
+        let judgement = concluded(&[located(given)]);
+        let expected: Vec<&str> = is_no_part.then_some(NO_PART).into_iter().chain(given.iter().copied()).collect();
+        assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, expected), "{given:?}");
+    }
+    let after_film = [finding(Kind::Inspect, Verdict::Fail, "broke"), located(&["no_panel"])];
+    assert!(!codes(&concluded(&after_film)).contains(&NO_PART));
+    let found_again = [
+        located(&["no_panel"]),
+        finding(Kind::Locate, Verdict::Accept, ""),
+        finding(Kind::Plan, Verdict::Reject, "no_path"),
+    ];
+    assert!(!codes(&concluded(&found_again)).contains(&NO_PART));
+}
+
 /// A part that was sanded too deep does not pass by a later film.
 #[test]
 fn a_rejected_abrasion_outweighs_a_film_that_passes() {

@@ -4,14 +4,36 @@
 use crate::cycle::{Path, Request};
 use crate::number_text::utc_text;
 use crate::record::{
-    AbradedGrid, AbrasionExtent, Answer, Bounds, CycleRecord, MotionRecord, RequestRecord, RequestedAction,
+    AbradedGrid, AbrasionExtent, Answer, Bounds, CycleRecord, Finding, Kind, MotionRecord, RequestRecord,
+    RequestedAction, name,
 };
 use crate::report::page::{Row, Section};
 use std::collections::BTreeMap;
 
-/// What the list of grids does not count.
-const BESIDE: &str =
-    "The disc also overlaps the grids beside them, by up to 0.8 of its radius; those are not counted here.";
+/// How the list counts the grids beside the planned ones.
+const BESIDE: &str = "The disc also overlaps the grids beside them, by up to 0.8 of its radius: they are listed as beside, with \
+                      the share under the disc, as far as the robot reported its poses. These passes do not count for \
+                      max_passes_per_grid.";
+
+/// Lists the grids beside the planned ones that the disc overlapped: for each one, in how many passes, and the share
+/// under the disc in each.
+fn overlapped_grids(findings: &[Finding]) -> Vec<Row> {
+    let mut passes: BTreeMap<&str, Vec<String>> = BTreeMap::new();
+    for finding in findings.iter().filter(|finding| finding.kind == Kind::Abrade) {
+        for check in &finding.checks {
+            let (Some(grid), Some(share)) = (name::overlapped_grid(&check.name), check.value) else { continue };
+            let percent = 100.0 * share;
+            // A share above zero must not be printed as zero.
+            let share = if percent < 1.0 { "less than 1 %".to_owned() } else { format!("{percent:.0} %") };
+            passes.entry(grid).or_default().push(format!("pass {}: {share}", finding.pass));
+        }
+    }
+    let row = |(grid, passes): (&str, Vec<String>)| {
+        let times = if passes.len() == 1 { "once".to_owned() } else { format!("{} times", passes.len()) };
+        Row::new(&format!("{grid}, beside"), format!("overlapped {times}: {}", passes.join("; ")), "")
+    };
+    passes.into_iter().map(row).collect()
+}
 
 /// Lists how often each grid was abraded, completely or in part, or may have been abraded.
 pub(super) fn abrasion_list(record: &CycleRecord) -> Section {
@@ -49,7 +71,11 @@ pub(super) fn abrasion_list(record: &CycleRecord) -> Section {
     Section {
         heading: "What was abraded".to_owned(),
         text,
-        rows: passes.iter().map(|(grid, passes)| Row::new(grid, passes.join("; "), "")).collect(),
+        rows: passes
+            .iter()
+            .map(|(grid, passes)| Row::new(grid, passes.join("; "), ""))
+            .chain(overlapped_grids(&record.findings))
+            .collect(),
         figures: Vec::new(),
     }
 }

@@ -11,6 +11,7 @@ use crate::inspect::picture_interval_s;
 use crate::number_text::{fixed_decimals, utc_text};
 use crate::recipe::{self, Recipe};
 use crate::record::{Check, Clock, CycleRecord, Kind, name};
+use crate::signing::StatedValues;
 use crate::verdict::Verdict;
 
 /// The page.
@@ -125,6 +126,11 @@ fn disposition_text(record: &CycleRecord) -> String {
     let Some(judgement) = &record.judgement else {
         return "NOT ENDED: this is not the final result of the cycle".to_owned();
     };
+    if record.has_no_part() {
+        return "NO PART: nothing, or another object than the taught panel, was in the cell; the part with this serial \
+                number was not examined"
+            .to_owned();
+    }
     let words = match judgement.verdict {
         Verdict::Pass => "the film held on every tested grid",
         Verdict::Fail => "the film broke, and no further abrasion was allowed",
@@ -146,11 +152,23 @@ fn disposition_text(record: &CycleRecord) -> String {
 fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
     let RecordSources { record, part, recipe, .. } = *sources;
     let named = |name: Option<&String>| name.cloned().unwrap_or_else(|| UNNAMED_TEXT.to_owned());
-    let stated = |detail: &str| {
+    let by_recipe = |detail: &str| {
         let value = record.findings.iter().find_map(|finding| finding.details.get(detail));
-        let value = value.and_then(|value| value.as_str()).map(|text| format!("{text} (stated by the recipe)"));
-        value.unwrap_or_else(|| "……………… (not measured, not stated by the recipe)".to_owned())
+        value.and_then(|value| value.as_str()).map(|text| format!("{text} (stated by the recipe)"))
     };
+    // Of several people who state a value, the last one counts.
+    let by_person = |value: fn(&StatedValues) -> Option<&String>| {
+        let mut last_first = sources.signatures.iter().rev();
+        last_first.find_map(|one| {
+            let text = stated_text(value(&one.values)?);
+            Some(format!("{text} (stated by {})", one.name))
+        })
+    };
+    let stated = |values: [Option<String>; 2], blank: &str| {
+        let known: Vec<String> = values.into_iter().flatten().collect();
+        if known.is_empty() { format!("……………… ({blank})") } else { known.join("; ") }
+    };
+    let unstated = "not measured, not stated by the recipe";
     let process = recipe.map(Recipe::process);
     let procedure = process.and_then(|process| process.procedure());
     let passes = process.map(|process| {
@@ -167,7 +185,10 @@ fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
         fact("operator", named(part.and_then(|part| part.operator.as_ref()))),
         fact("earlier passes on this part", earlier_removal_text(sources.earlier)),
         fact("panel, taught version", format!("{}, {}", record.panel, record.taught_version)),
-        fact("recipe, SHA-256", short_hash(&record.recipe_hash)),
+        fact(
+            "recipe, SHA-256",
+            format!("{}, {}", short_hash(&record.recipe_hash), sources.recipe_approval.unwrap_or(NO_APPROVAL)),
+        ),
         fact(
             "procedure",
             procedure.unwrap_or_else(|| "ASTM F22; its edition is not stated by the recipe".to_owned()),
@@ -177,11 +198,32 @@ fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
         fact("acceptance", criterion(record, process)),
         fact("abrasion", passes.unwrap_or_else(|| "not known: the recipe is missing".to_owned())),
         fact("error at the tool, 95 %", budget(record)),
-        fact("water", stated(name::WATER)),
-        fact("lamp", stated(name::LAMP)),
-        fact("ambient temperature, humidity", "……………… (not measured by the cell)".to_owned()),
+        fact("water", stated([by_recipe(name::WATER), by_person(|one| one.water.as_ref())], unstated)),
+        fact("lamp", stated([by_recipe(name::LAMP), by_person(|one| one.lamp.as_ref())], unstated)),
+        fact(
+            "ambient temperature, humidity",
+            stated([None, by_person(|one| one.ambient.as_ref())], "not measured by the cell"),
+        ),
+        fact(
+            "abrasive: product, grit, lot",
+            stated([None, by_person(|one| one.abrasive.as_ref())], "not known to the cell"),
+        ),
     ]
 }
+
+/// Characters of a value that a person stated, on the page; the signed file of the signature has all of them.
+const MAX_STATED_CHARACTERS: usize = 90;
+
+/// Returns a value that a person stated, as the page prints it.
+fn stated_text(text: &str) -> String {
+    match text.char_indices().nth(MAX_STATED_CHARACTERS) {
+        Some((end, _)) => format!("{}… (see the signed file)", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// What the page states if the store has no approval of the recipe's text.
+const NO_APPROVAL: &str = "no approval in the store";
 
 fn earlier_removal_text(earlier: Option<&[EarlierCycle]>) -> String {
     let Some(earlier) = earlier else { return "unknown: no serial number was stated".to_owned() };

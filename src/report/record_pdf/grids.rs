@@ -1,8 +1,8 @@
 //! The result of each grid: passed at once, failed and passed after it was abraded, failed, or not reported.
 
 use super::numbers::format_with_unit;
-use crate::record::{CycleRecord, Finding, Kind, abraded_grids};
-use crate::verdict::Verdict;
+use crate::history::is_valid_film;
+use crate::record::{CycleRecord, Finding, abraded_grids};
 use std::collections::BTreeSet;
 
 /// The result of a grid.
@@ -79,9 +79,7 @@ fn name(row: usize, column: usize) -> String {
 
 /// Returns the films that give a result for each grid, in order.
 fn films(record: &CycleRecord) -> impl Iterator<Item = &Finding> {
-    let counts =
-        |finding: &&Finding| finding.kind == Kind::Inspect && finding.judgement.verdict != Verdict::Invalid;
-    record.findings.iter().filter(counts)
+    record.findings.iter().filter(|finding| is_valid_film(finding))
 }
 
 /// Returns the broken area of a grid in a film, mm²; `None` if the grid was not wholly seen.

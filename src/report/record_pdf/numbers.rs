@@ -37,14 +37,17 @@ pub(super) fn uncertainty(value: f64, unit: &str) -> String {
     format!("{} {unit}", fixed_decimals(value, digits))
 }
 
-/// Formats a check as a row of the table of numbers: name, found value, limit, source of the limit. If the value
-/// was not measured, it is blank and no limit is shown, because the value could otherwise seem to satisfy the
-/// limit.
+/// Returns the number of digits after the point, at least `decimals`, with which a value does not look like zero; at
+/// most 4.
+fn nonzero_decimals(value: f64, decimals: usize) -> usize {
+    let looks_zero = |digits: usize| (value * 10_f64.powi(digits as i32)).round() == 0.0;
+    if value == 0.0 { decimals } else { (decimals..4).find(|digits| !looks_zero(*digits)).unwrap_or(4) }
+}
+
+/// Formats a check as a row of the table of numbers: name, found value, limit, source of the limit. A value that was
+/// not measured is said to be so in its own column, beside the limit.
 pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
     let what = format!("{}{of}", check.name);
-    let Some(value) = check.value else {
-        return vec![what, String::new(), "not measured".to_owned(), String::new()];
-    };
     let (sign, bound) = match check.limit {
         Limit::Unlimited => ("", None),
         Limit::AtMost(limit) => ("≤ ", Some(limit)),
@@ -54,11 +57,13 @@ pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
     // The value and the limit have the same format: a share of 1 beside a limit of 0.99 is 1.00. A limit is a stated
     // number and is never rounded.
     let of_bound = |bound: f64| decimals(bound, &check.unit).max(exact_decimals(bound));
-    let decimals = decimals(value, &check.unit).max(bound.map_or(0, of_bound));
+    let of_value = |value: f64| nonzero_decimals(value, decimals(value, &check.unit));
+    let decimals = check.value.map_or(0, of_value).max(bound.map_or(0, of_bound));
     let unit = |number: String| format!("{number} {}", check.unit).trim_end().to_owned();
     let shown = |value: f64| unit(fixed_decimals(value, decimals).to_string());
-    let (mut found, mut allowed) = (shown(value), bound.map(shown).unwrap_or_default());
-    if let (false, Some(bound)) = (check.is_met(), bound) {
+    let mut found = check.value.map_or("not measured".to_owned(), shown);
+    let mut allowed = bound.map(shown).unwrap_or_default();
+    if let (false, Some(value), Some(bound)) = (check.is_met(), check.value, bound) {
         let [number, limit] = distinguishable_texts(value, bound, decimals);
         (found, allowed) = (format!("{}, outside of the limit", unit(number)), unit(limit));
     }

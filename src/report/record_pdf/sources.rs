@@ -2,6 +2,7 @@
 
 use crate::recipe::Recipe;
 use crate::record::{CycleRecord, PartNames};
+use crate::signing::StatedValues;
 
 /// The data from which the page is made.
 #[derive(Debug, Clone, Copy)]
@@ -12,6 +13,8 @@ pub struct RecordSources<'s> {
     pub part: Option<&'s PartNames>,
     /// The cycle's recipe; `None` if the stored copy is missing.
     pub recipe: Option<&'s Recipe>,
+    /// Who approved the recipe and when, in words; `None` if the store has no approval of this text.
+    pub recipe_approval: Option<&'s str>,
     /// What measured.
     pub equipment: &'s [Equipment],
     /// Earlier cycles that abraded the same part; `None` if no serial number was named.
@@ -68,4 +71,6 @@ pub struct PrintedSignature {
     pub chain_position: String,
     /// A person who decides whether the part is released.
     pub is_deciding: bool,
+    /// The values that the cell does not measure, as this person stated them.
+    pub values: StatedValues,
 }

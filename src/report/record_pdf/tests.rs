@@ -9,6 +9,7 @@ use crate::record::{
     RequestRecord, RequestSource, RequestedAction, name,
 };
 use crate::report::page::Figure;
+use crate::signing::StatedValues;
 use crate::verdict::{Judgement, Reason, Verdict};
 
 const RECIPE: &str = "panel = \"wing\"\n[process]\nmax_passes_per_part = 3\nprocedure = \"ASTM F22-21, PS 4711 rev. C\"\n\
@@ -110,6 +111,7 @@ fn sheet(record: &CycleRecord, signatures: &[PrintedSignature]) -> RecordSheet {
         record,
         part: Some(&part),
         recipe: Some(&recipe),
+        recipe_approval: Some("approved by eva, 2026-05-29"),
         equipment: &equipment,
         earlier: Some(&earlier),
         signatures,
@@ -143,6 +145,7 @@ fn the_page_names_part_criteria_deviations_and_who_accepted_them() {
     assert_eq!(fact("part, serial number"), Some("SN 17"));
     assert_eq!(fact("work order"), Some("not stated at the start"));
     assert_eq!(fact("procedure"), Some("ASTM F22-21, PS 4711 rev. C"));
+    assert!(fact("recipe, SHA-256").is_some_and(|text| text.ends_with(", approved by eva, 2026-05-29")));
     assert_eq!(fact("earlier passes on this part"), Some("2 (cycle 3: 2)"));
     assert_eq!(fact("abrasion"), Some("at most 2 abrasions per grid, 3 passes per part"));
     assert_eq!(fact("acceptance"), Some("no grid with 30.0 mm² of broken film or more within 60.0 s"));
@@ -160,8 +163,8 @@ fn the_page_names_part_criteria_deviations_and_who_accepted_them() {
     assert_eq!(rows(&sheet, "Deviations")[1], ["decision", "no person decided"]);
 }
 
-/// A number that was not measured has no limit beside it; a number beyond its limit is printed so that it differs
-/// from the limit.
+/// A number that was not measured is said to be so, beside its limit; a number beyond its limit is printed so that it
+/// differs from the limit, and a small one so that it differs from zero.
 #[test]
 fn numbers_stand_in_one_form() {
     let locate = |value: Option<f64>| {
@@ -177,7 +180,9 @@ fn numbers_stand_in_one_form() {
         locate(Some(0.2504)),
         [what, "0.2504 mm, outside of the limit", "≤ 0.25 mm", "recipe, locate.max_rms_mm"]
     );
-    assert_eq!(locate(None), [what, "", "not measured", ""]);
+    assert_eq!(locate(None), [what, "not measured", "≤ 0.25 mm", "recipe, locate.max_rms_mm"]);
+    assert_eq!(locate(Some(0.0031))[1..3], ["0.003 mm", "≤ 0.250 mm"]);
+    assert_eq!(locate(Some(0.0))[1..3], ["0.00 mm", "≤ 0.25 mm"]);
     let share = Check::new("coverage", "", 1.0).with_min(0.99, LimitSource::Program);
     assert_eq!(super::numbers::row(&share, "")[1..], ["1.00", "≥ 0.99", "program"]);
 }
@@ -190,12 +195,19 @@ fn a_line_to_sign_stands_until_a_person_has_decided() {
         meaning: "reviewed".to_owned(),
         chain_position: "number 2".to_owned(),
         is_deciding: decides,
+        values: StatedValues::default(),
     };
     let lines = |signatures: &[PrintedSignature]| {
         let sheet = sheet(&record(films()), signatures);
         rows(&sheet, "Signatures").iter().filter(|row| row[2] == "released / not released").count()
     };
     assert_eq!((lines(&[]), lines(&[signed(false)]), lines(&[signed(false), signed(true)])), (1, 1, 0));
+    // What the person states about the water is a fact of the page; what no person states stays a blank.
+    let water = StatedValues { water: Some("deionised, 21 °C".to_owned()), ..StatedValues::default() };
+    let sheet = sheet(&record(films()), &[PrintedSignature { values: water, ..signed(true) }]);
+    let fact = |name: &str| sheet.facts.iter().find(|(found, _)| found == name).map(|(_, value)| value.clone());
+    assert!(fact("water").is_some_and(|text| text.contains("deionised, 21 °C (stated by Grace Hopper (grace))")));
+    assert!(fact("abrasive: product, grit, lot").is_some_and(|text| text.starts_with('…')));
 }
 
 /// In the HTML, the text is escaped, and every state is shown by a letter and by lines, not by colour alone.
@@ -227,6 +239,7 @@ fn the_page_fits_on_one_sheet_and_the_rest_is_the_annex() {
         meaning: "deviation accepted".to_owned(),
         chain_position: "number 2, SHA-256 0123456789abcdef…, key 0123456789abcdef…".to_owned(),
         is_deciding: false,
+        values: StatedValues::default(),
     };
     let full = CycleRecord { judgement: Some(judged(Verdict::Fail, &long)), ..record(findings) };
     let sheet = sheet(&full, &vec![who; 5]);
@@ -305,6 +318,14 @@ fn the_annex_has_the_requests_and_what_was_abraded() {
     record.asked.push(RequestRecord { wanted: RequestedAction::NewDisc, ..record.asked[0].clone() });
     let sheet = sheet(&record, &[]);
     assert!(rows(&sheet, "What was abraded").iter().any(|row| row[0] == "r1c2" && row[1].starts_with("pass 1")));
+    // A grid beside the planned ones is counted, with its share in each pass.
+    let beside = |pass: u8, share: f64| {
+        let checks = [Check::new(name::overlapped_share("r1c3"), "", share)];
+        Finding::new(Kind::Abrade, pass, judged(Verdict::Accept, "")).with_checks(checks)
+    };
+    let overlapped = self::sheet(&self::record(vec![beside(1, 0.124), beside(2, 0.004)]), &[]);
+    let text = "overlapped 2 times: pass 1: 12 %; pass 2: less than 1 %";
+    assert!(rows(&overlapped, "What was abraded").iter().any(|row| row[0] == "r1c3, beside" && row[1] == text));
     let asked = rows(&sheet, "Requests in this cycle");
     assert!(asked.iter().any(|row| row[1].starts_with("new-disc: done") && row[1].contains("ada")), "{asked:?}");
 }

@@ -86,7 +86,15 @@ fn exported() -> (ExportContent, Signed) {
         if id > 1 {
             let (name, user) = ("Grace Hopper".to_owned(), "grace".to_owned());
             let meaning = Meaning::InspectedAndReleased;
-            let says = PersonSignature { cycle: CycleId(id), record_hash, name, user, meaning, remark: None };
+            let says = PersonSignature {
+                cycle: CycleId(id),
+                record_hash,
+                name,
+                user,
+                meaning,
+                remark: None,
+                values: StatedValues::default(),
+            };
             add(&|number| person_signature_stem(CycleId(id), number), StatementContent::Person(says));
         }
         let (cycle, shows) = (CycleId(id), if id > 1 { 2 * id - 1 } else { 1 } as u64);

@@ -210,7 +210,7 @@ fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
     store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_000_000);
     let id = begin(&mut store, "wing", &part("SN-1", "", ""));
     store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_004_250);
-    let reasons = vec![Reason::new("no_panel", "the box is empty")];
+    let reasons = vec![Reason::new("shift_limit", "moved 80 mm (limit 60 mm)")];
     store
         .store_finding(
             id,
@@ -223,7 +223,7 @@ fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
         let alarms = store.alarms(id).expect("read");
         assert_eq!(
             alarms.iter().map(|alarm| (&*alarm.code, alarm.raised_unix_ms)).collect::<Vec<_>>(),
-            [("no_panel", 1_004_250)]
+            [("shift_limit", 1_004_250)]
         );
         alarms[0].gone_unix_ms
     };

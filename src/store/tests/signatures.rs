@@ -4,7 +4,7 @@ use super::super::{chain, head};
 use super::killed::until_killed;
 use super::*;
 use crate::record::{CycleId, Finding, Kind, PartNames};
-use crate::signing::{CellKey, Meaning};
+use crate::signing::{CellKey, Meaning, StatedValues};
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::io::{BufRead, BufReader};
 use std::os::unix::fs::PermissionsExt;
@@ -27,7 +27,7 @@ fn cycle(store: &mut Store, serial: Option<&str>) -> CycleId {
     id
 }
 
-/// Creates a closed store with three signed cycles; a person released the second.
+/// Creates a closed store with three signed cycles; a person signed the second as not released.
 fn signed() -> (TempDir, PathBuf) {
     let (folder, mut store) = new_store();
     store.recover().expect("recovers");
@@ -43,7 +43,14 @@ fn signed() -> (TempDir, PathBuf) {
 
 fn signs(cycle: i64) -> PersonSigningRequest {
     let (name, user) = ("Grace Hopper".to_owned(), "grace".to_owned());
-    PersonSigningRequest { cycle: CycleId(cycle), name, user, meaning: Meaning::InspectedAndReleased, remark: None }
+    PersonSigningRequest {
+        cycle: CycleId(cycle),
+        name,
+        user,
+        meaning: Meaning::InspectedAndNotReleased,
+        remark: None,
+        values: StatedValues::default(),
+    }
 }
 
 fn found(path: &Path) -> Vec<String> {
@@ -83,11 +90,11 @@ fn a_person_signs_a_record_once_for_each_meaning() {
     assert_eq!(persons.len(), 1);
     assert_eq!(
         (persons[0].1.name.as_str(), persons[0].1.meaning.printed_text()),
-        ("Grace Hopper", "inspected and released")
+        ("Grace Hopper", "inspected and not released")
     );
     let refused = Store::sign_by_person(&path, &key(), &signs(2)).expect_err("signed already").to_string();
     assert!(
-        refused.contains("has already signed the record of cycle 2 as inspected and released, 20"),
+        refused.contains("has already signed the record of cycle 2 as inspected and not released, 20"),
         "{refused}"
     );
     Store::sign_by_person(&path, &key(), &PersonSigningRequest { meaning: Meaning::Reviewed, ..signs(2) })
@@ -105,6 +112,64 @@ fn a_person_signs_a_record_once_for_each_meaning() {
             .contains("has no cycle 9")
     );
     assert_eq!(found(&path), [] as [String; 0]);
+}
+
+/// A part whose cycle did not pass is released by two persons, with a reason; and a release can be withdrawn.
+#[test]
+fn a_cycle_that_failed_is_released_by_two_persons_with_a_reason() {
+    let (_folder, path) = signed();
+    let sign = |user: &str, meaning: Meaning, remark: Option<&str>| {
+        let (user, remark) = (user.to_owned(), remark.map(str::to_owned));
+        let signs = PersonSigningRequest { user, meaning, remark, ..signs(1) };
+        Store::sign_by_person(&path, &key(), &signs).map(|row| row.number).map_err(|error| error.to_string())
+    };
+    let refused = |came: Result<u64, String>, words: &str| {
+        let told = came.expect_err("refused");
+        assert!(told.contains(words), "{words}: {told}");
+    };
+    let released = Meaning::InspectedAndReleased;
+    refused(sign("ada", released, Some("clean")), "the cycle's verdict is review: another person must first sign");
+    sign("ada", Meaning::DeviationAccepted, None).expect("one person");
+    refused(sign("ada", released, Some("clean")), "another person must first sign");
+    refused(sign("grace", released, None), "state the reason of the release in the remark");
+    refused(sign("grace", Meaning::ReleaseWithdrawn, Some("an error")), "no person has released it");
+    sign("grace", released, Some("cleaned by hand, tested again in cycle 3")).expect("another person");
+    refused(sign("ada", Meaning::ReleaseWithdrawn, None), "state the reason");
+    sign("ada", Meaning::ReleaseWithdrawn, Some("the wrong part")).expect("with a reason");
+    assert_eq!(found(&path), [] as [String; 0]);
+}
+
+#[test]
+fn a_cycle_that_passed_is_released_by_one_and_one_without_a_part_by_none() {
+    let (folder, mut store) = new_store();
+    store.recover().expect("recovers");
+    let mut ended = |kind: Kind, verdict: Verdict, code: &'static str| {
+        let id = store.begin_cycle(&super::cycles::start()).expect("begun");
+        let reasons = if verdict == Verdict::Pass { vec![] } else { vec![Reason::new(code, "as measured")] };
+        store.store_finding(id, &Finding::new(kind, 0, Judgement { verdict, reasons })).expect("kept");
+        store.conclude(id, verdict, &[]).expect("over");
+    };
+    ended(Kind::Inspect, Verdict::Pass, "");
+    ended(Kind::Locate, Verdict::Reject, "no_panel");
+    ended(Kind::Locate, Verdict::Reject, "shift_limit");
+    let counts = store.verdict_counts().expect("read");
+    assert_eq!(counts, [(Verdict::Pass, 1), (Verdict::Reject, 1)], "an empty cell is no failed part");
+    drop(store);
+    let path = folder.path().join("store");
+    let values = StatedValues { water: Some("deionised, 2 µS/cm, 21 °C".to_owned()), ..StatedValues::default() };
+    let release = |cycle: i64| PersonSigningRequest {
+        meaning: Meaning::InspectedAndReleased,
+        values: values.clone(),
+        ..signs(cycle)
+    };
+    Store::sign_by_person(&path, &key(), &release(1)).expect("passed");
+    let kept = Store::open(&path).expect("opens").person_signatures(CycleId(1)).expect("read");
+    assert_eq!(kept[0].1.values, values, "the values are signed, too");
+    let refused = Store::sign_by_person(&path, &key(), &release(2)).expect_err("refused").to_string();
+    assert!(refused.contains("this cycle tested no part"), "{refused}");
+    let bad = StatedValues { lamp: Some("a\nb".to_owned()), ..StatedValues::default() };
+    let refused = Store::sign_by_person(&path, &key(), &PersonSigningRequest { values: bad, ..signs(1) });
+    assert!(refused.expect_err("refused").to_string().contains("the signature's lamp is"));
 }
 
 /// If a person who knows the program writes the chain and the head anew for changed rows, the signed records

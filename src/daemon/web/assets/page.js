@@ -51,11 +51,12 @@ async function halt(name) {
   say(true, "…");
   // The request is not given up: a service that was busy may still carry it out.
   const late = setTimeout(() => say(false, word("stop.no_answer")), ANSWER_MS);
-  const { ok, status, message } = await send(`/request/${name}`);
+  const { ok, status, told, message } = await send(`/request/${name}`);
   clearTimeout(late);
-  if (status === 0) say(false, word("stop.no_answer"));
-  else if (status >= 500) say(false, `${message} ${word("stop.emergency")}`);
-  else say(ok, ok ? word("stop.taken") : message);
+  // Only the cell's own answer says that the request arrived: it contains the cell's state.
+  if (ok && typeof told?.state === "string") say(true, word("stop.taken"));
+  else if (status === 409) say(false, message);
+  else say(false, `${word("stop.no_answer")} (${message})`);
 }
 
 for (const name of ["stop", "abort"]) document.getElementById(name)?.addEventListener("click", () => halt(name));

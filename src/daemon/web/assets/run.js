@@ -16,11 +16,12 @@ let reviewStep = null;
 let path = null;
 
 /** The record of the shown cycle; what was read of another cycle is never shown. */
-const record = () => (now.cycle !== null && read?.cycle === now.cycle ? read : { part: null, panel: null, passes: null, grids: {} });
+const record = () => (now.cycle !== null && read?.cycle === now.cycle ? read : { part: null, panel: null, passes: null, grids: {}, no_part: false });
 
 /** How a state is shown: only abnormal states have a colour, and a sign beside it. */
 function looks(now) {
   if (!now.answers || now.state === "aborted" || now.state === "aborting") return "bad";
+  if (now.state === "complete" && record().no_part) return "doubt";
   if (now.state === "complete") return { pass: "good", accept: "good", fail: "bad", reject: "bad" }[now.verdict] ?? "doubt";
   if (now.state === "held" || now.state === "holding" || (now.state === "stopped" && now.verdict === "aborted") || (now.reasons.length > 0 && now.state !== "execute")) return "doubt";
   return "";
@@ -35,7 +36,7 @@ const DECISIONS = new Set(["unhold", "accept", "clear"]);
 /** A text of the program for this page: with buttons instead of commands, and without the backticks around names. */
 const readable = (text) => COMMANDS.reduce((all, [command, name]) => all.replaceAll(`\`panelprep ctl ${command}\``, `“${action(name)}”`), text).replaceAll("`", "");
 
-/** The meanings of the requested codes, by code: { cause, remedy }, or null if there is no answer yet. */
+/** The meanings of the requested codes, by code: { short, cause, remedy }, or null if there is no answer yet. */
 const meanings = new Map();
 
 /** The meaning of a code and its remedy, in the page's language; fetched once, and the state is shown again when it arrives. */
@@ -50,10 +51,12 @@ function meaning(code) {
   return meanings.get(code);
 }
 
-/** What a review waits for: a worn disc, a decision on what the tool did, which drying the panel does not change, or another decision. */
+/** What a review waits for: a worn disc, a decision on what the tool did (the phase Assess), which drying the panel does not change, or another decision. */
 function reviewKind() {
-  if (now.reasons.some(({ code }) => code === "disc_worn")) return "_disc";
-  return now.possible.includes("unhold --dried") ? "" : "_contact";
+  // A person who may not accept the result calls one who may.
+  const call = document.querySelector('button[data-request="accept"]') ? "" : "_call";
+  if (now.reasons.some(({ code }) => code === "disc_worn")) return `_disc${call}`;
+  return now.phase === "assess" ? `_contact${call}` : call;
 }
 
 /** The texts of a reason on this page, { text, sentence, remedy }: in the page's language, with the program's English sentence and its values beside it. */
@@ -64,6 +67,8 @@ function said(reason) {
   const sentence = `${readable(reason.message)} (${reason.code})`;
   const known = meaning(reason.code);
   const remedy = known ? readable(known.remedy) : "";
+  // One short line is read from a distance; the sentence with its values is beside it.
+  if (known?.short) return { text: known.short, sentence, remedy };
   const isEnglish = document.documentElement.lang === "en";
   return known && !isEnglish ? { text: readable(known.cause), sentence, remedy } : { text: sentence, sentence: "", remedy };
 }
@@ -76,7 +81,9 @@ function next() {
 
 function showState() {
   const ended = ["complete", "stopped", "aborted"].includes(now.state) && now.verdict;
-  const verdict = now.verdict && now.state !== "aborted" ? `: ${word(`verdict.${now.verdict}`)}` : "";
+  // A cycle that found no part says nothing about the part that was named.
+  const isNoPart = now.state === "complete" && Boolean(record().no_part);
+  const verdict = now.verdict && now.state !== "aborted" ? `: ${word(`verdict.${isNoPart ? "no_part" : now.verdict}`)}` : "";
   const state = id("state");
   state.dataset.state = now.state ?? "";
   state.className = `state ${looks(now)}`;
@@ -85,7 +92,8 @@ function showState() {
   const part = named ?? {};
   set(id("panel"), [now.panel ?? panel, part.serial, part.order, part.operator].filter(Boolean).join(" · "));
   // The reasons of a review are shown beside its pictures and buttons.
-  const list = (now.is_review ? now.reasons.slice(0, 1) : now.reasons).map(said);
+  const given = (now.is_review ? now.reasons.slice(0, 1) : now.reasons).map(said);
+  const list = isNoPart ? [{ text: word("next.no_part"), sentence: "", remedy: "" }, ...given] : given;
   const first = list[0] ?? { text: next(), sentence: "", remedy: "" };
   set(id("why"), first.text);
   id("why").classList.toggle("is-long", first.text.length > 140);
@@ -96,7 +104,11 @@ function showState() {
   const more = id("reasons");
   if (more.dataset.list !== JSON.stringify(list)) {
     more.dataset.list = JSON.stringify(list);
-    more.replaceChildren(...list.slice(1).map(({ text }) => Object.assign(document.createElement("li"), { textContent: text })));
+    more.replaceChildren(...list.slice(1).map(({ text, sentence }) => {
+      const item = Object.assign(document.createElement("li"), { textContent: text });
+      if (sentence) item.append(" ", Object.assign(document.createElement("small"), { lang: "en", textContent: sentence }));
+      return item;
+    }));
   }
 }
 
@@ -140,6 +152,8 @@ function showButtons() {
   const isShown = reviewStep !== null && reviewStep === now.step;
   for (const button of document.querySelectorAll('button[data-request="accept"]')) button.disabled ||= !isShown;
   for (const button of document.querySelectorAll("button[data-needs]")) button.disabled = !possible.has(button.dataset.needs);
+  const second = document.querySelector("#start-second button[type=submit]");
+  if (second) second.disabled ||= !isStartOpen();
 }
 
 function showGrids() {
@@ -254,8 +268,42 @@ async function ask(button) {
   if (now) showButtons();
 }
 
+// A start needs two presses: the second one states that the guard is closed and no person is inside.
+const START_PAUSE_MS = 1000; // a double click is one press
+const START_ASKED_MS = 20_000; // after this time the cell may have changed, and the question is asked anew
+let startAsked = null;
+
+/** Whether the second press counts now. */
+function isStartOpen() {
+  const since = startAsked === null ? -1 : Date.now() - startAsked;
+  return since >= START_PAUSE_MS && since < START_ASKED_MS;
+}
+
+/** Shows the question before a start, or the first button in its place. */
+function askStart(isAsked) {
+  if (!id("start-second")) return;
+  startAsked = isAsked ? Date.now() : null;
+  id("start-second").hidden = !isAsked;
+  id("start-first").hidden = isAsked;
+  // The answer that starts nothing has the focus.
+  if (isAsked) id("start-cancel").focus();
+  if (now) showButtons();
+}
+
+id("start-first")?.addEventListener("click", () => { if (id("start").reportValidity()) askStart(true); });
+id("start-cancel")?.addEventListener("click", () => askStart(false));
+id("start")?.addEventListener("input", () => askStart(false));
+id("start")?.addEventListener("submit", () => askStart(false));
+// A scanner ends each code with Enter: it leads to the next field, and never starts the arm.
+id("start")?.addEventListener("keydown", (event) => {
+  if (event.key !== "Enter") return;
+  event.preventDefault();
+  const fields = [...id("start").querySelectorAll("input[name=serial], input[name=order]")];
+  if (fields.includes(event.target)) fields[fields.indexOf(event.target) + 1]?.focus();
+});
+
 // The next part is another one, so the form is emptied after a start.
-id("start")?.addEventListener("sent", () => { for (const field of id("start").querySelectorAll("input")) { field.value = ""; field.checked = false; } });
+id("start")?.addEventListener("sent", () => { for (const field of id("start").querySelectorAll("input:not([type=hidden])")) { field.value = ""; field.checked = false; } });
 
 for (const button of document.querySelectorAll("button[data-request]")) button.addEventListener("click", () => ask(button));
 
@@ -299,4 +347,9 @@ function listen() {
   source.onerror = () => { if (source.readyState === EventSource.CLOSED) setTimeout(listen, 1000); };
 }
 listen();
-setInterval(showStale, 500);
+setInterval(() => {
+  showStale();
+  if (startAsked === null) return;
+  if (Date.now() - startAsked >= START_ASKED_MS) askStart(false);
+  else if (now && Date.now() - heard <= STALE_MS) showButtons();
+}, 500);
