@@ -11,7 +11,7 @@ use super::derivatives::Parameter;
 use super::map::{DeviationMap, MapPixel};
 use super::net::sides_mm;
 use crate::geometry::{
-    Camera, HeightSample, OrganizedCloud, Panel, RasterSize, Rigid, RobustField, SmoothField, Vector,
+    Camera, HeightSample, OrganizedCloud, Panel, Point, RasterSize, Rigid, RobustField, SmoothField, Vector,
 };
 use crate::panel::TaughtPanel;
 use nalgebra::Point2;
@@ -36,6 +36,18 @@ pub struct TodaysPoint {
     at: Parameter,
     /// The point, mm.
     point: Vector<Panel>,
+}
+
+impl TodaysPoint {
+    /// The point in the panel's frame.
+    pub fn position(&self) -> Point<Panel> {
+        Point::new(self.point.mm.into())
+    }
+
+    /// Its parameters on the taught surface.
+    pub fn parameter(&self) -> Parameter {
+        self.at
+    }
 }
 
 /// Today's surface with its deviations from the taught surface and the scan.
