@@ -15,7 +15,6 @@ use super::model::Model;
 use super::pieces::Piece;
 use crate::geometry::statistics::{NORMAL_TWO_SIDED_95, PANEL_MAX_95};
 use crate::geometry::{Base, Camera, Degrees, Panel, Point, PoseUncertainty, Rigid};
-use crate::panel::panel_from_base_at_teaching;
 use nalgebra::Matrix6;
 
 /// A pose with its evidence.
@@ -241,9 +240,8 @@ pub(super) fn compute_evidence(
 /// Returns the shift of the centre, the rotation about the mean normal and the tilt of this normal, relative to the
 /// nominal pose.
 fn displacement(base_from_panel: Rigid<Base, Panel>, model: &Model) -> (f64, Degrees, Degrees) {
-    // Nominally the panel's frame is equal to the base frame: only then are coordinates in the two frames
-    // comparable.
-    let moved = panel_from_base_at_teaching() * base_from_panel;
+    // Seen in the panel's frame at its nominal pose: only there are coordinates of the two poses comparable.
+    let moved = model.nominal_pose.inverse() * base_from_panel;
     let (centre, normal) = (model.centre_point(), model.normal_direction());
     // Swing and twist: the part of the quaternion along the normal is the rotation in the plane.
     let rotation = moved.isometry().rotation;

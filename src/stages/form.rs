@@ -52,7 +52,7 @@ pub(super) fn form_checks(form: Option<&Form>, reference: TaughtSource, limits: 
 fn profile_name(reference: TaughtSource) -> &'static str {
     match reference {
         TaughtSource::Scan => name::PROFILE,
-        TaughtSource::Drawing { .. } => name::PROFILE_FROM_DRAWING,
+        TaughtSource::Drawing => name::PROFILE_FROM_DRAWING,
     }
 }
 
@@ -136,7 +136,6 @@ impl Figure<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Rigid;
     use crate::recipe::Recipe;
     use crate::verdict::{Judgement, Verdict};
 
@@ -204,8 +203,7 @@ mod tests {
             let checks = form_checks(Some(&round), reference, recipe(keys).surface());
             checks.into_iter().map(|check| check.name).collect()
         };
-        let drawing =
-            TaughtSource::Drawing { panel_from_drawing: Rigid::from_isometry_unchecked(Default::default()) };
+        let drawing = TaughtSource::Drawing;
         assert_eq!(names(TaughtSource::Scan, "")[0], name::PROFILE);
         assert_eq!(names(drawing, "")[0], name::PROFILE_FROM_DRAWING);
         assert!(!names(drawing, "").contains(&name::FLATNESS.to_owned()));

@@ -166,7 +166,7 @@ fn map_caption(reference: TaughtSource, form: Option<&Form>) -> String {
 fn deviation_name(reference: TaughtSource) -> &'static str {
     match reference {
         TaughtSource::Scan => name::DEVIATION,
-        TaughtSource::Drawing { .. } => name::DEVIATION_FROM_DRAWING,
+        TaughtSource::Drawing => name::DEVIATION_FROM_DRAWING,
     }
 }
 
@@ -183,7 +183,7 @@ fn deviations(todays: &TodaysSurfaceFit, reference: TaughtSource, limits: &recip
                 let [mm, limit_mm] = distinguishable_texts(deviation_mm, limit_mm, 2);
                 let (other, clamped) = match reference {
                     TaughtSource::Scan => (reference.describe(), "that it is clamped as at teaching"),
-                    TaughtSource::Drawing { .. } => (reference.describe(), "that it is clamped without a bend"),
+                    TaughtSource::Drawing => (reference.describe(), "that it is clamped without a bend"),
                 };
                 format!(
                     "the panel's surface is up to {mm} mm from {other} (limit {limit_mm} mm): look at the \
