@@ -187,7 +187,7 @@ mod tests {
             (
                 format!(
                     r#"{{"base_from_panel": {BARE}, "base_from_drawing": {}}}"#,
-                    BARE.replacen("1.0", "2.0", 1)
+                    BARE.replacen("2.5", "3.5", 1)
                 ),
                 "base_from_panel differs from base_from_drawing",
             ),

@@ -196,7 +196,8 @@ const BY_DATUMS: &str = "[surface]\nmax_profile_mm = 3.0\n[nominal]\ndatums_draw
 #[test]
 fn the_base_of_a_drawn_panel_is_the_frame_of_the_drawing() {
     let by_scan = Fake::new(Scene::Good).run(Asks::one_cycle());
-    let fake = Fake { more_recipe: BY_DATUMS, ..Fake::new(Scene::Good) };
+    let mut fake = Fake::new(Scene::Good);
+    fake.more_recipe = BY_DATUMS;
     let by_drawing = fake.run(Asks::one_cycle());
     assert_eq!(by_drawing.outcome.verdict, Some(Verdict::Pass), "{by_drawing}");
     let nominal: Rigid<Base, Panel> =
