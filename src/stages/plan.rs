@@ -5,7 +5,7 @@ use super::removal::{self, EarlierRemoval, PathRemovalTotal, RemovalInputs};
 use super::survey::ToolState;
 use super::{ResultDrawing, names};
 use crate::cell::Limits;
-use crate::geometry::{Base, Panel, Point, Rigid};
+use crate::geometry::{Panel, Point};
 use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::path::disc::DiscWearPlan;
 use crate::path::panel_reach::{self, ReachSetup, ReachablePlan};
