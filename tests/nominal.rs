@@ -73,12 +73,13 @@ impl<'a> Taught<'a> {
 /// them, mm.
 ///
 /// The calibrated mount of the camera is in error. In the frame of a panel that was taught by a scan its points have
-/// that error, too, and in the frame of the drawing they have not. What counts is where the tool meets them.
+/// that error, too, and in the frame of the drawing, which is then the panel's, they have not. What counts is where the
+/// tool meets them.
 fn contact_error_mm(cell: &Cell, base_from_panel: Rigid<Base, Panel>, is_drawn: bool) -> f64 {
     let truth = cell.truth();
     let base_from_base = cell.calibrated_base_from_camera() * truth.base_from_camera.inverse();
     let panel_from_panel: Rigid<Panel, Panel> = match is_drawn {
-        true => Rigid::identity(),
+        true => Rigid::from_isometry_unchecked(*cell.drawing().1.inverse().isometry()),
         false => Rigid::from_isometry_unchecked(*base_from_base.isometry()),
     };
     let off_mm = |point: Point<Panel>| {
@@ -98,7 +99,7 @@ fn a_panel_from_its_drawing_is_found_as_one_that_was_scanned() {
         let by_scan = Taught::new(&cell, &cell.taught_scan(), false);
         let by_drawing = Taught::new(&cell, &drawn(&cell), true);
         assert_eq!(by_scan.panel.reference, TaughtSource::Scan);
-        assert!(matches!(by_drawing.panel.reference, TaughtSource::Drawing { .. }));
+        assert!(matches!(by_drawing.panel.reference, TaughtSource::Drawing));
         let [scanned, located] = [by_scan.locate(&scan), by_drawing.locate(&scan)];
         let judgement = gate::judge(&located, &by_drawing.recipe);
         // Without a fixture in the drawing, a camera that moved since cannot be noticed: nothing else is doubted.
@@ -135,7 +136,8 @@ fn region_mm() -> [[f64; 3]; 4] {
 /// The drawing's frame lies where the panel truly carries it, within what is stated, and the mount's error of 0.3 mm.
 fn assert_base_from_drawing(located: &serde_json::Value) {
     let cell = Cell::new(1, Scene::Good, 4);
-    let found: KukaPose = serde_json::from_value(located["base_from_drawing"].clone()).expect("a pose");
+    assert_eq!(located["base_from_panel"], located["base_from_drawing"], "the panel's frame is the drawing's");
+    let found: KukaPose = serde_json::from_value(located["base_from_panel"].clone()).expect("a pose");
     let found: Rigid<Base, Drawing> = found.to_rigid();
     let panel_from_drawing: Rigid<Panel, Drawing> = Rigid::from_isometry_unchecked(*cell.drawing().1.isometry());
     let expected = cell.truth().base_from_panel * panel_from_drawing;

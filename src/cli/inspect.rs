@@ -25,7 +25,7 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
     }
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
-    let placed = PlacedPanel::read(&files, args.located.as_ref())?;
+    let placed = PlacedPanel::read(&files, &recipe, args.located.as_ref())?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let demands = Demands::from_recipe(&recipe, files.cell.limits());
     let clip = match (&args.clip, &args.truth) {

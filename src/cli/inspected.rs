@@ -51,11 +51,11 @@ impl PlacedPanel {
     ///
     /// # Errors
     /// If a file is invalid.
-    pub fn read(files: &CellFiles, located: Option<&PathBuf>) -> Result<Self, Fault> {
+    pub fn read(files: &CellFiles, recipe: &Recipe, located: Option<&PathBuf>) -> Result<Self, Fault> {
         Ok(PlacedPanel {
             camera: files.scanner()?.value,
             base_from_camera: files.base_from_camera()?.value,
-            base_from_panel: load::located(located)?,
+            base_from_panel: load::located(located, recipe)?,
             is_assumed: located.is_none(),
         })
     }

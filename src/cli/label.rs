@@ -77,7 +77,7 @@ fn size_px(folder: &Path, shots: &[ClipEntry], camera: Option<&PinholeCamera>) -
 fn grids(recipe_file: &Path, args: &Label, common: &Common) -> Result<(Vec<GridOutline>, PinholeCamera), Fault> {
     let cell_files = CellFiles::read(common)?;
     let recipe = load::recipe(recipe_file)?;
-    let placed = PlacedPanel::read(&cell_files, args.located.as_ref())?;
+    let placed = PlacedPanel::read(&cell_files, &recipe, args.located.as_ref())?;
     let taught = load::taught(&cell_files, recipe_file, &recipe)?;
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let outline = |grid: &crate::panel::Grid| {

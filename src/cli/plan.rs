@@ -15,7 +15,7 @@ use crate::path::disc::DiscWearPlan;
 use crate::path::dwell::{self, Dwell, GridDwell};
 use crate::path::panel_reach::ReachSetup;
 use crate::path::routes::Sander;
-use crate::path::{self, DwellSpread, Kinematics, Program, ProgramName, Waypoint};
+use crate::path::{self, DwellSpread, Kinematics, PanelPoses, Program, ProgramName, Waypoint};
 use crate::recipe::Recipe;
 use crate::report::{PanelOverlay, dwell_map, overlap_map};
 use crate::stages::plan::{self, ReachStart};
@@ -43,7 +43,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
     let program = args.krl.as_ref().map(|file| Ok::<_, Fault>((file, program_name(file)?))).transpose()?;
-    let base_from_panel = load::located(args.located.as_ref())?;
+    let base_from_panel = load::located(args.located.as_ref(), &recipe)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let grids = if args.grids.is_empty() {
         taught.panel.region.ids().collect()
@@ -68,7 +68,8 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let is_looked_at = !matches!(reach, ReachStart::Unknown);
     let mut stage = plan::judge(plan, on, reach, (&recipe, tool), (None, EarlierRemoval::default()));
     if files.cell.limits().workspace().is_some() || program.is_some() {
-        stage = stage.gated_in_base(base_from_panel, files.cell.limits());
+        let poses = PanelPoses { now: base_from_panel, nominal: taught.panel.nominal_pose };
+        stage = stage.gated_in_base(poses, files.cell.limits());
     }
     let reach_words = match &stage.reached {
         Some(reached) => format!(

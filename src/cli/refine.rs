@@ -18,7 +18,7 @@ use std::path::Path;
 pub fn run(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
-    let located = load::located(Some(&args.located))?;
+    let located = load::located(Some(&args.located), &recipe)?;
     let lens = files.flange_camera()?;
     let (camera, extent) = (lens.value, lens.extent);
     let flange_from_camera = files.flange_from_camera()?.value;

@@ -238,7 +238,7 @@ fn report_constraint(
     }
     outcome.add_value("marks_mm", json!(marks_mm));
     // A drawing shows no fixture, so that advice about the fixture cannot help.
-    let is_drawn = matches!(taught.panel.reference, TaughtSource::Drawing { .. });
+    let is_drawn = matches!(taught.panel.reference, TaughtSource::Drawing);
     let fit = found.as_ref().ok().filter(|_| !is_drawn);
     let at_teaching = outline.as_ref().map_or(Vec::new(), |outline| gate::teaching_warnings(outline, fit));
     let unwatched = is_drawn.then(|| {

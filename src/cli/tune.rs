@@ -29,7 +29,7 @@ const MAX_PICTURES_PER_PHASE: usize = 10;
 pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
-    let placed = PlacedPanel::read(&files, args.located.as_ref())?;
+    let placed = PlacedPanel::read(&files, &recipe, args.located.as_ref())?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let list = args.clip.join("clip.csv");
     let clip = read_clip(&args.clip)?;

@@ -23,7 +23,7 @@ use crate::stages::plan::{self, PlanOutcome, ReachStart};
 use crate::stages::rejected_finding;
 use crate::stages::removal::RemovalInputs;
 use crate::stages::survey::{self, ToolState};
-use crate::surface::{self, Fit, TodaysPoint};
+use crate::surface::{self, Fit, TodaysScan};
 use crate::verdict::{Check, Limit, LimitSource, Reason, Severity};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -135,7 +135,7 @@ impl AbrasionWork {
         &mut self,
         cycle: &CycleSetup,
         (pass, found, panel): (u8, Grade, &Approach<'_>),
-        points: &[TodaysPoint],
+        scan: &TodaysScan,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         let taught = match self.as_taught(cycle, record)? {
@@ -146,7 +146,7 @@ impl AbrasionWork {
             }
         };
         record.figure(&figure_alone(survey::draw_surface(&taught.map)))?;
-        let today = survey::correct_by_scan((&cycle.panel, &taught), points, cycle.recipe.surface());
+        let today = survey::correct_by_scan((&cycle.panel, &taught), scan, cycle.recipe.surface());
         if let Some(drawing) = today.drawing {
             record.figure(&figure_alone(drawing))?;
         }

@@ -13,11 +13,10 @@ use crate::cycle::{Action, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, MoveLin, QueueError, SetAccSpeed, Signal, State, Time};
 use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use crate::number_text::distinguishable_texts;
-use crate::panel::panel_from_base_at_teaching;
 use crate::path::reach::{self, Infeasibility, Obstacles};
 use crate::path::routes::{self, GatedPath, LinearMotion, PathSpeed, StartState};
 use crate::path::trace::Trace;
-use crate::path::{Kinematics, judge_joints, taught_axis};
+use crate::path::{Kinematics, PanelPoses, judge_joints, taught_axis};
 use crate::record::{Finding, Kind};
 use crate::verdict::Reason;
 use std::sync::Arc;
@@ -240,11 +239,11 @@ impl LoopMemory<'_> {
         self.perception.obstacles().cloned().unwrap_or_else(|| self.last_known_panel(cycle))
     }
 
-    /// Returns the panel at the pose last found by the earlier cycles; if none found it, at the pose at which it was
-    /// taught.
+    /// Returns the panel as the earlier cycles last found one displaced; if none found one, at its nominal pose.
     fn last_known_panel(&self, cycle: &CycleSetup) -> Arc<Obstacles> {
-        let base_from_panel: Rigid<Base, Panel> =
-            self.last_panel_pose.map_or_else(|| panel_from_base_at_teaching().inverse(), |place| place.to_rigid());
+        let moved: Rigid<Base, Base> =
+            self.last_panel_motion.map_or_else(Rigid::identity, |motion| motion.to_rigid());
+        let base_from_panel = moved * cycle.panel.nominal_pose;
         Arc::new(
             Obstacles::default()
                 .with_points_of("panel", cycle.panel.points().map(|(_, point)| base_from_panel * point)),
@@ -314,6 +313,7 @@ impl LoopMemory<'_> {
     fn gate_current_path(&self, motion: Motion) -> Option<GatedPath> {
         let (cycle, state) = (self.cycle_setup()?, self.robot_state?);
         let place = self.perception.panel_pose();
+        let poses = place.map(|now| PanelPoses { now, nominal: cycle.panel.nominal_pose });
         let pad: Rigid<Panel, Tool> = state.base_from_tcp.to_rigid();
         // The panel is an obstacle on the way to a view of it, and not on a path that leads to its surface.
         let obstacles = matches!(motion.path, Path::Corner { .. }).then(|| self.obstacles_at_rest(cycle));
@@ -338,18 +338,19 @@ impl LoopMemory<'_> {
                 Some(routes::gate_air_motion(standing, place?, (pad, to), None))
             }
             Path::Contact => {
-                Some(routes::contact(standing, place?, (pad, self.abrasion.plan(motion.plan)?), settings))
+                Some(routes::contact(standing, poses?, (pad, self.abrasion.plan(motion.plan)?), settings))
             }
             Path::Air => {
                 let lifted = routes::lift_contact_points(self.abrasion.plan(motion.plan)?, settings.approach_mm());
-                Some(routes::contact(standing, place?, (pad, &lifted), settings))
+                Some(routes::contact(standing, poses?, (pad, &lifted), settings))
             }
             Path::Retract => {
                 let back = nalgebra::Vector3::z() * -settings.approach_mm();
                 // From the reported pose, not from the planned end: after a stop the pad is anywhere on the path.
                 let to = pad
                     * Rigid::<Tool, Tool>::identity().followed_by_displacement(crate::geometry::Vector::new(back));
-                let axis = self.abrasion.latest_plan().and_then(taught_axis);
+                let plan = self.abrasion.latest_plan();
+                let axis = plan.and_then(|plan| taught_axis(plan, cycle.panel.nominal_pose));
                 Some(routes::gate_air_motion(standing, place?, (pad, to), axis))
             }
         }

@@ -15,7 +15,7 @@ use crate::path::reach::Obstacles;
 use crate::phase::Phase;
 use crate::record::{Budget, Kind};
 use crate::stages::{self, ResultDrawing, film};
-use crate::surface::{self, TodaysPoint};
+use crate::surface::{self, FormErrors, TodaysScan};
 use crate::{locate, report};
 use std::sync::Arc;
 use std::time::Instant;
@@ -33,8 +33,8 @@ pub(super) struct Perception {
     pub corners: CornerLoop,
     /// The panel at its found pose and everything else in the scan, as obstacles for the arm.
     obstacles: Option<Arc<Obstacles>>,
-    /// The points of the panel's region in the scan by which the panel was located.
-    todays_points: Arc<Vec<TodaysPoint>>,
+    /// The points of the panel's region in the scan by which the panel was located, with their errors.
+    todays_scan: Arc<TodaysScan>,
     dry: Option<(Arc<ColorPicture>, f64)>,
     /// The films of this cycle, in order.
     pub inspections: Vec<Arc<Inspection>>,
@@ -92,8 +92,8 @@ impl Perception {
     }
 
     /// Returns the points of the panel's region in the scan in which the panel was located.
-    pub fn todays_points(&self) -> &Arc<Vec<TodaysPoint>> {
-        &self.todays_points
+    pub fn todays_scan(&self) -> &Arc<TodaysScan> {
+        &self.todays_scan
     }
 
     /// Returns the data of the panel's pose on which a later phase's result depends, as text. The obstacles are not
@@ -136,7 +136,7 @@ impl Perception {
     ) -> Result<Answer, DaemonError> {
         // Forgotten before the shot: if the camera fails, no act may use the place of the former scan.
         (self.located, self.located_mm, self.place, self.obstacles) = (None, None, None, None);
-        (self.dry, self.corners, self.todays_points) = (None, CornerLoop::default(), Arc::default());
+        (self.dry, self.corners, self.todays_scan) = (None, CornerLoop::default(), Arc::default());
         let errors = &cycle.calibrations.scan_errors;
         // The taught panel is prepared while the camera takes its scan.
         let scan = std::thread::scope(|threads| {
@@ -178,7 +178,14 @@ impl Perception {
         })?;
         if let Some(place) = place {
             let panel_from_camera = place.inverse() * base_from_camera;
-            self.todays_points = Arc::new(surface::todays_points(&cycle.panel, &scan, &panel_from_camera));
+            let scan_mm = errors.range.point_mm();
+            self.todays_scan = Arc::new(TodaysScan {
+                points: surface::todays_points(&cycle.panel, &scan, &panel_from_camera),
+                errors: located
+                    .fit
+                    .as_ref()
+                    .map(|fit| FormErrors { scan_mm, pose: fit.pose_uncertainty(base_from_camera) }),
+            });
             record.show_scan(&scan, &panel_from_camera);
         }
         (self.located, self.place, self.located_mm, self.obstacles) = (place, place, located_mm, obstacles);

@@ -356,9 +356,12 @@ impl LoopMemory<'_> {
         match self.ports.record.begin(prepared.start) {
             Ok(cycle) => {
                 let (robot, armed) = (self.robot_state.map(Box::new), self.deadlines.to_recording());
-                let place =
-                    self.perception.panel_pose().map(|place| KukaPose::from_rigid(&place)).or(self.last_panel_pose);
-                self.last_panel_pose = place;
+                // The next panel may have another frame: both share the motion from the nominal pose.
+                let nominal = self.cycle_setup().map(|cycle| cycle.panel.nominal_pose);
+                let moved = self.perception.panel_pose().zip(nominal);
+                let moved = moved.map(|(place, nominal)| KukaPose::from_rigid(&(place * nominal.inverse())));
+                let place = moved.or(self.last_panel_motion);
+                self.last_panel_motion = place;
                 self.ports
                     .requests
                     .publish(LoopEvent::Begun(cycle, LoopMemoryStart::Cycle { robot, armed, place }));

@@ -58,8 +58,8 @@ pub(super) struct LoopMemory<'p> {
     pub press_state: PressState,
     pub pending_action: Option<PendingAction>,
     pub sent_path: Option<SentPath>,
-    /// The last known pose of the panel in the earlier cycles.
-    pub last_panel_pose: Option<KukaPose>,
+    /// The motion from a panel's nominal pose to the pose last known in the earlier cycles, in the base.
+    pub last_panel_motion: Option<KukaPose>,
     /// The axes at the end of the last path. `None` after a stop, an abort, a lost robot or a start of the program,
     /// and during a motion.
     pub axes_at_path_end: Option<Joints>,
@@ -116,7 +116,7 @@ impl<'p> LoopMemory<'p> {
             pending_action: None,
             sent_path: None,
             remarks: Vec::new(),
-            last_panel_pose: None,
+            last_panel_motion: None,
             axes_at_path_end: None,
             executed_at_stop: 0,
             robot_state: None,
@@ -134,7 +134,7 @@ impl<'p> LoopMemory<'p> {
     /// Continues from the point at which another loop began a cycle.
     pub(super) fn restore_memory(&mut self, before: LoopMemoryStart) {
         if let LoopMemoryStart::Cycle { robot, armed, place } = before {
-            self.last_panel_pose = place;
+            self.last_panel_motion = place;
             self.events.clear();
             (self.robot_state, self.condition) = (robot.map(|robot| *robot), self.state.facts.robot);
             self.full_override = self.robot_state.map(|_| self.state.facts.full_override);

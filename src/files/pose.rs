@@ -23,6 +23,12 @@ pub enum PoseError {
         /// The key.
         key: &'static str,
     },
+    /// The file was printed when the panel's frame was not the drawing's.
+    #[error(
+        "base_from_panel differs from base_from_drawing: an earlier version printed this file, in which the panel's frame was not \
+         the drawing's; locate the panel again"
+    )]
+    OldFrame,
     /// The file is the output of a command that states that its pose must not be used.
     #[error("the verdict in this file is 'reject'; its {key} must not be used")]
     Rejected {
@@ -38,6 +44,10 @@ pub enum PoseError {
 pub fn read_located(bytes: &[u8]) -> Result<KukaPose, PoseError> {
     let key = "base_from_panel";
     let printed: Option<LocatedFile> = parse_if_present(bytes, key)?;
+    let drawn = printed.as_ref().and_then(|printed| printed.base_from_drawing);
+    if printed.as_ref().is_some_and(|printed| drawn.is_some() && drawn != printed.base_from_panel) {
+        return Err(PoseError::OldFrame);
+    }
     printed.map_or_else(
         || parse_bare_pose(bytes, key),
         |printed| check_verdict(printed.base_from_panel, printed.verdict, key),
@@ -103,6 +113,7 @@ pub fn write_pose(pose: &KukaPose) -> String {
 #[derive(Deserialize)]
 struct LocatedFile {
     base_from_panel: Option<KukaPose>,
+    base_from_drawing: Option<KukaPose>,
     verdict: Option<String>,
     uncertainty_mm: Option<f64>,
 }
@@ -173,6 +184,13 @@ mod tests {
             (BARE.replace("2.5", "\"2.5\""), "invalid type: string \"2.5\", expected f64"),
             (format!(r#"{{"base_from_flange": {BARE}}}"#), "unknown field `base_from_flange`"),
             (r#"{"base_from_panel": null}"#.to_owned(), "base_from_panel is null"),
+            (
+                format!(
+                    r#"{{"base_from_panel": {BARE}, "base_from_drawing": {}}}"#,
+                    BARE.replacen("2.5", "3.5", 1)
+                ),
+                "base_from_panel differs from base_from_drawing",
+            ),
             (
                 format!(r#"{{"verdict": "reject", "base_from_panel": {BARE}}}"#),
                 "the verdict in this file is 'reject'",

@@ -14,7 +14,7 @@ use super::solve::{Constraint, ResidualSums, ResidualWeighting, apply_twist, spr
 use super::taught_model::TaughtModel;
 use crate::geometry::statistics::PANEL_MAX_95;
 use crate::geometry::{Camera, Frame, OrganizedCloud, Panel, Pixel, Rigid};
-use crate::panel::{TaughtPanel, panel_from_base_at_teaching};
+use crate::panel::TaughtPanel;
 use crate::recipe;
 use nalgebra::{Matrix6, Vector2};
 use rayon::prelude::*;
@@ -87,7 +87,7 @@ pub(super) fn teaching_uncertainty_mm(
 
 /// Returns for each block of the taught scan whether it lies in the search box.
 fn box_blocks_at_teaching(panel: &TaughtPanel, fixture: &Grid, settings: &recipe::Locate) -> Vec<bool> {
-    let base_from_camera = panel_from_base_at_teaching().inverse() * panel.panel_from_camera;
+    let base_from_camera = panel.nominal_pose * panel.panel_from_camera;
     grid::blocks_in_box(fixture, &base_from_camera, settings.box_min_mm(), settings.box_max_mm())
 }
 

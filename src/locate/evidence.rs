@@ -13,9 +13,8 @@ use super::grid::RigidF32;
 use super::matched_shares::{OutlineShares, SurfaceShares, marks_found, saturated_share, scan_found};
 use super::model::Model;
 use super::pieces::Piece;
-use crate::geometry::statistics::PANEL_MAX_95;
-use crate::geometry::{Base, Camera, Degrees, Panel, Rigid};
-use crate::panel::panel_from_base_at_teaching;
+use crate::geometry::statistics::{NORMAL_TWO_SIDED_95, PANEL_MAX_95};
+use crate::geometry::{Base, Camera, Degrees, Panel, Point, PoseUncertainty, Rigid};
 use nalgebra::Matrix6;
 
 /// A pose with its evidence.
@@ -72,6 +71,8 @@ pub struct Fit {
     pub camera_at_teaching_mm: Option<f64>,
     /// Covariance of a small twist (ω, v) about the panel's centre in the camera's frame, rad and mm.
     pub covariance: Matrix6<f64>,
+    /// The panel's centre.
+    pub centre: Point<Panel>,
     /// The largest error over the whole panel is smaller than this with a probability of 95 %, mm.
     pub uncertainty_mm: f64,
     /// The same uncertainty if the panel were at its taught pose, at which a scale error that all scans of the 3D
@@ -125,11 +126,25 @@ impl Fit {
 
     /// Returns the pose with an uncertainty that is increased by this additional error, mm.
     pub(super) fn with_additional_error(self, off_mm: f64) -> Self {
+        let mut covariance = self.covariance;
+        for axis in 3..6 {
+            covariance[(axis, axis)] += (off_mm / NORMAL_TWO_SIDED_95).powi(2);
+        }
         Fit {
+            covariance,
             uncertainty_mm: self.uncertainty_mm + off_mm,
             uncertainty_at_taught_place_mm: self.uncertainty_at_taught_place_mm + off_mm,
             uncertainty_without_scale_mm: self.uncertainty_without_scale_mm + off_mm,
             ..self
+        }
+    }
+
+    /// Returns the uncertainty of the pose at each place, from the pose of the camera.
+    pub fn pose_uncertainty(&self, base_from_camera: Rigid<Base, Camera>) -> PoseUncertainty {
+        PoseUncertainty {
+            camera_from_panel: base_from_camera.inverse() * self.base_from_panel,
+            centre: self.centre,
+            covariance: self.covariance,
         }
     }
 
@@ -214,6 +229,7 @@ pub(super) fn compute_evidence(
         weakest_mm,
         weakest_direction: weakest,
         covariance,
+        centre: model.centre_point(),
         shift_mm,
         turn,
         tilt,
@@ -224,9 +240,8 @@ pub(super) fn compute_evidence(
 /// Returns the shift of the centre, the rotation about the mean normal and the tilt of this normal, relative to the
 /// nominal pose.
 fn displacement(base_from_panel: Rigid<Base, Panel>, model: &Model) -> (f64, Degrees, Degrees) {
-    // Nominally the panel's frame is equal to the base frame: only then are coordinates in the two frames
-    // comparable.
-    let moved = panel_from_base_at_teaching() * base_from_panel;
+    // Seen in the panel's frame at its nominal pose: only there are coordinates of the two poses comparable.
+    let moved = model.nominal_pose.inverse() * base_from_panel;
     let (centre, normal) = (model.centre_point(), model.normal_direction());
     // Swing and twist: the part of the quaternion along the normal is the rotation in the plane.
     let rotation = moved.isometry().rotation;

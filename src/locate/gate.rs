@@ -309,6 +309,7 @@ mod tests {
             camera_at_teaching_mm: None,
             weakest_direction: WeakestMotion::Normal,
             covariance: Matrix6::identity(),
+            centre: crate::geometry::Point::at(0.0, 0.0, 700.0),
             uncertainty_mm: 0.15,
             uncertainty_at_taught_place_mm: 0.14,
             uncertainty_without_scale_mm: 0.13,

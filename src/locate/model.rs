@@ -10,7 +10,7 @@ use super::scan_errors::RangeErrors;
 use super::scatter::centroid_and_normal;
 use super::taught_outline::{MIN_OUTLINE, OutlineEvidence, OutlinePoint, TaughtOutline};
 use super::taught_surface::Surface;
-use crate::geometry::{Camera, Panel, Pixel, Point, Rigid, Vector};
+use crate::geometry::{Base, Camera, Panel, Pixel, Point, Rigid, Vector};
 use crate::panel::TaughtPanel;
 use nalgebra::Vector3;
 use std::sync::Arc;
@@ -41,6 +41,8 @@ pub(super) struct Model {
     pub grid: Arc<Grid>,
     /// The pose of that camera.
     pub camera_from_panel: Rigid<Camera, Panel>,
+    /// The panel's frame at its nominal place.
+    pub nominal_pose: Rigid<Base, Panel>,
     /// Width of a step of brightness at the outline, px, median.
     pub edge_width_px: f64,
     /// Fraction of the panel that gave points at teaching, 0…1, if a person drew its outline; otherwise 1.
@@ -99,6 +101,7 @@ impl Model {
             points,
             grid: Arc::new(grid),
             camera_from_panel,
+            nominal_pose: panel.nominal_pose,
             edge_width_px,
             measured_share: panel.measured_share(),
             outline_evidence: outline_seen,

@@ -45,6 +45,11 @@ impl Default for RangeErrors {
 }
 
 impl RangeErrors {
+    /// Returns one standard deviation of the smooth error of one scan at a point, mm.
+    pub fn point_mm(&self) -> f64 {
+        POINT * self.scan_to_scan_mm / SQRT_2
+    }
+
     /// For a person.
     pub fn describe(&self) -> String {
         let smooth_mm = fixed_decimals(self.scan_to_scan_mm / SQRT_2, 3);

@@ -51,7 +51,7 @@ impl TaughtPanel {
         for (index, point) in self.points() {
             let outside = |next: usize| {
                 let beyond = self.scan.point_at(next).filter(|beyond| beyond.distance_mm(point) < max_step_mm)?;
-                exceeded_face(locate, beyond.mm.coords.as_slice())
+                exceeded_face(locate, (self.nominal_pose * beyond).mm.coords.as_slice())
             };
             let is_free = |next: &usize| {
                 !self.mask.inside[*next] && !is_held_at(&self.held_px, extent::pixel_at(*next, raster.width))

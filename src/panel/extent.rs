@@ -5,6 +5,7 @@
 //! if many points are missing. At places that a holder or clamp touches, neither surface nor outline is used.
 
 use super::error::{LearnError, WrongCorner};
+use super::nominal_pose::nominal_pose;
 use super::region::Region;
 use super::segment;
 use crate::geometry::{Mask, OrganizedCloud, Panel, Pixel, polygon};
@@ -60,8 +61,10 @@ impl PanelExtent {
         let held_px: Vec<[Pixel; 4]> =
             recipe.outline().held_px().iter().map(|corners| corners.map(|[u, v]| Pixel::at(u, v))).collect();
         let (low, high) = (recipe.locate().box_min_mm(), recipe.locate().box_max_mm());
+        let nominal_pose = nominal_pose(recipe);
         let in_box = |index: usize| {
-            scan.point_at(index).is_some_and(|p| (0..3).all(|a| (low[a]..=high[a]).contains(&p.mm[a])))
+            let point = scan.point_at(index).map(|point| nominal_pose * point);
+            point.is_some_and(|p| (0..3).all(|a| (low[a]..=high[a]).contains(&p.mm[a])))
         };
         let is_held = |index: usize| is_held_at(&held_px, pixel_at(index, scan.width()));
         let free = (0..scan.width() * scan.height()).map(|index| in_box(index) && !is_held(index)).collect();

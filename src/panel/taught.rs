@@ -3,13 +3,14 @@
 use super::connected_pieces::QuadraticSheet;
 use super::error::{LearnError, MAX_HALF_WIDTH_PX};
 use super::extent::{self, OutlineFrom, PanelExtent};
+use super::nominal_pose::nominal_pose;
 use super::region::{GridId, Region};
 use crate::geometry::{
-    Base, Camera, Drawing, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid,
-    local_plane_where, polygon,
+    Base, Camera, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid, local_plane_where,
+    polygon,
 };
 use crate::recipe::Recipe;
-use nalgebra::{Isometry3, Point2};
+use nalgebra::Point2;
 
 /// Half the width of the neighbourhood that determines a point on the surface, px.
 const SURFACE_HALF_WIDTH_PX: usize = 5;
@@ -25,11 +26,8 @@ const MAX_SURFACE_RESIDUAL_MM: f64 = 0.5;
 pub enum TaughtSource {
     /// A scan of a panel at its nominal place.
     Scan,
-    /// The panel's drawing, whose frame lies here in the panel's frame.
-    Drawing {
-        /// The drawing's frame at the nominal place.
-        panel_from_drawing: Rigid<Panel, Drawing>,
-    },
+    /// The panel's drawing, whose frame is the panel's frame.
+    Drawing,
 }
 
 impl TaughtSource {
@@ -37,7 +35,7 @@ impl TaughtSource {
     pub fn describe(self) -> &'static str {
         match self {
             TaughtSource::Scan => "the taught surface",
-            TaughtSource::Drawing { .. } => "the drawing",
+            TaughtSource::Drawing => "the drawing",
         }
     }
 }
@@ -60,6 +58,8 @@ pub struct TaughtPanel {
     pub scan: OrganizedCloud<Panel>,
     /// Whether the scan was taken, or computed from the drawing.
     pub reference: TaughtSource,
+    /// The panel's frame at teaching.
+    pub nominal_pose: Rigid<Base, Panel>,
     /// The 3D camera that took the scan.
     pub camera: PinholeCamera,
     /// The pose of that camera.
@@ -80,11 +80,6 @@ pub struct TaughtPanel {
     pub grids: Vec<Grid>,
 }
 
-/// Declares that at teaching the panel's frame is the base (thesis 3.8); this is the only declaration of this fact.
-pub fn panel_from_base_at_teaching() -> Rigid<Panel, Base> {
-    Rigid::from_isometry_unchecked(Isometry3::identity())
-}
-
 /// Number of points on each side of a grid's edge.
 const EDGE_STEPS: usize = 8;
 
@@ -99,16 +94,16 @@ impl TaughtPanel {
         base_from_camera: Rigid<Base, Camera>,
         recipe: &Recipe,
     ) -> Result<Self, LearnError> {
-        let panel_from_camera = panel_from_base_at_teaching() * base_from_camera;
+        let nominal_pose = nominal_pose(recipe);
+        let panel_from_camera = nominal_pose.inverse() * base_from_camera;
         let scan = scan.transformed(&panel_from_camera);
-        let reference = recipe.nominal().map_or(TaughtSource::Scan, |nominal| TaughtSource::Drawing {
-            panel_from_drawing: panel_from_base_at_teaching() * nominal.base_from_drawing(),
-        });
+        let reference = recipe.nominal().map_or(TaughtSource::Scan, |_| TaughtSource::Drawing);
         let region = Region::new(recipe.region()).ok_or(LearnError::EmptyRegion)?;
         let PanelExtent { mask, outline_px, outline_from, held_px } = PanelExtent::detect(&scan, &region, recipe)?;
         let mut panel = TaughtPanel {
             scan,
             reference,
+            nominal_pose,
             camera,
             panel_from_camera,
             mask,

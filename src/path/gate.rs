@@ -37,25 +37,32 @@ pub fn judge_plan(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgemen
     (checks, judgement)
 }
 
+/// The panel's pose now, and at its nominal place.
+#[derive(Debug, Clone, Copy)]
+pub struct PanelPoses {
+    /// The pose that was found.
+    pub now: Rigid<Base, Panel>,
+    /// The nominal pose.
+    pub nominal: Rigid<Base, Panel>,
+}
+
 /// Returns the mean direction of the tool's Z over the plan, with the panel at its nominal pose.
-pub fn taught_axis(plan: &Plan) -> Option<Vector<Base>> {
+pub fn taught_axis(plan: &Plan, nominal_pose: Rigid<Base, Panel>) -> Option<Vector<Base>> {
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
     let z = |waypoint: &Waypoint| (waypoint.panel_from_tool * Vector::<Tool>::new(Vector3::z())).mm;
-    let mean: Vector3<f64> = waypoints.map(z).sum();
-    // At the nominal pose, the panel's frame equals the base frame.
-    Vector::new(mean).direction()
+    let mean: Vector<Panel> = Vector::new(waypoints.map(z).sum());
+    (nominal_pose * mean).direction()
 }
 
 /// Applies the gate that checks each motion to a whole plan at the panel's pose, from its first waypoint on: the
 /// cell's box, steps, turns, and the tilt against the taught direction. Lists the violations.
-pub fn violated_in_base(plan: &Plan, base_from_panel: Rigid<Base, Panel>, limits: &WaypointLimits) -> Vec<Check> {
+pub fn violated_in_base(plan: &Plan, panel: PanelPoses, limits: &WaypointLimits) -> Vec<Check> {
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
-    let poses: Vec<Rigid<Base, Tool>> =
-        waypoints.map(|waypoint| base_from_panel * waypoint.panel_from_tool).collect();
+    let poses: Vec<Rigid<Base, Tool>> = waypoints.map(|waypoint| panel.now * waypoint.panel_from_tool).collect();
     // A plan has no arm yet, so its first step has no length. The gate before the motion checks that step from the
     // actual pose.
     let from = poses.first().copied().unwrap_or_else(|| Rigid::from_isometry_unchecked(Isometry3::identity()));
-    violated_by_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan) }, limits)
+    violated_by_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan, panel.nominal) }, limits)
 }
 
 /// Name of the check of a press-in.

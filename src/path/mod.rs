@@ -46,7 +46,8 @@ pub use crate::surface::DwellSpread;
 pub use coverage::{GridCoverage, MIN_COVERAGE, step_overs_mm};
 pub use edge::{DiscOverhang, Outline};
 pub use gate::{
-    GRID_CHECK_PREFIX, TOOL_ERROR, check_pad, judge, judge_pad, judge_plan, taught_axis, violated_in_base,
+    GRID_CHECK_PREFIX, PanelPoses, TOOL_ERROR, check_pad, judge, judge_pad, judge_plan, taught_axis,
+    violated_in_base,
 };
 pub use kinematics::Kinematics;
 pub use krl::{Program, ProgramName, ProgramNameError, to_krl};

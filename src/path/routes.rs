@@ -4,7 +4,7 @@
 //! that of the plan, in the panel's frame, which is the base that was set. Every path is followed with all axes from
 //! the current axis angles.
 
-use super::gate::{check_pad, judge_plan, taught_axis};
+use super::gate::{PanelPoses, check_pad, judge_plan, taught_axis};
 use super::kinematics::Kinematics;
 use super::planned::{Plan, Waypoint};
 use super::reach::{self, Obstacles, PathLine, ReachFault, check_retracts, follow_path, interpolate_pose};
@@ -165,7 +165,7 @@ pub fn lift_contact_points(plan: &Plan, height_mm: f64) -> Plan {
 /// person accepted the previous steps. The decisions that this gate requires from a person were requested earlier.
 pub fn contact(
     standing: &StartState<'_>,
-    base_from_panel: Rigid<Base, Panel>,
+    panel: PanelPoses,
     (from, plan): (Rigid<Panel, Tool>, &Plan),
     settings: &recipe::Path,
 ) -> GatedPath {
@@ -179,10 +179,10 @@ pub fn contact(
     let points: Vec<LinearMotion> = waypoints(plan).iter().skip(1).map(point).collect();
     let speed_mm_s = settings.feed_mm_s().min(allowed_mm_s);
     let acceleration_m_s2 = settings.acceleration_mm_s2() / 1_000.0;
-    let gated =
-        gate_path(standing, base_from_panel, (from, points), (taught_axis(plan), speed_mm_s, acceleration_m_s2));
+    let axis = taught_axis(plan, panel.nominal);
+    let gated = gate_path(standing, panel.now, (from, points), (axis, speed_mm_s, acceleration_m_s2));
     let in_contact = waypoints(plan).into_iter().filter(|waypoint| waypoint.contact);
-    let places = in_contact.map(|waypoint| base_from_panel * waypoint.panel_from_tool);
+    let places = in_contact.map(|waypoint| panel.now * waypoint.panel_from_tool);
     let of_plan = judge_plan(plan, settings).0.into_iter();
     let of_plan = of_plan
         .chain(check_pad(settings, standing.limits.tool_error_mm()))

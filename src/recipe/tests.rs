@@ -238,6 +238,10 @@ fn a_drawing_has_its_place_by_a_pose_or_by_points() {
     assert!(Recipe::check("f", MINIMAL).is_ok_and(|recipe| recipe.nominal().is_none()));
     for (keys, words) in [
         ("", "nominal.base_from_drawing: is missing: state the pose of the drawing's frame"),
+        (
+            &pose.replace("x_mm = 560", "x_mm = 8001"),
+            "nominal.base_from_drawing: the drawing's origin lies 8001 mm",
+        ),
         (&format!("{pose}\n{points}")[..], "nominal.base_from_drawing: both a pose and datum points are stated"),
         (
             &points.replace("200.3", "203"),

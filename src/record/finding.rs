@@ -51,6 +51,20 @@ pub mod name {
     pub const DEVIATION: &str = "deviation from the taught panel, largest";
     /// The same for a panel that was taught from its drawing, mm.
     pub const DEVIATION_FROM_DRAWING: &str = "deviation from the drawing, largest";
+    /// Profile of the surface over the region, twice the largest deviation from the taught panel, mm.
+    pub const PROFILE: &str = "profile of the surface, from the taught panel";
+    /// The same for a panel that was taught from its drawing, mm: from the nominal surface.
+    pub const PROFILE_FROM_DRAWING: &str = "profile of the surface, from the drawing (nominal)";
+    /// Uncertainty of the profile, 95 %, mm.
+    pub const PROFILE_UNCERTAINTY: &str = "profile of the surface, uncertainty, 95 %";
+    /// The largest deviation in front of the reference, mm.
+    pub const PROFILE_FRONT: &str = "profile of the surface, farthest in front (+)";
+    /// The largest deviation behind the reference, mm, negative.
+    pub const PROFILE_BEHIND: &str = "profile of the surface, farthest behind (−)";
+    /// Flatness of the region, minimum zone, mm.
+    pub const FLATNESS: &str = "flatness of the region, minimum zone";
+    /// Uncertainty of the flatness, 95 %, mm.
+    pub const FLATNESS_UNCERTAINTY: &str = "flatness of the region, uncertainty, 95 %";
     /// Time for which a film was watched, s.
     pub const WATCHED_TIME_NAME: &str = "watched";
     /// The water, as the recipe states it.

@@ -11,7 +11,7 @@ use crate::locate::explain::{
     ERROR_SCALE, Explained, FixtureMark, MAX_FIXTURE_SHIFT_PX, OutlineMark, SATURATED, SurfaceMark,
 };
 use crate::locate::{self, Fit};
-use crate::panel::{TaughtPanel, panel_from_base_at_teaching};
+use crate::panel::TaughtPanel;
 use crate::verdict::{Judgement, Reason};
 
 /// Residual that has the full colour, mm.
@@ -96,7 +96,7 @@ pub fn reason_pictures(
     (explained, fit): (&Explained, Option<&Fit>),
     judgement: &Judgement,
 ) -> Vec<ReasonPicture> {
-    let place = fit.map_or_else(|| panel_from_base_at_teaching().inverse(), |fit| fit.base_from_panel);
+    let place = fit.map_or(panel.nominal_pose, |fit| fit.base_from_panel);
     let camera_from_panel = seen.base_from_camera.inverse() * place;
     let view = PanelOverlay { picture, camera: seen.camera, camera_from_panel };
     let drawn = |reason: &Reason| {
@@ -173,7 +173,7 @@ impl PanelOverlay<'_> {
                 (self.draw_two_poses(panel, other, legend), "Two poses that fit the scan about equally well")
             }
             "shift_limit" | "turn_limit" | "tilt_limit" => {
-                let nominal = fit?.base_from_panel.inverse() * panel_from_base_at_teaching().inverse();
+                let nominal = fit?.base_from_panel.inverse() * panel.nominal_pose;
                 let legend = [(InkColor::ORANGE, "present pose"), (InkColor::BLUE, "nominal pose")];
                 (self.draw_two_poses(panel, nominal, legend), "The panel's present pose and its nominal pose")
             }

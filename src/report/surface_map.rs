@@ -45,7 +45,7 @@ pub fn today_map(map: &DeviationMap, reference: TaughtSource, full_mm: f64) -> R
     let front = format!("panel {full_mm} mm or more in front of {}", reference.describe());
     let level = match reference {
         TaughtSource::Scan => "as taught",
-        TaughtSource::Drawing { .. } => "as drawn",
+        TaughtSource::Drawing => "as drawn",
     };
     let behind = format!("panel {full_mm} mm or more behind it");
     draw_deviation(map, full_mm, [&front, level, &behind, "excluded from the fit", "not seen by the scan"])

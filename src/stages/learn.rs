@@ -3,7 +3,7 @@
 
 use crate::geometry::{Base, ColorPicture, Flange, FlangeCamera, PinholeCamera, Point, Rigid};
 use crate::locate::corner::{self, CornerError};
-use crate::panel::{CornerTeaching, LearnError, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
+use crate::panel::{CornerTeaching, LearnError, TaughtCorner, TaughtPanel};
 use crate::recipe;
 
 /// Why a corner could not be learnt.
@@ -27,7 +27,7 @@ pub fn corner(
     (picture, base_from_flange): (&ColorPicture, Rigid<Base, Flange>),
     (camera, flange_from_camera): (&PinholeCamera, Rigid<Flange, FlangeCamera>),
 ) -> Result<TaughtCorner, CornerLearnError> {
-    let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * flange_from_camera;
+    let panel_from_camera = panel.nominal_pose.inverse() * base_from_flange * flange_from_camera;
     let gray = picture.to_gray();
     let seen_at = |scale_from: Point<_>| -> Result<TaughtCorner, CornerLearnError> {
         let expected = panel_from_camera.inverse() * scale_from;

@@ -57,8 +57,9 @@ impl LocateOutcome<'_> {
     /// Returns the pose of the drawing's frame in the base frame, if the panel was found and was taught from its
     /// drawing.
     pub fn base_from_drawing(&self) -> Option<KukaPose> {
-        let TaughtSource::Drawing { panel_from_drawing } = self.panel.reference else { return None };
-        Some(KukaPose::from_rigid(&(self.fit.as_ref()?.base_from_panel * panel_from_drawing)))
+        // The frame of a panel that was taught from its drawing is the drawing's.
+        let fit = self.fit.as_ref().filter(|_| self.panel.reference == TaughtSource::Drawing)?;
+        Some(KukaPose::from_rigid(&fit.base_from_panel))
     }
 
     /// The obstacles that the arm avoids on its way to a corner: the panel where it was found, and the other points

@@ -5,7 +5,7 @@ use super::removal::{self, EarlierRemoval, PathRemovalTotal, RemovalInputs};
 use super::survey::ToolState;
 use super::{ResultDrawing, names};
 use crate::cell::Limits;
-use crate::geometry::{Base, Panel, Point, Rigid};
+use crate::geometry::{Panel, Point};
 use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::path::disc::DiscWearPlan;
 use crate::path::panel_reach::{self, ReachSetup, ReachablePlan};
@@ -113,8 +113,8 @@ pub fn judge(
 impl PlanOutcome {
     /// Also applies the checks of the gate before the motion, at the panel's pose: box, steps, turns and tilt.
     #[must_use]
-    pub fn gated_in_base(mut self, base_from_panel: Rigid<Base, Panel>, limits: &Limits) -> Self {
-        let broken = path::violated_in_base(&self.plan, base_from_panel, &WaypointLimits::from(limits));
+    pub fn gated_in_base(mut self, panel: path::PanelPoses, limits: &Limits) -> Self {
+        let broken = path::violated_in_base(&self.plan, panel, &WaypointLimits::from(limits));
         self.judgement = Judgement::from_checks(&broken).combined_with(self.judgement);
         self.checks.extend(broken);
         self

@@ -1,9 +1,10 @@
 //! The surface of the region, and the part of it that the arm reaches at the panel's place: known before any water
 //! runs.
 
+use super::form::form_checks;
 use super::{ResultDrawing, names};
 use crate::force::check_stroke;
-use crate::number_text::distinguishable_texts;
+use crate::number_text::{distinguishable_texts, fixed_decimals};
 use crate::panel::{GridId, TaughtPanel, TaughtSource};
 use crate::path::check_pad;
 use crate::path::disc::DiscWearPlan;
@@ -13,7 +14,7 @@ use crate::recipe::{self, Recipe};
 use crate::record::{Check, Finding, Kind, name};
 use crate::removal::model::Model;
 use crate::report::{surface_map, today_map};
-use crate::surface::{self, Deviation, DeviationMap, Fit, TodaysPoint, TodaysSurfaceFit};
+use crate::surface::{self, Deviation, DeviationMap, Fit, Form, TodaysScan, TodaysSurfaceFit};
 use crate::verdict::{Judgement, LimitSource, Reason, Severity};
 
 /// Facts about the tool that are not in the path: the error at its tip, and the area that the disc in use has swept
@@ -121,20 +122,19 @@ pub struct TodaysSurface {
 /// the scan and stays as taught: the panel's difference from this surface counts as the surface's error.
 pub fn correct_by_scan(
     (panel, taught): (&TaughtPanel, &Fit),
-    points: &[TodaysPoint],
+    scan: &TodaysScan,
     limits: &recipe::Surface,
 ) -> TodaysSurface {
-    match surface::correct_taught_surface(&taught.surface, panel, &taught.map, (points, limits.max_hole_mm())) {
+    let points = (scan.points.as_slice(), limits.max_hole_mm());
+    match surface::correct_taught_surface(&taught.surface, panel, &taught.map, points) {
         Ok(todays) => {
             let reference = panel.reference;
-            let checks = deviations(&todays, reference, limits).into();
+            let nominal_scans = u8::from(reference == TaughtSource::Scan);
+            let form = scan.errors.and_then(|errors| Form::compute((taught, nominal_scans), &todays, &errors));
+            let form_rows = form_checks(form.as_ref(), reference, limits);
+            let checks = deviations(&todays, reference, limits).into_iter().chain(form_rows).collect();
             let picture = today_map(&todays.map, reference, limits.max_deviation_mm());
-            let caption = match reference {
-                TaughtSource::Scan => "Distance of today's panel surface in front of or behind the taught surface",
-                TaughtSource::Drawing { .. } => {
-                    "Distance of today's panel surface in front of or behind the drawing"
-                }
-            };
+            let caption = map_caption(reference, form.as_ref());
             let drawing = Some(ResultDrawing::new("deviation", caption, picture));
             if limits.method() == FitMethod::Thesis {
                 let rms_mm = Some(todays.rms_mm.hypot(todays.largest_mm));
@@ -152,11 +152,21 @@ pub fn correct_by_scan(
     }
 }
 
+/// Returns the caption of the deviation map, with its uncertainty if it is known.
+fn map_caption(reference: TaughtSource, form: Option<&Form>) -> String {
+    let uncertainty = match form {
+        Some(form) => format!("uncertainty (95 %) up to {} mm", fixed_decimals(form.largest_uncertainty_mm(), 2)),
+        None => "uncertainty not known".to_owned(),
+    };
+    let other = reference.describe();
+    format!("Distance of today's panel surface in front of or behind {other}; {uncertainty}")
+}
+
 /// Returns the name of the check of the deviation: its reference is part of the name.
 fn deviation_name(reference: TaughtSource) -> &'static str {
     match reference {
         TaughtSource::Scan => name::DEVIATION,
-        TaughtSource::Drawing { .. } => name::DEVIATION_FROM_DRAWING,
+        TaughtSource::Drawing => name::DEVIATION_FROM_DRAWING,
     }
 }
 
@@ -173,7 +183,7 @@ fn deviations(todays: &TodaysSurfaceFit, reference: TaughtSource, limits: &recip
                 let [mm, limit_mm] = distinguishable_texts(deviation_mm, limit_mm, 2);
                 let (other, clamped) = match reference {
                     TaughtSource::Scan => (reference.describe(), "that it is clamped as at teaching"),
-                    TaughtSource::Drawing { .. } => (reference.describe(), "that it is clamped without a bend"),
+                    TaughtSource::Drawing => (reference.describe(), "that it is clamped without a bend"),
                 };
                 format!(
                     "the panel's surface is up to {mm} mm from {other} (limit {limit_mm} mm): look at the \

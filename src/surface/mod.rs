@@ -3,7 +3,7 @@
 //! The thesis uses raw scan points as control points; such a surface contains the camera's noise and does not pass
 //! through the scan. Here the control points minimise the surface's deviation from the scan, and the deviation is
 //! reported. The thesis's method can be chosen for comparison. `today` corrects the surface by the scan in which
-//! the panel was located. `dwell` computes from executed or planned poses how long the disc was on each point of
+//! the panel was located, and `form` states its profile and flatness. `dwell` computes from executed or planned poses how long the disc was on each point of
 //! the surface. This module does not know how paths are planned.
 
 mod banded;
@@ -14,6 +14,7 @@ mod equations;
 mod error;
 mod field;
 mod fit;
+mod form;
 mod map;
 mod net;
 mod patch;
@@ -33,6 +34,7 @@ pub use derivatives::{Derivatives, Parameter, PointTangents};
 pub use error::FitError;
 pub use field::{Field, GridField};
 pub use fit::{Deviation, Fit, Refusal, examine_fit, fit};
+pub use form::{Flatness, Form, FormErrors, FormPlace, Measured, TodaysScan};
 pub use map::{DeviationMap, HoleMap, MapPixel};
 pub use net::SampleGrid;
 pub(crate) use net::sides_mm;

@@ -11,7 +11,7 @@ use super::derivatives::Parameter;
 use super::map::{DeviationMap, MapPixel};
 use super::net::sides_mm;
 use crate::geometry::{
-    Camera, HeightSample, OrganizedCloud, Panel, RasterSize, Rigid, RobustField, SmoothField, Vector,
+    Camera, HeightSample, OrganizedCloud, Panel, Point, RasterSize, Rigid, RobustField, SmoothField, Vector,
 };
 use crate::panel::TaughtPanel;
 use nalgebra::Point2;
@@ -38,6 +38,18 @@ pub struct TodaysPoint {
     point: Vector<Panel>,
 }
 
+impl TodaysPoint {
+    /// The point in the panel's frame.
+    pub fn position(&self) -> Point<Panel> {
+        Point::new(self.point.mm.into())
+    }
+
+    /// Its parameters on the taught surface.
+    pub fn parameter(&self) -> Parameter {
+        self.at
+    }
+}
+
 /// Today's surface with its deviations from the taught surface and the scan.
 #[derive(Debug, Clone)]
 pub struct TodaysSurfaceFit {
@@ -51,8 +63,21 @@ pub struct TodaysSurfaceFit {
     pub missing_percent: f64,
     /// Side of the largest square without visible surface, mm.
     pub largest_hole_mm: f64,
-    /// Distance of the surface in front of the taught surface, pixel by pixel; missing where no point was seen.
+    /// Distance of the surface in front of the taught surface, pixel by pixel; missing if no point was seen.
     pub map: DeviationMap,
+    /// The measured distances to which the surface was fitted.
+    pub(super) measured: MeasuredHeights,
+}
+
+/// The points' distances in front of the taught surface, and the field that follows them.
+#[derive(Debug, Clone)]
+pub(super) struct MeasuredHeights {
+    /// Each point of the scan in the region, those of other objects included.
+    pub seen: Vec<HeightSample>,
+    /// The correction c.
+    pub field: SmoothField,
+    /// A point farther than this from the correction belongs to another object, mm.
+    pub limit_mm: f64,
 }
 
 /// Why a scan does not determine today's surface.
@@ -144,6 +169,7 @@ pub fn correct_taught_surface(
         missing_percent: cells.missing_percent(),
         largest_hole_mm: cells.largest_hole_mm(),
         map,
+        measured: MeasuredHeights { seen, field, limit_mm },
     })
 }
 
@@ -218,13 +244,28 @@ fn displaced_surface(
     Ok(surface)
 }
 
+/// Returns points of a panel that lies in front of the taught panel by this distance, with white noise of 0.06
+/// mm.
+#[cfg(test)]
+pub(super) fn points_of(fit: &super::Fit, in_front_mm: impl Fn(Parameter) -> f64) -> Vec<TodaysPoint> {
+    use rand::{RngExt, SeedableRng};
+    let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(5);
+    let side = 140;
+    let mut point = |n: usize| {
+        let at = Parameter { u: (n % side) as f64 / (side - 1) as f64, v: (n / side) as f64 / (side - 1) as f64 };
+        let noise_mm = 0.06 * 1.732 * random.random_range(-1.0..1.0);
+        let normal = fit.surface.normal(at).expect("a normal").mm;
+        let point = fit.surface.point(at).mm.coords + normal * (in_front_mm(at) + noise_mm);
+        TodaysPoint { at, point: Vector::new(point) }
+    };
+    (0..side * side).map(&mut point).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::surface::scene::{ScanDefects, Shape, recipe, taught};
     use crate::surface::{Fit, fit};
-    use rand::{RngExt, SeedableRng};
-    use rand_pcg::Pcg64Mcg;
 
     /// Returns a taught panel of 280 × 168 mm with its surface.
     fn learnt() -> (TaughtPanel, Fit) {
@@ -232,22 +273,6 @@ mod tests {
         let panel = taught(Shape::Cylinder, ScanDefects::default(), &recipe);
         let fit = fit(&panel, recipe.surface()).expect("a surface");
         (panel, fit)
-    }
-
-    /// Returns points of a panel that lies in front of the taught panel by this distance, with white noise of 0.06
-    /// mm.
-    fn points(fit: &Fit, in_front_mm: impl Fn(Parameter) -> f64) -> Vec<TodaysPoint> {
-        let mut random = Pcg64Mcg::seed_from_u64(5);
-        let side = 140;
-        let mut point = |n: usize| {
-            let at =
-                Parameter { u: (n % side) as f64 / (side - 1) as f64, v: (n / side) as f64 / (side - 1) as f64 };
-            let noise_mm = 0.06 * 1.732 * random.random_range(-1.0..1.0);
-            let normal = fit.surface.normal(at).expect("a normal").mm;
-            let point = fit.surface.point(at).mm.coords + normal * (in_front_mm(at) + noise_mm);
-            TodaysPoint { at, point: Vector::new(point) }
-        };
-        (0..side * side).map(&mut point).collect()
     }
 
     /// Returns the largest distance of the surface from the true surface, which lies in front of the taught surface
@@ -270,8 +295,8 @@ mod tests {
     #[test]
     fn a_panel_that_bows_is_found_as_it_is() {
         let (panel, fit) = learnt();
-        let todays =
-            correct_taught_surface(&fit.surface, &panel, &fit.map, (&points(&fit, bent), 12.0)).expect("a surface");
+        let todays = correct_taught_surface(&fit.surface, &panel, &fit.map, (&points_of(&fit, bent), 12.0))
+            .expect("a surface");
         let error_mm = error_mm(&fit, &todays, bent);
         assert!(error_mm < 0.06, "{error_mm}");
         // Calculated by hand: at u = 0.3 the bow is 1.5 (1 − 0.16) = 1.26 mm and the wave 0.3 · sin(0.42 · 2π) =
@@ -289,7 +314,7 @@ mod tests {
     #[test]
     fn a_panel_as_it_was_taught_stays() {
         let (panel, fit) = learnt();
-        let todays = correct_taught_surface(&fit.surface, &panel, &fit.map, (&points(&fit, |_| 0.0), 12.0))
+        let todays = correct_taught_surface(&fit.surface, &panel, &fit.map, (&points_of(&fit, |_| 0.0), 12.0))
             .expect("a surface");
         let error_mm = error_mm(&fit, &todays, |_| 0.0);
         assert!(error_mm < 0.03 && todays.largest_mm < 0.02, "{error_mm} {}", todays.largest_mm);
@@ -301,7 +326,7 @@ mod tests {
     fn a_clamp_has_no_say() {
         let (panel, fit) = learnt();
         let is_clamped = |at: Parameter| at.u < 0.15 && at.v < 0.2;
-        let todays_points = points(&fit, |at| if is_clamped(at) { 8.0 } else { bent(at) });
+        let todays_points = points_of(&fit, |at| if is_clamped(at) { 8.0 } else { bent(at) });
         let todays =
             correct_taught_surface(&fit.surface, &panel, &fit.map, (&todays_points, 12.0)).expect("a surface");
         let beside = |at: Parameter| if is_clamped(at) { f64::NAN } else { bent(at) };
@@ -318,7 +343,7 @@ mod tests {
     fn what_is_not_followed_is_a_hole() {
         let (panel, fit) = learnt();
         let is_patch = |at: Parameter| (at.u - 0.5).abs() < 15.0 / 280.0 && (at.v - 0.5).abs() < 15.0 / 168.0;
-        let patched = points(&fit, |at| if is_patch(at) { 3.0 } else { 0.0 });
+        let patched = points_of(&fit, |at| if is_patch(at) { 3.0 } else { 0.0 });
         let todays = correct_taught_surface(&fit.surface, &panel, &fit.map, (&patched, 12.0)).expect("a surface");
         assert!((18.0..=36.0).contains(&todays.largest_hole_mm), "{todays:?}");
         assert!(todays.missing_percent < 4.0 && todays.largest_mm < 0.1, "{todays:?}");
@@ -327,7 +352,7 @@ mod tests {
     #[test]
     fn a_scan_without_the_region_is_refused() {
         let (panel, fit) = learnt();
-        let far = points(&fit, |_| 60.0);
+        let far = points_of(&fit, |_| 60.0);
         assert_eq!(
             correct_taught_surface(&fit.surface, &panel, &fit.map, (&far, 12.0)).expect_err("none"),
             TodayError::NoPoints

@@ -92,7 +92,7 @@ pub enum LoopMemoryStart {
         robot: Option<Box<eki::State>>,
         /// The deadlines that were armed.
         armed: Vec<ArmedDeadline>,
-        /// The panel's last pose in the cycles before, in the base frame.
+        /// The motion from a panel's nominal pose to its last pose in the cycles before, in the base frame.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         place: Option<KukaPose>,
     },

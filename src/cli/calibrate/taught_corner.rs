@@ -11,7 +11,6 @@ use super::verification;
 use crate::calib::{CalibError, health};
 use crate::geometry::{Base, Flange, Rigid};
 use crate::locate::corner::find_taught;
-use crate::panel::panel_from_base_at_teaching;
 use crate::verdict::Judgement;
 use serde_json::json;
 use std::path::Path;
@@ -40,7 +39,7 @@ pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outco
         return Err(wrong("no corner of this panel was taught; teach a corner with --corner and --flange"));
     };
     let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();
-    let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * mount.value;
+    let panel_from_camera = taught.panel.nominal_pose.inverse() * base_from_flange * mount.value;
     let in_camera = panel_from_camera.inverse() * corner.point;
     let Some(expected) = camera.value.project(in_camera) else {
         return Err(wrong("the taught corner lies behind the camera; is this the flange's pose at the picture?"));

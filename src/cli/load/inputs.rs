@@ -6,7 +6,7 @@ use crate::cli::disk;
 use crate::cli::fault::{Fault, TeachingFault};
 use crate::files;
 use crate::geometry::{Base, Camera, ColorPicture, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid};
-use crate::panel::panel_from_base_at_teaching;
+use crate::panel::nominal_pose;
 use crate::recipe::Recipe;
 use crate::requirements::recipe_fits::parse_plausible_recipe;
 use std::path::{Path, PathBuf};
@@ -36,12 +36,12 @@ pub fn picture(file: &Path, camera: &PinholeCamera) -> Result<ColorPicture, Faul
     files::read_color_of(&disk::read(file)?, camera).map_err(|error| Fault::file_fault(file, error))
 }
 
-/// Reads the pose of the panel; without a file, this is its nominal pose.
+/// Reads the pose of the recipe's panel; without a file, this is its nominal pose.
 ///
 /// # Errors
 /// If the file holds no pose, or a rejected one.
-pub fn located(file: Option<&PathBuf>) -> Result<Rigid<Base, Panel>, Fault> {
-    let Some(file) = file else { return Ok(panel_from_base_at_teaching().inverse()) };
+pub fn located(file: Option<&PathBuf>, recipe: &Recipe) -> Result<Rigid<Base, Panel>, Fault> {
+    let Some(file) = file else { return Ok(nominal_pose(recipe)) };
     let pose = files::read_located(&disk::read(file)?).map_err(|error| Fault::file_fault(file, error))?;
     Ok(pose.to_rigid())
 }

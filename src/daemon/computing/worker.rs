@@ -233,12 +233,9 @@ impl WorkInput {
         notes: &mut NoteBuffer<'_>,
     ) -> Result<Answer, DaemonError> {
         match (answer, self.perception.approach()) {
-            (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => self.abrasion.survey_region(
-                cycle,
-                (self.pass, grade, &panel),
-                self.perception.todays_points(),
-                notes,
-            ),
+            (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => {
+                self.abrasion.survey_region(cycle, (self.pass, grade, &panel), self.perception.todays_scan(), notes)
+            }
             (answer, _) => Ok(answer),
         }
     }

@@ -7,7 +7,7 @@ use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use crate::path::approach::Approach;
 use crate::path::reach::Obstacles;
 use crate::path::routes::{self, StartState};
-use crate::path::{self, Kinematics, Plan, panel_reach};
+use crate::path::{self, Kinematics, PanelPoses, Plan, panel_reach};
 use std::sync::Arc;
 
 fn codes(story: &fake::Story, kind: Kind) -> Vec<String> {
@@ -115,7 +115,8 @@ fn no_plan_is_sent_that_its_gate_rejects() {
     let standing =
         StartState { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
     let first = plan.paths[0].waypoints[0].as_sent();
-    let gated = |plan: &Plan| routes::contact(&standing, place, (first, plan), job.recipe.path());
+    let poses = PanelPoses { now: place, nominal: job.panel.nominal_pose };
+    let gated = |plan: &Plan| routes::contact(&standing, poses, (first, plan), job.recipe.path());
     assert!(gated(&plan).is_sendable(), "{:?}", gated(&plan).judgement());
     let mut doubtful = plan.clone();
     doubtful.grid_dwell[0].1.low_s *= 0.1;
@@ -183,6 +184,45 @@ fn the_path_follows_the_panel_as_it_lies_there_today() {
     );
     assert!(spread_mm(&plain) < 0.3 && spread_mm(&bowed) < 0.3, "{} {}", spread_mm(&plain), spread_mm(&bowed));
     assert!(deviation_mm(&plain) < 0.3 && (0.2..0.7).contains(&deviation_mm(&bowed)), "{}", deviation_mm(&bowed));
+}
+
+/// A recipe that places a drawing by datum points. By hand: its frame lies at (560, −200, 360) mm, turned by 90° about
+/// z, far from the base that is the frame of a scanned panel.
+const BY_DATUMS: &str = "[surface]\nmax_profile_mm = 3.0\n[nominal]\ndatums_drawing_mm = [[0, 0, 0], [400, 0, 0], [0, 250, 0]]\n\
+                         datums_base_mm = [[560, -200, 360], [560, 200, 360], [310, -200, 360]]\n";
+
+/// The panel's frame is the drawing's, so that other programs can use the base that is set; the tool meets the panel as
+/// it does with a panel that was taught by a scan, and the same gates pass it.
+#[test]
+fn the_base_of_a_drawn_panel_is_the_frame_of_the_drawing() {
+    let by_scan = Fake::new(Scene::Good).run(Asks::one_cycle());
+    let mut fake = Fake::new(Scene::Good);
+    fake.more_recipe = BY_DATUMS;
+    let by_drawing = fake.run(Asks::one_cycle());
+    assert_eq!(by_drawing.outcome.verdict, Some(Verdict::Pass), "{by_drawing}");
+    let nominal: Rigid<Base, Panel> =
+        crate::geometry::KukaPose { x_mm: 560.0, y_mm: -200.0, z_mm: 360.0, a_deg: 90.0, ..Default::default() }
+            .to_rigid();
+    let expected = by_drawing.truth.base_from_panel * crate::panel::panel_from_base_at_teaching() * nominal;
+    let found = by_drawing.outcome.base_from_panel.expect("found");
+    for corner in [[0.0, 0.0, 0.0], [400.0, 250.0, 0.0]] {
+        let off_mm = found.distance_at_mm(expected, crate::geometry::Point::new(corner.into()));
+        assert!(off_mm < 1.0, "{off_mm} mm at {corner:?}");
+    }
+    let is_set = |base: &crate::geometry::KukaPose| {
+        base.to_rigid::<Base, Panel>().origin().distance_mm(found.origin()) < 1e-3
+    };
+    assert!(by_drawing.bases.iter().any(is_set), "{:?}", by_drawing.bases);
+    let worst_mm = |story: &fake::Story| story.contact_off_mm.iter().map(|mm| mm.abs()).fold(0.0, f64::max);
+    let [scanned_mm, drawn_mm] = [worst_mm(&by_scan), worst_mm(&by_drawing)];
+    assert!(drawn_mm > 0.0 && (drawn_mm - scanned_mm).abs() < 0.05, "{drawn_mm} {scanned_mm}");
+    assert_eq!(by_drawing.contact_points, by_scan.contact_points);
+    let profile_mm = number(&by_drawing, Kind::Reach, name::PROFILE_FROM_DRAWING);
+    let uncertainty_mm = number(&by_drawing, Kind::Reach, name::PROFILE_UNCERTAINTY);
+    assert!(
+        (0.0..1.0).contains(&profile_mm) && (0.05..2.0).contains(&uncertainty_mm),
+        "{profile_mm} {uncertainty_mm}"
+    );
 }
 
 /// The robot reports its poses: every failed grid was under the disc, and the area that the disc swept is recorded.
@@ -300,7 +340,8 @@ fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
         let standing =
             StartState { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
         let from = plan.paths[0].waypoints[0].as_sent();
-        let contact = routes::contact(&standing, place, (from, &plan), recipe.path());
+        let poses = PanelPoses { now: place, nominal: crate::panel::panel_from_base_at_teaching().inverse() };
+        let contact = routes::contact(&standing, poses, (from, &plan), recipe.path());
         let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].as_sent());
         let view = routes::view(&standing, (here, there), job.sander());
         for gated in [contact, view] {

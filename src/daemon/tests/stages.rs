@@ -12,7 +12,7 @@ use crate::stages::corners::CornerReference;
 use crate::stages::removal::EarlierRemoval;
 use crate::stages::survey::ToolState;
 use crate::stages::{film, locate, plan, survey};
-use crate::surface::{self, TodaysPoint};
+use crate::surface::{self, TodaysScan};
 
 #[test]
 fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
@@ -41,7 +41,7 @@ fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
 }
 
 /// Returns the region's points in the scan of this cell, in which a command locates the panel.
-fn todays_points(fake: &Fake) -> Vec<TodaysPoint> {
+fn todays_scan(fake: &Fake) -> TodaysScan {
     let (_, recipe, (panel, _), calibrations) = fake.files();
     let scan = fake.scan();
     let (camera, base_from_camera) = (&calibrations.scanner, calibrations.base_from_camera);
@@ -53,7 +53,8 @@ fn todays_points(fake: &Fake) -> Vec<TodaysPoint> {
     };
     let model = crate::locate::TaughtModel::from_panel(&panel, view.range);
     let located = locate::locate((&panel, &model), view, &recipe).fit.expect("found");
-    surface::todays_points(&panel, &scan, &(located.base_from_panel.inverse() * base_from_camera))
+    let points = surface::todays_points(&panel, &scan, &(located.base_from_panel.inverse() * base_from_camera));
+    TodaysScan { points, errors: None }
 }
 
 #[test]
@@ -72,7 +73,7 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
     let panel_stands = Approach { base_from_panel, corners: &[0, 1], obstacles: None };
     let stand = job.corner_tour().reach_setup(&kinematics, &panel_stands).expect("in reach");
     let taught = crate::surface::fit(panel, recipe.surface()).expect("a surface");
-    let fit = survey::correct_by_scan((panel, &taught), &todays_points(&fake_again), recipe.surface()).fit;
+    let fit = survey::correct_by_scan((panel, &taught), &todays_scan(&fake_again), recipe.surface()).fit;
     let tool = ToolState {
         error_mm: job.cell.limits.tool_error_mm(),
         worn_mm2: 0.0,

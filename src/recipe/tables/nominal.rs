@@ -3,7 +3,7 @@
 
 use crate::config::Section;
 use crate::geometry::{Base, Drawing, KukaPose, Point, Rigid, fit_rigid_motion};
-use crate::number_text::fixed_decimals;
+use crate::number_text::{distinguishable_texts, fixed_decimals};
 
 /// Number of datum points.
 const DATUM_COUNT_RANGE: std::ops::RangeInclusive<usize> = 3..=20;
@@ -15,6 +15,11 @@ const MAX_RESIDUAL_MM: f64 = 1.0;
 const MAX_PERMUTED_DATUMS: usize = 5;
 /// Limits of the coordinates, mm: an aircraft's frame has its origin far from the panel.
 const COORDINATE_RANGE_MM: f64 = 100_000.0;
+
+/// Largest coordinate of the drawing's origin in the robot's base, mm. The base that is set in the controller is the
+/// drawing's frame; beyond 8 m the controller's single-precision numbers are no longer exact to the micrometre that the
+/// link requires of a base.
+const MAX_ORIGIN_MM: f64 = 8_000.0;
 
 /// `[nominal]`: where the drawing lies.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,12 +61,16 @@ pub(in crate::recipe) fn parse_nominal(section: &Section<'_, '_>) -> Option<Opti
     let (is_pose, pose) = (pose.is_present(), parse_pose(&pose));
     section.finish();
     let (drawn, measured, region_mm) = (drawn?, measured?, region_mm?);
-    let nominal = |(base_from_drawing, residual_mm)| DrawingPlacement { base_from_drawing, residual_mm, region_mm };
+    let nominal = |(base_from_drawing, residual_mm)| {
+        is_near(section, &base_from_drawing).then_some(Some(DrawingPlacement {
+            base_from_drawing,
+            residual_mm,
+            region_mm,
+        }))
+    };
     match (is_pose, drawn.is_empty() && measured.is_empty()) {
-        (true, true) => Some(Some(nominal((pose?.to_rigid(), None)))),
-        (false, false) => {
-            fit_datums(section, &drawn, &measured).map(|(place, mm)| Some(nominal((place, Some(mm)))))
-        }
+        (true, true) => nominal((pose?.to_rigid(), None)),
+        (false, false) => fit_datums(section, &drawn, &measured).and_then(|(place, mm)| nominal((place, Some(mm)))),
         (true, false) => {
             section.problem(
                 "base_from_drawing",
@@ -78,6 +87,23 @@ pub(in crate::recipe) fn parse_nominal(section: &Section<'_, '_>) -> Option<Opti
             None
         }
     }
+}
+
+/// Returns whether the drawing's origin is near enough to the robot; otherwise the problem is noted.
+fn is_near(section: &Section<'_, '_>, base_from_drawing: &Rigid<Base, Drawing>) -> bool {
+    let farthest_mm = base_from_drawing.origin().mm.coords.amax();
+    let is_near = farthest_mm <= MAX_ORIGIN_MM;
+    if !is_near {
+        let [found, limit] = distinguishable_texts(farthest_mm, MAX_ORIGIN_MM, 0);
+        section.problem(
+            "base_from_drawing",
+            format!(
+                "the drawing's origin lies {found} mm from the robot's base along an axis (limit {limit} mm), and the controller \
+                 could not hold its frame exactly; export the drawing with an origin on the panel"
+            ),
+        );
+    }
+    is_near
 }
 
 fn parse_pose(section: &Section<'_, '_>) -> Option<KukaPose> {
@@ -140,7 +166,7 @@ fn fit_datums(
         .enumerate()
         .fold((0, 0.0), |worst, (index, mm)| if mm > worst.1 { (index + 1, mm) } else { worst });
     if residual_mm > MAX_RESIDUAL_MM {
-        let [found, limit] = crate::number_text::distinguishable_texts(residual_mm, MAX_RESIDUAL_MM, 2);
+        let [found, limit] = distinguishable_texts(residual_mm, MAX_RESIDUAL_MM, 2);
         section.problem(
             "datums_base_mm",
             format!(

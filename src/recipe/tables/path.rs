@@ -31,6 +31,12 @@ settings! {
         max_hole_mm: f64, 1.0..=200.0, default 12.0;
         /// Largest distance of today's panel from the taught panel, mm; beyond it a person decides.
         max_deviation_mm: f64, 0.05..=20.0, default 2.0;
+        /// Largest profile of the surface over the region, twice the largest deviation, mm; if it is not proven, a
+        /// person decides. If not stated, the profile is reported only.
+        max_profile_mm: Option<f64>, 0.05..=40.0, default None;
+        /// Largest flatness of the region, minimum zone, mm; if it is not proven, a person decides. If not stated, the
+        /// flatness of a flat panel is reported only.
+        max_flatness_mm: Option<f64>, 0.02..=40.0, default None;
     }
 }
 

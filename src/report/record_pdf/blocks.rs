@@ -63,6 +63,11 @@ pub(super) fn numbers(record: &CycleRecord) -> Block {
         (Kind::Plan, name::DWELL_RATIO, "ratio of longest to shortest dwell time"),
         (Kind::Plan, name::WORN_BY_A_GRID, name::WORN_BY_A_GRID),
         (Kind::Abrade, name::PATH_DEVIATION_NAME, "largest distance of a reported pose from the path"),
+        (Kind::Reach, name::PROFILE_FROM_DRAWING, name::PROFILE_FROM_DRAWING),
+        (Kind::Reach, name::PROFILE, name::PROFILE),
+        (Kind::Reach, name::PROFILE_UNCERTAINTY, name::PROFILE_UNCERTAINTY),
+        (Kind::Reach, name::FLATNESS, name::FLATNESS),
+        (Kind::Reach, name::FLATNESS_UNCERTAINTY, name::FLATNESS_UNCERTAINTY),
     ];
     let last = |(kind, name, label): (Kind, &str, &str)| {
         let findings = record.findings.iter().rev().filter(|finding| finding.kind == kind);

@@ -2,14 +2,20 @@
 
 use super::TrialScene;
 use super::space::sheet_points;
-use crate::geometry::{Base, Panel, Pixel, Point, Rigid, fit_rigid_motion};
-use crate::sim::scene;
+use crate::geometry::{Base, Drawing, Panel, Pixel, Point, Rigid, TriangleMesh, fit_rigid_motion};
 use crate::sim::shape::PanelBend;
+use crate::sim::{drawing, scene};
 
 impl TrialScene {
     /// Returns the same scene with its panel bent since it was taught.
     pub fn with_bend(self, bend: PanelBend) -> TrialScene {
         TrialScene { present: self.present.map(|shape| shape.with_bend(bend)), ..self }
+    }
+
+    /// The drawing of the taught panel, and the place of its frame while the panel is at its nominal place.
+    pub fn drawing(&self) -> (TriangleMesh, Rigid<Base, Drawing>) {
+        let base_from_drawing = scene::nominal().isometry() * self.taught.panel_from_sheet();
+        (drawing::mesh(&self.taught), Rigid::from_isometry_unchecked(base_from_drawing))
     }
 
     /// A region in the middle of the taught scan's picture that covers this share of the panel's length and width:

@@ -370,6 +370,7 @@ impl Cell {
             clocks: record.clocks,
             moved_without_intent: world.moved_without_intent,
             contact_off_mm: world.contact_off_mm.clone(),
+            bases: world.bases.clone(),
             warning_ms: (world.warning_ms.clone(), world.first_move_ms),
         })
     }

@@ -25,7 +25,10 @@ impl World {
             self.first_move_ms.get_or_insert(self.time_ms);
         }
         match command {
-            Command::SetBase(base) => self.base = Some(base),
+            Command::SetBase(base) => {
+                self.base = Some(base);
+                self.bases.push(base);
+            }
             Command::SetTcp(tool) => self.tool = Some(tool),
             Command::SetDigout(signal) => {
                 if signal.number == 2 && !signal.on && self.outputs.get(&2) == Some(&true) {

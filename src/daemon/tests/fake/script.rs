@@ -36,6 +36,8 @@ pub struct Story {
     pub moved_without_intent: usize,
     /// How far each point of contact lies in front of the true panel, mm.
     pub contact_off_mm: Vec<f64>,
+    /// Each base that was set, in order.
+    pub bases: Vec<crate::geometry::KukaPose>,
     /// The times at which output 6 was set, with its values, ms, and the time at which the arm first moved.
     pub warning_ms: (Vec<(u64, bool)>, Option<u64>),
 }

@@ -36,9 +36,11 @@ pub(super) fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe)
     let camera = sim.flange_camera();
     let teach = |(index, view): (usize, sim::CornerView)| {
         let picture = sim.flange_picture(&view.base_from_flange, PanelPosition::Nominal).to_gray();
-        let panel_from_camera =
-            panel_from_base_at_teaching() * view.base_from_flange * sim.calibrated_flange_from_camera();
-        let depth_mm = (panel_from_camera.inverse() * view.corner).mm.z;
+        let base_from_camera = view.base_from_flange * sim.calibrated_flange_from_camera();
+        let panel_from_camera = panel.nominal_pose.inverse() * base_from_camera;
+        // The simulator's panel frame is the base at the nominal place, whatever the recipe states.
+        let corner = panel_from_base_at_teaching().inverse() * view.corner;
+        let depth_mm = (base_from_camera.inverse() * corner).mm.z;
         let (settings, px_per_mm) = (recipe.corner(), camera.px_per_mm_at(depth_mm).0);
         let found = crate::locate::corner::find(&picture, settings, settings.which().for_picture(index), px_per_mm);
         let teaching = CornerTeaching { reference_px: found.expect("a corner").corner_px, panel_from_camera };

@@ -55,6 +55,8 @@ pub(super) struct World {
     /// The deviation of the reported TCP on a contact path, mm, and the first and last waypoint at which it occurs.
     pub(super) off_plan: Option<(f64, [u32; 2])>,
     pub(super) base: Option<KukaPose>,
+    /// Each base that was set, in order.
+    pub(super) bases: Vec<KukaPose>,
     pub(super) tool: Option<SetTcp>,
     pub(super) base_from_flange: Rigid<Base, Flange>,
     pub(super) arm: Arm,
@@ -118,6 +120,7 @@ impl World {
             brakes_until_ms: 0,
             off_plan: None,
             base: None,
+            bases: Vec::new(),
             tool: None,
             joints: START,
             arm: Arm::kr6_r700_2(),
