@@ -2,6 +2,7 @@
 //!
 //! - `areas`: which grids form one area, and in which order · `raster`, `slanted`, `rings`, `lines`: the lines over
 //!   an area
+//! - `breaks`: the areas around breaks, if not whole grids are abraded
 //! - `orientation`: the tool's orientation · `contact`: how the tool lands, continues and retracts · `plan`: all of
 //!   these
 //!   joined · `planned`: the data of a plan
@@ -17,6 +18,8 @@
 
 pub mod approach;
 mod areas;
+mod boxes;
+pub mod breaks;
 mod contact;
 mod coverage;
 pub mod disc;

@@ -8,8 +8,8 @@ use super::raster::RasterError;
 use crate::geometry::{KukaPose, Panel, Rigid, Tool};
 use crate::panel::GridId;
 use crate::recipe;
-use crate::surface::DwellSpread;
 use crate::surface::dwell::Dwell;
+use crate::surface::{DwellSpread, Treated};
 
 /// One pose that is reached by a linear motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,6 +85,10 @@ pub struct Plan {
     pub step_over_mm: Option<StepOver>,
     /// Reach of the disc beyond the panel's outline.
     pub overhang: DiscOverhang,
+    /// The places that it treats.
+    pub treated: Treated,
+    /// Fraction of the broken places that the disc reaches, 0…1; `None` if whole grids are treated.
+    pub breaks_reached: Option<f64>,
 }
 
 impl Plan {
@@ -95,6 +99,12 @@ impl Plan {
         let all = self.dwell.map(|dwell| (dwell.ratio(), None));
         let grids = self.grid_dwell.iter().map(|(id, dwell)| (dwell.ratio(), Some(*id)));
         all.into_iter().chain(grids).max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Returns the area on the surface that is treated, mm².
+    pub fn treated_mm2(&self) -> f64 {
+        // The sum starts at 0 explicitly, since an empty sum of floats is −0.
+        self.grids.iter().fold(0.0, |sum, grid| sum + grid.area_mm2)
     }
 
     /// Returns the plan with other feeds, one for each waypoint of all its paths in order, mm/s.

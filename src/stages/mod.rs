@@ -6,8 +6,8 @@
 //!
 //! - `locate`: the panel's place, by the 3D scan · `corners`: the correction by corner pictures, and the verification
 //!   before contact · `film`: the water-break test on the pictures of a film
-//! - `survey`: the surface, and the part of the surface that the arm reaches · `plan`: the path over some grids ·
-//!   `abrade`: the executed path · `removal`: the removal by the path
+//! - `survey`: the surface, and the part of the surface that the arm reaches · `treat`: the places to abrade
+//!   after a film · `plan`: the path over them · `abrade`: the executed path · `removal`: the removal by the path
 //! - `learn`: panel and corners, derived from the content of a teaching
 
 pub mod abrade;
@@ -19,6 +19,7 @@ pub mod locate;
 pub mod plan;
 pub mod removal;
 pub mod survey;
+pub mod treat;
 
 use crate::geometry::ColorPicture;
 use crate::imaging::ImagingError;

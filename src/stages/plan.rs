@@ -1,11 +1,11 @@
-//! The path over some grids: planned on the surface, followed by the arm with the best tool rotation, and judged by
+//! The path over some places: planned on the surface, followed by the arm with the best tool rotation, and judged by
 //! every gate.
 
 use super::removal::{self, EarlierRemoval, PathRemovalTotal, RemovalInputs};
 use super::survey::ToolState;
-use super::{ResultDrawing, names};
+use super::{ResultDrawing, names, treat};
 use crate::cell::Limits;
-use crate::geometry::{Base, Panel, Point, Rigid};
+use crate::geometry::{Base, Panel, Pixel, Point, Rigid};
 use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::path::disc::DiscWearPlan;
 use crate::path::panel_reach::{self, ReachSetup, ReachablePlan};
@@ -14,8 +14,11 @@ use crate::recipe::{Recipe, RemovalMethod};
 use crate::record::{Check, Finding, Kind, name};
 use crate::removal::map::RemovalMap;
 use crate::report::PanelOverlay;
-use crate::surface::Fit;
+use crate::surface::{Fit, Parameter, ParameterPatch, Treated};
 use crate::verdict::{Judgement, Reason, Severity};
+
+/// Points on each side of the drawn border of an area.
+const OUTLINE_STEPS: usize = 8;
 
 /// The pose from which the arm follows a plan.
 #[derive(Debug)]
@@ -45,20 +48,21 @@ pub struct PlanOutcome {
     pub judgement: Judgement,
 }
 
-/// Lays paths over these grids of a fitted surface, with the feeds for the removal that the recipe asks for.
+/// Lays paths over these places of a fitted surface, with the feeds for the removal that the recipe asks for.
 ///
 /// # Errors
 /// If the surface allows no path.
 pub fn lay_paths(
     (panel, fit): (&TaughtPanel, &Fit),
-    grids: &[GridId],
+    treated: &Treated,
     (recipe, tool): (&Recipe, ToolState),
 ) -> Result<Plan, PlanError> {
     let holes = fit.map.holes(&panel.region, recipe.path().lift_hole_mm());
     let abrasive =
         RemovalInputs { panel, fit, recipe, tool, earlier: None, earlier_removal: EarlierRemoval::default() };
     let (outline, beyond_mm) = ((panel.outline.as_slice(), &holes), abrasive.overrun_mm());
-    let plan = path::plan_beyond_borders(&fit.surface, &panel.region, grids, outline, (recipe.path(), beyond_mm))?;
+    let plan =
+        path::plan_beyond_borders(&fit.surface, &panel.region, treated, outline, (recipe.path(), beyond_mm))?;
     Ok(abrasive.schedule_feeds(plan))
 }
 
@@ -120,6 +124,17 @@ impl PlanOutcome {
         self
     }
 
+    /// Also checks the places of the breaks, if areas around breaks are planned: `located_mm` is the uncertainty of
+    /// the panel's pose, 95 %.
+    #[must_use]
+    pub fn with_breaks(mut self, located_mm: Option<f64>, recipe: &Recipe) -> Self {
+        if let Some(check) = treat::checks(&self.plan.treated, located_mm, recipe) {
+            self.judgement = Judgement::from_checks([&check]).combined_with(self.judgement);
+            self.checks.push(check);
+        }
+        self
+    }
+
     /// The path over the panel in a picture of the panel.
     pub fn draw_plan(&self, panel: &TaughtPanel, view: &PanelOverlay<'_>) -> ResultDrawing {
         let contact = |path: &ToolPath| -> Vec<Point<Panel>> {
@@ -128,10 +143,12 @@ impl PlanOutcome {
         };
         let paths: Vec<_> = self.plan.paths.iter().map(contact).collect();
         let planned = |grid: &Grid| self.plan.paths.iter().any(|path| path.grids.contains(&grid.id));
+        let areas = self.plan.treated.areas().unwrap_or_default();
+        let areas: Vec<_> = areas.iter().map(|area| outline(panel, area)).collect();
         ResultDrawing::new(
             "planned",
             "The planned path of the tool over the panel",
-            view.draw_plan(panel, &paths, &planned),
+            view.draw_plan(panel, (&paths, &areas), &planned),
         )
     }
 
@@ -144,8 +161,41 @@ impl PlanOutcome {
     /// The result for the record.
     pub fn finding(&self, pass: u8, grids: &[GridId]) -> Finding {
         let finding = Finding::new(Kind::Plan, pass, self.judgement.clone());
-        finding.with_detail("grids", names(grids)).with_checks(self.checks.iter().cloned())
+        let finding = finding.with_detail("grids", names(grids)).with_checks(self.checks.iter().cloned());
+        if self.plan.treated.areas().is_none() {
+            return finding;
+        }
+        // An area may extend into grids that did not fail: these are abraded as well, and count.
+        let beside = self.plan.treated.grids().iter().copied().filter(|id| !grids.contains(id));
+        let beside: Vec<GridId> = beside.collect();
+        let mm2 = Check::new(name::AROUND_BREAKS, "mm²", self.plan.treated_mm2());
+        let finding = finding.with_detail("areas around breaks", areas_text(&self.plan)).with_checks([mm2]);
+        if beside.is_empty() {
+            finding
+        } else {
+            finding.with_detail("grids beside that are abraded as well", names(&beside))
+        }
     }
+}
+
+/// Returns the grids of each area, in the order of travel.
+fn areas_text(plan: &Plan) -> Vec<String> {
+    let text = |path: &ToolPath| names(&path.grids).join(", ");
+    plan.paths.iter().map(text).collect()
+}
+
+/// Returns the border of an area on the panel; the places where the panel is not known are left out.
+fn outline(panel: &TaughtPanel, area: &ParameterPatch) -> Vec<Point<Panel>> {
+    let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
+    let side = |side: usize| {
+        let (from, to) = (corners[side], corners[(side + 1) % 4]);
+        (0..OUTLINE_STEPS).map(move |step| {
+            let share = step as f64 / OUTLINE_STEPS as f64;
+            Parameter { u: from.0 + share * (to.0 - from.0), v: from.1 + share * (to.1 - from.1) }
+        })
+    };
+    let pixel = |at: Parameter| -> Pixel { panel.region.pixel(nalgebra::Point2::new(at.u, at.v)) };
+    (0..4).flat_map(side).filter_map(|share| panel.surface_point_at(pixel(area.parameter_at(share)))).collect()
 }
 
 /// Returns every check of the path's result. If the feeds are scheduled for the removal, the evenness of the removal

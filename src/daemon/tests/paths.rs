@@ -211,6 +211,33 @@ fn what_was_executed_is_looked_at() {
     assert!(*planned_mm2 > 1_000.0 && correction_mm2.abs() < 0.05 * planned_mm2, "{:?}", story.wears);
 }
 
+/// Areas around breaks are abraded: the cycle passes as with whole grids. Every grid into which an area extends is in the
+/// record of the abrasion, also a grid beside a failed one, and the contact path names it. The simulated grids are as
+/// small as the areas, so that nothing is saved here.
+#[test]
+fn only_what_broke_is_abraded() {
+    let by_grid = Fake::new(Scene::Good).slow().run(Asks::one_cycle());
+    let mut fake = Fake::new(Scene::Good).slow();
+    fake.more_recipe = "[treat]\nby = \"break\"\n";
+    let by_break = fake.run(Asks::one_cycle());
+    assert_eq!(by_break.outcome.verdict, Some(Verdict::Pass), "{by_break}");
+    let plan = by_break.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
+    assert_eq!(plan.judgement.verdict, Verdict::Accept, "{plan:?}");
+    assert_eq!(plan.number(name::BREAKS_REACHED), Some(1.0));
+    assert!(plan.number(name::BREAKS_UNCERTAIN).is_some_and(|mm| mm < 2.0), "{plan:?}");
+    let contact_mm = |story: &fake::Story| number(story, Kind::Abrade, "way in contact");
+    println!("way in contact: {:.0} mm, by grid {:.0} mm", contact_mm(&by_break), contact_mm(&by_grid));
+    let abraded = by_break.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("abraded");
+    let beside = plan.names("grids beside that are abraded as well");
+    let both: std::collections::BTreeSet<String> = plan.names("grids").into_iter().chain(beside).collect();
+    assert_eq!(abraded.names("grids").into_iter().collect::<std::collections::BTreeSet<_>>(), both);
+    let reached = by_break.contacts[0].0.grids.iter().map(|reached| reached.grid.clone());
+    assert_eq!(reached.collect::<std::collections::BTreeSet<_>>(), both);
+    // A default recipe's record has none of these numbers.
+    let plain = by_grid.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
+    assert!(plain.number(name::BREAKS_REACHED).is_none() && plain.number(name::AROUND_BREAKS).is_none());
+}
+
 /// The disc has 100 mm² left of its life: a new one is requested before the panel is wet.
 #[test]
 fn a_worn_disc_is_asked_for_before_the_panel_is_wet() {
