@@ -16,7 +16,7 @@ use crate::path::disc::DiscWearPlan;
 use crate::path::dwell::{self, Dwell, GridDwell};
 use crate::path::panel_reach::ReachSetup;
 use crate::path::routes::Sander;
-use crate::path::{self, DwellSpread, Kinematics, Program, ProgramName, Waypoint};
+use crate::path::{self, DwellSpread, Kinematics, Program, ProgramName, TreatmentCost, Waypoint};
 use crate::recipe::Recipe;
 use crate::report::{PanelOverlay, dwell_map, overlap_map};
 use crate::stages::plan::{self, ReachStart};
@@ -61,7 +61,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let stroke_mm = files.cell.tool().compliant().map(|tool| tool.stroke_mm);
     let tool =
         ToolState { error_mm: files.cell.limits().tool_error_mm(), worn_mm2, removal, stroke_mm, in_air: false };
-    let plan = plan::lay_paths(on, &treated, (&recipe, tool)).map_err(Fault::stage)?;
+    let plan = plan::lay_lesser_paths(on, (&treated, &grids), (&recipe, tool)).map_err(Fault::stage)?;
     let is_looked_at = !matches!(reach, ReachStart::Unknown);
     let mut stage = plan::judge(plan, on, reach, (&recipe, tool), (None, EarlierRemoval::default()));
     stage = stage.with_breaks(located_mm(args)?, &recipe);
@@ -298,6 +298,7 @@ impl PlannedPath {
             plan.coverage,
             self.fit.deviation.rms_mm
         )];
+        words.extend(plan.costs.iter().flat_map(plan::costs_text));
         if let Some(step) = plan.step_over_mm {
             words.push(format!("step-over {:.2} to {:.2} mm", step.min_mm, step.max_mm));
         }
@@ -335,6 +336,13 @@ impl PlannedPath {
         outcome.add_value("treated_by", json!(by));
         outcome.add_value("treated_mm2", json!(self.stage.plan.treated_mm2()));
         outcome.add_value("breaks_reached", json!(self.stage.plan.breaks_reached));
+        let cost =
+            |cost: TreatmentCost| json!({"under_disc_mm2": cost.under_disc_mm2, "duration_s": cost.duration_s});
+        let costs = self.stage.plan.costs;
+        let costs = costs.map(|both| {
+            json!({"around_breaks": both.around_breaks.map(cost), "whole_grids": both.whole_grids.map(cost)})
+        });
+        outcome.add_value("costs", json!(costs));
         let step_over = self.stage.plan.step_over_mm.map(|step| json!({"min": step.min_mm, "max": step.max_mm}));
         outcome.add_value("step_over_mm", json!(step_over));
         outcome

@@ -233,7 +233,7 @@ impl AbrasionWork {
         } else {
             self.current_surface(cycle, record)?.and_then(|fit| {
                 let treated = self.treated(cycle, (&fit, &grids), (pass, perception));
-                self.plan_grids(cycle, (&fit, &treated), &panel)
+                self.plan_grids(cycle, (&fit, &treated, &grids), &panel)
             })
         };
         let planned = match planned {
@@ -337,16 +337,16 @@ impl AbrasionWork {
         Box::new(check.or_reject(PASSES_USED, || message))
     }
 
-    /// Plans over these places, with the tool turned so that the arm reaches them best, and lets every gate judge
-    /// the plan.
+    /// Plans over these places, or over these failed grids as a whole if this costs less, with the tool turned so that
+    /// the arm reaches them best, and lets every gate judge the plan.
     fn plan_grids(
         &self,
         cycle: &CycleSetup,
-        (fit, treated): (&Fit, &Treated),
+        (fit, treated, failed): (&Fit, &Treated, &[GridId]),
         panel: &Approach<'_>,
     ) -> Result<PlanOutcome, Box<Check>> {
         let on = (&cycle.panel, fit);
-        let plan = plan::lay_paths(on, treated, (&cycle.recipe, self.tool(cycle)))
+        let plan = plan::lay_lesser_paths(on, (treated, failed), (&cycle.recipe, self.tool(cycle)))
             .map_err(|error| refused(reason("no_path", &error)))?;
         let kinematics = Kinematics::new(&cycle.cell.arm);
         let reach = ReachStart::From(cycle.corner_tour().reach_setup(&kinematics, panel).map_err(refused)?);

@@ -55,7 +55,7 @@ pub use kinematics::Kinematics;
 pub use krl::{Program, ProgramName, ProgramNameError, to_krl};
 pub use orientation::{OrientationError, SpinReference, ToolOrientation, panel_from_tool};
 pub use plan::{plan, plan_beyond_borders, plan_over_holes};
-pub use planned::{Plan, PlanError, StepOver, ToolPath, Waypoint};
+pub use planned::{Plan, PlanError, StepOver, ToolPath, TreatmentCost, TreatmentCosts, Waypoint};
 pub use raster::{Raster, RasterError, raster};
 pub use waypoint_gate::{Route, WaypointLimits, judge_joints, judge_route};
 

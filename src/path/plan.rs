@@ -57,8 +57,8 @@ pub fn plan_over_holes(
     plan_paths(surface, region, &treated, (outline, &|at| !holes.is_hole(at)), (settings, 0.0))
 }
 
-/// Plans paths over these places as [`plan_over_holes`] does, with the lines laid this far beyond the border of the treated area, mm: for an
-/// even removal up to the border, the disc must move beyond it.
+/// Plans paths over these places as [`plan_over_holes`] does, with the lines laid this far beyond the border of the
+/// treated area, mm: for an even removal up to the border, the disc must move beyond it.
 ///
 /// # Errors
 /// As [`plan`].
@@ -114,7 +114,8 @@ fn plan_paths(
     Ok(plan)
 }
 
-/// Returns the fraction of the broken places that the disc reaches, 0…1; `None` if whole grids are treated. The
+/// Returns the fraction of the broken places that the disc reaches wherever they lie within their uncertainty, 0…1;
+/// `None` if they are not named. The
 /// coverage of an area allows a part of it to be missed, and this part must not be the break.
 fn breaks_reached(
     surface: &BSplineSurface,
@@ -128,7 +129,8 @@ fn breaks_reached(
         strokes(&track, |index| piece.contact[index])
     };
     let all: Vec<_> = pieces.iter().flat_map(of_piece).collect();
-    Some(reached_share(&broken, &all, settings.disc_diameter_mm() / 2.0))
+    let surely_mm = (settings.disc_diameter_mm() / 2.0 - treated.uncertainty_mm()).max(0.0);
+    Some(reached_share(&broken, &all, surely_mm))
 }
 
 /// Returns an area that is larger by this length on each side, mm, for laying its lines.
@@ -195,6 +197,7 @@ fn assemble_plan(paths: Vec<ToolPath>, pieces: &[Piece], even: EvenFeeds, settin
         step_over_mm: pieces.iter().flat_map(|piece| piece.step_overs_mm.iter().copied()).fold(None, step_over),
         treated: Treated::default(),
         breaks_reached: None,
+        costs: None,
         overhang: DiscOverhang {
             largest_mm: overhangs_mm().fold(0.0, f64::max),
             share_beyond: beyond as f64 / overhangs_mm().count().max(1) as f64,

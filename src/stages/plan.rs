@@ -6,10 +6,13 @@ use super::survey::ToolState;
 use super::{ResultDrawing, names, treat};
 use crate::cell::Limits;
 use crate::geometry::{Base, Panel, Pixel, Point, Rigid};
+use crate::number_text::distinguishable_texts;
 use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::path::disc::DiscWearPlan;
 use crate::path::panel_reach::{self, ReachSetup, ReachablePlan};
-use crate::path::{self, Plan, PlanError, ToolPath, WaypointLimits, check_pad};
+use crate::path::{
+    self, Plan, PlanError, ToolPath, TreatmentCost, TreatmentCosts, WaypointLimits, check_pad, dwell,
+};
 use crate::recipe::{Recipe, RemovalMethod};
 use crate::record::{Check, Finding, Kind, name};
 use crate::removal::map::RemovalMap;
@@ -64,6 +67,35 @@ pub fn lay_paths(
     let plan =
         path::plan_beyond_borders(&fit.surface, &panel.region, treated, outline, (recipe.path(), beyond_mm))?;
     Ok(abrasive.schedule_feeds(plan))
+}
+
+/// Lays paths over areas around breaks, or over the failed grids as a whole, if the areas do not cost less surface under
+/// the disc and also less time: many small areas need more ways through the air and lower feeds. The plan contains both
+/// costs.
+///
+/// # Errors
+/// If the surface allows no path.
+pub fn lay_lesser_paths(
+    on: (&TaughtPanel, &Fit),
+    (treated, failed): (&Treated, &[GridId]),
+    with: (&Recipe, ToolState),
+) -> Result<Plan, PlanError> {
+    let around = lay_paths(on, treated, with);
+    if treated.areas().is_none() {
+        return around;
+    }
+    let ((panel, fit), radius_mm) = (on, with.0.path().disc_diameter_mm() / 2.0);
+    let whole = lay_paths(on, &treated.as_whole_grids(&panel.region, failed), with);
+    let all: Vec<GridId> = panel.region.ids().collect();
+    let cost = |plan: &Plan| {
+        // The disc also overlaps grids that are not treated.
+        let dwell = dwell::simulate(&fit.surface, &panel.region, &all, &dwell::timed_poses(plan), radius_mm);
+        TreatmentCost { under_disc_mm2: dwell.under_disc_mm2(), duration_s: plan.duration_s }
+    };
+    let [around_breaks, whole_grids] = [&around, &whole].map(|plan| plan.as_ref().ok().map(cost));
+    let costs = TreatmentCosts { around_breaks, whole_grids };
+    let chosen = if costs.is_less_around_breaks() { around } else { whole };
+    Ok(Plan { costs: Some(costs), ..chosen? })
 }
 
 /// Follows a plan with the arm and judges it.
@@ -162,6 +194,10 @@ impl PlanOutcome {
     pub fn finding(&self, pass: u8, grids: &[GridId]) -> Finding {
         let finding = Finding::new(Kind::Plan, pass, self.judgement.clone());
         let finding = finding.with_detail("grids", names(grids)).with_checks(self.checks.iter().cloned());
+        let finding = match &self.plan.costs {
+            Some(costs) => finding.with_detail("cost around the breaks and of whole grids", costs_text(costs)),
+            None => finding,
+        };
         if self.plan.treated.areas().is_none() {
             return finding;
         }
@@ -176,6 +212,20 @@ impl PlanOutcome {
             finding.with_detail("grids beside that are abraded as well", names(&beside))
         }
     }
+}
+
+/// Describes both costs and the choice that follows from them.
+pub fn costs_text(costs: &TreatmentCosts) -> Vec<String> {
+    let [around, whole] = match (costs.around_breaks, costs.whole_grids) {
+        (Some(around), Some(whole)) => {
+            let mm2 = distinguishable_texts(around.under_disc_mm2, whole.under_disc_mm2, 0);
+            let s = distinguishable_texts(around.duration_s, whole.duration_s, 0);
+            [0, 1].map(|way| format!("{} mm² under the disc, {} s", mm2[way], s[way]))
+        }
+        (around, whole) => [around, whole].map(|cost| if cost.is_some() { "a path" } else { "no path" }.to_owned()),
+    };
+    let chosen = if costs.is_less_around_breaks() { "around the breaks" } else { "whole grids" };
+    vec![format!("around the breaks: {around}"), format!("whole grids: {whole}"), format!("chosen: {chosen}")]
 }
 
 /// Returns the grids of each area, in the order of travel.
@@ -221,4 +271,47 @@ fn sizes(plan: &Plan) -> [Check; 4] {
         Check::new("length", "mm", plan.length_mm),
         Check::new("time at the recipe's feed", "s", plan.duration_s),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::examine_fit;
+    use crate::surface::scene::{ScanDefects, Shape, recipe, taught};
+
+    /// The scene's grids are 57 mm wide. By hand: contacts stay 3 mm inside of an area of 45 mm and the disc's radius is
+    /// 15 mm, so the disc is over (39 + 30)² mm² with round corners, 4761 − 193 = 4568 mm²; over the grid it is over
+    /// (51 + 30)² − 193 = 6368 mm². An area of 70 mm costs more than the grid, so the grid is planned, and of the two
+    /// broken places the one in the grid counts.
+    #[test]
+    fn areas_that_cost_more_than_the_failed_grids_are_not_planned() {
+        let recipe = recipe(Shape::Plane, "[treat]\nby = \"break\"\n");
+        let panel = taught(Shape::Plane, ScanDefects::default(), &recipe);
+        let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
+        let failed = [GridId { row: 2, column: 3 }];
+        let tool = ToolState { error_mm: None, worn_mm2: 0.0, removal: None, stroke_mm: None, in_air: false };
+        let [width_mm, height_mm] = crate::surface::sides_mm(&fit.surface);
+        let at = |x_mm: f64| Parameter { u: 0.5 + x_mm / width_mm, v: 0.5 };
+        let planned = |half_mm: f64| {
+            let [by_u, by_v] = [half_mm / width_mm, half_mm / height_mm];
+            let (low, high) =
+                (Parameter { u: 0.5 - by_u, v: 0.5 - by_v }, Parameter { u: 0.5 + by_u, v: 0.5 + by_v });
+            let broken = vec![at(0.0), at(33.0)];
+            let around = Treated::from_areas(&panel.region, vec![ParameterPatch { low, high }], broken);
+            lay_lesser_paths((&panel, &fit), (&around, &failed), (&recipe, tool)).expect("a path")
+        };
+        let small = planned(22.5);
+        let costs = small.costs.expect("compared");
+        let [around, whole] = [costs.around_breaks, costs.whole_grids].map(|cost| cost.expect("a path"));
+        assert!((around.under_disc_mm2 - 4_568.0).abs() < 150.0, "{around:?}");
+        assert!((whole.under_disc_mm2 - 6_368.0).abs() < 200.0, "{whole:?}");
+        assert!(small.treated.areas().is_some() && around.duration_s < whole.duration_s, "{around:?} {whole:?}");
+        let large = planned(35.0);
+        assert_eq!((large.treated.areas(), large.treated.grids()), (None, &failed[..]));
+        assert_eq!((large.treated.broken(), large.breaks_reached), (Some(&[at(0.0)][..]), Some(1.0)));
+        assert_eq!(costs_text(&large.costs.expect("compared"))[2], "chosen: whole grids");
+        let by_grid = Treated::from_grids(&failed);
+        let by_grid = lay_lesser_paths((&panel, &fit), (&by_grid, &failed), (&recipe, tool));
+        assert_eq!(by_grid.expect("a path").costs, None);
+    }
 }

@@ -71,7 +71,8 @@ pub fn treated(
         least_mm: LEAST_RADII * radius_mm,
         reach_mm: (REACH_RADII * radius_mm - recipe.treat().uncertainty_mm()).max(0.0),
     };
-    around_breaks(&fit.surface, &panel.region, &breaks, distances)
+    let around = around_breaks(&fit.surface, &panel.region, &breaks, distances);
+    around.with_uncertainty_mm(recipe.treat().uncertainty_mm())
 }
 
 /// Checks the places of the breaks against the margin, which contains their uncertainty: `located_mm` is that of the

@@ -247,6 +247,11 @@ fn grid_dwell(
 }
 
 impl Dwell {
+    /// Area of all grids that was under the disc, mm².
+    pub fn under_disc_mm2(&self) -> f64 {
+        self.grids.iter().fold(0.0, |sum, grid| sum + grid.area_where_mm2(|passes| passes > 0))
+    }
+
     /// Covered share of all grids, 0…1.
     pub fn share(&self) -> f64 {
         let (covered, all) = self.grids.iter().fold((0.0, 0.0), |(covered, all), grid| {

@@ -9,20 +9,25 @@ use crate::panel::{GridId, Region};
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Treated {
     grids: Vec<GridId>,
-    around: Option<AroundBreaks>,
-}
-
-/// Parts of grids.
-#[derive(Debug, Clone, PartialEq)]
-struct AroundBreaks {
-    areas: Vec<ParameterPatch>,
-    broken: Vec<Parameter>,
+    areas: Option<Vec<ParameterPatch>>,
+    broken: Option<Vec<Parameter>>,
+    uncertainty_mm: f64,
 }
 
 impl Treated {
     /// Treats whole grids.
     pub fn from_grids(grids: &[GridId]) -> Self {
-        Treated { grids: grids.to_vec(), around: None }
+        Treated { grids: grids.to_vec(), ..Treated::default() }
+    }
+
+    /// Returns whole grids in place of these areas. The broken places in these grids remain known.
+    #[must_use]
+    pub fn as_whole_grids(&self, region: &Region, grids: &[GridId]) -> Self {
+        let patches: Vec<ParameterPatch> =
+            grids.iter().filter_map(|id| ParameterPatch::for_grid(region, *id)).collect();
+        let in_grids = |at: &&Parameter| patches.iter().any(|patch| patch.holds(**at));
+        let broken = self.broken.as_ref().map(|broken| broken.iter().filter(in_grids).copied().collect());
+        Treated { broken, uncertainty_mm: self.uncertainty_mm, ..Treated::from_grids(grids) }
     }
 
     /// Treats these areas, and names the broken places that lie in them. The grids are those into which an area
@@ -30,7 +35,18 @@ impl Treated {
     pub fn from_areas(region: &Region, areas: Vec<ParameterPatch>, broken: Vec<Parameter>) -> Self {
         let extends_into = |id: &GridId| areas.iter().any(|area| area.part_in(region, *id).is_some());
         let grids = region.ids().filter(extends_into).collect();
-        Treated { grids, around: Some(AroundBreaks { areas, broken }) }
+        Treated { grids, areas: Some(areas), broken: Some(broken), uncertainty_mm: 0.0 }
+    }
+
+    /// With this uncertainty of the broken places on the panel, mm.
+    #[must_use]
+    pub fn with_uncertainty_mm(self, uncertainty_mm: f64) -> Self {
+        Treated { uncertainty_mm, ..self }
+    }
+
+    /// The uncertainty of the broken places on the panel, mm.
+    pub fn uncertainty_mm(&self) -> f64 {
+        self.uncertainty_mm
     }
 
     /// The grids in which the places lie.
@@ -40,12 +56,12 @@ impl Treated {
 
     /// The areas that are treated; `None` if whole grids are treated.
     pub fn areas(&self) -> Option<&[ParameterPatch]> {
-        Some(&self.around.as_ref()?.areas)
+        self.areas.as_deref()
     }
 
-    /// The broken places for which the areas were laid; `None` if whole grids are treated.
+    /// The broken places that are to be reached; `None` if the recipe asks for whole grids.
     pub fn broken(&self) -> Option<&[Parameter]> {
-        Some(&self.around.as_ref()?.broken)
+        self.broken.as_deref()
     }
 
     /// Returns whether a place of one of the grids is treated.
@@ -68,11 +84,15 @@ mod tests {
         let recipe = Recipe::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
         let region = Region::new(recipe.region()).expect("convex");
         let area = ParameterPatch { low: Parameter { u: 0.15, v: 0.1 }, high: Parameter { u: 0.25, v: 0.5 } };
-        let treated = Treated::from_areas(&region, vec![area], vec![]);
+        let broken = vec![Parameter { u: 0.16, v: 0.2 }, Parameter { u: 0.21, v: 0.2 }];
+        let treated = Treated::from_areas(&region, vec![area], broken.clone());
         assert_eq!(treated.grids(), [GridId { row: 1, column: 1 }, GridId { row: 1, column: 2 }]);
         assert!(treated.holds(Parameter { u: 0.2, v: 0.3 }) && !treated.holds(Parameter { u: 0.3, v: 0.3 }));
         let whole = Treated::from_grids(treated.grids());
         assert!(whole.areas().is_none() && whole.holds(Parameter { u: 0.3, v: 0.3 }));
+        let second = treated.as_whole_grids(&region, &[GridId { row: 1, column: 2 }]);
+        assert!(second.areas().is_none() && second.holds(Parameter { u: 0.3, v: 0.3 }));
+        assert_eq!((second.grids().len(), second.broken()), (1, Some(&broken[1..])), "0.16 lies in r1c1");
         let part = area.part_in(&region, GridId { row: 1, column: 2 }).expect("it extends into it");
         assert_eq!((part.low, part.high), (Parameter { u: 0.2, v: 0.1 }, Parameter { u: 0.25, v: 0.5 }));
     }
