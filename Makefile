@@ -360,8 +360,8 @@ EVERY := 12
 bench-tool-faults: setup
 	cargo bench --locked --bench tool_faults -- $(EVERY)
 
-# Cycles that abrade areas around breaks, beside the same cycles with whole grids; fewer: make bench-treat TREATED='seeds=6'.
-TREATED := seeds=60 reduction=4
+# Paths over areas around breaks, beside whole grids, planned and in whole cycles; fewer: make bench-treat TREATED='seeds=6'.
+TREATED := seeds=60 reduction=4 minutes=15
 bench-treat: setup
 	cargo bench --locked --bench treat -- $(TREATED)
 
