@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-wrong-inputs bench-real bench-surface bench-nominal bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office bench-soak bench-cable bench-mutations bench-table
+.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-wrong-inputs bench-real bench-surface bench-nominal bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-treat bench-office bench-soak bench-cable bench-mutations bench-table
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -12,7 +12,7 @@ help:
 	@echo 'make test-rest  the long tests of tests/long.txt, which make test leaves out; CI runs both'
 	@echo 'make test-long  test-rest, more random walks, and the tests that take minutes'
 	@echo 'make package a Debian package for the system of this machine; make package-test installs, upgrades and purges it in a folder'
-	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md, and their table there; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-wrong-inputs, bench-surface, bench-nominal, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office. Not part of it, since they run by the wall clock or for hours: make bench-cable, bench-soak, bench-mutations. After a single part: make bench-table'
+	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md, and their table there; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-wrong-inputs, bench-surface, bench-nominal, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-treat, bench-office. Not part of it, since they run by the wall clock or for hours: make bench-cable, bench-soak, bench-mutations. After a single part: make bench-table'
 	@echo 'make deny    licences, duplicates, sources and known faults of all crates; make mutants: changes of the code that no test detects'
 	@echo 'make fuzz    search for bytes that break a reader, SECONDS=60 each; only one: make fuzz-krl SECONDS=600'
 	@echo 'make zivid   build the Zivid camera library; the SDK must be installed'
@@ -211,7 +211,7 @@ GOALS = $(abspath $(BUILT))/goals/$(shell git rev-parse --short HEAD)$(BENCH_CHA
 bench bench-%: export GOALS := $(GOALS)
 
 # A part that misses a goal, or cannot run, does not keep the others from running; the table is written after each part.
-BENCHES := bench-seeds bench-robots bench-locate bench-inspect bench-damage bench-link bench-calib bench-wrong-inputs bench-surface bench-nominal bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
+BENCHES := bench-seeds bench-robots bench-locate bench-inspect bench-damage bench-link bench-calib bench-wrong-inputs bench-surface bench-nominal bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-treat bench-office
 bench: setup
 	@failed=''; for part in $(BENCHES); do \
 	  $(MAKE) -k $$part || failed="$$failed $$part"; \
@@ -366,6 +366,11 @@ bench-nominal: setup
 EVERY := 12
 bench-tool-faults: setup
 	cargo bench --locked --bench tool_faults -- $(EVERY)
+
+# Paths over areas around breaks, beside whole grids, planned and in whole cycles; fewer: make bench-treat TREATED='seeds=6'.
+TREATED := seeds=60 reduction=4 minutes=15
+bench-treat: setup
+	cargo bench --locked --bench treat -- $(TREATED)
 
 # The removal by the disc, compared with mr-sim in a separate Python environment under target/; only some parts: make bench-removal
 # PARTS='panels', of peers, finer, panels, speed, published.

@@ -27,7 +27,7 @@ pub use record::{ExportRecord, HeadOfRecords, MeaningName, RecordCommand, Record
 pub use robot::{OnOff, Prove, Robot, RobotFunction, TipName};
 pub use service::{CountArguments, Ctl, CtlAsk, Cycle, Decision, PartArguments, Run, ZividWorker};
 pub use shooting::{Shoot, Shot};
-pub use simulated::{Demo, FilmName, MockRobot, Render, ToolName, real_arm, scanner_distortion};
+pub use simulated::{Demo, FilmName, MockRobot, Render, ToolName, TreatName, real_arm, scanner_distortion};
 pub use simulation::{SceneName, Simulation};
 pub use storage::{Explain, PageOf, RenewStore, Replay, StoreCommand, StoreTask, VerifyStore};
 pub use values::parse_non_empty;

@@ -4,7 +4,7 @@
 //! the cycle runs in the same way as in `panelprep cycle`. The ground truth is read only for the score, when the
 //! cycle is over.
 
-use super::args::{Common, Demo, Simulation, Teach, ToolName, real_arm};
+use super::args::{Common, Demo, Simulation, Teach, ToolName, TreatName, real_arm};
 use super::calibrate::args::CameraName;
 use super::calibrate::verify;
 use super::cycle_files::{Calibrated, TaughtRecipe};
@@ -21,6 +21,9 @@ use serde_json::json;
 use std::net::SocketAddr;
 use std::time::Instant;
 use strum::VariantArray;
+
+/// Addition to the rendered recipe if areas around breaks are abraded.
+const BY_BREAK: &str = "\n[treat]\nby = \"break\"\n";
 
 /// Renders, teaches, runs the cycle, writes pictures and page.
 ///
@@ -45,6 +48,11 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let has_compliant_tool = args.tool == ToolName::Compliant;
     if has_compliant_tool {
         demo_tool::calibrate(args.seed, &rendered, &progress)?;
+    }
+    if args.treat == TreatName::Break {
+        let recipe = rendered.file_path("recipe.toml");
+        let text = disk::read(&recipe)?;
+        disk::write(&recipe, [text.as_slice(), BY_BREAK.as_bytes()].concat())?;
     }
     let common = rendered.common_arguments();
     progress("teaching the panel at its nominal pose");

@@ -46,6 +46,7 @@ mod part;
 mod person;
 mod pictures;
 mod plan;
+mod plan_places;
 mod prove;
 mod record;
 mod record_data;

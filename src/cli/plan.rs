@@ -7,6 +7,7 @@ use super::fault::Fault;
 use super::load::{self, CellFiles, LoadedPanel};
 use super::outcome::Outcome;
 use super::pictures;
+use super::plan_places::{located_mm, places};
 use crate::geometry::{Base, Flange, Joints, KukaPose, Panel, Rigid, Tool};
 use crate::number_text::{distinguishable_texts, fixed_decimals};
 use crate::panel::GridId;
@@ -15,7 +16,7 @@ use crate::path::disc::DiscWearPlan;
 use crate::path::dwell::{self, Dwell, GridDwell};
 use crate::path::panel_reach::ReachSetup;
 use crate::path::routes::Sander;
-use crate::path::{self, DwellSpread, Kinematics, PanelPoses, Program, ProgramName, Waypoint};
+use crate::path::{self, DwellSpread, Kinematics, PanelPoses, Program, ProgramName, TreatmentCost, Waypoint};
 use crate::recipe::Recipe;
 use crate::report::{PanelOverlay, dwell_map, overlap_map};
 use crate::stages::plan::{self, ReachStart};
@@ -45,11 +46,6 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let program = args.krl.as_ref().map(|file| Ok::<_, Fault>((file, program_name(file)?))).transpose()?;
     let base_from_panel = load::located(args.located.as_ref(), &recipe)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
-    let grids = if args.grids.is_empty() {
-        taught.panel.region.ids().collect()
-    } else {
-        args.grids.iter().map(|text| text.parse::<GridId>().map_err(Fault::stage)).collect::<Result<Vec<_>, _>>()?
-    };
     let fit = surface::examine_fit(&taught.panel, recipe.surface()).or_else(|refusal| {
         if let (Some(folder), Some(map)) = (&args.pictures, &refusal.map) {
             pictures::write_drawings(folder, [draw_surface(map)])?;
@@ -57,6 +53,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
         Err(Fault::stage(refusal.error))
     })?;
     let on = (&taught.panel, &fit);
+    let (grids, treated, remark) = places(args, (&files, &taught, &fit), &recipe)?;
     let kinematics = Kinematics::new(files.cell.arm());
     let (reach, from) = reach(&kinematics, (&files, common), &taught, base_from_panel, &recipe)?;
     let worn_mm2 = files.store()?.disc_worn_mm2().map_err(Fault::stage)?;
@@ -64,9 +61,10 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let stroke_mm = files.cell.tool().compliant().map(|tool| tool.stroke_mm);
     let tool =
         ToolState { error_mm: files.cell.limits().tool_error_mm(), worn_mm2, removal, stroke_mm, in_air: false };
-    let plan = plan::lay_paths(on, &grids, (&recipe, tool)).map_err(Fault::stage)?;
+    let plan = plan::lay_lesser_paths(on, (&treated, &grids), (&recipe, tool)).map_err(Fault::stage)?;
     let is_looked_at = !matches!(reach, ReachStart::Unknown);
     let mut stage = plan::judge(plan, on, reach, (&recipe, tool), (None, EarlierRemoval::default()));
+    stage = stage.with_breaks(located_mm(args)?, &recipe);
     if files.cell.limits().workspace().is_some() || program.is_some() {
         let poses = PanelPoses { now: base_from_panel, nominal: taught.panel.nominal_pose };
         stage = stage.gated_in_base(poses, files.cell.limits());
@@ -81,12 +79,14 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     };
     let planned = PlannedPath { stage, fit, base: KukaPose::from_rigid(&base_from_panel) };
     let (reached, disc) = (planned.stage.reached.as_ref(), &planned.stage.disc);
-    let dwell = planned.dwell(&taught, &grids, &recipe);
+    let dwell = planned.dwell(&taught, &recipe);
     let mut outcome = planned.outcome();
+    outcome.add_value("grids", json!(grids.iter().map(ToString::to_string).collect::<Vec<_>>()));
     outcome.lines.extend(planned.table(&dwell, disc, &recipe));
     outcome.lines.extend(planned.stage.removed.as_ref().map_or_else(Vec::new, PathRemovalTotal::describe));
     outcome.add_value("removal", json!(planned.removal()));
     outcome.add_line(reach_words);
+    remark.into_iter().for_each(|remark| outcome.add_line(remark));
     outcome.add_value(
         "reach",
         json!(reached.map(|r| json!({"room_deg": r.arm_travel.room_deg, "spin_deg": r.spin.0}))),
@@ -205,10 +205,10 @@ impl PlannedPath {
     }
 
     /// Simulates the effect of the disc along the plan.
-    fn dwell(&self, taught: &LoadedPanel, grids: &[GridId], recipe: &Recipe) -> Dwell {
+    fn dwell(&self, taught: &LoadedPanel, recipe: &Recipe) -> Dwell {
         let radius_mm = recipe.path().disc_diameter_mm() / 2.0;
-        let executed = dwell::timed_poses(&self.stage.plan);
-        dwell::simulate(&self.fit.surface, &taught.panel.region, grids, &executed, radius_mm)
+        let (plan, executed) = (&self.stage.plan, dwell::timed_poses(&self.stage.plan));
+        dwell::simulate_treated(&self.fit.surface, &taught.panel.region, &plan.treated, &executed, radius_mm)
     }
 
     /// Returns the results of the dry run as a table of lines.
@@ -291,13 +291,15 @@ impl PlannedPath {
     fn describe_plan(&self) -> Vec<String> {
         let plan = &self.stage.plan;
         let mut words = vec![format!(
-            "planned: {} paths, {:.0} mm, {:.0} s, coverage {:.3}; surface fitted to {:.3} mm rms",
+            "planned: {} paths, {:.0} mm² to treat, {:.0} mm, {:.0} s, coverage {:.3}; surface fitted to {:.3} mm rms",
             plan.paths.len(),
+            plan.treated_mm2(),
             plan.length_mm,
             plan.duration_s,
             plan.coverage,
             self.fit.deviation.rms_mm
         )];
+        words.extend(plan.costs.iter().flat_map(plan::costs_text));
         if let Some(step) = plan.step_over_mm {
             words.push(format!("step-over {:.2} to {:.2} mm", step.min_mm, step.max_mm));
         }
@@ -331,6 +333,17 @@ impl PlannedPath {
         outcome.add_value("contact_mm", json!(self.stage.plan.contact_mm));
         outcome.add_value("duration_s", json!(self.stage.plan.duration_s));
         outcome.add_value("coverage", json!(self.stage.plan.coverage));
+        let by = if self.stage.plan.treated.areas().is_some() { "break" } else { "grid" };
+        outcome.add_value("treated_by", json!(by));
+        outcome.add_value("treated_mm2", json!(self.stage.plan.treated_mm2()));
+        outcome.add_value("breaks_reached", json!(self.stage.plan.breaks_reached));
+        let cost =
+            |cost: TreatmentCost| json!({"under_disc_mm2": cost.under_disc_mm2, "duration_s": cost.duration_s});
+        let costs = self.stage.plan.costs;
+        let costs = costs.map(|both| {
+            json!({"around_breaks": both.around_breaks.map(cost), "whole_grids": both.whole_grids.map(cost)})
+        });
+        outcome.add_value("costs", json!(costs));
         let step_over = self.stage.plan.step_over_mm.map(|step| json!({"min": step.min_mm, "max": step.max_mm}));
         outcome.add_value("step_over_mm", json!(step_over));
         outcome

@@ -20,6 +20,7 @@ use crate::record::{CycleRecord, Finding, Kind, MotionRecord, name};
 use crate::report::page::{Row, Section};
 use crate::sim::{self, CellTruth, PlacementError};
 use crate::verdict::{Reason, Verdict};
+use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::sync::Arc;
 
@@ -56,6 +57,10 @@ struct AbrasionScore {
     /// Number of executed waypoints with the disc on the panel.
     in_contact: usize,
     coverage: f64,
+    /// Surface of the grids that was under the disc, mm².
+    sanded_mm2: f64,
+    /// Time from the path's first waypoint to its last one, s.
+    path_s: f64,
     step_over: Option<StepOver>,
     errors: Option<ContactErrors>,
 }
@@ -114,7 +119,7 @@ impl Score {
             json!({
                 "pass": one.pass, "waypoints": one.waypoints, "waypoints_done": one.executed,
                 "waypoints_in_contact": one.in_contact,
-                "coverage": one.coverage,
+                "coverage": one.coverage, "sanded_mm2": one.sanded_mm2, "path_s": one.path_s,
                 "step_over_mm": one.step_over.map(|step| json!({"min": step.min_mm, "max": step.max_mm})),
                 "normal_error_max_deg": one.errors.map(|errors| errors.normal_max_deg),
                 "surface_error_max_mm": one.errors.map(|errors| errors.surface_max_mm),
@@ -237,6 +242,8 @@ fn score_abrasions(
         let during = |sample: &&ContactSample| before_ms < sample.time_ms && sample.time_ms <= until_ms;
         let part: Vec<ContactSample> = trace.iter().filter(during).copied().collect();
         before_ms = until_ms;
+        let from_ms = run.first().map_or(until_ms, |first| first.time_ms);
+        let touched = TouchedPoints::reached_by_disc(&part, truth, disc_diameter_mm);
         let grids = grids(finding, panel);
         let points: Vec<Point<Panel>> = grids.into_iter().flat_map(|grid| surface_grid(grid, truth)).collect();
         AbrasionScore {
@@ -244,7 +251,9 @@ fn score_abrasions(
             waypoints: motion.motion.waypoints,
             executed: run.len(),
             in_contact: run.iter().filter(|command| command.contact).count(),
-            coverage: TouchedPoints::reached_by_disc(&part, truth, disc_diameter_mm).share(&points),
+            coverage: touched.share(&points),
+            sanded_mm2: panel.grids.iter().map(|grid| sanded_mm2(grid, &touched, truth)).sum(),
+            path_s: (until_ms - from_ms) as f64 / 1_000.0,
             step_over: measure_step_over(&part, truth),
             errors: contact_errors(&part, truth),
         }
@@ -262,6 +271,16 @@ fn grids<'a>(finding: &Finding, panel: &'a TaughtPanel) -> Vec<&'a Grid> {
     let named = ["grids", "grids_in_part"].into_iter().filter_map(|name| finding.details.get(name)?.as_array());
     let names: Vec<&str> = named.flatten().filter_map(Value::as_str).collect();
     panel.grids.iter().filter(|grid| names.contains(&grid.id.to_string().as_str())).collect()
+}
+
+/// Returns the surface of a grid that was under the disc, mm².
+fn sanded_mm2(grid: &Grid, touched: &TouchedPoints, truth: &CellTruth) -> f64 {
+    let [a, b, c, d] = grid.corners.map(|corner| corner.mm.coords);
+    let points = surface_grid(grid, truth);
+    let covered = points.par_iter().filter(|point| touched.was_touched(**point)).count();
+    // Half of the vector product of the diagonals.
+    let area_mm2 = (c - a).cross(&(d - b)).norm() / 2.0;
+    area_mm2 * covered as f64 / points.len().max(1) as f64
 }
 
 /// Returns points of a grid on the true surface; each point represents nearly the same area.

@@ -16,6 +16,7 @@ use crate::path::disc::DiscWearPlan;
 use crate::path::routes::waypoints;
 use crate::path::trace::Trace;
 use crate::path::{Kinematics, Plan, dwell, touching};
+use crate::recipe::TreatBy;
 use crate::record::{Budget, EarlierPass, FirstReached, Kind, PASSES_USED};
 use crate::removal::map::RemovalMap;
 use crate::stages::abrade::{self, Progress};
@@ -23,7 +24,8 @@ use crate::stages::plan::{self, PlanOutcome, ReachStart};
 use crate::stages::rejected_finding;
 use crate::stages::removal::RemovalInputs;
 use crate::stages::survey::{self, ToolState};
-use crate::surface::{self, Fit, TodaysScan};
+use crate::stages::treat::{self, Broken};
+use crate::surface::{self, Fit, TodaysScan, Treated};
 use crate::verdict::{Check, Limit, LimitSource, Reason, Severity};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -229,7 +231,10 @@ impl AbrasionWork {
         let planned = if grids.is_empty() {
             Err(self.passes_used(&worn, most))
         } else {
-            self.current_surface(cycle, record)?.and_then(|fit| self.plan_grids(cycle, (&fit, &grids), &panel))
+            self.current_surface(cycle, record)?.and_then(|fit| {
+                let treated = self.treated(cycle, (&fit, &grids), (pass, perception));
+                self.plan_grids(cycle, (&fit, &treated, &grids), &panel)
+            })
         };
         let planned = match planned {
             Ok(planned) => planned,
@@ -238,6 +243,7 @@ impl AbrasionWork {
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
+        let planned = planned.with_breaks(perception.located_mm, &cycle.recipe);
         let finding = planned.finding(pass, &grids);
         let grade = grade_judgement(&finding.judgement);
         if let Some(film) = &perception.film_picture {
@@ -246,7 +252,7 @@ impl AbrasionWork {
         if let Some(drawing) = planned.draw_removal(&cycle.panel) {
             record.figure(&figure_alone(drawing))?;
         }
-        let earlier = self.describe_earlier_passes(&grids);
+        let earlier = self.describe_earlier_passes(planned.plan.treated.grids());
         record.finding(&match earlier.is_empty() {
             true => finding,
             false => finding.with_detail("abraded in earlier cycles, counted", earlier),
@@ -259,6 +265,27 @@ impl AbrasionWork {
             Grade::Accept => Answer::Planned { plan, waypoints },
             _ => Answer::PlannedForReview { plan, waypoints },
         })
+    }
+
+    /// Returns what a pass abrades of these failed grids: the grids, or areas around their breaks. An area may extend
+    /// into a grid that did not fail, and this grid then counts as abraded; so no area extends into a grid that was
+    /// abraded as often as allowed.
+    fn treated(
+        &self,
+        cycle: &CycleSetup,
+        (fit, failed): (&Fit, &[GridId]),
+        (pass, perception): (u8, &Perception),
+    ) -> Treated {
+        let Some(film) = perception.inspections.last().filter(|_| pass > 0) else {
+            return Treated::from_grids(failed);
+        };
+        if cycle.recipe.treat().by() == TreatBy::Grid {
+            return Treated::from_grids(failed);
+        }
+        let all = cycle.panel.region.ids();
+        let spared: Vec<GridId> =
+            all.filter(|grid| self.has_reached_pass_limit(grid, pass, self.most_passes)).collect();
+        treat::treated((&cycle.panel, fit), &Broken::from_film(film), (failed, &spared), &cycle.recipe)
     }
 
     fn has_reached_pass_limit(&self, grid: &GridId, pass: u8, most: usize) -> bool {
@@ -310,16 +337,16 @@ impl AbrasionWork {
         Box::new(check.or_reject(PASSES_USED, || message))
     }
 
-    /// Plans over these grids, with the tool turned so that the arm reaches them best, and lets every gate judge
-    /// the plan.
+    /// Plans over these places, or over these failed grids as a whole if this costs less, with the tool turned so that
+    /// the arm reaches them best, and lets every gate judge the plan.
     fn plan_grids(
         &self,
         cycle: &CycleSetup,
-        (fit, grids): (&Fit, &[GridId]),
+        (fit, treated, failed): (&Fit, &Treated, &[GridId]),
         panel: &Approach<'_>,
     ) -> Result<PlanOutcome, Box<Check>> {
         let on = (&cycle.panel, fit);
-        let plan = plan::lay_paths(on, grids, (&cycle.recipe, self.tool(cycle)))
+        let plan = plan::lay_lesser_paths(on, (treated, failed), (&cycle.recipe, self.tool(cycle)))
             .map_err(|error| refused(reason("no_path", &error)))?;
         let kinematics = Kinematics::new(&cycle.cell.arm);
         let reach = ReachStart::From(cycle.corner_tour().reach_setup(&kinematics, panel).map_err(refused)?);

@@ -3,7 +3,7 @@
 use super::answers::{MISSING, camera_fault_answer, figure, grade_judgement, reason, unusable_picture_answer};
 use super::corners::CornerLoop;
 use super::error::DaemonError;
-use super::films::{FilmMemory, FilmWatch, FilmedPanel};
+use super::films::{FilmMemory, FilmWatch, FilmedPanel, mask_hash};
 use super::ports::{CameraPort, Picture2d, Record};
 use super::setup::CycleSetup;
 use crate::cycle::Answer;
@@ -109,7 +109,9 @@ impl Perception {
         let failed: Vec<_> = inspections
             .last()
             .map_or(vec![], |film| film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect());
-        format!("{} {failed:?}", self.pose_inputs())
+        // Areas around breaks follow from the places that broke, and not only from the failed grids.
+        let broken = inspections.last().map(|film| film.mask());
+        format!("{} {failed:?} {:x}", self.pose_inputs(), mask_hash(broken.as_ref()))
     }
 
     /// Copies the films of another perception, and also its dry picture unless `without_dry`, as for a new

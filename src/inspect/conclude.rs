@@ -197,6 +197,11 @@ impl Inspection {
         self.footprint.to_picture(|index| self.since_wet_s[index] < NOT_BROKEN)
     }
 
+    /// The pixels of the taught picture that broke.
+    pub fn broken_in_taught(&self) -> Mask {
+        self.footprint.taught_pixels(&self.mask())
+    }
+
     /// Returns the pixels of the picture for which it is not known whether they broke; masked pixels are not
     /// included.
     pub fn unseen_pixels(&self) -> Mask {

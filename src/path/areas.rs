@@ -7,13 +7,34 @@
 
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
-use crate::surface::{Parameter, ParameterPatch};
+use crate::surface::{Parameter, ParameterPatch, Treated};
 
-/// Grids that form one rectangle, and their patch.
+/// One patch of the surface with one path.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Area {
+    /// The grids into which it extends.
     pub grids: Vec<GridId>,
+    /// Where its lines are laid.
     pub patch: ParameterPatch,
+    /// What is treated; the lines may extend beyond it.
+    pub treated: ParameterPatch,
+}
+
+impl Area {
+    /// Returns the treated part of each of its grids.
+    pub fn parts(&self, region: &Region) -> Vec<(GridId, ParameterPatch)> {
+        self.grids.iter().filter_map(|id| Some((*id, self.treated.part_in(region, *id)?))).collect()
+    }
+}
+
+/// Returns the areas that are treated: around breaks each as it is, otherwise the grids combined into rectangles.
+pub(super) fn areas_of(region: &Region, treated: &Treated, join: bool) -> Vec<Area> {
+    let Some(patches) = treated.areas() else { return areas(region, treated.grids(), join) };
+    let area = |patch: &ParameterPatch| {
+        let grids = treated.grids().iter().copied().filter(|id| patch.part_in(region, *id).is_some());
+        Area { grids: grids.collect(), patch: *patch, treated: *patch }
+    };
+    patches.iter().map(area).collect()
 }
 
 /// Combines these grids, which the region must have, into rectangles. Without joining, each grid is one rectangle.
@@ -25,7 +46,8 @@ pub(super) fn areas(region: &Region, grids: &[GridId], join: bool) -> Vec<Area> 
         let low = region.unit_box(GridId { row: rows[0], column: columns[0] })[0];
         let high = region.unit_box(GridId { row: rows[1], column: columns[1] })[1];
         let place = |at: nalgebra::Point2<f64>| Parameter { u: at.x, v: at.y };
-        Area { grids, patch: ParameterPatch { low: place(low), high: place(high) } }
+        let patch = ParameterPatch { low: place(low), high: place(high) };
+        Area { grids, patch, treated: patch }
     };
     if !join {
         return grids.iter().map(|id| area([[id.row; 2], [id.column; 2]])).collect();

@@ -6,18 +6,19 @@
 use crate::geometry::{Panel, Point};
 use crate::panel::GridId;
 use crate::surface::{BSplineSurface, Parameter, ParameterPatch};
+use rayon::prelude::*;
 
 /// Smallest covered fraction of each grid, 0…1.
 pub const MIN_COVERAGE: f64 = 0.995;
 /// Approximate distance between samples, mm.
 const SAMPLE_MM: f64 = 1.0;
 
-/// The coverage of a grid by a path.
+/// The coverage of a grid, or of its part that is treated, by a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridCoverage {
     /// The grid.
     pub id: GridId,
-    /// The grid's area on the surface, mm².
+    /// The area on the surface, mm².
     pub area_mm2: f64,
     /// The part of this area that the disc touches, mm².
     pub covered_mm2: f64,
@@ -78,6 +79,16 @@ pub(super) fn coverage(
         }
     }
     found
+}
+
+/// Returns the fraction of these places that the disc reaches, 0…1; 1 if there are none.
+pub(super) fn reached_share(places: &[Point<Panel>], strokes: &[ContactSegment], radius_mm: f64) -> f64 {
+    let is_reached =
+        |place: &&Point<Panel>| strokes.iter().any(|(from, to)| foot_fraction(**place, *from, *to).1 <= radius_mm);
+    match places.len() {
+        0 => 1.0,
+        count => places.par_iter().filter(is_reached).count() as f64 / count as f64,
+    }
 }
 
 /// Returns the fraction 0…1 along a straight piece at which the piece is nearest to a point, and the distance there,

@@ -1,6 +1,6 @@
 //! A planned path as poses with their times, for [`simulate`].
 
-pub use crate::surface::dwell::{Dwell, ExecutedPose, GridDwell, simulate};
+pub use crate::surface::dwell::{Dwell, ExecutedPose, GridDwell, simulate, simulate_treated};
 
 use super::planned::Plan;
 

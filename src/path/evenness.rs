@@ -15,6 +15,7 @@ use crate::panel::{GridId, Region};
 use crate::recipe;
 use crate::surface::{BSplineSurface, DwellSpread, Parameter, ParameterPatch, SampleGrid};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 /// Largest factor by which the feed is lower than the recipe's feed.
@@ -46,15 +47,12 @@ pub(super) fn even_out_feeds(
     settings: &recipe::Path,
 ) -> EvenFeeds {
     let radius_mm = settings.disc_diameter_mm() / 2.0;
-    let ids: Vec<GridId> = pieces.iter().flat_map(|piece| piece.area.grids.iter().copied()).collect();
-    let patch = |id: &GridId| ParameterPatch::for_grid(region, *id);
+    let parts: Vec<(GridId, ParameterPatch)> = pieces.iter().flat_map(|piece| piece.area.parts(region)).collect();
     let lines: Vec<Vec<Option<Line>>> = pieces.iter().map(|piece| lines(surface, piece, radius_mm)).collect();
     let treating: Vec<&Line> = lines.iter().flatten().flatten().collect();
     let coarse: Vec<SpreadPlaces> = {
         let spacing_mm = (radius_mm / 5.0).clamp(1.0, 3.0);
-        ids.par_iter()
-            .filter_map(|id| patch(id).map(|patch| SpreadPlaces::new(surface, patch, spacing_mm)))
-            .collect()
+        parts.par_iter().map(|(_, part)| SpreadPlaces::new(surface, *part, spacing_mm)).collect()
     };
     let slowness = inverse_feeds(&treating, &coarse, radius_mm, settings);
     let mut next = slowness.iter();
@@ -70,25 +68,21 @@ pub(super) fn even_out_feeds(
     // The result is measured on a finer net than the one on which the feeds were found, so that it cannot be even by
     // construction.
     let spacing_mm = (radius_mm / 10.0).clamp(0.5, 1.5);
-    let of_grid = |id: &GridId| {
-        let places = SpreadPlaces::new(surface, patch(id)?, spacing_mm);
+    let of_part = |(id, part): &(GridId, ParameterPatch)| {
+        let places = SpreadPlaces::new(surface, *part, spacing_mm);
         let mut times_s = vec![0.0; places.points.len()];
         for (line, slowness) in treating.iter().zip(&slowness) {
             places.for_places_under(line, radius_mm, |place, chord_mm| times_s[place] += chord_mm * slowness);
         }
-        Some((*id, times_s.into_iter().zip(places.area_mm2).collect::<Vec<_>>()))
+        (*id, times_s.into_iter().zip(places.area_mm2).collect::<Vec<_>>())
     };
-    let times: Vec<(GridId, Vec<(f64, f64)>)> = ids.par_iter().filter_map(of_grid).collect();
-    let mut grids: Vec<(GridId, DwellSpread)> = times
-        .iter()
-        .filter_map(|(id, times)| Some((*id, DwellSpread::from_times(times.iter().copied())?)))
-        .collect();
-    grids.sort_by_key(|(id, _)| *id);
-    EvenFeeds {
-        feeds_mm_s,
-        all: DwellSpread::from_times(times.iter().flat_map(|(_, times)| times.iter().copied())),
-        grids,
-    }
+    let times: Vec<(GridId, Vec<(f64, f64)>)> = parts.par_iter().map(of_part).collect();
+    let all = DwellSpread::from_times(times.iter().flat_map(|(_, times)| times.iter().copied()));
+    // Two areas may lie in one grid.
+    let mut by_grid: BTreeMap<GridId, Vec<(f64, f64)>> = BTreeMap::new();
+    times.into_iter().for_each(|(id, times)| by_grid.entry(id).or_default().extend(times));
+    let spread = |(id, times): (GridId, Vec<(f64, f64)>)| Some((id, DwellSpread::from_times(times.into_iter())?));
+    EvenFeeds { feeds_mm_s, all, grids: by_grid.into_iter().filter_map(spread).collect() }
 }
 
 /// A straight piece of a track in contact.

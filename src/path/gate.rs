@@ -32,7 +32,7 @@ pub fn judge_plan(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgemen
         let words = || "the length, the time or the reach of the path is not a valid number".to_owned();
         of_motion.push(not_finite_check("length, time and reach of the path", words));
     }
-    let checks = [of_motion, coverage(plan), evenness_checks(plan, settings)].concat();
+    let checks = [of_motion, coverage(plan), breaks(plan), evenness_checks(plan, settings)].concat();
     let judgement = Judgement::from_checks(&checks);
     (checks, judgement)
 }
@@ -177,6 +177,19 @@ fn coverage(plan: &Plan) -> Vec<Check> {
     let short = plan.grids.iter().filter(|grid| grid.share().is_nan() || grid.share() < MIN_COVERAGE);
     let short = short.map(|grid| check(format!("{GRID_CHECK_PREFIX}{}", grid.id), grid.share(), &|| words(grid)));
     [Check::new("coverage of these grids", "", plan.coverage), of_worst].into_iter().chain(short).collect()
+}
+
+/// Checks that the disc reaches every broken place; nothing if the recipe asks for whole grids.
+fn breaks(plan: &Plan) -> Vec<Check> {
+    let Some(share) = plan.breaks_reached else { return vec![] };
+    let check = Check::new(name::BREAKS_REACHED, "", share).with_min(1.0, LimitSource::Program);
+    vec![check.reviews("break_missed", || {
+        let [reached, wanted] = distinguishable_percents(share, 1.0, 2);
+        format!(
+            "the disc surely reaches {reached} % of the broken places, {wanted} % are needed; a larger edge_overhang_mm \
+             reaches more near the panel's outline, and [treat] by = \"grid\" sands the whole grid"
+        )
+    })]
 }
 
 /// Checks how evenly the disc treats the grids, and how far it reaches beyond the outline.

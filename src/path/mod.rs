@@ -2,6 +2,7 @@
 //!
 //! - `areas`: which grids form one area, and in which order · `raster`, `slanted`, `rings`, `lines`: the lines over
 //!   an area
+//! - `breaks`: the areas around breaks, if not whole grids are abraded
 //! - `orientation`: the tool's orientation · `contact`: how the tool lands, continues and retracts · `plan`: all of
 //!   these
 //!   joined · `planned`: the data of a plan
@@ -17,6 +18,8 @@
 
 pub mod approach;
 mod areas;
+mod boxes;
+pub mod breaks;
 mod contact;
 mod coverage;
 pub mod disc;
@@ -53,7 +56,7 @@ pub use kinematics::Kinematics;
 pub use krl::{Program, ProgramName, ProgramNameError, to_krl};
 pub use orientation::{OrientationError, SpinReference, ToolOrientation, panel_from_tool};
 pub use plan::{plan, plan_beyond_borders, plan_over_holes};
-pub use planned::{Plan, PlanError, StepOver, ToolPath, Waypoint};
+pub use planned::{Plan, PlanError, StepOver, ToolPath, TreatmentCost, TreatmentCosts, Waypoint};
 pub use raster::{Raster, RasterError, raster};
 pub use waypoint_gate::{Route, WaypointLimits, judge_joints, judge_route};
 

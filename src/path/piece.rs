@@ -58,10 +58,10 @@ pub(super) fn make_piece(
     let radius_mm = settings.disc_diameter_mm() / 2.0;
     let spacing_mm = spacing_mm(surface, &area.patch, settings);
     let on_surface = |places: &[Parameter]| places.iter().map(|at| surface.point(*at)).collect::<Vec<_>>();
-    let patch_of = |id: &GridId| ParameterPatch::for_grid(region, *id).unwrap_or(area.patch);
+    let parts = area.parts(region);
     let covered = |track: &[Point<Panel>], contact: &[bool]| -> Vec<GridCoverage> {
         let strokes = strokes(track, |index| contact[index]);
-        area.grids.iter().map(|id| coverage(surface, (*id, &patch_of(id)), &strokes, radius_mm)).collect()
+        parts.iter().map(|(id, part)| coverage(surface, (*id, part), &strokes, radius_mm)).collect()
     };
     let mut insets = Insets::for_disc(settings);
     let mut step_over_mm = settings.step_over_mm();

@@ -7,9 +7,9 @@
 //! their area; the coverage shows the part that is then not reached. The feed is lower at places that would be under
 //! the disc for less time (`evenness`). Poses are the tool's in the panel's frame. The result is in `planned`.
 
-use super::areas::{Area, areas, visit_order};
+use super::areas::{Area, areas_of, visit_order};
 use super::contact::tool_path;
-use super::coverage::GridCoverage;
+use super::coverage::{GridCoverage, reached_share, strokes};
 use super::edge::{DiscOverhang, Outline};
 use super::evenness::{EvenFeeds, even_out_feeds};
 use super::piece::{IsPanelAt, Piece, first_grid, make_piece};
@@ -18,7 +18,7 @@ use super::raster::border_inset_mm;
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::recipe;
-use crate::surface::{BSplineSurface, HoleMap, Parameter, ParameterPatch};
+use crate::surface::{BSplineSurface, HoleMap, Parameter, ParameterPatch, Treated};
 use rayon::prelude::*;
 
 /// Plans paths over these grids. `outline` is the panel's, closed.
@@ -36,7 +36,7 @@ pub fn plan(
     outline: &[Point<Panel>],
     settings: &recipe::Path,
 ) -> Result<Plan, PlanError> {
-    plan_paths(surface, region, grids, (outline, &|_| true), (settings, 0.0))
+    plan_paths(surface, region, &Treated::from_grids(grids), (outline, &|_| true), (settings, 0.0))
 }
 
 /// Plans paths as [`plan`] does, with the tool lifted over holes of the panel.
@@ -53,11 +53,12 @@ pub fn plan_over_holes(
     (outline, holes): (&[Point<Panel>], &HoleMap),
     settings: &recipe::Path,
 ) -> Result<Plan, PlanError> {
-    plan_paths(surface, region, grids, (outline, &|at| !holes.is_hole(at)), (settings, 0.0))
+    let treated = Treated::from_grids(grids);
+    plan_paths(surface, region, &treated, (outline, &|at| !holes.is_hole(at)), (settings, 0.0))
 }
 
-/// Plans paths as [`plan_over_holes`] does, with the lines laid this far beyond the border of the treated area, mm: for an
-/// even removal up to the border, the disc must move beyond it.
+/// Plans paths over these places as [`plan_over_holes`] does, with the lines laid this far beyond the border of the
+/// treated area, mm: for an even removal up to the border, the disc must move beyond it.
 ///
 /// # Errors
 /// As [`plan`].
@@ -67,23 +68,23 @@ pub fn plan_over_holes(
 pub fn plan_beyond_borders(
     surface: &BSplineSurface,
     region: &Region,
-    grids: &[GridId],
+    treated: &Treated,
     (outline, holes): (&[Point<Panel>], &HoleMap),
     (settings, beyond_mm): (&recipe::Path, f64),
 ) -> Result<Plan, PlanError> {
-    plan_paths(surface, region, grids, (outline, &|at| !holes.is_hole(at)), (settings, beyond_mm))
+    plan_paths(surface, region, treated, (outline, &|at| !holes.is_hole(at)), (settings, beyond_mm))
 }
 
 fn plan_paths(
     surface: &BSplineSurface,
     region: &Region,
-    grids: &[GridId],
+    treated: &Treated,
     (outline, there): (&[Point<Panel>], IsPanelAt<'_>),
     (settings, beyond_mm): (&recipe::Path, f64),
 ) -> Result<Plan, PlanError> {
-    refuse_unknown(region, grids)?;
+    refuse_unknown(region, treated.grids())?;
     let outline = Outline::new(outline);
-    let areas = areas(region, grids, settings.join_grids());
+    let areas = areas_of(region, treated, settings.join_grids());
     let areas = match beyond_mm > 0.0 {
         true => {
             // The inset at the border, which comes later, takes its part back.
@@ -107,9 +108,29 @@ fn plan_paths(
         before = path.1;
         paths.push(path.0);
     }
-    let plan = assemble_plan(paths, &pieces, even, settings);
-    assert!(plan.is_finite(), "a number of the path over {grids:?} is not finite");
+    let breaks_reached = breaks_reached(surface, treated, &pieces, settings);
+    let plan = Plan { breaks_reached, treated: treated.clone(), ..assemble_plan(paths, &pieces, even, settings) };
+    assert!(plan.is_finite(), "a number of the path over {:?} is not finite", treated.grids());
     Ok(plan)
+}
+
+/// Returns the fraction of the broken places that the disc reaches wherever they lie within their uncertainty, 0…1;
+/// `None` if they are not named. The
+/// coverage of an area allows a part of it to be missed, and this part must not be the break.
+fn breaks_reached(
+    surface: &BSplineSurface,
+    treated: &Treated,
+    pieces: &[Piece],
+    settings: &recipe::Path,
+) -> Option<f64> {
+    let broken: Vec<Point<Panel>> = treated.broken()?.iter().map(|at| surface.point(*at)).collect();
+    let of_piece = |piece: &Piece| {
+        let track: Vec<Point<Panel>> = piece.track.iter().map(|at| surface.point(*at)).collect();
+        strokes(&track, |index| piece.contact[index])
+    };
+    let all: Vec<_> = pieces.iter().flat_map(of_piece).collect();
+    let surely_mm = (settings.disc_diameter_mm() / 2.0 - treated.uncertainty_mm()).max(0.0);
+    Some(reached_share(&broken, &all, surely_mm))
 }
 
 /// Returns an area that is larger by this length on each side, mm, for laying its lines.
@@ -155,8 +176,7 @@ fn order_pieces(surface: &BSplineSurface, pieces: Vec<Piece>) -> Vec<Piece> {
 
 fn assemble_plan(paths: Vec<ToolPath>, pieces: &[Piece], even: EvenFeeds, settings: &recipe::Path) -> Plan {
     let PathExtent { length_mm, contact_mm, duration_s } = extent(&paths, settings);
-    let mut grids: Vec<GridCoverage> = pieces.iter().flat_map(|piece| piece.coverage.iter().copied()).collect();
-    grids.sort_by_key(|grid| grid.id);
+    let grids = of_grids(pieces.iter().flat_map(|piece| piece.coverage.iter().copied()).collect());
     let covered_mm2: f64 = grids.iter().map(|grid| grid.covered_mm2).sum();
     let area_mm2: f64 = grids.iter().map(|grid| grid.area_mm2).sum();
     let overhangs_mm = || pieces.iter().flat_map(|piece| piece.overhangs_mm.iter().copied());
@@ -175,9 +195,26 @@ fn assemble_plan(paths: Vec<ToolPath>, pieces: &[Piece], even: EvenFeeds, settin
         dwell: even.all,
         grid_dwell: even.grids,
         step_over_mm: pieces.iter().flat_map(|piece| piece.step_overs_mm.iter().copied()).fold(None, step_over),
+        treated: Treated::default(),
+        breaks_reached: None,
+        costs: None,
         overhang: DiscOverhang {
             largest_mm: overhangs_mm().fold(0.0, f64::max),
             share_beyond: beyond as f64 / overhangs_mm().count().max(1) as f64,
         },
     }
+}
+
+/// Returns the coverage of each grid from that of its parts, row by row: two areas may lie in one grid.
+fn of_grids(mut parts: Vec<GridCoverage>) -> Vec<GridCoverage> {
+    parts.sort_by_key(|part| part.id);
+    let sum = |parts: &[GridCoverage]| {
+        let add = |all: GridCoverage, part: &GridCoverage| GridCoverage {
+            area_mm2: all.area_mm2 + part.area_mm2,
+            covered_mm2: all.covered_mm2 + part.covered_mm2,
+            ..all
+        };
+        parts[1..].iter().fold(parts[0], add)
+    };
+    parts.chunk_by(|a, b| a.id == b.id).map(sum).collect()
 }

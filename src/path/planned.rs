@@ -8,8 +8,8 @@ use super::raster::RasterError;
 use crate::geometry::{KukaPose, Panel, Rigid, Tool};
 use crate::panel::GridId;
 use crate::recipe;
-use crate::surface::DwellSpread;
 use crate::surface::dwell::Dwell;
+use crate::surface::{DwellSpread, Treated};
 
 /// One pose that is reached by a linear motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,6 +85,12 @@ pub struct Plan {
     pub step_over_mm: Option<StepOver>,
     /// Reach of the disc beyond the panel's outline.
     pub overhang: DiscOverhang,
+    /// The places that it treats.
+    pub treated: Treated,
+    /// Fraction of the broken places that the disc reaches, 0…1; `None` if the recipe asks for whole grids.
+    pub breaks_reached: Option<f64>,
+    /// The costs of areas around breaks and of whole grids; `None` if they were not compared.
+    pub costs: Option<TreatmentCosts>,
 }
 
 impl Plan {
@@ -95,6 +101,12 @@ impl Plan {
         let all = self.dwell.map(|dwell| (dwell.ratio(), None));
         let grids = self.grid_dwell.iter().map(|(id, dwell)| (dwell.ratio(), Some(*id)));
         all.into_iter().chain(grids).max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Returns the area on the surface that is treated, mm².
+    pub fn treated_mm2(&self) -> f64 {
+        // The sum starts at 0 explicitly, since an empty sum of floats is −0.
+        self.grids.iter().fold(0.0, |sum, grid| sum + grid.area_mm2)
     }
 
     /// Returns the plan with other feeds, one for each waypoint of all its paths in order, mm/s.
@@ -121,6 +133,36 @@ impl Plan {
         let sums = [self.length_mm, self.contact_mm, self.duration_s, self.coverage];
         // Without an outline, the overhang is infinite.
         moves && dwell && sums.iter().all(|sum| sum.is_finite()) && !self.overhang.largest_mm.is_nan()
+    }
+}
+
+/// The cost of a plan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TreatmentCost {
+    /// Surface of the region that is under the disc, mm².
+    pub under_disc_mm2: f64,
+    /// Time for all moves, s.
+    pub duration_s: f64,
+}
+
+/// The costs of the two ways to treat the same breaks; `None` if there is no path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TreatmentCosts {
+    /// Areas around the breaks.
+    pub around_breaks: Option<TreatmentCost>,
+    /// The failed grids as a whole.
+    pub whole_grids: Option<TreatmentCost>,
+}
+
+impl TreatmentCosts {
+    /// Returns whether areas around the breaks cost less surface and also less time; true if only they have a path.
+    pub fn is_less_around_breaks(&self) -> bool {
+        match (self.around_breaks, self.whole_grids) {
+            (Some(around), Some(whole)) => {
+                around.under_disc_mm2 < whole.under_disc_mm2 && around.duration_s < whole.duration_s
+            }
+            (around, _) => around.is_some(),
+        }
     }
 }
 
@@ -186,4 +228,21 @@ pub enum PlanError {
         /// Why.
         cause: OrientationError,
     },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Less surface in more time, or less time over more surface, is no saving.
+    #[test]
+    fn areas_around_breaks_must_cost_less_of_both() {
+        let cost = |under_disc_mm2: f64, duration_s: f64| Some(TreatmentCost { under_disc_mm2, duration_s });
+        let is_less =
+            |around_breaks, whole_grids| TreatmentCosts { around_breaks, whole_grids }.is_less_around_breaks();
+        let whole = cost(100.0, 10.0);
+        assert!(is_less(cost(99.0, 9.0), whole) && is_less(cost(99.0, 9.0), None));
+        let no_saving = [cost(99.0, 11.0), cost(101.0, 9.0), whole, None];
+        assert!(no_saving.into_iter().all(|around| !is_less(around, whole)));
+    }
 }

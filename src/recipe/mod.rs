@@ -13,7 +13,7 @@ mod tests;
 pub use edit::{DrawnShapes, EditError, with_shapes};
 pub use tables::{
     Corner, CornerName, CornerNames, DrawingPlacement, FitMethod, Inspect, Locate, Method, Panel, Path, Pattern,
-    Process, Region, Registration, Removal, RemovalMethod, SandedReference, Surface,
+    Process, Region, Registration, Removal, RemovalMethod, SandedReference, Surface, Treat, TreatBy,
 };
 
 use crate::config::{self, Problems, Section};
@@ -29,13 +29,14 @@ pub struct Recipe {
     inspect: Inspect,
     surface: Surface,
     path: Path,
+    treat: Treat,
     removal: Option<Removal>,
     nominal: Option<DrawingPlacement>,
 }
 
 /// The keys at the top level of a recipe, by which a recipe is distinguished from other files.
-pub const RECIPE_KEYS: [&str; 10] =
-    ["panel", "process", "locate", "corner", "region", "inspect", "surface", "path", "removal", "nominal"];
+pub const RECIPE_KEYS: [&str; 11] =
+    ["panel", "process", "locate", "corner", "region", "inspect", "surface", "path", "treat", "removal", "nominal"];
 
 impl Recipe {
     /// Checks the text of a recipe; `file` is its name in messages.
@@ -55,6 +56,7 @@ impl Recipe {
         let inspect = tables::parse_inspect(&top.section("inspect"));
         let surface = Surface::parse(&top.section("surface"));
         let path = tables::parse_path(&top.section("path"));
+        let treat = tables::parse_treat(&top.section("treat"), path.as_ref());
         let removal = tables::parse_removal(&top.section("removal"), path.as_ref());
         let nominal = tables::parse_nominal(&top.section("nominal"));
         top.finish();
@@ -67,6 +69,7 @@ impl Recipe {
             inspect: inspect?,
             surface: surface?,
             path: path?,
+            treat: treat?,
             removal: removal?,
             nominal: nominal?,
         })
@@ -115,6 +118,11 @@ impl Recipe {
     /// The settings for the tool's path.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// What is abraded after a grid failed.
+    pub fn treat(&self) -> &Treat {
+        &self.treat
     }
 
     /// The required removal, if the recipe states one.

@@ -122,6 +122,19 @@ fn each_mistake_is_named() {
             "removal = {target_um = 30, max_um = 60, force_n = 20, method = 'even'}",
             "removal.method: found the text \"even\", valid: \"constant\" or \"scheduled\"",
         ),
+        ("treat.by = 'cell'", "treat.by: found the text \"cell\", valid: \"grid\" or \"break\""),
+        ("treat.margin_mm = 20", "treat.margin_mm: has no effect without by = \"break\""),
+        (
+            "treat = {by = 'break', margin_mm = 16.9}",
+            "treat.margin_mm: found 16.9 (at least 17: half of path.disc_diameter_mm, and uncertainty_mm): a break at \
+             the area's border would be under the disc for too short a time",
+        ),
+        (
+            "treat = {by = 'break', margin_mm = 17, uncertainty_mm = 2.5}",
+            "treat.margin_mm: found 17 (at least 17.5: half of path.disc_diameter_mm, and uncertainty_mm): a break at \
+             the area's border would be under the disc for too short a time",
+        ),
+        ("treat.margin = 17", "treat.margin: unknown key; this length is in mm: write margin_mm"),
         ("path.max_dwell_ratio = 1", "path.max_dwell_ratio: found 1, valid: a number from 1.1 to 20"),
         ("path.max_dwel_ratio = 2", "path.max_dwel_ratio: unknown key; did you mean max_dwell_ratio?"),
         ("locate.min_overlap = 90", "locate.min_overlap: found 90, valid: a number from 0 to 1"),
@@ -199,6 +212,22 @@ proptest! {
         let _ = Recipe::check("f", &text);
         let _ = Recipe::check("f", &format!("{MINIMAL}{text}"));
     }
+}
+
+/// Without the table whole grids are abraded. By hand: the default margin is half of the disc's 30 mm and the 2 mm of
+/// uncertainty; with a disc of 50 mm it is 27 mm.
+#[test]
+fn breaks_are_widened_by_the_disc_and_their_uncertainty() {
+    let recipe = |more: &str| Recipe::check("f", &format!("{MINIMAL}{more}")).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(recipe("").treat().by(), TreatBy::Grid);
+    let widened_mm = |more: &str| {
+        let recipe = recipe(more);
+        assert_eq!(recipe.treat().by(), TreatBy::Break);
+        recipe.treat().widened_mm(recipe.path())
+    };
+    assert_eq!(widened_mm("treat.by = 'break'"), 17.0);
+    assert_eq!(widened_mm("treat.by = 'break'\npath.disc_diameter_mm = 50"), 27.0);
+    assert_eq!(widened_mm("treat = {by = 'break', margin_mm = 25, uncertainty_mm = 5}"), 25.0);
 }
 
 /// Without the table no removal is stated, and nothing changes.

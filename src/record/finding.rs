@@ -118,6 +118,12 @@ pub mod name {
     pub const SMALLEST_BREAK: &str = "smallest break that is surely found";
     /// Covered fraction of the worst grid of a plan.
     pub const COVERAGE: &str = "coverage of the worst of them";
+    /// Fraction of the broken places that the disc reaches, if areas around breaks are planned.
+    pub const BREAKS_REACHED: &str = "share of the broken places that the disc reaches";
+    /// Uncertainty of the panel's pose against that in the margin around breaks, mm.
+    pub const BREAKS_UNCERTAIN: &str = "uncertainty of the panel's pose, in the margin around breaks";
+    /// Area on the surface that areas around breaks have together, mm².
+    pub const AROUND_BREAKS: &str = "area around the breaks";
     /// Ratio of the longest to the shortest dwell of a plan, over all grids or in the worst grid.
     pub const DWELL_RATIO: &str = "their ratio, all together or the worst grid's";
     /// Largest ratio of a grid's time under the disc to the planned time, in an abrasion.

@@ -6,7 +6,7 @@ use crate::surface::AreaWeighted;
 /// Fractions of the treated area for which depths are returned.
 const SHARES: [f64; 2] = [0.05, 0.95];
 
-/// The figures of a map. Only treated grids count, except for the largest depths, which may lie beside these grids.
+/// The figures of a map. Only treated places count, except for the largest depths, which may lie beside them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapFigures {
     /// Mean expected depth, µm.
@@ -28,7 +28,7 @@ pub struct MapFigures {
 impl MapFigures {
     /// Computes the figures of a map against a target, µm; `None` if nothing is treated.
     pub fn compute(map: &RemovalMap, target_um: f64) -> Option<Self> {
-        let treated = || map.grids.iter().filter(|grid| grid.is_treated).flat_map(depth_places);
+        let treated = || map.grids.iter().flat_map(treated_places);
         let area: f64 = treated().map(|(_, _, area)| area).sum();
         if area <= 0.0 {
             return None;
@@ -60,7 +60,7 @@ impl MapFigures {
 
     /// Returns the fraction of the treated area that lies within this percentage of the target, 0…1.
     pub fn share_within(map: &RemovalMap, target_um: f64, percent: f64) -> f64 {
-        let treated = map.grids.iter().filter(|grid| grid.is_treated).flat_map(depth_places);
+        let treated = map.grids.iter().flat_map(treated_places);
         let (held, all) = treated.fold((0.0, 0.0), |(held, all), (depth_um, _, area)| {
             let is_held = 100.0 * (depth_um / target_um - 1.0).abs() <= percent;
             (held + if is_held { area } else { 0.0 }, all + area)
@@ -71,10 +71,18 @@ impl MapFigures {
 
 /// Returns depth, µm, σ and area, mm², of each place with panel.
 fn depth_places(grid: &GridRemoval) -> impl Iterator<Item = (f64, f64, f64)> + '_ {
-    let numbers = grid.depth_um.iter().zip(&grid.deviation).zip(&grid.area_mm2);
-    numbers
-        .map(|((depth, deviation), area)| (f64::from(*depth), f64::from(*deviation), f64::from(*area)))
-        .filter(|(_, _, area)| *area > 0.0)
+    (0..grid.depth_um.len()).filter_map(|sample| place(grid, sample))
+}
+
+/// Returns the same of each place that is to be treated.
+fn treated_places(grid: &GridRemoval) -> impl Iterator<Item = (f64, f64, f64)> + '_ {
+    (0..grid.depth_um.len()).filter(|sample| grid.is_treated[*sample]).filter_map(|sample| place(grid, sample))
+}
+
+fn place(grid: &GridRemoval, sample: usize) -> Option<(f64, f64, f64)> {
+    let [depth_um, deviation, area_mm2] =
+        [&grid.depth_um, &grid.deviation, &grid.area_mm2].map(|of| f64::from(of[sample]));
+    (area_mm2 > 0.0).then_some((depth_um, deviation, area_mm2))
 }
 
 #[cfg(test)]
@@ -87,7 +95,7 @@ mod tests {
         let id = GridId { row: 1, column };
         GridRemoval {
             id,
-            is_treated,
+            is_treated: vec![is_treated; count],
             columns: 10,
             depth_um,
             deviation: vec![0.05; count],
@@ -113,5 +121,11 @@ mod tests {
         assert!((found.uncertainty_percent - 10.517).abs() < 1e-3);
         assert!((MapFigures::share_within(&both, 50.0, 10.001) - 0.11).abs() < 1e-9);
         assert_eq!(MapFigures::compute(&map(vec![grid(2, false, vec![120.0])]), 50.0), None);
+        // If only the first fifty places of the grid are treated, their mean is 25.5 µm, and the deepest place beside
+        // them still counts.
+        let mut part = both;
+        part.grids[0].is_treated[50..].fill(false);
+        let found = MapFigures::compute(&part, 50.0).expect("treated");
+        assert_eq!((found.mean_um, found.high_um, found.largest_um), (25.5, 48.0, 120.0));
     }
 }

@@ -9,7 +9,7 @@ use super::model::{Model, UM_PER_MM, WornDisc};
 use super::samples::Samples;
 use super::track::{DiscStretch, IsPanelAt};
 use crate::panel::{GridId, Region};
-use crate::surface::{BSplineSurface, Field, GridField, sides_mm};
+use crate::surface::{BSplineSurface, Field, GridField, Treated, sides_mm};
 use rayon::prelude::*;
 
 /// The removal on one grid, sample by sample, row by row.
@@ -17,8 +17,8 @@ use rayon::prelude::*;
 pub struct GridRemoval {
     /// The grid.
     pub id: GridId,
-    /// Whether the grid is to be treated; otherwise the disc only overlaps it.
-    pub is_treated: bool,
+    /// Whether each sample is to be treated; otherwise the disc only overlaps it.
+    pub is_treated: Vec<bool>,
     /// Samples along u.
     pub columns: usize,
     /// Expected depth, µm.
@@ -43,7 +43,7 @@ pub struct RemovalMap {
 /// treated are included if the disc overlaps them.
 pub fn removed(
     (surface, region, ground): (&BSplineSurface, &Region, IsPanelAt<'_>),
-    treated: &[GridId],
+    treated: &Treated,
     stretches: &[DiscStretch],
     (model, force_share_95): (&Model, f64),
     spacing_mm: f64,
@@ -51,9 +51,11 @@ pub fn removed(
     let ids: Vec<GridId> = region.ids().collect();
     let of_grid = |id: &GridId| {
         let samples = Samples::for_grid(surface, region, (*id, spacing_mm), ground)?;
-        let grid = grid(&samples, treated.contains(id), stretches, (model, force_share_95));
+        let is_named = treated.grids().contains(id);
+        let is_treated = (0..samples.count()).map(|sample| is_named && treated.holds(samples.at(sample)));
+        let grid = grid(&samples, is_treated.collect(), stretches, (model, force_share_95));
         // The disc overlaps its neighbours, and their limit of depth holds as well.
-        (grid.is_treated || grid.depth_um.iter().any(|depth_um| *depth_um > 0.0)).then_some(grid)
+        (is_named || grid.depth_um.iter().any(|depth_um| *depth_um > 0.0)).then_some(grid)
     };
     let grids = ids.par_iter().filter_map(of_grid).collect();
     RemovalMap { grids, quantile_95: model.quantile_95(), sides_mm: sides_mm(surface) }
@@ -61,7 +63,7 @@ pub fn removed(
 
 fn grid(
     samples: &Samples,
-    is_treated: bool,
+    is_treated: Vec<bool>,
     stretches: &[DiscStretch],
     (model, force_share_95): (&Model, f64),
 ) -> GridRemoval {
@@ -140,7 +142,7 @@ impl GridRemoval {
             }
             *depth_um = sum_um;
         }
-        self.is_treated |= before.is_treated;
+        self.is_treated.iter_mut().zip(&before.is_treated).for_each(|(own, before)| *own |= before);
     }
 }
 
@@ -170,7 +172,7 @@ pub(super) mod tests {
         let on = (&surface, &region(1, 1), &(|_| true) as IsPanelAt<'_>);
         let first = Model { decay_per_mm2: 0.0, ..MODEL };
         let model = if swept_mm2 > 0.0 { MODEL } else { first };
-        removed(on, &[GridId { row: 1, column: 1 }], &all, (&model, 0.0), 1.0)
+        removed(on, &Treated::from_grids(&[GridId { row: 1, column: 1 }]), &all, (&model, 0.0), 1.0)
     }
 
     /// Calculated by hand: in the lane's middle k p v t = 4·10⁻⁴ · 0.028 294 2 · 2618.34 mm/s · (30 mm / 60 mm/s) =
@@ -215,9 +217,9 @@ pub(super) mod tests {
         let path = [pose([10.0, 50.0, 0.0], 0.0), pose([90.0, 50.0, 0.0], 1.0)];
         let ground: IsPanelAt<'_> = &|at: Parameter| at.v < 0.55;
         let all = path_stretches(&surface, &path, (&DISC, 20.0), ground);
-        let map = removed((&surface, &region(2, 2), ground), &[], &all, (&MODEL, 0.1), 2.0);
+        let map = removed((&surface, &region(2, 2), ground), &Treated::default(), &all, (&MODEL, 0.1), 2.0);
         assert_eq!(map.grids.len(), 4, "the disc laps over all of them");
-        assert!(map.grids.iter().all(|grid| !grid.is_treated));
+        assert!(map.grids.iter().all(|grid| !grid.is_treated.contains(&true)));
         let last = map.field().grids.swap_remove(3);
         assert!(last.values.iter().any(Option::is_none) && last.values.iter().flatten().any(|depth| *depth > 0.0));
     }

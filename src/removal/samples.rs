@@ -47,6 +47,11 @@ impl Samples {
         self.points.len()
     }
 
+    /// The parameters of a place.
+    pub fn at(&self, place: usize) -> Parameter {
+        self.net.parameter_at(place)
+    }
+
     /// Calls `tell` for each place with panel on which a stretch presses, with the mean pressure during the stretch,
     /// N/mm².
     pub fn for_places_under(&self, stretch: &DiscStretch, mut tell: impl FnMut(usize, f64)) {

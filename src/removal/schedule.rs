@@ -17,8 +17,8 @@ use super::model::{Model, UM_PER_MM};
 use super::samples::Samples;
 use super::speed::Orbit;
 use super::track::{DiscStretch, IsPanelAt};
-use crate::panel::{GridId, Region};
-use crate::surface::BSplineSurface;
+use crate::panel::Region;
+use crate::surface::{BSplineSurface, Parameter, Treated};
 use rayon::prelude::*;
 
 /// Distance between calculated places, in radii of the disc; the next constant gives the bounds of this distance, mm.
@@ -53,15 +53,16 @@ pub struct RemovalTarget {
 /// stretches of the path; their feed does not matter.
 pub fn schedule(
     (surface, region, ground): (&BSplineSurface, &Region, IsPanelAt<'_>),
-    treated: &[GridId],
+    treated: &Treated,
     (stretches, moves): (&[DiscStretch], &[Move]),
     model: &Model,
     target: &RemovalTarget,
 ) -> Vec<f64> {
     let radius_mm = stretches.first().map_or(1.0, |stretch| stretch.stroke.contact.pad.radius_mm);
     let spacing_mm = (SPACING_RADII * radius_mm).clamp(SPACING_MM[0], SPACING_MM[1]);
-    let samples: Vec<Samples> =
-        treated.par_iter().filter_map(|id| Samples::for_grid(surface, region, (*id, spacing_mm), ground)).collect();
+    let asked: IsPanelAt<'_> = &|at: Parameter| ground(at) && treated.holds(at);
+    let of_grid = |id| Samples::for_grid(surface, region, (id, spacing_mm), asked);
+    let samples: Vec<Samples> = treated.grids().par_iter().filter_map(|id| of_grid(*id)).collect();
     let (columns, places) = columns(&samples, (stretches, moves), model, target.target_um);
     let rubbed = |feed_mm_s: f64| model.orbit.rubbed_per_mm(feed_mm_s);
     let bounds: Vec<[f64; 2]> = moves.iter().map(|own| [1, 0].map(|end| rubbed(own.feeds_mm_s[end]))).collect();
@@ -167,6 +168,7 @@ mod tests {
     use super::super::track::tests::{DISC, level, pose};
     use super::super::track::{Disc, path_stretches};
     use super::*;
+    use crate::panel::GridId;
     use crate::surface::dwell::ExecutedPose;
 
     /// Rows 12 mm apart over a square of 60 mm in the middle of 100 mm, from 6 mm outside the square; moves of 6
@@ -197,7 +199,7 @@ mod tests {
     fn planned(target_um: f64, feeds: [f64; 2], swept_mm2: f64) -> (Vec<f64>, RemovalMap, RemovalMap, Vec<Move>) {
         let (surface, region) = (level(100.0), region(5, 5));
         let inner = |id: &GridId| (2..=4).contains(&id.row) && (2..=4).contains(&id.column);
-        let treated: Vec<GridId> = region.ids().filter(inner).collect();
+        let treated = Treated::from_grids(&region.ids().filter(inner).collect::<Vec<_>>());
         let disc = Disc { rim_orbits: true, swept_mm2, ..DISC };
         let path = rows();
         let all = path_stretches(&surface, &path, (&disc, 20.0), &|_| true);
@@ -272,6 +274,8 @@ mod tests {
     fn nothing_in_contact_has_no_feed() {
         let (surface, region) = (level(100.0), region(1, 1));
         let target = RemovalTarget { target_um: 40.0, acceleration_mm_s2: 1_000.0 };
-        assert!(schedule((&surface, &region, &|_| true), &[], (&[], &[]), &MODEL, &target).is_empty());
+        assert!(
+            schedule((&surface, &region, &|_| true), &Treated::default(), (&[], &[]), &MODEL, &target).is_empty()
+        );
     }
 }

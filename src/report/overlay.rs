@@ -219,11 +219,18 @@ impl PanelOverlay<'_> {
     pub fn draw_plan(
         &self,
         panel: &TaughtPanel,
-        paths: &[Vec<Point<Panel>>],
+        (paths, areas): (&[Vec<Point<Panel>>], &[Vec<Point<Panel>>]),
         planned: &dyn Fn(&Grid) -> bool,
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::from_picture(self.picture)?;
         self.draw_grids(&mut canvas, &panel.grids, planned)?;
+        for area in areas {
+            canvas.polyline(
+                &self.pixels(area),
+                true,
+                PenWidth { ink: InkColor::ORANGE, width_px: self.line_px() },
+            )?;
+        }
         let pen = PenWidth { ink: InkColor::YELLOW, width_px: self.line_px() };
         for path in paths {
             let pixels = self.pixels(path);
@@ -232,12 +239,16 @@ impl PanelOverlay<'_> {
                 canvas.cross(*first, f64::from(pen.width_px) * 4.0, PenWidth { ink: InkColor::BLUE, ..pen })?;
             }
         }
-        let legend = [
+        let mut legend = vec![
             (InkColor::YELLOW, "path of the tool centre point"),
             (InkColor::BLUE, "first contact"),
             (InkColor::VERMILLION, "grid to abrade"),
             (InkColor::WHITE, "other grid"),
         ];
+        if !areas.is_empty() {
+            legend[2].1 = "grid that is abraded in part";
+            legend.push((InkColor::ORANGE, "area around a break: abraded"));
+        }
         self.cropped_with_scale(canvas, panel, &legend)
     }
 }

@@ -5,7 +5,7 @@ use crate::cell::{Cell, CompliantTool, Intrinsics};
 use crate::config::Problems;
 use crate::force::SensorLoad;
 use crate::number_text::{fixed_decimals, shortest_text};
-use crate::recipe::Recipe;
+use crate::recipe::{Recipe, TreatBy};
 use crate::removal::model::UNKNOWN;
 
 /// A mismatch between recipe and tool in the force.
@@ -70,7 +70,8 @@ pub fn unmet_demands(cell: &Cell, recipe: &Recipe, read: ReadNamed<'_>) -> Vec<U
     let is_unknown = recipe.removal().is_some() && cell.calibration().removal.is_none();
     let removal = is_unknown.then(|| UnmetRequirement::new("removal", UNKNOWN));
     let outside = picture_px(cell, read).and_then(|size_px| corner_outside(recipe, size_px));
-    force.into_iter().chain(removal).chain(feed_fits(cell, recipe).err()).chain(outside).collect()
+    let treat = margin_fits(cell, recipe).err();
+    force.into_iter().chain(removal).chain(feed_fits(cell, recipe).err()).chain(treat).chain(outside).collect()
 }
 
 /// Checks that the feed is not higher than the cell allows.
@@ -85,6 +86,22 @@ pub fn feed_fits(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> {
     let [found, limit] = [found, limit].map(shortest_text);
     let message = format!("found {found}, the cell's [limits] max_speed_mm_s is {limit}: lower the feed");
     Err(UnmetRequirement::new("path.feed_mm_s", message))
+}
+
+/// Checks that the margin around breaks contains the cell's error at the tool, if areas around breaks are abraded.
+///
+/// # Errors
+/// The key, the stated uncertainty, and the cell's error.
+fn margin_fits(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> {
+    let (treat, error_mm) = (recipe.treat(), cell.limits().tool_error_mm());
+    let beyond_mm = error_mm.filter(|error_mm| treat.by() == TreatBy::Break && *error_mm > treat.uncertainty_mm());
+    let Some(error_mm) = beyond_mm else { return Ok(()) };
+    let [found, error] = [treat.uncertainty_mm(), error_mm].map(shortest_text);
+    let message = format!(
+        "found {found}, the cell's [limits] tool_error_mm is {error}: state at least this uncertainty, and a margin_mm \
+         that contains it"
+    );
+    Err(UnmetRequirement::new("treat.uncertainty_mm", message))
 }
 
 /// Reads a recipe, and refuses a recipe that no cell could execute, because its box is stated in metres.
@@ -140,6 +157,10 @@ mod tests {
         let feed = |feed_mm_s: u32| format!("[path]\nfeed_mm_s = {feed_mm_s}\n");
         assert_eq!([keys("", &feed(250)), keys("", &feed(251))], [vec![], vec!["path.feed_mm_s".to_owned()]]);
         assert_eq!(keys("[limits]\nmax_speed_mm_s = 400\n", &feed(400)), Vec::<String>::new());
+        let by_break = "[treat]\nby = \"break\"\n";
+        assert_eq!(keys("[limits]\ntool_error_mm = 2.0\n", by_break), Vec::<String>::new());
+        assert_eq!(keys("[limits]\ntool_error_mm = 2.1\n", by_break), ["treat.uncertainty_mm"]);
+        assert_eq!(keys("[limits]\ntool_error_mm = 2.1\n", ""), Vec::<String>::new());
         let camera = PinholeCamera { width_px: 1944, height_px: 1200, ..fixture() };
         let lens = Intrinsics::from_camera(camera).to_toml();
         let cell = Cell::check("cell.toml", "[calibration]\nscanner = \"lens.toml\"\n");

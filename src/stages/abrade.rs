@@ -13,6 +13,7 @@ use crate::record::{Check, Finding, Kind, name};
 use crate::report::{dwell_map, overlap_map};
 use crate::surface::BSplineSurface;
 use crate::verdict::{Judgement, LimitSource, Severity};
+use std::collections::BTreeSet;
 
 /// Allowed distance of a reported pose from the planned lines where these are straight, mm: the remaining error of
 /// the drives.
@@ -81,16 +82,16 @@ pub fn evaluate_abrasion(
 ) -> AbrasionResult {
     let disc_mm = settings.disc_diameter_mm();
     let walked = trace.executed_path(&waypoints(plan), progress.done);
-    let planned: Vec<GridId> = plan.grids.iter().map(|grid| grid.id).collect();
     let simulated =
-        |grids: &[GridId], poses: &[ExecutedPose]| dwell::simulate(surface, region, grids, poses, disc_mm / 2.0);
-    let dwell = simulated(&planned, &walked.poses);
-    let longer = longest_dwell(&dwell.grids, &simulated(&planned, &dwell::timed_poses(plan)).grids);
+        |poses: &[ExecutedPose]| dwell::simulate_treated(surface, region, &plan.treated, poses, disc_mm / 2.0);
+    let dwell = simulated(&walked.poses);
+    let longer = longest_dwell(&dwell.grids, &simulated(&dwell::timed_poses(plan)).grids);
+    let planned: BTreeSet<GridId> = plan.grids.iter().map(|grid| grid.id).collect();
     let others: Vec<GridId> = region.ids().filter(|id| !planned.contains(id)).collect();
-    let beside = overlapped(simulated(&others, &walked.poses).grids);
+    let beside = overlapped(dwell::simulate(surface, region, &others, &walked.poses, disc_mm / 2.0).grids);
     let (whole, begun) = split_covered(plan, &dwell, progress.done);
     let off_limit_mm = deviation_limit_mm(settings);
-    let removed = removal.and_then(|removal| removal.executed_removal(&planned, &walked.poses));
+    let removed = removal.and_then(|removal| removal.executed_removal(&plan.treated, &walked.poses));
     AbrasionResult {
         completed: whole,
         incomplete: begun,
@@ -297,8 +298,8 @@ fn split_covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<Gri
         for id in path.grids.iter().filter(|_| touched) {
             let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.share());
             let found = dwell.grid(*id).map_or(0.0, |grid| grid.share());
-            // A grid of an interrupted area that the disc did not reach.
-            if found <= 0.0 {
+            // A grid of an interrupted area that the disc did not reach; or one in which another area was listed.
+            if found <= 0.0 || whole.contains(id) || begun.contains(id) {
                 continue;
             }
             let grids = if found >= planned - SHORT_OF_PLAN { &mut whole } else { &mut begun };
@@ -331,6 +332,37 @@ mod tests {
             kept.iter().map(|one| (one.id.to_string(), one.share())).collect::<Vec<_>>(),
             [("r1c2".to_owned(), 0.25)]
         );
+    }
+
+    /// Two areas around breaks lie in one grid. After the first path the grid is begun, after both it is abraded, and it
+    /// is listed once.
+    #[test]
+    fn a_grid_with_two_areas_is_abraded_after_both() {
+        use crate::path::plan_beyond_borders;
+        use crate::surface::scene::{ScanDefects, Shape, recipe, taught};
+        use crate::surface::{HoleMap, Parameter, ParameterPatch, Treated, examine_fit};
+        let recipe = recipe(Shape::Plane, "[path]\ndisc_diameter_mm = 10\nstep_over_mm = 4\n");
+        let panel = taught(Shape::Plane, ScanDefects::default(), &recipe);
+        let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
+        // By hand: r2c3 is 0.4 to 0.6 along u; the areas are 16.8 and 11.2 mm wide, with 11.2 mm between them.
+        let area = |low: f64, high: f64| ParameterPatch {
+            low: Parameter { u: low, v: 0.4 },
+            high: Parameter { u: high, v: 0.5 },
+        };
+        let treated = Treated::from_areas(&panel.region, vec![area(0.42, 0.48), area(0.52, 0.56)], vec![]);
+        let on = (panel.outline.as_slice(), &HoleMap::empty(&panel.region));
+        let plan =
+            plan_beyond_borders(&fit.surface, &panel.region, &treated, on, (recipe.path(), 0.0)).expect("a plan");
+        let first = plan.paths[0].waypoints.len();
+        let after = |waypoints: usize| {
+            let poses = &dwell::timed_poses(&plan)[..waypoints];
+            let dwell = dwell::simulate_treated(&fit.surface, &panel.region, &plan.treated, poses, 5.0);
+            split_covered(&plan, &dwell, waypoints as u32 - 1)
+        };
+        let grid = GridId { row: 2, column: 3 };
+        assert_eq!(after(first), (vec![], vec![grid]));
+        let all: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
+        assert_eq!((plan.paths.len(), after(all)), (2, (vec![grid], vec![])));
     }
 
     /// Calculated by hand: at an override of 50 % each place is under the disc twice as long. A stop at one of four

@@ -6,8 +6,9 @@
 //!
 //! - `locate`: the panel's place, by the 3D scan · `corners`: the correction by corner pictures, and the verification
 //!   before contact · `film`: the water-break test on the pictures of a film
-//! - `survey`: the surface, and the part of the surface that the arm reaches · `form`: its profile and flatness · `plan`: the path over some grids ·
-//!   `abrade`: the executed path · `removal`: the removal by the path
+//! - `survey`: the surface, and the part of the surface that the arm reaches · `form`: its profile and flatness ·
+//!   `treat`: the places to abrade after a film · `plan`: the path over them · `abrade`: the executed path ·
+//!   `removal`: the removal by the path
 //! - `learn`: panel and corners, derived from the content of a teaching
 
 pub mod abrade;
@@ -20,6 +21,7 @@ pub mod locate;
 pub mod plan;
 pub mod removal;
 pub mod survey;
+pub mod treat;
 
 use crate::geometry::ColorPicture;
 use crate::imaging::ImagingError;

@@ -11,7 +11,7 @@ pub use feeds::contact_moves;
 use super::ResultDrawing;
 use super::survey::ToolState;
 use crate::number_text::{distinguishable_texts, fixed_decimals};
-use crate::panel::{GridId, TaughtPanel};
+use crate::panel::TaughtPanel;
 use crate::path::dwell::{self, ExecutedPose};
 use crate::path::{Plan, Waypoint};
 use crate::recipe::{self, Recipe, RemovalMethod};
@@ -24,7 +24,7 @@ use crate::removal::pad::PadWithDisc;
 use crate::removal::schedule::{RemovalTarget, schedule};
 use crate::removal::track::{Disc, IsPanelAt, path_stretches};
 use crate::report::removal_map;
-use crate::surface::{Fit, Parameter};
+use crate::surface::{Fit, Parameter, Treated};
 use crate::verdict::Check;
 use feeds::BoundShares;
 
@@ -94,7 +94,7 @@ impl<'a> RemovalInputs<'a> {
             path_stretches(surface.0, &dwell::timed_poses(&plan), (&self.disc(&model), force_n), &ground);
         let wanted =
             RemovalTarget { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
-        let found = schedule(surface, &treated_grids(&plan), (&all_stretches, &moves), &model, &wanted);
+        let found = schedule(surface, &plan.treated, (&all_stretches, &moves), &model, &wanted);
         let mut feeds_mm_s: Vec<f64> = all.iter().map(|waypoint| waypoint.feed_mm_s).collect();
         for (own, feed_mm_s) in moves.iter().zip(&found) {
             feeds_mm_s[own.pose] = *feed_mm_s;
@@ -102,7 +102,7 @@ impl<'a> RemovalInputs<'a> {
         let fed = plan.with_feeds(&feeds_mm_s, settings);
         let radius_mm = settings.disc_diameter_mm() / 2.0;
         let times =
-            dwell::simulate(surface.0, surface.1, &treated_grids(&fed), &dwell::timed_poses(&fed), radius_mm);
+            dwell::simulate_treated(surface.0, surface.1, &fed.treated, &dwell::timed_poses(&fed), radius_mm);
         fed.with_dwell(&times)
     }
 
@@ -110,18 +110,18 @@ impl<'a> RemovalInputs<'a> {
     pub fn planned_removal(&self, plan: &Plan) -> Option<PathRemovalTotal> {
         let asked = self.recipe.removal()?;
         let bounded = BoundShares::compute(&waypoints(plan), asked, self.recipe.path());
-        self.removed((&treated_grids(plan), &dwell::timed_poses(plan)), bounded)
+        self.removed((&plan.treated, &dwell::timed_poses(plan)), bounded)
     }
 
-    /// The removal by these poses on those grids, with the force that the tool measured; without a measurement,
+    /// The removal by these poses on those places, with the force that the tool measured; without a measurement,
     /// with the recipe's force.
-    pub fn executed_removal(&self, grids: &[GridId], poses: &[ExecutedPose]) -> Option<PathRemovalTotal> {
-        self.removed((grids, poses), BoundShares::default())
+    pub fn executed_removal(&self, treated: &Treated, poses: &[ExecutedPose]) -> Option<PathRemovalTotal> {
+        self.removed((treated, poses), BoundShares::default())
     }
 
     fn removed(
         &self,
-        (grids, poses): (&[GridId], &[ExecutedPose]),
+        (treated, poses): (&Treated, &[ExecutedPose]),
         bounded: BoundShares,
     ) -> Option<PathRemovalTotal> {
         let (asked, force_n, model) = self.known_inputs()?;
@@ -131,7 +131,7 @@ impl<'a> RemovalInputs<'a> {
         let spacing_mm = (SPACING_RADII * disc.pad.radius_mm).clamp(SPACING_MM[0], SPACING_MM[1]);
         let force_share = (asked.force_error_percent() / 100.0).hypot(model.force_law_share_95(force_n));
         let on = (&self.fit.surface, &self.panel.region, &ground as IsPanelAt<'_>);
-        let own = removed(on, grids, &all, (&model, force_share), spacing_mm);
+        let own = removed(on, treated, &all, (&model, force_share), spacing_mm);
         // The target applies to a pass; the limit at each position applies to the part.
         let of_pass = MapFigures::compute(&own, asked.target_um());
         let map = match self.earlier {
@@ -205,10 +205,6 @@ impl PathRemovalTotal {
             ),
         ]
     }
-}
-
-fn treated_grids(plan: &Plan) -> Vec<GridId> {
-    plan.grids.iter().map(|grid| grid.id).collect()
 }
 
 fn waypoints(plan: &Plan) -> Vec<Waypoint> {

@@ -11,6 +11,7 @@ use super::derivatives::Parameter;
 use super::net::{SampleGrid, sides_mm};
 use super::patch::ParameterPatch;
 use super::spread::DwellSpread;
+use super::treated::Treated;
 use crate::geometry::{Panel, Point, Rigid, Tool};
 use crate::panel::{GridId, Region};
 use rayon::prelude::*;
@@ -49,7 +50,7 @@ pub struct GridDwell {
     pub dwell_s: Vec<f32>,
     /// Number of passes of the disc, sample by sample.
     pub passes: Vec<u16>,
-    /// Surface of each sample, mm².
+    /// Surface of each sample, mm²; 0 if it is not to be treated.
     pub area_mm2: Vec<f32>,
 }
 
@@ -71,9 +72,11 @@ impl GridDwell {
         DwellSpread::from_times(self.times())
     }
 
-    /// Returns the time under the disc, s, and the area, mm², sample by sample.
+    /// Returns the time under the disc, s, and the area, mm², of each sample that is to be treated.
     fn times(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
-        self.dwell_s.iter().zip(&self.area_mm2).map(|(dwell_s, area)| (f64::from(*dwell_s), f64::from(*area)))
+        let times = self.dwell_s.iter().zip(&self.area_mm2);
+        let treated = times.filter(|(_, area)| **area > 0.0);
+        treated.map(|(dwell_s, area)| (f64::from(*dwell_s), f64::from(*area)))
     }
 
     /// Share of the grid that the disc passed more than once, 0…1.
@@ -88,8 +91,8 @@ impl GridDwell {
 
     /// Mean time under the disc, s, of the area that the disc reached.
     pub fn mean_dwell_s(&self) -> f64 {
-        let reached = self.dwell_s.iter().filter(|dwell| **dwell > 0.0);
-        let (sum, count) = reached.fold((0.0, 0_usize), |(sum, count), dwell| (sum + f64::from(*dwell), count + 1));
+        let reached = self.times().filter(|(dwell_s, _)| *dwell_s > 0.0);
+        let (sum, count) = reached.fold((0.0, 0_usize), |(sum, count), (dwell_s, _)| (sum + dwell_s, count + 1));
         sum / count.max(1) as f64
     }
 
@@ -133,10 +136,24 @@ pub fn simulate(
     executed: &[ExecutedPose],
     radius_mm: f64,
 ) -> Dwell {
+    simulate_treated(surface, region, &Treated::from_grids(grids), executed, radius_mm)
+}
+
+/// Computes the times under the disc of these places for a path. Shares, areas left and spreads are those of the
+/// places; times and passes are those of the whole grids in which they lie.
+pub fn simulate_treated(
+    surface: &BSplineSurface,
+    region: &Region,
+    treated: &Treated,
+    executed: &[ExecutedPose],
+    radius_mm: f64,
+) -> Dwell {
     let steps = steps(surface, executed, radius_mm);
-    let known = grids.iter().filter_map(|id| ParameterPatch::for_grid(region, *id).map(|patch| (*id, patch)));
+    let known =
+        treated.grids().iter().filter_map(|id| ParameterPatch::for_grid(region, *id).map(|patch| (*id, patch)));
     let known: Vec<(GridId, ParameterPatch)> = known.collect();
-    let of_grid = |(id, patch): &(GridId, ParameterPatch)| grid_dwell(surface, (*id, patch), &steps, radius_mm);
+    let of_grid =
+        |(id, patch): &(GridId, ParameterPatch)| grid_dwell(surface, (*id, patch), treated, (&steps, radius_mm));
     Dwell { grids: known.par_iter().map(of_grid).collect(), sides_mm: sides_mm(surface) }
 }
 
@@ -195,8 +212,8 @@ pub fn surface_foot(surface: &BSplineSurface, guess: Parameter, point: Point<Pan
 fn grid_dwell(
     surface: &BSplineSurface,
     (id, patch): (GridId, &ParameterPatch),
-    steps: &[Step],
-    radius_mm: f64,
+    treated: &Treated,
+    (steps, radius_mm): (&[Step], f64),
 ) -> GridDwell {
     let net = SampleGrid::from_patch(surface, *patch, SAMPLE_MM);
     let mut points = Vec::with_capacity(net.count());
@@ -208,9 +225,11 @@ fn grid_dwell(
         area_mm2: Vec::with_capacity(net.count()),
     };
     for sample in 0..net.count() {
-        let tangents = surface.tangents(net.parameter_at(sample));
+        let at = net.parameter_at(sample);
+        let tangents = surface.tangents(at);
         points.push(tangents.point);
-        found.area_mm2.push((tangents.area_mm2() * net.cell()) as f32);
+        let area_mm2 = if treated.holds(at) { tangents.area_mm2() * net.cell() } else { 0.0 };
+        found.area_mm2.push(area_mm2 as f32);
     }
     let mut last_step = vec![usize::MAX - 1; net.count()];
     for (index, Step { at, point, reach: [reach_u, reach_v], seconds }) in steps.iter().enumerate() {
@@ -228,6 +247,11 @@ fn grid_dwell(
 }
 
 impl Dwell {
+    /// Area of all grids that was under the disc, mm².
+    pub fn under_disc_mm2(&self) -> f64 {
+        self.grids.iter().fold(0.0, |sum, grid| sum + grid.area_where_mm2(|passes| passes > 0))
+    }
+
     /// Covered share of all grids, 0…1.
     pub fn share(&self) -> f64 {
         let (covered, all) = self.grids.iter().fold((0.0, 0.0), |(covered, all), grid| {

@@ -27,6 +27,7 @@ mod spread;
 mod tests;
 mod thesis;
 mod today;
+mod treated;
 
 pub use crate::geometry::basis::{Basis, KnotError, KnotVector, MAX_DEGREE, SpanFunctions, SpanValues};
 pub use bspline::{BSplineSurface, SurfaceError};
@@ -41,3 +42,4 @@ pub(crate) use net::sides_mm;
 pub use patch::ParameterPatch;
 pub use spread::{AreaWeighted, DwellSpread};
 pub use today::{TodayError, TodaysPoint, TodaysSurfaceFit, correct_taught_surface, todays_points};
+pub use treated::Treated;

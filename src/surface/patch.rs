@@ -23,6 +23,19 @@ impl ParameterPatch {
         })
     }
 
+    /// Returns the part of this patch in a grid; `None` if it has no area there, or the region has no such grid.
+    pub fn part_in(&self, region: &Region, id: GridId) -> Option<Self> {
+        let grid = ParameterPatch::for_grid(region, id)?;
+        let low = Parameter { u: self.low.u.max(grid.low.u), v: self.low.v.max(grid.low.v) };
+        let high = Parameter { u: self.high.u.min(grid.high.u), v: self.high.v.min(grid.high.v) };
+        (low.u < high.u && low.v < high.v).then_some(ParameterPatch { low, high })
+    }
+
+    /// Returns whether these parameters lie in the patch or on its border.
+    pub fn holds(&self, at: Parameter) -> bool {
+        (self.low.u..=self.high.u).contains(&at.u) && (self.low.v..=self.high.v).contains(&at.v)
+    }
+
     /// Returns the parameters at these fractions of the patch's sides.
     pub fn parameter_at(&self, share: Parameter) -> Parameter {
         Parameter {

@@ -226,6 +226,11 @@ pub struct Plan {
     /// The grids to abrade, for example `r1c1,r1c2`; without this option all grids.
     #[arg(long, value_name = "ID,…", value_delimiter = ',')]
     pub grids: Vec<String>,
+    /// Broken places of a film, as `inspect --pictures` writes them (`mask.png`), with the pose of the panel in this
+    /// film as `--located`: the grids that failed are planned, and with `by = "break"` in the recipe's `[treat]` only
+    /// areas around their breaks.
+    #[arg(long, value_name = "MASK.png")]
+    pub broken: Option<PathBuf>,
     /// File for the plan as JSON.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,

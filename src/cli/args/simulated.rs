@@ -29,6 +29,16 @@ pub enum ToolName {
     Spring,
 }
 
+/// What the demo abrades of a grid that failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum TreatName {
+    /// The whole grid.
+    #[default]
+    Grid,
+    /// Areas around the breaks.
+    Break,
+}
+
 /// Options of `demo`.
 #[derive(Debug, Clone, Args)]
 pub struct Demo {
@@ -54,6 +64,9 @@ pub struct Demo {
     /// The tool that presses the disc on the panel.
     #[arg(long, value_enum, default_value_t)]
     pub tool: ToolName,
+    /// What is abraded of a grid that failed; `[treat] by` in the rendered recipe.
+    #[arg(long, value_enum, default_value_t)]
+    pub treat: TreatName,
     /// Make the compliant tool fail during the path: NAME[=VALUE]@N, from the Nth waypoint in contact on, for
     /// example `silent@40`; the score then states how soon the sander was off.
     #[arg(long, value_name = "FAULT", conflicts_with = "page")]

@@ -8,6 +8,7 @@ use crate::path::approach::Approach;
 use crate::path::reach::Obstacles;
 use crate::path::routes::{self, StartState};
 use crate::path::{self, Kinematics, PanelPoses, Plan, panel_reach};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 fn codes(story: &fake::Story, kind: Kind) -> Vec<String> {
@@ -249,6 +250,66 @@ fn what_was_executed_is_looked_at() {
         panic!("{:?}", story.wears)
     };
     assert!(*planned_mm2 > 1_000.0 && correction_mm2.abs() < 0.05 * planned_mm2, "{:?}", story.wears);
+}
+
+const BY_BREAK: &str = "[treat]\nby = \"break\"\n";
+
+/// With grids of 97 mm, areas around breaks are abraded: the cycle passes as with whole grids, and the way in contact is
+/// shorter. Every grid into which an area extends is in the record of the abrasion, also a grid beside a failed one, and the
+/// contact path names it. The second film judges all six grids.
+#[test]
+fn only_what_broke_is_abraded() {
+    let run = |more_recipe: &'static str| {
+        let mut fake = Fake::new(Scene::Good).slow();
+        (fake.more_recipe, fake.grids) = (more_recipe, Some([2, 3]));
+        fake.run(Asks::one_cycle())
+    };
+    let [by_grid, by_break] = ["", BY_BREAK].map(run);
+    assert_eq!(by_break.outcome.verdict, Some(Verdict::Pass), "{by_break}");
+    let plan = by_break.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
+    assert_eq!(plan.judgement.verdict, Verdict::Accept, "{plan:?}");
+    assert_eq!(plan.number(name::BREAKS_REACHED), Some(1.0));
+    assert!(plan.number(name::BREAKS_UNCERTAIN).is_some_and(|mm| mm < 2.0), "{plan:?}");
+    let costs = plan.names("cost around the breaks and of whole grids");
+    assert_eq!(costs.last().map(String::as_str), Some("chosen: around the breaks"), "{costs:?}");
+    let contact_mm = |story: &fake::Story| number(story, Kind::Abrade, "way in contact");
+    assert!(
+        contact_mm(&by_break) < 0.9 * contact_mm(&by_grid),
+        "{} {}",
+        contact_mm(&by_break),
+        contact_mm(&by_grid)
+    );
+    let abraded = by_break.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("abraded");
+    let beside = plan.names("grids beside that are abraded as well");
+    let both: BTreeSet<String> = plan.names("grids").into_iter().chain(beside).collect();
+    assert_eq!(abraded.names("grids").into_iter().collect::<BTreeSet<_>>(), both);
+    let reached = by_break.contacts[0].0.grids.iter().map(|reached| reached.grid.clone());
+    assert_eq!(reached.collect::<BTreeSet<_>>(), both);
+    let films = by_break.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
+    let judged = |film: &Finding| {
+        let references = film.details.keys().filter(|detail| detail.starts_with("judged by the "));
+        references.flat_map(|detail| film.names(detail)).collect::<BTreeSet<_>>().len()
+    };
+    // The first film has no sanded grid, and states no reference.
+    assert_eq!(films.map(judged).last(), Some(6));
+    // A default recipe's record has none of these numbers.
+    let plain = by_grid.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
+    assert!(plain.number(name::BREAKS_REACHED).is_none() && plain.number(name::AROUND_BREAKS).is_none());
+}
+
+/// Abrasion around the breaks removes no grease here: the next film breaks in the same grids, they are abraded once more,
+/// and then the cycle ends without a pass.
+#[test]
+fn a_break_that_is_left_by_an_area_is_found_again() {
+    let mut fake = Fake::new(Scene::Good).whose_panel_stays_greasy();
+    (fake.more_recipe, fake.grids) = (BY_BREAK, Some([2, 3]));
+    let story = fake.run(Asks::one_cycle());
+    assert_ne!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
+    let of_kind = |kind: Kind| story.findings.iter().filter(move |finding| finding.kind == kind);
+    let failed: Vec<Vec<String>> = of_kind(Kind::Inspect).map(|film| film.names("failed")).collect();
+    assert!(failed.len() > 1 && failed.iter().all(|names| !names.is_empty() && *names == failed[0]), "{failed:?}");
+    let around = of_kind(Kind::Plan).filter(|plan| plan.number(name::AROUND_BREAKS).is_some()).count();
+    assert!(around > 0, "{story}");
 }
 
 /// The disc has 100 mm² left of its life: a new one is requested before the panel is wet.

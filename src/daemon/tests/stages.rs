@@ -12,7 +12,7 @@ use crate::stages::corners::CornerReference;
 use crate::stages::removal::EarlierRemoval;
 use crate::stages::survey::ToolState;
 use crate::stages::{film, locate, plan, survey};
-use crate::surface::{self, TodaysScan};
+use crate::surface::{self, TodaysScan, Treated};
 
 #[test]
 fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
@@ -81,7 +81,7 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
         stroke_mm: None,
         in_air: false,
     };
-    let laid = plan::lay_paths((panel, &fit), &grids, (recipe, tool)).expect("a path");
+    let laid = plan::lay_paths((panel, &fit), &Treated::from_grids(&grids), (recipe, tool)).expect("a path");
     let by_command = plan::judge(
         laid,
         (panel, &fit),

@@ -56,6 +56,8 @@ impl Window {
 #[derive(Debug, Clone, Copy)]
 struct Patch {
     grid: u32,
+    /// Index of the pixel in the taught picture, row by row.
+    taught: u32,
     area_mm2: f32,
     sanded: bool,
 }
@@ -111,6 +113,8 @@ impl GridFootprint {
 pub struct Footprint {
     width_px: usize,
     height_px: usize,
+    /// Columns and rows of the taught picture.
+    taught_px: [usize; 2],
     window: Window,
     /// Pixels of the window that belong to the region.
     inside: Vec<bool>,
@@ -133,7 +137,7 @@ impl Footprint {
         let mean_mm2 = mean_areas(&samples, taught.grids.len());
         let [mut whole_mm2, mut seen_mm2, mut masked_mm2] = [(); 3].map(|()| vec![0.0; mean_mm2.len()]);
         let mut held: Vec<(PixelPosition, Patch)> = Vec::with_capacity(samples.len());
-        for Sample { grid, point, area_mm2, masked, sanded } in samples {
+        for Sample { grid, taught, point, area_mm2, masked, sanded } in samples {
             let area_mm2 = area_mm2.unwrap_or(mean_mm2[grid]);
             whole_mm2[grid] += area_mm2;
             if masked {
@@ -145,7 +149,7 @@ impl Footprint {
                 seen_mm2[grid] += area_mm2;
                 held.push((
                     PixelPosition { row, column },
-                    Patch { grid: grid as u32, area_mm2: area_mm2 as f32, sanded },
+                    Patch { grid: grid as u32, taught: taught as u32, area_mm2: area_mm2 as f32, sanded },
                 ));
             }
         }
@@ -168,12 +172,26 @@ impl Footprint {
         Ok(Footprint {
             width_px: camera.width_px,
             height_px: camera.height_px,
+            taught_px: [taught.mask.width, taught.mask.height],
             window,
             inside,
             grids: grids.collect(),
             starts,
             patches: held.into_iter().map(|(_, patch)| patch).collect(),
         })
+    }
+
+    /// Returns the region as a camera sees it with the panel at this pose, without the places that the recipe masks.
+    ///
+    /// # Errors
+    /// If the region is not in the picture.
+    pub fn of_view(
+        taught: &TaughtPanel,
+        (camera, camera_from_panel): (&PinholeCamera, Rigid<Camera, Panel>),
+        settings: &recipe::Inspect,
+    ) -> Result<Self, InspectError> {
+        let masked_px = &settings.masked_px();
+        Footprint::new(taught, camera, camera_from_panel, InspectedPart { masked_px, ..InspectedPart::default() })
     }
 
     /// The smallest break that is surely found, mm², with the taught panel at its nominal place.
@@ -185,9 +203,7 @@ impl Footprint {
         settings: &recipe::Inspect,
     ) -> Result<f64, InspectError> {
         let nominal = taught.panel_from_camera.inverse();
-        let masked_px = &settings.masked_px();
-        let looked = InspectedPart { masked_px, ..InspectedPart::default() };
-        Ok(Footprint::new(taught, &taught.camera, nominal, looked)?.detection_limit_mm2())
+        Ok(Footprint::of_view(taught, (&taught.camera, nominal), settings)?.detection_limit_mm2())
     }
 
     /// Returns the grids, row by row.
@@ -237,6 +253,22 @@ impl Footprint {
             }
         }
         broken_mm2
+    }
+
+    /// Returns the pixels of the taught picture that these pixels of the picture show, so that a place in a film
+    /// becomes a place on the panel. The mask has the picture's size. The taught pixels have exactly the surface that
+    /// [`Footprint::broken_mm2`] returns.
+    pub fn taught_pixels(&self, mask: &Mask) -> Mask {
+        let [width, height] = self.taught_px;
+        let mut taught = Mask::all_outside(width, height);
+        for index in 0..self.inside.len() {
+            let (column, row) = self.pixel_position(index);
+            if self.inside[index] && mask.contains(column, row) {
+                let shown = &self.patches[self.starts[index] as usize..self.starts[index + 1] as usize];
+                shown.iter().for_each(|patch| taught.inside[patch.taught as usize] = true);
+            }
+        }
+        taught
     }
 
     /// The smallest break that is surely found on this panel from the camera's position, mm²: the surface of
@@ -389,6 +421,30 @@ mod tests {
     use super::*;
     use crate::panel::flat::{FlatPanelOptions, taught};
     use crate::recipe::Recipe;
+
+    /// By hand: at the taught pose each pixel of the picture shows the same taught pixel. With the panel 5 mm to the
+    /// right, which is 5 px, the pixel (105, 60) shows the taught pixel (100, 60). A pixel outside of the region shows
+    /// nothing.
+    #[test]
+    fn a_place_in_the_film_is_a_place_on_the_panel() {
+        let taught = taught(&FlatPanelOptions::default());
+        let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
+                    [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
+        let recipe = Recipe::check("test.toml", text).unwrap_or_else(|e| panic!("{e}"));
+        for (shift_mm, shown) in [(0.0, [105, 60]), (5.0, [100, 60])] {
+            let step = crate::geometry::Vector::new(nalgebra::Vector3::x() * shift_mm);
+            let pose = taught.panel_from_camera.inverse().followed_by_displacement(step);
+            let view = Footprint::of_view(&taught, (&taught.camera, pose), recipe.inspect()).expect("in view");
+            let mut mask = Mask::all_outside(taught.camera.width_px, taught.camera.height_px);
+            for (column, row) in [(105, 60), (3, 3)] {
+                mask.inside[row * mask.width + column] = true;
+            }
+            let on_panel = view.taught_pixels(&mask);
+            assert_eq!(on_panel.count(), 1, "{shift_mm}");
+            assert!(on_panel.contains(shown[0], shown[1]), "{shift_mm}");
+            assert!((view.broken_mm2(&mask).iter().sum::<f64>() - 1.0).abs() < 0.1);
+        }
+    }
 
     /// By hand: a pixel of a flat panel that faces the camera is 1 mm², so twelve are 12 mm², wherever the region
     /// lies. The background beyond the edge or behind a hole lies 160 mm farther away and is no surface of the

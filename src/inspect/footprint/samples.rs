@@ -11,6 +11,8 @@ const AREA_REACH_PX: usize = 3;
 /// A taught pixel of the region, before projection.
 pub struct Sample {
     pub grid: usize,
+    /// Index of the pixel in the taught picture, row by row.
+    pub taught: usize,
     pub point: Option<Point<Panel>>,
     pub area_mm2: Option<f64>,
     pub masked: bool,
@@ -37,7 +39,8 @@ pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]], sanded:
             .and_then(|_| taught.scan.smoothed_pixel_area_mm2(column, row, AREA_REACH_PX));
         let masked = masks.iter().any(|mask| polygon::contains(mask, pixel));
         let sanded = sanded.is_some_and(|sanded| sanded.contains(column, row));
-        Some(Sample { grid, point: own.or_else(|| taught.surface_point_at(pixel)), area_mm2, masked, sanded })
+        let (taught_px, point) = (row * taught.mask.width + column, own.or_else(|| taught.surface_point_at(pixel)));
+        Some(Sample { grid, taught: taught_px, point, area_mm2, masked, sanded })
     };
     rows.flat_map(|row| columns.clone().map(move |column| (column, row))).filter_map(sample).collect()
 }

@@ -1,5 +1,6 @@
 //! Tests of rasters, poses and plans on surfaces that can be checked by hand, and on fitted surfaces.
 
+mod breaks;
 mod plans;
 mod poses;
 mod reached;

@@ -6,6 +6,7 @@ mod panel;
 mod path;
 mod place;
 mod removal;
+mod treat;
 
 pub use film::{Inspect, Method, Process, Region, SandedReference};
 pub use nominal::DrawingPlacement;
@@ -13,6 +14,7 @@ pub use panel::Panel;
 pub use path::{FitMethod, Path, Pattern, Surface};
 pub use place::{Corner, CornerName, CornerNames, Locate, Registration};
 pub use removal::{Removal, RemovalMethod};
+pub use treat::{Treat, TreatBy};
 
 pub(super) use film::{parse_inspect, parse_process, parse_region};
 pub(super) use nominal::parse_nominal;
@@ -20,3 +22,4 @@ pub(super) use panel::parse_panel;
 pub(super) use path::parse_path;
 pub(super) use place::{parse_corner, parse_locate};
 pub(super) use removal::parse_removal;
+pub(super) use treat::parse_treat;

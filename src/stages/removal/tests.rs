@@ -1,11 +1,12 @@
 //! Removal by the plan of a taught panel, calculated with the same functions as in command and loop.
 
 use super::*;
+use crate::panel::GridId;
 use crate::record::name;
 use crate::removal::examples::EVEN_MODEL;
 use crate::stages::plan::{self, ReachStart};
-use crate::surface::examine_fit;
 use crate::surface::scene::{ScanDefects, Shape, recipe, taught};
+use crate::surface::{Treated, examine_fit};
 use crate::verdict::Verdict;
 
 fn tool(removal: Option<Model>) -> ToolState {
@@ -20,7 +21,7 @@ fn planned(removal: &str, known: Option<Model>, before: EarlierRemoval) -> (Verd
     let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
     let (on, tool) = ((&panel, &fit), tool(known));
     let grids = [GridId { row: 2, column: 3 }];
-    let plan = plan::lay_paths(on, &grids, (&recipe, tool)).expect("a path");
+    let plan = plan::lay_paths(on, &Treated::from_grids(&grids), (&recipe, tool)).expect("a path");
     let found = plan::judge(plan, on, ReachStart::Unknown, (&recipe, tool), (None, before));
     let codes = found.judgement.reasons.iter().map(|reason| reason.code.to_string()).collect();
     (found.judgement.verdict, codes, found.checks)
@@ -51,7 +52,8 @@ fn the_feed_that_hinders_is_named() {
         let panel = taught(Shape::Sphere, ScanDefects::default(), &recipe);
         let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
         let (on, tool) = ((&panel, &fit), tool(Some(EVEN_MODEL)));
-        let plan = plan::lay_paths(on, &[GridId { row: 2, column: 3 }], (&recipe, tool)).expect("a path");
+        let plan = plan::lay_paths(on, &Treated::from_grids(&[GridId { row: 2, column: 3 }]), (&recipe, tool))
+            .expect("a path");
         let found = plan::judge(plan, on, ReachStart::Unknown, (&recipe, tool), (None, EarlierRemoval::default()));
         let uneven = found.judgement.reasons.into_iter().find(|reason| reason.code == "removal_uneven");
         uneven.map(|reason| reason.message).unwrap_or_default()
@@ -110,7 +112,7 @@ fn what_an_air_run_would_remove_is_no_reason() {
     for (known, before) in [(None, 0.0), (Some(EVEN_MODEL), 1_000.0)] {
         let judged = |in_air: bool| {
             let tool = ToolState { in_air, ..tool(known) };
-            let plan = plan::lay_paths(on, &grids, (&recipe, tool)).expect("a path");
+            let plan = plan::lay_paths(on, &Treated::from_grids(&grids), (&recipe, tool)).expect("a path");
             let before = EarlierRemoval { bound_um: before, unknown: 1 };
             plan::judge(plan, on, ReachStart::Unknown, (&recipe, tool), (None, before))
         };
@@ -134,15 +136,15 @@ fn the_force_that_was_measured_counts() {
     let panel = taught(Shape::Sphere, ScanDefects::default(), &recipe);
     let fit = examine_fit(&panel, recipe.surface()).expect("a surface");
     let tool = tool(Some(EVEN_MODEL));
-    let grids = [GridId { row: 2, column: 3 }];
-    let plan = plan::lay_paths((&panel, &fit), &grids, (&recipe, tool)).expect("a path");
+    let treated = Treated::from_grids(&[GridId { row: 2, column: 3 }]);
+    let plan = plan::lay_paths((&panel, &fit), &treated, (&recipe, tool)).expect("a path");
     let before = EarlierRemoval::default();
     let abrasive =
         RemovalInputs { panel: &panel, fit: &fit, recipe: &recipe, tool, earlier: None, earlier_removal: before };
     let mean_um = |force_n: Option<f64>| {
         let poses: Vec<ExecutedPose> =
             dwell::timed_poses(&plan).into_iter().map(|pose| ExecutedPose { force_n, ..pose }).collect();
-        value(&abrasive.executed_removal(&grids, &poses).expect("known").checks, name::REMOVED_MEAN)
+        value(&abrasive.executed_removal(&treated, &poses).expect("known").checks, name::REMOVED_MEAN)
     };
     let [unmeasured, as_asked, half] = [None, Some(20.0), Some(10.0)].map(mean_um);
     assert!((unmeasured - as_asked).abs() < 1e-9, "{unmeasured} {as_asked}");

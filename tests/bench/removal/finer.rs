@@ -8,7 +8,7 @@ use super::{held, most};
 use panelprep::panel::GridId;
 use panelprep::removal::map::removed;
 use panelprep::removal::track::path_stretches;
-use panelprep::surface::Parameter;
+use panelprep::surface::{Parameter, Treated};
 use std::f64::consts::TAU;
 
 const OFF_PERCENT: f64 = 3.0;
@@ -100,7 +100,7 @@ fn ours(case: &Case) -> Vec<f64> {
     let all = path_stretches(&surface, &line, (&disc(true), FORCE_N), &ground);
     let map = removed(
         (&surface, &region([1, 1]), &ground),
-        &[GridId { row: 1, column: 1 }],
+        &Treated::from_grids(&[GridId { row: 1, column: 1 }]),
         &all,
         (&exact_model(), 0.0),
         1.0,

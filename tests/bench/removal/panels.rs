@@ -17,7 +17,7 @@ use panelprep::removal::model::Model;
 use panelprep::removal::schedule::{RemovalTarget, schedule};
 use panelprep::removal::track::{Disc, path_stretches};
 use panelprep::stages::removal::contact_moves;
-use panelprep::surface::{BSplineSurface, HoleMap, Parameter};
+use panelprep::surface::{BSplineSurface, HoleMap, Parameter, Treated};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -150,7 +150,7 @@ pub fn scheduled_plan(
     let disc = Disc { swept_mm2: worn_mm2, ..disc(true) };
     let on = path_stretches(surface, &dwell::timed_poses(&laid), (&disc, FORCE_N), &ground);
     let wanted = RemovalTarget { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
-    let found = schedule((surface, region, &ground), &grids, (&on, &moves), model, &wanted);
+    let found = schedule((surface, region, &ground), &laid.treated, (&on, &moves), model, &wanted);
     let mut feeds_mm_s: Vec<f64> = all.iter().map(|waypoint| waypoint.feed_mm_s).collect();
     moves.iter().zip(&found).for_each(|(own, feed)| feeds_mm_s[own.pose] = *feed);
     laid.with_feeds(&feeds_mm_s, settings)
@@ -160,7 +160,14 @@ pub fn scheduled_plan(
 pub fn beyond(surface: &BSplineSurface, region: &Region, grids: &[GridId], recipe: &Recipe) -> Plan {
     let beyond_mm = 0.4 * PAD.radius_mm;
     let holes = HoleMap::empty(region);
-    plan_beyond_borders(surface, region, grids, (&outline(), &holes), (recipe.path(), beyond_mm)).expect("a plan")
+    plan_beyond_borders(
+        surface,
+        region,
+        &Treated::from_grids(grids),
+        (&outline(), &holes),
+        (recipe.path(), beyond_mm),
+    )
+    .expect("a plan")
 }
 
 /// Returns a plan with today's constant feed, chosen such that the mean removal is the target.
@@ -238,11 +245,10 @@ fn map(
     poses: &[ExecutedPose],
     (model, worn_mm2): (&Model, f64),
 ) -> RemovalMap {
-    let grids: Vec<GridId> = plan.grids.iter().map(|grid| grid.id).collect();
     let ground = |_: Parameter| true;
     let disc = Disc { swept_mm2: worn_mm2, ..disc(true) };
     let all = path_stretches(surface, poses, (&disc, FORCE_N), &ground);
-    removed((surface, region, &ground), &grids, &all, (model, FORCE_SHARE_95), 2.0)
+    removed((surface, region, &ground), &plan.treated, &all, (model, FORCE_SHARE_95), 2.0)
 }
 
 fn share_within(map: &RemovalMap) -> f64 {
@@ -260,7 +266,7 @@ fn compared(expected: &RemovalMap, truth: &RemovalMap, times: f64) -> [f64; 3] {
             deepest = f64::max(deepest, found);
             all += 1.0;
             held += f64::from(u8::from((found / f64::from(*depth_um)).ln().abs() <= half));
-            let area = f64::from(grid.area_mm2[index]) * f64::from(u8::from(grid.is_treated));
+            let area = f64::from(grid.area_mm2[index]) * f64::from(u8::from(grid.is_treated[index]));
             treated += area;
             within += area * f64::from(u8::from((found / TARGET_UM - 1.0).abs() <= WITHIN_PERCENT / 100.0));
         }

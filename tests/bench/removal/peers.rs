@@ -10,7 +10,7 @@ use super::{held, most, reached};
 use panelprep::panel::GridId;
 use panelprep::removal::map::removed;
 use panelprep::removal::track::path_stretches;
-use panelprep::surface::Parameter;
+use panelprep::surface::{Parameter, Treated};
 use serde_json::{Value, json};
 use std::process::Command;
 use std::time::Instant;
@@ -85,10 +85,10 @@ fn ours(bends: [f64; 2]) -> (Vec<f64>, f64) {
             pose([x, 0.0, -0.5 * bends[0] * x * x], [bends[0] * x, 0.0, 1.0], (0.0, seconds))
         })
         .collect();
-    let ground = |_: Parameter| true;
+    let (ground, treated) = (|_: Parameter| true, Treated::from_grids(&[GridId { row: 1, column: 1 }]));
     let work = || {
         let all = path_stretches(&surface, &line, (&disc(false), FORCE_N), &ground);
-        removed((&surface, &region, &ground), &[GridId { row: 1, column: 1 }], &all, (&exact_model(), 0.0), 1.0)
+        removed((&surface, &region, &ground), &treated, &all, (&exact_model(), 0.0), 1.0)
     };
     let started = Instant::now();
     let runs = 20;

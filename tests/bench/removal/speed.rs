@@ -30,7 +30,7 @@ pub fn measure() -> usize {
         .map(|_| {
             let started = Instant::now();
             let on = path_stretches(&surface, &dwell::timed_poses(&laid), (&disc(true), FORCE_N), &ground);
-            let found = schedule((&surface, &region, &ground), &grids, (&on, &moves), &model, &wanted);
+            let found = schedule((&surface, &region, &ground), &laid.treated, (&on, &moves), &model, &wanted);
             std::hint::black_box(found);
             1e3 * started.elapsed().as_secs_f64()
         })

@@ -60,7 +60,7 @@ impl FakeCameras {
     fn rendered(&self) -> Picture2d {
         let world = self.world.borrow();
         assert_eq!(world.outputs.get(&1), Some(&true), "the light is on");
-        let spots = if world.healed { Vec::new() } else { world.sim.spots().to_vec() };
+        let spots = if world.healed && !world.stays_greasy { Vec::new() } else { world.sim.spots().to_vec() };
         let film_s = match world.water_off_ms {
             0 => 0.0,
             off_ms => WET_FROM_S + (world.time_ms - off_ms) as f64 / 1_000.0,

@@ -48,6 +48,8 @@ pub struct Cell {
     pub fills_at: Option<usize>,
     /// Additional tables at the end of the recipe.
     pub more_recipe: &'static str,
+    /// Rows and columns of grids, if they are not those of the simulated region.
+    pub grids: Option<[usize; 2]>,
     /// Additional names at the end of the cell's outputs and of its feedbacks.
     pub more_io: [&'static str; 2],
     /// Additional tables at the end of the cell's file.
@@ -74,6 +76,7 @@ impl Cell {
             is_full: false,
             fills_at: None,
             more_recipe: "",
+            grids: None,
             more_io: ["", ""],
             more_cell: "",
             worn_mm2: 0.0,
@@ -105,6 +108,12 @@ impl Cell {
             let mut world = self.world.borrow_mut();
             world.sim = world.sim.clone().with_bow(bow_mm);
         }
+        self
+    }
+
+    /// Returns the cell with a panel that is as greasy after abrasion as before.
+    pub fn whose_panel_stays_greasy(self) -> Self {
+        self.world.borrow_mut().stays_greasy = true;
         self
     }
 
@@ -185,7 +194,7 @@ impl Cell {
 
     /// Returns the cell's file, the recipe, the taught data, and the calibrations.
     pub fn files(&self) -> (cell::Cell, Recipe, TaughtHere, Calibrations) {
-        let (taught, recipe) = taught(&self.world.borrow().sim, self.more_recipe);
+        let (taught, recipe) = taught(&self.world.borrow().sim, (self.more_recipe, self.grids));
         let [outputs, feedbacks] = self.more_io;
         let io = CELL.replace("[io.feedbacks]", &format!("{outputs}[io.feedbacks]"));
         let text = format!(

@@ -17,16 +17,17 @@ pub fn setup(cell: &cell::Cell, recipe: &Recipe, taught: &TaughtHere, calibratio
     CycleSetup::new(cell, recipe.clone(), taught.clone(), (calibrations, LensExtent::default())).expect("a corner")
 }
 
-pub(super) fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
+pub(super) fn taught(sim: &sim::Cell, (more_recipe, grids): (&str, Option<[usize; 2]>)) -> (TaughtHere, Recipe) {
     let region = sim.region();
+    let [rows, columns] = grids.unwrap_or([region.rows, region.columns]);
     let text = format!(
         "panel = \"p\"\n[process]\nobservation_s = 40.0\nframes_per_second = 0.5\n\
          [corner]\nwhich = [\"top-left\", \"bottom-right\"]\nsettled_mm = 0.1\n\
          [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n\
          [inspect]\nmin_break_mm2 = 75.0 # a quarter of the pixels each way shows no smaller break surely\n{more_recipe}",
         region.corners_px.map(|px| [px.u, px.v]),
-        region.rows,
-        region.columns,
+        rows,
+        columns,
         SEARCH_BOX_MM[0],
         SEARCH_BOX_MM[1]
     );

@@ -65,6 +65,8 @@ pub(super) struct World {
     pub(super) water_off_ms: u64,
     pub(super) rubbed: usize,
     pub(super) healed: bool,
+    /// Abrasion removes no grease.
+    pub(super) stays_greasy: bool,
     /// The angle by which the panel turns about its first corner once it is wet.
     pub(super) turns_when_wet_deg: f64,
     pub(super) waypoints: usize,
@@ -128,6 +130,7 @@ impl World {
             water_off_ms: 0,
             rubbed: 0,
             healed: false,
+            stays_greasy: false,
             turns_when_wet_deg: 0.0,
             waypoints: 0,
             reports: VecDeque::new(),
