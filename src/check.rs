@@ -83,7 +83,7 @@ const fn mount<M: Mount>(keys: &'static [&'static str]) -> FileKind {
     FileKind { name: M::TABLE, keys, check: |name, text| MountedPose::<M>::check(name, text).map(describe_mount) }
 }
 
-/// What the files are checked for.
+/// The purpose for which files are checked.
 #[derive(Clone, Copy)]
 pub struct CheckedFor<'a> {
     /// A cell's file must state all that this purpose needs; with `None`, only what commands on files need.

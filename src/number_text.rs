@@ -1,4 +1,4 @@
-//! How numbers and times are written in sentences for people.
+//! Formats of numbers and times in sentences for people.
 //!
 //! A measured number and the limit that it violates are printed so that they differ. A rounded zero has no sign. A NaN
 //! is named as such.

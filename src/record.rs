@@ -110,9 +110,9 @@ pub enum RecordingFile {
 pub struct CycleRecord {
     /// Its number.
     pub id: CycleId,
-    /// When the cycle began, s since 1970.
+    /// Time at which the cycle began, s since 1970.
     pub started_unix_s: i64,
-    /// When the cycle ended, s since 1970; `None` while it runs.
+    /// Time at which the cycle ended, s since 1970; `None` while it runs.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,
@@ -128,7 +128,7 @@ pub struct CycleRecord {
     pub judgement: Option<Judgement>,
     /// The error at the tool; `None` if the cycle did not come so far.
     pub budget: Option<Budget>,
-    /// What the phases found, in order.
+    /// Findings of the phases, in order.
     pub findings: Vec<Finding>,
     /// Every motion, in order.
     pub motions: Vec<MotionRecord>,

@@ -11,16 +11,16 @@ use std::panic;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// What is wrong with a thread.
+/// A fault of a thread.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ThreadFault {
     /// The thread's name.
     pub thread: String,
-    /// What it did.
+    /// Failure of the thread.
     pub failure: ThreadFailure,
 }
 
-/// How a thread fails.
+/// Failures of a thread.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ThreadFailure {
     /// The thread panicked; the panic was reported where it occurred.

@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 /// Time limit that is long enough for a busy machine.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
-/// What a server does with a request.
+/// Behaviour of a server on a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Does {
     Takes,

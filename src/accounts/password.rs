@@ -13,7 +13,7 @@ const MAX_CHARACTERS: usize = 200;
 const MEMORY_KIB: u32 = 19 * 1_024;
 const PASSES: u32 = 2;
 
-/// Why a password is not accepted.
+/// The reason why a password is not accepted.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PasswordError {
     /// Too few characters, or far too many.

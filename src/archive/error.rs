@@ -1,11 +1,11 @@
-//! Why the archive cannot work.
+//! The reason why the archive cannot work.
 
 use crate::broker::BrokerError;
 use crate::store::StoreError;
 use crate::trust::TrustError;
 use std::path::{Path, PathBuf};
 
-/// What went wrong at the archive.
+/// Errors of the archive.
 #[derive(Debug, thiserror::Error)]
 pub enum ArchiveError {
     /// The database cannot be reached, or refuses the connection.

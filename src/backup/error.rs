@@ -1,15 +1,15 @@
-//! Why a backup could not be made or restored.
+//! The reason why a backup could not be made or restored.
 
 use crate::store::StoreError;
 use std::path::{Path, PathBuf};
 
-/// Why a backup or a restore stopped. In this case nothing of the cell is changed.
+/// The reason why a backup or a restore stopped. In this case nothing of the cell is changed.
 #[derive(Debug, thiserror::Error)]
 pub enum BackupError {
     /// The system refused access to a file or folder.
     #[error("cannot {operation} {}: {source}", path.display())]
     File {
-        /// What was tried.
+        /// The operation that failed.
         operation: &'static str,
         /// The file.
         path: PathBuf,
@@ -137,7 +137,7 @@ pub enum BackupError {
     /// A service, or another program, uses the files that would be replaced.
     #[error("{user}; stop the service first (`systemctl stop panelprep`), then restore again")]
     InUse {
-        /// Who, in words.
+        /// Description of the program that uses it.
         user: String,
     },
     /// A step at the end of the restore failed, and not all earlier steps could be undone.

@@ -18,7 +18,7 @@ pub struct Manifest {
     pub format: u32,
     /// The version of the program that wrote the archive.
     pub program: String,
-    /// When the archive was made, s since 1970; only a label.
+    /// Time at which the archive was made, s since 1970; only a label.
     pub made_unix_s: i64,
     /// Links of the store's chain; `None` without a store.
     pub links: Option<u64>,

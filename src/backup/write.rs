@@ -30,7 +30,7 @@ pub struct BackupReport {
     /// Everything in the store that differs from what was written there, in words; if there is any difference, no
     /// archive was made.
     pub differences: Vec<String>,
-    /// What the archive holds.
+    /// Contents of the archive.
     pub manifest: Manifest,
     /// Its size.
     pub bytes: u64,
@@ -59,7 +59,7 @@ struct PackContent {
     links: Option<u64>,
 }
 
-/// Why packing was not completed.
+/// The reason why packing was not completed.
 enum PackFailure {
     /// A file of the store vanished or is not what it was.
     Blob(String),

@@ -29,7 +29,7 @@ const MAX_RESIDUAL_N: f64 = 3.0;
 /// A reading without contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AttitudeReading {
-    /// How far the tool points down, −1…1.
+    /// Downward component of the tool's direction, −1…1: 1 if the tool points straight down.
     pub downwards: f64,
     /// The force that the sensor reads, N.
     pub force_n: f64,
@@ -46,11 +46,11 @@ pub struct ForceCalibration {
     pub zero_95_n: f64,
     /// Residuals, rms, N.
     pub rms_n: f64,
-    /// How many readings.
+    /// Number of readings.
     pub readings: usize,
 }
 
-/// Why readings do not determine a result.
+/// The reason why readings do not determine a result.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
     /// Too few.
@@ -62,7 +62,7 @@ pub enum CalibrationError {
     /// A number that is not finite.
     #[error("reading {index}: the force or the attitude is not a valid number")]
     NotFinite {
-        /// Which, from 1.
+        /// Number of the reading, from 1.
         index: usize,
     },
     /// The readings are too similar.
@@ -84,7 +84,7 @@ pub enum CalibrationError {
         distinguishable_texts(*off_n, MAX_RESIDUAL_N, 1)[1]
     )]
     Outlier {
-        /// Which, from 1.
+        /// Number of the reading, from 1.
         index: usize,
         /// The reading's deviation, N.
         off_n: f64,

@@ -18,8 +18,8 @@ pub fn unit(subject: &str) -> &'static str {
 /// One verification by a picture of a fixed target, or by a touch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
-    /// What was verified: `scanner`, `flange_camera`, `tool`, or the force of a compliant tool, [`TOOL_FORCE`],
-    /// with numbers in N.
+    /// Subject of the verification: `scanner`, `flange_camera`, `tool`, or the force of a compliant tool,
+    /// [`TOOL_FORCE`], with numbers in N.
     pub subject: String,
     /// Largest distance between the known and the measured position of the target, mm; for a force its error, N.
     pub error: f64,
@@ -33,12 +33,12 @@ pub struct Verification {
     pub struck: Option<Strike>,
 }
 
-/// Who struck out a verification, and why.
+/// The strike of a wrong verification: person and reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Strike {
-    /// Who.
+    /// Name of the person.
     pub by: String,
-    /// Why.
+    /// The reason.
     pub why: String,
     /// Time of the strike, seconds since 1970.
     pub at_unix_s: i64,
@@ -293,7 +293,7 @@ impl Verification {
 /// A camera with which a cycle measures.
 #[derive(Debug, Clone, Copy)]
 pub struct CameraHealth<'a> {
-    /// What is verified, `scanner`.
+    /// Subject of the verification, such as `scanner`.
     pub subject: &'a str,
     /// The newest verification of the subject.
     pub last: Option<&'a Verification>,

@@ -41,7 +41,7 @@ pub struct ViewResult {
     pub name: String,
     /// Root mean square of the distances of the picture's corners, px.
     pub rms_px: f64,
-    /// Why it was set aside; `None` if it was used.
+    /// The reason why it was set aside; `None` if it was used.
     pub exclusion_reason: Option<String>,
 }
 
@@ -63,7 +63,7 @@ pub struct Calibrated {
     pub camera: PinholeCamera,
     /// The lens model, which states the coefficients.
     pub model: LensModel,
-    /// How well each model predicted pictures that were left out, the simplest model first.
+    /// Prediction error of each model on pictures that were left out, the simplest model first.
     pub trials: Vec<ModelTrial>,
     /// Root mean square distance of all used corners, px.
     pub rms_px: f64,
@@ -98,7 +98,7 @@ impl Calibrated {
     }
 }
 
-/// How to calibrate.
+/// Options of the calibration.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Options {
     /// Whether no picture may be set aside.

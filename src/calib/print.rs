@@ -46,7 +46,7 @@ pub(super) struct PrintMatch {
     pub light_gradient: f64,
 }
 
-/// How the print around a position is examined.
+/// Parameters for the examination of the print around a position.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MatchWindow {
     /// The homography from the board, mm, to the picture near the position.

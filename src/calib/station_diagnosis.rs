@@ -23,7 +23,7 @@ const MIN_RMS: f64 = 0.05;
 const MIN_TYPO_MM: f64 = 1.0;
 const MIN_TYPO_DEG: f64 = 0.2;
 
-/// What is probably wrong.
+/// Probable cause of a station's deviation.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StationFault {
     /// The board was detected upside down.
@@ -82,7 +82,7 @@ pub struct SuspectStation {
     pub name: String,
     /// The distance between the positions of the board's middle that picture and robot give, mm.
     pub distance_mm: f64,
-    /// What is probably wrong.
+    /// Probable cause of the deviation.
     pub fault: StationFault,
 }
 

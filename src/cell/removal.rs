@@ -50,7 +50,7 @@ settings! {
 pub struct RemovalCalibration {
     /// Its numbers.
     pub numbers: RemovalNumbers,
-    /// When.
+    /// Date of the calibration.
     pub date: Option<Date>,
     /// Program, coupons file and residuals.
     pub provenance: Provenance,

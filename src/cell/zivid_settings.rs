@@ -27,7 +27,7 @@ impl MainsFrequency {
     /// Both.
     pub const ALL: &'static [MainsFrequency] = <Self as VariantArray>::VARIANTS;
 
-    /// In words.
+    /// Returns the name for people.
     pub fn name(self) -> &'static str {
         self.into()
     }

@@ -31,11 +31,11 @@ use std::sync::Arc;
 
 /// The result of a cycle that ran.
 pub struct CycleRun {
-    /// How it ended.
+    /// Result of the loop.
     pub outcome: LoopOutcome,
     /// The part of the cycle that the store keeps.
     pub stored: StoredCycle,
-    /// Why the request was refused.
+    /// The reason why the request was refused.
     pub refusal: Option<Reason>,
     /// The simulated surroundings of a mock robot, as the cycle left them.
     pub simulated: Option<SimulatedController>,
@@ -52,7 +52,7 @@ pub type Start = fn(&Cell, &Calibrations, Simulation) -> Result<CellDevices, Fau
 pub struct Run<'r> {
     /// Starts the devices.
     pub start: Start,
-    /// What simulated devices show.
+    /// Settings of the simulated devices.
     pub simulation: Simulation,
     /// The request to the loop.
     pub request: fn(&TaughtRecipe) -> cycle::Request,

@@ -17,7 +17,8 @@ use crate::requirements::{Purpose, UnmetRequirement};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-/// Why a command could not do its work: bad input, or a disk error. The exit code is 2 unless stated otherwise.
+/// The reason why a command could not do its work: bad input, or a disk error. The exit code is 2 unless stated
+/// otherwise.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
     /// A file does not have the required content.
@@ -96,11 +97,11 @@ pub enum Fault {
     /// A text on the command line that is not a pose.
     #[error("\"{found}\" is not a {what}: {problem}")]
     NotSixNumbers {
-        /// What was given.
+        /// The text as given.
         found: String,
         /// The expected kind of pose.
         what: &'static str,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// A decision that does not state the step on which it is based.
@@ -140,7 +141,7 @@ pub enum Fault {
     Account {
         /// Its name.
         name: String,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// The cycle for which the command waited is no longer the last cycle of the service.
@@ -180,7 +181,7 @@ pub enum Fault {
     BadAnswer {
         /// The option.
         option: &'static str,
-        /// What was given.
+        /// The answer as given.
         found: String,
         /// The problem of the answer, and what is allowed.
         problem: String,

@@ -48,7 +48,7 @@ impl Interrupts {
         let _ = self.stop_line.set(line);
     }
 
-    /// How many came.
+    /// Returns the number of interrupts received.
     pub fn count(&self) -> usize {
         self.count.load(Ordering::SeqCst)
     }

@@ -106,7 +106,7 @@ fn ports(args: &MockRobot, cell: &Cell, files: [u16; 2]) -> Result<Ports, Fault>
     }
 }
 
-/// What was already reported.
+/// The state that was last reported.
 #[derive(Default)]
 struct ReportedState {
     epoch: i32,

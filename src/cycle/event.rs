@@ -82,7 +82,7 @@ pub enum Report {
     Deadline {
         /// The id of the effect that armed the deadline.
         id: Id,
-        /// Which time.
+        /// The deadline that passed.
         which: Deadline,
     },
     /// This number of waypoints of a move is executed.
@@ -106,7 +106,7 @@ pub enum Report {
     /// The link has ended the epoch without a command of the table: after a refusal, a wrong count, silence, or a
     /// stop by the controller's program. The abort frame has been sent and is not yet answered.
     EpochOver {
-        /// Why it ended; `None` if the robot's condition states it.
+        /// The reason why it ended; `None` if the robot's condition states it.
         trouble: Option<Trouble>,
     },
     /// The state that this switch had reached is no longer proven: the output or feedback that proved it has
@@ -233,7 +233,7 @@ impl Robot {
     }
 }
 
-/// What can go wrong (rows of the fault model in parentheses).
+/// Faults during a cycle (rows of the fault model in parentheses).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Trouble {

@@ -12,12 +12,12 @@
 //!  (3D)   (corner)                       └─ breaks → Plan → Verify → Abrade → Retract → Assess → Rinse → Wet → …
 //! ```
 //!
-//! What the table never does. It has no clock: [`Effect::Arm`] requests a deadline, [`Report::Deadline`] reports that
-//! it is over. It reads no files, opens no sockets, draws no random numbers. It assumes nothing that was not reported:
+//! Limits of the table. It has no clock: [`Effect::Arm`] requests a deadline, [`Report::Deadline`] reports that it is
+//! over. It reads no files, opens no sockets, draws no random numbers. It assumes nothing that was not reported:
 //! [`Facts`] become known by reports alone, and a request for a change makes a fact unknown. It never uses the answer
-//! to one act for another: each act has an [`Id`], and a report with another id is dropped and counted. It never ends
-//! a motion: the robot reports its standstill. It never resumes automatically: after [`Report::Boot`] it rests, and a
-//! path that was left is planned again.
+//! to one action for another: each action has an [`Id`], and a report with another id is dropped and counted. It never
+//! ends a motion: the robot reports its standstill. It never resumes automatically: after [`Report::Boot`] it rests,
+//! and an interrupted path is planned again.
 //!
 //! The table also guarantees the following, which the random walks and the search check:
 //! - A stop in every state reaches the arm within its bound: a stop and an abort wait for nothing but the water,

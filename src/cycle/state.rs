@@ -11,7 +11,7 @@ pub struct State {
     pub at: At,
     /// The cycle that is running, or ran last.
     pub job: Job,
-    /// What the cell reported.
+    /// Facts that the cell reported.
     pub facts: Facts,
     /// The one act in progress.
     pub due: Option<Due>,
@@ -97,17 +97,17 @@ pub enum At {
     },
     /// On the way to Aborted, whatever the answer is. The abort frame is sent at once; it also shuts the water.
     Aborting {
-        /// Why.
+        /// Cause of the abort.
         cause: Cause,
     },
     /// At rest after a fault; only Clear leads out.
     Aborted {
-        /// Why.
+        /// Cause of the abort.
         cause: Cause,
     },
     /// A person cleared the cause: the robot is asked whether it is at standstill, tool and water are proven off.
     Clearing {
-        /// What was cleared.
+        /// Cause of the abort that is being cleared.
         cause: Cause,
     },
 }
@@ -178,7 +178,7 @@ impl Phase {
 /// A hold and how it ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Hold {
-    /// Why.
+    /// Reason of the hold.
     pub why: Why,
     /// The phase in which the cycle continues; a path that was left is planned again.
     pub resume: Phase,
@@ -192,7 +192,7 @@ impl Hold {
     }
 }
 
-/// Why a cycle is held.
+/// The reason why a cycle is held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Why {
@@ -210,7 +210,7 @@ pub enum Why {
     Trouble(Trouble),
 }
 
-/// Why a cycle was aborted.
+/// The reason why a cycle was aborted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {

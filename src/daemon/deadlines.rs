@@ -12,7 +12,7 @@ struct ArmedDeadline {
     time: Time,
 }
 
-/// What is armed.
+/// The armed deadlines.
 #[derive(Debug, Default)]
 pub(super) struct Deadlines {
     armed: Vec<ArmedDeadline>,

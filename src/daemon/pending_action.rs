@@ -44,7 +44,7 @@ pub(super) enum Condition {
     Ready(CommandId),
     /// Waits for the end of a path.
     PathEnd,
-    /// What is computed.
+    /// A computation.
     Computing,
     /// In lock step: waits for the robot's next state, and so for the time of the film's next picture.
     Film,

@@ -56,7 +56,7 @@ enum Line {
     },
 }
 
-/// Why a line was not understood.
+/// The reason why a line was not understood.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ProtocolError {
     /// Too long.
@@ -80,7 +80,7 @@ pub enum ProtocolError {
     /// The line is not an allowed request.
     #[error("not understood: {problem}")]
     NotUnderstood {
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// Only the program itself may make this request.

@@ -21,7 +21,7 @@ use tokio::sync::oneshot;
 /// One request, on its way from a front to the loop.
 #[derive(Debug)]
 pub struct Request {
-    /// What is requested.
+    /// The requested action.
     pub what: RequestKind,
     /// The person or program that makes the request, and its front.
     pub requester: RequestAuthor,
@@ -42,7 +42,7 @@ impl Request {
     }
 }
 
-/// What is requested.
+/// Kinds of requests.
 pub enum RequestKind {
     /// Requests a report of the present state. It is answered at once.
     State,
@@ -54,9 +54,9 @@ pub enum RequestKind {
     /// A request that was refused before it reached the loop: a start whose files are wrong, or a user whose role does
     /// not permit the request. The loop only records it.
     Refused {
-        /// What was requested.
+        /// The requested action.
         wanted: RequestedAction,
-        /// Why it is refused.
+        /// The reason why it is refused.
         reasons: Vec<Reason>,
     },
     /// Records that a new disc was mounted. Possible while the cell is at rest.
@@ -77,9 +77,9 @@ pub enum RequestKind {
     },
     /// A decision that was based on a step other than the present one. The loop only records it.
     Outdated {
-        /// What was requested.
+        /// The request.
         request: cycle::Request,
-        /// What changed since.
+        /// The changes since the request was made.
         reasons: Vec<Reason>,
     },
     /// Requests pictures from the cell's cameras, while the cell rests without a cycle.

@@ -88,7 +88,7 @@ impl Inside {
     }
 }
 
-/// Why a request was not taken.
+/// The reason why a request was not taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum RequestQueueError {
     /// The loop has ended.

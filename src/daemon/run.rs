@@ -52,11 +52,11 @@ pub struct LoopStart {
     pub cycle: Option<Arc<CycleSetup>>,
     /// The state that results from the journal.
     pub state: State,
-    /// What the loop remembers in addition to the state.
+    /// Values that the loop remembers in addition to the state.
     pub before: LoopMemoryStart,
 }
 
-/// How it ended.
+/// Result of the loop.
 #[derive(Debug)]
 pub struct LoopOutcome {
     /// The state at the end of the loop.

@@ -39,7 +39,7 @@ pub struct Calibrations {
     pub removal: Option<Model>,
 }
 
-/// What the cell's file states about the cell, for every cycle and between cycles.
+/// Values of the cell's file that hold for every cycle and between cycles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellSetup {
     /// The cell's limits.
@@ -94,7 +94,7 @@ pub struct CycleSetup {
     pub cell: Arc<CellSetup>,
     /// The recipe.
     pub recipe: Recipe,
-    /// What was taught.
+    /// The taught panel.
     pub panel: TaughtPanel,
     taught_model: Arc<OnceLock<Result<TaughtModel, LocateError>>>,
     /// The taught corners of the panel; the corner loop uses the first ones whose moves pass the gate.
@@ -103,7 +103,7 @@ pub struct CycleSetup {
     pub calibrations: Calibrations,
     /// The area of the picture in which the flange camera's lens is calibrated.
     pub lens: LensExtent,
-    /// What earlier cycles removed from this part.
+    /// Depth that earlier cycles removed from this part.
     pub removed_before: EarlierRemoval,
 }
 

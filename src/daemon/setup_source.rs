@@ -42,7 +42,7 @@ impl RecipeText {
 /// A camera, the tool or another item with a dated calibration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Equipment {
-    /// What it is.
+    /// Name of the equipment.
     pub name: String,
     /// The calibration of the equipment and when it was made, in words.
     pub calibration: String,
@@ -53,13 +53,13 @@ pub struct Equipment {
 /// An item that was examined, as `panelprep doctor` reports it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ExaminedItem {
-    /// What it is.
+    /// Name of the item.
     pub name: String,
     /// Whether nothing is wrong with the examined thing.
     pub is_right: bool,
-    /// What was found.
+    /// Result of the examination.
     pub found: String,
-    /// What to do about it; empty if it is right.
+    /// Remedy; empty if the item is in order.
     pub advice: String,
 }
 

@@ -36,7 +36,7 @@ const MAX_REPORTS: usize = 32;
 /// Time limit for the arm to come to rest before a function, by the robot's clock.
 const STANDSTILL_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Why a function was not executed.
+/// The reason why a function was not executed.
 #[derive(Debug, thiserror::Error)]
 pub enum SingleError {
     /// No controller.

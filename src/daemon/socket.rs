@@ -52,7 +52,7 @@ const READER_THREADS: usize = 2;
 /// do, and its input may be a stop.
 const NICE: i32 = -5;
 
-/// Why there is no socket.
+/// The reason why there is no socket.
 #[derive(Debug, thiserror::Error)]
 pub enum SocketError {
     /// Another service.
@@ -71,7 +71,7 @@ pub enum SocketError {
     /// The system refuses.
     #[error("cannot {doing} the socket {}: {source}", path.display())]
     System {
-        /// What was tried.
+        /// The operation that failed.
         doing: &'static str,
         /// The socket.
         path: PathBuf,

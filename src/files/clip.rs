@@ -11,9 +11,9 @@ use std::collections::HashMap;
 pub struct ClipEntry {
     /// Name of the picture in the clip's folder.
     pub file: String,
-    /// When the picture was taken, s, counted from any start.
+    /// Time at which the picture was taken, s, counted from any start.
     pub time_s: f64,
-    /// What it shows.
+    /// Phase that the picture shows.
     pub phase: Phase,
 }
 
@@ -51,7 +51,7 @@ pub enum ClipError {
     },
 }
 
-/// What is wrong with one line of a `clip.csv`.
+/// Problems of one line of a `clip.csv`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LineProblem {
     /// A text that does not have the form of a line.

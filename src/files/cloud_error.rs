@@ -2,7 +2,7 @@
 
 use crate::geometry::{CloudError, PinholeCamera};
 
-/// Why a PCD or PLY file was refused: the position, what was found, what is allowed.
+/// The reason why a PCD or PLY file was refused: the position, what was found, what is allowed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CloudFileError {
     /// Neither form.
@@ -19,9 +19,9 @@ pub enum CloudFileError {
     /// A file of another kind, as its first bytes show.
     #[error("the file is {kind}: {remedy}")]
     OtherKind {
-        /// What it is.
+        /// Kind of the file.
         kind: &'static str,
-        /// What to do.
+        /// Remedy.
         remedy: &'static str,
     },
     /// A header line that cannot be read.
@@ -41,7 +41,7 @@ pub enum CloudFileError {
         name: &'static str,
         /// The type in the file.
         found: String,
-        /// What is read.
+        /// Fields and types that are read.
         allowed: &'static str,
     },
     /// The file contains an unorganised list of points instead of one point for each pixel.
@@ -172,7 +172,7 @@ pub enum CloudFileError {
          it, row by row from the top left"
     )]
     OtherOrder {
-        /// What is changed.
+        /// The exchanged order.
         order: &'static str,
     },
     /// The points are those of another lens.
@@ -182,7 +182,7 @@ pub enum CloudFileError {
          this scan, or compute it from the scan: panelprep calibrate intrinsics --from-scan"
     )]
     OtherLens {
-        /// How far off the points are.
+        /// Deviation of the points from the rays of their pixels, px.
         off_px: String,
         /// The parameters of the lens on whose rays the points lie.
         own: String,
@@ -196,7 +196,7 @@ pub enum CloudFileError {
          cloud in the camera's own frame"
     )]
     OtherFrame {
-        /// How far off the points are.
+        /// Deviation of the points from the rays of their pixels, px.
         off_px: String,
     },
     /// Points that do not lie on the rays of their pixels, although the others do.
@@ -205,7 +205,7 @@ pub enum CloudFileError {
          pixel ({column}, {row}): the file was changed after the scan. Export or copy the file again"
     )]
     OffRays {
-        /// How many.
+        /// Number of points.
         points: usize,
         /// Column of the first such point.
         column: usize,

@@ -5,11 +5,11 @@ use super::cloud_error::CloudFileError;
 /// Largest number of triangles, five times that of a finely meshed panel; the memory stays below one gigabyte.
 pub const MAX_TRIANGLES: usize = 5_000_000;
 
-/// What to do with a file of a CAD system: all kinds of it have the same remedy.
+/// Remedy for a file of a CAD system, the same for all its kinds.
 const CONVERT: &str = "convert it to STL with the CAD system, or with FreeCAD (open it, select the panel's body, File → Export, \
                        STL mesh), with a deviation of 0.01 mm or less";
 
-/// Why a drawing's file was refused: the position, what was found, what to do.
+/// The reason why a drawing's file was refused: the position, what was found, what to do.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MeshFileError {
     /// None of the forms that are read.
@@ -18,7 +18,7 @@ pub enum MeshFileError {
     /// A file of a CAD system, whose surfaces are no triangles.
     #[error("the file is {kind}, whose surfaces are formulas, not triangles: {CONVERT}")]
     Surfaces {
-        /// What it is.
+        /// Kind of the surfaces.
         kind: &'static str,
     },
     /// A binary STL file whose size is not what its header states.
@@ -37,9 +37,9 @@ pub enum MeshFileError {
     /// A triangle, vertex or face of a binary file.
     #[error("{what} {number}: {problem}")]
     Record {
-        /// What it is.
+        /// Kind of the record.
         what: &'static str,
-        /// Which, from 1.
+        /// Number of the record, from 1.
         number: usize,
         /// The problem.
         problem: String,
@@ -57,7 +57,7 @@ pub enum MeshFileError {
     Ends {
         /// The last line, from 1.
         line: usize,
-        /// What should follow.
+        /// The expected content.
         expected: &'static str,
     },
     /// Data after the last face.

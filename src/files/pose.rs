@@ -6,7 +6,7 @@
 use crate::geometry::{Joints, KukaPose};
 use serde::Deserialize;
 
-/// Why a text is not a pose.
+/// The reason why a text is not a pose.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PoseError {
     /// No pose there.

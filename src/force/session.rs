@@ -32,7 +32,7 @@ pub struct SessionLimits {
     pub rest_set_point: ForceSetPoint,
 }
 
-/// Why the link to the tool is lost.
+/// The reason why the link to the tool is lost.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkLossCause {
@@ -54,19 +54,19 @@ pub enum LinkLossCause {
     /// The tool did not answer in time.
     #[error("the tool has not replied for {ms} ms")]
     Silent {
-        /// How long, ms.
+        /// Duration of the silence, ms.
         ms: u64,
     },
     /// Its answer is not a reply.
     #[error("the tool's reply is not valid: {problem}")]
     Garbage {
-        /// Why.
+        /// The problem in the reply.
         problem: String,
     },
     /// Another tool answered.
     #[error("{problem}; compare [tool] id with the tool's settings")]
     OtherId {
-        /// Which.
+        /// The number in the reply.
         problem: String,
     },
     /// It sent data without a request.

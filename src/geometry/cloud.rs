@@ -20,7 +20,7 @@ pub struct OrganizedCloud<F: Frame> {
     frame: std::marker::PhantomData<F>,
 }
 
-/// Why points do not form an organised cloud.
+/// The reason why points do not form an organised cloud.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CloudError {
     /// The numbers of points, colours and pixels differ.

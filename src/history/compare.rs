@@ -29,7 +29,7 @@ pub struct Comparison {
 /// An input of both cycles, by its hash, name or version.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct InputPair {
-    /// What it is.
+    /// Name of the input.
     pub name: String,
     /// The values; `None` if the cycle had none.
     pub values: [Option<String>; 2],

@@ -27,7 +27,7 @@ pub struct HeatCell {
     pub column: u32,
     /// Number of first films that report the grid.
     pub films: usize,
-    /// How often the film broke on the grid.
+    /// Number of parts on which the film broke on the grid.
     pub breaks: usize,
     /// The median of the times to the break, s; `None` if the film never broke there.
     pub median_s: Option<f64>,

@@ -12,7 +12,7 @@ use serde::Serialize;
 pub struct TrendPoint {
     /// The cycle; `None` for a verification, which belongs to no cycle.
     pub cycle: Option<CycleId>,
-    /// When the cycle began, or the verification was made, s since 1970.
+    /// Time at which the cycle began, or the verification was made, s since 1970.
     pub at_unix_s: i64,
     /// The part's serial number.
     pub serial: Option<String>,
@@ -25,7 +25,7 @@ pub struct TrendPoint {
 /// A number over time, the oldest first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Trend {
-    /// What it is.
+    /// Title of the trend.
     pub title: String,
     /// Its unit; empty for ratios and counts.
     pub unit: String,

@@ -66,11 +66,11 @@ pub enum Side {
 /// A violated rule.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Hint {
-    /// Which.
+    /// The rule that was met.
     pub rule: Rule,
     /// Index of the value at which the rule is violated, from 0.
     pub at: usize,
-    /// On which side.
+    /// The side of the mean.
     pub side: Side,
 }
 

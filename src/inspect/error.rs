@@ -3,7 +3,8 @@
 use crate::imaging::ImagingError;
 use crate::phase::Phase;
 
-/// Why pictures could not be inspected. A test without a result is not an error but has the verdict `invalid`.
+/// The reason why pictures could not be inspected. A test without a result is not an error but has the verdict
+/// `invalid`.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InspectError {
     /// The picture is from another camera, or scaled.

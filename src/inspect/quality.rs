@@ -62,7 +62,7 @@ pub struct Flawed {
     pub worst: f64,
 }
 
-/// How well a film could be observed.
+/// Quality of the observation of a film.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
     /// The number of pictures that were used for the judgement.

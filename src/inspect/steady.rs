@@ -56,7 +56,7 @@ pub struct PanelMotion {
     pub sharpness: f64,
 }
 
-/// What a picture shows of the panel's outline.
+/// Measurement of the panel's outline in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OutlineMeasurement {
     /// The first picture has no outline for the comparison.

@@ -30,7 +30,7 @@ pub enum Cell {
 /// A location in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MemoryAddress {
-    /// Which memory.
+    /// The memory space.
     pub space: MemorySpace,
     /// The cell within the memory.
     pub offset: u32,

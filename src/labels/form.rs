@@ -23,7 +23,7 @@ pub struct LabelFile {
     pub size_px: [usize; 2],
     /// Nothing broke.
     pub clean: bool,
-    /// What broke.
+    /// The marked breaks.
     pub breaks: Vec<Break>,
 }
 

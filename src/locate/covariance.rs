@@ -82,7 +82,7 @@ pub enum WeakestMotion {
 }
 
 impl WeakestMotion {
-    /// In words.
+    /// Returns the description for people.
     pub fn describe(self) -> &'static str {
         match self {
             WeakestMotion::Normal => "along the panel's normal",

@@ -21,7 +21,7 @@ use crate::geometry::{Camera, Panel, Pixel, Rigid};
 /// The factor by which the stated error is enlarged in the drawing.
 pub const ERROR_SCALE: f64 = 50.0;
 
-/// What the scan shows at the place of a taught point.
+/// Result of the scan at a taught point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SurfaceMark {
     /// Distance of the scanned surface in front of the taught one, along its normal, mm; negative behind it.
@@ -37,7 +37,7 @@ pub enum SurfaceMark {
     Missing,
 }
 
-/// What the picture shows at the place of the taught outline.
+/// Result of the picture at a point of the taught outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OutlineMark {
     /// The edge.
@@ -48,7 +48,7 @@ pub enum OutlineMark {
     Hidden,
 }
 
-/// What the scan shows at the taught place of a fixture's edge.
+/// Result of the scan at the taught place of a fixture's edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FixtureMark {
     /// The edge at its taught place.

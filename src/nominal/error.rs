@@ -17,7 +17,7 @@ pub struct ListedPart {
     pub area_mm2: f64,
 }
 
-/// Why a drawing cannot teach a panel.
+/// The reason why a drawing cannot teach a panel.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NominalError {
     /// Neither the file nor the caller states the unit.

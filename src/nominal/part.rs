@@ -212,7 +212,7 @@ fn weld_vertices(
     (vertices, joined)
 }
 
-/// Which vertices belong together (Tarjan, "union-find" with halved paths).
+/// Connected sets of vertices (Tarjan, "union-find" with path halving).
 struct VertexUnion {
     parent: Vec<u32>,
 }

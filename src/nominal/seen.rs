@@ -1,4 +1,4 @@
-//! What a camera sees of a part: for each pixel the depth, the angle, and the share of the pixel that the part
+//! The view that a camera has of a part: for each pixel the depth, the angle, and the share of the pixel that the part
 //! covers.
 //!
 //! The share is counted over a lattice of rays in each pixel at the border, so that the part's edge lies in the

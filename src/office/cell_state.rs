@@ -44,7 +44,7 @@ pub struct CellState {
 pub struct ReasonText {
     /// Its code.
     pub code: String,
-    /// In words.
+    /// Message of the reason.
     pub message: String,
 }
 

@@ -30,7 +30,7 @@ pub enum ChunkOwner {
 pub struct Chunk {
     /// The cell that sends the part.
     pub cell: CellName,
-    /// Of what.
+    /// The owner of the data.
     pub what: ChunkOwner,
     /// Number of the part, from 1.
     pub part: u32,

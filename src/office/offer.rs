@@ -22,7 +22,7 @@ pub struct RecipeOffer {
     pub text: String,
     /// The printed name of the person who approved it in the office.
     pub by: String,
-    /// Why.
+    /// Reason of the change, as the person stated it.
     pub why: String,
     /// Time of the approval, ms since 1970.
     pub unix_ms: i64,

@@ -132,11 +132,11 @@ impl CycleCounts {
 pub struct LastRefusal {
     /// The method.
     pub method: &'static str,
-    /// Who called it.
+    /// Name of the user who called it.
     pub user: String,
     /// Time of the call, ms since 1970.
     pub at_unix_ms: i64,
-    /// Why.
+    /// Reason of the refusal.
     pub reason: Reason,
 }
 

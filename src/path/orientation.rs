@@ -62,7 +62,7 @@ impl ToolOrientation {
     }
 }
 
-/// Why there is no pose of the tool at a place.
+/// The reason why there is no pose of the tool at a place.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OrientationError {
     /// No normal.

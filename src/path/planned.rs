@@ -47,7 +47,7 @@ impl Waypoint {
 /// The waypoints over one or more grids; the first and the last are in the air.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ToolPath {
-    /// What it abrades.
+    /// The grids that the path abrades.
     pub grids: Vec<GridId>,
     /// The waypoints of the tool.
     pub waypoints: Vec<Waypoint>,
@@ -148,7 +148,7 @@ pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> PathExtent 
     sum
 }
 
-/// Why there is no plan.
+/// The reason why there is no plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// Nothing to plan.
@@ -175,7 +175,7 @@ pub enum PlanError {
     Raster {
         /// The grid.
         grid: GridId,
-        /// Why.
+        /// The cause.
         cause: RasterError,
     },
     /// No pose.
@@ -183,7 +183,7 @@ pub enum PlanError {
     Orientation {
         /// The grid.
         grid: GridId,
-        /// Why.
+        /// The cause.
         cause: OrientationError,
     },
 }

@@ -25,7 +25,7 @@ pub struct PoseReport {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Trace(Vec<PoseReport>);
 
-/// What was executed.
+/// The executed path.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ExecutedPath {
     /// Poses in the order of time.

@@ -134,7 +134,7 @@ pub mod name {
 pub struct Picture {
     /// Short name of the picture, such as `corner_before`.
     pub name: String,
-    /// What it shows.
+    /// Caption of the picture.
     pub caption: String,
     /// The JPEG's hash in the store.
     pub hash: String,
@@ -143,7 +143,7 @@ pub struct Picture {
 /// The result of one phase.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Finding {
-    /// Which phase.
+    /// Phase of the finding.
     pub kind: Kind,
     /// Number of abrasions planned before the finding: 0 before the first.
     pub pass: u8,

@@ -27,7 +27,7 @@ impl Columns {
         self.starts.push(self.rows.len());
     }
 
-    /// How many.
+    /// Returns the number of columns.
     pub fn count(&self) -> usize {
         self.starts.len().saturating_sub(1)
     }
@@ -48,7 +48,7 @@ impl Columns {
     }
 }
 
-/// What is sought.
+/// Target of the descent.
 #[derive(Debug, Clone, Copy)]
 pub struct DescentTarget<'a> {
     /// y.

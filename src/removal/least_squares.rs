@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// What fits best.
+/// Result of a least-squares fit.
 pub(super) struct Line {
     /// The unknowns.
     pub solution: DVector<f64>,

@@ -42,7 +42,7 @@ impl Samples {
         self.net.columns
     }
 
-    /// How many.
+    /// Returns the number of samples.
     pub fn count(&self) -> usize {
         self.points.len()
     }

@@ -9,7 +9,7 @@ use crate::config::{Problem, Problems, key_line};
 use crate::files::content_hash;
 use std::path::Path;
 
-/// What makes calibrations.
+/// Advice on how to make calibrations.
 pub const CALIBRATION_ADVICE: &str = "`panelprep demo` creates this file for config/cell.toml, `panelprep render` for \
                                       another simulated cell, `panelprep calibrate` for a real cell";
 

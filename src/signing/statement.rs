@@ -187,7 +187,7 @@ pub struct SignedHead {
     pub number: u64,
     /// Its SHA-256.
     pub hash: String,
-    /// When the head was written, ms since 1970.
+    /// Time at which the head was written, ms since 1970.
     pub unix_ms: i64,
     /// The key that signed the head.
     pub public_key: String,

@@ -155,7 +155,7 @@ pub struct TruthNumbers {
 /// A corner in the form for a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CornerNumbers {
-    /// Which corner.
+    /// Name of the corner.
     pub name: String,
     /// The intersection of its straight edges.
     pub corner_mm: [f64; 3],

@@ -67,7 +67,7 @@ impl NodeCommand {
     }
 }
 
-/// Why a part of a command message is refused.
+/// The reason why a part of a command message is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CommandError {
     /// The message is no payload of Sparkplug B.

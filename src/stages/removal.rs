@@ -38,7 +38,7 @@ const OVERRUN_RADII: f64 = 0.4;
 /// The inputs of a removal calculation.
 #[derive(Debug, Clone, Copy)]
 pub struct RemovalInputs<'a> {
-    /// What was taught.
+    /// The taught panel.
     pub panel: &'a TaughtPanel,
     /// Its surface.
     pub fit: &'a Fit,

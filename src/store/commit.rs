@@ -46,7 +46,7 @@ impl WriteTransaction<'_> {
     }
 }
 
-/// Why a transaction failed.
+/// The reason why a transaction failed.
 #[derive(Debug)]
 pub(super) enum TransactionFailure {
     Sql(rusqlite::Error),

@@ -3,13 +3,13 @@
 use super::lost_count::LostCount;
 use std::path::{Path, PathBuf};
 
-/// Why data could not be stored or read.
+/// The reason why data could not be stored or read.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The operating system refused access to a file or folder.
     #[error("cannot {operation} {}: {source}", path.display())]
     File {
-        /// What was tried.
+        /// The operation that failed.
         operation: &'static str,
         /// The file.
         path: PathBuf,
@@ -19,7 +19,7 @@ pub enum StoreError {
     /// The database refused.
     #[error("cannot {operation} the store {}: {problem}", path.display())]
     Database {
-        /// What was tried.
+        /// The operation that failed.
         operation: &'static str,
         /// The database.
         path: PathBuf,
@@ -52,7 +52,7 @@ pub enum StoreError {
     Damaged {
         /// The database.
         path: PathBuf,
-        /// What SQLite found.
+        /// Report of SQLite.
         problem: String,
     },
     /// The journal differs from the lines that were written.
@@ -205,7 +205,7 @@ pub enum StoreError {
     Unsignable {
         /// The invalid field: "name", "user" or "remark".
         what: &'static str,
-        /// What was given.
+        /// The name as given.
         found: String,
         /// The error in the field, and the allowed values.
         problem: String,
@@ -213,13 +213,13 @@ pub enum StoreError {
     /// The person has already signed the record with this meaning.
     #[error("{name} has already signed the record of cycle {cycle} as {meaning}, {at}")]
     AlreadySigned {
-        /// Who.
+        /// Name of the person.
         name: String,
         /// The cycle.
         cycle: i64,
         /// The signature's meaning.
         meaning: &'static str,
-        /// When.
+        /// Time of the signature.
         at: String,
     },
     /// Other processes signed at the same time, in every attempt.

@@ -84,8 +84,8 @@ impl Store {
         // it as damage.
         let lease = WriteLease::acquire(folder)?;
         let path = folder.join(DATABASE);
-        // What the last process wrote but did not flush is flushed first: a power cut after this start could otherwise
-        // still lose it.
+        // Data that the last process wrote but did not flush is flushed first: a power cut after this start could
+        // otherwise still lose it.
         flush::flush_after_kill(&path)?;
         let told = head::read(folder);
         let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);

@@ -1,4 +1,4 @@
-//! Why a scan does not determine a surface, in words for the person who teaches.
+//! The reason why a scan does not determine a surface, in words for the person who teaches.
 
 use super::bspline::SurfaceError;
 use crate::geometry::Pixel;
@@ -9,7 +9,7 @@ use crate::verdict::{Check, LimitSource, Severity};
 /// Smallest number of pixels that determine a pair of spans.
 pub(super) const MIN_PIXELS: usize = (DEGREE + 1) * (DEGREE + 1);
 
-/// Why a scan does not determine a surface.
+/// The reason why a scan does not determine a surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FitError {
     /// The region contains no point of the panel.

@@ -55,7 +55,7 @@ pub struct TodaysSurfaceFit {
     pub map: DeviationMap,
 }
 
-/// Why a scan does not determine today's surface.
+/// The reason why a scan does not determine today's surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TodayError {
     /// The scan has no point near the taught region.

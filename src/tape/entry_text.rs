@@ -44,7 +44,7 @@ pub(super) const FLANGE_FRAME: &str = "flange_camera";
 pub(super) const UNITS: &str = "all lengths in this recording are mm: a viewer that reads them as metres shows the \
                                 scene 1000 times too large";
 
-/// What is shown.
+/// Form in which an entry is shown.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum ShownText {
     Status(FramePose),

@@ -1,4 +1,4 @@
-//! Why a recording cannot be used, or cannot be written.
+//! The reason why a recording cannot be used, or cannot be written.
 
 use super::format::FORMAT;
 
@@ -42,9 +42,9 @@ pub enum TapeError {
     /// The recording was ended before its cycle.
     #[error("the recording was stopped {until_s:.3} s after its beginning, before its cycle ended: {why}")]
     Stopped {
-        /// When, s.
+        /// Time in the recording, s.
         until_s: f64,
-        /// Why.
+        /// The reason why the recording stopped.
         why: String,
     },
     /// The recording itself states that something is missing.
@@ -55,9 +55,9 @@ pub enum TapeError {
     Lost {
         /// The topic.
         topic: &'static str,
-        /// When, s.
+        /// Time in the recording, s.
         from_s: f64,
-        /// How many entries.
+        /// Number of lost entries.
         count: u64,
     },
     /// Something is missing.
@@ -68,7 +68,7 @@ pub enum TapeError {
     Gap {
         /// The topic.
         topic: &'static str,
-        /// When, s.
+        /// Time in the recording, s.
         from_s: f64,
         /// The number of the expected entry; if entries at the end are missing, the required number of entries.
         expected: u64,
@@ -81,15 +81,15 @@ pub enum TapeError {
     OutOfOrder {
         /// The topic.
         topic: &'static str,
-        /// When, s.
+        /// Time in the recording, s.
         from_s: f64,
     },
     /// Bytes that differ from the written ones.
     #[error("the recording is damaged {from_s:.3} s after its beginning: {problem}")]
     Damaged {
-        /// When, s.
+        /// Time in the recording, s.
         from_s: f64,
-        /// What was met.
+        /// The problem in the data.
         problem: String,
     },
     /// A message that cannot be decoded.
@@ -97,9 +97,9 @@ pub enum TapeError {
     Message {
         /// The topic.
         topic: &'static str,
-        /// When, s.
+        /// Time in the recording, s.
         from_s: f64,
-        /// What is wrong.
+        /// The problem in the message.
         problem: String,
     },
     /// The disk refuses.

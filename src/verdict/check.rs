@@ -89,7 +89,7 @@ pub struct Check {
     pub value: Option<f64>,
     /// The value's unit, "mm"; empty for shares and counts.
     pub unit: String,
-    /// What is allowed.
+    /// The limit.
     pub limit: Limit,
     /// The source of the limit; `None` if there is no limit, or if an earlier program did not store the source.
     #[serde(default)]

@@ -16,7 +16,7 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 
-/// What was acknowledged.
+/// The acknowledged data.
 #[derive(Debug, Clone, Default)]
 pub struct Ledger {
     /// The journal's events.

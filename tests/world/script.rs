@@ -21,7 +21,7 @@ pub struct Entry {
     pub visit: u32,
     /// Time after the beginning of this visit, ms.
     pub after_ms: u64,
-    /// What.
+    /// The fault.
     pub fault: Fault,
 }
 

@@ -32,9 +32,9 @@ pub struct CycleRow {
     pub cell: String,
     /// Its number there.
     pub cycle: i64,
-    /// When the cycle began, s since 1970.
+    /// Time at which the cycle began, s since 1970.
     pub started_unix_s: i64,
-    /// When it ended.
+    /// Time at which it ended, s since 1970.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,

@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// A board with which calibrations are verified.
 pub struct Target {
-    /// Which one.
+    /// Description of the board.
     pub board: Board,
     /// The board's pose.
     pub base_from_board: Rigid<Base, BoardFrame>,

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// Why a clip, or its labels, cannot be used or written.
+/// The reason why a clip, or its labels, cannot be used or written.
 #[derive(Debug, thiserror::Error)]
 pub enum ClipFault {
     /// A film would overwrite another film.

@@ -3,7 +3,7 @@
 use crate::cell::{ProofStage, Unsigned};
 use std::path::PathBuf;
 
-/// Why a device cannot be used.
+/// The reason why a device cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DeviceFault {
     /// The controller's files and the cell's file state different ports.

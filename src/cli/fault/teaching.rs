@@ -3,7 +3,7 @@
 use crate::number_text::distinguishable_texts;
 use std::path::PathBuf;
 
-/// Why a panel cannot be taught, or why its taught data cannot be used.
+/// The reason why a panel cannot be taught, or why its taught data cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum TeachingFault {
     /// There is no scan for the teaching.
@@ -126,7 +126,7 @@ pub enum TeachingFault {
         "the taught corner picture {number} cannot be used: {cause}; correct this, then teach the panel again with the new picture"
     )]
     TaughtCorner {
-        /// Which, from 1.
+        /// Number of the corner, from 1.
         number: usize,
         /// The problem of the corner picture.
         cause: String,

@@ -34,7 +34,7 @@ mod tests {
     use super::super::unattended;
     use super::*;
 
-    /// What is wrong with the list of proofs.
+    /// Returns the errors in the list of proofs.
     fn wrong(page: &str) -> Vec<String> {
         let rows = assumptions(page);
         let mut found = Vec::new();

@@ -22,7 +22,7 @@ const WRITERS: usize = 2;
 /// Step by which a simulated cell's time advances while the next picture is awaited, ms.
 const STEP_MS: u64 = 12;
 
-/// What came.
+/// The captured film.
 struct CapturedFilm {
     entries: Vec<ClipEntry>,
     quality: Option<PictureQuality>,

@@ -1,10 +1,10 @@
-//! Why there is no page of the office.
+//! The reason why there is no page of the office.
 
 use crate::daemon::web::PageFileError;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-/// Why there is no page of the office.
+/// The reason why there is no page of the office.
 #[derive(Debug, thiserror::Error)]
 pub enum FleetError {
     /// The settings name no address.

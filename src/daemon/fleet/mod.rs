@@ -26,7 +26,7 @@ use tokio::net::TcpListener;
 /// The address at which people open the page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FleetAddress {
-    /// What people open.
+    /// Address that people open in the browser.
     pub url: String,
     /// The fingerprint of the program's own certificate, if it presents that one.
     pub fingerprint: Option<String>,

@@ -22,7 +22,7 @@ struct Bucket {
     reported_s: Option<f64>,
 }
 
-/// What happens to a call.
+/// Decision about a call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum CallDecision {
     /// It is made.

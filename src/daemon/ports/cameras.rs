@@ -54,7 +54,7 @@ impl Command for CameraCommand {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{camera} gave no picture: {why}")]
 pub struct CameraFault {
-    /// Which camera.
+    /// The camera.
     pub camera: &'static str,
     /// Its message.
     pub why: String,

@@ -19,7 +19,7 @@ pub type PictureStore = Box<dyn FnMut(&ColorPicture) -> Result<Option<String>, R
 pub struct Figure {
     /// The short name of the figure, such as `corner_before`.
     pub name: String,
-    /// What it shows.
+    /// Caption of the figure.
     pub caption: String,
     /// The picture.
     pub picture: ColorPicture,
@@ -77,7 +77,7 @@ pub enum RecordCommand {
     CloseIntent {
         /// The motion.
         motion: Motion,
-        /// How it ended.
+        /// Outcome of the motion.
         outcome: Outcome,
         /// Waypoints executed.
         done: u32,
@@ -93,7 +93,7 @@ pub enum RecordCommand {
     Conclude {
         /// The table's verdict.
         verdict: Verdict,
-        /// Why.
+        /// Reasons of the verdict.
         because: Vec<Reason>,
     },
     /// Begins a cycle; the commands that follow belong to it.

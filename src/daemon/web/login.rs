@@ -212,13 +212,13 @@ pub(super) async fn change_password(
     }
 }
 
-/// Why a password was not changed.
+/// The reason why a password was not changed.
 enum NotChanged {
     /// Log-in to the account is blocked for this many more seconds.
     Pauses(f64),
     /// The old password is wrong.
     WrongPassword,
-    /// In words.
+    /// Message for the person.
     Problem(String),
 }
 

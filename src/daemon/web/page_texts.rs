@@ -16,13 +16,13 @@ const ADDITIONAL_TABLES: [&str; 1] = [crate::page::drawing::canvas::TRANSLATION_
 /// The text with which the keys of messages begin.
 const MESSAGE: &str = "message.";
 
-/// Why a translation table cannot be used.
+/// The reason why a translation table cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {problem}")]
 pub struct WordsError {
     /// The line, counted from 1.
     pub line: u64,
-    /// What is wrong.
+    /// The problem.
     pub problem: String,
 }
 

@@ -68,7 +68,7 @@ pub struct PageParts {
 /// The operator's page; it is served until this is dropped.
 #[derive(Debug)]
 pub struct OperatorPage {
-    /// What people open.
+    /// Address that people open in the browser.
     pub url: String,
     /// The fingerprint of the program's own certificate, if it presents that one.
     pub fingerprint: Option<String>,

@@ -30,7 +30,7 @@ pub(super) struct TrendQuery {
     check: String,
 }
 
-/// What is shown.
+/// The selected trend.
 struct TrendSelection {
     panels: Vec<String>,
     panel: String,

@@ -21,7 +21,7 @@ const COMMAND_POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Longest time between two life signs of the thread.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Why no link was started.
+/// The reason why no link was started.
 #[derive(Debug, thiserror::Error)]
 #[error("the thread for the connection to the compliant tool cannot be started: {0}")]
 pub struct AcfStartError(#[from] io::Error);

@@ -56,7 +56,7 @@ pub struct GigeCamera {
     asks: Option<Sender<CameraRequest>>,
     shared: Arc<Mutex<Shared>>,
     opened: Instant,
-    /// Which camera, in words.
+    /// Description of the camera for messages.
     which: String,
     /// Time limits for the first search and for one picture in total.
     search: Duration,
@@ -143,7 +143,7 @@ impl GigeCamera {
         lock(&self.shared).status.clone()
     }
 
-    /// What was counted.
+    /// Returns the counters of the link.
     pub fn statistics(&self) -> Statistics {
         lock(&self.shared).statistics
     }

@@ -62,7 +62,7 @@ pub enum Register {
 /// Fills the pixels of an exposure, given the number of earlier exposures.
 pub type FillPixels = Box<dyn Fn(u64, &mut [u8]) + Send + Sync>;
 
-/// Why the loopback camera could not be started.
+/// The reason why the loopback camera could not be started.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LoopbackError {
     /// The port is in use.
@@ -83,7 +83,7 @@ pub enum LoopbackError {
     NoDescription(String),
 }
 
-/// What the fake camera's thread uses.
+/// Data that the fake camera's thread uses.
 struct Exposures {
     camera: Mutex<aravis::FakeCamera>,
     fill: FillPixels,

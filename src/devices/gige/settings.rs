@@ -8,7 +8,7 @@
 use super::format::PixelFormat;
 use std::time::Duration;
 
-/// Which camera.
+/// Selects a camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum CameraSelector {
     /// The only camera that is found.
@@ -44,7 +44,7 @@ pub enum ExposureMode {
 /// The required settings of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// Which camera.
+    /// Selects the camera.
     pub selector: CameraSelector,
     /// The serial number of the calibrated camera, if known.
     pub serial: Option<String>,
@@ -98,15 +98,15 @@ pub enum SettingStep {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the camera has no setting for {wanted} (searched for {}); {advice}", nodes.join(", "))]
 pub struct MissingNode {
-    /// What is wanted.
+    /// The function that the camera lacks.
     pub wanted: &'static str,
     /// The nodes that were looked for; one of them is sufficient.
     pub nodes: Vec<&'static str>,
-    /// What to do.
+    /// Remedy.
     pub advice: &'static str,
 }
 
-/// Why there is no plan.
+/// The reason why there is no plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// A setting has no node.

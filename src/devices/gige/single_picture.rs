@@ -34,7 +34,7 @@ pub trait TriggeredCamera {
     fn renew(&mut self) -> Result<(), Self::Gone>;
 }
 
-/// Why there is no still.
+/// The reason why there is no still.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum StillError<G> {
     /// The camera is gone.

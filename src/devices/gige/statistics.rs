@@ -1,4 +1,4 @@
-//! What a camera's link has counted since the program began.
+//! Counters of a camera's link since the program began.
 
 /// Frames, packets and losses: sums over all connections of the camera.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -37,7 +37,7 @@ pub struct Arm {
     pub speeds_deg_s: [f64; 6],
 }
 
-/// Why the flange pose cannot be reached.
+/// The reason why the flange pose cannot be reached.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Unreachable {
     /// The wrist's centre is too far from axis 2, or too near to it.

@@ -36,7 +36,7 @@ pub struct ContactSample {
     pub tool_on: bool,
 }
 
-/// Why the program stopped an epoch.
+/// The reason why the program stopped an epoch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StopCause {
     /// The client's abort.
@@ -80,7 +80,7 @@ impl StopCause {
         matches!(self, EStop | Guard | Drives | Mode | Deselected | Rebooted | Halted)
     }
 
-    /// In words.
+    /// Returns the description for messages.
     pub fn describe(self) -> &'static str {
         match self {
             StopCause::Abort => "the client ended the epoch",
@@ -110,7 +110,7 @@ pub struct ProgramStop {
     pub time_ms: u64,
     /// The epoch that the stop ended.
     pub epoch: i32,
-    /// Why.
+    /// Cause of the stop.
     pub cause: StopCause,
     /// Whether the stop began in contact.
     pub contact: bool,

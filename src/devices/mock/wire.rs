@@ -23,7 +23,7 @@ impl Channel {
     }
 }
 
-/// Why a command is refused; the number is `Err` in the acknowledgement.
+/// The reason why a command is refused; the number is `Err` in the acknowledgement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refusal {
     /// The command's id is not the next one.

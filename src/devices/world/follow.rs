@@ -30,7 +30,7 @@ pub struct Follower {
     received_states: Arc<Mutex<ReceivedStates>>,
 }
 
-/// What was reported.
+/// The received states.
 #[derive(Default)]
 struct ReceivedStates {
     last: Option<ReceivedState>,

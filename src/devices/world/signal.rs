@@ -29,7 +29,7 @@ pub(super) struct Signal {
     pub feedback: u16,
     /// The output's value.
     pub on: bool,
-    /// When it changed.
+    /// Time of the last change, ms.
     since_ms: u64,
     /// Whether the driven device was running when the output last changed.
     was_running: bool,

@@ -10,7 +10,7 @@ use super::sensor::ShotPlanes;
 pub struct ExpectedShot {
     /// The request, in words.
     pub what: &'static str,
-    /// By which settings.
+    /// Hash of the settings with which the shot must be taken.
     pub settings: SettingsHash,
     /// Of which camera.
     pub serial: String,

@@ -75,7 +75,7 @@ impl RestartBudget {
         oldest.map_or(Duration::ZERO, |oldest| (*oldest + self.allowed.within).saturating_sub(now))
     }
 
-    /// What is allowed.
+    /// Returns the limit of restarts.
     pub fn allowed_restarts(&self) -> Restarts {
         self.allowed
     }

@@ -49,9 +49,9 @@ pub enum ZividFault {
     Timeout {
         /// The request.
         during: &'static str,
-        /// How long the program waited.
+        /// Waiting time.
         waited: Duration,
-        /// What happens now.
+        /// The next step of the host.
         next: NextStep,
     },
     /// The worker did not answer in time, and its end was not confirmed either.
@@ -63,7 +63,7 @@ pub enum ZividFault {
     Stuck {
         /// The request.
         during: &'static str,
-        /// How long the program waited.
+        /// Waiting time.
         waited: Duration,
     },
     /// The camera gave no shot in several attempts.
@@ -71,7 +71,7 @@ pub enum ZividFault {
     NoShot {
         /// The request.
         during: &'static str,
-        /// How often.
+        /// Number of attempts.
         tries: u32,
         /// The SDK's message.
         message: String,
@@ -84,7 +84,7 @@ pub enum ZividFault {
     Throttled {
         /// The request.
         during: &'static str,
-        /// How long.
+        /// Duration of the pause, ms.
         paused_ms: f64,
         /// Allowed.
         allowed_ms: f64,
@@ -98,9 +98,9 @@ pub enum ZividFault {
     Damaged {
         /// The request.
         during: &'static str,
-        /// What is wrong with the data.
+        /// The problem in the data.
         cause: String,
-        /// What happens now.
+        /// The next step of the host.
         next: NextStep,
     },
     /// Points with a coordinate that is not finite.
@@ -112,7 +112,7 @@ pub enum ZividFault {
          calibrate with these settings", found_px[0], found_px[1], expected_px[0], expected_px[1]
     )]
     WrongSize {
-        /// What has it.
+        /// The shot or picture with the wrong size.
         what: &'static str,
         /// Width and height, px.
         found_px: [usize; 2],
@@ -144,7 +144,7 @@ pub enum ZividFault {
     /// The camera does not accept the settings.
     #[error("C5 {what} are not accepted: {message}")]
     Settings {
-        /// Which, in words.
+        /// Description of the settings.
         what: &'static str,
         /// The SDK's message.
         message: String,
@@ -166,11 +166,11 @@ pub enum ZividFault {
     /// The worker ended.
     #[error("C11 the 3D camera's worker ended ({how}) during {during}; {next}")]
     Ended {
-        /// How.
+        /// Description of the end: exit code, signal or error.
         how: String,
         /// The activity during which the fault occurred.
         during: &'static str,
-        /// What happens now.
+        /// The next step of the host.
         next: NextStep,
     },
     /// The worker is being started.
@@ -208,7 +208,7 @@ pub enum ZividFault {
     },
 }
 
-/// What happens to a worker that was lost.
+/// The next step after a worker was lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NextStep {
     /// The worker is started again.

@@ -7,7 +7,7 @@ pub(super) const MAGIC: [u8; 4] = *b"PPZV";
 /// The version of this protocol: of the frames and of the messages in them.
 pub const VERSION: u16 = 2;
 
-/// Who speaks.
+/// The sender of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, VariantArray)]
 pub enum FrameKind {
     /// From the worker, when it starts.
@@ -38,7 +38,7 @@ impl FrameKind {
     }
 }
 
-/// What is wrong with a frame.
+/// Errors of a frame.
 #[derive(Debug, thiserror::Error)]
 pub enum WireError {
     /// The stream ended between two frames.
@@ -71,7 +71,7 @@ pub enum WireError {
     /// A checksum is wrong.
     #[error("the checksum of a frame's {part} is {found:08x}, but the checksum of its bytes is {computed:08x}")]
     Checksum {
-        /// Of what.
+        /// The damaged part.
         part: FramePart,
         /// Sent.
         found: u32,
@@ -83,7 +83,7 @@ pub enum WireError {
     Kind {
         /// Found.
         found: u16,
-        /// What was due.
+        /// The expected kind.
         allowed: FrameKind,
     },
     /// A reply to another request.
@@ -91,13 +91,13 @@ pub enum WireError {
     Sequence {
         /// Found.
         found: u32,
-        /// What was due.
+        /// The expected number.
         allowed: u32,
     },
     /// The frame is longer than allowed.
     #[error("the {part} of a frame has {found} bytes (limit {allowed} bytes)")]
     TooLong {
-        /// Of what.
+        /// The part that is too long.
         part: FramePart,
         /// Found.
         found: u64,

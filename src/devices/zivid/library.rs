@@ -20,7 +20,7 @@ const INTERFACE: u32 = 2;
 const NAME_BYTES: usize = 64;
 const MESSAGE_BYTES: usize = 1024;
 
-/// Why the library cannot be used.
+/// The reason why the library cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LibraryError {
     /// The library cannot be opened, or lacks a function.

@@ -36,7 +36,7 @@ pub struct ShotDelivery {
     pub metadata: ShotInfo,
     /// The checksum of its payload.
     pub sum: u32,
-    /// When the shot had arrived completely, ns of the monotonic clock.
+    /// Time at which the shot had arrived completely, ns of the monotonic clock.
     pub arrived_ns: u64,
 }
 

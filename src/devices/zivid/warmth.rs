@@ -29,7 +29,7 @@ pub const MAX_TEMPERATURE_AGE_S: f64 = MIN_OBSERVED_S + MAX_GAP_S;
 /// A temperature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TemperatureReading {
-    /// When, s.
+    /// Time of the reading, s.
     pub at_s: f64,
     /// Temperature of the lens, °C.
     pub lens_c: f64,

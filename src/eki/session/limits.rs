@@ -41,7 +41,7 @@ impl Default for LinkLimits {
     }
 }
 
-/// Why a command was not queued. No part of the command was sent.
+/// The reason why a command was not queued. No part of the command was sent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum QueueError {
@@ -73,7 +73,7 @@ pub enum QueueError {
     /// Linear motions need both frames, base and tool.
     #[error("move_lin needs base and tool to be set in this epoch; {missing} is not set")]
     FramesNotSet {
-        /// What is missing.
+        /// The frame that is missing.
         #[serde(deserialize_with = "intern_keyword")]
         missing: Keyword,
     },

@@ -47,7 +47,7 @@ pub enum ClockMode {
     LockStep,
 }
 
-/// What the session is doing.
+/// The phase of the session.
 #[derive(Debug)]
 enum Phase {
     /// No connection.

@@ -90,7 +90,7 @@ pub trait LabelStorage: Send + Sync {
     fn save(&self, said: &Statement) -> Result<SaveResult, Vec<String>>;
 }
 
-/// What is marked.
+/// The clip to mark, with its pictures and panel.
 pub struct LabelSheet {
     /// The clip's folder.
     pub folder: PathBuf,

@@ -9,7 +9,7 @@ use crate::record::{
 use crate::report::page::{Row, Section};
 use std::collections::BTreeMap;
 
-/// What the list of grids does not count.
+/// Contacts that the list of grids does not count.
 const BESIDE: &str =
     "The disc also overlaps the grids beside them, by up to 0.8 of its radius; those are not counted here.";
 

@@ -12,7 +12,7 @@ pub struct RecordSources<'s> {
     pub part: Option<&'s PartNames>,
     /// The cycle's recipe; `None` if the stored copy is missing.
     pub recipe: Option<&'s Recipe>,
-    /// What measured.
+    /// Equipment that measured.
     pub equipment: &'s [Equipment],
     /// Earlier cycles that abraded the same part; `None` if no serial number was named.
     pub earlier: Option<&'s [EarlierCycle]>,
@@ -62,7 +62,7 @@ pub struct PrintedSignature {
     pub name: String,
     /// The time.
     pub time: String,
-    /// What it means.
+    /// Meaning of the signature.
     pub meaning: String,
     /// The record's number in the chain of signed records, and the record's hash.
     pub chain_position: String,

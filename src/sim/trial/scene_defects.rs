@@ -2,7 +2,7 @@
 
 use strum::{IntoStaticStr, VariantArray};
 
-/// What is wrong with a scene.
+/// Defects of a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
 pub enum SceneDefect {
     /// No panel, only other objects.
@@ -62,7 +62,7 @@ impl SceneDefect {
     /// Every kind.
     pub const ALL: &'static [SceneDefect] = <Self as VariantArray>::VARIANTS;
 
-    /// In words.
+    /// Returns the description for messages.
     pub fn describe(self) -> &'static str {
         self.into()
     }

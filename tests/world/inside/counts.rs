@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 pub struct Violation {
     /// The judge's name; two violations with the same judge count as the same violation.
     pub judge: &'static str,
-    /// What it saw.
+    /// Description of the violation.
     pub what: String,
 }
 

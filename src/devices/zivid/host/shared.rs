@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 /// The configuration of a camera.
 #[derive(Debug, Clone)]
 pub struct CameraSetup {
-    /// Which camera.
+    /// Selects the camera.
     pub source: Source,
     /// The serial number of the calibrated camera, if known.
     pub serial: Option<String>,
@@ -209,7 +209,7 @@ pub enum CameraRequest {
 }
 
 impl CameraRequest {
-    /// In words.
+    /// Returns the description for messages.
     pub fn describe(self) -> &'static str {
         match self {
             CameraRequest::Scan => "a 3D shot",

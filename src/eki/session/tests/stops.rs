@@ -13,7 +13,7 @@ const ACK_FIELDS: [&str; 6] = ["Rx", "Done", "Free", "Err", "ErrId", "Ep"];
 const STATE_FIELDS: [&str; 15] =
     ["T", "Seq", "Re", "Ep", "Boot", "Sum", "Mode", "Flags", "In", "Out", "Done", "Under", "A1", "X", "C"];
 
-/// What the session is doing when the message arrives.
+/// The phase of the session at which the message arrives.
 #[derive(Debug, Clone, Copy)]
 enum Stage {
     Greeting,
