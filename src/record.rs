@@ -101,7 +101,7 @@ pub enum Clock {
 pub enum RecordingFile {
     /// In the store's folder for recordings, under the cycle's number.
     InStore,
-    /// This one.
+    /// The file with this name.
     Named(String),
 }
 

@@ -56,7 +56,7 @@ enum ThreadSign {
     Rests,
     /// The thread ended normally.
     Done,
-    /// It ended otherwise.
+    /// The thread ended otherwise, for example by a panic.
     Lost,
 }
 

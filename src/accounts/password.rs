@@ -19,7 +19,7 @@ pub enum PasswordError {
     /// Too few characters, or far too many.
     #[error("the password has {found} characters; the limits are {MIN_CHARACTERS} to {MAX_CHARACTERS}")]
     Length {
-        /// Its characters.
+        /// Number of characters found.
         found: usize,
     },
     /// A password that anyone would try.

@@ -13,7 +13,7 @@ pub(super) enum Rows {
     Signature(SignatureRows),
 }
 
-/// Of a statement.
+/// Rows of a statement's signature.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SignatureRows {
     pub cycle: i64,

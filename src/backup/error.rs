@@ -16,7 +16,7 @@ pub enum BackupError {
         /// The system's message.
         source: std::io::Error,
     },
-    /// The store refused.
+    /// The store reported an error.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The archive differs from what was written.
@@ -33,7 +33,7 @@ pub enum BackupError {
     NewerVersion {
         /// The archive.
         path: PathBuf,
-        /// Its format.
+        /// Format of the archive.
         found: u32,
         /// The newest format that this program supports.
         known: u32,
@@ -48,7 +48,7 @@ pub enum BackupError {
         path: PathBuf,
         /// The version that made the archive.
         program: String,
-        /// Its schema.
+        /// Schema of the store in the archive.
         found: i64,
         /// The schema of this program.
         known: i64,
@@ -76,7 +76,7 @@ pub enum BackupError {
         folder.display()
     )]
     Outside {
-        /// The places.
+        /// The paths outside of the folder.
         paths: Vec<PathBuf>,
         /// The folder of the cell's file.
         folder: PathBuf,
@@ -86,7 +86,7 @@ pub enum BackupError {
     PartMissing {
         /// The archive.
         path: PathBuf,
-        /// "store" or "configuration".
+        /// The missing part: "store" or "configuration".
         wanted: &'static str,
     },
     /// Files of the configuration that are far larger than usual.
@@ -96,7 +96,7 @@ pub enum BackupError {
         path: PathBuf,
         /// Its size.
         found: u64,
-        /// The limit.
+        /// The limit, bytes.
         limit_bytes: u64,
     },
     /// The disk has no room.
@@ -107,9 +107,9 @@ pub enum BackupError {
     NoRoom {
         /// The path that would be written.
         path: PathBuf,
-        /// Free.
+        /// Free space, MB.
         free_mb: u64,
-        /// Needed.
+        /// Required space, MB.
         needed_mb: u64,
     },
     /// The last number of a cycle is not known, and a number must not be used twice.

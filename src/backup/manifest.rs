@@ -4,7 +4,7 @@ use super::entry::Entry;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// The entry's name.
+/// Name of the manifest's entry.
 pub const NAME: &str = "manifest.json";
 /// The newest format that this program supports.
 pub const FORMAT: u32 = 1;
@@ -26,7 +26,7 @@ pub struct Manifest {
     pub entries: Vec<ManifestEntry>,
 }
 
-/// One of them.
+/// An entry of the manifest.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ManifestEntry {
     /// Its name.

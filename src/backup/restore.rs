@@ -20,7 +20,7 @@ use std::path::{Component, Path, PathBuf};
 pub struct RestoredParts {
     /// The store.
     pub store: bool,
-    /// The configuration.
+    /// Whether the configuration is restored.
     pub configuration: bool,
 }
 

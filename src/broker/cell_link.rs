@@ -9,7 +9,7 @@ use async_nats::jetstream::context::{GetStreamErrorKind, PublishAckFuture};
 use async_nats::jetstream::message::PublishMessage;
 use async_nats::jetstream::stream::LastRawMessageErrorKind;
 
-/// A cell's connection.
+/// The connection of a cell to the broker.
 #[derive(Debug)]
 pub struct CellLink {
     link: Link,
@@ -43,7 +43,7 @@ impl PendingMessage {
 }
 
 impl CellLink {
-    /// Connects.
+    /// Connects to the broker.
     ///
     /// # Errors
     /// If the broker cannot be reached, or refuses.

@@ -32,7 +32,7 @@ pub enum BrokerError {
         /// The broker's message.
         problem: String,
     },
-    /// Something else.
+    /// Another operation failed.
     #[error("the broker {address}: cannot {operation}: {problem}")]
     Failed {
         /// Its address.

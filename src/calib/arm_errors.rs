@@ -108,7 +108,7 @@ impl std::fmt::Display for AxisFault {
 }
 
 impl AxisFault {
-    /// All of them.
+    /// Returns every possible fault.
     pub fn all() -> Vec<AxisFault> {
         let exchanged = (1..=6).flat_map(|one| (one + 1..=6).map(move |two| AxisFault::Exchanged(one, two)));
         exchanged.chain((1..=6).map(AxisFault::Sign)).collect()

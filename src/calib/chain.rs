@@ -94,7 +94,7 @@ pub(super) struct ScaleGram {
     pub cross_terms: SVector<f64, 18>,
     pub square: f64,
     pub pull: f64,
-    /// Beside the lens.
+    /// The factor's cross terms with the lens parameters.
     pub lens: SMatrix<f64, 1, 9>,
 }
 

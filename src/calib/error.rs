@@ -67,7 +67,7 @@ pub enum CalibError {
         /// The board in the picture, and how to correct the input.
         what: String,
     },
-    /// Pictures of several sizes.
+    /// The pictures have different sizes.
     #[error("{picture} has {found} pixels, but {first} has {expected}; all pictures must have the same size")]
     MixedSizes {
         /// The picture.
@@ -82,9 +82,9 @@ pub enum CalibError {
     /// Not enough pictures with a board.
     #[error("{found} of {given} pictures can be used, at least {needed} are needed{}", reason_suffix(first_reason))]
     TooFewPictures {
-        /// Usable ones.
+        /// Number of usable pictures.
         found: usize,
-        /// All of them.
+        /// Number of pictures given.
         given: usize,
         /// Minimum number of pictures.
         needed: usize,
@@ -112,7 +112,7 @@ pub enum CalibError {
         describe_readings(readings)
     )]
     NoConsensus {
-        /// Poses.
+        /// Number of poses.
         poses: usize,
         /// Median distance from the best consensus, mm.
         median_mm: f64,

@@ -17,7 +17,7 @@ use crate::force::SensorLoad;
 use crate::geometry::STANDARD_GRAVITY_M_S2;
 use crate::number_text::distinguishable_texts;
 
-/// Readings at least.
+/// Minimum number of readings.
 const MIN_READINGS: usize = 3;
 /// The values of x of the attitudes must differ by at least this: 60° about the horizontal.
 const MIN_SPREAD: f64 = 0.5;
@@ -26,7 +26,7 @@ const RESOLVED_95_N: f64 = 0.098;
 /// A reading that is farther than this from the line was not taken without contact, N.
 const MAX_RESIDUAL_N: f64 = 3.0;
 
-/// A reading without contact.
+/// A reading of the force without contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AttitudeReading {
     /// Downward component of the tool's direction, −1…1: 1 if the tool points straight down.
@@ -38,7 +38,7 @@ pub struct AttitudeReading {
 /// Payload and zero with the residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceCalibration {
-    /// The result.
+    /// Payload on the sensor.
     pub weight: SensorLoad,
     /// Uncertainty of the payload, 95 %, kg.
     pub payload_95_kg: f64,
@@ -53,7 +53,7 @@ pub struct ForceCalibration {
 /// The reason why readings do not determine a result.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
-    /// Too few.
+    /// There are too few readings.
     #[error("{found} readings were given, at least {MIN_READINGS} at different attitudes are needed")]
     TooFew {
         /// The number of readings.
@@ -72,9 +72,9 @@ pub enum CalibrationError {
          the arm allows"
     )]
     TooSimilar {
-        /// The least.
+        /// Smallest downward component.
         least: f64,
-        /// The most.
+        /// Largest downward component.
         most: f64,
     },
     /// One of the readings does not fit.
@@ -89,7 +89,7 @@ pub enum CalibrationError {
         /// The reading's deviation, N.
         off_n: f64,
     },
-    /// An impossible payload.
+    /// The payload is physically impossible.
     #[error(
         "the readings give a payload of {payload_kg:.2} kg; check that force and attitude of each reading belong \
          together, and check the sign of the force"

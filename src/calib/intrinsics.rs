@@ -73,7 +73,7 @@ pub struct Calibrated {
     pub left_out_95_px: f64,
     /// Standard deviations of fx, fy, cx, cy (px), k1, k2, p1, p2, k3.
     pub deviations: [f64; 9],
-    /// Their covariance.
+    /// Covariance of the coefficients.
     pub covariance: LensCovariance,
     /// The part of the picture in which the lens is calibrated.
     pub support: LensSupport,

@@ -23,7 +23,7 @@ use rayon::prelude::*;
 /// A flange pose at which a rig's camera would see its board.
 #[derive(Debug, Clone)]
 pub struct Viewpoint {
-    /// The rig.
+    /// Pose of the flange at this viewpoint.
     pub rig: usize,
     /// The flange's pose there.
     pub base_from_flange: Rigid<Base, Flange>,
@@ -179,7 +179,7 @@ pub fn best_next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[Ar
     })
 }
 
-/// By (1).
+/// The gain of a pose by (1).
 fn gain(
     found: &RobotFound,
     candidate: &Candidate,

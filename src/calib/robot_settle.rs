@@ -14,7 +14,7 @@ const MAX_STEPS: usize = 40;
 /// The range of the factor by which an arm's errors may be smaller or larger than usual.
 const SIZES: (f64, f64) = (0.3, 4.0);
 
-/// The unknowns.
+/// The estimated parameters.
 #[derive(Debug, Clone)]
 pub(super) struct State {
     pub correction: Correction,

@@ -49,9 +49,9 @@ pub enum StationFault {
     },
     /// Two exchanged angles or lengths.
     Exchanged {
-        /// One key.
+        /// The first key.
         key: &'static str,
-        /// The other.
+        /// The second key.
         other: &'static str,
     },
     /// The picture itself is doubtful: the board is seen at a grazing angle.
@@ -68,7 +68,7 @@ pub enum StationFault {
     },
     /// A small deviation that no mistyped number explains.
     Little,
-    /// None of these.
+    /// No known cause explains the deviation.
     Unknown {
         /// The pose that the flange must have had for this picture.
         expected_pose: KukaPose,

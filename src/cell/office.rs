@@ -29,7 +29,7 @@ impl CellName {
     /// Checks a name.
     ///
     /// # Errors
-    /// States what is allowed.
+    /// If the name is not valid; the text states the valid characters.
     pub fn new(name: &str) -> Result<Self, String> {
         let is_allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if !name.is_empty() && name.len() <= MAX_CHARACTERS && name.chars().all(is_allowed) {

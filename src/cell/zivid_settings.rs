@@ -24,7 +24,7 @@ pub enum MainsFrequency {
 }
 
 impl MainsFrequency {
-    /// Both.
+    /// Both frequencies.
     pub const ALL: &'static [MainsFrequency] = <Self as VariantArray>::VARIANTS;
 
     /// Returns the name for people.

@@ -45,7 +45,7 @@ pub struct CycleRun {
     pub recorded: Option<RecordingResult>,
 }
 
-/// Starts the cell's devices.
+/// Function that starts the cell's devices.
 pub type Start = fn(&Cell, &Calibrations, Simulation) -> Result<CellDevices, Fault>;
 
 /// The parameters of a cycle's run.

@@ -32,10 +32,10 @@ pub enum Fault {
     /// A configuration file has problems; each is listed with its line.
     #[error(transparent)]
     Configuration(#[from] crate::config::Problems),
-    /// At a calibration.
+    /// A calibration failed.
     #[error(transparent)]
     Calibration(#[from] CalibrationFault),
-    /// At a device.
+    /// A device failed.
     #[error(transparent)]
     Device(#[from] DeviceFault),
     /// A fault in the teaching of a panel.
@@ -44,7 +44,7 @@ pub enum Fault {
     /// A fault of a clip or its labels.
     #[error(transparent)]
     Clip(#[from] ClipFault),
-    /// At the records.
+    /// A record cannot be used.
     #[error(transparent)]
     Record(#[from] RecordFault),
     /// The cell's file does not state what the command needs.

@@ -25,11 +25,11 @@ const MAX_SILENCES: u32 = 2;
 /// The knowledge of the flange's pose at a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PoseKnowledge {
-    /// It was here.
+    /// The reported pose of the flange.
     At(ReportedFlange),
     /// The arm moved meanwhile.
     Moved,
-    /// Nothing was reported.
+    /// No pose was reported.
     Nothing,
 }
 
@@ -45,7 +45,7 @@ pub struct FlangePoses<'c> {
 }
 
 impl<'c> FlangePoses<'c> {
-    /// Of this cell.
+    /// Creates the poses for this cell.
     pub fn new(files: &'c CellFiles) -> Self {
         FlangePoses {
             cell: &files.cell,

@@ -13,7 +13,7 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Between two questions.
+/// Interval between two queries.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// If the service does not answer within this time, it is considered gone; a service that restarts may be away for
 /// a moment.

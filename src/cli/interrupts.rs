@@ -53,7 +53,7 @@ impl Interrupts {
         self.count.load(Ordering::SeqCst)
     }
 
-    /// One more came.
+    /// Counts one more interrupt.
     #[cfg(test)]
     pub fn one_came(&self) {
         self.count.fetch_add(1, Ordering::SeqCst);

@@ -15,7 +15,7 @@ pub struct Outcome {
     pub exit_code: u8,
     /// The JSON object for `--json`.
     pub json: Map<String, Value>,
-    /// For a person.
+    /// Lines for a person.
     pub lines: Vec<String>,
 }
 

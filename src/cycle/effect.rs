@@ -13,7 +13,7 @@ pub enum Effect {
     Do {
         /// The id that the answer must contain.
         id: Id,
-        /// The act.
+        /// The action.
         act: Action,
     },
     /// Report [`Report::Deadline`](super::Report) with this id after the time that is configured for this deadline.
@@ -154,18 +154,18 @@ pub enum Frames {
     Pad,
 }
 
-/// How a motion ended.
+/// Outcome of a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "lowercase")]
 pub enum Outcome {
-    /// At its end.
+    /// The motion reached its end.
     Done,
-    /// By a hold.
+    /// A hold ended the motion.
     Held,
-    /// By a stop.
+    /// A stop ended the motion.
     Stopped,
-    /// By an abort.
+    /// An abort ended the motion.
     Aborted,
     /// The outcome was unknown until the robot was asked; then a person cleared it.
     Cleared,

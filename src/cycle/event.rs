@@ -73,9 +73,9 @@ pub enum Report {
     Boot,
     /// An act was performed, or could not be performed.
     Answered {
-        /// The act.
+        /// Id of the action.
         id: Id,
-        /// Its result.
+        /// Result of the action.
         answer: Answer,
     },
     /// Time is up.
@@ -87,9 +87,9 @@ pub enum Report {
     },
     /// This number of waypoints of a move is executed.
     Progress {
-        /// The move.
+        /// Id of the motion.
         id: Id,
-        /// Waypoints executed.
+        /// Number of executed waypoints.
         done: u32,
     },
     /// The robot's condition changed.
@@ -127,7 +127,7 @@ pub enum Answer {
     /// The robot is at standstill; this number of waypoints of the move was executed.
     #[serde(rename = "stands")]
     Standstill {
-        /// Waypoints executed.
+        /// Number of executed waypoints.
         done: u32,
     },
     /// A gate's grade of a localization, a corner or a plan.
@@ -156,11 +156,11 @@ pub enum Answer {
     Failed(Trouble),
 }
 
-/// A gate's word.
+/// Grade that a gate gives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Grade {
-    /// Good.
+    /// The gate accepts.
     Accept,
     /// A person must check the result.
     Review,
@@ -206,7 +206,7 @@ pub enum Deadline {
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
 pub enum Robot {
-    /// Nothing heard yet.
+    /// No state has been received yet.
     Unknown,
     /// Connected, handshake good, automatic, drives on, no stop.
     Ready,

@@ -30,7 +30,7 @@ pub struct Facts {
     /// nor by a person who cleared the cell. This stays after a lost link and after the end of the program.
     #[serde(default)]
     pub tool_may_run: bool,
-    /// As `tool_may_run`.
+    /// Whether the water may run; like `tool_may_run`.
     #[serde(default)]
     pub water_may_run: bool,
     /// The sanding tool.
@@ -98,7 +98,7 @@ pub enum Light {
 pub enum Lens {
     Unknown,
     Clear,
-    /// Shut or purged.
+    /// The lens shutters are closed, or the lenses are purged.
     Guarded,
 }
 

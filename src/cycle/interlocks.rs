@@ -167,7 +167,7 @@ impl Need {
         }
     }
 
-    /// Whether it holds.
+    /// Returns whether the need is satisfied.
     pub fn is_satisfied(self, facts: &Facts) -> bool {
         match self {
             Need::Standing => facts.standing,

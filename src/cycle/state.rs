@@ -80,7 +80,7 @@ pub enum At {
         /// Whether the panel's pose must be verified first.
         verify: bool,
     },
-    /// Park, everything off.
+    /// The arm parks and everything is switched off.
     Completing {
         /// The cycle's verdict.
         verdict: Verdict,
@@ -133,7 +133,7 @@ pub enum Phase {
     Locate,
     /// The corner loop.
     Refine {
-        /// Moves made.
+        /// Number of motions made.
         moves: u8,
     },
     /// The picture of the dry panel.
@@ -218,7 +218,7 @@ pub enum Cause {
     Asked,
     /// The robot's condition.
     Robot(Robot),
-    /// Something went wrong.
+    /// A fault during the cycle.
     Trouble(Trouble),
     /// A stop lasted too long.
     StopTimedOut,
@@ -259,11 +259,11 @@ pub struct Job {
     /// film.
     #[serde(default)]
     pub dries: bool,
-    /// Abrasions, at most.
+    /// Maximum number of abrasions.
     pub max_passes: u8,
     /// Maximum number of moves of the corner loop.
     pub max_moves: u8,
-    /// Abrasions planned.
+    /// Number of planned abrasions.
     pub pass: u8,
     /// The phase after the dry picture: Wet, or after a new localization the phase that was interrupted: Plan or
     /// Rinse.
@@ -277,12 +277,12 @@ pub struct Job {
     pub verified: u8,
 }
 
-/// An act in progress.
+/// An action in progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Due {
     /// The id that its answer must contain.
     pub id: Id,
-    /// The act.
+    /// The action.
     pub act: Action,
 }
 

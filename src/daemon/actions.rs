@@ -62,7 +62,7 @@ impl LoopMemory<'_> {
         }
     }
 
-    /// Has it computed.
+    /// Starts the computation for an action.
     fn compute(&mut self, id: Id, act: Action) -> Result<(), DaemonError> {
         // Read anew for each act, since the disc may have been changed during a hold.
         self.abrasion.worn_mm2 = self.ports.record.disc_worn_mm2()?;

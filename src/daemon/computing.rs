@@ -125,7 +125,7 @@ impl<'p> Computing<'p> {
         Ok(Computing { lock_step, awaited_id: due, executor })
     }
 
-    /// Has it done.
+    /// Starts the computation.
     pub(super) fn submit(&mut self, work: WorkInput) {
         // Before the work is queued: the thread must find its own number when it begins.
         self.awaited_id.store(work.id.0, Ordering::Relaxed);

@@ -25,7 +25,7 @@ impl Deadlines {
         self.armed.push(ArmedDeadline { id, deadline: which, time: at });
     }
 
-    /// The answer came.
+    /// Disarms the deadline of an action that was answered.
     pub fn disarm(&mut self, id: Id) {
         self.armed.retain(|armed| !(armed.id == id && armed.deadline == Deadline::Answer));
     }

@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 /// The result of a log-in with a name and a password.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LoginResult {
-    /// They are right.
+    /// Name and password are correct.
     Right(Account),
     /// The name or the password is wrong, or the account is disabled; the text is for the audit trail.
     Wrong(&'static str),

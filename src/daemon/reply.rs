@@ -49,7 +49,7 @@ pub struct Reply {
     pub film_s: Option<f64>,
     /// Number of executed waypoints of the path in progress.
     pub waypoint: Option<u32>,
-    /// All of them.
+    /// Total number of waypoints.
     pub of: Option<u32>,
     /// The page of the last cycle, once it is written.
     pub page: Option<PathBuf>,

@@ -67,12 +67,12 @@ pub enum RequestKind {
     Decided {
         /// The request: accept, unhold or clear.
         request: cycle::Request,
-        /// The step.
+        /// The step for which the person decided.
         step: u64,
     },
     /// A request to hold the cycle, with the reason that a person gave.
     Hold {
-        /// In the person's words.
+        /// Reason of the hold, as the person stated it.
         why: String,
     },
     /// A decision that was based on a step other than the present one. The loop only records it.

@@ -94,7 +94,7 @@ pub enum RequestQueueError {
     /// The loop has ended.
     #[error("the service has ended")]
     Ended,
-    /// Too many wait.
+    /// Too many requests wait.
     #[error(
         "{waiting} requests are already waiting for a reply; try again later (stop and abort are always accepted)"
     )]

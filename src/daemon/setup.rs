@@ -21,7 +21,7 @@ use std::sync::{Arc, OnceLock};
 pub struct Calibrations {
     /// The 3D camera.
     pub scanner: PinholeCamera,
-    /// Its own errors.
+    /// The camera's own errors.
     pub scan_errors: ScanErrors,
     /// Its pose.
     pub base_from_camera: Rigid<Base, Camera>,

@@ -39,7 +39,7 @@ const STANDSTILL_TIMEOUT: Duration = Duration::from_secs(5);
 /// The reason why a function was not executed.
 #[derive(Debug, thiserror::Error)]
 pub enum SingleError {
-    /// No controller.
+    /// No controller answers.
     #[error("no controller answers: {0}")]
     NoController(LinkLoss),
     /// No controller answered, and no reason was reported.

@@ -12,7 +12,7 @@ use tokio::sync::oneshot;
 pub(super) struct MaxConnections {
     /// Connections of one user or one address.
     pub per_owner: usize,
-    /// Of all together.
+    /// Maximum number of all connections.
     pub total: usize,
 }
 

@@ -55,7 +55,7 @@ const NICE: i32 = -5;
 /// The reason why there is no socket.
 #[derive(Debug, thiserror::Error)]
 pub enum SocketError {
-    /// Another service.
+    /// Another service uses the socket.
     #[error("{}: another panelprep process uses this socket; stop that process first", path.display())]
     InUse {
         /// The socket.
@@ -68,7 +68,7 @@ pub enum SocketError {
         /// The file.
         path: PathBuf,
     },
-    /// The system refuses.
+    /// The system refused the operation.
     #[error("cannot {doing} the socket {}: {source}", path.display())]
     System {
         /// The operation that failed.

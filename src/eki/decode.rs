@@ -26,7 +26,7 @@ pub enum DecodeError {
         /// The enclosing element; empty outside all elements.
         element: String,
     },
-    /// Another kind of document.
+    /// The document is of another kind.
     #[error("the document is <{found}>, expected <{expected}>")]
     Root {
         /// The root element found.
@@ -46,7 +46,7 @@ pub enum DecodeError {
         /// Its path.
         element: String,
     },
-    /// An element twice.
+    /// An element appears twice.
     #[error("the element {element} appears twice")]
     RepeatedElement {
         /// Its path.
@@ -58,7 +58,7 @@ pub enum DecodeError {
         /// Its path.
         field: String,
     },
-    /// An attribute twice.
+    /// An attribute appears twice.
     #[error("{field} appears twice")]
     Repeated {
         /// Its path.

@@ -77,7 +77,7 @@ pub enum FrameError {
     TooDeep {
         /// The position.
         at: u64,
-        /// The deepest allowed.
+        /// The largest valid depth.
         limit: usize,
     },
     /// Longer than any message.
@@ -85,7 +85,7 @@ pub enum FrameError {
     TooLong {
         /// The position.
         at: u64,
-        /// The longest allowed.
+        /// The largest valid length.
         limit: usize,
     },
 }

@@ -36,7 +36,7 @@ impl std::fmt::Display for Channel {
 pub enum Report {
     /// The controller has answered for the first time on this connection. This starts no motion.
     Connected {
-        /// Its state.
+        /// State of the controller.
         state: Box<State>,
     },
     /// The controller is in the new epoch; commands may be queued.
@@ -83,13 +83,13 @@ pub enum Report {
     WatchdogExpired {
         /// The silent channel.
         channel: Channel,
-        /// For how long.
+        /// Duration of the silence.
         silence: Duration,
     },
     /// The robot is far behind its plan: a point took more than twice its planned time plus half a second. Reported
     /// once for each path; in contact the epoch is being ended.
     Slow {
-        /// The point.
+        /// Id of the waypoint's command.
         id: CommandId,
         /// The tool is on the panel, or on its way to it.
         contact: bool,
@@ -103,7 +103,7 @@ pub enum Report {
     },
     /// The controller was started again, or its programs were changed; the epoch is gone.
     Rebooted {
-        /// Its state.
+        /// State of the controller.
         state: Box<State>,
     },
     /// The connection is lost, or could not be made. The queued commands are forgotten.
@@ -195,7 +195,7 @@ pub enum SequenceError {
         "state message {found} was received after state message {last}: a message is missing, repeated or out of order"
     )]
     State {
-        /// The one before.
+        /// Number of the state message before it.
         last: u32,
         /// The received number.
         found: u32,
@@ -231,7 +231,7 @@ pub enum SequenceError {
     Epoch {
         /// Its epoch.
         found: Epoch,
-        /// Ours.
+        /// Epoch of this program.
         ours: Epoch,
     },
 }
@@ -240,7 +240,7 @@ pub enum SequenceError {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkLoss {
-    /// Nothing listens.
+    /// No program listens on the port.
     #[error(
         "{address} refuses the {channel}: the controller responds, but its EthernetKRL server does not. Check that the \
          controller's program is running, and that the port is the same as in the channel's file"
@@ -325,7 +325,7 @@ pub enum LinkLoss {
          the connections are opened again"
     )]
     NotAcknowledged {
-        /// In how many.
+        /// Number of epochs without an acknowledgement.
         epochs: u32,
     },
     /// An abort that was answered but not carried out. Without a client the controller stops by itself.
@@ -337,7 +337,7 @@ pub enum LinkLoss {
     /// The connection has used all request numbers of 32 bits; a new connection starts counting again.
     #[error("{most} requests were sent on this connection, the limit of the request counter")]
     RequestsExhausted {
-        /// The last one.
+        /// The highest request number.
         most: u32,
     },
     /// The controller closed the channel before its first message: another client is connected to it.

@@ -48,7 +48,7 @@ pub enum SchemaError {
         /// The kind that the file states.
         found: Kind,
     },
-    /// A tag twice.
+    /// A tag appears twice.
     #[error("line {line}: the tag {tag} appears twice")]
     Twice {
         /// Line in the file, from 1.

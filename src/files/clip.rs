@@ -26,7 +26,7 @@ pub struct Clip {
 /// Why a `clip.csv` was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ClipError {
-    /// Another header.
+    /// The header is not valid.
     #[error("line 1: found the header '{found}'; valid: file,time_s,phase or file,time_s")]
     Header {
         /// The header found.
@@ -46,7 +46,7 @@ pub enum ClipError {
     /// Nothing to inspect.
     #[error("none of the clip's {shots} pictures has the phase 'wet'; the water-break test needs wet pictures")]
     NoneWet {
-        /// Pictures in the clip.
+        /// Number of pictures in the clip.
         shots: usize,
     },
 }
@@ -60,7 +60,7 @@ pub enum LineProblem {
     /// A picture outside of the clip's folder.
     #[error("the file is '{0}'; valid: a name in the clip's folder, without / \\ or ..")]
     File(String),
-    /// A picture twice.
+    /// A picture is listed twice.
     #[error("the file '{file}' is already listed in line {first}")]
     Duplicate {
         /// Its name.

@@ -5,7 +5,7 @@ use crate::geometry::{CloudError, PinholeCamera};
 /// The reason why a PCD or PLY file was refused: the position, what was found, what is allowed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CloudFileError {
-    /// Neither form.
+    /// The file has neither a PCD nor a PLY header.
     #[error(
         "the file is neither a PCD nor a PLY file: it has no header that ends in a line '{end}' (searched {searched} \
          bytes)"
@@ -53,7 +53,7 @@ pub enum CloudFileError {
          each pixel"
     )]
     Count {
-        /// Points counted.
+        /// Number of points counted.
         points: u64,
         /// Columns.
         width: u64,
@@ -66,7 +66,7 @@ pub enum CloudFileError {
          {limit_bytes} bytes in total); export the cloud with positions and colours only"
     )]
     TooLarge {
-        /// Points counted.
+        /// Number of points counted.
         points: u64,
         /// Bytes of one point; for a text file, of its numbers.
         point_bytes: u64,
@@ -82,7 +82,7 @@ pub enum CloudFileError {
         start: usize,
         /// Bytes that the header requires.
         needed: usize,
-        /// Bytes there are.
+        /// Number of bytes in the file.
         found: usize,
     },
     /// The text ends before the last point.
@@ -90,7 +90,7 @@ pub enum CloudFileError {
     TooFewLines {
         /// Points that the header requires.
         needed: usize,
-        /// Points there are.
+        /// Number of points in the file.
         found: usize,
     },
     /// Additional data follow the last point.
@@ -98,7 +98,7 @@ pub enum CloudFileError {
     Trailing {
         /// First byte after the points.
         start: usize,
-        /// Bytes found there.
+        /// Number of surplus bytes.
         found: usize,
     },
     /// A point that cannot be read.

@@ -27,11 +27,11 @@ pub enum MeshFileError {
          {found} bytes: the file is damaged or incomplete; export it again"
     )]
     StlSize {
-        /// Triangles stated.
+        /// Number of triangles stated.
         triangles: u64,
         /// Bytes of a file with as many.
         needed: u64,
-        /// Bytes there are.
+        /// Number of bytes in the file.
         found: u64,
     },
     /// A triangle, vertex or face of a binary file.
@@ -63,7 +63,7 @@ pub enum MeshFileError {
     /// Data after the last face.
     #[error("{found} bytes follow the last face: header and data disagree; export the file again")]
     Trailing {
-        /// Bytes found.
+        /// Number of surplus bytes.
         found: usize,
     },
     /// A face that is divided into triangles in several ways that differ.
@@ -79,9 +79,9 @@ pub enum MeshFileError {
     /// Two statements of the unit that differ.
     #[error("the file states two units, {first} and {second}; correct its comments")]
     TwoUnits {
-        /// The first.
+        /// The first unit.
         first: &'static str,
-        /// The other.
+        /// The second unit.
         second: &'static str,
     },
     /// A statement of a unit that is not read.

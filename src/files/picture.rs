@@ -31,7 +31,7 @@ const MAX_DECODER_BYTES: u64 = 128 << 20;
 /// The reason why bytes are not a picture, or why a picture cannot be written.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PictureError {
-    /// Another kind of file.
+    /// The file is of another kind.
     #[error("the file is not a readable picture: {found}; valid: PNG, JPEG and TIFF")]
     Format {
         /// The kind of file that the first bytes indicate.
@@ -64,7 +64,7 @@ pub enum PictureError {
         width: u32,
         /// Rows.
         height: u32,
-        /// Pixels.
+        /// Number of pixels.
         pixels: u64,
         /// Largest allowed number of pixels.
         allowed: u64,

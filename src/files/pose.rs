@@ -9,7 +9,7 @@ use serde::Deserialize;
 /// The reason why a text is not a pose.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PoseError {
-    /// No pose there.
+    /// The text contains no pose.
     #[error("{problem}; valid: {{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}}, or an object with such a pose as {key}")]
     Text {
         /// The key that may contain a pose.

@@ -36,7 +36,7 @@ pub struct SessionLimits {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkLossCause {
-    /// Nothing connects.
+    /// No tool accepts the connection.
     #[error("the connection failed: {problem}")]
     Unreachable {
         /// The system's error.
@@ -48,7 +48,7 @@ pub enum LinkLossCause {
     /// The tool refused the log-in.
     #[error("the tool replied to the log-in text with \"{found}\"; compare [tool] login with the tool's settings")]
     NotLoggedIn {
-        /// Its answer.
+        /// Answer of the tool.
         found: String,
     },
     /// The tool did not answer in time.
@@ -85,7 +85,7 @@ pub enum State {
     Ready(Time),
     /// A command was sent at this time.
     Asked(Time),
-    /// It has ended.
+    /// The session has ended.
     Lost(LinkLossCause),
 }
 
@@ -125,7 +125,7 @@ impl Session {
         &self.state
     }
 
-    /// Whether replies come.
+    /// Returns whether replies arrive.
     pub fn is_receiving(&self) -> bool {
         matches!(self.state, State::Ready(_) | State::Asked(_)) && self.last_reading.is_some()
     }
@@ -176,7 +176,7 @@ impl Session {
         }
     }
 
-    /// These bytes came.
+    /// Processes bytes that were received.
     pub fn received(&mut self, bytes: &[u8], now: Time) {
         for byte in bytes {
             match self.state {
@@ -226,7 +226,7 @@ impl Session {
         }
     }
 
-    /// It ends here.
+    /// Ends the session with a cause.
     pub fn end_session(&mut self, why: LinkLossCause) {
         // The first cause stays: what follows a loss is its consequence.
         if !matches!(self.state, State::Lost(_)) {

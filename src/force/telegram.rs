@@ -136,7 +136,7 @@ pub enum TelegramError {
     OtherId {
         /// The number of the tool that answered.
         found: u32,
-        /// The requested one.
+        /// Number of the requested tool.
         expected: u16,
     },
 }

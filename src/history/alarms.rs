@@ -49,7 +49,7 @@ pub struct AlarmTimes {
 }
 
 impl Alarm {
-    /// Whether it lasts.
+    /// Returns whether the alarm lasts.
     pub fn is_active(&self) -> bool {
         self.gone_unix_ms.is_none()
     }

@@ -7,7 +7,7 @@ use thiserror::Error;
 /// The end of the day that applies if the text states no time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edge {
-    /// Its first second.
+    /// The first second of the day.
     Start,
     /// The first second of the next day.
     Behind,

@@ -46,7 +46,7 @@ pub enum InspectError {
         time_s: f64,
         /// Its phase.
         phase: Phase,
-        /// The phase before.
+        /// Phase of the picture before.
         previous: Phase,
     },
     /// The film has too many pictures.
@@ -61,7 +61,7 @@ pub enum InspectError {
         /// Longest allowed duration, s.
         most_s: f64,
     },
-    /// Nothing to examine.
+    /// No wet picture can be examined.
     #[error("the clip has no picture of phase wet; the first fully wet picture is the reference of the test")]
     NoWetPicture,
     /// OpenCV refused a picture.

@@ -37,10 +37,10 @@ pub enum Flaw {
 }
 
 impl Flaw {
-    /// Every one.
+    /// All flaws.
     pub const ALL: &'static [Flaw] = <Self as VariantArray>::VARIANTS;
 
-    /// Its stable word.
+    /// Returns the stable keyword.
     pub fn keyword(self) -> &'static str {
         match self {
             Flaw::Darker | Flaw::Brighter | Flaw::Flicker => "light",

@@ -51,7 +51,7 @@ pub(super) enum ArgumentPassing {
     Variable(&'static str),
     /// A variable of this type that must already have a value: otherwise EthernetKRL stops the program.
     Filled(&'static str),
-    /// Anything.
+    /// Any argument.
     Any,
 }
 

@@ -43,16 +43,16 @@ pub enum Problem {
         "the name is not valid: {found} characters (limit {MAX_CHARACTERS}; control characters are not permitted)"
     )]
     BadAuthor {
-        /// Characters in it.
+        /// Number of characters found.
         found: usize,
     },
     /// The statement neither contains a break nor states that the clip is clean.
     #[error("no break is drawn: draw the breaks, or mark the clip as clean")]
     NothingSaid,
-    /// Both at once.
+    /// The file states a clean film and also breaks.
     #[error("the clip is marked as clean, but breaks are drawn ({found}): remove the mark or the breaks")]
     CleanWithBreaks {
-        /// Breaks drawn.
+        /// Number of breaks.
         found: usize,
     },
     /// A break without an outline.

@@ -27,7 +27,7 @@ pub(super) struct ConsistencyScore {
 }
 
 impl ConsistencyScore {
-    /// At a pose.
+    /// Computes the score at a pose.
     pub fn compute(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> ConsistencyScore {
         let motion = RigidF32::from_rigid(placed);
         let FitInputs { model, grid, scan } = inputs;

@@ -102,7 +102,7 @@ pub(super) struct PoseCovariance {
     pub weakest_mm: f64,
     /// The covariance without the term of (3) for a scale that all scans share, as it would be at the taught pose.
     pub at_taught_place: Matrix6<f64>,
-    /// (1) alone.
+    /// Covariance by (1) alone.
     pub without_scale_term: Matrix6<f64>,
 }
 

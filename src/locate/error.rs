@@ -13,7 +13,7 @@ pub enum LocateError {
     EmptyBox {
         /// The number of scan places in the box.
         found: usize,
-        /// Places needed.
+        /// Number of points needed.
         needed: usize,
     },
     /// There are objects in the box, but none of the panel's size.
@@ -23,7 +23,7 @@ pub enum LocateError {
         distinguishable_texts(*area_mm2, *taught_area_mm2, 0)[1]
     )]
     NoPieceFits {
-        /// Things looked at.
+        /// Number of pieces examined.
         pieces: usize,
         /// Area of the most similar object, mm².
         area_mm2: f64,

@@ -29,11 +29,11 @@ pub enum SurfaceMark {
     /// The scan shows the taught surface beside an edge or missing points; the depth is not precise enough for a
     /// number.
     Near,
-    /// Something farther.
+    /// The scan shows a surface behind it.
     Through,
-    /// Something nearer.
+    /// The scan shows a surface in front of it.
     Hidden,
-    /// No point.
+    /// The scan has no point there.
     Missing,
 }
 

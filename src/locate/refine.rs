@@ -53,7 +53,7 @@ pub struct CornerView<'a> {
 /// The reason why a correction cannot be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RefineError {
-    /// No picture.
+    /// There is no corner picture.
     #[error("no corner picture was given; at least one is needed")]
     NoView,
     /// The corner is not in front of the camera.

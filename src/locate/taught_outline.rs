@@ -50,7 +50,7 @@ pub(super) struct OutlinePoint {
 pub struct OutlineEvidence {
     /// Fraction whose edge is seen by colour.
     pub by_colour: f64,
-    /// By depth alone.
+    /// Share that is seen by depth alone.
     pub by_depth: f64,
     /// Fraction at which something holds the panel.
     pub held: f64,

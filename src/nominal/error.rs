@@ -86,7 +86,7 @@ pub enum NominalError {
         /// The middle of the first, in the drawing's frame, mm.
         at_mm: [f64; 3],
     },
-    /// Borders that nearly meet.
+    /// The borders of two faces nearly meet.
     #[error(
         "the faces of the part do not meet: a gap of {} mm near {} mm of the drawing (limit {} mm), at {count} edges; sew the \
          faces in the CAD system before the export, or export with a smaller deviation",

@@ -7,7 +7,7 @@ use crate::cell::CellName;
 use serde::{Deserialize, Serialize};
 
 const FORM: &str = "panelprep-state-1";
-/// The longest one.
+/// Longest message, bytes.
 const MAX_BYTES: usize = 64 * 1024;
 
 /// The state of a cell.

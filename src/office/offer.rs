@@ -6,7 +6,7 @@ use crate::files::content_hash;
 use serde::{Deserialize, Serialize};
 
 const FORM: &str = "panelprep-offer-1";
-/// The longest one.
+/// Longest offer, bytes.
 const MAX_BYTES: usize = 256 * 1_024;
 /// The longest name and reason, in characters.
 const MAX_CHARACTERS: usize = 200;

@@ -115,7 +115,7 @@ pub struct CycleCounts {
 }
 
 impl CycleCounts {
-    /// All of them.
+    /// Returns the number of all cycles.
     pub fn processed_count(&self) -> u32 {
         let CycleCounts { passed, failed, rejected, invalid, aborted, other } = *self;
         passed + failed + rejected + invalid + aborted + other

@@ -18,7 +18,7 @@ pub enum LearnError {
         list(corners)
     )]
     WrongCorners {
-        /// The wrong ones.
+        /// The corners that are not valid.
         corners: Vec<WrongCorner>,
     },
     /// No point of the scan under the region's centre lies in the search box.

@@ -39,7 +39,7 @@ const MAX_STEPS: usize = 10;
 pub(super) type CentreLine = [Point<Base>; 4];
 
 impl Kinematics {
-    /// The cell's arm.
+    /// Creates the kinematics of the cell's arm.
     pub fn new(arm: &Arm) -> Self {
         let ArmGeometry { a1_mm, a2_mm, b_mm, c1_mm, c2_mm, c3_mm, c4_mm, offsets_deg, signs } = *arm.geometry();
         let parameters = Parameters {

@@ -151,7 +151,7 @@ pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> PathExtent 
 /// The reason why there is no plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
-    /// Nothing to plan.
+    /// No grid is to be planned.
     #[error("no grid was requested")]
     NoGrids,
     /// The region does not have the requested grid.
@@ -170,7 +170,7 @@ pub enum PlanError {
         /// The grid.
         grid: GridId,
     },
-    /// No rows.
+    /// There is no raster.
     #[error("grid {grid}: {cause}")]
     Raster {
         /// The grid.
@@ -178,7 +178,7 @@ pub enum PlanError {
         /// The cause.
         cause: RasterError,
     },
-    /// No pose.
+    /// There is no pose of the tool.
     #[error("grid {grid}: {cause}")]
     Orientation {
         /// The grid.

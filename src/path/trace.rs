@@ -8,7 +8,7 @@ use super::dwell::ExecutedPose;
 use super::planned::Waypoint;
 use crate::geometry::{KukaPose, Panel, Point, Rigid, Tool};
 
-/// One report.
+/// A pose that the controller reported.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseReport {
     /// Time by the controller's clock, ms.

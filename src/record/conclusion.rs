@@ -24,7 +24,7 @@ use crate::verdict::{Judgement, Reason, Verdict};
 pub enum Disposition<'a> {
     /// The finding is good: accept or pass.
     Good,
-    /// It counts.
+    /// The cycle counts.
     Counts,
     /// A review on which a person decided by this request.
     Decided(&'a RequestRecord),

@@ -123,7 +123,7 @@ pub struct AbradedGrid {
 /// The extent to which a grid was abraded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AbrasionExtent {
-    /// As planned.
+    /// The grid was abraded as planned.
     Whole,
     /// The grid was abraded in part, according to the poses that the robot reported.
     InPart,
@@ -145,7 +145,7 @@ impl AbrasionExtent {
 pub struct EarlierPass {
     /// The cycle.
     pub cycle: CycleId,
-    /// Its pass.
+    /// Number of the pass.
     pub pass: u8,
     /// The grid; `None` means any grid.
     pub grid: Option<String>,

@@ -147,7 +147,7 @@ pub struct Finding {
     pub kind: Kind,
     /// Number of abrasions planned before the finding: 0 before the first.
     pub pass: u8,
-    /// The gate's word.
+    /// Judgement of the gate.
     pub judgement: Judgement,
     /// Every number on which the finding is based, with its limit.
     #[serde(rename = "numbers")]
@@ -176,7 +176,7 @@ impl Finding {
         self
     }
 
-    /// With this detail.
+    /// Adds a detail.
     pub fn with_detail(mut self, name: &str, value: impl Into<serde_json::Value>) -> Self {
         self.details.insert(name.to_owned(), value.into());
         self

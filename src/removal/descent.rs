@@ -51,11 +51,11 @@ impl Columns {
 /// Target of the descent.
 #[derive(Debug, Clone, Copy)]
 pub struct DescentTarget<'a> {
-    /// y.
+    /// The target vector y.
     pub target: &'a [f64],
     /// Lowest and highest x.
     pub bounds: &'a [[f64; 2]],
-    /// μ.
+    /// Weight of the smoothing, μ.
     pub smoothing_weight: f64,
     /// Number of iterations over all unknowns.
     pub rounds: usize,

@@ -35,13 +35,13 @@ pub struct LeftOutCoupon {
 /// The result of the fit to the coupons.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CouponFit {
-    /// k₀, mm²/N.
+    /// Preston's coefficient of a new disc, k₀, mm²/N.
     pub preston_mm2_per_n: f64,
-    /// b, 1/mm².
+    /// Decay of the coefficient with the swept area, b, 1/mm².
     pub decay_per_mm2: f64,
     /// Covariance of ln k₀ and b.
     pub covariance: Matrix2<f64>,
-    /// σ_r.
+    /// Scatter from coupon to coupon, σ_r, as standard deviation of the logarithm.
     pub coupon_deviation: f64,
     /// The scatter of the discs; `None` if the coupons do not show it.
     pub discs: Option<Discs>,

@@ -190,7 +190,7 @@ mod tests {
         (judgement.verdict, judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect())
     }
 
-    /// Names four discs.
+    /// Assigns the coupons to four discs.
     fn by_discs(mut made: Vec<Coupon>) -> Vec<Coupon> {
         made.iter_mut().enumerate().for_each(|(index, own)| own.disc = Some(format!("D{}", index % 4)));
         made

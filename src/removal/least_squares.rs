@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 /// Result of a least-squares fit.
 pub(super) struct Line {
-    /// The unknowns.
+    /// The estimated parameters.
     pub solution: DVector<f64>,
     /// (AᵀA)⁻¹.
     pub inverse: DMatrix<f64>,

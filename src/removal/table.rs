@@ -33,7 +33,7 @@ const REMARK_SIGN: char = '#';
 #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
 pub struct TableError(pub Vec<TableProblem>);
 
-/// One problem.
+/// A problem of the table.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}, {column}: {message}")]
 pub struct TableProblem {
@@ -102,7 +102,7 @@ fn header_problems(header: &StringRecord, line: u64) -> Vec<TableProblem> {
     problems
 }
 
-/// One line.
+/// A line of the table.
 struct Row<'a> {
     header: &'a StringRecord,
     record: &'a StringRecord,

@@ -18,7 +18,7 @@ pub const CALIBRATION_ADVICE: &str = "`panelprep demo` creates this file for con
 pub enum NamedFile {
     /// Its text.
     Text(String),
-    /// There is none.
+    /// The file does not exist.
     Missing,
     /// The file exists and cannot be read: the reason.
     Unreadable(String),

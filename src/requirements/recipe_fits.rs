@@ -44,7 +44,7 @@ pub enum ForceMismatch {
 /// Returns whether recipe and tool agree on a force; a spring needs none.
 ///
 /// # Errors
-/// The mismatch.
+/// If the force does not suit the tool; the error names the mismatch.
 pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), ForceMismatch> {
     match (tool, recipe.path().force_n()) {
         (None, None) => Ok(()),

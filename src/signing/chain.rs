@@ -23,11 +23,11 @@ pub struct Signed {
 /// The claim that a statement's name makes about the statement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NameClaim {
-    /// Nothing.
+    /// The name claims nothing.
     Nothing,
     /// The cell's statement of this cycle.
     Cycle(CycleId),
-    /// This number.
+    /// The name claims this number.
     Number(u64),
 }
 

@@ -30,9 +30,9 @@ const DWELL_RATIO_REJECT: f64 = 1.6;
 /// The executed part of a path: waypoints are counted from the second one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// Waypoints of the path.
+    /// Number of waypoints of the path.
     pub waypoints: u32,
-    /// Of these, executed.
+    /// Number of executed waypoints.
     pub done: u32,
 }
 

@@ -59,7 +59,7 @@ pub struct PathRemovalTotal {
     pub map: RemovalMap,
     /// The numbers of the path, and the largest depths of the part; `None` if nothing is treated.
     pub figures: Option<MapFigures>,
-    /// The same, judged.
+    /// The judged values of the removal.
     pub checks: Vec<Check>,
     limits_um: [f64; 2],
 }

@@ -8,7 +8,7 @@ use super::steps::Step;
 use rusqlite::{Connection, Params, Row, Transaction, TransactionBehavior};
 use std::ops::Deref;
 
-/// A transaction under way.
+/// A transaction in progress.
 pub(super) struct WriteTransaction<'t> {
     transaction: Transaction<'t>,
     last: ChainPosition,

@@ -16,7 +16,7 @@ pub enum StoreError {
         /// The error of the operating system.
         source: std::io::Error,
     },
-    /// The database refused.
+    /// The database refused a statement.
     #[error("cannot {operation} the store {}: {problem}", path.display())]
     Database {
         /// The operation that failed.
@@ -33,7 +33,7 @@ pub enum StoreError {
         /// The folder.
         path: PathBuf,
     },
-    /// Another writer.
+    /// Another process writes the store.
     #[error("{holder} is writing to the store {}; stop that process first, or name another store", path.display())]
     Leased {
         /// The folder.
@@ -41,7 +41,7 @@ pub enum StoreError {
         /// The process that writes, "process 1234".
         holder: String,
     },
-    /// Opened for reading.
+    /// The store was opened for reading only.
     #[error("the store {} is open for reading only", path.display())]
     ReadOnly {
         /// The database.
@@ -77,7 +77,7 @@ pub enum StoreError {
         /// The motion.
         motion: String,
     },
-    /// No such verification.
+    /// The verification does not exist.
     #[error("the store {} has no verification {number}; `panelprep calibrate history` lists the verifications", path.display())]
     UnknownVerification {
         /// The database.
@@ -131,7 +131,7 @@ pub enum StoreError {
     Newer {
         /// The database.
         path: PathBuf,
-        /// Its schema.
+        /// Schema of the store.
         found: i64,
         /// The newest schema that this program supports.
         known: i64,
@@ -145,7 +145,7 @@ pub enum StoreError {
     Older {
         /// The folder.
         path: PathBuf,
-        /// Its schema.
+        /// Schema of the store.
         found: i64,
         /// The schema version of this program.
         known: i64,
@@ -177,27 +177,27 @@ pub enum StoreError {
     /// A pose that cannot be stored.
     #[error("corner {corner} has a flange pose with NaN or infinite values; teach the corner again")]
     Pose {
-        /// The corner, from 1.
+        /// Number of the corner, from 1.
         corner: usize,
     },
-    /// No such panel.
+    /// The panel does not exist.
     #[error("no panel '{name}' was taught; {}", describe_known_names(nearest.as_deref(), known))]
     UnknownPanel {
         /// The requested name.
         name: String,
         /// The most similar valid name.
         nearest: Option<String>,
-        /// All names.
+        /// Names of all panels.
         known: Vec<String>,
     },
-    /// No such version.
+    /// The version does not exist.
     #[error("the panel '{name}' has no version {version}; versions, oldest first: {}", known.join(", "))]
     UnknownVersion {
         /// The panel.
         name: String,
         /// The requested version.
         version: String,
-        /// All versions.
+        /// All versions of the panel.
         known: Vec<String>,
     },
     /// A text of a person's signature cannot be stored as given.
@@ -242,7 +242,7 @@ pub enum StoreError {
     Full {
         /// The folder.
         path: PathBuf,
-        /// Free space.
+        /// Free space, MB.
         free_mb: u64,
         /// The files that may be deleted.
         advice: String,

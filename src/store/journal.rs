@@ -24,7 +24,7 @@ pub(super) const TABLES: &str = "
     CREATE INDEX journal_by_cycle ON journal (cycle_id);
 ";
 
-/// One line.
+/// A line of the journal.
 struct Line {
     sequence: i64,
     cycle: Option<i64>,

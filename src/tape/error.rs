@@ -5,7 +5,7 @@ use super::format::FORMAT;
 /// The error in a recording. Times are seconds since it began.
 #[derive(Debug, thiserror::Error)]
 pub enum TapeError {
-    /// Some other file.
+    /// The file is not an MCAP file.
     #[error("the file is not an MCAP file: {problem}")]
     NotMcap {
         /// The problem with the recording's beginning.
@@ -34,7 +34,7 @@ pub enum TapeError {
          entries; the program that wrote it ended too early, or the file was cut"
     )]
     Unfinished {
-        /// Entries read.
+        /// Number of entries read.
         entries: u64,
         /// Time of the last entry, s.
         until_s: f64,
@@ -60,7 +60,7 @@ pub enum TapeError {
         /// Number of lost entries.
         count: u64,
     },
-    /// Something is missing.
+    /// Entries of a topic are missing.
     #[error(
         "the recording has a gap: {topic} continues with entry {found} after {from_s:.3} s, entry {expected} was \
          expected; the file was changed after recording"
@@ -102,10 +102,10 @@ pub enum TapeError {
         /// The problem in the message.
         problem: String,
     },
-    /// The disk refuses.
+    /// The disk reported an error.
     #[error("the recording cannot be {doing}: {}", append_causes(source))]
     Disk {
-        /// Read or written.
+        /// The operation: read or write.
         doing: &'static str,
         /// The error that was returned.
         source: mcap::McapError,

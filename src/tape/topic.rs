@@ -60,7 +60,7 @@ pub enum Topic {
 }
 
 impl Topic {
-    /// All of them.
+    /// All topics.
     pub const ALL: &'static [Topic] = <Self as VariantArray>::VARIANTS;
 
     /// The topic's name in the file.

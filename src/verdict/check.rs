@@ -74,7 +74,7 @@ pub enum Severity {
     /// Nothing: the number is reported beside its limit, and decides nothing.
     #[default]
     None,
-    /// A person decides.
+    /// A person must decide.
     Review,
     /// The object is rejected; a rejected test of the water film counts as invalid.
     Reject,

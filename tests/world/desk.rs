@@ -43,7 +43,7 @@ pub struct Shown {
 }
 
 impl Shown {
-    /// Of this state.
+    /// Creates the shown values of this state.
     pub fn from_state(state: &State) -> Self {
         Shown { step: state.step, at: state.at }
     }

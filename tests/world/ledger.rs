@@ -91,7 +91,7 @@ fn earned(record: &CycleRecord) -> Result<(), String> {
 }
 
 impl CommandSummary {
-    /// Of this command.
+    /// Creates the summary of this command.
     pub fn from_command(command: &RecordCommand) -> Self {
         match command {
             RecordCommand::Event(event) => CommandSummary::Event(*event),

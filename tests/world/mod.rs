@@ -138,7 +138,7 @@ impl World {
         World { sabotage: Some(sabotage), ..self }
     }
 
-    /// Runs it.
+    /// Runs the world.
     pub fn run(&self) -> Outcome {
         clock::right();
         let folder = fixture::folder(&format!("world-{:?}", std::thread::current().id()));

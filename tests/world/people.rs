@@ -47,7 +47,7 @@ pub enum Aim {
     Cycles(u64),
     /// All faults have ended: one more cycle, to its end if `whole` is set, otherwise to its first phase.
     Recover { whole: bool },
-    /// To leave.
+    /// The person leaves.
     Leave,
 }
 

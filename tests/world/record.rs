@@ -160,7 +160,7 @@ enum Counted {
     Begins {
         another: bool,
     },
-    /// By a film.
+    /// Counted as the finding of a film.
     Finds,
     Nothing,
 }

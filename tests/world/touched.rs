@@ -35,7 +35,7 @@ impl Touched {
         self.all.extend(places);
     }
 
-    /// It is over.
+    /// The contact is over.
     pub fn closes(&mut self) {
         self.path = None;
     }

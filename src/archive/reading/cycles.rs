@@ -17,7 +17,7 @@ pub struct CycleQuery {
     pub verdict: String,
     /// Only cycles from this time on, s since 1970.
     pub from_unix_s: Option<i64>,
-    /// Before this time.
+    /// Only cycles before this time, s since 1970.
     pub until_unix_s: Option<i64>,
     /// Only cycles that are older than this one, the last cycle of an earlier page: its start time, cell and number.
     pub before: Option<(i64, String, i64)>,

@@ -23,9 +23,9 @@ pub enum TeachingFault {
         "{found} --corner and {flanges} --flange were given: each corner picture needs the flange's pose at that picture"
     )]
     CornerWithoutFlange {
-        /// Corner pictures named.
+        /// Number of corner pictures.
         found: usize,
-        /// Flange poses named.
+        /// Number of flange poses.
         flanges: usize,
     },
     /// All corner pictures in which no corner was found.
@@ -101,9 +101,9 @@ pub enum TeachingFault {
         "{found} corner pictures, but only {taught} corners of this panel were taught; teach more corners with --corner"
     )]
     CornersNotTaught {
-        /// Pictures named.
+        /// Number of pictures.
         found: usize,
-        /// Corners taught.
+        /// Number of taught corners.
         taught: usize,
     },
     /// The recipe differs from the one with which the panel was taught.

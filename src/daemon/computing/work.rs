@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// The data that an act needs.
 #[derive(Debug)]
 pub(in crate::daemon) struct WorkInput {
-    /// The act.
+    /// Id of the action.
     pub id: Id,
     pub action: Action,
     /// Whether this is the next step of the film under way; such a step needs no other data.
@@ -56,7 +56,7 @@ impl WorkResult {
 /// The result of a piece of work.
 #[derive(Debug, Clone)]
 pub(in crate::daemon) enum WorkOutcome {
-    /// The act's answer.
+    /// Answer for the action.
     Answer(Answer),
     /// The film continues; this is the duration of the part seen so far, s.
     Watching { seen_s: f64 },

@@ -67,7 +67,7 @@ fn token<'h>(headers: &'h HeaderMap, shared: &Shared) -> Option<&'h str> {
     cookie(headers, cookie_name(shared.is_tls()))
 }
 
-/// The form.
+/// Returns the form.
 pub(super) async fn page() -> Response {
     login_form(StatusCode::OK, None)
 }

@@ -25,7 +25,7 @@ struct Bucket {
 /// Decision about a call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum CallDecision {
-    /// It is made.
+    /// The call is accepted.
     Accepted,
     /// The call exceeds the limit; states whether this is to be reported.
     TooMany {

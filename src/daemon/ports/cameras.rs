@@ -30,7 +30,7 @@ pub enum CameraCommand {
 /// An answer of the cameras.
 #[derive(Debug)]
 pub enum CameraAnswer {
-    /// To `Scan`.
+    /// Answer to `Scan`.
     Scan(OrganizedCloud<Camera>),
     /// Answer to `Picture` and `NextOfFilm`, with the time on the camera's own clock.
     Picture(Picture2d),
@@ -40,7 +40,7 @@ pub enum CameraAnswer {
     FilmBegan(f64),
     /// Answer to `EndFilm`: how many pictures were dropped.
     FilmEnded(u64),
-    /// To `CornerPicture`.
+    /// Answer to `CornerPicture`.
     Corner(ColorPicture),
     /// Answer to `Check`: each camera that is not able to deliver, with the reason.
     Checked(Vec<CameraFault>),

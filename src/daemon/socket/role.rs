@@ -9,7 +9,7 @@ use crate::daemon::request::{RecipeTextPermission, RequestKind};
 use crate::record::RequestAuthor;
 use crate::verdict::Reason;
 
-/// Who may request what.
+/// A rule for the requests of a role.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct AccessRule {
     /// The role of the socket's users; without a role they may request everything.

@@ -35,7 +35,7 @@ fn local_path(next: &str) -> &str {
     if is_own { next } else { "/" }
 }
 
-/// The form.
+/// Returns the form.
 pub(super) async fn page(
     Extension(visitor): VisitorExtension,
     Query(NextPath { next }): Query<NextPath>,

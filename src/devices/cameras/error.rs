@@ -81,7 +81,7 @@ pub enum CameraError {
     ArmInView {
         /// The largest deviation of an axis from the park pose, degrees.
         axis_off_deg: f64,
-        /// Whether the arm moves.
+        /// Whether the arm is moving.
         moving: bool,
     },
     /// A picture of the flange camera while the flange moves.
@@ -112,10 +112,10 @@ pub enum CameraError {
 /// Problems of a file of a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
-    /// The disk.
+    /// The disk reported an error.
     #[error(transparent)]
     Disk(#[from] std::io::Error),
-    /// A cloud.
+    /// The cloud cannot be read.
     #[error(transparent)]
     Cloud(#[from] CloudFileError),
     /// A picture.

@@ -75,7 +75,7 @@ pub enum GapPolicy {
 /// The reason why a frame is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FrameRefusal {
-    /// Not whole.
+    /// The frame is incomplete.
     #[error("frame {id} is incomplete: {}", delivery.describe())]
     Incomplete {
         /// Its number.
@@ -105,7 +105,7 @@ pub enum FrameRefusal {
     WrongLength {
         /// Its number.
         id: u64,
-        /// Bytes.
+        /// Number of bytes found.
         found: usize,
         /// Number of bytes that the frame's size needs.
         expected: usize,
@@ -117,7 +117,7 @@ pub enum FrameRefusal {
     NotNewer {
         /// Its number.
         id: u64,
-        /// Its time, ns.
+        /// Timestamp of the frame, ns.
         found_ns: u64,
         /// Time of the last accepted frame, ns.
         last_ns: u64,
@@ -127,7 +127,7 @@ pub enum FrameRefusal {
     OutOfSequence {
         /// Its number.
         id: u64,
-        /// The last one's.
+        /// Number of the last frame.
         last: u64,
     },
     /// The frame has the same pixels as the last frame.

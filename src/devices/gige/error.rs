@@ -52,7 +52,7 @@ pub enum GigeError {
     WrongCamera {
         /// Its serial number.
         found: String,
-        /// The calibration's.
+        /// Serial number in the calibration.
         expected: String,
     },
     /// The camera has another size than the calibrated one.
@@ -122,7 +122,7 @@ pub enum GigeError {
     },
 }
 
-/// For messages.
+/// Rounds a time for messages.
 #[cfg(feature = "gige")]
 pub(super) fn round_to_ms(time: std::time::Duration) -> u64 {
     u64::try_from(time.as_millis()).unwrap_or(u64::MAX)

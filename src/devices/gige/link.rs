@@ -31,7 +31,7 @@ const MAX_SEARCH_INTERVAL: Duration = Duration::from_secs(2);
 pub enum LinkStatus {
     /// The first search continues.
     Searching,
-    /// It delivers.
+    /// The camera delivers.
     Connected,
     /// The camera is unavailable, for this reason.
     Away(GigeError),
@@ -185,7 +185,7 @@ fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The thread's own.
+/// The state of the link's thread.
 struct Link {
     settings: Settings,
     is_ending: Arc<AtomicBool>,

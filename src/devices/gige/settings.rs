@@ -34,9 +34,9 @@ impl std::fmt::Display for CameraSelector {
 pub enum ExposureMode {
     /// Once for each software trigger.
     Triggered,
-    /// All the time.
+    /// The camera exposes continuously.
     FreeRunning {
-        /// Pictures a second.
+        /// Pictures per second.
         frames_per_s: f64,
     },
 }
@@ -120,7 +120,7 @@ pub enum PlanError {
     TooLong {
         /// The exposure, µs.
         exposure_us: f64,
-        /// Pictures a second.
+        /// Pictures per second.
         frames_per_s: f64,
     },
 }

@@ -37,7 +37,7 @@ pub trait TriggeredCamera {
 /// The reason why there is no still.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum StillError<G> {
-    /// The camera is gone.
+    /// The camera is not available any more.
     Gone(G),
     /// At the last try, nothing came in time.
     Timeout,

@@ -77,7 +77,7 @@ pub enum MockError {
 /// Problems of an EthernetKRL file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FileProblem {
-    /// Not XML.
+    /// The file is not XML.
     #[error("is not XML: {0}")]
     Xml(String),
     /// A required section is missing.

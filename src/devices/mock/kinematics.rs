@@ -43,9 +43,9 @@ pub enum Unreachable {
     /// The wrist's centre is too far from axis 2, or too near to it.
     #[error("the wrist's centre is {distance_mm:.1} mm from axis 2 (reachable: {} to {} mm)", allowed_mm[0], allowed_mm[1])]
     Distance {
-        /// Measured.
+        /// Measured distance, mm.
         distance_mm: f64,
-        /// Nearest and farthest.
+        /// Smallest and largest reachable distance, mm.
         allowed_mm: [f64; 2],
     },
     /// Every solution for this pose needs an axis beyond its limits.
@@ -55,7 +55,7 @@ pub enum Unreachable {
         axis: usize,
         /// The angle that the solution nearest to the present angles needs.
         angle_deg: f64,
-        /// Lowest and highest.
+        /// Lowest and highest valid angle.
         allowed_deg: [f64; 2],
     },
 }

@@ -13,7 +13,7 @@ pub struct ExecutedMotion {
     pub id: i32,
     /// The axes where the move ended, or in the middle of its blend.
     pub joints: Joints,
-    /// The flange there.
+    /// Pose of the flange at these axes.
     pub base_from_flange: Rigid<Base, Flange>,
     /// Time of the motion, ms since the controller's start.
     pub time_ms: u64,

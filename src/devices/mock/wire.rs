@@ -32,7 +32,7 @@ pub enum Refusal {
     WrongEpoch = 2,
     /// The ring is full.
     RingFull = 3,
-    /// No such operation.
+    /// The operation is not known.
     UnknownOperation = 4,
     /// A number is outside of its range.
     OutOfRange = 5,

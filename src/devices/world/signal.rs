@@ -23,7 +23,7 @@ fn delays(output: Output) -> DeviceDelays {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Signal {
     pub output: Output,
-    /// Number n of `$OUT[n]`.
+    /// Number n of the output `$OUT[n]`.
     pub number: u16,
     /// Number n of `$IN[n]` of its feedback.
     pub feedback: u16,

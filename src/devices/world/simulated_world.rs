@@ -28,7 +28,7 @@ pub enum WorldError {
         /// The name.
         name: &'static str,
     },
-    /// No park pose.
+    /// The cell's file has no park pose.
     #[error("[poses] park is missing; a 3D shot is taken only in this pose")]
     NoPark,
     /// The cell's file names no signals of a line.

@@ -12,7 +12,7 @@ pub struct ExpectedShot {
     pub what: &'static str,
     /// Hash of the settings with which the shot must be taken.
     pub settings: SettingsHash,
-    /// Of which camera.
+    /// Serial number of the camera.
     pub serial: String,
     /// The size for which the camera was calibrated.
     pub size: Size,

@@ -37,15 +37,15 @@ pub struct RestartBudget {
 pub enum RestartDecision {
     /// Start the worker again; this is restart `number` of the allowed ones.
     Restart {
-        /// Counted from 1.
+        /// Number of the restart, from 1.
         number: usize,
     },
-    /// Leave it.
+    /// The worker is not restarted.
     StayDown,
 }
 
 impl RestartBudget {
-    /// A whole budget.
+    /// Creates a budget with all restarts available.
     pub fn new(allowed: Restarts) -> Self {
         RestartBudget { allowed, used_at: VecDeque::new(), is_spent: false }
     }

@@ -8,7 +8,7 @@ use std::time::Duration;
 /// A fault of the 3D camera. Each message begins with the fault's row in the fault model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ZividFault {
-    /// No such camera.
+    /// The camera was not found.
     #[error(
         "C1 the 3D camera is not found: {0}; check its power and its cable. The program repeats the search every few \
          seconds"
@@ -44,7 +44,7 @@ pub enum ZividFault {
         /// The SDK's message.
         message: String,
     },
-    /// No answer in time.
+    /// No answer arrived in time.
     #[error("C3 the 3D camera did not respond within {} s to {during}, and its worker was ended; {next}", waited.as_secs_f64())]
     Timeout {
         /// The request.
@@ -86,7 +86,7 @@ pub enum ZividFault {
         during: &'static str,
         /// Duration of the pause, ms.
         paused_ms: f64,
-        /// Allowed.
+        /// Longest valid pause, ms.
         allowed_ms: f64,
         /// Temperature of the lens, °C.
         lens_c: Option<f64>,
@@ -116,7 +116,7 @@ pub enum ZividFault {
         what: &'static str,
         /// Width and height, px.
         found_px: [usize; 2],
-        /// In the calibration.
+        /// Size in the calibration, px.
         expected_px: [usize; 2],
     },
     /// Another camera.
@@ -136,9 +136,9 @@ pub enum ZividFault {
          the service after an upgrade"
     )]
     WrongVersion {
-        /// The worker's.
+        /// Version of the worker.
         found: String,
-        /// This program's.
+        /// Version of this program.
         expected: String,
     },
     /// The camera does not accept the settings.
@@ -149,15 +149,15 @@ pub enum ZividFault {
         /// The SDK's message.
         message: String,
     },
-    /// No points.
+    /// The shot has too few points.
     #[error(
         "C6 no 3D data: {} % of the shot's pixels have a point, but at least {needed_percent} % are needed. Check that \
          the panel is in the camera's range, that the lens is open and dry, and the exposure", distinguishable_texts(*found_percent, *needed_percent, 2)[0]
     )]
     NoPoints {
-        /// Found.
+        /// Share of pixels with a point, percent.
         found_percent: f64,
-        /// Needed.
+        /// Required share, percent.
         needed_percent: f64,
     },
     /// The same shot again, or an old shot.
@@ -181,7 +181,7 @@ pub enum ZividFault {
         /// Time limit for the start.
         most: Duration,
     },
-    /// The worker stays down.
+    /// The worker is not restarted any more.
     #[error(
         "C11 the 3D camera's worker stays down: it ended {ended} times within {} min (limit {allowed} restarts). Last: \
          {last}. Fix the cause, then reset after {} s or more", within.as_secs() / 60, wait.as_secs()
@@ -189,9 +189,9 @@ pub enum ZividFault {
     Down {
         /// Number of times that the worker ended within the period.
         ended: usize,
-        /// Restarts that are allowed.
+        /// Maximum number of restarts.
         allowed: usize,
-        /// In this time.
+        /// Period in which restarts are counted.
         within: Duration,
         /// The previous fault, in words.
         last: String,
@@ -203,7 +203,7 @@ pub enum ZividFault {
     OutOfOrder {
         /// The request.
         during: &'static str,
-        /// In its words.
+        /// Message of the worker.
         message: String,
     },
 }
@@ -213,14 +213,14 @@ pub enum ZividFault {
 pub enum NextStep {
     /// The worker is started again.
     Restart {
-        /// Counted from 1.
+        /// Number of the restart, from 1.
         number: usize,
-        /// Of this number.
+        /// Maximum number of restarts.
         of: usize,
-        /// In this time.
+        /// Period in which restarts are counted.
         within: Duration,
     },
-    /// It is not.
+    /// The worker is not restarted.
     StaysDown,
 }
 

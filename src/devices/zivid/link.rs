@@ -21,7 +21,7 @@ pub struct Link {
 /// An answer with its data.
 #[derive(Debug)]
 pub enum Answer {
-    /// Words alone.
+    /// A reply without image data.
     Words(Reply),
     /// A 3D shot.
     Scan(ShotDelivery, ShotPlanes),

@@ -62,17 +62,17 @@ pub enum Request {
     },
     /// A 3D shot with colour.
     Scan {
-        /// By these settings.
+        /// Hash of the settings.
         settings: SettingsHash,
     },
     /// A picture.
     Picture {
-        /// By these settings.
+        /// Hash of the settings.
         settings: SettingsHash,
     },
     /// Takes pictures continuously from now on.
     BeginClip {
-        /// By these settings.
+        /// Hash of the settings.
         settings: SettingsHash,
         /// The highest rate, 1/s.
         pictures_per_second: f64,
@@ -232,13 +232,13 @@ pub struct Light {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Flicker {
-    /// It does not.
+    /// The light does not flicker.
     None,
     /// Flicker of lamps on 50 Hz mains.
     Grid50Hz,
     /// Flicker of lamps on 60 Hz mains.
     Grid60Hz,
-    /// At another frequency.
+    /// The light flickers at another frequency.
     Other,
     /// The light flickers, but the SDK does not know how, or this program does not know the SDK's name for it.
     Unknown,

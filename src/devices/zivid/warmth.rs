@@ -40,17 +40,17 @@ pub struct TemperatureReading {
 pub enum WarmUpState {
     /// The camera's temperature is stable.
     Warm {
-        /// Rise, °C a minute.
+        /// Rise, °C per minute.
         rise_c_per_min: f64,
     },
     /// The camera warms up or cools down.
     Changing {
-        /// Rise, °C a minute.
+        /// Rise, °C per minute.
         rise_c_per_min: f64,
     },
     /// The camera's temperatures scatter too much for a decision.
     Unclear {
-        /// Rise, °C a minute.
+        /// Rise, °C per minute.
         rise_c_per_min: f64,
         /// The error of the rise, 95 %.
         error_c_per_min: f64,

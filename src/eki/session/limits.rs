@@ -63,7 +63,7 @@ pub enum QueueError {
     EpochTooFar {
         /// The next epoch, from the epochs opened before.
         next: u64,
-        /// The controller's.
+        /// Epoch of the controller.
         found: Epoch,
         /// Largest allowed distance between the two epochs.
         most: u32,
@@ -92,7 +92,7 @@ pub enum QueueError {
         "point {point} cannot be reached with any axis angles, so the robot correction cannot be applied to this point"
     )]
     Uncorrected {
-        /// From 1.
+        /// Number of the point, from 1.
         point: usize,
     },
     /// A command that no controller can execute.

@@ -1,4 +1,4 @@
-//! Readings by hand.
+//! Readings that were written by hand.
 
 use super::super::telegram::ErrorBits;
 use super::*;

@@ -30,7 +30,7 @@ pub const INSIDE: u16 = 0x0001;
 pub const OPEN_FLAG: u16 = 0x0002;
 /// State of a pixel: it was seen wet at least once.
 pub const EVER_WET_FLAG: u16 = 0x0004;
-/// It broke.
+/// The place broke.
 pub const BROKE: u16 = 0x0008;
 /// State of a pixel: it broke in this picture.
 pub const NEW_BREAK_FLAG: u16 = 0x0010;

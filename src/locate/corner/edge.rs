@@ -41,7 +41,7 @@ pub struct EdgeLine {
     pub to: Pixel,
     /// Root mean square distance of the edge points from the line, px.
     pub rms_px: f64,
-    /// Places on it.
+    /// Number of edge points on the line.
     pub points: usize,
 }
 

@@ -37,7 +37,7 @@ pub struct DrawingSheet {
     pub picture_png: Vec<u8>,
     /// Its size, px.
     pub size_px: [usize; 2],
-    /// Keeps the recipe.
+    /// Function that stores the recipe.
     pub write: Box<WriteRecipe>,
 }
 

@@ -8,7 +8,7 @@ use crate::number_text::{distinguishable_texts, shortest_text};
 pub enum Singularity {
     /// Axes 4 and 6 are in line.
     Wrist,
-    /// The arm stretched.
+    /// The arm is stretched.
     Elbow,
     /// The wrist's centre is over axis 1.
     Overhead,
@@ -17,7 +17,7 @@ pub enum Singularity {
 /// The reason why an arm cannot follow a path.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Infeasibility {
-    /// Not a number.
+    /// A number is not finite.
     #[error("the pose is not a valid number")]
     NotFinite,
     /// The pose is too far or too near.
@@ -46,7 +46,7 @@ pub enum Infeasibility {
         singularity: Singularity,
         /// Distance from the singularity, degrees or mm.
         found: f64,
-        /// Distance needed.
+        /// The required distance.
         needed: f64,
     },
     /// The configuration would change.

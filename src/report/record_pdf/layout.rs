@@ -112,7 +112,7 @@ impl FontFaces {
     }
 }
 
-/// Pages under way.
+/// Pages that are being laid out.
 struct PageLayout<'f> {
     faces: &'f FontFaces,
     pages: Vec<Vec<PageElement>>,

@@ -8,13 +8,13 @@ pub enum SceneDefect {
     /// No panel, only other objects.
     #[strum(serialize = "no panel")]
     Nothing,
-    /// Another panel.
+    /// Another panel is in the fixture.
     #[strum(serialize = "another panel")]
     Another,
-    /// Its mirror image.
+    /// The mirror image of the panel is in the fixture.
     #[strum(serialize = "mirror image")]
     Mirror,
-    /// Its back.
+    /// The panel shows its back.
     #[strum(serialize = "its back")]
     Back,
     /// A panel that is 2 to 5 % larger or smaller.

@@ -24,7 +24,7 @@ pub struct Counts {
     pub verdicts: BTreeMap<&'static str, u64>,
     /// Cycles that began.
     pub cycles: u64,
-    /// Processes that began.
+    /// Number of processes that began.
     pub lives: u64,
     /// Power cuts.
     pub cuts: u64,

@@ -38,7 +38,7 @@ pub struct Edit {
     pub changed: &'static str,
 }
 
-/// All of them.
+/// Returns all mutations.
 pub fn all() -> impl Iterator<Item = &'static Mutation> {
     let lists: [&'static [Mutation]; 6] =
         [&store::ALL, &cycle::ALL, &link::ALL, &daemon::ALL, &controller::ALL, &programs::ALL];

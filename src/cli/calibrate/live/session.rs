@@ -37,7 +37,7 @@ pub enum Capture {
 pub enum OperatorChoice {
     /// A picture.
     Take,
-    /// That is all.
+    /// No further capture.
     Done,
 }
 

@@ -60,7 +60,7 @@ pub enum Fault {
     /// `slow`: the arm moves at this percentage of its speed, 1 to 100 %, although the reported override does not
     /// change.
     Slow {
-        /// Share, %.
+        /// Share of the speed, %.
         percent: u8,
         /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,

@@ -15,7 +15,7 @@ pub enum FaultSpecError {
     /// The name is no fault or setting.
     #[error("\"{item}\": {name} is not a fault or setting{}; valid: {}", nearest(name), known_faults())]
     Unknown {
-        /// The whole item.
+        /// The whole item of the specification.
         item: String,
         /// Its name.
         name: String,

@@ -11,7 +11,7 @@ pub(in crate::devices::zivid) const MAX_ATTEMPTS: u32 = 3;
 
 /// The reason why the worker did not fulfil a request.
 pub(super) enum RequestFailure {
-    /// It is lost.
+    /// The worker is lost.
     Lost(WireError),
     /// The worker states the reason.
     Refused(Refusal),

@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 
 /// Settings of 3D shots: the delivered sample.
 pub const SCAN: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/config/zivid/scan.yml"));
-/// Those of pictures.
+/// Settings of pictures.
 pub const PICTURE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/config/zivid/film.yml"));
 
 /// The library, built.

@@ -20,7 +20,7 @@ use std::time::Duration;
 
 const DISC_MM: f64 = 30.0;
 
-/// A cell in operation.
+/// A simulated cell in operation.
 struct Bench {
     cell: cell::Cell,
     sim: sim::Cell,
