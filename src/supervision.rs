@@ -146,7 +146,7 @@ thread_local! {
     static IS_APART: Cell<bool> = const { Cell::new(false) };
 }
 
-/// From now on a panic of this thread is no fault of the cell. This is for a thread that runs foreign code on any
+/// From now on a panic of this thread is not a fault of the cell. This is for a thread that runs foreign code on any
 /// network input and catches the panics: no input from there may stop the robot.
 pub fn exempt_thread() {
     IS_APART.set(true);

@@ -86,8 +86,8 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
     }
 }
 
-/// Calibrates a tool by poses that a person reads from the pendant, because no controller answers. An answer that
-/// is no pose is not stored.
+/// Calibrates a tool by poses that a person reads from the pendant, because no controller answers. An answer that is
+/// not a pose is not stored.
 #[test]
 fn a_tool_is_calibrated_by_poses_that_are_read_now() {
     let folder = tempfile::tempdir().expect("a folder");

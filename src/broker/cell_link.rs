@@ -99,7 +99,7 @@ impl CellLink {
     /// Returns the recipe that the office offers for this panel; `None` if it offers none.
     ///
     /// # Errors
-    /// If the broker cannot report it, or its answer is no offer for this panel.
+    /// If the broker cannot report it, or its answer is not an offer for this panel.
     pub async fn recipe_offer(&self, panel: &str) -> Result<Option<RecipeOffer>, BrokerError> {
         let stream = self.link.context.get_stream_no_info(subject::OFFER_STREAM).await;
         let failed = |problem: String| self.link.operation_error("read the offered recipes", problem);

@@ -327,8 +327,8 @@ mod tests {
 
     const DEMANDS: VerificationLimits = VerificationLimits { limit: 0.5, max_age_h: 24.0 };
 
-    /// Both cameras must have been verified. A tool that was never touched is no reason to refuse the start; a
-    /// touch that was beyond the limit is one.
+    /// Both cameras must have been verified. A tool that was never touched is not a reason to refuse the start; a touch
+    /// that was beyond the limit is one.
     #[test]
     fn a_cycle_starts_on_verified_cameras_and_no_bad_touch() {
         let last = |subject: &str, error: f64| Verification {

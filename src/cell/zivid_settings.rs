@@ -70,7 +70,7 @@ impl ZividSettings {
     /// Reads settings of either kind; `file` is the file's name in messages.
     ///
     /// # Errors
-    /// If the text is no YAML, is of neither kind, or has problems: each problem with line and key.
+    /// If the text is not YAML, is of neither kind, or has problems: each problem with line and key.
     pub fn read(file: &str, text: &str) -> Result<Self, Problems> {
         let mut list = Vec::new();
         let found = read(text, None, &mut list);

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Effect {
-    /// Perform the act and report its answer under this id. An act that is no longer [`State::due`](super::State)
+    /// Perform the action and report its answer under this id. An action that is no longer [`State::due`](super::State)
     /// is abandoned: a computation or a capture may be dropped; switches have happened and stay in order.
     Do {
         /// The id that the answer must contain.

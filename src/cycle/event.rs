@@ -65,13 +65,13 @@ impl Request {
     }
 }
 
-/// The reports of the cell. The answer to an act comes once; the other reports come when they happen.
+/// The reports of the cell. The answer to an action comes once; the other reports come when they happen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Report {
     /// The program starts. All earlier activity is over.
     Boot,
-    /// An act was performed, or could not be performed.
+    /// An action was performed, or could not be performed.
     Answered {
         /// Id of the action.
         id: Id,
@@ -97,7 +97,7 @@ pub enum Report {
     /// Whether the controller's override is the one planned for contact; reported at each change, and again after a
     /// lost link.
     FullOverride(bool),
-    /// Something went wrong that is not the answer to an act.
+    /// Something went wrong that is not the answer to an action.
     Trouble(Trouble),
     /// The program starts with a store whose content differs from what the program wrote.
     StoreChanged,
@@ -116,7 +116,7 @@ pub enum Report {
     OutputsOff,
 }
 
-/// The result of an act; [`crate::cycle::Action`] states the possible answers of each. Any may fail.
+/// The result of an action; [`crate::cycle::Action`] states the possible answers of each. Any may fail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Answer {
@@ -180,12 +180,12 @@ pub enum Film {
     Invalid,
 }
 
-/// The kinds of deadlines. Arming a deadline replaces an armed one of the same kind; the answer to an act disarms
+/// The kinds of deadlines. Arming a deadline replaces an armed one of the same kind; the answer to an action disarms
 /// `Answer`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Deadline {
-    /// The time limit of this act.
+    /// The time limit of this action.
     Answer,
     /// A stop, `stop_deadline_s`.
     Stop,
@@ -271,7 +271,7 @@ pub enum Trouble {
     DiskFull,
     /// No answer by the deadline.
     Late,
-    /// The type of the answer does not match the act.
+    /// The type of the answer does not match the action.
     Unexpected,
 }
 

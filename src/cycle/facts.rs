@@ -169,7 +169,7 @@ impl Facts {
         [tool, extraction, water, lens, light].into_iter().flatten()
     }
 
-    /// Marks the facts that an act changes as unknown until the act is answered.
+    /// Marks the facts that an action changes as unknown until the action is answered.
     pub(super) fn mark_unknown(&mut self, act: Action) {
         match act {
             Action::Move(motion) => {
@@ -178,7 +178,7 @@ impl Facts {
                 self.touching |= motion.path == Path::Contact;
             }
             Action::OpenEpoch { .. } => self.epoch = Epoch::Changing,
-            // The outputs of the epoch go off before the act is answered.
+            // The outputs of the epoch go off before the action is answered.
             Action::EndEpoch { .. } => self.end_epoch(Epoch::Changing),
             Action::SetFrames(_) => self.frames = None,
             Action::Switch(switch) => match switch {

@@ -1,9 +1,9 @@
 //! The cycle as a pure table: `step(State, Event) -> (State, Vec<Effect>)`.
 //!
 //! An [`Event`] is a person's request or a report of the cell; an [`Effect`] is what the loop then does. `interlocks`
-//! states what each act needs and which act achieves that, `step` what each event means in each state, `execute` what
-//! follows each phase; `turn` joins them. The sequence of acts that leads to a phase is not written down anywhere: the
-//! table performs the first act that is still needed, receives its answer, and checks again.
+//! states what each action needs and which action achieves that, `step` what each event means in each state, `execute`
+//! what follows each phase; `turn` joins them. The sequence of actions that leads to a phase is not written down
+//! anywhere: the table performs the first action that is still needed, receives its answer, and checks again.
 //!
 //! The outer states have their PackML names. Inside Execute, the phases form a loop:
 //!

@@ -13,7 +13,7 @@ pub struct State {
     pub job: Job,
     /// Facts that the cell reported.
     pub facts: Facts,
-    /// The one act in progress.
+    /// The one action in progress.
     pub due: Option<Due>,
     /// The motion that has begun and for which the robot has not yet reported standstill.
     pub intent: Option<Intent>,
@@ -289,7 +289,7 @@ pub struct Due {
 /// An open motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Intent {
-    /// The id of the motion's act.
+    /// The id of the motion's action.
     pub id: Id,
     /// The motion.
     pub motion: Motion,

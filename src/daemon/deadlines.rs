@@ -20,7 +20,7 @@ pub(super) struct Deadlines {
 
 impl Deadlines {
     pub fn arm(&mut self, id: Id, which: Deadline, at: Time) {
-        // One deadline of each kind: an older one belongs to an act that has ended.
+        // One deadline of each kind: an older one belongs to an action that has ended.
         self.armed.retain(|armed| armed.deadline != which);
         self.armed.push(ArmedDeadline { id, deadline: which, time: at });
     }

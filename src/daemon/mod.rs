@@ -6,11 +6,11 @@
 //! robot ────┘                    └─ cameras and computing               (`computing`, `perception`, `abrasion`)
 //! ```
 //!
-//! The state table decides (see `cycle`); the loop performs. The data of an act (the scan's fit, the refined pose, the
-//! film, the plan) stays in the loop and never enters the state table, which receives ids, counts and grades. Acts
+//! The state table decides (see `cycle`); the loop performs. The data of an action (the scan's fit, the refined pose,
+//! the film, the plan) stays in the loop and never enters the state table, which receives ids, counts and grades. Actions
 //! that see and compute use one queue (`computing`): a thread empties it while the loop continues to answer, or, in a
-//! replay and in the simulated cell of one command, the loop itself does. If an act was abandoned in the meantime, its
-//! result changes nothing. The robot's link has a thread of its own, and the controller stops automatically if it
+//! replay and in the simulated cell of one command, the loop itself does. If an action was abandoned in the meantime,
+//! its result changes nothing. The robot's link has a thread of its own, and the controller stops automatically if it
 //! receives no data from this thread.
 //!
 //! The loop uses the robot's time. In lock step this is the mock controller's virtual clock, so that sprays, films and

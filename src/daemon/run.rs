@@ -154,7 +154,7 @@ impl LoopMemory<'_> {
         if state.job.running && !before.job.running {
             self.record_clock()?;
         }
-        // An act that is no longer due is abandoned.
+        // An action that is no longer due is abandoned.
         if self.pending_action.take_if(|pending| state.due.is_none_or(|due| due.id != pending.id)).is_some() {
             self.computing.abandon();
         }
@@ -416,7 +416,7 @@ impl LoopMemory<'_> {
         })
     }
 
-    /// Returns the time limit of the act that is due, s.
+    /// Returns the time limit of the action that is due, s.
     fn answer_s(&self) -> f64 {
         match self.state.due.map(|due| due.act) {
             Some(Action::Move(motion)) => {

@@ -2,9 +2,9 @@
 //!
 //! Each function runs in an epoch of its own, which ends with the function: the controller then switches the tool off,
 //! and base and tool are unknown again. A linear motion is checked as a whole by the same gate as the cycle's paths.
-//! Motions and outputs must satisfy the cycle's own list of interlocks (`single_interlocks`). Unlike a cycle's
-//! motions, these may run in T1, with a person at the enabling switch. These functions are not in the journal: no
-//! later act depends on them, and a controller that loses its client stops by itself.
+//! Motions and outputs must satisfy the cycle's own list of interlocks (`single_interlocks`). Unlike a cycle's motions,
+//! these may run in T1, with a person at the enabling switch. These functions are not in the journal: no later action
+//! depends on them, and a controller that loses its client stops by itself.
 
 use super::corrected::CalibratedRobot;
 use super::moves::{self, move_lin};
@@ -272,8 +272,8 @@ impl<'r> SingleRobot<'r> {
         Ok(())
     }
 
-    /// Checks the cycle's interlocks for this act against a new state of the robot, not the state at the start of the
-    /// epoch.
+    /// Checks the cycle's interlocks for this action against a new state of the robot, not the state at the start of
+    /// the epoch.
     fn check_interlocks(&mut self, name: &str, act: Action, cell: &Cell) -> Result<(), SingleError> {
         // A fresh state: a guard that opened a moment ago is not in the one that is in memory.
         let told = self.state.sequence;

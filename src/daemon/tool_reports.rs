@@ -76,7 +76,7 @@ impl LoopMemory<'_> {
         }
     }
 
-    /// Returns whether the tool's state permits the arm to move towards the panel; if not, the act fails and the
+    /// Returns whether the tool's state permits the arm to move towards the panel; if not, the action fails and the
     /// reason is recorded.
     pub(super) fn tool_lets_go(&mut self, id: Id, path: Path) -> Result<bool, RecordError> {
         let cell = self.cell.clone();

@@ -247,7 +247,7 @@ mod tests {
         assert_eq!(set(&wiring, Switch::LightOff), setting(1, false, Some((0, false))), "3, 17, 18, 20, 25");
     }
 
-    /// The controller reports the output, and the feedback reports the device behind it: each alone is no proof.
+    /// The controller reports the output, and the feedback reports the device behind it: each alone is not a proof.
     #[test]
     fn a_switch_is_proven_by_its_output_and_its_feedback() {
         let cell = Cell::check("cell.toml", IO).expect("good");

@@ -1,4 +1,4 @@
-//! Reasons why bytes are no mesh.
+//! Reasons why bytes are not a mesh.
 
 use super::cloud_error::CloudFileError;
 
@@ -15,7 +15,7 @@ pub enum MeshFileError {
     /// None of the forms that are read.
     #[error("the file is not an STL, PLY or OBJ file; {CONVERT}")]
     NoMesh,
-    /// A file of a CAD system, whose surfaces are no triangles.
+    /// A file of a CAD system, whose surfaces are not triangles.
     #[error("the file is {kind}, whose surfaces are formulas, not triangles: {CONVERT}")]
     Surfaces {
         /// Kind of the surfaces.

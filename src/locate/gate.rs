@@ -4,7 +4,7 @@
 //! moved? A panel that is bent is this panel as long as a smooth deviation explains its surface; the recipe limits how
 //! far it may be bent. Is its pose known well enough, and is it unique? Is the pose within its limits? Shift, rotation
 //! and tilt are judged at the panel's centre and never at the base's origin: a small rotation moves a distant origin
-//! far, which is no information about the panel. Evidence against the panel itself leads to reject; evidence that a
+//! far, which is not information about the panel. Evidence against the panel itself leads to reject; evidence that a
 //! person can judge better leads to review.
 
 mod camera;

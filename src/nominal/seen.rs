@@ -140,7 +140,7 @@ impl PartView {
         })
     }
 
-    /// Returns whether the part reaches a rim of the window that is no rim of the picture.
+    /// Returns whether the part reaches a rim of the window that is not a rim of the picture.
     fn reaches_window(&self) -> bool {
         let [width, height] = self.size_px;
         let rim = |range: &Range<usize>, size: usize| {

@@ -26,7 +26,7 @@ pub struct MotionRecord {
 /// The data of a contact path: grids, pass and wear; stored with the motion, before its first waypoint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ContactPath {
-    /// The act that moves; the robot reports its progress under this id.
+    /// The action that moves; the robot reports its progress under this id.
     pub id: Id,
     /// Number of the pass, from 1.
     pub pass: u8,

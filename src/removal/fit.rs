@@ -168,7 +168,7 @@ fn check_consistency(coupons: &[Coupon], left: &DVector<f64>, found: &Line) -> R
     }
     let known_m2 = student_95((coupons.len() - 2) as f64) * found.deviation * found.inverse[(1, 1)].sqrt();
     let per_m2 = -found.solution[1];
-    // A disc that removes more as it wears is no disc; within the uncertainty it is one that does not wear.
+    // A disc that removes more as it wears is not a disc; within the uncertainty it is one that does not wear.
     if per_m2 > known_m2 { Err(FitError::GrowsWithWear { per_m2, known_m2 }) } else { Ok(()) }
 }
 

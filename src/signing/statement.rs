@@ -156,7 +156,7 @@ impl Statement {
     /// Reads a statement; its bytes must be in canonical form.
     ///
     /// # Errors
-    /// If the bytes are no statement, or are not in canonical form.
+    /// If the bytes are not a statement, or are not in canonical form.
     pub fn read(bytes: &[u8]) -> Result<Self, SigningError> {
         let statement: Statement = read(bytes)?;
         match statement.form.as_str() {
@@ -197,7 +197,7 @@ impl SignedHead {
     /// Reads a head.
     ///
     /// # Errors
-    /// If the bytes are no head, or are not in canonical form.
+    /// If the bytes are not a head, or are not in canonical form.
     pub fn read(bytes: &[u8]) -> Result<Self, SigningError> {
         let head: SignedHead = read(bytes)?;
         match head.form.as_str() {

@@ -244,7 +244,7 @@ impl AbrasionResult {
     }
 }
 
-/// The gate's verdict on the executed path. If a part of the path was not executed, this is no fault of the executed
+/// The gate's verdict on the executed path. If a part of the path was not executed, this is not a fault of the executed
 /// part: the cycle is then held or aborted, and the remaining part is planned again.
 pub fn executed_checks(finding: &Finding) -> Judgement {
     Judgement::from_checks(finding.checks.iter().filter(|check| check.name != name::EXECUTED_WAYPOINTS_NAME))

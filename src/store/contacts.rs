@@ -117,7 +117,7 @@ impl Store {
         Ok(Some(Contact { path, told, permitted }))
     }
 
-    /// Returns the number of this act's waypoints that the robot reported as executed, from the journal.
+    /// Returns the number of this action's waypoints that the robot reported as executed, from the journal.
     fn reported_waypoints(&self, cycle: CycleId, act: Id) -> Result<u32, StoreError> {
         let read = || -> Result<Vec<String>, rusqlite::Error> {
             let sql = "SELECT event FROM journal WHERE cycle_id = ?1 AND event LIKE '{\"told\":{\"progress\":%'";

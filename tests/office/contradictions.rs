@@ -65,7 +65,7 @@ fn publish_without_names(plant: &Plant, parts: &[Chunk]) {
     });
 }
 
-/// Publishes messages that are no part of anything, and parts that contradict one another.
+/// Publishes messages that are not part of anything, and parts that contradict one another.
 fn garbage(plant: &Plant) {
     let name = CellName::new("cell-1").expect("a name");
     let part = |hash: &str, part, parts| Chunk {

@@ -168,7 +168,7 @@ fn a_store_in_use_is_not_replaced() {
         let error = told().expect_err("a service");
         assert!(error.contains("a service answers on") && error.contains("systemctl stop panelprep"), "{error}");
     }
-    // A socket on which nothing listens any more is no obstacle.
+    // A socket on which nothing listens any more is not an obstacle.
     let store = Store::create(&cell.at("store")).expect("opens");
     let error = told().expect_err("a writer");
     assert!(error.contains("is writing to the store"), "{error}");

@@ -59,7 +59,7 @@ impl ViewedDrawing {
     /// Looks at the drawing that the command names; `None` if it names none.
     ///
     /// # Errors
-    /// If the recipe does not state the drawing's place, the file is no clear surface, or a camera does not see it.
+    /// If the recipe does not state the drawing's place, the file is not a clear surface, or a camera does not see it.
     pub fn view_drawing(args: &Teach, cell: &CellFiles) -> Result<Option<ViewedDrawing>, Fault> {
         let recipe = load::recipe(&args.recipe)?;
         let (file, nominal) = match (&args.nominal, recipe.nominal()) {

@@ -114,8 +114,7 @@ impl Cell {
                 let (which, id) = one_of(random, &self.timers);
                 Report::Deadline { id, which }
             }
-            // A late report from an abandoned or already answered act; often one that would fit the act in
-            // progress.
+            // A late report from an abandoned or already answered action; often one that would fit the action in progress.
             9..=13 if !self.stale.is_empty() => {
                 let recent = self.stale.len() - random.random_range(1..=self.stale.len().min(3));
                 let (id, act) = self.stale[recent];
@@ -192,7 +191,7 @@ pub const ROBOTS: [Robot; 8] = [
     Robot::OtherPrograms,
 ];
 
-/// All possible answers to an act, fitting or not, except failures.
+/// All possible answers to an action, fitting or not, except failures.
 pub fn answers(act: Action, id: Id) -> Vec<Report> {
     let stands = |done| Answer::Standstill { done };
     let graded = [Grade::Accept, Grade::Review, Grade::Reject].map(Answer::Graded);

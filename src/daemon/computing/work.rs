@@ -10,7 +10,7 @@ use crate::geometry::KukaPose;
 use crate::verdict::Reason;
 use std::sync::Arc;
 
-/// The data that an act needs.
+/// The data that an action needs.
 #[derive(Debug)]
 pub(in crate::daemon) struct WorkInput {
     /// Id of the action.
@@ -28,7 +28,7 @@ pub(in crate::daemon) struct WorkInput {
 }
 
 impl WorkInput {
-    /// Creates the next step of the film that this act watches.
+    /// Creates the next step of the film that this action watches.
     pub fn next_picture_step(id: Id, act: Action, pass: u8, setup: Option<Arc<CycleSetup>>) -> Self {
         let (perception, abrasion) = Default::default();
         WorkInput { id, action: act, is_next_picture: true, perception, abrasion, tip: None, pass, setup }

@@ -182,7 +182,7 @@ impl<'p> Worker<'p> {
                 work.perception.evaluate_next_picture(cycle, filming, work.pass, cameras, notes)?
             }
             (true, None) => Err(MISSING),
-            // The act only watches the film: it produces nothing new.
+            // The action only watches the film: it produces nothing new.
             (false, _) => {
                 let eyes = (cameras, self.films.as_ref());
                 let sanded = work.abrasion.sanded_pixels();

@@ -35,7 +35,7 @@ const KEY_BITS: u32 = 2_048;
 /// thumbprint, as OPC UA clients show it.
 ///
 /// # Errors
-/// If the disk refuses, or a file is no certificate.
+/// If the disk refuses, or a file is not a certificate.
 pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) -> Result<String, OpcUaError> {
     for name in ["own", "private", TRUSTED, REJECTED] {
         let path = folder.join(name);

@@ -3,7 +3,7 @@
 //! ```text
 //! the loop ─ state, twice a second ─ following ─ view ─┐
 //! the store ─ every minute, and at each change ────────┤
-//! broker ─ TLS ─ connection ─ packets ─ session ─ crate::sparkplug::EdgeNode ─ acts ─ publish
+//! broker ─ TLS ─ connection ─ packets ─ session ─ crate::sparkplug::EdgeNode ─ actions ─ publish
 //!                                                                              └──── asking → Gateway → the loop, audit trail
 //! ```
 //!

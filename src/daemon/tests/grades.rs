@@ -54,8 +54,8 @@ fn a_path_that_removed_too_much_rejects_the_part() {
     assert_eq!(judgement.reasons[0].code, "removal_too_deep", "{judgement:?}");
 }
 
-/// A hold in contact remains a hold. The rest of the path is no reason for a review. The hold itself switched the tool
-/// off, so this is not a fault, however long the arm needs to come to rest.
+/// A hold in contact remains a hold. The rest of the path is not a reason for a review. The hold itself switched the
+/// tool off, so this is not a fault, however long the arm needs to come to rest.
 #[test]
 fn a_hold_in_contact_finds_nothing_wrong() {
     let in_contact =

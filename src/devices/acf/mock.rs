@@ -39,7 +39,7 @@ pub enum ToolFault {
     Silent,
     /// It answers this many ms late.
     Late(u64),
-    /// The tool answers with bytes that are no reply.
+    /// The tool answers with bytes that are not a reply.
     Garbage,
     /// The tool answers with another tool's number.
     OtherId,

@@ -390,9 +390,9 @@ mod tests {
     use crate::panel::flat::{FlatPanelOptions, taught};
     use crate::recipe::Recipe;
 
-    /// By hand: a pixel of a flat panel that faces the camera is 1 mm², so twelve are 12 mm², wherever the region
-    /// lies. The background beyond the edge or behind a hole lies 160 mm farther away and is no surface of the
-    /// panel. With it, pixels at the edge would be up to 27 mm² each.
+    /// By hand: a pixel of a flat panel that faces the camera is 1 mm², so twelve are 12 mm², wherever the region lies.
+    /// The background beyond the edge or behind a hole lies 160 mm farther away and is not a surface of the panel. With
+    /// it, pixels at the edge would be up to 27 mm² each.
     #[test]
     fn the_background_is_no_surface() {
         let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\

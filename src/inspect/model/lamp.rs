@@ -1,7 +1,7 @@
 //! The light of each picture by channel, measured on the surroundings of the panel.
 //!
 //! Nothing mirrors there and little becomes wet, so each channel's median of brightness over dry brightness is its
-//! light. Lamps on the mains tint pictures if the exposure is no multiple of half of the mains' period, each channel
+//! light. Lamps on the mains tint pictures if the exposure is not a multiple of half of the mains' period, each channel
 //! by a different amount: the phosphors are slow, the diode that excites them is not. Evaluated channel by channel,
 //! that beat is light like any other.
 //!
@@ -151,7 +151,7 @@ impl LampObserver {
         let agree = near.sum::<usize>() as f64 / (3 * told.len()) as f64;
         self.add_noise(picture, gains);
         let flicker_percent = self.flicker.mean_swing_percent(gains);
-        // Outside of this range the spray has wetted the surroundings, and their darkness is no light.
+        // Outside of this range the spray has wetted the surroundings, and their darkness is not light.
         if gains.iter().all(|gain| PLAUSIBLE_GAINS.contains(gain)) {
             let lit = LampGain { gains, agreeing_share: agree, flicker_percent: 0.0, brighter_gain: None };
             let is_shadow =
@@ -299,7 +299,7 @@ mod tests {
         assert!((lit.agreeing_share - 0.6).abs() < 1e-9, "{lit:?}");
     }
 
-    /// By hand: a shadow that removes a fifth of the light from six of ten rows is no lamp, and one that removes it
+    /// By hand: a shadow that removes a fifth of the light from six of ten rows is not a lamp, and one that removes it
     /// from all of them is. The earlier lamp is recognised again as soon as most rows show it.
     #[test]
     fn a_shadow_on_most_of_what_lies_around_is_no_lamp() {

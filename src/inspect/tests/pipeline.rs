@@ -104,7 +104,7 @@ fn colour_can_rule_a_change_out() {
     assert!(inspection.breaks.is_empty());
 }
 
-/// The colour shows that a place is no break; it does not show that the place was ever wet.
+/// The colour shows that a place is not a break; it does not show that the place was ever wet.
 #[test]
 fn what_colour_rules_out_and_was_never_wet_does_not_pass() {
     let mut watch = watch(0.0, &format!("{SHARP}\nhsv_min = [0, 0, 120]"));

@@ -35,7 +35,7 @@ fn shown(state: &str) -> Vec<Value> {
     values(&CellView { now, ..CellView::default() })
 }
 
-/// Returns the messages among some acts, each with the kind in its topic.
+/// Returns the messages among some actions, each with the kind in its topic.
 fn published(acts: &[NodeAction]) -> Vec<(String, Payload)> {
     let message = |act: &NodeAction| match act {
         NodeAction::Publish(message) => {

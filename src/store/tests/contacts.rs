@@ -21,7 +21,7 @@ fn earlier(cycle: CycleId, grid: &str, is_sure: bool) -> EarlierPass {
     EarlierPass { cycle, pass: 1, grid: Some(grid.to_owned()), is_sure, is_stated: false }
 }
 
-/// The progress of another act, or of an earlier motion, does not count for this one.
+/// The progress of another action, or of an earlier motion, does not count for this one.
 #[test]
 fn an_open_contact_is_bounded_by_what_was_told_and_permitted() {
     let (folder, mut store) = new_store();

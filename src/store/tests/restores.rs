@@ -118,7 +118,7 @@ fn no_part_begins_on_the_count_of_a_restored_store() {
     refused(&mut store, &start_of("SN2", false));
 }
 
-/// A person wrote 300 passes, or another program wrote the text: it is no statement.
+/// A person wrote 300 passes, or another program wrote the text: it is not a statement.
 #[test]
 fn a_statement_that_cannot_be_read_is_none() {
     let (folder, store) = new_store();

@@ -38,7 +38,7 @@ pub enum Fault {
         /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
-    /// `garbage`: the controller sends bytes that are no document.
+    /// `garbage`: the controller sends bytes that are not a document.
     Garbage(ConnectionSide),
     /// `skip-state`: the sequence number of the next state is skipped.
     SkipState,

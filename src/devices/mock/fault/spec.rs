@@ -12,7 +12,7 @@ pub enum FaultSpecError {
     /// There is no text between two commas.
     #[error("an item is empty; items are separated by single commas")]
     Empty,
-    /// The name is no fault or setting.
+    /// The name is not a fault or setting.
     #[error("\"{item}\": {name} is not a fault or setting{}; valid: {}", nearest(name), known_faults())]
     Unknown {
         /// The whole item of the specification.
