@@ -145,7 +145,7 @@ pub struct CycleRecord {
 }
 
 impl CycleRecord {
-    /// Returns what contradicts the verdict `pass` or `accept` of this record, in words: findings, and for `pass` a
+    /// Returns what contradicts the verdict `pass` or `accept` of this record, as text: findings, and for `pass` a
     /// missing film. The list is empty for other verdicts.
     pub fn verdict_contradictions(&self) -> Vec<String> {
         let Some(verdict) = self.judgement.as_ref().map(|judgement| judgement.verdict) else { return Vec::new() };

@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_of_a_thread_that_stands_apart_is_none_of_the_cells() {
+    fn a_panic_of_a_thread_that_is_separate_is_none_of_the_cells() {
         let supervisor = Supervisor::default();
         supervisor.notice_panics();
         let panics = |is_apart: bool| {
@@ -307,7 +307,7 @@ mod tests {
 
     /// A panic is a fault even if the runtime of the thread catches it.
     #[test]
-    fn a_panic_is_a_fault_whoever_catches_it() {
+    fn a_panic_is_a_fault_in_every_thread() {
         let supervisor = Supervisor::default();
         let (one, other) = (supervisor.clone(), Supervisor::default());
         supervisor.record_panic("connection");

@@ -145,7 +145,7 @@ pub enum BackupError {
     RollbackFailed {
         /// The first error.
         cause: Box<BackupError>,
-        /// The remaining changes, in words.
+        /// The remaining changes, as text.
         undone: Vec<String>,
     },
 }

@@ -41,7 +41,7 @@ impl Manifest {
     /// Returns the entries by their meaning, if all names have known forms and none occurs twice.
     ///
     /// # Errors
-    /// States in words what is wrong.
+    /// States the problem.
     pub fn parse_entries(&self) -> Result<Vec<Entry>, String> {
         let mut seen = BTreeSet::new();
         let parse = |listed: &ManifestEntry| {

@@ -55,8 +55,8 @@ pub struct Plan<'p> {
 /// Result of a restore.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RestoreReport {
-    /// Everything in the archive's store that differs from what was written there, in words; if there is any
-    /// difference, nothing was restored.
+    /// Everything in the archive's store that differs from what was written there, as text; if there is any difference,
+    /// nothing was restored.
     pub differences: Vec<String>,
     /// The store's folder.
     pub store: Option<PathBuf>,

@@ -136,7 +136,7 @@ impl CellLink {
     /// # Errors
     /// If it cannot be sent.
     pub async fn publish_state(&self, state: Vec<u8>) -> Result<(), BrokerError> {
-        let told = self.link.client.publish(subject::state(&self.cell), state.into()).await;
-        told.map_err(|error| self.link.operation_error("send the cell's state", error))
+        let published = self.link.client.publish(subject::state(&self.cell), state.into()).await;
+        published.map_err(|error| self.link.operation_error("send the cell's state", error))
     }
 }

@@ -114,9 +114,9 @@ pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, Calib
         return Err(CalibrationError::NotFinite { index: index + 1 });
     }
     let all = || readings.iter().map(|reading| reading.downwards);
-    let (least, most) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
-    if most - least < MIN_SPREAD {
-        return Err(CalibrationError::TooSimilar { least, most });
+    let (lowest, highest) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
+    if highest - lowest < MIN_SPREAD {
+        return Err(CalibrationError::TooSimilar { least: lowest, most: highest });
     }
     let (mean_x, mean_n) =
         (all().sum::<f64>() / n, readings.iter().map(|reading| reading.force_n).sum::<f64>() / n);
@@ -167,7 +167,7 @@ mod tests {
     /// off their line, s² = 0.06 / 1. Student's quantile for 1 degree of freedom is 12.706, so the uncertainty of
     /// the zero is 12.706 · 0.24495 / √3 = 1.797 N.
     #[test]
-    fn three_readings_that_scatter_tell_little() {
+    fn three_readings_that_scatter_determine_little() {
         let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.3), read(-1.0, 11.806_65)]).expect("a result");
         assert!((found.zero_95_n - 1.797).abs() < 1e-3, "{found:?}");
     }

@@ -357,7 +357,7 @@ mod tests {
 
     /// Calculated by hand: of 24 h the last tenth begins after 21.6 h.
     #[test]
-    fn a_verification_is_said_to_end_in_its_last_tenth() {
+    fn a_verification_is_reported_to_end_in_its_last_tenth() {
         let now = 1_700_000_000;
         let code = |hours: f64| {
             let last = verified(0.2, now - (hours * 3_600.0) as i64);
@@ -398,7 +398,7 @@ mod tests {
     /// Calculated by hand, a board of 5 × 4 corners and squares of 40 mm: its middle is 100 mm from its first
     /// corner; 40 mm and 2 % are 40.8 mm. Each limit is tested on both sides.
     #[test]
-    fn a_look_that_cannot_be_the_board_is_told_from_a_bumped_camera() {
+    fn a_look_that_cannot_be_the_board_is_distinguished_from_a_bumped_camera() {
         let board = Board::parse("5x4", 40.0).expect("a board");
         let known: Rigid<Base, BoardFrame> =
             Rigid::from_isometry_unchecked(Isometry3::translation(500.0, 0.0, 0.0));

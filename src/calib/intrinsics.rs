@@ -131,7 +131,7 @@ pub fn calibrate(size: (usize, usize), views: &[View], options: Options) -> Resu
             return Err(CalibError::TooFewPictures { found, given, needed: MIN_VIEWS, first_reason: None });
         }
         // A model of medium size: a simpler one would make pictures with corners near the border look wrong, a larger
-        // one would bend to bad pictures.
+        // one would overfit bad pictures.
         let first = fit_lens(size, &used, options.model.unwrap_or(LensModel::Tangential))?;
         let rms = rms_per_picture(&first, &used);
         let set_aside = aside.iter().flatten().count() + 1;

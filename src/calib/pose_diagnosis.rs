@@ -1,4 +1,4 @@
-//! Describes in words what poses that fit no mount were probably meant to be.
+//! Describes what poses that fit no mount were probably meant to be.
 
 use crate::number_text::fixed_decimals;
 

@@ -75,7 +75,7 @@ pub enum StationFault {
     },
 }
 
-/// A station that does not fit.
+/// A station with a deviation beyond its uncertainty.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SuspectStation {
     /// The picture.

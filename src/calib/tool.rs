@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn the_point_comes_back_and_a_wrong_pose_shows() {
+    fn the_point_returns_and_a_wrong_pose_shows() {
         let mut held = poses(tip(), &ANGLES);
         let point = tool_point(&held).expect("a tip");
         assert!(point.tip.distance_mm(tip()) < 1e-9 && point.rms_mm < 1e-9, "{point:?}");

@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_has_a_name_or_is_told_which_are_there() {
+    fn an_unknown_arm_is_refused_with_the_known_names() {
         let cell =
             Cell::check("f", "[arm]\nmodel = 'kr10-r1100-2'\n").unwrap_or_else(|problems| panic!("{problems}"));
         assert_eq!((cell.arm().geometry().c2_mm, cell.arm().axes().max_speed_deg_s[1]), (560.0, 225.0));

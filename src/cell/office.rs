@@ -86,7 +86,7 @@ mod tests {
     use super::super::Cell;
 
     #[test]
-    fn a_wrong_name_and_a_wrong_broker_are_told_at_once() {
+    fn a_wrong_name_and_a_wrong_broker_are_reported_at_once() {
         let text = "[office]\ncell = 'c 1'\nbroker = 'nats://10.0.0.1:a'\n";
         let problems = Cell::check("cell.toml", text).expect_err("wrong").to_string();
         for words in ["office.cell: found \"c 1\"", "office.broker: found \"nats://10.0.0.1:a\""] {

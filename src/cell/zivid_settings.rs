@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_such_file_is_told() {
+    fn what_is_no_such_file_is_reported() {
         let cases = [
             (SCAN_FILE, ZividUse::Film, "found Settings, expected settings for pictures, with Settings2D"),
             (FILM_FILE, ZividUse::Scan, "found Settings2D, expected settings for 3D shots"),
@@ -343,8 +343,8 @@ mod tests {
             ),
         ];
         for (text, usage, words) in cases {
-            let told = problem_text(text, usage);
-            assert!(told.contains(words), "{words}: {told}");
+            let reported = problem_text(text, usage);
+            assert!(reported.contains(words), "{words}: {reported}");
         }
         let unversioned = problem_text(&FILM_FILE.replace("__version__", "version"), ZividUse::Film);
         assert!(unversioned.contains("__version__: is missing"), "{unversioned}");

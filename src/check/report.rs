@@ -20,6 +20,6 @@ pub struct FileReport {
 }
 
 /// Returns the indices of the files of this kind.
-pub(super) fn of_kind(kind: &'static str, reports: &[FileReport]) -> Vec<usize> {
+pub(super) fn reports_of_kind(kind: &'static str, reports: &[FileReport]) -> Vec<usize> {
     (0..reports.len()).filter(|place| reports[*place].kind == Some(kind)).collect()
 }

@@ -136,8 +136,8 @@ fn run_once(
 /// Signs this cycle and earlier unsigned cycles. If the signing fails, the cycle keeps its result and is signed at
 /// the next start.
 fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
-    let told = |told: Result<String, String>| progress(&told.unwrap_or_else(|problem| problem));
-    if let Err(fault) = signed::sign_missing(files, &told) {
+    let report = |result: Result<String, String>| progress(&result.unwrap_or_else(|problem| problem));
+    if let Err(fault) = signed::sign_missing(files, &report) {
         progress(&format!("the records could not be signed: {fault}"));
     }
 }
@@ -483,7 +483,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cycle_that_never_began_says_why() {
+    fn a_cycle_that_never_began_states_why() {
         let mut once = SingleCycle::new(
             cycle::Request::Start { max_passes: 1, max_moves: 1, dries: false },
             Interrupts::default(),

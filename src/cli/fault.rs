@@ -57,7 +57,7 @@ pub enum Fault {
         /// The missing entries.
         unmet: Vec<UnmetRequirement>,
     },
-    /// A program ended while a motion was under way.
+    /// A program ended while a motion was in progress.
     #[error(
         "a motion is open in the store: a program ended while the robot moved. Nothing moves until a person has \
          checked the cell; check the cell, jog the pad off the panel if it touches, then run `panelprep \

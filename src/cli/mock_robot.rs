@@ -56,11 +56,11 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
         server.command_address(),
         server.state_address()
     ));
-    let mut told = ReportedState::default();
+    let mut reported_state = ReportedState::default();
     loop {
         server
             .handle()
-            .with_controller(|controller| told.state_changes(controller))
+            .with_controller(|controller| reported_state.state_changes(controller))
             .iter()
             .for_each(|line| tell(line));
         std::thread::sleep(POLL_INTERVAL);

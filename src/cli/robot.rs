@@ -115,8 +115,8 @@ impl RobotAction {
                 RobotAction::Set(Command::SetTcp(SetTcp { flange_from_tool, kind: TcpKind::Other }))
             }
             RobotFunction::SetSpeed { speed_mm_s, acceleration_m_s2, axis_percent } => {
-                let most = files.cell.limits().max_speed_mm_s();
-                let speed_mm_s = speed(*speed_mm_s, "SPEED_MM_S", most, &files.cell)?;
+                let max_speed = files.cell.limits().max_speed_mm_s();
+                let speed_mm_s = speed(*speed_mm_s, "SPEED_MM_S", max_speed, &files.cell)?;
                 RobotAction::Set(speed_command(speed_mm_s, *acceleration_m_s2, *axis_percent))
             }
             RobotFunction::SetOut { name, value, keep_s } => RobotAction::SetOut {

@@ -1,4 +1,4 @@
-//! A step during its computation: the state, the effects so far, and how the next action follows from an aim.
+//! A step during its computation: the state, the effects so far, and the next action towards an aim.
 
 use super::interlocks::{Row, action_needs};
 use super::rules::{Rule, Rules};

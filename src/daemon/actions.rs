@@ -236,11 +236,11 @@ impl LoopMemory<'_> {
     /// Checks in the robot's state whether the result of the pending action is available.
     pub(super) fn check_pending(&mut self, state: &State) -> Result<(), DaemonError> {
         let Some(PendingAction { id, act, waits }) = self.pending_action.take() else { return Ok(()) };
-        let stands = !state.moving;
+        let is_still = !state.moving;
         match waits {
-            Condition::Standing if stands => self.answer_action(id, Answer::Standstill { done: 0 }),
+            Condition::Standing if is_still => self.answer_action(id, Answer::Standstill { done: 0 }),
             Condition::EpochEnd { done: Some(done) }
-                if stands && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) =>
+                if is_still && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) =>
             {
                 self.answer_action(id, Answer::Standstill { done });
             }
@@ -257,12 +257,12 @@ impl LoopMemory<'_> {
             }
             Condition::NoEpoch { states: 0 } => self.fail_unsent(id, &QueueError::NoEpoch)?,
             Condition::NoEpoch { states } => self.wait(id, act, Condition::NoEpoch { states: states - 1 }),
-            Condition::Ready(last) if state.done >= last && stands => {
+            Condition::Ready(last) if state.done >= last && is_still => {
                 if let Action::Move(motion) = act {
                     self.move_by_lines(id, motion)?;
                 }
             }
-            Condition::PathEnd if stands => self.end_path(id, act, state)?,
+            Condition::PathEnd if is_still => self.end_path(id, act, state)?,
             Condition::Film => self.request_next_picture(id, act),
             waits => self.wait(id, act, waits),
         }

@@ -250,7 +250,7 @@ impl Thread {
             let worked = self.worker.perform(work);
             self.sign.report_resting();
             if !self.lock_step && !worked.is_last() {
-                // A film that is no longer wanted would keep the camera from the next action until its end.
+                // A film that is no longer needed would keep the camera from the next action until its end.
                 if self.awaited_id.load(Ordering::Relaxed) != id.0 {
                     return self.tell.send(None);
                 }

@@ -21,12 +21,12 @@
 //! findings into the state table's answer and the record's finding; `tool_state` is the known state of a compliant
 //! tool. `run`, `actions`, `moves`, `contacts`, `robot_reports` and `tool_reports` perform the effects.
 //!
-//! A service, a single cycle and a replay use this same loop with different `ports`. Around the loop of the service
-//! are `request` (the one request of every front) · `socket` (the front on this computer) · `protocol` (a line in, a
-//! line out) · `gateway` (a request in, a reply out) · `request_queue` (waiting requests, by their urgency) ·
+//! A service, a single cycle and a replay use this same loop with different `ports`. Around the loop of the service are
+//! `request` (the one request of every interface) · `socket` (the interface on this computer) · `protocol` (a line in,
+//! a line out) · `gateway` (a request in, a reply out) · `request_queue` (waiting requests, by their urgency) ·
 //! `request_handler` (requests, signals and systemd, as the loop sees them) · `camera_lease` (the cameras, for others,
-//! between cycles) · `operator_texts` (states and refusals for people). `replay` records the data that pass through
-//! the ports, and runs a cycle again from a recording.
+//! between cycles) · `operator_texts` (states and refusals for people). `replay` records the data that pass through the
+//! ports, and runs a cycle again from a recording.
 
 mod abrasion;
 mod actions;

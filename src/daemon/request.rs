@@ -1,7 +1,7 @@
-//! The single request type: every front submits it to the service, and the loop processes it.
+//! The single request type: every interface submits it to the service, and the loop processes it.
 //!
-//! A front (the socket today) states what is requested and by whom; [`super::Gateway`] prepares a start, queues the
-//! request and waits for the reply. Signals and scripted runs submit the same type. A request on which the cycle's
+//! An interface (the socket today) states what is requested and by whom; [`super::Gateway`] prepares a start, queues
+//! the request and waits for the reply. Signals and scripted runs submit the same type. A request on which the cycle's
 //! table decides contains a [`cycle::Request`].
 
 use super::camera_lease::ShotRequest;
@@ -18,12 +18,12 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use tokio::sync::oneshot;
 
-/// One request, on its way from a front to the loop.
+/// One request, on its way from an interface to the loop.
 #[derive(Debug)]
 pub struct Request {
     /// The requested action.
     pub what: RequestKind,
-    /// The person or program that makes the request, and its front.
+    /// The person or program that makes the request, and its interface.
     pub requester: RequestAuthor,
     /// The channel for the reply; `None` if no client waits for one.
     pub reply: Option<oneshot::Sender<Reply>>,
@@ -46,7 +46,7 @@ impl Request {
 pub enum RequestKind {
     /// Requests a report of the present state. It is answered at once.
     State,
-    /// Requests the start of a cycle, in the form in which a front submits it. The loop receives it as `Begin` or
+    /// Requests the start of a cycle, in the form in which an interface submits it. The loop receives it as `Begin` or
     /// `Refused`.
     Start(StartRequest),
     /// Begins a cycle whose files have been read.
@@ -118,7 +118,8 @@ impl RequestKind {
         }
     }
 
-    /// Returns this request as the record names it, if a front refuses it; `None` if it changes nothing of the cell.
+    /// Returns this request as the record names it, if an interface refuses it; `None` if it changes nothing of the
+    /// cell.
     pub(super) fn wanted(&self) -> Option<RequestedAction> {
         match self {
             RequestKind::Table(request) | RequestKind::Decided { request, .. } => {
@@ -149,8 +150,8 @@ impl RequestKind {
     }
 }
 
-/// The request to start a cycle. It contains the recipe as text, so that a front needs no file that the service can
-/// read.
+/// The request to start a cycle. It contains the recipe as text, so that an interface needs no file that the service
+/// can read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StartRequest {
@@ -171,7 +172,7 @@ pub struct StartRequest {
     /// How many passes the part had in cycles that a restored store lacks, as a person stated it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost_passes: Option<u8>,
-    /// Whether the text may differ from the text in the recipes' folder. The front decides this by the person's
+    /// Whether the text may differ from the text in the recipes' folder. The interface decides this by the person's
     /// role; a client's line cannot state it.
     #[serde(skip)]
     pub own_text: RecipeTextPermission,

@@ -239,8 +239,9 @@ impl<'r> SingleRobot<'r> {
         );
         require_accept(gated.judgement())?;
         for Mounted { name, flange_from_tip } in &self.mounted {
-            routes::mounted_follows(&standing, line.base.to_rigid(), &gated.points, *flange_from_tip)
-                .map_err(|met| gate(Reason { message: format!("with {name}: {}", met.message), ..met }))?;
+            routes::mounted_follows(&standing, line.base.to_rigid(), &gated.points, *flange_from_tip).map_err(
+                |infeasible| gate(Reason { message: format!("with {name}: {}", infeasible.message), ..infeasible }),
+            )?;
         }
         // The interlocks are those of the motion to the first corner, which are common to all linear motions through
         // the air.
@@ -276,8 +277,8 @@ impl<'r> SingleRobot<'r> {
     /// the epoch.
     fn check_interlocks(&mut self, name: &str, act: Action, cell: &Cell) -> Result<(), SingleError> {
         // A fresh state: a guard that opened a moment ago is not in the one that is in memory.
-        let told = self.state.sequence;
-        while self.state.sequence == told {
+        let last_sequence = self.state.sequence;
+        while self.state.sequence == last_sequence {
             self.receive()?;
         }
         require_accept(single_interlocks::judge(name, act, &self.state, cell))

@@ -47,8 +47,8 @@ impl LoopMemory<'_> {
         Ok(true)
     }
 
-    /// Returns the number of waypoints of a contact path that the arm has reached; `None` if no contact path is
-    /// under way.
+    /// Returns the number of waypoints of a contact path that the arm has reached; `None` if no contact path is in
+    /// progress.
     fn contact_reached(&self) -> Option<usize> {
         let is_contact = |pending: &PendingAction| match (pending.act, &pending.waits) {
             (Action::Move(motion), Condition::PathEnd) => motion.path == Path::Contact,

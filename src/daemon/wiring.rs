@@ -79,8 +79,10 @@ impl SwitchProof {
     /// Returns whether this state proves the switch.
     pub(super) fn is_satisfied(&self, state: &State) -> bool {
         let expected = |feedback: Option<(u32, bool)>| feedback.map(|(_, on)| on);
-        let told = self.read_feedback(state);
-        told.outputs && told.feedback == expected(self.feedback) && told.opposite == expected(self.opposite)
+        let reading = self.read_feedback(state);
+        reading.outputs
+            && reading.feedback == expected(self.feedback)
+            && reading.opposite == expected(self.opposite)
     }
 }
 

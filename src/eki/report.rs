@@ -236,7 +236,7 @@ pub enum SequenceError {
     },
 }
 
-/// The reason why there is no connection.
+/// Causes of a lost or refused connection.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkLoss {

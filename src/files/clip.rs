@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clip_reads_as_it_stands() {
+    fn a_clip_reads_unchanged() {
         let clip = read_clip(GOOD.as_bytes()).expect("good");
         let third = ClipEntry { file: "002.png".to_owned(), time_s: 0.2, phase: Phase::Wet };
         assert_eq!((clip.entries().len(), &clip.entries()[2]), (4, &third));

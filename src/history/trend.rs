@@ -41,7 +41,7 @@ pub struct Trend {
 
 impl Trend {
     /// Creates a trend from values, the oldest first.
-    pub fn of_points((title, unit): (String, String), points: Vec<TrendPoint>, without: usize) -> Self {
+    pub fn from_points((title, unit): (String, String), points: Vec<TrendPoint>, without: usize) -> Self {
         let values: Vec<f64> = points.iter().map(|point| point.value).collect();
         let usual = usual_range(&values);
         let hints = usual.map_or(Vec::new(), |usual| find_violations(&values, usual));
@@ -64,5 +64,5 @@ pub fn trend(quantity: &Quantity, cycles: &[PastCycle]) -> Trend {
     };
     let points: Vec<TrendPoint> = over_panels.iter().filter_map(point).collect();
     let without = over_panels.len() - points.len();
-    Trend::of_points(quantity.title_and_unit(cycles), points, without)
+    Trend::from_points(quantity.title_and_unit(cycles), points, without)
 }

@@ -132,7 +132,7 @@ mod tests {
 
     /// By hand, in units of the scatter: the values of each row, and the first index at which they violate the rule.
     #[test]
-    fn each_rule_is_broken_where_the_handbook_says() {
+    fn each_rule_is_broken_where_the_handbook_states() {
         assert_eq!(broken(&[0.5, -0.5, 3.1]), [(Rule::OneBeyondThree, 2, Side::Above)]);
         assert_eq!(broken(&[0.5, -0.5, 3.0]), [], "three times itself is not beyond");
         assert_eq!(broken(&[-2.1, 0.5, -2.1]), [(Rule::TwoOfThreeBeyondTwo, 2, Side::Below)]);

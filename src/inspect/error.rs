@@ -1,4 +1,4 @@
-//! Reasons why pictures cannot be inspected, in words for the person who recorded them.
+//! Reasons why pictures cannot be inspected, as text for the person who recorded them.
 
 use crate::imaging::ImagingError;
 use crate::phase::Phase;

@@ -121,7 +121,7 @@ pub(super) fn covariance(
     };
     let square = |sample: usize| cell(&model.points[sample], model.range.correlation_mm);
     let mark_square = |sample: usize| cell(&model.marks.points[sample].point, model.range.correlation_mm);
-    // The taught outline is in order, so that a stretch consists of consecutive points.
+    // The taught outline is in order, so that a segment consists of consecutive points.
     let mut ways_mm = Vec::with_capacity(model.outline.len());
     let mut way_mm = 0.0;
     for sample in &model.outline {

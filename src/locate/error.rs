@@ -2,7 +2,7 @@
 
 use crate::number_text::distinguishable_texts;
 
-/// The reason why a scan gives no pose. Every variant but the last means that there is no panel of the taught kind.
+/// Reasons why the panel is not located. Every variant but the last means that there is no panel of the taught kind.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LocateError {
     /// The search box is nearly empty.

@@ -68,7 +68,7 @@ pub struct Explained {
     pub surface: Vec<(Pixel, SurfaceMark)>,
     /// The taught outline, in order.
     pub outline: Vec<(Pixel, OutlineMark)>,
-    /// The borders of taught marks, each represented by a short stretch.
+    /// The borders of taught marks, each represented by a short segment.
     pub marks: Vec<([Pixel; 2], OutlineMark)>,
     /// Pairs of a place of the outline and the same place displaced by the stated error along the weakest direction,
     /// enlarged by [`ERROR_SCALE`].
@@ -213,7 +213,7 @@ mod tests {
     /// surface leans by 20° at most, so that along the normal the scan lies 0.28 to 0.3 mm in front of the taught
     /// surface.
     #[test]
-    fn what_lies_before_the_taught_surface_is_told_as_before_it() {
+    fn what_lies_before_the_taught_surface_is_reported_as_before_it() {
         let cell = sim::Cell::new(1, Scene::Clean, 4);
         let (panel, recipe) = taught(&cell);
         let (scan, base_from_camera) = (cell.taught_scan(), cell.calibrated_base_from_camera());

@@ -399,7 +399,7 @@ mod tests {
     /// from 0.56 mm on, which is more than 0.55. With an uncertainty of 2 mm, a measured motion of 2 mm does not show
     /// that the camera moved.
     #[test]
-    fn a_camera_that_nobody_watches_any_more_is_for_a_person() {
+    fn a_camera_that_no_client_watches_any_more_is_for_a_person() {
         let told =
             |uncertainty_mm| Some(CameraCheck { moved_mm: uncertainty_mm, uncertainty_mm, unmoved_share: 0.9 });
         let judged = |camera, camera_at_teaching_mm| judged(&Fit { camera, camera_at_teaching_mm, ..good() });
@@ -413,7 +413,7 @@ mod tests {
 
     /// A wrong panel that ends up far away is reported as a wrong panel, not as a shifted one.
     #[test]
-    fn a_poor_fit_says_nothing_of_motion() {
+    fn a_poor_fit_gives_no_information_on_motion() {
         assert_eq!(judged(&Fit { rms_mm: 3.0, shift_mm: 90.0, ..good() }).1, ["poor_fit"]);
     }
 }

@@ -1,4 +1,4 @@
-//! Reasons why a drawing cannot teach a panel, in words for the person who teaches.
+//! Reasons why a drawing cannot teach a panel, as text for the person who teaches.
 
 use crate::geometry::LengthUnit;
 use crate::number_text::{distinguishable_texts, fixed_decimals};

@@ -54,7 +54,7 @@ pub struct Snapshot {
     pub may_start: Option<bool>,
     /// The reasons why a cycle may not start, or warnings about the calibrations.
     pub calibration_reasons: Vec<String>,
-    /// Each calibration's file with its age, in words.
+    /// Each calibration's file with its age, as text.
     pub calibrations: Vec<String>,
     /// The recipes of the folder.
     pub recipes: Vec<RecipeHash>,

@@ -1,4 +1,4 @@
-//! Errors for a scan that cannot teach a panel, in words for the person who teaches.
+//! Errors for a scan that cannot teach a panel, as text for the person who teaches.
 
 use super::region::GridId;
 use crate::geometry::Pixel;

@@ -426,7 +426,7 @@ mod tests {
     /// By hand: an error of 0.001 rad in the zero of axis 1 rotates the whole arm. At 480 mm in front of axis 1, that
     /// is 0.48 mm.
     #[test]
-    fn a_corrected_arm_stands_where_its_own_zero_puts_it() {
+    fn a_corrected_arm_is_where_its_own_zero_puts_it() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
         let mut errors = [0.0; 32];
         errors[2] = 0.001;

@@ -62,7 +62,7 @@ impl ToolOrientation {
     }
 }
 
-/// The reason why there is no pose of the tool at a place.
+/// Errors when the pose of the tool at a place is computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OrientationError {
     /// The surface has no normal.

@@ -148,7 +148,7 @@ pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> PathExtent 
     sum
 }
 
-/// The reason why there is no plan.
+/// Errors of a plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// No grid is to be planned.

@@ -116,7 +116,7 @@ pub(super) fn is_proven_by_film(findings: &[Finding]) -> bool {
     last.is_some_and(|last| last.kind == Kind::Inspect && last.judgement.verdict == Verdict::Pass)
 }
 
-/// Lists findings that contradict the verdict `pass` or `accept` of this cycle, in words; none for any other verdict.
+/// Lists findings that contradict the verdict `pass` or `accept` of this cycle, as text; none for any other verdict.
 pub(super) fn contradicting_findings(
     id: CycleId,
     verdict: Verdict,

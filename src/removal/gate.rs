@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outlier_is_told_by_name_and_line() {
+    fn an_outlier_is_reported_by_name_and_line() {
         let mut one_off = GOOD;
         one_off[4] = 0.4;
         let made = coupons(&one_off);

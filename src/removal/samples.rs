@@ -1,4 +1,4 @@
-//! Places spread evenly over a grid, and the selection of those on which a stretch of path presses.
+//! Places spread evenly over a grid, and the selection of those on which a segment of path presses.
 
 use super::track::{DiscStretch, IsPanelAt};
 use crate::geometry::{Panel, Point};
@@ -47,7 +47,7 @@ impl Samples {
         self.points.len()
     }
 
-    /// Calls `tell` for each place with panel on which a stretch presses, with the mean pressure during the stretch,
+    /// Calls `tell` for each place with panel on which a segment presses, with the mean pressure during the segment,
     /// N/mm².
     pub fn for_places_under(&self, stretch: &DiscStretch, mut tell: impl FnMut(usize, f64)) {
         let reach_mm = SEARCH_MARGIN * stretch.stroke.reach_mm() + 0.5 * stretch.length_mm;

@@ -40,7 +40,7 @@ const ALWAYS_READ_KEYS: [&str; 1] = ["calibration.robot_correction"];
 const SETTINGS: [(&str, ZividUse); 2] =
     [("scanner.settings", ZividUse::Scan), ("scanner.settings_2d", ZividUse::Film)];
 
-/// The files needed for the purpose that are missing or not right. The message of the first missing calibration
+/// The files needed for the purpose that are missing or invalid. The message of the first missing calibration
 /// states what to do.
 pub(super) fn unmet_files(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
     let needs = |key: &str| purpose == Purpose::Cycle || ALWAYS_READ_KEYS.contains(&key);

@@ -34,7 +34,7 @@ pub enum NameClaim {
 /// The result of a verification.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct VerificationResult {
-    /// Differences from what was signed, in words.
+    /// Differences from what was signed, as text.
     pub differences: Vec<String>,
     /// Missing statement numbers before the last one, as ranges (first, last). They are a finding if the set must
     /// be complete, and none if only a part of the chain was handed on.

@@ -173,11 +173,11 @@ impl PathRemovalTotal {
     /// The checks of the executed path. If the path was cut short, the work that remains is not counted as an error
     /// of the path.
     pub fn executed_checks(&self, is_whole: bool) -> Vec<Check> {
-        let told = |check: &Check| match is_whole || check.name == name::REMOVED_BOUND {
+        let reported = |check: &Check| match is_whole || check.name == name::REMOVED_BOUND {
             true => check.clone(),
             false => check.clone().without_consequence(),
         };
-        self.checks.iter().map(told).collect()
+        self.checks.iter().map(reported).collect()
     }
 
     /// Returns lines of text for a person.

@@ -119,7 +119,7 @@ pub enum StoreError {
     /// A number that JSON cannot represent.
     #[error("the value '{name}' is NaN or infinite; store None for a value that was not measured")]
     NotFinite {
-        /// The number.
+        /// Name of the value.
         name: String,
     },
     /// The store was written by a later version of this program.

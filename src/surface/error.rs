@@ -1,4 +1,4 @@
-//! The reason why a scan does not determine a surface, in words for the person who teaches.
+//! The reason why a scan does not determine a surface, as text for the person who teaches.
 
 use super::bspline::SurfaceError;
 use crate::geometry::Pixel;

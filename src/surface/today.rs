@@ -298,7 +298,7 @@ mod tests {
     /// A clamp 8 mm above a corner is not part of the panel, and the surface below it is not seen; beside the clamp
     /// the surface is correct.
     #[test]
-    fn a_clamp_has_no_say() {
+    fn a_clamp_has_no_influence() {
         let (panel, fit) = learnt();
         let is_clamped = |at: Parameter| at.u < 0.15 && at.v < 0.2;
         let todays_points = points(&fit, |at| if is_clamped(at) { 8.0 } else { bent(at) });

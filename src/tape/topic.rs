@@ -54,7 +54,7 @@ pub enum Topic {
     /// For people: the poses.
     #[strum(serialize = "/tf")]
     Transform,
-    /// For people: the findings, in words.
+    /// For people: the findings, as text.
     #[strum(serialize = "/log")]
     Log,
 }

@@ -83,7 +83,7 @@ pub enum Severity {
 /// A number with its limit and the consequence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Check {
-    /// The quantity's name, in words.
+    /// The quantity's name, as text.
     pub name: String,
     /// The value; `None` if it was not measured, which breaks no limit.
     pub value: Option<f64>,
@@ -255,7 +255,7 @@ mod tests {
     use crate::verdict::Verdict;
 
     #[test]
-    fn a_limit_says_what_it_allows() {
+    fn a_limit_states_what_it_allows() {
         assert!(
             Limit::AtMost(1.0).is_met_by(1.0)
                 && !Limit::Below(1.0).is_met_by(1.0)

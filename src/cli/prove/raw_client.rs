@@ -68,12 +68,12 @@ pub(super) struct Heard {
 
 impl Heard {
     /// Returns a number of the newest state.
-    pub(super) fn of_state(&self, name: &str) -> Option<i64> {
+    pub(super) fn state_value(&self, name: &str) -> Option<i64> {
         attribute(self.state.as_deref()?, name)?.parse().ok()
     }
 
     /// Returns a number of the newest acknowledgement.
-    pub(super) fn of_ack(&self, name: &str) -> Option<i64> {
+    pub(super) fn ack_value(&self, name: &str) -> Option<i64> {
         attribute(self.ack.as_deref()?, name)?.parse().ok()
     }
 }

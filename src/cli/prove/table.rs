@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn every_row_can_be_done_in_its_stage_and_says_what_breaks_otherwise() {
+    fn every_row_can_be_done_in_its_stage_and_states_what_breaks_otherwise() {
         assert_eq!(wrong(INSTALLATION), [""; 0]);
         let changed = |from: &str, to: &str| {
             let page = INSTALLATION.replacen(from, to, 1);

@@ -23,7 +23,7 @@ pub(super) fn for_row(number: u32) -> Option<Attempt> {
         2 => Some(no_old_command_is_left),
         3 => Some(a_command_is_read_whole),
         5 => Some(check_names_read),
-        6 => Some(what_is_no_document_does_nothing),
+        6 => Some(an_invalid_document_is_ignored),
         7 => Some(check_second_client_refused),
         15 => Some(time_is_in_ms),
         18 => Some(large_numbers_are_decimal),
@@ -111,12 +111,12 @@ fn check_epoch_range(cell: &Cell) -> TestResult {
     let Some((mut client, heard)) = RawClient::patient(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
-    let before = heard.of_state("Ep").unwrap_or_default();
+    let before = heard.state_value("Ep").unwrap_or_default();
     for operation in [OP_RESET, OP_ABORT] {
         if client.ask(operation, i32::MAX).is_err() {
             return make_finding(false, "the state channel closed".to_owned());
         }
-        let Some(after) = client.listen(STATE_TIMEOUT, |_| false).of_state("Ep") else {
+        let Some(after) = client.listen(STATE_TIMEOUT, |_| false).state_value("Ep") else {
             return make_finding(false, "no state after the request".to_owned());
         };
         if after != before {
@@ -197,7 +197,7 @@ const MOTION_POSSIBLE: i64 = 16;
 
 /// Returns whether the robot program runs, which executes the commands.
 fn program_runs(heard: &Heard) -> bool {
-    heard.of_state("Flags").is_some_and(|flags| flags & MOTION_POSSIBLE != 0)
+    heard.state_value("Flags").is_some_and(|flags| flags & MOTION_POSSIBLE != 0)
 }
 
 /// Time in which an epoch that was requested is open, and the program has taken its frames back.
@@ -227,10 +227,10 @@ struct InEpoch {
 /// Connects and opens the epoch after the next one; `None` if the controller does not report it in time.
 fn in_a_new_epoch(cell: &Cell) -> Option<InEpoch> {
     let (mut client, heard) = RawClient::patient(cell)?;
-    let epoch = heard.of_state("Ep")? + 2;
+    let epoch = heard.state_value("Ep")? + 2;
     client.ask(OP_RESET, i32::try_from(epoch).ok()?).ok()?;
     let heard = client.listen(EPOCH_TIMEOUT, |_| false);
-    (heard.of_state("Ep") == Some(epoch)).then_some(InEpoch { client, epoch, heard })
+    (heard.state_value("Ep") == Some(epoch)).then_some(InEpoch { client, epoch, heard })
 }
 
 /// The six attributes in reverse: each must still reach its own coordinate.
@@ -266,7 +266,7 @@ fn no_old_command_is_left(cell: &Cell) -> TestResult {
     let Some((mut first, heard)) = RawClient::patient(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
-    let epoch = heard.of_state("Ep").unwrap_or_default() + 2;
+    let epoch = heard.state_value("Ep").unwrap_or_default() + 2;
     let old: String = (1..=COMMANDS).map(|id| set_base(id, epoch, &format!("{id}.0"))).collect();
     if first.send_on_command(old.as_bytes()).is_err() {
         return make_finding(false, "the command channel closed".to_owned());
@@ -279,12 +279,12 @@ fn no_old_command_is_left(cell: &Cell) -> TestResult {
     if !program_runs(&heard) {
         return open();
     }
-    let before = heard.of_ack("Rx");
+    let before = heard.ack_value("Rx");
     if client.send_on_command(set_base(1, opened, "100.0").as_bytes()).is_err() {
         return make_finding(false, "the command channel closed".to_owned());
     }
     let after = client.listen(STATE_TIMEOUT, |_| false);
-    let numbers = (before, after.of_ack("Rx"), after.of_ack("Err"));
+    let numbers = (before, after.ack_value("Rx"), after.ack_value("Err"));
     let shown = |number: Option<i64>| number.map_or("nothing".to_owned(), |number| number.to_string());
     make_finding(
         opened == epoch && numbers == (Some(0), Some(1), Some(0)),
@@ -302,31 +302,31 @@ fn a_command_is_read_whole(cell: &Cell) -> TestResult {
     check_base_echo(cell, 1.0, 0.000_01)
 }
 
-fn what_is_no_document_does_nothing(cell: &Cell) -> TestResult {
-    let mut told = Vec::new();
+fn an_invalid_document_is_ignored(cell: &Cell) -> TestResult {
+    let mut reported = Vec::new();
     for (name, bytes) in
         [("a prolog", &b"<?xml version=\"1.0\"?>"[..]), ("a byte order mark", b"\xEF\xBB\xBF"), ("NUL", b"\0")]
     {
         let Some((mut client, heard)) = RawClient::patient(cell) else {
             return make_finding(false, format!("before {name}: {NO_STATE_MESSAGE}"));
         };
-        let before = (heard.of_state("Ep"), heard.of_state("Done"));
+        let before = (heard.state_value("Ep"), heard.state_value("Done"));
         let is_sent = client.send_on_state(bytes).is_ok() && client.send_on_command(bytes).is_ok();
         let from = i64::from(client.last_asked());
         let after = client.listen(STATE_TIMEOUT, |_| false);
         let is_closed = after.is_state_closed || after.is_command_closed;
         // A request that was sent after these bytes is answered: they were skipped.
-        let is_skipped = after.of_state("Re").is_some_and(|read| read > from);
-        let changed = after.state.is_some() && (after.of_state("Ep"), after.of_state("Done")) != before;
+        let is_skipped = after.state_value("Re").is_some_and(|read| read > from);
+        let changed = after.state.is_some() && (after.state_value("Ep"), after.state_value("Done")) != before;
         if !is_sent || changed || !(is_closed || is_skipped) {
             return make_finding(
                 false,
                 format!("{name}: neither skipped nor the channel closed, or the state changed"),
             );
         }
-        told.push(format!("{name}: {}", if is_closed { "closes the channel" } else { "is skipped" }));
+        reported.push(format!("{name}: {}", if is_closed { "closes the channel" } else { "is skipped" }));
     }
-    make_finding(true, told.join(", "))
+    make_finding(true, reported.join(", "))
 }
 
 fn time_is_in_ms(cell: &Cell) -> TestResult {
@@ -338,7 +338,7 @@ fn time_is_in_ms(cell: &Cell) -> TestResult {
     };
     let begun = Instant::now();
     let last = client.listen(WATCHED, |_| false);
-    let (Some(from), Some(to)) = (first.of_state("T"), last.of_state("T")) else {
+    let (Some(from), Some(to)) = (first.state_value("T"), last.state_value("T")) else {
         return make_finding(false, "no state at the end of 5 s".to_owned());
     };
     let passed_ms = i64::try_from(begun.elapsed().as_millis()).unwrap_or(i64::MAX);
@@ -380,10 +380,10 @@ fn a_line_without_frames_is_refused(cell: &Cell) -> TestResult {
     if client.send_on_command(command(1, epoch, 2, SPEED_M_S, tip).as_bytes()).is_err() {
         return make_finding(false, "the command channel closed".to_owned());
     }
-    let after = client.listen(STATE_TIMEOUT, |heard| heard.of_ack("Err").is_some_and(|refusal| refusal != 0));
-    let refusal = after.of_ack("Err").unwrap_or_default();
+    let after = client.listen(STATE_TIMEOUT, |heard| heard.ack_value("Err").is_some_and(|refusal| refusal != 0));
+    let refusal = after.ack_value("Err").unwrap_or_default();
     make_finding(
-        refusal == NO_FRAMES && after.of_ack("ErrId") == Some(1),
+        refusal == NO_FRAMES && after.ack_value("ErrId") == Some(1),
         format!(
             "a line without base and tool: Err {refusal} (expected {NO_FRAMES}), and it led to where the arm was"
         ),

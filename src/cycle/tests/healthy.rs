@@ -102,7 +102,7 @@ impl Cell {
     /// Any other possible event.
     pub fn surprise(&mut self, random: &mut Pcg64) -> Event {
         let due = self.state.due;
-        let told = match random.random_range(0..23) {
+        let reported = match random.random_range(0..23) {
             20 => {
                 let trouble = random.random_bool(0.8).then(|| one_of(random, &TROUBLES));
                 Report::EpochOver { trouble }
@@ -143,7 +143,7 @@ impl Cell {
                 None => Report::Robot(Robot::Ready),
             },
         };
-        Event::Reported(told)
+        Event::Reported(reported)
     }
 }
 

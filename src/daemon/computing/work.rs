@@ -16,7 +16,7 @@ pub(in crate::daemon) struct WorkInput {
     /// Id of the action.
     pub id: Id,
     pub action: Action,
-    /// Whether this is the next step of the film under way; such a step needs no other data.
+    /// Whether this is the next step of the film in progress; such a step needs no other data.
     pub is_next_picture: bool,
     pub perception: Perception,
     pub abrasion: AbrasionWork,

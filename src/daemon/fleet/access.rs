@@ -94,7 +94,7 @@ pub(super) struct Credentials {
     password: String,
 }
 
-/// Begins a session if name and password are right.
+/// Begins a session if name and password are correct.
 pub(super) async fn log_in(
     State(shared): State<Shared>,
     headers: HeaderMap,

@@ -7,8 +7,8 @@
 //!                                                                              └──── asking → Gateway → the loop, audit trail
 //! ```
 //!
-//! It runs on a thread and a runtime of its own. Whatever the broker does, the loop, the robot's link and the
-//! cameras never wait for it. Commands go through the gateway, as those of every front do.
+//! It runs on a thread and a runtime of its own. Whatever the broker does, the loop, the robot's link and the cameras
+//! never wait for it. Commands go through the gateway, as those of every interface do.
 
 mod broker;
 mod edge;

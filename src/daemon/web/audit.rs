@@ -26,7 +26,7 @@ pub(super) struct Before {
     before: Option<i64>,
 }
 
-/// A line of the trail: of the store's audit trail, or a request to the cell through any front.
+/// A line of the trail: of the store's audit trail, or a request to the cell through any interface.
 struct Line {
     /// The number in its table of the store; a request has an R before it.
     number: String,
@@ -37,14 +37,15 @@ struct Line {
 fn lines(store: &Store, before: Option<i64>, most: usize) -> Result<Vec<Line>, StoreError> {
     let of_people = store.audit(before, most)?.into_iter();
     let of_people = of_people.map(|NumberedEntry { number, entry }| Line { number: number.to_string(), entry });
-    let mut lines: Vec<Line> = of_people.chain(store.requests(before, most)?.into_iter().map(of_request)).collect();
+    let mut lines: Vec<Line> =
+        of_people.chain(store.requests(before, most)?.into_iter().map(request_line)).collect();
     lines.sort_by_key(|line| std::cmp::Reverse(line.entry.unix_ms));
     lines.truncate(most);
     Ok(lines)
 }
 
 /// Returns a request to the cell as a line: what was requested, in which cycle, by whom, and its outcome.
-fn of_request(NumberedRequest { number, cycle, request }: NumberedRequest) -> Line {
+fn request_line(NumberedRequest { number, cycle, request }: NumberedRequest) -> Line {
     let (what, of) = match &request.wanted {
         RequestedAction::For(asked) => (command(*asked), None),
         RequestedAction::NewDisc => ("new-disc", None),
@@ -65,7 +66,7 @@ fn of_request(NumberedRequest { number, cycle, request }: NumberedRequest) -> Li
         None => (None, (RequestSource::Program, None)),
     };
     let subject: Vec<String> = in_cycle.into_iter().chain(of).chain(remark).collect();
-    let from = [Some(front_word(from.0).to_owned()), from.1].into_iter().flatten().collect::<Vec<_>>().join(", ");
+    let from = [Some(source_label(from.0).to_owned()), from.1].into_iter().flatten().collect::<Vec<_>>().join(", ");
     let subject = Some(subject.join(": ")).filter(|subject| !subject.is_empty());
     let entry = AuditEntry {
         unix_ms: request.unix_ms,
@@ -76,7 +77,7 @@ fn of_request(NumberedRequest { number, cycle, request }: NumberedRequest) -> Li
     Line { number: format!("R{number}"), entry }
 }
 
-fn front_word(front: RequestSource) -> &'static str {
+fn source_label(front: RequestSource) -> &'static str {
     match front {
         RequestSource::Socket => "socket",
         RequestSource::Page => "page",
@@ -211,8 +212,8 @@ mod tests {
         store
             .store_audit(&AuditEntry::for_completed_action(None, None, "terminal".to_owned(), "log out"))
             .expect("kept");
-        let told = lines(&store, None, 10).expect("read");
-        let told: Vec<_> = told
+        let reported = lines(&store, None, 10).expect("read");
+        let reported: Vec<_> = reported
             .iter()
             .map(|Line { entry: line, .. }| {
                 (&*line.what, line.who.as_deref(), &*line.from, line.subject.as_deref(), line.refused.as_deref())
@@ -224,7 +225,7 @@ mod tests {
             ("reset", Some("plc"), "OPC UA, 10.0.0.7", None, Some("not now")),
             ("log out", None, "terminal", None, None),
         ] {
-            assert!(told.contains(&line), "{line:?}: {told:?}");
+            assert!(reported.contains(&line), "{line:?}: {reported:?}");
         }
         let newest = lines(&store, None, 2).expect("read");
         assert_eq!(newest.len(), 2);

@@ -1,9 +1,9 @@
-//! The reason why there is no page.
+//! Errors of the operator's page.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
-/// The reason why there is no page.
+/// Errors of the operator's page.
 #[derive(Debug, thiserror::Error)]
 pub enum PageError {
     /// The address.

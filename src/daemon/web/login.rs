@@ -64,7 +64,7 @@ pub(super) struct Credentials {
     password: String,
 }
 
-/// Begins a session if name and password are right.
+/// Begins a session if name and password are correct.
 pub(super) async fn login(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
@@ -244,7 +244,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nobody_is_sent_elsewhere() {
+    fn no_browser_is_redirected() {
         for path in ["/", "/cycle/7", "/setup/recipe/panel.toml"] {
             assert_eq!(local_path(path), path);
         }

@@ -156,8 +156,8 @@ pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): Visitor
         reading(&web, &visitor, move |store: &Store| Ok((store.cycle_part(id)?, store.cycle(id)?))).await?;
     let (mut grids, passes) = (grid_states(&record.findings), touching_passes(&record));
     grids.extend(touched_grids(&record).into_iter().map(|grid| (grid, "touched")));
-    let told = json!({ "cycle": id, "part": part, "panel": record.panel, "passes": passes, "grids": grids });
-    Ok(Json(told).into_response())
+    let body = json!({ "cycle": id, "part": part, "panel": record.panel, "passes": passes, "grids": grids });
+    Ok(Json(body).into_response())
 }
 
 /// Shows the question for a person's decision: the numbers in question and the pictures, next to the buttons.

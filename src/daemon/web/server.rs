@@ -57,7 +57,7 @@ pub struct PageParts {
     pub page: cell::Page,
     /// The store's folder.
     pub folder: PathBuf,
-    /// The parts that every front uses.
+    /// The parts that every interface uses.
     pub front: InterfaceContext,
     /// The live view of the cameras.
     pub view: LiveView,
@@ -213,9 +213,9 @@ async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Ro
                 let (acceptor, router) = (acceptor.clone(), router.clone());
                 let mut place = places.acquire(owner(from.ip()));
                 tokio::spawn(async move {
-                    let heard = place.activity_handle();
+                    let activity = place.activity_handle();
                     tokio::select! {
-                        () = serve_connection(stream, from, acceptor, (router, heard)) => {}
+                        () = serve_connection(stream, from, acceptor, (router, activity)) => {}
                         () = async {
                             place.wait_until_wanted().await;
                             sleep(DRAIN_TIMEOUT).await;

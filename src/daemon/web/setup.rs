@@ -192,8 +192,8 @@ pub(super) async fn save(
     match kept.await {
         // The form continues from the saved text.
         Some(Ok(_)) => {
-            let told = json!({ "message": visitor.language().text("saved"), "fields": { "before": after } });
-            Json(told).into_response()
+            let body = json!({ "message": visitor.language().text("saved"), "fields": { "before": after } });
+            Json(body).into_response()
         }
         Some(Err(problem)) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problem),
         None => panic_response(),
@@ -220,8 +220,8 @@ fn store_recipe(web: &Web, name: &str, line: AuditEntry, (read, changed): (&str,
         problem
     };
     let before = Some(checked.map_err(refused)?);
-    let told = AuditEntry { before, ..line.clone() };
-    web.write(|store| store.store_audit(&told)).map_err(|error| {
+    let audit_entry = AuditEntry { before, ..line.clone() };
+    web.write(|store| store.store_audit(&audit_entry)).map_err(|error| {
         format!(
             "the audit trail cannot be written, so the recipe was not saved: {error}; save the recipe again later"
         )
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_who_save_the_same_text_at_one_time_one_is_told() {
+    fn of_two_simultaneous_saves_of_the_same_text_one_is_refused() {
         let site = PageFixture::new();
         let read = content_hash(DOOR.as_bytes());
         let save = |rows| {

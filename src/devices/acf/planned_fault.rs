@@ -16,7 +16,7 @@ pub struct PlannedToolFault {
     pub from: u32,
 }
 
-/// The reason why a text names no fault.
+/// The error of a fault specification.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("found \"{found}\"; valid: {}", PlannedToolFault::HELP)]
 pub struct PlannedToolFaultError {

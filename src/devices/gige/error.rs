@@ -1,10 +1,10 @@
-//! The reason why a GigE Vision camera gives no picture.
+//! Errors of a GigE Vision camera.
 
 use super::acceptance::FrameRefusal;
 use super::format::PixelFormat;
 use super::settings::PlanError;
 
-/// The reason why a GigE Vision camera gives no picture.
+/// Errors of a GigE Vision camera.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GigeError {
     /// No camera answers.

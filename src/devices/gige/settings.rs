@@ -106,7 +106,7 @@ pub struct MissingNode {
     pub advice: &'static str,
 }
 
-/// The reason why there is no plan.
+/// Errors of a plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// A setting has no node.
@@ -228,14 +228,14 @@ mod tests {
 
     fn planned_steps(settings: &Settings, nodes: &[&str]) -> Vec<String> {
         let steps = plan(settings, &|node| nodes.contains(&node)).expect("all nodes are there");
-        let told = |step: SettingStep| match step {
+        let describe = |step: SettingStep| match step {
             SettingStep::Command(node) => format!("{node}()"),
             SettingStep::SetEnum(node, entry) => format!("{node}={entry}"),
             SettingStep::Number(node, number) => format!("{node}={number}"),
             SettingStep::Switch(node, on) => format!("{node}={on}"),
             SettingStep::Limit(node, number) => format!("{node}<={number}"),
         };
-        steps.into_iter().map(told).collect()
+        steps.into_iter().map(describe).collect()
     }
 
     /// The nodes that LUCID's own driver names. Calculated by hand: 8 ms are nine tenths of 8.889 ms, 112.5

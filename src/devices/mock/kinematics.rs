@@ -378,7 +378,7 @@ mod tests {
         /// Away from the singularities of wrist, elbow and shoulder, the solution nearest to the arm's present angles
         /// equals these angles.
         #[test]
-        fn the_nearest_way_is_where_the_arm_stands(angles in inside()) {
+        fn the_nearest_way_is_at_the_arm(angles in inside()) {
             let pose = at(angles);
             let wrist_mm = ARM.wrist_mm(&pose);
             let phi_deg = angles[2] + ARM.a2_mm.atan2(ARM.c3_mm).to_degrees();

@@ -30,7 +30,7 @@ pub struct ContactSample {
     pub base_from_flange: Rigid<Base, Flange>,
     /// The sanding tool.
     pub base_from_tool: Rigid<Base, Tool>,
-    /// Both ends of this stretch are in contact; otherwise the tool lands or leaves.
+    /// Both ends of this segment are in contact; otherwise the tool lands or leaves.
     pub sanding: bool,
     /// Whether the tool's output was on.
     pub tool_on: bool,

@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn the_spray_says_that_it_is_off() {
+    fn the_spray_reports_that_it_is_off() {
         let mut spray = Signal::new(Output::Spray, 2, 1);
         assert!(spray.is_feedback_on(0));
         spray.switch(true, 10);

@@ -8,7 +8,7 @@ use super::sensor::ShotPlanes;
 /// The expected values with which a shot is compared.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExpectedShot {
-    /// The request, in words.
+    /// The request, as text.
     pub what: &'static str,
     /// Hash of the settings with which the shot must be taken.
     pub settings: SettingsHash,

@@ -193,7 +193,7 @@ pub enum ZividFault {
         allowed: usize,
         /// Period in which restarts are counted.
         within: Duration,
-        /// The previous fault, in words.
+        /// The previous fault, as text.
         last: String,
         /// Remaining time until the worker may be started.
         wait: Duration,

@@ -287,9 +287,9 @@ impl Sensor for Sdk {
         let into = &raw mut found;
         // SAFETY: all pointers stay valid during the call.
         self.call(|functions, session, message| unsafe { (functions.state)(session, into, message) })?;
-        let told = |celsius: f64| Some(celsius).filter(|celsius| celsius.is_finite());
+        let known = |celsius: f64| Some(celsius).filter(|celsius| celsius.is_finite());
         let RawTemperatures { dmd_c, general_c, led_c, lens_c, pcb_c } = found;
-        let [dmd_c, general_c, led_c, lens_c, pcb_c] = [dmd_c, general_c, led_c, lens_c, pcb_c].map(told);
+        let [dmd_c, general_c, led_c, lens_c, pcb_c] = [dmd_c, general_c, led_c, lens_c, pcb_c].map(known);
         Ok(Temperatures { dmd_c, general_c, led_c, lens_c, pcb_c })
     }
 

@@ -30,7 +30,7 @@ pub enum Use {
 }
 
 impl Use {
-    /// Returns the purpose of the settings, in words.
+    /// Returns the purpose of the settings, as text.
     pub fn word(self) -> &'static str {
         match self {
             Use::Scan => "3D shots",

@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_is_told() {
+    fn what_is_not_known_is_reported() {
         let steady = |_: f64| 36.0;
         let short = judge_warm_up(&readings(330.0, steady), 900.0);
         assert_eq!(short, WarmUpState::NoReadings { followed_s: 570.0 });

@@ -167,7 +167,7 @@ mod tests {
     /// By hand: of 60, 100 and 30 levels, the second and the third are far from the expected 60; a fourth pixel is
     /// open.
     #[test]
-    fn only_film_near_its_wet_look_tells_the_light() {
+    fn only_film_near_its_wet_look_determines_the_light() {
         let (mut look, mut state) = ([0; BLOCK_PX], [INSIDE; BLOCK_PX]);
         (look[0], look[1], look[2], look[3]) = (60 * 64, 100 * 64, 30 * 64, 60 * 64);
         state[3] |= OPEN_FLAG;

@@ -1,4 +1,4 @@
-//! Errors for a picture that shows no corner, in words for the person who set the recipe.
+//! Errors for a picture that shows no corner, as text for the person who set the recipe.
 
 use crate::imaging::ImagingError;
 use crate::number_text::distinguishable_texts;

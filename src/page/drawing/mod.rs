@@ -98,10 +98,10 @@ async fn drawing(State(inside): State<Arc<Inside>>) -> Response {
     let sheet = &inside.sheet;
     match read(sheet) {
         Ok((_, recipe)) => {
-            let told: Value = json!({
+            let body: Value = json!({
                 "panel": recipe.panel(), "recipe": sheet.recipe.display().to_string(), "drawn": canvas::recipe_shapes(&recipe),
             });
-            Json(told).into_response()
+            Json(body).into_response()
         }
         Err(problems) => refused(&problems),
     }

@@ -83,7 +83,7 @@ fn a_hole_is_measured_and_named() {
 
 /// Inside a person's outline, missing points are not a hole; a place at which the background is seen is a hole.
 #[test]
-fn a_drawn_outline_says_what_is_panel() {
+fn a_drawn_outline_states_what_is_panel() {
     let drawn = |sees_through: bool| {
         found(FlatPanelOptions {
             hole_px: 17,

@@ -1,4 +1,4 @@
-//! The reasons why an arm cannot follow a path, in words: which axis or part, how far, and the limit.
+//! The reasons why an arm cannot follow a path, as text: which axis or part, how far, and the limit.
 
 use crate::controller::RETRACT_MM;
 use crate::number_text::{distinguishable_texts, shortest_text};

@@ -157,8 +157,8 @@ pub(super) fn signatures(sources: &RecordSources<'_>) -> Block {
     }
 }
 
-/// Returns the line to sign by hand; `None` for an air-run or a cycle on foam, which have nothing to release, or if a signature already
-/// decides.
+/// Returns the line to sign by hand; `None` for an air-run or a cycle on foam, which have nothing to release, or if a
+/// signature already decides.
 pub(super) fn signature_line(sources: &RecordSources<'_>) -> Option<Vec<String>> {
     let releases = !sources.record.is_air_run() && !sources.record.is_on_foam();
     let is_open = releases && !sources.signatures.iter().any(|one| one.is_deciding);

@@ -40,8 +40,8 @@ pub(super) fn uncertainty(value: f64, unit: &str) -> String {
 /// Formats a check as a row of the table of numbers: name, found value, limit, source of the limit. If the value
 /// was not measured, it is blank and no limit is shown, because the value could otherwise seem to satisfy the
 /// limit.
-pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
-    let what = format!("{}{of}", check.name);
+pub(super) fn row(check: &Check, suffix: &str) -> Vec<String> {
+    let what = format!("{}{suffix}", check.name);
     let Some(value) = check.value else {
         return vec![what, String::new(), "not measured".to_owned(), String::new()];
     };

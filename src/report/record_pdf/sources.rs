@@ -35,7 +35,7 @@ pub struct Equipment {
     pub verified: Option<LastVerification>,
 }
 
-/// A verification against a known target, in words.
+/// A verification against a known target, as text.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LastVerification {
     /// The day.

@@ -52,7 +52,7 @@ fn a_restored_store_begins_a_new_epoch_once() {
 /// There is a backup of cycle 1; the store that it replaces had reached cycle 12. At every start the cell rests in
 /// Aborted until a person has checked it. No number is used twice, by this restore or by another one.
 #[test]
-fn a_restored_store_asks_a_person_and_goes_on_above_the_last_number() {
+fn a_restored_store_asks_a_person_and_continues_above_the_last_number() {
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
     let id = store.begin_cycle(&start_of("", false)).expect("begun");
@@ -85,9 +85,12 @@ fn no_part_begins_on_the_count_of_a_restored_store() {
     drop(store);
     Store::mark_restored(&path, &lost(7)).expect("marked");
     let mut store = Store::create(&path).expect("opened");
-    let told = refused(&mut store, &start_of("SN1", false));
-    assert!(told.contains("how often the part SN1 was abraded") && told.contains("2027-01-15"), "{told}");
-    assert!(told.contains("--another-part") && told.contains("--lost-passes"), "{told}");
+    let reported = refused(&mut store, &start_of("SN1", false));
+    assert!(
+        reported.contains("how often the part SN1 was abraded") && reported.contains("2027-01-15"),
+        "{reported}"
+    );
+    assert!(reported.contains("--another-part") && reported.contains("--lost-passes"), "{reported}");
     assert!(refused(&mut store, &start_of("", false)).contains("a part without a serial number"));
     store.begin_cycle(&CycleStart { is_air_run: true, ..start_of("SN1", false) }).expect("an air-run");
     refused(&mut store, &start_of("SN1", false));
