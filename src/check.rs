@@ -32,7 +32,7 @@ use describe::{
 
 pub use krl::is_krl;
 pub use report::FileReport;
-use report::{RECIPE, of_kind};
+use report::{RECIPE, reports_of_kind};
 pub use text::{DecodedText, EncodingError, decode, utf_8_error};
 
 /// A kind of file: its name, the keys at its top, how it is checked.
@@ -83,7 +83,7 @@ const fn mount<M: Mount>(keys: &'static [&'static str]) -> FileKind {
     FileKind { name: M::TABLE, keys, check: |name, text| MountedPose::<M>::check(name, text).map(describe_mount) }
 }
 
-/// What the files are checked for.
+/// The purpose for which files are checked.
 #[derive(Clone, Copy)]
 pub struct CheckedFor<'a> {
     /// A cell's file must state all that this purpose needs; with `None`, only what commands on files need.
@@ -116,11 +116,16 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
             continue;
         }
         if Intrinsics::is_foreign_format(text) {
-            let (problems, says) = match Intrinsics::check(name, text) {
+            let (problems, content) = match Intrinsics::check(name, text) {
                 Ok(intrinsics) => (vec![], describe_intrinsics(intrinsics)),
                 Err(problems) => (problems.list, vec![]),
             };
-            reports.push(FileReport { kind: Some("intrinsics"), problems, warnings: vec![], descriptions: says });
+            reports.push(FileReport {
+                kind: Some("intrinsics"),
+                problems,
+                warnings: vec![],
+                descriptions: content,
+            });
             continue;
         }
         if is_yaml(name) {
@@ -133,8 +138,8 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
         }
         let checked = eki::check_eki_file(name, text);
         channels.extend(checked.channel.map(|channel| (place, name, channel)));
-        let eki::EkiCheckResult { problems, warnings, descriptions: says, .. } = checked;
-        reports.push(FileReport { kind: Some("EthernetKRL"), problems, warnings, descriptions: says });
+        let eki::EkiCheckResult { problems, warnings, descriptions: content, .. } = checked;
+        reports.push(FileReport { kind: Some("EthernetKRL"), problems, warnings, descriptions: content });
     }
     let channels: Vec<_> = channels.iter().map(|(place, name, channel)| (*place, *name, channel)).collect();
     for (place, problem) in eki::find_clashes(&channels) {
@@ -162,14 +167,14 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
 
 /// Returns the only cell among the files with its index, if there is exactly one and it has no problem of its own.
 fn single_cell(files: &[(&str, &str)], reports: &[FileReport]) -> Option<(usize, Cell)> {
-    let [place] = of_kind(CELL, reports)[..] else { return None };
+    let [place] = reports_of_kind(CELL, reports)[..] else { return None };
     Some((place, Cell::check(files[place].0, files[place].1).ok()?))
 }
 
 /// Reports what recipes need and the cell cannot do, if one cell is among the files.
 fn check_recipes_against_cell(files: &[(&str, &str)], read: ReadNamed<'_>, reports: &mut [FileReport]) {
     let Some((_, cell)) = single_cell(files, reports) else { return };
-    for place in of_kind(RECIPE, reports) {
+    for place in reports_of_kind(RECIPE, reports) {
         let (name, text) = files[place];
         let Ok(recipe) = parse_plausible_recipe(name, text) else { continue };
         let unfit = unmet_demands(&cell, &recipe, read);
@@ -237,7 +242,7 @@ fn check_completeness(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> (
     let may_lack =
         |unmet: &UnmetRequirement| checked_for.are_missing_files_allowed && unmet.kind == ProblemKind::MissingFile;
     let (missing, unmet): (Vec<UnmetRequirement>, Vec<UnmetRequirement>) = all.into_iter().partition(may_lack);
-    // The programs are accepted after the cell's file is written, so a new file is right without it.
+    // The programs are accepted after the cell's file is written, so a new file is valid without it.
     let later =
         |unmet: &UnmetRequirement| checked_for.are_missing_files_allowed && unmet.kind == ProblemKind::Acceptance;
     let (open, unmet): (Vec<UnmetRequirement>, Vec<UnmetRequirement>) = unmet.into_iter().partition(later);
@@ -272,7 +277,7 @@ fn unclear_kind_report(message: String) -> FileReport {
     FileReport { kind: None, problems, warnings: vec![], descriptions: vec![] }
 }
 
-/// Returns the one kind that shares the most names with the file. Misspelt names count if no name is right.
+/// Returns the one kind that shares the most names with the file. Misspelt names count if no name is known.
 fn detect_kind(top: &[String]) -> Option<&'static FileKind> {
     let all: Vec<&str> = KINDS.iter().flat_map(|kind| kind.keys).copied().collect();
     let right = |kind: &FileKind| top.iter().filter(|key| kind.keys.contains(&key.as_str())).count();
@@ -353,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_clear_is_said() {
+    fn what_is_not_clear_is_reported() {
         assert_eq!(
             problem_messages("a.toml", "x = 3"),
             [
@@ -393,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_understood_is_said() {
+    fn what_was_understood_is_reported() {
         let cell = "[robot]\nkind = 'eki'\nhost = 'krc'\n[scanner]\nkind = 'zivid'\nsettings = 's.yml'\nsettings_2d = 'p.yml'\n[limits]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 2, 3]";
         assert_eq!(
             check_file("c/cell.toml", cell).descriptions,

@@ -1,4 +1,4 @@
-//! How numbers and times are written in sentences for people.
+//! Formats of numbers and times in sentences for people.
 //!
 //! A measured number and the limit that it violates are printed so that they differ. A rounded zero has no sign. A NaN
 //! is named as such.
@@ -14,8 +14,7 @@ const MAX_DECIMALS: usize = 15;
 /// Checks a name or a remark that is shown on a page unchanged.
 ///
 /// # Errors
-/// States in words what is wrong: it is empty, longer than this many characters, or contains characters that cannot be
-/// printed.
+/// States the problem: it is empty, longer than this many characters, or contains characters that cannot be printed.
 pub fn printable(text: &str, most_characters: usize) -> Result<(), String> {
     match text.chars().count() {
         _ if text.trim() != text || text.is_empty() => {
@@ -174,7 +173,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn two_numbers_are_told_apart(found in -1e6_f64..1e6, step in prop::num::f64::POSITIVE, decimals in 0_usize..4) {
+        fn two_numbers_are_distinguished(found in -1e6_f64..1e6, step in prop::num::f64::POSITIVE, decimals in 0_usize..4) {
             let limit = found + step.clamp(1e-9, 1e3);
             let [found_text, limit_text] = distinguishable_texts(found, limit, decimals);
             prop_assert!(trim_zeros(&found_text) != limit_text, "{found_text} {limit_text}");

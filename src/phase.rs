@@ -6,7 +6,7 @@ use strum::{Display, EnumString, IntoStaticStr, VariantArray};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Display, EnumString, IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "lowercase")]
 pub enum Phase {
-    /// Before the water.
+    /// Before the water is on.
     Dry,
     /// Under the spray: not yet fully wet; such pictures are not examined.
     Spray,

@@ -101,7 +101,7 @@ pub enum Clock {
 pub enum RecordingFile {
     /// In the store's folder for recordings, under the cycle's number.
     InStore,
-    /// This one.
+    /// The file with this name.
     Named(String),
 }
 
@@ -110,9 +110,9 @@ pub enum RecordingFile {
 pub struct CycleRecord {
     /// Its number.
     pub id: CycleId,
-    /// When the cycle began, s since 1970.
+    /// Time at which the cycle began, s since 1970.
     pub started_unix_s: i64,
-    /// When the cycle ended, s since 1970; `None` while it runs.
+    /// Time at which the cycle ended, s since 1970; `None` while it runs.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,
@@ -128,7 +128,7 @@ pub struct CycleRecord {
     pub judgement: Option<Judgement>,
     /// The error at the tool; `None` if the cycle did not come so far.
     pub budget: Option<Budget>,
-    /// What the phases found, in order.
+    /// Findings of the phases, in order.
     pub findings: Vec<Finding>,
     /// Every motion, in order.
     pub motions: Vec<MotionRecord>,
@@ -145,7 +145,7 @@ pub struct CycleRecord {
 }
 
 impl CycleRecord {
-    /// Returns what contradicts the verdict `pass` or `accept` of this record, in words: findings, and for `pass` a
+    /// Returns what contradicts the verdict `pass` or `accept` of this record, as text: findings, and for `pass` a
     /// missing film. The list is empty for other verdicts.
     pub fn verdict_contradictions(&self) -> Vec<String> {
         let Some(verdict) = self.judgement.as_ref().map(|judgement| judgement.verdict) else { return Vec::new() };

@@ -127,7 +127,7 @@ fn poses(cell: &Cell) -> Vec<UnmetRequirement> {
     let first = named.first().map(|first| (*first, *first));
     let both = named.first().zip(named.get(1)).into_iter();
     let ways = first.into_iter().chain(both.flat_map(|(park, ready)| [(*park, *ready), (*ready, *park)]));
-    let met = |((from, start), (to, end)): ((&str, Joints), (&str, Joints))| {
+    let unmet_poses = |((from, start), (to, end)): ((&str, Joints), (&str, Joints))| {
         let obstacle = joint_motion(&arm, no_tool, &start, &end).err()?;
         let way =
             if from == to { "in this pose,".to_owned() } else { format!("on the motion from [poses] {from}:") };
@@ -136,9 +136,9 @@ fn poses(cell: &Cell) -> Vec<UnmetRequirement> {
             format!("the arm cannot reach this pose: {way} {obstacle}"),
         ))
     };
-    let mut met: Vec<UnmetRequirement> = ways.filter_map(met).collect();
-    met.truncate(1);
-    met
+    let mut unmet_poses: Vec<UnmetRequirement> = ways.filter_map(unmet_poses).collect();
+    unmet_poses.truncate(1);
+    unmet_poses
 }
 
 /// Finds the axes of a pose that are beyond the arm's limits.

@@ -11,16 +11,16 @@ use std::panic;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// What is wrong with a thread.
+/// A fault of a thread.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ThreadFault {
     /// The thread's name.
     pub thread: String,
-    /// What it did.
+    /// Failure of the thread.
     pub failure: ThreadFailure,
 }
 
-/// How a thread fails.
+/// Failures of a thread.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ThreadFailure {
     /// The thread panicked; the panic was reported where it occurred.
@@ -56,7 +56,7 @@ enum ThreadSign {
     Rests,
     /// The thread ended normally.
     Done,
-    /// It ended otherwise.
+    /// The thread ended otherwise, for example by a panic.
     Lost,
 }
 
@@ -146,7 +146,7 @@ thread_local! {
     static IS_APART: Cell<bool> = const { Cell::new(false) };
 }
 
-/// From now on a panic of this thread is no fault of the cell. This is for a thread that runs foreign code on any
+/// From now on a panic of this thread is not a fault of the cell. This is for a thread that runs foreign code on any
 /// network input and catches the panics: no input from there may stop the robot.
 pub fn exempt_thread() {
     IS_APART.set(true);
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_of_a_thread_that_stands_apart_is_none_of_the_cells() {
+    fn a_panic_of_a_thread_that_is_separate_is_none_of_the_cells() {
         let supervisor = Supervisor::default();
         supervisor.notice_panics();
         let panics = |is_apart: bool| {
@@ -307,7 +307,7 @@ mod tests {
 
     /// A panic is a fault even if the runtime of the thread catches it.
     #[test]
-    fn a_panic_is_a_fault_whoever_catches_it() {
+    fn a_panic_is_a_fault_in_every_thread() {
         let supervisor = Supervisor::default();
         let (one, other) = (supervisor.clone(), Supervisor::default());
         supervisor.record_panic("connection");

@@ -1,5 +1,5 @@
-//! What this program trusts on a network, and how others identify this program: certificate authorities, its own
-//! certificate, and secrets, each from a file.
+//! Trust on a network: the accepted certificate authorities, the program's own certificate, and secrets, each from a
+//! file.
 
 use crate::disk;
 use rustls::pki_types::pem::PemObject;
@@ -14,7 +14,7 @@ use std::sync::Arc;
 pub struct TrustError {
     /// The file.
     pub path: PathBuf,
-    /// What is wrong with the file.
+    /// The problem in the file.
     pub problem: String,
 }
 

@@ -176,7 +176,7 @@ fn an_arm_is_calibrated_from_pictures_axes_and_touched_corners() {
 
 /// A corner that the board does not have, and one of a camera that is not calibrated, are reported with the file.
 #[test]
-fn a_touch_of_what_is_not_there_is_told() {
+fn a_touch_of_what_is_not_there_is_reported() {
     let still = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
     let cell = BoardCell::new(5, BoardPrint::chessboard(9, 6, 25.0), still).with_reduction(3);
     let (arm, errors) = wrong_arm(8);

@@ -41,23 +41,23 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
 
     // A restore in place is refused while the service answers.
     let in_place = "restore first.tar.zst --cell cell/cell.toml --only store --replace store";
-    let (exit, told) = json(folder, in_place);
-    assert!(exit == 2 && told["reasons"].to_string().contains("a service answers on"), "{told}");
+    let (exit, output) = json(folder, in_place);
+    assert!(exit == 2 && output["reasons"].to_string().contains("a service answers on"), "{output}");
     let (exit, second) = json(folder, "backup second.tar.zst --cell cell/cell.toml");
     assert_eq!(exit, 0, "{second}");
     assert!(second["links"].as_i64() > made["links"].as_i64(), "the rest of the cycle: {second} {made}");
-    let (exit, told) = json(folder, "backup second.tar.zst --cell cell/cell.toml");
-    assert!(exit == 2 && told["reasons"].to_string().contains("is not overwritten"), "{told}");
+    let (exit, output) = json(folder, "backup second.tar.zst --cell cell/cell.toml");
+    assert!(exit == 2 && output["reasons"].to_string().contains("is not overwritten"), "{output}");
     // The pages are read before the signal, which appears on the page of the last cycle.
     let pages = [1, 2].map(|cycle| page(folder, "cell/cell.toml", cycle));
     service.signal(rustix::process::Signal::TERM);
     assert_eq!(service.ended().code(), Some(0));
 
     // On another machine: the same rows, and the same pages from them.
-    let (exit, told) = json(folder, "restore second.tar.zst --cell other/cell.toml");
-    assert!(exit == 2 && told["reasons"].to_string().contains("--last-cycle"), "{told}");
-    let (exit, told) = json(folder, "restore second.tar.zst --cell other/cell.toml --last-cycle 2");
-    assert_eq!((exit, &told["links"]), (0, &second["links"]), "{told}");
+    let (exit, output) = json(folder, "restore second.tar.zst --cell other/cell.toml");
+    assert!(exit == 2 && output["reasons"].to_string().contains("--last-cycle"), "{output}");
+    let (exit, output) = json(folder, "restore second.tar.zst --cell other/cell.toml --last-cycle 2");
+    assert_eq!((exit, &output["links"]), (0, &second["links"]), "{output}");
     verify(folder, "other/cell.toml");
     for (cycle, before) in (1..).zip(pages) {
         assert!(page(folder, "other/cell.toml", cycle) == before, "page {cycle} is another one");
@@ -83,9 +83,9 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     assert!(exit == 0 && told["cycle_id"].as_i64().is_some_and(|id| id >= 3), "{told}");
 
     // The backup made during the running cycle is a store with a cycle that was cut short, and reports this.
-    let (exit, told) = json(folder, in_place);
-    assert_eq!(exit, 0, "{told}");
-    assert!(told["kept"].to_string().contains("cell/store.before-restore-1"), "{told}");
+    let (exit, output) = json(folder, in_place);
+    assert_eq!(exit, 0, "{output}");
+    assert!(output["kept"].to_string().contains("cell/store.before-restore-1"), "{output}");
     assert_eq!(verify(folder, "cell/cell.toml")["links"], made["links"]);
     let service = Service::start(folder);
     assert_eq!(service.state(), "aborted", "{}", service.log());
@@ -93,7 +93,7 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
 
 /// One bit of a backup is changed: the command prints a message, its exit code is 1, and nothing is changed.
 #[test]
-fn a_damaged_backup_is_told_and_changes_nothing() {
+fn a_damaged_backup_is_reported_and_changes_nothing() {
     let folder = super::commands::rendered("clean");
     let folder = folder.path();
     assert_eq!(json(folder, super::commands::TEACH).0, 0);

@@ -23,7 +23,7 @@ pub struct Hard {
     pub contrast: f64,
     /// Whether a tenth of the board shines white.
     pub glare: bool,
-    /// Degrees.
+    /// Tilt of the board, degrees.
     pub tilt_deg: f64,
     /// Whether only the board is lit.
     pub dark: bool,
@@ -332,11 +332,11 @@ pub enum Judged {
     /// At most a tenth of the visible corners is missing: the rms error of the others, px, and the number of
     /// missing ones.
     Nearly(f64, usize),
-    /// More are missing.
+    /// A part of the corners is found; this number is missing.
     Part(usize),
     /// Some corners are at a wrong position: the largest error, px.
     Wrong(f64),
-    /// None.
+    /// No corner is found.
     Nothing,
 }
 

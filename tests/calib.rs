@@ -36,7 +36,7 @@ fn many_rendered_poses_give_both_mounts() {
 }
 
 #[test]
-fn a_robot_half_a_millimetre_off_is_told_honestly() {
+fn a_robot_half_a_millimetre_off_is_reported_honestly() {
     for seed in [1, 2] {
         let cell = boards::cell(seed, BAD_ROBOT);
         let shots = FlangeCameraMount::shots(&cell, POSES);

@@ -156,9 +156,10 @@ fn the_unit_for_a_zivid_is_one_that_systemd_takes() {
         fs::write(beside.join("zivid.conf"), more).expect("written");
         let mut verify = Command::new("systemd-analyze");
         let verify = verify.args(["verify", "--man=no"]).arg(folder.path().join("panelprep.service"));
-        let told =
-            verify.output().map(|told| (told.status.success(), String::from_utf8_lossy(&told.stderr).into_owned()));
-        told.map(|(right, words)| (right, words.lines().filter(|line| line.contains("panelprep")).count()))
+        let reply = verify
+            .output()
+            .map(|reply| (reply.status.success(), String::from_utf8_lossy(&reply.stderr).into_owned()));
+        reply.map(|(right, words)| (right, words.lines().filter(|line| line.contains("panelprep")).count()))
     };
     match says(&more) {
         Ok(found) => {

@@ -126,7 +126,7 @@ fn a_cell_without_trouble_has_none_and_each_planted_one_is_named() {
 /// Distinguishes controllers behind two sockets that are absent, silent, send wrong data, or are right, and checks a
 /// controller's own files.
 #[test]
-fn what_answers_in_place_of_a_controller_is_told_apart() {
+fn what_answers_in_place_of_a_controller_is_distinguished() {
     let folder = rendered("clean");
     let folder = folder.path();
     assert_eq!(json(folder, TEACH).0, 0);

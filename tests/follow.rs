@@ -30,14 +30,14 @@ fn a_cycle_is_followed_to_its_end() {
     let (exit, ended) = service.ctl(&format!("{START} --wait --part SN-7<b> --order W-4 --operator Anna"));
     let found = (exit, ended["verdict"].as_str(), ended["state"].as_str());
     assert_eq!(found, (0, Some("pass"), Some("complete")), "{ended}");
-    let told: Vec<Value> = lines.map(object).take_while(|told| told["page"].is_null()).collect();
+    let output: Vec<Value> = lines.map(object).take_while(|output| output["page"].is_null()).collect();
     watch.kill().and_then(|()| watch.wait()).expect("ended");
-    assert!(told.windows(2).all(|pair| pair[0] != pair[1]), "only changes are told");
+    assert!(output.windows(2).all(|pair| pair[0] != pair[1]), "only changes are told");
     // How many of the phases are seen depends on the machine.
-    let at_work: Vec<&Value> = told.iter().filter(|told| told["state"] == "execute").collect();
-    assert!(at_work.iter().all(|told| told["phase"].is_string()) && !at_work.is_empty(), "{told:#?}");
+    let at_work: Vec<&Value> = output.iter().filter(|output| output["state"] == "execute").collect();
+    assert!(at_work.iter().all(|output| output["phase"].is_string()) && !at_work.is_empty(), "{output:#?}");
     let panel = ended["panel"].as_str().expect("a name");
-    assert!(at_work.iter().all(|told| told["panel"] == panel), "{told:#?}");
+    assert!(at_work.iter().all(|output| output["panel"] == panel), "{output:#?}");
     assert_eq!(ended["pass"], 1);
     let page =
         std::fs::read_to_string(folder.join(ended["page"].as_str().expect("a page"))).expect("it is written");

@@ -19,7 +19,7 @@ pub struct Outcome {
     /// For each defect, the number of paths that had it and the number of these that passed.
     pub planted: BTreeMap<&'static str, [usize; 2]>,
     /// Number of random paths that no configuration of the arm can follow. They do not count as good paths.
-    pub barren: usize,
+    pub infeasible: usize,
 }
 
 struct Gates {
@@ -199,7 +199,7 @@ pub fn run(paths: usize) -> Outcome {
         let mut path = loop {
             match random_path(&mut random, &gates) {
                 Some(path) => break path,
-                None => outcome.barren += 1,
+                None => outcome.infeasible += 1,
             }
         };
         outcome.refused.extend(gates.pass(&path).err());
@@ -220,5 +220,5 @@ fn paths_with_one_defect_are_refused_and_without_it_pass() {
     for (defect, [planted, passed]) in &outcome.planted {
         assert!(*planted > 40 && *passed == 0, "{defect}: {passed} of {planted} passed");
     }
-    assert!(outcome.barren < 400, "{} random paths were no paths", outcome.barren);
+    assert!(outcome.infeasible < 400, "{} random paths were no paths", outcome.infeasible);
 }

@@ -124,7 +124,7 @@ fn each_term_of_the_glossary_is_in_the_code_and_has_no_second_word() {
 }
 
 #[test]
-fn names_are_found_wherever_they_are_defined() {
+fn names_are_found_at_any_place_where_they_are_defined() {
     let source = "pub struct A { field_mm: f64 } enum B { Variant } impl A { fn method(&self) {} } mod inner { type C = A; }\n\
          frames! { /// Doc.\n Base = \"base\"; } fn f() { let local = 1; }";
     let mut defined = Defined::default();

@@ -48,30 +48,33 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     let folder = folder.path();
     assert_eq!(json(folder, TEACH).0, 0);
     refused(folder, &["not_verified", "not_verified"]);
-    let (exit, told) = json(folder, VERIFY[0]);
-    assert_eq!((exit, told["verdict"].as_str()), (0, Some("accept")), "{told}");
-    let error_mm = told["error_mm"].as_f64().unwrap_or(f64::NAN);
-    assert!(error_mm > 0.02 && error_mm < 0.5 && told["limit_mm"] == 0.8, "the mount is 0.1 mm, 0.01° off: {told}");
+    let (exit, output) = json(folder, VERIFY[0]);
+    assert_eq!((exit, output["verdict"].as_str()), (0, Some("accept")), "{output}");
+    let error_mm = output["error_mm"].as_f64().unwrap_or(f64::NAN);
+    assert!(
+        error_mm > 0.02 && error_mm < 0.5 && output["limit_mm"] == 0.8,
+        "the mount is 0.1 mm, 0.01° off: {output}"
+    );
     refused(folder, &["not_verified"]);
 
     // The taught corner, seen at the pose at which it was taught, also verifies the flange camera.
     let corner = "calibrate verify --cell cell/cell.toml --camera flange-camera --recipe cell/recipe.toml \
                   --image cell/taught_corner.png --flange cell/taught_flange.json";
-    let (exit, told) = json(folder, corner);
-    assert!(exit == 0 && told["error_mm"].as_f64().is_some_and(|mm| mm < 0.01), "{told}");
+    let (exit, output) = json(folder, corner);
+    assert!(exit == 0 && output["error_mm"].as_f64().is_some_and(|mm| mm < 0.01), "{output}");
     assert_eq!(json(folder, VERIFY[1]).0, 0);
 
     // The tool touches 2 mm beside the points, as a tool that was bumped does.
-    let (exit, told) = json(folder, &format!("{TOUCH} --points cell/target/touched.toml"));
-    let errors = told["errors_mm"].as_array().map(Vec::len);
-    assert!(exit == 0 && errors == Some(4) && told["error_mm"].as_f64().is_some_and(|mm| mm < 0.2), "{told}");
+    let (exit, output) = json(folder, &format!("{TOUCH} --points cell/target/touched.toml"));
+    let errors = output["errors_mm"].as_array().map(Vec::len);
+    assert!(exit == 0 && errors == Some(4) && output["error_mm"].as_f64().is_some_and(|mm| mm < 0.2), "{output}");
     let points = std::fs::read_to_string(folder.join("cell/target/touched.toml")).expect("there");
     let (head, tail) = points.split_once("p4_mm = [").expect("a fourth point");
     let (x, rest) = tail.split_once(',').expect("three numbers");
     let x = x.parse::<f64>().expect("a number") + 2.0;
     std::fs::write(folder.join("bumped.toml"), format!("{head}p4_mm = [{x},{rest}")).expect("written");
-    let (exit, told) = json(folder, &format!("{TOUCH} --points bumped.toml --pictures pictures"));
-    assert_eq!((exit, codes(&told)), (1, vec!["verification_limit"]), "{told}");
+    let (exit, output) = json(folder, &format!("{TOUCH} --points bumped.toml --pictures pictures"));
+    assert_eq!((exit, codes(&output)), (1, vec!["verification_limit"]), "{output}");
     let trend = std::fs::read_to_string(folder.join("pictures/trend_tool.svg")).expect("a trend");
     assert_eq!(trend.matches("<circle").count(), 2);
     refused(folder, &["verification_limit"]);
@@ -81,8 +84,8 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     let (rendered, strict) =
         ("verify_limit_mm = 0.8", format!("verify_limit_mm = {:?}", (error_mm / 2.0).max(0.05)));
     replace(folder, "cell/cell.toml", rendered, &strict);
-    let (_, told) = json(folder, CYCLE);
-    assert!(codes(&told).contains(&"verification_limit"), "{told}");
+    let (_, output) = json(folder, CYCLE);
+    assert!(codes(&output).contains(&"verification_limit"), "{output}");
     replace(folder, "cell/cell.toml", &strict, rendered);
     replace(folder, "cell/scanner.toml", "[camera]", "# calibrated again\n[camera]");
     refused(folder, &["verification_other"]);
@@ -100,26 +103,26 @@ fn a_cycle_starts_only_on_verified_calibrations() {
 /// verification that was stored can be struck out. It stays in the store with the person and the reason, and no older
 /// verification replaces it.
 #[test]
-fn a_look_that_says_nothing_is_refused_or_struck_out() {
+fn a_look_that_gives_no_information_is_refused_or_struck_out() {
     let folder = rendered("good");
     let folder = folder.path();
     assert_eq!(json(folder, TEACH).0, 0);
     // The file states which board it is, so the command does not have to.
     let look = VERIFY[0].replace("--board 5x4 --square-mm 40", "");
-    let (exit, told) = json(folder, &look);
-    assert_eq!((exit, told["number"].as_i64()), (0, Some(1)), "{told}");
+    let (exit, output) = json(folder, &look);
+    assert_eq!((exit, output["number"].as_i64()), (0, Some(1)), "{output}");
     let file = "cell/target/scanner.toml";
     replace(folder, file, "square_mm = 40.0", "square_mm = 30.0");
-    let (exit, told) = json(folder, &look);
-    assert_eq!((exit, codes(&told)), (1, vec!["implausible"]), "{told}");
-    assert!(told["error_mm"].as_f64().is_some_and(|mm| mm > 150.0), "{told}");
+    let (exit, output) = json(folder, &look);
+    assert_eq!((exit, codes(&output)), (1, vec!["implausible"]), "{output}");
+    assert!(output["error_mm"].as_f64().is_some_and(|mm| mm > 150.0), "{output}");
     replace(folder, file, "square_mm = 30.0", "square_mm = 40.0");
     replace(folder, file, "board = \"5x4\"", "board = \"4x5\"");
     assert_eq!(codes(&json(folder, &look).1), ["implausible"]);
     replace(folder, file, "board = \"4x5\"\nsquare_mm = 40.0\n", "");
-    let (exit, told) = json(folder, &look);
-    let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
-    assert!(exit == 2 && message.contains("square_mm"), "{told}");
+    let (exit, output) = json(folder, &look);
+    let message = output["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert!(exit == 2 && message.contains("square_mm"), "{output}");
     let history =
         |folder: &Path| json(folder, "calibrate history --cell cell/cell.toml").1["verifications"].clone();
     assert_eq!(history(folder).as_array().map(Vec::len), Some(1), "nothing was kept of them");
@@ -135,9 +138,9 @@ fn a_look_that_says_nothing_is_refused_or_struck_out() {
         "{kept}"
     );
     assert!(kept[1]["struck"].is_null() && kept[0]["error_mm"].as_f64().is_some_and(|mm| mm < 0.5), "{kept}");
-    let (exit, told) = json(folder, strike);
-    let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
-    assert!(exit == 2 && message.contains("already struck out, by inspector"), "{told}");
+    let (exit, output) = json(folder, strike);
+    let message = output["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert!(exit == 2 && message.contains("already struck out, by inspector"), "{output}");
     assert_eq!(json(folder, &strike.replace("strike 1", "strike 9")).0, 2);
 }
 

@@ -80,13 +80,13 @@ fn jpeg_measures_no_place() {
         std::fs::write(folder.join(format!("cell/{name}.jpg")), jpeg).expect("written");
     }
     let refused = |arguments: &str| {
-        let (exit, told) = json(folder, arguments);
-        let words = told["reasons"][0]["message"].as_str().unwrap_or_default();
+        let (exit, output) = json(folder, arguments);
+        let words = output["reasons"][0]["message"].as_str().unwrap_or_default();
         assert!(
             exit == 2
                 && words.contains(".jpg: positions are measured in this picture, but its format is JPEG")
                 && words.contains("PNG"),
-            "{told}"
+            "{output}"
         );
     };
     refused(&TEACH.replace("taught_corner.png", "taught_corner.jpg"));

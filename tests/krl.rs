@@ -42,7 +42,7 @@ fn analysed(files: &[PathBuf]) -> Analysis {
 /// Each file of `fixtures/krl` begins with its expected result: `ok`, or each error and warning with line, key and
 /// words. The files of a folder in it are one program; every other file is one program.
 #[test]
-fn each_fixture_is_judged_as_its_first_lines_say() {
+fn each_fixture_is_judged_as_its_first_lines_state() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/krl");
     let mut programs: BTreeMap<PathBuf, Vec<PathBuf>> = BTreeMap::new();
     for file in krl_files(&root) {

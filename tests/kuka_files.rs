@@ -222,7 +222,7 @@ fn what_opens_is_closed_in_its_order() {
 
 /// Comparisons beside AND or OR need brackets, because they bind more weakly than AND and OR in KRL.
 #[test]
-fn comparisons_beside_and_or_or_stand_in_brackets() {
+fn comparisons_beside_and_or_or_are_in_brackets() {
     each(&files(), |routine, statement| {
         let mut outside = String::new();
         let mut depth = 0;

@@ -137,8 +137,8 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
     assert_eq!(saved["former"], "labels.1.json");
     assert_eq!(std::fs::read(clip_folder.join("labels.1.json")).expect("kept"), clean);
     assert!(!clip_folder.join("labels.draft.json").exists());
-    let (told, words) = ended(page);
-    assert_eq!((&told["saved"], &told["unsaved"]), (&value!(2), &value!(false)), "{told} {words}");
+    let (output, words) = ended(page);
+    assert_eq!((&output["saved"], &output["unsaved"]), (&value!(2), &value!(false)), "{output} {words}");
 
     // Calculated by hand: two rectangles of 16 × 12 pixels; the second one's shape moves one pixel to the right,
     // which adds 12 pixels.
@@ -154,15 +154,15 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
 /// The commands that accept a truth accept the labelled clip.
 fn scored(folder: &Path, labelled: &Mask) {
     let inspect = format!("inspect {CELL} --located located.json");
-    let (exit, told) = json(folder, &format!("{inspect} --clip cell/clip --truth cell/clip --pictures pictures"));
-    assert_eq!((exit, told["verdict"].as_str()), (1, Some("fail")), "{told}");
+    let (exit, output) = json(folder, &format!("{inspect} --clip cell/clip --truth cell/clip --pictures pictures"));
+    assert_eq!((exit, output["verdict"].as_str()), (1, Some("fail")), "{output}");
     let found = mask(&folder.join("pictures/mask.png"));
     let count = |of: fn(bool, bool) -> bool| {
         found.inside.iter().zip(&labelled.inside).filter(|(found, real)| of(**found, **real)).count() as f64
     };
     let both = count(|found, real| found && real);
     assert!(both > 20.0, "the label lies over a part of what is found: {both} px");
-    let score = &told["score"];
+    let score = &output["score"];
     assert!(close(&score["iou"], both / count(|found, real| found || real)), "{score}");
     assert!(close(&score["precision"], both / found.count() as f64), "{score}");
     assert!(close(&score["recall"], both / labelled.count() as f64), "{score}");
@@ -174,14 +174,14 @@ fn scored(folder: &Path, labelled: &Mask) {
     assert_eq!(exit, 0, "{set}");
     assert_eq!((&set["score"]["clips"], &set["score"]["iou"]), (&value!(1), &score["iou"]), "{set}");
     assert!(set["score"]["timed"].as_u64().is_some_and(|timed| timed >= 1), "its times count: {set}");
-    let (exit, told) =
+    let (exit, output) =
         json(folder, &format!("tune {CELL} --located located.json --clip cell/clip --truth cell/clip"));
-    assert!((0..=1).contains(&exit), "{told}");
+    assert!((0..=1).contains(&exit), "{output}");
 
-    let (exit, told) = json(folder, &format!("{inspect} --clip cell/clip --pictures cell/clip"));
+    let (exit, output) = json(folder, &format!("{inspect} --clip cell/clip --pictures cell/clip"));
     assert!(
-        exit == 2 && told["reasons"][0]["message"].as_str().unwrap_or_default().contains("labels of a person"),
-        "{told}"
+        exit == 2 && output["reasons"][0]["message"].as_str().unwrap_or_default().contains("labels of a person"),
+        "{output}"
     );
 }
 

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
-/// Layers at most.
+/// Maximum number of layers.
 const MAX_LAYERS: usize = 9;
 
 /// The modules with access to the world outside of the program; all others are pure.

@@ -30,8 +30,8 @@ fn with_line(folder: &Path) {
 fn a_line_has_its_parts_prepared() {
     let folder = taught("good");
     let folder = folder.path();
-    let (exit, told) = json(folder, "run --cell cell/cell.toml --seed 3 --line-parts 1");
-    assert!(exit == 2 && told.to_string().contains("needs all of its signals"), "{told}");
+    let (exit, reported) = json(folder, "run --cell cell/cell.toml --seed 3 --line-parts 1");
+    assert!(exit == 2 && reported.to_string().contains("needs all of its signals"), "{reported}");
 
     with_line(folder);
     let service = Service::start_simulating(folder, &["--line-parts", "3"]);

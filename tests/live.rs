@@ -25,19 +25,19 @@ const LENS: &str = "calibrate intrinsics --live shots --camera flange-camera --b
 fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let (exit, told) = json(folder, "render --seed 3 --reduction 2 --seconds 5 --out cell");
-    assert_eq!(exit, 0, "{told}");
+    let (exit, reported) = json(folder, "render --seed 3 --reduction 2 --seconds 5 --out cell");
+    assert_eq!(exit, 0, "{reported}");
 
-    let (exit, _, told) =
+    let (exit, _, reported) =
         answered(folder, "calibrate intrinsics --live shots --board 9x6 --square-mm 25 --out a.toml", "");
-    assert!(exit == 2 && told.contains("--camera scanner or --camera flange-camera"), "{told}");
+    assert!(exit == 2 && reported.contains("--camera scanner or --camera flange-camera"), "{reported}");
     // Too few pictures, and the terminal is closed: the command gives a verdict, and the pictures remain.
-    let (exit, found, told) = answered(folder, LENS, "\n\n\n");
-    assert!(exit == 1 && found["reasons"].to_string().contains("too_few_pictures"), "{exit} {found} {told}");
-    assert!(told.contains("board_0003.png: board found, 54 of 54 corners"), "{told}");
-    let (exit, found, told) = answered(folder, LENS, &"\n".repeat(7));
-    assert!(told.contains("3 pictures already exist, 3 of them show the board"), "{told}");
-    assert!(told.contains("next: the board in the") && told.contains("so far:"), "{told}");
+    let (exit, found, reported) = answered(folder, LENS, "\n\n\n");
+    assert!(exit == 1 && found["reasons"].to_string().contains("too_few_pictures"), "{exit} {found} {reported}");
+    assert!(reported.contains("board_0003.png: board found, 54 of 54 corners"), "{reported}");
+    let (exit, found, reported) = answered(folder, LENS, &"\n".repeat(7));
+    assert!(reported.contains("3 pictures already exist, 3 of them show the board"), "{reported}");
+    assert!(reported.contains("next: the board in the") && reported.contains("so far:"), "{reported}");
     assert!(exit < 2 && found["rms_px"].as_f64() < Some(0.1), "{found}");
     assert_eq!(found["images"].as_array().map(Vec::len), Some(10), "{found}");
     assert!(folder.join("lens.toml").is_file());
@@ -45,12 +45,12 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
     // Options that do not belong together are refused, and a picture that was never taken is reported.
     let hand_eye = "calibrate hand-eye --live none --mount eye-in-hand --board 9x6 --square-mm 25 --cell cell/cell.toml \
                     --intrinsics cell/flange_camera.toml --out m.toml";
-    let (exit, _, told) = answered(folder, &format!("{hand_eye} --camera scanner"), "");
-    assert!(exit == 2 && told.contains("--camera"), "{told}");
-    let (exit, _, told) = answered(folder, &format!("{LENS} --move"), "");
-    assert!(exit == 2 && told.contains("--move"), "{told}");
-    let (exit, found, told) = answered(folder, hand_eye, "done\n");
-    assert!(exit == 2 && format!("{found}{told}").contains("0 of 0 pictures"), "{found} {told}");
+    let (exit, _, reported) = answered(folder, &format!("{hand_eye} --camera scanner"), "");
+    assert!(exit == 2 && reported.contains("--camera"), "{reported}");
+    let (exit, _, reported) = answered(folder, &format!("{LENS} --move"), "");
+    assert!(exit == 2 && reported.contains("--move"), "{reported}");
+    let (exit, found, reported) = answered(folder, hand_eye, "done\n");
+    assert!(exit == 2 && format!("{found}{reported}").contains("0 of 0 pictures"), "{found} {reported}");
 
     for (mount, lens, file) in
         [("eye-in-hand", "flange_camera", "flange_from_camera"), ("eye-to-hand", "scanner", "base_from_camera")]
@@ -59,9 +59,9 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
             "calibrate hand-eye --live {mount} --move --mount {mount} --board 9x6 --square-mm 25 --cell cell/cell.toml \
              --intrinsics cell/{lens}.toml --out {file}.toml"
         );
-        let (exit, found, told) = answered(folder, &command, "\n");
-        assert!(exit < 2 && told.contains("The arm will move by itself"), "{exit} {found} {told}");
-        assert!(told.contains("so far:") && found["uncertainty_mm"].as_f64() < Some(0.3), "{found} {told}");
+        let (exit, found, reported) = answered(folder, &command, "\n");
+        assert!(exit < 2 && reported.contains("The arm will move by itself"), "{exit} {found} {reported}");
+        assert!(reported.contains("so far:") && found["uncertainty_mm"].as_f64() < Some(0.3), "{found} {reported}");
         // The 3D camera's mount is computed from its own points, of shots that the session took; the pictures of
         // the same shots are the check.
         let shots = std::fs::read_dir(folder.join(mount)).expect("a folder").flatten();
@@ -86,14 +86,14 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
     }
 }
 
-/// Calibrates a tool by poses that a person reads from the pendant, because no controller answers. An answer that
-/// is no pose is not stored.
+/// Calibrates a tool by poses that a person reads from the pendant, because no controller answers. An answer that is
+/// not a pose is not stored.
 #[test]
 fn a_tool_is_calibrated_by_poses_that_are_read_now() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let (exit, told) = json(folder, "render --seed 3 --reduction 8 --seconds 5 --boards --out cell");
-    assert_eq!(exit, 0, "{told}");
+    let (exit, reported) = json(folder, "render --seed 3 --reduction 8 --seconds 5 --boards --out cell");
+    assert_eq!(exit, 0, "{reported}");
     let poses: toml::Table =
         std::fs::read_to_string(folder.join("cell/boards/tip.toml")).expect("written").parse().expect("TOML");
     let typed = |table: &str| -> String {
@@ -105,16 +105,16 @@ fn a_tool_is_calibrated_by_poses_that_are_read_now() {
         poses[table].as_array().expect("poses").iter().map(one).collect()
     };
     let tcp = "calibrate tcp --live tip --cell cell/cell.toml --out tool.toml";
-    let (exit, _, told) = answered(folder, tcp, "doen\ndone\n");
-    assert!(exit == 2 && told.contains("\"doen\" is not a valid answer"), "{told}");
+    let (exit, _, reported) = answered(folder, tcp, "doen\ndone\n");
+    assert!(exit == 2 && reported.contains("\"doen\" is not a valid answer"), "{reported}");
     let lines = format!("{}axis\n{}done\n", typed("poses"), typed("axis"));
-    let (exit, found, told) = answered(folder, tcp, &lines);
-    assert_eq!((exit, found["axis_measured"].as_bool()), (0, Some(true)), "{found} {told}");
-    assert!(told.contains("so far: ") && told.contains("Enter the flange's pose"), "{told}");
+    let (exit, found, reported) = answered(folder, tcp, &lines);
+    assert_eq!((exit, found["axis_measured"].as_bool()), (0, Some(true)), "{found} {reported}");
+    assert!(reported.contains("so far: ") && reported.contains("Enter the flange's pose"), "{reported}");
     let off_mm = (found["flange_from_tool"]["z_mm"].as_f64().expect("a number") - 120.0).abs();
     assert!(off_mm < 0.1, "the simulated tool is 120 mm long: {found}");
-    let (exit, _, told) = answered(folder, tcp, "done\n");
-    assert!(exit == 0 && told.contains("5 poses of the tip and 2 of the axis already exist"), "{told}");
+    let (exit, _, reported) = answered(folder, tcp, "done\n");
+    assert!(exit == 0 && reported.contains("5 poses of the tip and 2 of the axis already exist"), "{reported}");
 }
 
 fn file_table(file: &str) -> String {

@@ -247,7 +247,7 @@ fn learnt_with(trial: &TrialScene, keys: &str) -> (TaughtPanel, Recipe) {
 
 /// Finds twenty shapes at half size anywhere in the box, at any turn, tilted by up to 30°, among other objects.
 #[test]
-fn panels_of_many_shapes_are_found_wherever_they_stand() {
+fn panels_of_many_shapes_are_found_at_any_place_where_they_are() {
     let accepted = (1..=20).filter(|&seed| {
         let trial = TrialScene::good_scene(seed, 2);
         let (judgement, fit) = tried(&trial);
@@ -293,7 +293,7 @@ fn a_holder_in_the_panels_plane_is_left_out_where_it_is_named() {
 /// A drawn outline, one pixel off at its corners, teaches the same panel: the edges beside the outline are
 /// measured. A corner of the region that lies among missing points is on the panel in this case.
 #[test]
-fn a_drawn_outline_stands_in_for_missing_points() {
+fn a_drawn_outline_replaces_missing_points() {
     let trial = TrialScene::flat_scene(3, 2).with_missing_patches(0.4);
     let (drawn, recipe) = drawn(&trial);
     let (whole, _) = learnt(&TrialScene::flat_scene(3, 2));
@@ -325,7 +325,7 @@ fn a_hole_at_a_grids_edge_is_bridged() {
 /// and stays within the stated error. A plate that looks the same in a mirror, with the discs of its mirror image,
 /// is not accepted.
 #[test]
-fn marks_hold_a_flat_panel_and_tell_it_from_its_mirror_image() {
+fn marks_hold_a_flat_panel_and_distinguish_it_from_its_mirror_image() {
     for seed in [2, 5] {
         let trial = TrialScene::flat_scene(seed, 1).with_marks();
         let (judgement, fit) = tried(&trial);
@@ -365,20 +365,20 @@ fn what_a_camera_is_off_in_its_scale_is_in_the_stated_error() {
         let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");
         (trial.error_mm(&fit.base_from_panel).mean_mm, fit)
     };
-    let told =
+    let reported =
         |fit: &Fit| [fit.uncertainty_mm, fit.uncertainty_at_taught_place_mm, fit.uncertainty_without_scale_mm];
     let (error_mm, without) = located(range());
-    let [stated_mm, ..] = told(&without);
+    let [stated_mm, ..] = reported(&without);
     assert!((0.25..0.45).contains(&error_mm) && error_mm > stated_mm, "{error_mm} {stated_mm}");
-    assert_eq!(told(&without), [stated_mm; 3]);
+    assert_eq!(reported(&without), [stated_mm; 3]);
 
     let (error_mm, from_scan_to_scan) = located(RangeErrors { scan_to_scan_scale: 0.0005, ..range() });
-    let [with_mm, at_taught_place_mm, without_scale_mm] = told(&from_scan_to_scan);
+    let [with_mm, at_taught_place_mm, without_scale_mm] = reported(&from_scan_to_scan);
     assert!(error_mm < with_mm && with_mm < 1.2, "{error_mm} {with_mm}");
     assert_eq!([at_taught_place_mm, without_scale_mm], [with_mm, stated_mm]);
 
     let (_, of_all_scans) = located(RangeErrors { scale: 0.05, ..range() });
-    let [with_mm, at_taught_place_mm, without_scale_mm] = told(&of_all_scans);
+    let [with_mm, at_taught_place_mm, without_scale_mm] = reported(&of_all_scans);
     assert!(with_mm > 2.0 * stated_mm, "{with_mm} {stated_mm}");
     assert_eq!([at_taught_place_mm, without_scale_mm], [stated_mm; 2]);
     let judgement = gate::judge(&of_all_scans, &recipe);

@@ -38,8 +38,8 @@ fn each_kind_of_cell_is_written_as_check_accepts_it() {
     ];
     for (index, (options, scanner, flange_camera, robot)) in cases.into_iter().enumerate() {
         let file = format!("cells/{index}.toml");
-        let (exit, told) = json(folder, &format!("{CELL} {options} --out {file}"));
-        assert_eq!((exit, told["file"].as_str()), (0, Some(file.as_str())), "{options}: {told}");
+        let (exit, output) = json(folder, &format!("{CELL} {options} --out {file}"));
+        assert_eq!((exit, output["file"].as_str()), (0, Some(file.as_str())), "{options}: {output}");
         let (exit, checked) = check(folder, &file);
         assert_eq!(exit, 0, "{options}: {checked}");
         let text = fs::read_to_string(folder.join(&file)).expect("written");
@@ -49,11 +49,11 @@ fn each_kind_of_cell_is_written_as_check_accepts_it() {
         }
         // The file is for a person to read: it contains the explanations of the sample files.
         assert!(text.matches('#').count() > 20 && !text.contains("../target/demo"), "{text}");
-        let to_check = told["to_check"].as_array().expect("a list").len();
+        let to_check = output["to_check"].as_array().expect("a list").len();
         assert_eq!(
             (to_check > 0, text.matches("# TO CHECK").count()),
             (robot == "eki", to_check),
-            "{options}: {told}"
+            "{options}: {output}"
         );
     }
     let real = fs::read_to_string(folder.join("cells/2.toml")).expect("written");
@@ -90,16 +90,16 @@ fn no_file_is_written_over_and_a_wrong_answer_writes_none() {
         ("new recipe --yes --panel p --rows 0 --out a.toml".to_owned(), "--rows"),
         ("new recipe --yes --panel p --rows 2.5 --out a.toml".to_owned(), "--rows"),
     ] {
-        let (exit, told) = json(folder, &command);
-        assert!(exit == 2 && told.to_string().contains(words), "{command}: {told}");
+        let (exit, reported) = json(folder, &command);
+        assert!(exit == 2 && reported.to_string().contains(words), "{command}: {reported}");
         assert!(!folder.join("a.toml").exists(), "{command}");
     }
     fs::write(folder.join("mine.toml"), "mine").expect("written");
     for command in [format!("{CELL} --out mine.toml"), "new recipe --yes --panel p --out mine.toml".to_owned()] {
-        let (exit, told) = json(folder, &command);
+        let (exit, reported) = json(folder, &command);
         assert!(
-            exit == 2 && told.to_string().contains("mine.toml already exists and is not overwritten"),
-            "{told}"
+            exit == 2 && reported.to_string().contains("mine.toml already exists and is not overwritten"),
+            "{reported}"
         );
         assert_eq!(fs::read_to_string(folder.join("mine.toml")).expect("there"), "mine");
     }
@@ -148,8 +148,8 @@ fn a_recipe_has_the_answers_and_the_samples_comments() {
     assert!(text.contains("# in the taught scan's picture"), "{text}");
     let sample = include_str!("../config/panels/example.toml");
     assert_eq!(text.lines().count(), sample.lines().count(), "line by line the sample");
-    let (exit, told) = check(folder, "wing.toml");
-    assert_eq!(exit, 0, "{told}");
+    let (exit, reported) = check(folder, "wing.toml");
+    assert_eq!(exit, 0, "{reported}");
 }
 
 /// A recipe states a force if the cell's tool presses by itself, and only then.
@@ -181,8 +181,8 @@ fn a_recipe_for_a_compliant_tool_has_its_force() {
         fs::write(folder.path().join("cell.toml"), cell).expect("written");
         let command = format!("new recipe --yes --cell cell.toml --panel door --out no.toml --force-n {force_n}");
         let output = super::commands::panelprep(folder.path(), &command);
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.code() == Some(2) && told.contains(words), "{force_n}: {told}");
+        let reported = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(2) && reported.contains(words), "{force_n}: {reported}");
         assert!(!folder.path().join("no.toml").exists());
     }
 }
@@ -226,8 +226,8 @@ fn an_answer_that_the_cell_cannot_have_is_asked_again() {
     ] {
         assert_eq!(asked.matches(words).count(), times, "{words}: {asked}");
     }
-    let (exit, told) = check(folder, "cell.toml");
-    assert_eq!(exit, 0, "{told}");
+    let (exit, output) = check(folder, "cell.toml");
+    assert_eq!(exit, 0, "{output}");
     let text = fs::read_to_string(folder.join("cell.toml")).expect("written");
     let cell: toml::Table = text.parse().expect("TOML");
     assert_eq!(cell["poses"]["park"]["a2_deg"].as_float(), Some(-100.0));
@@ -243,14 +243,14 @@ fn an_answer_that_the_cell_cannot_have_is_asked_again() {
         (&format!("{real} --park-deg 0,0,0,0,0,0"), "--park-deg \"0,0,0,0,0,0\": all axes at 0"),
         (&format!("{real} --box-max-mm 1,2,3"), "--box-max-mm \"1,2,3\": limits.box_max_mm: "),
     ] {
-        let (exit, told) = json(folder, &format!("{CELL} {given} --out no.toml"));
-        let told = told["reasons"].to_string().replace("\\\"", "\"");
-        assert!(exit == 2 && told.contains(words), "{given}: {told}");
+        let (exit, output) = json(folder, &format!("{CELL} {given} --out no.toml"));
+        let output = output["reasons"].to_string().replace("\\\"", "\"");
+        assert!(exit == 2 && output.contains(words), "{given}: {output}");
         assert!(!folder.join("no.toml").exists());
     }
     // A controller on this machine is a mock controller: the cameras may be simulated.
-    let (exit, told) = json(folder, &format!("{CELL} --robot eki --host 127.0.0.1 --out here.toml"));
-    assert_eq!(exit, 0, "{told}");
+    let (exit, output) = json(folder, &format!("{CELL} --robot eki --host 127.0.0.1 --out here.toml"));
+    assert_eq!(exit, 0, "{output}");
 }
 
 /// On the terminal, an empty line accepts the proposal, and a wrong answer is asked again.

@@ -155,7 +155,7 @@ fn a_line_sees_and_runs_the_cell_as_each_role() {
 }
 
 #[test]
-fn somebody_without_an_account_reads_and_stops_and_nothing_else() {
+fn a_person_without_an_account_reads_and_stops_and_nothing_else() {
     let Some(python) = python() else { return };
     let folder = taught("clean");
     let folder = folder.path();

@@ -126,7 +126,7 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
     }
     let mut service = Some(Service::start(folder));
     let mut browser = in_browser("browser.mjs", &base, &modules);
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for line in BufReader::new(browser.stdout.take().expect("its words")).lines() {
         let line = line.expect("text");
         let mut reply = || browser.stdin.as_mut().expect("its input").write_all(b"continue\n").expect("it reads");
@@ -147,13 +147,13 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
             service = Some(Service::start(folder));
             reply();
         }
-        told.push(line);
+        reported.push(line);
     }
     let mut problems = String::new();
     browser.stderr.take().expect("its words").read_to_string(&mut problems).expect("text");
     let log = service.as_ref().map(Service::log).unwrap_or_default();
-    assert!(browser.wait().expect("it ends").success(), "{told:#?}\n{problems}\n{log}");
-    assert_eq!(told.last().map(String::as_str), Some("whole"), "{told:#?}\n{problems}");
+    assert!(browser.wait().expect("it ends").success(), "{reported:#?}\n{problems}\n{log}");
+    assert_eq!(reported.last().map(String::as_str), Some("whole"), "{reported:#?}\n{problems}");
     drop(service);
 
     // The actions of people are in the store: signed, verified, and under the right names.
@@ -208,7 +208,7 @@ pub fn one_cycle(service: &Service) {
 /// Two hundred viewers watch the page and leave, one reads nothing, and one begins an endless request. In virtual time
 /// the robot does the same as without a page.
 #[test]
-fn whoever_looks_on_changes_nothing_of_what_the_robot_does() {
+fn a_spectator_does_not_change_the_robots_motion() {
     let folder = taught("good");
     one_cycle(&Service::start(folder.path()));
     let without = trace(folder.path());

@@ -46,7 +46,7 @@ fn chessboards_in_poor_pictures_are_found() {
 /// Pictures so blurred and noisy that hardly one marker is read: the lattice of the squares shows where the corners
 /// are.
 #[test]
-fn charuco_boards_whose_markers_nobody_reads_are_found() {
+fn charuco_boards_with_unreadable_markers_are_found() {
     let hard = Hard { blur_px: 1.3, noise: 6.0, contrast: 60.0, width_share: 0.4, ..Hard::EASY };
     all_found("charuco:9x7:18:4X4_50", Some(25.0), &[("markers that are not read", hard)]);
 }

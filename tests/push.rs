@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 /// Time limit that is long enough for a busy machine.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
-/// What a server does with a request.
+/// Behaviour of a server on a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Does {
     Takes,
@@ -171,11 +171,11 @@ fn the_service_puts_each_signed_record() {
     assert!(service.log().contains("back soon"), "{}", service.log());
     drop(service);
 
-    let (exit, told) = json(folder, "record export 1 --cell cell/cell.toml --out exported");
-    assert_eq!(exit, 0, "{told}");
+    let (exit, output) = json(folder, "record export 1 --cell cell/cell.toml --out exported");
+    assert_eq!(exit, 0, "{output}");
     server.write(&folder.join("pushed"));
-    let (exit, told) = json(folder, "record verify pushed --public-key exported/public-key.pem");
-    assert_eq!((exit, told["verdict"].as_str()), (0, Some("pass")), "{told}");
+    let (exit, output) = json(folder, "record verify pushed --public-key exported/public-key.pem");
+    assert_eq!((exit, output["verdict"].as_str()), (0, Some("pass")), "{output}");
     let exported = std::fs::read_dir(folder.join("exported/files")).expect("files").count();
     let taken = server.taken();
     assert_eq!(taken.files.keys().filter(|name| name.starts_with("files/")).count(), exported, "all of them");
@@ -261,7 +261,7 @@ fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
         let (folder, records) = (folder.join("store"), Arc::new(NoPages));
         PushSender::start(PushParts { push, folder, records, status: status.clone() }).expect("a thread")
     };
-    let told = |words: &str| {
+    let reported = |words: &str| {
         let since = Instant::now();
         loop {
             let reasons = status.reasons(0, i64::MAX / 2);
@@ -273,13 +273,13 @@ fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
         }
     };
     let sender = start(push.clone());
-    told("2 signed records have not reached the quality system");
-    told("invalid peer certificate");
+    reported("2 signed records have not reached the quality system");
+    reported("invalid peer certificate");
     assert!(server.taken().asked.is_empty(), "nothing is told to a server that is not trusted");
     std::fs::write(folder.join("ca.pem"), own.cert.pem()).expect("written");
-    told("the server responded 401 Unauthorized: no such token");
+    reported("the server responded 401 Unauthorized: no such token");
     *step.lock().expect("whole") = Does::Answers("307 Temporary Redirect\r\nlocation: https://elsewhere/x\r\n|");
-    told("the server redirects to https://elsewhere/x; write the address that accepts records into [push] to");
+    reported("the server redirects to https://elsewhere/x; write the address that accepts records into [push] to");
     *step.lock().expect("whole") = Does::Takes;
     server.wait_for("cycle-2.json");
     assert!(server.taken().authorizations.iter().all(|sent| sent.as_deref() == Some("Bearer a-token")));

@@ -69,7 +69,7 @@ fn a_mock_on_other_ports_than_its_cell_is_refused() {
 
 /// A cell without calibrations: the message names the command that makes them.
 #[test]
-fn the_cell_that_ships_says_what_makes_it_ready() {
+fn the_cell_that_ships_states_what_makes_it_ready() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     fs::create_dir(folder.join("config")).expect("a folder");
@@ -84,27 +84,27 @@ fn the_cell_that_ships_says_what_makes_it_ready() {
         assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");
         assert!(said.contains("scanner.toml, which does not exist") && said.contains("`panelprep demo`"), "{said}");
     }
-    let (exit, told) = json(folder, "check config/cell.toml");
-    let warnings = told["files"][0]["warnings"].as_array().expect("warnings");
-    assert_eq!((exit, warnings.len()), (0, 1), "one sentence for all of them: {told}");
+    let (exit, reported) = json(folder, "check config/cell.toml");
+    let warnings = reported["files"][0]["warnings"].as_array().expect("warnings");
+    assert_eq!((exit, warnings.len()), (0, 1), "one sentence for all of them: {reported}");
     let keys = warnings[0]["key"].as_str().expect("keys");
-    assert!(warnings[0]["line"].as_u64() > Some(1) && keys.starts_with("calibration.scanner, "), "{told}");
+    assert!(warnings[0]["line"].as_u64() > Some(1) && keys.starts_with("calibration.scanner, "), "{reported}");
     // If the check is for a cycle, each missing calibration is a problem, and the command that makes them is named
     // once.
-    let (exit, told) = json(folder, "check --for cycle config/cell.toml");
-    let errors = told["files"][0]["errors"].as_array().expect("errors");
-    assert_eq!((exit, errors.len()), (1, keys.split(", ").count()), "{told}");
-    assert_eq!(told.to_string().matches("`panelprep demo`").count(), 1, "{told}");
+    let (exit, reported) = json(folder, "check --for cycle config/cell.toml");
+    let errors = reported["files"][0]["errors"].as_array().expect("errors");
+    assert_eq!((exit, errors.len()), (1, keys.split(", ").count()), "{reported}");
+    assert_eq!(reported.to_string().matches("`panelprep demo`").count(), 1, "{reported}");
     assert_eq!(json(folder, "check --for robot config/cell.toml").0, 0);
     // Any file with a decimal comma is refused with a message that shows the correction.
     fs::write(folder.join("comma.toml"), "[limits]\ntool_error_mm = 0,8\n").expect("written");
-    let (_, told) = json(folder, "check comma.toml --for files");
-    let message = told["files"][0]["errors"][0]["message"].as_str().unwrap_or_default().to_owned();
-    assert_eq!(message, "found 0,8; a number has a decimal point: write 0.8", "{told}");
+    let (_, reported) = json(folder, "check comma.toml --for files");
+    let message = reported["files"][0]["errors"][0]["message"].as_str().unwrap_or_default().to_owned();
+    assert_eq!(message, "found 0,8; a number has a decimal point: write 0.8", "{reported}");
 }
 
 #[test]
-fn an_air_run_tells_each_state_once() {
+fn an_air_run_states_each_state_once() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     assert_eq!(json(folder, "render --seed 3 --scene clean --reduction 4 --seconds 5 --out cell").0, 0);

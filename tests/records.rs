@@ -207,13 +207,13 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     let start = format!("cycle {CELL} --recipe cell/recipe.toml --seed 3 --part SN-17 --order W-1 --operator Ada");
     let (exit, ended) = json(at, &start);
     assert_eq!((exit, ended["verdict"].as_str()), (0, Some("pass")), "{ended}");
-    let (exit, told) = json(at, &format!("record sign 1 {CELL} --name Grace --meaning released"));
-    assert_eq!((exit, told["number"].as_i64()), (0, Some(2)), "{told}");
-    let (exit, told) = json(at, &format!("record export 1 {CELL} --out records"));
-    assert_eq!(exit, 0, "{told}");
+    let (exit, output) = json(at, &format!("record sign 1 {CELL} --name Grace --meaning released"));
+    assert_eq!((exit, output["number"].as_i64()), (0, Some(2)), "{output}");
+    let (exit, output) = json(at, &format!("record export 1 {CELL} --out records"));
+    assert_eq!(exit, 0, "{output}");
     // If one of several records does not exist, nothing is written.
-    let (exit, told) = json(at, &format!("record export 1 99 {CELL} --out half"));
-    assert!(exit == 2 && told.to_string().contains("has no cycle 99") && !at.join("half").exists(), "{told}");
+    let (exit, output) = json(at, &format!("record export 1 99 {CELL} --out half"));
+    assert!(exit == 2 && output.to_string().contains("has no cycle 99") && !at.join("half").exists(), "{output}");
 
     assert_eq!(verify(at, "--head records/head.json"), (0, vec![]));
     let openssl = block("OpenSSL (3.0 or newer)", "");
@@ -221,8 +221,8 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     assert!(shell(&records, &openssl), "{openssl}");
     assert!(shell(&records, &openssl.replace("cycle-1.", "cycle-1-page.")), "the signed page likewise");
     assert_eq!(script_finds_it_whole(at), (true, "2 records are as they were signed\n".to_owned()));
-    let (exit, told) = json(at, &format!("store verify {CELL}"));
-    assert_eq!((exit, told["signatures"].as_i64()), (0, Some(2)), "{told}");
+    let (exit, output) = json(at, &format!("store verify {CELL}"));
+    assert_eq!((exit, output["signatures"].as_i64()), (0, Some(2)), "{output}");
     let page = fs::read_to_string(at.join("cell/store/reports/cycle-000001.html")).expect("the page");
     for words in ["SN-17", "W-1", "inspected and released", "Grace (", "failed, abraded, then passed", "ASTM F22"] {
         assert!(page.contains(words), "the page lacks {words}");
@@ -234,8 +234,8 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     every_change_of_a_folder_is_refused(at);
     // A single file is verified together with the files that belong to it.
     let one = "record verify records/cycle-1.pdf --public-key records/public-key.pem";
-    let (exit, told) = json(at, one);
-    assert_eq!((exit, told["found"].as_array().map(Vec::len)), (0, Some(0)), "{told}");
+    let (exit, output) = json(at, one);
+    assert_eq!((exit, output["found"].as_array().map(Vec::len)), (0, Some(0)), "{output}");
 
     // A changed word in the verdict, then the file restored, then a changed picture.
     let file = records.join("cycle-1.json");
@@ -257,26 +257,26 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     let least = text.replace("[process]\n", "[process]\nmax_passes_per_grid = 1\nmax_passes_per_part = 1\n");
     assert_ne!(least, text, "the recipe has [process]");
     fs::write(&recipe, least).expect("written");
-    let (exit, told) = json(at, &start);
-    let words = told["reasons"][0]["message"].as_str().unwrap_or_default();
-    assert_eq!(exit, 2, "{told}");
+    let (exit, output) = json(at, &start);
+    let words = output["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert_eq!(exit, 2, "{output}");
     assert!(
         words.contains("the part SN-17") && words.contains("cycle 1 of ") && words.contains(": 1 pass"),
         "{words}"
     );
-    let (_, told) = json(at, &start.replace("SN-17", "SN-18"));
-    assert_eq!(told["cycle_id"].as_i64(), Some(2), "another part begins: {told}");
+    let (_, output) = json(at, &start.replace("SN-17", "SN-18"));
+    assert_eq!(output["cycle_id"].as_i64(), Some(2), "another part begins: {output}");
 
     // The record of one cycle can be verified, even if the record of another cycle was signed before its last
     // signature.
-    let (exit, told) = json(at, &format!("record sign 1 {CELL} --name Ada --meaning reviewed"));
-    assert_eq!((exit, told["number"].as_i64()), (0, Some(4)), "{told}");
+    let (exit, output) = json(at, &format!("record sign 1 {CELL} --name Ada --meaning reviewed"));
+    assert_eq!((exit, output["number"].as_i64()), (0, Some(4)), "{output}");
     fs::remove_dir_all(&records).expect("removed");
     assert_eq!(json(at, &format!("record export 1 {CELL} --out records")).0, 0);
     let one = "record verify records --public-key records/public-key.pem";
-    let (exit, told) = json(at, one);
-    assert_eq!((exit, told["verdict"].as_str()), (0, Some("pass")), "{told}");
-    assert_eq!(told["remarks"], serde_json::json!(["record number 3 is not in this folder"]), "{told}");
+    let (exit, output) = json(at, one);
+    assert_eq!((exit, output["verdict"].as_str()), (0, Some("pass")), "{output}");
+    assert_eq!(output["remarks"], serde_json::json!(["record number 3 is not in this folder"]), "{output}");
     for all in ["--head records/head.json", "--all"] {
         assert_eq!(verify(at, all), (1, vec!["record number 3 is missing".to_owned()]), "{all}");
     }

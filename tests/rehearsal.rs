@@ -85,9 +85,9 @@ fn a_path_on_a_real_controller_needs_the_signed_stage() {
     let said = |signed: &str, command: &str| {
         let robot = format!("kind = \"eki\"\nhost = \"192.0.2.1\"\nprograms_sum = 1\n{signed}");
         fs::write(&file, recorded.replace("kind = \"mock\"", &robot)).expect("written");
-        let (exit, told) = json(folder, &format!("{command} --recipe cell/recipe.toml --cell cell/cell.toml"));
-        assert_eq!(exit, 2, "nothing is taught: {told}");
-        told["reasons"][0].to_string()
+        let (exit, output) = json(folder, &format!("{command} --recipe cell/recipe.toml --cell cell/cell.toml"));
+        assert_eq!(exit, 2, "nothing is taught: {output}");
+        output["reasons"][0].to_string()
     };
     for (signed, command, needed) in [
         ("", "air-run", "needs A"),
@@ -163,11 +163,11 @@ fn own_programs_are_executed_or_the_line_that_is_not_is_named() {
     assert!(note.contains(&format!("own/cell_user.src:{circle}: ")) && note.contains("CIRC"), "{note}");
     assert!(lines.next().is_some_and(|line| line.starts_with("mock controller: ")), "one note alone");
     let call = |index: u8| json(folder, &format!("robot call {index} --cell cell.toml"));
-    let (exit, told) = call(1);
-    assert_eq!(exit, 0, "{told}");
+    let (exit, reported) = call(1);
+    assert_eq!(exit, 0, "{reported}");
     assert!(lines.any(|line| line.contains("outputs on: ") && line.contains("301")), "its own output");
-    let (exit, told) = call(2);
-    assert_eq!(exit, 3, "{told}");
+    let (exit, reported) = call(2);
+    assert_eq!(exit, 3, "{reported}");
     let stopped = lines.find(|line| line.contains("the KRL programs stopped")).expect("told");
     assert!(stopped.contains("cell_user.src") && stopped.contains(&circle.to_string()), "{stopped}");
     drop(mock);
@@ -178,8 +178,8 @@ fn own_programs_are_executed_or_the_line_that_is_not_is_named() {
     fs::create_dir(folder.join("empty")).expect("a folder");
     for (of, words) in [("own", "own/cell_config.dat:118: "), ("empty", "empty: has no .src, .sub or .dat file")] {
         let output = panelprep(folder, &format!("mock-robot --cell cell.toml --programs {of}"));
-        let told = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(2) && told.contains(words), "{told}");
+        let reported = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && reported.contains(words), "{reported}");
     }
 }
 

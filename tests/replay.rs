@@ -57,7 +57,7 @@ fn a_recorded_cycle_replays_twice_without_a_difference() {
 
 /// The replay passes. The cycle of another panel was rejected, and the reported verdict is that of the cycle.
 #[test]
-fn the_verdict_of_a_replayed_cycle_is_told_as_the_cycles() {
+fn the_verdict_of_a_replayed_cycle_is_reported_as_the_cycles() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_panelprep"));
     let output = command.arg("replay").arg(fixture(REJECTED)).stderr(Stdio::null()).output().expect("it starts");
     let told = String::from_utf8(output.stdout).expect("UTF-8");

@@ -36,19 +36,19 @@ fn each_function_goes_through_its_gate() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     cell(folder, "[robot]\nkind = \"mock\"\n");
-    let (exit, told, _) = robot(folder, "state");
-    assert_eq!((exit, &told["state"]["mode"]), (0, &Value::from("EXT")), "{told}");
+    let (exit, output, _) = robot(folder, "state");
+    assert_eq!((exit, &output["state"]["mode"]), (0, &Value::from("EXT")), "{output}");
     assert!(!folder.join("store").exists(), "to look writes nothing");
 
-    let (exit, told, _) = robot(folder, "move-j park");
-    assert_eq!((exit, &told["state"]["joints"]["a1_deg"]), (0, &Value::from(-120.0)), "{told}");
+    let (exit, output, _) = robot(folder, "move-j park");
+    assert_eq!((exit, &output["state"]["joints"]["a1_deg"]), (0, &Value::from(-120.0)), "{output}");
     // The arm's home is at (435, 0, 682.058) mm with B 30°: see the mock's kinematics.
-    let (exit, told, _) = robot(folder, "move-lin --speed-mm-s 200 445,20,682.058,180,30,180");
-    assert_eq!(exit, 0, "{told}");
-    let tip = &told["state"]["base_from_tcp"];
+    let (exit, output, _) = robot(folder, "move-lin --speed-mm-s 200 445,20,682.058,180,30,180");
+    assert_eq!(exit, 0, "{output}");
+    let tip = &output["state"]["base_from_tcp"];
     let off_mm = [("x_mm", 445.0), ("y_mm", 20.0), ("z_mm", 682.058)]
         .map(|(key, wanted)| (tip[key].as_f64().expect("a number") - wanted).abs());
-    assert!(off_mm.into_iter().all(|off_mm| off_mm < 0.01), "{told}");
+    assert!(off_mm.into_iter().all(|off_mm| off_mm < 0.01), "{output}");
 
     for (arguments, expected) in [
         ("move-lin 435,0,1000,180,30,180", vec!["outside_box"; 3]),
@@ -59,18 +59,21 @@ fn each_function_goes_through_its_gate() {
         ("set-out tool on", vec!["interlock"; 3]),
         ("set-out spray on", vec!["interlock"; 2]),
     ] {
-        let (exit, told, _) = robot(folder, arguments);
-        assert_eq!((exit, &told["verdict"]), (1, &Value::from("reject")), "{arguments}: {told}");
-        assert_eq!(codes(&told), expected, "{arguments}: {told}");
+        let (exit, output, _) = robot(folder, arguments);
+        assert_eq!((exit, &output["verdict"]), (1, &Value::from("reject")), "{arguments}: {output}");
+        assert_eq!(codes(&output), expected, "{arguments}: {output}");
     }
-    let (exit, told, _) = robot(folder, "set-out light on --keep-s 2");
-    assert_eq!((exit, &told["state"]["inputs"]["light_on"]), (0, &Value::from(true)), "{told}");
-    let (exit, told, error) = robot(folder, "set-in 3 on");
+    let (exit, output, _) = robot(folder, "set-out light on --keep-s 2");
+    assert_eq!((exit, &output["state"]["inputs"]["light_on"]), (0, &Value::from(true)), "{output}");
+    let (exit, output, error) = robot(folder, "set-in 3 on");
     assert_eq!(exit, 2);
-    assert!(error.contains("read-only"), "{error}{told}");
-    let (exit, told, _) = robot(folder, "move-lin 1,2,3");
+    assert!(error.contains("read-only"), "{error}{output}");
+    let (exit, output, _) = robot(folder, "move-lin 1,2,3");
     assert_eq!(exit, 2);
-    assert!(told["reasons"][0]["message"].as_str().is_some_and(|words| words.contains("six are needed")), "{told}");
+    assert!(
+        output["reasons"][0]["message"].as_str().is_some_and(|words| words.contains("six are needed")),
+        "{output}"
+    );
 }
 
 /// Before an epoch sets a tool, the controller has none. The tool that is calibrated on the flange counts
@@ -82,9 +85,9 @@ fn a_motion_keeps_clear_what_is_mounted_on_the_flange() {
     let folder = folder.path();
     cell(folder, "[robot]\nkind = \"mock\"\n");
     let there = "move-j 20,-90,90,0,60,0";
-    let (exit, told, _) = robot(folder, there);
-    assert_eq!(exit, 0, "{told}");
-    let pose: KukaPose = serde_json::from_value(told["state"]["base_from_tcp"].clone()).expect("a pose");
+    let (exit, output, _) = robot(folder, there);
+    assert_eq!(exit, 0, "{output}");
+    let pose: KukaPose = serde_json::from_value(output["state"]["base_from_tcp"].clone()).expect("a pose");
     let tool = KukaPose { z_mm: 120.0, ..KukaPose::default() };
     let base_from_flange: Rigid<Base, Flange> = pose.to_rigid();
     let tip = (base_from_flange * tool.to_rigid::<Flange, Tool>()).origin().mm;
@@ -95,12 +98,12 @@ fn a_motion_keeps_clear_what_is_mounted_on_the_flange() {
         side(20.0)
     );
     cell(folder, &clamp);
-    let (exit, told, _) = robot(folder, there);
-    assert_eq!(exit, 0, "nothing is calibrated yet: {told}");
+    let (exit, output, _) = robot(folder, there);
+    assert_eq!(exit, 0, "nothing is calibrated yet: {output}");
     let calibrated = format!("{clamp}[calibration]\nflange_from_tool = \"tool.toml\"\n");
     cell(folder, &calibrated);
-    let (exit, told, _) = robot(folder, there);
-    assert_eq!(exit, 0, "the file is not made yet: {told}");
+    let (exit, output, _) = robot(folder, there);
+    assert_eq!(exit, 0, "the file is not made yet: {output}");
     let mount = "[flange_from_tool]\nx_mm = 0.0\ny_mm = 0.0\nz_mm = 120.0\na_deg = 0.0\nb_deg = 0.0\nc_deg = 0.0\n";
     std::fs::write(folder.join("tool.toml"), mount).expect("written");
     let line = format!(
@@ -108,9 +111,9 @@ fn a_motion_keeps_clear_what_is_mounted_on_the_flange() {
         pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg
     );
     for motion in [there, &line] {
-        let (exit, told, _) = robot(folder, motion);
-        assert_eq!((exit, codes(&told)), (1, vec!["out_of_reach"]), "{motion}: {told}");
-        let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
+        let (exit, output, _) = robot(folder, motion);
+        assert_eq!((exit, codes(&output)), (1, vec!["out_of_reach"]), "{motion}: {output}");
+        let message = output["reasons"][0]["message"].as_str().unwrap_or_default();
         assert!(message.contains("with the sanding tool") && message.contains("clamp"), "{message}");
     }
     std::fs::write(folder.join("tool.toml"), "nonsense").expect("written");
@@ -163,16 +166,16 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     let folder = folder.path();
     let eki = eki_files(folder, [54_612, 54_613]);
     cell(folder, &eki);
-    let (exit, told, _) = robot(folder, "state");
-    assert_eq!((exit, codes(&told)), (3, vec!["no_controller"]), "{told}");
+    let (exit, output, _) = robot(folder, "state");
+    assert_eq!((exit, codes(&output)), (3, vec!["no_controller"]), "{output}");
     // If the service answers, the service has the controller.
     std::fs::create_dir(folder.join("store")).expect("a folder");
     let service = std::os::unix::net::UnixListener::bind(folder.join("store/panelprep.sock")).expect("a socket");
-    let (exit, told, _) = robot(folder, "state");
-    assert_eq!((exit, codes(&told)), (3, vec!["no_controller"]), "{told}");
+    let (exit, output, _) = robot(folder, "state");
+    assert_eq!((exit, codes(&output)), (3, vec!["no_controller"]), "{output}");
     assert!(
-        told.to_string().contains("the service is connected to the controller")
-            && told.to_string().contains("ctl state")
+        output.to_string().contains("the service is connected to the controller")
+            && output.to_string().contains("ctl state")
     );
     drop(service);
     std::fs::remove_dir_all(folder.join("store")).expect("removed");
@@ -180,15 +183,15 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     let (_mock, first, lines) = mock(folder, "--fault refuse=8@#2");
     assert!(first.contains("54612"), "{first}");
 
-    let (exit, told, _) = robot(folder, "move-j 5,-90,90,0,60,0 --axis-speed-percent 50");
-    assert_eq!(exit, 0, "{told}");
-    let (exit, told, _) = robot(folder, "state");
-    assert_eq!((exit, &told["state"]["joints"]["a1_deg"]), (0, &Value::from(5.0)), "{told}");
+    let (exit, output, _) = robot(folder, "move-j 5,-90,90,0,60,0 --axis-speed-percent 50");
+    assert_eq!(exit, 0, "{output}");
+    let (exit, output, _) = robot(folder, "state");
+    assert_eq!((exit, &output["state"]["joints"]["a1_deg"]), (0, &Value::from(5.0)), "{output}");
     // The requested fault, once.
-    let (exit, told, _) = robot(folder, "call 0");
-    assert_eq!((exit, codes(&told)), (3, vec!["robot"]), "{told}");
-    let (exit, told, _) = robot(folder, "call 0");
-    assert_eq!(exit, 0, "{told}");
+    let (exit, output, _) = robot(folder, "call 0");
+    assert_eq!((exit, codes(&output)), (3, vec!["robot"]), "{output}");
+    let (exit, output, _) = robot(folder, "call 0");
+    assert_eq!(exit, 0, "{output}");
     let said: Vec<String> = lines.take(2).collect();
     assert!(said.iter().any(|line| line.contains("epoch")), "{said:?}");
 }
@@ -200,8 +203,8 @@ fn what_is_to_be_proven_is_gone_through() {
     let folder = folder.path();
     let eki = eki_files(folder, [54_602, 54_603]);
     cell(folder, "[robot]\nkind = \"mock\"\n");
-    let (exit, told, _) = robot(folder, "prove --out proven.html --by Ada");
-    assert_eq!(exit, 2, "{told}");
+    let (exit, reported, _) = robot(folder, "prove --out proven.html --by Ada");
+    assert_eq!(exit, 2, "{reported}");
     cell(folder, &eki);
     let (_mock, _, lines) = mock(folder, "");
     std::thread::spawn(move || lines.for_each(drop));
@@ -210,8 +213,8 @@ fn what_is_to_be_proven_is_gone_through() {
     for (options, words) in
         [("--out old.html --by Ada", "is not overwritten"), ("--out cell.toml/p.html --by Ada", "cell.toml/p.html")]
     {
-        let (exit, told, error) = robot(folder, &format!("prove {options}"));
-        assert!(exit == 2 && told.to_string().contains(words), "{options}: {told}");
+        let (exit, reported, error) = robot(folder, &format!("prove {options}"));
+        assert!(exit == 2 && reported.to_string().contains(words), "{options}: {reported}");
         assert!(!error.contains("1. "), "{error}");
     }
     assert_eq!(std::fs::read_to_string(folder.join("old.html")).expect("there"), "old");
@@ -228,26 +231,26 @@ fn what_is_to_be_proven_is_gone_through() {
         .stdin(std::fs::File::open(folder.join("answers")).expect("there"))
         .output()
         .expect("the program starts");
-    let told: Value = serde_json::from_slice(&output.stdout).expect("one object");
-    let proofs = told["proofs"].as_array().expect("proofs");
+    let reported: Value = serde_json::from_slice(&output.stdout).expect("one object");
+    let proofs = reported["proofs"].as_array().expect("proofs");
     let of = |number: u64| {
         let proof = proofs.iter().find(|proof| proof["number"] == number).expect("a row");
         (proof["finding"].as_str().expect("a word"), proof["tried"].as_bool().expect("yes or no"))
     };
     for number in [1, 2, 3, 5, 6, 7, 15, 18, 27, 33, 35, 39] {
-        assert_eq!(of(number), ("proven", true), "{number}: {told}");
+        assert_eq!(of(number), ("proven", true), "{number}: {reported}");
     }
     assert_eq!(
         [of(4), of(14), of(16), of(23)],
         [("proven", false), ("wrong", false), ("open", false), ("open", false)]
     );
-    assert_eq!(told["stage"], "A");
-    assert!(proofs.iter().all(|proof| proof["number"] != 9 && proof["number"] != 20), "stages B and C: {told}");
-    assert_eq!((output.status.code(), &told["verdict"]), (Some(1), &Value::from("reject")));
+    assert_eq!(reported["stage"], "A");
+    assert!(proofs.iter().all(|proof| proof["number"] != 9 && proof["number"] != 20), "stages B and C: {reported}");
+    assert_eq!((output.status.code(), &reported["verdict"]), (Some(1), &Value::from("reject")));
     let page = std::fs::read_to_string(folder.join("proven.html")).expect("the page");
     assert!(page.contains("trace 1") && page.contains("it stopped") && page.contains("By Ada"), "{page}");
     assert_eq!(page.matches("<tr class=").count(), proofs.len());
     // It was a mock controller, which proves nothing: the page states this, and cannot be signed.
     assert!(page.contains("proves nothing about a real controller") && !page.contains("signature"), "{page}");
-    assert!(told["mock"] == true && told["reasons"][0]["code"] == "mock_controller", "{told}");
+    assert!(reported["mock"] == true && reported["reasons"][0]["code"] == "mock_controller", "{reported}");
 }

@@ -64,9 +64,9 @@ fn a_bent_scanner_is_straightened_by_scans_of_a_board() {
     assert!(found["scanner_errors"].as_str().expect("words").starts_with("measured"), "{found}");
     assert!(after_mm < 0.7 * before_mm, "{before_mm} {after_mm}");
     assert!(after_mm < found["uncertainty_mm"].as_f64().expect("stated"), "{after_mm} {found}");
-    let (exit, told) = json(folder, "check cell/scanner.toml");
-    assert_eq!(exit, 0, "{told}");
-    assert!(told.to_string().contains("measurement errors of the camera"), "{told}");
+    let (exit, reported) = json(folder, "check cell/scanner.toml");
+    assert_eq!(exit, 0, "{reported}");
+    assert!(reported.to_string().contains("measurement errors of the camera"), "{reported}");
 }
 
 /// Seven scans give a verdict, and a picture without depth gives an error.

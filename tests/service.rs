@@ -177,37 +177,37 @@ fn shots_are_taken_by_the_service_while_the_cell_rests() {
     let service = Service::start(folder);
     let shoot = |what: &str| json(folder, &format!("shoot --cell cell/cell.toml {what}"));
     service.reset();
-    let (exit, told) = shoot("corner --out shots");
-    assert!(exit == 0 && folder.join("shots/corner_0001.json").is_file(), "{told}");
+    let (exit, output) = shoot("corner --out shots");
+    assert!(exit == 0 && folder.join("shots/corner_0001.json").is_file(), "{output}");
     // On a busy computer two pictures of the simulated film may have the same time, which a clip refuses.
     let film = (1..=3).find_map(|attempt| {
         let film = format!("film_{attempt}");
-        let (exit, told) = shoot(&format!("film --seconds 1 --pictures-per-second 4 --out {film}"));
-        println!("{told}");
-        (exit == 0 && told["pictures"].as_f64() >= Some(3.0) && told["dropped"] == 0).then_some(film)
+        let (exit, output) = shoot(&format!("film --seconds 1 --pictures-per-second 4 --out {film}"));
+        println!("{output}");
+        (exit == 0 && output["pictures"].as_f64() >= Some(3.0) && output["dropped"] == 0).then_some(film)
     });
     assert!(folder.join(film.expect("a whole film")).join("clip.csv").is_file());
-    let (exit, told) = shoot("scan --out shots");
+    let (exit, output) = shoot("scan --out shots");
     assert!(
-        exit == 2 && told["reasons"].to_string().contains("at standstill in its park pose"),
-        "the arm is in the way: {told}"
+        exit == 2 && output["reasons"].to_string().contains("at standstill in its park pose"),
+        "the arm is in the way: {output}"
     );
     assert!(json(folder, "doctor --cell cell/cell.toml").1.to_string().contains("idle"));
 
     service.done(START);
     service.wait("work", |service| service.state() == "execute");
-    let (exit, told) = shoot("corner --out during");
+    let (exit, output) = shoot("corner --out during");
     assert!(
-        exit == 2 && told["reasons"].to_string().contains("the service is using the cameras for a cycle"),
-        "{told}"
+        exit == 2 && output["reasons"].to_string().contains("the service is using the cameras for a cycle"),
+        "{output}"
     );
     assert!(!folder.join("during").exists());
     service.reach("complete");
     assert_eq!(service.done("state")["verdict"], "pass", "nobody disturbed it");
 
     // The arm is parked now.
-    let (exit, told) = shoot("scan --out shots");
-    assert!(exit == 0 && told["shots"][0]["points"].as_f64() > Some(10_000.0), "{told}");
+    let (exit, output) = shoot("scan --out shots");
+    assert!(exit == 0 && output["shots"][0]["points"].as_f64() > Some(10_000.0), "{output}");
     let is_there = |ending: &str| folder.join(format!("shots/scan_0001.{ending}")).is_file();
     assert!(["pcd", "ply", "png"].into_iter().all(is_there));
     let axes = service.done("state")["axes_deg"].as_array().map(Vec::len);

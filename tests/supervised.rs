@@ -45,9 +45,9 @@ fn a_thread_that_fails_ends_the_service() {
             let log = std::fs::read_to_string(folder.join("run.log")).expect("a log");
             let panics = (failure, thread) == ("panic", "loop");
             assert_eq!(status.code(), Some(if panics { 101 } else { 3 }), "{failure} {thread}: {status}\n{log}");
-            let told = if failure == "panic" { "panicked" } else { "has not responded for" };
+            let reported = if failure == "panic" { "panicked" } else { "has not responded for" };
             assert!(
-                panics || log.contains(&format!("the thread \"{thread}\" {told}")),
+                panics || log.contains(&format!("the thread \"{thread}\" {reported}")),
                 "{failure} {thread}\n{log}"
             );
             let journal =

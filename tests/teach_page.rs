@@ -76,7 +76,7 @@ fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
     let folder = folder.path();
     let before = std::fs::read_to_string(folder.join("cell/recipe.toml")).expect("a recipe");
     let command = "teach --live shots --cell cell/cell.toml --recipe cell/recipe.toml --seed 3";
-    let (mut child, mut told, url) = opened(folder, command);
+    let (mut child, mut reported, url) = opened(folder, command);
     let drawing = ask(&url, "GET", "drawing.json", "");
     let object: serde_json::Value =
         serde_json::from_str(drawing.split_once("\r\n\r\n").expect("a body").1).expect("JSON");
@@ -102,7 +102,7 @@ fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
     assert!(ask(&url, "POST", "done", "").starts_with("HTTP/1.1 200"));
     child.stdin.take().expect("its input").write_all(b"\n\n").expect("it listens");
     let mut words = String::new();
-    told.read_to_string(&mut words).expect("it tells");
+    reported.read_to_string(&mut words).expect("it tells");
     let ended = child.wait_with_output().expect("it ends");
     let found: serde_json::Value = serde_json::from_slice(&ended.stdout).expect("JSON");
     assert_eq!(ended.status.code(), Some(0), "{found} {words}");
@@ -116,7 +116,7 @@ fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
 
     // On existing files, the test draws a place at the panel's upper edge where the panel is held, and an outline
     // that is removed again.
-    let (child, mut told, url) = opened(folder, &format!("{TEACH} --draw"));
+    let (child, mut reported, url) = opened(folder, &format!("{TEACH} --draw"));
     let corners: Vec<Vec<f64>> = serde_json::from_value(drawn["corners_px"].clone()).expect("four corners");
     let at = |across: f64, down: f64| -> Vec<f64> {
         (0..2)
@@ -140,7 +140,7 @@ fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
     assert!(ask(&url, "POST", "save", &drawn.to_string()).starts_with("HTTP/1.1 200"));
     ask(&url, "POST", "done", "");
     let ended = child.wait_with_output().expect("it ends");
-    told.read_to_string(&mut words).expect("it tells");
+    reported.read_to_string(&mut words).expect("it tells");
     let found: serde_json::Value = serde_json::from_slice(&ended.stdout).expect("JSON");
     let held = found["outline"]["held"].as_f64().expect("a share");
     assert!(ended.status.success() && (0.02..0.2).contains(&held), "{found} {words}");
@@ -151,9 +151,9 @@ fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
     );
 
     // The person closes the page without a change.
-    let (child, mut told, url) = opened(folder, &format!("{TEACH} --draw"));
+    let (child, mut reported, url) = opened(folder, &format!("{TEACH} --draw"));
     ask(&url, "POST", "done", "");
     let ended = child.wait_with_output().expect("it ends");
-    told.read_to_string(&mut words).expect("it tells");
+    reported.read_to_string(&mut words).expect("it tells");
     assert!(ended.status.success() && words.contains("nothing was saved"), "{words}");
 }

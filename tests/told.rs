@@ -24,7 +24,7 @@ fn refused(folder: &Path, arguments: &str, words: &[&str]) {
 
 /// A number that is not allowed is reported with its range, also if it is negative.
 #[test]
-fn a_number_out_of_range_is_told_with_what_is_allowed() {
+fn a_number_out_of_range_is_reported_with_what_is_allowed() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     fs::write(folder.join("cell.toml"), CELL).expect("written");
@@ -49,8 +49,8 @@ fn a_number_out_of_range_is_told_with_what_is_allowed() {
     ] {
         refused(folder, &format!("{arguments} --cell cell.toml"), &words);
     }
-    let told = panelprep(folder, "new recipe --yes --out n.toml --cell cell.toml").stderr;
-    assert!(!String::from_utf8_lossy(&told).contains("or --yes"), "--yes was given");
+    let reported = panelprep(folder, "new recipe --yes --out n.toml --cell cell.toml").stderr;
+    assert!(!String::from_utf8_lossy(&reported).contains("or --yes"), "--yes was given");
     for file in ["f", "r", "n.toml", "store"] {
         assert!(!folder.join(file).exists(), "{file}");
     }
@@ -58,7 +58,7 @@ fn a_number_out_of_range_is_told_with_what_is_allowed() {
 
 /// A file that is not text or does not exist is reported as such, and XML is mentioned only for XML files.
 #[test]
-fn a_file_that_cannot_be_read_is_told_by_its_line() {
+fn a_file_that_cannot_be_read_is_reported_by_its_line() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     fs::write(folder.join("cell.toml"), CELL).expect("written");

@@ -219,7 +219,7 @@ fn place(name: &str) -> usize {
 }
 
 #[test]
-fn every_command_of_readme_and_help_does_what_it_says() {
+fn every_command_of_readme_and_help_does_what_it_states() {
     let (walk, all, begun) = (Walk::new(), all_examples(), Instant::now());
     let texts: String = all.values().map(|(text, _)| text.as_str()).collect();
     let mut names: Vec<&String> = all.keys().filter(|name| *name != "ctl").collect();

@@ -49,11 +49,11 @@ certificates = 'cell.toml'
     ] {
         service.wait(words, |service| service.log().contains(words));
     }
-    let (exit, told) = json(folder, "doctor --cell cell/cell.toml");
-    let told = told.to_string();
-    assert_ne!(exit, 0, "{told}");
+    let (exit, reported) = json(folder, "doctor --cell cell/cell.toml");
+    let reported = reported.to_string();
+    assert_ne!(exit, 0, "{reported}");
     for words in ["office: cell/no-ca.pem", "quality system: cell/no-token", "MQTT broker: cell/no-password"] {
-        assert!(told.contains(words), "{words}: {told}");
+        assert!(reported.contains(words), "{words}: {reported}");
     }
     let begun = std::time::Instant::now();
     service.signal(rustix::process::Signal::TERM);

@@ -28,7 +28,7 @@ pub struct Account {
     pub name: String,
     /// The person's printed name, as a signature shows it.
     pub printed_name: String,
-    /// What the person may do.
+    /// Role of the account, which determines what the person may do.
     pub role: Role,
     /// The password's hash, a PHC string of argon2id.
     pub password_hash: String,
@@ -85,7 +85,7 @@ pub struct AuditEntry {
     pub role: Option<Role>,
     /// The origin of the request: an IP address, or `terminal`.
     pub from: String,
-    /// What was done or attempted, such as `log in` or `change account`.
+    /// The action that was done or attempted, such as `log in` or `change account`.
     pub what: String,
     /// The object of the action.
     pub subject: Option<String>,
@@ -93,7 +93,7 @@ pub struct AuditEntry {
     pub before: Option<String>,
     /// The value after.
     pub after: Option<String>,
-    /// Why it was refused; `None` if it was done.
+    /// The reason why it was refused; `None` if it was done.
     pub refused: Option<String>,
 }
 

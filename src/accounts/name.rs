@@ -6,7 +6,7 @@ const MAX_CHARACTERS: usize = 40;
 /// The longest printed name, in characters.
 pub const MAX_PRINTED: usize = 80;
 
-/// Why a text is not a valid account name.
+/// The reason why a text is not a valid account name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "\"{}\" is not a valid account name; valid: 1 to 40 of the characters a to z, 0 to 9, dot, hyphen and \

@@ -13,13 +13,13 @@ const MAX_CHARACTERS: usize = 200;
 const MEMORY_KIB: u32 = 19 * 1_024;
 const PASSES: u32 = 2;
 
-/// Why a password is not accepted.
+/// The reason why a password is not accepted.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PasswordError {
     /// Too few characters, or far too many.
     #[error("the password has {found} characters; the limits are {MIN_CHARACTERS} to {MAX_CHARACTERS}")]
     Length {
-        /// Its characters.
+        /// Number of characters found.
         found: usize,
     },
     /// A password that anyone would try.

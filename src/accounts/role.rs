@@ -24,15 +24,15 @@ use strum::VariantArray;
 pub enum Role {
     /// A screen on the wall: it looks, and its session does not end by itself.
     Display,
-    /// Looks.
+    /// May read everything and change nothing.
     Viewer,
-    /// Runs cycles.
+    /// May run cycles.
     Operator,
     /// Judges results and signs records.
     Inspector,
     /// The process engineer: runs cycles and changes recipes.
     Engineer,
-    /// Manages accounts.
+    /// May manage accounts.
     Administrator,
 }
 

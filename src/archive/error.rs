@@ -1,11 +1,11 @@
-//! Why the archive cannot work.
+//! The reason why the archive cannot work.
 
 use crate::broker::BrokerError;
 use crate::store::StoreError;
 use crate::trust::TrustError;
 use std::path::{Path, PathBuf};
 
-/// What went wrong at the archive.
+/// Errors of the archive.
 #[derive(Debug, thiserror::Error)]
 pub enum ArchiveError {
     /// The database cannot be reached, or refuses the connection.
@@ -16,7 +16,7 @@ pub enum ArchiveError {
         /// The connection's message.
         problem: String,
     },
-    /// The database refused something.
+    /// The database refused a statement.
     #[error("the database: cannot {operation}: {problem}")]
     Database {
         /// The attempted operation.
@@ -27,7 +27,7 @@ pub enum ArchiveError {
     /// The database accepts what it is sent and does not answer.
     #[error("the database has not responded for {seconds} s")]
     Silent {
-        /// So long.
+        /// Time without an answer, s.
         seconds: u64,
     },
     /// The database's encoding cannot represent every text.
@@ -36,7 +36,7 @@ pub enum ArchiveError {
          -T template0`"
     )]
     Encoding {
-        /// Its encoding.
+        /// Encoding of the database.
         found: String,
     },
     /// The tables are of a later version of this program.
@@ -45,7 +45,7 @@ pub enum ArchiveError {
          program"
     )]
     Newer {
-        /// Their version.
+        /// Version of the tables.
         found: i32,
         /// The newest version that this program supports.
         known: i32,
@@ -56,7 +56,7 @@ pub enum ArchiveError {
     /// A stored file that a record names cannot be used.
     #[error(transparent)]
     Kept(#[from] StoreError),
-    /// A file refused.
+    /// A file operation failed.
     #[error("cannot {operation} {}: {source}", path.display())]
     File {
         /// The attempted operation.

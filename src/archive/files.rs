@@ -85,7 +85,7 @@ mod tests {
     use crate::files::content_hash;
 
     #[test]
-    fn a_file_that_was_damaged_is_written_anew_when_it_comes_again() {
+    fn a_file_that_was_damaged_is_written_again_when_it_comes_again() {
         let folder = tempfile::tempdir().expect("a folder");
         let files = ContentFiles::in_folder(folder.path());
         let hash = content_hash(b"picture");

@@ -43,7 +43,7 @@ pub async fn run(settings: &ArchiveSettings, ended: impl Future<Output = ()>) ->
 
 async fn run_with_retries(settings: &ArchiveSettings) -> ArchiveError {
     let mut pause = Duration::from_secs(1);
-    let mut told: Option<(String, Instant)> = None;
+    let mut last_reported: Option<(String, Instant)> = None;
     loop {
         let since = Instant::now();
         let Err(error) = run_receiver(settings).await;
@@ -55,10 +55,11 @@ async fn run_with_retries(settings: &ArchiveSettings) -> ArchiveError {
         if was_good {
             pause = Duration::from_secs(1);
         }
-        let is_known = told.as_ref().is_some_and(|(last, at)| *last == words && at.elapsed() < REPORT_INTERVAL);
+        let is_known =
+            last_reported.as_ref().is_some_and(|(last, at)| *last == words && at.elapsed() < REPORT_INTERVAL);
         if was_good || !is_known {
             tracing::warn!("{words}; retrying");
-            told = Some((words, Instant::now()));
+            last_reported = Some((words, Instant::now()));
         }
         tokio::time::sleep(pause).await;
         pause = MAX_RETRY_DELAY.min(pause * 2);

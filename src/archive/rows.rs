@@ -13,14 +13,14 @@ pub(super) enum Rows {
     Signature(SignatureRows),
 }
 
-/// Of a statement.
+/// Rows of a statement's signature.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SignatureRows {
     pub cycle: i64,
     /// The number of the statement among all statements of its cell.
     pub statement: u64,
     pub unix_ms: i64,
-    /// The person who signed and the meaning of the signature, in words; `None` for the cell itself.
+    /// The person who signed and the meaning of the signature, as text; `None` for the cell itself.
     pub person: Option<(String, &'static str)>,
     /// The numbers of the cycle, if the cell's own statement contains them and this program can read its record.
     pub quantities: Option<Quantities>,

@@ -1,22 +1,22 @@
-//! Why a backup could not be made or restored.
+//! The reason why a backup could not be made or restored.
 
 use crate::store::StoreError;
 use std::path::{Path, PathBuf};
 
-/// Why a backup or a restore stopped. In this case nothing of the cell is changed.
+/// The reason why a backup or a restore stopped. In this case nothing of the cell is changed.
 #[derive(Debug, thiserror::Error)]
 pub enum BackupError {
     /// The system refused access to a file or folder.
     #[error("cannot {operation} {}: {source}", path.display())]
     File {
-        /// What was tried.
+        /// The operation that failed.
         operation: &'static str,
         /// The file.
         path: PathBuf,
         /// The system's message.
         source: std::io::Error,
     },
-    /// The store refused.
+    /// The store reported an error.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The archive differs from what was written.
@@ -33,7 +33,7 @@ pub enum BackupError {
     NewerVersion {
         /// The archive.
         path: PathBuf,
-        /// Its format.
+        /// Format of the archive.
         found: u32,
         /// The newest format that this program supports.
         known: u32,
@@ -48,7 +48,7 @@ pub enum BackupError {
         path: PathBuf,
         /// The version that made the archive.
         program: String,
-        /// Its schema.
+        /// Schema of the store in the archive.
         found: i64,
         /// The schema of this program.
         known: i64,
@@ -76,7 +76,7 @@ pub enum BackupError {
         folder.display()
     )]
     Outside {
-        /// The places.
+        /// The paths outside of the folder.
         paths: Vec<PathBuf>,
         /// The folder of the cell's file.
         folder: PathBuf,
@@ -86,7 +86,7 @@ pub enum BackupError {
     PartMissing {
         /// The archive.
         path: PathBuf,
-        /// "store" or "configuration".
+        /// The missing part: "store" or "configuration".
         wanted: &'static str,
     },
     /// Files of the configuration that are far larger than usual.
@@ -96,7 +96,7 @@ pub enum BackupError {
         path: PathBuf,
         /// Its size.
         found: u64,
-        /// The limit.
+        /// The limit, bytes.
         limit_bytes: u64,
     },
     /// The disk has no room.
@@ -107,9 +107,9 @@ pub enum BackupError {
     NoRoom {
         /// The path that would be written.
         path: PathBuf,
-        /// Free.
+        /// Free space, MB.
         free_mb: u64,
-        /// Needed.
+        /// Required space, MB.
         needed_mb: u64,
     },
     /// The last number of a cycle is not known, and a number must not be used twice.
@@ -137,7 +137,7 @@ pub enum BackupError {
     /// A service, or another program, uses the files that would be replaced.
     #[error("{user}; stop the service first (`systemctl stop panelprep`), then restore again")]
     InUse {
-        /// Who, in words.
+        /// Description of the program that uses it.
         user: String,
     },
     /// A step at the end of the restore failed, and not all earlier steps could be undone.
@@ -145,7 +145,7 @@ pub enum BackupError {
     RollbackFailed {
         /// The first error.
         cause: Box<BackupError>,
-        /// The remaining changes, in words.
+        /// The remaining changes, as text.
         undone: Vec<String>,
     },
 }

@@ -4,7 +4,7 @@ use super::entry::Entry;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// The entry's name.
+/// Name of the manifest's entry.
 pub const NAME: &str = "manifest.json";
 /// The newest format that this program supports.
 pub const FORMAT: u32 = 1;
@@ -18,7 +18,7 @@ pub struct Manifest {
     pub format: u32,
     /// The version of the program that wrote the archive.
     pub program: String,
-    /// When the archive was made, s since 1970; only a label.
+    /// Time at which the archive was made, s since 1970; only a label.
     pub made_unix_s: i64,
     /// Links of the store's chain; `None` without a store.
     pub links: Option<u64>,
@@ -26,7 +26,7 @@ pub struct Manifest {
     pub entries: Vec<ManifestEntry>,
 }
 
-/// One of them.
+/// An entry of the manifest.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ManifestEntry {
     /// Its name.
@@ -41,7 +41,7 @@ impl Manifest {
     /// Returns the entries by their meaning, if all names have known forms and none occurs twice.
     ///
     /// # Errors
-    /// States in words what is wrong.
+    /// States the problem.
     pub fn parse_entries(&self) -> Result<Vec<Entry>, String> {
         let mut seen = BTreeSet::new();
         let parse = |listed: &ManifestEntry| {

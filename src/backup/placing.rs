@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 /// A completed step that can be undone.
 #[derive(Debug)]
 enum Step {
-    /// A folder was made.
+    /// A folder was created.
     Folder(PathBuf),
     /// A file or folder was made beside its final path.
     Staged(PathBuf),

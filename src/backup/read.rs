@@ -34,7 +34,7 @@ impl Archive {
     /// Opens an archive and checks it against its seal, which reads all of the archive.
     ///
     /// # Errors
-    /// If the file is no backup, is damaged, was cut short, or was written by a newer program.
+    /// If the file is not a backup, is damaged, was cut short, or was written by a newer program.
     pub fn open(path: &Path) -> Result<Self, BackupError> {
         let mut file = crate::disk::open(path).map_err(BackupError::file_error("read", path))?;
         let damaged = |problem: String| BackupError::Damaged { path: path.to_owned(), problem };

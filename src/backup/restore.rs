@@ -20,11 +20,11 @@ use std::path::{Component, Path, PathBuf};
 pub struct RestoredParts {
     /// The store.
     pub store: bool,
-    /// The configuration.
+    /// Whether the configuration is restored.
     pub configuration: bool,
 }
 
-/// What a person has explicitly allowed.
+/// The replacements that a person has explicitly allowed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Permission {
     /// An existing store may be replaced.
@@ -46,18 +46,18 @@ pub struct Plan<'p> {
     pub store: Option<&'p Path>,
     /// The parts.
     pub parts: RestoredParts,
-    /// What may be replaced.
+    /// The replacements that are allowed.
     pub permission: Permission,
     /// The number of the cell's last cycle, as a person stated it. It is needed if the replaced store does not show it,
     /// and as evidence that the replaced store is the newest state.
     pub last_cycle: Option<CycleId>,
 }
 
-/// What was done.
+/// Result of a restore.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RestoreReport {
-    /// Everything in the archive's store that differs from what was written there, in words; if there is any
-    /// difference, nothing was restored.
+    /// Everything in the archive's store that differs from what was written there, as text; if there is any difference,
+    /// nothing was restored.
     pub differences: Vec<String>,
     /// The store's folder.
     pub store: Option<PathBuf>,
@@ -164,7 +164,7 @@ fn unpack_and_place(
         puts.push((staged, at.clone()));
         restored.configuration.push(at.clone());
     }
-    // What may be replaced was decided before. A file that appeared since then stays, and everything is undone.
+    // The allowed replacements were decided before. A file that appeared since then stays, and everything is undone.
     for (staged, at) in &puts {
         placing.move_to_final(staged, at, at.symlink_metadata().is_ok())?;
     }

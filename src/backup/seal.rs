@@ -11,7 +11,7 @@ use std::io::{Error, Read, Seek, SeekFrom, Write};
 const MAGIC: [u8; 4] = 0x184D_2A50_u32.to_le_bytes();
 const SEAL_MAGIC: &[u8; 16] = b"panelprep seal 1";
 const PAYLOAD: u32 = 16 + 32;
-/// Its length.
+/// Length of a seal, bytes.
 pub const BYTES: u64 = 8 + PAYLOAD as u64;
 
 /// Hashes the bytes that are written through it.

@@ -27,10 +27,10 @@ pub struct Configuration {
 /// The result of a backup.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BackupReport {
-    /// Everything in the store that differs from what was written there, in words; if there is any difference, no
+    /// Everything in the store that differs from what was written there, as text; if there is any difference, no
     /// archive was made.
     pub differences: Vec<String>,
-    /// What the archive holds.
+    /// Contents of the archive.
     pub manifest: Manifest,
     /// Its size.
     pub bytes: u64,
@@ -59,7 +59,7 @@ struct PackContent {
     links: Option<u64>,
 }
 
-/// Why packing was not completed.
+/// The reason why packing was not completed.
 enum PackFailure {
     /// A file of the store vanished or is not what it was.
     Blob(String),
@@ -160,11 +160,11 @@ impl PackContent {
         for file in ROW_FILES {
             let path = rows.join(file);
             let mut open = File::open(&path).map_err(BackupError::file_error("read", &path))?;
-            let said = copy_hashed(&mut open, &mut std::io::sink()).map_err(|error| {
+            let content = copy_hashed(&mut open, &mut std::io::sink()).map_err(|error| {
                 let (CopySide::Read(error) | CopySide::Written(error)) = error;
                 BackupError::file_error("read", &path)(error)
             })?;
-            self.add(&Entry::Rows(file), said, EntrySource::File(path));
+            self.add(&Entry::Rows(file), content, EntrySource::File(path));
         }
         let mut found = Vec::new();
         for hash in copied.files {

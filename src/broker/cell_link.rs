@@ -9,7 +9,7 @@ use async_nats::jetstream::context::{GetStreamErrorKind, PublishAckFuture};
 use async_nats::jetstream::message::PublishMessage;
 use async_nats::jetstream::stream::LastRawMessageErrorKind;
 
-/// A cell's connection.
+/// The connection of a cell to the broker.
 #[derive(Debug)]
 pub struct CellLink {
     link: Link,
@@ -43,7 +43,7 @@ impl PendingMessage {
 }
 
 impl CellLink {
-    /// Connects.
+    /// Connects to the broker.
     ///
     /// # Errors
     /// If the broker cannot be reached, or refuses.
@@ -99,7 +99,7 @@ impl CellLink {
     /// Returns the recipe that the office offers for this panel; `None` if it offers none.
     ///
     /// # Errors
-    /// If the broker cannot report it, or its answer is no offer for this panel.
+    /// If the broker cannot report it, or its answer is not an offer for this panel.
     pub async fn recipe_offer(&self, panel: &str) -> Result<Option<RecipeOffer>, BrokerError> {
         let stream = self.link.context.get_stream_no_info(subject::OFFER_STREAM).await;
         let failed = |problem: String| self.link.operation_error("read the offered recipes", problem);
@@ -136,7 +136,7 @@ impl CellLink {
     /// # Errors
     /// If it cannot be sent.
     pub async fn publish_state(&self, state: Vec<u8>) -> Result<(), BrokerError> {
-        let told = self.link.client.publish(subject::state(&self.cell), state.into()).await;
-        told.map_err(|error| self.link.operation_error("send the cell's state", error))
+        let published = self.link.client.publish(subject::state(&self.cell), state.into()).await;
+        published.map_err(|error| self.link.operation_error("send the cell's state", error))
     }
 }

@@ -1,8 +1,8 @@
-//! Why the broker did not do what was requested.
+//! The reason why the broker did not do what was requested.
 
 use crate::trust::TrustError;
 
-/// What went wrong at the broker.
+/// Errors of the connection to the broker.
 #[derive(Debug, thiserror::Error)]
 pub enum BrokerError {
     /// A file that belongs to the broker cannot be used.
@@ -32,7 +32,7 @@ pub enum BrokerError {
         /// The broker's message.
         problem: String,
     },
-    /// Something else.
+    /// Another operation failed.
     #[error("the broker {address}: cannot {operation}: {problem}")]
     Failed {
         /// Its address.

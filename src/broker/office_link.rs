@@ -27,7 +27,7 @@ const DUPLICATE_WINDOW: Duration = Duration::from_secs(3_600);
 /// Maximum time that a batch waits for its first message.
 const BATCH_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// The archive's connection.
+/// The connection of the archive to the broker.
 #[derive(Debug)]
 pub struct OfficeLink {
     link: Link,

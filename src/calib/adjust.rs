@@ -47,7 +47,7 @@ pub struct MountAdjustment<A: Arrangement> {
     pub to_from_camera: Rigid<A::To, A::From>,
     /// The board's pose on its holder.
     pub holder_from_board: Rigid<A::Holder, Board>,
-    /// The noise found.
+    /// The estimated noise.
     pub noise: Noise,
     /// Number of residuals beyond those that the unknowns can absorb: how well the noise is known.
     pub redundancy: f64,

@@ -89,7 +89,7 @@ pub fn base_from_flange(
     Rigid::from_isometry_unchecked(pose)
 }
 
-/// What is wrong with the axes of a file: two axes exchanged, or one with the opposite sign.
+/// Faults of the axes in a file: two axes exchanged, or one with the opposite sign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxisFault {
     /// Two exchanged axes, numbered from 1.
@@ -108,7 +108,7 @@ impl std::fmt::Display for AxisFault {
 }
 
 impl AxisFault {
-    /// All of them.
+    /// Returns every possible fault.
     pub fn all() -> Vec<AxisFault> {
         let exchanged = (1..=6).flat_map(|one| (one + 1..=6).map(move |two| AxisFault::Exchanged(one, two)));
         exchanged.chain((1..=6).map(AxisFault::Sign)).collect()

@@ -94,7 +94,7 @@ pub(super) struct ScaleGram {
     pub cross_terms: SVector<f64, 18>,
     pub square: f64,
     pub pull: f64,
-    /// Beside the lens.
+    /// The factor's cross terms with the lens parameters.
     pub lens: SMatrix<f64, 1, 9>,
 }
 
@@ -199,7 +199,7 @@ impl Chain {
         &self,
         camera: &PinholeCamera,
         seen: &BoardObservation<C>,
-        of: LengthFactor,
+        factor: LengthFactor,
     ) -> Option<ScaleGram> {
         let (mut gram, camera_from_holder) = (ScaleGram::empty(), self.camera_from_holder());
         let turn = (camera_from_holder * self.holder_from_board).rotation;
@@ -210,7 +210,7 @@ impl Chain {
                     let point = Point::<C>::new(p.into());
                     let (pixel, slope) = camera.project_with_jacobian(point)?;
                     let lens_slope = camera.lens_slope(point)?;
-                    let along = match of {
+                    let along = match factor {
                         LengthFactor::Square => slope * (turn * q.mm.coords),
                         LengthFactor::Focal => {
                             lens_slope.column(0) * camera.fx_px + lens_slope.column(1) * camera.fy_px
@@ -223,7 +223,7 @@ impl Chain {
                     gram.pull += along.dot(&residual);
                 }
             }
-            BoardObservation::Points(_) if of == LengthFactor::Focal => return None,
+            BoardObservation::Points(_) if factor == LengthFactor::Focal => return None,
             BoardObservation::Points(corners) => {
                 for (q, found) in corners {
                     let (p, corner) = self.corner(&camera_from_holder, q);

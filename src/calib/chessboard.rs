@@ -57,7 +57,7 @@ pub(super) enum Search {
     Board(Vec<Node>),
     /// Another board, by its inner corners, the longer side first.
     Other([usize; 2]),
-    /// None.
+    /// No corners.
     Nothing,
 }
 

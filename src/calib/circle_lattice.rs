@@ -137,7 +137,7 @@ fn assign_to_board(
             ((if is_asymmetric { 2 * column + row % 2 } else { column }, row), index)
         })
         .collect();
-    let far = |of: fn(&(i32, i32)) -> i32| places.keys().map(of).max().unwrap_or(0);
+    let far = |coordinate: fn(&(i32, i32)) -> i32| places.keys().map(coordinate).max().unwrap_or(0);
     let (wide, high) = (far(|at| at.0), far(|at| at.1));
     let needed = (MIN_SEEN_SHARE * board.count() as f64).ceil() as usize;
     let mut ways: Vec<LatticePositions> = Vec::new();
@@ -155,12 +155,12 @@ fn assign_to_board(
             ways.push(placed);
         }
     }
-    let most = ways.iter().map(BTreeMap::len).max()?;
+    let max_count = ways.iter().map(BTreeMap::len).max()?;
     let upper = |placed: &LatticePositions| {
         let (first, last) = (placed.values().next(), placed.values().next_back());
         first.zip(last).map_or(0.0, |(first, last)| first.centre.v - last.centre.v)
     };
-    ways.into_iter().filter(|way| way.len() == most).min_by(|a, b| upper(a).total_cmp(&upper(b)))
+    ways.into_iter().filter(|way| way.len() == max_count).min_by(|a, b| upper(a).total_cmp(&upper(b)))
 }
 
 /// Finds the coordinates of the board's first column and row, at the position at which the board would contain most of

@@ -86,7 +86,7 @@ pub(super) fn detect(
             }
         }
     }
-    // The largest grid is the likeliest; the next ones are tried if it is no grid of the board.
+    // The largest grid is the likeliest; the next ones are tried if it is not a grid of the board.
     all.sort_by_key(|(rough, _)| std::cmp::Reverse(rough.len()));
     let best = all.iter().take(MAX_GRIDS).find_map(|(rough, lighter)| {
         let (first, radii_mm) = refine_centres(picture, board, rough, *lighter)?;

@@ -149,13 +149,13 @@ pub(super) fn crossings(picture: &SmoothedPicture) -> Vec<Crossing> {
     let least_contrast = MIN_CONTRAST.max(MIN_CONTRAST_TO_NOISE * SMOOTHED_NOISE_SHARE * picture.noise);
     // The determinant is about the square of the half contrast for a sharp corner, and a fifth of that for a
     // blurred one.
-    let least = (0.15 * least_contrast * least_contrast) as f32;
+    let min_response = (0.15 * least_contrast * least_contrast) as f32;
     let rows: Vec<Vec<Crossing>> = (rim..picture.height - rim)
         .into_par_iter()
         .map(|row| {
             let peak = |column: usize| {
                 let (index, here) = (row * width + column, response[row * width + column]);
-                here > least
+                here > min_response
                     && (row - MIN_SADDLE_DISTANCE_PX..=row + MIN_SADDLE_DISTANCE_PX).all(|r| {
                         let line = r * width + column;
                         response[line - MIN_SADDLE_DISTANCE_PX..=line + MIN_SADDLE_DISTANCE_PX]

@@ -1,18 +1,18 @@
-//! Why data cannot become a calibration: what was found, what is needed, and how to correct it.
+//! The reason why data cannot become a calibration: what was found, what is needed, and how to correct it.
 
 use super::pose_diagnosis::PoseReading;
 use crate::imaging::ImagingError;
 use crate::number_text::distinguishable_texts;
 
-/// Why there is no calibration.
+/// Errors of a calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibError {
     /// `--board` or `--square-mm` does not describe a board.
     #[error("--board {text}: {message}")]
     Board {
-        /// What was written.
+        /// The text as written.
         text: String,
-        /// What is wrong, and what is allowed.
+        /// The problem, and the valid values.
         message: String,
     },
     /// OpenCV refused its input.
@@ -64,10 +64,10 @@ pub enum CalibError {
     OtherCharuco {
         /// The picture.
         picture: String,
-        /// What the picture shows, and how to correct it.
+        /// The board in the picture, and how to correct the input.
         what: String,
     },
-    /// Pictures of several sizes.
+    /// The pictures have different sizes.
     #[error("{picture} has {found} pixels, but {first} has {expected}; all pictures must have the same size")]
     MixedSizes {
         /// The picture.
@@ -82,13 +82,13 @@ pub enum CalibError {
     /// Not enough pictures with a board.
     #[error("{found} of {given} pictures can be used, at least {needed} are needed{}", reason_suffix(first_reason))]
     TooFewPictures {
-        /// Usable ones.
+        /// Number of usable pictures.
         found: usize,
-        /// All of them.
+        /// Number of pictures given.
         given: usize,
-        /// How many are needed.
+        /// Minimum number of pictures.
         needed: usize,
-        /// Why the first unusable picture cannot be used.
+        /// The reason why the first unusable picture cannot be used.
         first_reason: Option<String>,
     },
     /// Touched points that do not define a frame.
@@ -112,7 +112,7 @@ pub enum CalibError {
         describe_readings(readings)
     )]
     NoConsensus {
-        /// Poses.
+        /// Number of poses.
         poses: usize,
         /// Median distance from the best consensus, mm.
         median_mm: f64,
@@ -131,7 +131,7 @@ pub enum CalibError {
     /// The iteration did not converge.
     #[error("the adjustment of {what} did not converge; the data contradict each other")]
     NotSettled {
-        /// What was adjusted.
+        /// The quantities that were adjusted.
         what: &'static str,
     },
     /// Poses that do not determine a tool.

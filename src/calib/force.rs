@@ -17,7 +17,7 @@ use crate::force::SensorLoad;
 use crate::geometry::STANDARD_GRAVITY_M_S2;
 use crate::number_text::distinguishable_texts;
 
-/// Readings at least.
+/// Minimum number of readings.
 const MIN_READINGS: usize = 3;
 /// The values of x of the attitudes must differ by at least this: 60° about the horizontal.
 const MIN_SPREAD: f64 = 0.5;
@@ -26,10 +26,10 @@ const RESOLVED_95_N: f64 = 0.098;
 /// A reading that is farther than this from the line was not taken without contact, N.
 const MAX_RESIDUAL_N: f64 = 3.0;
 
-/// A reading without contact.
+/// A reading of the force without contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AttitudeReading {
-    /// How far the tool points down, −1…1.
+    /// Downward component of the tool's direction, −1…1: 1 if the tool points straight down.
     pub downwards: f64,
     /// The force that the sensor reads, N.
     pub force_n: f64,
@@ -38,7 +38,7 @@ pub struct AttitudeReading {
 /// Payload and zero with the residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceCalibration {
-    /// The result.
+    /// Payload on the sensor.
     pub weight: SensorLoad,
     /// Uncertainty of the payload, 95 %, kg.
     pub payload_95_kg: f64,
@@ -46,14 +46,14 @@ pub struct ForceCalibration {
     pub zero_95_n: f64,
     /// Residuals, rms, N.
     pub rms_n: f64,
-    /// How many readings.
+    /// Number of readings.
     pub readings: usize,
 }
 
-/// Why readings do not determine a result.
+/// The reason why readings do not determine a result.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
-    /// Too few.
+    /// There are too few readings.
     #[error("{found} readings were given, at least {MIN_READINGS} at different attitudes are needed")]
     TooFew {
         /// The number of readings.
@@ -62,7 +62,7 @@ pub enum CalibrationError {
     /// A number that is not finite.
     #[error("reading {index}: the force or the attitude is not a valid number")]
     NotFinite {
-        /// Which, from 1.
+        /// Number of the reading, from 1.
         index: usize,
     },
     /// The readings are too similar.
@@ -72,9 +72,9 @@ pub enum CalibrationError {
          the arm allows"
     )]
     TooSimilar {
-        /// The least.
+        /// Smallest downward component.
         least: f64,
-        /// The most.
+        /// Largest downward component.
         most: f64,
     },
     /// One of the readings does not fit.
@@ -84,12 +84,12 @@ pub enum CalibrationError {
         distinguishable_texts(*off_n, MAX_RESIDUAL_N, 1)[1]
     )]
     Outlier {
-        /// Which, from 1.
+        /// Number of the reading, from 1.
         index: usize,
         /// The reading's deviation, N.
         off_n: f64,
     },
-    /// An impossible payload.
+    /// The payload is physically impossible.
     #[error(
         "the readings give a payload of {payload_kg:.2} kg; check that force and attitude of each reading belong \
          together, and check the sign of the force"
@@ -114,9 +114,9 @@ pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, Calib
         return Err(CalibrationError::NotFinite { index: index + 1 });
     }
     let all = || readings.iter().map(|reading| reading.downwards);
-    let (least, most) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
-    if most - least < MIN_SPREAD {
-        return Err(CalibrationError::TooSimilar { least, most });
+    let (lowest, highest) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
+    if highest - lowest < MIN_SPREAD {
+        return Err(CalibrationError::TooSimilar { least: lowest, most: highest });
     }
     let (mean_x, mean_n) =
         (all().sum::<f64>() / n, readings.iter().map(|reading| reading.force_n).sum::<f64>() / n);
@@ -167,7 +167,7 @@ mod tests {
     /// off their line, s² = 0.06 / 1. Student's quantile for 1 degree of freedom is 12.706, so the uncertainty of
     /// the zero is 12.706 · 0.24495 / √3 = 1.797 N.
     #[test]
-    fn three_readings_that_scatter_tell_little() {
+    fn three_readings_that_scatter_determine_little() {
         let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.3), read(-1.0, 11.806_65)]).expect("a result");
         assert!((found.zero_95_n - 1.797).abs() < 1e-3, "{found:?}");
     }

@@ -202,7 +202,7 @@ pub(super) fn homography(places: &[[f64; 2]], pixels: &[Pixel]) -> Option<Matrix
     Some(Matrix3::from_row_slice(found.data_typed::<f64>().ok()?.get(..9)?))
 }
 
-/// What `calibrateCamera` finds.
+/// Result of `calibrateCamera`.
 pub(super) struct CameraFound {
     pub camera: PinholeCamera,
     pub camera_from_board: Vec<Isometry3<f64>>,

@@ -84,7 +84,7 @@ impl ReasonCollector {
         found: &Rigid<A::To, A::From>,
         question: &str,
     ) {
-        // A mount that was not measured by hand is no contradiction; `no_rough` asks for it.
+        // A mount that was not measured by hand is not a contradiction; `no_rough` asks for it.
         let Some(rough) = rough else { return };
         let mm = rough.distance_at_mm(*found, Point::at(0.0, 0.0, 0.0));
         let deg = (rough.inverse() * *found).turn().0;

@@ -18,8 +18,8 @@ pub fn unit(subject: &str) -> &'static str {
 /// One verification by a picture of a fixed target, or by a touch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
-    /// What was verified: `scanner`, `flange_camera`, `tool`, or the force of a compliant tool, [`TOOL_FORCE`],
-    /// with numbers in N.
+    /// Subject of the verification: `scanner`, `flange_camera`, `tool`, or the force of a compliant tool,
+    /// [`TOOL_FORCE`], with numbers in N.
     pub subject: String,
     /// Largest distance between the known and the measured position of the target, mm; for a force its error, N.
     pub error: f64,
@@ -33,12 +33,12 @@ pub struct Verification {
     pub struck: Option<Strike>,
 }
 
-/// Who struck out a verification, and why.
+/// The strike of a wrong verification: person and reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Strike {
-    /// Who.
+    /// Name of the person.
     pub by: String,
-    /// Why.
+    /// The reason.
     pub why: String,
     /// Time of the strike, seconds since 1970.
     pub at_unix_s: i64,
@@ -293,7 +293,7 @@ impl Verification {
 /// A camera with which a cycle measures.
 #[derive(Debug, Clone, Copy)]
 pub struct CameraHealth<'a> {
-    /// What is verified, `scanner`.
+    /// Subject of the verification, such as `scanner`.
     pub subject: &'a str,
     /// The newest verification of the subject.
     pub last: Option<&'a Verification>,
@@ -327,8 +327,8 @@ mod tests {
 
     const DEMANDS: VerificationLimits = VerificationLimits { limit: 0.5, max_age_h: 24.0 };
 
-    /// Both cameras must have been verified. A tool that was never touched is no reason to refuse the start; a
-    /// touch that was beyond the limit is one.
+    /// Both cameras must have been verified. A tool that was never touched is not a reason to refuse the start; a touch
+    /// that was beyond the limit is one.
     #[test]
     fn a_cycle_starts_on_verified_cameras_and_no_bad_touch() {
         let last = |subject: &str, error: f64| Verification {
@@ -357,7 +357,7 @@ mod tests {
 
     /// Calculated by hand: of 24 h the last tenth begins after 21.6 h.
     #[test]
-    fn a_verification_is_said_to_end_in_its_last_tenth() {
+    fn a_verification_is_reported_to_end_in_its_last_tenth() {
         let now = 1_700_000_000;
         let code = |hours: f64| {
             let last = verified(0.2, now - (hours * 3_600.0) as i64);
@@ -398,7 +398,7 @@ mod tests {
     /// Calculated by hand, a board of 5 × 4 corners and squares of 40 mm: its middle is 100 mm from its first
     /// corner; 40 mm and 2 % are 40.8 mm. Each limit is tested on both sides.
     #[test]
-    fn a_look_that_cannot_be_the_board_is_told_from_a_bumped_camera() {
+    fn a_look_that_cannot_be_the_board_is_distinguished_from_a_bumped_camera() {
         let board = Board::parse("5x4", 40.0).expect("a board");
         let known: Rigid<Base, BoardFrame> =
             Rigid::from_isometry_unchecked(Isometry3::translation(500.0, 0.0, 0.0));

@@ -41,7 +41,7 @@ pub struct ViewResult {
     pub name: String,
     /// Root mean square of the distances of the picture's corners, px.
     pub rms_px: f64,
-    /// Why it was set aside; `None` if it was used.
+    /// The reason why it was set aside; `None` if it was used.
     pub exclusion_reason: Option<String>,
 }
 
@@ -63,7 +63,7 @@ pub struct Calibrated {
     pub camera: PinholeCamera,
     /// The lens model, which states the coefficients.
     pub model: LensModel,
-    /// How well each model predicted pictures that were left out, the simplest model first.
+    /// Prediction error of each model on pictures that were left out, the simplest model first.
     pub trials: Vec<ModelTrial>,
     /// Root mean square distance of all used corners, px.
     pub rms_px: f64,
@@ -73,7 +73,7 @@ pub struct Calibrated {
     pub left_out_95_px: f64,
     /// Standard deviations of fx, fy, cx, cy (px), k1, k2, p1, p2, k3.
     pub deviations: [f64; 9],
-    /// Their covariance.
+    /// Covariance of the coefficients.
     pub covariance: LensCovariance,
     /// The part of the picture in which the lens is calibrated.
     pub support: LensSupport,
@@ -98,7 +98,7 @@ impl Calibrated {
     }
 }
 
-/// How to calibrate.
+/// Options of the calibration.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Options {
     /// Whether no picture may be set aside.
@@ -131,7 +131,7 @@ pub fn calibrate(size: (usize, usize), views: &[View], options: Options) -> Resu
             return Err(CalibError::TooFewPictures { found, given, needed: MIN_VIEWS, first_reason: None });
         }
         // A model of medium size: a simpler one would make pictures with corners near the border look wrong, a larger
-        // one would bend to bad pictures.
+        // one would overfit bad pictures.
         let first = fit_lens(size, &used, options.model.unwrap_or(LensModel::Tangential))?;
         let rms = rms_per_picture(&first, &used);
         let set_aside = aside.iter().flatten().count() + 1;

@@ -85,7 +85,7 @@ pub(super) fn trim_sparse_lines(mut lattice: Lattice, share: f64) -> Lattice {
     }
 }
 
-/// Crossings by place.
+/// The crossings of a picture, sorted by their position.
 struct Field<'a> {
     picture: &'a SmoothedPicture,
     crossings: &'a [Crossing],
@@ -251,9 +251,9 @@ impl<'a> Field<'a> {
         };
         let steps = [0.25, 0.38, 0.5, 0.62, 0.75].map(step);
         let mean = steps.iter().sum::<f64>() / 5.0;
-        let least = EDGE_SHARE * a.contrast.min(b.contrast);
+        let min_contrast = EDGE_SHARE * a.contrast.min(b.contrast);
         let beyond = (2.5 / length).max(0.2);
-        mean.abs() > least
+        mean.abs() > min_contrast
             && steps.iter().all(|step| step * mean.signum() > 0.25 * mean.abs())
             && step(-beyond) * mean.signum() < 0.25 * mean.abs()
             && step(1.0 + beyond) * mean.signum() < 0.25 * mean.abs()

@@ -11,7 +11,7 @@ use super::lens_fit::{self, LensFit};
 use super::lens_model::LensModel;
 use rayon::prelude::*;
 
-/// How well one model predicted the left-out pictures.
+/// Prediction error of one lens model on the left-out pictures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelTrial {
     /// The model.

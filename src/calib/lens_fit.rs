@@ -24,7 +24,7 @@ pub(super) struct LensFit {
     pub poses: Vec<Rigid<Camera, Board>>,
     /// Sum of squared residuals, px².
     pub square: f64,
-    /// Two for each corner.
+    /// Number of residuals: two for each corner.
     pub rows: f64,
 }
 

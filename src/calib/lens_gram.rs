@@ -10,19 +10,19 @@ use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 /// The products of the derivatives of a picture's corners. The pose is moved on the right, by rotations in rad and
 /// shifts in mm.
 pub(super) struct LensGram {
-    /// Lens by lens.
+    /// Normal matrix of the lens parameters.
     pub lens: LensCovariance,
-    /// Lens by pose.
+    /// Cross terms of lens and pose.
     pub lens_pose_cross: SMatrix<f64, 9, 6>,
-    /// Pose by pose.
+    /// Normal matrix of the pose.
     pub pose: Matrix6<f64>,
-    /// Residuals by lens.
+    /// Right-hand side of the lens parameters.
     pub lens_pull: SVector<f64, 9>,
-    /// Residuals by pose.
+    /// Right-hand side of the pose.
     pub pose_pull: Vector6<f64>,
     /// Sum of squared residuals, px².
     pub square: f64,
-    /// Two for each corner.
+    /// Number of residuals: two for each corner.
     pub rows: f64,
 }
 

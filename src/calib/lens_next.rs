@@ -12,10 +12,10 @@ use crate::cell::LensCovariance;
 use crate::geometry::{Camera, Degrees, PinholeCamera, Pixel, Point, Rigid};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-/// A picture worth taking.
+/// A recommended next picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NextPicture {
-    /// Position and tilt of the board in the picture, in words.
+    /// Position and tilt of the board in the picture, as text.
     pub description: String,
     /// The middle of the board, px.
     pub centre: Pixel,

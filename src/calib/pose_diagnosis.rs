@@ -1,4 +1,4 @@
-//! Describes in words what poses that fit no mount were probably meant to be.
+//! Describes what poses that fit no mount were probably meant to be.
 
 use crate::number_text::fixed_decimals;
 
@@ -14,7 +14,7 @@ pub enum PoseInterpretation {
     Angles(&'static str),
     /// A rotation vector.
     RotationVector {
-        /// In radians?
+        /// Whether the vector is in radians.
         radians: bool,
     },
     /// A quaternion with its four numbers in another order.
@@ -34,7 +34,7 @@ pub enum PoseInterpretation {
     Mirrored,
     /// Lengths of board and robot differ by a factor.
     Lengths {
-        /// Robot by board.
+        /// Ratio of the robot's lengths to the board's.
         ratio: f64,
         /// The side of a square as stated, mm.
         square_mm: f64,
@@ -44,7 +44,7 @@ pub enum PoseInterpretation {
 /// An interpretation of the poses in which they fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseReading {
-    /// The meaning.
+    /// Interpretation of the numbers.
     pub interpretation: PoseInterpretation,
     /// The median distance of the boards, mm.
     pub median_mm: f64,

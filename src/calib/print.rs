@@ -46,7 +46,7 @@ pub(super) struct PrintMatch {
     pub light_gradient: f64,
 }
 
-/// How the print around a position is examined.
+/// Parameters for the examination of the print around a position.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MatchWindow {
     /// The homography from the board, mm, to the picture near the position.
@@ -280,8 +280,8 @@ fn fit_print(drawn: &RenderedWindow, noise: f64) -> Option<PrintMatch> {
     let (found, factor, left, scale) = last?;
     let near: Vec<f64> = left.iter().copied().filter(|left| left.abs() < scale).collect();
     // Only the edges of the print count: if a glare hides half of them, the position is not accepted.
-    let edges = |most: f64| {
-        let seen = drawn.pixels.iter().zip(&left).filter(|(_, left)| left.abs() < most);
+    let edges = |limit: f64| {
+        let seen = drawn.pixels.iter().zip(&left).filter(|(_, left)| left.abs() < limit);
         seen.map(|(seen, _)| seen.slope.norm_squared()).sum::<f64>()
     };
     let part = (edges(scale) / edges(f64::INFINITY)).min(near.len() as f64 / left.len() as f64);

@@ -140,10 +140,10 @@ fn touch_problem(data: &RobotData) -> Option<String> {
         .filter_map(|touch| if let TouchTarget::Spot(spot) = touch.target { Some(spot) } else { None })
         .collect();
     // Each spot uses up one touch, and the tip needs two.
-    let (told, needed) = (data.touches.len(), free.len() + 2);
-    (told > 0 && told < needed).then(|| {
+    let (touch_count, needed) = (data.touches.len(), free.len() + 2);
+    (touch_count > 0 && touch_count < needed).then(|| {
         format!(
-            "{told} touches do not determine the tip (at least {needed} touches are needed): touch each spot \
+            "{touch_count} touches do not determine the tip (at least {needed} touches are needed): touch each spot \
                  several times with the tool turned differently"
         )
     })

@@ -24,7 +24,7 @@ pub enum RigKind {
 /// A camera with the board that it sees, and the approximate poses of both.
 #[derive(Debug, Clone)]
 pub struct Rig {
-    /// Which moves.
+    /// Whether the camera or the board moves.
     pub kind: RigKind,
     /// The camera's mount: on the base, or on the flange.
     pub mount: Isometry3<f64>,
@@ -114,13 +114,13 @@ pub enum TouchTarget {
 /// A touch of the tool's tip.
 #[derive(Debug, Clone)]
 pub struct ArmTouch {
-    /// What it touches.
+    /// The touched target.
     pub target: TouchTarget,
     /// The robot's pose.
     pub pose: ArmPose,
 }
 
-/// What is measured.
+/// The measured data: pictures of boards and touches.
 #[derive(Debug, Clone)]
 pub struct RobotData {
     /// The arm's nominal geometry.

@@ -19,7 +19,7 @@ pub struct Number {
     pub remaining_share: f64,
 }
 
-/// What was found.
+/// The estimated model with its evidence.
 #[derive(Debug, Clone)]
 pub struct RobotFound {
     /// The correction.

@@ -23,7 +23,7 @@ use rayon::prelude::*;
 /// A flange pose at which a rig's camera would see its board.
 #[derive(Debug, Clone)]
 pub struct Viewpoint {
-    /// The rig.
+    /// Pose of the flange at this viewpoint.
     pub rig: usize,
     /// The flange's pose there.
     pub base_from_flange: Rigid<Base, Flange>,
@@ -152,9 +152,9 @@ struct InformationGain {
 /// no candidate, or the data determine no parameter.
 pub fn best_next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[ArmPose]) -> Option<NextPose> {
     let own = found.state.free_parameter_count();
-    let told = (0..own).filter(|index| found.numbers[*index].remaining_share < DETERMINED_SHARE);
-    let weakest =
-        told.max_by(|a, b| found.numbers[*a].remaining_share.total_cmp(&found.numbers[*b].remaining_share))?;
+    let determined = (0..own).filter(|index| found.numbers[*index].remaining_share < DETERMINED_SHARE);
+    let weakest = determined
+        .max_by(|a, b| found.numbers[*a].remaining_share.total_cmp(&found.numbers[*b].remaining_share))?;
     let slopes: Vec<DMatrix<f64>> = volume
         .iter()
         .filter_map(|pose| {
@@ -163,8 +163,8 @@ pub fn best_next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[Ar
         .collect();
     let gains: Vec<Option<InformationGain>> =
         candidates.par_iter().map(|candidate| gain(found, candidate, weakest, &slopes)).collect();
-    let by = |of: fn(&InformationGain) -> f64| {
-        let all = gains.iter().enumerate().filter_map(|(index, gain)| Some((index, of(gain.as_ref()?))));
+    let by = |criterion: fn(&InformationGain) -> f64| {
+        let all = gains.iter().enumerate().filter_map(|(index, gain)| Some((index, criterion(gain.as_ref()?))));
         all.min_by(|a, b| a.1.total_cmp(&b.1))
     };
     let ((index, weakest_share), (_, tip_share)) = (by(|gain| gain.weakest_share)?, by(|gain| gain.tip_share)?);
@@ -179,7 +179,7 @@ pub fn best_next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[Ar
     })
 }
 
-/// By (1).
+/// The gain of a pose by (1).
 fn gain(
     found: &RobotFound,
     candidate: &Candidate,

@@ -14,7 +14,7 @@ const MAX_STEPS: usize = 40;
 /// The range of the factor by which an arm's errors may be smaller or larger than usual.
 const SIZES: (f64, f64) = (0.3, 4.0);
 
-/// The unknowns.
+/// The estimated parameters.
 #[derive(Debug, Clone)]
 pub(super) struct State {
     pub correction: Correction,
@@ -179,9 +179,9 @@ pub(super) fn levenberg_marquardt(
         state = next;
         let inverse = scaled_inverse(&undamped)?;
         // The number of free parameters that the data determine.
-        let told: f64 = state.count() as f64
+        let parameters: f64 = state.count() as f64
             - (0..state.free_parameter_count()).map(|at| inverse[(at, at)] / usual[at].powi(2)).sum::<f64>();
-        let redundancy = (there.len() as f64 - told).max(1.0);
+        let redundancy = (there.len() as f64 - parameters).max(1.0);
         let new = (there.norm_squared() / redundancy).max(1.0);
         let steady = (new / variance - 1.0).abs() < 1e-3;
         variance = new;

@@ -106,7 +106,7 @@ fn accept_corner(patch: &Patch, (model, sums): (&Model, &NormalSums), start: Pix
     })
 }
 
-/// The unknowns of (1).
+/// The parameters of (1).
 #[derive(Clone, Copy)]
 struct Model {
     pixel: Pixel,

@@ -23,7 +23,7 @@ const MIN_RMS: f64 = 0.05;
 const MIN_TYPO_MM: f64 = 1.0;
 const MIN_TYPO_DEG: f64 = 0.2;
 
-/// What is probably wrong.
+/// Probable cause of a station's deviation.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StationFault {
     /// The board was detected upside down.
@@ -49,9 +49,9 @@ pub enum StationFault {
     },
     /// Two exchanged angles or lengths.
     Exchanged {
-        /// One key.
+        /// The first key.
         key: &'static str,
-        /// The other.
+        /// The second key.
         other: &'static str,
     },
     /// The picture itself is doubtful: the board is seen at a grazing angle.
@@ -68,21 +68,21 @@ pub enum StationFault {
     },
     /// A small deviation that no mistyped number explains.
     Little,
-    /// None of these.
+    /// No known cause explains the deviation.
     Unknown {
         /// The pose that the flange must have had for this picture.
         expected_pose: KukaPose,
     },
 }
 
-/// A station that does not fit.
+/// A station with a deviation beyond its uncertainty.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SuspectStation {
     /// The picture.
     pub name: String,
     /// The distance between the positions of the board's middle that picture and robot give, mm.
     pub distance_mm: f64,
-    /// What is probably wrong.
+    /// Probable cause of the deviation.
     pub fault: StationFault,
 }
 

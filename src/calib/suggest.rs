@@ -14,7 +14,7 @@ use super::quantile::radius_95;
 use crate::geometry::{Base, Degrees, Flange, KukaPose, PinholeCamera, Rigid};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-/// A pose worth taking.
+/// A recommended pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Suggestion {
     /// The pose to which the flange is to go.

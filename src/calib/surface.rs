@@ -85,8 +85,8 @@ fn doubt_px(deviation_px: f64, left: f64, slant: f64) -> f64 {
     deviation_px.hypot(of_model_px).hypot(SLANT_PX * (slant - MAX_LIGHT_GRADIENT).max(0.0))
 }
 
-/// A smooth surface through corners: the homography of a plane, and a polynomial of third degree for the bending by
-/// a lens and a board that is not quite flat.
+/// A smooth surface through corners: the homography of a plane, and a polynomial of third degree for the bending by a
+/// lens and a board that is not exactly flat.
 pub(super) struct Surface {
     centre: Vector2<f64>,
     reach_mm: f64,

@@ -168,7 +168,7 @@ fn fit_plate_normal(places: &[Point<Base>]) -> Result<(Vector3<f64>, Option<f64>
     }
     let rms_mm = (eigen.eigenvalues[order[0]].max(0.0) / places.len() as f64).sqrt();
     let normal = eigen.eigenvectors.column(order[0]).into_owned();
-    // Three points always lie on a plane: their residual of zero is no evidence.
+    // Three points always lie on a plane: their residual of zero is not evidence.
     Ok((normal, (places.len() > 3).then_some(rms_mm)))
 }
 
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn the_point_comes_back_and_a_wrong_pose_shows() {
+    fn the_point_returns_and_a_wrong_pose_shows() {
         let mut held = poses(tip(), &ANGLES);
         let point = tool_point(&held).expect("a tip");
         assert!(point.tip.distance_mm(tip()) < 1e-9 && point.rms_mm < 1e-9, "{point:?}");

@@ -20,7 +20,7 @@ pub(super) fn read(text: &str, schemes: [(&'static str, u16); 2]) -> Option<Addr
     let uri: Uri = text.parse().ok()?;
     let (scheme, usual) = schemes.into_iter().find(|(scheme, _)| uri.scheme_str() == Some(scheme))?;
     let authority = uri.authority()?;
-    // The library ignores anything before @, and a port that is no number.
+    // The library ignores anything before @, and a port that is not a number.
     let port = match authority.as_str().strip_prefix(authority.host())? {
         "" => usual,
         port => port.strip_prefix(':')?.parse().ok()?,

@@ -12,7 +12,7 @@ use crate::geometry::{Base, Point};
 use crate::number_text;
 use toml::de::DeValue;
 
-/// Which arm.
+/// Model of the robot arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ArmModel {
     /// An arm with a known name.
@@ -37,7 +37,7 @@ impl Setting for ArmModel {
 settings! {
     /// `[arm]` as it is written in the file.
     pub struct ArmTable {
-        /// Which arm.
+        /// Model of the robot arm.
         model: ArmModel, (), default ArmModel::Named(&PRESETS[0]);
         /// From axis 1 forward to axis 2, mm.
         a1_mm: Option<f64>, -5_000.0..=5_000.0, default None;
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_has_a_name_or_is_told_which_are_there() {
+    fn an_unknown_arm_is_refused_with_the_known_names() {
         let cell =
             Cell::check("f", "[arm]\nmodel = 'kr10-r1100-2'\n").unwrap_or_else(|problems| panic!("{problems}"));
         assert_eq!((cell.arm().geometry().c2_mm, cell.arm().axes().max_speed_deg_s[1]), (560.0, 225.0));

@@ -19,7 +19,7 @@ pub struct Broker {
 /// How a broker identifies a client.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum BrokerLogin {
-    /// The broker accepts everyone.
+    /// The broker accepts every client.
     Anybody,
     /// With a file of credentials, as `nsc` writes it.
     Credentials(PathBuf),

@@ -55,7 +55,7 @@ pub struct Intrinsics {
     pub covariance: Option<LensCovariance>,
     /// Serial number of the camera that was calibrated.
     pub serial: Option<String>,
-    /// When.
+    /// Date of the calibration.
     pub date: Option<Date>,
     /// Root mean square of the reprojection residuals, px.
     pub rms_px: Option<f64>,

@@ -114,7 +114,7 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// Which controller.
+    /// Returns the kind of the robot controller.
     pub fn kind(&self) -> RobotKind {
         self.kind
     }

@@ -266,11 +266,11 @@ pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
         );
     }
     let mut right = constant.is_empty() && feigned.is_empty();
-    for (key, found, most) in
+    for (key, found, max_count) in
         [("mapped_inputs", io.mapped_inputs.len(), MAX_MAPPED), ("feedbacks", io.feedbacks.len(), MAX_FEEDBACKS)]
     {
-        if found > most {
-            section.problem(key, format!("found {found} names (limit {most})"));
+        if found > max_count {
+            section.problem(key, format!("found {found} names (limit {max_count})"));
             right = false;
         }
     }

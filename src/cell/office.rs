@@ -29,7 +29,7 @@ impl CellName {
     /// Checks a name.
     ///
     /// # Errors
-    /// States what is allowed.
+    /// If the name is not valid; the text states the valid characters.
     pub fn new(name: &str) -> Result<Self, String> {
         let is_allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if !name.is_empty() && name.len() <= MAX_CHARACTERS && name.chars().all(is_allowed) {
@@ -86,7 +86,7 @@ mod tests {
     use super::super::Cell;
 
     #[test]
-    fn a_wrong_name_and_a_wrong_broker_are_told_at_once() {
+    fn a_wrong_name_and_a_wrong_broker_are_reported_at_once() {
         let text = "[office]\ncell = 'c 1'\nbroker = 'nats://10.0.0.1:a'\n";
         let problems = Cell::check("cell.toml", text).expect_err("wrong").to_string();
         for words in ["office.cell: found \"c 1\"", "office.broker: found \"nats://10.0.0.1:a\""] {

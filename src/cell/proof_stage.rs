@@ -10,7 +10,7 @@ pub enum ProofStage {
     A,
     /// In automatic mode, in the air.
     B,
-    /// In contact, on foam.
+    /// Contact with a foam panel.
     C,
 }
 

@@ -26,7 +26,7 @@ pub struct PushSettings {
 /// A folder of an HTTP server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WebFolder {
-    /// With TLS.
+    /// Whether TLS is used.
     pub is_encrypted: bool,
     /// The server's name or address.
     pub host: String,
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told() {
+    fn what_is_wrong_is_reported() {
         for wrong in [
             "quality.example",
             "ftp://a/b",

@@ -22,7 +22,7 @@ settings! {
         coupon_deviation_percent: f64, 0.0..=100.0, required;
         /// Rms prediction error of coupons that were left out and predicted from the others, percent.
         left_out_percent: f64, 0.0..=1_000.0, required;
-        /// Coupons.
+        /// Number of coupons.
         coupons: usize, 3..=10_000, required;
         /// The smallest force on a coupon, N; `None` in a file that does not state it.
         least_force_n: Option<f64>, 0.5..=500.0, default None;
@@ -50,7 +50,7 @@ settings! {
 pub struct RemovalCalibration {
     /// Its numbers.
     pub numbers: RemovalNumbers,
-    /// When.
+    /// Date of the calibration.
     pub date: Option<Date>,
     /// Program, coupons file and residuals.
     pub provenance: Provenance,

@@ -64,17 +64,17 @@ fn parse_retention(section: &Section<'_, '_>) -> Option<Retention> {
     let passed = RetentionTime { days: days?, cycles: cycles? };
     let failed = RetentionTime { days: failed_days?, cycles: failed_cycles? };
     let mut right = true;
-    for (key, of, least) in
+    for (key, of, min) in
         [("failed_days", failed.days, passed.days), ("failed_cycles", failed.cycles, passed.cycles)]
     {
-        if let (Some(found), Some(least)) = (of, least)
-            && found < least
+        if let (Some(found), Some(min)) = (of, min)
+            && found < min
         {
             let name = key.trim_start_matches("failed_");
             section.problem(
                 key,
                 format!(
-                    "found {found}, the minimum is {least}, the value of {name}: the data of failed cycles must be \
+                    "found {found}, the minimum is {min}, the value of {name}: the data of failed cycles must be \
                      kept at least as long"
                 ),
             );

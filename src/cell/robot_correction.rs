@@ -53,7 +53,7 @@ pub struct RobotCorrection {
     pub left_out_before_mm: f64,
     /// Error of left-out pictures with the correction, rms, mm.
     pub left_out_after_mm: f64,
-    /// When.
+    /// Date of the calibration.
     pub date: Option<Date>,
     /// Program, pictures and their residuals.
     pub provenance: Provenance,

@@ -24,7 +24,7 @@ pub struct MeasuredScanner {
     pub board_positions: usize,
     /// The error that is the same in each scan, and is corrected; `None` if there is none.
     pub field: Option<DepthField>,
-    /// When.
+    /// Date of the measurement.
     pub date: Option<Date>,
     /// Program, scans and the residual of each scan from a plane, mm.
     pub provenance: Provenance,

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// The commands that the cell accepts from the broker. A rebirth is always accepted, and a start never.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum NodeCommands {
-    /// None.
+    /// No commands are accepted.
     #[default]
     None,
     /// Hold, stop and abort are accepted, with an operator's rights.

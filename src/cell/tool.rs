@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_or_has_no_effect_is_told() {
+    fn what_is_missing_or_has_no_effect_is_reported() {
         let says = |text: &str| Cell::check("f", text).expect_err("refused").to_string();
         let told = says("[tool]\nstroke_mm = 30\nhost = 'a'");
         assert!(told.contains("f:2: tool.stroke_mm: has no effect with kind = \"spring\""), "{told}");

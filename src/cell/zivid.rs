@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_go_together_is_told() {
+    fn what_does_not_go_together_is_reported() {
         let says = |text: &str| Cell::check("f", text).expect_err("refused").to_string();
         let told = says("[scanner]\nsettings = 'scan.yml'\nlibrary = 'x.so'");
         assert!(told.contains(

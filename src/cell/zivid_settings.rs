@@ -24,10 +24,10 @@ pub enum MainsFrequency {
 }
 
 impl MainsFrequency {
-    /// Both.
+    /// Both frequencies.
     pub const ALL: &'static [MainsFrequency] = <Self as VariantArray>::VARIANTS;
 
-    /// In words.
+    /// Returns the name for people.
     pub fn name(self) -> &'static str {
         self.into()
     }
@@ -70,7 +70,7 @@ impl ZividSettings {
     /// Reads settings of either kind; `file` is the file's name in messages.
     ///
     /// # Errors
-    /// If the text is no YAML, is of neither kind, or has problems: each problem with line and key.
+    /// If the text is not YAML, is of neither kind, or has problems: each problem with line and key.
     pub fn read(file: &str, text: &str) -> Result<Self, Problems> {
         let mut list = Vec::new();
         let found = read(text, None, &mut list);
@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_such_file_is_told() {
+    fn what_is_no_such_file_is_reported() {
         let cases = [
             (SCAN_FILE, ZividUse::Film, "found Settings, expected settings for pictures, with Settings2D"),
             (FILM_FILE, ZividUse::Scan, "found Settings2D, expected settings for 3D shots"),
@@ -343,8 +343,8 @@ mod tests {
             ),
         ];
         for (text, usage, words) in cases {
-            let told = problem_text(text, usage);
-            assert!(told.contains(words), "{words}: {told}");
+            let reported = problem_text(text, usage);
+            assert!(reported.contains(words), "{words}: {reported}");
         }
         let unversioned = problem_text(&FILM_FILE.replace("__version__", "version"), ZividUse::Film);
         assert!(unversioned.contains("__version__: is missing"), "{unversioned}");

@@ -1,7 +1,7 @@
 //! Checks the controller's files against a cell's file: contradictions between them, and the checksum by which the
 //! programs identify themselves.
 
-use super::report::{FileReport, RECIPE, of_kind};
+use super::report::{FileReport, RECIPE, reports_of_kind};
 use crate::cell::Cell;
 use crate::config::{Problem, key_line};
 use crate::controller::{
@@ -31,7 +31,7 @@ fn report(differences: Vec<Difference>, files: &[(&str, &str)], reports: &mut [F
 fn compare_accelerations(files: &[(&str, &str)], reports: &mut [FileReport]) {
     let Some(config) = place(CONFIG, files) else { return };
     let Some(most_m_s2) = highest_acceleration_m_s2(files[config].1) else { return };
-    for place in of_kind(RECIPE, reports) {
+    for place in reports_of_kind(RECIPE, reports) {
         let (name, text) = files[place];
         let Ok(recipe) = parse_plausible_recipe(name, text) else { continue };
         let found_m_s2 = recipe.path().acceleration_mm_s2() / 1_000.0;

@@ -1,4 +1,4 @@
-//! Describes in words how the program understood a file.
+//! Describes how the program understood a file.
 
 use crate::cell::{
     Arm, ArmModel, Camera, Cell, Gige, Intrinsics, Mount, MountedPose, Output, RemovalCalibration, RobotCorrection,
@@ -128,7 +128,7 @@ pub(super) fn describe_recipe(recipe: &Recipe) -> Vec<String> {
     let removal = recipe.removal().map(|removal| {
         format!("removal target {} µm, maximum {} µm at any place", removal.target_um(), removal.max_um())
     });
-    let mut says = vec![
+    let mut descriptions = vec![
         format!("panel {}: {} rows by {} columns of grids", recipe.panel(), region.rows(), region.columns()),
         format!("film observed for {observation}, {} pictures per second", process.frames_per_second()),
         format!("a grid is abraded at most {} times per cycle", process.max_passes_per_grid()),
@@ -146,8 +146,8 @@ pub(super) fn describe_recipe(recipe: &Recipe) -> Vec<String> {
             path.feed_mm_s()
         ),
     ];
-    says.extend(removal);
-    says
+    descriptions.extend(removal);
+    descriptions
 }
 
 pub(super) fn describe_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
@@ -155,14 +155,14 @@ pub(super) fn describe_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
     let view = |size_px: usize, focal_px: f64| Degrees::from_rad(2.0 * (size_px as f64 / 2.0 / focal_px).atan()).0;
     let (across, down) = (view(camera.width_px, camera.fx_px), view(camera.height_px, camera.fy_px));
     let residual = intrinsics.rms_px.map_or("unknown".to_owned(), |rms_px| format!("{rms_px:.3} px rms"));
-    let mut says = vec![
+    let mut descriptions = vec![
         format!(
             "camera of {} × {} px with a field of view of about {across:.1}° × {down:.1}°",
             camera.width_px, camera.height_px
         ),
         format!("residual: {residual}"),
     ];
-    says.extend(intrinsics.errors.map(|errors| {
+    descriptions.extend(intrinsics.errors.map(|errors| {
         let corrected = if errors.field.is_some() {
             "the systematic error, the same in each scan, is subtracted"
         } else {
@@ -177,15 +177,15 @@ pub(super) fn describe_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
             fixed_decimals(errors.correlation_mm, 0)
         )
     }));
-    says.extend(intrinsics.extent.model.map(|model| format!("lens model: {model}")));
-    says.extend(
+    descriptions.extend(intrinsics.extent.model.map(|model| format!("lens model: {model}")));
+    descriptions.extend(
         intrinsics
             .extent
             .excluded_coefficients
             .iter()
             .map(|reason| format!("excluded from the lens model: {reason}")),
     );
-    says.extend(intrinsics.extent.supported.map(|supported| {
+    descriptions.extend(intrinsics.extent.supported.map(|supported| {
         let picture_px2 = (camera.width_px * camera.height_px) as f64;
         let share = polygon::signed_area_px2(&supported.outline_px).abs() / picture_px2;
         format!(
@@ -194,7 +194,7 @@ pub(super) fn describe_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
             fixed_decimals(share * 100.0, 0)
         )
     }));
-    says
+    descriptions
 }
 
 /// Returns the arm's name and the source of its numbers; for a custom arm, the nearest named arm.
@@ -268,7 +268,7 @@ pub(super) fn describe_mount<M: Mount>(mounted: MountedPose<M>) -> Vec<String> {
     let (from, to) = (M::From::NAME, M::To::NAME);
     let (origin, axis) = (rigid.origin().mm, (rigid * Vector::<M::From>::new(nalgebra::Vector3::z())).mm);
     let residual = mounted.rms_mm.map_or("unknown".to_owned(), |rms_mm| format!("{rms_mm:.3} mm rms"));
-    let mut says = vec![
+    let mut descriptions = vec![
         format!(
             "{from} at ({}, {}, {}) mm in {to}",
             fixed_decimals(origin.x, 1),
@@ -285,8 +285,8 @@ pub(super) fn describe_mount<M: Mount>(mounted: MountedPose<M>) -> Vec<String> {
     ];
     if M::HAS_AXIS {
         let measured = if mounted.axis_measured == Some(true) { "measured" } else { "not measured" };
-        says.push(format!("the tool's axis was {measured}"));
+        descriptions.push(format!("the tool's axis was {measured}"));
     }
-    says.extend(mounted.board.map(|board| format!("the board: {board}")));
-    says
+    descriptions.extend(mounted.board.map(|board| format!("the board: {board}")));
+    descriptions
 }

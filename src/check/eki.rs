@@ -25,7 +25,7 @@ pub(super) struct EkiCheckResult {
     pub(super) warnings: Vec<Problem>,
     /// The properties of the channel, a sentence each.
     pub(super) descriptions: Vec<String>,
-    /// The channel; `None` if the file is no channel.
+    /// The channel; `None` if the file is not a channel.
     pub(super) channel: Option<StatedChannel>,
 }
 

@@ -10,15 +10,16 @@ pub(super) const RECIPE: &str = "recipe";
 pub struct FileReport {
     /// The kind of the file; `None` if it is not clear.
     pub kind: Option<&'static str>,
-    /// What is wrong, in the order of the lines.
+    /// Problems of the file, in the order of the lines.
     pub problems: Vec<Problem>,
     /// Properties that are allowed but lead to problems, in the order of the lines.
     pub warnings: Vec<Problem>,
-    /// What was understood, a sentence each; empty if one of this program's own files cannot be understood.
+    /// Content of the file as understood, one sentence each; empty if one of this program's own files cannot be
+    /// understood.
     pub descriptions: Vec<String>,
 }
 
 /// Returns the indices of the files of this kind.
-pub(super) fn of_kind(kind: &'static str, reports: &[FileReport]) -> Vec<usize> {
+pub(super) fn reports_of_kind(kind: &'static str, reports: &[FileReport]) -> Vec<usize> {
     (0..reports.len()).filter(|place| reports[*place].kind == Some(kind)).collect()
 }

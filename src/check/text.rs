@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_text_is_said_with_its_line() {
+    fn what_is_no_text_is_reported_with_its_line() {
         let says = |name: &str, bytes: &[u8]| decode(name, bytes).expect_err("no text").to_string();
         assert_eq!(says("a.toml", b"x = 1\ny = '\xFC'"), "line 2 is not UTF-8; save the file as UTF-8");
         assert!(says("a.toml", b"\xFF\xFEp\0").starts_with("is UTF-16, as PowerShell's"));

@@ -69,13 +69,13 @@ fn serve(args: &RunArchive) -> Result<Outcome, Fault> {
 pub fn run_fleet(args: &Fleet) -> Result<Outcome, Fault> {
     let settings = settings(&args.settings)?;
     let ended = shutdown_signal()?;
-    let told = |address: &FleetAddress| {
+    let on_listening = |address: &FleetAddress| {
         tracing::info!("the office's page: {}", address.url);
         if let Some(fingerprint) = &address.fingerprint {
             tracing::info!("SHA-256 of the page's self-signed certificate: {fingerprint}");
         }
     };
-    run_to_end(serve_fleet(&settings, told, ended))?;
+    run_to_end(serve_fleet(&settings, on_listening, ended))?;
     Ok(message_outcome("the server of the office's page has stopped"))
 }
 

@@ -1,4 +1,4 @@
-//! `panelprep check`: reports whether configuration files are right, and what they state.
+//! `panelprep check`: reports whether configuration files are valid, and what they state.
 
 use super::args::{Check, Common, PurposeName};
 use super::disk;

@@ -12,7 +12,7 @@ use std::time::Duration;
 /// # Errors
 /// The reason, as text, if no address accepted the connection.
 pub(super) fn connected(place: impl ToSocketAddrs + Send + 'static, within: Duration) -> Result<(), String> {
-    let (tell, told) = mpsc::channel();
+    let (sender, receiver) = mpsc::channel();
     // A separate thread, because the look-up of a name may last minutes.
     thread::spawn(move || {
         let connect = || {
@@ -25,7 +25,9 @@ pub(super) fn connected(place: impl ToSocketAddrs + Send + 'static, within: Dura
             }
             Err(last)
         };
-        tell.send(connect().map_err(|error: Error| error.to_string()))
+        sender.send(connect().map_err(|error: Error| error.to_string()))
     });
-    told.recv_timeout(2 * within).unwrap_or_else(|_| Err(format!("no answer within {} s", 2 * within.as_secs())))
+    receiver
+        .recv_timeout(2 * within)
+        .unwrap_or_else(|_| Err(format!("no answer within {} s", 2 * within.as_secs())))
 }

@@ -32,11 +32,11 @@ use std::sync::Arc;
 
 /// The result of a cycle that ran.
 pub struct CycleRun {
-    /// How it ended.
+    /// Result of the loop.
     pub outcome: LoopOutcome,
     /// The part of the cycle that the store keeps.
     pub stored: StoredCycle,
-    /// Why the request was refused.
+    /// The reason why the request was refused.
     pub refusal: Option<Reason>,
     /// The simulated surroundings of a mock robot, as the cycle left them.
     pub simulated: Option<SimulatedController>,
@@ -46,14 +46,14 @@ pub struct CycleRun {
     pub recorded: Option<RecordingResult>,
 }
 
-/// Starts the cell's devices.
+/// Function that starts the cell's devices.
 pub type Start = fn(&Cell, &Calibrations, Simulation) -> Result<CellDevices, Fault>;
 
 /// The parameters of a cycle's run.
 pub struct Run<'r> {
     /// Starts the devices.
     pub start: Start,
-    /// What simulated devices show.
+    /// Settings of the simulated devices.
     pub simulation: Simulation,
     /// The request to the loop.
     pub request: fn(&TaughtRecipe) -> cycle::Request,
@@ -141,8 +141,8 @@ fn run_once(
 /// Signs this cycle and earlier unsigned cycles. If the signing fails, the cycle keeps its result and is signed at
 /// the next start.
 fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
-    let told = |told: Result<String, String>| progress(&told.unwrap_or_else(|problem| problem));
-    if let Err(fault) = signed::sign_missing(files, &told) {
+    let report = |result: Result<String, String>| progress(&result.unwrap_or_else(|problem| problem));
+    if let Err(fault) = signed::sign_missing(files, &report) {
         progress(&format!("the records could not be signed: {fault}"));
     }
 }
@@ -488,7 +488,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cycle_that_never_began_says_why() {
+    fn a_cycle_that_never_began_states_why() {
         let mut once = SingleCycle::new(
             cycle::Request::Start { max_passes: 1, max_moves: 1, dries: false },
             Interrupts::default(),

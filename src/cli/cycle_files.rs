@@ -83,9 +83,9 @@ pub struct TaughtRecipe {
     part: Option<PartNames>,
     /// Earlier cycles that abraded the same part, if its serial number is given.
     earlier: Vec<PassesOfCycle>,
-    /// What was stated about the part's abrasions.
+    /// Statements about the part's abrasions.
     count: CountArguments,
-    /// Why the part's abrasions cannot be counted without such a statement.
+    /// The reason why the part's abrasions cannot be counted without such a statement.
     lost: Option<LostCount>,
     /// Whether foam lies in the cell instead of a panel.
     on_foam: bool,

@@ -17,7 +17,8 @@ use crate::requirements::{Purpose, UnmetRequirement};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-/// Why a command could not do its work: bad input, or a disk error. The exit code is 2 unless stated otherwise.
+/// The reason why a command could not do its work: bad input, or a disk error. The exit code is 2 unless stated
+/// otherwise.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
     /// A file does not have the required content.
@@ -31,10 +32,10 @@ pub enum Fault {
     /// A configuration file has problems; each is listed with its line.
     #[error(transparent)]
     Configuration(#[from] crate::config::Problems),
-    /// At a calibration.
+    /// A calibration failed.
     #[error(transparent)]
     Calibration(#[from] CalibrationFault),
-    /// At a device.
+    /// A device failed.
     #[error(transparent)]
     Device(#[from] DeviceFault),
     /// A fault in the teaching of a panel.
@@ -43,7 +44,7 @@ pub enum Fault {
     /// A fault of a clip or its labels.
     #[error(transparent)]
     Clip(#[from] ClipFault),
-    /// At the records.
+    /// A record cannot be used.
     #[error(transparent)]
     Record(#[from] RecordFault),
     /// The cell's file does not state what the command needs.
@@ -56,7 +57,7 @@ pub enum Fault {
         /// The missing entries.
         unmet: Vec<UnmetRequirement>,
     },
-    /// A program ended while a motion was under way.
+    /// A program ended while a motion was in progress.
     #[error(
         "a motion is open in the store: a program ended while the robot moved. Nothing moves until a person has \
          checked the cell; check the cell, jog the pad off the panel if it touches, then run `panelprep \
@@ -96,11 +97,11 @@ pub enum Fault {
     /// A text on the command line that is not a pose.
     #[error("\"{found}\" is not a {what}: {problem}")]
     NotSixNumbers {
-        /// What was given.
+        /// The text as given.
         found: String,
         /// The expected kind of pose.
         what: &'static str,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// A decision that does not state the step on which it is based.
@@ -140,7 +141,7 @@ pub enum Fault {
     Account {
         /// Its name.
         name: String,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// The cycle for which the command waited is no longer the last cycle of the service.
@@ -180,7 +181,7 @@ pub enum Fault {
     BadAnswer {
         /// The option.
         option: &'static str,
-        /// What was given.
+        /// The answer as given.
         found: String,
         /// The problem of the answer, and what is allowed.
         problem: String,

@@ -25,11 +25,11 @@ const MAX_SILENCES: u32 = 2;
 /// The knowledge of the flange's pose at a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PoseKnowledge {
-    /// It was here.
+    /// The reported pose of the flange.
     At(ReportedFlange),
     /// The arm moved meanwhile.
     Moved,
-    /// Nothing was reported.
+    /// No pose was reported.
     Nothing,
 }
 
@@ -45,7 +45,7 @@ pub struct FlangePoses<'c> {
 }
 
 impl<'c> FlangePoses<'c> {
-    /// Of this cell.
+    /// Creates the poses for this cell.
     pub fn new(files: &'c CellFiles) -> Self {
         FlangePoses {
             cell: &files.cell,
@@ -75,20 +75,20 @@ impl<'c> FlangePoses<'c> {
             Some(link) => link,
             None => live::robot_alone(self.cell).ok()?.0,
         };
-        let told = next_controller_report(&mut link);
-        match told {
+        let report = next_controller_report(&mut link);
+        match report {
             Some(_) => *kept = Some(link),
             None => self.missed_answers.set(self.missed_answers.get() + 1),
         }
-        told
+        report
     }
 
     /// The axis positions after the picture. The link to the controller is released, so that other clients may use
     /// it.
     fn axes_after_picture(&self) -> Option<Joints> {
-        let told = self.now();
+        let report = self.now();
         self.link.borrow_mut().take();
-        told
+        report
     }
 
     /// Combines the positions before and after the picture with the report of the camera's source.
@@ -180,7 +180,7 @@ mod tests {
     /// At A2 = −90° and A3 = 90° the flange is 25 + 365 + 90 mm in front of the base, and 400 + 335 + 25 mm above
     /// it.
     #[test]
-    fn a_flange_is_known_only_while_the_arm_stands() {
+    fn a_flange_is_known_only_while_the_arm_is_at_rest() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|error| panic!("{error}"));
         let arm = Kinematics::new(cell.arm());
         let axes = [0.0, -90.0, 90.0, 0.0, 0.0, 0.0];

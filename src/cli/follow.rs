@@ -13,7 +13,7 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Between two questions.
+/// Interval between two queries.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// If the service does not answer within this time, it is considered gone; a service that restarts may be away for
 /// a moment.
@@ -27,14 +27,14 @@ const RESET_TIMEOUT: Duration = Duration::from_secs(600);
 /// # Errors
 /// If no service answers.
 pub fn print_changes(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
-    let mut told = None;
+    let mut last_line = None;
     loop {
         let reply = state(socket)?;
         let line = if as_json { Value::Object(watched_fields(&reply)).to_string() } else { describe_reply(&reply) };
-        if told.as_ref() != Some(&line) && writeln!(std::io::stdout(), "{line}").is_err() {
+        if last_line.as_ref() != Some(&line) && writeln!(std::io::stdout(), "{line}").is_err() {
             return Ok(Outcome { exit_code: 0, json: service_request::object(&reply), lines: vec![] });
         }
-        told = Some(line);
+        last_line = Some(line);
         thread::sleep(POLL_INTERVAL);
     }
 }
@@ -45,14 +45,14 @@ pub fn print_changes(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
 /// # Errors
 /// If the service does not answer any more.
 pub fn wait_for_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
-    let mut told = None;
+    let mut last_line = None;
     loop {
         let reply = state(socket)?;
         let line = describe_reply(&reply);
-        if told.as_ref() != Some(&line) {
+        if last_line.as_ref() != Some(&line) {
             write_progress(&line);
         }
-        told = Some(line);
+        last_line = Some(line);
         let is_other = reply.cycle_id != begun.cycle_id;
         if is_other {
             return Err(Fault::OtherCycle { waited_for: begun.cycle_id, found: reply.cycle_id });

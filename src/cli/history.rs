@@ -134,7 +134,7 @@ fn trend(store: &Store, (panel, name): (&str, &str), limit: usize) -> Result<Tre
     {
         let (title, unit) = known.title_and_unit();
         let points = store.verification_points(subject, limit).map_err(Fault::stage)?;
-        return Ok(Trend::of_points((title.to_owned(), unit.to_owned()), points, 0));
+        return Ok(Trend::from_points((title.to_owned(), unit.to_owned()), points, 0));
     }
     let cycles = cycles(store, panel, limit)?;
     let trend = history::trend(&quantity, &cycles);

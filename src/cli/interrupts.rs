@@ -48,12 +48,12 @@ impl Interrupts {
         let _ = self.stop_line.set(line);
     }
 
-    /// How many came.
+    /// Returns the number of interrupts received.
     pub fn count(&self) -> usize {
         self.count.load(Ordering::SeqCst)
     }
 
-    /// One more came.
+    /// Counts one more interrupt.
     #[cfg(test)]
     pub fn one_came(&self) {
         self.count.fetch_add(1, Ordering::SeqCst);

@@ -56,11 +56,11 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
         server.command_address(),
         server.state_address()
     ));
-    let mut told = ReportedState::default();
+    let mut reported_state = ReportedState::default();
     loop {
         server
             .handle()
-            .with_controller(|controller| told.state_changes(controller))
+            .with_controller(|controller| reported_state.state_changes(controller))
             .iter()
             .for_each(|line| tell(line));
         std::thread::sleep(POLL_INTERVAL);
@@ -106,7 +106,7 @@ fn ports(args: &MockRobot, cell: &Cell, files: [u16; 2]) -> Result<Ports, Fault>
     }
 }
 
-/// What was already reported.
+/// The state that was last reported.
 #[derive(Default)]
 struct ReportedState {
     epoch: i32,

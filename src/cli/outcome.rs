@@ -11,11 +11,11 @@ use std::process::ExitCode;
 /// The result of a command, in both forms.
 #[derive(Debug, Clone)]
 pub struct Outcome {
-    /// How it ended.
+    /// Exit code of the command.
     pub exit_code: u8,
     /// The JSON object for `--json`.
     pub json: Map<String, Value>,
-    /// For a person.
+    /// Lines for a person.
     pub lines: Vec<String>,
 }
 

@@ -76,7 +76,7 @@ fn counted(passes: usize) -> String {
     if passes == 1 { "1 pass".to_owned() } else { format!("{passes} passes") }
 }
 
-/// Describes cycles with their numbers of passes, in words.
+/// Describes cycles with their numbers of passes, as text.
 pub fn history(earlier: &[PassesOfCycle]) -> String {
     let words = |PassesOfCycle { cycle, started_unix_s, passes, .. }: &PassesOfCycle| {
         format!("cycle {cycle} of {}: {}", utc_day(*started_unix_s), counted(*passes))
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_taken_as_they_stand_or_refused() {
+    fn names_are_taken_unchanged_or_refused() {
         let part = |serial: &str| PartNames { serial: Some(serial.to_owned()), ..PartNames::default() };
         assert_eq!(parse_part_names(PartNames::default()).expect("no name"), None);
         let good = part("SN 0017/ä \"7\"");

@@ -158,8 +158,8 @@ fn reach<'a>(
         sander: Sander::new(calibrations.flange_from_tool, recipe.path()),
         corners: &taught.corners,
     };
-    let most = corners::max_views(recipe.corner(), taught.corners.len());
-    let stand = tour.reachable_corners(kinematics, base_from_panel, most).and_then(|corners| {
+    let view_limit = corners::max_views(recipe.corner(), taught.corners.len());
+    let stand = tour.reachable_corners(kinematics, base_from_panel, view_limit).and_then(|corners| {
         tour.reach_setup(kinematics, &Approach { base_from_panel, corners: &corners, obstacles: None })
     });
     Ok((stand.map_or_else(ReachStart::Refused, ReachStart::From), "coming from the park pose by the corner views"))

@@ -63,14 +63,14 @@ pub fn key(files: &CellFiles) -> Result<CellKey, Fault> {
 ///
 /// # Errors
 /// If the key or the store cannot be used.
-pub fn sign_missing(files: &CellFiles, told: &dyn Fn(Result<String, String>)) -> Result<(), Fault> {
+pub fn sign_missing(files: &CellFiles, report: &dyn Fn(Result<String, String>)) -> Result<(), Fault> {
     let key = key(files)?;
     let each = |cycle, signed: Result<&SignatureRow, store::StoreError>| match signed {
-        Ok(row) => told(Ok(format!(
+        Ok(row) => report(Ok(format!(
             "the record of cycle {cycle} was signed: record number {}, SHA-256 {}",
             row.number, row.record_hash
         ))),
-        Err(error) => told(Err(format!("the record of cycle {cycle} could not be signed: {error}"))),
+        Err(error) => report(Err(format!("the record of cycle {cycle} could not be signed: {error}"))),
     };
     Store::sign_missing(files.store_folder(), &key, &each).map_err(Fault::stage)
 }
@@ -186,7 +186,7 @@ pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result
 fn signed_rows(files: &CellFiles, store: &Store, cycle: CycleId) -> Result<Vec<SignatureRow>, Fault> {
     let record = store.cycle(cycle).map_err(Fault::stage)?;
     if record.judgement.is_some() && store.cycle_signatures(cycle).map_err(Fault::stage)?.is_empty() {
-        sign_missing(files, &|told| tracing::info!("{}", told.unwrap_or_else(|problem| problem)))?;
+        sign_missing(files, &|signed| tracing::info!("{}", signed.unwrap_or_else(|problem| problem)))?;
     }
     let rows = store.cycle_signatures(cycle).map_err(Fault::stage)?;
     match rows.is_empty() {

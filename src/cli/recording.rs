@@ -208,7 +208,7 @@ pub struct RecordedCycle {
     pub cell: Cell,
     /// The recipe.
     pub recipe: Recipe,
-    /// What was taught.
+    /// The taught panel.
     pub taught: LoadedPanel,
     /// The calibrations.
     pub calibrations: Calibrations,

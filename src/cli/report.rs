@@ -25,7 +25,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub struct StoredCycle {
     /// The record.
     pub record: CycleRecord,
-    /// What was removed from the cycle's data.
+    /// Data that was removed from the cycle.
     pub pruned: Option<PrunedFiles>,
     pictures: BTreeMap<String, Vec<u8>>,
     /// The section about the part, if it was named.

@@ -57,7 +57,8 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Why no controller answers: it serves one client, and if the cell's service runs, the service is that client.
+/// The reason why no controller answers: it serves one client, and if the cell's service runs, the service is that
+/// client.
 fn no_answer_reason(judgement: Judgement, files: &CellFiles) -> Judgement {
     let is_served = files.cell.robot().kind() == RobotKind::Eki && UnixStream::connect(files.socket()).is_ok();
     if !is_served {
@@ -113,8 +114,8 @@ impl RobotAction {
                 RobotAction::Set(Command::SetTcp(SetTcp { flange_from_tool, kind: TcpKind::Other }))
             }
             RobotFunction::SetSpeed { speed_mm_s, acceleration_m_s2, axis_percent } => {
-                let most = files.cell.limits().max_speed_mm_s();
-                let speed_mm_s = speed(*speed_mm_s, "SPEED_MM_S", most, &files.cell)?;
+                let max_speed = files.cell.limits().max_speed_mm_s();
+                let speed_mm_s = speed(*speed_mm_s, "SPEED_MM_S", max_speed, &files.cell)?;
                 RobotAction::Set(speed_command(speed_mm_s, *acceleration_m_s2, *axis_percent))
             }
             RobotFunction::SetOut { name, value, keep_s } => RobotAction::SetOut {
@@ -212,7 +213,7 @@ fn pose(text: &str) -> Result<KukaPose, Fault> {
 /// Reads a pose that a person wrote: X,Y,Z,A,B,C in mm and degrees.
 ///
 /// # Errors
-/// What is wrong with the text, and what is allowed.
+/// Reads a pose from an argument. The error names the problem and the valid text.
 pub(super) fn parse_pose_argument(text: &str) -> Result<KukaPose, String> {
     let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] =
         parse_six_numbers(text).map_err(|problem| format!("{problem}; valid: X,Y,Z,A,B,C in mm and degrees"))?;

@@ -220,11 +220,11 @@ fn log_page(cycle: CycleId, page: Result<PathBuf, Fault>) {
 
 /// Signs each cycle that is over and not yet signed; if this fails, it is tried again after the next cycle.
 fn sign(files: &CellFiles) {
-    let told = |told: Result<String, String>| match told {
+    let report = |result: Result<String, String>| match result {
         Ok(words) => tracing::info!("{words}"),
         Err(problem) => tracing::warn!("{problem}"),
     };
-    if let Err(fault) = record::sign_missing(files, &told) {
+    if let Err(fault) = record::sign_missing(files, &report) {
         tracing::warn!("the records could not be signed: {fault}");
     }
 }

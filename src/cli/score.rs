@@ -37,7 +37,7 @@ pub struct Score {
     abrasions: Vec<AbrasionScore>,
     /// The effect of a tool fault, if one was requested and the path reached the waypoint of the fault.
     after_tool_fault: Option<Option<AfterToolFault>>,
-    /// Why the executed waypoints differ from those that were sent.
+    /// The reason why the executed waypoints differ from those that were sent.
     pub lost: Option<Reason>,
 }
 

@@ -39,8 +39,8 @@ pub(super) fn contact_runs<'a>(
     for (run, motion) in runs.iter().zip(contact) {
         let (sent, done) = (motion.motion.waypoints, motion.done);
         let is_whole = motion.outcome == Some(Ended::Done);
-        let most = if is_whole { done } else { done + ON_THEIR_WAY };
-        if !(done as usize..=most as usize).contains(&run.len())
+        let max_done = if is_whole { done } else { done + ON_THEIR_WAY };
+        if !(done as usize..=max_done as usize).contains(&run.len())
             || (is_whole && done != sent)
             || run.first().map(|one| one.epoch) != Some(motion.motion.epoch as i32)
         {

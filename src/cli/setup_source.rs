@@ -27,7 +27,7 @@ const RECIPE: &str = "recipe";
 /// The status of the transfers of records out of the cell.
 #[derive(Debug, Clone, Default)]
 pub struct RecordTransfers {
-    /// To the office.
+    /// State of the transfer to the office.
     pub office: OfficeStatus,
     /// Transfers to the quality system.
     pub push: PushStatus,

@@ -62,9 +62,9 @@ fn take_scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Resul
     let mut opened = opening::scanner(files, &args.requested_shot(), progress)?;
     let lens = files.scanner().ok().map(|camera| camera.value);
     let (mut all, mut doubts) = (Vec::new(), Vec::new());
-    let mut said = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
-    said.lines.clear();
-    let outcome = &mut said;
+    let mut outcome_json = Outcome::from_judgement(&Judgement::new(vec![], vec![]));
+    outcome_json.lines.clear();
+    let outcome = &mut outcome_json;
     for _ in 0..args.count {
         let shot = opened.camera.capture_3d().map_err(Fault::stage)?;
         let names = free_names(&args.out, "scan", &["pcd", "ply", "png"]);
@@ -95,18 +95,18 @@ fn take_scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Resul
             100.0 * scan.missing_share
         ));
         outcome.add_line(format!("  {}", describe_quality(&of_picture)));
-        let mut told = quality_json(&names, size_px, shot.time_s, &of_picture);
-        conditions(outcome, &mut told, opened.camera.conditions());
-        told["points"] = json!(scan.points);
-        told["missing_share"] = json!(scan.missing_share);
-        told["depth_mm"] = json!(scan.depth_mm);
-        all.push(told);
+        let mut output = quality_json(&names, size_px, shot.time_s, &of_picture);
+        conditions(outcome, &mut output, opened.camera.conditions());
+        output["points"] = json!(scan.points);
+        output["missing_share"] = json!(scan.missing_share);
+        output["depth_mm"] = json!(scan.depth_mm);
+        all.push(output);
     }
     list_files(outcome, all);
     let mut outcome = Outcome::from_judgement(&Judgement::new(doubts, vec![]));
-    outcome.lines.append(&mut said.lines);
-    said.json.retain(|key, _| key != "verdict" && key != "reasons");
-    outcome.json.append(&mut said.json);
+    outcome.lines.append(&mut outcome_json.lines);
+    outcome_json.json.retain(|key, _| key != "verdict" && key != "reasons");
+    outcome.json.append(&mut outcome_json.json);
     Ok(outcome)
 }
 
@@ -116,9 +116,9 @@ fn pictures(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &d
     for _ in 0..args.count {
         let shot = opened.camera.capture_2d().map_err(Fault::stage)?;
         let names = free_names(&args.out, "picture", &["png"]);
-        let mut told = write_picture(outcome, &names, &shot.picture, shot.time_s)?;
-        conditions(outcome, &mut told, opened.camera.conditions());
-        all.push(told);
+        let mut description = write_picture(outcome, &names, &shot.picture, shot.time_s)?;
+        conditions(outcome, &mut description, opened.camera.conditions());
+        all.push(description);
     }
     list_files(outcome, all);
     Ok(())
@@ -132,9 +132,9 @@ fn corners(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dy
         let before = poses.now();
         let shot = opened.camera.capture().map_err(Fault::stage)?;
         let names = free_names(&args.out, "corner", &["png", "json"]);
-        let mut told = write_picture(outcome, &names[..1], &shot.picture, shot.time_s)?;
-        conditions(outcome, &mut told, opened.camera.conditions());
-        all.push(told);
+        let mut description = write_picture(outcome, &names[..1], &shot.picture, shot.time_s)?;
+        conditions(outcome, &mut description, opened.camera.conditions());
+        all.push(description);
         match poses.combine_reports(before, shot.base_from_flange) {
             PoseKnowledge::At(flange) => disk::write(&names[1], files::write_reported_flange(&flange))?,
             PoseKnowledge::Moved => {

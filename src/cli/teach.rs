@@ -261,11 +261,11 @@ fn report_constraint(
     for (index, corner) in taught.corners.iter().enumerate() {
         let seen = corner.visible_normal_share();
         // Below one hundredth, the effect of the lens's own errors is as large as the effect of the move.
-        let least =
+        let detection =
             if seen > 0.01 { format!("of {:.1} mm or more is", verify_mm / seen) } else { "is not".to_owned() };
         outcome.add_line(format!(
             "corner {}: its picture shows {:.0} % of a displacement along the normal; before contact, a displacement along \
-             the normal {least} detected",
+             the normal {detection} detected",
             index + 1,
             100.0 * seen
         ));

@@ -38,7 +38,7 @@ impl AfterToolFault {
         })
     }
 
-    /// For a person.
+    /// Returns a sentence for a person.
     pub fn describe_reaction(self) -> String {
         let off = self
             .off_ms
@@ -46,7 +46,7 @@ impl AfterToolFault {
         format!("{off}, disc lifted after {} ms", self.lifted_ms)
     }
 
-    /// For scripts.
+    /// Returns the value for scripts.
     pub fn json(self) -> Value {
         json!({"off_ms": self.off_ms, "lifted_ms": self.lifted_ms})
     }

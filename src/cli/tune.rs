@@ -44,14 +44,14 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     }
     let region = watch.region();
     let mut sampler = Sampler::new(&region);
-    let of = |phase: Phase| clip.entries().iter().filter(move |shot| shot.phase == phase);
-    for shot in of(Phase::Dry).take(MAX_PICTURES_PER_PHASE) {
+    let pictures = |phase: Phase| clip.entries().iter().filter(move |shot| shot.phase == phase);
+    for shot in pictures(Phase::Dry).take(MAX_PICTURES_PER_PHASE) {
         let picture = picture(shot)?;
         sampler.add_dry(&picture);
         watch.push(&picture, shot.time_s, shot.phase).map_err(Fault::stage)?;
     }
     let mut reference: Option<ColorPicture> = None;
-    for shot in of(Phase::Wet).take(MAX_PICTURES_PER_PHASE) {
+    for shot in pictures(Phase::Wet).take(MAX_PICTURES_PER_PHASE) {
         let picture = picture(shot)?;
         sampler.add_wet(&picture);
         reference.get_or_insert(picture);
@@ -68,7 +68,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
         let all = Mask { inside: vec![true; taught.panel.mask.inside.len()], ..taught.panel.mask };
         let sanded = FilmView { sanded: Some(&all), ..view };
         let mut if_sanded = FilmWatch::new(&sanded, settings, demands).map_err(Fault::stage)?;
-        for shot in of(Phase::Dry).take(1).chain(of(Phase::Wet)) {
+        for shot in pictures(Phase::Dry).take(1).chain(pictures(Phase::Wet)) {
             let picture = picture(shot)?;
             if_sanded.push(&picture, shot.time_s, shot.phase).map_err(Fault::stage)?;
             if shot.phase == Phase::Wet {
@@ -88,7 +88,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
         return Ok(film_outcome(&found, &demands, &recipe));
     }
     let mut outcome = thesis_outcome(&advice, watch.displaced_panel_reason());
-    if let (Some(truth), Some(last)) = (&truth, of(Phase::Wet).next_back()) {
+    if let (Some(truth), Some(last)) = (&truth, pictures(Phase::Wet).next_back()) {
         let last = picture(last)?;
         let (threshold, score) =
             best_threshold(settings, [&reference, &last], truth, &region).map_err(Fault::stage)?;

@@ -33,7 +33,7 @@ struct TrueBreak {
     late_s: Option<f64>,
 }
 
-/// One clip.
+/// Row of one clip.
 struct Row {
     name: String,
     verdict: Verdict,

@@ -1,4 +1,4 @@
-//! Describes in words what a cycle did to the panel: which grids it abraded, and how much it removed.
+//! Describes what a cycle did to the panel: which grids it abraded, and how much it removed.
 
 use crate::number_text::fixed_decimals;
 use crate::record::{self, AbradedGrid, CycleRecord, PathRemoval};

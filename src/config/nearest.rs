@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_wrong_unit_is_told_from_a_misspelling() {
+    fn a_wrong_unit_is_distinguished_from_a_misspelling() {
         let known =
             ["max_shift_mm", "turn_limit_deg", "heartbeat_ms", "token_s", "feed_mm_s", "min_break_mm2", "rows"];
         for (written, name, unit) in [

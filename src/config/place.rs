@@ -23,7 +23,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_key_stands_where_it_is_written_or_where_it_belongs() {
+    fn a_key_is_where_it_is_written_or_where_it_belongs() {
         let text = "store = 'a'\n\n[poses]\npark = { a1_deg = 1.0 }\n[poses.ready]\na1_deg = 2.0\n[io.outputs]\nlight = 1\n";
         for (key, line) in [
             ("store", 1),

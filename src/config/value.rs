@@ -12,7 +12,7 @@ pub trait Setting: Sized {
     fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String>;
 }
 
-/// Describes a value in a few words.
+/// Describes a value briefly.
 pub(super) fn describe_value(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) => format!("the text \"{text}\""),

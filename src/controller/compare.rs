@@ -50,7 +50,7 @@ impl<'a> ControllerFiles<'a> {
 pub struct Comparison {
     /// The contradictions.
     pub differences: Vec<Difference>,
-    /// What could not be compared, and why.
+    /// Values that could not be compared, with the reason.
     pub not_compared: Vec<String>,
 }
 

@@ -191,7 +191,7 @@ pub const MISTAKES: &[(&str, &str, &str, &str)] = &[
     (CONFIG, "CELL_VEL_MAX=0.25", "CELL_VEL_MAX=0.1", "CELL_VEL_MAX: is 0.1 m/s"),
     (CONFIG, "CELL_BOX_MAX[1]=760.0", "CELL_BOX_MAX[1]=1760.0", "CELL_BOX_MAX[1]: is 1760 mm"),
     (CONFIG, "CELL_STEP_MM=110.0", "CELL_STEP_MM=1000.0", "CELL_STEP_MM: is 1000 mm"),
-    // What the PC plans with, and sends.
+    // Values with which the PC plans, and values that it sends.
     (CONFIG, "CELL_RETRACT_MM=50.0", "CELL_RETRACT_MM=200.0", "CELL_RETRACT_MM: is 200, the limits are 50 to 50"),
     (CONFIG, "CELL_RETRACT_MM=50.0", "CELL_RETRACT_MM=10.0", "CELL_RETRACT_MM: is 10, the limits are 50 to 50"),
     (

@@ -40,7 +40,7 @@ pub(super) struct DataList {
     duplicates: Vec<StatedValue>,
     /// The variables that the list declares.
     pub declared: Vec<DeclaredVariable>,
-    /// The line of DEFDAT, and whether the list is PUBLIC; `None` if the text is no data list.
+    /// The line of DEFDAT, and whether the list is PUBLIC; `None` if the text is not a data list.
     pub list: Option<(usize, bool)>,
     /// The problems that the reader of KRL found.
     pub problems: Vec<Problem>,

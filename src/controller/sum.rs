@@ -13,7 +13,7 @@ use super::stated::DataList;
 /// The modulus of the sum, as in the controller's programs.
 const MODULUS: i64 = 1_000_003;
 
-/// Why the sum cannot be computed.
+/// The reason why the sum cannot be computed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SumError {
     /// A file is missing among the given files.

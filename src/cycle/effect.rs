@@ -8,19 +8,19 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Effect {
-    /// Perform the act and report its answer under this id. An act that is no longer [`State::due`](super::State)
+    /// Perform the action and report its answer under this id. An action that is no longer [`State::due`](super::State)
     /// is abandoned: a computation or a capture may be dropped; switches have happened and stay in order.
     Do {
         /// The id that the answer must contain.
         id: Id,
-        /// The act.
+        /// The action.
         act: Action,
     },
     /// Report [`Report::Deadline`](super::Report) with this id after the time that is configured for this deadline.
     Arm {
         /// The id that the report contains.
         id: Id,
-        /// Which time.
+        /// The deadline to arm.
         deadline: Deadline,
     },
     /// Commit this motion to the store; comes before the [`Effect::Do`] that it permits.
@@ -29,7 +29,7 @@ pub enum Effect {
     CloseIntent {
         /// The motion.
         motion: Motion,
-        /// How it ended.
+        /// Outcome of the motion.
         outcome: Outcome,
         /// Waypoints executed, as reported by the robot.
         done: u32,
@@ -43,7 +43,7 @@ pub enum Effect {
     Refuse {
         /// The request.
         request: Request,
-        /// Why not.
+        /// The reason of the refusal.
         refusal: Refusal,
     },
 }
@@ -107,7 +107,7 @@ pub enum Action {
 pub struct Motion {
     /// The epoch; after its end, no command of the path is sent.
     pub epoch: u32,
-    /// Which path.
+    /// The path.
     pub path: Path,
     /// The plan of a contact path, or of this path in the air; 0 for other paths.
     pub plan: u64,
@@ -131,7 +131,7 @@ pub enum Path {
     Park,
     /// To a corner pose of the flange camera, in air.
     Corner {
-        /// Which, from 0.
+        /// Index of the corner view, from 0.
         view: u8,
     },
     /// To the air point before the first contact.
@@ -154,18 +154,18 @@ pub enum Frames {
     Pad,
 }
 
-/// How a motion ended.
+/// Outcome of a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "lowercase")]
 pub enum Outcome {
-    /// At its end.
+    /// The motion reached its end.
     Done,
-    /// By a hold.
+    /// A hold ended the motion.
     Held,
-    /// By a stop.
+    /// A stop ended the motion.
     Stopped,
-    /// By an abort.
+    /// An abort ended the motion.
     Aborted,
     /// The outcome was unknown until the robot was asked; then a person cleared it.
     Cleared,
@@ -178,7 +178,7 @@ impl Outcome {
     }
 }
 
-/// Why a request is refused.
+/// The reason why a request is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Refusal {

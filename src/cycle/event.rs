@@ -65,31 +65,31 @@ impl Request {
     }
 }
 
-/// The reports of the cell. The answer to an act comes once; the other reports come when they happen.
+/// The reports of the cell. The answer to an action comes once; the other reports come when they happen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Report {
     /// The program starts. All earlier activity is over.
     Boot,
-    /// An act was performed, or could not be performed.
+    /// An action was performed, or could not be performed.
     Answered {
-        /// The act.
+        /// Id of the action.
         id: Id,
-        /// Its result.
+        /// Result of the action.
         answer: Answer,
     },
     /// Time is up.
     Deadline {
         /// The id of the effect that armed the deadline.
         id: Id,
-        /// Which time.
+        /// The deadline that passed.
         which: Deadline,
     },
     /// This number of waypoints of a move is executed.
     Progress {
-        /// The move.
+        /// Id of the motion.
         id: Id,
-        /// Waypoints executed.
+        /// Number of executed waypoints.
         done: u32,
     },
     /// The robot's condition changed.
@@ -97,7 +97,7 @@ pub enum Report {
     /// Whether the controller's override is the one planned for contact; reported at each change, and again after a
     /// lost link.
     FullOverride(bool),
-    /// Something went wrong that is not the answer to an act.
+    /// Something went wrong that is not the answer to an action.
     Trouble(Trouble),
     /// The program starts with a store whose content differs from what the program wrote.
     StoreChanged,
@@ -106,7 +106,7 @@ pub enum Report {
     /// The link has ended the epoch without a command of the table: after a refusal, a wrong count, silence, or a
     /// stop by the controller's program. The abort frame has been sent and is not yet answered.
     EpochOver {
-        /// Why it ended; `None` if the robot's condition states it.
+        /// The reason why it ended; `None` if the robot's condition states it.
         trouble: Option<Trouble>,
     },
     /// The state that this switch had reached is no longer proven: the output or feedback that proved it has
@@ -116,7 +116,7 @@ pub enum Report {
     OutputsOff,
 }
 
-/// The result of an act; [`crate::cycle::Action`] states the possible answers of each. Any may fail.
+/// The result of an action; [`crate::cycle::Action`] states the possible answers of each. Any may fail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Answer {
@@ -127,7 +127,7 @@ pub enum Answer {
     /// The robot is at standstill; this number of waypoints of the move was executed.
     #[serde(rename = "stands")]
     Standstill {
-        /// Waypoints executed.
+        /// Number of executed waypoints.
         done: u32,
     },
     /// A gate's grade of a localization, a corner or a plan.
@@ -156,11 +156,11 @@ pub enum Answer {
     Failed(Trouble),
 }
 
-/// A gate's word.
+/// Grade that a gate gives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Grade {
-    /// Good.
+    /// The gate accepts.
     Accept,
     /// A person must check the result.
     Review,
@@ -180,12 +180,12 @@ pub enum Film {
     Invalid,
 }
 
-/// The kinds of deadlines. Arming a deadline replaces an armed one of the same kind; the answer to an act disarms
+/// The kinds of deadlines. Arming a deadline replaces an armed one of the same kind; the answer to an action disarms
 /// `Answer`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Deadline {
-    /// The time limit of this act.
+    /// The time limit of this action.
     Answer,
     /// A stop, `stop_deadline_s`.
     Stop,
@@ -206,7 +206,7 @@ pub enum Deadline {
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
 pub enum Robot {
-    /// Nothing heard yet.
+    /// No state has been received yet.
     Unknown,
     /// Connected, handshake good, automatic, drives on, no stop.
     Ready,
@@ -233,7 +233,7 @@ impl Robot {
     }
 }
 
-/// What can go wrong (rows of the fault model in parentheses).
+/// Faults during a cycle (rows of the fault model in parentheses).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Trouble {
@@ -271,7 +271,7 @@ pub enum Trouble {
     DiskFull,
     /// No answer by the deadline.
     Late,
-    /// The type of the answer does not match the act.
+    /// The type of the answer does not match the action.
     Unexpected,
 }
 

@@ -1,4 +1,4 @@
-//! The aim of each state, and the transition that the answer to an act causes.
+//! The aim of each state, and the transition that the answer to an action causes.
 
 use super::interlocks::{
     CLEARING, COMPLETING, LEAVE_NEEDS, LEAVING_MOTION, LEAVING_TOOL, RESETTING, Row, STARTING, UNHOLDING,
@@ -64,7 +64,7 @@ impl TransitionStep {
         }
     }
 
-    /// Adopts the facts from an act's answer, and chooses the next state.
+    /// Adopts the facts from an action's answer, and chooses the next state.
     pub fn on_answer(&mut self, act: Action, answer: Answer) {
         use Answer as R;
         match (act, answer) {
@@ -159,8 +159,8 @@ impl TransitionStep {
     /// Handles the robot's standstill at the end of a move, or before it.
     fn on_standstill(&mut self, motion: Motion, done: u32) {
         if done != motion.waypoints && self.rules.is_active(Rule::WholePath) {
-            // Standstill alone is no completion: a path that ended early leaves places unsanded, which would count as
-            // treated.
+            // Standstill alone is not a completion: a path that ended early leaves places unsanded, which would count
+            // as treated.
             return self.leave_for_trouble(Trouble::Short);
         }
         self.close_intent(Outcome::Done, done);

@@ -30,7 +30,7 @@ pub struct Facts {
     /// nor by a person who cleared the cell. This stays after a lost link and after the end of the program.
     #[serde(default)]
     pub tool_may_run: bool,
-    /// As `tool_may_run`.
+    /// Whether the water may run; like `tool_may_run`.
     #[serde(default)]
     pub water_may_run: bool,
     /// The sanding tool.
@@ -98,7 +98,7 @@ pub enum Light {
 pub enum Lens {
     Unknown,
     Clear,
-    /// Shut or purged.
+    /// The lens shutters are closed, or the lenses are purged.
     Guarded,
 }
 
@@ -169,7 +169,7 @@ impl Facts {
         [tool, extraction, water, lens, light].into_iter().flatten()
     }
 
-    /// Marks the facts that an act changes as unknown until the act is answered.
+    /// Marks the facts that an action changes as unknown until the action is answered.
     pub(super) fn mark_unknown(&mut self, act: Action) {
         match act {
             Action::Move(motion) => {
@@ -178,7 +178,7 @@ impl Facts {
                 self.touching |= motion.path == Path::Contact;
             }
             Action::OpenEpoch { .. } => self.epoch = Epoch::Changing,
-            // The outputs of the epoch go off before the act is answered.
+            // The outputs of the epoch go off before the action is answered.
             Action::EndEpoch { .. } => self.end_epoch(Epoch::Changing),
             Action::SetFrames(_) => self.frames = None,
             Action::Switch(switch) => match switch {

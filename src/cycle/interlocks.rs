@@ -1,4 +1,4 @@
-//! The interlocks: the needs of each act, in the order in which they are brought about, and the acts that bring
+//! The interlocks: the needs of each action, in the order in which they are brought about, and the actions that bring
 //! them about.
 
 use super::rules::Rule;
@@ -30,7 +30,7 @@ pub(super) enum Need {
 /// A need, with the rule that requires it.
 pub(super) type Row = (Rule, Need);
 
-/// Returns the needs of an act. This is the whole list of the cell's interlocks.
+/// Returns the needs of an action. This is the whole list of the cell's interlocks.
 pub(super) fn action_needs(act: Action) -> Vec<Row> {
     use Need as N;
     use Rule as R;
@@ -82,8 +82,8 @@ pub(super) fn action_needs(act: Action) -> Vec<Row> {
     }
 }
 
-/// The needs of an act that are not satisfied, each as text; empty if the act may begin. For acts that a person
-/// requests one at a time: they keep the interlocks of a cycle.
+/// The needs of an action that are not satisfied, each as text; empty if the action may begin. For actions that a
+/// person requests one at a time: they keep the interlocks of a cycle.
 pub fn open_interlocks(act: Action, facts: &Facts) -> Vec<&'static str> {
     action_needs(act)
         .into_iter()
@@ -167,7 +167,7 @@ impl Need {
         }
     }
 
-    /// Whether it holds.
+    /// Returns whether the need is satisfied.
     pub fn is_satisfied(self, facts: &Facts) -> bool {
         match self {
             Need::Standing => facts.standing,
@@ -191,7 +191,7 @@ impl Need {
         }
     }
 
-    /// Returns the act that satisfies the need; `None` if only time or a person can satisfy it.
+    /// Returns the action that satisfies the need; `None` if only time or a person can satisfy it.
     pub fn satisfying_action(self, state: &State) -> Option<Action> {
         Some(match self {
             Need::Standing => Action::CheckStandstill,

@@ -1,9 +1,9 @@
 //! The cycle as a pure table: `step(State, Event) -> (State, Vec<Effect>)`.
 //!
 //! An [`Event`] is a person's request or a report of the cell; an [`Effect`] is what the loop then does. `interlocks`
-//! states what each act needs and which act achieves that, `step` what each event means in each state, `execute` what
-//! follows each phase; `turn` joins them. The sequence of acts that leads to a phase is not written down anywhere: the
-//! table performs the first act that is still needed, receives its answer, and checks again.
+//! states what each action needs and which action achieves that, `step` what each event means in each state, `execute`
+//! what follows each phase; `turn` joins them. The sequence of actions that leads to a phase is not written down
+//! anywhere: the table performs the first action that is still needed, receives its answer, and checks again.
 //!
 //! The outer states have their PackML names. Inside Execute, the phases form a loop:
 //!
@@ -12,12 +12,12 @@
 //!  (3D)   (corner)                       └─ breaks → Plan → Verify → Abrade → Retract → Assess → Rinse → Wet → …
 //! ```
 //!
-//! What the table never does. It has no clock: [`Effect::Arm`] requests a deadline, [`Report::Deadline`] reports that
-//! it is over. It reads no files, opens no sockets, draws no random numbers. It assumes nothing that was not reported:
+//! Limits of the table. It has no clock: [`Effect::Arm`] requests a deadline, [`Report::Deadline`] reports that it is
+//! over. It reads no files, opens no sockets, draws no random numbers. It assumes nothing that was not reported:
 //! [`Facts`] become known by reports alone, and a request for a change makes a fact unknown. It never uses the answer
-//! to one act for another: each act has an [`Id`], and a report with another id is dropped and counted. It never ends
-//! a motion: the robot reports its standstill. It never resumes automatically: after [`Report::Boot`] it rests, and a
-//! path that was left is planned again.
+//! to one action for another: each action has an [`Id`], and a report with another id is dropped and counted. It never
+//! ends a motion: the robot reports its standstill. It never resumes automatically: after [`Report::Boot`] it rests,
+//! and an interrupted path is planned again.
 //!
 //! The table also guarantees the following, which the random walks and the search check:
 //! - A stop in every state reaches the arm within its bound: a stop and an abort wait for nothing but the water,

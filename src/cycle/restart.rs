@@ -6,7 +6,7 @@ use super::{At, Cause, Job, State};
 /// Aborted; everything else leads to Stopped.
 pub(super) fn state_after_restart(before: State) -> State {
     let at = match (before.intent, before.at) {
-        // A restart is no acknowledgement: what a person has not cleared stays to be cleared.
+        // A restart is not an acknowledgement: what a person has not cleared stays to be cleared.
         (_, At::Aborting { cause, .. } | At::Aborted { cause } | At::Clearing { cause }) => At::Aborted { cause },
         // The arm was in motion, perhaps in contact, when the process ended, and nothing has reported its standstill.
         (Some(_), _) => At::Aborted { cause: Cause::Interrupted },

@@ -46,7 +46,7 @@ pub(super) enum Rule {
     /// No Idle without a self-test.
     SelfTest,
     // The reports that the table accepts as true: `step`.
-    /// An answer counts only for the act whose id it contains.
+    /// An answer counts only for the action whose id it contains.
     AnswersMatch,
     /// A fact that is being changed is unknown.
     AskedIsUnknown,
@@ -64,7 +64,7 @@ pub(super) enum Rule {
     Sequence,
     /// A motion is finished only when its last waypoint is executed.
     WholePath,
-    /// An act that is not answered in time is a fault.
+    /// An action that is not answered in time is a fault.
     AnswerDeadline,
     /// A stop that lasts too long is a fault.
     StopDeadline,

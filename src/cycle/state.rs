@@ -11,9 +11,9 @@ pub struct State {
     pub at: At,
     /// The cycle that is running, or ran last.
     pub job: Job,
-    /// What the cell reported.
+    /// Facts that the cell reported.
     pub facts: Facts,
-    /// The one act in progress.
+    /// The one action in progress.
     pub due: Option<Due>,
     /// The motion that has begun and for which the robot has not yet reported standstill.
     pub intent: Option<Intent>,
@@ -80,7 +80,7 @@ pub enum At {
         /// Whether the panel's pose must be verified first.
         verify: bool,
     },
-    /// Park, everything off.
+    /// The arm parks and everything is switched off.
     Completing {
         /// The cycle's verdict.
         verdict: Verdict,
@@ -97,17 +97,17 @@ pub enum At {
     },
     /// On the way to Aborted, whatever the answer is. The abort frame is sent at once; it also shuts the water.
     Aborting {
-        /// Why.
+        /// Cause of the abort.
         cause: Cause,
     },
     /// At rest after a fault; only Clear leads out.
     Aborted {
-        /// Why.
+        /// Cause of the abort.
         cause: Cause,
     },
     /// A person cleared the cause: the robot is asked whether it is at standstill, tool and water are proven off.
     Clearing {
-        /// What was cleared.
+        /// Cause of the abort that is being cleared.
         cause: Cause,
     },
 }
@@ -133,7 +133,7 @@ pub enum Phase {
     Locate,
     /// The corner loop.
     Refine {
-        /// Moves made.
+        /// Number of motions made.
         moves: u8,
     },
     /// The picture of the dry panel.
@@ -178,7 +178,7 @@ impl Phase {
 /// A hold and how it ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Hold {
-    /// Why.
+    /// Reason of the hold.
     pub why: Why,
     /// The phase in which the cycle continues; a path that was left is planned again.
     pub resume: Phase,
@@ -192,7 +192,7 @@ impl Hold {
     }
 }
 
-/// Why a cycle is held.
+/// The reason why a cycle is held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Why {
@@ -210,7 +210,7 @@ pub enum Why {
     Trouble(Trouble),
 }
 
-/// Why a cycle was aborted.
+/// The reason why a cycle was aborted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {
@@ -218,7 +218,7 @@ pub enum Cause {
     Asked,
     /// The robot's condition.
     Robot(Robot),
-    /// Something went wrong.
+    /// A fault during the cycle.
     Trouble(Trouble),
     /// A stop lasted too long.
     StopTimedOut,
@@ -259,11 +259,11 @@ pub struct Job {
     /// film.
     #[serde(default)]
     pub dries: bool,
-    /// Abrasions, at most.
+    /// Maximum number of abrasions.
     pub max_passes: u8,
     /// Maximum number of moves of the corner loop.
     pub max_moves: u8,
-    /// Abrasions planned.
+    /// Number of planned abrasions.
     pub pass: u8,
     /// The phase after the dry picture: Wet, or after a new localization the phase that was interrupted: Plan or
     /// Rinse.
@@ -277,19 +277,19 @@ pub struct Job {
     pub verified: u8,
 }
 
-/// An act in progress.
+/// An action in progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Due {
     /// The id that its answer must contain.
     pub id: Id,
-    /// The act.
+    /// The action.
     pub act: Action,
 }
 
 /// An open motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Intent {
-    /// The id of the motion's act.
+    /// The id of the motion's action.
     pub id: Id,
     /// The motion.
     pub motion: Motion,

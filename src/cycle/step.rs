@@ -199,7 +199,7 @@ impl TransitionStep {
         }
     }
 
-    /// Handles trouble that is not the answer of an act: it matters only while something is in progress.
+    /// Handles trouble that is not the answer of an action: it matters only while something is in progress.
     fn on_unexpected_trouble(&mut self, trouble: Trouble) {
         match self.state.at {
             at if at.is_at_rest() => self.discard_report(),
@@ -258,7 +258,7 @@ impl TransitionStep {
 
     /// Aborts at once: the abort frame is sent, whatever was in progress.
     pub fn abort(&mut self, cause: Cause) {
-        // The answer of the act in progress must not continue the work, and after an abort the panel may have been
+        // The answer of the action in progress must not continue the work, and after an abort the panel may have been
         // pushed.
         (self.state.due, self.state.facts.token) = (None, None);
         self.state.at = At::Aborting { cause };

@@ -14,7 +14,7 @@ pub enum Switch {
     WaterOff,
     LightOn,
     LightOff,
-    /// Cameras can see.
+    /// The lens shutters are open: cameras can see.
     LensClear,
     /// The lens guard is shut or purged: no drop reaches a lens.
     LensGuard,

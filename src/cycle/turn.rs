@@ -1,4 +1,4 @@
-//! A step during its computation: the state, the effects so far, and how the next act follows from an aim.
+//! A step during its computation: the state, the effects so far, and the next action towards an aim.
 
 use super::interlocks::{Row, action_needs};
 use super::rules::{Rule, Rules};
@@ -11,9 +11,9 @@ use crate::verdict::Verdict;
 pub(super) enum Goal {
     /// To do nothing, or only to wait for time to pass.
     Rest,
-    /// To perform this act, once its needs are satisfied.
+    /// To perform this action, once its needs are satisfied.
     Do(Action),
-    /// To perform this act at once.
+    /// To perform this action at once.
     Now(Action),
     /// To enter the next state, once these needs are satisfied.
     Reach(&'static [Row], At),
@@ -57,16 +57,16 @@ impl TransitionStep {
         self.state.last_id
     }
 
-    /// Arms a deadline that does not belong to an act.
+    /// Arms a deadline that does not belong to an action.
     pub fn arm(&mut self, deadline: Deadline) -> Id {
         let id = self.next_id();
         self.effects.push(Effect::Arm { id, deadline });
         id
     }
 
-    /// Performs the next act, unless one is in progress.
+    /// Performs the next action, unless one is in progress.
     pub fn perform_next_action(&mut self) {
-        // One act at a time: an interlock that is proven now could otherwise be undone by an act in parallel.
+        // One action at a time: an interlock that is proven now could otherwise be undone by an action in parallel.
         while self.state.due.is_none() {
             if self.lacks_override() {
                 self.leave_for_trouble(Trouble::Override);
@@ -85,7 +85,7 @@ impl TransitionStep {
     }
 
     /// Whether the cycle touches the panel, or is about to, with another override than the one for which contact is
-    /// planned. Neither time nor an act can correct this: a person must.
+    /// planned. Neither time nor an action can correct this: a person must.
     pub fn lacks_override(&self) -> bool {
         let touches = self.state.at == At::Execute(Phase::Abrade) && !self.is_air();
         touches && !self.state.facts.full_override && self.rules.is_active(Rule::FullOverride)
@@ -96,8 +96,8 @@ impl TransitionStep {
     fn perform_required_action(&mut self, mut act: Action) {
         loop {
             match self.first_unmet_need(&action_needs(act)) {
-                // An act that brings about a need has needs of its own (the tool starts only with extraction and
-                // drained water), so the search goes down until an act is free to begin.
+                // An action that brings about a need has needs of its own (the tool starts only with extraction and
+                // drained water), so the search goes down until an action is free to begin.
                 Some(Some(before)) => act = before,
                 Some(None) => return,
                 None => return self.perform(act),
@@ -105,8 +105,8 @@ impl TransitionStep {
         }
     }
 
-    /// Returns the act that satisfies the first need that is not satisfied; `Some(None)` if only time or a person can
-    /// satisfy it, `None` if all needs are satisfied.
+    /// Returns the action that satisfies the first need that is not satisfied; `Some(None)` if only time or a person
+    /// can satisfy it, `None` if all needs are satisfied.
     fn first_unmet_need(&self, rows: &[Row]) -> Option<Option<Action>> {
         let missing = |(rule, need): &&Row| self.rules.is_active(*rule) && !need.is_satisfied(&self.state.facts);
         rows.iter().find(missing).map(|(_, need)| need.satisfying_action(&self.state))
@@ -127,7 +127,7 @@ impl TransitionStep {
                 self.effects.push(Effect::OpenIntent(motion));
             }
         }
-        // Armed before the act is performed, so that an act that never returns is still found late.
+        // Armed before the action is performed, so that an action that never returns is still found late.
         self.effects.push(Effect::Arm { id, deadline: Deadline::Answer });
         self.effects.push(Effect::Do { id, act });
         self.state.due = Some(Due { id, act });

@@ -219,17 +219,17 @@ impl AbrasionWork {
         // sent.
         self.plan = None;
         self.most_passes = cycle.recipe.process().max_passes_per_grid();
-        let most = self.most_passes;
+        let max_passes = self.most_passes;
         let left = failed.into_iter().filter(|grid| self.done.get(grid) != Some(&pass));
         let (worn, grids): (Vec<GridId>, Vec<GridId>) =
-            left.partition(|grid| self.has_reached_pass_limit(grid, pass, most));
+            left.partition(|grid| self.has_reached_pass_limit(grid, pass, max_passes));
         if grids.is_empty() && worn.is_empty() {
             return Ok(Answer::Planned { plan: 0, waypoints: 0 });
         }
         let Some(panel) = perception.approach() else { return Ok(Answer::Failed(Trouble::Unexpected)) };
         let place = panel.base_from_panel;
         let planned = if grids.is_empty() {
-            Err(self.passes_used(&worn, most))
+            Err(self.passes_used(&worn, max_passes))
         } else {
             self.current_surface(cycle, record)?.and_then(|fit| {
                 let treated = self.treated(cycle, (&fit, &grids), (pass, perception));

@@ -1,5 +1,5 @@
-//! Begins the acts of the table, and handles the reports of the robot and the computed results that must arrive
-//! before an act is answered. The acts that move the arm are in `moves`.
+//! Begins the actions of the table, and handles the reports of the robot and the computed results that must arrive
+//! before an action is answered. The actions that move the arm are in `moves`.
 
 use super::answers::reason;
 use super::computing::{WorkInput, WorkOutcome, WorkResult};
@@ -20,7 +20,7 @@ use crate::verdict::{Judgement, Reason, Verdict};
 const MAX_STATES_BEFORE_STOP: u8 = 3;
 
 impl LoopMemory<'_> {
-    /// Begins an act; an act that needs no waiting is answered at once.
+    /// Begins an action; an action that needs no waiting is answered at once.
     pub(super) fn begin_action(&mut self, id: Id, act: Action) -> Result<(), DaemonError> {
         self.pending_action = None;
         self.computing.abandon();
@@ -62,9 +62,9 @@ impl LoopMemory<'_> {
         }
     }
 
-    /// Has it computed.
+    /// Starts the computation for an action.
     fn compute(&mut self, id: Id, act: Action) -> Result<(), DaemonError> {
-        // Read anew for each act, since the disc may have been changed during a hold.
+        // Read anew for each action, since the disc may have been changed during a hold.
         self.abrasion.worn_mm2 = self.ports.record.disc_worn_mm2()?;
         self.abrasion.is_air = self.state.job.air;
         if matches!(act, Action::Plan { .. }) {
@@ -233,14 +233,14 @@ impl LoopMemory<'_> {
         Ok(Condition::Feedback { last, proof })
     }
 
-    /// Checks in the robot's state whether the result of the pending act is available.
+    /// Checks in the robot's state whether the result of the pending action is available.
     pub(super) fn check_pending(&mut self, state: &State) -> Result<(), DaemonError> {
         let Some(PendingAction { id, act, waits }) = self.pending_action.take() else { return Ok(()) };
-        let stands = !state.moving;
+        let is_still = !state.moving;
         match waits {
-            Condition::Standing if stands => self.answer_action(id, Answer::Standstill { done: 0 }),
+            Condition::Standing if is_still => self.answer_action(id, Answer::Standstill { done: 0 }),
             Condition::EpochEnd { done: Some(done) }
-                if stands && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) =>
+                if is_still && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) =>
             {
                 self.answer_action(id, Answer::Standstill { done });
             }
@@ -257,12 +257,12 @@ impl LoopMemory<'_> {
             }
             Condition::NoEpoch { states: 0 } => self.fail_unsent(id, &QueueError::NoEpoch)?,
             Condition::NoEpoch { states } => self.wait(id, act, Condition::NoEpoch { states: states - 1 }),
-            Condition::Ready(last) if state.done >= last && stands => {
+            Condition::Ready(last) if state.done >= last && is_still => {
                 if let Action::Move(motion) = act {
                     self.move_by_lines(id, motion)?;
                 }
             }
-            Condition::PathEnd if stands => self.end_path(id, act, state)?,
+            Condition::PathEnd if is_still => self.end_path(id, act, state)?,
             Condition::Film => self.request_next_picture(id, act),
             waits => self.wait(id, act, waits),
         }

@@ -1,4 +1,4 @@
-//! The alarms of the cell, for every front that shows them: those of the newest cycles, and those between cycles.
+//! The alarms of the cell, for every interface that shows them: those of the newest cycles, and those between cycles.
 
 use super::active_alarms::{FoundProblems, StandingAlarms};
 use super::camera_lease::SharedCameras;
@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 
 /// Number of newest cycles for which alarms are shown.
 const MAX_CYCLES: usize = 50;
-/// Shortest interval between checks of the cell, for the requests of all fronts.
+/// Shortest interval between checks of the cell, for the requests of all interfaces.
 const MIN_CHECK_INTERVAL: Duration = Duration::from_secs(60);
 
 /// The identification of an alarm by a person.
@@ -31,7 +31,7 @@ pub struct AlarmId {
     pub raised_unix_ms: i64,
 }
 
-/// The alarms of the cell. One instance serves all fronts.
+/// The alarms of the cell. One instance serves all interfaces.
 #[derive(Debug)]
 pub struct Alarms {
     people: Arc<AccountService>,

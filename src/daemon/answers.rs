@@ -8,7 +8,7 @@ use crate::record::Kind;
 use crate::stages::{ResultDrawing, not_executed_finding, rejected};
 use crate::verdict::{Judgement, Reason, Verdict};
 
-/// The answer if the result of a required earlier act is missing.
+/// The answer if the result of a required earlier action is missing.
 pub(super) const MISSING: Answer = Answer::Failed(Trouble::Unexpected);
 
 /// Returns a drawing for the record. The drawing decides nothing: if it could not be made, the picture without a

@@ -155,7 +155,7 @@ mod tests {
 
     /// The work panics twice, continues on its third start, and ends when it is requested to end.
     #[test]
-    fn what_panics_begins_anew_until_it_is_ended() {
+    fn what_panics_starts_again_until_it_is_ended() {
         let (end, ended) = oneshot::channel();
         let runs = std::thread::spawn(move || {
             let (begun, end) = (Cell::new(0), Cell::new(Some(end)));

@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_number_is_told_by_its_name() {
+    fn a_number_is_identified_by_its_name() {
         let list =
             "root:x:0:0:root:/root:/bin/bash\nbroken\nanna:x:1001:1001:Anna:/home/anna:/bin/sh\n:x:7:7::/:\n";
         let who = |uid| RequestAuthor {

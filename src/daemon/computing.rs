@@ -1,4 +1,4 @@
-//! The acts that need cameras or computation. Each is one piece of work that receives its inputs and returns its
+//! The actions that need cameras or computation. Each is one piece of work that receives its inputs and returns its
 //! result.
 //!
 //! A [`WorkInput`] owns copies of the artifacts that it reads or changes. It notes what is to be recorded instead of
@@ -34,7 +34,7 @@ use std::time::Duration;
 use worker::Worker;
 
 /// Maximum duration of a piece of work; a longer one hangs. By then the state table has long stopped waiting for its
-/// answer, the robot is at standstill, and work that hangs prevents every later act.
+/// answer, the robot is at standstill, and work that hangs prevents every later action.
 const WORK_TIMEOUT: Duration = Duration::from_secs(180);
 
 /// Amount by which the priority of computing is lowered below that of the loop and the robot's link.
@@ -125,7 +125,7 @@ impl<'p> Computing<'p> {
         Ok(Computing { lock_step, awaited_id: due, executor })
     }
 
-    /// Has it done.
+    /// Starts the computation.
     pub(super) fn submit(&mut self, work: WorkInput) {
         // Before the work is queued: the thread must find its own number when it begins.
         self.awaited_id.store(work.id.0, Ordering::Relaxed);
@@ -165,7 +165,7 @@ impl<'p> Computing<'p> {
                         Ok(worked) => worked,
                         Err(RecvTimeoutError::Timeout) => return None,
                         // An answer all the same: the table is waiting, and a computation that died is a fault of this
-                        // act, not a silence.
+                        // action, not a silence.
                         Err(RecvTimeoutError::Disconnected) => Some(Box::new(lost_result(id))),
                     };
                     if self.lock_step || result.as_ref().is_none_or(|worked| worked.is_last()) {
@@ -250,7 +250,7 @@ impl Thread {
             let worked = self.worker.perform(work);
             self.sign.report_resting();
             if !self.lock_step && !worked.is_last() {
-                // A film that is no longer wanted would keep the camera from the next act until its end.
+                // A film that is no longer needed would keep the camera from the next action until its end.
                 if self.awaited_id.load(Ordering::Relaxed) != id.0 {
                     return self.tell.send(None);
                 }

@@ -1,10 +1,10 @@
 //! A single point of control: a selector switch at the cell determines which side may command the cell (ISO 10218-2).
 //!
 //! The input `local_control` of `[io.feedbacks]` is on while the switch is in the position local. Stop, Abort and Hold
-//! are accepted from every side. Clear, Unhold, Accept and the first Start after a start of the program or a Clear
-//! need a person at the cell: they are accepted in the position local, from the page, the socket or a command. Every
-//! other request that begins something is accepted only from the selected side. A cell without that input has no
-//! selection, and every front may command the cell as its accounts permit.
+//! are accepted from every side. Clear, Unhold, Accept and the first Start after a start of the program or a Clear need
+//! a person at the cell: they are accepted in the position local, from the page, the socket or a command. Every other
+//! request that begins something is accepted only from the selected side. A cell without that input has no selection,
+//! and every interface may command the cell as its accounts permit.
 
 use super::wiring::is_input_on;
 use crate::cycle::Request;
@@ -27,7 +27,7 @@ impl Control {
         Control { bit, is_started: false }
     }
 
-    /// Returns why a request is refused from this front; `None` if it is accepted.
+    /// Returns why a request is refused from this interface; `None` if it is accepted.
     pub fn refusal(&self, request: Request, front: RequestSource, state: Option<&State>) -> Option<Reason> {
         let bit = self.bit?;
         if matches!(request, Request::Stop | Request::Abort | Request::Hold) {
@@ -70,7 +70,7 @@ impl Control {
     }
 }
 
-/// Whether a request from this front comes from a person at the cell, as far as the program can know. A person who
+/// Whether a request from this interface comes from a person at the cell, as far as the program can know. A person who
 /// uses the page or the socket from elsewhere is limited by the switch, which a person at the cell has set.
 fn is_local_request(front: RequestSource) -> bool {
     match front {

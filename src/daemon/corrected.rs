@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_from_nobody_knows_where_is_not_sent() {
+    fn a_line_from_an_unknown_start_is_not_sent() {
         let (mut wire, arm) = (Wire::default(), turned());
         let refused = CalibratedRobot::new(&mut wire, &arm).send_path(vec![point(0.0)], None);
         assert_eq!(refused, Err(QueueError::Uncorrected { point: 1 }));

@@ -12,7 +12,7 @@ struct ArmedDeadline {
     time: Time,
 }
 
-/// What is armed.
+/// The armed deadlines.
 #[derive(Debug, Default)]
 pub(super) struct Deadlines {
     armed: Vec<ArmedDeadline>,
@@ -20,29 +20,29 @@ pub(super) struct Deadlines {
 
 impl Deadlines {
     pub fn arm(&mut self, id: Id, which: Deadline, at: Time) {
-        // One deadline of each kind: an older one belongs to an act that has ended.
+        // One deadline of each kind: an older one belongs to an action that has ended.
         self.armed.retain(|armed| armed.deadline != which);
         self.armed.push(ArmedDeadline { id, deadline: which, time: at });
     }
 
-    /// The answer came.
+    /// Disarms the deadline of an action that was answered.
     pub fn disarm(&mut self, id: Id) {
         self.armed.retain(|armed| !(armed.id == id && armed.deadline == Deadline::Answer));
     }
 
     /// The armed deadlines, for a recording.
     pub fn to_recording(&self) -> Vec<tape::ArmedDeadline> {
-        let told = |armed: &ArmedDeadline| {
+        let to_armed = |armed: &ArmedDeadline| {
             let at_ns = u64::try_from(armed.time.since_start().as_nanos()).unwrap_or(u64::MAX);
             tape::ArmedDeadline { id: armed.id, which: armed.deadline, at_ns }
         };
-        self.armed.iter().map(told).collect()
+        self.armed.iter().map(to_armed).collect()
     }
 
     /// The deadlines from a recording.
-    pub fn from_recording(told: &[tape::ArmedDeadline]) -> Self {
+    pub fn from_recording(recorded: &[tape::ArmedDeadline]) -> Self {
         let mut deadlines = Deadlines::default();
-        for armed in told {
+        for armed in recorded {
             deadlines.arm(armed.id, armed.which, Time::from_start(Duration::from_nanos(armed.at_ns)));
         }
         deadlines
@@ -89,7 +89,7 @@ mod tests {
 
     /// A recording contains the armed deadlines, and a replay arms them again.
     #[test]
-    fn what_was_told_is_armed_again() {
+    fn what_was_reported_is_armed_again() {
         let mut deadlines = Deadlines::default();
         deadlines.arm(Id(1), Deadline::Drain, Time::from_ms(300));
         deadlines.arm(Id(2), Deadline::Settle, Time::from_ms(200));

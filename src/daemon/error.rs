@@ -1,10 +1,10 @@
-//! Why a cycle cannot begin or continue.
+//! The reason why a cycle cannot begin or continue.
 
 use super::ports::RecordError;
 use crate::requirements::recipe_fits::ForceMismatch;
 use crate::supervision::ThreadFault;
 
-/// Why a cycle cannot begin, or had to end without a verdict.
+/// The reason why a cycle cannot begin, or had to end without a verdict.
 #[derive(Debug, thiserror::Error)]
 pub enum DaemonError {
     /// A required input or output has no name in the cell's file.

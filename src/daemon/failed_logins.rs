@@ -15,7 +15,7 @@ pub(super) struct FailedLogins {
     begun: Instant,
 }
 
-/// What is to be done about a wrong log-in.
+/// Consequences of a failed log-in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Counted {
     /// Number of lines that were left out in the minute before, to be written first.

@@ -1,4 +1,4 @@
-//! The service as its fronts see it: a front passes on a request and its origin, and waits for one reply.
+//! The service as its interfaces see it: an interface passes on a request and its origin, and waits for one reply.
 
 use super::caller::{self, NameLookup};
 use super::camera_lease::SharedCameras;
@@ -23,7 +23,7 @@ const NAME_TIMEOUT_OF_STOP: Duration = Duration::from_millis(20);
 /// Reads and checks the files of a requested cycle, or returns why the cycle cannot begin.
 pub type Loader = dyn Fn(StartRequest) -> Result<PreparedCycle, Vec<Reason>> + Send + Sync;
 
-/// The entry point through which fronts submit requests. All clones share the same state.
+/// The entry point through which interfaces submit requests. All clones share the same state.
 #[derive(Clone)]
 pub struct Gateway {
     queue: RequestSender,
@@ -98,7 +98,7 @@ impl Gateway {
         caller::named_within(who, self.names.clone(), NAME_TIMEOUT).await
     }
 
-    /// Passes on a request that was refused here or in a front, for the record.
+    /// Passes on a request that was refused here or in an interface, for the record.
     pub(super) fn keep_refused(&self, wanted: RequestedAction, who: RequestAuthor, reasons: Vec<Reason>) {
         #[expect(
             clippy::let_underscore_must_use,
@@ -151,7 +151,7 @@ mod tests {
         drop(disk);
     }
 
-    /// A request that a front refuses by the user's role is recorded, too, with its author and reason.
+    /// A request that an interface refuses by the user's role is recorded, too, with its author and reason.
     #[test]
     fn what_a_front_refuses_goes_to_the_record() {
         let (sender, queue) = request_queue();

@@ -18,9 +18,9 @@ impl PasswordHashing {
     /// processor, and a thread that stays alive would retain as much memory. Returns `None` if the program ends.
     pub async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
         let _turn = self.0.acquire().await.ok()?;
-        let (tell, told) = oneshot::channel();
-        let hash = move || drop(tell.send(work()));
+        let (sender, result) = oneshot::channel();
+        let hash = move || drop(sender.send(work()));
         thread::Builder::new().name("password".to_owned()).spawn(hash).ok()?;
-        told.await.ok()
+        result.await.ok()
     }
 }

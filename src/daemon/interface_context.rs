@@ -1,4 +1,4 @@
-//! The shared parts of all fronts of the service: page, plant and office see the same cell.
+//! The shared parts of all interfaces of the service: page, plant and office see the same cell.
 
 use super::alarms::Alarms;
 use super::gateway::Gateway;
@@ -6,12 +6,12 @@ use super::people::AccountService;
 use super::setup_source::SetupSource;
 use std::sync::Arc;
 
-/// The shared parts of the fronts. Clones share the same parts.
+/// The shared parts of the interfaces. Clones share the same parts.
 #[derive(Clone)]
 pub struct InterfaceContext {
     /// The destination of requests.
     pub gateway: Gateway,
-    /// The persons who may log in, and the fronts' access to the store.
+    /// The persons who may log in, and the interfaces' access to the store.
     pub people: Arc<AccountService>,
     /// The alarms of the cell.
     pub alarms: Arc<Alarms>,

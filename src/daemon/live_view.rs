@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_is_made_only_where_somebody_looks_on() {
+    fn a_picture_is_made_only_if_a_client_watches() {
         let view = LiveView::default();
         view.offer_picture(|| panic!("nobody has looked"));
         assert_eq!(view.newest_picture().0, 0);

@@ -6,11 +6,11 @@
 //! robot ────┘                    └─ cameras and computing               (`computing`, `perception`, `abrasion`)
 //! ```
 //!
-//! The state table decides (see `cycle`); the loop performs. The data of an act (the scan's fit, the refined pose, the
-//! film, the plan) stays in the loop and never enters the state table, which receives ids, counts and grades. Acts
+//! The state table decides (see `cycle`); the loop performs. The data of an action (the scan's fit, the refined pose,
+//! the film, the plan) stays in the loop and never enters the state table, which receives ids, counts and grades. Actions
 //! that see and compute use one queue (`computing`): a thread empties it while the loop continues to answer, or, in a
-//! replay and in the simulated cell of one command, the loop itself does. If an act was abandoned in the meantime, its
-//! result changes nothing. The robot's link has a thread of its own, and the controller stops automatically if it
+//! replay and in the simulated cell of one command, the loop itself does. If an action was abandoned in the meantime,
+//! its result changes nothing. The robot's link has a thread of its own, and the controller stops automatically if it
 //! receives no data from this thread.
 //!
 //! The loop uses the robot's time. In lock step this is the mock controller's virtual clock, so that sprays, films and
@@ -21,12 +21,12 @@
 //! findings into the state table's answer and the record's finding; `tool_state` is the known state of a compliant
 //! tool. `run`, `actions`, `moves`, `contacts`, `robot_reports` and `tool_reports` perform the effects.
 //!
-//! A service, a single cycle and a replay use this same loop with different `ports`. Around the loop of the service
-//! are `request` (the one request of every front) · `socket` (the front on this computer) · `protocol` (a line in, a
-//! line out) · `gateway` (a request in, a reply out) · `request_queue` (waiting requests, by their urgency) ·
+//! A service, a single cycle and a replay use this same loop with different `ports`. Around the loop of the service are
+//! `request` (the one request of every interface) · `socket` (the interface on this computer) · `protocol` (a line in,
+//! a line out) · `gateway` (a request in, a reply out) · `request_queue` (waiting requests, by their urgency) ·
 //! `request_handler` (requests, signals and systemd, as the loop sees them) · `camera_lease` (the cameras, for others,
-//! between cycles) · `operator_texts` (states and refusals for people). `replay` records the data that pass through
-//! the ports, and runs a cycle again from a recording.
+//! between cycles) · `operator_texts` (states and refusals for people). `replay` records the data that pass through the
+//! ports, and runs a cycle again from a recording.
 
 mod abrasion;
 mod actions;

@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_says_what_is_possible() {
+    fn a_refusal_states_what_is_possible() {
         let words = refusal(Request::Hold, Refusal::NotNow, &ready());
         assert_eq!(words.message, "hold is not possible in state stopped; possible now: reset, abort");
         let words = refusal(Request::Reset, Refusal::Robot(Robot::GuardOpen), &State::INITIAL);
@@ -359,7 +359,7 @@ mod tests {
 
     /// Unconfirmed commands are reported in addition to the cause, until a feedback or a person confirms the state.
     #[test]
-    fn what_is_not_proven_is_told() {
+    fn what_is_not_proven_is_reported() {
         let mut state = State { at: At::Aborted { cause: Cause::OutputsOn }, ..State::INITIAL };
         (state.facts.water_may_run, state.facts.epoch) = (true, Epoch::Changing);
         let told = state_reason(&state);

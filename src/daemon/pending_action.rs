@@ -1,10 +1,10 @@
-//! An act in progress, and the event for which it waits.
+//! An action in progress, and the event for which it waits.
 
 use super::wiring::SwitchProof;
 use crate::cycle::{Action, Id};
 use crate::eki::{CommandId, Time};
 
-/// An act that still waits for its answer.
+/// An action that still waits for its answer.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PendingAction {
     pub id: Id,
@@ -12,7 +12,7 @@ pub(super) struct PendingAction {
     pub waits: Condition,
 }
 
-/// The events for which an act can wait.
+/// The events for which an action can wait.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Condition {
     /// Waits for the robot at rest.
@@ -35,16 +35,16 @@ pub(super) enum Condition {
         until: Option<Time>,
     },
     /// Waits for the report of the stop that ended the epoch before the command could be sent. If there is no such
-    /// stop, the act has failed.
+    /// stop, the action has failed.
     NoEpoch {
-        /// Number of robot states that are awaited until the act has failed.
+        /// Number of robot states that are awaited until the action has failed.
         states: u8,
     },
     /// Waits until the arm is in the pose from which a linear motion may begin.
     Ready(CommandId),
     /// Waits for the end of a path.
     PathEnd,
-    /// What is computed.
+    /// A computation.
     Computing,
     /// In lock step: waits for the robot's next state, and so for the time of the film's next picture.
     Film,

@@ -1,8 +1,8 @@
-//! People who log in, for every front that has a log-in: their accounts, the pause after wrong passwords, and the
+//! People who log in, for every interface that has a log-in: their accounts, the pause after wrong passwords, and the
 //! audit trail.
 //!
-//! One instance serves all fronts, so that a person who tries passwords at two fronts is counted once. It reads and
-//! writes the store through its own connections; no part of the loop waits for it.
+//! One instance serves all interfaces, so that a person who tries passwords at two interfaces is counted once. It reads
+//! and writes the store through its own connections; no part of the loop waits for it.
 
 use super::failed_logins::{FailedLogins, words};
 use super::hashing::PasswordHashing;
@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 /// The result of a log-in with a name and a password.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LoginResult {
-    /// They are right.
+    /// Name and password are correct.
     Right(Account),
     /// The name or the password is wrong, or the account is disabled; the text is for the audit trail.
     Wrong(&'static str),

@@ -136,7 +136,7 @@ impl Perception {
         eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        // Forgotten before the shot: if the camera fails, no act may use the place of the former scan.
+        // Forgotten before the shot: if the camera fails, no action may use the place of the former scan.
         (self.located, self.located_mm, self.place, self.obstacles) = (None, None, None, None);
         (self.dry, self.corners, self.todays_scan) = (None, CornerLoop::default(), Arc::default());
         let errors = &cycle.calibrations.scan_errors;

@@ -56,10 +56,10 @@ enum Line {
     },
 }
 
-/// Why a line was not understood.
+/// The reason why a line was not understood.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ProtocolError {
-    /// Too long.
+    /// The line is too long.
     #[error("the request line is longer than {most} bytes")]
     TooLong {
         /// Maximum length of a line, bytes.
@@ -74,13 +74,13 @@ pub enum ProtocolError {
          the request line at once, and try again"
     )]
     GaveWay,
-    /// It broke off.
+    /// The line ended before its end mark.
     #[error("the request line has no line end")]
     NoEnd,
     /// The line is not an allowed request.
     #[error("not understood: {problem}")]
     NotUnderstood {
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// Only the program itself may make this request.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// How it went.
+/// Result of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RequestResult {
@@ -35,7 +35,7 @@ impl RequestResult {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reply {
-    /// How it went.
+    /// Result of the request.
     pub answer: RequestResult,
     /// The PackML word; `None` if the loop was not asked.
     pub state: Option<String>,
@@ -49,7 +49,7 @@ pub struct Reply {
     pub film_s: Option<f64>,
     /// Number of executed waypoints of the path in progress.
     pub waypoint: Option<u32>,
-    /// All of them.
+    /// Total number of waypoints.
     pub of: Option<u32>,
     /// The page of the last cycle, once it is written.
     pub page: Option<PathBuf>,
@@ -69,7 +69,7 @@ pub struct Reply {
     pub recording: Option<RecordingResult>,
     /// The action that was done, if the state does not show it.
     pub done: Option<String>,
-    /// Why the request was refused, or why the cell is in this state.
+    /// The reason why the request was refused, or why the cell is in this state.
     pub reasons: Vec<Reason>,
     /// Data for the operator's page and the plant, which are not sent through a socket.
     #[serde(skip)]

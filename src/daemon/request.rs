@@ -1,7 +1,7 @@
-//! The single request type: every front submits it to the service, and the loop processes it.
+//! The single request type: every interface submits it to the service, and the loop processes it.
 //!
-//! A front (the socket today) states what is requested and by whom; [`super::Gateway`] prepares a start, queues the
-//! request and waits for the reply. Signals and scripted runs submit the same type. A request on which the cycle's
+//! An interface (the socket today) states what is requested and by whom; [`super::Gateway`] prepares a start, queues
+//! the request and waits for the reply. Signals and scripted runs submit the same type. A request on which the cycle's
 //! table decides contains a [`cycle::Request`].
 
 use super::camera_lease::ShotRequest;
@@ -18,12 +18,12 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use tokio::sync::oneshot;
 
-/// One request, on its way from a front to the loop.
+/// One request, on its way from an interface to the loop.
 #[derive(Debug)]
 pub struct Request {
-    /// What is requested.
+    /// The requested action.
     pub what: RequestKind,
-    /// The person or program that makes the request, and its front.
+    /// The person or program that makes the request, and its interface.
     pub requester: RequestAuthor,
     /// The channel for the reply; `None` if no client waits for one.
     pub reply: Option<oneshot::Sender<Reply>>,
@@ -42,11 +42,11 @@ impl Request {
     }
 }
 
-/// What is requested.
+/// Kinds of requests.
 pub enum RequestKind {
     /// Requests a report of the present state. It is answered at once.
     State,
-    /// Requests the start of a cycle, in the form in which a front submits it. The loop receives it as `Begin` or
+    /// Requests the start of a cycle, in the form in which an interface submits it. The loop receives it as `Begin` or
     /// `Refused`.
     Start(StartRequest),
     /// Begins a cycle whose files have been read.
@@ -54,9 +54,9 @@ pub enum RequestKind {
     /// A request that was refused before it reached the loop: a start whose files are wrong, or a user whose role does
     /// not permit the request. The loop only records it.
     Refused {
-        /// What was requested.
+        /// The requested action.
         wanted: RequestedAction,
-        /// Why it is refused.
+        /// The reason why it is refused.
         reasons: Vec<Reason>,
     },
     /// Records that a new disc was mounted. Possible while the cell is at rest.
@@ -67,19 +67,19 @@ pub enum RequestKind {
     Decided {
         /// The request: accept, unhold or clear.
         request: cycle::Request,
-        /// The step.
+        /// The step for which the person decided.
         step: u64,
     },
     /// A request to hold the cycle, with the reason that a person gave.
     Hold {
-        /// In the person's words.
+        /// Reason of the hold, as the person stated it.
         why: String,
     },
     /// A decision that was based on a step other than the present one. The loop only records it.
     Outdated {
-        /// What was requested.
+        /// The request.
         request: cycle::Request,
-        /// What changed since.
+        /// The changes since the request was made.
         reasons: Vec<Reason>,
     },
     /// Requests pictures from the cell's cameras, while the cell rests without a cycle.
@@ -122,7 +122,8 @@ impl RequestKind {
         }
     }
 
-    /// Returns this request as the record names it, if a front refuses it; `None` if it changes nothing of the cell.
+    /// Returns this request as the record names it, if an interface refuses it; `None` if it changes nothing of the
+    /// cell.
     pub(super) fn wanted(&self) -> Option<RequestedAction> {
         match self {
             RequestKind::Table(request) | RequestKind::Decided { request, .. } => {
@@ -153,8 +154,8 @@ impl RequestKind {
     }
 }
 
-/// The request to start a cycle. It contains the recipe as text, so that a front needs no file that the service can
-/// read.
+/// The request to start a cycle. It contains the recipe as text, so that an interface needs no file that the service
+/// can read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StartRequest {
@@ -175,7 +176,7 @@ pub struct StartRequest {
     /// How many passes the part had in cycles that a restored store lacks, as a person stated it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost_passes: Option<u8>,
-    /// Whether the text may differ from the text in the recipes' folder. The front decides this by the person's
+    /// Whether the text may differ from the text in the recipes' folder. The interface decides this by the person's
     /// role; a client's line cannot state it.
     #[serde(skip)]
     pub own_text: RecipeTextPermission,

@@ -29,7 +29,7 @@ use tokio::sync::oneshot;
 /// A cycle that has ended.
 #[derive(Debug)]
 pub struct EndedCycle {
-    /// Which.
+    /// Id of the cycle.
     pub id: CycleId,
     /// The recording of the cycle, which may still be being written.
     pub recording: Option<Recording>,
@@ -48,7 +48,7 @@ pub struct ServiceParts {
     pub written: LastWrittenPage,
     /// The cameras, which are lent while the cell rests.
     pub cameras: Option<SharedCameras>,
-    /// What people who watch see.
+    /// The live view for people who watch.
     pub view: LiveView,
 }
 

@@ -28,15 +28,15 @@ impl LoopMemory<'_> {
             }
             (Event::Asked(request), Some((_, refusal))) => {
                 self.remarks.clear();
-                let came = why(request, refusal);
-                self.record_answer(RequestedAction::For(request), self.requester.clone(), came)
+                let outcome = why(request, refusal);
+                self.record_answer(RequestedAction::For(request), self.requester.clone(), outcome)
             }
             (Event::Reported(_), Some((request, refusal))) => {
-                let came = why(request, refusal);
+                let outcome = why(request, refusal);
                 self.record_answer(
                     RequestedAction::For(request),
                     RequestAuthor::from_source(RequestSource::Program),
-                    came,
+                    outcome,
                 )
             }
             (Event::Reported(_), None) => Ok(()),

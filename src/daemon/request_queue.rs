@@ -88,13 +88,13 @@ impl Inside {
     }
 }
 
-/// Why a request was not taken.
+/// The reason why a request was not taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum RequestQueueError {
     /// The loop has ended.
     #[error("the service has ended")]
     Ended,
-    /// Too many wait.
+    /// Too many requests wait.
     #[error(
         "{waiting} requests are already waiting for a reply; try again later (stop and abort are always accepted)"
     )]
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_waits_for_any_more_is_not_done_but_a_stop_is() {
+    fn what_no_client_waits_for_any_more_is_not_done_but_a_stop_is() {
         let (sender, queue) = request_queue();
         let who = || RequestAuthor { front: RequestSource::Socket, uid: Some(7), user: None, from: None };
         for request in [cycle::Request::Reset, Stop, cycle::Request::Clear, Hold] {

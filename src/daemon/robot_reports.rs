@@ -1,4 +1,4 @@
-//! Reports of the robot: each becomes an event of the table, the answer to the pending act, or both.
+//! Reports of the robot: each becomes an event of the table, the answer to the pending action, or both.
 
 use super::answers::reason;
 use super::error::DaemonError;
@@ -21,7 +21,7 @@ use crate::verdict::Reason;
 const ABORT_DEVIATION_RATIO: f64 = 4.0;
 
 impl LoopMemory<'_> {
-    /// Turns a report into events of the table and into the answer of the pending act.
+    /// Turns a report into events of the table and into the answer of the pending action.
     pub(super) fn on_report(&mut self, report: eki::Report) -> Result<(), DaemonError> {
         use eki::Report as R;
         match report {
@@ -99,7 +99,7 @@ impl LoopMemory<'_> {
         }
         self.watch_outputs(state)?;
         let facts = &self.state.facts;
-        // While the cell works, the acts themselves prove that the outputs are off.
+        // While the cell works, the actions themselves prove that the outputs are off.
         let asks = self.state.at.is_at_rest() && (facts.tool_may_run || facts.water_may_run);
         if asks && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) {
             self.events.push_back(Event::Reported(Report::OutputsOff));
@@ -124,7 +124,7 @@ impl LoopMemory<'_> {
         Ok(())
     }
 
-    /// Records, for an act on a switch whose deadline has passed, which feedback was missing.
+    /// Records, for an action on a switch whose deadline has passed, which feedback was missing.
     pub(super) fn record_unproven_switch(&mut self, over: Report) -> Result<(), DaemonError> {
         let Report::Deadline { id: over, which: Deadline::Answer } = over else { return Ok(()) };
         let switch = self.pending_action.as_ref().filter(|pending| pending.id == over).map(|pending| pending.act);

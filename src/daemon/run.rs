@@ -53,11 +53,11 @@ pub struct LoopStart {
     pub cycle: Option<Arc<CycleSetup>>,
     /// The state that results from the journal.
     pub state: State,
-    /// What the loop remembers in addition to the state.
+    /// Values that the loop remembers in addition to the state.
     pub before: LoopMemoryStart,
 }
 
-/// How it ended.
+/// Result of the loop.
 #[derive(Debug)]
 pub struct LoopOutcome {
     /// The state at the end of the loop.
@@ -155,7 +155,7 @@ impl LoopMemory<'_> {
         if state.job.running && !before.job.running {
             self.record_clock()?;
         }
-        // An act that is no longer due is abandoned.
+        // An action that is no longer due is abandoned.
         if self.pending_action.take_if(|pending| state.due.is_none_or(|due| due.id != pending.id)).is_some() {
             self.computing.abandon();
         }
@@ -434,7 +434,7 @@ impl LoopMemory<'_> {
         })
     }
 
-    /// Returns the time limit of the act that is due, s.
+    /// Returns the time limit of the action that is due, s.
     fn answer_s(&self) -> f64 {
         match self.state.due.map(|due| due.act) {
             Some(Action::Move(motion)) => {

@@ -22,7 +22,7 @@ use std::sync::{Arc, OnceLock};
 pub struct Calibrations {
     /// The 3D camera.
     pub scanner: PinholeCamera,
-    /// Its own errors.
+    /// The camera's own errors.
     pub scan_errors: ScanErrors,
     /// Its pose.
     pub base_from_camera: Rigid<Base, Camera>,
@@ -40,7 +40,7 @@ pub struct Calibrations {
     pub removal: Option<Model>,
 }
 
-/// What the cell's file states about the cell, for every cycle and between cycles.
+/// Values of the cell's file that hold for every cycle and between cycles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellSetup {
     /// The cell's limits.
@@ -104,7 +104,7 @@ pub struct CycleSetup {
     pub cell: Arc<CellSetup>,
     /// The recipe.
     pub recipe: Recipe,
-    /// What was taught.
+    /// The taught panel.
     pub panel: TaughtPanel,
     taught_model: Arc<OnceLock<Result<TaughtModel, LocateError>>>,
     /// The taught corners of the panel; the corner loop uses the first ones whose moves pass the gate.
@@ -113,7 +113,7 @@ pub struct CycleSetup {
     pub calibrations: Calibrations,
     /// The area of the picture in which the flange camera's lens is calibrated.
     pub lens: LensExtent,
-    /// What earlier cycles removed from this part.
+    /// Depth that earlier cycles removed from this part.
     pub removed_before: EarlierRemoval,
     /// Foam lies in the cell instead of a panel: contact needs a lower stage of the proofs.
     pub on_foam: bool,

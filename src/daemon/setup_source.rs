@@ -43,24 +43,24 @@ impl RecipeText {
 /// A camera, the tool or another item with a dated calibration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Equipment {
-    /// What it is.
+    /// Name of the equipment.
     pub name: String,
-    /// The calibration of the equipment and when it was made, in words.
+    /// The calibration of the equipment and when it was made, as text.
     pub calibration: String,
-    /// The last verification of the equipment, in words.
+    /// The last verification of the equipment, as text.
     pub verification: String,
 }
 
 /// An item that was examined, as `panelprep doctor` reports it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ExaminedItem {
-    /// What it is.
+    /// Name of the item.
     pub name: String,
     /// Whether nothing is wrong with the examined thing.
     pub is_right: bool,
-    /// What was found.
+    /// Result of the examination.
     pub found: String,
-    /// What to do about it; empty if it is right.
+    /// Remedy; empty if the item is in order.
     pub advice: String,
 }
 
@@ -69,13 +69,13 @@ pub trait SetupSource: Send + Sync {
     /// Returns the recipes that are offered.
     ///
     /// # Errors
-    /// If the folder cannot be read, in words.
+    /// If the folder cannot be read; the error is a text for people.
     fn recipes(&self) -> Result<Vec<String>, String>;
 
     /// Returns one of these recipes.
     ///
     /// # Errors
-    /// If there is no such recipe or it cannot be read, in words.
+    /// If there is no such recipe or it cannot be read; the error is a text for people.
     fn recipe(&self, name: &str) -> Result<RecipeText, String>;
 
     /// Returns the recipe that the office offers in place of this one; `None` if it offers none, or the same.
@@ -83,7 +83,7 @@ pub trait SetupSource: Send + Sync {
     /// # Errors
     /// As [`SetupSource::recipe`].
     fn recipe_offer(&self, name: &str) -> Result<Option<RecipeOffer>, String>;
-    /// Returns the problems of a recipe as `panelprep check` reports them; empty if it is right.
+    /// Returns the problems of a recipe as `panelprep check` reports them; empty if it is valid.
     fn problems(&self, name: &str, text: &str) -> Vec<String>;
 
     /// Returns why no cycle can start by this text although it is valid: the panel was not taught, or was taught with
@@ -93,13 +93,13 @@ pub trait SetupSource: Send + Sync {
     /// Writes a recipe in place of the one with this name; returns the former text.
     ///
     /// # Errors
-    /// If it is wrong or the disk refuses, in words.
+    /// If it is wrong or the disk refuses; the error is a text for people.
     fn save(&self, name: &str, text: &str) -> Result<Option<String>, String>;
 
     /// Returns the picture of the scan by which the recipe's panel was taught.
     ///
     /// # Errors
-    /// If there is no such recipe, it is wrong, or its panel was not taught, in words.
+    /// If there is no such recipe, it is wrong, or its panel was not taught; the error is a text for people.
     fn taught_picture(&self, name: &str) -> Result<ColorPicture, String>;
 
     /// Returns what prevents a cycle now or will prevent one soon, apart from the cameras: the disk, and the age of
@@ -118,7 +118,7 @@ pub trait SetupSource: Send + Sync {
     /// Returns the equipment, and whether a cycle may start with it.
     ///
     /// # Errors
-    /// If a file cannot be read, in words.
+    /// If a file cannot be read; the error is a text for people.
     fn list_equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String>;
 }
 

@@ -2,9 +2,9 @@
 //!
 //! Each function runs in an epoch of its own, which ends with the function: the controller then switches the tool off,
 //! and base and tool are unknown again. A linear motion is checked as a whole by the same gate as the cycle's paths.
-//! Motions and outputs must satisfy the cycle's own list of interlocks (`single_interlocks`). Unlike a cycle's
-//! motions, these may run in T1, with a person at the enabling switch. These functions are not in the journal: no
-//! later act depends on them, and a controller that loses its client stops by itself.
+//! Motions and outputs must satisfy the cycle's own list of interlocks (`single_interlocks`). Unlike a cycle's motions,
+//! these may run in T1, with a person at the enabling switch. These functions are not in the journal: no later action
+//! depends on them, and a controller that loses its client stops by itself.
 
 use super::corrected::CalibratedRobot;
 use super::moves::{self, move_lin};
@@ -37,10 +37,10 @@ const MAX_REPORTS: usize = 32;
 /// Time limit for the arm to come to rest before a function, by the robot's clock.
 const STANDSTILL_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Why a function was not executed.
+/// The reason why a function was not executed.
 #[derive(Debug, thiserror::Error)]
 pub enum SingleError {
-    /// No controller.
+    /// No controller answers.
     #[error("no controller answers: {0}")]
     NoController(LinkLoss),
     /// No controller answered, and no reason was reported.
@@ -240,8 +240,9 @@ impl<'r> SingleRobot<'r> {
         );
         require_accept(gated.judgement())?;
         for Mounted { name, flange_from_tip } in &self.mounted {
-            routes::mounted_follows(&standing, line.base.to_rigid(), &gated.points, *flange_from_tip)
-                .map_err(|met| gate(Reason { message: format!("with {name}: {}", met.message), ..met }))?;
+            routes::mounted_follows(&standing, line.base.to_rigid(), &gated.points, *flange_from_tip).map_err(
+                |infeasible| gate(Reason { message: format!("with {name}: {}", infeasible.message), ..infeasible }),
+            )?;
         }
         // The interlocks are those of the motion to the first corner, which are common to all linear motions through
         // the air.
@@ -273,12 +274,12 @@ impl<'r> SingleRobot<'r> {
         Ok(())
     }
 
-    /// Checks the cycle's interlocks for this act against a new state of the robot, not the state at the start of the
-    /// epoch.
+    /// Checks the cycle's interlocks for this action against a new state of the robot, not the state at the start of
+    /// the epoch.
     fn check_interlocks(&mut self, name: &str, act: Action, cell: &Cell) -> Result<(), SingleError> {
         // A fresh state: a guard that opened a moment ago is not in the one that is in memory.
-        let told = self.state.sequence;
-        while self.state.sequence == told {
+        let last_sequence = self.state.sequence;
+        while self.state.sequence == last_sequence {
             self.receive()?;
         }
         let judged = single_interlocks::judge(name, act, &self.state, cell);

@@ -36,7 +36,7 @@ pub(super) fn motion(path: Path) -> Action {
     Action::Move(Motion { epoch: 0, path, plan: 0, waypoints: 1 })
 }
 
-/// Returns a rejection if an interlock of the act is open; `name` is the function that the person requested.
+/// Returns a rejection if an interlock of the action is open; `name` is the function that the person requested.
 pub(super) fn judge(name: &str, act: Action, state: &State, cell: &Cell) -> Judgement {
     let open = open_interlocks(act, &facts(state, cell));
     let reason = |need: &&str| Reason::new("interlock", format!("{name} needs {need}"));
@@ -96,7 +96,7 @@ mod tests {
         Cell::check("cell.toml", CELL).expect("good")
     }
 
-    /// Returns whether the act is permitted. The bits of `In`, from the lowest: water_off, lens_shut,
+    /// Returns whether the action is permitted. The bits of `In`, from the lowest: water_off, lens_shut,
     /// extraction_flow, tool_running; those of `Out`: light, spray, lens_shutter, extraction, tool.
     fn may(act: Action, (inputs, outputs): (u32, u32), a1_deg: f64) -> bool {
         let joints = Joints { a1_deg, ..cell().park_pose().expect("given") };

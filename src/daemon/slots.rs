@@ -12,7 +12,7 @@ use tokio::sync::oneshot;
 pub(super) struct MaxConnections {
     /// Connections of one user or one address.
     pub per_owner: usize,
-    /// Of all together.
+    /// Maximum number of all connections.
     pub total: usize,
 }
 
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_was_heard_lately_gives_way_last() {
+    fn the_most_recently_active_client_gives_way_last() {
         let slots = Slots::new(MaxConnections { per_owner: 2, total: 4 });
         let (mut first, mut second) = (slots.acquire(7), slots.acquire(7));
         first.activity_handle().now();

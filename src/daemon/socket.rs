@@ -1,4 +1,4 @@
-//! The service's Unix socket: a front whose clients send one line and receive one line for each connection.
+//! The service's Unix socket: an interface whose clients send one line and receive one line for each connection.
 //!
 //! The file's mode decides who may connect: its owner and group (0660). A socket that a killed service left is
 //! replaced if no service answers on it; any other file is not touched.
@@ -52,10 +52,10 @@ const READER_THREADS: usize = 2;
 /// do, and its input may be a stop.
 const NICE: i32 = -5;
 
-/// Why there is no socket.
+/// Errors when the socket is opened.
 #[derive(Debug, thiserror::Error)]
 pub enum SocketError {
-    /// Another service.
+    /// Another service uses the socket.
     #[error("{}: another panelprep process uses this socket; stop that process first", path.display())]
     InUse {
         /// The socket.
@@ -68,10 +68,10 @@ pub enum SocketError {
         /// The file.
         path: PathBuf,
     },
-    /// The system refuses.
+    /// The system refused the operation.
     #[error("cannot {doing} the socket {}: {source}", path.display())]
     System {
-        /// What was tried.
+        /// The operation that failed.
         doing: &'static str,
         /// The socket.
         path: PathBuf,
@@ -198,11 +198,11 @@ async fn serve_request(
     gateway: Gateway,
     rule: AccessRule,
 ) {
-    let heard = {
+    let parsed = {
         let mut reading = pin!(read(&stream));
         tokio::select! {
             biased;
-            heard = timeout(CLIENT_TIMEOUT, &mut reading) => heard.unwrap_or(Err(ProtocolError::Slow)),
+            parsed = timeout(CLIENT_TIMEOUT, &mut reading) => parsed.unwrap_or(Err(ProtocolError::Slow)),
             // A line that is already being sent is still read: a client that gives way is silent, but a client that
             // sends a stop is not.
             () = slot.wait_until_wanted() => timeout(DRAIN_TIMEOUT, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
@@ -210,24 +210,24 @@ async fn serve_request(
     };
     // Released after reading: an answer may take seconds, and the limit is for clients that send nothing.
     drop(slot);
-    let heard = heard.map(|what| match what {
+    let parsed = parsed.map(|what| match what {
         RequestKind::Start(start) => {
             RequestKind::Start(StartRequest { own_text: rule.recipe_text_permission(&who), ..start })
         }
         what => what,
     });
-    if let Some(reason) = heard.as_ref().ok().and_then(|what| rule.refusal(&who, what)) {
+    if let Some(reason) = parsed.as_ref().ok().and_then(|what| rule.refusal(&who, what)) {
         let who = gateway.named(who).await;
         tracing::warn!("refused to {}: {}", caller::format_for_log(&who), reason.message);
-        if let Some(wanted) = heard.as_ref().ok().and_then(RequestKind::wanted) {
+        if let Some(wanted) = parsed.as_ref().ok().and_then(RequestKind::wanted) {
             gateway.keep_refused(wanted, who, vec![reason.clone()]);
         }
         return send_reply(&stream, &Reply::refused(RequestResult::Refused, vec![reason])).await;
     }
-    if let (Ok(RequestKind::Shoot(shot)), Some(cameras)) = (&heard, &gateway.cameras) {
+    if let (Ok(RequestKind::Shoot(shot)), Some(cameras)) = (&parsed, &gateway.cameras) {
         return lend_cameras(stream, *shot, cameras.clone(), &gateway.named(who).await);
     }
-    let reply = match heard {
+    let reply = match parsed {
         Ok(what) => gateway.request(what, who).await,
         Err(error @ (ProtocolError::Slow | ProtocolError::GaveWay)) => {
             Reply::refused(RequestResult::Fault, vec![Reason::new("busy", error.to_string())])

@@ -1,5 +1,5 @@
-//! The store as a front uses it: one connection for reading, and one for writing rows that no cycle waits for. Each
-//! is opened when it is first needed.
+//! The store as an interface uses it: one connection for reading, and one for writing rows that no cycle waits for.
+//! Each is opened when it is first needed.
 
 use crate::store::{Store, StoreError};
 use std::path::PathBuf;

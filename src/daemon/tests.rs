@@ -62,13 +62,13 @@ fn limits_are_told(story: &fake::Story) {
         let numbers = last(kind).checks.iter();
         numbers.filter(|it| it.limit == crate::record::Limit::Unlimited).map(|it| it.name.as_str()).collect()
     };
-    let told = [
+    let reported = [
         "camera has moved the panel since teaching, by the fixture",
         "error of that, 95 %",
         "error along the weakest direction, 95 %",
         name::SCAN_TO_VERDICT,
     ];
-    assert_eq!(unlimited(Kind::Locate), told, "{story}");
+    assert_eq!(unlimited(Kind::Locate), reported, "{story}");
     for (kind, number) in [
         (Kind::Refine, "corner 1 from where the scan puts it"),
         (Kind::Refine, "corner 2 off after the correction"),

@@ -47,8 +47,8 @@ impl LoopMemory<'_> {
         Ok(true)
     }
 
-    /// Returns the number of waypoints of a contact path that the arm has reached; `None` if no contact path is
-    /// under way.
+    /// Returns the number of waypoints of a contact path that the arm has reached; `None` if no contact path is in
+    /// progress.
     fn contact_reached(&self) -> Option<usize> {
         let is_contact = |pending: &PendingAction| match (pending.act, &pending.waits) {
             (Action::Move(motion), Condition::PathEnd) => motion.path == Path::Contact,
@@ -76,7 +76,7 @@ impl LoopMemory<'_> {
         }
     }
 
-    /// Returns whether the tool's state permits the arm to move towards the panel; if not, the act fails and the
+    /// Returns whether the tool's state permits the arm to move towards the panel; if not, the action fails and the
     /// reason is recorded.
     pub(super) fn tool_lets_go(&mut self, id: Id, path: Path) -> Result<bool, RecordError> {
         let cell = self.cell.clone();

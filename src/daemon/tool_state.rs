@@ -1,4 +1,4 @@
-//! The loop's data about the compliant tool: its last reading, its last command, and the contact path under way.
+//! The loop's data about the compliant tool: its last reading, its last command, and the contact path in progress.
 
 use crate::cell::CompliantTool;
 use crate::devices::acf::ToolReport;
@@ -19,7 +19,7 @@ const MAX_FORCE_LAG: Duration = Duration::from_millis(100);
 /// Change of the tool's share of the weight by its attitude, N, after which the tool is commanded again.
 const ATTITUDE_N: f64 = 0.2;
 
-/// The state of the tool's pressing.
+/// The state of the tool's force control.
 #[derive(Debug, Default)]
 pub(super) struct PressState {
     last: Option<(Time, ToolReading)>,
@@ -73,8 +73,8 @@ impl PressState {
                 held
             }
         };
-        let is_same = |told: ForceSetPoint| {
-            let forces = [(told.force_n, wanted.force_n), (told.no_contact_n, wanted.no_contact_n)];
+        let is_same = |commanded: ForceSetPoint| {
+            let forces = [(commanded.force_n, wanted.force_n), (commanded.no_contact_n, wanted.no_contact_n)];
             forces.into_iter().all(|(told_n, wanted_n)| (told_n - wanted_n).abs() < ATTITUDE_N)
         };
         if self.last_command.is_some_and(is_same) {

@@ -3,7 +3,7 @@
 /// The state of the queue.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct TransferBacklog {
-    /// Why nothing is sent now.
+    /// The reason why nothing is sent now.
     problem: Option<String>,
     count: u64,
     /// The time since when the oldest item has been waiting, ms since 1970.

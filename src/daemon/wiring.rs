@@ -79,8 +79,10 @@ impl SwitchProof {
     /// Returns whether this state proves the switch.
     pub(super) fn is_satisfied(&self, state: &State) -> bool {
         let expected = |feedback: Option<(u32, bool)>| feedback.map(|(_, on)| on);
-        let told = self.read_feedback(state);
-        told.outputs && told.feedback == expected(self.feedback) && told.opposite == expected(self.opposite)
+        let reading = self.read_feedback(state);
+        reading.outputs
+            && reading.feedback == expected(self.feedback)
+            && reading.opposite == expected(self.opposite)
     }
 }
 
@@ -247,7 +249,7 @@ mod tests {
         assert_eq!(set(&wiring, Switch::LightOff), setting(1, false, Some((0, false))), "3, 17, 18, 20, 25");
     }
 
-    /// The controller reports the output, and the feedback reports the device behind it: each alone is no proof.
+    /// The controller reports the output, and the feedback reports the device behind it: each alone is not a proof.
     #[test]
     fn a_switch_is_proven_by_its_output_and_its_feedback() {
         let cell = Cell::check("cell.toml", IO).expect("good");

@@ -14,13 +14,13 @@ const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 /// Answers each request with the reason why nothing can be done, until `attempt` succeeds; `None` if a signal ends the
 /// wait. The state in the reply is Aborted: nothing moves, and the last action of the cell cannot be read.
 pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, Reason>) -> Option<T> {
-    let mut told = false;
+    let mut is_reported = false;
     loop {
         let why = match attempt() {
             Ok(opened) => return Some(opened),
             Err(why) => why,
         };
-        if !std::mem::replace(&mut told, true) {
+        if !std::mem::replace(&mut is_reported, true) {
             tracing::error!("the service waits: {}", why.message);
             notify(&[NotifyState::Ready, NotifyState::Status(&why.message)]);
         }

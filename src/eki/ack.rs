@@ -21,7 +21,7 @@ pub struct Ack {
     pub epoch: Epoch,
 }
 
-/// Why the controller refused a command.
+/// The reason why the controller refused a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, thiserror::Error, VariantArray)]
 #[serde(rename_all = "snake_case")]
 pub enum Refusal {

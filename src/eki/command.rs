@@ -154,7 +154,7 @@ pub enum Request {
     },
 }
 
-/// Why a command cannot be sent. Names what was given and what is allowed.
+/// The reason why a command cannot be sent. Names what was given and what is allowed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum CommandError {
@@ -167,7 +167,7 @@ pub enum CommandError {
         /// The name of the value, with its unit.
         #[serde(deserialize_with = "intern_keyword")]
         field: Keyword,
-        /// What was given.
+        /// The value as given.
         found: f64,
         /// Smallest allowed.
         low: f64,

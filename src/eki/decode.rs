@@ -7,7 +7,7 @@ use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 use serde::{Deserialize, Serialize};
 
-/// Why a document does not match its schema. `field` is a tag of the EthernetKRL file.
+/// The reason why a document does not match its schema. `field` is a tag of the EthernetKRL file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum DecodeError {
@@ -20,16 +20,16 @@ pub enum DecodeError {
     /// Content that no controller sends: text, comments, instructions, entities.
     #[error("{what} inside <{element}>, which may contain only elements")]
     Foreign {
-        /// What it is.
+        /// Kind of the element that is not valid here.
         #[serde(deserialize_with = "intern_keyword")]
         what: Keyword,
         /// The enclosing element; empty outside all elements.
         element: String,
     },
-    /// Another kind of document.
+    /// The document is of another kind.
     #[error("the document is <{found}>, expected <{expected}>")]
     Root {
-        /// What it is.
+        /// The root element found.
         found: String,
         /// The expected kind.
         expected: String,
@@ -37,7 +37,7 @@ pub enum DecodeError {
     /// Two documents instead of one.
     #[error("a second root element, <{found}>, follows the first")]
     SecondRoot {
-        /// What it is.
+        /// The second root element.
         found: String,
     },
     /// An element that the channel file does not define.
@@ -46,7 +46,7 @@ pub enum DecodeError {
         /// Its path.
         element: String,
     },
-    /// An element twice.
+    /// An element appears twice.
     #[error("the element {element} appears twice")]
     RepeatedElement {
         /// Its path.
@@ -58,7 +58,7 @@ pub enum DecodeError {
         /// Its path.
         field: String,
     },
-    /// An attribute twice.
+    /// An attribute appears twice.
     #[error("{field} appears twice")]
     Repeated {
         /// Its path.

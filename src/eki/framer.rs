@@ -20,7 +20,7 @@ pub const MAX_DOCUMENT_BYTES: usize = 8 * 1024;
 /// Deepest nesting; the documents of this program have two levels.
 const MAX_DEPTH: usize = 8;
 
-/// Why a stream cannot be cut into documents. `at` counts the stream's bytes from 0.
+/// The reason why a stream cannot be cut into documents. `at` counts the stream's bytes from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum FrameError {
@@ -29,7 +29,7 @@ pub enum FrameError {
     Stray {
         /// The position.
         at: u64,
-        /// What.
+        /// The byte.
         byte: u8,
     },
     /// A control character or a byte that is not ASCII.
@@ -37,7 +37,7 @@ pub enum FrameError {
     Byte {
         /// The position.
         at: u64,
-        /// What.
+        /// The byte.
         byte: u8,
     },
     /// A document type, a comment or CDATA.
@@ -63,7 +63,7 @@ pub enum FrameError {
     Tag {
         /// The position.
         at: u64,
-        /// What.
+        /// The byte.
         byte: u8,
     },
     /// An end tag without a start tag.
@@ -77,7 +77,7 @@ pub enum FrameError {
     TooDeep {
         /// The position.
         at: u64,
-        /// The deepest allowed.
+        /// The largest valid depth.
         limit: usize,
     },
     /// Longer than any message.
@@ -85,7 +85,7 @@ pub enum FrameError {
     TooLong {
         /// The position.
         at: u64,
-        /// The longest allowed.
+        /// The largest valid length.
         limit: usize,
     },
 }

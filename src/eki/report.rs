@@ -36,7 +36,7 @@ impl std::fmt::Display for Channel {
 pub enum Report {
     /// The controller has answered for the first time on this connection. This starts no motion.
     Connected {
-        /// Its state.
+        /// State of the controller.
         state: Box<State>,
     },
     /// The controller is in the new epoch; commands may be queued.
@@ -67,14 +67,14 @@ pub enum Report {
     Refused {
         /// The command.
         id: CommandId,
-        /// Why.
+        /// Reason of the refusal.
         refusal: Refusal,
     },
     /// Base or tool on the controller are not what was set; the epoch is being ended.
     EchoMismatch(Box<EchoMismatch>),
     /// The robot cannot continue with the queued commands; the epoch is being ended.
     Interrupted {
-        /// Why.
+        /// Cause of the interruption.
         cause: StopCause,
     },
     /// The numbers that the controller reports do not match those of the session; the epoch is being ended.
@@ -83,13 +83,13 @@ pub enum Report {
     WatchdogExpired {
         /// The silent channel.
         channel: Channel,
-        /// For how long.
+        /// Duration of the silence.
         silence: Duration,
     },
     /// The robot is far behind its plan: a point took more than twice its planned time plus half a second. Reported
     /// once for each path; in contact the epoch is being ended.
     Slow {
-        /// The point.
+        /// Id of the waypoint's command.
         id: CommandId,
         /// The tool is on the panel, or on its way to it.
         contact: bool,
@@ -103,17 +103,17 @@ pub enum Report {
     },
     /// The controller was started again, or its programs were changed; the epoch is gone.
     Rebooted {
-        /// Its state.
+        /// State of the controller.
         state: Box<State>,
     },
     /// The connection is lost, or could not be made. The queued commands are forgotten.
     LinkLost {
-        /// Why.
+        /// Cause of the loss.
         why: LinkLoss,
     },
 }
 
-/// Why a robot cannot continue.
+/// The reason why a robot cannot continue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum StopCause {
@@ -175,9 +175,9 @@ pub enum EchoMismatch {
         frame: Keyword,
         /// The command.
         id: CommandId,
-        /// What was set.
+        /// The value that was set.
         sent: KukaPose,
-        /// What is active.
+        /// The active value.
         found: KukaPose,
         /// Largest difference along an axis, mm.
         distance_mm: f64,
@@ -195,7 +195,7 @@ pub enum SequenceError {
         "state message {found} was received after state message {last}: a message is missing, repeated or out of order"
     )]
     State {
-        /// The one before.
+        /// Number of the state message before it.
         last: u32,
         /// The received number.
         found: u32,
@@ -203,7 +203,7 @@ pub enum SequenceError {
     /// An answer without a request.
     #[error("the controller sent a response to request {found}; valid: {first} to {last}")]
     Answer {
-        /// What it answers.
+        /// Number of the command that the answer names.
         found: u32,
         /// The last request answered.
         first: u32,
@@ -231,22 +231,22 @@ pub enum SequenceError {
     Epoch {
         /// Its epoch.
         found: Epoch,
-        /// Ours.
+        /// Epoch of this program.
         ours: Epoch,
     },
 }
 
-/// Why there is no connection.
+/// Causes of a lost or refused connection.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkLoss {
-    /// Nothing listens.
+    /// No program listens on the port.
     #[error(
         "{address} refuses the {channel}: the controller responds, but its EthernetKRL server does not. Check that the \
          controller's program is running, and that the port is the same as in the channel's file"
     )]
     Refused {
-        /// Which connection.
+        /// The connection.
         channel: Channel,
         /// Host and port.
         address: String,
@@ -257,11 +257,11 @@ pub enum LinkLoss {
          connected, the subnet is the controller's, and the port is open in its firewall"
     )]
     NoAnswer {
-        /// Which connection.
+        /// The connection.
         channel: Channel,
         /// Host and port.
         address: String,
-        /// How long the client waited, ms.
+        /// Waiting time, ms.
         waited_ms: u64,
     },
     /// The client is connected, but receives no message.
@@ -270,17 +270,17 @@ pub enum LinkLoss {
          controller is running, and that no other client is connected"
     )]
     Silent {
-        /// Which connection.
+        /// The connection.
         channel: Channel,
-        /// How long, ms.
+        /// Duration of the silence, ms.
         silence_ms: u64,
     },
     /// A message has begun and does not end.
     #[error("the {channel} received the start of a message, but not its end within {waited_ms} ms")]
     Unfinished {
-        /// Which connection.
+        /// The connection.
         channel: Channel,
-        /// How long, ms.
+        /// Time since the message began, ms.
         waited_ms: u64,
     },
     /// An epoch that no controller can have reached from the last known one.
@@ -289,7 +289,7 @@ pub enum LinkLoss {
          controller's epoch never decreases, and never increases by more than {step}"
     )]
     EpochJump {
-        /// Which connection.
+        /// The connection.
         channel: Channel,
         /// The reported epoch.
         found: Epoch,
@@ -315,7 +315,7 @@ pub enum LinkLoss {
          stops the controller"
     )]
     AbortNotAnswered {
-        /// How long the client waited, ms.
+        /// Waiting time, ms.
         waited_ms: u64,
     },
     /// Commands of several epochs were not acknowledged, although states arrive: closing the channel may remove the
@@ -325,7 +325,7 @@ pub enum LinkLoss {
          the connections are opened again"
     )]
     NotAcknowledged {
-        /// In how many.
+        /// Number of epochs without an acknowledgement.
         epochs: u32,
     },
     /// An abort that was answered but not carried out. Without a client the controller stops by itself.
@@ -337,7 +337,7 @@ pub enum LinkLoss {
     /// The connection has used all request numbers of 32 bits; a new connection starts counting again.
     #[error("{most} requests were sent on this connection, the limit of the request counter")]
     RequestsExhausted {
-        /// The last one.
+        /// The highest request number.
         most: u32,
     },
     /// The controller closed the channel before its first message: another client is connected to it.
@@ -347,25 +347,25 @@ pub enum LinkLoss {
          files are of another version (`panelprep check`)"
     )]
     Occupied {
-        /// Which connection.
+        /// The connection.
         channel: Channel,
     },
     /// The two ports are exchanged: each one leads to the other channel.
     #[error("the {channel} received messages of the other channel: command_port and state_port are exchanged")]
     PortsExchanged {
-        /// Which connection.
+        /// The connection.
         channel: Channel,
     },
     /// Closed by the controller.
     #[error("the controller closed the {channel}")]
     Closed {
-        /// Which connection.
+        /// The connection.
         channel: Channel,
     },
     /// The operating system reports an error.
     #[error("the {channel} failed: {problem}")]
     System {
-        /// Which connection.
+        /// The connection.
         channel: Channel,
         /// The system's error.
         problem: String,
@@ -373,7 +373,7 @@ pub enum LinkLoss {
     /// Bytes that do not form documents.
     #[error("the {channel} received data that no controller sends: {error}")]
     Frame {
-        /// Which connection.
+        /// The connection.
         channel: Channel,
         /// The error and its position.
         error: FrameError,
@@ -381,9 +381,9 @@ pub enum LinkLoss {
     /// A document that is not a valid message.
     #[error("the {channel} received an invalid message: {error}")]
     Message {
-        /// Which connection.
+        /// The connection.
         channel: Channel,
-        /// What is wrong.
+        /// The error of the message.
         error: DecodeError,
     },
 }

@@ -25,7 +25,7 @@ pub(super) const fn number_field(tag: &'static str, largest: f64) -> Field {
     Field { tag, whole: false, low: -largest, high: largest }
 }
 
-/// Why a channel's tags do not match this program.
+/// The reason why a channel's tags do not match this program.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SchemaError {
     /// A tag that matches no field.
@@ -48,7 +48,7 @@ pub enum SchemaError {
         /// The kind that the file states.
         found: Kind,
     },
-    /// A tag twice.
+    /// A tag appears twice.
     #[error("line {line}: the tag {tag} appears twice")]
     Twice {
         /// Line in the file, from 1.

@@ -11,9 +11,9 @@ use std::collections::HashMap;
 pub struct ClipEntry {
     /// Name of the picture in the clip's folder.
     pub file: String,
-    /// When the picture was taken, s, counted from any start.
+    /// Time at which the picture was taken, s, counted from any start.
     pub time_s: f64,
-    /// What it shows.
+    /// Phase that the picture shows.
     pub phase: Phase,
 }
 
@@ -26,7 +26,7 @@ pub struct Clip {
 /// Why a `clip.csv` was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ClipError {
-    /// Another header.
+    /// The header is not valid.
     #[error("line 1: found the header '{found}'; valid: file,time_s,phase or file,time_s")]
     Header {
         /// The header found.
@@ -46,12 +46,12 @@ pub enum ClipError {
     /// Nothing to inspect.
     #[error("none of the clip's {shots} pictures has the phase 'wet'; the water-break test needs wet pictures")]
     NoneWet {
-        /// Pictures in the clip.
+        /// Number of pictures in the clip.
         shots: usize,
     },
 }
 
-/// What is wrong with one line of a `clip.csv`.
+/// Problems of one line of a `clip.csv`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LineProblem {
     /// A text that does not have the form of a line.
@@ -60,7 +60,7 @@ pub enum LineProblem {
     /// A picture outside of the clip's folder.
     #[error("the file is '{0}'; valid: a name in the clip's folder, without / \\ or ..")]
     File(String),
-    /// A picture twice.
+    /// A picture is listed twice.
     #[error("the file '{file}' is already listed in line {first}")]
     Duplicate {
         /// Its name.
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clip_reads_as_it_stands() {
+    fn a_clip_reads_unchanged() {
         let clip = read_clip(GOOD.as_bytes()).expect("good");
         let third = ClipEntry { file: "002.png".to_owned(), time_s: 0.2, phase: Phase::Wet };
         assert_eq!((clip.entries().len(), &clip.entries()[2]), (4, &third));

@@ -2,10 +2,10 @@
 
 use crate::geometry::{CloudError, PinholeCamera};
 
-/// Why a PCD or PLY file was refused: the position, what was found, what is allowed.
+/// The reason why a PCD or PLY file was refused: the position, what was found, what is allowed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CloudFileError {
-    /// Neither form.
+    /// The file has neither a PCD nor a PLY header.
     #[error(
         "the file is neither a PCD nor a PLY file: it has no header that ends in a line '{end}' (searched {searched} \
          bytes)"
@@ -19,9 +19,9 @@ pub enum CloudFileError {
     /// A file of another kind, as its first bytes show.
     #[error("the file is {kind}: {remedy}")]
     OtherKind {
-        /// What it is.
+        /// Kind of the file.
         kind: &'static str,
-        /// What to do.
+        /// Remedy.
         remedy: &'static str,
     },
     /// A header line that cannot be read.
@@ -41,7 +41,7 @@ pub enum CloudFileError {
         name: &'static str,
         /// The type in the file.
         found: String,
-        /// What is read.
+        /// Fields and types that are read.
         allowed: &'static str,
     },
     /// The file contains an unorganised list of points instead of one point for each pixel.
@@ -53,7 +53,7 @@ pub enum CloudFileError {
          each pixel"
     )]
     Count {
-        /// Points counted.
+        /// Number of points counted.
         points: u64,
         /// Columns.
         width: u64,
@@ -66,7 +66,7 @@ pub enum CloudFileError {
          {limit_bytes} bytes in total); export the cloud with positions and colours only"
     )]
     TooLarge {
-        /// Points counted.
+        /// Number of points counted.
         points: u64,
         /// Bytes of one point; for a text file, of its numbers.
         point_bytes: u64,
@@ -82,7 +82,7 @@ pub enum CloudFileError {
         start: usize,
         /// Bytes that the header requires.
         needed: usize,
-        /// Bytes there are.
+        /// Number of bytes in the file.
         found: usize,
     },
     /// The text ends before the last point.
@@ -90,7 +90,7 @@ pub enum CloudFileError {
     TooFewLines {
         /// Points that the header requires.
         needed: usize,
-        /// Points there are.
+        /// Number of points in the file.
         found: usize,
     },
     /// Additional data follow the last point.
@@ -98,7 +98,7 @@ pub enum CloudFileError {
     Trailing {
         /// First byte after the points.
         start: usize,
-        /// Bytes found there.
+        /// Number of surplus bytes.
         found: usize,
     },
     /// A point that cannot be read.
@@ -172,7 +172,7 @@ pub enum CloudFileError {
          it, row by row from the top left"
     )]
     OtherOrder {
-        /// What is changed.
+        /// The exchanged order.
         order: &'static str,
     },
     /// The points are those of another lens.
@@ -182,7 +182,7 @@ pub enum CloudFileError {
          this scan, or compute it from the scan: panelprep calibrate intrinsics --from-scan"
     )]
     OtherLens {
-        /// How far off the points are.
+        /// Deviation of the points from the rays of their pixels, px.
         off_px: String,
         /// The parameters of the lens on whose rays the points lie.
         own: String,
@@ -196,7 +196,7 @@ pub enum CloudFileError {
          cloud in the camera's own frame"
     )]
     OtherFrame {
-        /// How far off the points are.
+        /// Deviation of the points from the rays of their pixels, px.
         off_px: String,
     },
     /// Points that do not lie on the rays of their pixels, although the others do.
@@ -205,7 +205,7 @@ pub enum CloudFileError {
          pixel ({column}, {row}): the file was changed after the scan. Export or copy the file again"
     )]
     OffRays {
-        /// How many.
+        /// Number of points.
         points: usize,
         /// Column of the first such point.
         column: usize,

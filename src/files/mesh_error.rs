@@ -1,24 +1,24 @@
-//! Reasons why bytes are no mesh.
+//! Reasons why bytes are not a mesh.
 
 use super::cloud_error::CloudFileError;
 
 /// Largest number of triangles, five times that of a finely meshed panel; the memory stays below one gigabyte.
 pub const MAX_TRIANGLES: usize = 5_000_000;
 
-/// What to do with a file of a CAD system: all kinds of it have the same remedy.
+/// Remedy for a file of a CAD system, the same for all its kinds.
 const CONVERT: &str = "convert it to STL with the CAD system, or with FreeCAD (open it, select the panel's body, File → Export, \
                        STL mesh), with a deviation of 0.01 mm or less";
 
-/// Why a drawing's file was refused: the position, what was found, what to do.
+/// The reason why a drawing's file was refused: the position, what was found, what to do.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MeshFileError {
     /// None of the forms that are read.
     #[error("the file is not an STL, PLY or OBJ file; {CONVERT}")]
     NoMesh,
-    /// A file of a CAD system, whose surfaces are no triangles.
+    /// A file of a CAD system, whose surfaces are not triangles.
     #[error("the file is {kind}, whose surfaces are formulas, not triangles: {CONVERT}")]
     Surfaces {
-        /// What it is.
+        /// Kind of the surfaces.
         kind: &'static str,
     },
     /// A binary STL file whose size is not what its header states.
@@ -27,19 +27,19 @@ pub enum MeshFileError {
          {found} bytes: the file is damaged or incomplete; export it again"
     )]
     StlSize {
-        /// Triangles stated.
+        /// Number of triangles stated.
         triangles: u64,
         /// Bytes of a file with as many.
         needed: u64,
-        /// Bytes there are.
+        /// Number of bytes in the file.
         found: u64,
     },
     /// A triangle, vertex or face of a binary file.
     #[error("{what} {number}: {problem}")]
     Record {
-        /// What it is.
+        /// Kind of the record.
         what: &'static str,
-        /// Which, from 1.
+        /// Number of the record, from 1.
         number: usize,
         /// The problem.
         problem: String,
@@ -57,13 +57,13 @@ pub enum MeshFileError {
     Ends {
         /// The last line, from 1.
         line: usize,
-        /// What should follow.
+        /// The expected content.
         expected: &'static str,
     },
     /// Data after the last face.
     #[error("{found} bytes follow the last face: header and data disagree; export the file again")]
     Trailing {
-        /// Bytes found.
+        /// Number of surplus bytes.
         found: usize,
     },
     /// A face that is divided into triangles in several ways that differ.
@@ -79,9 +79,9 @@ pub enum MeshFileError {
     /// Two statements of the unit that differ.
     #[error("the file states two units, {first} and {second}; correct its comments")]
     TwoUnits {
-        /// The first.
+        /// The first unit.
         first: &'static str,
-        /// The other.
+        /// The second unit.
         second: &'static str,
     },
     /// A statement of a unit that is not read.

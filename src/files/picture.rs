@@ -28,10 +28,10 @@ const MAX_PIXELS: u64 = 32 << 20;
 /// Memory limit for a decoder in addition to the pixels that it returns.
 const MAX_DECODER_BYTES: u64 = 128 << 20;
 
-/// Why bytes are not a picture, or why a picture cannot be written.
+/// The reason why bytes are not a picture, or why a picture cannot be written.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PictureError {
-    /// Another kind of file.
+    /// The file is of another kind.
     #[error("the file is not a readable picture: {found}; valid: PNG, JPEG and TIFF")]
     Format {
         /// The kind of file that the first bytes indicate.
@@ -64,7 +64,7 @@ pub enum PictureError {
         width: u32,
         /// Rows.
         height: u32,
-        /// Pixels.
+        /// Number of pixels.
         pixels: u64,
         /// Largest allowed number of pixels.
         allowed: u64,
@@ -98,7 +98,7 @@ pub enum PictureError {
         height: usize,
         /// Pixels there are.
         pixels: usize,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
 }

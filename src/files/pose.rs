@@ -6,10 +6,10 @@
 use crate::geometry::{Joints, KukaPose};
 use serde::Deserialize;
 
-/// Why a text is not a pose.
+/// The reason why a text is not a pose.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PoseError {
-    /// No pose there.
+    /// The text contains no pose.
     #[error("{problem}; valid: {{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}}, or an object with such a pose as {key}")]
     Text {
         /// The key that may contain a pose.
@@ -155,7 +155,7 @@ mod tests {
     const POSE: KukaPose = KukaPose { x_mm: 1.0, y_mm: 2.5, z_mm: -3.0, a_deg: 4.0, b_deg: 5.0, c_deg: 6.0 };
 
     #[test]
-    fn a_pose_stands_alone_or_in_what_a_command_printed() {
+    fn a_pose_is_alone_or_in_what_a_command_printed() {
         let printed = format!(r#"{{"verdict": "accept", "base_from_panel": {BARE}, "rms_mm": 0.02}}"#);
         assert_eq!(read_located(BARE.as_bytes()), Ok(POSE));
         assert_eq!(read_located(printed.as_bytes()), Ok(POSE));
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn each_refusal_says_which_key() {
+    fn each_refusal_states_which_key() {
         let located = |text: &str| read_located(text.as_bytes()).expect_err("refused").to_string();
         let cases = [
             (BARE.replace("a_deg", "a_rad"), "unknown field `a_rad`, expected one of `x_mm`"),

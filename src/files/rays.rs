@@ -137,11 +137,11 @@ pub fn check_lens(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Res
 /// their pixels.
 ///
 /// # Errors
-/// What the cloud is instead, or the first such point.
+/// Returns the form of the cloud if it is not the camera's, or the first point that is not on its ray.
 pub fn check_rays(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
     check_lens(cloud, camera)?;
     let own = |index: usize| Pixel::at((index % cloud.width()) as f64, (index / cloud.width()) as f64);
-    // How far from its pixel a point projects, px.
+    // Distance of a point's projection from its pixel, px.
     let off_px = |index: usize| {
         let seen = cloud.point_at(index)?;
         let (own, seen) = (own(index), camera.project(seen));

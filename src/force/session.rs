@@ -32,11 +32,11 @@ pub struct SessionLimits {
     pub rest_set_point: ForceSetPoint,
 }
 
-/// Why the link to the tool is lost.
+/// The reason why the link to the tool is lost.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkLossCause {
-    /// Nothing connects.
+    /// No tool accepts the connection.
     #[error("the connection failed: {problem}")]
     Unreachable {
         /// The system's error.
@@ -48,25 +48,25 @@ pub enum LinkLossCause {
     /// The tool refused the log-in.
     #[error("the tool replied to the log-in text with \"{found}\"; compare [tool] login with the tool's settings")]
     NotLoggedIn {
-        /// Its answer.
+        /// Answer of the tool.
         found: String,
     },
     /// The tool did not answer in time.
     #[error("the tool has not replied for {ms} ms")]
     Silent {
-        /// How long, ms.
+        /// Duration of the silence, ms.
         ms: u64,
     },
     /// Its answer is not a reply.
     #[error("the tool's reply is not valid: {problem}")]
     Garbage {
-        /// Why.
+        /// The problem in the reply.
         problem: String,
     },
     /// Another tool answered.
     #[error("{problem}; compare [tool] id with the tool's settings")]
     OtherId {
-        /// Which.
+        /// The number in the reply.
         problem: String,
     },
     /// It sent data without a request.
@@ -85,7 +85,7 @@ pub enum State {
     Ready(Time),
     /// A command was sent at this time.
     Asked(Time),
-    /// It has ended.
+    /// The session has ended.
     Lost(LinkLossCause),
 }
 
@@ -125,7 +125,7 @@ impl Session {
         &self.state
     }
 
-    /// Whether replies come.
+    /// Returns whether replies arrive.
     pub fn is_receiving(&self) -> bool {
         matches!(self.state, State::Ready(_) | State::Asked(_)) && self.last_reading.is_some()
     }
@@ -176,7 +176,7 @@ impl Session {
         }
     }
 
-    /// These bytes came.
+    /// Processes bytes that were received.
     pub fn received(&mut self, bytes: &[u8], now: Time) {
         for byte in bytes {
             match self.state {
@@ -226,7 +226,7 @@ impl Session {
         }
     }
 
-    /// It ends here.
+    /// Ends the session with a cause.
     pub fn end_session(&mut self, why: LinkLossCause) {
         // The first cause stays: what follows a loss is its consequence.
         if !matches!(self.state, State::Lost(_)) {

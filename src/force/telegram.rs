@@ -105,13 +105,13 @@ impl ErrorBits {
     }
 }
 
-/// Why bytes are not a valid reply.
+/// The reason why bytes are not a valid reply.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TelegramError {
     /// The reply has more bytes than any valid reply.
     #[error("the reply has {bytes} bytes without an end, at most {MAX_REPLY_BYTES} are valid")]
     TooLong {
-        /// How many came.
+        /// Number of bytes received.
         bytes: usize,
     },
     /// Bytes that are not printable ASCII.
@@ -120,13 +120,13 @@ pub enum TelegramError {
     /// The reply has another number of fields.
     #[error("the reply has {found} fields instead of five: id, force, position, contact, error")]
     Fields {
-        /// How many came.
+        /// Number of fields received.
         found: usize,
     },
     /// A field with an invalid value.
     #[error("{field} is \"{found}\"")]
     Field {
-        /// Which one.
+        /// The field.
         field: &'static str,
         /// The text found.
         found: String,
@@ -136,7 +136,7 @@ pub enum TelegramError {
     OtherId {
         /// The number of the tool that answered.
         found: u32,
-        /// The requested one.
+        /// Number of the requested tool.
         expected: u16,
     },
 }

@@ -77,7 +77,7 @@ impl ForceWatch {
         let [nearest_mm, farthest_mm] = middle_mm(limits.stroke_mm);
         let outside = presses && reading.contact && !(nearest_mm..=farthest_mm).contains(&reading.position_mm);
         let lasts = |began: &mut Option<Time>, is_so: bool, within: Duration| {
-            // One good reading ends the span: peaks of a rough surface or of the landing are no fault of the tool.
+            // One good reading ends the span: peaks of a rough surface or of the landing are not a fault of the tool.
             let first = is_so.then(|| began.unwrap_or(now));
             *began = first;
             first.is_some_and(|first| now.since(first) >= within)

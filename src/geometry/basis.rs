@@ -18,7 +18,7 @@ pub const DEGREE: usize = 3;
 /// Numbers that belong to the `degree + 1` functions of one span; the rest is zero.
 pub type SpanValues = [f64; MAX_DEGREE + 1];
 
-/// Why numbers are not a valid knot vector.
+/// The reason why numbers are not a valid knot vector.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum KnotError {
     /// The degree is not supported.

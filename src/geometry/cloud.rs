@@ -20,7 +20,7 @@ pub struct OrganizedCloud<F: Frame> {
     frame: std::marker::PhantomData<F>,
 }
 
-/// Why points do not form an organised cloud.
+/// The reason why points do not form an organised cloud.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CloudError {
     /// The numbers of points, colours and pixels differ.
@@ -180,7 +180,7 @@ mod tests {
 
     /// By hand: pixels 2 mm apart across and 3 mm down represent 6 mm² each.
     #[test]
-    fn a_pixel_stands_for_its_share_of_the_surface() {
+    fn a_pixel_represents_its_share_of_the_surface() {
         let cloud = grid(4, 4);
         assert!((cloud.pixel_area_mm2(1, 2).expect("inside") - 6.0).abs() < 1e-9);
         assert_eq!(cloud.pixel_area_mm2(0, 2), None);
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_list_is_refused_and_says_what_to_do() {
+    fn a_list_is_refused_and_states_what_to_do() {
         let error = OrganizedCloud::<Camera>::new(4, 1, vec![[1.0; 3]; 4], vec![[0; 3]; 4]).expect_err("a list");
         assert!(error.to_string().contains("ordered cloud"), "{error}");
     }

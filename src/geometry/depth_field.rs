@@ -15,7 +15,7 @@ use super::rigid::Point;
 pub const REFERENCE_DEPTH_MM: f64 = 700.0;
 /// Coefficients across the picture.
 pub const FIELD_COLUMNS: usize = 9;
-/// Down.
+/// Coefficients along the picture's height.
 pub const FIELD_ROWS: usize = 7;
 /// All coefficients.
 pub const FIELD_SIZE: usize = FIELD_COLUMNS * FIELD_ROWS;
@@ -34,7 +34,7 @@ pub struct DepthField {
 pub struct FieldRectangle {
     /// The smallest x and y.
     pub min: [f64; 2],
-    /// Its greatest.
+    /// The largest x and y.
     pub max: [f64; 2],
 }
 
@@ -68,7 +68,7 @@ fn cubic_bsplines(t: f64) -> [f64; 4] {
 }
 
 impl DepthField {
-    /// No error anywhere.
+    /// Creates a field that is zero everywhere.
     pub fn zero(over: FieldRectangle) -> Self {
         DepthField { rectangle: over, coefficients_mm: [0.0; FIELD_SIZE] }
     }

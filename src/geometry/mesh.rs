@@ -67,7 +67,7 @@ impl LengthUnit {
             return Ok(None);
         }
         let mut rest = words.filter(|word| !word.is_empty());
-        // In "units in mm" the word "in" is no inch: it is one only if no unit follows.
+        // In "units in mm" the word "in" is not an inch: it is one only if no unit follows.
         let is_filler = |word: &str| UNIT_FILLER_WORDS.iter().any(|filler| filler.eq_ignore_ascii_case(word));
         let mut ahead = rest.clone();
         while ahead.next().is_some_and(is_filler)

@@ -75,7 +75,10 @@ impl SmoothField {
 
     /// Returns the height at a place, mm; outside the square, the height of its border.
     pub fn height_at(&self, at: [f64; 2]) -> f64 {
-        functions(&self.knots, at).iter().map(|function| self.coefficients[function.index] * function.value).sum()
+        basis_values(&self.knots, at)
+            .iter()
+            .map(|function| self.coefficients[function.index] * function.value)
+            .sum()
     }
 
     /// Fits the field with these knots, starting with these weights.
@@ -138,7 +141,7 @@ impl Equations {
             return;
         }
         // The indices increase along the list.
-        let functions = functions(knots, height.position);
+        let functions = basis_values(knots, height.position);
         for (n, one) in functions.iter().enumerate() {
             let weighted = weight * one.value;
             self.rhs[one.index] += weighted * height.height_mm;
@@ -169,7 +172,7 @@ fn knots(spans: [usize; 2]) -> Option<[KnotVector; 2]> {
 }
 
 /// Returns the functions that are not 0 at a place, by increasing index.
-fn functions(knots: &[KnotVector; 2], at: [f64; 2]) -> [BasisValue; BASIS_ORDER * BASIS_ORDER] {
+fn basis_values(knots: &[KnotVector; 2], at: [f64; 2]) -> [BasisValue; BASIS_ORDER * BASIS_ORDER] {
     let along = |axis: usize| {
         let way = at[axis].clamp(0.0, 1.0);
         (knots[axis].span(way), knots[axis].values(way))

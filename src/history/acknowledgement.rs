@@ -6,13 +6,13 @@ use serde::{Deserialize, Serialize};
 /// Records that a person has seen an alarm.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Acknowledgement {
-    /// When the alarm was acknowledged, ms since 1970.
+    /// Time at which the alarm was acknowledged, ms since 1970.
     pub unix_ms: i64,
     /// The cycle to which the alarm belongs; `None` for an alarm outside of a cycle.
     pub cycle: Option<CycleId>,
     /// The alarm's code, such as `low_overlap`.
     pub code: String,
-    /// When the alarm was raised, ms since 1970: the same code raised again is another alarm.
+    /// Time at which the alarm was raised, ms since 1970: the same code raised again is another alarm.
     pub raised_unix_ms: i64,
     /// The person who acknowledged it, as named at that time.
     pub who: String,

@@ -19,7 +19,7 @@ pub struct Alarm {
     pub cycle: Option<CycleId>,
     /// The code, such as `low_overlap`.
     pub code: String,
-    /// How urgent it is.
+    /// Urgency of the alarm.
     pub priority: Priority,
     /// The finding, in the words of the last finding that gave the code.
     pub message: String,
@@ -29,10 +29,10 @@ pub struct Alarm {
     pub remedy: String,
     /// The phase that raised the alarm; `None` for a request and for a reason that only the verdict contains.
     pub phase: Option<Kind>,
-    /// When the alarm was raised, ms since 1970. Findings of an earlier program count as raised at the begin of
-    /// their cycle.
+    /// Time at which the alarm was raised, ms since 1970. Findings of an earlier program count as raised at the begin
+    /// of their cycle.
     pub raised_unix_ms: i64,
-    /// When the cause was gone, ms since 1970; `None` while the alarm lasts.
+    /// Time at which the cause was gone, ms since 1970; `None` while the alarm lasts.
     pub gone_unix_ms: Option<i64>,
     /// The first acknowledgement, with the person and the time.
     pub acknowledged: Option<Acknowledgement>,
@@ -41,15 +41,15 @@ pub struct Alarm {
 /// Times that the cycle's record itself does not contain.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct AlarmTimes {
-    /// When each finding was stored, ms since 1970, in their order; `None` for those of an earlier program.
+    /// Time at which each finding was stored, ms since 1970, in their order; `None` for those of an earlier program.
     pub findings_unix_ms: Vec<Option<i64>>,
-    /// When a person first reset or cleared the cell after the end, or the next cycle began, ms since 1970; `None`
-    /// if neither has happened yet.
+    /// Time at which a person first reset or cleared the cell after the end, or the next cycle began, ms since 1970;
+    /// `None` if neither has happened yet.
     pub settled_unix_ms: Option<i64>,
 }
 
 impl Alarm {
-    /// Whether it lasts.
+    /// Returns whether the alarm lasts.
     pub fn is_active(&self) -> bool {
         self.gone_unix_ms.is_none()
     }

@@ -13,7 +13,7 @@ const PAGE: &str = include_str!("../../config/manual/messages.md");
 /// The page of messages in each language, English first, with the same rows in each.
 const PAGES: [(&str, &str); 2] = [("en", PAGE), ("de", include_str!("../../config/manual/messages.de.md"))];
 
-/// How urgently a person is needed for a code.
+/// Urgency of a code: how soon a person is needed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, strum::IntoStaticStr)]
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
@@ -40,11 +40,11 @@ impl Priority {
 pub struct Code {
     /// The stable keyword, `low_overlap`.
     pub code: Cow<'static, str>,
-    /// How urgent it is.
+    /// Urgency of the code.
     pub priority: Priority,
     /// The meaning of the code and its cause.
     pub cause: Cow<'static, str>,
-    /// What to do.
+    /// Remedy.
     pub remedy: Cow<'static, str>,
 }
 
@@ -117,7 +117,7 @@ pub struct Row {
     pub code: &'static str,
     /// The meaning of the code and its cause.
     pub cause: &'static str,
-    /// What to do.
+    /// Remedy.
     pub remedy: &'static str,
 }
 

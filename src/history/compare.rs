@@ -29,7 +29,7 @@ pub struct Comparison {
 /// An input of both cycles, by its hash, name or version.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct InputPair {
-    /// What it is.
+    /// Name of the input.
     pub name: String,
     /// The values; `None` if the cycle had none.
     pub values: [Option<String>; 2],
@@ -135,13 +135,13 @@ fn checks(first: &PastCycle, second: &PastCycle) -> Vec<CheckPair> {
     let phases = |index: usize| both[index].iter().map(|(kind, pass, _)| (*kind, *pass)).collect::<Vec<_>>();
     let mut pairs = Vec::new();
     for (kind, pass) in union(&phases(0), &phases(1)) {
-        let of = |index: usize| -> &[Check] {
+        let checks_of = |index: usize| -> &[Check] {
             let found = both[index].iter().find(|(other, number, _)| (*other, *number) == (kind, pass));
             found.map_or(&[], |(.., finding)| &finding.checks)
         };
         let named = |checks: &[Check]| checks.iter().map(|check| check.name.clone()).collect::<Vec<_>>();
-        for name in union(&named(of(0)), &named(of(1))) {
-            let found = [0, 1].map(|index| of(index).iter().find(|check| check.name == name));
+        for name in union(&named(checks_of(0)), &named(checks_of(1))) {
+            let found = [0, 1].map(|index| checks_of(index).iter().find(|check| check.name == name));
             let values = found.map(|check| check.and_then(|check| check.value));
             pairs.push(CheckPair {
                 kind,

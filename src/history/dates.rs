@@ -7,7 +7,7 @@ use thiserror::Error;
 /// The end of the day that applies if the text states no time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edge {
-    /// Its first second.
+    /// The first second of the day.
     Start,
     /// The first second of the next day.
     Behind,
@@ -53,7 +53,7 @@ mod tests {
 
     /// Expected values from `date -u -d 2024-02-29 +%s` and similar commands: the day after a leap day is in March.
     #[test]
-    fn a_day_begins_and_ends_where_the_calendar_says() {
+    fn a_day_begins_and_ends_where_the_calendar_states() {
         for (text, edge, expected) in [
             ("1970-01-01", Edge::Start, 0),
             ("1970-01-01", Edge::Behind, 86_400),

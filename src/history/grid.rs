@@ -129,7 +129,7 @@ mod tests {
     /// A grid that no film saw does not count as whole, an invalid film gives no result, and an abrasion is the grid's
     /// state until the next film.
     #[test]
-    fn a_grid_stands_as_the_last_film_and_the_abrasion_after_it_say() {
+    fn a_grid_has_the_state_of_its_last_film_and_abrasion() {
         let film = |verdict, seen: &[&str], failed: &[&str]| {
             let checks = ["r1c1", "r1c2", "r1c3"].map(|grid| {
                 let value = seen.contains(&grid).then_some(1.0);

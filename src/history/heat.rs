@@ -27,7 +27,7 @@ pub struct HeatCell {
     pub column: u32,
     /// Number of first films that report the grid.
     pub films: usize,
-    /// How often the film broke on the grid.
+    /// Number of parts on which the film broke on the grid.
     pub breaks: usize,
     /// The median of the times to the break, s; `None` if the film never broke there.
     pub median_s: Option<f64>,
@@ -42,12 +42,12 @@ pub fn heat_map(cycles: &[PastCycle]) -> HeatMap {
     let mut all: BTreeMap<(u32, u32), (String, usize, usize, Vec<f64>)> = BTreeMap::new();
     for past in cycles.filter(|past| past.films().next().is_some()) {
         films += 1;
-        for (grid, told) in past.grids() {
-            let (Some(at), Some(failed)) = (grid_row_and_column(&grid), told.failed_first) else { continue };
+        for (grid, result) in past.grids() {
+            let (Some(at), Some(failed)) = (grid_row_and_column(&grid), result.failed_first) else { continue };
             let (_, seen, breaks, times_s) = all.entry(at).or_insert((grid, 0, 0, Vec::new()));
             *seen += 1;
             *breaks += usize::from(failed);
-            times_s.extend(told.time_to_break_s.filter(|_| failed));
+            times_s.extend(result.time_to_break_s.filter(|_| failed));
         }
     }
     let cell =

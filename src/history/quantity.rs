@@ -118,7 +118,7 @@ impl KnownQuantity {
         }
     }
 
-    /// All words.
+    /// Returns the keywords of all quantities.
     pub fn keywords() -> Vec<&'static str> {
         KnownQuantity::iter().map(KnownQuantity::keyword).collect()
     }

@@ -32,7 +32,7 @@ pub struct Query {
     pub from_unix_s: Option<i64>,
     /// The cycle began before this time, s since 1970.
     pub until_unix_s: Option<i64>,
-    /// How it ended.
+    /// Required end of the cycle.
     pub end: Option<RequiredEnd>,
     /// Each of these words must occur in a reason of the verdict: in its code or its sentence.
     pub words: Vec<String>,
@@ -47,9 +47,9 @@ pub struct Query {
 pub struct Hit {
     /// Its number.
     pub cycle: CycleId,
-    /// When the cycle began, s since 1970.
+    /// Time at which the cycle began, s since 1970.
     pub started_unix_s: i64,
-    /// When the cycle ended, s since 1970; `None` while it runs.
+    /// Time at which the cycle ended, s since 1970; `None` while it runs.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,

@@ -10,9 +10,9 @@ use serde::Serialize;
 pub struct Summary {
     /// Its number.
     pub cycle: CycleId,
-    /// When the cycle began, s since 1970.
+    /// Time at which the cycle began, s since 1970.
     pub started_unix_s: i64,
-    /// When the cycle ended, s since 1970; `None` while it runs.
+    /// Time at which the cycle ended, s since 1970; `None` while it runs.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,

@@ -21,7 +21,7 @@ pub enum Cell {
 /// Rows below the names of their columns; units are in the names.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    /// The names.
+    /// Names of the columns.
     pub columns: Vec<String>,
     /// The rows, each with as many cells as there are names.
     pub rows: Vec<Vec<Cell>>,

@@ -12,7 +12,7 @@ use serde::Serialize;
 pub struct TrendPoint {
     /// The cycle; `None` for a verification, which belongs to no cycle.
     pub cycle: Option<CycleId>,
-    /// When the cycle began, or the verification was made, s since 1970.
+    /// Time at which the cycle began, or the verification was made, s since 1970.
     pub at_unix_s: i64,
     /// The part's serial number.
     pub serial: Option<String>,
@@ -25,7 +25,7 @@ pub struct TrendPoint {
 /// A number over time, the oldest first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Trend {
-    /// What it is.
+    /// Title of the trend.
     pub title: String,
     /// Its unit; empty for ratios and counts.
     pub unit: String,
@@ -41,7 +41,7 @@ pub struct Trend {
 
 impl Trend {
     /// Creates a trend from values, the oldest first.
-    pub fn of_points((title, unit): (String, String), points: Vec<TrendPoint>, without: usize) -> Self {
+    pub fn from_points((title, unit): (String, String), points: Vec<TrendPoint>, without: usize) -> Self {
         let values: Vec<f64> = points.iter().map(|point| point.value).collect();
         let usual = usual_range(&values);
         let hints = usual.map_or(Vec::new(), |usual| find_violations(&values, usual));
@@ -66,5 +66,5 @@ pub fn trend(quantity: &Quantity, cycles: &[PastCycle]) -> Trend {
     };
     let points: Vec<TrendPoint> = over_panels.iter().filter_map(point).collect();
     let without = over_panels.len() - points.len();
-    Trend::of_points(quantity.title_and_unit(cycles), points, without)
+    Trend::from_points(quantity.title_and_unit(cycles), points, without)
 }

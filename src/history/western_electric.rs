@@ -66,11 +66,11 @@ pub enum Side {
 /// A violated rule.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Hint {
-    /// Which.
+    /// The rule that was met.
     pub rule: Rule,
     /// Index of the value at which the rule is violated, from 0.
     pub at: usize,
-    /// On which side.
+    /// The side of the mean.
     pub side: Side,
 }
 
@@ -132,7 +132,7 @@ mod tests {
 
     /// By hand, in units of the scatter: the values of each row, and the first index at which they violate the rule.
     #[test]
-    fn each_rule_is_broken_where_the_handbook_says() {
+    fn each_rule_is_broken_where_the_handbook_states() {
         assert_eq!(broken(&[0.5, -0.5, 3.1]), [(Rule::OneBeyondThree, 2, Side::Above)]);
         assert_eq!(broken(&[0.5, -0.5, 3.0]), [], "three times itself is not beyond");
         assert_eq!(broken(&[-2.1, 0.5, -2.1]), [(Rule::TwoOfThreeBeyondTwo, 2, Side::Below)]);

@@ -160,7 +160,7 @@ fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum PlaceVerdict {
     Broke,
-    /// A glint passed.
+    /// A glint passed over the place.
     Passed,
     Unsure,
 }

@@ -24,7 +24,7 @@ pub struct Inspection {
     pub checks: Vec<Check>,
     /// Pass, fail or invalid, and why.
     pub judgement: Judgement,
-    /// How the film was watched.
+    /// Evidence of the observation.
     pub observation: Observation,
     /// The connected pieces of broken film, largest first.
     pub breaks: Vec<Break>,

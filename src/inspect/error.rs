@@ -1,9 +1,10 @@
-//! Reasons why pictures cannot be inspected, in words for the person who recorded them.
+//! Reasons why pictures cannot be inspected, as text for the person who recorded them.
 
 use crate::imaging::ImagingError;
 use crate::phase::Phase;
 
-/// Why pictures could not be inspected. A test without a result is not an error but has the verdict `invalid`.
+/// The reason why pictures could not be inspected. A test without a result is not an error but has the verdict
+/// `invalid`.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InspectError {
     /// The picture is from another camera, or scaled.
@@ -45,7 +46,7 @@ pub enum InspectError {
         time_s: f64,
         /// Its phase.
         phase: Phase,
-        /// The phase before.
+        /// Phase of the picture before.
         previous: Phase,
     },
     /// The film has too many pictures.
@@ -60,7 +61,7 @@ pub enum InspectError {
         /// Longest allowed duration, s.
         most_s: f64,
     },
-    /// Nothing to examine.
+    /// No wet picture can be examined.
     #[error("the clip has no picture of phase wet; the first fully wet picture is the reference of the test")]
     NoWetPicture,
     /// OpenCV refused a picture.

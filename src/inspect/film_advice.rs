@@ -225,7 +225,7 @@ mod tests {
     /// Calculated by hand, five pictures a second: 20 pixels look dry in 3 pictures, 0.6 s. 5 of them look dry for
     /// 1 s, less than a break; 40 from 2 s to the end, a break. The light increases by a fifth meanwhile.
     #[test]
-    fn a_moment_s_dryness_is_told_from_a_break() {
+    fn a_moment_s_dryness_is_distinguished_from_a_break() {
         let settings = inspect_table("");
         let found = |broken: Option<&Mask>, closes_s: f64| {
             let mut flashes = sampler().flash_detector(&settings, broken);
@@ -253,7 +253,7 @@ mod tests {
     /// Calculated by hand: on the left, a film that mirrors something red is brighter than the dry panel, by 20
     /// levels in red. On the right, the film differs by only 4 levels. Noise of ±1 level in each channel: σ = 2/√2.
     #[test]
-    fn a_film_that_is_brighter_or_alike_is_told_by_grid() {
+    fn a_film_that_is_brighter_or_alike_is_reported_by_grid() {
         let mut sampler = Sampler::new(&Mask { width: 20, height: 20, inside: vec![true; WHOLE] });
         let halves = |left: [u8; 3], right: [u8; 3]| {
             let rgb = (0..WHOLE).map(|i| if i % 20 < 10 { left } else { right }).collect();

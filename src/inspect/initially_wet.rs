@@ -23,7 +23,7 @@ pub struct DrynessInputs<'a> {
     pub never_wet: &'a dyn Fn(usize) -> bool,
     /// Whether the pixel is evaluated.
     pub sees: &'a dyn Fn(usize) -> bool,
-    /// Its dry brightness.
+    /// Dry brightness of a place.
     pub dry: &'a dyn Fn(usize) -> f64,
     /// The ratio of the brightness under a film to the dry brightness.
     pub film: f64,

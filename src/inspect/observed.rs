@@ -33,7 +33,7 @@ pub struct Demands {
     pub min_break_mm2: f64,
     /// How long a place must be seen dry to count as broken, s.
     pub persist_s: f64,
-    /// Who states them.
+    /// Source of these criteria.
     pub cell_demands: CellDemands,
 }
 
@@ -115,7 +115,7 @@ impl ComparisonReference {
         }
     }
 
-    /// In words.
+    /// Returns the description for people.
     pub fn describe(self) -> &'static str {
         match self {
             ComparisonReference::DryAndWet => "dry and wet look",
@@ -145,11 +145,11 @@ pub struct GridInspection {
     pub wet_when_dry: bool,
     /// Broken film, mm².
     pub broken_mm2: f64,
-    /// When the broken area reached `min_break_mm2`, s after the first fully wet picture.
+    /// Time at which the broken area reached `min_break_mm2`, s after the first fully wet picture.
     pub time_to_break_s: Option<f64>,
 }
 
-/// How the film was watched.
+/// Evidence of how the film was observed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
     /// Time from the first to the last wet picture, s.
@@ -175,7 +175,7 @@ pub struct Observation {
     pub detection_limit_mm2: f64,
     /// Whether the panel's pose is assumed, because none was stated.
     pub is_place_assumed: bool,
-    /// Which pictures were usable for the judgement.
+    /// Quality of the observation.
     pub quality: Quality,
 }
 

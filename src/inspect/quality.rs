@@ -37,10 +37,10 @@ pub enum Flaw {
 }
 
 impl Flaw {
-    /// Every one.
+    /// All flaws.
     pub const ALL: &'static [Flaw] = <Self as VariantArray>::VARIANTS;
 
-    /// Its stable word.
+    /// Returns the stable keyword.
     pub fn keyword(self) -> &'static str {
         match self {
             Flaw::Darker | Flaw::Brighter | Flaw::Flicker => "light",
@@ -62,7 +62,7 @@ pub struct Flawed {
     pub worst: f64,
 }
 
-/// How well a film could be observed.
+/// Quality of the observation of a film.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
     /// The number of pictures that were used for the judgement.

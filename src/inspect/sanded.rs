@@ -44,7 +44,7 @@ const RADII: [usize; 4] = [2, 4, 8, 16];
 /// The number of radii, from the smallest, that show only the nearest places.
 const NEAREST_RADII: usize = 2;
 /// The first square that reaches the smallest radius of a disc must itself show movement by at least this many standard
-/// deviations. Farther places confirm it, but places that look alike and move elsewhere are no evidence for a place
+/// deviations. Farther places confirm it, but places that look alike and move elsewhere are not evidence for a place
 /// that is still. The square has a size on the panel, since a smaller pixel shows less movement.
 const NEAR_SIGMA: f64 = 3.0;
 /// Places have a similar brightness if it differs by at most this many times the noise of one pixel, or by a quarter
@@ -465,9 +465,9 @@ mod tests {
     }
 
     /// By hand: a still square of 12 px has 9 sites. Its shimmer, 1 ± √(6/112) = 1 ± 0.23, is not surely below 1.35,
-    /// nor surely below that of the film. More than 100 sites of its look move 16 px away, and are no evidence for it.
-    /// It is 1.17 times as bright as its film, so that it is not narrow, and farther from it than half of the change
-    /// by a break, 0.145.
+    /// nor surely below that of the film. More than 100 sites of its look move 16 px away, and are not evidence for it.
+    /// It is 1.17 times as bright as its film, so that it is not narrow, and farther from it than half of the change by
+    /// a break, 0.145.
     #[test]
     fn water_elsewhere_is_no_evidence_for_a_still_place() {
         const WATER: f64 = 0.67;

@@ -56,7 +56,7 @@ pub struct PanelMotion {
     pub sharpness: f64,
 }
 
-/// What a picture shows of the panel's outline.
+/// Measurement of the panel's outline in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OutlineMeasurement {
     /// The first picture has no outline for the comparison.
@@ -302,7 +302,7 @@ mod tests {
     /// By hand: a shift of only 3 px to the right shows on two of the four sides; with 4 px down as well the panel
     /// is 5 px away.
     #[test]
-    fn a_panel_that_stands_elsewhere_is_told_from_one_in_its_place() {
+    fn a_panel_that_is_elsewhere_is_distinguished_from_one_in_its_place() {
         let outline = outline();
         let off = |picture: &ColorPicture| outline.outline_offset_px(picture);
         assert!(off(&square(0.0, 1.0, 70.0)).expect("contrast") < 0.05);
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn without_contrast_nothing_is_told() {
+    fn without_contrast_nothing_is_reported() {
         let mut outline = outline();
         assert_eq!(outline.set_reference(&square(0.0, 1.0, 178.0)), None);
         assert_eq!(outline.measure_against_first(&square(0.0, 1.0, 70.0)), OutlineMeasurement::NoContrast);

@@ -36,7 +36,7 @@ pub struct Tuning {
     /// The grids that would count as not seen if they were completely sanded after the dry picture, according to
     /// the movement of water on this film.
     pub unseen_if_sanded: Vec<GridId>,
-    /// Why the panel is not at the place where the grids are looked for.
+    /// The reason why the panel is not at the pose at which the grids are evaluated.
     pub displaced_reason: Option<Reason>,
 }
 

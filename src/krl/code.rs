@@ -30,7 +30,7 @@ pub enum Cell {
 /// A location in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MemoryAddress {
-    /// Which memory.
+    /// The memory space.
     pub space: MemorySpace,
     /// The cell within the memory.
     pub offset: u32,
@@ -88,7 +88,7 @@ pub enum Op {
     ToReal(u32),
     /// Converts a REAL to INT, rounded.
     ToInt,
-    /// The opposite.
+    /// Changes the sign.
     Negate,
     /// NOT
     Not,
@@ -121,16 +121,16 @@ pub enum Op {
     Drop(u32),
     /// Requests a motion; its target is 6 numbers on the stack, axes or a pose.
     Motion { motion: Motion, axes: bool, approximates: Option<Approximation> },
-    /// Pops seconds.
+    /// Pops the waiting time in seconds.
     WaitSeconds,
     /// Pops a BOOL; if it is FALSE, continues at this step, which evaluates the condition again.
     WaitFor(u32),
     /// Pops the number of the interrupt. The code of the condition begins at the next step, the code of the call at
     /// `call`, and the program continues at `after`.
     InterruptDeclaration { global: bool, call: u32, after: u32 },
-    /// Pops a number.
+    /// Pops the number of an interrupt and switches it.
     InterruptSwitch { on: bool },
-    /// All interrupts.
+    /// Switches all interrupts.
     InterruptSwitchAll { on: bool },
     /// Ends a condition; its value is on the stack.
     EndCondition,
@@ -154,7 +154,7 @@ pub enum Op {
 pub struct Location {
     /// Index of the file in the list of files.
     pub file: usize,
-    /// From 1.
+    /// Line, from 1.
     pub line: usize,
 }
 

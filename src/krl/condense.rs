@@ -16,7 +16,7 @@ const MAX_STACK_DEPTH: usize = 32;
 /// The operation that combines the steps from one index onward.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum CombinedOp {
-    /// Nothing but themselves.
+    /// The step is combined with no other.
     Nothing,
     /// The steps put a value on the stack.
     Value { value: u32, next: u32 },

@@ -107,7 +107,7 @@ pub(super) fn parse_spline_head(reader: &mut TokenReader<'_>) -> ReadResult<Vec<
     }
 }
 
-/// Reads a part of a spline other than its motions, after its first word; `None` if it is no such part.
+/// Reads a part of a spline other than its motions, after its first word; `None` if it is not such a part.
 pub(super) fn spline_part(reader: &mut TokenReader<'_>, first: &str) -> Option<ReadResult<Action>> {
     match first {
         "TIME_BLOCK" => Some(parse_bounded_part(reader, "TIME_BLOCK", &["START", "PART", "END"])),

@@ -51,7 +51,7 @@ pub(super) enum ArgumentPassing {
     Variable(&'static str),
     /// A variable of this type that must already have a value: otherwise EthernetKRL stops the program.
     Filled(&'static str),
-    /// Anything.
+    /// Any argument.
     Any,
 }
 
@@ -105,10 +105,10 @@ fn parse_signature(row: &'static str, builtin: Option<Builtin>) -> (&'static str
     };
     let mut words = head.split(' ');
     let name = words.next().unwrap_or_default();
-    let (mut wants, mut least, mut open) = (Vec::new(), None, false);
+    let (mut wants, mut required, mut open) = (Vec::new(), None, false);
     for word in words {
         match word.as_bytes().first() {
-            Some(b'?') => least = Some(wants.len()),
+            Some(b'?') => required = Some(wants.len()),
             Some(b'=') => wants.push(ArgumentPassing::Variable(&word[1..])),
             Some(b'+') => wants.push(ArgumentPassing::Filled(&word[1..])),
             Some(b'*') => wants.push(ArgumentPassing::Any),
@@ -116,13 +116,13 @@ fn parse_signature(row: &'static str, builtin: Option<Builtin>) -> (&'static str
             _ => wants.push(ArgumentPassing::Value(word)),
         }
     }
-    let least = least.unwrap_or(wants.len());
+    let required = required.unwrap_or(wants.len());
     (
         name,
         KnownRoutine {
             builtin,
             argument_passing: wants,
-            min_arguments: least,
+            min_arguments: required,
             accepts_more: open,
             returns,
             of_ethernet_krl_6: false,

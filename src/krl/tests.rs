@@ -75,7 +75,7 @@ fn what_an_integrator_writes_is_read() {
 
 /// Each line is one mistake, with the beginning of its report; the first statement is in line 10.
 #[test]
-fn each_slip_is_told_with_its_line() {
+fn each_slip_is_reported_with_its_line() {
     for (statement, expected) in [
         ("I=", "10: I: a value is missing at the end of the line"),
         ("I=1 2", "10: I: expected the end of the line, found '2'"),
@@ -126,13 +126,16 @@ fn each_slip_is_told_with_its_line() {
         ("TRIGGER WHEN DISTANCE=1 DELAY=0 DO A( )", "10: TRIGGER: a TRIGGER that calls a routine needs PRIO"),
         ("A_NAME_THAT_IS_FAR_TOO_LONG=1", "10: A_NAME_THAT_IS_FAR_TOO_LONG: this name is declared in none"),
     ] {
-        let told = told_of(statement);
-        assert!(told.iter().any(|told| told.starts_with(expected)), "{statement}: {told:#?} instead of {expected}");
+        let reported = told_of(statement);
+        assert!(
+            reported.iter().any(|reported| reported.starts_with(expected)),
+            "{statement}: {reported:#?} instead of {expected}"
+        );
     }
 }
 
 #[test]
-fn what_a_routine_leaves_open_is_told() {
+fn what_a_routine_leaves_open_is_reported() {
     for (program, expected) in [
         ("DEF A( )\nDECL INT I\nI=I+1\nEND", "3: I: this local variable may be read here before"),
         (
@@ -156,8 +159,11 @@ fn what_a_routine_leaves_open_is_told() {
         ("DEF A( )\nI=1", "2: : the file ends, but END"),
         ("DEF A\nEND", "1: DEF: expected '(', found the end of the line"),
     ] {
-        let told = reported_messages(program);
-        assert!(told.iter().any(|told| told.starts_with(expected)), "{program}: {told:#?} instead of {expected}");
+        let reported = reported_messages(program);
+        assert!(
+            reported.iter().any(|reported| reported.starts_with(expected)),
+            "{program}: {reported:#?} instead of {expected}"
+        );
     }
     // On every path the value is assigned.
     let right = "DEF A( )\nDECL INT I\nIF COUNT>0 THEN\nI=1\nELSE\nRETURN\nENDIF\nCOUNT=I\nLOOP\nI=2\nENDLOOP\nEND\n\
@@ -228,25 +234,25 @@ fn a_name_is_known_where_it_is_declared() {
     let files = [one.0, one.1, two.0, two.1];
     let analysis = analyse(&files, HIGHEST);
     assert_eq!(analysis.problems.concat(), []);
-    let told: Vec<String> = analysis.warnings.concat().into_iter().map(|warning| warning.message).collect();
+    let reported: Vec<String> = analysis.warnings.concat().into_iter().map(|warning| warning.message).collect();
     assert_eq!(
-        told,
+        reported,
         ["this name is visible only in the program of one.dat; to make it visible to all programs, declare it \
              GLOBAL in a PUBLIC data list"]
     );
     let hidden = parse("four.src", "DEF FOUR( )\nDECL SIDE_T S\nS=#LEFT\nEND");
-    let told = analyse(&[files[0].clone(), hidden], HIGHEST).warnings.concat();
-    assert!(told[0].message.starts_with("this type is visible only in another module"), "{told:?}");
+    let reported = analyse(&[files[0].clone(), hidden], HIGHEST).warnings.concat();
+    assert!(reported[0].message.starts_with("this type is visible only in another module"), "{reported:?}");
     // Declared twice; the message states the place.
     let again = parse("three.dat", "DEFDAT THREE PUBLIC\nDECL GLOBAL INT TWO_N=2\nENDDAT\n");
     let [_, _, two, _] = files;
-    let told = analyse(&[two, again], HIGHEST).problems.concat();
-    assert_eq!(told[0].message, "this name is declared twice: two.dat, line 4");
+    let reported = analyse(&[two, again], HIGHEST).problems.concat();
+    assert_eq!(reported[0].message, "this name is declared twice: two.dat, line 4");
 }
 
 /// Any content of a file is either reported or read; nothing panics.
 #[test]
-fn torn_files_are_told_and_harm_nothing() {
+fn torn_files_are_reported_and_harm_nothing() {
     let whole = include_str!("../../config/kuka/cell_motion.src");
     let words: Vec<&str> = whole.split_inclusive([' ', '\n', '(', ',']).collect();
     for step in [3, 7, 11, 40] {

@@ -34,9 +34,9 @@ pub struct Component {
     pub name: String,
     /// Its type.
     pub kind: Type,
-    /// Of an array.
+    /// Dimensions of an array.
     pub dimensions: Vec<usize>,
-    /// Cells before it.
+    /// Number of cells before it.
     pub offset: usize,
 }
 
@@ -45,11 +45,11 @@ pub struct Component {
 pub struct Struc {
     /// In upper case.
     pub name: String,
-    /// In order.
+    /// Components in their order.
     pub components: Vec<Component>,
     /// The index of each component, by its name.
     places: BTreeMap<String, usize>,
-    /// Cells.
+    /// Number of cells.
     pub size: usize,
     /// Whether no file declares the type: it is KUKA's own type as far as it is known here, and may have more
     /// components.

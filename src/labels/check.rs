@@ -43,28 +43,28 @@ pub enum Problem {
         "the name is not valid: {found} characters (limit {MAX_CHARACTERS}; control characters are not permitted)"
     )]
     BadAuthor {
-        /// Characters in it.
+        /// Number of characters found.
         found: usize,
     },
     /// The statement neither contains a break nor states that the clip is clean.
     #[error("no break is drawn: draw the breaks, or mark the clip as clean")]
     NothingSaid,
-    /// Both at once.
+    /// The file states a clean film and also breaks.
     #[error("the clip is marked as clean, but breaks are drawn ({found}): remove the mark or the breaks")]
     CleanWithBreaks {
-        /// Breaks drawn.
+        /// Number of breaks.
         found: usize,
     },
     /// A break without an outline.
     #[error("break {number} has no shape")]
     NoShape {
-        /// Which break.
+        /// Number of the break.
         number: usize,
     },
     /// No point can lie inside of the shape.
     #[error("break {number}, shape from {from_s} s: found {found} corners, at least {MIN_CORNERS} are needed")]
     TooFewCorners {
-        /// Which break.
+        /// Number of the break.
         number: usize,
         /// The time at which the shape begins, which identifies the shape.
         from_s: f64,
@@ -76,11 +76,11 @@ pub enum Problem {
         "break {number}, shape from {from_s} s: corner {corner} at ({u}, {v}) px lies outside of the picture, which has {width}×{height} px"
     )]
     Outside {
-        /// Which break.
+        /// Number of the break.
         number: usize,
         /// The time at which the shape begins, which identifies the shape.
         from_s: f64,
-        /// Which corner.
+        /// Number of the corner.
         corner: usize,
         /// Column, px.
         u: f64,
@@ -96,7 +96,7 @@ pub enum Problem {
         "break {number}, shape from {from_s} s: the side after corner {first} meets the side after corner {second}; an outline must not cross itself"
     )]
     Crosses {
-        /// Which break.
+        /// Number of the break.
         number: usize,
         /// The time at which the shape begins, which identifies the shape.
         from_s: f64,
@@ -111,9 +111,9 @@ pub enum Problem {
          place that never became wet begin with the first wet picture"
     )]
     BeforeWet {
-        /// Which break.
+        /// Number of the break.
         number: usize,
-        /// When it begins.
+        /// Begin of the break, s.
         from_s: f64,
         /// Time from which the film is whole.
         wet_from_s: f64,
@@ -121,11 +121,11 @@ pub enum Problem {
     /// The time is after the last wet picture.
     #[error("break {number}: {what} {time_s} s, after the clip's last wet picture at {ends_s} s")]
     AfterEnd {
-        /// Which break.
+        /// Number of the break.
         number: usize,
-        /// Which part of the break.
+        /// The part of the break: its begin, a later shape or its end.
         what: &'static str,
-        /// When.
+        /// Time of this part, s.
         time_s: f64,
         /// Time at which the clip ends.
         ends_s: f64,
@@ -136,7 +136,7 @@ pub enum Problem {
          the largest time that times.png can store)"
     )]
     TooLate {
-        /// Which break.
+        /// Number of the break.
         number: usize,
         /// The time since the first wet picture.
         since_wet_s: f64,
@@ -147,7 +147,7 @@ pub enum Problem {
          must begin later than the previous one"
     )]
     NotLater {
-        /// Which break.
+        /// Number of the break.
         number: usize,
         /// Time at which the later shape begins.
         from_s: f64,
@@ -160,9 +160,9 @@ pub enum Problem {
          close later"
     )]
     ClosesEarly {
-        /// Which break.
+        /// Number of the break.
         number: usize,
-        /// When it closes.
+        /// Closing time of the break, s.
         closes_s: f64,
         /// Time at which the last shape of the break begins.
         from_s: f64,

@@ -21,22 +21,22 @@ pub struct LabelFile {
     pub clip_sha256: String,
     /// Columns and rows of the clip's pictures.
     pub size_px: [usize; 2],
-    /// Nothing broke.
+    /// Whether no film broke.
     pub clean: bool,
-    /// What broke.
+    /// The marked breaks.
     pub breaks: Vec<Break>,
 }
 
 /// The reason why a file is not a label file.
 #[derive(Debug, thiserror::Error)]
 pub enum FormError {
-    /// Another form.
+    /// The file has another format version.
     #[error("the label file has version {found}; this program reads version {VERSION}")]
     Version {
         /// The version in the file.
         found: u32,
     },
-    /// No such object.
+    /// The file is not a valid JSON object.
     #[error("the content is not a valid label file: {0}")]
     Syntax(#[from] serde_json::Error),
 }

@@ -28,7 +28,7 @@ pub struct CellStatus {
 pub struct LineSignals(pub u32);
 
 impl LineSignals {
-    /// These signals.
+    /// Creates the state from these signals.
     pub fn from_signals(signals: &[LineSignal]) -> Self {
         LineSignals(signals.iter().fold(0, |bits, signal| bits | signal.bit()))
     }

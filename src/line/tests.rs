@@ -114,7 +114,7 @@ fn a_reset_needs_a_part_that_went() {
 /// A refused start is signalled as a fault until the line withdraws its request, a refused reset until a person has
 /// reset the cell.
 #[test]
-fn a_refusal_is_told() {
+fn a_refusal_is_reported() {
     let mut handshake = Handshake::default();
     let (low, high) = (look("idle", true, false), look("idle", true, true));
     assert_eq!(handshake.output_signals(&high), LineSignals::from_signals(&[LineSignal::Ready]));
@@ -142,7 +142,7 @@ fn a_refusal_is_told() {
 /// Every state with every verdict: at most one of ready, cycle done, review and fault is on. Pass and fail are on
 /// only together with cycle done, and pass with no other verdict than pass.
 #[test]
-fn what_is_told_is_never_two_things() {
+fn what_is_reported_is_never_two_things() {
     use LineSignal::{CycleDone, Fail, Fault, Pass, Ready, Review};
     let verdicts = [None, Some(Verdict::Pass), Some(Verdict::Fail), Some(Verdict::Invalid), Some(Verdict::Reject)];
     for state in STATES {

@@ -284,7 +284,7 @@ impl<'a> StaticScene<'a> {
     }
 }
 
-/// What a scan shows at the place of a fixture's edge in the taught picture.
+/// Result of the search for a fixture's edge at its taught place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum FixtureEdge {
     /// The edge is visible and has moved perpendicular to itself by this distance, px.

@@ -1,6 +1,6 @@
 //! Compares two pose hypotheses of one panel by the evidence that supports only one of the two.
 //!
-//! Only places at which the two poses disagree carry information. Such a place is a stretch of the outline, or the
+//! Only places at which the two poses disagree carry information. Such a place is a segment of the outline, or the
 //! border of a mark, that has its edge at only one of the poses. It may also be a piece of surface that lies on the
 //! scan at only one of the poses. Places that are occluded at either pose are left out. The evidence is a length; a
 //! square of surface counts as the length of its side.
@@ -27,7 +27,7 @@ pub(super) struct ConsistencyScore {
 }
 
 impl ConsistencyScore {
-    /// At a pose.
+    /// Computes the score at a pose.
     pub fn compute(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> ConsistencyScore {
         let motion = RigidF32::from_rigid(placed);
         let FitInputs { model, grid, scan } = inputs;
@@ -49,13 +49,13 @@ impl ConsistencyScore {
                 .edge
                 .is_within_distance(MAX_EDGE_DISTANCE_PX)
         });
-        let mut said: Vec<Option<bool>> = outline.collect();
-        said.extend(surface.collect::<Vec<_>>());
+        let mut agreement: Vec<Option<bool>> = outline.collect();
+        agreement.extend(surface.collect::<Vec<_>>());
         let mut lengths_mm: Vec<f64> = model.outline.iter().map(|sample| sample.length_mm).collect();
-        lengths_mm.resize(said.len(), SQUARE_MM);
-        said.extend(marks.collect::<Vec<_>>());
+        lengths_mm.resize(agreement.len(), SQUARE_MM);
+        agreement.extend(marks.collect::<Vec<_>>());
         lengths_mm.extend(model.marks.points.iter().map(|mark| mark.length_mm));
-        ConsistencyScore { agreements: said, lengths_mm }
+        ConsistencyScore { agreements: agreement, lengths_mm }
     }
 
     /// Returns the lengths that support only this pose and only the other pose, mm.

@@ -82,7 +82,7 @@ pub enum WeakestMotion {
 }
 
 impl WeakestMotion {
-    /// In words.
+    /// Returns the description for people.
     pub fn describe(self) -> &'static str {
         match self {
             WeakestMotion::Normal => "along the panel's normal",
@@ -102,7 +102,7 @@ pub(super) struct PoseCovariance {
     pub weakest_mm: f64,
     /// The covariance without the term of (3) for a scale that all scans share, as it would be at the taught pose.
     pub at_taught_place: Matrix6<f64>,
-    /// (1) alone.
+    /// Covariance by (1) alone.
     pub without_scale_term: Matrix6<f64>,
 }
 
@@ -121,7 +121,7 @@ pub(super) fn covariance(
     };
     let square = |sample: usize| cell(&model.points[sample], model.range.correlation_mm);
     let mark_square = |sample: usize| cell(&model.marks.points[sample].point, model.range.correlation_mm);
-    // The taught outline is in order, so that a stretch consists of consecutive points.
+    // The taught outline is in order, so that a segment consists of consecutive points.
     let mut ways_mm = Vec::with_capacity(model.outline.len());
     let mut way_mm = 0.0;
     for sample in &model.outline {

@@ -112,8 +112,8 @@ impl Deviation {
     pub fn from_residuals(residuals: &Residuals, model: &Model, bent: Option<&Deviation>) -> Option<Self> {
         let plane = PanelPlane::from_model(model)?;
         let places: Vec<[f64; 2]> = model.points.iter().map(|point| plane.plane_position(point)).collect();
-        let [low_mm, high_mm] = [f64::min, f64::max].map(|of: fn(f64, f64) -> f64| {
-            places.iter().copied().reduce(|a, b| [of(a[0], b[0]), of(a[1], b[1])]).unwrap_or_default()
+        let [low_mm, high_mm] = [f64::min, f64::max].map(|extreme: fn(f64, f64) -> f64| {
+            places.iter().copied().reduce(|a, b| [extreme(a[0], b[0]), extreme(a[1], b[1])]).unwrap_or_default()
         });
         let sides_mm = [0, 1].map(|axis| (high_mm[axis] - low_mm[axis]).max(1.0));
         // The residual is the distance of the model in front of the scan.

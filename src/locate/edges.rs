@@ -235,7 +235,7 @@ mod tests {
     /// By hand, with the middle at index 8: the surface ends at 9 and the plate begins at 12, so that the edge is
     /// at 10.5, which is 2.5 outside. A single flying point between them has no effect.
     #[test]
-    fn depths_say_where_the_surface_ends() {
+    fn depths_state_where_the_surface_ends() {
         let rough = |text: &str| find_depth_edge(&depths(text));
         assert_eq!(rough("oooooooooo--fffff"), DepthEdge::At(2.5));
         assert_eq!(rough("ooooofoooo--fffff"), DepthEdge::At(2.5), "a flying point");

@@ -2,7 +2,7 @@
 
 use crate::number_text::distinguishable_texts;
 
-/// Why a scan gives no pose. Every variant but the last means that there is no panel of the taught kind.
+/// Reasons why the panel is not located. Every variant but the last means that there is no panel of the taught kind.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LocateError {
     /// The search box is nearly empty.
@@ -13,7 +13,7 @@ pub enum LocateError {
     EmptyBox {
         /// The number of scan places in the box.
         found: usize,
-        /// Places needed.
+        /// Number of points needed.
         needed: usize,
     },
     /// There are objects in the box, but none of the panel's size.
@@ -23,7 +23,7 @@ pub enum LocateError {
         distinguishable_texts(*area_mm2, *taught_area_mm2, 0)[1]
     )]
     NoPieceFits {
-        /// Things looked at.
+        /// Number of pieces examined.
         pieces: usize,
         /// Area of the most similar object, mm².
         area_mm2: f64,

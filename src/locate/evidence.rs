@@ -82,7 +82,7 @@ pub struct Fit {
     pub uncertainty_without_scale_mm: f64,
     /// 95 % of the errors along the weakest direction are smaller, mm; a rotation counts by its mean displacement.
     pub weakest_mm: f64,
-    /// That direction.
+    /// The weakest direction.
     pub weakest_direction: WeakestMotion,
     /// Distance of the panel's centre from its nominal position, mm.
     pub shift_mm: f64,

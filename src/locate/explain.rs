@@ -21,7 +21,7 @@ use crate::geometry::{Camera, Panel, Pixel, Rigid};
 /// The factor by which the stated error is enlarged in the drawing.
 pub const ERROR_SCALE: f64 = 50.0;
 
-/// What the scan shows at the place of a taught point.
+/// Result of the scan at a taught point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SurfaceMark {
     /// Distance of the scanned surface in front of the taught one, along its normal, mm; negative behind it.
@@ -29,15 +29,15 @@ pub enum SurfaceMark {
     /// The scan shows the taught surface beside an edge or missing points; the depth is not precise enough for a
     /// number.
     Near,
-    /// Something farther.
+    /// The scan shows a surface behind it.
     Through,
-    /// Something nearer.
+    /// The scan shows a surface in front of it.
     Hidden,
-    /// No point.
+    /// The scan has no point there.
     Missing,
 }
 
-/// What the picture shows at the place of the taught outline.
+/// Result of the picture at a point of the taught outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OutlineMark {
     /// The edge.
@@ -48,7 +48,7 @@ pub enum OutlineMark {
     Hidden,
 }
 
-/// What the scan shows at the taught place of a fixture's edge.
+/// Result of the scan at the taught place of a fixture's edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FixtureMark {
     /// The edge at its taught place.
@@ -68,7 +68,7 @@ pub struct Explained {
     pub surface: Vec<(Pixel, SurfaceMark)>,
     /// The taught outline, in order.
     pub outline: Vec<(Pixel, OutlineMark)>,
-    /// The borders of taught marks, each represented by a short stretch.
+    /// The borders of taught marks, each represented by a short segment.
     pub marks: Vec<([Pixel; 2], OutlineMark)>,
     /// Pairs of a place of the outline and the same place displaced by the stated error along the weakest direction,
     /// enlarged by [`ERROR_SCALE`].
@@ -213,7 +213,7 @@ mod tests {
     /// surface leans by 20° at most, so that along the normal the scan lies 0.28 to 0.3 mm in front of the taught
     /// surface.
     #[test]
-    fn what_lies_before_the_taught_surface_is_told_as_before_it() {
+    fn what_lies_before_the_taught_surface_is_reported_as_before_it() {
         let cell = sim::Cell::new(1, Scene::Clean, 4);
         let (panel, recipe) = taught(&cell);
         let (scan, base_from_camera) = (cell.taught_scan(), cell.calibrated_base_from_camera());

@@ -95,7 +95,7 @@ impl Samples {
 }
 
 impl Residuals {
-    /// At a pose.
+    /// Computes the residuals at a pose.
     pub fn at_pose(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Residuals {
         let motion = RigidF32::from_rigid(placed);
         let FitInputs { model, grid, scan } = inputs;

@@ -4,7 +4,7 @@
 //! moved? A panel that is bent is this panel as long as a smooth deviation explains its surface; the recipe limits how
 //! far it may be bent. Is its pose known well enough, and is it unique? Is the pose within its limits? Shift, rotation
 //! and tilt are judged at the panel's centre and never at the base's origin: a small rotation moves a distant origin
-//! far, which is no information about the panel. Evidence against the panel itself leads to reject; evidence that a
+//! far, which is not information about the panel. Evidence against the panel itself leads to reject; evidence that a
 //! person can judge better leads to review.
 
 mod camera;
@@ -400,7 +400,7 @@ mod tests {
     /// from 0.56 mm on, which is more than 0.55. With an uncertainty of 2 mm, a measured motion of 2 mm does not show
     /// that the camera moved.
     #[test]
-    fn a_camera_that_nobody_watches_any_more_is_for_a_person() {
+    fn a_camera_that_no_client_watches_any_more_is_for_a_person() {
         let told =
             |uncertainty_mm| Some(CameraCheck { moved_mm: uncertainty_mm, uncertainty_mm, unmoved_share: 0.9 });
         let judged = |camera, camera_at_teaching_mm| judged(&Fit { camera, camera_at_teaching_mm, ..good() });
@@ -414,7 +414,7 @@ mod tests {
 
     /// A wrong panel that ends up far away is reported as a wrong panel, not as a shifted one.
     #[test]
-    fn a_poor_fit_says_nothing_of_motion() {
+    fn a_poor_fit_gives_no_information_on_motion() {
         assert_eq!(judged(&Fit { rms_mm: 3.0, shift_mm: 90.0, ..good() }).1, ["poor_fit"]);
     }
 }

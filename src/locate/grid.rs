@@ -30,7 +30,7 @@ const STEP_SIDES: f64 = 3.3;
 /// The scan at full size, with its colours.
 pub(super) type ColoredCloud = OrganizedCloud<Camera>;
 
-/// What a scan shows at the projection of a point.
+/// Depth of a scan at the projection of a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum DepthReading {
     /// The point is outside of the picture.

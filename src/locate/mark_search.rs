@@ -119,7 +119,7 @@ fn best_shift(
         spread_indices(model.marks.points.len(), COARSE_MARK_COUNT).into_iter().filter_map(shifted).collect();
     let (px_per_mm, _) = grid.camera.px_per_mm_at(piece.centre.z);
     let step_mm = SHIFT_BLOCKS * grid.factor as f64 / px_per_mm;
-    let most = (SHIFT_REACH * piece.reach_mm / step_mm) as i32;
+    let max_steps = (SHIFT_REACH * piece.reach_mm / step_mm) as i32;
     let count_at = |across_mm: f64, up_mm: f64| {
         let is_found = |mark: &&ShiftedMark| {
             let place = mark.place + mark.right * across_mm + mark.up * up_mm;
@@ -130,7 +130,7 @@ fn best_shift(
         marks.iter().filter(is_found).count()
     };
     let mut best = (0, Vector3::zeros());
-    for (i, j) in (-most..=most).flat_map(|i| (-most..=most).map(move |j| (i, j))) {
+    for (i, j) in (-max_steps..=max_steps).flat_map(|i| (-max_steps..=max_steps).map(move |j| (i, j))) {
         let (across_mm, up_mm) = (f64::from(i) * step_mm, f64::from(j) * step_mm);
         let count = count_at(across_mm, up_mm);
         if count > best.0 {

@@ -130,7 +130,7 @@ mod tests {
     /// By hand: 70 inside, 180 outside; a quarter of the pixel at +2 is panel, so that the edge is at 1.5 + 0.25.
     /// The crossing would be at 1 + 55/82.5.
     #[test]
-    fn a_mixed_pixel_says_where_the_edge_is() {
+    fn a_mixed_pixel_states_where_the_edge_is() {
         let line: BrightnessLine = std::array::from_fn(|i| match i as i64 - HALF_LENGTH_PX as i64 {
             ..2 => 70.0,
             2 => 70.0 + 110.0 * 0.75,

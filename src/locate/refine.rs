@@ -53,7 +53,7 @@ pub struct CornerView<'a> {
 /// The reason why a correction cannot be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RefineError {
-    /// No picture.
+    /// There is no corner picture.
     #[error("no corner picture was given; at least one is needed")]
     NoView,
     /// The corner is not in front of the camera.
@@ -89,8 +89,8 @@ pub fn refine(
     let base_from_base = common_motion(&seen);
     let moved = |seen: &CornerObservation| (base_from_base * seen.point - seen.point).mm;
     let along = |seen: &CornerObservation| [moved(seen).dot(&seen.right.mm), moved(seen).dot(&seen.down.mm)];
-    // What the common motion leaves at each corner is the evidence that the corners agree; a rigid panel leaves
-    // nothing.
+    // The residuals of the common motion at the corners are the evidence that the corners agree: a rigid panel has no
+    // residuals.
     let report = |seen: &CornerObservation| {
         let [right, down] = along(seen);
         CornerReport {

@@ -20,7 +20,7 @@ pub struct RangeErrors {
     pub scale: f64,
     /// One standard deviation of the relative scale error that differs from scan to scan.
     pub scan_to_scan_scale: f64,
-    /// Were they measured?
+    /// Whether the errors were measured.
     pub is_measured: bool,
 }
 
@@ -71,7 +71,7 @@ impl RangeErrors {
     }
 }
 
-/// All of them.
+/// All errors of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ScanErrors {
     /// The errors that differ from scan to scan.

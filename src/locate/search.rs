@@ -372,7 +372,7 @@ pub(super) enum PointObservation {
     Through,
     /// A nearer object is seen, the point faces away, or it lies outside of the picture.
     Hidden,
-    /// Nothing was measured there.
+    /// Nothing was measured at this place.
     Unknown,
 }
 

@@ -50,7 +50,7 @@ pub(super) struct OutlinePoint {
 pub struct OutlineEvidence {
     /// Fraction whose edge is seen by colour.
     pub by_colour: f64,
-    /// By depth alone.
+    /// Share that is seen by depth alone.
     pub by_depth: f64,
     /// Fraction at which something holds the panel.
     pub held: f64,
@@ -101,7 +101,7 @@ impl TaughtOutline {
         let steps = contour.len().div_ceil(CONTOUR_STEP);
         let is_held: Vec<bool> =
             (0..steps).map(|k| panel.is_held_near(contour[k * CONTOUR_STEP], MIN_HELD_DISTANCE_PX)).collect();
-        // Beside a held stretch, the direction would be computed across that stretch: such points are not used.
+        // Beside a held segment, the direction would be computed across that segment: such points are not used.
         let is_used = |k: usize| {
             (k + steps - DIRECTION_POINTS..=k + steps + DIRECTION_POINTS).all(|near| !is_held[near % steps])
         };

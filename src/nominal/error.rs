@@ -1,4 +1,4 @@
-//! Reasons why a drawing cannot teach a panel, in words for the person who teaches.
+//! Reasons why a drawing cannot teach a panel, as text for the person who teaches.
 
 use crate::geometry::LengthUnit;
 use crate::number_text::{distinguishable_texts, fixed_decimals};
@@ -17,7 +17,7 @@ pub struct ListedPart {
     pub area_mm2: f64,
 }
 
-/// Why a drawing cannot teach a panel.
+/// The reason why a drawing cannot teach a panel.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NominalError {
     /// Neither the file nor the caller states the unit.
@@ -86,7 +86,7 @@ pub enum NominalError {
         /// The middle of the first, in the drawing's frame, mm.
         at_mm: [f64; 3],
     },
-    /// Borders that nearly meet.
+    /// The borders of two faces nearly meet.
     #[error(
         "the faces of the part do not meet: a gap of {} mm near {} mm of the drawing (limit {} mm), at {count} edges; sew the \
          faces in the CAD system before the export, or export with a smaller deviation",

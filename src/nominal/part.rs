@@ -10,7 +10,7 @@ use std::collections::HashMap;
 
 /// Vertices of one object within this distance are one vertex, mm: below the rounding of an exported number.
 const WELD_MM: f64 = 0.002;
-/// A drawing with a longer side is no panel, mm; an aircraft's frame has its origin less far away than the second.
+/// A drawing with a longer side is not a panel, mm; an aircraft's frame has its origin less far away than the second.
 const MAX_SIZE_MM: f64 = 20_000.0;
 const MAX_REACH_MM: f64 = 200_000.0;
 /// A part that is longer than the search box by this factor has another unit: all units differ by more.
@@ -212,7 +212,7 @@ fn weld_vertices(
     (vertices, joined)
 }
 
-/// Which vertices belong together (Tarjan, "union-find" with halved paths).
+/// Connected sets of vertices (Tarjan, "union-find" with path halving).
 struct VertexUnion {
     parent: Vec<u32>,
 }

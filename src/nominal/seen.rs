@@ -1,4 +1,4 @@
-//! What a camera sees of a part: for each pixel the depth, the angle, and the share of the pixel that the part
+//! The view that a camera has of a part: for each pixel the depth, the angle, and the share of the pixel that the part
 //! covers.
 //!
 //! The share is counted over a lattice of rays in each pixel at the border, so that the part's edge lies in the
@@ -93,9 +93,9 @@ impl PartView {
             .flat_map_iter(of_row)
             .map(|(u, v)| direction(u as f64, v as f64).ok_or(NominalError::NoRay { u, v }))
             .collect::<Result<_, _>>()?;
-        let whole = |met: PartHit| PixelSeen {
-            depth_mm: met.distance,
-            cos_incidence: met.cos_incidence as f32,
+        let whole = |hit: PartHit| PixelSeen {
+            depth_mm: hit.distance,
+            cos_incidence: hit.cos_incidence as f32,
             covered: 1.0,
         };
         let middles: Vec<PixelSeen> = directions
@@ -114,9 +114,9 @@ impl PartView {
             let at = |step: usize| (step as f64 + 0.5) / RAYS_PER_PIXEL_SIDE as f64 - 0.5;
             let lattice = (0..RAYS_PER_PIXEL_SIDE * RAYS_PER_PIXEL_SIDE)
                 .map(|n| direction(u + at(n % RAYS_PER_PIXEL_SIDE), v + at(n / RAYS_PER_PIXEL_SIDE)));
-            let met: Vec<PartHit> = lattice.flatten().filter_map(|direction| rays.nearest(&direction)).collect();
-            let cos = met.iter().map(|met| met.cos_incidence).sum::<f64>() / met.len().max(1) as f64;
-            let covered = met.len() as f32 / (RAYS_PER_PIXEL_SIDE * RAYS_PER_PIXEL_SIDE) as f32;
+            let hit: Vec<PartHit> = lattice.flatten().filter_map(|direction| rays.nearest(&direction)).collect();
+            let cos = hit.iter().map(|hit| hit.cos_incidence).sum::<f64>() / hit.len().max(1) as f64;
+            let covered = hit.len() as f32 / (RAYS_PER_PIXEL_SIDE * RAYS_PER_PIXEL_SIDE) as f32;
             PixelSeen { cos_incidence: cos as f32, covered, ..middles[index] }
         };
         let pixels: Vec<PixelSeen> = (0..middles.len())
@@ -140,7 +140,7 @@ impl PartView {
         })
     }
 
-    /// Returns whether the part reaches a rim of the window that is no rim of the picture.
+    /// Returns whether the part reaches a rim of the window that is not a rim of the picture.
     fn reaches_window(&self) -> bool {
         let [width, height] = self.size_px;
         let rim = |range: &Range<usize>, size: usize| {
@@ -260,7 +260,7 @@ impl UnseenShares {
             }
             let direction = middle.coords / middle.z;
             let is_hidden =
-                rays.nearest(&direction).is_some_and(|met| met.distance < middle.z * (1.0 - HIDDEN_SHARE));
+                rays.nearest(&direction).is_some_and(|hit| hit.distance < middle.z * (1.0 - HIDDEN_SHARE));
             [area_mm2, 0.0, if is_hidden { area_mm2 } else { 0.0 }]
         };
         let add = |a: [f64; 3], b: [f64; 3]| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];

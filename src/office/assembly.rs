@@ -29,7 +29,7 @@ pub struct AssembledItem<R> {
 /// A message or a file that can never become complete.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct InvalidItem<R> {
-    /// Why.
+    /// The error.
     pub error: OfficeError,
     /// The receipts of all parts received so far.
     pub receipts: Vec<R>,

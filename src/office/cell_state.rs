@@ -7,7 +7,7 @@ use crate::cell::CellName;
 use serde::{Deserialize, Serialize};
 
 const FORM: &str = "panelprep-state-1";
-/// The longest one.
+/// Longest message, bytes.
 const MAX_BYTES: usize = 64 * 1024;
 
 /// The state of a cell.
@@ -44,7 +44,7 @@ pub struct CellState {
 pub struct ReasonText {
     /// Its code.
     pub code: String,
-    /// In words.
+    /// Message of the reason.
     pub message: String,
 }
 

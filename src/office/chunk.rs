@@ -19,7 +19,7 @@ const HEAD_BYTES: usize = 1_024;
 /// The message or the file to which a part belongs.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum ChunkOwner {
-    /// Of a [`Message`](super::Message).
+    /// Data of a [`Message`](super::Message).
     Message(Position),
     /// The file with this SHA-256.
     File(String),
@@ -30,11 +30,11 @@ pub enum ChunkOwner {
 pub struct Chunk {
     /// The cell that sends the part.
     pub cell: CellName,
-    /// Of what.
+    /// The owner of the data.
     pub what: ChunkOwner,
     /// Number of the part, from 1.
     pub part: u32,
-    /// Of how many.
+    /// Number of parts.
     pub parts: u32,
     /// Its bytes.
     pub bytes: Vec<u8>,

@@ -11,7 +11,7 @@ const MAX_MESSAGES: usize = 50;
 pub struct Comparison {
     /// Number of items that cell and office have with the same hash.
     pub equal_items: u64,
-    /// The differences, in words.
+    /// The differences, as text.
     pub differences: Vec<String>,
 }
 

@@ -1,6 +1,6 @@
 //! Errors for a message that is not a valid message of a cell.
 
-/// What is wrong with a message.
+/// Errors of a message.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum OfficeError {
     /// The message cannot be read as a message of a cell.
@@ -32,7 +32,7 @@ pub enum OfficeError {
     /// The parts of one item state different numbers of parts.
     #[error("part {part} states a total of {found} parts, but another part stated {before}")]
     Parts {
-        /// Which part.
+        /// Number of the part.
         part: u32,
         /// The number that this part states.
         found: u32,

@@ -15,7 +15,7 @@ const HEAD_BYTES: usize = 1 << 20;
 /// A message of a cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Message {
-    /// Which cell.
+    /// Name of the cell.
     pub cell: CellName,
     /// The item.
     pub envelope: ItemEnvelope,

@@ -6,7 +6,7 @@ use crate::files::content_hash;
 use serde::{Deserialize, Serialize};
 
 const FORM: &str = "panelprep-offer-1";
-/// The longest one.
+/// Longest offer, bytes.
 const MAX_BYTES: usize = 256 * 1_024;
 /// The longest name and reason, in characters.
 const MAX_CHARACTERS: usize = 200;
@@ -22,7 +22,7 @@ pub struct RecipeOffer {
     pub text: String,
     /// The printed name of the person who approved it in the office.
     pub by: String,
-    /// Why.
+    /// Reason of the change, as the person stated it.
     pub why: String,
     /// Time of the approval, ms since 1970.
     pub unix_ms: i64,

@@ -52,7 +52,7 @@ impl Progress {
         self.again
     }
 
-    /// Starts sending again: from now on, data that is sent again has another name.
+    /// Starts sending again. Repeated data then has a new name, so that the broker does not drop it as a duplicate.
     pub fn restart_sending(&mut self) {
         self.again += 1;
     }

@@ -79,7 +79,7 @@ fn a_message_reads_back_and_each_changed_byte_is_found() {
 
 /// A sender of other content with a correct hash still needs the cell's key.
 #[test]
-fn a_statement_that_somebody_else_wrote_is_refused() {
+fn a_statement_of_another_writer_is_refused() {
     let message = signature();
     let Body::Signature { statement, signature, public_key, files } = message.envelope.body.clone() else {
         unreachable!()

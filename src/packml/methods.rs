@@ -46,9 +46,9 @@ impl ArgumentKind {
 pub struct Argument {
     /// Its name.
     pub name: &'static str,
-    /// What it is.
+    /// Data type of the argument.
     pub kind: ArgumentKind,
-    /// What it means.
+    /// Description of the argument.
     pub meaning: &'static str,
 }
 
@@ -57,13 +57,13 @@ pub struct Argument {
 pub struct Method {
     /// Its name.
     pub name: &'static str,
-    /// What it requests.
+    /// The requested command.
     pub command: Command,
     /// Its arguments.
     pub arguments: &'static [Argument],
     /// The permission that the caller needs; `None` allows every session that the server accepts.
     pub required_permission: Option<Permission>,
-    /// What it does.
+    /// Description of the method.
     pub meaning: &'static str,
 }
 

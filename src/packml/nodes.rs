@@ -16,7 +16,7 @@ pub struct Node {
     pub kind: Kind,
     /// Their unit; empty if they have none.
     pub unit: &'static str,
-    /// What it means.
+    /// Description of the node.
     pub meaning: &'static str,
     /// Its value.
     pub value: fn(&Snapshot) -> Value,

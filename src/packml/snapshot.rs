@@ -54,7 +54,7 @@ pub struct Snapshot {
     pub may_start: Option<bool>,
     /// The reasons why a cycle may not start, or warnings about the calibrations.
     pub calibration_reasons: Vec<String>,
-    /// Each calibration's file with its age, in words.
+    /// Each calibration's file with its age, as text.
     pub calibrations: Vec<String>,
     /// The recipes of the folder.
     pub recipes: Vec<RecipeHash>,
@@ -115,7 +115,7 @@ pub struct CycleCounts {
 }
 
 impl CycleCounts {
-    /// All of them.
+    /// Returns the number of all cycles.
     pub fn processed_count(&self) -> u32 {
         let CycleCounts { passed, failed, rejected, invalid, aborted, other } = *self;
         passed + failed + rejected + invalid + aborted + other
@@ -132,11 +132,11 @@ impl CycleCounts {
 pub struct LastRefusal {
     /// The method.
     pub method: &'static str,
-    /// Who called it.
+    /// Name of the user who called it.
     pub user: String,
     /// Time of the call, ms since 1970.
     pub at_unix_ms: i64,
-    /// Why.
+    /// Reason of the refusal.
     pub reason: Reason,
 }
 

@@ -150,7 +150,7 @@ fn what_is_not_known_is_absent() {
 }
 
 #[test]
-fn no_two_nodes_have_one_path_and_none_stands_below_another() {
+fn no_two_nodes_have_one_path_and_none_is_below_another() {
     let paths: BTreeSet<&str> = NODES.iter().map(|node| node.path).collect();
     assert_eq!(paths.len(), NODES.len());
     for path in &paths {
@@ -161,7 +161,7 @@ fn no_two_nodes_have_one_path_and_none_stands_below_another() {
 
 /// The roles of every method are those of the same requests on the operator's page.
 #[test]
-fn every_method_stands_in_the_table_with_its_roles() {
+fn every_method_is_in_the_table_with_its_roles() {
     let roles = |name: &str| -> Vec<&str> {
         let method = method(name).expect("such a method");
         Role::VARIANTS.iter().filter(|role| method.is_allowed(Some(**role))).map(|role| role.keyword()).collect()

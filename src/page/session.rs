@@ -16,7 +16,7 @@ impl Session {
         (Session(Mutex::new((0, Some(tell)))), done)
     }
 
-    /// Counts a saving.
+    /// Counts one save.
     pub fn count_save(&self) {
         self.lock().0 += 1;
     }

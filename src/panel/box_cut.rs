@@ -25,7 +25,7 @@ pub struct BoxCut {
     pub face_mm: f64,
     /// Number of pixels of the panel's border that continue beyond this face.
     pub border_px: usize,
-    /// One of them.
+    /// One place of the cut.
     pub at: Pixel,
 }
 

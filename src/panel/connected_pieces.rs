@@ -138,7 +138,7 @@ mod tests {
     /// By hand: h = 500 + x²/1000 over 0…99 × 0…49 mm without a hole of 40 × 20 mm. Seen along z through the middle
     /// of the hole, (50, 25), the sheet is at 502.5; far outside, at (400, 25), there is no result.
     #[test]
-    fn a_hole_is_bridged_and_nothing_is_said_far_off() {
+    fn a_hole_is_bridged_and_nothing_is_reported_far_off() {
         let point = |i: usize| {
             let (x, y) = ((i % 100) as f32, (i / 100) as f32);
             let is_hole = (30..70).contains(&(i % 100)) && (15..35).contains(&(i / 100));

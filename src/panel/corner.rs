@@ -27,7 +27,7 @@ pub struct CornerTeaching {
 /// A corner with its position on the panel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TaughtCorner {
-    /// What was taught.
+    /// The taught picture and outline of the corner.
     pub teaching_data: CornerTeaching,
     /// The corner: the intersection of its two edges, on the surface.
     pub point: Point<Panel>,

@@ -1,4 +1,4 @@
-//! Errors for a scan that cannot teach a panel, in words for the person who teaches.
+//! Errors for a scan that cannot teach a panel, as text for the person who teaches.
 
 use super::region::GridId;
 use crate::geometry::Pixel;
@@ -18,7 +18,7 @@ pub enum LearnError {
         list(corners)
     )]
     WrongCorners {
-        /// The wrong ones.
+        /// The corners that are not valid.
         corners: Vec<WrongCorner>,
     },
     /// No point of the scan under the region's centre lies in the search box.

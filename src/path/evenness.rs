@@ -164,7 +164,7 @@ fn chord_mm(line: &Line, point: Point<Panel>, radius_mm: f64) -> f64 {
 /// Calculates 1 / feed for each line, s/mm.
 fn inverse_feeds(lines: &[&Line], places: &[SpreadPlaces], radius_mm: f64, settings: &recipe::Path) -> Vec<f64> {
     let (fastest, planning_s) = (1.0 / settings.feed_mm_s(), settings.planning_time_ms() / 1_000.0);
-    let least: Vec<f64> = lines.iter().map(|line| fastest.max(planning_s / line.length_mm)).collect();
+    let shortest: Vec<f64> = lines.iter().map(|line| fastest.max(planning_s / line.length_mm)).collect();
     let starts: Vec<usize> = places
         .iter()
         .scan(0, |next, places| {
@@ -191,20 +191,21 @@ fn inverse_feeds(lines: &[&Line], places: &[SpreadPlaces], radius_mm: f64, setti
     };
     // Never below the time of endless rows: near a border places are short of time, and the target must not follow them
     // down.
-    let wanted_s = target_time_s(times_s(&least), PI * radius_mm * radius_mm / settings.step_over_mm() * fastest);
-    let mut slowness = least.clone();
+    let wanted_s =
+        target_time_s(times_s(&shortest), PI * radius_mm * radius_mm / settings.step_over_mm() * fastest);
+    let mut slowness = shortest.clone();
     for _ in 0..STEPS {
         let weights: Vec<f64> = times_s(&slowness)
             .into_iter()
             .map(|time_s| (wanted_s / time_s.max(f64::MIN_POSITIVE)).clamp(1.0 / MAX_WEIGHT, MAX_WEIGHT))
             .collect();
-        for ((column, least), slowness) in columns.iter().zip(&least).zip(&mut slowness) {
+        for ((column, shortest), slowness) in columns.iter().zip(&shortest).zip(&mut slowness) {
             let sums = column.iter().fold((0.0, 0.0), |(weighted, all), (place, chord_mm)| {
                 (weighted + chord_mm * weights[*place], all + chord_mm)
             });
             if sums.1 > 0.0 {
                 // Only slower than the recipe's feed, never faster: a person chose that feed for the disc.
-                *slowness = (*slowness * sums.0 / sums.1).clamp(*least, least.max(MAX_SLOWDOWN * fastest));
+                *slowness = (*slowness * sums.0 / sums.1).clamp(*shortest, shortest.max(MAX_SLOWDOWN * fastest));
             }
         }
     }

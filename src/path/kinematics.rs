@@ -39,7 +39,7 @@ const MAX_STEPS: usize = 10;
 pub(super) type CentreLine = [Point<Base>; 4];
 
 impl Kinematics {
-    /// The cell's arm.
+    /// Creates the kinematics of the cell's arm.
     pub fn new(arm: &Arm) -> Self {
         let ArmGeometry { a1_mm, a2_mm, b_mm, c1_mm, c2_mm, c3_mm, c4_mm, offsets_deg, signs } = *arm.geometry();
         let parameters = Parameters {
@@ -426,7 +426,7 @@ mod tests {
     /// By hand: an error of 0.001 rad in the zero of axis 1 rotates the whole arm. At 480 mm in front of axis 1, that
     /// is 0.48 mm.
     #[test]
-    fn a_corrected_arm_stands_where_its_own_zero_puts_it() {
+    fn a_corrected_arm_is_where_its_own_zero_puts_it() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
         let mut errors = [0.0; 32];
         errors[2] = 0.001;

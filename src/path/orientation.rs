@@ -44,7 +44,7 @@ pub struct ToolOrientation {
 }
 
 impl ToolOrientation {
-    /// The recipe's.
+    /// Creates the orientation that the recipe states.
     pub fn from_settings(settings: &recipe::Path) -> Self {
         ToolOrientation {
             reference: SpinReference::from_settings(settings),
@@ -62,10 +62,10 @@ impl ToolOrientation {
     }
 }
 
-/// Why there is no pose of the tool at a place.
+/// Errors when the pose of the tool at a place is computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OrientationError {
-    /// No normal.
+    /// The surface has no normal.
     #[error("the surface has no normal at (u, v) = ({:.4}, {:.4})", at.u, at.v)]
     NoNormal {
         /// The place.

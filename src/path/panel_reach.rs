@@ -183,7 +183,7 @@ pub struct GridReach {
     pub outcome: Result<f64, Box<UnreachablePlan>>,
     /// Area of the panel that the disc sweeps on the path over only this grid, mm².
     pub swept_mm2: f64,
-    /// Why the gate rejects that path; empty if it does not.
+    /// The reason why the gate rejects that path; empty if it does not.
     pub refused: Vec<Check>,
 }
 

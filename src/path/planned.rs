@@ -47,7 +47,7 @@ impl Waypoint {
 /// The waypoints over one or more grids; the first and the last are in the air.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ToolPath {
-    /// What it abrades.
+    /// The grids that the path abrades.
     pub grids: Vec<GridId>,
     /// The waypoints of the tool.
     pub waypoints: Vec<Waypoint>,
@@ -190,10 +190,10 @@ pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> PathExtent 
     sum
 }
 
-/// Why there is no plan.
+/// Errors of a plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
-    /// Nothing to plan.
+    /// No grid is to be planned.
     #[error("no grid was requested")]
     NoGrids,
     /// The region does not have the requested grid.
@@ -212,20 +212,20 @@ pub enum PlanError {
         /// The grid.
         grid: GridId,
     },
-    /// No rows.
+    /// There is no raster.
     #[error("grid {grid}: {cause}")]
     Raster {
         /// The grid.
         grid: GridId,
-        /// Why.
+        /// The cause.
         cause: RasterError,
     },
-    /// No pose.
+    /// There is no pose of the tool.
     #[error("grid {grid}: {cause}")]
     Orientation {
         /// The grid.
         grid: GridId,
-        /// Why.
+        /// The cause.
         cause: OrientationError,
     },
 }

@@ -40,7 +40,7 @@ pub struct Raster {
     pub rows: Vec<Vec<Parameter>>,
 }
 
-/// Why a patch has no raster.
+/// Errors of a raster.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RasterError {
     /// The surface has no area at this place.

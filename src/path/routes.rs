@@ -245,7 +245,7 @@ pub fn view(
     };
     let back = tip.isometry().rotation * Vector3::z() * -sander.lift_mm;
     let lifted = from.followed_by_displacement(Vector::new(back));
-    // The panel is no obstacle for the sander, which leaves it, but everything is one for the arm and its camera.
+    // The panel is not an obstacle for the sander, which leaves it, but everything is one for the arm and its camera.
     let leaving = StartState { obstacles: None, ..*standing };
     let lift = gate_air_motion(&leaving, Rigid::<Base, Base>::identity(), (from, lifted), None);
     let Some(joints) = lift.joints else { return lift };

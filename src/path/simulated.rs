@@ -111,7 +111,7 @@ fn a_quarter_size_scan_is_planned_in_every_attitude() {
 /// The arm of the simulated cell follows the plan over all grids at the panel's pose, and over each grid alone. At 400
 /// mm farther away the arm cannot follow, and the message states the place, the distance and what would help.
 #[test]
-fn the_simulated_arm_follows_and_says_where_it_cannot() {
+fn the_simulated_arm_follows_and_states_where_it_cannot() {
     let cell = Cell::new(1, Scene::Good, 4);
     let (recipe, truth) = (recipe(&cell, &Rotation3::identity()), cell.truth());
     let panel = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), truth.base_from_camera, &recipe)
@@ -160,8 +160,8 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let grids =
         panel_reach::check_grids(&surface, around, &nearer, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
     let judgement = panel_reach::judge_grids(&grids);
-    let told: Vec<&str> = judgement.reasons.iter().map(|reason| reason.code.as_ref()).collect();
-    assert!(judgement.verdict != Verdict::Accept && told.contains(&"retract_out_of_reach"), "{told:?}");
+    let reported: Vec<&str> = judgement.reasons.iter().map(|reason| reason.code.as_ref()).collect();
+    assert!(judgement.verdict != Verdict::Accept && reported.contains(&"retract_out_of_reach"), "{reported:?}");
     let farther = truth.base_from_panel.followed_by_displacement(Vector::new(Vector3::x() * 400.0));
     let stand = ReachSetup { base_from_panel: farther, ..stand };
     let refused = panel_reach::follow_plan(&plan, &stand, recipe.path());

@@ -8,7 +8,7 @@ use super::dwell::ExecutedPose;
 use super::planned::Waypoint;
 use crate::geometry::{KukaPose, Panel, Point, Rigid, Tool};
 
-/// One report.
+/// A pose that the controller reported.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseReport {
     /// Time by the controller's clock, ms.
@@ -25,7 +25,7 @@ pub struct PoseReport {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Trace(Vec<PoseReport>);
 
-/// What was executed.
+/// The executed path.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ExecutedPath {
     /// Poses in the order of time.
@@ -40,14 +40,14 @@ pub struct ExecutedPath {
 
 impl Trace {
     /// Adds a report.
-    pub fn push(&mut self, told: PoseReport) {
-        self.0.push(told);
+    pub fn push(&mut self, report: PoseReport) {
+        self.0.push(report);
     }
 
     /// Adds a compliant tool's measurement to the last report, N; only the first measurement counts.
     pub fn measured(&mut self, force_n: f64) {
-        if let Some(told) = self.0.last_mut() {
-            told.force_n.get_or_insert(force_n);
+        if let Some(last) = self.0.last_mut() {
+            last.force_n.get_or_insert(force_n);
         }
     }
 
@@ -55,11 +55,11 @@ impl Trace {
     pub fn executed_path(&self, all: &[Waypoint], done: u32) -> ExecutedPath {
         let mut walked = ExecutedPath { reports: self.0.len(), ..ExecutedPath::default() };
         // The arm starts at the first waypoint.
-        let (mut passed, mut time_ms) = (0_usize, self.0.first().map_or(0, |told| told.time_ms));
-        let time_of_last_ms = self.0.last().map_or(0, |told| told.time_ms);
+        let (mut passed, mut time_ms) = (0_usize, self.0.first().map_or(0, |report| report.time_ms));
+        let time_of_last_ms = self.0.last().map_or(0, |report| report.time_ms);
         let last = PoseReport { time_ms: time_of_last_ms, tip: KukaPose::default(), done, force_n: None };
-        for (told, is_report) in self.0.iter().map(|told| (*told, true)).chain([(last, false)]) {
-            let reached = (told.done as usize).min(all.len().saturating_sub(1));
+        for (report, is_report) in self.0.iter().map(|report| (*report, true)).chain([(last, false)]) {
+            let reached = (report.done as usize).min(all.len().saturating_sub(1));
             let missed = reached.saturating_sub(passed);
             let mut places: Vec<(Rigid<Panel, Tool>, bool)> = Vec::new();
             // With one or two corners between two reports, the cut-off part is smaller than the rounding of the
@@ -70,20 +70,20 @@ impl Trace {
                 places.extend((passed + 1..=reached).map(stand_in));
             }
             if is_report {
-                let towards = current_target(all, told.done);
+                let towards = current_target(all, report.done);
                 let rubs = all.get(towards).is_some_and(|waypoint| waypoint.contact) && all[towards - 1].contact;
-                let tip: Rigid<Panel, Tool> = told.tip.to_rigid();
-                walked.off_mm = walked.off_mm.max(path_deviation_mm(all, told.done, tip.origin()));
+                let tip: Rigid<Panel, Tool> = report.tip.to_rigid();
+                walked.off_mm = walked.off_mm.max(path_deviation_mm(all, report.done, tip.origin()));
                 places.push((tip, rubs));
             }
-            let seconds = f64::from(told.time_ms.saturating_sub(time_ms)) / 1_000.0 / places.len().max(1) as f64;
+            let seconds = f64::from(report.time_ms.saturating_sub(time_ms)) / 1_000.0 / places.len().max(1) as f64;
             for (panel_from_tool, contact) in places {
                 let before = walked.poses.last().map(|last: &ExecutedPose| last.panel_from_tool.origin());
                 let step_mm = before.map_or(0.0, |before| before.distance_mm(panel_from_tool.origin()));
                 walked.contact_mm += if contact { step_mm } else { 0.0 };
-                walked.poses.push(ExecutedPose { panel_from_tool, seconds, contact, force_n: told.force_n });
+                walked.poses.push(ExecutedPose { panel_from_tool, seconds, contact, force_n: report.force_n });
             }
-            (passed, time_ms) = (reached.max(passed), told.time_ms);
+            (passed, time_ms) = (reached.max(passed), report.time_ms);
         }
         walked
     }
@@ -153,7 +153,7 @@ mod tests {
     /// After a silence the waypoints that were reported as executed replace the missing reports, and share its
     /// time.
     #[test]
-    fn waypoints_stand_in_for_a_silence() {
+    fn waypoints_replace_a_silence() {
         let all: Vec<Waypoint> = (0..8).map(|n| waypoint(10.0 * f64::from(n), n > 0 && n < 7)).collect();
         let mut trace = Trace::default();
         trace.push(pose_report(1_000, 12.0, 0.0, 1));

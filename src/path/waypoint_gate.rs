@@ -217,7 +217,7 @@ mod tests {
     /// Calculated by hand: at y = −100.5 mm the tip is 0.5 mm below the box, at x = 502 mm it is 2 mm above the box.
     /// Each violation names the key of its limit; satisfied limits are not listed.
     #[test]
-    fn a_check_tells_how_far_and_whose_limit() {
+    fn a_check_states_how_far_and_whose_limit() {
         let broken = |bad: Rigid<Base, Tool>| {
             let route = Route { from: at(450.0, 0.0), waypoints: &[at(460.0, 0.0), bad], taught_axis: None };
             violated_by_route(&route, &limits())

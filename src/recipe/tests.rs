@@ -39,8 +39,9 @@ fn the_least_recipe_names_panel_box_and_region() {
 fn a_panel_may_have_an_outline_and_held_edges() {
     let rest = MINIMAL.split_once('\n').map_or("", |(_, rest)| rest);
     let with = |keys: &str| Recipe::check("f", &format!("panel = {{ name = 'door', {keys} }}\n{rest}"));
-    let told = with("outline_px = [[1, 1], [90, 1], [90, 70]], held_px = [[[40, 0], [50, 0], [50, 9], [40, 9]]]");
-    let recipe = told.unwrap_or_else(|problems| panic!("{problems}"));
+    let reported =
+        with("outline_px = [[1, 1], [90, 1], [90, 70]], held_px = [[[40, 0], [50, 0], [50, 9], [40, 9]]]");
+    let recipe = reported.unwrap_or_else(|problems| panic!("{problems}"));
     assert_eq!(
         (recipe.panel(), recipe.outline().outline_px().len(), recipe.outline().held_px().len()),
         ("door", 3, 1)

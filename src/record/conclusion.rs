@@ -24,7 +24,7 @@ use crate::verdict::{Judgement, Reason, Verdict};
 pub enum Disposition<'a> {
     /// The finding is good: accept or pass.
     Good,
-    /// It counts.
+    /// The cycle counts.
     Counts,
     /// A review on which a person decided by this request.
     Decided(&'a RequestRecord),
@@ -166,7 +166,7 @@ pub(super) fn missing_film(findings: &[Finding]) -> Option<String> {
     (verdict != Verdict::Pass).then(found)
 }
 
-/// Lists findings that contradict the verdict `pass` or `accept` of this cycle, in words; none for any other verdict.
+/// Lists findings that contradict the verdict `pass` or `accept` of this cycle, as text; none for any other verdict.
 pub(super) fn contradicting_findings(
     id: CycleId,
     verdict: Verdict,

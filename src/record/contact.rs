@@ -26,7 +26,7 @@ pub struct MotionRecord {
 /// The data of a contact path: grids, pass and wear; stored with the motion, before its first waypoint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ContactPath {
-    /// The act that moves; the robot reports its progress under this id.
+    /// The action that moves; the robot reports its progress under this id.
     pub id: Id,
     /// Number of the pass, from 1.
     pub pass: u8,
@@ -123,7 +123,7 @@ pub struct AbradedGrid {
 /// The extent to which a grid was abraded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AbrasionExtent {
-    /// As planned.
+    /// The grid was abraded as planned.
     Whole,
     /// The grid was abraded in part, according to the poses that the robot reported.
     InPart,
@@ -145,7 +145,7 @@ impl AbrasionExtent {
 pub struct EarlierPass {
     /// The cycle.
     pub cycle: CycleId,
-    /// Its pass.
+    /// Number of the pass.
     pub pass: u8,
     /// The grid; `None` means any grid.
     pub grid: Option<String>,
@@ -182,11 +182,11 @@ pub fn abraded_grids(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abra
             all.extend((!record.is_end_reported()).then_some(unknown));
             continue;
         };
-        let told: Vec<String> = found
+        let reported_grids: Vec<String> = found
             .map(|finding| [finding.names("grids"), finding.names("grids_in_part")].concat())
             .unwrap_or_default();
-        let untold = touched.into_iter().filter(|touched| !told.contains(&touched.grid));
-        all.extend(untold.map(|TouchedGrid { grid, is_sure }| AbradedGrid {
+        let unreported = touched.into_iter().filter(|touched| !reported_grids.contains(&touched.grid));
+        all.extend(unreported.map(|TouchedGrid { grid, is_sure }| AbradedGrid {
             grid: Some(grid),
             pass,
             // A grid that the finding does not name was not reached, except possibly during the motion to the next
@@ -228,7 +228,7 @@ mod tests {
     /// By hand: reported 4 and permitted 16, so r1c1 (2) was touched, r1c2 (10) may have been, and r1c3 (30) was
     /// not.
     #[test]
-    fn an_unknown_end_lies_between_what_was_told_and_what_was_permitted() {
+    fn an_unknown_end_lies_between_what_was_reported_and_what_was_permitted() {
         for outcome in [None, Some(Outcome::Cleared)] {
             let record = motion(outcome, 0, (4, 16));
             assert_eq!(record.executed_bounds(), Some(Bounds { at_least: 4, at_most: 16 }));

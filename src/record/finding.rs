@@ -165,7 +165,7 @@ pub mod name {
 pub struct Picture {
     /// Short name of the picture, such as `corner_before`.
     pub name: String,
-    /// What it shows.
+    /// Caption of the picture.
     pub caption: String,
     /// The JPEG's hash in the store.
     pub hash: String,
@@ -174,11 +174,11 @@ pub struct Picture {
 /// The result of one phase.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Finding {
-    /// Which phase.
+    /// Phase of the finding.
     pub kind: Kind,
     /// Number of abrasions planned before the finding: 0 before the first.
     pub pass: u8,
-    /// The gate's word.
+    /// Judgement of the gate.
     pub judgement: Judgement,
     /// Every number on which the finding is based, with its limit.
     #[serde(rename = "numbers")]
@@ -207,7 +207,7 @@ impl Finding {
         self
     }
 
-    /// With this detail.
+    /// Adds a detail.
     pub fn with_detail(mut self, name: &str, value: impl Into<serde_json::Value>) -> Self {
         self.details.insert(name.to_owned(), value.into());
         self

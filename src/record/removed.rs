@@ -26,15 +26,15 @@ pub fn removed(findings: &[Finding]) -> Vec<PathRemoval> {
 /// cycle, µm, including the removal of earlier cycles. If a pass has no report, its plan counts, since the whole plan
 /// may have been executed. `None` if the bound is not known.
 pub fn removed_bound_um(findings: &[Finding], passes: usize) -> Option<f64> {
-    let told = |kind: Kind| -> Vec<f64> {
+    let bounds_of = |kind: Kind| -> Vec<f64> {
         let of_kind = findings.iter().filter(move |finding| finding.kind == kind);
         let checks = of_kind.flat_map(|finding| &finding.checks).filter(|check| check.name == name::REMOVED_BOUND);
         checks.filter_map(|check| check.value).collect()
     };
-    let (executed, planned) = (told(Kind::Abrade), told(Kind::Plan));
+    let (executed, planned) = (bounds_of(Kind::Abrade), bounds_of(Kind::Plan));
     let is_whole = executed.len() >= passes;
     let known = planned.into_iter().filter(|_| !is_whole).chain(executed.iter().copied());
-    let enough = is_whole || told(Kind::Plan).len() >= passes;
+    let enough = is_whole || bounds_of(Kind::Plan).len() >= passes;
     known.reduce(f64::max).filter(|_| enough)
 }
 
@@ -59,7 +59,7 @@ mod tests {
 
     /// Two passes reported their removal; for a third one only its plan is known.
     #[test]
-    fn what_was_planned_counts_where_nobody_told_what_was_executed() {
+    fn what_was_planned_counts_without_a_report_of_what_was_executed() {
         let told = |kind: Kind, pass: u8, um: Option<f64>| {
             let judgement = crate::verdict::Judgement::new(vec![], vec![]);
             Finding::new(kind, pass, judgement).with_checks([crate::verdict::Check::new(

@@ -9,13 +9,13 @@ use serde::{Deserialize, Serialize};
 pub struct RequestRecord {
     /// Time of the request, ms since 1970.
     pub unix_ms: i64,
-    /// What was wanted.
+    /// The requested action.
     pub wanted: RequestedAction,
     /// The sender; `None` if it was not recorded.
     pub who: Option<RequestAuthor>,
     /// The result; `None` if it was not recorded: the program ended before, or an earlier version wrote the record.
     pub answer: Option<Answer>,
-    /// Why the request was not carried out; if it was carried out, remarks.
+    /// The reason why the request was not carried out; if it was carried out, remarks.
     pub reasons: Vec<Reason>,
     /// Number of findings of the cycle that were stored at the time of the request: the basis of the decision. `None`
     /// if it was not recorded.
@@ -23,7 +23,7 @@ pub struct RequestRecord {
     pub findings: Option<u64>,
 }
 
-/// What was wanted.
+/// Actions that can be requested.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RequestedAction {
@@ -54,7 +54,7 @@ pub enum RequestedAction {
 /// The sender of a request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RequestAuthor {
-    /// By which way.
+    /// Interface through which the request came.
     pub front: RequestSource,
     /// The number of the operating system's user; `None` if it is not known.
     pub uid: Option<u32>,

@@ -33,7 +33,7 @@ pub struct Coupon {
     pub force_n: f64,
     /// Feed, mm/s.
     pub feed_mm_s: f64,
-    /// How often.
+    /// Number of passes.
     pub passes: f64,
     /// The lines of a pass.
     pub lines: Lines,

@@ -27,7 +27,7 @@ impl Columns {
         self.starts.push(self.rows.len());
     }
 
-    /// How many.
+    /// Returns the number of columns.
     pub fn count(&self) -> usize {
         self.starts.len().saturating_sub(1)
     }
@@ -48,14 +48,14 @@ impl Columns {
     }
 }
 
-/// What is sought.
+/// Target of the descent.
 #[derive(Debug, Clone, Copy)]
 pub struct DescentTarget<'a> {
-    /// y.
+    /// The target vector y.
     pub target: &'a [f64],
     /// Lowest and highest x.
     pub bounds: &'a [[f64; 2]],
-    /// μ.
+    /// Weight of the smoothing, μ.
     pub smoothing_weight: f64,
     /// Number of iterations over all unknowns.
     pub rounds: usize,

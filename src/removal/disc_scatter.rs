@@ -22,7 +22,7 @@ pub(super) struct DiscScatter {
     disc_of: Vec<usize>,
     /// For each disc, the number of its coupons.
     counts: Vec<f64>,
-    /// λ.
+    /// Ratio of the variances, λ.
     ratio: f64,
 }
 

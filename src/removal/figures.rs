@@ -33,15 +33,15 @@ impl MapFigures {
         if area <= 0.0 {
             return None;
         }
-        let mean = |of: &dyn Fn(f64, f64) -> f64| {
-            treated().map(|(depth_um, deviation, area)| area * of(depth_um, deviation)).sum::<f64>() / area
+        let mean = |value: &dyn Fn(f64, f64) -> f64| {
+            treated().map(|(depth_um, deviation, area)| area * value(depth_um, deviation)).sum::<f64>() / area
         };
-        let by_area = |of: &dyn Fn(f64) -> f64| {
-            AreaWeighted::from_values(treated().map(|(depth_um, _, area)| (of(depth_um), area)))
+        let by_area = |value: &dyn Fn(f64) -> f64| {
+            AreaWeighted::from_values(treated().map(|(depth_um, _, area)| (value(depth_um), area)))
         };
-        let most = |of: &dyn Fn(f64, f64) -> f64| {
+        let largest = |value: &dyn Fn(f64, f64) -> f64| {
             let all = map.grids.iter().flat_map(depth_places);
-            all.fold(0.0, |most, (depth_um, deviation, _)| f64::max(most, of(depth_um, deviation)))
+            all.fold(0.0, |largest, (depth_um, deviation, _)| f64::max(largest, value(depth_um, deviation)))
         };
         let upper = |deviation: f64| (map.quantile_95 * deviation).exp();
         let depths = by_area(&|depth_um| depth_um);
@@ -51,8 +51,8 @@ impl MapFigures {
             mean_um: mean(&|depth_um, _| depth_um),
             low_um: low_um?,
             high_um: high_um?,
-            largest_um: most(&|depth_um, _| depth_um),
-            largest_bound_um: most(&|depth_um, deviation| depth_um * upper(deviation)),
+            largest_um: largest(&|depth_um, _| depth_um),
+            largest_bound_um: largest(&|depth_um, deviation| depth_um * upper(deviation)),
             within_percent: 100.0 * off.quantile_by_area(SHARES[1])?,
             uncertainty_percent: 100.0 * mean(&|_, deviation| upper(deviation) - 1.0),
         })

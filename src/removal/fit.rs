@@ -35,13 +35,13 @@ pub struct LeftOutCoupon {
 /// The result of the fit to the coupons.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CouponFit {
-    /// k₀, mm²/N.
+    /// Preston's coefficient of a new disc, k₀, mm²/N.
     pub preston_mm2_per_n: f64,
-    /// b, 1/mm².
+    /// Decay of the coefficient with the swept area, b, 1/mm².
     pub decay_per_mm2: f64,
     /// Covariance of ln k₀ and b.
     pub covariance: Matrix2<f64>,
-    /// σ_r.
+    /// Scatter from coupon to coupon, σ_r, as standard deviation of the logarithm.
     pub coupon_deviation: f64,
     /// The scatter of the discs; `None` if the coupons do not show it.
     pub discs: Option<Discs>,
@@ -168,7 +168,7 @@ fn check_consistency(coupons: &[Coupon], left: &DVector<f64>, found: &Line) -> R
     }
     let known_m2 = student_95((coupons.len() - 2) as f64) * found.deviation * found.inverse[(1, 1)].sqrt();
     let per_m2 = -found.solution[1];
-    // A disc that removes more as it wears is no disc; within the uncertainty it is one that does not wear.
+    // A disc that removes more as it wears is not a disc; within the uncertainty it is one that does not wear.
     if per_m2 > known_m2 { Err(FitError::GrowsWithWear { per_m2, known_m2 }) } else { Ok(()) }
 }
 

@@ -21,7 +21,7 @@ pub enum FitError {
          uncertainties"
     )]
     TooFew {
-        /// Places found.
+        /// Number of places found.
         found: usize,
     },
     /// All coupons have nearly the same load.
@@ -41,9 +41,9 @@ pub enum FitError {
         fixed_decimals(*least_m2, 3), fixed_decimals(*most_m2, 3)
     )]
     OneWear {
-        /// Least swept, m².
+        /// Smallest swept area, m².
         least_m2: f64,
-        /// Most swept, m².
+        /// Largest swept area, m².
         most_m2: f64,
     },
     /// The coupons contradict each other.
@@ -54,7 +54,7 @@ pub enum FitError {
     Contradictory {
         /// Rms, percent.
         percent: f64,
-        /// The farthest.
+        /// Name of the coupon that deviates most.
         name: String,
         /// Its line.
         line: u64,

@@ -190,7 +190,7 @@ mod tests {
         (judgement.verdict, judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect())
     }
 
-    /// Names four discs.
+    /// Assigns the coupons to four discs.
     fn by_discs(mut made: Vec<Coupon>) -> Vec<Coupon> {
         made.iter_mut().enumerate().for_each(|(index, own)| own.disc = Some(format!("D{}", index % 4)));
         made
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outlier_is_told_by_name_and_line() {
+    fn an_outlier_is_reported_by_name_and_line() {
         let mut one_off = GOOD;
         one_off[4] = 0.4;
         let made = coupons(&one_off);

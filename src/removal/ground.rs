@@ -61,7 +61,7 @@ mod tests {
     /// The region is 0 to 60 px in both directions; the outline lies 10 px beside the region, with a notch from the
     /// right.
     #[test]
-    fn beside_the_region_the_outline_tells() {
+    fn beside_the_region_the_outline_states() {
         let corners =
             [(-10.0, -10.0), (70.0, -10.0), (70.0, 20.0), (62.0, 30.0), (70.0, 40.0), (70.0, 70.0), (-10.0, 70.0)];
         let outline: Vec<Pixel> = corners.iter().map(|(u, v)| Pixel::at(*u, *v)).collect();

@@ -2,9 +2,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// What fits best.
+/// Result of a least-squares fit.
 pub(super) struct Line {
-    /// The unknowns.
+    /// The estimated parameters.
     pub solution: DVector<f64>,
     /// (AᵀA)⁻¹.
     pub inverse: DMatrix<f64>,

@@ -1,6 +1,6 @@
 //! The removal by a path on the grids of a region, place by place, with its uncertainty.
 //!
-//! Each stretch adds k(w) · p · (rubbed length) to the depth at the places on which it presses. The relative
+//! Each segment adds k(w) · p · (rubbed length) to the depth at the places on which it presses. The relative
 //! uncertainty of a place is that of the disc at the mean of w weighted by depth, because this is the wear at which
 //! most was removed. The removals of several paths over one part add up. Their errors come from the same coupons and
 //! are fully correlated, so σ is the mean of the paths' σ, weighted by depth.
@@ -39,8 +39,8 @@ pub struct RemovalMap {
     sides_mm: [f64; 2],
 }
 
-/// Returns the map of the depth that these stretches remove on the grids of the region. Grids that are not to be
-/// treated are included if the disc overlaps them.
+/// Returns the map of the depth that these segments remove on the grids of the region. Grids that are not to be treated
+/// are included if the disc overlaps them.
 pub fn removed(
     (surface, region, ground): (&BSplineSurface, &Region, IsPanelAt<'_>),
     treated: &Treated,

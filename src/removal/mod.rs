@@ -31,8 +31,8 @@
 //! on a ball joint would need two more equations, and is not this model.
 //!
 //! While the disc wobbles on its orbit, its rim does too: p is averaged over the circle of the orbit's radius
-//! (`stroke`). Over a straight stretch of path all of this integrates in closed form, so a few stretches are as
-//! exact as many short steps. A random orbit also turns the disc about its own axis; this is slow and not counted.
+//! (`stroke`). Over a straight segment of path all of this integrates in closed form, so a few segments are as exact as
+//! many short steps. A random orbit also turns the disc about its own axis; this is slow and not counted.
 //!
 //! # The uncertainty
 //!
@@ -47,9 +47,9 @@
 //! 1985, 4.3. Without negative pressure beyond an edge: as for polishing tools that extend over it, Luna-Aguilar et
 //! al., Proc. SPIE 4840, 2003, where pressures that pull are shown to be wrong.
 //!
-//! Files: `speed`, `tangent_frame`, `pad`, `stroke`, `model` the physics · `track` the stretches of a path · `samples`,
-//! `map` their removal, place by place · `figures` its numbers · `schedule`, `descent` the feeds that make it even
-//! · `ground` where there is panel · `coupons`, `table` measured depths · `fit`, `least_squares`, `disc_scatter`,
+//! Files: `speed`, `tangent_frame`, `pad`, `stroke`, `model` the physics · `track` the segments of a path · `samples`,
+//! `map` their removal, place by place · `figures` its numbers · `schedule`, `descent` the feeds that make it even ·
+//! `ground` where there is panel · `coupons`, `table` measured depths · `fit`, `least_squares`, `disc_scatter`,
 //! `power`, `fit_error`, `gate` their result for k, and whether it may be used. No I/O and no clock. Lengths in mm and
 //! forces in N.
 

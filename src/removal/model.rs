@@ -29,13 +29,13 @@ const NORMAL_95: f64 = 1.959_963_984_540_054;
 /// A removal model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Model {
-    /// k₀, mm²/N.
+    /// Preston's coefficient of a new disc, k₀, mm²/N.
     pub preston_mm2_per_n: f64,
-    /// b, 1/mm².
+    /// Decay of the coefficient with the swept area, b, 1/mm².
     pub decay_per_mm2: f64,
     /// Covariance of ln k₀ and b.
     pub covariance: Matrix2<f64>,
-    /// σ_r.
+    /// Scatter from coupon to coupon, σ_r, as standard deviation of the logarithm.
     pub coupon_deviation: f64,
     /// σ_d; at least [`UNKNOWN_DISC_DEVIATION`] if fewer than [`MIN_DISCS`] discs treated the coupons.
     pub disc_deviation: f64,

@@ -45,7 +45,7 @@ impl Power {
 /// The exponents that the coupons determine.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ForceExponents {
-    /// Of the force.
+    /// Exponent of the force.
     pub force: Option<Power>,
     /// Of the number of passes.
     pub passes: Option<Power>,

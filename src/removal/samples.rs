@@ -1,4 +1,4 @@
-//! Places spread evenly over a grid, and the selection of those on which a stretch of path presses.
+//! Places spread evenly over a grid, and the selection of those on which a segment of path presses.
 
 use super::track::{DiscStretch, IsPanelAt};
 use crate::geometry::{Panel, Point};
@@ -42,7 +42,7 @@ impl Samples {
         self.net.columns
     }
 
-    /// How many.
+    /// Returns the number of samples.
     pub fn count(&self) -> usize {
         self.points.len()
     }

@@ -49,8 +49,8 @@ pub struct RemovalTarget {
     pub acceleration_mm_s2: f64,
 }
 
-/// Calculates the feed on each move, mm/s, that brings the removal nearest to the target. `stretches` are the
-/// stretches of the path; their feed does not matter.
+/// Calculates the feed on each move, mm/s, that brings the removal nearest to the target. `stretches` are the segments
+/// of the path; their feed does not matter.
 pub fn schedule(
     (surface, region, ground): (&BSplineSurface, &Region, IsPanelAt<'_>),
     treated: &Treated,

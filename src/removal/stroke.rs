@@ -1,16 +1,16 @@
-//! The effect of a disc in contact on a place while the disc moves past along a straight stretch: ∫ p dl, in closed
+//! The effect of a disc in contact on a place while the disc moves past along a straight segment: ∫ p dl, in closed
 //! form.
 //!
 //! Along a line x(l) = x₀ + l d the compression is a parabola in l, c = c₀ + c₁ l + c₂ l², within the chord of the
 //! disc. The integral of its positive part follows from its roots. The orbit moves the rim of the disc as well: the
-//! integral is the mean over places on the orbit's circle. These places turn by the golden angle from one stretch
-//! to the next, so that a few places for each stretch are enough for all stretches together.
+//! integral is the mean over places on the orbit's circle. These places turn by the golden angle from one segment to
+//! the next, so that a few places for each segment are enough for all segments together.
 
 use super::pad::Contact;
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
-/// Number of places on the orbit for one stretch.
+/// Number of places on the orbit for one segment.
 const PHASES: usize = 8;
 /// A disc that moves less than this is at rest, mm.
 const MIN_STROKE_MM: f64 = 1e-9;
@@ -20,7 +20,7 @@ const GOLDEN: f64 = 0.381_966_011_250_105_1;
 /// The motion of a disc along a straight segment, with its orbit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiscStroke {
-    /// The contact, in the tangent plane at the stretch's middle.
+    /// The contact, in the tangent plane at the segment's middle.
     pub contact: Contact,
     // The position of the disc's middle at the start, in the tangent plane, mm.
     start_mm: Vector2<f64>,
@@ -33,7 +33,7 @@ pub struct DiscStroke {
 }
 
 impl DiscStroke {
-    /// Creates the `number`th stretch. The disc's middle moves from the first to the second end, mm in the tangent
+    /// Creates the `number`th segment. The disc's middle moves from the first to the second end, mm in the tangent
     /// plane, and describes a circle of this radius, mm, on its orbit.
     pub fn new(contact: Contact, ends_mm: [Vector2<f64>; 2], (orbit_radius_mm, number): (f64, usize)) -> Self {
         let orbit_mm = std::array::from_fn(|phase| {
@@ -52,7 +52,7 @@ impl DiscStroke {
         self.contact.pad.radius_mm + self.orbit_mm[0].norm()
     }
 
-    /// Returns the mean pressure at a place, mm from the stretch's middle, while the disc moves past: N/mm².
+    /// Returns the mean pressure at a place, mm from the segment's middle, while the disc moves past: N/mm².
     pub fn mean_pressure_n_mm2(&self, place_mm: Vector2<f64>) -> f64 {
         if self.is_out_of_reach(place_mm) {
             return 0.0;
@@ -144,8 +144,8 @@ mod tests {
             let found = level.mean_pressure_n_mm2(Vector2::new(3.0, y));
             assert!((found - 0.028_294_2 * chord_mm / 80.0).abs() < 1e-7, "{y}: {found}");
         }
-        // At a place 30 mm before the stretch's middle, the disc is above the place from the start of the stretch,
-        // for 10 + 15 mm.
+        // At a place 30 mm before the segment's middle, the disc is above the place from the start of the segment, for
+        // 10 + 15 mm.
         let found = level.mean_pressure_n_mm2(Vector2::new(-30.0, 0.0));
         assert!((found - 0.028_294_2 * 25.0 / 80.0).abs() < 1e-7, "{found}");
         let still = DiscStroke::new(level.contact, [Vector2::zeros(); 2], (0.0, 0));
@@ -176,7 +176,7 @@ mod tests {
             prop_assert!((found - sum).abs() < 1e-5, "{} {}", found, sum);
         }
 
-        /// The mean over the stretch equals the mean of many discs at rest.
+        /// The mean over the segment equals the mean of many discs at rest.
         #[test]
         fn a_stroke_is_many_still_discs(
             k1 in -0.004..0.01f64, k2 in -0.004..0.01f64, tilt in -0.05..0.05f64, x in -60.0..60.0f64, y in -16.0..16.0f64,

@@ -33,7 +33,7 @@ const REMARK_SIGN: char = '#';
 #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
 pub struct TableError(pub Vec<TableProblem>);
 
-/// One problem.
+/// A problem of the table.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}, {column}: {message}")]
 pub struct TableProblem {
@@ -88,9 +88,9 @@ fn header_problems(header: &StringRecord, line: u64) -> Vec<TableProblem> {
     let known = || COLUMNS.iter().map(|(name, ..)| *name).chain([COUPON, PLACE_COLUMN, DISC]);
     let has = |name: &str| header.iter().any(|found| found == name);
     let unknown = header.iter().filter(|found| !known().any(|name| name == *found));
-    let told = known().collect::<Vec<_>>().join(", ");
+    let names = known().collect::<Vec<_>>().join(", ");
     let mut problems: Vec<TableProblem> =
-        unknown.map(|found| problem(line, found, format!("unknown column; valid: {told}"))).collect();
+        unknown.map(|found| problem(line, found, format!("unknown column; valid: {names}"))).collect();
     let needed = COLUMNS.iter().filter(|(.., needed)| *needed).map(|(name, ..)| *name).chain([COUPON]);
     problems.extend(needed.filter(|name| !has(name)).map(|name| problem(line, name, "this column is missing")));
     if !(has("depth_um") || has("before_um") && has("after_um")) {
@@ -102,7 +102,7 @@ fn header_problems(header: &StringRecord, line: u64) -> Vec<TableProblem> {
     problems
 }
 
-/// One line.
+/// A line of the table.
 struct Row<'a> {
     header: &'a StringRecord,
     record: &'a StringRecord,
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn each_mistake_is_told_with_line_and_column() {
+    fn each_mistake_is_reported_with_line_and_column() {
         let line = |values: &str| problems(&format!("{HEADER}{values}\n"));
         assert_eq!(
             line("A1,,-20,60,1.5,,0,14.9,,"),

@@ -1,10 +1,9 @@
-//! The stretches of a path in contact: the position of the disc, its pressure, and the length that a grain rubs in
-//! each.
+//! The segments of a path in contact: the position of the disc, its pressure, and the length that a grain rubs in each.
 //!
 //! A path consists of poses with their times, planned or as the robot reported them. Each line between two poses is
-//! divided into stretches of at most half of the disc's radius; for a whole stretch, the contact at its middle is
-//! used. A pose that is marked as in contact counts as in contact if its tip is not higher above the surface than
-//! `dwell` states. The area that the disc has swept grows by its diameter times the length, as the store counts it.
+//! divided into segments of at most half of the disc's radius; for a whole segment, the contact at its middle is used.
+//! A pose that is marked as in contact counts as in contact if its tip is not higher above the surface than `dwell`
+//! states. The area that the disc has swept grows by its diameter times the length, as the store counts it.
 
 use super::pad::{ContactGeometry, PadWithDisc, SupportMask};
 use super::speed::Orbit;
@@ -16,7 +15,7 @@ use crate::surface::{BSplineSurface, Parameter};
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
-/// Largest length of a stretch, in radii of the disc.
+/// Largest length of a segment, in radii of the disc.
 const STRETCH_RADII: f64 = 0.5;
 /// Number of directions in which places on the rim, and half-way to the rim, show whether the whole disc has panel
 /// below it.
@@ -49,21 +48,21 @@ impl Disc {
 /// A short straight motion of the disc in contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiscStretch {
-    /// The tangent frame of the surface at the stretch's middle.
+    /// The tangent frame of the surface at the segment's middle.
     pub frame: TangentFrame,
-    /// The contact at the stretch's middle, and the motion.
+    /// The contact at the segment's middle, and the motion.
     pub stroke: DiscStroke,
-    /// Length of the stretch, mm.
+    /// Length of the segment, mm.
     pub length_mm: f64,
-    /// Length that a grain rubs during the stretch, mm.
+    /// Length that a grain rubs during the segment, mm.
     pub rubbed_mm: f64,
-    /// The pose at the end of the stretch, counted from 0.
+    /// The pose at the end of the segment, counted from 0.
     pub pose: usize,
-    /// Area that the disc has swept by the stretch's middle, mm².
+    /// Area that the disc has swept by the segment's middle, mm².
     pub swept_mm2: f64,
 }
 
-/// Returns the stretches of a path. If the force of a pose was not measured, the tool presses with `nominal_n`, N, on
+/// Returns the segments of a path. If the force of a pose was not measured, the tool presses with `nominal_n`, N, on
 /// the motion to this pose.
 pub fn path_stretches(
     surface: &BSplineSurface,
@@ -166,8 +165,8 @@ pub(super) mod tests {
         ExecutedPose { panel_from_tool: tool.to_rigid(), seconds, contact: true, force_n: None }
     }
 
-    /// Calculated by hand: 60 mm in 1 s are 8 stretches of 7.5 mm; a grain rubs 2618.3 mm during this time; the
-    /// disc of 30 mm sweeps 1800 mm².
+    /// Calculated by hand: 60 mm in 1 s are 8 segments of 7.5 mm; a grain rubs 2618.3 mm during this time; the disc of
+    /// 30 mm sweeps 1800 mm².
     #[test]
     fn a_line_is_cut_into_stretches() {
         let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];

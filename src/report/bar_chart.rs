@@ -7,7 +7,7 @@ use crate::imaging::ImagingError;
 /// One class.
 #[derive(Debug, Clone)]
 pub struct BarClass {
-    /// What it is.
+    /// Label of the class.
     pub label: String,
     /// Its share, 0…1.
     pub share: f64,

@@ -14,13 +14,13 @@ pub struct InkColor(pub [u8; 3]);
 impl InkColor {
     /// Colour of expected or taught objects.
     pub const BLUE: InkColor = InkColor([86, 180, 233]);
-    /// What was found.
+    /// Colour for detected breaks.
     pub const ORANGE: InkColor = InkColor([230, 159, 0]);
-    /// What failed.
+    /// Colour for failed grids and values beyond a limit.
     pub const VERMILLION: InkColor = InkColor([213, 94, 0]);
     /// One end of a scale; its other end is vermillion.
     pub const DEEP_BLUE: InkColor = InkColor([0, 114, 178]);
-    /// What passed.
+    /// Colour for passed grids and values within a limit.
     pub const GREEN: InkColor = InkColor([0, 158, 115]);
     /// Tool paths.
     pub const YELLOW: InkColor = InkColor([240, 228, 66]);

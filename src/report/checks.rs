@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_row_says_whose_limit_it_is() {
+    fn a_row_states_whose_limit_it_is() {
         let check = Check::new("residual", "mm", 0.3);
         let of_recipe = check.clone().with_max(0.25, LimitSource::recipe("locate.max_rms_mm"));
         let row = check_row(&of_recipe, "");

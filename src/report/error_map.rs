@@ -32,9 +32,10 @@ pub fn error_map(title: &str, places: &[RemainingError], limit_mm: f64) -> Strin
     let worst_mm = places.iter().map(|left| left.error_mm).fold(0.0, f64::max);
     let rms_mm = (places.iter().map(|left| left.error_mm.powi(2)).sum::<f64>() / places.len().max(1) as f64).sqrt();
     // All axes have the same scale, so that a view is not distorted.
-    let of = |axis: usize| places.iter().map(move |left| left.place.mm[axis]);
+    let coordinates = |axis: usize| places.iter().map(move |left| left.place.mm[axis]);
     let bounds = [0, 1, 2].map(|axis| {
-        let (low, high) = of(axis).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), mm| (a.min(mm), b.max(mm)));
+        let (low, high) =
+            coordinates(axis).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), mm| (a.min(mm), b.max(mm)));
         if low <= high { (low, high) } else { (0.0, 0.0) }
     });
     let span_mm = bounds.iter().map(|(low, high)| high - low).fold(50.0, f64::max) * 1.2;

@@ -53,7 +53,7 @@ mod tests {
 
     /// Calculated by hand: 1 and 3 of 12 films are at most a quarter, 4 are more than a quarter, 12 are all.
     #[test]
-    fn the_shade_says_what_the_number_says() {
+    fn the_shade_states_what_the_number_states() {
         let shades = [0, 1, 3, 4, 12].map(|breaks| shade_index(&cell("r1c1", (1, 1), breaks, None)));
         assert_eq!(shades, [0, 1, 1, 2, 4]);
     }

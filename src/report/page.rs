@@ -14,7 +14,7 @@ pub struct Page {
     pub title: String,
     /// One line below the title: the action and its object.
     pub subtitle: String,
-    /// How it ended.
+    /// Result of the cycle.
     pub judgement: Judgement,
     /// The parts, in order.
     pub sections: Vec<Section>,
@@ -38,7 +38,7 @@ pub struct Section {
 /// One number with its limit.
 #[derive(Debug, Clone)]
 pub struct Row {
-    /// What it is.
+    /// Name of the value.
     pub name: String,
     /// The value with its unit.
     pub value: String,

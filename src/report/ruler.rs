@@ -77,7 +77,7 @@ mod tests {
     /// By hand: 300 px have 15 numbers 20 px apart; the picture begins where the ruler ends, and its lines are at
     /// whole steps.
     #[test]
-    fn a_ruler_stands_beside_the_picture_and_counts_its_pixels() {
+    fn a_ruler_is_beside_the_picture_and_counts_its_pixels() {
         let mut plain = ColorPicture::uniform(300, 200, [90; 3]);
         plain.rgb[37 * 300 + 45] = [1, 2, 3];
         let ruled =

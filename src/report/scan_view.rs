@@ -48,12 +48,12 @@ pub fn draw_region<F: Frame>(
         let text = format!("{number} [{:.0}, {:.0}]{word}", corner.u, corner.v);
         canvas.label(Pixel::at(corner.u + size_px, corner.v - size_px), &text, text_px, InkColor::WHITE)?;
     }
-    let said = depth_legend(scan);
+    let legend = depth_legend(scan);
     let lines = [
         (InkColor::WHITE, "region of the recipe: corners_px, from the first to the fourth"),
         (InkColor::BLUE, "usable corner of the region"),
         (InkColor::VERMILLION, "wrong corner"),
-        (MISSING, &*said),
+        (MISSING, &*legend),
     ];
     let lines = if wrong.is_empty() { [&lines[..2], &lines[3..]].concat() } else { lines.to_vec() };
     canvas.draw_ruler()?.with_legend(&lines)?.finish()
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_corners_stand_out_from_right_ones() {
+    fn wrong_corners_differ_from_right_ones() {
         let corners = [[350.0, 50.0], [750.0, 50.0], [750.0, 250.0], [20.0, 250.0]].map(|[u, v]| Pixel::at(u, v));
         let picture = draw_region(&scan(), &corners, &[4]).expect("drawn");
         let (left, top) = (picture.width - 1000, picture.height - 300);

@@ -116,7 +116,7 @@ fn line(points: &[TrendPoint], vertical: &Axis) -> String {
     points.iter().enumerate().map(place).collect()
 }
 
-/// Returns the limits as steps; each stretch with a constant limit is one path.
+/// Returns the limits as steps; each segment with a constant limit is one path.
 fn limit_paths(points: &[TrendPoint], vertical: &Axis) -> Vec<String> {
     let half = (horizontal_position(1, points.len()) - horizontal_position(0, points.len())) / 2.0;
     let mut paths = Vec::new();
@@ -157,8 +157,8 @@ fn draw_point(trend: &Trend, index: usize, point: &TrendPoint, [x, y]: [f64; 2])
     let hints = hints.map(|words| format!("; {words}")).collect::<String>();
     let value = format!("{} {}", format_value(point.value), trend.unit);
     let serial = point.serial.as_ref().map_or(String::new(), |serial| format!(", {serial}"));
-    let told = format!("{}{serial}: {}{limit}{hints}", utc_text(point.at_unix_s), value.trim_end());
-    let drawn = html! { g transform={ "translate(" (format_coordinate(x)) " " (format_coordinate(y)) ")" } { title { (told) } (shape(kind(trend, index, point))) } };
+    let tooltip = format!("{}{serial}: {}{limit}{hints}", utc_text(point.at_unix_s), value.trim_end());
+    let drawn = html! { g transform={ "translate(" (format_coordinate(x)) " " (format_coordinate(y)) ")" } { title { (tooltip) } (shape(kind(trend, index, point))) } };
     match point.cycle {
         Some(cycle) => html! { a href={ "/cycle/" (cycle) } { (drawn) } },
         None => drawn,
@@ -209,7 +209,7 @@ mod tests {
         points.push(point(13, 0.20, Limit::AtMost(0.25)));
         points.push(point(14, 0.20, Limit::AtMost(0.15)));
         let title = ("residual".to_owned(), "mm".to_owned());
-        trend_chart(&Trend::of_points(title, points, 0), WORDS).into_string()
+        trend_chart(&Trend::from_points(title, points, 0), WORDS).into_string()
     }
 
     #[test]
@@ -228,7 +228,7 @@ mod tests {
 
     /// By hand: two values are at a quarter and at three quarters of the width 900 - 78 - 14 = 808, measured from 78.
     #[test]
-    fn values_stand_where_they_belong() {
+    fn values_are_where_they_belong() {
         let points = vec![point(1, 1.0, Limit::Unlimited), point(2, 3.0, Limit::Unlimited)];
         assert_eq!((horizontal_position(0, 2), horizontal_position(1, 2)), (280.0, 684.0));
         let vertical = Axis::covering([1.0, 3.0].into_iter(), [100.0, 0.0]);
@@ -236,7 +236,8 @@ mod tests {
         // above the foot.
         assert_eq!(line(&points, &vertical), "M280.0 93.1L684.0 6.9");
         assert_eq!(limit_paths(&points, &vertical), [] as [String; 0]);
-        let empty = trend_chart(&Trend::of_points(("x".to_owned(), String::new()), vec![], 3), WORDS).into_string();
+        let empty =
+            trend_chart(&Trend::from_points(("x".to_owned(), String::new()), vec![], 3), WORDS).into_string();
         assert!(empty.contains("<svg") && !empty.contains("<a href"));
     }
 }

@@ -39,7 +39,7 @@ pub enum ProblemKind {
     Value,
     /// A file that the cell's file names is missing: it may still be created.
     MissingFile,
-    /// A file that the cell's file names exists, but is not right.
+    /// A file that the cell's file names exists, but is not valid.
     WrongFile,
     /// The programs of a real controller were not accepted: the cell may be commissioned, but no cycle starts.
     Acceptance,

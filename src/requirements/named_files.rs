@@ -9,7 +9,7 @@ use crate::config::{Problem, Problems, key_line};
 use crate::files::content_hash;
 use std::path::Path;
 
-/// What makes calibrations.
+/// Advice on how to make calibrations.
 pub const CALIBRATION_ADVICE: &str = "`panelprep demo` creates this file for config/cell.toml, `panelprep render` for \
                                       another simulated cell, `panelprep calibrate` for a real cell";
 
@@ -18,7 +18,7 @@ pub const CALIBRATION_ADVICE: &str = "`panelprep demo` creates this file for con
 pub enum NamedFile {
     /// Its text.
     Text(String),
-    /// There is none.
+    /// The file does not exist.
     Missing,
     /// The file exists and cannot be read: the reason.
     Unreadable(String),
@@ -40,7 +40,7 @@ const ALWAYS_READ_KEYS: [&str; 1] = ["calibration.robot_correction"];
 const SETTINGS: [(&str, ZividUse); 2] =
     [("scanner.settings", ZividUse::Scan), ("scanner.settings_2d", ZividUse::Film)];
 
-/// The files needed for the purpose that are missing or not right. The message of the first missing calibration
+/// The files needed for the purpose that are missing or invalid. The message of the first missing calibration
 /// states what to do.
 pub(super) fn unmet_files(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
     let needs = |key: &str| purpose == Purpose::Cycle || ALWAYS_READ_KEYS.contains(&key);

@@ -44,7 +44,7 @@ pub enum ForceMismatch {
 /// Returns whether recipe and tool agree on a force; a spring needs none.
 ///
 /// # Errors
-/// The mismatch.
+/// If the force does not suit the tool; the error names the mismatch.
 pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), ForceMismatch> {
     match (tool, recipe.path().force_n()) {
         (None, None) => Ok(()),
@@ -171,13 +171,13 @@ mod tests {
                  corners_px = [[0.0, 0.0], [{corner}], [9.0, 9.0], [0.0, 9.0]]\nrows = 1\ncolumns = 1\n"
             )
         };
-        let told = |corner: &str| {
+        let reported = |corner: &str| {
             let recipe = parse_plausible_recipe("recipe.toml", &text(corner, "[900, 900, 900]"));
             let recipe = recipe.unwrap_or_else(|problems| panic!("{problems}"));
             unmet_demands(&cell, &recipe, &|_| NamedFile::Text(lens.clone()))
         };
-        assert_eq!(told("1297.0, 0.0"), []);
-        let outside = told("12970.0, 0.0");
+        assert_eq!(reported("1297.0, 0.0"), []);
+        let outside = reported("12970.0, 0.0");
         assert_eq!(outside.len(), 1);
         assert_eq!(
             outside[0].message,
@@ -186,8 +186,8 @@ mod tests {
         let box_of = |high: &str| parse_plausible_recipe("recipe.toml", &text("9.0, 0.0", high)).map(drop);
         assert_eq!(box_of("[170, 480, 4]"), Ok(()));
         let problems = box_of("[0.17, 0.48, 0.36]").expect_err("metres").to_string();
-        let told = "recipe.toml:4: locate.box_max_mm: found a box of 0.17 × 0.48 × 0.36 mm; are these metres? write millimetres";
-        assert_eq!(problems, told);
+        let reported = "recipe.toml:4: locate.box_max_mm: found a box of 0.17 × 0.48 × 0.36 mm; are these metres? write millimetres";
+        assert_eq!(problems, reported);
     }
 
     fn fixture() -> PinholeCamera {

@@ -23,18 +23,18 @@ pub struct Signed {
 /// The claim that a statement's name makes about the statement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NameClaim {
-    /// Nothing.
+    /// The name claims nothing.
     Nothing,
     /// The cell's statement of this cycle.
     Cycle(CycleId),
-    /// This number.
+    /// The name claims this number.
     Number(u64),
 }
 
 /// The result of a verification.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct VerificationResult {
-    /// Differences from what was signed, in words.
+    /// Differences from what was signed, as text.
     pub differences: Vec<String>,
     /// Missing statement numbers before the last one, as ranges (first, last). They are a finding if the set must
     /// be complete, and none if only a part of the chain was handed on.

@@ -26,7 +26,7 @@ impl CellKey {
     /// Reads a key as PKCS #8 in PEM.
     ///
     /// # Errors
-    /// If the text is no such key.
+    /// If the text is not such a key.
     pub fn read(pem: &str) -> Result<Self, SigningError> {
         let problem = |error: ed25519_dalek::pkcs8::Error| SigningError::PrivateKey { problem: error.to_string() };
         SigningKey::from_pkcs8_pem(pem).map(CellKey).map_err(problem)

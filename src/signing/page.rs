@@ -1,9 +1,9 @@
 //! The signed hash of a cycle's page as PDF.
 //!
 //! The PDF contains the signed record, so the record cannot name the PDF. A small statement beside the PDF does: it
-//! names the SHA-256 of the PDF and that of the cell's record of the cycle, and is signed as every record is. It is
-//! no link of the chain: the page is made anew after each signature of a person, and the records themselves contain
-//! what it shows.
+//! names the SHA-256 of the PDF and that of the cell's record of the cycle, and is signed as every record is. It is not
+//! a link of the chain: the page is made anew after each signature of a person, and the records themselves contain what
+//! it shows.
 
 use super::canonical::canonical;
 use super::chain::VerificationResult;

@@ -199,7 +199,7 @@ impl Statement {
     /// Reads a statement; its bytes must be in canonical form.
     ///
     /// # Errors
-    /// If the bytes are no statement, or are not in canonical form.
+    /// If the bytes are not a statement, or are not in canonical form.
     pub fn read(bytes: &[u8]) -> Result<Self, SigningError> {
         let statement: Statement = read(bytes)?;
         match statement.form.as_str() {
@@ -230,7 +230,7 @@ pub struct SignedHead {
     pub number: u64,
     /// Its SHA-256.
     pub hash: String,
-    /// When the head was written, ms since 1970.
+    /// Time at which the head was written, ms since 1970.
     pub unix_ms: i64,
     /// The key that signed the head.
     pub public_key: String,
@@ -240,7 +240,7 @@ impl SignedHead {
     /// Reads a head.
     ///
     /// # Errors
-    /// If the bytes are no head, or are not in canonical form.
+    /// If the bytes are not a head, or are not in canonical form.
     pub fn read(bytes: &[u8]) -> Result<Self, SigningError> {
         let head: SignedHead = read(bytes)?;
         match head.form.as_str() {

@@ -175,15 +175,15 @@ impl<'a> CastView<'a> {
             let [x, y] =
                 interpolate(nodes[node], nodes[node + 1], (column % RAY_STEP_PX) as f64 / RAY_STEP_PX as f64);
             let ray = Vector3::new(x, y, 1.0);
-            let met = panel
+            let hit = panel
                 .filter(|panel| panel.columns.contains(&column))
                 .and_then(|panel| panel.intersect_ray(ray, depth_mm));
-            if let Some(met) = met {
-                depth_mm = Some(met.depth_mm);
+            if let Some(hit) = hit {
+                depth_mm = Some(hit.depth_mm);
             }
-            let panel = met.filter(|met| met.edge_px < EDGE_REACH_PX).map(|met| match self.sanding {
-                Some(sanding) => PanelHit { appearance: sanding.appearance_at(met.place), ..met },
-                None => met,
+            let panel = hit.filter(|hit| hit.edge_px < EDGE_REACH_PX).map(|hit| match self.sanding {
+                Some(sanding) => PanelHit { appearance: sanding.appearance_at(hit.place), ..hit },
+                None => hit,
             });
             let background = fixture::intersect(&origin, &(base_axes * ray), pixel_rad);
             seen(column, PixelHit { ray, panel, background });

@@ -14,7 +14,7 @@ struct Board {
     color: [f64; 3],
 }
 
-/// Near things first.
+/// The boards, the nearest first.
 const BOARDS: [Board; 3] = [
     Board { x_mm: 650.0, y_mm: [78.0, 112.0], z_mm: [-40.0, 760.0], color: [158.0, 161.0, 166.0] },
     Board { x_mm: 650.0, y_mm: [-118.0, -84.0], z_mm: [-40.0, 760.0], color: [158.0, 161.0, 166.0] },

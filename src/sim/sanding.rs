@@ -118,7 +118,7 @@ impl Sanding {
         self.passes.push(SandingPass { depth_mm, middle, rim, rim_mm: between(1.5, 6.0) });
     }
 
-    /// Was nothing sanded?
+    /// Returns whether nothing was sanded.
     pub fn is_empty(&self) -> bool {
         self.passes.is_empty()
     }

@@ -155,7 +155,7 @@ pub struct TruthNumbers {
 /// A corner in the form for a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CornerNumbers {
-    /// Which corner.
+    /// Name of the corner.
     pub name: String,
     /// The intersection of its straight edges.
     pub corner_mm: [f64; 3],
@@ -164,9 +164,9 @@ pub struct CornerNumbers {
 /// A greasy spot in the form for a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SpotNumbers {
-    /// Centre.
+    /// Centre, mm.
     pub centre_mm: [f64; 3],
-    /// Outline.
+    /// Corners of the outline, mm.
     pub outline_mm: Vec<[f64; 3]>,
     /// The spot's area on the surface, mm².
     pub area_mm2: f64,

@@ -1,4 +1,4 @@
-//! What is published about the cell: the loop's values and the store's values.
+//! Published values of the cell, from the loop and from the store.
 
 use crate::cycle::{Robot, State};
 use crate::packml::{UnitMode, UnitState};

@@ -67,10 +67,10 @@ impl NodeCommand {
     }
 }
 
-/// Why a part of a command message is refused.
+/// The reason why a part of a command message is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CommandError {
-    /// The message is no payload of Sparkplug B.
+    /// The message is not a payload of Sparkplug B.
     #[error("the message is not a Sparkplug B payload: {problem}")]
     NotAPayload {
         /// The error in the message.

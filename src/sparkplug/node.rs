@@ -72,7 +72,7 @@ pub enum NodeAction {
     /// To request a command of the cell, with the same request and the same checks as every other interface of the
     /// cell.
     Ask {
-        /// For what.
+        /// The requested command.
         command: NodeCommand,
         /// Whether a line of the audit trail records the result.
         is_noted: bool,
@@ -97,11 +97,11 @@ pub struct Message {
 /// A line of the audit trail, without time and location.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AuditNote {
-    /// What was attempted.
+    /// The attempted action.
     pub what: String,
     /// The object of the attempted action.
     pub subject: Option<String>,
-    /// Why the action was refused; `None` if it was done.
+    /// The reason why the action was refused; `None` if it was done.
     pub refused: Option<String>,
 }
 

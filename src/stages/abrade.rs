@@ -31,9 +31,9 @@ const DWELL_RATIO_REJECT: f64 = 1.6;
 /// The executed part of a path: waypoints are counted from the second one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// Waypoints of the path.
+    /// Number of waypoints of the path.
     pub waypoints: u32,
-    /// Of these, executed.
+    /// Number of executed waypoints.
     pub done: u32,
 }
 
@@ -258,7 +258,7 @@ impl AbrasionResult {
     }
 }
 
-/// The gate's verdict on the executed path. If a part of the path was not executed, this is no fault of the executed
+/// The gate's verdict on the executed path. If a part of the path was not executed, this is not a fault of the executed
 /// part: the cycle is then held or aborted, and the remaining part is planned again.
 pub fn executed_checks(finding: &Finding) -> Judgement {
     Judgement::from_checks(finding.checks.iter().filter(|check| check.name != name::EXECUTED_WAYPOINTS_NAME))

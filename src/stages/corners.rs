@@ -381,7 +381,7 @@ mod tests {
         }
     }
 
-    /// Review findings of a view that is followed by another view are no findings about the panel: no person is asked
+    /// Review findings of a view that is followed by another view are not findings about the panel: no person is asked
     /// about them.
     #[test]
     fn a_view_that_another_one_follows_leaves_no_review() {

@@ -6,7 +6,7 @@ use crate::locate::corner::{self, CornerError};
 use crate::panel::{CornerTeaching, LearnError, TaughtCorner, TaughtPanel};
 use crate::recipe;
 
-/// Why a corner could not be learnt.
+/// The reason why a corner could not be learnt.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CornerLearnError {
     /// The corner's picture shows no corner.

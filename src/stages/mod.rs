@@ -36,7 +36,7 @@ use crate::verdict::{Check, Judgement, Reason};
 pub struct ResultDrawing {
     /// The picture's short name, for example `corner_before`.
     pub name: String,
-    /// What it shows.
+    /// Caption of the drawing.
     pub caption: String,
     /// The picture.
     pub picture: Result<ColorPicture, ImagingError>,

@@ -38,7 +38,7 @@ const OVERRUN_RADII: f64 = 0.4;
 /// The inputs of a removal calculation.
 #[derive(Debug, Clone, Copy)]
 pub struct RemovalInputs<'a> {
-    /// What was taught.
+    /// The taught panel.
     pub panel: &'a TaughtPanel,
     /// Its surface.
     pub fit: &'a Fit,
@@ -59,7 +59,7 @@ pub struct PathRemovalTotal {
     pub map: RemovalMap,
     /// The numbers of the path, and the largest depths of the part; `None` if nothing is treated.
     pub figures: Option<MapFigures>,
-    /// The same, judged.
+    /// The judged values of the removal.
     pub checks: Vec<Check>,
     limits_um: [f64; 2],
 }
@@ -173,11 +173,11 @@ impl PathRemovalTotal {
     /// The checks of the executed path. If the path was cut short, the work that remains is not counted as an error
     /// of the path.
     pub fn executed_checks(&self, is_whole: bool) -> Vec<Check> {
-        let told = |check: &Check| match is_whole || check.name == name::REMOVED_BOUND {
+        let reported = |check: &Check| match is_whole || check.name == name::REMOVED_BOUND {
             true => check.clone(),
             false => check.clone().without_consequence(),
         };
-        self.checks.iter().map(told).collect()
+        self.checks.iter().map(reported).collect()
     }
 
     /// Returns lines of text for a person.

@@ -38,12 +38,12 @@ impl Blobs {
     /// Makes the folder.
     ///
     /// # Errors
-    /// If the disk refuses.
+    /// If the disk reports an error.
     pub fn create_folder(&self) -> Result<(), StoreError> {
         fs::create_dir_all(&self.folder).map_err(file_error("create", &self.folder))
     }
 
-    /// Their folder.
+    /// Returns the folder of the blobs.
     pub(super) fn folder(&self) -> &Path {
         &self.folder
     }

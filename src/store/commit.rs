@@ -8,7 +8,7 @@ use super::steps::Step;
 use rusqlite::{Connection, Params, Row, Transaction, TransactionBehavior};
 use std::ops::Deref;
 
-/// A transaction under way.
+/// A transaction in progress.
 pub(super) struct WriteTransaction<'t> {
     transaction: Transaction<'t>,
     last: ChainPosition,
@@ -46,7 +46,7 @@ impl WriteTransaction<'_> {
     }
 }
 
-/// Why a transaction failed.
+/// The reason why a transaction failed.
 #[derive(Debug)]
 pub(super) enum TransactionFailure {
     Sql(rusqlite::Error),

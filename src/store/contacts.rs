@@ -117,21 +117,21 @@ impl Store {
         Ok(Some(Contact { path, told, permitted }))
     }
 
-    /// Returns the number of this act's waypoints that the robot reported as executed, from the journal.
+    /// Returns the number of this action's waypoints that the robot reported as executed, from the journal.
     fn reported_waypoints(&self, cycle: CycleId, act: Id) -> Result<u32, StoreError> {
         let read = || -> Result<Vec<String>, rusqlite::Error> {
             let sql = "SELECT event FROM journal WHERE cycle_id = ?1 AND event LIKE '{\"told\":{\"progress\":%'";
             self.connection.prepare(sql)?.query_map([cycle.0], |row| row.get(0))?.collect()
         };
-        let mut told = 0;
+        let mut reported = 0;
         for text in read().map_err(|error| self.database_error("read the journal of", &error))? {
             if let Event::Reported(Report::Progress { id, done }) = self.parse_stored(&text)?
                 && id == act
             {
-                told = told.max(done);
+                reported = reported.max(done);
             }
         }
-        Ok(told)
+        Ok(reported)
     }
 
     /// The places on this cycle's part at which the tool was, or may have been, in earlier cycles. Cycles with the
@@ -198,27 +198,27 @@ impl Store {
             }
             over.insert(String::new());
         }
-        for (cycle, of) in cycles {
-            let may_be_it = serial.is_empty() || of.is_empty() || of == serial;
-            if !may_be_it || over.contains(&of) {
+        for (cycle, part_serial) in cycles {
+            let may_be_it = serial.is_empty() || part_serial.is_empty() || part_serial == serial;
+            if !may_be_it || over.contains(&part_serial) {
                 continue;
             }
             let PartChangeEvidence { passes, fails, is_other_part: is_another } =
                 self.part_change_evidence(cycle).map_err(failed)?;
-            let is_over = passes || (fails && !serial.is_empty() && of == serial);
+            let is_over = passes || (fails && !serial.is_empty() && part_serial == serial);
             if !is_over {
                 found.push(CycleId(cycle));
             }
             // If a start without a serial number stated another part, this part differs from all parts before.
-            if is_another && serial.is_empty() && of.is_empty() {
+            if is_another && serial.is_empty() && part_serial.is_empty() {
                 break;
             }
             // A start with a serial number that stated another part separates it only from parts without one.
-            if is_another && (of.is_empty() || of == serial) {
+            if is_another && (part_serial.is_empty() || part_serial == serial) {
                 over.insert(String::new());
             }
             if is_over {
-                over.insert(of);
+                over.insert(part_serial);
             }
             if over.contains(&serial) && over.contains("") {
                 break;

@@ -22,7 +22,7 @@ const LOCK_RETRY_INTERVAL: Duration = Duration::from_millis(10);
 /// A copy of a store's rows.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct CopiedStore {
-    /// Deviations from the written content, in words; if there are any, there is no copy.
+    /// Deviations from the written content, as text; if there are any, there is no copy.
     pub deviations: Vec<String>,
     /// Number of links of the copied chain.
     pub links: u64,
@@ -54,8 +54,8 @@ impl Store {
             store.connection.execute_batch("BEGIN")?;
             chain::last_link(&store.connection)
         };
-        let (told, last) = match head::read_locked(folder, begin) {
-            Ok((told, last)) => (Ok(told), last),
+        let (head_read, last) = match head::read_locked(folder, begin) {
+            Ok((head_read, last)) => (Ok(head_read), last),
             // If a writer does not release the lock, this does not mean that the store was changed.
             Err(error) if error.kind() == std::io::ErrorKind::TimedOut => {
                 return Err(file_error("read the head in", folder)(error));
@@ -64,7 +64,7 @@ impl Store {
         };
         let last = last.map_err(|error| store.database_error("read the chain of", &error))?;
         // The copy gets a new head. The new head must not hide the contradictions to the store's head.
-        let found = store.end_contradictions(told, last)?;
+        let found = store.end_contradictions(head_read, last)?;
         if !found.is_empty() {
             return Ok(CopiedStore { deviations: found, ..CopiedStore::default() });
         }

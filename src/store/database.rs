@@ -81,7 +81,7 @@ impl Store {
         }
     }
 
-    /// The changes made outside this program that were found when the store was opened for writing, in words.
+    /// The changes made outside this program that were found when the store was opened for writing, as text.
     pub fn changed(&self) -> &[String] {
         &self.external_changes
     }

@@ -20,7 +20,7 @@ impl Store {
     /// Records the area of the panel that the disc in use swept, mm².
     ///
     /// # Errors
-    /// If the store is open for reading or cannot be written, or the area is no number.
+    /// If the store is open for reading or cannot be written, or the area is not a number.
     pub fn wear_disc(&mut self, cycle: Option<CycleId>, swept_mm2: f64) -> Result<(), StoreError> {
         if !swept_mm2.is_finite() {
             return Err(StoreError::NotFinite { name: "area swept by the disc".to_owned() });

@@ -3,23 +3,23 @@
 use super::lost_count::LostCount;
 use std::path::{Path, PathBuf};
 
-/// Why data could not be stored or read.
+/// The reason why data could not be stored or read.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The operating system refused access to a file or folder.
     #[error("cannot {operation} {}: {source}", path.display())]
     File {
-        /// What was tried.
+        /// The operation that failed.
         operation: &'static str,
         /// The file.
         path: PathBuf,
         /// The error of the operating system.
         source: std::io::Error,
     },
-    /// The database refused.
+    /// The database refused a statement.
     #[error("cannot {operation} the store {}: {problem}", path.display())]
     Database {
-        /// What was tried.
+        /// The operation that failed.
         operation: &'static str,
         /// The database.
         path: PathBuf,
@@ -33,7 +33,7 @@ pub enum StoreError {
         /// The folder.
         path: PathBuf,
     },
-    /// Another writer.
+    /// Another process writes the store.
     #[error("{holder} is writing to the store {}; stop that process first, or name another store", path.display())]
     Leased {
         /// The folder.
@@ -41,7 +41,7 @@ pub enum StoreError {
         /// The process that writes, "process 1234".
         holder: String,
     },
-    /// Opened for reading.
+    /// The store was opened for reading only.
     #[error("the store {} is open for reading only", path.display())]
     ReadOnly {
         /// The database.
@@ -52,7 +52,7 @@ pub enum StoreError {
     Damaged {
         /// The database.
         path: PathBuf,
-        /// What SQLite found.
+        /// Report of SQLite.
         problem: String,
     },
     /// The journal differs from the lines that were written.
@@ -77,7 +77,7 @@ pub enum StoreError {
         /// The motion.
         motion: String,
     },
-    /// No such verification.
+    /// The verification does not exist.
     #[error("the store {} has no verification {number}; `panelprep calibrate history` lists the verifications", path.display())]
     UnknownVerification {
         /// The database.
@@ -119,7 +119,7 @@ pub enum StoreError {
     /// A number that JSON cannot represent.
     #[error("the value '{name}' is NaN or infinite; store None for a value that was not measured")]
     NotFinite {
-        /// The number.
+        /// Name of the value.
         name: String,
     },
     /// The store was written by a later version of this program.
@@ -131,7 +131,7 @@ pub enum StoreError {
     Newer {
         /// The database.
         path: PathBuf,
-        /// Its schema.
+        /// Schema of the store.
         found: i64,
         /// The newest schema that this program supports.
         known: i64,
@@ -145,7 +145,7 @@ pub enum StoreError {
     Older {
         /// The folder.
         path: PathBuf,
-        /// Its schema.
+        /// Schema of the store.
         found: i64,
         /// The schema version of this program.
         known: i64,
@@ -177,27 +177,27 @@ pub enum StoreError {
     /// A pose that cannot be stored.
     #[error("corner {corner} has a flange pose with NaN or infinite values; teach the corner again")]
     Pose {
-        /// The corner, from 1.
+        /// Number of the corner, from 1.
         corner: usize,
     },
-    /// No such panel.
+    /// The panel does not exist.
     #[error("no panel '{name}' was taught; {}", describe_known_names(nearest.as_deref(), known))]
     UnknownPanel {
         /// The requested name.
         name: String,
         /// The most similar valid name.
         nearest: Option<String>,
-        /// All names.
+        /// Names of all panels.
         known: Vec<String>,
     },
-    /// No such version.
+    /// The version does not exist.
     #[error("the panel '{name}' has no version {version}; versions, oldest first: {}", known.join(", "))]
     UnknownVersion {
         /// The panel.
         name: String,
         /// The requested version.
         version: String,
-        /// All versions.
+        /// All versions of the panel.
         known: Vec<String>,
     },
     /// A text of a person's signature cannot be stored as given.
@@ -205,7 +205,7 @@ pub enum StoreError {
     Unsignable {
         /// The invalid field: "name", "user", "remark" or the name of a stated value.
         what: &'static str,
-        /// What was given.
+        /// The name as given.
         found: String,
         /// The error in the field, and the allowed values.
         problem: String,
@@ -213,13 +213,13 @@ pub enum StoreError {
     /// The person has already signed the record with this meaning.
     #[error("{name} has already signed the record of cycle {cycle} as {meaning}, {at}")]
     AlreadySigned {
-        /// Who.
+        /// Name of the person.
         name: String,
         /// The cycle.
         cycle: i64,
         /// The signature's meaning.
         meaning: &'static str,
-        /// When.
+        /// Time of the signature.
         at: String,
     },
     /// The record does not permit a signature with this meaning.

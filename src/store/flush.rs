@@ -22,7 +22,7 @@ pub(super) fn names(folder: &Path) -> Result<(), Error> {
 /// closing a file of the database here would release SQLite's locks.
 ///
 /// # Errors
-/// If the disk refuses; a missing file is no error.
+/// If the disk refuses; a missing file is not an error.
 pub(super) fn flush_after_kill(database: &Path) -> Result<(), StoreError> {
     let log = log_path(database);
     for file in database.parent().into_iter().chain([log.as_path()]) {

@@ -5,7 +5,7 @@ use crate::record::CycleId;
 use crate::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
-/// How a motion ended.
+/// A motion with its outcome and its number of executed waypoints.
 pub(super) type MotionEnd = (Motion, Outcome, u32);
 
 /// The content of a journal about motions and cycles, as far as it was read.

@@ -30,7 +30,7 @@ const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 pub(super) struct Head {
     /// The chain's position.
     pub position: ChainPosition,
-    /// The chain's position once the transaction under way is committed.
+    /// The chain's position once the transaction in progress is committed.
     pub next_position: Option<ChainPosition>,
     /// SHA-256 of the database's file, if it was closed.
     pub database: Option<Hash>,

@@ -17,7 +17,7 @@ pub(super) const TABLES: &str = "
 pub struct Incident {
     /// Time of the start, s since 1970.
     pub at_unix_s: i64,
-    /// What, in words.
+    /// Descriptions of the differences.
     pub found: Vec<String>,
 }
 

@@ -24,7 +24,7 @@ pub(super) const TABLES: &str = "
     CREATE INDEX journal_by_cycle ON journal (cycle_id);
 ";
 
-/// One line.
+/// A line of the journal.
 struct Line {
     sequence: i64,
     cycle: Option<i64>,
@@ -69,8 +69,9 @@ impl Store {
             folded.step(*event, cycle);
             folded
         });
-        let told = folded.as_ref().map(|folded| self.text(folded)).transpose()?;
-        let written = self.commit("write the journal of", |writing| write_line(writing, &line, told.as_deref()));
+        let checkpoint = folded.as_ref().map(|folded| self.text(folded)).transpose()?;
+        let written =
+            self.commit("write the journal of", |writing| write_line(writing, &line, checkpoint.as_deref()));
         // A full disk writes nothing; after any other failure it is unknown whether the line was written.
         self.is_journal_in_doubt = matches!(&written, Err(error) if !matches!(error, StoreError::Full { .. }));
         if written.is_ok() {

@@ -9,7 +9,7 @@ use super::error::StoreError;
 use std::fs::{self, File, TryLockError};
 use std::path::Path;
 
-/// Names the writer.
+/// Lock file that names the writer.
 const FILE: &str = "panelprep.lock";
 
 /// The right to write, until the lease is dropped.

@@ -1,4 +1,4 @@
-//! Why the abrasions of a part cannot be counted: the store was restored from a backup.
+//! The reason why the abrasions of a part cannot be counted: the store was restored from a backup.
 
 use crate::number_text::utc_day;
 use crate::record::describe_part;
@@ -10,9 +10,9 @@ use std::fmt;
 pub struct LostCount {
     /// The part's serial number; empty for a part without one.
     pub serial: String,
-    /// When the backup was made, s since 1970; `None` if an earlier version of this program restored it.
+    /// Time at which the backup was made, s since 1970; `None` if an earlier version of this program restored it.
     pub made_unix_s: Option<i64>,
-    /// When the restored store was first opened, s since 1970.
+    /// Time at which the restored store was first opened, s since 1970.
     pub restored_unix_s: i64,
 }
 

@@ -12,8 +12,8 @@
 //! from them when they are loaded.
 //!
 //! The journal is written before effects: [`Store::append`] returns when the event is on the disk. After a failed
-//! append nothing more is appended, since it is unknown whether the line was written; the next process determines
-//! this. A full disk is no such failure: the reserve is released, and the journal continues until the cell is at rest
+//! append nothing more is appended, since it is unknown whether the line was written; the next process determines this.
+//! A full disk is not such a failure: the reserve is released, and the journal continues until the cell is at rest
 //! (`reserve`, `full_disk`).
 
 mod acknowledgements;

@@ -111,9 +111,9 @@ impl Store {
             over.pop();
         }
         for id in over {
-            let told = settled.concluded.filter(|(cycle, _)| *cycle == Some(id));
+            let conclusion = settled.concluded.filter(|(cycle, _)| *cycle == Some(id));
             let judgement = Judgement {
-                verdict: told.map_or(Verdict::Aborted, |(_, verdict)| verdict),
+                verdict: conclusion.map_or(Verdict::Aborted, |(_, verdict)| verdict),
                 reasons: vec![Reason::new(
                     "interrupted",
                     "the program ended before it could record the cycle's end",

@@ -67,12 +67,12 @@ impl Store {
         if version < schema::SCHEMA {
             return Err(StoreError::Older { path: folder.to_owned(), found: version, known: schema::SCHEMA });
         }
-        let (told, last) = match head::read_locked(folder, || chain::last_link(&store.connection)) {
-            Ok((told, last)) => (Ok(told), last),
+        let (head_read, last) = match head::read_locked(folder, || chain::last_link(&store.connection)) {
+            Ok((head_read, last)) => (Ok(head_read), last),
             Err(error) => (Err(error), chain::last_link(&store.connection)),
         };
         let last = last.map_err(|error| store.database_error("read the chain of", &error))?;
-        match store.end_contradictions(told, last)?.first() {
+        match store.end_contradictions(head_read, last)?.first() {
             None => Ok(store),
             Some(words) => Err(StoreError::Damaged { path: store.path().to_owned(), problem: words.clone() }),
         }
@@ -84,10 +84,10 @@ impl Store {
         // it as damage.
         let lease = WriteLease::acquire(folder)?;
         let path = folder.join(DATABASE);
-        // What the last process wrote but did not flush is flushed first: a power cut after this start could otherwise
-        // still lose it.
+        // Data that the last process wrote but did not flush is flushed first: a power cut after this start could
+        // otherwise still lose it.
         flush::flush_after_kill(&path)?;
-        let told = head::read(folder);
+        let head_read = head::read(folder);
         let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);
         let connection = Connection::open(&path).map_err(failed)?;
         let version = schema::version(&connection, &path)?;
@@ -101,7 +101,7 @@ impl Store {
         let mut store = Store::new((connection, blobs), folder);
         (store.lease, store.head) = (Some(lease), Some(head));
         let found = store.raise(version).map_err(failed)?.map_err(|error| head_error(folder, error))?;
-        store.external_changes = store.head_contradictions(told, found)?;
+        store.external_changes = store.head_contradictions(head_read, found)?;
         if store.external_changes.is_empty() {
             // Only if nothing contradicts it: a new head would remove the evidence that rows are missing.
             store.update_head(found).map_err(|error| head_error(folder, error))?;
@@ -166,10 +166,10 @@ impl Store {
     /// chain. Stored incidents are not reported again.
     fn head_contradictions(
         &self,
-        told: Result<Option<head::HeadRead>, std::io::Error>,
+        head_read: Result<Option<head::HeadRead>, std::io::Error>,
         found: ChainPosition,
     ) -> Result<Vec<String>, StoreError> {
-        let mut changed = self.end_contradictions(told, found)?;
+        let mut changed = self.end_contradictions(head_read, found)?;
         changed.extend(self.recent_contradictions()?);
         let known: Vec<String> = self.incidents()?.into_iter().flat_map(|incident| incident.found).collect();
         changed.retain(|words| !known.contains(words));

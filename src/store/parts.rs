@@ -80,7 +80,7 @@ fn rows(connection: &Connection) -> Result<BTreeMap<i64, PartNames>, rusqlite::E
     statement.query_map([], part)?.collect()
 }
 
-/// Returns the rows that differ from the stored texts of their cycles, in words.
+/// Returns the rows that differ from the stored texts of their cycles, as text.
 pub(super) fn differences(connection: &Connection, blobs: &Blobs) -> Result<Vec<String>, rusqlite::Error> {
     let (mut rows, mut found) = (rows(connection)?, Vec::new());
     for (cycle, hash) in cycles_with_part(connection)? {

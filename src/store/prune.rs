@@ -25,7 +25,7 @@ pub(super) const TABLES: &str = "
 const BATCH_FILES: usize = 64;
 const DAY_S: i64 = 86_400;
 
-/// What was removed.
+/// Files that were removed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PrunedFiles {
     /// Files.

@@ -22,7 +22,7 @@ use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
-/// Why an epoch begins after a restore; a [`Restore`] as text follows it.
+/// The reason why an epoch begins after a restore; a [`Restore`] as text follows it.
 const RESTORED_ABOVE: &str = "the store was restored from a backup; cycles are numbered above ";
 const MADE: &str = "the backup was made at second ";
 const NOTHING_ABRADED: &str = "nothing was abraded since then";
@@ -34,7 +34,7 @@ const RESTORED: &str = "panelprep.restored";
 pub struct Restore {
     /// The last number of a cycle that is known to be used; later cycles are numbered above it.
     pub last_cycle: CycleId,
-    /// When the backup was made, s since 1970; `None` if an earlier version of this program restored it.
+    /// Time at which the backup was made, s since 1970; `None` if an earlier version of this program restored it.
     pub made_unix_s: Option<i64>,
     /// Whether it is proven that nothing was abraded after the backup.
     pub is_nothing_abraded: bool,

@@ -121,11 +121,11 @@ pub(super) fn differences(connection: &Connection) -> Result<Vec<String>, rusqli
         .map(|(name, _)| format!("{name} was changed or is missing"));
     let more = found.iter().filter(|(name, _)| !ours.iter().any(|(own, _)| own == name));
     let more = more.map(|(name, _)| format!("{name} does not belong to this program"));
-    let mut told: Vec<String> =
+    let mut problems: Vec<String> =
         gone.chain(more).map(|words| format!("in the database's schema: {words}")).collect();
     let check: String = connection.query_row("PRAGMA integrity_check", [], |row| row.get(0))?;
-    told.extend((check != "ok").then(|| format!("the database is damaged: {check}")));
-    Ok(told)
+    problems.extend((check != "ok").then(|| format!("the database is damaged: {check}")));
+    Ok(problems)
 }
 
 /// Returns the entries of this program's own schema, which is created once per process.

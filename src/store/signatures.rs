@@ -117,13 +117,13 @@ impl Store {
     pub fn sign_missing(
         folder: &Path,
         key: &CellKey,
-        told: &dyn Fn(CycleId, Result<&SignatureRow, StoreError>),
+        on_signed: &dyn Fn(CycleId, Result<&SignatureRow, StoreError>),
     ) -> Result<(), StoreError> {
         let mut store = Store::for_signing(folder)?;
         for cycle in store.unsigned_cycles()? {
             match store.sign_cycle(key, cycle) {
-                Ok(row) => told(cycle, Ok(&row)),
-                Err(error) => told(cycle, Err(error)),
+                Ok(row) => on_signed(cycle, Ok(&row)),
+                Err(error) => on_signed(cycle, Err(error)),
             }
         }
         Ok(())

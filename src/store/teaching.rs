@@ -68,7 +68,7 @@ pub struct StoredTeaching {
     pub version: String,
     /// Time of teaching, s since 1970.
     pub taught_at_unix_s: i64,
-    /// What was taught.
+    /// Inputs of the teaching.
     pub teaching: TeachingInputs,
 }
 

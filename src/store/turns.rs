@@ -92,7 +92,7 @@ mod tests {
 
     /// A thread that has had a turn and requests another at once comes after all waiting threads.
     #[test]
-    fn who_comes_first_is_served_first() {
+    fn the_first_writer_is_served_first() {
         let folder = tempfile::tempdir().expect("a folder");
         let (turns, served) = (WriteQueue::for_folder(folder.path()), Mutex::new(Vec::new()));
         assert!(Arc::ptr_eq(&turns, &WriteQueue::for_folder(folder.path())), "one queue for each store");
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_too_long_leaves_the_others_their_place() {
+    fn a_writer_that_waits_too_long_keeps_the_place_of_others() {
         let turns = WriteQueue::default();
         let first = turns.acquire(Duration::ZERO).expect("free");
         assert!(turns.acquire(Duration::from_millis(5)).is_none());

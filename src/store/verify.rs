@@ -20,7 +20,7 @@ const MAX_MESSAGES: usize = 200;
 /// The result of a verification.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct StoreVerification {
-    /// Differences from the written data, in words.
+    /// Differences from the written data, as text.
     pub differences: Vec<String>,
     /// Differences that were found at an earlier start and stored as an incident, and that can no longer be detected,
     /// for example missing lines.
@@ -87,14 +87,14 @@ impl Store {
             store.connection.execute_batch("BEGIN")?;
             chain::last_link(&store.connection)
         };
-        let told = head::read_locked(folder, begin);
-        let (told, last) = match told {
-            Ok((told, last)) => (Ok(told), last),
+        let head_read = head::read_locked(folder, begin);
+        let (head_read, last) = match head_read {
+            Ok((head_read, last)) => (Ok(head_read), last),
             Err(error) => (Err(error), begin()),
         };
         let mut verified = StoreVerification::default();
         match last {
-            Ok(last) => store.verify_rows((told, last), hash, &mut verified)?,
+            Ok(last) => store.verify_rows((head_read, last), hash, &mut verified)?,
             Err(error) => verified.differences.push(format!("the chain cannot be read: {error}")),
         }
         if files {
@@ -106,12 +106,12 @@ impl Store {
 
     fn verify_rows(
         &self,
-        (told, last): (Result<Option<head::HeadRead>, std::io::Error>, ChainPosition),
+        (head_read, last): (Result<Option<head::HeadRead>, std::io::Error>, ChainPosition),
         hash: Option<Hash>,
         verified: &mut StoreVerification,
     ) -> Result<(), StoreError> {
-        let database = told.as_ref().ok().copied().flatten().and_then(|read| read.head.database);
-        verified.differences.extend(self.end_contradictions(told, last)?);
+        let database = head_read.as_ref().ok().copied().flatten().and_then(|read| read.head.database);
+        verified.differences.extend(self.end_contradictions(head_read, last)?);
         let (found, links) = self.contradictions_after(ChainPosition::START, true);
         verified.differences.extend(found);
         verified.links = links;
@@ -193,10 +193,10 @@ impl Store {
     /// Returns contradictions between the end of the chain and the head outside the database.
     pub(super) fn end_contradictions(
         &self,
-        told: Result<Option<head::HeadRead>, std::io::Error>,
+        head_read: Result<Option<head::HeadRead>, std::io::Error>,
         last: ChainPosition,
     ) -> Result<Vec<String>, StoreError> {
-        let read = match told {
+        let read = match head_read {
             Ok(Some(read)) => read,
             Ok(None) if last == ChainPosition::START => return Ok(vec![]),
             Ok(None) => return Ok(vec![format!("the head of the chain, {}, is missing", head::FILE)]),
@@ -363,7 +363,7 @@ impl ChainWalk {
 
     /// Returns all findings in words; neighbouring rows are reported together.
     fn describe_findings(mut self) -> Vec<String> {
-        let mut told = Vec::new();
+        let mut sentences = Vec::new();
         let exchanged: Vec<(&str, i64, i64)> = self
             .changed
             .iter()
@@ -377,7 +377,7 @@ impl ChainWalk {
             .collect();
         for (name, key, from) in &exchanged {
             let words = chain::part(name).map_or(*name, |part| part.row_term);
-            told.push(format!("reordered: {words} {key} contains what was written as {words} {from}"));
+            sentences.push(format!("reordered: {words} {key} contains what was written as {words} {from}"));
         }
         self.faults
             .retain(|(name, _, key)| !exchanged.iter().any(|(part, number, _)| part == name && number == key));
@@ -395,7 +395,7 @@ impl ChainWalk {
             let words = chain::part(name).map_or(name, |part| part.row_term);
             let range =
                 if first == last { format!("{words} {first}") } else { format!("{words} {first} to {last}") };
-            told.push(match wrong {
+            sentences.push(match wrong {
                 RowFault::Changed => format!("changed: {range} differs from what was written"),
                 RowFault::Missing => format!("deleted: {range} is missing"),
                 RowFault::PutIn => format!("inserted: {range} was not written by this program"),
@@ -403,6 +403,6 @@ impl ChainWalk {
                 RowFault::Twice => format!("changed: {range} was written a second time"),
             });
         }
-        told
+        sentences
     }
 }

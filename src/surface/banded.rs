@@ -21,7 +21,7 @@ pub struct BandMatrix {
 }
 
 impl BandMatrix {
-    /// All zero.
+    /// Creates a matrix of zeros.
     pub fn zero(size: usize, half_width: usize) -> Self {
         BandMatrix { size, half_width, lower: vec![0.0; size * (half_width + 1)] }
     }
@@ -43,7 +43,7 @@ impl BandMatrix {
         (0..self.size).map(|row| self.lower[self.index(row, row)]).sum()
     }
 
-    /// A x.
+    /// Returns the product A x.
     pub fn times(&self, x: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut product = vec![Vector3::zeros(); self.size];
         for row in 0..self.size {

@@ -17,7 +17,7 @@ use std::ops::RangeInclusive;
 /// Sine of the angle between S_u and S_v below which no normal is defined.
 const DEGENERATE_SINE: f64 = 1e-6;
 
-/// Why control points do not form a surface.
+/// The reason why control points do not form a surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SurfaceError {
     /// The number of control points does not fit the knots.

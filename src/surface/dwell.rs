@@ -233,9 +233,9 @@ fn grid_dwell(
     }
     let mut last_step = vec![usize::MAX - 1; net.count()];
     for (index, Step { at, point, reach: [reach_u, reach_v], seconds }) in steps.iter().enumerate() {
-        let least = Parameter { u: at.u - reach_u, v: at.v - reach_v };
-        let most = Parameter { u: at.u + reach_u, v: at.v + reach_v };
-        for sample in net.points_around(least, most) {
+        let low = Parameter { u: at.u - reach_u, v: at.v - reach_v };
+        let high = Parameter { u: at.u + reach_u, v: at.v + reach_v };
+        for sample in net.points_around(low, high) {
             if points[sample].distance_mm(*point) <= radius_mm {
                 found.dwell_s[sample] += *seconds as f32;
                 found.passes[sample] += u16::from(last_step[sample].wrapping_add(1) != index);

@@ -1,4 +1,4 @@
-//! Why a scan does not determine a surface, in words for the person who teaches.
+//! The reason why a scan does not determine a surface, as text for the person who teaches.
 
 use super::bspline::SurfaceError;
 use crate::geometry::Pixel;
@@ -9,7 +9,7 @@ use crate::verdict::{Check, LimitSource, Severity};
 /// Smallest number of pixels that determine a pair of spans.
 pub(super) const MIN_PIXELS: usize = (DEGREE + 1) * (DEGREE + 1);
 
-/// Why a scan does not determine a surface.
+/// The reason why a scan does not determine a surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FitError {
     /// The region contains no point of the panel.
@@ -28,7 +28,7 @@ pub enum FitError {
         /// The span's middle in the taught picture.
         at: Pixel,
     },
-    /// A hole.
+    /// The scan has a hole.
     #[error(
         "the scan has a hole of {} mm at ({:.0}, {:.0}) px (limit {} mm, [surface] max_hole_mm); scan again or \
          move the region",
@@ -58,9 +58,9 @@ pub enum FitError {
         distinguishable_texts(*percent, *limit_percent, 1)[0], distinguishable_texts(*percent, *limit_percent, 1)[1]
     )]
     Missing {
-        /// Share found, percent.
+        /// Share of missing points, percent.
         percent: f64,
-        /// Share allowed, percent.
+        /// Largest valid share, percent.
         limit_percent: f64,
     },
     /// The points do not determine a control point.

@@ -9,7 +9,7 @@ pub struct GridField {
     pub id: GridId,
     /// Samples along u.
     pub columns: usize,
-    /// The number at each sample; `None` if there is no panel.
+    /// The value at each sample; `None` if there is no panel.
     pub values: Vec<Option<f32>>,
 }
 

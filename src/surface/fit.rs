@@ -71,7 +71,7 @@ pub struct Fit {
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("{error}")]
 pub struct Refusal {
-    /// Why.
+    /// The cause.
     pub error: FitError,
     /// The deviation, pixel by pixel, as far as it was computed.
     pub map: Option<DeviationMap>,

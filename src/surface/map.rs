@@ -65,7 +65,7 @@ impl HoleMap {
 }
 
 impl DeviationMap {
-    /// Pixels across.
+    /// Returns the number of pixels in a row.
     pub fn width(&self) -> usize {
         self.window.width()
     }

@@ -25,7 +25,7 @@ impl SampleGrid {
         SampleGrid { patch, columns, rows }
     }
 
-    /// How many.
+    /// Returns the number of samples.
     pub fn count(&self) -> usize {
         self.columns * self.rows
     }

@@ -80,7 +80,7 @@ pub(super) struct MeasuredHeights {
     pub limit_mm: f64,
 }
 
-/// Why a scan does not determine today's surface.
+/// The reason why a scan does not determine today's surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TodayError {
     /// The scan has no point near the taught region.
@@ -323,7 +323,7 @@ mod tests {
     /// A clamp 8 mm above a corner is not part of the panel, and the surface below it is not seen; beside the clamp
     /// the surface is correct.
     #[test]
-    fn a_clamp_has_no_say() {
+    fn a_clamp_has_no_influence() {
         let (panel, fit) = learnt();
         let is_clamped = |at: Parameter| at.u < 0.15 && at.v < 0.2;
         let todays_points = points_of(&fit, |at| if is_clamped(at) { 8.0 } else { bent(at) });

@@ -27,7 +27,7 @@ pub struct CheckedRecording {
 /// Reads a whole recording and returns its data.
 ///
 /// # Errors
-/// If it is no recording, has another format, has a gap, is damaged or was not finished.
+/// If it is not a recording, has another format, has a gap, is damaged or was not finished.
 pub fn check_recording(source: impl Read) -> Result<CheckedRecording, TapeError> {
     let mut records = Records::new(source);
     let mut inventory = RecordingInventory::default();

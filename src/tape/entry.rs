@@ -102,9 +102,9 @@ pub enum LoopMemoryStart {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ArmedDeadline {
-    /// Of what.
+    /// Id of the action that armed the deadline.
     pub id: Id,
-    /// Which.
+    /// The deadline.
     pub which: Deadline,
     /// Time of the deadline, ns on the loop's clock.
     pub at_ns: u64,
@@ -117,7 +117,7 @@ pub struct LostEntries {
     pub topic: Topic,
     /// Time of the first lost entry, ns since the recording began.
     pub from_ns: u64,
-    /// How many.
+    /// Number of lost entries.
     pub count: u64,
 }
 
@@ -126,6 +126,6 @@ pub struct LostEntries {
 pub struct RecordingEnd {
     /// Entries that were not recorded: a recording with lost entries is incomplete.
     pub lost: Vec<LostEntries>,
-    /// Why the recording ends before the cycle, if it does.
+    /// The reason why the recording ends before the cycle, if it does.
     pub stopped: Option<String>,
 }

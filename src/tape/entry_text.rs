@@ -1,4 +1,4 @@
-//! The data of an entry for people: poses and findings, in words. None of it is read back.
+//! The data of an entry for people: poses and findings, as text. None of it is read back.
 
 use super::entry::Entry;
 use super::topic::Topic;
@@ -16,7 +16,7 @@ pub struct FramePose {
     pub parent: &'static str,
     /// The frame.
     pub child: &'static str,
-    /// Parent from child.
+    /// Pose of the child frame in the parent frame.
     pub pose: KukaPose,
 }
 
@@ -44,7 +44,7 @@ pub(super) const FLANGE_FRAME: &str = "flange_camera";
 pub(super) const UNITS: &str = "all lengths in this recording are mm: a viewer that reads them as metres shows the \
                                 scene 1000 times too large";
 
-/// What is shown.
+/// Form in which an entry is shown.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum ShownText {
     Status(FramePose),

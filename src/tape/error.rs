@@ -1,11 +1,11 @@
-//! Why a recording cannot be used, or cannot be written.
+//! The reason why a recording cannot be used, or cannot be written.
 
 use super::format::FORMAT;
 
 /// The error in a recording. Times are seconds since it began.
 #[derive(Debug, thiserror::Error)]
 pub enum TapeError {
-    /// Some other file.
+    /// The file is not an MCAP file.
     #[error("the file is not an MCAP file: {problem}")]
     NotMcap {
         /// The problem with the recording's beginning.
@@ -34,7 +34,7 @@ pub enum TapeError {
          entries; the program that wrote it ended too early, or the file was cut"
     )]
     Unfinished {
-        /// Entries read.
+        /// Number of entries read.
         entries: u64,
         /// Time of the last entry, s.
         until_s: f64,
@@ -42,9 +42,9 @@ pub enum TapeError {
     /// The recording was ended before its cycle.
     #[error("the recording was stopped {until_s:.3} s after its beginning, before its cycle ended: {why}")]
     Stopped {
-        /// When, s.
+        /// Time in the recording, s.
         until_s: f64,
-        /// Why.
+        /// The reason why the recording stopped.
         why: String,
     },
     /// The recording itself states that something is missing.
@@ -55,12 +55,12 @@ pub enum TapeError {
     Lost {
         /// The topic.
         topic: &'static str,
-        /// When, s.
+        /// Time in the recording, s.
         from_s: f64,
-        /// How many entries.
+        /// Number of lost entries.
         count: u64,
     },
-    /// Something is missing.
+    /// Entries of a topic are missing.
     #[error(
         "the recording has a gap: {topic} continues with entry {found} after {from_s:.3} s, entry {expected} was \
          expected; the file was changed after recording"
@@ -68,7 +68,7 @@ pub enum TapeError {
     Gap {
         /// The topic.
         topic: &'static str,
-        /// When, s.
+        /// Time in the recording, s.
         from_s: f64,
         /// The number of the expected entry; if entries at the end are missing, the required number of entries.
         expected: u64,
@@ -81,15 +81,15 @@ pub enum TapeError {
     OutOfOrder {
         /// The topic.
         topic: &'static str,
-        /// When, s.
+        /// Time in the recording, s.
         from_s: f64,
     },
     /// Bytes that differ from the written ones.
     #[error("the recording is damaged {from_s:.3} s after its beginning: {problem}")]
     Damaged {
-        /// When, s.
+        /// Time in the recording, s.
         from_s: f64,
-        /// What was met.
+        /// The problem in the data.
         problem: String,
     },
     /// A message that cannot be decoded.
@@ -97,15 +97,15 @@ pub enum TapeError {
     Message {
         /// The topic.
         topic: &'static str,
-        /// When, s.
+        /// Time in the recording, s.
         from_s: f64,
-        /// What is wrong.
+        /// The problem in the message.
         problem: String,
     },
-    /// The disk refuses.
+    /// The disk reported an error.
     #[error("the recording cannot be {doing}: {}", append_causes(source))]
     Disk {
-        /// Read or written.
+        /// The operation: read or write.
         doing: &'static str,
         /// The error that was returned.
         source: mcap::McapError,

@@ -104,7 +104,7 @@ fn what_is_written_reads_back_to_the_bit() {
 /// hand, with an undistorted lens: the point (10, −20, 400) mm is seen at u = 100 · 10/400 + 3 = 5.5, v = 200 ·
 /// (−20)/400 + 20 = 10, and the same in metres.
 #[test]
-fn points_have_colours_and_pictures_a_lens_for_those_who_look() {
+fn points_have_colours_and_pictures_a_lens_for_viewers() {
     let (k1, k2, p1, p2, k3) = (0.1, 0.2, 0.3, 0.4, 0.5);
     let lens = PinholeCamera {
         width_px: 7,
@@ -164,7 +164,7 @@ fn points_have_colours_and_pictures_a_lens_for_those_who_look() {
 
 /// A cut file is the result of a crash: it is refused as unfinished, and read up to its last complete chunk.
 #[test]
-fn a_cut_recording_is_unfinished_wherever_it_is_cut() {
+fn a_cut_recording_is_unfinished_at_any_cut() {
     let mut writer = Writer::begin_recording(Vec::new(), &start(), &files(), &[], &[]).expect("begun");
     for entry in entries() {
         writer.write(&entry).expect("written");
@@ -219,7 +219,7 @@ fn a_gap_is_named_with_its_topic_and_time() {
 
 /// A recording that ended before its cycle states why; it is complete, but it does not contain a whole cycle.
 #[test]
-fn a_recording_that_was_stopped_says_why() {
+fn a_recording_that_was_stopped_states_why() {
     let ending = RecordingEnd { stopped: Some("the disk has 1999 MB left".to_owned()), ..RecordingEnd::default() };
     let error = check_recording(&written(&entries(), &ending)[..]).expect_err("stopped");
     let words = "was stopped 0.300 s after its beginning, before its cycle ended: the disk has 1999 MB left";

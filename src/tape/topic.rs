@@ -54,13 +54,13 @@ pub enum Topic {
     /// For people: the poses.
     #[strum(serialize = "/tf")]
     Transform,
-    /// For people: the findings, in words.
+    /// For people: the findings, as text.
     #[strum(serialize = "/log")]
     Log,
 }
 
 impl Topic {
-    /// All of them.
+    /// All topics.
     pub const ALL: &'static [Topic] = <Self as VariantArray>::VARIANTS;
 
     /// The topic's name in the file.

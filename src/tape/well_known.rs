@@ -132,7 +132,7 @@ pub struct Quaternion {
     pub w: f64,
 }
 
-/// Words.
+/// A log message.
 #[derive(Clone, PartialEq, Message)]
 pub struct Log {
     #[prost(message, optional, tag = "1")]

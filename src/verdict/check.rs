@@ -74,7 +74,7 @@ pub enum Severity {
     /// Nothing: the number is reported beside its limit, and decides nothing.
     #[default]
     None,
-    /// A person decides.
+    /// A person must decide.
     Review,
     /// The object is rejected; a rejected test of the water film counts as invalid.
     Reject,
@@ -83,13 +83,13 @@ pub enum Severity {
 /// A number with its limit and the consequence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Check {
-    /// The quantity's name, in words.
+    /// The quantity's name, as text.
     pub name: String,
     /// The value; `None` if it was not measured, which breaks no limit.
     pub value: Option<f64>,
     /// The value's unit, "mm"; empty for shares and counts.
     pub unit: String,
-    /// What is allowed.
+    /// The limit.
     pub limit: Limit,
     /// The source of the limit; `None` if there is no limit, or if an earlier program did not store the source.
     #[serde(default)]
@@ -255,7 +255,7 @@ mod tests {
     use crate::verdict::Verdict;
 
     #[test]
-    fn a_limit_says_what_it_allows() {
+    fn a_limit_states_what_it_allows() {
         assert!(
             Limit::AtMost(1.0).is_met_by(1.0)
                 && !Limit::Below(1.0).is_met_by(1.0)

@@ -80,7 +80,7 @@ impl Reason {
 pub struct Judgement {
     /// The verdict.
     pub verdict: Verdict,
-    /// Why.
+    /// Reasons of the verdict.
     pub reasons: Vec<Reason>,
 }
 

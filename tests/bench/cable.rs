@@ -103,7 +103,7 @@ fn main() -> ExitCode {
         }
     });
     let table = table.into_inner().unwrap_or_else(PoisonError::into_inner);
-    // Planted changes of the reports test the judges; what they find is no figure of the service.
+    // Planted changes of the reports test the judges; what they find is not a figure of the service.
     if argument("tried").is_none() {
         let (violations, scenarios, worst_ms) = (table.violations(), table.scenarios(), table.worst_stop_ms());
         let found = format!("{violations} in {scenarios} scenarios");

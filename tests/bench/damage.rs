@@ -121,7 +121,7 @@ fn damaged(file: &[u8], damage: &Damage, draw: &mut Pcg64) -> Vec<u8> {
     bytes
 }
 
-/// One of these.
+/// Draws the index of one of these.
 fn one_of(count: usize, draw: &mut Pcg64) -> usize {
     draw.random_range(0..count)
 }

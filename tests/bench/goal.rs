@@ -30,7 +30,7 @@ const SETTINGS: [&str; 12] = [
 pub struct Figure(pub &'static str);
 
 impl Figure {
-    /// Reports what was found, beside its goal; "–" is no goal. Returns `is_met`.
+    /// Reports what was found, beside its goal; "–" is not a goal. Returns `is_met`.
     pub fn report(self, goal: &str, found: &str, is_met: bool) -> bool {
         self.write(goal, found, if is_met { "ok" } else { "MISSED" });
         is_met

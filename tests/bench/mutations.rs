@@ -26,7 +26,7 @@ enum Outcome {
     /// The number of seeds until the mutation was found, and the judge's message.
     Found(u64, String),
     NotFound(u64),
-    /// In this seed.
+    /// The program does not end with this seed.
     Hangs(String),
     DoesNotBuild,
 }

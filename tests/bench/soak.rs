@@ -103,13 +103,13 @@ fn judge(
     println!("{counts}");
     let settled = &periods[periods.len() / 2..];
     let mut holds = true;
-    let mut told = |is_met: bool, text: String| {
+    let mut reported = |is_met: bool, text: String| {
         holds &= is_met;
         println!("{text}{}", if is_met { "" } else { "  NOT MET" });
     };
     for (name, unit, least, value) in Period::LOWEST {
         let Some(growth) = Growth::fit(settled, value) else {
-            told(false, format!("{name}: there are too few periods for a slope"));
+            reported(false, format!("{name}: there are too few periods for a slope"));
             continue;
         };
         // Memory may grow by a share of its size; one descriptor or thread that is kept is already too many.
@@ -125,17 +125,17 @@ fn judge(
             let goal = format!("{} %", 100.0 * MAX_GROWTH_PER_HOUR);
             Figure("service: growth of memory in an hour").report(&goal, &found, !grows);
         }
-        told(!grows || (least.is_none() && pace == Pace::Line), text);
+        reported(!grows || (least.is_none() && pace == Pace::Line), text);
     }
     let (gap, half) = (watchdog.largest_gap().as_secs_f64(), watchdog::WATCHDOG_TIMEOUT.as_secs_f64() / 2.0);
-    told(watchdog.signs() > 0 && gap <= half, format!("largest watchdog gap {gap:.3} s (most {half:.3} s)"));
+    reported(watchdog.signs() > 0 && gap <= half, format!("largest watchdog gap {gap:.3} s (most {half:.3} s)"));
     let unanswered = counts.unanswered();
     let is_met = unanswered == 0 && counts.cycles() > 0;
     Figure("service: under load: unanswered requests").report("0", &unanswered.to_string(), is_met);
     let is_fed = watchdog.signs() > 0 && gap <= half;
     Figure("service: watchdog gap").report(&format!("{half} s"), &format!("{gap:.2} s"), is_fed);
-    told(counts.unanswered() == 0, format!("requests that were never answered: {}", counts.unanswered()));
-    told(ended.is_none(), ended.unwrap_or_else(|| "the service ran until the end".to_owned()));
-    told(counts.cycles() > 0, format!("cycles: {}", counts.cycles()));
+    reported(counts.unanswered() == 0, format!("requests that were never answered: {}", counts.unanswered()));
+    reported(ended.is_none(), ended.unwrap_or_else(|| "the service ran until the end".to_owned()));
+    reported(counts.cycles() > 0, format!("cycles: {}", counts.cycles()));
     if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }

@@ -162,6 +162,6 @@ fn random_paths() -> usize {
         println!("   {defect}: {planted}, {passed} passed");
         passed_in_all += passed;
     }
-    println!("   {} other random paths cannot be followed in any configuration", outcome.barren);
+    println!("   {} other random paths cannot be followed in any configuration", outcome.infeasible);
     usize::from(!outcome.refused.is_empty()) + usize::from(passed_in_all > 0)
 }

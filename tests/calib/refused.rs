@@ -10,7 +10,7 @@ use std::process::Command;
 
 /// Each bad input is refused with what was found and what is needed, and no file is written.
 #[test]
-fn bad_input_is_told_and_writes_nothing() {
+fn bad_input_is_reported_and_writes_nothing() {
     let cell = small_cell();
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -58,8 +58,8 @@ fn bad_input_is_told_and_writes_nothing() {
         (format!("{three} line.toml"), "on one line"),
         (format!("{three} near.toml"), "apart; at least"),
     ] {
-        let (exit, found, told) = panelprep(folder, &command);
-        assert!(exit == 2 && told.contains(words), "{command}: {exit} {found} {told}");
+        let (exit, found, reported) = panelprep(folder, &command);
+        assert!(exit == 2 && reported.contains(words), "{command}: {exit} {found} {reported}");
         assert!(!folder.join("out.toml").exists(), "{command}: nothing is written");
     }
     // Correct pictures that do not determine a lens: a verdict, and the next picture to take.
@@ -117,8 +117,8 @@ fn outside_of_what_a_lens_was_seen_in_nothing_is_measured() {
         .current_dir(folder)
         .output()
         .expect("the program starts");
-    let told = String::from_utf8(output.stdout).expect("UTF-8");
-    assert!(told.contains("lens calibrated to 0.30 px in 11 % of the picture"), "{told}");
+    let reported = String::from_utf8(output.stdout).expect("UTF-8");
+    assert!(reported.contains("lens calibrated to 0.30 px in 11 % of the picture"), "{reported}");
 }
 
 /// Full-size pictures without the requested board: another board, fine texture, a plain ground. Whatever it shows,
@@ -162,10 +162,10 @@ fn a_look_without_its_board_ends_soon() {
             .current_dir(folder)
             .output()
             .expect("a shell");
-        let told = String::from_utf8(output.stdout).expect("UTF-8");
-        assert!(told.contains(words) && told.contains("searching for "), "{told}");
+        let reported = String::from_utf8(output.stdout).expect("UTF-8");
+        assert!(reported.contains(words) && reported.contains("searching for "), "{reported}");
         // The shell's last line is the program's processor time: "0m0.52s 0m0.08s".
-        let taken = told.lines().last().expect("times").split_whitespace().map(|time| {
+        let taken = reported.lines().last().expect("times").split_whitespace().map(|time| {
             let (minutes, seconds) = time.trim_end_matches('s').split_once('m').expect("minutes");
             60.0 * minutes.parse::<f64>().expect("minutes") + seconds.parse::<f64>().expect("seconds")
         });

@@ -69,41 +69,41 @@ fn a_break_that_may_be_missed_and_a_panel_elsewhere_are_no_test() {
     assert!(own.contains("min_break_mm2 = "), "{own}");
     std::fs::write(folder.join("cell/plain.toml"), plain).expect("written");
     let plain = |arguments: &str| arguments.replace("cell/recipe.toml", "cell/plain.toml");
-    let reason = |told: &Value, code: &str| -> String {
-        let found = told["reasons"].as_array().expect("reasons").iter().find(|reason| reason["code"] == code);
-        found.unwrap_or_else(|| panic!("no {code}: {told}"))["message"].as_str().expect("a message").to_owned()
+    let reason = |output: &Value, code: &str| -> String {
+        let found = output["reasons"].as_array().expect("reasons").iter().find(|reason| reason["code"] == code);
+        found.unwrap_or_else(|| panic!("no {code}: {output}"))["message"].as_str().expect("a message").to_owned()
     };
-    let (exit, told) = json(folder, &plain(TEACH));
-    assert_eq!((exit, told["verdict"].as_str()), (1, Some("review")), "{told}");
-    assert!(reason(&told, "detection_limit").contains("a grid fails from 5.0 mm²"), "{told}");
+    let (exit, output) = json(folder, &plain(TEACH));
+    assert_eq!((exit, output["verdict"].as_str()), (1, Some("review")), "{output}");
+    assert!(reason(&output, "detection_limit").contains("a grid fails from 5.0 mm²"), "{output}");
     assert_eq!(json(folder, TEACH).0, 0);
     VERIFY.iter().for_each(|look| assert_eq!(json(folder, look).0, 0));
     keep(folder, "located.json", &json(folder, LOCATE).1);
     let inspect = "inspect --cell cell/cell.toml --recipe cell/recipe.toml --clip cell/clip";
-    let (_, told) = json(folder, &format!("{inspect} --located located.json"));
-    assert_ne!(told["verdict"].as_str(), Some("invalid"), "{told}");
-    assert!(told["outline_off_px"].as_f64().is_some_and(|off_px| off_px < 0.7), "{told}");
+    let (_, output) = json(folder, &format!("{inspect} --located located.json"));
+    assert_ne!(output["verdict"].as_str(), Some("invalid"), "{output}");
+    assert!(output["outline_off_px"].as_f64().is_some_and(|off_px| off_px < 0.7), "{output}");
     // A grid that a person states as abraded since the dry picture is compared only with its wet appearance.
-    let (exit, told) = json(folder, &format!("{inspect} --located located.json --abraded r2c3"));
+    let (exit, output) = json(folder, &format!("{inspect} --located located.json --abraded r2c3"));
     let references: Vec<&str> =
-        told["grids"].as_array().expect("grids").iter().filter_map(|grid| grid["reference"].as_str()).collect();
+        output["grids"].as_array().expect("grids").iter().filter_map(|grid| grid["reference"].as_str()).collect();
     let of = |start: &str| references.iter().filter(|reference| reference.starts_with(start)).count();
-    assert_eq!((of("wet look alone, sanded"), of("dry and wet")), (1, 24 - 9), "{exit} {told}");
-    let (exit, told) = json(folder, &format!("{inspect} --located located.json --abraded r2c3,r9c1"));
+    assert_eq!((of("wet look alone, sanded"), of("dry and wet")), (1, 24 - 9), "{exit} {output}");
+    let (exit, output) = json(folder, &format!("{inspect} --located located.json --abraded r2c3,r9c1"));
     assert!(
-        exit == 2 && told.to_string().contains("no grid r9c1; valid: r1c1 to r4c6 (4 rows, 6 columns)"),
-        "{told}"
+        exit == 2 && output.to_string().contains("no grid r9c1; valid: r1c1 to r4c6 (4 rows, 6 columns)"),
+        "{output}"
     );
-    let (exit, told) = json(folder, &plain(&format!("{inspect} --located located.json")));
-    assert_eq!((exit, told["verdict"].as_str()), (1, Some("invalid")), "{told}");
-    reason(&told, "detection_limit");
+    let (exit, output) = json(folder, &plain(&format!("{inspect} --located located.json")));
+    assert_eq!((exit, output["verdict"].as_str()), (1, Some("invalid")), "{output}");
+    reason(&output, "detection_limit");
     let cycle = "cycle --cell cell/cell.toml --recipe cell/recipe.toml --seed 3 --scene clean";
     assert_eq!(json(folder, cycle).1["verdict"].as_str(), Some("pass"));
-    let (exit, told) = json(folder, &plain(cycle));
-    assert_eq!((exit, told["verdict"].as_str()), (1, Some("invalid")), "{told}");
-    reason(&told, "detection_limit");
+    let (exit, output) = json(folder, &plain(cycle));
+    assert_eq!((exit, output["verdict"].as_str()), (1, Some("invalid")), "{output}");
+    reason(&output, "detection_limit");
     // The panel is not at its nominal place.
-    let (exit, told) = json(folder, inspect);
-    assert_eq!((exit, told["verdict"].as_str()), (1, Some("invalid")), "{told}");
-    assert!(reason(&told, "elsewhere").contains("state --located"), "{told}");
+    let (exit, output) = json(folder, inspect);
+    assert_eq!((exit, output["verdict"].as_str()), (1, Some("invalid")), "{output}");
+    assert!(reason(&output, "elsewhere").contains("state --located"), "{output}");
 }

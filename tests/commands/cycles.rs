@@ -109,8 +109,8 @@ fn a_recording_that_cannot_be_begins_no_cycle() {
                 continue;
             }
             std::fs::create_dir_all(at.join("cell/store/reports")).expect("a folder");
-            let (exit, told) = json(at, &format!("{command} {file}"));
-            assert!(exit == 2 && told["reasons"].to_string().contains(words), "{command} {file}: {told}");
+            let (exit, output) = json(at, &format!("{command} {file}"));
+            assert!(exit == 2 && output["reasons"].to_string().contains(words), "{command} {file}: {output}");
         }
     }
     assert!(!at.join("demo").exists(), "nothing is rendered");

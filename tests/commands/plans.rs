@@ -51,9 +51,12 @@ fn a_rejected_plan_becomes_no_program() {
     assert!(!folder.join("sand.src").exists());
     assert_eq!(json(folder, plan).0, 0);
     let earlier = std::fs::read(folder.join("sand.src")).expect("the program");
-    let told = panelprep(folder, &format!("{plan} --located far.json"));
-    let told = String::from_utf8_lossy(&told.stdout).into_owned();
-    assert!(told.contains("no program was written to sand.src") && told.contains("from an earlier plan"), "{told}");
+    let reported = panelprep(folder, &format!("{plan} --located far.json"));
+    let reported = String::from_utf8_lossy(&reported.stdout).into_owned();
+    assert!(
+        reported.contains("no program was written to sand.src") && reported.contains("from an earlier plan"),
+        "{reported}"
+    );
     assert_eq!(std::fs::read(folder.join("sand.src")).expect("the program"), earlier);
     for (name, word) in [("sand.txt", ".src"), ("while.src", "not a reserved word")] {
         let output = panelprep(folder, &plan.replace("sand.src", name));
@@ -91,16 +94,20 @@ fn a_hole_under_the_region_is_named_by_teach_and_check() {
     let holed = OrganizedCloud::new(width, height, points, cloud.picture().rgb).expect("organised");
     std::fs::write(&file, files::write_pcd(&holed)).expect("written");
 
-    let (exit, told) = json(folder, TEACH);
-    let codes: Vec<&str> =
-        told["reasons"].as_array().expect("reasons").iter().filter_map(|reason| reason["code"].as_str()).collect();
-    assert_eq!((exit, &told["verdict"], codes), (1, &"review".into(), vec!["region_over_hole"]), "{told}");
-    let found = &told["region_off_panel"][0];
+    let (exit, output) = json(folder, TEACH);
+    let codes: Vec<&str> = output["reasons"]
+        .as_array()
+        .expect("reasons")
+        .iter()
+        .filter_map(|reason| reason["code"].as_str())
+        .collect();
+    assert_eq!((exit, &output["verdict"], codes), (1, &"review".into(), vec!["region_over_hole"]), "{output}");
+    let found = &output["region_off_panel"][0];
     let [size_mm, u] = [&found["size_mm"], &found["at_px"][0]].map(|value| value.as_f64().expect("a number"));
     assert!((25.0..60.0).contains(&size_mm) && (u - middle_px[0]).abs() < 2.0, "{found}");
-    let (_, told) = json(folder, check);
-    let warning = &told["files"][1]["warnings"][0];
-    assert_eq!(warning["key"], "region.corners_px", "{told}");
+    let (_, output) = json(folder, check);
+    let warning = &output["files"][1]["warnings"][0];
+    assert_eq!(warning["key"], "region.corners_px", "{output}");
     assert!(
         warning["message"].as_str().is_some_and(|words| words.contains("the region has a hole of ")),
         "{warning}"

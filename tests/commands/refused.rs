@@ -87,12 +87,12 @@ fn refuses(folder: &Path, arguments: &str, words: &[&str]) {
 fn a_scan_is_shown_and_so_is_what_cannot_be_taught() {
     let folder = rendered("clean");
     let folder = folder.path();
-    let (exit, told) = json(folder, "look --scan cell/taught_scan.pcd --pictures seen");
-    assert_eq!((exit, told["verdict"].as_str()), (0, Some("accept")), "{told}");
-    let share = told["missing_share"].as_f64().unwrap_or(f64::NAN);
-    assert!(share > 0.01 && share < 0.9 && folder.join("seen/scan.png").is_file(), "{told}");
-    let (exit, told) = json(folder, "look --scan cell/recipe.toml --pictures seen");
-    assert_eq!(exit, 2, "{told}");
+    let (exit, output) = json(folder, "look --scan cell/taught_scan.pcd --pictures seen");
+    assert_eq!((exit, output["verdict"].as_str()), (0, Some("accept")), "{output}");
+    let share = output["missing_share"].as_f64().unwrap_or(f64::NAN);
+    assert!(share > 0.01 && share < 0.9 && folder.join("seen/scan.png").is_file(), "{output}");
+    let (exit, output) = json(folder, "look --scan cell/recipe.toml --pictures seen");
+    assert_eq!(exit, 2, "{output}");
 
     let recipe = std::fs::read_to_string(folder.join("cell/recipe.toml")).expect("the recipe");
     let begin = recipe.find("corners_px = ").expect("a region");
@@ -100,14 +100,14 @@ fn a_scan_is_shown_and_so_is_what_cannot_be_taught() {
     let wrong = "corners_px = [[2, 2], [400, 60], [480, 290], [100, 310]]";
     let wrong = format!("{}{wrong}{}", &recipe[..begin], &recipe[end..]);
     std::fs::write(folder.join("cell/wrong.toml"), wrong).expect("written");
-    let (exit, told) = json(folder, &format!("{} --pictures wrong", TEACH.replace("recipe.toml", "wrong.toml")));
-    let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
+    let (exit, output) = json(folder, &format!("{} --pictures wrong", TEACH.replace("recipe.toml", "wrong.toml")));
+    let message = output["reasons"][0]["message"].as_str().unwrap_or_default();
     for words in [
         "corner 1 of the region, (2, 2) px, is not on",
         "corner 3 of",
         "corner 4 of the region, (100, 310) px, lies outside",
     ] {
-        assert!(exit == 2 && message.contains(words), "{words}: {told}");
+        assert!(exit == 2 && message.contains(words), "{words}: {output}");
     }
     assert!(folder.join("wrong/taught_region.png").is_file());
     // Pictures without a corner: both are named.
@@ -115,13 +115,13 @@ fn a_scan_is_shown_and_so_is_what_cannot_be_taught() {
                    --corner cell/target/flange_camera.png --flange cell/target/flange.json";
     let teach =
         "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd --pictures wrong";
-    let (exit, told) = json(folder, &format!("{teach} {corners}"));
-    let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
-    assert!(exit == 2 && message.matches("flange_camera.png: ").count() == 2, "{told}");
+    let (exit, output) = json(folder, &format!("{teach} {corners}"));
+    let message = output["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert!(exit == 2 && message.matches("flange_camera.png: ").count() == 2, "{output}");
     assert!(folder.join("wrong/taught_corner_2.png").is_file());
-    let (exit, told) = json(folder, teach);
-    let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
-    assert!(exit == 2 && message.contains("no corner picture was given"), "{told}");
+    let (exit, output) = json(folder, teach);
+    let message = output["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert!(exit == 2 && message.contains("no corner picture was given"), "{output}");
     assert!(!folder.join("cell/store").exists(), "nothing was kept");
 }
 

@@ -56,7 +56,7 @@ fn keep(target: &Target, bytes: &[u8], why: &str) -> String {
 }
 
 #[test]
-fn no_reader_falls_over_bytes_that_nobody_meant() {
+fn no_reader_falls_over_bytes_that_are_not_valid() {
     let changes = std::env::var("FUZZ_CHANGES").ok().and_then(|text| text.parse().ok()).unwrap_or(CHANGES);
     let mut found = Vec::new();
     for (index, target) in TARGETS.iter().enumerate() {
@@ -80,7 +80,7 @@ fn no_reader_falls_over_bytes_that_nobody_meant() {
 
 /// Checks that the judge sees a reader that panics, and a reader that does not return in time.
 #[test]
-fn a_reader_that_falls_over_is_told() {
+fn a_reader_that_falls_over_is_reported() {
     let panics = Target { name: "panics", run: |bytes| assert!(bytes.len() < 3, "too long"), seeds: Vec::new };
     assert_eq!(wrong(&panics, b"ab"), None);
     assert_eq!(wrong(&panics, b"abc").as_deref(), Some("it panics: too long"));

@@ -31,7 +31,7 @@ pub struct Target {
     pub seeds: fn() -> Vec<Vec<u8>>,
 }
 
-/// All of them.
+/// All targets.
 pub const TARGETS: [Target; 24] = [
     Target { name: "framer", run: framer, seeds: seeds::messages },
     Target { name: "wire", run: messages, seeds: seeds::messages },

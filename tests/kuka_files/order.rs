@@ -32,7 +32,7 @@ fn in_order(routine: &Routine, codes: &[&str]) {
 
 /// A stop depends on the order of two statements.
 #[test]
-fn the_order_that_a_stop_stands_on_is_kept() {
+fn the_order_that_a_stop_depends_on_is_kept() {
     let files = files();
     let routines = routines(&files);
     in_order(

@@ -104,7 +104,7 @@ pub trait Watch {
     fn sent(&mut self, _epoch: u32, _id: u32, _now_ms: u64) {}
     /// A report of the session.
     fn on_report(&mut self, _report: &Report, _cell: &Insides<'_>) {}
-    /// After each step.
+    /// Called after each step.
     fn look(&mut self, _cell: &Insides<'_>) {}
 }
 
@@ -113,7 +113,7 @@ pub trait Watch {
 /// than usual.
 pub type Tamper = Box<dyn FnMut(bool, usize, &[u8]) -> Option<Vec<(u64, Vec<u8>)>> + Send>;
 
-/// Watches nothing.
+/// An observer that checks nothing.
 pub struct Blind;
 
 impl Watch for Blind {}
@@ -160,7 +160,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Not yet connected.
+    /// Creates a cell that is not yet connected.
     pub fn new(setup: Setup, limits: LinkLimits, seed: u64) -> Self {
         Cell::within(setup, limits, seed, Box::new(UnconnectedWorld))
     }

@@ -102,7 +102,7 @@ fn a_link_cut_at_any_message_never_moves_an_ended_epoch() {
 /// Cut between the last point and its report: the path is not reported as done, and the state contains how far it
 /// was.
 #[test]
-fn an_end_that_was_not_told_is_not_claimed() {
+fn an_end_that_was_not_reported_is_not_claimed() {
     let (mut cell, _, last) = sanding();
     while cell.executed().len() < POINTS {
         cell.step(u64::MAX, &mut Blind);

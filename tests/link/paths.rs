@@ -90,7 +90,7 @@ fn a_robot_that_lingers_in_contact_is_taken_off() {
 
 /// If the client is too slow in contact, the controller stops by itself, away from the panel.
 #[test]
-fn a_client_that_stands_still_in_contact_is_not_waited_for() {
+fn a_client_that_stalls_in_contact_is_not_waited_for() {
     let mut cell = Cell::ready(setup(Clock::Free), 0.1);
     cell.session.queue_path(&pass(80, 3.0, true)).expect("a good path");
     cell.run(600, &mut Blind);
@@ -132,7 +132,7 @@ fn no_line_follows_a_base_that_was_lost_or_is_wrong() {
 
 /// Counts of 32 bits end: a state's number continues from 0, and a used-up epoch is an error and does not wrap.
 #[test]
-fn a_states_number_goes_on_from_zero() {
+fn a_states_number_continues_from_zero() {
     let mut cell = Cell::new(Setup { first_state: i32::MAX - 20, ..setup(Clock::Free) }, LinkLimits::default(), 1);
     cell.open(0.15);
     let last = cell.session.queue_path(&pass(60, 3.0, true)).expect("a good path");

@@ -97,7 +97,7 @@ fn a_half_open_connection_is_noticed_on_both_ends() {
 /// A client that holds the link and reads no reports does not supervise the robot: the robot stops, with or without
 /// heartbeats.
 #[test]
-fn a_link_that_nobody_reads_ends_its_epoch() {
+fn a_link_that_is_not_read_ends_its_epoch() {
     let (server, mut link) = served("");
     open(&mut link, 0.02);
     link.send_path(pass(200, 1.0, true)).expect("a good path");

@@ -57,7 +57,7 @@ const TABLES: [(&str, &str); 4] = [
     ("cli/robot.rs", "fn judgement("),
 ];
 
-/// Calls whose first word is a code, in all files or in those with this ending.
+/// Calls whose first argument is a code, in all files or in those with this ending.
 const CALLS: [(&str, &str); 13] = [
     (".rs", "Reason::new("),
     (".rs", ".bound("),

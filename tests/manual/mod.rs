@@ -122,12 +122,16 @@ impl Walk {
             std::thread::sleep(Duration::from_millis(200));
         };
         let texts = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
-        let told = format!("{page}: {line}\n{}\n{}", texts[0], texts[1]);
+        let reported = format!("{page}: {line}\n{}\n{}", texts[0], texts[1]);
         let worst = i32::from(MAY_FIND_FAULT.iter().any(|command| line.starts_with(command)));
-        assert!(output.status.code().is_some_and(|code| (0..=worst).contains(&code)), "{}: {told}", output.status);
+        assert!(
+            output.status.code().is_some_and(|code| (0..=worst).contains(&code)),
+            "{}: {reported}",
+            output.status
+        );
         let is_review =
             ["review", "warning", "WRONG"].iter().any(|word| texts.iter().any(|text| text.contains(word)));
-        assert!(output.status.success() || is_review, "neither good nor for a person to look at: {told}");
+        assert!(output.status.success() || is_review, "neither good nor for a person to look at: {reported}");
         if line.starts_with("panelprep") {
             texts.iter().for_each(|text| fit_for_people(line, text));
         }
@@ -159,7 +163,7 @@ impl Walk {
         let mut child =
             child.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("a shell");
         let mut stdin = child.stdin.take();
-        let mut told = child.stderr.take().expect("piped");
+        let mut reported = child.stderr.take().expect("piped");
         let mut stdout = child.stdout.take().expect("piped");
         let reads = std::thread::spawn(move || {
             let mut bytes = Vec::new();
@@ -167,7 +171,7 @@ impl Walk {
         });
         let (mut stderr, mut line_now, mut byte, mut asked) = (Vec::new(), Vec::new(), [0; 1], 0);
         let store = self.computer.root.join("var/lib/panelprep");
-        while told.read(&mut byte).is_ok_and(|read| read == 1) {
+        while reported.read(&mut byte).is_ok_and(|read| read == 1) {
             stderr.push(byte[0]);
             if byte[0] != b'\n' {
                 line_now.push(byte[0]);

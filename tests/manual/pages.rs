@@ -46,7 +46,7 @@ pub fn steps(text: &str) -> Vec<Step> {
 }
 
 #[test]
-fn a_page_is_read_as_what_stands_there_and_what_is_typed() {
+fn a_page_is_read_as_what_is_there_and_what_is_typed() {
     let text = "# A\n\n<!-- cell: a board -->\n```sh\na b\nc\n```\ntext `d`\n```\nnot this\n```\n";
     let command = |text: &str| Step::Command(text.to_owned());
     assert_eq!(steps(text), [Step::Cell("a board".to_owned()), command("a b"), command("c")]);

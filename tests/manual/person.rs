@@ -55,7 +55,7 @@ pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Optio
     } else if line.starts_with("Enter the flange's pose") {
         panic!("the controller answers, so nobody need read the pendant");
     } else if !line.starts_with(' ') && line.contains(" [") && line.ends_with(']') {
-        // What is proposed.
+        // The proposed answer.
         words("")
     } else {
         None

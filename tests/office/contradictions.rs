@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 /// Another cell under the same name, a record that a person changes in the database, and garbage: each is reported,
 /// none replaces anything.
 #[test]
-fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
+fn contradictions_changes_and_garbage_are_reported_and_replace_nothing() {
     let Some(plant) = Plant::start() else { return };
     let mut cell = Cell::new();
     cell.send(plant.office("cell-1"));
@@ -30,7 +30,7 @@ fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
     let parts = chunks(&name, &what, &message.bytes().expect("bytes")).expect("parts");
     publish_without_names(&plant, &parts);
     let since = Instant::now();
-    let told = loop {
+    let reported = loop {
         let (exit, found) = plant.check(&format!("cell-1={}", cell.path().display()));
         if exit == 1 {
             break found.to_string();
@@ -38,8 +38,8 @@ fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
         assert!(since.elapsed() < TIMEOUT, "{found}\n{}", plant.log());
         std::thread::sleep(Duration::from_millis(100));
     };
-    assert!(told.contains("was received a second time with the SHA-256"), "{told}");
-    assert!(told.contains("\"same\":6"), "the first one stands: {told}");
+    assert!(reported.contains("was received a second time with the SHA-256"), "{reported}");
+    assert!(reported.contains("\"same\":6"), "the first one stands: {reported}");
     assert!(plant.log().contains("refused"), "{}", plant.log());
     // A change by a person in the database.
     sql(
@@ -65,7 +65,7 @@ fn publish_without_names(plant: &Plant, parts: &[Chunk]) {
     });
 }
 
-/// Publishes messages that are no part of anything, and parts that contradict one another.
+/// Publishes messages that are not part of anything, and parts that contradict one another.
 fn garbage(plant: &Plant) {
     let name = CellName::new("cell-1").expect("a name");
     let part = |hash: &str, part, parts| Chunk {

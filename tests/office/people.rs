@@ -49,7 +49,7 @@ fn people_look_at_all_cells_in_a_browser() {
     let recipe = fs::read_to_string(folder.path().join("cell/recipe.toml")).expect("a recipe");
     let offered = plant.folder.path().join("offered.toml");
     fs::write(&offered, recipe.clone() + "\n# approved in the office\n").expect("written");
-    let (exit, told) = json(
+    let (exit, reply) = json(
         plant.folder.path(),
         &format!(
             "archive offer {} --by Anna --why finer --settings {}",
@@ -57,7 +57,7 @@ fn people_look_at_all_cells_in_a_browser() {
             plant.settings.display()
         ),
     );
-    assert_eq!(exit, 0, "{told}");
+    assert_eq!(exit, 0, "{reply}");
     let address = plant.office("cell-1");
     let offer = runtime().block_on(async {
         let link = CellLink::connect(&address.broker, &address.cell).await.expect("connected");
@@ -66,9 +66,9 @@ fn people_look_at_all_cells_in_a_browser() {
     assert_eq!((offer.by.as_str(), offer.text.ends_with("# approved in the office\n")), ("Anna", true));
     assert_eq!(fs::read_to_string(folder.path().join("cell/recipe.toml")).expect("a recipe"), recipe);
     let browser = in_browser("fleet.mjs", &format!("http://127.0.0.1:{port}"), &modules);
-    let told = browser.wait_with_output().expect("it ends");
-    let [words, problems] = [&told.stdout, &told.stderr].map(|text| String::from_utf8_lossy(text));
-    assert!(told.status.success() && words.lines().last() == Some("whole"), "{words}\n{problems}");
+    let reply = browser.wait_with_output().expect("it ends");
+    let [words, problems] = [&reply.stdout, &reply.stderr].map(|text| String::from_utf8_lossy(text));
+    assert!(reply.status.success() && words.lines().last() == Some("whole"), "{words}\n{problems}");
 }
 
 /// A session of the office's page ends when its account gets another password. It needs the database alone.

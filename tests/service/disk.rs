@@ -22,9 +22,9 @@ fn a_store_that_was_rolled_back_rests_until_a_person_clears_it() {
     assert_eq!(service.ended().code(), Some(0));
     std::fs::write(&database, yesterday).expect("rolled back");
 
-    let (exit, told) = json(folder, verify);
-    let found = told["found"].to_string();
-    assert!(exit == 1 && told["ok"] == false && found.contains("rolled back"), "{told}");
+    let (exit, output) = json(folder, verify);
+    let found = output["found"].to_string();
+    assert!(exit == 1 && output["ok"] == false && found.contains("rolled back"), "{output}");
     let cycle = "cycle --cell cell/cell.toml --recipe cell/recipe.toml";
     let (exit, refused) = json(folder, cycle);
     assert!(exit == 2 && refused["reasons"].to_string().contains("panelprep store verify"), "{refused}");
@@ -35,15 +35,15 @@ fn a_store_that_was_rolled_back_rests_until_a_person_clears_it() {
     service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);
     service.reach("stopped");
     service.reset();
-    let (exit, told) = json(folder, verify);
-    let known = told["known"].to_string();
-    assert!(exit == 0 && told["ok"] == true && known.contains("rolled back"), "it stays on record: {told}");
+    let (exit, output) = json(folder, verify);
+    let known = output["known"].to_string();
+    assert!(exit == 0 && output["ok"] == true && known.contains("rolled back"), "it stays on record: {output}");
 }
 
 /// Another program fills the store's disk in the middle of a cycle. The cell is held and states what to delete, and
 /// so does a restart on the full disk. When there is room again, it continues.
 #[test]
-fn a_full_disk_holds_the_cell_and_a_start_on_it_says_what_to_delete() {
+fn a_full_disk_holds_the_cell_and_a_start_on_it_states_what_to_delete() {
     let folder = rendered("good");
     let folder = folder.path();
     let store = folder.join("cell/store");
@@ -68,9 +68,9 @@ fn a_full_disk_holds_the_cell_and_a_start_on_it_says_what_to_delete() {
 
     fill(&store);
     let service = Service::start(folder);
-    let told = service.done("state");
-    assert!(told["reasons"].to_string().contains("delete"), "{told}");
-    assert!(["stopped", "aborted"].contains(&told["state"].as_str().unwrap_or_default()), "{told}");
+    let reported = service.done("state");
+    assert!(reported["reasons"].to_string().contains("delete"), "{reported}");
+    assert!(["stopped", "aborted"].contains(&reported["state"].as_str().unwrap_or_default()), "{reported}");
     service.ctl("reset");
     service.wait("it is refused", |service| ["stopped", "aborted"].contains(&&*service.state()));
     assert_ne!(service.ctl(START).0, 0, "nothing starts on a full disk");
@@ -82,8 +82,8 @@ fn a_full_disk_holds_the_cell_and_a_start_on_it_says_what_to_delete() {
         service.ctl("reset");
         service.state() == "idle"
     });
-    let (exit, told) = json(folder, "store verify --cell cell/cell.toml");
-    assert_eq!((exit, &told["ok"]), (0, &true.into()), "{told}");
+    let (exit, reported) = json(folder, "store verify --cell cell/cell.toml");
+    assert_eq!((exit, &reported["ok"]), (0, &true.into()), "{reported}");
 }
 
 struct Mounted(PathBuf);

@@ -96,10 +96,10 @@ fn a_killed_service_leaves_a_recording_that_is_cut() {
     service.killed();
     let entries = whole();
     assert!(entries > 50, "{entries}");
-    let (exit, told) = json(folder, "replay cut.mcap");
-    let reason = told["reasons"][0]["message"].as_str().expect("words");
+    let (exit, output) = json(folder, "replay cut.mcap");
+    let reason = output["reasons"][0]["message"].as_str().expect("words");
     let words = format!("with {entries} complete entries; the program that wrote it ended too early");
-    assert!(exit == 2 && reason.contains("cut.mcap") && reason.contains(&words), "{told}");
+    assert!(exit == 2 && reason.contains("cut.mcap") && reason.contains(&words), "{output}");
     // The next service may record again, and its cycle has another number.
     let service = Service::start(folder);
     if service.state() == "aborted" {

@@ -43,7 +43,7 @@ pub struct Shown {
 }
 
 impl Shown {
-    /// Of this state.
+    /// Creates the shown values of this state.
     pub fn from_state(state: &State) -> Self {
         Shown { step: state.step, at: state.at }
     }
@@ -74,7 +74,7 @@ pub struct Desk {
     rounds: u64,
     /// Whether a person wants the process to end: other waiting requests may be dropped.
     leaves: bool,
-    /// What was wrong.
+    /// The wrong answer, if there was one.
     pub wrong: Option<String>,
     /// Number of decisions that were processed, whether based on the present step or on another one.
     pub decided: u64,

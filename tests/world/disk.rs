@@ -153,7 +153,7 @@ pub fn resume() {
     });
 }
 
-/// Watches no more.
+/// Ends the observation.
 pub fn leave() {
     libc_calls::listen(false);
     WATCHED.with_borrow_mut(|slot| *slot = None);

@@ -56,7 +56,7 @@ pub enum CellContents {
     Greasy,
     /// The taught panel without grease.
     Clean,
-    /// No panel.
+    /// There is no panel.
     Nothing,
     /// The taught panel, with grease that no disc removes.
     Stubborn,

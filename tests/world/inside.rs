@@ -47,7 +47,7 @@ pub enum Permit {
     Begins(u32),
     /// The path continues to this number of waypoints.
     GoesOn(u32),
-    /// It is over.
+    /// The permission is over.
     Ends,
 }
 

@@ -136,7 +136,7 @@ pub fn scans(world: &mut Inside) {
     }
 }
 
-/// Judges a cycle's verdict.
+/// Checks a cycle's verdict.
 pub fn concluded(world: &mut Inside, verdict: Verdict) {
     world.counts.judged("verdict");
     let is_untrue = match world.stands {

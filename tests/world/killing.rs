@@ -80,9 +80,9 @@ fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Resu
         let world = World { sabotage, ..World::with(world_seed, script) };
         // The last process is not killed.
         let patience = (process + 1 < MAX_PROCESSES).then(|| MAX_KILL_DELAY.mul_f64(draw.random()));
-        let told = run_and_kill(&world, &folder, &ledger, patience);
+        let reported = run_and_kill(&world, &folder, &ledger, patience);
         let mut has_ended = false;
-        for line in told.lines() {
+        for line in reported.lines() {
             match line.strip_prefix(WRONG) {
                 Some(what) => return Err(wrong("a process that is killed later", what.to_owned())),
                 None if line == END => has_ended = true,
@@ -126,11 +126,11 @@ fn run_and_kill(world: &World, folder: &Path, ledger: &Ledger, patience: Option<
                 // SAFETY: the copy is this process's own child, and was not waited for yet.
                 unsafe { libc::kill(copy, libc::SIGKILL) };
             }
-            let mut told = String::new();
-            reads.read_to_string(&mut told).expect("lines");
+            let mut reported = String::new();
+            reads.read_to_string(&mut reported).expect("lines");
             // SAFETY: as above.
             unsafe { libc::waitpid(copy, std::ptr::null_mut(), 0) };
-            told
+            reported
         }
     }
 }

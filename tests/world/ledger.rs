@@ -16,7 +16,7 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 
-/// What was acknowledged.
+/// The acknowledged data.
 #[derive(Debug, Clone, Default)]
 pub struct Ledger {
     /// The journal's events.
@@ -91,7 +91,7 @@ fn earned(record: &CycleRecord) -> Result<(), String> {
 }
 
 impl CommandSummary {
-    /// Of this command.
+    /// Creates the summary of this command.
     pub fn from_command(command: &RecordCommand) -> Self {
         match command {
             RecordCommand::Event(event) => CommandSummary::Event(*event),
@@ -146,8 +146,8 @@ impl Ledger {
         Ok(())
     }
 
-    fn apply(&mut self, told: CommandSummary, begun: Option<CycleId>) {
-        match (told, self.cycle) {
+    fn apply(&mut self, reported: CommandSummary, begun: Option<CycleId>) {
+        match (reported, self.cycle) {
             (CommandSummary::Event(event), _) => self.events.push(event),
             (CommandSummary::Verdict(verdict), Some(cycle)) => drop(self.verdicts.insert(cycle, verdict)),
             (CommandSummary::Decided(verdict), Some(cycle)) => drop(self.decided.insert(cycle, verdict)),
@@ -221,7 +221,7 @@ impl Ledger {
             return Err(format!("the store calls itself changed: {changed}"));
         }
         let journal = store.journal().map_err(|error| words(&error))?;
-        let same = journal.iter().zip(&self.events).take_while(|(kept, told)| kept == told).count();
+        let same = journal.iter().zip(&self.events).take_while(|(kept, reported)| kept == reported).count();
         if same < self.events.len() {
             return Err(format!(
                 "{} events were acknowledged; of the journal's {} only {same} agree",
@@ -286,7 +286,7 @@ impl Ledger {
         let paths = record.motions.iter().filter_map(|motion| motion.contact.as_ref());
         let may: Vec<u32> = paths.map(|contact| contact.permitted).collect();
         let permitted = self.permitted.get(&cycle).map_or(&[][..], Vec::as_slice);
-        if may.len() < permitted.len() || may.iter().zip(permitted).any(|(may, told)| may < told) {
+        if may.len() < permitted.len() || may.iter().zip(permitted).any(|(may, reported)| may < reported) {
             return Err(format!("of its contact paths {permitted:?} were permitted, kept are {may:?}"));
         }
         if let Some(forgotten) = self.touched.unrecorded(cycle, record) {
@@ -298,8 +298,10 @@ impl Ledger {
             ("waypoints of closed motions", done as usize, self.done.get(&cycle).map(|done| *done as usize)),
             ("requests", record.asked.len() + record.asked_before.len(), self.asked.get(&cycle).copied()),
         ];
-        match counts.into_iter().find(|(_, kept, told)| told.is_some_and(|told| *kept < told)) {
-            Some((what, kept, Some(told))) => Err(format!("{told} {what} were acknowledged, {kept} are kept")),
+        match counts.into_iter().find(|(_, kept, reported)| reported.is_some_and(|reported| *kept < reported)) {
+            Some((what, kept, Some(reported))) => {
+                Err(format!("{reported} {what} were acknowledged, {kept} are kept"))
+            }
             _ => Ok(()),
         }
     }

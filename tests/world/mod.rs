@@ -102,7 +102,7 @@ static MEMORY: LazyLock<Memory> = LazyLock::new(|| Memory::new(record::shrunk));
 pub struct World {
     /// The world's seed, which determines the contents of the cell and the delay of bytes.
     pub seed: u64,
-    /// What goes wrong.
+    /// The planned faults.
     pub script: Vec<Entry>,
     /// The mistake that is planted, to see that it is found.
     pub sabotage: Option<Sabotage>,
@@ -113,7 +113,7 @@ pub struct World {
 /// The result of a world.
 #[derive(Debug, Clone)]
 pub struct Outcome {
-    /// What was counted.
+    /// The counts.
     pub counts: Counts,
     /// The first violation of a rule.
     pub violation: Option<Violation>,
@@ -138,7 +138,7 @@ impl World {
         World { sabotage: Some(sabotage), ..self }
     }
 
-    /// Runs it.
+    /// Runs the world.
     pub fn run(&self) -> Outcome {
         clock::right();
         let folder = fixture::folder(&format!("world-{:?}", std::thread::current().id()));

@@ -47,7 +47,7 @@ pub enum Aim {
     Cycles(u64),
     /// All faults have ended: one more cycle, to its end if `whole` is set, otherwise to its first phase.
     Recover { whole: bool },
-    /// To leave.
+    /// The person leaves.
     Leave,
 }
 
@@ -383,7 +383,7 @@ fn asks_for_a_jog(state: &State) -> bool {
     state.at == At::Aborted { cause: Cause::Trouble(Trouble::Gate) }
 }
 
-/// What the people state at a start about the part.
+/// Statements of people at a start about the part.
 #[derive(Debug, Clone, Copy)]
 pub struct Stated {
     pub is_another_part: bool,

@@ -160,7 +160,7 @@ enum Counted {
     Begins {
         another: bool,
     },
-    /// By a film.
+    /// Counted as the finding of a film.
     Finds,
     Nothing,
 }
@@ -188,7 +188,7 @@ impl Port<RecordCommand> for Record<'_> {
             world.executed_on_path()
         };
         self.ledger.touched.executed(executed);
-        let told = CommandSummary::from_command(&command);
+        let reported = CommandSummary::from_command(&command);
         let permit = match &command {
             RecordCommand::OpenContact { permitted, .. } => Some(Permit::Begins(*permitted)),
             RecordCommand::Permit(permitted) => Some(Permit::GoesOn(*permitted)),
@@ -229,7 +229,7 @@ impl Port<RecordCommand> for Record<'_> {
             }
             world.counts.judged("contact on the record");
         }
-        self.ledger.acknowledged(told, &answer);
+        self.ledger.acknowledged(reported, &answer);
         if let Some(permit) = permit {
             self.world.lock().permits(permit);
         }

@@ -44,7 +44,7 @@ pub enum Sabotage {
     NoStep,
 }
 
-/// Which files.
+/// The files that are damaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Files {
     Head,
@@ -55,7 +55,7 @@ pub enum Files {
     Everything,
 }
 
-/// Which rows.
+/// The rows that are changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Row {
     Event,

@@ -21,16 +21,16 @@ pub struct Entry {
     pub visit: u32,
     /// Time after the beginning of this visit, ms.
     pub after_ms: u64,
-    /// What.
+    /// The fault.
     pub fault: Fault,
 }
 
 /// A fault of the next message in one direction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Harm {
-    /// It never arrives.
+    /// The message never arrives.
     Lose,
-    /// It arrives twice.
+    /// The message arrives twice.
     Twice,
     /// The message arrives after the one behind it.
     Swap,
@@ -38,14 +38,14 @@ pub enum Harm {
     Damage { byte: u32, bit: u8 },
     /// The end of the message is missing.
     Half,
-    /// It comes late.
+    /// The message arrives late, ms.
     Late(u64),
 }
 
 /// A camera's fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CameraHarm {
-    /// It gives nothing.
+    /// The camera gives nothing.
     Lost,
     /// The camera returns its previous picture again.
     Frozen,
@@ -92,7 +92,7 @@ pub enum Power {
 pub enum DiskHarm {
     /// The disk accepts no more data for a while.
     Full,
-    /// It fails.
+    /// The disk reports an error.
     Io,
 }
 
@@ -242,7 +242,7 @@ pub fn place(at: At) -> &'static str {
 /// The parameters for drawing a script: the kinds of faults, and their number.
 #[derive(Debug, Clone, Copy)]
 pub struct Odds {
-    /// Entries at most.
+    /// Maximum number of entries.
     pub most: usize,
     /// Whether some entries concern the disk.
     pub disk: bool,

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 /// A grid in a pass of a cycle: cycle, pass, grid.
 type Place = (CycleId, u8, String);
 
-/// What was touched.
+/// The touched places.
 #[derive(Debug, Clone, Default)]
 pub struct Touched {
     /// The grids that were touched in all cycles of the store.
@@ -35,7 +35,7 @@ impl Touched {
         self.all.extend(places);
     }
 
-    /// It is over.
+    /// The contact is over.
     pub fn closes(&mut self) {
         self.path = None;
     }

@@ -48,8 +48,8 @@ fn each_planted_fault_of_the_camera_is_named() {
     for (fault, words) in cases {
         let (_folder, mut scanner) =
             ready(&format!("fault 2 {fault}\n"), |setup| setup.timeouts.scan = Duration::from_millis(500));
-        let told = scanner.take_scan().expect_err(fault).to_string();
-        assert!(told.starts_with(words), "{fault}: {told}");
+        let message = scanner.take_scan().expect_err(fault).to_string();
+        assert!(message.starts_with(words), "{fault}: {message}");
         let since = Instant::now();
         // A worker that was started again counts its exposures from one: its second exposure fails again.
         while !["hang", "crash"].contains(&fault) && scanner.take_scan().is_err() {
@@ -59,8 +59,8 @@ fn each_planted_fault_of_the_camera_is_named() {
     }
     let (_folder, mut scanner) = ready("fault 2 throw\nfault 3 throw\nfault 5 throttled\n", |_| ());
     scanner.take_scan().expect("the third try");
-    let told = scanner.take_picture().expect_err("hot").to_string();
-    assert!(told.starts_with("C3 the 3D camera is hot and paused for 2500 ms during a picture"), "{told}");
+    let message = scanner.take_picture().expect_err("hot").to_string();
+    assert!(message.starts_with("C3 the 3D camera is hot and paused for 2500 ms during a picture"), "{message}");
 }
 
 /// Returns a camera on the network, played from these lines, and its workers.
@@ -75,7 +75,7 @@ fn on_the_network(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (C
 
 /// A camera that is connected and does not open is not reported with "is its cable in?".
 #[test]
-fn a_camera_that_is_there_and_does_not_open_says_why() {
+fn a_camera_that_is_there_and_does_not_open_states_why() {
     let cases = [
         (
             "firmwareUpdateRequired",
@@ -88,12 +88,12 @@ fn a_camera_that_is_there_and_does_not_open_says_why() {
         let folder = tempfile::tempdir().expect("a folder");
         let (setup, launch) = on_the_network(folder.path(), SMALL, &format!("status {status}\n"));
         let scanner = ZividScanner::start(setup, launch).expect("a thread");
-        let told = scanner.wait_ready(TIMEOUT).expect_err(status).to_string();
+        let message = scanner.wait_ready(TIMEOUT).expect_err(status).to_string();
         assert!(
-            told.starts_with(words) && told.contains("In the SDK's words: the camera cannot be connected"),
-            "{told}"
+            message.starts_with(words) && message.contains("In the SDK's words: the camera cannot be connected"),
+            "{message}"
         );
-        assert!(!told.contains("cable"), "{told}");
+        assert!(!message.contains("cable"), "{message}");
     }
     let folder = tempfile::tempdir().expect("a folder");
     let (setup, launch) = on_the_network(folder.path(), SMALL, "");
@@ -105,7 +105,7 @@ fn a_camera_that_is_there_and_does_not_open_says_why() {
 /// Calculated by hand: 30 °C at the first exposure, which warms up, and half a degree more at each later one. The
 /// samples expose for 10 ms in 3D and 20 ms for the film.
 #[test]
-fn each_shot_tells_its_own_temperature_and_exposure() {
+fn each_shot_states_its_own_temperature_and_exposure() {
     let (_folder, mut scanner) = ready("lens 30\nwarms 0.5\nfault 4 throttled\nlight grid50hz 100\n", |_| ());
     assert_eq!(scanner.conditions(), Conditions::default(), "no shot yet that anybody asked for");
     scanner.take_scan().expect("a shot");
@@ -164,7 +164,7 @@ fn a_camera_that_crashes_its_process_each_time_is_left_alone() {
 }
 
 #[test]
-fn a_worker_without_its_library_says_what_to_do() {
+fn a_worker_without_its_library_states_what_to_do() {
     let folder = tempfile::tempdir().expect("a folder");
     let (setup, _) = stub::camera(folder.path(), SMALL, "");
     let arguments = ["zivid-worker".into(), "--library".into(), folder.path().join("none.so").into()];

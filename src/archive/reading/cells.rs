@@ -27,7 +27,7 @@ pub struct CellNow {
 pub struct VerdictCount {
     /// The verdict's word.
     pub verdict: String,
-    /// How many.
+    /// Number of cycles with this verdict.
     pub count: i64,
 }
 

@@ -17,7 +17,7 @@ pub struct CycleQuery {
     pub verdict: String,
     /// Only cycles from this time on, s since 1970.
     pub from_unix_s: Option<i64>,
-    /// Before this time.
+    /// Only cycles before this time, s since 1970.
     pub until_unix_s: Option<i64>,
     /// Only cycles that are older than this one, the last cycle of an earlier page: its start time, cell and number.
     pub before: Option<(i64, String, i64)>,
@@ -32,9 +32,9 @@ pub struct CycleRow {
     pub cell: String,
     /// Its number there.
     pub cycle: i64,
-    /// When the cycle began, s since 1970.
+    /// Time at which the cycle began, s since 1970.
     pub started_unix_s: i64,
-    /// When it ended.
+    /// Time at which it ended, s since 1970.
     pub ended_unix_s: Option<i64>,
     /// The panel.
     pub panel: String,

@@ -13,9 +13,9 @@ pub struct RecipeUse {
     pub recipe_hash: String,
     /// The cell.
     pub cell: String,
-    /// When the first cycle with this recipe began in this cell, s since 1970.
+    /// Time at which the first cycle with this recipe began in this cell, s since 1970.
     pub first_unix_s: i64,
-    /// When the last cycle with this recipe began in this cell, s since 1970.
+    /// Time at which the last cycle with this recipe began in this cell, s since 1970.
     pub last_unix_s: i64,
     /// Number of cycles with this recipe in this cell.
     pub cycles: i64,

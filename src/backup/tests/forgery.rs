@@ -86,8 +86,8 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
     for (words, entries) in cases {
         forge(&archive, &manifest(&entries), &entries);
         let wanted = RestoredParts { store: false, configuration: true };
-        let told = restore(&Plan { parts: wanted, ..plan(&archive, &cell) }).expect_err("refused").to_string();
-        assert!(told.contains(words), "{words}: {told}");
+        let message = restore(&Plan { parts: wanted, ..plan(&archive, &cell) }).expect_err("refused").to_string();
+        assert!(message.contains(words), "{words}: {message}");
         let names: Vec<_> =
             fs::read_dir(folder.path()).expect("listed").map(|e| e.expect("one").file_name()).collect();
         assert_eq!(names, ["forged"], "{words}");
@@ -101,8 +101,8 @@ fn a_forged_archive_is_refused_and_changes_nothing() {
         (Manifest { format: FORMAT + 1, ..manifest(&entries) }, "restore it with the newer program"),
     ] {
         forge(&archive, &manifest, &entries);
-        let told = restore(&Plan { parts: wanted, ..plan(&archive, &cell) }).expect_err("refused").to_string();
-        assert!(told.contains(words), "{words}: {told}");
+        let message = restore(&Plan { parts: wanted, ..plan(&archive, &cell) }).expect_err("refused").to_string();
+        assert!(message.contains(words), "{words}: {message}");
         assert!(!cell.exists());
     }
     forge(&archive, &manifest(&entries), &entries);

@@ -98,7 +98,7 @@ fn content(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 #[test]
-fn a_cell_comes_back_in_another_place() {
+fn a_cell_returns_in_another_place() {
     let cell = SmallCell::new();
     let archive = cell.at("backups/cell.tar.zst");
     let written = cell.backup(&archive).expect("written");
@@ -135,12 +135,12 @@ fn nothing_that_is_there_is_replaced_unless_it_is_named_and_then_it_is_kept() {
     Store::create(&cell.at("store")).and_then(|mut store| store.teach(&later)).expect("taught");
     fs::write(&file, format!("{CELL}# mine\n")).expect("written");
     let before = content(cell.0.path());
-    let told =
+    let message =
         |permission| restore(&Plan { permission, ..plan(&archive, &file) }).expect_err("refused").to_string();
     let none = Permission::default();
-    let first = told(none);
+    let first = message(none);
     assert!(first.contains("cell.toml is already present") && first.contains("--replace configuration"), "{first}");
-    let second = told(Permission { replace_configuration: true, ..none });
+    let second = message(Permission { replace_configuration: true, ..none });
     assert!(second.contains("store is already present") && second.contains("--replace store"), "{second}");
     assert_eq!(content(cell.0.path()), before);
 
@@ -168,7 +168,7 @@ fn a_store_in_use_is_not_replaced() {
         let error = told().expect_err("a service");
         assert!(error.contains("a service answers on") && error.contains("systemctl stop panelprep"), "{error}");
     }
-    // A socket on which nothing listens any more is no obstacle.
+    // A socket on which nothing listens any more is not an obstacle.
     let store = Store::create(&cell.at("store")).expect("opens");
     let error = told().expect_err("a writer");
     assert!(error.contains("is writing to the store"), "{error}");
@@ -236,11 +236,11 @@ fn without_a_replaced_store_a_person_states_the_last_cycle() {
     let (archive, file) = (cell.at("cell.tar.zst"), cell.at("other/cell.toml"));
     cell.backup(&archive).expect("written");
     let restored = |last_cycle| restore(&Plan { last_cycle, ..plan(&archive, &file) });
-    let told = restored(None).expect_err("refused").to_string();
-    assert!(told.contains("--last-cycle") && told.contains("the last one of the backup is 2"), "{told}");
+    let message = restored(None).expect_err("refused").to_string();
+    assert!(message.contains("--last-cycle") && message.contains("the last one of the backup is 2"), "{message}");
     assert!(!cell.at("other/store").exists() && !file.exists(), "nothing is left");
-    let told = restored(Some(CycleId(1))).expect_err("refused").to_string();
-    assert!(told.contains("--last-cycle 1 is below 2"), "{told}");
+    let message = restored(Some(CycleId(1))).expect_err("refused").to_string();
+    assert!(message.contains("--last-cycle 1 is below 2"), "{message}");
     restored(Some(CycleId(9))).expect("restored");
     let mut store = Store::create(&cell.at("other/store")).expect("opens");
     assert!(matches!(store.begin_cycle(&start()), Err(StoreError::CountUnknown(_))));

@@ -108,7 +108,7 @@ impl PlaneView {
         for all in filled {
             let mut off: Vec<f64> = all.iter().map(|sample| off_mm(sample)).collect();
             let Some(middle_mm) = median_in_place(&mut off) else { continue };
-            let mean = |of: fn(&Sample) -> f64| all.iter().map(|one| of(one)).sum::<f64>() / all.len() as f64;
+            let mean = |value: fn(&Sample) -> f64| all.iter().map(|one| value(one)).sum::<f64>() / all.len() as f64;
             let direction = [mean(|one| one.direction[0]), mean(|one| one.direction[1])];
             let on_plane = plane::value_at(&found, direction);
             apart.extend(

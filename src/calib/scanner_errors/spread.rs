@@ -25,7 +25,7 @@ const PARTS: usize = 4;
 /// Minimum number of blocks in a part, as a share of the usual number.
 const MIN_FILLED_SHARE: f64 = 0.5;
 
-/// What was found.
+/// The estimated error and its correlation length.
 pub(super) struct CorrelationLength {
     pub deviation_mm: f64,
     pub correlation_mm: f64,

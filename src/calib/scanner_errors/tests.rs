@@ -109,7 +109,7 @@ fn what_turns_planes_into_planes_is_found_by_distances() {
 /// By hand: alternating scale errors of 0.15 % and 0.05 % have a mean of 0.1 %, and each differs from it by 0.05 %.
 /// The fit's two terms absorb a part of that. The effect of the smooth error alone on distances does not count.
 #[test]
-fn scale_from_scan_to_scan_is_told_from_the_smooth_error() {
+fn scale_from_scan_to_scan_is_distinguished_from_the_smooth_error() {
     let none = ScannerDistortion::new(5, 0.0);
     let mut alike: Vec<f64> = Vec::new();
     for seed in 30..34 {

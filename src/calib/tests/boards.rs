@@ -93,7 +93,7 @@ fn what_a_charuco_board_is_instead_is_named() {
 }
 
 #[test]
-fn no_board_and_another_board_are_told() {
+fn no_board_and_another_board_are_reported() {
     let board = Board::parse("9x6", 25.0).expect("a board");
     let empty = GrayPicture::uniform(640, 480, 90);
     let error = detect::detect("empty.png", &empty, &board, None).expect_err("no board").to_string();
@@ -142,7 +142,7 @@ fn another_board_is_named_and_a_part_is_not_the_whole() {
 
 /// From synthetic corners of 14 pictures, 0.05 px: focal length to 0.1 %; a picture with shifted corners is set aside.
 #[test]
-fn a_lens_comes_back_and_a_bad_picture_is_set_aside() {
+fn a_lens_returns_and_a_bad_picture_is_set_aside() {
     let board = Board::parse("9x6", 25.0).expect("a board");
     let cell = BoardCell::new(3, print_of(&board), STILL);
     let truth = cell.flange_camera();

@@ -83,7 +83,7 @@ fn the_noise_comes_out_of_the_residuals() {
 
 /// With a robot that is ten times worse, the stated uncertainty grows with the true error.
 #[test]
-fn a_bad_robot_is_told_by_the_uncertainty() {
+fn a_bad_robot_is_recognized_by_the_uncertainty() {
     let bad = RobotNoise { shift_mm: 0.5 / 3.0_f64.sqrt(), turn_deg: 0.03 };
     for seed in [1, 2] {
         let cell = cell(seed, bad);

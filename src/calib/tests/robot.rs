@@ -203,10 +203,10 @@ fn an_arm_s_own_errors_are_found() {
             found.corrected_left_out_mm
         );
         assert!(worst(true) < 0.3, "seed {seed}: {} mm, before {}", worst(true), worst(false));
-        let told = found.numbers.iter().filter(|number| number.remaining_share < 0.5).count();
-        assert!(told >= 8 && found.numbers.iter().all(|number| number.remaining_share < 1.01), "{told}");
+        let reported = found.numbers.iter().filter(|number| number.remaining_share < 0.5).count();
+        assert!(reported >= 8 && found.numbers.iter().all(|number| number.remaining_share < 1.01), "{reported}");
         println!(
-            "seed {seed}: left out {:.3} → {:.3} mm, contact {:.3} → {:.3} mm, {told} numbers told",
+            "seed {seed}: left out {:.3} → {:.3} mm, contact {:.3} → {:.3} mm, {reported} numbers told",
             found.uncorrected_left_out_mm,
             found.corrected_left_out_mm,
             worst(false),

@@ -34,7 +34,7 @@ fn codes(judgement: &crate::verdict::Judgement) -> Vec<&str> {
 
 /// Without noise the true mount is found, for both cameras and for corners that are not on the board's own axes.
 #[test]
-fn the_mount_comes_back() {
+fn the_mount_returns() {
     let cell = cell();
     let (camera, shot) = (cell.scanner(), cell.fixed_shots(1)[0]);
     let base_from_board = cell.base_from_camera() * shot.camera_from_board;

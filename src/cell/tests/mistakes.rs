@@ -4,7 +4,7 @@ use super::cell_problems;
 
 /// One mistake does not hide the next.
 #[test]
-fn the_signals_mistakes_are_told_together() {
+fn the_signals_mistakes_are_reported_together() {
     let told = cell_problems("[io.outputs]\ntool = 3\nlight = 3\n[io.feedbacks]\na = 5\nb = 5");
     let (tool, b) = (
         "2: io.outputs.tool: found 3, which is already the number of light",

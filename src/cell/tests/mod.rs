@@ -90,7 +90,7 @@ fn signals_are_the_bits_in_the_order_of_their_numbers() {
 /// Tool and all water are switched off at once, extraction and light after their usual time or the stated time. The
 /// shutter and the user's other outputs do not change.
 #[test]
-fn what_goes_off_by_itself_has_its_time() {
+fn what_switches_off_automatically_has_its_time() {
     let outputs = "outputs = { light = 9, tool = 3, spray = 5, rinse = 6, extraction = 4, lens_shutter = 7, horn = 8, fan = 2 }";
     let text = format!("[io]\n{outputs}\noff_after_s = {{ light = 20, fan = 3 }}");
     let cell = Cell::check("cell.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
@@ -103,7 +103,7 @@ fn what_goes_off_by_itself_has_its_time() {
 
 /// Pages and records stay for ever; the file states how long clips and scans stay.
 #[test]
-fn the_store_s_table_says_what_is_kept() {
+fn the_store_s_table_states_what_is_kept() {
     let check = |text: &str| Cell::check("a/cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
     assert!(check("store = 'kept'").retention().is_unlimited());
     let cell = check("[store]\nfolder = 'kept'\nkeep = { days = 30, cycles = 200, failed_days = 180 }");

@@ -4,40 +4,45 @@ use crate::eki::channel::{Environment, Protocol, ReadOrder, StatedChannel, State
 
 /// Describes the channel, one sentence for each property.
 pub(super) fn describe_channel(channel: &StatedChannel) -> Vec<String> {
-    let mut says = vec![describe_listener(channel), describe_lifetime(channel), describe_buffers(channel)];
-    says.extend(
+    let mut descriptions = vec![describe_listener(channel), describe_lifetime(channel), describe_buffers(channel)];
+    descriptions.extend(
         channel
             .signals()
             .filter(|signal| signal.tag.is_none())
             .map(|signal| format!("{} is true while the other system is connected", signal.variable())),
     );
-    says.push(match &channel.ping {
+    descriptions.push(match &channel.ping {
         Some(ping) => format!("the connection is monitored (Ping {})", ping.value),
         None => "no Ping: EthernetKRL itself does not detect a disconnected cable".to_owned(),
     });
     let [logging, display] = &channel.messages;
     if logging.is_some() || display.is_some() {
         let word = |word: &Option<String>| word.clone().unwrap_or_else(|| "by the controller's default".to_owned());
-        says.push(format!("messages: Logging {}, Display on the smartPAD {}", word(logging), word(display)));
+        descriptions.push(format!(
+            "messages: Logging {}, Display on the smartPAD {}",
+            word(logging),
+            word(display)
+        ));
     }
-    says.extend(roots("receives", &channel.received));
-    says.extend(channel.raw.iter().map(describe_raw));
+    descriptions.extend(roots("receives", &channel.received));
+    descriptions.extend(channel.raw.iter().map(describe_raw));
     for signal in channel.signals() {
         if let Some(tag) = &signal.tag {
             let inside = format!("{tag}/");
             let whole = channel.received.iter().any(|element| element.tag.starts_with(&inside));
             let when = if whole { format!("a whole <{tag}>") } else { tag.clone() };
-            says.push(format!("{} is set when {when} has arrived; the program resets it", signal.variable()));
+            descriptions
+                .push(format!("{} is set when {when} has arrived; the program resets it", signal.variable()));
         }
     }
-    says.extend(roots("sends", &channel.sent));
+    descriptions.extend(roots("sends", &channel.sent));
     if channel.received.is_empty() && channel.raw.is_empty() {
-        says.push("receives nothing".to_owned());
+        descriptions.push("receives nothing".to_owned());
     }
     if channel.sent.is_empty() {
-        says.push("has no elements to send; EKI_Send can send a plain text".to_owned());
+        descriptions.push("has no elements to send; EKI_Send can send a plain text".to_owned());
     }
-    says
+    descriptions
 }
 
 fn describe_listener(channel: &StatedChannel) -> String {

@@ -37,7 +37,7 @@ fn expect(text: &str, problems: &[&str], warnings: &[&str]) -> FileReport {
 }
 
 #[test]
-fn our_own_files_are_right_and_say_what_they_do() {
+fn our_own_files_are_right_and_state_what_they_do() {
     let reports = check_files(&[("config/kuka/CELLCMD.xml", COMMANDS), ("config/kuka/CELLSTAT.xml", STATE)], None);
     for report in &reports {
         assert_eq!((&report.problems, &report.warnings, report.kind), (&vec![], &vec![], Some("EthernetKRL")));
@@ -62,7 +62,7 @@ fn our_own_files_are_right_and_say_what_they_do() {
 
 /// The smallest possible file: everything is a default, and each default is a pitfall.
 #[test]
-fn defaults_are_told() {
+fn defaults_are_reported() {
     let report = expect(
         "<ETHERNETKRL><CONFIGURATION><EXTERNAL/>\n<INTERNAL/></CONFIGURATION><RECEIVE><XML>\n\
          <ELEMENT Tag=\"A/@B\" Type=\"INT\"/></XML></RECEIVE></ETHERNETKRL>",
@@ -92,7 +92,7 @@ fn defaults_are_told() {
 
 /// A streaming driver of the first kind: UDP, a placeholder for the address, everything in the program.
 #[test]
-fn a_placeholder_and_datagrams_are_told() {
+fn a_placeholder_and_datagrams_are_reported() {
     let internal = "<ENVIRONMENT>Program</ENVIRONMENT><BUFFERING Mode=\"FIFO\" Limit=\"512\"/>\n<ALIVE Set_Flag=\"1\" Ping=\"200\"/>\
                     <IP>address.of.robot</IP><PORT>54600</PORT><PROTOCOL>UDP</PROTOCOL>\n<TIMEOUT Connect=\"60000\"/>";
     let report = expect(
@@ -194,7 +194,7 @@ fn what_the_controller_refuses_is_an_error_with_its_line_and_key() {
 }
 
 #[test]
-fn what_is_no_channel_file_is_said() {
+fn what_is_no_channel_file_is_reported() {
     for (text, problem) in [
         ("", "1 : not XML: the file contains no element"),
         ("<ETHERNETKRL>\n<SEND>", "2 : not XML: SEND is never closed"),
@@ -362,7 +362,7 @@ fn files_of_one_controller_are_held_against_each_other() {
 
 /// As in a project's file of flags: 2,688 is outside of the manual's range, and only this is reported.
 #[test]
-fn a_flag_that_is_none_is_told_once() {
+fn a_flag_that_is_none_is_reported_once() {
     let flags = |number: &str| {
         let receive = RECEIVE.replace("Set_Flag=\"2\"", &format!("Set_Flag=\"{number}\""));
         assert_ne!(receive, RECEIVE);
@@ -381,7 +381,7 @@ fn a_flag_that_is_none_is_told_once() {
 
 /// One channel has the address of another network: the controller opens the channel on that adapter, or not at all.
 #[test]
-fn channels_at_two_addresses_are_told() {
+fn channels_at_two_addresses_are_reported() {
     let address = "<IP>172.31.1.147</IP>";
     assert!(COMMANDS.contains(address) && STATE.contains(address));
     let other = STATE.replace(address, "<IP>192.168.1.147</IP>");

@@ -81,7 +81,7 @@ pub struct Teach {
     /// Address of the page to draw on: a loopback address; port 0 selects a free port.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     pub listen: std::net::SocketAddr,
-    /// What a simulated cell shows.
+    /// Settings of the simulated cell.
     #[command(flatten)]
     pub simulation: Simulation,
     /// A picture of a corner of the panel at its nominal pose; repeat the option, each time with `--flange`.

@@ -21,14 +21,14 @@ pub struct Cycle {
     /// The part in the cell: kept with the cycle and shown on its page.
     #[command(flatten)]
     pub part: PartArguments,
-    /// What is stated about the part's abrasions.
+    /// Statements about the part's abrasions.
     #[command(flatten)]
     pub count: CountArguments,
     /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film needs a gigabyte at
     /// full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
-    /// What a simulated cell shows.
+    /// Settings of the simulated cell.
     #[command(flatten)]
     pub simulation: Simulation,
 }
@@ -36,7 +36,7 @@ pub struct Cycle {
 /// Options of `run`.
 #[derive(Debug, Clone, Args)]
 pub struct Run {
-    /// What a simulated cell shows.
+    /// Settings of the simulated cell.
     #[command(flatten)]
     pub simulation: Simulation,
 }
@@ -73,7 +73,7 @@ pub enum CtlAsk {
         /// The part in the cell: kept with the cycle and shown on its page.
         #[command(flatten)]
         part: PartArguments,
-        /// What is stated about the part's abrasions.
+        /// Statements about the part's abrasions.
         #[command(flatten)]
         count: CountArguments,
         /// Wait for the cycle's end, report each change, and end with the cycle's exit code. While a cycle is held,
@@ -133,7 +133,7 @@ pub struct Decision {
     pub step: Option<u64>,
 }
 
-/// What a person states at a start about the abrasions of the part.
+/// Statements of a person about the abrasions of the part, given at a start.
 #[derive(Debug, Clone, Copy, Default, Args)]
 pub struct CountArguments {
     /// Another part than in the cycles before is in the fixture: the abrasions in cycles without a serial number do not

@@ -4,7 +4,7 @@ use super::simulation::Simulation;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
-/// What `shoot` can take.
+/// Kinds of shots that `shoot` can take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Shot {
     /// A 3D scan: organised PCD and PLY, and its colours as PNG.
@@ -54,7 +54,7 @@ pub struct Shoot {
     /// as wet from its beginning.
     #[arg(long, value_name = "S")]
     pub wet_from_s: Option<f64>,
-    /// What a simulated cell shows.
+    /// Settings of the simulated cell.
     #[command(flatten)]
     pub simulation: Simulation,
 }

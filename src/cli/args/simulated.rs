@@ -45,7 +45,7 @@ pub struct Demo {
     /// Seed for all random values.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// The content of the cell.
+    /// Scene of the simulated cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
     /// Folder for pictures, files and the page.
@@ -87,7 +87,7 @@ pub struct Render {
     /// Seed for all random values.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// The content of the cell.
+    /// Scene of the simulated cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
     /// The number of the panel's displacement: with the same seed, it is the same panel with the same grease,

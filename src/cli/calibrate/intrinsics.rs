@@ -265,7 +265,7 @@ fn build_outcome(
     }
     outcome.add_value("standard_deviations", Value::Object(deviations));
     let windows: Vec<usize> = detected.iter().flatten().map(|detected| detected.half_window_px).collect();
-    let (least, most) = (windows.iter().min().copied(), windows.iter().max().copied());
+    let (smallest, largest) = (windows.iter().min().copied(), windows.iter().max().copied());
     let (modelled, corners) = detected
         .iter()
         .flatten()
@@ -274,15 +274,15 @@ fn build_outcome(
         0 => "corners located by OpenCV's cornerSubPix".to_owned(),
         modelled => format!("{modelled} of {corners} corners located by a model of their grey levels"),
     };
-    outcome.add_value("half_window_px", json!([least, most]));
+    outcome.add_value("half_window_px", json!([smallest, largest]));
     outcome.add_value("corners", json!({"found": corners, "modelled": modelled}));
     outcome.add_value("coverage", json!(found.coverage));
     outcome.add_value("tilt_deg", json!(found.tilt_deg));
     outcome.add_line(format!(
         "residuals {:.3} px rms; windows of ±{} to ±{} px, {placed}; corners cover {:.0} % of the picture; tilts of the board {:.0}° to {:.0}°",
         found.rms_px,
-        least.unwrap_or(0),
-        most.unwrap_or(0),
+        smallest.unwrap_or(0),
+        largest.unwrap_or(0),
         found.coverage * 100.0,
         found.tilt_deg[0],
         found.tilt_deg[1],

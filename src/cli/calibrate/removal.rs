@@ -135,7 +135,7 @@ fn report_result(outcome: &mut Outcome, found: &CouponFit, coupons: &[Coupon]) {
         describe_power(found.powers.passes)
     ));
     outcome.add_line("coupon            line   measured µm     predicted µm   off %".to_owned());
-    let mut told = Vec::with_capacity(coupons.len());
+    let mut rows = Vec::with_capacity(coupons.len());
     for (coupon, one) in coupons.iter().zip(&found.left_out_coupons) {
         let foretold = one.map(|one| (one.foretold_um, 100.0 * one.deviation, one.is_outlier));
         let (by_others, off, mark) =
@@ -152,11 +152,11 @@ fn report_result(outcome: &mut Outcome, found: &CouponFit, coupons: &[Coupon]) {
             coupon.line,
             fixed_decimals(coupon.depth_um, 1)
         ));
-        told.push(json!({
+        rows.push(json!({
             "coupon": coupon.name, "line": coupon.line, "depth_um": coupon.depth_um,
             "foretold_um": one.map(|one| one.foretold_um), "interval_um": one.map(|one| one.interval_um),
             "off_percent": one.map(|one| 100.0 * one.deviation), "outlier": one.map(|one| one.is_outlier),
         }));
     }
-    outcome.add_value("coupons", json!(told));
+    outcome.add_value("coupons", json!(rows));
 }

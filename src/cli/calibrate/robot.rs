@@ -250,12 +250,12 @@ fn report_result(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, St
         json!({"name": number.name, "value": number.value, "uncertainty": number.uncertainty, "untold": number.remaining_share})
     });
     outcome.add_value("parameters", numbers.collect());
-    let (told, untold): (Vec<_>, Vec<_>) =
+    let (determined_numbers, undetermined): (Vec<_>, Vec<_>) =
         found.numbers.iter().partition(|number| number.remaining_share < robot_next::DETERMINED_SHARE);
-    for number in &told {
+    for number in &determined_numbers {
         outcome.add_line(format!("  {} {:.4} ± {:.4}", number.name, number.value, number.uncertainty));
     }
-    let names: Vec<&str> = untold.iter().map(|number| number.name.as_str()).collect();
+    let names: Vec<&str> = undetermined.iter().map(|number| number.name.as_str()).collect();
     if !names.is_empty() {
         outcome.add_line(format!(
             "not determined by these data, and held near the values of the drawing: {}",

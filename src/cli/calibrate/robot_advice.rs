@@ -1,5 +1,5 @@
-//! What `calibrate robot` reports about the working volume: the possible error of the tip, the next pose to take,
-//! and whether one more pose is useful.
+//! The report of `calibrate robot` about the working volume: the possible error of the tip, the next pose to take, and
+//! whether one more pose is useful.
 
 use super::super::outcome::Outcome;
 use crate::calib::robot::{ArmPose, RigKind, RobotData, RobotFound};

@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// A board with which calibrations are verified.
 pub struct Target {
-    /// Which one.
+    /// Description of the board.
     pub board: Board,
     /// The board's pose.
     pub base_from_board: Rigid<Base, BoardFrame>,
@@ -32,11 +32,11 @@ impl Target {
         };
         let board = Board::parse(&size.board, size.square_mm).map_err(|error| Fault::file_fault(file, error))?;
         // A named board that is invalid is refused as invalid, not as a board that differs from the target's.
-        let told = named.map(|named| Ok::<_, Fault>((named, boards::board(named)?))).transpose()?;
-        if let Some((named, told)) = told.filter(|(_, told)| *told != board) {
-            let said = BoardSize { board: named.board.clone(), square_mm: told.square_mm() };
+        let requested = named.map(|named| Ok::<_, Fault>((named, boards::board(named)?))).transpose()?;
+        if let Some((named, requested)) = requested.filter(|(_, requested)| *requested != board) {
+            let stated = BoardSize { board: named.board.clone(), square_mm: requested.square_mm() };
             let message = format!(
-                "the target file states {size}, but the command states {said}; correct --board and --square-mm, \
+                "the target file states {size}, but the command states {stated}; correct --board and --square-mm, \
                  or leave both out, or write the target again with --learn"
             );
             return Err(Fault::file_fault(file, CalibError::Points(message)));

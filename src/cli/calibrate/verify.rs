@@ -31,7 +31,7 @@ struct BoardCheck {
     pose_from_points: Option<(Rigid<Base, crate::geometry::Board>, f64)>,
     /// Whether the picture was taken with points, which should also show the board.
     has_cloud: bool,
-    /// Why no measurement is allowed at the board's position in the picture.
+    /// The reason why no measurement is allowed at the board's position in the picture.
     outside_lens: Option<Reason>,
     picture_hash: String,
     calibration_hash: String,

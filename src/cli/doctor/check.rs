@@ -14,13 +14,13 @@ pub(in crate::cli) enum Status {
 /// One item on the list.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::cli) struct Check {
-    /// What it is.
+    /// Name of the checked item.
     pub name: String,
     /// Its status.
     pub status: Status,
-    /// What was found.
+    /// Result of the check.
     pub found: String,
-    /// What to do about the item; empty if the item is right.
+    /// Remedy; empty if the check passed.
     pub advice: String,
 }
 

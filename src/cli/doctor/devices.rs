@@ -57,8 +57,8 @@ fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
     match whole {
         Ok([width, height]) => {
             let bytes = gige.packet_bytes;
-            let told = format!("delivers {width}×{height} in packets of {bytes} bytes");
-            (Check::passed(name, told), Some([width, height]))
+            let found = format!("delivers {width}×{height} in packets of {bytes} bytes");
+            (Check::passed(name, found), Some([width, height]))
         }
         Err(error) => {
             let advice = "check the camera's power, cable and address; end other camera programs; compare [flange_camera] with the camera";

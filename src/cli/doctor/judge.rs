@@ -220,7 +220,7 @@ mod tests {
 
     /// Calculated by hand: the samples expose for 10 and 20 ms; 20 ms are 2.4 periods of a lamp on 60 Hz.
     #[test]
-    fn a_lamp_that_flickers_is_told_with_the_settings_that_do_not_fit() {
+    fn a_lamp_that_flickers_is_reported_with_the_settings_that_do_not_fit() {
         let files =
             [include_str!("../../../config/zivid/scan.yml"), include_str!("../../../config/zivid/film.yml")];
         let settings =
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_disk_and_a_small_buffer_say_what_to_do() {
+    fn a_full_disk_and_a_small_buffer_state_what_to_do() {
         assert!(disk("store", FLOOR_MB).is_passed() && disk("store", 50_000).found.starts_with("50000 MB free"));
         let full = disk("store", FLOOR_MB - 1);
         assert!(!full.is_passed() && full.advice.contains("1000 MB"));

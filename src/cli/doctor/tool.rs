@@ -84,7 +84,7 @@ mod tests {
         Cell::check("f", &text).unwrap_or_else(|problems| panic!("{problems}"))
     }
 
-    /// A spring is not checked. A tool that answers is right; one that is broken or missing is reported with
+    /// A spring is not checked. A tool that answers passes; one that is broken or missing is reported with
     /// advice.
     #[test]
     fn the_tool_is_looked_at() {

@@ -55,7 +55,7 @@ pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> 
     let warm = found.lens_c.map_or("unknown".to_owned(), |celsius| format!("{celsius:.0} °C"));
     let calibrated =
         calibrated_px.map_or("not calibrated yet".to_owned(), |px| format!("{px:.1} px in its calibration file"));
-    let told = format!(
+    let reported = format!(
         "Zivid camera ready; lens temperature {warm}; focal length {:.1} px as the camera reports, {calibrated}",
         own.matrix_px[0]
     );
@@ -68,7 +68,7 @@ pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> 
             "repair the 3D camera, then run `panelprep doctor --warm-up` again",
         ),
     };
-    vec![graphics, Check::passed("scanner", told), light, warmth]
+    vec![graphics, Check::passed("scanner", reported), light, warmth]
 }
 
 /// Duration of the warm-up of a camera, which is the maker's ten minutes, and interval between two shots.

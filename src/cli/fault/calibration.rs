@@ -3,7 +3,7 @@
 use crate::requirements::CALIBRATION_ADVICE;
 use std::path::PathBuf;
 
-/// Why a calibration cannot be used or made.
+/// The reason why a calibration cannot be used or made.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationFault {
     /// The cell's file names no such calibration.

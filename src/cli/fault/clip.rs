@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// Why a clip, or its labels, cannot be used or written.
+/// The reason why a clip, or its labels, cannot be used or written.
 #[derive(Debug, thiserror::Error)]
 pub enum ClipFault {
     /// A film would overwrite another film.
@@ -64,7 +64,7 @@ pub enum ClipFault {
     NeverWet {
         /// The requested time.
         wet_from_s: f64,
-        /// The film's length.
+        /// Length of the film, s.
         seconds: f64,
     },
     /// It is not stated when the sprayed panel is wet.
@@ -86,7 +86,7 @@ pub enum ClipFault {
         spray_from_s: f64,
         /// The requested time.
         wet_from_s: f64,
-        /// The film's length.
+        /// Length of the film, s.
         seconds: f64,
     },
 }

@@ -3,7 +3,7 @@
 use crate::cell::{ProofStage, Unsigned};
 use std::path::PathBuf;
 
-/// Why a device cannot be used.
+/// The reason why a device cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DeviceFault {
     /// The controller's files and the cell's file state different ports.
@@ -14,9 +14,9 @@ pub enum DeviceFault {
     OtherPorts {
         /// The folder of the controller's files.
         folder: PathBuf,
-        /// Their ports.
+        /// Ports in the files.
         files: String,
-        /// The cell's ports.
+        /// Ports in the cell's file.
         cells: String,
     },
     /// No simulated tool exists that could have the fault.
@@ -71,7 +71,7 @@ pub enum DeviceFault {
          px: render the cell's files with `panelprep render`", found_px[0], found_px[1], nearest_px[0], nearest_px[1]
     )]
     NoSuchSimulatedSize {
-        /// In the calibration.
+        /// Size in the calibration, px.
         found_px: [usize; 2],
         /// The nearest size that is delivered, px.
         nearest_px: [usize; 2],
@@ -88,7 +88,7 @@ pub enum DeviceFault {
     ProvenTooEarly {
         /// The stage to be proven.
         stage: ProofStage,
-        /// The stage before it.
+        /// The stage that must be proven first.
         before: ProofStage,
     },
     /// The controller executes other programs than the accepted ones, so that its proofs would not hold for them.

@@ -1,6 +1,6 @@
 //! The faults of the records of cycles and parts, and of their history, that stop a command.
 
-/// Why the records cannot answer, or do not accept a part.
+/// The reason why the records cannot answer, or do not accept a part.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordFault {
     /// A text in a search that is not a date.
@@ -73,7 +73,7 @@ pub enum RecordFault {
         "no public key for the verification ({problem}): name the cell's public key with --public-key FILE; `panelprep record export` writes this file"
     )]
     NoPublicKey {
-        /// Why the cell's own store has no public key.
+        /// The reason why the cell's own store has no public key.
         problem: String,
     },
     /// A name of the part that is not valid.
@@ -81,9 +81,9 @@ pub enum RecordFault {
     PartName {
         /// The option.
         option: &'static str,
-        /// What was given.
+        /// The name as given.
         found: String,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
 }

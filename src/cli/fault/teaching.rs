@@ -3,7 +3,7 @@
 use crate::number_text::distinguishable_texts;
 use std::path::PathBuf;
 
-/// Why a panel cannot be taught, or why its taught data cannot be used.
+/// The reason why a panel cannot be taught, or why its taught data cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum TeachingFault {
     /// There is no scan for the teaching.
@@ -23,9 +23,9 @@ pub enum TeachingFault {
         "{found} --corner and {flanges} --flange were given: each corner picture needs the flange's pose at that picture"
     )]
     CornerWithoutFlange {
-        /// Corner pictures named.
+        /// Number of corner pictures.
         found: usize,
-        /// Flange poses named.
+        /// Number of flange poses.
         flanges: usize,
     },
     /// All corner pictures in which no corner was found.
@@ -101,9 +101,9 @@ pub enum TeachingFault {
         "{found} corner pictures, but only {taught} corners of this panel were taught; teach more corners with --corner"
     )]
     CornersNotTaught {
-        /// Pictures named.
+        /// Number of pictures.
         found: usize,
-        /// Corners taught.
+        /// Number of taught corners.
         taught: usize,
     },
     /// The recipe differs from the one with which the panel was taught.
@@ -126,7 +126,7 @@ pub enum TeachingFault {
         "the taught corner picture {number} cannot be used: {cause}; correct this, then teach the panel again with the new picture"
     )]
     TaughtCorner {
-        /// Which, from 1.
+        /// Number of the corner, from 1.
         number: usize,
         /// The problem of the corner picture.
         cause: String,

@@ -162,11 +162,11 @@ pub(super) fn comparison(comparison: &Comparison) -> Vec<String> {
     words.extend(columns(&rows));
     let grids: Vec<_> = comparison.grids.iter().filter(|pair| pair.cycles[0] != pair.cycles[1]).collect();
     words.extend(grids.iter().map(|pair| {
-        let told = pair
+        let reported = pair
             .cycles
             .each_ref()
             .map(|past| past.as_ref().map_or("not seen".to_owned(), crate::history::GridPast::describe));
-        format!("{}: {} | {}", pair.grid, told[0], told[1])
+        format!("{}: {} | {}", pair.grid, reported[0], reported[1])
     }));
     words
 }
@@ -215,7 +215,7 @@ pub(super) fn alarms(alarms: &[Alarm]) -> Vec<String> {
     if alarms.is_empty() {
         return vec!["no alarms".to_owned()];
     }
-    let told = |alarm: &Alarm| {
+    let describe = |alarm: &Alarm| {
         let gone = match alarm.gone_unix_ms {
             None => "lasts".to_owned(),
             Some(gone) => format!("gone {}", utc_text(gone.div_euclid(1_000))),
@@ -228,5 +228,5 @@ pub(super) fn alarms(alarms: &[Alarm]) -> Vec<String> {
         let head = format!("{raised}  {priority}  {code}  {cycle}, {gone}{seen}");
         [head, format!("  {}", alarm.message), format!("  What to do: {}", alarm.remedy)]
     };
-    alarms.iter().flat_map(told).collect()
+    alarms.iter().flat_map(describe).collect()
 }

@@ -189,8 +189,8 @@ impl CellFiles {
         last_touch_check(&self.store().ok()?, &self.hash_with_arm(&[tool_text]))
     }
 
-    /// Refuses a cell's file that does not state what this purpose needs, or names a file that is missing or not
-    /// right.
+    /// Refuses a cell's file that does not state what this purpose needs, or names a file that is missing or
+    /// invalid.
     ///
     /// # Errors
     /// All that is missing, each with its key.

@@ -213,18 +213,21 @@ mod tests {
             (asker("", true), question(None, None), "how many rows has no answer: give --rows"),
             (asker("5\n", false), question(Some("x"), None), "--rows \"x\": valid: a number"),
         ] {
-            let told = of(asker, &question).expect_err("refused").to_string();
-            assert!(told.contains(words), "{told}");
+            let message = of(asker, &question).expect_err("refused").to_string();
+            assert!(message.contains(words), "{message}");
         }
         // If there is no proposed answer, --yes does not answer the question.
-        let told = of(asker("", true), &question(None, None)).expect_err("refused").to_string();
-        assert!(told.ends_with("give --rows"), "{told}");
+        let message = of(asker("", true), &question(None, None)).expect_err("refused").to_string();
+        assert!(message.ends_with("give --rows"), "{message}");
         // A count is checked against its range at once, not later in the resulting file.
         let of = |given| asker("", true).count(&question(Some(given), None), 1..=50);
         assert_eq!(of("50").expect("allowed"), 50.0);
         for wrong in ["0", "51", "2.5", "many"] {
-            let told = of(wrong).expect_err("refused").to_string();
-            assert!(told.contains(&format!("--rows \"{wrong}\": valid: a whole number from 1 to 50")), "{told}");
+            let message = of(wrong).expect_err("refused").to_string();
+            assert!(
+                message.contains(&format!("--rows \"{wrong}\": valid: a whole number from 1 to 50")),
+                "{message}"
+            );
         }
     }
 

@@ -62,7 +62,7 @@ pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
 struct RecipeContext<'a> {
     /// The recipe's file.
     name: &'a str,
-    /// The cell, if its file exists and is right.
+    /// The cell, if its file exists and is valid.
     cell: Option<&'a Cell>,
 }
 

@@ -74,11 +74,11 @@ fn effect_on_state(cell: &Cell, bytes: &[u8]) -> ByteEffect {
         drop(client);
         return effect_of_closing(cell, epoch);
     }
-    let (found, done) = (after.of_state("Ep"), after.of_state("Done"));
+    let (found, done) = (after.state_value("Ep"), after.state_value("Done"));
     if after.has_answered_after(asked) && (found, done) == (Some(epoch), Some(0)) {
         return ByteEffect::Skipped;
     }
-    let (found, done, answered) = (shown(found), shown(done), shown(after.of_state("Re")));
+    let (found, done, answered) = (shown(found), shown(done), shown(after.state_value("Re")));
     ByteEffect::Other(format!(
         "not closed; Re {answered} (more than {asked} was expected), epoch {found} (expected {epoch}), Done {done}"
     ))
@@ -100,7 +100,7 @@ fn effect_on_command(cell: &Cell, bytes: &[u8]) -> ByteEffect {
         drop(client);
         return effect_of_closing(cell, epoch);
     }
-    let found = (after.of_state("Ep"), after.of_ack("Rx"), after.of_ack("Err"));
+    let found = (after.state_value("Ep"), after.ack_value("Rx"), after.ack_value("Err"));
     let base_x =
         after.state.as_deref().and_then(|state| pose(state, "Base")).and_then(|[x, ..]| x.parse::<f64>().ok());
     if found == (Some(epoch), Some(1), Some(0)) && base_x.is_some_and(|x_mm| (x_mm - BASE_X_MM).abs() < 0.001) {
@@ -117,7 +117,7 @@ fn effect_of_closing(cell: &Cell, epoch: i64) -> ByteEffect {
     let Some((_, heard)) = RawClient::patient(cell) else {
         return ByteEffect::Other(format!("it was closed, and then {NO_STATE_MESSAGE}"));
     };
-    let (found, done) = (heard.of_state("Ep"), heard.of_state("Done"));
+    let (found, done) = (heard.state_value("Ep"), heard.state_value("Done"));
     if (found, done) == (Some(epoch), Some(0)) {
         return ByteEffect::Closed;
     }
@@ -186,14 +186,14 @@ pub(super) fn check_second_client_refused(cell: &Cell) -> TestResult {
     });
     let asked = first.last_asked();
     let after = first.listen(STATE_TIMEOUT, |_| false);
-    let (found, rx) = (after.of_state("Ep"), after.of_ack("Rx"));
+    let (found, rx) = (after.state_value("Ep"), after.ack_value("Rx"));
     let [on_state, on_command]: [&str; 2] = second.map(Into::into);
     let evidence = format!(
         "a second client {on_state} on the state channel, where it requested epoch {}, and {on_command} on the command channel, \
          where it sent a base; then the first client: Re {} (more than {asked} was expected), epoch {} (expected {epoch}), Rx {} \
          (expected 0)",
         epoch + 2,
-        shown(after.of_state("Re")),
+        shown(after.state_value("Re")),
         shown(found),
         shown(rx)
     );
@@ -217,7 +217,7 @@ pub(super) fn check_epoch_range(cell: &Cell) -> TestResult {
             return make_finding(false, format!("the state channel closed at {name}"));
         }
         let after = client.listen(STATE_TIMEOUT, |_| false);
-        let (found, stopped) = (after.of_state("Ep"), is_stopped(&after));
+        let (found, stopped) = (after.state_value("Ep"), is_stopped(&after));
         let words = match stopped {
             Some(true) => "stopped",
             Some(false) => "not stopped",
@@ -225,7 +225,7 @@ pub(super) fn check_epoch_range(cell: &Cell) -> TestResult {
         };
         let evidence = format!(
             "{name} to epoch 2147483647 in epoch {epoch}: Re {} (more than {before} was expected), epoch {}, {words}",
-            shown(after.of_state("Re")),
+            shown(after.state_value("Re")),
             shown(found)
         );
         if !after.has_answered_after(before) || found != Some(epoch) || stopped != Some(stops) {

@@ -11,9 +11,9 @@ pub(super) struct Assumption {
     pub(super) number: u32,
     pub(super) assumed: String,
     pub(super) to_do: String,
-    /// What is seen if the assumption holds.
+    /// Expected observation if the assumption holds.
     pub(super) to_see: String,
-    /// What breaks if it does not hold.
+    /// Consequence if the assumption does not hold.
     pub(super) otherwise: String,
 }
 

@@ -68,18 +68,18 @@ pub(super) struct Heard {
 
 impl Heard {
     /// Returns a number of the newest state.
-    pub(super) fn of_state(&self, name: &str) -> Option<i64> {
+    pub(super) fn state_value(&self, name: &str) -> Option<i64> {
         attribute(self.state.as_deref()?, name)?.parse().ok()
     }
 
     /// Returns whether the controller has answered a request that was sent after this one: `Re` is the number of the last
     /// request that it has read.
     pub(super) fn has_answered_after(&self, request: i32) -> bool {
-        self.of_state("Re").is_some_and(|answered| answered > i64::from(request))
+        self.state_value("Re").is_some_and(|answered| answered > i64::from(request))
     }
 
     /// Returns a number of the newest acknowledgement.
-    pub(super) fn of_ack(&self, name: &str) -> Option<i64> {
+    pub(super) fn ack_value(&self, name: &str) -> Option<i64> {
         attribute(self.ack.as_deref()?, name)?.parse().ok()
     }
 }

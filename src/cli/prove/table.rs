@@ -34,7 +34,7 @@ mod tests {
     use super::super::unattended;
     use super::*;
 
-    /// What is wrong with the list of proofs.
+    /// Returns the errors in the list of proofs.
     fn wrong(page: &str) -> Vec<String> {
         let rows = assumptions(page);
         let mut found = Vec::new();
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn every_row_can_be_done_in_its_stage_and_says_what_breaks_otherwise() {
+    fn every_row_can_be_done_in_its_stage_and_states_what_breaks_otherwise() {
         assert_eq!(wrong(INSTALLATION), [""; 0]);
         let changed = |from: &str, to: &str| {
             let page = INSTALLATION.replacen(from, to, 1);

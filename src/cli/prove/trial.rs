@@ -40,12 +40,12 @@ pub(super) fn no_program() -> TestResult {
 
 /// Returns whether the robot program runs, which executes the commands.
 pub(super) fn program_runs(heard: &Heard) -> bool {
-    heard.of_state("Flags").is_some_and(|flags| flags & MOTION_POSSIBLE != 0)
+    heard.state_value("Flags").is_some_and(|flags| flags & MOTION_POSSIBLE != 0)
 }
 
 /// Returns whether the controller reports that it has stopped the epoch; `None` without a state.
 pub(super) fn is_stopped(heard: &Heard) -> Option<bool> {
-    heard.of_state("Flags").map(|flags| flags & STOPPED != 0)
+    heard.state_value("Flags").map(|flags| flags & STOPPED != 0)
 }
 
 /// Returns a number as evidence.
@@ -83,8 +83,8 @@ pub(super) struct InEpoch {
 /// Connects and opens the epoch after the next one; `None` if the controller does not report it in time.
 pub(super) fn in_a_new_epoch(cell: &Cell) -> Option<InEpoch> {
     let (mut client, heard) = RawClient::patient(cell)?;
-    let epoch = heard.of_state("Ep")? + 2;
+    let epoch = heard.state_value("Ep")? + 2;
     client.ask(OP_RESET, i32::try_from(epoch).ok()?).ok()?;
     let heard = client.listen(EPOCH_TIMEOUT, |_| false);
-    (heard.of_state("Ep") == Some(epoch)).then_some(InEpoch { client, epoch, heard })
+    (heard.state_value("Ep") == Some(epoch)).then_some(InEpoch { client, epoch, heard })
 }

@@ -99,7 +99,7 @@ fn no_old_command_is_left(cell: &Cell) -> TestResult {
     let Some((mut first, heard)) = RawClient::patient(cell) else {
         return make_finding(false, NO_STATE_MESSAGE.to_owned());
     };
-    let epoch = heard.of_state("Ep").unwrap_or_default() + 2;
+    let epoch = heard.state_value("Ep").unwrap_or_default() + 2;
     let old: String = (1..=COMMANDS).map(|id| set_base(id, epoch, &format!("{id}.0"))).collect();
     if first.send_on_command(old.as_bytes()).is_err() {
         return make_finding(false, "the command channel closed".to_owned());
@@ -112,12 +112,12 @@ fn no_old_command_is_left(cell: &Cell) -> TestResult {
     if !program_runs(&heard) {
         return no_program();
     }
-    let before = heard.of_ack("Rx");
+    let before = heard.ack_value("Rx");
     if client.send_on_command(set_base(1, opened, "100.0").as_bytes()).is_err() {
         return make_finding(false, "the command channel closed".to_owned());
     }
     let after = client.listen(STATE_TIMEOUT, |_| false);
-    let numbers = (before, after.of_ack("Rx"), after.of_ack("Err"));
+    let numbers = (before, after.ack_value("Rx"), after.ack_value("Err"));
     make_finding(
         opened == epoch && numbers == (Some(0), Some(1), Some(0)),
         format!(
@@ -146,11 +146,11 @@ fn time_is_in_ms(cell: &Cell) -> TestResult {
     let begun = Instant::now();
     let last = client.listen(WATCHED, |_| false);
     let passed = begun.elapsed();
-    let (Some(from), Some(to)) = (first.of_state("T"), last.of_state("T")) else {
+    let (Some(from), Some(to)) = (first.state_value("T"), last.state_value("T")) else {
         return make_finding(false, "no state at the end of 5 s".to_owned());
     };
     let passed_ms = i64::try_from(passed.as_millis()).unwrap_or(i64::MAX);
-    let states = last.of_state("Seq").zip(first.of_state("Seq")).map_or(0, |(last, first)| last - first);
+    let states = last.state_value("Seq").zip(first.state_value("Seq")).map_or(0, |(last, first)| last - first);
     let evidence = format!(
         "T counted {} in {passed_ms} ms of this computer (largest difference {MAX_DIFFERENCE_MS}), over {states} states (at least \
          {MIN_STATES})",
@@ -194,10 +194,10 @@ fn a_line_without_frames_is_refused(cell: &Cell) -> TestResult {
     if client.send_on_command(command(1, epoch, 2, SPEED_M_S, tip).as_bytes()).is_err() {
         return make_finding(false, "the command channel closed".to_owned());
     }
-    let after = client.listen(STATE_TIMEOUT, |heard| heard.of_ack("Err").is_some_and(|refusal| refusal != 0));
-    let refusal = after.of_ack("Err").unwrap_or_default();
+    let after = client.listen(STATE_TIMEOUT, |heard| heard.ack_value("Err").is_some_and(|refusal| refusal != 0));
+    let refusal = after.ack_value("Err").unwrap_or_default();
     make_finding(
-        refusal == NO_FRAMES && after.of_ack("ErrId") == Some(1),
+        refusal == NO_FRAMES && after.ack_value("ErrId") == Some(1),
         format!(
             "a line without base and tool: Err {refusal} (expected {NO_FRAMES}), and it led to where the arm was"
         ),

@@ -22,7 +22,7 @@ const WRITERS: usize = 2;
 /// Step by which a simulated cell's time advances while the next picture is awaited, ms.
 const STEP_MS: u64 = 12;
 
-/// What came.
+/// The captured film.
 struct CapturedFilm {
     entries: Vec<ClipEntry>,
     quality: Option<PictureQuality>,
@@ -64,9 +64,13 @@ pub fn capture(
     let clip = Clip::new(taken.entries.clone()).map_err(Fault::stage)?;
     disk::write(&list, clip.to_csv())?;
     report_result(args, &taken, outcome);
-    let mut told = json!({});
-    super::conditions(outcome, &mut told, opened.camera.conditions());
-    told.as_object().into_iter().flatten().for_each(|(key, value)| outcome.add_value(key, value.clone()));
+    let mut conditions_json = json!({});
+    super::conditions(outcome, &mut conditions_json, opened.camera.conditions());
+    conditions_json
+        .as_object()
+        .into_iter()
+        .flatten()
+        .for_each(|(key, value)| outcome.add_value(key, value.clone()));
     Ok(())
 }
 

@@ -39,7 +39,7 @@ impl<C> OpenedCamera<C> {
 pub struct RequestedShot {
     /// The camera, and the kind of shot.
     pub shot: Shot,
-    /// What a simulated cell shows.
+    /// Settings of the simulated cell.
     pub simulation: Simulation,
 }
 

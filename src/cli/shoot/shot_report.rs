@@ -5,9 +5,9 @@ use crate::devices::cameras::{Conditions, PictureQuality};
 use serde_json::{Value, json};
 
 /// Adds what the camera reports about a shot, as text and for scripts.
-pub(super) fn conditions(outcome: &mut Outcome, told: &mut Value, conditions: Conditions) {
+pub(super) fn conditions(outcome: &mut Outcome, description: &mut Value, conditions: Conditions) {
     let Conditions { exposure_us, camera_c, throttled_ms } = conditions;
-    (told["exposure_us"], told["camera_c"], told["throttled_ms"]) =
+    (description["exposure_us"], description["camera_c"], description["throttled_ms"]) =
         (json!(exposure_us), json!(camera_c), json!(throttled_ms));
     let words = [
         exposure_us.map(|us| format!("exposed for {:.2} ms", us / 1_000.0)),

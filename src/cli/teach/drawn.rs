@@ -29,11 +29,11 @@ const MAX_OUTSIDE: f64 = 0.001;
 
 /// A drawing as the cameras see it.
 pub struct ViewedDrawing {
-    /// What the 3D camera sees.
+    /// The rendered scan of the 3D camera.
     pub scan: OrganizedCloud<Camera>,
     /// The same as the file that the store keeps.
     pub scan_file: Vec<u8>,
-    /// What the flange camera sees, from the poses that the command names.
+    /// The rendered pictures of the flange camera, from the poses that the command names.
     pub corners: Vec<TaughtCorner>,
     hash: String,
     unit: &'static str,
@@ -59,7 +59,7 @@ impl ViewedDrawing {
     /// Looks at the drawing that the command names; `None` if it names none.
     ///
     /// # Errors
-    /// If the recipe does not state the drawing's place, the file is no clear surface, or a camera does not see it.
+    /// If the recipe does not state the drawing's place, the file is not a clear surface, or a camera does not see it.
     pub fn view_drawing(args: &Teach, cell: &CellFiles) -> Result<Option<ViewedDrawing>, Fault> {
         let recipe = load::recipe(&args.recipe)?;
         let (file, nominal) = match (&args.nominal, recipe.nominal()) {
@@ -117,7 +117,7 @@ impl ViewedDrawing {
         }))
     }
 
-    /// Why a person must look at a panel that was taught from this drawing.
+    /// The reason why a person must look at a panel that was taught from this drawing.
     pub fn reasons(&self) -> Vec<Reason> {
         let outside = self.not_seen.outside;
         let message = || {
@@ -174,7 +174,7 @@ impl ViewedDrawing {
         );
     }
 
-    /// What the operator should know.
+    /// Returns the warnings for the operator.
     pub fn warnings(&self) -> Option<String> {
         (self.facet_error_mm > FINE_FACETS_MM).then(|| {
             format!(

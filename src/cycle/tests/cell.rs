@@ -70,7 +70,7 @@ pub struct Cell {
     pub flown: bool,
     pub concluded: bool,
     pub intent: Option<Motion>,
-    /// Acts whose answers are no longer awaited.
+    /// Actions whose answers are no longer awaited.
     pub stale: Vec<(Id, Action)>,
     /// The armed deadline of each kind.
     pub timers: Vec<(Deadline, Id)>,

@@ -102,7 +102,7 @@ impl Cell {
     /// Any other possible event.
     pub fn surprise(&mut self, random: &mut Pcg64) -> Event {
         let due = self.state.due;
-        let told = match random.random_range(0..23) {
+        let reported = match random.random_range(0..23) {
             20 => {
                 let trouble = random.random_bool(0.8).then(|| one_of(random, &TROUBLES));
                 Report::EpochOver { trouble }
@@ -114,8 +114,7 @@ impl Cell {
                 let (which, id) = one_of(random, &self.timers);
                 Report::Deadline { id, which }
             }
-            // A late report from an abandoned or already answered act; often one that would fit the act in
-            // progress.
+            // A late report from an abandoned or already answered action; often one that would fit the action in progress.
             9..=13 if !self.stale.is_empty() => {
                 let recent = self.stale.len() - random.random_range(1..=self.stale.len().min(3));
                 let (id, act) = self.stale[recent];
@@ -144,7 +143,7 @@ impl Cell {
                 None => Report::Robot(Robot::Ready),
             },
         };
-        Event::Reported(told)
+        Event::Reported(reported)
     }
 }
 
@@ -192,7 +191,7 @@ pub const ROBOTS: [Robot; 8] = [
     Robot::OtherPrograms,
 ];
 
-/// All possible answers to an act, fitting or not, except failures.
+/// All possible answers to an action, fitting or not, except failures.
 pub fn answers(act: Action, id: Id) -> Vec<Report> {
     let stands = |done| Answer::Standstill { done };
     let graded = [Grade::Accept, Grade::Review, Grade::Reject].map(Answer::Graded);

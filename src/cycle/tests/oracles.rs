@@ -261,8 +261,9 @@ impl Cell {
                 never(contact && matches!(at, At::Execute(_)), "contact with an old localization")
             }
             Report::Progress { id, done } if is_due(id) => {
-                let told = before.intent.map_or(0, |intent| intent.done);
-                let in_order = before.intent.is_some_and(|intent| done <= intent.motion.waypoints) && told <= done;
+                let reported = before.intent.map_or(0, |intent| intent.done);
+                let in_order =
+                    before.intent.is_some_and(|intent| done <= intent.motion.waypoints) && reported <= done;
                 let moves = due.is_some_and(|due| matches!(due.act, Action::Move(_)));
                 never(moves && !in_order && !aborts, "acknowledgements out of order are believed")
             }

@@ -83,7 +83,7 @@ fn no_panel_is_a_reject_without_a_move_toward_it() {
 }
 
 #[test]
-fn breaks_after_the_last_pass_fail_and_a_film_that_says_nothing_is_invalid() {
+fn breaks_after_the_last_pass_fail_and_a_film_that_shows_nothing_is_invalid() {
     let mut story = Story::started(&[Film::Broken, Film::Broken, Film::Broken]);
     story.rests();
     assert_eq!((story.at(), story.cell.state.job.pass), (At::Complete { verdict: Verdict::Fail }, 2));

@@ -5,7 +5,7 @@ use super::super::*;
 use super::cell::Cell;
 use super::healthy::answers;
 
-/// Returns the name of an act in the scenarios.
+/// Returns the name of an action in the scenarios.
 fn word(act: Action) -> String {
     match act {
         Action::Move(motion) => match motion.path {
@@ -24,7 +24,7 @@ fn word(act: Action) -> String {
     }
 }
 
-/// A cell in a scenario, with the acts since the last check.
+/// A cell in a scenario, with the actions since the last check.
 pub struct Story {
     pub cell: Cell,
     pub acts: Vec<String>,
@@ -100,7 +100,7 @@ impl Story {
         }
     }
 
-    /// Continues until this act is in progress; returns the acts until then.
+    /// Continues until this action is in progress; returns the actions until then.
     pub fn until(&mut self, act: &str) -> String {
         for _ in 0..200 {
             if self.cell.state.due.is_some_and(|due| word(due.act) == act) {
@@ -111,7 +111,7 @@ impl Story {
         panic!("{act} never comes: {:?}", self.cell.state);
     }
 
-    /// Continues until nothing is in progress; returns the acts until then.
+    /// Continues until nothing is in progress; returns the actions until then.
     pub fn rests(&mut self) -> String {
         for _ in 0..200 {
             if self.at().is_at_rest() {

@@ -68,7 +68,7 @@ fn timers(state: &State) -> Vec<(Deadline, Id)> {
 
 /// All possible events in this state, one of each kind that the table distinguishes.
 fn events(state: &State) -> Vec<Event> {
-    let mut told = vec![
+    let mut reported = vec![
         Report::Boot,
         Report::StoreChanged,
         Report::StoreRestored,
@@ -76,25 +76,25 @@ fn events(state: &State) -> Vec<Event> {
         Report::Trouble(Trouble::Starved),
     ];
     let over = [None, Some(Trouble::Refused), Some(Trouble::Starved)];
-    told.extend(over.map(|trouble| Report::EpochOver { trouble }));
+    reported.extend(over.map(|trouble| Report::EpochOver { trouble }));
     let robots = [Robot::Ready, Robot::LinkLost, Robot::EmergencyStop, Robot::GuardOpen];
-    told.extend(robots.map(Report::Robot));
-    told.extend([true, false].map(Report::FullOverride));
-    told.extend(state.facts.proven_switches().map(Report::Contrary));
+    reported.extend(robots.map(Report::Robot));
+    reported.extend([true, false].map(Report::FullOverride));
+    reported.extend(state.facts.proven_switches().map(Report::Contrary));
     if let Some(Due { id, act }) = state.due {
-        told.extend(answers(act, id));
+        reported.extend(answers(act, id));
         let failed = |trouble| Report::Answered { id, answer: Answer::Failed(trouble) };
-        told.extend([failed(Trouble::Camera), failed(Trouble::Gate)]);
-        told.extend([Report::Deadline { id, which: Deadline::Answer }, Report::Progress { id, done: 1 }]);
+        reported.extend([failed(Trouble::Camera), failed(Trouble::Gate)]);
+        reported.extend([Report::Deadline { id, which: Deadline::Answer }, Report::Progress { id, done: 1 }]);
     }
     let mut armed = timers(state);
     armed.extend(state.facts.token.map(|id| (Deadline::Token, id)));
     if let At::Stopping { until } = state.at {
         armed.push((Deadline::Stop, until));
     }
-    told.extend(armed.into_iter().map(|(which, id)| Report::Deadline { id, which }));
+    reported.extend(armed.into_iter().map(|(which, id)| Report::Deadline { id, which }));
     let asked = REQUESTS.iter().filter(|request| !matches!(request, Request::Start { max_passes: 2, .. }));
-    asked.map(|request| Event::Asked(*request)).chain(told.into_iter().map(Event::Reported)).collect()
+    asked.map(|request| Event::Asked(*request)).chain(reported.into_iter().map(Event::Reported)).collect()
 }
 
 /// The next report of a healthy cell without a request.

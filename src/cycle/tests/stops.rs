@@ -32,7 +32,7 @@ fn a_stop_of_a_held_cell_with_an_open_guard_is_at_once() {
 
 /// Reported waypoints were executed and are recorded, even if a later answer does not contain them.
 #[test]
-fn waypoints_that_were_told_are_not_forgotten_at_the_end_of_the_epoch() {
+fn waypoints_that_were_reported_are_not_forgotten_at_the_end_of_the_epoch() {
     let mut story = Story::in_contact();
     story.asked(Request::Abort);
     let motion = story.cell.state.intent.expect("it is not answered").motion;

@@ -175,7 +175,7 @@ fn a_new_program_is_aborted_where_a_motion_was_open_and_stopped_elsewhere() {
 }
 
 #[test]
-fn a_link_that_is_lost_while_aborting_leaves_nobody_to_wait_for() {
+fn a_link_that_is_lost_while_aborting_leaves_no_client_waiting() {
     let mut story = Story::in_contact();
     story.asked(Request::Abort);
     story.report(Report::Robot(Robot::LinkLost));

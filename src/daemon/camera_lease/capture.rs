@@ -6,7 +6,7 @@ use crate::devices::cameras::{CameraError, Conditions};
 use crate::geometry::ColorPicture;
 use crate::verdict::Reason;
 
-/// Which camera.
+/// The camera that is requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::daemon) enum CameraEye {
     /// The fixed 3D camera.

@@ -19,7 +19,7 @@ const END_POLL_TIMEOUT: Duration = Duration::from_millis(2);
 /// No camera takes more pictures a second than this.
 const MAX_PICTURES_PER_SECOND: f64 = 100.0;
 
-/// Why a connection ends before its normal end.
+/// The reason why a connection ends before its normal end.
 enum ConnectionEnd {
     /// The reason is reported to the client.
     Refused(Vec<Reason>),

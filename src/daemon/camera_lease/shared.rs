@@ -23,7 +23,7 @@ pub(super) const AT_WORK_CODE: &str = "at_work";
 
 pub(super) struct Inside {
     pub(super) cameras: AllCameras,
-    /// A film that was lent to a client is under way.
+    /// A film that was lent to a client is in progress.
     pub(super) films: bool,
 }
 
@@ -34,7 +34,7 @@ pub struct SharedCameras(Arc<Shared>);
 struct Shared {
     inside: Mutex<Inside>,
     last: LastState,
-    /// The cell rests, and no cycle is under way.
+    /// The cell rests, and no cycle is in progress.
     is_at_rest: AtomicBool,
     is_lent: AtomicBool,
 }

@@ -177,7 +177,7 @@ fn a_picture_is_taken_while_the_cell_rests_and_not_in_a_cycle() {
 }
 
 #[test]
-fn the_axes_are_told_only_while_the_arm_stands() {
+fn the_axes_are_reported_only_while_the_arm_is_at_rest() {
     let bench = Bench::new();
     assert_eq!(bench.cameras.resting_joints(), None, "no robot has said where it stands");
     let joints = Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]);

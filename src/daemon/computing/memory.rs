@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// time.
 const MAX_RESULTS: usize = 4_000;
 
-/// Names the scene that the cameras would show for this act now; `None` if the result is not to be remembered.
+/// Names the scene that the cameras would show for this action now; `None` if the result is not to be remembered.
 pub type SceneKey = Box<dyn FnMut(Action) -> Option<u64> + Send>;
 
 /// Results of earlier work. All clones share the same memory; it is valid for cycles of one setup.
@@ -31,7 +31,7 @@ pub struct Memory {
     films: FilmMemory,
 }
 
-/// Returns the inputs of a piece of work as text; `None` if its result is not remembered. An act is named together
+/// Returns the inputs of a piece of work as text; `None` if its result is not remembered. An action is named together
 /// with the data that its phase reads.
 pub(super) fn inputs(work: &WorkInput, scene_key: &mut SceneKey) -> Option<String> {
     if !matches!(work.action, Action::Locate | Action::Refine { .. } | Action::Verify { .. } | Action::Plan { .. })
@@ -93,7 +93,7 @@ impl Memory {
     }
 }
 
-/// Returns the abrasion data after a remembered act: only planning changes it. An exception is the surface, which
+/// Returns the abrasion data after a remembered action: only planning changes it. An exception is the surface, which
 /// follows from the taught data.
 fn abrasion_after(act: Action, before: &AbrasionWork, then: AbrasionWork) -> AbrasionWork {
     match act {

@@ -10,13 +10,13 @@ use crate::geometry::KukaPose;
 use crate::verdict::Reason;
 use std::sync::Arc;
 
-/// The data that an act needs.
+/// The data that an action needs.
 #[derive(Debug)]
 pub(in crate::daemon) struct WorkInput {
-    /// The act.
+    /// Id of the action.
     pub id: Id,
     pub action: Action,
-    /// Whether this is the next step of the film under way; such a step needs no other data.
+    /// Whether this is the next step of the film in progress; such a step needs no other data.
     pub is_next_picture: bool,
     pub perception: Perception,
     pub abrasion: AbrasionWork,
@@ -28,7 +28,7 @@ pub(in crate::daemon) struct WorkInput {
 }
 
 impl WorkInput {
-    /// Creates the next step of the film that this act watches.
+    /// Creates the next step of the film that this action watches.
     pub fn next_picture_step(id: Id, act: Action, pass: u8, setup: Option<Arc<CycleSetup>>) -> Self {
         let (perception, abrasion) = Default::default();
         WorkInput { id, action: act, is_next_picture: true, perception, abrasion, tip: None, pass, setup }
@@ -56,7 +56,7 @@ impl WorkResult {
 /// The result of a piece of work.
 #[derive(Debug, Clone)]
 pub(in crate::daemon) enum WorkOutcome {
-    /// The act's answer.
+    /// Answer for the action.
     Answer(Answer),
     /// The film continues; this is the duration of the part seen so far, s.
     Watching { seen_s: f64 },

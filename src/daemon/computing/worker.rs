@@ -1,4 +1,4 @@
-//! The worker: it has the cameras and the film under way, and calls the phases.
+//! The worker: it has the cameras and the film in progress, and calls the phases.
 
 use super::work::{CalibrationCheck, WorkInput, WorkOutcome, WorkResult};
 use crate::cycle::{Action, Answer, Grade, Trouble};
@@ -73,7 +73,7 @@ impl NoteBuffer<'_> {
     }
 }
 
-/// Does the work: it has the cameras, and the film under way.
+/// Does the work: it has the cameras, and the film in progress.
 pub(super) struct Worker<'p> {
     cameras: Box<dyn CameraPort + Send + 'p>,
     /// Checks the calibrations, for a self-test.
@@ -182,7 +182,7 @@ impl<'p> Worker<'p> {
                 work.perception.evaluate_next_picture(cycle, filming, work.pass, cameras, notes)?
             }
             (true, None) => Err(MISSING),
-            // The act only watches the film: it produces nothing new.
+            // The action only watches the film: it produces nothing new.
             (false, _) => {
                 let eyes = (cameras, self.films.as_ref());
                 let sanded = work.abrasion.sanded_pixels();

@@ -30,7 +30,7 @@ fn state(outputs: u32, inputs: u32) -> State {
 /// A contradiction is reported after half a second, counted from the first contrary state; a state that agrees in
 /// between restarts the time.
 #[test]
-fn half_a_second_of_contrary_states_is_told() {
+fn half_a_second_of_contrary_states_is_reported() {
     let (wiring, mut contrary) = (wiring(), FeedbackContradiction::default());
     let (good, dead) = (state(0b1_1100, 0b1111), state(0b1_1100, 0b0111));
     let mut at = |ms, state: &State| contrary.update(&wiring, &CONTACT, &State { time_ms: ms, ..*state });

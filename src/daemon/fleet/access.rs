@@ -67,7 +67,7 @@ fn token<'h>(headers: &'h HeaderMap, shared: &Shared) -> Option<&'h str> {
     cookie(headers, cookie_name(shared.is_tls()))
 }
 
-/// The form.
+/// Returns the form.
 pub(super) async fn page() -> Response {
     login_form(StatusCode::OK, None)
 }
@@ -94,7 +94,7 @@ pub(super) struct Credentials {
     password: String,
 }
 
-/// Begins a session if name and password are right.
+/// Begins a session if name and password are correct.
 pub(super) async fn log_in(
     State(shared): State<Shared>,
     headers: HeaderMap,

@@ -89,7 +89,7 @@ fn row(cell: &CellNow, now_unix_ms: i64) -> Markup {
                     @if let Some([at, of]) = state.waypoint { ", waypoint " (at) " of " (of) }
                 }
             }
-            td { @for told in needs { div { "⚠ " (told.message) " (" (told.code) ")" } } }
+            td { @for alarm in needs { div { "⚠ " (alarm.message) " (" (alarm.code) ")" } } }
             td {
                 @if let Some((cycle, word, at)) = &cell.last {
                     a href={ "/cycle?" (frame::address(&[("cell", &cell.cell), ("number", &cycle.to_string())])) } { "cycle " (cycle) }
@@ -109,7 +109,7 @@ mod tests {
     use crate::office::{CellState, ReasonText};
 
     #[test]
-    fn a_cell_that_is_silent_is_stale_and_what_it_told_is_escaped() {
+    fn a_cell_that_is_silent_is_stale_and_what_it_reported_is_escaped() {
         let mut state = CellState::new(&CellName::new("cell-1").expect("a name"));
         state.state = Some("execute".to_owned());
         state.standing =

@@ -14,7 +14,7 @@ use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-/// Which cycle.
+/// Identifies a cycle of a cell.
 #[derive(Debug, Clone, Deserialize)]
 pub(super) struct CycleKey {
     cell: String,

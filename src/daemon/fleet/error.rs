@@ -1,10 +1,10 @@
-//! Why there is no page of the office.
+//! Errors of the office's page.
 
 use crate::daemon::web::PageFileError;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-/// Why there is no page of the office.
+/// Errors of the office's page.
 #[derive(Debug, thiserror::Error)]
 pub enum FleetError {
     /// The settings name no address.

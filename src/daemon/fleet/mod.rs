@@ -26,7 +26,7 @@ use tokio::net::TcpListener;
 /// The address at which people open the page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FleetAddress {
-    /// What people open.
+    /// Address that people open in the browser.
     pub url: String,
     /// The fingerprint of the program's own certificate, if it presents that one.
     pub fingerprint: Option<String>,
@@ -38,7 +38,7 @@ pub struct FleetAddress {
 /// If the settings name no address, the address is not available, or a certificate cannot be used.
 pub async fn serve(
     settings: &ArchiveSettings,
-    told: impl FnOnce(&FleetAddress),
+    on_listening: impl FnOnce(&FleetAddress),
     ended: impl Future<Output = ()>,
 ) -> Result<(), FleetError> {
     let Some(FleetPage { listen, certificate }) = &settings.fleet else { return Err(FleetError::NoAddress) };
@@ -55,7 +55,7 @@ pub async fn serve(
     let listener = TcpListener::bind(listen).await.map_err(failed)?;
     let address: SocketAddr = listener.local_addr().map_err(failed)?;
     let is_tls = certificate.is_some();
-    told(&FleetAddress {
+    on_listening(&FleetAddress {
         url: format!("{}://{address}/", if is_tls { "https" } else { "http" }),
         fingerprint: certificate.as_ref().and_then(|certificate| certificate.fingerprint.clone()),
     });

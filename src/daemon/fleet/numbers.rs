@@ -175,7 +175,7 @@ fn compare_cells((title, unit): (&str, &str), cells: &[CellNumbers]) -> Markup {
         @for cell in cells {
             section.card {
                 h2 { (cell.cell) }
-                @let trend = Trend::of_points((title.to_owned(), unit.to_owned()), cell.points.clone(), 0);
+                @let trend = Trend::from_points((title.to_owned(), unit.to_owned()), cell.points.clone(), 0);
                 (trend_chart(&trend, WORDS))
             }
         }
@@ -236,7 +236,7 @@ mod tests {
     /// By hand: twenty values 1, 3, 1, 3, … have the mean 2 and the variance 20/19; ten that are 4 higher lie 4 /
     /// √(1.0526/20 + 1.1111/10) = 9.885 standard errors away.
     #[test]
-    fn a_drift_is_told_in_standard_errors() {
+    fn a_drift_is_reported_in_standard_errors() {
         let swing = |count: usize, by: f64| (0..count).map(move |index| by + 1.0 + 2.0 * (index % 2) as f64);
         let values: Vec<f64> = swing(20, 0.0).chain(swing(10, 4.0)).collect();
         assert!((drift_in_errors(&values).expect("enough") - 9.885).abs() < 1e-3, "{:?}", drift_in_errors(&values));

@@ -16,7 +16,7 @@ use serde::Deserialize;
 /// Number of digits of a hash that are shown.
 const SHORT_HASH_DIGITS: usize = 12;
 
-/// Which panel.
+/// The panel whose recipes are shown.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct RecipesQuery {

@@ -94,7 +94,7 @@ async fn run_handshake(parts: LineParts) {
     let mut handshake = Handshake::default();
     let mut tick = interval(UPDATE_INTERVAL);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let mut told = None;
+    let mut last_reported = None;
     // A signal cannot name a recipe, so the recipe with which the service was started is used.
     let recipe = parts.recipe().await;
     loop {
@@ -102,7 +102,7 @@ async fn run_handshake(parts: LineParts) {
         let look = parts.read_observation().await;
         let request = handshake.evaluate(look.clone());
         let now = handshake.output_signals(&look);
-        if told.replace(now) != Some(now) {
+        if last_reported.replace(now) != Some(now) {
             parts.outputs.set(now.0);
         }
         if let Some(request) = request

@@ -1,7 +1,7 @@
-//! The handshake with a line by digital signals of the robot's controller. A thread reads the inputs and the cell
-//! ten times a second, sets outputs, and makes the requests that `crate::line` decides, through the gateway like
-//! every front. Nothing in the loop waits for it. If it does not run, the controller's program reports a fault to
-//! the line once its link is gone.
+//! The handshake with a line by digital signals of the robot's controller. A thread reads the inputs and the cell ten
+//! times a second, sets outputs, and makes the requests that `crate::line` decides, through the gateway like every
+//! interface. Nothing in the loop waits for it. If it does not run, the controller's program reports a fault to the
+//! line once its link is gone.
 
 mod handshake_thread;
 

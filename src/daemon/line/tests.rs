@@ -82,8 +82,8 @@ impl Bench {
         let gateway = Gateway::new(sender, Arc::new(loader), None);
         let state = Arc::new(Mutex::new(("idle", None)));
         let (tell_reset, resets) = mpsc::channel();
-        let (told, over) = (state.clone(), is_over.clone());
-        std::thread::spawn(move || answer((&queue, &over), &told, &tell_reset));
+        let (reported, over) = (state.clone(), is_over.clone());
+        std::thread::spawn(move || answer((&queue, &over), &reported, &tell_reset));
         let line = Line { recipe, serial: None, order: Some("WO 7".to_owned()), operator: None };
         let people = Arc::new(AccountService::new(folder.path().to_owned()));
         let parts = LineParts { line, inputs: [1, 2], last, outputs, gateway, people };

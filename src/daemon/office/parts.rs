@@ -11,7 +11,7 @@ pub struct OfficeParts {
     pub office: cell::Office,
     /// The store's folder.
     pub folder: PathBuf,
-    /// The front that provides the state to report; `None` if no service runs.
+    /// The interface that provides the state to report; `None` if no service runs.
     pub front: Option<InterfaceContext>,
     /// The status that is shown to people.
     pub status: OfficeStatus,

@@ -30,7 +30,7 @@ impl StateReporter {
 
     /// Returns the state of the cell; `None` if it was reported a moment ago.
     pub async fn now(&mut self, cell: &CellName, last: &[Position]) -> Option<CellState> {
-        if self.last_report.is_some_and(|told| told.elapsed() < MIN_REPORT_INTERVAL) {
+        if self.last_report.is_some_and(|reported| reported.elapsed() < MIN_REPORT_INTERVAL) {
             return None;
         }
         if self.last_alarm_check.is_none_or(|stood| stood.elapsed() >= ALARM_POLL_INTERVAL) {
@@ -53,7 +53,8 @@ impl StateReporter {
         let reason = |reason: Reason| ReasonText { code: reason.code.into_owned(), message: reason.message };
         state.reasons = reply.reasons.into_iter().map(reason).collect();
         // A reason for which a cycle waits is also an alarm, so it is left out here.
-        state.standing = self.lasting_alarms.iter().filter(|told| !state.reasons.contains(told)).cloned().collect();
+        state.standing =
+            self.lasting_alarms.iter().filter(|reported| !state.reasons.contains(reported)).cloned().collect();
         state.last = last.to_vec();
         Some(state)
     }

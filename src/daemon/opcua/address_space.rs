@@ -60,7 +60,7 @@ pub(super) fn build(space: &mut AddressSpace, namespace: u16) {
             .insert(space);
     }
     NODES.iter().for_each(|node| variable(space, namespace, node));
-    METHODS.iter().for_each(|one| method(space, namespace, one));
+    METHODS.iter().for_each(|one| add_method(space, namespace, one));
 }
 
 fn english_text(text: &str) -> LocalizedText {
@@ -101,7 +101,7 @@ fn argument(name: &str, data_type: DataTypeId, meaning: &str) -> Argument {
     Argument { name, data_type, value_rank: -1, array_dimensions: None, description }
 }
 
-fn method(space: &mut AddressSpace, namespace: u16, method: &Method) {
+fn add_method(space: &mut AddressSpace, namespace: u16, method: &Method) {
     let path = format!("{COMMANDS}/{}", method.name);
     let id = node_id(namespace, &path);
     let kind = |kind| match kind {
@@ -111,7 +111,7 @@ fn method(space: &mut AddressSpace, namespace: u16, method: &Method) {
     };
     let taken: Vec<Argument> =
         method.arguments.iter().map(|one| argument(one.name, kind(one.kind), one.meaning)).collect();
-    let told = argument("Message", DataTypeId::String, "Result of the call, if the state does not contain it.");
+    let output = argument("Message", DataTypeId::String, "Result of the call, if the state does not contain it.");
     let mut builder = MethodBuilder::new(&id, QualifiedName::new(namespace, method.name), method.name)
         .description(english_text(method.meaning))
         .executable(true)
@@ -120,7 +120,7 @@ fn method(space: &mut AddressSpace, namespace: u16, method: &Method) {
     if !taken.is_empty() {
         builder = builder.input_args(space, &node_id(namespace, &format!("{path}/InputArguments")), &taken);
     }
-    builder.output_args(space, &node_id(namespace, &format!("{path}/OutputArguments")), &[told]).insert(space);
+    builder.output_args(space, &node_id(namespace, &format!("{path}/OutputArguments")), &[output]).insert(space);
 }
 
 #[cfg(test)]
@@ -128,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_node_and_method_stands_where_its_path_says() {
+    fn every_node_and_method_is_where_its_path_states() {
         let mut space = AddressSpace::new();
         space.add_namespace(NAMESPACE, 1);
         build(&mut space, 1);

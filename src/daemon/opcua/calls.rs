@@ -30,7 +30,7 @@ const MAX_CHARACTERS: usize = 200;
 pub(super) enum CallOutcome {
     /// The call was done; the text states what the state does not show.
     Done(String),
-    /// It was not.
+    /// The call was refused.
     Refused(StatusCode, Reason),
 }
 

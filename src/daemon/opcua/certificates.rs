@@ -35,7 +35,7 @@ const KEY_BITS: u32 = 2_048;
 /// thumbprint, as OPC UA clients show it.
 ///
 /// # Errors
-/// If the disk refuses, or a file is no certificate.
+/// If the disk refuses, or a file is not a certificate.
 pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) -> Result<String, OpcUaError> {
     for name in ["own", "private", TRUSTED, REJECTED] {
         let path = folder.join(name);
@@ -105,10 +105,10 @@ impl TrustedFiles {
             Some((entry.path(), about.modified().ok()?))
         });
         let now: BTreeSet<(PathBuf, SystemTime)> = files.collect();
-        let told =
+        let rejected =
             now.difference(&self.known_files).filter_map(|(file, _)| rename_certificate(file, &trusted)).collect();
         self.known_files = now;
-        told
+        rejected
     }
 }
 
@@ -207,7 +207,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_certificate_is_made_once_and_its_key_is_for_nobody_else() {
+    fn a_certificate_is_made_once_and_its_key_is_private() {
         let folder = tempfile::tempdir().expect("a folder");
         let hosts = ["localhost".to_owned(), "127.0.0.1".to_owned()];
         let of = || prepare(folder.path(), "urn:panelprep:test", &hosts);
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_sends_certificates_without_end_fills_no_disk() {
+    fn a_client_that_sends_endless_certificates_fills_no_disk() {
         let folder = tempfile::tempdir().expect("a folder");
         let rejected = folder.path().join(REJECTED);
         fs::create_dir(&rejected).expect("made");

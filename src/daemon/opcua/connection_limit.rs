@@ -195,7 +195,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_so_many_are_let_in_and_nobody_takes_all_places() {
+    fn the_number_of_clients_is_limited_and_no_client_takes_all_places() {
         let door = ConnectionLimiter::default();
         let address = |number: u8| IpAddr::from([10, 0, 0, number]);
         let taken: Vec<_> = (0..30).filter_map(|_| door.acquire_slot(address(1))).collect();

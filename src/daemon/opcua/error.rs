@@ -1,4 +1,4 @@
-//! Why the OPC UA server cannot be served.
+//! The reason why the OPC UA server cannot be served.
 
 use std::path::{Path, PathBuf};
 
@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 #[error("certificate file {}: {problem}; [opcua] certificates sets the folder", file.display())]
 pub struct OpcUaError {
-    /// Which.
+    /// The file.
     pub file: PathBuf,
-    /// What is wrong.
+    /// The problem.
     pub problem: String,
 }
 

@@ -22,10 +22,10 @@ struct Bucket {
     reported_s: Option<f64>,
 }
 
-/// What happens to a call.
+/// Decision about a call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum CallDecision {
-    /// It is made.
+    /// The call is accepted.
     Accepted,
     /// The call exceeds the limit; states whether this is to be reported.
     TooMany {
@@ -67,7 +67,7 @@ mod tests {
     /// Calculated by hand: 20 calls at once; after 2 s, 10 more; another caller is not affected; the excess is
     /// reported once in a minute.
     #[test]
-    fn calls_beyond_the_measure_are_too_many_and_told_once() {
+    fn calls_beyond_the_measure_are_too_many_and_reported_once() {
         let mut flood = CallLimiter::default();
         let mut taken =
             |caller: &str, now_s| (0..100).filter(|_| flood.call(caller, now_s) == CallDecision::Accepted).count();
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn only_so_many_callers_are_remembered() {
+    fn the_number_of_remembered_callers_is_limited() {
         let mut flood = CallLimiter::default();
         for n in 0..2_000 {
             flood.call(&format!("n{n}"), f64::from(n));

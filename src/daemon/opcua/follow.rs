@@ -86,7 +86,7 @@ impl Follower {
             .iter()
             .map(|node| super::address_space::node_id(self.nodes.inner().namespace, node.path))
             .collect();
-        let (mut told, mut since) = (vec![None::<(Value, bool)>; NODES.len()], UnitTimes::default());
+        let (mut published, mut since) = (vec![None::<(Value, bool)>; NODES.len()], UnitTimes::default());
         let (mut now, mut linked) = (Snapshot::default(), Vec::new());
         loop {
             let reply =
@@ -96,7 +96,7 @@ impl Follower {
             now.refusal = self.nodes.inner().calls.last_refusal();
             let newest = NewestCycle { id: now.cycle.map(CycleId), has_ended: now.verdict.is_some() };
             self.cycle.send_if_modified(|was| std::mem::replace(was, newest) != newest);
-            self.publish(&ids, &now, &mut told);
+            self.publish(&ids, &now, &mut published);
             self.conditions.update_conditions(&now.alarms, self.handle.subscriptions());
             let conditions = self.conditions.nodes();
             if conditions != linked {
@@ -108,17 +108,17 @@ impl Follower {
     }
 
     /// Sets the values that changed.
-    fn publish(&self, ids: &[NodeId], now: &Snapshot, told: &mut [Option<(Value, bool)>]) {
+    fn publish(&self, ids: &[NodeId], now: &Snapshot, published: &mut [Option<(Value, bool)>]) {
         let at = time(now.now_unix_ms);
         let mut changed = Vec::new();
-        for ((node, id), told) in NODES.iter().zip(ids).zip(told) {
+        for ((node, id), published) in NODES.iter().zip(ids).zip(published) {
             let value = (node.value)(now);
             // The service's own data is known even if its loop does not answer.
             let is_known = now.answers || node.path.starts_with("Service/");
             let next = Some((value, is_known));
-            if *told != next {
-                *told = next;
-                changed.extend(told.as_ref().map(|(value, known)| (id, None, data_value(value, *known, at))));
+            if *published != next {
+                *published = next;
+                changed.extend(published.as_ref().map(|(value, known)| (id, None, data_value(value, *known, at))));
             }
         }
         let subscriptions: &SubscriptionCache = self.handle.subscriptions();

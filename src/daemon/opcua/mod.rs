@@ -1,4 +1,4 @@
-//! The OPC UA server: a front by which a line of machines uses the service's requests and states. It makes no
+//! The OPC UA server: an interface by which a line of machines uses the service's requests and states. It makes no
 //! decisions for the cell.
 //!
 //! ```text

@@ -39,7 +39,7 @@ const STACK_BYTES: usize = 8 * 1_024 * 1_024;
 pub struct OpcUaParts {
     /// The `[opcua]` table of the cell's file.
     pub settings: OpcUa,
-    /// The parts that every front uses.
+    /// The parts that every interface uses.
     pub front: InterfaceContext,
 }
 

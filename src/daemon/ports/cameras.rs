@@ -30,7 +30,7 @@ pub enum CameraCommand {
 /// An answer of the cameras.
 #[derive(Debug)]
 pub enum CameraAnswer {
-    /// To `Scan`.
+    /// Answer to `Scan`.
     Scan(OrganizedCloud<Camera>),
     /// Answer to `Picture` and `NextOfFilm`, with the time on the camera's own clock.
     Picture(Picture2d),
@@ -40,7 +40,7 @@ pub enum CameraAnswer {
     FilmBegan(f64),
     /// Answer to `EndFilm`: how many pictures were dropped.
     FilmEnded(u64),
-    /// To `CornerPicture`.
+    /// Answer to `CornerPicture`.
     Corner(ColorPicture),
     /// Answer to `Check`: each camera that is not able to deliver, with the reason.
     Checked(Vec<CameraFault>),
@@ -54,7 +54,7 @@ impl Command for CameraCommand {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{camera} gave no picture: {why}")]
 pub struct CameraFault {
-    /// Which camera.
+    /// The camera.
     pub camera: &'static str,
     /// Its message.
     pub why: String,

@@ -19,7 +19,7 @@ pub type PictureStore = Box<dyn FnMut(&ColorPicture) -> Result<Option<String>, R
 pub struct Figure {
     /// The short name of the figure, such as `corner_before`.
     pub name: String,
-    /// What it shows.
+    /// Caption of the figure.
     pub caption: String,
     /// The picture.
     pub picture: ColorPicture,
@@ -77,9 +77,9 @@ pub enum RecordCommand {
     CloseIntent {
         /// The motion.
         motion: Motion,
-        /// How it ended.
+        /// Outcome of the motion.
         outcome: Outcome,
-        /// Waypoints executed.
+        /// Number of executed waypoints.
         done: u32,
     },
     /// Asks where the tool was, or may have been, on this panel in earlier cycles, as far as the part is still the
@@ -93,7 +93,7 @@ pub enum RecordCommand {
     Conclude {
         /// The table's verdict.
         verdict: Verdict,
-        /// Why.
+        /// Reasons of the verdict.
         because: Vec<Reason>,
     },
     /// Begins a cycle; the commands that follow belong to it.
@@ -116,19 +116,19 @@ pub enum RecordCommand {
 /// An answer of the record.
 #[derive(Debug)]
 pub enum RecordAnswer {
-    /// It is kept.
+    /// The record was stored.
     Done,
-    /// To `Begin`.
+    /// Answer to `Begin`.
     Cycle(CycleId),
     /// Answer to `Conclude`: the verdict that was recorded, never better than the findings.
     Concluded(Verdict),
-    /// To `DiscWorn`, mm².
+    /// Answer to `DiscWorn`, mm².
     Worn(f64),
-    /// To `AbradedBefore`.
+    /// Answer to `AbradedBefore`.
     Earlier(Vec<EarlierPass>),
-    /// To `Check`.
+    /// Answer to `Check`.
     Wrong(Vec<Reason>),
-    /// To `Filled`.
+    /// Answer to `Filled`.
     Full(Option<Reason>),
 }
 
@@ -204,7 +204,7 @@ impl<P: Port<RecordCommand> + ?Sized> RecordPort for P {}
 /// The interface through which a phase stores its results. Each function returns when the data is stored, and fails if
 /// it cannot be stored.
 pub trait Record {
-    /// Keeps it.
+    /// Stores a note.
     fn record_note(&mut self, note: Note) -> Result<(), RecordError>;
 
     /// Shows people who watch a scan in which the panel was found; the scan is not recorded.

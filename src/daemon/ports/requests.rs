@@ -53,7 +53,7 @@ impl LoopEvent {
     }
 }
 
-/// What is answered.
+/// Answer to a request.
 #[derive(Debug)]
 #[expect(clippy::large_enum_variant, reason = "one answer exists at a time, and it is moved only once")]
 pub enum RequestAnswer {

@@ -45,7 +45,7 @@ pub enum RobotAnswer {
     /// Answer to `Next`: a report, or none if none arrived for a while. An error reports that the link's thread
     /// failed, so that no further report will arrive.
     Report(Result<Option<Report>, ThreadFault>),
-    /// To `Now`.
+    /// Answer to `Now`.
     Time(Time),
 }
 

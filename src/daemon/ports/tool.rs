@@ -18,7 +18,7 @@ pub enum ToolCommand {
 /// An answer of the tool.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ToolAnswer {
-    /// To `Press`.
+    /// Answer to `Press`.
     Done,
     /// Answer to `Report`: a reading or the loss of the tool's link; `None` if there is nothing new.
     Report(Option<ToolReport>),
@@ -49,7 +49,7 @@ impl<P: Port<ToolCommand> + ?Sized> ToolPort for P {}
 pub struct LinkedTool(Option<Box<dyn ConnectedTool>>);
 
 impl LinkedTool {
-    /// This tool.
+    /// Links this tool.
     pub fn new(tool: impl ConnectedTool + 'static) -> Self {
         LinkedTool(Some(Box::new(tool)))
     }

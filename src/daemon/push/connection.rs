@@ -15,7 +15,7 @@ use tokio::net::TcpStream;
 use tokio::time::timeout;
 use tokio_rustls::TlsConnector;
 
-/// To connect.
+/// Timeout for connecting.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time limit for one file and its answer.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
@@ -23,7 +23,7 @@ const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
 const MAX_BYTES: usize = 16 * 1_024;
 const MAX_CHARACTERS: usize = 200;
 
-/// A connection.
+/// The HTTP connection to the quality system.
 pub(super) struct Connection {
     target_folder: WebFolder,
     authorization: Option<HeaderValue>,

@@ -55,7 +55,7 @@ fn page_files(cycle: CycleId, RecordPdf { pdf, page, signature }: RecordPdf) -> 
     ]
 }
 
-/// What sends.
+/// The task that sends records.
 pub(super) struct Sender {
     push: PushSettings,
     folder: PathBuf,

@@ -8,11 +8,11 @@ use serde_json::Value;
 pub struct Difference {
     /// The time of the difference, s since the recording began.
     pub at_s: f64,
-    /// What differs: the topic, and the value within the topic.
+    /// The topic, and the value within the topic.
     pub what: String,
-    /// What was recorded.
+    /// The recorded value.
     pub recorded: String,
-    /// What is now.
+    /// The value of the replay.
     pub now: String,
 }
 

@@ -103,7 +103,7 @@ pub struct RecordingResult {
     pub file: String,
     /// Whether the recording can be run again.
     pub is: RecordingStatus,
-    /// Entries in it.
+    /// Number of entries in the recording.
     pub entries: u64,
     /// The status in words for people.
     pub message: String,
@@ -115,9 +115,9 @@ pub struct RecordingResult {
 pub enum RecordingStatus {
     /// The recording is being written.
     UnderWay,
-    /// It can.
+    /// The recording is complete.
     Whole,
-    /// It cannot.
+    /// The recording is not complete.
     NotWhole,
 }
 

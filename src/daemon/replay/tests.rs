@@ -122,7 +122,7 @@ fn hanging() -> (Disk, Sender<()>, Writer<Disk>) {
 }
 
 #[test]
-fn by_the_wall_clock_nobody_waits_and_a_full_queue_is_a_gap() {
+fn by_the_wall_clock_no_thread_waits_and_a_full_queue_is_a_gap() {
     let (disk, go, writer) = hanging();
     let recording = recording(writer, false, || u64::MAX);
     put_pictures(&recording.recorder(), 200);
@@ -223,7 +223,7 @@ fn recording_of(disk: &Disk, room_mb: impl FnMut() -> u64 + Send + 'static) -> R
 }
 
 #[test]
-fn a_file_that_cannot_be_made_is_said() {
+fn a_file_that_cannot_be_made_is_reported() {
     let open = || -> Result<Writer<Disk>, TapeError> {
         let source = io::Error::from(io::ErrorKind::AlreadyExists).into();
         Err(TapeError::Disk { doing: "made", source })
@@ -283,7 +283,7 @@ fn the_same_words_are_no_difference_and_come_with_their_answer() {
 }
 
 #[test]
-fn another_number_is_a_difference_and_the_replay_goes_on() {
+fn another_number_is_a_difference_and_the_replay_continues() {
     let sent = line(Topic::Command, json!({ "send": ended("same") }), json!({ "Ok": 4 }));
     let mut player = player(vec![sent]);
     assert_eq!(player.send(ended("other")), Ok(CommandId(4)));

@@ -148,7 +148,7 @@ fn each_request_has_one_reply() {
 /// A reset that fails before its reply is due reports the problem found, and so does the state afterwards. A
 /// request that comes after the reset was answered has a reply of its own.
 #[test]
-fn a_reset_that_fails_at_once_tells_what_was_found() {
+fn a_reset_that_fails_at_once_states_what_was_found() {
     let (sender, mut handler) = handler();
     let stopped = at(At::Stopped);
     let failed = || LoopEvent::Refused(cycle::Request::Reset, Refusal::Failed(Trouble::Camera));
@@ -192,7 +192,7 @@ fn a_stop_is_taken_in_the_round_in_which_it_comes() {
 
 /// A thread that is lost ends the loop, regardless of other requests.
 #[test]
-fn a_lost_thread_is_told_to_the_loop() {
+fn a_lost_thread_is_reported_to_the_loop() {
     let (_sender, queue) = request_queue();
     let (thread, watched) = supervise("socket", Duration::MAX);
     let parts = parts(mpsc::channel().0);
@@ -207,7 +207,7 @@ fn a_lost_thread_is_told_to_the_loop() {
 /// While a cycle is held, the reported phase is the one in which it continues; for a path the waypoints are reported,
 /// for a film its seconds.
 #[test]
-fn the_state_tells_how_far_the_work_is() {
+fn the_state_reports_the_progress() {
     let (_sender, mut handler) = handler();
     (handler.panel, handler.cycle) = (Some("wing".to_owned()), Some(CycleId(3)));
     handler.on_loop_event(LoopEvent::Filmed(12.5));

@@ -9,7 +9,7 @@ use crate::daemon::request::{RecipeTextPermission, RequestKind};
 use crate::record::RequestAuthor;
 use crate::verdict::Reason;
 
-/// Who may request what.
+/// A rule for the requests of a role.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct AccessRule {
     /// The role of the socket's users; without a role they may request everything.
@@ -139,17 +139,18 @@ mod tests {
             refusal(Some(Role::Viewer), &unknown, &RequestKind::NewDisc).is_some(),
             "an unknown user is not root"
         );
-        let told = refusal(Some(Role::Viewer), &who(1_001), &RequestKind::Table(Request::Hold)).expect("refused");
+        let reported =
+            refusal(Some(Role::Viewer), &who(1_001), &RequestKind::Table(Request::Hold)).expect("refused");
         assert!(
-            told.code == "not_permitted" && told.message.contains("permitted roles: operator, engineer"),
-            "{told:?}"
+            reported.code == "not_permitted" && reported.message.contains("permitted roles: operator, engineer"),
+            "{reported:?}"
         );
         assert_eq!(Role::VARIANTS.len(), 6);
     }
 
     /// An operator, or a person with a role that permits less, can only start recipes of the folder.
     #[test]
-    fn a_text_of_ones_own_needs_who_may_change_the_folder() {
+    fn a_text_of_ones_own_needs_a_role_that_may_change_the_folder() {
         let own = |role, uid| AccessRule { role, service_uid: SERVICE }.recipe_text_permission(&who(uid));
         for role in Role::VARIANTS.iter().copied() {
             let expected =

@@ -24,7 +24,7 @@ const BLOCKING_THREADS: usize = 3;
 pub struct SparkplugParts {
     /// The `[sparkplug]` table of the cell's file.
     pub node: SparkplugNode,
-    /// The parts that every front uses.
+    /// The parts that every interface uses.
     pub front: InterfaceContext,
 }
 

@@ -3,12 +3,12 @@
 //! ```text
 //! the loop ─ state, twice a second ─ following ─ view ─┐
 //! the store ─ every minute, and at each change ────────┤
-//! broker ─ TLS ─ connection ─ packets ─ session ─ crate::sparkplug::EdgeNode ─ acts ─ publish
+//! broker ─ TLS ─ connection ─ packets ─ session ─ crate::sparkplug::EdgeNode ─ actions ─ publish
 //!                                                                              └──── asking → Gateway → the loop, audit trail
 //! ```
 //!
-//! It runs on a thread and a runtime of its own. Whatever the broker does, the loop, the robot's link and the
-//! cameras never wait for it. Commands go through the gateway, as those of every front do.
+//! It runs on a thread and a runtime of its own. Whatever the broker does, the loop, the robot's link and the cameras
+//! never wait for it. Commands go through the gateway, as those of every interface do.
 
 mod broker;
 mod edge;

@@ -133,7 +133,7 @@ fn the_connection_has_a_will() {
 }
 
 #[test]
-fn a_broker_that_refuses_is_told_in_words() {
+fn a_broker_that_refuses_is_reported_in_words() {
     let mut edge = Edge::new();
     let (why, _) = edge.meets(|stream| stream.write_all(&[0x20, 2, 0, 5]).expect("sent"));
     assert!(why.contains("refuses the user or the password"), "{why}");

@@ -93,11 +93,12 @@ fn faults_end_contact_in_time(step: u32) {
                 continue;
             };
             ended += 1;
-            let told = &found.judgement.reasons[0];
+            let reported = &found.judgement.reasons[0];
             // With too little force for landing, there is no contact, and no force that could be judged.
-            let is_weak = matches!(fault, ToolFault::ForceOff(off_n) if off_n < 0.0) && told.code == "no_contact";
-            let fits = told.code == code(fault) || is_weak || fault == ToolFault::Stuck;
-            assert!(fits && told.message.contains("compliant tool"), "{at}");
+            let is_weak =
+                matches!(fault, ToolFault::ForceOff(off_n) if off_n < 0.0) && reported.code == "no_contact";
+            let fits = reported.code == code(fault) || is_weak || fault == ToolFault::Stuck;
+            assert!(fits && reported.message.contains("compliant tool"), "{at}");
             assert!(matches!(end.state.at, At::Held(Hold { why: Why::Trouble(Trouble::Force), .. })), "{at}");
             let abraded =
                 end.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("what was touched");

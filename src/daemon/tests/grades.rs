@@ -19,7 +19,7 @@ fn held_for_review(state: &State) -> bool {
 /// The robot reports poses 3.5 mm beside the planned lines; the limit is 3 mm. The cycle is held, and nothing more
 /// happens until a person accepts. Then the cycle continues with the rinse and the next film, as usual.
 #[test]
-fn a_path_beside_its_plan_is_held_and_goes_on_once_accepted() {
+fn a_path_beside_its_plan_is_held_and_continues_once_accepted() {
     let fake = || Fake::new(Scene::Good).step_by_step().that_is_off_plan(3.5, [20, 30]);
     let story = fake().run(Asks::one_cycle());
     let left = Phase::Assess { left: false };
@@ -54,8 +54,8 @@ fn a_path_that_removed_too_much_rejects_the_part() {
     assert_eq!(judgement.reasons[0].code, "removal_too_deep", "{judgement:?}");
 }
 
-/// A hold in contact remains a hold. The rest of the path is no reason for a review. The hold itself switched the tool
-/// off, so this is not a fault, however long the arm needs to come to rest.
+/// A hold in contact remains a hold. The rest of the path is not a reason for a review. The hold itself switched the
+/// tool off, so this is not a fault, however long the arm needs to come to rest.
 #[test]
 fn a_hold_in_contact_finds_nothing_wrong() {
     let in_contact =

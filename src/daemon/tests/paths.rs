@@ -336,7 +336,7 @@ fn a_press_in_without_a_known_error_is_rejected_before_the_panel_is_wet() {
 /// The check uses the same arm posture as the later motion: over the corners that determine the panel's pose, in their
 /// order, with the same obstacles.
 #[test]
-fn the_arm_stands_where_its_own_corners_lead() {
+fn the_arm_is_where_its_own_corners_lead() {
     let fake = Fake::new(Scene::Good);
     let (cell, recipe, taught, calibrations) = fake.files();
     let setup = fake::setup(&cell, &recipe, &taught, calibrations);

@@ -89,7 +89,7 @@ fn cycles_come_one_after_the_other() {
 
 /// The disc is changed while the cell is held for it; the result is accepted, and the wear of the disc begins anew.
 #[test]
-fn a_new_disc_goes_on_after_a_review() {
+fn a_new_disc_continues_after_a_review() {
     let mut cell = Fake::new(Scene::Good);
     (cell.more_recipe, cell.worn_mm2) = ("[path]\ndisc_life_mm2 = 1000000\n", 999_900.0);
     let held = |state: &State| matches!(state.at, At::Held(_));
@@ -249,7 +249,7 @@ impl Port<CameraCommand> for Odd {
 /// By the wall clock the film's next picture is not requested by the loop: it is evaluated when the camera has it,
 /// regardless of the robot.
 #[test]
-fn a_film_goes_on_without_the_robot() {
+fn a_film_continues_without_the_robot() {
     let fake = Fake::new(Scene::Clean);
     let (mut computing, setup) = (fake.computing(), Arc::new(fake.setup()));
     let mut perception = Perception::default();
@@ -338,8 +338,8 @@ fn a_stop_does_not_wait_for_a_computation() {
         .leave_when(complete);
     let record = cell.serve(|cameras| Odd { go_on: Some(go_on), ..Odd::new(cameras) }, vec![], &mut script);
     assert_eq!(script.verdicts, [Verdict::Aborted, Verdict::Pass]);
-    let told = script.noted.iter().filter(|reason| reason.code == "stopped").count();
-    assert_eq!(told, 1, "a stop on request is told as one: {:?}", script.noted);
+    let reported = script.noted.iter().filter(|reason| reason.code == "stopped").count();
+    assert_eq!(reported, 1, "a stop on request is told as one: {:?}", script.noted);
     let located = record.findings.iter().filter(|finding| finding.kind == Kind::Locate).count();
     assert_eq!(located, 1, "the scan of the cycle that was stopped leaves nothing");
     let graded =
@@ -381,7 +381,7 @@ fn other_programs_than_the_accepted_ones_refuse_reset_and_start() {
         [(cycle::Request::Reset, Refusal::Robot(other)), (start, Refusal::NotNow)],
         "without a reset there is no start"
     );
-    // The sum changes while the cell is idle: the request that was under way is refused.
+    // The sum changes while the cell is idle: the request that was in progress is refused.
     let mut idle = State { at: At::Idle, ..State::INITIAL };
     idle.facts.robot = other;
     let (after, effects) = cycle::step(idle, Event::Asked(start));

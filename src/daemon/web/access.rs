@@ -14,14 +14,14 @@ pub(super) enum Access {
     Needs(Permission),
 }
 
-/// By which method.
+/// HTTP method of a route.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Method {
     Get,
     Post,
 }
 
-/// A route.
+/// A route of the page.
 pub(super) struct Route {
     pub path: &'static str,
     pub method: Method,

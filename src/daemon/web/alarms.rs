@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn an_alarm_tells_its_cause_and_can_be_acknowledged_by_who_may() {
+    fn an_alarm_states_its_cause_and_can_be_acknowledged_with_permission() {
         let words = Translations::read(None).expect("the program's own");
         let html = |alarm: &Alarm, may| {
             body(words.language(Some("en"), None), std::slice::from_ref(alarm), may).into_string()
@@ -201,10 +201,12 @@ mod tests {
             raised_unix_ms: 5_000,
             who: "Ada".to_owned(),
         };
-        let told = html(&Alarm { acknowledged: Some(seen), ..alarm(Some(6_000)) }, true);
+        let reported = html(&Alarm { acknowledged: Some(seen), ..alarm(Some(6_000)) }, true);
         assert!(
-            told.contains("Acknowledged: Ada") && !told.contains("<form") && !told.contains("is-active"),
-            "{told}"
+            reported.contains("Acknowledged: Ada")
+                && !reported.contains("<form")
+                && !reported.contains("is-active"),
+            "{reported}"
         );
         assert!(!html(&Alarm { priority: Priority::Note, ..alarm(None) }, true).contains("<form"));
     }

@@ -44,7 +44,7 @@ impl Before {
     }
 }
 
-/// A line of the trail: of the store's audit trail, or a request to the cell through any front.
+/// A line of the trail: of the store's audit trail, or a request to the cell through any interface.
 struct Line {
     is_request: bool,
     /// The number in its table of the store.
@@ -64,7 +64,7 @@ fn lines(store: &Store, before: &Before, most: usize) -> Result<Vec<Line>, Store
     let (audit, request) = before.positions().unzip();
     let of_people = store.audit(audit, most)?.into_iter();
     let of_people = of_people.map(|NumberedEntry { number, entry }| Line { is_request: false, number, entry });
-    let requests = store.requests(request, most)?.into_iter().map(of_request);
+    let requests = store.requests(request, most)?.into_iter().map(request_line);
     let mut lines: Vec<Line> = of_people.chain(requests).collect();
     lines.sort_by_key(|line| std::cmp::Reverse((line.entry.unix_ms, line.is_request, line.number)));
     lines.truncate(most);
@@ -72,7 +72,7 @@ fn lines(store: &Store, before: &Before, most: usize) -> Result<Vec<Line>, Store
 }
 
 /// Returns a request to the cell as a line: what was requested, in which cycle, by whom, and its outcome.
-fn of_request(NumberedRequest { number, cycle, request }: NumberedRequest) -> Line {
+fn request_line(NumberedRequest { number, cycle, request }: NumberedRequest) -> Line {
     let (what, of) = match &request.wanted {
         RequestedAction::For(asked) => (command(*asked), None),
         RequestedAction::NewDisc => ("new-disc", None),
@@ -96,7 +96,7 @@ fn of_request(NumberedRequest { number, cycle, request }: NumberedRequest) -> Li
         None => (None, (RequestSource::Program, None)),
     };
     let subject: Vec<String> = in_cycle.into_iter().chain(of).chain(remark).collect();
-    let from = [Some(front_word(from.0).to_owned()), from.1].into_iter().flatten().collect::<Vec<_>>().join(", ");
+    let from = [Some(source_label(from.0).to_owned()), from.1].into_iter().flatten().collect::<Vec<_>>().join(", ");
     let subject = Some(subject.join(": ")).filter(|subject| !subject.is_empty());
     let entry = AuditEntry {
         unix_ms: request.unix_ms,
@@ -107,7 +107,7 @@ fn of_request(NumberedRequest { number, cycle, request }: NumberedRequest) -> Li
     Line { is_request: true, number, entry }
 }
 
-fn front_word(front: RequestSource) -> &'static str {
+fn source_label(front: RequestSource) -> &'static str {
     match front {
         RequestSource::Socket => "socket",
         RequestSource::Page => "page",
@@ -243,8 +243,8 @@ mod tests {
         store
             .store_audit(&AuditEntry::for_completed_action(None, None, "terminal".to_owned(), "log out"))
             .expect("kept");
-        let told = lines(&store, &Before::default(), 10).expect("read");
-        let told: Vec<_> = told
+        let reported = lines(&store, &Before::default(), 10).expect("read");
+        let reported: Vec<_> = reported
             .iter()
             .map(|Line { entry: line, .. }| {
                 (&*line.what, line.who.as_deref(), &*line.from, line.subject.as_deref(), line.refused.as_deref())
@@ -256,7 +256,7 @@ mod tests {
             ("reset", Some("plc"), "OPC UA, 10.0.0.7", None, Some("not now")),
             ("log out", None, "terminal", None, None),
         ] {
-            assert!(told.contains(&line), "{line:?}: {told:?}");
+            assert!(reported.contains(&line), "{line:?}: {reported:?}");
         }
         let newest = lines(&store, &Before::default(), 2).expect("read");
         assert_eq!(newest.len(), 2);

@@ -35,7 +35,7 @@ fn parse_camera(name: &str) -> Option<usize> {
     CAMERA_EYES.iter().position(|(word, ..)| *word == name)
 }
 
-/// Both cameras.
+/// Returns the page of both cameras.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Response {
     let words = visitor.language();
     let may = visitor.has_permission(Permission::Configure);

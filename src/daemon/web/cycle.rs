@@ -273,11 +273,11 @@ pub(super) async fn sign(
     }
 }
 
-/// Why a record was not signed.
+/// The reason why a record was not signed.
 enum NotSigned {
     /// Log-in to the account is blocked for this many more seconds.
     Pauses(f64),
-    /// In words.
+    /// Message for the person.
     Problem(String),
 }
 

@@ -23,7 +23,7 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): Visito
     Ok(frame.page(&body(words, &examined)))
 }
 
-/// Shows the things that are not right first, then the others, both in the order from the bottom up.
+/// Shows the items that are not in order first, then the others, both in the order from the bottom up.
 fn body(words: Language<'_>, examined: &[ExaminedItem]) -> Markup {
     let word = |key| words.text(key);
     let (right, wrong): (Vec<&ExaminedItem>, Vec<&ExaminedItem>) = examined.iter().partition(|one| one.is_right);
@@ -54,7 +54,7 @@ mod tests {
     use crate::daemon::web::page_texts::Translations;
 
     #[test]
-    fn what_is_wrong_stands_first_with_what_to_do() {
+    fn what_is_wrong_is_first_with_what_to_do() {
         let one = |name: &str, is_right, advice: &str| ExaminedItem {
             name: name.to_owned(),
             is_right,

@@ -120,9 +120,9 @@ pub(super) async fn propose(
     });
     let (before, after) = proposed.await?;
     let difference = difference(&before, &after).into_string();
-    let told = json!({
+    let body = json!({
         "text": after, "is_changed": after != before, "difference": difference,
         "before": content_hash(before.as_bytes()),
     });
-    Ok(Json(told).into_response())
+    Ok(Json(body).into_response())
 }

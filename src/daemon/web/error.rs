@@ -1,9 +1,9 @@
-//! Why there is no page.
+//! Errors of the operator's page.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
-/// Why there is no page.
+/// Errors of the operator's page.
 #[derive(Debug, thiserror::Error)]
 pub enum PageError {
     /// The address.
@@ -31,7 +31,7 @@ pub enum PageError {
 pub struct PageFileError {
     /// The file.
     pub path: PathBuf,
-    /// What is wrong with the file.
+    /// The problem in the file.
     pub problem: String,
 }
 

@@ -58,7 +58,7 @@ pub(super) async fn identify_visitor(
     let mut visitor = find_visitor(&web, headers, from, is_change || !is_automatic_request(request.uri().path()));
     // A request that is open to all persons, such as a stop, waits for no disk.
     if let (Access::Needs(_), Some(person)) = (access, &visitor.person)
-        && !web.stamps.count(&web.front.people, person).await
+        && !web.stamps.is_session_valid(&web.front.people, person).await
     {
         web.sessions().end(&person.token);
         (visitor.person, visitor.has_ended) = (None, true);

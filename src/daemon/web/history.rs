@@ -104,13 +104,13 @@ async fn search_cycles(
     as_what: DownloadFormat,
 ) -> Answer {
     let query = form.query(if as_what == DownloadFormat::Page { PAGE } else { FILE }).map_err(|error| {
-        let told = match as_what {
+        let message = match as_what {
             DownloadFormat::Page => {
                 history_page(&visitor, &body(visitor.language(), &form, &Hits::default(), Some(&error)))
             }
             DownloadFormat::Csv | DownloadFormat::Json => error.to_string().into_response(),
         };
-        (StatusCode::BAD_REQUEST, told).into_response()
+        (StatusCode::BAD_REQUEST, message).into_response()
     })?;
     let hits = reading(&web, &visitor, move |store| store.search(&query)).await?;
     Ok(match as_what {

@@ -32,7 +32,7 @@ impl Script {
     }
 }
 
-/// What the frame of a page needs.
+/// The values that the frame of a page needs.
 pub(super) struct Frame<'p> {
     pub visitor: &'p Visitor,
     pub title: &'p str,

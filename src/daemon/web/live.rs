@@ -26,7 +26,7 @@ const KEEP_ALIVE_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Polls the loop and reports changes, until no receiver is left.
 pub(super) async fn poll_loop(gateway: Gateway, frames: Arc<FrameEncoder>, tell: watch::Sender<Arc<LiveState>>) {
-    let mut told = tokio::time::Instant::now();
+    let mut last_sent = tokio::time::Instant::now();
     loop {
         let reply = gateway.request(RequestKind::State, RequestAuthor::from_source(RequestSource::Page)).await;
         let was = tell.borrow().clone();
@@ -39,8 +39,8 @@ pub(super) async fn poll_loop(gateway: Gateway, frames: Arc<FrameEncoder>, tell:
             // The last known values are retained, with their time.
             None => LiveState { answers: false, reasons: reply.reasons, possible: vec![], ..(*was).clone() },
         };
-        if !now.is_unchanged(&was) || told.elapsed() >= KEEP_ALIVE_INTERVAL {
-            told = tokio::time::Instant::now();
+        if !now.is_unchanged(&was) || last_sent.elapsed() >= KEEP_ALIVE_INTERVAL {
+            last_sent = tokio::time::Instant::now();
             if tell.send(Arc::new(now)).is_err() {
                 return;
             }

@@ -35,7 +35,7 @@ fn local_path(next: &str) -> &str {
     if is_own { next } else { "/" }
 }
 
-/// The form.
+/// Returns the form.
 pub(super) async fn page(
     Extension(visitor): VisitorExtension,
     Query(NextPath { next }): Query<NextPath>,
@@ -64,7 +64,7 @@ pub(super) struct Credentials {
     password: String,
 }
 
-/// Begins a session if name and password are right.
+/// Begins a session if name and password are correct.
 pub(super) async fn login(
     State(web): State<Arc<Web>>,
     Extension(visitor): VisitorExtension,
@@ -212,13 +212,13 @@ pub(super) async fn change_password(
     }
 }
 
-/// Why a password was not changed.
+/// The reason why a password was not changed.
 enum NotChanged {
     /// Log-in to the account is blocked for this many more seconds.
     Pauses(f64),
     /// The old password is wrong.
     WrongPassword,
-    /// In words.
+    /// Message for the person.
     Problem(String),
 }
 
@@ -244,7 +244,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nobody_is_sent_elsewhere() {
+    fn no_browser_is_redirected() {
         for path in ["/", "/cycle/7", "/setup/recipe/panel.toml"] {
             assert_eq!(local_path(path), path);
         }

@@ -77,7 +77,7 @@ mod tests {
     use crate::daemon::web::page_texts::Translations;
 
     #[test]
-    fn a_message_stands_in_the_persons_language_with_the_values_beside_it() {
+    fn a_message_is_in_the_persons_language_with_the_values_beside_it() {
         let words = Translations::read(None).expect("the program's own");
         let reason = Reason::new("shift_limit", "moved 80 mm, allowed < 60 mm");
         let (english, german) = (words.language(Some("en"), None), words.language(Some("de"), None));

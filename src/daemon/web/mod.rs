@@ -1,5 +1,5 @@
-//! The operator's page: a second front on the service's requests and states, in a browser. It makes no decisions for
-//! the cell.
+//! The operator's page: a second interface on the service's requests and states, in a browser. It makes no decisions
+//! for the cell.
 //!
 //! ```text
 //! browser ─ TLS ─ server ─ guard (session, origin, role) ─ routes (the one table) ─ views

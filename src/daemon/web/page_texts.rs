@@ -19,13 +19,13 @@ const MESSAGE: &str = "message.";
 /// The text with which the keys of the short lines of codes begin.
 const SHORT: &str = "short.";
 
-/// Why a translation table cannot be used.
+/// The reason why a translation table cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {problem}")]
 pub struct WordsError {
     /// The line, counted from 1.
     pub line: u64,
-    /// What is wrong.
+    /// The problem.
     pub problem: String,
 }
 

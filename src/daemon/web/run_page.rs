@@ -28,7 +28,7 @@ use std::sync::Arc;
 const PHASES: [&str; 11] =
     ["locate", "refine", "dry", "wet", "inspect", "plan", "verify", "abrade", "retract", "assess", "rinse"];
 
-/// The page.
+/// Returns the page.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Response {
     let source = web.front.setup.clone();
     let rules = source.part_rules();

@@ -59,7 +59,7 @@ pub struct PageParts {
     pub page: cell::Page,
     /// The store's folder.
     pub folder: PathBuf,
-    /// The parts that every front uses.
+    /// The parts that every interface uses.
     pub front: InterfaceContext,
     /// The live view of the cameras.
     pub view: LiveView,
@@ -70,7 +70,7 @@ pub struct PageParts {
 /// The operator's page; it is served until this is dropped.
 #[derive(Debug)]
 pub struct OperatorPage {
-    /// What people open.
+    /// Address that people open in the browser.
     pub url: String,
     /// The fingerprint of the program's own certificate, if it presents that one.
     pub fingerprint: Option<String>,
@@ -215,9 +215,9 @@ async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Ro
                 let (acceptor, router) = (acceptor.clone(), router.clone());
                 let mut place = places.acquire(owner(from.ip()));
                 tokio::spawn(async move {
-                    let heard = place.activity_handle();
+                    let activity = place.activity_handle();
                     tokio::select! {
-                        () = serve_connection(stream, from, acceptor, (router, heard)) => {}
+                        () = serve_connection(stream, from, acceptor, (router, activity)) => {}
                         () = async {
                             place.wait_until_wanted().await;
                             sleep(DRAIN_TIMEOUT).await;

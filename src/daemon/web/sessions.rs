@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn an_account_has_only_so_many() {
+    fn an_account_has_a_limited_number() {
         let mut sessions = Sessions::new(60.0, 2);
         for (token, now_s) in [("a", 0.0), ("b", 1.0)] {
             sessions.begin_session((token, String::new()), anna(), now_s);

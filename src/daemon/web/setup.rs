@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_who_save_the_same_text_at_one_time_one_is_told() {
+    fn of_two_simultaneous_saves_of_the_same_text_one_is_refused() {
         let site = PageFixture::new();
         let read = content_hash(DOOR.as_bytes());
         let save = |rows| {

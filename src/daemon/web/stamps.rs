@@ -31,7 +31,7 @@ impl KnownStamps {
 
 impl AccountStamps {
     /// Returns whether this person's session is still valid. It may wait for the store's disk.
-    pub async fn count(&self, people: &Arc<AccountService>, person: &Person) -> bool {
+    pub async fn is_session_valid(&self, people: &Arc<AccountService>, person: &Person) -> bool {
         let mut known = self.0.lock().await;
         let read_s = people.now_s();
         if known.as_ref().is_some_and(|known| read_s - known.read_s < MIN_READ_INTERVAL_S && known.contains(person))

@@ -1,4 +1,4 @@
-//! What the page's handlers share.
+//! Data that the page's handlers share.
 
 use super::camera_views::CameraShots;
 use super::frame::FrameEncoder;
@@ -17,7 +17,7 @@ use crate::store::{Store, StoreError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{Semaphore, watch};
 
-/// What the page's handlers share.
+/// Data that the page's handlers share.
 pub(super) struct Web {
     pub front: InterfaceContext,
     pub live: watch::Receiver<Arc<LiveState>>,

@@ -98,7 +98,7 @@ mod tests {
     use std::os::unix::fs::PermissionsExt;
 
     #[test]
-    fn a_certificate_is_made_once_and_its_key_is_for_nobody_else() {
+    fn a_certificate_is_made_once_and_its_key_is_private() {
         let folder = tempfile::tempdir().expect("a folder");
         let listen = SocketAddr::from(([0, 0, 0, 0], 8_443));
         let of = || certificate(None, folder.path(), listen).expect("made").fingerprint.expect("its own");

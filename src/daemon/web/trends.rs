@@ -30,7 +30,7 @@ pub(super) struct TrendQuery {
     check: String,
 }
 
-/// What is shown.
+/// The selected trend.
 struct TrendSelection {
     panels: Vec<String>,
     panel: String,
@@ -66,7 +66,7 @@ impl TrendQuery {
             Quantity::Known(known) if known.verified_subject().is_some() => {
                 let (title, unit) = known.title_and_unit();
                 let subject = known.verified_subject().unwrap_or_default();
-                Trend::of_points(
+                Trend::from_points(
                     (title.to_owned(), unit.to_owned()),
                     store.verification_points(subject, CYCLES)?,
                     0,
@@ -230,7 +230,7 @@ mod tests {
             panels: vec!["a&b".to_owned(), "wing".to_owned()],
             panel: "a&b".to_owned(),
             name: "passes".to_owned(),
-            trend: Trend::of_points(("passes".to_owned(), String::new()), (0..points).map(point).collect(), 2),
+            trend: Trend::from_points(("passes".to_owned(), String::new()), (0..points).map(point).collect(), 2),
             heat: HeatMap { films: 3, grids },
         }
     }

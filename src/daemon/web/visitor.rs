@@ -8,7 +8,7 @@ use std::sync::Arc;
 /// The sender of a request.
 #[derive(Debug, Clone)]
 pub(super) struct Visitor {
-    /// From which address.
+    /// Address of the client.
     pub from: String,
     /// The person, if one is logged in.
     pub person: Option<Person>,

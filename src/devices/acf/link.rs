@@ -21,7 +21,7 @@ const COMMAND_POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Longest time between two life signs of the thread.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Why no link was started.
+/// The reason why no link was started.
 #[derive(Debug, thiserror::Error)]
 #[error("the thread for the connection to the compliant tool cannot be started: {0}")]
 pub struct AcfStartError(#[from] io::Error);
@@ -126,17 +126,17 @@ impl LinkThread {
     }
 
     fn run(&self, sign: &SupervisedThread) {
-        let mut told: Option<LinkLossCause> = None;
+        let mut last_loss: Option<LinkLossCause> = None;
         while !self.shared.is_ending() {
             sign.report_working();
             let loss = match self.connected() {
-                Ok(stream) => self.run_session(stream, sign, &mut told),
+                Ok(stream) => self.run_session(stream, sign, &mut last_loss),
                 Err(error) => Some(LinkLossCause::Unreachable { problem: error.to_string() }),
             };
             // A repeated loss for the same reason is reported only once.
-            if let Some(loss) = loss.filter(|loss| told.as_ref() != Some(loss)) {
+            if let Some(loss) = loss.filter(|loss| last_loss.as_ref() != Some(loss)) {
                 self.shared.lock().loss = Some(loss.clone());
-                told = Some(loss);
+                last_loss = Some(loss);
             }
             if !self.shared.is_ending() {
                 std::thread::sleep(RECONNECT_DELAY);
@@ -159,7 +159,7 @@ impl LinkThread {
         &self,
         mut stream: TcpStream,
         sign: &SupervisedThread,
-        told: &mut Option<LinkLossCause>,
+        last_loss: &mut Option<LinkLossCause>,
     ) -> Option<LinkLossCause> {
         let mut session = Session::new(self.limits.clone());
         let login = session.connected(self.now());
@@ -174,7 +174,7 @@ impl LinkThread {
                 return Some(loss);
             }
             if session.is_receiving() {
-                *told = None;
+                *last_loss = None;
             }
         }
         None

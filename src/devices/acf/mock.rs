@@ -39,7 +39,7 @@ pub enum ToolFault {
     Silent,
     /// It answers this many ms late.
     Late(u64),
-    /// The tool answers with bytes that are no reply.
+    /// The tool answers with bytes that are not a reply.
     Garbage,
     /// The tool answers with another tool's number.
     OtherId,
@@ -96,7 +96,7 @@ impl MockAcf {
         self.fault != Some(ToolFault::LinkCut)
     }
 
-    /// A client connects.
+    /// Accepts a client.
     pub fn connect(&mut self) {
         (self.is_logged_in, self.received, self.scheduled) = (false, Vec::new(), Vec::new());
     }
@@ -129,7 +129,7 @@ impl MockAcf {
         self.sensor_n = self.tool.zero_n + contact_n.max(0.0) - weight_n + noise_n(time_ms);
     }
 
-    /// These bytes came.
+    /// Processes bytes that were received.
     pub fn receive(&mut self, bytes: &[u8], now_ms: u64) {
         self.received.extend(bytes);
         while let Some(end) = self.received.iter().position(|byte| *byte == b'k') {

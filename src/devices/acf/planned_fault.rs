@@ -10,13 +10,13 @@ const DEFAULT_FORCE_ERROR_N: f64 = 12.0;
 /// A fault, and the number of waypoints after which the tool has the fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlannedToolFault {
-    /// What goes wrong.
+    /// The fault.
     pub fault: ToolFault,
     /// Number of waypoints in contact that were executed before.
     pub from: u32,
 }
 
-/// Why a text names no fault.
+/// The error of a fault specification.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("found \"{found}\"; valid: {}", PlannedToolFault::HELP)]
 pub struct PlannedToolFaultError {

@@ -31,7 +31,7 @@ fn wait(link: &mut AcfLink, wanted: impl Fn(&ToolReport) -> bool) -> (ToolReport
 
 /// After a command to press, the tool presses, and its force and position are read back.
 #[test]
-fn a_tool_over_a_socket_presses_as_it_is_told() {
+fn a_tool_over_a_socket_presses_as_commanded() {
     let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
     let mut link = started(&server);
     let held = |news: &ToolReport| matches!(news, ToolReport::Reading { reading, .. } if !reading.contact);
@@ -46,7 +46,7 @@ fn a_tool_over_a_socket_presses_as_it_is_told() {
 /// Each fault of the link is reported by its name within the reply's deadline and the delay of a busy machine; then
 /// the link is established again.
 #[test]
-fn each_fault_of_the_link_is_told_and_mended() {
+fn each_fault_of_the_link_is_reported_and_mended() {
     let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
     let mut link = started(&server);
     let reads = |news: &ToolReport| matches!(news, ToolReport::Reading { .. });

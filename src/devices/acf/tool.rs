@@ -13,7 +13,7 @@ pub enum ToolReport {
     Reading {
         /// Its report.
         reading: ToolReading,
-        /// When, ms ago.
+        /// Age of the reading, ms.
         age_ms: u32,
     },
     /// The link to the tool is lost; reported once.

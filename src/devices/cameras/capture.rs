@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub struct Shot {
     /// Points and colours.
     pub cloud: OrganizedCloud<Camera>,
-    /// When, s.
+    /// Time of the shot, s.
     pub time_s: f64,
 }
 
@@ -18,7 +18,7 @@ pub struct Shot {
 pub struct Picture {
     /// The picture.
     pub picture: ColorPicture,
-    /// When, s.
+    /// Time of the picture, s.
     pub time_s: f64,
 }
 
@@ -29,7 +29,7 @@ pub struct FlangePicture {
     pub picture: ColorPicture,
     /// The pose of the flange at that time, if the source of the picture knows it; a real camera does not.
     pub base_from_flange: Option<Rigid<Base, Flange>>,
-    /// When, s.
+    /// Time of the picture, s.
     pub time_s: f64,
 }
 

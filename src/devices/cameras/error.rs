@@ -1,10 +1,10 @@
-//! Why a camera did not deliver a shot.
+//! The reason why a camera did not deliver a shot.
 
 use crate::devices::zivid::ZividFault;
 use crate::files::{ClipError, CloudFileError, PictureError, PoseError};
 use std::path::PathBuf;
 
-/// Which camera.
+/// The role of a camera in the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CameraRole {
     /// The fixed 3D camera.
@@ -22,23 +22,23 @@ impl std::fmt::Display for CameraRole {
     }
 }
 
-/// Why a shot could not be taken.
+/// The reason why a shot could not be taken.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
     /// No camera answers.
     #[error("the {which} is not available: {reason}")]
     Missing {
-        /// Which.
+        /// The camera.
         which: CameraRole,
-        /// What was found instead.
+        /// The item found instead.
         reason: String,
     },
     /// The camera responds, but did not deliver a shot in time.
     #[error("no shot from the {which} within {waited_ms} ms")]
     Timeout {
-        /// Which.
+        /// The camera.
         which: CameraRole,
-        /// How long the program waited, ms.
+        /// Waiting time, ms.
         waited_ms: u64,
     },
     /// A recording has come to its end.
@@ -54,7 +54,7 @@ pub enum CameraError {
     /// A shot of another size than the calibrated one.
     #[error("a shot of the {which} is {}×{} px, but its calibration is for {}×{} px", found_px[0], found_px[1], expected_px[0], expected_px[1])]
     WrongSize {
-        /// Which.
+        /// The camera.
         which: CameraRole,
         /// Width and height, px.
         found_px: [usize; 2],
@@ -64,15 +64,15 @@ pub enum CameraError {
     /// The camera answers, but its data cannot be used.
     #[error("the {which} delivered no usable picture: {reason}")]
     Unusable {
-        /// Which.
+        /// The camera.
         which: CameraRole,
-        /// Why not.
+        /// The reason why the shot is not usable.
         reason: String,
     },
     /// A picture of a clip that was not begun, or that has ended.
     #[error("the {which} is not recording a clip, so it has no picture of a clip")]
     NoClip {
-        /// Which.
+        /// The camera.
         which: CameraRole,
     },
     /// A 3D shot with the arm in front of the camera.
@@ -81,7 +81,7 @@ pub enum CameraError {
     ArmInView {
         /// The largest deviation of an axis from the park pose, degrees.
         axis_off_deg: f64,
-        /// Whether the arm moves.
+        /// Whether the arm is moving.
         moving: bool,
     },
     /// A picture of the flange camera while the flange moves.
@@ -104,18 +104,18 @@ pub enum CameraError {
     File {
         /// The file.
         file: PathBuf,
-        /// What is wrong with the file.
+        /// The problem in the file.
         cause: FileError,
     },
 }
 
-/// What is wrong with a file of a recording.
+/// Problems of a file of a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
-    /// The disk.
+    /// The disk reported an error.
     #[error(transparent)]
     Disk(#[from] std::io::Error),
-    /// A cloud.
+    /// The cloud cannot be read.
     #[error(transparent)]
     Cloud(#[from] CloudFileError),
     /// A picture.

@@ -65,7 +65,7 @@ pub struct ScanQuality {
 }
 
 impl ScanQuality {
-    /// Of a scan.
+    /// Computes the quality of a scan.
     pub fn compute(cloud: &OrganizedCloud<Camera>) -> Self {
         let mut depths: Vec<f64> = cloud.valid_points().map(|(_, point)| point.mm.z).collect();
         let points = depths.len();

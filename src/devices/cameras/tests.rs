@@ -63,7 +63,7 @@ fn a_recorded_flange_camera_has_a_pose_beside_each_picture() {
 }
 
 #[test]
-fn what_does_not_fit_is_told() {
+fn what_does_not_fit_is_reported() {
     let gone = RecordedScanner::open(Path::new("/nowhere"), camera(3, 2)).expect_err("gone");
     assert!(matches!(gone, CameraError::Missing { which: CameraRole::Scanner, .. }), "{gone}");
     let folder = folder(&[("a.pcd", pcd(1)), ("b.pcd", b"pcd".to_vec())]);

@@ -1,4 +1,4 @@
-//! Which frames are accepted: complete, of the expected form, newer than the last, and the next in sequence.
+//! The frames that are accepted: complete, of the expected form, newer than the last, and the next in sequence.
 //!
 //! A camera numbers its frames. With 16 bits the numbers run 1…65535 and begin again at 1, with 64 bits they continue;
 //! 0 is not a number. Which of the two a camera uses is known when the first number above 65535 arrives. A frame that
@@ -72,10 +72,10 @@ pub enum GapPolicy {
     Counted,
 }
 
-/// Why a frame is refused.
+/// The reason why a frame is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FrameRefusal {
-    /// Not whole.
+    /// The frame is incomplete.
     #[error("frame {id} is incomplete: {}", delivery.describe())]
     Incomplete {
         /// Its number.
@@ -105,7 +105,7 @@ pub enum FrameRefusal {
     WrongLength {
         /// Its number.
         id: u64,
-        /// Bytes.
+        /// Number of bytes found.
         found: usize,
         /// Number of bytes that the frame's size needs.
         expected: usize,
@@ -117,7 +117,7 @@ pub enum FrameRefusal {
     NotNewer {
         /// Its number.
         id: u64,
-        /// Its time, ns.
+        /// Timestamp of the frame, ns.
         found_ns: u64,
         /// Time of the last accepted frame, ns.
         last_ns: u64,
@@ -127,7 +127,7 @@ pub enum FrameRefusal {
     OutOfSequence {
         /// Its number.
         id: u64,
-        /// The last one's.
+        /// Number of the last frame.
         last: u64,
     },
     /// The frame has the same pixels as the last frame.
@@ -198,7 +198,7 @@ impl Acceptance {
         (self.last_id, self.unnumbered) = (None, 0);
     }
 
-    /// What is expected.
+    /// Returns the requirements for a frame.
     pub fn expected(&self) -> FrameRequirements {
         self.expected
     }

@@ -21,15 +21,15 @@ pub(super) fn open_selected(which: &CameraSelector) -> Result<GvDevice, GigeErro
         CameraSelector::Address(address) => address.clone(),
         CameraSelector::Only | CameraSelector::Serial(_) => {
             let all = search().map_err(not_found)?;
-            let told: Vec<String> =
+            let reported: Vec<String> =
                 all.iter().map(|found| format!("serial {} at {}", found.serial, found.address)).collect();
-            let told = match all.is_empty() {
+            let reported = match all.is_empty() {
                 true => format!(
                     "no camera responded; cameras respond in this computer's subnets ({}), but a camera with an \
                      address outside of them may not respond",
                     subnet::describe(&local_subnets())
                 ),
-                false => format!("found {}", told.join(", ")),
+                false => format!("found {}", reported.join(", ")),
             };
             let right = all.iter().filter(|found| match which {
                 CameraSelector::Serial(wanted) => found.serial == *wanted,
@@ -40,8 +40,8 @@ pub(super) fn open_selected(which: &CameraSelector) -> Result<GvDevice, GigeErro
                     return Err(not_found(far(&only.address).unwrap_or_default()));
                 }
                 [only] => only.id.clone(),
-                [] => return Err(not_found(told)),
-                _ => return Err(not_found(format!("{told}: select one by its serial"))),
+                [] => return Err(not_found(reported)),
+                _ => return Err(not_found(format!("{reported}: select one by its serial"))),
             }
         }
     };
@@ -104,13 +104,13 @@ fn set(camera: &aravis::Camera, step: &SettingStep) -> Result<(), GigeError> {
             if taken == *entry { Ok(()) } else { Err(not_taken(format!("the camera set {taken} instead"))) }
         }
         SettingStep::Limit(node, number) => {
-            let (_, most) = camera.float_bounds(node).map_err(refused)?;
-            set(camera, &SettingStep::Number(node, number.min(most)))
+            let (_, upper) = camera.float_bounds(node).map_err(refused)?;
+            set(camera, &SettingStep::Number(node, number.min(upper)))
         }
         SettingStep::Number(node, number) => {
-            let (least, most) = camera.float_bounds(node).map_err(refused)?;
-            if !(least..=most).contains(number) {
-                return Err(not_taken(format!("valid: {least} to {most}{}", describe_frame_rate(camera, node))));
+            let (lower, upper) = camera.float_bounds(node).map_err(refused)?;
+            if !(lower..=upper).contains(number) {
+                return Err(not_taken(format!("valid: {lower} to {upper}{}", describe_frame_rate(camera, node))));
             }
             camera.set_float(node, *number).map_err(refused)?;
             let taken = camera.float(node).map_err(refused)?;

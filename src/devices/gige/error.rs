@@ -1,24 +1,24 @@
-//! Why a GigE Vision camera gives no picture.
+//! Errors of a GigE Vision camera.
 
 use super::acceptance::FrameRefusal;
 use super::format::PixelFormat;
 use super::settings::PlanError;
 
-/// Why a GigE Vision camera gives no picture.
+/// Errors of a GigE Vision camera.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GigeError {
     /// No camera answers.
     #[error("{wanted} was not found: {found}")]
     NotFound {
-        /// Which one.
+        /// Description of the requested camera.
         wanted: String,
-        /// What was found instead.
+        /// Description of the cameras found instead.
         found: String,
     },
     /// The camera answers, but cannot be opened.
     #[error("{wanted} cannot be opened: {why}")]
     NotOpened {
-        /// Which one.
+        /// Description of the requested camera.
         wanted: String,
         /// The message from Aravis.
         why: String,
@@ -28,7 +28,7 @@ pub enum GigeError {
         "{wanted} is controlled by another program; close that program, or wait until its heartbeat has timed out"
     )]
     Controlled {
-        /// Which one.
+        /// Description of the requested camera.
         wanted: String,
     },
     /// The camera does not support the settings.
@@ -52,7 +52,7 @@ pub enum GigeError {
     WrongCamera {
         /// Its serial number.
         found: String,
-        /// The calibration's.
+        /// Serial number in the calibration.
         expected: String,
     },
     /// The camera has another size than the calibrated one.
@@ -87,23 +87,23 @@ pub enum GigeError {
          format, or install other firmware", expected.name()
     )]
     OtherFormat {
-        /// What it sends.
+        /// The format that the camera sends.
         found: String,
         /// The pixel format that was set.
         expected: PixelFormat,
-        /// Why the last frame was refused.
+        /// The reason why the last frame was refused.
         last: FrameRefusal,
     },
     /// The camera was connected and is lost.
     #[error("the connection to the camera is lost: {why}")]
     Lost {
-        /// How that shows.
+        /// Symptom of the loss.
         why: String,
     },
     /// The camera does not answer in time.
     #[error("no picture from the camera within {waited_ms} ms")]
     Timeout {
-        /// How long the program waited, ms.
+        /// Waiting time, ms.
         waited_ms: u64,
     },
     /// The frames that came cannot be used.
@@ -111,18 +111,18 @@ pub enum GigeError {
     Refused {
         /// Number of frames that were tried.
         tries: u32,
-        /// Why the last frame was refused.
+        /// The reason why the last frame was refused.
         last: FrameRefusal,
     },
     /// The camera delivers an old scene.
     #[error("the camera delivers old pictures: {last}; the second try had the same result")]
     Frozen {
-        /// Why the last frame was refused.
+        /// The reason why the last frame was refused.
         last: FrameRefusal,
     },
 }
 
-/// For messages.
+/// Rounds a time for messages.
 #[cfg(feature = "gige")]
 pub(super) fn round_to_ms(time: std::time::Duration) -> u64 {
     u64::try_from(time.as_millis()).unwrap_or(u64::MAX)

@@ -18,7 +18,7 @@ pub enum PixelFormat {
 }
 
 impl PixelFormat {
-    /// All of them.
+    /// All pixel formats.
     pub const ALL: &'static [PixelFormat] = <Self as VariantArray>::VARIANTS;
 
     /// The name, `BayerRG8`.

@@ -31,7 +31,7 @@ const MAX_SEARCH_INTERVAL: Duration = Duration::from_secs(2);
 pub enum LinkStatus {
     /// The first search continues.
     Searching,
-    /// It delivers.
+    /// The camera delivers.
     Connected,
     /// The camera is unavailable, for this reason.
     Away(GigeError),
@@ -56,7 +56,7 @@ pub struct GigeCamera {
     asks: Option<Sender<CameraRequest>>,
     shared: Arc<Mutex<Shared>>,
     opened: Instant,
-    /// Which camera, in words.
+    /// Description of the camera for messages.
     which: String,
     /// Time limits for the first search and for one picture in total.
     search: Duration,
@@ -143,7 +143,7 @@ impl GigeCamera {
         lock(&self.shared).status.clone()
     }
 
-    /// What was counted.
+    /// Returns the counters of the link.
     pub fn statistics(&self) -> Statistics {
         lock(&self.shared).statistics
     }
@@ -185,7 +185,7 @@ fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The thread's own.
+/// The state of the link's thread.
 struct Link {
     settings: Settings,
     is_ending: Arc<AtomicBool>,

@@ -35,9 +35,9 @@ pub enum Register {
     UserSetSelector = 0x4000,
     /// 1 after the selected set was loaded.
     UserSetLoad = 0x4004,
-    /// 0 for off.
+    /// Automatic exposure: 0 for off.
     ExposureAuto = 0x4008,
-    /// 0 for off.
+    /// Automatic white balance: 0 for off.
     BalanceWhiteAuto = 0x4010,
     /// 1 if the frame rate is limited.
     AcquisitionFrameRateEnable = 0x4014,
@@ -51,9 +51,9 @@ pub enum Register {
     DeviceTemperature = 0x4024,
     /// Gain, tenths of a dB.
     Gain = 0x0110,
-    /// 0 for off.
+    /// Automatic gain: 0 for off.
     GainAuto = 0x0114,
-    /// µs.
+    /// Exposure time, µs.
     ExposureTime = 0x0120,
     /// Time of one picture, µs.
     FramePeriod = 0x0138,
@@ -62,7 +62,7 @@ pub enum Register {
 /// Fills the pixels of an exposure, given the number of earlier exposures.
 pub type FillPixels = Box<dyn Fn(u64, &mut [u8]) + Send + Sync>;
 
-/// Why the loopback camera could not be started.
+/// The reason why the loopback camera could not be started.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LoopbackError {
     /// The port is in use.
@@ -83,7 +83,7 @@ pub enum LoopbackError {
     NoDescription(String),
 }
 
-/// What the fake camera's thread uses.
+/// Data that the fake camera's thread uses.
 struct Exposures {
     camera: Mutex<aravis::FakeCamera>,
     fill: FillPixels,

@@ -33,7 +33,7 @@ pub fn search() -> Result<Vec<FoundCamera>, String> {
 /// The search in a program that was built without the driver.
 ///
 /// # Errors
-/// Always.
+/// Always, since this program was built without the driver.
 #[cfg(not(feature = "gige"))]
 pub fn search() -> Result<Vec<FoundCamera>, String> {
     Err("this program was built without the driver of GigE Vision cameras".to_owned())

@@ -8,7 +8,7 @@
 use super::format::PixelFormat;
 use std::time::Duration;
 
-/// Which camera.
+/// Selects a camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum CameraSelector {
     /// The only camera that is found.
@@ -34,9 +34,9 @@ impl std::fmt::Display for CameraSelector {
 pub enum ExposureMode {
     /// Once for each software trigger.
     Triggered,
-    /// All the time.
+    /// The camera exposes continuously.
     FreeRunning {
-        /// Pictures a second.
+        /// Pictures per second.
         frames_per_s: f64,
     },
 }
@@ -44,7 +44,7 @@ pub enum ExposureMode {
 /// The required settings of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// Which camera.
+    /// Selects the camera.
     pub selector: CameraSelector,
     /// The serial number of the calibrated camera, if known.
     pub serial: Option<String>,
@@ -98,15 +98,15 @@ pub enum SettingStep {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the camera has no setting for {wanted} (searched for {}); {advice}", nodes.join(", "))]
 pub struct MissingNode {
-    /// What is wanted.
+    /// The function that the camera lacks.
     pub wanted: &'static str,
     /// The nodes that were looked for; one of them is sufficient.
     pub nodes: Vec<&'static str>,
-    /// What to do.
+    /// Remedy.
     pub advice: &'static str,
 }
 
-/// Why there is no plan.
+/// Errors of a plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// A setting has no node.
@@ -120,7 +120,7 @@ pub enum PlanError {
     TooLong {
         /// The exposure, µs.
         exposure_us: f64,
-        /// Pictures a second.
+        /// Pictures per second.
         frames_per_s: f64,
     },
 }
@@ -228,14 +228,14 @@ mod tests {
 
     fn planned_steps(settings: &Settings, nodes: &[&str]) -> Vec<String> {
         let steps = plan(settings, &|node| nodes.contains(&node)).expect("all nodes are there");
-        let told = |step: SettingStep| match step {
+        let describe = |step: SettingStep| match step {
             SettingStep::Command(node) => format!("{node}()"),
             SettingStep::SetEnum(node, entry) => format!("{node}={entry}"),
             SettingStep::Number(node, number) => format!("{node}={number}"),
             SettingStep::Switch(node, on) => format!("{node}={on}"),
             SettingStep::Limit(node, number) => format!("{node}<={number}"),
         };
-        steps.into_iter().map(told).collect()
+        steps.into_iter().map(describe).collect()
     }
 
     /// The nodes that LUCID's own driver names. Calculated by hand: 8 ms are nine tenths of 8.889 ms, 112.5

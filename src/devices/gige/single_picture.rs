@@ -34,10 +34,10 @@ pub trait TriggeredCamera {
     fn renew(&mut self) -> Result<(), Self::Gone>;
 }
 
-/// Why there is no still.
+/// Errors of a still picture.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum StillError<G> {
-    /// The camera is gone.
+    /// The camera is not available any more.
     Gone(G),
     /// At the last try, nothing came in time.
     Timeout,
@@ -205,7 +205,7 @@ mod tests {
 
     /// Calculated by hand: exposure 1 is accepted; then the camera shows exposure 1 twice more.
     #[test]
-    fn a_frozen_camera_is_told_at_its_second_old_frame() {
+    fn a_frozen_camera_is_reported_at_its_second_old_frame() {
         let mut camera = Scripted::new(&[Fate::Good]);
         let (mut acceptance, mut statistics) = (acceptance(), Statistics::default());
         capture(&mut camera, &mut acceptance, &mut statistics).expect("good");

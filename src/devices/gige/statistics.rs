@@ -1,4 +1,4 @@
-//! What a camera's link has counted since the program began.
+//! Counters of a camera's link since the program began.
 
 /// Frames, packets and losses: sums over all connections of the camera.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -17,7 +17,7 @@ pub struct Statistics {
     pub unarmed: u64,
     /// Number of times that the camera's clock was set back.
     pub clock_steps: u64,
-    /// Packets that came.
+    /// Number of received packets.
     pub packets: u64,
     /// Packets that arrived only after a resend request.
     pub resent_packets: u64,
@@ -32,7 +32,7 @@ pub struct Statistics {
 }
 
 impl Statistics {
-    /// Both together.
+    /// Returns the sum of both.
     pub fn plus(self, other: Statistics) -> Self {
         Statistics {
             accepted: self.accepted + other.accepted,

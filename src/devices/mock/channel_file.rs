@@ -19,9 +19,9 @@ pub(super) enum ElementKind {
 /// Which entry of a memory is read first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ReadOrder {
-    /// The oldest.
+    /// The oldest entry is read first.
     Fifo,
-    /// The newest.
+    /// The newest entry is read first.
     Lifo,
 }
 
@@ -32,7 +32,7 @@ pub(super) enum Environment {
     Program,
     /// Cancelling the submit program.
     Submit,
-    /// Nothing else.
+    /// Only the end of the system closes the channel.
     System,
 }
 

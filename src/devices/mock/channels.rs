@@ -191,7 +191,7 @@ impl Controller {
         self.link(channel).environment == Environment::Program
     }
 
-    /// Sends bytes that are no document on this channel.
+    /// Sends bytes that are not a document on this channel.
     pub(super) fn write_garbage(&mut self, channel: Channel) {
         let link = self.link(channel);
         if link.connected {

@@ -113,7 +113,7 @@ impl Reading<'_> {
             }
         }
         if let Some(element) = frame {
-            // A frame in which a number is missing is no frame.
+            // A frame in which a number is missing is not a frame.
             let [Some(x), Some(y), Some(z), Some(a), Some(b), Some(c)] = numbers else {
                 return Err(EkiFault::Malformed);
             };
@@ -292,7 +292,7 @@ mod tests {
         values
     }
 
-    /// The command of the agreed protocol, calculated by hand. 0.1 is no 32-bit float; the nearest one is used.
+    /// The command of the agreed protocol, calculated by hand. 0.1 is not a 32-bit float; the nearest one is used.
     #[test]
     fn a_command_becomes_its_values_in_the_files_order() {
         let document = "<Cmd Id=\"17\" Ep=\"3\" Op=\"2\" N1=\"0\" N2=\"1\" R1=\"2.000000\" R2=\"0.100000\">\

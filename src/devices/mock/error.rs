@@ -12,7 +12,7 @@ pub enum EkiError {
     Type,
 }
 
-/// Why a channel was closed; reception errors have the number that the controller logs.
+/// The reason why a channel was closed; reception errors have the number that the controller logs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum EkiFault {
     /// The connection was disrupted.
@@ -47,7 +47,7 @@ pub enum EkiFault {
     Drifted,
 }
 
-/// Why the mock controller cannot start.
+/// The reason why the mock controller cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum MockError {
     /// A program or data list of the controller is not correct.
@@ -58,7 +58,7 @@ pub enum MockError {
     File {
         /// CELLCMD or CELLSTAT.
         channel: &'static str,
-        /// What is wrong.
+        /// The problem.
         problem: FileProblem,
     },
     /// The mock cannot listen on a port.
@@ -74,10 +74,10 @@ pub enum MockError {
     Thread(std::io::Error),
 }
 
-/// What is wrong with an EthernetKRL file.
+/// Problems of an EthernetKRL file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FileProblem {
-    /// Not XML.
+    /// The file is not XML.
     #[error("is not XML: {0}")]
     Xml(String),
     /// A required section is missing.
@@ -98,7 +98,7 @@ pub enum FileProblem {
         name: &'static str,
         /// The text found.
         found: String,
-        /// What may.
+        /// The valid words.
         allowed: &'static str,
     },
     /// An element has a type that the controller does not know.

@@ -37,15 +37,15 @@ pub struct Arm {
     pub speeds_deg_s: [f64; 6],
 }
 
-/// Why the flange pose cannot be reached.
+/// The reason why the flange pose cannot be reached.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Unreachable {
     /// The wrist's centre is too far from axis 2, or too near to it.
     #[error("the wrist's centre is {distance_mm:.1} mm from axis 2 (reachable: {} to {} mm)", allowed_mm[0], allowed_mm[1])]
     Distance {
-        /// Measured.
+        /// Measured distance, mm.
         distance_mm: f64,
-        /// Nearest and farthest.
+        /// Smallest and largest reachable distance, mm.
         allowed_mm: [f64; 2],
     },
     /// Every solution for this pose needs an axis beyond its limits.
@@ -55,7 +55,7 @@ pub enum Unreachable {
         axis: usize,
         /// The angle that the solution nearest to the present angles needs.
         angle_deg: f64,
-        /// Lowest and highest.
+        /// Lowest and highest valid angle.
         allowed_deg: [f64; 2],
     },
 }
@@ -378,7 +378,7 @@ mod tests {
         /// Away from the singularities of wrist, elbow and shoulder, the solution nearest to the arm's present angles
         /// equals these angles.
         #[test]
-        fn the_nearest_way_is_where_the_arm_stands(angles in inside()) {
+        fn the_nearest_way_is_at_the_arm(angles in inside()) {
             let pose = at(angles);
             let wrist_mm = ARM.wrist_mm(&pose);
             let phi_deg = angles[2] + ARM.a2_mm.atan2(ARM.c3_mm).to_degrees();

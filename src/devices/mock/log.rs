@@ -13,7 +13,7 @@ pub struct ExecutedMotion {
     pub id: i32,
     /// The axes where the move ended, or in the middle of its blend.
     pub joints: Joints,
-    /// The flange there.
+    /// Pose of the flange at these axes.
     pub base_from_flange: Rigid<Base, Flange>,
     /// Time of the motion, ms since the controller's start.
     pub time_ms: u64,
@@ -30,13 +30,13 @@ pub struct ContactSample {
     pub base_from_flange: Rigid<Base, Flange>,
     /// The sanding tool.
     pub base_from_tool: Rigid<Base, Tool>,
-    /// Both ends of this stretch are in contact; otherwise the tool lands or leaves.
+    /// Both ends of this segment are in contact; otherwise the tool lands or leaves.
     pub sanding: bool,
     /// Whether the tool's output was on.
     pub tool_on: bool,
 }
 
-/// Why the program stopped an epoch.
+/// The reason why the program stopped an epoch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StopCause {
     /// The client's abort.
@@ -80,7 +80,7 @@ impl StopCause {
         matches!(self, EStop | Guard | Drives | Mode | Deselected | Rebooted | Halted)
     }
 
-    /// In words.
+    /// Returns the description for messages.
     pub fn describe(self) -> &'static str {
         match self {
             StopCause::Abort => "the client ended the epoch",
@@ -110,7 +110,7 @@ pub struct ProgramStop {
     pub time_ms: u64,
     /// The epoch that the stop ended.
     pub epoch: i32,
-    /// Why.
+    /// Cause of the stop.
     pub cause: StopCause,
     /// Whether the stop began in contact.
     pub contact: bool,

@@ -232,7 +232,7 @@ mod tests {
 
     /// The channel is LIFO, one of its tags is FIFO.
     #[test]
-    fn the_newest_comes_first_where_the_file_says_so() {
+    fn the_newest_entry_is_first_if_the_file_states_so() {
         let mut memory = memory(|file| {
             let file = file.replace("Mode=\"FIFO\"", "Mode=\"LIFO\"");
             file.replace("Tag=\"Req/@N1\" Type=\"INT\"", "Tag=\"Req/@N1\" Type=\"INT\" Mode=\"FIFO\"")

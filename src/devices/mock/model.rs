@@ -85,10 +85,10 @@ impl Controller {
     /// If a channel's file lacks values that the programs read.
     pub fn new(setup: Setup, world: Box<dyn World>) -> Result<Self, MockError> {
         let (commands, states) = (Memory::new(setup.commands.clone()), Memory::new(setup.states.clone()));
-        let of = |channel: &'static str| move |problem: FileProblem| MockError::File { channel, problem };
+        let file_error = |channel: &'static str| move |problem: FileProblem| MockError::File { channel, problem };
         let mut controller = Controller {
-            command_places: CommandPositions::new(&commands).map_err(of("CELLCMD"))?,
-            request_places: RequestPositions::new(&states).map_err(of("CELLSTAT"))?,
+            command_places: CommandPositions::new(&commands).map_err(file_error("CELLCMD"))?,
+            request_places: RequestPositions::new(&states).map_err(file_error("CELLSTAT"))?,
             commands: Link::new(commands, &setup.commands),
             states: Link::new(states, &setup.states),
             answers: LastAnswers::new(&setup),

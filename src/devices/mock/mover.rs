@@ -26,7 +26,7 @@ pub(super) struct CompletedMove {
     pub(super) was_starved: bool,
 }
 
-/// Why the arm cannot continue.
+/// The reason why the arm cannot continue.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum MoveBlocked {
     Unreachable(Unreachable),

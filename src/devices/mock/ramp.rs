@@ -95,7 +95,7 @@ mod tests {
     proptest! {
         /// Braking ends at a speed of exactly 0, at the latest one step after the time that the braking needs.
         #[test]
-        fn a_brake_stands(mut speed in 0.1..2000.0f64, acceleration in 50.0..9000.0f64) {
+        fn a_brake_holds(mut speed in 0.1..2000.0f64, acceleration in 50.0..9000.0f64) {
             let steps = (speed / acceleration / 0.012).ceil() as usize + 1;
             for _ in 0..steps {
                 speed = step(speed, Limits { to_stop: 1e4, speed: 0.0, acceleration }, 0.012).1;

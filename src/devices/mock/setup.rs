@@ -46,7 +46,7 @@ pub struct Setup {
     pub subroutines_ms: Vec<u64>,
     /// The sequence number of the last state before the start.
     pub first_state: i32,
-    /// What goes wrong.
+    /// The planned faults.
     pub faults: FaultSpec,
     /// The controller's own programs that are executed; `None` for the model in Rust.
     pub programs: Option<Programs>,

@@ -19,7 +19,7 @@ impl DelayedStream {
         DelayedStream { delay_ms, fragment, draw: Pcg64::seed_from_u64(seed), pieces: VecDeque::new() }
     }
 
-    /// Bytes set out.
+    /// Sends bytes with the delay.
     pub(super) fn send_bytes(&mut self, now: Instant, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {

@@ -23,7 +23,7 @@ impl Channel {
     }
 }
 
-/// Why a command is refused; the number is `Err` in the acknowledgement.
+/// The reason why a command is refused; the number is `Err` in the acknowledgement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refusal {
     /// The command's id is not the next one.
@@ -32,7 +32,7 @@ pub enum Refusal {
     WrongEpoch = 2,
     /// The ring is full.
     RingFull = 3,
-    /// No such operation.
+    /// The operation is not known.
     UnknownOperation = 4,
     /// A number is outside of its range.
     OutOfRange = 5,

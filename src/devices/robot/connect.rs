@@ -84,7 +84,7 @@ mod tests {
 
     /// The error as the kernel reports it if a unit's IPAddressDeny blocks the packet.
     #[test]
-    fn a_network_that_the_unit_does_not_allow_is_told() {
+    fn a_network_that_the_unit_does_not_allow_is_reported() {
         let said =
             system_loss(Channel::Command, &IoError::from_raw_os_error(rustix::io::Errno::PERM.raw_os_error()));
         assert!(said.to_string().contains("panelprep.service.d/network.conf"), "{said}");

@@ -37,15 +37,15 @@ pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
     }
 }
 
-/// Why a link cannot be started. An absent controller is not such an error: the link reports it.
+/// The reason why a link cannot be started. An absent controller is not such an error: the link reports it.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
     /// A channel's file cannot be read.
     #[error("{file}: {error}")]
     Channel {
-        /// Which file.
+        /// Name of the file.
         file: &'static str,
-        /// What is wrong.
+        /// The problem in the file.
         error: ChannelError,
     },
     /// The files do not fit this program.

@@ -135,7 +135,7 @@ impl LinkLoop {
 
     /// Serves two connections until one of them fails or is closed.
     async fn serve(&mut self, streams: &mut LinkStreams) -> Result<(), NoSenders> {
-        let mut heard = Instant::now();
+        let mut last_received = Instant::now();
         loop {
             self.sign.report_working();
             // The heartbeats of this thread would keep an arm moving whose cycle hangs.
@@ -150,7 +150,7 @@ impl LinkLoop {
                         // In lock step there is no message between two requests, however long a computation lasts: the
                         // controller's silence is measured from the request on.
                         if self.pace == ClockMode::LockStep {
-                            heard = Instant::now();
+                            last_received = Instant::now();
                         }
                     }
                 }
@@ -162,7 +162,7 @@ impl LinkLoop {
             // In lock step acknowledgements are read together with the state that follows them, so that the speed
             // of the machine has no influence.
             let reads_command = self.pace == ClockMode::Wall;
-            let deadline = self.deadline(heard);
+            let deadline = self.deadline(last_received);
             let step = tokio::select! {
                 // In this order: a stop from the caller first, then the state channel, then commands. With a random
                 // order a burst of acknowledgements could delay an abort.
@@ -180,7 +180,7 @@ impl LinkLoop {
                     ready.and_then(|()| write(&streams.state, &mut streams.state_out)).map_err(|error| system_loss(Channel::State, &error))
                 }
                 ready = streams.state.readable() => {
-                    heard = Instant::now();
+                    last_received = Instant::now();
                     ready.map_err(|error| system_loss(Channel::State, &error)).and_then(|()| self.read(streams))
                 }
                 ready = streams.command.writable(), if !streams.command_out.is_empty() => {
@@ -189,7 +189,7 @@ impl LinkLoop {
                 ready = streams.command.readable(), if reads_command => {
                     ready.map_err(|error| system_loss(Channel::Command, &error)).and_then(|()| self.receive_acks(&streams.command))
                 }
-                () = tokio::time::sleep_until(deadline.into()) => self.time_passed(heard),
+                () = tokio::time::sleep_until(deadline.into()) => self.time_passed(last_received),
                 // Nothing happens, and the thread signals that it works.
                 () = tokio::time::sleep(HEARTBEAT_INTERVAL) => Ok(()),
             };

@@ -30,14 +30,14 @@ fn first_loss(address: Address) -> LinkLoss {
 }
 
 #[test]
-fn nothing_that_listens_is_told_as_refused() {
+fn nothing_that_listens_is_reported_as_refused() {
     let address = address(&listener(), &listener());
     let why = first_loss(address);
     assert!(matches!(why, LinkLoss::Refused { channel: Channel::Command, .. }), "{why}");
 }
 
 #[test]
-fn a_controller_that_says_nothing_is_told_as_silent() {
+fn a_controller_that_sends_nothing_is_reported_as_silent() {
     let (command, state) = (listener(), listener());
     let why = first_loss(address(&command, &state));
     assert!(matches!(why, LinkLoss::Silent { channel: Channel::State, silence_ms: 1_000..1_500 }), "{why}");
@@ -200,7 +200,7 @@ fn an_abort_on_the_way_ends_in_standstill() {
 
 /// The controller's programs restart with a path queued: the link connects again by itself and nothing moves.
 #[test]
-fn a_link_that_comes_back_moves_nothing() {
+fn a_link_that_returns_moves_nothing() {
     let (server, mut link) = cell(ClockMode::LockStep);
     wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
     link.open_epoch().expect("connected");

@@ -30,7 +30,7 @@ pub struct Follower {
     received_states: Arc<Mutex<ReceivedStates>>,
 }
 
-/// What was reported.
+/// The received states.
 #[derive(Default)]
 struct ReceivedStates {
     last: Option<ReceivedState>,
@@ -79,21 +79,22 @@ impl Follower {
     /// Processes a state message of the controller.
     pub fn process_state(&self, state: &State) {
         let outputs = {
-            let mut told = self.lock();
-            let before_ms = match told.last {
+            let mut received = self.lock();
+            let before_ms = match received.last {
                 Some(last) if state.time_ms < last.state.time_ms => last.time_ms(),
                 Some(last) => last.before_ms,
                 None => 0,
             };
             let heard = ReceivedState { state: *state, at: Instant::now(), before_ms };
-            let changed = self.changed(&mut told.outputs, state);
+            let changed = self.changed(&mut received.outputs, state);
             if self.tool_is_on(state) {
-                let way = told.last.map_or(vec![], |last| swept_poses(&last, &heard, self.tool_is_on(&last.state)));
-                told.trace.extend(way);
+                let way =
+                    received.last.map_or(vec![], |last| swept_poses(&last, &heard, self.tool_is_on(&last.state)));
+                received.trace.extend(way);
             }
             let earliest_ms = heard.time_ms().saturating_sub(STRAIGHT_MS);
-            let since_ms = told.last.map_or(heard.time_ms(), |last| last.time_ms().max(earliest_ms));
-            told.last = Some(heard);
+            let since_ms = received.last.map_or(heard.time_ms(), |last| last.time_ms().max(earliest_ms));
+            received.last = Some(heard);
             changed.into_iter().map(|(number, on)| (number, on, since_ms)).collect::<Vec<_>>()
         };
         let mut terminals = self.world.terminals();

@@ -23,13 +23,13 @@ fn delays(output: Output) -> DeviceDelays {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Signal {
     pub output: Output,
-    /// Number n of `$OUT[n]`.
+    /// Number n of the output `$OUT[n]`.
     pub number: u16,
     /// Number n of `$IN[n]` of its feedback.
     pub feedback: u16,
     /// The output's value.
     pub on: bool,
-    /// When it changed.
+    /// Time of the last change, ms.
     since_ms: u64,
     /// Whether the driven device was running when the output last changed.
     was_running: bool,
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn the_spray_says_that_it_is_off() {
+    fn the_spray_reports_that_it_is_off() {
         let mut spray = Signal::new(Output::Spray, 2, 1);
         assert!(spray.is_feedback_on(0));
         spray.switch(true, 10);

@@ -17,7 +17,7 @@ const MIN_REMOVED_SHARE: f64 = 0.9;
 /// Largest distance of an axis from its park angle at which the axis counts as parked, degrees.
 const PARKED_DEG: f64 = 0.1;
 
-/// Why no world can be made from a cell's file.
+/// The reason why no world can be made from a cell's file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum WorldError {
     /// An output or feedback has no number.
@@ -28,7 +28,7 @@ pub enum WorldError {
         /// The name.
         name: &'static str,
     },
-    /// No park pose.
+    /// The cell's file has no park pose.
     #[error("[poses] park is missing; a 3D shot is taken only in this pose")]
     NoPark,
     /// The cell's file names no signals of a line.

@@ -35,7 +35,7 @@ pub(super) struct SandedArea {
     pub until_ms: u64,
 }
 
-/// What changes.
+/// The state of the simulated world.
 pub(super) struct WorldState {
     pub signals: Vec<Signal>,
     /// The input that is on while the tool is stopped, if the cell names one.
@@ -53,7 +53,7 @@ pub(super) struct WorldState {
     pub disc_diameter_mm: f64,
     pub violations: Vec<(u64, Violation)>,
     pub line: Option<SimulatedLine>,
-    /// When the part was brought in, by the controller's time, ms.
+    /// Time at which the part was brought in, by the controller's time, ms.
     pub part_since_ms: u64,
 }
 

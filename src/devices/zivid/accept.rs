@@ -8,11 +8,11 @@ use super::sensor::ShotPlanes;
 /// The expected values with which a shot is compared.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExpectedShot {
-    /// The request, in words.
+    /// The request, as text.
     pub what: &'static str,
-    /// By which settings.
+    /// Hash of the settings with which the shot must be taken.
     pub settings: SettingsHash,
-    /// Of which camera.
+    /// Serial number of the camera.
     pub serial: String,
     /// The size for which the camera was calibrated.
     pub size: Size,

@@ -37,15 +37,15 @@ pub struct RestartBudget {
 pub enum RestartDecision {
     /// Start the worker again; this is restart `number` of the allowed ones.
     Restart {
-        /// Counted from 1.
+        /// Number of the restart, from 1.
         number: usize,
     },
-    /// Leave it.
+    /// The worker is not restarted.
     StayDown,
 }
 
 impl RestartBudget {
-    /// A whole budget.
+    /// Creates a budget with all restarts available.
     pub fn new(allowed: Restarts) -> Self {
         RestartBudget { allowed, used_at: VecDeque::new(), is_spent: false }
     }
@@ -75,7 +75,7 @@ impl RestartBudget {
         oldest.map_or(Duration::ZERO, |oldest| (*oldest + self.allowed.within).saturating_sub(now))
     }
 
-    /// What is allowed.
+    /// Returns the limit of restarts.
     pub fn allowed_restarts(&self) -> Restarts {
         self.allowed
     }

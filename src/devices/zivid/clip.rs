@@ -219,7 +219,7 @@ mod tests {
 
     /// The clip of an abandoned film continues for ten seconds and no longer.
     #[test]
-    fn a_clip_that_nobody_asks_for_ends() {
+    fn a_clip_that_is_not_requested_ends() {
         let mut queue = ClipQueue { asked_ns: 5_000_000_000, ..ClipQueue::default() };
         queue.receive(Ok(photo(1)), 15_000_000_000);
         assert!(!queue.is_over);

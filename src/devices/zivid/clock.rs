@@ -2,7 +2,7 @@
 
 use rustix::time::{ClockId, clock_gettime};
 
-/// Now.
+/// Returns the present time, ns.
 pub fn now_ns() -> u64 {
     let now = clock_gettime(ClockId::Monotonic);
     // Neither number is negative on a clock that begins when the machine starts.

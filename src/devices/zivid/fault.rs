@@ -8,7 +8,7 @@ use std::time::Duration;
 /// A fault of the 3D camera. Each message begins with the fault's row in the fault model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ZividFault {
-    /// No such camera.
+    /// The camera was not found.
     #[error(
         "C1 the 3D camera is not found: {0}; check its power and its cable. The program repeats the search every few \
          seconds"
@@ -44,14 +44,14 @@ pub enum ZividFault {
         /// The SDK's message.
         message: String,
     },
-    /// No answer in time.
+    /// No answer arrived in time.
     #[error("C3 the 3D camera did not respond within {} s to {during}, and its worker was ended; {next}", waited.as_secs_f64())]
     Timeout {
         /// The request.
         during: &'static str,
-        /// How long the program waited.
+        /// Waiting time.
         waited: Duration,
-        /// What happens now.
+        /// The next step of the host.
         next: NextStep,
     },
     /// The worker did not answer in time, and its end was not confirmed either.
@@ -63,7 +63,7 @@ pub enum ZividFault {
     Stuck {
         /// The request.
         during: &'static str,
-        /// How long the program waited.
+        /// Waiting time.
         waited: Duration,
     },
     /// The camera gave no shot in several attempts.
@@ -71,7 +71,7 @@ pub enum ZividFault {
     NoShot {
         /// The request.
         during: &'static str,
-        /// How often.
+        /// Number of attempts.
         tries: u32,
         /// The SDK's message.
         message: String,
@@ -84,9 +84,9 @@ pub enum ZividFault {
     Throttled {
         /// The request.
         during: &'static str,
-        /// How long.
+        /// Duration of the pause, ms.
         paused_ms: f64,
-        /// Allowed.
+        /// Longest valid pause, ms.
         allowed_ms: f64,
         /// Temperature of the lens, °C.
         lens_c: Option<f64>,
@@ -98,9 +98,9 @@ pub enum ZividFault {
     Damaged {
         /// The request.
         during: &'static str,
-        /// What is wrong with the data.
+        /// The problem in the data.
         cause: String,
-        /// What happens now.
+        /// The next step of the host.
         next: NextStep,
     },
     /// Points with a coordinate that is not finite.
@@ -112,11 +112,11 @@ pub enum ZividFault {
          calibrate with these settings", found_px[0], found_px[1], expected_px[0], expected_px[1]
     )]
     WrongSize {
-        /// What has it.
+        /// The shot or picture with the wrong size.
         what: &'static str,
         /// Width and height, px.
         found_px: [usize; 2],
-        /// In the calibration.
+        /// Size in the calibration, px.
         expected_px: [usize; 2],
     },
     /// Another camera.
@@ -136,28 +136,28 @@ pub enum ZividFault {
          the service after an upgrade"
     )]
     WrongVersion {
-        /// The worker's.
+        /// Version of the worker.
         found: String,
-        /// This program's.
+        /// Version of this program.
         expected: String,
     },
     /// The camera does not accept the settings.
     #[error("C5 {what} are not accepted: {message}")]
     Settings {
-        /// Which, in words.
+        /// Description of the settings.
         what: &'static str,
         /// The SDK's message.
         message: String,
     },
-    /// No points.
+    /// The shot has too few points.
     #[error(
         "C6 no 3D data: {} % of the shot's pixels have a point, but at least {needed_percent} % are needed. Check that \
          the panel is in the camera's range, that the lens is open and dry, and the exposure", distinguishable_texts(*found_percent, *needed_percent, 2)[0]
     )]
     NoPoints {
-        /// Found.
+        /// Share of pixels with a point, percent.
         found_percent: f64,
-        /// Needed.
+        /// Required share, percent.
         needed_percent: f64,
     },
     /// The same shot again, or an old shot.
@@ -166,11 +166,11 @@ pub enum ZividFault {
     /// The worker ended.
     #[error("C11 the 3D camera's worker ended ({how}) during {during}; {next}")]
     Ended {
-        /// How.
+        /// Description of the end: exit code, signal or error.
         how: String,
         /// The activity during which the fault occurred.
         during: &'static str,
-        /// What happens now.
+        /// The next step of the host.
         next: NextStep,
     },
     /// The worker is being started.
@@ -181,7 +181,7 @@ pub enum ZividFault {
         /// Time limit for the start.
         most: Duration,
     },
-    /// The worker stays down.
+    /// The worker is not restarted any more.
     #[error(
         "C11 the 3D camera's worker stays down: it ended {ended} times within {} min (limit {allowed} restarts). Last: \
          {last}. Fix the cause, then reset after {} s or more", within.as_secs() / 60, wait.as_secs()
@@ -189,11 +189,11 @@ pub enum ZividFault {
     Down {
         /// Number of times that the worker ended within the period.
         ended: usize,
-        /// Restarts that are allowed.
+        /// Maximum number of restarts.
         allowed: usize,
-        /// In this time.
+        /// Period in which restarts are counted.
         within: Duration,
-        /// The previous fault, in words.
+        /// The previous fault, as text.
         last: String,
         /// Remaining time until the worker may be started.
         wait: Duration,
@@ -203,24 +203,24 @@ pub enum ZividFault {
     OutOfOrder {
         /// The request.
         during: &'static str,
-        /// In its words.
+        /// Message of the worker.
         message: String,
     },
 }
 
-/// What happens to a worker that was lost.
+/// The next step after a worker was lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NextStep {
     /// The worker is started again.
     Restart {
-        /// Counted from 1.
+        /// Number of the restart, from 1.
         number: usize,
-        /// Of this number.
+        /// Maximum number of restarts.
         of: usize,
-        /// In this time.
+        /// Period in which restarts are counted.
         within: Duration,
     },
-    /// It is not.
+    /// The worker is not restarted.
     StaysDown,
 }
 

@@ -7,12 +7,12 @@ pub(super) const MAGIC: [u8; 4] = *b"PPZV";
 /// The version of this protocol: of the frames and of the messages in them.
 pub const VERSION: u16 = 2;
 
-/// Who speaks.
+/// The sender of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, VariantArray)]
 pub enum FrameKind {
     /// From the worker, when it starts.
     Hello,
-    /// The daemon.
+    /// The daemon sent the frame.
     Request,
     /// From the worker, once for each request.
     Reply,
@@ -38,7 +38,7 @@ impl FrameKind {
     }
 }
 
-/// What is wrong with a frame.
+/// Errors of a frame.
 #[derive(Debug, thiserror::Error)]
 pub enum WireError {
     /// The stream ended between two frames.
@@ -47,13 +47,13 @@ pub enum WireError {
     /// The stream ended within a frame.
     #[error("the connection ended within the {part} of a frame")]
     Cut {
-        /// Within what.
+        /// The part that was cut off.
         part: FramePart,
     },
     /// The frame came too slowly, or not at all.
     #[error("the rest of the {part} of a frame did not arrive in time")]
     Stalled {
-        /// Within what.
+        /// The part that did not arrive.
         part: FramePart,
     },
     /// The data do not begin with the opening of a frame.
@@ -65,15 +65,15 @@ pub enum WireError {
     /// The other program is of another version.
     #[error("the received frames have the version {found}, but this program uses version {VERSION}")]
     Version {
-        /// Found.
+        /// Version found.
         found: u16,
     },
     /// A checksum is wrong.
     #[error("the checksum of a frame's {part} is {found:08x}, but the checksum of its bytes is {computed:08x}")]
     Checksum {
-        /// Of what.
+        /// The damaged part.
         part: FramePart,
-        /// Sent.
+        /// Checksum sent.
         found: u32,
         /// Computed.
         computed: u32,
@@ -81,41 +81,41 @@ pub enum WireError {
     /// Another kind of frame was expected.
     #[error("found a frame of kind {found}, expected kind {}, {}", allowed.number(), allowed.keyword())]
     Kind {
-        /// Found.
+        /// Kind found.
         found: u16,
-        /// What was due.
+        /// The expected kind.
         allowed: FrameKind,
     },
     /// A reply to another request.
     #[error("found a response to request {found}, but the last request was {allowed}")]
     Sequence {
-        /// Found.
+        /// Number found.
         found: u32,
-        /// What was due.
+        /// The expected number.
         allowed: u32,
     },
     /// The frame is longer than allowed.
     #[error("the {part} of a frame has {found} bytes (limit {allowed} bytes)")]
     TooLong {
-        /// Of what.
+        /// The part that is too long.
         part: FramePart,
-        /// Found.
+        /// Length found, bytes.
         found: u64,
-        /// Allowed.
+        /// Largest valid length, bytes.
         allowed: u64,
     },
     /// A payload of another size than its head states.
     #[error("a frame's payload has {found} bytes, but its head states {expected} bytes")]
     PayloadSize {
-        /// By the opening.
+        /// Size stated by the frame's opening, bytes.
         found: u64,
-        /// By the head.
+        /// Size stated by the frame's head, bytes.
         expected: u64,
     },
     /// A head without known content.
     #[error("the head of a frame cannot be read: {0}")]
     Head(#[from] serde_json::Error),
-    /// The system.
+    /// The system reported an error.
     #[error("the connection failed: {0}")]
     Io(std::io::Error),
 }
@@ -125,9 +125,9 @@ pub enum WireError {
 pub enum FramePart {
     /// Its first bytes.
     Opening,
-    /// The JSON.
+    /// The head, which is JSON.
     Head,
-    /// The numbers.
+    /// The payload, which is binary.
     Payload,
 }
 

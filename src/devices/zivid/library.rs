@@ -20,7 +20,7 @@ const INTERFACE: u32 = 2;
 const NAME_BYTES: usize = 64;
 const MESSAGE_BYTES: usize = 1024;
 
-/// Why the library cannot be used.
+/// The reason why the library cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LibraryError {
     /// The library cannot be opened, or lacks a function.
@@ -287,9 +287,9 @@ impl Sensor for Sdk {
         let into = &raw mut found;
         // SAFETY: all pointers stay valid during the call.
         self.call(|functions, session, message| unsafe { (functions.state)(session, into, message) })?;
-        let told = |celsius: f64| Some(celsius).filter(|celsius| celsius.is_finite());
+        let known = |celsius: f64| Some(celsius).filter(|celsius| celsius.is_finite());
         let RawTemperatures { dmd_c, general_c, led_c, lens_c, pcb_c } = found;
-        let [dmd_c, general_c, led_c, lens_c, pcb_c] = [dmd_c, general_c, led_c, lens_c, pcb_c].map(told);
+        let [dmd_c, general_c, led_c, lens_c, pcb_c] = [dmd_c, general_c, led_c, lens_c, pcb_c].map(known);
         Ok(Temperatures { dmd_c, general_c, led_c, lens_c, pcb_c })
     }
 

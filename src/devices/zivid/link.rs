@@ -21,7 +21,7 @@ pub struct Link {
 /// An answer with its data.
 #[derive(Debug)]
 pub enum Answer {
-    /// Words alone.
+    /// A reply without image data.
     Words(Reply),
     /// A 3D shot.
     Scan(ShotDelivery, ShotPlanes),
@@ -36,7 +36,7 @@ pub struct ShotDelivery {
     pub metadata: ShotInfo,
     /// The checksum of its payload.
     pub sum: u32,
-    /// When the shot had arrived completely, ns of the monotonic clock.
+    /// Time at which the shot had arrived completely, ns of the monotonic clock.
     pub arrived_ns: u64,
 }
 

@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// Which camera to open.
+/// Selects the camera to open.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Source {
@@ -19,7 +19,7 @@ pub enum Source {
     File(PathBuf),
 }
 
-/// What settings are used for.
+/// The purpose of settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Use {
@@ -30,7 +30,7 @@ pub enum Use {
 }
 
 impl Use {
-    /// Returns the purpose of the settings, in words.
+    /// Returns the purpose of the settings, as text.
     pub fn word(self) -> &'static str {
         match self {
             Use::Scan => "3D shots",
@@ -48,12 +48,12 @@ pub type SettingsHash = String;
 pub enum Request {
     /// Opens this camera; a camera that is already open is closed first.
     Connect {
-        /// Which.
+        /// Selects the camera.
         source: Source,
     },
     /// Read these settings.
     Settings {
-        /// What for.
+        /// The purpose of the settings.
         usage: Use,
         /// The file's text.
         yaml: String,
@@ -62,17 +62,17 @@ pub enum Request {
     },
     /// A 3D shot with colour.
     Scan {
-        /// By these settings.
+        /// Hash of the settings.
         settings: SettingsHash,
     },
     /// A picture.
     Picture {
-        /// By these settings.
+        /// Hash of the settings.
         settings: SettingsHash,
     },
     /// Takes pictures continuously from now on.
     BeginClip {
-        /// By these settings.
+        /// Hash of the settings.
         settings: SettingsHash,
         /// The highest rate, 1/s.
         pictures_per_second: f64,
@@ -129,7 +129,7 @@ pub enum Reply {
     Refused(Refusal),
 }
 
-/// Which camera it is.
+/// Identity of a camera.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Identity {
@@ -139,7 +139,7 @@ pub struct Identity {
     pub model: String,
 }
 
-/// What settings deliver.
+/// Size of the pictures that settings deliver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Size {
@@ -168,7 +168,7 @@ pub struct ShotInfo {
     pub serial: String,
     /// Number of shots and pictures of this worker so far, including this one.
     pub number: u64,
-    /// When the camera received the request, ns of the monotonic clock.
+    /// Time at which the camera received the request, ns of the monotonic clock.
     pub begun_ns: u64,
     /// Time at which the exposure ended.
     pub exposed_ns: u64,
@@ -222,23 +222,23 @@ pub struct Temperatures {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Light {
-    /// How it flickers.
+    /// Flicker of the light.
     pub flicker: Flicker,
     /// The frequency, in the SDK's words; empty if the SDK does not report it.
     pub frequency: String,
 }
 
-/// How the light flickers, by the SDK's names.
+/// Kinds of flicker, by the SDK's names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Flicker {
-    /// It does not.
+    /// The light does not flicker.
     None,
     /// Flicker of lamps on 50 Hz mains.
     Grid50Hz,
     /// Flicker of lamps on 60 Hz mains.
     Grid60Hz,
-    /// At another frequency.
+    /// The light flickers at another frequency.
     Other,
     /// The light flickers, but the SDK does not know how, or this program does not know the SDK's name for it.
     Unknown,
@@ -257,7 +257,7 @@ impl Flicker {
     }
 }
 
-/// Why a request cannot be carried out.
+/// The reason why a request cannot be carried out.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Refusal {

@@ -147,7 +147,7 @@ impl ZividScanner {
         let gone = || ZividFault::NoWorker("the thread that controls the worker has ended".to_owned());
         self.orders.send(order).map_err(|_| gone())?;
         let begun = Instant::now();
-        let most = if ask == CameraRequest::Check {
+        let wait_limit = if ask == CameraRequest::Check {
             CHECK_TIMEOUT
         } else {
             MAX_ATTEMPTS * self.timeouts.timeout(ask) + SHUTDOWN_TIMEOUT
@@ -164,7 +164,7 @@ impl ZividScanner {
                         return answered.recv_timeout(POLL_INTERVAL).unwrap_or(Err(self.starting_fault(since)));
                     }
                 }
-                Err(RecvTimeoutError::Timeout) if begun.elapsed() > most => {
+                Err(RecvTimeoutError::Timeout) if begun.elapsed() > wait_limit => {
                     is_given_up.store(true, Ordering::Relaxed);
                     return Err(self.no_answer_fault(ask, begun.elapsed()));
                 }

@@ -27,7 +27,7 @@ pub struct ShotPlanes {
     pub points_mm: Vec<[f32; 3]>,
     /// Red, green, blue, sRGB.
     pub colors: Vec<[u8; 3]>,
-    /// Signal to noise ratio.
+    /// Signal-to-noise ratio.
     pub snr: Vec<f32>,
 }
 

@@ -29,7 +29,7 @@ pub const MAX_TEMPERATURE_AGE_S: f64 = MIN_OBSERVED_S + MAX_GAP_S;
 /// A temperature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TemperatureReading {
-    /// When, s.
+    /// Time of the reading, s.
     pub at_s: f64,
     /// Temperature of the lens, °C.
     pub lens_c: f64,
@@ -40,17 +40,17 @@ pub struct TemperatureReading {
 pub enum WarmUpState {
     /// The camera's temperature is stable.
     Warm {
-        /// Rise, °C a minute.
+        /// Rise, °C per minute.
         rise_c_per_min: f64,
     },
     /// The camera warms up or cools down.
     Changing {
-        /// Rise, °C a minute.
+        /// Rise, °C per minute.
         rise_c_per_min: f64,
     },
     /// The camera's temperatures scatter too much for a decision.
     Unclear {
-        /// Rise, °C a minute.
+        /// Rise, °C per minute.
         rise_c_per_min: f64,
         /// The error of the rise, 95 %.
         error_c_per_min: f64,
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_is_told() {
+    fn what_is_not_known_is_reported() {
         let steady = |_: f64| 36.0;
         let short = judge_warm_up(&readings(330.0, steady), 900.0);
         assert_eq!(short, WarmUpState::NoReadings { followed_s: 570.0 });

@@ -197,7 +197,7 @@ mod tests {
 
     /// By hand: 24 bytes of opening, 2 of head, 3 of payload and three checksums of 4.
     #[test]
-    fn a_frame_is_what_the_page_says() {
+    fn a_frame_is_what_the_page_states() {
         let bytes = written(258, b"{}", &[&[1, 2, 3]]);
         assert_eq!(bytes.len(), 24 + 4 + 2 + 4 + 3 + 4);
         assert_eq!(bytes[..24], *b"PPZV\x02\0\x03\0\x02\x01\0\0\x02\0\0\0\x03\0\0\0\0\0\0\0");
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_frame_is_told() {
+    fn what_is_no_frame_is_reported() {
         let bytes = written(1, b"{}", &[&[7; 9]]);
         let told = |bytes: &[u8], size| read(bytes, &[size]).expect_err("refused").to_string();
         assert_eq!(told(&[], 9), "the connection has ended");

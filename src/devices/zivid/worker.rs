@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex};
 /// piece.
 const SOCKET_BYTES: usize = 1 << 20;
 
-/// Why the worker ended.
+/// The reason why the worker ended.
 #[derive(Debug, thiserror::Error)]
 pub enum WorkerError {
     /// The daemon violates the protocol.

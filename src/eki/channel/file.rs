@@ -28,7 +28,7 @@ pub struct Element {
     pub tag: String,
     /// The type in its memory; `None` if the tag only sets a flag.
     pub kind: Option<Kind>,
-    /// Which entry is read first, if this differs from the channel's order.
+    /// Read order of the tag, if it differs from the channel's order.
     pub order: Option<ReadOrder>,
     /// `$FLAG` that is set when the element has arrived.
     pub set_flag: Option<u32>,
@@ -70,7 +70,7 @@ pub struct ChannelFile {
     pub unknown: Vec<Problem>,
 }
 
-/// Why the client cannot use a file as a channel. Each reason names its line.
+/// The reason why the client cannot use a file as a channel. Each reason names its line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ChannelError {
     /// The file has errors: the first one.

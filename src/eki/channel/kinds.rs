@@ -29,9 +29,9 @@ pub enum Environment {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
 #[strum(ascii_case_insensitive, serialize_all = "UPPERCASE")]
 pub enum ReadOrder {
-    /// The oldest.
+    /// The oldest entry is read first.
     Fifo,
-    /// The newest.
+    /// The newest entry is read first.
     Lifo,
 }
 

@@ -121,19 +121,19 @@ pub(super) fn is_classic_dialect(root: &Node) -> Result<(), Problem> {
 
 /// Compares every element and attribute with the manual.
 pub(super) fn check_against_manual(root: &Node, found: &mut Findings) {
-    let mut told = BTreeSet::new();
-    check_spelling(root.line, &root.name, &root.name, "ETHERNETKRL", &mut told, found);
-    node(root, &mut told, found);
+    let mut reported = BTreeSet::new();
+    check_spelling(root.line, &root.name, &root.name, "ETHERNETKRL", &mut reported, found);
+    node(root, &mut reported, found);
 }
 
-fn node(node: &Node, told: &mut BTreeSet<String>, found: &mut Findings) {
+fn node(node: &Node, reported: &mut BTreeSet<String>, found: &mut Findings) {
     let Some(known) = KNOWN_ELEMENTS.iter().find(|known| known.path == node.path) else {
         return unknown(node, found);
     };
     if let Some(name) = known.path.rsplit('/').next().filter(|name| !name.is_empty()) {
-        check_spelling(node.line, &node.path, &node.name, name, told, found);
+        check_spelling(node.line, &node.path, &node.name, name, reported, found);
     }
-    attributes(node, known, told, found);
+    attributes(node, known, reported, found);
     match &known.text {
         Some(rule) if node.text.is_empty() => {
             found.add_problem(node.line, node.key(), format!("is empty; valid: {}", describe_rule(rule)));
@@ -156,11 +156,11 @@ fn node(node: &Node, told: &mut BTreeSet<String>, found: &mut Findings) {
                 "appears twice; it is not known which of the two elements the controller uses",
             );
         }
-        self::node(child, told, found);
+        self::node(child, reported, found);
     }
 }
 
-fn attributes(node: &Node, known: &KnownElement, told: &mut BTreeSet<String>, found: &mut Findings) {
+fn attributes(node: &Node, known: &KnownElement, reported: &mut BTreeSet<String>, found: &mut Findings) {
     let mut seen = BTreeSet::new();
     for attribute in &node.attributes {
         let key = format!("{}/@{}", node.key(), attribute.name);
@@ -170,7 +170,7 @@ fn attributes(node: &Node, known: &KnownElement, told: &mut BTreeSet<String>, fo
         }
         let right = known.attributes.iter().find(|(name, _)| name.eq_ignore_ascii_case(&attribute.name));
         if let Some((name, rule)) = right {
-            check_spelling(attribute.line, &key, &attribute.name, name, told, found);
+            check_spelling(attribute.line, &key, &attribute.name, name, reported, found);
             value(attribute.line, &key, &attribute.value, rule, found);
         } else {
             let names: Vec<&str> = known.attributes.iter().map(|(name, _)| *name).collect();
@@ -221,10 +221,10 @@ fn check_spelling(
     key: &str,
     written: &str,
     right: &str,
-    told: &mut BTreeSet<String>,
+    reported: &mut BTreeSet<String>,
     found: &mut Findings,
 ) {
-    if written != right && told.insert(written.to_owned()) {
+    if written != right && reported.insert(written.to_owned()) {
         let message = format!(
             "found {written}, but the manual writes {right}; it is not known whether the controller accepts this \
              spelling"

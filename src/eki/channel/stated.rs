@@ -87,7 +87,7 @@ impl Signal {
         format!("{}[{}]", if self.is_flag { "$FLAG" } else { "$OUT" }, self.number)
     }
 
-    /// What raises it.
+    /// Returns the condition that raises the signal.
     pub(crate) fn describe_cause(&self) -> String {
         self.tag.as_ref().map_or("a connection".to_owned(), |tag| format!("the arrival of {tag}"))
     }

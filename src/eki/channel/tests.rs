@@ -10,7 +10,7 @@ fn file(internal: &str, received: &str) -> String {
 }
 
 #[test]
-fn the_shipped_files_say_who_listens_where_and_what_travels() {
+fn the_shipped_files_state_who_listens_where_and_what_travels() {
     let command = ChannelFile::parse(CELLCMD).expect("reads");
     assert_eq!((command.peer, command.port, command.environment), (PeerRole::Client, 54_600, Environment::Submit));
     assert_eq!(command.memory, Memory { order: ReadOrder::Fifo, entries: 512, bytes: 65_534 });
@@ -29,7 +29,7 @@ fn the_shipped_files_say_who_listens_where_and_what_travels() {
 /// The manual's defaults apply if a file states nothing; if the controller connects, the port is that of the other
 /// machine.
 #[test]
-fn what_a_file_does_not_say_is_the_manuals_default() {
+fn what_a_file_does_not_state_is_the_manuals_default() {
     let silent = ChannelFile::parse(&file("", "")).expect("reads");
     assert_eq!(silent.memory, Memory { order: ReadOrder::Fifo, entries: 16, bytes: 16_384 });
     assert_eq!((silent.port, silent.environment, silent.protocol), (54_600, Environment::Program, Protocol::Tcp));

@@ -26,7 +26,7 @@ fn cut_at(stream: &[u8], cuts: &[usize]) -> (Vec<String>, Option<FrameError>) {
 }
 
 #[test]
-fn documents_back_to_back_are_told_apart() {
+fn documents_back_to_back_are_distinguished() {
     let quoted = "<a b='>\"/>' c=\">'\"><d/><e></e></a>";
     let stream = format!("\u{feff}<?xml version=\"1.0\"?>\r\n{ACK}{STATE}\0 {ACK}\n\0{quoted}<f/>");
     let (documents, error) = cut(stream.as_bytes());
@@ -54,7 +54,7 @@ fn no_cut_matters() {
 }
 
 #[test]
-fn what_no_controller_sends_breaks_the_stream_where_it_stands() {
+fn what_no_controller_sends_breaks_the_stream_where_it_is() {
     let cases: [(&[u8], FrameError); 24] = [
         (b"x", FrameError::Stray { at: 0, byte: b'x' }),
         (b"<a/>x", FrameError::Stray { at: 4, byte: b'x' }),

@@ -41,7 +41,7 @@ impl Default for LinkLimits {
     }
 }
 
-/// Why a command was not queued. No part of the command was sent.
+/// The reason why a command was not queued. No part of the command was sent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum QueueError {
@@ -63,7 +63,7 @@ pub enum QueueError {
     EpochTooFar {
         /// The next epoch, from the epochs opened before.
         next: u64,
-        /// The controller's.
+        /// Epoch of the controller.
         found: Epoch,
         /// Largest allowed distance between the two epochs.
         most: u32,
@@ -73,7 +73,7 @@ pub enum QueueError {
     /// Linear motions need both frames, base and tool.
     #[error("move_lin needs base and tool to be set in this epoch; {missing} is not set")]
     FramesNotSet {
-        /// What is missing.
+        /// The frame that is missing.
         #[serde(deserialize_with = "intern_keyword")]
         missing: Keyword,
     },
@@ -92,7 +92,7 @@ pub enum QueueError {
         "point {point} cannot be reached with any axis angles, so the robot correction cannot be applied to this point"
     )]
     Uncorrected {
-        /// From 1.
+        /// Number of the point, from 1.
         point: usize,
     },
     /// A command that no controller can execute.

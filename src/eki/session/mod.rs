@@ -47,7 +47,7 @@ pub enum ClockMode {
     LockStep,
 }
 
-/// What the session is doing.
+/// The phase of the session.
 #[derive(Debug)]
 enum Phase {
     /// No connection.
@@ -122,7 +122,7 @@ pub struct Session {
     /// only.
     heartbeat_commands: VecDeque<(u32, u32)>,
     last_sequence: Option<u32>,
-    /// As last heard.
+    /// Whether the arm moves, by the last state.
     moving: bool,
     harmful_on: bool,
     last_received: Time,

@@ -77,11 +77,11 @@ impl Session {
             }
             // The reason for the stop may arrive after the state that shows the stop.
             Phase::Stopping(stopping) if Some(ack.epoch) == stopping.ended => {
-                let told = ack.refused.filter(|_| !stopping.is_refusal_reported);
-                stopping.is_refusal_reported |= told.is_some();
+                let new_refusal = ack.refused.filter(|_| !stopping.is_refusal_reported);
+                stopping.is_refusal_reported |= new_refusal.is_some();
                 let wrong = stopping.record_executed(ack.done).err();
                 self.reports.extend(wrong.map(Report::SequenceError));
-                self.reports.extend(told.map(|(id, refusal)| Report::Refused { id, refusal }));
+                self.reports.extend(new_refusal.map(|(id, refusal)| Report::Refused { id, refusal }));
             }
             Phase::Open(flow) if ack.epoch > flow.epoch() => {
                 let error = SequenceError::Epoch { found: ack.epoch, ours: flow.epoch() };
@@ -89,7 +89,8 @@ impl Session {
                 self.asked_epoch = self.asked_epoch.max(ack.epoch);
                 self.report_fault(Report::SequenceError(error));
             }
-            // Acknowledgements of an ended epoch are normal after an abort: they were under way. They are only counted.
+            // Acknowledgements of an ended epoch are normal after an abort: they were in progress. They are only
+            // counted.
             _ => self.stale_messages += u64::from(ack.epoch < self.highest_known_epoch()),
         }
     }

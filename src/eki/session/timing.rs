@@ -105,7 +105,8 @@ impl Session {
         let Phase::Open(flow) = &self.phase else { return None };
         let state = (Channel::State, self.last_received + self.limits.watchdog);
         let unreceived = flow.oldest_unreceived().map(|at| (Channel::Command, at + self.limits.watchdog));
-        // Silence matters only while something can move or run; between cycles a slow controller is no reason to stop.
+        // Silence matters only while something can move or run; between cycles a slow controller is not a reason to
+        // stop.
         let both = [self.has_open_work().then_some(state), unreceived];
         both.into_iter().flatten().min_by_key(|&(_, at)| at)
     }

@@ -10,7 +10,7 @@ fn text(id: u32, epoch: u32, command: &Command, to_come: u32) -> String {
 
 /// The nine functions of Table 3.1 except the two that are never sent, byte by byte.
 #[test]
-fn commands_are_written_as_the_file_says() {
+fn commands_are_written_as_the_file_states() {
     let pose =
         KukaPose { x_mm: 1.0, y_mm: -2.5, z_mm: 0.000_000_4, a_deg: 90.0, b_deg: 1e-7, c_deg: -179.123_456_78 };
     let pose_text = "<P X=\"1.000000\" Y=\"-2.500000\" Z=\"0.000000\" A=\"90.000000\" B=\"0.000000\" C=\"-179.123457\"></P></Cmd>";
@@ -61,7 +61,7 @@ fn commands_are_written_as_the_file_says() {
 }
 
 #[test]
-fn requests_are_written_as_the_file_says() {
+fn requests_are_written_as_the_file_states() {
     let cases = [
         (Request::State, "<Req Id=\"5\" Ep=\"3\" Op=\"9\" N1=\"0\"></Req>"),
         (Request::Heartbeat { last_sent: 17 }, "<Req Id=\"5\" Ep=\"3\" Op=\"10\" N1=\"17\"></Req>"),

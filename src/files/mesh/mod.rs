@@ -16,7 +16,7 @@ use crate::geometry::TriangleMesh;
 /// Reads the mesh of a drawing. Its numbers are those of the file; its unit is what the file states, if it states one.
 ///
 /// # Errors
-/// If the bytes are no mesh, are not complete, state numbers that are none, or have no triangle.
+/// If the bytes are not a mesh, are not complete, contain text instead of numbers, or have no triangle.
 pub fn read_mesh(bytes: &[u8]) -> Result<TriangleMesh, MeshFileError> {
     let head = String::from_utf8_lossy(&bytes[..bytes.len().min(512)]);
     let head = head.trim_start_matches('\u{feff}').trim_start();

@@ -51,7 +51,7 @@ pub(super) fn is_binary(bytes: &[u8]) -> bool {
         .is_some_and(|count| bytes.len() as u64 == START_BYTES as u64 + TRIANGLE_BYTES as u64 * count)
 }
 
-/// Refuses bytes that are no text of any kind as a binary STL file of the wrong length, if they can be one.
+/// Refuses bytes that are not text of any kind as a binary STL file of the wrong length, if they can be one.
 pub(super) fn check_size(bytes: &[u8]) -> Result<(), MeshFileError> {
     let Some(triangles) = stated_triangle_count(bytes).filter(|&count| count <= MAX_TRIANGLES as u64) else {
         return Ok(());

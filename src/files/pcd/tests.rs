@@ -136,7 +136,7 @@ fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
 
 /// A 3×2 cloud has 96 bytes of points after its header.
 #[test]
-fn a_truncated_file_says_how_much_is_missing() {
+fn a_truncated_file_states_how_much_is_missing() {
     let whole = write_pcd(&small_cloud());
     let start = whole.len() - 96;
     let expected = format!("truncated: 96 bytes of points from byte {start} on were expected, found 95");

@@ -42,7 +42,7 @@ fn jpeg_keeps_a_smooth_picture_nearly() {
 
 /// A truncated file must be refused for all three formats; the JPEG decoder itself would not notice.
 #[test]
-fn a_truncated_picture_is_refused_wherever_it_is_cut() {
+fn a_truncated_picture_is_refused_at_any_cut() {
     let color = picture(64, 48);
     let pixels = image::RgbImage::from_raw(64, 48, color.rgb.as_flattened().to_vec()).expect("counts agree");
     let tiff = as_file(pixels.into(), ImageFormat::Tiff);
@@ -56,7 +56,7 @@ fn a_truncated_picture_is_refused_wherever_it_is_cut() {
 }
 
 #[test]
-fn what_is_not_a_picture_says_what_it_is() {
+fn what_is_not_a_picture_states_what_it_is() {
     let refusal = |bytes: &[u8]| read_color(bytes).expect_err("no picture").to_string();
     assert!(refusal(b"").contains("it is empty"));
     assert!(refusal(b"VERSION .7\n").contains("it begins with 'VERSION '"));

@@ -6,7 +6,7 @@ use super::header::{Header, LaterElement, NumberType};
 use crate::geometry::{LengthUnit, TriangleMesh};
 use nalgebra::{Point3, Vector3};
 
-/// A face with more corners is no face of a mesh.
+/// A face with more corners is not a face of a mesh.
 const MAX_CORNERS: usize = 64;
 /// The smallest cosine between the normals of a face's triangles: beyond it the face is not convex.
 const MIN_COS: f64 = 0.9;

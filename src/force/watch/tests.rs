@@ -1,4 +1,4 @@
-//! Readings by hand.
+//! Readings that were written by hand.
 
 use super::super::telegram::ErrorBits;
 use super::*;
@@ -32,7 +32,7 @@ fn at(ms: u64, code: &str) -> Option<(u64, String)> {
 
 /// By hand: a band of 5 N around 20 N includes 15 and 25; 25.1 N from 500 ms on is reported at 650 ms.
 #[test]
-fn a_force_out_of_its_band_is_told_once_it_lasts() {
+fn a_force_out_of_its_band_is_reported_once_it_lasts() {
     let force = |contact_n: f64| {
         first_reason(|ms| (PRESSED, if ms < 500 { 20.0 } else { contact_n }, pressing(20.0, 20.0)))
     };
@@ -45,7 +45,7 @@ fn a_force_out_of_its_band_is_told_once_it_lasts() {
 }
 
 #[test]
-fn contact_stroke_and_errors_are_told() {
+fn contact_stroke_and_errors_are_reported() {
     let lost = ToolReading { contact: false, ..PRESSED };
     let from_500 =
         |reading: ToolReading| move |ms| (if ms < 500 { PRESSED } else { reading }, 20.0, pressing(20.0, 20.0));
@@ -94,7 +94,7 @@ fn a_path_begins_with_a_tool_that_is_back() {
 /// The tool is held back and has had enough time to go back: a contact then is not with the panel, whatever the
 /// force.
 #[test]
-fn contact_in_the_air_is_told() {
+fn contact_in_the_air_is_reported() {
     let held = ExpectedForce { force_phase: ForcePhase::HeldBack, force_range_n: [-30.0, -30.0] };
     let touches = ToolReading { position_mm: 5.0, contact: true, ..PRESSED };
     assert_eq!(first_reason(|_| (touches, 200.0, held)), at(600, "contact_in_air"));

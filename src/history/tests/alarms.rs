@@ -135,7 +135,7 @@ fn an_acknowledgement_is_of_one_raising() {
 
 /// Two films broke: the alarm lasts from the first one, and names what the second one found.
 #[test]
-fn an_alarm_that_lasts_says_what_was_found_last() {
+fn an_alarm_that_lasts_states_what_was_found_last() {
     let mut findings = vec![gave(Kind::Inspect, &["broken"]), gave(Kind::Inspect, &["broken"])];
     findings[0].judgement.reasons[0].message = "r1c1 and r1c2 broke".to_owned();
     findings[1].judgement.reasons[0].message = "r1c2 broke".to_owned();

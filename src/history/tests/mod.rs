@@ -105,18 +105,18 @@ fn two_cycles_are_compared_check_by_check_and_grid_by_grid() {
     let mut second = cycle(2, 0.09, &[("r2c1", 4.5)], &[("r2c1", 9.0)]);
     second.record.recipe_hash = "bb".to_owned();
     second.record.files.push(KeptFile { name: "robot_correction".to_owned(), hash: "dd".to_owned() });
-    let told = compare(&first, &second);
-    assert_eq!(told.is_same_part, Some(true));
-    let differs: Vec<&str> = told.inputs.iter().filter(|it| !it.is_same).map(|it| it.name.as_str()).collect();
+    let reported = compare(&first, &second);
+    assert_eq!(reported.is_same_part, Some(true));
+    let differs: Vec<&str> = reported.inputs.iter().filter(|it| !it.is_same).map(|it| it.name.as_str()).collect();
     assert_eq!(differs, ["recipe", "robot_correction"]);
-    let residual = told.checks.iter().find(|pair| pair.name == name::RESIDUAL).expect("compared");
+    let residual = reported.checks.iter().find(|pair| pair.name == name::RESIDUAL).expect("compared");
     assert_eq!(residual.values, [Some(0.06), Some(0.09)]);
     // 0.09 less 0.06 is 0.03, exact to the last digit of both numbers.
     assert!(residual.difference.is_some_and(|mm| (mm - 0.03).abs() < 1e-15) && !residual.is_limit_different());
     let only =
-        told.checks.iter().find(|pair| pair.pass == 1 && pair.name == "r2c1 failed after").expect("compared");
+        reported.checks.iter().find(|pair| pair.pass == 1 && pair.name == "r2c1 failed after").expect("compared");
     assert_eq!((only.values, only.difference), ([None, Some(9.0)], None));
-    let grid = |id: &str| told.grids.iter().find(|pair| pair.grid == id).expect("compared").clone();
+    let grid = |id: &str| reported.grids.iter().find(|pair| pair.grid == id).expect("compared").clone();
     let words = grid("r1c2").cycles.map(|past| past.map(|past| past.describe()).unwrap_or_default());
     assert_eq!(
         words,
@@ -126,7 +126,7 @@ fn two_cycles_are_compared_check_by_check_and_grid_by_grid() {
         ]
     );
     assert_eq!(
-        told.grids.iter().map(|pair| pair.grid.as_str()).collect::<Vec<_>>(),
+        reported.grids.iter().map(|pair| pair.grid.as_str()).collect::<Vec<_>>(),
         ["r1c1", "r1c2", "r2c1", "r2c2"]
     );
 }
@@ -190,8 +190,8 @@ fn every_quantity_has_a_word_that_names_it() {
 #[test]
 fn everything_is_a_table() {
     let cycles = [cycle(1, 0.06, &[("r1c2", 5.1)], &[]), cycle(2, 0.06, &[], &[])];
-    let told = cycles.each_ref().map(summary);
-    let text = summary_table(&told).csv().expect("written");
+    let reported = cycles.each_ref().map(summary);
+    let text = summary_table(&reported).csv().expect("written");
     let rows: Vec<&str> = text.lines().collect();
     assert!(rows[0].starts_with("cycle,started_utc,") && rows[0].contains(",localization_residual_mm,"));
     assert!(

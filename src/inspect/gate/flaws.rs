@@ -1,4 +1,4 @@
-//! Describes in words the flaws of the pictures that cannot be used for the judgement.
+//! Describes the flaws of the pictures that cannot be used for the judgement.
 
 use super::super::observed::Observation;
 use super::super::quality::{Flaw, Flawed, MIN_SHARPNESS, Quality};

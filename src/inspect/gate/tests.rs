@@ -112,7 +112,7 @@ fn the_limit_that_was_broken_is_named() {
 /// Enough of the outline is seen, but its parts do not agree on one position: the reason must not state that too
 /// little is seen.
 #[test]
-fn an_outline_that_does_not_agree_is_told_from_one_that_is_not_seen() {
+fn an_outline_that_does_not_agree_is_distinguished_from_one_that_is_not_seen() {
     let told = |flaw: Flaw, worst: f64| {
         let mut observation = good();
         (observation.quality.usable, observation.quality.usable_s) = (7, 7.0);

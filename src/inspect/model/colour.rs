@@ -25,7 +25,7 @@ mod tests {
     use super::*;
 
     /// By hand: a film changes a red primer of (100, 35, 35) to (58, 13, 13). With 25 levels of a white reflection
-    /// it is (83, 38, 38), r = 159/170, e = −10.5, 5.3, 5.3. This is 15.8 apart, and 12.25 are allowed. On grey the
+    /// it is (83, 38, 38), r = 159/170, e = −10.5, 5.3, 5.3. The distance is 15.8 (limit 12.25). On grey the
     /// same film has no other colour.
     #[test]
     fn a_white_reflection_on_red_has_not_the_dry_colour() {

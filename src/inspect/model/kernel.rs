@@ -30,7 +30,7 @@ pub const INSIDE: u16 = 0x0001;
 pub const OPEN_FLAG: u16 = 0x0002;
 /// State of a pixel: it was seen wet at least once.
 pub const EVER_WET_FLAG: u16 = 0x0004;
-/// It broke.
+/// The place broke.
 pub const BROKE: u16 = 0x0008;
 /// State of a pixel: it broke in this picture.
 pub const NEW_BREAK_FLAG: u16 = 0x0010;
@@ -167,7 +167,7 @@ mod tests {
     /// By hand: of 60, 100 and 30 levels, the second and the third are far from the expected 60; a fourth pixel is
     /// open.
     #[test]
-    fn only_film_near_its_wet_look_tells_the_light() {
+    fn only_film_near_its_wet_look_determines_the_light() {
         let (mut look, mut state) = ([0; BLOCK_PX], [INSIDE; BLOCK_PX]);
         (look[0], look[1], look[2], look[3]) = (60 * 64, 100 * 64, 30 * 64, 60 * 64);
         state[3] |= OPEN_FLAG;

@@ -1,7 +1,7 @@
 //! The light of each picture by channel, measured on the surroundings of the panel.
 //!
 //! Nothing mirrors there and little becomes wet, so each channel's median of brightness over dry brightness is its
-//! light. Lamps on the mains tint pictures if the exposure is no multiple of half of the mains' period, each channel
+//! light. Lamps on the mains tint pictures if the exposure is not a multiple of half of the mains' period, each channel
 //! by a different amount: the phosphors are slow, the diode that excites them is not. Evaluated channel by channel,
 //! that beat is light like any other.
 //!
@@ -130,28 +130,29 @@ impl LampObserver {
         }
         let ratio = |now: u8, dry: f64| (f64::from(now) + 0.01) / dry;
         let is_saturated = |index: usize| picture.rgb[index].iter().any(|level| *level >= SATURATED);
-        let (saturated, told): (Vec<_>, Vec<_>) =
+        let (saturated, usable): (Vec<_>, Vec<_>) =
             self.reference_places.iter().partition(|(index, _)| is_saturated(*index));
         // A saturated place shows a lower bound only. If most are, the bound may still prove that there is more light
         // than can be compensated.
-        if told.len() < MIN_EXAMINED_PLACES.max(saturated.len()) {
-            let mut least: Vec<f64> =
+        if usable.len() < MIN_EXAMINED_PLACES.max(saturated.len()) {
+            let mut lowest_gains: Vec<f64> =
                 saturated.iter().map(|(index, dry)| ratio(picture.rgb[*index][1], dry[1])).collect();
-            let least = median(&mut least).filter(|least| *least >= PLAUSIBLE_GAINS.end);
-            return LampGain { brighter_gain: least, ..LampGain::UNKNOWN };
+            let lowest_gains =
+                median(&mut lowest_gains).filter(|lowest_gains| *lowest_gains >= PLAUSIBLE_GAINS.end);
+            return LampGain { brighter_gain: lowest_gains, ..LampGain::UNKNOWN };
         }
         let mut ratios = [0, 1, 2].map(|i| -> Vec<f64> {
-            told.iter().map(|(index, dry)| ratio(picture.rgb[*index][i], dry[i])).collect()
+            usable.iter().map(|(index, dry)| ratio(picture.rgb[*index][i], dry[i])).collect()
         });
         let gains = ratios.each_mut().map(|ratios| majority_ratio(ratios));
         let near = ratios
             .iter()
             .zip(gains)
             .map(|(ratios, gain)| ratios.iter().filter(|ratio| is_near_gain(**ratio, gain)).count());
-        let agree = near.sum::<usize>() as f64 / (3 * told.len()) as f64;
+        let agree = near.sum::<usize>() as f64 / (3 * usable.len()) as f64;
         self.add_noise(picture, gains);
         let flicker_percent = self.flicker.mean_swing_percent(gains);
-        // Outside of this range the spray has wetted the surroundings, and their darkness is no light.
+        // Outside of this range the spray has wetted the surroundings, and their darkness is not light.
         if gains.iter().all(|gain| PLAUSIBLE_GAINS.contains(gain)) {
             let lit = LampGain { gains, agreeing_share: agree, flicker_percent: 0.0, brighter_gain: None };
             let is_shadow =
@@ -242,7 +243,7 @@ mod tests {
     /// By hand: red a tenth brighter, blue a tenth darker. The wet area has no effect: it consists of the window and
     /// less than half of its surroundings.
     #[test]
-    fn a_tint_is_told_by_what_lies_around_the_panel() {
+    fn a_tint_is_measured_around_the_panel() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
         let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(160, 120, [100; 3]));
         let mut now = ColorPicture::uniform(160, 120, [110, 100, 90]);
@@ -299,7 +300,7 @@ mod tests {
         assert!((lit.agreeing_share - 0.6).abs() < 1e-9, "{lit:?}");
     }
 
-    /// By hand: a shadow that removes a fifth of the light from six of ten rows is no lamp, and one that removes it
+    /// By hand: a shadow that removes a fifth of the light from six of ten rows is not a lamp, and one that removes it
     /// from all of them is. The earlier lamp is recognised again as soon as most rows show it.
     #[test]
     fn a_shadow_on_most_of_what_lies_around_is_no_lamp() {
@@ -319,7 +320,7 @@ mod tests {
 
     /// By hand: five pictures that change from 200 to 140 levels and back have three swings.
     #[test]
-    fn a_lamp_that_flickers_is_told_from_what_becomes_wet() {
+    fn a_lamp_that_flickers_is_distinguished_from_what_becomes_wet() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
         let shown = |levels: [u8; 5]| {
             let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(160, 120, [200; 3]));

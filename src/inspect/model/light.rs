@@ -41,7 +41,7 @@ impl TileLight {
     }
 
     /// Returns the light of the first wet picture, which is that of the wet looks.
-    pub fn of_first_wet(&self, without_lamp: bool) -> TileLight {
+    pub fn for_first_wet_picture(&self, without_lamp: bool) -> TileLight {
         TileLight {
             tiles: vec![1.0; self.tiles.len()],
             region_median: 1.0,

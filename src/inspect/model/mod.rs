@@ -303,7 +303,7 @@ impl Model {
             // the end.
             *state |= if *state & NO_DRY_FLAG > 0 { EVER_WET_FLAG } else { 0 };
         }
-        self.light = self.light.of_first_wet(self.lit.agreed_gains().is_some());
+        self.light = self.light.for_first_wet_picture(self.lit.agreed_gains().is_some());
         self.is_watching = true;
     }
 

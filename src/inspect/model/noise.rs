@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_pixels_say_nothing() {
+    fn a_few_pixels_give_no_information() {
         assert_eq!(Noise::new().levels(), ASSUMED_LEVELS);
     }
 }

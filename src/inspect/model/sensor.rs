@@ -45,7 +45,7 @@ impl SensorNoise {
             return None;
         }
         let mean =
-            |of: &dyn Fn(&(f64, f64, f64)) -> f64| known.iter().map(|it| it.0 * of(it)).sum::<f64>() / weight;
+            |value: &dyn Fn(&(f64, f64, f64)) -> f64| known.iter().map(|it| it.0 * value(it)).sum::<f64>() / weight;
         let (level, variance) = (mean(&|it| it.1), mean(&|it| it.2));
         let (spread, shared) = (mean(&|it| (it.1 - level).powi(2)), mean(&|it| (it.1 - level) * (it.2 - variance)));
         // Noise does not decrease with more light, and is never less than the rounding error of the mean of 48

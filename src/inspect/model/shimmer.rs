@@ -1,6 +1,6 @@
 //! Detects whether water moves on a place that has no dry look of its own.
 //!
-//! A film is never quite still: it runs off, carries waves and thins out. Let s be the look of a place and w its wet
+//! A film is never completely still: it runs off, carries waves and thins out. Let s be the look of a place and w its wet
 //! look. Let x₁, x₂, … be the means of s/w over a square of 4 × 4 px and spans of a second with n₁, n₂, … pictures.
 //! Let σ be the sensor's noise in such a square, measured beside the panel, where no water moves ([`super::sensor`]).
 //! Then

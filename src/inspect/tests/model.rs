@@ -52,7 +52,7 @@ fn light_is_made_up_for_within_its_limit() {
         assert!(inspection.mask().count().abs_diff(300) <= 8, "{share}: rounding at the corners");
     }
     assert_eq!(codes(&lit(0.5))[0], "light");
-    // With this much more light, an unbroken film looks like one that broke everywhere.
+    // With this additional light, an unbroken film looks like one that broke everywhere.
     assert_ne!(lit(1.5).judgement.verdict, Verdict::Pass);
 }
 
@@ -82,7 +82,7 @@ fn the_smallest_disc_is_25_mm_wide() {
 }
 
 #[test]
-fn a_camera_that_stands_still_or_no_dry_picture_is_no_test() {
+fn a_frozen_camera_or_no_dry_picture_gives_no_test() {
     let mut still = watch(0.0, FILM);
     still.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
     for second in 0..6 {
@@ -158,7 +158,7 @@ fn what_was_wet_in_the_dry_picture_neither_fails_nor_passes() {
 /// By hand: 4 × 4 px of 4 mm² that shine in all wet pictures are more than the 50 mm² from which a grid fails. In
 /// four of six pictures they are hidden for more than half of the time; in two they are a glint.
 #[test]
-fn a_reflection_that_stands_still_hides_its_grid() {
+fn a_reflection_that_does_not_move_hides_its_grid() {
     let shone = |pictures| shone([30, 50, 34, 54], pictures, &[]);
     let hidden = shone(6);
     assert_eq!((hidden.judgement.verdict, codes(&hidden)), (Verdict::Invalid, vec!["not_seen"]));
@@ -241,7 +241,7 @@ fn a_shadow_on_the_first_wet_picture_is_no_film() {
 /// dry panel has 105. Both break to the dry brightness, to the pixel, while the lamp tints the pictures, red by +6
 /// % and blue by −6 %. The surroundings of the region, here the wall, show the light.
 #[test]
-fn a_film_that_mirrors_is_told_by_either_sign_and_in_tinted_light() {
+fn a_film_that_mirrors_is_detected_by_either_sign_and_in_tinted_light() {
     let levels = [[30; 3], [150; 3], [30; 3]];
     let inspection = mirrored(levels, &[[30, 30, 50, 45], [70, 65, 90, 80]]);
     assert_eq!(inspection.judgement.verdict, Verdict::Fail, "{:?}", inspection.judgement);
@@ -253,7 +253,7 @@ fn a_film_that_mirrors_is_told_by_either_sign_and_in_tinted_light() {
 /// On the right grids the film mirrors light that makes it 1 level brighter than the dry panel. A break would not
 /// be visible there, and these grids do not pass, whatever breaks elsewhere.
 #[test]
-fn where_the_film_looks_dry_nothing_is_told() {
+fn where_the_film_looks_dry_nothing_is_reported() {
     for blocks in [vec![], vec![[30, 30, 50, 45]]] {
         let inspection = mirrored([[30; 3], [150; 3], DRY.map(|level| level + 1)], &blocks);
         assert_eq!(

@@ -72,7 +72,7 @@ fn what_broke_stays_broken_when_water_runs_over_it() {
 /// By hand: a median of 3 × 3 removes 1 × 3 px of 4 mm², and also 2 × 2 px. Of a plus of 5 px it keeps only the
 /// middle: 4 mm², below 50 mm².
 #[test]
-fn a_break_below_the_least_area_is_told_and_passes() {
+fn a_break_below_the_least_area_is_reported_and_passes() {
     let inspection =
         run(watch(0.0, SHARP), |second| if second < 1 { vec![] } else { vec![[70, 31, 73, 32], [71, 30, 72, 33]] });
     assert_eq!(inspection.judgement.verdict, Verdict::Pass);
@@ -104,7 +104,7 @@ fn colour_can_rule_a_change_out() {
     assert!(inspection.breaks.is_empty());
 }
 
-/// The colour shows that a place is no break; it does not show that the place was ever wet.
+/// The colour shows that a place is not a break; it does not show that the place was ever wet.
 #[test]
 fn what_colour_rules_out_and_was_never_wet_does_not_pass() {
     let mut watch = watch(0.0, &format!("{SHARP}\nhsv_min = [0, 0, 120]"));
@@ -115,7 +115,7 @@ fn what_colour_rules_out_and_was_never_wet_does_not_pass() {
 }
 
 #[test]
-fn every_picture_is_told_at_once() {
+fn every_picture_is_reported_at_once() {
     let mut watch = watch(0.0, SHARP);
     let dry = |exposure| exposed(picture(&[[50, 30, 70, 45]]), exposure);
     watch.push(&ColorPicture::uniform(WIDTH, HEIGHT, DRY), -1.0, Phase::Dry).expect("dry");
@@ -129,7 +129,7 @@ fn every_picture_is_told_at_once() {
 }
 
 #[test]
-fn part_of_a_test_says_nothing() {
+fn part_of_a_test_gives_no_information() {
     let broken = picture(&[[70, 30, 90, 45]]);
     let test = |x_mm: f64, times_s: &[f64]| {
         let mut watch = watch(x_mm, SHARP);

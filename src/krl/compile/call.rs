@@ -140,9 +140,9 @@ impl Compiler<'_> {
                 "this name belongs to EthernetKRL 6 (iiQKA.OS2) and does not exist in KSS 8",
             );
         }
-        let (given, most) = (call.arguments.len(), known.argument_passing.len());
-        if given > most && !known.accepts_more {
-            self.problem(&call.name, format!("found {given} arguments, expected {most}"));
+        let (given, accepted) = (call.arguments.len(), known.argument_passing.len());
+        if given > accepted && !known.accepts_more {
+            self.problem(&call.name, format!("found {given} arguments, expected {accepted}"));
         } else if given < known.min_arguments {
             self.warn(&call.name, format!("found {given} arguments, expected {}", known.min_arguments));
         }

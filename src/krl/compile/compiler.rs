@@ -37,7 +37,7 @@ pub(super) struct Variable {
     pub(super) dimensions: Vec<usize>,
     pub(super) home: VariableHome,
     pub(super) constant: bool,
-    /// Of a constant.
+    /// Value of a constant.
     pub(super) value: Option<Cell>,
     pub(super) writable: bool,
 }
@@ -229,7 +229,7 @@ impl Compiler<'_> {
         cells_u32(self.program.code.len())
     }
 
-    /// A statement begins.
+    /// Begins a statement.
     pub(super) fn begin_statement(&mut self, line: usize) {
         self.line = line;
         self.statement = cells_u32(self.program.statements.len());

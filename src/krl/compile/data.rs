@@ -454,8 +454,8 @@ impl Compiler<'_> {
                     Some(variable) => variable.value.filter(|_| variable.constant),
                     None => {
                         let module = self.modules[self.file];
-                        let of = |module| self.constants.get(&(module, place.name.clone())).copied();
-                        of(Some(module)).or_else(|| of(None))
+                        let constant_in = |module| self.constants.get(&(module, place.name.clone())).copied();
+                        constant_in(Some(module)).or_else(|| constant_in(None))
                     }
                 }
             }

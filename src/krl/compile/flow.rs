@@ -194,7 +194,7 @@ impl FlowAnalysis<'_, '_> {
         self.exits.push(Vec::new());
         self.block(body, Some(now.clone()));
         let exits = self.exits.pop().unwrap_or_default();
-        // What the body assigns does not count behind the loop, since the body may not be executed at all.
+        // Assignments of the body do not count after the loop, since the body may not be executed at all.
         let after = may_skip.then_some(now);
         exits.into_iter().fold(after, |after, exit| assigned_on_both(after, Some(exit)))
     }

@@ -67,7 +67,7 @@ fn compare(operator: Binary, order: std::cmp::Ordering) -> Result<Cell, StepErro
     }))
 }
 
-/// The opposite.
+/// Changes the sign.
 pub(super) fn negate(number: i32) -> Result<Cell, StepError> {
     number.checked_neg().map(Cell::Int).ok_or_else(|| "the result does not fit into an INT".into())
 }

@@ -23,9 +23,9 @@ pub struct MotionRequest {
 /// The answer of EthernetKRL: `EKI_STATUS`, and the value that was read.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EkiAnswer {
-    /// Entries left.
+    /// Number of entries left.
     pub buff: i32,
-    /// Entries read.
+    /// Number of entries read.
     pub read: i32,
     /// The number of the message; 0 for no message.
     pub msg_no: i32,

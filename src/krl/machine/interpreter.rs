@@ -111,7 +111,7 @@ impl Interpreter {
         self.enter_routine(program, routine, usize::MAX, 0);
     }
 
-    /// Forgets everything.
+    /// Clears all memory.
     pub fn clear(&mut self) {
         let Interpreter { stack, cells, frames, interrupts, armed, saved, .. } = self;
         // The allocated memory is reused: a cycle begins 83 times a second.

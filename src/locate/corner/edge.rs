@@ -23,7 +23,7 @@ const MAX_OUTLIER_MEDIANS: f64 = 4.0;
 const FLOOR_PX: f64 = 0.33;
 const LINE_FIT_ITERATIONS: usize = 6;
 
-/// The stretch in which an edge is searched, starting at the corner.
+/// The segment in which an edge is searched, starting at the corner.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EdgeStretch {
     /// Length that is left out beside the corner, px.
@@ -41,7 +41,7 @@ pub struct EdgeLine {
     pub to: Pixel,
     /// Root mean square distance of the edge points from the line, px.
     pub rms_px: f64,
-    /// Places on it.
+    /// Number of edge points on the line.
     pub points: usize,
 }
 

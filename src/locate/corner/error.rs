@@ -1,4 +1,4 @@
-//! Errors for a picture that shows no corner, in words for the person who set the recipe.
+//! Errors for a picture that shows no corner, as text for the person who set the recipe.
 
 use crate::imaging::ImagingError;
 use crate::number_text::distinguishable_texts;
@@ -45,9 +45,9 @@ pub enum CornerError {
          in view over rounding_mm and edge_mm, free of reflections, and clearly darker than the background"
     )]
     EdgeTooShort {
-        /// Places found.
+        /// Number of edge points found.
         found: usize,
-        /// Places needed.
+        /// Number of edge points needed.
         needed: usize,
     },
     /// The two edges have nearly the same direction.

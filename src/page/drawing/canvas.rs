@@ -55,7 +55,7 @@ pub fn recipe_shapes(recipe: &Recipe) -> DrawnShapes {
 /// recipe.
 ///
 /// # Errors
-/// Each problem, in words.
+/// A text for each problem of the recipe.
 pub fn recipe_with_shapes(
     (name, text): (&str, &str),
     [width, height]: [usize; 2],
@@ -76,7 +76,7 @@ pub fn recipe_with_shapes(
 /// Checks a recipe's text and returns the recipe.
 ///
 /// # Errors
-/// Each problem, in words.
+/// A text for each problem of the recipe.
 pub fn check_recipe(name: &str, text: &str) -> Result<Recipe, Vec<String>> {
     Recipe::check(name, text).map_err(|problems| problems.to_string().lines().map(str::to_owned).collect())
 }

@@ -37,7 +37,7 @@ pub struct DrawingSheet {
     pub picture_png: Vec<u8>,
     /// Its size, px.
     pub size_px: [usize; 2],
-    /// Keeps the recipe.
+    /// Function that stores the recipe.
     pub write: Box<WriteRecipe>,
 }
 
@@ -98,10 +98,10 @@ async fn drawing(State(inside): State<Arc<Inside>>) -> Response {
     let sheet = &inside.sheet;
     match read(sheet) {
         Ok((_, recipe)) => {
-            let told: Value = json!({
+            let body: Value = json!({
                 "panel": recipe.panel(), "recipe": sheet.recipe.display().to_string(), "drawn": canvas::recipe_shapes(&recipe),
             });
-            Json(told).into_response()
+            Json(body).into_response()
         }
         Err(problems) => refused(&problems),
     }

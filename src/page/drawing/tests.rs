@@ -74,8 +74,8 @@ fn what_a_person_draws_comes_into_the_recipe() {
     }
     let html = page.ask("GET", "", "").1;
     assert!(html.contains("Add a mask") && !html.contains("{draw.") && !html.contains("{words}"), "{html}");
-    let (status, told) = page.ask("POST", "save", DRAWN);
-    assert!(status == 200 && told.contains("door.toml"), "{status} {told}");
+    let (status, reported) = page.ask("POST", "save", DRAWN);
+    assert!(status == 200 && reported.contains("door.toml"), "{status} {reported}");
     let expected = RECIPE
         .replace("[[10, 10], [90, 10], [90, 60], [10, 60]]", "[[12, 10], [90, 10], [90.3, 60], [10, 60]]")
         .replace("rows = 2", "rows = 4")
@@ -107,7 +107,7 @@ fn what_is_no_region_changes_nothing() {
 
 /// Another page in the same browser does not know the key and does not use this host name.
 #[test]
-fn nobody_else_is_served() {
+fn no_other_client_is_served() {
     let page = open();
     assert_eq!(page.ask_as(page.host(), "GET", "/", "").0, 404);
     assert_eq!(page.ask_as(page.host(), "GET", "/0123/drawing.json", "").0, 404);

@@ -74,23 +74,23 @@ pub trait LabelStorage: Send + Sync {
     /// Returns the data stored until now.
     ///
     /// # Errors
-    /// If a file is not valid, in words.
+    /// If a file is not valid; the error is a text for people.
     fn now(&self) -> Result<CurrentLabels, String>;
 
     /// Stores the current drawing, valid or not.
     ///
     /// # Errors
-    /// If the file cannot be written, in words.
+    /// If the file cannot be written; the error is a text for people.
     fn store_draft(&self, said: &Statement) -> Result<(), String>;
 
     /// Saves the statement as labels.
     ///
     /// # Errors
-    /// Everything in the statement that is not possible, or the reason why the files cannot be written, in words.
+    /// Everything in the statement that is not possible, or the reason why the files cannot be written, as text.
     fn save(&self, said: &Statement) -> Result<SaveResult, Vec<String>>;
 }
 
-/// What is marked.
+/// The clip to mark, with its pictures and panel.
 pub struct LabelSheet {
     /// The clip's folder.
     pub folder: PathBuf,

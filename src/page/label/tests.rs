@@ -160,7 +160,7 @@ fn crc(bytes: &[u8]) -> u32 {
 /// A camera that hangs upside down, or on its side, states this in its pictures, and browsers rotate them. Labels are
 /// drawn on pixels, so the picture is sent with the same pixels and without rotation data, for each file format.
 #[test]
-fn a_picture_is_shown_as_its_pixels_stand() {
+fn a_picture_is_shown_as_its_pixels_are() {
     let rgb = (0..8_u8).map(|index| [index * 30, 255 - index * 30, 90]).collect();
     let picture = crate::geometry::ColorPicture { width: 4, height: 2, rgb };
     let (plain_jpeg, plain_png) =
@@ -190,7 +190,7 @@ fn a_picture_is_shown_as_its_pixels_stand() {
 
 /// Another page in the same browser does not know the key and does not use this host name.
 #[test]
-fn nobody_else_is_served() {
+fn no_other_client_is_served() {
     let page = open();
     let wrong = "0".repeat(32);
     for path in ["/".to_owned(), format!("/{wrong}/"), format!("/{wrong}/clip.json"), format!("/{wrong}/picture/1")]

@@ -10,7 +10,7 @@ fn found(flat: FlatPanelOptions) -> Vec<OffPanel> {
 fn a_region_on_the_panel_is_on_it() {
     assert_eq!(found(FlatPanelOptions::default()), []);
     assert_eq!(found(FlatPanelOptions { dropouts: true, ..FlatPanelOptions::default() }), []);
-    // A panel edge that coincides with the region's edge is no overhang: here both end at column 250.
+    // A panel edge that coincides with the region's edge is not an overhang: here both end at column 250.
     assert_eq!(found(FlatPanelOptions { region_right_px: 250.0, ..FlatPanelOptions::default() }), []);
 }
 
@@ -81,9 +81,9 @@ fn a_hole_is_measured_and_named() {
     );
 }
 
-/// Inside a person's outline, missing points are no hole; a place at which the background is seen is a hole.
+/// Inside a person's outline, missing points are not a hole; a place at which the background is seen is a hole.
 #[test]
-fn a_drawn_outline_says_what_is_panel() {
+fn a_drawn_outline_states_what_is_panel() {
     let drawn = |sees_through: bool| {
         found(FlatPanelOptions {
             hole_px: 17,

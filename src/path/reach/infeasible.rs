@@ -1,14 +1,14 @@
-//! The reasons why an arm cannot follow a path, in words: which axis or part, how far, and the limit.
+//! The reasons why an arm cannot follow a path, as text: which axis or part, how far, and the limit.
 
 use crate::controller::RETRACT_MM;
 use crate::number_text::{distinguishable_texts, shortest_text};
 
-/// Which singular place.
+/// Kinds of singularities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Singularity {
     /// Axes 4 and 6 are in line.
     Wrist,
-    /// The arm stretched.
+    /// The arm is stretched.
     Elbow,
     /// The wrist's centre is over axis 1.
     Overhead,
@@ -17,13 +17,13 @@ pub enum Singularity {
 /// The reason why an arm cannot follow a path.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Infeasibility {
-    /// Not a number.
+    /// A number is not finite.
     #[error("the pose is not a valid number")]
     NotFinite,
     /// The pose is too far or too near.
     #[error("the pose is {beyond_mm:.1} mm beyond the arm's reach")]
     OutOfReach {
-        /// How far, mm.
+        /// Distance beyond the reach, mm.
         beyond_mm: f64,
     },
     /// An axis exceeds its limits, which are reduced by the margin.
@@ -42,11 +42,11 @@ pub enum Infeasibility {
     /// The arm is near a singularity.
     #[error("{} ({}, needed {})", describe_singularity(*singularity), distinguishable_texts(*found, *needed, 1)[0], distinguishable_texts(*found, *needed, 1)[1])]
     Singular {
-        /// Which.
+        /// Kind of the singularity.
         singularity: Singularity,
         /// Distance from the singularity, degrees or mm.
         found: f64,
-        /// Distance needed.
+        /// The required distance.
         needed: f64,
     },
     /// The configuration would change.
@@ -91,7 +91,7 @@ pub enum Infeasibility {
         distinguishable_texts(*distance_mm, *needed_mm, 0)[1]
     )]
     KeepOut {
-        /// Which part.
+        /// Part of the arm or the tool.
         part: &'static str,
         /// The box.
         name: String,
@@ -141,6 +141,6 @@ fn describe_singularity(which: Singularity) -> &'static str {
 pub struct ReachFault {
     /// The waypoint at which, or on the motion to which, the problem occurs, from 0.
     pub index: usize,
-    /// Why.
+    /// Cause of the fault.
     pub cause: Infeasibility,
 }

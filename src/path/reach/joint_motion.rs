@@ -66,7 +66,7 @@ mod tests {
     /// A post stands beside the arm, 45° to the right (A1 = 45, as KUKA counts): a turn from 0 to 90° passes over
     /// it, a turn to the left does not. Calculated by hand: the wrist moves at 25 + 365 = 390 mm from axis 1.
     #[test]
-    fn a_swing_sweeps_what_stands_between() {
+    fn a_swing_sweeps_what_lies_between() {
         let post = "[[keep_out]]\nname = 'post'\nmin_mm = [250, -300, 0]\nmax_mm = [300, -250, 900]\n";
         let cell = Cell::check("cell.toml", post).unwrap_or_else(|e| panic!("{e}"));
         let arm = Kinematics::new(cell.arm());

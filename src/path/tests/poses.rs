@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn the_tool_stands_on_the_normal_and_turns_gently() {
+fn the_tool_is_on_the_normal_and_turns_gently() {
     let spoil = ScanDefects { noise_mm: 0.03, flying: 0.01, ..ScanDefects::default() };
     for (shape, axis) in SHAPES.into_iter().zip(["[0, 0, 0]", "[1, 0, 0]", "[0, 1, 0]", "[0.6, -0.8, 0.1]"]) {
         let (fit, region, outline, settings) = fitted(shape, spoil, &format!("[path]\nreference_axis = {axis}\n"));

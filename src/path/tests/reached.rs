@@ -34,7 +34,7 @@ fn a_large_disc_keeps_off_the_outline_where_it_can() {
 /// By hand: the panel ends at the end of its region, and the disc must not reach beyond the edge. So its middle keeps
 /// 15 mm from the edge, and at the corner (1 − π/4) · 15² = 48.3 of 56² mm² remain untreated, 1.54 %.
 #[test]
-fn what_the_outline_forbids_is_left_and_said() {
+fn what_the_outline_forbids_is_left_and_reported() {
     let (surface, region) = (rectangle(280.0, 168.0), region());
     let side = |n: usize| {
         let along = (n % 100) as f64 / 100.0;

@@ -94,7 +94,7 @@ fn transposed(surface: &BSplineSurface) -> BSplineSurface {
 /// Distances between neighbouring rows, each compared with the r' of its own column, on surfaces with every
 /// curvature.
 #[test]
-fn rows_stand_at_the_equal_distance_of_their_column() {
+fn rows_lie_at_the_equal_distance_of_their_column() {
     for shape in SHAPES {
         for angle_deg in [0.0, 90.0] {
             let more = format!("[path]\nfeed_angle_deg = {angle_deg}\nwaypoint_spacing_mm = 4\n");

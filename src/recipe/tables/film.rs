@@ -28,7 +28,7 @@ settings! {
         /// The water that is sprayed, as the inspector signs it, such as "deionised, 2 µS/cm"; if not stated, the
         /// page has a line to fill in.
         water: Option<String>, (), default None;
-        /// Its temperature, °C.
+        /// Temperature of the water, °C.
         water_temperature_c: Option<f64>, 0.0..=100.0, default None;
         /// The lamp and its brightness at the panel.
         lamp: Option<String>, (), default None;

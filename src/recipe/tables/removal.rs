@@ -70,8 +70,8 @@ pub(in crate::recipe) fn parse_removal(section: &Section<'_, '_>, path: Option<&
         _ => {}
     }
     if removal.min_feed_mm_s() > path.feed_mm_s() {
-        let (found, most) = (removal.min_feed_mm_s(), path.feed_mm_s());
-        section.problem("min_feed_mm_s", format!("found {found} (limit {most}, path.feed_mm_s)"));
+        let (found, feed_limit) = (removal.min_feed_mm_s(), path.feed_mm_s());
+        section.problem("min_feed_mm_s", format!("found {found} (limit {feed_limit}, path.feed_mm_s)"));
         return None;
     }
     Some(Some(removal))

@@ -34,7 +34,7 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
     sections.extend([cycle_events::abrasion_list(record), cycle_events::motions(record), budget(record)]);
     sections.extend(cycle_events::request_list(record));
     sections.push(used_inputs(record));
-    // Nothing was tested.
+    // An air run tests nothing.
     let is_air_run = record.is_air_run();
     sections.extend((!is_air_run).then(|| conditions(record, times)));
     let (kind, warning) = match (is_air_run, record.is_on_foam()) {

@@ -150,7 +150,7 @@ fn cut_short() -> CycleRecord {
 }
 
 #[test]
-fn what_is_not_known_of_a_contact_is_said_to_be_unknown() {
+fn what_is_not_known_of_a_contact_is_reported_to_be_unknown() {
     for outcome in [None, Some(Outcome::Cleared)] {
         let mut record = cut_short();
         record.motions[0].outcome = outcome;
@@ -176,7 +176,7 @@ fn what_is_not_known_of_a_contact_is_said_to_be_unknown() {
 }
 
 #[test]
-fn simulated_time_and_wall_time_are_told_apart() {
+fn simulated_time_and_wall_time_are_distinguished() {
     let simulated = |ms: u64| Some(Clock::Simulated { at_ms: ms });
     let mut record = CycleRecord { clocks: [simulated(500), simulated(192_700)], ..cut_short() };
     record.findings[0]

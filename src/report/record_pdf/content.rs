@@ -81,12 +81,15 @@ impl RecordSheet {
         ];
         let most_rows = page_row_counts(all.each_ref().map(|block| block.rows.len()));
         let (mut annex, mut blocks) = (Vec::new(), Vec::new());
-        for (block, most) in all.into_iter().zip(most_rows).filter(|(block, _)| !block.rows.is_empty()) {
+        for (block, max_rows) in all.into_iter().zip(most_rows).filter(|(block, _)| !block.rows.is_empty()) {
             let mut shown = block.clone();
-            if block.rows.len() > most {
-                shown.rows.truncate(most);
-                shown.heading =
-                    format!("{}: the first {most} of {}; all are in the annex", block.heading, block.rows.len());
+            if block.rows.len() > max_rows {
+                shown.rows.truncate(max_rows);
+                shown.heading = format!(
+                    "{}: the first {max_rows} of {}; all are in the annex",
+                    block.heading,
+                    block.rows.len()
+                );
                 annex.push(block);
             }
             blocks.push(shown);

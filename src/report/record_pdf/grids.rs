@@ -33,7 +33,7 @@ impl GridState {
         }
     }
 
-    /// In words.
+    /// Returns the description for people.
     pub fn describe(self) -> &'static str {
         match self {
             GridState::NotTested => "not tested",

@@ -36,7 +36,7 @@ pub(super) enum PageElement {
 /// A picture of the annex.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct AnnexPicture<'p> {
-    /// What it shows.
+    /// Caption of the picture.
     pub caption: &'p str,
     /// Its size, px.
     pub size_px: [u32; 2],
@@ -112,7 +112,7 @@ impl FontFaces {
     }
 }
 
-/// Pages under way.
+/// Pages that are being laid out.
 struct PageLayout<'f> {
     faces: &'f FontFaces,
     pages: Vec<Vec<PageElement>>,

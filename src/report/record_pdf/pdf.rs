@@ -23,7 +23,7 @@ use krilla::{Document, SerializeSettings};
 pub struct AttachedFile {
     /// Its name.
     pub name: String,
-    /// The content of the file, in words.
+    /// The content of the file, as text.
     pub description: String,
     /// The type of the file, such as `application/json`.
     pub mime_type: &'static str,

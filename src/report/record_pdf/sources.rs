@@ -38,7 +38,7 @@ pub struct Equipment {
     pub verified: Option<LastVerification>,
 }
 
-/// A verification against a known target, in words.
+/// A verification against a known target, as text.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LastVerification {
     /// The day.
@@ -65,7 +65,7 @@ pub struct PrintedSignature {
     pub name: String,
     /// The time.
     pub time: String,
-    /// What it means.
+    /// Meaning of the signature.
     pub meaning: String,
     /// The record's number in the chain of signed records, and the record's hash.
     pub chain_position: String,

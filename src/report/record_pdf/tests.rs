@@ -125,7 +125,7 @@ fn rows<'s>(sheet: &'s RecordSheet, heading: &str) -> &'s [Vec<String>] {
 
 /// Calculated by hand from `films`; the invalid film gives no result for any grid.
 #[test]
-fn the_map_tells_what_became_of_each_grid() {
+fn the_map_states_what_became_of_each_grid() {
     use GridState::{Failed, NotTested, Passed, PassedAfterAbrasion};
     let sheet = sheet(&record(films()), &[]);
     let map = sheet.map.as_ref().expect("a map");
@@ -166,7 +166,7 @@ fn the_page_names_part_criteria_deviations_and_who_accepted_them() {
 /// A number that was not measured is said to be so, beside its limit; a number beyond its limit is printed so that it
 /// differs from the limit, and a small one so that it differs from zero.
 #[test]
-fn numbers_stand_in_one_form() {
+fn numbers_are_in_one_form() {
     let locate = |value: Option<f64>| {
         let check = Check::new("residual, point to plane, rms", "mm", value);
         let check = check.with_max(0.25, LimitSource::recipe("locate.max_rms_mm"));
@@ -188,7 +188,7 @@ fn numbers_stand_in_one_form() {
 }
 
 #[test]
-fn a_line_to_sign_stands_until_a_person_has_decided() {
+fn a_line_to_sign_remains_until_a_person_has_decided() {
     let signed = |decides| PrintedSignature {
         name: "Grace Hopper (grace)".to_owned(),
         time: "2026-05-31 09:00:00 UTC".to_owned(),

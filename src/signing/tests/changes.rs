@@ -125,8 +125,8 @@ fn each_kind_of_change_is_named() {
         ),
     ];
     for (change, words) in cases {
-        let told = changed(&*change);
-        assert!(told.iter().any(|told| told.contains(words)), "{words}: {told:?}");
+        let reported = changed(&*change);
+        assert!(reported.iter().any(|reported| reported.contains(words)), "{words}: {reported:?}");
     }
 }
 

@@ -141,7 +141,7 @@ fn a_pass_that_its_findings_forbid_is_refused() {
         let reasons = if code.is_empty() { vec![] } else { vec![Reason::new(code, "words")] };
         Judgement { verdict, reasons }
     };
-    let told = |worst: Verdict, accepted: Option<u64>| {
+    let reported = |worst: Verdict, accepted: Option<u64>| {
         let mut record = record(1);
         record.findings.push(Finding::new(Kind::Abrade, 2, judged(worst, "removal_too_deep")));
         record.findings.push(Finding::new(Kind::Inspect, 2, judged(Verdict::Pass, "")));
@@ -167,16 +167,16 @@ fn a_pass_that_its_findings_forbid_is_refused() {
                 "cycle-1.json: cycle 1 has the verdict pass, but its finding 2 (abrade, pass 2) is {what}: words \
                  (removal_too_deep)"
             );
-            assert_eq!(told(worst, accepted), [words], "an accept does not help");
+            assert_eq!(reported(worst, accepted), [words], "an accept does not help");
         }
     }
     let unaccepted = "its finding 2 (abrade, pass 2) is a review that no person accepted";
     for accepted in [None, Some(1)] {
-        let told = told(Verdict::Review, accepted);
-        assert!(told.len() == 1 && told[0].contains(unaccepted), "{told:?}");
+        let reported = reported(Verdict::Review, accepted);
+        assert!(reported.len() == 1 && reported[0].contains(unaccepted), "{reported:?}");
     }
-    assert_eq!(told(Verdict::Review, Some(2)), [] as [String; 0]);
-    assert_eq!(told(Verdict::Accept, None), [] as [String; 0]);
+    assert_eq!(reported(Verdict::Review, Some(2)), [] as [String; 0]);
+    assert_eq!(reported(Verdict::Accept, None), [] as [String; 0]);
 }
 
 /// RFC 8032, 7.1, test 2.
@@ -227,16 +227,16 @@ fn a_whole_export_is_found_whole() {
     let is_in_part = |name: &String| ["cycle-2", "cycle-5"].iter().any(|stem| name.starts_with(stem));
     part.statements.retain(|name, _| is_in_part(name));
     part.pdfs.retain(|name, _| is_in_part(name));
-    let told = verify_export(&part, &[key().public_key()], None);
-    assert_eq!((told.differences, told.gaps), (vec![], vec![(1, 1), (4, 7)]));
-    let told = verify_export(&part, &[key().public_key()], Some(&head));
+    let reported = verify_export(&part, &[key().public_key()], None);
+    assert_eq!((reported.differences, reported.gaps), (vec![], vec![(1, 1), (4, 7)]));
+    let reported = verify_export(&part, &[key().public_key()], Some(&head));
     let expected = ["record number 1 is missing", "records number 4 to 7 are missing", "rolled back"];
     assert!(
-        told.differences.iter().zip(expected).all(|(found, words)| found.contains(words)),
+        reported.differences.iter().zip(expected).all(|(found, words)| found.contains(words)),
         "{:?}",
-        told.differences
+        reported.differences
     );
-    assert_eq!((told.differences.len(), told.gaps), (3, vec![]));
+    assert_eq!((reported.differences.len(), reported.gaps), (3, vec![]));
     // A cycle and the persons' signatures on it can be verified without other records.
     let of_third = export.statements.clone().into_iter().filter(|(name, _)| name.starts_with("cycle-3")).collect();
     let pdfs = export.pdfs.clone().into_iter().filter(|(name, _)| name.starts_with("cycle-3")).collect();

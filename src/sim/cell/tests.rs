@@ -30,7 +30,7 @@ fn a_panel_is_three_hundred_thousand_points() {
 }
 
 #[test]
-fn scenes_differ_in_what_stands_before_the_fixture() {
+fn scenes_differ_in_what_lies_before_the_fixture() {
     let cell = |scene| Cell::new(3, scene, 4);
     let (good, clean) = (cell(Scene::Good), cell(Scene::Clean));
     let (empty, wrong) = (cell(Scene::NoPanel), cell(Scene::WrongPanel));

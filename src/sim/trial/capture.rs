@@ -41,9 +41,9 @@ impl TrialScene {
             let mut line = vec![[0_u16; 3]; width];
             view.cast_row(row, |column, sight| {
                 let ray = turn * sight.ray;
-                let met: Vec<SlabHit> =
+                let hits: Vec<SlabHit> =
                     slabs.iter().filter_map(|slab| slab.intersect(&eye, &ray, pixel_rad)).collect();
-                let (sight, veil) = add_occluders(sight, &met);
+                let (sight, veil) = add_occluders(sight, &hits);
                 let (dry, film) = dry_and_wet(&sight);
                 line[column] = if wet { film } else { dry };
                 let marked =
@@ -103,14 +103,14 @@ fn smear_pixel(line: &[[u16; 3]], column: usize, smear_px: usize) -> [u16; 3] {
 
 /// Adds slabs in front of and behind the panel to a pixel. Returns the pixel, and the share that the nearest slab
 /// in front of the panel fills.
-fn add_occluders(mut sight: PixelHit, met: &[SlabHit]) -> (PixelHit, Option<f64>) {
+fn add_occluders(mut sight: PixelHit, hits: &[SlabHit]) -> (PixelHit, Option<f64>) {
     let panel_mm = sight.panel.map_or(f64::INFINITY, |panel| panel.depth_mm);
     let paint = |under: [f64; 3], slab: &SlabHit| {
         std::array::from_fn(|channel| under[channel] + slab.share * (slab.color[channel] - under[channel]))
     };
     let mut veil: Option<f64> = None;
     // Far slabs first, so that near slabs are painted over them.
-    let mut sorted: Vec<&SlabHit> = met.iter().collect();
+    let mut sorted: Vec<&SlabHit> = hits.iter().collect();
     sorted.sort_by(|a, b| b.depth_mm.total_cmp(&a.depth_mm));
     for slab in sorted {
         let behind = slab.depth_mm > panel_mm;

@@ -14,7 +14,7 @@ const RADIUS_MM: std::ops::Range<f64> = 3.5..8.0;
 /// Minimum distance between two discs, mm; `MIN_EDGE_DISTANCE_MM` is that from the panel's edge.
 const MIN_DISC_DISTANCE_MM: f64 = 10.0;
 const MIN_EDGE_DISTANCE_MM: f64 = 16.0;
-/// The most discs.
+/// Maximum number of discs.
 const MAX_DISCS: usize = 24;
 
 /// Discs on the sheet: centre and radius, mm.

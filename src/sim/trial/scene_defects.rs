@@ -2,19 +2,19 @@
 
 use strum::{IntoStaticStr, VariantArray};
 
-/// What is wrong with a scene.
+/// Defects of a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
 pub enum SceneDefect {
     /// No panel, only other objects.
     #[strum(serialize = "no panel")]
     Nothing,
-    /// Another panel.
+    /// Another panel is in the fixture.
     #[strum(serialize = "another panel")]
     Another,
-    /// Its mirror image.
+    /// The mirror image of the panel is in the fixture.
     #[strum(serialize = "mirror image")]
     Mirror,
-    /// Its back.
+    /// The panel shows its back.
     #[strum(serialize = "its back")]
     Back,
     /// A panel that is 2 to 5 % larger or smaller.
@@ -62,7 +62,7 @@ impl SceneDefect {
     /// Every kind.
     pub const ALL: &'static [SceneDefect] = <Self as VariantArray>::VARIANTS;
 
-    /// In words.
+    /// Returns the description for messages.
     pub fn describe(self) -> &'static str {
         self.into()
     }

@@ -42,7 +42,7 @@ fn allowed_commands_are_asked_for() {
 }
 
 #[test]
-fn a_rebirth_tells_everything_again_under_the_same_number() {
+fn a_rebirth_states_everything_again_under_the_same_number() {
     let mut node = born(false);
     node.step(NodeEvent::Seen(shown("held")), at(10));
     let acts = send_command(&mut node, &yes("Node Control/Rebirth"), 20);

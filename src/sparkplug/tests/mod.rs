@@ -35,7 +35,7 @@ fn shown(state: &str) -> Vec<Value> {
     values(&CellView { now, ..CellView::default() })
 }
 
-/// Returns the messages among some acts, each with the kind in its topic.
+/// Returns the messages among some actions, each with the kind in its topic.
 fn published(acts: &[NodeAction]) -> Vec<(String, Payload)> {
     let message = |act: &NodeAction| match act {
         NodeAction::Publish(message) => {
@@ -229,7 +229,7 @@ fn the_primary_host_is_waited_for() {
 }
 
 #[test]
-fn what_no_host_says_is_refused() {
+fn what_no_host_states_is_refused() {
     for text in
         ["", "ONLINE", "{}", r#"{"online":1,"timestamp":2}"#, r#"{"online":true,"timestamp":-1}"#, "[true,2"]
     {
@@ -247,7 +247,7 @@ fn what_no_host_says_is_refused() {
 /// The names also differ for a host that ignores upper and lower case, and none of them is the name of a command or of
 /// the connection number.
 #[test]
-fn names_are_told_apart() {
+fn names_are_distinguished() {
     let names: Vec<_> = METRICS.iter().map(|one| one.name.to_lowercase()).collect();
     assert_eq!(names.iter().collect::<BTreeSet<_>>().len(), names.len());
     assert!(names.iter().all(|name| !name.starts_with("node control/") && name != "bdseq"));
@@ -256,7 +256,7 @@ fn names_are_told_apart() {
 
 /// The numbers are those of `packml`, which has its own tests for all of them.
 #[test]
-fn state_and_mode_are_told_by_number_and_word() {
+fn state_and_mode_are_reported_by_number_and_word() {
     let mut state = State { at: At::Idle, ..State::INITIAL };
     state.facts.robot = Robot::Ready;
     let told = |state: State| {

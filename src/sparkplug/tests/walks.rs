@@ -77,7 +77,7 @@ const STATES: [&str; 4] = ["stopped", "idle", "starting", "held"];
 
 proptest! {
     #[test]
-    fn the_broker_hears_a_session(
+    fn the_broker_receives_a_session(
         with_host in any::<bool>(),
         walk in proptest::collection::vec((step(), 0..800_u64), 1..120),
     ) {
@@ -137,8 +137,8 @@ proptest! {
             // Each time the cell's values are read, a host that receives the messages has every value.
             if host.born && matches!(step, Step::See(_)) {
                 let word = METRICS.iter().position(|one| one.name == "State/word").expect("it is there");
-                let told = host.values[word].clone();
-                let lags = told != seen.map(|state| WireType::Text(state.to_owned()));
+                let reported = host.values[word].clone();
+                let lags = reported != seen.map(|state| WireType::Text(state.to_owned()));
                 // Data are held back only while a rebirth waits for its time.
                 prop_assert!(!lags || node.waits_for_rebirth());
             }

@@ -56,15 +56,16 @@ pub(super) fn checks(
     figures: Option<&MapFigures>,
     (asked, bounded): (&recipe::Removal, BoundShares),
 ) -> Vec<Check> {
-    let of = |number: fn(&MapFigures) -> f64| figures.map(number);
+    let figure = |number: fn(&MapFigures) -> f64| figures.map(number);
     let (target_um, max_um) = (asked.target_um(), asked.max_um());
-    let passes = of(|found| found.mean_um).map(|mean_um| (target_um / mean_um - MEAN_TOLERANCE).ceil().max(1.0));
-    let (bound_um, within) = (of(|found| found.largest_bound_um), of(|found| found.within_percent));
+    let passes =
+        figure(|found| found.mean_um).map(|mean_um| (target_um / mean_um - MEAN_TOLERANCE).ceil().max(1.0));
+    let (bound_um, within) = (figure(|found| found.largest_bound_um), figure(|found| found.within_percent));
     vec![
-        Check::new(name::REMOVED_MEAN, "µm", of(|found| found.mean_um)),
-        Check::new("uncertainty of the removal, 95 %", "%", of(|found| found.uncertainty_percent)),
-        Check::new("expected removal, smallest 5 %", "µm", of(|found| found.low_um)),
-        Check::new("expected removal over all passes, largest", "µm", of(|found| found.largest_um)),
+        Check::new(name::REMOVED_MEAN, "µm", figure(|found| found.mean_um)),
+        Check::new("uncertainty of the removal, 95 %", "%", figure(|found| found.uncertainty_percent)),
+        Check::new("expected removal, smallest 5 %", "µm", figure(|found| found.low_um)),
+        Check::new("expected removal over all passes, largest", "µm", figure(|found| found.largest_um)),
         Check::new(name::REMOVED_BOUND, "µm", bound_um).with_max(max_um, LimitSource::recipe("removal.max_um")).or_reject(
             "removal_too_deep",
             || {
@@ -80,7 +81,7 @@ pub(super) fn checks(
             format!(
                 "one pass removes {} µm on average, so the target of {} µm needs {} passes (limit 1); lower {} or \
                  raise force_n so that one pass is enough",
-                fixed_decimals(of(|found| found.mean_um).unwrap_or(f64::NAN), 1),
+                fixed_decimals(figure(|found| found.mean_um).unwrap_or(f64::NAN), 1),
                 fixed_decimals(target_um, 1),
                 fixed_decimals(passes.unwrap_or(f64::NAN), 0),
                 match asked.method() {

@@ -21,9 +21,9 @@ pub fn contact_moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recip
 /// Shares of the path in contact on which the feed could not be scheduled as wanted, 0…1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct BoundShares {
-    /// At `min_feed_mm_s`.
+    /// Value at `min_feed_mm_s`.
     pub(super) lowest: f64,
-    /// At `feed_mm_s`.
+    /// Value at `feed_mm_s`.
     pub(super) highest: f64,
 }
 

@@ -92,7 +92,7 @@ fn earlier_cycles_count() {
 
 /// Calculated by hand: at 120 mm/s and rows of 12 mm, about 4·10⁻⁴ · 20 · 2618 / (120 · 12) = 14.5 µm.
 #[test]
-fn today_s_feed_stays_and_its_removal_is_told() {
+fn today_s_feed_stays_and_its_removal_is_reported() {
     let (_, codes, checks) = planned(TABLE, Some(EVEN_MODEL), EarlierRemoval::default());
     assert!(codes.contains(&"more_passes".to_owned()), "{codes:?}");
     assert!(value(&checks, name::REMOVED_MEAN) < 25.0 && value(&checks, "passes that the target takes") == 2.0);

@@ -21,9 +21,9 @@ fn earlier(cycle: CycleId, grid: &str, is_sure: bool) -> EarlierPass {
     EarlierPass { cycle, pass: 1, grid: Some(grid.to_owned()), is_sure, is_stated: false }
 }
 
-/// The progress of another act, or of an earlier motion, does not count for this one.
+/// The progress of another action, or of an earlier motion, does not count for this one.
 #[test]
-fn an_open_contact_is_bounded_by_what_was_told_and_permitted() {
+fn an_open_contact_is_bounded_by_what_was_reported_and_permitted() {
     let (folder, mut store) = new_store();
     let id = store.begin_cycle(&super::cycles::start()).expect("begun");
     store.open_contact(&MOTION, Some(id), (&path(), 16)).expect("opened");

@@ -6,7 +6,7 @@ use super::opening::become_the_first_schema;
 use super::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A thread writes line after line; each copy made meanwhile is the store of one moment, and has the content that
+/// While a thread writes lines, each copy contains the store at one moment, with the content that
 /// it reports.
 #[test]
 fn a_copy_beside_a_writer_is_the_store_of_one_moment() {
@@ -54,7 +54,7 @@ fn a_copy_beside_a_writer_is_the_store_of_one_moment() {
 
 /// A copy gets a new head, which would hide contradictions to the store's head.
 #[test]
-fn a_store_that_was_changed_is_told_and_not_copied() {
+fn a_store_that_was_changed_is_reported_and_not_copied() {
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
     for done in 0..5 {

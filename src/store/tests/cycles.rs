@@ -41,7 +41,7 @@ fn finding(picture: &str) -> Finding {
 }
 
 #[test]
-fn a_cycle_comes_back_whole_and_to_the_bit() {
+fn a_cycle_is_restored_completely_and_to_the_bit() {
     let (folder, mut store) = new_store();
     let id = store.begin_cycle(&start()).expect("begun");
     let running = store.cycle(id).expect("there");

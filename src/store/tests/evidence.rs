@@ -82,7 +82,7 @@ fn every_column_of_every_table_is_in_the_chain() {
 }
 
 #[test]
-fn a_store_that_nobody_touched_is_whole() {
+fn a_store_that_was_not_changed_is_whole() {
     let folder = whole();
     let found = verify(&folder);
     assert_eq!((found.differences.clone(), found.earlier_differences.len()), (vec![], 0));
@@ -137,14 +137,14 @@ fn every_deletion_edit_and_exchange_is_named() {
         let folder = whole();
         behind_its_back(&folder, sql);
         let found = verify(&folder);
-        let told = rows_alone(&found);
-        assert!(told.iter().any(|found| found.contains(words)), "{sql}: {told:?}");
+        let reported = rows_alone(&found);
+        assert!(reported.iter().any(|found| found.contains(words)), "{sql}: {reported:?}");
     }
 }
 
 /// A person who can write the chain anew still does not have the head outside of the database.
 #[test]
-fn a_chain_that_was_written_anew_contradicts_its_head() {
+fn a_rewritten_chain_contradicts_its_head() {
     let folder = whole();
     behind_its_back(&folder, "UPDATE cycles SET verdict = 'pass'");
     let connection = Connection::open(store_in(&folder).join(DATABASE)).expect("opens");
@@ -152,8 +152,8 @@ fn a_chain_that_was_written_anew_contradicts_its_head() {
     let forged = chain::adopt_rows(&connection).expect("forged");
     drop(connection);
     let found = verify(&folder);
-    let told = rows_alone(&found);
-    assert!(matches!(told[..], [words] if words.contains("rolled back")), "{forged:?} {told:?}");
+    let reported = rows_alone(&found);
+    assert!(matches!(reported[..], [words] if words.contains("rolled back")), "{forged:?} {reported:?}");
     // A chain with the same number of links, but another verdict.
     let folder = whole();
     let connection = Connection::open(store_in(&folder).join(DATABASE)).expect("opens");

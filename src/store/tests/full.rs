@@ -52,7 +52,7 @@ impl Drop for SmallDisk {
 /// Another program fills the disk during contact: the retract, the hold and the stop are journaled, and pictures
 /// are dropped. A person who starts the program on the full disk is informed what to delete.
 #[test]
-fn the_journal_goes_on_where_the_disk_is_full() {
+fn the_journal_continues_where_the_disk_is_full() {
     let Some(disk) = SmallDisk::mount(140) else { return };
     let path = disk.0.path().join("store");
     let mut store = Store::create(&path).expect("a new store");

@@ -41,9 +41,9 @@ fn a_killed_process_leaves_a_prefix_without_duplicates() {
     let mut before = 0;
     for kill in 0..10_u64 {
         let mut child = until_killed("store::tests::killed::appends_until_killed", (FOLDER, &path));
-        let told = BufReader::new(child.stdout.take().expect("its output"));
+        let reported = BufReader::new(child.stdout.take().expect("its output"));
         let mut acknowledged = None;
-        for line in told.lines().map_while(Result::ok) {
+        for line in reported.lines().map_while(Result::ok) {
             if let Some(count) = line.strip_prefix("begins after ") {
                 assert_eq!(count.parse(), Ok(before), "kill {kill}");
                 let refused = Store::create(&path).expect_err("the child writes").to_string();

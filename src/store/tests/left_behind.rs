@@ -83,7 +83,7 @@ fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
 }
 
 #[test]
-fn a_head_that_is_gone_and_a_database_that_is_gone_are_told() {
+fn a_head_that_is_gone_and_a_database_that_is_gone_are_reported() {
     let folder = whole();
     fs::remove_file(store_in(&folder).join(head::FILE)).expect("removed");
     assert!(verify(&folder).differences[0].contains("is missing"));

@@ -51,7 +51,7 @@ fn teaching(name: &str) -> TeachingInputs {
 }
 
 #[test]
-fn what_was_taught_comes_back_to_the_bit_after_a_restart() {
+fn what_was_taught_returns_to_the_bit_after_a_restart() {
     let (folder, mut store) = new_store();
     let version = store.teach(&teaching("wing")).expect("taught");
     drop(store);

@@ -71,7 +71,7 @@ fn the_end_of_a_cycle_a_signature_and_a_verification_are_numbered_as_they_are_wr
 }
 
 #[test]
-fn a_row_that_somebody_deletes_is_found_and_a_new_epoch_begins() {
+fn a_row_that_a_person_deletes_is_found_and_a_new_epoch_begins() {
     let (folder, mut store) = new_store();
     let path = folder.path().join("store");
     concluded(&mut store);

@@ -27,7 +27,7 @@ fn words(asked: &[RequestRecord]) -> Vec<(RequestedAction, Option<Answer>)> {
 /// Between two cycles a disc is mounted and a clear is refused. In the second cycle a request is refused. Another
 /// request is interrupted by the end of the program before its answer is stored.
 #[test]
-fn requests_stand_where_they_were_asked_with_their_answers() {
+fn requests_are_where_they_were_asked_with_their_answers() {
     let (folder, mut store) = new_store();
     let one = store.begin_cycle(&super::cycles::start()).expect("begun");
     ask(&mut store, Request::Start { max_passes: 2, max_moves: 3, dries: false }, Some(one), Answer::Done);

@@ -44,7 +44,7 @@ fn found(store: &Store, query: Query) -> Vec<i64> {
 }
 
 #[test]
-fn each_condition_finds_what_it_says() {
+fn each_condition_finds_what_it_states() {
     let (_folder, store) = four();
     let name = |text: &str| Some(text.to_owned());
     let words = |text: &str| text.split(' ').map(str::to_owned).collect::<Vec<_>>();
@@ -246,7 +246,7 @@ fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
 
 /// Calculated by hand: 100 + 50 mm² on one disc, then a new disc with 30 mm².
 #[test]
-fn the_wear_of_the_disc_is_told_as_it_was_at_the_end_of_each_cycle() {
+fn the_wear_of_the_disc_is_reported_as_it_was_at_the_end_of_each_cycle() {
     let (_folder, mut store) = new_store();
     let [one, two, three, none] = std::array::from_fn(|_| begin(&mut store, "wing", &part("SN-1", "", "")));
     store.wear_disc(Some(one), 100.0).expect("worn");

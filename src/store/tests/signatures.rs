@@ -207,15 +207,18 @@ fn a_changed_statement_signature_or_row_is_named() {
         let connection = Connection::open(path.join(DATABASE)).expect("opens");
         connection.execute_batch(sql).expect("changed");
         drop(connection);
-        let told = found(&path);
-        assert!(told.iter().any(|told| told.contains(words)), "{sql}: {told:?}");
+        let reported = found(&path);
+        assert!(reported.iter().any(|reported| reported.contains(words)), "{sql}: {reported:?}");
     }
     let file = path.join("blobs").join(&rows[1].record_hash);
     let mut bytes = fs::read(&file).expect("there");
     bytes[100] ^= 1;
     fs::write(&file, bytes).expect("changed");
-    let told = found(&path);
-    assert!(told.iter().any(|told| told.contains("signature 2: ") && told.contains("is damaged")), "{told:?}");
+    let reported = found(&path);
+    assert!(
+        reported.iter().any(|reported| reported.contains("signature 2: ") && reported.contains("is damaged")),
+        "{reported:?}"
+    );
 }
 
 /// Signing does not write a new head over a head that contradicts the rows: the next start finds the rollback.
@@ -377,9 +380,9 @@ fn no_kill_leaves_half_a_record(kills: u64) {
         }
         let path = folder.path().join("store");
         let mut child = until_killed("store::tests::signatures::signs_until_killed", (FOLDER, &path));
-        let told = BufReader::new(child.stdout.take().expect("its output"));
+        let reported = BufReader::new(child.stdout.take().expect("its output"));
         let mut signed = before;
-        for line in told.lines().map_while(Result::ok) {
+        for line in reported.lines().map_while(Result::ok) {
             let number = line.strip_prefix("signed ").and_then(|number| number.parse::<u64>().ok());
             if number.is_some_and(|number| number == before + 1 + kill % 3) {
                 // The child is killed at an arbitrary point of its work.

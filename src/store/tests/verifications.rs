@@ -47,7 +47,7 @@ fn a_verification_that_is_struck_out_stays_with_who_and_why() {
 }
 
 #[test]
-fn the_hash_tells_files_and_their_order() {
+fn the_hash_depends_on_files_and_their_order() {
     let hash = calibration_hash(&["lens", "mount"]);
     assert_ne!(hash, calibration_hash(&["mount", "lens"]));
     assert_ne!(hash, calibration_hash(&["lensmount"]));

@@ -42,7 +42,7 @@ pub struct TrueArm {
 const MASSES_KG: [f64; 3] = [9.0, 8.0, 5.0];
 
 impl TrueArm {
-    /// Without errors.
+    /// Draws an arm without errors.
     pub fn drawn(geometry: ArmGeometry) -> Self {
         let g = geometry;
         let quarter = std::f64::consts::FRAC_PI_2;

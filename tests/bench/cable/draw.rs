@@ -12,7 +12,7 @@ impl Draw {
         Draw(Pcg64::new(seed.into(), number.into()))
     }
 
-    /// Below this number.
+    /// Draws a number below this one.
     pub fn below(&mut self, end: u64) -> u64 {
         self.0.random_range(0..end.max(1))
     }
@@ -27,7 +27,7 @@ impl Draw {
         self.below(many) == 0
     }
 
-    /// One of these.
+    /// Draws one of these values.
     pub fn choose<T: Copy>(&mut self, all: &[T]) -> T {
         all[self.0.random_range(0..all.len())]
     }

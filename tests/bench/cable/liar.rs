@@ -12,7 +12,7 @@ const REMEMBERED: usize = 40;
 /// Text between messages that neither a controller nor the service would send.
 const GARBAGE: [&[u8]; 6] = [b"xyz", b"<a/>", b"</St>", b"<", b"\xff\xfe<", b"<!DOCTYPE a [<!ENTITY b \"c\">]>"];
 
-/// What travels on.
+/// A piece of data that is forwarded.
 #[derive(Debug)]
 pub enum Piece {
     /// Bytes that travel this much later than usual.

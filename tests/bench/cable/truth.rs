@@ -34,7 +34,7 @@ pub type Key = (i64, i64);
 pub struct State {
     /// Time by the bench's clock, ms.
     pub at_ms: f64,
-    /// By the controller's.
+    /// Time by the controller's clock, ms.
     pub time_ms: f64,
     pub epoch: i64,
     pub done: i64,

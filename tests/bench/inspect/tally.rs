@@ -125,7 +125,7 @@ impl Tally {
             let is_clear = clear_mm2[index] >= CONTRAST_SHARE * all_mm2[index];
             let (kind, counts) = match (real_mm2[index] >= min_mm2, later_mm2[index] >= min_mm2) {
                 (true, _) => ("broken", &mut self.broken),
-                // A break after the window is no mistake, whether it was found or not.
+                // A break after the window is not a mistake, whether it was found or not.
                 (false, true) => continue,
                 _ if is_clear => ("clean", &mut self.clean),
                 _ => ("faint", &mut self.faint),
@@ -212,7 +212,7 @@ impl Tally {
         }
     }
 
-    /// Reports the figures. A kind of grid that no clip has is no evidence, so that its figure misses the goal.
+    /// Reports the figures. A kind of grid that no clip has is not evidence, so that its figure misses the goal.
     pub fn report(&self, figures: &Figures) {
         let share = |figure: Figure, counts: &BTreeMap<Found, usize>, found: Found, goal: &str, most: f64| {
             let (some, all) = (counts.get(&found).copied().unwrap_or_default(), counts.values().sum::<usize>());

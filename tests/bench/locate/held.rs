@@ -139,7 +139,7 @@ pub fn scenes(seeds: RangeInclusive<u64>) -> usize {
                 stated += usize::from(max_mm.zip(stated_mm).is_some_and(|(max, stated)| max <= stated));
             }
         }
-        let told = format!(
+        let reported = format!(
             "{}: {accepted} of {count} are accepted, {wrong} of them wrong by more than {RIGHT_MM} mm, {stated} within what is \
              stated; {untaught} could not be taught",
             kind.words
@@ -152,7 +152,7 @@ pub fn scenes(seeds: RangeInclusive<u64>) -> usize {
             let figure = Figure("locate: held panels with marks, a third of the points missing, accepted");
             shared(figure, accepted, count, kind.floor);
         }
-        missed += row(is_good, &told);
+        missed += row(is_good, &reported);
     }
     missed
 }

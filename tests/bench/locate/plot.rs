@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 
 /// The result of one method on one scan.
 pub struct Run {
-    /// Which method.
+    /// Name of the method.
     pub method: String,
-    /// Which scan.
+    /// Seed of the scan.
     pub seed: u64,
     /// Duration, ms.
     pub ms: f64,

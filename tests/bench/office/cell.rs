@@ -10,7 +10,7 @@ use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::Duration;
 
-/// Between two cycles.
+/// Pause between two cycles.
 const CYCLE_PAUSE: Duration = Duration::from_millis(500);
 /// Bytes of the one picture of a cycle, unless another size is requested.
 pub const PICTURE_BYTES: usize = 20_000;

@@ -47,9 +47,9 @@ pub fn measure() -> usize {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/bench/removal_peers.py");
     let output = Command::new(python).arg(script).arg(asked.to_string()).output().expect("Python starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let told: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let reported: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     let (mut missed, mut worst, mut least) = (0, 0.0, f64::INFINITY);
-    for ((name, bends), peer) in CASES.iter().zip(told.as_array().expect("cases")) {
+    for ((name, bends), peer) in CASES.iter().zip(reported.as_array().expect("cases")) {
         let (across_um, ours_s) = ours(*bends);
         let theirs: Vec<f64> =
             peer["across_um"].as_array().expect("numbers").iter().map(|n| n.as_f64().expect("a number")).collect();

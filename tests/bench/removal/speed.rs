@@ -1,4 +1,4 @@
-//! Duration of the scheduling of 48 grids: stretches, matrix and descent.
+//! Duration of the scheduling of 48 grids: segments, matrix and descent.
 
 use super::goal::Figure;
 use super::panels::{beyond, path_recipe};

@@ -217,7 +217,7 @@ fn read_pages(cell: &Prepared, counts: &Counts) {
     }
 }
 
-/// Opens connections and closes them at once, and sends lines that are no request.
+/// Opens connections and closes them at once, and sends lines that are not a request.
 fn come_and_go(cell: &Prepared, counts: &Counts) {
     for _ in 0..5 {
         drop(UnixStream::connect(cell.socket()));

@@ -31,7 +31,7 @@ impl Scanned {
         Self::learnt(cell, &scan, Rotation3::from_euler_angles(roll, pitch, yaw))
     }
 
-    /// The same upright.
+    /// Creates the same panel, upright.
     pub fn upright(seed: u64) -> Self {
         Self::turned(seed, [0.0; 3])
     }

@@ -19,7 +19,7 @@ const FIELDS: &str = "GOAL, figure, goal, found, ok|MISSED|not run and command, 
 pub struct Measured {
     pub figure: String,
     pub goal: String,
-    /// What was found, with the verdict if the goal was missed.
+    /// The measured value, with the verdict if the goal was missed.
     pub found: String,
     pub command: String,
 }

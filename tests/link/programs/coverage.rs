@@ -25,7 +25,7 @@ impl Coverage {
         Coverage { hits, branches: controller.branches().to_vec() }
     }
 
-    /// Both together.
+    /// Returns the coverage of both together.
     pub fn with(mut self, other: &Coverage) -> Self {
         self.hits.resize(self.hits.len().max(other.hits.len()), 0);
         self.branches.resize(self.branches.len().max(other.branches.len()), [false; 2]);

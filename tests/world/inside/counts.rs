@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 pub struct Violation {
     /// The judge's name; two violations with the same judge count as the same violation.
     pub judge: &'static str,
-    /// What it saw.
+    /// Description of the violation.
     pub what: String,
 }
 
@@ -24,7 +24,7 @@ pub struct Counts {
     pub verdicts: BTreeMap<&'static str, u64>,
     /// Cycles that began.
     pub cycles: u64,
-    /// Processes that began.
+    /// Number of processes that began.
     pub lives: u64,
     /// Power cuts.
     pub cuts: u64,

@@ -17,9 +17,9 @@ mod store;
 pub struct Mutation {
     /// The rule that is broken.
     pub name: &'static str,
-    /// What is changed.
+    /// The changed text.
     pub edit: Edit,
-    /// What else is.
+    /// A second change that belongs to it.
     pub beside: Option<Edit>,
     /// The first seed, and the step to the next one: only some worlds execute the controller's programs.
     pub seeds: (u64, u64),
@@ -38,7 +38,7 @@ pub struct Edit {
     pub changed: &'static str,
 }
 
-/// All of them.
+/// Returns all mutations.
 pub fn all() -> impl Iterator<Item = &'static Mutation> {
     let lists: [&'static [Mutation]; 6] =
         [&store::ALL, &cycle::ALL, &link::ALL, &daemon::ALL, &controller::ALL, &programs::ALL];
@@ -65,7 +65,7 @@ impl Mutation {
         Mutation { not_found: Some(why), ..self }
     }
 
-    /// What is changed.
+    /// Returns the changes.
     pub fn edits(&self) -> impl Iterator<Item = &Edit> {
         std::iter::once(&self.edit).chain(&self.beside)
     }

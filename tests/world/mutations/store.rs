@@ -1,4 +1,4 @@
-//! Of the store.
+//! Mutations of the store.
 
 use super::{Mutation, change};
 

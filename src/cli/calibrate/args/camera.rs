@@ -27,7 +27,7 @@ pub struct LiveArgs {
     /// With --count: the time between two pictures, s, in which a person moves the board to its next pose.
     #[arg(long, value_name = "S", requires = "count", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=60))]
     pub every_s: u32,
-    /// What a simulated cell shows.
+    /// Settings of the simulated cell.
     #[command(flatten)]
     pub simulation: Simulation,
 }

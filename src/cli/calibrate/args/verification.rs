@@ -25,7 +25,7 @@ pub struct Verify {
     /// Take the picture now, with the cell's camera, and keep it in this folder; for the scanner, a 3D shot.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["image", "poses", "flange"])]
     pub live: Option<PathBuf>,
-    /// What a simulated cell shows.
+    /// Settings of the simulated cell.
     #[command(flatten)]
     pub simulation: Simulation,
     /// Many pictures of the board at rest by the camera on the flange, in this file's folder: shows the remaining

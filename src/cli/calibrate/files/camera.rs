@@ -5,7 +5,7 @@ use crate::calib::three_points::TouchedCorner;
 use crate::config::{self, Problems};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid};
 
-/// What `--points` holds.
+/// Content of the file of `--points`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Points {
     /// Three corners, and a fourth if the file has one.

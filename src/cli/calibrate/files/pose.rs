@@ -108,7 +108,7 @@ pub(super) fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
     Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? })
 }
 
-/// Returns whether these angles look like radians. This is no proof: the caller uses the result only if the tool
+/// Returns whether these angles look like radians. This is not a proof: the caller uses the result only if the tool
 /// cannot be upright.
 pub(super) fn like_radians(pose: &KukaPose) -> bool {
     let angles = [pose.a_deg, pose.b_deg, pose.c_deg];

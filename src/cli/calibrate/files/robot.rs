@@ -66,7 +66,7 @@ pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Res
     })
 }
 
-/// What was touched, as a touches file states it.
+/// A touched target, as a touches file states it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StatedTouch {
     /// A spot by its number; touches of one spot have the same number.

@@ -24,7 +24,7 @@ const DARK: f64 = 20.0;
 /// File endings of pictures and of 3D shots.
 const FILE_EXTENSIONS: [&str; 2] = ["png", "pcd"];
 
-/// What a camera delivered.
+/// A capture that a camera delivered.
 pub enum Capture {
     /// A picture.
     Picture(ColorPicture),
@@ -37,7 +37,7 @@ pub enum Capture {
 pub enum OperatorChoice {
     /// A picture.
     Take,
-    /// That is all.
+    /// No further capture.
     Done,
 }
 

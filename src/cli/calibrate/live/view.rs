@@ -21,7 +21,7 @@ pub enum CalibrationCamera {
     Scans(Box<dyn Scanner>),
     /// The camera on the flange.
     Flange(Box<dyn FlangeCamera>),
-    /// A simulated one.
+    /// A simulated camera.
     Boards(SimulatedBoards),
     /// A simulated one, with its 3D shot.
     BoardScans(SimulatedBoards),

@@ -87,7 +87,7 @@ async fn wrong_passwords_are_counted_kept_and_pause_the_account() {
 }
 
 #[tokio::test]
-async fn nobody_without_an_account_is_let_in_unless_the_file_says_so() {
+async fn no_client_without_an_account_is_let_in_unless_the_file_permits_it() {
     let anonymous = UserToken(opcua::server::ANONYMOUS_USER_TOKEN_ID.to_owned());
     for (setting, may) in [(AnonymousAccess::Nothing, false), (AnonymousAccess::Read, true)] {
         let (_folder, access) = access(setting);
@@ -105,7 +105,7 @@ async fn nobody_without_an_account_is_let_in_unless_the_file_says_so() {
 }
 
 #[test]
-fn a_log_in_is_said_to_come_from_those_who_are_connected() {
+fn a_log_in_is_reported_to_come_from_connected_users() {
     let address = |last| IpAddr::from([10, 0, 0, last]);
     assert_eq!(format_origin(&[]), "OPC UA");
     assert_eq!(format_origin(&[address(1)]), "OPC UA, 10.0.0.1");

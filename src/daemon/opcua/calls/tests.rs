@@ -90,8 +90,8 @@ impl Cell {
                 heard.lock().expect("whole").push(format!("{} by {who}", what.describe()));
                 let left = refused.fetch_update(Relaxed, Relaxed, |left| left.checked_sub(1));
                 let exit = if left.is_ok() { RequestResult::Refused } else { RequestResult::Done };
-                let told = Reply { state: Some("idle".to_owned()), ..Reply::refused(exit, vec![]) };
-                reply.into_iter().for_each(|reply| drop(reply.send(told.clone())));
+                let reported = Reply { state: Some("idle".to_owned()), ..Reply::refused(exit, vec![]) };
+                reply.into_iter().for_each(|reply| drop(reply.send(reported.clone())));
             }
         });
         let loader = Arc::new(|_| Err(vec![Reason::new("bad_input", "no cell here")]));
@@ -137,7 +137,7 @@ fn status(outcome: &CallOutcome) -> StatusCode {
 /// Calls every method with every role and without an account: permitted calls reach the loop under the caller's name,
 /// others never do.
 #[tokio::test]
-async fn each_method_reaches_the_loop_as_the_table_says() {
+async fn each_method_reaches_the_loop_as_the_table_states() {
     for method in METHODS {
         for role in Role::VARIANTS.iter().copied().map(Some).chain([None]) {
             let cell = Cell::new();

@@ -34,7 +34,7 @@ impl Recordable for RecordCommand {
             RecordCommand::MountDisc => json!("mount_disc"),
             RecordCommand::Check => json!("check"),
             RecordCommand::Filled => Value::Null,
-            // The author of a request and the time of the clock are no part of a cycle's decisions.
+            // The author of a request and the time of the clock are not part of a cycle's decisions.
             RecordCommand::Permit(_)
             | RecordCommand::Asked(_)
             | RecordCommand::Clock(_)

@@ -58,7 +58,7 @@ pub struct Cell {
     pub worn_mm2: f64,
     /// The removal model of the disc, if it is calibrated.
     pub removal: Option<Model>,
-    /// What earlier cycles did to the panel.
+    /// Earlier abrasions of the panel.
     pub earlier: Vec<EarlierPass>,
     /// The folder in which the service's orders are to be recorded.
     pub record: Option<PathBuf>,

@@ -23,22 +23,22 @@ async fn no_other_site_causes_a_change() {
         ("a token of another session", &[cookie, ("x-csrf-token", "0"), JSON, ("sec-fetch-site", "same-origin")]),
     ];
     for (what, headers) in refused {
-        let told = site.send("POST", "/request/hold", headers, "{}").await;
-        assert_eq!(told.status, StatusCode::FORBIDDEN, "{what}");
+        let reply = site.send("POST", "/request/hold", headers, "{}").await;
+        assert_eq!(reply.status, StatusCode::FORBIDDEN, "{what}");
     }
     for (what, headers) in refused.iter().take(5) {
-        let told = site.send("POST", "/request/stop", headers, "{}").await;
-        assert_eq!(told.status, StatusCode::FORBIDDEN, "{what}");
+        let reply = site.send("POST", "/request/stop", headers, "{}").await;
+        assert_eq!(reply.status, StatusCode::FORBIDDEN, "{what}");
     }
     let form = [cookie, csrf, ("sec-fetch-site", "same-origin"), ("content-type", "text/plain")];
-    let told = site.send("POST", "/request/hold", &form, "{}").await;
-    assert_eq!(told.status, StatusCode::UNSUPPORTED_MEDIA_TYPE);
+    let reply = site.send("POST", "/request/hold", &form, "{}").await;
+    assert_eq!(reply.status, StatusCode::UNSUPPORTED_MEDIA_TYPE);
     let own = [cookie, csrf, JSON, ("origin", "http://127.0.0.1:8090")];
     assert_eq!(site.send("POST", "/request/hold", &own, "{}").await.status, StatusCode::OK);
     assert_eq!(site.asked().len(), 1);
     // A foreign host name that leads to this computer.
-    let told = site.send("GET", "/", &[("host", "evil.example:8090")], "").await;
-    assert_eq!(told.status, StatusCode::MISDIRECTED_REQUEST);
+    let reply = site.send("GET", "/", &[("host", "evil.example:8090")], "").await;
+    assert_eq!(reply.status, StatusCode::MISDIRECTED_REQUEST);
 }
 
 #[tokio::test]
@@ -126,7 +126,7 @@ async fn bodies_have_an_end_and_a_form() {
 }
 
 #[tokio::test]
-async fn every_response_says_what_a_browser_may_do_with_it() {
+async fn every_response_states_what_a_browser_may_do_with_it() {
     let site = PageFixture::new();
     let viewer = site.log_in("viewer", PASSWORD).await.expect("logged in");
     for path in ["/", "/login", "/setup", "/nowhere", "/people", "/now.json", "/history", "/alarms"] {

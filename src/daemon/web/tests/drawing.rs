@@ -18,14 +18,14 @@ fn drawn() -> Value {
 async fn what_is_drawn_is_proposed_and_not_yet_written() {
     let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
-    let told = site.get(&engineer, "/setup/recipe/door.toml/drawing.json").await;
-    let now: Value = serde_json::from_str(&told.body).expect("JSON");
-    assert_eq!((told.status, &now["corners_px"][2]), (StatusCode::OK, &json!([90.0, 60.0])));
+    let reply = site.get(&engineer, "/setup/recipe/door.toml/drawing.json").await;
+    let now: Value = serde_json::from_str(&reply.body).expect("JSON");
+    assert_eq!((reply.status, &now["corners_px"][2]), (StatusCode::OK, &json!([90.0, 60.0])));
     let picture = site.get(&engineer, "/setup/recipe/door.toml/picture.png").await;
     assert_eq!(picture.headers["content-type"], "image/png");
-    let told = site.post(&engineer, "/setup/recipe/door.toml/proposal", &drawn().to_string()).await;
-    let proposed: Value = serde_json::from_str(&told.body).expect("JSON");
-    assert_eq!((told.status, &proposed["is_changed"]), (StatusCode::OK, &json!(true)), "{told:?}");
+    let reply = site.post(&engineer, "/setup/recipe/door.toml/proposal", &drawn().to_string()).await;
+    let proposed: Value = serde_json::from_str(&reply.body).expect("JSON");
+    assert_eq!((reply.status, &proposed["is_changed"]), (StatusCode::OK, &json!(true)), "{reply:?}");
     let [text, difference] = [&proposed["text"], &proposed["difference"]].map(|text| text.as_str().expect("text"));
     assert!(
         text.starts_with("panel = \"door\" # the left one") && text.contains("masked_px = [[[20, 20]"),
@@ -39,8 +39,8 @@ async fn what_is_drawn_is_proposed_and_not_yet_written() {
     let same: Value = serde_json::from_str(&same.body).expect("JSON");
     assert_eq!((&same["is_changed"], &same["text"]), (&json!(false), &json!(DOOR)));
     let change = json!({ "text": text, "why": "" }).to_string();
-    let told = site.post(&engineer, "/setup/recipe/door.toml", &change).await;
-    assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY, "a reason is asked for");
+    let reply = site.post(&engineer, "/setup/recipe/door.toml", &change).await;
+    assert_eq!(reply.status, StatusCode::UNPROCESSABLE_ENTITY, "a reason is asked for");
     // Two engineers have opened the same recipe: the second one who saves is informed, and overwrites nothing.
     let save = |before: &str| json!({ "text": text, "why": "wider", "before": before }).to_string();
     let saved = site.post(&engineer, "/setup/recipe/door.toml", &save(&content_hash(DOOR.as_bytes()))).await;
@@ -76,7 +76,7 @@ async fn what_is_no_region_is_not_proposed() {
 
 /// Without cameras the reason is reported, and the attempt is in the audit trail.
 #[tokio::test]
-async fn a_picture_that_cannot_be_taken_says_why() {
+async fn a_picture_that_cannot_be_taken_states_why() {
     let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let told = site.post(&engineer, "/setup/cameras/scanner", "{}").await;

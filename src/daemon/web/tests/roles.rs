@@ -25,7 +25,7 @@ async fn each_role_gets_what_the_table_gives_it_and_nothing_else() {
             if ["/logout", "/login"].contains(&route.path) {
                 continue;
             }
-            let told = match route.method {
+            let reply = match route.method {
                 Method::Get => site.get(browser, &path(route.path)).await,
                 Method::Post => site.post(browser, &path(route.path), "{}").await,
             };
@@ -35,15 +35,15 @@ async fn each_role_gets_what_the_table_gives_it_and_nothing_else() {
             };
             let is_refused = match (role, route.method) {
                 (None, Method::Get) => {
-                    told.status == StatusCode::SEE_OTHER || told.status == StatusCode::UNAUTHORIZED
+                    reply.status == StatusCode::SEE_OTHER || reply.status == StatusCode::UNAUTHORIZED
                 }
-                (None, Method::Post) => told.status == StatusCode::UNAUTHORIZED,
-                (Some(_), _) => told.status == StatusCode::FORBIDDEN,
+                (None, Method::Post) => reply.status == StatusCode::UNAUTHORIZED,
+                (Some(_), _) => reply.status == StatusCode::FORBIDDEN,
             };
             // Choosing a language leads back to the page, for every visitor.
             let leads_back = route.path.starts_with("/language/");
-            assert!(leads_back || is_refused != may, "{role:?} at {}: {} {}", route.path, told.status, told.body);
-            assert!(told.status != StatusCode::INTERNAL_SERVER_ERROR, "{}: {}", route.path, told.body);
+            assert!(leads_back || is_refused != may, "{role:?} at {}: {} {}", route.path, reply.status, reply.body);
+            assert!(reply.status != StatusCode::INTERNAL_SERVER_ERROR, "{}: {}", route.path, reply.body);
         }
     }
 }

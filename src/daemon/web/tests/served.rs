@@ -42,7 +42,7 @@ fn answered(address: SocketAddr, request: &str) -> Option<String> {
 }
 
 #[test]
-fn an_address_that_is_taken_keeps_nobody_and_is_served_once_it_is_free() {
+fn an_address_that_is_taken_delays_nothing_and_is_served_once_it_is_free() {
     let site = PageFixture::new();
     let other = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = other.local_addr().expect("its address");
@@ -96,7 +96,7 @@ fn bodies_that_never_come_keep_no_stop_waiting() {
 
 /// Viewers of the events without an account keep no one out.
 #[test]
-fn many_who_look_on_keep_no_stop_waiting() {
+fn many_spectators_keep_no_stop_waiting() {
     let site = PageFixture::new();
     let (_page, address) = served(&site);
     let begins = format!("GET /events HTTP/1.1\r\nhost: {address}\r\n\r\n");
@@ -115,7 +115,7 @@ fn many_who_look_on_keep_no_stop_waiting() {
 
 /// Two hundred unfinished requests do not delay other clients, and are closed.
 #[test]
-fn slow_clients_hold_nobody_up() {
+fn slow_clients_delay_no_other_client() {
     let site = PageFixture::new();
     let (_page, address) = served(&site);
     let mut slow: Vec<TcpStream> = (0..200)

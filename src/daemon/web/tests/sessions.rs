@@ -8,7 +8,7 @@ use axum::http::StatusCode;
 use std::time::{Duration, Instant};
 
 #[tokio::test]
-async fn whoever_logs_in_gets_a_new_session_that_ends_with_logging_out() {
+async fn a_log_in_creates_a_new_session_that_ends_with_logging_out() {
     let site = PageFixture::new();
     let set = Browser { cookie: Some("panelprep=chosen-by-somebody-else".to_owned()), csrf: String::new() };
     let body = format!("{{\"name\":\"operator\",\"password\":\"{PASSWORD}\"}}");
@@ -55,8 +55,8 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
     assert_eq!(site.post(&Browser::default(), "/request/stop", "{}").await.status, StatusCode::OK);
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
     assert_eq!(site.post(&operator, "/request/unhold", "{\"dried\":true,\"step\":3}").await.status, StatusCode::OK);
-    let told = site.post(&operator, "/request/hold", "{\"why\":\"water\\nleaks\"}").await;
-    assert_eq!(told.status, StatusCode::OK);
+    let reply = site.post(&operator, "/request/hold", "{\"why\":\"water\\nleaks\"}").await;
+    assert_eq!(reply.status, StatusCode::OK);
     // A page that is older than the session can still stop the cell.
     let stale = Browser { csrf: "old".to_owned(), ..operator.clone() };
     assert_eq!(site.post(&stale, "/request/abort", "{}").await.status, StatusCode::OK);
@@ -114,7 +114,7 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
 }
 
 #[tokio::test]
-async fn a_changed_account_logs_in_anew_and_the_last_administrator_stays() {
+async fn a_changed_account_logs_in_again_and_the_last_administrator_stays() {
     let site = PageFixture::new();
     let administrator = site.log_in("administrator", PASSWORD).await.expect("logged in");
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
@@ -123,25 +123,25 @@ async fn a_changed_account_logs_in_anew_and_the_last_administrator_stays() {
             r#"{{"name":"{name}","printed_name":"Anna B","role":"{role}","password":"","is_enabled":{is_enabled}}}"#
         )
     };
-    let told = site.post(&administrator, "/people", &change("operator", "viewer", true)).await;
-    assert_eq!(told.status, StatusCode::OK, "{}", told.body);
+    let reply = site.post(&administrator, "/people", &change("operator", "viewer", true)).await;
+    assert_eq!(reply.status, StatusCode::OK, "{}", reply.body);
     assert_eq!(site.get(&operator, "/setup").await.status, StatusCode::SEE_OTHER, "its session ended");
     let viewer = site.log_in("operator", PASSWORD).await.expect("the password stayed");
     assert_eq!(site.post(&viewer, "/request/hold", "{}").await.status, StatusCode::FORBIDDEN);
     for change in [change("administrator", "viewer", true), change("administrator", "administrator", false)] {
-        let told = site.post(&administrator, "/people", &change).await;
-        assert!(told.body.contains("the last enabled account that may manage accounts"), "{}", told.body);
+        let reply = site.post(&administrator, "/people", &change).await;
+        assert!(reply.body.contains("the last enabled account that may manage accounts"), "{}", reply.body);
     }
     // "Add" never changes an account that exists.
     let add = r#"{"is_new":true,"name":"inspector","printed_name":"Paul","role":"viewer","password":"a new password","is_enabled":true}"#;
-    let told = site.post(&administrator, "/people", add).await;
-    assert!(told.status == StatusCode::UNPROCESSABLE_ENTITY && told.body.contains("exists"), "{}", told.body);
+    let reply = site.post(&administrator, "/people", add).await;
+    assert!(reply.status == StatusCode::UNPROCESSABLE_ENTITY && reply.body.contains("exists"), "{}", reply.body);
     let inspector = site.log_in("inspector", PASSWORD).await.expect("as before");
     assert_eq!(site.get(&inspector, "/audit").await.status, StatusCode::OK, "the role stayed");
-    let told = site.post(&administrator, "/people", &change("New One", "viewer", true)).await;
-    assert!(told.body.contains("a to z"), "{}", told.body);
-    let told = site.post(&administrator, "/people", &change("ben", "viewer", true)).await;
-    assert!(told.body.contains("0 characters"), "a new account has a password: {}", told.body);
+    let reply = site.post(&administrator, "/people", &change("New One", "viewer", true)).await;
+    assert!(reply.body.contains("a to z"), "{}", reply.body);
+    let reply = site.post(&administrator, "/people", &change("ben", "viewer", true)).await;
+    assert!(reply.body.contains("0 characters"), "a new account has a password: {}", reply.body);
 }
 
 #[tokio::test]
@@ -189,14 +189,14 @@ async fn an_account_that_is_changed_beside_the_page_signs_nothing_and_loses_its_
     let site = PageFixture::new();
     let signs = format!(r#"{{"meaning":"reviewed","remark":"","password":"{PASSWORD}"}}"#);
     let inspector = site.log_in("inspector", PASSWORD).await.expect("logged in");
-    let told = site.post(&inspector, "/cycle/1/sign", &signs).await;
-    assert_eq!(told.status, StatusCode::OK, "{}", told.body);
+    let reply = site.post(&inspector, "/cycle/1/sign", &signs).await;
+    assert_eq!(reply.status, StatusCode::OK, "{}", reply.body);
     // The accounts were read just now: the signature reads them nevertheless.
     change_beside(&site, "inspector", |account| account.role = Role::Viewer);
-    let told = site.post(&inspector, "/cycle/1/sign", &signs).await;
+    let reply = site.post(&inspector, "/cycle/1/sign", &signs).await;
     assert!(
-        told.body.contains("was changed since the log-in") || told.status == StatusCode::UNAUTHORIZED,
-        "{told:?}"
+        reply.body.contains("was changed since the log-in") || reply.status == StatusCode::UNAUTHORIZED,
+        "{reply:?}"
     );
     ends(&site, &inspector).await;
 
@@ -216,7 +216,7 @@ async fn an_account_that_is_changed_beside_the_page_signs_nothing_and_loses_its_
 
 /// A page whose session has ended says so. A wall display's session outlives the service, and ends with a new password.
 #[tokio::test]
-async fn a_page_without_its_session_says_so_and_a_display_keeps_its_own() {
+async fn a_page_without_its_session_reports_it_and_a_display_keeps_its_own() {
     let site = PageFixture::new();
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
     let ended = "role=\"alert\">Your session has ended";

@@ -66,7 +66,7 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
 /// A camera that disappears while in use is reported once, and no client waits for it. When it is back, it delivers
 /// again.
 #[test]
-fn a_camera_that_dies_is_told_once_and_comes_back() {
+fn a_camera_that_dies_is_reported_once_and_returns() {
     let _alone = alone();
     let first = loopback(SIZE, FORMAT, numbered(picture()));
     let mut camera = opened();
@@ -92,7 +92,7 @@ fn a_camera_that_dies_is_told_once_and_comes_back() {
 
 /// A camera that answers but gives no picture is opened again, and thereby configured again.
 #[test]
-fn a_camera_that_gives_no_picture_is_set_anew() {
+fn a_camera_that_gives_no_picture_is_set_again() {
     let _alone = alone();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
     let mut camera = opened();
@@ -215,7 +215,7 @@ fn a_format_that_the_camera_changed_is_named() {
 /// A camera that never reports ready is triggered anyway. Each wait is counted, and after the third the program
 /// does not wait any more.
 #[test]
-fn a_camera_that_never_says_that_it_is_ready_is_triggered() {
+fn a_camera_that_never_reports_that_it_is_ready_is_triggered() {
     let _alone = alone();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
     loopback.write(Register::TriggerArmed, 0);

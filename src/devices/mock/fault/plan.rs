@@ -2,7 +2,7 @@
 
 use super::super::options::Mode;
 
-/// Which connections.
+/// The connections that a fault affects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ConnectionSide {
     /// CELLCMD.
@@ -20,25 +20,25 @@ pub enum Fault {
     Cut(ConnectionSide),
     /// `unplug`: the cable is out. Bytes wait on both sides, nothing is reported.
     Unplug {
-        /// How long, ms.
+        /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
     /// `mute`: the controller receives and sends nothing.
     Mute {
-        /// How long, ms.
+        /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
     /// `no-acks`: commands are executed and not acknowledged.
     NoAcks {
-        /// How long, ms.
+        /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
     /// `stall`: the submit interpreter stalls; the arm continues with the commands that it has.
     Stall {
-        /// How long, ms.
+        /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
-    /// `garbage`: the controller sends bytes that are no document.
+    /// `garbage`: the controller sends bytes that are not a document.
     Garbage(ConnectionSide),
     /// `skip-state`: the sequence number of the next state is skipped.
     SkipState,
@@ -54,59 +54,59 @@ pub enum Fault {
     Override {
         /// Override, %.
         percent: u8,
-        /// How long, ms.
+        /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
     /// `slow`: the arm moves at this percentage of its speed, 1 to 100 %, although the reported override does not
     /// change.
     Slow {
-        /// Share, %.
+        /// Share of the speed, %.
         percent: u8,
-        /// How long, ms.
+        /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
     /// `measured`: the reported pose of the tool is off by this distance, 1 to 200 mm, along Z of the active base.
     Measured {
-        /// How far, mm.
+        /// Deviation of the measured pose, mm.
         deviation_mm: u8,
-        /// How long, ms.
+        /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
     /// `e-stop`: the emergency stop is pressed, and released after a while; the drives then come on again.
     EStop {
-        /// How long, ms.
+        /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
     /// `guard`: the guard is opened, and closed after a while.
     Guard {
-        /// How long, ms.
+        /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
     /// `drives`: the drives are switched off, and on after a while.
     Drives {
-        /// How long, ms.
+        /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
     /// `mode`: the mode switch is turned, and back to EXT after a while.
     Mode {
-        /// To which mode.
+        /// The new mode.
         to: Mode,
-        /// How long, ms.
+        /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
     /// `deselect`: the robot program is deselected, and selected again after a while.
     Deselect {
-        /// How long, ms.
+        /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
     /// `reboot`: the controller restarts and listens after a while; 3 s if no time is given.
     Reboot {
-        /// How long, ms.
+        /// Duration, ms; `None` if the fault remains.
         for_ms: Option<u64>,
     },
 }
 
-/// When it happens.
+/// The start of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaultTime {
     /// At this time, ms since the controller's start.
@@ -118,9 +118,9 @@ pub enum FaultTime {
 /// A fault and its time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlannedFault {
-    /// When.
+    /// Start of the fault.
     pub when: FaultTime,
-    /// What.
+    /// The fault.
     pub fault: Fault,
 }
 

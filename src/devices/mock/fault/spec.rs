@@ -6,16 +6,16 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::str::FromStr;
 
-/// Why a text is not a fault specification. Each error names the item and the allowed text.
+/// The reason why a text is not a fault specification. Each error names the item and the allowed text.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FaultSpecError {
     /// There is no text between two commas.
     #[error("an item is empty; items are separated by single commas")]
     Empty,
-    /// The name is no fault or setting.
+    /// The name is not a fault or setting.
     #[error("\"{item}\": {name} is not a fault or setting{}; valid: {}", nearest(name), known_faults())]
     Unknown {
-        /// The whole item.
+        /// The whole item of the specification.
         item: String,
         /// Its name.
         name: String,
@@ -27,7 +27,7 @@ pub enum FaultSpecError {
         item: String,
         /// The text found.
         found: String,
-        /// What may.
+        /// The valid values.
         allowed: &'static str,
     },
     /// A value or duration that is not allowed here.

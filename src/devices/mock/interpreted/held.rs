@@ -17,7 +17,7 @@ pub(super) struct Document {
     pub(super) number: Option<i32>,
 }
 
-/// What waits.
+/// The documents that wait to be sent.
 #[derive(Debug)]
 pub(super) struct HeldDocuments {
     pub(super) framers: [Framer; 2],

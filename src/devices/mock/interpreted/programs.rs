@@ -12,7 +12,7 @@ pub struct Programs {
     pub(super) program: Arc<Program>,
     /// The behaviour that public documents do not define.
     pub meaning: UndocumentedBehaviour,
-    /// Of the scheduler.
+    /// Seed of the scheduler.
     pub seed: u64,
     /// The scheduler chooses turns of any length; otherwise each interpreter runs until it waits.
     pub is_adverse_scheduling: bool,

@@ -7,7 +7,7 @@ pub enum RobotState {
     Free,
     /// The program is selected and at its first line.
     Reset,
-    /// It runs.
+    /// The program runs.
     Active,
     /// The program was stopped; Start continues it.
     Stopped,

@@ -79,7 +79,7 @@ fn the_tool_goes_straight_from_one_message_to_the_next() {
 }
 
 #[test]
-fn outputs_act_on_the_world_and_time_goes_on() {
+fn outputs_act_on_the_world_and_time_continues() {
     let follower = follower();
     assert!(follower.current_moment().is_none());
     follower.process_state(&state_message(1_000, 0, at(0.0)));
@@ -97,7 +97,7 @@ fn outputs_act_on_the_world_and_time_goes_on() {
 /// Calculated by hand: the shutter needs 250 ms. It opened at 2.050 s, so the controller reads its feedback at 2.300
 /// s. A scan that is taken because of the feedback in that message sees the panel.
 #[test]
-fn a_lens_whose_feedback_is_told_is_open() {
+fn a_lens_whose_feedback_is_reported_is_open() {
     let follower = follower();
     let is_shut = |time_ms: u32| follower.world.terminals().input(SHUT_INPUT, u64::from(time_ms)) == Some(true);
     follower.process_state(&state_message(1_000, 0, at(0.0)));
@@ -116,7 +116,7 @@ fn a_lens_whose_feedback_is_told_is_open() {
 /// If messages every 100 ms show a pass over a spot, the spot's grease is removed; with a pass 3 mm above it, this is
 /// not so.
 #[test]
-fn what_the_messages_tell_abrades() {
+fn what_the_messages_state_abrades() {
     let follower = follower();
     let truth = follower.world.truth().clone();
     let spot = &truth.spots[0];

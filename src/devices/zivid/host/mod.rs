@@ -61,7 +61,7 @@ struct LastShot {
     last_sum: Option<u32>,
 }
 
-/// The thread's own.
+/// The state of the host's thread.
 pub struct Host {
     setup: CameraSetup,
     launch: WorkerLauncher,

@@ -146,7 +146,7 @@ impl Host {
     }
 }
 
-/// Why the camera is not open.
+/// The reason why the camera is not open.
 enum OpenFailure {
     Lost(&'static str, WorkerLoss),
     NoCamera(ZividFault),

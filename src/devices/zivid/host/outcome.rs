@@ -9,9 +9,9 @@ use std::time::Duration;
 /// Number of attempts for a shot that the camera did not deliver: once and two more.
 pub(in crate::devices::zivid) const MAX_ATTEMPTS: u32 = 3;
 
-/// Why the worker did not fulfil a request.
+/// The reason why the worker did not fulfil a request.
 pub(super) enum RequestFailure {
-    /// It is lost.
+    /// The worker is lost.
     Lost(WireError),
     /// The worker states the reason.
     Refused(Refusal),

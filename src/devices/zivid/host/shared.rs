@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 /// The configuration of a camera.
 #[derive(Debug, Clone)]
 pub struct CameraSetup {
-    /// Which camera.
+    /// Selects the camera.
     pub source: Source,
     /// The serial number of the calibrated camera, if known.
     pub serial: Option<String>,
@@ -44,7 +44,7 @@ pub struct AnswerTimeouts {
     pub scan: Duration,
     /// For a picture, or the next picture of a clip.
     pub picture: Duration,
-    /// Words: settings, temperatures.
+    /// Settings and temperatures, which need no exposure.
     pub settings_and_temperatures: Duration,
     /// Interval between searches for an absent camera.
     pub search: Duration,
@@ -92,7 +92,7 @@ impl AnswerTimeouts {
 pub enum CameraStage {
     /// The worker is being started, since this time.
     Starting(Instant),
-    /// It delivers.
+    /// The camera delivers.
     Ready(Identity),
     /// The worker is present; the camera is absent, or cannot be used.
     NoCamera(ZividFault),
@@ -196,9 +196,9 @@ pub enum CameraRequest {
     Picture,
     /// Take pictures from now on, at this highest rate, 1/s.
     BeginClip(f64),
-    /// The next one.
+    /// The next picture of the clip.
     NextPicture,
-    /// No more.
+    /// The end of the clip.
     EndClip,
     /// The camera's model of its lens, for 3D shots.
     Intrinsics,
@@ -209,7 +209,7 @@ pub enum CameraRequest {
 }
 
 impl CameraRequest {
-    /// In words.
+    /// Returns the description for messages.
     pub fn describe(self) -> &'static str {
         match self {
             CameraRequest::Scan => "a 3D shot",
@@ -231,7 +231,7 @@ pub enum CameraAnswer {
     Scan(ShotDelivery, ShotPlanes),
     /// A picture.
     Picture(ShotDelivery, Vec<[u8; 3]>),
-    /// Done.
+    /// The request was carried out.
     Done,
     /// A clip has ended.
     Clip(ClipEnd),

@@ -75,7 +75,7 @@ fn each_call_of_the_sdk_is_listed_and_each_listed_one_is_made() {
 
 /// With an older SDK the library cannot be built, and the reason is reported.
 #[test]
-fn an_older_sdk_does_not_build_it_and_says_why() {
+fn an_older_sdk_does_not_build_it_and_states_why() {
     let folder = tempfile::tempdir().expect("a folder");
     let older = |major: u32, minor: u32| {
         let version = folder.path().join("Zivid/Version.h");

@@ -195,7 +195,7 @@ fn a_worker_of_another_program_stays_down() {
 }
 
 #[test]
-fn a_worker_without_its_library_says_so() {
+fn a_worker_without_its_library_reports_it() {
     let bare = in_thread(|mut daemon| {
         worker::send_hello(&mut daemon, Err("libpanelprep_zivid.so: not found".to_owned())).expect("told");
     });
@@ -206,7 +206,7 @@ fn a_worker_without_its_library_says_so() {
 
 /// A worker that ends at its first shot each time is restarted three times, and then stays down.
 #[test]
-fn the_fourth_end_stays_down_and_says_so() {
+fn the_fourth_end_stays_down_and_reports_it() {
     let launch = tampered(|number, bytes| {
         // Each worker sends hello, connect, settings, settings, and half a shot.
         if number % SHOT == SHOT - 1 {

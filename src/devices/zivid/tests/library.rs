@@ -82,33 +82,36 @@ fn numbers_come_through_the_interface_as_they_were() {
 }
 
 #[test]
-fn settings_that_the_sdk_refuses_are_told_in_its_words() {
+fn settings_that_the_sdk_refuses_are_reported_in_its_words() {
     let folder = tempfile::tempdir().expect("a folder");
-    let told = |change: &dyn Fn(&mut CameraSetup)| {
+    let reported = |change: &dyn Fn(&mut CameraSetup)| {
         let (mut setup, launch) = file_camera(folder.path(), "width 162\nheight 100\n");
         change(&mut setup);
         ZividScanner::start(setup, launch).expect("a thread").wait_ready(TIMEOUT).expect_err("refused").to_string()
     };
-    let swapped = told(&|setup| setup.scan_yaml = PICTURE.to_owned());
+    let swapped = reported(&|setup| setup.scan_yaml = PICTURE.to_owned());
     assert_eq!(swapped, "C5 the settings for 3D shots are not accepted: this is no Settings file");
-    let empty = told(&|setup| setup.picture_yaml = "__version__: {}\nSettings2D:\n  Acquisitions: []\n".to_owned());
+    let empty =
+        reported(&|setup| setup.picture_yaml = "__version__: {}\nSettings2D:\n  Acquisitions: []\n".to_owned());
     assert!(empty.starts_with("C5 the settings for pictures are not accepted"), "{empty}");
-    let colorless = told(&|setup| setup.scan_yaml = "__version__: {}\nSettings:\n  Acquisitions: [x]\n".to_owned());
+    let colorless =
+        reported(&|setup| setup.scan_yaml = "__version__: {}\nSettings:\n  Acquisitions: [x]\n".to_owned());
     assert!(
         colorless.ends_with("these settings have no Color part: a 3D shot is taken with its colours"),
         "{colorless}"
     );
-    let halved = told(&|setup| setup.picture_yaml = format!("{PICTURE}  Sampling:\n    Pixel: blueSubsample2x2\n"));
+    let halved =
+        reported(&|setup| setup.picture_yaml = format!("{PICTURE}  Sampling:\n    Pixel: blueSubsample2x2\n"));
     assert!(
         halved.starts_with("C5 the settings for pictures: 81×50 px, but the camera's calibration is for 162×100"),
         "{halved}"
     );
-    let absent = told(&|setup| setup.source = Source::Serial("2127A0F3".to_owned()));
+    let absent = reported(&|setup| setup.source = Source::Serial("2127A0F3".to_owned()));
     assert!(
         absent.starts_with("C1 the 3D camera is not found: no camera with serial number 2127A0F3 was found"),
         "{absent}"
     );
-    let no_file = told(&|setup| setup.source = Source::File("/nowhere.zfc".into()));
+    let no_file = reported(&|setup| setup.source = Source::File("/nowhere.zfc".into()));
     assert!(
         no_file.starts_with("C1 the 3D camera is not found: there is no camera file /nowhere.zfc"),
         "{no_file}"

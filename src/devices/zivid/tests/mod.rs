@@ -172,7 +172,7 @@ fn a_check_looks_for_a_camera_that_is_absent() {
 }
 
 #[test]
-fn a_camera_that_is_absent_is_told_once_and_found_by_itself() {
+fn a_camera_that_is_absent_is_reported_once_and_found_by_itself() {
     let plan = Plan { absent_for: 3, ..Plan::default() };
     let mut scanner = ZividScanner::start(setup(), played(plan)).expect("a thread");
     let fault = scanner.wait_ready(TIMEOUT).expect_err("absent");

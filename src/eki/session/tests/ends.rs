@@ -41,7 +41,7 @@ fn an_abort_discards_and_nothing_of_the_old_epoch_moves_again() {
 }
 
 #[test]
-fn standstill_is_told_only_when_the_robot_stands() {
+fn standstill_is_reported_only_when_the_robot_is_at_rest() {
     let mut cell = Cell::ready();
     cell.session.queue_path(&path(200, 2.0)).expect("a good path");
     cell.pass(1_000);

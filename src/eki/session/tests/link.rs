@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn another_boot_ends_the_epoch_and_no_number_comes_again() {
+fn another_boot_ends_the_epoch_and_no_number_is_used_again() {
     let mut cell = Cell::ready();
     cell.session.queue_path(&path(200, 2.0)).expect("a good path");
     cell.pass(1_000);
@@ -23,7 +23,7 @@ fn another_boot_ends_the_epoch_and_no_number_comes_again() {
 /// The answer to the opening was lost with the link, and the controller then counts from zero again. An epoch that
 /// it may have opened is not opened a second time.
 #[test]
-fn an_epoch_that_was_asked_for_and_not_confirmed_never_comes_again() {
+fn an_epoch_that_was_asked_for_and_not_confirmed_is_never_used_again() {
     let mut cell = Cell::ready();
     cell.pass(200);
     cell.controller.silent = true;
@@ -156,7 +156,7 @@ fn requests_do_not_wrap() {
 /// An acknowledgement of another client's epoch ends the epoch of this client, and the abort's number is above the
 /// other epoch.
 #[test]
-fn another_clients_epoch_is_told_and_left_behind() {
+fn another_clients_epoch_is_reported_and_left_behind() {
     let mut cell = Cell::ready();
     cell.session.queue_path(&path(200, 2.0)).expect("a good path");
     cell.pass(500);

@@ -13,7 +13,7 @@ const ACK_FIELDS: [&str; 6] = ["Rx", "Done", "Free", "Err", "ErrId", "Ep"];
 const STATE_FIELDS: [&str; 15] =
     ["T", "Seq", "Re", "Ep", "Boot", "Sum", "Mode", "Flags", "In", "Out", "Done", "Under", "A1", "X", "C"];
 
-/// What the session is doing when the message arrives.
+/// The phase of the session at which the message arrives.
 #[derive(Debug, Clone, Copy)]
 enum Stage {
     Greeting,
@@ -304,7 +304,7 @@ fn another_override_in_contact_ends_the_epoch() {
 
 /// The reason why an epoch was stopped: the mode switch, no program that could move, or otherwise the program.
 #[test]
-fn a_stopped_epoch_says_why() {
+fn a_stopped_epoch_states_why() {
     // Drives on, no emergency stop, guard closed; with bit 4 a motion is also possible.
     for (mode, flags, cause) in [
         (1, 0b1_0111, StopCause::ModeTurned),

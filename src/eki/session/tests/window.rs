@@ -108,7 +108,7 @@ fn bytes_not_yet_received_are_bounded() {
 /// 10 mm at 100 mm/s are 0.1 s: up to 0.7 s are tolerated, more is reported. In the air it is reported once, in
 /// contact it ends the epoch.
 #[test]
-fn a_robot_far_behind_its_plan_is_told_and_not_left_in_contact() {
+fn a_robot_far_behind_its_plan_is_reported_and_not_left_in_contact() {
     for (ms, contact, told) in [(650, true, 0), (800, true, 1), (800, false, 1)] {
         let mut cell = Cell::ready();
         cell.pass(200);

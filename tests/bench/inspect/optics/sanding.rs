@@ -42,7 +42,7 @@ impl Zone {
         }
     }
 
-    /// Returns the distance of a point inside the zone from its edge, mm; negative outside.
+    /// Returns the distance of a point inside the sanded area from its edge, mm; negative outside.
     pub fn depth(&self, at: [f64; 2]) -> f64 {
         (0..2).map(|i| (at[i] - self.low[i]).min(self.high[i] - at[i])).fold(f64::INFINITY, f64::min)
     }

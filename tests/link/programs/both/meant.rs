@@ -13,7 +13,7 @@ const WINDOW: usize = 50;
 /// differ by this distance.
 const CORNER_MM: f64 = 0.4 * STEP_MM + 0.01;
 
-/// What may differ.
+/// Kinds of permitted differences.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     Opened,

@@ -21,7 +21,7 @@ pub enum Disturbance {
     Foreign,
 }
 
-/// When it does.
+/// The time of an event of a script.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Moment {
     /// Before the epoch's first command is sent.

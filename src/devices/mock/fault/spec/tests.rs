@@ -35,7 +35,7 @@ fn every_kind_of_item_is_read() {
 }
 
 #[test]
-fn what_is_wrong_is_said_with_what_is_allowed() {
+fn what_is_wrong_is_reported_with_what_is_allowed() {
     let cases = [
         ("", "an item is empty; items are separated by single commas"),
         ("cut@1s,,cut@2s", "an item is empty; items are separated by single commas"),

@@ -20,7 +20,7 @@ use std::time::Duration;
 
 const DISC_MM: f64 = 30.0;
 
-/// A cell in operation.
+/// A simulated cell in operation.
 struct Bench {
     cell: cell::Cell,
     sim: sim::Cell,
@@ -365,7 +365,7 @@ fn an_abraded_spot_holds_water_after_it_is_wetted_again() {
 }
 
 #[test]
-fn what_the_cells_file_does_not_name_is_told() {
+fn what_the_cells_file_does_not_name_is_reported() {
     let cell = |text: &str| cell::Cell::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
     let told = |text: &str| {
         let made = SimulatedWorld::new(sim::Cell::new(1, Scene::Clean, 8), &cell(text));
