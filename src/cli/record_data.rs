@@ -114,7 +114,7 @@ fn collect_equipment(
     let mut all = Vec::new();
     // The coupons measured nothing for a cycle whose recipe asks for no removal.
     let is_used = |name: &str| name != "removal" || recipe.is_none_or(|recipe| recipe.removal().is_some());
-    for (name, what, subject) in EQUIPMENT.into_iter().filter(|(name, ..)| is_used(*name)) {
+    for (name, what, subject) in EQUIPMENT.into_iter().filter(|(name, ..)| is_used(name)) {
         let Some(KeptFile { hash, .. }) = record.files.iter().find(|file| file.name == name) else { continue };
         let read = text(store, hash).and_then(|text| text.parse::<toml::Table>().ok()).unwrap_or_default();
         let verified = match subject {

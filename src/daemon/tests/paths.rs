@@ -291,7 +291,7 @@ fn only_what_broke_is_abraded() {
         references.flat_map(|detail| film.names(detail)).collect::<BTreeSet<_>>().len()
     };
     // The first film has no sanded grid, and states no reference.
-    assert_eq!(films.map(judged).last(), Some(6));
+    assert_eq!(films.map(judged).next_back(), Some(6));
     // A default recipe's record has none of these numbers.
     let plain = by_grid.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
     assert!(plain.number(name::BREAKS_REACHED).is_none() && plain.number(name::AROUND_BREAKS).is_none());

@@ -49,7 +49,7 @@ fn a_film_that_failed_is_superseded_by_an_abrasion_and_a_later_film() {
 #[test]
 fn a_cycle_that_found_nothing_or_another_object_examined_no_part() {
     let located = |given: &[&'static str]| {
-        let reasons = given.iter().map(|code| Reason::new(*code, "as measured")).collect();
+        let reasons = given.iter().map(|code| Reason::new(code, "as measured")).collect();
         Finding::new(Kind::Locate, 0, Judgement { verdict: Verdict::Reject, reasons })
     };
     let concluded = |findings: &[Finding]| conclude(Verdict::Reject, findings, &[], &[]);
