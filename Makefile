@@ -95,10 +95,10 @@ LONG := $(shell sed '/^\#/d' tests/long.txt)
 ALONE := $(filter rehearsal::%,$(LONG))
 # Only one camera of GigE Vision can use this computer's port: these tests wait for each other, and compute nothing meanwhile. In parallel
 # with all others they cost no time.
-WAITING := devices::gige::tests a_flange_picture_over_gige_is_the_one_without
+WAITING := gige::tests a_flange_picture_over_gige_is_the_one_without
 WAITING_LOG = $(BUILT)/tests-of-gige-vision.log
 test: setup browser preflight sparkplug-peers opcua-peer
-	cargo fmt --check
+	cargo fmt --all --check
 	cargo clippy --locked --all-targets -- -D warnings
 	@cargo test --locked --no-run
 	@echo "the tests except the $(words $(LONG)) of tests/long.txt; those of GigE Vision in parallel, see $(WAITING_LOG)"
@@ -128,7 +128,7 @@ deny: $(CARGO_DENY)
 	  echo 'advisories: not run, their database cannot be reached from here; run make deny on a network that reaches it' >&2; }
 
 # Changes of the code one by one, each of which must turn a unit test red (.cargo/mutants.toml lists them). All of them take a
-# day, so a run does one of 24 parts: make mutants PART=7; only one file: make mutants MUTANTS='--re src/cycle/step.rs'.
+# day, so a run does one of 24 parts: make mutants PART=7; only one file: make mutants MUTANTS='--re src/cell/cycle/step.rs'.
 # The crates are built once in the folder of the build; the changed copy is built without optimization.
 CARGO_MUTANTS := target/tools/bin/cargo-mutants
 $(CARGO_MUTANTS):

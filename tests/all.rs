@@ -9,6 +9,7 @@ mod camera_model;
 mod commands;
 mod complete;
 mod config_files;
+mod crates;
 mod doctor;
 mod figures;
 #[path = "bench/table/rows.rs"]

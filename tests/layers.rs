@@ -1,11 +1,12 @@
-//! The layer test: `src/lib.rs` states which module may name which, and the test checks the code against it.
+//! The layer test. The compiler checks that a crate below `src/` names only the crates on which it depends; this test
+//! checks what is inside of each crate, and what pure modules may use.
 //!
-//! Paragraphs of `pub mod` lines are layers, from top to bottom; a module may name only modules of earlier
-//! paragraphs. There are at most nine layers. Only the modules of `EDGE` name disk, sockets, processes, clocks or
-//! the database, and only they name each other. The code is parsed, so that grouped imports, aliases and `super`
-//! chains are found; the contents of macros are read as tokens.
+//! Paragraphs of `pub mod` lines in a crate's `lib.rs` are layers; a module may name only modules of earlier paragraphs.
+//! Only the modules of `EDGE` name disk, sockets, processes, clocks or the database, and only they name each other. The
+//! code is parsed, so that grouped imports, aliases and `super` chains are found; the contents of macros are read as
+//! tokens.
 //!
-//! Within each top-level module, no file names a file that names it, directly or through others (`circles`).
+//! Within each crate, no file names a file that names it, directly or through others (`circles`).
 
 mod circles;
 
@@ -14,8 +15,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
-/// Maximum number of layers.
-const MAX_LAYERS: usize = 9;
+/// Layers of a crate at most.
+const MAX_LAYERS: usize = 5;
+/// Crates without rooms: their `lib.rs` is the room.
+const WHOLE: [&str; 2] = ["sim", "devices"];
 
 /// The modules with access to the world outside of the program; all others are pure.
 const EDGE: [&str; 11] =
@@ -33,7 +36,52 @@ const EDGE_ONLY: [&str; 8] = [
     "std::os",
 ];
 
-/// Returns each module's layer, as the paragraphs of `lib.rs` give it.
+/// A crate below `src/`, or the one of the program.
+struct Member {
+    folder: PathBuf,
+    /// The name of a crate without top-level rooms: all of its files are one room with this name.
+    whole: Option<String>,
+    /// Each room's layer, as the paragraphs of `lib.rs` give it.
+    layers: BTreeMap<String, usize>,
+}
+
+impl Member {
+    fn read(folder: PathBuf) -> Self {
+        let lib = std::fs::read_to_string(folder.join("lib.rs")).expect("lib.rs");
+        let name = folder.file_name().and_then(|name| name.to_str()).expect("a name").to_owned();
+        let whole = WHOLE.contains(&name.as_str()).then_some(name);
+        let layers = whole.clone().map_or_else(|| layers(&lib), |name| BTreeMap::from([(name, 0)]));
+        Member { folder, whole, layers }
+    }
+
+    /// Returns a file's module, below the name of its room.
+    fn module(&self, file: &Path) -> Vec<String> {
+        let relative = file.strip_prefix(&self.folder).expect("in the crate").with_extension("");
+        let parts = relative.iter().filter_map(|part| part.to_str()).filter(|part| !["mod", "lib"].contains(part));
+        self.whole.iter().cloned().chain(parts.map(str::to_owned)).collect()
+    }
+
+    /// Returns the crate's files, without those of crates in folders below it.
+    fn files(&self) -> Vec<PathBuf> {
+        let is_own = |file: &PathBuf| {
+            let mut folders = file.ancestors().skip(1).take_while(|folder| *folder != self.folder);
+            folders.all(|folder| !folder.join("Cargo.toml").exists())
+        };
+        rust_files(&self.folder).into_iter().filter(is_own).collect()
+    }
+}
+
+/// Returns all crates: those of the workspace in their order, and the program's.
+fn members() -> Vec<Member> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(root.join("Cargo.toml")).expect("Cargo.toml");
+    let manifest: toml::Table = text.parse().expect("TOML");
+    let names = manifest["workspace"]["members"].as_array().expect("a list").iter();
+    let names = names.map(|name| name.as_str().expect("a path")).chain(["src"]);
+    names.map(|name| Member::read(root.join(name))).collect()
+}
+
+/// Returns each module's layer, as the paragraphs of a `lib.rs` give it.
 fn layers(lib: &str) -> BTreeMap<String, usize> {
     let paragraphs = lib.split("\n\n").map(|paragraph| {
         let name = |line: &str| line.trim().strip_prefix("pub mod ")?.strip_suffix(';').map(str::to_owned);
@@ -44,6 +92,18 @@ fn layers(lib: &str) -> BTreeMap<String, usize> {
         .enumerate()
         .flat_map(|(layer, names)| names.into_iter().map(move |name| (name, layer)))
         .collect()
+}
+
+/// Returns the path in one form for all crates: `panelprep_base::geometry` and `crate::geometry` are the same.
+fn in_one_form(segments: &[String], home: &str) -> Vec<String> {
+    let Some((first, rest)) = segments.split_first() else { return Vec::new() };
+    let whole = |name: &str| WHOLE.contains(&name).then(|| name.to_owned());
+    let room = match (first.as_str(), first.strip_prefix("panelprep_")) {
+        ("crate", _) => whole(home),
+        (_, Some(name)) => whole(name),
+        _ => return segments.to_vec(),
+    };
+    ["crate".to_owned()].into_iter().chain(room).chain(rest.iter().cloned()).collect()
 }
 
 /// Every path that a file names, `crate` and `super` resolved to `crate::…`.
@@ -70,7 +130,7 @@ impl Paths {
                 ["crate".to_owned()].iter().chain(&self.module[..kept]).chain(rest).cloned().collect()
             }
             Some("self") => return,
-            _ => segments.to_vec(),
+            _ => in_one_form(segments, &self.module[0]),
         };
         self.found.push(resolved.join("::"));
     }
@@ -108,12 +168,15 @@ impl<'ast> Visit<'ast> for Paths {
 
     fn visit_macro(&mut self, invocation: &'ast syn::Macro) {
         let text = invocation.tokens.to_string().replace(' ', "");
-        for start in
-            text.match_indices("crate::").map(|(at, _)| at).chain(text.match_indices("std::").map(|(at, _)| at))
+        for start in ["crate::", "std::", "panelprep_"]
+            .into_iter()
+            .flat_map(|word| text.match_indices(word))
+            .map(|(at, _)| at)
         {
             let path: String =
                 text[start..].chars().take_while(|c| c.is_alphanumeric() || "_:".contains(*c)).collect();
-            self.found.push(path);
+            let segments: Vec<String> = path.split("::").map(str::to_owned).collect();
+            self.found.push(in_one_form(&segments, &self.module[0]).join("::"));
         }
         visit::visit_macro(self, invocation);
     }
@@ -130,7 +193,7 @@ fn wrongs(code: &str, module: &[&str], layers: &BTreeMap<String, usize>) -> Vec<
             && named != home
             && layer >= layers[home]
         {
-            wrongs.push(format!("{home} names {path}, which does not stand above it in lib.rs"));
+            wrongs.push(format!("{home} names {path}, which is not in a layer above it in lib.rs"));
         }
         let named = path.strip_prefix("crate::").and_then(|rest| rest.split("::").next());
         if named.is_some_and(|named| is_pure && EDGE.contains(&named)) {
@@ -163,27 +226,28 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
 
 #[test]
 fn every_module_names_only_layers_above_it() {
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let layers = layers(&std::fs::read_to_string(source.join("lib.rs")).expect("lib.rs"));
-    assert!(layers.len() > 5, "{layers:?}");
-    let depth = layers.values().max().map_or(0, |deepest| deepest + 1);
-    assert!(depth <= MAX_LAYERS, "lib.rs has {depth} layers, at most {MAX_LAYERS} are allowed");
     let (mut seen, mut all_wrongs) = (0, Vec::new());
-    for file in rust_files(&source) {
-        let relative = file.strip_prefix(&source).expect("below src").with_extension("");
-        let parts: Vec<&str> =
-            relative.iter().filter_map(|part| part.to_str()).filter(|part| *part != "mod").collect();
-        if ["lib", "main"].contains(&parts[0]) {
-            continue;
+    for member in members() {
+        let depth = member.layers.values().max().map_or(0, |deepest| deepest + 1);
+        assert!((1..=MAX_LAYERS).contains(&depth), "{:?} has {depth} layers, limit {MAX_LAYERS}", member.folder);
+        for file in member.files() {
+            let module = member.module(&file);
+            let parts: Vec<&str> = module.iter().map(String::as_str).collect();
+            // The head of a crate, and the program's `main.rs`.
+            let Some(&room) = parts.first().filter(|room| **room != "main") else { continue };
+            assert!(
+                member.layers.contains_key(room),
+                "{room} is in no layer of {:?}",
+                member.folder.join("lib.rs")
+            );
+            let code = std::fs::read_to_string(&file).expect("a source file");
+            let wrongs = wrongs(&code, &parts, &member.layers);
+            all_wrongs.extend(wrongs.into_iter().map(|wrong| format!("{}: {wrong}", file.display())));
+            seen += 1;
         }
-        assert!(layers.contains_key(parts[0]), "src/{} is in no layer of lib.rs", parts[0]);
-        let code = std::fs::read_to_string(&file).expect("a source file");
-        all_wrongs
-            .extend(wrongs(&code, &parts, &layers).into_iter().map(|wrong| format!("{}: {wrong}", file.display())));
-        seen += 1;
     }
     assert!(all_wrongs.is_empty(), "{all_wrongs:#?}");
-    assert!(seen > 10, "the test looks at {seen} files only");
+    assert!(seen > 1_000, "the test looks at {seen} files only");
 }
 
 /// Checks the rule itself: each planted fault is found, and no allowed line is reported.
@@ -201,8 +265,11 @@ fn planted_faults_are_found() {
         ("fn f() { println!(\"{}\", crate::inspect::now()) }", &["locate"]),
         ("mod tests { use super::super::store::Store; }", &["panel"]),
         ("use crate::disk::Input;", &["locate"]),
-        ("use crate::disk::Input;", &["sim", "cell"]),
-        ("use super::super::panel::Region;", &["sim", "cell"]),
+        ("use panelprep_base::disk::Input;", &["sim", "cell"]),
+        ("use panelprep_cell::panel::Region;", &["sim", "cell"]),
+        ("use panelprep_base::disk::Input;", &["locate"]),
+        ("use panelprep_devices::mock::Mock;", &["panel"]),
+        ("fn f() { println!(\"{}\", panelprep_store::store::Store::now()) }", &["panel"]),
     ];
     for (code, module) in faults {
         assert!(!wrongs(code, module, &layers).is_empty(), "not found: {code}");
@@ -211,7 +278,8 @@ fn planted_faults_are_found() {
         ("use crate::{geometry::Point, panel::TaughtPanel};", &["locate"][..]),
         ("use super::region::Region; use std::time::Duration;", &["panel", "corner"]),
         ("use std::{fs, time::SystemTime}; use crate::disk::Input;", &["store"]),
-        ("use crate::geometry::Point; use super::scene;", &["sim", "cell"]),
+        ("use crate::mono::Gray; use panelprep_base::geometry::Point; use super::scene;", &["sim", "cell"]),
+        ("use panelprep_base::geometry::Point;", &["panel"]),
     ];
     for (code, module) in allowed {
         assert_eq!(wrongs(code, module, &layers), Vec::<String>::new(), "{code}");
@@ -219,11 +287,8 @@ fn planted_faults_are_found() {
 }
 
 #[test]
-fn files_of_a_room_name_each_other_one_way_only() {
-    let all = Crate::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"));
-    let rooms = all.rooms();
-    assert!(rooms.len() > 20, "{rooms:?}");
-    let circles: Vec<_> = rooms.iter().flat_map(|room| all.circles(room)).collect();
+fn files_of_a_crate_name_each_other_one_way_only() {
+    let circles: Vec<_> = members().iter().flat_map(|member| Crate::read(&member.folder).circles()).collect();
     let found: Vec<String> = circles
         .iter()
         .map(|circle| format!("these files name each other: {}\n  {}", circle.members, circle.edges.join("\n  ")))
@@ -238,7 +303,7 @@ fn circles_of(files: &[(&str, &str)]) -> Vec<String> {
         let module: Vec<String> = path.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
         all.add(code, &module);
     }
-    all.circles("room").into_iter().map(|circle| circle.members).collect()
+    all.circles().into_iter().map(|circle| circle.members).collect()
 }
 
 #[test]

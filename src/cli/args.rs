@@ -32,8 +32,8 @@ pub use simulation::{SceneName, Simulation};
 pub use storage::{Explain, PageOf, RenewStore, Replay, StoreCommand, StoreTask, VerifyStore};
 pub use values::parse_non_empty;
 
-use crate::devices::mock::FaultSpec;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use panelprep_devices::mock::FaultSpec;
 use std::path::PathBuf;
 
 /// Finds a composite panel, tests it for grease with water, plans where to sand.

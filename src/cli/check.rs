@@ -6,12 +6,12 @@ use super::fault::Fault;
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use super::teach::region_parts_off_panel;
-use crate::check::{CheckedFor, DecodedText, FileReport, check_files_for, decode};
-use crate::config::{Problem, key_line};
-use crate::panel::OffPanel;
-use crate::recipe::Recipe;
-use crate::requirements::Purpose;
-use crate::verdict::{Judgement, Reason, Verdict};
+use panelprep_base::config::{Problem, key_line};
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_cell::panel::OffPanel;
+use panelprep_cell::recipe::Recipe;
+use panelprep_service::check::{CheckedFor, DecodedText, FileReport, check_files_for, decode};
+use panelprep_service::requirements::Purpose;
 use serde_json::json;
 use std::path::Path;
 

@@ -9,14 +9,14 @@ use super::fault::Fault;
 use super::live::robot_alone;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::cycle::{self, At, Robot, State};
-use crate::daemon::{
+use panelprep_base::supervision::{Supervisor, ThreadFault};
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_cell::cycle::{self, At, Robot, State};
+use panelprep_service::daemon::{
     self, CellSetup, Computing, LinkedTool, LoopEvent, LoopPorts, LoopStart, NoCameras, Request, RequestKind,
     Requester, StoreRecord, current_user,
 };
-use crate::supervision::{Supervisor, ThreadFault};
-use crate::tape::LoopMemoryStart;
-use crate::verdict::{Judgement, Reason, Verdict};
+use panelprep_store::tape::LoopMemoryStart;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 

@@ -7,8 +7,8 @@ use super::disk;
 use super::fault::Fault;
 use super::render_boards;
 use super::rendered::RenderedFiles;
-use crate::calib::CalibError;
-use crate::verdict::Verdict;
+use panelprep_base::verdict::Verdict;
+use panelprep_vision::calib::CalibError;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 

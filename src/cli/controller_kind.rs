@@ -3,9 +3,9 @@
 
 use super::fault::{DeviceFault, Fault};
 use super::live;
-use crate::cell::{Cell, ProofStage};
-use crate::daemon::SingleRobot;
-use crate::eki::Mode;
+use panelprep_cell::cell::{Cell, ProofStage};
+use panelprep_kuka::eki::Mode;
+use panelprep_service::daemon::SingleRobot;
 use std::time::Duration;
 
 /// Time in which a controller makes its channels available again after a client has left: a path that begins sooner

@@ -9,8 +9,8 @@ use super::outcome::Outcome;
 use super::output::write_progress;
 use super::part;
 use super::service_request::{outcome, send_stop_with_retries, send_to_service};
-use crate::cycle::Request;
-use crate::daemon::{self, RecipeTextPermission, RecordIn, RequestKind, RequestResult, StartRequest};
+use panelprep_cell::cycle::Request;
+use panelprep_service::daemon::{self, RecipeTextPermission, RecordIn, RequestKind, RequestResult, StartRequest};
 use std::path::Path;
 
 /// Sends the request and reports the answer.

@@ -13,19 +13,19 @@ use super::record as signed;
 use super::recording;
 use super::report::{self, StoredCycle};
 use super::work_done;
-use crate::cell::{Cell, ProofStage};
-use crate::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
-use crate::daemon::{
+use panelprep_base::geometry::KukaPose;
+use panelprep_base::supervision::{Supervisor, ThreadFault};
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_cell::cell::{Cell, ProofStage};
+use panelprep_cell::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
+use panelprep_cell::record::{Answer, RecordingFile, RequestAuthor, RequestRecord, RequestSource, RequestedAction};
+use panelprep_service::daemon::{
     self, Calibrations, Computing, LiveView, LoopEvent, LoopOutcome, LoopPorts, LoopStart, RecordPort as _,
     RecordedPort, RecordingResult, RecordingSwitch, Request, RequestKind, Requester, StoreRecord, current_user,
 };
-use crate::geometry::KukaPose;
-use crate::record::{Answer, RecordingFile, RequestAuthor, RequestRecord, RequestSource, RequestedAction};
-use crate::requirements::Purpose;
-use crate::store::CycleStart;
-use crate::supervision::{Supervisor, ThreadFault};
-use crate::tape::LoopMemoryStart;
-use crate::verdict::{Judgement, Reason, Verdict};
+use panelprep_service::requirements::Purpose;
+use panelprep_store::store::CycleStart;
+use panelprep_store::tape::LoopMemoryStart;
 use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;
@@ -422,7 +422,7 @@ fn describe_state(at: At) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cycle::{Event, Report, step};
+    use panelprep_cell::cycle::{Event, Report, step};
 
     fn next(once: &mut SingleCycle<'_>, state: &State) -> Option<RequestKind> {
         once.next_request(state).expect("no thread").map(|request| request.what)

@@ -1,9 +1,9 @@
 //! Reads and writes files completely or not at all.
 
 use super::fault::Fault;
-use crate::check::{decode, utf_8_error};
-use crate::disk;
-use crate::requirements::NamedFile;
+use panelprep_base::disk;
+use panelprep_service::check::{decode, utf_8_error};
+use panelprep_service::requirements::NamedFile;
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};

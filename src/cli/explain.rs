@@ -3,8 +3,8 @@
 use super::args::Explain;
 use super::fault::Fault;
 use super::outcome::Outcome;
-use crate::config::nearest;
-use crate::history::{code, codes, row};
+use panelprep_base::config::nearest;
+use panelprep_store::history::{code, codes, row};
 use serde_json::json;
 
 /// Explains the code; without one, lists all codes.

@@ -12,8 +12,8 @@ pub use devices::DeviceFault;
 pub use record::RecordFault;
 pub use teaching::TeachingFault;
 
-use crate::daemon::DaemonError;
-use crate::requirements::{Purpose, UnmetRequirement};
+use panelprep_service::daemon::DaemonError;
+use panelprep_service::requirements::{Purpose, UnmetRequirement};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
@@ -31,7 +31,7 @@ pub enum Fault {
     },
     /// A configuration file has problems; each is listed with its line.
     #[error(transparent)]
-    Configuration(#[from] crate::config::Problems),
+    Configuration(#[from] panelprep_base::config::Problems),
     /// A calibration failed.
     #[error(transparent)]
     Calibration(#[from] CalibrationFault),
@@ -188,7 +188,7 @@ pub enum Fault {
     },
     /// A thread of the program failed. Exit code 3.
     #[error(transparent)]
-    Broken(#[from] crate::supervision::ThreadFault),
+    Broken(#[from] panelprep_base::supervision::ThreadFault),
     /// A stage refused its input; with the stage's own message.
     #[error(transparent)]
     Stage(Box<dyn Error + Send + Sync>),

@@ -6,12 +6,12 @@ use super::load::CellFiles;
 use super::output::{read_answer_line, write_progress};
 use super::service_request;
 use super::{live, robot};
-use crate::cell::{self, RobotKind};
-use crate::daemon::{LinkedRobot, RobotPort};
-use crate::eki::Report;
-use crate::files::ReportedFlange;
-use crate::geometry::{Base, Flange, Joints, KukaPose, Rigid};
-use crate::path::Kinematics;
+use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Rigid};
+use panelprep_cell::cell::{self, RobotKind};
+use panelprep_cell::files::ReportedFlange;
+use panelprep_kuka::eki::Report;
+use panelprep_service::daemon::{LinkedRobot, RobotPort};
+use panelprep_toolpath::path::Kinematics;
 use std::cell::{Cell as Counter, RefCell};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -174,8 +174,8 @@ pub fn controller_pose(arm: &Kinematics, joints: &Joints) -> Option<ReportedFlan
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cell::Cell;
     use nalgebra::Isometry3;
+    use panelprep_cell::cell::Cell;
 
     /// At A2 = −90° and A3 = 90° the flange is 25 + 365 + 90 mm in front of the base, and 400 + 335 + 25 mm above
     /// it.

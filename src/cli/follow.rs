@@ -6,7 +6,7 @@ use super::fault::Fault;
 use super::outcome::Outcome;
 use super::output::write_progress;
 use super::service_request;
-use crate::daemon::{Reply, RequestKind, RequestResult};
+use panelprep_service::daemon::{Reply, RequestKind, RequestResult};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;

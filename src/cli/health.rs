@@ -3,9 +3,11 @@
 use super::calibrate::{force, now_unix_s};
 use super::fault::Fault;
 use super::load::CellFiles;
-use crate::calib::health::{CameraHealth, TOOL_FORCE, VerificationLimits, expiry_warning, health, judge_start};
-use crate::store::calibration_hash;
-use crate::verdict::{Judgement, Reason};
+use panelprep_base::verdict::{Judgement, Reason};
+use panelprep_store::store::calibration_hash;
+use panelprep_vision::calib::health::{
+    CameraHealth, TOOL_FORCE, VerificationLimits, expiry_warning, health, judge_start,
+};
 
 /// The verifications of the cameras that expire soon.
 ///

@@ -7,11 +7,11 @@ use super::args::{Common, EndName, History, HistoryTask, SearchArguments};
 use super::fault::{Fault, RecordFault};
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::config::nearest;
-use crate::history::{self, Edge, KnownQuantity, PastCycle, Quantity, Query, RequiredEnd, Table, Trend};
-use crate::record::CycleId;
-use crate::store::Store;
-use crate::verdict::Verdict;
+use panelprep_base::config::nearest;
+use panelprep_base::verdict::Verdict;
+use panelprep_cell::record::CycleId;
+use panelprep_store::history::{self, Edge, KnownQuantity, PastCycle, Quantity, Query, RequiredEnd, Table, Trend};
+use panelprep_store::store::Store;
 use serde::Serialize;
 use serde_json::{Map, Value};
 

@@ -8,12 +8,12 @@ use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use super::pictures;
 use super::validate;
-use crate::files::{self};
-use crate::inspect::Demands;
-use crate::labels::{LABELS, MASK};
-use crate::report::inspection_page;
-use crate::report::page::Figure;
-use crate::stages::film::FilmSetup;
+use panelprep_cell::files::{self};
+use panelprep_cell::labels::{LABELS, MASK};
+use panelprep_service::report::inspection_page;
+use panelprep_service::report::page::Figure;
+use panelprep_service::stages::film::FilmSetup;
+use panelprep_vision::inspect::Demands;
 
 /// Inspects a clip and reports the result.
 ///

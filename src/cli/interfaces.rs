@@ -6,7 +6,7 @@ use super::fault::Fault;
 use super::load::CellFiles;
 use super::record_source::StoreRecords;
 use super::setup_source::{FolderSource, RecordTransfers};
-use crate::daemon::{
+use panelprep_service::daemon::{
     AccountService, Alarms, Gateway, InterfaceContext, LineFront, LineParts, LinkedRobot, LiveView, OfficeParts,
     OfficeSender, OpcUaParts, OpcUaServer, OperatorPage, PageError, PageParts, PushParts, PushSender,
     SparkplugEdge, SparkplugParts,

@@ -1,7 +1,7 @@
 //! SIGINT and SIGTERM at a command that moves the robot: the first one stops, the second one aborts.
 
 use super::fault::Fault;
-use crate::devices::robot::StopLine;
+use panelprep_devices::robot::StopLine;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag::register_conditional_default;
 use signal_hook::iterator::Signals;

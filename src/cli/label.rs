@@ -11,14 +11,14 @@ use super::labels::{clip_hash, read_clip};
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use super::output::write_progress;
-use crate::files::{self, ClipEntry};
-use crate::geometry::PinholeCamera;
-use crate::labels::{ClipFrame, LABELS};
-use crate::page::LocalServer;
-use crate::page::label::{self, GridOutline, LabelSheet};
-use crate::phase::Phase;
-use crate::verdict::{Judgement, Verdict};
 use label_files::LabelFolder;
+use panelprep_base::geometry::PinholeCamera;
+use panelprep_base::phase::Phase;
+use panelprep_base::verdict::{Judgement, Verdict};
+use panelprep_cell::files::{self, ClipEntry};
+use panelprep_cell::labels::{ClipFrame, LABELS};
+use panelprep_interfaces::page::LocalServer;
+use panelprep_interfaces::page::label::{self, GridOutline, LabelSheet};
 use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;
@@ -80,7 +80,7 @@ fn grids(recipe_file: &Path, args: &Label, common: &Common) -> Result<(Vec<GridO
     let placed = PlacedPanel::read(&cell_files, &recipe, args.located.as_ref())?;
     let taught = load::taught(&cell_files, recipe_file, &recipe)?;
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
-    let outline = |grid: &crate::panel::Grid| {
+    let outline = |grid: &panelprep_cell::panel::Grid| {
         let seen = grid.edge.iter().filter_map(|&point| placed.camera.project(camera_from_panel * point));
         GridOutline { id: grid.id.to_string(), edge_px: seen.map(|pixel| [pixel.u, pixel.v]).collect() }
     };

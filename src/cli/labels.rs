@@ -2,9 +2,9 @@
 
 use super::disk;
 use super::fault::{ClipFault, Fault};
-use crate::files::{self, Clip, content_hash};
-use crate::geometry::{ColorPicture, Mask};
-use crate::labels::{self, LABELS, MASK, TIMES_FILE, decoded};
+use panelprep_base::geometry::{ColorPicture, Mask};
+use panelprep_cell::files::{self, Clip, content_hash};
+use panelprep_cell::labels::{self, LABELS, MASK, TIMES_FILE, decoded};
 use std::path::{Path, PathBuf};
 
 /// The ground truth of a clip.

@@ -10,22 +10,22 @@ use super::fault::{DeviceFault, Fault};
 #[cfg(feature = "gige")]
 use super::load::calibrated_serial;
 use super::zivid;
-use crate::cell::{self, Cell, MockController, RobotKind};
-use crate::daemon::{AllCameras, Calibrations, Cameras, LinkedRobot, LinkedTool};
-use crate::devices::acf::{AcfLink, PlannedToolFault, SimulatedAcf, SimulatedPanel};
-use crate::devices::cameras::{
+use panelprep_base::geometry::{Joints, PinholeCamera};
+use panelprep_base::supervision::WatchedThread;
+use panelprep_cell::cell::{self, Cell, MockController, RobotKind};
+use panelprep_devices::acf::{AcfLink, PlannedToolFault, SimulatedAcf, SimulatedPanel};
+use panelprep_devices::cameras::{
     Arm, BayerFlangeCamera, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, SimulatedFlangeCamera,
     SimulatedScanner, simulated_cameras,
 };
 #[cfg(feature = "gige")]
-use crate::devices::cameras::{GigeFlangeCamera, LoopbackFlangeCamera};
-use crate::devices::mock::{self, ChannelFile, Controller, MockServer, Programs, Setup};
-use crate::devices::robot::{Address, BlockingLink, link_limits};
-use crate::devices::world::{Follower, SimulatedWorld};
-use crate::eki::{CELLCMD, CELLSTAT, ClockMode};
-use crate::geometry::{Joints, PinholeCamera};
-use crate::sim;
-use crate::supervision::WatchedThread;
+use panelprep_devices::cameras::{GigeFlangeCamera, LoopbackFlangeCamera};
+use panelprep_devices::mock::{self, ChannelFile, Controller, MockServer, Programs, Setup};
+use panelprep_devices::robot::{Address, BlockingLink, link_limits};
+use panelprep_devices::world::{Follower, SimulatedWorld};
+use panelprep_kuka::eki::{CELLCMD, CELLSTAT, ClockMode};
+use panelprep_service::daemon::{AllCameras, Calibrations, Cameras, LinkedRobot, LinkedTool};
+use panelprep_sim as sim;
 use serde_json::{Value, json};
 
 /// The cell's devices.
@@ -52,7 +52,7 @@ pub struct CellDevices {
 pub enum FlangeLink {
     /// Over GigE Vision through the loopback interface.
     #[cfg(feature = "gige")]
-    Loopback(crate::devices::gige::LinkMonitor),
+    Loopback(panelprep_devices::gige::LinkMonitor),
     /// From the renderer without a network, for this reason.
     Direct(String),
 }

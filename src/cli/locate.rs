@@ -5,9 +5,9 @@ use super::fault::Fault;
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use super::pictures;
-use crate::geometry::KukaPose;
-use crate::locate::{Fit, ScanView, TaughtModel};
-use crate::stages::locate::{LocateOutcome, locate};
+use panelprep_base::geometry::KukaPose;
+use panelprep_service::stages::locate::{LocateOutcome, locate};
+use panelprep_vision::locate::{Fit, ScanView, TaughtModel};
 use serde_json::json;
 use std::time::Instant;
 

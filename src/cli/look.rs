@@ -6,9 +6,9 @@ use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::pictures;
-use crate::files;
-use crate::report::{missing_share, scan_picture};
-use crate::verdict::Judgement;
+use panelprep_base::verdict::Judgement;
+use panelprep_cell::files;
+use panelprep_service::report::{missing_share, scan_picture};
 use serde_json::json;
 
 /// Draws the scan and reports how much of it is missing. It needs no cell and no calibration, except for a PLY file

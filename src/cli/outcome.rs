@@ -3,7 +3,7 @@
 use super::disk;
 use super::fault::Fault;
 use super::output::{print_line, write_progress};
-use crate::verdict::{Check, Judgement};
+use panelprep_base::verdict::{Check, Judgement};
 use serde_json::{Map, Value, json};
 use std::path::Path;
 use std::process::ExitCode;

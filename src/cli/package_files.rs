@@ -5,9 +5,9 @@ use super::args::{Arguments, PackageFiles};
 use super::disk;
 use super::fault::Fault;
 use super::outcome::Outcome;
-use crate::verdict::{Judgement, Verdict};
 use clap::{Command, CommandFactory};
 use clap_complete::Shell;
+use panelprep_base::verdict::{Judgement, Verdict};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 

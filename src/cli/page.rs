@@ -5,8 +5,8 @@ use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::report::{self, StoredCycle};
-use crate::record::CycleId;
-use crate::verdict::{Judgement, Reason, Verdict};
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_cell::record::CycleId;
 use serde_json::json;
 
 /// Makes the page, and reports what the store no longer has of the cycle.

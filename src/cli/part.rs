@@ -2,10 +2,10 @@
 //! shown first on its page.
 
 use super::fault::{Fault, RecordFault};
-use crate::number_text::{printable, utc_day};
-use crate::record::{ANOTHER_PART_TEXT, CycleRecord, LostPasses, PartNames, describe_part};
-use crate::report::page::{Row, Section};
-use crate::store::{PassesOfCycle, Store};
+use panelprep_base::number_text::{printable, utc_day};
+use panelprep_cell::record::{ANOTHER_PART_TEXT, CycleRecord, LostPasses, PartNames, describe_part};
+use panelprep_service::report::page::{Row, Section};
+use panelprep_store::store::{PassesOfCycle, Store};
 
 /// Maximum length of each of the part's names, in characters.
 const MAX_CHARACTERS: usize = 120;
@@ -104,7 +104,7 @@ pub fn section(store: &Store, record: &CycleRecord) -> Option<Section> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::CycleId;
+    use panelprep_cell::record::CycleId;
 
     /// Calculated by hand: 2 + 1 earlier passes leave one pass of a limit of 4, and none of a limit of 3.
     #[test]

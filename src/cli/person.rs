@@ -2,9 +2,9 @@
 //!
 //! `start` and `unhold --dried` confirm it; no one else could dry it there.
 
-use crate::cycle::{self, At};
-use crate::daemon::{LoopEvent, Port, Request, RequestAnswer, RequestCommand, RequestKind};
-use crate::devices::world::SimulatedWorld;
+use panelprep_cell::cycle::{self, At};
+use panelprep_devices::world::SimulatedWorld;
+use panelprep_service::daemon::{LoopEvent, Port, Request, RequestAnswer, RequestCommand, RequestKind};
 
 /// Passes requests on, and first dries the panel if the request confirms that it is dry. At a real cell it does
 /// nothing more.

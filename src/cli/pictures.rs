@@ -2,9 +2,9 @@
 
 use super::disk;
 use super::fault::Fault;
-use crate::files;
-use crate::geometry::ColorPicture;
-use crate::stages::ResultDrawing;
+use panelprep_base::geometry::ColorPicture;
+use panelprep_cell::files;
+use panelprep_service::stages::ResultDrawing;
 use std::path::{Path, PathBuf};
 
 /// Writes a picture as PNG into a folder.

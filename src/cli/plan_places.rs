@@ -5,13 +5,13 @@ use super::disk;
 use super::fault::Fault;
 use super::inspected::PlacedPanel;
 use super::load::{self, CellFiles, LoadedPanel};
-use crate::files;
-use crate::geometry::Mask;
-use crate::inspect::{Demands, Footprint};
-use crate::panel::GridId;
-use crate::recipe::{Recipe, TreatBy};
-use crate::stages::treat::{self, Broken};
-use crate::surface::{Fit, Treated};
+use panelprep_base::geometry::Mask;
+use panelprep_cell::files;
+use panelprep_cell::panel::GridId;
+use panelprep_cell::recipe::{Recipe, TreatBy};
+use panelprep_service::stages::treat::{self, Broken};
+use panelprep_toolpath::surface::{Fit, Treated};
+use panelprep_vision::inspect::{Demands, Footprint};
 use std::path::Path;
 
 /// A mask of another size than the camera's pictures.

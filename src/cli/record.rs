@@ -10,17 +10,17 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::record_data;
 use super::report::{self, StoredCycle};
-use crate::daemon::{RecordPdf, current_user};
-use crate::files::content_hash;
-use crate::number_text::utc_text;
-use crate::record::CycleId;
-use crate::report::page::Figure;
-use crate::signing::{
+use panelprep_base::number_text::utc_text;
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_cell::files::content_hash;
+use panelprep_cell::record::CycleId;
+use panelprep_service::daemon::{RecordPdf, current_user};
+use panelprep_service::report::page::Figure;
+use panelprep_store::signing::{
     self, CellKey, ExportContent, Meaning, NameClaim, PublicKey, Signed, SignedPage, StatedValues, Statement,
     StatementContent,
 };
-use crate::store::{self, KeyLocation, PersonSigningRequest, SignatureRow, Store};
-use crate::verdict::{Judgement, Reason, Verdict};
+use panelprep_store::store::{self, KeyLocation, PersonSigningRequest, SignatureRow, Store};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -2,18 +2,18 @@
 //! that the cycle used.
 
 use super::fault::Fault;
-use crate::accounts::{AuditEntry, RECIPE_CHANGE};
-use crate::calib::health::{self, TOOL_FORCE, Verification};
-use crate::files::content_hash;
-use crate::number_text::{distinguishable_texts, utc_day, utc_text};
-use crate::recipe::Recipe;
-use crate::record::{CycleRecord, KeptFile, name};
-use crate::report::page::Figure;
-use crate::report::record_pdf::{
+use panelprep_base::number_text::{distinguishable_texts, utc_day, utc_text};
+use panelprep_cell::accounts::{AuditEntry, RECIPE_CHANGE};
+use panelprep_cell::files::content_hash;
+use panelprep_cell::recipe::Recipe;
+use panelprep_cell::record::{CycleRecord, KeptFile, name};
+use panelprep_service::report::page::Figure;
+use panelprep_service::report::record_pdf::{
     AttachedFile, EarlierCycle, Equipment, LastVerification, PrintedSignature, RecordSheet, RecordSources, pdf,
 };
-use crate::signing::{Meaning, Statement, cycle_stem};
-use crate::store::{PassesOfCycle, SignatureRow, Store};
+use panelprep_store::signing::{Meaning, Statement, cycle_stem};
+use panelprep_store::store::{PassesOfCycle, SignatureRow, Store};
+use panelprep_vision::calib::health::{self, TOOL_FORCE, Verification};
 
 /// The key of each of the cell's files, its name in words, and the verification by which it is judged.
 const EQUIPMENT: [(&str, &str, Option<&str>); 7] = [

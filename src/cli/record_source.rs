@@ -4,9 +4,9 @@ use super::fault::Fault;
 use super::load::CellFiles;
 use super::report::{self, StoredCycle};
 use super::{disk, record};
-use crate::daemon::{RecordPdf, RecordSource};
-use crate::record::CycleId;
-use crate::store::PersonSigningRequest;
+use panelprep_cell::record::CycleId;
+use panelprep_service::daemon::{RecordPdf, RecordSource};
+use panelprep_store::store::PersonSigningRequest;
 use std::sync::Arc;
 
 /// The cycles of a cell's store.

@@ -4,22 +4,22 @@
 use super::cycle_files::{Calibrated, EARLIER_REMOVAL_TEXT, TaughtRecipe};
 use super::fault::Fault;
 use super::load::{self, CellFiles, LoadedPanel};
-use crate::cell::{
+use panelprep_base::geometry::Rigid;
+use panelprep_cell::cell::{
     Cell, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RemovalCalibration, RobotCorrection,
     ScannerMount, ToolMount,
 };
-use crate::daemon::{
+use panelprep_cell::files::{read_flange, write_pose};
+use panelprep_cell::recipe::Recipe;
+use panelprep_service::daemon::{
     Calibrations, RECORDING_FLOOR_MB, RecordingPlan, RecordingResult, RecordingStatus, disk_full_message, free_mb,
 };
-use crate::files::{read_flange, write_pose};
-use crate::geometry::Rigid;
-use crate::locate::ScanErrors;
-use crate::recipe::Recipe;
-use crate::removal::model::Model;
-use crate::report::page::{Row, Section};
-use crate::stages::removal::EarlierRemoval;
-use crate::store::{TaughtCorner, TeachingInputs};
-use crate::tape::CheckedRecording;
+use panelprep_service::report::page::{Row, Section};
+use panelprep_service::stages::removal::EarlierRemoval;
+use panelprep_store::store::{TaughtCorner, TeachingInputs};
+use panelprep_store::tape::CheckedRecording;
+use panelprep_toolpath::removal::model::Model;
+use panelprep_vision::locate::ScanErrors;
 use std::path::{Component, Path, PathBuf};
 
 /// The first content of a recording of this cycle.

@@ -5,9 +5,9 @@ use super::fault::{Fault, TeachingFault};
 use super::load::{self, CellFiles, CornerShot};
 use super::outcome::Outcome;
 use super::pictures;
-use crate::calib::budget;
-use crate::geometry::{Base, Flange, FlangeCamera, KukaPose, Panel, Rigid};
-use crate::stages::corners::{CornerReference, Correction, Sighting};
+use panelprep_base::geometry::{Base, Flange, FlangeCamera, KukaPose, Panel, Rigid};
+use panelprep_service::stages::corners::{CornerReference, Correction, Sighting};
+use panelprep_vision::calib::budget;
 use serde_json::json;
 use std::path::Path;
 

@@ -8,17 +8,17 @@ use super::outcome::Outcome;
 use super::output;
 use super::rendered::RenderedFiles;
 use super::{render_boards, render_coupons};
-use crate::cell::{self, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
-use crate::files::{self, Clip, ClipEntry};
-use crate::geometry::{Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid, Tool};
-use crate::inspect::{Demands, Footprint};
-use crate::labels;
-use crate::panel::TaughtPanel;
-use crate::phase::Phase;
-use crate::recipe::Recipe;
-use crate::sim::{self, Film, FilmSpec, Grease, PanelPosition, SEARCH_BOX_MM, Scene};
-use crate::store::{Store, StoreError};
-use crate::verdict::{Judgement, Verdict};
+use panelprep_base::geometry::{Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid, Tool};
+use panelprep_base::phase::Phase;
+use panelprep_base::verdict::{Judgement, Verdict};
+use panelprep_cell::cell::{self, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
+use panelprep_cell::files::{self, Clip, ClipEntry};
+use panelprep_cell::labels;
+use panelprep_cell::panel::TaughtPanel;
+use panelprep_cell::recipe::Recipe;
+use panelprep_sim::{self as sim, Film, FilmSpec, Grease, PanelPosition, SEARCH_BOX_MM, Scene};
+use panelprep_store::store::{Store, StoreError};
+use panelprep_vision::inspect::{Demands, Footprint};
 use rayon::prelude::*;
 use serde_json::json;
 use std::fs;
@@ -207,7 +207,8 @@ fn write_configuration(
     (base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm) = (Some(SCANNER_MM), Some(FLANGE_MM));
     let flange_from_tool: Rigid<Flange, Tool> =
         KukaPose { z_mm: sim::TOOL_LENGTH_MM, ..KukaPose::default() }.to_rigid();
-    let mut tool = MountedPose::<crate::cell::ToolMount>::from_pose(KukaPose::from_rigid(&flange_from_tool));
+    let mut tool =
+        MountedPose::<panelprep_cell::cell::ToolMount>::from_pose(KukaPose::from_rigid(&flange_from_tool));
     (tool.axis_measured, tool.uncertainty_mm) = (Some(true), Some(TOOL_MM));
     let texts = [
         ("scanner.toml", Intrinsics::from_camera(*cell.scanner()).to_toml()),
@@ -376,7 +377,7 @@ fn write_clip(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
     disk::write(&folder.join("clip.csv"), clip.to_csv())
 }
 
-/// Writes the pixels that broke, and the times when they broke: see [`crate::labels`].
+/// Writes the pixels that broke, and the times when they broke: see [`panelprep_cell::labels`].
 fn write_truth(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
     let last_s = clip_times_s(seconds).last().copied().unwrap_or_default();
     let broken = film.broken_pixels(last_s);

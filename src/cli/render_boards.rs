@@ -7,16 +7,16 @@ use super::calibrate::pose_keys;
 use super::disk;
 use super::fault::Fault;
 use super::rendered::RenderedFiles;
-use crate::calib::{Board, CalibError};
-use crate::cell::{BoardSize, MountedPose, TargetMount};
-use crate::files::{self, ReportedFlange};
-use crate::geometry::{
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use panelprep_base::geometry::{
     Base, Camera, Degrees, Flange, Frame, GrayPicture, KukaPose, PinholeCamera, Point, Rigid, Tool,
 };
-use crate::sim::{
-    self, BoardCell, BoardPrint, BoardShot, RealArm, ReportedFlangePose, RobotNoise, ScannerDistortion,
+use panelprep_cell::cell::{BoardSize, MountedPose, TargetMount};
+use panelprep_cell::files::{self, ReportedFlange};
+use panelprep_sim::{
+    self as sim, BoardCell, BoardPrint, BoardShot, RealArm, ReportedFlangePose, RobotNoise, ScannerDistortion,
 };
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use panelprep_vision::calib::{Board, CalibError};
 use rayon::prelude::*;
 use std::fmt::Write;
 use std::path::Path;
@@ -131,7 +131,8 @@ pub fn write(
 ) -> Result<(), Fault> {
     let cell = BoardCell::new(seed, BoardPrint::chessboard(9, 6, 25.0), ROBOT).with_reduction(reduction);
     let board = Board::parse("9x6", 25.0).map_err(Fault::stage)?;
-    let lens: Vec<BoardShot<crate::geometry::FlangeCamera>> = cell.lens_shots(&cell.flange_camera(), LENS_PICTURES);
+    let lens: Vec<BoardShot<panelprep_base::geometry::FlangeCamera>> =
+        cell.lens_shots(&cell.flange_camera(), LENS_PICTURES);
     pictures(rendered, "lens", (&cell, &cell.flange_camera()), &lens)?;
     let poses = if arm.is_some() { ARM_POSES } else { POSES };
     let fixed = within_reach(arm, poses, |count| cell.fixed_shots(count));
@@ -247,7 +248,7 @@ fn poses_text<C: Frame>(arm: Option<&RealArm>, shots: &[BoardShot<C>]) -> Result
 fn points_text(
     board: &Board,
     arm: Option<&RealArm>,
-    touched: impl Fn(&[Point<crate::geometry::Board>]) -> Vec<Point<Base>>,
+    touched: impl Fn(&[Point<panelprep_base::geometry::Board>]) -> Vec<Point<Base>>,
 ) -> Result<String, Fault> {
     let corners = board.corners_to_touch();
     let places: Vec<_> = corners.iter().filter_map(|&(column, row)| board.corner(column, row)).collect();
@@ -271,7 +272,11 @@ fn points_text(
 }
 
 /// Whether the arm can reach every corner that is to be touched.
-fn can_reach_corners(arm: &RealArm, board: &Board, base_from_board: &Rigid<Base, crate::geometry::Board>) -> bool {
+fn can_reach_corners(
+    arm: &RealArm,
+    board: &Board,
+    base_from_board: &Rigid<Base, panelprep_base::geometry::Board>,
+) -> bool {
     let corners = board.corners_to_touch();
     let mut places = corners.iter().filter_map(|&(column, row)| board.corner(column, row));
     places.all(|place| {
@@ -298,7 +303,7 @@ fn corners_text(
     arm: &RealArm,
     board: &Board,
     image: Option<&str>,
-    touched: impl Fn(&[Point<crate::geometry::Board>]) -> Vec<Point<Base>>,
+    touched: impl Fn(&[Point<panelprep_base::geometry::Board>]) -> Vec<Point<Base>>,
 ) -> String {
     let corners = board.corners_to_touch();
     let places: Vec<_> = corners.iter().filter_map(|&(column, row)| board.corner(column, row)).collect();

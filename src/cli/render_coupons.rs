@@ -3,9 +3,9 @@
 use super::disk;
 use super::fault::Fault;
 use super::rendered::RenderedFiles;
-use crate::removal::coupons::{Coupon, CouponTool, Lines};
-use crate::removal::pad::PadWithDisc;
-use crate::removal::speed::Orbit;
+use panelprep_toolpath::removal::coupons::{Coupon, CouponTool, Lines};
+use panelprep_toolpath::removal::pad::PadWithDisc;
+use panelprep_toolpath::removal::speed::Orbit;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::fmt::Write;

@@ -4,9 +4,11 @@ use super::args::Replay;
 use super::fault::Fault;
 use super::outcome::Outcome;
 use super::recording::RecordedCycle;
-use crate::daemon::{self, CellSetup, Computing, CycleSetup, LoopPorts, LoopStart, Player, ReplayResult};
-use crate::tape::{self, CheckedRecording, EntryReader};
-use crate::verdict::{Judgement, Reason, Verdict};
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_service::daemon::{
+    self, CellSetup, Computing, CycleSetup, LoopPorts, LoopStart, Player, ReplayResult,
+};
+use panelprep_store::tape::{self, CheckedRecording, EntryReader};
 use serde_json::json;
 use std::fs::File;
 use std::io::BufReader;
@@ -54,7 +56,7 @@ pub fn run(args: &Replay) -> Result<Outcome, Fault> {
 }
 
 fn open(file: &Path) -> Result<BufReader<File>, Fault> {
-    crate::disk::open(file).map(BufReader::new).map_err(|error| Fault::file_fault(file, error))
+    panelprep_base::disk::open(file).map(BufReader::new).map_err(|error| Fault::file_fault(file, error))
 }
 
 fn outcome(checked: &CheckedRecording, played: &ReplayResult, verdict: Option<Verdict>) -> Outcome {

@@ -7,15 +7,15 @@ use super::part;
 use super::record_data;
 use super::recording;
 use super::retention;
-use crate::cell::Retention;
-use crate::daemon::{self, RecordingResult};
-use crate::number_text::utc_text;
-use crate::record::{CycleId, CycleRecord, RecordingFile};
-use crate::report::cycle_page;
-use crate::report::page::{Figure, Page, Section};
-use crate::report::record_pdf::{RecordSheet, html as sheet_html};
-use crate::store::{PrunedFiles, Store};
-use crate::tape;
+use panelprep_base::number_text::utc_text;
+use panelprep_cell::cell::Retention;
+use panelprep_cell::record::{CycleId, CycleRecord, RecordingFile};
+use panelprep_service::daemon::{self, RecordingResult};
+use panelprep_service::report::cycle_page;
+use panelprep_service::report::page::{Figure, Page, Section};
+use panelprep_service::report::record_pdf::{RecordSheet, html as sheet_html};
+use panelprep_store::store::{PrunedFiles, Store};
+use panelprep_store::tape;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -151,7 +151,7 @@ pub fn recording_status(store: &Path, record: &CycleRecord) -> Option<RecordingR
         RecordingFile::Named(file) => PathBuf::from(file),
     };
     let name = file.display().to_string();
-    let checked = crate::disk::open(&file).map_err(|error| error.to_string());
+    let checked = panelprep_base::disk::open(&file).map_err(|error| error.to_string());
     let checked =
         checked.and_then(|out| tape::check_recording(BufReader::new(out)).map_err(|error| error.to_string()));
     Some(match checked {
@@ -183,7 +183,7 @@ pub fn make_missing_pages(files: &CellFiles, made: &dyn Fn(CycleId, Result<PathB
 /// Returns whether a page is complete to its last line.
 fn is_page_complete(page: &Path) -> bool {
     let end = || -> std::io::Result<Vec<u8>> {
-        let mut file = crate::disk::open(page)?;
+        let mut file = panelprep_base::disk::open(page)?;
         let from = file.metadata()?.len().saturating_sub(PAGE_END.len() as u64);
         file.seek(SeekFrom::Start(from))?;
         let mut end = Vec::new();

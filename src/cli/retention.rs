@@ -1,10 +1,10 @@
 //! The section of a cycle's page about how long its clips and scans are kept.
 
-use crate::cell::{Date, Retention, RetentionTime};
-use crate::record::CycleRecord;
-use crate::report::page::{Row, Section};
-use crate::store::PrunedFiles;
-use crate::verdict::Verdict;
+use panelprep_base::verdict::Verdict;
+use panelprep_cell::cell::{Date, Retention, RetentionTime};
+use panelprep_cell::record::CycleRecord;
+use panelprep_service::report::page::{Row, Section};
+use panelprep_store::store::PrunedFiles;
 
 /// Returns the section; `None` if everything is kept for ever.
 pub fn section(keep: &Retention, record: &CycleRecord, pruned: Option<PrunedFiles>) -> Option<Section> {

@@ -16,21 +16,21 @@ use super::record;
 use super::recording;
 use super::report::{self, StoredCycle};
 use super::zivid;
-use crate::cycle::{At, Cause, State};
-use crate::daemon::{
+use panelprep_base::supervision::Supervisor;
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_cell::cycle::{At, Cause, State};
+use panelprep_cell::files::content_hash;
+use panelprep_cell::record::{CycleId, RecordingFile};
+use panelprep_devices::world::SimulatedWorld;
+use panelprep_service::daemon::{
     self, CellSetup, Computing, EndedCycle, Gateway, LastWrittenPage, LiveView, Loader, LoopEvent, LoopPorts,
     LoopStart, PreparedCycle, RecipeTextPermission, RecordIn, RecordedPort, Recording, RecordingResult,
     RecordingSwitch, Request, RequestHandler, RequestQueue, RequestSender, Requester as _, ServiceParts,
     SharedCameras, Socket, StartRequest, StoreRecord,
 };
-use crate::devices::world::SimulatedWorld;
-use crate::files::content_hash;
-use crate::record::{CycleId, RecordingFile};
-use crate::requirements::Purpose;
-use crate::store::{PrunedFiles, Store, StoreError};
-use crate::supervision::Supervisor;
-use crate::tape::LoopMemoryStart;
-use crate::verdict::{Judgement, Reason, Verdict};
+use panelprep_service::requirements::Purpose;
+use panelprep_store::store::{PrunedFiles, Store, StoreError};
+use panelprep_store::tape::LoopMemoryStart;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::path::{Path, PathBuf};

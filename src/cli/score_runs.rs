@@ -1,9 +1,9 @@
 //! Compares the paths in contact, as the mock controller executed them, with the store's record of them.
 
-use crate::cycle::{Outcome as Ended, Path};
-use crate::devices::mock::ExecutedMotion;
-use crate::record::MotionRecord;
-use crate::verdict::Reason;
+use panelprep_base::verdict::Reason;
+use panelprep_cell::cycle::{Outcome as Ended, Path};
+use panelprep_cell::record::MotionRecord;
+use panelprep_devices::mock::ExecutedMotion;
 
 /// Returns the contact paths of which at least one waypoint was executed.
 pub(super) fn contact(motions: &[MotionRecord]) -> impl Iterator<Item = &MotionRecord> {
@@ -61,8 +61,8 @@ const ON_THEIR_WAY: u32 = 2;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cycle::Motion;
-    use crate::geometry::{Base, Flange, Joints, Rigid};
+    use panelprep_base::geometry::{Base, Flange, Joints, Rigid};
+    use panelprep_cell::cycle::Motion;
 
     fn command(id: i32, contact: bool) -> ExecutedMotion {
         let base_from_flange: Rigid<Base, Flange> = Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity());

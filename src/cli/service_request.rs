@@ -2,8 +2,8 @@
 
 use super::fault::Fault;
 use super::outcome::Outcome;
-use crate::daemon::{MAX_BYTES, Reply, RequestKind, request_line};
-use crate::geometry::Joints;
+use panelprep_base::geometry::Joints;
+use panelprep_service::daemon::{MAX_BYTES, Reply, RequestKind, request_line};
 use serde_json::{Map, Value, json};
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;

@@ -5,9 +5,9 @@ use super::args::{Common, RenewStore, StoreCommand, StoreTask, VerifyStore};
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::office::ListEntry;
-use crate::store::{Store, StoreVerification};
-use crate::verdict::{Judgement, Reason, Verdict};
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_store::office::ListEntry;
+use panelprep_store::store::{Store, StoreVerification};
 use serde_json::json;
 use std::path::PathBuf;
 

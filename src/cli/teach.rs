@@ -9,17 +9,17 @@ use super::load::{self, CellFiles, LoadedPanel};
 use super::outcome::Outcome;
 use super::output::write_progress;
 use super::pictures;
-use crate::files;
-use crate::geometry::{Camera, OrganizedCloud, Pixel, Point};
-use crate::inspect::{Demands, Footprint, too_coarse};
-use crate::locate::{self, gate};
-use crate::number_text;
-use crate::panel::{LearnError, OffPanel, TaughtPanel, TaughtSource};
-use crate::recipe::Recipe;
-use crate::report::{self, PanelOverlay};
-use crate::store::{TaughtCorner, TeachingInputs};
-use crate::verdict::{Judgement, Reason};
 use drawn::ViewedDrawing;
+use panelprep_base::geometry::{Camera, OrganizedCloud, Pixel, Point};
+use panelprep_base::number_text;
+use panelprep_base::verdict::{Judgement, Reason};
+use panelprep_cell::files;
+use panelprep_cell::panel::{LearnError, OffPanel, TaughtPanel, TaughtSource};
+use panelprep_cell::recipe::Recipe;
+use panelprep_service::report::{self, PanelOverlay};
+use panelprep_store::store::{TaughtCorner, TeachingInputs};
+use panelprep_vision::inspect::{Demands, Footprint, too_coarse};
+use panelprep_vision::locate::{self, gate};
 use serde_json::json;
 use std::error::Error;
 use std::path::Path;
@@ -270,7 +270,8 @@ fn report_constraint(
             100.0 * seen
         ));
     }
-    let seen: Vec<f64> = taught.corners.iter().map(crate::panel::TaughtCorner::visible_normal_share).collect();
+    let seen: Vec<f64> =
+        taught.corners.iter().map(panelprep_cell::panel::TaughtCorner::visible_normal_share).collect();
     outcome.add_value("normal_seen", json!(seen));
     warnings
 }
@@ -307,7 +308,7 @@ fn report_camera_check(fit: &locate::Fit, outcome: &mut Outcome) {
 ///
 /// # Errors
 /// If OpenCV refuses to draw.
-pub fn picture(taught: &LoadedPanel) -> Result<crate::geometry::ColorPicture, Fault> {
+pub fn picture(taught: &LoadedPanel) -> Result<panelprep_base::geometry::ColorPicture, Fault> {
     let panel = &taught.panel;
     let scan = panel.scan.picture();
     let view = PanelOverlay {

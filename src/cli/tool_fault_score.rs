@@ -1,8 +1,8 @@
 //! Finds how soon the sander was off and the disc lifted after a fault of the simulated tool, from the mock
 //! controller's log.
 
-use crate::devices::acf::PlannedToolFault;
-use crate::devices::mock::{ContactSample, ExecutedMotion};
+use panelprep_devices::acf::PlannedToolFault;
+use panelprep_devices::mock::{ContactSample, ExecutedMotion};
 use serde_json::{Value, json};
 
 /// The reaction to the fault.
@@ -58,8 +58,8 @@ const GAP_MS: u64 = 1_000;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::devices::acf::ToolFault;
-    use crate::geometry::{Joints, Rigid};
+    use panelprep_base::geometry::{Joints, Rigid};
+    use panelprep_devices::acf::ToolFault;
 
     fn executed(time_ms: u64, contact: bool) -> ExecutedMotion {
         let base_from_flange = Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity());

@@ -6,16 +6,16 @@ use super::inspected::PlacedPanel;
 use super::labels::{Labels, read_clip};
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
-use crate::files::ClipEntry;
-use crate::geometry::{ColorPicture, Mask};
-use crate::inspect::{
+use panelprep_base::geometry::{ColorPicture, Mask};
+use panelprep_base::number_text::fixed_decimals;
+use panelprep_base::phase::Phase;
+use panelprep_base::verdict::{Judgement, Reason};
+use panelprep_cell::files::ClipEntry;
+use panelprep_cell::recipe::{Method, Recipe};
+use panelprep_vision::inspect::{
     Advice, Demands, FilmView, FilmWatch, GridContrast, MIN_CONTRAST_TO_NOISE, Sampler, Tuning, best_threshold,
     thesis_checks,
 };
-use crate::number_text::fixed_decimals;
-use crate::phase::Phase;
-use crate::recipe::{Method, Recipe};
-use crate::verdict::{Judgement, Reason};
 use serde_json::json;
 
 /// The names of a picture's channels.

@@ -10,11 +10,11 @@ use super::labels::{self, Labels};
 use super::load::LoadedPanel;
 use super::outcome::Outcome;
 use super::output;
-use crate::geometry::Mask;
-use crate::inspect::{Confusion, Demands, Score, score_within};
-use crate::recipe::Recipe;
-use crate::report::{BarClass, draw_bars};
-use crate::verdict::{Judgement, Verdict};
+use panelprep_base::geometry::Mask;
+use panelprep_base::verdict::{Judgement, Verdict};
+use panelprep_cell::recipe::Recipe;
+use panelprep_service::report::{BarClass, draw_bars};
+use panelprep_vision::inspect::{Confusion, Demands, Score, score_within};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -220,7 +220,7 @@ fn build_outcome(rows: &[Row]) -> Outcome {
     outcome
 }
 
-fn plot_results(rows: &[Row]) -> Result<[(&'static str, crate::geometry::ColorPicture); 2], Fault> {
+fn plot_results(rows: &[Row]) -> Result<[(&'static str, panelprep_base::geometry::ColorPicture); 2], Fault> {
     let missed: Vec<BarClass> = detection_by_size(rows)
         .into_iter()
         .map(|(class, places, missed)| BarClass {

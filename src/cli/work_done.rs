@@ -1,7 +1,7 @@
 //! Describes what a cycle did to the panel: which grids it abraded, and how much it removed.
 
-use crate::number_text::fixed_decimals;
-use crate::record::{self, AbradedGrid, CycleRecord, PathRemoval};
+use panelprep_base::number_text::fixed_decimals;
+use panelprep_cell::record::{self, AbradedGrid, CycleRecord, PathRemoval};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 

@@ -4,12 +4,12 @@ use super::args::ZividWorker;
 use super::disk;
 use super::fault::{DeviceFault, Fault};
 use super::load::calibrated_serial;
-use crate::cell::{Camera, Cell, ZividCamera, ZividSettings, ZividUse};
-use crate::devices::zivid::library::Sdk;
-use crate::devices::zivid::{
+use panelprep_base::geometry::PinholeCamera;
+use panelprep_cell::cell::{Camera, Cell, ZividCamera, ZividSettings, ZividUse};
+use panelprep_devices::zivid::library::Sdk;
+use panelprep_devices::zivid::{
     AnswerTimeouts, CameraSetup, Restarts, Size, Source, ZividScanner, command_launcher, process, worker,
 };
-use crate::geometry::PinholeCamera;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

@@ -5,7 +5,7 @@
 
 use super::noise::{LEVEL, PixelNoise, Seed, to_byte};
 use super::projector::Projector;
-use crate::geometry::{Board, Camera, Frame, GrayPicture, PinholeCamera, Pixel, Point, Rigid, Vector};
+use panelprep_base::geometry::{Board, Camera, Frame, GrayPicture, PinholeCamera, Pixel, Point, Rigid, Vector};
 use rayon::prelude::*;
 
 /// A marker in one square of the board.

@@ -10,11 +10,11 @@ use super::noise::{NormalStream, PixelNoise, RandomPurpose, Seed};
 use super::scanner;
 use super::scanner_distortion::ScannerDistortion;
 use super::scene;
-use crate::geometry::{
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use panelprep_base::geometry::{
     Base, Board, Camera, Degrees, Flange, FlangeCamera, Frame, GrayPicture, OrganizedCloud, PinholeCamera, Pixel,
     Point, Rigid,
 };
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// The robot's deviation from the pose that it reports, standard deviations about and along each axis.
 #[derive(Debug, Clone, Copy, PartialEq)]

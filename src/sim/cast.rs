@@ -11,8 +11,8 @@
 use super::fixture::{self, Background};
 use super::sanding::{Appearance, Sanding};
 use super::shape::Shape;
-use crate::geometry::{Base, Camera, Frame, Panel, PinholeCamera, Pixel, Rigid};
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use panelprep_base::geometry::{Base, Camera, Frame, Panel, PinholeCamera, Pixel, Rigid};
 use std::ops::Range;
 
 /// The undistorted rays of a camera's pixels: exact at every few pixels, interpolated linearly in between.
@@ -277,7 +277,8 @@ fn bounds(
         let point = camera_from_sheet * Point3::new(place.x, place.y, shape.height(place.x, place.y)[0]);
         // A lens model is valid only near its picture; a panel that extends far outside is searched for everywhere.
         let wide = point.x.abs().max(point.y.abs()) > 1.2 * point.z;
-        let Some(pixel) = camera.project(crate::geometry::Point::<Camera>::new(point)).filter(|_| !wide) else {
+        let Some(pixel) = camera.project(panelprep_base::geometry::Point::<Camera>::new(point)).filter(|_| !wide)
+        else {
             return everything;
         };
         for (axis, px) in [pixel.u, pixel.v].into_iter().enumerate() {
@@ -355,7 +356,7 @@ mod tests {
         for (row, share) in shares.iter_mut().enumerate() {
             view.cast_row(row, |_, sight| *share += sight.panel.map_or(0.0, |panel| panel.coverage));
         }
-        let area_px2 = crate::geometry::polygon::signed_area_px2(&outline).abs();
+        let area_px2 = panelprep_base::geometry::polygon::signed_area_px2(&outline).abs();
         let error_px = (shares.iter().sum::<f64>() - area_px2) / length_px;
         assert!(length_px > 1_000.0 && error_px.abs() < 0.01, "{error_px} px");
         // The same holds for each row away from corners: the length of the row inside the outline is the sum of its

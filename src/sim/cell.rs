@@ -17,7 +17,7 @@ use super::shape::Shape;
 use super::timing::WET_FROM_S;
 use super::truth::CellTruth;
 use super::wet_flange;
-use crate::geometry::{
+use panelprep_base::geometry::{
     Base, Camera, ColorPicture, Drawing, Flange, FlangeCamera, KukaPose, Mask, OrganizedCloud, Panel,
     PinholeCamera, Pixel, Point, Rigid, TriangleMesh,
 };

@@ -2,8 +2,8 @@
 //! the sheet's.
 
 use super::shape::Shape;
-use crate::geometry::{LengthUnit, TriangleMesh};
 use nalgebra::Vector2;
+use panelprep_base::geometry::{LengthUnit, TriangleMesh};
 use std::collections::HashMap;
 
 /// Side of the lattice that is cut, mm: its chords deviate from the surface by less than a micrometre.

@@ -18,7 +18,7 @@ use super::noise::{PixelNoise, RandomPurpose, Seed, ValueNoise, to_byte};
 use super::runoff::RunoffPattern;
 use super::timing::{Phase, SPRAY_FROM_S, WET_FROM_S};
 use super::wetting::{PixelColors, Water, WetPixel};
-use crate::geometry::{ColorPicture, Mask};
+use panelprep_base::geometry::{ColorPicture, Mask};
 use rand::RngExt;
 use rayon::prelude::*;
 use std::ops::Range;

@@ -3,7 +3,7 @@
 use super::appearance::dry_and_wet;
 use super::cast::CastView;
 use super::noise::{PixelNoise, Seed, to_bytes};
-use crate::geometry::ColorPicture;
+use panelprep_base::geometry::ColorPicture;
 use rayon::prelude::*;
 
 /// Takes a picture of the dry scene; `shot` is its own seed.

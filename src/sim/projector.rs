@@ -21,8 +21,8 @@ use super::cast::{PanelHit, PanelView};
 use super::distractors::Slab;
 use super::fixture;
 use super::shape::Shape;
-use crate::geometry::{Base, Camera, Panel, PinholeCamera, Pixel, Point, Rigid};
 use nalgebra::{Isometry3, Point3, Vector3};
+use panelprep_base::geometry::{Base, Camera, Panel, PinholeCamera, Pixel, Point, Rigid};
 
 /// The projector's lens; it has no distortion in the vendor's simulation.
 const LENS: PinholeCamera = PinholeCamera {
@@ -166,7 +166,7 @@ pub(super) mod tests {
     /// A camera pose at (−35, 0, 360) that looks straight at the plate, 700 mm away; the camera's x is the base's
     /// −Y.
     pub fn before_the_plate() -> Rigid<Base, Camera> {
-        let axes = [-Vector3::y(), -Vector3::z(), Vector3::x()].map(crate::geometry::Vector::new);
+        let axes = [-Vector3::y(), -Vector3::z(), Vector3::x()].map(panelprep_base::geometry::Vector::new);
         Rigid::from_axes(axes, Point::at(-35.0, 0.0, 360.0))
     }
 

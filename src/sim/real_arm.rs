@@ -11,8 +11,8 @@
 //! Lengths and signs: kroshu/kuka_robot_descriptions.
 
 use super::noise::{NormalStream, RandomPurpose, Seed};
-use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
+use panelprep_base::geometry::{Base, Flange, Joints, Rigid, Tool};
 
 /// The distance of the simulated tool's pad from the flange, along the flange's axis, mm.
 pub const TOOL_LENGTH_MM: f64 = 120.0;

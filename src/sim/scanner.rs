@@ -9,7 +9,7 @@ use super::appearance::dry_and_wet;
 use super::cast::{CastView, PanelHit, PixelHit};
 use super::noise::{NormalStream, PIXEL_NOISE_GRAY, PixelNoise, RandomPurpose, Seed, ValueNoise, to_bytes};
 use super::projector::{self, Projector};
-use crate::geometry::{Camera, OrganizedCloud};
+use panelprep_base::geometry::{Camera, OrganizedCloud};
 use rand::RngExt;
 use rayon::prelude::*;
 

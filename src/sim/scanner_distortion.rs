@@ -7,7 +7,7 @@
 //! 0.06 mm of local planarity, for the Two M70; public scans of a poorly calibrated camera bow by 1.5 to 3.4 mm. The
 //! program does not use this formula.
 
-use crate::geometry::{Camera, OrganizedCloud};
+use panelprep_base::geometry::{Camera, OrganizedCloud};
 
 const REFERENCE_DEPTH_OF_DISTORTION_MM: f64 = 700.0;
 const HALF: [f64; 2] = [0.54, 0.33];

@@ -2,10 +2,10 @@
 
 use super::noise::{NormalStream, RandomPurpose, Seed};
 use super::shape::{CENTRE_MM, Shape};
-use crate::geometry::{
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use panelprep_base::geometry::{
     Base, Camera, Degrees, Flange, FlangeCamera, Frame, Panel, PinholeCamera, Point, Rigid, Vector,
 };
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use strum::{IntoStaticStr, VariantArray};
 
 /// The objects in the cell.

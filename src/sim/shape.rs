@@ -6,8 +6,8 @@
 
 use super::noise::{RandomPurpose, Seed};
 use super::outline::Outline;
-use crate::geometry::{Panel, Point, Vector};
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
+use panelprep_base::geometry::{Panel, Point, Vector};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 

@@ -7,8 +7,8 @@ use super::board::BoardPrint;
 use super::cell::Cell;
 use super::noise::{NormalStream, RandomPurpose};
 use super::scene;
-use crate::geometry::{Base, Board, Flange, Frame, GrayPicture, PinholeCamera, Point, Rigid};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use panelprep_base::geometry::{Base, Board, Flange, Frame, GrayPicture, PinholeCamera, Point, Rigid};
 
 /// Error of the touched position of a board along each axis, mm.
 const TOUCH_NOISE_MM: f64 = 0.03;

@@ -3,7 +3,7 @@
 use super::film_defects::GreasySpot;
 use super::scene::{CornerView, Scene};
 use super::shape::Shape;
-use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Panel, Point, Rigid, Vector};
+use panelprep_base::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Panel, Point, Rigid, Vector};
 use serde::{Deserialize, Serialize};
 
 /// The ground truth of a cell.

@@ -6,7 +6,7 @@
 use super::appearance::dry_and_wet;
 use super::cast::{CastView, PixelHit};
 use super::noise::{LEVEL, PixelNoise, RandomPurpose, Seed, to_bytes};
-use crate::geometry::ColorPicture;
+use panelprep_base::geometry::ColorPicture;
 use rand::RngExt;
 use rayon::prelude::*;
 

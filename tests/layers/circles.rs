@@ -1,4 +1,4 @@
-//! The files inside each top-level module: no file names, directly or through others, a file that names it in turn.
+//! The files of a crate: no file names, directly or through others, a file that names it in turn.
 //!
 //! The graph has a node for each file and an edge for each path that the code of one file names in another. A name
 //! that a module only re-exports counts for the module that defines it. Code that is compiled only for tests does not
@@ -254,12 +254,10 @@ impl Crate {
         }
     }
 
-    /// Returns, for each file of a top-level module, the files of the same module that it names.
-    fn edges(&self, room: &str) -> Edges {
+    /// Returns, for each file, the files of the crate that it names.
+    fn edges(&self) -> Edges {
         let mut edges = Edges::new();
-        for (path, module) in
-            self.modules.iter().filter(|(path, _)| path.first().is_some_and(|first| first == room))
-        {
+        for (path, module) in &self.modules {
             let named = edges.entry(module.file.clone()).or_default();
             for name in &module.named {
                 let Some(target) = self.defining(path, name, 0) else { continue };
@@ -267,7 +265,7 @@ impl Crate {
                 // use.
                 let is_way = path.starts_with(&target) && self.names_module(path, name, &target);
                 let file = &self.modules[&target].file;
-                if *file != module.file && file.first().is_some_and(|first| first == room) && !is_way {
+                if *file != module.file && !is_way {
                     named.entry(file.clone()).or_default().insert(name.join("::"));
                 }
             }
@@ -282,13 +280,9 @@ impl Crate {
         !is_glob && (last == "super" || target.last() == Some(last)) && !self.modules[target].items.contains(last)
     }
 
-    pub fn rooms(&self) -> BTreeSet<String> {
-        self.modules.keys().filter_map(|path| path.first().cloned()).collect()
-    }
-
-    /// Returns the dependency cycles between the files of a top-level module, sorted by their members.
-    pub fn circles(&self, room: &str) -> Vec<Circle> {
-        let edges = self.edges(room);
+    /// Returns the dependency cycles between the files of the crate, sorted by their members.
+    pub fn circles(&self) -> Vec<Circle> {
+        let edges = self.edges();
         let reached: BTreeMap<&ModulePath, BTreeSet<&ModulePath>> =
             edges.keys().map(|from| (from, reach(from, &edges))).collect();
         let mut circles = BTreeSet::new();

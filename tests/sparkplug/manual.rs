@@ -44,11 +44,11 @@ fn the_assertions_name_tests_that_are_there() {
     assert_eq!(names.iter().filter(|name| name.chars().all(|c| !c.is_ascii_uppercase())).count(), 295);
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let files = [
-        "src/sparkplug/tests/mod.rs",
-        "src/sparkplug/tests/commanded.rs",
-        "src/sparkplug/tests/walks.rs",
-        "src/daemon/sparkplug/tests.rs",
-        "src/cell/sparkplug.rs",
+        "src/interfaces/sparkplug/tests/mod.rs",
+        "src/interfaces/sparkplug/tests/commanded.rs",
+        "src/interfaces/sparkplug/tests/walks.rs",
+        "src/service/daemon/sparkplug/tests.rs",
+        "src/cell/cell/sparkplug.rs",
         "tests/sparkplug.rs",
     ];
     let code: String = files.map(|file| fs::read_to_string(root.join(file)).expect("code")).concat();

@@ -1,8 +1,8 @@
 //! Arguments of the commands that check and judge files.
 
 use super::simulation::Simulation;
-use crate::geometry::LengthUnit;
 use clap::{Args, ValueEnum};
+use panelprep_base::geometry::LengthUnit;
 use std::path::PathBuf;
 
 /// Options of `doctor`.
@@ -30,7 +30,7 @@ pub struct Check {
     /// The lowest version of KUKA System Software for which the KRL files are written, 8.2 to 8.7: use of a
     /// function that this version lacks is an error.
     #[arg(long, value_name = "VERSION")]
-    pub kss: Option<crate::krl::Kss>,
+    pub kss: Option<panelprep_kuka::krl::Kss>,
     /// The purpose for which a cell's file must be complete, with the files that it names; without this option, a
     /// cycle whose calibration files may still be missing.
     #[arg(long = "for", value_name = "PURPOSE", value_enum)]

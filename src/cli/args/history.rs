@@ -85,7 +85,7 @@ pub enum HistoryTask {
     /// The trend of a quantity of a panel over its cycles, with its limits, and with hints by the rules of Western
     /// Electric.
     #[command(after_help = format!("NAME is one of these words:\n  {}\nor, in quotes, the name of a check on the page of a cycle.",
-        crate::history::KnownQuantity::keywords().join("\n  ")))]
+        panelprep_store::history::KnownQuantity::keywords().join("\n  ")))]
     Trend {
         /// The panel, by its name in the recipe.
         panel: String,

@@ -1,7 +1,7 @@
 //! Arguments of the command for the accounts of the operator's page.
 
-use crate::accounts::Role;
 use clap::{Args, Subcommand};
+use panelprep_cell::accounts::Role;
 
 /// Options of `user`.
 #[derive(Debug, Clone, Args)]

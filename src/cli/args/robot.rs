@@ -1,8 +1,8 @@
 //! Arguments of `panelprep robot`.
 
 use super::values::{parse_non_empty, parse_stage};
-use crate::cell::ProofStage;
 use clap::{Args, Subcommand, ValueEnum};
+use panelprep_cell::cell::ProofStage;
 use std::path::PathBuf;
 
 /// Options of `robot`.

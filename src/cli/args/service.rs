@@ -1,8 +1,8 @@
 //! Arguments of the service, of its worker, and of its clients.
 
 use super::simulation::Simulation;
-use crate::record::PartNames;
 use clap::{Args, Subcommand};
+use panelprep_cell::record::PartNames;
 use std::path::PathBuf;
 
 /// Options of `cycle` and `air-run`.

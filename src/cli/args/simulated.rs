@@ -1,10 +1,10 @@
 //! Arguments of the commands that simulate a cell.
 
 use super::simulation::{SceneName, arm_error};
-use crate::devices::acf::PlannedToolFault;
-use crate::devices::mock::FaultSpec;
-use crate::sim::{RealArm, ScannerDistortion};
 use clap::{Args, ValueEnum};
+use panelprep_devices::acf::PlannedToolFault;
+use panelprep_devices::mock::FaultSpec;
+use panelprep_sim::{RealArm, ScannerDistortion};
 use std::path::PathBuf;
 
 /// How difficult the films of a simulated cell are to evaluate.

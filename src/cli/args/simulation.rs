@@ -1,7 +1,7 @@
 //! The content of a simulated cell.
 
-use crate::devices::acf::PlannedToolFault;
 use clap::{Args, ValueEnum};
+use panelprep_devices::acf::PlannedToolFault;
 
 /// The scene that the simulated cell shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]

@@ -1,9 +1,9 @@
 //! Arguments of the commands about stored data: the store, pages, recordings, codes.
 
 use super::values::parse_non_empty;
-use crate::history::languages;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand};
+use panelprep_store::history::languages;
 use std::path::PathBuf;
 
 /// Options of `store`.

@@ -1,6 +1,6 @@
 //! Parsers for option values that several commands read in the same way.
 
-use crate::cell::ProofStage;
+use panelprep_cell::cell::ProofStage;
 
 /// Accepts a stage of the list of proofs.
 ///

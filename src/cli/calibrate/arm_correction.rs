@@ -7,10 +7,10 @@ use super::super::fault::Fault;
 use super::super::load::{CellFiles, NO_AXES};
 use super::files::Points;
 use super::mounted;
-use crate::cell::{Cell, CorrectionNumbers, RobotCorrection};
-use crate::files::content_hash;
-use crate::geometry::{Base, Flange, Joints, Point, Rigid};
-use crate::path::Kinematics;
+use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid};
+use panelprep_cell::cell::{Cell, CorrectionNumbers, RobotCorrection};
+use panelprep_cell::files::content_hash;
+use panelprep_toolpath::path::Kinematics;
 use std::path::Path;
 
 /// The correction in use.

@@ -2,11 +2,11 @@
 
 use super::super::disk;
 use super::super::fault::Fault;
-use crate::calib::detect::{self, DetectedCorners};
-use crate::calib::{Board, BoardObservation, CalibError};
-use crate::files;
-use crate::geometry::{Camera, ColorPicture, GrayPicture, OrganizedCloud, PinholeCamera};
-use crate::locate::ScanErrors;
+use panelprep_base::geometry::{Camera, ColorPicture, GrayPicture, OrganizedCloud, PinholeCamera};
+use panelprep_cell::files;
+use panelprep_vision::calib::detect::{self, DetectedCorners};
+use panelprep_vision::calib::{Board, BoardObservation, CalibError};
+use panelprep_vision::locate::ScanErrors;
 use std::path::Path;
 
 /// The picture of a file, and its points if it has them.

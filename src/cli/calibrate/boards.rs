@@ -2,7 +2,7 @@
 
 use super::super::fault::Fault;
 use super::args::{BoardArgs, NamedBoard};
-use crate::calib::{Board, CalibError};
+use panelprep_vision::calib::{Board, CalibError};
 
 pub(super) fn board(args: &BoardArgs) -> Result<Board, Fault> {
     Board::parse(&args.board, args.square_mm).map_err(Fault::stage)

@@ -1,6 +1,6 @@
 //! Reads the clock for calibration files.
 
-use crate::cell::Date;
+use panelprep_cell::cell::Date;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Seconds since 1970.

@@ -7,14 +7,14 @@ use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::args::Force as Args;
 use super::{date, files};
-use crate::calib::force::{AttitudeReading, ForceCalibration, calibrate};
-use crate::calib::health::{self, TOOL_FORCE, Verification, VerificationLimits};
-use crate::cell::CompliantTool;
-use crate::force::{SensorLoad, down_cosine};
-use crate::geometry::{Base, Flange, Rigid, STANDARD_GRAVITY_M_S2, Tool};
-use crate::number_text::distinguishable_texts;
-use crate::store::{Store, calibration_hash};
-use crate::verdict::{Check, Judgement, LimitSource};
+use panelprep_base::geometry::{Base, Flange, Rigid, STANDARD_GRAVITY_M_S2, Tool};
+use panelprep_base::number_text::distinguishable_texts;
+use panelprep_base::verdict::{Check, Judgement, LimitSource};
+use panelprep_cell::cell::CompliantTool;
+use panelprep_cell::force::{SensorLoad, down_cosine};
+use panelprep_store::store::{Store, calibration_hash};
+use panelprep_vision::calib::force::{AttitudeReading, ForceCalibration, calibrate};
+use panelprep_vision::calib::health::{self, TOOL_FORCE, Verification, VerificationLimits};
 use serde_json::json;
 use std::path::Path;
 
@@ -121,14 +121,14 @@ pub fn hash(tool: &CompliantTool) -> String {
 mod tests {
     use super::super::super::render_boards::FORCE_TEXT;
     use super::*;
-    use crate::cell::Cell;
-    use crate::geometry::KukaPose;
+    use panelprep_base::geometry::KukaPose;
+    use panelprep_cell::cell::Cell;
 
     /// After `make demo`, a cycle runs on the cell in the repository: its file states the values that the demo
     /// measures for the tool.
     #[test]
     fn the_simulated_cell_states_what_the_demo_measures() {
-        let flange_from_tool = KukaPose { z_mm: crate::sim::TOOL_LENGTH_MM, ..KukaPose::default() }.to_rigid();
+        let flange_from_tool = KukaPose { z_mm: panelprep_sim::TOOL_LENGTH_MM, ..KukaPose::default() }.to_rigid();
         let readings = read("force.toml", FORCE_TEXT, flange_from_tool).unwrap_or_else(|fault| panic!("{fault}"));
         let found = calibrate(&readings).unwrap_or_else(|error| panic!("{error}")).weight;
         let cell =

@@ -11,15 +11,17 @@ use super::boards;
 use super::mounted::{Mounted, cell, intrinsics};
 use super::output::{provenance, write_calibration};
 use super::{date, files};
-use crate::calib::board_orientation::resolve_symmetry;
-use crate::calib::detect::DetectedCorners;
-use crate::calib::gate::PosesFrom;
-use crate::calib::hand_eye::{MIN_STATIONS, hand_eye};
-use crate::calib::{Arrangement, Board, BoardObservation, CalibError, HandEye, Station, gate, suggest_next_pose};
-use crate::cell::{FlangeCameraMount, MountedPose, ScannerMount};
-use crate::geometry::{Base, Frame, KukaPose, PinholeCamera, Point, Rigid};
-use crate::locate::ScanErrors;
-use crate::verdict::{Judgement, Reason};
+use panelprep_base::geometry::{Base, Frame, KukaPose, PinholeCamera, Point, Rigid};
+use panelprep_base::verdict::{Judgement, Reason};
+use panelprep_cell::cell::{FlangeCameraMount, MountedPose, ScannerMount};
+use panelprep_vision::calib::board_orientation::resolve_symmetry;
+use panelprep_vision::calib::detect::DetectedCorners;
+use panelprep_vision::calib::gate::PosesFrom;
+use panelprep_vision::calib::hand_eye::{MIN_STATIONS, hand_eye};
+use panelprep_vision::calib::{
+    Arrangement, Board, BoardObservation, CalibError, HandEye, Station, gate, suggest_next_pose,
+};
+use panelprep_vision::locate::ScanErrors;
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::Path;
@@ -40,7 +42,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
 struct BoardPicture {
     board_image: BoardImage,
     detected: DetectedCorners,
-    base_from_flange: Rigid<Base, crate::geometry::Flange>,
+    base_from_flange: Rigid<Base, panelprep_base::geometry::Flange>,
     /// Whether the pose includes the axes: then the controller reported it.
     has_axes: bool,
 }

@@ -7,11 +7,11 @@ use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::args::StrikeOut;
 use super::date;
-use crate::calib::health::{self, Strike, TOOL_FORCE, Verification};
-use crate::cell::Date;
-use crate::number_text::distinguishable_texts;
-use crate::store::Store;
-use crate::verdict::Judgement;
+use panelprep_base::number_text::distinguishable_texts;
+use panelprep_base::verdict::Judgement;
+use panelprep_cell::cell::Date;
+use panelprep_store::store::Store;
+use panelprep_vision::calib::health::{self, Strike, TOOL_FORCE, Verification};
 use serde_json::{Value, json};
 
 /// Lists the verifications.

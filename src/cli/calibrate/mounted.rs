@@ -3,9 +3,9 @@
 use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::Fault;
-use crate::calib::{Arrangement, BoardObservation};
-use crate::cell::{Cell, FlangeCameraMount, Intrinsics, ScannerMount};
-use crate::geometry::{Base, Camera, Point, Rigid};
+use panelprep_base::geometry::{Base, Camera, Point, Rigid};
+use panelprep_cell::cell::{Cell, FlangeCameraMount, Intrinsics, ScannerMount};
+use panelprep_vision::calib::{Arrangement, BoardObservation};
 use std::path::Path;
 
 /// The functions of a mount that the command needs in addition to those of its arrangement.

@@ -3,8 +3,8 @@
 use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
-use crate::cell::Provenance;
-use crate::verdict::{Judgement, Verdict};
+use panelprep_base::verdict::{Judgement, Verdict};
+use panelprep_cell::cell::Provenance;
 use std::path::Path;
 
 pub(super) fn provenance(pictures: Vec<String>, residuals: Vec<f64>) -> Provenance {

@@ -10,14 +10,16 @@ use super::boards;
 use super::mounted;
 use super::output::{provenance, write_calibration};
 use super::{date, files, robot_advice};
-use crate::calib::board_orientation::resolve_symmetry;
-use crate::calib::hand_eye::{MIN_STATIONS, hand_eye as mount_of};
-use crate::calib::robot::{
+use panelprep_base::geometry::{Camera, PinholeCamera};
+use panelprep_cell::cell::{ArmGeometry, Cell, FlangeCameraMount, RobotCorrection, ScannerMount};
+use panelprep_vision::calib::board_orientation::resolve_symmetry;
+use panelprep_vision::calib::hand_eye::{MIN_STATIONS, hand_eye as mount_of};
+use panelprep_vision::calib::robot::{
     self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, TouchTarget,
 };
-use crate::calib::{Arrangement, BoardObservation, CalibError, Station, arm_errors, board_pose, gate, robot_next};
-use crate::cell::{ArmGeometry, Cell, FlangeCameraMount, RobotCorrection, ScannerMount};
-use crate::geometry::{Camera, PinholeCamera};
+use panelprep_vision::calib::{
+    Arrangement, BoardObservation, CalibError, Station, arm_errors, board_pose, gate, robot_next,
+};
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::Path;
@@ -25,7 +27,7 @@ use std::path::Path;
 /// A picture that shows the board.
 struct BoardPicture {
     board_image: BoardImage,
-    corners: crate::calib::detect::Corners,
+    corners: panelprep_vision::calib::detect::Corners,
     pose: ArmPose,
 }
 
@@ -100,8 +102,8 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
 
 /// Returns the verdict for data that do not determine the arm.
 fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
-    let reason = crate::verdict::Reason::new(code, message);
-    let mut outcome = Outcome::from_judgement(&crate::verdict::Judgement::new(vec![reason], vec![]));
+    let reason = panelprep_base::verdict::Reason::new(code, message);
+    let mut outcome = Outcome::from_judgement(&panelprep_base::verdict::Judgement::new(vec![reason], vec![]));
     outcome.add_value("residual_left_out_mm", json!(null));
     outcome.add_value("residual_left_out_before_mm", json!(null));
     outcome.add_line(format!("{}: not written", args.out.display()));

@@ -2,13 +2,13 @@
 //! whether one more pose is useful.
 
 use super::super::outcome::Outcome;
-use crate::calib::robot::{ArmPose, RigKind, RobotData, RobotFound};
-use crate::calib::robot_next::{self, Candidate, NextPose};
-use crate::calib::{Board, arm_errors};
-use crate::cell::Cell;
-use crate::geometry::{Base, Flange, Joints, KukaPose, PinholeCamera, Point, Rigid, median};
-use crate::path::{Kinematics, reach};
 use nalgebra::{Isometry3, Vector3};
+use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, PinholeCamera, Point, Rigid, median};
+use panelprep_cell::cell::Cell;
+use panelprep_toolpath::path::{Kinematics, reach};
+use panelprep_vision::calib::robot::{ArmPose, RigKind, RobotData, RobotFound};
+use panelprep_vision::calib::robot_next::{self, Candidate, NextPose};
+use panelprep_vision::calib::{Board, arm_errors};
 use serde_json::json;
 
 /// Number of evaluated positions in the working volume along each of its sides.

@@ -7,11 +7,11 @@ use super::super::outcome::Outcome;
 use super::args::Intrinsics as Args;
 use super::date;
 use super::output::{provenance, write_calibration};
-use crate::cell::Intrinsics;
-use crate::files;
-use crate::geometry::{fit_lens, sample_points};
-use crate::number_text::distinguishable_texts;
-use crate::verdict::{Judgement, Reason};
+use panelprep_base::geometry::{fit_lens, sample_points};
+use panelprep_base::number_text::distinguishable_texts;
+use panelprep_base::verdict::{Judgement, Reason};
+use panelprep_cell::cell::Intrinsics;
+use panelprep_cell::files;
 use serde_json::json;
 use std::path::Path;
 

@@ -9,13 +9,15 @@ use super::board_image::BoardImage;
 use super::boards;
 use super::date;
 use super::output::{provenance, write_calibration};
-use crate::calib::scanner_errors::{BoardScan, PlaneView, ScannerErrors, checks, direction_rectangle, measure};
-use crate::calib::{Board, CalibError};
-use crate::cell::{Intrinsics, MeasuredScanner};
-use crate::geometry::PinholeCamera;
-use crate::number_text::fixed_decimals;
-use crate::report;
-use crate::verdict::{Judgement, Reason};
+use panelprep_base::geometry::PinholeCamera;
+use panelprep_base::number_text::fixed_decimals;
+use panelprep_base::verdict::{Judgement, Reason};
+use panelprep_cell::cell::{Intrinsics, MeasuredScanner};
+use panelprep_service::report;
+use panelprep_vision::calib::scanner_errors::{
+    BoardScan, PlaneView, ScannerErrors, checks, direction_rectangle, measure,
+};
+use panelprep_vision::calib::{Board, CalibError};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::path::Path;

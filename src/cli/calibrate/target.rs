@@ -4,9 +4,9 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::args::BoardArgs;
 use super::boards;
-use crate::calib::{Board, CalibError};
-use crate::cell::{BoardSize, MountedPose, TargetMount};
-use crate::geometry::{Base, Board as BoardFrame, Rigid};
+use panelprep_base::geometry::{Base, Board as BoardFrame, Rigid};
+use panelprep_cell::cell::{BoardSize, MountedPose, TargetMount};
+use panelprep_vision::calib::{Board, CalibError};
 use std::path::Path;
 
 /// A board with which calibrations are verified.

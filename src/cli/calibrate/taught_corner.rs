@@ -8,10 +8,10 @@ use super::super::load::{self, CellFiles};
 use super::super::outcome::Outcome;
 use super::args::{CameraName, Verify};
 use super::verification;
-use crate::calib::{CalibError, health};
-use crate::geometry::{Base, Flange, Rigid};
-use crate::locate::corner::find_taught;
-use crate::verdict::Judgement;
+use panelprep_base::geometry::{Base, Flange, Rigid};
+use panelprep_base::verdict::Judgement;
+use panelprep_vision::calib::{CalibError, health};
+use panelprep_vision::locate::corner::find_taught;
 use serde_json::json;
 use std::path::Path;
 

@@ -9,12 +9,12 @@ use super::args::Tcp as Args;
 use super::arm_correction::CorrectionInUse;
 use super::output::{provenance, write_calibration};
 use super::{date, files};
-use crate::calib::tool::{flange_from_tool, tool_axis, tool_point};
-use crate::calib::{gate, readings};
-use crate::cell::{MountedPose, ToolMount};
-use crate::files::content_hash;
-use crate::geometry::{Joints, KukaPose, Vector};
-use crate::verdict::Verdict;
+use panelprep_base::geometry::{Joints, KukaPose, Vector};
+use panelprep_base::verdict::Verdict;
+use panelprep_cell::cell::{MountedPose, ToolMount};
+use panelprep_cell::files::content_hash;
+use panelprep_vision::calib::tool::{flange_from_tool, tool_axis, tool_point};
+use panelprep_vision::calib::{gate, readings};
 use serde_json::json;
 
 /// Calibrates; writes the file if `--out` names one.

@@ -12,12 +12,12 @@ use super::boards;
 use super::mounted::{Mounted, cell, intrinsics};
 use super::output::{provenance, write_calibration};
 use super::{date, files};
-use crate::calib::three_points::{ThreePoints, three_points};
-use crate::calib::{BoardObservation, CalibError, gate};
-use crate::cell::{FlangeCameraMount, MountedPose, ScannerMount};
-use crate::geometry::KukaPose;
-use crate::report;
-use crate::verdict::Judgement;
+use panelprep_base::geometry::KukaPose;
+use panelprep_base::verdict::Judgement;
+use panelprep_cell::cell::{FlangeCameraMount, MountedPose, ScannerMount};
+use panelprep_service::report;
+use panelprep_vision::calib::three_points::{ThreePoints, three_points};
+use panelprep_vision::calib::{BoardObservation, CalibError, gate};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 

@@ -9,9 +9,9 @@
 use super::super::fault::Fault;
 use super::super::load::CellFiles;
 use super::files::Points;
-use crate::geometry::{Flange, Point, Rigid, Tool};
-use crate::number_text;
-use crate::path::Kinematics;
+use panelprep_base::geometry::{Flange, Point, Rigid, Tool};
+use panelprep_base::number_text;
+use panelprep_toolpath::path::Kinematics;
 use std::path::Path;
 
 /// Maximum difference between the pendant's tool and the cell's tool, mm: a new calibration changes the tool by

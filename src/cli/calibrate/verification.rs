@@ -5,11 +5,11 @@ use super::super::fault::Fault;
 use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::date;
-use crate::calib::health::{self, Verification, VerificationLimits};
-use crate::number_text::distinguishable_texts;
-use crate::report::{self};
-use crate::store::Store;
-use crate::verdict::Judgement;
+use panelprep_base::number_text::distinguishable_texts;
+use panelprep_base::verdict::Judgement;
+use panelprep_service::report::{self};
+use panelprep_store::store::Store;
+use panelprep_vision::calib::health::{self, Verification, VerificationLimits};
 use serde_json::json;
 use std::path::Path;
 

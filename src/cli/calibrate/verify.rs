@@ -13,13 +13,13 @@ use super::over_volume;
 use super::target::Target;
 use super::verification::{store_and_judge, verification};
 use super::{date, files, taught_corner, tips};
-use crate::calib::health::{self, BoardMeasurement};
-use crate::calib::{Board, BoardObservation, BoardPose, CalibError, board_pose};
-use crate::cell::{BoardSize, MountedPose, TargetMount};
-use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Rigid};
-use crate::report::{self, RemainingError};
-use crate::store::calibration_hash;
-use crate::verdict::{Judgement, Reason};
+use panelprep_base::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Rigid};
+use panelprep_base::verdict::{Judgement, Reason};
+use panelprep_cell::cell::{BoardSize, MountedPose, TargetMount};
+use panelprep_service::report::{self, RemainingError};
+use panelprep_store::store::calibration_hash;
+use panelprep_vision::calib::health::{self, BoardMeasurement};
+use panelprep_vision::calib::{Board, BoardObservation, BoardPose, CalibError, board_pose};
 use serde_json::json;
 use std::path::Path;
 
@@ -28,7 +28,7 @@ struct BoardCheck {
     measurement: BoardMeasurement,
     /// The board's pose from the 3D camera's own points, if there are any, and how much farther away than in the
     /// picture they place the board, mm.
-    pose_from_points: Option<(Rigid<Base, crate::geometry::Board>, f64)>,
+    pose_from_points: Option<(Rigid<Base, panelprep_base::geometry::Board>, f64)>,
     /// Whether the picture was taken with points, which should also show the board.
     has_cloud: bool,
     /// The reason why no measurement is allowed at the board's position in the picture.

@@ -1,20 +1,20 @@
 //! Checks of the cell's files: the store, the calibrations with their age, the controller's EthernetKRL files.
 
 use super::check::Check;
-use crate::calib::health::{VerificationLimits, health};
-use crate::cell::{Cell, ProofStage, RobotKind, Unsigned};
-use crate::check::check_files;
 use crate::cli::args::Common;
 use crate::cli::calibrate::now_unix_s;
 use crate::cli::disk;
 use crate::cli::fault::{CalibrationFault, Fault};
 use crate::cli::load::{CellFiles, last_touch_check};
-use crate::config::Problem;
-use crate::controller::{
+use panelprep_base::config::Problem;
+use panelprep_cell::cell::{Cell, ProofStage, RobotKind, Unsigned};
+use panelprep_cell::controller::{
     COMMANDS, CONFIG, Comparison, ControllerFiles, PROGRAMS, STATES, SUBMIT, SumError, USER, compare, program_sum,
 };
-use crate::requirements::{ProblemKind, Purpose, UnmetRequirement, incomplete_files};
-use crate::store::{Store, StoreError, calibration_hash};
+use panelprep_service::check::check_files;
+use panelprep_service::requirements::{ProblemKind, Purpose, UnmetRequirement, incomplete_files};
+use panelprep_store::store::{Store, StoreError, calibration_hash};
+use panelprep_vision::calib::health::{VerificationLimits, health};
 use std::net::{IpAddr, ToSocketAddrs};
 use std::path::Path;
 
@@ -369,7 +369,7 @@ fn check_program_checksum(sum: i32, kept: Option<i32>) -> Check {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::controller::planted::{MISTAKES, missed, texts};
+    use panelprep_cell::controller::planted::{MISTAKES, missed, texts};
 
     /// Checks these files as a person copied them from the controller, with the cell's file.
     fn checked(texts: &[(&'static str, String)]) -> Programs {

@@ -2,15 +2,15 @@
 
 use super::check::Check;
 use super::{machine, zivid};
-use crate::cell::{Camera, Cell, Gige, RobotKind};
 use crate::cli::fault::Fault;
 use crate::cli::load::{CellFiles, LoadedCalibration};
 use crate::cli::shoot::opening;
 use crate::cli::{live, service_request};
-use crate::daemon::{SingleError, SingleRobot};
-use crate::devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner};
-use crate::eki::LinkLoss;
-use crate::geometry::PinholeCamera;
+use panelprep_base::geometry::PinholeCamera;
+use panelprep_cell::cell::{Camera, Cell, Gige, RobotKind};
+use panelprep_devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner};
+use panelprep_kuka::eki::LinkLoss;
+use panelprep_service::daemon::{SingleError, SingleRobot};
 
 /// Checks both cameras, and the sockets that a network camera needs.
 pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
@@ -40,8 +40,8 @@ pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
 #[cfg(feature = "gige")]
 fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
     use super::leased_camera::judge_shot_reply;
-    use crate::daemon::BorrowedFlangeCamera;
-    use crate::devices::cameras::FlangeCamera as _;
+    use panelprep_devices::cameras::FlangeCamera as _;
+    use panelprep_service::daemon::BorrowedFlangeCamera;
     let name = "flange camera";
     let calibrated = || files.flange_camera().ok().map(|lens| [lens.value.width_px, lens.value.height_px]);
     if let Some(state) = service_request::service_state(&files.socket()) {

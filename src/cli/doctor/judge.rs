@@ -1,10 +1,10 @@
 //! Converts a fact of the computer to a line for a person. Pure functions.
 
 use super::check::Check;
-use crate::cell::{MainsFrequency, ZividSettings, ZividUse};
-use crate::daemon::FLOOR_MB;
-use crate::devices::zivid::{Flicker, Light, WarmUpState};
-use crate::verdict::Reason;
+use panelprep_base::verdict::Reason;
+use panelprep_cell::cell::{MainsFrequency, ZividSettings, ZividUse};
+use panelprep_devices::zivid::{Flicker, Light, WarmUpState};
+use panelprep_service::daemon::FLOOR_MB;
 
 /// Below this free space there is room for a few cycles only, MB.
 const MIN_FREE_MB: u64 = 10_000;

@@ -1,8 +1,8 @@
 //! The check of a camera that the service uses.
 
 use super::check::Check;
-use crate::devices::cameras::CameraError;
-use crate::geometry::ColorPicture;
+use panelprep_base::geometry::ColorPicture;
+use panelprep_devices::cameras::CameraError;
 
 /// Judges a camera that the service uses, from the result of a request for a shot; a cell that is at work is not
 /// disturbed.

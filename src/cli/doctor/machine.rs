@@ -3,9 +3,9 @@
 use super::check::Check;
 use super::judge;
 use crate::cli::calibrate::now_unix_s;
-use crate::daemon;
-use crate::devices::gige::socket_buffer_bytes;
-use crate::store::free_mb;
+use panelprep_devices::gige::socket_buffer_bytes;
+use panelprep_service::daemon;
+use panelprep_store::store::free_mb;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -20,9 +20,9 @@ use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::service_request;
-use crate::verdict::{Judgement, Reason, Verdict};
 use check::{Check, Status};
 pub(in crate::cli) use judge::low_disk_space;
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 
 /// Checks everything and reports.

@@ -2,11 +2,11 @@
 //! are read and servers are connected to, but without a login, and nothing is sent.
 
 use super::check::Check;
-use crate::cell::{Broker, BrokerLogin, Cell, authority};
 use crate::cli::connecting::connected;
-use crate::disk;
-use crate::recipe::Recipe;
-use crate::trust::{self, TrustError};
+use panelprep_base::disk;
+use panelprep_base::trust::{self, TrustError};
+use panelprep_cell::cell::{Broker, BrokerLogin, Cell, authority};
+use panelprep_cell::recipe::Recipe;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 

@@ -1,10 +1,10 @@
 //! Checks the compliant tool: whether it answers and reports no fault. The tool is held back, and nothing is pressed.
 
 use super::check::Check;
-use crate::cell::{Cell, CompliantTool};
-use crate::devices::acf::{AcfLink, ConnectedTool as _, ToolReport};
-use crate::force::{LinkLossCause, ToolReading, not_ready_reason};
-use crate::number_text::fixed_decimals;
+use panelprep_base::number_text::fixed_decimals;
+use panelprep_cell::cell::{Cell, CompliantTool};
+use panelprep_cell::force::{LinkLossCause, ToolReading, not_ready_reason};
+use panelprep_devices::acf::{AcfLink, ConnectedTool as _, ToolReport};
 use std::time::{Duration, Instant};
 
 const NAME: &str = "compliant tool";
@@ -74,7 +74,7 @@ fn describe_tool_state(tool: &CompliantTool, last: Option<ToolReading>, lost: Op
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::devices::acf::{MockAcfServer, ToolFault};
+    use panelprep_devices::acf::{MockAcfServer, ToolFault};
 
     fn cell(port: u16) -> Cell {
         let text = format!(

@@ -4,14 +4,14 @@
 use super::check::Check;
 use super::leased_camera::judge_shot_reply;
 use super::{judge, machine};
-use crate::cell::ZividCamera;
 use crate::cli::load::CellFiles;
 use crate::cli::service_request;
 use crate::cli::shoot::opening;
-use crate::daemon::RemoteScanner;
-use crate::devices::cameras::Scanner as _;
-use crate::devices::zivid::{AnswerTimeouts, ZividFault, ZividScanner};
-use crate::geometry::PinholeCamera;
+use panelprep_base::geometry::PinholeCamera;
+use panelprep_cell::cell::ZividCamera;
+use panelprep_devices::cameras::Scanner as _;
+use panelprep_devices::zivid::{AnswerTimeouts, ZividFault, ZividScanner};
+use panelprep_service::daemon::RemoteScanner;
 use std::time::{Duration, Instant};
 
 /// Starts the camera's worker, opens the camera and takes a shot to warm it up. If requested, takes shots for ten

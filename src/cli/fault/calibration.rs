@@ -1,6 +1,6 @@
 //! The faults of a calibration: it is missing, contradicts another one, or lacks the data for its measurement.
 
-use crate::requirements::CALIBRATION_ADVICE;
+use panelprep_service::requirements::CALIBRATION_ADVICE;
 use std::path::PathBuf;
 
 /// The reason why a calibration cannot be used or made.

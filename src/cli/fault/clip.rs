@@ -36,7 +36,7 @@ pub enum ClipFault {
         /// The file.
         file: PathBuf,
         /// The problem of the labels.
-        cause: crate::labels::FormError,
+        cause: panelprep_cell::labels::FormError,
     },
     /// A person labelled another clip, or this clip before it was changed.
     #[error(

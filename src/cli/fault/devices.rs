@@ -1,6 +1,6 @@
 //! The faults of a device that stop a command: of a controller, a camera or a tool, real or simulated.
 
-use crate::cell::{ProofStage, Unsigned};
+use panelprep_cell::cell::{ProofStage, Unsigned};
 use std::path::PathBuf;
 
 /// The reason why a device cannot be used.

@@ -9,7 +9,7 @@ pub enum RecordFault {
         /// The option.
         option: &'static str,
         /// The problem of the date.
-        cause: crate::history::DateError,
+        cause: panelprep_store::history::DateError,
     },
     /// Conditions of a search together with another request to the history.
     #[error(
@@ -55,10 +55,10 @@ pub enum RecordFault {
     },
     /// The names of a part that the cell does not accept.
     #[error("{0}")]
-    PartNames(crate::cell::PartNameError),
+    PartNames(panelprep_cell::cell::PartNameError),
     /// A part whose abrasions cannot be counted, because the store was restored from a backup.
     #[error("{0}")]
-    CountUnknown(crate::store::LostCount),
+    CountUnknown(panelprep_store::store::LostCount),
     /// A cycle with an unsigned record.
     #[error(
         "the record of cycle {cycle} is not signed: the cycle has not ended, or signing failed; `panelprep store verify` \

@@ -1,6 +1,6 @@
 //! The faults of a teaching, new or existing, that stop a command.
 
-use crate::number_text::distinguishable_texts;
+use panelprep_base::number_text::distinguishable_texts;
 use std::path::PathBuf;
 
 /// The reason why a panel cannot be taught, or why its taught data cannot be used.

@@ -1,10 +1,10 @@
 //! Formats the history for a person at a terminal: columns of words, the newest first.
 
-use crate::history::{Alarm, Comparison, HeatMap, Hits, Summary, Trend};
-use crate::number_text::{fixed_decimals, shortest_text, utc_text};
-use crate::record::PartNames;
-use crate::report::format_value;
-use crate::verdict::{Check, Limit, Reason, Verdict};
+use panelprep_base::number_text::{fixed_decimals, shortest_text, utc_text};
+use panelprep_base::verdict::{Check, Limit, Reason, Verdict};
+use panelprep_cell::record::PartNames;
+use panelprep_service::report::format_value;
+use panelprep_store::history::{Alarm, Comparison, HeatMap, Hits, Summary, Trend};
 
 /// Placeholder for an empty value.
 const EMPTY_PLACEHOLDER: &str = "–";
@@ -165,7 +165,7 @@ pub(super) fn comparison(comparison: &Comparison) -> Vec<String> {
         let reported = pair
             .cycles
             .each_ref()
-            .map(|past| past.as_ref().map_or("not seen".to_owned(), crate::history::GridPast::describe));
+            .map(|past| past.as_ref().map_or("not seen".to_owned(), panelprep_store::history::GridPast::describe));
         format!("{}: {} | {}", pair.grid, reported[0], reported[1])
     }));
     words
@@ -194,7 +194,7 @@ pub(super) fn trend(trend: &Trend) -> Vec<String> {
             format_value(usual.mean),
             format_value(usual.sigma)
         ),
-        None => format!("fewer than {} values: no hints", crate::history::western_electric::MIN_VALUES),
+        None => format!("fewer than {} values: no hints", panelprep_store::history::western_electric::MIN_VALUES),
     });
     words.extend((trend.without > 0).then(|| format!("{} more cycles do not have this value", trend.without)));
     words

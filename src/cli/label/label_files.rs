@@ -8,12 +8,12 @@
 use super::super::calibrate::date::now_unix_s;
 use super::super::disk;
 use super::super::fault::{ClipFault, Fault};
-use crate::files;
-use crate::labels::{
+use panelprep_base::number_text::utc_text;
+use panelprep_cell::files;
+use panelprep_cell::labels::{
     self, ClipFrame, DRAFT_FILE, LABELS, LabelFile, MASK, Statement, TIMES_FILE, VERSION, broken_pixels, problems,
 };
-use crate::number_text::utc_text;
-use crate::page::label::{CurrentLabels, LabelStorage, SaveResult};
+use panelprep_interfaces::page::label::{CurrentLabels, LabelStorage, SaveResult};
 use std::path::{Path, PathBuf};
 
 /// The folder in which the labels of a clip are stored.

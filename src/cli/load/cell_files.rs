@@ -1,23 +1,23 @@
 //! The cell's file with the calibrations that it names, each read and checked when a command needs it; and the
 //! cell's store.
 
-use crate::calib::health::Verification;
-use crate::cell::{
-    Cell, CorrectionNumbers, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RemovalCalibration,
-    RobotCorrection, ScannerMount, SignedPage, ToolMount,
-};
 use crate::cli::args::Common;
 use crate::cli::disk;
 use crate::cli::fault::{CalibrationFault, Fault};
-use crate::cycle::{At, Cause};
-use crate::daemon::Mounted;
-use crate::files::{ReportedFlange, content_hash};
-use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, PinholeCamera, Rigid, Tool};
-use crate::locate::ScanErrors;
-use crate::path::Kinematics;
-use crate::removal::model::Model;
-use crate::requirements::{Purpose, incomplete_files, is_same_correction};
-use crate::store::{Store, calibration_hash};
+use panelprep_base::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, PinholeCamera, Rigid, Tool};
+use panelprep_cell::cell::{
+    Cell, CorrectionNumbers, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RemovalCalibration,
+    RobotCorrection, ScannerMount, SignedPage, ToolMount,
+};
+use panelprep_cell::cycle::{At, Cause};
+use panelprep_cell::files::{ReportedFlange, content_hash};
+use panelprep_service::daemon::Mounted;
+use panelprep_service::requirements::{Purpose, incomplete_files, is_same_correction};
+use panelprep_store::store::{Store, calibration_hash};
+use panelprep_toolpath::path::Kinematics;
+use panelprep_toolpath::removal::model::Model;
+use panelprep_vision::calib::health::Verification;
+use panelprep_vision::locate::ScanErrors;
 use std::path::{Path, PathBuf};
 
 /// Message for a pose without axes: the axes that are missing, and how to add them.

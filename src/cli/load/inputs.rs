@@ -4,11 +4,11 @@
 use super::cell_files::{CellFiles, name};
 use crate::cli::disk;
 use crate::cli::fault::{Fault, TeachingFault};
-use crate::files;
-use crate::geometry::{Base, Camera, ColorPicture, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid};
-use crate::panel::nominal_pose;
-use crate::recipe::Recipe;
-use crate::requirements::recipe_fits::parse_plausible_recipe;
+use panelprep_base::geometry::{Base, Camera, ColorPicture, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid};
+use panelprep_cell::files;
+use panelprep_cell::panel::nominal_pose;
+use panelprep_cell::recipe::Recipe;
+use panelprep_service::requirements::recipe_fits::parse_plausible_recipe;
 use std::path::{Path, PathBuf};
 
 /// Reads and checks a recipe.

@@ -1,14 +1,14 @@
 //! Derives the taught data of a panel again from the data in the store.
 
 use super::cell_files::CellFiles;
-use crate::cell::{FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
 use crate::cli::fault::{Fault, TeachingFault};
-use crate::files;
-use crate::locate::ScanErrors;
-use crate::panel::{TaughtCorner, TaughtPanel};
-use crate::recipe::Recipe;
-use crate::stages::learn;
-use crate::store::{StoredTeaching as KeptTeaching, TeachingInputs};
+use panelprep_cell::cell::{FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
+use panelprep_cell::files;
+use panelprep_cell::panel::{TaughtCorner, TaughtPanel};
+use panelprep_cell::recipe::Recipe;
+use panelprep_service::stages::learn;
+use panelprep_store::store::{StoredTeaching as KeptTeaching, TeachingInputs};
+use panelprep_vision::locate::ScanErrors;
 use std::path::Path;
 
 /// The taught data of a panel, derived again from the data in the store.

@@ -13,11 +13,11 @@ use super::connected::{self, FoundDevices};
 use super::questions::{Asker, BoxMm, Question, Refusal, accept_any};
 use super::recipe::parse_document;
 use super::setting::{format_numbers, refusal, set};
-use crate::cell::Cell;
-use crate::config::Problems;
-use crate::requirements::{Purpose, to_problems, unmet_requirements};
-use crate::verdict::{Judgement, Verdict};
 use clap::ValueEnum;
+use panelprep_base::config::Problems;
+use panelprep_base::verdict::{Judgement, Verdict};
+use panelprep_cell::cell::Cell;
+use panelprep_service::requirements::{Purpose, to_problems, unmet_requirements};
 use serde_json::json;
 use toml_edit::Array;
 

@@ -2,8 +2,8 @@
 
 use super::super::connecting::connected;
 use super::super::zivid::{LIBRARY, OWN_EXECUTABLE, ROLE};
-use crate::devices::gige;
-use crate::devices::zivid::{
+use panelprep_devices::gige;
+use panelprep_devices::zivid::{
     AnswerTimeouts, CameraSetup, Restarts, Size, Source, ZividFault, ZividScanner, command_launcher,
 };
 use std::time::Duration;

@@ -2,7 +2,7 @@
 
 use super::super::fault::Fault;
 use super::super::output::write_progress;
-use crate::number_text::shortest_text;
+use panelprep_base::number_text::shortest_text;
 use std::io::BufRead;
 use std::ops::RangeInclusive;
 

@@ -6,12 +6,12 @@ use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::questions::{Asker, BoxMm, Question, Refusal};
 use super::setting::{format_numbers, refusal, set};
-use crate::cell::Cell;
-use crate::config::{Problem, Problems};
-use crate::number_text::shortest_text;
-use crate::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
-use crate::requirements::to_problems;
-use crate::verdict::{Judgement, Verdict};
+use panelprep_base::config::{Problem, Problems};
+use panelprep_base::number_text::shortest_text;
+use panelprep_base::verdict::{Judgement, Verdict};
+use panelprep_cell::cell::Cell;
+use panelprep_service::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
+use panelprep_service::requirements::to_problems;
 use serde_json::json;
 use toml_edit::{Array, DocumentMut, Value};
 

@@ -1,8 +1,8 @@
 //! Sets values in a sample's text, and finds the problems of these values there.
 
 use super::questions::Refusal;
-use crate::config::{Problem, set_value};
-use crate::number_text::shortest_text;
+use panelprep_base::config::{Problem, set_value};
+use panelprep_base::number_text::shortest_text;
 use toml_edit::{DocumentMut, Value};
 
 /// Sets a value in a file's text, in an existing table; the comment next to it stays.

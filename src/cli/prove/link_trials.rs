@@ -7,7 +7,7 @@ use super::trial::{
     InEpoch, NO_PROGRAM_MESSAGE, NO_STATE_MESSAGE, TestResult, in_a_new_epoch, is_stopped, make_finding, open,
     program_runs, set_base, shown,
 };
-use crate::cell::Cell;
+use panelprep_cell::cell::Cell;
 use std::io::{ErrorKind, Read, Write};
 use std::time::{Duration, Instant};
 

@@ -3,9 +3,9 @@
 use super::super::calibrate::now_unix_s;
 use super::super::controller_kind::{ControllerKind, ReportedController};
 use super::proof::{Finding, Proof};
-use crate::cell::{ProofStage, Robot};
-use crate::number_text::utc_text;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use panelprep_base::number_text::utc_text;
+use panelprep_cell::cell::{ProofStage, Robot};
 
 const STYLE: &str = "body{font:14px/1.4 sans-serif;max-width:1100px;margin:2em auto}table{border-collapse:collapse;width:100%}\
 td,th{border:1px solid #999;padding:4px 6px;text-align:left;vertical-align:top}\
@@ -176,8 +176,8 @@ impl ProofPage<'_> {
 mod tests {
     use super::super::table::{INSTALLATION, assumptions};
     use super::*;
-    use crate::cell::Cell;
-    use crate::eki::Mode;
+    use panelprep_cell::cell::Cell;
+    use panelprep_kuka::eki::Mode;
 
     fn reported(kind: ControllerKind, sum: i32) -> ReportedController {
         ReportedController { kind, programs_sum: Some(sum), mode: Some(Mode::T1) }

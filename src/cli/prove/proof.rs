@@ -1,6 +1,6 @@
 //! A row of the installation page, and its result.
 
-use crate::cell::ProofStage;
+use panelprep_cell::cell::ProofStage;
 
 /// A row of the table on the installation page.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! A client of the controller's two ports that can send what the robot link never sends.
 
-use crate::cell::Cell;
+use panelprep_cell::cell::Cell;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::{Duration, Instant};

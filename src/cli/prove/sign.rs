@@ -5,11 +5,11 @@ use super::super::disk;
 use super::super::fault::{DeviceFault, Fault};
 use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
-use crate::cell::ProofStage;
-use crate::daemon::current_user;
-use crate::files::content_hash;
-use crate::store::{ProofsPage, Store};
-use crate::verdict::Judgement;
+use panelprep_base::verdict::Judgement;
+use panelprep_cell::cell::ProofStage;
+use panelprep_cell::files::content_hash;
+use panelprep_service::daemon::current_user;
+use panelprep_store::store::{ProofsPage, Store};
 use serde_json::json;
 
 /// Stores that a person signed the page: with the stage, the person, the date and the checksum of the programs.

@@ -1,7 +1,7 @@
 //! Reads the table "To be proven" of the installation page.
 
 use super::proof::Assumption;
-use crate::cell::ProofStage;
+use panelprep_cell::cell::ProofStage;
 
 /// The installation page with the table of assumptions to go through.
 pub(super) const INSTALLATION: &str = include_str!("../../../config/kuka/README.md");

@@ -3,7 +3,7 @@
 use super::super::fault::Fault;
 use super::proof::Finding;
 use super::raw_client::{Heard, OP_RESET, RawClient};
-use crate::cell::Cell;
+use panelprep_cell::cell::Cell;
 use std::time::Duration;
 
 /// The finding of a trial, with what was commanded and what was reported.

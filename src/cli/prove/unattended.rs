@@ -7,10 +7,10 @@ use super::trial::{
     InEpoch, NO_STATE_MESSAGE, TestResult, command, in_a_new_epoch, make_finding, no_program, open, program_runs,
     set_base, shown,
 };
-use crate::cell::Cell;
-use crate::daemon::SingleRobot;
-use crate::eki::Command;
-use crate::geometry::KukaPose;
+use panelprep_base::geometry::KukaPose;
+use panelprep_cell::cell::Cell;
+use panelprep_kuka::eki::Command;
+use panelprep_service::daemon::SingleRobot;
 use std::time::{Duration, Instant};
 
 /// A test of a row.

@@ -10,15 +10,15 @@ use super::super::live::{self, SimulatedController};
 use super::super::load::{CellFiles, LoadedCalibration};
 use super::super::service_request;
 use super::super::zivid;
-use crate::cell::{self, RobotKind};
-use crate::daemon::{BorrowedFlangeCamera, RemoteScanner};
-use crate::devices::UNKNOWN_PX;
-use crate::devices::cameras::{
+use panelprep_base::geometry::PinholeCamera;
+use panelprep_cell::cell::{self, RobotKind};
+use panelprep_devices::UNKNOWN_PX;
+use panelprep_devices::cameras::{
     CameraError, CameraRole, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner,
 };
-use crate::devices::zivid::{AnswerTimeouts, ZividFault, ZividScanner};
-use crate::geometry::PinholeCamera;
-use crate::sim;
+use panelprep_devices::zivid::{AnswerTimeouts, ZividFault, ZividScanner};
+use panelprep_service::daemon::{BorrowedFlangeCamera, RemoteScanner};
+use panelprep_sim as sim;
 use std::path::PathBuf;
 
 /// An opened camera, with the simulated world if there is one.

@@ -1,7 +1,7 @@
 //! The report about a shot.
 
 use super::super::outcome::Outcome;
-use crate::devices::cameras::{Conditions, PictureQuality};
+use panelprep_devices::cameras::{Conditions, PictureQuality};
 use serde_json::{Value, json};
 
 /// Adds what the camera reports about a shot, as text and for scripts.

@@ -7,14 +7,16 @@ use super::super::fault::{Fault, TeachingFault};
 use super::super::load::{self, CellFiles};
 use super::super::outcome::Outcome;
 use super::super::output::write_progress;
-use crate::files;
-use crate::geometry::{Base, Camera, Drawing, Flange, FlangeCamera, OrganizedCloud, PinholeCamera, Point, Rigid};
-use crate::nominal::{NominalError, Part, PartEdges, PartRays, PartView, UnseenShares};
-use crate::number_text::{distinguishable_texts, fixed_decimals};
-use crate::page::drawing::canvas;
-use crate::recipe::{self, Recipe, with_shapes};
-use crate::store::TaughtCorner;
-use crate::verdict::Reason;
+use panelprep_base::geometry::{
+    Base, Camera, Drawing, Flange, FlangeCamera, OrganizedCloud, PinholeCamera, Point, Rigid,
+};
+use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
+use panelprep_base::verdict::Reason;
+use panelprep_cell::files;
+use panelprep_cell::recipe::{self, Recipe, with_shapes};
+use panelprep_interfaces::page::drawing::canvas;
+use panelprep_store::store::TaughtCorner;
+use panelprep_vision::nominal::{NominalError, Part, PartEdges, PartRays, PartView, UnseenShares};
 use serde_json::json;
 use std::path::Path;
 

@@ -9,11 +9,11 @@ use super::super::load::{self, CellFiles};
 use super::super::output::{read_answer_line, write_progress};
 use super::super::shoot::opening::{self, RequestedShot};
 use super::super::{live, service_request};
-use crate::files;
-use crate::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
-use crate::page::LocalServer;
-use crate::page::drawing::{self, DrawingSheet};
-use crate::sim::{self, PanelPosition};
+use panelprep_base::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
+use panelprep_cell::files;
+use panelprep_interfaces::page::LocalServer;
+use panelprep_interfaces::page::drawing::{self, DrawingSheet};
+use panelprep_sim::{self as sim, PanelPosition};
 use std::path::{Path, PathBuf};
 
 /// The same command with existing files: those that it names, or those that were taken. The region is drawn on the

@@ -6,7 +6,7 @@
 //! reports the actuator's force with a small zero error and with noise that depends only on the time, so that two runs
 //! are equal.
 
-use crate::cell::CompliantTool;
+use panelprep_cell::cell::CompliantTool;
 
 /// Speed of the actuator, mm/s.
 const SPEED_MM_S: f64 = 250.0;

@@ -1,7 +1,7 @@
 //! The mock behind a TCP port of this machine, for tests of the link and of the doctor. One client at a time.
 
 use super::mock::{MockAcf, ToolFault, ToolSurroundings};
-use crate::cell::CompliantTool;
+use panelprep_cell::cell::CompliantTool;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};

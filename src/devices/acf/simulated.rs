@@ -3,12 +3,12 @@
 use super::mock::{MockAcf, ToolFault, ToolSurroundings};
 use super::planned_fault::PlannedToolFault;
 use super::tool::{ConnectedTool, ToolReport, session_limits};
-use crate::cell::CompliantTool;
-use crate::devices::cameras::Arm;
-use crate::devices::world::SimulatedWorld;
-use crate::eki::Time;
-use crate::force::{ForceSetPoint, LinkLossCause, Session, State, down_cosine};
-use crate::geometry::{Flange, Rigid, Tool};
+use crate::cameras::Arm;
+use crate::world::SimulatedWorld;
+use panelprep_base::geometry::{Flange, Rigid, Tool};
+use panelprep_cell::cell::CompliantTool;
+use panelprep_cell::force::{ForceSetPoint, LinkLossCause, Session, State, down_cosine};
+use panelprep_kuka::eki::Time;
 
 /// Step in which time passes between two calls, ms.
 const STEP_MS: u64 = 5;

@@ -1,9 +1,9 @@
 //! The link over a real socket, with each fault; and the mock's actuator, calculated by hand.
 
 use super::*;
-use crate::cell::CompliantTool;
-use crate::cell::{Cell, ToolAddress};
-use crate::force::ForceSetPoint;
+use panelprep_cell::cell::CompliantTool;
+use panelprep_cell::cell::{Cell, ToolAddress};
+use panelprep_cell::force::ForceSetPoint;
 use std::time::Duration;
 use std::time::Instant;
 

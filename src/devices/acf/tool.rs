@@ -1,7 +1,7 @@
 //! A compliant tool as the loop uses it: its commands and its reports.
 
-use crate::cell::CompliantTool;
-use crate::force::{ForceSetPoint, LinkLossCause, SessionLimits, ToolReading};
+use panelprep_cell::cell::CompliantTool;
+use panelprep_cell::force::{ForceSetPoint, LinkLossCause, SessionLimits, ToolReading};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 

@@ -2,7 +2,7 @@
 //! estimated.
 
 use super::{CameraError, FlangeCamera, FlangePicture, SimulatedFlangeCamera};
-use crate::devices::gige::{PixelFormat, demosaic, mosaic};
+use crate::gige::{PixelFormat, demosaic, mosaic};
 
 /// The filters of the simulated sensor.
 pub(super) const FORMAT: PixelFormat = PixelFormat::BayerRG8;

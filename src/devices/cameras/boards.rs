@@ -4,9 +4,9 @@
 //! to a new pose for each picture. The true poses of the boards do not leave this module.
 
 use super::CameraError;
-use crate::devices::mock::MockHandle;
-use crate::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
-use crate::sim::{BoardCell, BoardShot, ScannerDistortion};
+use crate::mock::MockHandle;
+use panelprep_base::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
+use panelprep_sim::{BoardCell, BoardShot, ScannerDistortion};
 
 /// The camera that is used, and how the board is mounted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,11 +52,12 @@ impl SimulatedBoards {
         let (scanner, flange_camera) = (self.cell.scanner(), self.cell.flange_camera());
         let (picture, flange) = match self.view {
             BoardView::HandHeldForFixed => {
-                let shots = self.cell.lens_shots::<crate::geometry::Camera>(&scanner, number + 1);
+                let shots = self.cell.lens_shots::<panelprep_base::geometry::Camera>(&scanner, number + 1);
                 (self.cell.picture(&scanner, &shots[number]), None)
             }
             BoardView::HandHeldForFlange => {
-                let shots = self.cell.lens_shots::<crate::geometry::FlangeCamera>(&flange_camera, number + 1);
+                let shots =
+                    self.cell.lens_shots::<panelprep_base::geometry::FlangeCamera>(&flange_camera, number + 1);
                 (self.cell.picture(&flange_camera, &shots[number]), None)
             }
             BoardView::Fixed => {

@@ -1,7 +1,7 @@
 //! The data of a shot, and the interface of a camera that takes it.
 
 use super::error::CameraError;
-use crate::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
+use panelprep_base::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
 use serde::{Deserialize, Serialize};
 
 /// A shot of the 3D camera.

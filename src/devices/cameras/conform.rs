@@ -1,7 +1,7 @@
 //! The behaviour common to all scanners: the same tests run on the simulated one and on the Zivid's.
 
 use super::Scanner;
-use crate::geometry::PinholeCamera;
+use panelprep_base::geometry::PinholeCamera;
 use std::collections::BTreeSet;
 
 /// Checks 3D shots: of the calibrated size, each point in the pixel that sees it, with colours, in the order of

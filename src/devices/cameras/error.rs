@@ -1,7 +1,7 @@
 //! The reason why a camera did not deliver a shot.
 
-use crate::devices::zivid::ZividFault;
-use crate::files::{ClipError, CloudFileError, PictureError, PoseError};
+use crate::zivid::ZividFault;
+use panelprep_cell::files::{ClipError, CloudFileError, PictureError, PoseError};
 use std::path::PathBuf;
 
 /// The role of a camera in the cell.

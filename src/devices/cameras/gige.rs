@@ -2,12 +2,12 @@
 
 use super::bayer::FORMAT;
 use super::{CameraError, CameraRole, Conditions, FlangeCamera, FlangePicture, SimulatedFlangeCamera};
-use crate::cell::Gige;
-use crate::devices::gige::{
+use crate::gige::{
     self, ExposureMode, Frame, GigeCamera, GigeError, LinkMonitor, LoopbackCamera, LoopbackError, PixelFormat,
     Settings, demosaic, mosaic,
 };
-use crate::geometry::{ColorPicture, PinholeCamera};
+use panelprep_base::geometry::{ColorPicture, PinholeCamera};
+use panelprep_cell::cell::Gige;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -207,7 +207,7 @@ fn camera_error(error: GigeError) -> CameraError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cell::PIXEL_FORMATS;
+    use panelprep_cell::cell::PIXEL_FORMATS;
 
     /// The pixel formats that a cell may name are the same as those that this program reads.
     #[test]

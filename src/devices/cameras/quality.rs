@@ -4,7 +4,7 @@
 //! steepest thousandth of the pixels. It increases as the picture comes into focus and depends on the scene. It can
 //! therefore compare two focus settings for the same scene, but it cannot judge one setting alone.
 
-use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud};
 
 /// A channel at or above this level is saturated.
 const SATURATED: u8 = 254;

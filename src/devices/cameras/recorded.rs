@@ -6,9 +6,9 @@
 //! count as its time: 0, 1, 2 … s. Only names are read ahead, so a folder may contain many files.
 
 use super::{CameraError, CameraRole, FileError, FlangeCamera, FlangePicture, Picture, Scanner, Shot};
-use crate::disk;
-use crate::files::{self, ClipEntry, CloudFileError, PictureError};
-use crate::geometry::{ColorPicture, PinholeCamera};
+use panelprep_base::disk;
+use panelprep_base::geometry::{ColorPicture, PinholeCamera};
+use panelprep_cell::files::{self, ClipEntry, CloudFileError, PictureError};
 use std::collections::VecDeque;
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -3,8 +3,8 @@
 //! followed.
 
 use super::{CameraError, CameraRole, FlangeCamera, FlangePicture, Picture, Scanner, Shot};
-use crate::devices::mock::{ContactSample, MockHandle};
-use crate::devices::world::{Follower, RobotMoment, SimulatedWorld};
+use crate::mock::{ContactSample, MockHandle};
+use crate::world::{Follower, RobotMoment, SimulatedWorld};
 
 /// The arm that moves in a simulated world.
 #[derive(Clone)]
@@ -28,7 +28,7 @@ impl Arm {
 
     /// Returns the time and pose of the arm for callers that take no picture; `None` if nothing was received from the
     /// controller yet.
-    pub(in crate::devices) fn moment_now(&self) -> Option<RobotMoment> {
+    pub(crate) fn moment_now(&self) -> Option<RobotMoment> {
         self.current_moment(CameraRole::Flange).ok()
     }
 

@@ -1,8 +1,8 @@
 //! Recorded cameras, from folders as a user has them.
 
 use super::*;
-use crate::files;
-use crate::geometry::{ColorPicture, KukaPose, OrganizedCloud, PinholeCamera};
+use panelprep_base::geometry::{ColorPicture, KukaPose, OrganizedCloud, PinholeCamera};
+use panelprep_cell::files;
 use std::fs;
 use std::path::Path;
 

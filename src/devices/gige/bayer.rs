@@ -9,7 +9,7 @@
 //! interpolation for demosaicing, ICASSP 2004.
 
 use super::format::PixelFormat;
-use crate::geometry::ColorPicture;
+use panelprep_base::geometry::ColorPicture;
 use rayon::prelude::*;
 
 /// Returns the raw pixels of a sensor with these filters for a picture: the inverse of [`demosaic`], except for what

@@ -9,7 +9,7 @@ use super::error::{GigeError, round_to_ms};
 use super::settings::{ExposureMode, Settings};
 use super::single_picture::MAX_ATTEMPTS;
 use super::statistics::Statistics;
-use crate::devices::UNKNOWN_PX;
+use crate::UNKNOWN_PX;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

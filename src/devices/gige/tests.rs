@@ -4,15 +4,15 @@ mod faults;
 mod stream;
 
 use super::*;
-use crate::geometry::ColorPicture;
-use crate::sim;
+use panelprep_base::geometry::ColorPicture;
+use panelprep_sim as sim;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Only one camera can use the port at a time.
 static PORT: Mutex<()> = Mutex::new(());
 
-pub(in crate::devices) fn alone() -> MutexGuard<'static, ()> {
+pub(crate) fn alone() -> MutexGuard<'static, ()> {
     PORT.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

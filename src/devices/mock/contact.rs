@@ -6,7 +6,7 @@
 
 use super::corner::Pose;
 use super::moves::{Lin, Move};
-use crate::geometry::{Flange, Rigid, Tool, Vector};
+use panelprep_base::geometry::{Flange, Rigid, Tool, Vector};
 
 /// Length of a retract along the tool's −Z, mm.
 const RETRACT_MM: f64 = 50.0;

@@ -6,7 +6,7 @@ use super::codec::Value;
 use super::kinematics::angles_deg;
 use super::model::{Controller, TICK_MS};
 use super::wire::Channel;
-use crate::geometry::KukaPose;
+use panelprep_base::geometry::KukaPose;
 use std::collections::BTreeMap;
 
 const STATE_INTERVAL_MS: u64 = 100;

@@ -5,8 +5,8 @@
 //! same construction on arcs. Along a path there is one measure of length: millimetres, or, if the rotation at the
 //! allowed rate needs more time, the equivalent of the rotation in millimetres.
 
-use crate::geometry::{Base, Rigid, Tool};
 use nalgebra::{Isometry3, Translation3};
+use panelprep_base::geometry::{Base, Rigid, Tool};
 
 /// The pose of the tool in the base frame.
 pub(super) type Pose = Rigid<Base, Tool>;
@@ -132,7 +132,7 @@ impl Corner {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::KukaPose;
+    use panelprep_base::geometry::KukaPose;
 
     fn pose(x_mm: f64, y_mm: f64, a_deg: f64) -> Pose {
         KukaPose { x_mm, y_mm, a_deg, ..KukaPose::default() }.to_rigid()

@@ -1,7 +1,7 @@
 //! The state of one epoch: the ring of commands, base and tool, speeds. None of this outlives the epoch.
 
 use super::wire::{Command, Refusal};
-use crate::geometry::{Flange, KukaPose, Rigid, Tool};
+use panelprep_base::geometry::{Flange, KukaPose, Rigid, Tool};
 use std::collections::VecDeque;
 
 /// Number of entries in the ring.

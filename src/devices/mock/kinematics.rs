@@ -11,9 +11,9 @@
 //! wrist solutions. If q5 is zero, only q4 + q6 is defined; q4 keeps its value. Source: Brandstötter, Angerer,
 //! Hofbaur, Proc. Austrian Robotics Workshop 2014; KUKA's zero and signs as in kroshu/kuka_robot_descriptions.
 
-use crate::geometry::{Base, Degrees, Flange, Joints, Rigid};
-use crate::number_text::shortest_text;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use panelprep_base::geometry::{Base, Degrees, Flange, Joints, Rigid};
+use panelprep_base::number_text::shortest_text;
 
 /// The lengths of an arm and the limits of its axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -266,8 +266,8 @@ fn turn_y(angle_rad: f64) -> UnitQuaternion<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{KukaPose, Point};
     use nalgebra::Point3;
+    use panelprep_base::geometry::{KukaPose, Point};
     use proptest::prelude::*;
 
     const ARM: Arm = Arm::kr6_r700_2();

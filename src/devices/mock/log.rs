@@ -2,7 +2,7 @@
 
 use super::mover::MoveBlocked;
 use super::wire::Refusal;
-use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
+use panelprep_base::geometry::{Base, Flange, Joints, Rigid, Tool};
 
 /// A motion command that was executed; each command has one entry.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -12,7 +12,7 @@ use super::kinematics::{Arm, Unreachable, angles_deg, to_joints};
 use super::legs::{MoverLeg, pose_ahead};
 use super::moves::{Lin, Move, MoveKey, Override, Ptp, ROUNDING_MM};
 use super::ramp::{self, Limits};
-use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
+use panelprep_base::geometry::{Base, Flange, Joints, Rigid, Tool};
 use std::collections::VecDeque;
 
 /// A move that was executed.

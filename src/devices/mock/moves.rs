@@ -1,7 +1,7 @@
 //! The moves that can be planned for the arm.
 
 use super::corner::Pose;
-use crate::geometry::{Flange, Joints, Rigid, Tool};
+use panelprep_base::geometry::{Flange, Joints, Rigid, Tool};
 
 /// The command to which a move belongs; a retract belongs to no command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,7 +6,7 @@ use super::model::Controller;
 use super::options::{Clock, Mode};
 use super::submit::REOPEN_MS;
 use super::wire::Channel;
-use crate::geometry::Joints;
+use panelprep_base::geometry::Joints;
 
 impl Controller {
     /// Starts the robot program if drives, guard, mode and key allow it. This does not move the arm.

@@ -11,7 +11,7 @@ use super::mover::{CompletedMove, MoveBlocked};
 use super::moves::{Lin, Move, MoveKey, Override, Ptp};
 use super::options::Mode;
 use super::wire::{self, Command, Refusal};
-use crate::geometry::{Base, KukaPose, Panel, Rigid, Tool};
+use panelprep_base::geometry::{Base, KukaPose, Panel, Rigid, Tool};
 
 /// $ADVANCE: number of motions that are planned in addition to the present one.
 const ADVANCE_MOTIONS: usize = 3;

@@ -8,7 +8,7 @@ use super::model::{Controller, TICK_MS};
 use super::options::Clock;
 use super::slow_connection::DelayedStream;
 use super::wire::Channel;
-use crate::geometry::{Base, Flange, Rigid};
+use panelprep_base::geometry::{Base, Flange, Rigid};
 use std::io::{ErrorKind, Read, Write};
 use std::net::{IpAddr, Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -5,8 +5,8 @@ use super::fault::FaultSpec;
 use super::interpreted::Programs;
 use super::kinematics::Arm;
 use super::options::{CHECKSUM, Clock, Rule};
-use crate::geometry::Joints;
-use crate::sim::RealArm;
+use panelprep_base::geometry::Joints;
+use panelprep_sim::RealArm;
 use std::collections::BTreeMap;
 
 /// A mock controller's configuration.

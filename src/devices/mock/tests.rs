@@ -8,7 +8,7 @@ mod stops;
 
 use super::kinematics::to_joints;
 use super::*;
-use crate::geometry::{Base, Point};
+use panelprep_base::geometry::{Base, Point};
 use std::sync::{Arc, Mutex};
 
 /// Start position with the wrist bent down: the flange is at (390, 0, 670), its Z straight down.

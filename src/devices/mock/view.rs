@@ -3,7 +3,7 @@
 use super::log::{ContactSample, ExecutedMotion, ProgramStop};
 use super::model::Controller;
 use super::options::Clock;
-use crate::geometry::{Base, Flange, Joints, Rigid};
+use panelprep_base::geometry::{Base, Flange, Joints, Rigid};
 use std::collections::BTreeMap;
 
 impl Controller {

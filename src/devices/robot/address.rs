@@ -1,6 +1,6 @@
 //! The addresses on which a controller listens.
 
-use crate::cell;
+use panelprep_cell::cell;
 
 /// The addresses on which a controller listens.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -2,8 +2,8 @@
 
 use super::address::Address;
 use super::link::{LineOutputs, RobotLink, StartError, StopLine};
-use crate::eki::{ClockMode, Command, CommandId, Epoch, LinkLimits, MoveLin, QueueError, Report};
-use crate::supervision::WatchedThread;
+use panelprep_base::supervision::WatchedThread;
+use panelprep_kuka::eki::{ClockMode, Command, CommandId, Epoch, LinkLimits, MoveLin, QueueError, Report};
 use std::time::Duration;
 use tokio::runtime::Runtime;
 

@@ -1,7 +1,7 @@
 //! Makes the two TCP connections, with settings by which a dead controller is detected.
 
 use super::address::Address;
-use crate::eki::{Channel, LinkLoss};
+use panelprep_kuka::eki::{Channel, LinkLoss};
 use socket2::{SockRef, TcpKeepalive};
 use std::io::{Error as IoError, ErrorKind};
 use std::time::Duration;

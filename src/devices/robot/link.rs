@@ -4,12 +4,12 @@ use super::address::Address;
 use super::order::LinkRequest;
 use super::queue::{self, ReportQueue};
 use super::run;
-use crate::cell;
-use crate::eki::{
+use panelprep_base::supervision::{WatchedThread, supervise};
+use panelprep_cell::cell;
+use panelprep_kuka::eki::{
     CELLCMD, CELLSTAT, ChannelError, ChannelFile, ClockMode, Command, CommandId, Epoch, LinkLimits, MappedInputs,
     MoveLin, QueueError, Report, SchemaError, Session, Wire,
 };
-use crate::supervision::{WatchedThread, supervise};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};

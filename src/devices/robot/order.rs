@@ -1,6 +1,6 @@
 //! Requests to the link's thread.
 
-use crate::eki::{Command, CommandId, Epoch, MoveLin, QueueError};
+use panelprep_kuka::eki::{Command, CommandId, Epoch, MoveLin, QueueError};
 use tokio::sync::oneshot;
 
 type Reply<T> = oneshot::Sender<Result<T, QueueError>>;

@@ -3,7 +3,7 @@
 //! A reader that is busy for a long time finds only the newest state and the newest progress. The number of other
 //! reports grows only with commands and faults, which the reader itself has requested.
 
-use crate::eki::Report;
+use panelprep_kuka::eki::Report;
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -95,7 +95,7 @@ impl ReportQueue {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::eki::{CommandId, Epoch};
+    use panelprep_kuka::eki::{CommandId, Epoch};
 
     /// A reader that does not read during a whole path finds the start of the epoch, its end, and the newest report of
     /// each kind of progress.

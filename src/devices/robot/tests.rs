@@ -1,12 +1,12 @@
 //! The link over loopback: its reports about a missing controller, and a path against the mock.
 
 use super::*;
-use crate::devices::mock::{self, MockServer};
-use crate::eki::{
+use crate::mock::{self, MockServer};
+use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Tool};
+use panelprep_kuka::eki::{
     CELLCMD, CELLSTAT, Channel, ClockMode, Command, CommandId, LinkLimits, LinkLoss, MoveJ, MoveLin, QueueError,
     Report, SetAccSpeed, SetTcp, TcpKind,
 };
-use crate::geometry::{Base, Flange, Joints, KukaPose, Tool};
 use std::io::Write;
 use std::net::TcpListener;
 use std::time::Duration;

@@ -10,10 +10,10 @@
 //! 20 mm and more. If messages were late, nothing is interpolated: only the reported positions count.
 
 use super::simulated_world::{RobotMoment, SimulatedWorld};
-use crate::cell::{Cell, Output};
-use crate::devices::mock::ContactSample;
-use crate::eki::State;
-use crate::geometry::{Base, Flange, Rigid, Tool};
+use crate::mock::ContactSample;
+use panelprep_base::geometry::{Base, Flange, Rigid, Tool};
+use panelprep_cell::cell::{Cell, Output};
+use panelprep_kuka::eki::State;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 

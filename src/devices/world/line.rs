@@ -7,7 +7,7 @@
 //! | cycle done on | removes the part |
 //! | fault on during its request | withdraws its request, and makes no further one |
 
-use crate::cell::{InputsOutputs, LINE_INPUTS, LineSignal};
+use panelprep_cell::cell::{InputsOutputs, LINE_INPUTS, LineSignal};
 
 /// Time between the signal and the moment at which a part is brought in or taken out.
 const PART_TRANSPORT_MS: u64 = 1_000;

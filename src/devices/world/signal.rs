@@ -1,6 +1,6 @@
 //! The effect of an output in the world, and its delay: a lamp needs time, a disc spins up, a valve closes.
 
-use crate::cell::Output;
+use panelprep_cell::cell::Output;
 
 /// Delay until the device at an output follows, ms.
 struct DeviceDelays {

@@ -5,11 +5,11 @@ use super::signal::Signal;
 use super::state::{SandedArea, Violation, WorldState};
 use super::touch::TouchedPoints;
 use super::water::{film_s, seconds};
-use crate::cell::{self, Feedback, Output};
-use crate::devices::cameras::{CameraError, FlangePicture, Picture, Shot};
-use crate::devices::mock::{self, ChannelFile, ContactSample, Controller, Setup};
-use crate::geometry::{Base, ColorPicture, Flange, Joints, Mask, OrganizedCloud, Rigid};
-use crate::sim::{self, CellTruth, Film, GreasySpot, SandingStrength, WET_FROM_S};
+use crate::cameras::{CameraError, FlangePicture, Picture, Shot};
+use crate::mock::{self, ChannelFile, ContactSample, Controller, Setup};
+use panelprep_base::geometry::{Base, ColorPicture, Flange, Joints, Mask, OrganizedCloud, Rigid};
+use panelprep_cell::cell::{self, Feedback, Output};
+use panelprep_sim::{self as sim, CellTruth, Film, GreasySpot, SandingStrength, WET_FROM_S};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Fraction of a spot's area that must be covered for the grease to be removed.
@@ -324,7 +324,7 @@ fn dim_picture(picture: &mut ColorPicture, light: f64) {
 }
 
 /// Returns the shot through a closed lens: black, without a point.
-fn black_shot<F: crate::geometry::Frame>(cloud: OrganizedCloud<F>) -> OrganizedCloud<F> {
+fn black_shot<F: panelprep_base::geometry::Frame>(cloud: OrganizedCloud<F>) -> OrganizedCloud<F> {
     let (width, height) = (cloud.width(), cloud.height());
     OrganizedCloud::new(width, height, vec![[f32::NAN; 3]; width * height], vec![[0; 3]; width * height])
         .unwrap_or(cloud)

@@ -3,8 +3,8 @@
 use super::line::SimulatedLine;
 use super::signal::Signal;
 use super::water::LastWetting;
-use crate::cell::Output;
-use crate::sim::{Film, Sanding};
+use panelprep_cell::cell::Output;
+use panelprep_sim::{Film, Sanding};
 use std::sync::Arc;
 
 /// An action that violates the process rules, as seen by the world. For tests.

@@ -4,11 +4,11 @@
 //! A sample counts if both ends of its segment are in contact, the tool is on, and its point is at most the pad's
 //! reach from the true surface. The disc is assumed to touch with its whole area, as a compliant pad does.
 
-use crate::devices::mock::ContactSample;
-use crate::geometry::{Panel, Point, Rigid, Tool, Vector};
-use crate::path::{StepOver, step_overs_mm};
-use crate::sim::{CellTruth, TrueSpot};
+use crate::mock::ContactSample;
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use panelprep_base::geometry::{Panel, Point, Rigid, Tool, Vector};
+use panelprep_sim::{CellTruth, TrueSpot};
+use panelprep_toolpath::path::{StepOver, step_overs_mm};
 
 /// Distance from the surface beyond which the pad does not touch, mm.
 const PAD_REACH_MM: f64 = 2.0;
@@ -148,9 +148,9 @@ fn sanding_poses<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Base;
-    use crate::sim::{Cell, Scene};
     use nalgebra::Isometry3;
+    use panelprep_base::geometry::Base;
+    use panelprep_sim::{Cell, Scene};
 
     fn sample(base_from_tool: Rigid<Base, Tool>) -> ContactSample {
         let base_from_flange = Rigid::from_isometry_unchecked(Isometry3::identity());

@@ -4,7 +4,7 @@
 //! is sprayed for less than the time in between, the front of the water stays where it is. Longer spraying keeps the
 //! film new until the water is off.
 
-use crate::sim::{SPRAY_FROM_S, WET_FROM_S};
+use panelprep_sim::{SPRAY_FROM_S, WET_FROM_S};
 
 /// The last time that the water was on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,8 +1,8 @@
 //! Faults of the camera as defined in the fault model (`faults.md`, C1–C11): what happened, what the program does,
 //! what to do.
 
-use crate::devices::UNKNOWN_PX;
-use crate::number_text::distinguishable_texts;
+use crate::UNKNOWN_PX;
+use panelprep_base::number_text::distinguishable_texts;
 use std::time::Duration;
 
 /// A fault of the 3D camera. Each message begins with the fault's row in the fault model.

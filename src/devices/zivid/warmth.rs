@@ -10,7 +10,7 @@
 //! were recorded for less than the ten minutes, or the limit lies within the error of the result, a doubt is reported.
 //! This module never waits and never stops a cycle. Source: support.zivid.com, "Warm-up" and "Thermal Stabilization".
 
-use crate::number_text::distinguishable_texts;
+use panelprep_base::number_text::distinguishable_texts;
 
 /// How long the camera's temperature must have been recorded, s: the manufacturer's ten minutes.
 const MIN_OBSERVED_S: f64 = 600.0;

@@ -9,7 +9,7 @@ use super::clip::Clip;
 use super::message::{Hello, Refusal, Reply, Request, SettingsHash, ShotInfo, Size, Source, Trouble, Use};
 use super::sensor::{Sensor, SettingsSlot, ShotPlanes};
 use super::wire::{self, FrameKind, WireError};
-use crate::files::content_hash;
+use panelprep_cell::files::content_hash;
 use std::collections::HashMap;
 use std::io::Write;
 use std::os::unix::net::UnixStream;

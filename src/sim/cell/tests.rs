@@ -1,7 +1,7 @@
 //! Tests of the cell through its public functions, in small pictures.
 
 use super::*;
-use crate::geometry::{Frame, Point, polygon};
+use panelprep_base::geometry::{Frame, Point, polygon};
 
 fn in_search_box<F: Frame>(point: &Point<F>) -> bool {
     let [low, high] = SEARCH_BOX_MM;

@@ -4,11 +4,11 @@ use super::TrialScene;
 use super::placement::MAX_HIDDEN;
 use super::scene_defects::SceneDefect;
 use super::space::sheet_points;
-use crate::geometry::{Base, Camera, Panel, Rigid};
-use crate::sim::distractors::Slab;
-use crate::sim::shape::CENTRE_MM;
-use crate::sim::{scene, variety};
+use crate::distractors::Slab;
+use crate::shape::CENTRE_MM;
+use crate::{scene, variety};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use panelprep_base::geometry::{Base, Camera, Panel, Rigid};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 

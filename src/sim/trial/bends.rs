@@ -2,9 +2,9 @@
 
 use super::TrialScene;
 use super::space::sheet_points;
-use crate::geometry::{Base, Drawing, Panel, Pixel, Point, Rigid, TriangleMesh, fit_rigid_motion};
-use crate::sim::shape::PanelBend;
-use crate::sim::{drawing, scene};
+use crate::shape::PanelBend;
+use crate::{drawing, scene};
+use panelprep_base::geometry::{Base, Drawing, Panel, Pixel, Point, Rigid, TriangleMesh, fit_rigid_motion};
 
 impl TrialScene {
     /// Returns the same scene with its panel bent since it was taught.
@@ -79,7 +79,8 @@ mod tests {
             before(end)
         );
         let right = bent.best_fit_pose().expect("a panel");
-        let aside = right.followed_by_displacement(crate::geometry::Vector::new(Vector3::new(0.0, 0.3, 0.0)));
+        let aside =
+            right.followed_by_displacement(panelprep_base::geometry::Vector::new(Vector3::new(0.0, 0.3, 0.0)));
         let aside_mm = [right, aside].map(|found| bent.max_point_distance_mm(&found).expect("a panel"));
         assert!(aside_mm[0] < 1e-9 && (0.28..0.301).contains(&aside_mm[1]), "{aside_mm:?}");
     }

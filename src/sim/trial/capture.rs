@@ -3,15 +3,15 @@
 use super::TrialScene;
 use super::contents::SceneContents;
 use super::marks::PrintedDiscs;
-use crate::geometry::{Base, Camera, OrganizedCloud, Panel, Rigid};
-use crate::sim::appearance::dry_and_wet;
-use crate::sim::cast::{CastView, PixelHit};
-use crate::sim::distractors::SlabHit;
-use crate::sim::fixture::Background;
-use crate::sim::noise::{LEVEL, NormalStream, RandomPurpose, ValueNoise, to_bytes};
-use crate::sim::projector::Projector;
-use crate::sim::scanner::{LATTICE_HALF_WIDTH_MM, correlated_noise, measured};
-use crate::sim::shape::Shape;
+use crate::appearance::dry_and_wet;
+use crate::cast::{CastView, PixelHit};
+use crate::distractors::SlabHit;
+use crate::fixture::Background;
+use crate::noise::{LEVEL, NormalStream, RandomPurpose, ValueNoise, to_bytes};
+use crate::projector::Projector;
+use crate::scanner::{LATTICE_HALF_WIDTH_MM, correlated_noise, measured};
+use crate::shape::Shape;
+use panelprep_base::geometry::{Base, Camera, OrganizedCloud, Panel, Rigid};
 use rand::RngExt;
 use rayon::prelude::*;
 
@@ -140,10 +140,10 @@ fn add_occluders(mut sight: PixelHit, hits: &[SlabHit]) -> (PixelHit, Option<f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Pixel, Point};
-    use crate::sim::distractors::Slab;
-    use crate::sim::projector::tests::before_the_plate;
+    use crate::distractors::Slab;
+    use crate::projector::tests::before_the_plate;
     use nalgebra::{Point3, Vector3};
+    use panelprep_base::geometry::{Pixel, Point};
 
     /// Returns the share of a column's pixels without a point, among these rows.
     fn missing(scan: &OrganizedCloud<Camera>, column: usize, rows: std::ops::Range<usize>) -> f64 {
@@ -193,7 +193,7 @@ mod tests {
 
     #[test]
     fn scans_of_trials_are_bit_equal_for_any_number_of_threads() {
-        let trial = TrialScene::defective_scene(2, crate::sim::SceneDefect::Hidden, 8);
+        let trial = TrialScene::defective_scene(2, crate::SceneDefect::Hidden, 8);
         let scan = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             let scan = pool.install(|| trial.scan());

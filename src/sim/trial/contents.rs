@@ -1,8 +1,8 @@
 //! The contents of a trial's scene besides the panel.
 
 use super::marks::PrintedDiscs;
-use crate::sim::distractors::Slab;
-use crate::sim::noise::ValueNoise;
+use crate::distractors::Slab;
+use crate::noise::ValueNoise;
 
 /// The areas of the panel without points.
 #[derive(Debug, Clone)]

@@ -8,13 +8,13 @@ use super::TrialScene;
 use super::contents::MissingPatches;
 use super::marks::PrintedDiscs;
 use super::space::sheet_points;
-use crate::geometry::{Base, Panel, Pixel, Rigid};
-use crate::sim::distractors::Slab;
-use crate::sim::noise::{NormalStream, RandomPurpose, ValueNoise};
-use crate::sim::scanner::LATTICE_HALF_WIDTH_MM;
-use crate::sim::scene;
-use crate::sim::shape::Shape;
+use crate::distractors::Slab;
+use crate::noise::{NormalStream, RandomPurpose, ValueNoise};
+use crate::scanner::LATTICE_HALF_WIDTH_MM;
+use crate::scene;
+use crate::shape::Shape;
 use nalgebra::{Point3, Vector2};
+use panelprep_base::geometry::{Base, Panel, Pixel, Rigid};
 
 /// Half the holder's size along and across the panel's edge, mm.
 const HOLDER_HALF_MM: [f64; 2] = [32.0, 45.0];
@@ -173,13 +173,13 @@ mod tests {
         let trial = TrialScene::flat_scene(3, 4).with_holder().with_missing_patches(0.33);
         let scan = trial.taught_scan();
         let whole = TrialScene::flat_scene(3, 4).with_holder().taught_scan();
-        let on_panel = |cloud: &crate::geometry::OrganizedCloud<crate::geometry::Camera>| {
+        let on_panel = |cloud: &panelprep_base::geometry::OrganizedCloud<panelprep_base::geometry::Camera>| {
             let outline = TrialScene::flat_scene(3, 4).outline_px();
             let (width, height) = (cloud.width(), cloud.height());
             (0..width * height)
                 .filter(|i| {
                     let pixel = Pixel::at((i % width) as f64, (i / width) as f64);
-                    crate::geometry::polygon::contains(&outline, pixel) && cloud.point_at(*i).is_some()
+                    panelprep_base::geometry::polygon::contains(&outline, pixel) && cloud.point_at(*i).is_some()
                 })
                 .count() as f64
         };

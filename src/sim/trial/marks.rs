@@ -2,9 +2,9 @@
 //! while it measures hardly a point of the dark surface around them.
 
 use super::space::sheet_points;
-use crate::sim::appearance::FixedColor;
-use crate::sim::noise::LEVEL;
-use crate::sim::shape::Shape;
+use crate::appearance::FixedColor;
+use crate::noise::LEVEL;
+use crate::shape::Shape;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
@@ -67,7 +67,7 @@ impl PrintedDiscs {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sim::noise::{RandomPurpose, Seed};
+    use crate::noise::{RandomPurpose, Seed};
 
     /// By hand: a pixel of 0.4 mm with its middle 0.1 mm inside a disc's border is three quarters mark.
     #[test]

@@ -26,9 +26,9 @@ use super::scene;
 use super::shape::Shape;
 use super::truth::PlacementError;
 use super::variety::{self, generator};
-use crate::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid};
 use contents::SceneContents;
 use marks::PrintedDiscs;
+use panelprep_base::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid};
 use space::sheet_points;
 
 /// Size of the panels relative to those of other trials, if two are in the box.

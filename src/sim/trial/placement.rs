@@ -4,12 +4,12 @@
 use super::TrialScene;
 use super::scene_defects::SceneDefect;
 use super::space::{TRIAL_BOX_MM, sheet_points};
-use crate::geometry::{Base, Panel, Rigid};
-use crate::sim::distractors::Slab;
-use crate::sim::projector::Projector;
-use crate::sim::scene;
-use crate::sim::shape::CENTRE_MM;
+use crate::distractors::Slab;
+use crate::projector::Projector;
+use crate::scene;
+use crate::shape::CENTRE_MM;
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
+use panelprep_base::geometry::{Base, Panel, Rigid};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use std::ops::Range;

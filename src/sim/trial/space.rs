@@ -1,6 +1,6 @@
 //! The space in which a trial's panel may be, and the points at which it is checked.
 
-use crate::sim::shape::Shape;
+use crate::shape::Shape;
 use nalgebra::Vector2;
 
 /// The box that contains a trial's panel, mm in the base frame; the fixture lies behind it.

@@ -2,12 +2,12 @@
 
 use super::{Mutation, change};
 
-const EXECUTE: &str = "src/cycle/execute.rs";
-const FACTS: &str = "src/cycle/facts.rs";
-const INTERLOCKS: &str = "src/cycle/interlocks.rs";
-const REST: &str = "src/cycle/restart.rs";
-const STEP: &str = "src/cycle/step.rs";
-const TURN: &str = "src/cycle/turn.rs";
+const EXECUTE: &str = "src/cell/cycle/execute.rs";
+const FACTS: &str = "src/cell/cycle/facts.rs";
+const INTERLOCKS: &str = "src/cell/cycle/interlocks.rs";
+const REST: &str = "src/cell/cycle/restart.rs";
+const STEP: &str = "src/cell/cycle/step.rs";
+const TURN: &str = "src/cell/cycle/turn.rs";
 
 pub(super) const ALL: [Mutation; 18] = [
     change(

@@ -2,14 +2,14 @@
 
 use super::{Mutation, change};
 
-const ACTS: &str = "src/daemon/actions.rs";
-const CONTACTS: &str = "src/daemon/contacts.rs";
-const HANDLER: &str = "src/daemon/request_handler.rs";
-const JUDGEMENT: &str = "src/verdict/judgement.rs";
-const MOVES: &str = "src/daemon/moves.rs";
-const REPORTS: &str = "src/daemon/robot_reports.rs";
-const RUN: &str = "src/daemon/run.rs";
-const SENT: &str = "src/daemon/path_progress.rs";
+const ACTS: &str = "src/service/daemon/actions.rs";
+const CONTACTS: &str = "src/service/daemon/contacts.rs";
+const HANDLER: &str = "src/service/daemon/request_handler.rs";
+const JUDGEMENT: &str = "src/base/verdict/judgement.rs";
+const MOVES: &str = "src/service/daemon/moves.rs";
+const REPORTS: &str = "src/service/daemon/robot_reports.rs";
+const RUN: &str = "src/service/daemon/run.rs";
+const SENT: &str = "src/service/daemon/path_progress.rs";
 
 pub(super) const ALL: [Mutation; 16] = [
     change(

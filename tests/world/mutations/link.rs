@@ -2,12 +2,12 @@
 
 use super::{Mutation, change};
 
-const ECHO: &str = "src/eki/session/echo.rs";
-const EPOCHS: &str = "src/eki/session/epochs.rs";
-const FLOW: &str = "src/eki/session/flow.rs";
+const ECHO: &str = "src/kuka/eki/session/echo.rs";
+const EPOCHS: &str = "src/kuka/eki/session/epochs.rs";
+const FLOW: &str = "src/kuka/eki/session/flow.rs";
 const LIMITS: &str = "src/devices/robot/link.rs";
-const RECEIVE: &str = "src/eki/session/receive.rs";
-const TIMING: &str = "src/eki/session/timing.rs";
+const RECEIVE: &str = "src/kuka/eki/session/receive.rs";
+const TIMING: &str = "src/kuka/eki/session/timing.rs";
 
 pub(super) const ALL: [Mutation; 15] = [
     change(

@@ -2,16 +2,16 @@
 
 use super::{Mutation, change};
 
-const BLOBS: &str = "src/store/blobs.rs";
-const COMMIT: &str = "src/store/commit.rs";
-const CONTACTS: &str = "src/store/contacts.rs";
-const DISCS: &str = "src/store/discs.rs";
-const FULLNESS: &str = "src/store/fullness.rs";
-const HEAD: &str = "src/store/head.rs";
-const JOURNAL: &str = "src/store/journal.rs";
-const MOTIONS: &str = "src/store/motions.rs";
-const RESTORES: &str = "src/store/restores.rs";
-const SCHEMA: &str = "src/store/schema.rs";
+const BLOBS: &str = "src/store/store/blobs.rs";
+const COMMIT: &str = "src/store/store/commit.rs";
+const CONTACTS: &str = "src/store/store/contacts.rs";
+const DISCS: &str = "src/store/store/discs.rs";
+const FULLNESS: &str = "src/store/store/fullness.rs";
+const HEAD: &str = "src/store/store/head.rs";
+const JOURNAL: &str = "src/store/store/journal.rs";
+const MOTIONS: &str = "src/store/store/motions.rs";
+const RESTORES: &str = "src/store/store/restores.rs";
+const SCHEMA: &str = "src/store/store/schema.rs";
 
 pub(super) const ALL: [Mutation; 19] = [
     change(
@@ -40,7 +40,7 @@ pub(super) const ALL: [Mutation; 19] = [
     ),
     change(
         "a start leaves the log of a killed process as it is",
-        "src/store/opening.rs",
+        "src/store/store/opening.rs",
         "flush::flush_after_kill(&path)?;\n        let told",
         "let told",
     ),

@@ -1,9 +1,9 @@
 //! The mount of a camera: the touched points, or the poses at its pictures.
 
 use super::pose::{AXIS_DEG, CORNER, POSITION_RANGE_MM, like_radians, parse_pose_table};
-use crate::calib::three_points::TouchedCorner;
-use crate::config::{self, Problems};
-use crate::geometry::{Base, Flange, Joints, Point, Rigid};
+use panelprep_base::config::{self, Problems};
+use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid};
+use panelprep_vision::calib::three_points::TouchedCorner;
 
 /// Content of the file of `--points`.
 #[derive(Debug, Clone, PartialEq)]
@@ -128,8 +128,8 @@ mod tests {
     use super::super::pose_keys;
     use super::super::tests::{POSE, problems};
     use super::*;
-    use crate::files::ReportedFlange;
-    use crate::geometry::KukaPose;
+    use panelprep_base::geometry::KukaPose;
+    use panelprep_cell::files::ReportedFlange;
 
     #[test]
     fn a_missing_or_repeated_picture_is_named_with_its_line() {

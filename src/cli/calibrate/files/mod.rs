@@ -12,7 +12,7 @@ pub use tool::{force_readings, tool_poses};
 
 #[cfg(test)]
 mod tests {
-    use crate::config::Problems;
+    use panelprep_base::config::Problems;
 
     pub const POSE: &str =
         "base_from_flange = { x_mm = 1, y_mm = 2, z_mm = 3, a_deg = 90, b_deg = 0, c_deg = 180 }\n";

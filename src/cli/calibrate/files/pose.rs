@@ -1,9 +1,9 @@
 //! Reads the keys of a pose in the forms that a person writes, and writes them in one of these forms.
 
-use crate::config::{Section, Setting};
-use crate::files::ReportedFlange;
-use crate::geometry::{Base, Flange, KukaPose, Rigid};
-use crate::number_text::distinguishable_texts;
+use panelprep_base::config::{Section, Setting};
+use panelprep_base::geometry::{Base, Flange, KukaPose, Rigid};
+use panelprep_base::number_text::distinguishable_texts;
+use panelprep_cell::files::ReportedFlange;
 use toml::de::DeValue;
 
 pub(super) const POSITION_RANGE_MM: std::ops::RangeInclusive<f64> = -20_000.0..=20_000.0;

@@ -2,8 +2,8 @@
 //! both.
 
 use super::pose::{AXIS_DEG, CORNER, pose};
-use crate::config::{self, Problems, Section};
-use crate::geometry::{Base, Flange, Joints, Rigid};
+use panelprep_base::config::{self, Problems, Section};
+use panelprep_base::geometry::{Base, Flange, Joints, Rigid};
 
 /// The robot's pose as the controller reports it: by the flange, by the axes, or by both.
 #[derive(Debug, Clone, Copy, PartialEq)]

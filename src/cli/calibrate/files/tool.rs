@@ -1,9 +1,9 @@
 //! The tool: poses that determine its point and axis, and readings of its force without contact.
 
 use super::pose::{AXIS_DEG, POSITION_RANGE_MM, pose};
-use crate::calib::tool::AxisTouch;
-use crate::config::{self, Problems, Section};
-use crate::geometry::{Base, Flange, Joints, Point, Rigid};
+use panelprep_base::config::{self, Problems, Section};
+use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid};
+use panelprep_vision::calib::tool::AxisTouch;
 
 const FORCE_N: std::ops::RangeInclusive<f64> = -2_000.0..=2_000.0;
 

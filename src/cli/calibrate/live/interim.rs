@@ -2,8 +2,8 @@
 
 use super::super::super::outcome::Outcome;
 use super::super::super::output::write_progress as tell;
-use crate::geometry::KukaPose;
-use crate::verdict::Verdict;
+use panelprep_base::geometry::KukaPose;
+use panelprep_base::verdict::Verdict;
 
 pub(super) fn report_lens(outcome: &Outcome) {
     let number = |key: &str| outcome.json.get(key).and_then(serde_json::Value::as_f64);

@@ -29,10 +29,10 @@ use super::args::{CameraName, HandEye, Intrinsics, MountName};
 use super::boards;
 use super::mounted;
 use super::{hand_eye, intrinsics};
-use crate::calib::CalibError;
-use crate::calib::hand_eye::MIN_STATIONS;
-use crate::devices::cameras::BoardView;
 use interim::{report_lens, report_mount};
+use panelprep_devices::cameras::BoardView;
+use panelprep_vision::calib::CalibError;
+use panelprep_vision::calib::hand_eye::MIN_STATIONS;
 use session::{OperatorChoice, Session};
 use std::path::PathBuf;
 use view::CalibrationCamera;
@@ -66,7 +66,7 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
     while session.picture_count() < MAX_PICTURES && session.ask_for_picture()? == OperatorChoice::Take {
         let (taken, _) = view.capture()?;
         if session.store_picture(&taken, None)?
-            && session.board_picture_count() >= crate::calib::intrinsics::MIN_VIEWS
+            && session.board_picture_count() >= panelprep_vision::calib::intrinsics::MIN_VIEWS
         {
             let so_far = on_files(session.pictures(), folder.join("so_far.toml"));
             report_lens(&intrinsics::run(&so_far, &|_| ())?);

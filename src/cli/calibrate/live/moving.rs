@@ -16,14 +16,14 @@ use super::super::boards;
 use super::interim::suggest_next_pose;
 use super::session::{OperatorChoice, Session};
 use super::view::{self, CalibrationCamera};
-use crate::calib::{Board, BoardObservation, board_pose, detect};
-use crate::cell::RobotKind;
-use crate::daemon::{SingleError, SingleRobot};
-use crate::devices::cameras::BoardView;
-use crate::files::ReportedFlange;
-use crate::geometry::{self, Base, Degrees, Flange, Joints, PinholeCamera, Point, Rigid};
-use crate::path::{Kinematics, reach};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use panelprep_base::geometry::{self, Base, Degrees, Flange, Joints, PinholeCamera, Point, Rigid};
+use panelprep_cell::cell::RobotKind;
+use panelprep_cell::files::ReportedFlange;
+use panelprep_devices::cameras::BoardView;
+use panelprep_service::daemon::{SingleError, SingleRobot};
+use panelprep_toolpath::path::{Kinematics, reach};
+use panelprep_vision::calib::{Board, BoardObservation, board_pose, detect};
 
 /// Share of the axes' full speed at which the arm moves, %.
 const AXIS_PERCENT: u8 = 10;
@@ -59,7 +59,7 @@ pub fn run(
     session: &mut Session<'_>,
     (so_far, progress): (&dyn Fn() -> Result<Outcome, Fault>, &(dyn Fn(&str) + Sync)),
 ) -> Result<(), Fault> {
-    cell.require(crate::requirements::Purpose::Robot)?;
+    cell.require(panelprep_service::requirements::Purpose::Robot)?;
     let is_mock = cell.cell.robot().kind() == RobotKind::Mock;
     // Another program that holds the store may be moving the robot.
     let _store = (!is_mock).then(|| cell.settled_store()).transpose()?;

@@ -6,12 +6,12 @@ use super::super::super::output::{read_answer_line, write_progress as tell};
 use super::super::args::LiveArgs;
 use super::super::board_image::BoardImage;
 use super::super::pose_keys;
-use crate::calib::Board;
-use crate::calib::detect;
-use crate::calib::intrinsics::coverage;
-use crate::devices::cameras::PictureQuality;
-use crate::files::{self, ReportedFlange};
-use crate::geometry::{Camera, ColorPicture, OrganizedCloud, PinholeCamera};
+use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud, PinholeCamera};
+use panelprep_cell::files::{self, ReportedFlange};
+use panelprep_devices::cameras::PictureQuality;
+use panelprep_vision::calib::Board;
+use panelprep_vision::calib::detect;
+use panelprep_vision::calib::intrinsics::coverage;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 

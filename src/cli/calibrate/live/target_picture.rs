@@ -12,9 +12,9 @@ use super::super::super::output::write_progress as tell;
 use super::super::super::shoot::{free_names, opening};
 use super::super::args::{CameraName, Verify};
 use super::super::verify;
-use crate::files::{self, ReportedFlange};
-use crate::geometry::{ColorPicture, KukaPose};
 use opening::RequestedShot;
+use panelprep_base::geometry::{ColorPicture, KukaPose};
+use panelprep_cell::files::{self, ReportedFlange};
 use std::path::{Path, PathBuf};
 
 /// Takes the picture and does the same as the command with files.

@@ -12,9 +12,9 @@ use super::super::super::output::{read_answer_line, write_progress as tell};
 use super::super::args::{Tcp, Touch};
 use super::super::target::Target;
 use super::super::{pose_keys, tcp, verify};
-use crate::files::ReportedFlange;
-use crate::geometry::{Base, Flange, Point};
-use crate::number_text::fixed_decimals;
+use panelprep_base::geometry::{Base, Flange, Point};
+use panelprep_base::number_text::fixed_decimals;
+use panelprep_cell::files::ReportedFlange;
 use std::path::Path;
 
 /// Number of poses with which a tool's tip is computed for the first time.

@@ -7,11 +7,11 @@ use super::super::super::render_boards::ROBOT;
 use super::super::super::shoot::opening::{self, RequestedShot};
 use super::super::args::LiveArgs;
 use super::session::Capture;
-use crate::calib::Board;
-use crate::devices::cameras::{BoardView, FlangeCamera, Scanner, SimulatedBoards};
-use crate::devices::mock::MockHandle;
-use crate::geometry::{Base, Flange, PinholeCamera, Rigid};
-use crate::sim::{BoardCell, BoardPrint};
+use panelprep_base::geometry::{Base, Flange, PinholeCamera, Rigid};
+use panelprep_devices::cameras::{BoardView, FlangeCamera, Scanner, SimulatedBoards};
+use panelprep_devices::mock::MockHandle;
+use panelprep_sim::{BoardCell, BoardPrint};
+use panelprep_vision::calib::Board;
 
 /// The camera.
 pub enum CalibrationCamera {

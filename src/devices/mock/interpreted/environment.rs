@@ -7,8 +7,8 @@ use super::super::moves::{Lin, Move, MoveKey, Ptp};
 use super::super::{kinematics, wire};
 use super::values::{ControllerValues, frame};
 use super::variables;
-use crate::geometry::{Base, Flange, Panel, Rigid, Tool};
-use crate::krl::{
+use panelprep_base::geometry::{Base, Flange, Panel, Rigid, Tool};
+use panelprep_kuka::krl::{
     Approximation, Builtin, Caller, Cell, EkiAnswer, Host, Motion, MotionRequest, UndocumentedBehaviour,
 };
 use std::collections::VecDeque;

@@ -8,7 +8,7 @@ use super::super::error::{EkiError, EkiFault};
 use super::super::model::Controller;
 use super::super::wire::Channel;
 use super::values::ControllerValues;
-use crate::krl::{Builtin, Cell, EkiAnswer, UndocumentedBehaviour};
+use panelprep_kuka::krl::{Builtin, Cell, EkiAnswer, UndocumentedBehaviour};
 
 /// Error codes, in this order: not available; initialised already; interpretation failed; exists already; unknown
 /// element; no client is connected.

@@ -126,7 +126,8 @@ impl Controller {
             self.state_bytes(&request.bytes);
             self.run_until(|controller| {
                 let answered = controller.shared("CELL_RE");
-                !controller.is_connected(Channel::State) || answered == request.id.map(crate::krl::Cell::Int)
+                !controller.is_connected(Channel::State)
+                    || answered == request.id.map(panelprep_kuka::krl::Cell::Int)
             });
             if let Some(running) = &mut self.running {
                 running.held_documents.is_serving = false;

@@ -1,9 +1,9 @@
 //! The programs that a mock controller executes.
 
 use super::super::error::MockError;
-use crate::config::Problem;
-use crate::controller::is_named;
-use crate::krl::{Kss, Program, UndocumentedBehaviour, analyse, parse};
+use panelprep_base::config::Problem;
+use panelprep_cell::controller::is_named;
+use panelprep_kuka::krl::{Kss, Program, UndocumentedBehaviour, analyse, parse};
 use std::sync::Arc;
 
 /// The programs that a mock controller executes, and the options of their execution.

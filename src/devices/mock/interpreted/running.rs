@@ -5,7 +5,7 @@ use super::super::setup::Setup;
 use super::held::HeldDocuments;
 use super::programs::Programs;
 use super::values::ControllerValues;
-use crate::krl::{Cell, Interpreter, Memory};
+use panelprep_kuka::krl::{Cell, Interpreter, Memory};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::collections::VecDeque;

@@ -7,7 +7,7 @@ use super::super::mover::CompletedMove;
 use super::environment::InterpreterHost;
 use super::robot_state::RobotState;
 use super::running::{RunningPrograms, SchedulerBias};
-use crate::krl::StepPause;
+use panelprep_kuka::krl::StepPause;
 use rand::RngExt;
 
 /// Number of statements per tick: enough to complete a cycle of the submit interpreter, and one pass of the robot

@@ -2,7 +2,7 @@
 
 use super::super::model::Controller;
 use super::running::RunningPrograms;
-use crate::krl::Cell;
+use panelprep_kuka::krl::Cell;
 
 impl Controller {
     /// Returns the errors that stopped an interpreter although no stop was intended: file, line, reason.

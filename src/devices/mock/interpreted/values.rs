@@ -2,8 +2,8 @@
 
 use super::super::setup::Setup;
 use super::robot_state::RobotState;
-use crate::geometry::{Joints, KukaPose};
-use crate::krl::Cell;
+use panelprep_base::geometry::{Joints, KukaPose};
+use panelprep_kuka::krl::Cell;
 
 /// A timer that counts ms.
 #[derive(Debug, Clone, Copy, Default)]

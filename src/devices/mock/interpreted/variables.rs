@@ -4,8 +4,8 @@ use super::super::model::Controller;
 use super::super::options::Mode;
 use super::robot_state::RobotState;
 use super::values::{ControllerValues, PoseInputs, frame};
-use crate::geometry::{Base, Flange, KukaPose, Panel, Rigid, Tool};
-use crate::krl::{Cell, SYSTEM_VARIABLES};
+use panelprep_base::geometry::{Base, Flange, KukaPose, Panel, Rigid, Tool};
+use panelprep_kuka::krl::{Cell, SYSTEM_VARIABLES};
 use std::sync::LazyLock;
 
 /// Highest $VEL.CP, m/s, and $ACC.CP, m/s²; a larger value stops the program.

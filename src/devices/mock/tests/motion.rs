@@ -220,7 +220,8 @@ fn an_output_on_the_path_stops_nothing() {
 
 /// Returns the flange pose at these angles as the numbers of a move in the robot's own base with the bare flange.
 fn flange_numbers(angles_deg: [f64; 6]) -> [f64; 6] {
-    let pose = crate::geometry::KukaPose::from_rigid(&Arm::kr6_r700_2().base_from_flange(&to_joints(angles_deg)));
+    let pose =
+        panelprep_base::geometry::KukaPose::from_rigid(&Arm::kr6_r700_2().base_from_flange(&to_joints(angles_deg)));
     [pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg]
 }
 

@@ -1,8 +1,8 @@
 use super::*;
-use crate::devices::world::{Violation, touch::TouchedPoints};
-use crate::eki::{CommandId, Epoch, Mode};
-use crate::geometry::{Joints, KukaPose, Panel};
-use crate::sim::{self, Scene};
+use crate::world::{Violation, touch::TouchedPoints};
+use panelprep_base::geometry::{Joints, KukaPose, Panel};
+use panelprep_kuka::eki::{CommandId, Epoch, Mode};
+use panelprep_sim::{self as sim, Scene};
 
 const CELL: &str = include_str!("../../../../config/cell.toml");
 

@@ -2,12 +2,12 @@
 
 use super::outcome::{MAX_ATTEMPTS, RequestFailure, WorkerLoss, name};
 use super::{CameraAnswer, CameraRequest, Host};
-use crate::devices::zivid::accept::{self, ExpectedShot};
-use crate::devices::zivid::clock::now_ns;
-use crate::devices::zivid::fault::ZividFault;
-use crate::devices::zivid::link::{Answer, ShotDelivery};
-use crate::devices::zivid::message::{Refusal, Reply, Request, Source, Trouble};
-use crate::devices::zivid::wire::WireError;
+use crate::zivid::accept::{self, ExpectedShot};
+use crate::zivid::clock::now_ns;
+use crate::zivid::fault::ZividFault;
+use crate::zivid::link::{Answer, ShotDelivery};
+use crate::zivid::message::{Refusal, Reply, Request, Source, Trouble};
+use crate::zivid::wire::WireError;
 use std::time::{Duration, Instant};
 
 impl Host {

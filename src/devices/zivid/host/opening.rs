@@ -2,10 +2,10 @@
 
 use super::outcome::{RequestFailure, WorkerLoss, name};
 use super::{CameraStage, Host, MAX_SEARCH_INTERVAL, RunningWorker};
-use crate::devices::zivid::fault::ZividFault;
-use crate::devices::zivid::link::{Answer, Link};
-use crate::devices::zivid::message::{Identity, Refusal, Reply, Request, Size, Source, Trouble, Use};
-use crate::devices::zivid::wire::{VERSION, WireError};
+use crate::zivid::fault::ZividFault;
+use crate::zivid::link::{Answer, Link};
+use crate::zivid::message::{Identity, Refusal, Reply, Request, Size, Source, Trouble, Use};
+use crate::zivid::wire::{VERSION, WireError};
 use std::time::{Duration, Instant};
 
 impl Host {

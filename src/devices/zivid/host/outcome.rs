@@ -1,13 +1,13 @@
 //! How a request to a worker can fail, and how a worker is lost.
 
-use crate::devices::zivid::link::Answer;
-use crate::devices::zivid::message::Refusal;
-use crate::devices::zivid::wire::WireError;
+use crate::zivid::link::Answer;
+use crate::zivid::message::Refusal;
+use crate::zivid::wire::WireError;
 use std::io::ErrorKind;
 use std::time::Duration;
 
 /// Number of attempts for a shot that the camera did not deliver: once and two more.
-pub(in crate::devices::zivid) const MAX_ATTEMPTS: u32 = 3;
+pub(in crate::zivid) const MAX_ATTEMPTS: u32 = 3;
 
 /// The reason why the worker did not fulfil a request.
 pub(super) enum RequestFailure {

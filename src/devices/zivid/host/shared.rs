@@ -1,11 +1,11 @@
 //! The state shared between the thread that supervises a worker and the threads that make requests.
 
-use crate::devices::zivid::budget::Restarts;
-use crate::devices::zivid::fault::ZividFault;
-use crate::devices::zivid::link::ShotDelivery;
-use crate::devices::zivid::message::{ClipEnd, Identity, Lens, Light, Size, Source, Temperatures};
-use crate::devices::zivid::sensor::ShotPlanes;
-use crate::devices::zivid::warmth::{self, TemperatureReading};
+use crate::zivid::budget::Restarts;
+use crate::zivid::fault::ZividFault;
+use crate::zivid::link::ShotDelivery;
+use crate::zivid::message::{ClipEnd, Identity, Lens, Light, Size, Source, Temperatures};
+use crate::zivid::sensor::ShotPlanes;
+use crate::zivid::warmth::{self, TemperatureReading};
 use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::Sender;

@@ -2,8 +2,8 @@
 
 use super::outcome::WorkerLoss;
 use super::{CameraStage, EXIT_TIMEOUT, Host, RunningWorker};
-use crate::devices::zivid::budget::{RestartDecision, Restarts};
-use crate::devices::zivid::fault::{NextStep, ZividFault};
+use crate::zivid::budget::{RestartDecision, Restarts};
+use crate::zivid::fault::{NextStep, ZividFault};
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 fn cpp() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("src/devices/zivid/cpp")
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join("src/devices/zivid/cpp")
 }
 
 fn text(file: &str) -> String {

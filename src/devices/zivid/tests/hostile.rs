@@ -3,7 +3,7 @@
 use super::super::*;
 use super::TIMEOUT;
 use super::played::{Plan, in_thread, setup};
-use crate::devices::zivid::process::WorkerLauncher;
+use crate::zivid::process::WorkerLauncher;
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -6,8 +6,8 @@ use super::super::*;
 use super::TIMEOUT;
 use super::built::{PICTURE, SCAN, library};
 use super::played::in_thread;
-use crate::devices::cameras::{Scanner, conform};
-use crate::geometry::PinholeCamera;
+use crate::cameras::{Scanner, conform};
+use panelprep_base::geometry::PinholeCamera;
 use std::path::Path;
 use std::process::Command;
 

@@ -3,18 +3,18 @@
 mod reach;
 
 use super::*;
-use crate::cell::Feedback;
-use crate::devices::cameras::{
+use crate::cameras::{
     Arm, FlangeCamera, Scanner, SimulatedFlangeCamera, SimulatedScanner, conform, simulated_cameras,
 };
-use crate::devices::mock::{MockServer, Ports};
-use crate::devices::robot::{Address, BlockingLink};
-use crate::devices::world::contact_errors;
-use crate::eki::{
+use crate::mock::{MockServer, Ports};
+use crate::robot::{Address, BlockingLink};
+use crate::world::contact_errors;
+use panelprep_base::geometry::{Camera, KukaPose, Panel, Point};
+use panelprep_cell::cell::Feedback;
+use panelprep_kuka::eki::{
     ClockMode, Command, CommandId, LinkLimits, MoveJ, MoveLin, Report, SetAccSpeed, SetTcp, Signal as Out, TcpKind,
 };
-use crate::geometry::{Camera, KukaPose, Panel, Point};
-use crate::sim::{Scene, WET_FROM_S};
+use panelprep_sim::{Scene, WET_FROM_S};
 use reach::{ARM, standing, tool};
 use std::time::Duration;
 
@@ -38,7 +38,7 @@ impl Bench {
         let sim = sim::Cell::new(1, Scene::Good, 8);
         let world = SimulatedWorld::new(sim.clone(), &cell).expect("the shipped file has all names");
         world.mount_disc(DISC_MM);
-        let [commands, states] = [crate::eki::CELLCMD, crate::eki::CELLSTAT]
+        let [commands, states] = [panelprep_kuka::eki::CELLCMD, panelprep_kuka::eki::CELLSTAT]
             .map(|text| ChannelFile::parse(text).expect("a shipped file"));
         let controller =
             Controller::new(world.mock_setup(&cell, commands, states), world.terminals()).expect("fits");
@@ -127,7 +127,8 @@ impl Bench {
         let truth = self.world.truth().clone();
         let base = KukaPose::from_rigid(&truth.base_from_panel);
         let place = |across_mm: f64, up_mm: f64, height_mm: f64| {
-            let aside = middle + crate::geometry::Vector::new(nalgebra::Vector3::new(0.0, across_mm, up_mm));
+            let aside =
+                middle + panelprep_base::geometry::Vector::new(nalgebra::Vector3::new(0.0, across_mm, up_mm));
             let on = aside + truth.normal(aside) * -truth.distance_mm(aside);
             standing(&truth, on, height_mm)
         };
@@ -147,7 +148,7 @@ impl Bench {
         self.pass_s(1.0);
         self.switch(Output::Tool, true);
         self.pass_s(1.1);
-        let line = |(pose, contact): (Rigid<Panel, crate::geometry::Tool>, bool)| MoveLin {
+        let line = |(pose, contact): (Rigid<Panel, panelprep_base::geometry::Tool>, bool)| MoveLin {
             pose: KukaPose::from_rigid(&pose),
             blend_mm: if contact { 1.0 } else { 0.0 },
             contact,
@@ -238,8 +239,8 @@ fn a_flange_picture_shows_what_the_executed_pose_sees() {
 #[cfg(feature = "gige")]
 #[test]
 fn a_flange_picture_over_gige_is_the_one_without() {
-    use crate::devices::cameras::{BayerFlangeCamera, LoopbackFlangeCamera};
-    let _alone = crate::devices::gige::tests::alone();
+    use crate::cameras::{BayerFlangeCamera, LoopbackFlangeCamera};
+    let _alone = crate::gige::tests::alone();
     let mut bench = Bench::new();
     let aim = bench.sim.displaced_corner_pose(&bench.sim.corner_views()[0]);
     bench.move_j(ARM.nearest(&aim, &bench.cell.park_pose().expect("named")).expect("in reach"));

@@ -1,11 +1,11 @@
 //! Tests whether the simulated arm parks out of view and reaches its targets: ten seeds, nominal and displaced
 //! panel.
 
-use crate::cell;
-use crate::devices::mock::Arm;
-use crate::geometry::{Base, Camera, Flange, Joints, KukaPose, Panel, Point, Rigid, Tool, Vector};
-use crate::sim::{Cell, CellTruth, Scene};
+use crate::mock::Arm;
 use nalgebra::{Point3, Rotation3, Vector3};
+use panelprep_base::geometry::{Base, Camera, Flange, Joints, KukaPose, Panel, Point, Rigid, Tool, Vector};
+use panelprep_cell::cell;
+use panelprep_sim::{Cell, CellTruth, Scene};
 
 pub(super) const ARM: Arm = Arm::kr6_r700_2();
 

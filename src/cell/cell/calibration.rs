@@ -1,0 +1,383 @@
+//! Calibration files: intrinsics of a camera, and the mounts of cameras and tool. This module contains both reader and
+//! writer.
+//!
+//! The numbers pass through TOML without loss. The file states their origin (date, serial, residuals); the code that
+//! uses them judges whether they are good enough.
+
+use super::board_size::BoardSize;
+use super::date::Date;
+use super::foreign_lens;
+use super::lens_extent::LensExtent;
+use super::provenance::{Provenance, line};
+use super::scanner_errors::MeasuredScanner;
+use nalgebra::SMatrix;
+use panelprep_base::config::{self, Problem, Problems, Section, Setting};
+use panelprep_base::geometry::{
+    self, Base, Flange, FlangeCamera, Frame, KukaPose, PinholeCamera, Pixel, Rigid, Tool, Vector,
+};
+use std::marker::PhantomData;
+use std::ops::RangeInclusive;
+use toml::de::DeValue;
+
+/// Covariance of fx, fy, cx, cy (px), k1, k2, p1, p2, k3, in this order: the uncertainty of a lens.
+pub type LensCovariance = SMatrix<f64, 9, 9>;
+
+/// A lens's covariance in the form of its file: the upper triangle, row by row.
+struct Covariance(LensCovariance);
+
+impl Setting for Covariance {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        const FINITE: RangeInclusive<f64> = -1e12..=1e12;
+        let numbers = value.as_array().map(|list| list.iter().map(|item| f64::parse(item.get_ref(), &FINITE)));
+        let numbers: Vec<f64> = numbers.map(Iterator::collect::<Result<_, _>>).transpose()?.unwrap_or_default();
+        let allowed = || "valid: the 45 numbers of a covariance's upper triangle, row by row".to_owned();
+        let mut next = numbers.iter();
+        let mut covariance = LensCovariance::zeros();
+        for row in 0..9 {
+            for column in row..9 {
+                let number = *next.next().ok_or_else(allowed)?;
+                (covariance[(row, column)], covariance[(column, row)]) = (number, number);
+            }
+        }
+        let is_covariance = (0..9).all(|row| covariance[(row, row)] > 0.0) && next.next().is_none();
+        if is_covariance { Ok(Covariance(covariance)) } else { Err(allowed()) }
+    }
+}
+
+/// A camera's intrinsics in the form of their file, `[camera]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Intrinsics {
+    /// The camera.
+    pub camera: PinholeCamera,
+    /// The covariance of the intrinsics; without a covariance they count as exact.
+    pub covariance: Option<LensCovariance>,
+    /// Serial number of the camera that was calibrated.
+    pub serial: Option<String>,
+    /// Date of the calibration.
+    pub date: Option<Date>,
+    /// Root mean square of the reprojection residuals, px.
+    pub rms_px: Option<f64>,
+    /// The coefficients of the lens model, why it has no others, and the part of the picture in which it is known.
+    pub extent: LensExtent,
+    /// Program, pictures and their residuals.
+    pub provenance: Provenance,
+    /// A 3D camera's own errors, if they were measured.
+    pub errors: Option<MeasuredScanner>,
+}
+
+const SIZE_PX: RangeInclusive<usize> = 16..=20_000;
+const FOCAL_PX: RangeInclusive<f64> = 10.0..=200_000.0;
+const CENTRE_PX: RangeInclusive<f64> = -20_000.0..=40_000.0;
+const COEFFICIENT: RangeInclusive<f64> = -1_000.0..=1_000.0;
+const RESIDUAL: RangeInclusive<f64> = 0.0..=100.0;
+
+impl Intrinsics {
+    /// Creates intrinsics with only a camera.
+    pub fn from_camera(camera: PinholeCamera) -> Self {
+        Intrinsics {
+            camera,
+            covariance: None,
+            serial: None,
+            date: None,
+            rms_px: None,
+            extent: LensExtent::default(),
+            provenance: Provenance::default(),
+            errors: None,
+        }
+    }
+
+    /// Returns whether this text is a lens as OpenCV, ROS or a Zivid writes it.
+    pub fn is_foreign_format(text: &str) -> bool {
+        foreign_lens::is_foreign_lens(text)
+    }
+
+    /// Reads a lens of another program; its file states no covariance.
+    fn read_foreign(file: &str, text: &str) -> Result<Self, Problems> {
+        let wrong = |message: String| {
+            let list = vec![Problem { line: 1, key: String::new(), message }];
+            Problems { file: file.to_owned(), list }
+        };
+        let camera = foreign_lens::read(text).map_err(wrong)?;
+        let within = SIZE_PX.contains(&camera.width_px) && SIZE_PX.contains(&camera.height_px);
+        if !within || [camera.fx_px, camera.fy_px].iter().any(|focal| !FOCAL_PX.contains(focal)) {
+            return Err(wrong(format!(
+                "found a picture of {}×{} px with focal lengths of {} and {} px; the limits are {} to {} px and {} to \
+                 {} px",
+                camera.width_px,
+                camera.height_px,
+                camera.fx_px,
+                camera.fy_px,
+                SIZE_PX.start(),
+                SIZE_PX.end(),
+                FOCAL_PX.start(),
+                FOCAL_PX.end()
+            )));
+        }
+        if let Some(corner) = corner_without_ray(&camera) {
+            let [u, v] = [corner.u, corner.v];
+            return Err(wrong(format!(
+                "with this distortion, the pixel ({u}, {v}) has no ray; check that the distortion is that of this \
+                 camera"
+            )));
+        }
+        Ok(Intrinsics::from_camera(camera))
+    }
+
+    /// Checks the text of an intrinsics file: one of this program, or one as OpenCV, ROS or a Zivid writes it.
+    ///
+    /// # Errors
+    /// Every problem of the file with its line and key; also a distortion that has no inverse inside the picture.
+    pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
+        if Self::is_foreign_format(text) {
+            return Self::read_foreign(file, text);
+        }
+        config::parse_file(file, text, |top| {
+            let (intrinsics, errors) = (Self::parse(&top.section("camera")), MeasuredScanner::parse(top));
+            top.finish();
+            Some(Intrinsics { errors: errors?, ..intrinsics? })
+        })
+    }
+
+    fn parse(section: &Section<'_, '_>) -> Option<Self> {
+        let size = |key| section.parse(key, SIZE_PX, None);
+        let number = |key, limits| section.parse::<f64>(key, limits, None);
+        let (width_px, height_px) = (size("width_px"), size("height_px"));
+        let [fx_px, fy_px] = ["fx_px", "fy_px"].map(|key| number(key, FOCAL_PX));
+        let [cx_px, cy_px] = ["cx_px", "cy_px"].map(|key| number(key, CENTRE_PX));
+        let [k1, k2, p1, p2, k3] = ["k1", "k2", "p1", "p2", "k3"].map(|key| number(key, COEFFICIENT));
+        let covariance = section.parse::<Option<Covariance>>("covariance", (), Some(None));
+        let serial = section.parse("serial", (), Some(None));
+        let date = section.parse("date", (), Some(None));
+        let rms_px = section.parse("rms_px", RESIDUAL, Some(None));
+        let extent = LensExtent::parse(section);
+        let provenance = Provenance::parse(section, "residuals_px");
+        section.finish();
+        let camera = PinholeCamera {
+            width_px: width_px?,
+            height_px: height_px?,
+            fx_px: fx_px?,
+            fy_px: fy_px?,
+            cx_px: cx_px?,
+            cy_px: cy_px?,
+            k1: k1?,
+            k2: k2?,
+            p1: p1?,
+            p2: p2?,
+            k3: k3?,
+        };
+        if let Some(corner) = corner_without_ray(&camera) {
+            let [u, v] = [corner.u, corner.v];
+            section.problem(
+                "k1",
+                format!(
+                    "with k1, k2, p1, p2 and k3, the pixel ({u}, {v}) has no ray; check that these values are those of \
+                     this camera"
+                ),
+            );
+            return None;
+        }
+        let covariance = covariance?.map(|covariance| covariance.0);
+        let (serial, date, rms_px, extent, provenance) = (serial?, date?, rms_px?, extent?, provenance?);
+        Some(Intrinsics { camera, covariance, serial, date, rms_px, extent, provenance, errors: None })
+    }
+
+    /// Returns the file that [`Intrinsics::check`] reads back to the last bit, if the numbers are in its ranges.
+    pub fn to_toml(&self) -> String {
+        let c = &self.camera;
+        let mut text = format!("[camera]\nwidth_px = {}\nheight_px = {}\n", c.width_px, c.height_px);
+        let numbers = [("fx_px", c.fx_px), ("fy_px", c.fy_px), ("cx_px", c.cx_px), ("cy_px", c.cy_px)];
+        let distortion = [("k1", c.k1), ("k2", c.k2), ("p1", c.p1), ("p2", c.p2), ("k3", c.k3)];
+        numbers
+            .iter()
+            .chain(&distortion)
+            .for_each(|(key, number)| line(&mut text, key, Some(format!("{number:?}"))));
+        let upper = |covariance: &LensCovariance| {
+            let numbers = (0..9).flat_map(|row| (row..9).map(move |column| covariance[(row, column)]));
+            format!("{:?}", numbers.collect::<Vec<_>>())
+        };
+        line(&mut text, "covariance", self.covariance.as_ref().map(upper));
+        line(&mut text, "serial", self.serial.as_ref().map(|serial| toml::Value::from(serial.as_str())));
+        line(&mut text, "date", self.date.as_ref());
+        line(&mut text, "rms_px", self.rms_px.map(|number| format!("{number:?}")));
+        text += &self.extent.to_toml();
+        self.provenance.write(&mut text, "residuals_px");
+        if let Some(errors) = &self.errors {
+            errors.write(&mut text);
+        }
+        text
+    }
+}
+
+fn corner_without_ray(camera: &PinholeCamera) -> Option<Pixel> {
+    let (right, low) = (camera.width_px as f64 - 1.0, camera.height_px as f64 - 1.0);
+    let corners = [Pixel::at(0.0, 0.0), Pixel::at(right, 0.0), Pixel::at(right, low), Pixel::at(0.0, low)];
+    let has_ray = |corner: &Pixel| {
+        let ray: Option<Vector<geometry::Camera>> = camera.unproject(*corner);
+        // Beyond the fold of the distortion, the model has a second, false inverse on the other side of the axis.
+        ray.is_some_and(|ray| {
+            let (x, y) = ((corner.u - camera.cx_px) / camera.fx_px, (corner.v - camera.cy_px) / camera.fy_px);
+            ray.mm.x * x + ray.mm.y * y >= 0.0
+        })
+    };
+    corners.into_iter().find(|corner| !has_ray(corner))
+}
+
+/// A mount: its two frames and the name of the file's table.
+pub trait Mount {
+    /// The frame that points are mapped to.
+    type To: Frame;
+    /// The frame that points are mapped from.
+    type From: Frame;
+    /// The table of the mount's file.
+    const TABLE: &'static str;
+    /// Whether this mount has an axis that a calibration may or may not have measured.
+    const HAS_AXIS: bool = false;
+    /// Whether the mounted object is a board; its file then states the board's size.
+    const IS_BOARD: bool = false;
+}
+
+/// `[base_from_camera]`: the mount of the fixed 3D camera (thesis 3.7, eye-to-hand).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ScannerMount {}
+
+impl Mount for ScannerMount {
+    type To = Base;
+    type From = geometry::Camera;
+    const TABLE: &'static str = "base_from_camera";
+}
+
+/// `[flange_from_camera]`: the mount of the flange camera (thesis 3.7, eye-in-hand).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FlangeCameraMount {}
+
+impl Mount for FlangeCameraMount {
+    type To = Flange;
+    type From = FlangeCamera;
+    const TABLE: &'static str = "flange_from_camera";
+}
+
+/// `[flange_from_tool]`: the pose of the sanding tool's contact, Z out of the pad.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ToolMount {}
+
+impl Mount for ToolMount {
+    type To = Flange;
+    type From = Tool;
+    const TABLE: &'static str = "flange_from_tool";
+    const HAS_AXIS: bool = true;
+}
+
+/// `[base_from_board]`: the pose of a board by which calibrations are verified.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TargetMount {}
+
+impl Mount for TargetMount {
+    type To = Base;
+    type From = geometry::Board;
+    const TABLE: &'static str = "base_from_board";
+    const IS_BOARD: bool = true;
+}
+
+/// A mounted pose in the form of its file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MountedPose<M: Mount> {
+    /// The pose.
+    pub pose: KukaPose,
+    /// The date of the calibration.
+    pub date: Option<Date>,
+    /// Root mean square of the residuals, mm.
+    pub rms_mm: Option<f64>,
+    /// 95 % uncertainty at the panel, mm.
+    pub uncertainty_mm: Option<f64>,
+    /// Tool only: whether the axis was measured, or only the point.
+    pub axis_measured: Option<bool>,
+    /// Board only: the board that was used.
+    pub board: Option<BoardSize>,
+    /// Serial number of the mounted device.
+    pub serial: Option<String>,
+    /// Hash of the arm's correction with which the robot's poses were corrected; `None` if they were not corrected.
+    pub robot_correction: Option<String>,
+    /// Program, pictures and their residuals.
+    pub provenance: Provenance,
+    mount: PhantomData<M>,
+}
+
+const POSITION_RANGE_MM: RangeInclusive<f64> = -20_000.0..=20_000.0;
+const ANGLE_DEG: RangeInclusive<f64> = -360.0..=360.0;
+
+impl<M: Mount> MountedPose<M> {
+    /// Creates a mounted pose with only its pose.
+    pub fn from_pose(pose: KukaPose) -> Self {
+        MountedPose {
+            pose,
+            date: None,
+            rms_mm: None,
+            uncertainty_mm: None,
+            axis_measured: None,
+            board: None,
+            serial: None,
+            robot_correction: None,
+            provenance: Provenance::default(),
+            mount: PhantomData,
+        }
+    }
+
+    /// The transform.
+    pub fn rigid(&self) -> Rigid<M::To, M::From> {
+        self.pose.to_rigid()
+    }
+
+    /// Checks the text of a mount's file.
+    ///
+    /// # Errors
+    /// Every problem of the file with its line and key.
+    pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
+        config::parse_file(file, text, |top| {
+            let mounted = Self::parse(&top.section(M::TABLE));
+            top.finish();
+            mounted
+        })
+    }
+
+    fn parse(section: &Section<'_, '_>) -> Option<Self> {
+        let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.parse(key, POSITION_RANGE_MM, None));
+        let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| section.parse(key, ANGLE_DEG, None));
+        let date = section.parse("date", (), Some(None));
+        let rms_mm = section.parse("rms_mm", RESIDUAL, Some(None));
+        let uncertainty_mm = section.parse("uncertainty_mm", RESIDUAL, Some(None));
+        let axis_measured = if M::HAS_AXIS { section.parse("axis_measured", (), Some(None)) } else { Some(None) };
+        let board = if M::IS_BOARD { BoardSize::parse(section).map(Some) } else { Some(None) };
+        let serial = section.parse("serial", (), Some(None));
+        let robot_correction = section.parse("robot_correction", (), Some(None));
+        let provenance = Provenance::parse(section, "residuals_mm");
+        section.finish();
+        let pose = KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? };
+        let (date, rms_mm, uncertainty_mm, axis_measured) = (date?, rms_mm?, uncertainty_mm?, axis_measured?);
+        let (board, serial, robot_correction, provenance) = (board?, serial?, robot_correction?, provenance?);
+        let mounted = MountedPose { date, rms_mm, uncertainty_mm, axis_measured, ..Self::from_pose(pose) };
+        Some(MountedPose { board, serial, robot_correction, provenance, ..mounted })
+    }
+
+    /// Returns the file that [`MountedPose::check`] reads back to the last bit, if the numbers are in its ranges.
+    pub fn to_toml(&self) -> String {
+        let p = &self.pose;
+        let mut text = format!("[{}]\n", M::TABLE);
+        let place = [("x_mm", p.x_mm), ("y_mm", p.y_mm), ("z_mm", p.z_mm)];
+        let angles = [("a_deg", p.a_deg), ("b_deg", p.b_deg), ("c_deg", p.c_deg)];
+        place.iter().chain(&angles).for_each(|(key, number)| line(&mut text, key, Some(format!("{number:?}"))));
+        line(&mut text, "date", self.date.as_ref());
+        line(&mut text, "rms_mm", self.rms_mm.map(|number| format!("{number:?}")));
+        line(&mut text, "uncertainty_mm", self.uncertainty_mm.map(|number| format!("{number:?}")));
+        line(&mut text, "axis_measured", self.axis_measured);
+        let board = self.board.as_ref();
+        line(&mut text, "board", board.map(|board| toml::Value::from(board.board.as_str())));
+        line(&mut text, "square_mm", board.map(|board| format!("{:?}", board.square_mm)));
+        let quoted = |value: &Option<String>| value.as_ref().map(|value| toml::Value::from(value.as_str()));
+        line(&mut text, "serial", quoted(&self.serial));
+        line(&mut text, "robot_correction", quoted(&self.robot_correction));
+        self.provenance.write(&mut text, "residuals_mm");
+        text
+    }
+}

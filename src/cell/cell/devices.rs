@@ -1,0 +1,287 @@
+//! `[scanner]`, `[flange_camera]`, `[robot]`: the connected devices.
+
+use super::proof_stage::{ProofStage, SignedPage, Unsigned, UnsignedCause};
+use core::net::IpAddr;
+use panelprep_base::config::{Choice, Section};
+use std::path::{Path, PathBuf};
+
+/// The source of a camera's shots; `Device` is the settings of a real one. The default is simulated.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Camera<Device> {
+    /// `kind = "simulated"`: the renderer.
+    Simulated,
+    /// `kind = "recorded"`: a folder of files that is played in file order.
+    Recorded {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// A real camera, of the kind that the file names.
+    Device(Device),
+}
+
+impl<Device> Camera<Device> {
+    /// Returns whether the camera is the renderer.
+    pub fn is_simulated(&self) -> bool {
+        matches!(self, Camera::Simulated)
+    }
+}
+
+/// The description of a device kind: its keyword, its required keys with advice for each, the keys that only this
+/// kind has, and the function that parses them.
+pub(super) struct DeviceKind<'k, Parse> {
+    pub keyword: &'static str,
+    pub required_keys: &'k [(&'static str, &'static str)],
+    pub keys: &'k [&'static str],
+    pub parse: Parse,
+}
+
+/// Reads a camera of this kind, a recorded or a simulated one; a key without effect is a problem.
+pub(super) fn parse_camera<Device>(
+    cell_folder: &Path,
+    section: &Section<'_, '_>,
+    device: DeviceKind<'_, impl FnOnce(&Section<'_, '_>) -> Option<Device>>,
+) -> Option<Camera<Device>> {
+    let kind = section.parse::<&str>("kind", vec!["simulated", "recorded", device.keyword], Some("simulated"));
+    let folder = section.parse::<Option<String>>("folder", (), Some(None));
+    let taken = (device.parse)(section);
+    section.finish();
+    let (kind, folder) = (kind?, folder?);
+    let needs = device.keys.iter().map(|key| (*key, device.keyword)).chain([("folder", "recorded")]);
+    let mut right = true;
+    for (key, needs) in needs.filter(|(key, needs)| section.has_key(key) && kind != *needs) {
+        section.problem(
+            key,
+            format!("has no effect with kind = \"{kind}\"; this key is valid only with kind = \"{needs}\""),
+        );
+        right = false;
+    }
+    let missing = device.required_keys.iter().filter(|(key, _)| kind == device.keyword && !section.has_key(key));
+    for (key, what_to_do) in missing {
+        section.problem(key, format!("is missing; {what_to_do}"));
+        right = false;
+    }
+    let camera = match (kind, folder) {
+        ("simulated", _) => Camera::Simulated,
+        ("recorded", Some(folder)) => Camera::Recorded { folder: cell_folder.join(folder) },
+        ("recorded", None) => {
+            section.problem("folder", "is missing; kind = \"recorded\" needs the folder of the recording");
+            return None;
+        }
+        _ => Camera::Device(taken?),
+    };
+    right.then_some(camera)
+}
+
+/// The controller with which the robot link communicates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RobotKind {
+    /// A mock controller inside this program.
+    Mock,
+    /// A KUKA controller over EthernetKRL.
+    Eki,
+}
+
+impl Choice for RobotKind {
+    const KEYWORDS: &'static [(&'static str, Self)] = &[("mock", RobotKind::Mock), ("eki", RobotKind::Eki)];
+}
+
+/// The implementation of a mock controller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MockController {
+    /// Executes the controller's programs as they are delivered.
+    Programs,
+    /// A handwritten model of the programs.
+    Model,
+}
+
+impl Choice for MockController {
+    const KEYWORDS: &'static [(&'static str, Self)] =
+        &[("programs", MockController::Programs), ("model", MockController::Model)];
+}
+
+/// The robot's controller: a TCP server with one port for commands and one for its state.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Robot {
+    kind: RobotKind,
+    controller: MockController,
+    host: String,
+    command_port: u16,
+    state_port: u16,
+    programs_sum: Option<i32>,
+    stated_stage: Option<ProofStage>,
+    /// The newest signed page of proofs in the store; the cell's file does not contain it.
+    signed_page: Option<SignedPage>,
+}
+
+impl Robot {
+    /// Returns the kind of the robot controller.
+    pub fn kind(&self) -> RobotKind {
+        self.kind
+    }
+
+    /// The implementation of the mock controller.
+    pub fn controller(&self) -> MockController {
+        self.controller
+    }
+
+    /// Name or address of the controller; for the mock, this machine.
+    pub fn host(&self) -> &str {
+        &self.host
+    }
+
+    /// Port of the command channel.
+    pub fn command_port(&self) -> u16 {
+        self.command_port
+    }
+
+    /// Port of the state channel.
+    pub fn state_port(&self) -> u16 {
+        self.state_port
+    }
+
+    /// Returns the checksum of the controller's programs and of `cell_config.dat` with which the cell was accepted;
+    /// `None` if none was stored.
+    pub fn programs_sum(&self) -> Option<i32> {
+        self.programs_sum
+    }
+
+    /// Returns the last stage of the list of proofs that the cell's file states as signed.
+    pub fn stated_stage(&self) -> Option<ProofStage> {
+        self.stated_stage
+    }
+
+    /// Returns the last stage of the list of proofs that counts as signed: the cell's file states it, and the newest
+    /// signed page in the store proves it for the accepted programs.
+    pub fn signed_stage(&self) -> Option<ProofStage> {
+        let page = self.signed_page.filter(|page| Some(page.programs_sum) == self.programs_sum)?;
+        self.stated_stage.map(|stated| stated.min(page.stage))
+    }
+
+    /// Adds the newest signed page of proofs in the store; `None` if the store has none.
+    #[must_use]
+    pub fn with_signed_page(self, signed_page: Option<SignedPage>) -> Self {
+        Robot { signed_page, ..self }
+    }
+
+    /// Checks that this stage of the list of proofs is signed. The mock controller inside this program needs no proof.
+    /// Each other controller counts as a real one, whatever its address is: only its state shows whether it is a mock.
+    ///
+    /// # Errors
+    /// If it is not signed.
+    pub fn requires_signed(&self, needed: ProofStage) -> Result<(), Unsigned> {
+        let signed = self.signed_stage();
+        if self.kind == RobotKind::Mock || signed >= Some(needed) {
+            return Ok(());
+        }
+        Err(Unsigned { needed, signed, why: self.unsigned_cause(needed) })
+    }
+
+    fn unsigned_cause(&self, needed: ProofStage) -> UnsignedCause {
+        let Some(stated) = self.stated_stage else { return UnsignedCause::NotStated };
+        if stated < needed && self.signed_stage() == Some(stated) {
+            return UnsignedCause::Lower(stated);
+        }
+        match (self.signed_page, self.programs_sum) {
+            (Some(page), Some(accepted)) if page.programs_sum != accepted => {
+                UnsignedCause::OtherPrograms { stated, page: page.programs_sum, accepted }
+            }
+            (Some(page), Some(_)) => UnsignedCause::LowerPage { stated, page: page.stage },
+            _ => UnsignedCause::NoPage(stated),
+        }
+    }
+
+    /// Returns whether the address is this machine's own: a rehearsal with `mock-robot`, or the end of a tunnel to a
+    /// real controller. Before anything moves, the controller's own state decides which of the two it is.
+    pub fn is_local_controller(&self) -> bool {
+        is_local_host(&self.host)
+    }
+}
+
+/// Returns whether a host is this computer: then the traffic does not go over a network.
+pub(super) fn is_local_host(host: &str) -> bool {
+    host == "localhost" || host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
+}
+
+/// Returns whether this is an IP address, or a host name as in RFC 1123; underscores are allowed, as in some
+/// networks.
+pub(super) fn is_valid_host(host: &str) -> bool {
+    let is_label = |label: &str| {
+        (1..=63).contains(&label.len())
+            && label.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_')
+            && !label.starts_with('-')
+            && !label.ends_with('-')
+    };
+    // A text that ends in a number is meant as an address.
+    let is_number = |label: &str| label.chars().all(|c| c.is_ascii_digit());
+    let is_name = || {
+        host.len() <= 253 && host.split('.').all(is_label) && !host.split('.').next_back().is_some_and(is_number)
+    };
+    host.parse::<IpAddr>().is_ok() || is_name()
+}
+
+/// The ports that the controller's firewall opens (`eki.md` 1.3).
+const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
+
+/// The checksums of programs are below 1000003.
+const MAX_CHECKSUM: usize = 1_000_002;
+
+const LOCAL_HOST: &str = "127.0.0.1";
+
+pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
+    let kind = section.parse("kind", (), Some(RobotKind::Mock));
+    let controller = section.parse("controller", (), Some(MockController::Programs));
+    let host = section.parse::<Option<String>>("host", (), Some(None));
+    let command_port = section.parse("command_port", PORTS, Some(54_600));
+    let state_port = section.parse("state_port", PORTS, Some(54_601));
+    let programs_sum = section.parse::<Option<usize>>("programs_sum", 0..=MAX_CHECKSUM, Some(None));
+    let stated_stage = section.parse::<Option<ProofStage>>("signed_stage", (), Some(None));
+    section.finish();
+    let (kind, controller, host, stated_stage) = (kind?, controller?, host?, stated_stage?);
+    let (command_port, state_port, programs_sum) = (command_port?, state_port?, programs_sum?);
+    if command_port == state_port {
+        section.problem("state_port", format!("found {state_port}, valid: any port other than command_port's"));
+        return None;
+    }
+    if stated_stage.is_some() && programs_sum.is_none() {
+        let message = "needs programs_sum, the checksum of the programs that were proven; run `panelprep doctor --kuka DIR \
+                       --accept` with the controller's files and add the line that it prints";
+        section.problem("signed_stage", message);
+        return None;
+    }
+    let host = match (kind, host) {
+        (RobotKind::Eki, None) => {
+            section.problem("host", "is missing; kind = \"eki\" needs the controller's address");
+            return None;
+        }
+        (RobotKind::Mock, Some(host)) if !["localhost", LOCAL_HOST].contains(&host.as_str()) => {
+            section
+                .problem("host", format!("found \"{host}\"; kind = \"mock\" runs on this machine, {LOCAL_HOST}"));
+            return None;
+        }
+        (_, Some(host))
+            if host.parse::<IpAddr>().is_ok_and(|address| address.is_unspecified() || address.is_multicast()) =>
+        {
+            section.problem("host", format!("found \"{host}\", which is not the address of a single machine"));
+            return None;
+        }
+        (_, Some(host)) if !is_valid_host(&host) => {
+            let message = format!(
+                "found \"{host}\", valid: an address such as 172.31.1.147, or a host name of letters, digits, - \
+                 and dots"
+            );
+            section.problem("host", message);
+            return None;
+        }
+        (_, host) => host.unwrap_or(LOCAL_HOST.to_owned()),
+    };
+    Some(Robot {
+        kind,
+        controller,
+        host,
+        command_port,
+        state_port,
+        programs_sum: programs_sum.and_then(|sum| i32::try_from(sum).ok()),
+        stated_stage,
+        signed_page: None,
+    })
+}

@@ -1,0 +1,346 @@
+//! `[poses]` and `[io]`: the user's names, and the outputs that are switched off automatically.
+
+use super::line_signal::{LineSignal, parse_line_outputs};
+use panelprep_base::config::Section;
+use panelprep_base::geometry::Joints;
+use std::collections::{BTreeMap, BTreeSet};
+use strum::VariantArray;
+
+/// Reads `[poses]`: axis angles, since the arm moves to a named pose by `move_j`, which accepts nothing else.
+pub(super) fn parse_poses(section: &Section<'_, '_>) -> Option<BTreeMap<String, Joints>> {
+    let named = section.named_sections();
+    if section.is_present() && !named.iter().any(|(name, _)| name == "park") {
+        section.problem("park", "is missing; every cycle begins by parking the arm clear of the panel");
+        return None;
+    }
+    named.into_iter().map(|(name, pose)| Some((name, parse_joints(&pose)?))).collect()
+}
+
+fn parse_joints(section: &Section<'_, '_>) -> Option<Joints> {
+    // A wide range: `requirements` and the gate state which angles this arm reaches.
+    let axis = |key| section.parse::<f64>(key, -360.0..=360.0, None);
+    let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] =
+        ["a1_deg", "a2_deg", "a3_deg", "a4_deg", "a5_deg", "a6_deg"].map(axis);
+    section.finish();
+    Some(Joints {
+        a1_deg: a1_deg?,
+        a2_deg: a2_deg?,
+        a3_deg: a3_deg?,
+        a4_deg: a4_deg?,
+        a5_deg: a5_deg?,
+        a6_deg: a6_deg?,
+    })
+}
+
+/// The outputs that the process uses, by the names they have in `[io.outputs]`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "snake_case")]
+pub enum Output {
+    /// `light`: on for pictures of the film, off for 3D shots.
+    Light,
+    /// `spray`: water.
+    Spray,
+    /// `lens_shutter`: closes or purges the lens.
+    LensShutter,
+    /// `extraction`: dust extraction.
+    Extraction,
+    /// `tool`: the sander.
+    Tool,
+}
+
+impl Output {
+    /// All of them.
+    pub const ALL: &'static [Output] = <Self as VariantArray>::VARIANTS;
+
+    /// The name in the cell's file.
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+
+    /// Returns the feedback that shows whether the output had its effect; the feedback of the spray shows that the
+    /// spray is off.
+    pub fn feedback(self) -> Feedback {
+        match self {
+            Output::Light => Feedback::LightOn,
+            Output::Spray => Feedback::WaterOff,
+            Output::LensShutter => Feedback::LensShut,
+            Output::Extraction => Feedback::ExtractionFlow,
+            Output::Tool => Feedback::ToolRunning,
+        }
+    }
+}
+
+/// The feedbacks that the process uses, by the names they have in `[io.feedbacks]`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
+#[strum(serialize_all = "snake_case")]
+pub enum Feedback {
+    /// `light_on`: the lamp is on and has reached its full brightness.
+    LightOn,
+    /// `water_off`: the valve is closed.
+    WaterOff,
+    /// `lens_shut`: no drop can reach the lens.
+    LensShut,
+    /// `extraction_flow`: the extraction draws air.
+    ExtractionFlow,
+    /// `tool_running`: the sander rotates.
+    ToolRunning,
+    /// `tool_stands`: the sander is at rest. This signal and `tool_running` are a pair of which one is always on. The
+    /// state off is then proven by a signal that is present, and a broken wire is detected.
+    ToolStands,
+}
+
+impl Feedback {
+    /// The name in the cell's file.
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+}
+
+/// The input of the selector switch at the cell, by its name in `[io.feedbacks]`: on while the switch is in the
+/// position local.
+pub const LOCAL_CONTROL: &str = "local_control";
+/// The output of the horn or lamp that warns before the first motion, by its name in `[io.outputs]`.
+pub const WARNING: &str = "warning";
+
+/// `[io.outputs]`, `[io.off_after_s]`, `[io.feedbacks]`, `[io.mapped_inputs]`, `[io.line_outputs]` and `[io]
+/// may_stay_on`: names for the controller's digital outputs and inputs, which outputs its program switches off when an
+/// epoch ends, and which may stay on.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct InputsOutputs {
+    outputs: BTreeMap<String, u16>,
+    off_delays_s: BTreeMap<String, u16>,
+    feedbacks: BTreeMap<String, u16>,
+    mapped_inputs: BTreeMap<String, u16>,
+    line_outputs: BTreeMap<String, u16>,
+    may_stay_on: BTreeSet<String>,
+}
+
+impl InputsOutputs {
+    /// The number n of `$OUT[n]` for each name.
+    pub fn outputs(&self) -> &BTreeMap<String, u16> {
+        &self.outputs
+    }
+
+    /// The number n of `$IN[n]` for each name.
+    pub fn feedbacks(&self) -> &BTreeMap<String, u16> {
+        &self.feedbacks
+    }
+
+    /// Numbers that `set_digin` may name: the controller maps each to a flag, since `$IN[n]` itself cannot be written.
+    pub fn mapped_inputs(&self) -> &BTreeMap<String, u16> {
+        &self.mapped_inputs
+    }
+
+    /// The outputs that the controller switches off automatically, and the delay after the end of an epoch, s; tool
+    /// and water at once. An output without an entry does not change, for example the lens shutter.
+    pub fn off_delays_s(&self) -> &BTreeMap<String, u16> {
+        &self.off_delays_s
+    }
+
+    /// Returns the outputs of which the cell's file states neither when the end of an epoch switches them off nor that
+    /// they may stay on. The lens shutter always stays.
+    pub fn undecided(&self) -> Vec<&str> {
+        let is_decided = |name: &str| {
+            name == Output::LensShutter.name()
+                || self.off_delays_s.contains_key(name)
+                || self.may_stay_on.contains(name)
+        };
+        self.outputs.keys().map(String::as_str).filter(|name| !is_decided(name)).collect()
+    }
+
+    /// Returns the number of the output that reports this signal to a line.
+    pub fn line_output(&self, signal: LineSignal) -> Option<u16> {
+        self.line_outputs.get(signal.name()).copied()
+    }
+
+    /// Returns the numbers of all outputs for a line, in the order of CELL_LINE; 0 if the cell has no such output.
+    pub fn line_outputs(&self) -> [u16; 6] {
+        let mut numbers = [0; 6];
+        for signal in LineSignal::VARIANTS {
+            numbers[*signal as usize] = self.line_output(*signal).unwrap_or(0);
+        }
+        numbers
+    }
+
+    /// Returns the bits of the state message's `Out` for tool and water, which are switched off at once.
+    pub fn harmful_bits(&self) -> u32 {
+        let at_once = self.off_delays_s.iter().filter(|(_, after_s)| **after_s == 0);
+        let bits = at_once.filter_map(|(name, _)| bit(&self.outputs, *self.outputs.get(name)?));
+        bits.fold(0, |bits, bit| bits | 1u32.checked_shl(bit).unwrap_or(0))
+    }
+
+    /// Returns the number of an output that the process uses.
+    pub fn output(&self, output: Output) -> Option<u16> {
+        self.outputs.get(output.name()).copied()
+    }
+
+    /// Returns the number of a feedback that the process uses.
+    pub fn feedback(&self, feedback: Feedback) -> Option<u16> {
+        self.feedbacks.get(feedback.name()).copied()
+    }
+
+    /// Returns the bit of the state message's `Out` for the output with this number.
+    pub fn output_bit(&self, number: u16) -> Option<u32> {
+        bit(&self.outputs, number)
+    }
+
+    /// Returns whether "tool off" is proven by a signal that is present. Without such a signal, a broken wire looks
+    /// like a tool at rest.
+    pub fn proves_tool_off(&self) -> bool {
+        [Feedback::ToolRunning, Feedback::ToolStands].iter().all(|feedback| self.feedback(*feedback).is_some())
+    }
+
+    /// Returns the bit of the state message's `In` for a feedback.
+    pub fn feedback_bit(&self, feedback: Feedback) -> Option<u32> {
+        bit(&self.feedbacks, self.feedback(feedback)?)
+    }
+
+    /// Returns the bit of the state message's `In` for the input with this name.
+    pub fn input_bit(&self, name: &str) -> Option<u32> {
+        bit(&self.feedbacks, *self.feedbacks.get(name)?)
+    }
+
+    /// Returns each output's name, and whether it is on in the state message's `Out`.
+    pub fn decode_outputs(&self, bits: u32) -> Vec<(&str, bool)> {
+        signals(&self.outputs, bits)
+    }
+
+    /// Returns each feedback's name, and whether it is on in the state message's `In`.
+    pub fn decode_feedbacks(&self, bits: u32) -> Vec<(&str, bool)> {
+        signals(&self.feedbacks, bits)
+    }
+}
+
+/// Returns a signal's bit: the state message has the signals in the order of their numbers.
+fn bit(names: &BTreeMap<String, u16>, number: u16) -> Option<u32> {
+    u32::try_from(names.values().filter(|other| **other < number).count()).ok()
+}
+
+fn signals(names: &BTreeMap<String, u16>, bits: u32) -> Vec<(&str, bool)> {
+    let is_on = |number: u16| bit(names, number).is_some_and(|bit| bits.checked_shr(bit).unwrap_or(0) & 1 == 1);
+    names.iter().map(|(name, number)| (name.as_str(), is_on(*number))).collect()
+}
+
+/// The state message carries the mapped inputs as the bits of one INT (`eki.md` 9).
+const MAX_FEEDBACKS: usize = 31;
+/// Outputs that do harm while no one supervises them: the tool, and all that let water run.
+const IMMEDIATE_OFF_OUTPUTS: [&str; 3] = ["rinse", "spray", "tool"];
+/// Maximum delay after which an output is switched off, s.
+const MAX_OFF_DELAY_S: u16 = 600;
+/// The size of the controller's list of mapped inputs.
+const MAX_MAPPED: usize = 8;
+
+pub(super) fn parse_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
+    let (outputs, feedbacks) = (section.section("outputs"), section.section("feedbacks"));
+    let mapped = section.section("mapped_inputs");
+    let off_after = section.section("off_after_s");
+    let line_outputs = section.section("line_outputs");
+    let staying = section.parse::<Option<Vec<String>>>("may_stay_on", (), Some(None));
+    section.finish();
+    let (outputs, feedbacks_taken, mapped_taken) =
+        (parse_numbers(&outputs), parse_numbers(&feedbacks), parse_numbers(&mapped));
+    let outputs = outputs?;
+    let off_after_s = parse_off_delays(&off_after, &outputs);
+    let may_stay_on = parse_staying(section, staying?, (&outputs, off_after_s.as_ref()));
+    let line_numbers = parse_numbers(&line_outputs);
+    let line_outputs = parse_line_outputs(&line_outputs, line_numbers?, &outputs);
+    let io = InputsOutputs {
+        outputs,
+        off_delays_s: off_after_s?,
+        feedbacks: feedbacks_taken?,
+        mapped_inputs: mapped_taken?,
+        line_outputs: line_outputs?,
+        may_stay_on: may_stay_on?,
+    };
+    let constant: Vec<_> = io.feedbacks.iter().filter(|(_, number)| [1025, 1026].contains(*number)).collect();
+    for (name, number) in &constant {
+        feedbacks.problem(name, format!("found {number}; $IN[1025] is always true and $IN[1026] always false"));
+    }
+    // The inputs that prove that water or tool is off are never set by this program.
+    let proves = |number: &u16| io.feedbacks.values().any(|feedback| feedback == number);
+    let feigned: Vec<_> = io.mapped_inputs.iter().filter(|(_, number)| proves(number)).collect();
+    for (name, number) in &feigned {
+        mapped.problem(
+            name,
+            format!("found {number}, which is the number of a feedback; feedbacks are only read, never set"),
+        );
+    }
+    let mut right = constant.is_empty() && feigned.is_empty();
+    for (key, found, max_count) in
+        [("mapped_inputs", io.mapped_inputs.len(), MAX_MAPPED), ("feedbacks", io.feedbacks.len(), MAX_FEEDBACKS)]
+    {
+        if found > max_count {
+            section.problem(key, format!("found {found} names (limit {max_count})"));
+            right = false;
+        }
+    }
+    right.then_some(io)
+}
+
+/// Reads `[io.off_after_s]`: the outputs that the controller's program switches off after the end of an epoch.
+fn parse_off_delays(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) -> Option<BTreeMap<String, u16>> {
+    let stated = section.parse_named_entries::<u16>(&(0..=MAX_OFF_DELAY_S));
+    let mut right = true;
+    for (name, after_s) in &stated {
+        let wrong = if !outputs.contains_key(name) {
+            let names = outputs.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+            format!("is not an output of [io.outputs]; valid: {names}")
+        } else if name == Output::LensShutter.name() {
+            "protects the cameras from drops and is never switched off automatically; remove this key".to_owned()
+        } else if IMMEDIATE_OFF_OUTPUTS.contains(&name.as_str()) && *after_s > 0 {
+            format!("found {after_s}, valid: 0; tool and water are switched off immediately")
+        } else {
+            continue;
+        };
+        section.problem(name, wrong);
+        right = false;
+    }
+    let at_once = IMMEDIATE_OFF_OUTPUTS.map(|name| (name, 0));
+    // A stop during the warning must not leave the warning output on.
+    let later = [(Output::Extraction.name(), 30), (Output::Light.name(), 60), (WARNING, 1)];
+    let usual = at_once.into_iter().chain(later);
+    let mut all: BTreeMap<String, u16> =
+        usual.filter(|(name, _)| outputs.contains_key(*name)).map(|(name, s)| (name.to_owned(), s)).collect();
+    all.extend(stated);
+    right.then_some(all)
+}
+
+/// Reads `may_stay_on`: the outputs that the controller's program does not switch off after the end of an epoch.
+fn parse_staying(
+    section: &Section<'_, '_>,
+    stated: Option<Vec<String>>,
+    (outputs, off_after_s): (&BTreeMap<String, u16>, Option<&BTreeMap<String, u16>>),
+) -> Option<BTreeSet<String>> {
+    let stated = stated.unwrap_or_default();
+    let mut right = true;
+    for name in &stated {
+        let wrong = if IMMEDIATE_OFF_OUTPUTS.contains(&name.as_str()) {
+            "tool and water go off at once; remove it".to_owned()
+        } else if !outputs.contains_key(name) {
+            let names = outputs.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+            format!("it is no output of [io.outputs]; valid: {names}")
+        } else if let Some(after_s) = off_after_s.and_then(|all| all.get(name)) {
+            format!(
+                "it goes off {after_s} s after the end of an epoch ([io.off_after_s], or its usual time); remove one"
+            )
+        } else {
+            continue;
+        };
+        section.problem("may_stay_on", format!("found \"{name}\"; {wrong}"));
+        right = false;
+    }
+    right.then(|| stated.into_iter().collect())
+}
+
+fn parse_numbers(section: &Section<'_, '_>) -> Option<BTreeMap<String, u16>> {
+    let named = section.parse_named_entries::<u16>(&(1..=4096));
+    let mut first_names = BTreeMap::new();
+    let mut right = true;
+    for (name, number) in &named {
+        if let Some(first) = first_names.insert(*number, name) {
+            section.problem(name, format!("found {number}, which is already the number of {first}"));
+            right = false;
+        }
+    }
+    right.then_some(named)
+}

@@ -1,0 +1,93 @@
+//! `[opcua]`: the OPC UA server. It is off until `listen` is set.
+
+use core::net::SocketAddr;
+use panelprep_base::config::{Choice, Section};
+use std::path::{Path, PathBuf};
+
+/// The permissions of a client that has not logged in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
+#[strum(serialize_all = "lowercase")]
+pub enum AnonymousAccess {
+    /// Without an account nothing is allowed: every session needs one.
+    Nothing,
+    /// Without an account a session may read, and stop or abort as on the operator's page.
+    Read,
+}
+
+impl Choice for AnonymousAccess {
+    const KEYWORDS: &'static [(&'static str, Self)] =
+        &[("nothing", AnonymousAccess::Nothing), ("read", AnonymousAccess::Read)];
+}
+
+/// How the server is reached, and by which clients.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OpcUa {
+    /// The address and port; without it there is no server.
+    pub listen: Option<SocketAddr>,
+    /// The name or address by which clients reach the server, in the addresses that it sends them.
+    pub host: Option<String>,
+    /// The permissions of a client that has not logged in.
+    pub anonymous: AnonymousAccess,
+    /// Whether a connection may be neither signed nor encrypted. No one can log in through such a connection.
+    pub is_unencrypted_allowed: bool,
+    /// The folder of the certificates: `own`, `private`, `trusted`, `rejected`.
+    pub certificates: PathBuf,
+}
+
+/// The name of the certificates' folder in the store.
+const IN_STORE: &str = "opcua";
+
+impl OpcUa {
+    /// Returns the settings with the certificates in this store, if the file names no folder for them.
+    pub(super) fn with_store_certificates(self, store: &Path) -> Self {
+        let certificates =
+            if self.certificates.as_os_str().is_empty() { store.join(IN_STORE) } else { self.certificates };
+        OpcUa { certificates, ..self }
+    }
+}
+
+pub(super) fn parse_opcua(folder: &Path, section: &Section<'_, '_>) -> Option<OpcUa> {
+    let listen = section.parse::<Option<String>>("listen", (), Some(None));
+    let host = section.parse::<Option<String>>("host", (), Some(None));
+    let anonymous = section.parse::<AnonymousAccess>("anonymous", (), Some(AnonymousAccess::Nothing));
+    let unencrypted = section.parse::<bool>("unencrypted", (), Some(false));
+    let certificates = section.parse::<Option<String>>("certificates", (), Some(None));
+    section.finish();
+    let (anonymous, is_unencrypted_allowed) = (anonymous?, unencrypted?);
+    if is_unencrypted_allowed && anonymous == AnonymousAccess::Nothing {
+        let message = "found true, but log-in is not possible over an unencrypted connection, because the password \
+                       could be read on the network; true is valid only together with anonymous = \"read\"";
+        section.problem("unencrypted", message);
+        return None;
+    }
+    let host = host?;
+    if let Some(host) = host.as_ref().filter(|host| !is_valid_host(host)) {
+        let message = format!(
+            "found \"{}\", valid: a computer's name or an IP address, such as \"cell-1.plant.example\"",
+            host.escape_debug()
+        );
+        section.problem("host", message);
+        return None;
+    }
+    let address = match &listen? {
+        None => {
+            section.missing_required("listen", "the address and port of the server, such as \"0.0.0.0:4840\"")?
+        }
+        Some(text) => match text.parse::<SocketAddr>() {
+            Ok(address) if address.port() > 0 => Some(address),
+            _ => {
+                let allowed = "valid: an IP address and a port, such as \"0.0.0.0:4840\"";
+                section.problem("listen", format!("found \"{text}\", {allowed}"));
+                return None;
+            }
+        },
+    };
+    let certificates = certificates?.map_or_else(PathBuf::new, |name| folder.join(name));
+    Some(OpcUa { listen: address, host, anonymous, is_unencrypted_allowed, certificates })
+}
+
+/// Returns whether the text can be used in an address.
+fn is_valid_host(text: &str) -> bool {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-');
+    (1..=253).contains(&text.len()) && text.chars().all(is_plain)
+}

@@ -1,0 +1,186 @@
+//! `[part]`: how a start of a cycle must name its part. Without the table a name is optional, in any form.
+
+use panelprep_base::config::{Choice, Section};
+
+/// Whether a start must give a name.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum NameDemand {
+    /// A start may leave the name out.
+    #[default]
+    Optional,
+    /// A start without the name is refused.
+    Required,
+}
+
+impl Choice for NameDemand {
+    const KEYWORDS: &'static [(&'static str, Self)] =
+        &[("optional", NameDemand::Optional), ("required", NameDemand::Required)];
+}
+
+/// The rule for one of the names of a part.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct NameRule {
+    /// Whether a start must give the name.
+    pub demand: NameDemand,
+    /// The form of the name: `#` is a digit, `?` one character, `*` any characters; `None` for any form.
+    pub pattern: Option<String>,
+}
+
+/// The rules for the names of a part.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct PartRules {
+    /// The serial number.
+    pub serial: NameRule,
+    /// The work order.
+    pub order: NameRule,
+}
+
+/// Why the names of a part are not accepted.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum PartNameError {
+    /// A required name is missing.
+    #[error(
+        "the start names no {what}, and [part] {key} of the cell's file requires one; enter it, then start again"
+    )]
+    Missing {
+        /// The name.
+        what: &'static str,
+        /// Its key in `[part]`.
+        key: &'static str,
+    },
+    /// A name has another form.
+    #[error(
+        "the {what} \"{found}\" does not have the form \"{pattern}\" of [part] {key}_pattern (# is a digit, ? one \
+         character, * any characters); read it again, then start again"
+    )]
+    Form {
+        /// The name.
+        what: &'static str,
+        /// Its key in `[part]`.
+        key: &'static str,
+        /// What was given.
+        found: String,
+        /// The form.
+        pattern: String,
+    },
+}
+
+impl NameRule {
+    fn check(&self, (what, key): (&'static str, &'static str), name: Option<&str>) -> Result<(), PartNameError> {
+        let Some(name) = name else {
+            return match self.demand {
+                NameDemand::Required => Err(PartNameError::Missing { what, key }),
+                NameDemand::Optional => Ok(()),
+            };
+        };
+        match &self.pattern {
+            Some(pattern) if !has_form(name, pattern) => {
+                let found = name.escape_debug().to_string();
+                Err(PartNameError::Form { what, key, found, pattern: pattern.clone() })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+impl PartRules {
+    /// Checks the names of a part, as a start gives them.
+    ///
+    /// # Errors
+    /// If a required name is missing, or a name does not have its form.
+    pub fn check(&self, serial: Option<&str>, order: Option<&str>) -> Result<(), PartNameError> {
+        self.serial.check(("serial number", "serial"), serial)?;
+        self.order.check(("work order", "order"), order)
+    }
+}
+
+/// Returns whether a name has the form of a pattern. The states are the places in the pattern that the name so far can
+/// have reached, so that a name of any length needs linear time.
+fn has_form(name: &str, pattern: &str) -> bool {
+    let pattern: Vec<char> = pattern.chars().collect();
+    let with_skipped = |places: Vec<bool>| {
+        let mut places = places;
+        for (at, sign) in pattern.iter().enumerate() {
+            places[at + 1] |= places[at] && *sign == '*';
+        }
+        places
+    };
+    let mut first = vec![false; pattern.len() + 1];
+    first[0] = true;
+    let last = name.chars().fold(with_skipped(first), |places, letter| {
+        let mut next = vec![false; pattern.len() + 1];
+        for (at, sign) in pattern.iter().enumerate().filter(|(at, _)| places[*at]) {
+            match sign {
+                '*' => next[at] = true,
+                '?' => next[at + 1] = true,
+                '#' => next[at + 1] |= letter.is_ascii_digit(),
+                exact => next[at + 1] |= *exact == letter,
+            }
+        }
+        with_skipped(next)
+    });
+    last.last() == Some(&true)
+}
+
+/// Reads `[part]`.
+pub(super) fn parse_part(section: &Section<'_, '_>) -> Option<PartRules> {
+    let demand = |key| section.parse::<NameDemand>(key, (), Some(NameDemand::Optional));
+    let pattern = |key| section.parse::<Option<String>>(key, (), Some(None));
+    let (serial, serial_pattern) = (demand("serial"), pattern("serial_pattern"));
+    let (order, order_pattern) = (demand("order"), pattern("order_pattern"));
+    section.finish();
+    Some(PartRules {
+        serial: NameRule { demand: serial?, pattern: serial_pattern? },
+        order: NameRule { demand: order?, pattern: order_pattern? },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Cell;
+    use super::*;
+
+    #[test]
+    fn a_pattern_states_the_form_of_a_whole_name() {
+        for (pattern, name, is_right) in [
+            ("SN-####", "SN-0017", true),
+            ("SN-####", "SN-017", false),
+            ("SN-####", "SN-00171", false),
+            ("SN-####", "SN-001x", false),
+            ("SN-####", "sn-0017", false),
+            ("SN-#*", "SN-1", true),
+            ("SN-#*", "SN-", false),
+            ("*-?", "a-b-c", true),
+            ("*-?", "a-b-", false),
+            ("*", "", true),
+            ("**#", "12", true),
+            ("#", "٣", false),
+        ] {
+            assert_eq!(has_form(name, pattern), is_right, "{name} as {pattern}");
+        }
+        assert!(
+            !has_form(&"a".repeat(100_000), &"*a".repeat(5).replace('a', "b")),
+            "a long name needs no long time"
+        );
+    }
+
+    #[test]
+    fn a_cell_requires_the_names_that_its_file_states() {
+        let rules = |text: &str| {
+            Cell::check("cell.toml", text).map(|cell| cell.part().clone()).map_err(|problems| problems.to_string())
+        };
+        assert_eq!(rules(""), Ok(PartRules::default()));
+        assert_eq!(PartRules::default().check(None, None), Ok(()));
+        let strict = rules("[part]\nserial = 'required'\nserial_pattern = 'SN-####'\norder_pattern = 'W-*'\n");
+        let strict = strict.expect("right");
+        assert_eq!(strict.check(Some("SN-0017"), None), Ok(()));
+        let refused = |serial, order| strict.check(serial, order).expect_err("refused").to_string();
+        assert!(refused(None, Some("W-1")).contains("names no serial number, and [part] serial"));
+        assert!(refused(Some("W-4"), None).contains("\"W-4\" does not have the form \"SN-####\""));
+        assert!(
+            refused(Some("SN-0017"), Some("SN-0017")).contains("[part] order_pattern"),
+            "the wrong code was read"
+        );
+        assert!(rules("[part]\nserial = 'always'").is_err_and(|told| told.contains("part.serial")));
+    }
+}

@@ -1,0 +1,200 @@
+//! The stages of the list of what must be proven on a real controller, and how far it is signed.
+
+use panelprep_base::config::Choice;
+
+/// A stage of the list "To be proven" on the installation page of the controller. A stage is proven with what the
+/// stage before it has proven, and its part of the page is signed before the next stage begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, strum::IntoStaticStr, strum::EnumString)]
+pub enum ProofStage {
+    /// In T1, the sanding tool without power and the panel out of reach.
+    A,
+    /// In automatic mode, in the air.
+    B,
+    /// Contact with a foam panel.
+    C,
+}
+
+impl ProofStage {
+    /// All stages in their order.
+    pub const ALL: [ProofStage; 3] = [ProofStage::A, ProofStage::B, ProofStage::C];
+
+    /// Its letter, as the page and the cell's file state it.
+    pub fn letter(self) -> &'static str {
+        self.into()
+    }
+
+    /// The stage that must be signed before this one begins.
+    pub fn before(self) -> Option<ProofStage> {
+        ProofStage::ALL.into_iter().rfind(|stage| *stage < self)
+    }
+
+    /// The stage that follows this one.
+    pub fn next(self) -> Option<ProofStage> {
+        ProofStage::ALL.into_iter().find(|stage| *stage > self)
+    }
+
+    /// Returns the first stage that is not signed, after this last signed one; the last stage if all are signed.
+    pub fn after(signed: Option<ProofStage>) -> ProofStage {
+        signed.map_or(ProofStage::A, |signed| signed.next().unwrap_or(ProofStage::C))
+    }
+
+    /// The conditions under which it is proven.
+    pub fn conditions(self) -> &'static str {
+        match self {
+            ProofStage::A => {
+                "in T1, the tool without power, the panel out of reach; hold Start while this program tries"
+            }
+            ProofStage::B => "in AUT, in the air: the tool without power, the hand valve of the water closed",
+            ProofStage::C => "in AUT, the pad on foam, the tool's motor unplugged",
+        }
+    }
+
+    /// What a person is permitted to do once this stage is signed.
+    pub fn permits(self) -> &'static str {
+        match self {
+            ProofStage::A => "a motion in automatic mode, in the air",
+            ProofStage::B => "contact with foam (`panelprep cycle --on-foam`)",
+            ProofStage::C => "a cycle on a panel",
+        }
+    }
+}
+
+impl Choice for ProofStage {
+    const KEYWORDS: &'static [(&'static str, Self)] =
+        &[("A", ProofStage::A), ("B", ProofStage::B), ("C", ProofStage::C)];
+}
+
+/// A signed page of proofs, as the store keeps it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SignedPage {
+    /// The stage that the page proves.
+    pub stage: ProofStage,
+    /// The checksum that the controller's programs reported during the proofs.
+    pub programs_sum: i32,
+}
+
+/// A stage that is needed is not signed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "{}, and {} needs {}: prove stage {next} with `panelprep robot prove --stage {next} --out FILE --by NAME`, sign its page, \
+     store the signature with the same command and --sign, then set signed_stage = \"{next}\" in the cell's file",
+    .why, .needed.permits(), .needed.letter(), next = ProofStage::after(*.signed).letter()
+)]
+pub struct Unsigned {
+    /// The stage that is needed.
+    pub needed: ProofStage,
+    /// The last stage that counts as signed, if one does.
+    pub signed: Option<ProofStage>,
+    /// Why no higher stage counts as signed.
+    pub why: UnsignedCause,
+}
+
+/// Why a stage does not count as signed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum UnsignedCause {
+    /// The cell's file states no stage.
+    #[error("[robot] signed_stage is missing")]
+    NotStated,
+    /// The cell's file states a lower stage.
+    #[error("[robot] signed_stage is {}", .0.letter())]
+    Lower(ProofStage),
+    /// The store has no signed page.
+    #[error("[robot] signed_stage is {}, but the store has no signed page of the proofs", .0.letter())]
+    NoPage(ProofStage),
+    /// The store's newest signed page proves a lower stage.
+    #[error(
+        "[robot] signed_stage is {}, but the newest signed page in the store proves stage {}", .stated.letter(), .page.letter()
+    )]
+    LowerPage {
+        /// The stage of the cell's file.
+        stated: ProofStage,
+        /// The stage of the page.
+        page: ProofStage,
+    },
+    /// The store's newest signed page was made with other programs.
+    #[error(
+        "[robot] signed_stage is {}, but the newest signed page in the store proves programs with the checksum {page}, and \
+         [robot] programs_sum is {accepted}", .stated.letter()
+    )]
+    OtherPrograms {
+        /// The stage of the cell's file.
+        stated: ProofStage,
+        /// The checksum of the proven programs.
+        page: i32,
+        /// The checksum of the accepted programs.
+        accepted: i32,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Cell;
+    use super::*;
+    use ProofStage::{A, B, C};
+
+    const REAL: &str = "kind = 'eki'\nhost = '172.31.1.147'\nprograms_sum = 7\n";
+
+    fn refused(robot: &str, page: Option<SignedPage>, needed: ProofStage) -> Option<String> {
+        let cell = Cell::check("cell.toml", &format!("[robot]\n{robot}")).expect("good").with_signed_page(page);
+        cell.robot().requires_signed(needed).err().map(|unsigned| unsigned.to_string())
+    }
+
+    /// A controller without a signed page permits nothing in automatic mode; each stage permits what it proves.
+    #[test]
+    fn nothing_counts_as_signed_by_default() {
+        let page = |stage| Some(SignedPage { stage, programs_sum: 7 });
+        for (stated, page, permitted) in [
+            ("", page(C), 0),
+            ("signed_stage = 'A'", page(A), 1),
+            ("signed_stage = 'B'", page(B), 2),
+            ("signed_stage = 'C'", page(C), 3),
+            // Written by hand, beyond the signed page.
+            ("signed_stage = 'C'", page(A), 1),
+            ("signed_stage = 'C'", None, 0),
+            // The file states less than the page.
+            ("signed_stage = 'A'", page(C), 1),
+            // The programs were changed since.
+            ("signed_stage = 'C'", Some(SignedPage { stage: C, programs_sum: 8 }), 0),
+        ] {
+            let robot = format!("{REAL}{stated}");
+            let counted =
+                ProofStage::ALL.into_iter().filter(|stage| refused(&robot, page, *stage).is_none()).count();
+            assert_eq!(counted, permitted, "{stated} {page:?}");
+        }
+        assert_eq!(([A.before(), B.before(), C.before()], C.next()), ([None, Some(A), Some(B)], None));
+    }
+
+    #[test]
+    fn the_refusal_names_what_is_missing_and_the_next_stage() {
+        let words = refused(REAL, None, C).expect("refused");
+        let start = "[robot] signed_stage is missing, and a cycle on a panel needs C: prove stage A";
+        assert!(words.starts_with(start), "{words}");
+        for (stated, page, expected) in [
+            ("A", Some((A, 7)), "signed_stage is A, and a cycle on a panel needs C: prove stage B"),
+            ("C", Some((A, 7)), "proves stage A, and a cycle on a panel needs C: prove stage B"),
+            (
+                "C",
+                None,
+                "the store has no signed page of the proofs, and a cycle on a panel needs C: prove stage A",
+            ),
+            (
+                "C",
+                Some((C, 8)),
+                "with the checksum 8, and [robot] programs_sum is 7, and a cycle on a panel needs C",
+            ),
+        ] {
+            let page = page.map(|(stage, programs_sum)| SignedPage { stage, programs_sum });
+            let words = refused(&format!("{REAL}signed_stage = '{stated}'"), page, C).expect("refused");
+            assert!(words.contains(expected), "{words}");
+        }
+    }
+
+    /// The address states nothing about the controller: it may be the end of a tunnel.
+    #[test]
+    fn a_controller_at_an_address_of_this_computer_needs_its_proofs() {
+        assert_eq!(refused("", None, C), None, "a mock inside this program");
+        for host in ["127.0.0.1", "localhost", "::1"] {
+            assert!(refused(&format!("kind = 'eki'\nhost = '{host}'"), None, A).is_some(), "{host}");
+        }
+    }
+}

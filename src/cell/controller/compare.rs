@@ -1,0 +1,339 @@
+//! Finds contradictions between the controller's files and the cell's file. Each is named with the file, the line
+//! and the key at which a person corrects it; untouched files of a correct cell give none.
+
+use super::called;
+use super::data::DataComparison;
+use super::declared::declarations;
+use super::difference::{Difference, Differences};
+use super::names::{COMMANDS, CONFIG, MOTION, STATES, SUBMIT, USER, is_named};
+use super::stated::DataList;
+use crate::cell::{Cell, RobotKind};
+use panelprep_kuka::eki::{CELLCMD, CELLSTAT, ChannelFile, Element};
+
+/// Texts of the controller's files, as they are on the controller. A file that is `None` is not compared.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ControllerFiles<'a> {
+    /// `cell_config.dat`.
+    pub config: Option<&'a str>,
+    /// `cell_motion.src`.
+    pub motion: Option<&'a str>,
+    /// `CELLCMD.xml`.
+    pub commands: Option<&'a str>,
+    /// `CELLSTAT.xml`.
+    pub states: Option<&'a str>,
+    /// `cell_user.src`.
+    pub user: Option<&'a str>,
+    /// `sps.sub`.
+    pub submit: Option<&'a str>,
+    /// The addresses of the controller, if the cell's file has its name and the name was resolved.
+    pub host_addresses: &'a [[u8; 4]],
+}
+
+impl<'a> ControllerFiles<'a> {
+    /// Finds the files among others, each given by its name and its text.
+    pub fn among(files: &[(&str, &'a str)]) -> Self {
+        let text = |name: &str| files.iter().find(|(file, _)| is_named(file, name)).map(|(_, text)| *text);
+        ControllerFiles {
+            config: text(CONFIG),
+            motion: text(MOTION),
+            commands: text(COMMANDS),
+            states: text(STATES),
+            user: text(USER),
+            submit: text(SUBMIT),
+            host_addresses: &[],
+        }
+    }
+}
+
+/// The result of a comparison.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// The contradictions.
+    pub differences: Vec<Difference>,
+    /// Values that could not be compared, with the reason.
+    pub not_compared: Vec<String>,
+}
+
+/// Returns the contradictions among the controller's programs, which need no cell.
+pub fn among_programs(files: &ControllerFiles<'_>) -> Vec<Difference> {
+    let mut found = Differences::default();
+    let config = files.config.map(|text| DataList::parse(CONFIG, text));
+    if let Some(config) = &config {
+        declarations(config, &mut found);
+    }
+    found.calls(files, config.as_ref());
+    found.0
+}
+
+/// Returns all contradictions of these files with each other or with the cell's file.
+pub fn compare(files: &ControllerFiles<'_>, cell: &Cell) -> Comparison {
+    let mut found = Differences::default();
+    let mut not_compared = Vec::new();
+    let config = files.config.map(|text| DataList::parse(CONFIG, text));
+    if let Some(config) = &config {
+        let missing = declarations(config, &mut found);
+        DataComparison { config, missing, cell, found: &mut found }.compare_all();
+    }
+    found.calls(files, config.as_ref());
+    let ports = [cell.robot().command_port(), cell.robot().state_port()];
+    let channels = [
+        (COMMANDS, files.commands, CELLCMD, ["CELL_F_CMD_ALIVE", "CELL_F_CMD_CAME"], (ports[0], ports[1])),
+        (STATES, files.states, CELLSTAT, ["CELL_F_STAT_ALIVE", "CELL_F_STAT_CAME"], (ports[1], ports[0])),
+    ];
+    for (file, text, ours, flags, ports) in channels {
+        let Some(text) = text else { continue };
+        let Some((theirs, ours)) = found.channel(file, text, ours) else { continue };
+        found.settings(file, &theirs, &ours);
+        if let Some(config) = &config {
+            found.compare_channel_flags(file, text, (&theirs, config), flags);
+        }
+        if cell.robot().kind() == RobotKind::Eki {
+            not_compared.extend(found.address((file, text), &theirs, cell.robot().host(), files.host_addresses));
+            found.port(file, text, &theirs, ports);
+        }
+    }
+    if let (Some(text), Some(config)) = (files.motion, &config) {
+        found.interrupts(text, config);
+    }
+    Comparison { differences: found.0, not_compared }
+}
+
+impl Differences {
+    /// Compares the programs that call with those that are called.
+    fn calls(&mut self, files: &ControllerFiles<'_>, config: Option<&DataList>) {
+        if let Some(text) = files.user {
+            called::subroutines(text, config, self);
+        }
+        if let Some(text) = files.submit {
+            called::submit(text, self);
+        }
+    }
+
+    /// Parses a channel's file and this program's own version of it; a file that cannot be read is noted.
+    fn channel(&mut self, file: &'static str, text: &str, ours: &str) -> Option<(ChannelFile, ChannelFile)> {
+        match (ChannelFile::parse(text), ChannelFile::parse(ours)) {
+            (Ok(theirs), Ok(ours)) => Some((theirs, ours)),
+            (Err(error), _) | (_, Err(error)) => {
+                self.note(file, 1, "", error.to_string());
+                None
+            }
+        }
+    }
+
+    /// Compares the content and the transfer settings of the channel; address, port and flags are specific to the
+    /// cell.
+    fn settings(&mut self, file: &'static str, theirs: &ChannelFile, ours: &ChannelFile) {
+        self.elements(file, "RECEIVE", (&theirs.received, &ours.received));
+        self.elements(file, "SEND", (&theirs.sent, &ours.sent));
+        let (expected, found) = (ours.peer, theirs.peer);
+        if found != expected {
+            self.note(
+                file,
+                1,
+                "CONFIGURATION/EXTERNAL/TYPE",
+                format!("is {found}, must be {expected}, because the PC is the client"),
+            );
+        }
+        if theirs.environment != ours.environment {
+            let message = "must be Submit, as in this program's own file: the channel must exist as long as the submit \
+                           interpreter runs";
+            self.note(file, 1, "CONFIGURATION/INTERNAL/ENVIRONMENT", message);
+        }
+        if theirs.protocol != ours.protocol {
+            self.note(file, 1, "CONFIGURATION/INTERNAL/PROTOCOL", "is not TCP, the protocol that the PC uses");
+        }
+        if theirs.memory != ours.memory {
+            let message = format!(
+                "found {} entries in {} order and {} bytes; this program expects {} entries in {} order and {} bytes",
+                theirs.memory.entries,
+                theirs.memory.order,
+                theirs.memory.bytes,
+                ours.memory.entries,
+                ours.memory.order,
+                ours.memory.bytes
+            );
+            self.note(file, 1, "CONFIGURATION/INTERNAL/BUFFERING", message);
+        }
+        if (theirs.ping, theirs.alive_out, theirs.connect_timeout_ms)
+            != (ours.ping, ours.alive_out, ours.connect_timeout_ms)
+        {
+            let message = "Ping, Set_Out or TIMEOUT differs from this program's own file; remove the additions";
+            self.note(file, 1, "CONFIGURATION/INTERNAL", message);
+        }
+    }
+
+    /// Compares the elements of one direction, in their order.
+    fn elements(&mut self, file: &'static str, section: &str, (theirs, ours): (&[Element], &[Element])) {
+        let what = |element: &Element| {
+            let flags = (element.set_out, element.set_flag.is_some());
+            (element.tag.clone(), element.kind, element.order, flags)
+        };
+        let (found, expected): (Vec<_>, Vec<_>) =
+            (theirs.iter().map(what).collect(), ours.iter().map(what).collect());
+        if found == expected {
+            return;
+        }
+        let place = found.iter().zip(&expected).position(|(found, expected)| found != expected);
+        let place = place.unwrap_or(found.len().min(expected.len()));
+        let word = |elements: &[Element]| {
+            elements.get(place).map_or("nothing".to_owned(), |it| {
+                let kind = it.kind.map_or("no type".to_owned(), |kind| kind.to_string());
+                format!("{} ({kind})", it.tag)
+            })
+        };
+        let line = theirs.get(place).or(theirs.last()).map_or(1, |element| element.line);
+        let message = format!(
+            "position {} is {}, but this program's own file has {}; copy {file} from this program's config/kuka",
+            place + 1,
+            word(theirs),
+            word(ours)
+        );
+        self.note(file, line, format!("{section} ELEMENT"), message);
+    }
+
+    fn compare_channel_flags(
+        &mut self,
+        file: &'static str,
+        text: &str,
+        (theirs, config): (&ChannelFile, &DataList),
+        [alive, came]: [&str; 2],
+    ) {
+        let came_by: Vec<&Element> = theirs.received.iter().filter(|element| element.set_flag.is_some()).collect();
+        let raised = [
+            (alive, theirs.alive_flag, find_line(text, "<ALIVE"), "CONFIGURATION/INTERNAL/ALIVE".to_owned()),
+            (
+                came,
+                came_by.first().and_then(|element| element.set_flag),
+                came_by.first().map_or(1, |element| element.line),
+                "RECEIVE ELEMENT".to_owned(),
+            ),
+        ];
+        for (name, flag, line, key) in raised {
+            let Some(stated) = config.get(name) else { continue };
+            if flag.map(f64::from) != Some(stated.value) {
+                let found = flag.map_or("sets no flag".to_owned(), |flag| format!("sets $FLAG[{flag}]"));
+                let message = format!(
+                    "{found}, but {name} of {CONFIG} (line {}) is {}: the program would never detect the flag; make \
+                     both the same",
+                    stated.line, stated.value
+                );
+                self.note(file, line, key, message);
+            }
+        }
+        if came_by.len() > 1 {
+            let message =
+                "two elements set a flag; only the root element may set one, when the whole message has arrived";
+            self.note(file, came_by[1].line, "RECEIVE ELEMENT", message);
+        }
+    }
+
+    /// Compares the address on which the controller listens with the cell's host; returns why it was not compared.
+    fn address(
+        &mut self,
+        (file, text): (&'static str, &str),
+        theirs: &ChannelFile,
+        host: &str,
+        host_addresses: &[[u8; 4]],
+    ) -> Option<String> {
+        let key = "CONFIGURATION/INTERNAL/IP";
+        let Some(stated) = &theirs.address else {
+            let message = format!(
+                "is missing: on which address the controller listens is not stated; write <IP> with its address, as \
+                 [robot] host of the cell's file ({host})"
+            );
+            self.note(file, find_line(text, "<INTERNAL>"), key, message);
+            return None;
+        };
+        let Some(listens) = parse_ipv4(stated) else {
+            let message = format!(
+                "is \"{stated}\", which is no address: the controller cannot listen there; write four numbers, as \
+                 [robot] host of the cell's file ({host})"
+            );
+            self.note(file, find_line(text, "<IP>"), key, message);
+            return None;
+        };
+        let own = parse_ipv4(host).or((host == "localhost").then_some([127, 0, 0, 1]));
+        let addresses: Vec<[u8; 4]> = own.into_iter().chain(host_addresses.iter().copied()).collect();
+        if addresses.is_empty() {
+            return Some(format!(
+                "[robot] host is the name {host}: its address is not known here, so it is not compared with {stated}, at \
+                 which {file} listens"
+            ));
+        }
+        if !addresses.contains(&listens) {
+            let message = format!(
+                "is {stated}, and [robot] host of the cell's file is {host}{}: the controller listens at the first, \
+                 the PC connects to the second",
+                resolved(host, &addresses)
+            );
+            self.note(file, find_line(text, "<IP>"), key, message);
+        }
+        None
+    }
+
+    fn port(&mut self, file: &'static str, text: &str, theirs: &ChannelFile, (port, others): (u16, u16)) {
+        if theirs.port == port {
+            return;
+        }
+        let what = if theirs.port == others {
+            "command_port and state_port are exchanged"
+        } else {
+            "the PC could not connect"
+        };
+        let message =
+            format!("is {}, but [robot] of the cell's file has {port}: {what}; make both the same", theirs.port);
+        self.note(file, find_line(text, "<PORT>"), "CONFIGURATION/INTERNAL/PORT", message);
+    }
+
+    /// The numbers in the INTERRUPT DECL lines, in which KRL accepts no names.
+    fn interrupts(&mut self, text: &str, config: &DataList) {
+        for (number, variable, name) in
+            [(20, "$FLAG", "CELL_F_HALT"), (21, "$FLAG", "CELL_F_STOP"), (22, "$TIMER_FLAG", "CELL_T_SUBMIT")]
+        {
+            let Some(stated) = config.get(name) else { continue };
+            let declared = format!("INTERRUPT DECL {number} WHEN {variable}[");
+            let place = text.lines().enumerate().find_map(|(index, line)| {
+                let rest = line.split(';').next().unwrap_or_default().trim().strip_prefix(&declared)?;
+                Some((index + 1, rest.split(']').next()?.trim().parse::<f64>().ok()))
+            });
+            let key = format!("INTERRUPT DECL {number}");
+            match place {
+                None => self.note(
+                    MOTION,
+                    1,
+                    key,
+                    format!("is missing; this interrupt must monitor {variable} with the number {name}"),
+                ),
+                Some((line, found)) if found != Some(stated.value) => {
+                    let found = found.map_or("no number".to_owned(), |found| found.to_string());
+                    let message = format!(
+                        "monitors {variable}[{found}], but {name} of {CONFIG} (line {}) is {}: the stop would not be \
+                         detected; make both the same",
+                        stated.line, stated.value
+                    );
+                    self.note(MOTION, line, key, message);
+                }
+                Some(_) => {}
+            }
+        }
+    }
+}
+
+fn find_line(text: &str, what: &str) -> usize {
+    text.lines().position(|line| line.contains(what)).map_or(1, |index| index + 1)
+}
+
+/// Parses the four numbers of an IPv4 address; `None` if the text is a name.
+fn parse_ipv4(text: &str) -> Option<[u8; 4]> {
+    let numbers = text.trim().split('.').map(|number| number.parse().ok()).collect::<Option<Vec<u8>>>()?;
+    numbers.try_into().ok()
+}
+
+/// States the addresses of a name, and nothing for an address.
+fn resolved(host: &str, addresses: &[[u8; 4]]) -> String {
+    if parse_ipv4(host).is_some() {
+        return String::new();
+    }
+    let each: Vec<String> = addresses.iter().map(|[a, b, c, d]| format!("{a}.{b}.{c}.{d}")).collect();
+    format!(" ({})", each.join(", "))
+}

@@ -1,0 +1,359 @@
+//! The aim of each state, and the transition that the answer to an action causes.
+
+use super::interlocks::{
+    CLEARING, COMPLETING, LEAVE_NEEDS, LEAVING_MOTION, LEAVING_TOOL, RESETTING, Row, STARTING, UNHOLDING,
+    UNHOLDING_LOCATED,
+};
+use super::rules::Rule;
+use super::turn::{Goal, TransitionStep};
+use super::{
+    Action, Answer, At, Cause, Deadline, Epoch, Extraction, Film, Grade, Hold, Lens, Light, Motion, Outcome, Path,
+    Phase, Refusal, Request, Robot, Switch, Tool, Trouble, Water, Why,
+};
+use panelprep_base::verdict::Verdict;
+
+impl TransitionStep {
+    /// Returns the aim of the present state.
+    pub fn current_goal(&self) -> Goal {
+        let state = &self.state;
+        match state.at {
+            At::Stopped | At::Idle | At::Held(_) | At::Complete { .. } | At::Aborted { .. } => Goal::Rest,
+            At::Resetting => Goal::Reach(&RESETTING, At::Idle),
+            At::Starting => Goal::Reach(&STARTING, At::Execute(Phase::Locate)),
+            At::Holding(hold) => Goal::Reach(self.needs_on_leave(), At::Held(hold)),
+            At::Unholding { resume, verify } => {
+                Goal::Reach(if verify { &UNHOLDING_LOCATED } else { &UNHOLDING }, At::Execute(resume))
+            }
+            At::Completing { verdict } => Goal::Reach(&COMPLETING, At::Complete { verdict }),
+            At::Stopping { .. } => Goal::Reach(self.needs_on_leave(), At::Stopped),
+            // No needs: an abort waits for nothing.
+            At::Aborting { .. } => Goal::Now(Action::EndEpoch { epoch: state.epoch }),
+            At::Clearing { .. } => Goal::Reach(&CLEARING, At::Stopped),
+            At::Execute(phase) => match (phase, state.facts.water) {
+                (Phase::Wet, Water::Spraying { .. }) | (Phase::Rinse, Water::Rinsing { .. }) => Goal::Rest,
+                // If the rinse has its own valve, its last water would prove the spray, although the spray valve
+                // may not open.
+                (Phase::Wet, Water::Rinsing { .. }) => Goal::Do(Action::Switch(Switch::WaterOff)),
+                (Phase::Wet, _) => Goal::Do(Action::Switch(Switch::Spray)),
+                (Phase::Rinse, _) => Goal::Do(Action::Switch(Switch::Rinse)),
+                (Phase::Locate, _) => Goal::Do(Action::Locate),
+                (Phase::Refine { moves }, _) => Goal::Do(Action::Refine { view: moves }),
+                (Phase::Dry, _) => Goal::Do(Action::DryPicture),
+                (Phase::Inspect, _) => Goal::Do(Action::Film),
+                (Phase::Plan, _) => Goal::Do(Action::Plan { pass: state.job.pass }),
+                (Phase::Verify, _) => Goal::Do(Action::Verify { view: state.job.verified }),
+                (Phase::Abrade, _) => {
+                    Goal::Do(Action::Move(state.motion(if self.is_air() { Path::Air } else { Path::Contact })))
+                }
+                (Phase::Retract, _) => Goal::Do(Action::Move(state.motion(Path::Retract))),
+                (Phase::Assess { .. }, _) => Goal::Do(Action::Assess),
+            },
+        }
+    }
+
+    /// Returns the needs that a hold or a stop brings about now. Water may be commanded to run while the arm moves,
+    /// contrary to what was proven.
+    fn needs_on_leave(&self) -> &'static [Row] {
+        let is_moving = self.state.intent.is_some() && self.state.facts.epoch != Epoch::Closed;
+        match (is_moving, self.state.facts.epoch, self.state.facts.tool) {
+            // The end of the epoch brakes the arm and switches tool and water off in the controller itself, faster than
+            // one command after the other.
+            (true, ..) => &LEAVING_MOTION,
+            (false, Epoch::Closed, Tool::Unknown) => &LEAVING_TOOL,
+            _ => &LEAVE_NEEDS,
+        }
+    }
+
+    /// Adopts the facts from an action's answer, and chooses the next state.
+    pub fn on_answer(&mut self, act: Action, answer: Answer) {
+        use Answer as R;
+        match (act, answer) {
+            (Action::EndEpoch { .. }, R::Standstill { done }) => self.epoch_ended(done),
+            // Must precede the general arm for trouble: that one would abort again, and for ever.
+            (Action::EndEpoch { .. }, _) if matches!(self.state.at, At::Aborting { .. }) => self.abort_failed(),
+            (_, R::Failed(trouble)) => self.leave_for_trouble(trouble),
+            (Action::CheckStandstill, R::Standstill { done }) => {
+                self.close_intent(Outcome::Cleared, done);
+                // Only Clear and Reset request this: a person has looked at the cell, and no pad is left on the panel.
+                (self.facts().standing, self.facts().touching) = (true, false);
+            }
+            (Action::SelfTest, R::Done) => self.facts().tested = true,
+            // Only a larger number is a new epoch. With an equal one, commands of the ended epoch could be executed
+            // late.
+            (Action::OpenEpoch { above }, R::Epoch(epoch)) if epoch > above => {
+                self.state.epoch = epoch;
+                // A new epoch has neither base nor tool.
+                (self.facts().epoch, self.facts().frames) = (Epoch::Open, None);
+            }
+            (Action::SetFrames(frames), R::Done) => self.facts().frames = Some(frames),
+            (Action::Switch(switch), R::Done) => self.on_switched(switch),
+            (Action::Move(motion), R::Standstill { done }) => self.on_standstill(motion, done),
+            (Action::Locate, R::Graded(grade)) => self.on_grade(grade, Phase::Refine { moves: 0 }),
+            (Action::Refine { .. }, R::Graded(grade)) => self.on_refinement(grade),
+            (Action::Refine { view }, R::LookOn) => {
+                self.state.at = if self.is_last_corner(view) {
+                    At::Completing { verdict: Verdict::Reject }
+                } else {
+                    At::Execute(Phase::Refine { moves: view.saturating_add(1) })
+                };
+            }
+            (Action::DryPicture, R::Done) => self.state.at = At::Execute(self.state.job.after_dry),
+            (Action::Film, R::Filmed(film)) => self.on_film(film),
+            (Action::Plan { .. }, R::Planned { plan, waypoints }) => {
+                (self.state.job.plan, self.state.job.waypoints) = (plan, waypoints);
+                let verify = if self.rules.is_active(Rule::VerifyFirst) { Phase::Verify } else { Phase::Abrade };
+                self.state.at = match (waypoints, self.is_air()) {
+                    // An air-run is to show the path; without a path it has shown nothing.
+                    (0, true) => At::Completing { verdict: Verdict::Reject },
+                    (0, false) => At::Execute(Phase::Rinse),
+                    _ => At::Execute(verify),
+                };
+            }
+            (Action::Plan { .. }, R::PlannedForReview { plan, waypoints }) => {
+                (self.state.job.plan, self.state.job.waypoints) = (plan, waypoints);
+                self.on_grade(Grade::Review, Phase::Verify);
+            }
+            (Action::Plan { .. }, R::Graded(Grade::Reject)) => self.on_grade(Grade::Reject, Phase::Verify),
+            (Action::Assess, R::Graded(grade)) => self.on_assessment(grade),
+            (Action::Verify { view }, R::LookOn) if self.is_last_corner(view) => {
+                self.on_verification(Grade::Reject)
+            }
+            (Action::Verify { view }, R::LookOn) => self.state.job.verified = view.saturating_add(1),
+            (Action::Verify { .. }, R::Graded(grade)) => self.on_verification(grade),
+            _ => self.leave_for_trouble(Trouble::Unexpected),
+        }
+    }
+
+    fn on_switched(&mut self, switch: Switch) {
+        match switch {
+            Switch::ToolOn => self.facts().tool = Tool::Running,
+            Switch::ToolOff => (self.facts().tool, self.facts().tool_may_run) = (Tool::Off, false),
+            Switch::Rinse => self.facts().water = Water::Rinsing { until: self.arm(Deadline::Rinse) },
+            Switch::Spray => self.facts().water = Water::Spraying { until: self.arm(Deadline::Spray) },
+            Switch::WaterOff => self.mark_water_off(),
+            Switch::LightOn => self.facts().light = Light::Settling { until: self.arm(Deadline::Settle) },
+            Switch::LightOff => self.facts().light = Light::Off,
+            Switch::LensClear => self.facts().lens = Lens::Clear,
+            Switch::LensGuard => self.facts().lens = Lens::Guarded,
+            Switch::ExtractionOn => self.facts().extraction = Extraction::Flowing,
+            Switch::ExtractionOff => self.facts().extraction = Extraction::Off,
+        }
+    }
+
+    /// Sets the water as proven off: from now on the water drains.
+    fn mark_water_off(&mut self) {
+        self.facts().water_may_run = false;
+        // A shut valve does not dry the panel: the tool starts only after the water has run off.
+        self.facts().water = Water::Draining { until: self.arm(Deadline::Drain) };
+    }
+
+    /// Whether no corner pose follows this one.
+    fn is_last_corner(&self, view: u8) -> bool {
+        view >= self.state.job.max_moves && self.rules.is_active(Rule::MoveLimit)
+    }
+
+    pub fn is_air(&self) -> bool {
+        self.state.job.air && self.rules.is_active(Rule::AirRun)
+    }
+
+    /// Handles the robot's standstill at the end of a move, or before it.
+    fn on_standstill(&mut self, motion: Motion, done: u32) {
+        if done != motion.waypoints && self.rules.is_active(Rule::WholePath) {
+            // Standstill alone is not a completion: a path that ended early leaves places unsanded, which would count
+            // as treated.
+            return self.leave_for_trouble(Trouble::Short);
+        }
+        self.close_intent(Outcome::Done, done);
+        self.facts().arm = Some(motion.path);
+        if motion.path == Path::Contact {
+            self.facts().touching = false;
+        }
+        match (self.state.at, motion.path) {
+            (At::Execute(Phase::Abrade), Path::Contact | Path::Air) => self.state.at = At::Execute(Phase::Retract),
+            (At::Execute(Phase::Retract), Path::Retract) if self.is_air() => {
+                self.state.at = At::Completing { verdict: Verdict::Pass };
+            }
+            (At::Execute(Phase::Retract), Path::Retract) => {
+                self.state.at = At::Execute(self.phase_after_contact(false, Phase::Rinse));
+            }
+            _ => {}
+        }
+    }
+
+    /// Handles the answer to the abort frame: the robot is at standstill, tool and water are off, nothing of the epoch
+    /// is left.
+    fn epoch_ended(&mut self, done: u32) {
+        // Reported progress is never reduced by a later answer.
+        let done = self.state.intent.map_or(done, |intent| done.max(intent.done));
+        let (outcome, aborted) = match self.state.at {
+            At::Holding(_) => (Outcome::Held, None),
+            At::Aborting { cause } => (Outcome::Aborted, Some(cause)),
+            _ => (Outcome::Stopped, None),
+        };
+        // Asked before the facts change: only water that may have run needs a new time to drain.
+        let ran = !self.facts().water_off();
+        let facts = self.facts();
+        facts.end_epoch(Epoch::Closed);
+        (facts.tool, facts.tool_may_run) = (Tool::Off, false);
+        // With the drives off there is no retract: a person jogs the arm until the pad is off the panel, and Clear
+        // confirms it.
+        facts.touching &= facts.robot != Robot::Ready;
+        if ran {
+            self.mark_water_off();
+        }
+        self.close_intent(outcome, done);
+        if let Some(cause) = aborted {
+            self.aborted(cause);
+        }
+    }
+
+    /// Handles an abort frame that was not answered, or could not be sent: only the controller itself can still stop.
+    /// What is not proven stays unknown, and is reported.
+    fn abort_failed(&mut self) {
+        if let At::Aborting { cause } = self.state.at {
+            self.aborted(cause);
+        }
+    }
+
+    /// Continues after a grade: with the next phase, with a hold for a person, or with the end of the cycle.
+    fn on_grade(&mut self, grade: Grade, next: Phase) {
+        self.on_grade_in_phase(grade, (next, next));
+    }
+
+    /// Continues after a grade, if the phase in which the cycle is held is not the next one.
+    fn on_grade_in_phase(&mut self, grade: Grade, (next, held): (Phase, Phase)) {
+        self.state.at = match grade {
+            Grade::Review if self.rules.is_active(Rule::ReviewHolds) => {
+                // A review may last arbitrarily long.
+                self.facts().token = None;
+                At::Holding(Hold { why: Why::Review, resume: held })
+            }
+            Grade::Reject if self.rules.is_active(Rule::RejectEnds) => At::Completing { verdict: Verdict::Reject },
+            _ => At::Execute(next),
+        };
+    }
+
+    /// Returns the phase after a contact path: its grading first, and only then the phase that would follow without
+    /// grading.
+    fn phase_after_contact(&self, left: bool, otherwise: Phase) -> Phase {
+        if self.rules.is_active(Rule::AssessFirst) { Phase::Assess { left } } else { otherwise }
+    }
+
+    fn on_assessment(&mut self, grade: Grade) {
+        match self.state.at {
+            At::Execute(phase @ Phase::Assess { .. }) => {
+                self.on_grade_in_phase(grade, (phase.phase_after_accept(), phase))
+            }
+            _ => self.abort(Cause::Trouble(Trouble::Unexpected)),
+        }
+    }
+
+    fn on_refinement(&mut self, grade: Grade) {
+        if grade == Grade::Accept {
+            self.facts().token = Some(self.arm(Deadline::Token));
+        }
+        // After the first water no place looks dry any more, so the picture with which the film is compared comes
+        // first.
+        let dry = if self.rules.is_active(Rule::DryPicture) { Phase::Dry } else { self.state.job.after_dry };
+        self.on_grade(grade, if self.is_air() { Phase::Plan } else { dry });
+    }
+
+    fn on_verification(&mut self, grade: Grade) {
+        self.state.job.verified = 0;
+        match (grade, self.state.at) {
+            (Grade::Accept, at) => {
+                self.facts().token = Some(self.arm(Deadline::Token));
+                if at == At::Execute(Phase::Verify) {
+                    self.state.at = At::Execute(Phase::Abrade);
+                }
+            }
+            (_, At::Execute(phase) | At::Unholding { resume: phase, .. }) => self.hold(Why::NotVerified, phase),
+            _ => self.abort(Cause::Trouble(Trouble::Unexpected)),
+        }
+    }
+
+    /// Continues after the dust is washed off: with the film, or with the drying for the film's new dry picture.
+    pub fn after_rinse(&mut self) {
+        if self.state.job.dries && self.rules.is_active(Rule::DryAfterAbrasion) {
+            self.hold(Why::Drying, Phase::Wet);
+        } else {
+            self.state.at = At::Execute(Phase::Wet);
+        }
+    }
+
+    fn on_film(&mut self, film: Film) {
+        let passes_left = self.state.job.pass < self.state.job.max_passes || !self.rules.is_active(Rule::PassLimit);
+        self.state.at = match film {
+            Film::Whole => At::Completing { verdict: Verdict::Pass },
+            Film::Invalid if self.rules.is_active(Rule::InvalidEnds) => {
+                At::Completing { verdict: Verdict::Invalid }
+            }
+            _ if passes_left => {
+                self.state.job.pass = self.state.job.pass.saturating_add(1);
+                At::Execute(Phase::Plan)
+            }
+            _ => At::Completing { verdict: Verdict::Fail },
+        };
+    }
+
+    /// Handles a localization that is too old: contact ends; in other phases Verify renews it when it is needed.
+    pub fn on_token_expired(&mut self) {
+        self.facts().token = None;
+        let in_contact = self.state.intent.is_some_and(|intent| intent.motion.path == Path::Contact);
+        if let (At::Execute(phase), true) =
+            (self.state.at, in_contact && self.rules.is_active(Rule::TokenInContact))
+        {
+            self.hold(Why::TokenOver, phase);
+        }
+    }
+
+    /// Leaves the work in progress; no part of that work is continued.
+    pub fn hold(&mut self, why: Why, phase: Phase) {
+        self.state.due = None;
+        self.state.job.verified = 0;
+        self.facts().token = None;
+        let in_contact = self.state.intent.is_some_and(|intent| intent.motion.path == Path::Contact);
+        let resume = match phase {
+            // A part of the path was sanded: it is graded by what was executed, and only the rest is planned again.
+            Phase::Abrade if in_contact => self.phase_after_contact(true, Phase::Plan),
+            // During a hold a person may have moved the panel, and a refinement starts from the scan.
+            Phase::Locate | Phase::Refine { .. } => Phase::Locate,
+            Phase::Dry => Phase::Dry,
+            // A film that was interrupted has dried or run off in places; it is judged only as a whole, so it is
+            // sprayed anew.
+            Phase::Wet | Phase::Inspect => Phase::Wet,
+            // The path was planned at a pose that the next Verify may correct.
+            Phase::Plan | Phase::Verify | Phase::Abrade => Phase::Plan,
+            Phase::Retract | Phase::Rinse if self.is_air() => Phase::Plan,
+            Phase::Retract => self.phase_after_contact(false, Phase::Rinse),
+            Phase::Assess { .. } | Phase::Rinse => phase,
+        };
+        self.state.at = At::Holding(Hold { why, resume });
+    }
+
+    /// Continues through Verify or, with a dried panel, through a new localization.
+    pub fn start_unhold(&mut self, hold: Hold, dried: bool) {
+        let undried = hold.why == Why::NotVerified && !self.rules.is_active(Rule::DriedFirst);
+        if hold.is_for_contact() && self.rules.is_active(Rule::ContactStays) {
+            self.refuse(Request::Unhold { dried }, Refusal::Review);
+        // A dried panel can be scanned again; a wet one reflects the pattern away, so that points are missing.
+        } else if dried || undried {
+            match hold.resume {
+                Phase::Wet | Phase::Plan | Phase::Rinse | Phase::Assess { .. } => {
+                    self.state.job.after_dry = hold.resume;
+                }
+                // A path that was not accepted is planned again.
+                Phase::Verify => self.state.job.after_dry = Phase::Plan,
+                _ => {}
+            }
+            self.state.at = At::Unholding { resume: Phase::Locate, verify: false };
+        } else if hold.why == Why::Review {
+            self.refuse(Request::Unhold { dried }, Refusal::Review);
+        } else if hold.why == Why::Drying && self.rules.is_active(Rule::DryAfterAbrasion) {
+            self.refuse(Request::Unhold { dried }, Refusal::Undried);
+        } else {
+            let verify = !matches!(hold.resume, Phase::Locate | Phase::Refine { .. });
+            self.state.at = At::Unholding { resume: hold.resume, verify };
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! Reads and writes poses as JSON: a bare `{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}`, or an object that contains a
+//! pose under its name, as the commands print it.
+//!
+//! JSON has no NaN, and the parser refuses numbers too large for a double, so every pose read is finite.
+
+use panelprep_base::geometry::{Joints, KukaPose};
+use serde::Deserialize;
+
+/// The reason why a text is not a pose.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum PoseError {
+    /// The text contains no pose.
+    #[error("{problem}; valid: {{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}}, or an object with such a pose as {key}")]
+    Text {
+        /// The key that may contain a pose.
+        key: &'static str,
+        /// The problem that the parser reports, with its line.
+        problem: String,
+    },
+    /// The file is the output of a command that found no pose.
+    #[error("{key} is null: the command that printed this file found no pose")]
+    NotFound {
+        /// The key.
+        key: &'static str,
+    },
+    /// The file was printed when the panel's frame was not the drawing's.
+    #[error(
+        "base_from_panel differs from base_from_drawing: an earlier version printed this file, in which the panel's frame was not \
+         the drawing's; locate the panel again"
+    )]
+    OldFrame,
+    /// The file is the output of a command that states that its pose must not be used.
+    #[error("the verdict in this file is 'reject'; its {key} must not be used")]
+    Rejected {
+        /// The key.
+        key: &'static str,
+    },
+}
+
+/// Reads the panel's pose, base from panel: a pose, or the output of `locate` or `refine`.
+///
+/// # Errors
+/// If there is no complete pose, or it was printed with the verdict `reject`.
+pub fn read_located(bytes: &[u8]) -> Result<KukaPose, PoseError> {
+    let key = "base_from_panel";
+    let printed: Option<LocatedFile> = parse_if_present(bytes, key)?;
+    let drawn = printed.as_ref().and_then(|printed| printed.base_from_drawing);
+    if printed.as_ref().is_some_and(|printed| drawn.is_some() && drawn != printed.base_from_panel) {
+        return Err(PoseError::OldFrame);
+    }
+    printed.map_or_else(
+        || parse_bare_pose(bytes, key),
+        |printed| check_verdict(printed.base_from_panel, printed.verdict, key),
+    )
+}
+
+/// Reads the uncertainty of the panel's pose, 95 %, mm; `None` if the file does not state it.
+///
+/// # Errors
+/// As [`read_located`].
+pub fn read_located_mm(bytes: &[u8]) -> Result<Option<f64>, PoseError> {
+    read_located(bytes)?;
+    let printed: Option<LocatedFile> = parse_if_present(bytes, "base_from_panel")?;
+    Ok(printed.and_then(|printed| printed.uncertainty_mm))
+}
+
+/// Reads the flange's pose, base from flange: a pose, or an object with the key `base_from_flange`.
+///
+/// # Errors
+/// If there is no complete pose.
+pub fn read_flange(bytes: &[u8]) -> Result<KukaPose, PoseError> {
+    let key = "base_from_flange";
+    let printed: Option<FlangeFile> = parse_if_present(bytes, key)?;
+    printed
+        .map_or_else(|| parse_bare_pose(bytes, key), |printed| check_verdict(printed.base_from_flange, None, key))
+}
+
+/// The flange's pose reported by the controller, and the axes if the file has them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReportedFlange {
+    /// The pose.
+    pub base_from_flange: KukaPose,
+    /// The field `axes_deg`, A1 to A6.
+    pub joints: Option<Joints>,
+}
+
+/// Reads a pose as [`read_flange`] does, with `axes_deg` beside `base_from_flange`; `axes_deg` may be absent.
+///
+/// # Errors
+/// As [`read_flange`].
+pub fn read_reported_flange(bytes: &[u8]) -> Result<ReportedFlange, PoseError> {
+    let printed: Option<FlangeFile> = parse_if_present(bytes, "base_from_flange")?;
+    let joints = printed.and_then(|printed| printed.axes_deg).map(Joints::from);
+    Ok(ReportedFlange { base_from_flange: read_flange(bytes)?, joints })
+}
+
+/// Writes the flange in the form that [`read_reported_flange`] reads, with a newline at the end.
+pub fn write_reported_flange(flange: &ReportedFlange) -> String {
+    match flange.joints {
+        None => write_pose(&flange.base_from_flange),
+        Some(joints) => {
+            let (base_from_flange, axes_deg) = (flange.base_from_flange, joints.degrees());
+            serde_json::json!({"base_from_flange": base_from_flange, "axes_deg": axes_deg}).to_string() + "\n"
+        }
+    }
+}
+
+/// Writes the pose as JSON, with a newline at the end.
+pub fn write_pose(pose: &KukaPose) -> String {
+    serde_json::json!(pose).to_string() + "\n"
+}
+
+#[derive(Deserialize)]
+struct LocatedFile {
+    base_from_panel: Option<KukaPose>,
+    base_from_drawing: Option<KukaPose>,
+    verdict: Option<String>,
+    uncertainty_mm: Option<f64>,
+}
+
+#[derive(Deserialize)]
+struct FlangeFile {
+    base_from_flange: Option<KukaPose>,
+    axes_deg: Option<[f64; 6]>,
+}
+
+/// Reads the object that contains the key, `None` if the key is absent. Read twice, so that errors keep their line.
+fn parse_if_present<'b, T: Deserialize<'b>>(bytes: &'b [u8], key: &'static str) -> Result<Option<T>, PoseError> {
+    let text = |error: serde_json::Error| PoseError::Text { key, problem: error.to_string() };
+    let value: serde_json::Value = serde_json::from_slice(bytes).map_err(text)?;
+    value.get(key).map(|_| serde_json::from_slice(bytes)).transpose().map_err(text)
+}
+
+fn parse_bare_pose(bytes: &[u8], key: &'static str) -> Result<KukaPose, PoseError> {
+    serde_json::from_slice(bytes).map_err(|error| PoseError::Text { key, problem: error.to_string() })
+}
+
+fn check_verdict(
+    pose: Option<KukaPose>,
+    verdict: Option<String>,
+    key: &'static str,
+) -> Result<KukaPose, PoseError> {
+    match verdict.as_deref() {
+        Some("reject") => Err(PoseError::Rejected { key }),
+        _ => pose.ok_or(PoseError::NotFound { key }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const BARE: &str = r#"{"x_mm": 1, "y_mm": 2.5, "z_mm": -3, "a_deg": 4, "b_deg": 5, "c_deg": 6}"#;
+    const POSE: KukaPose = KukaPose { x_mm: 1.0, y_mm: 2.5, z_mm: -3.0, a_deg: 4.0, b_deg: 5.0, c_deg: 6.0 };
+
+    #[test]
+    fn a_pose_is_alone_or_in_what_a_command_printed() {
+        let printed = format!(r#"{{"verdict": "accept", "base_from_panel": {BARE}, "rms_mm": 0.02}}"#);
+        assert_eq!(read_located(BARE.as_bytes()), Ok(POSE));
+        assert_eq!(read_located(printed.as_bytes()), Ok(POSE));
+        assert_eq!(read_located_mm(printed.as_bytes()), Ok(None));
+        assert_eq!(read_located_mm(printed.replace("rms_mm", "uncertainty_mm").as_bytes()), Ok(Some(0.02)));
+        assert_eq!(read_located_mm(BARE.as_bytes()), Ok(None));
+        assert_eq!(read_flange(format!(r#"{{"base_from_flange": {BARE}}}"#).as_bytes()), Ok(POSE));
+        let bare = ReportedFlange { base_from_flange: POSE, joints: None };
+        assert_eq!(read_reported_flange(BARE.as_bytes()), Ok(bare));
+        let whole = ReportedFlange { joints: Some(Joints::from([1.0, -90.5, 90.0, 0.0, 5.0, 6.0])), ..bare };
+        assert_eq!(read_reported_flange(write_reported_flange(&whole).as_bytes()), Ok(whole));
+        assert_eq!(read_reported_flange(write_reported_flange(&bare).as_bytes()), Ok(bare));
+        let five = format!(r#"{{"base_from_flange": {BARE}, "axes_deg": [1, 2, 3, 4, 5]}}"#);
+        assert!(read_reported_flange(five.as_bytes()).is_err());
+    }
+
+    #[test]
+    fn each_refusal_states_which_key() {
+        let located = |text: &str| read_located(text.as_bytes()).expect_err("refused").to_string();
+        let cases = [
+            (BARE.replace("a_deg", "a_rad"), "unknown field `a_rad`, expected one of `x_mm`"),
+            (BARE.replace(r#", "c_deg": 6"#, ""), "missing field `c_deg` at line 1"),
+            (BARE.replace("z_mm", "x_mm"), "duplicate field `x_mm`"),
+            (BARE.replace("2.5", "NaN"), "expected value at line 1 column 21"),
+            (BARE.replace("2.5", "1e999"), "number out of range at line 1"),
+            (BARE.replace("2.5", "\"2.5\""), "invalid type: string \"2.5\", expected f64"),
+            (format!(r#"{{"base_from_flange": {BARE}}}"#), "unknown field `base_from_flange`"),
+            (r#"{"base_from_panel": null}"#.to_owned(), "base_from_panel is null"),
+            (
+                format!(
+                    r#"{{"base_from_panel": {BARE}, "base_from_drawing": {}}}"#,
+                    BARE.replacen("2.5", "3.5", 1)
+                ),
+                "base_from_panel differs from base_from_drawing",
+            ),
+            (
+                format!(r#"{{"verdict": "reject", "base_from_panel": {BARE}}}"#),
+                "the verdict in this file is 'reject'",
+            ),
+            (format!(r#"{{"base_from_panel": {}}}"#, BARE.replace("x_mm", "x")), "unknown field `x`"),
+            (String::new(), "an object with such a pose as base_from_panel"),
+        ];
+        for (text, expected) in cases {
+            let found = located(&text);
+            assert!(found.contains(expected), "{found}\nshould say: {expected}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_written_reads_back_to_the_bit(n in prop::array::uniform6(-1e4..1e4_f64)) {
+            let pose = KukaPose { x_mm: n[0], y_mm: n[1], z_mm: n[2], a_deg: n[3], b_deg: n[4], c_deg: n[5] };
+            prop_assert_eq!(read_flange(write_pose(&pose).as_bytes()), Ok(pose));
+        }
+    }
+}

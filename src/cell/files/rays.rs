@@ -1,0 +1,255 @@
+//! Checks whether the points of a cloud lie on the rays of their pixels.
+//!
+//! A 3D camera measures each point on the ray of its pixel. If half of the points project elsewhere by the camera's
+//! own model, cloud and lens do not belong together: another camera's lens, another frame or unit, rows upside
+//! down. The error names what fits. If most points do fit, a point that does not was changed on its way: by a disk,
+//! a cable or a program. Distances along the ray are not checked, except for their unit.
+
+use super::cloud_error::CloudFileError;
+use panelprep_base::geometry::{
+    Camera, OrganizedCloud, PinholeCamera, Pixel, Point, fit_lens, median, median_projection_error_px,
+    sample_points,
+};
+use rayon::prelude::*;
+
+/// A lens fits if half of the points project within this distance of their pixels, px in a picture of [`REFERENCE_WIDTH_PX`]
+/// columns: manufacturers' figures are approximations.
+const DESCRIBED_PX: f64 = 2.0;
+const REFERENCE_WIDTH_PX: f64 = 1_944.0;
+/// Lower bound of this limit for small pictures, px: a scan may be reduced with a different centre of its pixels.
+const MIN_DESCRIBED_PX: f64 = 1.0;
+/// A point that projects farther away than this was not measured at its pixel, px. The value is ten times
+/// [`DESCRIBED_PX`], to allow filters that smooth a scan.
+const MAX_PROJECTION_ERROR_PX: f64 = 20.0;
+/// Fewer points show nothing about lens, frame or unit.
+const MIN_POINTS: usize = 60;
+/// A 3D camera measures nothing nearer than this, mm: such numbers are metres.
+const MIN_DISTANCE_MM: f64 = 20.0;
+/// A 3D camera measures parts between these distances, mm: other numbers are in another unit.
+const MEASURES_MM: std::ops::Range<f64> = 150.0..5_000.0;
+/// If a lens fits a cloud, the residual is below this, px.
+const MAX_FIT_RESIDUAL_PX: f64 = 0.5;
+
+type RaySample = Vec<(Pixel, Point<Camera>)>;
+
+/// Refuses a cloud with points that are not in mm in a camera's frame: in metres, behind the camera, or, if no lens
+/// projects them to their pixels, in another frame. Without the camera's calibration nothing more can be checked.
+///
+/// # Errors
+/// The kind of cloud that was found instead.
+pub fn check_frame(cloud: &OrganizedCloud<Camera>) -> Result<(), CloudFileError> {
+    let sample = sample_points(cloud);
+    if sample.len() < MIN_POINTS {
+        return Ok(());
+    }
+    unit_and_side(&sample)?;
+    let size = (cloud.width(), cloud.height());
+    match fit_lens(&sample, size) {
+        Some(own) if own.median_px <= allowed_px(cloud.width()) => Ok(()),
+        own => {
+            let off_px =
+                panelprep_base::number_text::fixed_decimals(own.map_or(f64::INFINITY, |own| own.median_px), 1)
+                    .to_string();
+            Err(CloudFileError::OtherFrame { off_px })
+        }
+    }
+}
+
+fn allowed_px(width: usize) -> f64 {
+    (DESCRIBED_PX * width as f64 / REFERENCE_WIDTH_PX).max(MIN_DESCRIBED_PX)
+}
+
+fn unit_and_side(sample: &RaySample) -> Result<(), CloudFileError> {
+    let depths = || sample.iter().map(|(_, point)| point.mm.z);
+    let middle = median(&mut depths().collect::<Vec<f64>>()).unwrap_or(0.0);
+    let ends = depths().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| [low.min(z), high.max(z)]);
+    let [from, to] = ends.map(|end| panelprep_base::number_text::fixed_decimals(end, 2).to_string());
+    if middle > 0.0 && middle < MIN_DISTANCE_MM {
+        return Err(CloudFileError::Metres { from, to });
+    }
+    if middle < 0.0 {
+        return Err(CloudFileError::Behind { from, to });
+    }
+    if !MEASURES_MM.contains(&middle) {
+        return Err(CloudFileError::OtherUnit { from, to });
+    }
+    Ok(())
+}
+
+/// Returns the error for a cloud whose points do not lie on this camera's rays; it names the change with which they
+/// would.
+fn lens_mismatch_error(
+    cloud: &OrganizedCloud<Camera>,
+    sample: &RaySample,
+    camera: &PinholeCamera,
+    off_px: f64,
+) -> CloudFileError {
+    let allowed = allowed_px(cloud.width());
+    let (last_u, last_v) = (cloud.width() as f64 - 1.0, cloud.height() as f64 - 1.0);
+    let fits = |at: &dyn Fn(&Pixel) -> Pixel| {
+        let changed: RaySample = sample.iter().map(|(pixel, point)| (at(pixel), *point)).collect();
+        median_projection_error_px(&changed, camera).is_some_and(|off_px| off_px <= allowed)
+    };
+    let order = if fits(&|pixel| Pixel::at(pixel.u, last_v - pixel.v)) {
+        Some("the rows are upside down")
+    } else if fits(&|pixel| Pixel::at(last_u - pixel.u, pixel.v)) {
+        Some("the columns are mirrored")
+    } else if fits(&|pixel| Pixel::at(last_u - pixel.u, last_v - pixel.v)) {
+        Some("the picture is rotated by 180°")
+    } else {
+        None
+    };
+    let off_px = panelprep_base::number_text::fixed_decimals(off_px, 1).to_string();
+    if let Some(order) = order {
+        return CloudFileError::OtherOrder { order };
+    }
+    match fit_lens(sample, (cloud.width(), cloud.height())) {
+        Some(own) if own.median_px <= MAX_FIT_RESIDUAL_PX => {
+            let numbers = |lens: &PinholeCamera| {
+                let [fx, fy, cx, cy] = [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px]
+                    .map(|number| panelprep_base::number_text::fixed_decimals(number, 2));
+                format!("fx {fx}, fy {fy}, cx {cx}, cy {cy} px")
+            };
+            CloudFileError::OtherLens { off_px, own: numbers(&own.camera), stated: numbers(camera) }
+        }
+        _ => CloudFileError::OtherFrame { off_px },
+    }
+}
+
+/// Refuses a cloud that this camera cannot have taken: of another lens, frame, unit or order. It checks a sample,
+/// and needs a millisecond or two.
+///
+/// # Errors
+/// The kind of cloud that was found instead.
+pub fn check_lens(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
+    let sample = sample_points(cloud);
+    if sample.len() < MIN_POINTS {
+        return Ok(());
+    }
+    unit_and_side(&sample)?;
+    let middle_px = median_projection_error_px(&sample, camera).unwrap_or(f64::INFINITY);
+    if middle_px > allowed_px(cloud.width()) {
+        return Err(lens_mismatch_error(cloud, &sample, camera, middle_px));
+    }
+    Ok(())
+}
+
+/// Checks the lens as [`check_lens`] does, and refuses a cloud in which single points do not lie on the rays of
+/// their pixels.
+///
+/// # Errors
+/// Returns the form of the cloud if it is not the camera's, or the first point that is not on its ray.
+pub fn check_rays(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
+    check_lens(cloud, camera)?;
+    let own = |index: usize| Pixel::at((index % cloud.width()) as f64, (index / cloud.width()) as f64);
+    // Distance of a point's projection from its pixel, px.
+    let off_px = |index: usize| {
+        let seen = cloud.point_at(index)?;
+        let (own, seen) = (own(index), camera.project(seen));
+        Some(seen.map_or(f64::INFINITY, |seen| (seen.u - own.u).abs().max((seen.v - own.v).abs())))
+    };
+    let count = cloud.width() * cloud.height();
+    if count < MIN_POINTS {
+        return Ok(());
+    }
+    let elsewhere = |index: &usize| off_px(*index).is_some_and(|off_px| off_px > MAX_PROJECTION_ERROR_PX);
+    let found: Vec<usize> = (0..count).into_par_iter().filter(elsewhere).collect();
+    match found.first() {
+        None => Ok(()),
+        Some(first) => Err(CloudFileError::OffRays {
+            points: found.len(),
+            column: first % cloud.width(),
+            row: first / cloud.width(),
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: PinholeCamera = PinholeCamera {
+        width_px: 100,
+        height_px: 80,
+        fx_px: 90.0,
+        fy_px: 90.0,
+        cx_px: 50.0,
+        cy_px: 40.0,
+        k1: 0.0,
+        k2: 0.0,
+        p1: 0.0,
+        p2: 0.0,
+        k3: 0.0,
+    };
+
+    /// Returns a plane at 700 mm with the rays of a camera that has its centre elsewhere, and one changed point.
+    fn cloud(shift_px: f64, changed: Option<(usize, [f32; 3])>) -> OrganizedCloud<Camera> {
+        let point = |index: usize| {
+            let (u, v) = ((index % 100) as f64 + shift_px, (index / 100) as f64);
+            [(u - 50.0) / 90.0 * 700.0, (v - 40.0) / 90.0 * 700.0, 700.0].map(|n| n as f32)
+        };
+        let mut points: Vec<[f32; 3]> = (0..8_000).map(point).collect();
+        if let Some((index, point)) = changed {
+            points[index] = point;
+        }
+        OrganizedCloud::new(100, 80, points, vec![[0; 3]; 8_000]).expect("counts agree")
+    }
+
+    /// Calculated by hand: x = 700 mm · 19/90 = 147.8 mm more is seen 19 px to the right; 163.3 mm are 21 px.
+    #[test]
+    fn a_point_of_another_pixel_is_refused_with_its_place() {
+        let [x, y, z] = [(10.0 - 50.0) / 90.0 * 700.0, (30.0 - 40.0) / 90.0 * 700.0, 700.0_f32];
+        let changed = |point| check_rays(&cloud(0.0, Some((3_010, point))), &CAMERA);
+        assert_eq!(check_rays(&cloud(0.0, None), &CAMERA), Ok(()));
+        assert_eq!(changed([x + 147.8, y, z]), Ok(()));
+        let refused = Err(CloudFileError::OffRays { points: 1, column: 10, row: 30 });
+        assert_eq!(changed([x + 163.3, y, z]), refused);
+        assert_eq!(changed([x, y, -z]), refused, "behind the camera");
+        assert_eq!(changed([x, y, 4.0 * z]), refused, "x and y of 700 mm, but 2,800 mm away: 30 px");
+        assert_eq!(changed([4.0 * x, 4.0 * y, 4.0 * z]), Ok(()), "another distance on the same ray");
+    }
+
+    /// By hand: 5 px away from their pixels, the points are those of a lens with its centre at 55 px.
+    #[test]
+    fn a_cloud_of_another_lens_is_refused_with_its_own() {
+        let other = check_rays(&cloud(-5.0, None), &CAMERA).expect_err("another lens").to_string();
+        assert!(
+            other.contains("cx 55.00") && other.contains("cx 50.00") && other.contains("--from-scan"),
+            "{other}"
+        );
+        assert!(check_rays(&cloud(0.9, None), &CAMERA).is_ok());
+        assert!(check_frame(&cloud(-5.0, None)).is_ok(), "without a calibration any lens will do");
+    }
+
+    /// The same points in other frames, units and orders; each error is named.
+    #[test]
+    fn other_frames_units_and_orders_are_named() {
+        let step = |index: usize| if (index / 10).is_multiple_of(2) { 1.0 } else { 1.3 };
+        let with = |change: &dyn Fn(usize, [f32; 3]) -> [f32; 3]| {
+            let plane = cloud(0.0, None);
+            let points = (0..8_000).map(|index| {
+                let p = plane.point_at(index).expect("a point").mm;
+                change(index, [p.x, p.y, p.z].map(|n| (n * step(index)) as f32))
+            });
+            OrganizedCloud::new(100, 80, points.collect(), vec![[0; 3]; 8_000]).expect("counts agree")
+        };
+        assert_eq!(check_rays(&with(&|_, p| p), &CAMERA), Ok(()));
+        let words = |cloud: &OrganizedCloud<Camera>| check_rays(cloud, &CAMERA).expect_err("refused").to_string();
+        let metres = with(&|_, p| p.map(|n| n / 1e3));
+        assert!(words(&metres).contains("metres") && words(&metres).contains("0.70 to 0.91"), "{}", words(&metres));
+        let open_gl = with(&|_, [x, y, z]| [x, -y, -z]);
+        assert!(words(&open_gl).contains("behind the camera"), "{}", words(&open_gl));
+        let base = with(&|_, [x, y, z]| [0.8 * x + 0.6 * z + 300.0, y - 200.0, -0.6 * x + 0.8 * z + 100.0]);
+        assert!(words(&base).contains("another frame"), "{}", words(&base));
+        let right = with(&|_, p| p);
+        let from_below = (0..8_000).map(|index| {
+            let p = right.point_at((79 - index / 100) * 100 + index % 100).expect("a point").mm;
+            [p.x, p.y, p.z].map(|n| n as f32)
+        });
+        let rows = OrganizedCloud::new(100, 80, from_below.collect(), vec![[0; 3]; 8_000]).expect("counts agree");
+        assert!(words(&rows).contains("upside down"), "{}", words(&rows));
+        for wrong in [&metres, &open_gl, &base] {
+            assert!(check_frame(wrong).is_err());
+        }
+    }
+}

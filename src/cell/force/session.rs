@@ -1,0 +1,240 @@
+//! The session with the tool: log-in, then one command a period, each answered before its deadline. No sockets, no
+//! clock.
+//!
+//! The owner of the connection supplies the received bytes and the time, and sends the bytes that it is given. The
+//! first deviation ends the session with its [`LinkLossCause`]; a new connection begins with the tool held back. Nothing is
+//! ever skipped or guessed: a wrong byte ends the session, since the bytes that follow could be the answer to
+//! another command.
+
+use super::press::{ForceSetPoint, SetPointRamp};
+use super::telegram::{
+    self, Command, MAX_LOGIN_ECHO_BYTES, MAX_REPLY_BYTES, TERMINATOR, TelegramError, ToolReading,
+};
+use panelprep_kuka::eki::Time;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// Timeout for the echo of the log-in.
+const LOGIN_TIMEOUT: Duration = Duration::from_millis(1_000);
+
+/// The settings of a session.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SessionLimits {
+    /// The log-in word.
+    pub login: String,
+    /// The tool's number.
+    pub id: u16,
+    /// Interval between commands.
+    pub period: Duration,
+    /// Timeout for a reply.
+    pub reply_within: Duration,
+    /// The tool's set-point until another is commanded.
+    pub rest_set_point: ForceSetPoint,
+}
+
+/// The reason why the link to the tool is lost.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
+pub enum LinkLossCause {
+    /// No tool accepts the connection.
+    #[error("the connection failed: {problem}")]
+    Unreachable {
+        /// The system's error.
+        problem: String,
+    },
+    /// The connection ended.
+    #[error("the connection was closed")]
+    Closed,
+    /// The tool refused the log-in.
+    #[error("the tool replied to the log-in text with \"{found}\"; compare [tool] login with the tool's settings")]
+    NotLoggedIn {
+        /// Answer of the tool.
+        found: String,
+    },
+    /// The tool did not answer in time.
+    #[error("the tool has not replied for {ms} ms")]
+    Silent {
+        /// Duration of the silence, ms.
+        ms: u64,
+    },
+    /// Its answer is not a reply.
+    #[error("the tool's reply is not valid: {problem}")]
+    Garbage {
+        /// The problem in the reply.
+        problem: String,
+    },
+    /// Another tool answered.
+    #[error("{problem}; compare [tool] id with the tool's settings")]
+    OtherId {
+        /// The number in the reply.
+        problem: String,
+    },
+    /// It sent data without a request.
+    #[error("the tool sent data without a request")]
+    Unasked,
+}
+
+/// The state of a session.
+#[derive(Debug, Clone, PartialEq)]
+pub enum State {
+    /// There is no connection yet.
+    Offline,
+    /// The log-in was sent at this time.
+    LoggingIn(Time),
+    /// No request is open; the next command is due at this time.
+    Ready(Time),
+    /// A command was sent at this time.
+    Asked(Time),
+    /// The session has ended.
+    Lost(LinkLossCause),
+}
+
+/// A session.
+#[derive(Debug, Clone)]
+pub struct Session {
+    limits: SessionLimits,
+    state: State,
+    ramp: SetPointRamp,
+    buffer: Vec<u8>,
+    last_reading: Option<(Time, ToolReading)>,
+}
+
+impl Session {
+    /// Creates a session that is not connected yet.
+    pub fn new(limits: SessionLimits) -> Self {
+        let ramp = SetPointRamp::constant(limits.rest_set_point);
+        Session { limits, state: State::Offline, ramp, buffer: Vec::new(), last_reading: None }
+    }
+
+    /// Starts on an established connection: returns the log-in to be sent. The tool is held back until another
+    /// set-point is commanded.
+    pub fn connected(&mut self, now: Time) -> Vec<u8> {
+        // Nothing of the former connection is kept, above all not its set-point: the tool may be over another place by
+        // now.
+        *self = Session { state: State::LoggingIn(now), ..Session::new(self.limits.clone()) };
+        telegram::login(&self.limits.login)
+    }
+
+    /// Sets the tool's set-point from now on.
+    pub fn set_point_now(&mut self, press: ForceSetPoint, now: Time) {
+        self.ramp.start_towards(press, now);
+    }
+
+    /// Returns the session's state.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Returns whether replies arrive.
+    pub fn is_receiving(&self) -> bool {
+        matches!(self.state, State::Ready(_) | State::Asked(_)) && self.last_reading.is_some()
+    }
+
+    /// Returns the last reading, and when it arrived.
+    pub fn last_reading(&self) -> Option<(Time, ToolReading)> {
+        self.last_reading
+    }
+
+    /// Returns the time by which [`tick`](Self::tick) must be called next; `None` without a connection.
+    pub fn next_tick(&self) -> Option<Time> {
+        match self.state {
+            State::LoggingIn(since) => Some(since + LOGIN_TIMEOUT),
+            State::Ready(due) => Some(due),
+            State::Asked(since) => Some(since + self.limits.reply_within),
+            State::Offline | State::Lost(_) => None,
+        }
+    }
+
+    /// Processes the elapsed time and returns the bytes to send now. A missed deadline ends the session.
+    pub fn tick(&mut self, now: Time) -> Option<Vec<u8>> {
+        match self.state {
+            State::Ready(due) if now >= due => {
+                self.state = State::Asked(now);
+                Some(self.command(now).bytes())
+            }
+            State::LoggingIn(since) if now.since(since) >= LOGIN_TIMEOUT => self.on_silence(since, now),
+            State::Asked(since) if now.since(since) >= self.limits.reply_within => self.on_silence(since, now),
+            _ => None,
+        }
+    }
+
+    fn on_silence(&mut self, since: Time, now: Time) -> Option<Vec<u8>> {
+        let ms = u64::try_from(now.since(since).as_millis()).unwrap_or(u64::MAX);
+        self.end_session(LinkLossCause::Silent { ms });
+        None
+    }
+
+    fn command(&self, now: Time) -> Command {
+        let ForceSetPoint { no_contact_n, .. } = self.ramp.target();
+        // The force is already without gravity, and the ramp is made here: the tool must do neither a second time.
+        Command {
+            id: self.limits.id,
+            force_n: self.ramp.force_n(now),
+            free_force_n: no_contact_n,
+            ramp_s: 0.0,
+            payload_kg: 0.0,
+        }
+    }
+
+    /// Processes bytes that were received.
+    pub fn received(&mut self, bytes: &[u8], now: Time) {
+        for byte in bytes {
+            match self.state {
+                State::Offline | State::Lost(_) => return,
+                // Request and reply alternate. An extra reply would answer the next request, and every reading would be
+                // one period old.
+                State::Ready(_) => return self.end_session(LinkLossCause::Unasked),
+                State::LoggingIn(_) => self.process_login_byte(*byte, now),
+                State::Asked(since) => self.process_reply_byte(*byte, since, now),
+            }
+        }
+    }
+
+    fn process_login_byte(&mut self, byte: u8, now: Time) {
+        self.buffer.push(byte);
+        let expected = telegram::login(&self.limits.login);
+        if self.buffer == expected {
+            self.buffer.clear();
+            self.state = State::Ready(now);
+        } else if !expected.starts_with(&self.buffer) || self.buffer.len() >= MAX_LOGIN_ECHO_BYTES {
+            let found = String::from_utf8_lossy(&self.buffer).escape_debug().to_string();
+            self.end_session(LinkLossCause::NotLoggedIn { found });
+        }
+    }
+
+    fn process_reply_byte(&mut self, byte: u8, since: Time, now: Time) {
+        if byte != TERMINATOR {
+            self.buffer.push(byte);
+            // Without a limit a tool that sends noise without an end would fill the memory.
+            if self.buffer.len() > MAX_REPLY_BYTES {
+                let problem = TelegramError::TooLong { bytes: self.buffer.len() }.to_string();
+                self.end_session(LinkLossCause::Garbage { problem });
+            }
+            return;
+        }
+        let buffer = std::mem::take(&mut self.buffer);
+        match telegram::parse_reply(&buffer, self.limits.id) {
+            Ok(reading) => {
+                // With the time of arrival, not of the request: the age of a reading decides whether it may be judged.
+                self.last_reading = Some((now, reading));
+                self.state = State::Ready((since + self.limits.period).max(now));
+            }
+            Err(error @ TelegramError::OtherId { .. }) => {
+                self.end_session(LinkLossCause::OtherId { problem: error.to_string() })
+            }
+            Err(error) => self.end_session(LinkLossCause::Garbage { problem: error.to_string() }),
+        }
+    }
+
+    /// Ends the session with a cause.
+    pub fn end_session(&mut self, why: LinkLossCause) {
+        // The first cause stays: what follows a loss is its consequence.
+        if !matches!(self.state, State::Lost(_)) {
+            self.state = State::Lost(why);
+            self.buffer.clear();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,79 @@
+//! Converts breaks to pixels: determines which pixels broke by the clip's end, and when.
+//!
+//! A pixel breaks at the first moment at which its centre lies inside of an open break. The evaluated moments are the
+//! beginnings of the shapes and the times of the wet pictures: there is no observation between two pictures.
+
+use super::check::ClipFrame;
+use super::coded::time_to_color;
+use super::shapes::Break;
+use panelprep_base::geometry::{ColorPicture, Mask, Pixel, polygon};
+
+/// The pixels that broke, with their times.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BrokenPixels {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// The time at which each pixel broke, s since the first wet picture; infinite if it did not.
+    pub since_wet_s: Vec<f64>,
+}
+
+/// Returns the pixels that broke by the clip's end. The breaks must be without [`problems`](super::problems).
+pub fn broken_pixels(breaks: &[Break], frame: &ClipFrame) -> BrokenPixels {
+    let [width, height] = frame.size_px;
+    let mut broken = BrokenPixels { width, height, since_wet_s: vec![f64::INFINITY; width * height] };
+    for one in breaks {
+        let mut drawn: Vec<Pixel> = Vec::new();
+        for time_s in moments_s(one, frame) {
+            let corners = one.corners_at(time_s);
+            if corners != drawn {
+                broken.mark_polygon(&corners, time_s - frame.wet_from_s());
+                drawn = corners;
+            }
+        }
+    }
+    broken
+}
+
+/// Returns the times at which a break is evaluated, s of the clip, in order.
+fn moments_s(one: &Break, frame: &ClipFrame) -> Vec<f64> {
+    let begins = one.shapes.iter().map(|shape| shape.from_s);
+    let mut moments_s: Vec<f64> =
+        begins.chain(frame.wet_times_s.iter().copied()).filter(|&time_s| one.is_open_at(time_s)).collect();
+    moments_s.sort_by(f64::total_cmp);
+    moments_s
+}
+
+impl BrokenPixels {
+    /// Marks the pixels of a polygon as broken from this time on, unless they broke earlier.
+    fn mark_polygon(&mut self, corners: &[Pixel], since_wet_s: f64) {
+        let range = |of: fn(&Pixel) -> f64, count: usize| {
+            let low = corners.iter().map(of).fold(f64::INFINITY, f64::min).ceil().max(0.0) as usize;
+            let high = corners.iter().map(of).fold(f64::NEG_INFINITY, f64::max).floor() + 1.0;
+            low..(high.max(0.0) as usize).min(count)
+        };
+        let columns = range(|corner| corner.u, self.width);
+        for row in range(|corner| corner.v, self.height) {
+            for column in columns.clone() {
+                if polygon::contains(corners, Pixel::at(column as f64, row as f64)) {
+                    let time_s = &mut self.since_wet_s[row * self.width + column];
+                    *time_s = time_s.min(since_wet_s);
+                }
+            }
+        }
+    }
+
+    /// Returns the pixels that broke, as a mask.
+    pub fn mask(&self) -> Mask {
+        let inside = self.since_wet_s.iter().map(|time_s| time_s.is_finite()).collect();
+        Mask { width: self.width, height: self.height, inside }
+    }
+
+    /// Returns the times at which the pixels broke, as colours: see [`coded`].
+    pub fn times(&self) -> ColorPicture {
+        let rgb =
+            self.since_wet_s.iter().map(|&time_s| time_to_color(time_s.is_finite().then_some(time_s))).collect();
+        ColorPicture { width: self.width, height: self.height, rgb }
+    }
+}

@@ -1,0 +1,243 @@
+//! Checks whether a person's statement about a clip is possible, and reports all problems at once, each with the break
+//! to which it belongs.
+
+use super::shapes::{Break, Shape, Statement};
+use panelprep_base::geometry::{Pixel, polygon};
+
+/// The maximum length of a name, characters.
+const MAX_CHARACTERS: usize = 200;
+/// A polygon needs this many corners to have an inside.
+const MIN_CORNERS: usize = 3;
+/// The latest time that `times.png` can represent, s since the first wet picture.
+pub const MAX_SINCE_WET_S: f64 = 655.35;
+
+/// The data of a clip to which its labels refer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ClipFrame {
+    /// Columns and rows of the clip's pictures.
+    pub size_px: [usize; 2],
+    /// The times of the clip's wet pictures, s of the clip, in order; at least one.
+    pub wet_times_s: Vec<f64>,
+}
+
+impl ClipFrame {
+    /// Returns the time of the first fully wet picture, s of the clip.
+    pub fn wet_from_s(&self) -> f64 {
+        self.wet_times_s.first().copied().unwrap_or_default()
+    }
+
+    /// Returns the time of the last wet picture, s of the clip.
+    pub fn ends_s(&self) -> f64 {
+        self.wet_times_s.last().copied().unwrap_or_default()
+    }
+}
+
+/// A contradiction in the labels. Breaks and corners count from 1; times are s of the clip.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Problem {
+    /// The author's name is missing.
+    #[error("the name of the person who labels is missing")]
+    NoAuthor,
+    /// The author's name is not valid.
+    #[error(
+        "the name is not valid: {found} characters (limit {MAX_CHARACTERS}; control characters are not permitted)"
+    )]
+    BadAuthor {
+        /// Number of characters found.
+        found: usize,
+    },
+    /// The statement neither contains a break nor states that the clip is clean.
+    #[error("no break is drawn: draw the breaks, or mark the clip as clean")]
+    NothingSaid,
+    /// The file states a clean film and also breaks.
+    #[error("the clip is marked as clean, but breaks are drawn ({found}): remove the mark or the breaks")]
+    CleanWithBreaks {
+        /// Number of breaks.
+        found: usize,
+    },
+    /// A break without an outline.
+    #[error("break {number} has no shape")]
+    NoShape {
+        /// Number of the break.
+        number: usize,
+    },
+    /// No point can lie inside of the shape.
+    #[error("break {number}, shape from {from_s} s: found {found} corners, at least {MIN_CORNERS} are needed")]
+    TooFewCorners {
+        /// Number of the break.
+        number: usize,
+        /// The time at which the shape begins, which identifies the shape.
+        from_s: f64,
+        /// Its corners.
+        found: usize,
+    },
+    /// A corner lies outside of the picture.
+    #[error(
+        "break {number}, shape from {from_s} s: corner {corner} at ({u}, {v}) px lies outside of the picture, which has {width}×{height} px"
+    )]
+    Outside {
+        /// Number of the break.
+        number: usize,
+        /// The time at which the shape begins, which identifies the shape.
+        from_s: f64,
+        /// Number of the corner.
+        corner: usize,
+        /// Column, px.
+        u: f64,
+        /// Row, px.
+        v: f64,
+        /// Columns of the picture.
+        width: usize,
+        /// Rows of the picture.
+        height: usize,
+    },
+    /// The outline crosses itself, so that its inside is not defined.
+    #[error(
+        "break {number}, shape from {from_s} s: the side after corner {first} meets the side after corner {second}; an outline must not cross itself"
+    )]
+    Crosses {
+        /// Number of the break.
+        number: usize,
+        /// The time at which the shape begins, which identifies the shape.
+        from_s: f64,
+        /// The number of the corner before the first side.
+        first: usize,
+        /// The number of the corner before the second side.
+        second: usize,
+    },
+    /// The break begins before there was a film that could break.
+    #[error(
+        "break {number} begins at {from_s} s, before the first wet picture at {wet_from_s} s; let the break of a \
+         place that never became wet begin with the first wet picture"
+    )]
+    BeforeWet {
+        /// Number of the break.
+        number: usize,
+        /// Begin of the break, s.
+        from_s: f64,
+        /// Time from which the film is whole.
+        wet_from_s: f64,
+    },
+    /// The time is after the last wet picture.
+    #[error("break {number}: {what} {time_s} s, after the clip's last wet picture at {ends_s} s")]
+    AfterEnd {
+        /// Number of the break.
+        number: usize,
+        /// The part of the break: its begin, a later shape or its end.
+        what: &'static str,
+        /// Time of this part, s.
+        time_s: f64,
+        /// Time at which the clip ends.
+        ends_s: f64,
+    },
+    /// The time is later than `times.png` can represent.
+    #[error(
+        "break {number}: a shape begins {since_wet_s} s after the first wet picture (limit {MAX_SINCE_WET_S} s, \
+         the largest time that times.png can store)"
+    )]
+    TooLate {
+        /// Number of the break.
+        number: usize,
+        /// The time since the first wet picture.
+        since_wet_s: f64,
+    },
+    /// The shapes are not in the order of time.
+    #[error(
+        "break {number}: a shape begins at {from_s} s, but the previous shape begins at {before_s} s; each shape \
+         must begin later than the previous one"
+    )]
+    NotLater {
+        /// Number of the break.
+        number: usize,
+        /// Time at which the later shape begins.
+        from_s: f64,
+        /// Time at which the shape before it begins.
+        before_s: f64,
+    },
+    /// The break closes before its last shape begins.
+    #[error(
+        "break {number} closes again at {closes_s} s, but its last shape begins at {from_s} s; the break must \
+         close later"
+    )]
+    ClosesEarly {
+        /// Number of the break.
+        number: usize,
+        /// Closing time of the break, s.
+        closes_s: f64,
+        /// Time at which the last shape of the break begins.
+        from_s: f64,
+    },
+}
+
+/// Returns all problems of a statement about this clip; an empty list if the statement can be stored.
+pub fn problems(said: &Statement, frame: &ClipFrame) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    let found = said.author.chars().count();
+    if said.author.trim().is_empty() {
+        problems.push(Problem::NoAuthor);
+    } else if found > MAX_CHARACTERS || said.author.chars().any(char::is_control) {
+        problems.push(Problem::BadAuthor { found });
+    }
+    match (said.clean, said.breaks.len()) {
+        (false, 0) => problems.push(Problem::NothingSaid),
+        (true, found @ 1..) => problems.push(Problem::CleanWithBreaks { found }),
+        _ => {}
+    }
+    for (index, one) in said.breaks.iter().enumerate() {
+        check_times(index + 1, one, frame, &mut problems);
+        for shape in &one.shapes {
+            problems.extend(outline(index + 1, shape, frame));
+        }
+    }
+    problems
+}
+
+/// Finds the problems in a break's times.
+fn check_times(number: usize, one: &Break, frame: &ClipFrame, problems: &mut Vec<Problem>) {
+    let (Some(first), Some(last)) = (one.shapes.first(), one.shapes.last()) else {
+        return problems.push(Problem::NoShape { number });
+    };
+    let (wet_from_s, ends_s) = (frame.wet_from_s(), frame.ends_s());
+    // A comparison with a NaN time is false.
+    let is_wet = first.from_s >= wet_from_s;
+    let is_later = |time_s: f64, before_s: f64| time_s > before_s;
+    if !is_wet {
+        problems.push(Problem::BeforeWet { number, from_s: first.from_s, wet_from_s });
+    }
+    for pair in one.shapes.windows(2).filter(|pair| !is_later(pair[1].from_s, pair[0].from_s)) {
+        problems.push(Problem::NotLater { number, from_s: pair[1].from_s, before_s: pair[0].from_s });
+    }
+    if last.from_s > ends_s {
+        let what = if one.shapes.len() == 1 { "it begins at" } else { "its last shape begins at" };
+        problems.push(Problem::AfterEnd { number, what, time_s: last.from_s, ends_s });
+    } else if last.from_s - wet_from_s > MAX_SINCE_WET_S {
+        problems.push(Problem::TooLate { number, since_wet_s: last.from_s - wet_from_s });
+    }
+    if let Some(closes_s) = one.closes_s {
+        if closes_s > ends_s {
+            problems.push(Problem::AfterEnd { number, what: "it closes again at", time_s: closes_s, ends_s });
+        }
+        if !is_later(closes_s, last.from_s) {
+            problems.push(Problem::ClosesEarly { number, closes_s, from_s: last.from_s });
+        }
+    }
+}
+
+/// Returns the first problem of an outline.
+fn outline(number: usize, shape: &Shape, frame: &ClipFrame) -> Option<Problem> {
+    let (from_s, [width, height]) = (shape.from_s, frame.size_px);
+    let found = shape.corners_px.len();
+    if found < MIN_CORNERS {
+        return Some(Problem::TooFewCorners { number, from_s, found });
+    }
+    // A picture extends half a pixel beyond the centres of its outer pixels.
+    let is_on = |value: f64, count: usize| (-0.5..=count as f64 - 0.5).contains(&value);
+    let outside = |[u, v]: &[f64; 2]| !is_on(*u, width) || !is_on(*v, height);
+    if let Some(index) = shape.corners_px.iter().position(outside) {
+        let [u, v] = shape.corners_px[index];
+        return Some(Problem::Outside { number, from_s, corner: index + 1, u, v, width, height });
+    }
+    let corners: Vec<Pixel> = shape.corners_px.iter().map(|&[u, v]| Pixel::at(u, v)).collect();
+    let [first, second] = polygon::crossing_sides(&corners)?;
+    Some(Problem::Crosses { number, from_s, first: first + 1, second: second + 1 })
+}

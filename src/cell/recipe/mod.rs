@@ -1,0 +1,143 @@
+//! The recipe: one TOML file for each kind of panel, checked and converted to a form that contains only allowed
+//! values.
+//!
+//! Each table is declared in `tables`, key by key with range, default and meaning; this file joins the tables and
+//! checks rules that concern several keys. `config/` reads the file.
+
+mod edit;
+mod tables;
+
+#[cfg(test)]
+mod tests;
+
+pub use edit::{DrawnShapes, EditError, with_shapes};
+pub use tables::{
+    Corner, CornerName, CornerNames, DrawingPlacement, FitMethod, Inspect, Locate, Method, Panel, Path, Pattern,
+    Process, Region, Registration, Removal, RemovalMethod, SandedReference, Surface, Treat, TreatBy,
+};
+
+use panelprep_base::config::{self, Problems, Section};
+
+/// A checked recipe.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recipe {
+    panel: Panel,
+    process: Process,
+    locate: Locate,
+    corner: Corner,
+    region: Region,
+    inspect: Inspect,
+    surface: Surface,
+    path: Path,
+    treat: Treat,
+    removal: Option<Removal>,
+    nominal: Option<DrawingPlacement>,
+}
+
+/// The keys at the top level of a recipe, by which a recipe is distinguished from other files.
+pub const RECIPE_KEYS: [&str; 11] =
+    ["panel", "process", "locate", "corner", "region", "inspect", "surface", "path", "treat", "removal", "nominal"];
+
+impl Recipe {
+    /// Checks the text of a recipe; `file` is its name in messages.
+    ///
+    /// # Errors
+    /// Every problem of the file with its line and key.
+    pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
+        config::parse_file(file, text, Self::parse)
+    }
+
+    fn parse(top: &Section<'_, '_>) -> Option<Self> {
+        let panel = tables::parse_panel(top);
+        let process = tables::parse_process(&top.section("process"));
+        let locate = tables::parse_locate(&top.section("locate"));
+        let corner = tables::parse_corner(&top.section("corner"));
+        let region = tables::parse_region(&top.section("region"));
+        let inspect = tables::parse_inspect(&top.section("inspect"));
+        let surface = Surface::parse(&top.section("surface"));
+        let path = tables::parse_path(&top.section("path"));
+        let treat = tables::parse_treat(&top.section("treat"), path.as_ref());
+        let removal = tables::parse_removal(&top.section("removal"), path.as_ref());
+        let nominal = tables::parse_nominal(&top.section("nominal"));
+        top.finish();
+        Some(Recipe {
+            panel: panel?,
+            process: process?,
+            locate: locate?,
+            corner: corner?,
+            region: region?,
+            inspect: inspect?,
+            surface: surface?,
+            path: path?,
+            treat: treat?,
+            removal: removal?,
+            nominal: nominal?,
+        })
+    }
+
+    /// The panel's name, under which the store has the taught data.
+    pub fn panel(&self) -> &str {
+        self.panel.name_text()
+    }
+
+    /// Returns a person's statements on the panel's outline.
+    pub fn outline(&self) -> &Panel {
+        &self.panel
+    }
+
+    /// The water-break test and the abrasion as a process.
+    pub fn process(&self) -> &Process {
+        &self.process
+    }
+
+    /// Returns where the panel is searched, and the limits for acceptance.
+    pub fn locate(&self) -> &Locate {
+        &self.locate
+    }
+
+    /// The settings for reading the corner picture.
+    pub fn corner(&self) -> &Corner {
+        &self.corner
+    }
+
+    /// The region to inspect and abrade.
+    pub fn region(&self) -> &Region {
+        &self.region
+    }
+
+    /// The settings for finding a broken film.
+    pub fn inspect(&self) -> &Inspect {
+        &self.inspect
+    }
+
+    /// The settings for fitting the surface.
+    pub fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
+    /// The settings for the tool's path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What is abraded after a grid failed.
+    pub fn treat(&self) -> &Treat {
+        &self.treat
+    }
+
+    /// The required removal, if the recipe states one.
+    pub fn removal(&self) -> Option<&Removal> {
+        self.removal.as_ref()
+    }
+
+    /// Where the panel's drawing lies, if the panel is taught from it.
+    pub fn nominal(&self) -> Option<&DrawingPlacement> {
+        self.nominal.as_ref()
+    }
+
+    /// Returns the force of the tool on the panel, N: for a compliant tool `[path] force_n`, for a spring the value
+    /// in `[removal]`.
+    pub fn force_n(&self) -> Option<f64> {
+        self.path.force_n().or_else(|| self.removal.as_ref()?.force_n())
+    }
+}

@@ -1,0 +1,100 @@
+//! The archive's files: each has its SHA-256 as its name and is complete or absent, as in a store. They are in 256
+//! folders, named by the first two digits.
+
+use super::error::ArchiveError;
+use panelprep_cell::files::is_hex;
+use panelprep_store::office::{Body, Message};
+use panelprep_store::store::{Blobs, StoreError};
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+/// A folder of files that are named by their content.
+#[derive(Debug, Clone)]
+pub(super) struct ContentFiles(PathBuf);
+
+/// The state of a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum FileState {
+    Whole,
+    Missing,
+    Damaged(String),
+}
+
+impl ContentFiles {
+    pub fn in_folder(folder: &Path) -> Self {
+        ContentFiles(folder.to_owned())
+    }
+
+    /// Creates the folder, then writes and removes a file there, so that a problem is found now and not with the first
+    /// picture.
+    pub fn check_writable(&self) -> Result<(), ArchiveError> {
+        let trial = self.0.join(".trial");
+        fs::create_dir_all(&self.0).map_err(ArchiveError::file_error("make", &self.0))?;
+        fs::write(&trial, b"trial").map_err(ArchiveError::file_error("write", &trial))?;
+        fs::remove_file(&trial).map_err(ArchiveError::file_error("remove", &trial))
+    }
+
+    fn blobs_for_hash(&self, hash: &str) -> Blobs {
+        Blobs::for_folder(self.0.join(hash.get(..2).unwrap_or("")))
+    }
+
+    /// Stores these bytes under their hash. A file that exists already is not written again; a damaged one is
+    /// replaced.
+    pub fn store(&self, hash: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
+        let near = self.blobs_for_hash(hash);
+        near.create_folder()?;
+        match near.store_bytes(bytes) {
+            Err(StoreError::DamagedBlob { path, .. }) => {
+                fs::remove_file(&path).map_err(ArchiveError::file_error("remove", &path))?;
+                near.store_bytes(bytes)?;
+            }
+            put => drop(put?),
+        }
+        Ok(())
+    }
+
+    /// Returns the bytes of a file that is complete; `None` for a text that is not a hash.
+    pub fn get(&self, hash: &str) -> Option<Vec<u8>> {
+        is_hex(hash, 64).then(|| self.blobs_for_hash(hash).get(hash).ok()).flatten()
+    }
+
+    /// Returns whether every file that this record names is here, except the files that its cell no longer had.
+    pub fn has_all_files(&self, message: &Message) -> bool {
+        let Body::Signature { files, .. } = &message.envelope.body else { return true };
+        files
+            .iter()
+            .filter(|file| file.gone.is_none())
+            .all(|file| self.blobs_for_hash(&file.hash).contains(&file.hash))
+    }
+
+    /// Returns the state of the file with this hash.
+    pub fn file_state(&self, hash: &str) -> Result<FileState, ArchiveError> {
+        match self.blobs_for_hash(hash).get(hash) {
+            Ok(_) => Ok(FileState::Whole),
+            Err(StoreError::DamagedBlob { found, .. }) => Ok(FileState::Damaged(found)),
+            Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::NotFound => Ok(FileState::Missing),
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use panelprep_cell::files::content_hash;
+
+    #[test]
+    fn a_file_that_was_damaged_is_written_again_when_it_comes_again() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let files = ContentFiles::in_folder(folder.path());
+        let hash = content_hash(b"picture");
+        assert_eq!(files.file_state(&hash).expect("looked"), FileState::Missing);
+        files.store(&hash, b"picture").expect("kept");
+        assert_eq!(files.file_state(&hash).expect("looked"), FileState::Whole);
+        fs::write(folder.path().join(&hash[..2]).join(&hash), b"p1cture").expect("spoilt");
+        assert_eq!(files.file_state(&hash).expect("looked"), FileState::Damaged(content_hash(b"p1cture")));
+        files.store(&hash, b"picture").expect("kept again");
+        assert_eq!(files.file_state(&hash).expect("looked"), FileState::Whole);
+    }
+}

@@ -1,0 +1,246 @@
+//! The archive's main loop: receives messages from the broker and stores them in the database and the folder.
+
+use super::database;
+use super::error::ArchiveError;
+use super::files::ContentFiles;
+use super::message_rows::{self, BatchResult};
+use super::names::Names;
+use super::recipe_offers;
+use crate::broker::{Delivery, OfficeLink, Receipt, StateSubscription};
+use panelprep_store::office::{
+    ArchiveSettings, AssembledItem, CellState, Chunk, ChunkOwner, InvalidItem, Message, OfficeError, PartAssembly,
+    Position, subject,
+};
+use std::time::{Duration, Instant};
+use tokio_postgres::Client;
+
+/// Maximum number of broker messages that are received at a time.
+const BATCH_MESSAGES: usize = 500;
+/// Maximum delay between attempts. After a failure the next attempt follows after one second, then two, four and so
+/// on up to this limit.
+const MAX_RETRY_DELAY: Duration = Duration::from_secs(30);
+
+/// At most this many records that wait for their files are reported at a time.
+const MAX_REPORTED: usize = 5;
+/// A failure that stays the same is reported again after this time.
+const REPORT_INTERVAL: Duration = Duration::from_secs(3_600);
+/// A database that does not answer within this time counts as lost: messages without acknowledgement are delivered
+/// again.
+const WRITE_TIMEOUT: Duration = Duration::from_secs(60);
+
+/// Runs the archive until `ended` completes. A failure that may end without intervention is retried, with a new
+/// connection.
+///
+/// # Errors
+/// If the database has tables of a newer program or an unsuitable encoding, or a file that the settings name cannot be
+/// used.
+pub async fn run(settings: &ArchiveSettings, ended: impl Future<Output = ()>) -> Result<(), ArchiveError> {
+    tokio::select! {
+        failed = run_with_retries(settings) => Err(failed),
+        () = ended => Ok(()),
+    }
+}
+
+async fn run_with_retries(settings: &ArchiveSettings) -> ArchiveError {
+    let mut pause = Duration::from_secs(1);
+    let mut last_reported: Option<(String, Instant)> = None;
+    loop {
+        let since = Instant::now();
+        let Err(error) = run_receiver(settings).await;
+        if !error.is_transient() {
+            return error;
+        }
+        let words = error.to_string();
+        let was_good = since.elapsed() > MAX_RETRY_DELAY;
+        if was_good {
+            pause = Duration::from_secs(1);
+        }
+        let is_known =
+            last_reported.as_ref().is_some_and(|(last, at)| *last == words && at.elapsed() < REPORT_INTERVAL);
+        if was_good || !is_known {
+            tracing::warn!("{words}; retrying");
+            last_reported = Some((words, Instant::now()));
+        }
+        tokio::time::sleep(pause).await;
+        pause = MAX_RETRY_DELAY.min(pause * 2);
+    }
+}
+
+async fn run_receiver(settings: &ArchiveSettings) -> Result<std::convert::Infallible, ArchiveError> {
+    let files = ContentFiles::in_folder(&settings.files);
+    files.check_writable()?;
+    let mut client = database::open(&settings.database).await?;
+    let mut link = OfficeLink::connect(&settings.broker, settings.max_waiting_bytes()).await?;
+    tracing::info!("receiving the messages of the cells through the broker {}", settings.broker.address);
+    // A cell may have missed the archived position, or the broker may have lost it.
+    for (cell, epoch, archived) in database::with_timeout(WRITE_TIMEOUT, message_rows::epochs(&client)).await? {
+        link.publish_archived(&cell, &epoch, archived).await?;
+    }
+    database::with_timeout(WRITE_TIMEOUT, recipe_offers::republish_offers(&client, &link)).await?;
+    let listener = database::open(&settings.database).await?;
+    let states = link.states().await?;
+    let records = receive(&mut client, &mut link, files);
+    tokio::select! {
+        Err(error) = records => Err(error),
+        Err(error) = listen(&listener, states) => Err(error),
+    }
+}
+
+async fn receive(
+    client: &mut Client,
+    link: &mut OfficeLink,
+    files: ContentFiles,
+) -> Result<std::convert::Infallible, ArchiveError> {
+    let mut receiver = Receiver { files, assembly: PartAssembly::default(), waiting: Vec::new() };
+    loop {
+        let batch = link.next(BATCH_MESSAGES).await?;
+        receiver.receive_batch(client, link, batch).await?;
+        if link.recreate_stuck_consumer().await? {
+            receiver.forget();
+        }
+    }
+}
+
+/// Receives the states that cells report; a state that is missed comes again in two seconds.
+async fn listen(client: &Client, mut states: StateSubscription) -> Result<std::convert::Infallible, ArchiveError> {
+    let mut names = Names::default();
+    loop {
+        let (by, bytes) = states.next().await?;
+        database::with_timeout(WRITE_TIMEOUT, store_state((client, &mut names), &by, &bytes)).await?;
+    }
+}
+
+struct Receiver {
+    files: ContentFiles,
+    assembly: PartAssembly<Receipt>,
+    /// Records with a file that has not arrived yet. A cell is informed that the office has a record only after its
+    /// files have arrived too.
+    waiting: Vec<(Message, Vec<Receipt>)>,
+}
+
+impl Receiver {
+    async fn receive_batch(
+        &mut self,
+        client: &mut Client,
+        link: &OfficeLink,
+        batch: Vec<Delivery>,
+    ) -> Result<(), ArchiveError> {
+        let mut kept = Vec::new();
+        for Delivery { bytes, subject, receipt } in batch {
+            let chunk = match Chunk::read(&bytes).and_then(|chunk| check_sender(&subject, chunk)) {
+                Ok(chunk) => chunk,
+                Err(error) => {
+                    refuse((&subject, &error), vec![receipt]).await?;
+                    continue;
+                }
+            };
+            let whole = match self.assembly.add(chunk, receipt) {
+                Ok(None) => continue,
+                Ok(Some(whole)) => whole,
+                Err(InvalidItem { error, receipts }) => {
+                    refuse((&subject, &error), receipts).await?;
+                    continue;
+                }
+            };
+            match &whole.what {
+                ChunkOwner::File(hash) => {
+                    self.files.store(hash, &whole.bytes)?;
+                    kept.extend(whole.receipts);
+                }
+                ChunkOwner::Message(position) => match parse_message(&whole, position) {
+                    Ok(message) => {
+                        // A message that is delivered again has other receipts.
+                        self.waiting.retain(|(before, _)| *before != message);
+                        self.waiting.push((message, whole.receipts));
+                    }
+                    Err(error) => refuse((&subject, &error), whole.receipts).await?,
+                },
+            }
+        }
+        let files = &self.files;
+        let whole = self.waiting.extract_if(.., |(message, _)| files.has_all_files(message));
+        let (messages, receipts): (Vec<Message>, Vec<Vec<Receipt>>) = whole.unzip();
+        if !messages.is_empty() {
+            let BatchResult { new, known, contradictions, archived } =
+                database::with_timeout(WRITE_TIMEOUT, message_rows::store_messages(client, &messages)).await?;
+            contradictions.iter().for_each(|words| tracing::error!("{words}"));
+            tracing::debug!("{new} new records, {known} already present");
+            for ((cell, epoch), number) in archived {
+                link.publish_archived(&cell, &epoch, number).await?;
+            }
+        }
+        for receipt in kept.iter().chain(receipts.iter().flatten()) {
+            receipt.acknowledge().await?;
+        }
+        Ok(())
+    }
+
+    /// Forgets all messages that were not acknowledged: these are delivered again.
+    fn forget(&mut self) {
+        for (Message { cell, envelope }, _) in self.waiting.iter().take(MAX_REPORTED) {
+            let Position { epoch, number } = &envelope.position;
+            tracing::warn!("cell {cell}: record {number} of epoch {epoch} waits for its files");
+        }
+        self.assembly = PartAssembly::default();
+        self.waiting.clear();
+    }
+}
+
+fn parse_message(whole: &AssembledItem<Receipt>, position: &Position) -> Result<Message, OfficeError> {
+    let message = Message::read(&whole.bytes)?;
+    match message.cell == whole.cell && message.envelope.position == *position {
+        true => Ok(message),
+        false => {
+            let problem = "the cell or the record number differs from the line of its parts".to_owned();
+            Err(OfficeError::Form { what: "head of a message", problem })
+        }
+    }
+}
+
+/// Checks that a chunk came on the subject of the cell that it names. The broker decides which cell may send on which
+/// subject.
+fn check_sender(subject: &str, chunk: Chunk) -> Result<Chunk, OfficeError> {
+    match subject == subject::records(&chunk.cell) {
+        true => Ok(chunk),
+        false => Err(OfficeError::Form {
+            what: "line of a part",
+            problem: format!(
+                "the part names the cell {}, but was received on the subject {}",
+                chunk.cell,
+                subject.escape_debug()
+            ),
+        }),
+    }
+}
+
+async fn refuse((subject, error): (&str, &OfficeError), receipts: Vec<Receipt>) -> Result<(), ArchiveError> {
+    tracing::error!("a message on the subject {} is refused: {error}", subject.escape_debug());
+    for receipt in &receipts {
+        receipt.refuse().await?;
+    }
+    Ok(())
+}
+
+/// Stores the newest state of each cell, for pages. A state that cannot be read is reported and dropped.
+async fn store_state((client, names): (&Client, &mut Names), by: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
+    let (cell, state) = match CellState::read(bytes) {
+        Ok(read) if by == subject::state(&read.0) => read,
+        Ok((cell, _)) => {
+            tracing::error!("a state of the cell {cell} was received on the wrong subject {}", by.escape_debug());
+            return Ok(());
+        }
+        Err(error) => {
+            tracing::error!("a state on the subject {} is ignored: {error}", by.escape_debug());
+            return Ok(());
+        }
+    };
+    if names.detect_duplicate_name(cell.as_str(), &state) {
+        tracing::error!("two cells have the name {cell}: set another name for one of them at [office] cell");
+    }
+    let text = String::from_utf8_lossy(bytes).into_owned();
+    let sql =
+        "INSERT INTO cells (cell, heard_unix_ms, state) VALUES ($1, (extract(epoch FROM now()) * 1000)::bigint, $2)
+        ON CONFLICT (cell) DO UPDATE SET heard_unix_ms = EXCLUDED.heard_unix_ms, state = EXCLUDED.state";
+    let kept = client.execute(sql, &[&cell.as_str(), &text]).await;
+    kept.map(drop).map_err(ArchiveError::database("store the state of a cell"))
+}

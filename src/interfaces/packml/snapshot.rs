@@ -1,0 +1,146 @@
+//! The known data of the cell at one moment, as plain data.
+
+use panelprep_base::verdict::{Reason, Verdict};
+use panelprep_cell::cycle::State;
+use panelprep_cell::record::PartNames;
+use panelprep_store::history::Alarm;
+
+/// The known data of the cell at one moment. Unknown data is absent, never a default.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Snapshot {
+    /// Whether the service's loop answers now; if it does not, all other fields are its last report.
+    pub answers: bool,
+    /// The state, as in the cycle's state table.
+    pub state: Option<State>,
+    /// Whole seconds for which the unit has been in its state, since this service has observed it.
+    pub in_state_s: u32,
+    /// Whole seconds for which the unit has been in its mode, since this service has observed it.
+    pub in_mode_s: u32,
+    /// The phase inside Execute; if the cycle is held, the phase in which it continues.
+    pub phase: Option<String>,
+    /// The running cycle, or the last cycle since the service started.
+    pub cycle: Option<i64>,
+    /// Its panel.
+    pub panel: Option<String>,
+    /// Number of abrasions of the cycle so far.
+    pub pass: Option<u8>,
+    /// Elapsed seconds of the current film.
+    pub film_s: Option<f64>,
+    /// Seconds of a whole film.
+    pub film_total_s: Option<f64>,
+    /// Executed waypoints of the current path.
+    pub waypoint: Option<u32>,
+    /// Number of all waypoints of the current path.
+    pub waypoints: Option<u32>,
+    /// The cycle's verdict, once it has one.
+    pub verdict: Option<Verdict>,
+    /// The reasons for the cell's state, and the last problems found.
+    pub reasons: Vec<Reason>,
+    /// Keywords of the requests that the state table would accept now.
+    pub possible: Vec<&'static str>,
+    /// Whether the cycle waits for a person's decision on a result.
+    pub is_review: bool,
+    /// The part in the cell.
+    pub part: PartNames,
+    /// The grids of the cycle's panel, in order.
+    pub grids: Vec<GridState>,
+    /// Verifications, if there were any: of the 3D camera, the camera on the flange, and the tool.
+    pub scanner: Option<Verified>,
+    /// As `scanner`.
+    pub flange_camera: Option<Verified>,
+    /// As `scanner`.
+    pub tool: Option<Verified>,
+    /// Whether a cycle may start with these calibrations; `None` before the first check.
+    pub may_start: Option<bool>,
+    /// The reasons why a cycle may not start, or warnings about the calibrations.
+    pub calibration_reasons: Vec<String>,
+    /// Each calibration's file with its age, as text.
+    pub calibrations: Vec<String>,
+    /// The recipes of the folder.
+    pub recipes: Vec<RecipeHash>,
+    /// The lasting alarms, the most urgent first.
+    pub alarms: Vec<Alarm>,
+    /// Cycles that ended.
+    pub counts: CycleCounts,
+    /// The last refused call of a method.
+    pub refusal: Option<LastRefusal>,
+    /// The time of this snapshot, ms since 1970.
+    pub now_unix_ms: i64,
+}
+
+/// A recipe with which a cycle can be started.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecipeHash {
+    /// Its file's name.
+    pub name: String,
+    /// SHA-256 of the recipe's text.
+    pub sha256: String,
+}
+
+/// A grid of the panel.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct GridState {
+    /// The grid's name, such as `r1c1`.
+    pub id: String,
+    /// `broke`, `whole`, `abraded`, or `untested`.
+    pub state: &'static str,
+}
+
+/// The last verification of a camera or the tool.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Verified {
+    /// Time of the verification, s since 1970.
+    pub at_unix_s: i64,
+    /// The error found, mm.
+    pub error_mm: f64,
+    /// The allowed error, mm.
+    pub limit_mm: f64,
+}
+
+/// Counts of the finished cycles in the store, without runs in the air.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CycleCounts {
+    /// Cycles with the verdict pass.
+    pub passed: u32,
+    /// Cycles with the verdict fail.
+    pub failed: u32,
+    /// Cycles with the verdict reject: the panel was not treated.
+    pub rejected: u32,
+    /// With the verdict invalid: the test gives no result.
+    pub invalid: u32,
+    /// Cycles that ended by an abort or a stop.
+    pub aborted: u32,
+    /// Cycles with any other verdict.
+    pub other: u32,
+}
+
+impl CycleCounts {
+    /// Returns the number of all cycles.
+    pub fn processed_count(&self) -> u32 {
+        let CycleCounts { passed, failed, rejected, invalid, aborted, other } = *self;
+        passed + failed + rejected + invalid + aborted + other
+    }
+
+    /// The cycles in which the panel is not good.
+    pub fn defective_count(&self) -> u32 {
+        self.failed + self.rejected
+    }
+}
+
+/// A call of a method that was refused.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LastRefusal {
+    /// The method.
+    pub method: &'static str,
+    /// Name of the user who called it.
+    pub user: String,
+    /// Time of the call, ms since 1970.
+    pub at_unix_ms: i64,
+    /// Reason of the refusal.
+    pub reason: Reason,
+}
+
+/// Returns the name of an alarm: its cycle (`0` between cycles), code and time. No two alarms have the same name.
+pub fn alarm_id(alarm: &Alarm) -> String {
+    format!("{}/{}/{}", alarm.cycle.map_or(0, |cycle| cycle.0), alarm.code, alarm.raised_unix_ms)
+}

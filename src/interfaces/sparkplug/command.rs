@@ -1,0 +1,174 @@
+//! Commands to the node: the requests in a message on its command topic, and which of them are refused.
+
+use super::metrics::{METRICS, alias};
+use super::payload::{Metric, Payload, WireType};
+use panelprep_cell::cycle::Request;
+use prost::Message as _;
+use strum::VariantArray;
+
+/// A request that a host may make. No request begins a motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, VariantArray)]
+pub enum NodeCommand {
+    /// To publish everything again.
+    Rebirth,
+    /// To hold the cycle.
+    Hold,
+    /// To stop.
+    Stop,
+    /// To abort.
+    Abort,
+}
+
+impl NodeCommand {
+    /// The name of the command's metric.
+    pub fn name(self) -> &'static str {
+        match self {
+            NodeCommand::Rebirth => "Node Control/Rebirth",
+            NodeCommand::Hold => "Node Control/Hold",
+            NodeCommand::Stop => "Node Control/Stop",
+            NodeCommand::Abort => "Node Control/Abort",
+        }
+    }
+
+    /// The command's keyword in the audit trail.
+    pub fn keyword(self) -> &'static str {
+        match self {
+            NodeCommand::Rebirth => "rebirth",
+            NodeCommand::Hold => "hold",
+            NodeCommand::Stop => "stop",
+            NodeCommand::Abort => "abort",
+        }
+    }
+
+    /// The alias of the command's metric; the specification requires a rebirth to have none.
+    pub fn alias(self) -> Option<u64> {
+        match self {
+            NodeCommand::Rebirth => None,
+            NodeCommand::Hold => Some(1_001),
+            NodeCommand::Stop => Some(1_002),
+            NodeCommand::Abort => Some(1_003),
+        }
+    }
+
+    /// Returns the request to the cycle's state machine.
+    pub fn request(self) -> Option<Request> {
+        match self {
+            NodeCommand::Rebirth => None,
+            NodeCommand::Hold => Some(Request::Hold),
+            NodeCommand::Stop => Some(Request::Stop),
+            NodeCommand::Abort => Some(Request::Abort),
+        }
+    }
+
+    /// Returns the offered commands: all if commands to the cell are allowed, otherwise only the rebirth.
+    pub(super) fn offered_commands(commands_allowed: bool) -> impl Iterator<Item = NodeCommand> {
+        let is_offered = move |command: &NodeCommand| commands_allowed || *command == NodeCommand::Rebirth;
+        NodeCommand::VARIANTS.iter().copied().filter(is_offered)
+    }
+}
+
+/// The reason why a part of a command message is refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum CommandError {
+    /// The message is not a payload of Sparkplug B.
+    #[error("the message is not a Sparkplug B payload: {problem}")]
+    NotAPayload {
+        /// The error in the message.
+        problem: String,
+    },
+    /// The message has too many metrics.
+    #[error("the message has {found} metrics (limit {MAX_METRICS})")]
+    TooMany {
+        /// Number of metrics in the message.
+        found: usize,
+    },
+    /// The message contains no request.
+    #[error("the message has no metric; write true to one of: {allowed}")]
+    Empty {
+        /// The metrics that may be written.
+        allowed: String,
+    },
+    /// The metric does not exist, or is read-only.
+    #[error("the metric {found} cannot be written; valid: {allowed}")]
+    NotWritten {
+        /// The metric's name or alias.
+        found: String,
+        /// The metrics that may be written.
+        allowed: String,
+    },
+    /// The cell's file does not allow the command.
+    #[error("{name} is not permitted by [sparkplug] commands in the cell's file")]
+    NotPermitted {
+        /// Its metric.
+        name: &'static str,
+    },
+    /// The value is not true.
+    #[error("the value of {name} is not valid; valid: the Boolean true")]
+    NotTrue {
+        /// Its metric.
+        name: &'static str,
+    },
+}
+
+/// Limit of metrics in one message; a host has no reason to write more at once.
+const MAX_METRICS: usize = 32;
+/// The most characters of a foreign name that are reported.
+const MAX_CHARACTERS: usize = 80;
+
+/// The commands of a message on the command topic, or the reason for each refusal, in the message's order.
+pub fn commands(bytes: &[u8], commands_allowed: bool) -> Vec<Result<NodeCommand, CommandError>> {
+    let payload = match Payload::decode(bytes) {
+        Ok(payload) => payload,
+        Err(error) => return vec![Err(CommandError::NotAPayload { problem: error.to_string() })],
+    };
+    if payload.metrics.is_empty() {
+        return vec![Err(CommandError::Empty { allowed: describe_allowed(commands_allowed) })];
+    }
+    if payload.metrics.len() > MAX_METRICS {
+        return vec![Err(CommandError::TooMany { found: payload.metrics.len() })];
+    }
+    payload.metrics.iter().map(|metric| command(metric, commands_allowed)).collect()
+}
+
+fn command(metric: &Metric, commands_allowed: bool) -> Result<NodeCommand, CommandError> {
+    let is_meant = |command: &&NodeCommand| match (&metric.name, metric.alias) {
+        // If both are given they must agree.
+        (Some(name), Some(alias)) => command.name() == name && command.alias() == Some(alias),
+        (Some(name), None) => command.name() == name,
+        (None, alias) => alias.is_some() && command.alias() == alias,
+    };
+    let Some(command) = NodeCommand::VARIANTS.iter().find(is_meant).copied() else {
+        return Err(CommandError::NotWritten {
+            found: describe(metric),
+            allowed: describe_allowed(commands_allowed),
+        });
+    };
+    let name = command.name();
+    if !NodeCommand::offered_commands(commands_allowed).any(|offered| offered == command) {
+        return Err(CommandError::NotPermitted { name });
+    }
+    match metric.value {
+        Some(WireType::Boolean(true)) if metric.is_null != Some(true) => Ok(command),
+        _ => Err(CommandError::NotTrue { name }),
+    }
+}
+
+fn describe_allowed(commands_allowed: bool) -> String {
+    NodeCommand::offered_commands(commands_allowed).map(NodeCommand::name).collect::<Vec<_>>().join(", ")
+}
+
+/// Describes a metric in a message for people; foreign text is cut at a limit.
+fn describe(metric: &Metric) -> String {
+    let of_alias = |number: u64| METRICS.iter().enumerate().find(|(place, _)| alias(*place) == number);
+    match (&metric.name, metric.alias) {
+        (Some(name), _) => {
+            let name: String = name.chars().take(MAX_CHARACTERS).collect();
+            format!("\"{}\"", name.escape_debug())
+        }
+        (None, Some(number)) => match of_alias(number) {
+            Some((_, known)) => format!("\"{}\", which is read-only", known.name),
+            None => format!("with the alias {number}"),
+        },
+        (None, None) => "without a name or an alias".to_owned(),
+    }
+}

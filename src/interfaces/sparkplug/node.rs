@@ -1,0 +1,357 @@
+//! The edge node: its messages to the broker, and its handling of received messages. It converts events to actions,
+//! and uses no socket and no clock.
+//!
+//! ```text
+//! Connecting ─ Connected ─ (primary host online) ─ NBIRTH ─ NDATA at each change ─ NDEATH
+//! ```
+//!
+//! The death message is registered at the broker before anything else, as the will of the connection. It has the
+//! number (`bdSeq`) that the births of the same connection carry. Births and data are counted by `seq` from 0 to 255
+//! and again from 0.
+
+use super::command::{NodeCommand, commands};
+use super::host::{HostState, PrimaryHost};
+use super::limit::{CommandLimit, LINES};
+use super::metrics::{METRICS, alias};
+use super::payload::{Metric, Payload};
+use super::topic::CellIds;
+use super::value::{DataType, Value};
+use panelprep_cell::accounts::LineLimit;
+use prost::Message as _;
+
+/// The configuration of a node.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NodeSetup {
+    /// Its names.
+    pub ids: CellIds,
+    /// Whether the commands hold, stop and abort are accepted.
+    pub commands_allowed: bool,
+    /// Whether data messages use aliases. Some hosts do not support aliases: then each message contains names and
+    /// types.
+    pub aliases: bool,
+}
+
+/// The present time, by the wall clock and by a monotonic clock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NodeTime {
+    /// Wall clock, ms since 1970, UTC.
+    pub unix_ms: u64,
+    /// Monotonic clock, ms since an arbitrary moment.
+    pub steady_ms: u64,
+}
+
+/// An event for the node.
+#[derive(Debug, Clone, PartialEq)]
+pub enum NodeEvent<'m> {
+    /// A connection to the broker begins; its will is [`EdgeNode::last_will`] from here on.
+    Connecting,
+    /// The broker has accepted all subscriptions.
+    Subscribed,
+    /// The connection is lost.
+    Lost,
+    /// The cell's values were read: in the order of [`METRICS`].
+    Seen(Vec<Value>),
+    /// The broker delivered a message.
+    Received {
+        /// Its topic.
+        topic: &'m str,
+        /// Its bytes.
+        payload: &'m [u8],
+        /// Whether the broker had retained the message: it may be old.
+        is_retained: bool,
+    },
+    /// The program ends.
+    Leaving,
+}
+
+/// An action that the node requests.
+#[derive(Debug, Clone, PartialEq)]
+pub enum NodeAction {
+    /// To publish a message, not retained.
+    Publish(Message),
+    /// To request a command of the cell, with the same request and the same checks as every other interface of the
+    /// cell.
+    Ask {
+        /// The requested command.
+        command: NodeCommand,
+        /// Whether a line of the audit trail records the result.
+        is_noted: bool,
+    },
+    /// To write a line of the audit trail.
+    Note(AuditNote),
+    /// To end the connection, after all that was published, and to begin a new one.
+    Disconnect,
+}
+
+/// A message to the broker.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Message {
+    /// Its topic.
+    pub topic: String,
+    /// Its bytes.
+    pub payload: Vec<u8>,
+    /// The quality of service: 0 for births and data, 1 for a death.
+    pub qos: u8,
+}
+
+/// A line of the audit trail, without time and location.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AuditNote {
+    /// The attempted action.
+    pub what: String,
+    /// The object of the attempted action.
+    pub subject: Option<String>,
+    /// The reason why the action was refused; `None` if it was done.
+    pub refused: Option<String>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum NodeSession {
+    Offline,
+    /// The subscriptions are accepted; nothing has been published yet.
+    Waiting,
+    Born,
+}
+
+/// The edge node.
+#[derive(Debug, Clone)]
+pub struct EdgeNode {
+    setup: NodeSetup,
+    session: NodeSession,
+    /// The number of this connection, 0 to 255; `None` before the first one.
+    bd_seq: Option<u8>,
+    /// The number of the next message.
+    seq: u8,
+    host: PrimaryHost,
+    /// The values of the cell when they were last read.
+    last_values: Option<Vec<Value>>,
+    /// The values last published to the broker.
+    published: Vec<Value>,
+    commands: CommandLimit,
+    lines: LineLimit,
+}
+
+impl EdgeNode {
+    /// Creates a node that is not connected.
+    pub fn new(setup: NodeSetup) -> Self {
+        EdgeNode {
+            setup,
+            session: NodeSession::Offline,
+            bd_seq: None,
+            seq: 0,
+            host: PrimaryHost::default(),
+            last_values: None,
+            published: Vec::new(),
+            commands: CommandLimit::default(),
+            lines: LineLimit::new(LINES, 0),
+        }
+    }
+
+    /// Returns the topics to subscribe to, each with quality of service 1.
+    pub fn subscriptions(&self) -> Vec<String> {
+        let ids = &self.setup.ids;
+        [Some(ids.command_topic()), ids.state()].into_iter().flatten().collect()
+    }
+
+    /// The death of this connection: its will, also published if the node itself ends the connection.
+    pub fn last_will(&self, now: NodeTime) -> Message {
+        let payload = Payload {
+            timestamp: Some(now.unix_ms),
+            metrics: vec![self.bd_seq(now)],
+            seq: None, // nobody knows it beforehand
+        };
+        Message { topic: self.setup.ids.death_topic(), payload: payload.encode_to_vec(), qos: 1 }
+    }
+
+    /// Returns whether a birth was published in this connection.
+    pub fn is_born(&self) -> bool {
+        self.session == NodeSession::Born
+    }
+
+    /// Returns whether a rebirth is due; data are held back until then.
+    pub fn waits_for_rebirth(&self) -> bool {
+        self.commands.is_waiting(NodeCommand::Rebirth)
+    }
+
+    /// Handles one event and returns all resulting actions.
+    pub fn step(&mut self, event: NodeEvent<'_>, now: NodeTime) -> Vec<NodeAction> {
+        let mut acts = match event {
+            NodeEvent::Connecting => {
+                self.bd_seq = Some(self.bd_seq.map_or(0, |last| last.wrapping_add(1)));
+                (self.session, self.host) = (NodeSession::Offline, self.host.connected());
+                vec![]
+            }
+            NodeEvent::Subscribed => {
+                self.session = NodeSession::Waiting;
+                vec![]
+            }
+            NodeEvent::Lost => {
+                self.session = NodeSession::Offline;
+                // Requests end with their connection: no one expects them minutes later.
+                self.commands.clear();
+                vec![]
+            }
+            NodeEvent::Seen(values) => {
+                self.last_values = Some(values);
+                self.after_minimum_interval(now)
+            }
+            NodeEvent::Received { topic, payload, is_retained } => {
+                self.received((topic, payload, is_retained), now)
+            }
+            NodeEvent::Leaving => self.end_session(now),
+        };
+        acts.extend(self.next_message(now));
+        acts
+    }
+
+    fn bd_seq(&self, now: NodeTime) -> Metric {
+        let number = Value::as_integer(self.bd_seq);
+        Metric::new(&number, now.unix_ms).with_name("bdSeq", DataType::Int64)
+    }
+
+    /// The next message to the broker: a birth if it has received none in this connection, otherwise the changes.
+    fn next_message(&mut self, now: NodeTime) -> Option<NodeAction> {
+        let may_publish = self.setup.ids.primary_host_id.is_none() || self.host.is_online();
+        match self.session {
+            NodeSession::Waiting if may_publish => self.birth(now),
+            // No data are sent between a rebirth request and the birth.
+            NodeSession::Born if !self.waits_for_rebirth() => self.data(now),
+            _ => None,
+        }
+    }
+
+    fn birth(&mut self, now: NodeTime) -> Option<NodeAction> {
+        let seen = self.last_values.clone()?;
+        let NodeTime { unix_ms, .. } = now;
+        let of_cell = METRICS.iter().zip(&seen).enumerate().map(|(place, (metric, value))| {
+            self.with_node_alias(
+                Metric::new(value, unix_ms).with_name(metric.name, metric.datatype),
+                Some(alias(place)),
+            )
+        });
+        let written = NodeCommand::offered_commands(self.setup.commands_allowed).map(|command| {
+            let metric = Metric::new(&Value::Truth(false), unix_ms).with_name(command.name(), DataType::Boolean);
+            self.with_node_alias(metric, command.alias())
+        });
+        let metrics: Vec<_> = [self.bd_seq(now)].into_iter().chain(written).chain(of_cell).collect();
+        (self.session, self.seq, self.published) = (NodeSession::Born, 0, seen);
+        self.commands.forget(NodeCommand::Rebirth);
+        Some(self.publish_counted(self.setup.ids.birth_topic(), metrics, now))
+    }
+
+    fn data(&mut self, now: NodeTime) -> Option<NodeAction> {
+        let seen = self.last_values.as_ref()?;
+        let changed = METRICS.iter().zip(seen.iter().zip(&self.published)).enumerate();
+        let changed = changed.filter(|(_, (_, (seen, told)))| seen != told).map(|(place, (metric, (value, _)))| {
+            let value = Metric::new(value, now.unix_ms);
+            match self.setup.aliases {
+                true => value.with_alias(alias(place)),
+                false => value.with_name(metric.name, metric.datatype),
+            }
+        });
+        let metrics: Vec<_> = changed.collect();
+        if metrics.is_empty() {
+            return None;
+        }
+        self.published.clone_from(seen);
+        Some(self.publish_counted(self.setup.ids.data_topic(), metrics, now))
+    }
+
+    fn with_node_alias(&self, metric: Metric, alias: Option<u64>) -> Metric {
+        match alias.filter(|_| self.setup.aliases) {
+            Some(alias) => metric.with_alias(alias),
+            None => metric,
+        }
+    }
+
+    fn publish_counted(&mut self, topic: String, metrics: Vec<Metric>, now: NodeTime) -> NodeAction {
+        let payload = Payload { timestamp: Some(now.unix_ms), metrics, seq: Some(u64::from(self.seq)) };
+        self.seq = self.seq.wrapping_add(1);
+        NodeAction::Publish(Message { topic, payload: payload.encode_to_vec(), qos: 0 })
+    }
+
+    /// Ends a session from the node's side.
+    fn end_session(&mut self, now: NodeTime) -> Vec<NodeAction> {
+        let was = std::mem::replace(&mut self.session, NodeSession::Offline);
+        let death = (was == NodeSession::Born).then(|| NodeAction::Publish(self.last_will(now)));
+        death.into_iter().chain([NodeAction::Disconnect]).collect()
+    }
+
+    fn received(&mut self, (topic, payload, is_retained): (&str, &[u8], bool), now: NodeTime) -> Vec<NodeAction> {
+        if self.setup.ids.state().is_some_and(|state| state == topic) {
+            return self.on_host_state(payload, now);
+        }
+        if topic != self.setup.ids.command_topic() {
+            let topic: String = topic.chars().take(100).collect();
+            let refused = "the node has not subscribed to this topic".to_owned();
+            return self.refuse("message", Some(topic.escape_debug().to_string()), refused);
+        }
+        if is_retained {
+            let refused = "the broker had retained this command, so its age is unknown; send commands without the \
+                           retain flag";
+            return self.refuse("command", None, refused.to_owned());
+        }
+        let asked = commands(payload, self.setup.commands_allowed);
+        asked
+            .into_iter()
+            .flat_map(|asked| match asked {
+                Ok(command) => self.on_command(command, now),
+                Err(error) => self.refuse("command", None, error.to_string()),
+            })
+            .collect()
+    }
+
+    fn on_command(&mut self, command: NodeCommand, now: NodeTime) -> Vec<NodeAction> {
+        if command == NodeCommand::Rebirth && self.session != NodeSession::Born {
+            let refused = "the node publishes nothing while the primary host is offline".to_owned();
+            return self.refuse(command.keyword(), None, refused);
+        }
+        match self.commands.admit(command, now.steady_ms) {
+            true => self.pass_command(command, now),
+            false => vec![],
+        }
+    }
+
+    fn pass_command(&mut self, command: NodeCommand, now: NodeTime) -> Vec<NodeAction> {
+        let is_noted = self.lines.admit_line(false);
+        if command != NodeCommand::Rebirth {
+            return vec![NodeAction::Ask { command, is_noted }];
+        }
+        let note = AuditNote { what: command.keyword().to_owned(), subject: None, refused: None };
+        let note = is_noted.then_some(NodeAction::Note(note));
+        self.birth(now).into_iter().chain(note).collect()
+    }
+
+    fn refuse(&mut self, what: &str, subject: Option<String>, refused: String) -> Vec<NodeAction> {
+        let note = AuditNote { what: what.to_owned(), subject, refused: Some(refused) };
+        self.lines.admit_line(true).then_some(NodeAction::Note(note)).into_iter().collect()
+    }
+
+    fn on_host_state(&mut self, payload: &[u8], now: NodeTime) -> Vec<NodeAction> {
+        let Some(state) = HostState::read(payload) else {
+            let refused =
+                "the primary host's state is not a JSON object with \"online\" and \"timestamp\"".to_owned();
+            return self.refuse("host state", None, refused);
+        };
+        self.host = self.host.with_state(state);
+        // A node that has published nothing yet continues to wait at this broker, because there is only one broker.
+        match self.session == NodeSession::Born && !self.host.is_online() {
+            true => self.end_session(now),
+            false => vec![],
+        }
+    }
+
+    fn after_minimum_interval(&mut self, now: NodeTime) -> Vec<NodeAction> {
+        let mut acts = Vec::new();
+        for command in self.commands.due_commands(now.steady_ms) {
+            let may = command != NodeCommand::Rebirth || self.session == NodeSession::Born;
+            acts.extend(may.then(|| self.pass_command(command, now)).into_iter().flatten());
+        }
+        if let Some(left_out) = self.lines.end_elapsed_minute(now.steady_ms) {
+            let refused = format!("{left_out} further messages within one minute were not recorded individually");
+            let note = AuditNote { what: "flood".to_owned(), subject: None, refused: Some(refused) };
+            acts.push(NodeAction::Note(note));
+        }
+        acts
+    }
+}

@@ -1,0 +1,262 @@
+//! The manual's elements and attributes, with their allowed content (`eki.md` 1.2 to 1.4).
+
+use super::findings::Findings;
+use super::kinds::{Environment, Kind, PeerRole, Protocol, ReadOrder};
+use super::tree::Node;
+use panelprep_base::config::Problem;
+use std::collections::BTreeSet;
+use strum::VariantNames;
+
+/// The allowed content of an attribute, or between the tags of an element.
+enum ContentRule {
+    Words(&'static [&'static str]),
+    Number(u32, u32),
+    /// Any text, since placeholders for addresses are common; `stated` reads tags.
+    Free,
+    /// Character codes such as `13,10`, alternatives separated by `|`.
+    Codes,
+}
+
+struct KnownElement {
+    path: &'static str,
+    attributes: &'static [(&'static str, ContentRule)],
+    text: Option<ContentRule>,
+    /// The element may occur only once in its parent.
+    once: bool,
+}
+
+const fn section(path: &'static str) -> KnownElement {
+    KnownElement { path, attributes: &[], text: None, once: true }
+}
+
+const fn text(path: &'static str, rule: ContentRule) -> KnownElement {
+    KnownElement { path, attributes: &[], text: Some(rule), once: true }
+}
+
+const fn element_with_text(path: &'static str, attributes: &'static [(&'static str, ContentRule)]) -> KnownElement {
+    KnownElement { path, attributes, text: None, once: true }
+}
+
+const fn element(path: &'static str, attributes: &'static [(&'static str, ContentRule)]) -> KnownElement {
+    KnownElement { path, attributes, text: None, once: false }
+}
+
+/// The ranges of `$FLAG` and `$OUT` numbers by the manual.
+const FLAG: ContentRule = ContentRule::Number(1, 1025);
+const OUTPUT_NUMBER_RULE: ContentRule = ContentRule::Number(1, 4096);
+const READ_ORDER_RULE: ContentRule = ContentRule::Words(ReadOrder::VARIANTS);
+const KINDS: ContentRule = ContentRule::Words(Kind::VARIANTS);
+
+const KNOWN_ELEMENTS: [KnownElement; 24] = [
+    section("CONFIGURATION"),
+    section("CONFIGURATION/EXTERNAL"),
+    text("CONFIGURATION/EXTERNAL/TYPE", ContentRule::Words(PeerRole::VARIANTS)),
+    text("CONFIGURATION/EXTERNAL/IP", ContentRule::Free),
+    text("CONFIGURATION/EXTERNAL/PORT", ContentRule::Number(1, 65_534)),
+    section("CONFIGURATION/INTERNAL"),
+    text("CONFIGURATION/INTERNAL/ENVIRONMENT", ContentRule::Words(Environment::VARIANTS)),
+    element_with_text(
+        "CONFIGURATION/INTERNAL/BUFFERING",
+        &[("Mode", READ_ORDER_RULE), ("Limit", ContentRule::Number(1, 512))],
+    ),
+    element_with_text("CONFIGURATION/INTERNAL/BUFFSIZE", &[("Limit", ContentRule::Number(1, 65_534))]),
+    element_with_text("CONFIGURATION/INTERNAL/TIMEOUT", &[("Connect", ContentRule::Number(0, 65_534))]),
+    element_with_text(
+        "CONFIGURATION/INTERNAL/ALIVE",
+        &[("Set_Flag", FLAG), ("Set_Out", OUTPUT_NUMBER_RULE), ("Ping", ContentRule::Number(1, 65_534))],
+    ),
+    text("CONFIGURATION/INTERNAL/IP", ContentRule::Free),
+    text("CONFIGURATION/INTERNAL/PORT", ContentRule::Number(1, 65_534)),
+    text("CONFIGURATION/INTERNAL/PROTOCOL", ContentRule::Words(Protocol::VARIANTS)),
+    element_with_text(
+        "CONFIGURATION/INTERNAL/MESSAGES",
+        &[
+            ("Logging", ContentRule::Words(&["error", "warning", "disabled"])),
+            ("Display", ContentRule::Words(&["error", "disabled"])),
+        ],
+    ),
+    section("RECEIVE"),
+    section("RECEIVE/XML"),
+    element(
+        "RECEIVE/XML/ELEMENT",
+        &[
+            ("Tag", ContentRule::Free),
+            ("Type", KINDS),
+            ("Set_Flag", FLAG),
+            ("Set_Out", OUTPUT_NUMBER_RULE),
+            ("Mode", READ_ORDER_RULE),
+        ],
+    ),
+    section("RECEIVE/RAW"),
+    element(
+        "RECEIVE/RAW/ELEMENT",
+        &[
+            ("Tag", ContentRule::Free),
+            ("Type", ContentRule::Words(&["BYTE", "STREAM"])),
+            ("Set_Flag", FLAG),
+            ("Set_Out", OUTPUT_NUMBER_RULE),
+            ("Size", ContentRule::Number(1, 3600)),
+            ("EOS", ContentRule::Codes),
+        ],
+    ),
+    section("SEND"),
+    section("SEND/XML"),
+    element("SEND/XML/ELEMENT", &[("Tag", ContentRule::Free), ("Type", KINDS)]),
+    section(""),
+];
+
+/// Checks whether the root is the root element of the classic dialect.
+pub(super) fn is_classic_dialect(root: &Node) -> Result<(), Problem> {
+    let found = &root.name;
+    let message = if found.eq_ignore_ascii_case("ETHERNETKRL") {
+        return Ok(());
+    } else if found == "Channel" && root.attribute("Version").is_some() {
+        "the file is a channel of EthernetKRL 6 (iiQKA.OS2); KSS 8 reads only files with the root element ETHERNETKRL"
+            .to_owned()
+    } else {
+        format!("the root element is {found}; the root element of an EthernetKRL file is ETHERNETKRL")
+    };
+    Err(Problem { line: root.line, key: found.clone(), message })
+}
+
+/// Compares every element and attribute with the manual.
+pub(super) fn check_against_manual(root: &Node, found: &mut Findings) {
+    let mut reported = BTreeSet::new();
+    check_spelling(root.line, &root.name, &root.name, "ETHERNETKRL", &mut reported, found);
+    node(root, &mut reported, found);
+}
+
+fn node(node: &Node, reported: &mut BTreeSet<String>, found: &mut Findings) {
+    let Some(known) = KNOWN_ELEMENTS.iter().find(|known| known.path == node.path) else {
+        return unknown(node, found);
+    };
+    if let Some(name) = known.path.rsplit('/').next().filter(|name| !name.is_empty()) {
+        check_spelling(node.line, &node.path, &node.name, name, reported, found);
+    }
+    attributes(node, known, reported, found);
+    match &known.text {
+        Some(rule) if node.text.is_empty() => {
+            found.add_problem(node.line, node.key(), format!("is empty; valid: {}", describe_rule(rule)));
+        }
+        Some(rule) => value(node.text_line, &node.path, &node.text, rule, found),
+        None if node.text.is_empty() => {}
+        None => found.unknown(
+            node.text_line,
+            node.key(),
+            format!("the text \"{}\" is not valid here; write a comment as <!-- … -->", node.text),
+        ),
+    }
+    let mut seen = BTreeSet::new();
+    for child in &node.children {
+        let once = KNOWN_ELEMENTS.iter().any(|known| known.path == child.path && known.once);
+        if once && !seen.insert(&child.path) {
+            found.add_problem(
+                child.line,
+                child.key(),
+                "appears twice; it is not known which of the two elements the controller uses",
+            );
+        }
+        self::node(child, reported, found);
+    }
+}
+
+fn attributes(node: &Node, known: &KnownElement, reported: &mut BTreeSet<String>, found: &mut Findings) {
+    let mut seen = BTreeSet::new();
+    for attribute in &node.attributes {
+        let key = format!("{}/@{}", node.key(), attribute.name);
+        if !seen.insert(attribute.name.to_ascii_uppercase()) {
+            found.add_problem(attribute.line, &key, "appears twice in one element");
+            continue;
+        }
+        let right = known.attributes.iter().find(|(name, _)| name.eq_ignore_ascii_case(&attribute.name));
+        if let Some((name, rule)) = right {
+            check_spelling(attribute.line, &key, &attribute.name, name, reported, found);
+            value(attribute.line, &key, &attribute.value, rule, found);
+        } else {
+            let names: Vec<&str> = known.attributes.iter().map(|(name, _)| *name).collect();
+            let meant = suggested_names(&attribute.name, &names);
+            found.unknown(
+                attribute.line,
+                key,
+                format!("no manual describes this attribute{meant}; the controller ignores it"),
+            );
+        }
+    }
+}
+
+fn unknown(node: &Node, found: &mut Findings) {
+    let parent = node.path.rsplit_once('/').map_or("", |(parent, _)| parent);
+    let inside = |known: &&KnownElement| known.path.rsplit_once('/').map_or("", |(parent, _)| parent) == parent;
+    let here = KNOWN_ELEMENTS.iter().filter(|known| !known.path.is_empty()).filter(inside);
+    let names: Vec<&str> = here.filter_map(|known| known.path.rsplit('/').next()).collect();
+    let elsewhere = KNOWN_ELEMENTS.iter().find(|known| {
+        let name = known.path.rsplit('/').next().unwrap_or_default();
+        !name.is_empty() && name.eq_ignore_ascii_case(&node.name)
+    });
+    let meant = match (suggested_names(&node.name, &names), elsewhere) {
+        (meant, _) if meant.contains("mean") => meant,
+        (_, Some(known)) => format!("; its place is {}", known.path),
+        (meant, None) => meant,
+    };
+    found.unknown(
+        node.line,
+        node.key(),
+        format!("no manual describes this element here{meant}; the controller ignores it"),
+    );
+}
+
+/// Returns the most similar valid name, or all of them.
+fn suggested_names(written: &str, known: &[&str]) -> String {
+    let closeness = |name: &str| strsim::jaro_winkler(&written.to_uppercase(), &name.to_uppercase());
+    let nearest = known.iter().max_by(|a, b| closeness(a).total_cmp(&closeness(b)));
+    match nearest {
+        Some(name) if closeness(name) > 0.8 => format!("; did you mean {name}?"),
+        Some(_) => format!("; valid here: {}", known.join(", ")),
+        None => "; no name is valid here".to_owned(),
+    }
+}
+
+fn check_spelling(
+    line: usize,
+    key: &str,
+    written: &str,
+    right: &str,
+    reported: &mut BTreeSet<String>,
+    found: &mut Findings,
+) {
+    if written != right && reported.insert(written.to_owned()) {
+        let message = format!(
+            "found {written}, but the manual writes {right}; it is not known whether the controller accepts this \
+             spelling"
+        );
+        found.warn(line, key, message);
+    }
+}
+
+fn describe_rule(rule: &ContentRule) -> String {
+    match rule {
+        ContentRule::Words(words) => format!("one of {}", words.join(", ")),
+        ContentRule::Number(low, high) => format!("a whole number {low} to {high}"),
+        ContentRule::Free => "a value".to_owned(),
+        ContentRule::Codes => {
+            "1 to 32 character codes from 0 to 255, such as 13,10, with | between alternatives".to_owned()
+        }
+    }
+}
+
+fn value(line: usize, key: &str, value: &str, rule: &ContentRule, found: &mut Findings) {
+    let right = match rule {
+        ContentRule::Words(words) => words.iter().any(|word| word.eq_ignore_ascii_case(value)),
+        ContentRule::Number(low, high) => value.parse().is_ok_and(|number: u32| (*low..=*high).contains(&number)),
+        ContentRule::Free => true,
+        ContentRule::Codes => value.split('|').all(|codes| {
+            let codes: Vec<&str> = codes.split(',').collect();
+            codes.len() <= 32 && codes.iter().all(|code| code.trim().parse::<u8>().is_ok())
+        }),
+    };
+    if !right {
+        let is_axis = matches!(rule, ContentRule::Words(_)) && value.eq_ignore_ascii_case("AXIS");
+        let hint = if is_axis { "; send axes as six REAL attributes or in a FRAME" } else { "" };
+        found.add_problem(line, key, format!("is \"{value}\"; valid: {}{hint}", describe_rule(rule)));
+    }
+}

@@ -1,0 +1,199 @@
+//! The controller's state: one message with the values of one instant.
+
+use super::command::{MAX_ANGLE_DEG, MAX_COORDINATE_MM};
+use super::ids::{CommandId, Epoch};
+use super::schema::{Field, integer_field, number_field};
+use panelprep_base::geometry::{Joints, KukaPose};
+use serde::{Deserialize, Serialize};
+
+/// The operating mode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// T1: operated by hand, at most 250 mm/s.
+    T1,
+    /// T2: operated by hand, full speed.
+    T2,
+    /// AUT: by itself.
+    #[strum(serialize = "AUT")]
+    Automatic,
+    /// EXT: automatic, started from outside.
+    #[strum(serialize = "EXT")]
+    External,
+}
+
+impl Mode {
+    /// The name on the controller.
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+}
+
+/// The override, %, for which contact is planned: at another override the disc stays longer at each place.
+pub const CONTACT_OVERRIDE_PERCENT: u8 = 100;
+
+/// The controller's state at one moment.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// Time since the controller's start, ms.
+    pub time_ms: u32,
+    /// Counts the states sent.
+    pub sequence: u32,
+    /// The last answered request.
+    pub answered: u32,
+    /// The controller's present epoch.
+    pub epoch: Epoch,
+    /// A number that changes with each start of the controller.
+    pub boot: i32,
+    /// Checksum of the programs on the controller.
+    pub programs_checksum: i32,
+    /// Operating mode.
+    pub mode: Mode,
+    /// The drives are on.
+    pub drives_on: bool,
+    /// An emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// The guard is closed.
+    pub guard_closed: bool,
+    /// The arm moves.
+    pub moving: bool,
+    /// A motion could start.
+    pub motion_possible: bool,
+    /// The base was set in this epoch.
+    pub base_set: bool,
+    /// The tool was set in this epoch.
+    pub tool_set: bool,
+    /// The controller's program has stopped this epoch by itself.
+    pub stopped: bool,
+    /// Mapped inputs, one per bit.
+    pub inputs: u32,
+    /// Mapped outputs, one per bit.
+    pub outputs: u32,
+    /// The last command executed in this epoch.
+    pub done: CommandId,
+    /// How often a path had an underrun before its end.
+    pub underruns: u32,
+    /// The program override, `$OV_PRO`: the percentage of each commanded speed at which the arm moves, %.
+    pub override_percent: u8,
+    /// The measured axis angles.
+    pub joints: Joints,
+    /// The measured pose of the tool centre point in the active base.
+    pub base_from_tcp: KukaPose,
+    /// Pose of the active base in the robot's own base.
+    pub active_base: KukaPose,
+    /// Pose of the active tool in the flange frame.
+    pub flange_from_tool: KukaPose,
+}
+
+const MAX_WHOLE_DIGITS: usize = 13;
+
+pub(super) const STATE: [Field; 37] = [
+    integer_field("St/@T", 0, i32::MAX),
+    integer_field("St/@Seq", 0, i32::MAX),
+    integer_field("St/@Re", 0, i32::MAX),
+    integer_field("St/@Ep", 0, i32::MAX),
+    integer_field("St/@Boot", i32::MIN, i32::MAX),
+    integer_field("St/@Sum", i32::MIN, i32::MAX),
+    integer_field("St/@Mode", 1, 4),
+    integer_field("St/@Flags", 0, 255),
+    integer_field("St/@In", 0, i32::MAX),
+    integer_field("St/@Out", 0, i32::MAX),
+    integer_field("St/@Done", 0, i32::MAX),
+    integer_field("St/@Under", 0, i32::MAX),
+    integer_field("St/@Ov", 0, 100),
+    number_field("St/J/@A1", MAX_ANGLE_DEG),
+    number_field("St/J/@A2", MAX_ANGLE_DEG),
+    number_field("St/J/@A3", MAX_ANGLE_DEG),
+    number_field("St/J/@A4", MAX_ANGLE_DEG),
+    number_field("St/J/@A5", MAX_ANGLE_DEG),
+    number_field("St/J/@A6", MAX_ANGLE_DEG),
+    number_field("St/Tcp/@X", MAX_COORDINATE_MM),
+    number_field("St/Tcp/@Y", MAX_COORDINATE_MM),
+    number_field("St/Tcp/@Z", MAX_COORDINATE_MM),
+    number_field("St/Tcp/@A", MAX_ANGLE_DEG),
+    number_field("St/Tcp/@B", MAX_ANGLE_DEG),
+    number_field("St/Tcp/@C", MAX_ANGLE_DEG),
+    number_field("St/Base/@X", MAX_COORDINATE_MM),
+    number_field("St/Base/@Y", MAX_COORDINATE_MM),
+    number_field("St/Base/@Z", MAX_COORDINATE_MM),
+    number_field("St/Base/@A", MAX_ANGLE_DEG),
+    number_field("St/Base/@B", MAX_ANGLE_DEG),
+    number_field("St/Base/@C", MAX_ANGLE_DEG),
+    number_field("St/Tool/@X", MAX_COORDINATE_MM),
+    number_field("St/Tool/@Y", MAX_COORDINATE_MM),
+    number_field("St/Tool/@Z", MAX_COORDINATE_MM),
+    number_field("St/Tool/@A", MAX_ANGLE_DEG),
+    number_field("St/Tool/@B", MAX_ANGLE_DEG),
+    number_field("St/Tool/@C", MAX_ANGLE_DEG),
+];
+
+/// Boot ids of a mock controller. The controller's programs make a boot id from its date, in seconds; these values
+/// correspond to day 0 of month 0, which no controller's clock shows.
+const MOCK_BOOT_IDS: std::ops::Range<i32> = 0..86_400;
+
+impl State {
+    /// Returns whether a mock controller sent this state: observations on it prove nothing about a real one.
+    pub fn is_simulated(&self) -> bool {
+        MOCK_BOOT_IDS.contains(&self.boot)
+    }
+
+    /// Returns whether the controller does not know the pose of the tool centre point: before its program is started
+    /// it reports 0 for every number.
+    pub fn tip_is_unknown(&self) -> bool {
+        self.base_from_tcp == KukaPose::default()
+    }
+
+    /// Creates a state from the values of [`STATE`], which are in range, and integers if integers are required.
+    pub(super) fn from_values(values: &[f64]) -> Option<Self> {
+        let (whole, poses) = values.split_at_checked(MAX_WHOLE_DIGITS)?;
+        let [
+            time,
+            sequence,
+            answered,
+            epoch,
+            boot,
+            sum,
+            mode,
+            flags,
+            inputs,
+            outputs,
+            done,
+            underruns,
+            override_percent,
+        ] = *<&[f64; MAX_WHOLE_DIGITS]>::try_from(whole).ok()?;
+        let [joints, tcp, base, tool] = poses.as_chunks::<6>().0 else { return None };
+        let flag = |bit: u32| (flags as u32) >> bit & 1 == 1;
+        let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = *joints;
+        let modes = [Mode::T1, Mode::T2, Mode::Automatic, Mode::External];
+        Some(State {
+            time_ms: time as u32,
+            sequence: sequence as u32,
+            answered: answered as u32,
+            epoch: Epoch(epoch as u32),
+            boot: boot as i32,
+            programs_checksum: sum as i32,
+            mode: *modes.get((mode as usize).checked_sub(1)?)?,
+            drives_on: flag(0),
+            emergency_stop: !flag(1),
+            guard_closed: flag(2),
+            moving: flag(3),
+            motion_possible: flag(4),
+            base_set: flag(5),
+            tool_set: flag(6),
+            stopped: flag(7),
+            inputs: inputs as u32,
+            outputs: outputs as u32,
+            done: CommandId(done as u32),
+            underruns: underruns as u32,
+            override_percent: override_percent as u8,
+            joints: Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg },
+            base_from_tcp: pose(tcp),
+            active_base: pose(base),
+            flange_from_tool: pose(tool),
+        })
+    }
+}
+
+fn pose(&[x_mm, y_mm, z_mm, a_deg, b_deg, c_deg]: &[f64; 6]) -> KukaPose {
+    KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }
+}

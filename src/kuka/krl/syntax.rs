@@ -1,0 +1,419 @@
+//! The contents of a KRL file, as a tree. All names are in upper case; every part has its line number, from 1.
+
+use panelprep_base::config::Problem;
+
+/// A file that was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct File {
+    /// The file's name as the user wrote it.
+    pub name: String,
+    /// Problems in the text that a controller refuses, in the order of the lines.
+    pub problems: Vec<Problem>,
+    /// The parts of the file that were not read, in the order of the lines.
+    pub warnings: Vec<Problem>,
+    /// Whether the file is written for EthernetKRL 6 (iiQKA.OS2).
+    pub(super) of_ethernet_krl_6: bool,
+    /// The file's name without folder and extension, in upper case.
+    pub(super) module: String,
+    /// The DEF and DEFFCT of a `.src` or `.sub`.
+    pub(super) routines: Vec<Routine>,
+    /// The DEFDAT of a `.dat`.
+    pub(super) data: Option<Data>,
+}
+
+impl File {
+    /// Describes the content of the file in a sentence.
+    pub fn sentence(&self) -> String {
+        let list = |names: Vec<&str>| if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+        let Some(data) = &self.data else {
+            let (seen, hidden): (Vec<&Routine>, Vec<&Routine>) =
+                self.routines.iter().partition(|routine| routine.global || routine.name == self.module);
+            let seen: Vec<&str> = seen.iter().map(|routine| routine.name.as_str()).collect();
+            return format!(
+                "a program: routines visible to other files: {}; {} local routines",
+                list(seen),
+                hidden.len()
+            );
+        };
+        let (mut constants, mut variables, mut signals) = (0, 0, 0);
+        for declaration in &data.declarations {
+            match &declaration.kind {
+                DeclarationContent::Variables { constant: true, items, .. } => constants += items.len(),
+                DeclarationContent::Variables { items, .. } => variables += items.len(),
+                DeclarationContent::Signal { .. } => signals += 1,
+                _ => {}
+            }
+        }
+        let signals = if signals > 0 { format!(", {signals} signals") } else { String::new() };
+        format!("a data list: {constants} constants, {variables} variables{signals}")
+    }
+}
+
+/// DEFDAT … ENDDAT.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Data {
+    pub(super) line: usize,
+    /// The name that DEFDAT states; a controller requires the file's name.
+    pub(super) name: String,
+    pub(super) public: bool,
+    pub(super) declarations: Vec<Declaration>,
+    /// Assignments such as `NAME[1]=17` below the declarations.
+    pub(super) values: Vec<Statement>,
+}
+
+/// A routine: DEF … END or DEFFCT … ENDFCT.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Routine {
+    pub(super) name: String,
+    pub(super) line: usize,
+    pub(super) end_line: usize,
+    pub(super) global: bool,
+    /// For DEFFCT.
+    pub(super) returns: Option<ReturnType>,
+    pub(super) parameters: Vec<Parameter>,
+    pub(super) declarations: Vec<Declaration>,
+    pub(super) body: Vec<Statement>,
+}
+
+/// The return type of a DEFFCT: a type, or an array of CHAR.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct ReturnType {
+    pub(super) type_name: String,
+    pub(super) dimensions: Vec<Option<Expression>>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Parameter {
+    pub(super) name: String,
+    /// `:IN`, by value; otherwise by reference, which is also KRL's default.
+    pub(super) by_value: bool,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Declaration {
+    pub(super) line: usize,
+    pub(super) global: bool,
+    pub(super) kind: DeclarationContent,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum DeclarationContent {
+    Variables {
+        constant: bool,
+        type_name: String,
+        items: Vec<Item>,
+    },
+    /// A structure: components with their types, in order.
+    Struc {
+        name: String,
+        components: Vec<(String, Item)>,
+    },
+    Enumeration {
+        name: String,
+        words: Vec<String>,
+    },
+    /// A signal: a name for an input or output, or for several up to `to`; `None` for `SIGNAL NAME FALSE`.
+    Signal {
+        name: String,
+        from: Option<VariableRef>,
+        to: Option<VariableRef>,
+    },
+    /// `IMPORT INT NAME IS /R1/OTHER..NAME`: a variable of another data list.
+    Import {
+        type_name: String,
+        name: String,
+    },
+    /// EXT and EXTFCT, for a routine that is defined elsewhere, and CHANNEL.
+    Foreign,
+}
+
+/// A variable or component: name, dimensions, initial value.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Item {
+    pub(super) name: String,
+    /// `None` for `[]`.
+    pub(super) dimensions: Vec<Option<Expression>>,
+    pub(super) value: Option<Expression>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Statement {
+    pub(super) line: usize,
+    pub(super) action: Action,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Call {
+    pub(super) name: String,
+    /// The arguments; `None` for an argument that is omitted: `F(1, ,3)`.
+    pub(super) arguments: Vec<Option<Expression>>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Action {
+    Assign {
+        to: VariableRef,
+        value: Expression,
+    },
+    Call(Call),
+    If {
+        condition: Expression,
+        then: Vec<Statement>,
+        otherwise: Vec<Statement>,
+    },
+    Switch {
+        on: Expression,
+        cases: Vec<Case>,
+        default: Option<Vec<Statement>>,
+    },
+    For {
+        variable: VariableRef,
+        from: Expression,
+        to: Expression,
+        step: Option<Expression>,
+        body: Vec<Statement>,
+    },
+    While {
+        condition: Expression,
+        body: Vec<Statement>,
+    },
+    Repeat {
+        body: Vec<Statement>,
+        until: Expression,
+        until_line: usize,
+    },
+    Loop {
+        body: Vec<Statement>,
+    },
+    Exit,
+    Return(Option<Expression>),
+    /// `NAME:`
+    Label(String),
+    Goto(String),
+    InterruptDeclaration {
+        global: bool,
+        /// Whether the arm is braked before the routine is called.
+        with_brake: bool,
+        number: Expression,
+        condition: Expression,
+        call: Call,
+    },
+    InterruptSwitch {
+        how: InterruptSwitch,
+        number: Option<Expression>,
+    },
+    Brake {
+        fast: bool,
+    },
+    Resume,
+    Halt,
+    /// CONTINUE: the next line does not stop the advance run.
+    Continue,
+    Trigger {
+        at: TriggerPlace,
+        delay: Option<Expression>,
+        action: Box<Statement>,
+        priority: Option<Expression>,
+    },
+    Motion(Box<MotionStatement>),
+    /// A spline block: SPLINE or PTP_SPLINE … ENDSPLINE.
+    Spline {
+        with: Vec<(VariableRef, Expression)>,
+        body: Vec<Statement>,
+    },
+    WaitSeconds(Expression),
+    WaitFor(Expression),
+    /// A statement that is never executed; only its expressions are checked. Contains its first word, and its values
+    /// with the types that they must have.
+    Checked {
+        word: &'static str,
+        values: Vec<(Expression, &'static str)>,
+    },
+    /// A statement that was not read; it was reported.
+    NotRead,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Case {
+    pub(super) line: usize,
+    pub(super) values: Vec<Expression>,
+    pub(super) body: Vec<Statement>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum InterruptSwitch {
+    On,
+    Off,
+    Enable,
+    Disable,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum TriggerPlace {
+    /// `DISTANCE=0` or `DISTANCE=1`: the start or the end of a motion.
+    Distance(Expression),
+    /// `PATH=-10`: mm from the start or the end of a motion.
+    Path(Expression),
+}
+
+/// A motion as written in the program.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct MotionStatement {
+    /// Its first word.
+    pub(super) word: &'static str,
+    pub(super) path: PathKind,
+    /// The auxiliary point through which a circle passes.
+    pub(super) auxiliary: Option<Expression>,
+    pub(super) target: Expression,
+    /// `CA`: the angle of a circle.
+    pub(super) angle: Option<Expression>,
+    pub(super) approximates: Vec<Approximation>,
+    /// `WITH $VEL.CP=0.2` of a spline motion.
+    pub(super) with: Vec<(VariableRef, Expression)>,
+}
+
+impl MotionStatement {
+    /// Returns the motion that is executed; `None` if the statement is only checked.
+    pub(super) fn executed(&self) -> Option<Motion> {
+        let motion = match self.word {
+            "PTP" => Motion::Ptp,
+            "LIN" => Motion::Lin,
+            _ => return None,
+        };
+        (self.approximates.len() < 2).then_some(motion)
+    }
+}
+
+/// The path of a motion, and whether the motion is absolute, relative or part of a spline.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum PathKind {
+    /// A synchronous motion of the axes; the target may be axes or a pose.
+    Joint,
+    Line,
+    Circle,
+    /// SPL.
+    Curve,
+}
+
+/// A motion that is executed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Motion {
+    /// Axes together.
+    Ptp,
+    /// A motion of the tool on a straight line.
+    Lin,
+}
+
+/// The way in which a motion's end is approximated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Approximation {
+    /// C_PTP.
+    Ptp,
+    /// C_DIS.
+    Distance,
+    /// C_VEL.
+    Velocity,
+    /// C_ORI.
+    Orientation,
+    /// C_SPL.
+    Spline,
+}
+
+/// A variable and the path to a part of it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct VariableRef {
+    pub(super) name: String,
+    pub(super) steps: Vec<Step>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Step {
+    Component(String),
+    /// `[1,2]`; an index is left out in `[]`, `[,]` and `[3,]`: the array as a whole, or one of its rows.
+    Index(Vec<Option<Expression>>),
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Expression {
+    Int(i32),
+    Real(f32),
+    Bool(bool),
+    Text(String),
+    Word(String),
+    Variable(VariableRef),
+    Call(Call),
+    Aggregate {
+        type_name: Option<String>,
+        parts: Vec<(VariableRef, Expression)>,
+    },
+    Unary(Unary, Box<Expression>),
+    Binary(Binary, Box<Expression>, Box<Expression>),
+    /// `:SER_1`, a channel of COPEN.
+    Channel,
+    /// An expression that was not read; it was reported.
+    NotRead,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Unary {
+    Minus,
+    Not,
+    BitNot,
+}
+
+/// An operator between two values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Binary {
+    /// `*`
+    Multiply,
+    /// `/`: division, which truncates if both values are INT.
+    Divide,
+    /// `+`
+    Plus,
+    /// `-`
+    Minus,
+    /// `:`: one frame relative to another.
+    Geometric,
+    /// AND
+    And,
+    /// OR
+    Or,
+    /// EXOR
+    Exor,
+    /// B_AND
+    BitAnd,
+    /// B_OR
+    BitOr,
+    /// B_EXOR
+    BitExor,
+    /// `==`
+    Equal,
+    /// `<>`
+    Unequal,
+    /// `<`
+    Less,
+    /// `<=`
+    AtMost,
+    /// `>`
+    Greater,
+    /// `>=`
+    AtLeast,
+}
+
+impl Action {
+    /// Returns the blocks of statements in this statement.
+    pub(super) fn statement_blocks(&self) -> Vec<&[Statement]> {
+        match self {
+            Action::If { then, otherwise, .. } => vec![then, otherwise],
+            Action::Switch { cases, default, .. } => {
+                cases.iter().map(|case| case.body.as_slice()).chain(default.as_deref()).collect()
+            }
+            Action::For { body, .. }
+            | Action::While { body, .. }
+            | Action::Repeat { body, .. }
+            | Action::Loop { body }
+            | Action::Spline { body, .. } => vec![body],
+            _ => Vec::new(),
+        }
+    }
+}

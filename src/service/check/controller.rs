@@ -1,0 +1,165 @@
+//! Checks the controller's files against a cell's file: contradictions between them, and the checksum by which the
+//! programs identify themselves.
+
+use super::report::{FileReport, RECIPE, reports_of_kind};
+use crate::requirements::recipe_fits::parse_plausible_recipe;
+use panelprep_base::config::{Problem, key_line};
+use panelprep_cell::cell::Cell;
+use panelprep_cell::controller::{
+    COMMANDS, CONFIG, ControllerFiles, DATA, Difference, MOTION, STATES, SUBMIT, SumError, USER, among_programs,
+    compare, highest_acceleration_m_s2, is_named, program_sum,
+};
+
+/// Compares the controller's programs with each other, if no cell with a controller is among the files.
+pub(super) fn hold_against_each_other(files: &[(&str, &str)], reports: &mut [FileReport]) {
+    report(among_programs(&ControllerFiles::among(files)), files, reports);
+    compare_accelerations(files, reports);
+}
+
+/// Adds each contradiction to the report of its file.
+fn report(differences: Vec<Difference>, files: &[(&str, &str)], reports: &mut [FileReport]) {
+    for difference in differences {
+        let Some(place) = place(difference.file, files) else { continue };
+        let problems = &mut reports[place].problems;
+        if !problems.contains(&difference.problem) {
+            problems.push(difference.problem);
+        }
+    }
+}
+
+/// Compares the accelerations of recipes with the highest one that the controller accepts.
+fn compare_accelerations(files: &[(&str, &str)], reports: &mut [FileReport]) {
+    let Some(config) = place(CONFIG, files) else { return };
+    let Some(most_m_s2) = highest_acceleration_m_s2(files[config].1) else { return };
+    for place in reports_of_kind(RECIPE, reports) {
+        let (name, text) = files[place];
+        let Ok(recipe) = parse_plausible_recipe(name, text) else { continue };
+        let found_m_s2 = recipe.path().acceleration_mm_s2() / 1_000.0;
+        if found_m_s2 > most_m_s2 {
+            let key = "path.acceleration_mm_s2".to_owned();
+            let message = format!(
+                "is {found_m_s2} m/s², and CELL_ACC_MAX of {CONFIG} is {most_m_s2} m/s²: the controller would refuse the path; \
+                 lower it, or raise CELL_ACC_MAX"
+            );
+            reports[place].problems.push(Problem { line: key_line(text, &key), key, message });
+        }
+    }
+}
+
+fn place(name: &str, files: &[(&str, &str)]) -> Option<usize> {
+    files.iter().position(|(file, _)| is_named(file, name))
+}
+
+/// Compares the controller's files with the cell, which has a controller.
+pub(super) fn compare_with_cell(
+    files: &[(&str, &str)],
+    (cell_place, cell): (usize, &Cell),
+    reports: &mut [FileReport],
+) {
+    let place = |name: &str| place(name, files);
+    let comparison = compare(&ControllerFiles::among(files), cell);
+    report(comparison.differences, files, reports);
+    compare_accelerations(files, reports);
+    reports[cell_place]
+        .descriptions
+        .extend(comparison.not_compared.into_iter().map(|why| format!("not compared: {why}")));
+    let not_named: Vec<&str> =
+        [CONFIG, MOTION, COMMANDS, STATES].into_iter().filter(|name| place(name).is_none()).collect();
+    let cell_text = files[cell_place].1;
+    if !not_named.is_empty() {
+        let message = format!(
+            "not compared with {}: it is not verified that a stop is received and switches tool and water off, or that \
+             signals and ports are the same on both sides. Check this file together with the controller's files",
+            not_named.join(", ")
+        );
+        reports[cell_place].descriptions.push(message);
+    }
+    let not_called: Vec<&str> = [USER, SUBMIT].into_iter().filter(|name| place(name).is_none()).collect();
+    if let (Some(config), false) = (place(CONFIG), not_called.is_empty()) {
+        let message = format!(
+            "not compared with {}: it is not known whether the cell's own subroutines are those of this list, nor \
+             whether the submit interpreter calls CELL_INIT( ) and CELL_CYCLE( )",
+            not_called.join(", ")
+        );
+        reports[config].descriptions.push(message);
+    }
+    let key = "robot.programs_sum";
+    match (program_sum(files), cell.robot().programs_sum()) {
+        (Ok(sum), Some(kept)) if sum != kept => reports[cell_place].problems.push(Problem {
+            line: key_line(cell_text, key),
+            key: key.to_owned(),
+            message: format!(
+                "is {kept}, but the checksum of the controller's files is {sum}; the cell was accepted with other files"
+            ),
+        }),
+        (Ok(sum), kept) => {
+            let advice = match kept {
+                Some(_) => "as [robot] programs_sum of the cell's file states",
+                None => {
+                    "and [robot] programs_sum of the cell's file is missing: `panelprep doctor --kuka DIR --accept` compares it with \
+                     the controller and prints the line"
+                }
+            };
+            if let Some(place) = place(CONFIG) {
+                let message = format!("the checksum of the programs with this file is {sum}, {advice}");
+                reports[place].descriptions.push(message);
+            }
+        }
+        (Err(error @ SumError::Edited { line, .. }), _) => {
+            if let Some(place) = place(DATA) {
+                let problem = Problem { line, key: "CELL_PROGRAM_SUM".to_owned(), message: error.to_string() };
+                reports[place].problems.push(problem);
+            }
+        }
+        // Named at the value already.
+        (Err(SumError::UserEdited { .. }), _) => {}
+        (Err(error), Some(kept)) => {
+            reports[cell_place].descriptions.push(format!("programs_sum {kept} was not compared: {error}"));
+        }
+        (Err(_), None) => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::check_files;
+    use panelprep_cell::controller::planted::{MISTAKES, edited, missed, texts};
+
+    fn said(texts: &[(&'static str, String)]) -> Vec<String> {
+        let named: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (*name, text.as_str())).collect();
+        let problems = check_files(&named, None).into_iter().flat_map(|report| report.problems);
+        problems.map(|problem| format!("line {}: {}: {}", problem.line, problem.key, problem.message)).collect()
+    }
+
+    #[test]
+    fn check_names_each_planted_mistake() {
+        assert_eq!(said(&texts()), [""; 0]);
+        let missed = missed(said);
+        assert!(missed.is_empty(), "{} of {}:\n{}", missed.len(), MISTAKES.len(), missed.join("\n"));
+    }
+
+    /// Without a cell's file, the programs are compared with each other.
+    #[test]
+    fn programs_are_compared_with_each_other_without_a_cell() {
+        for (from, to) in [("DECL GLOBAL INT CELL_OFF_MS[31]\n", ""), ("CELL_USER_N=1", "CELL_USER_N=2")] {
+            let mut all = edited("cell_config.dat", from, to);
+            all.retain(|(name, _)| *name != "cell");
+            assert!(!said(&all).is_empty(), "{from}");
+        }
+    }
+    /// Both accelerations are in m/s²: the recipe's 3 m/s² exceed the controller's 2 m/s², and 1 m/s² do not.
+    #[test]
+    fn a_recipe_that_accelerates_more_than_the_controller_accepts_is_named() {
+        let recipe = include_str!("../../../config/panels/example.toml");
+        let has_line = |line: &&str| !line.starts_with("acceleration_mm_s2");
+        let recipe = recipe.lines().filter(has_line).collect::<Vec<_>>().join("\n");
+        for (found_mm_s2, is_refused) in [(1_000, false), (3_000, true)] {
+            let line = format!("[path]\nacceleration_mm_s2 = {found_mm_s2}");
+            let mut all = edited("cell_config.dat", "CELL_ACC_MAX=10.0", "CELL_ACC_MAX=2.0");
+            assert_eq!(recipe.matches("\n[path]").count(), 1);
+            all.push(("recipe.toml", recipe.replace("\n[path]", &format!("\n{line}"))));
+            let words = "path.acceleration_mm_s2: is 3 m/s², and CELL_ACC_MAX of cell_config.dat is 2 m/s²";
+            assert_eq!(said(&all).iter().any(|said| said.contains(words)), is_refused, "{:#?}", said(&all));
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! The result of a phase, in the form for the state table and in the form for the record.
+
+use super::error::DaemonError;
+use super::ports::{CameraFault, Figure, Record};
+use crate::stages::{ResultDrawing, not_executed_finding, rejected};
+use panelprep_base::geometry::ColorPicture;
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_cell::cycle::{Answer, Grade, Trouble};
+use panelprep_cell::record::Kind;
+
+/// The answer if the result of a required earlier action is missing.
+pub(super) const MISSING: Answer = Answer::Failed(Trouble::Unexpected);
+
+/// Returns a drawing for the record. The drawing decides nothing: if it could not be made, the picture without a
+/// drawing is used.
+pub(super) fn figure(drawing: ResultDrawing, bare: &ColorPicture) -> Figure {
+    let ResultDrawing { name, caption, picture } = drawing;
+    match picture {
+        Ok(picture) => Figure { name, caption, picture },
+        Err(error) => {
+            let caption = format!("{caption}; the overlay could not be drawn: {error}");
+            Figure { name, caption, picture: bare.clone() }
+        }
+    }
+}
+
+/// A drawing without a picture below it.
+pub(super) fn figure_alone(drawing: ResultDrawing) -> Figure {
+    figure(drawing, &ColorPicture::uniform(1, 1, [245; 3]))
+}
+
+/// Converts a gate's judgement to a grade for the state table.
+pub(super) fn grade_judgement(judgement: &Judgement) -> Grade {
+    match judgement.verdict {
+        Verdict::Accept => Grade::Accept,
+        Verdict::Review => Grade::Review,
+        _ => Grade::Reject,
+    }
+}
+
+pub(super) fn reason(code: &'static str, error: &dyn std::error::Error) -> Reason {
+    Reason::new(code, error.to_string())
+}
+
+pub(super) fn camera_fault_answer(
+    kind: Kind,
+    pass: u8,
+    error: &CameraFault,
+    record: &mut dyn Record,
+) -> Result<Answer, DaemonError> {
+    record.finding(&not_executed_finding(kind, pass, reason("no_picture", error)))?;
+    Ok(Answer::Failed(Trouble::Camera))
+}
+
+/// Records a picture that cannot be evaluated. After the scan, such a picture rejects the panel; before contact and in
+/// a film, a person must check the panel.
+pub(super) fn unusable_picture_answer(
+    kind: Kind,
+    pass: u8,
+    reason: Reason,
+    record: &mut dyn Record,
+) -> Result<Answer, DaemonError> {
+    let found =
+        if kind == Kind::Refine { rejected(kind, pass, reason) } else { not_executed_finding(kind, pass, reason) };
+    record.finding(&found)?;
+    let of_film = kind == Kind::Inspect;
+    Ok(if of_film { Answer::Failed(Trouble::Picture) } else { Answer::Graded(Grade::Reject) })
+}

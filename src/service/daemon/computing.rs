@@ -1,0 +1,315 @@
+//! The actions that need cameras or computation. Each is one piece of work that receives its inputs and returns its
+//! result.
+//!
+//! A [`WorkInput`] owns copies of the artifacts that it reads or changes. It notes what is to be recorded instead of
+//! recording it. If work was abandoned in the meantime, it is therefore dropped completely: no part of its [`WorkResult`]
+//! is installed or recorded. Work is done one piece at a time, in the order in which it was submitted, since all work
+//! shares the cameras. The queue is processed on its own thread while the loop continues to answer, or by the loop
+//! itself if time stops during the computation.
+//!
+//! A film is evaluated in steps of one picture, and its state stays here. With the wall clock, one step follows the
+//! other automatically, at the latest `PICTURE_POLL_INTERVAL` after a step without a new picture, regardless of the
+//! robot and the loop. In lock step the loop requests each step, so that virtual time determines which picture is
+//! evaluated.
+
+mod memory;
+mod work;
+mod worker;
+
+pub use memory::{Memory, SceneKey};
+pub use work::CalibrationCheck;
+pub(super) use work::{WorkInput, WorkOutcome, WorkResult};
+
+use super::error::DaemonError;
+use super::live_view::LiveView;
+use super::ports::{CameraPort, PictureStore};
+use panelprep_base::supervision::{SupervisedThread, Supervisor, supervise};
+use panelprep_cell::cycle::{Action, Answer, Id, Trouble};
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::thread;
+use std::time::Duration;
+use worker::Worker;
+
+/// Maximum duration of a piece of work; a longer one hangs. By then the state table has long stopped waiting for its
+/// answer, the robot is at standstill, and work that hangs prevents every later action.
+const WORK_TIMEOUT: Duration = Duration::from_secs(180);
+
+/// Amount by which the priority of computing is lowered below that of the loop and the robot's link.
+pub(super) const NICE: i32 = 19;
+
+/// Pause after a step of a film in which no new picture was found.
+const PICTURE_POLL_INTERVAL: Duration = Duration::from_millis(2);
+
+/// The queue of work, with the executor that processes it.
+pub struct Computing<'p> {
+    /// Whether time stops while something is computed. With the wall clock a film continues automatically.
+    lock_step: bool,
+    /// The number of the piece of work whose result is still awaited.
+    awaited_id: Arc<AtomicU64>,
+    executor: Executor<'p>,
+}
+
+/// A value of `due` that is not the number of any piece of work: no result is awaited.
+const NO_RESULT_AWAITED: u64 = u64::MAX;
+
+enum Executor<'p> {
+    /// The loop itself computes when it accepts a result.
+    Inline { worker: Box<Worker<'p>>, queue: VecDeque<WorkInput>, remembers: Option<(Memory, SceneKey)> },
+    /// A separate thread.
+    Thread {
+        queue: Sender<WorkInput>,
+        /// `None` means that the film was abandoned.
+        results: Receiver<Option<Box<WorkResult>>>,
+        under_way: VecDeque<Id>,
+        result: Option<Box<WorkResult>>,
+    },
+}
+
+impl<'p> Computing<'p> {
+    /// Computes when the loop accepts a result: the loop waits.
+    pub fn inline(cameras: Box<dyn CameraPort + Send + 'p>, lock_step: bool) -> Self {
+        // The calibrations need no check here: the command that runs one cycle has just read them.
+        let worker = Box::new(Worker::new(cameras, Box::new(Vec::new), None));
+        let due = Arc::new(AtomicU64::new(NO_RESULT_AWAITED));
+        Computing {
+            lock_step,
+            awaited_id: due,
+            executor: Executor::Inline { worker, queue: VecDeque::new(), remembers: None },
+        }
+    }
+
+    /// Returns the same executor, but results that were computed before are not computed again. For simulations of
+    /// many cycles with one setup.
+    pub fn with_memory(mut self, memory: Memory, scene_key: SceneKey) -> Self {
+        if let Executor::Inline { remembers, worker, .. } = &mut self.executor {
+            worker.enable_film_memory(memory.films());
+            *remembers = Some((memory, scene_key));
+        }
+        self
+    }
+
+    /// Starts a thread that computes; call this from the loop's thread. With the wall clock the thread has a lower
+    /// priority than the loop and the robot's link, and the loop computes its own part without other threads. The
+    /// thread ends when no more work is submitted. Nothing waits for its end, since a camera may hang. The pictures
+    /// that it evaluates are shown to viewers on `view`.
+    ///
+    /// # Errors
+    /// If the operating system cannot start a thread.
+    pub fn on_thread(
+        (cameras, readable, keep): (Box<dyn CameraPort + Send>, CalibrationCheck, PictureStore),
+        lock_step: bool,
+        supervisor: &Supervisor,
+        view: LiveView,
+    ) -> Result<Self, DaemonError> {
+        // A thread belongs to its pool permanently, so the pool is never dropped.
+        let alone = (!lock_step).then(|| use_thread_pool(1)).flatten();
+        Box::leak(Box::new(alone));
+        let (queue, taken) = mpsc::channel();
+        let (tell, results) = mpsc::channel();
+        let (sign, watched) = supervise("computing", WORK_TIMEOUT);
+        let due = Arc::new(AtomicU64::new(NO_RESULT_AWAITED));
+        let mut computes = Thread {
+            worker: Worker::new(cameras, readable, Some(keep)).with_live_view(view),
+            lock_step,
+            awaited_id: due.clone(),
+            tell,
+            sign,
+        };
+        let serve = move || computes.serve(&taken);
+        thread::Builder::new().name("computing".to_owned()).spawn(serve).map_err(DaemonError::Thread)?;
+        supervisor.add_thread(watched);
+        let executor = Executor::Thread { queue, results, under_way: VecDeque::new(), result: None };
+        Ok(Computing { lock_step, awaited_id: due, executor })
+    }
+
+    /// Starts the computation.
+    pub(super) fn submit(&mut self, work: WorkInput) {
+        // Before the work is queued: the thread must find its own number when it begins.
+        self.awaited_id.store(work.id.0, Ordering::Relaxed);
+        match &mut self.executor {
+            Executor::Inline { queue, .. } => queue.push_back(work),
+            Executor::Thread { queue, under_way, .. } => {
+                under_way.push_back(work.id);
+                #[expect(
+                    clippy::let_underscore_must_use,
+                    reason = "refused only if the thread has ended, which `ready` detects"
+                )]
+                let _ = queue.send(work);
+            }
+        }
+    }
+
+    /// Cancels the submitted work.
+    pub(super) fn abandon(&mut self) {
+        self.awaited_id.store(NO_RESULT_AWAITED, Ordering::Relaxed);
+        if let (Executor::Inline { queue, .. }, false) = (&mut self.executor, self.lock_step) {
+            queue.retain(|work| work.action != Action::Film);
+        }
+    }
+
+    /// Returns the id of the next available result; waits at most this time for one.
+    pub(super) fn ready(&mut self, patience: Duration) -> Option<Id> {
+        match &mut self.executor {
+            Executor::Inline { queue, .. } => queue.front().map(|work| work.id),
+            Executor::Thread { results, under_way, result, .. } => {
+                // Results of an abandoned film do not reach the loop.
+                let due = self.awaited_id.load(Ordering::Relaxed);
+                let is_left = |worked: &WorkResult| !self.lock_step && worked.is_of_film && worked.id.0 != due;
+                result.take_if(|worked| is_left(worked));
+                while result.is_none() {
+                    let id = *under_way.front()?;
+                    *result = match results.recv_timeout(patience) {
+                        Ok(worked) => worked,
+                        Err(RecvTimeoutError::Timeout) => return None,
+                        // An answer all the same: the table is waiting, and a computation that died is a fault of this
+                        // action, not a silence.
+                        Err(RecvTimeoutError::Disconnected) => Some(Box::new(lost_result(id))),
+                    };
+                    if self.lock_step || result.as_ref().is_none_or(|worked| worked.is_last()) {
+                        under_way.pop_front();
+                    }
+                    result.take_if(|worked| is_left(worked));
+                }
+                result.as_ref().map(|worked| worked.id)
+            }
+        }
+    }
+
+    /// Takes the result that is ready.
+    pub(super) fn ready_result(&mut self) -> Option<WorkResult> {
+        match &mut self.executor {
+            Executor::Inline { worker, queue, remembers } => {
+                let work = queue.pop_front()?;
+                let inputs = remembers.as_mut().and_then(|(_, scene_key)| memory::inputs(&work, scene_key));
+                if let (Some((memory, _)), Some(inputs)) = (&remembers, &inputs)
+                    && let Some(worked) = memory.cached_result(inputs, &work)
+                {
+                    return Some(worked);
+                }
+                let next = WorkInput::next_picture_step(work.id, work.action, work.pass, work.setup.clone());
+                let worked = worker.perform(work);
+                if let (Some((memory, _)), Some(inputs)) = (remembers, inputs) {
+                    memory.store_result(inputs, &worked);
+                }
+                if !self.lock_step && !worked.is_last() {
+                    queue.push_front(next);
+                }
+                Some(worked)
+            }
+            Executor::Thread { result, .. } => result.take().map(|worked| *worked),
+        }
+    }
+}
+
+/// Gives the calling thread a pool of `count` threads for parallel computations, including itself; 0 means one
+/// thread for each processor. All threads of the pool have the priority of the calling thread. Rayon's global pool
+/// inherits the priority of its first caller: a loop that waits for it is late for the robot while other programs
+/// use the processors. Returns `None` if the thread already has a pool or the system provides no threads: then the
+/// global pool computes.
+fn use_thread_pool(count: usize) -> Option<rayon::ThreadPool> {
+    let name = |_| "computing".to_owned();
+    rayon::ThreadPoolBuilder::new().num_threads(count).use_current_thread().thread_name(name).build().ok()
+}
+
+/// The thread that computes.
+struct Thread {
+    worker: Worker<'static>,
+    lock_step: bool,
+    awaited_id: Arc<AtomicU64>,
+    tell: Sender<Option<Box<WorkResult>>>,
+    sign: SupervisedThread,
+}
+
+impl Thread {
+    fn serve(&mut self, taken: &Receiver<WorkInput>) {
+        if !self.lock_step
+            && let Err(error) = rustix::process::setpriority_process(None, NICE)
+        {
+            tracing::warn!("cannot lower the priority of the computing thread: {error}");
+        }
+        // The threads of the pool have the same lowered priority as this one.
+        let _own = (!self.lock_step).then(|| use_thread_pool(0));
+        for work in taken {
+            if self.perform_work(work).is_err() {
+                break;
+            }
+        }
+        self.sign.report_done();
+    }
+
+    /// Performs one piece of work; with the wall clock, a film to its end. Returns an error if the results are not
+    /// received any more.
+    fn perform_work(&mut self, work: WorkInput) -> Result<(), mpsc::SendError<Option<Box<WorkResult>>>> {
+        let (id, act, pass, setup) = (work.id, work.action, work.pass, work.setup.clone());
+        let mut next = Some(work);
+        while let Some(work) = next.take() {
+            self.sign.report_working();
+            let worked = self.worker.perform(work);
+            self.sign.report_resting();
+            if !self.lock_step && !worked.is_last() {
+                // A film that is no longer needed would keep the camera from the next action until its end.
+                if self.awaited_id.load(Ordering::Relaxed) != id.0 {
+                    return self.tell.send(None);
+                }
+                next = Some(WorkInput::next_picture_step(id, act, pass, setup.clone()));
+                if worked.notes.is_empty() {
+                    thread::sleep(PICTURE_POLL_INTERVAL);
+                    continue;
+                }
+            }
+            self.tell.send(Some(Box::new(worked)))?;
+        }
+        Ok(())
+    }
+}
+
+/// Returns the result for work whose thread has ended by a fault; the fault was reported where it occurred.
+fn lost_result(id: Id) -> WorkResult {
+    let found = Ok(WorkOutcome::Answer(Answer::Failed(Trouble::Computing)));
+    WorkResult { id, outcome: found, artifacts: None, notes: vec![], is_of_film: false }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rayon::prelude::*;
+    use std::collections::HashSet;
+    use std::thread::ThreadId;
+
+    fn threads() -> HashSet<ThreadId> {
+        (0..1_000).into_par_iter().map(|_| thread::current().id()).collect()
+    }
+
+    /// Returns the calling thread, which requests this number of threads, and the threads that compute for it.
+    fn threads_used(count: usize) -> (ThreadId, HashSet<ThreadId>) {
+        let asked = move || {
+            let own = use_thread_pool(count);
+            assert!(own.is_some() && use_thread_pool(count).is_none(), "once for a thread");
+            (thread::current().id(), threads())
+        };
+        thread::spawn(asked).join().expect("it ends")
+    }
+
+    #[test]
+    fn a_loop_computes_alone_and_others_share_their_threads() {
+        let (own, used) = threads_used(1);
+        assert_eq!(used, HashSet::from([own]));
+        let (own, used) = thread::spawn(|| (thread::current().id(), threads())).join().expect("it ends");
+        assert!(!used.contains(&own), "the threads of all");
+    }
+
+    #[test]
+    fn threads_of_ones_own_have_ones_priority() {
+        let niceness = || rustix::process::getpriority_process(None).expect("its own");
+        let of_all = thread::spawn(move || {
+            rustix::process::setpriority_process(None, NICE).expect("anybody may step back");
+            let own = use_thread_pool(2).expect("threads");
+            let found: Vec<i32> = own.broadcast(|_| niceness());
+            found
+        });
+        assert_eq!(of_all.join().expect("it ends"), [NICE; 2]);
+    }
+}

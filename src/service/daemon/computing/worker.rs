@@ -1,0 +1,248 @@
+//! The worker: it has the cameras and the film in progress, and calls the phases.
+
+use super::work::{CalibrationCheck, WorkInput, WorkOutcome, WorkResult};
+use crate::daemon::answers::MISSING;
+use crate::daemon::error::DaemonError;
+use crate::daemon::films::FilmMemory;
+use crate::daemon::live_view::{LiveFilm, LiveFrame, LiveView};
+use crate::daemon::perception::FilmInProgress;
+use crate::daemon::ports::{CameraPort, Note, PictureStore, Record, RecordError, StoredPicture};
+use crate::daemon::setup::CycleSetup;
+use panelprep_base::geometry::{Camera, Frame, OrganizedCloud, Panel, Rigid};
+use panelprep_base::verdict::Reason;
+use panelprep_cell::cycle::{Action, Answer, Grade, Trouble};
+use panelprep_cell::files::ClipEntry;
+use panelprep_cell::recipe::SandedReference;
+use panelprep_cell::record::{KeptFile, Picture};
+use std::sync::Arc;
+
+/// A list of notes instead of a record. The worker compresses and writes pictures at once on its own thread: on the
+/// loop's thread this would exceed the loop's deadlines and its watchdog time.
+struct NoteBuffer<'k> {
+    notes: Vec<Note>,
+    keep: Option<&'k mut PictureStore>,
+    view: &'k LiveView,
+    cycle: Option<&'k Arc<CycleSetup>>,
+}
+
+impl Record for NoteBuffer<'_> {
+    fn record_note(&mut self, note: Note) -> Result<(), RecordError> {
+        self.show(&note);
+        let Some(keep) = &mut self.keep else {
+            self.notes.push(note);
+            return Ok(());
+        };
+        let kept = match note {
+            Note::Picture(name, picture) => {
+                keep(&picture)?.map(|hash| StoredPicture::Shot(KeptFile { name, hash }))
+            }
+            Note::Frame(picture, time_s, phase) => {
+                keep(&picture)?.map(|file| StoredPicture::Frame(ClipEntry { file, time_s, phase }))
+            }
+            Note::Figure(figure) => {
+                let (name, caption) = (figure.name, figure.caption);
+                keep(&figure.picture)?.map(|hash| StoredPicture::Figure(Picture { name, caption, hash }))
+            }
+            note @ (Note::Finding(_) | Note::Kept(_) | Note::Budget(_)) => {
+                self.notes.push(note);
+                None
+            }
+        };
+        self.notes.extend(kept.map(Note::Kept));
+        Ok(())
+    }
+
+    fn show_scan(&mut self, scan: &OrganizedCloud<Camera>, panel_from_camera: &Rigid<Panel, Camera>) {
+        if let Some(cycle) = self.cycle {
+            self.view.scene().show_scan(cycle, scan, panel_from_camera);
+        }
+    }
+}
+
+impl NoteBuffer<'_> {
+    /// Shows a camera's picture, or a drawing made from it, to people who watch.
+    fn show(&self, note: &Note) {
+        let (name, picture) = match note {
+            Note::Picture(name, picture) => (name, picture),
+            Note::Figure(figure) => (&figure.name, &figure.picture),
+            _ => return,
+        };
+        self.view.offer_picture(|| {
+            Some(LiveFrame { name: name.clone(), picture: Arc::new(picture.clone()), film: None })
+        });
+    }
+}
+
+/// Does the work: it has the cameras, and the film in progress.
+pub(super) struct Worker<'p> {
+    cameras: Box<dyn CameraPort + Send + 'p>,
+    /// Checks the calibrations, for a self-test.
+    readable: CalibrationCheck,
+    keep: Option<PictureStore>,
+    filming: Option<FilmInProgress>,
+    /// Memory of the films that were watched before.
+    films: Option<FilmMemory>,
+    /// The view for people who watch.
+    view: LiveView,
+}
+
+impl<'p> Worker<'p> {
+    /// Creates the worker. It stores pictures at once if there is a keeper; otherwise the record stores them.
+    pub fn new(
+        cameras: Box<dyn CameraPort + Send + 'p>,
+        readable: CalibrationCheck,
+        keep: Option<PictureStore>,
+    ) -> Self {
+        Worker { cameras, readable, keep, filming: None, films: None, view: LiveView::default() }
+    }
+
+    /// Lets the worker remember films.
+    pub fn enable_film_memory(&mut self, films: FilmMemory) {
+        self.films = Some(films);
+    }
+
+    /// Returns the worker with a live view for people who watch.
+    pub fn with_live_view(self, view: LiveView) -> Self {
+        Worker { view, ..self }
+    }
+
+    /// Does one piece of work.
+    pub fn perform(&mut self, mut work: WorkInput) -> WorkResult {
+        let mut keep = self.keep.take();
+        let view = self.view.clone();
+        let setup = work.setup.take();
+        let mut notes = NoteBuffer { notes: Vec::new(), keep: keep.as_mut(), view: &view, cycle: setup.as_ref() };
+        let found = match (work.action, setup.as_deref()) {
+            (Action::SelfTest, _) => Ok(WorkOutcome::Wrong(self.run_self_test())),
+            (_, Some(cycle)) => self.phase(&mut work, cycle, &mut notes),
+            (_, None) => Ok(WorkOutcome::Answer(MISSING)),
+        };
+        let notes = notes.notes;
+        self.keep = keep;
+        if let (Some(filming), Some(setup), true) = (&self.filming, &setup, work.is_next_picture) {
+            view.offer_picture(|| live_frame(filming, setup));
+        }
+        if let (Ok(WorkOutcome::Answer(answer)), Some(setup)) = (&found, &setup) {
+            show_plan(&view, setup, &work, *answer);
+        }
+        let is_of_film = work.action == Action::Film;
+        WorkResult {
+            id: work.id,
+            outcome: found,
+            artifacts: Some((work.perception, work.abrasion)),
+            notes,
+            is_of_film,
+        }
+    }
+
+    fn phase(
+        &mut self,
+        work: &mut WorkInput,
+        cycle: &CycleSetup,
+        notes: &mut NoteBuffer<'_>,
+    ) -> Result<WorkOutcome, DaemonError> {
+        let (pass, cameras) = (work.pass, &mut *self.cameras);
+        let answer = match work.action {
+            Action::Film => return self.film(work, cycle, notes),
+            Action::Locate => work.perception.locate(cycle, cameras, notes)?,
+            Action::DryPicture => {
+                let answer = work.perception.dry_picture(cameras, notes)?;
+                if answer == Answer::Done && cycle.recipe.inspect().reference() == SandedReference::Dry {
+                    work.abrasion.note_dry_picture();
+                }
+                answer
+            }
+            Action::Plan { pass } => work.abrasion.plan_failed_grids(cycle, (pass, &work.perception), notes)?,
+            Action::Refine { view } => match work.tip() {
+                Some(tip) => {
+                    let answer = work.perception.refine(cycle, (view, tip), cameras, notes)?;
+                    work.survey_if_refined(cycle, answer, notes)?
+                }
+                None => MISSING,
+            },
+            Action::Verify { view } => match work.tip() {
+                Some(tip) => work.perception.verify(cycle, (pass, view, tip), cameras, notes)?,
+                None => MISSING,
+            },
+            _ => MISSING,
+        };
+        Ok(WorkOutcome::Answer(answer))
+    }
+
+    /// Begins the film, or evaluates its next picture.
+    fn film(
+        &mut self,
+        work: &mut WorkInput,
+        cycle: &CycleSetup,
+        notes: &mut NoteBuffer<'_>,
+    ) -> Result<WorkOutcome, DaemonError> {
+        let cameras: &mut dyn CameraPort = &mut *self.cameras;
+        let watched = match (work.is_next_picture, self.filming.take()) {
+            (true, Some(filming)) => {
+                work.perception.evaluate_next_picture(cycle, filming, work.pass, cameras, notes)?
+            }
+            (true, None) => Err(MISSING),
+            // The action only watches the film: it produces nothing new.
+            (false, _) => {
+                let eyes = (cameras, self.films.as_ref());
+                let sanded = work.abrasion.sanded_pixels();
+                std::mem::take(&mut work.perception).film(cycle, (work.pass, sanded), eyes, notes)?
+            }
+        };
+        Ok(match watched {
+            Ok(filming) => WorkOutcome::Watching { seen_s: self.filming.insert(filming).seen_s },
+            Err(answer) => WorkOutcome::Answer(answer),
+        })
+    }
+
+    fn run_self_test(&mut self) -> Vec<(Trouble, Reason)> {
+        let faults = self.cameras.check_cameras().into_iter();
+        let faults = faults.map(|fault| (Trouble::Camera, Reason::new("camera", fault.to_string())));
+        let unreadable = (self.readable)().into_iter().map(|reason| (Trouble::Computing, reason));
+        faults.chain(unreadable).collect()
+    }
+}
+
+/// Shows the planned path to people who watch.
+fn show_plan(view: &LiveView, setup: &Arc<CycleSetup>, work: &WorkInput, answer: Answer) {
+    let (Answer::Planned { plan, .. } | Answer::PlannedForReview { plan, .. }) = answer else { return };
+    if let Some(path) = work.abrasion.plan(plan) {
+        view.scene().show_plan(setup, (plan, work.pass), path);
+    }
+}
+
+/// Returns the newest picture of a film, with the water breaks so far, for people who watch.
+fn live_frame(filming: &FilmInProgress, setup: &Arc<CycleSetup>) -> Option<LiveFrame> {
+    let (picture, broken, failed) = filming.current_breaks()?;
+    let film = LiveFilm {
+        film_time_s: filming.seen_s,
+        broken_so_far: broken,
+        failed_so_far: failed,
+        setup: setup.clone(),
+        place: filming.panel.place,
+    };
+    Some(LiveFrame { name: "film".to_owned(), picture, film: Some(film) })
+}
+
+impl WorkInput {
+    /// If the corner confirms the panel's pose, checks whether the arm reaches the panel before the panel is wetted.
+    fn survey_if_refined(
+        &mut self,
+        cycle: &CycleSetup,
+        answer: Answer,
+        notes: &mut NoteBuffer<'_>,
+    ) -> Result<Answer, DaemonError> {
+        match (answer, self.perception.approach()) {
+            (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => {
+                self.abrasion.survey_region(cycle, (self.pass, grade, &panel), self.perception.todays_scan(), notes)
+            }
+            (answer, _) => Ok(answer),
+        }
+    }
+
+    /// Returns the pose of the flange camera; valid only while the flange camera is the active tool and the base is
+    /// the robot's own.
+    fn tip<To: Frame, From: Frame>(&self) -> Option<Rigid<To, From>> {
+        self.tip.map(|pose| pose.to_rigid())
+    }
+}

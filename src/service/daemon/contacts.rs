@@ -1,0 +1,113 @@
+//! The record of contact. Before a path begins, the record states what the path will touch and wear; before the path
+//! continues, how far it may go. What the path did is recorded when the robot has reported its end.
+//!
+//! Waypoints are permitted some seconds of motion ahead of the robot's reports, well beyond what may be in progress.
+//! So after a crash at any moment the record limits what may have been executed.
+
+use super::error::DaemonError;
+use super::path_progress::PathProgress;
+use super::path_progress::SentPath;
+use super::ports::{RecordCommand, RobotPort};
+use super::running::LoopMemory;
+use panelprep_cell::cycle::{Motion, Outcome, Path};
+use panelprep_cell::record::ContactPath;
+use panelprep_kuka::eki::CommandId;
+
+impl LoopMemory<'_> {
+    /// Records that a motion may begin. Before contact, the whole path is counted as wear of the disc, so that the
+    /// wear is not lost if a crash interrupts the path.
+    pub(super) fn open_intent(&mut self, motion: &Motion) -> Result<(), DaemonError> {
+        if motion.path != Path::Contact {
+            return Ok(self.ports.record.perform_and_forget(RecordCommand::OpenIntent(*motion))?);
+        }
+        self.abrasion.executed_grade = None;
+        let planned = self.cycle_setup().and_then(|cycle| self.abrasion.contact(cycle, motion.plan));
+        if !self.abrasion.is_air {
+            let mut abrasion = std::mem::take(&mut self.abrasion);
+            self.cycle_setup().into_iter().for_each(|cycle| abrasion.note_contact_start(cycle, motion.plan));
+            self.abrasion = abrasion;
+        }
+        // If the plan is not known, nothing is sent.
+        let (grids, reached_s, wears_mm2) = planned.unwrap_or_default();
+        self.path_progress = PathProgress::new(reached_s, self.cell.limits.window_s());
+        self.path_progress.reserved_mm2 = wears_mm2;
+        self.ports.record.perform_and_forget(RecordCommand::WearDisc(wears_mm2))?;
+        let id = self.state.intent.map(|intent| intent.id).unwrap_or(self.state.last_id);
+        let path = ContactPath { id, pass: self.state.job.pass, grids, wears_mm2 };
+        let (motion, permitted) = (*motion, self.path_progress.permitted);
+        Ok(self.ports.record.perform_and_forget(RecordCommand::OpenContact { motion, path, permitted })?)
+    }
+
+    /// Permits the robot more waypoints, once this permission is recorded.
+    pub(super) fn permit_more(&mut self, sent: SentPath, done: u32) -> Result<(), DaemonError> {
+        let is_contact = sent.path() == Path::Contact;
+        let Some(wanted) = self.path_progress.new_permission(done).filter(|_| is_contact) else { return Ok(()) };
+        // Recorded before it is permitted: after a crash the grids behind this point count as untouched, which must be
+        // true.
+        self.ports.record.perform_and_forget(RecordCommand::Permit(wanted))?;
+        self.path_progress.permitted = wanted;
+        let last =
+            (wanted < self.path_progress.waypoint_count()).then(|| CommandId(sent.first_command().0 + wanted - 1));
+        if let Err(error) = self.ports.robot.permit_commands(last) {
+            // The epoch has just ended, which is reported separately.
+            tracing::debug!("no further waypoints are released: {error}");
+        }
+        Ok(())
+    }
+
+    /// Records how a motion ended. If the robot did not report it, everything that was counted beforehand remains
+    /// counted.
+    pub(super) fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), DaemonError> {
+        let underway = std::mem::take(&mut self.path_progress);
+        // After a Clear nothing reports how far the arm went, so that the reserved wear and the permitted grids stay
+        // counted.
+        if motion.path == Path::Contact && outcome != Outcome::Cleared {
+            self.record_contact_result(motion, done, underway.reserved_mm2)?;
+        }
+        let motion = *motion;
+        Ok(self.ports.record.perform_and_forget(RecordCommand::CloseIntent { motion, outcome, done })?)
+    }
+
+    /// Records the result of a contact path, from the poses that the robot reported, and its wear of the disc.
+    fn record_contact_result(&mut self, motion: &Motion, done: u32, reserved_mm2: f64) -> Result<(), DaemonError> {
+        let (mut abrasion, trace) = (std::mem::take(&mut self.abrasion), std::mem::take(&mut self.trace));
+        let found = self.cycle_setup().map(|cycle| {
+            abrasion.evaluate_executed(cycle, (self.state.job.pass, &trace), (motion.waypoints, done))
+        });
+        self.abrasion = abrasion;
+        let Some((notes, worn_mm2)) = found else { return Ok(()) };
+        self.record_notes(notes)?;
+        // The measured wear replaces the wear that was counted before the path began.
+        Ok(self.ports.record.perform_and_forget(RecordCommand::WearDisc(worn_mm2 - reserved_mm2))?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Calculated by hand: a waypoint each 0.2 s and a window of 1 s, so 20 waypoints in four windows. More are
+    /// permitted when 10 or fewer are left.
+    #[test]
+    fn waypoints_are_permitted_some_windows_ahead() {
+        let mut underway = PathProgress::new((0..=100).map(|n| 0.2 * f64::from(n)).collect(), 1.0);
+        assert_eq!(underway.permitted, 20);
+        assert_eq!(underway.new_permission(9), None);
+        assert_eq!(underway.new_permission(11), Some(31));
+        underway.permitted = 31;
+        assert_eq!(underway.new_permission(95), Some(100));
+        underway.permitted = 100;
+        assert_eq!(underway.new_permission(99), None);
+    }
+
+    /// Even if the motions between waypoints last long, a minimum number of waypoints is permitted; otherwise the arm
+    /// would have to wait for the next permission.
+    #[test]
+    fn some_are_permitted_whatever_they_last() {
+        let underway = PathProgress::new((0..=100).map(|n| 5.0 * f64::from(n)).collect(), 1.0);
+        assert_eq!(underway.permitted, 16);
+        assert_eq!((underway.new_permission(7), underway.new_permission(9)), (None, Some(25)));
+        assert_eq!(PathProgress::new(Vec::new(), 1.0).permitted, 0, "nothing is known of the plan");
+        assert_eq!(PathProgress::new(vec![0.0, 1.0, 2.0], 1.0).permitted, 2);
+    }
+}

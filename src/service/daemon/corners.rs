@@ -1,0 +1,138 @@
+//! The corner loop: which taught corners are viewed, what their pictures show together, and whether they are still at
+//! their expected positions just before contact.
+//!
+//! Two corners determine the panel's shift and rotation; more corners improve the result little. The first corners in
+//! the order of teaching whose moves pass the gate are used. View n looks at the n-th of these corners; after the last
+//! one, the views begin again at the first. So both loops continue from view to view until each chosen corner was
+//! seen, and the first loop until each was at its expected position. The second loop must see all corners that
+//! determine the pose after the first loop: only one of them is then not enough.
+
+use super::setup::CycleSetup;
+use crate::stages::corners::{Sighting, max_views};
+use panelprep_base::verdict::Reason;
+
+/// The corners of a corner loop, as indices of the taught corners.
+#[derive(Debug, Default, Clone)]
+pub(super) struct CornerLoop {
+    /// The chosen corners, in the order of the views.
+    selected: Vec<usize>,
+    /// The corner to which the camera is sent.
+    aimed: usize,
+    /// Whether the move to every other corner is refused by the gate.
+    is_exhausted: bool,
+    /// The last picture of each corner.
+    pub(super) sightings: Vec<Sighting>,
+    /// The corners by which the panel's pose was corrected; empty before the correction.
+    held: Vec<usize>,
+    /// The corners whose moves did not pass the gate since the loop began, and the reasons.
+    left_out: Vec<(usize, String)>,
+}
+
+impl CornerLoop {
+    /// Returns the taught corner to which the camera is being sent, or was sent last.
+    pub fn aimed_corner(&self) -> usize {
+        self.aimed
+    }
+
+    /// The corners that may be chosen at a view, in order; empty if the view's corner was chosen before.
+    pub fn candidates(&self, view: u8, cycle: &CycleSetup) -> Vec<usize> {
+        let view = usize::from(view);
+        if view > 0 && (view >= self.required_count(cycle) || view > self.selected.len()) {
+            return Vec::new();
+        }
+        let all = if self.held.is_empty() { (0..cycle.corners.len()).collect() } else { self.held.clone() };
+        all.into_iter().filter(|index| !self.selected[..view].contains(index)).collect()
+    }
+
+    /// Begins the choice of a corner for a view.
+    pub fn begin_selection(&mut self, view: u8) {
+        if view == 0 {
+            self.left_out.clear();
+        }
+    }
+
+    /// Notes that the move to this corner does not pass the gate.
+    pub fn exclude_corner(&mut self, corner: usize, why: &str) {
+        self.left_out.push((corner, why.to_owned()));
+    }
+
+    /// Returns the corners by which the panel's pose was corrected, in the order of the views; none before the
+    /// correction.
+    pub fn correction_corners(&self) -> &[usize] {
+        &self.held
+    }
+
+    /// Describes why corners were left out.
+    pub fn describe_excluded(&self) -> Vec<String> {
+        self.left_out.iter().map(|(corner, why)| format!("corner {}: {why}", corner + 1)).collect()
+    }
+
+    /// Chooses a corner for a view.
+    pub fn choose(&mut self, view: u8, corner: usize) {
+        self.selected.truncate(usize::from(view));
+        self.selected.push(corner);
+        (self.aimed, self.is_exhausted) = (corner, false);
+    }
+
+    /// Ends a choice without a result: no candidate's move passes the gate, so that only the corners chosen before
+    /// remain.
+    pub fn end_selection(&mut self, view: u8) {
+        self.selected.truncate(usize::from(view).max(1));
+        self.is_exhausted = true;
+    }
+
+    /// Sets the aim to the corner of a view; after the last chosen corner, the views begin again at the first one.
+    pub fn advance_to_view(&mut self, view: u8) {
+        if let Some(&corner) = self.selected.get(usize::from(view) % self.selected.len().max(1)) {
+            self.aimed = corner;
+        }
+    }
+
+    /// Returns the number of corners that must be seen.
+    fn required_count(&self, cycle: &CycleSetup) -> usize {
+        let all = if self.held.is_empty() {
+            max_views(cycle.recipe.corner(), cycle.corners.len())
+        } else {
+            self.held.len()
+        };
+        if self.is_exhausted { self.selected.len().min(all) } else { all }
+    }
+
+    /// Makes the chosen corners that were seen the corners that determine the panel's pose.
+    pub fn hold(&mut self) {
+        self.held = self.selected.clone();
+        self.held.retain(|corner| self.sightings.iter().any(|seen| seen.corner == *corner));
+    }
+
+    pub fn is_missing(&self, cycle: &CycleSetup) -> bool {
+        self.sightings.len() < self.required_count(cycle)
+    }
+
+    /// Returns a reason if no move leads any more to a corner by which the pose was corrected: that corner cannot
+    /// confirm the pose.
+    pub fn missing_corner_reason(&self) -> Option<Reason> {
+        let is_seen = |corner: &&usize| self.sightings.iter().any(|seen| seen.corner == **corner);
+        let missing: Vec<String> =
+            self.held.iter().filter(|it| !is_seen(it)).map(|corner| format!("corner {}", corner + 1)).collect();
+        (self.is_exhausted && !missing.is_empty()).then(|| {
+            let message = format!(
+                "{} corrected the panel's pose and cannot be viewed again for verification: {}. Remove the cause, \
+                 or dry the panel and locate it again",
+                missing.join(" and "),
+                self.describe_excluded().join("; ")
+            );
+            Reason::new("corner_unseen", message)
+        })
+    }
+
+    pub fn record_sighting(&mut self, view: u8, seen: Sighting) {
+        if view == 0 {
+            self.sightings.clear();
+        }
+        self.sightings.retain(|other| other.corner != seen.corner);
+        self.sightings.push(seen);
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,268 @@
+//! The evaluation of a film, and a memory of films for simulations of many cycles: equal pictures at equal times give
+//! equal results.
+//!
+//! A film is evaluated picture by picture. If films are remembered, its pictures are only stored as they arrive, and
+//! the film is evaluated, or its result recalled, after the last one. The conditions for accepting a picture are
+//! checked as the picture arrives; if they fail, the film is evaluated from there on. With the thesis's method, a
+//! different fault may be reported at the end instead.
+
+use super::answers::figure;
+use super::ports::Note;
+use super::setup::CycleSetup;
+use crate::stages::film::{self, FilmCounts, PictureOutcome};
+use panelprep_base::geometry::{Base, ColorPicture, Mask, Panel, Rigid};
+use panelprep_base::phase::Phase;
+use panelprep_base::verdict::Verdict;
+use panelprep_cell::cycle::Film;
+use panelprep_cell::panel::GridId;
+use panelprep_vision::inspect::{InspectError, Inspection};
+use std::collections::{BTreeMap, BTreeSet};
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Maximum number of remembered films: each contains a time for every pixel. Any further film is evaluated each
+/// time.
+const MAX_FILMS: usize = 1_000;
+/// Maximum number of pictures of a remembered film; a longer film is evaluated as its pictures arrive.
+const MAX_PICTURES: usize = 1_000;
+
+/// The result of a film that was watched to its end.
+#[derive(Debug, Clone)]
+pub(super) struct JudgedFilm {
+    pub film: Film,
+    pub inspection: Arc<Inspection>,
+    /// Its last picture.
+    pub last: Option<Arc<ColorPicture>>,
+    /// The notes to be recorded.
+    pub notes: Vec<Note>,
+}
+
+/// The memory of films that were watched before. Clones share the same memory; it is valid for cycles of one setup.
+#[derive(Debug, Clone)]
+pub(super) struct FilmMemory {
+    known: Arc<Mutex<MemoryEntries>>,
+    /// Converts a note to the form in which it is remembered.
+    keeps: fn(Note) -> Note,
+}
+
+#[derive(Debug, Default)]
+struct MemoryEntries {
+    /// The inputs with which a film was begun without an error.
+    places: BTreeSet<String>,
+    films: BTreeMap<String, JudgedFilm>,
+}
+
+/// A picture, its time, s, and its phase.
+type Shot = (Arc<ColorPicture>, f64, Phase);
+
+/// The panel in a film.
+#[derive(Debug, Clone)]
+pub(super) struct FilmedPanel {
+    /// The panel's pose.
+    pub place: Rigid<Base, Panel>,
+    /// The taught pixels that were sanded since the dry picture was taken.
+    pub sanded: Option<Arc<Mask>>,
+}
+
+/// A film that is being watched.
+#[derive(Debug)]
+pub(super) enum FilmWatch {
+    /// The pictures are evaluated as they arrive.
+    AtOnce(Box<film::FilmRun>),
+    /// The pictures are evaluated when the last one has arrived.
+    AtTheEnd { memory: FilmMemory, shots: Vec<Shot>, begins_s: Option<f64> },
+}
+
+impl FilmWatch {
+    /// Begins a film of the panel at this pose, with its dry picture.
+    ///
+    /// # Errors
+    /// If the region is not in the picture, or the picture is not from the camera.
+    pub fn begin_film(
+        cycle: &CycleSetup,
+        panel: &FilmedPanel,
+        (dry, dry_s): (&Arc<ColorPicture>, f64),
+        memory: Option<&FilmMemory>,
+    ) -> Result<Self, InspectError> {
+        let is_known = format!("{} {} {}", panel.inputs(), dry.width, dry.height);
+        if let Some(memory) = memory.filter(|memory| memory.lock().places.contains(&is_known)) {
+            let shots = vec![(dry.clone(), dry_s, Phase::Dry)];
+            return Ok(FilmWatch::AtTheEnd { memory: memory.clone(), shots, begins_s: None });
+        }
+        let mut filming = film::FilmRun::begin_test(&film_setup(cycle, panel), cycle.film_demands().observation_s)?;
+        filming.push(dry, dry_s, Phase::Dry)?;
+        if let Some(memory) = memory {
+            memory.lock().places.insert(is_known);
+        }
+        Ok(FilmWatch::AtOnce(Box::new(filming)))
+    }
+
+    /// Notes the time at which the camera begins to film.
+    pub fn set_start(&mut self, time_s: f64) {
+        match self {
+            FilmWatch::AtOnce(filming) => filming.set_start(time_s),
+            FilmWatch::AtTheEnd { begins_s, .. } => *begins_s = Some(time_s),
+        }
+    }
+
+    /// Adds the next wet picture.
+    ///
+    /// # Errors
+    /// If its size is not the camera's, or it comes out of order.
+    pub fn push(
+        &mut self,
+        (cycle, panel): (&CycleSetup, &FilmedPanel),
+        picture: &Arc<ColorPicture>,
+        time_s: f64,
+    ) -> Result<PictureOutcome, InspectError> {
+        if let FilmWatch::AtTheEnd { shots, begins_s, .. } = self {
+            let follows = shots.last().is_some_and(|(last, last_s, _)| {
+                (last.width, last.height) == (picture.width, picture.height) && time_s > *last_s
+            });
+            if follows && time_s.is_finite() && shots.len() < MAX_PICTURES {
+                shots.push((picture.clone(), time_s, Phase::Wet));
+                return Ok(PictureOutcome { since_wet_s: None, newly_broken_grids: None });
+            }
+            *self = FilmWatch::AtOnce(Box::new(evaluate_pictures((cycle, panel), shots, *begins_s)?));
+        }
+        match self {
+            FilmWatch::AtOnce(filming) => filming.push(picture, time_s, Phase::Wet),
+            FilmWatch::AtTheEnd { .. } => Ok(PictureOutcome { since_wet_s: None, newly_broken_grids: None }),
+        }
+    }
+
+    /// The newest picture, the pixels that broke so far and the grids that failed so far.
+    pub fn current_breaks(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
+        match self {
+            FilmWatch::AtOnce(filming) => filming.current_breaks(),
+            FilmWatch::AtTheEnd { .. } => None,
+        }
+    }
+
+    /// Judges the film.
+    ///
+    /// # Errors
+    /// If it has no picture of the wet panel.
+    pub fn finish(
+        self,
+        (cycle, panel): (&CycleSetup, &FilmedPanel),
+        pass: u8,
+        counted: FilmCounts,
+    ) -> Result<JudgedFilm, InspectError> {
+        let (memory, shots, begins_s) = match self {
+            FilmWatch::AtOnce(filming) => return judge_film((cycle, panel), *filming, pass, counted),
+            FilmWatch::AtTheEnd { memory, shots, begins_s } => (memory, shots, begins_s),
+        };
+        let inputs = format!("{} {pass} {:?} {}", panel.inputs(), counted.dropped, inputs(&shots, begins_s));
+        let last = shots.last().map(|(picture, ..)| picture.clone());
+        if let Some(known) = memory.lock().films.get(&inputs) {
+            return Ok(JudgedFilm { last, ..known.clone() });
+        }
+        let filming = evaluate_pictures((cycle, panel), &shots, begins_s)?;
+        let judged = judge_film((cycle, panel), filming, pass, counted)?;
+        memory.store_judged(inputs, &judged);
+        Ok(judged)
+    }
+}
+
+impl FilmMemory {
+    /// Creates an empty memory; `keeps` converts each note to the form in which it is remembered.
+    pub fn new(keeps: fn(Note) -> Note) -> Self {
+        FilmMemory { known: Arc::default(), keeps }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, MemoryEntries> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn store_judged(&self, inputs: String, judged: &JudgedFilm) {
+        let mut known = self.lock();
+        if known.films.len() < MAX_FILMS {
+            let notes = judged.notes.iter().cloned().map(self.keeps).collect();
+            known.films.insert(inputs, JudgedFilm { last: None, notes, ..judged.clone() });
+        }
+    }
+}
+
+impl FilmedPanel {
+    /// The panel's data on which a film depends, as text.
+    fn inputs(&self) -> String {
+        format!("{:?} {:x}", self.place, mask_hash(self.sanded.as_deref()))
+    }
+}
+
+/// Returns the other data on which a film's result depends, besides the panel: its pictures, and their times after the
+/// first wet one.
+fn inputs(shots: &[Shot], begins_s: Option<f64>) -> String {
+    let first_s = shots.iter().find(|(.., phase)| *phase == Phase::Wet).map_or(0.0, |(_, time_s, _)| *time_s);
+    let one = |(picture, time_s, phase): &Shot| {
+        let since_s = if *phase == Phase::Wet { time_s - first_s } else { 0.0 };
+        format!(" {phase:?} {since_s:?} {:x}", picture_hash(picture))
+    };
+    let late_s = begins_s.map(|begins_s| first_s - begins_s);
+    format!("{late_s:?}{}", shots.iter().map(one).collect::<String>())
+}
+
+/// Returns a number that differs for different masks of the taught pixels and for no mask.
+pub(super) fn mask_hash(mask: Option<&Mask>) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    mask.map(|mask| &mask.inside).hash(&mut hasher);
+    hasher.finish()
+}
+
+/// Returns a hash of a picture. It identifies pictures within one process, in which no forged pictures occur.
+fn picture_hash(picture: &ColorPicture) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    (picture.width, picture.height, picture.rgb.as_flattened()).hash(&mut hasher);
+    hasher.finish()
+}
+
+/// Evaluates the film with these pictures.
+fn evaluate_pictures(
+    (cycle, panel): (&CycleSetup, &FilmedPanel),
+    shots: &[Shot],
+    begins_s: Option<f64>,
+) -> Result<film::FilmRun, InspectError> {
+    let mut filming = film::FilmRun::begin_test(&film_setup(cycle, panel), cycle.film_demands().observation_s)?;
+    for (picture, time_s, phase) in shots {
+        filming.push(picture, *time_s, *phase)?;
+        if let (Phase::Dry, Some(begins_s)) = (phase, begins_s) {
+            filming.set_start(begins_s);
+        }
+    }
+    Ok(filming)
+}
+
+fn judge_film(
+    (cycle, panel): (&CycleSetup, &FilmedPanel),
+    filming: film::FilmRun,
+    pass: u8,
+    counted: FilmCounts,
+) -> Result<JudgedFilm, InspectError> {
+    let filmed = filming.finish()?;
+    let setup = film_setup(cycle, panel);
+    let mut notes = Vec::new();
+    if let Some(last) = &filmed.last {
+        notes.push(Note::Picture("film".to_owned(), (**last).clone()));
+        notes.extend(filmed.draw_film(&setup).into_iter().map(|drawing| Note::Figure(figure(drawing, last))));
+    }
+    notes.push(Note::Finding(filmed.finding(&setup, pass, counted)));
+    let film = match filmed.inspection.judgement.verdict {
+        Verdict::Pass => Film::Whole,
+        Verdict::Fail => Film::Broken,
+        _ => Film::Invalid,
+    };
+    Ok(JudgedFilm { film, inspection: filmed.inspection, last: filmed.last, notes })
+}
+
+/// Returns the parameters for evaluating a film of the panel at this pose.
+fn film_setup<'a>(cycle: &'a CycleSetup, panel: &'a FilmedPanel) -> film::FilmSetup<'a> {
+    film::FilmSetup {
+        panel: &cycle.panel,
+        camera: &cycle.calibrations.scanner,
+        camera_from_panel: cycle.calibrations.base_from_camera.inverse() * panel.place,
+        sanded: panel.sanded.as_deref(),
+        demands: cycle.film_demands(),
+        recipe: &cycle.recipe,
+    }
+}

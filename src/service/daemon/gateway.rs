@@ -1,0 +1,170 @@
+//! The service as its interfaces see it: an interface passes on a request and its origin, and waits for one reply.
+
+use super::caller::{self, NameLookup};
+use super::camera_lease::SharedCameras;
+use super::operator_texts;
+use super::reply::{Reply, RequestResult};
+use super::request::{PreparedCycle, Request, RequestKind, StartRequest};
+use super::request_queue::{RequestQueueError, RequestSender};
+use panelprep_base::verdict::Reason;
+use panelprep_cell::record::{RequestAuthor, RequestedAction};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::oneshot;
+use tokio::time::timeout;
+
+/// Time limit for the loop's reply; a longer time means that the loop is faulty.
+const REPLY_TIMEOUT: Duration = Duration::from_secs(5);
+/// Time limit for the name of the user who requests something. A stop goes to the robot when it enters the queue, so
+/// it waits for its name only as long as an intact disk needs.
+const NAME_TIMEOUT: Duration = Duration::from_secs(1);
+const NAME_TIMEOUT_OF_STOP: Duration = Duration::from_millis(20);
+
+/// Reads and checks the files of a requested cycle, or returns why the cycle cannot begin.
+pub type Loader = dyn Fn(StartRequest) -> Result<PreparedCycle, Vec<Reason>> + Send + Sync;
+
+/// The entry point through which interfaces submit requests. All clones share the same state.
+#[derive(Clone)]
+pub struct Gateway {
+    queue: RequestSender,
+    loader: Arc<Loader>,
+    /// The service's cameras, after they are opened.
+    pub(super) cameras: Option<SharedCameras>,
+    /// Gives the names of users.
+    names: Arc<NameLookup>,
+}
+
+impl Gateway {
+    /// Creates a gateway. Requests go to this queue, this loader prepares starts, and these cameras are lent while
+    /// the cell rests.
+    pub fn new(queue: RequestSender, loader: Arc<Loader>, cameras: Option<SharedCameras>) -> Self {
+        Gateway { queue, loader, cameras, names: Arc::new(caller::name) }
+    }
+
+    /// Passes on a request and returns the reply. It runs on a runtime of tokio that has a blocking thread for the
+    /// loader.
+    pub async fn request(&self, what: RequestKind, who: RequestAuthor) -> Reply {
+        let (what, who) = match what {
+            // The user's name is not looked up here: the state is requested many times a second, and the name is read
+            // from a file.
+            RequestKind::State => (RequestKind::State, who),
+            // The files are read here and not in the loop, which must answer the robot while the disk is slow.
+            RequestKind::Start(start) => {
+                let (recipe, who) = (start.recipe.clone(), self.named(who).await);
+                match self.prepare(start).await {
+                    Ok(prepared) => (RequestKind::Begin(Box::new(prepared)), who),
+                    Err(refused) => {
+                        self.keep_refused(RequestedAction::Start { recipe }, who, refused.reasons.clone());
+                        return refused;
+                    }
+                }
+            }
+            RequestKind::Shoot(_) => {
+                let message = "the service has not opened its cameras yet; wait until `panelprep ctl state` shows \
+                               that the service is ready";
+                return Reply::refused(RequestResult::Refused, vec![Reason::new("not_now", message)]);
+            }
+            RequestKind::Table(request) if request.is_operator_decision() => {
+                return Reply::refused(RequestResult::Refused, vec![operator_texts::missing_step_reason(request)]);
+            }
+            what if what.is_urgent() => {
+                (what, caller::named_within(who, self.names.clone(), NAME_TIMEOUT_OF_STOP).await)
+            }
+            what => (what, self.named(who).await),
+        };
+        let in_log = (!matches!(what, RequestKind::State)).then(|| (what.describe(), caller::format_for_log(&who)));
+        let (reply, answer) = oneshot::channel();
+        let failed = |code, message: &str| Reply::refused(RequestResult::Fault, vec![Reason::new(code, message)]);
+        if let Err(error) = self.queue.send(Request { what, requester: who, reply: Some(reply) }) {
+            let code = if error == RequestQueueError::Ended { "ended" } else { "busy" };
+            return failed(code, &error.to_string());
+        }
+        if let Some((what, who)) = in_log {
+            tracing::info!("{who} asks: {what}");
+        }
+        match timeout(REPLY_TIMEOUT, answer).await {
+            Ok(Ok(reply)) => reply,
+            Ok(Err(_)) => failed("ended", "the service ended before it could answer"),
+            // Not "refused": the request is in the queue and may still happen.
+            Err(_) => failed(
+                "silent",
+                "the control loop of the service does not respond; check the state and the log of the service",
+            ),
+        }
+    }
+
+    /// Returns the user with a name, if this computer's list of users has one and can be read in time.
+    pub(super) async fn named(&self, who: RequestAuthor) -> RequestAuthor {
+        caller::named_within(who, self.names.clone(), NAME_TIMEOUT).await
+    }
+
+    /// Passes on a request that was refused here or in an interface, for the record.
+    pub(super) fn keep_refused(&self, wanted: RequestedAction, who: RequestAuthor, reasons: Vec<Reason>) {
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "if it is not accepted, the service has ended, or this user has too many requests waiting"
+        )]
+        let _ = self.queue.send(Request::new(RequestKind::Refused { wanted, reasons }, who));
+    }
+
+    /// Reads the files that a cycle needs, on a separate thread, because the disk may be slow.
+    async fn prepare(&self, start: StartRequest) -> Result<PreparedCycle, Reply> {
+        let loader = self.loader.clone();
+        match tokio::task::spawn_blocking(move || loader(start)).await {
+            Ok(prepared) => prepared.map_err(|reasons| Reply::refused(RequestResult::Refused, reasons)),
+            Err(error) => {
+                let message = format!("the recipe could not be read: {error}");
+                Err(Reply::refused(RequestResult::Fault, vec![Reason::new("fault", message)]))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::request_queue::request_queue;
+    use super::*;
+    use panelprep_cell::cycle;
+    use panelprep_cell::record::RequestSource;
+
+    /// The list of users lies on a disk that hangs: a stop is in the queue, and so at the robot, within 100 ms, with
+    /// the user's number instead of a name. If the disk answers, the stop has the name.
+    #[test]
+    fn a_stop_does_not_wait_for_the_disk_with_the_names() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().expect("a runtime");
+        let named = |names: Arc<NameLookup>| {
+            let (sender, queue) = request_queue();
+            let gateway = Gateway { names, ..Gateway::new(sender, Arc::new(|_| Err(vec![])), None) };
+            let who = RequestAuthor { uid: Some(1_001), ..RequestAuthor::from_source(RequestSource::Socket) };
+            let answered = gateway.request(RequestKind::Table(cycle::Request::Stop), who);
+            let asked = runtime.block_on(async {
+                let taken = tokio::task::spawn_blocking(move || queue.next(Duration::from_millis(100)));
+                tokio::join!(timeout(Duration::from_millis(200), answered), taken).1.expect("no panic")
+            });
+            asked.expect("the stop is in the queue").requester.user
+        };
+        assert_eq!(named(Arc::new(|uid| Some(format!("user {uid}")))), Some("user 1001".to_owned()));
+        let (disk, hangs) = std::sync::mpsc::channel::<()>();
+        let hangs = std::sync::Mutex::new(hangs);
+        assert_eq!(named(Arc::new(move |_| hangs.lock().ok()?.recv().ok().map(|()| String::new()))), None);
+        // The waiting thread ends with its channel, and the runtime can end.
+        drop(disk);
+    }
+
+    /// A request that an interface refuses by the user's role is recorded, too, with its author and reason.
+    #[test]
+    fn what_a_front_refuses_goes_to_the_record() {
+        let (sender, queue) = request_queue();
+        let loader: Arc<Loader> = Arc::new(|_| Err(vec![]));
+        let gateway = Gateway::new(sender, loader, None);
+        let wanted = RequestKind::Hold { why: "a hair".to_owned() }.wanted().expect("it is for the cell");
+        let who =
+            RequestAuthor { user: Some("ada".to_owned()), ..RequestAuthor::from_source(RequestSource::Socket) };
+        gateway.keep_refused(wanted.clone(), who.clone(), vec![Reason::new("not_permitted", "no")]);
+        let kept = queue.next(Duration::ZERO).expect("a request");
+        assert_eq!((kept.requester, kept.what.describe().as_str()), (who, "hold"));
+        let RequestKind::Refused { wanted: found, reasons } = kept.what else { panic!("another request") };
+        assert_eq!((found, reasons.len()), (wanted, 1));
+        assert_eq!(RequestKind::State.wanted(), None);
+    }
+}

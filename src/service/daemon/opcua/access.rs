@@ -1,0 +1,243 @@
+//! Who is logged in to the OPC UA server. Names and passwords are those of the operator's page. A session is valid
+//! only as long as its account is the same as at the log-in.
+
+use super::connection_limit::ConnectionLimiter;
+use crate::daemon::people::{AccountService, LoginResult, account_stamp};
+use async_trait::async_trait;
+use opcua::server::ServerEndpoint;
+use opcua::server::address_space::AccessLevel;
+use opcua::server::authenticator::{
+    AuthManager, Password, UserToken, user_pass_security_policy_id, user_pass_security_policy_uri,
+};
+use opcua::types::{Error, MessageSecurityMode, NodeId, StatusCode, UAString, UserTokenPolicy, UserTokenType};
+use panelprep_cell::accounts::{Account, AuditEntry, Permission, Role};
+use panelprep_cell::cell::AnonymousAccess;
+use std::collections::BTreeMap;
+use std::net::IpAddr;
+use std::sync::{Arc, PoisonError, RwLock};
+
+/// The name of the policy for a log-in without an account, as used by async-opcua.
+const ANONYMOUS_POLICY: &str = "anonymous";
+
+/// The client who makes a call or a read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Caller {
+    /// A caller without an account.
+    Nobody,
+    /// A person who logged in.
+    Person {
+        /// The account's name.
+        name: String,
+        /// The printed name.
+        printed_name: String,
+        /// The role now.
+        role: Role,
+    },
+}
+
+impl Caller {
+    /// Returns the role; `None` for a caller without an account.
+    pub fn role(&self) -> Option<Role> {
+        match self {
+            Caller::Nobody => None,
+            Caller::Person { role, .. } => Some(*role),
+        }
+    }
+
+    /// The account's name.
+    pub fn name(&self) -> Option<&str> {
+        match self {
+            Caller::Nobody => None,
+            Caller::Person { name, .. } => Some(name),
+        }
+    }
+}
+
+/// Returns the token of a session: the account's name, and a stamp of the account's state at the log-in. A new
+/// password or a new role gives another token.
+fn token(account: &Account) -> String {
+    format!("{}#{}", account.name, account_stamp(account))
+}
+
+/// The accounts that may use the OPC UA server, with their permissions.
+pub(super) struct Access {
+    people: Arc<AccountService>,
+    connections: Arc<ConnectionLimiter>,
+    anonymous: AnonymousAccess,
+    /// The valid tokens, according to the last reading of the accounts.
+    valid: RwLock<BTreeMap<String, Caller>>,
+    /// The secure channels on which each token was seen.
+    channels: RwLock<BTreeMap<String, Vec<u32>>>,
+}
+
+impl Access {
+    pub fn new(people: Arc<AccountService>, door: Arc<ConnectionLimiter>, anonymous: AnonymousAccess) -> Self {
+        Access { people, connections: door, anonymous, valid: RwLock::default(), channels: RwLock::default() }
+    }
+
+    /// Updates the accounts to their present state. Ends the connections of sessions with an account that was
+    /// changed or disabled.
+    pub fn update_accounts(&self, accounts: &BTreeMap<String, Account>) {
+        let enabled = accounts.values().filter(|account| account.is_enabled);
+        let valid: BTreeMap<String, Caller> =
+            enabled.map(|account| (token(account), caller_from_account(account))).collect();
+        let mut channels = self.channels.write().unwrap_or_else(PoisonError::into_inner);
+        channels.retain(|token, seen| {
+            let still = valid.contains_key(token);
+            if !still {
+                seen.iter().for_each(|channel| self.connections.disconnect_channel(*channel));
+            }
+            still
+        });
+        drop(channels);
+        *self.valid.write().unwrap_or_else(PoisonError::into_inner) = valid;
+    }
+
+    /// Returns the caller with this token; `None` if the token is not valid, or no longer.
+    pub fn caller_of_token(&self, token: &UserToken) -> Option<Caller> {
+        if token.is_anonymous() {
+            return (self.anonymous == AnonymousAccess::Read).then_some(Caller::Nobody);
+        }
+        self.valid.read().unwrap_or_else(PoisonError::into_inner).get(&token.0).cloned()
+    }
+
+    /// Remembers that this token arrived on this channel.
+    pub fn remember_channel(&self, token: &UserToken, channel: u32) {
+        if token.is_anonymous() {
+            return;
+        }
+        let mut channels = self.channels.write().unwrap_or_else(PoisonError::into_inner);
+        let seen = channels.entry(token.0.clone()).or_default();
+        if !seen.contains(&channel) {
+            seen.push(channel);
+            seen.retain(|channel| self.connections.address_of_channel(*channel).is_some());
+        }
+    }
+
+    /// Returns the accounts and their audit trail.
+    pub fn accounts_with_audit(&self) -> &Arc<AccountService> {
+        &self.people
+    }
+
+    /// Returns the origin of a session on this channel, as written in the audit trail.
+    pub fn session_origin(&self, channel: u32) -> String {
+        self.connections
+            .address_of_channel(channel)
+            .map_or_else(|| "OPC UA".to_owned(), |address| format!("OPC UA, {address}"))
+    }
+
+    /// Returns the possible origins of a log-in. async-opcua does not report the connection, so these are all
+    /// addresses that are connected.
+    pub fn addresses(&self) -> String {
+        format_origin(&self.connections.addresses())
+    }
+
+    async fn write_audit(&self, line: AuditEntry) {
+        let people = self.people.clone();
+        if tokio::task::spawn_blocking(move || people.audit(&line)).await.is_err() {
+            tracing::warn!("an entry of the audit trail is lost: the thread that writes it has ended");
+        }
+    }
+}
+
+fn format_origin(addresses: &[IpAddr]) -> String {
+    match addresses {
+        [] => "OPC UA".to_owned(),
+        [one] => format!("OPC UA, {one}"),
+        several => {
+            let several: Vec<String> = several.iter().take(5).map(ToString::to_string).collect();
+            format!("OPC UA, from one of the addresses {}", several.join(", "))
+        }
+    }
+}
+
+fn caller_from_account(account: &Account) -> Caller {
+    let Account { name, printed_name, role, .. } = account;
+    Caller::Person { name: name.clone(), printed_name: printed_name.clone(), role: *role }
+}
+
+#[async_trait]
+impl AuthManager for Access {
+    async fn authenticate_anonymous_token(&self, _: &ServerEndpoint) -> Result<(), Error> {
+        match self.anonymous {
+            AnonymousAccess::Read => Ok(()),
+            AnonymousAccess::Nothing => Err(Error::new(
+                StatusCode::BadIdentityTokenRejected,
+                "log in with an account of the operator's page",
+            )),
+        }
+    }
+
+    async fn authenticate_username_identity_token(
+        &self,
+        _: &ServerEndpoint,
+        name: &str,
+        password: &Password,
+    ) -> Result<UserToken, Error> {
+        let line = |role| AuditEntry::for_completed_action(Some(name.to_owned()), role, self.addresses(), "log in");
+        let (status, problem) = match self.people.attempt_login(name, password.get().to_owned()).await {
+            LoginResult::Right(account) => {
+                self.valid
+                    .write()
+                    .unwrap_or_else(PoisonError::into_inner)
+                    .insert(token(&account), caller_from_account(&account));
+                self.write_audit(line(Some(account.role))).await;
+                return Ok(UserToken(token(&account)));
+            }
+            LoginResult::Wrong(why) => {
+                let line = AuditEntry { refused: Some(why.to_owned()), ..line(None) };
+                let people = self.people.clone();
+                if tokio::task::spawn_blocking(move || people.audit_failed_login(&line)).await.is_err() {
+                    tracing::warn!("an entry of the audit trail is lost: the thread that writes it has ended");
+                }
+                (
+                    StatusCode::BadUserAccessDenied,
+                    "name or password is wrong, or the account is disabled".to_owned(),
+                )
+            }
+            LoginResult::Pauses(left_s) => {
+                let problem = format!("too many wrong passwords; try again in {:.0} s", left_s.ceil());
+                (StatusCode::BadUserAccessDenied, problem)
+            }
+            LoginResult::Unknown => (
+                StatusCode::BadUserAccessDenied,
+                "name or password is wrong, or the account is disabled".to_owned(),
+            ),
+        };
+        Err(Error::new(status, problem))
+    }
+
+    fn effective_user_access_level(&self, token: &UserToken, level: AccessLevel, _: &NodeId) -> AccessLevel {
+        let may_look = match self.caller_of_token(token) {
+            Some(Caller::Nobody) => true,
+            Some(Caller::Person { role, .. }) => role.has_permission(Permission::View),
+            None => false,
+        };
+        if may_look { level & AccessLevel::CURRENT_READ } else { AccessLevel::empty() }
+    }
+
+    fn user_token_policies(&self, endpoint: &ServerEndpoint) -> Vec<UserTokenPolicy> {
+        let policy = |policy_id, token_type| UserTokenPolicy {
+            policy_id,
+            token_type,
+            issued_token_type: UAString::null(),
+            issuer_endpoint_url: UAString::null(),
+            security_policy_uri: UAString::null(),
+        };
+        let mut policies = Vec::new();
+        if self.anonymous == AnonymousAccess::Read {
+            policies.push(policy(UAString::from(ANONYMOUS_POLICY), UserTokenType::Anonymous));
+        }
+        // A password is never sent over a connection on which others can read it.
+        if endpoint.message_security_mode() == MessageSecurityMode::SignAndEncrypt {
+            policies.push(UserTokenPolicy {
+                security_policy_uri: user_pass_security_policy_uri(endpoint),
+                ..policy(user_pass_security_policy_id(endpoint), UserTokenType::UserName)
+            });
+        }
+        policies
+    }
+}
+
+#[cfg(test)]
+mod tests;

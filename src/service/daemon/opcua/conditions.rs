@@ -1,0 +1,194 @@
+//! The active alarms as OPC UA conditions: each change is an event, a client that connects requests all of them
+//! (ConditionRefresh), and a person acknowledges an alarm by its event (Acknowledge).
+//!
+//! async-opcua supports the types of conditions and events, but provides no conditions of its own. So the methods,
+//! which belong to the types in the base namespace, are handled here before async-opcua's own node manager receives
+//! them (`core_nodes`). A condition has a name and no node. The base namespace therefore declares that the condition
+//! has the method Acknowledge; otherwise async-opcua allows no client to call it.
+
+use super::address_space::node_id;
+use super::alarm_event::{AlarmEvent, AlarmStatus, event_id};
+use crate::daemon::clock::now_unix_ms;
+use opcua::nodes::Event;
+use opcua::server::SubscriptionCache;
+use opcua::types::{ByteString, NodeId, StatusCode};
+use panelprep_interfaces::packml::alarm_id;
+use panelprep_store::history::Alarm;
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Shortest time between two refreshes of all alarms, for all clients together.
+const MIN_REFRESH_INTERVAL: Duration = Duration::from_millis(500);
+/// The text with which the names of conditions begin.
+const NAME_PREFIX: &str = "Alarm/";
+
+/// The active alarms, as last reported.
+#[derive(Debug, Default)]
+pub(super) struct AlarmConditions {
+    namespace: OnceLock<u16>,
+    inside: Mutex<Inside>,
+}
+
+#[derive(Debug, Default)]
+struct Inside {
+    reported: BTreeMap<String, Alarm>,
+    refreshed: Option<Instant>,
+}
+
+fn alarm_status(alarm: &Alarm) -> AlarmStatus {
+    AlarmStatus { is_active: alarm.is_active(), is_acknowledged: alarm.acknowledged.is_some() }
+}
+
+impl AlarmConditions {
+    /// Sets the namespace of the cell's nodes, once it is known.
+    pub fn set_namespace(&self, namespace: u16) {
+        self.namespace.get_or_init(|| namespace);
+    }
+
+    fn namespace(&self) -> u16 {
+        self.namespace.get().copied().unwrap_or_default()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        self.inside.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn event(&self, alarm: &Alarm, now_unix_ms: i64) -> AlarmEvent {
+        let condition = node_id(self.namespace(), &format!("{NAME_PREFIX}{}", alarm_id(alarm)));
+        AlarmEvent::new(alarm, alarm_status(alarm), (&node_id(self.namespace(), ""), condition), now_unix_ms)
+    }
+
+    /// Returns the nodes that the events state as their conditions.
+    pub fn nodes(&self) -> Vec<NodeId> {
+        let name = |id: &String| node_id(self.namespace(), &format!("{NAME_PREFIX}{id}"));
+        self.lock().reported.keys().map(name).collect()
+    }
+
+    /// Updates the active alarms; reports the new, the acknowledged and the ended ones.
+    pub fn update_conditions(&self, alarms: &[Alarm], subscriptions: &SubscriptionCache) {
+        let changed = self.changed(alarms, now_unix_ms());
+        self.notify(&changed, subscriptions);
+    }
+
+    fn changed(&self, alarms: &[Alarm], now_unix_ms: i64) -> Vec<AlarmEvent> {
+        let now: BTreeMap<String, Alarm> = alarms.iter().map(|alarm| (alarm_id(alarm), alarm.clone())).collect();
+        let mut inside = self.lock();
+        let came = now
+            .iter()
+            .filter(|(id, alarm)| inside.reported.get(*id).map(alarm_status) != Some(alarm_status(alarm)));
+        let gone = inside.reported.iter().filter(|(id, _)| !now.contains_key(*id));
+        let gone = gone.map(|(_, alarm)| Alarm { gone_unix_ms: Some(now_unix_ms), ..alarm.clone() });
+        let came = came.map(|(_, alarm)| alarm.clone());
+        let events = came.chain(gone).map(|alarm| self.event(&alarm, now_unix_ms)).collect();
+        inside.reported = now;
+        events
+    }
+
+    fn notify(&self, events: &[AlarmEvent], subscriptions: &SubscriptionCache) {
+        let source = node_id(self.namespace(), "");
+        subscriptions.notify_events(events.iter().map(|event| (event as &dyn Event, &source)));
+    }
+
+    /// Reports all lasting alarms once more, between the events that begin and end a refresh.
+    pub fn refresh(&self, subscriptions: &SubscriptionCache) -> StatusCode {
+        let now_unix_ms = now_unix_ms();
+        let alarms: Vec<Alarm> = {
+            let mut inside = self.lock();
+            if inside.refreshed.is_some_and(|at| at.elapsed() < MIN_REFRESH_INTERVAL) {
+                return StatusCode::BadRefreshInProgress;
+            }
+            inside.refreshed = Some(Instant::now());
+            inside.reported.values().cloned().collect()
+        };
+        let lasting = alarms.iter().map(|alarm| self.event(alarm, now_unix_ms));
+        let begin = AlarmEvent::refresh(true, now_unix_ms);
+        let events: Vec<AlarmEvent> =
+            std::iter::once(begin).chain(lasting).chain([AlarmEvent::refresh(false, now_unix_ms)]).collect();
+        self.notify(&events, subscriptions);
+        StatusCode::Good
+    }
+
+    /// Returns the name of the alarm that is to be acknowledged by this event of this condition.
+    ///
+    /// # Errors
+    /// If there is no such condition, the event is not its last one, or it was already acknowledged.
+    pub fn acknowledged_alarm(&self, condition: &NodeId, event: &ByteString) -> Result<String, StatusCode> {
+        let inside = self.lock();
+        let is_meant = |id: &String| *condition == node_id(self.namespace(), &format!("{NAME_PREFIX}{id}"));
+        let (id, alarm) =
+            inside.reported.iter().find(|(id, _)| is_meant(id)).ok_or(StatusCode::BadNodeIdUnknown)?;
+        if alarm.acknowledged.is_some() {
+            return Err(StatusCode::BadConditionBranchAlreadyAcked);
+        }
+        if event_id(alarm, alarm_status(alarm)) != *event {
+            return Err(StatusCode::BadEventIdUnknown);
+        }
+        Ok(id.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use opcua::types::{AttributeId, NumericRange, ObjectTypeId, QualifiedName, Variant};
+    use panelprep_base::verdict::Reason;
+    use panelprep_store::history::Acknowledgement;
+
+    fn alarm(code: &'static str, raised_unix_ms: i64) -> Alarm {
+        Alarm::new_between_cycles(&Reason::new(code, "5 MB are free"), raised_unix_ms)
+    }
+
+    fn field(event: &AlarmEvent, path: &str) -> Variant {
+        let path: Vec<QualifiedName> = path.split('/').map(|name| QualifiedName::new(0, name)).collect();
+        event.get_field(&ObjectTypeId::AlarmConditionType.into(), AttributeId::Value, &NumericRange::None, &path)
+    }
+
+    fn condition(event: &AlarmEvent) -> NodeId {
+        let of = ObjectTypeId::ConditionType.into();
+        match event.get_field(&of, AttributeId::NodeId, &NumericRange::None, &[]) {
+            Variant::NodeId(id) => *id,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn an_alarm_comes_is_acknowledged_and_goes() {
+        let conditions = AlarmConditions::default();
+        conditions.set_namespace(3);
+        let of = |alarms: &[Alarm]| {
+            let told = conditions.changed(alarms, 9_000);
+            told.iter()
+                .map(|event| {
+                    let [name, active, acked, retain] =
+                        ["ConditionName", "ActiveState/Id", "AckedState/Id", "Retain"]
+                            .map(|path| field(event, path).to_string());
+                    format!("{name} {active} {acked} {retain}")
+                })
+                .collect::<Vec<_>>()
+        };
+        let came = [alarm("disk_scarce", 5)];
+        assert_eq!(of(&came), ["disk_scarce true false true"]);
+        assert_eq!(of(&came), Vec::<String>::new(), "told once");
+        let who = "Ada (ada)".to_owned();
+        let seen =
+            Acknowledgement { unix_ms: 7, cycle: None, code: "disk_scarce".to_owned(), raised_unix_ms: 5, who };
+        let seen = [Alarm { acknowledged: Some(seen), ..came[0].clone() }, alarm("camera", 6)];
+        assert_eq!(of(&seen), ["camera true false true", "disk_scarce true true true"]);
+        assert_eq!(of(&[]), ["camera false false false", "disk_scarce false true false"]);
+    }
+
+    #[test]
+    fn an_alarm_is_acknowledged_by_its_last_event_alone() {
+        let conditions = AlarmConditions::default();
+        conditions.set_namespace(3);
+        let told = conditions.changed(&[alarm("disk_scarce", 5)], 9_000);
+        let Variant::ByteString(id) = field(&told[0], "EventId") else { panic!("{told:?}") };
+        let node = condition(&told[0]);
+        assert_eq!(conditions.acknowledged_alarm(&node, &id), Ok("0/disk_scarce/5".to_owned()));
+        let other = ByteString::from(vec![1; 16]);
+        assert_eq!(conditions.acknowledged_alarm(&node, &other), Err(StatusCode::BadEventIdUnknown));
+        let nowhere = node_id(3, "Alarm/0/disk_scarce/6");
+        assert_eq!(conditions.acknowledged_alarm(&nowhere, &id), Err(StatusCode::BadNodeIdUnknown));
+    }
+}

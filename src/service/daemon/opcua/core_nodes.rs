@@ -1,0 +1,178 @@
+//! The nodes of OPC UA's own namespace as async-opcua provides them. The methods of conditions are handled here
+//! first.
+
+use super::access::Caller;
+use super::calls::{CallOutcome, Calls};
+use super::cell_nodes::{channel, write_result};
+use super::conditions::AlarmConditions;
+use async_trait::async_trait;
+use opcua::server::CreateMonitoredItem;
+use opcua::server::address_space::AddressSpace;
+use opcua::server::diagnostics::NamespaceMetadata;
+use opcua::server::node_manager::memory::{
+    CoreNodeManagerBuilder, CoreNodeManagerImpl, InMemoryNodeManagerImpl, InMemoryNodeManagerImplBuilder,
+};
+use opcua::server::node_manager::{
+    MethodCall, MonitoredItemRef, MonitoredItemUpdateRef, ParsedReadValueId, RequestContext, ServerContext,
+};
+use opcua::sync::RwLock;
+use opcua::types::{
+    DataValue, MethodId, MonitoringMode, NodeId, ReferenceTypeId, StatusCode, TimestampsToReturn, Variant,
+};
+use panelprep_interfaces::packml::method;
+use std::sync::Arc;
+
+/// OPC UA's own nodes.
+pub(super) struct CoreNodes {
+    core: CoreNodeManagerImpl,
+    calls: Arc<Calls>,
+    conditions: Arc<AlarmConditions>,
+}
+
+impl CoreNodes {
+    pub fn build(
+        (calls, conditions): (Arc<Calls>, Arc<AlarmConditions>),
+        context: ServerContext,
+        space: &mut AddressSpace,
+    ) -> Self {
+        CoreNodes { core: CoreNodeManagerBuilder.build(context, space), calls, conditions }
+    }
+
+    /// Makes the new conditions acknowledgeable, and removes this from the conditions that have ended.
+    pub fn link(space: &mut AddressSpace, were: &[NodeId], are: &[NodeId]) {
+        let acknowledge = NodeId::from(MethodId::AcknowledgeableConditionType_Acknowledge);
+        for gone in were.iter().filter(|node| !are.contains(node)) {
+            space.delete_reference(gone, &acknowledge, ReferenceTypeId::HasComponent);
+        }
+        for new in are.iter().filter(|node| !were.contains(node)) {
+            space.insert_reference(new, &acknowledge, ReferenceTypeId::HasComponent);
+        }
+    }
+
+    fn refresh_conditions(&self, context: &RequestContext, subscription: Option<&Variant>) -> StatusCode {
+        let Some(Variant::UInt32(number)) = subscription else { return StatusCode::BadInvalidArgument };
+        let of_session = context.subscriptions.get_session_subscriptions(context.session_id);
+        if of_session.is_none_or(|all| all.lock().get(*number).is_none()) {
+            return StatusCode::BadSubscriptionIdInvalid;
+        }
+        self.conditions.refresh(&context.subscriptions)
+    }
+
+    async fn acknowledge_alarm(&self, context: &RequestContext, call: &mut MethodCall) {
+        let [Variant::ByteString(event), Variant::LocalizedText(_)] = call.arguments() else {
+            call.set_status(StatusCode::BadInvalidArgument);
+            return;
+        };
+        let alarm = match self.conditions.acknowledged_alarm(call.object_id(), event) {
+            Ok(alarm) => Variant::from(alarm.as_str()),
+            Err(status) => {
+                call.set_status(status);
+                return;
+            }
+        };
+        let Some(method) = method("AcknowledgeAlarm") else { return };
+        let caller = self.calls.access.caller_of_token(&context.token);
+        let from = self.calls.access.session_origin(channel(context));
+        let outcome = self.calls.call(method, &[alarm], caller.as_ref(), &from).await;
+        let is_done = matches!(outcome, CallOutcome::Done(_));
+        write_result(call, outcome);
+        if is_done {
+            call.set_outputs(vec![]);
+        }
+    }
+
+    fn may_read(&self, context: &RequestContext) -> bool {
+        matches!(self.calls.access.caller_of_token(&context.token), Some(Caller::Nobody | Caller::Person { .. }))
+    }
+}
+
+#[async_trait]
+impl InMemoryNodeManagerImpl for CoreNodes {
+    async fn init(&self, space: &mut AddressSpace, context: ServerContext) {
+        self.core.init(space, context).await;
+    }
+
+    fn name(&self) -> &str {
+        self.core.name()
+    }
+
+    fn namespaces(&self) -> Vec<NamespaceMetadata> {
+        self.core.namespaces()
+    }
+
+    fn owns_server_events(&self) -> bool {
+        self.core.owns_server_events()
+    }
+
+    async fn read_values(
+        &self,
+        context: &RequestContext,
+        space: &RwLock<AddressSpace>,
+        nodes: &[&ParsedReadValueId],
+        max_age: f64,
+        timestamps: TimestampsToReturn,
+    ) -> Vec<DataValue> {
+        self.core.read_values(context, space, nodes, max_age, timestamps).await
+    }
+
+    async fn create_value_monitored_items(
+        &self,
+        context: &RequestContext,
+        space: &RwLock<AddressSpace>,
+        items: &mut [&mut &mut CreateMonitoredItem],
+    ) {
+        self.core.create_value_monitored_items(context, space, items).await;
+    }
+
+    async fn create_event_monitored_items(
+        &self,
+        context: &RequestContext,
+        _: &RwLock<AddressSpace>,
+        items: &mut [&mut &mut CreateMonitoredItem],
+    ) {
+        self.calls.access.remember_channel(&context.token, channel(context));
+        if !self.may_read(context) {
+            items.iter_mut().for_each(|item| item.set_status(StatusCode::BadUserAccessDenied));
+        }
+    }
+
+    async fn set_monitoring_mode(
+        &self,
+        context: &RequestContext,
+        mode: MonitoringMode,
+        items: &[&MonitoredItemRef],
+    ) {
+        self.core.set_monitoring_mode(context, mode, items).await;
+    }
+
+    async fn modify_monitored_items(&self, context: &RequestContext, items: &[&MonitoredItemUpdateRef]) {
+        self.core.modify_monitored_items(context, items).await;
+    }
+
+    async fn delete_monitored_items(&self, context: &RequestContext, items: &[&MonitoredItemRef]) {
+        self.core.delete_monitored_items(context, items).await;
+    }
+
+    async fn call(
+        &self,
+        context: &RequestContext,
+        space: &RwLock<AddressSpace>,
+        calls: &mut [&mut &mut MethodCall],
+    ) -> Result<(), StatusCode> {
+        let mut others = Vec::new();
+        for call in calls.iter_mut() {
+            match call.method_id().as_method_id() {
+                Ok(MethodId::ConditionType_ConditionRefresh) => {
+                    let status = self.refresh_conditions(context, call.arguments().first());
+                    call.set_status(status);
+                }
+                Ok(MethodId::AcknowledgeableConditionType_Acknowledge) => {
+                    self.acknowledge_alarm(context, call).await
+                }
+                _ => others.push(&mut **call),
+            }
+        }
+        let mut others: Vec<&mut &mut MethodCall> = others.iter_mut().map(|call| &mut **call).collect();
+        self.core.call(context, space, &mut others).await
+    }
+}

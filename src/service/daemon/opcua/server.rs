@@ -1,0 +1,171 @@
+//! The server's thread: it listens, restarts the server if it fails, and ends it with the service.
+
+use super::access::Access;
+use super::calls::Calls;
+use super::cell_nodes::CellNodes;
+use super::certificates::{self, RejectedFiles, TrustedFiles};
+use super::conditions::AlarmConditions;
+use super::connection_limit::ConnectionLimiter;
+use super::core_nodes::CoreNodes;
+use super::depth::{NewestCycle, StoreReader, StoreValues};
+use super::follow::{Follower, poll_store};
+use super::settings;
+use crate::daemon::background::{Background, Plan};
+use crate::daemon::interface_context::InterfaceContext;
+use opcua::server::address_space::AddressSpace;
+use opcua::server::diagnostics::DiagnosticsNodeManagerBuilder;
+use opcua::server::node_manager::ServerContext;
+use opcua::server::node_manager::memory::{InMemoryNodeManager, InMemoryNodeManagerBuilder};
+use opcua::server::{Server, ServerHandle};
+use panelprep_cell::cell::OpcUa;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::sync::{oneshot, watch};
+use tokio::time::sleep;
+
+/// Time after which an unavailable address or a failed server is tried again.
+const RESTART_DELAY: Duration = Duration::from_secs(1);
+/// The name of the server in the log and among alarms.
+const NAME: &str = "OPC UA server";
+/// Threads that wait for the store's disk and hash passwords.
+const BLOCKING_THREADS: usize = 4;
+/// Stack size of a thread: messages can be nested, and there must be room to decode any message that arrives.
+const STACK_BYTES: usize = 8 * 1_024 * 1_024;
+
+/// The parts that the server needs.
+pub struct OpcUaParts {
+    /// The `[opcua]` table of the cell's file.
+    pub settings: OpcUa,
+    /// The parts that every interface uses.
+    pub front: InterfaceContext,
+}
+
+/// The OPC UA server; it is served until this is dropped.
+#[derive(Debug)]
+pub struct OpcUaServer {
+    _background: Background,
+}
+
+impl OpcUaServer {
+    /// Serves the cell; `None` if its file names no address. If an address is not available now, or certificates
+    /// cannot be used, it tries again: the cell does not wait for the server.
+    ///
+    /// # Errors
+    /// If the system refuses a thread.
+    pub fn serve(parts: OpcUaParts) -> std::io::Result<Option<Self>> {
+        let Some(address) = parts.settings.listen else { return Ok(None) };
+        let plan =
+            Plan { name: "opcua", task: NAME, blocking_threads: BLOCKING_THREADS, stack_bytes: Some(STACK_BYTES) };
+        let begin = async move |ended: &mut oneshot::Receiver<()>| run((&parts, address), ended).await;
+        Ok(Some(OpcUaServer { _background: Background::start(plan, begin)? }))
+    }
+}
+
+/// Serves until it is requested to end. If the server cannot be served, or ends without this request, it is started
+/// again.
+async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::Receiver<()>) {
+    let alarms = &parts.front.alarms;
+    loop {
+        let problem = tokio::select! {
+            served = serve_until_end(parts, address) => served.err().unwrap_or_else(|| "the server ended without a reported cause".to_owned()),
+            _ = &mut *ended => return,
+        };
+        if alarms.set_connection_problem(NAME, Some(&problem)) {
+            tracing::warn!("{NAME}: {problem}; retrying every second");
+        }
+        tokio::select! {
+            () = sleep(RESTART_DELAY) => {}
+            _ = &mut *ended => return,
+        }
+    }
+}
+
+/// A server with everything that belongs to it, as it was built.
+struct BuiltServer {
+    server: Server,
+    handle: ServerHandle,
+    nodes: Arc<InMemoryNodeManager<CellNodes>>,
+    core: Arc<InMemoryNodeManager<CoreNodes>>,
+    conditions: Arc<AlarmConditions>,
+    access: Arc<Access>,
+    connections: Arc<ConnectionLimiter>,
+}
+
+fn build(parts: &OpcUaParts, address: SocketAddr) -> Result<BuiltServer, String> {
+    let door = Arc::new(ConnectionLimiter::default());
+    let access = Arc::new(Access::new(parts.front.people.clone(), door.clone(), parts.settings.anonymous));
+    let calls = Arc::new(Calls::new(access.clone(), parts.front.clone()));
+    let conditions = Arc::new(AlarmConditions::default());
+    let shared = (calls.clone(), conditions.clone());
+    let core = move |context: ServerContext, space: &mut AddressSpace| CoreNodes::build(shared, context, space);
+    let cell = move |context: ServerContext, space: &mut AddressSpace| CellNodes::build(calls, &context, space);
+    let (server, handle) = settings::builder(&parts.settings, address)
+        .without_node_managers()
+        .with_node_manager(InMemoryNodeManagerBuilder::new(core))
+        .with_node_manager(DiagnosticsNodeManagerBuilder)
+        .with_node_manager(InMemoryNodeManagerBuilder::new(cell))
+        .with_authenticator(access.clone())
+        .build()?;
+    let nodes = handle.node_managers().get_of_type::<InMemoryNodeManager<CellNodes>>();
+    let nodes = nodes.ok_or_else(|| "internal fault: the nodes of the cell are missing".to_owned())?;
+    let core = handle.node_managers().get_of_type::<InMemoryNodeManager<CoreNodes>>();
+    let core = core.ok_or_else(|| "internal fault: the standard nodes of the server are missing".to_owned())?;
+    conditions.set_namespace(nodes.inner().namespace);
+    Ok(BuiltServer { server, handle, nodes, core, conditions, access, connections: door })
+}
+
+async fn serve_until_end(parts: &OpcUaParts, address: SocketAddr) -> Result<(), String> {
+    let host = settings::host(&parts.settings, address);
+    let (uri, hosts) = (settings::application_uri(&host), settings::hosts(&host, address));
+    let thumbprint = certificates::prepare(&parts.settings.certificates, &uri, &hosts);
+    let thumbprint = thumbprint.map_err(|error| error.to_string())?;
+    let listener = TcpListener::bind(address).await;
+    let listener = listener.map_err(|error| format!("cannot listen at {address}: {error}"))?;
+    let failed = |error: std::io::Error| error.to_string();
+    let behind = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.map_err(failed)?;
+    let behind_address = behind.local_addr().map_err(failed)?;
+    let BuiltServer { server, handle, nodes, core, conditions, access, connections: door } = build(parts, address)?;
+    let (tell_depth, depth) = watch::channel(StoreValues::default());
+    let (tell_cycle, cycle) = watch::channel(NewestCycle::default());
+    let reader = StoreReader {
+        access,
+        front: parts.front.clone(),
+        connections: door.clone(),
+        folder: parts.settings.certificates.clone(),
+        rejected: RejectedFiles::default(),
+        trusted: TrustedFiles::default(),
+        files_read: None,
+        counted: None,
+        last: StoreValues::default(),
+    };
+    let follower = Follower {
+        gateway: parts.front.gateway.clone(),
+        nodes,
+        core,
+        conditions,
+        handle: handle.clone(),
+        depth,
+        cycle: tell_cycle,
+    };
+    parts.front.alarms.set_connection_problem(NAME, None);
+    tracing::info!("{NAME}: opc.tcp://{host}:{}/, SHA-1 of its certificate {thumbprint}", address.port());
+    // When one of these parts ends, all the others end too.
+    tokio::select! {
+        served = server.run_with(behind) => served,
+        () = poll_store(reader, cycle, tell_depth) => Ok(()),
+        () = follower.update_nodes() => Ok(()),
+        () = knows_its_port(&handle, address.port()) => Ok(()),
+        () = door.serve_connections(listener, behind_address) => Ok(()),
+    }
+}
+
+/// Reports the port of the door to clients, since the server itself listens on another port behind the door.
+async fn knows_its_port(handle: &ServerHandle, port: u16) {
+    loop {
+        handle.info().port.store(port, Ordering::Relaxed);
+        sleep(Duration::from_millis(20)).await;
+    }
+}

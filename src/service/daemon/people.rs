@@ -1,0 +1,253 @@
+//! People who log in, for every interface that has a log-in: their accounts, the pause after wrong passwords, and the
+//! audit trail.
+//!
+//! One instance serves all interfaces, so that a person who tries passwords at two interfaces is counted once. It reads
+//! and writes the store through its own connections; no part of the loop waits for it.
+
+use super::failed_logins::{FailedLogins, words};
+use super::hashing::PasswordHashing;
+use super::store_access::StoreAccess;
+use panelprep_cell::accounts::{self, Account, AuditEntry, Lockout};
+use panelprep_cell::files::content_hash;
+use panelprep_store::store::{Store, StoreError};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// The result of a log-in with a name and a password.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LoginResult {
+    /// Name and password are correct.
+    Right(Account),
+    /// The name or the password is wrong, or the account is disabled; the text is for the audit trail.
+    Wrong(&'static str),
+    /// Log-in to the account is blocked for this many more seconds. The password was not checked.
+    Pauses(f64),
+    /// The name does not have the form of an account's name, or the program is ending.
+    Unknown,
+}
+
+/// Identifies an account during one of its sessions: another role or a new password changes the stamp, and so does
+/// disabling the account.
+pub(super) fn account_stamp(account: &Account) -> String {
+    let Account { role, password_hash, is_enabled, .. } = account;
+    let digest = content_hash(format!("{}\n{is_enabled}\n{password_hash}", role.keyword()).as_bytes());
+    digest.chars().take(16).collect()
+}
+
+/// The accounts, log-in pauses and audit trail of one store.
+#[derive(Debug)]
+pub struct AccountService {
+    store: StoreAccess,
+    hashing: PasswordHashing,
+    lockout: Mutex<Lockout>,
+    /// The limit of lines about wrong log-ins in the audit trail.
+    failed_logins: FailedLogins,
+    started: Instant,
+}
+
+impl AccountService {
+    /// Creates the access to the people of the store in this folder, which need not exist yet.
+    pub fn new(folder: PathBuf) -> Self {
+        AccountService {
+            store: StoreAccess::new(folder),
+            hashing: PasswordHashing::default(),
+            lockout: Mutex::default(),
+            failed_logins: FailedLogins::new(Instant::now()),
+            started: Instant::now(),
+        }
+    }
+
+    /// Returns seconds of a monotonic clock.
+    pub fn now_s(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+
+    /// Returns the recent attempts with wrong passwords.
+    fn lock_lockout(&self) -> MutexGuard<'_, Lockout> {
+        // A poisoned lock is harmless: every change under it is complete.
+        self.lockout.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the remaining seconds for which this account's log-in is blocked after wrong passwords.
+    pub fn pauses_s(&self, name: &str) -> Option<f64> {
+        self.lock_lockout().pauses_s((name, true), self.now_s())
+    }
+
+    /// Reads the store on the calling thread, which may wait for the disk.
+    ///
+    /// # Errors
+    /// If the store cannot be opened or read.
+    pub fn read<T>(&self, read: impl FnOnce(&Store) -> Result<T, StoreError>) -> Result<T, StoreError> {
+        self.store.read(read)
+    }
+
+    /// Writes a row on the calling thread, which may wait for the disk; no cycle waits for such a row.
+    ///
+    /// # Errors
+    /// If the store cannot be opened or written.
+    pub fn write<T>(&self, write: impl FnOnce(&mut Store) -> Result<T, StoreError>) -> Result<T, StoreError> {
+        self.store.write(write)
+    }
+
+    /// Writes a line of the audit trail; if the disk refuses, the line is written to the service's log.
+    pub fn audit(&self, entry: &AuditEntry) {
+        if let Err(error) = self.write(|store| store.store_audit(entry)) {
+            let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("a person who is not logged in"));
+            tracing::warn!("the audit trail could not be written: {error}; lost entry: {what} by {who}");
+        }
+    }
+
+    /// Writes a line about a wrong log-in, or only counts it if there are many, so that attempts do not fill the
+    /// disk. The number of those without a line is written when the minute is over. Runs on the calling thread.
+    pub fn audit_failed_login(self: &Arc<Self>, entry: &AuditEntry) {
+        let counted = self.failed_logins.count();
+        if let Some(left_out) = counted.left_out {
+            self.audit(&left_out_line(left_out, entry));
+        }
+        if counted.is_written {
+            self.audit(entry);
+        }
+        if let Some(after) = counted.report_after {
+            self.report_left_out(after, entry.clone());
+        }
+    }
+
+    /// Waits this long on a thread of its own, then writes how many log-ins had no line. At most one such thread waits
+    /// for each minute.
+    fn report_left_out(self: &Arc<Self>, after: Duration, last: AuditEntry) {
+        let people = Arc::downgrade(self);
+        let wait = move || {
+            thread::sleep(after);
+            let Some(people) = people.upgrade() else { return };
+            if let Some(left_out) = people.failed_logins.over() {
+                people.audit(&left_out_line(left_out, &last));
+            }
+        };
+        if let Err(error) = thread::Builder::new().name("log-ins".to_owned()).spawn(wait) {
+            tracing::warn!("the number of wrong log-ins is written only with the next wrong one: {error}");
+        }
+    }
+
+    fn account(&self, name: &str) -> Option<Account> {
+        match self.read(|store| store.accounts()) {
+            Ok(mut accounts) => accounts.remove(name),
+            Err(error) => {
+                tracing::warn!("log-in is not possible, because the accounts cannot be read: {error}");
+                None
+            }
+        }
+    }
+
+    /// Checks a name and a password, and counts a wrong one. It computes on the calling thread for a while. Call it
+    /// only within [`AccountService::hashing`], so that each attempt takes the results of earlier attempts into account.
+    pub fn check_password(&self, name: &str, password: &str) -> LoginResult {
+        let account = self.account(name);
+        let who = (name, account.is_some());
+        if let Some(left_s) = self.lock_lockout().pauses_s(who, self.now_s()) {
+            return LoginResult::Pauses(left_s);
+        }
+        let hash = account.as_ref().map_or("", |account| &account.password_hash);
+        let is_right = accounts::is_correct_password(password, hash);
+        match account.filter(|account| is_right && account.is_enabled) {
+            Some(account) => {
+                self.lock_lockout().record_success(name);
+                LoginResult::Right(account)
+            }
+            None if self.lock_lockout().record_failure(who, self.now_s()) => {
+                LoginResult::Wrong("wrong password; the account is locked temporarily")
+            }
+            None => LoginResult::Wrong("wrong name or password"),
+        }
+    }
+
+    /// Runs work with passwords, one piece at a time.
+    pub async fn hashing<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+        self.hashing.run(work).await
+    }
+
+    /// Judges a name and a password when it is their turn, and counts a wrong one.
+    pub async fn attempt_login(self: &Arc<Self>, name: &str, password: String) -> LoginResult {
+        if accounts::checked_name(name).is_err() {
+            return LoginResult::Unknown;
+        }
+        // A person whose log-in is blocked does not occupy the turn of another person.
+        if let Some(left_s) = self.pauses_s(name) {
+            return LoginResult::Pauses(left_s);
+        }
+        let (shared, tried) = (self.clone(), name.to_owned());
+        self.hashing(move || shared.check_password(&tried, &password)).await.unwrap_or(LoginResult::Unknown)
+    }
+}
+
+/// Returns the line that counts wrong log-ins without a line of their own; one of them was `last`.
+fn left_out_line(left_out: u64, last: &AuditEntry) -> AuditEntry {
+    let line = AuditEntry::for_completed_action(None, None, last.from.clone(), &last.what);
+    AuditEntry { refused: Some(words(left_out)), ..line }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Simultaneous attempts are judged one after the other, and the sixth one is not judged any more.
+    #[tokio::test]
+    async fn of_six_wrong_passwords_at_one_time_the_sixth_is_not_looked_at() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let people = Arc::new(AccountService::new(folder.path().join("store")));
+        let tries = (0..6).map(|_| {
+            let people = people.clone();
+            tokio::spawn(async move { people.attempt_login("anna", "wrong horse".to_owned()).await })
+        });
+        let mut came = Vec::new();
+        for tried in tries.collect::<Vec<_>>() {
+            came.push(tried.await.expect("it ends"));
+        }
+        let paused = came.iter().filter(|came| matches!(came, LoginResult::Pauses(_))).count();
+        assert_eq!(paused, 1, "{came:?}");
+        let again = people.attempt_login("anna", "wrong horse".to_owned()).await;
+        assert!(matches!(again, LoginResult::Pauses(left_s) if left_s > 50.0), "it pauses on: {again:?}");
+    }
+
+    /// A thousand wrong log-ins within a minute give twenty lines; the others are only counted, and their number is
+    /// written when the minute is over.
+    #[test]
+    fn a_flood_of_failed_logins_is_a_few_lines() {
+        let folder = tempfile::tempdir().expect("a folder");
+        drop(Store::create(&folder.path().join("store")).expect("a store"));
+        let people = Arc::new(AccountService::new(folder.path().join("store")));
+        let line =
+            AuditEntry::for_completed_action(Some("engineer".to_owned()), None, "10.0.0.1".to_owned(), "log in");
+        let line = AuditEntry { refused: Some("wrong name or password".to_owned()), ..line };
+        (0..1_000).for_each(|_| people.audit_failed_login(&line));
+        let lines = people.read(|store| store.audit(None, 2_000)).expect("read").len();
+        assert_eq!(lines, 20);
+    }
+
+    /// The number of log-ins without a line is written when the minute is over, although no other log-in follows.
+    #[test]
+    fn a_flood_that_stops_is_counted_when_its_minute_is_over() {
+        let folder = tempfile::tempdir().expect("a folder");
+        drop(Store::create(&folder.path().join("store")).expect("a store"));
+        let mut people = AccountService::new(folder.path().join("store"));
+        let begun = Instant::now();
+        let minute_began = begun.checked_sub(Duration::from_secs(55)).expect("the computer runs for a minute");
+        people.failed_logins = FailedLogins::new(minute_began);
+        let people = Arc::new(people);
+        let line =
+            AuditEntry::for_completed_action(Some("engineer".to_owned()), None, "10.0.0.1".to_owned(), "log in");
+        (0..25).for_each(|_| people.audit_failed_login(&line));
+        let counted = || {
+            let lines = people.read(|store| store.audit(None, 100)).expect("read");
+            lines
+                .iter()
+                .filter_map(|line| line.entry.refused.clone())
+                .any(|refused| refused == "further wrong log-ins within a minute, without a line of their own: 5")
+        };
+        while !counted() {
+            assert!(begun.elapsed() < Duration::from_secs(60), "the count is lost");
+            thread::sleep(Duration::from_millis(20));
+        }
+    }
+}

@@ -1,0 +1,320 @@
+//! Perception of the panel: its pose, and the result of the film. The artifacts are stored here.
+
+use super::answers::{MISSING, camera_fault_answer, figure, grade_judgement, reason, unusable_picture_answer};
+use super::corners::CornerLoop;
+use super::error::DaemonError;
+use super::films::{FilmMemory, FilmWatch, FilmedPanel, mask_hash};
+use super::ports::{CameraPort, Picture2d, Record};
+use super::setup::CycleSetup;
+use crate::report;
+use crate::stages::{self, ResultDrawing, film};
+use panelprep_base::geometry::{Base, ColorPicture, FlangeCamera, Mask, Panel, Rigid, median};
+use panelprep_base::phase::Phase;
+use panelprep_cell::cycle::Answer;
+use panelprep_cell::panel::GridId;
+use panelprep_cell::record::{Budget, Kind};
+use panelprep_toolpath::path::approach::Approach;
+use panelprep_toolpath::path::reach::Obstacles;
+use panelprep_toolpath::surface::{self, FormErrors, TodaysScan};
+use panelprep_vision::inspect::Inspection;
+use panelprep_vision::locate;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// The pose of the panel and the result of its film.
+#[derive(Debug, Default, Clone)]
+pub(super) struct Perception {
+    /// The panel's pose from the 3D scan.
+    pub(super) located: Option<Rigid<Base, Panel>>,
+    /// The uncertainty of the pose from the 3D scan, 95 %, mm.
+    pub(super) located_mm: Option<f64>,
+    /// The panel's pose after the correction with the corners.
+    pub(super) place: Option<Rigid<Base, Panel>>,
+    /// The taught corners that are viewed, and their results.
+    pub corners: CornerLoop,
+    /// The panel at its found pose and everything else in the scan, as obstacles for the arm.
+    obstacles: Option<Arc<Obstacles>>,
+    /// The points of the panel's region in the scan by which the panel was located, with their errors.
+    todays_scan: Arc<TodaysScan>,
+    dry: Option<(Arc<ColorPicture>, f64)>,
+    /// The films of this cycle, in order.
+    pub inspections: Vec<Arc<Inspection>>,
+    /// The last picture of the last film.
+    pub film_picture: Option<Arc<ColorPicture>>,
+}
+
+/// A film that is being watched.
+#[derive(Debug)]
+pub(super) struct FilmInProgress {
+    filming: FilmWatch,
+    /// The panel in the film.
+    pub panel: FilmedPanel,
+    /// The time of the film's first picture, by the camera's clock, s.
+    first_s: Option<f64>,
+    /// Time from the film's first picture to its last one, s.
+    pub seen_s: f64,
+    /// Times from a decoded picture to its result, ms.
+    elapsed_ms: Vec<f64>,
+}
+
+impl FilmInProgress {
+    /// The newest picture, the pixels that broke so far and the grids that failed so far.
+    pub fn current_breaks(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
+        self.filming.current_breaks()
+    }
+}
+
+impl Perception {
+    /// Returns the best known pose of the panel.
+    pub fn panel_pose(&self) -> Option<Rigid<Base, Panel>> {
+        self.place
+    }
+
+    /// Discards the pictures after a cycle, since they are in the record; the pose of the panel is retained.
+    pub fn forget_pictures(&mut self) {
+        (self.dry, self.film_picture) = (None, None);
+        self.inspections.clear();
+    }
+
+    /// Returns the pose in which the flange camera should see the corner as it was taught (Eq. 3.22).
+    pub fn corner_pose(&self, cycle: &CycleSetup) -> Option<Rigid<Base, FlangeCamera>> {
+        Some(self.place? * cycle.corners.get(self.corners.aimed_corner())?.teaching_data.panel_from_camera)
+    }
+
+    /// Returns the pose of the panel relative to the arm, with the corners by which it was corrected.
+    pub fn approach(&self) -> Option<Approach<'_>> {
+        let (corners, obstacles) = (self.corners.correction_corners(), self.obstacles());
+        self.place.map(|base_from_panel| Approach { base_from_panel, corners, obstacles })
+    }
+
+    /// Returns the obstacles that the arm avoids on its way to a corner.
+    pub fn obstacles(&self) -> Option<&Arc<Obstacles>> {
+        self.obstacles.as_ref()
+    }
+
+    /// Returns the points of the panel's region in the scan in which the panel was located.
+    pub fn todays_scan(&self) -> &Arc<TodaysScan> {
+        &self.todays_scan
+    }
+
+    /// Returns the data of the panel's pose on which a later phase's result depends, as text. The obstacles are not
+    /// included, since they follow from the scan by which the panel was located.
+    pub(super) fn pose_inputs(&self) -> String {
+        let Perception { located, located_mm, place, corners, .. } = self;
+        format!("{located:?} {located_mm:?} {place:?} {corners:?}")
+    }
+
+    /// Returns the data of `pose_inputs` with the result of the film.
+    pub(super) fn inputs(&self) -> String {
+        let inspections = &self.inspections;
+        let failed: Vec<_> = inspections
+            .last()
+            .map_or(vec![], |film| film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect());
+        // Areas around breaks follow from the places that broke, and not only from the failed grids.
+        let broken = inspections.last().map(|film| film.mask());
+        format!("{} {failed:?} {:x}", self.pose_inputs(), mask_hash(broken.as_ref()))
+    }
+
+    /// Copies the films of another perception, and also its dry picture unless `without_dry`, as for a new
+    /// localization.
+    pub(super) fn copy_films(&mut self, other: &Perception, without_dry: bool) {
+        self.dry = if without_dry { None } else { other.dry.clone() };
+        (self.inspections, self.film_picture) = (other.inspections.clone(), other.film_picture.clone());
+    }
+
+    /// Adds the results of a film that was watched separately.
+    pub fn add_film(&mut self, film: Perception) {
+        self.inspections.extend(film.inspections);
+        if film.film_picture.is_some() {
+            self.film_picture = film.film_picture;
+        }
+    }
+
+    /// Takes a 3D shot and locates the panel in it. The film results of the panel's grids are retained.
+    pub fn locate(
+        &mut self,
+        cycle: &CycleSetup,
+        eyes: &mut dyn CameraPort,
+        record: &mut dyn Record,
+    ) -> Result<Answer, DaemonError> {
+        // Forgotten before the shot: if the camera fails, no action may use the place of the former scan.
+        (self.located, self.located_mm, self.place, self.obstacles) = (None, None, None, None);
+        (self.dry, self.corners, self.todays_scan) = (None, CornerLoop::default(), Arc::default());
+        let errors = &cycle.calibrations.scan_errors;
+        // The taught panel is prepared while the camera takes its scan.
+        let scan = std::thread::scope(|threads| {
+            threads.spawn(|| cycle.taught_model());
+            eyes.scan()
+        });
+        let scan = match scan {
+            Ok(scan) => scan,
+            Err(error) => return camera_fault_answer(Kind::Locate, 0, &error, record),
+        };
+        let picture = scan.picture();
+        record.picture("scan", &picture)?;
+        let begun = Instant::now();
+        let scan = errors.correct_scan(scan);
+        let (camera, base_from_camera) = (&cycle.calibrations.scanner, cycle.calibrations.base_from_camera);
+        let view = locate::ScanView { scan: &scan, camera, base_from_camera, range: errors.range };
+        let located = stages::locate::locate((&cycle.panel, cycle.taught_model()), view, &cycle.recipe);
+        let obstacles = located.obstacles().map(Arc::new);
+        let elapsed_ms = elapsed_ms(begun);
+        let nowhere = || ResultDrawing {
+            name: "located".to_owned(),
+            caption: "The scan's picture: no panel was found".to_owned(),
+            picture: Ok(picture.clone()),
+        };
+        record.figure(&figure(located.draw_placement(&picture).unwrap_or_else(nowhere), &picture))?;
+        for drawing in located.draw_reasons(&picture) {
+            record.figure(&figure(drawing, &picture))?;
+        }
+        let found = located.finding(elapsed_ms);
+        record.finding(&found)?;
+        let place = located.fit.as_ref().map(|fit| fit.base_from_panel);
+        let located_mm = located.fit.as_ref().map(|fit| fit.uncertainty_mm);
+        record.budget(&Budget {
+            hand_eye_mm: cycle.calibrations.hand_eye_mm,
+            robot_mm: cycle.calibrations.robot_mm,
+            locate_mm: located_mm,
+            stated_mm: cycle.cell.limits.tool_error_mm(),
+            ..Budget::default()
+        })?;
+        if let Some(place) = place {
+            let panel_from_camera = place.inverse() * base_from_camera;
+            let scan_mm = errors.range.point_mm();
+            self.todays_scan = Arc::new(TodaysScan {
+                points: surface::todays_points(&cycle.panel, &scan, &panel_from_camera),
+                errors: located
+                    .fit
+                    .as_ref()
+                    .map(|fit| FormErrors { scan_mm, pose: fit.pose_uncertainty(base_from_camera) }),
+            });
+            record.show_scan(&scan, &panel_from_camera);
+        }
+        (self.located, self.place, self.located_mm, self.obstacles) = (place, place, located_mm, obstacles);
+        Ok(Answer::Graded(grade_judgement(&found.judgement)))
+    }
+
+    /// Takes the picture of the dry panel.
+    pub fn dry_picture(
+        &mut self,
+        eyes: &mut dyn CameraPort,
+        record: &mut dyn Record,
+    ) -> Result<Answer, DaemonError> {
+        match eyes.picture() {
+            Ok(Picture2d { picture, time_s }) => {
+                record.picture("dry", &picture)?;
+                self.dry = Some((Arc::new(picture), time_s));
+                Ok(Answer::Done)
+            }
+            Err(error) => camera_fault_answer(Kind::Inspect, 0, &error, record),
+        }
+    }
+
+    /// Begins to watch the film, and starts the camera's film; `sanded` are the taught pixels that were sanded
+    /// after the dry picture was taken.
+    pub fn film(
+        &self,
+        cycle: &CycleSetup,
+        (pass, sanded): (u8, Option<Arc<Mask>>),
+        (eyes, memory): (&mut dyn CameraPort, Option<&FilmMemory>),
+        record: &mut dyn Record,
+    ) -> Result<Result<FilmInProgress, Answer>, DaemonError> {
+        let (Some(place), Some((dry, dry_s))) = (self.place, &self.dry) else { return Ok(Err(MISSING)) };
+        let panel = FilmedPanel { place, sanded };
+        match FilmWatch::begin_film(cycle, &panel, (dry, *dry_s), memory) {
+            Ok(filming) => {
+                let mut filming =
+                    FilmInProgress { filming, panel, first_s: None, seen_s: 0.0, elapsed_ms: Vec::new() };
+                record.frame(dry, *dry_s, Phase::Dry)?;
+                match eyes.begin_film(cycle.film_demands().frames_per_second) {
+                    Ok(began_s) => {
+                        filming.filming.set_start(began_s);
+                        Ok(Ok(filming))
+                    }
+                    Err(error) => camera_fault_answer(Kind::Inspect, pass, &error, record).map(Err),
+                }
+            }
+            Err(error) => unusable_picture_answer(Kind::Inspect, pass, reason("film", &error), record).map(Err),
+        }
+    }
+
+    /// Fetches the film's next picture if one is due; after the last one, judges the film. Times are the camera's
+    /// own.
+    pub fn evaluate_next_picture(
+        &mut self,
+        cycle: &CycleSetup,
+        filming: FilmInProgress,
+        pass: u8,
+        eyes: &mut dyn CameraPort,
+        record: &mut dyn Record,
+    ) -> Result<Result<FilmInProgress, Answer>, DaemonError> {
+        let mut filming = filming;
+        let (picture, time_s) = match eyes.next_film_picture() {
+            Ok(Some(Picture2d { picture, time_s })) => (Arc::new(picture), time_s),
+            Ok(None) => return Ok(Ok(filming)),
+            Err(error) => return camera_fault_answer(Kind::Inspect, pass, &error, record).map(Err),
+        };
+        // Recorded before it is judged, so that a film that ends with an error can be judged again from the record.
+        record.frame(&picture, time_s, Phase::Wet)?;
+        let begun = Instant::now();
+        let added = match filming.filming.push((cycle, &filming.panel), &picture, time_s) {
+            Ok(added) => added,
+            Err(error) => {
+                #[expect(
+                    clippy::let_underscore_must_use,
+                    reason = "the film is abandoned: no further picture will be requested"
+                )]
+                let _ = eyes.end_film();
+                return unusable_picture_answer(Kind::Inspect, pass, reason("film", &error), record).map(Err);
+            }
+        };
+        filming.elapsed_ms.push(elapsed_ms(begun));
+        if let Some(grids) = added.newly_broken_grids {
+            tracing::info!(since_wet_s = added.since_wet_s, "the water film broke on {grids}");
+        }
+        let since_s = time_s - *filming.first_s.get_or_insert(time_s);
+        filming.seen_s = since_s;
+        if since_s < cycle.film_demands().filmed_s() {
+            return Ok(Ok(filming));
+        }
+        // If ending the film fails because the camera is lost, all the needed pictures have already been delivered.
+        let dropped = eyes
+            .end_film()
+            .inspect_err(|error| tracing::warn!("cannot end the recording of the film: {error}"))
+            .ok();
+        self.finish(cycle, (filming, dropped), pass, record).map(Err)
+    }
+
+    fn finish(
+        &mut self,
+        cycle: &CycleSetup,
+        (mut filming, dropped): (FilmInProgress, Option<u64>),
+        pass: u8,
+        record: &mut dyn Record,
+    ) -> Result<Answer, DaemonError> {
+        let counted = film::FilmCounts { ms_per_picture: median(&mut filming.elapsed_ms), dropped };
+        let judged = match filming.filming.finish((cycle, &filming.panel), pass, counted) {
+            Ok(judged) => judged,
+            Err(error) => return unusable_picture_answer(Kind::Inspect, pass, reason("film", &error), record),
+        };
+        judged.notes.into_iter().try_for_each(|note| record.record_note(note))?;
+        self.inspections.push(judged.inspection);
+        self.film_picture = judged.last;
+        Ok(Answer::Filmed(judged.film))
+    }
+}
+
+/// Returns the view of the 3D camera, with the panel at its pose.
+pub(super) fn view<'a>(
+    cycle: &'a CycleSetup,
+    picture: &'a ColorPicture,
+    place: Rigid<Base, Panel>,
+) -> report::PanelOverlay<'a> {
+    let camera_from_panel = cycle.calibrations.base_from_camera.inverse() * place;
+    report::PanelOverlay { picture, camera: &cycle.calibrations.scanner, camera_from_panel }
+}
+
+fn elapsed_ms(begun: Instant) -> f64 {
+    begun.elapsed().as_secs_f64() * 1e3
+}

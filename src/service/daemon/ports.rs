@@ -1,0 +1,24 @@
+//! The loop's interfaces to the outside: a robot, a compliant tool if there is one, cameras, a record, and a source
+//! of requests.
+//!
+//! Each of them is a [`Port`]: it performs one command of its enum at a time and gives one answer of another enum.
+//! A layer between the loop and a port (a recording, a replay, the correction of the arm) is thus written once for
+//! all commands. The traits `RobotPort`, `ToolPort`, `CameraPort`, `RecordPort` and `RequestPort` offer the
+//! commands as functions.
+
+mod cameras;
+mod port;
+mod record;
+mod requests;
+mod robot;
+mod tool;
+
+pub use cameras::{CameraAnswer, CameraCommand, CameraFault, CameraPort, NoCameras, Picture2d};
+pub use panelprep_cell::record::Finding;
+pub use port::{Command, Port};
+pub use record::{
+    Figure, Note, PictureStore, Record, RecordAnswer, RecordCommand, RecordError, RecordPort, StoredPicture,
+};
+pub use requests::{LoopEvent, RequestAnswer, RequestCommand, RequestPort, Requester};
+pub use robot::{LinkedRobot, RobotAnswer, RobotCommand, RobotPort};
+pub use tool::{LinkedTool, ToolAnswer, ToolCommand, ToolPort};

@@ -1,0 +1,143 @@
+//! The cameras as the loop sees them. Each command exposes once, at the time of the command.
+
+use super::port::{Command, Port};
+use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud};
+use serde::Serialize;
+
+pub use panelprep_devices::cameras::Picture as Picture2d;
+
+/// The requests to the cameras.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CameraCommand {
+    /// Takes a 3D shot.
+    Scan,
+    /// Takes a picture with the 3D camera's colour sensor.
+    Picture,
+    /// Begins a film: pictures of the colour sensor one after the other, at most this many per second. A film that is
+    /// not ended explicitly ends by itself.
+    BeginFilm(f64),
+    /// Fetches the film's next picture. Pictures that were dropped before it appear as a gap in the times.
+    NextOfFilm,
+    /// Ends the film.
+    EndFilm,
+    /// Takes a picture with the flange camera.
+    CornerPicture,
+    /// Checks whether the cameras are able to deliver. The check takes no shot that a cycle needs.
+    Check,
+}
+
+/// An answer of the cameras.
+#[derive(Debug)]
+pub enum CameraAnswer {
+    /// Answer to `Scan`.
+    Scan(OrganizedCloud<Camera>),
+    /// Answer to `Picture` and `NextOfFilm`, with the time on the camera's own clock.
+    Picture(Picture2d),
+    /// Answer to `NextOfFilm` if no picture is due yet.
+    NoneDue,
+    /// Answer to `BeginFilm`: the start time on the clock of the pictures, s.
+    FilmBegan(f64),
+    /// Answer to `EndFilm`: how many pictures were dropped.
+    FilmEnded(u64),
+    /// Answer to `CornerPicture`.
+    Corner(ColorPicture),
+    /// Answer to `Check`: each camera that is not able to deliver, with the reason.
+    Checked(Vec<CameraFault>),
+}
+
+impl Command for CameraCommand {
+    type Answer = Result<CameraAnswer, CameraFault>;
+}
+
+/// A camera that gave no picture.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{camera} gave no picture: {why}")]
+pub struct CameraFault {
+    /// The camera.
+    pub camera: &'static str,
+    /// Its message.
+    pub why: String,
+}
+
+impl CameraFault {
+    /// Returns the error for an answer to a different command; no port gives such an answer.
+    fn mismatch_error<T>() -> Result<T, Self> {
+        Err(CameraFault {
+            camera: "a camera",
+            why: "internal fault: the response does not match the request".to_owned(),
+        })
+    }
+}
+
+/// The cameras' commands as functions. They fail if the camera delivers nothing.
+pub trait CameraPort: Port<CameraCommand> {
+    /// Takes a 3D shot.
+    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, CameraFault> {
+        let CameraAnswer::Scan(cloud) = self.perform(CameraCommand::Scan)? else {
+            return CameraFault::mismatch_error();
+        };
+        Ok(cloud)
+    }
+
+    /// Takes a picture with the 3D camera's colour sensor.
+    fn picture(&mut self) -> Result<Picture2d, CameraFault> {
+        let taken = self.perform(CameraCommand::Picture)?;
+        let CameraAnswer::Picture(picture) = taken else { return CameraFault::mismatch_error() };
+        Ok(picture)
+    }
+
+    /// Begins a film with at most this many pictures a second; returns the time on the clock of the pictures, s.
+    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, CameraFault> {
+        let begun = self.perform(CameraCommand::BeginFilm(pictures_per_second))?;
+        let CameraAnswer::FilmBegan(time_s) = begun else { return CameraFault::mismatch_error() };
+        Ok(time_s)
+    }
+
+    /// Fetches the film's next picture; `None` if none is due yet.
+    fn next_film_picture(&mut self) -> Result<Option<Picture2d>, CameraFault> {
+        match self.perform(CameraCommand::NextOfFilm)? {
+            CameraAnswer::Picture(picture) => Ok(Some(picture)),
+            CameraAnswer::NoneDue => Ok(None),
+            _ => CameraFault::mismatch_error(),
+        }
+    }
+
+    /// Ends the film; returns how many of its pictures were dropped.
+    fn end_film(&mut self) -> Result<u64, CameraFault> {
+        let ended = self.perform(CameraCommand::EndFilm)?;
+        let CameraAnswer::FilmEnded(dropped) = ended else { return CameraFault::mismatch_error() };
+        Ok(dropped)
+    }
+
+    /// Takes a picture with the flange camera.
+    fn corner_picture(&mut self) -> Result<ColorPicture, CameraFault> {
+        let taken = self.perform(CameraCommand::CornerPicture)?;
+        let CameraAnswer::Corner(picture) = taken else { return CameraFault::mismatch_error() };
+        Ok(picture)
+    }
+
+    /// Returns the cameras that are not able to deliver, with the reasons.
+    fn check_cameras(&mut self) -> Vec<CameraFault> {
+        match self.perform(CameraCommand::Check) {
+            Ok(CameraAnswer::Checked(faults)) => faults,
+            Ok(_) => vec![],
+            Err(fault) => vec![fault],
+        }
+    }
+}
+
+impl<P: Port<CameraCommand> + ?Sized> CameraPort for P {}
+
+/// Cameras for use cases in which no picture is ever taken, such as clearing an abort.
+#[derive(Debug)]
+pub struct NoCameras;
+
+impl Port<CameraCommand> for NoCameras {
+    fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
+        match command {
+            CameraCommand::Check => Ok(CameraAnswer::Checked(vec![])),
+            _ => Err(CameraFault { camera: "the camera", why: "this command takes no picture".to_owned() }),
+        }
+    }
+}

@@ -1,0 +1,239 @@
+//! The record's port. Each command returns when its data is on disk.
+
+use super::port::{Command, Port};
+use panelprep_base::geometry::{Camera, ColorPicture, OrganizedCloud, Panel, Rigid};
+use panelprep_base::phase::Phase;
+use panelprep_base::verdict::{Reason, Verdict};
+use panelprep_cell::cycle::{Event, Motion, Outcome};
+use panelprep_cell::files::ClipEntry;
+use panelprep_cell::record::{
+    Budget, Clock, ContactPath, CycleId, EarlierPass, Finding, KeptFile, Picture, RequestRecord,
+};
+use panelprep_store::store::CycleStart;
+use std::sync::Arc;
+
+/// Stores a picture, which needs more time than a loop may wait; returns its name in the store. `None` if the disk
+/// is full and the picture was dropped.
+pub type PictureStore = Box<dyn FnMut(&ColorPicture) -> Result<Option<String>, RecordError> + Send>;
+
+/// A figure for people.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    /// The short name of the figure, such as `corner_before`.
+    pub name: String,
+    /// Caption of the figure.
+    pub caption: String,
+    /// The picture.
+    pub picture: ColorPicture,
+}
+
+/// A partial result of a phase. Pictures and figures noted since the last finding belong to the next finding.
+#[derive(Debug, Clone)]
+pub enum Note {
+    /// The finding of a stage.
+    Finding(Finding),
+    /// A picture from a camera, with its name.
+    Picture(String, ColorPicture),
+    /// The next picture of a clip, with its time, s; the next finding names the clip.
+    Frame(Arc<ColorPicture>, f64, Phase),
+    /// A figure for people.
+    Figure(Figure),
+    /// A picture that is in the store already.
+    Kept(StoredPicture),
+    /// Parts of the error at the tool that were measured now; the other parts stay at their known values.
+    Budget(Budget),
+}
+
+/// Reference to a stored picture, attached to the next finding.
+#[derive(Debug, Clone, PartialEq)]
+pub enum StoredPicture {
+    /// A picture as a camera delivered it.
+    Shot(KeptFile),
+    /// The next picture of a clip, named by its hash.
+    Frame(ClipEntry),
+    /// Drawn for people.
+    Figure(Picture),
+}
+
+/// The requests to the record.
+#[derive(Debug)]
+pub enum RecordCommand {
+    /// Records the result of a phase.
+    Note(Note),
+    /// Writes one line of the journal.
+    Event(Event),
+    /// Opens a motion.
+    OpenIntent(Motion),
+    /// Opens a contact path, and permits a number of its waypoints.
+    OpenContact {
+        /// The motion.
+        motion: Motion,
+        /// The grids that the path will touch, and the wear of the disc that it will cause.
+        path: ContactPath,
+        /// The number of waypoints that may be sent at present.
+        permitted: u32,
+    },
+    /// Permits this number of waypoints of the contact path in progress.
+    Permit(u32),
+    /// Closes a motion: the robot is at rest.
+    CloseIntent {
+        /// The motion.
+        motion: Motion,
+        /// Outcome of the motion.
+        outcome: Outcome,
+        /// Number of executed waypoints.
+        done: u32,
+    },
+    /// Asks where the tool was, or may have been, on this panel in earlier cycles, as far as the part is still the
+    /// same.
+    AbradedBefore,
+    /// Records a request with its answer. A request to the state table is recorded after its event.
+    Asked(RequestRecord),
+    /// The clock's time: when a cycle begins, and when it is concluded.
+    Clock(Clock),
+    /// Records the end of the cycle according to the state table, and the reasons if it was ended early.
+    Conclude {
+        /// The table's verdict.
+        verdict: Verdict,
+        /// Reasons of the verdict.
+        because: Vec<Reason>,
+    },
+    /// Begins a cycle; the commands that follow belong to it.
+    Begin(CycleStart),
+    /// The commands that follow belong to no cycle.
+    BetweenCycles,
+    /// Asks for the area that the disc in use has swept, mm².
+    DiscWorn,
+    /// Adds an area that the disc in use has swept, mm².
+    WearDisc(f64),
+    /// Records that a new disc was mounted.
+    MountDisc,
+    /// Checks whether there is room for the record of a cycle; if not, the answer states why.
+    Check,
+    /// Asks whether the disk has filled up since the last check; the answer states why, and what to delete. From then
+    /// on pictures are dropped; the journal continues until the cell is at rest.
+    Filled,
+}
+
+/// An answer of the record.
+#[derive(Debug)]
+pub enum RecordAnswer {
+    /// The record was stored.
+    Done,
+    /// Answer to `Begin`.
+    Cycle(CycleId),
+    /// Answer to `Conclude`: the verdict that was recorded, never better than the findings.
+    Concluded(Verdict),
+    /// Answer to `DiscWorn`, mm².
+    Worn(f64),
+    /// Answer to `AbradedBefore`.
+    Earlier(Vec<EarlierPass>),
+    /// Answer to `Check`.
+    Wrong(Vec<Reason>),
+    /// Answer to `Filled`.
+    Full(Option<Reason>),
+}
+
+impl Command for RecordCommand {
+    type Answer = Result<RecordAnswer, RecordError>;
+}
+
+/// The store cannot be written. Without the store, no motion is permitted.
+#[derive(Debug, thiserror::Error)]
+#[error("the record cannot be written: {0}")]
+pub struct RecordError(pub Box<dyn std::error::Error + Send + Sync>);
+
+impl RecordError {
+    /// Returns the error for an answer to a different command; no port gives such an answer.
+    fn mismatch_error<T>() -> Result<T, Self> {
+        Err(RecordError("internal fault: the response does not match the request".into()))
+    }
+}
+
+/// The record's commands as functions. They fail if it cannot be written or read.
+pub trait RecordPort: Port<RecordCommand> {
+    /// Performs a command whose only answer is that its data is recorded.
+    fn perform_and_forget(&mut self, command: RecordCommand) -> Result<(), RecordError> {
+        self.perform(command).map(drop)
+    }
+
+    /// Returns the places where the tool was on this panel in earlier cycles.
+    fn earlier_abrasions(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
+        let known = self.perform(RecordCommand::AbradedBefore)?;
+        let RecordAnswer::Earlier(earlier) = known else { return RecordError::mismatch_error() };
+        Ok(earlier)
+    }
+
+    /// Begins a cycle.
+    fn begin(&mut self, start: CycleStart) -> Result<CycleId, RecordError> {
+        let begun = self.perform(RecordCommand::Begin(start))?;
+        let RecordAnswer::Cycle(cycle) = begun else { return RecordError::mismatch_error() };
+        Ok(cycle)
+    }
+
+    /// Records the end of a cycle; returns the recorded verdict.
+    fn conclude(&mut self, verdict: Verdict, because: Vec<Reason>) -> Result<Verdict, RecordError> {
+        let kept = self.perform(RecordCommand::Conclude { verdict, because })?;
+        let RecordAnswer::Concluded(kept) = kept else { return RecordError::mismatch_error() };
+        Ok(kept)
+    }
+
+    /// Returns the area that the disc in use has swept, mm².
+    fn disc_worn_mm2(&mut self) -> Result<f64, RecordError> {
+        let worn = self.perform(RecordCommand::DiscWorn)?;
+        let RecordAnswer::Worn(worn_mm2) = worn else { return RecordError::mismatch_error() };
+        Ok(worn_mm2)
+    }
+
+    /// Returns why there is no room for the record of a cycle.
+    fn disk_space_problems(&mut self) -> Vec<Reason> {
+        match self.perform(RecordCommand::Check) {
+            Ok(RecordAnswer::Wrong(reasons)) => reasons,
+            Ok(_) => vec![],
+            Err(error) => vec![Reason::new("store", error.to_string())],
+        }
+    }
+
+    /// Returns the reason if the disk has filled since the last check.
+    fn disk_full_reason(&mut self) -> Option<Reason> {
+        let Ok(RecordAnswer::Full(why)) = self.perform(RecordCommand::Filled) else { return None };
+        why
+    }
+}
+
+impl<P: Port<RecordCommand> + ?Sized> RecordPort for P {}
+
+/// The interface through which a phase stores its results. Each function returns when the data is stored, and fails if
+/// it cannot be stored.
+pub trait Record {
+    /// Stores a note.
+    fn record_note(&mut self, note: Note) -> Result<(), RecordError>;
+
+    /// Shows people who watch a scan in which the panel was found; the scan is not recorded.
+    fn show_scan(&mut self, _scan: &OrganizedCloud<Camera>, _panel_from_camera: &Rigid<Panel, Camera>) {}
+
+    /// See [`Note::Finding`].
+    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
+        self.record_note(Note::Finding(finding.clone()))
+    }
+
+    /// See [`Note::Picture`].
+    fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
+        self.record_note(Note::Picture(name.to_owned(), picture.clone()))
+    }
+
+    /// See [`Note::Frame`].
+    fn frame(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
+        self.record_note(Note::Frame(picture.clone(), time_s, phase))
+    }
+
+    /// See [`Note::Figure`].
+    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
+        self.record_note(Note::Figure(figure.clone()))
+    }
+
+    /// See [`Note::Budget`].
+    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
+        self.record_note(Note::Budget(*measured))
+    }
+}

@@ -1,0 +1,210 @@
+//! The robot as the loop sees it: it receives commands, returns reports, and has the clock by which its motions run.
+
+use super::port::{Command as PortCommand, Port};
+use crate::daemon::camera_lease::LastState;
+use panelprep_base::supervision::{ThreadFault, WatchedThread};
+use panelprep_devices::robot::{BlockingLink, LineOutputs, StopLine};
+use panelprep_devices::world::Follower;
+use panelprep_kuka::eki::{
+    Channel, ClockMode, Command, CommandId, Epoch, LinkLoss, MoveLin, QueueError, Report, Time,
+};
+use std::time::{Duration, Instant};
+
+/// The requests to the robot.
+#[derive(Debug)]
+pub enum RobotCommand {
+    /// Queues one command.
+    Send(Command),
+    /// Queues a whole path, in the active base. If `permitted` is given, only this many points are sent before more
+    /// are permitted.
+    Path {
+        /// The points.
+        points: Vec<MoveLin>,
+        /// How many of the points may be sent at present.
+        permitted: Option<u32>,
+    },
+    /// Permits commands up to this one to be sent; all of them if it is `None`.
+    Permit(Option<CommandId>),
+    /// Asks for a new epoch with a number above this one.
+    OpenEpoch(Epoch),
+    /// Ends the epoch.
+    Abort,
+    /// Waits for the next report. In lock step time passes only here.
+    Next,
+    /// Reads the clock: virtual in lock step.
+    Now,
+}
+
+/// An answer of the robot.
+#[derive(Debug)]
+pub enum RobotAnswer {
+    /// Answer to `Send` and `Path`: the number of the command, or of the path's last point.
+    Queued(Result<CommandId, QueueError>),
+    /// Answer to `OpenEpoch`: the requested epoch.
+    Epoch(Result<Epoch, QueueError>),
+    /// Answer to `Permit` and `Abort`.
+    Done(Result<(), QueueError>),
+    /// Answer to `Next`: a report, or none if none arrived for a while. An error reports that the link's thread
+    /// failed, so that no further report will arrive.
+    Report(Result<Option<Report>, ThreadFault>),
+    /// Answer to `Now`.
+    Time(Time),
+}
+
+impl PortCommand for RobotCommand {
+    type Answer = RobotAnswer;
+}
+
+/// The error for an answer to a different command; no port gives such an answer.
+const MISMATCH: QueueError = QueueError::NotConnected;
+
+/// The robot's commands as functions. Queuing fails if there is no controller, no open epoch, or the command cannot
+/// be executed.
+pub trait RobotPort: Port<RobotCommand> {
+    /// Queues one command.
+    fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
+        let RobotAnswer::Queued(id) = self.perform(RobotCommand::Send(command)) else { return Err(MISMATCH) };
+        id
+    }
+
+    /// Queues a whole path; see [`RobotCommand::Path`].
+    fn send_path(&mut self, points: Vec<MoveLin>, permitted: Option<u32>) -> Result<CommandId, QueueError> {
+        let path = RobotCommand::Path { points, permitted };
+        let RobotAnswer::Queued(last) = self.perform(path) else { return Err(MISMATCH) };
+        last
+    }
+
+    /// Permits commands up to this one to be sent; all of them if it is `None`.
+    fn permit_commands(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
+        let RobotAnswer::Done(done) = self.perform(RobotCommand::Permit(last)) else { return Err(MISMATCH) };
+        done
+    }
+
+    /// Asks for a new epoch with a number above this one, and returns its number.
+    fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
+        let RobotAnswer::Epoch(asked) = self.perform(RobotCommand::OpenEpoch(above)) else { return Err(MISMATCH) };
+        asked
+    }
+
+    /// Ends the epoch.
+    fn abort(&mut self) -> Result<(), QueueError> {
+        let RobotAnswer::Done(done) = self.perform(RobotCommand::Abort) else { return Err(MISMATCH) };
+        done
+    }
+
+    /// Waits a while for the next report. It fails if the link's thread failed.
+    fn next(&mut self) -> Result<Option<Report>, ThreadFault> {
+        let RobotAnswer::Report(report) = self.perform(RobotCommand::Next) else { return Ok(None) };
+        report
+    }
+
+    /// Reads the clock.
+    fn now(&mut self) -> Time {
+        let RobotAnswer::Time(now) = self.perform(RobotCommand::Now) else { return Time::default() };
+        now
+    }
+}
+
+impl<P: Port<RobotCommand> + ?Sized> RobotPort for P {}
+
+/// A robot that is connected by a link.
+pub struct LinkedRobot {
+    link: BlockingLink,
+    pace: ClockMode,
+    started: Instant,
+    virtual_now: Time,
+    follower: Option<Follower>,
+    last: LastState,
+}
+
+impl LinkedRobot {
+    /// Creates the port of the robot at the other end of this link, with the time base `pace`.
+    pub fn new(link: BlockingLink, pace: ClockMode) -> Self {
+        LinkedRobot {
+            link,
+            pace,
+            started: Instant::now(),
+            virtual_now: Time::default(),
+            follower: None,
+            last: LastState::default(),
+        }
+    }
+
+    /// Returns the handle from which the robot's last state can be read, now and later.
+    pub fn last_state(&self) -> LastState {
+        self.last.clone()
+    }
+
+    /// Returns the robot with a simulated world around it, which follows the reports of the controller. If the
+    /// controller is not a mock, it is reported as lost: a simulation must not affect how a real arm moves.
+    pub fn with_follower(self, follower: Follower) -> Self {
+        LinkedRobot { follower: Some(follower), ..self }
+    }
+
+    /// Returns the outputs by which the controller informs a line.
+    pub fn line(&self) -> LineOutputs {
+        self.link.line()
+    }
+
+    /// Returns the fastest way to stop the robot; `None` in lock step, in which all events have a fixed order.
+    pub fn stop_line(&self) -> Option<StopLine> {
+        (self.pace == ClockMode::Wall).then(|| self.link.stop_line())
+    }
+
+    /// Returns the link's thread, for its supervisor.
+    pub fn supervision_handle(&self) -> WatchedThread {
+        self.link.supervision_handle()
+    }
+
+    /// Returns whether time passes only while the loop waits for a report.
+    pub fn is_lock_step(&self) -> bool {
+        self.pace == ClockMode::LockStep
+    }
+
+    fn receive(&mut self) -> Result<Option<Report>, ThreadFault> {
+        let report = self.link.next(REPORT_POLL_TIMEOUT);
+        match &report {
+            Some(Report::State(state) | Report::Connected { state }) => {
+                self.last.is(Some(state));
+                self.virtual_now = Time::from_ms(u64::from(state.time_ms));
+                if let Some(follower) = &self.follower {
+                    if !Follower::is_simulated_controller(state) {
+                        let problem = "the cameras are simulated, but the controller is not a mock controller; no \
+                                       command is sent to it";
+                        let (channel, problem) = (Channel::State, problem.to_owned());
+                        return Ok(Some(Report::LinkLost { why: LinkLoss::System { channel, problem } }));
+                    }
+                    follower.process_state(state);
+                }
+            }
+            Some(Report::LinkLost { .. }) => self.last.is(None),
+            Some(_) => {}
+            None => self.link.supervision_handle().check_thread()?,
+        }
+        Ok(report)
+    }
+}
+
+/// How long the loop waits for the robot by the wall clock before it checks its other inputs. In lock step,
+/// checking other inputs takes no time.
+const REPORT_POLL_TIMEOUT: Duration = Duration::from_millis(20);
+
+impl Port<RobotCommand> for LinkedRobot {
+    fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
+        match command {
+            RobotCommand::Send(command) => RobotAnswer::Queued(self.link.send(command)),
+            RobotCommand::Path { points, permitted: None } => RobotAnswer::Queued(self.link.send_path(points)),
+            RobotCommand::Path { points, permitted: Some(permitted) } => {
+                RobotAnswer::Queued(self.link.send_path_within(points, permitted))
+            }
+            RobotCommand::Permit(last) => RobotAnswer::Done(self.link.permit_commands(last)),
+            RobotCommand::OpenEpoch(above) => RobotAnswer::Epoch(self.link.open_epoch_above(above)),
+            RobotCommand::Abort => RobotAnswer::Done(self.link.abort()),
+            RobotCommand::Next => RobotAnswer::Report(self.receive()),
+            RobotCommand::Now => RobotAnswer::Time(match self.pace {
+                ClockMode::LockStep => self.virtual_now,
+                ClockMode::Wall => Time::from_start(self.started.elapsed()),
+            }),
+        }
+    }
+}

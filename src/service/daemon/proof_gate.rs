@@ -1,0 +1,117 @@
+//! No motion of a real controller in automatic mode before the stage of the proofs that it needs is signed.
+//!
+//! This is the one place where the program decides it: the loop asks before each start and before each motion of each
+//! front, and the single functions ask before each motion. The controller's own state shows whether it is a mock; its
+//! address shows nothing, and a controller that has not reported yet counts as a real one.
+
+use panelprep_base::verdict::Reason;
+use panelprep_cell::cell::{self, ProofStage};
+use panelprep_cell::cycle::{Path, Request};
+use panelprep_kuka::eki::State;
+
+/// Decides whether the proofs permit a motion.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ProofGate {
+    /// The controller of the cell's file, with the newest signed page.
+    Controller(cell::Robot),
+    /// A recorded cycle, which moves nothing: the gate was passed when it was recorded.
+    Replay,
+}
+
+impl ProofGate {
+    /// Returns why a motion that needs this stage is refused; `None` if it is permitted.
+    pub fn refusal(&self, needed: ProofStage, state: Option<&State>) -> Option<Reason> {
+        let ProofGate::Controller(robot) = self else { return None };
+        refusal(robot, needed, state)
+    }
+}
+
+/// Returns why this controller may not execute a motion that needs this stage; `None` if it may. `state` is the last
+/// one that it reported.
+pub(super) fn refusal(robot: &cell::Robot, needed: ProofStage, state: Option<&State>) -> Option<Reason> {
+    if state.is_some_and(State::is_simulated) {
+        return None;
+    }
+    let unsigned = robot.requires_signed(needed).err()?;
+    Some(Reason::new("stage_not_signed", unsigned.to_string()))
+}
+
+/// Returns the stage that a motion in automatic mode needs.
+pub(super) fn stage_of_motion(path: Path, on_foam: bool) -> ProofStage {
+    match path {
+        Path::Contact if on_foam => ProofStage::B,
+        Path::Contact => ProofStage::C,
+        _ => ProofStage::A,
+    }
+}
+
+/// Returns the stage that the start of a cycle needs; `None` for a request that starts none.
+pub(super) fn stage_of_request(request: Request, on_foam: bool) -> Option<ProofStage> {
+    match request {
+        Request::Start { .. } => Some(stage_of_motion(Path::Contact, on_foam)),
+        Request::AirRun { .. } => Some(ProofStage::A),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::tests::standing_state;
+    use panelprep_cell::cell::{Cell, SignedPage};
+
+    /// A boot id of a controller's clock: 26 years after 2000.
+    const REAL_BOOT: i32 = 820_000_000;
+
+    fn robot(host: &str, signed: Option<ProofStage>) -> cell::Robot {
+        let stated = signed.map_or(String::new(), |stage| format!("signed_stage = '{}'\n", stage.letter()));
+        let text = format!("[robot]\nkind = 'eki'\nhost = '{host}'\nprograms_sum = 7\n{stated}");
+        let page = signed.map(|stage| SignedPage { stage, programs_sum: 7 });
+        Cell::check("cell.toml", &text).expect("good").with_signed_page(page).robot().clone()
+    }
+
+    /// A tunnel ends at an address of this computer: the state alone shows that a real controller answers.
+    #[test]
+    fn the_address_permits_nothing() {
+        let [mock, real] = [1, REAL_BOOT].map(cell_state);
+        for host in ["127.0.0.1", "localhost", "172.31.1.147"] {
+            let unsigned = robot(host, None);
+            assert_eq!(refusal(&unsigned, ProofStage::C, Some(&mock)), None, "{host}");
+            for state in [Some(&real), None] {
+                let why = refusal(&unsigned, ProofStage::A, state).expect("refused");
+                assert_eq!(why.code, "stage_not_signed", "{host} {state:?}");
+            }
+        }
+    }
+
+    fn cell_state(boot: i32) -> State {
+        State { boot, ..standing_state() }
+    }
+
+    #[test]
+    fn each_path_needs_its_stage() {
+        use ProofStage::{A, B, C};
+        let state = cell_state(REAL_BOOT);
+        let start = Request::Start { max_passes: 1, max_moves: 1, dries: false };
+        for (signed, on_foam, permitted) in [
+            (None, false, [false, false, false, false]),
+            (Some(A), false, [true, false, true, false]),
+            (Some(A), true, [true, false, true, false]),
+            (Some(B), false, [true, false, true, false]),
+            (Some(B), true, [true, true, true, true]),
+            (Some(C), false, [true, true, true, true]),
+        ] {
+            let gate = ProofGate::Controller(robot("krc", signed));
+            let needed = [
+                stage_of_motion(Path::Park, on_foam),
+                stage_of_motion(Path::Contact, on_foam),
+                stage_of_request(Request::AirRun { max_moves: 1 }, on_foam).expect("a start"),
+                stage_of_request(start, on_foam).expect("a start"),
+            ];
+            let found = needed.map(|needed| gate.refusal(needed, Some(&state)).is_none());
+            assert_eq!(found, permitted, "{signed:?} {on_foam}");
+            assert_eq!(ProofGate::Replay.refusal(C, Some(&state)), None);
+        }
+        assert_eq!(stage_of_request(Request::Stop, false), None);
+    }
+}

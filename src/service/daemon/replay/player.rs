@@ -1,0 +1,258 @@
+//! The ports without a cell: each call of the loop is answered with the recorded data.
+//!
+//! The order of the loop's calls follows from the data that it receives. So the recording's next entry is the next
+//! call of the loop, or the next data for the loop: the loop receives a report only if the next entry is one, and
+//! nothing otherwise. If the loop makes the same call with other content, that is a difference, and the replay
+//! continues with the recorded data. If the loop makes a different call, or none, the two have diverged, and the
+//! replay ends there.
+
+use super::difference::{Difference, differences, shorten_value};
+use super::form::{Recordable, RecordedAnswer, film_role, without_measured_times};
+use crate::daemon::ports::Port;
+use panelprep_kuka::eki::Time;
+use panelprep_store::tape::{Entry, TapeError, Topic};
+use serde::Deserialize;
+use serde_json::Value;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// Entries of a recording.
+type Source<'a> = Box<dyn Iterator<Item = Result<Entry, TapeError>> + Send + 'a>;
+
+/// Number of rounds of the loop that may pass without an entry of the recording; after that, the loop waits for the
+/// entry that is missing.
+const MAX_IDLE_ROUNDS: u32 = 3;
+
+/// A recording that is played. All clones share the same player, so that each port may have one.
+#[derive(Clone)]
+pub struct Player<'a>(Arc<Mutex<Playback<'a>>>);
+
+/// The result of a replay.
+#[derive(Debug)]
+pub struct ReplayResult {
+    /// The differences, in order.
+    pub differences: Vec<Difference>,
+    /// Whether the replay and the recording agree to the end.
+    pub is_complete: bool,
+    /// The error if the recording could not be read.
+    pub error: Option<TapeError>,
+    /// Number of entries that were played.
+    pub entries: u64,
+}
+
+struct Playback<'a> {
+    source: Source<'a>,
+    lock_step: bool,
+    /// The time at which the last result was passed to the loop.
+    result_ns: Option<u64>,
+    /// Entries that were read ahead: the calls and answers of the loop. The next field has the entries of the cameras,
+    /// which may be read in parallel with the loop.
+    ahead: VecDeque<Entry>,
+    seen: VecDeque<Entry>,
+    now: Time,
+    at_ns: u64,
+    rounds: u32,
+    entries: u64,
+    differences: Vec<Difference>,
+    has_diverged: bool,
+    error: Option<TapeError>,
+}
+
+impl<'a> Player<'a> {
+    /// Creates a player of these entries of a recording. `lock_step` states whether time in the recorded cycle was the
+    /// robot's own.
+    pub fn new(entries: impl Iterator<Item = Result<Entry, TapeError>> + Send + 'a, lock_step: bool) -> Self {
+        Player(Arc::new(Mutex::new(Playback {
+            source: Box::new(entries),
+            lock_step,
+            result_ns: None,
+            ahead: VecDeque::new(),
+            seen: VecDeque::new(),
+            now: Time::default(),
+            at_ns: 0,
+            rounds: 0,
+            entries: 0,
+            differences: Vec::new(),
+            has_diverged: false,
+            error: None,
+        })))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Playback<'a>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the result of the replay, once the loop has ended.
+    pub fn replay_result(&self) -> ReplayResult {
+        let mut playback = self.lock();
+        if !playback.has_diverged && playback.peek_entry(false).is_some() {
+            playback.part("the loop has ended");
+        }
+        playback.skip_film(true);
+        // A remaining camera call whose work had its result before the end is a difference: the loop no longer makes
+        // this call. Without a result, the call may have been in progress when the loop ended.
+        let (parted, until_ns) = (playback.has_diverged, playback.result_ns);
+        let left = playback
+            .peek_entry(true)
+            .filter(|left| !parted && until_ns.is_some_and(|result_ns| left.at_ns < result_ns));
+        if let Some((at_ns, recorded)) = left.map(|left| (left.at_ns, shorten_value(&left.action))) {
+            let (what, now) = ("request to the cameras".to_owned(), "nothing".to_owned());
+            playback.differences.push(Difference { at_s: at_ns as f64 / 1e9, what, recorded, now });
+            playback.has_diverged = true;
+        }
+        ReplayResult {
+            differences: std::mem::take(&mut playback.differences),
+            is_complete: !playback.has_diverged,
+            error: playback.error.take(),
+            entries: playback.entries,
+        }
+    }
+}
+
+impl Playback<'_> {
+    /// Returns the next entry for the loop, or for the cameras, without removing it.
+    fn peek_entry(&mut self, cameras: bool) -> Option<&Entry> {
+        while !self.has_diverged {
+            let is_there = if cameras { !self.seen.is_empty() } else { !self.ahead.is_empty() };
+            if is_there {
+                break;
+            }
+            match self.source.next() {
+                Some(Ok(entry)) if entry.topic == Topic::Camera => self.seen.push_back(entry),
+                Some(Ok(entry)) => self.ahead.push_back(entry),
+                Some(Err(error)) => {
+                    self.error = Some(error);
+                    self.has_diverged = true;
+                }
+                None => break,
+            }
+        }
+        if cameras { self.seen.front() } else { self.ahead.front() }
+    }
+
+    fn pop_entry(&mut self, cameras: bool) -> Option<Entry> {
+        self.peek_entry(cameras)?;
+        let entry = if cameras { self.seen.pop_front() } else { self.ahead.pop_front() }?;
+        (self.rounds, self.at_ns) = (0, entry.at_ns);
+        self.entries += 1;
+        Some(entry)
+    }
+
+    /// Answers a command of the loop.
+    fn perform<C: Recordable>(&mut self, command: &C) -> C::Answer {
+        let Some((topic, said)) = command.recorded_command() else {
+            return command.default_answer(self.now, self.has_diverged);
+        };
+        if topic == Topic::Request && said.is_null() {
+            self.rounds += 1;
+            if !self.has_diverged && self.rounds > MAX_IDLE_ROUNDS {
+                self.part("the loop waits");
+            }
+        }
+        let entry = match said.is_null() || command.is_optional() {
+            true => self.listen(topic, &said, |heard| command.is_matching_answer(heard)),
+            false => self.call(topic, &said),
+        };
+        let Some(Entry { reply: value, shot, .. }) = entry else {
+            return command.default_answer(self.now, self.has_diverged);
+        };
+        command.parse_answer(RecordedAnswer { value, shot }).unwrap_or_else(|error| {
+            let (topic, from_s) = (topic.name(), self.time_s());
+            self.error.get_or_insert(TapeError::Message { topic, from_s, problem: error.to_string() });
+            self.has_diverged = true;
+            command.default_answer(self.now, true)
+        })
+    }
+
+    /// Returns the data on this topic, if it comes next.
+    fn listen(&mut self, topic: Topic, said: &Value, fits: impl Fn(&Value) -> bool) -> Option<Entry> {
+        let is_next = |next: &Entry| next.topic == topic && next.action == *said && fits(&next.reply);
+        if self.has_diverged || !self.peek_entry(false).is_some_and(is_next) {
+            return None;
+        }
+        let entry = self.pop_entry(false)?;
+        match topic {
+            Topic::Clock => self.now = Duration::deserialize(&entry.reply).map_or(self.now, Time::from_start),
+            Topic::Result => self.result_ns = Some(entry.at_ns),
+            _ => {}
+        }
+        Some(entry)
+    }
+
+    /// Skips the rest of a film. With the wall clock a film is evaluated on a separate thread, and the pictures that
+    /// were recorded after the film was abandoned are not needed.
+    fn skip_film(&mut self, with_its_begin: bool) {
+        let is_left = |next: &Entry| {
+            let (begins, goes_on) = film_role(&next.action);
+            goes_on || begins && with_its_begin
+        };
+        while !self.lock_step && self.peek_entry(true).is_some_and(is_left) {
+            self.pop_entry(true);
+        }
+    }
+
+    /// Compares a call of the loop with the next entry; returns the entry if both match.
+    fn call(&mut self, topic: Topic, said: &Value) -> Option<Entry> {
+        if self.has_diverged {
+            return None;
+        }
+        let cameras = topic == Topic::Camera;
+        if let (true, (begins, false)) = (cameras, film_role(said)) {
+            self.skip_film(!begins);
+        }
+        let fits = |next: &Entry| next.topic == topic && !next.action.is_null() && same_call(&next.action, said);
+        if !self.peek_entry(cameras).is_some_and(fits) {
+            self.part(&format!("{} {}", topic.name(), shorten_value(said)));
+            return None;
+        }
+        let entry = self.pop_entry(cameras)?;
+        let (recorded, now) = match topic {
+            Topic::Finding => {
+                let now = super::earlier_form::convert_to_recorded_form(&entry.action, said.clone());
+                (without_measured_times(entry.action.clone()), without_measured_times(now))
+            }
+            _ => (entry.action.clone(), said.clone()),
+        };
+        let at_s = self.time_s();
+        for (place, recorded, now) in differences(&recorded, &now) {
+            let what = if place.is_empty() { topic.name().to_owned() } else { format!("{} {place}", topic.name()) };
+            self.differences.push(Difference { at_s, what, recorded, now });
+        }
+        Some(entry)
+    }
+
+    /// Ends the replay, because the loop makes a call other than the recorded one.
+    fn part(&mut self, now: &str) {
+        let next = self.peek_entry(false).map(|next| {
+            let what = if next.action.is_null() { &next.reply } else { &next.action };
+            (next.at_ns, format!("{} {}", next.topic.name(), shorten_value(what)))
+        });
+        let (at_ns, recorded) = next.unwrap_or_else(|| (self.at_ns, "the end".to_owned()));
+        let (at_s, now) = (at_ns as f64 / 1e9, now.to_owned());
+        self.differences.push(Difference { at_s, what: "next entry".to_owned(), recorded, now });
+        self.has_diverged = true;
+    }
+
+    fn time_s(&self) -> f64 {
+        self.at_ns as f64 / 1e9
+    }
+}
+
+/// Returns whether two commands are the same call, regardless of their content: the same word, or objects with the
+/// same first key.
+fn same_call(recorded: &Value, now: &Value) -> bool {
+    match (recorded, now) {
+        (Value::Object(before), Value::Object(after)) => {
+            let is_call = before.len() == 1 && after.len() == 1;
+            !is_call || before.keys().eq(after.keys())
+        }
+        (before, after) => before == after,
+    }
+}
+
+impl<C: Recordable> Port<C> for Player<'_> {
+    fn perform(&mut self, command: C) -> C::Answer {
+        self.lock().perform(&command)
+    }
+}

@@ -1,0 +1,413 @@
+//! The path from the loop to the disk: a bounded queue and the thread that empties it.
+//!
+//! If time is the robot's own (lock step), the loop waits while the queue is full, as long as the disk accepts
+//! anything at all, since no clock runs. With the wall clock nothing waits: an entry for which there is no space is
+//! counted, and the recording states that it has a gap. A disk that refuses, or that has too little free space left,
+//! ends the recording and nothing else.
+
+use super::super::computing::NICE;
+use super::super::recording::FLOOR_MB;
+use panelprep_base::supervision::SupervisedThread;
+use panelprep_store::tape::{Entry, LostEntries, RecordingEnd, Shot, TapeError, Topic, Writer};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::VecDeque;
+use std::io::Write;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Free disk space below which a recording ends, MB: twice the space that the service needs to begin a cycle.
+pub const RECORDING_FLOOR_MB: u64 = 2 * FLOOR_MB;
+
+/// Largest size of pictures and points that wait to be packed, bytes: some seconds of film at full size.
+const MAX_QUEUED_BYTES: usize = 256 << 20;
+/// Approximate size of a number, a word, a list or an object in an entry, bytes.
+const VALUE_BYTES: usize = 100;
+/// Interval at which written data is flushed to the disk, and at which the free space is checked.
+const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
+/// Longest wait for a disk that accepts nothing: for space in the queue, and at the end.
+const DISK_TIMEOUT: Duration = Duration::from_secs(2);
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(20);
+
+/// The input of the queue; any thread may use it.
+#[derive(Debug, Clone)]
+pub struct Recorder(Arc<Shared>);
+
+#[derive(Debug)]
+struct Shared {
+    inside: Mutex<Inside>,
+    changed: Condvar,
+    bounds: QueueBounds,
+    /// Reports that the thread is alive, except while it waits for the disk: a disk that hangs ends the recording and
+    /// nothing else.
+    sign: Option<Arc<SupervisedThread>>,
+}
+
+/// How much data may wait, and whether the loop waits if the queue is full.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct QueueBounds {
+    pub is_blocking: bool,
+    pub max_bytes: usize,
+    pub disk_timeout: Duration,
+    pub final_disk_timeout: Duration,
+}
+
+impl QueueBounds {
+    pub fn new(lock_step: bool) -> Self {
+        QueueBounds {
+            is_blocking: lock_step,
+            max_bytes: MAX_QUEUED_BYTES,
+            disk_timeout: DISK_TIMEOUT,
+            final_disk_timeout: CLOSE_TIMEOUT,
+        }
+    }
+}
+
+#[derive(Debug, Default)]
+struct Inside {
+    waiting: VecDeque<Entry>,
+    bytes: usize,
+    /// The loop's clock at the beginning of the recording, and the time since then.
+    origin_ns: Option<u64>,
+    now_ns: u64,
+    lost: Vec<LostEntries>,
+    /// The disk has hung once.
+    has_hung: bool,
+    /// No more entries will come.
+    closed: bool,
+    /// Nothing more can be written, for this reason.
+    stopped: Option<String>,
+    entries: u64,
+    /// The thread has ended.
+    ended: bool,
+}
+
+/// Returns the free space on the disk of the recording, MB.
+pub(super) type FreeSpace = Box<dyn FnMut() -> std::io::Result<u64> + Send>;
+
+/// A recording in progress; [`Recording::finish`] ends it. If a recording is dropped, it stays unfinished, as after a
+/// crash.
+#[derive(Debug)]
+pub struct Recording {
+    file: String,
+    recorder: Recorder,
+    thread: JoinHandle<()>,
+}
+
+/// The status of a recording.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecordingResult {
+    /// The file.
+    pub file: String,
+    /// Whether the recording can be run again.
+    pub is: RecordingStatus,
+    /// Number of entries in the recording.
+    pub entries: u64,
+    /// The status in words for people.
+    pub message: String,
+}
+
+/// Whether a recording can be run again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RecordingStatus {
+    /// The recording is being written.
+    UnderWay,
+    /// The recording is complete.
+    Whole,
+    /// The recording is not complete.
+    NotWhole,
+}
+
+impl RecordingResult {
+    /// Returns the status of a recording that can be replayed.
+    pub fn complete_recording(file: String, entries: u64) -> Self {
+        let message = format!("recorded in {file}, {entries} entries");
+        RecordingResult { file, is: RecordingStatus::Whole, entries, message }
+    }
+
+    /// Returns the status of a recording that cannot be replayed, for this reason; its number of entries is not
+    /// known.
+    pub fn incomplete_recording(file: String, why: &str) -> Self {
+        let message = format!("{file} cannot be replayed: {why}");
+        RecordingResult { file, is: RecordingStatus::NotWhole, entries: 0, message }
+    }
+}
+
+impl Recording {
+    /// Starts the thread that opens a file of this name and writes to it.
+    ///
+    /// # Errors
+    /// If the system provides no thread.
+    pub(super) fn start<W: Write + Send + 'static>(
+        file: String,
+        open: impl FnOnce() -> Result<Writer<W>, TapeError> + Send + 'static,
+        (bounds, sign): (QueueBounds, Option<Arc<SupervisedThread>>),
+        mut room: FreeSpace,
+    ) -> std::io::Result<Self> {
+        let shared = Shared { inside: Mutex::default(), changed: Condvar::new(), bounds, sign };
+        let recorder = Recorder(Arc::new(shared));
+        let shared = recorder.0.clone();
+        let write = move || {
+            // The loss of a recording is less serious than a delay of the loop, so this thread gets the same low
+            // priority as computing.
+            if !bounds.is_blocking
+                && let Err(error) = rustix::process::setpriority_process(None, NICE)
+            {
+                tracing::warn!("cannot lower the priority of the recording thread: {error}");
+            }
+            let mut ends = ThreadEndGuard { shared: shared.clone(), panics: true };
+            if let Err(error) = open().and_then(|writer| shared.run_writer(writer, &mut room)) {
+                shared.lock().stop(error.to_string());
+            }
+            ends.panics = false;
+            if let Some(sign) = &shared.sign {
+                sign.report_done();
+            }
+        };
+        let thread = std::thread::Builder::new().name("recording".to_owned()).spawn(write)?;
+        Ok(Recording { file, recorder, thread })
+    }
+
+    /// Returns the input of the queue.
+    pub fn recorder(&self) -> Recorder {
+        self.recorder.clone()
+    }
+
+    /// Returns its status.
+    pub fn status(&self) -> RecordingResult {
+        self.recorder.status(&self.file)
+    }
+
+    /// Ends the recording and waits until it is written, as long as the disk accepts anything.
+    pub fn finish(self) -> RecordingResult {
+        let Recording { file, recorder, thread } = self;
+        recorder.close();
+        if recorder.wait_for_end() {
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "a panic of the thread was reported when it happened, and leaves an incomplete recording"
+            )]
+            let _ = thread.join();
+        }
+        recorder.status(&file)
+    }
+}
+
+/// Reports that the thread is done, regardless of the cause.
+struct ThreadEndGuard {
+    shared: Arc<Shared>,
+    panics: bool,
+}
+
+impl Drop for ThreadEndGuard {
+    fn drop(&mut self) {
+        let mut inside = self.shared.lock();
+        inside.ended = true;
+        if self.panics {
+            inside.stop("the recording thread has ended; see the log".to_owned());
+        }
+        drop(inside);
+        self.shared.changed.notify_all();
+    }
+}
+
+impl Recorder {
+    /// Records an entry, at the time of the last [`Recorder::clock`].
+    pub fn record_entry(&self, mut entry: Entry) {
+        let shared = &*self.0;
+        let QueueBounds { is_blocking: waits, max_bytes: most_bytes, disk_timeout: hangs, .. } = shared.bounds;
+        let bytes = size(&entry);
+        let mut inside = shared.lock();
+        // If the queue is empty, an entry always has room, however large it is.
+        while inside.bytes > 0 && inside.bytes + bytes > most_bytes && inside.is_accepting() {
+            if !waits || inside.has_hung {
+                let at_ns = inside.now_ns;
+                inside.add_lost(entry.topic, at_ns);
+                return;
+            }
+            let waited = shared.changed.wait_timeout(inside, hangs).unwrap_or_else(PoisonError::into_inner);
+            inside = waited.0;
+            inside.has_hung |= waited.1.timed_out();
+        }
+        if !inside.is_accepting() {
+            return;
+        }
+        entry.at_ns = inside.now_ns;
+        inside.bytes += bytes;
+        inside.waiting.push_back(entry);
+        drop(inside);
+        shared.changed.notify_all();
+    }
+
+    /// Records the loop's clock; returns true if the time is new. The recording's time begins with the first
+    /// reading.
+    pub fn clock(&self, now_ns: u64) -> bool {
+        let mut inside = self.0.lock();
+        let is_first = inside.origin_ns.is_none();
+        let since_ns = now_ns.saturating_sub(*inside.origin_ns.get_or_insert(now_ns));
+        let is_new = is_first || inside.now_ns != since_ns;
+        inside.now_ns = since_ns;
+        is_new
+    }
+
+    /// Returns whether time stops while an entry is put in.
+    pub(super) fn is_lock_step(&self) -> bool {
+        self.0.bounds.is_blocking
+    }
+
+    /// Closes the queue: no more entries will come.
+    pub(super) fn close(&self) {
+        self.0.lock().closed = true;
+        self.0.changed.notify_all();
+    }
+
+    /// Waits for the thread's end; returns false if its disk hangs, and the thread is then left running.
+    fn wait_for_end(&self) -> bool {
+        let Shared { changed, bounds, .. } = &*self.0;
+        let mut inside = self.0.lock();
+        while !inside.ended {
+            let entries = inside.entries;
+            let stands = |inside: &mut Inside| !inside.ended && inside.entries == entries;
+            let waited = changed.wait_timeout_while(inside, bounds.final_disk_timeout, stands);
+            let (guard, waited) = waited.unwrap_or_else(PoisonError::into_inner);
+            inside = guard;
+            if waited.timed_out() {
+                inside.stop(format!(
+                    "the disk of the recording accepted no data for {} s",
+                    bounds.final_disk_timeout.as_secs_f64()
+                ));
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Returns the status of a recording in this file.
+    pub(super) fn status(&self, file: &str) -> RecordingResult {
+        let inside = self.0.lock();
+        let Inside { entries, lost, stopped, .. } = &*inside;
+        let gap = || {
+            let lost = lost.iter().map(|lost| format!("{} of {}", lost.count, lost.topic.name()));
+            format!("the recording has a gap; not recorded: {}", lost.collect::<Vec<_>>().join(", "))
+        };
+        let (file, trouble) = (file.to_owned(), stopped.clone().or_else(|| (!lost.is_empty()).then(gap)));
+        match trouble {
+            Some(why) => RecordingResult { entries: *entries, ..RecordingResult::incomplete_recording(file, &why) },
+            None if inside.ended => RecordingResult::complete_recording(file, *entries),
+            None => {
+                let message = format!("records in {file}");
+                RecordingResult { file, is: RecordingStatus::UnderWay, entries: *entries, message }
+            }
+        }
+    }
+}
+
+impl Inside {
+    fn is_accepting(&self) -> bool {
+        !self.closed && self.stopped.is_none()
+    }
+
+    fn add_lost(&mut self, topic: Topic, from_ns: u64) {
+        match self.lost.iter_mut().find(|lost| lost.topic == topic) {
+            Some(lost) => lost.count += 1,
+            None => self.lost.push(LostEntries { topic, from_ns, count: 1 }),
+        }
+    }
+
+    /// Stops the recording; a thread that waits for space in the queue continues.
+    fn stop(&mut self, why: String) {
+        if self.stopped.is_none() {
+            tracing::warn!("the recording stops: {why}");
+            self.stopped = Some(why);
+        }
+        self.waiting.clear();
+        self.bytes = 0;
+    }
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        self.inside.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Runs the thread: writes the entries until no more come, or until the disk has too little room.
+    fn run_writer<W: Write>(&self, mut writer: Writer<W>, room: &mut FreeSpace) -> Result<(), TapeError> {
+        let mut flushed = Instant::now();
+        let mut has_room = self.has_free_space(room);
+        while has_room && self.write_next(&mut writer)? {
+            if flushed.elapsed() >= FLUSH_INTERVAL {
+                writer.end_chunk()?;
+                flushed = Instant::now();
+                has_room = self.has_free_space(room);
+            }
+        }
+        let ending = {
+            let inside = self.lock();
+            RecordingEnd { lost: inside.lost.clone(), stopped: inside.stopped.clone() }
+        };
+        writer.finish(&ending)?.flush().map_err(disk)
+    }
+
+    /// Returns whether there is room for more; if there is none, the recording is stopped.
+    fn has_free_space(&self, room: &mut FreeSpace) -> bool {
+        if let Some(sign) = &self.sign {
+            sign.report_resting();
+        }
+        let free_mb = match room() {
+            // If the free space cannot be read, writing is still possible; the disk reports when it is full.
+            Err(_) => return true,
+            Ok(free_mb) if free_mb >= RECORDING_FLOOR_MB => return true,
+            Ok(free_mb) => free_mb,
+        };
+        self.lock().stop(disk_full_message(free_mb));
+        self.changed.notify_all();
+        false
+    }
+
+    /// Writes the entries that wait, or waits a while; returns false if nothing more will come.
+    fn write_next<W: Write>(&self, writer: &mut Writer<W>) -> Result<bool, TapeError> {
+        if let Some(sign) = &self.sign {
+            sign.report_working();
+        }
+        let mut inside = self.lock();
+        if inside.waiting.is_empty() && !inside.closed {
+            inside = self.changed.wait_timeout(inside, FLUSH_INTERVAL).unwrap_or_else(PoisonError::into_inner).0;
+        }
+        let Some(entry) = inside.waiting.pop_front() else { return Ok(!inside.closed) };
+        drop(inside);
+        writer.write(&entry)?;
+        let mut inside = self.lock();
+        inside.entries += 1;
+        inside.bytes = inside.bytes.saturating_sub(size(&entry));
+        drop(inside);
+        self.changed.notify_all();
+        Ok(true)
+    }
+}
+
+/// Returns the approximate memory of an entry, bytes.
+fn size(entry: &Entry) -> usize {
+    value_size(&entry.action) + value_size(&entry.reply) + entry.shot.as_ref().map_or(0, Shot::bytes)
+}
+
+fn value_size(value: &Value) -> usize {
+    VALUE_BYTES
+        + match value {
+            Value::String(words) => words.len(),
+            Value::Array(values) => values.iter().map(value_size).sum(),
+            Value::Object(values) => values.iter().map(|(key, value)| key.len() + value_size(value)).sum(),
+            _ => 0,
+        }
+}
+
+/// Returns why nothing is recorded on a disk with this free space.
+pub fn disk_full_message(free_mb: u64) -> String {
+    format!("the disk of the recording has {free_mb} MB free (minimum {RECORDING_FLOOR_MB} MB); free some space")
+}
+
+fn disk(error: std::io::Error) -> TapeError {
+    TapeError::Disk { doing: "written", source: error.into() }
+}

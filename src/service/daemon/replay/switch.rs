@@ -1,0 +1,288 @@
+//! The switch of all recorded ports: which cycle is recorded, and in which file.
+//!
+//! The command that runs one cycle records from its start on. The service runs for months, so it records single
+//! cycles: from the moment at which the loop accepts the order until the loop is at rest again, with the loop's memory
+//! from before. All slow work (the file, its beginning, each entry) is done by the recording's own thread.
+
+use super::super::Calibrations;
+use super::queue::{FreeSpace, QueueBounds, Recorder, Recording, RecordingResult};
+use panelprep_base::geometry::KukaPose;
+use panelprep_base::supervision::{SupervisedThread, Supervisor, supervise};
+use panelprep_cell::cycle::{Request, State};
+use panelprep_cell::record::CycleId;
+use panelprep_store::store;
+use panelprep_store::tape::{Entry, FramePose, Lens, LoopMemoryStart, RecordingStart, TapeError, Topic, Writer};
+use serde_json::{Value, json};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// Longest time between two life signs of the writing thread; compressing a picture takes less.
+const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(20);
+
+/// The beginning of a recording, and its file.
+#[derive(Debug, Clone)]
+pub struct RecordingPlan {
+    /// A new file; `None` if the store names it by the cycle's number.
+    pub file: Option<PathBuf>,
+    /// The files that the cycle uses, by their names in the recording.
+    pub files: Vec<(String, Vec<u8>)>,
+    /// The calibrations.
+    pub calibrations: Calibrations,
+}
+
+/// The switch that decides whether the traffic of the ports is recorded now. All clones share the same switch.
+#[derive(Debug, Clone)]
+pub struct RecordingSwitch(Arc<Mutex<Inside>>);
+
+#[derive(Debug)]
+struct Inside {
+    store: PathBuf,
+    lock_step: bool,
+    /// The state in which the loop last asked for a request.
+    state: State,
+    /// For the cycle that is being started: how it is to be recorded, the request to the state table, and its state.
+    wanted: Option<(RecordingPlan, Request, State)>,
+    recorder: Option<Recorder>,
+    /// The cycle is over; the answers that are still expected belong to it.
+    is_over: bool,
+    /// The finished recording, until it is taken by [`RecordingSwitch::finished_recording`].
+    recording: Option<Recording>,
+    /// The last recording, for status requests.
+    last: Option<(String, Recorder)>,
+    /// The supervisor of the threads that write.
+    supervisor: Supervisor,
+}
+
+/// Returns the folder with the recordings of a store.
+pub fn recordings(store: &Path) -> PathBuf {
+    store.join("recordings")
+}
+
+/// Returns the recording's file for a cycle that was given no file of its own.
+pub fn recording_file(store: &Path, cycle: CycleId) -> PathBuf {
+    recordings(store).join(format!("cycle-{:06}.mcap", cycle.0))
+}
+
+impl RecordingSwitch {
+    /// Creates a switch with no recording yet; recordings without their own name are placed in this store's folder.
+    pub fn new(store: &Path, lock_step: bool) -> Self {
+        RecordingSwitch(Arc::new(Mutex::new(Inside {
+            store: store.to_owned(),
+            lock_step,
+            state: State::INITIAL,
+            wanted: None,
+            recorder: None,
+            is_over: false,
+            recording: None,
+            last: None,
+            supervisor: Supervisor::default(),
+        })))
+    }
+
+    /// Lets this supervisor watch the threads that write.
+    pub fn watched_by(&self, supervisor: &Supervisor) {
+        self.lock().supervisor = supervisor.clone();
+    }
+
+    /// Records from now on in this file, which is new, until [`RecordingSwitch::finish`].
+    ///
+    /// # Errors
+    /// If such a file exists already, or the disk refuses.
+    pub fn begin_recording(&self, file: &Path, to: RecordingPlan, state: State) -> io::Result<()> {
+        let out = OpenOptions::new().write(true).create_new(true).open(file)?;
+        self.lock().start((file, to), state, LoopMemoryStart::Boot, move || Ok(out))
+    }
+
+    /// Ends the recording and waits until it is written; `None` if nothing was recorded.
+    pub fn finish(&self) -> Option<RecordingResult> {
+        let recording = {
+            let mut inside = self.lock();
+            inside.recorder = None;
+            inside.recording.take()?
+        };
+        Some(recording.finish())
+    }
+
+    /// Returns the status of the last recording; `None` if there was no recording.
+    pub fn status(&self) -> Option<RecordingResult> {
+        let inside = self.lock();
+        inside.last.as_ref().map(|(file, recorder)| recorder.status(file))
+    }
+
+    /// Returns the recording of the cycle that has ended, if it has one that was not taken yet.
+    pub fn finished_recording(&self) -> Option<Recording> {
+        let mut inside = self.lock();
+        if inside.recorder.is_some() { None } else { inside.recording.take() }
+    }
+
+    pub(super) fn recorder(&self) -> Option<Recorder> {
+        self.lock().recorder.clone()
+    }
+
+    /// Notes that an order has reached the loop.
+    pub(super) fn on_order(&self, plan: Option<RecordingPlan>, request: Request) {
+        let mut inside = self.lock();
+        let state = inside.state;
+        if inside.recorder.is_none() {
+            inside.wanted = plan.map(|plan| (plan, request, state));
+        }
+    }
+
+    /// Notes that the order's cycle begins.
+    pub(super) fn on_cycle_start(&self, cycle: CycleId, before: LoopMemoryStart) {
+        let mut inside = self.lock();
+        inside.last = None;
+        let Some((to, request, state)) = inside.wanted.take() else { return };
+        let file = to.file.clone().unwrap_or_else(|| recording_file(&inside.store, cycle));
+        let made = file.clone();
+        let open = move || {
+            made.parent().map_or(Ok(()), fs::create_dir_all)?;
+            OpenOptions::new().write(true).create_new(true).open(&made)
+        };
+        match inside.start((&file, to), state, before, open) {
+            Ok(()) => inside.heard_request(json!({ "for": request })),
+            Err(error) => tracing::warn!("cycle {cycle} is not recorded: {error}"),
+        }
+    }
+
+    /// Records that the cycle has ended, as far as the loop knows.
+    pub(super) fn on_cycle_end(&self) {
+        let mut inside = self.lock();
+        inside.is_over = inside.recorder.is_some();
+    }
+
+    /// Handles the loop's question for the next request: if the cycle has ended, its remaining data have been received
+    /// by now, and the recording ends with the request to leave.
+    pub(super) fn on_request_poll(&self, state: &State) {
+        let mut inside = self.lock();
+        inside.state = *state;
+        if std::mem::take(&mut inside.is_over) {
+            inside.heard_request(json!("leave"));
+            if let Some(recorder) = inside.recorder.take() {
+                recorder.close();
+            }
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Inside {
+    fn start(
+        &mut self,
+        (file, to): (&Path, RecordingPlan),
+        state: State,
+        begin: LoopMemoryStart,
+        open: impl FnOnce() -> io::Result<File> + Send + 'static,
+    ) -> io::Result<()> {
+        let RecordingPlan { files, calibrations, .. } = to;
+        let start = RecordingStart {
+            program: env!("CARGO_PKG_VERSION").to_owned(),
+            unix_ns: unix_ns(),
+            state,
+            lock_step: self.lock_step,
+            begin,
+            hand_eye_mm: calibrations.hand_eye_mm,
+            robot_mm: calibrations.robot_mm,
+        };
+        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).map(Path::to_owned);
+        let (sign, watched) = supervise("recording", HEARTBEAT_TIMEOUT);
+        let sign = Arc::new(sign);
+        let of_disk = sign.clone();
+        let begun = move || {
+            let made = open().and_then(|out| {
+                // The new file's name in the folder must be flushed to the disk too.
+                folder.map_or(Ok(()), |folder| File::open(folder)?.sync_all())?;
+                Ok(out)
+            });
+            let out = made.map_err(|error| TapeError::Disk { doing: "made", source: error.into() })?;
+            let (mounted, lenses) = (mounting_poses(&calibrations), camera_lenses(&calibrations));
+            Writer::begin_recording(BufWriter::new(DurableFile(out, of_disk)), &start, &files, &mounted, &lenses)
+        };
+        let name = file.display().to_string();
+        let bounds = (QueueBounds::new(self.lock_step), Some(sign));
+        let recording = Recording::start(name.clone(), begun, bounds, free_space_reader(file))?;
+        self.supervisor.add_thread(watched);
+        (self.recorder, self.is_over) = (Some(recording.recorder()), false);
+        self.last = Some((name, recording.recorder()));
+        self.recording = Some(recording);
+        Ok(())
+    }
+
+    fn heard_request(&self, heard: Value) {
+        if let Some(recorder) = &self.recorder {
+            recorder.record_entry(Entry {
+                topic: Topic::Request,
+                at_ns: 0,
+                action: Value::Null,
+                reply: heard,
+                shot: None,
+            });
+        }
+    }
+}
+
+/// A file that is flushed to the disk itself, and not only to the system's memory, which loses its content on a power
+/// failure. While the disk works, no life sign of the thread is expected.
+struct DurableFile(File, Arc<SupervisedThread>);
+
+impl DurableFile {
+    fn rests_for<T>(&mut self, disk: impl FnOnce(&mut File) -> io::Result<T>) -> io::Result<T> {
+        self.1.report_resting();
+        let done = disk(&mut self.0);
+        self.1.report_working();
+        done
+    }
+}
+
+impl Write for DurableFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.rests_for(|file| file.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.rests_for(|file| file.sync_data())
+    }
+}
+
+/// Returns the poses of cameras and tool, for viewers of the recording.
+fn mounting_poses(values: &Calibrations) -> [FramePose; 3] {
+    let mounted = |parent, child, pose| FramePose { parent, child, pose };
+    [
+        mounted("base", "scanner", KukaPose::from_rigid(&values.base_from_camera)),
+        mounted("flange", "flange_camera", KukaPose::from_rigid(&values.flange_from_camera)),
+        mounted("flange", "tool", KukaPose::from_rigid(&values.flange_from_tool)),
+    ]
+}
+
+/// Returns the cameras' lenses, for the recording.
+fn camera_lenses(values: &Calibrations) -> [Lens; 2] {
+    let lens = |topic, camera| Lens { topic, camera };
+    [lens(Topic::ScannerLens, values.scanner), lens(Topic::FlangeLens, values.flange_camera)]
+}
+
+/// Returns a function that measures the free space on the disk of this file, MB.
+fn free_space_reader(file: &Path) -> FreeSpace {
+    let file = file.to_owned();
+    Box::new(move || free_mb(&file))
+}
+
+/// Returns the free space on the disk on which this file is, or will be, MB.
+///
+/// # Errors
+/// If the disk cannot be queried.
+pub fn free_mb(file: &Path) -> io::Result<u64> {
+    let there = std::path::absolute(file)?;
+    store::free_mb(there.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/")))
+}
+
+/// Returns the wall-clock time, as a label; a clock set before 1970 has none.
+fn unix_ns() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(since.as_nanos()).unwrap_or_default()
+}

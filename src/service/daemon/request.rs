@@ -1,0 +1,218 @@
+//! The single request type: every interface submits it to the service, and the loop processes it.
+//!
+//! An interface (the socket today) states what is requested and by whom; [`super::Gateway`] prepares a start, queues
+//! the request and waits for the reply. Signals and scripted runs submit the same type. A request on which the cycle's
+//! table decides contains a [`cycle::Request`].
+
+use super::camera_lease::ShotRequest;
+use super::operator_texts;
+use super::replay::RecordingPlan;
+use super::reply::Reply;
+use super::setup::CycleSetup;
+use panelprep_base::verdict::Reason;
+use panelprep_cell::cycle;
+pub use panelprep_cell::record::PartNames;
+use panelprep_cell::record::{RequestAuthor, RequestSource, RequestedAction};
+use panelprep_store::store::CycleStart;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use tokio::sync::oneshot;
+
+/// One request, on its way from an interface to the loop.
+#[derive(Debug)]
+pub struct Request {
+    /// The requested action.
+    pub what: RequestKind,
+    /// The person or program that makes the request, and its interface.
+    pub requester: RequestAuthor,
+    /// The channel for the reply; `None` if no client waits for one.
+    pub reply: Option<oneshot::Sender<Reply>>,
+}
+
+impl Request {
+    /// Creates a request for whose reply no client waits.
+    pub fn new(what: RequestKind, who: RequestAuthor) -> Self {
+        Request { what, requester: who, reply: None }
+    }
+
+    /// Creates the request of a SIGTERM or SIGINT. The first signal stops the cell, the second one aborts; the
+    /// service ends once the cell is at rest.
+    pub fn signal() -> Self {
+        Request::new(RequestKind::Leave, RequestAuthor::from_source(RequestSource::Signal))
+    }
+}
+
+/// Kinds of requests.
+pub enum RequestKind {
+    /// Requests a report of the present state. It is answered at once.
+    State,
+    /// Requests the start of a cycle, in the form in which an interface submits it. The loop receives it as `Begin` or
+    /// `Refused`.
+    Start(StartRequest),
+    /// Begins a cycle whose files have been read.
+    Begin(Box<PreparedCycle>),
+    /// A request that was refused before it reached the loop: a start whose files are wrong, or a user whose role does
+    /// not permit the request. The loop only records it.
+    Refused {
+        /// The requested action.
+        wanted: RequestedAction,
+        /// The reason why it is refused.
+        reasons: Vec<Reason>,
+    },
+    /// Records that a new disc was mounted. Possible while the cell is at rest.
+    NewDisc,
+    /// A request on which the table of the cycle decides.
+    Table(cycle::Request),
+    /// A person's decision for the state table, based on the state at this step of the table ([`cycle::State::step`]).
+    Decided {
+        /// The request: accept, unhold or clear.
+        request: cycle::Request,
+        /// The step for which the person decided.
+        step: u64,
+    },
+    /// A request to hold the cycle, with the reason that a person gave.
+    Hold {
+        /// Reason of the hold, as the person stated it.
+        why: String,
+    },
+    /// A decision that was based on a step other than the present one. The loop only records it.
+    Outdated {
+        /// The request.
+        request: cycle::Request,
+        /// The changes since the request was made.
+        reasons: Vec<Reason>,
+    },
+    /// Requests pictures from the cell's cameras, while the cell rests without a cycle.
+    Shoot(ShotRequest),
+    /// Ends the program, if the cell is at rest.
+    Leave,
+}
+
+impl std::fmt::Debug for RequestKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.describe())
+    }
+}
+
+impl RequestKind {
+    /// Returns the request as text for the log.
+    pub(super) fn describe(&self) -> String {
+        match self {
+            RequestKind::State => "state".to_owned(),
+            RequestKind::Table(request)
+            | RequestKind::Decided { request, .. }
+            | RequestKind::Outdated { request, .. } => operator_texts::command(*request).to_owned(),
+            RequestKind::Hold { why } => format!("{}: {why}", operator_texts::command(cycle::Request::Hold)),
+            RequestKind::NewDisc => "new-disc".to_owned(),
+            RequestKind::Begin(prepared) => format!("start of panel {}", prepared.setup.panel_name()),
+            RequestKind::Start(StartRequest { recipe, .. })
+            | RequestKind::Refused { wanted: RequestedAction::Start { recipe }, .. } => {
+                format!("start by {recipe}")
+            }
+            RequestKind::Refused { wanted: RequestedAction::NewDisc, .. } => "new-disc".to_owned(),
+            // No front requests it: `robot prove` stores it by itself.
+            RequestKind::Refused { wanted: RequestedAction::Proofs { stage, .. }, .. } => {
+                format!("proofs of stage {stage}")
+            }
+            RequestKind::Refused { wanted: RequestedAction::For(request), .. } => {
+                operator_texts::command(*request).to_owned()
+            }
+            RequestKind::Shoot(shot) => shot.describe().to_owned(),
+            RequestKind::Leave => "leave".to_owned(),
+        }
+    }
+
+    /// Returns this request as the record names it, if an interface refuses it; `None` if it changes nothing of the
+    /// cell.
+    pub(super) fn wanted(&self) -> Option<RequestedAction> {
+        match self {
+            RequestKind::Table(request) | RequestKind::Decided { request, .. } => {
+                Some(RequestedAction::For(*request))
+            }
+            RequestKind::Hold { .. } => Some(RequestedAction::For(cycle::Request::Hold)),
+            RequestKind::NewDisc => Some(RequestedAction::NewDisc),
+            RequestKind::Start(StartRequest { recipe, .. }) => {
+                Some(RequestedAction::Start { recipe: recipe.clone() })
+            }
+            _ => None,
+        }
+    }
+
+    /// Returns the request for the state table that this request contains, if there is one.
+    pub(super) fn table_request(&self) -> Option<cycle::Request> {
+        match self {
+            RequestKind::Table(request) => Some(*request),
+            RequestKind::Hold { .. } => Some(cycle::Request::Hold),
+            RequestKind::Begin(prepared) => Some(prepared.request),
+            _ => None,
+        }
+    }
+
+    /// Returns whether the request must reach the loop before all other waiting requests.
+    pub(super) fn is_urgent(&self) -> bool {
+        matches!(self, RequestKind::Leave | RequestKind::Table(cycle::Request::Stop | cycle::Request::Abort))
+    }
+}
+
+/// The request to start a cycle. It contains the recipe as text, so that an interface needs no file that the service
+/// can read.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StartRequest {
+    /// The recipe's name in messages.
+    pub recipe: String,
+    /// Its text.
+    pub text: String,
+    /// The place in which the cycle is recorded, if it is recorded.
+    #[serde(default)]
+    pub record: Option<RecordIn>,
+    /// The part in the cell, with its work order and operator.
+    #[serde(default)]
+    pub part: Option<PartNames>,
+    /// Whether a person states that the part in the fixture is not the part of the earlier cycles: abrasions are then
+    /// counted from zero.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub another_part: bool,
+    /// How many passes the part had in cycles that a restored store lacks, as a person stated it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lost_passes: Option<u8>,
+    /// Whether the text may differ from the text in the recipes' folder. The interface decides this by the person's
+    /// role; a client's line cannot state it.
+    #[serde(skip)]
+    pub own_text: RecipeTextPermission,
+}
+
+/// Whether a start may bring a recipe text that is not in the recipes' folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum RecipeTextPermission {
+    /// Only a recipe of the folder is accepted, by name and content.
+    #[default]
+    Refused,
+    /// Any text; the record states that it is not from the folder.
+    Allowed,
+}
+
+/// The place in which a cycle is recorded.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RecordIn {
+    /// In the store, under the cycle's number.
+    Store,
+    /// In this new file, given by its absolute path.
+    File(PathBuf),
+}
+
+/// A cycle with its files read and checked; the loop can begin it.
+#[derive(Debug)]
+pub struct PreparedCycle {
+    /// The request to the table to begin.
+    pub request: cycle::Request,
+    /// Recipe, taught panel and calibrations.
+    pub setup: CycleSetup,
+    /// The data with which the cycle's record begins.
+    pub start: CycleStart,
+    /// How the cycle is recorded, if it is recorded.
+    pub recording: Option<RecordingPlan>,
+    /// Remarks on the start for the record, although the start is accepted.
+    pub remarks: Vec<Reason>,
+}

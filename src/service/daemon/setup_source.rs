@@ -1,0 +1,136 @@
+//! The source of recipes and calibrations.
+
+use panelprep_base::geometry::ColorPicture;
+use panelprep_base::verdict::{Reason, Verdict};
+use panelprep_cell::cell::PartRules;
+use panelprep_cell::files::content_hash;
+use panelprep_interfaces::packml::RecipeHash;
+use panelprep_store::office::RecipeOffer;
+
+/// A recipe's file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecipeText {
+    /// The whole name of the file, which messages show.
+    pub name: String,
+    /// Its text.
+    pub text: String,
+}
+
+impl RecipeText {
+    /// Returns the SHA-256 of the recipe's text, by which a start names the recipe.
+    pub fn sha256(&self) -> String {
+        content_hash(self.text.as_bytes())
+    }
+
+    /// Returns the recipe if it is the one on which a person decided.
+    ///
+    /// # Errors
+    /// If its text has changed since then.
+    pub fn if_unchanged(self, sha256: &str) -> Result<Self, String> {
+        let found = self.sha256();
+        if sha256.trim().eq_ignore_ascii_case(&found) {
+            return Ok(self);
+        }
+        Err(format!(
+            "{}: the start request names the recipe with the SHA-256 \"{}\", but the file has {found}; read the \
+             current recipe, then start with its SHA-256",
+            self.name,
+            sha256.trim().escape_debug()
+        ))
+    }
+}
+
+/// A camera, the tool or another item with a dated calibration.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Equipment {
+    /// Name of the equipment.
+    pub name: String,
+    /// The calibration of the equipment and when it was made, as text.
+    pub calibration: String,
+    /// The last verification of the equipment, as text.
+    pub verification: String,
+}
+
+/// An item that was examined, as `panelprep doctor` reports it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ExaminedItem {
+    /// Name of the item.
+    pub name: String,
+    /// Whether nothing is wrong with the examined thing.
+    pub is_right: bool,
+    /// Result of the examination.
+    pub found: String,
+    /// Remedy; empty if the item is in order.
+    pub advice: String,
+}
+
+/// The source of recipes and calibrations. Names of recipes are those of files in one folder.
+pub trait SetupSource: Send + Sync {
+    /// Returns the recipes that are offered.
+    ///
+    /// # Errors
+    /// If the folder cannot be read; the error is a text for people.
+    fn recipes(&self) -> Result<Vec<String>, String>;
+
+    /// Returns one of these recipes.
+    ///
+    /// # Errors
+    /// If there is no such recipe or it cannot be read; the error is a text for people.
+    fn recipe(&self, name: &str) -> Result<RecipeText, String>;
+
+    /// Returns the recipe that the office offers in place of this one; `None` if it offers none, or the same.
+    ///
+    /// # Errors
+    /// As [`SetupSource::recipe`].
+    fn recipe_offer(&self, name: &str) -> Result<Option<RecipeOffer>, String>;
+    /// Returns the problems of a recipe as `panelprep check` reports them; empty if it is valid.
+    fn problems(&self, name: &str, text: &str) -> Vec<String>;
+
+    /// Returns why no cycle can start by this text although it is valid: the panel was not taught, or was taught with
+    /// another region.
+    fn not_taught(&self, name: &str, text: &str) -> Option<String>;
+
+    /// Writes a recipe in place of the one with this name; returns the former text.
+    ///
+    /// # Errors
+    /// If it is wrong or the disk refuses; the error is a text for people.
+    fn save(&self, name: &str, text: &str) -> Result<Option<String>, String>;
+
+    /// Returns the picture of the scan by which the recipe's panel was taught.
+    ///
+    /// # Errors
+    /// If there is no such recipe, it is wrong, or its panel was not taught; the error is a text for people.
+    fn taught_picture(&self, name: &str) -> Result<ColorPicture, String>;
+
+    /// Returns what prevents a cycle now or will prevent one soon, apart from the cameras: the disk, and the age of
+    /// verifications.
+    fn cycle_obstacles(&self) -> Vec<Reason>;
+
+    /// Examines the whole cell, as `panelprep doctor` does; nothing moves. It may need some seconds. If something
+    /// cannot be read, that is a finding.
+    fn examine_cell(&self) -> Vec<ExaminedItem>;
+
+    /// Returns how a start must name its part.
+    fn part_rules(&self) -> PartRules {
+        PartRules::default()
+    }
+
+    /// Returns the equipment, and whether a cycle may start with it.
+    ///
+    /// # Errors
+    /// If a file cannot be read; the error is a text for people.
+    fn list_equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String>;
+}
+
+/// Returns the recipes with their hashes, so that a start uses the recipe that was offered. A recipe that cannot be
+/// read cannot be started, and is left out.
+///
+/// # Errors
+/// If the folder cannot be read.
+pub(super) fn recipe_hashes(source: &dyn SetupSource) -> Result<Vec<RecipeHash>, String> {
+    let hash = |name: String| {
+        let sha256 = source.recipe(&name).ok()?.sha256();
+        Some(RecipeHash { name, sha256 })
+    };
+    Ok(source.recipes()?.into_iter().filter_map(hash).collect())
+}

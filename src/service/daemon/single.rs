@@ -1,0 +1,603 @@
+//! One function of the robot at a time, for commissioning: `panelprep robot …`.
+//!
+//! Each function runs in an epoch of its own, which ends with the function: the controller then switches the tool off,
+//! and base and tool are unknown again. A linear motion is checked as a whole by the same gate as the cycle's paths.
+//! Motions and outputs must satisfy the cycle's own list of interlocks (`single_interlocks`). Unlike a cycle's motions,
+//! these may run in T1, with a person at the enabling switch. These functions are not in the journal: no later action
+//! depends on them, and a controller that loses its client stops by itself.
+
+use super::corrected::CalibratedRobot;
+use super::moves::{self, move_lin};
+use super::ports::RobotPort;
+use super::proof_gate;
+use super::single_interlocks;
+use super::wiring::is_input_on;
+use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Rigid, Tool};
+use panelprep_base::supervision::ThreadFault;
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_cell::cell::{Arm, Cell, InputsOutputs, LOCAL_CONTROL, ProofStage};
+use panelprep_cell::cycle::{Action, Path};
+use panelprep_kuka::eki::{
+    Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp, Signal, State, Time,
+};
+use panelprep_toolpath::path::routes::{self, StartState};
+use panelprep_toolpath::path::{Kinematics, judge_joints, reach};
+use std::time::{Duration, Instant};
+
+/// Time limit for the first answer of a controller, by the wall clock: it may still be closing the connection of the
+/// previous client.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(4);
+/// Time limits for a switch, a frame or a subroutine, and for a motion through the air, by the robot's clock.
+const COMMAND_TIMEOUT: Duration = Duration::from_secs(30);
+const MOTION_TIMEOUT: Duration = Duration::from_secs(300);
+/// Time limit for the next state, by the robot's clock.
+const STATE_TIMEOUT: Duration = Duration::from_secs(1);
+/// Largest number of reports that may wait before the one that states why the link was lost.
+const MAX_REPORTS: usize = 32;
+/// Time limit for the arm to come to rest before a function, by the robot's clock.
+const STANDSTILL_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// The reason why a function was not executed.
+#[derive(Debug, thiserror::Error)]
+pub enum SingleError {
+    /// No controller answers.
+    #[error("no controller answers: {0}")]
+    NoController(LinkLoss),
+    /// No controller answered, and no reason was reported.
+    #[error("no controller answered within {} s", CONNECT_TIMEOUT.as_secs())]
+    Silent,
+    /// The command cannot be sent.
+    #[error(transparent)]
+    Queue(#[from] QueueError),
+    /// The gate refuses the function.
+    #[error("the gate refuses: {}", describe_judgement(.0))]
+    Gate(Judgement),
+    /// The robot did not execute the function.
+    #[error("the robot did not execute the command: {0}")]
+    Robot(String),
+    /// The link was lost during the function.
+    #[error("the link to the controller was lost: {0}; the controller stops the robot by itself")]
+    LinkLost(LinkLoss),
+    /// The function exceeds its time limit.
+    #[error("the command was not complete after {} s of the robot's time; the robot was commanded to stop", .0.as_secs())]
+    Late(Duration),
+}
+
+fn describe_judgement(judgement: &Judgement) -> String {
+    judgement.reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; ")
+}
+
+/// A linear motion, with its own base and tool.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SingleLine {
+    /// The target pose of the TCP, in `base`.
+    pub target: KukaPose,
+    /// The base frame (`$BASE`), given in the robot's world frame.
+    pub base: KukaPose,
+    /// The tool.
+    pub tool: SetTcp,
+    /// Speed of the TCP, mm/s.
+    pub speed_mm_s: f64,
+}
+
+/// Something that is mounted on the flange, as it was calibrated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mounted {
+    /// The name of the mounted thing, such as the sanding tool.
+    pub name: &'static str,
+    /// The pose of the tip of the mounted item.
+    pub flange_from_tip: Rigid<Flange, Tool>,
+}
+
+/// A connected robot, for single functions.
+pub struct SingleRobot<'r> {
+    robot: CalibratedRobot<'r>,
+    state: State,
+    mounted: Vec<Mounted>,
+}
+
+impl<'r> SingleRobot<'r> {
+    /// Waits until the controller has answered. Nothing moves.
+    ///
+    /// # Errors
+    /// If no controller answers.
+    pub fn connect(robot: &'r mut dyn RobotPort, arm: &Arm) -> Result<Self, SingleError> {
+        let mut robot = CalibratedRobot::new(robot, arm);
+        let (begun, mut why) = (Instant::now(), None);
+        while begun.elapsed() < CONNECT_TIMEOUT {
+            match robot.next().map_err(thread_error)? {
+                Some(Report::Connected { state } | Report::State(state)) => {
+                    return Ok(SingleRobot { robot, state: *state, mounted: Vec::new() });
+                }
+                Some(Report::LinkLost { why: lost }) => why = Some(lost),
+                _ => {}
+            }
+        }
+        Err(why.map_or(SingleError::Silent, SingleError::NoController))
+    }
+
+    /// Adds the items mounted on the flange: every motion keeps them clear of the objects in the cell, regardless
+    /// of the controller's tool.
+    #[must_use]
+    pub fn with_mounted(self, mounted: Vec<Mounted>) -> Self {
+        SingleRobot { mounted, ..self }
+    }
+
+    /// Checks whether the arm is the one of the cell's file: the reported TCP pose must agree with the one calculated
+    /// from the axes.
+    ///
+    /// # Errors
+    /// If it does not, with the distance between the two.
+    pub fn check_arm_identity(&self, cell: &Cell) -> Result<(), Reason> {
+        let state = &self.state;
+        let tip = state.active_base.to_rigid::<Base, Base>() * state.base_from_tcp.to_rigid::<Base, Tool>();
+        routes::check_arm_identity(
+            &Kinematics::new(cell.arm()),
+            &state.joints,
+            state.flange_from_tool.to_rigid(),
+            tip,
+        )
+    }
+
+    /// Returns the last state that the controller reported; if the arm has a correction, with the true TCP pose.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Returns the TCP pose as the controller reports it, in the active base, if the arm has a correction: the
+    /// reported pose then differs from the true one.
+    pub fn reported_tcp(&self) -> Option<KukaPose> {
+        self.robot.reported_tcp()
+    }
+
+    /// Executes any function except a motion, an output or a subroutine; these have their own gates below.
+    ///
+    /// # Errors
+    /// If the controller has other programs than the accepted ones, or if the function cannot be sent, is refused, or
+    /// is not done in time.
+    pub fn set(&mut self, command: Command, cell: &Cell) -> Result<(), SingleError> {
+        require_accept(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
+        match command {
+            Command::MoveLin(_) | Command::MoveJ(_) | Command::SetDigout(_) | Command::CallSubroutine { .. } => {
+                let message =
+                    format!("{} cannot be sent as a single command: it has its own checks", command.name());
+                return Err(gate(Reason::new("not_single", message)));
+            }
+            _ => self.open_epoch()?,
+        }
+        let id = self.send(command)?;
+        self.wait_executed(id, COMMAND_TIMEOUT)
+    }
+
+    /// Calls a subroutine of the controller. The subroutine may move the arm, so it has the gates of a motion.
+    ///
+    /// # Errors
+    /// As [`SingleRobot::set`], and if the gate refuses.
+    pub fn call(&mut self, index: u16, cell: &Cell) -> Result<(), SingleError> {
+        self.check_motion(cell)?;
+        self.check_arm_identity(cell).map_err(gate)?;
+        self.open_epoch()?;
+        self.check_interlocks("a subroutine", single_interlocks::motion(Path::Park), cell)?;
+        let id = self.send(Command::CallSubroutine { index })?;
+        self.wait_executed(id, MOTION_TIMEOUT)
+    }
+
+    /// Moves the axes.
+    ///
+    /// # Errors
+    /// As [`SingleRobot::set`], and if the gate refuses.
+    pub fn move_joints(&mut self, joints: Joints, axis_speed_percent: u8, cell: &Cell) -> Result<(), SingleError> {
+        self.check_motion(cell)?;
+        require_accept(judge_joints(&joints))?;
+        self.check_arm_identity(cell).map_err(gate)?;
+        let (arm, tool) = (Kinematics::new(cell.arm()), self.state.flange_from_tool.to_rigid());
+        reach::joint_motion(&arm, tool, &self.state.joints, &joints)
+            .map_err(|obstacle| gate(Reason::new("out_of_reach", obstacle.to_string())))?;
+        for Mounted { name, flange_from_tip } in &self.mounted {
+            reach::joint_motion(&arm, *flange_from_tip, &self.state.joints, &joints)
+                .map_err(|obstacle| gate(Reason::new("out_of_reach", format!("with {name}: {obstacle}"))))?;
+        }
+        self.open_epoch()?;
+        self.check_interlocks("an axis motion", single_interlocks::motion(Path::Park), cell)?;
+        let id = self.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(axis_speed_percent) }))?;
+        self.wait_executed(id, MOTION_TIMEOUT)
+    }
+
+    /// Moves the TCP linearly.
+    ///
+    /// # Errors
+    /// As [`SingleRobot::move_joints`].
+    pub fn move_line(&mut self, line: &SingleLine, cell: &Cell) -> Result<(), SingleError> {
+        self.check_motion(cell)?;
+        let limits = cell.limits();
+        let fastest_mm_s = limits.max_speed_mm_s();
+        if line.speed_mm_s.is_nan() || line.speed_mm_s > fastest_mm_s {
+            let found_mm_s = line.speed_mm_s;
+            let message = format!("the speed is {found_mm_s} mm/s (limit {fastest_mm_s} mm/s, max_speed_mm_s)");
+            return Err(gate(Reason::new("speed", message)));
+        }
+        self.open_epoch()?;
+        self.send(Command::SetBase(line.base))?;
+        // Frames are set before the check, because the tip's position in them comes from the controller; nothing moves
+        // by that.
+        let id = self.send(Command::SetTcp(line.tool))?;
+        self.wait_executed(id, COMMAND_TIMEOUT)?;
+        // The motion starts from the TCP pose that the controller reports with these frames.
+        let from: Rigid<Base, Tool> = self.state.base_from_tcp.to_rigid();
+        let standing = StartState {
+            limits,
+            arm: cell.arm(),
+            flange_from_tool: line.tool.flange_from_tool.to_rigid(),
+            joints: self.state.joints,
+            obstacles: None,
+        };
+        let gated = routes::gate_air_motion_at(
+            &standing,
+            line.base.to_rigid::<Base, Base>(),
+            (from, line.target.to_rigid()),
+            None,
+            line.speed_mm_s,
+        );
+        require_accept(gated.judgement())?;
+        for Mounted { name, flange_from_tip } in &self.mounted {
+            routes::mounted_follows(&standing, line.base.to_rigid(), &gated.points, *flange_from_tip).map_err(
+                |infeasible| gate(Reason { message: format!("with {name}: {}", infeasible.message), ..infeasible }),
+            )?;
+        }
+        // The interlocks are those of the motion to the first corner, which are common to all linear motions through
+        // the air.
+        self.check_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
+        self.send(Command::SetAccSpeed(moves::speed_command(gated.speed)))?;
+        let sent = self.robot.send_path(move_lin(&gated.points), None);
+        let id = sent.map_err(|error| self.not_sent_error(error))?;
+        self.wait_executed(id, MOTION_TIMEOUT)
+    }
+
+    /// Sets an output, and leaves this epoch open for the given time, so that the output stays set.
+    ///
+    /// # Errors
+    /// As [`SingleRobot::set`], and if an interlock is open.
+    pub fn set_output(&mut self, name: &str, on: bool, cell: &Cell, keep: Duration) -> Result<(), SingleError> {
+        // Also to switch off: with other programs, the number may be that of another output.
+        require_accept(Judgement::new(self.other_programs(cell).into_iter().collect(), vec![]))?;
+        let number = output_number(name, cell.inputs_outputs())?;
+        self.open_epoch()?;
+        if let Some(switch) = single_interlocks::switch_of_output(name).filter(|_| on) {
+            self.check_interlocks(name, Action::Switch(switch), cell)?;
+        }
+        let id = self.send(Command::SetDigout(Signal { number, on }))?;
+        self.wait_executed(id, COMMAND_TIMEOUT)?;
+        let until = self.robot.now() + keep;
+        while self.robot.now() < until {
+            self.receive()?;
+        }
+        Ok(())
+    }
+
+    /// Checks the cycle's interlocks for this action against a new state of the robot, not the state at the start of
+    /// the epoch.
+    fn check_interlocks(&mut self, name: &str, act: Action, cell: &Cell) -> Result<(), SingleError> {
+        // A fresh state: a guard that opened a moment ago is not in the one that is in memory.
+        let last_sequence = self.state.sequence;
+        while self.state.sequence == last_sequence {
+            self.receive()?;
+        }
+        let judged = single_interlocks::judge(name, act, &self.state, cell);
+        // A person may have turned the mode switch since the motion was first checked.
+        let unproven = self.unproven(cell).filter(|_| matches!(act, Action::Move(_)));
+        match unproven {
+            Some(why) => Err(SingleError::Gate(Judgement::new(vec![why], vec![]))),
+            None => require_accept(judged),
+        }
+    }
+
+    /// Checks that the proofs of the controller permit motions in its present mode.
+    ///
+    /// # Errors
+    /// If the stage that they need is not signed.
+    pub fn check_proofs(&self, cell: &Cell) -> Result<(), SingleError> {
+        self.unproven(cell).map_or(Ok(()), |why| Err(gate(why)))
+    }
+
+    /// Returns why the proofs do not permit a motion in automatic mode. In T1 a person holds the enabling switch; T2 is
+    /// refused by its own rule.
+    fn unproven(&self, cell: &Cell) -> Option<Reason> {
+        let is_by_hand = matches!(self.state.mode, Mode::T1 | Mode::T2);
+        proof_gate::refusal(cell.robot(), ProofStage::A, Some(&self.state)).filter(|_| !is_by_hand)
+    }
+
+    /// Checks that a motion is permitted, under a person's control or without one.
+    fn check_motion(&self, cell: &Cell) -> Result<(), SingleError> {
+        let state = &self.state;
+        let is_local = cell.inputs_outputs().input_bit(LOCAL_CONTROL).is_none_or(|bit| is_input_on(state, bit));
+        // In T1 a person holds the enabling switch beside the arm, and the controller limits the speed; so the guard
+        // may be open.
+        let by_hand = matches!(state.mode, Mode::T1 | Mode::T2);
+        let checks = [
+            (
+                !is_local,
+                "local_control",
+                "the selector switch is set to remote, but the request comes from a person at the cell; set the \
+                 switch to local",
+            ),
+            (state.mode == Mode::T2, "mode", "the mode is T2; use T1, AUT or EXT"),
+            (state.emergency_stop, "emergency_stop", "an emergency stop is pressed; release and acknowledge it"),
+            (!by_hand && !state.guard_closed, "guard", "the guard is open; close it, or work in T1"),
+            (!state.drives_on, "drives", "the drives are off; switch them on (in T1: hold the enabling switch)"),
+            (
+                state.drives_on && !state.motion_possible,
+                "motion",
+                "the controller reports that no motion is possible; start the robot program, hold the start key in \
+                 T1, and acknowledge every message",
+            ),
+        ];
+        let open = checks.into_iter().filter(|(wrong, ..)| *wrong);
+        let others = open.map(|(_, code, message)| Reason::new(code, message));
+        let reasons = self.other_programs(cell).into_iter().chain(self.unproven(cell)).chain(others).collect();
+        require_accept(Judgement::new(reasons, vec![]))
+    }
+
+    /// Returns a reason if the controller has other programs than those with which the cell was accepted: the numbers
+    /// of signals, flags and operations may then mean something else.
+    fn other_programs(&self, cell: &Cell) -> Option<Reason> {
+        let accepted = cell.robot().programs_sum()?;
+        (accepted != self.state.programs_checksum).then(|| {
+            Reason::new(
+                "other_programs",
+                "the controller's programs are others than those with which the cell was accepted ([robot] programs_sum); find out \
+                 who changed them, then `panelprep doctor --kuka DIR`",
+            )
+        })
+    }
+
+    fn open_epoch(&mut self) -> Result<(), SingleError> {
+        // After its last client has just left, a controller is still coming to rest.
+        let rests_until = self.robot.now() + STANDSTILL_TIMEOUT;
+        while self.state.moving && self.robot.now() < rests_until {
+            self.receive()?;
+        }
+        let asked = self.robot.open_epoch(Epoch(0)).map_err(|error| self.not_sent_error(error))?;
+        let until = self.robot.now() + COMMAND_TIMEOUT;
+        while self.state.epoch != asked {
+            if let Some(Report::EpochNotOpened { asked, found }) = self.receive()? {
+                return Err(SingleError::Robot(format!(
+                    "the controller is in epoch {found}, requested was epoch {asked}"
+                )));
+            }
+            self.check_deadline(until, COMMAND_TIMEOUT)?;
+        }
+        Ok(())
+    }
+
+    /// Waits until a command is executed and the arm is at rest.
+    fn wait_executed(&mut self, id: CommandId, allowed: Duration) -> Result<(), SingleError> {
+        let until = self.robot.now() + allowed;
+        // Executed is not at rest: an arm with blending has its last command done while it still brakes.
+        while self.state.done < id || self.state.moving {
+            match self.receive()? {
+                Some(Report::Refused { refusal, .. }) => return Err(self.stopped_error(refusal.to_string())),
+                Some(Report::EchoMismatch(mismatch)) => return Err(self.stopped_error(mismatch.to_string())),
+                Some(Report::Interrupted { cause }) => return Err(self.stopped_error(cause.to_string())),
+                Some(Report::SequenceError(error)) => return Err(self.stopped_error(error.to_string())),
+                Some(Report::WatchdogExpired { channel, silence }) => {
+                    let words = format!("nothing was received on the {channel} for {} ms", silence.as_millis());
+                    return Err(self.stopped_error(words));
+                }
+                _ => {}
+            }
+            self.check_deadline(until, allowed)?;
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, command: Command) -> Result<CommandId, SingleError> {
+        let sent = self.robot.send(command);
+        sent.map_err(|error| self.not_sent_error(error))
+    }
+
+    /// Returns why nothing was sent: if there is no link any more, the reason for its loss.
+    fn not_sent_error(&mut self, error: QueueError) -> SingleError {
+        if error == QueueError::NotConnected {
+            for _ in 0..MAX_REPORTS {
+                if let Err(lost @ SingleError::LinkLost(_)) = self.receive() {
+                    return lost;
+                }
+            }
+        }
+        SingleError::Queue(error)
+    }
+
+    /// Returns the error for a function that the robot did not execute for this reason. The robot's next state is read
+    /// first, so that the error is shown together with this state.
+    fn stopped_error(&mut self, why: String) -> SingleError {
+        let (before, until) = (self.state.sequence, self.robot.now() + STATE_TIMEOUT);
+        while self.state.sequence == before && self.robot.now() < until {
+            if self.receive().is_err() {
+                break;
+            }
+        }
+        SingleError::Robot(why)
+    }
+
+    fn receive(&mut self) -> Result<Option<Report>, SingleError> {
+        let report = self.robot.next().map_err(thread_error)?;
+        match &report {
+            Some(Report::Connected { state } | Report::State(state)) => self.state = **state,
+            Some(Report::Rebooted { .. }) => {
+                return Err(SingleError::Robot("the controller was restarted".to_owned()));
+            }
+            Some(Report::LinkLost { why }) => return Err(SingleError::LinkLost(why.clone())),
+            _ => {}
+        }
+        Ok(report)
+    }
+
+    fn check_deadline(&mut self, until: Time, allowed: Duration) -> Result<(), SingleError> {
+        if self.robot.now() <= until {
+            return Ok(());
+        }
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "the robot is commanded to stop; its reply is not needed any more"
+        )]
+        let _ = self.robot.abort();
+        Err(SingleError::Late(allowed))
+    }
+}
+
+/// Returns the error for a failed thread of the link.
+fn thread_error(fault: ThreadFault) -> SingleError {
+    SingleError::Robot(fault.to_string())
+}
+
+fn gate(reason: Reason) -> SingleError {
+    SingleError::Gate(Judgement::new(vec![reason], vec![]))
+}
+
+fn require_accept(judgement: Judgement) -> Result<(), SingleError> {
+    if judgement.verdict == Verdict::Accept { Ok(()) } else { Err(SingleError::Gate(judgement)) }
+}
+
+fn output_number(name: &str, io: &InputsOutputs) -> Result<u16, SingleError> {
+    io.outputs().get(name).copied().ok_or_else(|| {
+        let names = io.outputs().keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+        let message = format!("\"{name}\" is not an output in [io.outputs]; valid: {names}");
+        gate(Reason::new("no_such_output", message))
+    })
+}
+
+/// Returns the command that sets these speeds.
+pub fn speed_command(speed_mm_s: f64, acceleration_m_s2: f64, axis_percent: u8) -> Command {
+    Command::SetAccSpeed(SetAccSpeed {
+        speed_m_s: speed_mm_s / 1_000.0,
+        acceleration_m_s2,
+        axis_speed_percent: axis_percent,
+        axis_acceleration_percent: axis_percent,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::ports::{Port, RobotAnswer, RobotCommand};
+    use crate::daemon::tests::standing_state;
+    use panelprep_kuka::eki::TcpKind;
+
+    const AT: Joints = Joints { a1_deg: 20.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
+
+    /// A controller that reports this state, and is never sent anything.
+    struct Says(State);
+
+    impl Port<RobotCommand> for Says {
+        fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
+            match command {
+                RobotCommand::Next => RobotAnswer::Report(Ok(Some(Report::State(Box::new(self.0))))),
+                RobotCommand::Now => RobotAnswer::Time(Time::from_ms(0)),
+                other => panic!("{other:?} is sent"),
+            }
+        }
+    }
+
+    /// A TCP that is 205 mm farther out, another robot root, and axes in radians do not belong to the cell's arm.
+    /// Neither a motion of the axes nor a subroutine is started.
+    #[test]
+    fn another_arm_than_the_cells_does_not_move() {
+        let cell = Cell::check("cell.toml", "").expect("good");
+        let tip = KukaPose::from_rigid(&Kinematics::new(cell.arm()).base_from_flange(&AT).expect("finite"));
+        let state = State { joints: AT, base_from_tcp: tip, ..standing_state() };
+        let single = |state: State| Says(state);
+        let mut right = single(state);
+        assert_eq!(
+            SingleRobot::connect(&mut right, cell.arm()).expect("it answers").check_arm_identity(&cell),
+            Ok(())
+        );
+        let farther = KukaPose { x_mm: tip.x_mm + 205.0, ..tip };
+        let radians = Joints::from(AT.degrees().map(f64::to_radians));
+        let root = KukaPose { z_mm: 300.0, ..KukaPose::default() };
+        for state in [
+            State { base_from_tcp: farther, ..state },
+            State { joints: radians, ..state },
+            State { active_base: root, ..state },
+        ] {
+            let mut robot = single(state);
+            let mut single = SingleRobot::connect(&mut robot, cell.arm()).expect("it answers");
+            for refused in [single.move_joints(AT, 10, &cell), single.call(1, &cell)] {
+                let Err(SingleError::Gate(judgement)) = refused else { panic!("{refused:?}") };
+                assert_eq!(judgement.reasons[0].code, "arm_model");
+            }
+        }
+    }
+
+    /// A real controller without a signed stage moves in T1 alone, also at an address of this computer.
+    #[test]
+    fn a_motion_in_automatic_mode_needs_stage_a() {
+        use panelprep_cell::cell::SignedPage;
+        let unsigned = |host: &str| {
+            Cell::check("cell.toml", &format!("[robot]\nkind = 'eki'\nhost = '{host}'\nprograms_sum = 1"))
+                .unwrap_or_else(|problems| panic!("{problems}"))
+        };
+        let text = "[robot]\nkind = 'eki'\nhost = 'krc'\nprograms_sum = 1\nsigned_stage = 'A'";
+        let signed = Cell::check("cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
+        let signed = signed.with_signed_page(Some(SignedPage { stage: ProofStage::A, programs_sum: 1 }));
+        let (real_boot, mock_boot) = (820_000_000, 1);
+        for (mode, boot, cell, permitted) in [
+            (Mode::T1, real_boot, unsigned("krc"), true),
+            (Mode::Automatic, real_boot, unsigned("krc"), false),
+            (Mode::External, real_boot, unsigned("krc"), false),
+            (Mode::External, real_boot, unsigned("127.0.0.1"), false),
+            (Mode::External, mock_boot, unsigned("127.0.0.1"), true),
+            (Mode::Automatic, real_boot, signed, true),
+        ] {
+            let mut robot = Says(State { joints: AT, mode, boot, ..standing_state() });
+            let mut single = SingleRobot::connect(&mut robot, cell.arm()).expect("it answers");
+            for moved in [single.move_joints(AT, 10, &cell), single.call(0, &cell)] {
+                let Err(SingleError::Gate(judgement)) = moved else { panic!("another gate refuses: {moved:?}") };
+                let is_unsigned = judgement.reasons.iter().any(|reason| reason.code == "stage_not_signed");
+                assert_eq!(!is_unsigned, permitted, "{mode:?} {boot}: {judgement:?}");
+            }
+            assert_eq!(single.check_proofs(&cell).is_ok(), permitted, "{mode:?} {boot}");
+        }
+    }
+
+    /// Another sum than the accepted one refuses every function that sends something: nothing is sent. The accepted sum
+    /// leads to the next gate.
+    #[test]
+    fn other_programs_than_the_accepted_ones_are_sent_nothing() {
+        let text = |sum: i32| {
+            format!(
+                "[robot]\nkind = \"eki\"\nhost = \"krc\"\nprograms_sum = {sum}\n[io.outputs]\nlight = 1\ntool = 5\n"
+            )
+        };
+        let cell_of = |sum| Cell::check("cell.toml", &text(sum)).unwrap_or_else(|problems| panic!("{problems}"));
+        let state = State { joints: AT, programs_checksum: 5, ..standing_state() };
+        let refused = |act: &dyn Fn(&mut SingleRobot<'_>) -> Result<(), SingleError>, cell: &Cell| {
+            let mut robot = Says(state);
+            let mut single = SingleRobot::connect(&mut robot, cell.arm()).expect("it answers");
+            let Err(SingleError::Gate(judgement)) = act(&mut single) else { panic!("not refused") };
+            judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect::<Vec<_>>()
+        };
+        let line = SingleLine {
+            target: KukaPose::default(),
+            base: KukaPose::default(),
+            tool: SetTcp { flange_from_tool: KukaPose::default(), kind: TcpKind::Other },
+            speed_mm_s: 10.0,
+        };
+        let other = cell_of(6);
+        let acts: [&dyn Fn(&mut SingleRobot<'_>) -> Result<(), SingleError>; 9] = [
+            &|single| single.move_joints(AT, 10, &other),
+            &|single| single.move_line(&line, &other),
+            &|single| single.call(0, &other),
+            &|single| single.set_output("light", true, &other, Duration::ZERO),
+            &|single| single.set_output("tool", false, &other, Duration::ZERO),
+            &|single| single.set(Command::SetBase(KukaPose::default()), &other),
+            &|single| single.set(Command::SetTcp(line.tool), &other),
+            &|single| single.set(speed_command(10.0, 1.0, 10), &other),
+            &|single| single.set(Command::SetDigin(Signal { number: 33, on: true }), &other),
+        ];
+        for (place, act) in acts.iter().enumerate() {
+            assert_eq!(refused(act, &other), ["other_programs"], "{place}");
+        }
+        let same = cell_of(5);
+        assert_eq!(refused(&|single| single.move_joints(AT, 10, &same), &same), ["arm_model"]);
+    }
+}

@@ -1,0 +1,294 @@
+//! The service's Unix socket: an interface whose clients send one line and receive one line for each connection.
+//!
+//! The file's mode decides who may connect: its owner and group (0660). A socket that a killed service left is
+//! replaced if no service answers on it; any other file is not touched.
+//!
+//! A client may be slow or silent, or send data without end, by a fault or on purpose; a stop must be executed in
+//! every case. One thread reads all connections at once and never waits for one of them. Each connection has one
+//! deadline for its whole line. If no slot is free, the connection that has been silent for longest gives up its own
+//! (`slots`). Only a start may be a long line. Each line that was read goes to the `gateway`, which queues it by its
+//! urgency and reads recipes on a thread of their own.
+
+mod role;
+
+use super::caller;
+use super::camera_lease::{self, SharedCameras, ShotRequest};
+use super::gateway::Gateway;
+use super::protocol::{MAX_BYTES, MAX_SHORT_BYTES, ProtocolError, is_long_line_allowed, read_request};
+use super::reply::{Reply, RequestResult};
+use super::request::{RequestKind, StartRequest};
+use super::slots::{MaxConnections, Slot, Slots};
+use panelprep_base::supervision::{SupervisedThread, Supervisor, supervise};
+use panelprep_base::verdict::Reason;
+use panelprep_cell::accounts::Role;
+use panelprep_cell::record::RequestAuthor;
+use role::AccessRule;
+use std::fs::{self, Permissions};
+use std::io::ErrorKind;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+use std::os::unix::net as system;
+use std::path::{Path, PathBuf};
+use std::pin::pin;
+use std::thread;
+use std::time::Duration;
+use tokio::net::{UnixListener, UnixStream};
+use tokio::runtime::{Builder, Runtime};
+use tokio::time::{interval, sleep, timeout};
+
+/// Owner and group may send requests.
+const SOCKET_MODE: u32 = 0o660;
+/// Time limit for a client to send its whole line, and separately to receive its answer.
+const CLIENT_TIMEOUT: Duration = Duration::from_secs(2);
+/// Largest number of connections of one user, and of all, that are read at one time.
+const SLOTS: MaxConnections = MaxConnections { per_owner: 64, total: 256 };
+/// How long a connection that must give way is still read.
+const DRAIN_TIMEOUT: Duration = Duration::from_millis(50);
+/// Interval at which the socket's thread reports that it works, and the longest permitted time without such a report.
+const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(250);
+const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(4);
+/// Number of threads that read recipes: one reads, and one more reports that a recipe is being read.
+const READER_THREADS: usize = 2;
+/// The nice value of the socket's thread, which gives it priority over other work of the machine: it has little to
+/// do, and its input may be a stop.
+const NICE: i32 = -5;
+
+/// Errors when the socket is opened.
+#[derive(Debug, thiserror::Error)]
+pub enum SocketError {
+    /// Another service uses the socket.
+    #[error("{}: another panelprep process uses this socket; stop that process first", path.display())]
+    InUse {
+        /// The socket.
+        path: PathBuf,
+    },
+    /// The file is not a socket.
+    #[error("{}: the path already exists and is not a socket; remove the file, or set another path at `socket` in \
+             the cell's file", path.display())]
+    NotASocket {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The system refused the operation.
+    #[error("cannot {doing} the socket {}: {source}", path.display())]
+    System {
+        /// The operation that failed.
+        doing: &'static str,
+        /// The socket.
+        path: PathBuf,
+        /// The system's message.
+        source: std::io::Error,
+    },
+}
+
+/// A socket on which the service listens; its file is removed when this is dropped.
+#[derive(Debug)]
+pub struct Socket {
+    path: PathBuf,
+}
+
+impl Socket {
+    /// Listens on the socket, and passes the requests to the gateway. The supervisor watches the socket's thread.
+    /// Users who have access through the socket's group have this role; without a role they may request everything.
+    ///
+    /// # Errors
+    /// If a service already answers on this socket, the file is not a socket, or the system refuses.
+    pub fn listen(
+        path: &Path,
+        role: Option<Role>,
+        gateway: Gateway,
+        supervisor: &Supervisor,
+    ) -> Result<Self, SocketError> {
+        let failed = |doing| {
+            let path = path.to_owned();
+            move |source| SocketError::System { doing, path, source }
+        };
+        remove_stale_socket(path)?;
+        let listener = system::UnixListener::bind(path).map_err(failed("make"))?;
+        let socket = Socket { path: path.to_owned() };
+        fs::set_permissions(path, Permissions::from_mode(SOCKET_MODE)).map_err(failed("set the mode of"))?;
+        listener.set_nonblocking(true).map_err(failed("serve"))?;
+        let runtime =
+            Builder::new_current_thread().enable_io().enable_time().max_blocking_threads(READER_THREADS).build();
+        let runtime = runtime.map_err(failed("serve"))?;
+        let (sign, watched) = supervise("socket", HEARTBEAT_TIMEOUT);
+        let served = {
+            let _context = runtime.enter();
+            UnixListener::from_std(listener).map_err(failed("serve"))?
+        };
+        let thread = thread::Builder::new().name("socket".to_owned());
+        thread.spawn(move || serve(&runtime, &served, (&gateway, role), &sign)).map_err(failed("serve"))?;
+        supervisor.add_thread(watched);
+        Ok(socket)
+    }
+}
+
+impl Drop for Socket {
+    fn drop(&mut self) {
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "best effort: a file that stays is replaced by the next service"
+        )]
+        let _ = fs::remove_file(&self.path);
+    }
+}
+
+/// Removes the socket file that a killed service left.
+fn remove_stale_socket(path: &Path) -> Result<(), SocketError> {
+    let failed = |doing, source| SocketError::System { doing, path: path.to_owned(), source };
+    match fs::symlink_metadata(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        Err(error) => return Err(failed("look at", error)),
+        Ok(found) if !found.file_type().is_socket() => {
+            return Err(SocketError::NotASocket { path: path.to_owned() });
+        }
+        Ok(_) => {}
+    }
+    // Asked and not guessed from the file: a file stays after a kill, but only a living service accepts.
+    match system::UnixStream::connect(path) {
+        Ok(_) => Err(SocketError::InUse { path: path.to_owned() }),
+        Err(error) if error.kind() == ErrorKind::ConnectionRefused => {
+            fs::remove_file(path).map_err(|error| failed("replace", error))
+        }
+        Err(error) => Err(failed("look at", error)),
+    }
+}
+
+fn serve(
+    runtime: &Runtime,
+    listener: &UnixListener,
+    (gateway, role): (&Gateway, Option<Role>),
+    sign: &SupervisedThread,
+) {
+    let slots = Slots::new(SLOTS);
+    let service_uid = rustix::process::geteuid().as_raw();
+    #[expect(
+        clippy::let_underscore_must_use,
+        reason = "if the priority cannot be changed, the system schedules this thread like any other process"
+    )]
+    let _ = rustix::process::setpriority_process(None, NICE);
+    runtime.block_on(async {
+        let mut signs = interval(HEARTBEAT_INTERVAL);
+        loop {
+            let accepted = tokio::select! {
+                _ = signs.tick() => {
+                    sign.report_working();
+                    continue;
+                }
+                accepted = listener.accept() => accepted,
+            };
+            match accepted {
+                Ok((stream, _)) => {
+                    // From the kernel and not from the message, since a client could write any name there.
+                    let who = caller::socket_peer(&stream);
+                    let slot = slots.acquire(who.uid);
+                    let rule = AccessRule { role, service_uid };
+                    tokio::spawn(serve_request((stream, who), slot, gateway.clone(), rule));
+                }
+                // For example, no file descriptor is left: the client tries again.
+                Err(_) => sleep(Duration::from_millis(50)).await,
+            }
+        }
+    });
+}
+
+/// Reads one line, has it answered, and sends the answer.
+async fn serve_request(
+    (stream, who): (UnixStream, RequestAuthor),
+    mut slot: Slot<Option<u32>>,
+    gateway: Gateway,
+    rule: AccessRule,
+) {
+    let parsed = {
+        let mut reading = pin!(read(&stream));
+        tokio::select! {
+            biased;
+            parsed = timeout(CLIENT_TIMEOUT, &mut reading) => parsed.unwrap_or(Err(ProtocolError::Slow)),
+            // A line that is already being sent is still read: a client that gives way is silent, but a client that
+            // sends a stop is not.
+            () = slot.wait_until_wanted() => timeout(DRAIN_TIMEOUT, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
+        }
+    };
+    // Released after reading: an answer may take seconds, and the limit is for clients that send nothing.
+    drop(slot);
+    let parsed = parsed.map(|what| match what {
+        RequestKind::Start(start) => {
+            RequestKind::Start(StartRequest { own_text: rule.recipe_text_permission(&who), ..start })
+        }
+        what => what,
+    });
+    if let Some(reason) = parsed.as_ref().ok().and_then(|what| rule.refusal(&who, what)) {
+        let who = gateway.named(who).await;
+        tracing::warn!("refused to {}: {}", caller::format_for_log(&who), reason.message);
+        if let Some(wanted) = parsed.as_ref().ok().and_then(RequestKind::wanted) {
+            gateway.keep_refused(wanted, who, vec![reason.clone()]);
+        }
+        return send_reply(&stream, &Reply::refused(RequestResult::Refused, vec![reason])).await;
+    }
+    if let (Ok(RequestKind::Shoot(shot)), Some(cameras)) = (&parsed, &gateway.cameras) {
+        return lend_cameras(stream, *shot, cameras.clone(), &gateway.named(who).await);
+    }
+    let reply = match parsed {
+        Ok(what) => gateway.request(what, who).await,
+        Err(error @ (ProtocolError::Slow | ProtocolError::GaveWay)) => {
+            Reply::refused(RequestResult::Fault, vec![Reason::new("busy", error.to_string())])
+        }
+        Err(error) => Reply::refused(RequestResult::Refused, vec![Reason::new("bad_request", error.to_string())]),
+    };
+    send_reply(&stream, &reply).await;
+}
+
+async fn send_reply(stream: &UnixStream, reply: &Reply) {
+    let Ok(mut line) = serde_json::to_vec(reply) else { return };
+    line.push(b'\n');
+    #[expect(
+        clippy::let_underscore_must_use,
+        reason = "a client that disconnected or does not read needs no reply"
+    )]
+    let _ = timeout(CLIENT_TIMEOUT, write(stream, &line)).await;
+}
+
+async fn read(stream: &UnixStream) -> Result<RequestKind, ProtocolError> {
+    let (mut line, mut bytes) = (Vec::new(), [0; 4 * 1_024]);
+    loop {
+        let most = if is_long_line_allowed(&line) { MAX_BYTES } else { MAX_SHORT_BYTES };
+        if line.len() > most {
+            return Err(ProtocolError::TooLong { most });
+        }
+        let ready = stream.readable().await.and_then(|()| stream.try_read(&mut bytes));
+        let count = match ready {
+            Err(error) if error.kind() == ErrorKind::WouldBlock => continue,
+            other => other.map_err(|error| ProtocolError::NotUnderstood { problem: error.to_string() })?,
+        };
+        let part = &bytes[..count];
+        match part.iter().position(|byte| *byte == b'\n') {
+            Some(end) => {
+                line.extend_from_slice(&part[..=end]);
+                return read_request(&line);
+            }
+            None if count == 0 => return read_request(&line),
+            None => line.extend_from_slice(part),
+        }
+    }
+}
+
+async fn write(stream: &UnixStream, mut line: &[u8]) -> std::io::Result<()> {
+    while !line.is_empty() {
+        stream.writable().await?;
+        match stream.try_write(line) {
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+            count => line = &line[count?..],
+        }
+    }
+    Ok(())
+}
+
+/// Lends the cameras to the client at the other end, on a thread of its own.
+fn lend_cameras(stream: UnixStream, shot: ShotRequest, cameras: SharedCameras, who: &RequestAuthor) {
+    tracing::info!("{} asks: {}", caller::format_for_log(who), shot.describe());
+    let lent = stream.into_std().and_then(|stream| {
+        thread::Builder::new().name("shots".to_owned()).spawn(move || camera_lease::serve(stream, shot, &cameras))
+    });
+    if let Err(error) = lent {
+        tracing::warn!("no shot: {error}");
+    }
+}

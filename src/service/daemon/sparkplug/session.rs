@@ -1,0 +1,245 @@
+//! One connection to the broker, from beginning to end.
+
+use super::broker::{BrokerConnection, quality};
+use super::host_requests::HostRequests;
+use crate::daemon::alarms::Alarms;
+use crate::daemon::clock::now_unix_ms;
+use panelprep_interfaces::sparkplug::{CellView, EdgeNode, NodeAction, NodeEvent, NodeTime, values};
+use rumqttc::{AsyncClient, ConnectReturnCode, ConnectionError, EventLoop, Outgoing, Packet, SubscribeReasonCode};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::{mpsc, oneshot, watch};
+use tokio::task::JoinSet;
+use tokio::time::{MissedTickBehavior, interval, timeout};
+
+/// Largest number of messages that wait for the connection. If they are not accepted, the connection is closed: its
+/// data may be lost, but not reordered.
+const MAX_WAITING: usize = 64;
+/// Largest number of packets of the broker that wait for the node; the others wait in the broker.
+const MAX_PACKETS: usize = 16;
+/// Interval at which the cell is read.
+const POLL_INTERVAL: Duration = Duration::from_millis(500);
+/// Time limit for the broker to answer a connection, in s, and to accept its last messages.
+const CONNECT_TIMEOUT_S: u64 = 10;
+const DISCONNECT_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// The text for a connection's task that ended without a message, which should never occur.
+pub(super) const BROKEN: &str = "the connection's task failed";
+
+/// How a connection ended.
+pub(super) enum SessionEnd {
+    /// The program ends.
+    Leaving,
+    /// The primary host went offline.
+    HostOffline,
+    /// The connection was lost, or was never established, for this reason.
+    Lost(String),
+}
+
+/// The parts that every connection uses.
+pub(super) struct SessionParts {
+    pub host_requests: HostRequests,
+    pub view: watch::Receiver<Option<CellView>>,
+    pub started: Instant,
+    /// The broker's address and port, for people.
+    pub address: String,
+    pub alarms: Arc<Alarms>,
+}
+
+/// The name of the node in the log and among alarms.
+pub(super) const NAME: &str = "MQTT Sparkplug";
+
+impl SessionParts {
+    /// Reports that there is no connection, for this reason; the same reason is logged only once until a connection
+    /// exists again.
+    pub fn report_failure(&self, why: &str) {
+        let problem = format!("no connection to {}: {why}", self.address);
+        if self.alarms.set_connection_problem(NAME, Some(&problem)) {
+            tracing::warn!("{NAME}: {problem}; retrying");
+        }
+    }
+
+    fn report_success(&self) {
+        self.alarms.set_connection_problem(NAME, None);
+        tracing::info!("{NAME}: connected to {}", self.address);
+    }
+
+    fn now(&self) -> NodeTime {
+        let steady_ms = u64::try_from(self.started.elapsed().as_millis()).unwrap_or(u64::MAX);
+        NodeTime { unix_ms: now_unix_ms().unsigned_abs(), steady_ms }
+    }
+}
+
+struct Session<'s> {
+    parts: &'s SessionParts,
+    node: &'s mut EdgeNode,
+    client: AsyncClient,
+    packets: mpsc::Receiver<Result<rumqttc::Event, ConnectionError>>,
+    /// Number of subscriptions that the broker has not accepted yet.
+    open_subscriptions: usize,
+}
+
+/// Connects, and serves the connection until it ends.
+pub(super) async fn connected(
+    (parts, broker): (&SessionParts, &BrokerConnection),
+    node: &mut EdgeNode,
+    leave: &mut oneshot::Receiver<()>,
+) -> SessionEnd {
+    node.step(NodeEvent::Connecting, parts.now());
+    let options = broker.connection_options(node.last_will(parts.now()));
+    // Each connection has its own client: messages that waited for an earlier connection are not sent on this one.
+    let (client, mut eventloop) = AsyncClient::new(options, MAX_WAITING);
+    eventloop.network_options.set_connection_timeout(CONNECT_TIMEOUT_S);
+    let (tell, packets) = mpsc::channel(MAX_PACKETS);
+    // The task ends with this connection, because dropping a set ends its tasks.
+    let mut polling = JoinSet::new();
+    polling.spawn(drive_connection(eventloop, tell));
+    let mut session = Session { parts, node, client, packets, open_subscriptions: 0 };
+    let ended = session.serve(leave).await;
+    node.step(NodeEvent::Lost, parts.now());
+    ended
+}
+
+/// Drives the connection. This needs a task of its own: if a poll is dropped half-way, a message may be cut.
+async fn drive_connection(mut eventloop: EventLoop, tell: mpsc::Sender<Result<rumqttc::Event, ConnectionError>>) {
+    loop {
+        let event = eventloop.poll().await;
+        let is_over = event.is_err();
+        if tell.send(event).await.is_err() || is_over {
+            return;
+        }
+    }
+}
+
+impl Session<'_> {
+    async fn serve(&mut self, leave: &mut oneshot::Receiver<()>) -> SessionEnd {
+        let mut look = interval(POLL_INTERVAL);
+        look.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            let ended = tokio::select! {
+                _ = &mut *leave => {
+                    let acts = self.node.step(NodeEvent::Leaving, self.parts.now());
+                    self.perform(acts).await;
+                    return SessionEnd::Leaving;
+                }
+                _ = look.tick() => self.on_cell_values().await,
+                packet = self.packets.recv() => match packet {
+                    Some(Ok(event)) => self.on_event(event).await,
+                    Some(Err(error)) => Some(SessionEnd::Lost(describe_error(&error))),
+                    None => Some(SessionEnd::Lost(BROKEN.to_owned())),
+                },
+            };
+            if let Some(ended) = ended {
+                return ended;
+            }
+        }
+    }
+
+    async fn on_cell_values(&mut self) -> Option<SessionEnd> {
+        let seen = self.parts.view.borrow().as_ref().map(values)?;
+        let acts = self.node.step(NodeEvent::Seen(seen), self.parts.now());
+        self.perform(acts).await
+    }
+
+    async fn on_event(&mut self, event: rumqttc::Event) -> Option<SessionEnd> {
+        match event {
+            rumqttc::Event::Incoming(Packet::ConnAck(_)) => {
+                let topics = self.node.subscriptions();
+                self.open_subscriptions = topics.len();
+                let all = topics.into_iter().map(|topic| self.client.try_subscribe(topic, quality(1)));
+                let failed = all.filter(Result::is_err).count();
+                (failed > 0).then(|| SessionEnd::Lost("the subscriptions could not be sent".to_owned()))
+            }
+            rumqttc::Event::Incoming(Packet::SubAck(ack)) => {
+                if ack.return_codes.contains(&SubscribeReasonCode::Failure) {
+                    let topics = self.node.subscriptions().join(" and ");
+                    return Some(SessionEnd::Lost(format!(
+                        "the broker refuses the subscription to {topics}; check the permissions of its user"
+                    )));
+                }
+                let was_open = self.open_subscriptions > 0;
+                self.open_subscriptions = self.open_subscriptions.saturating_sub(1);
+                if !was_open || self.open_subscriptions > 0 {
+                    return None;
+                }
+                self.parts.report_success();
+                let acts = self.node.step(NodeEvent::Subscribed, self.parts.now());
+                self.perform(acts).await
+            }
+            rumqttc::Event::Incoming(Packet::Publish(message)) => {
+                let (topic, payload, is_retained) = (&*message.topic, &*message.payload, message.retain);
+                let acts = self.node.step(NodeEvent::Received { topic, payload, is_retained }, self.parts.now());
+                self.perform(acts).await
+            }
+            _ => None,
+        }
+    }
+
+    async fn perform(&mut self, acts: Vec<NodeAction>) -> Option<SessionEnd> {
+        for act in acts {
+            let asking = self.parts.host_requests.clone();
+            match act {
+                NodeAction::Publish(message) => {
+                    let sent = self.client.try_publish(message.topic, quality(message.qos), false, message.payload);
+                    if sent.is_err() {
+                        return Some(SessionEnd::Lost("a message could not be sent to the broker".to_owned()));
+                    }
+                }
+                // The connection never waits for the loop or the disk; the number of these tasks is limited.
+                NodeAction::Ask { command, is_noted } => drop(tokio::spawn(asking.request_cell(command, is_noted))),
+                NodeAction::Note(note) => drop(tokio::spawn(asking.write_audit(note))),
+                NodeAction::Disconnect => {
+                    self.disconnect().await;
+                    return Some(SessionEnd::HostOffline);
+                }
+            }
+        }
+        None
+    }
+
+    /// Ends the connection once all earlier messages were sent.
+    async fn disconnect(&mut self) {
+        if self.client.try_disconnect().is_err() {
+            return;
+        }
+        let sent = async {
+            while let Some(Ok(event)) = self.packets.recv().await {
+                if event == rumqttc::Event::Outgoing(Outgoing::Disconnect) {
+                    return;
+                }
+            }
+        };
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "a broker that accepts no message publishes the death certificate itself"
+        )]
+        let _ = timeout(DISCONNECT_TIMEOUT, sent).await;
+    }
+}
+
+fn describe_error(error: &ConnectionError) -> String {
+    match error {
+        ConnectionError::ConnectionRefused(code) => match code {
+            ConnectReturnCode::BadUserNamePassword | ConnectReturnCode::NotAuthorized => {
+                "the broker refuses the user or the password; check [sparkplug] user and password_file".to_owned()
+            }
+            ConnectReturnCode::BadClientId => "the broker refuses the client ID".to_owned(),
+            ConnectReturnCode::RefusedProtocolVersion => "the broker does not support MQTT 3.1.1".to_owned(),
+            _ => "the broker is not available".to_owned(),
+        },
+        ConnectionError::NetworkTimeout => format!("no response within {CONNECT_TIMEOUT_S} s"),
+        other => {
+            let words = other.to_string();
+            let advice = if words.contains("UnknownIssuer") {
+                "; the file at ca_certificate does not contain the authority that signed the broker's certificate"
+            } else if words.contains("Promised boundary crossed") || words.contains("reset by peer") {
+                "; the broker may use another protocol at this port, or MQTT over TLS: set ca_certificate for TLS"
+            } else if words.contains("closed by peer abruptly") {
+                "; another client may have the same group_id and edge_node_id"
+            } else {
+                ""
+            };
+            format!("{words}{advice}")
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! The record of contact: the permitted waypoints, the effect of a lost link, the counted abrasions of earlier cycles,
+//! and the authors of requests.
+
+use super::fake::{Asks, Cell as Fake};
+use super::serving::Script;
+use super::*;
+use panelprep_base::verdict::Reason;
+use panelprep_cell::cycle::{Refusal, Robot as Condition, State};
+use panelprep_cell::record::{Answer, CycleId, EarlierPass, RequestRecord, RequestedAction};
+
+fn contact(state: &State) -> bool {
+    matches!(state.intent, Some(intent) if intent.motion.path == Path::Contact && intent.done > 2)
+}
+
+/// The robot executes no waypoint in contact before its permission is in the record; waypoints are permitted in
+/// blocks.
+#[test]
+fn no_waypoint_in_contact_comes_before_its_permission() {
+    let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle());
+    assert_eq!((story.outcome.verdict, story.beyond), (Some(Verdict::Pass), 0), "{story}");
+    let (path, permitted) = &story.contacts[0];
+    let all = story.motions(Path::Contact)[0].0.waypoints;
+    assert!(
+        permitted.len() > 1 && permitted.is_sorted() && permitted.last() == Some(&all),
+        "{permitted:?} of {all}"
+    );
+    assert!(permitted[0] < all, "the first block is not the whole path: {permitted:?} of {all}");
+    // Every planned grid is reached by a waypoint of the path.
+    let planned = story.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned").names("grids");
+    let reached: Vec<&String> = path.grids.iter().map(|reached| &reached.grid).collect();
+    assert!(planned.iter().all(|grid| reached.contains(&grid)) && !planned.is_empty(), "{planned:?} {reached:?}");
+    assert!(path.grids.iter().all(|reached| (1..=all).contains(&reached.first)), "{path:?}");
+    assert_eq!((path.pass, story.clocks.len()), (1, 2));
+}
+
+/// The executed part of the path is not known: no abrasion is recorded, and the whole path stays counted as wear of
+/// the disc, even after a person has cleared the abort.
+#[test]
+fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
+    let cell = Fake::new(Scene::Good).slow().whose_link_is_lost_in_contact();
+    let aborted = |state: &State| matches!(state.at, At::Aborted { .. }) && state.facts.robot == Condition::Ready;
+    let mut script =
+        Script::default().reset().start(&cell).when(aborted, RequestKind::Table(cycle::Request::Clear));
+    script = script.leave_when(|state| state.at == At::Stopped && state.facts.standing);
+    let record = cell.serve(|cameras| cameras, vec![], &mut script);
+    assert_eq!(script.verdicts, [Verdict::Aborted]);
+    let contact: Vec<_> = record.intents.iter().filter(|(motion, _)| motion.path == Path::Contact).collect();
+    assert!(matches!(contact[..], [(_, Some((Outcome::Cleared, _)))]), "{contact:?}");
+    let abrasions = record.findings.iter().filter(|finding| finding.kind == Kind::Abrade).count();
+    assert_eq!(abrasions, 0, "what nobody knows is not found");
+    let whole_mm2 = record.contacts[0].0.wears_mm2;
+    assert!(whole_mm2 > 1_000.0 && record.worn_mm2 == whole_mm2, "{} of {whole_mm2}", record.worn_mm2);
+}
+
+/// An abort in contact, whose end is reported: the executed part is recorded.
+#[test]
+fn an_abort_in_contact_is_booked_with_its_motion() {
+    let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(contact, cycle::Request::Abort));
+    let (motion, outcome, done) = story.motions(Path::Contact)[0];
+    assert!(outcome == Outcome::Aborted && done > 2 && done < motion.waypoints, "{story}");
+    let found = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("its end was told");
+    assert_eq!(found.number(name::EXECUTED_WAYPOINTS_NAME), Some(f64::from(done)));
+}
+
+/// R21: if a feedback goes off in contact, the path ends, and the executed part is recorded. The contradicting output
+/// is reported by name.
+#[test]
+fn a_feedback_that_goes_off_in_contact_holds() {
+    for (bit, name) in [(2, "extraction_flow"), (3, "tool_running")] {
+        let cell = Fake::new(Scene::Good).slow().whose_feedback_is_dead(bit, 4);
+        let held = |state: &State| matches!(state.at, At::Held(_));
+        let story = cell.run(Asks::one_cycle().with(held, cycle::Request::Stop));
+        let (motion, outcome, done) = story.motions(Path::Contact)[0];
+        assert!(outcome == Outcome::Held && done > 2 && done < motion.waypoints, "{name}: {story}");
+        let told = story.findings.iter().find(|finding| finding.kind == Kind::Robot).expect("it is told");
+        let Reason { code, message, .. } = &told.judgement.reasons[0];
+        assert!(code == "feedback" && message.contains(&format!("the feedback {name} reads off")), "{message}");
+        let found = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("what was touched");
+        assert_eq!(found.number(name::EXECUTED_WAYPOINTS_NAME), Some(f64::from(done)));
+    }
+}
+
+/// The cable of a sensor is broken: the cycle is aborted because the answer is late, and an additional finding states
+/// the missing feedback.
+#[test]
+fn a_feedback_that_never_comes_is_named() {
+    for (bit, name, asked) in
+        [(4, "light_on", "the light is on"), (2, "extraction_flow", "the dust extraction is on")]
+    {
+        let story = Fake::new(Scene::Good).whose_feedback_is_dead(bit, 0).run(Asks::one_cycle());
+        assert_eq!(story.outcome.verdict, Some(Verdict::Aborted), "{story}");
+        let told = story.findings.iter().find(|finding| finding.kind == Kind::Robot).expect("it is told");
+        let Reason { code, message, .. } = &told.judgement.reasons[0];
+        let names = message.contains(asked) && message.contains(&format!("the feedback {name} reads off"));
+        assert!(code == "feedback" && names, "{message}");
+    }
+}
+
+fn earlier(times: u8, is_sure: bool) -> Vec<EarlierPass> {
+    (1..=times).map(|pass| EarlierPass { cycle: CycleId(7), pass, grid: None, is_sure, is_stated: false }).collect()
+}
+
+/// Two abrasions are allowed. A grid that an earlier cycle may have abraded counts as abraded.
+#[test]
+fn what_may_have_been_abraded_before_counts() {
+    let mut once = Fake::new(Scene::Good);
+    once.earlier = earlier(1, false);
+    let story = once.run(Asks::one_cycle());
+    assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "one more is allowed: {story}");
+    let plan = story.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
+    let counted = plan.names("abraded in earlier cycles, counted");
+    assert!(counted.iter().all(|words| words.contains("perhaps abraded in cycle 7, pass 1")), "{counted:?}");
+    assert_eq!(counted.len(), plan.names("grids").len());
+
+    for is_sure in [false, true] {
+        let mut twice = Fake::new(Scene::Good);
+        twice.earlier = earlier(2, is_sure);
+        let story = twice.run(Asks::one_cycle());
+        assert_eq!(story.outcome.verdict, Some(Verdict::Reject), "{story}");
+        assert!(story.motions(Path::Contact).is_empty(), "{story}");
+        let reason = story.findings.last().expect("a finding").judgement.reasons[0].clone();
+        let words = if is_sure { " abraded in cycle 7, pass 2" } else { "perhaps abraded in cycle 7, pass 2" };
+        assert!(reason.code == "passes_used" && reason.message.contains(words), "{}", reason.message);
+    }
+}
+
+/// Anyone may request a stop at any time: one that changes nothing is refused each time, and is on the record once
+/// a second.
+#[test]
+fn a_stop_that_is_refused_again_and_again_is_one_line() {
+    let rests = |state: &State| state.at == At::Stopped;
+    let asks = (0..6).fold(Asks::nothing(), |asks, _| asks.with(rests, cycle::Request::Stop));
+    let story = Fake::new(Scene::Clean).run(asks);
+    assert_eq!(story.refusals.len(), 6, "each is answered");
+    assert_eq!(story.asked.len(), 1, "{:?}", story.asked);
+}
+
+/// Requests without end do not delay the robot and the deadlines: the cycle continues to its end.
+#[test]
+fn a_flood_of_requests_does_not_hold_up_the_cycle() {
+    let story = Fake::new(Scene::Clean).run(Asks::one_cycle().without_end(cycle::Request::Reset));
+    assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
+    assert!(story.refusals.len() > 100, "{}", story.refusals.len());
+}
+
+/// Each request is recorded once with its answer; a refused request is recorded as refused.
+#[test]
+fn each_request_is_kept_with_its_answer() {
+    let works = |state: &State| matches!(state.at, At::Execute(_));
+    let story = Fake::new(Scene::Clean).run(Asks::one_cycle().with(works, cycle::Request::Accept));
+    assert_eq!(story.refusals, [(cycle::Request::Accept, Refusal::NotNow)]);
+    let kept: Vec<(RequestedAction, Option<Answer>, usize)> = story
+        .asked
+        .iter()
+        .map(|RequestRecord { wanted, answer, reasons, .. }| (wanted.clone(), *answer, reasons.len()))
+        .collect();
+    let wanted = |request, answer, reasons| (RequestedAction::For(request), Some(answer), reasons);
+    let start = cycle::Request::Start { max_passes: 2, max_moves: 3, dries: false };
+    assert_eq!(
+        kept,
+        [
+            wanted(cycle::Request::Reset, Answer::Done, 0),
+            wanted(start, Answer::Done, 0),
+            wanted(cycle::Request::Accept, Answer::Refused, 1)
+        ]
+    );
+    assert!(story.asked[2].reasons[0].message.contains("accept is not possible in state execute"));
+}

@@ -1,0 +1,153 @@
+//! A record in memory that can refuse.
+
+use super::super::super::*;
+use super::Shared;
+use panelprep_base::geometry::{Base, ColorPicture, Flange, Rigid};
+use panelprep_base::phase::Phase;
+use panelprep_base::verdict::Reason;
+use panelprep_cell::cycle::{Event, Motion, Outcome};
+use panelprep_cell::record::{Budget, Clock, ContactPath, CycleId, EarlierPass, Picture, RequestRecord};
+use std::sync::Arc;
+
+pub struct Memory {
+    pub(super) world: Shared,
+    pub fails_at: usize,
+    pub writes: usize,
+    pub(super) cycles: i64,
+    pub is_full: bool,
+    /// Number of writes after which the disk is full; `None` if the disk never fills.
+    pub fills_at: Option<usize>,
+    pub(super) lacks_room: bool,
+    pub worn_mm2: f64,
+    /// Each entry of the disc's wear, and whether a motion was open at that time.
+    pub wears: Vec<(f64, bool)>,
+    pub findings: Vec<Finding>,
+    pub figures: Vec<String>,
+    /// Pictures by their names, with the pose of the flange at that time.
+    pub pictures: Vec<(String, ColorPicture, Rigid<Base, Flange>)>,
+    /// The pictures of all films.
+    pub frames: Vec<(Arc<ColorPicture>, f64, Phase)>,
+    pub budget: Budget,
+    pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
+    pub events: Vec<Event>,
+    /// Each contact path and the numbers of waypoints permitted on it, one after the other.
+    pub contacts: Vec<(ContactPath, Vec<u32>)>,
+    pub earlier: Vec<EarlierPass>,
+    pub asked: Vec<RequestRecord>,
+    pub clocks: Vec<Clock>,
+}
+
+impl Memory {
+    pub(super) fn default_of(world: &Shared) -> Self {
+        Memory {
+            world: world.clone(),
+            fails_at: 0,
+            writes: 0,
+            cycles: 0,
+            is_full: false,
+            fills_at: None,
+            lacks_room: false,
+            worn_mm2: 0.0,
+            wears: Vec::new(),
+            findings: Vec::new(),
+            figures: Vec::new(),
+            pictures: Vec::new(),
+            frames: Vec::new(),
+            budget: Budget::default(),
+            intents: Vec::new(),
+            events: Vec::new(),
+            contacts: Vec::new(),
+            earlier: Vec::new(),
+            asked: Vec::new(),
+            clocks: Vec::new(),
+        }
+    }
+
+    fn written(&mut self) -> Result<(), RecordError> {
+        self.writes += 1;
+        if self.writes >= self.fails_at { Err(RecordError("the disk is full".into())) } else { Ok(()) }
+    }
+}
+
+impl Port<RecordCommand> for Memory {
+    fn perform(&mut self, command: RecordCommand) -> Result<RecordAnswer, RecordError> {
+        match command {
+            RecordCommand::Note(Note::Finding(finding)) => self.findings.push(finding),
+            RecordCommand::Note(Note::Figure(Figure { name, .. }))
+            | RecordCommand::Note(Note::Kept(StoredPicture::Figure(Picture { name, .. }))) => {
+                self.figures.push(name)
+            }
+            RecordCommand::Note(Note::Budget(measured)) => self.budget = self.budget.updated_by(measured),
+            RecordCommand::Note(Note::Picture(name, picture)) => {
+                let flange = self.world.borrow().base_from_flange;
+                self.pictures.push((name, picture, flange));
+            }
+            RecordCommand::Note(Note::Frame(picture, time_s, phase)) => self.frames.push((picture, time_s, phase)),
+            RecordCommand::Note(Note::Kept(_)) => {}
+            RecordCommand::Event(event) => self.events.push(event),
+            RecordCommand::OpenIntent(motion) => self.open_intent(motion),
+            RecordCommand::OpenContact { motion, path, permitted } => {
+                self.contacts.push((path, vec![permitted]));
+                {
+                    let mut world = self.world.borrow_mut();
+                    (world.permitted, world.in_contact) = (permitted, 0);
+                }
+                self.open_intent(motion);
+            }
+            RecordCommand::Permit(waypoints) => {
+                self.contacts.last_mut().expect("a contact path").1.push(waypoints);
+                self.world.borrow_mut().permitted = waypoints;
+            }
+            RecordCommand::CloseIntent { motion, outcome, done } => {
+                self.world.borrow_mut().intent = None;
+                let open = self.intents.last_mut().expect("open");
+                assert_eq!((open.0, open.1), (motion, None));
+                open.1 = Some((outcome, done));
+            }
+            RecordCommand::AbradedBefore => return Ok(RecordAnswer::Earlier(self.earlier.clone())),
+            RecordCommand::Asked(asked) => self.asked.push(asked),
+            RecordCommand::Clock(clock) => self.clocks.push(clock),
+            RecordCommand::Conclude { verdict, .. } => {
+                return self.written().map(|()| RecordAnswer::Concluded(verdict));
+            }
+            RecordCommand::Begin(_) => {
+                self.cycles += 1;
+                // The cycle has a new panel: dry, and as greasy as the last one.
+                let mut world = self.world.borrow_mut();
+                (world.water_off_ms, world.rubbed, world.healed) = (0, 0, false);
+                drop(world);
+                return self.written().map(|()| RecordAnswer::Cycle(CycleId(self.cycles)));
+            }
+            RecordCommand::BetweenCycles => return Ok(RecordAnswer::Done),
+            RecordCommand::DiscWorn => return Ok(RecordAnswer::Worn(self.worn_mm2)),
+            RecordCommand::WearDisc(swept_mm2) => {
+                self.worn_mm2 += swept_mm2;
+                self.wears.push((swept_mm2, self.world.borrow().intent.is_some()));
+            }
+            RecordCommand::MountDisc => self.worn_mm2 = 0.0,
+            RecordCommand::Check => {
+                // Room is made as soon as a check has reported that there is none.
+                let lacks_room = self.is_full || std::mem::take(&mut self.lacks_room);
+                let full = || vec![Reason::new("disk_full", "no room")];
+                return Ok(RecordAnswer::Wrong(if lacks_room { full() } else { vec![] }));
+            }
+            RecordCommand::Filled => {
+                let fills = self.fills_at.take_if(|at| self.writes >= *at).is_some();
+                self.lacks_room |= fills;
+                let full = || Reason::new("disk_full", "the disk is full; delete recordings");
+                return Ok(RecordAnswer::Full(fills.then(full)));
+            }
+        }
+        self.written().map(|()| RecordAnswer::Done)
+    }
+}
+
+impl Memory {
+    fn open_intent(&mut self, motion: Motion) {
+        let mut world = self.world.borrow_mut();
+        assert!(world.open && motion.epoch == world.epoch);
+        world.intent = Some(motion);
+        drop(world);
+        self.intents.push((motion, None));
+    }
+}

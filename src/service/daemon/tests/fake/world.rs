@@ -1,0 +1,170 @@
+//! The true state of the scripted cell, which its simulated parts share.
+
+use panelprep_base::geometry::{Base, Flange, Joints, KukaPose, Rigid};
+use panelprep_cell::cycle::Motion;
+use panelprep_devices::acf::ToolFault;
+use panelprep_devices::mock::Arm;
+use panelprep_kuka::eki::{Command, Report, SetTcp};
+use panelprep_sim as sim;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// The position of the arm before a cycle.
+const START: Joints =
+    Joints { a1_deg: 0.0, a2_deg: -120.0, a3_deg: 145.0, a4_deg: 0.0, a5_deg: -25.0, a6_deg: 90.0 };
+
+/// The true state of the cell.
+#[derive(Clone)]
+pub(super) struct World {
+    /// The fault of the tool, and the number of executed lines of the contact path after which it occurs.
+    pub(super) tool_fault: Option<(u32, ToolFault)>,
+    /// The time since when the disc has been rubbing without a break under the tool's fault, ms.
+    pub(super) rubs_since_ms: Option<u64>,
+    /// The time at which the end of an epoch switched the tool off, ms.
+    pub(super) tool_off_ms: Option<u64>,
+    /// The last executed line ends on the panel.
+    pub(super) rubs: bool,
+
+    pub(super) sim: sim::Cell,
+    pub(super) time_ms: u64,
+    pub(super) epoch: u32,
+    pub(super) open: bool,
+    pub(super) next_id: u32,
+    pub(super) done: u32,
+    pub(super) queue: VecDeque<(u32, Command)>,
+    /// The last command that may be executed.
+    pub(super) let_go: Option<u32>,
+    /// Waypoints of the contact path that the record permits. `in_contact` counts those that were executed, and
+    /// `beyond` those that were not permitted.
+    pub(super) permitted: u32,
+    pub(super) in_contact: u32,
+    /// The link is lost once the arm is clearly in contact.
+    pub(super) loses_link: bool,
+    /// The bit of a feedback that reads off, and the waypoint in contact from which on this happens.
+    pub(super) dead_feedback: Option<(u32, u32)>,
+    /// No controller answers until the next state is received.
+    pub(super) is_lost: bool,
+    pub(super) beyond: u32,
+    /// Number of commands executed in 100 ms.
+    pub(super) pace: usize,
+    /// Time between two states of the robot on a contact path, ms; elsewhere it is 100.
+    pub(super) contact_round_ms: u64,
+    /// Time for which the arm still moves after an abort, ms; `brakes_until_ms` is the time at which it is at rest.
+    pub(super) brakes_ms: u64,
+    pub(super) brakes_until_ms: u64,
+    /// The deviation of the reported TCP on a contact path, mm, and the first and last waypoint at which it occurs.
+    pub(super) off_plan: Option<(f64, [u32; 2])>,
+    pub(super) base: Option<KukaPose>,
+    /// Each base that was set, in order.
+    pub(super) bases: Vec<KukaPose>,
+    pub(super) tool: Option<SetTcp>,
+    pub(super) base_from_flange: Rigid<Base, Flange>,
+    pub(super) arm: Arm,
+    pub(super) joints: Joints,
+    pub(super) outputs: BTreeMap<u16, bool>,
+    pub(super) water_off_ms: u64,
+    pub(super) rubbed: usize,
+    pub(super) healed: bool,
+    /// Abrasion removes no grease.
+    pub(super) stays_greasy: bool,
+    /// The angle by which the panel turns about its first corner once it is wet.
+    pub(super) turns_when_wet_deg: f64,
+    pub(super) waypoints: usize,
+    pub(super) reports: VecDeque<Report>,
+    pub(super) lines: usize,
+    pub(super) feeds_m_s: Vec<f64>,
+    pub(super) blends_mm: Vec<f64>,
+    pub(super) intent: Option<Motion>,
+    pub(super) moved_without_intent: usize,
+    /// The times at which output 6 was set, with its values, ms. The next field has the time at which the arm first
+    /// moved.
+    pub(super) warning_ms: Vec<(u64, bool)>,
+    pub(super) first_move_ms: Option<u64>,
+    /// How far each point of contact lies in front of the true panel, mm.
+    pub(super) contact_off_mm: Vec<f64>,
+    /// The state of input 6, the selector switch.
+    pub(super) is_local: bool,
+    /// The boot id that the controller reports.
+    pub(super) boot: i32,
+    /// A stop on the wire has ended the epoch before the next command arrived.
+    pub(super) is_overtaken: bool,
+    /// Number of commands that came when no epoch was open.
+    pub(super) unsent: u32,
+    pub(super) films_began_s: Vec<f64>,
+}
+
+impl World {
+    /// Creates the world before a cycle: the arm is at [`START`], and all outputs are off.
+    pub(super) fn new(sim: sim::Cell) -> Self {
+        World {
+            tool_fault: None,
+            rubs_since_ms: None,
+            tool_off_ms: None,
+            rubs: false,
+            base_from_flange: Arm::kr6_r700_2().base_from_flange(&START),
+            sim,
+            time_ms: 0,
+            epoch: 5,
+            open: false,
+            next_id: 1,
+            done: 0,
+            queue: VecDeque::new(),
+            let_go: None,
+            permitted: 0,
+            in_contact: 0,
+            loses_link: false,
+            dead_feedback: None,
+            is_lost: false,
+            beyond: 0,
+            pace: 1_000,
+            contact_round_ms: 100,
+            brakes_ms: 0,
+            brakes_until_ms: 0,
+            off_plan: None,
+            base: None,
+            bases: Vec::new(),
+            tool: None,
+            joints: START,
+            arm: Arm::kr6_r700_2(),
+            outputs: BTreeMap::new(),
+            water_off_ms: 0,
+            rubbed: 0,
+            healed: false,
+            stays_greasy: false,
+            turns_when_wet_deg: 0.0,
+            waypoints: 0,
+            reports: VecDeque::new(),
+            lines: 0,
+            feeds_m_s: Vec::new(),
+            blends_mm: Vec::new(),
+            intent: None,
+            moved_without_intent: 0,
+            warning_ms: Vec::new(),
+            first_move_ms: None,
+            contact_off_mm: Vec::new(),
+            is_local: true,
+            boot: 1,
+            is_overtaken: false,
+            unsent: 0,
+            films_began_s: Vec::new(),
+        }
+    }
+}
+
+/// The simulated world, shared by the thread of the loop and the thread that computes.
+#[derive(Clone)]
+pub(super) struct Shared(Arc<Mutex<World>>);
+
+impl Shared {
+    pub(super) fn new(world: World) -> Self {
+        Shared(Arc::new(Mutex::new(world)))
+    }
+
+    pub(super) fn borrow(&self) -> MutexGuard<'_, World> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn borrow_mut(&self) -> MutexGuard<'_, World> {
+        self.borrow()
+    }
+}

@@ -1,0 +1,300 @@
+//! The record of one cycle: to read, to download, and to sign.
+
+use super::guard::{VisitorExtension, not_found_page, refusal};
+use super::history::verdict_text;
+use super::layout::{Frame, Script, local_time};
+use super::page_texts::Language;
+use super::reading::{Answer, panic_response, reading, with_store};
+use super::scene;
+use super::signed_files;
+use super::state::{Web, entry, hashing, pauses};
+use super::visitor::{Person, Visitor};
+use crate::daemon::people::{LoginResult, account_stamp};
+use crate::daemon::record_source::RecordPdf;
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use maud::{Markup, html};
+use panelprep_base::verdict::Verdict;
+use panelprep_cell::accounts::{Account, AuditEntry, Permission};
+use panelprep_cell::record::{CycleId, CycleRecord, PartNames};
+use panelprep_store::signing::{Meaning, PersonSignature, StatedValues};
+use panelprep_store::store::{PersonSigningRequest, Store};
+use serde::Deserialize;
+use serde_json::json;
+use std::sync::Arc;
+
+/// The content security policy of the record's page: style and pictures are inside the page, and there is no
+/// script. Only the page around it may frame it.
+const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; form-action 'none'; base-uri 'none'; \
+                      frame-ancestors 'self'";
+
+/// Parses the number of a cycle; a text that is not a number gives "not found".
+async fn id(number: &str) -> Result<CycleId, Response> {
+    match number.parse() {
+        Ok(number @ 1..) => Ok(CycleId(number)),
+        _ => Err(not_found_page().await),
+    }
+}
+
+/// Shows a cycle with its record inside, its signatures and the form to sign it.
+pub(super) async fn page(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Path(number): Path<String>,
+) -> Answer {
+    let id = id(&number).await?;
+    let read = move |store: &Store| {
+        Ok(((store.cycle(id)?, store.cycle_part(id)?), store.person_signatures(id)?, store.cycle_signatures(id)?))
+    };
+    let ((record, part), signatures, rows) = reading(&web, &visitor, read).await?;
+    let words = visitor.language();
+    let word = |key| words.text(key);
+    let title = format!("{} {id}", word("run.cycle"));
+    let is_over = record.judgement.is_some();
+    let body = html! {
+        section.card {
+            h2 { (title) " · " (record.panel) }
+            (show_end(words, &record, part.as_ref()))
+            p.links {
+                a href={ "/cycle/" (id) "/record" } { (word("cycle.record")) }
+                @if is_over { " · " a href={ "/cycle/" (id) "/record.pdf" } { "PDF/A-3" } }
+                " · " a href={ "/cycle/" (id) "/record.json" } { "JSON" }
+            }
+            h3 { (word("cycle.signatures")) }
+            @if signatures.is_empty() { p { (word("cycle.unsigned")) } }
+            ul { @for (unix_ms, signature) in &signatures { li { (signature_text(signature)) ", " (local_time(*unix_ms)) } } }
+            (signed_files::show_links(words, id, &rows))
+            @if visitor.has_permission(Permission::Sign) && is_over { (sign_form(&visitor, &record, part.as_ref())) }
+        }
+        section.card { (scene::show_scene(words, Some(id))) }
+        iframe.record title=(word("cycle.record")) src={ "/cycle/" (id) "/record" } {}
+    };
+    Ok(Frame { visitor: &visitor, title: &title, here: "/cycle", scripts: &[Script::Forms, Script::Scene] }
+        .page(&body))
+}
+
+fn signature_text(signature: &PersonSignature) -> String {
+    let PersonSignature { name, user, meaning, remark, values, .. } = signature;
+    let remark = remark.as_ref().map_or(String::new(), |remark| format!(": {remark}"));
+    let values = values.named().into_iter().filter_map(|(name, value)| Some(format!("; {name}: {}", value?)));
+    format!("{name} ({user}): {}{remark}{}", meaning.printed_text(), values.collect::<String>())
+}
+
+/// Shows the part and the result of the cycle: what a person signs.
+fn show_end(words: Language<'_>, record: &CycleRecord, part: Option<&PartNames>) -> Markup {
+    let part = part.cloned().unwrap_or_default();
+    let names: Vec<String> = [part.serial, part.order, part.operator].into_iter().flatten().collect();
+    let end = record.judgement.as_ref();
+    html! {
+        p {
+            @if !names.is_empty() { (names.join(" · ")) " · " }
+            @match end {
+                Some(_) if record.has_no_part() => strong { (words.text("js.verdict.no_part")) },
+                Some(end) => strong { (verdict_text(words, end.verdict.keyword())) },
+                None => strong { (words.text("cycle.running")) },
+            }
+        }
+    }
+}
+
+/// Returns whether the record permits a release by one person alone.
+fn is_released_by_one(record: &CycleRecord) -> bool {
+    let has_passed = record.judgement.as_ref().is_some_and(|end| end.verdict == Verdict::Pass);
+    has_passed && !record.is_air_run() && !record.is_on_foam()
+}
+
+/// Shows the form of a signature, with the part, the result, and the values that the cell does not measure.
+fn sign_form(visitor: &Visitor, record: &CycleRecord, part: Option<&PartNames>) -> Markup {
+    let words = visitor.language();
+    let word = |key| words.text(key);
+    let id = record.id;
+    html! {
+        details #sign {
+            summary { (word("cycle.sign")) }
+            (show_end(words, record, part))
+            @if !is_released_by_one(record) { p.told.bad { (word("cycle.not_passed")) } }
+            form.narrow data-post={ "/cycle/" (id) "/sign" } data-then={ "/cycle/" (id) } {
+                label { (word("cycle.meaning")) select name="meaning" required {
+                    option value="" {}
+                    @for meaning in Meaning::ALL { option value=(meaning_key(meaning)) { (meaning.printed_text()) } }
+                } }
+                label { (word("cycle.remark")) input name="remark" maxlength="200" autocomplete="off"; }
+                @for (name, key) in [("water", "cycle.water"), ("lamp", "cycle.lamp"), ("ambient", "cycle.ambient"), ("abrasive", "cycle.abrasive")] {
+                    label { (word(key)) input name=(name) maxlength="200" autocomplete="off"; }
+                }
+                label { (word("login.password")) input name="password" type="password" autocomplete="current-password" required maxlength="200"; }
+                p.told role="status" {}
+                button.primary type="submit" { (word("cycle.sign")) }
+            }
+        }
+    }
+}
+
+/// Returns the word for the meaning of a signature in requests; it is stored in the same form.
+fn meaning_key(meaning: Meaning) -> String {
+    serde_json::to_value(meaning).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
+}
+
+/// Serves the page of the record only, as a person reads and prints it.
+pub(super) async fn record(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Path(number): Path<String>,
+) -> Answer {
+    let id = existing_cycle(&web, &visitor, &number).await?;
+    let html = with_store(&visitor, move || web.records.page(id)).await?;
+    let headers = [
+        (header::CONTENT_TYPE, "text/html; charset=utf-8"),
+        (header::CONTENT_SECURITY_POLICY, POLICY),
+        (header::X_FRAME_OPTIONS, "SAMEORIGIN"),
+    ];
+    Ok((headers, html).into_response())
+}
+
+/// Serves the record as PDF/A-3 with the signed JSON inside.
+pub(super) async fn pdf(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Path(number): Path<String>,
+) -> Answer {
+    let id = existing_cycle(&web, &visitor, &number).await?;
+    let unsigned = visitor.language().text("cycle.unsigned");
+    let Some(RecordPdf { pdf, .. }) = with_store(&visitor, move || web.records.pdf(id)).await? else {
+        return Err(refusal(StatusCode::NOT_FOUND, "not_signed", unsigned));
+    };
+    let name = format!("attachment; filename=\"cycle-{id}.pdf\"");
+    let headers = [(header::CONTENT_TYPE, "application/pdf".to_owned()), (header::CONTENT_DISPOSITION, name)];
+    Ok((headers, pdf).into_response())
+}
+
+/// Returns the number of a cycle, if the cycle exists.
+async fn existing_cycle(web: &Arc<Web>, visitor: &Visitor, number: &str) -> Result<CycleId, Response> {
+    let id = id(number).await?;
+    match reading(web, visitor, move |store| store.has_cycle(id)).await? {
+        true => Ok(id),
+        false => Err(not_found_page().await),
+    }
+}
+
+/// Serves a cycle's record as JSON.
+pub(super) async fn json(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Path(number): Path<String>,
+) -> Answer {
+    let id = id(&number).await?;
+    let record = reading(&web, &visitor, move |store| store.cycle(id)).await?;
+    Ok(Json(record).into_response())
+}
+
+/// Serves a picture that a finding of the cycle names.
+pub(super) async fn picture(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Path((number, finding, picture)): Path<(String, String, String)>,
+) -> Answer {
+    let id = id(&number).await?;
+    let (Ok(finding), Ok(picture)) = (finding.parse::<usize>(), picture.parse::<usize>()) else {
+        return Err(not_found_page().await);
+    };
+    let read = move |store: &Store| {
+        let record: CycleRecord = store.cycle(id)?;
+        let named = record.findings.get(finding).and_then(|finding| finding.pictures.get(picture));
+        named.map(|picture| store.blob(&picture.hash)).transpose()
+    };
+    match reading(&web, &visitor, read).await? {
+        Some(jpeg) => Ok(([(header::CONTENT_TYPE, "image/jpeg")], jpeg).into_response()),
+        None => Err(not_found_page().await),
+    }
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SignForm {
+    meaning: Meaning,
+    #[serde(default)]
+    remark: String,
+    #[serde(default)]
+    water: String,
+    #[serde(default)]
+    lamp: String,
+    #[serde(default)]
+    ambient: String,
+    #[serde(default)]
+    abrasive: String,
+    password: String,
+}
+
+/// Signs the record as the person who is logged in; the person must give the password once more.
+pub(super) async fn sign(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Path(number): Path<String>,
+    Json(form): Json<SignForm>,
+) -> Answer {
+    let id = id(&number).await?;
+    let Some(person) = visitor.person.clone() else { return Err(not_found_page().await) };
+    let SignForm { meaning, remark, water, lamp, ambient, abrasive, password } = form;
+    let stated = |text: String| Some(text.trim().to_owned()).filter(|text| !text.is_empty());
+    let values = StatedValues {
+        water: stated(water),
+        lamp: stated(lamp),
+        ambient: stated(ambient),
+        abrasive: stated(abrasive),
+    };
+    let (name, user, remark) = (person.printed_name.clone(), person.name.clone(), stated(remark));
+    let signs = PersonSigningRequest { cycle: id, name, user, meaning, remark, values };
+    let line = AuditEntry {
+        subject: Some(format!("cycle {id}")),
+        after: Some(meaning.printed_text().to_owned()),
+        ..entry(&visitor, "sign record")
+    };
+    let shared = web.clone();
+    let signed = hashing(&web, move || {
+        let signed = signed(&shared, signs, &person, &password);
+        let refused = match &signed {
+            Ok(_) => None,
+            Err(NotSigned::Pauses(_)) => return signed,
+            Err(NotSigned::Problem(problem)) => Some(problem.clone()),
+        };
+        shared.audit(&AuditEntry { refused, ..line });
+        signed
+    });
+    let problem_at = |code, problem: &str| refusal(StatusCode::UNPROCESSABLE_ENTITY, code, problem);
+    match signed.await {
+        Some(Ok(number)) => {
+            Ok(Json(json!({ "message": visitor.language().text("saved"), "number": number })).into_response())
+        }
+        Some(Err(NotSigned::Pauses(left_s))) => Err(problem_at("password", &pauses(left_s, visitor.language()))),
+        Some(Err(NotSigned::Problem(problem))) => Err(problem_at("sign", &problem)),
+        None => Err(panic_response()),
+    }
+}
+
+/// The reason why a record was not signed.
+enum NotSigned {
+    /// Log-in to the account is blocked for this many more seconds.
+    Pauses(f64),
+    /// Message for the person.
+    Problem(String),
+}
+
+/// Signs the record and returns the signature's number. The present account data are used, and only if the account has
+/// not changed since the person logged in.
+fn signed(web: &Web, signs: PersonSigningRequest, person: &Person, password: &str) -> Result<u64, NotSigned> {
+    let refused = |problem: &str| Err(NotSigned::Problem(problem.to_owned()));
+    match web.front.people.check_password(&signs.user, password) {
+        LoginResult::Right(account)
+            if account_stamp(&account) != person.stamp || !account.role.has_permission(Permission::Sign) =>
+        {
+            refused("the account was changed since the log-in; log in again; the record is not signed")
+        }
+        LoginResult::Right(Account { name: user, printed_name: name, .. }) => {
+            web.records.sign(&PersonSigningRequest { user, name, ..signs }).map_err(NotSigned::Problem)
+        }
+        LoginResult::Pauses(left_s) => Err(NotSigned::Pauses(left_s)),
+        LoginResult::Wrong(_) | LoginResult::Unknown => refused("the password is wrong; the record is not signed"),
+    }
+}

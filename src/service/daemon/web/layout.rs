@@ -1,0 +1,150 @@
+//! The frame of every page: head, navigation, the bar with stop and abort, and what the scripts need.
+
+use super::assets;
+use super::visitor::{Visitor, role_key};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use maud::{DOCTYPE, Markup, html};
+use panelprep_base::number_text::utc_text;
+use panelprep_cell::accounts::Permission;
+
+/// Scripts in addition to the script that every page has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Script {
+    /// For forms that are sent as JSON.
+    Forms,
+    /// For the page of the running cell.
+    Run,
+    /// For the newest cycle in three dimensions.
+    Scene,
+    /// For the sheet to draw on a picture, with the sheet's styles.
+    Draw,
+}
+
+impl Script {
+    fn script_file(self) -> &'static str {
+        match self {
+            Script::Forms => "forms.js",
+            Script::Run => "run.js",
+            Script::Scene => "scene.js",
+            Script::Draw => "draw.js",
+        }
+    }
+}
+
+/// The values that the frame of a page needs.
+pub(super) struct Frame<'p> {
+    pub visitor: &'p Visitor,
+    pub title: &'p str,
+    /// The page's own path.
+    pub here: &'p str,
+    pub scripts: &'p [Script],
+}
+
+/// The pages of the navigation: path, word, and what a role needs for it.
+const PAGES: [(&str, &str, Option<Permission>); 7] = [
+    ("/", "nav.run", None),
+    ("/history", "nav.history", Some(Permission::View)),
+    ("/trends", "nav.trends", Some(Permission::View)),
+    ("/alarms", "nav.alarms", Some(Permission::View)),
+    ("/setup", "nav.setup", Some(Permission::View)),
+    ("/people", "nav.people", Some(Permission::ManagePeople)),
+    ("/audit", "nav.audit", Some(Permission::Audit)),
+];
+
+impl Frame<'_> {
+    /// Returns the whole page around this body.
+    pub fn page(&self, body: &Markup) -> Response {
+        let words = self.visitor.language();
+        let word = |key| words.text(key);
+        let csrf = self.visitor.person.as_ref().map_or("", |person| &person.csrf);
+        let person = self.visitor.person.as_ref().map_or("", |person| &person.name);
+        let mut script_words = words.texts_with_prefix("js.");
+        script_words.extend(words.texts_with_prefix("action."));
+        let script_words = serde_json::to_string(&script_words).unwrap_or_default();
+        let page = html! {
+            (DOCTYPE)
+            html lang=(words.name()) {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width,initial-scale=1";
+                    meta name="csrf" content=(csrf);
+                    meta name="person" content=(person);
+                    meta name="words" content=(script_words);
+                    title { (self.title) " – Panelprep" }
+                    link rel="icon" href=(assets::address("icon.svg"));
+                    link rel="stylesheet" href=(assets::address("page.css"));
+                    @if self.scripts.contains(&Script::Draw) { link rel="stylesheet" href=(assets::address("sheet.css")); }
+                    script type="module" src=(assets::address("page.js")) {}
+                    @for script in self.scripts { script type="module" src=(assets::address(script.script_file())) {} }
+                }
+                body {
+                    a.skip href="#main" { (word("skip")) }
+                    (self.header())
+                    @if self.visitor.has_ended && self.here != "/login" {
+                        p.banner role="alert" { (word("js.log_in")) " " a href={ "/login?next=" (self.here) } { (word("login.do")) } }
+                    }
+                    p.banner #stale role="alert" hidden {}
+                    main #main { h1.hidden { (self.title) } (body) }
+                }
+            }
+        };
+        ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], page.into_string()).into_response()
+    }
+
+    fn header(&self) -> Markup {
+        let words = self.visitor.language();
+        let word = |key| words.text(key);
+        let shown = PAGES
+            .iter()
+            .filter(|(.., needs)| needs.is_none_or(|permission| self.visitor.has_permission(permission)));
+        html! {
+            header {
+                nav aria-label=(word("nav.label")) {
+                    @for (path, key, _) in shown {
+                        a href=(path) aria-current=[(*path == self.here).then_some("page")] { (word(key)) }
+                    }
+                }
+                div.who {
+                    @for language in self.visitor.words.languages() {
+                        @if language != words.name() { a href={ "/language/" (language) "?next=" (self.here) } lang=(language) hreflang=(language) { (language.to_uppercase()) } }
+                    }
+                    @match &self.visitor.person {
+                        Some(person) => {
+                            a href="/password" title=(word("login.own")) { (person.printed_name) " · " (word(role_key(person.role))) }
+                            button.plain #logout type="button" { (word("login.out")) }
+                        }
+                        None => a href={ "/login?next=" (self.here) } { (word("login.do")) },
+                    }
+                }
+                div.stops {
+                    button.stop #stop type="button" { (word("action.stop")) }
+                    button.abort #abort type="button" { (word("action.abort")) }
+                    small { (word("action.no_emergency_stop")) }
+                    p.told #stop-told role="alert" {}
+                }
+            }
+        }
+    }
+}
+
+/// Shows a time, which the browser displays as its own local time with the offset.
+pub(super) fn local_time(unix_ms: i64) -> Markup {
+    html! { time data-ms=(unix_ms) { (utc_text(unix_ms.div_euclid(1_000))) } }
+}
+
+/// Returns a page that reports an error in making the requested page.
+pub(super) fn error_page(visitor: &Visitor, error: &dyn std::fmt::Display) -> Response {
+    tracing::warn!("the page could not be built: {error}");
+    let words = visitor.language();
+    let body = html! { section.card { h2 { (words.text("failed")) } p { (error.to_string()) } } };
+    let title = words.text("failed");
+    let page = Frame { visitor, title, here: "", scripts: &[] }.page(&body);
+    (StatusCode::INTERNAL_SERVER_ERROR, page).into_response()
+}
+
+/// Returns the page in place of one that does not exist, or that the visitor's role may not see, with this text.
+pub(super) fn without_page(visitor: &Visitor, status: StatusCode, message: &str) -> Response {
+    let body = html! { section.card { h2 { (message) } } };
+    (status, Frame { visitor, title: message, here: "", scripts: &[] }.page(&body)).into_response()
+}

@@ -1,0 +1,126 @@
+//! The state of the cell, as a page shows it.
+
+use crate::daemon::clock::now_unix_ms;
+use crate::daemon::reply::{PageData, Reply};
+use panelprep_base::verdict::{Reason, Verdict};
+use serde::Serialize;
+use std::sync::Arc;
+
+/// The state of the cell.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub(super) struct LiveState {
+    /// The service's clock when the loop answered last, ms since 1970.
+    pub answered_ms: u64,
+    /// Whether the loop answers now.
+    pub answers: bool,
+    pub state: Option<String>,
+    pub phase: Option<String>,
+    /// The step of the cycle's table that is shown; a person's decision names this step.
+    pub step: Option<u64>,
+    pub panel: Option<String>,
+    pub pass: Option<u8>,
+    pub film_s: Option<f64>,
+    pub film_total_s: Option<f64>,
+    pub waypoint: Option<u32>,
+    pub of: Option<u32>,
+    pub cycle: Option<i64>,
+    pub verdict: Option<Verdict>,
+    pub reasons: Vec<Reason>,
+    /// The requests that the table would accept now.
+    pub possible: Vec<&'static str>,
+    pub is_review: bool,
+    pub grids: Vec<String>,
+    /// The number of the newest picture; the picture's name follows.
+    pub frame: u64,
+    pub frame_name: Option<String>,
+}
+
+impl LiveState {
+    /// Returns the state that this reply reports, with the newest picture's number and name. A cell that was reset
+    /// has no cycle until the next one begins: what the last cycle left behind belongs to another part.
+    pub fn from_reply(reply: Reply, (frame, frame_name): (u64, Option<String>)) -> Self {
+        let is_reset = matches!(reply.state.as_deref(), Some("resetting" | "idle"));
+        let (reply, (frame, frame_name)) = match is_reset {
+            true => (without_cycle(reply), (0, None)),
+            false => (reply, (frame, frame_name)),
+        };
+        LiveState {
+            answered_ms: now_unix_ms().unsigned_abs(),
+            answers: reply.state.is_some(),
+            state: reply.state,
+            phase: reply.phase,
+            step: reply.step,
+            panel: reply.panel,
+            pass: reply.pass,
+            film_s: reply.film_s,
+            film_total_s: reply.extras.film_total_s,
+            waypoint: reply.waypoint,
+            of: reply.of,
+            cycle: reply.cycle_id,
+            verdict: reply.verdict,
+            reasons: reply.reasons,
+            possible: reply.extras.possible,
+            is_review: reply.extras.is_review,
+            grids: reply.extras.grids.iter().map(ToString::to_string).collect(),
+            frame,
+            frame_name,
+        }
+    }
+
+    /// Returns the state as a visitor without a session sees it: without the names of people.
+    pub fn for_strangers(&self) -> Self {
+        let reasons = self.reasons.iter().filter(|reason| reason.code != "held_by").cloned().collect();
+        LiveState { reasons, ..self.clone() }
+    }
+
+    /// Returns whether nothing changed except the time.
+    pub fn is_unchanged(&self, other: &LiveState) -> bool {
+        LiveState { answered_ms: 0, ..self.clone() } == LiveState { answered_ms: 0, ..other.clone() }
+    }
+}
+
+fn without_cycle(reply: Reply) -> Reply {
+    let extras = PageData { grids: Arc::default(), film_total_s: None, ..reply.extras };
+    Reply { panel: None, pass: None, cycle_id: None, verdict: None, extras, ..reply }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::reply::RequestResult;
+    use panelprep_cell::panel::GridId;
+
+    /// After a reset, nothing of the last part is shown as the present one.
+    #[test]
+    fn a_cell_that_was_reset_shows_nothing_of_the_last_part() {
+        let grid: GridId = "r1c1".parse().expect("a grid");
+        let reply = |state: &str| Reply {
+            state: Some(state.to_owned()),
+            panel: Some("wing".to_owned()),
+            pass: Some(1),
+            cycle_id: Some(7),
+            verdict: Some(Verdict::Pass),
+            extras: PageData { grids: Arc::from([grid]), ..PageData::default() },
+            ..Reply::refused(RequestResult::Done, vec![])
+        };
+        let picture = || (9, Some("film".to_owned()));
+        let complete = LiveState::from_reply(reply("complete"), picture());
+        assert_eq!((complete.cycle, complete.frame, complete.grids.len()), (Some(7), 9, 1));
+        for state in ["resetting", "idle"] {
+            let live = LiveState::from_reply(reply(state), picture());
+            let expected = LiveState {
+                state: Some(state.to_owned()),
+                answers: true,
+                answered_ms: live.answered_ms,
+                ..LiveState::default()
+            };
+            assert_eq!(live, expected);
+        }
+    }
+    #[test]
+    fn a_visitor_without_a_session_sees_no_names() {
+        let reasons = vec![Reason::new("asked", "held"), Reason::new("held_by", "anna: a hair")];
+        let live = LiveState { reasons, ..LiveState::default() }.for_strangers();
+        assert_eq!(live.reasons, [Reason::new("asked", "held")]);
+    }
+}

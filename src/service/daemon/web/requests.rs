@@ -1,0 +1,181 @@
+//! Requests to the cell from the page: each request goes through the gateway, like a request from the socket.
+
+use super::guard::VisitorExtension;
+use super::messages;
+use super::state::{Web, run_blocking};
+use super::visitor::Visitor;
+use crate::daemon::reply::{Reply, RequestResult};
+use crate::daemon::request::{PartNames, RecipeTextPermission, RequestKind, StartRequest};
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use panelprep_base::verdict::Reason;
+use panelprep_cell::cycle;
+use panelprep_cell::record::RequestedAction;
+use serde::Deserialize;
+use serde_json::json;
+use std::sync::Arc;
+
+/// Returns the outcome of a request, for the page.
+fn to_response(visitor: &Visitor, reply: &Reply) -> Response {
+    let status = match reply.answer {
+        RequestResult::Done => StatusCode::OK,
+        RequestResult::Refused => StatusCode::CONFLICT,
+        RequestResult::Fault => StatusCode::SERVICE_UNAVAILABLE,
+    };
+    let message = match reply.answer {
+        RequestResult::Done => reply.done.clone().unwrap_or_default(),
+        _ => messages::text(visitor.language(), &reply.reasons),
+    };
+    let code =
+        reply.reasons.first().map(|reason| reason.code.as_ref()).filter(|_| reply.answer != RequestResult::Done);
+    (status, Json(json!({ "code": code, "message": message, "state": reply.state }))).into_response()
+}
+
+async fn perform_request(web: &Web, visitor: &Visitor, what: RequestKind) -> Response {
+    to_response(visitor, &web.front.gateway.request(what, visitor.as_requester()).await)
+}
+
+macro_rules! table_requests {
+    ($($name:ident => $request:expr),* $(,)?) => {
+        $(pub(super) async fn $name(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Response {
+            perform_request(&web, &visitor, RequestKind::Table($request)).await
+        })*
+    };
+}
+
+table_requests! {
+    stop => cycle::Request::Stop,
+    abort => cycle::Request::Abort,
+    reset => cycle::Request::Reset,
+}
+
+/// A person's decision on the step that the page showed.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Decision {
+    step: u64,
+}
+
+/// Reports that the cause of an abort is gone.
+pub(super) async fn clear(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Json(Decision { step }): Json<Decision>,
+) -> Response {
+    perform_request(&web, &visitor, RequestKind::Decided { request: cycle::Request::Clear, step }).await
+}
+
+/// Accepts a result that waits for review.
+pub(super) async fn accept(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Json(Decision { step }): Json<Decision>,
+) -> Response {
+    perform_request(&web, &visitor, RequestKind::Decided { request: cycle::Request::Accept, step }).await
+}
+
+/// The longest reason, in characters.
+const MAX_CHARACTERS: usize = 200;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Hold {
+    #[serde(default)]
+    why: String,
+}
+
+/// Holds the cycle; the reason that the person gives belongs to this hold only.
+pub(super) async fn hold(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Json(Hold { why }): Json<Hold>,
+) -> Response {
+    let why: String = why.trim().chars().filter(|c| !c.is_control()).take(MAX_CHARACTERS).collect();
+    let what = match why.is_empty() {
+        true => RequestKind::Table(cycle::Request::Hold),
+        false => RequestKind::Hold { why },
+    };
+    perform_request(&web, &visitor, what).await
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Unhold {
+    dried: bool,
+    step: u64,
+}
+
+/// Continues after a hold.
+pub(super) async fn unhold(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Json(Unhold { dried, step }): Json<Unhold>,
+) -> Response {
+    perform_request(&web, &visitor, RequestKind::Decided { request: cycle::Request::Unhold { dried }, step }).await
+}
+
+pub(super) async fn new_disc(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Response {
+    perform_request(&web, &visitor, RequestKind::NewDisc).await
+}
+
+/// The cycle that is to begin. The operator is the person who is logged in.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Start {
+    recipe: String,
+    /// SHA-256 of the recipe that the page offered.
+    sha256: String,
+    #[serde(default)]
+    serial: String,
+    #[serde(default)]
+    order: String,
+    /// Whether the part in the cell is not the part of the earlier cycles.
+    #[serde(default)]
+    another_part: bool,
+    /// Whether the person states that the guard is closed and no person is inside the cell.
+    #[serde(default)]
+    is_clear: bool,
+}
+
+/// Refuses a start. The refusal is kept with the requests to the cell, as that of every other start.
+fn refuse_start(web: &Web, visitor: &Visitor, recipe: String, why: Reason) -> Response {
+    let wanted = RequestedAction::Start { recipe };
+    web.front.gateway.keep_refused(wanted, visitor.as_requester(), vec![why.clone()]);
+    to_response(visitor, &Reply::refused(RequestResult::Refused, vec![why]))
+}
+
+/// Begins a cycle with one of the offered recipes.
+pub(super) async fn start(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): VisitorExtension,
+    Json(Start { recipe, sha256, serial, order, another_part, is_clear }): Json<Start>,
+) -> Response {
+    if !is_clear {
+        let problem = "the start does not state that the guard is closed and no person is inside the cell; look at the \
+                       cell, then confirm both";
+        return refuse_start(&web, &visitor, recipe, Reason::new("bad_input", problem));
+    }
+    let source = web.front.setup.clone();
+    let named = recipe.clone();
+    let text = run_blocking(move || source.recipe(&named)?.if_unchanged(&sha256)).await;
+    let text = match text {
+        Some(Ok(text)) => text,
+        Some(Err(problem)) => return refuse_start(&web, &visitor, recipe, Reason::new("bad_input", problem)),
+        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    };
+    let some = |name: String| Some(name.trim().to_owned()).filter(|name| !name.is_empty());
+    let operator = visitor.person.as_ref().map(|person| person.printed_name.clone());
+    let part = PartNames { serial: some(serial), order: some(order), operator };
+    let start = StartRequest {
+        recipe: text.name,
+        text: text.text,
+        record: None,
+        part: Some(part),
+        another_part,
+        lost_passes: None,
+        own_text: RecipeTextPermission::Refused,
+    };
+    perform_request(&web, &visitor, RequestKind::Start(start)).await
+}

@@ -1,0 +1,212 @@
+//! The page of the running cell: readable from two metres. A script updates it with the events.
+
+use super::guard::{VisitorExtension, not_found_page};
+use super::layout::{Frame, Script};
+use super::messages;
+use super::reading::{Answer, reading};
+use super::scene;
+use super::state::{Web, run_blocking};
+use super::visitor::Visitor;
+use crate::daemon::setup_source::recipe_hashes;
+use crate::report::check_row;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{Html, IntoResponse, Response};
+use axum::{Extension, Json};
+use maud::{Markup, html};
+use panelprep_base::verdict::Verdict;
+use panelprep_cell::accounts::Permission;
+use panelprep_cell::cell::{NameDemand, PartRules};
+use panelprep_cell::record::{CycleId, Finding};
+use panelprep_interfaces::packml::RecipeHash;
+use panelprep_store::history::{grid_states, touched_grids, touching_passes};
+use panelprep_store::store::Store;
+use serde_json::json;
+use std::sync::Arc;
+
+/// The phases of a cycle in their usual order.
+const PHASES: [&str; 11] =
+    ["locate", "refine", "dry", "wet", "inspect", "plan", "verify", "abrade", "retract", "assess", "rinse"];
+
+/// Returns the page.
+pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Response {
+    let source = web.front.setup.clone();
+    let rules = source.part_rules();
+    let recipes = match visitor.has_permission(Permission::Operate) {
+        true => run_blocking(move || recipe_hashes(&*source)).await.unwrap_or_else(|| Ok(vec![])),
+        false => Ok(vec![]),
+    };
+    let words = visitor.language();
+    let word = |key| words.text(key);
+    let phase = |name: &'static str| (name, format!("phase.{name}"));
+    let phases = PHASES.map(phase);
+    let body = html! {
+        section.state #state data-state="" aria-live="polite" {
+            p.panel #panel {}
+            p.word #state-word { "…" }
+            p.why #why {}
+            p.sentence #sentence lang="en" {}
+            p.remedy hidden { (word("alarms.remedy")) ": " span #remedy {} }
+            ol.reasons #reasons {}
+        }
+        section.review #review hidden aria-live="polite" {}
+        section.actions.card {
+            h2 { (word("run.actions")) }
+            @if visitor.has_permission(Permission::Operate) || visitor.has_permission(Permission::Accept) { (actions(&visitor)) }
+            @else { p { (word("run.no_actions")) } }
+            p.told #told role="status" {}
+            @if visitor.has_permission(Permission::Operate) { (start(&visitor, &recipes, &rules)) }
+        }
+        section.progress.card {
+            h2 { (word("run.progress")) }
+            ol.phases #phases {
+                @for (name, key) in &phases { li data-phase=(name) { (words.text(key)) } }
+            }
+            dl.numbers {
+                div { dt { (word("run.film")) } dd #film { "–" } }
+                div { dt { (word("run.waypoint")) } dd #waypoint { "–" } }
+                div { dt { (word("run.left")) } dd #left { "–" } }
+                div { dt { (word("run.pass")) } dd #pass { "–" } }
+                div { dt { (word("run.cycle")) } dd #cycle { "–" } }
+            }
+            progress #bar max="1" value="0" aria-label=(word("run.progress")) {}
+        }
+        section.view.card {
+            h2 { (word("run.view")) }
+            @if visitor.has_permission(Permission::View) {
+                figure { img #frame alt=(word("js.picture.none")) hidden; figcaption #frame-name { (word("js.picture.none")) } }
+                (scene::show_scene(words, None))
+            } @else { p { (word("run.log_in_to_see")) } }
+        }
+        section.grids.card {
+            h2 { (word("run.grids")) }
+            @if visitor.has_permission(Permission::View) {
+                div #grids {}
+                ul.key {
+                    @for (class, key) in [("untested", "grid.untested"), ("whole", "grid.whole"), ("broke", "grid.broke"), ("abraded", "grid.abraded"), ("touched", "grid.touched")] {
+                        li { span class={ "grid " (class) } aria-hidden="true" {} (word(key)) }
+                    }
+                }
+            } @else { p { (word("run.log_in_to_see")) } }
+        }
+    };
+    Frame {
+        visitor: &visitor,
+        title: word("nav.run"),
+        here: "/",
+        scripts: &[Script::Run, Script::Forms, Script::Scene],
+    }
+    .page(&body)
+}
+
+fn actions(visitor: &Visitor) -> Markup {
+    let words = visitor.language();
+    let word = |key| words.text(key);
+    let plain = [
+        ("hold", "action.hold"),
+        ("clear", "action.clear"),
+        ("reset", "action.reset"),
+        ("new-disc", "action.new_disc"),
+    ];
+    html! {
+        div.buttons {
+            @if visitor.has_permission(Permission::Operate) {
+                @for (name, key) in plain { button type="button" data-request=(name) disabled { (word(key)) } }
+                label.inline { (word("run.why")) input #why-held maxlength="200" autocomplete="off"; }
+                button type="button" data-request="unhold" data-body=r#"{"dried":false}"# disabled { (word("action.unhold")) }
+                button type="button" data-request="unhold" data-body=r#"{"dried":true}"# data-needs="unhold --dried" disabled { (word("action.unhold_dried")) }
+            }
+            @if visitor.has_permission(Permission::Accept) { button type="button" data-request="accept" disabled { (word("action.accept")) } }
+        }
+    }
+}
+
+/// Shows the form of a start. It has two buttons: the first one asks whether the guard is closed and no person is inside,
+/// and only the second one, which the script enables a moment later, sends the form.
+fn start(visitor: &Visitor, recipes: &Result<Vec<RecipeHash>, String>, rules: &PartRules) -> Markup {
+    let words = visitor.language();
+    let word = |key| words.text(key);
+    html! {
+        form #start data-post="/request/start" {
+            h3 { (word("run.start")) }
+            @match recipes {
+                Err(problem) => p.told.bad { (problem) },
+                Ok(recipes) => label { (word("run.recipe")) select name="recipe" required {
+                    @for recipe in recipes { option value=(recipe.name) data-sha256=(recipe.sha256) { (recipe.name) } }
+                } }
+            }
+            @for (name, key, rule) in [("serial", "run.serial", &rules.serial), ("order", "run.order", &rules.order)] {
+                label { (word(key)) input name=(name) maxlength="120" autocomplete="off" required[rule.demand == NameDemand::Required] placeholder=[rule.pattern.as_deref()]; }
+            }
+            label.inline { input type="checkbox" name="another_part"; (word("run.another_part")) }
+            p.told role="status" {}
+            input type="hidden" name="is_clear" value="true";
+            button.primary #start-first type="button" data-needs="start" disabled { (word("action.start")) }
+            div #start-second role="group" aria-label=(word("run.clear")) hidden {
+                p role="alert" { (word("run.clear")) }
+                div.buttons {
+                    button.primary type="submit" data-needs="start" disabled { (word("run.start_now")) }
+                    button #start-cancel type="button" { (word("run.start_cancel")) }
+                }
+            }
+        }
+    }
+}
+
+/// Serves the picture that the camera sees now.
+pub(super) async fn frame(State(web): State<Arc<Web>>) -> Response {
+    match run_blocking(move || web.frames.newest_jpeg()).await.flatten() {
+        Some(jpeg) => ([(header::CONTENT_TYPE, "image/jpeg")], jpeg.to_vec()).into_response(),
+        None => StatusCode::NOT_FOUND.into_response(),
+    }
+}
+
+/// Returns the shown cycle from its record so far: its part and panel, its abrasions, and the state of each grid.
+pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
+    let cycle = web.live.borrow().cycle;
+    let Some(id) = cycle.map(CycleId) else { return Ok(Json(json!({ "cycle": null })).into_response()) };
+    let (part, record) =
+        reading(&web, &visitor, move |store: &Store| Ok((store.cycle_part(id)?, store.cycle(id)?))).await?;
+    let (mut grids, passes) = (grid_states(&record.findings), touching_passes(&record));
+    grids.extend(touched_grids(&record).into_iter().map(|grid| (grid, "touched")));
+    let no_part = record.has_no_part();
+    let told = json!({
+        "cycle": id, "part": part, "panel": record.panel, "passes": passes, "grids": grids, "no_part": no_part,
+    });
+    Ok(Json(told).into_response())
+}
+
+/// Shows the question for a person's decision: the numbers in question and the pictures, next to the buttons.
+pub(super) async fn review(State(web): State<Arc<Web>>, Extension(visitor): VisitorExtension) -> Answer {
+    let cycle = web.live.borrow().cycle;
+    let Some(id) = cycle.map(CycleId) else { return Err(not_found_page().await) };
+    let record = reading(&web, &visitor, move |store| store.cycle(id)).await?;
+    let asked = record.findings.iter().enumerate().rev();
+    let mut asked = asked.filter(|(_, finding)| finding.judgement.verdict == Verdict::Review);
+    match asked.next() {
+        Some(found) => Ok(Html(question(&visitor, id, found).into_string()).into_response()),
+        None => Err(not_found_page().await),
+    }
+}
+
+fn question(visitor: &Visitor, id: CycleId, (number, finding): (usize, &Finding)) -> Markup {
+    let words = visitor.language();
+    let word = |key| words.text(key);
+    let judged = finding.checks.iter().filter(|check| check.limit.value().is_some());
+    html! {
+        h2 { (word("review.title")) }
+        (messages::show_by_code(words, &finding.judgement.reasons))
+        div.evidence {
+            @for (at, picture) in finding.pictures.iter().enumerate() {
+                figure {
+                    img src={ "/cycle/" (id) "/picture/" (number) "/" (at) } alt=(picture.caption);
+                    figcaption { (picture.caption) }
+                }
+            }
+            table {
+                thead { tr { td {} th { (word("review.found")) } th { (word("review.allowed")) } } }
+                tbody { @for row in judged.map(|check| check_row(check, "")) { tr { td { (row.name) } td { (row.value) } td { (row.allowed) } } } }
+            }
+        }
+    }
+}

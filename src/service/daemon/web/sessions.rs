@@ -1,0 +1,164 @@
+//! Sessions of people who logged in. They are stored in memory only: a restart of the service ends all of them.
+//!
+//! A wall display ([`Role::Display`]) is the exception. No person clicks there, so its session has no time limit, and
+//! the service begins it again at its start (`login::begin_displays`). It ends with a log-out, another password or a
+//! disabled account; its role can only look.
+
+use panelprep_cell::accounts::Role;
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+
+/// Time after the log-in at which a person's session ends, whatever the person does, s. A wall display has no limit.
+const MAX_SESSION_S: f64 = 12.0 * 3_600.0;
+/// Largest number of sessions of all accounts.
+const MAX_SESSIONS: usize = 200;
+
+/// A session.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Session {
+    /// The account's name.
+    pub name: String,
+    /// The person's printed name.
+    pub printed_name: String,
+    /// The role.
+    pub role: Role,
+    /// The stamp of the account when the person logged in (`people::account_stamp`).
+    pub stamp: String,
+    /// The token that each change must contain, so that no other site can cause a change.
+    pub csrf: String,
+    began_s: f64,
+    seen_s: f64,
+}
+
+/// The person who owns a session.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SessionHolder {
+    /// The account's name.
+    pub name: String,
+    /// The person's printed name.
+    pub printed_name: String,
+    /// The role.
+    pub role: Role,
+    /// The stamp of the account now.
+    pub stamp: String,
+}
+
+/// The hash of a token: a copy of the memory does not allow a log-in, and the time of a lookup reveals nothing about
+/// the token.
+type TokenHash = [u8; 32];
+
+/// All sessions. Times are seconds of a clock that does not jump.
+#[derive(Debug)]
+pub struct Sessions {
+    open: BTreeMap<TokenHash, Session>,
+    idle_s: f64,
+    of_account: usize,
+}
+
+fn key(token: &str) -> TokenHash {
+    Sha256::digest(token.as_bytes()).into()
+}
+
+impl Sessions {
+    /// Creates an empty set of sessions; a session ends after `idle_s` seconds without a request, except that of a wall
+    /// display, and an account has at most `of_account` sessions.
+    pub fn new(idle_s: f64, of_account: usize) -> Self {
+        Sessions { open: BTreeMap::new(), idle_s, of_account }
+    }
+
+    /// Begins a session under a new token. If this account then has too many sessions, the session without a request
+    /// for the longest time ends.
+    pub fn begin_session(&mut self, (token, csrf): (&str, String), who: SessionHolder, now_s: f64) {
+        self.forget(now_s);
+        let SessionHolder { name, printed_name, role, stamp } = who;
+        while self.open.values().filter(|session| session.name == name).count() >= self.of_account {
+            self.end_oldest_session(|session| session.name == name);
+        }
+        if self.open.len() >= MAX_SESSIONS {
+            self.end_oldest_session(|_| true);
+        }
+        let session = Session { name, printed_name, role, stamp, csrf, began_s: now_s, seen_s: now_s };
+        self.open.insert(key(token), session);
+    }
+
+    fn end_oldest_session(&mut self, of: impl Fn(&Session) -> bool) {
+        let oldest = self.open.iter().filter(|(_, session)| of(session));
+        let oldest = oldest.min_by(|a, b| a.1.seen_s.total_cmp(&b.1.seen_s)).map(|(key, _)| *key);
+        oldest.and_then(|key| self.open.remove(&key));
+    }
+
+    /// Returns the session of this token. Actions of a person keep it alive; automatic requests of a page do not.
+    pub fn find(&mut self, token: &str, now_s: f64, is_action: bool) -> Option<Session> {
+        self.forget(now_s);
+        let session = self.open.get_mut(&key(token))?;
+        if is_action {
+            session.seen_s = now_s;
+        }
+        Some(session.clone())
+    }
+
+    /// Ends the session with this token.
+    pub fn end(&mut self, token: &str) -> Option<Session> {
+        self.open.remove(&key(token))
+    }
+
+    /// Ends every session of this account, for example when the account is changed.
+    pub fn end_account_sessions(&mut self, name: &str) {
+        self.open.retain(|_, session| session.name != name);
+    }
+
+    fn forget(&mut self, now_s: f64) {
+        let idle_s = self.idle_s;
+        let lasts = |session: &Session| now_s - session.seen_s < idle_s && now_s - session.began_s < MAX_SESSION_S;
+        // No person clicks on a screen on the wall; its role can only look, and its account can be disabled.
+        self.open.retain(|_, session| session.role == Role::Display || lasts(session));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn anna() -> SessionHolder {
+        let (name, printed_name) = ("anna".to_owned(), "Anna B".to_owned());
+        SessionHolder { name, printed_name, role: Role::Operator, stamp: String::new() }
+    }
+
+    #[test]
+    fn a_session_ends_when_idle_and_at_the_end_of_a_shift() {
+        let mut sessions = Sessions::new(60.0, 2);
+        sessions.begin_session(("t", "c".to_owned()), anna(), 0.0);
+        assert_eq!(sessions.find("t", 59.0, false).map(|found| found.name), Some("anna".to_owned()));
+        assert_eq!(sessions.find("t", 60.0, false), None, "a page that only looks keeps nothing alive");
+        sessions.begin_session(("t", "c".to_owned()), anna(), 100.0);
+        let mut now_s = 100.0;
+        while sessions.find("t", now_s, true).is_some() {
+            now_s += 59.0;
+        }
+        assert!((MAX_SESSION_S..MAX_SESSION_S + 59.0).contains(&(now_s - 100.0)), "{now_s}");
+        assert_eq!(sessions.find("u", 0.0, true), None);
+    }
+
+    #[test]
+    fn a_display_on_the_wall_keeps_its_session_without_clicks() {
+        let mut sessions = Sessions::new(60.0, 2);
+        sessions.begin_session(("t", "c".to_owned()), SessionHolder { role: Role::Display, ..anna() }, 0.0);
+        assert!(sessions.find("t", 30.0 * 24.0 * 3_600.0, false).is_some(), "30 days");
+        sessions.end_account_sessions("anna");
+        assert_eq!(sessions.find("t", 1.0, false), None);
+    }
+
+    #[test]
+    fn an_account_has_a_limited_number() {
+        let mut sessions = Sessions::new(60.0, 2);
+        for (token, now_s) in [("a", 0.0), ("b", 1.0)] {
+            sessions.begin_session((token, String::new()), anna(), now_s);
+        }
+        sessions.find("a", 2.0, true).expect("open");
+        sessions.begin_session(("c", String::new()), anna(), 3.0);
+        let open: Vec<bool> = ["a", "b", "c"].map(|token| sessions.find(token, 4.0, false).is_some()).into();
+        assert_eq!(open, [true, false, true], "the one that was silent for longest ended");
+        sessions.end_account_sessions("anna");
+        assert_eq!(sessions.open.len(), 0);
+    }
+}

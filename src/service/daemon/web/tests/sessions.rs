@@ -1,0 +1,261 @@
+//! Logging in, wrong passwords, sessions, and requests in a person's name.
+
+use super::{Browser, PASSWORD, PageFixture, Source};
+use crate::daemon::setup_source::SetupSource;
+use axum::http::StatusCode;
+use panelprep_cell::accounts::{Account, AuditEntry, Role};
+use panelprep_store::store::Store;
+use std::time::{Duration, Instant};
+
+#[tokio::test]
+async fn a_log_in_creates_a_new_session_that_ends_with_logging_out() {
+    let site = PageFixture::new();
+    let set = Browser { cookie: Some("panelprep=chosen-by-somebody-else".to_owned()), csrf: String::new() };
+    let body = format!("{{\"name\":\"operator\",\"password\":\"{PASSWORD}\"}}");
+    let told = site.post(&set, "/login", &body).await;
+    let cookie = told.cookie().expect("a session");
+    assert!(!cookie.contains("chosen") && cookie.len() == "panelprep=".len() + 64, "{cookie}");
+    let whole = told.headers.get("set-cookie").and_then(|value| value.to_str().ok()).expect("set");
+    assert!(whole.ends_with("; Path=/; HttpOnly; SameSite=Strict"), "{whole}");
+    assert_eq!(site.get(&set, "/setup").await.status, StatusCode::SEE_OTHER, "the chosen one is no session");
+    let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
+    assert_eq!(site.get(&operator, "/setup").await.status, StatusCode::OK);
+    assert_eq!(site.post(&operator, "/logout", "{}").await.status, StatusCode::OK);
+    assert_eq!(site.get(&operator, "/setup").await.status, StatusCode::SEE_OTHER);
+}
+
+#[tokio::test]
+async fn five_wrong_passwords_pause_the_account_and_the_audit_trail_has_them() {
+    let site = PageFixture::new();
+    for name in ["operator", "nobody", "O'Brien"] {
+        let told = site.log_in(name, "wrong horse").await.expect_err("refused");
+        assert_eq!(told.status, StatusCode::UNAUTHORIZED);
+        assert!(
+            told.body.contains("Name or password is wrong"),
+            "which of them are accounts is not told: {}",
+            told.body
+        );
+    }
+    for _ in 0..4 {
+        site.log_in("operator", "wrong horse").await.expect_err("refused");
+    }
+    let told = site.log_in("operator", PASSWORD).await.expect_err("pauses");
+    assert!(told.body.contains("Too many wrong passwords. Try again in 60 s"), "{}", told.body);
+    site.log_in("engineer", PASSWORD).await.expect("another account goes on");
+    let store = Store::open(&site.folder.path().join("store")).expect("open");
+    let audit = store.audit(None, 100).expect("read");
+    let refused = audit.iter().filter(|line| line.entry.what == "log in" && line.entry.refused.is_some());
+    assert_eq!(refused.count(), 6, "O'Brien is no name of an account, and is not kept");
+    assert!(audit.iter().all(|line| line.entry.from == "127.0.0.1" || line.entry.from == "terminal"));
+}
+
+#[tokio::test]
+async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
+    let site = PageFixture::new();
+    assert_eq!(site.post(&Browser::default(), "/request/stop", "{}").await.status, StatusCode::OK);
+    let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
+    assert_eq!(site.post(&operator, "/request/unhold", "{\"dried\":true,\"step\":3}").await.status, StatusCode::OK);
+    let reply = site.post(&operator, "/request/hold", "{\"why\":\"water\\nleaks\"}").await;
+    assert_eq!(reply.status, StatusCode::OK);
+    // A page that is older than the session can still stop the cell.
+    let stale = Browser { csrf: "old".to_owned(), ..operator.clone() };
+    assert_eq!(site.post(&stale, "/request/abort", "{}").await.status, StatusCode::OK);
+    assert_eq!(site.post(&stale, "/request/reset", "{}").await.status, StatusCode::FORBIDDEN);
+    // To accept a deviation is not the operator's task.
+    assert_eq!(site.post(&operator, "/request/accept", "{\"step\":3}").await.status, StatusCode::FORBIDDEN);
+    let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
+    for decision in ["accept", "unhold", "clear"] {
+        let told = site.post(&engineer, &format!("/request/{decision}"), "{\"dried\":true}").await;
+        assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY, "{decision} without its step");
+    }
+    let sha256 = Source::default().recipe("panel.toml").expect("it is offered").sha256();
+    let start =
+        |sha256: &str| format!(r#"{{"recipe":"panel.toml","sha256":"{sha256}","serial":"7","is_clear":true}}"#);
+    // The recipe was changed since the page was loaded: nothing goes to the loop.
+    let stale = site.post(&operator, "/request/start", &start(&"0".repeat(64))).await;
+    assert!(stale.status == StatusCode::CONFLICT && stale.body.contains(&sha256), "{}", stale.body);
+    assert!(stale.body.contains("\"code\":\"bad_input\""), "{}", stale.body);
+    // Without the statement that no person is inside, no start goes to the loop either.
+    let unsaid = start(&sha256).replace(",\"is_clear\":true", "");
+    let unsaid = site.post(&operator, "/request/start", &unsaid).await;
+    assert!(
+        unsaid.status == StatusCode::CONFLICT && unsaid.body.contains("no person is inside"),
+        "{}",
+        unsaid.body
+    );
+    let start = site.post(&operator, "/request/start", &start(&sha256)).await;
+    assert_eq!(start.status, StatusCode::CONFLICT, "the loader of this test refuses");
+    let by = "operator, on the operator's page at 127.0.0.1";
+    // A refused start is passed to the loop only for the record; no client waits for this.
+    let since = std::time::Instant::now();
+    while site.asked().len() < 7 && since.elapsed() < std::time::Duration::from_secs(20) {
+        tokio::task::yield_now().await;
+    }
+    let asked = site.asked();
+    let asked: Vec<&str> = asked.iter().map(String::as_str).collect();
+    let start = format!("start by panel.toml by {by}");
+    assert_eq!(
+        asked,
+        [
+            "stop by a person who was not logged in, on the operator's page at 127.0.0.1",
+            &format!("unhold --dried by {by}"),
+            &format!("hold: waterleaks by {by}"),
+            &format!("abort by {by}"),
+            // Of the recipe that was changed, of the missing statement, then of the loader: each is one line of the
+            // trail, among the requests.
+            &start,
+            &start,
+            &start,
+        ]
+    );
+    let store = Store::open(&site.folder.path().join("store")).expect("open");
+    let trail = store.audit(None, 100).expect("read");
+    assert!(trail.iter().all(|line| line.entry.what != "start"), "not a second time: {trail:?}");
+}
+
+#[tokio::test]
+async fn a_changed_account_logs_in_again_and_the_last_administrator_stays() {
+    let site = PageFixture::new();
+    let administrator = site.log_in("administrator", PASSWORD).await.expect("logged in");
+    let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
+    let change = |name: &str, role: &str, is_enabled: bool| {
+        format!(
+            r#"{{"name":"{name}","printed_name":"Anna B","role":"{role}","password":"","is_enabled":{is_enabled}}}"#
+        )
+    };
+    let reply = site.post(&administrator, "/people", &change("operator", "viewer", true)).await;
+    assert_eq!(reply.status, StatusCode::OK, "{}", reply.body);
+    assert_eq!(site.get(&operator, "/setup").await.status, StatusCode::SEE_OTHER, "its session ended");
+    let viewer = site.log_in("operator", PASSWORD).await.expect("the password stayed");
+    assert_eq!(site.post(&viewer, "/request/hold", "{}").await.status, StatusCode::FORBIDDEN);
+    for change in [change("administrator", "viewer", true), change("administrator", "administrator", false)] {
+        let reply = site.post(&administrator, "/people", &change).await;
+        assert!(reply.body.contains("the last enabled account that may manage accounts"), "{}", reply.body);
+    }
+    // "Add" never changes an account that exists.
+    let add = r#"{"is_new":true,"name":"inspector","printed_name":"Paul","role":"viewer","password":"a new password","is_enabled":true}"#;
+    let reply = site.post(&administrator, "/people", add).await;
+    assert!(reply.status == StatusCode::UNPROCESSABLE_ENTITY && reply.body.contains("exists"), "{}", reply.body);
+    let inspector = site.log_in("inspector", PASSWORD).await.expect("as before");
+    assert_eq!(site.get(&inspector, "/audit").await.status, StatusCode::OK, "the role stayed");
+    let reply = site.post(&administrator, "/people", &change("New One", "viewer", true)).await;
+    assert!(reply.body.contains("a to z"), "{}", reply.body);
+    let reply = site.post(&administrator, "/people", &change("ben", "viewer", true)).await;
+    assert!(reply.body.contains("0 characters"), "a new account has a password: {}", reply.body);
+}
+
+#[tokio::test]
+async fn one_changes_ones_own_password_by_the_old_one() {
+    let site = PageFixture::new();
+    let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
+    let told = site.post(&operator, "/password", r#"{"password":"wrong horse","new":"another horse"}"#).await;
+    assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY);
+    // A new password that is too short does not count as a wrong one: no one has to wait, regardless of the number
+    // of attempts.
+    for _ in 0..6 {
+        let body = format!(r#"{{"password":"{PASSWORD}","new":"x"}}"#);
+        assert_eq!(site.post(&operator, "/password", &body).await.status, StatusCode::UNPROCESSABLE_ENTITY);
+    }
+    let body = format!(r#"{{"password":"{PASSWORD}","new":"another horse"}}"#);
+    assert_eq!(site.post(&operator, "/password", &body).await.status, StatusCode::OK);
+    site.log_in("operator", PASSWORD).await.expect_err("the old one");
+    site.log_in("operator", "another horse").await.expect("the new one");
+}
+
+/// Changes an account in the store without the page, as another process does.
+fn change_beside(site: &PageFixture, name: &str, change: impl FnOnce(&mut Account)) {
+    let mut store = Store::open_for_accounts(&site.folder.path().join("store")).expect("open");
+    let mut account = store.accounts().expect("read").remove(name).expect("an account");
+    change(&mut account);
+    let entry = AuditEntry::for_completed_action(None, None, "terminal".to_owned(), "change account");
+    store.store_account(&account, &entry).expect("kept");
+}
+
+/// Makes requests until the session has ended, which it does within a few seconds.
+async fn ends(site: &PageFixture, browser: &Browser) {
+    let since = Instant::now();
+    loop {
+        let told = site.get(browser, "/frame.jpg").await;
+        if told.status == StatusCode::UNAUTHORIZED {
+            return;
+        }
+        assert!(since.elapsed() < Duration::from_secs(3), "{told:?}");
+        tokio::time::sleep(Duration::from_millis(300)).await;
+    }
+}
+
+#[tokio::test]
+async fn an_account_that_is_changed_beside_the_page_signs_nothing_and_loses_its_sessions() {
+    let site = PageFixture::new();
+    let signs = format!(r#"{{"meaning":"reviewed","remark":"","password":"{PASSWORD}"}}"#);
+    let inspector = site.log_in("inspector", PASSWORD).await.expect("logged in");
+    let reply = site.post(&inspector, "/cycle/1/sign", &signs).await;
+    assert_eq!(reply.status, StatusCode::OK, "{}", reply.body);
+    // The accounts were read just now: the signature reads them nevertheless.
+    change_beside(&site, "inspector", |account| account.role = Role::Viewer);
+    let reply = site.post(&inspector, "/cycle/1/sign", &signs).await;
+    assert!(
+        reply.body.contains("was changed since the log-in") || reply.status == StatusCode::UNAUTHORIZED,
+        "{reply:?}"
+    );
+    ends(&site, &inspector).await;
+
+    let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
+    assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::OK);
+    change_beside(&site, "engineer", |account| account.is_enabled = false);
+    ends(&site, &engineer).await;
+    assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::SEE_OTHER);
+    // A stop never needs an account.
+    assert_eq!(site.post(&engineer, "/request/stop", "{}").await.status, StatusCode::OK);
+
+    // A person who logs in after the change can continue at once.
+    change_beside(&site, "engineer", |account| account.is_enabled = true);
+    let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
+    assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::OK);
+}
+
+/// A page whose session has ended says so. A wall display's session outlives the service, and ends with a new password.
+#[tokio::test]
+async fn a_page_without_its_session_reports_it_and_a_display_keeps_its_own() {
+    let site = PageFixture::new();
+    let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
+    let ended = "role=\"alert\">Your session has ended";
+    assert!(!site.get(&operator, "/").await.body.contains(ended));
+    site.web.sessions().end_account_sessions("operator");
+    let page = site.get(&operator, "/").await.body;
+    assert!(page.contains(ended) && page.contains("name=\"person\" content=\"\""), "{page}");
+    assert!(!page.contains("id=\"grids\"") && !page.contains("id=\"frame\""), "{page}");
+    assert!(!site.get(&Browser::default(), "/").await.body.contains(ended), "a stranger");
+
+    let display = site.log_in("display", PASSWORD).await.expect("logged in");
+    site.web.sessions().end_account_sessions("display");
+    crate::daemon::web::login::begin_displays(&site.web);
+    assert_eq!(site.get(&display, "/history").await.status, StatusCode::OK, "after a restart of the service");
+    assert_eq!(site.post(&display, "/request/reset", "{}").await.status, StatusCode::FORBIDDEN);
+    change_beside(&site, "display", |account| account.is_enabled = false);
+    ends(&site, &display).await;
+    crate::daemon::web::login::begin_displays(&site.web);
+    assert_eq!(site.get(&display, "/history").await.status, StatusCode::SEE_OTHER);
+}
+
+/// An error that a person meets while going to a page is a page, with navigation and Stop.
+#[tokio::test]
+async fn an_error_is_a_page_with_its_head() {
+    let site = PageFixture::new();
+    let viewer = site.log_in("viewer", PASSWORD).await.expect("logged in");
+    let cookie = viewer.cookie.clone().expect("a session");
+    for (path, status, words) in [
+        ("/nowhere", StatusCode::NOT_FOUND, "There is no such page."),
+        ("/cycle/99", StatusCode::NOT_FOUND, "There is no such page."),
+        ("/audit", StatusCode::FORBIDDEN, "Your role does not permit this. (Viewer)"),
+        // The text of the page's own handler is kept, as it is.
+        ("/setup/recipe/gone.toml", StatusCode::NOT_FOUND, "there is no recipe gone.toml"),
+    ] {
+        let told = site.send("GET", path, &[("cookie", &cookie), ("accept", "text/html,*/*")], "").await;
+        assert_eq!(told.status, status, "{path}");
+        assert!(told.body.contains("id=\"stop\"") && told.body.contains(words), "{path}: {}", told.body);
+        assert!(told.body.contains("id=\"logout\""), "{path}");
+        assert!(!site.get(&viewer, path).await.body.contains("<html"), "a script reads JSON");
+    }
+    assert!(site.get(&viewer, "/password").await.body.contains("data-post=\"/password\""));
+}

@@ -1,0 +1,276 @@
+//! The page of one cycle: what every phase found, the limits, the files used, and the conditions.
+
+mod cycle_events;
+
+use super::checks::{NOT_MEASURED_TEXT, check_row, format_value};
+use super::page::{Figure, Page, Row, Section};
+use panelprep_base::geometry::KukaPose;
+use panelprep_base::number_text::utc_text;
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_cell::record::{Check, Clock, CycleRecord, Disposition, Finding, Kind, finding_dispositions, name};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// A blank that a person fills in by hand.
+const BLANK: &str = "……………………………………";
+const AIR_RUN: &str = "This was an air-run: the path was run above the panel with water and tool off. The panel was neither \
+                       tested nor abraded, and this page does not release it. ";
+const ON_FOAM: &str =
+    "This cycle was run on a sheet of foam, as a proof of the cell: this page releases no panel. ";
+
+/// Returns the page of a cycle; `pictures` contains its JPEGs by their hash. A missing picture is reported as missing.
+pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) -> Page {
+    let running = || Judgement {
+        verdict: Verdict::Invalid,
+        reasons: vec![Reason::new("running", "the cycle has not ended: this page does not show its final result")],
+    };
+    let times = ClockKind::from_record(record);
+    let mut sections: Vec<Section> = record
+        .findings
+        .iter()
+        .zip(finding_dispositions(&record.findings, &record.asked))
+        .map(|(finding, disposition)| section((finding, disposition), pictures, times))
+        .collect();
+    sections.extend([cycle_events::abrasion_list(record), cycle_events::motions(record), budget(record)]);
+    sections.extend(cycle_events::request_list(record));
+    sections.push(used_inputs(record));
+    // An air run tests nothing.
+    let is_air_run = record.is_air_run();
+    sections.extend((!is_air_run).then(|| conditions(record, times)));
+    let (kind, warning) = match (is_air_run, record.is_on_foam()) {
+        (true, _) => (", air-run", AIR_RUN),
+        (_, true) => (", on foam", ON_FOAM),
+        _ => ("", ""),
+    };
+    Page {
+        first: String::new(),
+        title: format!("Panel {}, cycle {}{kind}", record.panel, record.id),
+        subtitle: format!("{warning}{}", duration(record)),
+        judgement: record.judgement.clone().unwrap_or_else(running),
+        sections,
+        made: String::new(),
+    }
+}
+
+/// Returns what was abraded and what was requested in the cycle, also for the record as PDF.
+pub(super) fn event_sections(record: &CycleRecord) -> Vec<Section> {
+    std::iter::once(cycle_events::abrasion_list(record)).chain(cycle_events::request_list(record)).collect()
+}
+
+/// The clock by which the times of films and motions are measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum ClockKind {
+    /// The computer's clock: a number needs no remark.
+    Wall,
+    /// The simulated cell's.
+    Simulated,
+    /// The clock was not recorded.
+    Unknown,
+}
+
+impl ClockKind {
+    fn from_record(record: &CycleRecord) -> Self {
+        match record.clocks[0] {
+            Some(Clock::Wall) => ClockKind::Wall,
+            Some(Clock::Simulated { .. }) => ClockKind::Simulated,
+            None => ClockKind::Unknown,
+        }
+    }
+
+    /// Returns the remark on a duration, so that a reader does not confuse the two clocks.
+    fn clock_remark(self, kind: Kind, check: &Check) -> &'static str {
+        match (self, check.unit.as_str()) {
+            // The time of a plan is calculated, not measured by a clock.
+            (_, "s") if kind == Kind::Plan => ", planned",
+            (ClockKind::Simulated, "s") => " of simulated time",
+            (ClockKind::Simulated, "ms") => " of wall time",
+            _ => "",
+        }
+    }
+}
+
+/// Returns the begin and the end of the cycle, and its duration, by each clock.
+fn duration(record: &CycleRecord) -> String {
+    let began = utc_text(record.started_unix_s);
+    let reasons = record.judgement.iter().flat_map(|judgement| &judgement.reasons);
+    let is_interrupted = reasons.into_iter().any(|reason| reason.code == "interrupted");
+    let wall = match record.ended_unix_s {
+        None => format!("{began}, not ended"),
+        Some(end) if is_interrupted => format!(
+            "began {began}; the program stopped during the cycle at an unrecorded time, and concluded the cycle at \
+             its next start, {}",
+            utc_text(end)
+        ),
+        Some(end) => format!("{began} to {}, {} s", utc_text(end), end - record.started_unix_s),
+    };
+    match record.clocks {
+        [Some(Clock::Wall), _] => format!("Wall time: {wall}."),
+        [Some(Clock::Simulated { at_ms: from }), Some(Clock::Simulated { at_ms: to })] if to >= from => {
+            let simulated_s = format_value((to - from) as f64 / 1_000.0);
+            format!("Simulated cell. Simulated time: {simulated_s} s. Wall time: {wall}.")
+        }
+        [Some(Clock::Simulated { .. }), _] => {
+            format!(
+                "Simulated cell. Simulated time: unknown, because the program stopped during the cycle. Wall time: \
+                 {wall}."
+            )
+        }
+        [None, _] => format!("Wall time: {wall}. It was not recorded whether the cell was simulated."),
+    }
+}
+
+fn section(
+    (finding, disposition): (&Finding, Disposition<'_>),
+    pictures: &BTreeMap<String, Vec<u8>>,
+    times: ClockKind,
+) -> Section {
+    let heading = match finding.kind {
+        Kind::Locate => "The panel's pose",
+        Kind::Refine => "The corner",
+        Kind::Reach => "Reach of the arm",
+        Kind::Inspect => "The film",
+        Kind::Plan => "The sanding path",
+        Kind::Verify => "The corner, before contact",
+        Kind::Abrade => "The abrasion",
+        Kind::Gate => "Checks before a motion",
+        Kind::Robot => "The robot",
+        Kind::SelfTest => "The self-test",
+        Kind::Tool => "The compliant tool",
+    };
+    let pass = match finding.pass {
+        0 => String::new(),
+        pass => format!(", pass {pass}"),
+    };
+    let reasons = finding.judgement.reasons.iter().map(|reason| format!("; {} ({})", reason.message, reason.code));
+    let became = disposition.describe().map_or(String::new(), |words| format!(", {words}"));
+    let details = finding.details.iter().map(|(name, value)| Row::new(name, format_detail(value), ""));
+    let shots = finding.shots.iter().map(|shot| Row::new(&format!("picture {}", shot.name), &shot.hash, ""));
+    let figure = |picture: &panelprep_cell::record::Picture| match pictures.get(&picture.hash) {
+        Some(jpeg) => Ok(Figure { caption: picture.caption.clone(), jpeg: jpeg.clone() }),
+        None => Err(Row::new(&picture.caption, format!("the picture {} is missing", picture.hash), "")),
+    };
+    let (mut figures, mut missing) = (Vec::new(), Vec::new());
+    for found in finding.pictures.iter().map(figure) {
+        match found {
+            Ok(figure) => figures.push(figure),
+            Err(row) => missing.push(row),
+        }
+    }
+    let numbers = finding.checks.iter().flat_map(|number| {
+        let to_execute = Some(number).filter(|number| finding.kind == Kind::Plan && number.name == name::PLANNED);
+        let to_execute = to_execute.and_then(|number| number.value).map(|all| {
+            let words = format!(
+                "{}: all but the first waypoint, which is in air at the end of the approach",
+                format_value((all - 1.0).max(0.0))
+            );
+            Row::new("of these, of the path over the panel", words, "")
+        });
+        std::iter::once(row(number, finding.kind, times)).chain(to_execute)
+    });
+    Section {
+        heading: format!("{heading}{pass}"),
+        text: format!("{}{became}{}", finding.judgement.verdict.keyword(), reasons.collect::<String>()),
+        rows: numbers.chain(details).chain(shots).chain(missing).collect(),
+        figures,
+    }
+}
+
+/// Formats a detail for people: a pose with its units, a list of names; any other value as it is stored.
+fn format_detail(value: &Value) -> String {
+    let pose = serde_json::from_value::<KukaPose>(value.clone()).ok();
+    let names = serde_json::from_value::<Vec<String>>(value.clone()).ok();
+    match (pose, names, value) {
+        (Some(pose), ..) => pose.to_string(),
+        (_, Some(names), _) if names.is_empty() => "none".to_owned(),
+        (_, Some(names), _) => names.join(", "),
+        (.., Value::String(text)) => text.clone(),
+        _ => value.to_string(),
+    }
+}
+
+fn row(check: &Check, kind: Kind, times: ClockKind) -> Row {
+    check_row(check, times.clock_remark(kind, check))
+}
+
+fn budget(record: &CycleRecord) -> Section {
+    let budget = record.budget.unwrap_or_default();
+    let total = budget.total_mm();
+    let part = |name: &str, value: Option<f64>| {
+        Row::new(
+            name,
+            value.map_or(NOT_MEASURED_TEXT.to_owned(), |value| format!("{} mm", format_value(value))),
+            "",
+        )
+    };
+    let is_corrected = record.files.iter().any(|file| file.name == "robot_correction");
+    let robot = if is_corrected { "robot, corrected by robot_correction, and tool" } else { "robot and tool" };
+    let mut rows = vec![
+        part("hand-eye calibration", budget.hand_eye_mm),
+        part("localization", budget.locate_mm),
+        part("surface fit", budget.fit_mm),
+        part(robot, budget.robot_mm),
+        part("total", total),
+    ];
+    if total.is_none() {
+        let stated = budget.stated_mm.map_or("not stated".to_owned(), |value| {
+            format!("{} mm, stated by the cell's file, not measured", format_value(value))
+        });
+        rows.push(Row::new("used instead of the total: [limits] tool_error_mm", stated, ""));
+    }
+    Section {
+        heading: "Error at the tool".to_owned(),
+        text: "At 95 % confidence. The total is the root of the sum of squares; it is stated if every part was \
+               measured."
+            .to_owned(),
+        rows,
+        figures: Vec::new(),
+    }
+}
+
+fn used_inputs(record: &CycleRecord) -> Section {
+    let mut rows =
+        vec![Row::new("taught version", &record.taught_version, ""), Row::new("recipe", &record.recipe_hash, "")];
+    rows.extend(record.files.iter().map(|file| Row::new(&file.name, &file.hash, "")));
+    rows.push(Row::new("panelprep", &record.program_version, ""));
+    rows.push(Row::new("lines in the journal", record.events.to_string(), ""));
+    Section {
+        heading: "What was used".to_owned(),
+        text: "Each file with the SHA-256 of its content. The store keeps the files.".to_owned(),
+        rows,
+        figures: Vec::new(),
+    }
+}
+
+fn conditions(record: &CycleRecord, times: ClockKind) -> Section {
+    let film = |number: &&Check| number.name == name::WATCHED_TIME_NAME;
+    let inspections = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
+    let films = inspections.map(|finding| {
+        let seconds = finding
+            .checks
+            .iter()
+            .find(film)
+            .map_or(NOT_MEASURED_TEXT.to_owned(), |number| row(number, Kind::Inspect, times).value);
+        let pass = format!("film watched after pass {}", finding.pass);
+        Row::new(if finding.pass == 0 { "film watched first" } else { &pass }, seconds, "")
+    });
+    let stated = |detail: &str| {
+        let value = record.findings.iter().find_map(|finding| finding.details.get(detail));
+        value.map_or(BLANK.to_owned(), |value| format!("{} (stated by the recipe)", format_detail(value)))
+    };
+    let mut rows = vec![
+        Row::new("water: kind, conductivity, temperature", stated(name::WATER), ""),
+        Row::new("lamp: kind, brightness at the panel", stated(name::LAMP), ""),
+    ];
+    rows.extend(films);
+    Section {
+        heading: "Water, lamp and films".to_owned(),
+        text: "Water and lamp are not measured by the cell: the inspector fills in these values, or signs the \
+               values that the recipe states (ASTM F22). The signature is on the first page."
+            .to_owned(),
+        rows,
+        figures: Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

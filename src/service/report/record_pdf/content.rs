@@ -1,0 +1,313 @@
+//! The content of the page, in tables of text, from the stored data of a cycle.
+
+use super::blocks::{
+    Block, check_table, deviations, equipment_table, events, film_list, numbers, reasons, short_hash,
+    shorten_for_page, signature_line, signatures,
+};
+use super::grids::{GridMap, failed_rows, map};
+use super::numbers::uncertainty;
+use super::sources::{EarlierCycle, RecordSources};
+use panelprep_base::number_text::{fixed_decimals, utc_text};
+use panelprep_base::verdict::Verdict;
+use panelprep_cell::recipe::{self, Recipe};
+use panelprep_cell::record::{Check, Clock, CycleRecord, Kind, name};
+use panelprep_store::signing::StatedValues;
+use panelprep_vision::inspect::picture_interval_s;
+
+/// The page.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordSheet {
+    /// Its title.
+    pub title: String,
+    /// How the cycle ended.
+    pub verdict: Verdict,
+    /// The cycle's end in a sentence.
+    pub disposition: String,
+    /// Pairs of name and value above the map, two pairs in each line.
+    pub facts: Vec<(String, String)>,
+    /// The map of the panel, or the reason why there is none.
+    pub map: Result<GridMap, String>,
+    /// Tables of the page.
+    pub blocks: Vec<Block>,
+    /// Tables of the annex.
+    pub annex: Vec<Block>,
+}
+
+/// Number of rows that each table is guaranteed on the page; the annex has all rows.
+const GUARANTEED_ROWS: usize = 5;
+const UNNAMED_TEXT: &str = "not stated at the start";
+
+/// Tables that receive the free rows of the other tables, in this order: numbers, equipment and then failed grids.
+/// A row of these tables is one line.
+const ROW_PRIORITY: [usize; 3] = [2, 3, 0];
+
+/// Returns the number of rows of each table on the page; together the tables have at most as many rows as if each had
+/// [`GUARANTEED_ROWS`].
+fn page_row_counts(rows: [usize; 6]) -> [usize; 6] {
+    let mut shown = rows.map(|count| count.min(GUARANTEED_ROWS));
+    let mut free = shown.iter().map(|count| GUARANTEED_ROWS - count).sum::<usize>();
+    for table in ROW_PRIORITY {
+        let more = (rows[table] - shown[table]).min(free);
+        shown[table] += more;
+        free -= more;
+    }
+    shown
+}
+
+impl RecordSheet {
+    /// Creates the page of a cycle.
+    pub fn from_sources(sources: &RecordSources<'_>) -> Self {
+        let record = sources.record;
+        let failed = Block {
+            heading: "Grids on which the film broke".to_owned(),
+            columns: vec![
+                ("grid", 0.1),
+                ("film", 0.15),
+                ("time to break", 0.14),
+                ("broken area", 0.14),
+                ("passes", 0.09),
+                ("area, last film", 0.14),
+                ("result", 0.24),
+            ],
+            rows: failed_rows(record),
+        };
+        let all = [
+            failed,
+            film_list(record),
+            numbers(record),
+            equipment_table(sources.equipment),
+            deviations(record),
+            signatures(sources),
+        ];
+        let most_rows = page_row_counts(all.each_ref().map(|block| block.rows.len()));
+        let (mut annex, mut blocks) = (Vec::new(), Vec::new());
+        for (block, max_rows) in all.into_iter().zip(most_rows).filter(|(block, _)| !block.rows.is_empty()) {
+            let mut shown = block.clone();
+            if block.rows.len() > max_rows {
+                shown.rows.truncate(max_rows);
+                shown.heading = format!(
+                    "{}: the first {max_rows} of {}; all are in the annex",
+                    block.heading,
+                    block.rows.len()
+                );
+                annex.push(block);
+            }
+            blocks.push(shown);
+        }
+        // The line for the person who decides follows the rows of the people who signed, whatever their number.
+        if let (Some(line), Some(block)) = (signature_line(sources), blocks.last_mut()) {
+            block.rows.push(line);
+        }
+        annex.extend(events(record));
+        annex.extend(reasons(record));
+        annex.extend(record.findings.iter().filter(|finding| !finding.checks.is_empty()).map(check_table));
+        RecordSheet {
+            title: format!("Water-break test, panel {}, cycle {}", record.panel, record.id),
+            verdict: record.judgement.as_ref().map_or(Verdict::Invalid, |judgement| judgement.verdict),
+            disposition: disposition_text(record),
+            facts: facts(sources),
+            map: match sources.recipe {
+                Some(recipe) if !record.is_air_run() => {
+                    Ok(map(record, recipe.region().rows(), recipe.region().columns()))
+                }
+                Some(_) => Err("an air-run tests no grid".to_owned()),
+                None => Err("the recipe that the cycle used is missing or damaged in the store".to_owned()),
+            },
+            blocks,
+            annex,
+        }
+    }
+}
+
+fn disposition_text(record: &CycleRecord) -> String {
+    if record.is_air_run() {
+        return "AIR-RUN: the path was run above the panel; nothing was tested and nothing is released".to_owned();
+    }
+    if record.is_on_foam() {
+        return "ON FOAM: a proof of the cell with foam instead of a panel; nothing is released".to_owned();
+    }
+    let Some(judgement) = &record.judgement else {
+        return "NOT ENDED: this is not the final result of the cycle".to_owned();
+    };
+    if record.has_no_part() {
+        return "NO PART: nothing, or another object than the taught panel, was in the cell; the part with this serial \
+                number was not examined"
+            .to_owned();
+    }
+    let words = match judgement.verdict {
+        Verdict::Pass => "the film held on every tested grid",
+        Verdict::Fail => "the film broke, and no further abrasion was allowed",
+        Verdict::Invalid => "the test gives no result; repeat it",
+        Verdict::Review => "a person has to decide",
+        Verdict::Reject => "the panel was not treated further",
+        Verdict::Aborted => "the cycle ended without a result",
+        Verdict::Accept => "accepted",
+    };
+    let reasons: Vec<&str> = judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
+    let why = if reasons.is_empty() {
+        String::new()
+    } else {
+        format!(": {}", shorten_for_page(&reasons.join("; "), 260))
+    };
+    format!("{}, {words}{why}", judgement.verdict.keyword().to_uppercase())
+}
+
+fn facts(sources: &RecordSources<'_>) -> Vec<(String, String)> {
+    let RecordSources { record, part, recipe, .. } = *sources;
+    let named = |name: Option<&String>| name.cloned().unwrap_or_else(|| UNNAMED_TEXT.to_owned());
+    let by_recipe = |detail: &str| {
+        let value = record.findings.iter().find_map(|finding| finding.details.get(detail));
+        value.and_then(|value| value.as_str()).map(|text| format!("{text} (stated by the recipe)"))
+    };
+    // Of several people who state a value, the last one counts.
+    let by_person = |value: fn(&StatedValues) -> Option<&String>| {
+        let mut last_first = sources.signatures.iter().rev();
+        last_first.find_map(|one| {
+            let text = stated_text(value(&one.values)?);
+            Some(format!("{text} (stated by {})", one.name))
+        })
+    };
+    let stated = |values: [Option<String>; 2], blank: &str| {
+        let known: Vec<String> = values.into_iter().flatten().collect();
+        if known.is_empty() { format!("……………… ({blank})") } else { known.join("; ") }
+    };
+    let unstated = "not measured, not stated by the recipe";
+    let process = recipe.map(Recipe::process);
+    let procedure = process.and_then(|process| process.procedure());
+    let passes = process.map(|process| {
+        format!(
+            "at most {} abrasions per grid, {} passes per part",
+            process.max_passes_per_grid(),
+            process.effective_passes_per_part()
+        )
+    });
+    let fact = |name: &str, value: String| (name.to_owned(), value);
+    vec![
+        fact("part, serial number", named(part.and_then(|part| part.serial.as_ref()))),
+        fact("work order", named(part.and_then(|part| part.order.as_ref()))),
+        fact("operator", named(part.and_then(|part| part.operator.as_ref()))),
+        fact("earlier passes on this part", earlier_removal_text(sources.earlier)),
+        fact("panel, taught version", format!("{}, {}", record.panel, record.taught_version)),
+        fact(
+            "recipe, SHA-256",
+            format!("{}, {}", short_hash(&record.recipe_hash), sources.recipe_approval.unwrap_or(NO_APPROVAL)),
+        ),
+        fact(
+            "procedure",
+            procedure.unwrap_or_else(|| "ASTM F22; its edition is not stated by the recipe".to_owned()),
+        ),
+        fact("program", format!("panelprep {}", record.program_version)),
+        fact("time", time(record)),
+        fact("acceptance", criterion(record, process)),
+        fact("abrasion", passes.unwrap_or_else(|| "not known: the recipe is missing".to_owned())),
+        fact("error at the tool, 95 %", budget(record)),
+        fact("water", stated([by_recipe(name::WATER), by_person(|one| one.water.as_ref())], unstated)),
+        fact("lamp", stated([by_recipe(name::LAMP), by_person(|one| one.lamp.as_ref())], unstated)),
+        fact(
+            "ambient temperature, humidity",
+            stated([None, by_person(|one| one.ambient.as_ref())], "not measured by the cell"),
+        ),
+        fact(
+            "abrasive: product, grit, lot",
+            stated([None, by_person(|one| one.abrasive.as_ref())], "not known to the cell"),
+        ),
+    ]
+}
+
+/// Characters of a value that a person stated, on the page; the signed file of the signature has all of them.
+const MAX_STATED_CHARACTERS: usize = 90;
+
+/// Returns a value that a person stated, as the page prints it.
+fn stated_text(text: &str) -> String {
+    match text.char_indices().nth(MAX_STATED_CHARACTERS) {
+        Some((end, _)) => format!("{}… (see the signed file)", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// What the page states if the store has no approval of the recipe's text.
+const NO_APPROVAL: &str = "no approval in the store";
+
+fn earlier_removal_text(earlier: Option<&[EarlierCycle]>) -> String {
+    let Some(earlier) = earlier else { return "unknown: no serial number was stated".to_owned() };
+    let cycles: Vec<String> = earlier.iter().map(|one| format!("cycle {}: {}", one.cycle, one.passes)).collect();
+    match cycles.is_empty() {
+        true => "none".to_owned(),
+        false => {
+            format!(
+                "{} ({})",
+                earlier.iter().map(|one| one.passes).sum::<usize>(),
+                shorten_for_page(&cycles.join(", "), 60)
+            )
+        }
+    }
+}
+
+fn time(record: &CycleRecord) -> String {
+    let began = utc_text(record.started_unix_s);
+    let took =
+        record.ended_unix_s.map_or("not ended".to_owned(), |end| format!("{} s", end - record.started_unix_s));
+    let simulated = if matches!(record.clocks[0], Some(Clock::Simulated { .. })) { "; SIMULATED CELL" } else { "" };
+    format!("{began}, {took}{simulated}")
+}
+
+/// States the criterion by which a grid fails, as it was applied to the films. The time is the window as recipe or cell
+/// state it; the check's limit is one picture shorter, since a window begins and ends between two pictures.
+fn criterion(record: &CycleRecord, process: Option<&recipe::Process>) -> String {
+    let films = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
+    let checks: Vec<&Check> = films.flat_map(|film| &film.checks).collect();
+    let area = checks
+        .iter()
+        .find(|check| name::broken_film_grid(&check.name).is_some())
+        .and_then(|check| check.limit.value());
+    let watched =
+        checks.iter().find(|check| check.name == name::WATCHED_TIME_NAME).and_then(|check| check.limit.value());
+    let window = |watched: f64| match process {
+        Some(process) => watched + picture_interval_s(process.frames_per_second()),
+        None => watched,
+    };
+    match (area, watched.map(window)) {
+        (Some(mm2), Some(s)) => {
+            format!(
+                "no grid with {} mm² of broken film or more within {} s",
+                fixed_decimals(mm2, 1),
+                fixed_decimals(s, 1)
+            )
+        }
+        _ => "no film was evaluated".to_owned(),
+    }
+}
+
+fn budget(record: &CycleRecord) -> String {
+    let budget = record.budget.unwrap_or_default();
+    let part = |name: &str, mm: Option<f64>| match mm {
+        Some(mm) => format!("{name} {}", uncertainty(mm, "mm")),
+        None => format!("{name} not measured"),
+    };
+    let total = match (budget.total_mm(), budget.stated_mm) {
+        (Some(total), _) => uncertainty(total, "mm"),
+        (None, Some(stated)) => format!("{}, stated in the cell's file", uncertainty(stated, "mm")),
+        (None, None) => "total unknown".to_owned(),
+    };
+    let parts = [
+        part("hand-eye", budget.hand_eye_mm),
+        part("localization", budget.locate_mm),
+        part("fit", budget.fit_mm),
+        part("robot", budget.robot_mm),
+    ];
+    format!("{total} ({})", parts.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand, first case: the film table leaves 3 rows free, and the signatures leave 4. The numbers use 4 of these
+    /// 7 rows; the equipment uses the other 3, although it needs 4 more.
+    #[test]
+    fn free_rows_go_to_numbers_and_equipment_first() {
+        assert_eq!(page_row_counts([9, 2, 9, 9, 5, 1]), [5, 2, 9, 8, 5, 1]);
+        assert_eq!(page_row_counts([24, 1, 3, 7, 0, 1]), [18, 1, 3, 7, 0, 1]);
+        assert_eq!(page_row_counts([9; 6]), [5; 6]);
+    }
+}

@@ -1,0 +1,212 @@
+//! Whether a cell can execute a recipe: checks what both files state about the tool, the feed and the region.
+
+use super::{NamedFile, ReadNamed, UnmetRequirement, check_box_unit, to_problems};
+use panelprep_base::config::Problems;
+use panelprep_base::number_text::{fixed_decimals, shortest_text};
+use panelprep_cell::cell::{Cell, CompliantTool, Intrinsics};
+use panelprep_cell::force::SensorLoad;
+use panelprep_cell::recipe::{Recipe, TreatBy};
+use panelprep_toolpath::removal::model::UNKNOWN;
+
+/// A mismatch between recipe and tool in the force.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ForceMismatch {
+    /// The tool is compliant, but the recipe states no force.
+    #[error("the recipe states no [path] force_n; the cell's compliant tool needs the force with which it presses")]
+    NoForce,
+    /// The recipe states a force, but the tool cannot apply it.
+    #[error(
+        "the recipe states [path] force_n = {found_n}, which has no effect: the cell's [tool] is a spring; remove \
+         the key, or use a cell with a compliant tool"
+    )]
+    ForceForSpringTool {
+        /// The stated force, N.
+        found_n: f64,
+    },
+    /// The stated force exceeds the tool's force.
+    #[error(
+        "[path] force_n = {found_n} of the recipe is too high: with the tool's band of {band_n} N and the weight of \
+         its payload, {} N, it exceeds [tool] max_force_n = {max_force_n}. Lower the force",
+        fixed_decimals(*weight_n, 1)
+    )]
+    TooMuchForce {
+        /// The stated force, N.
+        found_n: f64,
+        /// The band, N.
+        band_n: f64,
+        /// The weight of the tool's payload, N.
+        weight_n: f64,
+        /// The largest force of the tool, N.
+        max_force_n: f64,
+    },
+}
+
+/// Returns whether recipe and tool agree on a force; a spring needs none.
+///
+/// # Errors
+/// If the force does not suit the tool; the error names the mismatch.
+pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), ForceMismatch> {
+    match (tool, recipe.path().force_n()) {
+        (None, None) => Ok(()),
+        (Some(_), None) => Err(ForceMismatch::NoForce),
+        (None, Some(found_n)) => Err(ForceMismatch::ForceForSpringTool { found_n }),
+        (Some(tool), Some(found_n)) => {
+            // When the tool points up, it lifts its payload as well.
+            let (band_n, weight_n, most_n) = (tool.band_n, SensorLoad::from(tool).presses_n(1.0), tool.max_force_n);
+            match found_n + band_n + weight_n > most_n {
+                true => Err(ForceMismatch::TooMuchForce { found_n, band_n, weight_n, max_force_n: most_n }),
+                false => Ok(()),
+            }
+        }
+    }
+}
+
+/// Returns the demands of a recipe that this cell cannot meet, by the recipe's keys; empty if recipe and cell match.
+/// The region is compared with the size of the scanner's picture, which is stated in the calibration that the cell
+/// names.
+pub fn unmet_demands(cell: &Cell, recipe: &Recipe, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
+    let force = force_fits(cell.tool().compliant(), recipe).err();
+    let force = force.map(|mismatch| UnmetRequirement::new("path.force_n", mismatch.to_string()));
+    let is_unknown = recipe.removal().is_some() && cell.calibration().removal.is_none();
+    let removal = is_unknown.then(|| UnmetRequirement::new("removal", UNKNOWN));
+    let outside = picture_px(cell, read).and_then(|size_px| corner_outside(recipe, size_px));
+    let treat = margin_fits(cell, recipe).err();
+    force.into_iter().chain(removal).chain(feed_fits(cell, recipe).err()).chain(treat).chain(outside).collect()
+}
+
+/// Checks that the feed is not higher than the cell allows.
+///
+/// # Errors
+/// The key, the stated feed, and the limit.
+pub fn feed_fits(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> {
+    let (found, limit) = (recipe.path().feed_mm_s(), cell.limits().max_speed_mm_s());
+    if found <= limit {
+        return Ok(());
+    }
+    let [found, limit] = [found, limit].map(shortest_text);
+    let message = format!("found {found}, the cell's [limits] max_speed_mm_s is {limit}: lower the feed");
+    Err(UnmetRequirement::new("path.feed_mm_s", message))
+}
+
+/// Checks that the margin around breaks contains the cell's error at the tool, if areas around breaks are abraded.
+///
+/// # Errors
+/// The key, the stated uncertainty, and the cell's error.
+fn margin_fits(cell: &Cell, recipe: &Recipe) -> Result<(), UnmetRequirement> {
+    let (treat, error_mm) = (recipe.treat(), cell.limits().tool_error_mm());
+    let beyond_mm = error_mm.filter(|error_mm| treat.by() == TreatBy::Break && *error_mm > treat.uncertainty_mm());
+    let Some(error_mm) = beyond_mm else { return Ok(()) };
+    let [found, error] = [treat.uncertainty_mm(), error_mm].map(shortest_text);
+    let message = format!(
+        "found {found}, the cell's [limits] tool_error_mm is {error}: state at least this uncertainty, and a margin_mm \
+         that contains it"
+    );
+    Err(UnmetRequirement::new("treat.uncertainty_mm", message))
+}
+
+/// Reads a recipe, and refuses a recipe that no cell could execute, because its box is stated in metres.
+///
+/// # Errors
+/// The problems of the recipe.
+pub fn parse_plausible_recipe(name: &str, text: &str) -> Result<Recipe, Problems> {
+    let recipe = Recipe::check(name, text)?;
+    let locate = recipe.locate();
+    let in_metres = check_box_unit("locate.box_max_mm", locate.box_min_mm(), locate.box_max_mm());
+    match in_metres {
+        None => Ok(recipe),
+        Some(unmet) => Err(Problems { file: name.to_owned(), list: to_problems(text, vec![unmet]) }),
+    }
+}
+
+/// Returns the size of the scanner's picture, as its calibration states it.
+fn picture_px(cell: &Cell, read: ReadNamed<'_>) -> Option<[usize; 2]> {
+    let file = cell.calibration().scanner.as_deref()?;
+    let NamedFile::Text(text) = read(file) else { return None };
+    let lens = Intrinsics::check(&file.display().to_string(), &text).ok()?;
+    Some([lens.camera.width_px, lens.camera.height_px])
+}
+
+fn corner_outside(recipe: &Recipe, [width_px, height_px]: [usize; 2]) -> Option<UnmetRequirement> {
+    let is_outside =
+        |[u, v]: &[f64; 2]| !(0.0..=width_px as f64).contains(u) || !(0.0..=height_px as f64).contains(v);
+    let [u, v] = recipe.region().corners_px().into_iter().find(is_outside)?.map(shortest_text);
+    let message =
+        format!("the corner ({u}, {v}) is outside of the scanner's picture of {width_px} × {height_px} px");
+    Some(UnmetRequirement::new("region.corners_px", message))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::skip_file;
+    use super::*;
+    use panelprep_base::geometry::PinholeCamera;
+
+    fn keys(cell: &str, recipe: &str) -> Vec<String> {
+        let cell = Cell::check("cell.toml", cell).unwrap_or_else(|problems| panic!("{problems}"));
+        let region = "panel = \"p\"\n[locate]\nbox_min_mm = [0.0, 0.0, 0.0]\nbox_max_mm = [900.0, 900.0, 900.0]\n[region]\n\
+                      corners_px = [[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]]\nrows = 1\ncolumns = 1\n";
+        let recipe = Recipe::check("recipe.toml", &format!("{region}{recipe}"))
+            .unwrap_or_else(|problems| panic!("{problems}"));
+        unmet_demands(&cell, &recipe, &skip_file).into_iter().map(|unmet| unmet.key).collect()
+    }
+
+    /// By hand: the limit is 250 mm/s if the cell states nothing; a corner at 12,970 px is outside a picture of 1,944
+    /// px.
+    #[test]
+    fn a_feed_a_region_and_a_box_that_cannot_be_are_named() {
+        let feed = |feed_mm_s: u32| format!("[path]\nfeed_mm_s = {feed_mm_s}\n");
+        assert_eq!([keys("", &feed(250)), keys("", &feed(251))], [vec![], vec!["path.feed_mm_s".to_owned()]]);
+        assert_eq!(keys("[limits]\nmax_speed_mm_s = 400\n", &feed(400)), Vec::<String>::new());
+        let by_break = "[treat]\nby = \"break\"\n";
+        assert_eq!(keys("[limits]\ntool_error_mm = 2.0\n", by_break), Vec::<String>::new());
+        assert_eq!(keys("[limits]\ntool_error_mm = 2.1\n", by_break), ["treat.uncertainty_mm"]);
+        assert_eq!(keys("[limits]\ntool_error_mm = 2.1\n", ""), Vec::<String>::new());
+        let camera = PinholeCamera { width_px: 1944, height_px: 1200, ..fixture() };
+        let lens = Intrinsics::from_camera(camera).to_toml();
+        let cell = Cell::check("cell.toml", "[calibration]\nscanner = \"lens.toml\"\n");
+        let cell = cell.unwrap_or_else(|problems| panic!("{problems}"));
+        let text = |corner: &str, high: &str| {
+            format!(
+                "panel = \"p\"\n[locate]\nbox_min_mm = [0.0, 0.0, 0.0]\nbox_max_mm = {high}\n[region]\n\
+                 corners_px = [[0.0, 0.0], [{corner}], [9.0, 9.0], [0.0, 9.0]]\nrows = 1\ncolumns = 1\n"
+            )
+        };
+        let reported = |corner: &str| {
+            let recipe = parse_plausible_recipe("recipe.toml", &text(corner, "[900, 900, 900]"));
+            let recipe = recipe.unwrap_or_else(|problems| panic!("{problems}"));
+            unmet_demands(&cell, &recipe, &|_| NamedFile::Text(lens.clone()))
+        };
+        assert_eq!(reported("1297.0, 0.0"), []);
+        let outside = reported("12970.0, 0.0");
+        assert_eq!(outside.len(), 1);
+        assert_eq!(
+            outside[0].message,
+            "the corner (12970, 0) is outside of the scanner's picture of 1944 × 1200 px"
+        );
+        let box_of = |high: &str| parse_plausible_recipe("recipe.toml", &text("9.0, 0.0", high)).map(drop);
+        assert_eq!(box_of("[170, 480, 4]"), Ok(()));
+        let problems = box_of("[0.17, 0.48, 0.36]").expect_err("metres").to_string();
+        let reported = "recipe.toml:4: locate.box_max_mm: found a box of 0.17 × 0.48 × 0.36 mm; are these metres? write millimetres";
+        assert_eq!(problems, reported);
+    }
+
+    fn fixture() -> PinholeCamera {
+        let lens = "[camera]\nwidth_px = 20\nheight_px = 20\nfx_px = 1000.0\nfy_px = 1000.0\ncx_px = 10.0\ncy_px = 10.0\nk1 = 0\n\
+                    k2 = 0\np1 = 0\np2 = 0\nk3 = 0\n";
+        Intrinsics::check("lens.toml", lens).unwrap_or_else(|problems| panic!("{problems}")).camera
+    }
+
+    /// By hand: of 100 N the payload of 1.5 kg uses 14.7 N and the band 5 N: 80.2 N fit, 80.4 N do not.
+    #[test]
+    fn recipe_and_cell_agree_on_the_tool() {
+        let compliant = "[tool]\nkind = \"simulated\"\n";
+        let force = |force_n: f64| format!("[path]\nforce_n = {force_n}\n");
+        assert_eq!([keys("", ""), keys(compliant, &force(80.2))], [vec![], Vec::<String>::new()]);
+        for (cell, recipe) in [("", force(20.0)), (compliant, String::new()), (compliant, force(80.4))] {
+            assert_eq!(keys(cell, &recipe), ["path.force_n"], "{cell} {recipe}");
+        }
+        let removal = "[removal]\ntarget_um = 20.0\nmax_um = 60.0\nforce_n = 15.0\n";
+        assert_eq!(keys("", removal), ["removal"]);
+        assert_eq!(keys("[calibration]\nremoval = \"removal.toml\"\n", removal), Vec::<String>::new());
+    }
+}

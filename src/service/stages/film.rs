@@ -1,0 +1,211 @@
+//! The water-break test: pictures are added one by one while the film is watched, or while a clip is read. After
+//! the last picture the film is judged.
+
+use super::{ResultDrawing, keyframes::KeyframeStrip, names};
+use crate::report::{FailedGrid, PanelOverlay};
+use panelprep_base::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
+use panelprep_base::number_text::fixed_decimals;
+use panelprep_base::phase::Phase;
+use panelprep_cell::panel::{Grid, GridId, TaughtPanel};
+use panelprep_cell::recipe::Recipe;
+use panelprep_cell::record::{Check, Finding, Kind, name};
+use panelprep_vision::inspect::{
+    self, ComparisonReference, Demands, FilmWatch, GridInspection, InspectError, Inspection,
+};
+use std::sync::Arc;
+
+/// The setup with which a film is watched.
+#[derive(Debug, Clone, Copy)]
+pub struct FilmSetup<'a> {
+    /// The taught panel.
+    pub panel: &'a TaughtPanel,
+    /// The camera that films.
+    pub camera: &'a PinholeCamera,
+    /// The panel's pose in the camera's frame.
+    pub camera_from_panel: Rigid<Camera, Panel>,
+    /// The taught pixels of places that were sanded since the dry picture was taken.
+    pub sanded: Option<&'a Mask>,
+    /// How long the film is watched, and the criteria of failure.
+    pub demands: Demands,
+    /// The recipe.
+    pub recipe: &'a Recipe,
+}
+
+/// A film that is being watched.
+#[derive(Debug)]
+pub struct FilmRun {
+    watch: FilmWatch,
+    strip: KeyframeStrip,
+    last: Option<Arc<ColorPicture>>,
+    has_opened: bool,
+}
+
+/// The result of adding one picture to a film.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PictureOutcome {
+    /// The picture's time after the first fully wet one, s; `None` before that.
+    pub since_wet_s: Option<f64>,
+    /// The grids on which the film broke, if they are the first of this film to fail.
+    pub newly_broken_grids: Option<String>,
+}
+
+impl FilmRun {
+    /// Begins a test with this expected duration, s.
+    ///
+    /// # Errors
+    /// If the region is not in the picture at all.
+    pub fn begin_test(setup: &FilmSetup<'_>, lasts_s: f64) -> Result<Self, InspectError> {
+        let FilmSetup { panel, camera, camera_from_panel, sanded, demands, recipe } = *setup;
+        let view = inspect::FilmView { taught: panel, camera, camera_from_panel, sanded };
+        let watch = FilmWatch::new(&view, recipe.inspect(), demands)?;
+        let strip = KeyframeStrip::new(panel, (camera, camera_from_panel), lasts_s);
+        Ok(FilmRun { watch, strip, last: None, has_opened: false })
+    }
+
+    /// Assumes the panel's pose, because none was given: see [`Watch::assume_nominal_pose`].
+    pub fn assume_nominal_pose(&mut self) {
+        self.watch.assume_nominal_pose();
+    }
+
+    /// Sets the film's start to this time, on the clock of its pictures: see [`Watch::set_start`].
+    pub fn set_start(&mut self, time_s: f64) {
+        self.watch.set_start(time_s);
+    }
+
+    /// Adds the next picture, at `time_s` of any clock that does not jump.
+    ///
+    /// # Errors
+    /// If its size is not the camera's, or it comes out of order.
+    pub fn push(
+        &mut self,
+        picture: &Arc<ColorPicture>,
+        time_s: f64,
+        phase: Phase,
+    ) -> Result<PictureOutcome, InspectError> {
+        let step = self.watch.push(picture, time_s, phase)?;
+        self.strip.offer_picture(picture, &step);
+        self.last = Some(picture.clone());
+        let opens = !self.has_opened && !step.newly_failed.is_empty();
+        self.has_opened |= opens;
+        let opened_on = opens.then(|| names(&step.newly_failed).join(", "));
+        Ok(PictureOutcome { since_wet_s: step.since_wet_s, newly_broken_grids: opened_on })
+    }
+
+    /// Returns the newest picture, the pixels that have broken and the grids that have failed so far; `None` before
+    /// the first picture.
+    pub fn current_breaks(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
+        Some((self.last.clone()?, self.watch.mask(), self.watch.failed_grids()))
+    }
+
+    /// Judges the film.
+    ///
+    /// # Errors
+    /// If it has no picture of the wet panel.
+    pub fn finish(self) -> Result<FilmOutcome, InspectError> {
+        let inspection = Arc::new(self.watch.finish()?);
+        Ok(FilmOutcome { inspection, last: self.last, strip: self.strip })
+    }
+}
+
+/// A film that was watched.
+#[derive(Debug)]
+pub struct FilmOutcome {
+    /// The inspection's result, with the verdict.
+    pub inspection: Arc<Inspection>,
+    /// The last picture.
+    pub last: Option<Arc<ColorPicture>>,
+    strip: KeyframeStrip,
+}
+
+/// Numbers that were measured besides the film's result.
+#[derive(Debug, Clone, Copy)]
+pub struct FilmCounts {
+    /// Median time from a decoded picture to its result, ms.
+    pub ms_per_picture: Option<f64>,
+    /// Pictures of the camera that were not fetched in time, if the camera reports it.
+    pub dropped: Option<u64>,
+}
+
+impl FilmOutcome {
+    /// Draws the film over time, and on its last picture where and when the film broke.
+    pub fn draw_film(&self, setup: &FilmSetup<'_>) -> Vec<ResultDrawing> {
+        let Some(last) = &self.last else { return Vec::new() };
+        let inspection = &*self.inspection;
+        let view = PanelOverlay { picture: last, camera: setup.camera, camera_from_panel: setup.camera_from_panel };
+        let failed = |grid: &Grid| inspection.grids.iter().any(|found| found.id == grid.id && found.failed);
+        let time_s = |column: usize, row: usize| inspection.break_time_s(column, row);
+        let end_s = inspection.observation.observed_s;
+        let mut drawings = vec![
+            ResultDrawing::new(
+                "film",
+                "The film over time, in seconds after the panel was completely wet; broken film is tinted yellow",
+                self.strip.draw_strip(inspection, last),
+            ),
+            ResultDrawing::new(
+                "inspected",
+                "All broken film at the end of the observation, areas that were not seen, and failed grids",
+                view.draw_inspection(setup.panel, &inspection.mask(), Some(&inspection.unseen_pixels()), &failed),
+            ),
+            ResultDrawing::new(
+                "break_times",
+                "Time at which the film broke, from the first fully wet picture on",
+                view.break_times(setup.panel, &time_s, end_s),
+            ),
+        ];
+        let close = view.failed_grids(&inspection.mask(), &failed_grids(setup.panel, inspection));
+        if let Some(picture) = close.transpose() {
+            let caption = "Each failed grid at the end of the observation: the broken area, its size, and the time \
+                           at which it reached the limit";
+            drawings.push(ResultDrawing::new("failed_grids", caption, picture));
+        }
+        drawings
+    }
+
+    /// The result for the record.
+    pub fn finding(&self, setup: &FilmSetup<'_>, pass: u8, counted: FilmCounts) -> Finding {
+        let (inspection, process) = (&*self.inspection, setup.recipe.process());
+        let failed: Vec<GridId> = inspection.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect();
+        let temperature = process.water_temperature_c().map(|celsius| format!("{celsius} °C"));
+        let water: Vec<String> = process.water().into_iter().chain(temperature).collect();
+        let mut finding = Finding::new(Kind::Inspect, pass, inspection.judgement.clone());
+        if !water.is_empty() {
+            finding = finding.with_detail(name::WATER, water.join(", "));
+        }
+        if let Some(lamp) = process.lamp() {
+            finding = finding.with_detail(name::LAMP, lamp);
+        }
+        for reference in [ComparisonReference::Wet, ComparisonReference::Both] {
+            let of = inspection.grids.iter().filter(|grid| grid.reference == reference);
+            let ids: Vec<GridId> = of.map(|grid| grid.id).collect();
+            if !ids.is_empty() {
+                finding = finding.with_detail(&format!("judged by the {}", reference.describe()), names(&ids));
+            }
+        }
+        let checks = inspection.checks.iter().cloned();
+        finding.with_detail("failed", names(&failed)).with_checks(checks).with_checks(counts(inspection, counted))
+    }
+}
+
+/// The failed grids, each with its broken area in words.
+fn failed_grids<'p>(panel: &'p TaughtPanel, inspection: &Inspection) -> Vec<FailedGrid<'p>> {
+    let failed = inspection.grids.iter().filter(|grid| grid.failed);
+    let one = |found: &GridInspection| {
+        let grid = panel.grids.iter().find(|grid| grid.id == found.id)?;
+        let after = found
+            .time_to_break_s
+            .map_or(String::new(), |time_s| format!(", after {} s", fixed_decimals(time_s, 1)));
+        Some(FailedGrid { grid, words: format!("{} mm²{after}", fixed_decimals(found.broken_mm2, 1)) })
+    };
+    failed.filter_map(one).collect()
+}
+
+/// Values that are reported with a film and are not judged.
+fn counts(inspection: &Inspection, counted: FilmCounts) -> [Check; 4] {
+    let closed = inspection.breaks.iter().filter(|found| found.has_closed_again()).count();
+    [
+        Check::new("pictures that were dropped", "", counted.dropped.map(|count| count as f64)),
+        Check::new("places where the film broke", "", inspection.breaks.len() as f64),
+        Check::new("of these, closed again", "", closed as f64),
+        Check::new(name::PER_PICTURE, "ms", counted.ms_per_picture),
+    ]
+}

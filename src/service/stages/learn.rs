@@ -1,0 +1,42 @@
+//! A corner of a panel, learnt from a picture that the flange camera took at the panel's nominal place. The panel itself
+//! is learnt by [`TaughtPanel::learn`].
+
+use panelprep_base::geometry::{Base, ColorPicture, Flange, FlangeCamera, PinholeCamera, Point, Rigid};
+use panelprep_cell::panel::{CornerTeaching, LearnError, TaughtCorner, TaughtPanel};
+use panelprep_cell::recipe;
+use panelprep_vision::locate::corner::{self, CornerError};
+
+/// The reason why a corner could not be learnt.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CornerLearnError {
+    /// The corner's picture shows no corner.
+    #[error(transparent)]
+    NotFound(#[from] CornerError),
+    /// The corner does not lie on the taught panel.
+    #[error(transparent)]
+    NotOnPanel(#[from] LearnError),
+}
+
+/// Learns the corner with this number, from 0, in a picture from `base_from_flange`.
+///
+/// # Errors
+/// If the picture shows no corner of the panel.
+pub fn corner(
+    panel: &TaughtPanel,
+    (settings, number): (&recipe::Corner, usize),
+    (picture, base_from_flange): (&ColorPicture, Rigid<Base, Flange>),
+    (camera, flange_from_camera): (&PinholeCamera, Rigid<Flange, FlangeCamera>),
+) -> Result<TaughtCorner, CornerLearnError> {
+    let panel_from_camera = panel.nominal_pose.inverse() * base_from_flange * flange_from_camera;
+    let gray = picture.to_gray();
+    let seen_at = |scale_from: Point<_>| -> Result<TaughtCorner, CornerLearnError> {
+        let expected = panel_from_camera.inverse() * scale_from;
+        let reference_px = corner::find_taught(&gray, (settings, number), camera, expected)?.corner_px;
+        Ok(panel.corner(CornerTeaching { reference_px, panel_from_camera }, camera)?)
+    };
+    // The corner's place is known once it is found with the scale at the panel's middle. It is then found again
+    // with its own scale, as in a cycle: the edges' ends depend on the scale, and so does their intersection, by a
+    // tenth of a pixel.
+    let rough = seen_at(panel.centre())?;
+    seen_at(rough.point)
+}

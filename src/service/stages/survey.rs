@@ -1,0 +1,270 @@
+//! The surface of the region, and the part of it that the arm reaches at the panel's place: known before any water
+//! runs.
+
+use super::form::form_checks;
+use super::{ResultDrawing, names};
+use crate::report::{surface_map, today_map};
+use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
+use panelprep_base::verdict::{Judgement, LimitSource, Reason, Severity};
+use panelprep_cell::force::check_stroke;
+use panelprep_cell::panel::{GridId, TaughtPanel, TaughtSource};
+use panelprep_cell::recipe::FitMethod;
+use panelprep_cell::recipe::{self, Recipe};
+use panelprep_cell::record::{Check, Finding, Kind, name};
+use panelprep_toolpath::path::check_pad;
+use panelprep_toolpath::path::disc::DiscWearPlan;
+use panelprep_toolpath::path::panel_reach::{self, GridReach, ReachSetup};
+use panelprep_toolpath::removal::model::Model;
+use panelprep_toolpath::surface::{self, Deviation, DeviationMap, Fit, Form, TodaysScan, TodaysSurfaceFit};
+
+/// Facts about the tool that are not in the path: the error at its tip, and the area that the disc in use has swept
+/// so far.
+#[derive(Debug, Clone, Copy)]
+pub struct ToolState {
+    /// `[limits] tool_error_mm` of the cell.
+    pub error_mm: Option<f64>,
+    /// Area that the disc in use has swept, mm².
+    pub worn_mm2: f64,
+    /// The disc's removal model, if it is calibrated.
+    pub removal: Option<Model>,
+    /// The stroke of a compliant tool, mm.
+    pub stroke_mm: Option<f64>,
+    /// Whether the path is run in the air: the requirements, wear and removal of contact then have no consequence.
+    pub in_air: bool,
+}
+
+impl ToolState {
+    /// Checks whether a compliant tool's stroke absorbs the unknown errors of a path over this surface; `None` for
+    /// another tool.
+    pub(super) fn check_stroke(&self, fit: &Fit, settings: &recipe::Path) -> Option<Check> {
+        let errors_mm = [self.error_mm, Some(fit.deviation.p95_mm), Some(settings.chord_error_mm())];
+        self.stroke_mm.map(|stroke_mm| check_stroke(stroke_mm, settings.press_in_mm(), errors_mm))
+    }
+
+    /// Returns this check of the requirements, wear or removal of contact; in the air, the check has no consequence.
+    pub(super) fn contact_check(&self, check: Check) -> Check {
+        if self.in_air { check.without_consequence() } else { check }
+    }
+}
+
+/// The part of a panel that the arm reaches, grid by grid.
+#[derive(Debug)]
+pub struct RegionSurvey {
+    /// Every grid; empty if the arm does not reach the panel, or the surface allows no path.
+    pub grids: Vec<GridReach>,
+    /// Checks of grids that are not reached, and of steps that are too large.
+    violations: Vec<Check>,
+    /// Checks of the tool's suitability.
+    tool_checks: Vec<Check>,
+    /// Checks of the surface's difference from the taught surface.
+    todays_checks: Vec<Check>,
+    /// The verdict.
+    pub judgement: Judgement,
+}
+
+/// Follows the path over each grid separately, from the arm's pose before contact; `stand` states why the arm does
+/// not reach this pose, if it does not.
+pub fn survey_grids(
+    (panel, fit): (&TaughtPanel, &Fit),
+    stand: Result<ReachSetup<'_>, Reason>,
+    recipe: &Recipe,
+    tool: ToolState,
+) -> RegionSurvey {
+    let rejected = |reason| RegionSurvey {
+        grids: vec![],
+        violations: vec![],
+        tool_checks: vec![],
+        todays_checks: vec![],
+        judgement: Judgement::new(vec![reason], vec![]),
+    };
+    let stand = match stand {
+        Ok(stand) => stand,
+        Err(reason) => return rejected(reason),
+    };
+    let (around, settings) = ((&panel.region, panel.outline.as_slice()), recipe.path());
+    match panel_reach::check_grids(&fit.surface, around, &stand, settings) {
+        Ok(grids) => {
+            let (pad, disc) = (check_pad(settings, tool.error_mm), disc(&grids, settings, tool));
+            let stroke = tool.check_stroke(fit, settings);
+            let of_tool = pad.into_iter().chain(stroke).chain([disc]).map(|check| tool.contact_check(check));
+            let of_tool: Vec<Check> = of_tool.collect();
+            let broken = panel_reach::grid_violations(&grids);
+            let judgement = Judgement::from_checks(broken.iter().chain(&of_tool));
+            RegionSurvey { grids, violations: broken, tool_checks: of_tool, todays_checks: vec![], judgement }
+        }
+        Err(error) => rejected(super::reason("no_path", &error)),
+    }
+}
+
+/// Checks the disc against the largest grid: a disc that would not last is changed before the panel is wet.
+fn disc(grids: &[GridReach], settings: &recipe::Path, tool: ToolState) -> Check {
+    let largest_mm2 = grids.iter().map(|grid| grid.swept_mm2).fold(0.0, f64::max);
+    let (worn_after_mm2, life_mm2) = (tool.worn_mm2 + largest_mm2, settings.disc_life_mm2());
+    DiscWearPlan { swept_mm2: largest_mm2, wear_after_mm2: worn_after_mm2, life_mm2 }
+        .check_wear(name::WORN_BY_A_GRID, "one grid")
+}
+
+/// The surface of the panel as it lies there today, and the results about it.
+#[derive(Debug)]
+pub struct TodaysSurface {
+    /// The surface on which paths are planned.
+    pub fit: Fit,
+    /// Checks of the surface's distance from the taught surface, and of its accuracy.
+    pub checks: Vec<Check>,
+    /// Root mean square distance of the scan's points from this surface, mm; `None` if the scan shows too little of
+    /// the surface to compare.
+    pub rms_mm: Option<f64>,
+    /// The distance from the taught surface, pixel by pixel.
+    pub drawing: Option<ResultDrawing>,
+}
+
+/// Corrects the taught surface by the scan in which the panel was located. The thesis's surface is only compared with
+/// the scan and stays as taught: the panel's difference from this surface counts as the surface's error.
+pub fn correct_by_scan(
+    (panel, taught): (&TaughtPanel, &Fit),
+    scan: &TodaysScan,
+    limits: &recipe::Surface,
+) -> TodaysSurface {
+    let points = (scan.points.as_slice(), limits.max_hole_mm());
+    match surface::correct_taught_surface(&taught.surface, panel, &taught.map, points) {
+        Ok(todays) => {
+            let reference = panel.reference;
+            let nominal_scans = u8::from(reference == TaughtSource::Scan);
+            let form = scan.errors.and_then(|errors| Form::compute((taught, nominal_scans), &todays, &errors));
+            let form_rows = form_checks(form.as_ref(), reference, limits);
+            let checks = deviations(&todays, reference, limits).into_iter().chain(form_rows).collect();
+            let picture = today_map(&todays.map, reference, limits.max_deviation_mm());
+            let caption = map_caption(reference, form.as_ref());
+            let drawing = Some(ResultDrawing::new("deviation", caption, picture));
+            if limits.method() == FitMethod::Thesis {
+                let rms_mm = Some(todays.rms_mm.hypot(todays.largest_mm));
+                return TodaysSurface { fit: taught.clone(), checks, rms_mm, drawing };
+            }
+            let rms_mm = Some(todays.rms_mm);
+            TodaysSurface { fit: Fit { surface: todays.surface, ..taught.clone() }, checks, rms_mm, drawing }
+        }
+        Err(error) => {
+            let unknown = Check::new(deviation_name(panel.reference), "mm", None);
+            let unknown =
+                unknown.with_consequence_if(true, Severity::Review, "no_surface_today", || error.to_string());
+            TodaysSurface { fit: taught.clone(), checks: vec![unknown], rms_mm: None, drawing: None }
+        }
+    }
+}
+
+/// Returns the caption of the deviation map, with its uncertainty if it is known.
+fn map_caption(reference: TaughtSource, form: Option<&Form>) -> String {
+    let uncertainty = match form {
+        Some(form) => format!("uncertainty (95 %) up to {} mm", fixed_decimals(form.largest_uncertainty_mm(), 2)),
+        None => "uncertainty not known".to_owned(),
+    };
+    let other = reference.describe();
+    format!("Distance of today's panel surface in front of or behind {other}; {uncertainty}")
+}
+
+/// Returns the name of the check of the deviation: its reference is part of the name.
+fn deviation_name(reference: TaughtSource) -> &'static str {
+    match reference {
+        TaughtSource::Scan => name::DEVIATION,
+        TaughtSource::Drawing => name::DEVIATION_FROM_DRAWING,
+    }
+}
+
+/// Checks the difference between today's surface and the taught surface against the limits.
+fn deviations(todays: &TodaysSurfaceFit, reference: TaughtSource, limits: &recipe::Surface) -> [Check; 4] {
+    let (deviation_mm, limit_mm) = (todays.largest_mm, limits.max_deviation_mm());
+    let (rms_mm, limit_rms_mm) = (todays.rms_mm, limits.max_rms_mm());
+    let (percent, limit_percent) = (todays.missing_percent, limits.max_missing_percent());
+    let (hole_mm, limit_hole_mm) = (todays.largest_hole_mm, limits.max_hole_mm());
+    [
+        Check::new(deviation_name(reference), "mm", deviation_mm)
+            .with_max(limit_mm, LimitSource::recipe("surface.max_deviation_mm"))
+            .reviews("deviates", || {
+                let [mm, limit_mm] = distinguishable_texts(deviation_mm, limit_mm, 2);
+                let (other, clamped) = match reference {
+                    TaughtSource::Scan => (reference.describe(), "that it is clamped as at teaching"),
+                    TaughtSource::Drawing => (reference.describe(), "that it is clamped without a bend"),
+                };
+                format!(
+                    "the panel's surface is up to {mm} mm from {other} (limit {limit_mm} mm): look at the \
+                     deviation map; check that it is the right panel and {clamped}"
+                )
+            }),
+        Check::new("residual of today's surface, rms", "mm", rms_mm)
+            .with_max(limit_rms_mm, LimitSource::recipe("surface.max_rms_mm"))
+            .reviews("rough_today", || {
+                let [mm, limit_mm] = distinguishable_texts(rms_mm, limit_rms_mm, 3);
+                format!(
+                    "the scan points are {mm} mm rms from the surface fitted to today's scan (limit {limit_mm} \
+                     mm): the panel bends within less than 70 mm, or the scan is noisy; inspect the panel, then \
+                     scan again"
+                )
+            }),
+        Check::new("region that today's scan does not show", "%", percent)
+            .with_max(limit_percent, LimitSource::recipe("surface.max_missing_percent"))
+            .reviews("hidden_today", || {
+                let [percent, limit_percent] = distinguishable_texts(percent, limit_percent, 1);
+                format!(
+                    "{percent} % of the region is hidden in the scan or covered by an object (limit \
+                     {limit_percent} %), so the surface there is unknown: remove the object, then locate again"
+                )
+            }),
+        Check::new("largest square that today's scan does not show", "mm", hole_mm)
+            .with_max(limit_hole_mm, LimitSource::recipe("surface.max_hole_mm"))
+            .reviews("hidden_today", || {
+                let [mm, limit_mm] = distinguishable_texts(hole_mm, limit_hole_mm, 1);
+                format!(
+                    "a square of {mm} mm side length in the region is hidden or covered by an object (limit \
+                     {limit_mm} mm): look at the deviation map, remove the object, then locate again"
+                )
+            }),
+    ]
+}
+
+/// Draws the deviation of the taught scan from the surface, pixel by pixel.
+pub fn draw_surface(map: &DeviationMap) -> ResultDrawing {
+    ResultDrawing::new("surface", "The region's scan compared with the fitted surface", surface_map(map))
+}
+
+impl RegionSurvey {
+    /// Returns the same survey with the checks of today's surface.
+    pub fn with_todays_checks(mut self, checks: Vec<Check>) -> Self {
+        self.judgement = self.judgement.combined_with(Judgement::from_checks(&checks));
+        self.todays_checks = checks;
+        self
+    }
+
+    /// The result for the record.
+    pub fn finding(&self, pass: u8, deviation: &Deviation, (panel, recipe): (&TaughtPanel, &Recipe)) -> Finding {
+        let reached = self.grids.iter().filter_map(|grid| grid.outcome.as_ref().ok());
+        let missed: Vec<GridId> =
+            self.grids.iter().filter(|grid| grid.outcome.is_err()).map(|grid| grid.id).collect();
+        let least_deg = reached.clone().copied().reduce(f64::min);
+        let all = panel.region.ids().count() as f64;
+        let finding = Finding::new(Kind::Reach, pass, self.judgement.clone())
+            .with_checks(surface(deviation, recipe))
+            .with_checks([
+                Check::new("grids within the arm's reach", "", reached.count() as f64)
+                    .with_min(all, LimitSource::Program),
+                Check::new("room beyond the arm's margins, at least", "°", least_deg),
+            ]);
+        let finding = finding.with_checks(self.todays_checks.iter().cloned());
+        let finding = finding.with_checks(self.violations.iter().chain(&self.tool_checks).cloned());
+        if missed.is_empty() { finding } else { finding.with_detail("out_of_reach", names(&missed)) }
+    }
+}
+
+/// Checks the deviation between surface and scan.
+fn surface(deviation: &Deviation, recipe: &Recipe) -> [Check; 5] {
+    let limits = recipe.surface();
+    [
+        Check::new("residual of the surface, rms", "mm", deviation.rms_mm)
+            .with_max(limits.max_rms_mm(), LimitSource::recipe("surface.max_rms_mm")),
+        Check::new("residual of the surface, 95 %", "mm", deviation.p95_mm),
+        Check::new("the scan's white noise", "mm", deviation.noise_mm),
+        Check::new("region without points that fit", "%", deviation.missing_percent)
+            .with_max(limits.max_missing_percent(), LimitSource::recipe("surface.max_missing_percent")),
+        Check::new("largest hole in the region", "mm", deviation.largest_hole_mm)
+            .with_max(limits.max_hole_mm(), LimitSource::recipe("surface.max_hole_mm")),
+    ]
+}

@@ -1,0 +1,170 @@
+//! Reads an archive: first its seal, then its manifest, then entry by entry in the manifest's order.
+
+use super::entry::Entry;
+use super::error::BackupError;
+use super::manifest::{FORMAT, MAX_BYTES, Manifest, ManifestEntry, NAME};
+use super::seal::{self, SealCheck};
+use panelprep_cell::files::hex;
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom, Take};
+use std::path::{Path, PathBuf};
+
+/// An archive with a valid seal and a manifest that names only files of a backup.
+#[derive(Debug)]
+pub struct Archive {
+    path: PathBuf,
+    file: File,
+    /// Number of bytes before the seal.
+    bytes: u64,
+    /// The list of the archive's content.
+    pub manifest: Manifest,
+}
+
+type TarArchive<'f> = tar::Archive<zstd::Decoder<'static, std::io::BufReader<Take<&'f File>>>>;
+
+/// A manifest of any format.
+#[derive(Deserialize)]
+struct FormatProbe {
+    format: u32,
+}
+
+impl Archive {
+    /// Opens an archive and checks it against its seal, which reads all of the archive.
+    ///
+    /// # Errors
+    /// If the file is not a backup, is damaged, was cut short, or was written by a newer program.
+    pub fn open(path: &Path) -> Result<Self, BackupError> {
+        let mut file = panelprep_base::disk::open(path).map_err(BackupError::file_error("read", path))?;
+        let damaged = |problem: String| BackupError::Damaged { path: path.to_owned(), problem };
+        let bytes = match seal::verify_seal(&mut file).map_err(BackupError::file_error("read", path))? {
+            SealCheck::Whole(bytes) => bytes,
+            SealCheck::Missing => {
+                return Err(damaged(
+                    "the file is not a backup of this program, or is incomplete: the seal is missing".to_owned(),
+                ));
+            }
+            SealCheck::Broken => {
+                return Err(damaged(
+                    "the backup is damaged: its SHA-256 differs from the SHA-256 in its seal".to_owned(),
+                ));
+            }
+        };
+        let manifest = Manifest { format: 0, program: String::new(), made_unix_s: 0, links: None, entries: vec![] };
+        let mut archive = Archive { path: path.to_owned(), file, bytes, manifest };
+        archive.manifest = archive.read_manifest()?;
+        archive.manifest.parse_entries().map_err(|words| archive.damaged_error(&words))?;
+        Ok(archive)
+    }
+
+    /// Calls `take` with each entry and its content; the content is compared with the manifest afterwards.
+    ///
+    /// # Errors
+    /// If the archive is not what its manifest states, or `take` refuses.
+    pub fn for_each_entry<E: From<BackupError>>(
+        &self,
+        mut take: impl FnMut(&Entry, &mut dyn Read) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let expected = self.manifest.parse_entries().map_err(|words| self.damaged_error(&words))?;
+        let mut archive = self.open_tar()?;
+        let mut entries = archive.entries().map_err(|error| self.unreadable_error(&error))?;
+        // The manifest itself.
+        let _ = entries.next();
+        for (entry, listed) in expected.iter().zip(&self.manifest.entries) {
+            let missing = || self.damaged_error(&format!("the file {} is missing", listed.name));
+            let found = entries.next().ok_or_else(missing)?.map_err(|error| self.unreadable_error(&error))?;
+            self.is_listed(&found, listed)?;
+            let mut hashing = HashingReader { inner: found, hasher: Sha256::new() };
+            take(entry, &mut hashing)?;
+            // The part of the content that `take` did not read is read here, for the hash.
+            std::io::copy(&mut hashing, &mut std::io::sink()).map_err(|error| self.unreadable_error(&error))?;
+            let hash = hex(&hashing.hasher.finalize());
+            if hash != listed.sha256 {
+                return Err(self
+                    .damaged_error(&format!(
+                        "the SHA-256 of the file {} is {hash}, not the one in the manifest",
+                        listed.name
+                    ))
+                    .into());
+            }
+        }
+        match entries.next() {
+            None => Ok(()),
+            Some(_) => Err(self.damaged_error("the backup contains more files than its manifest lists").into()),
+        }
+    }
+
+    fn read_manifest(&self) -> Result<Manifest, BackupError> {
+        let mut archive = self.open_tar()?;
+        let mut entries = archive.entries().map_err(|error| self.unreadable_error(&error))?;
+        let first = entries.next().ok_or_else(|| self.damaged_error("it is empty"))?;
+        let first = first.map_err(|error| self.unreadable_error(&error))?;
+        if *first.path_bytes() != *NAME.as_bytes() || first.size() > MAX_BYTES {
+            return Err(self.damaged_error("the first entry is not a manifest"));
+        }
+        let mut text = Vec::new();
+        first.take(MAX_BYTES).read_to_end(&mut text).map_err(|error| self.unreadable_error(&error))?;
+        let no_manifest =
+            |error: serde_json::Error| self.damaged_error(&format!("the manifest cannot be read: {error}"));
+        let FormatProbe { format } = serde_json::from_slice(&text).map_err(no_manifest)?;
+        if format > FORMAT {
+            return Err(BackupError::NewerVersion { path: self.path.clone(), found: format, known: FORMAT });
+        }
+        serde_json::from_slice(&text).map_err(no_manifest)
+    }
+
+    fn open_tar(&self) -> Result<TarArchive<'_>, BackupError> {
+        let mut file = &self.file;
+        file.seek(SeekFrom::Start(0)).map_err(BackupError::file_error("read", &self.path))?;
+        let decoder = zstd::Decoder::new(file.take(self.bytes)).map_err(|error| self.unreadable_error(&error))?;
+        Ok(tar::Archive::new(decoder))
+    }
+
+    fn is_listed<R: Read>(&self, found: &tar::Entry<'_, R>, listed: &ManifestEntry) -> Result<(), BackupError> {
+        let path = found.path_bytes();
+        let name = String::from_utf8_lossy(&path);
+        if !found.header().entry_type().is_file() || name != listed.name.as_str() || found.size() != listed.bytes {
+            let name = name.escape_debug();
+            return Err(self.damaged_error(&format!(
+                "the backup contains \"{name}\" where its manifest lists {}",
+                listed.name
+            )));
+        }
+        Ok(())
+    }
+
+    /// Returns the error that the archive differs from what was written.
+    pub(super) fn damaged_error(&self, problem: &str) -> BackupError {
+        BackupError::Damaged { path: self.path.clone(), problem: format!("the backup is damaged: {problem}") }
+    }
+
+    /// Returns the error that the archive's store has the tables of an earlier program.
+    pub(super) fn earlier_version_error(&self, found: i64, known: i64) -> BackupError {
+        BackupError::EarlierVersion {
+            path: self.path.clone(),
+            program: self.manifest.program.clone(),
+            found,
+            known,
+        }
+    }
+
+    /// Returns the error that the archive's bytes cannot be read as an archive.
+    pub(super) fn unreadable_error(&self, error: &std::io::Error) -> BackupError {
+        self.damaged_error(&format!("the archive cannot be unpacked: {error}"))
+    }
+}
+
+/// Hashes the bytes that are read through it.
+struct HashingReader<R> {
+    inner: R,
+    hasher: Sha256,
+}
+
+impl<R: Read> Read for HashingReader<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.inner.read(buffer)?;
+        self.hasher.update(&buffer[..count]);
+        Ok(count)
+    }
+}

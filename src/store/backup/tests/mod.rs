@@ -1,0 +1,312 @@
+//! Tests of backups of a small cell: complete, in use, with files outside of its folder. `damage` damages the backups,
+//! `forgery` forges them with knowledge of the format.
+
+mod damage;
+mod forgery;
+
+use super::*;
+use crate::store::{CycleStart, Restore, Store, StoreError, StoredTeaching, TaughtCorner, TeachingInputs};
+use panelprep_base::geometry::KukaPose;
+use panelprep_base::verdict::Verdict;
+use panelprep_cell::record::CycleId;
+use std::collections::BTreeMap;
+use std::fs;
+use std::os::unix::net::UnixListener;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+const CELL: &str = "store = \"store\"\n[calibration]\nscanner = \"calibration/scanner.toml\"\n";
+const LENS: &str = "[camera]\n";
+const RECIPE: &str = "panel = \"wing\"\n";
+const BOTH: RestoredParts = RestoredParts { store: true, configuration: true };
+
+/// A cell in a folder of its own, with a taught panel.
+struct SmallCell(TempDir);
+
+impl SmallCell {
+    fn new() -> Self {
+        let cell = SmallCell(tempfile::tempdir().expect("a folder"));
+        for (name, text) in [("cell.toml", CELL), ("calibration/scanner.toml", LENS), ("panels/wing.toml", RECIPE)]
+        {
+            let file = cell.at(name);
+            fs::create_dir_all(file.parent().expect("a folder")).expect("made");
+            fs::write(file, text).expect("written");
+        }
+        let mut store = Store::create(&cell.at("store")).expect("a new store");
+        store.teach(&teaching()).expect("taught");
+        cell
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn configuration(&self) -> Configuration {
+        Configuration {
+            cell: CELL.to_owned(),
+            named_files: vec![("calibration.scanner".to_owned(), self.at("calibration/scanner.toml"))],
+            recipes: vec![("panels/wing.toml".to_owned(), self.at("panels/wing.toml"))],
+        }
+    }
+
+    fn backup(&self, archive: &Path) -> Result<BackupReport, BackupError> {
+        write(archive, Some(&self.at("store")), Some(&self.configuration()), 1_800_000_000)
+    }
+
+    fn taught(&self, store: &str) -> StoredTeaching {
+        Store::open(&self.at(store)).and_then(|store| store.taught("wing", None)).expect("there")
+    }
+}
+
+fn teaching() -> TeachingInputs {
+    TeachingInputs {
+        name: "wing".to_owned(),
+        scan: b"scan".repeat(1_000),
+        recipe_text: RECIPE.to_owned(),
+        scanner_calibration_text: LENS.to_owned(),
+        base_from_camera_text: "x_mm = 1\n".to_owned(),
+        corners: vec![TaughtCorner { picture: b"corner".to_vec(), base_from_flange: KukaPose::default() }],
+        flange_camera_text: LENS.to_owned(),
+        flange_from_camera_text: "z_mm = 80\n".to_owned(),
+    }
+}
+
+fn plan<'p>(archive: &'p Path, cell: &'p Path) -> Plan<'p> {
+    Plan {
+        archive,
+        cell,
+        store: None,
+        parts: BOTH,
+        permission: Permission::default(),
+        last_cycle: Some(CycleId(0)),
+    }
+}
+
+/// Returns every file below a folder with its content, and the folders.
+fn content(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut all = BTreeMap::new();
+    for entry in fs::read_dir(folder).expect("listed") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() {
+            all.insert(path.clone(), vec![]);
+            all.extend(content(&path));
+        } else {
+            all.insert(path.clone(), fs::read(&path).unwrap_or_default());
+        }
+    }
+    all
+}
+
+#[test]
+fn a_cell_returns_in_another_place() {
+    let cell = SmallCell::new();
+    let archive = cell.at("backups/cell.tar.zst");
+    let written = cell.backup(&archive).expect("written");
+    assert_eq!((written.differences.len(), written.manifest.entries.len()), (0, 7), "{:?}", written.manifest);
+    assert_eq!(fs::read_dir(cell.at("backups")).expect("listed").count(), 1, "nothing is left beside it");
+    assert!(matches!(cell.backup(&archive), Err(BackupError::AlreadyExists { .. })));
+
+    let other = cell.at("other/cell.toml");
+    let restored = restore(&plan(&archive, &other)).expect("restored");
+    assert_eq!(
+        (restored.links, restored.files, restored.replaced_files.len()),
+        (written.manifest.links.expect("a store"), 2, 0)
+    );
+    assert_eq!(cell.taught("other/store").teaching, teaching());
+    assert_eq!(cell.taught("other/store").version, cell.taught("store").version);
+    for (name, text) in [("cell.toml", CELL), ("calibration/scanner.toml", LENS), ("panels/wing.toml", RECIPE)] {
+        assert_eq!(fs::read_to_string(cell.at("other").join(name)).expect("there"), text);
+    }
+    let store = Store::create(&cell.at("other/store")).expect("opens for writing");
+    assert_eq!(store.changed(), [] as [String; 0]);
+    // No other file is left beside the archive.
+    let mut names: Vec<_> =
+        fs::read_dir(cell.at("other")).expect("listed").map(|e| e.expect("one").file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["calibration", "cell.toml", "panels", "store"]);
+}
+
+#[test]
+fn nothing_that_is_there_is_replaced_unless_it_is_named_and_then_it_is_kept() {
+    let cell = SmallCell::new();
+    let (archive, file) = (cell.at("cell.tar.zst"), cell.at("cell.toml"));
+    cell.backup(&archive).expect("written");
+    let later = TeachingInputs { scan: b"later".to_vec(), ..teaching() };
+    Store::create(&cell.at("store")).and_then(|mut store| store.teach(&later)).expect("taught");
+    fs::write(&file, format!("{CELL}# mine\n")).expect("written");
+    let before = content(cell.0.path());
+    let message =
+        |permission| restore(&Plan { permission, ..plan(&archive, &file) }).expect_err("refused").to_string();
+    let none = Permission::default();
+    let first = message(none);
+    assert!(first.contains("cell.toml is already present") && first.contains("--replace configuration"), "{first}");
+    let second = message(Permission { replace_configuration: true, ..none });
+    assert!(second.contains("store is already present") && second.contains("--replace store"), "{second}");
+    assert_eq!(content(cell.0.path()), before);
+
+    let permission = Permission { replace_configuration: true, replace_store: true, outside: false };
+    let restored = restore(&Plan { permission, ..plan(&archive, &file) }).expect("restored");
+    assert_eq!(restored.configuration, std::slice::from_ref(&file), "what is the same stays");
+    assert_eq!(fs::read_to_string(&file).expect("there"), CELL);
+    assert_eq!(cell.taught("store").teaching, teaching());
+    assert_eq!(restored.replaced_files, [cell.at("store.before-restore-1"), cell.at("cell.toml.before-restore-1")]);
+    assert_eq!(cell.taught("store.before-restore-1").teaching, later);
+    let found = Store::verify(&cell.at("store.before-restore-1"), true).expect("verified").differences;
+    assert_eq!(found, [] as [String; 0]);
+    assert!(fs::read_to_string(cell.at("cell.toml.before-restore-1")).expect("kept").contains("# mine"));
+}
+
+#[test]
+fn a_store_in_use_is_not_replaced() {
+    let cell = SmallCell::new();
+    let (archive, file) = (cell.at("cell.tar.zst"), cell.at("cell.toml"));
+    cell.backup(&archive).expect("written");
+    let permission = Permission { replace_store: true, ..Permission::default() };
+    let told = || restore(&Plan { permission, ..plan(&archive, &file) }).map_err(|error| error.to_string());
+    {
+        let _socket = UnixListener::bind(cell.at("store/panelprep.sock")).expect("bound");
+        let error = told().expect_err("a service");
+        assert!(error.contains("a service answers on") && error.contains("systemctl stop panelprep"), "{error}");
+    }
+    // A socket on which nothing listens any more is not an obstacle.
+    let store = Store::create(&cell.at("store")).expect("opens");
+    let error = told().expect_err("a writer");
+    assert!(error.contains("is writing to the store"), "{error}");
+    drop(store);
+    told().expect("free again");
+}
+
+#[test]
+fn files_outside_of_the_cells_folder_need_a_word() {
+    let cell = SmallCell::new();
+    let elsewhere = cell.at("lenses/scanner.toml");
+    fs::create_dir(cell.at("lenses")).expect("made");
+    fs::write(&elsewhere, LENS).expect("written");
+    fs::create_dir(cell.at("cells")).expect("made");
+    let text = "store = \"../store\"\n[calibration]\nscanner = \"../lenses/scanner.toml\"\n";
+    let configuration = Configuration {
+        cell: text.to_owned(),
+        named_files: vec![("calibration.scanner".to_owned(), elsewhere)],
+        recipes: vec![],
+    };
+    let archive = cell.at("cell.tar.zst");
+    write(&archive, None, Some(&configuration), 0).expect("written");
+    let wanted = RestoredParts { store: false, configuration: true };
+    let file = cell.at("new/cells/cell.toml");
+    let refused = restore(&Plan { parts: wanted, ..plan(&archive, &file) }).expect_err("outside").to_string();
+    assert!(refused.contains("../lenses/scanner.toml") && refused.contains("--outside"), "{refused}");
+    assert!(!cell.at("new").exists());
+    fs::create_dir_all(cell.at("new/cells")).expect("made");
+    let permission = Permission { outside: true, ..Permission::default() };
+    restore(&Plan { parts: wanted, permission, ..plan(&archive, &file) }).expect("restored");
+    assert!(cell.at("new/lenses/scanner.toml").is_file());
+    // Without a store in the archive, no store is restored.
+    let refused =
+        restore(&Plan { permission, ..plan(&archive, &cell.at("x/cell.toml")) }).expect_err("no store").to_string();
+    assert!(refused.contains("contains no store"), "{refused}");
+}
+
+/// Returns the start of a cycle of the taught panel.
+fn start() -> CycleStart {
+    CycleStart {
+        panel: "wing".to_owned(),
+        taught_version: "1".to_owned(),
+        recipe_text: RECIPE.to_owned(),
+        file_texts: vec![],
+        recording: None,
+        is_air_run: false,
+    }
+}
+
+/// Adds cycles in which nothing is abraded.
+fn add_cycles(store: &Path, count: usize) {
+    let mut store = Store::create(store).expect("a store");
+    for _ in 0..count {
+        let id = store.begin_cycle(&start()).expect("begun");
+        store.conclude(id, Verdict::Aborted, &[]).expect("concluded");
+    }
+}
+
+/// On a new computer nothing shows which numbers of cycles were used: they are stated, or nothing is restored. A number
+/// below those of the backup is a mistake.
+#[test]
+fn without_a_replaced_store_a_person_states_the_last_cycle() {
+    let cell = SmallCell::new();
+    add_cycles(&cell.at("store"), 2);
+    let (archive, file) = (cell.at("cell.tar.zst"), cell.at("other/cell.toml"));
+    cell.backup(&archive).expect("written");
+    let restored = |last_cycle| restore(&Plan { last_cycle, ..plan(&archive, &file) });
+    let message = restored(None).expect_err("refused").to_string();
+    assert!(message.contains("--last-cycle") && message.contains("the last one of the backup is 2"), "{message}");
+    assert!(!cell.at("other/store").exists() && !file.exists(), "nothing is left");
+    let message = restored(Some(CycleId(1))).expect_err("refused").to_string();
+    assert!(message.contains("--last-cycle 1 is below 2"), "{message}");
+    restored(Some(CycleId(9))).expect("restored");
+    let mut store = Store::create(&cell.at("other/store")).expect("opens");
+    assert!(matches!(store.begin_cycle(&start()), Err(StoreError::CountUnknown(_))));
+    let air_run = CycleStart { is_air_run: true, ..start() };
+    assert_eq!(store.begin_cycle(&air_run).expect("begun"), CycleId(10));
+    drop(store);
+
+    // The empty store of a new computer shows nothing either.
+    fs::create_dir_all(cell.at("fresh")).expect("a folder");
+    drop(Store::create(&cell.at("fresh/store")).expect("a new store"));
+    let permission = Permission { replace_store: true, ..Permission::default() };
+    let file = cell.at("fresh/cell.toml");
+    let fresh = Plan { permission, last_cycle: None, ..plan(&archive, &file) };
+    assert!(matches!(restore(&fresh), Err(BackupError::LastCycleUnknown { own: 2, .. })));
+}
+
+/// Restores a backup of cycle 1 in place of the present store. Returns what is known about the time since the backup,
+/// and the number of the next air-run.
+fn replaced_store(cell: &SmallCell, last_cycle: Option<i64>) -> Result<(Restore, CycleId), BackupError> {
+    let (archive, file) = (cell.at("cell.tar.zst"), cell.at("cell.toml"));
+    let permission = Permission { replace_store: true, ..Permission::default() };
+    let parts = RestoredParts { store: true, configuration: false };
+    let last_cycle = last_cycle.map(CycleId);
+    let restored = restore(&Plan { permission, parts, last_cycle, ..plan(&archive, &file) })?;
+    let mut store = Store::create(&cell.at("store")).expect("opens");
+    let known = restored.since_backup.expect("a store was restored");
+    let begun = store.begin_cycle(&start());
+    let continues = match &begun {
+        Ok(_) => true,
+        Err(StoreError::CountUnknown(_)) => false,
+        Err(error) => panic!("{error}"),
+    };
+    assert_eq!(continues, known.is_nothing_abraded, "{begun:?}");
+    let next = store.begin_cycle(&CycleStart { is_air_run: true, ..start() }).expect("begun");
+    Ok((known, next))
+}
+
+/// The replaced store shows cycle 3, and that nothing was abraded since the backup of cycle 1. This counts only if a
+/// person states the same number: a larger one means that the replaced store is an older copy.
+#[test]
+fn nothing_was_abraded_only_if_a_person_states_the_same_last_cycle() {
+    // With the proof, cycle 4 begins before the air-run.
+    for (stated, is_nothing_abraded, last, next) in
+        [(Some(3), true, 3, 5), (None, false, 3, 4), (Some(2), false, 3, 4), (Some(9), false, 9, 10)]
+    {
+        let cell = SmallCell::new();
+        add_cycles(&cell.at("store"), 1);
+        cell.backup(&cell.at("cell.tar.zst")).expect("written");
+        add_cycles(&cell.at("store"), 2);
+        let known = Restore { last_cycle: CycleId(last), made_unix_s: Some(1_800_000_000), is_nothing_abraded };
+        assert_eq!(replaced_store(&cell, stated).expect("restored"), (known, CycleId(next)), "{stated:?}");
+    }
+}
+
+/// A row of the replaced store was changed: it proves nothing, a person states the last cycle, and no number that can
+/// be read in it is used again.
+#[test]
+fn a_changed_store_proves_nothing_and_its_numbers_are_not_used_again() {
+    let cell = SmallCell::new();
+    add_cycles(&cell.at("store"), 1);
+    cell.backup(&cell.at("cell.tar.zst")).expect("written");
+    add_cycles(&cell.at("store"), 2);
+    rusqlite::Connection::open(cell.at("store/panelprep.sqlite"))
+        .and_then(|rows| rows.execute("UPDATE taught_panels SET taught_at_unix_s = 7", []))
+        .expect("changed");
+    assert!(matches!(replaced_store(&cell, None), Err(BackupError::LastCycleUnknown { own: 1, .. })));
+    let (known, next) = replaced_store(&cell, Some(2)).expect("restored");
+    assert_eq!((known.is_nothing_abraded, known.last_cycle, next), (false, CycleId(3), CycleId(4)));
+}

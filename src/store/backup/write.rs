@@ -1,0 +1,319 @@
+//! Makes an archive: copies the rows of the store at one moment, packs them with the files that they name, and
+//! reads the archive back.
+
+use super::entry::Entry;
+use super::error::BackupError;
+use super::manifest::{FORMAT, Manifest, ManifestEntry, NAME};
+use super::read::Archive;
+use super::seal::HashingWriter;
+use crate::store::{BLOBS, ROW_FILES, Store};
+use panelprep_cell::files::{content_hash, hex};
+use sha2::{Digest, Sha256};
+use std::fs::{self, File};
+use std::io::{BufWriter, ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
+
+/// A configuration as it is packed.
+#[derive(Debug, Clone, Default)]
+pub struct Configuration {
+    /// The text of the cell's file.
+    pub cell: String,
+    /// The existing files that the cell's file names, each with its key, such as `calibration.scanner`.
+    pub named_files: Vec<(String, PathBuf)>,
+    /// The recipes in the folder of the cell's file: the name relative to the folder, and the file.
+    pub recipes: Vec<(String, PathBuf)>,
+}
+
+/// The result of a backup.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BackupReport {
+    /// Everything in the store that differs from what was written there, as text; if there is any difference, no
+    /// archive was made.
+    pub differences: Vec<String>,
+    /// Contents of the archive.
+    pub manifest: Manifest,
+    /// Its size.
+    pub bytes: u64,
+}
+
+/// Maximum size of a file of the configuration: usually it is a page of text, a settings file of a camera has some
+/// pages.
+const MAX_CONFIGURATION_BYTES: u64 = 4 << 20;
+/// zstd's default: pictures are already compressed, rows and scans are not.
+const LEVEL: i32 = 3;
+/// Maximum number of attempts. The service may remove old clips between the copy of the rows and the copy of a
+/// file; then the backup begins again.
+const MAX_ATTEMPTS: usize = 3;
+
+/// The source of an entry's bytes.
+enum EntrySource {
+    Bytes(Vec<u8>),
+    File(PathBuf),
+}
+
+/// The content that must be packed.
+#[derive(Default)]
+struct PackContent {
+    entries: Vec<ManifestEntry>,
+    sources: Vec<EntrySource>,
+    links: Option<u64>,
+}
+
+/// The reason why packing was not completed.
+enum PackFailure {
+    /// A file of the store vanished or is not what it was.
+    Blob(String),
+    Error(BackupError),
+}
+
+impl From<BackupError> for PackFailure {
+    fn from(error: BackupError) -> Self {
+        PackFailure::Error(error)
+    }
+}
+
+/// Writes the archive, which must not exist; `store` and `configuration` are its contents. A service may write to
+/// the store meanwhile. The archive is read back before it gets its name.
+///
+/// # Errors
+/// If the store or a file cannot be read, or the archive cannot be written; nothing is left then.
+pub fn write(
+    archive: &Path,
+    store: Option<&Path>,
+    configuration: Option<&Configuration>,
+    made_unix_s: i64,
+) -> Result<BackupReport, BackupError> {
+    if archive.symlink_metadata().is_ok() {
+        return Err(BackupError::AlreadyExists { path: archive.to_owned() });
+    }
+    let folder = match archive.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    fs::create_dir_all(folder).map_err(BackupError::file_error("create", folder))?;
+    let beside = || tempfile::Builder::new().prefix(".panelprep-backup-").tempdir_in(folder);
+    let mut last = String::new();
+    for _ in 0..MAX_ATTEMPTS {
+        let staging = beside().map_err(BackupError::file_error("write in", folder))?;
+        let mut load = PackContent::default();
+        if let Some(store) = store
+            && let Some(found) = load.store(store, &staging.path().join("rows"))?
+        {
+            return Ok(BackupReport { differences: found, manifest: load.manifest(made_unix_s), bytes: 0 });
+        }
+        if let Some(configuration) = configuration {
+            load.configuration(configuration)?;
+        }
+        let manifest = load.manifest(made_unix_s);
+        let part = staging.path().join("archive");
+        match pack_archive(&part, &manifest, &load.sources) {
+            Ok(()) => {}
+            Err(PackFailure::Error(error)) => return Err(error),
+            Err(PackFailure::Blob(words)) => {
+                last = words;
+                continue;
+            }
+        }
+        // The archive is read back, byte by byte, before anyone relies on it.
+        let read = Archive::open(&part)?;
+        read.for_each_entry(|_, reader| {
+            let drained = std::io::copy(reader, &mut std::io::sink());
+            drained.map(drop).map_err(|error| read.unreadable_error(&error))
+        })?;
+        let bytes = part.metadata().map_err(BackupError::file_error("read", &part))?.len();
+        rename_to_final(&part, archive, folder)?;
+        return Ok(BackupReport { differences: Vec::new(), manifest, bytes });
+    }
+    let manifest = PackContent::default().manifest(made_unix_s);
+    Ok(BackupReport { differences: vec![last], manifest, bytes: 0 })
+}
+
+/// Renames the archive to its final name; a file that appeared there since then is not overwritten.
+fn rename_to_final(part: &Path, archive: &Path, folder: &Path) -> Result<(), BackupError> {
+    use rustix::fs::{CWD, RenameFlags, renameat_with};
+    renameat_with(CWD, part, CWD, archive, RenameFlags::NOREPLACE).map_err(|error| match error {
+        rustix::io::Errno::EXIST => BackupError::AlreadyExists { path: archive.to_owned() },
+        error => BackupError::file_error("write", archive)(error.into()),
+    })?;
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(BackupError::file_error("flush", folder))
+}
+
+impl PackContent {
+    fn manifest(&self, made_unix_s: i64) -> Manifest {
+        let program = env!("CARGO_PKG_VERSION").to_owned();
+        Manifest { format: FORMAT, program, made_unix_s, links: self.links, entries: self.entries.clone() }
+    }
+
+    fn add(&mut self, entry: &Entry, (bytes, sha256): (u64, String), source: EntrySource) {
+        self.entries.push(ManifestEntry { name: entry.name(), bytes, sha256 });
+        self.sources.push(source);
+    }
+
+    /// Adds a store, its rows as a copy in this folder. Returns the differences found in the store, if there are
+    /// any.
+    fn store(&mut self, store: &Path, rows: &Path) -> Result<Option<Vec<String>>, BackupError> {
+        let copied = Store::copy_rows(store, rows)?;
+        if !copied.deviations.is_empty() {
+            return Ok(Some(copied.deviations));
+        }
+        self.links = Some(copied.links);
+        for file in ROW_FILES {
+            let path = rows.join(file);
+            let mut open = File::open(&path).map_err(BackupError::file_error("read", &path))?;
+            let content = copy_hashed(&mut open, &mut std::io::sink()).map_err(|error| {
+                let (CopySide::Read(error) | CopySide::Written(error)) = error;
+                BackupError::file_error("read", &path)(error)
+            })?;
+            self.add(&Entry::Rows(file), content, EntrySource::File(path));
+        }
+        let mut found = Vec::new();
+        for hash in copied.files {
+            let path = store.join(BLOBS).join(&hash);
+            match path.metadata() {
+                Ok(file) => self.add(&Entry::Blob(hash.clone()), (file.len(), hash), EntrySource::File(path)),
+                Err(error) if error.kind() == ErrorKind::NotFound => {
+                    found.push(format!("the file {BLOBS}/{hash} is missing, and no removal was recorded"));
+                }
+                Err(error) => return Err(BackupError::file_error("read", &path)(error)),
+            }
+        }
+        Ok((!found.is_empty()).then_some(found))
+    }
+
+    fn configuration(&mut self, configuration: &Configuration) -> Result<(), BackupError> {
+        let mut add = |entry: Entry, bytes: Vec<u8>| {
+            let said = (bytes.len() as u64, content_hash(&bytes));
+            self.add(&entry, said, EntrySource::Bytes(bytes));
+        };
+        add(Entry::Cell, configuration.cell.clone().into_bytes());
+        for (key, file) in &configuration.named_files {
+            add(Entry::Named(key.clone()), read_small_file(file)?);
+        }
+        for (name, file) in &configuration.recipes {
+            add(Entry::Recipe(name.clone()), read_small_file(file)?);
+        }
+        Ok(())
+    }
+}
+
+fn read_small_file(file: &Path) -> Result<Vec<u8>, BackupError> {
+    let bytes = panelprep_base::disk::read(file).map_err(BackupError::file_error("read", file))?;
+    match bytes.len() as u64 {
+        found if found > MAX_CONFIGURATION_BYTES => {
+            Err(BackupError::TooLarge { path: file.to_owned(), found, limit_bytes: MAX_CONFIGURATION_BYTES })
+        }
+        _ => Ok(bytes),
+    }
+}
+
+/// Packs everything into this file, flushed and sealed.
+fn pack_archive(part: &Path, manifest: &Manifest, sources: &[EntrySource]) -> Result<(), PackFailure> {
+    let failed = BackupError::file_error("write", part);
+    // Only the archive's owner may read it, since it contains everything.
+    let mut options = fs::OpenOptions::new();
+    std::os::unix::fs::OpenOptionsExt::mode(options.write(true).create_new(true), 0o600);
+    let file = options.open(part).map_err(&failed)?;
+    let sealing = HashingWriter::new(BufWriter::with_capacity(1 << 20, file));
+    let mut encoder = zstd::Encoder::new(sealing, LEVEL).map_err(&failed)?;
+    encoder.include_checksum(true).map_err(&failed)?;
+    let mut tar = tar::Builder::new(encoder);
+    let text = serde_json::to_vec_pretty(manifest).map_err(|error| failed(error.into()))?;
+    append(&mut tar, NAME, text.len() as u64, &mut text.as_slice()).map_err(&failed)?;
+    for (listed, source) in manifest.entries.iter().zip(sources) {
+        match source {
+            EntrySource::Bytes(bytes) => {
+                append(&mut tar, &listed.name, listed.bytes, &mut bytes.as_slice()).map_err(&failed)?;
+            }
+            EntrySource::File(path) => file_entry(&mut tar, listed, path, &failed)?,
+        }
+    }
+    let encoder = tar.into_inner().map_err(&failed)?;
+    let sealed = encoder.finish().and_then(HashingWriter::seal).map_err(&failed)?;
+    let file = sealed.into_inner().map_err(|error| failed(error.into_error()))?;
+    Ok(file.sync_all().map_err(&failed)?)
+}
+
+/// Packs a file of the store, and compares it with its hash at the same time.
+fn file_entry<W: Write>(
+    tar: &mut tar::Builder<W>,
+    listed: &ManifestEntry,
+    path: &Path,
+    failed: &dyn Fn(std::io::Error) -> BackupError,
+) -> Result<(), PackFailure> {
+    let damaged = |words: &str| PackFailure::Blob(format!("the file {} {words}", listed.name));
+    let file = File::open(path).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => damaged("is missing, and no removal was recorded"),
+        _ => BackupError::file_error("read", path)(error).into(),
+    })?;
+    let mut hashing =
+        HashingReader { inner: file.take(listed.bytes), hasher: Sha256::new(), count: 0, failed: None };
+    let appended = append(tar, &listed.name, listed.bytes, &mut hashing);
+    if let Some(error) = hashing.failed {
+        return Err(BackupError::file_error("read", path)(error).into());
+    }
+    appended.map_err(failed)?;
+    let found = hex(&hashing.hasher.finalize());
+    match hashing.count == listed.bytes && found == listed.sha256 {
+        true => Ok(()),
+        false => Err(damaged(&format!("is damaged: its SHA-256 is {found}"))),
+    }
+}
+
+fn append<W: Write>(
+    tar: &mut tar::Builder<W>,
+    name: &str,
+    bytes: u64,
+    content: &mut dyn Read,
+) -> Result<(), std::io::Error> {
+    let mut header = tar::Header::new_gnu();
+    header.set_size(bytes);
+    header.set_mode(0o644);
+    header.set_entry_type(tar::EntryType::Regular);
+    tar.append_data(&mut header, name, content)
+}
+
+/// Hashes the bytes that are read through it, and distinguishes a read error from a write error.
+struct HashingReader<R> {
+    inner: R,
+    hasher: Sha256,
+    count: u64,
+    failed: Option<std::io::Error>,
+}
+
+impl<R: Read> Read for HashingReader<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        match self.inner.read(buffer) {
+            Ok(count) => {
+                self.hasher.update(&buffer[..count]);
+                self.count += count as u64;
+                Ok(count)
+            }
+            Err(error) => {
+                let kind = error.kind();
+                self.failed = Some(error);
+                Err(kind.into())
+            }
+        }
+    }
+}
+
+/// Which side of a copy failed.
+pub(super) enum CopySide {
+    Read(std::io::Error),
+    Written(std::io::Error),
+}
+
+/// Copies everything; returns the size and SHA-256.
+pub(super) fn copy_hashed(from: &mut dyn Read, to: &mut dyn Write) -> Result<(u64, String), CopySide> {
+    let (mut hasher, mut count, mut buffer) = (Sha256::new(), 0, vec![0; 1 << 16]);
+    loop {
+        match from.read(&mut buffer).map_err(CopySide::Read)? {
+            0 => return Ok((count, hex(&hasher.finalize()))),
+            read => {
+                hasher.update(&buffer[..read]);
+                to.write_all(&buffer[..read]).map_err(CopySide::Written)?;
+                count += read as u64;
+            }
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! The alarms of a cycle: which were raised, when, and when their cause was gone.
+//!
+//! A phase that gives a reason raises an alarm, which lasts until the same phase no longer gives that reason.
+//! Alarms for reasons of the verdict last until a person resets or clears the cell, or the next cycle begins; all
+//! others end with the cycle. A refused request is an alarm of that moment. Acknowledging changes neither alarm nor
+//! cell.
+
+use super::acknowledgement::Acknowledgement;
+use super::codes::{Priority, code};
+use panelprep_base::verdict::Reason;
+use panelprep_cell::record::{Answer, CycleId, CycleRecord, Kind};
+use serde::Serialize;
+use std::collections::BTreeSet;
+
+/// One alarm.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Alarm {
+    /// The alarm's cycle; `None` for an alarm between cycles.
+    pub cycle: Option<CycleId>,
+    /// The code, such as `low_overlap`.
+    pub code: String,
+    /// Urgency of the alarm.
+    pub priority: Priority,
+    /// The finding, in the words of the last finding that gave the code.
+    pub message: String,
+    /// The meaning of the code; empty if this program does not give it.
+    pub cause: String,
+    /// The remedy; empty if this program does not give it.
+    pub remedy: String,
+    /// The phase that raised the alarm; `None` for a request and for a reason that only the verdict contains.
+    pub phase: Option<Kind>,
+    /// Time at which the alarm was raised, ms since 1970. Findings of an earlier program count as raised at the begin
+    /// of their cycle.
+    pub raised_unix_ms: i64,
+    /// Time at which the cause was gone, ms since 1970; `None` while the alarm lasts.
+    pub gone_unix_ms: Option<i64>,
+    /// The first acknowledgement, with the person and the time.
+    pub acknowledged: Option<Acknowledgement>,
+}
+
+/// Times that the cycle's record itself does not contain.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct AlarmTimes {
+    /// Time at which each finding was stored, ms since 1970, in their order; `None` for those of an earlier program.
+    pub findings_unix_ms: Vec<Option<i64>>,
+    /// Time at which a person first reset or cleared the cell after the end, or the next cycle began, ms since 1970;
+    /// `None` if neither has happened yet.
+    pub settled_unix_ms: Option<i64>,
+}
+
+impl Alarm {
+    /// Returns whether the alarm lasts.
+    pub fn is_active(&self) -> bool {
+        self.gone_unix_ms.is_none()
+    }
+
+    /// Creates an alarm that arose between cycles, at this time, and lasts.
+    pub fn new_between_cycles(reason: &Reason, raised_unix_ms: i64) -> Self {
+        Self::new(None, reason, None, raised_unix_ms)
+    }
+
+    fn new(cycle: Option<CycleId>, reason: &Reason, phase: Option<Kind>, raised_unix_ms: i64) -> Self {
+        let known = code(&reason.code);
+        Alarm {
+            cycle,
+            code: reason.code.clone().into_owned(),
+            // A code that is not in the table gets medium priority, so that it is not overlooked.
+            priority: known.map_or(Priority::Medium, |known| known.priority),
+            message: reason.message.clone(),
+            cause: known.map_or(String::new(), |known| known.cause.clone().into_owned()),
+            remedy: known.map_or(String::new(), |known| known.remedy.clone().into_owned()),
+            phase,
+            raised_unix_ms,
+            gone_unix_ms: None,
+            acknowledged: None,
+        }
+    }
+}
+
+/// Returns the alarms of a cycle in the order in which they were raised.
+pub fn alarms(record: &CycleRecord, times: &AlarmTimes, acknowledgements: &[Acknowledgement]) -> Vec<Alarm> {
+    let mut all = alarms_from_findings(record, times);
+    end(record, times, &mut all);
+    all.extend(refused(record));
+    all.sort_by_key(|alarm| alarm.raised_unix_ms);
+    for alarm in &mut all {
+        let is_meant = |one: &&Acknowledgement| {
+            one.cycle == alarm.cycle && one.code == alarm.code && one.raised_unix_ms == alarm.raised_unix_ms
+        };
+        alarm.acknowledged = acknowledgements.iter().find(is_meant).cloned();
+    }
+    all
+}
+
+fn alarms_from_findings(record: &CycleRecord, times: &AlarmTimes) -> Vec<Alarm> {
+    let mut all: Vec<Alarm> = Vec::new();
+    for (index, finding) in record.findings.iter().enumerate() {
+        let at = times.findings_unix_ms.get(index).copied().flatten().unwrap_or(record.started_unix_s * 1_000);
+        let given = |alarm: &Alarm| finding.judgement.reasons.iter().any(|reason| reason.code == alarm.code);
+        let lasting = |alarm: &&mut Alarm| alarm.phase == Some(finding.kind) && alarm.is_active();
+        for alarm in all.iter_mut().filter(lasting).filter(|alarm| !given(alarm)) {
+            alarm.gone_unix_ms = Some(at);
+        }
+        // The first sentence of each code speaks for all.
+        let mut spoken = BTreeSet::new();
+        for reason in finding.judgement.reasons.iter().filter(|reason| spoken.insert(&reason.code)) {
+            let raised = all
+                .iter_mut()
+                .find(|alarm| alarm.is_active() && alarm.phase == Some(finding.kind) && alarm.code == reason.code);
+            match raised {
+                // The alarm lasts, but its sentence may name another place now.
+                Some(alarm) => alarm.message.clone_from(&reason.message),
+                None => all.push(Alarm::new(Some(record.id), reason, Some(finding.kind), at)),
+            }
+        }
+    }
+    all
+}
+
+/// Applies the end of the cycle: alarms for the reasons of its verdict continue, all others end.
+fn end(record: &CycleRecord, times: &AlarmTimes, all: &mut Vec<Alarm>) {
+    let (Some(judgement), Some(ended_unix_s)) = (&record.judgement, record.ended_unix_s) else { return };
+    let ended_unix_ms = ended_unix_s * 1_000;
+    for reason in &judgement.reasons {
+        if !all.iter().any(|alarm| alarm.is_active() && alarm.code == reason.code) {
+            all.push(Alarm::new(Some(record.id), reason, None, ended_unix_ms));
+        }
+    }
+    for alarm in all.iter_mut().filter(|alarm| alarm.is_active()) {
+        let lasts = judgement.reasons.iter().any(|reason| reason.code == alarm.code);
+        // The end is stored in whole seconds, and an alarm may have been raised later in the same second.
+        let gone = if lasts { times.settled_unix_ms } else { Some(ended_unix_ms) };
+        alarm.gone_unix_ms = gone.map(|gone| gone.max(alarm.raised_unix_ms));
+    }
+}
+
+fn refused(record: &CycleRecord) -> impl Iterator<Item = Alarm> {
+    let refused =
+        record.asked.iter().filter(|asked| matches!(asked.answer, Some(Answer::Refused | Answer::Failed)));
+    refused.flat_map(|asked| {
+        asked.reasons.iter().map(|reason| Alarm {
+            gone_unix_ms: Some(asked.unix_ms),
+            ..Alarm::new(Some(record.id), reason, None, asked.unix_ms)
+        })
+    })
+}

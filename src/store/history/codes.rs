@@ -1,0 +1,246 @@
+//! The table of all alarm codes of the program (ISA-18.2), each with its urgency, its meaning and its remedy.
+//!
+//! Meaning and remedy are those of the manual's page of messages; a test compares that page with the sources. The
+//! urgency of a code is defined here. None of the codes is a safety function: an immediate stop of the robot is the
+//! task of the cell's own safety circuit.
+
+use serde::Serialize;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+const PAGE: &str = include_str!("../../../config/manual/messages.md");
+/// The page of messages in each language, English first, with the same rows in each.
+const PAGES: [(&str, &str); 2] = [("en", PAGE), ("de", include_str!("../../../config/manual/messages.de.md"))];
+
+/// Urgency of a code: how soon a person is needed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, strum::IntoStaticStr)]
+#[serde(rename_all = "lowercase")]
+#[strum(serialize_all = "lowercase")]
+pub enum Priority {
+    /// Not needed: the code reports an event.
+    Note,
+    /// Needed when there is time: a request or a command was not carried out, and nothing else changed.
+    Low,
+    /// Needed soon: a cycle waits for a person, or ended without a result.
+    Medium,
+    /// Needed now: the cell was aborted or is not sure of its state. A person must inspect it before anything moves.
+    High,
+}
+
+impl Priority {
+    /// Its word, `high`.
+    pub fn keyword(self) -> &'static str {
+        self.into()
+    }
+}
+
+/// A code.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Code {
+    /// The stable keyword, `low_overlap`.
+    pub code: Cow<'static, str>,
+    /// Urgency of the code.
+    pub priority: Priority,
+    /// The meaning of the code and its cause.
+    pub cause: Cow<'static, str>,
+    /// Remedy.
+    pub remedy: Cow<'static, str>,
+}
+
+/// Codes of a cell that was aborted, or whose state is unknown.
+const HIGH_PRIORITY_CODES: [&str; 32] = [
+    "other_programs",
+    "link_lost",
+    "no_route",
+    "unknown_place",
+    "not_sent",
+    "robot_restarted",
+    "emergency_stop",
+    "guard_open",
+    "drives_off",
+    "refused",
+    "echo",
+    "protocol",
+    "sequence",
+    "watchdog",
+    "late",
+    "short",
+    "deviation",
+    "unexpected",
+    "feedback",
+    "gate",
+    "stop_timed_out",
+    "stop_not_confirmed",
+    "interrupted",
+    "outputs_on",
+    "water_may_run",
+    "tool_may_run",
+    "store",
+    "store_changed",
+    "store_restored",
+    "disk_full",
+    "silent",
+    "ended",
+];
+
+/// Codes of events that a person or the recipe intended: a film that breaks is what the test looks for.
+const NOTES: [&str; 7] = ["asked", "stopped", "robot_ready", "broken", "off_path", "running", "waypoints"];
+
+/// Sections of the page with the codes of commands and requests; all text below one of its headings belongs to it.
+const COMMANDS: [&str; 4] = ["Requests that are refused", "Calibration", "Teaching", "Commands and files"];
+
+/// Codes in the sections of `COMMANDS` that prevent the start of a cycle.
+const START_PREVENTING_CODES: [&str; 6] = [
+    "verification_limit",
+    "verification_old",
+    "verification_ahead",
+    "verification_other",
+    "verification_struck",
+    "calibration",
+];
+
+static CODES: LazyLock<Vec<Code>> = LazyLock::new(|| {
+    let of = |(section, row): (&'static str, Row)| Code {
+        code: row.code.into(),
+        priority: priority(row.code, row.cause, section),
+        cause: row.cause.into(),
+        remedy: row.remedy.into(),
+    };
+    rows(PAGE).into_iter().map(of).collect()
+});
+
+/// A code's row of the page in one language.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Row {
+    /// The stable keyword, `low_overlap`.
+    pub code: &'static str,
+    /// The meaning of the code and its cause.
+    pub cause: &'static str,
+    /// Remedy.
+    pub remedy: &'static str,
+}
+
+type Table = BTreeMap<&'static str, Row>;
+
+static ROWS: LazyLock<BTreeMap<&'static str, Table>> = LazyLock::new(|| {
+    let table = |page| rows(page).into_iter().map(|(_, row)| (row.code, row)).collect();
+    PAGES.into_iter().map(|(language, page)| (language, table(page))).collect()
+});
+
+/// A code's row in this language; `None` if the code is unknown, or there is no page in that language.
+pub fn row(code: &str, language: &str) -> Option<Row> {
+    ROWS.get(language)?.get(code).copied()
+}
+
+/// Returns the languages in which the codes are explained, English first.
+pub fn languages() -> impl Iterator<Item = &'static str> {
+    PAGES.into_iter().map(|(language, _)| language)
+}
+
+/// Returns all codes, in the order of the manual.
+pub fn codes() -> &'static [Code] {
+    &CODES
+}
+
+/// Returns the code with this keyword.
+pub fn code(word: &str) -> Option<&'static Code> {
+    CODES.iter().find(|code| code.code == word)
+}
+
+/// Returns each row of a page with the section that contains it.
+fn rows(page: &'static str) -> Vec<(&'static str, Row)> {
+    let mut section = "";
+    let mut rows = Vec::new();
+    for line in page.lines() {
+        if let Some(title) = line.strip_prefix("## ") {
+            section = title;
+        }
+        let Some(row) = line.strip_prefix("| `").and_then(|row| row.strip_suffix('|')) else { continue };
+        let cells: Vec<&'static str> = row.split('|').map(str::trim).collect();
+        if let [code, cause, remedy] = cells[..] {
+            rows.push((section, Row { code: code.trim_end_matches('`'), cause, remedy }));
+        }
+    }
+    rows
+}
+
+fn priority(code: &str, cause: &str, section: &str) -> Priority {
+    let is_command = COMMANDS.contains(&section) || cause.contains("A single function of `panelprep robot`");
+    match code {
+        _ if HIGH_PRIORITY_CODES.contains(&code) => Priority::High,
+        _ if NOTES.contains(&code) || cause.starts_with("A note on the page") => Priority::Note,
+        _ if is_command && !START_PREVENTING_CODES.contains(&code) => Priority::Low,
+        _ => Priority::Medium,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_code_has_its_priority_cause_and_remedy() {
+        for (word, priority) in [
+            ("no_panel", Priority::Medium),
+            ("other_scan", Priority::Medium),
+            ("low_overlap", Priority::Medium),
+            ("link_lost", Priority::High),
+            ("broken", Priority::Note),
+            ("part", Priority::Medium),
+            ("not_now", Priority::Low),
+            ("guard", Priority::Low),
+            ("few_pictures", Priority::Low),
+            ("verification_old", Priority::Medium),
+        ] {
+            let code = code(word).unwrap_or_else(|| panic!("{word}"));
+            assert_eq!(code.priority, priority, "{word}");
+            assert!(code.cause.ends_with('.') && code.remedy.len() > 10, "{code:?}");
+        }
+        assert!(code("no_such_code").is_none() && codes().len() > 150);
+    }
+
+    /// A page in another language has the same rows, and each row has the same codes, commands, keys and files.
+    #[test]
+    fn each_language_has_every_row_with_what_is_not_translated() {
+        let marked = |row: &Row| {
+            let text = format!("{} {}", row.cause, row.remedy);
+            let mut marked: Vec<String> = text.split('`').skip(1).step_by(2).map(str::to_owned).collect();
+            marked.sort();
+            marked
+        };
+        let of = |page| rows(page).into_iter().map(|(_, row)| row).collect::<Vec<Row>>();
+        let english = of(PAGE);
+        for (language, page) in &PAGES[1..] {
+            let others = of(page);
+            let words = |rows: &[Row]| rows.iter().map(|row| row.code).collect::<Vec<_>>();
+            assert_eq!(words(&others), words(&english), "{language}");
+            for (row, other) in english.iter().zip(&others) {
+                assert_eq!(marked(other), marked(row), "{language}: {}", row.code);
+                assert!(other.cause != row.cause && other.remedy != row.remedy, "{language}: {}", row.code);
+            }
+        }
+    }
+
+    /// A code that is no longer used must not stay in a list here.
+    #[test]
+    fn every_listed_code_is_one_of_the_manual() {
+        let unknown: Vec<&&str> = HIGH_PRIORITY_CODES
+            .iter()
+            .chain(&NOTES)
+            .chain(&START_PREVENTING_CODES)
+            .filter(|word| code(word).is_none())
+            .collect();
+        assert_eq!(unknown, [] as [&&str; 0]);
+        let headings: Vec<&str> = PAGE.lines().filter_map(|line| line.strip_prefix("## ")).collect();
+        assert!(COMMANDS.iter().all(|section| headings.contains(section)), "{headings:?}");
+    }
+
+    /// After an abort, as the manual defines it, the cell is inspected before anything moves.
+    #[test]
+    fn what_aborts_a_cycle_is_urgent() {
+        let aborts = |code: &&Code| code.cause.starts_with("Aborted") || code.cause.contains("cycle is aborted");
+        let found: Vec<_> = codes().iter().filter(aborts).filter(|code| code.priority < Priority::High).collect();
+        assert_eq!(found.iter().map(|code| &*code.code).collect::<Vec<_>>(), [] as [&str; 0]);
+    }
+}

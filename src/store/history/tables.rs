@@ -1,0 +1,239 @@
+//! The contents of the history as tables: the columns of each.
+
+use super::alarms::Alarm;
+use super::compare::Comparison;
+use super::heat::HeatMap;
+use super::query::Hit;
+use super::summary::Summary;
+use super::table::{Cell, Table};
+use super::trend::Trend;
+use panelprep_base::number_text::utc_text;
+use panelprep_base::verdict::{Check, Limit, Reason, Verdict};
+use panelprep_cell::record::{CycleId, PartNames};
+
+/// The first columns of every row about a cycle, up to its codes.
+const CYCLE: [&str; 11] = [
+    "cycle",
+    "started_utc",
+    "started_unix_s",
+    "ended_unix_s",
+    "panel",
+    "serial",
+    "order",
+    "operator",
+    "verdict",
+    "is_air_run",
+    "codes",
+];
+
+/// Returns the first cells of a row about a cycle, up to the codes.
+fn cycle_cells(
+    (cycle, panel): (CycleId, &str),
+    (started_unix_s, ended_unix_s): (i64, Option<i64>),
+    part: &PartNames,
+    (verdict, is_air_run): (Option<Verdict>, bool),
+) -> Vec<Cell> {
+    vec![
+        cycle.0.into(),
+        utc_text(started_unix_s).into(),
+        started_unix_s.into(),
+        ended_unix_s.into(),
+        panel.into(),
+        part.serial.clone().into(),
+        part.order.clone().into(),
+        part.operator.clone().into(),
+        verdict.map(Verdict::keyword).into(),
+        is_air_run.into(),
+    ]
+}
+
+/// Makes a table of the cycles that a search found.
+pub fn hits_table(hits: &[Hit]) -> Table {
+    Table::new(&[&CYCLE[..], &["reasons"]].concat()).with_rows(hits.iter().map(|hit| {
+        let times_unix_s = (hit.started_unix_s, hit.ended_unix_s);
+        let mut row = cycle_cells((hit.cycle, &hit.panel), times_unix_s, &hit.part, (hit.verdict, hit.is_air_run));
+        row.extend([codes(&hit.reasons).into(), join_messages(&hit.reasons).into()]);
+        row
+    }))
+}
+
+fn codes(reasons: &[Reason]) -> String {
+    reasons.iter().map(|reason| &*reason.code).collect::<Vec<_>>().join(" ")
+}
+
+fn join_messages(reasons: &[Reason]) -> String {
+    reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; ")
+}
+
+/// Makes a table of summaries, one cycle in each row.
+pub fn summary_table(summaries: &[Summary]) -> Table {
+    let columns = [
+        "passes",
+        "films_valid",
+        "films_invalid",
+        "films_watched_s",
+        "grids",
+        "grids_failed_first",
+        "grids_failed_at_end",
+        "localization_residual_mm",
+        "localization_residual_limit_mm",
+        "outline_residual_px",
+        "localization_error_mm",
+        "localization_error_limit_mm",
+        "error_at_tool_mm",
+        "cycle_time_s",
+        "simulated_s",
+        "disc_swept_mm2",
+        "disc_worn_mm2",
+    ];
+    Table::new(&[&CYCLE[..], &columns].concat()).with_rows(summaries.iter().map(summary_row))
+}
+
+fn summary_row(summary: &Summary) -> Vec<Cell> {
+    let value = |check: &Option<Check>| Cell::from(check.as_ref().and_then(|check| check.value));
+    let limit = |check: &Option<Check>| Cell::from(check.as_ref().and_then(|check| check.limit.value()));
+    let grids = |grids: &Option<Vec<String>>| Cell::from(grids.as_ref().map(|grids| grids.join(" ")));
+    let times_unix_s = (summary.started_unix_s, summary.ended_unix_s);
+    let (about, end) = ((summary.cycle, summary.panel.as_str()), (summary.verdict, summary.is_air_run));
+    let mut row = cycle_cells(about, times_unix_s, &summary.part, end);
+    row.extend([
+        codes(&summary.reasons).into(),
+        i64::from(summary.passes).into(),
+        summary.films.valid.into(),
+        summary.films.invalid.into(),
+        summary.films.watched_s.into(),
+        summary.films.grids.into(),
+        grids(&summary.films.failed_first),
+        grids(&summary.films.failed_at_end),
+        value(&summary.localization_residual),
+        limit(&summary.localization_residual),
+        value(&summary.outline_residual),
+        value(&summary.localization_error),
+        limit(&summary.localization_error),
+        summary.budget_total_mm.into(),
+        summary.cycle_time_s.into(),
+        summary.simulated_s.into(),
+        summary.disc.map(|disc| disc.swept_mm2).into(),
+        summary.disc.map(|disc| disc.worn_mm2).into(),
+    ]);
+    row
+}
+
+/// Makes a table of two cycles side by side: inputs, checks and grids below each other, with the kind of row first.
+pub fn comparison_table(comparison: &Comparison) -> Table {
+    let columns =
+        ["what", "phase", "pass", "name", "unit", "first", "second", "difference", "limit_first", "limit_second"];
+    let plain = |what: &str, name: &str, values: [Cell; 2], difference: Cell| {
+        let [first, second] = values;
+        let empty = || Cell::Empty;
+        vec![what.into(), empty(), empty(), name.into(), empty(), first, second, difference, empty(), empty()]
+    };
+    let inputs = comparison.inputs.iter().map(|input| {
+        let difference = if input.is_same { "same" } else { "differs" };
+        plain("input", &input.name, input.values.clone().map(Cell::from), difference.into())
+    });
+    let checks = comparison.checks.iter().map(|pair| {
+        let [first, second] = pair.values.map(Cell::from);
+        let [limit_first, limit_second] = pair.limits.map(|limit| limit.map_or(Cell::Empty, limit_cell));
+        let (phase, pass) = (pair.kind.keyword().into(), i64::from(pair.pass).into());
+        let (name, unit) = (pair.name.as_str().into(), pair.unit.as_str().into());
+        vec![
+            "check".into(),
+            phase,
+            pass,
+            name,
+            unit,
+            first,
+            second,
+            pair.difference.into(),
+            limit_first,
+            limit_second,
+        ]
+    });
+    let grids = comparison.grids.iter().map(|pair| {
+        let words =
+            pair.cycles.each_ref().map(|past| past.as_ref().map_or(Cell::Empty, |past| past.describe().into()));
+        let is_same = pair.cycles[0] == pair.cycles[1];
+        plain("grid", &pair.grid, words, if is_same { "same" } else { "differs" }.into())
+    });
+    Table::new(&columns).with_rows(inputs.chain(checks).chain(grids))
+}
+
+fn limit_cell(limit: Limit) -> Cell {
+    match limit {
+        Limit::Unlimited => Cell::Empty,
+        Limit::AtMost(bound) => format!("at most {}", panelprep_base::number_text::shortest_text(bound)).into(),
+        Limit::AtLeast(bound) => format!("at least {}", panelprep_base::number_text::shortest_text(bound)).into(),
+        Limit::Below(bound) => format!("below {}", panelprep_base::number_text::shortest_text(bound)).into(),
+    }
+}
+
+/// A number over time; a hint is in the row of its value.
+pub fn trend_table(trend: &Trend) -> Table {
+    let value = match trend.unit.as_str() {
+        "" => "value".to_owned(),
+        unit => format!("value [{unit}]"),
+    };
+    let columns = ["cycle", "at_utc", "at_unix_s", "serial", &value, "limit", "hints"];
+    Table::new(&columns).with_rows(trend.points.iter().enumerate().map(|(at, point)| {
+        let hints = trend.hints.iter().filter(|hint| hint.at == at).map(|hint| hint.rule.describe());
+        vec![
+            point.cycle.map(|cycle| cycle.0).into(),
+            utc_text(point.at_unix_s).into(),
+            point.at_unix_s.into(),
+            point.serial.clone().into(),
+            point.value.into(),
+            limit_cell(point.limit),
+            hints.collect::<Vec<_>>().join("; ").into(),
+        ]
+    }))
+}
+
+/// Makes a table of every grid over many cycles.
+pub fn heat_table(map: &HeatMap) -> Table {
+    let columns = ["grid", "row", "column", "films", "breaks", "median_time_to_break_s"];
+    Table::new(&columns).with_rows(map.grids.iter().map(|cell| {
+        vec![
+            cell.grid.as_str().into(),
+            i64::from(cell.row).into(),
+            i64::from(cell.column).into(),
+            cell.films.into(),
+            cell.breaks.into(),
+            cell.median_s.into(),
+        ]
+    }))
+}
+
+/// Makes a table of alarms, each with its times, cause and remedy.
+pub fn alarm_table(alarms: &[Alarm]) -> Table {
+    let columns = [
+        "raised_utc",
+        "raised_unix_ms",
+        "gone_unix_ms",
+        "priority",
+        "code",
+        "cycle",
+        "phase",
+        "message",
+        "cause",
+        "remedy",
+        "acknowledged_by",
+        "acknowledged_unix_ms",
+    ];
+    Table::new(&columns).with_rows(alarms.iter().map(|alarm| {
+        vec![
+            utc_text(alarm.raised_unix_ms.div_euclid(1_000)).into(),
+            alarm.raised_unix_ms.into(),
+            alarm.gone_unix_ms.into(),
+            alarm.priority.keyword().into(),
+            alarm.code.as_str().into(),
+            alarm.cycle.map(|cycle| cycle.0).into(),
+            alarm.phase.map(|kind| kind.keyword()).into(),
+            alarm.message.as_str().into(),
+            alarm.cause.as_str().into(),
+            alarm.remedy.as_str().into(),
+            alarm.acknowledged.as_ref().map(|seen| seen.who.as_str()).into(),
+            alarm.acknowledged.as_ref().map(|seen| seen.unix_ms).into(),
+        ]
+    }))
+}

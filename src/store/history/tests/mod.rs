@@ -1,0 +1,277 @@
+//! The history of cycles with numbers that are known by hand.
+
+mod alarms;
+
+use super::*;
+use panelprep_base::verdict::{Check, Judgement, Limit, LimitSource, Reason, Verdict};
+use panelprep_cell::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, Kind, NO_PART, PartNames, name};
+use std::collections::BTreeMap;
+
+fn found(kind: Kind, pass: u8, verdict: Verdict) -> Finding {
+    Finding::new(kind, pass, Judgement { verdict, reasons: vec![] })
+}
+
+/// Creates a film of 2 × 2 grids: which of them failed, and after what time.
+fn film(pass: u8, failed: &[(&str, f64)]) -> Finding {
+    let verdict = if failed.is_empty() { Verdict::Pass } else { Verdict::Fail };
+    let area = |grid: &str| if failed.iter().any(|(id, _)| *id == grid) { 50.0 } else { 0.0 };
+    let grids = ["r1c1", "r1c2", "r2c1", "r2c2"].map(|grid| {
+        Check::new(name::broken_film(grid), "mm²", area(grid)).with_limit(Limit::Below(5.0), LimitSource::Program)
+    });
+    let times = failed.iter().map(|(grid, s)| Check::new(name::break_time_name(grid), "s", *s));
+    let names: Vec<&str> = failed.iter().map(|(grid, _)| *grid).collect();
+    let light =
+        |name: &'static str, percent: f64| Check::new(name, "%", percent).with_min(-40.0, LimitSource::Program);
+    found(Kind::Inspect, pass, verdict)
+        .with_checks([Check::new(name::WATCHED_TIME_NAME, "s", 60.0 + f64::from(pass))])
+        .with_checks([light(name::LIGHT_MIN, if pass == 0 { -7.0 } else { -3.0 })])
+        .with_checks(grids)
+        .with_checks(times)
+        .with_detail("failed", serde_json::json!(names))
+}
+
+fn located(residual_mm: f64) -> Finding {
+    let check =
+        Check::new(name::RESIDUAL, "mm", residual_mm).with_max(0.25, LimitSource::recipe("locate.max_rms_mm"));
+    found(Kind::Locate, 0, Verdict::Accept).with_checks([check])
+}
+
+/// A cycle that began at `id` × 1,000 s and lasted 90 s: it failed, was abraded, and passed except for the grids in
+/// `at_end`.
+fn cycle(id: i64, residual_mm: f64, first: &[(&str, f64)], at_end: &[(&str, f64)]) -> PastCycle {
+    let mut findings = vec![located(residual_mm), film(0, first)];
+    if !first.is_empty() {
+        let grids: Vec<&str> = first.iter().map(|(grid, _)| *grid).collect();
+        findings.push(found(Kind::Abrade, 1, Verdict::Accept).with_detail("grids", serde_json::json!(grids)));
+        findings.push(film(1, at_end));
+    }
+    let record = CycleRecord {
+        id: CycleId(id),
+        started_unix_s: id * 1_000,
+        ended_unix_s: Some(id * 1_000 + 90),
+        panel: "wing".to_owned(),
+        taught_version: "v1".to_owned(),
+        recipe_hash: "aa".to_owned(),
+        files: vec![KeptFile { name: "scanner".to_owned(), hash: "cc".to_owned() }],
+        program_version: "1".to_owned(),
+        judgement: Some(Judgement { verdict: Verdict::Pass, reasons: vec![] }),
+        budget: Some(Budget {
+            hand_eye_mm: Some(0.3),
+            locate_mm: Some(0.4),
+            fit_mm: Some(0.0),
+            robot_mm: Some(0.0),
+            stated_mm: None,
+        }),
+        findings,
+        motions: vec![],
+        asked_before: vec![],
+        asked: vec![],
+        clocks: [None, None],
+        recording: None,
+        events: 0,
+    };
+    let part = PartNames { serial: Some("SN-1".to_owned()), ..PartNames::default() };
+    PastCycle { record, part: Some(part), disc: Some(DiscWear { swept_mm2: 100.0 * id as f64, worn_mm2: 900.0 }) }
+}
+
+/// By hand: √(0.3² + 0.4²) = 0.5; films of 60 s and 61 s.
+#[test]
+fn a_cycle_is_summed_up() {
+    let told = summary(&cycle(3, 0.06, &[("r1c2", 5.1), ("r2c1", 4.5)], &[("r2c1", 30.0)]));
+    assert_eq!((told.cycle, told.cycle_time_s, told.passes), (CycleId(3), Some(90), 1));
+    assert_eq!(told.localization_residual.and_then(|check| check.value), Some(0.06));
+    assert_eq!(told.budget_total_mm, Some(0.5));
+    let films = told.films;
+    assert_eq!((films.valid, films.invalid, films.watched_s, films.grids), (2, 0, Some(121.0), 4));
+    assert_eq!(films.failed_first, Some(vec!["r1c2".to_owned(), "r2c1".to_owned()]));
+    assert_eq!(films.failed_at_end, Some(vec!["r2c1".to_owned()]));
+}
+
+/// An invalid film gives no result: the next film is the first one.
+#[test]
+fn an_invalid_film_is_counted_and_not_believed() {
+    let mut past = cycle(1, 0.06, &[], &[]);
+    let mut invalid = film(0, &[("r1c1", 1.0)]);
+    invalid.judgement.verdict = Verdict::Invalid;
+    past.record.findings.insert(1, invalid);
+    let films = summary(&past).films;
+    assert_eq!((films.valid, films.invalid, films.failed_first), (1, 1, Some(vec![])));
+    assert_eq!(heat_map(&[past]).grids[0].breaks, 0);
+}
+
+#[test]
+fn two_cycles_are_compared_check_by_check_and_grid_by_grid() {
+    let first = cycle(1, 0.06, &[("r1c2", 5.1)], &[]);
+    let mut second = cycle(2, 0.09, &[("r2c1", 4.5)], &[("r2c1", 9.0)]);
+    second.record.recipe_hash = "bb".to_owned();
+    second.record.files.push(KeptFile { name: "robot_correction".to_owned(), hash: "dd".to_owned() });
+    let reported = compare(&first, &second);
+    assert_eq!(reported.is_same_part, Some(true));
+    let differs: Vec<&str> = reported.inputs.iter().filter(|it| !it.is_same).map(|it| it.name.as_str()).collect();
+    assert_eq!(differs, ["recipe", "robot_correction"]);
+    let residual = reported.checks.iter().find(|pair| pair.name == name::RESIDUAL).expect("compared");
+    assert_eq!(residual.values, [Some(0.06), Some(0.09)]);
+    // 0.09 less 0.06 is 0.03, exact to the last digit of both numbers.
+    assert!(residual.difference.is_some_and(|mm| (mm - 0.03).abs() < 1e-15) && !residual.is_limit_different());
+    let only =
+        reported.checks.iter().find(|pair| pair.pass == 1 && pair.name == "r2c1 failed after").expect("compared");
+    assert_eq!((only.values, only.difference), ([None, Some(9.0)], None));
+    let grid = |id: &str| reported.grids.iter().find(|pair| pair.grid == id).expect("compared").clone();
+    let words = grid("r1c2").cycles.map(|past| past.map(|past| past.describe()).unwrap_or_default());
+    assert_eq!(
+        words,
+        [
+            "failed first after 5.1 s, abraded once, passed in the last film",
+            "passed first, passed in the last film"
+        ]
+    );
+    assert_eq!(
+        reported.grids.iter().map(|pair| pair.grid.as_str()).collect::<Vec<_>>(),
+        ["r1c1", "r1c2", "r2c1", "r2c2"]
+    );
+}
+
+/// Calculated by hand: r1c2 broke after 4, 10 and 6 s, median 6 s; r2c1 after 3 and 8 s, median 5.5 s.
+#[test]
+fn the_heat_map_counts_first_films() {
+    let cycles = [
+        cycle(1, 0.06, &[("r1c2", 4.0), ("r2c1", 3.0)], &[("r2c2", 1.0)]),
+        cycle(2, 0.06, &[("r1c2", 10.0)], &[]),
+        cycle(3, 0.06, &[("r1c2", 6.0), ("r2c1", 8.0)], &[]),
+        cycle(4, 0.06, &[], &[]),
+    ];
+    let map = heat_map(&cycles);
+    let told: BTreeMap<&str, (usize, usize, Option<f64>)> =
+        map.grids.iter().map(|cell| (cell.grid.as_str(), (cell.films, cell.breaks, cell.median_s))).collect();
+    assert_eq!(map.films, 4);
+    assert_eq!(told["r1c2"], (4, 3, Some(6.0)));
+    assert_eq!(told["r2c1"], (4, 2, Some(5.5)));
+    assert_eq!(told["r2c2"], (4, 0, None), "the last film is not the first");
+    assert_eq!((map.grids[3].row, map.grids[3].column), (2, 2));
+}
+
+/// Twelve residuals that change between 0.05 and 0.06, then one of 0.20: the scatter is about 0.02 / 1.128, and
+/// 0.20 is far off.
+#[test]
+fn a_trend_has_its_limits_and_hints() {
+    let mut cycles: Vec<PastCycle> =
+        (1..=12).map(|id| cycle(id, if id % 2 == 0 { 0.05 } else { 0.06 }, &[], &[])).collect();
+    cycles.push(cycle(13, 0.20, &[("r1c1", 7.5), ("r2c2", 2.5)], &[]));
+    let told = trend(&Quantity::from_keyword("localization-residual"), &cycles);
+    assert_eq!((told.points.len(), told.unit.as_str(), told.without), (13, "mm", 0));
+    assert_eq!(told.points[12].limit, Limit::AtMost(0.25));
+    let beyond = told.hints.iter().filter(|hint| hint.rule == western_electric::Rule::OneBeyondThree);
+    assert_eq!(beyond.map(|hint| hint.at).collect::<Vec<_>>(), [12], "within its limit, and yet unusual");
+    let value =
+        |quantity: &str| trend(&Quantity::from_keyword(quantity), &cycles).points.last().map(|point| point.value);
+    assert_eq!(value("time-to-break"), Some(2.5));
+    assert_eq!(value("passes"), Some(1.0));
+    assert_eq!(value("light-least"), Some(-7.0), "of two films the one with less light");
+    assert_eq!(value("disc-swept"), Some(1_300.0));
+    assert_eq!(value("cycle-time"), Some(90.0));
+    assert_eq!(value("error-at-tool"), Some(0.5));
+    assert_eq!(value("broken film in r2c1"), Some(0.0), "a check by its name");
+    assert_eq!(value("no such thing"), None);
+    assert_eq!(trend(&Quantity::from_keyword("time-to-break"), &cycles).without, 12);
+}
+
+#[test]
+fn every_quantity_has_a_word_that_names_it() {
+    for word in KnownQuantity::keywords() {
+        assert!(
+            matches!(Quantity::from_keyword(word), Quantity::Known(known) if known.keyword() == word),
+            "{word}"
+        );
+    }
+    assert_eq!(KnownQuantity::keywords().len(), 21);
+}
+
+/// Each table is as wide as its column names require; the CSV writer checks this.
+#[test]
+fn everything_is_a_table() {
+    let cycles = [cycle(1, 0.06, &[("r1c2", 5.1)], &[]), cycle(2, 0.06, &[], &[])];
+    let reported = cycles.each_ref().map(summary);
+    let text = summary_table(&reported).csv().expect("written");
+    let rows: Vec<&str> = text.lines().collect();
+    assert!(rows[0].starts_with("cycle,started_utc,") && rows[0].contains(",localization_residual_mm,"));
+    assert!(
+        rows[1].starts_with(
+            "1,1970-01-01 00:16:40 UTC,1000,1090,wing,SN-1,,,pass,false,,1,2,0,121,4,r1c2,,0.06,0.25,"
+        ),
+        "{}",
+        rows[1]
+    );
+    let compared = comparison_table(&compare(&cycles[0], &cycles[1])).csv().expect("written");
+    assert!(
+        compared
+            .contains("check,locate,0,\"residual, point to plane, rms\",mm,0.06,0.06,0,at most 0.25,at most 0.25"),
+        "{compared}"
+    );
+    assert!(compared.contains("input,,,recipe,,aa,aa,same,,"), "{compared}");
+    let heat = heat_table(&heat_map(&cycles)).csv().expect("written");
+    assert!(heat.contains("r1c2,1,2,2,1,5.1"), "{heat}");
+    let hit = Hit {
+        cycle: CycleId(7),
+        started_unix_s: 0,
+        ended_unix_s: None,
+        panel: "wing".to_owned(),
+        part: PartNames::default(),
+        verdict: None,
+        is_air_run: true,
+        reasons: vec![Reason::new("a_b", "words"), Reason::new("c", "more")],
+    };
+    assert!(
+        hits_table(&[hit])
+            .csv()
+            .expect("written")
+            .contains("7,1970-01-01 00:00:00 UTC,0,,wing,,,,,true,a_b c,words; more")
+    );
+    let trend = trend_table(&trend(&Quantity::from_keyword("passes"), &cycles)).csv().expect("written");
+    assert!(trend.starts_with("cycle,at_utc,at_unix_s,serial,value,limit,hints\r\n1,"), "{trend}");
+}
+
+/// A panel that was taught again may have another region: the same name is another place.
+#[test]
+fn the_heat_map_counts_one_taught_panel_only() {
+    let mut cycles = [cycle(1, 0.05, &[("r1c1", 4.0)], &[]), cycle(2, 0.05, &[("r1c2", 4.0)], &[])];
+    assert_eq!(heat_map(&cycles).films, 2);
+    cycles[1].record.taught_version = "v2".to_owned();
+    let map = heat_map(&cycles);
+    let breaks: Vec<(&str, usize)> = map.grids.iter().map(|cell| (&*cell.grid, cell.breaks)).collect();
+    assert_eq!((map.films, breaks), (1, vec![("r1c1", 0), ("r1c2", 1), ("r2c1", 0), ("r2c2", 0)]));
+}
+
+/// By hand: the second pass was cut short after 4 reported of 16 permitted waypoints: r1c1 (2) was touched, r2c1 (10)
+/// may have been, r2c2 (30) was not. The film before it does not count.
+#[test]
+fn a_pass_that_was_cut_short_leaves_grids_that_may_be_sanded() {
+    use panelprep_cell::cycle::{Id, Motion, Path};
+    use panelprep_cell::record::{Contact, ContactPath, FirstReached, MotionRecord};
+    let mut record = cycle(1, 0.05, &[("r1c1", 4.0)], &[("r1c1", 5.0)]).record;
+    assert!(touched_grids(&record).is_empty() && touching_passes(&record) == 1);
+    let reached = |(grid, first): (&str, u32)| FirstReached { grid: grid.to_owned(), first };
+    let grids = [("r1c1", 2), ("r2c1", 10), ("r2c2", 30)].map(reached).into();
+    let path = ContactPath { id: Id(9), pass: 2, grids, wears_mm2: 100.0 };
+    record.motions.push(MotionRecord {
+        motion: Motion { epoch: 3, path: Path::Contact, plan: 7, waypoints: 40 },
+        outcome: None,
+        done: 0,
+        contact: Some(Contact { path, told: 4, permitted: 16 }),
+    });
+    assert_eq!(touched_grids(&record).into_iter().collect::<Vec<_>>(), ["r1c1", "r2c1"]);
+    assert_eq!(touching_passes(&record), 2);
+}
+
+/// What lay in the cell was not the part: its residual is no value of the panel.
+#[test]
+fn a_cycle_without_a_part_is_not_in_a_trend() {
+    let mut cycles = vec![cycle(1, 0.1, &[], &[]), cycle(2, 9.0, &[], &[])];
+    let values = |cycles: &[PastCycle]| -> (Vec<f64>, usize) {
+        let trend = trend(&Quantity::from_keyword("localization-residual"), cycles);
+        (trend.points.iter().map(|point| point.value).collect(), trend.without)
+    };
+    assert_eq!(values(&cycles), (vec![0.1, 9.0], 0));
+    let reasons = vec![Reason::new(NO_PART, "another object"), Reason::new("poor_fit", "9 mm")];
+    cycles[1].record.judgement = Some(Judgement { verdict: Verdict::Reject, reasons });
+    assert_eq!(values(&cycles), (vec![0.1], 0));
+}

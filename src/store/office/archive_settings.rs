@@ -1,0 +1,139 @@
+//! `archive.toml`: the broker, the database and the folder of files of the archive.
+
+use core::net::SocketAddr;
+use panelprep_base::config::{self, Problems, Section};
+use panelprep_cell::cell::Broker;
+use std::path::{Path, PathBuf};
+
+/// The sources and the storage of the data that cells send to the archive.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ArchiveSettings {
+    /// The broker.
+    pub broker: Broker,
+    /// Limit of the data that waits in the broker, GB; further data stays in its cell.
+    pub waiting_gb: usize,
+    /// The database.
+    pub database: DatabaseSettings,
+    /// The folder of the files: pictures, recipes, calibrations.
+    pub files: PathBuf,
+    /// The office's page; `None` if there is no page.
+    pub fleet: Option<FleetPage>,
+}
+
+/// The address of the office's page.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FleetPage {
+    /// The address and port on which the page listens.
+    pub listen: SocketAddr,
+    /// The certificate file and its key file, PEM. Without them the program makes its own certificate if other
+    /// computers can reach the page.
+    pub certificate: Option<[PathBuf; 2]>,
+}
+
+/// A PostgreSQL database.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DatabaseSettings {
+    /// The host's name or address, or the folder of its Unix socket.
+    pub host: String,
+    /// Its port.
+    pub port: u16,
+    /// The database's name.
+    pub name: String,
+    /// The user.
+    pub user: String,
+    /// The file that contains only the password; `None` if the database needs no password.
+    pub password_file: Option<PathBuf>,
+    /// The certificate authority's file, PEM. With this file the connection is encrypted, and any other certificate
+    /// is refused.
+    pub ca: Option<PathBuf>,
+}
+
+const WAITING_GB: std::ops::RangeInclusive<usize> = 1..=10_000;
+const PORT: std::ops::RangeInclusive<usize> = 1..=65_535;
+
+const GB: i64 = 1_000_000_000;
+
+impl ArchiveSettings {
+    /// Returns the largest amount of data that may wait in the broker, bytes.
+    pub fn max_waiting_bytes(&self) -> i64 {
+        i64::try_from(self.waiting_gb).unwrap_or(i64::MAX).saturating_mul(GB)
+    }
+
+    /// Checks the text of the archive's file; names in it are relative to its folder.
+    ///
+    /// # Errors
+    /// Every problem with its line and key.
+    pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
+        let folder = Path::new(file).parent().unwrap_or(Path::new(""));
+        config::parse_file(file, text, |top| {
+            let broker = parse_broker(folder, &top.section("broker"));
+            let database = parse_database(folder, &top.section("database"));
+            let files = top.parse::<String>("files", (), Some("archive".to_owned()));
+            let fleet = parse_fleet(folder, &top.section("fleet"));
+            top.finish();
+            let (broker, waiting_gb) = broker?;
+            Some(ArchiveSettings {
+                broker,
+                waiting_gb,
+                database: database?,
+                files: folder.join(files?),
+                fleet: fleet?,
+            })
+        })
+    }
+}
+
+fn parse_broker(folder: &Path, section: &Section<'_, '_>) -> Option<(Broker, usize)> {
+    let broker = Broker::parse(folder, section, "address");
+    let waiting_gb = section.parse::<usize>("waiting_gb", WAITING_GB, Some(5));
+    section.finish();
+    let Some(broker) = broker? else {
+        section.problem("address", "is missing: the broker's address, such as \"nats://127.0.0.1:4222\"");
+        return None;
+    };
+    Some((broker, waiting_gb?))
+}
+
+/// Reads the address of the office's page. The outer `None` means a problem, the inner `None` means no page.
+fn parse_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetPage>> {
+    let [listen, certificate, key] = ["listen", "certificate", "certificate_key"]
+        .map(|key| section.parse::<Option<String>>(key, (), Some(None)));
+    section.finish();
+    let (listen, certificate, key) = (listen?, certificate?, key?);
+    if certificate.is_some() != key.is_some() {
+        section.problem("certificate", "certificate and certificate_key must be set together");
+        return None;
+    }
+    let Some(text) = listen else {
+        return section.missing_required("listen", "the address and port of the page, such as \"127.0.0.1:8444\"");
+    };
+    match text.parse::<SocketAddr>() {
+        Ok(listen) => {
+            let certificate = certificate.zip(key).map(|(file, key)| [folder.join(file), folder.join(key)]);
+            Some(Some(FleetPage { listen, certificate }))
+        }
+        Err(_) => {
+            let allowed = "valid: an IP address and a port, such as \"127.0.0.1:8444\"";
+            section.problem("listen", format!("found \"{text}\", {allowed}"));
+            None
+        }
+    }
+}
+
+fn parse_database(folder: &Path, section: &Section<'_, '_>) -> Option<DatabaseSettings> {
+    let host = section.parse::<String>("host", (), Some("127.0.0.1".to_owned()));
+    let port = section.parse::<usize>("port", PORT, Some(5_432));
+    let name = section.parse::<String>("name", (), Some("panelprep".to_owned()));
+    let user = section.parse::<String>("user", (), Some("panelprep".to_owned()));
+    let [password_file, ca] =
+        ["password_file", "ca"].map(|key| section.parse::<Option<String>>(key, (), Some(None)));
+    section.finish();
+    Some(DatabaseSettings {
+        host: host?,
+        port: u16::try_from(port?).ok()?,
+        name: name?,
+        user: user?,
+        password_file: password_file?.map(|name| folder.join(name)),
+        ca: ca?.map(|name| folder.join(name)),
+    })
+}

@@ -1,0 +1,147 @@
+//! Parts of messages and files, small enough for the broker: one line of JSON that names the message or file, then
+//! the part's bytes.
+
+use super::error::OfficeError;
+use super::message::check_epoch_name;
+use super::position::Position;
+use panelprep_cell::cell::CellName;
+use panelprep_cell::files::is_hex;
+use serde::{Deserialize, Serialize};
+
+const FORM: &str = "panelprep-part-1";
+/// Size of one part, bytes: together with its line it is below the 1 MB that a broker allows by default.
+const PART_BYTES: usize = 512 * 1024;
+/// Largest number of parts of one message or file: 2 GB.
+const MAX_PARTS: u32 = 4_096;
+/// The longest line.
+const HEAD_BYTES: usize = 1_024;
+
+/// The message or the file to which a part belongs.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum ChunkOwner {
+    /// Data of a [`Message`](super::Message).
+    Message(Position),
+    /// The file with this SHA-256.
+    File(String),
+}
+
+/// A part.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Chunk {
+    /// The cell that sends the part.
+    pub cell: CellName,
+    /// The owner of the data.
+    pub what: ChunkOwner,
+    /// Number of the part, from 1.
+    pub part: u32,
+    /// Number of parts.
+    pub parts: u32,
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Head {
+    form: String,
+    cell: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    position: Option<Position>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    file: Option<String>,
+    part: u32,
+    parts: u32,
+}
+
+/// Divides bytes into parts; an empty content is one part, too.
+///
+/// # Errors
+/// If there would be too many parts.
+pub fn chunks(cell: &CellName, what: &ChunkOwner, bytes: &[u8]) -> Result<Vec<Chunk>, OfficeError> {
+    let count = bytes.len().div_ceil(PART_BYTES).max(1);
+    let allowed = || OfficeError::Large { found: format!("{count} parts"), allowed: format!("{MAX_PARTS} parts") };
+    let parts = u32::try_from(count).ok().filter(|parts| *parts <= MAX_PARTS).ok_or_else(allowed)?;
+    let of = |part: u32| {
+        let from = (part as usize - 1) * PART_BYTES;
+        let bytes = bytes[from..bytes.len().min(from + PART_BYTES)].to_vec();
+        Chunk { cell: cell.clone(), what: what.clone(), part, parts, bytes }
+    };
+    Ok((1..=parts).map(of).collect())
+}
+
+impl Chunk {
+    /// Returns the name by which the broker recognizes the part. `again` changes the name if the part is sent again
+    /// because the office does not have it.
+    pub fn message_id(&self, again: u64) -> String {
+        let Chunk { cell, what, part, .. } = self;
+        let name = match what {
+            ChunkOwner::Message(Position { epoch, number }) => format!("{cell}/{epoch}/{number}/{part}"),
+            ChunkOwner::File(hash) => format!("{cell}/file/{hash}/{part}"),
+        };
+        if again == 0 { name } else { format!("{name}/{again}") }
+    }
+
+    /// Returns the bytes to send.
+    ///
+    /// # Errors
+    /// If JSON cannot represent the line.
+    pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
+        let (position, file) = match &self.what {
+            ChunkOwner::Message(position) => (Some(position.clone()), None),
+            ChunkOwner::File(hash) => (None, Some(hash.clone())),
+        };
+        let cell = self.cell.as_str().to_owned();
+        let head = Head { form: FORM.to_owned(), cell, position, file, part: self.part, parts: self.parts };
+        let mut bytes =
+            serde_json::to_vec(&head).map_err(|error| OfficeError::form_error("line of a part", error))?;
+        bytes.push(b'\n');
+        bytes.extend_from_slice(&self.bytes);
+        Ok(bytes)
+    }
+
+    /// Reads a part.
+    ///
+    /// # Errors
+    /// If the bytes are not a part, or exceed the largest part.
+    pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
+        let wrong = |problem: String| OfficeError::form_error("line of a part", problem);
+        let end = bytes.iter().take(HEAD_BYTES).position(|byte| *byte == b'\n');
+        let end = end.ok_or_else(|| wrong("the line end is missing".to_owned()))?;
+        let head: Head = serde_json::from_slice(&bytes[..end]).map_err(|error| wrong(error.to_string()))?;
+        if head.form != FORM {
+            return Err(wrong(format!(
+                "the field \"form\" is \"{}\", expected \"{FORM}\"",
+                head.form.escape_debug()
+            )));
+        }
+        let what = match (head.position, head.file) {
+            (Some(position), None) => {
+                check_epoch_name(&position.epoch).map_err(wrong)?;
+                ChunkOwner::Message(position)
+            }
+            (None, Some(hash)) => {
+                check_hash(&hash).map_err(wrong)?;
+                ChunkOwner::File(hash)
+            }
+            _ => return Err(wrong("the part must belong either to a message or to a file".to_owned())),
+        };
+        if !(1..=MAX_PARTS).contains(&head.parts) || !(1..=head.parts).contains(&head.part) {
+            return Err(wrong(format!("part {} of {}; the limits are 1 to {MAX_PARTS}", head.part, head.parts)));
+        }
+        let bytes = bytes[end + 1..].to_vec();
+        if bytes.len() > PART_BYTES {
+            let [found, allowed] = [bytes.len(), PART_BYTES].map(|count| format!("{count} bytes"));
+            return Err(OfficeError::Large { found, allowed });
+        }
+        let cell = CellName::new(&head.cell).map_err(wrong)?;
+        Ok(Chunk { cell, what, part: head.part, parts: head.parts, bytes })
+    }
+}
+
+/// Checks that a file's name is a SHA-256. The name becomes a path, so nothing else is accepted.
+fn check_hash(hash: &str) -> Result<(), String> {
+    match is_hex(hash, 64) {
+        true => Ok(()),
+        false => Err(format!("the file name is \"{}\", valid: a SHA-256", hash.escape_debug())),
+    }
+}

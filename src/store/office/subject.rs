@@ -1,0 +1,42 @@
+//! The subjects and streams of the broker.
+
+use panelprep_cell::cell::CellName;
+use panelprep_cell::files::content_hash;
+
+/// The stream of records and files that are on their way to the office.
+pub const STREAM: &str = "PANELPREP";
+/// Every subject of this stream.
+pub const ALL_RECORDS: &str = "panelprep.records.*";
+/// The stream in which the office reports which items it has: the last report for each cell and epoch.
+pub const ARCHIVED_STREAM: &str = "PANELPREP_ARCHIVED";
+/// Every subject of this stream.
+pub const ALL_ARCHIVED: &str = "panelprep.archived.*.*";
+/// The subjects of the current state of all cells.
+pub const ALL_STATES: &str = "panelprep.state.*";
+
+/// The stream of recipes that the office offers: the last recipe for each panel.
+pub const OFFER_STREAM: &str = "PANELPREP_OFFERS";
+/// Every subject of this stream.
+pub const ALL_OFFERS: &str = "panelprep.offers.*";
+
+/// The subject on which the office offers a recipe of this panel. The panel's name may contain characters that a
+/// subject must not.
+pub fn offer_subject(panel: &str) -> String {
+    let hash = content_hash(panel.as_bytes());
+    format!("panelprep.offers.{}", hash.get(..16).unwrap_or(&hash))
+}
+
+/// The subject on which a cell sends records and files.
+pub fn records(cell: &CellName) -> String {
+    format!("panelprep.records.{cell}")
+}
+
+/// The subject on which the office reports up to which number it has an epoch of a cell.
+pub fn archived_subject(cell: &CellName, epoch: &str) -> String {
+    format!("panelprep.archived.{cell}.{epoch}")
+}
+
+/// The subject on which a cell reports its state.
+pub fn state(cell: &CellName) -> String {
+    format!("panelprep.state.{cell}")
+}

@@ -1,0 +1,285 @@
+//! Cycles: the inputs of each, the findings of its phases, and how it ended.
+
+use super::commit::{TransactionFailure, WriteTransaction};
+use super::database::{Store, unix_ms};
+use super::error::StoreError;
+use super::{finding_times, outbox, parts};
+use crate::office::Kind;
+use panelprep_base::verdict::{Judgement, Reason, Verdict};
+use panelprep_cell::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, RecordingFile, conclude};
+use rusqlite::{OptionalExtension, Row, params};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+pub(super) const TABLES: &str = "
+    CREATE TABLE cycles (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        started_unix_s INTEGER NOT NULL,
+        ended_unix_s INTEGER,
+        panel TEXT NOT NULL,
+        taught_version TEXT NOT NULL,
+        recipe_hash TEXT NOT NULL,
+        files TEXT NOT NULL,
+        program_version TEXT NOT NULL,
+        verdict TEXT,
+        reasons TEXT,
+        budget TEXT
+    ) STRICT;
+    CREATE TABLE findings (
+        id INTEGER PRIMARY KEY,
+        cycle_id INTEGER NOT NULL REFERENCES cycles (id),
+        kind TEXT NOT NULL,
+        pass INTEGER NOT NULL,
+        finding TEXT NOT NULL
+    ) STRICT;
+    CREATE INDEX findings_by_cycle ON findings (cycle_id);
+";
+
+/// The inputs of a new cycle. Each text is stored unchanged, once, under its hash.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CycleStart {
+    /// The panel.
+    pub panel: String,
+    /// The version of the taught panel.
+    pub taught_version: String,
+    /// The recipe.
+    pub recipe_text: String,
+    /// The cell's file and its calibrations: the purpose of each, such as `base_from_camera`, and its text.
+    pub file_texts: Vec<(String, String)>,
+    /// The file in which the cycle is recorded, if it is recorded.
+    pub recording: Option<RecordingFile>,
+    /// Whether the cycle is an air-run, which abrades nothing.
+    pub is_air_run: bool,
+}
+
+impl Store {
+    /// Stores that a cycle begins, with everything that it uses.
+    ///
+    /// # Errors
+    /// If it cannot be written, or if cycles are lost by a restore and the start does not state what happened to the
+    /// part in them.
+    pub fn begin_cycle(&mut self, start: &CycleStart) -> Result<CycleId, StoreError> {
+        self.check_count(start)?;
+        let kept = |(name, text): &(String, String)| {
+            Ok(KeptFile { name: name.clone(), hash: self.store_blob(text.as_bytes())? })
+        };
+        let files: Vec<KeptFile> = start.file_texts.iter().map(kept).collect::<Result<_, StoreError>>()?;
+        let recipe_hash = self.store_blob(start.recipe_text.as_bytes())?;
+        let (started_unix_s, files) = (self.unix_s(), self.text(&files)?);
+        let part = parts::parse_part(&start.file_texts);
+        let above = self.numbered_above()?;
+        let id = self.commit("write a cycle to", |writing| {
+            let (panel, version, program) = (&start.panel, &start.taught_version, env!("CARGO_PKG_VERSION"));
+            writing.execute(
+                "INSERT INTO cycles (id, started_unix_s, panel, taught_version, recipe_hash, files, program_version)
+                 VALUES (1 + max(?7, (SELECT coalesce(max(id), 0) FROM cycles)), ?1, ?2, ?3, ?4, ?5, ?6)",
+                params![started_unix_s, panel, version, recipe_hash, files, program, above],
+            )?;
+            let id = writing.last_insert_rowid();
+            writing.chain("cycles", id)?;
+            part.as_ref().map_or(Ok(()), |part| parts::insert(writing, id, part))?;
+            Ok(CycleId(id))
+        })?;
+        start.recording.as_ref().map_or(Ok(()), |file| self.store_recording(id, file))?;
+        Ok(id)
+    }
+
+    /// Returns whether there is a cycle with this number.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn has_cycle(&self, id: CycleId) -> Result<bool, StoreError> {
+        let sql = "SELECT EXISTS (SELECT 1 FROM cycles WHERE id = ?1)";
+        let there = self.connection.query_row(sql, [id.0], |row| row.get(0));
+        there.map_err(|error| self.database_error("read a cycle of", &error))
+    }
+
+    /// Stores how a running cycle ended: the verdict of its state machine, never better than its findings allow
+    /// ([`conclude`](panelprep_cell::record::conclude)). `because` states why the cycle was ended early, if it was.
+    ///
+    /// # Errors
+    /// If it cannot be written, or there is no such cycle or it is over.
+    pub fn conclude(&mut self, id: CycleId, ended: Verdict, because: &[Reason]) -> Result<Judgement, StoreError> {
+        let judgement = conclude(ended, &self.cycle_findings(id)?, &self.requests_in_cycle(id)?, because);
+        let Judgement { verdict, reasons } = &judgement;
+        let (ended_unix_s, reasons) = (self.unix_s(), self.text(reasons)?);
+        let unix_ms = unix_ms(self.clock());
+        self.change(
+            (id, "cycle_ends"),
+            "UPDATE cycles SET ended_unix_s = ?2, verdict = ?3, reasons = ?4 WHERE id = ?1 AND verdict IS NULL",
+            params![id.0, ended_unix_s, verdict.keyword(), reasons],
+            |writing| outbox::insert(writing, Kind::Cycle, id.0, unix_ms),
+        )?;
+        Ok(judgement)
+    }
+
+    /// Stores the error at the tool, as far as it is known; a later value replaces an earlier one.
+    ///
+    /// # Errors
+    /// If it cannot be written, a part is not finite, or there is no such cycle or it is over.
+    pub fn set_budget(&mut self, id: CycleId, budget: &Budget) -> Result<(), StoreError> {
+        let parts = [budget.hand_eye_mm, budget.locate_mm, budget.fit_mm, budget.robot_mm, budget.stated_mm];
+        if parts.into_iter().flatten().any(|part| !part.is_finite()) {
+            return Err(StoreError::NotFinite { name: "error budget".to_owned() });
+        }
+        let budget = self.text(budget)?;
+        let sql = "UPDATE cycles SET budget = ?2 WHERE id = ?1 AND verdict IS NULL";
+        self.change((id, "cycle_budgets"), sql, params![id.0, budget], |_| Ok(()))
+    }
+
+    fn change(
+        &mut self,
+        (id, part): (CycleId, &'static str),
+        sql: &str,
+        values: &[&dyn rusqlite::ToSql],
+        beside: impl Fn(&mut WriteTransaction<'_>) -> Result<(), TransactionFailure>,
+    ) -> Result<(), StoreError> {
+        self.require_writable()?;
+        let path = self.path().to_owned();
+        self.commit("write a cycle to", |writing| match writing.execute(sql, values)? {
+            1 => {
+                writing.chain(part, id.0)?;
+                beside(writing)
+            }
+            _ => Err(StoreError::UnknownCycle { path: path.clone(), what: "running cycle", id: id.0 }.into()),
+        })
+    }
+
+    /// Stores the finding of a phase of a cycle. Its pictures are stored before, with [`Store::store_blob`].
+    ///
+    /// # Errors
+    /// If it cannot be written, a number is not finite, a picture is missing, or there is no such cycle.
+    pub fn store_finding(&mut self, id: CycleId, finding: &Finding) -> Result<(), StoreError> {
+        self.require_writable()?;
+        let finite = |number: Option<f64>| number.is_none_or(f64::is_finite);
+        if let Some(bad) =
+            finding.checks.iter().find(|number| !finite(number.value) || !finite(number.limit.value()))
+        {
+            return Err(StoreError::NotFinite { name: bad.name.clone() });
+        }
+        finding.pictures.iter().try_for_each(|picture| self.blob(&picture.hash).map(drop))?;
+        finding.shots.iter().try_for_each(|shot| self.blob(&shot.hash).map(drop))?;
+        let (kind, text) = (self.text(&finding.kind)?, self.text(finding)?);
+        let unix_ms = unix_ms(self.clock());
+        self.commit("write a finding to", |writing| {
+            writing.execute(
+                "INSERT INTO findings (cycle_id, kind, pass, finding) VALUES (?1, ?2, ?3, ?4)",
+                params![id.0, kind.trim_matches('"'), finding.pass, text],
+            )?;
+            let number = writing.last_insert_rowid();
+            writing.chain("findings", number)?;
+            finding_times::insert(writing, number, unix_ms)
+        })
+    }
+
+    /// Everything that is stored about a cycle.
+    ///
+    /// # Errors
+    /// If there is no such cycle, or it cannot be read back.
+    pub fn cycle(&self, id: CycleId) -> Result<CycleRecord, StoreError> {
+        let read = |error: rusqlite::Error| self.database_error("read a cycle of", &error);
+        let Some(mut record) = self.cycle_row(id)? else { return Err(self.unknown_cycle("cycle", id)) };
+        record.findings = self.cycle_findings(id)?;
+        record.motions = self.cycle_motions(id)?;
+        record.asked_before = self.requests_before_cycle(id, record.started_unix_s)?;
+        record.asked = self.requests_in_cycle(id)?;
+        record.clocks = self.clocks(id)?;
+        record.recording = self.recording_file(id)?;
+        let count = "SELECT count(*) FROM journal WHERE cycle_id = ?1";
+        let events: i64 = self.connection.query_row(count, [id.0], |row| row.get(0)).map_err(read)?;
+        record.events = events as u64;
+        Ok(record)
+    }
+
+    fn cycle_row(&self, id: CycleId) -> Result<Option<CycleRecord>, StoreError> {
+        let columns = |row: &Row<'_>| {
+            let record = CycleRecord {
+                id,
+                started_unix_s: row.get(0)?,
+                ended_unix_s: row.get(1)?,
+                panel: row.get(2)?,
+                taught_version: row.get(3)?,
+                recipe_hash: row.get(4)?,
+                files: Vec::new(),
+                program_version: row.get(5)?,
+                judgement: None,
+                budget: None,
+                findings: Vec::new(),
+                motions: Vec::new(),
+                asked_before: Vec::new(),
+                asked: Vec::new(),
+                clocks: [None, None],
+                recording: None,
+                events: 0,
+            };
+            let texts = [row.get(6)?, row.get(7)?, row.get(8)?, row.get(9)?];
+            Ok((record, texts))
+        };
+        let sql = "SELECT started_unix_s, ended_unix_s, panel, taught_version, recipe_hash, program_version,
+                files, verdict, reasons, budget FROM cycles WHERE id = ?1";
+        let row = self.connection.query_row(sql, [id.0], columns).optional();
+        let Some((mut record, texts)) = row.map_err(|error| self.database_error("read a cycle of", &error))? else {
+            return Ok(None);
+        };
+        let [files, verdict, reasons, budget]: [Option<String>; 4] = texts;
+        if let Some(files) = files {
+            record.files = self.parse_stored(&files)?;
+        }
+        if let (Some(word), Some(reasons)) = (verdict, reasons) {
+            let verdict = self.parse_stored(&format!("\"{word}\""))?;
+            record.judgement = Some(Judgement { verdict, reasons: self.parse_stored(&reasons)? });
+        }
+        record.budget = budget.map(|text| self.parse_stored(&text)).transpose()?;
+        Ok(Some(record))
+    }
+
+    /// The cycle that began last.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn newest_cycle(&self) -> Result<Option<CycleId>, StoreError> {
+        let last = self.connection.query_row("SELECT max(id) FROM cycles", [], |row| row.get::<_, Option<i64>>(0));
+        Ok(last.map_err(|error| self.database_error("read the cycles of", &error))?.map(CycleId))
+    }
+
+    /// Cycles that are over, in order.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn ended_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
+        self.find_cycles("verdict IS NOT NULL")
+    }
+
+    /// Cycles without an end, in order: the running one, and before [`Store::recover`] those left by a crash.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn open_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
+        self.find_cycles("verdict IS NULL")
+    }
+
+    fn find_cycles(&self, condition: &str) -> Result<Vec<CycleId>, StoreError> {
+        let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
+            let mut rows =
+                self.connection.prepare(&format!("SELECT id FROM cycles WHERE {condition} ORDER BY id"))?;
+            rows.query_map([], |row| row.get(0).map(CycleId))?.collect()
+        };
+        read().map_err(|error| self.database_error("read the cycles of", &error))
+    }
+
+    fn unknown_cycle(&self, what: &'static str, id: CycleId) -> StoreError {
+        StoreError::UnknownCycle { path: self.path().to_owned(), what, id: id.0 }
+    }
+
+    pub(super) fn text(&self, value: &impl Serialize) -> Result<String, StoreError> {
+        serde_json::to_string(value).map_err(|error| self.unreadable_error(&error))
+    }
+
+    pub(super) fn parse_stored<T: DeserializeOwned>(&self, text: &str) -> Result<T, StoreError> {
+        serde_json::from_str(text).map_err(|error| self.unreadable_error(&error))
+    }
+
+    fn unreadable_error(&self, error: &serde_json::Error) -> StoreError {
+        StoreError::Unreadable { path: self.path().to_owned(), problem: error.to_string() }
+    }
+}

@@ -1,0 +1,227 @@
+//! The chain's head outside of the database, in `panelprep.head` beside it.
+//!
+//! Before a transaction is committed, the file states the chain's present and next position; afterwards it states
+//! the present position. If the program ends between the two, the database is at one of the positions that the file
+//! names, unless it was changed by others. The file holds two copies of 512 bytes, a sector that a disk writes
+//! completely or not at all. They are written alternately and in place, so that a full disk does not prevent it.
+//! When the store is closed the file also holds the SHA-256 of the database's file.
+
+use super::chain::{ChainPosition, Hash};
+use super::flush;
+use super::turns::{WriteQueue, WriteTurn};
+use panelprep_cell::files::{content_hash, hex};
+use std::fmt::Write as _;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Error, ErrorKind};
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// The file's name.
+pub(super) const FILE: &str = "panelprep.head";
+const SLOT_BYTES: usize = 512;
+const HEAD_MAGIC: &str = "panelprep head 1";
+/// Time for which a write waits for another process that is writing to this store, as SQLite waits.
+const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// The content of the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Head {
+    /// The chain's position.
+    pub position: ChainPosition,
+    /// The chain's position once the transaction in progress is committed.
+    pub next_position: Option<ChainPosition>,
+    /// SHA-256 of the database's file, if it was closed.
+    pub database: Option<Hash>,
+}
+
+impl Head {
+    /// Returns whether the head allows a database at this position of the chain.
+    pub fn allows_position(&self, place: ChainPosition) -> bool {
+        place == self.position || Some(place) == self.next_position
+    }
+}
+
+/// The newest content of a head file, and the condition in which the file was found.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct HeadRead {
+    pub head: Head,
+    /// Whether one of the file's two copies is damaged.
+    pub is_damaged: bool,
+    count: u64,
+}
+
+/// The head file, open for writing.
+#[derive(Debug)]
+pub(super) struct HeadFile {
+    file: File,
+    turns: Arc<WriteQueue>,
+}
+
+/// The right to write to the chain; other threads and processes wait until it is dropped.
+pub(super) struct ChainTurn<'f> {
+    file: &'f File,
+    // Released after the file lock.
+    _in_turn: WriteTurn<'f>,
+}
+
+impl Drop for ChainTurn<'_> {
+    fn drop(&mut self) {
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "the file closes with the store, which also releases a lock that could not be released here"
+        )]
+        let _ = self.file.unlock();
+    }
+}
+
+/// Waits for the right to write to the chain.
+fn acquire_turn<'f>(file: &'f File, turns: &'f WriteQueue) -> Result<ChainTurn<'f>, Error> {
+    let since = Instant::now();
+    let _in_turn = turns.acquire(LOCK_TIMEOUT).ok_or_else(|| {
+        Error::new(ErrorKind::TimedOut, "another thread of this program has held the lock for 5 s")
+    })?;
+    loop {
+        match file.try_lock() {
+            Ok(()) => return Ok(ChainTurn { file, _in_turn }),
+            Err(TryLockError::WouldBlock) if since.elapsed() < LOCK_TIMEOUT => {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            Err(TryLockError::WouldBlock) => {
+                return Err(Error::new(ErrorKind::TimedOut, "another process has held the lock for 5 s"));
+            }
+            Err(TryLockError::Error(error)) => return Err(error),
+        }
+    }
+}
+
+impl HeadFile {
+    /// Opens the file, and creates it if there is none.
+    pub fn open(store: &Path) -> Result<Self, Error> {
+        let mut options = OpenOptions::new();
+        let file = options.read(true).write(true).create(true).truncate(false).open(store.join(FILE))?;
+        if file.metadata()?.len() < 2 * SLOT_BYTES as u64 {
+            // The file's blocks are allocated before the disk can become full.
+            file.write_all_at(&[b'\n'; 2 * SLOT_BYTES], 0)?;
+            file.sync_all()?;
+            flush::names(store)?;
+        }
+        Ok(HeadFile { file, turns: WriteQueue::for_folder(store) })
+    }
+
+    pub fn acquire_turn(&self) -> Result<ChainTurn<'_>, Error> {
+        acquire_turn(&self.file, &self.turns)
+    }
+
+    /// Writes the chain's present and next position to the disk.
+    pub fn prepare(&self, at: ChainPosition, next: ChainPosition) -> Result<(), Error> {
+        self.write(Head { position: at, next_position: Some(next), database: None })?;
+        self.file.sync_data()
+    }
+
+    /// Writes the chain's position. Until this is on the disk, the file still names this position together with the
+    /// one before.
+    pub fn write_position(&self, at: ChainPosition) -> Result<(), Error> {
+        self.write(Head { position: at, next_position: None, database: None })
+    }
+
+    /// Writes the chain's position in a closed database.
+    pub fn close(&self, at: ChainPosition, database: Option<Hash>) -> Result<(), Error> {
+        self.write(Head { position: at, next_position: None, database })?;
+        self.file.sync_data()
+    }
+
+    fn write(&self, head: Head) -> Result<(), Error> {
+        let count = read_head(&self.file)?.map_or(1, |read| read.count + 1);
+        // The two slots alternate, so that a power cut in the middle of a write damages at most the older of two
+        // states.
+        let slot = (count % 2) * SLOT_BYTES as u64;
+        self.file.write_all_at(&encode_head(&head, count), slot)
+    }
+}
+
+/// The content of this store's file; `None` if there is no file, or it has no content yet.
+pub(super) fn read(store: &Path) -> Result<Option<HeadRead>, Error> {
+    match File::open(store.join(FILE)) {
+        Ok(file) => read_head(&file),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// Reads the content of this store's file while no other process or thread writes, together with the data that
+/// `beside` reads meanwhile.
+pub(super) fn read_locked<T>(store: &Path, beside: impl FnOnce() -> T) -> Result<(Option<HeadRead>, T), Error> {
+    match File::open(store.join(FILE)) {
+        Ok(file) => {
+            let turns = WriteQueue::for_folder(store);
+            let _turn = acquire_turn(&file, &turns)?;
+            Ok((read_head(&file)?, beside()))
+        }
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok((None, beside())),
+        Err(error) => Err(error),
+    }
+}
+
+fn read_head(file: &File) -> Result<Option<HeadRead>, Error> {
+    let mut bytes = Vec::with_capacity(2 * SLOT_BYTES);
+    let mut buffer = [0; 2 * SLOT_BYTES + 1];
+    let count = file.read_at(&mut buffer, 0)?;
+    bytes.extend_from_slice(&buffer[..count]);
+    let slots: Vec<Option<(u64, Head)>> = bytes.chunks(SLOT_BYTES).map(parse_slot).collect();
+    let blank = bytes.chunks(SLOT_BYTES).filter(|slot| slot.iter().all(|byte| *byte == b'\n')).count();
+    let newest = slots.iter().flatten().max_by_key(|(count, _)| *count);
+    let is_damaged = bytes.len() != 2 * SLOT_BYTES || slots.iter().flatten().count() + blank != slots.len();
+    match newest {
+        Some((count, head)) => Ok(Some(HeadRead { head: *head, is_damaged, count: *count })),
+        None if !is_damaged || bytes.is_empty() => Ok(None),
+        // An empty file may be new; two damaged copies are not, and must not be taken for a store without a past.
+        None => Err(Error::new(ErrorKind::InvalidData, "both copies in the head file are damaged")),
+    }
+}
+
+#[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
+fn encode_head(head: &Head, count: u64) -> Vec<u8> {
+    let place = |place: &ChainPosition| format!("{} {}", place.link, hex(&place.hash));
+    let mut text = format!("{HEAD_MAGIC}\ncount {count}\nat {}\n", place(&head.position));
+    let _ = writeln!(text, "next {}", head.next_position.as_ref().map_or("none".to_owned(), place));
+    let _ = writeln!(text, "database {}", head.database.as_ref().map_or("none".to_owned(), |hash| hex(hash)));
+    let check = content_hash(text.as_bytes());
+    let _ = write!(text, "check {check}");
+    let mut bytes = text.into_bytes();
+    bytes.resize(SLOT_BYTES, b'\n');
+    bytes
+}
+
+fn parse_slot(slot: &[u8]) -> Option<(u64, Head)> {
+    let text = std::str::from_utf8(slot).ok()?;
+    let (said, check) = text.split_once("check ")?;
+    // The padding is checked too: a change of any byte is detected.
+    let padded = check.get(64..)?.bytes().all(|byte| byte == b'\n');
+    if slot.len() != SLOT_BYTES || !padded || content_hash(said.as_bytes()) != check.get(..64)? {
+        return None;
+    }
+    let mut lines = said.lines();
+    (lines.next()? == HEAD_MAGIC).then_some(())?;
+    let count = lines.next()?.strip_prefix("count ")?.parse().ok()?;
+    let at = parse_position(lines.next()?.strip_prefix("at ")?)?;
+    let next = parse_optional(lines.next()?.strip_prefix("next ")?, parse_position)?;
+    let database = parse_optional(lines.next()?.strip_prefix("database ")?, bytes)?;
+    lines.next().is_none().then_some((count, Head { position: at, next_position: next, database }))
+}
+
+fn parse_optional<T>(text: &str, parse: impl Fn(&str) -> Option<T>) -> Option<Option<T>> {
+    if text == "none" { Some(None) } else { parse(text).map(Some) }
+}
+
+fn parse_position(text: &str) -> Option<ChainPosition> {
+    let (link, hash) = text.split_once(' ')?;
+    Some(ChainPosition { link: link.parse().ok()?, hash: bytes(hash)? })
+}
+
+fn bytes(text: &str) -> Option<Hash> {
+    let digit = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
+    let bytes: Option<Vec<u8>> = text.as_bytes().chunks(2).map(digit).collect();
+    bytes?.try_into().ok()
+}

@@ -1,0 +1,133 @@
+//! The file of the key with which a cell signs its records: created at its first use, and readable only by its
+//! owner.
+
+use super::error::StoreError;
+use super::flush;
+use crate::signing::{CellKey, PublicKey, SigningError};
+use panelprep_base::random;
+use std::fs::{self, Permissions};
+use std::io::{self, ErrorKind, Write};
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
+
+/// The private key in the store's folder, if no other file is named.
+const PRIVATE: &str = "record-key.pem";
+/// The public key, in the store's folder. A replaced key stays there, since it verifies older records.
+const PUBLIC: &str = "record-key.pub.pem";
+
+/// The location of the private key's file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum KeyLocation {
+    /// In the store's folder.
+    InStore,
+    /// This file, which is created if it does not exist.
+    File(PathBuf),
+    /// This file, which is provided from outside, such as a credential of systemd.
+    Provided(PathBuf),
+}
+
+/// The key of a cell; if there is none yet, it is made of random bytes of the operating system. Its public half is
+/// written into the store's folder as PEM.
+///
+/// # Errors
+/// If the file cannot be read or made, holds no ed25519 key, or may be read by others than its owner.
+pub fn cell_key(store: &Path, place: &KeyLocation) -> Result<CellKey, StoreError> {
+    let (file, may_be_made) = match place {
+        KeyLocation::InStore => (store.join(PRIVATE), true),
+        KeyLocation::File(file) => (file.clone(), true),
+        KeyLocation::Provided(file) => (file.clone(), false),
+    };
+    let key = match fs::read_to_string(&file) {
+        Ok(pem) => {
+            if may_be_made {
+                check_private(&file)?;
+            }
+            CellKey::read(&pem).map_err(|source| key_error(&file, source))?
+        }
+        Err(error) if error.kind() == ErrorKind::NotFound && may_be_made => create_key_file(&file)?,
+        Err(error) => return Err(file_error("read", &file)(error)),
+    };
+    publish(store, &key)?;
+    Ok(key)
+}
+
+/// The public keys in the store's folder: that of the key in use, and those of earlier keys.
+///
+/// # Errors
+/// If there is none, or the file holds something else.
+pub fn public_keys(store: &Path) -> Result<Vec<PublicKey>, StoreError> {
+    let file = store.join(PUBLIC);
+    let pem = fs::read_to_string(&file).map_err(file_error("read", &file))?;
+    PublicKey::parse_all(&pem).map_err(|source| key_error(&file, source))
+}
+
+/// Checks that only the owner can read the key: another reader could sign in the cell's name.
+fn check_private(file: &Path) -> Result<(), StoreError> {
+    let mode = fs::metadata(file).map_err(file_error("look at", file))?.mode() & 0o777;
+    if mode & 0o077 == 0 {
+        return Ok(());
+    }
+    let words = format!(
+        "users other than its owner can use the file (mode {mode:03o}, valid: 600): run chmod 600, or replace the \
+         key if others may have read it"
+    );
+    Err(file_error("use", file)(io::Error::new(ErrorKind::PermissionDenied, words)))
+}
+
+/// Creates the key's file under a temporary name and renames it, so that the key is complete or absent. If another
+/// process has created a key first, that key is used.
+fn create_key_file(file: &Path) -> Result<CellKey, StoreError> {
+    let bytes = random::bytes().map_err(file_error("make", file))?;
+    let key = CellKey::from_random_bytes(&bytes);
+    let pem = key.to_pem().map_err(|source| key_error(file, source))?;
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::create_dir_all(folder).map_err(file_error("create", folder))?;
+    match write_temporary(folder, &pem).map_err(file_error("make", file))?.persist_noclobber(file) {
+        Ok(_) => flush::names(folder).map(|()| key).map_err(file_error("make", file)),
+        Err(error) if error.error.kind() == ErrorKind::AlreadyExists => {
+            let pem = fs::read_to_string(file).map_err(file_error("read", file))?;
+            CellKey::read(&pem).map_err(|source| key_error(file, source))
+        }
+        Err(error) => Err(file_error("make", file)(error.error)),
+    }
+}
+
+/// Writes a temporary file of this folder, complete and flushed, which only its owner can read; it does not have
+/// its final name yet.
+fn write_temporary(folder: &Path, text: &str) -> io::Result<NamedTempFile> {
+    let mut file = NamedTempFile::new_in(folder)?;
+    file.write_all(text.as_bytes())?;
+    file.as_file().sync_all()?;
+    Ok(file)
+}
+
+/// Writes the public key if it is not written yet.
+fn publish(store: &Path, key: &CellKey) -> Result<(), StoreError> {
+    let file = store.join(PUBLIC);
+    let before = match fs::read_to_string(&file) {
+        Ok(text) => text,
+        Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
+        Err(error) => return Err(file_error("read", &file)(error)),
+    };
+    if PublicKey::parse_all(&before).is_ok_and(|keys| keys.contains(&key.public_key())) {
+        return Ok(());
+    }
+    let pem = key.public_key().to_pem().map_err(|source| key_error(&file, source))?;
+    let write = || {
+        fs::create_dir_all(store)?;
+        let written = write_temporary(store, &format!("{pem}{before}"))?;
+        // The public key verifies the cell's signatures: every user may read it.
+        written.as_file().set_permissions(Permissions::from_mode(0o644))?;
+        written.persist(&file).map_err(|error| error.error).map(drop)
+    };
+    write().map_err(file_error("write", &file))
+}
+
+fn key_error(file: &Path, source: SigningError) -> StoreError {
+    StoreError::Signing { path: file.to_owned(), source }
+}
+
+fn file_error<'p>(doing: &'static str, path: &'p Path) -> impl Fn(io::Error) -> StoreError + 'p {
+    move |source| StoreError::File { operation: doing, path: path.to_owned(), source }
+}

@@ -1,0 +1,151 @@
+//! Requests: what was requested of the cell, by whom, and the reply. A row is written once, with its reply.
+//!
+//! A request that the state machine decides is also in the journal, before its effects. If the program ended between
+//! the two writes, only the journal contains the request. The person who requested it and the reply were then not
+//! recorded, and the record states this.
+
+use super::database::{Store, unix_ms};
+use super::error::StoreError;
+use super::trail::TrailPosition;
+use panelprep_cell::cycle::Event;
+use panelprep_cell::record::{CycleId, RequestRecord, RequestedAction};
+use rusqlite::params;
+
+pub(super) const TABLES: &str = "
+    CREATE TABLE requests (
+        id INTEGER PRIMARY KEY,
+        cycle_id INTEGER REFERENCES cycles (id),
+        journal_sequence INTEGER UNIQUE REFERENCES journal (sequence),
+        unix_ms INTEGER NOT NULL,
+        request TEXT NOT NULL
+    ) STRICT;
+    CREATE INDEX requests_by_cycle ON requests (cycle_id);
+";
+
+/// A request with its number in the store.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NumberedRequest {
+    /// The number, from 1.
+    pub number: i64,
+    /// The cycle in which it was made; `None` between cycles.
+    pub cycle: Option<CycleId>,
+    /// The request.
+    pub request: RequestRecord,
+}
+
+impl Store {
+    /// Stores a request with its answer; `journal` is its line in the journal, if it has one. Its time is set here.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn store_request(
+        &mut self,
+        asked: &RequestRecord,
+        cycle: Option<CycleId>,
+        journal: Option<u64>,
+    ) -> Result<(), StoreError> {
+        self.require_writable()?;
+        self.insert_request(asked, cycle, journal)
+    }
+
+    pub(super) fn insert_request(
+        &mut self,
+        asked: &RequestRecord,
+        cycle: Option<CycleId>,
+        journal: Option<u64>,
+    ) -> Result<(), StoreError> {
+        let unix_ms = unix_ms(self.clock());
+        let text = self.text(&RequestRecord { unix_ms, ..asked.clone() })?;
+        self.commit("write a request to", |writing| {
+            writing.execute(
+                "INSERT INTO requests (cycle_id, journal_sequence, unix_ms, request) VALUES (?1, ?2, ?3, ?4)",
+                params![cycle.map(|id| id.0), journal.map(|sequence| sequence as i64), unix_ms, text],
+            )?;
+            writing.chain("requests", writing.last_insert_rowid())
+        })
+    }
+
+    /// The newest requests of all cycles and between them, at most `most`, the newest first, each with its number and
+    /// its cycle; with `before`, only requests before this position.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    pub fn requests(&self, before: Option<TrailPosition>, most: usize) -> Result<Vec<NumberedRequest>, StoreError> {
+        if !self.has_table("requests")? {
+            return Ok(Vec::new());
+        }
+        let TrailPosition { unix_ms, number } = before.unwrap_or(TrailPosition::END);
+        let most = i64::try_from(most).unwrap_or(i64::MAX);
+        let read = || -> Result<Vec<(i64, Option<i64>, String)>, rusqlite::Error> {
+            let sql = "SELECT id, cycle_id, request FROM requests WHERE (unix_ms, id) < (?1, ?2)
+                ORDER BY unix_ms DESC, id DESC LIMIT ?3";
+            let row = |row: &rusqlite::Row<'_>| Ok((row.get(0)?, row.get(1)?, row.get(2)?));
+            self.connection.prepare(sql)?.query_map([unix_ms, number, most], row)?.collect()
+        };
+        let rows = read().map_err(|error| self.database_error("read the requests of", &error))?;
+        let request = |(number, cycle, text): (i64, Option<i64>, String)| {
+            Ok(NumberedRequest { number, cycle: cycle.map(CycleId), request: self.parse_stored(&text)? })
+        };
+        rows.into_iter().map(request).collect()
+    }
+
+    /// The requests in a cycle, in order; for lines of the journal without a row, the content of the line.
+    pub(super) fn requests_in_cycle(&self, id: CycleId) -> Result<Vec<RequestRecord>, StoreError> {
+        let mut asked = match self.has_table("requests")? {
+            true => self.requests_where("cycle_id = ?1", "cycle_id = ?1", id)?,
+            false => Vec::new(),
+        };
+        let without = match self.has_table("requests")? {
+            true => "AND sequence NOT IN (SELECT journal_sequence FROM requests WHERE journal_sequence NOT NULL)",
+            false => "",
+        };
+        let sql = format!(
+            "SELECT unix_ms, event FROM journal WHERE cycle_id = ?1 AND event LIKE '{{\"asked\":%' {without}
+             ORDER BY sequence"
+        );
+        for (unix_ms, text) in self.request_rows(&sql, id)? {
+            if let Event::Asked(request) = self.parse_stored(&text)? {
+                let wanted = RequestedAction::For(request);
+                asked.push(RequestRecord {
+                    unix_ms,
+                    wanted,
+                    who: None,
+                    answer: None,
+                    reasons: Vec::new(),
+                    findings: None,
+                });
+            }
+        }
+        asked.sort_by_key(|asked| asked.unix_ms);
+        Ok(asked)
+    }
+
+    /// The requests between the cycle before and this one, in order.
+    pub(super) fn requests_before_cycle(
+        &self,
+        id: CycleId,
+        started_unix_s: i64,
+    ) -> Result<Vec<RequestRecord>, StoreError> {
+        if !self.has_table("requests")? {
+            return Ok(Vec::new());
+        }
+        let after = "id > (SELECT coalesce(max(id), 0) FROM requests WHERE cycle_id < ?1)";
+        let before = "id < (SELECT coalesce(min(id), 9223372036854775807) FROM requests WHERE cycle_id >= ?1)";
+        let mut asked = self.requests_where(&format!("cycle_id IS NULL AND {after}"), before, id)?;
+        asked.retain(|asked| asked.unix_ms.div_euclid(1_000) <= started_unix_s);
+        Ok(asked)
+    }
+
+    fn requests_where(&self, one: &str, other: &str, id: CycleId) -> Result<Vec<RequestRecord>, StoreError> {
+        let sql = format!("SELECT unix_ms, request FROM requests WHERE {one} AND {other} ORDER BY id");
+        self.request_rows(&sql, id)?.iter().map(|(_, text)| self.parse_stored(text)).collect()
+    }
+
+    fn request_rows(&self, sql: &str, id: CycleId) -> Result<Vec<(i64, String)>, StoreError> {
+        let read = || -> Result<Vec<_>, rusqlite::Error> {
+            let mut rows = self.connection.prepare(sql)?;
+            rows.query_map([id.0], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+        };
+        read().map_err(|error| self.database_error("read the requests of", &error))
+    }
+}

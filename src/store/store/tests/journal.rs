@@ -1,0 +1,258 @@
+//! The journal and the motions: the next process folds the journal that a process has left.
+
+use super::*;
+use panelprep_cell::cycle::{
+    self, Action, Answer, At, Cause, Effect, Event, Film, Grade, Id, Outcome, Report, Request, Robot, State, step,
+};
+use panelprep_cell::record::CycleId;
+use proptest::prelude::*;
+
+pub fn progress(done: u32) -> Event {
+    Event::Reported(Report::Progress { id: Id(u64::MAX - 1), done })
+}
+
+/// Returns the answers of a healthy cell; every second film is broken.
+pub fn answer(act: Action, film: u32) -> Answer {
+    match act {
+        Action::CheckStandstill | Action::EndEpoch { .. } => Answer::Standstill { done: 0 },
+        Action::OpenEpoch { above } => Answer::Epoch(above + 1),
+        Action::Move(motion) => Answer::Standstill { done: motion.waypoints },
+        Action::Locate | Action::Refine { .. } | Action::Verify { .. } | Action::Assess => {
+            Answer::Graded(Grade::Accept)
+        }
+        Action::Film => Answer::Filmed(if film.is_multiple_of(2) { Film::Broken } else { Film::Whole }),
+        Action::Plan { .. } => Answer::Planned { plan: 77, waypoints: 9 },
+        Action::SelfTest | Action::SetFrames(_) | Action::Switch(_) | Action::DryPicture => Answer::Done,
+    }
+}
+
+/// A healthy cell and its operator, with unexpected events in between.
+struct Walk {
+    state: State,
+    armed: Vec<Event>,
+    films: u32,
+}
+
+impl Walk {
+    fn new() -> Self {
+        Walk { state: State::INITIAL, armed: Vec::new(), films: 0 }
+    }
+
+    fn likely(&mut self) -> Event {
+        match (self.state.due, self.state.at) {
+            _ if self.state.facts.robot != Robot::Ready => Event::Reported(Report::Robot(Robot::Ready)),
+            (Some(due), _) => {
+                self.films += u32::from(due.act == Action::Film);
+                Event::Reported(Report::Answered { id: due.id, answer: answer(due.act, self.films) })
+            }
+            (None, At::Stopped | At::Complete { .. }) => Event::Asked(Request::Reset),
+            (None, At::Idle) => Event::Asked(Request::Start { max_passes: 2, max_moves: 3, dries: false }),
+            (None, At::Held(_)) => Event::Asked(Request::Unhold { dried: true }),
+            (None, At::Aborted { .. }) => Event::Asked(Request::Clear),
+            _ => self.armed.pop().unwrap_or(Event::Reported(Report::Boot)),
+        }
+    }
+
+    fn surprise(&mut self, kind: u8) -> Event {
+        match kind {
+            0 => Event::Asked(Request::Hold),
+            1 => Event::Asked(Request::Stop),
+            2 => Event::Asked(Request::Abort),
+            3 => Event::Reported(Report::Robot(Robot::LinkLost)),
+            4 => Event::Reported(Report::Boot),
+            _ => self.likely(),
+        }
+    }
+
+    /// Executes the state machine's step and stores the events that wait for their time.
+    fn step(&mut self, event: Event) -> Vec<Effect> {
+        let (state, effects) = step(self.state, event);
+        self.state = state;
+        let armed = effects.iter().filter_map(|effect| match *effect {
+            Effect::Arm { id, deadline: which @ (cycle::Deadline::Rinse | cycle::Deadline::Spray) }
+            | Effect::Arm { id, deadline: which @ (cycle::Deadline::Settle | cycle::Deadline::Drain) } => {
+                Some(Event::Reported(Report::Deadline { id, which }))
+            }
+            _ => None,
+        });
+        self.armed.extend(armed);
+        effects
+    }
+}
+
+/// The store's part of the loop: the running cycle, and the effects that are commits.
+struct Loop {
+    store: Store,
+    running: Option<CycleId>,
+}
+
+impl Loop {
+    fn append(&mut self, event: &Event, at: At) -> u64 {
+        if let (Event::Asked(Request::Start { .. }), At::Idle) = (event, at) {
+            self.running = Some(self.store.begin_cycle(&super::cycles::start()).expect("begun"));
+        }
+        self.store.append(event, self.running).expect("written")
+    }
+
+    fn perform(&mut self, effect: &Effect) {
+        match effect {
+            Effect::OpenIntent(motion) => self.store.open_intent(motion, self.running).expect("opened"),
+            Effect::CloseIntent { motion, outcome, done } => {
+                self.store.close_intent(motion, *outcome, *done).expect("closed");
+            }
+            Effect::Conclude { verdict } => {
+                if let Some(id) = self.running.take() {
+                    drop(self.store.conclude(id, *verdict, &[]).expect("concluded"));
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// For all events and wherever the process ended, the store folds to the state machine's own state, and its rows
+    /// of motions and cycles agree with the journal.
+    #[test]
+    fn what_is_appended_folds_as_in_memory(
+        surprises in prop::collection::vec(0_u8..40, 1..160),
+        performed in 0_usize..4,
+    ) {
+        let (folder, store) = new_store();
+        let (mut walk, mut cell) = (Walk::new(), Loop { store, running: None });
+        let mut memory = Vec::new();
+        let last = surprises.len() - 1;
+        for (index, kind) in surprises.into_iter().enumerate() {
+            let event = walk.surprise(kind);
+            memory.push(event);
+            prop_assert_eq!(cell.append(&event, walk.state.at), memory.len() as u64);
+            // The process ends after the last event, with only some of its effects executed.
+            let count = if index == last { performed } else { usize::MAX };
+            walk.step(event).iter().take(count).for_each(|effect| cell.perform(effect));
+        }
+        drop(cell);
+        let mut store = Store::create(&folder.path().join("store")).expect("opens again");
+        prop_assert_eq!(&store.journal().expect("reads back"), &memory);
+        let recovered = store.recover().expect("recovers");
+        prop_assert_eq!(recovered, cycle::recover(memory));
+        prop_assert_eq!(store.has_open_motion().expect("read"), recovered.intent.is_some());
+        prop_assert!(recovered.intent.is_none() || recovered.at.keyword() == "aborted");
+        prop_assert_eq!(store.open_cycles().expect("read").len(), usize::from(walk.state.job.running));
+        prop_assert_eq!(store.recover().expect("again"), recovered);
+    }
+}
+
+/// Runs a healthy cell until the motion to the corner has begun.
+fn until_moving(cell: &mut Loop) -> (Walk, cycle::Motion) {
+    let mut walk = Walk::new();
+    for _ in 0..60 {
+        let event = walk.likely();
+        cell.append(&event, walk.state.at);
+        walk.step(event).iter().for_each(|effect| cell.perform(effect));
+        if let Some(intent) = walk.state.intent {
+            return (walk, intent.motion);
+        }
+    }
+    panic!("nothing moves: {:?}", walk.state);
+}
+
+#[test]
+fn an_open_motion_is_aborted_after_a_restart_until_a_person_clears_it() {
+    let (folder, store) = new_store();
+    let mut cell = Loop { store, running: None };
+    let (_, motion) = until_moving(&mut cell);
+    assert!(cell.store.has_open_motion().expect("read"));
+    assert!(cell.store.open_intent(&motion, None).is_err(), "one motion at a time");
+    drop(cell);
+    let mut store = Store::create(&folder.path().join("store")).expect("opens again");
+    let recovered = store.recover().expect("recovers");
+    assert_eq!(recovered.at, At::Aborted { cause: Cause::Interrupted });
+    assert!(store.has_open_motion().expect("read"));
+
+    // The next process: boot, robot ready, clear, and the robot reports standstill.
+    let mut cell = Loop { running: store.open_cycles().expect("read").first().copied(), store };
+    let mut walk = Walk { state: cycle::fold_journal(cell.store.journal().expect("read")), ..Walk::new() };
+    let mut event = Event::Reported(Report::Boot);
+    for _ in 0..20 {
+        cell.append(&event, walk.state.at);
+        walk.step(event).iter().for_each(|effect| cell.perform(effect));
+        if walk.state.at == At::Stopped {
+            break;
+        }
+        event = walk.likely();
+    }
+    assert_eq!(walk.state.at, At::Stopped);
+    assert!(!cell.store.has_open_motion().expect("read"));
+    let id = cell.store.newest_cycle().expect("read").expect("a cycle");
+    let record = cell.store.cycle(id).expect("whole");
+    assert_eq!(
+        record.judgement.map(|judgement| judgement.verdict),
+        Some(panelprep_base::verdict::Verdict::Aborted)
+    );
+    assert_eq!(record.motions.last().and_then(|motion| motion.outcome), Some(Outcome::Cleared));
+}
+
+#[test]
+fn a_motion_that_the_journal_does_not_know_stops_the_start() {
+    let (_folder, store) = new_store();
+    let mut cell = Loop { store, running: None };
+    let (_, motion) = until_moving(&mut cell);
+    cell.store.connection.execute("DELETE FROM journal", []).expect("lost");
+    assert!(matches!(cell.store.recover(), Err(StoreError::DamagedJournal { .. })));
+    assert!(cell.store.close_intent(&cycle::Motion { epoch: 99, ..motion }, Outcome::Done, 1).is_err());
+}
+
+#[test]
+fn a_line_that_was_changed_lost_or_put_in_is_found() {
+    let planted = [
+        "UPDATE journal SET event = replace(event, '7', '8') WHERE sequence = 7",
+        "UPDATE journal SET unix_ms = unix_ms + 1 WHERE sequence = 7",
+        "DELETE FROM journal WHERE sequence = 7",
+        "INSERT INTO journal SELECT sequence + 5, cycle_id, unix_ms, event, chain FROM journal WHERE sequence > 7",
+        "UPDATE journal SET event = '{}' WHERE sequence = 7",
+    ];
+    for sql in planted {
+        let (_folder, mut store) = new_store();
+        for done in 1..=10 {
+            store.append(&progress(done), None).expect("written");
+        }
+        assert_eq!(store.journal().expect("whole").len(), 10);
+        store.connection.execute(sql, []).expect(sql);
+        let error = store.recover().expect_err(sql).to_string();
+        assert!(error.contains("damaged at line"), "{sql}: {error}");
+    }
+}
+
+/// The disk is full, also after the reserve was released: the append is an error, acknowledged lines are still
+/// present afterwards, and the journal continues as soon as there is room.
+#[test]
+fn a_full_disk_takes_the_reserve_and_then_nothing() {
+    let (folder, mut store) = new_store();
+    let pages: i64 = store.connection.pragma_query_value(None, "page_count", |row| row.get(0)).expect("counted");
+    store.connection.pragma_update_and_check(None, "max_page_count", pages + 3, |_| Ok(())).expect("set");
+    let mut written = 0;
+    let error = loop {
+        match store.append(&progress(written + 1), None) {
+            Ok(sequence) => written = sequence as u32,
+            Err(error) => break error,
+        }
+    };
+    assert!(written > 10 && matches!(error, StoreError::Full { .. }), "{written}: {error}");
+    assert!(error.to_string().contains("is full") && error.to_string().contains("delete"), "{error}");
+    let reserve = folder.path().join("store/panelprep.reserve");
+    assert!(store.is_disk_full() && !reserve.exists(), "the reserve is the journal's last room");
+    assert!(matches!(store.append(&progress(0), None), Err(StoreError::Full { .. })), "still");
+    store.connection.pragma_update_and_check(None, "max_page_count", 100_000, |_| Ok(())).expect("set");
+    assert_eq!(store.append(&progress(written + 1), None).expect("there is room"), u64::from(written) + 1);
+    written += 1;
+    assert!(store.has_free_space() && !store.is_disk_full() && reserve.exists(), "it is taken again");
+    drop(store);
+    let mut store = Store::create(&folder.path().join("store")).expect("opens again");
+    let expected: Vec<Event> = (1..=written).map(progress).collect();
+    assert_eq!(store.journal().expect("reads back"), expected);
+    assert_eq!(store.append(&progress(0), None).expect("goes on"), u64::from(written) + 1);
+    let mut reader = Store::open(&folder.path().join("store")).expect("for reading");
+    assert!(matches!(reader.append(&progress(0), None), Err(StoreError::ReadOnly { .. })));
+}

@@ -1,0 +1,36 @@
+//! Pages of proofs and their signatures.
+
+use super::*;
+use panelprep_cell::cell::ProofStage;
+use panelprep_cell::record::{RequestAuthor, RequestSource};
+
+fn page(stage: ProofStage, programs_sum: i32, is_signed: bool) -> ProofsPage {
+    ProofsPage { stage, programs_sum, page_sha256: "ab".repeat(32), by: "Ada".to_owned(), is_signed }
+}
+
+/// The newest row counts, whatever was stored before it; a proven page is no signature.
+#[test]
+fn the_newest_signature_is_read_back() {
+    let (folder, store) = new_store();
+    drop(store);
+    let folder = folder.path().join("store");
+    let who = RequestAuthor::from_source(RequestSource::Command);
+    let newest_signed = || {
+        let store = Store::open(&folder).expect("for reading");
+        store.newest_proofs(|page| page.is_signed).expect("read")
+    };
+    assert_eq!(newest_signed(), None);
+    for (row, expected) in [
+        (page(ProofStage::A, 7, false), None),
+        (page(ProofStage::A, 7, true), Some((ProofStage::A, 7))),
+        (page(ProofStage::B, 7, true), Some((ProofStage::B, 7))),
+        (page(ProofStage::C, 7, false), Some((ProofStage::B, 7))),
+        // The programs were changed: the proofs begin again.
+        (page(ProofStage::A, 8, true), Some((ProofStage::A, 8))),
+    ] {
+        Store::store_proofs_in(&folder, &row, who.clone()).expect("stored");
+        assert_eq!(newest_signed().map(|page| (page.stage, page.programs_sum)), expected, "{row:?}");
+    }
+    let found = Store::open(&folder).expect("for reading").newest_proofs(|page| page.stage == ProofStage::C);
+    assert_eq!(found.expect("read"), Some(page(ProofStage::C, 7, false)));
+}

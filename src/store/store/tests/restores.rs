@@ -1,0 +1,275 @@
+//! After a restore no number of a cycle is used again, and no part is abraded on a count that may be too low.
+
+use super::super::chain::{self, ChainPosition};
+use super::super::database_files::file_hash;
+use super::super::head::HeadFile;
+use super::contacts::{cut_short, film, start_of};
+use super::evidence::behind_its_back;
+use super::*;
+use panelprep_base::verdict::Verdict;
+use panelprep_cell::cycle::{At, Cause};
+use panelprep_cell::record::{CycleId, LostPasses};
+use std::path::PathBuf;
+
+/// When the backups were made: 2027-01-15, s since 1970.
+const MADE_UNIX_S: i64 = 1_800_000_000;
+
+/// A restore after which nothing is known about the time since the backup, except the last number of a cycle.
+fn lost(last_cycle: i64) -> Restore {
+    Restore { last_cycle: CycleId(last_cycle), made_unix_s: Some(MADE_UNIX_S), is_nothing_abraded: false }
+}
+
+/// A restore after which it is proven that nothing was abraded since the backup.
+fn nothing_abraded(last_cycle: i64) -> Restore {
+    Restore { is_nothing_abraded: true, ..lost(last_cycle) }
+}
+
+/// Returns a closed store with cycle 1, in which one grid of the part SN1 was abraded.
+fn after_one() -> (TempDir, PathBuf) {
+    let (folder, mut store) = new_store();
+    assert_eq!(cut_short(&mut store, ("SN1", 3), false), CycleId(1));
+    let path = folder.path().join("store");
+    (folder, path)
+}
+
+/// Returns the store of [`after_one`], restored and opened.
+fn restored_after_one(restore: &Restore) -> (TempDir, PathBuf, Store) {
+    let (folder, path) = after_one();
+    let store = restored(&path, restore);
+    (folder, path, store)
+}
+
+/// Marks a closed store as restored and opens it.
+fn restored(path: &Path, restore: &Restore) -> Store {
+    Store::mark_restored(path, restore).expect("marked");
+    Store::create(path).expect("opened")
+}
+
+/// Adds a cycle that passes by its film, in which nothing is abraded.
+fn add_film(path: &Path) {
+    let mut store = Store::create(path).expect("opened");
+    let id = store.begin_cycle(&start_of("SN1", false)).expect("begun");
+    film(&mut store, id, Verdict::Pass);
+}
+
+/// Copies a store that no program has open, as a backup does.
+fn copied(from: &Path, to: &Path) {
+    fs::create_dir_all(to.join(BLOBS)).expect("a folder");
+    let blobs = fs::read_dir(from.join(BLOBS)).expect("listed").map(|entry| entry.expect("an entry").path());
+    for file in ROW_FILES.map(|name| from.join(name)).into_iter().chain(blobs) {
+        let name = file.strip_prefix(from).expect("below");
+        fs::copy(&file, to.join(name)).expect("copied");
+    }
+}
+
+/// Changes a store as a person who knows its format can: chain, head and the hash of the file agree with the rows.
+fn forge(store: &Path, sql: &str) {
+    let file = store.join(DATABASE);
+    let connection = Connection::open(&file).expect("opens");
+    connection.pragma_update(None, "foreign_keys", "OFF").expect("set");
+    connection.execute_batch(sql).expect("changed");
+    let links: Vec<(String, i64)> = {
+        let mut read = connection.prepare("SELECT part, row_key FROM chain ORDER BY link").expect("prepared");
+        let rows = read.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).expect("read");
+        rows.collect::<Result<_, _>>().expect("read")
+    };
+    connection.execute("DELETE FROM chain", []).expect("removed");
+    let mut place = ChainPosition::START;
+    for (part, key) in links {
+        place = chain::add(&connection, place, chain::part(&part).expect("ours"), key).expect("forged");
+    }
+    drop(connection);
+    let hash = file_hash(&file).expect("read");
+    HeadFile::open(store).and_then(|head| head.close(place, Some(hash))).expect("a forged head");
+    assert_eq!(Store::verify(store, false).expect("verified").differences, [] as [String; 0]);
+}
+
+fn with_lost_passes(serial: &str, passes: u8) -> CycleStart {
+    let mut start = start_of(serial, false);
+    start.file_texts.push((LostPasses::FILE.to_owned(), format!("passes = {passes}\n")));
+    start
+}
+
+fn refused(store: &mut Store, start: &CycleStart) -> LostCount {
+    match store.begin_cycle(start) {
+        Err(StoreError::CountUnknown(lost)) => lost,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_restored_store_begins_a_new_epoch_once() {
+    let (_folder, path, store) = restored_after_one(&lost(1));
+    drop(store);
+    let store = Store::create(&path).expect("opened again");
+    let epochs = store.outbox_epochs().expect("epochs");
+    assert_eq!(epochs.iter().map(|last| last.number).collect::<Vec<_>>(), [1, 0]);
+    assert_ne!(epochs[0].epoch, epochs[1].epoch);
+}
+
+/// There is a backup of cycle 1; the store that it replaces had reached cycle 12. At every start the cell rests in
+/// Aborted until a person has checked it. No number is used twice, by this restore or by another one.
+#[test]
+fn a_restored_store_asks_a_person_and_continues_above_the_last_number() {
+    let (_folder, path, store) = restored_after_one(&lost(12));
+    drop(store);
+    for _ in 0..2 {
+        let mut store = Store::create(&path).expect("opened");
+        assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreRestored });
+        assert_eq!(store.changed(), Vec::<String>::new());
+    }
+    let mut store = Store::create(&path).expect("opened");
+    for wanted in [13, 14] {
+        assert_eq!(store.begin_cycle(&start_of("", true)).expect("begun"), CycleId(wanted));
+        store.conclude(CycleId(wanted), Verdict::Aborted, &[]).expect("concluded");
+    }
+    drop(store);
+    let mut store = restored(&path, &lost(3));
+    assert_eq!(store.begin_cycle(&start_of("", true)).expect("begun"), CycleId(15));
+}
+
+/// SN1 had one pass before the backup and may have had more after it. No cycle of SN1 begins on the count of 1, neither
+/// does one of any other part, until a start states what happened to this part. An air-run abrades nothing.
+#[test]
+fn no_part_begins_on_the_count_of_a_restored_store() {
+    let (_folder, path, mut store) = restored_after_one(&lost(7));
+    let one = CycleId(1);
+    let lost_count = refused(&mut store, &start_of("SN1", false));
+    assert_eq!((lost_count.serial.as_str(), lost_count.made_unix_s), ("SN1", Some(MADE_UNIX_S)));
+    let opened_unix_s = store.unix_s();
+    let since_s = opened_unix_s - lost_count.restored_unix_s;
+    assert!((0..600).contains(&since_s), "restored {since_s} s ago");
+    assert_eq!(refused(&mut store, &start_of("", false)).serial, "");
+    store.begin_cycle(&CycleStart { is_air_run: true, ..start_of("SN1", false) }).expect("an air-run");
+    refused(&mut store, &start_of("SN1", false));
+
+    // One known pass of one grid, and two stated ones of every grid. They count for later cycles as well.
+    let two = store.begin_cycle(&with_lost_passes("sn1 ", 2)).expect("stated");
+    store.conclude(two, Verdict::Aborted, &[]).expect("concluded");
+    let three = store.begin_cycle(&start_of("SN1", false)).expect("it is known now");
+    let again = store.begin_cycle(&start_of("SN1", true)).expect("it is known now");
+    for cycle in [two, three, again] {
+        let counted = store.earlier_abrasions(cycle).expect("read");
+        let stated =
+            counted.iter().filter(|pass| pass.is_stated && pass.grid.is_none() && pass.cycle == two).count();
+        assert_eq!((counted.len(), stated, counted[0].cycle), (3, 2, one), "{counted:?}");
+    }
+    let of_serial = store.passes_by_serial("SN1", None).expect("read");
+    assert_eq!(of_serial.iter().map(|cycle| (cycle.cycle, cycle.passes)).collect::<Vec<_>>(), [(one, 1), (two, 2)]);
+    assert_eq!(of_serial[1].removed_um, None, "its depth is not known");
+
+    // A second restore loses cycles again.
+    drop(store);
+    let mut store = restored(&path, &lost(20));
+    refused(&mut store, &start_of("SN1", false));
+}
+
+/// A serial number names one part. The statement that it is another part than before does not state how often it was
+/// abraded; a number of passes does. For a part without a serial number both are answers.
+#[test]
+fn another_part_answers_only_for_a_part_without_a_serial_number() {
+    let (_folder, _path, mut store) = restored_after_one(&lost(7));
+    for serial in ["SN1", "SN2"] {
+        assert_eq!(refused(&mut store, &start_of(serial, true)).serial, serial);
+    }
+    // A start that stated it before, as an earlier version of this program accepted it, is no answer either.
+    let air_run = CycleStart { is_air_run: true, ..start_of("SN2", true) };
+    store.begin_cycle(&air_run).expect("an air-run");
+    refused(&mut store, &start_of("SN2", false));
+    store.begin_cycle(&with_lost_passes("SN2", 0)).expect("stated");
+    store.begin_cycle(&start_of("SN2", false)).expect("stated before");
+    refused(&mut store, &start_of("SN1", false));
+    refused(&mut store, &start_of("", false));
+    store.begin_cycle(&start_of("", true)).expect("another part");
+    store.begin_cycle(&start_of("", false)).expect("stated before");
+}
+
+/// A person wrote 300 passes, or another program wrote the text: it is no statement, and no cycle begins.
+#[test]
+fn a_statement_that_cannot_be_read_is_none() {
+    let (_folder, _path, mut store) = restored_after_one(&lost(0));
+    for text in ["passes = 300\n", "passes = -1\n", "", "passes = 1\nmore = 2\n"] {
+        let mut start = start_of("SN1", false);
+        start.file_texts.push((LostPasses::FILE.to_owned(), text.to_owned()));
+        refused(&mut store, &start);
+    }
+    assert_eq!(store.newest_cycle().expect("read"), Some(CycleId(1)));
+    assert_eq!(store.begin_cycle(&with_lost_passes("SN1", 255)).expect("the largest number"), CycleId(2));
+}
+
+/// The replaced store shows its last number, and whether anything was abraded since the backup.
+#[test]
+fn the_replaced_store_shows_what_is_known() {
+    let (folder, path) = after_one();
+    let backup = folder.path().join("backup");
+    copied(&path, &backup);
+    let shown = || Store::compute_restore(&path, &backup, MADE_UNIX_S);
+    assert_eq!(shown(), Some(nothing_abraded(1)), "the same state");
+    add_film(&path);
+    assert_eq!(shown(), Some(nothing_abraded(2)), "a film alone abrades nothing");
+    cut_short(&mut Store::create(&path).expect("opened"), ("SN1", 5), false);
+    assert_eq!(shown(), Some(lost(3)), "a contact after the backup");
+
+    // If it is proven that nothing was abraded, the counts continue.
+    let mut store = restored(&backup, &nothing_abraded(2));
+    let three = store.begin_cycle(&start_of("SN1", false)).expect("begun");
+    assert_eq!((three, store.earlier_abrasions(three).expect("read").len()), (CycleId(3), 1));
+}
+
+/// A store shows nothing unless it contains the backup's last link, has no other incidents and contradicts its own
+/// chain nowhere. It still shows which numbers may be used, if it is a store of this cell.
+#[test]
+fn what_is_no_later_state_of_the_backup_shows_nothing() {
+    let (folder, path) = after_one();
+    let at = |name: &str| folder.path().join(name);
+    copied(&path, &at("earlier"));
+    add_film(&path);
+    copied(&path, &at("backup"));
+    let shown = |replaced: &Path| Store::compute_restore(replaced, &at("backup"), MADE_UNIX_S);
+    let number = |replaced: &Path| Store::last_readable_number(replaced, &at("backup")).map(|last| last.0);
+    assert_eq!((shown(&path), number(&path)), (Some(nothing_abraded(2)), Some(2)));
+    assert_eq!((shown(&at("earlier")), number(&at("earlier"))), (None, Some(1)), "an earlier state");
+
+    // The same beginning, other cycles since then: more links than the backup, and another one in the place of its last.
+    copied(&at("earlier"), &at("branch"));
+    (0..3).for_each(|_| add_film(&at("branch")));
+    assert_eq!((shown(&at("branch")), number(&at("branch"))), (None, Some(4)), "a branch");
+    let (_other_folder, other) = after_one();
+    (0..3).for_each(|_| add_film(&other));
+    assert_eq!((shown(&other), number(&other)), (None, None), "the store of another cell");
+    drop(Store::create(&at("new")).expect("a new store"));
+    assert_eq!((shown(&at("new")), number(&at("new"))), (None, None), "the empty store of a new computer");
+    assert_eq!((shown(&at("none")), number(&at("none"))), (None, None));
+
+    copied(&path, &at("incident"));
+    Store::create(&at("incident")).expect("opened").store_incident(&["a change".to_owned()]).expect("kept");
+    assert_eq!(shown(&at("incident")), None, "a change was found in it after the backup");
+    copied(&path, &at("rewritten"));
+    forge(&at("rewritten"), "UPDATE cycles SET panel = 'fin' WHERE id = 1");
+    assert_eq!(shown(&at("rewritten")), None, "a row before the backup with a chain and a head of its own");
+    cut_short(&mut Store::create(&path).expect("opened"), ("SN1", 5), false);
+    assert_eq!(shown(&path), Some(lost(3)));
+    behind_its_back(&folder, "DELETE FROM permits WHERE id > 1");
+    assert_eq!((shown(&path), number(&path)), (None, Some(3)), "the permit of the contact is deleted");
+    fs::write(path.join(DATABASE), b"no database").expect("spoilt");
+    assert_eq!((shown(&path), number(&path)), (None, None));
+}
+
+/// What a later state does not show: that it is the newest one, and that no person with the right to write wrote its
+/// end anew. The restore therefore compares its last number with the one that a person states. An older copy shows
+/// another number than the cell's last; a forged end with the right number is accepted.
+#[test]
+fn an_older_copy_and_a_forged_end_look_like_a_later_state() {
+    let (folder, path) = after_one();
+    let at = |name: &str| folder.path().join(name);
+    copied(&path, &at("backup"));
+    add_film(&path);
+    copied(&path, &at("older"));
+    cut_short(&mut Store::create(&path).expect("opened"), ("SN1", 5), false);
+    let shown = |replaced: &Path| Store::compute_restore(replaced, &at("backup"), MADE_UNIX_S);
+    assert_eq!(shown(&path), Some(lost(3)));
+    assert_eq!(shown(&at("older")), Some(nothing_abraded(2)), "its number is not 3");
+    let sql = "DELETE FROM permits WHERE id > 1; DELETE FROM chain WHERE part = 'permits' AND row_key > 1";
+    forge(&path, sql);
+    assert_eq!(shown(&path), Some(nothing_abraded(3)), "no secret is in the chain");
+}

@@ -1,0 +1,127 @@
+//! The reason why a recording cannot be used, or cannot be written.
+
+use super::format::FORMAT;
+
+/// The error in a recording. Times are seconds since it began.
+#[derive(Debug, thiserror::Error)]
+pub enum TapeError {
+    /// The file is not an MCAP file.
+    #[error("the file is not an MCAP file: {problem}")]
+    NotMcap {
+        /// The problem with the recording's beginning.
+        problem: String,
+    },
+    /// The recording was written by another program.
+    #[error("the MCAP file is not a recording of panelprep: {problem}")]
+    Foreign {
+        /// The missing or unexpected content.
+        problem: String,
+    },
+    /// The recording has the format of another version of this program.
+    #[error(
+        "the recording has format {found} (written by panelprep {program}), this program reads format {FORMAT}; \
+         replay the recording with the version that wrote it"
+    )]
+    Version {
+        /// Its format.
+        found: String,
+        /// The program and version that wrote the recording.
+        program: String,
+    },
+    /// The recording ends too early.
+    #[error(
+        "the recording was not finished: it ends {until_s:.3} s after its beginning with {entries} complete \
+         entries; the program that wrote it ended too early, or the file was cut"
+    )]
+    Unfinished {
+        /// Number of entries read.
+        entries: u64,
+        /// Time of the last entry, s.
+        until_s: f64,
+    },
+    /// The recording was ended before its cycle.
+    #[error("the recording was stopped {until_s:.3} s after its beginning, before its cycle ended: {why}")]
+    Stopped {
+        /// Time in the recording, s.
+        until_s: f64,
+        /// The reason why the recording stopped.
+        why: String,
+    },
+    /// The recording itself states that something is missing.
+    #[error(
+        "the recording has a gap: {count} entries of {topic}, the first {from_s:.3} s after its beginning, could \
+         not be written"
+    )]
+    Lost {
+        /// The topic.
+        topic: &'static str,
+        /// Time in the recording, s.
+        from_s: f64,
+        /// Number of lost entries.
+        count: u64,
+    },
+    /// Entries of a topic are missing.
+    #[error(
+        "the recording has a gap: {topic} continues with entry {found} after {from_s:.3} s, entry {expected} was \
+         expected; the file was changed after recording"
+    )]
+    Gap {
+        /// The topic.
+        topic: &'static str,
+        /// Time in the recording, s.
+        from_s: f64,
+        /// The number of the expected entry; if entries at the end are missing, the required number of entries.
+        expected: u64,
+        /// The number of the entry that was found; if entries at the end are missing, the number of entries that were
+        /// found.
+        found: u64,
+    },
+    /// Times of entries that do not increase.
+    #[error("the recording is not in order: a timestamp of {topic} decreases {from_s:.3} s after its beginning")]
+    OutOfOrder {
+        /// The topic.
+        topic: &'static str,
+        /// Time in the recording, s.
+        from_s: f64,
+    },
+    /// Bytes that differ from the written ones.
+    #[error("the recording is damaged {from_s:.3} s after its beginning: {problem}")]
+    Damaged {
+        /// Time in the recording, s.
+        from_s: f64,
+        /// The problem in the data.
+        problem: String,
+    },
+    /// A message that cannot be decoded.
+    #[error("an entry of {topic} cannot be decoded {from_s:.3} s after the recording's beginning: {problem}")]
+    Message {
+        /// The topic.
+        topic: &'static str,
+        /// Time in the recording, s.
+        from_s: f64,
+        /// The problem in the message.
+        problem: String,
+    },
+    /// The disk reported an error.
+    #[error("the recording cannot be {doing}: {}", append_causes(source))]
+    Disk {
+        /// The operation: read or write.
+        doing: &'static str,
+        /// The error that was returned.
+        source: mcap::McapError,
+    },
+    /// A picture that cannot be compressed.
+    #[error("a picture cannot be recorded: {0}")]
+    Picture(#[from] panelprep_cell::files::PictureError),
+}
+
+/// The library's own words leave out the error of the system.
+fn append_causes(error: &dyn std::error::Error) -> String {
+    let mut words = error.to_string();
+    let mut cause = error.source();
+    while let Some(deeper) = cause {
+        words = format!("{words}: {deeper}");
+        cause = deeper.source();
+    }
+    words
+}

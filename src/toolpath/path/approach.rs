@@ -1,0 +1,157 @@
+//! The axis angles before contact, from the arm's motion from its park pose through the views of the taught corners.
+//!
+//! Before contact the arm is at the last corner that Verify looks at. The arm moves from the park pose through the
+//! ready pose, unless the park pose lies inside the box, and then by lines from corner to corner. Lines do not change
+//! the arm's configuration. So these motions are checked too, by the same gate and with the same obstacles. Each
+//! actual motion is checked again from the actual axis angles: see `routes`.
+
+use super::Kinematics;
+use super::panel_reach::ReachSetup;
+use super::reach::{Obstacles, joint_motion};
+use super::routes::{self, Sander, StartState};
+use panelprep_base::geometry::{Base, Flange, FlangeCamera, Joints, Panel, Rigid, Tool};
+use panelprep_base::verdict::Reason;
+use panelprep_cell::cell::{self, Limits};
+use panelprep_cell::panel::TaughtCorner;
+use std::sync::Arc;
+
+/// The arm, its start, and the corners to which its camera can be moved.
+#[derive(Debug, Clone, Copy)]
+pub struct CornerTour<'a> {
+    /// The cell's limits.
+    pub limits: &'a Limits,
+    /// The arm.
+    pub arm: &'a cell::Arm,
+    /// Its park pose.
+    pub park: Joints,
+    /// `[poses.ready]`: an intermediate pose on the way to and from the park pose, if the cell names one.
+    pub ready: Option<Joints>,
+    /// Mounting of the flange camera.
+    pub flange_from_camera: Rigid<Flange, FlangeCamera>,
+    /// The sander, which keeps its distances while the camera is moved.
+    pub sander: Sander,
+    /// The taught corners.
+    pub corners: &'a [TaughtCorner],
+}
+
+/// The panel's pose, the corners that are viewed before contact, in this order, and the obstacles that the arm avoids
+/// on the way to these corners.
+#[derive(Debug, Clone, Copy)]
+pub struct Approach<'a> {
+    /// The place.
+    pub base_from_panel: Rigid<Base, Panel>,
+    /// Numbers of the taught corners, from 0.
+    pub corners: &'a [usize],
+    /// The panel and everything else that a scan showed; `None` without a scan.
+    pub obstacles: Option<&'a Arc<Obstacles>>,
+}
+
+impl<'a> CornerTour<'a> {
+    /// Returns the set-up for the reach check: the panel, the sanding tool, and the arm as it will be after it has
+    /// viewed all corners.
+    ///
+    /// # Errors
+    /// If there is no corner, or the arm does not reach one of them.
+    pub fn reach_setup<'k>(
+        &self,
+        kinematics: &'k Kinematics,
+        panel: &Approach<'_>,
+    ) -> Result<ReachSetup<'k>, Reason> {
+        let mut at = self.line_start_joints(kinematics, panel.obstacles)?;
+        for &corner in panel.corners {
+            at = self.joints_at_corner(kinematics, (at, corner), panel)?;
+        }
+        if panel.corners.is_empty() {
+            return Err(no_corner_reason());
+        }
+        let (flange_from_tool, base_from_panel) = (self.sander.flange_from_tip, panel.base_from_panel);
+        Ok(ReachSetup { arm: kinematics, flange_from_tool, base_from_panel, start_joints: Some(at) })
+    }
+
+    /// Returns the first corners, up to this number, that the arm reaches if only the obstacles of the cell's file
+    /// are in the way.
+    ///
+    /// # Errors
+    /// If no corner was taught, or the arm reaches none of them.
+    pub fn reachable_corners(
+        &self,
+        kinematics: &Kinematics,
+        base_from_panel: Rigid<Base, Panel>,
+        most: usize,
+    ) -> Result<Vec<usize>, Reason> {
+        let panel = Approach { base_from_panel, corners: &[], obstacles: None };
+        let (mut at, mut chosen, mut why) = (self.line_start_joints(kinematics, None)?, Vec::new(), None);
+        for corner in 0..self.corners.len() {
+            match self.joints_at_corner(kinematics, (at, corner), &panel) {
+                Ok(joints) => {
+                    at = joints;
+                    chosen.push(corner);
+                }
+                Err(reason) => why = why.or(Some(reason)),
+            }
+            if chosen.len() >= most {
+                break;
+            }
+        }
+        if chosen.is_empty() { Err(why.unwrap_or_else(no_corner_reason)) } else { Ok(chosen) }
+    }
+
+    /// Returns the camera as the arm's tool on this path.
+    fn camera(&self) -> Rigid<Flange, Tool> {
+        Rigid::from_isometry_unchecked(*self.flange_from_camera.isometry())
+    }
+
+    /// Returns the axis angles at the start of the first line.
+    fn line_start_joints(
+        &self,
+        kinematics: &Kinematics,
+        obstacles: Option<&Arc<Obstacles>>,
+    ) -> Result<Joints, Reason> {
+        let park_is_inside = self.limits.workspace().is_some_and(|workspace| {
+            let flange = kinematics.base_from_flange(&self.park);
+            flange.is_some_and(|flange| workspace.contains((flange * self.camera()).origin()))
+        });
+        let Some(ready) = self.ready.filter(|_| !park_is_inside) else { return Ok(self.park) };
+        let beside = match obstacles {
+            Some(obstacles) => kinematics.clone().with_obstacles(obstacles.clone()),
+            None => kinematics.clone(),
+        };
+        let met = |obstacle| {
+            Reason::new("out_of_reach", format!("on the motion from the park pose to the ready pose: {obstacle}"))
+        };
+        for tip in self.sander.tips().into_iter().chain([self.camera()]) {
+            joint_motion(&beside, tip, &self.park, &ready).map_err(met)?;
+        }
+        Ok(ready)
+    }
+
+    /// Returns the axis angles at a corner that is reached by a line from `at`.
+    fn joints_at_corner(
+        &self,
+        kinematics: &Kinematics,
+        (at, corner): (Joints, usize),
+        panel: &Approach<'_>,
+    ) -> Result<Joints, Reason> {
+        let taught = self.corners.get(corner).ok_or_else(no_corner_reason)?;
+        let flange_from_tool = self.camera();
+        let not_finite =
+            || Reason::new("out_of_reach", "the axis angles of the park or ready pose are not valid numbers");
+        let from = kinematics.base_from_flange(&at).ok_or_else(not_finite)? * flange_from_tool;
+        let to = Rigid::from_isometry_unchecked(
+            *(panel.base_from_panel * taught.teaching_data.panel_from_camera).isometry(),
+        );
+        let (limits, arm, obstacles) = (self.limits, self.arm, panel.obstacles);
+        let standing = StartState { limits, arm, flange_from_tool, joints: at, obstacles };
+        let gated = routes::view(&standing, (from, to), self.sander);
+        let refused = gated.judgement().reasons.into_iter().next();
+        let on_the_way = |reason: Reason| Reason {
+            message: format!("on the motion to corner {}: {}", corner + 1, reason.message),
+            ..reason
+        };
+        gated.joints.ok_or_else(|| refused.map_or_else(not_finite, on_the_way))
+    }
+}
+
+fn no_corner_reason() -> Reason {
+    Reason::new("no_corner", "no corner was taught")
+}

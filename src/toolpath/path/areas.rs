@@ -1,0 +1,167 @@
+//! Combines grids that are abraded together, and orders the areas.
+//!
+//! Neighbouring grids in one row become a strip; strips of the same columns in neighbouring rows become a rectangle. A
+//! rectangle is one patch of the surface, with one path. An L becomes two rectangles. The order keeps the path through
+//! the air short: from every possible start the nearest next end is chosen; then parts of the order are reversed as
+//! long as the path becomes shorter. An area may be worked from either end.
+
+use crate::surface::{Parameter, ParameterPatch, Treated};
+use panelprep_base::geometry::{Panel, Point};
+use panelprep_cell::panel::{GridId, Region};
+
+/// One patch of the surface with one path.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Area {
+    /// The grids into which it extends.
+    pub grids: Vec<GridId>,
+    /// Where its lines are laid.
+    pub patch: ParameterPatch,
+    /// What is treated; the lines may extend beyond it.
+    pub treated: ParameterPatch,
+}
+
+impl Area {
+    /// Returns the treated part of each of its grids.
+    pub fn parts(&self, region: &Region) -> Vec<(GridId, ParameterPatch)> {
+        self.grids.iter().filter_map(|id| Some((*id, self.treated.part_in(region, *id)?))).collect()
+    }
+}
+
+/// Returns the areas that are treated: around breaks each as it is, otherwise the grids combined into rectangles.
+pub(super) fn areas_of(region: &Region, treated: &Treated, join: bool) -> Vec<Area> {
+    let Some(patches) = treated.areas() else { return areas(region, treated.grids(), join) };
+    let area = |patch: &ParameterPatch| {
+        let grids = treated.grids().iter().copied().filter(|id| patch.part_in(region, *id).is_some());
+        Area { grids: grids.collect(), patch: *patch, treated: *patch }
+    };
+    patches.iter().map(area).collect()
+}
+
+/// Combines these grids, which the region must have, into rectangles. Without joining, each grid is one rectangle.
+pub(super) fn areas(region: &Region, grids: &[GridId], join: bool) -> Vec<Area> {
+    let area = |[rows, columns]: [[usize; 2]; 2]| {
+        let grids: Vec<GridId> = (rows[0]..=rows[1])
+            .flat_map(|row| (columns[0]..=columns[1]).map(move |column| GridId { row, column }))
+            .collect();
+        let low = region.unit_box(GridId { row: rows[0], column: columns[0] })[0];
+        let high = region.unit_box(GridId { row: rows[1], column: columns[1] })[1];
+        let place = |at: nalgebra::Point2<f64>| Parameter { u: at.x, v: at.y };
+        let patch = ParameterPatch { low: place(low), high: place(high) };
+        Area { grids, patch, treated: patch }
+    };
+    if !join {
+        return grids.iter().map(|id| area([[id.row; 2], [id.column; 2]])).collect();
+    }
+    let mut sorted = grids.to_vec();
+    sorted.sort();
+    let mut strips: Vec<[[usize; 2]; 2]> = Vec::new();
+    for id in sorted {
+        match strips.last_mut() {
+            Some([rows, columns]) if rows[0] == id.row && columns[1] + 1 == id.column => columns[1] = id.column,
+            _ => strips.push([[id.row; 2], [id.column; 2]]),
+        }
+    }
+    let mut rectangles: Vec<[[usize; 2]; 2]> = Vec::new();
+    for [rows, columns] in strips {
+        let above = rectangles.iter_mut().find(|[r, c]| *c == columns && r[1] + 1 == rows[0]);
+        match above {
+            Some([r, _]) => r[1] = rows[1],
+            None => rectangles.push([rows, columns]),
+        }
+    }
+    rectangles.into_iter().map(area).collect()
+}
+
+/// Returns the order in which the pieces with these ends are worked, and whether each piece is worked from its
+/// second end.
+pub(super) fn visit_order(ends: &[[Point<Panel>; 2]]) -> Vec<(usize, bool)> {
+    let best = (0..ends.len())
+        .flat_map(|start| [false, true].map(|turned| nearest_neighbour_order(ends, (start, turned))))
+        .min_by(|a, b| travel_length_mm(ends, a).total_cmp(&travel_length_mm(ends, b)));
+    let mut order = best.unwrap_or_default();
+    while let Some(shorter) = shorten_order(ends, &order) {
+        order = shorter;
+    }
+    order
+}
+
+fn exit_point(ends: &[[Point<Panel>; 2]], (piece, turned): (usize, bool)) -> Point<Panel> {
+    ends[piece][usize::from(!turned)]
+}
+
+fn entry_point(ends: &[[Point<Panel>; 2]], (piece, turned): (usize, bool)) -> Point<Panel> {
+    ends[piece][usize::from(turned)]
+}
+
+fn travel_length_mm(ends: &[[Point<Panel>; 2]], order: &[(usize, bool)]) -> f64 {
+    order.windows(2).map(|pair| exit_point(ends, pair[0]).distance_mm(entry_point(ends, pair[1]))).sum()
+}
+
+fn nearest_neighbour_order(ends: &[[Point<Panel>; 2]], start: (usize, bool)) -> Vec<(usize, bool)> {
+    let mut order = vec![start];
+    let mut left: Vec<usize> = (0..ends.len()).filter(|piece| *piece != start.0).collect();
+    while let Some(last) = order.last().copied().filter(|_| !left.is_empty()) {
+        let from = exit_point(ends, last);
+        let away = |next: &(usize, bool)| from.distance_mm(entry_point(ends, *next));
+        let choices = left.iter().flat_map(|piece| [(*piece, false), (*piece, true)]);
+        let Some(next) = choices.min_by(|a, b| away(a).total_cmp(&away(b))) else { break };
+        left.retain(|piece| *piece != next.0);
+        order.push(next);
+    }
+    order
+}
+
+/// Returns the order with one part reversed, if the path becomes shorter.
+fn shorten_order(ends: &[[Point<Panel>; 2]], order: &[(usize, bool)]) -> Option<Vec<(usize, bool)>> {
+    let now_mm = travel_length_mm(ends, order);
+    for from in 0..order.len() {
+        for to in from..order.len() {
+            let mut turned = order.to_vec();
+            turned[from..=to].reverse();
+            turned[from..=to].iter_mut().for_each(|(_, turned)| *turned = !*turned);
+            if travel_length_mm(ends, &turned) < now_mm - 1e-6 {
+                return Some(turned);
+            }
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use panelprep_cell::recipe::Recipe;
+
+    fn region() -> Region {
+        let text = "panel = \"p\"\nregion = { corners_px = [[0, 0], [500, 0], [500, 300], [0, 300]], rows = 3, \
+                    columns = 5 }\nlocate.box_min_mm = [0, 0, 0]\nlocate.box_max_mm = [1, 1, 1]\n";
+        Region::new(Recipe::check("f", text).unwrap_or_else(|e| panic!("{e}")).region()).expect("convex")
+    }
+
+    fn joined(names: &[&str]) -> Vec<String> {
+        let grids: Vec<GridId> = names.iter().map(|name| name.parse().expect("a grid")).collect();
+        let words = |area: &Area| area.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
+        areas(&region(), &grids, true).iter().map(words).collect()
+    }
+
+    #[test]
+    fn a_block_is_one_area_and_an_l_is_two() {
+        assert_eq!(joined(&["r2c3", "r1c2", "r1c3", "r2c2"]), ["r1c2 r1c3 r2c2 r2c3"]);
+        assert_eq!(joined(&["r1c1", "r2c1", "r2c2", "r3c5"]), ["r1c1", "r2c1 r2c2", "r3c5"]);
+        let block = areas(&region(), &[GridId { row: 2, column: 3 }, GridId { row: 2, column: 4 }], true);
+        let (low, high) = (block[0].patch.low, block[0].patch.high);
+        assert!((low.u - 0.4).abs() < 1e-12 && (high.u - 0.8).abs() < 1e-12 && (high.v - 2.0 / 3.0).abs() < 1e-12);
+        assert_eq!(areas(&region(), &block[0].grids, false).len(), 2);
+    }
+
+    /// Calculated by hand: pieces from 0 to 10, 50 to 60 and 20 to 30 on a line are worked from left to right or
+    /// back: 10 + 20 mm.
+    #[test]
+    fn the_way_through_the_air_is_short() {
+        let ends =
+            [[0.0, 10.0], [60.0, 50.0], [20.0, 30.0]].map(|pair: [f64; 2]| pair.map(|x| Point::at(x, 0.0, 0.0)));
+        let order = visit_order(&ends);
+        assert!((travel_length_mm(&ends, &order) - 30.0).abs() < 1e-9, "{order:?}");
+        assert_eq!(super::visit_order(&[]), []);
+    }
+}

@@ -1,0 +1,117 @@
+//! Coverage: the fraction of a grid that the disc reaches, and the resulting distance between neighbouring rows.
+//!
+//! A sample of the surface is covered if its distance to the contact track is at most the disc's radius. Samples are
+//! about 1 mm apart and weigh |S_u × S_v| each. The whole disc is assumed to be in contact: a compliant pad.
+
+use crate::surface::{BSplineSurface, Parameter, ParameterPatch};
+use panelprep_base::geometry::{Panel, Point};
+use panelprep_cell::panel::GridId;
+use rayon::prelude::*;
+
+/// Smallest covered fraction of each grid, 0…1.
+pub const MIN_COVERAGE: f64 = 0.995;
+/// Approximate distance between samples, mm.
+const SAMPLE_MM: f64 = 1.0;
+
+/// The coverage of a grid, or of its part that is treated, by a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GridCoverage {
+    /// The grid.
+    pub id: GridId,
+    /// The area on the surface, mm².
+    pub area_mm2: f64,
+    /// The part of this area that the disc touches, mm².
+    pub covered_mm2: f64,
+}
+
+impl GridCoverage {
+    /// Covered share, 0…1.
+    pub fn share(&self) -> f64 {
+        self.covered_mm2 / self.area_mm2
+    }
+}
+
+/// A straight piece of track in contact.
+pub(super) type ContactSegment = (Point<Panel>, Point<Panel>);
+
+/// Returns the straight pieces between neighbouring places that are both in contact. A single place is not a piece:
+/// the disc abrades only while it moves, and the dwell counts only this time.
+pub(super) fn strokes(track: &[Point<Panel>], contact: impl Fn(usize) -> bool) -> Vec<ContactSegment> {
+    let pairs = track.windows(2).enumerate().filter(|(index, _)| contact(*index) && contact(index + 1));
+    pairs.map(|(_, pair)| (pair[0], pair[1])).collect()
+}
+
+/// Calculates the part of a grid that strokes of the disc cover.
+pub(super) fn coverage(
+    surface: &BSplineSurface,
+    (id, patch): (GridId, &ParameterPatch),
+    strokes: &[ContactSegment],
+    radius_mm: f64,
+) -> GridCoverage {
+    let middle = surface.tangents(patch.parameter_at(Parameter { u: 0.5, v: 0.5 }));
+    let samples = |length_mm: f64| (length_mm / SAMPLE_MM).ceil().max(1.0) as usize;
+    let across = samples(middle.s_u.mm.norm() * (patch.high.u - patch.low.u));
+    let down = samples(middle.s_v.mm.norm() * (patch.high.v - patch.low.v));
+    // For a long track, only the pieces near the grid are used.
+    let corners = [0.0, 1.0].map(|u| [0.0, 1.0].map(|v| surface.point(patch.parameter_at(Parameter { u, v }))));
+    let reach_mm = corners.iter().flatten().map(|corner| corner.distance_mm(middle.point)).fold(0.0, f64::max);
+    let near = |piece: &&ContactSegment| {
+        foot_fraction(middle.point, piece.0, piece.1).1 <= 1.1 * reach_mm + radius_mm + SAMPLE_MM
+    };
+    let track: Vec<&ContactSegment> = strokes.iter().filter(near).collect();
+    let cell = (patch.high.u - patch.low.u) * (patch.high.v - patch.low.v) / (across * down) as f64;
+    let mut found = GridCoverage { id, area_mm2: 0.0, covered_mm2: 0.0 };
+    // The same piece of track usually covers neighbouring samples.
+    let mut last = 0;
+    for sample in 0..across * down {
+        let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
+        let at =
+            patch.parameter_at(Parameter { u: share(sample % across, across), v: share(sample / across, down) });
+        let tangents = surface.tangents(at);
+        let area_mm2 = tangents.area_mm2() * cell;
+        let covers = |piece: usize| foot_fraction(tangents.point, track[piece].0, track[piece].1).1 <= radius_mm;
+        let pieces = track.len();
+        let hit = (0..pieces).map(|step| (last + step) % pieces).find(|piece| covers(*piece));
+        found.area_mm2 += area_mm2;
+        if let Some(piece) = hit {
+            last = piece;
+            found.covered_mm2 += area_mm2;
+        }
+    }
+    found
+}
+
+/// Returns the fraction of these places that the disc reaches, 0…1; 1 if there are none.
+pub(super) fn reached_share(places: &[Point<Panel>], strokes: &[ContactSegment], radius_mm: f64) -> f64 {
+    let is_reached =
+        |place: &&Point<Panel>| strokes.iter().any(|(from, to)| foot_fraction(**place, *from, *to).1 <= radius_mm);
+    match places.len() {
+        0 => 1.0,
+        count => places.par_iter().filter(is_reached).count() as f64 / count as f64,
+    }
+}
+
+/// Returns the fraction 0…1 along a straight piece at which the piece is nearest to a point, and the distance there,
+/// mm.
+fn foot_fraction(point: Point<Panel>, from: Point<Panel>, to: Point<Panel>) -> (f64, f64) {
+    let (piece, offset) = ((to - from).mm, (point - from).mm);
+    let length2 = piece.norm_squared();
+    let share = if length2 > 0.0 { (offset.dot(&piece) / length2).clamp(0.0, 1.0) } else { 0.0 };
+    (share, (offset - piece * share).norm())
+}
+
+/// Returns the distances of a row's waypoints to the next row, mm, if the next row runs beside them; turns are left
+/// out.
+pub fn step_overs_mm(row: &[Point<Panel>], next: &[Point<Panel>]) -> Vec<f64> {
+    if let ([point], [other]) = (row, next) {
+        return vec![point.distance_mm(*other)];
+    }
+    let beside = |point: &Point<Panel>| {
+        let feet =
+            next.windows(2).enumerate().map(|(index, piece)| (index, foot_fraction(*point, piece[0], piece[1])));
+        let (index, (share, distance_mm)) = feet.min_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
+        let beyond = (index == 0 && share <= 0.0) || (index + 2 == next.len() && share >= 1.0);
+        (!beyond).then_some(distance_mm)
+    };
+    row.iter().filter_map(beside).collect()
+}

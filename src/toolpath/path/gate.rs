@@ -1,0 +1,238 @@
+//! Judges a plan before anything moves: a path is accepted or rejected as a whole and never clipped.
+//!
+//! Checks the poses as they would be sent, and not how they were calculated: every number finite, no large step, no
+//! large turn between neighbours, contact only between air and air. Then it checks the plan's results: coverage, and
+//! the disc beyond the panel's outline. It does not know the robot: reach, speed of the axes and keep-out boxes are
+//! checked in the modules that know it.
+
+use super::coverage::{GridCoverage, MIN_COVERAGE};
+use super::planned::{Plan, ToolPath, Waypoint};
+use super::waypoint_gate::{Route, WaypointLimits, violated_by_route};
+use nalgebra::{Isometry3, Vector3};
+use panelprep_base::geometry::{Base, Degrees, Panel, Rigid, Tool, Vector};
+use panelprep_base::number_text::{distinguishable_percents, distinguishable_texts, fixed_decimals};
+use panelprep_base::verdict::{Check, Judgement, LimitSource, Severity};
+use panelprep_cell::recipe;
+use panelprep_cell::record::name;
+
+/// Largest rotation of the tool from one waypoint to the next.
+const MAX_TURN: Degrees = Degrees(15.0);
+/// Waypoints may be farther apart than requested by this factor: rows are resampled along chords.
+const STEP_TOLERANCE: f64 = 1.02;
+
+/// Accepts a plan, requests a person's decision, or rejects it, with reasons.
+pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
+    judge_plan(plan, settings).1
+}
+
+/// Returns the checks of all numbers of a plan, and the verdict on the plan.
+pub fn judge_plan(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgement) {
+    let mut of_motion: Vec<Check> = plan.paths.iter().flat_map(|path| broken_steps(path, settings)).collect();
+    if of_motion.is_empty() && !plan.is_finite() {
+        let words = || "the length, the time or the reach of the path is not a valid number".to_owned();
+        of_motion.push(not_finite_check("length, time and reach of the path", words));
+    }
+    let checks = [of_motion, coverage(plan), breaks(plan), evenness_checks(plan, settings)].concat();
+    let judgement = Judgement::from_checks(&checks);
+    (checks, judgement)
+}
+
+/// The panel's pose now, and at its nominal place.
+#[derive(Debug, Clone, Copy)]
+pub struct PanelPoses {
+    /// The pose that was found.
+    pub now: Rigid<Base, Panel>,
+    /// The nominal pose.
+    pub nominal: Rigid<Base, Panel>,
+}
+
+/// Returns the mean direction of the tool's Z over the plan, with the panel at its nominal pose.
+pub fn taught_axis(plan: &Plan, nominal_pose: Rigid<Base, Panel>) -> Option<Vector<Base>> {
+    let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
+    let z = |waypoint: &Waypoint| (waypoint.panel_from_tool * Vector::<Tool>::new(Vector3::z())).mm;
+    let mean: Vector<Panel> = Vector::new(waypoints.map(z).sum());
+    (nominal_pose * mean).direction()
+}
+
+/// Applies the gate that checks each motion to a whole plan at the panel's pose, from its first waypoint on: the
+/// cell's box, steps, turns, and the tilt against the taught direction. Lists the violations.
+pub fn violated_in_base(plan: &Plan, panel: PanelPoses, limits: &WaypointLimits) -> Vec<Check> {
+    let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
+    let poses: Vec<Rigid<Base, Tool>> = waypoints.map(|waypoint| panel.now * waypoint.panel_from_tool).collect();
+    // A plan has no arm yet, so its first step has no length. The gate before the motion checks that step from the
+    // actual pose.
+    let from = poses.first().copied().unwrap_or_else(|| Rigid::from_isometry_unchecked(Isometry3::identity()));
+    violated_by_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan, panel.nominal) }, limits)
+}
+
+/// Name of the check of a press-in.
+pub const TOOL_ERROR: &str = "error at the tool, against what the pad takes up";
+/// Beginning of the name of the check for a grid with too little coverage.
+pub const GRID_CHECK_PREFIX: &str = "coverage of grid ";
+
+/// Largest fraction of the pad's stroke that the error at the tool may use.
+const ERROR_OF_STROKE: f64 = 1.0 / 3.0;
+
+/// Accepts a press-in, or rejects it: the pad must be able to absorb three times the error at the tool (`[limits]
+/// tool_error_mm`).
+pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgement {
+    Judgement::from_checks(&check_pad(settings, tool_error_mm))
+}
+
+/// Checks the error at the tool against the error that the pad absorbs; `None` if there is no press-in.
+pub fn check_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Option<Check> {
+    let stroke_mm = settings.pad_stroke_mm().filter(|_| settings.press_in_mm() > 0.0)?;
+    let allowed_mm = ERROR_OF_STROKE * stroke_mm;
+    let check =
+        Check::new(TOOL_ERROR, "mm", tool_error_mm).with_max(allowed_mm, LimitSource::recipe("path.pad_stroke_mm"));
+    // If the error is not stated, the pad does not count as absorbing it.
+    let is_taken_up = tool_error_mm.is_some() && check.is_met();
+    Some(check.with_consequence_if(!is_taken_up, Severity::Reject, "pad_stroke", || match tool_error_mm {
+        Some(error_mm) => {
+            let [error, allowed] = distinguishable_texts(error_mm, allowed_mm, 2);
+            format!(
+                "the error at the tool is {error} mm, but a pad of {stroke_mm} mm stroke absorbs only {allowed} \
+                 mm; use a softer pad"
+            )
+        }
+        None => {
+            "press_in_mm requires the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned()
+        }
+    }))
+}
+
+/// Creates the check for a number of the path that is not finite.
+fn not_finite_check(what: &str, words: impl FnOnce() -> String) -> Check {
+    Check::new(what, "", f64::NAN).with_consequence_if(true, Severity::Reject, "not_finite", words)
+}
+
+/// Lists each step and turn between waypoints that exceeds its limit; steps within the limits are not listed.
+fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
+    let name = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    if let Some(index) = path.waypoints.iter().position(|waypoint| !waypoint.is_finite()) {
+        let words = || format!("grid {name}: the pose of waypoint {index} is not a valid number");
+        return vec![not_finite_check("waypoint", words)];
+    }
+    let mut broken = Vec::new();
+    let in_air = |waypoint: Option<&Waypoint>| waypoint.is_some_and(|waypoint| !waypoint.contact);
+    // The tool starts and stops at these ends; on the panel it would dig in.
+    if !(in_air(path.waypoints.first()) && in_air(path.waypoints.last())) {
+        let words = || format!("grid {name}: the path does not begin and end above the panel");
+        let ends = Check::new("ends of the path above the panel", "", None);
+        broken.push(ends.with_consequence_if(true, Severity::Reject, "no_air", words));
+    }
+    for (index, pair) in path.waypoints.windows(2).enumerate() {
+        let (from, to) = (pair[0].panel_from_tool, pair[1].panel_from_tool);
+        let (step_mm, turn) = (from.origin().distance_mm(to.origin()), rotation_between(from, to));
+        // On the way down and up the arm covers the approach height in one step; on the panel the chord between two
+        // waypoints must stay short.
+        let limit_mm = if pair[0].contact && pair[1].contact {
+            settings.waypoint_spacing_mm() * STEP_TOLERANCE
+        } else {
+            settings.waypoint_spacing_mm().max(settings.landing_mm())
+                + settings.approach_mm()
+                + settings.press_in_mm()
+        };
+        let step = Check::new("step from a waypoint to the next", "mm", step_mm)
+            .with_max(limit_mm, LimitSource::recipe("path.waypoint_spacing_mm"))
+            .or_reject("large_step", || {
+                let [step, limit] = distinguishable_texts(step_mm, limit_mm, 2);
+                format!("grid {name}: the step from waypoint {index} to the next is {step} mm (limit {limit} mm)")
+            });
+        let turned = Check::new("turn of the tool from a waypoint to the next", "°", turn.0)
+            .with_max(MAX_TURN.0, LimitSource::Program)
+            .or_reject("large_turn", || {
+                let [turn, limit] = distinguishable_texts(turn.0, MAX_TURN.0, 3);
+                format!(
+                    "grid {name}: the tool turns by {turn}° from waypoint {index} to the next (limit {limit}°); \
+                     set a smaller waypoint_spacing_mm or another reference_axis"
+                )
+            });
+        broken.extend([step, turned].into_iter().filter(|check| !check.is_met()));
+    }
+    broken
+}
+
+fn rotation_between(from: Rigid<Panel, Tool>, to: Rigid<Panel, Tool>) -> Degrees {
+    (from.inverse() * to).turn()
+}
+
+/// Checks the coverage of the grids; a grid of which the disc reaches too little has its own check.
+fn coverage(plan: &Plan) -> Vec<Check> {
+    let check = |name: String, share: f64, words: &dyn Fn() -> String| {
+        Check::new(name, "", share).with_min(MIN_COVERAGE, LimitSource::Program).reviews("coverage", words)
+    };
+    let words = |grid: &GridCoverage| {
+        let [reached, wanted] = distinguishable_percents(grid.share(), MIN_COVERAGE, 2);
+        format!(
+            "grid {}: the disc covers {reached} %, at least {wanted} % are needed; use a smaller step_over_mm, or \
+             near the panel's outline a larger edge_overhang_mm",
+            grid.id
+        )
+    };
+    let worst = plan.grids.iter().min_by(|a, b| a.share().total_cmp(&b.share()));
+    let least = worst.map_or(1.0, GridCoverage::share);
+    // The worst grid and not the mean: a large region hides a grid of which a tenth is left.
+    let of_worst = check(name::COVERAGE.to_owned(), least, &|| worst.map_or(String::new(), words));
+    let short = plan.grids.iter().filter(|grid| grid.share().is_nan() || grid.share() < MIN_COVERAGE);
+    let short = short.map(|grid| check(format!("{GRID_CHECK_PREFIX}{}", grid.id), grid.share(), &|| words(grid)));
+    [Check::new("coverage of these grids", "", plan.coverage), of_worst].into_iter().chain(short).collect()
+}
+
+/// Checks that the disc reaches every broken place; nothing if the recipe asks for whole grids.
+fn breaks(plan: &Plan) -> Vec<Check> {
+    let Some(share) = plan.breaks_reached else { return vec![] };
+    let check = Check::new(name::BREAKS_REACHED, "", share).with_min(1.0, LimitSource::Program);
+    vec![check.reviews("break_missed", || {
+        let [reached, wanted] = distinguishable_percents(share, 1.0, 2);
+        format!(
+            "the disc surely reaches {reached} % of the broken places, {wanted} % are needed; a larger edge_overhang_mm \
+             reaches more near the panel's outline, and [treat] by = \"grid\" sands the whole grid"
+        )
+    })]
+}
+
+/// Checks how evenly the disc treats the grids, and how far it reaches beyond the outline.
+fn evenness_checks(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
+    let steps = plan.step_over_mm;
+    let (largest_mm, allowed_mm) = (plan.overhang.largest_mm, settings.edge_overhang_mm());
+    let ratio = plan.dwell_ratio();
+    vec![
+        Check::new("step-over, smallest", "mm", steps.map(|step| step.min_mm)),
+        Check::new("step-over, largest", "mm", steps.map(|step| step.max_mm))
+            .with_max(settings.step_over_mm(), LimitSource::recipe("path.step_over_mm"))
+            .reviews("step_over", || {
+                let found_mm = steps.map_or(0.0, |step| step.max_mm);
+                let [found, allowed] = distinguishable_texts(found_mm, settings.step_over_mm(), 2);
+                format!(
+                    "the lines are {found} mm apart (limit {allowed} mm, step_over_mm); choose another pattern or \
+                     feed_angle_deg"
+                )
+            }),
+        Check::new("time under the disc, 5 % of the treated area", "s", plan.dwell.map(|dwell| dwell.low_s)),
+        Check::new("time under the disc, 95 % of the treated area", "s", plan.dwell.map(|dwell| dwell.high_s)),
+        Check::new(name::DWELL_RATIO, "", ratio.map(|(ratio, _)| ratio))
+            .with_max(settings.max_dwell_ratio(), LimitSource::recipe("path.max_dwell_ratio"))
+            .reviews("uneven", || {
+                let (ratio, grid) = ratio.unwrap_or((f64::NAN, None));
+                let place = grid.map_or("over the whole treated area".to_owned(), |id| format!("in grid {id}"));
+                let [found, allowed] = distinguishable_texts(ratio, settings.max_dwell_ratio(), 2);
+                format!(
+                    "{place}, the time under the disc differs by a factor of {found} (95 % to 5 % of the treated \
+                     area; limit {allowed}, max_dwell_ratio); use a smaller step_over_mm, a smaller disc, pattern \
+                     = \"raster\" or more grids at a time"
+                )
+            }),
+        Check::new("disc beyond the panel's outline", "mm", largest_mm)
+            .with_max(allowed_mm, LimitSource::recipe("path.edge_overhang_mm"))
+            .reviews("edge_overhang", || {
+                let [reach, allowed] = distinguishable_texts(largest_mm, allowed_mm, 1);
+                format!(
+                    "the disc reaches {reach} mm beyond the panel's outline (limit {allowed} mm, \
+                     edge_overhang_mm), and exceeds the limit at {} % of the waypoints; move the region inwards or \
+                     use a smaller disc",
+                    fixed_decimals(100.0 * plan.overhang.share_beyond, 0)
+                )
+            }),
+    ]
+}

@@ -1,0 +1,154 @@
+//! A plan as a KRL program that a person runs by hand: pure text, `.src`.
+//!
+//! The program sets `$TOOL` and `$BASE` itself, so that nothing depends on the values that were active before. It
+//! begins with a PTP to the axis angles from which the arm can follow the path, in the air above its first place. A
+//! PTP to axis angles is the block coincidence that a controller requires, and it defines the configuration
+//! unambiguously. All other motions are lines in the panel's frame. The program switches no outputs: the person who
+//! runs it in T1 controls tool, water and extraction.
+
+use super::planned::Plan;
+use panelprep_base::geometry::{Joints, KukaPose};
+use panelprep_cell::recipe;
+use panelprep_kuka::krl::RESERVED;
+use std::fmt::Write;
+
+/// Smallest rounding of a corner, mm; a smaller value means no rounding.
+const MIN_BLEND_MM: f64 = 0.1;
+/// Longest name of a KRL module.
+const MAX_NAME: usize = 24;
+/// Speed and acceleration of the axes on the way to the first point, %.
+const AXIS_PERCENT: u8 = 20;
+/// Further keywords of the language, in addition to [`RESERVED`], that cannot be the name of a program.
+const ADDITIONAL_KEYWORDS: [&str; 38] = [
+    "ANIN", "ANOUT", "AXIS", "BAS", "BOOL", "CCLOSE", "CHANNEL", "CIRC_REL", "CONFIRM", "COPEN", "CREAD", "CWRITE",
+    "C_DIS", "C_ORI", "C_PTP", "C_VEL", "DIGIN", "E6AXIS", "E6POS", "FRAME", "IMPORT", "INT", "IS", "LIN_REL",
+    "MAXIMUM", "MINIMUM", "OFF", "ON", "POS", "PRIO", "PTP_REL", "PUBLIC", "PULSE", "REAL", "SEC", "SREAD",
+    "SWRITE", "TO",
+];
+
+/// The name of a KRL program, which is also the name of its file: letters, digits and underscores, beginning with a
+/// letter.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ProgramName(String);
+
+/// The reason why a text cannot be the name of a KRL program.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "\"{found}\" is not a valid KRL program name: 1 to {MAX_NAME} letters, digits and underscores, a letter first, \
+     and not a reserved word"
+)]
+pub struct ProgramNameError {
+    /// The text.
+    pub found: String,
+}
+
+impl std::str::FromStr for ProgramName {
+    type Err = ProgramNameError;
+
+    fn from_str(text: &str) -> Result<Self, ProgramNameError> {
+        let letters = text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+        let is_keyword =
+            RESERVED.iter().chain(&ADDITIONAL_KEYWORDS).any(|keyword| keyword.eq_ignore_ascii_case(text));
+        let good =
+            letters && !is_keyword && text.len() <= MAX_NAME && text.starts_with(|c: char| c.is_ascii_alphabetic());
+        if good { Ok(ProgramName(text.to_owned())) } else { Err(ProgramNameError { found: text.to_owned() }) }
+    }
+}
+
+/// The data from which a program is made.
+#[derive(Debug, Clone)]
+pub struct Program<'a> {
+    /// Its name.
+    pub name: &'a ProgramName,
+    /// The paths.
+    pub plan: &'a Plan,
+    /// The sanding tool on the flange: `$TOOL`.
+    pub flange_from_tool: KukaPose,
+    /// The panel's pose: `$BASE`.
+    pub base_from_panel: KukaPose,
+    /// The axis angles at the plan's first waypoint, from which the arm can follow the plan.
+    pub start: Joints,
+    /// Notes for the person who runs the program, one line each.
+    pub remarks: &'a [String],
+}
+
+/// The program's text.
+#[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
+pub fn to_krl(program: &Program<'_>, settings: &recipe::Path) -> String {
+    let mut text = format!(
+        "&ACCESS RVP\n&REL 1\nDEF {}()\n\
+         ; Sanding paths in the frame of the panel. It switches no tool and no water. Run it in T1 first.\n",
+        program.name.0
+    );
+    for remark in program.remarks {
+        // In KRL, a comment ends at the end of its line.
+        let _ = writeln!(text, "; {}", remark.replace(['\n', '\r'], " "));
+    }
+    let _ = write!(
+        text,
+        "BAS(#INITMOV, 0)\n$IPO_MODE = #BASE\n$ORI_TYPE = #VAR\n$TOOL = {} ; the sanding tool, its Z out of the \
+         pad; its load data is not set here\n$BASE = {} ; the pose of the panel\nBAS(#VEL_PTP, \
+         {AXIS_PERCENT})\nBAS(#ACC_PTP, {AXIS_PERCENT})\n$ACC.CP = {:.3} ; m/s2\n; In the air above the first \
+         place. The way to it has not been checked.\nPTP {}\n",
+        frame(&program.flange_from_tool),
+        frame(&program.base_from_panel),
+        settings.acceleration_mm_s2() / 1_000.0,
+        axes(&program.start),
+    );
+    let (mut feed, mut blend) = (String::new(), String::new());
+    for path in &program.plan.paths {
+        let grids = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
+        let _ = writeln!(text, "; grid {grids}");
+        let mut contact = false;
+        for waypoint in &path.waypoints {
+            if waypoint.contact != contact {
+                contact = waypoint.contact;
+                text.push_str(if contact { "; contact\n" } else { "; air\n" });
+            }
+            // The advance run processes these assignments without a stop; each is written only when its value changes.
+            let next_feed = format!("$VEL.CP = {:.4} ; m/s\n", waypoint.feed_mm_s / 1_000.0);
+            let next_blend = format!("$APO.CDIS = {:.1} ; mm\n", waypoint.blend_mm);
+            change(&mut text, &mut feed, next_feed);
+            let rounds = waypoint.blend_mm >= MIN_BLEND_MM;
+            if rounds {
+                change(&mut text, &mut blend, next_blend);
+            }
+            let _ = writeln!(text, "LIN {}{}", frame(&waypoint.pose()), if rounds { " C_DIS" } else { "" });
+        }
+    }
+    text.push_str("END\n");
+    text
+}
+
+fn change(text: &mut String, now: &mut String, next: String) {
+    if *now != next {
+        text.push_str(&next);
+        *now = next;
+    }
+}
+
+fn frame(pose: &KukaPose) -> String {
+    format!(
+        "{{X {}, Y {}, Z {}, A {}, B {}, C {}}}",
+        number(pose.x_mm, 3),
+        number(pose.y_mm, 3),
+        number(pose.z_mm, 3),
+        number(pose.a_deg, 4),
+        number(pose.b_deg, 4),
+        number(pose.c_deg, 4)
+    )
+}
+
+fn axes(joints: &Joints) -> String {
+    let angles = joints.degrees();
+    let words: Vec<String> =
+        angles.iter().enumerate().map(|(axis, angle)| format!("A{} {}", axis + 1, number(*angle, 4))).collect();
+    format!("{{{}}}", words.join(", "))
+}
+
+/// Writes a number with this many decimals, and without a minus sign for zero.
+fn number(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    let is_nothing = text.chars().all(|c| !('1'..='9').contains(&c));
+    if is_nothing { text.trim_start_matches('-').to_owned() } else { text }
+}

@@ -1,0 +1,113 @@
+//! The tool's orientation on the surface (thesis 4.7).
+//!
+//! Tool Z = −N, out of the pad and into the panel (4.17). The thesis uses Y = Z × (0, 0, −1), which does not exist if
+//! the normal is vertical, and turns rapidly near that direction. Here X is a reference made perpendicular to Z and
+//!     X = (e − (e·Z) Z) / |…|,   Y = Z × X.                                              (4.18, 4.19 replaced)
+//! The reference e is the recipe's axis, or the feed *axis* S_u with one sign for the whole path: the feed direction
+//! itself would turn the wrist by 180° at every row. If e lies along the normal, the path is refused.
+
+use crate::surface::{BSplineSurface, Parameter};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use panelprep_base::geometry::{Degrees, Panel, Point, Rigid, Tool, Vector};
+use panelprep_cell::recipe;
+
+/// Smallest angle between a reference and the normal; below this, the reference does not determine the tool's spin.
+const MIN_ANGLE: Degrees = Degrees(6.0);
+
+/// The reference that determines the tool's spin about the normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SpinReference {
+    /// S_u of the surface: the axis along which rows run.
+    Feed,
+    /// A direction in the panel's frame.
+    Axis(Vector<Panel>),
+}
+
+impl SpinReference {
+    /// Returns the recipe's `reference_axis`; if it is zero, the feed axis.
+    pub fn from_settings(settings: &recipe::Path) -> Self {
+        let axis = Vector::new(Vector3::from(settings.reference_axis()));
+        axis.direction().map_or(SpinReference::Feed, SpinReference::Axis)
+    }
+}
+
+/// The tool's orientation: its spin, and its inclination.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ToolOrientation {
+    /// The reference for the spin.
+    pub reference: SpinReference,
+    /// Rotation about the tool's own Y: the tool leans along its X. It has one sign for the whole path, in both
+    /// directions of a row.
+    pub lead: Degrees,
+    /// Rotation about the tool's own X, after the lead.
+    pub tilt: Degrees,
+}
+
+impl ToolOrientation {
+    /// Creates the orientation that the recipe states.
+    pub fn from_settings(settings: &recipe::Path) -> Self {
+        ToolOrientation {
+            reference: SpinReference::from_settings(settings),
+            lead: Degrees(settings.lead_deg()),
+            tilt: Degrees(settings.tilt_deg()),
+        }
+    }
+
+    fn inclination(&self) -> Rigid<Tool, Tool> {
+        let turn = |axis: nalgebra::Unit<Vector3<f64>>, angle: Degrees| {
+            UnitQuaternion::from_axis_angle(&axis, angle.to_rad())
+        };
+        let lean = turn(Vector3::y_axis(), self.lead) * turn(Vector3::x_axis(), self.tilt);
+        Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::identity(), lean))
+    }
+}
+
+/// Errors when the pose of the tool at a place is computed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum OrientationError {
+    /// The surface has no normal.
+    #[error("the surface has no normal at (u, v) = ({:.4}, {:.4})", at.u, at.v)]
+    NoNormal {
+        /// The place.
+        at: Parameter,
+    },
+    /// The reference does not determine the spin.
+    #[error(
+        "reference_axis is {angle} from the normal, at least {MIN_ANGLE} are needed; choose an axis along the \
+         panel, or [0, 0, 0] for the feed axis"
+    )]
+    ReferenceAlongNormal {
+        /// Angle between the axis and the normal, 0…90°.
+        angle: Degrees,
+    },
+}
+
+/// Returns the tool's pose on the surface, with its tip `height_mm` above the surface along the normal; the tool leans
+/// about its tip.
+///
+/// # Errors
+/// If the surface has no normal or the reference lies along it.
+pub fn panel_from_tool(
+    surface: &BSplineSurface,
+    at: Parameter,
+    height_mm: f64,
+    stance: ToolOrientation,
+) -> Result<Rigid<Panel, Tool>, OrientationError> {
+    let tangents = surface.tangents(at);
+    let normal = surface.unit_normal(&tangents).ok_or(OrientationError::NoNormal { at })?;
+    let axis = match stance.reference {
+        SpinReference::Feed => tangents.s_u.mm.normalize(),
+        SpinReference::Axis(axis) => axis.mm,
+    };
+    let z = -normal.mm; // Eq. 4.17
+    // The normal is exact and only the spin follows the reference: the pad must lie flat, whereas its spin is free.
+    let across = axis - z * axis.dot(&z);
+    let sine = across.norm();
+    if sine < MIN_ANGLE.to_rad().sin() {
+        return Err(OrientationError::ReferenceAlongNormal { angle: Degrees::from_rad(sine.asin()) });
+    }
+    let x = across / sine;
+    let origin: Point<Panel> = tangents.point + normal * height_mm;
+    let upright: Rigid<Panel, Tool> = Rigid::from_axes([x, z.cross(&x), z].map(Vector::new), origin);
+    Ok(upright * stance.inclination())
+}

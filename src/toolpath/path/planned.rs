@@ -1,0 +1,248 @@
+//! The data of a plan: waypoints, the paths that they form, and the area that these paths cover; and the reason why
+//! there is no plan.
+
+use super::coverage::GridCoverage;
+use super::edge::DiscOverhang;
+use super::orientation::OrientationError;
+use super::raster::RasterError;
+use crate::surface::dwell::Dwell;
+use crate::surface::{DwellSpread, Treated};
+use panelprep_base::geometry::{KukaPose, Panel, Rigid, Tool};
+use panelprep_cell::panel::GridId;
+use panelprep_cell::recipe;
+
+/// One pose that is reached by a linear motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Waypoint {
+    /// The tool in the panel's frame.
+    pub panel_from_tool: Rigid<Panel, Tool>,
+    /// Whether the disc is on the panel here. A motion is in contact if both its ends are.
+    pub contact: bool,
+    /// Speed of the tool centre point on the motion to this pose, mm/s.
+    pub feed_mm_s: f64,
+    /// Rounding of the corner here, mm; with 0 the arm stops.
+    pub blend_mm: f64,
+}
+
+impl Waypoint {
+    /// Returns whether pose, feed and rounding are finite numbers, and the feed is above 0.
+    pub fn is_finite(&self) -> bool {
+        let fed = self.feed_mm_s.is_finite() && self.feed_mm_s > 0.0;
+        fed && self.pose().is_finite() && self.blend_mm.is_finite()
+    }
+
+    /// Returns the tool's pose in the panel's frame as commands, programs and files state it.
+    pub fn pose(&self) -> KukaPose {
+        KukaPose::from_rigid(&self.panel_from_tool)
+    }
+
+    /// Returns the tool's pose in the panel's frame as the controller reads it. It differs from
+    /// [`Waypoint::panel_from_tool`] by the rounding of three angles. The path that is checked and the path that is
+    /// sent both use this pose.
+    pub fn as_sent(&self) -> Rigid<Panel, Tool> {
+        self.pose().to_rigid()
+    }
+}
+
+/// The waypoints over one or more grids; the first and the last are in the air.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ToolPath {
+    /// The grids that the path abrades.
+    pub grids: Vec<GridId>,
+    /// The waypoints of the tool.
+    pub waypoints: Vec<Waypoint>,
+}
+
+/// Smallest and largest distance between neighbouring rows, on the surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepOver {
+    /// Smallest, mm.
+    pub min_mm: f64,
+    /// Largest, mm.
+    pub max_mm: f64,
+}
+
+/// Paths, and the result that they achieve.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// One path for each area of neighbouring grids, in the order of travel.
+    pub paths: Vec<ToolPath>,
+    /// Length of all moves, mm.
+    pub length_mm: f64,
+    /// Length of the moves in contact, mm.
+    pub contact_mm: f64,
+    /// Time for all moves, s, including starting and stopping at each stop of the path.
+    pub duration_s: f64,
+    /// Covered fraction of all grids together, 0…1.
+    pub coverage: f64,
+    /// Covered fraction of each grid.
+    pub grids: Vec<GridCoverage>,
+    /// Time under the disc over the whole treated area; `None` if nothing is treated.
+    pub dwell: Option<DwellSpread>,
+    /// Time under the disc in each grid.
+    pub grid_dwell: Vec<(GridId, DwellSpread)>,
+    /// Distance between neighbouring rows, without turns; `None` if no path has two rows.
+    pub step_over_mm: Option<StepOver>,
+    /// Reach of the disc beyond the panel's outline.
+    pub overhang: DiscOverhang,
+    /// The places that it treats.
+    pub treated: Treated,
+    /// Fraction of the broken places that the disc reaches, 0…1; `None` if the recipe asks for whole grids.
+    pub breaks_reached: Option<f64>,
+    /// The costs of areas around breaks and of whole grids; `None` if they were not compared.
+    pub costs: Option<TreatmentCosts>,
+}
+
+impl Plan {
+    /// Returns the largest ratio of the longest to the shortest time under the disc. It is the largest of the ratio
+    /// over all grids together and the ratios of the single grids; in the latter case the grid is returned, too;
+    /// `None` if nothing is treated.
+    pub fn dwell_ratio(&self) -> Option<(f64, Option<GridId>)> {
+        let all = self.dwell.map(|dwell| (dwell.ratio(), None));
+        let grids = self.grid_dwell.iter().map(|(id, dwell)| (dwell.ratio(), Some(*id)));
+        all.into_iter().chain(grids).max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Returns the area on the surface that is treated, mm².
+    pub fn treated_mm2(&self) -> f64 {
+        // The sum starts at 0 explicitly, since an empty sum of floats is −0.
+        self.grids.iter().fold(0.0, |sum, grid| sum + grid.area_mm2)
+    }
+
+    /// Returns the plan with other feeds, one for each waypoint of all its paths in order, mm/s.
+    #[must_use]
+    pub fn with_feeds(mut self, feeds_mm_s: &[f64], settings: &recipe::Path) -> Self {
+        let all = self.paths.iter_mut().flat_map(|path| &mut path.waypoints);
+        all.zip(feeds_mm_s).for_each(|(waypoint, feed_mm_s)| waypoint.feed_mm_s = *feed_mm_s);
+        self.duration_s = extent(&self.paths, settings).duration_s;
+        self
+    }
+
+    /// Returns the plan with the times under the disc that result from these feeds.
+    #[must_use]
+    pub fn with_dwell(mut self, dwell: &Dwell) -> Self {
+        self.dwell = dwell.spread();
+        self.grid_dwell = dwell.grids.iter().filter_map(|grid| Some((grid.id, grid.spread()?))).collect();
+        self
+    }
+
+    /// Returns whether every pose, feed, rounding, length and time is a finite number, and every feed is above 0.
+    pub fn is_finite(&self) -> bool {
+        let moves = self.paths.iter().flat_map(|path| &path.waypoints).all(Waypoint::is_finite);
+        let dwell = self.dwell_ratio().is_none_or(|(ratio, _)| ratio.is_finite());
+        let sums = [self.length_mm, self.contact_mm, self.duration_s, self.coverage];
+        // Without an outline, the overhang is infinite.
+        moves && dwell && sums.iter().all(|sum| sum.is_finite()) && !self.overhang.largest_mm.is_nan()
+    }
+}
+
+/// The cost of a plan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TreatmentCost {
+    /// Surface of the region that is under the disc, mm².
+    pub under_disc_mm2: f64,
+    /// Time for all moves, s.
+    pub duration_s: f64,
+}
+
+/// The costs of the two ways to treat the same breaks; `None` if there is no path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TreatmentCosts {
+    /// Areas around the breaks.
+    pub around_breaks: Option<TreatmentCost>,
+    /// The failed grids as a whole.
+    pub whole_grids: Option<TreatmentCost>,
+}
+
+impl TreatmentCosts {
+    /// Returns whether areas around the breaks cost less surface and also less time; true if only they have a path.
+    pub fn is_less_around_breaks(&self) -> bool {
+        match (self.around_breaks, self.whole_grids) {
+            (Some(around), Some(whole)) => {
+                around.under_disc_mm2 < whole.under_disc_mm2 && around.duration_s < whole.duration_s
+            }
+            (around, _) => around.is_some(),
+        }
+    }
+}
+
+/// Length and duration of paths, in mm and s.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct PathExtent {
+    pub length_mm: f64,
+    pub contact_mm: f64,
+    pub duration_s: f64,
+}
+
+/// Calculates the length and duration of paths.
+pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> PathExtent {
+    let all: Vec<&Waypoint> = paths.iter().flat_map(|path| &path.waypoints).collect();
+    let mut sum = PathExtent::default();
+    for pair in all.windows(2) {
+        let step_mm = pair[0].panel_from_tool.origin().distance_mm(pair[1].panel_from_tool.origin());
+        sum.length_mm += step_mm;
+        sum.contact_mm += if pair[0].contact && pair[1].contact { step_mm } else { 0.0 };
+        sum.duration_s += step_mm / pair[1].feed_mm_s;
+        // At each stop, starting or stopping costs half of feed / acceleration.
+        let stops = [pair[0], pair[1]].iter().filter(|waypoint| waypoint.blend_mm == 0.0).count();
+        sum.duration_s += stops as f64 * pair[1].feed_mm_s / settings.acceleration_mm_s2() / 2.0;
+    }
+    sum
+}
+
+/// Errors of a plan.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PlanError {
+    /// No grid is to be planned.
+    #[error("no grid was requested")]
+    NoGrids,
+    /// The region does not have the requested grid.
+    #[error("the region has no grid {grid}; its grids are r1c1 to r{rows}c{columns}")]
+    UnknownGrid {
+        /// The requested grid.
+        grid: GridId,
+        /// Rows of the region.
+        rows: usize,
+        /// Columns of the region.
+        columns: usize,
+    },
+    /// A grid would be abraded twice.
+    #[error("grid {grid} was requested twice")]
+    Repeated {
+        /// The grid.
+        grid: GridId,
+    },
+    /// There is no raster.
+    #[error("grid {grid}: {cause}")]
+    Raster {
+        /// The grid.
+        grid: GridId,
+        /// The cause.
+        cause: RasterError,
+    },
+    /// There is no pose of the tool.
+    #[error("grid {grid}: {cause}")]
+    Orientation {
+        /// The grid.
+        grid: GridId,
+        /// The cause.
+        cause: OrientationError,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Less surface in more time, or less time over more surface, is no saving.
+    #[test]
+    fn areas_around_breaks_must_cost_less_of_both() {
+        let cost = |under_disc_mm2: f64, duration_s: f64| Some(TreatmentCost { under_disc_mm2, duration_s });
+        let is_less =
+            |around_breaks, whole_grids| TreatmentCosts { around_breaks, whole_grids }.is_less_around_breaks();
+        let whole = cost(100.0, 10.0);
+        assert!(is_less(cost(99.0, 9.0), whole) && is_less(cost(99.0, 9.0), None));
+        let no_saving = [cost(99.0, 11.0), cost(101.0, 9.0), whole, None];
+        assert!(no_saving.into_iter().all(|around| !is_less(around, whole)));
+    }
+}

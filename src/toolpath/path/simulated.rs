@@ -1,0 +1,176 @@
+//! Surface and paths on the simulated cell, compared with its true values.
+
+use super::panel_reach::{self, ReachSetup};
+use super::{Kinematics, Plan, judge, plan};
+use crate::surface::{Fit, fit};
+use nalgebra::{Isometry3, Rotation3, Translation3, Vector3};
+use panelprep_base::geometry::{Base, Degrees, KukaPose, Panel, Rigid, Tool, Vector};
+use panelprep_base::verdict::{Judgement, Verdict};
+use panelprep_cell::panel::{GridId, TaughtPanel};
+use panelprep_cell::recipe::Recipe;
+use panelprep_sim::{Cell, SEARCH_BOX_MM, Scene};
+use std::f64::consts::FRAC_PI_2;
+
+struct Measured {
+    plan: Plan,
+    verdict: &'static str,
+    /// Mean, p95 and largest distance of the contact waypoints from the true surface, mm.
+    surface_mm: [f64; 3],
+    /// p95 and largest angle between the tool and the true normal, degrees.
+    normal_deg: [f64; 2],
+}
+
+/// Rotations of the whole cell about the base: the panel upright in front of the robot, face up, face down, and
+/// upright at the side.
+const ATTITUDES: [(&str, [f64; 3]); 4] = [
+    ("upright", [0.0, 0.0, 0.0]),
+    ("face up", [0.0, FRAC_PI_2, 0.0]),
+    ("face down", [0.0, -FRAC_PI_2, 0.0]),
+    ("aside", [0.0, 0.0, FRAC_PI_2]),
+];
+
+fn recipe(cell: &Cell, turn: &Rotation3<f64>) -> Recipe {
+    let [low, high] = SEARCH_BOX_MM.map(|corner| turn * Vector3::from(corner));
+    let (low, high) = (low.inf(&high), low.sup(&high));
+    let region = cell.region();
+    let corners: Vec<String> = region.corners_px.iter().map(|px| format!("[{}, {}]", px.u, px.v)).collect();
+    let text = format!(
+        "panel = \"p\"\n[region]\ncorners_px = [{}]\nrows = {}\ncolumns = {}\n\
+         [locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n",
+        corners.join(", "),
+        region.rows,
+        region.columns,
+        low.as_slice(),
+        high.as_slice()
+    );
+    Recipe::check("simulated.toml", &text).unwrap_or_else(|e| panic!("{e}"))
+}
+
+fn measured(seed: u64, reduction: usize, [roll, pitch, yaw]: [f64; 3]) -> Measured {
+    let turn = Rotation3::from_euler_angles(roll, pitch, yaw);
+    let cell = Cell::new(seed, Scene::Good, reduction);
+    let (recipe, truth) = (recipe(&cell, &turn), cell.truth());
+    // The rotated cell's panel frame, seen from the frame of the ground truth.
+    let turned_from_panel: Rigid<Panel, Panel> =
+        Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::identity(), turn.into()));
+    let base_from_camera =
+        Rigid::<Base, Base>::from_isometry_unchecked(*turned_from_panel.isometry()) * truth.base_from_camera;
+    // The camera's true pose is used: this test measures fit and path, not the calibration.
+    let panel = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), base_from_camera, &recipe)
+        .unwrap_or_else(|e| panic!("{e}"));
+    let Fit { surface, .. } = fit(&panel, recipe.surface()).unwrap_or_else(|e| panic!("{e}"));
+    let grids: Vec<GridId> = panel.region.ids().collect();
+    let plan =
+        plan(&surface, &panel.region, &grids, &panel.outline, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
+    let (mut distances, mut angles) = (Vec::new(), Vec::new());
+    for waypoint in plan.paths.iter().flat_map(|path| &path.waypoints).filter(|waypoint| waypoint.contact) {
+        let panel_from_tool = turned_from_panel.inverse() * waypoint.panel_from_tool;
+        let outward = panel_from_tool * Vector::<Tool>::new(-Vector3::z());
+        distances.push(truth.distance_mm(panel_from_tool.origin()).abs());
+        angles.push(outward.angle_between(truth.normal(panel_from_tool.origin())).0);
+    }
+    distances.sort_by(f64::total_cmp);
+    angles.sort_by(f64::total_cmp);
+    let at = |values: &[f64], share: f64| values[((values.len() - 1) as f64 * share) as usize];
+    Measured {
+        verdict: judge(&plan, recipe.path()).verdict.keyword(),
+        surface_mm: [
+            distances.iter().sum::<f64>() / distances.len() as f64,
+            at(&distances, 0.95),
+            at(&distances, 1.0),
+        ],
+        normal_deg: [at(&angles, 0.95), at(&angles, 1.0)],
+        plan,
+    }
+}
+
+/// Checks the minimum quality: normals within 1°, coverage of every grid at least 0.995.
+fn assert_quality(measured: &Measured) -> bool {
+    measured.normal_deg[1] < 1.0
+        && measured.surface_mm[2] < 0.3
+        && measured.plan.grids.iter().all(|grid| grid.share() >= 0.995)
+        && measured.verdict == "accept"
+}
+
+#[test]
+fn a_quarter_size_scan_is_planned_in_every_attitude() {
+    for (name, turn) in ATTITUDES {
+        let m = measured(1, 4, turn);
+        println!("{name}: {:?} {:?} {:.4}", m.surface_mm, m.normal_deg, m.plan.coverage);
+        assert!(
+            assert_quality(&m),
+            "{name}: {} {:?} {:?} {:?}",
+            m.verdict,
+            m.surface_mm,
+            m.normal_deg,
+            m.plan.overhang
+        );
+    }
+}
+
+/// The arm of the simulated cell follows the plan over all grids at the panel's pose, and over each grid alone. At 400
+/// mm farther away the arm cannot follow, and the message states the place, the distance and what would help.
+#[test]
+fn the_simulated_arm_follows_and_states_where_it_cannot() {
+    let cell = Cell::new(1, Scene::Good, 4);
+    let (recipe, truth) = (recipe(&cell, &Rotation3::identity()), cell.truth());
+    let panel = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), truth.base_from_camera, &recipe)
+        .unwrap_or_else(|e| panic!("{e}"));
+    let Fit { surface, .. } = fit(&panel, recipe.surface()).unwrap_or_else(|e| panic!("{e}"));
+    let grids: Vec<GridId> = panel.region.ids().collect();
+    let plan =
+        plan(&surface, &panel.region, &grids, &panel.outline, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
+    let checked = panelprep_cell::cell::Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
+    let arm = Kinematics::new(checked.arm());
+    let flange_from_tool = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
+    let stand =
+        ReachSetup { arm: &arm, flange_from_tool, base_from_panel: truth.base_from_panel, start_joints: None };
+    let reached = panel_reach::follow_plan(&plan, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e:?}"));
+    println!("room {:.1}°, spin {}", reached.arm_travel.room_deg, reached.spin);
+    let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
+    assert_eq!(reached.arm_travel.joints.len(), waypoints);
+    // Forward kinematics: the axis angles put the tool at the pose that the plan requires.
+    let legs = panel_reach::plan_legs(&panel_reach::turned_plan(&plan, reached.spin), &stand, 0.0);
+    for (joints, leg) in reached.arm_travel.joints.iter().zip(&legs) {
+        let there = arm.base_from_flange(joints).expect("numbers") * flange_from_tool;
+        assert!(there.origin().distance_mm(leg.base_from_tool.origin()) < 1e-3);
+        assert!((there.inverse() * leg.base_from_tool).turn().0 < 1e-3, "as the tool is turned, too");
+    }
+    // The poses that the arm follows with a rotated tool are those of the rotated plan.
+    let turned = panel_reach::plan_legs(&panel_reach::turned_plan(&plan, Degrees(60.0)), &stand, 0.0);
+    for (written, followed) in turned.iter().zip(&panel_reach::plan_legs(&plan, &stand, 60.0)) {
+        let between = written.base_from_tool.inverse() * followed.base_from_tool;
+        assert!(between.origin().mm.coords.norm() < 1e-9 && between.turn().0 < 1e-6);
+    }
+    let around = (&panel.region, panel.outline.as_slice());
+    let all = panel_reach::check_grids(&surface, around, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!((all.len(), panel_reach::judge_grids(&all).verdict), (grids.len(), Verdict::Accept));
+    // The panel is so near that the arm follows the path but could not lift off at a stop: this is reported for grids,
+    // and for the plan.
+    let nearer = ReachSetup {
+        base_from_panel: truth.base_from_panel.followed_by_displacement(Vector::new(Vector3::x() * -100.0)),
+        ..stand
+    };
+    let refused = panel_reach::follow_plan(&plan, &nearer, recipe.path());
+    let judgement = Judgement::from_checks([&panel_reach::check_plan(&refused, (&surface, &panel.region))]);
+    let message = &judgement.reasons[0].message;
+    println!("{message}");
+    assert_eq!(&*judgement.reasons[0].code, "retract_out_of_reach");
+    assert!(message.contains("axis 3") && message.contains("towards +X"), "{message}");
+    let grids =
+        panel_reach::check_grids(&surface, around, &nearer, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
+    let judgement = panel_reach::judge_grids(&grids);
+    let reported: Vec<&str> = judgement.reasons.iter().map(|reason| reason.code.as_ref()).collect();
+    assert!(judgement.verdict != Verdict::Accept && reported.contains(&"retract_out_of_reach"), "{reported:?}");
+    let farther = truth.base_from_panel.followed_by_displacement(Vector::new(Vector3::x() * 400.0));
+    let stand = ReachSetup { base_from_panel: farther, ..stand };
+    let refused = panel_reach::follow_plan(&plan, &stand, recipe.path());
+    let judgement = Judgement::from_checks([&panel_reach::check_plan(&refused, (&surface, &panel.region))]);
+    let message = &judgement.reasons[0].message;
+    println!("{message}");
+    assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Reject, "out_of_reach"));
+    assert!(
+        message.contains("grid r") && message.contains("waypoint") && message.contains("towards −X"),
+        "{message}"
+    );
+}

@@ -1,0 +1,201 @@
+//! Tests of plans calculated by hand, of refused plans, and of the program that a person runs.
+
+use super::*;
+use panelprep_base::verdict::{Check, Severity};
+
+/// By hand: on a plane seen from +z with feed along x, Z = (0, 0, −1), X = (1, 0, 0), Y = Z × X = (0, −1, 0), which
+/// is C = 180°. Approach and retract are 40 mm above. 5 rows of 44 mm with 4 turns of 11 mm are 264 mm of contact,
+/// in addition to 2 · 40 mm of air at 60 mm/s. In contact the feed is 20 to 60 mm/s, so the contact lasts 4.4 to
+/// 13.2 s.
+#[test]
+fn a_plan_over_a_plane_by_hand() {
+    let (surface, settings) = (rectangle(50.0, 50.0), settings("landing_mm = 0"));
+    let one = one_grid();
+    let plan = plan(&surface, &one, &[GridId { row: 1, column: 1 }], &[], &settings).expect("a plan");
+    let waypoints = &plan.paths[0].waypoints;
+    assert_eq!(waypoints.iter().filter(|waypoint| waypoint.contact).count(), 34);
+    let first = KukaPose { x_mm: 3.0, y_mm: 3.0, z_mm: 40.0, c_deg: 180.0, ..KukaPose::default() };
+    let apart = tool(&waypoints[0]).inverse() * first.to_rigid::<Panel, Tool>();
+    assert!(apart.turn() < Degrees(1e-6) && apart.origin().mm.coords.norm() < 1e-6, "{}", waypoints[0].pose());
+    assert!(!waypoints[0].contact && waypoints[1].contact && !waypoints[35].contact);
+    assert!((plan.length_mm - 344.0).abs() < 1e-6 && (plan.contact_mm - 264.0).abs() < 1e-6);
+    let air_s = 80.0 / 60.0;
+    assert!((air_s + 4.4..air_s + 13.2 + 0.2).contains(&plan.duration_s), "{}", plan.duration_s);
+    assert!(waypoints.iter().all(|waypoint| (20.0 - 1e-9..=60.0).contains(&waypoint.feed_mm_s)));
+    let step_over = plan.step_over_mm.expect("five rows");
+    assert!((step_over.min_mm - 11.0).abs() < 1e-6 && (step_over.max_mm - 11.0).abs() < 1e-6);
+    assert!((plan.coverage - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn grids_that_are_not_there_or_twice_are_refused() {
+    let region = region();
+    let surface = rectangle(280.0, 168.0);
+    let asked = |grids: &[&str]| {
+        let grids: Vec<GridId> = grids.iter().map(|id| id.parse().expect("a grid")).collect();
+        plan(&surface, &region, &grids, &[], &settings("")).map(|_| ())
+    };
+    assert_eq!(asked(&[]), Err(PlanError::NoGrids));
+    assert!(matches!(asked(&["r1c1", "r4c1"]), Err(PlanError::UnknownGrid { rows: 3, columns: 5, .. })));
+    assert!(matches!(asked(&["r1c1", "r2c1", "r1c1"]), Err(PlanError::Repeated { .. })));
+}
+
+fn good_plan() -> (Plan, recipe::Path) {
+    let (surface, settings) = (rectangle(280.0, 168.0), settings(""));
+    let region = region();
+    let corner = |n: usize| {
+        let along = (n % 50) as f64 / 50.0;
+        let (x, y) = [(along, 0.0), (1.0, along), (1.0 - along, 1.0), (0.0, 1.0 - along)][n / 50];
+        Point::at(-20.0 + 320.0 * x, -20.0 + 208.0 * y, 0.0)
+    };
+    let outline: Vec<Point<Panel>> = (0..200).map(corner).collect();
+    let grids = ["r1c1", "r1c4", "r3c2"].map(|id| id.parse().expect("a grid"));
+    (plan(&surface, &region, &grids, &outline, &settings).expect("a plan"), settings)
+}
+
+/// Changes the pose of one waypoint.
+fn spoil(plan: &mut Plan, path: usize, waypoint: usize, change: fn(&mut KukaPose)) {
+    let waypoint = &mut plan.paths[path].waypoints[waypoint];
+    let mut pose = waypoint.pose();
+    change(&mut pose);
+    waypoint.panel_from_tool = pose.to_rigid();
+}
+
+/// One inserted defect each; the plan without a defect is accepted.
+#[test]
+fn every_planted_defect_has_its_reason() {
+    let (good, settings) = good_plan();
+    assert_eq!(judge(&good, &settings).verdict, Verdict::Accept, "{:?}", judge(&good, &settings));
+    let planted = |defect: fn(&mut Plan)| {
+        let mut plan = good.clone();
+        defect(&mut plan);
+        let judgement = judge(&plan, &settings);
+        (judgement.verdict, judgement.reasons.first().map(|reason| reason.code.clone()))
+    };
+    let reject = |code: &'static str| (Verdict::Reject, Some(code.into()));
+    assert_eq!(planted(|plan| spoil(plan, 1, 7, |pose| pose.b_deg = f64::NAN)), reject("not_finite"));
+    assert_eq!(planted(|plan| plan.paths[1].waypoints[7].feed_mm_s = f64::NAN), reject("not_finite"));
+    assert_eq!(planted(|plan| plan.paths[1].waypoints[7].feed_mm_s = 0.0), reject("not_finite"));
+    assert_eq!(planted(|plan| plan.duration_s = f64::NAN), reject("not_finite"));
+    assert_eq!(planted(|plan| spoil(plan, 1, 20, |pose| pose.x_mm += 9.0)), reject("large_step"));
+    assert_eq!(planted(|plan| spoil(plan, 2, 30, |pose| pose.a_deg += 16.0)), reject("large_turn"));
+    assert_eq!(planted(|plan| plan.paths[0].waypoints[0].contact = true), reject("no_air"));
+    let review = |code: &'static str| (Verdict::Review, Some(code.into()));
+    assert_eq!(planted(|plan| plan.grids[1].covered_mm2 *= 0.94), review("coverage"));
+    assert_eq!(planted(|plan| plan.overhang.largest_mm = 2.1), review("edge_overhang"));
+    assert_eq!(planted(|plan| plan.overhang.largest_mm = 2.000_02), review("edge_overhang"), "gate and row: 2 mm");
+    assert_eq!(planted(|plan| plan.grid_dwell[2].1.low_s *= 0.5), review("uneven"));
+    assert_eq!(planted(|plan| plan.step_over_mm.as_mut().expect("rows").max_mm = 12.01), review("step_over"));
+}
+
+/// A path with a number that is not finite is a fault of this program: the operator is not asked to move the panel
+/// because of this.
+#[test]
+#[should_panic(expected = "is not finite")]
+fn a_path_that_is_not_finite_is_never_followed() {
+    let (mut plan, settings) = good_plan();
+    plan.paths[1].waypoints[7].feed_mm_s = 0.0;
+    let cell = panelprep_cell::cell::Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
+    let arm = Kinematics::new(cell.arm());
+    let stand = panel_reach::ReachSetup {
+        arm: &arm,
+        flange_from_tool: Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity()),
+        base_from_panel: Rigid::from_isometry_unchecked(nalgebra::Isometry3::identity()),
+        start_joints: None,
+    };
+    let _ = panel_reach::follow_plan(&plan, &stand, &settings);
+}
+
+/// A person decides on a grid out of reach, but not on a path that the gate rejects, no matter which grid it is
+/// over.
+#[test]
+fn a_path_that_the_gate_rejects_is_not_for_review() {
+    let unreached = panel_reach::UnreachablePlan {
+        fault: reach::ReachFault { index: 3, cause: reach::Infeasibility::OutOfReach { beyond_mm: 5.0 } },
+        at: Point::at(0.0, 0.0, 0.0),
+        shift: None,
+    };
+    let grid = |column: usize, outcome: Result<f64, Box<panel_reach::UnreachablePlan>>, refused: Vec<Check>| {
+        panel_reach::GridReach { id: GridId { row: 1, column }, outcome, swept_mm2: 1.0, refused }
+    };
+    let mut grids = vec![grid(1, Ok(20.0), vec![]), grid(2, Err(Box::new(unreached)), vec![])];
+    assert_eq!(panel_reach::judge_grids(&grids).verdict, Verdict::Review);
+    grids.push(grid(
+        3,
+        Ok(20.0),
+        vec![Check::new("step", "mm", 9.0).with_consequence_if(true, Severity::Reject, "large_turn", || {
+            "grid r1c3: the tool turns by 20°".to_owned()
+        })],
+    ));
+    let judgement = panel_reach::judge_grids(&grids);
+    assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Reject, "large_turn"));
+}
+
+/// By hand: a pad of 6 mm absorbs 2 mm of error.
+#[test]
+fn a_press_in_needs_a_pad_that_takes_up_the_error() {
+    let pressed = settings("press_in_mm = 2\npad_stroke_mm = 6");
+    assert_eq!(judge_pad(&pressed, Some(2.0)).verdict, Verdict::Accept);
+    assert_eq!(judge_pad(&pressed, Some(2.01)).reasons[0].code, "pad_stroke");
+    assert_eq!(judge_pad(&pressed, None).verdict, Verdict::Reject);
+    assert_eq!(judge_pad(&settings(""), None).verdict, Verdict::Accept, "nothing is pressed");
+}
+
+/// Calculated by hand: on a grid of 6 mm, one place would be enough for a disc of 30 mm. The disc moves over this
+/// place by half of its radius, 7.5 mm. The feed is the lowest allowed one, because the place would otherwise be under
+/// the disc for too short a time.
+#[test]
+fn the_krl_program_is_as_written() {
+    let surface = rectangle(6.0, 6.0);
+    let one = one_grid();
+    let straight = settings("landing_mm = 0");
+    let plan = plan(&surface, &one, &[GridId { row: 1, column: 1 }], &[], &straight).expect("a plan");
+    let text = to_krl(
+        &Program {
+            name: &"PANEL_1".parse().expect("a name"),
+            plan: &plan,
+            flange_from_tool: KukaPose { z_mm: 120.0, ..KukaPose::default() },
+            base_from_panel: KukaPose { x_mm: 600.5, a_deg: -1.25, b_deg: -0.00001, ..KukaPose::default() },
+            start: panelprep_base::geometry::Joints {
+                a1_deg: 1.5,
+                a2_deg: -90.0,
+                a5_deg: -0.00004,
+                ..Default::default()
+            },
+            remarks: &["A person must decide:\nDEF".to_owned()],
+        },
+        &settings(""),
+    );
+    let expected = "\
+&ACCESS RVP
+&REL 1
+DEF PANEL_1()
+; Sanding paths in the frame of the panel. It switches no tool and no water. Run it in T1 first.
+; A person must decide: DEF
+BAS(#INITMOV, 0)
+$IPO_MODE = #BASE
+$ORI_TYPE = #VAR
+$TOOL = {X 0.000, Y 0.000, Z 120.000, A 0.0000, B 0.0000, C 0.0000} ; the sanding tool, its Z out of the pad; its load data is not set here
+$BASE = {X 600.500, Y 0.000, Z 0.000, A -1.2500, B 0.0000, C 0.0000} ; the pose of the panel
+BAS(#VEL_PTP, 20)
+BAS(#ACC_PTP, 20)
+$ACC.CP = 1.000 ; m/s2
+; In the air above the first place. The way to it has not been checked.
+PTP {A1 1.5000, A2 -90.0000, A3 0.0000, A4 0.0000, A5 0.0000, A6 0.0000}
+; grid r1c1
+$VEL.CP = 0.0600 ; m/s
+LIN {X -0.750, Y 3.000, Z 40.000, A 0.0000, B 0.0000, C 180.0000}
+; contact
+LIN {X -0.750, Y 3.000, Z 0.000, A 0.0000, B 0.0000, C 180.0000}
+$VEL.CP = 0.0200 ; m/s
+LIN {X 6.750, Y 3.000, Z 0.000, A 0.0000, B 0.0000, C 180.0000}
+; air
+$VEL.CP = 0.0600 ; m/s
+LIN {X 6.750, Y 3.000, Z 40.000, A 0.0000, B 0.0000, C 180.0000}
+END
+";
+    assert_eq!(text.replace("-180.0000", "180.0000"), expected);
+    for wrong in ["", "1st", "a b", "größe", "a_name_longer_than_24_chars", "lin", "ENDIF"] {
+        assert!(wrong.parse::<ProgramName>().is_err(), "{wrong}");
+    }
+}

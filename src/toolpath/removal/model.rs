@@ -1,0 +1,217 @@
+//! Preston's coefficient from coupons: how it falls with the area that the disc has swept, and how well it is
+//! known.
+//!
+//!     k(w) = k₀ exp(−b w)                                                                                  (3)
+//!     σ²(w) = var(ln k₀) − 2 w cov(ln k₀, b) + w² var(b) + σ_r² + σ_d² + σ_F²                              (6)
+//! σ_r is the deviation of one coupon from the model, σ_d that of a disc, σ_F the force's own. Coupons also differ
+//! by their measured force, so that σ is rather too large than too small. With 95 % the true depth lies within
+//! exp(± q σ) of the expected one, q being Student's for the degrees of freedom of σ_r and σ_d.
+
+use super::power::{LEVELS, Power};
+use super::speed::Orbit;
+use nalgebra::Matrix2;
+use panelprep_cell::cell::RemovalNumbers;
+use panelprep_vision::calib::student_95;
+
+/// Square millimetres per square metre.
+pub const MM2_PER_M2: f64 = 1e6;
+/// The message if a recipe requires a removal and there is no model.
+pub const UNKNOWN: &str = "the recipe has [removal], but the cell's file names no [calibration] removal, so it is \
+                           unknown whether max_um is exceeded; measure coupons and name the file that `panelprep \
+                           calibrate removal` writes";
+/// Micrometres per millimetre.
+pub const UM_PER_MM: f64 = 1_000.0;
+/// Number of parameters of the fitted line, which is subtracted from the number of coupons to get the redundancy.
+const FITTED_PARAMETERS: usize = 2;
+/// The stated 95 % error of a force is about two standard deviations.
+const NORMAL_95: f64 = 1.959_963_984_540_054;
+
+/// A removal model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Model {
+    /// Preston's coefficient of a new disc, k₀, mm²/N.
+    pub preston_mm2_per_n: f64,
+    /// Decay of the coefficient with the swept area, b, 1/mm².
+    pub decay_per_mm2: f64,
+    /// Covariance of ln k₀ and b.
+    pub covariance: Matrix2<f64>,
+    /// Scatter from coupon to coupon, σ_r, as standard deviation of the logarithm.
+    pub coupon_deviation: f64,
+    /// σ_d; at least [`UNKNOWN_DISC_DEVIATION`] if fewer than [`MIN_DISCS`] discs treated the coupons.
+    pub disc_deviation: f64,
+    /// Effective degrees of freedom with which σ_r and σ_d are known.
+    pub redundancy: f64,
+    /// How the disc orbits.
+    pub orbit: Orbit,
+    /// The pad's modulus over its thickness, N/mm³.
+    pub pad_n_mm3: f64,
+    /// The smallest and the largest force on a coupon, N; `None` if the calibration does not state them.
+    pub forces_n: Option<[f64; 2]>,
+    /// The exponent with which the depth grows with the force; `None` if the coupons do not determine it.
+    pub force_power: Option<Power>,
+}
+
+/// Coupons that show that the depth grows with the force are valid for forces this factor beyond theirs …
+pub const FORCE_RANGE: f64 = LEVELS;
+/// Other coupons are valid for forces this factor beyond their own.
+const FORCE_RANGE_FACTOR: f64 = 1.15;
+/// Scatter from disc to disc if the coupons do not show it: the largest one that needs no review if it is measured.
+pub(super) const UNKNOWN_DISC_DEVIATION: f64 = 0.10;
+/// Smallest number of discs that shows their scatter.
+pub(super) const MIN_DISCS: usize = 3;
+/// An exponent of the force that the coupons do not determine may differ by this much from 1.
+const DEFAULT_POWER_UNCERTAINTY: f64 = 0.5;
+
+impl From<&RemovalNumbers> for Model {
+    fn from(found: &RemovalNumbers) -> Self {
+        let deviations = [found.preston_deviation_percent() / 100.0, found.wear_deviation_per_m2() / MM2_PER_M2];
+        let (coupons, discs) =
+            (found.coupons().saturating_sub(FITTED_PARAMETERS).max(1) as f64, found.discs() as f64);
+        let coupon = found.coupon_deviation_percent() / 100.0;
+        let measured = found.disc_deviation_percent().map(|percent| percent / 100.0);
+        // Two discs that are alike by chance do not show that all are.
+        let disc =
+            measured.map(|disc| if found.discs() < MIN_DISCS { disc.max(UNKNOWN_DISC_DEVIATION) } else { disc });
+        let [of_coupon, of_disc] = [coupon, disc.unwrap_or(0.0)].map(|deviation| deviation.powi(2));
+        let known = of_coupon.powi(2) / (coupons - discs).max(1.0) + of_disc.powi(2) / (discs - 1.0).max(1.0);
+        let across = found.correlation() * deviations[0] * deviations[1];
+        Model {
+            preston_mm2_per_n: found.preston_mm2_per_n(),
+            decay_per_mm2: found.wear_per_m2() / MM2_PER_M2,
+            covariance: Matrix2::new(deviations[0].powi(2), across, across, deviations[1].powi(2)),
+            coupon_deviation: coupon,
+            // A scatter that was not measured is the largest that needs no review, and not zero.
+            disc_deviation: disc.unwrap_or(UNKNOWN_DISC_DEVIATION),
+            // Satterthwaite: the degrees of freedom of a sum of two variances.
+            redundancy: if known > 0.0 { ((of_coupon + of_disc).powi(2) / known).min(coupons) } else { coupons },
+            orbit: Orbit { diameter_mm: found.orbit_mm(), speed_rev_min: found.orbit_rev_min() },
+            pad_n_mm3: found.pad_n_mm3(),
+            forces_n: found.least_force_n().zip(found.most_force_n()).map(|(least_n, most_n)| [least_n, most_n]),
+            force_power: found
+                .force_power()
+                .zip(found.force_power_uncertainty())
+                .map(|(value, uncertainty)| Power { value, uncertainty }),
+        }
+    }
+}
+
+/// A disc with this swept area, and the uncertainty of the force on it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WornDisc {
+    /// Area that the disc has swept, mm².
+    pub swept_mm2: f64,
+    /// Relative uncertainty of the force, 95 %.
+    pub force_share_95: f64,
+}
+
+impl Model {
+    /// Returns k of a disc with this swept area, mm²/N.
+    pub fn preston_at_wear(&self, swept_mm2: f64) -> f64 {
+        self.preston_mm2_per_n * (-self.decay_per_mm2 * swept_mm2).exp()
+    }
+
+    /// Returns σ of the logarithm of a depth.
+    pub fn deviation(&self, disc: WornDisc) -> f64 {
+        let (w, cov) = (disc.swept_mm2, &self.covariance);
+        let of_k = cov[(0, 0)] - 2.0 * w * cov[(0, 1)] + w * w * cov[(1, 1)];
+        let force = disc.force_share_95 / NORMAL_95;
+        (of_k.max(0.0) + self.coupon_deviation.powi(2) + self.disc_deviation.powi(2) + force * force).sqrt()
+    }
+
+    /// Returns the error of a depth with this force, 95 %, as a share: the depth may grow with another power of the
+    /// force than the first.
+    pub fn force_law_share_95(&self, force_n: f64) -> f64 {
+        let Some([least_n, most_n]) = self.forces_n else { return DEFAULT_POWER_UNCERTAINTY };
+        match self.force_power {
+            Some(power) => (force_n / (least_n * most_n).sqrt()).ln().abs() * power.deviation_from_one_95(),
+            None => (force_n / force_n.clamp(least_n, most_n)).ln().abs() * DEFAULT_POWER_UNCERTAINTY,
+        }
+    }
+
+    /// Returns the range of forces for which the coupons are valid, N: the depth is known to be proportional to the
+    /// force only in the measured range. `None` if the coupons' forces are not known.
+    pub fn valid_force_range_n(&self) -> Option<[f64; 2]> {
+        let [least_n, most_n] = self.forces_n?;
+        let is_shown = self.force_power.is_some_and(|power| !power.contradicts_preston());
+        let beyond = if is_shown { FORCE_RANGE } else { FORCE_RANGE_FACTOR };
+        Some([least_n / beyond, most_n * beyond])
+    }
+
+    /// Returns the number of σ that contains 95 %.
+    pub fn quantile_95(&self) -> f64 {
+        student_95(self.redundancy)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::examples::MODEL;
+    use super::*;
+
+    /// A calibration that does not state the scatter from disc to disc has that of discs which differ by 10 %; so has
+    /// one whose two discs were alike.
+    #[test]
+    fn discs_whose_scatter_is_not_known_may_differ() {
+        let numbers = |disc: &str| {
+            let text = format!(
+                "[removal]\npreston_mm2_per_n = 4e-4\npreston_deviation_percent = 2\nwear_per_m2 = 0.8\n\
+                 wear_deviation_per_m2 = 0.1\ncorrelation = 0\ncoupon_deviation_percent = 3\nleft_out_percent = 3\n\
+                 coupons = 12\npad_n_mm3 = 0.05\norbit_mm = 5\norbit_rev_min = 10000\n{disc}"
+            );
+            panelprep_cell::cell::RemovalCalibration::check("f", &text)
+                .unwrap_or_else(|problems| panic!("{problems}"))
+                .numbers
+        };
+        let model = |disc: &str| Model::from(&numbers(disc));
+        assert!((model("").disc_deviation - 0.10).abs() < 1e-12 && model("").redundancy >= 10.0);
+        assert!((model("discs = 2\ndisc_deviation_percent = 0.3\n").disc_deviation - 0.10).abs() < 1e-12);
+        assert!((model("discs = 2\ndisc_deviation_percent = 14\n").disc_deviation - 0.14).abs() < 1e-12);
+        assert!((model("discs = 4\ndisc_deviation_percent = 2.5\n").disc_deviation - 0.025).abs() < 1e-12);
+    }
+
+    /// Calculated by hand: forces of 15 and 30 N are valid from 15 / 1.5 = 10 N to 45 N, one force of 20 N from
+    /// 17.4 N to 23 N.
+    #[test]
+    fn the_forces_for_which_coupons_hold() {
+        assert_eq!(MODEL.valid_force_range_n(), Some([10.0, 45.0]));
+        let [least_n, most_n] = Model { forces_n: Some([20.0, 20.0]), force_power: None, ..MODEL }
+            .valid_force_range_n()
+            .expect("a range");
+        assert!((least_n - 17.391).abs() < 1e-3 && (most_n - 23.0).abs() < 1e-9, "{least_n} {most_n}");
+        assert_eq!(Model { forces_n: None, ..MODEL }.valid_force_range_n(), None);
+        // Forces that are far enough apart, but do not show the law or show another one.
+        for force_power in [None, Some(Power { value: 0.7, uncertainty: 0.1 })] {
+            let [least_n, most_n] = Model { force_power, ..MODEL }.valid_force_range_n().expect("a range");
+            assert!((least_n - 13.043).abs() < 1e-3 && (most_n - 34.5).abs() < 1e-9, "{least_n} {most_n}");
+        }
+    }
+
+    /// Calculated by hand: the middle of 15 and 30 N is 21.213 N. At 30 N an exponent of 1.02 ± 0.05 leaves
+    /// ln(√2) · 0.07 = 0.024 26. An unknown exponent counts beyond the coupons' forces: at 33 N ln(1.1) · 0.5.
+    #[test]
+    fn a_force_beside_those_of_the_coupons_adds_an_error() {
+        let near = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        near(MODEL.force_law_share_95(30.0), 0.024_26);
+        near(MODEL.force_law_share_95(21.213_203), 0.0);
+        let unknown = Model { force_power: None, ..MODEL };
+        near(unknown.force_law_share_95(33.0), 0.047_655);
+        near(unknown.force_law_share_95(20.0), 0.0);
+    }
+
+    /// Calculated by hand: after half a square metre, k is e^(−0.4) = 0.670 32 of its first value; Student's 97.5 %
+    /// quantile for ten degrees of freedom is 2.228.
+    #[test]
+    fn a_disc_wears() {
+        assert!((MODEL.preston_at_wear(500_000.0) - 4e-4 * 0.670_320).abs() < 1e-9);
+        assert!((MODEL.quantile_95() - 2.228).abs() < 0.001 && (student_95(1e5) - NORMAL_95).abs() < 1e-3);
+    }
+
+    /// Calculated by hand, for a new disc: √(0.02² + 0.03² + 0.05²) with a force known to ± 9.8 %. After half a
+    /// square metre var = 4·10⁻⁴ − 2 · 5·10⁵ · 10⁻⁹ + 25·10¹⁰ · 10⁻¹⁴ = 0.0019, with coupons and force 0.0053.
+    #[test]
+    fn what_is_not_known_adds_up() {
+        let disc = |swept_mm2: f64| WornDisc { swept_mm2, force_share_95: 0.05 * NORMAL_95 };
+        assert!((MODEL.deviation(disc(0.0)) - 0.061_644).abs() < 1e-6, "{}", MODEL.deviation(disc(0.0)));
+        assert!((MODEL.deviation(disc(5e5)) - 0.072_801).abs() < 1e-6, "{}", MODEL.deviation(disc(5e5)));
+    }
+}

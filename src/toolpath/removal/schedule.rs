@@ -1,0 +1,281 @@
+//! The feed on each move of a path, so that the removal is even over the treated area.
+//!
+//! If a grain rubs x mm for each millimetre of a move, the move removes k p x from a place for each millimetre, so the
+//! depths of all places are h = A x: linear in x, for every orbit. x decreases with the feed (`speed`); the bounds of
+//! the feeds give bounds of x, and `descent` finds the x that comes nearest to the target everywhere. Beyond the
+//! treated area there is no target: there the removal tapers off with the disc's radius. The wear of the disc depends
+//! only on the length of its path, so it is known beforehand.
+//!
+//! The speed of the tool centre point cannot jump. From one move to the next the square of the feed changes by at most
+//! the acceleration times the length of the faster move, so that at most half of this move is used for the change. If
+//! this requires a lower feed, the feed is lowered, and the other feeds are calculated again.
+//!
+//! The result is not forced into limits: its map shows whether it keeps the recipe's limits.
+
+use super::descent::{Columns, DescentTarget, minimise_bounded};
+use super::model::{Model, UM_PER_MM};
+use super::samples::Samples;
+use super::speed::Orbit;
+use super::track::{DiscStretch, IsPanelAt};
+use crate::surface::{BSplineSurface, Parameter, Treated};
+use panelprep_cell::panel::Region;
+use rayon::prelude::*;
+
+/// Distance between calculated places, in radii of the disc; the next constant gives the bounds of this distance, mm.
+const SPACING_RADII: f64 = 0.2;
+const SPACING_MM: [f64; 2] = [1.0, 3.0];
+/// Weight by which neighbouring feeds are kept similar.
+const SMOOTHING_WEIGHT: f64 = 0.02;
+/// Numbers of iterations over all moves: at the start, and after feeds were lowered for the acceleration.
+const ITERATIONS: [usize; 2] = [40, 12];
+
+/// A move of the path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Move {
+    /// The index of the pose at the end of the move, with the same numbering as `DiscStretch::pose`.
+    pub pose: usize,
+    /// Its length, mm.
+    pub length_mm: f64,
+    /// Lowest and highest feed, mm/s.
+    pub feeds_mm_s: [f64; 2],
+}
+
+/// The required removal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RemovalTarget {
+    /// Depth, µm.
+    pub target_um: f64,
+    /// Acceleration of the tool centre point, mm/s².
+    pub acceleration_mm_s2: f64,
+}
+
+/// Calculates the feed on each move, mm/s, that brings the removal nearest to the target. `stretches` are the segments
+/// of the path; their feed does not matter.
+pub fn schedule(
+    (surface, region, ground): (&BSplineSurface, &Region, IsPanelAt<'_>),
+    treated: &Treated,
+    (stretches, moves): (&[DiscStretch], &[Move]),
+    model: &Model,
+    target: &RemovalTarget,
+) -> Vec<f64> {
+    let radius_mm = stretches.first().map_or(1.0, |stretch| stretch.stroke.contact.pad.radius_mm);
+    let spacing_mm = (SPACING_RADII * radius_mm).clamp(SPACING_MM[0], SPACING_MM[1]);
+    let asked: IsPanelAt<'_> = &|at: Parameter| ground(at) && treated.holds(at);
+    let of_grid = |id| Samples::for_grid(surface, region, (id, spacing_mm), asked);
+    let samples: Vec<Samples> = treated.grids().par_iter().filter_map(|id| of_grid(*id)).collect();
+    let (columns, places) = columns(&samples, (stretches, moves), model, target.target_um);
+    let rubbed = |feed_mm_s: f64| model.orbit.rubbed_per_mm(feed_mm_s);
+    let bounds: Vec<[f64; 2]> = moves.iter().map(|own| [1, 0].map(|end| rubbed(own.feeds_mm_s[end]))).collect();
+    let wanted: Vec<f64> = places.iter().map(|area| if *area > 0.0 { 1.0 } else { 0.0 }).collect();
+    let mut sought = DescentTarget {
+        target: &wanted,
+        bounds: &bounds,
+        smoothing_weight: SMOOTHING_WEIGHT,
+        rounds: ITERATIONS[0],
+    };
+    let lowest: Vec<f64> = bounds.iter().map(|[low, _]| *low).collect();
+    // From the highest feeds: the first rounds then add removal at the places that need it.
+    let free = minimise_bounded(&columns, lowest.clone(), &sought);
+    let slowed = limit_feed_steps(&feeds(&model.orbit, moves, &free), moves, target.acceleration_mm_s2);
+    // Feeds that were lowered for the acceleration are not raised again; the other feeds compensate.
+    let held: Vec<[f64; 2]> = slowed
+        .iter()
+        .zip(&free)
+        .zip(&bounds)
+        .map(|((feed_mm_s, free), [low, high])| {
+            let x = rubbed(*feed_mm_s);
+            if x > free * (1.0 + 1e-6) { [x.min(*high), *high] } else { [*low, *high] }
+        })
+        .collect();
+    sought = DescentTarget { bounds: &held, rounds: ITERATIONS[1], ..sought };
+    let start = free.iter().zip(&held).map(|(x, [low, high])| x.clamp(*low, *high)).collect();
+    let settled = minimise_bounded(&columns, start, &sought);
+    self::limit_feed_steps(&feeds(&model.orbit, moves, &settled), moves, target.acceleration_mm_s2)
+}
+
+fn feeds(orbit: &Orbit, moves: &[Move], x: &[f64]) -> Vec<f64> {
+    moves.iter().zip(x).map(|(own, x)| orbit.feed_mm_s(*x, own.feeds_mm_s)).collect()
+}
+
+/// Calculates the removal by each move at each place, for each mm rubbed per mm of the move, relative to the target;
+/// and the areas of the places.
+fn columns(
+    samples: &[Samples],
+    (stretches, moves): (&[DiscStretch], &[Move]),
+    model: &Model,
+    target_um: f64,
+) -> (Columns, Vec<f64>) {
+    let starts: Vec<usize> = samples
+        .iter()
+        .scan(0, |next, own| {
+            let start = *next;
+            *next += own.count();
+            Some(start)
+        })
+        .collect();
+    let column = |own: &Move| {
+        let first = stretches.partition_point(|stretch| stretch.pose < own.pose);
+        let own = stretches[first..].iter().take_while(|stretch| stretch.pose == own.pose);
+        let mut column: Vec<(u32, f32)> = Vec::new();
+        for stretch in own {
+            let share = model.preston_at_wear(stretch.swept_mm2) * stretch.length_mm * UM_PER_MM / target_um;
+            for (samples, start) in samples.iter().zip(&starts) {
+                samples.for_places_under(stretch, |place, pressure| {
+                    column.push(((start + place) as u32, (share * pressure) as f32));
+                });
+            }
+        }
+        merge_rows(column)
+    };
+    let mut columns = Columns::default();
+    let each: Vec<Vec<(u32, f32)>> = moves.par_iter().map(column).collect();
+    each.into_iter().for_each(|column| columns.push(column));
+    (columns, samples.iter().flat_map(|own| own.area_mm2.iter().copied()).collect())
+}
+
+/// Merges the entries of the same row into one.
+fn merge_rows(mut column: Vec<(u32, f32)>) -> Vec<(u32, f32)> {
+    column.sort_unstable_by_key(|(row, _)| *row);
+    let mut merged: Vec<(u32, f32)> = Vec::with_capacity(column.len());
+    for (row, value) in column {
+        match merged.last_mut() {
+            Some((last, sum)) if *last == row => *sum += value,
+            _ => merged.push((row, value)),
+        }
+    }
+    merged
+}
+
+/// Returns these feeds, lowered at moves at which the next or the previous feed could not be reached.
+fn limit_feed_steps(feeds_mm_s: &[f64], moves: &[Move], acceleration_mm_s2: f64) -> Vec<f64> {
+    let mut slowed = feeds_mm_s.to_vec();
+    let follows = |index: usize| moves[index].pose == moves[index - 1].pose + 1;
+    let most = |other: f64, length_mm: f64| (other * other + acceleration_mm_s2 * length_mm).sqrt();
+    for index in (1..slowed.len()).filter(|index| follows(*index)) {
+        slowed[index] = slowed[index].min(most(slowed[index - 1], moves[index].length_mm));
+    }
+    for index in (1..slowed.len()).rev().filter(|index| follows(*index)) {
+        slowed[index - 1] = slowed[index - 1].min(most(slowed[index], moves[index - 1].length_mm));
+    }
+    slowed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::examples::MODEL;
+    use super::super::figures::MapFigures;
+    use super::super::map::{RemovalMap, removed, tests::region};
+    use super::super::track::tests::{DISC, level, pose};
+    use super::super::track::{Disc, path_stretches};
+    use super::*;
+    use crate::surface::dwell::ExecutedPose;
+    use panelprep_cell::panel::GridId;
+
+    /// Rows 12 mm apart over a square of 60 mm in the middle of 100 mm, from 6 mm outside the square; moves of 6
+    /// mm.
+    fn rows() -> Vec<ExecutedPose> {
+        let mut path = Vec::new();
+        for row in 0..7 {
+            let y = 14.0 + 12.0 * f64::from(row);
+            for step in 0..=12 {
+                let along = 14.0 + 6.0 * f64::from(step);
+                let x = if row % 2 == 0 { along } else { 100.0 - along };
+                path.push(pose([x, y, 0.0], 0.1));
+            }
+        }
+        path
+    }
+
+    fn timed(path: &[ExecutedPose], feeds_mm_s: &[f64]) -> Vec<ExecutedPose> {
+        let mut timed = path.to_vec();
+        for (index, feed) in feeds_mm_s.iter().enumerate() {
+            let way = timed[index].panel_from_tool.origin().distance_mm(timed[index + 1].panel_from_tool.origin());
+            timed[index + 1].seconds = way / feed;
+        }
+        timed
+    }
+
+    /// Plans the treatment of the middle one of 5 × 5 grids of 20 mm and its neighbours: 60 × 60 mm.
+    fn planned(target_um: f64, feeds: [f64; 2], swept_mm2: f64) -> (Vec<f64>, RemovalMap, RemovalMap, Vec<Move>) {
+        let (surface, region) = (level(100.0), region(5, 5));
+        let inner = |id: &GridId| (2..=4).contains(&id.row) && (2..=4).contains(&id.column);
+        let treated = Treated::from_grids(&region.ids().filter(inner).collect::<Vec<_>>());
+        let disc = Disc { rim_orbits: true, swept_mm2, ..DISC };
+        let path = rows();
+        let all = path_stretches(&surface, &path, (&disc, 20.0), &|_| true);
+        let own = |index: usize| Move {
+            pose: index + 1,
+            length_mm: path[index].panel_from_tool.origin().distance_mm(path[index + 1].panel_from_tool.origin()),
+            feeds_mm_s: feeds,
+        };
+        let moves: Vec<Move> = (0..path.len() - 1).map(own).collect();
+        let on = (&surface, &region, &(|_| true) as IsPanelAt<'_>);
+        let target = RemovalTarget { target_um, acceleration_mm_s2: 1_000.0 };
+        let found = schedule(on, &treated, (&all, &moves), &MODEL, &target);
+        let map = |feeds_mm_s: &[f64]| {
+            let all = path_stretches(&surface, &timed(&path, feeds_mm_s), (&disc, 20.0), &|_| true);
+            removed(on, &treated, &all, (&MODEL, 0.1), 1.0)
+        };
+        let constant = vec![feeds[1]; moves.len()];
+        (found.clone(), map(&found), map(&constant), moves)
+    }
+
+    #[test]
+    fn scheduled_feeds_remove_the_target_evenly() {
+        let (_, scheduled, constant, _) = planned(40.0, [5.0, 120.0], 0.0);
+        let [even, plain] = [&scheduled, &constant].map(|map| MapFigures::compute(map, 40.0).expect("treated"));
+        assert!(even.within_percent < 10.0 && (even.mean_um / 40.0 - 1.0).abs() < 0.03, "{even:?}");
+        assert!(even.within_percent < 0.2 * plain.within_percent, "{even:?} {plain:?}");
+        // Beyond the treated grids, the depth decreases: it is nowhere larger than inside.
+        assert!(even.largest_um < 1.3 * 40.0, "{even:?}");
+    }
+
+    #[test]
+    fn a_worn_disc_goes_slower() {
+        let seconds = |swept_mm2: f64| {
+            let (found, _, _, moves) = planned(40.0, [5.0, 120.0], swept_mm2);
+            moves.iter().zip(&found).map(|(own, feed)| own.length_mm / feed).sum::<f64>()
+        };
+        // Calculated by hand: e^0.4 = 1.49 times the time.
+        let ratio = seconds(500_000.0) / seconds(0.0);
+        assert!((ratio - 1.49).abs() < 0.1, "{ratio}");
+    }
+
+    #[test]
+    fn feeds_keep_their_bounds_and_the_acceleration() {
+        for target_um in [10.0, 40.0, 400.0] {
+            let (found, _, _, moves) = planned(target_um, [20.0, 60.0], 0.0);
+            for (index, feed) in found.iter().enumerate() {
+                assert!((20.0 - 1e-6..=60.0 + 1e-6).contains(feed), "{feed}");
+                if index > 0 {
+                    let change = (feed * feed - found[index - 1].powi(2)).abs();
+                    assert!(change <= 1_000.0 * moves[index].length_mm.max(moves[index - 1].length_mm) + 1e-6);
+                }
+            }
+        }
+        let (found, ..) = planned(400.0, [20.0, 60.0], 0.0);
+        assert!(found.iter().all(|feed_mm_s| *feed_mm_s < 20.0 + 1e-6), "all that one pass can: {found:?}");
+    }
+
+    /// Calculated by hand: from 10 mm/s, on 6 mm at 100 mm/s², (10² + 600)^½ = 26.46 mm/s are reached, then 36.06.
+    #[test]
+    fn feeds_rise_as_the_acceleration_lets_them() {
+        let own = |pose| Move { pose, length_mm: 6.0, feeds_mm_s: [1.0, 60.0] };
+        let moves: Vec<Move> = (1..=4).map(own).collect();
+        let found = limit_feed_steps(&[10.0, 60.0, 60.0, 20.0], &moves, 100.0);
+        let expected = [10.0, 26.457_5, 31.622_8, 20.0];
+        assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-3), "{found:?}");
+        // After a motion through the air, the acceleration limit starts again.
+        let apart = [own(1), own(5)];
+        assert_eq!(limit_feed_steps(&[10.0, 60.0], &apart, 100.0), [10.0, 60.0]);
+    }
+
+    #[test]
+    fn nothing_in_contact_has_no_feed() {
+        let (surface, region) = (level(100.0), region(1, 1));
+        let target = RemovalTarget { target_um: 40.0, acceleration_mm_s2: 1_000.0 };
+        assert!(
+            schedule((&surface, &region, &|_| true), &Treated::default(), (&[], &[]), &MODEL, &target).is_empty()
+        );
+    }
+}

@@ -1,0 +1,326 @@
+//! The tensor-product B-spline surface of a panel, with derivatives and normals.
+//!
+//!     S(u, v) = Σᵢ Σⱼ N_{i,k}(u) N_{j,l}(v) p_{ij}                                                          (4.12)
+//! with degrees k and l; S_u has N'_{i,k} in place of N_{i,k} (4.14, 4.15), and so on. The normal is
+//!     N = ± S_u × S_v / |S_u × S_v|,                                                                        (4.13)
+//! The sign is chosen once, so that the normal points to the side that the camera saw. The thesis's form depends on
+//! the handedness of (u, v); the tool's Z and the retract would reverse with it. Points are in the panel's frame,
+//! mm.
+
+use super::derivatives::{Derivatives, Parameter, PointTangents};
+use super::spans::SpanSurface;
+use nalgebra::Vector3;
+use panelprep_base::geometry::basis::{Basis, KnotVector};
+use panelprep_base::geometry::{Panel, Point, Vector};
+use std::ops::RangeInclusive;
+
+/// Sine of the angle between S_u and S_v below which no normal is defined.
+const DEGENERATE_SINE: f64 = 1e-6;
+
+/// The reason why control points do not form a surface.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SurfaceError {
+    /// The number of control points does not fit the knots.
+    #[error("the knots need {needed} control points, found {found}")]
+    ControlCount {
+        /// Control points found.
+        found: usize,
+        /// Control points that the knots need.
+        needed: usize,
+    },
+    /// The side that the camera saw cannot be determined.
+    #[error("the surface has no normal in its middle, or the camera's view is parallel to it")]
+    NoSide,
+}
+
+/// A B-spline surface; immutable.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BSplineSurface {
+    knots_u: KnotVector,
+    knots_v: KnotVector,
+    // p_{ij} at i · (controls along v) + j
+    controls: Vec<Point<Panel>>,
+    // +1 or −1: the sign of Eq. 4.13
+    side: f64,
+    // The same surface as polynomials; `None` above degree 3
+    spans: Option<SpanSurface>,
+}
+
+impl BSplineSurface {
+    /// Creates a surface from the knots along u and v and from its control net, v running fastest. `viewer` is the
+    /// camera's position: normals point to its side.
+    ///
+    /// # Errors
+    /// If the counts differ, or the surface shows its edge to the viewer.
+    pub fn new(
+        [knots_u, knots_v]: [KnotVector; 2],
+        controls: Vec<Point<Panel>>,
+        viewer: Point<Panel>,
+    ) -> Result<Self, SurfaceError> {
+        let needed = knots_u.controls() * knots_v.controls();
+        if controls.len() != needed {
+            return Err(SurfaceError::ControlCount { found: controls.len(), needed });
+        }
+        let spans = SpanSurface::new([&knots_u, &knots_v], &controls);
+        let mut surface = BSplineSurface { knots_u, knots_v, controls, side: 1.0, spans };
+        let towards = surface.faces(viewer);
+        if towards == 0.0 || !towards.is_finite() {
+            return Err(SurfaceError::NoSide);
+        }
+        surface.side = towards.signum();
+        Ok(surface)
+    }
+
+    /// Returns the excess of points, among 5 × 5, at which the raw normal faces the viewer, over those at which it
+    /// faces away. A single point could lie in a fold.
+    fn faces(&self, viewer: Point<Panel>) -> f64 {
+        let place = |knots: &KnotVector, step: i32| {
+            let (start, end) = (*knots.domain().start(), *knots.domain().end());
+            start + (end - start) * (0.5 + f64::from(step)) / 5.0
+        };
+        let at = |index: i32| Parameter { u: place(&self.knots_u, index / 5), v: place(&self.knots_v, index % 5) };
+        let side = |at| self.normal(at).map_or(0.0, |normal| normal.mm.dot(&(viewer - self.point(at)).mm).signum());
+        (0..25).map(|index| side(at(index))).sum()
+    }
+
+    /// Knots along u.
+    pub fn knots_u(&self) -> &KnotVector {
+        &self.knots_u
+    }
+
+    /// Knots along v.
+    pub fn knots_v(&self) -> &KnotVector {
+        &self.knots_v
+    }
+
+    /// Control points, v running fastest.
+    pub fn controls(&self) -> &[Point<Panel>] {
+        &self.controls
+    }
+
+    /// The parameters u and v for which the surface was made; beyond them its border polynomials continue.
+    pub fn domain(&self) -> [RangeInclusive<f64>; 2] {
+        [self.knots_u.domain(), self.knots_v.domain()]
+    }
+
+    /// S(u, v), Eq. 4.12.
+    pub fn point(&self, at: Parameter) -> Point<Panel> {
+        match &self.spans {
+            Some(spans) => spans.point(self.span_indices(at), at),
+            None => self.evaluate_derivatives(at).tangents.point,
+        }
+    }
+
+    /// S, S_u and S_v, Eq. 4.12 and 4.14.
+    pub fn tangents(&self, at: Parameter) -> PointTangents {
+        match &self.spans {
+            Some(spans) => spans.tangents(self.span_indices(at), at),
+            None => self.evaluate_derivatives(at).tangents,
+        }
+    }
+
+    /// S with its first and second derivatives.
+    pub fn derivatives(&self, at: Parameter) -> Derivatives {
+        match &self.spans {
+            Some(spans) => spans.derivatives(self.span_indices(at), at),
+            None => self.evaluate_derivatives(at),
+        }
+    }
+
+    /// S with its first and second derivatives at many parameters, in their order.
+    pub fn derivatives_at_many(&self, places: &[Parameter]) -> Vec<Derivatives> {
+        places.iter().map(|at| self.derivatives(*at)).collect()
+    }
+
+    fn span_indices(&self, at: Parameter) -> [usize; 2] {
+        [self.knots_u.span(at.u), self.knots_v.span(at.v)]
+    }
+
+    // Evaluates the surface by its basis functions: for degrees without precomputed polynomials.
+    fn evaluate_derivatives(&self, at: Parameter) -> Derivatives {
+        let (u, v): (Basis, Basis) =
+            (self.knots_u.with_second_derivatives(at.u), self.knots_v.with_second_derivatives(at.v));
+        let [mut point, mut s_u, mut s_v, mut s_uu, mut s_uv, mut s_vv] = [Vector3::zeros(); 6];
+        for (i, row) in self.rows((u.first_control_index, v.first_control_index)).enumerate() {
+            let [mut across, mut slope, mut bend] = [Vector3::zeros(); 3];
+            for (j, control) in row.iter().enumerate() {
+                across += control.mm.coords * v.values[j];
+                slope += control.mm.coords * v.first_derivatives[j];
+                bend += control.mm.coords * v.second_derivatives[j];
+            }
+            point += across * u.values[i];
+            s_u += across * u.first_derivatives[i];
+            s_uu += across * u.second_derivatives[i];
+            s_v += slope * u.values[i];
+            s_uv += slope * u.first_derivatives[i];
+            s_vv += bend * u.values[i];
+        }
+        Derivatives {
+            tangents: PointTangents {
+                point: Point::new(point.into()),
+                s_u: Vector::new(s_u),
+                s_v: Vector::new(s_v),
+            },
+            s_uu: Vector::new(s_uu),
+            s_uv: Vector::new(s_uv),
+            s_vv: Vector::new(s_vv),
+        }
+    }
+
+    /// Principal curvatures, 1/mm, the larger one first; positive if the surface bends away from the camera's side,
+    /// as a ball does that is seen from outside. `None` if there is no normal.
+    pub fn principal_curvatures(&self, there: &Derivatives) -> Option<[f64; 2]> {
+        let normal = self.unit_normal(&there.tangents)?.mm;
+        let (s_u, s_v) = (there.tangents.s_u.mm, there.tangents.s_v.mm);
+        let (e, f, g) = (s_u.dot(&s_u), s_u.dot(&s_v), s_v.dot(&s_v));
+        // The minus sign is needed because the second fundamental form is positive for a bowl seen from inside.
+        let [l, m, n] = [there.s_uu, there.s_uv, there.s_vv].map(|second| -second.mm.dot(&normal));
+        let area2 = e * g - f * f;
+        let (mean, gauss) = ((e * n - 2.0 * f * m + g * l) / (2.0 * area2), (l * n - m * m) / area2);
+        let half_gap = (mean * mean - gauss).max(0.0).sqrt();
+        Some([mean + half_gap, mean - half_gap])
+    }
+
+    /// The unit normal, towards the side that the camera saw; `None` if S_u and S_v are parallel.
+    pub fn normal(&self, at: Parameter) -> Option<Vector<Panel>> {
+        self.unit_normal(&self.tangents(at))
+    }
+
+    /// Returns the unit normal that belongs to tangents of this surface.
+    pub fn unit_normal(&self, tangents: &PointTangents) -> Option<Vector<Panel>> {
+        let cross = tangents.s_u.mm.cross(&tangents.s_v.mm); // Eq. 4.13
+        let length = cross.norm();
+        let straight = length > DEGENERATE_SINE * tangents.s_u.mm.norm() * tangents.s_v.mm.norm();
+        straight.then(|| Vector::new(cross * (self.side / length)))
+    }
+
+    // The k + 1 rows of l + 1 control points that influence one span of u and v.
+    fn rows(&self, (i, j): (usize, usize)) -> impl Iterator<Item = &[Point<Panel>]> {
+        let (stride, width) = (self.knots_v.controls(), self.knots_v.degree() + 1);
+        (i..=i + self.knots_u.degree()).map(move |i| &self.controls[i * stride + j..i * stride + j + width])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn net(heights_mm: impl Fn(usize, usize) -> f64) -> BSplineSurface {
+        let knots = || KnotVector::uniform(3, 3, 0.0..=1.0).expect("open");
+        // Control points over the Greville abscissae 0, 1/9, 3/9, 6/9, 8/9, 1 make x = 100 u and y = 60 v exact.
+        let greville = [0.0, 1.0, 3.0, 6.0, 8.0, 9.0].map(|ninths: f64| ninths / 9.0);
+        let control =
+            |n: usize| Point::at(100.0 * greville[n / 6], 60.0 * greville[n % 6], heights_mm(n / 6, n % 6));
+        BSplineSurface::new([knots(), knots()], (0..36).map(control).collect(), Point::at(0.0, 0.0, 500.0))
+            .expect("a surface")
+    }
+
+    /// Calculated by hand: over Greville abscissae a linear net is the plane itself; S_u = (100, 0, 0), S_v = (0,
+    /// 60, 0).
+    #[test]
+    fn a_linear_net_is_a_plane_up_to_its_corners() {
+        let plane = net(|_, _| 7.0);
+        for (u, v) in [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.3, 0.8)] {
+            let there = plane.derivatives(Parameter { u, v });
+            assert!(there.tangents.point.distance_mm(Point::at(100.0 * u, 60.0 * v, 7.0)) < 1e-12);
+            assert!((there.tangents.s_u.mm - Vector3::new(100.0, 0.0, 0.0)).norm() < 1e-11);
+            assert!((there.tangents.area_mm2() - 6_000.0).abs() < 1e-8);
+            assert!(there.s_uu.mm.norm() < 1e-9 && there.s_uv.mm.norm() < 1e-10);
+        }
+    }
+
+    #[test]
+    fn normals_point_to_the_viewer_whatever_the_handedness() {
+        let plane = net(|_, _| 0.0);
+        let knots = || KnotVector::uniform(3, 3, 0.0..=1.0).expect("open");
+        for viewer_z_mm in [500.0, -500.0] {
+            let viewer = Point::at(0.0, 0.0, viewer_z_mm);
+            let swapped = (0..36).map(|n| plane.controls()[(n % 6) * 6 + n / 6]).collect();
+            for controls in [plane.controls().to_vec(), swapped] {
+                let surface = BSplineSurface::new([knots(), knots()], controls, viewer).expect("a surface");
+                let normal = surface.normal(Parameter { u: 0.2, v: 0.9 }).expect("not degenerate");
+                assert!((normal.mm - Vector3::z() * viewer_z_mm.signum()).norm() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn a_net_that_does_not_fit_or_shows_its_edge_is_refused() {
+        let knots = || [0, 1].map(|_| KnotVector::uniform(3, 3, 0.0..=1.0).expect("open"));
+        let short = BSplineSurface::new(knots(), vec![Point::at(0.0, 0.0, 0.0); 35], Point::at(0.0, 0.0, 1.0));
+        assert_eq!(short, Err(SurfaceError::ControlCount { found: 35, needed: 36 }));
+        let point = BSplineSurface::new(knots(), vec![Point::at(0.0, 0.0, 0.0); 36], Point::at(0.0, 0.0, 1.0));
+        assert_eq!(point, Err(SurfaceError::NoSide));
+    }
+
+    /// Calculated by hand: over Greville abscissae the spline of z = −x²/2R agrees with it to second order in the
+    /// middle of x. A cylinder of radius 500 mm that bulges towards the camera has curvatures 1/500 and 0.
+    #[test]
+    fn a_bulge_has_positive_curvature() {
+        // Blossom of x² at the knots of each control point: the mean of the products of two of its three inner knots.
+        let knots = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 2.0], [1.0, 2.0, 3.0], [2.0, 3.0, 3.0], [3.0; 3]];
+        let square = |[a, b, c]: [f64; 3]| (a * b + a * c + b * c) / 27.0 * 1e4;
+        let bulge = net(|i, _| -square(knots[i]) / 1_000.0);
+        let there = bulge.derivatives(Parameter { u: 0.0, v: 0.5 });
+        let [largest, least] = bulge.principal_curvatures(&there).expect("a normal");
+        assert!((largest - 1.0 / 500.0).abs() < 1e-9 && least.abs() < 1e-12, "{largest} {least}");
+    }
+
+    /// Calculated by hand: a net that is linear in u and v makes z = 9 u v. With three spans along u and two along
+    /// v, S_u = (100, 0, 9 v), S_v = (0, 60, 9 u) and S_uv = (0, 0, 9) at every point.
+    #[test]
+    fn a_twisted_net_has_its_twist_whatever_the_spans() {
+        let knots = [3, 2].map(|spans| KnotVector::uniform(3, spans, 0.0..=1.0).expect("open"));
+        let (along_u, along_v) = (knots[0].greville_abscissa(), knots[1].greville_abscissa());
+        let control = |u: &f64, v: &f64| Point::at(100.0 * u, 60.0 * v, 9.0 * u * v);
+        let controls = along_u.iter().flat_map(|u| along_v.iter().map(move |v| control(u, v))).collect();
+        let surface = BSplineSurface::new(knots, controls, Point::at(0.0, 0.0, 500.0)).expect("a surface");
+        for (u, v) in [(0.1, 0.2), (0.5, 0.5), (0.9, 1.0)] {
+            let there = surface.derivatives(Parameter { u, v });
+            assert!((there.tangents.s_u.mm - Vector3::new(100.0, 0.0, 9.0 * v)).norm() < 1e-10);
+            assert!((there.tangents.s_v.mm - Vector3::new(0.0, 60.0, 9.0 * u)).norm() < 1e-10);
+            assert!((there.s_uv.mm - Vector3::new(0.0, 0.0, 9.0)).norm() < 1e-9);
+        }
+    }
+
+    proptest! {
+        /// The polynomial evaluation agrees with the evaluation by basis functions.
+        #[test]
+        fn polynomials_and_basis_functions_are_one_surface(
+            heights in prop::collection::vec(-20.0..20.0f64, 36), u in -0.1..1.1f64, v in -0.1..1.1f64,
+        ) {
+            let surface = net(|i, j| heights[i * 6 + j]);
+            let at = Parameter { u, v };
+            let (quick, slow) = (surface.derivatives(at), surface.evaluate_derivatives(at));
+            prop_assert!(quick.tangents.point.distance_mm(slow.tangents.point) < 1e-9);
+            for (quick, slow) in [(quick.tangents.s_u, slow.tangents.s_u), (quick.tangents.s_v, slow.tangents.s_v),
+                (quick.s_uu, slow.s_uu), (quick.s_uv, slow.s_uv), (quick.s_vv, slow.s_vv)] {
+                prop_assert!((quick.mm - slow.mm).norm() < 1e-7, "{:?} {:?}", quick, slow);
+            }
+        }
+
+        #[test]
+        fn derivatives_agree_with_differences(
+            heights in prop::collection::vec(-20.0..20.0f64, 36), u in 0.01..0.99f64, v in 0.01..0.99f64,
+        ) {
+            let (surface, step) = (net(|i, j| heights[i * 6 + j]), 1e-6);
+            let at = |du: f64, dv: f64| surface.derivatives(Parameter { u: u + du * step, v: v + dv * step });
+            let here = at(0.0, 0.0);
+            let place = Parameter { u, v };
+            prop_assert_eq!(surface.tangents(place), here.tangents);
+            prop_assert!(surface.point(place).distance_mm(here.tangents.point) < 1e-10);
+            let [east, west, north, south] = [at(1.0, 0.0), at(-1.0, 0.0), at(0.0, 1.0), at(0.0, -1.0)];
+            let slope = |a: Vector3<f64>, b: Vector3<f64>| (a - b) / (2.0 * step);
+            let coords = |d: &Derivatives| d.tangents.point.mm.coords;
+            prop_assert!((slope(coords(&east), coords(&west)) - here.tangents.s_u.mm).norm() < 1e-4);
+            prop_assert!((slope(coords(&north), coords(&south)) - here.tangents.s_v.mm).norm() < 1e-4);
+            let s_u = |d: &Derivatives| d.tangents.s_u.mm;
+            let s_v = |d: &Derivatives| d.tangents.s_v.mm;
+            // A third derivative of a few 1e4 mm times the step bounds the error across a knot.
+            prop_assert!((slope(s_u(&east), s_u(&west)) - here.s_uu.mm).norm() < 0.1);
+            prop_assert!((slope(s_u(&north), s_u(&south)) - here.s_uv.mm).norm() < 0.1);
+            prop_assert!((slope(s_v(&north), s_v(&south)) - here.s_vv.mm).norm() < 0.1);
+        }
+    }
+}

@@ -1,0 +1,277 @@
+//! The disc's effect on the surface: for each square millimetre, how long and how often it was under the disc.
+//!
+//! Every grid is sampled about 1 mm apart. A path is walked in steps of 1 mm. Each step adds its time to the
+//! samples within the disc's radius. If a sample's last step was not the preceding one, another pass begins there.
+//! The path consists of poses, planned or as the robot reported them, so the executed path is judged the same way.
+//! A pose meant to be in contact is in contact if its point lies no higher than a millimetre above the surface. The
+//! disc is assumed to be wholly in contact: a compliant pad.
+
+use super::bspline::BSplineSurface;
+use super::derivatives::Parameter;
+use super::net::{SampleGrid, sides_mm};
+use super::patch::ParameterPatch;
+use super::spread::DwellSpread;
+use super::treated::Treated;
+use panelprep_base::geometry::{Panel, Point, Rigid, Tool};
+use panelprep_cell::panel::{GridId, Region};
+use rayon::prelude::*;
+
+/// Distance between samples, and between steps along a path, mm.
+const SAMPLE_MM: f64 = 1.0;
+/// A disc with its point higher above the surface than this does not touch it, mm.
+pub const CONTACT_MM: f64 = 1.0;
+/// Largest number of steps of the search for the surface point below a given point.
+const MAX_FOOT_STEPS: usize = 12;
+/// Accuracy at which the search for the surface point ends, mm.
+const FOOT_TOLERANCE_MM: f64 = 1e-4;
+
+/// A pose of a path that was or will be executed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExecutedPose {
+    /// The tool.
+    pub panel_from_tool: Rigid<Panel, Tool>,
+    /// Time since the previous pose, s.
+    pub seconds: f64,
+    /// Whether the tool was meant to be in contact and running on the way to this pose.
+    pub contact: bool,
+    /// The contact force that a compliant tool measured at this pose, N. A pose between two reports has the force
+    /// of the later report.
+    pub force_n: Option<f64>,
+}
+
+/// One grid, sample by sample.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GridDwell {
+    /// The grid.
+    pub id: GridId,
+    /// Samples along u.
+    pub columns: usize,
+    /// Time under the disc at each sample, s, row by row.
+    pub dwell_s: Vec<f32>,
+    /// Number of passes of the disc, sample by sample.
+    pub passes: Vec<u16>,
+    /// Surface of each sample, mm²; 0 if it is not to be treated.
+    pub area_mm2: Vec<f32>,
+}
+
+impl Dwell {
+    /// Returns one of the evaluated grids.
+    pub fn grid(&self, id: GridId) -> Option<&GridDwell> {
+        self.grids.iter().find(|grid| grid.id == id)
+    }
+}
+
+impl GridDwell {
+    /// Share of the grid that was under the disc, 0…1.
+    pub fn share(&self) -> f64 {
+        self.area_share(|passes| passes > 0)
+    }
+
+    /// The uniformity of the time under the disc; `None` if the disc reached nothing.
+    pub fn spread(&self) -> Option<DwellSpread> {
+        DwellSpread::from_times(self.times())
+    }
+
+    /// Returns the time under the disc, s, and the area, mm², of each sample that is to be treated.
+    fn times(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+        let times = self.dwell_s.iter().zip(&self.area_mm2);
+        let treated = times.filter(|(_, area)| **area > 0.0);
+        treated.map(|(dwell_s, area)| (f64::from(*dwell_s), f64::from(*area)))
+    }
+
+    /// Share of the grid that the disc passed more than once, 0…1.
+    pub fn overlap(&self) -> f64 {
+        self.area_share(|passes| passes > 1)
+    }
+
+    /// Area that the disc did not reach, mm².
+    pub fn untreated_mm2(&self) -> f64 {
+        self.area_where_mm2(|passes| passes == 0)
+    }
+
+    /// Mean time under the disc, s, of the area that the disc reached.
+    pub fn mean_dwell_s(&self) -> f64 {
+        let reached = self.times().filter(|(dwell_s, _)| *dwell_s > 0.0);
+        let (sum, count) = reached.fold((0.0, 0_usize), |(sum, count), (dwell_s, _)| (sum + dwell_s, count + 1));
+        sum / count.max(1) as f64
+    }
+
+    fn area(&self) -> f64 {
+        self.area_mm2.iter().map(|area| f64::from(*area)).sum()
+    }
+
+    fn area_share(&self, counts: impl Fn(u16) -> bool) -> f64 {
+        self.area_where_mm2(counts) / self.area()
+    }
+
+    fn area_where_mm2(&self, counts: impl Fn(u16) -> bool) -> f64 {
+        let counted = self.passes.iter().zip(&self.area_mm2).filter(|(passes, _)| counts(**passes));
+        // The sum starts at 0 explicitly, since an empty sum of floats is −0.
+        counted.fold(0.0, |sum, (_, area)| sum + f64::from(*area))
+    }
+}
+
+/// The times under the disc of all evaluated grids.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dwell {
+    /// Grid by grid.
+    pub grids: Vec<GridDwell>,
+    sides_mm: [f64; 2],
+}
+
+/// One step of the disc.
+struct Step {
+    at: Parameter,
+    point: Point<Panel>,
+    /// Reach of the disc's radius in the parameters, with a margin of a tenth.
+    reach: [f64; 2],
+    seconds: f64,
+}
+
+/// Computes the times under the disc of these grids for a path.
+pub fn simulate(
+    surface: &BSplineSurface,
+    region: &Region,
+    grids: &[GridId],
+    executed: &[ExecutedPose],
+    radius_mm: f64,
+) -> Dwell {
+    simulate_treated(surface, region, &Treated::from_grids(grids), executed, radius_mm)
+}
+
+/// Computes the times under the disc of these places for a path. Shares, areas left and spreads are those of the
+/// places; times and passes are those of the whole grids in which they lie.
+pub fn simulate_treated(
+    surface: &BSplineSurface,
+    region: &Region,
+    treated: &Treated,
+    executed: &[ExecutedPose],
+    radius_mm: f64,
+) -> Dwell {
+    let steps = steps(surface, executed, radius_mm);
+    let known =
+        treated.grids().iter().filter_map(|id| ParameterPatch::for_grid(region, *id).map(|patch| (*id, patch)));
+    let known: Vec<(GridId, ParameterPatch)> = known.collect();
+    let of_grid =
+        |(id, patch): &(GridId, ParameterPatch)| grid_dwell(surface, (*id, patch), treated, (&steps, radius_mm));
+    Dwell { grids: known.par_iter().map(of_grid).collect(), sides_mm: sides_mm(surface) }
+}
+
+/// Returns the path in contact, step by step, each projected to the surface.
+fn steps(surface: &BSplineSurface, executed: &[ExecutedPose], radius_mm: f64) -> Vec<Step> {
+    let mut steps = Vec::new();
+    let mut guess = Parameter { u: 0.5, v: 0.5 };
+    for pair in executed.windows(2).filter(|pair| pair[1].contact) {
+        let (from, to) = (pair[0].panel_from_tool.origin(), pair[1].panel_from_tool.origin());
+        let count = (from.distance_mm(to) / SAMPLE_MM).ceil().max(1.0) as usize;
+        for step in 0..=count {
+            let point = from + (to - from) * (step as f64 / count as f64);
+            let Some(at) = surface_foot(surface, guess, point) else { continue };
+            guess = at;
+            let tangents = surface.tangents(at);
+            let off = surface.unit_normal(&tangents).map(|normal| normal.mm.dot(&(point - tangents.point).mm));
+            if off.is_none_or(|height_mm| height_mm > CONTACT_MM) {
+                continue;
+            }
+            // Each end counts as half a step.
+            let share = if step == 0 || step == count { 0.5 } else { 1.0 } / count as f64;
+            // In slanted parameters the disc extends over more than its radius: the height of a rhombus is its side
+            // times the sine.
+            let lengths = [tangents.s_u.mm.norm(), tangents.s_v.mm.norm()];
+            let sine = tangents.area_mm2() / (lengths[0] * lengths[1]);
+            let reach = lengths.map(|per_unit| 1.1 * radius_mm / (per_unit * sine));
+            steps.push(Step { at, point: tangents.point, reach, seconds: pair[1].seconds * share });
+        }
+    }
+    steps
+}
+
+/// Returns the parameters of the surface point below or above a point, by the Gauss–Newton method; `None` if there is
+/// none nearby.
+pub fn surface_foot(surface: &BSplineSurface, guess: Parameter, point: Point<Panel>) -> Option<Parameter> {
+    let mut at = guess;
+    for _ in 0..MAX_FOOT_STEPS {
+        let tangents = surface.tangents(at);
+        let (s_u, s_v, off) = (tangents.s_u.mm, tangents.s_v.mm, (point - tangents.point).mm);
+        let (e, f, g) = (s_u.dot(&s_u), s_u.dot(&s_v), s_v.dot(&s_v));
+        let area2 = e * g - f * f;
+        let (a, b) = (off.dot(&s_u), off.dot(&s_v));
+        let (du, dv) = ((g * a - f * b) / area2, (e * b - f * a) / area2);
+        if !(du.is_finite() && dv.is_finite()) {
+            return None;
+        }
+        // Far beyond the domain the border polynomials can have any value, so the parameters are limited.
+        at = Parameter { u: (at.u + du).clamp(-0.2, 1.2), v: (at.v + dv).clamp(-0.2, 1.2) };
+        if (s_u * du + s_v * dv).norm() < FOOT_TOLERANCE_MM {
+            return Some(at);
+        }
+    }
+    None
+}
+
+fn grid_dwell(
+    surface: &BSplineSurface,
+    (id, patch): (GridId, &ParameterPatch),
+    treated: &Treated,
+    (steps, radius_mm): (&[Step], f64),
+) -> GridDwell {
+    let net = SampleGrid::from_patch(surface, *patch, SAMPLE_MM);
+    let mut points = Vec::with_capacity(net.count());
+    let mut found = GridDwell {
+        id,
+        columns: net.columns,
+        dwell_s: vec![0.0; net.count()],
+        passes: vec![0; net.count()],
+        area_mm2: Vec::with_capacity(net.count()),
+    };
+    for sample in 0..net.count() {
+        let at = net.parameter_at(sample);
+        let tangents = surface.tangents(at);
+        points.push(tangents.point);
+        let area_mm2 = if treated.holds(at) { tangents.area_mm2() * net.cell() } else { 0.0 };
+        found.area_mm2.push(area_mm2 as f32);
+    }
+    let mut last_step = vec![usize::MAX - 1; net.count()];
+    for (index, Step { at, point, reach: [reach_u, reach_v], seconds }) in steps.iter().enumerate() {
+        let low = Parameter { u: at.u - reach_u, v: at.v - reach_v };
+        let high = Parameter { u: at.u + reach_u, v: at.v + reach_v };
+        for sample in net.points_around(low, high) {
+            if points[sample].distance_mm(*point) <= radius_mm {
+                found.dwell_s[sample] += *seconds as f32;
+                found.passes[sample] += u16::from(last_step[sample].wrapping_add(1) != index);
+                last_step[sample] = index;
+            }
+        }
+    }
+    found
+}
+
+impl Dwell {
+    /// Area of all grids that was under the disc, mm².
+    pub fn under_disc_mm2(&self) -> f64 {
+        self.grids.iter().fold(0.0, |sum, grid| sum + grid.area_where_mm2(|passes| passes > 0))
+    }
+
+    /// Covered share of all grids, 0…1.
+    pub fn share(&self) -> f64 {
+        let (covered, all) = self.grids.iter().fold((0.0, 0.0), |(covered, all), grid| {
+            (covered + grid.area_where_mm2(|passes| passes > 0), all + grid.area())
+        });
+        covered / all
+    }
+
+    /// The uniformity of the time under the disc over all grids; `None` if the disc reached nothing.
+    pub fn spread(&self) -> Option<DwellSpread> {
+        DwellSpread::from_times(self.grids.iter().flat_map(GridDwell::times))
+    }
+
+    /// The longest time that any place was under the disc, s.
+    pub fn longest_s(&self) -> f64 {
+        self.grids.iter().flat_map(|grid| &grid.dwell_s).fold(0.0, |most, dwell| f64::max(most, f64::from(*dwell)))
+    }
+
+    /// Returns the length of the region along u and along v, through its middle, mm.
+    pub fn sides_mm(&self) -> [f64; 2] {
+        self.sides_mm
+    }
+}

@@ -1,0 +1,377 @@
+//! The form of today's panel as an inspector knows it: profile of the surface, and flatness, each with its uncertainty.
+//!
+//! The region is divided into places of about 20 mm. A place with most of its points on today's surface has the
+//! deviation
+//!     d = c(u, v) + mean of the points' distances from c,                                                    (1)
+//! along the nominal normal, positive in front of the nominal surface, with c the smooth correction of `today`. The
+//! mean adds what c does not follow, such as a dent that is narrower than its spans.
+//!
+//! *Profile of a surface* (ISO 1101:2017, 17.6; ASME Y14.5-2018, 11.2): the tolerance zone lies between the two
+//! surfaces at half the tolerance on both sides of the nominal surface, so that its measured value is 2 · max |d|. The
+//! extremes of d are its two unequal sides. The nominal surface is placed by the localization, which is a best fit to
+//! the whole panel without datums: position and tilt of the panel do not count. *Flatness* (ISO 12781-1, MZPL): the
+//! minimum zone of the places on today's surface (`geometry/plane_zone`).
+//!
+//! The uncertainty U of d, 95 %, follows from the law of propagation (JCGM 100:2008, 5.1.2) with independent parts:
+//!     U² = k² (s²/n + g σ² + p²) + N²,   k = 1.96,                                                           (2)
+//! s the standard deviation of the points about the mean of their place, of which there are n; σ the scan's smooth
+//! error at a point, of which there is one (g = 1) if the nominal surface is a drawing, and one in each of two scans
+//! (g = 2) if it was scanned; p the error of the localization along the place's normal; N the distance that 95 % of the
+//! nominal points keep from the fitted nominal surface. σ and p are not independent, since the pose follows from the
+//! same scan: the fit takes away the part of the scan's error that is a shift or a tilt, and (2) counts it twice. This
+//! makes U larger, by √2 at most. With d_p and U_p at the places p, the true value of the profile is at most
+//! 2 · max (|d_p| + U_p), so that its uncertainty is 2 · (max (|d_p| + U_p) − max |d_p|); those of the extremes follow
+//! likewise. The zone of flatness changes with d at the places that touch its planes, with weights that sum to 1 on each
+//! plane (the multipliers of its linear program): with independent errors its variance is at most 2 times that of one
+//! place. Pose and nominal surface do not change it, and g is 1. Errors that are alike at two places cancel in it.
+//!
+//! A value v with the limit L is proven if v + U ≤ L (ISO 14253-1:2017, 5.2). Known limits: all is stated for the places
+//! that were seen; a defect that is narrower than a place counts with its mean only; U is that of single places.
+
+use super::derivatives::Parameter;
+use super::fit::Fit;
+use super::net::sides_mm;
+use super::today::{TodaysPoint, TodaysSurfaceFit};
+use panelprep_base::geometry::statistics::NORMAL_TWO_SIDED_95;
+use panelprep_base::geometry::{Panel, PlaneZone, Point, PoseUncertainty, RasterSize, Vector};
+
+/// Approximate side of a place, mm: wide enough for the mean of many points, narrower than a hand's dent.
+const PLACE_MM: f64 = 20.0;
+/// Smallest number of points in a place, so that their mean and their scatter are known.
+const MIN_POINTS: u32 = 8;
+/// Smallest number of places of a form.
+const MIN_PLACES: usize = 4;
+/// A panel whose nominal surface has a wider zone is not a flat one, mm.
+const FLAT_NOMINAL_MM: f64 = 0.2;
+
+/// The points of the scan in which the panel was located, and the errors with which they are known.
+#[derive(Debug, Clone, Default)]
+pub struct TodaysScan {
+    /// The points in the region.
+    pub points: Vec<TodaysPoint>,
+    /// Their errors; `None` if they are not known.
+    pub errors: Option<FormErrors>,
+}
+
+/// The errors of the deviation that do not follow from the points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FormErrors {
+    /// One standard deviation of the smooth error of one scan at a point, mm.
+    pub scan_mm: f64,
+    /// The uncertainty of the pose by which the points were moved to the panel's frame.
+    pub pose: PoseUncertainty,
+}
+
+/// A measured value with its uncertainty.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measured {
+    /// The value, mm.
+    pub value_mm: f64,
+    /// 95 % of the errors are smaller, mm.
+    pub uncertainty_mm: f64,
+}
+
+/// The deviation at one place of the region.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FormPlace {
+    /// The middle of the place.
+    pub at: Parameter,
+    /// Distance of today's panel in front of the nominal surface.
+    pub deviation: Measured,
+    /// One standard deviation of the scan's error alone, mm.
+    scan_mm: f64,
+}
+
+/// The flatness of a panel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Flatness {
+    /// The minimum zone.
+    pub zone: Measured,
+    /// The zone about the plane of least squares, an upper bound, mm.
+    pub least_squares_mm: f64,
+    /// The minimum zone of the nominal surface at the same places, mm.
+    pub nominal_mm: f64,
+}
+
+impl Flatness {
+    /// Returns whether the nominal panel is flat.
+    pub fn is_nominal_flat(&self) -> bool {
+        self.nominal_mm <= FLAT_NOMINAL_MM
+    }
+}
+
+/// The form of today's panel over the part of the region that was seen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Form {
+    /// Twice the largest deviation.
+    pub profile: Measured,
+    /// The largest deviation in front of the nominal surface; negative if all of the panel lies behind it.
+    pub front: Measured,
+    /// The largest deviation behind the nominal surface, negative; positive if all of the panel lies in front.
+    pub behind: Measured,
+    /// The flatness; `None` if the places lie on a line.
+    pub flatness: Option<Flatness>,
+    /// Share of the region that the places cover, percent.
+    pub seen_percent: f64,
+    /// The places that were seen.
+    pub places: Vec<FormPlace>,
+}
+
+impl Form {
+    /// Computes the form of today's surface relative to the nominal one; `nominal_scans` is 0 for a drawing, and 1 for
+    /// a scan. `None` if fewer than four places were seen.
+    pub fn compute(
+        (taught, nominal_scans): (&Fit, u8),
+        todays: &TodaysSurfaceFit,
+        errors: &FormErrors,
+    ) -> Option<Form> {
+        let cells = PlaceCells::count(taught, todays);
+        let scatter_mm = cells.scatter_mm();
+        let places: Vec<FormPlace> = (0..cells.sums.len())
+            .filter(|index| cells.is_seen(*index))
+            .filter_map(|index| {
+                let (at, mean_mm, count) = (cells.middle(index), cells.mean_mm(index), cells.sums[index].near);
+                let normal = taught.surface.normal(at)?;
+                let pose_mm = errors.pose.along_mm(taught.surface.point(at), normal);
+                let noise_mm = scatter_mm / f64::from(count).sqrt();
+                let scans_mm = errors.scan_mm * f64::from(1 + nominal_scans).sqrt();
+                let parts_mm = NORMAL_TWO_SIDED_95 * noise_mm.hypot(scans_mm).hypot(pose_mm);
+                let deviation = Measured {
+                    value_mm: todays.measured.field.height_at([at.u, at.v]) + mean_mm,
+                    uncertainty_mm: parts_mm.hypot(taught.deviation.p95_mm),
+                };
+                Some(FormPlace { at, deviation, scan_mm: noise_mm.hypot(errors.scan_mm) })
+            })
+            .collect();
+        let seen_percent = 100.0 * places.len() as f64 / cells.sums.len() as f64;
+        (places.len() >= MIN_PLACES).then(|| Form {
+            profile: profile(&places),
+            front: largest(places.iter().map(|place| place.deviation)),
+            behind: largest(places.iter().map(|place| place.deviation.reversed())).reversed(),
+            flatness: flatness(taught, &places),
+            seen_percent,
+            places,
+        })
+    }
+
+    /// The largest uncertainty of the deviation at a place, 95 %, mm.
+    pub fn largest_uncertainty_mm(&self) -> f64 {
+        self.places.iter().map(|place| place.deviation.uncertainty_mm).fold(0.0, f64::max)
+    }
+}
+
+impl Measured {
+    /// Returns the value with the other sign.
+    fn reversed(self) -> Measured {
+        Measured { value_mm: -self.value_mm, ..self }
+    }
+
+    /// Returns whether the value surely meets an upper limit, mm.
+    pub fn is_surely_within(&self, limit_mm: f64) -> bool {
+        self.value_mm + self.uncertainty_mm <= limit_mm
+    }
+
+    /// Returns whether the value surely exceeds an upper limit, mm.
+    pub fn is_surely_beyond(&self, limit_mm: f64) -> bool {
+        self.value_mm - self.uncertainty_mm > limit_mm
+    }
+}
+
+/// Returns the largest value, with the distance to the largest upper bound as its uncertainty.
+fn largest(all: impl Iterator<Item = Measured>) -> Measured {
+    let none = [f64::NEG_INFINITY; 2];
+    let [value_mm, bound_mm] = all.fold(none, |[value, bound], measured| {
+        [value.max(measured.value_mm), bound.max(measured.value_mm + measured.uncertainty_mm)]
+    });
+    Measured { value_mm, uncertainty_mm: bound_mm - value_mm }
+}
+
+fn profile(places: &[FormPlace]) -> Measured {
+    let sizes = places.iter().map(|place| Measured { value_mm: place.deviation.value_mm.abs(), ..place.deviation });
+    let Measured { value_mm, uncertainty_mm } = largest(sizes);
+    Measured { value_mm: 2.0 * value_mm, uncertainty_mm: 2.0 * uncertainty_mm }
+}
+
+fn flatness(taught: &Fit, places: &[FormPlace]) -> Option<Flatness> {
+    let nominal: Vec<Point<Panel>> = places.iter().map(|place| taught.surface.point(place.at)).collect();
+    let moved = |(place, point): (&FormPlace, &Point<Panel>)| {
+        let normal = taught.surface.normal(place.at).unwrap_or(Vector::new(nalgebra::Vector3::zeros()));
+        *point + normal * place.deviation.value_mm
+    };
+    let todays: Vec<Point<Panel>> = places.iter().zip(&nominal).map(moved).collect();
+    let zone = PlaneZone::compute(&todays)?;
+    let scan_mm = places.iter().map(|place| place.scan_mm).fold(0.0, f64::max);
+    Some(Flatness {
+        zone: Measured {
+            value_mm: zone.minimum_mm,
+            uncertainty_mm: std::f64::consts::SQRT_2 * NORMAL_TWO_SIDED_95 * scan_mm,
+        },
+        least_squares_mm: zone.least_squares_mm,
+        nominal_mm: PlaneZone::compute(&nominal)?.minimum_mm,
+    })
+}
+
+/// The points of one place.
+#[derive(Debug, Clone, Copy, Default)]
+struct PlaceSums {
+    all: u32,
+    near: u32,
+    sum_mm: f64,
+    squares_mm2: f64,
+}
+
+/// The region's places.
+struct PlaceCells {
+    raster: RasterSize,
+    sums: Vec<PlaceSums>,
+}
+
+impl PlaceCells {
+    fn count(taught: &Fit, todays: &TodaysSurfaceFit) -> PlaceCells {
+        let [width, height] = sides_mm(&taught.surface).map(|mm| (mm / PLACE_MM).round().max(1.0) as usize);
+        let mut cells =
+            PlaceCells { raster: RasterSize { width, height }, sums: vec![PlaceSums::default(); width * height] };
+        for sample in &todays.measured.seen {
+            let off_mm = sample.height_mm - todays.measured.field.height_at(sample.position);
+            let index = cells.index(sample.position);
+            let sums = &mut cells.sums[index];
+            sums.all += 1;
+            if off_mm.abs() < todays.measured.limit_mm {
+                sums.near += 1;
+                sums.sum_mm += off_mm;
+                sums.squares_mm2 += off_mm * off_mm;
+            }
+        }
+        cells
+    }
+
+    fn index(&self, [u, v]: [f64; 2]) -> usize {
+        let along = |share: f64, count: usize| ((share * count as f64) as usize).min(count - 1);
+        along(v, self.raster.height) * self.raster.width + along(u, self.raster.width)
+    }
+
+    fn middle(&self, index: usize) -> Parameter {
+        let along = |cell: usize, count: usize| (cell as f64 + 0.5) / count as f64;
+        let RasterSize { width, height } = self.raster;
+        Parameter { u: along(index % width, width), v: along(index / width, height) }
+    }
+
+    fn is_seen(&self, index: usize) -> bool {
+        let PlaceSums { all, near, .. } = self.sums[index];
+        2 * near > all && near >= MIN_POINTS
+    }
+
+    fn mean_mm(&self, index: usize) -> f64 {
+        self.sums[index].sum_mm / f64::from(self.sums[index].near)
+    }
+
+    /// Returns the standard deviation of a point about the mean of its place, mm, over all places that were seen.
+    fn scatter_mm(&self) -> f64 {
+        let seen = (0..self.sums.len()).filter(|index| self.is_seen(*index));
+        let (freedom, squares) = seen.fold((0.0, 0.0), |(freedom, squares), index| {
+            let PlaceSums { near, sum_mm, squares_mm2, .. } = self.sums[index];
+            let of_place = squares_mm2 - sum_mm * sum_mm / f64::from(near);
+            (freedom + f64::from(near - 1), squares + of_place.max(0.0))
+        });
+        if freedom > 0.0 { (squares / freedom).sqrt() } else { f64::INFINITY }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::scene::{ScanDefects, Shape, recipe, taught};
+    use crate::surface::today::{correct_taught_surface, points_of};
+    use crate::surface::{Fit, fit};
+    use nalgebra::{Isometry3, Matrix6};
+    use panelprep_cell::panel::TaughtPanel;
+
+    /// Returns a taught panel of 280 × 168 mm with its surface.
+    fn learnt(shape: Shape) -> (TaughtPanel, Fit) {
+        let recipe = recipe(shape, "");
+        let panel = taught(shape, ScanDefects::default(), &recipe);
+        let fit = fit(&panel, recipe.surface()).expect("a surface");
+        (panel, fit)
+    }
+
+    /// An error of the scan of 0.03 mm, and a shift of 0.02 mm along the camera's axis.
+    fn errors() -> FormErrors {
+        let mut covariance = Matrix6::zeros();
+        covariance[(5, 5)] = 0.02 * 0.02;
+        let camera_from_panel = panelprep_base::geometry::Rigid::from_isometry_unchecked(Isometry3::identity());
+        let pose = PoseUncertainty { camera_from_panel, centre: Point::at(0.0, 0.0, 700.0), covariance };
+        FormErrors { scan_mm: 0.03, pose }
+    }
+
+    fn form(shape: Shape, in_front_mm: impl Fn(Parameter) -> f64) -> Form {
+        let (panel, fit) = learnt(shape);
+        let points = points_of(&fit, in_front_mm);
+        let todays = correct_taught_surface(&fit.surface, &panel, &fit.map, (&points, 12.0)).expect("a surface");
+        Form::compute((&fit, 0), &todays, &errors()).expect("a form")
+    }
+
+    /// By hand: the bow 1.5 (1 − (2u − 1)²) mm over 14 places along u has its largest value at u = 0.536, where it is
+    /// 1.492 mm, and its least at u = 0.036, 0.207 mm. The profile is 2.985 mm. The taught plane is tilted by 0.2 and
+    /// 0.1, so that its normal has the part 1/√1.05 = 0.976 along the camera's axis: the shift counts with 0.0195 mm.
+    /// With 0.03 mm of the scan and 0.06/√140 = 0.005 mm of the points, U is 1.96 · 0.0361 = 0.071 mm.
+    #[test]
+    fn a_bow_has_its_profile() {
+        let found = form(Shape::Plane, |at| 1.5 * (1.0 - (2.0 * at.u - 1.0).powi(2)));
+        assert!((found.profile.value_mm - 2.985).abs() < 0.04, "{:?}", found.profile);
+        assert!((found.profile.uncertainty_mm / 2.0 - 0.071).abs() < 0.015, "{:?}", found.profile);
+        assert!((found.front.value_mm - 1.492).abs() < 0.02, "{:?}", found.front);
+        assert!((found.behind.value_mm - 0.207).abs() < 0.04, "{:?}", found.behind);
+        assert!(found.seen_percent == 100.0 && found.places.len() == 14 * 8, "{}", found.places.len());
+    }
+
+    /// By hand: the same bow on a plane has the zone between its highest and its lowest places, 1.492 − 0.207 = 1.285
+    /// mm, with the uncertainty √2 · 1.96 · 0.0304 = 0.084 mm. On the taught cylinder of radius 400 mm, of which 280 mm
+    /// are the region, the nominal zone is that of its sagitta at the outer places, 130 mm from the middle: 21.7 mm.
+    #[test]
+    fn a_bow_has_its_flatness() {
+        let flat = form(Shape::Plane, |at| 1.5 * (1.0 - (2.0 * at.u - 1.0).powi(2))).flatness.expect("a plane");
+        assert!((flat.zone.value_mm - 1.285).abs() < 0.04 && flat.is_nominal_flat(), "{flat:?}");
+        assert!((flat.zone.uncertainty_mm - 0.084).abs() < 0.005, "{flat:?}");
+        assert!(flat.least_squares_mm >= flat.zone.value_mm, "{flat:?}");
+        let round = form(Shape::Cylinder, |_| 0.0).flatness.expect("a plane");
+        assert!((round.nominal_mm - 21.7).abs() < 1.0 && !round.is_nominal_flat(), "{round:?}");
+    }
+
+    /// A tilt of the whole panel is no deviation of form: the plane 0.4 u − 0.2 has the flatness of its noise, and its
+    /// profile counts it, since the localization is what removes it.
+    #[test]
+    fn a_tilt_is_flat() {
+        let found = form(Shape::Plane, |at| 0.4 * at.u - 0.2);
+        let flat = found.flatness.expect("a plane");
+        assert!(flat.zone.value_mm < 0.06, "{flat:?}");
+        // By hand: the outer places are at u = 1/28 and 27/28, where the tilt is −0.186 and 0.186 mm.
+        assert!((found.profile.value_mm - 0.371).abs() < 0.04, "{:?}", found.profile);
+    }
+
+    /// A dent of 40 mm that is 0.2 mm deep is narrower than the smooth correction follows, and its full depth counts.
+    #[test]
+    fn a_narrow_dent_counts() {
+        let is_dent = |at: Parameter| (at.u - 0.5).abs() < 20.0 / 280.0 && (at.v - 0.5).abs() < 21.0 / 168.0;
+        let found = form(Shape::Plane, |at| if is_dent(at) { -0.2 } else { 0.0 });
+        assert!((found.behind.value_mm + 0.2).abs() < 0.03, "{:?}", found.behind);
+    }
+
+    /// What is hidden has no value, and lowers the share that was seen. By hand: a clamp over 2 of 14 by 2 of 8 places
+    /// leaves 108 of 112, 96.4 %.
+    #[test]
+    fn hidden_places_are_not_counted() {
+        let is_clamped = |at: Parameter| at.u < 2.0 / 14.0 && at.v < 2.0 / 8.0;
+        let found = form(Shape::Plane, |at| if is_clamped(at) { 8.0 } else { 0.0 });
+        assert!((found.seen_percent - 96.4).abs() < 0.1, "{}", found.seen_percent);
+        assert!(found.profile.value_mm < 0.1, "{:?}", found.profile);
+    }
+
+    #[test]
+    fn a_limit_inside_of_the_uncertainty_is_not_decided() {
+        let measured = Measured { value_mm: 0.5, uncertainty_mm: 0.1 };
+        assert!(measured.is_surely_within(0.6) && !measured.is_surely_within(0.59));
+        assert!(measured.is_surely_beyond(0.39) && !measured.is_surely_beyond(0.41));
+        let unknown = Measured { value_mm: 0.5, uncertainty_mm: f64::NAN };
+        assert!(!unknown.is_surely_within(9.0));
+    }
+}

@@ -1,0 +1,217 @@
+//! The taught pixels for the fit of a surface, each with its knot span.
+//!
+//! A pixel's position in the region, (s, t) = H⁻¹ (pixel), is its parameter (u, v). Range noise moves a point along
+//! its ray and therefore does not change its parameter. The knots begin slightly outside of the region: points
+//! beyond its border, if there are any, support the surface's edge as well as its middle.
+
+use super::derivatives::Parameter;
+use super::error::FitError;
+use nalgebra::{Point2, Vector3};
+use panelprep_base::geometry::basis::{DEGREE, KnotError, KnotVector, SpanFunctions};
+use panelprep_base::geometry::{Pixel, Point};
+use panelprep_cell::panel::{Region, TaughtPanel};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Extent of the knots beyond the region, in spans.
+const MARGIN_SPANS: f64 = 0.25;
+/// Number of points on a line across the region at which its length is measured.
+const LENGTH_STEPS: usize = 16;
+/// Rows of the picture that are processed as one piece, independent of the number of threads.
+const BAND_ROWS: usize = 16;
+
+/// One point of the scan with its span.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    /// Pixel in the window.
+    pub pixel: u32,
+    /// Pair of spans, u slowest.
+    pub cell: u32,
+    /// Position in the spans, 0…1 each.
+    pub local: [f64; 2],
+    pub mm: Vector3<f64>,
+}
+
+/// The part of the picture in which the knots' domain lies.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Window {
+    pub columns: Range<usize>,
+    pub rows: Range<usize>,
+}
+
+impl Window {
+    pub fn width(&self) -> usize {
+        self.columns.len()
+    }
+
+    pub fn pixel(&self, index: usize) -> Pixel {
+        let (column, row) = (index % self.width(), index / self.width());
+        Pixel::at((self.columns.start + column) as f64, (self.rows.start + row) as f64)
+    }
+}
+
+/// All samples, grouped into bands of the picture's rows.
+#[derive(Debug, Clone)]
+pub(super) struct Samples {
+    pub knots: [KnotVector; 2],
+    /// The basis functions of each span, along u and along v.
+    pub functions: [Vec<SpanFunctions>; 2],
+    pub window: Window,
+    pub bands: Vec<Vec<Sample>>,
+    /// Whether each pixel of the window is inside the region.
+    pub inside: Vec<bool>,
+    /// Number of pixels inside the region, by pair of spans.
+    pub pixels: Vec<usize>,
+    /// Number of pixels inside the region with a point on the panel, for all pairs together.
+    pub points: usize,
+}
+
+/// Returns the knots along u and v; no span is longer than the recipe's spacing.
+pub(super) fn knots(sides_mm: [f64; 2], spacing_mm: f64) -> Result<[KnotVector; 2], KnotError> {
+    let along = |length_mm: f64| {
+        let spans = (length_mm / spacing_mm + 2.0 * MARGIN_SPANS).ceil().max(1.0);
+        // spans · h = 1 + 2 margins of MARGIN_SPANS · h each
+        let margin = MARGIN_SPANS / (spans - 2.0 * MARGIN_SPANS);
+        KnotVector::uniform(DEGREE, spans as usize, -margin..=1.0 + margin)
+    };
+    Ok([along(sides_mm[0])?, along(sides_mm[1])?])
+}
+
+/// Returns the length of the region along u and along v: in each direction the longest of three lines.
+pub(super) fn sides_mm(panel: &TaughtPanel) -> Result<[f64; 2], FitError> {
+    let side = |unit: fn(f64, f64) -> Point2<f64>| {
+        let length_mm = |across: f64| -> f64 {
+            let place = |step: usize| unit(step as f64 / LENGTH_STEPS as f64, across);
+            let points: Vec<Point<_>> = (0..=LENGTH_STEPS)
+                .filter_map(|step| panel.surface_point_at(panel.region.pixel(place(step))))
+                .collect();
+            points.windows(2).map(|pair| pair[0].distance_mm(pair[1])).sum()
+        };
+        let longest = [0.0, 0.5, 1.0].map(length_mm).into_iter().fold(0.0, f64::max);
+        if longest > 0.0 { Ok(longest) } else { Err(FitError::NoPoints) }
+    };
+    Ok([side(Point2::new)?, side(|along, across| Point2::new(across, along))?])
+}
+
+struct Band {
+    samples: Vec<Sample>,
+    inside: Vec<bool>,
+    pixels: Vec<usize>,
+    points: usize,
+}
+
+impl Samples {
+    pub fn collect(panel: &TaughtPanel, knots: &[KnotVector; 2]) -> Self {
+        let functions = [0, 1].map(|axis| {
+            let knots = &knots[axis];
+            (0..knots.spans()).map(|span| knots.span_polynomials(span)).collect::<Vec<_>>()
+        });
+        let window = window(panel, knots);
+        let starts: Vec<usize> = window.rows.clone().step_by(BAND_ROWS).collect();
+        let band = |start: &usize| {
+            let rows = *start..(start + BAND_ROWS).min(window.rows.end);
+            Band::new(panel, (knots, &functions), (&window, rows))
+        };
+        let bands: Vec<Band> = starts.par_iter().map(band).collect();
+        let mut pixels = vec![0; functions[0].len() * functions[1].len()];
+        for band in &bands {
+            pixels.iter_mut().zip(&band.pixels).for_each(|(sum, more)| *sum += more);
+        }
+        Samples {
+            knots: knots.clone(),
+            points: bands.iter().map(|band| band.points).sum(),
+            inside: bands.iter().flat_map(|band| band.inside.iter().copied()).collect(),
+            bands: bands.into_iter().map(|band| band.samples).collect(),
+            functions,
+            window,
+            pixels,
+        }
+    }
+
+    /// The parameters of a sample on the surface.
+    pub fn sample_parameter(&self, sample: &Sample) -> Parameter {
+        let [span_u, span_v] = self.spans(sample.cell as usize);
+        let along = |functions: &SpanFunctions, share: f64| functions.start + functions.length * share;
+        Parameter {
+            u: along(&self.functions[0][span_u], sample.local[0]),
+            v: along(&self.functions[1][span_v], sample.local[1]),
+        }
+    }
+
+    /// Returns the spans along u and v of a pair.
+    pub fn spans(&self, cell: usize) -> [usize; 2] {
+        let across = self.functions[1].len();
+        [cell / across, cell % across]
+    }
+
+    /// Returns the middle of a pair of spans in the taught picture.
+    pub fn span_centre(&self, cell: usize, region: &Region) -> Pixel {
+        let [span_u, span_v] = self.spans(cell);
+        let middle = |functions: &SpanFunctions| functions.start + functions.length / 2.0;
+        region.pixel(Point2::new(middle(&self.functions[0][span_u]), middle(&self.functions[1][span_v])))
+    }
+
+    /// Returns whether this sample is inside the region.
+    pub fn is_inside(&self, sample: &Sample) -> bool {
+        self.inside[sample.pixel as usize]
+    }
+}
+
+impl Band {
+    fn new(
+        panel: &TaughtPanel,
+        (knots, functions): (&[KnotVector; 2], &[Vec<SpanFunctions>; 2]),
+        (window, rows): (&Window, Range<usize>),
+    ) -> Self {
+        let [knots_u, knots_v] = knots;
+        let domain = [knots_u.domain(), knots_v.domain()];
+        let first_pixel = (rows.start - window.rows.start) * window.width();
+        let count = rows.len() * window.width();
+        let mut band = Band {
+            samples: Vec::with_capacity(count),
+            inside: vec![false; count],
+            pixels: vec![0; functions[0].len() * functions[1].len()],
+            points: 0,
+        };
+        let places = rows.flat_map(|row| window.columns.clone().map(move |column| (column, row)));
+        for (index, (column, row)) in places.enumerate() {
+            let unit = panel.region.unit(Pixel::at(column as f64, row as f64));
+            if !(domain[0].contains(&unit.x) && domain[1].contains(&unit.y)) {
+                continue;
+            }
+            let (span_u, span_v) = (knots_u.span(unit.x), knots_v.span(unit.y));
+            let cell = span_u * functions[1].len() + span_v;
+            let inside = (0.0..=1.0).contains(&unit.x) && (0.0..=1.0).contains(&unit.y);
+            band.inside[index] = inside;
+            band.pixels[cell] += usize::from(inside);
+            let point = panel.scan.point(column, row).filter(|_| panel.mask.contains(column, row));
+            if let Some(point) = point {
+                band.points += usize::from(inside);
+                let local = |functions: &SpanFunctions, at: f64| (at - functions.start) / functions.length;
+                band.samples.push(Sample {
+                    pixel: (first_pixel + index) as u32,
+                    cell: cell as u32,
+                    local: [local(&functions[0][span_u], unit.x), local(&functions[1][span_v], unit.y)],
+                    mm: point.mm.coords,
+                });
+            }
+        }
+        band
+    }
+}
+
+fn window(panel: &TaughtPanel, [knots_u, knots_v]: &[KnotVector; 2]) -> Window {
+    let (u, v) = (knots_u.domain(), knots_v.domain());
+    let corners = [(u.start(), v.start()), (u.end(), v.start()), (u.end(), v.end()), (u.start(), v.end())]
+        .map(|(u, v)| panel.region.pixel(Point2::new(*u, *v)));
+    let range = |coordinate: fn(&Pixel) -> f64, size: usize| {
+        let low = corners.iter().map(coordinate).fold(f64::INFINITY, f64::min);
+        let high = corners.iter().map(coordinate).fold(f64::NEG_INFINITY, f64::max);
+        let low = (low.floor().max(0.0) as usize).min(size);
+        low..(high.ceil().max(0.0) as usize + 1).clamp(low, size)
+    };
+    Window {
+        columns: range(|pixel| pixel.u, panel.scan.width()),
+        rows: range(|pixel| pixel.v, panel.scan.height()),
+    }
+}

@@ -1,0 +1,257 @@
+//! How a corner in a station's view moves with camera mount, board, flange and lens: equation (1) of `adjust` and
+//! its derivatives, collected for each station as its part of the normal equations.
+
+use super::arrangement::Arrangement;
+use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, SVector, Vector3};
+use panelprep_base::geometry::{Base, Board, Flange, Frame, PinholeCamera, Pixel, Point, Rigid};
+
+/// A camera's observation of the board.
+#[derive(Debug, Clone, PartialEq)]
+pub enum BoardObservation<C: Frame> {
+    /// Corners in a picture.
+    Pixels(Vec<(Point<Board>, Pixel)>),
+    /// Corners that a 3D camera measured.
+    Points(Vec<(Point<Board>, Point<C>)>),
+}
+
+impl<C: Frame> BoardObservation<C> {
+    /// Mean side of the board's squares as a 3D camera measured them, mm; `None` for a picture, or without neighbours.
+    pub fn square_mm(&self, board: &super::board::Board) -> Option<f64> {
+        let BoardObservation::Points(points) = self else { return None };
+        let is_neighbour = |a: &Point<Board>, b: &Point<Board>| {
+            let step = (b.mm - a.mm) / board.square_mm();
+            (step.norm() - 1.0).abs() < 0.1 && (step.x > 0.5 || step.y > 0.5)
+        };
+        let pairs = points.iter().flat_map(|a| points.iter().map(move |b| (a, b)));
+        let sides = pairs.filter(|(a, b)| is_neighbour(&a.0, &b.0)).map(|(a, b)| a.1.distance_mm(b.1));
+        let (sum, count) = sides.fold((0.0, 0), |(sum, count), side| (sum + side, count + 1));
+        (count > 0).then(|| sum / f64::from(count))
+    }
+}
+
+/// One picture of the board with the flange pose that the robot reported.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Station<C: Frame> {
+    /// The picture's name in messages.
+    pub name: String,
+    /// The flange pose that the robot reported.
+    pub base_from_flange: Rigid<Base, Flange>,
+    /// The camera's observation of the board.
+    pub observation: BoardObservation<C>,
+}
+
+/// A matrix over mount and board, in this order, each (ω, v).
+pub(super) type MountBoardMatrix = SMatrix<f64, 12, 12>;
+type NormalMatrix = SMatrix<f64, 18, 18>;
+
+/// One station's part of the normal equations, for X, Y and e in this order.
+pub(super) struct StationGram {
+    pub normal: NormalMatrix,
+    pub gradient: SVector<f64, 18>,
+    /// Sum of the squared residuals.
+    pub square: f64,
+    pub rows: usize,
+}
+
+impl StationGram {
+    fn empty() -> Self {
+        StationGram { normal: NormalMatrix::zeros(), gradient: SVector::zeros(), square: 0.0, rows: 0 }
+    }
+
+    fn add<const R: usize>(&mut self, slope: &SMatrix<f64, R, 3>, at: &Corner, residual: &SVector<f64, R>) {
+        let jacobian = at.jacobian(slope);
+        self.normal += jacobian.transpose() * jacobian;
+        self.gradient += jacobian.transpose() * residual;
+        self.square += residual.norm_squared();
+        self.rows += R;
+    }
+
+    pub fn flange(&self) -> Matrix6<f64> {
+        self.normal.fixed_view::<6, 6>(12, 12).into_owned()
+    }
+
+    pub fn cross(&self) -> SMatrix<f64, 12, 6> {
+        self.normal.fixed_view::<12, 6>(0, 12).into_owned()
+    }
+
+    pub fn mount_and_board(&self) -> MountBoardMatrix {
+        self.normal.fixed_view::<12, 12>(0, 0).into_owned()
+    }
+}
+
+/// A stated length that may be wrong by a factor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum LengthFactor {
+    /// The side of the board's squares.
+    Square,
+    /// The focal lengths.
+    Focal,
+}
+
+/// One station's part of the normal equations of a factor.
+pub(super) struct ScaleGram {
+    /// The factor's cross terms with X, Y and e.
+    pub cross_terms: SVector<f64, 18>,
+    pub square: f64,
+    pub pull: f64,
+    /// The factor's cross terms with the lens parameters.
+    pub lens: SMatrix<f64, 1, 9>,
+}
+
+impl ScaleGram {
+    fn empty() -> Self {
+        ScaleGram { cross_terms: SVector::zeros(), square: 0.0, pull: 0.0, lens: SMatrix::zeros() }
+    }
+}
+
+/// The derivatives of a corner in the camera's frame with respect to small rotations and shifts of camera, board and
+/// flange.
+struct Corner {
+    camera: (Matrix3<f64>, Matrix3<f64>),
+    board: (Matrix3<f64>, Matrix3<f64>),
+    flange: (Matrix3<f64>, Matrix3<f64>),
+}
+
+impl Corner {
+    fn jacobian<const R: usize>(&self, slope: &SMatrix<f64, R, 3>) -> SMatrix<f64, R, 18> {
+        let mut jacobian = SMatrix::<f64, R, 18>::zeros();
+        for (index, (turn, shift)) in [self.camera, self.board, self.flange].into_iter().enumerate() {
+            jacobian.fixed_columns_mut::<3>(6 * index).copy_from(&(slope * turn));
+            jacobian.fixed_columns_mut::<3>(6 * index + 3).copy_from(&(slope * shift));
+        }
+        jacobian
+    }
+}
+
+/// The transforms of (1) for one station.
+pub(super) struct Chain {
+    camera_from_to: Isometry3<f64>,
+    flange_from_base: Isometry3<f64>,
+    holder_from_board: Isometry3<f64>,
+    eye_in_hand: bool,
+}
+
+impl Chain {
+    pub fn new<A: Arrangement>(
+        mount: &Isometry3<f64>,
+        board: &Isometry3<f64>,
+        base_from_flange: &Rigid<Base, Flange>,
+        deviation: &Isometry3<f64>,
+    ) -> Self {
+        Chain {
+            camera_from_to: mount.inverse(),
+            flange_from_base: (base_from_flange.isometry() * deviation).inverse(),
+            holder_from_board: *board,
+            eye_in_hand: A::EYE_IN_HAND,
+        }
+    }
+
+    fn camera_from_holder(&self) -> Isometry3<f64> {
+        let base_from_flange = self.flange_from_base.inverse();
+        self.camera_from_to * if self.eye_in_hand { self.flange_from_base } else { base_from_flange }
+    }
+
+    fn corner(&self, camera_from_holder: &Isometry3<f64>, q: &Point<Board>) -> (Vector3<f64>, Corner) {
+        let camera_from_board = camera_from_holder * self.holder_from_board;
+        let seen = (camera_from_board * q.mm).coords;
+        let board_turn = camera_from_board.rotation.to_rotation_matrix().into_inner();
+        let in_holder = self.holder_from_board * q.mm;
+        // exp(e) acts directly on the point in the flange's frame; for a camera on the flange its inverse does.
+        let (in_flange, flange_turn) = if self.eye_in_hand {
+            let turn = -self.camera_from_to.rotation.to_rotation_matrix().into_inner();
+            ((self.flange_from_base * in_holder).coords, turn)
+        } else {
+            (in_holder.coords, camera_from_holder.rotation.to_rotation_matrix().into_inner())
+        };
+        let corner = Corner {
+            camera: (seen.cross_matrix(), -Matrix3::identity()),
+            board: (-board_turn * q.mm.coords.cross_matrix(), board_turn),
+            flange: (-flange_turn * in_flange.cross_matrix(), flange_turn),
+        };
+        (seen, corner)
+    }
+
+    /// Returns this station's part; `None` if a corner would be behind the camera.
+    pub fn gram<C: Frame>(&self, camera: &PinholeCamera, seen: &BoardObservation<C>) -> Option<StationGram> {
+        let (mut gram, camera_from_holder) = (StationGram::empty(), self.camera_from_holder());
+        match seen {
+            BoardObservation::Pixels(corners) => {
+                for (q, found) in corners {
+                    let (p, corner) = self.corner(&camera_from_holder, q);
+                    let (pixel, slope) = camera.project_with_jacobian(Point::<C>::new(p.into()))?;
+                    gram.add(&slope, &corner, &nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v));
+                }
+            }
+            BoardObservation::Points(corners) => {
+                for (q, found) in corners {
+                    let (p, corner) = self.corner(&camera_from_holder, q);
+                    gram.add(&Matrix3::identity(), &corner, &(found.mm.coords - p));
+                }
+            }
+        }
+        Some(gram)
+    }
+
+    /// Returns the part of the normal equations for a factor 1 + s beside mount, board and flange. The factor scales
+    /// either the board's squares, so that every corner lies at (1 + s) · q, or the focal lengths, on which points of
+    /// a 3D camera do not depend.
+    pub fn factor_gram<C: Frame>(
+        &self,
+        camera: &PinholeCamera,
+        seen: &BoardObservation<C>,
+        factor: LengthFactor,
+    ) -> Option<ScaleGram> {
+        let (mut gram, camera_from_holder) = (ScaleGram::empty(), self.camera_from_holder());
+        let turn = (camera_from_holder * self.holder_from_board).rotation;
+        match seen {
+            BoardObservation::Pixels(corners) => {
+                for (q, found) in corners {
+                    let (p, corner) = self.corner(&camera_from_holder, q);
+                    let point = Point::<C>::new(p.into());
+                    let (pixel, slope) = camera.project_with_jacobian(point)?;
+                    let lens_slope = camera.lens_slope(point)?;
+                    let along = match factor {
+                        LengthFactor::Square => slope * (turn * q.mm.coords),
+                        LengthFactor::Focal => {
+                            lens_slope.column(0) * camera.fx_px + lens_slope.column(1) * camera.fy_px
+                        }
+                    };
+                    let residual = nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v);
+                    gram.cross_terms += corner.jacobian(&slope).transpose() * along;
+                    gram.lens += along.transpose() * lens_slope;
+                    gram.square += along.norm_squared();
+                    gram.pull += along.dot(&residual);
+                }
+            }
+            BoardObservation::Points(_) if factor == LengthFactor::Focal => return None,
+            BoardObservation::Points(corners) => {
+                for (q, found) in corners {
+                    let (p, corner) = self.corner(&camera_from_holder, q);
+                    let along = turn * q.mm.coords;
+                    gram.cross_terms += corner.jacobian(&Matrix3::identity()).transpose() * along;
+                    gram.square += along.norm_squared();
+                    gram.pull += along.dot(&(found.mm.coords - p));
+                }
+            }
+        }
+        Some(gram)
+    }
+
+    /// Returns the cross terms of the lens with mount, board and flange in the normal equations: how an error of
+    /// the lens changes them. Points of a 3D camera have none.
+    pub fn lens_cross<C: Frame>(
+        &self,
+        camera: &PinholeCamera,
+        seen: &BoardObservation<C>,
+    ) -> Option<SMatrix<f64, 18, 9>> {
+        let (mut cross, camera_from_holder) = (SMatrix::zeros(), self.camera_from_holder());
+        let BoardObservation::Pixels(corners) = seen else { return Some(cross) };
+        for (q, _) in corners {
+            let (p, corner) = self.corner(&camera_from_holder, q);
+            let point = Point::<C>::new(p.into());
+            let (_, slope) = camera.project_with_jacobian(point)?;
+            cross += corner.jacobian(&slope).transpose() * camera.lens_slope(point)?;
+        }
+        Some(cross)
+    }
+}

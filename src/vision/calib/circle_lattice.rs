@@ -1,0 +1,229 @@
+//! Joins blobs to the grid of a board of circles.
+//!
+//! A lattice grows from a blob and two of its neighbours. Each step is predicted from the previous one, so that a
+//! lens and a tilt may bend the lattice. Its two directions are not always those of the board's rows: with a tilt a
+//! diagonal may be nearer, and the rows of an asymmetric board are diagonals of its lattice. So the coordinates are
+//! rotated and sheared by small whole numbers until they are the board's. The number of blobs that are examined
+//! from each position is limited, and so is the computing time.
+
+use super::blobs::Blob;
+use super::board::Board;
+use nalgebra::Vector2;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+/// Maximum difference between a step and its prediction from the previous step, as a fraction of the step's length.
+const PREDICTION_TOLERANCE: f64 = 0.27;
+/// Maximum ratio of the areas of neighbours; one circle of a board may be larger, as a mark.
+const AREAS: f64 = 5.5;
+/// Maximum number of neighbours that are tried for the first steps. `PAIRS` is the maximum number of their pairs, and
+/// `SEEDS` that of the blobs from which a lattice begins.
+const MAX_FIRST_NEIGHBOURS: usize = 6;
+const PAIRS: usize = 4;
+const SEEDS: usize = 25;
+/// The share of the board's circles that must be seen.
+const MIN_SEEN_SHARE: f64 = 0.5;
+
+/// Circles by their index in the board's list.
+pub(super) type LatticePositions = BTreeMap<usize, Blob>;
+
+/// Finds the board among the blobs, which are sorted with the likeliest first; `None` if it is not there.
+pub(super) fn grid(blobs: &[Blob], board: &Board) -> Option<LatticePositions> {
+    let needed = (MIN_SEEN_SHARE * board.count() as f64).ceil() as usize;
+    let mut used: BTreeSet<usize> = BTreeSet::new();
+    let mut best: Option<LatticePositions> = None;
+    for seed in 0..blobs.len().min(SEEDS) {
+        if used.contains(&seed) {
+            continue;
+        }
+        for (right, down) in candidate_steps(blobs, seed) {
+            let lattice = grow_lattice(blobs, seed, (right, down));
+            if lattice.len() < needed {
+                continue;
+            }
+            if let Some(placed) = assign_to_board(blobs, &lattice, board)
+                && best.as_ref().is_none_or(|best| best.len() < placed.len())
+            {
+                used.extend(lattice.values().copied());
+                best = Some(placed);
+                break;
+            }
+        }
+        if best.as_ref().is_some_and(|best| best.len() == board.count()) {
+            break;
+        }
+    }
+    best
+}
+
+fn offset_between(blobs: &[Blob], from: usize, to: usize) -> Vector2<f64> {
+    let (a, b) = (blobs[from].centre, blobs[to].centre);
+    Vector2::new(b.u - a.u, b.v - a.v)
+}
+
+fn are_similar(one: &Blob, two: &Blob) -> bool {
+    (1.0 / AREAS..=AREAS).contains(&(one.area_px / two.area_px))
+}
+
+/// Returns pairs of steps to neighbours, the shortest first, never mirrored.
+fn candidate_steps(blobs: &[Blob], seed: usize) -> Vec<(Vector2<f64>, Vector2<f64>)> {
+    let mut near: Vec<Vector2<f64>> = (0..blobs.len())
+        .filter(|other| *other != seed && are_similar(&blobs[*other], &blobs[seed]))
+        .map(|other| offset_between(blobs, seed, other))
+        .collect();
+    near.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
+    near.truncate(MAX_FIRST_NEIGHBOURS);
+    let mut pairs: Vec<(Vector2<f64>, Vector2<f64>)> = Vec::new();
+    for (index, one) in near.iter().enumerate() {
+        for two in &near[..index] {
+            let sine = two.perp(one) / (one.norm() * two.norm());
+            if sine.abs() > 0.3 {
+                pairs.push(if sine > 0.0 { (*two, *one) } else { (*one, *two) });
+            }
+        }
+    }
+    pairs.truncate(PAIRS);
+    pairs
+}
+
+/// Returns the lattice that these steps span from a blob.
+fn grow_lattice(
+    blobs: &[Blob],
+    seed: usize,
+    (right, down): (Vector2<f64>, Vector2<f64>),
+) -> BTreeMap<(i32, i32), usize> {
+    let mut lattice = BTreeMap::from([((0, 0), seed)]);
+    let mut taken = BTreeSet::from([seed]);
+    let mut open = VecDeque::from([(0, 0)]);
+    while let Some(at) = open.pop_front() {
+        for step in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
+            let there = (at.0 + step.0, at.1 + step.1);
+            if lattice.contains_key(&there) {
+                continue;
+            }
+            let own = lattice[&at];
+            let place = |at: (i32, i32)| lattice.get(&at).copied();
+            let pair = |from: (i32, i32)| {
+                Some(offset_between(blobs, place(from)?, place((from.0 + step.0, from.1 + step.1))?))
+            };
+            let foretold = pair((at.0 - step.0, at.1 - step.1))
+                .or_else(|| pair((at.0 + step.1, at.1 + step.0)))
+                .or_else(|| pair((at.0 - step.1, at.1 - step.0)))
+                .unwrap_or_else(|| right * f64::from(step.0) + down * f64::from(step.1));
+            let off = |index: usize| (offset_between(blobs, own, index) - foretold).norm();
+            let nearest = (0..blobs.len())
+                .filter(|index| !taken.contains(index) && are_similar(&blobs[*index], &blobs[own]))
+                .min_by(|a, b| off(*a).total_cmp(&off(*b)));
+            if let Some(index) = nearest.filter(|index| off(*index) < PREDICTION_TOLERANCE * foretold.norm()) {
+                lattice.insert(there, index);
+                taken.insert(index);
+                open.push_back(there);
+            }
+        }
+    }
+    lattice
+}
+
+/// Assigns the lattice to the board's circles; if several assignments fit, the one with the first circle at the top is
+/// used.
+fn assign_to_board(
+    blobs: &[Blob],
+    lattice: &BTreeMap<(i32, i32), usize>,
+    board: &Board,
+) -> Option<LatticePositions> {
+    let is_asymmetric = board.circles()?;
+    let places: BTreeMap<(i32, i32), usize> = (0..board.count())
+        .map(|index| {
+            let (column, row) = ((index % board.columns()) as i32, (index / board.columns()) as i32);
+            ((if is_asymmetric { 2 * column + row % 2 } else { column }, row), index)
+        })
+        .collect();
+    let far = |coordinate: fn(&(i32, i32)) -> i32| places.keys().map(coordinate).max().unwrap_or(0);
+    let (wide, high) = (far(|at| at.0), far(|at| at.1));
+    let needed = (MIN_SEEN_SHARE * board.count() as f64).ceil() as usize;
+    let mut ways: Vec<LatticePositions> = Vec::new();
+    for [a, b, c, d] in lattice_transforms(is_asymmetric) {
+        let moved: Vec<((i32, i32), usize)> =
+            lattice.iter().map(|((x, y), index)| ((a * x + b * y, c * x + d * y), *index)).collect();
+        // An outer line with very few circles belongs to something beside the board.
+        let Some(low) = find_origin(&moved, (wide, high)) else { continue };
+        let placed: LatticePositions = moved
+            .iter()
+            .filter_map(|((x, y), index)| Some((*places.get(&(x - low.0, y - low.1))?, blobs[*index])))
+            .collect();
+        let outside = moved.len() - placed.len();
+        if placed.len() >= needed && 10 * outside <= placed.len() {
+            ways.push(placed);
+        }
+    }
+    let max_count = ways.iter().map(BTreeMap::len).max()?;
+    let upper = |placed: &LatticePositions| {
+        let (first, last) = (placed.values().next(), placed.values().next_back());
+        first.zip(last).map_or(0.0, |(first, last)| first.centre.v - last.centre.v)
+    };
+    ways.into_iter().filter(|way| way.len() == max_count).min_by(|a, b| upper(a).total_cmp(&upper(b)))
+}
+
+/// Finds the coordinates of the board's first column and row, at the position at which the board would contain most of
+/// the blobs.
+fn find_origin(moved: &[((i32, i32), usize)], (wide, high): (i32, i32)) -> Option<(i32, i32)> {
+    let start = |of: fn(&(i32, i32)) -> i32, length: i32| {
+        let (low, top) =
+            moved.iter().map(|(at, _)| of(at)).fold((i32::MAX, i32::MIN), |(l, h), n| (l.min(n), h.max(n)));
+        let inside = |start: i32| moved.iter().filter(|(at, _)| (start..=start + length).contains(&of(at))).count();
+        // At most two extra lines are skipped, and no line may be missing.
+        let excess = top - low - length;
+        (0..=2).contains(&excess).then(|| (low..=low + excess).max_by_key(|s| (inside(*s), -s)).unwrap_or(low))
+    };
+    Some((start(|at| at.0, wide)?, start(|at| at.1, high)?))
+}
+
+/// Returns rotations and shears without mirroring, as a, b, c, d of x' = a x + b y, y' = c x + d y.
+fn lattice_transforms(is_asymmetric: bool) -> Vec<[i32; 4]> {
+    let product = |[a, b, c, d]: [i32; 4], [e, f, g, h]: [i32; 4]| {
+        [a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h]
+    };
+    let quarter = [0, -1, 1, 0];
+    let mut all = Vec::new();
+    let shears = [[1, 0, 0, 1], [1, 1, 0, 1], [1, -1, 0, 1], [1, 0, 1, 1], [1, 0, -1, 1]];
+    for shear in shears {
+        // The lattice of an asymmetric board has the directions of the board's diagonals.
+        let mut turned = if is_asymmetric { product([1, -1, 1, 1], shear) } else { shear };
+        for _ in 0..4 {
+            all.push(turned);
+            turned = product(quarter, turned);
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use panelprep_base::geometry::Pixel;
+
+    /// A tilted asymmetric board and a symmetric one, each with a few blobs beside it: all circles are found, in
+    /// the board's order.
+    #[test]
+    fn tilted_grids_are_put_in_order() {
+        for text in ["circles:7x5:10", "acircles:4x9:10"] {
+            let board = Board::parse(text, None).expect("a board");
+            let seen = |x: f64, y: f64| {
+                let w = 1.0 + 0.004 * x - 0.003 * y;
+                Pixel::at((300.0 + 4.0 * x + 0.8 * y) / w, (200.0 - 0.5 * x + 2.1 * y) / w)
+            };
+            let corners = board.corners();
+            let mut blobs: Vec<Blob> =
+                corners.iter().rev().map(|q| Blob { centre: seen(q.mm.x, q.mm.y), area_px: 60.0 }).collect();
+            blobs.push(Blob { centre: Pixel::at(20.0, 30.0), area_px: 60.0 });
+            blobs.push(Blob { centre: Pixel::at(310.0, 10.0), area_px: 900.0 });
+            let placed = grid(&blobs, &board).expect(text);
+            assert_eq!(placed.len(), board.count());
+            for (index, blob) in &placed {
+                let expected = seen(corners[*index].mm.x, corners[*index].mm.y);
+                let turned = seen(corners[board.count() - 1 - index].mm.x, corners[board.count() - 1 - index].mm.y);
+                let off = blob.centre.distance_px(expected).min(blob.centre.distance_px(turned));
+                assert!(off < 1e-9, "{text}: {index}");
+            }
+        }
+    }
+}

@@ -1,0 +1,274 @@
+//! Finds the points of a picture at which two edges cross, as in the corners of a chessboard. The positions are
+//! approximate, and each point is judged independently of the others.
+//!
+//! In a smoothed picture such a point is a saddle: its Hessian has a negative determinant. On a ring around it the
+//! grey levels change between dark and bright four times, and opposite points of the ring are similar. At the end of
+//! an edge, on a line or in noise they are not. The four changes give the directions of both edges. The work grows
+//! only with the number of pixels.
+
+use nalgebra::Vector2;
+use panelprep_base::geometry::{GrayPicture, Pixel};
+use rayon::prelude::*;
+
+/// A point where two edges cross.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Crossing {
+    /// The place.
+    pub position: Vector2<f64>,
+    /// Unit vectors along both edges.
+    pub edges: [Vector2<f64>; 2],
+    /// Half the contrast on the ring, grey levels.
+    pub contrast: f64,
+}
+
+/// A picture, smoothed by a Gaussian of 1 px.
+pub(super) struct SmoothedPicture {
+    pub width: usize,
+    pub height: usize,
+    gray: Vec<f32>,
+    /// Noise of the picture before it was smoothed, grey levels.
+    pub noise: f64,
+}
+
+/// The ring's radius, px.
+const RING_PX: f64 = 4.0;
+const RING: usize = 32;
+/// The minimum correlation between opposite places of the ring.
+const MIN_RING_CORRELATION: f64 = 0.55;
+/// Minimum half contrast of a corner, grey levels. `MIN_CONTRAST_TO_NOISE` is its minimum ratio to the noise that
+/// remains after the smoothing.
+const MIN_CONTRAST: f64 = 3.0;
+const MIN_CONTRAST_TO_NOISE: f64 = 3.0;
+/// The share of white noise that remains after the smoothing.
+const SMOOTHED_NOISE_SHARE: f64 = 0.27;
+/// Maximum deviation of two opposite changes of the ring from a straight line, rad.
+const MAX_BEND_RAD: f64 = 0.6;
+/// Minimum angle between two edges that cross, rad.
+const MIN_ANGLE_RAD: f64 = 0.3;
+/// Maximum number of crossings: hardly any board has more corners. The crossings with the most contrast are kept.
+const MAX_CROSSINGS: usize = 6000;
+/// Minimum distance between saddles: one saddle is found in a window of this half width, px.
+const MIN_SADDLE_DISTANCE_PX: usize = 3;
+
+impl SmoothedPicture {
+    pub fn from_picture(picture: &GrayPicture) -> Self {
+        let (width, height) = (picture.width, picture.height);
+        let blur = |left: f32, near: f32, middle: f32, far: f32, right: f32| {
+            (left + right + 4.0 * (near + far) + 6.0 * middle) / 16.0
+        };
+        let mut across = vec![0.0f32; width * height];
+        across.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
+            let from = &picture.gray[row * width..(row + 1) * width];
+            let at = |column: isize| f32::from(from[column.clamp(0, width as isize - 1) as usize]);
+            for (column, value) in line.iter_mut().enumerate() {
+                let c = column as isize;
+                *value = blur(at(c - 2), at(c - 1), at(c), at(c + 1), at(c + 2));
+            }
+        });
+        let mut gray = vec![0.0f32; width * height];
+        gray.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
+            let start = |row: isize| row.clamp(0, height as isize - 1) as usize * width;
+            let r = row as isize;
+            let rows = [r - 2, r - 1, r, r + 1, r + 2].map(start);
+            for (column, value) in line.iter_mut().enumerate() {
+                let [a, b, c, d, e] = rows.map(|row| across[row + column]);
+                *value = blur(a, b, c, d, e);
+            }
+        });
+        SmoothedPicture { width, height, gray, noise: noise(picture) }
+    }
+
+    /// As a picture.
+    pub fn picture(&self) -> GrayPicture {
+        let gray = self.gray.iter().map(|gray| gray.round().clamp(0.0, 255.0) as u8).collect();
+        GrayPicture { width: self.width, height: self.height, gray }
+    }
+
+    /// Returns the interpolated grey level between pixels; outside of the picture, that of its border.
+    pub fn interpolate(&self, at: Vector2<f64>) -> f64 {
+        let (u, v) = (at.x.clamp(0.0, self.width as f64 - 1.001), at.y.clamp(0.0, self.height as f64 - 1.001));
+        let (column, row) = (u as usize, v as usize);
+        let (right, low) = (u - column as f64, v - row as f64);
+        let gray = |column: usize, row: usize| {
+            f64::from(self.gray[row.min(self.height - 1) * self.width + column.min(self.width - 1)])
+        };
+        let above = gray(column, row) * (1.0 - right) + gray(column + 1, row) * right;
+        let below = gray(column, row + 1) * (1.0 - right) + gray(column + 1, row + 1) * right;
+        above * (1.0 - low) + below * low
+    }
+}
+
+/// Returns the rms of white noise in a picture: the median residual of a plane through a pixel's neighbours
+/// (Immerkær, Computer Vision and Image Understanding 64, 1996), from a sample of the pixels.
+pub(super) fn noise(picture: &GrayPicture) -> f64 {
+    let (width, height) = (picture.width, picture.height);
+    if width < 3 || height < 3 {
+        return 0.0;
+    }
+    let mut counts = [0usize; 256 * 16];
+    let step = (width * height / 200_000).max(1);
+    let mut all = 0;
+    for index in (width + 1..width * (height - 1) - 1).step_by(step) {
+        let at = |offset: isize| i32::from(picture.gray[(index as isize + offset) as usize]);
+        let w = width as isize;
+        let left =
+            at(-w - 1) + at(-w + 1) + at(w - 1) + at(w + 1) - 2 * (at(-w) + at(w) + at(-1) + at(1)) + 4 * at(0);
+        counts[(left.unsigned_abs() as usize).min(counts.len() - 1)] += 1;
+        all += 1;
+    }
+    let mut below = 0;
+    let median = counts.iter().position(|count| {
+        below += count;
+        2 * below > all
+    });
+    // The operator's gain is 6, and half of normally distributed noise lies within 0.674 standard deviations.
+    median.unwrap_or(0) as f64 / (6.0 * 0.674)
+}
+
+/// All crossings.
+pub(super) fn crossings(picture: &SmoothedPicture) -> Vec<Crossing> {
+    let rim = RING_PX as usize + 3;
+    if picture.width <= 2 * rim || picture.height <= 2 * rim {
+        return Vec::new();
+    }
+    let width = picture.width;
+    let gray = |index: usize| picture.gray[index];
+    let saddle = |index: usize| {
+        let middle = 2.0 * gray(index);
+        let across = gray(index + 2) - middle + gray(index - 2);
+        let down = gray(index + 2 * width) - middle + gray(index - 2 * width);
+        let mixed = (gray(index + 2 * width + 2) - gray(index + 2 * width - 2) - gray(index - 2 * width + 2)
+            + gray(index - 2 * width - 2))
+            / 4.0;
+        mixed * mixed - across * down
+    };
+    let mut response = vec![0.0f32; picture.gray.len()];
+    response.par_chunks_mut(width).enumerate().skip(3).take(picture.height - 6).for_each(|(row, line)| {
+        (3..width - 3).for_each(|column| line[column] = saddle(row * width + column));
+    });
+    let least_contrast = MIN_CONTRAST.max(MIN_CONTRAST_TO_NOISE * SMOOTHED_NOISE_SHARE * picture.noise);
+    // The determinant is about the square of the half contrast for a sharp corner, and a fifth of that for a
+    // blurred one.
+    let min_response = (0.15 * least_contrast * least_contrast) as f32;
+    let rows: Vec<Vec<Crossing>> = (rim..picture.height - rim)
+        .into_par_iter()
+        .map(|row| {
+            let peak = |column: usize| {
+                let (index, here) = (row * width + column, response[row * width + column]);
+                here > min_response
+                    && (row - MIN_SADDLE_DISTANCE_PX..=row + MIN_SADDLE_DISTANCE_PX).all(|r| {
+                        let line = r * width + column;
+                        response[line - MIN_SADDLE_DISTANCE_PX..=line + MIN_SADDLE_DISTANCE_PX]
+                            .iter()
+                            .enumerate()
+                            .all(|(c, other)| {
+                                *other < here || (*other == here && line - MIN_SADDLE_DISTANCE_PX + c >= index)
+                            })
+                    })
+            };
+            (rim..width - rim)
+                .filter(|column| peak(*column))
+                .filter_map(|column| classify_saddle(picture, column, row, least_contrast))
+                .collect()
+        })
+        .collect();
+    let mut all = rows.concat();
+    if all.len() > MAX_CROSSINGS {
+        all.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
+        all.truncate(MAX_CROSSINGS);
+    }
+    all
+}
+
+/// Returns the point near a saddle at which the gradient of the smoothed picture is zero.
+fn refine_saddle(picture: &SmoothedPicture, column: usize, row: usize) -> Vector2<f64> {
+    let mut at = Vector2::new(column as f64, row as f64);
+    let start = at;
+    for _ in 0..2 {
+        let gray = |u: f64, v: f64| picture.interpolate(at + Vector2::new(u, v));
+        let (here, right, left, low, high) =
+            (gray(0.0, 0.0), gray(1.5, 0.0), gray(-1.5, 0.0), gray(0.0, 1.5), gray(0.0, -1.5));
+        let mixed = (gray(1.5, 1.5) - gray(1.5, -1.5) - gray(-1.5, 1.5) + gray(-1.5, -1.5)) / 9.0;
+        let hessian = nalgebra::Matrix2::new(
+            (right - 2.0 * here + left) / 2.25,
+            mixed,
+            mixed,
+            (low - 2.0 * here + high) / 2.25,
+        );
+        let Some(inverse) = hessian.try_inverse() else { return start };
+        at -= inverse * Vector2::new((right - left) / 3.0, (low - high) / 3.0);
+    }
+    if (at - start).norm() < 2.0 { at } else { start }
+}
+
+/// Returns the saddle as a crossing; `None` if its ring is not that of a crossing.
+fn classify_saddle(picture: &SmoothedPicture, column: usize, row: usize, least_contrast: f64) -> Option<Crossing> {
+    let at = refine_saddle(picture, column, row);
+    let angle = |index: f64| std::f64::consts::TAU * index / RING as f64;
+    let ring: [f64; RING] = std::array::from_fn(|index| {
+        let (sin, cos) = angle(index as f64).sin_cos();
+        picture.interpolate(at + Vector2::new(cos, sin) * RING_PX)
+    });
+    let (low, high) = ring.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), g| (l.min(*g), h.max(*g)));
+    let contrast = (high - low) / 2.0;
+    if contrast < least_contrast {
+        return None;
+    }
+    let mean = ring.iter().sum::<f64>() / RING as f64;
+    let square: f64 = ring.iter().map(|gray| (gray - mean).powi(2)).sum();
+    let product: f64 = (0..RING).map(|i| (ring[i] - mean) * (ring[(i + RING / 2) % RING] - mean)).sum();
+    if product < MIN_RING_CORRELATION * square {
+        return None;
+    }
+    let middle = (low + high) / 2.0;
+    let changes: Vec<f64> = (0..RING)
+        .filter_map(|index| {
+            let (here, next) = (ring[index] - middle, ring[(index + 1) % RING] - middle);
+            ((here > 0.0) != (next > 0.0)).then(|| angle(index as f64 + here / (here - next)))
+        })
+        .collect();
+    let changes: [f64; 4] = changes.try_into().ok()?;
+    let edge = |one: f64, two: f64| {
+        let bend = two - one - std::f64::consts::PI;
+        (bend.abs() < MAX_BEND_RAD).then(|| {
+            let along = one + bend / 2.0;
+            Vector2::new(along.cos(), along.sin())
+        })
+    };
+    let edges = [edge(changes[0], changes[2])?, edge(changes[1], changes[3])?];
+    (edges[0].perp(&edges[1]).abs() > MIN_ANGLE_RAD.sin()).then_some(Crossing { position: at, edges, contrast })
+}
+
+impl Crossing {
+    /// Returns the position as a pixel.
+    pub fn pixel(&self) -> Pixel {
+        Pixel::at(self.position.x, self.position.y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two edges along 10° and 70° that cross at (40.3, 30.6), an edge, and nothing else.
+    #[test]
+    fn a_crossing_is_found_and_an_edge_is_none() {
+        let mut picture = GrayPicture::uniform(120, 60, 0);
+        for (index, gray) in picture.gray.iter_mut().enumerate() {
+            let (u, v) = ((index % 120) as f64, (index / 120) as f64);
+            let side = |deg: f64| {
+                let (sin, cos) = deg.to_radians().sin_cos();
+                (cos * (v - 30.6) - sin * (u - 40.3)).clamp(-0.5, 0.5)
+            };
+            let pattern = if u < 80.0 { 4.0 * side(10.0) * side(70.0) } else { if u < 100.0 { -1.0 } else { 1.0 } };
+            *gray = (120.0 + 60.0 * pattern) as u8;
+        }
+        let smooth = SmoothedPicture::from_picture(&picture);
+        let near: Vec<Crossing> = crossings(&smooth).into_iter().filter(|found| found.position.x < 70.0).collect();
+        assert_eq!(near.len(), 1, "{near:?}");
+        assert!((near[0].position - Vector2::new(40.3, 30.6)).norm() < 0.3, "{near:?}");
+        let deg = near[0].edges.map(|edge| (edge.y / edge.x).atan().to_degrees());
+        assert!((deg[0] - 10.0).abs() < 4.0 && (deg[1] - 70.0).abs() < 4.0, "{deg:?}");
+        assert!(near[0].contrast > 40.0 && smooth.noise < 0.5, "{near:?} {}", smooth.noise);
+    }
+}

@@ -1,0 +1,154 @@
+//! The reason why data cannot become a calibration: what was found, what is needed, and how to correct it.
+
+use super::pose_diagnosis::PoseReading;
+use panelprep_base::number_text::distinguishable_texts;
+use panelprep_cell::imaging::ImagingError;
+
+/// Errors of a calibration.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CalibError {
+    /// `--board` or `--square-mm` does not describe a board.
+    #[error("--board {text}: {message}")]
+    Board {
+        /// The text as written.
+        text: String,
+        /// The problem, and the valid values.
+        message: String,
+    },
+    /// OpenCV refused its input.
+    #[error(transparent)]
+    Imaging(#[from] ImagingError),
+    /// A picture shows no board.
+    #[error(
+        "{picture} shows no board with {columns}×{rows} inner corners; check --board, and check that the whole \
+         board is in the picture, sharp, with a white rim"
+    )]
+    NoBoard {
+        /// The picture.
+        picture: String,
+        /// Inner corners in a row.
+        columns: usize,
+        /// Rows of inner corners.
+        rows: usize,
+    },
+    /// A picture does not show the expected circles.
+    #[error(
+        "{picture} shows no grid of {columns} circles in each of {rows} rows; check --board, and check that all \
+         circles are in the picture, sharp, and apart from each other"
+    )]
+    NoCircles {
+        /// The picture.
+        picture: String,
+        /// Circles in a row.
+        columns: usize,
+        /// Rows.
+        rows: usize,
+    },
+    /// A picture shows another board.
+    #[error(
+        "{picture}: found a {}x{} board, expected {columns}x{rows} (inner corners along its sides); correct \
+         --board, or take a picture of the right board", found[0], found[1]
+    )]
+    OtherBoard {
+        /// The picture.
+        picture: String,
+        /// Inner corners along the sides of the board in the picture, the longer side first.
+        found: [usize; 2],
+        /// Inner corners in a row of the requested board.
+        columns: usize,
+        /// Rows of the expected board's inner corners.
+        rows: usize,
+    },
+    /// A picture shows a ChArUco board of another layout, dictionary or side.
+    #[error("{picture} does not show the board as --board names it; {what}")]
+    OtherCharuco {
+        /// The picture.
+        picture: String,
+        /// The board in the picture, and how to correct the input.
+        what: String,
+    },
+    /// The pictures have different sizes.
+    #[error("{picture} has {found} pixels, but {first} has {expected}; all pictures must have the same size")]
+    MixedSizes {
+        /// The picture.
+        picture: String,
+        /// Its size.
+        found: String,
+        /// The first picture.
+        first: String,
+        /// Its size.
+        expected: String,
+    },
+    /// Not enough pictures with a board.
+    #[error("{found} of {given} pictures can be used, at least {needed} are needed{}", reason_suffix(first_reason))]
+    TooFewPictures {
+        /// Number of usable pictures.
+        found: usize,
+        /// Number of pictures given.
+        given: usize,
+        /// Minimum number of pictures.
+        needed: usize,
+        /// The reason why the first unusable picture cannot be used.
+        first_reason: Option<String>,
+    },
+    /// Touched points that do not define a frame.
+    #[error("{0}")]
+    Points(String),
+    /// Robot poses that turn too little.
+    #[error(
+        "the poses turn the board too little: {}° about the second axis, at least {}° are needed; these data do \
+         not determine a camera mount: tilt the flange about two axes, by 20° and more", distinguishable_texts(*about_second_axis_deg, *needed_deg, 1)[0],
+        distinguishable_texts(*about_second_axis_deg, *needed_deg, 1)[1]
+    )]
+    TooLittleRotation {
+        /// Spread of the turns about the second of their axes, degrees.
+        about_second_axis_deg: f64,
+        /// The minimum spread that is needed, degrees.
+        needed_deg: f64,
+    },
+    /// Most poses contradict each other.
+    #[error(
+        "no camera mount fits half of the {poses} poses: the best leaves {median_mm:.1} mm; {}",
+        describe_readings(readings)
+    )]
+    NoConsensus {
+        /// Number of poses.
+        poses: usize,
+        /// Median distance from the best consensus, mm.
+        median_mm: f64,
+        /// The readings in which the poses fit.
+        readings: Vec<PoseReading>,
+    },
+    /// Angles in radians.
+    #[error(
+        "every angle of the poses lies within ±3.15 although the pictures turn by {seen_deg:.0}°: these look like \
+         radians; A, B, C are written in degrees"
+    )]
+    Radians {
+        /// The largest turn between two pictures, degrees.
+        seen_deg: f64,
+    },
+    /// The iteration did not converge.
+    #[error("the adjustment of {what} did not converge; the data contradict each other")]
+    NotSettled {
+        /// The quantities that were adjusted.
+        what: &'static str,
+    },
+    /// Poses that do not determine a tool.
+    #[error("{0}")]
+    Tool(String),
+}
+
+fn reason_suffix(reason: &Option<String>) -> String {
+    reason.as_ref().map_or(String::new(), |reason| format!("; {reason}"))
+}
+
+fn describe_readings(readings: &[PoseReading]) -> String {
+    if readings.is_empty() {
+        let words = "no other interpretation of the poses fits either: check that they are base_from_flange in mm \
+                     and degrees, that each picture belongs to its pose, that the lens file is this camera's, and \
+                     that the board was not moved";
+        return words.to_owned();
+    }
+    readings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; or ")
+}

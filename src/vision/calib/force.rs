@@ -1,0 +1,201 @@
+//! Payload and zero of the tool, from its readings without contact at several attitudes.
+//!
+//! Without contact, (1) to (3) of `force::gravity` give, with x = a · d,
+//!
+//! ```text
+//! F_reading = zero − m g x                                                                       (1)
+//! ```
+//!
+//! a straight line over x, fitted by least squares. With n readings, residuals r and s² = Σr² / (n − 2), the
+//! slope's variance is s² / Σ(x − x̄)² and the zero's s² (1/n + x̄² / Σ(x − x̄)²). The stated uncertainties are
+//! these standard errors times the 95 % quantile of Student's distribution for n − 2, and at least those of a
+//! sensor whose only scatter is its resolution. Readings whose attitudes do not differ enough do not determine the
+//! payload and are refused.
+
+use super::quantile::student_95;
+use panelprep_base::geometry::STANDARD_GRAVITY_M_S2;
+use panelprep_base::number_text::distinguishable_texts;
+use panelprep_cell::force::SensorLoad;
+
+/// Minimum number of readings.
+const MIN_READINGS: usize = 3;
+/// The values of x of the attitudes must differ by at least this: 60° about the horizontal.
+const MIN_SPREAD: f64 = 0.5;
+/// The best possible resolution of a sensor, 95 %, N: 1.96 · 0.05.
+const RESOLVED_95_N: f64 = 0.098;
+/// A reading that is farther than this from the line was not taken without contact, N.
+const MAX_RESIDUAL_N: f64 = 3.0;
+
+/// A reading of the force without contact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AttitudeReading {
+    /// Downward component of the tool's direction, −1…1: 1 if the tool points straight down.
+    pub downwards: f64,
+    /// The force that the sensor reads, N.
+    pub force_n: f64,
+}
+
+/// Payload and zero with the residuals.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForceCalibration {
+    /// Payload on the sensor.
+    pub weight: SensorLoad,
+    /// Uncertainty of the payload, 95 %, kg.
+    pub payload_95_kg: f64,
+    /// Uncertainty of the zero, 95 %, N.
+    pub zero_95_n: f64,
+    /// Residuals, rms, N.
+    pub rms_n: f64,
+    /// Number of readings.
+    pub readings: usize,
+}
+
+/// The reason why readings do not determine a result.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CalibrationError {
+    /// There are too few readings.
+    #[error("{found} readings were given, at least {MIN_READINGS} at different attitudes are needed")]
+    TooFew {
+        /// The number of readings.
+        found: usize,
+    },
+    /// A number that is not finite.
+    #[error("reading {index}: the force or the attitude is not a valid number")]
+    NotFinite {
+        /// Number of the reading, from 1.
+        index: usize,
+    },
+    /// The readings are too similar.
+    #[error(
+        "the downward component of the tool's direction is {least:.2} to {most:.2} over all readings, but must \
+         vary by at least {MIN_SPREAD}: take one reading pointing down, one level and one pointing up, as far as \
+         the arm allows"
+    )]
+    TooSimilar {
+        /// Smallest downward component.
+        least: f64,
+        /// Largest downward component.
+        most: f64,
+    },
+    /// One of the readings does not fit.
+    #[error(
+        "reading {index} differs by {} N from the others (limit {} N); check whether the tool touched something",
+        distinguishable_texts(*off_n, MAX_RESIDUAL_N, 1)[0],
+        distinguishable_texts(*off_n, MAX_RESIDUAL_N, 1)[1]
+    )]
+    Outlier {
+        /// Number of the reading, from 1.
+        index: usize,
+        /// The reading's deviation, N.
+        off_n: f64,
+    },
+    /// The payload is physically impossible.
+    #[error(
+        "the readings give a payload of {payload_kg:.2} kg; check that force and attitude of each reading belong \
+         together, and check the sign of the force"
+    )]
+    Negative {
+        /// The payload that follows from the readings, kg.
+        payload_kg: f64,
+    },
+}
+
+/// Fits (1).
+///
+/// # Errors
+/// If the readings cannot determine a result.
+pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, CalibrationError> {
+    let n = readings.len() as f64;
+    if readings.len() < MIN_READINGS {
+        return Err(CalibrationError::TooFew { found: readings.len() });
+    }
+    let is_number = |reading: &AttitudeReading| reading.downwards.abs() <= 1.000_1 && reading.force_n.is_finite();
+    if let Some(index) = readings.iter().position(|reading| !is_number(reading)) {
+        return Err(CalibrationError::NotFinite { index: index + 1 });
+    }
+    let all = || readings.iter().map(|reading| reading.downwards);
+    let (lowest, highest) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
+    if highest - lowest < MIN_SPREAD {
+        return Err(CalibrationError::TooSimilar { least: lowest, most: highest });
+    }
+    let (mean_x, mean_n) =
+        (all().sum::<f64>() / n, readings.iter().map(|reading| reading.force_n).sum::<f64>() / n);
+    let spread: f64 = all().map(|x| (x - mean_x).powi(2)).sum();
+    let product: f64 = readings.iter().map(|read| (read.downwards - mean_x) * (read.force_n - mean_n)).sum();
+    let slope_n = product / spread;
+    let zero_n = mean_n - slope_n * mean_x;
+    let off_n = |read: &AttitudeReading| read.force_n - zero_n - slope_n * read.downwards;
+    let farthest = readings.iter().map(|read| off_n(read).abs()).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+    if let Some((index, off_n)) = farthest.filter(|(_, off_n)| *off_n > MAX_RESIDUAL_N) {
+        return Err(CalibrationError::Outlier { index: index + 1, off_n });
+    }
+    let payload_kg = -slope_n / STANDARD_GRAVITY_M_S2;
+    if payload_kg < 0.0 {
+        return Err(CalibrationError::Negative { payload_kg });
+    }
+    let squares: f64 = readings.iter().map(|read| off_n(read).powi(2)).sum();
+    let half_n = (student_95(n - 2.0) * (squares / (n - 2.0)).sqrt()).max(RESOLVED_95_N);
+    Ok(ForceCalibration {
+        weight: SensorLoad { payload_kg, zero_n },
+        payload_95_kg: half_n / spread.sqrt() / STANDARD_GRAVITY_M_S2,
+        zero_95_n: half_n * (1.0 / n + mean_x * mean_x / spread).sqrt(),
+        rms_n: (squares / n).sqrt(),
+        readings: readings.len(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn read(downwards: f64, force_n: f64) -> AttitudeReading {
+        AttitudeReading { downwards, force_n }
+    }
+
+    /// Calculated by hand: 1 kg and a zero of 2 N read −7.80665 N down, 2 N level, 11.80665 N up. Their spread is
+    /// 2. A scatter of 0.05 N is then 1.96 · 0.05 / √2 / 9.80665 = 0.00707 kg and 1.96 · 0.05 / √3 = 0.0566 N.
+    #[test]
+    fn payload_and_zero_are_found() {
+        let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.0), read(-1.0, 11.806_65)]).expect("a result");
+        assert!((found.weight.payload_kg - 1.0).abs() < 1e-9 && (found.weight.zero_n - 2.0).abs() < 1e-9);
+        assert!((found.payload_95_kg - 0.007_07).abs() < 1e-5, "{found:?}");
+        assert!((found.zero_95_n - 0.056_6).abs() < 1e-4, "{found:?}");
+    }
+
+    /// Calculated by hand: with an error of 0.3 N in the middle one, the three readings lie −0.1, 0.2 and −0.1 N
+    /// off their line, s² = 0.06 / 1. Student's quantile for 1 degree of freedom is 12.706, so the uncertainty of
+    /// the zero is 12.706 · 0.24495 / √3 = 1.797 N.
+    #[test]
+    fn three_readings_that_scatter_determine_little() {
+        let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.3), read(-1.0, 11.806_65)]).expect("a result");
+        assert!((found.zero_95_n - 1.797).abs() < 1e-3, "{found:?}");
+    }
+
+    #[test]
+    fn what_holds_no_result_is_refused() {
+        let says = |readings: &[AttitudeReading]| calibrate(readings).expect_err("refused").to_string();
+        assert!(says(&[read(1.0, 1.0), read(0.0, 2.0)]).starts_with("2 readings"));
+        assert!(says(&[read(1.0, 1.0), read(0.9, 2.0), read(0.8, 2.0)]).contains("0.80 to 1.00"));
+        assert!(says(&[read(1.0, 1.0), read(f64::NAN, 2.0), read(0.0, 2.0)]).starts_with("reading 2"));
+        let touched = [read(1.0, -8.0), read(0.5, -3.0), read(0.0, 22.0), read(-1.0, 12.0)];
+        assert!(says(&touched).starts_with("reading 3 differs by 14.9 N"), "{}", says(&touched));
+        assert!(says(&[read(1.0, 12.0), read(0.0, 2.0), read(-1.0, -8.0)]).contains("payload of -1.0"));
+    }
+
+    proptest! {
+        /// With noise the true value lies within three times the stated uncertainty.
+        #[test]
+        fn the_truth_is_near(payload_kg in 0.2..8.0_f64, zero_n in -5.0..5.0_f64, noise in prop::collection::vec(-0.05..0.05_f64, 7)) {
+            let truth = SensorLoad { payload_kg, zero_n };
+            let at = |(index, noise_n): (usize, &f64)| {
+                let downwards = 1.0 - index as f64 / 3.0;
+                read(downwards, truth.zero_n - truth.presses_n(downwards) + noise_n)
+            };
+            let readings: Vec<AttitudeReading> = noise.iter().enumerate().map(at).collect();
+            let found = calibrate(&readings).expect("a result");
+            prop_assert!((found.weight.payload_kg - payload_kg).abs() <= 3.0 * found.payload_95_kg);
+            prop_assert!((found.weight.zero_n - zero_n).abs() <= 3.0 * found.zero_95_n);
+        }
+    }
+}

@@ -1,0 +1,476 @@
+//! Hand-eye calibration from many poses, with its evidence.
+//!
+//! Pose of the board in each picture → closed-form start by consensus → joint adjustment (`adjust`) over the
+//! stations that agree → test of every station against the adjustment without it → report of those that fail
+//! (`station_diagnosis`). The result states how far off it may be, in mm at a point of the panel, from the noise that the
+//! residuals show. If the residuals of neighbouring poses are alike, several poses count as one (`alike`). `gate`
+//! judges whether that is good enough.
+
+use super::adjust::{self, MountAdjustment};
+use super::alike;
+use super::arrangement::{Arrangement, Twist, log};
+use super::board::Board;
+use super::chain::{LengthFactor, Station};
+use super::consensus::{self, MIN_SPREAD_DEG};
+use super::error::CalibError;
+use super::influence;
+use super::pose::{BoardPose, board_pose};
+use super::pose_diagnosis::PoseReading;
+use super::quantile::{f_quantile, radius_95};
+use super::readings;
+use super::square::{self, SquareSize};
+use super::station_diagnosis::{self, SuspectStation};
+use nalgebra::Matrix3;
+use panelprep_base::geometry::{
+    Base, Board as BoardFrame, Degrees, Flange, Frame, KukaPose, PinholeCamera, Point, Rigid, Vector,
+};
+use panelprep_cell::cell::LensCovariance;
+
+/// Minimum number of stations: with fewer, the result cannot be checked.
+pub const MIN_STATIONS: usize = 5;
+/// The probability with which a calibration sets aside a correct station.
+const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
+/// Stations that are farther than this multiple of the median are not used in the first adjustment.
+const MAX_START_MEDIANS: f64 = 3.0;
+const MAX_ROUNDS: usize = 10;
+/// A size error of the squares above this share makes correct poses look wrong.
+const MAX_SQUARE_SIZE_ERROR: f64 = 0.001;
+/// If the poses leave a larger residual than this, other readings of the poses are tried too, mm.
+const DOUBTFUL_RMS_MM: f64 = 0.5;
+
+/// The difference between the board's poses by picture and by robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Residual {
+    /// The picture.
+    pub name: String,
+    /// The distance at the board's middle, mm.
+    pub distance_mm: f64,
+    /// Turn, degrees.
+    pub angle_deg: f64,
+    /// Whether it was used for the result.
+    pub used: bool,
+    /// Root mean square of the picture's own corners about the board's pose: px, or mm among 3D points.
+    pub corners_rms: f64,
+}
+
+/// A calibrated mount with its evidence.
+#[derive(Debug, Clone)]
+pub struct HandEye<A: Arrangement> {
+    /// The adjusted mount and board, with noise and covariance.
+    pub adjustment: MountAdjustment<A>,
+    /// Each picture's residual, in the order of the input.
+    pub residuals: Vec<Residual>,
+    /// Root mean square of the used residuals, mm.
+    pub rms_mm: f64,
+    /// Root mean square of the used residuals, degrees.
+    pub rms_deg: f64,
+    /// The point for which the uncertainty is stated, in the camera's frame.
+    pub stated_point: Point<A::From>,
+    /// Radius that contains the error at that point with 95 % probability, mm.
+    pub uncertainty_mm: f64,
+    /// The number of poses that count as one, because the errors of the arm are alike in neighbouring poses; 1 if
+    /// they are independent.
+    pub correlated_pose_count: f64,
+    /// The lens's part of the stated point's covariance, mm²; zero if the lens is regarded as exact.
+    pub lens_mm2: Matrix3<f64>,
+    /// How far the point moves when the worst single picture is left out, mm, and its name.
+    pub worst_leave_one_out: (f64, String),
+    /// Spread of the turns about the second axis, degrees.
+    pub second_axis_deg: f64,
+    /// The stations that do not fit, with their probable explanation; judged with squares of the size that the motions
+    /// show.
+    pub suspects: Vec<SuspectStation>,
+    /// The size of the board's squares that the robot's motions show; `None` if the poses do not determine it.
+    pub square: Option<SquareSize<A>>,
+    /// The focal length that the robot's motions show; not determined if the squares have another size, which has
+    /// nearly the same effect.
+    pub focal: Option<SquareSize<A>>,
+    /// Other readings of the poses that fit far better than the poses as they are written.
+    pub readings: Vec<PoseReading>,
+}
+
+impl<A: Arrangement> HandEye<A> {
+    /// Returns the covariance of the stated point, mm².
+    pub fn covariance_mm2(&self) -> Matrix3<f64> {
+        self.adjustment.covariance_at(self.stated_point) * self.correlated_pose_count + self.lens_mm2
+    }
+
+    /// Returns the degrees of freedom with which the covariance is known.
+    pub fn redundancy(&self) -> f64 {
+        redundancy(&self.adjustment, self.correlated_pose_count)
+    }
+
+    /// Returns this result for a lens that is known only to this covariance: the lens adds to the stated uncertainty.
+    /// The pose does not change; it is valid for this lens. Points of a 3D camera hardly depend on the lens, and
+    /// nothing is added for them.
+    ///
+    /// # Errors
+    /// If a corner would be behind the camera.
+    pub fn with_lens_uncertainty(
+        self,
+        camera: &PinholeCamera,
+        stations: &[Station<A::From>],
+        lens: &LensCovariance,
+    ) -> Result<Self, CalibError> {
+        let used = stations.iter().zip(&self.residuals).filter(|(_, residual)| residual.used);
+        let used: Vec<&Station<A::From>> = used.map(|(station, _)| station).collect();
+        let unsettled = CalibError::NotSettled { what: "the lens's share of the uncertainty" };
+        let added = influence::lens_covariance_effect(camera, &self.adjustment, &used, lens).ok_or(unsettled)?;
+        let lens_mm2 = adjust::covariance_at(&self.adjustment.to_from_camera, &added, self.stated_point);
+        let covariance_mm2 =
+            self.adjustment.covariance_at(self.stated_point) * self.correlated_pose_count + lens_mm2;
+        let radius_mm = radius_95(&covariance_mm2, self.redundancy());
+        let square = self.square.and_then(|size| size.with_lens_uncertainty(camera, &used, lens));
+        let focal = self.focal.and_then(|size| size.with_lens_uncertainty(camera, &used, lens));
+        let uncertainty_mm = with_size_uncertainty(
+            radius_mm,
+            &self.adjustment,
+            [square.as_ref(), focal.as_ref()],
+            self.stated_point,
+        );
+        Ok(HandEye { lens_mm2, uncertainty_mm, square, focal, ..self })
+    }
+
+    /// Returns how far the stated point moves if the focal length that the motions show replaces the stated one, mm.
+    pub fn focal_moves_mm(&self) -> Option<f64> {
+        self.focal.as_ref().map(|size| size.moves_mm(&self.adjustment, self.stated_point))
+    }
+
+    /// Returns how far the stated point moves if the squares' size that the motions show replaces the stated one, mm.
+    pub fn square_moves_mm(&self) -> Option<f64> {
+        self.square.as_ref().map(|size| size.moves_mm(&self.adjustment, self.stated_point))
+    }
+
+    /// Returns the lens's part of the uncertainty, mm, 95 %; 0 if the lens is regarded as exact.
+    pub fn lens_uncertainty_mm(&self) -> f64 {
+        radius_95(&self.lens_mm2, f64::INFINITY)
+    }
+
+    /// Returns whether the stated 95 % region, an ellipsoid about the stated point, contains an error of this size
+    /// and direction.
+    pub fn region_holds(&self, error: Vector<A::To>) -> bool {
+        let reach = 3.0 * f_quantile(3.0, self.redundancy(), 0.95);
+        let inverse = self.covariance_mm2().try_inverse();
+        inverse.is_some_and(|inverse| error.mm.dot(&(inverse * error.mm)) <= reach)
+    }
+}
+
+/// Calibrates a mount. `at` is the point at which the uncertainty is stated, in the camera's frame; without it, the
+/// middle of the positions at which the board was seen.
+///
+/// # Errors
+/// If there are too few stations, or they rotate too little, their angles look like radians, or they contradict each
+/// other.
+pub fn hand_eye<A: Arrangement>(
+    camera: &PinholeCamera,
+    board: &Board,
+    stations: &[Station<A::From>],
+    at: Option<Point<A::From>>,
+) -> Result<HandEye<A>, CalibError> {
+    check_station_count(stations)?;
+    let poses: Vec<BoardPose<A::From>> =
+        stations.iter().map(|station| board_pose(camera, &station.observation)).collect::<Result<_, _>>()?;
+    check_rotation_spread(stations, &poses)?;
+    let moved: Vec<_> = stations.iter().map(|station| A::to_from_holder(&station.base_from_flange)).collect();
+    let seen: Vec<_> = poses.iter().map(|pose| pose.camera_from_board).collect();
+    let [origin, right, far, low] = board.outer_corners();
+    let rim: Vec<_> =
+        [origin, right, far, low].iter().filter_map(|&(column, row)| board.corner(column, row)).collect();
+    // Other readings are tried only after the poses as written fit nothing: a wrong reading can fit a few poses by
+    // chance.
+    let start = consensus::start::<A>(&moved, &seen, &rim).map_err(|error| match error {
+        CalibError::NoConsensus { poses: count, median_mm, .. } => {
+            let readings = readings::fitting_readings::<A>(camera, board, stations, &poses);
+            CalibError::NoConsensus { poses: count, median_mm, readings }
+        }
+        error => error,
+    })?;
+    // If the poses are few and scatter, they are too few but not wrong. Therefore at least the necessary number of
+    // stations is used at first.
+    let mut sorted = start.distances_mm.clone();
+    sorted.sort_by(f64::total_cmp);
+    let needed = MIN_STATIONS.max(stations.len().div_ceil(2)).min(sorted.len());
+    let reach_mm = (MAX_START_MEDIANS * start.median_mm.max(1e-3)).max(sorted[needed - 1]);
+    let begin: Vec<bool> = start.distances_mm.iter().map(|distance| *distance <= reach_mm).collect();
+    let all = StationSet { camera, stations, poses: &poses };
+    let (adjusted, used) = all.reject_outliers((start.to_from_camera, start.holder_from_board), begin)?;
+    let size = all.square(&adjusted, &used);
+    // Below this share the size changes no pose noticeably, and another size would only excuse wrong poses.
+    let true_size =
+        size.as_ref().filter(|size| size.contradicts_stated() && (size.ratio - 1.0).abs() > MAX_SQUARE_SIZE_ERROR);
+
+    let focal = match &size {
+        // The two factors look nearly the same in the pictures, so the focal length is measured only if the squares
+        // agree.
+        Some(size) if !size.contradicts_stated() => {
+            let chosen: Vec<_> =
+                stations.iter().zip(&used).filter(|(_, used)| **used).map(|(one, _)| one).collect();
+            square::measure(camera, &chosen, &adjusted, LengthFactor::Focal)
+        }
+        _ => None,
+    };
+    let residuals = all.residuals(&adjusted, board, &used);
+    let middle = at.unwrap_or_else(|| board_centre_in_camera(board, &poses, &used));
+    let poses_each = alike::correlated_pose_count(&all.deviations(&adjusted, &used));
+    let covariance_mm2 = adjusted.covariance_at(middle) * poses_each;
+    let radius_mm = radius_95(&covariance_mm2, redundancy(&adjusted, poses_each));
+    let uncertainty_mm = with_size_uncertainty(radius_mm, &adjusted, [size.as_ref(), focal.as_ref()], middle);
+    let leave_one_out = all.leave_one_out(&adjusted, &used, middle);
+    let over_used = |value: fn(&Residual) -> f64| {
+        let squares: Vec<f64> = residuals.iter().filter(|r| r.used).map(|r| value(r).powi(2)).collect();
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    };
+    let suspects = match true_size {
+        // Poses are correct if only the stated size of the squares contradicts them.
+        Some(_) => vec![],
+        None => station_diagnosis::name(
+            camera,
+            board,
+            &adjusted,
+            stations,
+            &poses,
+            &used,
+            limit(&adjusted, stations.len()),
+        ),
+    };
+    let turns: Vec<_> =
+        moved.iter().zip(&used).filter(|(_, used)| **used).map(|(m, _)| m.isometry().inverse()).collect();
+    let rms_mm = over_used(|residual| residual.distance_mm);
+    let doubtful = !suspects.is_empty() || rms_mm > DOUBTFUL_RMS_MM;
+    let readings = if doubtful { readings::fitting_readings::<A>(camera, board, stations, &poses) } else { vec![] };
+    Ok(HandEye {
+        rms_mm,
+        rms_deg: over_used(|residual| residual.angle_deg),
+        second_axis_deg: consensus::second_axis_deg(&turns),
+        adjustment: adjusted,
+        residuals,
+        stated_point: middle,
+        uncertainty_mm,
+        correlated_pose_count: poses_each,
+        lens_mm2: Matrix3::zeros(),
+        worst_leave_one_out: leave_one_out,
+        suspects,
+        square: size,
+        focal,
+        readings,
+    })
+}
+
+/// The degrees of freedom if several poses count as one.
+fn redundancy<A: Arrangement>(adjusted: &MountAdjustment<A>, poses_each: f64) -> f64 {
+    (adjusted.redundancy / poses_each).max(1.0)
+}
+
+/// Returns the stated radius, with the effect of squares and focal length added if the motions contradict them.
+fn with_size_uncertainty<A: Arrangement>(
+    radius_mm: f64,
+    adjusted: &MountAdjustment<A>,
+    sizes: [Option<&SquareSize<A>>; 2],
+    at: Point<A::From>,
+) -> f64 {
+    let contradicting = sizes.into_iter().flatten().filter(|size| size.contradicts_stated());
+    // The contradiction is not resolved here: the error of the mount may be as large as the difference between the two
+    // answers.
+    contradicting.fold(radius_mm, |radius_mm, size| radius_mm.hypot(size.moves_mm(adjusted, at)))
+}
+
+fn check_station_count<C: Frame>(stations: &[Station<C>]) -> Result<(), CalibError> {
+    if stations.len() < MIN_STATIONS {
+        let (found, needed) = (stations.len(), MIN_STATIONS);
+        return Err(CalibError::TooFewPictures { found, given: found, needed, first_reason: None });
+    }
+    Ok(())
+}
+
+/// Refuses poses that rotate too little, and poses with angles that look like radians.
+fn check_rotation_spread<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C>]) -> Result<(), CalibError> {
+    let seen: Vec<_> = poses.iter().map(|pose| pose.camera_from_board.isometry().inverse()).collect();
+    let said: Vec<_> = stations.iter().map(|station| *station.base_from_flange.isometry()).collect();
+    let largest = |turns: &[nalgebra::Isometry3<f64>]| {
+        let pairs = turns.iter().enumerate().flat_map(|(i, a)| turns[i + 1..].iter().map(move |b| (a, b)));
+        Degrees::from_rad(pairs.map(|(a, b)| a.rotation.angle_to(&b.rotation)).fold(0.0, f64::max)).0
+    };
+    let (seen_deg, said_deg) = (largest(&seen), largest(&said));
+    // If angles in radians are written as degrees, the flange turns by a fifty-seventh of the turn that the
+    // pictures show.
+    let small = stations.iter().all(|station| {
+        let pose = KukaPose::from_rigid(&station.base_from_flange);
+        [pose.a_deg, pose.b_deg, pose.c_deg].iter().all(|angle| angle.abs() < 3.15)
+    });
+    if small && seen_deg > 10.0 && said_deg < seen_deg / 4.0 {
+        return Err(CalibError::Radians { seen_deg });
+    }
+    let spread = consensus::second_axis_deg(&said).min(consensus::second_axis_deg(&seen));
+    if spread < MIN_SPREAD_DEG {
+        return Err(CalibError::TooLittleRotation { about_second_axis_deg: spread, needed_deg: MIN_SPREAD_DEG });
+    }
+    Ok(())
+}
+
+/// Returns the maximum surprise (see [`influence::outlier_statistic`]): a station with a larger one does not belong to the
+/// others.
+fn limit<A: Arrangement>(adjusted: &MountAdjustment<A>, stations: usize) -> f64 {
+    6.0 * f_quantile(6.0, adjusted.redundancy, 1.0 - FALSE_ALARM_PROBABILITY / stations as f64)
+}
+
+fn board_centre_in_camera<C: Frame>(board: &Board, poses: &[BoardPose<C>], used: &[bool]) -> Point<C> {
+    let seen: Vec<_> = poses
+        .iter()
+        .zip(used)
+        .filter(|(_, used)| **used)
+        .map(|(pose, _)| (pose.camera_from_board * board.centre()).mm.coords)
+        .collect();
+    Point::new((seen.iter().sum::<nalgebra::Vector3<f64>>() / seen.len().max(1) as f64).into())
+}
+
+struct StationSet<'a, C: Frame> {
+    camera: &'a PinholeCamera,
+    stations: &'a [Station<C>],
+    poses: &'a [BoardPose<C>],
+}
+
+impl<C: Frame> StationSet<'_, C> {
+    /// Adjusts the stations that agree, until a test of each station against the result changes nothing.
+    fn reject_outliers<A: Arrangement<From = C>>(
+        &self,
+        start: (Rigid<A::To, C>, Rigid<A::Holder, BoardFrame>),
+        mut used: Vec<bool>,
+    ) -> Result<(MountAdjustment<A>, Vec<bool>), CalibError> {
+        let mut from = start;
+        let mut last = None;
+        for _ in 0..MAX_ROUNDS {
+            let chosen: Vec<&Station<C>> =
+                self.stations.iter().zip(&used).filter(|(_, used)| **used).map(|(station, _)| station).collect();
+            if chosen.len() < MIN_STATIONS.max(self.stations.len().div_ceil(2)) {
+                let given = self.stations.len();
+                let first_reason = Some(
+                    "each of the other pictures differs from the common result by more than their scatter; take \
+                     more poses"
+                        .to_owned(),
+                );
+                return Err(CalibError::TooFewPictures {
+                    found: chosen.len(),
+                    given,
+                    needed: MIN_STATIONS.max(given.div_ceil(2)),
+                    first_reason,
+                });
+            }
+            let adjusted = adjust::adjust::<A>(self.camera, &chosen, (&from.0, &from.1), None)?;
+            let limit = limit(&adjusted, self.stations.len());
+            let next: Vec<bool> = (0..self.stations.len())
+                .map(|index| self.outlier_statistic(&adjusted, index, used[index]) <= limit)
+                .collect();
+            from = (adjusted.to_from_camera, adjusted.holder_from_board);
+            if next == used {
+                return Ok((adjusted, used));
+            }
+            last = Some(adjusted);
+            used = next;
+        }
+        // Two stations at the limit may alternate: the last result is used. Each of the two is then either used or
+        // reported.
+        last.map(|adjusted| (adjusted, used)).ok_or(CalibError::NotSettled { what: "the choice of poses" })
+    }
+
+    /// Determines the squares' size from the stations that agree. If it differs from the stated size, correct stations
+    /// may have been set aside for this reason: the stations are chosen again with squares of the measured size.
+    fn square<A: Arrangement<From = C>>(
+        &self,
+        adjusted: &MountAdjustment<A>,
+        used: &[bool],
+    ) -> Option<SquareSize<A>> {
+        let chosen = |used: &[bool]| -> Vec<&Station<C>> {
+            self.stations.iter().zip(used).filter(|(_, used)| **used).map(|(station, _)| station).collect()
+        };
+        let first = square::measure(self.camera, &chosen(used), adjusted, LengthFactor::Square)?;
+        if !first.contradicts_stated() || used.iter().all(|used| *used) {
+            return Some(first);
+        }
+        let stations: Vec<Station<C>> =
+            self.stations.iter().map(|station| square::scale_station(station, first.ratio)).collect();
+        let poses: Option<Vec<BoardPose<C>>> =
+            stations.iter().map(|station| board_pose(self.camera, &station.observation).ok()).collect();
+        let poses = poses?;
+        let start = (first.adjustment.to_from_camera, first.adjustment.holder_from_board);
+        let all = StationSet { camera: self.camera, stations: &stations, poses: &poses };
+        let Ok((_, used)) = all.reject_outliers::<A>(start, vec![true; stations.len()]) else { return Some(first) };
+        square::measure(self.camera, &chosen(&used), &first.adjustment, LengthFactor::Square).or(Some(first))
+    }
+
+    /// Returns the surprise of a station, compared with the adjustment without it.
+    fn outlier_statistic<A: Arrangement<From = C>>(
+        &self,
+        adjusted: &MountAdjustment<A>,
+        index: usize,
+        used: bool,
+    ) -> f64 {
+        let (station, seen) = (&self.stations[index], &self.poses[index].camera_from_board);
+        let without = if used { self.leave_out(adjusted, index) } else { Some(adjusted.clone()) };
+        without.map_or(0.0, |without| influence::outlier_statistic(self.camera, &without, station, seen))
+    }
+
+    /// Returns the adjustment without one used station, approximated to first order. `None` if the other stations
+    /// determine nothing.
+    fn leave_out<A: Arrangement<From = C>>(
+        &self,
+        adjusted: &MountAdjustment<A>,
+        index: usize,
+    ) -> Option<MountAdjustment<A>> {
+        let all = influence::inverse(&adjusted.covariance)?;
+        let (gone, pull) = influence::information(self.camera, adjusted, &self.stations[index])?;
+        let covariance = influence::inverse(&(all - gone))?;
+        Some(adjusted.perturbed(&-(covariance * pull), covariance))
+    }
+
+    /// Returns each used pose with the motion of the flange by which its picture deviates from it.
+    fn deviations<A: Arrangement<From = C>>(
+        &self,
+        adjusted: &MountAdjustment<A>,
+        used: &[bool],
+    ) -> Vec<(Rigid<Base, Flange>, Twist)> {
+        let deviation = |(station, pose): (&Station<C>, &BoardPose<C>)| {
+            let needed = influence::needed_flange(adjusted, &pose.camera_from_board);
+            (station.base_from_flange, log((station.base_from_flange.inverse() * needed).isometry()))
+        };
+        let chosen = self.stations.iter().zip(self.poses).zip(used).filter(|(_, used)| **used);
+        chosen.map(|(one, _)| deviation(one)).collect()
+    }
+
+    fn leave_one_out<A: Arrangement<From = C>>(
+        &self,
+        adjusted: &MountAdjustment<A>,
+        used: &[bool],
+        at: Point<C>,
+    ) -> (f64, String) {
+        let shift = |index: usize| {
+            self.leave_out(adjusted, index)
+                .map_or(f64::INFINITY, |without| without.to_from_camera.distance_at_mm(adjusted.to_from_camera, at))
+        };
+        let all = (0..used.len()).filter(|&index| used[index]);
+        let shifts = all.map(|index| (shift(index), self.stations[index].name.clone()));
+        shifts.fold((0.0, String::new()), |worst, next| if next.0 > worst.0 { next } else { worst })
+    }
+
+    fn residuals<A: Arrangement<From = C>>(
+        &self,
+        adjusted: &MountAdjustment<A>,
+        board: &Board,
+        used: &[bool],
+    ) -> Vec<Residual> {
+        let residual = |((station, pose), used): ((&Station<C>, &BoardPose<C>), &bool)| {
+            let moved = A::to_from_holder(&station.base_from_flange);
+            let said = adjusted.to_from_camera.inverse() * moved * adjusted.holder_from_board;
+            let seen = pose.camera_from_board;
+            let mm = said.distance_at_mm(seen, board.centre());
+            let deg = (said.inverse() * seen).turn().0;
+            Residual {
+                name: station.name.clone(),
+                distance_mm: mm,
+                angle_deg: deg,
+                used: *used,
+                corners_rms: pose.rms,
+            }
+        };
+        self.stations.iter().zip(self.poses).zip(used).map(residual).collect()
+    }
+}

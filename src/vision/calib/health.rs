@@ -1,0 +1,451 @@
+//! Judges verifications against a known target: whether a calibration is still valid, and whether a cycle may start
+//! with it.
+
+use super::board::Board;
+use panelprep_base::geometry::{Base, Board as BoardFrame, Pixel, Point, Rigid};
+use panelprep_base::number_text::{distinguishable_percents, distinguishable_texts, fixed_decimals};
+use panelprep_base::verdict::{Judgement, Reason};
+use panelprep_cell::cell::{LensExtent, Limits};
+
+/// The subject of a verification of a compliant tool's force without contact: its error and its limit are in N.
+pub const TOOL_FORCE: &str = "tool_force";
+
+/// Returns the unit of a subject's error and limit.
+pub fn unit(subject: &str) -> &'static str {
+    if subject == TOOL_FORCE { "N" } else { "mm" }
+}
+
+/// One verification by a picture of a fixed target, or by a touch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Verification {
+    /// Subject of the verification: `scanner`, `flange_camera`, `tool`, or the force of a compliant tool,
+    /// [`TOOL_FORCE`], with numbers in N.
+    pub subject: String,
+    /// Largest distance between the known and the measured position of the target, mm; for a force its error, N.
+    pub error: f64,
+    /// The largest allowed error, in the same unit.
+    pub limit: f64,
+    /// Content hash of the calibration files that were used, in the order of the cell's keys.
+    pub calibration_hash: String,
+    /// Time of the verification, seconds since 1970.
+    pub at_unix_s: i64,
+    /// The strike, if a person struck out the verification: it stays in the store, but no longer counts.
+    pub struck: Option<Strike>,
+}
+
+/// The strike of a wrong verification: person and reason.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Strike {
+    /// Name of the person.
+    pub by: String,
+    /// The reason.
+    pub why: String,
+    /// Time of the strike, seconds since 1970.
+    pub at_unix_s: i64,
+}
+
+/// The requirements of the cell's file for the last verification.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VerificationLimits {
+    /// Largest error, in the unit of the subject.
+    pub limit: f64,
+    /// Largest age, hours.
+    pub max_age_h: f64,
+}
+
+impl VerificationLimits {
+    /// Returns the demands of the cell's file.
+    pub fn from_limits(limits: &Limits) -> Self {
+        VerificationLimits { limit: limits.verify_limit_mm(), max_age_h: limits.verify_max_age_h() }
+    }
+}
+
+/// Returns how far a board is from its known pose: the largest distance of its corners, mm.
+pub fn distance_mm(
+    known: &Rigid<Base, BoardFrame>,
+    found: &Rigid<Base, BoardFrame>,
+    corners: &[Point<BoardFrame>],
+) -> f64 {
+    corners.iter().map(|&corner| known.distance_at_mm(*found, corner)).fold(0.0, f64::max)
+}
+
+/// Returns the side of a board's squares that the touched corners show, since the arm's lengths are metric: the stated
+/// side times the factor that fits the board's own distances to those between the touched points. `None` if fewer than
+/// two corners were touched.
+pub fn square_size_from_touches(board: &Board, touched: &[(Point<BoardFrame>, Point<Base>)]) -> Option<f64> {
+    let (mut both, mut own) = (0.0, 0.0);
+    for (index, first) in touched.iter().enumerate() {
+        for second in &touched[index + 1..] {
+            let (of_board, of_arm) = (first.0.distance_mm(second.0), first.1.distance_mm(second.1));
+            // Over all pairs, weighted by their distance: long distances carry the scale, short ones carry mostly the
+            // error of the touches.
+            both += of_board * of_arm;
+            own += of_board * of_board;
+        }
+    }
+    (own > 0.0).then(|| board.square_mm() * both / own)
+}
+
+/// The largest reprojection error of a flat board of squares with a correct lens, px rms.
+const MAX_PNP_RMS_PX: f64 = 1.0;
+/// A bumped camera turns the board in its view by less than this; if the corners are counted from another corner,
+/// the board turns by 90° or 180°.
+const MAX_TURN_DEG: f64 = 20.0;
+/// The largest difference of the squares' size as the 3D camera measures it from the board's, as a share.
+const MAX_SQUARE_SHARE: f64 = 0.02;
+
+/// A board's pose from one picture.
+#[derive(Debug, Clone, Copy)]
+pub struct BoardMeasurement {
+    /// The board's pose in the base.
+    pub base_from_board: Rigid<Base, BoardFrame>,
+    /// Distance of the corners from their computed pixels in that pose, px rms.
+    pub pnp_rms_px: f64,
+    /// Side of a square, calculated from the 3D camera's own points, mm.
+    pub measured_square_mm: Option<f64>,
+}
+
+/// States why the seen corners cannot be those of this board; `None` if they can.
+pub fn board_mismatch(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
+    let rms_px = look.pnp_rms_px;
+    if rms_px.is_nan() || rms_px > MAX_PNP_RMS_PX {
+        let [rms, allowed] = distinguishable_texts(rms_px, MAX_PNP_RMS_PX, 2);
+        return Some(implausible_reason(format!(
+            "the corners are {rms} px rms off the positions at which this lens would see a flat board of squares \
+             (limit {allowed} px): check that the board is flat, and that the picture is from this camera."
+        )));
+    }
+    let (measured_mm, square_mm) = (look.measured_square_mm?, board.square_mm());
+    let differs = (measured_mm / square_mm - 1.0).abs();
+    (differs.is_nan() || differs > MAX_SQUARE_SHARE).then(|| {
+        let [share, allowed] = distinguishable_percents(differs, MAX_SQUARE_SHARE, 1);
+        implausible_reason(format!(
+            "the 3D camera measures squares of {} mm, but the stated side is {square_mm} mm, a difference of \
+             {share} % (limit {allowed} %): measure the board, and correct its size.",
+            fixed_decimals(measured_mm, 2)
+        ))
+    })
+}
+
+/// States why a measurement at these pixels is refused: the pictures from which the lens was calibrated do not
+/// support it there; `None` if they do.
+pub fn lens_extent_refusal(extent: &LensExtent, pixels: impl IntoIterator<Item = Pixel>) -> Option<Reason> {
+    let error_px = extent.supported.as_ref()?.error_px;
+    let pixel = pixels.into_iter().find(|pixel| !extent.contains_pixel(*pixel))?;
+    let (u, v) = (fixed_decimals(pixel.u, 0), fixed_decimals(pixel.v, 0));
+    let message = format!(
+        "pixel ({u}, {v}) lies outside of the part of the picture in which the lens is calibrated to {error_px:.2} \
+         px (supported_px in its file): take the picture from a pose that shows this point nearer to the middle, \
+         or calibrate the lens with pictures of the board in this part"
+    );
+    Some(Reason::new("outside_of_lens", message))
+}
+
+/// States why a measurement carries no information on the calibration: it is of another board, of a board at another
+/// position, or from another pose of the flange. `None` if it can be used.
+///
+/// A camera that was bumped shows the board displaced by less than half of the board's own diagonal, and rotated by
+/// less than 20°.
+pub fn uninformative_measurement(
+    known: &Rigid<Base, BoardFrame>,
+    look: &BoardMeasurement,
+    board: &Board,
+) -> Option<Reason> {
+    if let Some(reason) = board_mismatch(look, board) {
+        return Some(reason);
+    }
+    let turn_deg = (known.inverse() * look.base_from_board).turn().0;
+    if turn_deg.is_nan() || turn_deg > MAX_TURN_DEG {
+        let [turn, allowed] = distinguishable_texts(turn_deg, MAX_TURN_DEG, 0);
+        return Some(implausible_reason(format!(
+            "the board appears turned by {turn}° (limit {allowed}°): check that its corners are counted as in the \
+             target's file, that the board was not moved, and that --flange is the flange pose of this picture."
+        )));
+    }
+    let (middle, first) = (board.centre(), Point::at(0.0, 0.0, 0.0));
+    let (off_mm, allowed_mm) = (known.distance_at_mm(look.base_from_board, middle), middle.distance_mm(first));
+    (off_mm.is_nan() || off_mm > allowed_mm).then(|| {
+        let [off, allowed] = distinguishable_texts(off_mm, allowed_mm, 0);
+        implausible_reason(format!(
+            "the board appears {off} mm from its expected position (limit: half of its diagonal, {allowed} mm): \
+             check that the board was not moved, that its size in the target's file is right, and that --flange is \
+             the flange pose of this picture."
+        ))
+    })
+}
+
+/// States why a board's pose is not accepted as a reference: the 3D camera's points and its picture give different
+/// distances; `None` if they agree.
+pub fn depth_differs(farther_mm: f64, limit_mm: f64) -> Option<Reason> {
+    (farther_mm.is_nan() || farther_mm.abs() > limit_mm).then(|| {
+        let [found, allowed] = distinguishable_texts(farther_mm.abs(), limit_mm, 2);
+        let way = if farther_mm > 0.0 { "farther away" } else { "nearer" };
+        let message = format!(
+            "the 3D camera's own points put the board {found} mm {way} than its picture does (limit {allowed} mm): \
+             measure the board's squares, and measure the camera's scale with `panelprep calibrate scanner`"
+        );
+        Reason::new("depth_differs", message)
+    })
+}
+
+fn implausible_reason(what: String) -> Reason {
+    let message = format!(
+        "{what} This measurement was not stored, and the last verification remains valid; if the camera was really \
+         moved by this amount, calibrate it again before the next cycle"
+    );
+    Reason::new("implausible", message)
+}
+
+/// Returns a reason if the error of a verification is larger than the cell's file now allows. A NaN is beyond every
+/// limit.
+pub fn exceeded_limit_reason(last: &Verification, demands: VerificationLimits) -> Option<Reason> {
+    let (subject, found, allowed) = (&last.subject, last.error, demands.limit);
+    (found.is_nan() || found > allowed).then(|| {
+        let ([found, allowed], unit) = (distinguishable_texts(found, allowed, 3), unit(subject));
+        let message = format!(
+            "the last verification of {subject} found an error of {found} {unit} (limit {allowed} {unit}); check \
+             whether something was bumped, calibrate {subject} again, and verify it"
+        );
+        Reason::new("verification_limit", message)
+    })
+}
+
+fn advice(subject: &str) -> String {
+    if subject == TOOL_FORCE {
+        return "run `panelprep calibrate force --verify`".to_owned();
+    }
+    format!("run `panelprep calibrate verify --camera {}`", subject.replace('_', "-"))
+}
+
+/// Judges whether a cycle may start. `last` is the newest verification of this subject; `calibration_hash` is the
+/// hash of the files in use now.
+///
+/// Rejects if the verification is missing, older than allowed, from the future, beyond the limit, or of other
+/// calibration files.
+pub fn health(
+    subject: &str,
+    last: Option<&Verification>,
+    calibration_hash: &str,
+    now_unix_s: i64,
+    demands: VerificationLimits,
+) -> Judgement {
+    let Some(last) = last else {
+        let message = format!("{subject} has never been verified; {}", advice(subject));
+        return Judgement::new(vec![Reason::new("not_verified", message)], vec![]);
+    };
+    if let Some(Strike { by, why, .. }) = &last.struck {
+        let message =
+            format!("the last verification of {subject} was struck out by {by} ({why}); {}", advice(subject));
+        return Judgement::new(vec![Reason::new("verification_struck", message)], vec![]);
+    }
+    let mut reject = Vec::new();
+    let age_h = (now_unix_s - last.at_unix_s) as f64 / 3600.0;
+    if age_h < 0.0 {
+        let message = format!(
+            "the last verification of {subject} is dated {:.1} h in the future; set the computer's clock",
+            -age_h
+        );
+        reject.push(Reason::new("verification_ahead", message));
+    }
+    if age_h > demands.max_age_h {
+        let [age, allowed] = distinguishable_texts(age_h, demands.max_age_h, 1);
+        let message = format!("{subject} was verified {age} h ago (limit {allowed} h); {}", advice(subject));
+        reject.push(Reason::new("verification_old", message));
+    }
+    reject.extend(exceeded_limit_reason(last, demands));
+    if last.calibration_hash != calibration_hash {
+        let message = format!(
+            "{subject} was verified with calibration files other than the present ones; {}",
+            advice(subject)
+        );
+        reject.push(Reason::new("verification_other", message));
+    }
+    Judgement::new(reject, vec![])
+}
+
+/// The share of a verification's maximum age after which a warning is given: its last tenth.
+const WARNING_AGE_SHARE: f64 = 0.9;
+
+/// Returns a warning for a verification that still counts but will soon be too old.
+pub fn expiry_warning(last: &Verification, now_unix_s: i64, demands: VerificationLimits) -> Option<Reason> {
+    let age_h = (now_unix_s - last.at_unix_s) as f64 / 3600.0;
+    let is_soon =
+        last.struck.is_none() && age_h > WARNING_AGE_SHARE * demands.max_age_h && age_h <= demands.max_age_h;
+    is_soon.then(|| {
+        let (subject, advice) = (&last.subject, advice(&last.subject));
+        let [age, allowed] = distinguishable_texts(age_h, demands.max_age_h, 1);
+        let message = format!(
+            "{subject} was verified {age} h ago; no cycle can start when this is more than {allowed} h ago; \
+             {advice}"
+        );
+        Reason::new("verification_ends", message)
+    })
+}
+
+impl Verification {
+    /// Returns whether the verification is valid for the calibration files with this hash: no person struck it out,
+    /// and it used these files.
+    pub fn counts_for(&self, calibration_hash: &str) -> bool {
+        self.struck.is_none() && self.calibration_hash == calibration_hash
+    }
+}
+
+/// A camera with which a cycle measures.
+#[derive(Debug, Clone, Copy)]
+pub struct CameraHealth<'a> {
+    /// Subject of the verification, such as `scanner`.
+    pub subject: &'a str,
+    /// The newest verification of the subject.
+    pub last: Option<&'a Verification>,
+    /// The hash of the camera's calibration files that are in use now.
+    pub calibration_hash: &'a str,
+}
+
+/// Judges whether a cycle may start with these calibrations.
+///
+/// Rejects if a camera's [`health`] rejects, or if the newest touch with the present tool was beyond the limit. A tool
+/// need not be touched: without a touch the robot's part of the error is not measured, and the budget states this.
+pub fn judge_start(
+    cameras: &[CameraHealth<'_>],
+    touch: Option<&Verification>,
+    now_unix_s: i64,
+    demands: VerificationLimits,
+) -> Judgement {
+    let of_camera = |camera: &CameraHealth<'_>| {
+        health(camera.subject, camera.last, camera.calibration_hash, now_unix_s, demands).reasons
+    };
+    // A touch that exists and is bad stops the cell; a missing one is stated in the error budget.
+    let of_touch = touch.and_then(|touch| exceeded_limit_reason(touch, demands));
+    Judgement::new(cameras.iter().flat_map(of_camera).chain(of_touch).collect(), vec![])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Isometry3, Vector3};
+    use panelprep_base::verdict::Verdict;
+
+    const DEMANDS: VerificationLimits = VerificationLimits { limit: 0.5, max_age_h: 24.0 };
+
+    /// Both cameras must have been verified. A tool that was never touched is not a reason to refuse the start; a touch
+    /// that was beyond the limit is one.
+    #[test]
+    fn a_cycle_starts_on_verified_cameras_and_no_bad_touch() {
+        let last = |subject: &str, error: f64| Verification {
+            subject: subject.to_owned(),
+            error,
+            limit: 0.5,
+            calibration_hash: "h".to_owned(),
+            at_unix_s: 0,
+            struck: None,
+        };
+        let (scanner, touch) = (last("scanner", 0.1), last("tool", 0.6));
+        let camera = |last| CameraHealth { subject: "scanner", last, calibration_hash: "h" };
+        let codes = |cameras: &[CameraHealth<'_>], touch| -> Vec<String> {
+            let judgement = judge_start(cameras, touch, 3_600, DEMANDS);
+            judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect()
+        };
+        assert_eq!(codes(&[camera(Some(&scanner))], None), Vec::<String>::new());
+        assert_eq!(codes(&[camera(Some(&scanner)), camera(None)], None), ["not_verified"]);
+        assert_eq!(codes(&[camera(Some(&scanner))], Some(&touch)), ["verification_limit"]);
+    }
+
+    fn verified(error: f64, at_unix_s: i64) -> Verification {
+        let subject = "scanner".to_owned();
+        Verification { subject, error, limit: 0.5, calibration_hash: "ab".to_owned(), at_unix_s, struck: None }
+    }
+
+    /// Calculated by hand: of 24 h the last tenth begins after 21.6 h.
+    #[test]
+    fn a_verification_is_reported_to_end_in_its_last_tenth() {
+        let now = 1_700_000_000;
+        let code = |hours: f64| {
+            let last = verified(0.2, now - (hours * 3_600.0) as i64);
+            expiry_warning(&last, now, DEMANDS).map(|reason| reason.code.into_owned())
+        };
+        assert_eq!([code(21.5), code(24.1)], [None, None]);
+        assert_eq!([code(21.7), code(23.9)].map(|code| code.expect("soon")), ["verification_ends"; 2]);
+        let strike = Strike { by: "A. Smith".to_owned(), why: "another board".to_owned(), at_unix_s: now };
+        let struck = Verification { struck: Some(strike), ..verified(0.2, now - 23 * 3_600) };
+        assert_eq!(expiry_warning(&struck, now, DEMANDS), None);
+    }
+
+    #[test]
+    fn a_cycle_starts_only_on_a_fresh_and_good_verification() {
+        let now = 1_700_000_000;
+        let judge = |last: Option<Verification>, hash: &str| health("scanner", last.as_ref(), hash, now, DEMANDS);
+        assert_eq!(judge(Some(verified(0.2, now - 3600)), "ab").verdict, Verdict::Accept);
+        let strike = Strike { by: "A. Smith".to_owned(), why: "another board".to_owned(), at_unix_s: now };
+        let struck = Verification { struck: Some(strike), ..verified(0.2, now - 60) };
+        for (last, hash, code) in [
+            (None, "ab", "not_verified"),
+            (Some(struck), "ab", "verification_struck"),
+            (Some(verified(0.2, now - 25 * 3600)), "ab", "verification_old"),
+            (Some(verified(0.2, now + 60)), "ab", "verification_ahead"),
+            (Some(verified(0.6, now - 60)), "ab", "verification_limit"),
+            (Some(verified(f64::NAN, now - 60)), "ab", "verification_limit"),
+            (Some(verified(0.2, now - 60)), "cd", "verification_other"),
+        ] {
+            let judged = judge(last, hash);
+            assert_eq!(judged.verdict, Verdict::Reject);
+            assert!(judged.reasons.iter().any(|reason| reason.code == code), "{code}: {judged:?}");
+            assert!(
+                judged.reasons.iter().all(|reason| reason.message.contains("verify") || code.ends_with("ahead"))
+            );
+        }
+    }
+
+    /// Calculated by hand, a board of 5 × 4 corners and squares of 40 mm: its middle is 100 mm from its first
+    /// corner; 40 mm and 2 % are 40.8 mm. Each limit is tested on both sides.
+    #[test]
+    fn a_look_that_cannot_be_the_board_is_distinguished_from_a_bumped_camera() {
+        let board = Board::parse("5x4", 40.0).expect("a board");
+        let known: Rigid<Base, BoardFrame> =
+            Rigid::from_isometry_unchecked(Isometry3::translation(500.0, 0.0, 0.0));
+        let look = |x_mm: f64, turn_deg: f64, pnp_rms_px: f64, measured_square_mm: Option<f64>| {
+            let middle = Isometry3::translation(80.0, 60.0, 0.0);
+            let turned = middle * Isometry3::rotation(Vector3::z() * turn_deg.to_radians()) * middle.inverse();
+            let base_from_board =
+                Rigid::from_isometry_unchecked(Isometry3::translation(500.0 + x_mm, 0.0, 0.0) * turned);
+            uninformative_measurement(
+                &known,
+                &BoardMeasurement { base_from_board, pnp_rms_px, measured_square_mm },
+                &board,
+            )
+        };
+        for (kept, refused, words) in [
+            (look(99.0, 0.0, 0.1, None), look(101.0, 0.0, 0.1, None), "101 mm from its expected position"),
+            (look(0.0, 19.0, 0.1, None), look(0.0, 21.0, 0.1, None), "turned by 21°"),
+            (look(0.0, 0.0, 0.9, None), look(0.0, 0.0, 1.1, None), "1.10 px rms"),
+            (look(0.0, 0.0, 0.1, Some(40.7)), look(0.0, 0.0, 0.1, Some(40.9)), "squares of 40.90 mm"),
+            (look(0.0, 0.0, 0.1, Some(39.3)), look(f64::NAN, 0.0, 0.1, None), "unknown mm"),
+        ] {
+            let reason = refused.expect(words);
+            assert!(kept.is_none(), "{words}: {kept:?}");
+            assert!(reason.code == "implausible" && reason.message.contains(words), "{reason:?}");
+        }
+    }
+
+    /// Calculated by hand: corners of a board with squares of 40 mm that were touched 0.5 % farther apart state
+    /// 40.2 mm.
+    #[test]
+    fn touched_corners_state_the_squares_size() {
+        let board = Board::parse("5x4", 40.0).expect("a board");
+        let corners = [[0.0, 0.0], [160.0, 0.0], [160.0, 120.0]];
+        let touched = corners.map(|[x, y]| (Point::at(x, y, 0.0), Point::at(500.0 + 1.005 * x, 1.005 * y, 100.0)));
+        let square_mm = square_size_from_touches(&board, &touched).expect("three corners");
+        assert!((square_mm - 40.2).abs() < 1e-9, "{square_mm}");
+        assert_eq!(square_size_from_touches(&board, &touched[..1]), None);
+    }
+
+    /// Calculated by hand: with a board that is turned by 0.01 rad about its origin, a corner 100 mm away has an
+    /// error of 1 mm.
+    #[test]
+    fn the_farthest_corner_counts() {
+        let known: Rigid<Base, BoardFrame> =
+            Rigid::from_isometry_unchecked(Isometry3::translation(500.0, 0.0, 0.0));
+        let found = known * Rigid::from_isometry_unchecked(Isometry3::rotation(Vector3::z() * 0.01));
+        let corners = [[0.0, 0.0], [100.0, 0.0], [0.0, 60.0]].map(|[x, y]| Point::at(x, y, 0.0));
+        assert!((distance_mm(&known, &found, &corners) - 1.0).abs() < 1e-4);
+    }
+}

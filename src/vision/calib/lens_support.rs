@@ -1,0 +1,122 @@
+//! The part of the picture that the data support: the pixels at which the lens is known to a stated error.
+//!
+//! C is the lens's covariance, J the derivative of a pixel with respect to the lens, and Jp that with respect to the
+//! pose of a board. A lens error δ makes a board appear displaced, and a pose compensates a part of that: P δ, by
+//! least squares over the corners that were used. The remainder, (J − Jp P) δ, cannot be compensated later; its 95 %
+//! circle is the error of the lens at that pixel. It grows from the centre of the corners outwards; the outline is the
+//! line at which it exceeds the limit.
+
+use super::adjust::scaled_inverse;
+use super::detect::Corners;
+use nalgebra::{Matrix2, Matrix6, SMatrix};
+use panelprep_base::geometry::{Camera, PinholeCamera, Pixel, Point, polygon};
+use panelprep_cell::cell::LensCovariance;
+
+/// The part of the picture in which a lens is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LensSupport {
+    /// The error for which the support is stated, 95 %, px.
+    pub error_px: f64,
+    /// The outline of the part in which the lens is known to this error; `None` for the whole picture.
+    pub outline_px: Option<Vec<Pixel>>,
+    /// The part's share of the picture.
+    pub share: f64,
+}
+
+/// The largest allowed error of the lens, 95 %, px.
+pub const SUPPORT_PX: f64 = 0.3;
+/// If the error is larger than [`SUPPORT_PX`] even in the middle of the corners, the stated error is this multiple of
+/// the error there; `MAX_PX` is its largest value, px.
+const MAX_RATIO_TO_MIDDLE: f64 = 1.5;
+const MAX_PX: f64 = 3.0;
+/// The 95 % quantile of χ² with two degrees of freedom.
+const CIRCLE_95: f64 = 5.991;
+const DIRECTIONS: usize = 48;
+const STEPS: usize = 60;
+/// The largest number of corners to which the pose is fitted.
+const CORNERS: usize = 2000;
+
+/// Returns the part in which a lens with this covariance is known.
+pub(super) fn compute_support(
+    camera: &PinholeCamera,
+    covariance: &LensCovariance,
+    views: &[&Corners],
+) -> LensSupport {
+    let nowhere = LensSupport { error_px: SUPPORT_PX, outline_px: Some(Vec::new()), share: 0.0 };
+    let pixels: Vec<Pixel> = views.iter().flat_map(|corners| corners.iter().map(|(_, pixel)| *pixel)).collect();
+    let Some(follow) = pose_jacobian(camera, &pixels) else { return nowhere };
+    let error_at = |pixel: Pixel| error_px(camera, covariance, &follow, pixel).unwrap_or(f64::INFINITY);
+    let count = pixels.len().max(1) as f64;
+    let middle = Pixel::at(
+        pixels.iter().map(|pixel| pixel.u).sum::<f64>() / count,
+        pixels.iter().map(|pixel| pixel.v).sum::<f64>() / count,
+    );
+    // If the error is larger than the limit even in the middle, the stated part is the one in which the error is
+    // hardly larger than there.
+    let allowed_px = SUPPORT_PX.max(MAX_RATIO_TO_MIDDLE * error_at(middle));
+    if allowed_px.is_nan() || allowed_px > MAX_PX {
+        return nowhere;
+    }
+    let is_known = |pixel: Pixel| error_at(pixel) <= allowed_px;
+    let (right, low) = (camera.width_px as f64 - 1.0, camera.height_px as f64 - 1.0);
+    let mut is_whole = true;
+    let outline = (0..DIRECTIONS).map(|direction| {
+        let turn = std::f64::consts::TAU * direction as f64 / DIRECTIONS as f64;
+        let at = |length: f64| Pixel::at(middle.u + turn.cos() * length, middle.v + turn.sin() * length);
+        let length = distance_to_rim_px(middle, turn, (right, low));
+        let unknown = (1..=STEPS).find(|index| !is_known(at(length * *index as f64 / STEPS as f64)));
+        is_whole &= unknown.is_none();
+        at(length * (unknown.unwrap_or(STEPS + 1) - 1) as f64 / STEPS as f64)
+    });
+    let outline: Vec<Pixel> = outline.collect();
+    let corners = [(0.0, 0.0), (right, 0.0), (right, low), (0.0, low)].map(|(u, v)| Pixel::at(u, v));
+    if is_whole && corners.into_iter().all(is_known) {
+        return LensSupport { error_px: allowed_px, outline_px: None, share: 1.0 };
+    }
+    let share = polygon::signed_area_px2(&outline).abs() / (right * low);
+    LensSupport { error_px: allowed_px, outline_px: Some(outline), share }
+}
+
+/// Returns the distance from a pixel to the picture's rim in a direction, px.
+fn distance_to_rim_px(from: Pixel, turn: f64, (right, low): (f64, f64)) -> f64 {
+    let reach = |at: f64, along: f64, end: f64| match along {
+        along if along > 1e-9 => (end - at) / along,
+        along if along < -1e-9 => -at / along,
+        _ => f64::INFINITY,
+    };
+    reach(from.u, turn.cos(), right).min(reach(from.v, turn.sin(), low)).max(0.0)
+}
+
+/// Returns P, the derivative of a board's pose with respect to the lens.
+fn pose_jacobian(camera: &PinholeCamera, pixels: &[Pixel]) -> Option<SMatrix<f64, 6, 9>> {
+    let (mut pose, mut cross) = (Matrix6::zeros(), SMatrix::<f64, 6, 9>::zeros());
+    for pixel in pixels.iter().step_by(pixels.len().div_ceil(CORNERS).max(1)) {
+        let (by_lens, by_pose) = pixel_jacobians(camera, *pixel)?;
+        pose += by_pose.transpose() * by_pose;
+        cross += by_pose.transpose() * by_lens;
+    }
+    Some(scaled_inverse(&pose)? * cross)
+}
+
+/// Returns the derivatives of the pixel with respect to the lens and to the pose of an object at unit distance.
+fn pixel_jacobians(camera: &PinholeCamera, pixel: Pixel) -> Option<(SMatrix<f64, 2, 9>, SMatrix<f64, 2, 6>)> {
+    let ray: panelprep_base::geometry::Vector<Camera> = camera.unproject(pixel)?;
+    let point = Point::<Camera>::new(ray.mm.into());
+    let (_, slope) = camera.project_with_jacobian(point)?;
+    let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
+    by_pose.fixed_columns_mut::<3>(0).copy_from(&(-slope * ray.mm.cross_matrix()));
+    by_pose.fixed_columns_mut::<3>(3).copy_from(&slope);
+    Some((camera.lens_slope(point)?, by_pose))
+}
+
+fn error_px(
+    camera: &PinholeCamera,
+    covariance: &LensCovariance,
+    follow: &SMatrix<f64, 6, 9>,
+    pixel: Pixel,
+) -> Option<f64> {
+    let (by_lens, by_pose) = pixel_jacobians(camera, pixel)?;
+    let left = by_lens - by_pose * follow;
+    let spread: Matrix2<f64> = left * covariance * left.transpose();
+    Some((CIRCLE_95 * spread.symmetric_eigenvalues().max()).sqrt())
+}

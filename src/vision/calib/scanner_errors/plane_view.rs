@@ -1,0 +1,256 @@
+//! A scan of the flat board, reduced to blocks, each with a robust mean of 1/z and the deviation of a pixel from
+//! it.
+
+use super::super::board::{Board, Corners};
+use super::super::chain::BoardObservation;
+use super::super::detect;
+use super::super::error::CalibError;
+use super::super::pose::board_pose;
+use super::block::Block;
+use super::plane;
+use nalgebra::{DMatrix, Vector3};
+use panelprep_base::geometry::statistics::SIGMA_OF_MEDIAN;
+use panelprep_base::geometry::{
+    Camera, DepthField, OrganizedCloud, PinholeCamera, Point, REFERENCE_DEPTH_MM, median_in_place,
+};
+use panelprep_base::number_text::fixed_decimals;
+use std::collections::BTreeMap;
+
+/// Number of blocks along each side of the board.
+const BLOCKS: usize = 16;
+/// This share of the outer squares counts as board, too.
+const OUTER_SQUARE_SHARE: f64 = 0.8;
+/// A point whose distance from the board's pose is larger than this share of the depth belongs to another object.
+const MAX_DEPTH_DEVIATION_SHARE: f64 = 0.02;
+/// Maximum difference of the squares' size as the 3D camera measures it from the board's, as a share. With a larger
+/// one the board's pose from the picture would lie beside the measured points.
+const SQUARE_SHARE: f64 = 0.01;
+/// Minimum number of points in a block, as a share of the usual number.
+const MIN_FILLED_SHARE: f64 = 0.3;
+/// The number of filled blocks that the board needs.
+const MIN_BLOCKS: usize = 40;
+
+/// A scan that shows the board.
+pub struct BoardScan<'a> {
+    /// Its points.
+    pub cloud: &'a OrganizedCloud<Camera>,
+    /// Its camera.
+    pub camera: &'a PinholeCamera,
+    /// The board.
+    pub board: &'a Board,
+    /// The board's corners in the scan's picture.
+    pub corners: &'a Corners,
+}
+
+/// A scan as blocks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlaneView {
+    /// The blocks with enough points.
+    pub blocks: Vec<Block>,
+    /// White noise of a pixel at the reference depth, mm.
+    pub white_mm: f64,
+    /// Depth of the board's middle, mm.
+    pub depth_mm: f64,
+    /// The board's rotation in its plane, degrees.
+    pub turn_deg: f64,
+    /// Half of the board's diagonal, mm.
+    pub half_diagonal_mm: f64,
+    corners: Vec<([f64; 2], Point<Camera>)>,
+}
+
+/// A point on the board.
+struct Sample {
+    direction: [f64; 2],
+    position_mm: [f64; 2],
+    per_depth: f64,
+    block: usize,
+}
+
+impl PlaneView {
+    /// Returns the blocks of a scan.
+    ///
+    /// # Errors
+    /// If the corners give no pose, or the board has too few points.
+    pub fn from_scan(scan: &BoardScan<'_>) -> Result<Self, CalibError> {
+        let pose = board_pose::<Camera>(scan.camera, &BoardObservation::Pixels(scan.corners.clone()))?;
+        let middle = scan.board.centre();
+        let seen = detect::measured(scan.cloud, scan.camera, scan.corners);
+        let differs = |measured_mm: f64| (measured_mm / scan.board.square_mm() - 1.0).abs();
+        if let Some(measured_mm) = seen.square_mm(scan.board)
+            && (differs(measured_mm).is_nan() || differs(measured_mm) > SQUARE_SHARE)
+        {
+            return Err(CalibError::Points(format!(
+                "the 3D camera measures squares of {} mm, but --square-mm states {} mm, a difference of more than \
+                 {} %: measure the board over many squares",
+                fixed_decimals(measured_mm, 2),
+                scan.board.square_mm(),
+                fixed_decimals(100.0 * SQUARE_SHARE, 0)
+            )));
+        }
+        let samples = samples(scan, &pose.camera_from_board);
+        let few = || {
+            CalibError::Points(
+                "too few points on the board in the scan; check the exposure, and look for glare on the board"
+                    .to_owned(),
+            )
+        };
+        let found = fit_robust_plane(&samples).ok_or_else(few)?;
+        let off_mm = |sample: &Sample| {
+            -(sample.per_depth - plane::value_at(&found, sample.direction)) / sample.per_depth.powi(2)
+        };
+        let mut by_block: Vec<Vec<&Sample>> = (0..BLOCKS * BLOCKS).map(|_| Vec::new()).collect();
+        samples.iter().for_each(|sample| by_block[sample.block].push(sample));
+        let mut counts: Vec<f64> =
+            by_block.iter().filter(|all| !all.is_empty()).map(|all| all.len() as f64).collect();
+        let usual = median_in_place(&mut counts).ok_or_else(few)?;
+        let filled = by_block.iter().filter(|all| all.len() as f64 >= MIN_FILLED_SHARE * usual && all.len() > 4);
+        let (mut blocks, mut apart) = (Vec::new(), Vec::new());
+        for all in filled {
+            let mut off: Vec<f64> = all.iter().map(|sample| off_mm(sample)).collect();
+            let Some(middle_mm) = median_in_place(&mut off) else { continue };
+            let mean = |value: fn(&Sample) -> f64| all.iter().map(|one| value(one)).sum::<f64>() / all.len() as f64;
+            let direction = [mean(|one| one.direction[0]), mean(|one| one.direction[1])];
+            let on_plane = plane::value_at(&found, direction);
+            apart.extend(
+                all.iter()
+                    .map(|one| (off_mm(one) - middle_mm).abs() * (one.per_depth * REFERENCE_DEPTH_MM).powi(2)),
+            );
+            blocks.push(Block {
+                direction,
+                position_mm: [mean(|one| one.position_mm[0]), mean(|one| one.position_mm[1])],
+                per_depth: on_plane - middle_mm * on_plane * on_plane,
+            });
+        }
+        if blocks.len() < MIN_BLOCKS {
+            return Err(few());
+        }
+        let white_mm = SIGMA_OF_MEDIAN * median_in_place(&mut apart).ok_or_else(few)?;
+        let turn = pose.camera_from_board.rotation();
+        let corners = match detect::measured(scan.cloud, scan.camera, scan.corners) {
+            BoardObservation::Points(points) => {
+                points.into_iter().map(|(at, point)| ([at.mm.x, at.mm.y], point)).collect()
+            }
+            BoardObservation::Pixels(_) => Vec::new(),
+        };
+        let first = scan.board.corner(0, 0).unwrap_or(middle);
+        Ok(PlaneView {
+            blocks,
+            white_mm,
+            depth_mm: (pose.camera_from_board * middle).mm.z,
+            turn_deg: turn.matrix()[(1, 0)].atan2(turn.matrix()[(0, 0)]).to_degrees(),
+            half_diagonal_mm: (first - middle).mm.norm(),
+            corners,
+        })
+    }
+
+    /// Returns the measured corners relative to their mean, mm, and the mean.
+    fn centred_corners(&self, field: Option<&DepthField>) -> (Vec<Vector3<f64>>, Vector3<f64>) {
+        let corrected = |point: &Point<Camera>| field.map_or(*point, |field| field.corrected_point(*point));
+        let measured: Vec<Vector3<f64>> =
+            self.corners.iter().map(|(_, point)| corrected(point).mm.coords).collect();
+        let mean = measured.iter().sum::<Vector3<f64>>() / measured.len() as f64;
+        (measured.iter().map(|point| point - mean).collect(), mean)
+    }
+
+    /// Returns the ratio of measured to printed distances between corners, minus one, percent.
+    pub fn scale_percent(&self, field: Option<&DepthField>) -> f64 {
+        let count = self.corners.len() as f64;
+        let spread: f64 = self.centred_corners(field).0.iter().map(Vector3::norm_squared).sum();
+        let middle = [0, 1].map(|axis| self.corners.iter().map(|(at, _)| at[axis]).sum::<f64>() / count);
+        let printed: f64 =
+            self.corners.iter().map(|(at, _)| (at[0] - middle[0]).powi(2) + (at[1] - middle[1]).powi(2)).sum();
+        100.0 * ((spread / printed).sqrt() - 1.0)
+    }
+
+    /// Returns the derivative of this scan's scale by each corner's depth, 1/mm. With the corners r relative to
+    /// their mean and their rays d, depth errors e change the scale by Σ e (r · d) / Σ |r|².
+    fn scale_depth_gradient(&self) -> impl Iterator<Item = (&[f64; 2], Vector3<f64>, f64)> {
+        let (about, mean) = self.centred_corners(None);
+        let squares: f64 = about.iter().map(Vector3::norm_squared).sum();
+        self.corners.iter().zip(about).map(move |((printed, _), from_mean)| {
+            let point = mean + from_mean;
+            (printed, point, from_mean.dot(&(point / point.z)) / squares)
+        })
+    }
+
+    /// Returns the change of this scan's scale by a depth error of this form over the directions, percent for each
+    /// mm at the reference depth.
+    pub fn scale_change_percent(&self, form: impl Fn([f64; 2]) -> f64) -> f64 {
+        let of = |point: Vector3<f64>| {
+            form([point.x / point.z, point.y / point.z]) * (point.z / REFERENCE_DEPTH_MM).powi(2)
+        };
+        100.0 * self.scale_depth_gradient().map(|(_, point, part)| of(point) * part).sum::<f64>()
+    }
+
+    /// Returns the variance of this scan's scale that its smooth error and the corners' own errors explain, squared
+    /// percent: corners in one square of the side `correlation_mm` share one depth error.
+    pub fn scale_variance(&self, deviation_mm: f64, correlation_mm: f64) -> f64 {
+        let mut cells: BTreeMap<[i64; 2], f64> = BTreeMap::new();
+        for (printed, _, part) in self.scale_depth_gradient() {
+            *cells.entry(printed.map(|mm| (mm / correlation_mm).floor() as i64)).or_default() += part;
+        }
+        let by_depth = deviation_mm.powi(2) * cells.values().map(|part| part * part).sum::<f64>();
+        100.0_f64.powi(2) * (by_depth + self.scale_variance_from_corners().unwrap_or(0.0))
+    }
+
+    /// Returns the variance of the scale that independent errors of the corners cause. An affine map from the printed
+    /// corners to the measured ones leaves a remainder in their plane. The result is the variance of each coordinate
+    /// of this remainder divided by Σ |r|². The corners are not corrected, so that a bend counts here, too: the part
+    /// that a correction misses differs from position to position, and would be mistaken for a scale that differs from
+    /// scan to scan.
+    fn scale_variance_from_corners(&self) -> Option<f64> {
+        let (about, _) = self.centred_corners(None);
+        let printed = DMatrix::from_fn(about.len(), 3, |row, column| match column {
+            2 => 1.0,
+            axis => self.corners[row].0[axis],
+        });
+        let measured = DMatrix::from_fn(about.len(), 3, |row, axis| about[row][axis]);
+        let map = (printed.transpose() * &printed).try_inverse()? * printed.transpose() * &measured;
+        let axis = |row: usize| Vector3::new(map[(row, 0)], map[(row, 1)], map[(row, 2)]);
+        let normal = axis(0).cross(&axis(1)).try_normalize(f64::MIN_POSITIVE)?;
+        let left = measured - printed * map;
+        let in_plane = left.row_iter().map(|row| {
+            let left = Vector3::new(row[0], row[1], row[2]);
+            left.norm_squared() - left.dot(&normal).powi(2)
+        });
+        let free = (2 * about.len()).checked_sub(6).filter(|free| *free > 0)?;
+        let squares: f64 = about.iter().map(Vector3::norm_squared).sum();
+        Some(in_plane.sum::<f64>() / free as f64 / squares)
+    }
+}
+
+fn samples(
+    scan: &BoardScan<'_>,
+    camera_from_board: &panelprep_base::geometry::Rigid<Camera, panelprep_base::geometry::Board>,
+) -> Vec<Sample> {
+    let (board, middle) = (scan.board, scan.board.centre().mm);
+    let board_from_camera = camera_from_board.inverse();
+    let outer_mm = OUTER_SQUARE_SHARE * board.square_mm();
+    let least = [-outer_mm, -outer_mm];
+    let span = [board.columns(), board.rows()].map(|count| (count - 1) as f64 * board.square_mm() + 2.0 * outer_mm);
+    let sample = |point: Point<Camera>| {
+        let on = (board_from_camera * point).mm;
+        let share = [(on.x - least[0]) / span[0], (on.y - least[1]) / span[1]];
+        let inside = share.iter().all(|share| (0.0..1.0).contains(share))
+            && on.z.abs() < MAX_DEPTH_DEVIATION_SHARE * point.mm.z;
+        inside.then(|| Sample {
+            direction: [point.mm.x / point.mm.z, point.mm.y / point.mm.z],
+            position_mm: [on.x - middle.x, on.y - middle.y],
+            per_depth: 1.0 / point.mm.z,
+            block: (share[1] * BLOCKS as f64) as usize * BLOCKS + (share[0] * BLOCKS as f64) as usize,
+        })
+    };
+    scan.cloud.valid_points().filter_map(|(_, point)| sample(point)).collect()
+}
+
+/// Returns the plane through most of the points.
+fn fit_robust_plane(samples: &[Sample]) -> Option<Vector3<f64>> {
+    let all = || samples.iter().map(|one| (one.direction, one.per_depth));
+    let mut found = plane::fit(all())?;
+    for _ in 0..2 {
+        let off = |(direction, per_depth): ([f64; 2], f64)| (per_depth - plane::value_at(&found, direction)).abs();
+        let most = 4.0 * SIGMA_OF_MEDIAN * median_in_place(&mut all().map(off).collect::<Vec<f64>>())?;
+        found = plane::fit(all().filter(|one| off(*one) <= most))?;
+    }
+    Some(found)
+}

@@ -1,0 +1,437 @@
+//! Determines the broken places from the pixels that look bare, after the film has ended; also determines which places
+//! cannot be judged.
+//!
+//! Pixels that looked bare at the end, but for less than the required time, belong to the break that they touch. A
+//! break is equally bare over its whole area, and the film around it differs from it. A glint that does not move has a
+//! bell-shaped brightness, and equals a bare place only on a ring. The edge of a reflection runs from film to bare and
+//! beyond. A film that happens to look bare has no rim. Places with these signs of a glint, a reflection or such a
+//! film count as not seen, unless they closed again soon and moved on. A place moves on by itself or, if it is smaller
+//! than a break, together with the places beside it. A small wet place within a break is a bead of water on grease and
+//! not a film; it belongs to the break.
+
+use super::film::NOT_BROKEN;
+use super::footprint::Window;
+use super::model::{FILM_ASSUMED, FILM_POWER, Model, REFLECTION_TIME_S};
+use panelprep_base::geometry::{ALL_NEIGHBOURS, DIRECT_NEIGHBOURS};
+use std::collections::{BTreeSet, VecDeque};
+use std::f64::consts::PI;
+
+/// A piece with fewer connected pixels is noise.
+const MIN_PIECE_PX: usize = 4;
+/// The brightness of the inner part of a break varies by at most this fraction of the brightness that the film takes
+/// away, from its first quarter to its last. Glints and edges of reflections vary by more (`make bench-inspect`).
+const MAX_UNEVEN: f32 = 0.14;
+/// Noise alone makes the brightness of an even place vary by 1.35 σ from its first quarter to its last; with few
+/// pixels it varies by this many σ.
+const NOISE_SPREAD: f32 = 1.8;
+/// The pixels of a disc that touch its outside form a rim of this width, px.
+const RIM_PX: f64 = 0.9;
+/// An inner part with fewer pixels is too small to judge its evenness.
+const MIN_CORE_PX: usize = 9;
+/// A place lies along a reflection if at least this fraction of the pixels around it is brighter than any bare place.
+/// Around breaks, which have rims that mirror lamps, at most 0.12 was found in rendered films.
+const MIN_REFLECTION_SHARE: f64 = 0.25;
+/// At least this fraction of the film around a break must be distinguishable from a bare place. The film around a
+/// break lies up to `SURROUNDING_DISTANCE_PX` from the break, px: beyond the wedge of water at a rim.
+const MIN_DISTINGUISHABLE_SHARE: f64 = 0.6;
+/// A pixel of a place became film if it is as bright as at least this fraction of the film pixels around the place,
+/// and if it would be a break relative to less than this fraction of them …
+const MIN_SIMILAR_SHARE_AROUND: f64 = 0.35;
+/// … and if at least this fraction of the place's pixels meets both conditions: the rest is the blurred rim of the
+/// place.
+const MAX_CONDITION_SHARE: f64 = 0.6;
+/// A place without a dry look broke if its brightness changed by at least this fraction of the change by the faintest
+/// break; a smaller change is not certain.
+const FAINTEST_SHARE: f64 = 0.7;
+const SURROUNDING_DISTANCE_PX: usize = 3;
+
+/// The sizes of glints, beads and breaks.
+#[derive(Debug, Clone, Copy)]
+pub struct FeatureSizes {
+    /// The largest glint, px.
+    pub glint_px: usize,
+    /// The largest bead, px.
+    pub bead_px: usize,
+    /// The smallest break that makes a grid fail, px.
+    pub break_px: usize,
+}
+
+/// The observations of the window's pixels, except the times at which the pixels broke.
+pub trait PixelObservations {
+    /// Time since which a pixel that did not break has looked bare, s.
+    fn bare_since_s(&self, index: usize) -> Option<f32>;
+    /// Time for which a pixel that broke was open, s, if the film closed again.
+    fn open_time_s(&self, index: usize) -> Option<f32>;
+    /// The pixel's mean brightness while it looked bare, relative to its dry brightness; for a place without a dry
+    /// look, relative to its film's brightness.
+    fn bare_brightness_ratio(&self, index: usize) -> f32;
+    /// The brightness of the pixel's film, relative to the same reference as `bare_brightness_ratio`.
+    fn film_brightness_ratio(&self, index: usize) -> f32;
+    /// The standard deviation of `bare_brightness_ratio`, relative to the same reference.
+    fn noise(&self, index: usize) -> f32;
+    /// Returns whether the pixel's film is brighter than any bare place.
+    fn is_film_brighter(&self, index: usize) -> bool;
+    /// Returns whether the pixel's film differs enough from a bare place.
+    fn has_contrast(&self, index: usize) -> bool;
+    /// The time for which a place must look bare to count as broken, s.
+    fn persist_s(&self) -> f32;
+    /// The longest time between two pictures, s.
+    fn longest_step_s(&self) -> f32;
+    /// Returns whether the pixel belongs to the region.
+    fn is_inside(&self, index: usize) -> bool;
+    /// Returns whether the pixel has no dry look of its own.
+    fn has_no_dry_brightness(&self, index: usize) -> bool;
+    /// The pixel's brightness while it looked bare, and its present brightness, grey levels, both in the light of the
+    /// first wet picture.
+    fn levels(&self, index: usize) -> [f32; 2];
+    /// The film's brightness at two neighbouring places differs by less than this fraction.
+    fn neighbour_tolerance(&self) -> f32;
+    /// The smallest and the largest brightness of a break on a place without a dry look, relative to the brightness of
+    /// its film; `None` if the range is not known.
+    fn break_ratio_range(&self) -> Option<[f32; 2]>;
+}
+
+/// The final result for each pixel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FinalMask {
+    /// Time at which each pixel broke, s; [`NOT_BROKEN`] if its film did not break.
+    pub broke_s: Vec<f32>,
+    /// Pixels for which it cannot be decided whether they broke: in `broke_s` they count as not broken.
+    pub unsure: Vec<usize>,
+}
+
+/// Determines the broken places from the pixels.
+pub fn determine_breaks(
+    window: &Window,
+    broke_s: Vec<f32>,
+    sizes: FeatureSizes,
+    seen: &impl PixelObservations,
+) -> FinalMask {
+    let mut broke_s = broke_s;
+    grow_breaks(window, &mut broke_s, |index| seen.bare_since_s(index));
+    let is_bead = fill_beads(window, &mut broke_s, sizes.bead_px, seen);
+    let pieces = window.raster().connected_pieces(&ALL_NEIGHBOURS, |i| broke_s[i] < NOT_BROKEN);
+    let mut unsure = Vec::new();
+    let all_s = broke_s.clone();
+    let mut short = Vec::new();
+    for piece in pieces {
+        let place = BarePlace { window, broke_s: &broke_s, is_bead: &is_bead, piece: &piece };
+        match place.classify(sizes.glint_px, seen) {
+            PlaceVerdict::Broke => continue,
+            PlaceVerdict::Passed => {}
+            // A place as large as a break is not judged together with others: its own times must show that it moves.
+            PlaceVerdict::Unsure if piece.len() < sizes.break_px && place.has_closed_quickly(seen) => {
+                short.extend_from_slice(&piece);
+            }
+            PlaceVerdict::Unsure => unsure.extend_from_slice(&piece),
+        }
+        // Passed or unsure: neither is a break. What is unsure is listed, so that its grid does not pass either.
+        piece.iter().for_each(|&i| broke_s[i] = NOT_BROKEN);
+    }
+    let short = BarePlace { window, broke_s: &all_s, is_bead: &is_bead, piece: &short };
+    for trail in short.group_trails(sizes.glint_px) {
+        if !(BarePlace { piece: &trail, ..short }).has_moved(seen) {
+            unsure.extend(trail);
+        }
+    }
+    unsure.sort_unstable();
+    FinalMask { broke_s, unsure }
+}
+
+/// Treats small wet places within a bare-looking place as beads that belong to it: they count as broken from the
+/// time at which their rim was complete.
+fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl PixelObservations) -> Vec<bool> {
+    let mut is_bead = vec![false; broke_s.len()];
+    for wet in window.raster().connected_pieces(&DIRECT_NEIGHBOURS, |i| broke_s[i] == NOT_BROKEN) {
+        // A bead within a break is water that drew back, not a film; left out, it would make the break look smaller.
+        let enclosed =
+            wet.len() <= bead_px && wet.iter().all(|&i| seen.is_inside(i) && !is_at_window_edge(window, i));
+        if enclosed {
+            let rim =
+                wet.iter().flat_map(|&i| window.raster().neighbours(i, &DIRECT_NEIGHBOURS)).map(|i| broke_s[i]);
+            let closed_in_s = rim.filter(|time_s| *time_s < NOT_BROKEN).fold(0.0, f32::max);
+            wet.iter().for_each(|&i| (broke_s[i], is_bead[i]) = (closed_in_s, true));
+        }
+    }
+    is_bead
+}
+
+/// The classification of a place that looks bare.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum PlaceVerdict {
+    Broke,
+    /// A glint passed over the place.
+    Passed,
+    Unsure,
+}
+
+/// A place that looks bare: a connected place, or the places of one trail.
+#[derive(Clone, Copy)]
+struct BarePlace<'a> {
+    window: &'a Window,
+    broke_s: &'a [f32],
+    is_bead: &'a [bool],
+    piece: &'a [usize],
+}
+
+impl BarePlace<'_> {
+    fn classify(&self, glint_px: usize, seen: &impl PixelObservations) -> PlaceVerdict {
+        let passed = self.piece.len() <= glint_px && self.has_moved(seen) || self.became_film(seen);
+        let unless_passed = if passed { PlaceVerdict::Passed } else { PlaceVerdict::Unsure };
+        if self.piece.len() < MIN_PIECE_PX {
+            return unless_passed;
+        }
+        let next = self.ring(1, |i| self.broke_s[i] == NOT_BROKEN);
+        let around = self.ring(SURROUNDING_DISTANCE_PX, |i| self.broke_s[i] == NOT_BROKEN && seen.is_inside(i));
+        let core = self.core_pixels();
+        let is_even =
+            spread(&core, seen).is_none_or(|spread| spread <= max_brightness_spread(&core, &around, seen));
+        // A break in a film that is itself bright does not count as lying along a reflection.
+        let is_along = share(&next, |i| seen.is_film_brighter(i)) >= MIN_REFLECTION_SHARE
+            && share(self.piece, |i| seen.is_film_brighter(i)) < MIN_REFLECTION_SHARE;
+        let is_told = share(&around, |i| seen.has_contrast(i)) >= MIN_DISTINGUISHABLE_SHARE;
+        let is_break = is_compact(self.piece.len(), core.len())
+            && is_even
+            && !is_along
+            && is_told
+            && self.is_contrast_plausible(seen);
+        // With a small core the evenness carries little information; then motion decides.
+        if is_break && !(passed && core.len() < MIN_CORE_PX) { PlaceVerdict::Broke } else { unless_passed }
+    }
+
+    /// Checks whether the place that looked bare moved on. A break is open over its whole area at one time. If a glint
+    /// passed, the first part is film again before the glint reaches the last part.
+    fn has_moved(&self, seen: &impl PixelObservations) -> bool {
+        let own = || self.piece.iter().copied().filter(|&i| !self.is_bead[i]);
+        let mut since_s: Vec<f32> = own().map(|i| self.broke_s[i]).collect();
+        let until_s: Option<Vec<f32>> = own().map(|i| Some(self.broke_s[i] + seen.open_time_s(i)?)).collect();
+        let Some(mut until_s) = until_s.filter(|until_s| !until_s.is_empty()) else { return false };
+        // Tenths instead of the extremes, since a few pixels of the blurred rim open and close at other times.
+        since_s.sort_by(f32::total_cmp);
+        until_s.sort_by(f32::total_cmp);
+        // Closing is detected as late as opening: a run must return to zero, which takes one picture less than the
+        // time that the run represents. The place may have closed up to one picture later than the run states.
+        let closed_s = until_s[until_s.len() / 10] - seen.persist_s() + 2.0 * seen.longest_step_s();
+        since_s[since_s.len() - 1 - since_s.len() / 10] > closed_s
+    }
+
+    /// Groups this place into parts that one moving reflection may have left. Such a reflection looks bare at some
+    /// positions on its path, and no single position shows that it moves. Parts within twice the largest glint's
+    /// diameter of one another are judged together.
+    fn group_trails(&self, glint_px: usize) -> Vec<Vec<usize>> {
+        let diameter_px = 2.0 * (glint_px as f64 / PI).sqrt();
+        let own: BTreeSet<usize> = self.piece.iter().copied().collect();
+        let mut near = own.clone();
+        near.extend(self.ring(diameter_px as usize, |_| true));
+        let trails = self.window.raster().connected_pieces(&ALL_NEIGHBOURS, |i| near.contains(&i));
+        trails.into_iter().map(|trail| trail.into_iter().filter(|i| own.contains(i)).collect()).collect()
+    }
+
+    /// Checks whether each pixel of the place became film again within the time in which reflections move on.
+    fn has_closed_quickly(&self, seen: &impl PixelObservations) -> bool {
+        let mut own = self.piece.iter().filter(|&&i| !self.is_bead[i]);
+        own.all(|&i| seen.open_time_s(i).is_some_and(|open_s| f64::from(open_s) <= REFLECTION_TIME_S))
+    }
+
+    /// Checks whether a place without a dry look of its own became as bright as the film around it. This happens if a
+    /// glint lay on the place while its wet look was learnt, or the water reached the place later. A break differs
+    /// from the film around it. Along an edge of a sanded area only the film on one side is as bright, and the place
+    /// must not look like a break of the film on the other side.
+    fn became_film(&self, seen: &impl PixelObservations) -> bool {
+        let of_film =
+            |i: usize| self.broke_s[i] == NOT_BROKEN && seen.is_inside(i) && seen.has_no_dry_brightness(i);
+        let around = self.ring(SURROUNDING_DISTANCE_PX, of_film);
+        let own: Vec<usize> = self.piece.iter().copied().filter(|&i| !self.is_bead[i]).collect();
+        if !own.iter().all(|&i| seen.has_no_dry_brightness(i)) || around.len() < MIN_CORE_PX {
+            return false;
+        }
+        let films: Vec<f32> = around.iter().map(|&i| seen.levels(i)[1]).collect();
+        let share_of = |holds: &dyn Fn(f32) -> bool| {
+            films.iter().filter(|&&film| holds(film)).count() as f64 / films.len() as f64
+        };
+        // Each pixel is compared individually: the mean of a break over two kinds of film matches neither film.
+        let is_film = |i: usize| {
+            let [bare, now] = seen.levels(i);
+            // A pixel that has not returned to its film's look is compared in the last picture: there it has the same
+            // light as the film around it.
+            let look = if seen.open_time_s(i).is_none() { now } else { bare };
+            let is_break_of = |film: f32| {
+                seen.break_ratio_range().is_none_or(|[least, most]| (least..=most).contains(&(look / film)))
+            };
+            share_of(&|film| (look - film).abs() <= seen.neighbour_tolerance() * film) >= MIN_SIMILAR_SHARE_AROUND
+                && share_of(&is_break_of) < MIN_SIMILAR_SHARE_AROUND
+        };
+        share(&own, is_film) >= MAX_CONDITION_SHARE
+    }
+
+    /// Checks whether the place differs from its own film as a break does; only pixels without a dry look are
+    /// compared.
+    fn is_contrast_plausible(&self, seen: &impl PixelObservations) -> bool {
+        let own = self.piece.iter().copied().filter(|&i| seen.has_no_dry_brightness(i) && !self.is_bead[i]);
+        let shares: Vec<f32> = own.map(|i| seen.bare_brightness_ratio(i)).collect();
+        let mean = shares.iter().sum::<f32>() / shares.len().max(1) as f32;
+        let within = |[least, most]: [f32; 2]| least <= mean && mean <= most;
+        shares.is_empty() || seen.break_ratio_range().is_some_and(within)
+    }
+
+    /// Returns the pixels within a distance around the place for which `counts` is true.
+    fn ring(&self, away_px: usize, counts: impl Fn(usize) -> bool) -> Vec<usize> {
+        let inner: BTreeSet<usize> = self.piece.iter().copied().collect();
+        let (mut reached, mut rim) = (inner.clone(), self.piece.to_vec());
+        for _ in 0..away_px {
+            let raster = self.window.raster();
+            let next: Vec<usize> = rim.iter().flat_map(|&i| raster.neighbours(i, &ALL_NEIGHBOURS)).collect();
+            rim = next.into_iter().filter(|&i| reached.insert(i)).collect();
+        }
+        reached.into_iter().filter(|i| !inner.contains(i) && counts(*i)).collect()
+    }
+
+    /// Returns the pixels of the place that are not at its rim and are not beads.
+    fn core_pixels(&self) -> Vec<usize> {
+        let is_inner = |&i: &usize| {
+            self.window.raster().neighbours(i, &DIRECT_NEIGHBOURS).all(|next| self.broke_s[next] < NOT_BROKEN)
+        };
+        self.piece.iter().copied().filter(is_inner).filter(|&i| !self.is_bead[i]).collect()
+    }
+}
+
+/// Returns the permitted variation of brightness between the first and the last quarter of a break's inner part,
+/// calculated from the film around the break and the noise.
+fn max_brightness_spread(core: &[usize], around: &[usize], seen: &impl PixelObservations) -> f32 {
+    let mean = |pixels: &[usize], of: &dyn Fn(usize) -> f32| {
+        pixels.iter().map(|&i| of(i)).sum::<f32>() / pixels.len().max(1) as f32
+    };
+    let bare = mean(core, &|i| seen.bare_brightness_ratio(i));
+    let film = mean(around, &|i| seen.film_brightness_ratio(i));
+    (MAX_UNEVEN * (bare - film)).hypot(NOISE_SPREAD * mean(core, &|i| seen.noise(i)))
+}
+
+/// The variation of the pixels' brightness from the first quarter to the last; `None` for few pixels.
+fn spread(core: &[usize], seen: &impl PixelObservations) -> Option<f32> {
+    let mut looks: Vec<f32> = core.iter().map(|&i| seen.bare_brightness_ratio(i)).collect();
+    looks.sort_by(f32::total_cmp);
+    (looks.len() >= MIN_CORE_PX).then(|| looks[looks.len() - 1 - looks.len() / 4] - looks[looks.len() / 4])
+}
+
+/// Returns whether a place has at least half of the inner part of a disc of its size. A trail and the edge of a
+/// reflection are thin.
+fn is_compact(size_px: usize, core_px: usize) -> bool {
+    let radius_px = (size_px as f64 / PI).sqrt();
+    core_px as f64 >= PI * (radius_px - RIM_PX).max(0.0).powi(2) / 2.0
+}
+
+/// Returns the fraction of the pixels for which `holds` is true; 1 if there are no pixels.
+fn share(pixels: &[usize], holds: impl Fn(usize) -> bool) -> f64 {
+    let count = pixels.iter().filter(|&&i| holds(i)).count();
+    if pixels.is_empty() { 1.0 } else { count as f64 / pixels.len() as f64 }
+}
+
+/// Returns whether the pixel lies at the window's edge.
+fn is_at_window_edge(window: &Window, index: usize) -> bool {
+    window.raster().neighbours(index, &DIRECT_NEIGHBOURS).count() < 4
+}
+
+fn grow_breaks(window: &Window, broke_s: &mut [f32], looks_bare_since_s: impl Fn(usize) -> Option<f32>) {
+    let mut rim: VecDeque<usize> = (0..broke_s.len()).filter(|&i| broke_s[i] < NOT_BROKEN).collect();
+    while let Some(index) = rim.pop_front() {
+        for next in window.raster().neighbours(index, &ALL_NEIGHBOURS) {
+            if broke_s[next] == NOT_BROKEN
+                && let Some(since_s) = looks_bare_since_s(next)
+            {
+                broke_s[next] = since_s;
+                rim.push_back(next);
+            }
+        }
+    }
+}
+
+/// A film's model together with the region that is judged.
+pub struct ModelObservations<'a> {
+    model: &'a Model,
+    inside: &'a [bool],
+    break_to_film: Option<[f32; 2]>,
+}
+
+impl<'a> ModelObservations<'a> {
+    /// Combines the model with the pixels that are judged.
+    pub fn new(model: &'a Model, inside: &'a [bool]) -> Self {
+        ModelObservations { model, inside, break_to_film: break_ratio_range(model) }
+    }
+}
+
+/// Returns the smallest and the largest brightness of a break on a place without a dry look, relative to the
+/// brightness of its film. They follow from the film on the places that have a dry look, or from the assumed film if
+/// there are none. If the film is darker than the dry panel at some places and brighter at others, the result is
+/// `None`.
+pub fn break_ratio_range(model: &Model) -> Option<[f32; 2]> {
+    let [low, high] = model.film_range().unwrap_or([FILM_ASSUMED; 2]);
+    let away = FAINTEST_SHARE * 2.0 * model.away_threshold();
+    if high < model.min_damp_ratio() {
+        Some([1.0 + away, low.powf(-FILM_POWER) * 1.125].map(|share| share as f32))
+    } else if low > 1.0 {
+        Some([model.min_damp_ratio() * high.powf(-FILM_POWER), 1.0 - away].map(|share| share as f32))
+    } else {
+        None
+    }
+}
+
+impl PixelObservations for ModelObservations<'_> {
+    fn bare_since_s(&self, index: usize) -> Option<f32> {
+        self.model.bare_since_s(index).filter(|_| self.inside[index])
+    }
+
+    fn open_time_s(&self, index: usize) -> Option<f32> {
+        self.model.open_time_s(index)
+    }
+
+    fn bare_brightness_ratio(&self, index: usize) -> f32 {
+        self.model.bare_brightness_ratio(index)
+    }
+
+    fn film_brightness_ratio(&self, index: usize) -> f32 {
+        self.model.film_brightness_ratio(index)
+    }
+
+    fn noise(&self, index: usize) -> f32 {
+        self.model.bare_ratio_noise(index)
+    }
+
+    fn is_film_brighter(&self, index: usize) -> bool {
+        self.model.is_film_brighter(index)
+    }
+
+    fn has_contrast(&self, index: usize) -> bool {
+        self.model.has_contrast(index)
+    }
+
+    fn persist_s(&self) -> f32 {
+        self.model.persist_s()
+    }
+
+    fn longest_step_s(&self) -> f32 {
+        self.model.longest_step_s()
+    }
+
+    fn is_inside(&self, index: usize) -> bool {
+        self.inside[index]
+    }
+
+    fn has_no_dry_brightness(&self, index: usize) -> bool {
+        self.model.has_no_dry_brightness(index)
+    }
+
+    fn levels(&self, index: usize) -> [f32; 2] {
+        self.model.levels(index)
+    }
+
+    fn neighbour_tolerance(&self) -> f32 {
+        self.model.away_threshold() as f32 / 2.0
+    }
+
+    fn break_ratio_range(&self) -> Option<[f32; 2]> {
+        self.break_to_film
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,470 @@
+//! The region as the camera sees it at the panel's present pose: the pixels that the region covers, and the surface of
+//! each.
+//!
+//! Each taught pixel of the region has a point P on the panel and a share of its surface in mm². The point is
+//! transformed to the camera by  P_camera = camera_from_base · base_from_panel · P  (Eq. 4.6, 4.7) and to a pixel by
+//! Eq. 3.11, once; the surface then belongs to the nearest pixel. A broken pixel counts as broken the surface that was
+//! assigned to it. So area is measured on the curved panel, at the taught pose, and does not depend on the panel's
+//! present pose.
+//!
+//! If the panel appears larger than at teaching, pixels between projected ones, which have no surface of their own,
+//! belong to the region too. A gap of one pixel is closed, so the panel may appear up to twice as large.
+
+mod samples;
+
+use super::InspectError;
+use opencv::core::{Mat, MatTraitConstManual};
+use opencv::imgproc;
+use panelprep_base::geometry::{ALL_NEIGHBOURS, Camera, Mask, Panel, PinholeCamera, Pixel, RasterSize, Rigid};
+use panelprep_cell::imaging::{ImagingError, with_operation};
+use panelprep_cell::panel::{GridId, TaughtPanel};
+use panelprep_cell::recipe;
+use samples::{Sample, mean_areas, region_samples};
+
+/// A grid counts as looked at if at least this fraction of its surface is in the picture; the rest is rounding at
+/// edges.
+const MIN_SEEN_SHARE: f64 = 0.99;
+
+/// Each of the two methods finds a break of this number of pixels; a smaller break may be lost in its blurred rim.
+/// `make bench-inspect` prints the miss rate against size.
+const MIN_DETECTABLE_PX: f64 = 12.0;
+
+/// Side of the squares over which the surface of a pixel is averaged, px.
+const BLOCK_PX: usize = 16;
+
+/// The minimum margin of the window around the region, px, so that closing the mask does not reach the window's
+/// edge.
+const MIN_MARGIN_PX: usize = 2;
+
+/// A rectangle of the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Window {
+    pub left: usize,
+    pub top: usize,
+    pub width: usize,
+    pub height: usize,
+}
+
+impl Window {
+    /// Its size.
+    pub fn raster(&self) -> RasterSize {
+        RasterSize { width: self.width, height: self.height }
+    }
+}
+
+/// The surface of a taught pixel, assigned to a pixel of the picture.
+#[derive(Debug, Clone, Copy)]
+struct Patch {
+    grid: u32,
+    /// Index of the pixel in the taught picture, row by row.
+    taught: u32,
+    area_mm2: f32,
+    sanded: bool,
+}
+
+/// The part of the taught region that is inspected.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct InspectedPart<'a> {
+    /// The window is wider than the region by this margin, px.
+    pub margin_px: usize,
+    /// Quadrilaterals of the taught picture that are left out.
+    pub masked_px: &'a [[[f64; 2]; 4]],
+    /// Taught pixels that were sanded since the dry picture was taken.
+    pub sanded: Option<&'a Mask>,
+}
+
+/// One grid as the camera sees it.
+#[derive(Debug, Clone)]
+pub struct GridFootprint {
+    /// Its name.
+    pub id: GridId,
+    /// The whole surface of the grid, mm².
+    pub area_mm2: f64,
+    /// The fraction of the grid that lies in the picture and is not masked, 0…1.
+    pub seen_share: f64,
+    /// The fraction of the grid that the recipe masks.
+    pub masked_share: f64,
+    /// The area in the picture that showed nothing, mm²: overexposed, or hidden by a reflection that does not move.
+    pub lost_mm2: f64,
+    /// The closed edge of the grid in the picture, px: curves on a curved panel under a real lens.
+    pub edge_px: Vec<Pixel>,
+}
+
+impl GridFootprint {
+    /// Returns whether the whole grid lies in the picture and is not masked, even if parts showed nothing there.
+    /// Otherwise the grid cannot pass.
+    pub fn is_inspected(&self) -> bool {
+        self.inspected_share() >= MIN_SEEN_SHARE
+    }
+
+    fn inspected_share(&self) -> f64 {
+        self.seen_share + if self.area_mm2 > 0.0 { self.lost_mm2 / self.area_mm2 } else { 0.0 }
+    }
+
+    /// Returns whether the recipe masks a part of the grid and this mask accounts for every part that is not looked
+    /// at.
+    pub fn is_only_masked(&self) -> bool {
+        self.masked_share > 0.0 && self.inspected_share() + self.masked_share >= MIN_SEEN_SHARE
+    }
+}
+
+/// The region in the picture.
+#[derive(Debug, Clone)]
+pub struct Footprint {
+    width_px: usize,
+    height_px: usize,
+    /// Columns and rows of the taught picture.
+    taught_px: [usize; 2],
+    window: Window,
+    /// Pixels of the window that belong to the region.
+    inside: Vec<bool>,
+    /// Patches of the window's pixel `i` are `patches[starts[i]..starts[i + 1]]`.
+    starts: Vec<u32>,
+    patches: Vec<Patch>,
+    grids: Vec<GridFootprint>,
+}
+
+impl Footprint {
+    /// Projects the region's taught pixels, except those that are left out. The window is their bounding box with a
+    /// margin.
+    pub(super) fn new(
+        taught: &TaughtPanel,
+        camera: &PinholeCamera,
+        camera_from_panel: Rigid<Camera, Panel>,
+        InspectedPart { margin_px, masked_px, sanded }: InspectedPart<'_>,
+    ) -> Result<Self, InspectError> {
+        let samples = region_samples(taught, masked_px, sanded);
+        let mean_mm2 = mean_areas(&samples, taught.grids.len());
+        let [mut whole_mm2, mut seen_mm2, mut masked_mm2] = [(); 3].map(|()| vec![0.0; mean_mm2.len()]);
+        let mut held: Vec<(PixelPosition, Patch)> = Vec::with_capacity(samples.len());
+        for Sample { grid, taught, point, area_mm2, masked, sanded } in samples {
+            let area_mm2 = area_mm2.unwrap_or(mean_mm2[grid]);
+            whole_mm2[grid] += area_mm2;
+            if masked {
+                masked_mm2[grid] += area_mm2;
+                continue;
+            }
+            let pixel = point.and_then(|point| camera.project(camera_from_panel * point)); // Eq. 4.6, 4.7, 3.11
+            if let Some((column, row)) = pixel.and_then(|px| px.nearest_whole(camera.width_px, camera.height_px)) {
+                seen_mm2[grid] += area_mm2;
+                held.push((
+                    PixelPosition { row, column },
+                    Patch { grid: grid as u32, taught: taught as u32, area_mm2: area_mm2 as f32, sanded },
+                ));
+            }
+        }
+        held.sort_by_key(|(place, _)| *place);
+        let window =
+            window_around(&held, camera, margin_px.max(MIN_MARGIN_PX)).ok_or(InspectError::RegionNotInPicture)?;
+        let starts = patch_starts(&held, &window);
+        let inside = closed(&window, |index| starts[index] < starts[index + 1])?;
+        let share = |part_mm2: f64, index: usize| {
+            if whole_mm2[index] > 0.0 { part_mm2 / whole_mm2[index] } else { 0.0 }
+        };
+        let grids = taught.grids.iter().enumerate().map(|(index, grid)| GridFootprint {
+            id: grid.id,
+            area_mm2: whole_mm2[index],
+            seen_share: share(seen_mm2[index], index),
+            masked_share: share(masked_mm2[index], index),
+            lost_mm2: 0.0,
+            edge_px: grid.edge.iter().filter_map(|&point| camera.project(camera_from_panel * point)).collect(),
+        });
+        Ok(Footprint {
+            width_px: camera.width_px,
+            height_px: camera.height_px,
+            taught_px: [taught.mask.width, taught.mask.height],
+            window,
+            inside,
+            grids: grids.collect(),
+            starts,
+            patches: held.into_iter().map(|(_, patch)| patch).collect(),
+        })
+    }
+
+    /// Returns the region as a camera sees it with the panel at this pose, without the places that the recipe masks.
+    ///
+    /// # Errors
+    /// If the region is not in the picture.
+    pub fn of_view(
+        taught: &TaughtPanel,
+        (camera, camera_from_panel): (&PinholeCamera, Rigid<Camera, Panel>),
+        settings: &recipe::Inspect,
+    ) -> Result<Self, InspectError> {
+        let masked_px = &settings.masked_px();
+        Footprint::new(taught, camera, camera_from_panel, InspectedPart { masked_px, ..InspectedPart::default() })
+    }
+
+    /// The smallest break that is surely found, mm², with the taught panel at its nominal place.
+    ///
+    /// # Errors
+    /// If the region is not in the picture.
+    pub fn taught_detection_limit_mm2(
+        taught: &TaughtPanel,
+        settings: &recipe::Inspect,
+    ) -> Result<f64, InspectError> {
+        let nominal = taught.panel_from_camera.inverse();
+        Ok(Footprint::of_view(taught, (&taught.camera, nominal), settings)?.detection_limit_mm2())
+    }
+
+    /// Returns the grids, row by row.
+    pub fn grids(&self) -> &[GridFootprint] {
+        &self.grids
+    }
+
+    /// The region's pixels.
+    pub fn region(&self) -> Mask {
+        self.to_picture(|index| self.inside[index])
+    }
+
+    /// Returns for each pixel of the window whether it shows a place that was sanded after the dry picture. A pixel
+    /// between such pixels counts, too.
+    pub(super) fn sanded_pixels(&self) -> Vec<bool> {
+        let own: Vec<Option<bool>> = (0..self.inside.len())
+            .map(|index| {
+                let patches = &self.patches[self.starts[index] as usize..self.starts[index + 1] as usize];
+                (!patches.is_empty()).then(|| patches.iter().any(|patch| patch.sanded))
+            })
+            .collect();
+        let raster = self.window.raster();
+        let near = |index: usize| raster.neighbours(index, &ALL_NEIGHBOURS).any(|next| own[next] == Some(true));
+        (0..own.len()).map(|index| own[index].unwrap_or_else(|| self.inside[index] && near(index))).collect()
+    }
+
+    /// Returns for each grid the fraction that was sanded after the dry picture, relative to the part that is looked
+    /// at.
+    pub(super) fn sanded_shares(&self) -> Vec<f64> {
+        let mut areas = vec![(0.0, 0.0); self.grids.len()];
+        for patch in &self.patches {
+            let (sanded, all) = &mut areas[patch.grid as usize];
+            *all += f64::from(patch.area_mm2);
+            *sanded += if patch.sanded { f64::from(patch.area_mm2) } else { 0.0 };
+        }
+        areas.into_iter().map(|(sanded, all)| sanded / all.max(f64::MIN_POSITIVE)).collect()
+    }
+
+    /// The broken surface of each grid if these pixels of the picture are broken, mm², in the order of the grids.
+    /// The mask has the picture's size.
+    pub fn broken_mm2(&self, mask: &Mask) -> Vec<f64> {
+        let mut broken_mm2 = vec![0.0; self.grids.len()];
+        for index in 0..self.inside.len() {
+            let (column, row) = self.pixel_position(index);
+            if self.inside[index] && mask.contains(column, row) {
+                self.add_area(index, &mut broken_mm2);
+            }
+        }
+        broken_mm2
+    }
+
+    /// Returns the pixels of the taught picture that these pixels of the picture show, so that a place in a film
+    /// becomes a place on the panel. The mask has the picture's size. The taught pixels have exactly the surface that
+    /// [`Footprint::broken_mm2`] returns.
+    pub fn taught_pixels(&self, mask: &Mask) -> Mask {
+        let [width, height] = self.taught_px;
+        let mut taught = Mask::all_outside(width, height);
+        for index in 0..self.inside.len() {
+            let (column, row) = self.pixel_position(index);
+            if self.inside[index] && mask.contains(column, row) {
+                let shown = &self.patches[self.starts[index] as usize..self.starts[index + 1] as usize];
+                shown.iter().for_each(|patch| taught.inside[patch.taught as usize] = true);
+            }
+        }
+        taught
+    }
+
+    /// The smallest break that is surely found on this panel from the camera's position, mm²: the surface of
+    /// [`MIN_DETECTABLE_PX`] of the coarsest pixels. Of two neighbouring pixels one may contain two taught pixels and the other
+    /// none, so the surface is averaged over many.
+    pub fn detection_limit_mm2(&self) -> f64 {
+        let across = self.window.width.div_ceil(BLOCK_PX);
+        let mut blocks = vec![(0.0, 0usize); across * self.window.height.div_ceil(BLOCK_PX)];
+        for index in (0..self.inside.len()).filter(|&index| self.inside[index]) {
+            let (column, row) = (index % self.window.width, index / self.window.width);
+            let (area_mm2, pixels) = &mut blocks[row / BLOCK_PX * across + column / BLOCK_PX];
+            let patches = &self.patches[self.starts[index] as usize..self.starts[index + 1] as usize];
+            *area_mm2 += patches.iter().map(|patch| f64::from(patch.area_mm2)).sum::<f64>();
+            *pixels += 1;
+        }
+        let is_full = |block: &&(f64, usize)| 2 * block.1 >= BLOCK_PX * BLOCK_PX;
+        let coarsest =
+            blocks.iter().filter(is_full).map(|(area_mm2, pixels)| area_mm2 / *pixels as f64).reduce(f64::max);
+        // A region with few pixels has no full block.
+        let all = self.inside.iter().filter(|inside| **inside).count().max(1) as f64;
+        MIN_DETECTABLE_PX * coarsest.unwrap_or_else(|| self.region_mm2() / all)
+    }
+
+    /// Returns the pixels of the picture that belong to each grid: if two grids share a pixel, its first patch
+    /// decides.
+    pub(super) fn grid_pixels(&self) -> Vec<(GridId, Vec<usize>)> {
+        let mut held: Vec<(GridId, Vec<usize>)> = self.grids.iter().map(|grid| (grid.id, Vec::new())).collect();
+        for index in 0..self.inside.len() {
+            if let Some(patch) = self.patches[self.starts[index] as usize..self.starts[index + 1] as usize].first()
+            {
+                let (column, row) = self.pixel_position(index);
+                held[patch.grid as usize].1.push(row * self.width_px + column);
+            }
+        }
+        held
+    }
+
+    /// Returns the surface of the part of the region that is in the picture, mm².
+    pub(super) fn region_mm2(&self) -> f64 {
+        self.patches.iter().map(|patch| f64::from(patch.area_mm2)).sum()
+    }
+
+    /// Returns the surface of some of the window's pixels, mm².
+    pub(super) fn surface_mm2(&self, pixels: impl Iterator<Item = usize>) -> f64 {
+        let mut area_mm2 = vec![0.0; self.grids.len()];
+        pixels.for_each(|index| self.add_area(index, &mut area_mm2));
+        area_mm2.iter().sum()
+    }
+
+    /// Returns the average number of pixels that cover this surface.
+    pub(super) fn pixels_for_area(&self, area_mm2: f64) -> usize {
+        let inside = self.inside.iter().filter(|inside| **inside).count() as f64;
+        (area_mm2 * inside / self.region_mm2().max(f64::MIN_POSITIVE)) as usize
+    }
+
+    /// Subtracts the surface of pixels that were not seen from the seen share of their grids.
+    pub(super) fn subtract_unseen(&mut self, unseen: impl Fn(usize) -> bool) {
+        let mut lost_mm2 = vec![0.0; self.grids.len()];
+        for index in (0..self.inside.len()).filter(|&index| self.inside[index] && unseen(index)) {
+            self.add_area(index, &mut lost_mm2);
+        }
+        for (grid, lost_mm2) in self.grids.iter_mut().zip(lost_mm2).filter(|(grid, _)| grid.area_mm2 > 0.0) {
+            grid.seen_share -= lost_mm2 / grid.area_mm2;
+            grid.lost_mm2 += lost_mm2;
+        }
+    }
+
+    pub(super) fn window(&self) -> &Window {
+        &self.window
+    }
+
+    /// Returns for each pixel of the window whether it belongs to the region, row by row.
+    pub(super) fn region_pixels(&self) -> &[bool] {
+        &self.inside
+    }
+
+    /// Adds the surface of one of the window's pixels to its grids.
+    pub(super) fn add_area(&self, index: usize, area_mm2: &mut [f64]) {
+        for patch in &self.patches[self.starts[index] as usize..self.starts[index + 1] as usize] {
+            area_mm2[patch.grid as usize] += f64::from(patch.area_mm2);
+        }
+    }
+
+    /// Returns the column and the row in the picture for one of the window's pixels.
+    pub(super) fn pixel_position(&self, index: usize) -> (usize, usize) {
+        (self.window.left + index % self.window.width, self.window.top + index / self.window.width)
+    }
+
+    /// Returns the window's index of a pixel of the picture.
+    pub(super) fn window_index(&self, column: usize, row: usize) -> Option<usize> {
+        let (column, row) = (column.checked_sub(self.window.left)?, row.checked_sub(self.window.top)?);
+        (column < self.window.width && row < self.window.height).then_some(row * self.window.width + column)
+    }
+
+    /// Makes a mask of the whole picture from a mask of the window.
+    pub(super) fn to_picture(&self, inside: impl Fn(usize) -> bool) -> Mask {
+        let mut mask = Mask::all_outside(self.width_px, self.height_px);
+        for index in (0..self.inside.len()).filter(|&index| inside(index)) {
+            let (column, row) = self.pixel_position(index);
+            mask.inside[row * self.width_px + column] = true;
+        }
+        mask
+    }
+}
+
+/// A pixel of the picture; sorted row by row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct PixelPosition {
+    row: usize,
+    column: usize,
+}
+
+fn window_around(held: &[(PixelPosition, Patch)], camera: &PinholeCamera, margin_px: usize) -> Option<Window> {
+    let (top, bottom) = (held.first()?.0.row, held.last()?.0.row);
+    let left = held.iter().map(|(place, _)| place.column).min()?;
+    let right = held.iter().map(|(place, _)| place.column).max()?;
+    let (left, top) = (left.saturating_sub(margin_px), top.saturating_sub(margin_px));
+    let width = (right + margin_px + 1).min(camera.width_px) - left;
+    let height = (bottom + margin_px + 1).min(camera.height_px) - top;
+    Some(Window { left, top, width, height })
+}
+
+fn patch_starts(held: &[(PixelPosition, Patch)], window: &Window) -> Vec<u32> {
+    let mut starts = vec![0u32; window.width * window.height + 1];
+    for (place, _) in held {
+        starts[(place.row - window.top) * window.width + place.column - window.left + 1] += 1;
+    }
+    for index in 1..starts.len() {
+        starts[index] += starts[index - 1];
+    }
+    starts
+}
+
+/// Returns the pixels of the window for which `holds`, and the gaps of one pixel between them.
+fn closed(window: &Window, holds: impl Fn(usize) -> bool) -> Result<Vec<bool>, ImagingError> {
+    let bytes: Vec<u8> = (0..window.width * window.height).map(|index| u8::from(holds(index))).collect();
+    with_operation("the closing of the region's mask", closed_bytes(window, &bytes))
+}
+
+fn closed_bytes(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
+    let mask = Mat::new_rows_cols_with_data(window.height as i32, window.width as i32, bytes)?;
+    let kernel = imgproc::get_structuring_element_def(imgproc::MORPH_RECT, opencv::core::Size::new(3, 3))?;
+    let mut closed = Mat::default();
+    imgproc::morphology_ex_def(&mask, &mut closed, imgproc::MORPH_CLOSE, &kernel)?;
+    Ok(closed.data_bytes()?.iter().map(|&byte| byte > 0).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use panelprep_cell::panel::flat::{FlatPanelOptions, taught};
+    use panelprep_cell::recipe::Recipe;
+
+    /// By hand: at the taught pose each pixel of the picture shows the same taught pixel. With the panel 5 mm to the
+    /// right, which is 5 px, the pixel (105, 60) shows the taught pixel (100, 60). A pixel outside of the region shows
+    /// nothing.
+    #[test]
+    fn a_place_in_the_film_is_a_place_on_the_panel() {
+        let taught = taught(&FlatPanelOptions::default());
+        let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
+                    [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
+        let recipe = Recipe::check("test.toml", text).unwrap_or_else(|e| panic!("{e}"));
+        for (shift_mm, shown) in [(0.0, [105, 60]), (5.0, [100, 60])] {
+            let step = panelprep_base::geometry::Vector::new(nalgebra::Vector3::x() * shift_mm);
+            let pose = taught.panel_from_camera.inverse().followed_by_displacement(step);
+            let view = Footprint::of_view(&taught, (&taught.camera, pose), recipe.inspect()).expect("in view");
+            let mut mask = Mask::all_outside(taught.camera.width_px, taught.camera.height_px);
+            for (column, row) in [(105, 60), (3, 3)] {
+                mask.inside[row * mask.width + column] = true;
+            }
+            let on_panel = view.taught_pixels(&mask);
+            assert_eq!(on_panel.count(), 1, "{shift_mm}");
+            assert!(on_panel.contains(shown[0], shown[1]), "{shift_mm}");
+            assert!((view.broken_mm2(&mask).iter().sum::<f64>() - 1.0).abs() < 0.1);
+        }
+    }
+
+    /// By hand: a pixel of a flat panel that faces the camera is 1 mm², so twelve are 12 mm², wherever the region
+    /// lies. The background beyond the edge or behind a hole lies 160 mm farther away and is no surface of the
+    /// panel. With it, pixels at the edge would be up to 27 mm² each.
+    #[test]
+    fn the_background_is_no_surface() {
+        let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
+                    [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
+        let recipe = Recipe::check("test.toml", text).unwrap_or_else(|e| panic!("{e}"));
+        let limit_mm2 = |flat: FlatPanelOptions| {
+            Footprint::taught_detection_limit_mm2(&taught(&flat), recipe.inspect()).expect("in view")
+        };
+        for flat in [
+            FlatPanelOptions::default(),
+            FlatPanelOptions { notch: Some(140), ..FlatPanelOptions::default() },
+            FlatPanelOptions { hole_px: 17, ..FlatPanelOptions::default() },
+            FlatPanelOptions { region_right_px: 250.0, ..FlatPanelOptions::default() },
+        ] {
+            let limit_mm2 = limit_mm2(flat);
+            assert!((limit_mm2 - 12.0).abs() < 1.0, "{limit_mm2} mm²");
+        }
+    }
+}

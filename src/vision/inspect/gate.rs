@@ -1,0 +1,306 @@
+//! The gate: turns the observation of the film into pass, fail or invalid.
+//!
+//! The test is invalid if it cannot be judged: no dry picture, too short, too few pictures, a gap between them,
+//! unusable pictures, a panel that is not at its pose, pixels too coarse for the break that must not be missed, too
+//! little of the region ever wet, places that were wet already in the dry picture, or a grid out of view. Invalid
+//! outranks fail, since a verdict from an incomplete test would name only some of the grids. The test fails if the
+//! film broke on a grid. Grids that the recipe masks are not part of the test: a mask hides no break elsewhere, and
+//! masked grids do not pass. A break is always listed in the reasons.
+
+mod flaws;
+#[cfg(test)]
+mod tests;
+
+use super::observed::{ComparisonReference, Demands, GridInspection, Observation};
+use super::place::{MAX_OFF_PX, displaced_panel_reason, too_coarse};
+use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS};
+use flaws::{describe_flaw, worst_flaw};
+use panelprep_base::number_text::distinguishable_texts;
+use panelprep_base::verdict::{Check, Judgement, Limit, LimitSource, Severity, Verdict};
+use panelprep_cell::recipe;
+
+/// A film must change the panel by at least this many times the clip's noise: the bound between wet and dry is at
+/// half of the change, three times the noise from either.
+pub const MIN_CHANGE_TO_NOISE: f64 = 6.0;
+
+/// Names of the gate's checks. Those that are defined here do not belong to a single number of a film.
+pub mod name {
+    pub use panelprep_cell::record::name::{
+        FILM_CHANGE, LIGHT_MIN, MAX_LIGHT_NAME, SMALLEST_BREAK, WATCHED_TIME_NAME, break_time_name, broken_film,
+    };
+
+    /// Whether the dry panel was seen.
+    pub const DRY_PICTURE: &str = "a picture of the dry panel";
+    /// The first picture's own sharpness.
+    pub const FIRST_SHARPNESS: &str = "sharpness of the first picture";
+    /// Grids with places that were wet in the dry picture.
+    pub const WET_GRIDS: &str = "grids that were wet in the dry picture";
+    /// Grids with places at which a break would not show.
+    pub const FAINT_GRIDS: &str = "grids with places that look wet as they do dry";
+    /// Grids that were not wholly seen.
+    pub const UNSEEN_GRIDS: &str = "grids that were not wholly seen";
+    /// Grids that the recipe masks.
+    pub const MASKED_GRIDS: &str = "grids that the recipe masks";
+}
+
+/// A test with all numbers that were judged.
+pub struct JudgedFilm {
+    /// The checks, in the order in which they are judged.
+    pub checks: Vec<Check>,
+    /// The verdict.
+    pub judgement: Judgement,
+}
+
+/// Judges a test. A check that makes the test invalid rejects it. A grid that failed, or that was not looked at, is
+/// for review: an otherwise valid film then fails or is incomplete.
+pub fn judge(
+    observation: &Observation,
+    grids: &[GridInspection],
+    demands: &Demands,
+    settings: &recipe::Inspect,
+) -> JudgedFilm {
+    let film = WatchedFilm { observation, grids, demands, settings };
+    let checks =
+        [film.check_watched(), film.check_panel_position(), film.clear(), film.check_wetting(), film.grids()]
+            .concat();
+    let judgement = Judgement::from_checks(&checks);
+    let verdict = match judgement.verdict {
+        Verdict::Accept => Verdict::Pass,
+        Verdict::Review if grids.iter().any(|grid| grid.failed) => Verdict::Fail,
+        // A grid that was not looked at may be broken: it does not pass.
+        _ => Verdict::Invalid,
+    };
+    JudgedFilm { checks, judgement: Judgement { verdict, ..judgement } }
+}
+
+/// A film that was watched, and the demands on it.
+struct WatchedFilm<'a> {
+    observation: &'a Observation,
+    grids: &'a [GridInspection],
+    demands: &'a Demands,
+    settings: &'a recipe::Inspect,
+}
+
+impl WatchedFilm<'_> {
+    /// Checks whether the film was watched for long enough, with a dry picture and without a gap.
+    fn check_watched(&self) -> Vec<Check> {
+        let Observation { observed_s, frames, longest_gap_s, has_dry, .. } = *self.observation;
+        let demands = self.demands;
+        let allowed_gap_s = demands.max_gap_s();
+        vec![
+            Check::new(name::DRY_PICTURE, "", f64::from(u8::from(has_dry)))
+                .with_min(1.0, LimitSource::Program)
+                .or_reject("no_dry_picture", || {
+                    "there is no picture of the dry panel; without it, a place that never became wet looks like a \
+                     place with intact film: take a dry picture before the spray and repeat the test"
+                        .to_owned()
+                }),
+            Check::new(name::WATCHED_TIME_NAME, "s", observed_s)
+                .with_min(demands.min_observed_s(), demands.observation_time_set_by())
+                .or_reject("too_short", || {
+                    let [observed, window] = distinguishable_texts(observed_s, demands.observation_s, 1);
+                    format!(
+                        "the film was watched for {observed} s, at least {window} s are needed (the recipe's \
+                         observation_s): repeat the test"
+                    )
+                }),
+            Check::new("wet pictures", "", frames as f64),
+            Check::new("longest time between two of them", "s", longest_gap_s)
+                .with_max(allowed_gap_s, LimitSource::recipe("process.frames_per_second"))
+                .or_reject("gap", || {
+                    let [gap, allowed] = distinguishable_texts(longest_gap_s, allowed_gap_s, 2);
+                    format!("two wet pictures are {gap} s apart (limit {allowed} s): repeat the test")
+                }),
+        ]
+    }
+
+    /// Checks whether the panel is at the place where the grids are looked for, and whether the pixels are fine
+    /// enough.
+    fn check_panel_position(&self) -> Vec<Check> {
+        let Observation { has_dry, is_place_assumed, detection_limit_mm2, .. } = *self.observation;
+        let off_px = self.observation.quality.off_px;
+        let (off, coarse) = (
+            displaced_panel_reason(off_px, (is_place_assumed, has_dry)),
+            too_coarse(detection_limit_mm2, self.demands.min_break_mm2),
+        );
+        vec![
+            Check::new("outline from where the panel was found, in the dry picture", "px", off_px)
+                .with_max(MAX_OFF_PX, LimitSource::Program)
+                .with_reason(off, Severity::Reject),
+            Check::new(name::SMALLEST_BREAK, "mm²", detection_limit_mm2)
+                .with_max(self.demands.min_break_mm2, self.demands.min_break_set_by())
+                .with_reason(coarse, Severity::Reject),
+        ]
+    }
+
+    /// Checks whether the pictures are usable for a judgement.
+    fn clear(&self) -> Vec<Check> {
+        let (observation, quality) = (self.observation, &self.observation.quality);
+        let (change, min_change) = (observation.change_levels, MIN_CHANGE_TO_NOISE * observation.noise_levels);
+        let sharpness = quality.first_sharpness;
+        let (usable_s, allowed_s) = (self.demands.min_usable_s(observation.observed_s), self.demands.max_gap_s());
+        let is_enough = quality.usable_s >= usable_s && quality.usable > 1;
+        let is_unseen = quality.longest_unseen_s > allowed_s && quality.usable != observation.frames;
+        let (flaw, flawed) = worst_flaw(quality);
+        let words = || self.flaw_message((flaw, flawed), allowed_s);
+        let [darker, brighter] = observation.light_limits_percent(self.settings);
+        let percent = |share: f64| Some(100.0 * (share - 1.0)).filter(|percent| percent.is_finite());
+        let light = || LimitSource::recipe("inspect.max_light_change_percent");
+        let pictures = || LimitSource::recipe("process.frames_per_second");
+        vec![
+            Check::new(name::FILM_CHANGE, "grey levels", change)
+                .with_min(min_change, LimitSource::Program)
+                .or_reject("dark", || {
+                    let [change, needed] = distinguishable_texts(change.unwrap_or(f64::NAN), min_change, 1);
+                    format!(
+                        "the film changes the panel by {change} grey levels, at least {needed} (six times the \
+                         clip's noise) are needed: use more light or a longer exposure, then repeat the test"
+                    )
+                }),
+            Check::new("noise of a pixel of the film", "grey levels", observation.noise_levels),
+            Check::new(name::FIRST_SHARPNESS, "", sharpness)
+                .with_min(MIN_FIRST_SHARPNESS, LimitSource::Program)
+                .or_reject("focus", || {
+                    let [sharpness, needed] =
+                        distinguishable_texts(sharpness.unwrap_or(f64::NAN), MIN_FIRST_SHARPNESS, 2);
+                    format!(
+                        "the panel's edge in the first picture is not sharp: {sharpness} of its contrast lies \
+                         between two neighbouring pixels, at least {needed} is needed; focus the camera and repeat \
+                         the test"
+                    )
+                }),
+            Check::new("pictures that could be judged by", "", quality.usable as f64),
+            Check::new("time that they cover", "s", quality.usable_s)
+                .with_min(usable_s, LimitSource::Program)
+                .with_consequence_if(!is_enough, Severity::Reject, flaw.keyword(), words),
+            Check::new("longest time without one", "s", quality.longest_unseen_s)
+                .with_max(allowed_s, pictures())
+                .with_consequence_if(is_unseen, Severity::Reject, flaw.keyword(), words),
+            Check::new(name::LIGHT_MIN, "%", percent(quality.light[0])).with_min(-darker, light()),
+            Check::new(name::MAX_LIGHT_NAME, "%", percent(quality.light[1])).with_max(brighter, light()),
+            Check::new("panel moved in the picture", "px", quality.moved_px),
+            Check::new("least sharpness against the dry picture", "", quality.sharpness),
+            Check::new("the film leaves of the dry brightness", "", observation.film_left),
+        ]
+    }
+
+    fn flaw_message(&self, (flaw, flawed): (Flaw, Flawed), allowed_s: f64) -> String {
+        let Observation { frames, quality, .. } = self.observation;
+        let what = describe_flaw(flaw, flawed.worst, self.observation, self.settings);
+        let [unseen, allowed] = distinguishable_texts(quality.longest_unseen_s, allowed_s, 1);
+        format!(
+            "{} of {frames} wet pictures cannot be used, and the longest time without a usable picture is {unseen} \
+             s (limit {allowed} s); in {} of them {what}: repeat the test",
+            frames - quality.usable,
+            flawed.pictures
+        )
+    }
+
+    /// Checks whether the panel was dry before, and wet everywhere afterwards.
+    fn check_wetting(&self) -> Vec<Check> {
+        let (observation, allowed_percent) = (self.observation, self.settings.max_never_wet_percent());
+        let is_dry_somewhere = observation.has_dry && observation.never_wet_percent > allowed_percent;
+        let wet = names(self.grids, |grid| grid.wet_when_dry);
+        vec![
+            Check::new("region that was wet in no picture", "%", observation.never_wet_percent)
+                .with_max(allowed_percent, LimitSource::recipe("inspect.max_never_wet_percent"))
+                .with_consequence_if(is_dry_somewhere, Severity::Reject, "never_wet", || {
+                    let [found, allowed] = distinguishable_texts(observation.never_wet_percent, allowed_percent, 1);
+                    format!(
+                        "{found} % of the region was wet in no picture (limit {allowed} %): check that the water \
+                         is on and that the spray reaches all of the panel, then repeat the test"
+                    )
+                }),
+            Check::new(name::WET_GRIDS, "", wet.len() as f64).with_max(0.0, LimitSource::Program).or_reject(
+                "wet_when_dry",
+                || {
+                    format!(
+                        "in the dry picture, places on {} were already wet, so the test cannot judge them: dry the \
+                         panel and repeat the test",
+                        wet.join(", ")
+                    )
+                },
+            ),
+        ]
+    }
+
+    /// Checks how much of each grid was seen, and on which grids the film broke.
+    fn grids(&self) -> Vec<Check> {
+        let (grids, min_break_mm2) = (self.grids, self.demands.min_break_mm2);
+        // A failed grid stays failed, whatever else on it could not be seen: it is abraded and tested again.
+        let faint = names(grids, |grid| !grid.failed && grid.no_contrast);
+        let unseen = names(grids, |grid| {
+            !grid.failed && !grid.seen && !grid.only_masked && !grid.wet_when_dry && !grid.no_contrast
+        });
+        let masked = names(grids, |grid| !grid.seen && grid.only_masked);
+        let broken = grids.iter().flat_map(|grid| {
+            let (id, when_s) = (grid.id, grid.time_to_break_s);
+            let limit = (Limit::Below(min_break_mm2), self.demands.min_break_set_by());
+            let area = Check::new(name::broken_film(id), "mm²", grid.seen.then_some(grid.broken_mm2));
+            let area = area.with_limit(limit.0, limit.1).with_consequence_if(
+                grid.failed,
+                Severity::Review,
+                "broken",
+                || describe_broken(min_break_mm2, grids),
+            );
+            let failed = when_s.map(|time_s| Check::new(name::break_time_name(id), "s", time_s));
+            std::iter::once(area).chain(failed)
+        });
+        let faint = Check::new(name::FAINT_GRIDS, "", faint.len() as f64)
+            .with_max(0.0, LimitSource::Program)
+            .or_reject("no_contrast", || {
+                format!(
+                    "on {} there are places where a break would not be visible, because the film looks like the \
+                     dry panel in every channel, or water never wetted them: move the lamp or the diffuser so that \
+                     these places reflect something darker or brighter (`panelprep tune` names the grids), and \
+                     repeat the test",
+                    faint.join(", ")
+                )
+            });
+        let unseen = Check::new(name::UNSEEN_GRIDS, "", unseen.len() as f64)
+            .with_max(0.0, LimitSource::Program)
+            .or_reject("not_seen", || {
+                let is_sanded = |grid: &&GridInspection| {
+                    grid.reference != ComparisonReference::DryAndWet && unseen.contains(&grid.id.to_string())
+                };
+                let still = match grids.iter().any(|grid| is_sanded(&grid)) {
+                    true => {
+                        "; on a place that was sanded since the dry picture, no moving water was seen, or the \
+                         state of its film stayed uncertain: use more water or light, or more pictures per second"
+                    }
+                    false => "",
+                };
+                format!(
+                    "grids not completely seen: {}; move the panel into view, lower the exposure if it is too \
+                     bright, or move the lamp if a reflection does not move{still}",
+                    unseen.join(", ")
+                )
+            });
+        let masked = Check::new(name::MASKED_GRIDS, "", masked.len() as f64)
+            .with_max(0.0, LimitSource::recipe("inspect.masked_px"))
+            .reviews("masked", || {
+                format!(
+                    "the recipe masks a part of {}, so the grids named did not pass; inspect the masked parts by \
+                     eye during the film",
+                    masked.join(", ")
+                )
+            });
+        [faint, unseen].into_iter().chain(broken).chain([masked]).collect()
+    }
+}
+
+fn names(grids: &[GridInspection], which: impl Fn(&GridInspection) -> bool) -> Vec<String> {
+    grids.iter().filter(|grid| which(grid)).map(|grid| grid.id.to_string()).collect()
+}
+
+fn describe_broken(min_break_mm2: f64, grids: &[GridInspection]) -> String {
+    let failed: Vec<String> = grids
+        .iter()
+        .filter(|grid| grid.failed)
+        .map(|grid| {
+            let when = grid.time_to_break_s.map(|time| format!(" from {time:.1} s")).unwrap_or_default();
+            format!("{} ({:.1} mm²{when})", grid.id, grid.broken_mm2)
+        })
+        .collect();
+    format!("the film broke on {}; a grid fails from {min_break_mm2:.1} mm²", failed.join(", "))
+}

@@ -1,0 +1,337 @@
+//! The light of each picture by channel, measured on the surroundings of the panel.
+//!
+//! Nothing mirrors there and little becomes wet, so each channel's median of brightness over dry brightness is its
+//! light. Lamps on the mains tint pictures if the exposure is not a multiple of half of the mains' period, each channel
+//! by a different amount: the phosphors are slow, the diode that excites them is not. Evaluated channel by channel,
+//! that beat is light like any other.
+//!
+//! Surroundings that became wet are darker, too, as if the lamp were darker: a change below the plausible range is not
+//! assumed to be the lamp's. If the light [`Flicker`]s that much, it is unknown whether the lamp or water made the
+//! surroundings darker. Water makes nothing brighter: if the surroundings are brighter than with any lamp that drifts,
+//! or saturate, the camera's exposure or gain has changed. A shadow darkens one place after the other, and never all.
+//! A lamp that changes does so at most places from one picture to the next, and as many places agree on the light as
+//! before.
+
+use super::flicker::Flicker;
+use super::sensor::SensorNoise;
+use crate::inspect::footprint::Window;
+use panelprep_base::geometry::{ColorPicture, median};
+
+/// A margin around the window, as a share of its size, in which nothing is looked at: the panel's own rim, and the
+/// area that is sprayed.
+const MARGIN_SHARE: f64 = 0.06;
+/// About this many places are examined at most; the next constant is the number below which there is no result.
+const MAX_EXAMINED_PLACES: usize = 1_500;
+const MIN_EXAMINED_PLACES: usize = 60;
+/// Levels of a dry place that can be used.
+const LEVELS: std::ops::RangeInclusive<u8> = 16..=235;
+/// No lamp changes beyond this range while a panel is tested: outside of it, the surroundings became wet.
+const PLAUSIBLE_GAINS: std::ops::Range<f64> = 0.77..1.3;
+/// At this level or above a place may be overexposed, and shows only that it is at least as bright.
+const SATURATED: u8 = 250;
+/// A place agrees if its ratio differs from the median by less than this fraction.
+const MAX_RATIO_DEVIATION: f64 = 0.08;
+/// At least this fraction of the places around the panel must agree on the light.
+const MIN_AGREE: f64 = 0.5;
+/// If the light changed by more than [`MAX_RATIO_DEVIATION`], the fraction of places that agree must be at least this part of the
+/// previous fraction. Otherwise a shadow lies on most of the places.
+const MIN_AGREEING_SHARE: f64 = 0.9;
+
+/// The surroundings of the panel in the dry picture.
+#[derive(Debug, Clone, Default)]
+pub struct LampObserver {
+    reference_places: Vec<(usize, [f64; 3])>,
+    flicker: Flicker,
+    /// The last light that was accepted, and the value of [`LampObserver::followed`] at that time.
+    accepted: Option<(LampGain, f64)>,
+    /// The light that follows from the common change of most places from picture to picture; the mean of the channels.
+    followed: f64,
+    /// The last levels of the square around each place, in the dry picture's light.
+    last: Vec<[f64; 3]>,
+    sensor: [SensorNoise; 2],
+}
+
+/// The light of one picture.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LampGain {
+    /// The gain of each channel, relative to the dry picture.
+    pub gains: [f64; 3],
+    /// The fraction of the places that agree; 0 if there are too few places, or if no lamp has such a light.
+    pub agreeing_share: f64,
+    /// The mean swing of a lamp that flickers, percent, if the places agree on a light that no lamp has; otherwise 0.
+    pub flicker_percent: f64,
+    /// The mean gain, if the places agree that it is more than a lamp's drift.
+    pub brighter_gain: Option<f64>,
+}
+
+impl LampGain {
+    const UNKNOWN: LampGain =
+        LampGain { gains: [1.0; 3], agreeing_share: 0.0, flicker_percent: 0.0, brighter_gain: None };
+
+    /// Returns the mean of the channels.
+    pub fn mean(&self) -> f64 {
+        self.gains.iter().sum::<f64>() / 3.0
+    }
+
+    /// Returns whether this is the light of a shadow on most places, if these became brighter by this factor since the
+    /// previous light.
+    fn is_shadow_onset(&self, before: &LampGain, brighter: f64) -> bool {
+        let is_change = is_near_gain(self.mean(), brighter * before.mean())
+            && self.agreeing_share >= MIN_AGREEING_SHARE * before.agreeing_share;
+        !is_near_gain(self.mean(), before.mean()) && !is_change
+    }
+
+    /// The gain of each channel, if enough of the places agree.
+    pub fn agreed_gains(&self) -> Option<[f64; 3]> {
+        (self.agreeing_share >= MIN_AGREE).then_some(self.gains)
+    }
+}
+
+impl LampObserver {
+    /// Examines the surroundings of this window in a dry picture.
+    pub fn observe_surroundings(window: &Window, dry: &ColorPicture) -> Self {
+        let margin = |length: usize| (MARGIN_SHARE * length as f64).ceil() as usize;
+        let (across, down) = (margin(window.width), margin(window.height));
+        let columns = window.left.saturating_sub(across)..window.left + window.width + across;
+        let rows = window.top.saturating_sub(down)..window.top + window.height + down;
+        let inside = window.width * window.height;
+        let step = (((dry.width * dry.height).saturating_sub(inside) as f64 / MAX_EXAMINED_PLACES as f64).sqrt()
+            as usize)
+            .max(1);
+        let mut places = Vec::new();
+        for row in (step / 2..dry.height).step_by(step) {
+            for column in (step / 2..dry.width).step_by(step) {
+                let index = row * dry.width + column;
+                let rgb = dry.rgb[index];
+                let is_away = !(rows.contains(&row) && columns.contains(&column));
+                if is_away && rgb.iter().all(|level| LEVELS.contains(level)) {
+                    places.push((index, rgb.map(f64::from)));
+                }
+            }
+        }
+        LampObserver { reference_places: places, ..LampObserver::default() }
+    }
+
+    /// Adds the surroundings of this window in the next dry picture.
+    pub fn add_surroundings(&mut self, window: &Window, dry: &ColorPicture) {
+        self.measure(dry);
+        let sensor = std::mem::take(&mut self.sensor);
+        *self = LampObserver {
+            flicker: self.flicker.referenced_to_last(),
+            sensor,
+            ..LampObserver::observe_surroundings(window, dry)
+        };
+    }
+
+    /// Measures the light of the next picture.
+    pub fn measure(&mut self, picture: &ColorPicture) -> LampGain {
+        if self.reference_places.len() < MIN_EXAMINED_PLACES {
+            return LampGain::UNKNOWN;
+        }
+        let ratio = |now: u8, dry: f64| (f64::from(now) + 0.01) / dry;
+        let is_saturated = |index: usize| picture.rgb[index].iter().any(|level| *level >= SATURATED);
+        let (saturated, usable): (Vec<_>, Vec<_>) =
+            self.reference_places.iter().partition(|(index, _)| is_saturated(*index));
+        // A saturated place shows a lower bound only. If most are, the bound may still prove that there is more light
+        // than can be compensated.
+        if usable.len() < MIN_EXAMINED_PLACES.max(saturated.len()) {
+            let mut lowest_gains: Vec<f64> =
+                saturated.iter().map(|(index, dry)| ratio(picture.rgb[*index][1], dry[1])).collect();
+            let lowest_gains =
+                median(&mut lowest_gains).filter(|lowest_gains| *lowest_gains >= PLAUSIBLE_GAINS.end);
+            return LampGain { brighter_gain: lowest_gains, ..LampGain::UNKNOWN };
+        }
+        let mut ratios = [0, 1, 2].map(|i| -> Vec<f64> {
+            usable.iter().map(|(index, dry)| ratio(picture.rgb[*index][i], dry[i])).collect()
+        });
+        let gains = ratios.each_mut().map(|ratios| majority_ratio(ratios));
+        let near = ratios
+            .iter()
+            .zip(gains)
+            .map(|(ratios, gain)| ratios.iter().filter(|ratio| is_near_gain(**ratio, gain)).count());
+        let agree = near.sum::<usize>() as f64 / (3 * usable.len()) as f64;
+        self.add_noise(picture, gains);
+        let flicker_percent = self.flicker.mean_swing_percent(gains);
+        // Outside of this range the spray has wetted the surroundings, and their darkness is not light.
+        if gains.iter().all(|gain| PLAUSIBLE_GAINS.contains(gain)) {
+            let lit = LampGain { gains, agreeing_share: agree, flicker_percent: 0.0, brighter_gain: None };
+            let is_shadow =
+                |(before, followed): (LampGain, f64)| lit.is_shadow_onset(&before, self.followed / followed);
+            // A shadow over the surroundings alone would make the film look too bright, as a break does.
+            if self.accepted.is_some_and(is_shadow) {
+                return LampGain { gains, ..LampGain::UNKNOWN };
+            }
+            if lit.agreed_gains().is_some() {
+                self.accepted = Some((lit, self.followed));
+            }
+            return lit;
+        }
+        if agree < MIN_AGREE {
+            return LampGain { gains, ..LampGain::UNKNOWN };
+        }
+        let lit = LampGain { gains, flicker_percent, ..LampGain::UNKNOWN };
+        LampGain { brighter_gain: Some(lit.mean()).filter(|mean| *mean >= PLAUSIBLE_GAINS.end), ..lit }
+    }
+}
+
+impl LampObserver {
+    /// Returns the sensor's noise in the means of squares of [`LampObserver::SIDE_PX`]: for one channel, and for the mean
+    /// of all three. Neighbours and channels of a colour picture are not independent, so that neither value follows
+    /// from the noise of a pixel.
+    pub fn sensor(&self) -> [&SensorNoise; 2] {
+        self.sensor.each_ref()
+    }
+
+    /// The side of the squares in which noise is measured, px.
+    pub const SIDE_PX: usize = 4;
+
+    fn add_noise(&mut self, picture: &ColorPicture, gains: [f64; 3]) {
+        let side = LampObserver::SIDE_PX;
+        // A saturated pixel has no noise: such a place gives no information.
+        let now = |(index, _): &(usize, [f64; 3])| -> [f64; 3] {
+            let left = (index % picture.width).min(picture.width.saturating_sub(side));
+            let top = (index / picture.width).min(picture.height.saturating_sub(side));
+            let mut sums = [0.0; 3];
+            for row in top..(top + side).min(picture.height) {
+                for rgb in &picture.rgb[row * picture.width + left..][..side.min(picture.width)] {
+                    let level = |i: usize| if rgb[i] >= SATURATED { f64::NAN } else { f64::from(rgb[i]) };
+                    (0..3).for_each(|i| sums[i] += level(i));
+                }
+            }
+            std::array::from_fn(|i| sums[i] / gains[i] / (side * side) as f64)
+        };
+        let mut now: Vec<[f64; 3]> = self.reference_places.iter().map(now).collect();
+        let mut followed = gains;
+        if self.last.len() == now.len() {
+            // The squares determine the common change more exactly than single pixels do.
+            for i in 0..3 {
+                let shares = self.last.iter().zip(&now).map(|(before, now)| now[i] / before[i]);
+                let mut shares: Vec<f64> = shares.filter(|share| share.is_finite()).collect();
+                let common = median(&mut shares).unwrap_or(1.0);
+                now.iter_mut().for_each(|now| now[i] /= common);
+                followed[i] *= common;
+            }
+            let mean = |rgb: &[f64; 3]| rgb.iter().sum::<f64>() / 3.0;
+            for (before, now) in self.last.iter().zip(&now) {
+                (0..3).for_each(|i| self.sensor[0].add(before[i], now[i]));
+                self.sensor[1].add(mean(before), mean(now));
+            }
+        }
+        self.followed = followed.iter().sum::<f64>() / 3.0;
+        self.last = now;
+    }
+}
+
+/// Returns the ratio that most places have: the median of the ratios near the median of all, repeated once about
+/// the result. The ratios of places that became wet lie outside.
+fn majority_ratio(ratios: &mut [f64]) -> f64 {
+    let first = median(ratios).unwrap_or(1.0).clamp(0.25, 4.0);
+    (0..2).fold(first, |gain, _| {
+        let mut near: Vec<f64> = ratios.iter().copied().filter(|ratio| is_near_gain(*ratio, gain)).collect();
+        median(&mut near).unwrap_or(gain)
+    })
+}
+
+fn is_near_gain(ratio: f64, gain: f64) -> bool {
+    (ratio / gain - 1.0).abs() < MAX_RATIO_DEVIATION
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: red a tenth brighter, blue a tenth darker. The wet area has no effect: it consists of the window and
+    /// less than half of its surroundings.
+    #[test]
+    fn a_tint_is_measured_around_the_panel() {
+        let window = Window { left: 40, top: 30, width: 80, height: 60 };
+        let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(160, 120, [100; 3]));
+        let mut now = ColorPicture::uniform(160, 120, [110, 100, 90]);
+        for row in 0..120 {
+            let wet = if row < 20 { 0..160 } else { 40..120 };
+            now.rgb[row * 160..][wet].fill([30; 3]);
+        }
+        let lit = lamp.measure(&now);
+        assert!(lit.gains.iter().zip([1.1, 1.0, 0.9]).all(|(found, real)| (found - real).abs() < 1e-3), "{lit:?}");
+        assert!(lit.agreeing_share > 0.5 && lit.agreeing_share < 0.9, "{lit:?}");
+        let wet = lamp.measure(&ColorPicture::uniform(160, 120, [60; 3]));
+        assert_eq!(wet.agreeing_share, 0.0, "all around became wet: no lamp");
+        let whole = Window { left: 0, top: 0, width: 160, height: 120 };
+        let none =
+            LampObserver::observe_surroundings(&whole, &ColorPicture::uniform(160, 120, [100; 3])).measure(&now);
+        assert_eq!(none, LampGain::UNKNOWN, "nothing lies around the panel");
+    }
+
+    /// By hand: of 40 rows, 35 and a margin of 3 belong to the window. Two rows of 25 px are fewer than 60 places, and
+    /// two rows of 35 px are enough.
+    #[test]
+    fn few_places_show_no_light() {
+        let light = |width: usize| {
+            let window = Window { left: 0, top: 5, width, height: 35 };
+            let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(width, 40, [100; 3]));
+            lamp.measure(&ColorPicture::uniform(width, 40, [90; 3])).agreed_gains()
+        };
+        assert!(light(25).is_none() && light(35).is_some(), "{:?} {:?}", light(25), light(35));
+    }
+
+    /// By hand: surroundings of 100 levels that become 180 are 1.8 times as bright; those of 190 saturate, so that
+    /// they are at least 1.34 times as bright.
+    #[test]
+    fn an_exposure_that_changed_is_no_lamp_and_no_water() {
+        let window = Window { left: 40, top: 30, width: 80, height: 60 };
+        for (dry, now, least) in [(100, 180, 1.79), (190, 255, 1.33)] {
+            let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(160, 120, [dry; 3]));
+            let lit = lamp.measure(&ColorPicture::uniform(160, 120, [now; 3]));
+            assert!(lit.agreed_gains().is_none() && lit.brighter_gain.is_some_and(|gain| gain >= least), "{lit:?}");
+        }
+    }
+
+    /// By hand: of five places two became wet, and the others are 3 % darker, equally bright, and 3 % brighter. The
+    /// median of all is 0.97, the median of the ratios near it is 1, and three of five places agree with it.
+    #[test]
+    fn what_became_wet_does_not_count_for_light() {
+        let window = Window { left: 0, top: 40, width: 100, height: 20 };
+        let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(100, 100, [100; 3]));
+        let mut now = ColorPicture::uniform(100, 100, [60; 3]);
+        let shown = [60, 60, 60, 60, 97, 97, 100, 100, 103, 103].map(|level| [level; 3]);
+        now.rgb.chunks_mut(10).for_each(|places| places.copy_from_slice(&shown));
+        let lit = lamp.measure(&now);
+        assert!(lit.gains.iter().all(|gain| (gain - 1.0).abs() < 1e-3), "{lit:?}");
+        assert!((lit.agreeing_share - 0.6).abs() < 1e-9, "{lit:?}");
+    }
+
+    /// By hand: a shadow that removes a fifth of the light from six of ten rows is not a lamp, and one that removes it
+    /// from all of them is. The earlier lamp is recognised again as soon as most rows show it.
+    #[test]
+    fn a_shadow_on_most_of_what_lies_around_is_no_lamp() {
+        let window = Window { left: 0, top: 0, width: 160, height: 20 };
+        let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(160, 120, [100; 3]));
+        let mut shown = |shadowed_rows: usize| {
+            let mut now = ColorPicture::uniform(160, 120, [100; 3]);
+            now.rgb[(120 - shadowed_rows) * 160..].fill([80; 3]);
+            lamp.measure(&now).agreed_gains().map(|gains| (100.0 * gains[1]).round())
+        };
+        assert_eq!([0, 58, 40, 120, 0].map(&mut shown), [Some(100.0), None, Some(100.0), Some(80.0), Some(100.0)]);
+        // A shadow that moves slowly over the places darkens only few of them from one picture to the next.
+        let crept: Vec<Option<f64>> = (0..=20).map(|tenth| shown(58 * tenth / 20)).collect();
+        assert!(crept.iter().all(|gain| gain.is_none_or(|gain| gain == 100.0)), "{crept:?}");
+        assert!(crept[20].is_none() && crept[..14].iter().all(Option::is_some), "{crept:?}");
+    }
+
+    /// By hand: five pictures that change from 200 to 140 levels and back have three swings.
+    #[test]
+    fn a_lamp_that_flickers_is_distinguished_from_what_becomes_wet() {
+        let window = Window { left: 40, top: 30, width: 80, height: 60 };
+        let shown = |levels: [u8; 5]| {
+            let mut lamp = LampObserver::observe_surroundings(&window, &ColorPicture::uniform(160, 120, [200; 3]));
+            levels.map(|level| lamp.measure(&ColorPicture::uniform(160, 120, [level; 3])))[4]
+        };
+        for wet in [[180, 160, 150, 142, 140], [100, 130, 130, 130, 130], [140, 142, 140, 142, 140]] {
+            let lit = shown(wet);
+            assert_eq!((lit.agreeing_share, lit.flicker_percent), (0.0, 0.0), "{wet:?}");
+        }
+        let flickers = shown([140, 200, 140, 200, 140]).flicker_percent;
+        assert!((flickers - 100.0 * (200.0_f64 / 140.0).ln()).abs() < 0.1, "{flickers}");
+        assert_eq!(shown([140, 200, 140, 200, 190]).flicker_percent, 0.0, "light that a lamp may have");
+    }
+}

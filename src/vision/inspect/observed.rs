@@ -1,0 +1,189 @@
+//! The data that the gate judges: the demands of a test, how its film was watched, and the result of each grid.
+
+use super::model::FILM_ASSUMED;
+use super::quality::{Quality, max_brighter_percent};
+use panelprep_base::verdict::LimitSource;
+use panelprep_cell::cell::Limits;
+use panelprep_cell::panel::GridId;
+use panelprep_cell::recipe::{self, Recipe};
+
+/// Smallest fraction of the film's duration that usable pictures must cover.
+const MIN_USABLE_SHARE: f64 = 0.8;
+/// The distance between two pictures is a gap if it exceeds this number of the recipe's intervals, unless a break has
+/// to last longer to count.
+const MAX_GAP_INTERVALS: f64 = 5.0;
+
+/// The demands that the cell's file states because the recipe does not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CellDemands {
+    /// Whether the cell's file states how long the film is watched.
+    pub observation: bool,
+    /// Whether the cell's file states the area of broken film from which a grid fails.
+    pub min_break: bool,
+}
+
+/// The requirements of a test: the recipe's values, or the cell's if the recipe has none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Demands {
+    /// How long the film is watched, s.
+    pub observation_s: f64,
+    /// Pictures a second.
+    pub frames_per_second: f64,
+    /// The area of broken film from which a grid fails, mm².
+    pub min_break_mm2: f64,
+    /// How long a place must be seen dry to count as broken, s.
+    pub persist_s: f64,
+    /// Source of these criteria.
+    pub cell_demands: CellDemands,
+}
+
+impl Demands {
+    /// The demands of a recipe in a cell with these limits.
+    pub fn from_recipe(recipe: &Recipe, limits: &Limits) -> Self {
+        Demands {
+            observation_s: recipe.process().observation_s().unwrap_or(limits.observation_s()),
+            frames_per_second: recipe.process().frames_per_second(),
+            min_break_mm2: recipe.inspect().min_break_mm2().unwrap_or(limits.min_break_mm2()),
+            persist_s: recipe.inspect().persist_s(),
+            cell_demands: CellDemands {
+                observation: recipe.process().observation_s().is_none(),
+                min_break: recipe.inspect().min_break_mm2().is_none(),
+            },
+        }
+    }
+
+    /// Returns how long to film, s: a break at the end of the window must be seen as dry long enough to count.
+    pub fn filmed_s(&self) -> f64 {
+        self.observation_s + self.persist_s
+    }
+
+    pub(super) fn observation_time_set_by(&self) -> LimitSource {
+        match self.cell_demands.observation {
+            true => LimitSource::cell("limits.observation_s"),
+            false => LimitSource::recipe("process.observation_s"),
+        }
+    }
+
+    pub(super) fn min_break_set_by(&self) -> LimitSource {
+        match self.cell_demands.min_break {
+            true => LimitSource::cell("limits.min_break_mm2"),
+            false => LimitSource::recipe("inspect.min_break_mm2"),
+        }
+    }
+
+    /// Returns the smallest accepted time from the first to the last wet picture, s: the last picture of a window may
+    /// be taken one interval before the window ends.
+    pub fn min_observed_s(&self) -> f64 {
+        self.observation_s - picture_interval_s(self.frames_per_second)
+    }
+
+    /// Returns how long a film must be seen in usable pictures, s.
+    pub fn min_usable_s(&self, observed_s: f64) -> f64 {
+        MIN_USABLE_SHARE * observed_s
+    }
+
+    /// Returns the longest accepted time between two wet pictures, s: a longer gap could hide a break that counts.
+    pub fn max_gap_s(&self) -> f64 {
+        (MAX_GAP_INTERVALS / self.frames_per_second).max(self.persist_s)
+    }
+}
+
+/// Returns the time by which the first and the last picture of a window may be closer together than the window is
+/// long, s.
+pub fn picture_interval_s(frames_per_second: f64) -> f64 {
+    1.001 / frames_per_second
+}
+
+/// The reference with which the places of a grid were compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ComparisonReference {
+    /// Their own dry look and their own wet look.
+    DryAndWet,
+    /// Only their own wet look: the grid was sanded since the dry picture, or there is no dry picture.
+    Wet,
+    /// Both looks for a part of the grid, only the wet look for the rest.
+    Both,
+}
+
+impl ComparisonReference {
+    /// Selects the reference from the fraction of a grid that was sanded since the dry picture.
+    pub(super) fn from_sanded_share(share: f64) -> Self {
+        match share {
+            0.0 => ComparisonReference::DryAndWet,
+            share if share < 1.0 => ComparisonReference::Both,
+            _ => ComparisonReference::Wet,
+        }
+    }
+
+    /// Returns the description for people.
+    pub fn describe(self) -> &'static str {
+        match self {
+            ComparisonReference::DryAndWet => "dry and wet look",
+            ComparisonReference::Wet => "wet look alone, sanded since the dry picture",
+            ComparisonReference::Both => "wet look alone where it was sanded since the dry picture",
+        }
+    }
+}
+
+/// The result of the test for one grid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GridInspection {
+    /// Its name.
+    pub id: GridId,
+    /// The reference with which the grid's places were compared.
+    pub reference: ComparisonReference,
+    /// Whether at least `min_break_mm2` of film broke on the grid.
+    pub failed: bool,
+    /// Whether the grid was seen completely, except for areas too small to make it fail. A grid that was not seen
+    /// completely is not passed.
+    pub seen: bool,
+    /// Whether every part that was not seen is masked by the recipe.
+    pub only_masked: bool,
+    /// Whether film and dry panel look alike on so large an area that a break there would fail the grid.
+    pub no_contrast: bool,
+    /// Whether so large an area was wet already in the dry picture that a break there would fail the grid.
+    pub wet_when_dry: bool,
+    /// Broken film, mm².
+    pub broken_mm2: f64,
+    /// Time at which the broken area reached `min_break_mm2`, s after the first fully wet picture.
+    pub time_to_break_s: Option<f64>,
+}
+
+/// Evidence of how the film was observed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Observation {
+    /// Time from the first to the last wet picture, s.
+    pub observed_s: f64,
+    /// Number of wet pictures, including the reference.
+    pub frames: usize,
+    /// The longest time between two wet pictures, s.
+    pub longest_gap_s: f64,
+    /// The area of broken film from which a grid fails, mm².
+    pub min_break_mm2: f64,
+    /// Whether a dry picture was taken.
+    pub has_dry: bool,
+    /// Fraction of the region's surface that was not wet in any picture, percent.
+    pub never_wet_percent: f64,
+    /// The fraction of the panel's dry brightness that remains under the film, 0…1, if the clip determined it.
+    pub film_left: Option<f64>,
+    /// Change of the panel's brightness by the film, grey levels: the median over the region, if the clip determined
+    /// it.
+    pub change_levels: Option<f64>,
+    /// The clip's noise: the standard deviation of a pixel of the film from picture to picture, grey levels.
+    pub noise_levels: f64,
+    /// The smallest break that is certainly found, mm².
+    pub detection_limit_mm2: f64,
+    /// Whether the panel's pose is assumed, because none was stated.
+    pub is_place_assumed: bool,
+    /// Quality of the observation.
+    pub quality: Quality,
+}
+
+impl Observation {
+    /// Returns the largest decrease and the largest increase of the light relative to the dry picture that are
+    /// compensated, percent.
+    pub fn light_limits_percent(&self, settings: &recipe::Inspect) -> [f64; 2] {
+        let brighter = max_brighter_percent(self.film_left.unwrap_or(FILM_ASSUMED), settings);
+        [settings.max_light_change_percent(), brighter]
+    }
+}

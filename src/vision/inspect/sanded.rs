@@ -1,0 +1,546 @@
+//! Evidence of a film on places that were sanded since the dry picture, and have no dry look of their own.
+//!
+//! Such a place is compared with its own wet look while the film is watched. A bare place keeps its look, too, so
+//! it needs separate evidence that it was wet when the film began. The evidence is that water moves: places beside
+//! each other then differ over time by more than the sensor's noise ([`Shimmer`]). A place was wet if the places
+//! near it that look alike shimmer. They are searched in squares that grow until there are enough of them, and the
+//! nearest ones must shimmer themselves. A bare place does not look like the film around it, and it is still. If
+//! drops run over a part of it, most of it is still.
+//!
+//! Water that runs over a bare place moves as a film does. So a place that is narrower than any disc, and differs
+//! from the looks around it as a break differs from its film, has no evidence either: it was made by a break and
+//! not by a disc ([`BrightnessLevels::narrow_pixels`]).
+//!
+//! If a film does not move at all, its sanded places stay unseen. A new dry picture, recorded after they dried,
+//! helps.
+
+use super::footprint::Window;
+use super::model::{DIFFERENCES, Model, Shimmer};
+use super::narrow_spots::BrightnessLevels;
+use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar};
+use opencv::imgproc;
+use panelprep_base::geometry::{ALL_NEIGHBOURS, DIRECT_NEIGHBOURS, median};
+use panelprep_cell::imaging::{ImagingError, with_operation};
+use rayon::prelude::*;
+
+/// A film's shimmer is at least this multiple of the sensor's noise …
+const MIN_SHIMMER: f64 = 1.35;
+/// … and exceeds the value that noise alone would give by at least this many standard deviations.
+const MIN_EXCESS_SIGMA: f64 = 4.5;
+/// The shimmer of still places lies below the factor `MIN_SHIMMER` by at least this many standard deviations.
+const MIN_STILL_SIGMA: f64 = 3.0;
+/// A place is still if its movement is surely less than this fraction of the movement on a film of the clip. If the
+/// second fraction of the places of similar brightness is still, there is no film: on rendered films at most 0.023 was
+/// still, for 99 % of all places, on bare places 0.31.
+const MIN_FILM_SHARE: f64 = 0.2;
+const MAX_STILL_SHARE: f64 = 0.05;
+/// This fraction of the differences, the largest ones, may show a shadow or a glint that passes, and does not count.
+/// With fewer than the following numbers of other differences or of places there is no result.
+const MAX_DISTURBED_SHARE: f64 = 0.34;
+const MIN_DIFFERENCES: usize = 3;
+const MIN_SITES: f64 = 6.0;
+/// Half sides of the squares that are evaluated, in steps of the lattice on which shimmer is measured.
+const RADII: [usize; 4] = [2, 4, 8, 16];
+/// The number of radii, from the smallest, that show only the nearest places.
+const NEAREST_RADII: usize = 2;
+/// The first square that reaches the smallest radius of a disc must itself show movement by at least this many standard
+/// deviations. Farther places confirm it, but places that look alike and move elsewhere are not evidence for a place
+/// that is still. The square has a size on the panel, since a smaller pixel shows less movement.
+const NEAR_SIGMA: f64 = 3.0;
+/// Places have a similar brightness if it differs by at most this many times the noise of one pixel, or by a quarter
+/// of the change that a break causes.
+const MAX_SIMILARITY_SIGMA: f64 = 3.0;
+/// The shape of the smallest break that is surely found, 12 px.
+const MIN_BREAK_SHAPE: [[u8; 4]; 4] = [[0, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 0]];
+
+/// A bead of water on the smallest break covers at most a quarter of the break, px. A larger enclosed place may be a
+/// film with an edge around it.
+const MAX_BEAD_PX: usize = 3;
+
+/// The data about the sanded places.
+pub struct SandedPlaces<'a> {
+    pub model: &'a Model,
+    pub window: &'a Window,
+    /// For each pixel of the window, whether the pixel is judged.
+    pub inside: &'a [bool],
+    /// Time at which each pixel broke, s; infinite if the pixel did not break.
+    pub broke_s: &'a [f32],
+    /// The smallest radius of a disc, px.
+    pub disc_px: usize,
+    /// The smallest break that makes a grid fail, px.
+    pub break_px: usize,
+    /// The smallest and the largest brightness of a break, relative to the brightness of its film; `None` if the range
+    /// is not known.
+    pub break_to_film: Option<[f32; 2]>,
+}
+
+/// One place of the lattice.
+#[derive(Debug, Clone, Copy)]
+struct LatticeSite {
+    /// The brightness of the film at this site, levels; 0 for a place that is not judged.
+    look: f64,
+    /// Standard deviation of the site's brightness in one picture, levels.
+    noise: f64,
+    /// The site's z for each second difference.
+    shimmer: [f32; DIFFERENCES],
+}
+
+impl LatticeSite {
+    /// Returns the noise of a site relative to its brightness.
+    fn noise_share(&self) -> f64 {
+        self.noise / self.look
+    }
+}
+
+/// The statistics of several places for each second difference: the number of places, the sum of their z and the sum
+/// of z².
+#[derive(Debug, Clone, Copy, Default)]
+struct PlaceStatistics([[f64; 3]; DIFFERENCES]);
+
+impl PlaceStatistics {
+    fn add(&mut self, site: &LatticeSite) {
+        for ([count, sum, squares], z) in self.0.iter_mut().zip(site.shimmer) {
+            if !z.is_nan() {
+                let z = f64::from(z);
+                (*count, *sum, *squares) = (*count + 1.0, *sum + z, *squares + z * z);
+            }
+        }
+    }
+
+    /// Returns the ratio of these places' variance to the variance of still places, and the standard deviation of
+    /// this ratio for still places. The ratio is the mean over the smaller differences. The variance of n normal
+    /// deviates has the relative standard deviation √(2/(n − 1)).
+    fn relative_variance(&self) -> Option<(f64, f64)> {
+        let seen = self.0.iter().filter(|[count, ..]| *count >= MIN_SITES);
+        let mut shown: Vec<(f64, f64)> = seen
+            .map(|[count, sum, squares]| ((squares - sum * sum / count) / (count - 1.0), count - 1.0))
+            .collect();
+        shown.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let passing = (MAX_DISTURBED_SHARE * shown.len() as f64).ceil() as usize;
+        let kept = Some(shown.len() - passing).filter(|kept| *kept >= MIN_DIFFERENCES)?;
+        let (variance, degrees) = shown[..kept].iter().fold((0.0, 0.0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
+        // Differences that share a span are not independent, so only a third of the degrees of freedom is counted.
+        Some((variance / kept as f64, (2.0 * 3.0 / degrees).sqrt()))
+    }
+}
+
+impl SandedPlaces<'_> {
+    /// Returns the sanded pixels without evidence that they were wet.
+    ///
+    /// # Errors
+    /// If OpenCV refuses the mask.
+    pub fn unproven_pixels(&self) -> Result<Vec<bool>, ImagingError> {
+        let Some(shimmer) = self.model.measured_shimmer() else { return Ok(vec![false; self.inside.len()]) };
+        let reaches_disc = RADII.iter().position(|radius| radius * Shimmer::SIDE_PX >= self.disc_px);
+        let lattice = SiteLattice {
+            sites: self.lattice_sites(shimmer),
+            shimmer,
+            tolerance: self.model.away_threshold(),
+            // The smallest square alone has too few sites to show water at few pictures a second, and the largest has
+            // none beyond it that would confirm it.
+            near: reaches_disc.unwrap_or(RADII.len() - 1).clamp(NEAREST_RADII - 1, RADII.len() - 2),
+        };
+        let is_wet = lattice.wet_sites();
+        // A pixel gets the evidence of a neighbouring wet site of similar brightness, or of a neighbouring place that
+        // was not sanded.
+        let has_evidence = |i: usize| {
+            let (row, column) = (i / self.window.width, i % self.window.width);
+            let look = self.film_level(i);
+            let is_like_wet_site = |at: usize| {
+                let Some(site) = lattice.sites.get(at).filter(|site| site.look > 0.0) else { return false };
+                is_wet[at] && (look - site.look).abs() <= lattice.tolerance * site.look
+            };
+            shimmer.nearby_sites(row, column).any(is_like_wet_site)
+                || self.is_similar_to_nearby_film(row, column, look)
+        };
+        let tolerance = self.model.away_threshold() as f32;
+        let looks =
+            BrightnessLevels { window: self.window, levels: self.film_levels(), disc_px: self.disc_px, tolerance };
+        let is_narrow =
+            with_operation("looking for places narrower than a disc", looks.narrow_pixels(self.break_to_film))?;
+        let is_narrow = self.with_beads(is_narrow);
+        let is_without = |i: usize| {
+            let is_whole = self.inside[i] && self.model.has_no_dry_brightness(i) && self.broke_s[i].is_infinite();
+            is_whole && (is_narrow[i] || !has_evidence(i))
+        };
+        let without: Vec<bool> = (0..self.inside.len()).into_par_iter().map(is_without).collect();
+        Ok(self.with_rims(self.wide_unproven_pixels(&without)?))
+    }
+
+    /// Adds the beads within narrow places to them.
+    fn with_beads(&self, mut is_narrow: Vec<bool>) -> Vec<bool> {
+        let raster = self.window.raster();
+        let is_at_rim = |i: usize| raster.neighbours(i, &DIRECT_NEIGHBOURS).count() < DIRECT_NEIGHBOURS.len();
+        for piece in raster.connected_pieces(&DIRECT_NEIGHBOURS, |i| !is_narrow[i]) {
+            if piece.len() <= MAX_BEAD_PX && !piece.iter().any(|&i| is_at_rim(i)) {
+                piece.iter().for_each(|&i| is_narrow[i] = true);
+            }
+        }
+        is_narrow
+    }
+
+    /// Adds the rims of places that are as large as a break: a pixel there shows film as well, and may look like
+    /// the film around it.
+    fn with_rims(&self, mut without: Vec<bool>) -> Vec<bool> {
+        let raster = self.window.raster();
+        let is_whole =
+            |i: usize| self.inside[i] && self.model.has_no_dry_brightness(i) && self.broke_s[i].is_infinite();
+        for piece in raster
+            .connected_pieces(&ALL_NEIGHBOURS, |i| without[i])
+            .into_iter()
+            .filter(|piece| piece.len() >= self.break_px)
+        {
+            let rim =
+                piece.into_iter().flat_map(|i| raster.neighbours(i, &ALL_NEIGHBOURS)).filter(|&i| is_whole(i));
+            rim.for_each(|i| without[i] = true);
+        }
+        without
+    }
+
+    /// Returns the pixels without evidence that lie in a place wide enough for the smallest break that is surely
+    /// found. Neighbouring pixels that are broken or outside of the region count as part of this place. A thinner
+    /// place cannot hide a break.
+    fn wide_unproven_pixels(&self, without: &[bool]) -> Result<Vec<bool>, ImagingError> {
+        let hides = |i: usize| without[i] || !self.inside[i] || self.broke_s[i].is_finite();
+        let bytes: Vec<u8> = (0..without.len()).map(|i| u8::from(hides(i))).collect();
+        let opened =
+            with_operation("the opening of the mask of unseen places", morphological_opening(self.window, &bytes))?;
+        Ok(without.iter().zip(opened).map(|(without, opened)| *without && opened).collect())
+    }
+
+    /// Returns whether a pixel is as bright as the film of places that were not sanded and lie within a site's side
+    /// from the pixel. The area that counts as sanded is wider than the area that a disc touched, and a bare strip
+    /// would be as bright as the film beside it only by chance.
+    fn is_similar_to_nearby_film(&self, row: usize, column: usize, look: f64) -> bool {
+        let near =
+            |at: usize, end: usize| at.saturating_sub(Shimmer::SIDE_PX)..(at + Shimmer::SIDE_PX + 1).min(end);
+        let mut looks: Vec<f64> = near(row, self.window.height)
+            .flat_map(|row| near(column, self.window.width).map(move |column| row * self.window.width + column))
+            .filter(|&at| self.is_film_with_dry_brightness(at))
+            .map(|at| self.film_level(at))
+            .collect();
+        let Some(film) = median(&mut looks).filter(|_| looks.len() >= Shimmer::SIDE_PX) else { return false };
+        (look - film).abs()
+            <= (self.model.away_threshold() / 2.0 * film).max(MAX_SIMILARITY_SIGMA * self.model.noise_levels())
+    }
+
+    fn is_film_with_dry_brightness(&self, i: usize) -> bool {
+        let model = self.model;
+        self.inside[i]
+            && !model.has_no_dry_brightness(i)
+            && model.ever_wet(i)
+            && self.broke_s[i].is_infinite()
+            && model.was_observed(i)
+    }
+
+    /// Returns the brightness of a pixel's film, levels. For a place that left its wet look and became film, returns
+    /// the brightness at the end.
+    fn film_level(&self, i: usize) -> f64 {
+        if self.model.is_open_now(i) { f64::from(self.model.levels(i)[0]) } else { self.model.film_look_levels(i) }
+    }
+
+    /// Returns the brightness of each pixel with film that did not break, levels; 0 elsewhere.
+    fn film_levels(&self) -> Vec<f32> {
+        let holds = |i: usize| self.inside[i] && self.broke_s[i].is_infinite() && self.model.was_observed(i);
+        (0..self.inside.len()).map(|i| if holds(i) { self.film_level(i) as f32 } else { 0.0 }).collect()
+    }
+
+    fn lattice_sites(&self, shimmer: &Shimmer) -> Vec<LatticeSite> {
+        let none = LatticeSite { look: 0.0, noise: 0.0, shimmer: [f32::NAN; DIFFERENCES] };
+        let site = |at: usize| {
+            let (top, left) = shimmer.site_position(at);
+            let rows = top..(top + Shimmer::SIDE_PX).min(self.window.height);
+            let columns = left..(left + Shimmer::SIDE_PX).min(self.window.width);
+            let pixels: Vec<usize> =
+                rows.flat_map(|row| columns.clone().map(move |column| row * self.window.width + column)).collect();
+            let counts = |i: &usize| {
+                self.inside[*i] && self.model.has_no_dry_brightness(*i) && self.broke_s[*i].is_infinite()
+            };
+            let mut looks: Vec<f64> = pixels.iter().filter(|i| counts(i)).map(|i| self.film_level(*i)).collect();
+            // Less than half of a site does not represent what is common to the whole site.
+            if looks.len() < Shimmer::SIDE_PX * Shimmer::SIDE_PX / 2 {
+                return None;
+            }
+            let look = median(&mut looks)?;
+            let variance = self.model.site_variance(pixels[0], look)?;
+            Some(LatticeSite {
+                look,
+                noise: variance.sqrt(),
+                shimmer: shimmer.difference_statistics(at, variance.sqrt() / look.max(1.0)),
+            })
+        };
+        (0..shimmer.len()).map(|at| site(at).unwrap_or(none)).collect()
+    }
+}
+
+/// Returns the morphological opening of a mask by the smallest break that is surely found; the mask counts as set
+/// outside of the window.
+fn morphological_opening(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
+    let mask = Mat::new_rows_cols_with_data(window.height as i32, window.width as i32, bytes)?;
+    let kernel = Mat::from_slice_2d(&MIN_BREAK_SHAPE)?;
+    let (border, kind) = (Scalar::all(1.0), core::BORDER_CONSTANT);
+    let (mut eroded, mut opened) = (Mat::default(), Mat::default());
+    // A kernel with an even side has no middle: the dilation must use the opposite anchor of the erosion.
+    imgproc::erode(&mask, &mut eroded, &kernel, Point::new(1, 1), 1, kind, border)?;
+    imgproc::dilate(&eroded, &mut opened, &kernel, Point::new(2, 2), 1, kind, Scalar::all(0.0))?;
+    Ok(opened.data_bytes()?.iter().map(|&byte| byte > 0).collect())
+}
+
+/// All sites.
+struct SiteLattice<'a> {
+    sites: Vec<LatticeSite>,
+    shimmer: &'a Shimmer,
+    /// Half of the change that a break causes in a film, as a fraction of the film's brightness.
+    tolerance: f64,
+    /// The index in [`RADII`] of the square that must show movement itself.
+    near: usize,
+}
+
+impl SiteLattice<'_> {
+    /// Returns for each site whether the site was wet.
+    fn wet_sites(&self) -> Vec<bool> {
+        let sites = 0..self.sites.len();
+        let water: Vec<Option<f64>> = sites.clone().into_par_iter().map(|at| self.water_variance(at)).collect();
+        let mut known: Vec<f64> = water.iter().flatten().copied().collect();
+        let Some(film) = median(&mut known) else { return vec![false; water.len()] };
+        let is_still: Vec<bool> = sites.clone().into_par_iter().map(|at| self.is_site_still(at, film)).collect();
+        // Drops that run over a bare place move as well, but only on a part of the place: the rest is still and of
+        // similar brightness.
+        let is_wet = |at: usize| {
+            water[at].is_some() && !is_still[at] && self.still_neighbour_share(at, &is_still) <= MAX_STILL_SHARE
+        };
+        sites.into_par_iter().map(is_wet).collect()
+    }
+
+    /// Returns the strength of the water's movement on a site: the variance of the site's brightness in excess of the
+    /// noise, relative to the brightness; `None` without evidence.
+    fn water_variance(&self, at: usize) -> Option<f64> {
+        let site = &self.sites[at];
+        if site.look <= 0.0 {
+            return None;
+        }
+        for (nth, radius) in RADII.into_iter().enumerate() {
+            let (ratio, deviation) = self.similar_neighbour_statistics(at, radius).relative_variance()?;
+            if ratio >= MIN_SHIMMER.max(1.0 + MIN_EXCESS_SIGMA * deviation) {
+                return Some((ratio - 1.0) * site.noise_share().powi(2));
+            }
+            // If the nearest places are surely still, farther places that move do not count.
+            if nth < NEAREST_RADII && ratio + MIN_STILL_SIGMA * deviation < MIN_SHIMMER {
+                return None;
+            }
+            if nth == self.near && ratio < 1.0 + NEAR_SIGMA * deviation {
+                return None;
+            }
+        }
+        None
+    }
+
+    /// Checks with the nearest places whether a site surely moves less than a film of this clip.
+    fn is_site_still(&self, at: usize, film: f64) -> bool {
+        let site = &self.sites[at];
+        if site.look <= 0.0 {
+            return false;
+        }
+        let least = 1.0 + MIN_FILM_SHARE * film / site.noise_share().powi(2);
+        RADII[..NEAREST_RADII].iter().all(|radius| {
+            let shown = self.similar_neighbour_statistics(at, *radius).relative_variance();
+            shown.is_some_and(|(ratio, deviation)| ratio + MIN_STILL_SIGMA * deviation < least)
+        })
+    }
+
+    /// Returns the fraction of still sites among the nearby sites of similar brightness.
+    fn still_neighbour_share(&self, at: usize, is_still: &[bool]) -> f64 {
+        let (mut still, mut all) = (0, 0);
+        self.for_similar_neighbours(at, RADII[RADII.len() - 1], |near| {
+            all += 1;
+            still += usize::from(is_still[near]);
+        });
+        still as f64 / all.max(1) as f64
+    }
+
+    /// Returns the combined statistics of the nearby places of similar brightness.
+    fn similar_neighbour_statistics(&self, at: usize, radius: usize) -> PlaceStatistics {
+        let mut shown = PlaceStatistics::default();
+        self.for_similar_neighbours(at, radius, |near| shown.add(&self.sites[near]));
+        shown
+    }
+
+    /// Calls `takes` for each site of similar brightness within a square around this site.
+    fn for_similar_neighbours(&self, at: usize, radius: usize, mut takes: impl FnMut(usize)) {
+        let own = &self.sites[at];
+        let alike = (self.tolerance / 2.0 * own.look).max(MAX_SIMILARITY_SIGMA * own.noise);
+        let columns = self.shimmer.columns();
+        let rows = self.sites.len() / columns;
+        let (row, column) = (at / columns, at % columns);
+        for row in row.saturating_sub(radius)..(row + radius + 1).min(rows) {
+            for near in
+                row * columns + column.saturating_sub(radius)..row * columns + (column + radius + 1).min(columns)
+            {
+                let site = &self.sites[near];
+                if site.look > 0.0 && (site.look - own.look).abs() <= alike {
+                    takes(near);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::model::FilmParameters;
+    use super::*;
+    use panelprep_base::geometry::ColorPicture;
+
+    const SIDE: usize = 128;
+    /// The window lies in the middle of the picture, which shows the sensor's noise around it.
+    const WINDOW: Window = Window { left: 32, top: 32, width: 64, height: 64 };
+
+    /// Returns a normal deviate with standard deviation 1, from the sum of four bytes that the picture number and
+    /// the pixel determine.
+    fn noise(picture: usize, index: usize) -> f64 {
+        let mixed = (picture as u64 * 0x9E37_79B9 + index as u64).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let mixed = (mixed ^ (mixed >> 31)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        let bytes = (mixed ^ (mixed >> 29)).to_le_bytes();
+        // A byte has the variance (256² − 1)/12 = 5461; the sum of four bytes has 148².
+        (bytes[..4].iter().map(|byte| f64::from(*byte)).sum::<f64>() - 510.0) / 147.8
+    }
+
+    /// The whole window was sanded. Each pixel has a level, and water of ± some levels moves on it from place to
+    /// place and from second to second. `also` adds levels to a place of the window in a picture.
+    fn found(shown: impl Fn(usize, usize) -> (f64, f64), also: impl Fn(usize, usize, f64) -> f64) -> Vec<bool> {
+        let terms = FilmParameters { channel_weights: [1.0; 3], persist_s: 0.6, damp: 0.8 };
+        let inside = [true; 64 * 64];
+        let mut model = Model::new(WINDOW, &inside, &inside, terms);
+        let shot = |number: usize, time_s: f64| {
+            let level = |index: usize| {
+                let (column, row) = (index % SIDE, index / SIDE);
+                let on_panel = [column, row].iter().all(|at| (32..96).contains(at));
+                let (level, film) = if on_panel { shown(column - 32, row - 32) } else { (70.0, 0.0) };
+                let water = film * noise(900 + (time_s / 2.0) as usize, index / 2);
+                let own = if on_panel { water + also(column - 32, row - 32, time_s) } else { 0.0 };
+                [0, 1, 2].map(|channel| (level + own + 1.2 * noise(number, 3 * index + channel)).round() as u8)
+            };
+            ColorPicture { width: SIDE, height: SIDE, rgb: (0..SIDE * SIDE).map(level).collect() }
+        };
+        model.add_dry(&shot(0, -2.0));
+        for number in 1..=100 {
+            let time_s = 0.2 * number as f64 - 0.2;
+            let picture = shot(number, time_s);
+            model.measure_wet(&picture);
+            model.judge_last(&picture, time_s);
+        }
+        model.end();
+        let broke_s = vec![f32::INFINITY; 64 * 64];
+        let sanded = SandedPlaces {
+            model: &model,
+            window: &WINDOW,
+            inside: &inside,
+            broke_s: &broke_s,
+            disc_px: 12,
+            break_px: 12,
+            break_to_film: Some([1.25, 2.0]),
+        };
+        sanded.unproven_pixels().expect("a mask")
+    }
+
+    /// On the left half of the window water of ±`film` levels moves. Its right half is as bright as a break in that
+    /// film and shows only the sensor's noise.
+    fn unproven_pixels(film: f64, also: impl Fn(usize, usize, f64) -> f64) -> [usize; 2] {
+        let found = found(|column, _| if column < 32 { (70.0, film) } else { (100.0, 0.0) }, also);
+        let (left, right): (Vec<usize>, Vec<usize>) =
+            (0..64 * 64).filter(|i| found[*i]).partition(|i| *i % 64 < 32);
+        [left.len(), right.len()]
+    }
+
+    /// Returns the number of pixels without evidence, if a place of the window shows this and all others a film of
+    /// 70 ± 2 levels.
+    fn without_evidence_of(place: impl Fn(usize, usize) -> Option<(f64, f64)>) -> usize {
+        let found = found(|column, row| place(column, row).unwrap_or((70.0, 2.0)), |_, _, _| 0.0);
+        found.iter().filter(|found| **found).count()
+    }
+
+    /// Returns whether a place lies in the square with these first and last rows and columns.
+    fn is_square(column: usize, row: usize, at: std::ops::Range<usize>) -> bool {
+        at.contains(&column) && at.contains(&row)
+    }
+
+    /// By hand: a still square of 12 px has 9 sites. Its shimmer, 1 ± √(6/112) = 1 ± 0.23, is not surely below 1.35,
+    /// nor surely below that of the film. More than 100 sites of its look move 16 px away, and are not evidence for it.
+    /// It is 1.17 times as bright as its film, so that it is not narrow, and farther from it than half of the change by
+    /// a break, 0.145.
+    #[test]
+    fn water_elsewhere_is_no_evidence_for_a_still_place() {
+        const WATER: f64 = 0.67;
+        let without = |moves: f64| {
+            let shown = |column: usize, row: usize| match () {
+                () if is_square(column, row, 24..36) => (82.0, moves),
+                () if is_square(column, row, 8..52) => (70.0, WATER),
+                () => (82.0, WATER),
+            };
+            found(shown, |_, _, _| 0.0).iter().filter(|found| **found).count()
+        };
+        let [still, moving] = [0.0, WATER].map(without);
+        assert!((130..260).contains(&still) && moving < 50, "{still} {moving}");
+    }
+
+    /// By hand: of a still square of 5 × 5 px with a bead of film in its middle no part is wide enough for the
+    /// smallest break. All of it counts except its four corners, with a rim of 20 px: 25 − 4 + 20.
+    #[test]
+    fn a_bead_hides_no_narrow_place() {
+        let found = without_evidence_of(|column, row| {
+            let is_bead = (column, row) == (32, 32);
+            (is_square(column, row, 30..35) && !is_bead).then_some((100.0, 0.0))
+        });
+        assert!((25..=49).contains(&found), "{found}");
+    }
+
+    /// By hand: a still square of 8 × 8 px has a rim of 36 px that looks nearly like its film and moves like it. The
+    /// smallest break does not reach into the square's corners, so that the corners of the rim do not count.
+    #[test]
+    fn the_rim_of_a_still_place_is_part_of_it() {
+        let found = without_evidence_of(|column, row| match () {
+            () if is_square(column, row, 28..36) => Some((100.0, 0.0)),
+            () if is_square(column, row, 27..37) => Some((75.0, 2.0)),
+            () => None,
+        });
+        assert_eq!(found, 96);
+    }
+
+    /// By hand: each half has 2,048 px. Water of 2 levels is 1.7 times the noise of one channel, and 2.9 times the
+    /// noise of the mean of three channels. The
+    /// still half has a rim of 64 px on the other half.
+    #[test]
+    fn water_that_moves_is_evidence_and_a_still_place_is_none() {
+        let [left, right] = unproven_pixels(2.0, |_, _, _| 0.0);
+        assert!(left < 64 + 40 && right > 2_000, "{left} {right}");
+        let [left, right] = unproven_pixels(0.0, |_, _, _| 0.0);
+        assert!(left > 2_000 && right > 2_000, "{left} {right}");
+    }
+
+    /// By hand: the smallest break is 4 px wide. The break fits into a strip of 4 px, but not into a strip of 3 px;
+    /// in a square of 4 px, it does not cover the corners.
+    #[test]
+    fn a_thin_strip_hides_no_break() {
+        let window = Window { left: 0, top: 0, width: 40, height: 30 };
+        let count = |columns: std::ops::Range<usize>, rows: std::ops::Range<usize>| {
+            let bytes: Vec<u8> =
+                (0..1_200).map(|i| u8::from(columns.contains(&(i % 40)) && rows.contains(&(i / 40)))).collect();
+            morphological_opening(&window, &bytes).expect("a mask").iter().filter(|open| **open).count()
+        };
+        assert_eq!((count(10..13, 0..30), count(10..14, 0..30), count(10..14, 5..9)), (0, 120, 12));
+    }
+
+    /// A place that dries by 4 levels, unevenly, and a shadow of 20 levels that passes within 3 s: neither of them
+    /// is water.
+    #[test]
+    fn drying_and_a_passing_shadow_are_no_evidence() {
+        let dries = |column: usize, row: usize, time_s: f64| 0.2 * time_s * ((column / 4 + row / 4) % 2) as f64;
+        let [_, right] = unproven_pixels(0.0, dries);
+        assert!(right > 2_000, "{right}");
+        let shadow = |column: usize, _: usize, time_s: f64| {
+            if (9.0..12.0).contains(&time_s) && (column as f64) < 21.0 * (time_s - 9.0) { -20.0 } else { 0.0 }
+        };
+        let [_, right] = unproven_pixels(0.0, shadow);
+        assert!(right > 1_900, "{right}");
+    }
+}

@@ -1,0 +1,137 @@
+//! Compares the breaks that were found with a ground truth that the test did not use.
+
+use super::{InspectError, Inspection};
+use panelprep_base::geometry::Mask;
+
+/// Agreement of two masks, each value 0…1. If there is nothing to find and nothing was found, all values are 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Score {
+    /// The number of pixels in both masks divided by the number of pixels in at least one of them.
+    pub iou: f64,
+    /// The number of pixels in both masks divided by the number of found pixels.
+    pub precision: f64,
+    /// The number of pixels in both masks divided by the number of true pixels.
+    pub recall: f64,
+}
+
+/// Numbers of grids by their true state and their result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Confusion {
+    /// Broken and failed.
+    pub true_fail: usize,
+    /// Grids that are whole but failed: each costs an hour of sanding.
+    pub false_fail: usize,
+    /// Grids that are broken but passed: the coating peels.
+    pub false_pass: usize,
+    /// Whole and passed.
+    pub true_pass: usize,
+}
+
+/// Scores a mask against the true one, in the pixels of `region`.
+///
+/// # Errors
+/// If the three differ in size.
+pub fn score(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, InspectError> {
+    same_size(mask, region)?;
+    same_size(truth, region)?;
+    let (mut both, mut found, mut real) = (0usize, 0usize, 0usize);
+    for index in (0..region.inside.len()).filter(|&index| region.inside[index]) {
+        both += usize::from(mask.inside[index] && truth.inside[index]);
+        found += usize::from(mask.inside[index]);
+        real += usize::from(truth.inside[index]);
+    }
+    let share = |of: usize| if of == 0 { 1.0 } else { both as f64 / of as f64 };
+    Ok(Score { iou: share(found + real - both), precision: share(found), recall: share(real) })
+}
+
+/// As [`score`], without the pixels within one pixel of the truth's rim: no picture shows the position of a rim more
+/// exactly.
+///
+/// # Errors
+/// As [`score`].
+pub fn score_within(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, InspectError> {
+    same_size(truth, region)?;
+    let mut within = region.clone();
+    for row in 0..truth.height {
+        for column in 0..truth.width {
+            let own = truth.contains(column, row);
+            let columns = column.saturating_sub(1)..(column + 2).min(truth.width);
+            let mut rows = row.saturating_sub(1)..(row + 2).min(truth.height);
+            if rows.any(|v| columns.clone().any(|u| truth.contains(u, v) != own)) {
+                within.inside[row * truth.width + column] = false;
+            }
+        }
+    }
+    score(mask, truth, &within)
+}
+
+impl Inspection {
+    /// Compares failed grids with those that a true mask makes fail by the same rule.
+    ///
+    /// # Errors
+    /// If the mask has another size than the pictures.
+    pub fn compare_with_truth(&self, truth: &Mask) -> Result<Confusion, InspectError> {
+        same_size(truth, &self.footprint.region())?;
+        let mut confusion = Confusion::default();
+        for (grid, real_mm2) in self.grids.iter().zip(self.footprint.broken_mm2(truth)) {
+            *match (real_mm2 >= self.observation.min_break_mm2, grid.failed) {
+                (true, true) => &mut confusion.true_fail,
+                (false, true) => &mut confusion.false_fail,
+                (true, false) => &mut confusion.false_pass,
+                (false, false) => &mut confusion.true_pass,
+            } += 1;
+        }
+        Ok(confusion)
+    }
+}
+
+fn same_size(mask: &Mask, region: &Mask) -> Result<(), InspectError> {
+    if (mask.width, mask.height) == (region.width, region.height) {
+        return Ok(());
+    }
+    Err(InspectError::PictureSize {
+        found_width: mask.width,
+        found_height: mask.height,
+        width: region.width,
+        height: region.height,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mask(flags: [u8; 6]) -> Mask {
+        Mask { width: 3, height: 2, inside: flags.map(|flag| flag == 1).to_vec() }
+    }
+
+    /// By hand: in the five pixels of the region, 3 were found, 2 are true, 1 is both: 1/4, 1/3, 1/2.
+    #[test]
+    fn agreement_by_hand() {
+        let region = mask([1, 1, 1, 1, 1, 0]);
+        let score = score(&mask([1, 1, 1, 0, 0, 1]), &mask([0, 0, 1, 1, 0, 1]), &region).expect("one size");
+        assert_eq!(score, Score { iou: 0.25, precision: 1.0 / 3.0, recall: 0.5 });
+    }
+
+    /// By hand, one true pixel of 3 × 2 at the left: its column and the next one are the rim; the last column
+    /// contains no true pixel.
+    #[test]
+    fn the_rim_is_left_out() {
+        let (truth, region) = (mask([1, 0, 0, 0, 0, 0]), mask([1; 6]));
+        let inner = score_within(&mask([0, 1, 0, 0, 0, 0]), &truth, &region).expect("one size");
+        assert_eq!(inner.iou, 1.0);
+        assert_eq!(score_within(&mask([1, 0, 1, 0, 0, 0]), &truth, &region).map(|score| score.iou), Ok(0.0));
+    }
+
+    #[test]
+    fn nothing_found_where_nothing_is_agrees() {
+        let (none, region) = (mask([0; 6]), mask([1; 6]));
+        assert_eq!(score(&none, &none, &region).map(|score| score.iou), Ok(1.0));
+        assert_eq!(score(&none, &region, &region).map(|score| score.recall), Ok(0.0));
+    }
+
+    #[test]
+    fn another_size_is_refused() {
+        assert!(score(&Mask::all_outside(2, 3), &mask([0; 6]), &mask([1; 6])).is_err());
+    }
+}

@@ -1,0 +1,235 @@
+//! The thesis's pipeline for one picture (4.3, Fig. 4.9), by OpenCV, on the window around the region alone.
+//!
+//!     sub = |reference − test|                                                  in each channel      (4.1)
+//!     g = α · sub + β, saturated to 0…255; then successive median blurs of g                          (4.2)
+//!     changed if max over the channels of g ≥ threshold
+//!     broken if changed, and H, S, V of the test picture are in the range of a dry pixel           (4.3–4.5)
+//!
+//! The thesis leaves open how the three channels become one binary picture. Here each channel's difference is
+//! multiplied by its weight, with a largest weight of 1 (`channel_weights`), and the largest result counts. The
+//! reason: a film changes the panel most in one channel (the blue one, 4.2), and a grey value of the difference would
+//! dilute this channel by the others. The thesis masks the test picture and filters the masked one by HSV, and black
+//! means masked out. Here the two binary pictures are combined by an "and", which has the same result and allows black
+//! in the range.
+//!
+//! H, S and V are OpenCV's 8-bit ones: H/2 in 0…179, S and V in 0…255, and a negative hue wraps by 360°.
+
+use super::InspectError;
+use super::film::Film;
+use super::footprint::{Footprint, Window};
+use opencv::core::{self, CV_8U, Mat, MatTraitConst, MatTraitConstManual, Rect};
+use opencv::imgproc;
+use panelprep_base::geometry::ColorPicture;
+use panelprep_cell::imaging::{ImagingError, with_operation};
+use panelprep_cell::recipe;
+
+/// Returns how far the median filters look beyond a window: a window that is wider by this margin gives the same
+/// pixels as the whole picture.
+pub fn margin_px(settings: &recipe::Inspect) -> usize {
+    settings.median_passes() * (settings.median_px() / 2)
+}
+
+/// Returns the window's part of a picture, three channels.
+pub fn crop(picture: &ColorPicture, window: &Window) -> Result<Mat, ImagingError> {
+    with_operation("the window", crop_to_window(picture, window))
+}
+
+fn crop_to_window(picture: &ColorPicture, window: &Window) -> opencv::Result<Mat> {
+    // OpenCV offers a safe view of bytes but not of triples; so the data remain columns of bytes until the copy.
+    let bytes = picture.rgb.as_flattened();
+    let whole = Mat::new_rows_cols_with_data(picture.height as i32, picture.width as i32 * 3, bytes)?;
+    let [left, top, width, height] = [window.left, window.top, window.width, window.height].map(|n| n as i32);
+    let part = Mat::roi(&whole, Rect::new(left * 3, top, width * 3, height))?;
+    part.reshape_def(3)?.try_clone()
+}
+
+/// Returns the adjusted difference of two pictures, row by row: the value that is compared with the threshold.
+pub fn levels(
+    settings: &recipe::Inspect,
+    reference: &ColorPicture,
+    test: &ColorPicture,
+) -> Result<Vec<u8>, ImagingError> {
+    let whole = Window { left: 0, top: 0, width: test.width, height: test.height };
+    let (reference, test) = (crop(reference, &whole)?, crop(test, &whole)?);
+    with_operation("the difference to the reference", adjusted_difference(settings, &reference, &test))
+}
+
+/// Hue, saturation and value of a picture's pixels.
+pub fn to_hsv(picture: &ColorPicture) -> Result<Vec<[u8; 3]>, ImagingError> {
+    let whole = Window { left: 0, top: 0, width: picture.width, height: picture.height };
+    with_operation("hue, saturation and value", hue_saturation_value(&crop(picture, &whole)?))
+}
+
+/// Returns the pixels of `test` that differ from `reference`, row by row.
+pub fn changed(settings: &recipe::Inspect, reference: &Mat, test: &Mat) -> Result<Vec<bool>, ImagingError> {
+    let largest =
+        with_operation("the difference to the reference", adjusted_difference(settings, reference, test))?;
+    let threshold = settings.threshold();
+    Ok(largest.into_iter().map(|difference| usize::from(difference) >= threshold).collect())
+}
+
+fn adjusted_difference(settings: &recipe::Inspect, reference: &Mat, test: &Mat) -> opencv::Result<Vec<u8>> {
+    let (mut difference, mut adjusted, mut blurred) = (Mat::default(), Mat::default(), Mat::default());
+    core::absdiff(reference, test, &mut difference)?; // Eq. 4.1
+    difference.convert_to(&mut adjusted, CV_8U, settings.gain(), settings.bias())?; // Eq. 4.2
+    for _ in 0..settings.median_passes() {
+        imgproc::median_blur(&adjusted, &mut blurred, settings.median_px() as i32)?;
+        std::mem::swap(&mut adjusted, &mut blurred);
+    }
+    let (channels, _) = adjusted.data_bytes()?.as_chunks::<3>();
+    let weights = settings.channel_weights();
+    let heaviest = weights.iter().copied().fold(0.0, f64::max);
+    let weighed = |channels: &[u8; 3]| {
+        let weighed = (0..3).map(|i| (f64::from(channels[i]) * weights[i] / heaviest).round() as u8);
+        weighed.max().unwrap_or_default()
+    };
+    // Equal weights need no arithmetic.
+    if weights.iter().all(|weight| *weight == heaviest) {
+        return Ok(channels.iter().map(|&[r, g, b]| r.max(g).max(b)).collect());
+    }
+    Ok(channels.iter().map(weighed).collect())
+}
+
+/// Returns the pixels that have the colour of a dry panel, row by row.
+pub fn dry_coloured_pixels(settings: &recipe::Inspect, test: &Mat) -> Result<Vec<bool>, ImagingError> {
+    let (low, high) = (settings.hsv_min(), settings.hsv_max());
+    let in_range = |hsv: &[u8; 3]| (0..3).all(|i| (low[i]..=high[i]).contains(&usize::from(hsv[i])));
+    Ok(with_operation("hue, saturation and value", hue_saturation_value(test))?.iter().map(in_range).collect())
+}
+
+fn hue_saturation_value(test: &Mat) -> opencv::Result<Vec<[u8; 3]>> {
+    let mut hsv = Mat::default();
+    imgproc::cvt_color_def(test, &mut hsv, imgproc::COLOR_RGB2HSV)?; // Eq. 4.3–4.5
+    let (pixels, _) = hsv.data_bytes()?.as_chunks::<3>();
+    Ok(pixels.to_vec())
+}
+
+/// The pipeline over time.
+#[derive(Debug)]
+pub struct ThesisPipeline {
+    film: Film,
+    dry: Option<Mat>,
+    reference: Option<Mat>,
+}
+
+impl ThesisPipeline {
+    pub fn new(pixels: usize, settings: &recipe::Inspect) -> Self {
+        ThesisPipeline { film: Film::new(pixels, settings.persist_frames()), dry: None, reference: None }
+    }
+
+    /// Adds a picture of the dry panel; the last one counts.
+    pub fn set_dry(&mut self, picture: &ColorPicture, window: &Window) -> Result<(), InspectError> {
+        self.dry = Some(crop(picture, window)?);
+        Ok(())
+    }
+
+    /// Returns the time at which each pixel of the window broke, s.
+    pub fn times_s(&self) -> &[f32] {
+        self.film.times()
+    }
+
+    /// Returns the pixels that broke in this picture and the times at which they broke.
+    pub fn process_wet(
+        &mut self,
+        picture: &ColorPicture,
+        since_wet_s: f64,
+        settings: &recipe::Inspect,
+        footprint: &Footprint,
+    ) -> Result<(Vec<usize>, f64), InspectError> {
+        let test = crop(picture, footprint.window())?;
+        let inside = footprint.region_pixels();
+        let looks_dry = dry_coloured_pixels(settings, &test)?;
+        let Some(reference) = &self.reference else {
+            // In the first fully wet picture, pixels that still look dry count as broken at 0 s.
+            let mut never_wet = Vec::new();
+            if let Some(dry) = self.dry.take() {
+                let wetted = changed(settings, &dry, &test)?;
+                never_wet = (0..inside.len()).filter(|&i| inside[i] && !wetted[i] && looks_dry[i]).collect();
+                self.film.mark_broken(&never_wet, 0.0);
+            }
+            self.reference = Some(test);
+            return Ok((never_wet, 0.0));
+        };
+        let changed = changed(settings, reference, &test)?;
+        let broken = (0..inside.len()).map(|i| inside[i] && changed[i] && looks_dry[i]);
+        let newly = self.film.push(broken, since_wet_s);
+        Ok((newly.pixels, newly.since_wet_s))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{inspect_table, pseudo_random};
+    use super::*;
+
+    const WHOLE: Window = Window { left: 0, top: 0, width: 8, height: 8 };
+
+    /// By hand: blue differs by 30 in a block of 4 × 4 px, so g = 2·30 − 20 = 40 there; one more pixel is white. A
+    /// median of 3 × 3 removes the lone pixel and the block's four corners, which see 4 of 9 pixels.
+    #[test]
+    fn a_difference_by_hand() {
+        let reference = ColorPicture::uniform(8, 8, [100, 100, 100]);
+        let mut test = reference.clone();
+        for index in (0..64).filter(|i| (2..6).contains(&(i % 8)) && (2..6).contains(&(i / 8))) {
+            test.rgb[index] = [100, 100, 130];
+        }
+        test.rgb[7] = [255; 3];
+        let [reference, test] = [&reference, &test].map(|picture| crop(picture, &WHOLE).expect("a picture"));
+        let found = |threshold: usize| {
+            let table = format!("gain = 2\nbias = -20\nmedian_px = 3\nmedian_passes = 1\nthreshold = {threshold}");
+            let changed = changed(&inspect_table(&table), &reference, &test).expect("one size");
+            (0..64).filter(|&i| changed[i]).collect::<Vec<usize>>()
+        };
+        assert_eq!(found(40), [19, 20, 26, 27, 28, 29, 34, 35, 36, 37, 43, 44]);
+        assert_eq!(found(41), [0usize; 0]);
+    }
+
+    /// By hand: red differs by 40, blue by 30; with a weight of a quarter for red the difference is max(10, 30) · 2
+    /// = 60.
+    #[test]
+    fn a_channel_counts_by_its_weight() {
+        let reference = ColorPicture::uniform(8, 8, [100, 100, 100]);
+        let test = ColorPicture::uniform(8, 8, [140, 100, 130]);
+        let [reference, test] = [&reference, &test].map(|picture| crop(picture, &WHOLE).expect("a picture"));
+        let found = |weights: &str, threshold: usize| {
+            let table = format!("gain = 2\nmedian_px = 3\nthreshold = {threshold}\nchannel_weights = {weights}");
+            changed(&inspect_table(&table), &reference, &test).expect("one size")[0]
+        };
+        assert!(found("[1, 1, 1]", 80) && !found("[0.25, 1, 1]", 61) && found("[0.25, 1, 1]", 60));
+        assert!(found("[0.1, 0.1, 0.1]", 80), "weights count against the heaviest");
+    }
+
+    /// By hand, Eq. 4.3–4.5 in 8 bits: green 120°/2 = 60; (255, 0, 128) has 60·(0 − 128)/255 = −30.1°, which wraps to
+    /// 329.9°, half is 165; (100, 50, 50) has saturation 255·50/100 = 127.5 and value 100.
+    #[test]
+    fn colours_become_hue_saturation_value() {
+        let rgb = vec![[0, 255, 0], [255, 0, 128], [100, 50, 50], [0, 0, 0]];
+        let picture = ColorPicture { width: 4, height: 1, rgb };
+        let window = Window { left: 0, top: 0, width: 4, height: 1 };
+        let hsv = hue_saturation_value(&crop(&picture, &window).expect("a picture")).expect("three channels");
+        assert_eq!(hsv, [[60, 255, 255], [165, 255, 255], [0, 128, 100], [0, 0, 0]]);
+    }
+
+    #[test]
+    fn a_window_with_its_margin_gives_the_pixels_of_the_whole_picture() {
+        let settings = inspect_table("median_px = 5\nmedian_passes = 2\ngain = 2\nthreshold = 170");
+        let whole = Window { left: 0, top: 0, width: 40, height: 30 };
+        let [reference, test] = [1, 2].map(|seed| pseudo_random(40, 30, seed));
+        let changed_in = |window: &Window| {
+            let [reference, test] = [&reference, &test].map(|picture| crop(picture, window).expect("inside"));
+            changed(&settings, &reference, &test).expect("one size")
+        };
+        let expected = changed_in(&whole);
+        let margin = margin_px(&settings);
+        let part = Window { left: 10 - margin, top: 8 - margin, width: 15 + 2 * margin, height: 9 + 2 * margin };
+        let found = changed_in(&part);
+        let (mut same, mut changed) = (0, 0);
+        for (row, column) in (8..17).flat_map(|row| (10..25).map(move |column| (row, column))) {
+            let index = (row - part.top) * part.width + column - part.left;
+            same += usize::from(found[index] == expected[row * 40 + column]);
+            changed += usize::from(found[index]);
+        }
+        assert_eq!(same, 9 * 15);
+        assert!((20..115).contains(&changed), "noise is cut in two: {changed}");
+    }
+}

@@ -1,0 +1,334 @@
+//! Checks whether the camera has moved since teaching, by means of the fixture, which does not move.
+//!
+//! Outside of the search box both scans show the same objects at the same pixels as long as the camera has not moved.
+//! A small twist of the camera changes the depths of the fixture's faces and shifts its edges in the picture. Both are
+//! constraints of one robust least-squares fit (`solve`). Objects that were added or removed are outliers. A direction
+//! that the fixture does not constrain is reported as not observed, never as not moved.
+
+use super::covariance::worst_mm;
+use super::grid::{self, ColoredCloud, DepthReading, Grid, RigidF32, camera_point};
+use super::model::Model;
+use super::profile;
+use super::sampling::spread_indices;
+use super::solve::{Constraint, ResidualSums, ResidualWeighting, apply_twist, spread};
+use super::taught_model::TaughtModel;
+use nalgebra::{Matrix6, Vector2};
+use panelprep_base::geometry::statistics::PANEL_MAX_95;
+use panelprep_base::geometry::{Camera, Frame, OrganizedCloud, Panel, Pixel, Rigid};
+use panelprep_cell::panel::TaughtPanel;
+use panelprep_cell::recipe;
+use rayon::prelude::*;
+
+/// The maximum numbers of faces and edges that are compared.
+const FACES: usize = 3_000;
+const EDGES: usize = 700;
+/// With fewer faces the check gives no result.
+const MIN_FACES: usize = 150;
+/// For a face: the depth noise that range noise causes, the number of neighbours that share one error, the lower bound
+/// of the cutoff, and the largest distance at which the face counts as the same. The next constants are those of an
+/// edge.
+const FACE_NOISE_MM: f64 = 0.06;
+const FACE_SHARING: f64 = 60.0;
+const FACE_FLOOR_MM: f64 = 0.5;
+const MAX_FACE_CHANGE_MM: f64 = 1.0;
+const EDGE_NOISE_PX: f64 = 0.15;
+const EDGE_SHARING: f64 = 8.0;
+const EDGE_FLOOR_PX: f64 = 0.6;
+/// The minimum change of brightness from block to block at an edge.
+const EDGE_GRAY: f64 = 16.0;
+/// With fewer edges it is not determined whether the edges are still there.
+const MIN_EDGES: usize = 40;
+/// If the depth at a taught face has changed by more than this, another object hides the face, mm.
+const MAX_DEPTH_CHANGE_MM: f64 = 15.0;
+/// The largest motion of a camera that could stay unnoticed; it constrains the directions that the fixture does not
+/// constrain.
+const PRIOR_MM: f64 = 3.0;
+const PRIOR_RAD: f64 = 0.004;
+const ROUNDS: usize = 4;
+
+/// The result of the check of the camera's pose by the fixture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraCheck {
+    /// The largest displacement of the panel that the camera's motion since teaching causes, mm.
+    pub moved_mm: f64,
+    /// 95 % of the errors of `moved_mm` are smaller, mm.
+    pub uncertainty_mm: f64,
+    /// The fraction of the fixture that lies at its taught place, 0…1.
+    pub unmoved_share: f64,
+}
+
+/// Compares the fixture in both scans; `None` if too little of the fixture is seen.
+pub(super) fn check_camera(
+    panel: &TaughtPanel,
+    taught: &TaughtModel,
+    (grid, scan): (&Grid, &ColoredCloud),
+    inside: &[bool],
+    placed: &Rigid<Camera, Panel>,
+) -> Option<CameraCheck> {
+    // Another camera, or another picture size, has different pixels.
+    if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
+        return None;
+    }
+    compare_fixture(panel, &taught.model, (&taught.fixture, grid, scan), inside, placed)
+}
+
+/// Returns the uncertainty that the taught scan's own fixture would give for a camera that has not moved: 95 % of the
+/// errors at the taught panel are smaller, mm. `None` if too little of the fixture is seen.
+pub(super) fn teaching_uncertainty_mm(
+    panel: &TaughtPanel,
+    taught: &TaughtModel,
+    settings: &recipe::Locate,
+) -> Option<f64> {
+    let TaughtModel { model, fixture } = taught;
+    let inside = box_blocks_at_teaching(panel, fixture, settings);
+    let placed = model.camera_from_panel;
+    compare_fixture(panel, model, (fixture, fixture, &panel.scan), &inside, &placed).map(|it| it.uncertainty_mm)
+}
+
+/// Returns for each block of the taught scan whether it lies in the search box.
+fn box_blocks_at_teaching(panel: &TaughtPanel, fixture: &Grid, settings: &recipe::Locate) -> Vec<bool> {
+    let base_from_camera = panel.nominal_pose * panel.panel_from_camera;
+    grid::blocks_in_box(fixture, &base_from_camera, settings.box_min_mm(), settings.box_max_mm())
+}
+
+fn compare_fixture<F: Frame>(
+    panel: &TaughtPanel,
+    model: &Model,
+    (taught, grid, scan): (&Grid, &Grid, &OrganizedCloud<F>),
+    inside: &[bool],
+    placed: &Rigid<Camera, Panel>,
+) -> Option<CameraCheck> {
+    let still = StaticScene::new(taught, grid, inside);
+    let faces = still.faces(grid);
+    if faces.len() < MIN_FACES {
+        return None;
+    }
+    let same_faces =
+        faces.iter().filter(|face| face.residual.abs() <= MAX_FACE_CHANGE_MM).count() as f64 / faces.len() as f64;
+    let (edges, same_edges) = still.edges(panel, (grid, scan));
+    // The smaller share: either kind alone shows a fixture that has changed.
+    let same = same_edges.map_or(same_faces, |same_edges| same_edges.min(same_faces));
+    let centre = RigidF32::from_rigid(placed).point(&model.centre);
+    let identity: Rigid<Camera, Panel> = *placed;
+    let (mut moved, mut information) = (identity, Matrix6::zeros());
+    let mut twist = nalgebra::Vector6::zeros();
+    for _ in 0..ROUNDS {
+        let at = |constraint: &Constraint| Constraint {
+            residual: constraint.residual + constraint.jacobian(&centre).dot(&twist),
+            ..*constraint
+        };
+        let (faces, edges): (Vec<_>, Vec<_>) = (faces.iter().map(at).collect(), edges.iter().map(at).collect());
+        let of_faces = ResidualWeighting {
+            sigma: FACE_NOISE_MM,
+            correlated_count: FACE_SHARING,
+            cutoff: (4.7 * spread(&faces)).max(FACE_FLOOR_MM),
+        };
+        let of_edges = ResidualWeighting {
+            sigma: EDGE_NOISE_PX,
+            correlated_count: EDGE_SHARING,
+            cutoff: (4.7 * spread(&edges)).max(EDGE_FLOOR_PX),
+        };
+        let mut sums = ResidualSums::from_constraints(&faces, &of_faces, &centre)
+            .add(ResidualSums::from_constraints(&edges, &of_edges, &centre));
+        // With the prior a direction that the fixture does not show stays uncertain by the prior's size, instead of
+        // free.
+        for axis in 0..6 {
+            let sigma = if axis < 3 { PRIOR_RAD } else { PRIOR_MM };
+            sums.information[(axis, axis)] += 1.0 / (sigma * sigma);
+            sums.gradient[axis] += twist[axis] / (sigma * sigma);
+        }
+        twist += sums.twist()?;
+        moved = apply_twist(&identity, &centre, &twist);
+        information = sums.information;
+    }
+    let covariance = information.try_inverse()?;
+    Some(CameraCheck {
+        moved_mm: model.largest_distance_mm(&identity, &moved),
+        uncertainty_mm: PANEL_MAX_95 * worst_mm(&covariance, model, &RigidF32::from_rigid(placed)),
+        unmoved_share: same,
+    })
+}
+
+/// The blocks outside of the search box in both scans.
+struct StaticScene<'a> {
+    taught: &'a Grid,
+    blocks: Vec<usize>,
+    is_still: Vec<bool>,
+}
+
+impl<'a> StaticScene<'a> {
+    fn new(taught: &'a Grid, grid: &Grid, inside: &[bool]) -> StaticScene<'a> {
+        let both =
+            |block: usize| !inside[block] && taught.depth_mm(block).is_some() && grid.depth_mm(block).is_some();
+        let is_still: Vec<bool> = (0..grid.columns * grid.rows).map(both).collect();
+        let blocks = (0..is_still.len()).filter(|&block| is_still[block]).collect();
+        StaticScene { taught, blocks, is_still }
+    }
+
+    /// Returns the distances of the taught faces in front of the scan's faces, along their normals.
+    fn faces(&self, grid: &Grid) -> Vec<Constraint> {
+        let chosen = spread_indices(self.blocks.len(), FACES);
+        let face = |&k: &usize| {
+            let block = self.blocks[k];
+            let (column, row) = (block % grid.columns, block / grid.columns);
+            let point = self.taught.point(column, row)?;
+            let beside = |i: usize, j: usize| {
+                let (x, y) = (column + i, row + j);
+                let far = (x < grid.columns && y < grid.rows).then(|| self.taught.point(x, y)).flatten()?;
+                self.taught.are_joined(point.z, point.z + (far.z - point.z) / 4.0).then(|| far - point)
+            };
+            let normal = beside(4, 0)?.cross(&beside(0, 4)?).try_normalize(1e-9)?;
+            let DepthReading::Smooth(depth_mm) = grid.reading_at_pixel(grid.pixel(column, row)) else {
+                return None;
+            };
+            let residual = normal.dot(&point) * (1.0 - depth_mm / point.z);
+            Some(Constraint { point, gradient: normal, residual, sample: k })
+        };
+        let faces: Vec<Option<Constraint>> = chosen.par_iter().with_min_len(256).map(face).collect();
+        faces.into_iter().flatten().collect()
+    }
+
+    /// Returns the distances of the taught edges from the scan's edges in the picture, and the fraction of the taught
+    /// edges that were found.
+    fn edges<F: Frame>(
+        &self,
+        panel: &TaughtPanel,
+        now: (&Grid, &OrganizedCloud<F>),
+    ) -> (Vec<Constraint>, Option<f64>) {
+        let looked = self.match_edges(panel, now);
+        let asked = looked.len();
+        let edges: Vec<Constraint> = looked.into_iter().filter_map(|(_, edge)| edge).collect();
+        let same = (asked >= MIN_EDGES).then(|| edges.len() as f64 / asked as f64);
+        (edges, same)
+    }
+
+    /// Taught edges of the fixture, each with its counterpart in the scan.
+    fn match_edges<F: Frame>(
+        &self,
+        panel: &TaughtPanel,
+        (grid, scan): (&Grid, &OrganizedCloud<F>),
+    ) -> Vec<(TaughtEdge, Option<Constraint>)> {
+        let found: Vec<[Option<TaughtEdge>; 2]> = (0..self.is_still.len())
+            .into_par_iter()
+            .with_min_len(4_096)
+            .map(|block| [(1, 0), (0, 1)].map(|step| self.find_edge(panel, grid, block, step)))
+            .collect();
+        let found: Vec<TaughtEdge> = found.into_iter().flatten().flatten().collect();
+        let look = |k: &usize| {
+            let TaughtEdge { block, pixel, across } = found[*k];
+            let outward = [across.x, across.y];
+            let taught = profile::step(&profile::line(&panel.scan, pixel, outward)?, 0.0)?;
+            let point = self.taught.point(block % self.taught.columns, block / self.taught.columns)?;
+            let (_, slope) = self.taught.camera.project_with_jacobian(camera_point(&point))?;
+            let now = profile::line(scan, pixel, outward).and_then(|line| profile::step(&line, taught.offset_px));
+            let now = now.filter(|now| taught.contrast * now.contrast > 0.0).map(|now| Constraint {
+                point,
+                gradient: slope.transpose() * across,
+                residual: taught.offset_px - now.offset_px,
+                sample: *k,
+            });
+            Some((found[*k], now))
+        };
+        let chosen = spread_indices(found.len(), EDGES);
+        let looked: Vec<Option<(TaughtEdge, Option<Constraint>)>> =
+            chosen.par_iter().with_min_len(64).map(look).collect();
+        looked.into_iter().flatten().collect()
+    }
+
+    /// Returns the edge between a block and the one beside it, if the brightness changes strongly from one to the
+    /// other. The edge belongs to the nearer of the two blocks, or to the block that has a depth: beyond a fixture
+    /// there may be nothing.
+    fn find_edge(
+        &self,
+        panel: &TaughtPanel,
+        grid: &Grid,
+        block: usize,
+        (right, down): (usize, usize),
+    ) -> Option<TaughtEdge> {
+        let (column, row) = (block % self.taught.columns, block / self.taught.columns);
+        let inside = column + right < self.taught.columns && row + down < self.taught.rows;
+        let beside = inside.then(|| block + right + down * self.taught.columns)?;
+        let depth = |block: usize| self.is_still[block].then(|| self.taught.depth_mm(block)).flatten();
+        let block = match (depth(block), depth(beside)) {
+            (Some(here), Some(there)) => {
+                if here <= there {
+                    block
+                } else {
+                    beside
+                }
+            }
+            (Some(_), None) => block,
+            (None, Some(_)) => beside,
+            (None, None) => return None,
+        };
+        // An object that was put in front of the edge hides it.
+        let moved_mm = grid.depth_mm(block)? - self.taught.depth_mm(block)?;
+        if moved_mm.abs() > MAX_DEPTH_CHANGE_MM {
+            return None;
+        }
+        let (here, there) = (self.taught.pixel(column, row), self.taught.pixel(column + right, row + down));
+        let rise = brightness(panel, there)? - brightness(panel, here)?;
+        if rise.abs() < EDGE_GRAY {
+            return None;
+        }
+        let middle = Pixel::at((here.u + there.u) / 2.0, (here.v + there.v) / 2.0);
+        let reach = self.taught.factor as f64;
+        let at = |u: f64, v: f64| Pixel::at(middle.u + u * reach, middle.v + v * reach);
+        let rise = |a: Pixel, b: Pixel| Some(brightness(panel, b)? - brightness(panel, a)?);
+        let across = Vector2::new(rise(at(-1.0, 0.0), at(1.0, 0.0))?, rise(at(0.0, -1.0), at(0.0, 1.0))?);
+        let around = (-2..=2).flat_map(|j| (-2..=2).map(move |i| at(f64::from(i), f64::from(j))));
+        let of_panel = around.filter_map(|pixel| pixel.nearest_whole(panel.scan.width(), panel.scan.height()));
+        let mut of_panel = of_panel.map(|(column, row)| panel.mask.inside[row * panel.scan.width() + column]);
+        (!of_panel.any(|inside| inside)).then_some(())?;
+        Some(TaughtEdge { block, pixel: middle, across: across.try_normalize(EDGE_GRAY / 2.0)? })
+    }
+}
+
+/// Result of the search for a fixture's edge at its taught place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum FixtureEdge {
+    /// The edge is visible and has moved perpendicular to itself by this distance, px.
+    Moved(f64),
+    /// The fixture is visible, but without such an edge.
+    Gone,
+    /// Nothing is visible, or an object is in front of the edge.
+    Unseen,
+}
+
+/// Returns the fixture's taught edges, and what the scan shows at each; an empty list if the scan has different
+/// pixels.
+pub(super) fn fixture_edges(
+    panel: &TaughtPanel,
+    fixture: &Grid,
+    (grid, scan): (&Grid, &ColoredCloud),
+    (settings, inside): (&recipe::Locate, &[bool]),
+) -> Vec<(Pixel, FixtureEdge)> {
+    if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
+        return Vec::new();
+    }
+    let (taught, inside_taught) = (fixture, box_blocks_at_teaching(panel, fixture, settings));
+    let looked = StaticScene::new(taught, grid, inside).match_edges(panel, (grid, scan));
+    let shown = looked.into_iter().map(|(steep, now)| {
+        (steep.pixel, now.map_or(FixtureEdge::Gone, |constraint| FixtureEdge::Moved(constraint.residual)))
+    });
+    let all = StaticScene::new(taught, taught, &inside_taught).match_edges(panel, (taught, &panel.scan));
+    let is_unseen = |steep: &TaughtEdge| {
+        let apart_mm =
+            taught.depth_mm(steep.block).zip(grid.depth_mm(steep.block)).map(|(was, is)| (is - was).abs());
+        apart_mm.is_none_or(|mm| mm > MAX_DEPTH_CHANGE_MM)
+    };
+    let unseen = all.into_iter().filter(|(steep, _)| is_unseen(steep));
+    shown.chain(unseen.map(|(steep, _)| (steep.pixel, FixtureEdge::Unseen))).collect()
+}
+
+/// A place where the taught picture has an edge of the fixture.
+#[derive(Clone, Copy)]
+struct TaughtEdge {
+    block: usize,
+    pixel: Pixel,
+    across: Vector2<f64>,
+}
+
+fn brightness(panel: &TaughtPanel, pixel: Pixel) -> Option<f64> {
+    profile::brightness(&panel.scan, pixel)
+}

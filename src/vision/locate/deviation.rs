@@ -1,0 +1,253 @@
+//! Calculates the bend of today's panel relative to the taught one: a smooth field along the normals.
+//!
+//! A pose is rigid, but a panel is not: it bends under its own weight, by moisture, or by its clamping. Therefore the
+//! pose of a bent panel is defined as follows. Along the normal it is the rigid pose nearest to the surface; in the
+//! panel's plane it is the pose that puts the outline of the bent panel on its edges. The remainder is the deviation
+//!     d = c − F (FᵀF)⁻¹Fᵀ c,                                                                             (1)
+//! c is the smooth field that follows the surface's residuals (`geometry/smooth_field`), and F the three motions along
+//! the normal, a shift and two tilts, at the samples. A bow therefore never counts as a shift or a tilt, and a shift
+//! or a tilt never counts as a bow. A slide of a curved panel in its plane looks like a deviation: only outline and
+//! marks constrain a bent panel there (`covariance`).
+
+use super::fit::{FitInputs, IterationEnd, Residuals, Samples, fit};
+use super::model::Model;
+use super::sampling::spread_indices;
+use nalgebra::{Matrix3, Vector3};
+use panelprep_base::geometry::{HeightSample, RobustField, SmoothField};
+
+/// The approximate number of samples to which the field is fitted. This gives forty samples for each coefficient of a
+/// panel of 330 × 220 mm, so that a coefficient is determined to a sixth of a sample's noise.
+const MAX_FITTED: usize = 2_500;
+/// A sample farther from the taught surface does not belong to the panel, mm; the limit is the same as for today's
+/// surface.
+const MAX_DISTANCE_MM: f64 = 20.0;
+/// With fewer samples the field is not determined; in that case no deviation is assumed.
+const MIN_FITTED: usize = 200;
+
+/// The number of times that the deviation is calculated and the pose fitted to the bent panel. The second repetition
+/// moves the pose by less than the noise.
+const DEVIATION_ITERATIONS: usize = 2;
+
+/// The result of a fit, with the panel as bent at this pose.
+pub(super) struct BentFit {
+    pub fitted: IterationEnd,
+    /// `None` if too little of the surface is seen: then the panel is used as it was taught.
+    pub deviation: Option<Deviation>,
+    /// The taught panel, bent by the deviation.
+    pub model: Option<Model>,
+}
+
+/// Continues from the end of a fit of the taught panel, with these samples.
+pub(super) fn estimate_deviation(fitted: IterationEnd, inputs: FitInputs<'_>, samples: &Samples) -> BentFit {
+    let of_surface = samples.surface_only();
+    let mut bent = BentFit { fitted, deviation: None, model: None };
+    for _ in 0..DEVIATION_ITERATIONS {
+        let now = FitInputs { model: bent.model.as_ref().unwrap_or(inputs.model), ..inputs };
+        let residuals = Residuals::at_pose(&bent.fitted.camera_from_panel, now, &of_surface);
+        let Some(deviation) = Deviation::from_residuals(&residuals, inputs.model, bent.deviation.as_ref()) else {
+            break;
+        };
+        let model = deviation.bent_panel(inputs.model);
+        // Fitted again after each bend: the outline of the bent panel lies elsewhere, and it alone holds a bent panel
+        // sideways.
+        let Some(fitted) = fit(&bent.fitted.camera_from_panel, FitInputs { model: &model, ..inputs }, samples)
+        else {
+            break;
+        };
+        bent = BentFit { fitted, deviation: Some(deviation), model: Some(model) };
+    }
+    bent
+}
+
+/// The plane of a panel, in which a position has two coordinates.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PanelPlane {
+    centre: Vector3<f64>,
+    /// Two directions in the plane, and its normal.
+    axes: [Vector3<f64>; 3],
+}
+
+impl PanelPlane {
+    /// Returns the plane through the middle of the panel, perpendicular to its mean normal; `None` for a panel without
+    /// outline.
+    pub fn from_model(model: &Model) -> Option<Self> {
+        let first = model.outline.first()?.point - model.centre;
+        let across = (first - model.normal * model.normal.dot(&first)).try_normalize(1e-9)?;
+        Some(PanelPlane { centre: model.centre, axes: [across, model.normal.cross(&across), model.normal] })
+    }
+
+    /// Returns the coordinates of a point of the panel in the plane, mm from its middle.
+    pub fn plane_position(&self, point: &Vector3<f64>) -> [f64; 2] {
+        let arm = point - self.centre;
+        [arm.dot(&self.axes[0]), arm.dot(&self.axes[1])]
+    }
+
+    /// Returns a row of F: how far a point moves along its normal. The motions are a shift along the panel's mean
+    /// normal, and a rotation of one radian about each axis.
+    pub fn motions(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
+        let about = (point - self.centre).cross(normal);
+        Vector3::new(normal.dot(&self.axes[2]), about.dot(&self.axes[0]), about.dot(&self.axes[1]))
+    }
+}
+
+/// d of (1).
+#[derive(Debug, Clone)]
+pub(super) struct Deviation {
+    plane: PanelPlane,
+    field: SmoothField,
+    /// The lower corner and the sides of the rectangle in the plane on which the field is defined.
+    low_mm: [f64; 2],
+    sides_mm: [f64; 2],
+    /// The shift and the rotations of c that (1) removes.
+    rigid: Vector3<f64>,
+    /// The largest deviation over the samples that were seen, mm.
+    pub largest_mm: f64,
+    /// Root mean square of the deviation over these samples, mm.
+    pub rms_mm: f64,
+}
+
+impl Deviation {
+    /// Computes the deviation from the surface's residuals, for a panel that is already bent by `bent`; `None` if too
+    /// little of the surface is seen.
+    pub fn from_residuals(residuals: &Residuals, model: &Model, bent: Option<&Deviation>) -> Option<Self> {
+        let plane = PanelPlane::from_model(model)?;
+        let places: Vec<[f64; 2]> = model.points.iter().map(|point| plane.plane_position(point)).collect();
+        let [low_mm, high_mm] = [f64::min, f64::max].map(|extreme: fn(f64, f64) -> f64| {
+            places.iter().copied().reduce(|a, b| [extreme(a[0], b[0]), extreme(a[1], b[1])]).unwrap_or_default()
+        });
+        let sides_mm = [0, 1].map(|axis| (high_mm[axis] - low_mm[axis]).max(1.0));
+        // The residual is the distance of the model in front of the scan.
+        let seen = |index: usize| {
+            let constraint = &residuals.surface[index];
+            let sample = constraint.sample;
+            // The total deviation from the taught panel is fitted in each round, so that rounds do not add up rounding
+            // and noise.
+            let before_mm =
+                bent.map_or(0.0, |bent| bent.deviation_at_mm(&model.points[sample], &model.normals[sample]));
+            let at = [0, 1].map(|axis| (places[sample][axis] - low_mm[axis]) / sides_mm[axis]);
+            let height = HeightSample { position: at, height_mm: before_mm - constraint.residual };
+            // Beyond this it is another object, which must not bend the panel towards itself.
+            (height.height_mm.abs() <= MAX_DISTANCE_MM).then_some((sample, height))
+        };
+        let seen: Vec<(usize, HeightSample)> =
+            spread_indices(residuals.surface.len(), MAX_FITTED).into_iter().filter_map(seen).collect();
+        if seen.len() < MIN_FITTED {
+            return None;
+        }
+        let heights: Vec<HeightSample> = seen.iter().map(|(_, height)| *height).collect();
+        let RobustField { field, limit_mm } = SmoothField::fit_robust(sides_mm, &heights)?;
+        // Samples without weight, such as those on a clamp, do not belong to the panel.
+        let of_panel: Vec<(Vector3<f64>, f64)> = seen
+            .iter()
+            .map(|(sample, height)| (sample, height, field.height_at(height.position)))
+            .filter(|(_, height, there_mm)| (height.height_mm - there_mm).abs() < limit_mm)
+            .map(|(sample, _, there_mm)| (plane.motions(&model.points[*sample], &model.normals[*sample]), there_mm))
+            .collect();
+        let (mut squares, mut sums) = (Matrix3::zeros(), Vector3::zeros());
+        for (row, there_mm) in &of_panel {
+            squares += row * row.transpose();
+            sums += row * *there_mm;
+        }
+        // A shift and two tilts belong to the pose: left in the bend, they would be counted twice or not at all.
+        let rigid = squares.cholesky()?.solve(&sums);
+        let sizes: Vec<f64> = of_panel.iter().map(|(row, there_mm)| there_mm - rigid.dot(row)).collect();
+        let mut deviation = Deviation { plane, field, low_mm, sides_mm, rigid, largest_mm: 0.0, rms_mm: 0.0 };
+        deviation.largest_mm = sizes.iter().fold(0.0, |largest, mm| mm.abs().max(largest));
+        deviation.rms_mm = (sizes.iter().map(|mm| mm * mm).sum::<f64>() / sizes.len().max(1) as f64).sqrt();
+        Some(deviation)
+    }
+
+    /// Returns how far today's panel lies in front of the taught one, at a point of the taught panel with this
+    /// normal, mm.
+    pub fn deviation_at_mm(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
+        let place = self.plane.plane_position(point);
+        let at = [0, 1].map(|axis| (place[axis] - self.low_mm[axis]) / self.sides_mm[axis]);
+        self.field.height_at(at) - self.rigid.dot(&self.plane.motions(point, normal))
+    }
+
+    /// Returns the taught panel, bent by this deviation.
+    pub fn bent_panel(&self, model: &Model) -> Model {
+        let moved =
+            |point: &Vector3<f64>, normal: &Vector3<f64>| point + normal * self.deviation_at_mm(point, normal);
+        let mut bent = model.clone();
+        bent.points = model.points.iter().zip(&model.normals).map(|(point, normal)| moved(point, normal)).collect();
+        bent.outline.iter_mut().for_each(|sample| sample.point = moved(&sample.point, &sample.normal));
+        bent.marks.points.iter_mut().for_each(|mark| mark.point = moved(&mark.point, &mark.normal));
+        bent
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::taught;
+    use super::super::{Fit, RangeErrors, ScanView, gate, locate};
+    use panelprep_base::geometry::{Camera, OrganizedCloud};
+    use panelprep_base::verdict::{Judgement, Verdict};
+    use panelprep_sim::{Cell, Scene};
+
+    /// Locates the panel of a cell in a scan of that cell, and returns the fit and the verdict.
+    fn located(cell: &Cell, scan: &OrganizedCloud<Camera>) -> (Fit, Judgement) {
+        let (panel, recipe) = taught(cell);
+        let (camera, base_from_camera) = (cell.scanner(), cell.calibrated_base_from_camera());
+        let view = ScanView { scan, camera, base_from_camera, range: RangeErrors::default() };
+        let fit = locate(&panel, &view, recipe.locate()).expect("a panel");
+        let judgement = gate::judge(&fit, &recipe);
+        (fit, judgement)
+    }
+
+    fn codes(judgement: &Judgement) -> Vec<&str> {
+        judgement.reasons.iter().map(|reason| &*reason.code).collect()
+    }
+
+    /// By hand: a parabola of 2 mm over ±165 mm differs from its mean by 2/3 mm in the middle, and by 4/3 mm to the
+    /// other side at its ends. The remaining residual is the scans' noise, less than 0.12 mm. The panel has parts
+    /// farther out than its straight ends, so that the deviation may be slightly larger.
+    #[test]
+    fn a_panel_that_bows_by_2_mm_is_the_panel() {
+        for bow_mm in [2.0, -2.0] {
+            let cell = Cell::new(4, Scene::Good, 4).with_bow(bow_mm);
+            let (fit, judgement) = located(&cell, &cell.scan());
+            assert_eq!(judgement.verdict, Verdict::Accept, "{bow_mm}: {judgement:?}");
+            assert!(
+                fit.rms_mm < 0.12 && fit.deviation_mm.is_some_and(|mm| (1.1..1.7).contains(&mm)),
+                "{bow_mm}: {fit:?}"
+            );
+        }
+    }
+
+    /// A panel with this outline and a curvature that differs by 6 mm needs at least a person's review.
+    #[test]
+    fn another_curvature_is_not_accepted() {
+        for bow_mm in [6.0, -6.0] {
+            let cell = Cell::new(4, Scene::Good, 4).with_bow(bow_mm);
+            let (fit, judgement) = located(&cell, &cell.scan());
+            assert_ne!(judgement.verdict, Verdict::Accept, "{bow_mm}: {fit:?}");
+        }
+    }
+
+    /// A plate 2 mm thick on a quarter of the panel, and waves of 50 mm length and 0.5 mm height: no smooth bend
+    /// explains either of them.
+    #[test]
+    fn what_no_smooth_bend_explains_is_a_poor_fit() {
+        let cell = Cell::new(4, Scene::Good, 4);
+        let scan = cell.scan();
+        let nearer = |before_mm: &dyn Fn([f64; 3]) -> f64| {
+            let base_from_camera = cell.calibrated_base_from_camera();
+            let points = scan.raw_points_mm().iter().map(|point| {
+                let [x, y, z] = point.map(f64::from);
+                let place = (base_from_camera * panelprep_base::geometry::Point::<Camera>::at(x, y, z)).mm;
+                let way_mm = x.hypot(y).hypot(z);
+                point.map(|n| (f64::from(n) * (1.0 - before_mm([place.x, place.y, place.z]) / way_mm)) as f32)
+            });
+            let cloud = OrganizedCloud::new(scan.width(), scan.height(), points.collect(), scan.picture().rgb);
+            cloud.expect("organised")
+        };
+        let is_covered = |[_, y, z]: [f64; 3]| (-120.0..20.0).contains(&y) && (330.0..430.0).contains(&z);
+        let covered = nearer(&|place| if is_covered(place) { 2.0 } else { 0.0 });
+        let (fit, judgement) = located(&cell, &covered);
+        assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, vec!["poor_fit"]), "{fit:?}");
+        let waves = nearer(&|[_, y, _]| 0.5 * (std::f64::consts::TAU * y / 50.0).sin());
+        let (fit, judgement) = located(&cell, &waves);
+        assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, vec!["poor_fit"]), "{fit:?}");
+    }
+}

@@ -1,0 +1,265 @@
+//! Finds the panel's edge in the scan beside a point of its taught outline.
+//!
+//! The measured depths give the edge roughly: inside of the edge they lie on the panel's surface, outside of the edge
+//! they lie behind. The colour picture gives it exactly if both sides differ in brightness. If a nearer object
+//! occludes the edge, none is reported.
+//!
+//! A 3D camera has no points where its projector does not reach. The panel's shadow lies on the background along one
+//! side of its edge, and the shadow of an object before the panel lies on the panel. Missing points beyond the surface
+//! are therefore no measure of the distance to its edge. If points are missing inside of the edge, depth gives no
+//! information and the colour picture alone decides.
+
+use super::grid::ColoredCloud;
+use super::profile::{self, HALF_LENGTH_PX};
+use nalgebra::{Vector2, Vector3};
+use panelprep_base::geometry::{PinholeCamera, Pixel};
+
+/// A point farther than this from the surface's plane belongs to another object, mm. The second constant is the
+/// additional distance for each px from the edge.
+const MAX_SURFACE_DISTANCE_MM: f64 = 1.5;
+const MAX_SURFACE_DISTANCE_MM_PER_PX: f64 = 0.15;
+/// A surface that is more slanted than this is treated as if it had this slant: cosine of the angle.
+const MIN_COSINE: f64 = 0.3;
+/// The number of pixels just inside of an edge that are examined, and the number of these that must be on the surface.
+const INSIDE_PX: i32 = 6;
+const MIN_INSIDE: usize = 3;
+/// Maximum distance between the edges by colour and by depth, px.
+const MAX_COLOUR_DEPTH_DISTANCE_PX: f64 = 2.6;
+/// If points beyond a surface are missing over more than this distance, px, the cause is a shadow.
+const RIM_PX: i32 = 3;
+/// If the depths leave the edge undetermined over more than this, px, they do not locate it without colour.
+const MAX_OPEN_PX: i32 = 8;
+
+/// The result of the search for the edge beside a point of the outline.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum EdgeReading {
+    /// The edge was found by colour: its distance outside of the point and the width of its step, px.
+    Colour { offset_px: f64, width_px: f64 },
+    /// The edge was found only by depth.
+    Depth { offset_px: f64 },
+    /// A nearer object hides the edge, or the surface faces away.
+    Hidden,
+    /// The edge lies outside of the picture.
+    OutOfView,
+    /// The surface continues beyond the outline, or is missing.
+    Absent,
+}
+
+impl EdgeReading {
+    /// Returns whether the edge is within this distance of its expected position, px; `None` if nothing could be seen
+    /// there.
+    pub fn is_within_distance(self, most_px: f64) -> Option<bool> {
+        match self {
+            EdgeReading::Colour { offset_px, .. } | EdgeReading::Depth { offset_px } => {
+                Some(offset_px.abs() <= most_px)
+            }
+            EdgeReading::Absent => Some(false),
+            EdgeReading::Hidden | EdgeReading::OutOfView => None,
+        }
+    }
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum DepthClass {
+    On,
+    Farther,
+    Nearer,
+    Missing,
+}
+
+/// The surface's plane beside a point, as the picture shows it: its inverse depth is linear in the pixels.
+pub(super) struct Tangent {
+    at: Pixel,
+    inverse: f64,
+    /// The gradient of the inverse depth, per mm and px.
+    slope: Vector2<f64>,
+    /// Cosine of the angle between the view and the surface's normal, 0…1.
+    incidence_cosine: f64,
+}
+
+impl Tangent {
+    pub fn new(camera: &PinholeCamera, at: Pixel, point: &Vector3<f64>, normal: &Vector3<f64>) -> Tangent {
+        let distance = normal.dot(point);
+        Tangent {
+            at,
+            inverse: 1.0 / point.z,
+            slope: Vector2::new(normal.x / (camera.fx_px * distance), normal.y / (camera.fy_px * distance)),
+            incidence_cosine: (distance.abs() / point.norm()).max(MIN_COSINE),
+        }
+    }
+
+    /// Returns how far a depth at a pixel lies behind the plane, along the plane's normal, mm.
+    pub fn depth_behind_mm(&self, column: usize, row: usize, depth_mm: f64) -> f64 {
+        let way = Vector2::new(column as f64 - self.at.u, row as f64 - self.at.v);
+        let plane_mm = 1.0 / (self.inverse + self.slope.dot(&way));
+        self.incidence_cosine * (depth_mm - plane_mm)
+    }
+}
+
+/// Finds the edge beside a place of a picture; the surface there has this point and normal, in the camera's frame.
+/// `across` points away from the panel.
+pub(super) fn find_edge(
+    camera: &PinholeCamera,
+    scan: &ColoredCloud,
+    (pixel, across): (Pixel, Vector2<f64>),
+    (point, normal): (&Vector3<f64>, &Vector3<f64>),
+) -> EdgeReading {
+    edge(scan, (pixel, across), &Tangent::new(camera, pixel, point, normal), true)
+}
+
+pub(super) fn edge(
+    scan: &ColoredCloud,
+    (pixel, across): (Pixel, Vector2<f64>),
+    tangent: &Tangent,
+    is_patchy: bool,
+) -> EdgeReading {
+    let reach = HALF_LENGTH_PX as i32;
+    // The whole line must be in the picture: half of it could show one side of the edge only.
+    let margin = f64::from(reach) + 1.0;
+    let (width, height) = (scan.width() as f64, scan.height() as f64);
+    let inside = pixel.u >= margin && pixel.v >= margin && pixel.u < width - margin && pixel.v < height - margin;
+    if !inside {
+        return EdgeReading::OutOfView;
+    }
+    let depth = |offset: i32| {
+        let way = f64::from(offset);
+        let (u, v) = (pixel.u + way * across.x, pixel.v + way * across.y);
+        let (column, row) = (u.round() as usize, v.round() as usize);
+        let [_, _, z] = scan.raw_points_mm()[row * scan.width() + column];
+        let away = tangent.depth_behind_mm(column, row, f64::from(z));
+        if z.is_nan() {
+            DepthClass::Missing
+        } else if away.abs() <= MAX_SURFACE_DISTANCE_MM + MAX_SURFACE_DISTANCE_MM_PER_PX * way.abs() {
+            DepthClass::On
+        } else if away > 0.0 {
+            DepthClass::Farther
+        } else {
+            DepthClass::Nearer
+        }
+    };
+    let depths: Vec<DepthClass> = (-reach..=reach).map(depth).collect();
+    let (rough_px, known) = match find_depth_edge(&depths) {
+        DepthEdge::At(offset_px) => (offset_px, true),
+        DepthEdge::Near(offset_px) => (offset_px, false),
+        DepthEdge::Not(edge) => return edge,
+    };
+    let line = profile::line(scan, pixel, [across.x, across.y]);
+    let near = |expected_px: f64| {
+        let step = profile::step(line.as_ref()?, expected_px)?;
+        // A step farther away is paint, a shadow or another object, although it may be the strongest one.
+        ((step.offset_px - expected_px).abs() <= MAX_COLOUR_DEPTH_DISTANCE_PX).then_some(step)
+    };
+    match near(rough_px).or_else(|| if is_patchy { strongest_step(&depths, near) } else { None }) {
+        Some(step) => EdgeReading::Colour { offset_px: step.offset_px, width_px: step.width_px },
+        None if known => EdgeReading::Depth { offset_px: rough_px },
+        None => EdgeReading::Absent,
+    }
+}
+
+/// Returns the strongest step of brightness if points are missing over more than a rim. The panel's own points may be
+/// among the missing ones, so that its edge is anywhere between the last point on the surface and the first point
+/// behind it.
+fn strongest_step(
+    depths: &[DepthClass],
+    near: impl Fn(f64) -> Option<profile::BrightnessStep>,
+) -> Option<profile::BrightnessStep> {
+    let middle = depths.len() as i32 / 2;
+    let missing = |i: &i32| depths.get(*i as usize) == Some(&DepthClass::Missing);
+    let before = (0..middle).rev().take_while(missing).last().unwrap_or(middle);
+    let beyond = (middle..depths.len() as i32).take_while(missing).last().unwrap_or(middle - 1);
+    if beyond - before < MAX_OPEN_PX {
+        return None;
+    }
+    let steps = (before..=beyond).step_by(2).filter_map(|i| near(f64::from(i - middle)));
+    steps.max_by(|a, b| a.contrast.abs().total_cmp(&b.contrast.abs()))
+}
+
+/// The edge according to the depths, px from the middle of the line outwards.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum DepthEdge {
+    At(f64),
+    /// A position near which colour must show the edge, if there is one.
+    Near(f64),
+    /// There is no edge to be looked for; the value is the result.
+    Not(EdgeReading),
+}
+
+fn find_depth_edge(depths: &[DepthClass]) -> DepthEdge {
+    let count = depths.len() as i32;
+    let at = |i: i32| depths.get(i as usize).copied().unwrap_or(DepthClass::Missing);
+    // A single flying point does not count as the end of the surface: two of the three next points must be of the same
+    // kind.
+    let ends = |i: i32, what: DepthClass| at(i) == what && (i + 1..i + 4).filter(|&j| at(j) == what).count() >= 2;
+    let farther = (0..count).find(|&i| ends(i, DepthClass::Farther));
+    let nearer = (0..count).find(|&i| ends(i, DepthClass::Nearer));
+    // Something nearer before the surface ends: the edge may be behind it.
+    let hidden = nearer.is_some_and(|near| farther.is_none_or(|far| near < far));
+    if hidden {
+        return DepthEdge::Not(EdgeReading::Hidden);
+    }
+    let middle = count / 2;
+    let unlit = (middle - INSIDE_PX..middle).filter(|&i| at(i) == DepthClass::Missing).count() > MIN_INSIDE;
+    let surface_ends = farther.unwrap_or(count);
+    let last_on = (0..surface_ends).rev().find(|&i| at(i) == DepthClass::On);
+    let on = |last: i32| (last - INSIDE_PX + 1..=last).filter(|&i| i >= 0 && at(i) == DepthClass::On).count();
+    let Some(last_on) = last_on.filter(|&last| on(last) >= MIN_INSIDE) else {
+        return if unlit { DepthEdge::Near(0.0) } else { DepthEdge::Not(EdgeReading::Absent) };
+    };
+    // If nothing was measured beyond, this is a shadow, the hall, or black objects; otherwise the surface
+    // continues.
+    if farther.is_none() && last_on >= count - 4 {
+        return DepthEdge::Not(EdgeReading::Absent);
+    }
+    let open = farther.map_or(2, |far| far - last_on);
+    // Points at an edge are missing on both sides of it, so that the edge is in the middle of the gap; of a wide gap
+    // only the rim counts.
+    let rough_px = f64::from(last_on - middle) + f64::from(open.min(RIM_PX)) / 2.0;
+    if open <= MAX_OPEN_PX { DepthEdge::At(rough_px) } else { DepthEdge::Near(rough_px) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn depths(text: &str) -> Vec<DepthClass> {
+        text.chars()
+            .map(|sign| match sign {
+                'o' => DepthClass::On,
+                'f' => DepthClass::Farther,
+                'n' => DepthClass::Nearer,
+                _ => DepthClass::Missing,
+            })
+            .collect()
+    }
+
+    /// By hand, with the middle at index 8: the surface ends at 9 and the plate begins at 12, so that the edge is
+    /// at 10.5, which is 2.5 outside. A single flying point between them has no effect.
+    #[test]
+    fn depths_state_where_the_surface_ends() {
+        let rough = |text: &str| find_depth_edge(&depths(text));
+        assert_eq!(rough("oooooooooo--fffff"), DepthEdge::At(2.5));
+        assert_eq!(rough("ooooofoooo--fffff"), DepthEdge::At(2.5), "a flying point");
+        assert_eq!(rough("oooooooooo-------"), DepthEdge::At(2.0), "a wide shadow, or the hall");
+        assert_eq!(rough("ooooooo-nnnnnnfff"), DepthEdge::Not(EdgeReading::Hidden), "something before it");
+        assert_eq!(rough("ooooooooooooooooo"), DepthEdge::Not(EdgeReading::Absent), "it goes on");
+        assert_eq!(rough("fffffffffffffffff"), DepthEdge::Not(EdgeReading::Absent), "it is not there");
+    }
+
+    /// By hand: beyond the last point on the surface, at place 5, lies a shadow of 6 px; the edge is at the near end
+    /// of the shadow, 5 + 1.5, and not in its middle. If the shadow is so wide that points of the panel may be missing
+    /// in it, colour must show the edge; likewise if the panel itself is in a shadow.
+    #[test]
+    fn missing_points_are_no_distance_to_the_edge() {
+        let rough = |text: &str| find_depth_edge(&depths(text));
+        assert_eq!(rough("oooooo------fffff"), DepthEdge::At(-1.5));
+        assert_eq!(rough("oooooo---------ff"), DepthEdge::At(-2.0), "two points are no plate");
+        assert_eq!(rough("oooo----------fff"), DepthEdge::Near(-3.5));
+        assert_eq!(rough("---------ffffffff"), DepthEdge::Near(0.0), "the panel is in shadow, the plate is not");
+        assert_eq!(rough("-----------------"), DepthEdge::Near(0.0), "both are");
+        assert_eq!(
+            rough("-----fffffffffff-"),
+            DepthEdge::Not(EdgeReading::Absent),
+            "the plate where the panel should be"
+        );
+    }
+}

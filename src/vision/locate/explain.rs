@@ -1,0 +1,244 @@
+//! Marks in the scan's picture that show the origin of the verdict's reasons, for a person who inspects the panel at
+//! these places.
+//!
+//! Every sample is evaluated once more at the located pose, in the same way as in `evidence`. This module makes no
+//! decisions.
+
+use super::camera_check::{self, FixtureEdge};
+use super::deviation::Deviation;
+use super::edges::EdgeReading;
+use super::evidence::Fit;
+use super::fit::{FitInputs, Residuals, Samples};
+use super::grid::{RigidF32, camera_point};
+use super::matched_shares::EDGE_FOUND_PX;
+pub use super::matched_shares::SATURATED;
+use super::search::{PointObservation, observe_point};
+use super::solve::apply_twist;
+use super::{PreparedScan, covariance, pieces};
+use panelprep_base::geometry::statistics::NORMAL_TWO_SIDED_95;
+use panelprep_base::geometry::{Camera, Panel, Pixel, Rigid};
+
+/// The factor by which the stated error is enlarged in the drawing.
+pub const ERROR_SCALE: f64 = 50.0;
+
+/// Result of the scan at a taught point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SurfaceMark {
+    /// Distance of the scanned surface in front of the taught one, along its normal, mm; negative behind it.
+    On(f64),
+    /// The scan shows the taught surface beside an edge or missing points; the depth is not precise enough for a
+    /// number.
+    Near,
+    /// The scan shows a surface behind it.
+    Through,
+    /// The scan shows a surface in front of it.
+    Hidden,
+    /// The scan has no point there.
+    Missing,
+}
+
+/// Result of the picture at a point of the taught outline.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum OutlineMark {
+    /// The edge.
+    Found,
+    /// The edge is elsewhere, or there is none.
+    Elsewhere,
+    /// An object is in front of the outline, or the outline is out of view.
+    Hidden,
+}
+
+/// Result of the scan at the taught place of a fixture's edge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FixtureMark {
+    /// The edge at its taught place.
+    Stands,
+    /// The edge is elsewhere, or there is none.
+    Moved,
+    /// The fixture is not visible: an object is in front of it, or there is no point.
+    Unseen,
+}
+
+/// The evidence for each pixel.
+#[derive(Debug, Clone, Default)]
+pub struct Explained {
+    /// Side of the square that a place of the surface or of an object represents, px.
+    pub block_px: usize,
+    /// The taught surface.
+    pub surface: Vec<(Pixel, SurfaceMark)>,
+    /// The taught outline, in order.
+    pub outline: Vec<(Pixel, OutlineMark)>,
+    /// The borders of taught marks, each represented by a short segment.
+    pub marks: Vec<([Pixel; 2], OutlineMark)>,
+    /// Pairs of a place of the outline and the same place displaced by the stated error along the weakest direction,
+    /// enlarged by [`ERROR_SCALE`].
+    pub weakest: Vec<(Pixel, Pixel)>,
+    /// The place at which the step of brightness at the outline is widest.
+    pub widest_step: Option<Pixel>,
+    /// Taught edges of the fixture.
+    pub fixture: Vec<(Pixel, FixtureMark)>,
+    /// Objects in the search box, largest first: area, mm², and pixels.
+    pub objects_in_box: Vec<(f64, Vec<Pixel>)>,
+}
+
+/// An edge of the fixture that is farther than this from its taught position has moved, px.
+pub const MAX_FIXTURE_SHIFT_PX: f64 = 0.5;
+
+impl PreparedScan<'_> {
+    /// Evaluates all evidence again; `fit` is the result of the localization, if there is one.
+    pub fn explain(&self, fit: Option<&Fit>) -> Explained {
+        let (grid, inputs) = (&self.grid, self.inputs());
+        let of_block = |&block: &u32| grid.pixel(block as usize % grid.columns, block as usize / grid.columns);
+        let thing = |piece: &pieces::Piece| (piece.area_mm2, piece.blocks.iter().map(of_block).collect());
+        let mut explained = Explained {
+            block_px: grid.factor,
+            objects_in_box: self.pieces.iter().map(thing).collect(),
+            ..Explained::default()
+        };
+        let Some(fit) = fit else { return explained };
+        let placed: Rigid<Camera, Panel> = self.view.base_from_camera.inverse() * fit.base_from_panel;
+        let deviation = Deviation::from_residuals(
+            &Residuals::at_pose(&placed, inputs, &Samples::all_of_model(inputs.model).surface_only()),
+            inputs.model,
+            None,
+        );
+        let bent = deviation.as_ref().map(|deviation| deviation.bent_panel(inputs.model));
+        let taught = inputs.model;
+        let inputs = FitInputs { model: bent.as_ref().unwrap_or(taught), ..inputs };
+        let bend_mm = |i: usize| {
+            deviation.as_ref().map_or(0.0, |it| it.deviation_at_mm(&taught.points[i], &taught.normals[i]))
+        };
+        explained.surface = surface(&placed, inputs, bend_mm);
+        let residuals = Residuals::at_pose(&placed, inputs, &Samples::all_of_model(inputs.model));
+        (explained.outline, explained.widest_step) = outline(&placed, inputs, &residuals);
+        explained.marks = explain_marks(&placed, inputs, &residuals);
+        explained.weakest = weakest_displacement(&placed, inputs, fit);
+        let mark = |(pixel, edge): (Pixel, FixtureEdge)| match edge {
+            FixtureEdge::Moved(px) if px.abs() <= MAX_FIXTURE_SHIFT_PX => (pixel, FixtureMark::Stands),
+            FixtureEdge::Moved(_) | FixtureEdge::Gone => (pixel, FixtureMark::Moved),
+            FixtureEdge::Unseen => (pixel, FixtureMark::Unseen),
+        };
+        let (now, inside) = ((grid, self.view.scan), (self.settings, &*self.inside));
+        let edges = camera_check::fixture_edges(self.taught, &self.taught_model.fixture, now, inside);
+        explained.fixture = edges.into_iter().map(mark).collect();
+        explained
+    }
+}
+
+/// Returns the comparison of the panel, as it is bent, with the taught panel. `bend_mm` is the distance of a point in
+/// front of its taught position.
+fn surface(
+    placed: &Rigid<Camera, Panel>,
+    inputs: FitInputs<'_>,
+    bend_mm: impl Fn(usize) -> f64,
+) -> Vec<(Pixel, SurfaceMark)> {
+    let motion = RigidF32::from_rigid(placed);
+    let mark = |i: usize| {
+        let pixel = inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.points[i])))?;
+        let mark = match observe_point(&motion, inputs.model, inputs.grid, i) {
+            // The residual is the distance of the taught point in front of the scan.
+            PointObservation::On(residual_mm) => SurfaceMark::On(bend_mm(i) - residual_mm),
+            PointObservation::Near => SurfaceMark::Near,
+            PointObservation::Through => SurfaceMark::Through,
+            PointObservation::Hidden => SurfaceMark::Hidden,
+            PointObservation::Unknown => SurfaceMark::Missing,
+        };
+        Some((pixel, mark))
+    };
+    (0..inputs.model.points.len()).filter_map(mark).collect()
+}
+
+/// Returns the mark for the edge at a place of the outline.
+fn outline_mark(edge: &EdgeReading) -> OutlineMark {
+    match edge.is_within_distance(EDGE_FOUND_PX) {
+        Some(true) => OutlineMark::Found,
+        Some(false) => OutlineMark::Elsewhere,
+        None => OutlineMark::Hidden,
+    }
+}
+
+fn explain_marks(
+    placed: &Rigid<Camera, Panel>,
+    inputs: FitInputs<'_>,
+    residuals: &Residuals,
+) -> Vec<([Pixel; 2], OutlineMark)> {
+    let motion = RigidF32::from_rigid(placed);
+    let stretch = |(k, edge): &(usize, EdgeReading)| {
+        let mark = &inputs.model.marks.points[*k];
+        let end = |way_mm: f64| {
+            inputs.grid.camera.project(camera_point(&motion.point(&(mark.point + mark.border_direction * way_mm))))
+        };
+        Some(([end(-mark.length_mm / 2.0)?, end(mark.length_mm / 2.0)?], outline_mark(edge)))
+    };
+    residuals.mark_edges.iter().filter_map(stretch).collect()
+}
+
+fn outline(
+    placed: &Rigid<Camera, Panel>,
+    inputs: FitInputs<'_>,
+    residuals: &Residuals,
+) -> (Vec<(Pixel, OutlineMark)>, Option<Pixel>) {
+    let motion = RigidF32::from_rigid(placed);
+    let pixel = |k: usize| inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)));
+    let mark = |(k, edge): &(usize, EdgeReading)| Some((pixel(*k)?, outline_mark(edge)));
+    let width = |(k, edge): &(usize, EdgeReading)| match edge {
+        EdgeReading::Colour { width_px, .. } => Some((*k, *width_px)),
+        _ => None,
+    };
+    let widest = residuals.edges.iter().filter_map(width).max_by(|a, b| a.1.total_cmp(&b.1));
+    (residuals.edges.iter().filter_map(mark).collect(), widest.and_then(|(k, _)| pixel(k)))
+}
+
+/// Returns the outline's places, and the same places displaced by the stated error along its largest direction.
+fn weakest_displacement(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
+    let motion = RigidF32::from_rigid(placed);
+    let centre = motion.point(&inputs.model.centre);
+    let twist =
+        covariance::weakest_direction(&fit.covariance, inputs.model).twist * (NORMAL_TWO_SIDED_95 * ERROR_SCALE);
+    let moved = RigidF32::from_rigid(&apply_twist(placed, &centre, &twist));
+    let project = |motion: &RigidF32, k: usize| {
+        inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)))
+    };
+    (0..inputs.model.outline.len()).filter_map(|k| Some((project(&motion, k)?, project(&moved, k)?))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{ScanView, TaughtModel, tests::taught};
+    use super::*;
+    use panelprep_base::geometry::OrganizedCloud;
+    use panelprep_sim::{self as sim, Scene};
+
+    /// By hand: the panel at its taught place, each of its points 0.3 mm nearer to the camera along its ray. The
+    /// surface leans by 20° at most, so that along the normal the scan lies 0.28 to 0.3 mm in front of the taught
+    /// surface.
+    #[test]
+    fn what_lies_before_the_taught_surface_is_reported_as_before_it() {
+        let cell = sim::Cell::new(1, Scene::Clean, 4);
+        let (panel, recipe) = taught(&cell);
+        let (scan, base_from_camera) = (cell.taught_scan(), cell.calibrated_base_from_camera());
+        let view = ScanView {
+            scan: &scan,
+            camera: cell.scanner(),
+            base_from_camera,
+            range: crate::locate::RangeErrors::default(),
+        };
+        let model = TaughtModel::from_panel(&panel, view.range).expect("a panel");
+        let fit = PreparedScan::new((&panel, &model), &view, recipe.locate()).locate().expect("a panel");
+        let nearer = scan.raw_points_mm().iter().map(|point| {
+            let way_mm = f64::from(point[0]).hypot(f64::from(point[1])).hypot(f64::from(point[2]));
+            point.map(|n| (f64::from(n) * (1.0 - 0.3 / way_mm)) as f32)
+        });
+        let scan = OrganizedCloud::new(scan.width(), scan.height(), nearer.collect(), scan.picture().rgb);
+        let view = ScanView { scan: &scan.expect("organised"), ..view };
+        let explained = PreparedScan::new((&panel, &model), &view, recipe.locate()).explain(Some(&fit));
+        let before_mm = explained.surface.iter().filter_map(|(_, mark)| match mark {
+            SurfaceMark::On(mm) => Some(*mm),
+            _ => None,
+        });
+        let before_mm: Vec<f64> = before_mm.collect();
+        let mean_mm = before_mm.iter().sum::<f64>() / before_mm.len() as f64;
+        assert!(before_mm.len() > 1_000 && (0.24..0.31).contains(&mean_mm), "{} {mean_mm}", before_mm.len());
+        assert!(explained.surface.iter().any(|(_, mark)| *mark == SurfaceMark::Near), "beside the edge");
+    }
+}

@@ -1,0 +1,234 @@
+//! The fit: moves the panel by its surface and its outline together until it converges.
+//!
+//! The surface constrains the panel along its normal and hardly in its plane: a smooth panel slides along itself. The
+//! outline constrains the panel in its plane and, through the picture's perspective, a little along the normal as
+//! well. Both are residuals of one Gauss–Newton iteration (`solve`), and so are the borders of marks inside the
+//! outline, if the panel has any. Each kind is weighted by its noise and by the number of neighbours with correlated
+//! errors: a scanner's range noise is correlated over centimetres, so that thousands of points carry no more
+//! information than a few dozen independent ones.
+
+use super::edges::EdgeReading;
+use super::grid::{ColoredCloud, Grid, RigidF32};
+use super::mark_edges;
+use super::model::Model;
+use super::outline_edges;
+use super::sampling::spread_indices;
+use super::search::surface_residual;
+use super::solve::{Constraint, ResidualSums, ResidualWeighting, apply_twist, spread};
+use nalgebra::Vector3;
+use panelprep_base::geometry::{Camera, Panel, Rigid};
+use rayon::prelude::*;
+
+/// The iteration ends if a step moves no point of the panel by more than this, mm.
+pub(super) const CONVERGED_MM: f64 = 0.002;
+const MAX_STEPS: usize = 20;
+/// The errors of an edge in the picture are correlated over this length: the edge's own error, that of the taught
+/// depth, and the remaining error of the lens model.
+pub(super) const EDGE_CORRELATION_MM: f64 = 30.0;
+/// One standard deviation of the mean over a length of `EDGE_CORRELATION_MM`, px: of the edge alone, by colour and
+/// by depth.
+const EDGE_NOISE_PX: f64 = 0.05;
+const DEPTH_EDGE_NOISE_PX: f64 = 0.5;
+/// Residuals beyond this number of standard deviations have no weight, unless they are below the floors.
+const REACH_SIGMAS: f64 = 4.7;
+const SURFACE_FLOOR_MM: f64 = 0.4;
+const EDGE_FLOOR_PX: f64 = 0.5;
+const DEPTH_EDGE_FLOOR_PX: f64 = 2.0;
+
+/// Kinds of residuals.
+pub(super) const KINDS: usize = 4;
+
+/// All residuals that constrain the panel at a pose.
+pub(super) struct Residuals {
+    pub surface: Vec<Constraint>,
+    pub colour: Vec<Constraint>,
+    pub depth: Vec<Constraint>,
+    pub marks: Vec<Constraint>,
+    /// The edge found beside each point of the outline that was examined.
+    pub edges: Vec<(usize, EdgeReading)>,
+    /// The edge found beside each mark.
+    pub mark_edges: Vec<(usize, EdgeReading)>,
+    /// The middle of the panel.
+    pub centre: Vector3<f64>,
+    /// The noise of an edge in this view that is caused by the taught depth's noise, px.
+    taught_noise_px: f64,
+}
+
+/// The inputs of a fit.
+#[derive(Clone, Copy)]
+pub(super) struct FitInputs<'a> {
+    pub model: &'a Model,
+    pub grid: &'a Grid,
+    pub scan: &'a ColoredCloud,
+}
+
+/// The samples of a fit: all of them, or a selection.
+pub(super) struct Samples {
+    surface: Vec<usize>,
+    outline: Vec<usize>,
+    marks: Vec<usize>,
+}
+
+impl Samples {
+    pub fn all_of_model(model: &Model) -> Samples {
+        Samples {
+            surface: (0..model.points.len()).collect(),
+            outline: (0..model.outline.len()).collect(),
+            marks: (0..model.marks.points.len()).collect(),
+        }
+    }
+
+    /// Returns only the samples of the surface, without outline and marks.
+    pub fn surface_only(&self) -> Samples {
+        Samples { surface: self.surface.clone(), outline: Vec::new(), marks: Vec::new() }
+    }
+
+    /// Selects about this number of samples of the surface, and an eighth of this number of the outline and of the
+    /// marks.
+    pub fn subset(model: &Model, wanted: usize) -> Samples {
+        Samples {
+            surface: spread_indices(model.points.len(), wanted),
+            outline: spread_indices(model.outline.len(), wanted / 8),
+            marks: spread_indices(model.marks.points.len(), wanted / 8),
+        }
+    }
+}
+
+impl Residuals {
+    /// Computes the residuals at a pose.
+    pub fn at_pose(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Residuals {
+        let motion = RigidF32::from_rigid(placed);
+        let FitInputs { model, grid, scan } = inputs;
+        let surface: Vec<Option<Constraint>> = samples
+            .surface
+            .par_iter()
+            .with_min_len(1_024)
+            .map(|&sample| surface_residual(&motion, model, grid, sample))
+            .collect();
+        let looked: Vec<Option<outline_edges::EdgeObservation>> = samples
+            .outline
+            .par_iter()
+            .with_min_len(64)
+            .map(|&k| outline_edges::observe_edge(&motion, model, &grid.camera, scan, k))
+            .collect();
+        let (mut colour, mut depth, mut edges) = (Vec::new(), Vec::new(), Vec::new());
+        for (&sample, looked) in samples.outline.iter().zip(looked) {
+            let Some(looked) = looked else { continue };
+            edges.push((sample, looked.edge));
+            let (point, gradient) = (looked.point, looked.gradient);
+            let constraint = |offset_px: f64| Constraint { point, gradient, residual: -offset_px, sample };
+            match looked.edge {
+                EdgeReading::Colour { offset_px, .. } if model.outline[sample].by_colour => {
+                    colour.push(constraint(offset_px))
+                }
+                EdgeReading::Colour { offset_px, .. } | EdgeReading::Depth { offset_px } => {
+                    depth.push(constraint(offset_px))
+                }
+                EdgeReading::Hidden | EdgeReading::OutOfView | EdgeReading::Absent => {}
+            }
+        }
+        let (marks, mark_edges) = marks_at_pose(&motion, inputs, &samples.marks);
+        let centre = motion.point(&model.centre);
+        // Seen from another side, an error of the taught depth moves the outline sideways in the picture.
+        let taught_noise_px =
+            model.range.taught_scan_mm * model.view_change(&motion) * grid.camera.px_per_mm_at(centre.z).0;
+        let surface = surface.into_iter().flatten().collect();
+        Residuals { surface, colour, depth, marks, edges, mark_edges, centre, taught_noise_px }
+    }
+
+    /// Returns the weighting of each kind of residual: surface, edges by colour, edges by depth, marks.
+    pub fn residual_weights(&self, model: &Model, samples: &Samples) -> [ResidualWeighting; KINDS] {
+        let point_mm2 = model.area_mm2 / samples.surface.len().max(1) as f64;
+        let length_mm: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
+        let edge_mm = length_mm / samples.outline.len().max(1) as f64;
+        let edge_correlated_count = (EDGE_CORRELATION_MM / edge_mm).max(1.0);
+        // With fewer samples, fewer neighbours share one error; without this factor a selection would weigh less than
+        // the whole.
+        let marks_taken = samples.marks.len() as f64 / model.marks.points.len().max(1) as f64;
+        // The spread of the residuals themselves, since it is large at the start and small at the end. The floor keeps
+        // a perfect fit from rejecting its own noise.
+        let reach = |constraints: &[Constraint], floor: f64| (REACH_SIGMAS * spread(constraints)).max(floor);
+        [
+            ResidualWeighting {
+                sigma: model.range.scan_to_scan_mm,
+                correlated_count: (model.range.correlation_mm.powi(2) / point_mm2).max(1.0),
+                cutoff: reach(&self.surface, SURFACE_FLOOR_MM),
+            },
+            ResidualWeighting {
+                sigma: EDGE_NOISE_PX.hypot(self.taught_noise_px),
+                correlated_count: edge_correlated_count,
+                cutoff: reach(&self.colour, EDGE_FLOOR_PX),
+            },
+            ResidualWeighting {
+                sigma: DEPTH_EDGE_NOISE_PX.hypot(self.taught_noise_px),
+                correlated_count: edge_correlated_count,
+                cutoff: reach(&self.depth, DEPTH_EDGE_FLOOR_PX),
+            },
+            ResidualWeighting {
+                sigma: EDGE_NOISE_PX.hypot(self.taught_noise_px),
+                correlated_count: (model.marks.correlated_count * marks_taken).max(1.0),
+                cutoff: reach(&self.marks, EDGE_FLOOR_PX),
+            },
+        ]
+    }
+
+    /// Returns every kind of constraint, in the order of [`Residuals::residual_weights`].
+    pub fn kinds(&self) -> [&[Constraint]; KINDS] {
+        [&self.surface, &self.colour, &self.depth, &self.marks]
+    }
+
+    /// Calculates the sums of all kinds.
+    pub fn sum_all(&self, weighing: &[ResidualWeighting; KINDS]) -> ResidualSums {
+        self.kinds()
+            .iter()
+            .zip(weighing)
+            .map(|(kind, weighing)| ResidualSums::from_constraints(kind, weighing, &self.centre))
+            .fold(ResidualSums::ZERO, ResidualSums::add)
+    }
+}
+
+/// Returns the marks that the scan shows, and the result beside each mark.
+fn marks_at_pose(
+    motion: &RigidF32,
+    FitInputs { model, grid, scan }: FitInputs<'_>,
+    samples: &[usize],
+) -> (Vec<Constraint>, Vec<(usize, EdgeReading)>) {
+    let observe = |&mark: &usize| {
+        Some((mark, mark_edges::observe_mark(motion, &model.marks.points[mark], &grid.camera, scan)?))
+    };
+    let looked: Vec<_> = samples.par_iter().with_min_len(64).filter_map(observe).collect();
+    let constraint = |(sample, looked): &(usize, outline_edges::EdgeObservation)| match looked.edge {
+        EdgeReading::Colour { offset_px, .. } => {
+            let (point, gradient) = (looked.point, looked.gradient);
+            Some(Constraint { point, gradient, residual: -offset_px, sample: *sample })
+        }
+        _ => None,
+    };
+    let constraints = looked.iter().filter_map(constraint).collect();
+    (constraints, looked.iter().map(|(mark, looked)| (*mark, looked.edge)).collect())
+}
+
+/// The end of an iteration.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct IterationEnd {
+    pub camera_from_panel: Rigid<Camera, Panel>,
+    pub iterations: usize,
+    pub last_step_mm: f64,
+}
+
+/// Moves the guess until no point of the panel moves any more; `None` if a direction is unconstrained.
+pub(super) fn fit(guess: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Option<IterationEnd> {
+    let mut fitted = IterationEnd { camera_from_panel: *guess, iterations: 0, last_step_mm: f64::INFINITY };
+    while fitted.iterations < MAX_STEPS && fitted.last_step_mm > CONVERGED_MM {
+        let residuals = Residuals::at_pose(&fitted.camera_from_panel, inputs, samples);
+        // Weighed again in each step: the cutoff shrinks with the residuals, so that outliers lose their pull as the
+        // fit improves.
+        let weighing = residuals.residual_weights(inputs.model, samples);
+        let twist = residuals.sum_all(&weighing).twist()?;
+        let next = apply_twist(&fitted.camera_from_panel, &residuals.centre, &twist);
+        fitted.last_step_mm = inputs.model.largest_distance_mm(&fitted.camera_from_panel, &next);
+        fitted.camera_from_panel = next;
+        fitted.iterations += 1;
+    }
+    Some(fitted)
+}

@@ -1,0 +1,142 @@
+//! The taught panel in the form that the search and the fit use: points with normals, an outline in space, and its
+//! own grid.
+//!
+//! The outline is found in the taught scan's colours and depths (`taught_outline`).
+
+use super::LocateError;
+use super::grid::{Grid, RigidF32, camera_point};
+use super::print_features::TaughtMarks;
+use super::scan_errors::RangeErrors;
+use super::scatter::centroid_and_normal;
+use super::taught_outline::{MIN_OUTLINE, OutlineEvidence, OutlinePoint, TaughtOutline};
+use super::taught_surface::Surface;
+use nalgebra::Vector3;
+use panelprep_base::geometry::{Base, Camera, Panel, Pixel, Point, Rigid, Vector};
+use panelprep_cell::panel::TaughtPanel;
+use std::sync::Arc;
+
+/// A panel is complete if at least this fraction of its surface gave points.
+const MIN_COMPLETE_SHARE: f64 = 0.9;
+/// A panel with fewer surface points is not sufficiently constrained.
+const MIN_SURFACE: usize = 200;
+
+/// The taught panel.
+#[derive(Clone)]
+pub(super) struct Model {
+    /// Points of the surface, in the panel's frame, mm.
+    pub points: Vec<Vector3<f64>>,
+    /// Their normals, towards the camera that recorded them.
+    pub normals: Vec<Vector3<f64>>,
+    /// The outline, in order.
+    pub outline: Vec<OutlinePoint>,
+    /// The steps of brightness inside of the outline.
+    pub marks: TaughtMarks,
+    /// The middle of the surface.
+    pub centre: Vector3<f64>,
+    /// The direction in which the surface scatters least, towards the camera.
+    pub normal: Vector3<f64>,
+    /// Area of the surface, mm².
+    pub area_mm2: f64,
+    /// The panel's own depths, with the camera's parameters.
+    pub grid: Arc<Grid>,
+    /// The pose of that camera.
+    pub camera_from_panel: Rigid<Camera, Panel>,
+    /// The panel's frame at its nominal place.
+    pub nominal_pose: Rigid<Base, Panel>,
+    /// Width of a step of brightness at the outline, px, median.
+    pub edge_width_px: f64,
+    /// Fraction of the panel that gave points at teaching, 0…1, if a person drew its outline; otherwise 1.
+    pub measured_share: f64,
+    /// The fractions of the outline that are seen, held and unseen.
+    pub outline_evidence: OutlineEvidence,
+    /// The places at which something holds the panel, in the taught picture.
+    pub held_px: Vec<[Pixel; 4]>,
+    /// The errors of the scans.
+    pub range: RangeErrors,
+}
+
+/// Returns the depths of the taught scan: those of its panel, or all others.
+pub(super) fn taught_grid(panel: &TaughtPanel, of_panel: bool) -> Grid {
+    let motion = RigidF32::from_rigid(&panel.panel_from_camera.inverse());
+    let depth_row = motion.turn.row(2).into_owned();
+    let raw = panel.scan.raw_points_mm();
+    let depth = |index: usize| {
+        let [x, y, z] = raw[index];
+        let depth = (depth_row * Vector3::new(f64::from(x), f64::from(y), f64::from(z)))[0] + motion.shift.z;
+        (panel.mask.inside[index] == of_panel && depth > 0.0).then_some(depth as f32)
+    };
+    Grid::from_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth)
+}
+
+impl Model {
+    /// Derives the model of a taught panel, for scans with these errors.
+    pub fn from_panel(panel: &TaughtPanel, range: RangeErrors) -> Result<Model, LocateError> {
+        let camera_from_panel = panel.panel_from_camera.inverse();
+        let grid = taught_grid(panel, true);
+        let surface = Surface::from_grid(&grid);
+        let (TaughtOutline { points: outline, edge_width_px, evidence: outline_seen }, marks) = rayon::join(
+            || TaughtOutline::detect(panel, &grid, &surface),
+            || TaughtMarks::detect(panel, (&grid, &surface), range.correlation_mm),
+        );
+        let few = LocateError::Degenerate { surface: surface.samples.len(), outline: outline.len() };
+        if surface.samples.len() < MIN_SURFACE || outline.len() < MIN_OUTLINE {
+            return Err(few);
+        }
+        let turn = panel.panel_from_camera.rotation();
+        let points: Vec<Vector3<f64>> = surface
+            .samples
+            .iter()
+            .map(|sample| (panel.panel_from_camera * camera_point(&sample.point)).mm.coords)
+            .collect();
+        let normals = surface.samples.iter().map(|sample| turn * sample.normal).collect();
+        let (centre, axis) = centroid_and_normal(&points).ok_or(few)?;
+        let towards = panel.panel_from_camera.origin().mm.coords - centre;
+        Ok(Model {
+            normals,
+            outline,
+            marks,
+            centre,
+            normal: if axis.dot(&towards) < 0.0 { -axis } else { axis },
+            area_mm2: surface.samples.iter().map(|sample| sample.area_mm2).sum(),
+            points,
+            grid: Arc::new(grid),
+            camera_from_panel,
+            nominal_pose: panel.nominal_pose,
+            edge_width_px,
+            measured_share: panel.measured_share(),
+            outline_evidence: outline_seen,
+            held_px: panel.held_px.clone(),
+            range,
+        })
+    }
+
+    /// Returns whether large parts of the panel gave no points at teaching. Points may be missing now as well,
+    /// possibly at other places.
+    pub fn has_missing_parts(&self) -> bool {
+        self.measured_share < MIN_COMPLETE_SHARE
+    }
+
+    /// Returns the middle of the surface as a point of the panel.
+    pub fn centre_point(&self) -> Point<Panel> {
+        Point::new(self.centre.into())
+    }
+
+    /// Returns the mean normal as a direction of the panel.
+    pub fn normal_direction(&self) -> Vector<Panel> {
+        Vector::new(self.normal)
+    }
+
+    /// Returns the sine of the angle between the taught view of the panel and its view at a pose.
+    pub fn view_change(&self, placed: &RigidF32) -> f64 {
+        let taught = RigidF32::from_rigid(&self.camera_from_panel);
+        let view = |motion: &RigidF32| (motion.turn.transpose() * -motion.point(&self.centre)).normalize();
+        view(&taught).cross(&view(placed)).norm()
+    }
+
+    /// Returns the largest distance between the positions of the same outline point at two poses, mm.
+    pub fn largest_distance_mm(&self, a: &Rigid<Camera, Panel>, b: &Rigid<Camera, Panel>) -> f64 {
+        let (a, b) = (RigidF32::from_rigid(a), RigidF32::from_rigid(b));
+        let apart = |sample: &OutlinePoint| (a.point(&sample.point) - b.point(&sample.point)).norm();
+        self.outline.iter().step_by(4).map(apart).fold(0.0, f64::max)
+    }
+}

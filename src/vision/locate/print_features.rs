@@ -1,0 +1,148 @@
+//! The panel's marks: printed, painted or bright places inside its outline, found by the brightness steps at their
+//! borders.
+//!
+//! A flat panel can slide along its surface. If its outline is held, hidden or without points, only what is printed
+//! on the panel constrains it sideways. The taught picture is searched cell by cell for its steepest change of
+//! brightness. If this change is a step between two uniform levels, its place is measured to a fraction of a pixel
+//! (`profile`) and projected onto the surface. A composite's weave has too little contrast to be a mark.
+
+use super::edge_map::steepest_change;
+use super::grid::{Grid, RigidF32};
+use super::profile::{self, HALF_LENGTH_PX, POSITION_COUNT};
+use super::taught_surface::Surface;
+use nalgebra::{Vector2, Vector3};
+use panelprep_base::geometry::{Camera, Pixel, polygon};
+use panelprep_cell::panel::{OutlineFrom, TaughtPanel};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// Side of a search cell, px; a cell has at most one mark.
+const CELL_PX: usize = 8;
+/// Smallest difference between the two sides of a mark, grey levels: three times the value for an edge of the
+/// outline, and far above a weave.
+const MIN_CONTRAST: f64 = 40.0;
+/// Fraction of a step's contrast that lies between the two pixels that [`steepest`] compares.
+const MIN_STEP_SHARE: f64 = 0.35;
+/// The smallest change of brightness at the border of a mark, grey levels.
+pub(super) const MIN_STEP: f64 = MIN_STEP_SHARE * MIN_CONTRAST;
+/// A mark within this distance of a held place gives no information about the panel, px.
+const MIN_HELD_DISTANCE_PX: f64 = POSITION_COUNT as f64;
+
+/// A point on the border of a mark.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MarkPoint {
+    /// Its position in the panel's frame, mm.
+    pub point: Vector3<f64>,
+    /// The direction along the border.
+    pub border_direction: Vector3<f64>,
+    /// The direction in the surface towards the brighter side.
+    pub brighter_direction: Vector3<f64>,
+    /// The surface's normal.
+    pub normal: Vector3<f64>,
+    /// Length of border that this point represents, mm.
+    pub length_mm: f64,
+}
+
+/// All of a panel's marks.
+#[derive(Debug, Clone, Default)]
+pub(super) struct TaughtMarks {
+    pub points: Vec<MarkPoint>,
+    /// Average number of marks that share one error.
+    pub correlated_count: f64,
+}
+
+impl TaughtMarks {
+    /// Finds the marks of a taught panel with these depths and this surface. `alike_mm` is the length over which
+    /// errors are correlated, mm; the largest error is that of a mark's depth in the taught scan.
+    pub fn detect(panel: &TaughtPanel, (grid, surface): (&Grid, &Surface), alike_mm: f64) -> TaughtMarks {
+        let (columns, rows) = (panel.scan.width() / CELL_PX, panel.scan.height() / CELL_PX);
+        let search =
+            MarkSearch { panel, grid, surface, panel_from_camera: RigidF32::from_rigid(&panel.panel_from_camera) };
+        let points: Vec<MarkPoint> = (0..columns * rows)
+            .into_par_iter()
+            .with_min_len(512)
+            .filter_map(|cell| search.find_mark([cell % columns * CELL_PX, cell / columns * CELL_PX]))
+            .collect();
+        let cube = |mark: &MarkPoint| [0, 1, 2].map(|axis| (mark.point[axis] / alike_mm).floor() as i64);
+        let cubes: BTreeSet<[i64; 3]> = points.iter().map(cube).collect();
+        let correlated_count = (points.len() as f64 / cubes.len().max(1) as f64).max(1.0);
+        TaughtMarks { points, correlated_count }
+    }
+}
+
+struct MarkSearch<'a> {
+    panel: &'a TaughtPanel,
+    grid: &'a Grid,
+    surface: &'a Surface,
+    panel_from_camera: RigidF32,
+}
+
+impl MarkSearch<'_> {
+    /// Finds the mark of the cell that begins at this pixel.
+    fn find_mark(&self, [left, top]: [usize; 2]) -> Option<MarkPoint> {
+        let (width, height) = (self.panel.scan.width(), self.panel.scan.height());
+        let margin = HALF_LENGTH_PX + 1;
+        if left < margin || top < margin || left + CELL_PX + margin > width || top + CELL_PX + margin > height {
+            return None;
+        }
+        if !self.is_inside(left + CELL_PX / 2, top + CELL_PX / 2) {
+            return None;
+        }
+        let step = steepest_change(&self.panel.scan, [left, top], CELL_PX)
+            .filter(|steepest| steepest.levels >= MIN_STEP)?;
+        let [column, row] = step.position;
+        self.find_step(Pixel::at(column as f64, row as f64), step.brighter_direction)
+    }
+
+    /// Finds the brightness step beside a pixel, in the direction of the brighter side.
+    fn find_step(&self, pixel: Pixel, brighter: Vector2<f64>) -> Option<MarkPoint> {
+        if !self.is_on_panel(pixel, brighter) || self.panel.is_held_near(pixel, MIN_HELD_DISTANCE_PX) {
+            return None;
+        }
+        let line = profile::line(&self.panel.scan, pixel, [brighter.x, brighter.y])?;
+        let step = profile::step(&line, 0.0).filter(|step| step.contrast >= MIN_CONTRAST)?;
+        let pixel = Pixel::at(pixel.u + step.offset_px * brighter.x, pixel.v + step.offset_px * brighter.y);
+        let ray = |pixel: Pixel| Some(self.panel.camera.unproject::<Camera>(pixel)?.mm);
+        let (depth_mm, normal) = self.surface.extrapolate(self.grid, pixel)?;
+        let here = ray(pixel)? * depth_mm;
+        // Direction from this point to a neighbouring pixel, on the surface's plane.
+        let beside = |du: f64, dv: f64| {
+            let ray = ray(Pixel::at(pixel.u + du, pixel.v + dv))?;
+            (ray * (normal.dot(&here) / normal.dot(&ray)) - here).try_normalize(1e-12)
+        };
+        let along = beside(-brighter.y, brighter.x)?;
+        let towards = beside(brighter.x, brighter.y)?;
+        let brighter = (towards - along * along.dot(&towards)).try_normalize(1e-9)?;
+        let (px_per_mm, _) = self.panel.camera.px_per_mm_at(here.z);
+        let turn = &self.panel_from_camera.turn;
+        Some(MarkPoint {
+            point: self.panel_from_camera.point(&here),
+            border_direction: turn * along,
+            brighter_direction: turn * brighter,
+            normal: turn * normal,
+            length_mm: CELL_PX as f64 / px_per_mm,
+        })
+    }
+
+    /// Returns whether both ends of the line lie on the panel; otherwise the panel's own edge could count as a
+    /// mark.
+    fn is_on_panel(&self, pixel: Pixel, across: Vector2<f64>) -> bool {
+        let (width, height) = (self.panel.scan.width(), self.panel.scan.height());
+        (-(HALF_LENGTH_PX as i32)..=HALF_LENGTH_PX as i32).step_by(4).all(|way| {
+            let way = f64::from(way);
+            let end = Pixel::at(pixel.u + way * across.x, pixel.v + way * across.y);
+            end.nearest_whole(width, height).is_some_and(|(column, row)| self.is_inside(column, row))
+        })
+    }
+
+    /// Returns whether the pixel is on the panel. If a person drew the outline, points may be missing, as between
+    /// bright marks on a dark panel. Otherwise a pixel without a point may be a window through which the background
+    /// is seen.
+    fn is_inside(&self, column: usize, row: usize) -> bool {
+        let panel = self.panel;
+        panel.mask.contains(column, row)
+            || panel.outline_from == OutlineFrom::Recipe
+                && panel.scan.point(column, row).is_none()
+                && polygon::contains(&panel.outline_px, Pixel::at(column as f64, row as f64))
+    }
+}

@@ -1,0 +1,184 @@
+//! The correction of a localization by corners that the flange camera sees (thesis 3.9, Eq. 3.22–3.25).
+//!
+//! The expected pixel of a corner is the projection of its taught place through the pose to be corrected. The thesis
+//! drives the camera to  ᵇT_newCP = ᵇT_w · ʷT_nominalCP  (3.22), where that pixel is the taught reference pixel. For
+//! any other pose the pixel can be computed equally well, so the camera need not be exactly at this pose. The thesis
+//! then moves the camera in small amounts until both coincide. With the image Jacobian one computed step is enough: in
+//! undistorted image coordinates x, y, at the corner's depth Z,
+//!     Δ = Z · (x_found − x_expected,  y_found − y_expected)  along the camera's X and Y.                      (3.23)
+//! If a corner is found to the right of its expected place, the camera must move right to see it at its expected
+//! place, and the panel lies to the right by the same distance:
+//!     ᵇT_w' = ᵇT_w · ʷR_newCP · T(Δ) · ʷR_newCPᵀ,   ʷR_newCP the rotation of  ʷT_newCP = ᵇT_w⁻¹ · ᵇT_newCP.  (3.24, 3.25)
+//! This shifts the panel by Δ along the camera's axes without a rotation. Several corners give the shift v that fits
+//! all of them in the sense of least squares. If they lie apart, they also give the rotation φ about the direction f
+//! in which the cameras look: a corner p then moves by  v + φ f × (p − p̄).  Along a direction in which every camera
+//! looks, the pose is not corrected. The errors that remain at the corners show whether they are corners of one rigid
+//! panel; the requested correction shows whether they agree with the 3D scan. Neither is averaged away: see [`judge`]
+//! and [`worst_disagreement`].
+
+mod correction;
+mod judge;
+
+pub use correction::{CornerReport, RefinedPose};
+pub use judge::{
+    FARTHEST_CORNER, MAX_CORNER_DISTANCE_MM, checks, judge, judge_standing_panel, position_checks,
+    worst_disagreement,
+};
+
+use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion, Vector3, Vector4};
+use panelprep_base::geometry::{Base, FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
+use panelprep_cell::panel::TaughtCorner;
+
+/// A direction that the cameras see with a smaller weight is not corrected (weight 1 for each camera that looks
+/// across it). Two cameras with almost the same view would turn a pixel's error into millimetres of depth.
+const MIN_WEIGHT: f64 = 0.2;
+
+/// If the corners are nearer to their centroid than this (root mean square, mm), the rotation is not corrected: an
+/// error of a pixel would cause an error of degrees.
+const MIN_APART_MM: f64 = 25.0;
+
+/// One corner picture.
+#[derive(Debug, Clone, Copy)]
+pub struct CornerView<'a> {
+    /// The number of the corner among the taught ones, from 0.
+    pub corner: usize,
+    /// The corner as taught.
+    pub taught: &'a TaughtCorner,
+    /// The pose of the camera at this picture: base_from_flange · flange_from_camera.
+    pub base_from_camera: Rigid<Base, FlangeCamera>,
+    /// The pixel at which the corner was found.
+    pub found_px: Pixel,
+}
+
+/// The reason why a correction cannot be computed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RefineError {
+    /// There is no corner picture.
+    #[error("no corner picture was given; at least one is needed")]
+    NoView,
+    /// The corner is not in front of the camera.
+    #[error(
+        "according to the flange pose of its picture, corner {corner} has a depth of {depth_mm:.0} mm from the \
+         camera and is not in its view; check that the flange pose belongs to this picture"
+    )]
+    NotInView {
+        /// Number of the taught corner, from 1.
+        corner: usize,
+        /// Depth of the expected corner, mm.
+        depth_mm: f64,
+    },
+}
+
+/// Corrects a pose by one or more corner pictures.
+///
+/// # Errors
+/// If there is no view, or a corner is not in front of its camera.
+pub fn refine(
+    located: Rigid<Base, Panel>,
+    camera: &PinholeCamera,
+    views: &[CornerView<'_>],
+) -> Result<RefinedPose, RefineError> {
+    let seen = views
+        .iter()
+        .map(|view| {
+            let unseen = |depth_mm| RefineError::NotInView { corner: view.corner + 1, depth_mm };
+            observe_corner(located, camera, view).map_err(unseen)
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    let first = seen.first().ok_or(RefineError::NoView)?;
+    let base_from_base = common_motion(&seen);
+    let moved = |seen: &CornerObservation| (base_from_base * seen.point - seen.point).mm;
+    let along = |seen: &CornerObservation| [moved(seen).dot(&seen.right.mm), moved(seen).dot(&seen.down.mm)];
+    // The residuals of the common motion at the corners are the evidence that the corners agree: a rigid panel has no
+    // residuals.
+    let report = |seen: &CornerObservation| {
+        let [right, down] = along(seen);
+        CornerReport {
+            corner: seen.corner,
+            expected_px: seen.expected_px,
+            error_px: seen.error_px,
+            shift_mm: seen.shift_mm,
+            remaining_shift_mm: (seen.shift_mm[0] - right).hypot(seen.shift_mm[1] - down),
+        }
+    };
+    Ok(RefinedPose {
+        base_from_panel: base_from_base * located,
+        shift_mm: along(first),
+        rotation: base_from_base.turn(),
+        error_px: seen.iter().map(|seen| seen.error_px).fold(0.0, f64::max),
+        corners: seen.iter().map(report).collect(),
+    })
+}
+
+struct CornerObservation {
+    corner: usize,
+    point: Point<Base>,
+    forward: Vector<Base>,
+    expected_px: Pixel,
+    error_px: f64,
+    shift_mm: [f64; 2],
+    right: Vector<Base>,
+    down: Vector<Base>,
+}
+
+/// Evaluates one corner by itself; if its projection is not possible, returns the depth of the expected corner as the
+/// error.
+fn observe_corner(
+    located: Rigid<Base, Panel>,
+    camera: &PinholeCamera,
+    view: &CornerView<'_>,
+) -> Result<CornerObservation, f64> {
+    let expected: Point<FlangeCamera> = view.base_from_camera.inverse() * (located * view.taught.point);
+    let depth_mm = expected.mm.z;
+    let expected_px = camera.project(expected).ok_or(depth_mm)?;
+    let found: Vector<FlangeCamera> = camera.unproject(view.found_px).ok_or(depth_mm)?;
+    let shift_mm = [depth_mm * found.mm.x - expected.mm.x, depth_mm * found.mm.y - expected.mm.y]; // Eq. 3.23
+    let axis = |axis: Vector3<f64>| view.base_from_camera * Vector::new(axis);
+    Ok(CornerObservation {
+        corner: view.corner,
+        point: located * view.taught.point,
+        forward: axis(Vector3::z()),
+        expected_px,
+        error_px: view.found_px.distance_px(expected_px),
+        shift_mm,
+        right: axis(Vector3::x()),
+        down: axis(Vector3::y()),
+    })
+}
+
+/// Returns the motion that fits all corners best. For one corner, this is the shift by Δ along its camera's axes
+/// (Eq. 3.24, seen from the base).
+fn common_motion(seen: &[CornerObservation]) -> Rigid<Base, Base> {
+    let count = seen.len().max(1) as f64;
+    let middle = seen.iter().map(|view| view.point.mm.coords).sum::<Vector3<f64>>() / count;
+    let about = seen.iter().map(|view| view.forward.mm).sum::<Vector3<f64>>().try_normalize(1e-6);
+    let apart_mm =
+        (seen.iter().map(|view| (view.point.mm.coords - middle).norm_squared()).sum::<f64>() / count).sqrt();
+    let about = about.filter(|_| apart_mm >= MIN_APART_MM).unwrap_or_else(Vector3::zeros);
+    // Rotations in mm at the corners' distance, so that one weight limit serves for rotations and shifts.
+    let radius_mm = apart_mm.max(MIN_APART_MM);
+    let (mut weight, mut wanted) = (Matrix4::zeros(), Vector4::zeros());
+    for view in seen {
+        let turned = about.cross(&(view.point.mm.coords - middle)) / radius_mm;
+        for (axis, shift_mm) in [(view.right.mm, view.shift_mm[0]), (view.down.mm, view.shift_mm[1])] {
+            let row = Vector4::new(axis.x, axis.y, axis.z, axis.dot(&turned));
+            weight += row * row.transpose();
+            wanted += row * shift_mm;
+        }
+    }
+    let eigen = weight.symmetric_eigen();
+    let part = |i: usize| {
+        let direction = eigen.eigenvectors.column(i).into_owned();
+        let seen = eigen.eigenvalues[i] >= MIN_WEIGHT;
+        if seen { direction * (direction.dot(&wanted) / eigen.eigenvalues[i]) } else { Vector4::zeros() }
+    };
+    let motion: Vector4<f64> = (0..4).map(part).sum();
+    let turn = UnitQuaternion::from_scaled_axis(about * (motion.w / radius_mm));
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(
+        Translation3::from(middle + motion.xyz() - turn * middle),
+        turn,
+    ))
+}
+
+#[cfg(test)]
+mod tests;

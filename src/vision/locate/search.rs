@@ -1,0 +1,419 @@
+//! Pose hypotheses for a scan, without a start value.
+//!
+//! A piece of the scan has a centroid and a mean normal. The taught panel is aligned with them at every rotation about
+//! the normal, and at some shifts, since part of the piece may be occluded. Each of these starts is moved by the
+//! surface and by the piece's true border to its local optimum. The score of a hypothesis evaluates both directions:
+//! taught points that lie on the scan, minus those with something farther away at their place; outline points on the
+//! border; and points of the piece that the taught panel covers. No features are used, as a smooth panel has none. But
+//! if much of a panel with marks gives no points, the borders of marks are used, too (`mark_search`).
+
+use super::edge_map::MarkSteps;
+use super::grid::{ColoredCloud, DepthReading, Grid, RigidF32, camera_point};
+use super::mark_search::{mark_distance, marks_found, start_positions};
+use super::model::Model;
+use super::outline_edges::outward_px;
+use super::pieces::{Border, MAX_BORDER_DISTANCE_BLOCKS, Piece, grid_position_in, points};
+use super::print_features::MIN_STEP;
+use super::sampling::spread_indices;
+use super::solve::{Constraint, ResidualSums, ResidualWeighting, apply_twist};
+use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
+use panelprep_base::geometry::{Camera, Panel, Rigid};
+use rayon::prelude::*;
+
+/// The number of rotations about the normal.
+const ROTATION_COUNT: usize = 36;
+/// The number of rotations if marks are looked for.
+const MARK_TURNS: usize = 72;
+/// The number of shifts to each side along both axes, and their step as a fraction of the panel's reach.
+const SHIFTS: i32 = 2;
+const SHIFT_STEP: f64 = 0.13;
+/// The numbers of surface points for a first evaluation, for moving a start, and for its score.
+const COARSE_POINTS: usize = 110;
+const MOVE_POINTS: usize = 360;
+const SCORE_POINTS: usize = 900;
+/// The number of points of the outline, or of the marks, for moving a start. The second constant is the number of
+/// outline points for its score.
+const MOVE_LINES: usize = 160;
+const SCORE_OUTLINE: usize = 300;
+/// Permitted distance of the surfaces in the first evaluation, as a fraction of the panel's reach: the piece's normal
+/// is not precise.
+const COARSE_DISTANCE: f64 = 0.09;
+/// The number of rounds in which a start is moved; the limit of the residuals shrinks by the second constant in
+/// each round.
+const ROUNDS: usize = 14;
+const REACH_SHRINK: f64 = 0.82;
+/// Starts from marks are already near the result, and omit the rounds before this one.
+const FIRST_MARK_ROUND: usize = 6;
+const FIRST_REACH_MM: f64 = 20.0;
+const LAST_REACH_MM: f64 = 2.0;
+const FIRST_REACH_BLOCKS: f64 = 30.0;
+const LAST_REACH_BLOCKS: f64 = 3.0;
+/// A taught point lies on the scan if its distance is at most this, mm.
+const MAX_SURFACE_DISTANCE_MM: f64 = 1.5;
+/// Distance from the outline at which missing points are looked for, mm.
+const OUTLINE_INSET_MM: f64 = 3.0;
+/// Hypotheses closer together than this count as the same, as a fraction of the panel's reach.
+const MIN_HYPOTHESIS_DISTANCE: f64 = 0.06;
+/// A hypothesis whose score is lower than the best by this much is dropped; the score is at most 3, or 4 with marks.
+const MAX_SCORE_LOSS: f64 = 1.2;
+/// The number of pose hypotheses that are kept; the second constant is their number if much of the taught panel is
+/// missing, so that pieces and borders carry less information.
+const MAX_HYPOTHESES: usize = 5;
+const MAX_PATCH_HYPOTHESES: usize = 20;
+/// A piece with less than this fraction of the panel's area is not a start by itself. Below the second constant it is
+/// not even a part of a start.
+const MIN_PIECE_AREA_SHARE: f64 = 0.3;
+const PART: f64 = 0.05;
+/// A piece that is larger than the panel by this factor is another object.
+const TOO_LARGE: f64 = 3.5;
+
+/// A pose hypothesis, with a score from −2 to 4 for its agreement with the scan.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PoseHypothesis {
+    pub camera_from_panel: Rigid<Camera, Panel>,
+    pub score: f64,
+}
+
+/// The lines that constrain a start in the panel's plane.
+#[derive(Clone, Copy)]
+enum StartConstraint<'a> {
+    /// The piece's true border.
+    Border(&'a Border),
+    /// The borders of marks, which give more information if much of the panel gives no points.
+    Marks(&'a MarkSteps),
+}
+
+/// A piece's true border, and the steps of brightness beside it if marks are looked for.
+struct ConstraintLines<'a> {
+    border: Border,
+    steps: Option<&'a MarkSteps>,
+}
+
+/// Returns the number of hypotheses that are fitted.
+pub(super) fn fitted_hypotheses(model: &Model) -> usize {
+    if model.has_missing_parts() { MAX_PATCH_HYPOTHESES } else { MAX_HYPOTHESES }
+}
+
+/// Returns the pieces used as starts: single pieces, and several pieces joined, in case something divides the panel.
+pub(super) fn candidates(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Piece> {
+    let parts: Vec<&Piece> =
+        pieces.iter().filter(|piece| (PART..TOO_LARGE).contains(&(piece.area_mm2 / model.area_mm2))).collect();
+    let reach_mm = reach_mm(model);
+    let mut joined = Vec::new();
+    // The pieces are sorted by size: the largest together, not every subset, since a strap divides a panel into a few
+    // large parts.
+    for count in 2..=parts.len().min(4) {
+        let whole = Piece::join(grid, &parts[..count]);
+        // Somewhat more than the panel itself, because the parts also contain what a holder or the ground adds to them.
+        let fits = |whole: &Piece| whole.area_mm2 < 1.3 * model.area_mm2 && whole.reach_mm < 1.4 * reach_mm;
+        joined.extend(whole.filter(fits));
+    }
+    // The largest three: a search box holds the panel and a few objects, and each start costs a whole search.
+    let large = |piece: &Piece| (MIN_PIECE_AREA_SHARE..TOO_LARGE).contains(&(piece.area_mm2 / model.area_mm2));
+    let mut found: Vec<Piece> = pieces.iter().filter(|piece| large(piece)).take(3).cloned().collect();
+    found.extend(joined);
+    found
+}
+
+/// Returns the distance from the panel's middle to its farthest point, mm.
+pub(super) fn reach_mm(model: &Model) -> f64 {
+    model.outline.iter().map(|sample| (sample.point - model.centre).norm()).fold(0.0, f64::max)
+}
+
+/// Returns the pose hypotheses that these pieces allow, best first, all different from each other.
+pub(super) fn search(model: &Model, (grid, scan): (&Grid, &ColoredCloud), pieces: &[Piece]) -> Vec<PoseHypothesis> {
+    let reach_mm = reach_mm(model);
+    let mut found: Vec<PoseHypothesis> = Vec::new();
+    let by_marks = model.has_missing_parts() && !model.marks.points.is_empty();
+    let steps = by_marks.then(|| MarkSteps::detect(scan, grid, pieces, MIN_STEP));
+    for piece in pieces {
+        let lines = ConstraintLines {
+            border: Border::from_piece(grid, piece, model.has_missing_parts()),
+            steps: steps.as_ref(),
+        };
+        let begun = |turn: usize| best_shift(model, grid, piece, turn as f64 / ROTATION_COUNT as f64, reach_mm);
+        let ended = |start: Rigid<Camera, Panel>, by: StartConstraint<'_>| {
+            let camera_from_panel = move_onto(start, model, grid, by)?;
+            Some(PoseHypothesis { camera_from_panel, score: score(&camera_from_panel, model, grid, piece, &lines) })
+        };
+        let by_border = (0..ROTATION_COUNT)
+            .into_par_iter()
+            .map(|turn| ended(begun(turn)?, StartConstraint::Border(&lines.border)));
+        let mut of_piece: Vec<Option<PoseHypothesis>> = by_border.collect();
+        if let Some(steps) = lines.steps {
+            let turns = (0..MARK_TURNS).map(|turn| align_normal(model, piece, turn as f64 / MARK_TURNS as f64));
+            let by_marks = start_positions(model, (grid, steps), piece, turns.collect()).into_iter();
+            of_piece.extend(
+                by_marks
+                    .map(|(centre, turn)| ended(centre_at(model, centre, &turn), StartConstraint::Marks(steps))),
+            );
+        }
+        found.extend(of_piece.into_iter().flatten());
+    }
+    found.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut distinct: Vec<PoseHypothesis> = Vec::new();
+    for hypothesis in found {
+        let best = distinct.first().map_or(hypothesis.score, |best| best.score);
+        let far = |other: &PoseHypothesis| {
+            model.largest_distance_mm(&other.camera_from_panel, &hypothesis.camera_from_panel)
+                > MIN_HYPOTHESIS_DISTANCE * reach_mm
+        };
+        // The margin is wide: the score is coarse, and a symmetric panel's other placement must stay to be weighed by
+        // the full fit.
+        if distinct.len() < fitted_hypotheses(model)
+            && hypothesis.score > best - MAX_SCORE_LOSS
+            && distinct.iter().all(far)
+        {
+            distinct.push(hypothesis);
+        }
+    }
+    distinct
+}
+
+/// Returns the pose at one rotation about the piece's normal, with the shift at which the most taught points agree
+/// with the scan.
+fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f64) -> Option<Rigid<Camera, Panel>> {
+    let rotation = align_normal(model, piece, turn);
+    let right = rotation * perpendicular_direction(&model.normal);
+    let up = piece.normal.cross(&right);
+    let chosen = spread_indices(model.points.len(), COARSE_POINTS);
+    let turned: Vec<Vector3<f64>> = chosen.iter().map(|&i| rotation * (model.points[i] - model.centre)).collect();
+    let near_mm = COARSE_DISTANCE * reach_mm;
+    let step_mm = SHIFT_STEP * reach_mm;
+    let look = |shift: Vector3<f64>| -> f64 {
+        let value = |offset: &Vector3<f64>| {
+            let point = piece.centre + shift + offset;
+            match grid.camera.project(camera_point(&point)).map(|pixel| grid.reading_at_pixel(pixel)) {
+                Some(DepthReading::Smooth(z) | DepthReading::Rough(z)) if (z - point.z).abs() < near_mm => 1.0,
+                // The ray passes through the panel: the strongest evidence against it. A nearer surface may be an
+                // object in front.
+                Some(DepthReading::Smooth(z) | DepthReading::Rough(z)) if z > point.z => -1.0,
+                Some(DepthReading::Smooth(_) | DepthReading::Rough(_)) => -0.5,
+                _ => -0.3,
+            }
+        };
+        turned.iter().map(value).sum()
+    };
+    let shifts = (-SHIFTS..=SHIFTS).flat_map(|i| (-SHIFTS..=SHIFTS).map(move |j| (f64::from(i), f64::from(j))));
+    let (_, shift) = shifts
+        .map(|(i, j)| right * (i * step_mm) + up * (j * step_mm))
+        .map(|shift| (look(shift), shift))
+        .fold((f64::NEG_INFINITY, Vector3::zeros()), |best, next| if next.0 > best.0 { next } else { best });
+    Some(centre_at(model, piece.centre + shift, &rotation))
+}
+
+/// Returns the rotation that aligns the taught panel's normal with the piece's normal, followed by this fraction of a
+/// full turn about that normal.
+fn align_normal(model: &Model, piece: &Piece, turn: f64) -> Rotation3<f64> {
+    let upright = Rotation3::rotation_between(&model.normal, &piece.normal)
+        .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+    Rotation3::from_axis_angle(&Unit::new_normalize(piece.normal), turn * std::f64::consts::TAU) * upright
+}
+
+/// Returns the pose with this rotation that puts the panel's middle at `centre`.
+fn centre_at(model: &Model, centre: Vector3<f64>, rotation: &Rotation3<f64>) -> Rigid<Camera, Panel> {
+    let turn = UnitQuaternion::from_rotation_matrix(rotation);
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(
+        Translation3::from(centre - rotation * model.centre),
+        turn,
+    ))
+}
+
+/// Returns a direction perpendicular to the given one.
+fn perpendicular_direction(direction: &Vector3<f64>) -> Vector3<f64> {
+    let least = direction.iamin();
+    let mut axis = Vector3::zeros();
+    axis[least] = 1.0;
+    direction.cross(&axis).normalize()
+}
+
+/// Moves a start onto the scan by surface and lines, in a fixed number of rounds, regardless of the residuals.
+fn move_onto(
+    start: Rigid<Camera, Panel>,
+    model: &Model,
+    grid: &Grid,
+    by: StartConstraint<'_>,
+) -> Option<Rigid<Camera, Panel>> {
+    let on_surface = spread_indices(model.points.len(), MOVE_POINTS);
+    let (count, first_round) = match by {
+        StartConstraint::Border(_) => (model.outline.len(), 0),
+        StartConstraint::Marks(_) => (model.marks.points.len(), FIRST_MARK_ROUND),
+    };
+    let on_lines = spread_indices(count, MOVE_LINES);
+    let mut placed = start;
+    for round in first_round..ROUNDS {
+        // A wide reach first, so that the start is pulled from far; a narrow one at the end, so that other objects lose
+        // their pull.
+        let shrunk = REACH_SHRINK.powi(round as i32);
+        let motion = RigidF32::from_rigid(&placed);
+        let centre = motion.point(&model.centre);
+        let surface = surface_residuals(&motion, model, grid, &on_surface);
+        let line_at = |&k: &usize| match by {
+            StartConstraint::Border(border) => outside_distance(&motion, model, grid, border, k),
+            StartConstraint::Marks(steps) => mark_distance(&motion, model, grid, steps, k),
+        };
+        let lines: Vec<Constraint> = on_lines.iter().filter_map(line_at).collect();
+        let reach_mm = (FIRST_REACH_MM * shrunk).max(LAST_REACH_MM);
+        let reach_blocks = (FIRST_REACH_BLOCKS * shrunk).max(LAST_REACH_BLOCKS);
+        let of_surface = ResidualWeighting { sigma: 1.0, correlated_count: 1.0, cutoff: reach_mm };
+        let of_lines = ResidualWeighting { sigma: 1.0, correlated_count: 1.0, cutoff: reach_blocks };
+        let sums = ResidualSums::from_constraints(&surface, &of_surface, &centre)
+            .add(ResidualSums::from_constraints(&lines, &of_lines, &centre));
+        placed = apply_twist(&placed, &centre, &sums.twist()?);
+    }
+    Some(placed)
+}
+
+/// Returns the residuals of taught surface points at a pose.
+pub(super) fn surface_residuals(
+    motion: &RigidF32,
+    model: &Model,
+    grid: &Grid,
+    chosen: &[usize],
+) -> Vec<Constraint> {
+    chosen.iter().filter_map(|&sample| surface_residual(motion, model, grid, sample)).collect()
+}
+
+/// Computes (1) of `grid` at one taught point; `None` if the scan shows no smooth surface there, or the point faces
+/// away.
+pub(super) fn surface_residual(motion: &RigidF32, model: &Model, grid: &Grid, sample: usize) -> Option<Constraint> {
+    let point = motion.point(&model.points[sample]);
+    let normal = motion.turn * model.normals[sample];
+    if normal.dot(&point) >= 0.0 {
+        return None;
+    }
+    let pixel = grid.camera.project(camera_point(&point))?;
+    let DepthReading::Smooth(depth_mm) = grid.reading_at_pixel(pixel) else { return None };
+    let residual = normal.dot(&point) * (1.0 - depth_mm / point.z);
+    Some(Constraint { point, gradient: normal, residual, sample })
+}
+
+/// Returns how far an outline's point lies outside of the nearest true border, blocks.
+fn outside_distance(
+    motion: &RigidF32,
+    model: &Model,
+    grid: &Grid,
+    border: &Border,
+    k: usize,
+) -> Option<Constraint> {
+    let sample = &model.outline[k];
+    let point = motion.point(&sample.point);
+    if (motion.turn * sample.normal).dot(&point) >= 0.0 {
+        return None;
+    }
+    let (pixel, slope) = grid.camera.project_with_jacobian(camera_point(&point))?;
+    let way = border.vector_to_border(grid.block_position(pixel))?;
+    let across = outward_px(
+        &(slope * (motion.turn * sample.outline_direction)),
+        &(slope * (motion.turn * sample.outward_direction)),
+    )?;
+    let residual = -(way[0] * across.x + way[1] * across.y);
+    let gradient = slope.transpose() * across / grid.factor as f64;
+    Some(Constraint { point, gradient, residual, sample: k })
+}
+
+/// Returns whether points are missing just inside of the outline, so that the scan does not show whether the panel
+/// ends here.
+fn is_unknown_inside(motion: &RigidF32, model: &Model, grid: &Grid, k: usize) -> bool {
+    let sample = &model.outline[k];
+    let inside = motion.point(&(sample.point - sample.outward_direction * OUTLINE_INSET_MM));
+    grid.camera
+        .project(camera_point(&inside))
+        .is_some_and(|pixel| grid.reading_at_pixel(pixel) == DepthReading::Nothing)
+}
+
+/// Rates how well a pose explains the scan, in both directions.
+fn score(
+    placed: &Rigid<Camera, Panel>,
+    model: &Model,
+    grid: &Grid,
+    piece: &Piece,
+    lines: &ConstraintLines<'_>,
+) -> f64 {
+    let motion = RigidF32::from_rigid(placed);
+    let chosen = spread_indices(model.points.len(), SCORE_POINTS);
+    let of_point = |&i: &usize| match observe_point(&motion, model, grid, i) {
+        PointObservation::On(_) => 1.0,
+        // Twice the weight of a point that fits: a panel that is present cannot be seen through, while many surfaces
+        // fit by chance.
+        PointObservation::Through => -2.0,
+        PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => 0.0,
+    };
+    let surface = chosen.iter().map(of_point).sum::<f64>() / chosen.len() as f64;
+    let edges = spread_indices(model.outline.len(), SCORE_OUTLINE);
+    let of_edge = |&k: &usize| {
+        outside_distance(&motion, model, grid, &lines.border, k).map_or(0.0, |at| {
+            if at.residual.abs() <= MAX_BORDER_DISTANCE_BLOCKS {
+                1.0
+            // The panel may end here or have no points here: neither counts.
+            } else if model.has_missing_parts() && is_unknown_inside(&motion, model, grid, k) {
+                0.0
+            } else if at.residual > 0.0 {
+                -1.0
+            } else {
+                -0.5
+            }
+        })
+    };
+    let outline = edges.iter().map(of_edge).sum::<f64>() / edges.len() as f64;
+    let covered = covered_share(&motion, model, grid, piece, 400);
+    surface + outline + covered + marks_found(&motion, model, grid, lines.steps)
+}
+
+/// The observation of a taught point in a scan at a pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum PointObservation {
+    /// The scan has the point. The value is the point's distance in front of the scan along the normal, (1) of
+    /// `grid`, mm.
+    On(f64),
+    /// The scan has the point beside an edge or missing points, with a depth that is not precise.
+    Near,
+    /// The scan shows something behind the point: the panel is not there.
+    Through,
+    /// A nearer object is seen, the point faces away, or it lies outside of the picture.
+    Hidden,
+    /// Nothing was measured at this place.
+    Unknown,
+}
+
+/// Returns the observation of one taught point in the scan.
+pub(super) fn observe_point(motion: &RigidF32, model: &Model, grid: &Grid, sample: usize) -> PointObservation {
+    let point = motion.point(&model.points[sample]);
+    let normal = motion.turn * model.normals[sample];
+    if normal.dot(&point) >= 0.0 {
+        return PointObservation::Hidden;
+    }
+    let look = grid
+        .camera
+        .project(camera_point(&point))
+        .map_or(DepthReading::OutOfView, |pixel| grid.reading_at_pixel(pixel));
+    let residual = |depth_mm: f64| normal.dot(&point) * (1.0 - depth_mm / point.z);
+    match look {
+        DepthReading::Smooth(z) if residual(z).abs() <= MAX_SURFACE_DISTANCE_MM => {
+            PointObservation::On(residual(z))
+        }
+        DepthReading::Rough(z) if residual(z).abs() <= 2.0 * MAX_SURFACE_DISTANCE_MM => PointObservation::Near,
+        DepthReading::Smooth(z) | DepthReading::Rough(z) if z > point.z => PointObservation::Through,
+        DepthReading::Smooth(_) | DepthReading::Rough(_) | DepthReading::OutOfView => PointObservation::Hidden,
+        DepthReading::Nothing => PointObservation::Unknown,
+    }
+}
+
+/// Returns the fraction of a piece's points that the taught panel covers at a pose.
+pub(super) fn covered_share(motion: &RigidF32, model: &Model, grid: &Grid, piece: &Piece, wanted: usize) -> f64 {
+    let back = motion.inverse();
+    let taught = RigidF32::from_rigid(&model.camera_from_panel);
+    let (mut asked, mut held) = (0usize, 0usize);
+    for point in points(grid, piece, piece.blocks.len() / wanted) {
+        asked += 1;
+        let in_panel = back.point(&point);
+        let Some((there, place)) = grid_position_in(&model.grid, &taught, &in_panel) else { continue };
+        held += usize::from(match model.grid.reading_at(place) {
+            DepthReading::Smooth(z) | DepthReading::Rough(z) => {
+                (z - there.z).abs() <= 2.0 * MAX_SURFACE_DISTANCE_MM
+            }
+            DepthReading::Nothing | DepthReading::OutOfView => false,
+        });
+    }
+    held as f64 / asked.max(1) as f64
+}

@@ -1,0 +1,235 @@
+//! The taught outline in space: the points at which rays through the edge in the taught picture, located to a
+//! fraction of a pixel, meet the surface beside it.
+//!
+//! The contour of the scan's points runs close to the edge. The colour picture gives the edge exactly; if colour
+//! shows no edge, the border of the points is used instead. Beside an outline that a person drew, the edge is
+//! searched as in a scan that is being located (`edges`). A place at which neither colour nor depth shows the edge
+//! is not measured and not used. Places at which the panel is held are not used either.
+
+use super::edges::{self, EdgeReading};
+use super::grid::{ColoredCloud, Grid, RigidF32};
+use super::profile;
+use super::taught_surface::Surface;
+use nalgebra::{Vector2, Vector3};
+use panelprep_base::geometry::{Camera, Pixel, median, polygon};
+use panelprep_cell::panel::{OutlineFrom, TaughtPanel};
+use rayon::prelude::*;
+
+/// Half the length of outline that is averaged to get its place and direction, px of the contour.
+const CONTOUR_REACH: usize = 5;
+/// Distance of the outline's points along the contour, px.
+const CONTOUR_STEP: usize = 2;
+/// Distance of the mask's border inside of the edge, px: pixels that are only half on the panel have no point.
+const MASK_INSET_PX: f64 = 1.0;
+/// A place of the contour within this distance of a held place is not used, because its mean includes held pixels, px.
+const MIN_HELD_DISTANCE_PX: f64 = (CONTOUR_REACH + 1) as f64;
+/// Number of points to each side that determine the direction of the outline.
+const DIRECTION_POINTS: usize = 3;
+/// Smallest number of outline points that determine the panel's pose.
+pub(super) const MIN_OUTLINE: usize = 60;
+
+/// A point of the outline.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct OutlinePoint {
+    /// Its position in the panel's frame, mm.
+    pub point: Vector3<f64>,
+    /// The direction along the outline.
+    pub outline_direction: Vector3<f64>,
+    /// The surface's normal beside the outline.
+    pub normal: Vector3<f64>,
+    /// The direction in the surface that leads off the panel.
+    pub outward_direction: Vector3<f64>,
+    /// Length of outline that this point represents, mm.
+    pub length_mm: f64,
+    /// Whether the edge at this point was found by colour.
+    pub by_colour: bool,
+}
+
+/// The evidence for the taught outline: fractions of its points, 0…1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OutlineEvidence {
+    /// Fraction whose edge is seen by colour.
+    pub by_colour: f64,
+    /// Share that is seen by depth alone.
+    pub by_depth: f64,
+    /// Fraction at which something holds the panel.
+    pub held: f64,
+    /// Fraction at which neither colour nor depth shows the edge, or no surface was measured beside it.
+    pub unseen: f64,
+}
+
+/// The taught outline.
+pub(super) struct TaughtOutline {
+    pub points: Vec<OutlinePoint>,
+    /// Width of a brightness step at its edges, px, median.
+    pub edge_width_px: f64,
+    pub evidence: OutlineEvidence,
+}
+
+/// An edge beside a point of the contour.
+#[derive(Clone, Copy)]
+struct EdgePoint {
+    /// The point in the camera's frame.
+    point: Vector3<f64>,
+    normal: Vector3<f64>,
+    /// Width of the edge, px, if colour shows it.
+    width_px: Option<f64>,
+}
+
+/// The data in which the edges are searched.
+struct OutlineContext<'a> {
+    panel: &'a TaughtPanel,
+    grid: &'a Grid,
+    surface: &'a Surface,
+    /// The taught scan in its camera's frame, if a person drew the outline.
+    scan: Option<ColoredCloud>,
+    /// Positive if the contour runs clockwise on a screen.
+    side: f64,
+}
+
+impl TaughtOutline {
+    /// Finds the outline of a taught panel with these depths and this surface.
+    pub fn detect(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> TaughtOutline {
+        let contour = &panel.outline_px;
+        if contour.len() < 8 * CONTOUR_REACH {
+            return TaughtOutline::empty();
+        }
+        let is_drawn = panel.outline_from == OutlineFrom::Recipe;
+        let scan = is_drawn.then(|| panel.scan.transformed::<Camera>(&panel.panel_from_camera.inverse()));
+        let side = polygon::signed_area_px2(contour).signum();
+        let looked = OutlineContext { panel, grid, surface, scan, side };
+        let steps = contour.len().div_ceil(CONTOUR_STEP);
+        let is_held: Vec<bool> =
+            (0..steps).map(|k| panel.is_held_near(contour[k * CONTOUR_STEP], MIN_HELD_DISTANCE_PX)).collect();
+        // Beside a held segment, the direction would be computed across that segment: such points are not used.
+        let is_used = |k: usize| {
+            (k + steps - DIRECTION_POINTS..=k + steps + DIRECTION_POINTS).all(|near| !is_held[near % steps])
+        };
+        let found: Vec<Option<EdgePoint>> = (0..steps)
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|k| if is_used(k) { looked.edge(k * CONTOUR_STEP) } else { None })
+            .collect();
+        let held = (0..steps).filter(|&k| !is_used(k)).count();
+        let edges: Vec<EdgePoint> = found.into_iter().flatten().collect();
+        let mut widths: Vec<f64> = edges.iter().filter_map(|edge| edge.width_px).collect();
+        let share = |count: usize| count as f64 / steps as f64;
+        let seen = OutlineEvidence {
+            by_colour: share(widths.len()),
+            by_depth: share(edges.len() - widths.len()),
+            held: share(held),
+            unseen: share(steps - held - edges.len()),
+        };
+        let edge_width_px = median(&mut widths).unwrap_or(0.0);
+        if edges.len() < MIN_OUTLINE {
+            return TaughtOutline { edge_width_px, evidence: seen, ..TaughtOutline::empty() };
+        }
+        let points = (0..edges.len()).filter_map(|k| looked.point(&edges, k)).collect();
+        TaughtOutline { points, edge_width_px, evidence: seen }
+    }
+
+    fn empty() -> TaughtOutline {
+        let seen = OutlineEvidence { by_colour: 0.0, by_depth: 0.0, held: 0.0, unseen: 1.0 };
+        TaughtOutline { points: Vec::new(), edge_width_px: 0.0, evidence: seen }
+    }
+}
+
+impl OutlineContext<'_> {
+    /// Returns the mean position of the contour around a point, and the unit vector in the picture that leads off
+    /// the panel there.
+    fn contour_position_and_normal(&self, k: usize) -> Option<(Pixel, Vector2<f64>)> {
+        let contour = &self.panel.outline_px;
+        let count = contour.len();
+        let mean = |from: usize, length: usize| {
+            let sum =
+                (from..from + length).map(|i| contour[i % count]).fold([0.0; 2], |s, p| [s[0] + p.u, s[1] + p.v]);
+            sum.map(|sum| sum / length as f64)
+        };
+        let from = k + count - CONTOUR_REACH;
+        let [u, v] = mean(from, 2 * CONTOUR_REACH + 1);
+        let (before, after) = (mean(from, CONTOUR_REACH), mean(k + 1, CONTOUR_REACH));
+        let (du, dv) = (after[0] - before[0], after[1] - before[1]);
+        let length = du.hypot(dv);
+        // On a screen, v points down, and the inside of a clockwise contour is to the right: outward is (t_v,
+        // −t_u).
+        let outward = || Vector2::new(self.side * dv / length, -self.side * du / length);
+        (length > 1e-6).then(|| (Pixel::at(u, v), outward()))
+    }
+
+    /// Finds the edge beside a place of the contour, on the surface; `None` if no surface was measured there, or if
+    /// neither colour nor depth shows an edge at a line that a person drew.
+    fn edge(&self, k: usize) -> Option<EdgePoint> {
+        let (middle, outward) = self.contour_position_and_normal(k)?;
+        let (offset_px, width_px) = match &self.scan {
+            None => self.border_edge_distance(middle, outward),
+            Some(scan) => self.line_edge_distance(scan, middle, outward)?,
+        };
+        let pixel = Pixel::at(middle.u + offset_px * outward.x, middle.v + offset_px * outward.y);
+        let (point, normal) = self.surface_point(pixel)?;
+        Some(EdgePoint { point, normal, width_px })
+    }
+
+    fn surface_point(&self, pixel: Pixel) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let ray = self.panel.camera.unproject::<Camera>(pixel)?.mm;
+        let (depth_mm, normal) = self.surface.extrapolate(self.grid, pixel)?;
+        Some((ray * depth_mm, normal))
+    }
+
+    fn step(&self, middle: Pixel, outward: Vector2<f64>, expected_px: f64) -> Option<profile::BrightnessStep> {
+        let line = profile::line(&self.panel.scan, middle, [outward.x, outward.y])?;
+        profile::step(&line, expected_px)
+    }
+
+    /// Returns the distance from the border of the scan's points outwards to the edge, px, and the edge's width if
+    /// colour shows it.
+    fn border_edge_distance(&self, middle: Pixel, outward: Vector2<f64>) -> (f64, Option<f64>) {
+        let step = self.step(middle, outward, MASK_INSET_PX);
+        (step.map_or(MASK_INSET_PX, |step| step.offset_px), step.map(|step| step.width_px))
+    }
+
+    /// Returns the distance from a person's line outwards to the edge that the scan shows beside it, px, and the
+    /// edge's width if colour shows it.
+    fn line_edge_distance(
+        &self,
+        scan: &ColoredCloud,
+        middle: Pixel,
+        outward: Vector2<f64>,
+    ) -> Option<(f64, Option<f64>)> {
+        let (point, normal) = self.surface_point(middle)?;
+        match edges::find_edge(&self.panel.camera, scan, (middle, outward), (&point, &normal)) {
+            EdgeReading::Colour { offset_px, width_px } => Some((offset_px, Some(width_px))),
+            EdgeReading::Depth { offset_px } => Some((offset_px, None)),
+            // If something continues in the panel's own plane, depth shows no edge, but colour may.
+            EdgeReading::Absent => {
+                self.step(middle, outward, 0.0).map(|step| (step.offset_px, Some(step.width_px)))
+            }
+            EdgeReading::Hidden | EdgeReading::OutOfView => None,
+        }
+    }
+
+    /// Returns the outline point for an edge, with its directions; `None` if the neighbours do not determine them.
+    fn point(&self, edges: &[EdgePoint], k: usize) -> Option<OutlinePoint> {
+        let count = edges.len();
+        let EdgePoint { point: here, normal, width_px } = edges[k];
+        let mean = |from: usize| {
+            (from..from + DIRECTION_POINTS).map(|i| edges[i % count].point).sum::<Vector3<f64>>()
+                / DIRECTION_POINTS as f64
+        };
+        let along = mean(k + 1) - mean(k + count - DIRECTION_POINTS);
+        let (next, last) = (edges[(k + 1) % count].point, edges[(k + count - 1) % count].point);
+        let apart_mm = ((next - here).norm() + (last - here).norm()) / 2.0;
+        let along = (along - normal * normal.dot(&along)).try_normalize(1e-9)?;
+        // In the camera's frame, v also points down, so the side is the same.
+        let outward = along.cross(&normal) * -self.side;
+        let panel_from_camera = RigidF32::from_rigid(&self.panel.panel_from_camera);
+        let turned = |direction: Vector3<f64>| panel_from_camera.turn * direction;
+        Some(OutlinePoint {
+            point: panel_from_camera.point(&here),
+            outline_direction: turned(along),
+            normal: turned(normal),
+            outward_direction: turned(outward),
+            length_mm: apart_mm.min(10.0),
+            by_colour: width_px.is_some(),
+        })
+    }
+}

@@ -1,0 +1,117 @@
+//! The picture of the crates in `src/README.md` shows what their `Cargo.toml` files state. Run this test with
+//! `DRAW=1` to draw it again.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+
+const WIDTH: usize = 900;
+const BOX: [usize; 2] = [150, 40];
+const ROW: usize = 78;
+
+/// The crates on which each crate depends, without those that only its tests use.
+type Dependencies = BTreeMap<String, BTreeSet<String>>;
+
+fn dependencies(root: &Path) -> Dependencies {
+    let read =
+        |file: &Path| -> toml::Table { fs::read_to_string(file).expect("Cargo.toml").parse().expect("TOML") };
+    let members = read(&root.join("Cargo.toml"))["workspace"]["members"].clone();
+    let members =
+        members.as_array().expect("a list").iter().map(|member| member.as_str().expect("a path").to_owned());
+    let of = |folder: &str| {
+        let manifest = read(&root.join(folder).join("Cargo.toml"));
+        let names = manifest["dependencies"].as_table().expect("a table").keys();
+        names.filter_map(|name| name.strip_prefix("panelprep-")).map(str::to_owned).collect()
+    };
+    let name = |folder: &str| folder.strip_prefix("src/").unwrap_or("panelprep").to_owned();
+    members.chain([String::new()]).map(|folder| (name(&folder), of(&folder))).collect()
+}
+
+/// Returns all crates that a crate needs, directly or through others.
+fn reached(all: &Dependencies, from: &str) -> BTreeSet<String> {
+    let direct = all[from].iter();
+    direct.flat_map(|name| reached(all, name).into_iter().chain([name.clone()])).collect()
+}
+
+/// Returns the dependencies that no other dependency implies.
+fn arrows(all: &Dependencies) -> Vec<(&str, &str)> {
+    let is_implied =
+        |from: &str, to: &str| all[from].iter().any(|other| other != to && reached(all, other).contains(to));
+    let pairs = all.iter().flat_map(|(from, direct)| direct.iter().map(move |to| (from.as_str(), to.as_str())));
+    pairs.filter(|(from, to)| !is_implied(from, to)).collect()
+}
+
+/// Returns the number of crates on the longest way down from a crate.
+fn height(all: &Dependencies, name: &str) -> usize {
+    all[name].iter().map(|below| height(all, below) + 1).max().unwrap_or(0)
+}
+
+fn drawing(all: &Dependencies) -> String {
+    let mut rows: BTreeMap<usize, Vec<&str>> = BTreeMap::new();
+    for name in all.keys() {
+        rows.entry(height(all, name)).or_default().push(name);
+    }
+    // Users of the simulator are on the right, where the lines past other rows go down.
+    rows.values_mut().for_each(|row| row.sort_by_key(|name| reached(all, name).contains("sim")));
+    let top = rows.keys().copied().max().unwrap_or(0);
+    let place = |name: &str| {
+        let height = height(all, name);
+        let row = &rows[&height];
+        let index = row.iter().position(|other| *other == name).expect("in its row");
+        [WIDTH * (2 * index + 1) / (2 * row.len()), 30 + ROW * (top - height)]
+    };
+    let mut text = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {}\" font-family=\"sans-serif\" \
+         font-size=\"16\" text-anchor=\"middle\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n",
+        60 + ROW * top
+    );
+    for (from, to) in arrows(all) {
+        let ([x1, y1], [x2, y2]) = (place(from), place(to));
+        let half = BOX.map(|side| side / 2);
+        let line = if height(all, from) - height(all, to) > 1 {
+            let [x1, x2, x] = [x1 + half[0], x2 + half[0], WIDTH - 10];
+            format!("M{x1} {y1}C{x} {y1} {x} {y2} {x2} {y2}")
+        } else {
+            format!("M{x1} {}L{x2} {}", y1 + half[1], y2 - half[1])
+        };
+        writeln!(text, "<path d=\"{line}\" fill=\"none\" stroke=\"#789\" stroke-width=\"1.5\"/>")
+            .expect("a string");
+    }
+    for name in all.keys() {
+        let [x, y] = place(name);
+        let [left, up] = [x - BOX[0] / 2, y - BOX[1] / 2];
+        writeln!(
+            text,
+            "<rect x=\"{left}\" y=\"{up}\" width=\"{}\" height=\"{}\" rx=\"6\" fill=\"#eef3f8\" stroke=\"#456\"/>\
+             <text x=\"{x}\" y=\"{}\" fill=\"#123\">{name}</text>",
+            BOX[0],
+            BOX[1],
+            y + 6
+        )
+        .expect("a string");
+    }
+    text + "</svg>\n"
+}
+
+#[test]
+fn the_picture_of_the_crates_is_drawn_from_their_manifests() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let (all, file) = (dependencies(root), root.join("src/crates.svg"));
+    assert!((8..=12).contains(&all.len()), "{all:?}");
+    let drawn = drawing(&all);
+    if std::env::var_os("DRAW").is_some() {
+        fs::write(&file, &drawn).expect("the picture");
+    }
+    assert_eq!(fs::read_to_string(&file).expect("the picture"), drawn, "draw it again with DRAW=1");
+}
+
+/// Of three crates in a line, the arrow from the first to the last is implied.
+#[test]
+fn an_implied_arrow_is_not_drawn() {
+    let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
+    let all = [("a", names(&["b", "c"])), ("b", names(&["c"])), ("c", names(&[]))];
+    let all: Dependencies = all.into_iter().map(|(name, direct)| (name.to_owned(), direct)).collect();
+    assert_eq!(arrows(&all), [("a", "b"), ("b", "c")]);
+    assert_eq!(["a", "b", "c"].map(|name| height(&all, name)), [2, 1, 0]);
+}
