@@ -17,7 +17,8 @@ use std::path::Path;
 /// A mask of another size than the camera's pictures.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "the mask has {found_px:?} px, the camera's pictures have {camera_px:?}; name a mask that `inspect --pictures` wrote"
+    "the mask has {} × {} px, the camera's pictures have {} × {} px; name a mask that `inspect --pictures` wrote",
+    found_px[0], found_px[1], camera_px[0], camera_px[1]
 )]
 struct OtherSize {
     found_px: [usize; 2],

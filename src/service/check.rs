@@ -364,8 +364,8 @@ mod tests {
             [
                 "the kind of this file is not recognized: it has no top-level key of a known kind. The kinds and their \
                  keys: cell (store, socket, socket_role, scanner, flange_camera, robot, tool, poses, io, calibration, \
-                 limits, rough, arm, keep_out, page, office, push, sparkplug, opcua, line); recipe (panel, process, \
-                 locate, corner, region, inspect, surface, path, removal, nominal); intrinsics (camera, \
+                 limits, rough, arm, keep_out, page, office, push, sparkplug, opcua, line, part); recipe (panel, process, \
+                 locate, corner, region, inspect, surface, path, treat, removal, nominal); intrinsics (camera, \
                  scanner_errors); base_from_camera (base_from_camera); flange_from_camera (flange_from_camera); \
                  flange_from_tool (flange_from_tool); base_from_board (base_from_board); robot_correction \
                  (robot_correction); removal (removal); archive (broker, database, files, fleet)"

@@ -64,7 +64,7 @@ fn the_worst_case_of_abort_is_the_sum_of_its_parts() {
     let safety = page("safety.md");
     for (row, number) in [
         ("the request on the page", request_ms),
-        ("the controller hears nothing", stated(&data, "CELL_WATCHDOG_MS")),
+        ("the controller receives no message", stated(&data, "CELL_WATCHDOG_MS")),
         ("a cycle of the submit interpreter", stated(&data, "CELL_CYCLE_MS")),
         ("*tool and water off, sum*", off_ms),
         ("brake from", brake_ms),

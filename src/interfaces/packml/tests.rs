@@ -175,7 +175,7 @@ fn every_method_is_in_the_table_with_its_roles() {
         ("Stop", &everybody),
         ("Abort", &everybody),
         ("Clear", &["operator", "engineer"]),
-        ("Accept", &["operator", "inspector", "engineer"]),
+        ("Accept", &["inspector", "engineer"]),
         ("NewDisc", &["operator", "engineer"]),
         ("AcknowledgeAlarm", &["operator", "inspector", "engineer"]),
     ] {

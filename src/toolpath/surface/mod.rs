@@ -3,8 +3,8 @@
 //! The thesis uses raw scan points as control points; such a surface contains the camera's noise and does not pass
 //! through the scan. Here the control points minimise the surface's deviation from the scan, and the deviation is
 //! reported. The thesis's method can be chosen for comparison. `today` corrects the surface by the scan in which
-//! the panel was located, and `form` states its profile and flatness. `dwell` computes from executed or planned poses how long the disc was on each point of
-//! the surface. This module does not know how paths are planned.
+//! the panel was located, and `form` states its profile and flatness. `dwell` computes from executed or planned
+//! poses how long the disc was on each point of the surface. This module does not know how paths are planned.
 
 mod banded;
 mod bspline;

@@ -27,7 +27,7 @@ pub(super) const ALL: [Mutation; 16] = [
     change(
         "the end of a path is not waited for until the arm stands",
         ACTS,
-        "Condition::PathEnd if stands => self.end_path(id, act, state)?,",
+        "Condition::PathEnd if is_still => self.end_path(id, act, state)?,",
         "Condition::PathEnd => self.end_path(id, act, state)?,",
     )
     .not_found(

@@ -41,8 +41,8 @@ pub(super) const ALL: [Mutation; 19] = [
     change(
         "a start leaves the log of a killed process as it is",
         "src/store/store/opening.rs",
-        "flush::flush_after_kill(&path)?;\n        let told",
-        "let told",
+        "flush::flush_after_kill(&path)?;\n        let head_read",
+        "let head_read",
     ),
     change(
         "a file of the store is written under its name",
@@ -83,8 +83,8 @@ pub(super) const ALL: [Mutation; 19] = [
     change(
         "a start concludes a cycle as aborted, whatever the journal says",
         MOTIONS,
-        "told.map_or(Verdict::Aborted, |(_, verdict)| verdict)",
-        "told.map_or(Verdict::Aborted, |_| Verdict::Aborted)",
+        "conclusion.map_or(Verdict::Aborted, |(_, verdict)| verdict)",
+        "conclusion.map_or(Verdict::Aborted, |_| Verdict::Aborted)",
     ),
     change(
         "the first permit of a contact path is not written",

@@ -81,7 +81,8 @@ fn each_mistake_is_named() {
         ),
         (
             "[robot]\nkind = 'eki'\nhost = 'krc'\nsigned_stage = 'C'",
-            "4: robot.signed_stage: needs programs_sum, the checksum of the programs that were proven",
+            "4: robot.signed_stage: needs programs_sum, the checksum of the programs that were proven; run `panelprep doctor \
+             --kuka DIR --accept` with the controller's files and add the line that it prints",
         ),
         (
             "[robot]\nhost = '172.31.1.147'",

@@ -198,7 +198,7 @@ async fn each_method_reaches_the_loop_as_the_table_states() {
 #[tokio::test]
 async fn wrong_arguments_ask_for_nothing() {
     let cell = Cell::new();
-    let operator = Some(Role::Operator);
+    let engineer = Some(Role::Engineer);
     let text = |text: &str| Variant::from(text);
     let no = || Variant::from(false);
     let hash = Source.recipe("door.toml").expect("it is offered").sha256();
@@ -221,10 +221,10 @@ async fn wrong_arguments_ask_for_nothing() {
         ("AcknowledgeAlarm", vec![text("1/none/2")]),
         ("AcknowledgeAlarm", vec![text("nonsense")]),
     ] {
-        let outcome = cell.call(name, &arguments, operator).await;
+        let outcome = cell.call(name, &arguments, engineer).await;
         assert_eq!(status(&outcome), StatusCode::BadInvalidArgument, "{name} {arguments:?}: {outcome:?}");
         let refusal = cell.calls.last_refusal().expect("it is told");
-        assert_eq!((refusal.method, refusal.user.as_str()), (name, "operator"));
+        assert_eq!((refusal.method, refusal.user.as_str()), (name, "engineer"));
     }
     // Only the refusals of starts whose recipe is unknown, or is not the one that was seen, go to the loop: for the
     // record.
@@ -233,7 +233,7 @@ async fn wrong_arguments_ask_for_nothing() {
         tokio::task::yield_now().await;
     }
     let [unknown, changed] =
-        ["../cell.toml", "door.toml"].map(|name| format!("start by {name} by operator, through OPC UA"));
+        ["../cell.toml", "door.toml"].map(|name| format!("start by {name} by engineer, through OPC UA"));
     assert_eq!(cell.asked(), [unknown, changed.clone(), changed]);
     let gone = cell.calls.call(method("Hold").expect("it"), &[], None, "OPC UA").await;
     assert_eq!(status(&gone), StatusCode::BadUserAccessDenied, "the account was changed");
