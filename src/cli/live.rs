@@ -200,7 +200,7 @@ fn flange_sensor(
 }
 
 #[cfg(not(feature = "gige"))]
-fn flange_sensor(simulated: &Simulated, _: &Calibrations) -> (Box<dyn FlangeCamera>, FlangeLink) {
+fn flange_sensor(simulated: &SimulatedController, _: &Calibrations) -> (Box<dyn FlangeCamera>, FlangeLink) {
     let why = "this program was built without the feature gige".to_owned();
     (Box::new(BayerFlangeCamera::new(simulated.cameras().1)), FlangeLink::Direct(why))
 }

@@ -71,7 +71,7 @@ fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
 fn gige_camera(_: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
     let which = gige.serial.as_ref().map_or("the only one found".to_owned(), |serial| format!("serial {serial}"));
     let found = format!("a GigE Vision camera, {which}: this program was built without the cargo feature gige");
-    (Check::wrong("flange camera", found, "use a program with this feature, or set kind = \"recorded\""), None)
+    (Check::failed("flange camera", found, "use a program with this feature, or set kind = \"recorded\""), None)
 }
 
 fn simulated_check(name: &str) -> Check {
