@@ -291,7 +291,8 @@ function askStart(isAsked) {
 }
 
 id("start-first")?.addEventListener("click", () => { if (id("start").reportValidity()) askStart(true); });
-id("start-cancel")?.addEventListener("click", () => askStart(false));
+// The second click of a double click may land on this button.
+id("start-cancel")?.addEventListener("click", () => { if (Date.now() - startAsked >= START_PAUSE_MS) askStart(false); });
 id("start")?.addEventListener("input", () => askStart(false));
 id("start")?.addEventListener("submit", () => askStart(false));
 // A scanner ends each code with Enter: it leads to the next field, and never starts the arm.
