@@ -36,7 +36,7 @@ fn a_backup_beside_a_running_cycle_gives_the_same_records_elsewhere() {
     service.wait("work", |service| service.state() == "execute");
     let (exit, made) = json(folder, "backup first.tar.zst --cell cell/cell.toml");
     assert_eq!((exit, &made["ok"], &made["verdict"]), (0, &true.into(), &"pass".into()), "{made}");
-    assert_eq!(service.state(), "execute", "the cycle goes on meanwhile");
+    assert_eq!(service.state(), "execute", "the cycle continues meanwhile");
     service.reach("complete");
 
     // A restore in place is refused while the service answers.

@@ -15,7 +15,7 @@ fn a_cycle_is_followed_to_its_end() {
     let service = Service::start(folder);
     let confirmed = service.done("new-disc");
     assert!(confirmed["done"].as_str().is_some_and(|words| words.contains("new disc is mounted")), "{confirmed}");
-    assert_eq!(service.done("state")["done"], Value::Null, "it is told to who asked");
+    assert_eq!(service.done("state")["done"], Value::Null, "it is reported to who asked");
     service.reset();
     let mut watch = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args("ctl watch --json --cell cell/cell.toml".split_whitespace())

@@ -271,7 +271,7 @@ fn every_name_is_declared_and_every_call_fits() {
                 assert_eq!(arguments.len(), called.parameters.len(), "{at}: {name}");
             } else {
                 let known = [&KEYWORDS[..], &FOREIGN, &EKI].concat();
-                assert!(known.contains(&name.as_str()), "{at}: nobody has {name}");
+                assert!(known.contains(&name.as_str()), "{at}: {name} is not known");
             }
         }
         for local in &locals {

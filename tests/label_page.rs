@@ -126,7 +126,7 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
             );
             assert!(dom.contains(&format!("picture {} of {}", shots.len() / 2, shots.len())), "{dom}");
         }
-        None => eprintln!("not run: there is no chromium on this computer, so nobody looked at the page"),
+        None => eprintln!("not run: there is no chromium on this computer, so the page was not looked at"),
     }
 
     // A second save does not overwrite the first labels; they are stored as `labels.1.json`.

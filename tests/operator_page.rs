@@ -50,7 +50,7 @@ pub fn modules() -> Option<PathBuf> {
         return Some(folder);
     }
     eprintln!(
-        "not run: node, chromium or target/browser is missing, so nobody looked at the page; make setup installs what it can"
+        "not run: node, chromium or target/browser is missing, so the page was not looked at; make setup installs what it can"
     );
     None
 }

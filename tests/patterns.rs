@@ -147,7 +147,7 @@ impl Row {
             (judgement.verdict == Verdict::Reject, format!("rejected: {:?}", judgement.reasons)),
             (step_mm > settings.step_over_mm(), format!("lines {step_mm:.3} mm apart")),
             (least < 0.995, format!("coverage {least:.4}")),
-            (ratio.is_none(), "no dwell is told".to_owned()),
+            (ratio.is_none(), "no dwell is reported".to_owned()),
         ];
         if settings.disc_diameter_mm() == USUAL_DISC_MM {
             let uneven = ratio.is_none_or(|ratio| ratio > settings.max_dwell_ratio());

@@ -111,7 +111,7 @@ fn serve(stream: impl Read + Write, taken: &Mutex<ReceivedRequests>, does: &dyn 
         };
         let name = head[0].strip_prefix("PUT /cell-1/").and_then(|rest| rest.strip_suffix(" HTTP/1.1"));
         let name = name.unwrap_or_else(|| panic!("{head:?}")).to_owned();
-        let length: usize = header("content-length").expect("it is told").1.parse().expect("a number");
+        let length: usize = header("content-length").expect("it is reported").1.parse().expect("a number");
         let does = {
             let mut taken = taken.lock().expect("whole");
             taken.asked.push(name.clone());
@@ -275,7 +275,7 @@ fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
     let sender = start(push.clone());
     reported("2 signed records have not reached the quality system");
     reported("invalid peer certificate");
-    assert!(server.taken().asked.is_empty(), "nothing is told to a server that is not trusted");
+    assert!(server.taken().asked.is_empty(), "nothing is reported to a server that is not trusted");
     std::fs::write(folder.join("ca.pem"), own.cert.pem()).expect("written");
     reported("the server responded 401 Unauthorized: no such token");
     *step.lock().expect("whole") = Does::Answers("307 Temporary Redirect\r\nlocation: https://elsewhere/x\r\n|");

@@ -218,8 +218,8 @@ fn what_is_to_be_proven_is_gone_through() {
         assert!(!error.contains("1. "), "{error}");
     }
     assert_eq!(std::fs::read_to_string(folder.join("old.html")).expect("there"), "old");
-    let nobody = ["robot", "prove", "--out", "new.html", "--by", " ", "--cell", "cell.toml"];
-    let output = Command::new(env!("CARGO_BIN_EXE_panelprep")).args(nobody).current_dir(folder).output();
+    let without_name = ["robot", "prove", "--out", "new.html", "--by", " ", "--cell", "cell.toml"];
+    let output = Command::new(env!("CARGO_BIN_EXE_panelprep")).args(without_name).current_dir(folder).output();
     let output = output.expect("the program starts");
     assert!(output.status.code() == Some(2) && !folder.join("new.html").exists());
     assert!(String::from_utf8_lossy(&output.stderr).contains("must not be empty"));

@@ -203,7 +203,7 @@ fn shots_are_taken_by_the_service_while_the_cell_rests() {
     );
     assert!(!folder.join("during").exists());
     service.reach("complete");
-    assert_eq!(service.done("state")["verdict"], "pass", "nobody disturbed it");
+    assert_eq!(service.done("state")["verdict"], "pass", "no person disturbed it");
 
     // The arm is parked now.
     let (exit, output) = shoot("scan --out shots");
@@ -211,7 +211,7 @@ fn shots_are_taken_by_the_service_while_the_cell_rests() {
     let is_there = |ending: &str| folder.join(format!("shots/scan_0001.{ending}")).is_file();
     assert!(["pcd", "ply", "png"].into_iter().all(is_there));
     let axes = service.done("state")["axes_deg"].as_array().map(Vec::len);
-    assert_eq!(axes, Some(6), "and where it stands is told");
+    assert_eq!(axes, Some(6), "and where it stands is reported");
 }
 
 /// Two cycles run on one service. The second is ended by a hold and a stop, and the service by SIGTERM. The cameras
@@ -221,14 +221,14 @@ fn cycles_run_one_after_the_other_and_each_request_is_answered() {
     let folder = rendered("good");
     let folder = folder.path();
     assert_eq!(json(folder, TEACH).0, 0);
-    let (exit, nobody) = json(folder, "ctl state --cell cell/cell.toml");
-    let words = nobody["reasons"][0]["message"].as_str().unwrap_or_default();
-    assert!(exit == 2 && words.contains("panelprep run"), "{nobody}");
+    let (exit, answer) = json(folder, "ctl state --cell cell/cell.toml");
+    let words = answer["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert!(exit == 2 && words.contains("panelprep run"), "{answer}");
 
     let service = Service::start(folder);
     assert_eq!(service.done("state")["state"], "stopped");
     service.refused(START, 2, "scanner has never been verified; run `panelprep calibrate verify --camera scanner`");
-    assert_eq!(VERIFY.map(|look| json(folder, look).0), [0, 0], "the service keeps nobody from looking");
+    assert_eq!(VERIFY.map(|look| json(folder, look).0), [0, 0], "the service keeps no person from looking");
     service.refused(START, 2, "start is not possible in state stopped");
     service.refused("hold", 2, "possible now");
     service.refused("start --recipe cell/cell.toml", 2, "cell/cell.toml");
@@ -248,7 +248,7 @@ fn cycles_run_one_after_the_other_and_each_request_is_answered() {
     service.reach("held");
     assert!(service.done("state")["reasons"][0]["message"].as_str().is_some_and(|text| text.contains("unhold")));
     service.done("unhold --dried");
-    service.wait("work goes on", |service| service.state() == "execute");
+    service.wait("work continues", |service| service.state() == "execute");
     service.done("stop");
     service.reach("stopped");
     assert_eq!(service.done("state")["verdict"], "aborted");

@@ -141,7 +141,7 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
         move |message: &Value| message["metrics"][name]["value"] == value && message["kind"] != "NDEATH"
     };
     service.reset();
-    host.until("it is told", is("State/word", json!("idle")));
+    host.until("it is reported", is("State/word", json!("idle")));
     service.done(START);
     service.reach("complete");
     host.until("the verdict", is("LastCycle/verdict", json!("pass")));
@@ -176,7 +176,7 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     service.wait("work", |service| service.state() == "execute");
     host.does("write Node Control/Hold");
     service.reach("held");
-    host.until("it is told", is("State/word", json!("held")));
+    host.until("it is reported", is("State/word", json!("held")));
     host.does("write Node Control/Stop");
     service.reach("stopped");
     for written in ["Node Control/Start", "State/word"] {

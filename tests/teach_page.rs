@@ -93,7 +93,7 @@ fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
             assert_eq!(count("class=\"grid\"") as u64, lines, "{page}");
             assert!(page.contains("simulated-panel") && page.contains("recipe.toml"), "{page}");
         }
-        None => eprintln!("not run: there is no chromium on this computer, so nobody looked at the page"),
+        None => eprintln!("not run: there is no chromium on this computer, so the page was not looked at"),
     }
 
     let mut drawn = object["drawn"].clone();

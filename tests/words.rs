@@ -211,11 +211,12 @@ fn planted_texts_are_found() {
 }
 
 /// Words of a former dialect of this code, with the standard term. They are refused in comments and in texts for people.
-const DIALECT: [(&str, &str); 14] = [
+const DIALECT: [(&str, &str); 15] = [
     ("told", "reported, measured, commanded"),
     ("whoever", "the person, the operator, the caller"),
     ("somebody", "a person, the operator, the client"),
     ("someone", "a person, the operator, the client"),
+    ("nobody", "no person, no client"),
     ("whichever", "the one that"),
     ("thereof", "of the …"),
     ("anyhow", "in any case"),

@@ -138,7 +138,7 @@ fn run_check(args: &CheckArchive) -> Result<Outcome, Fault> {
         outcome.add_line(describe_cell(one));
         outcome.add_line(format!(
             "  signed by {}",
-            if one.keys.is_empty() { "nobody".to_owned() } else { one.keys.join(" and ") }
+            if one.keys.is_empty() { "no key".to_owned() } else { one.keys.join(" and ") }
         ));
     }
     let cells = checked.iter().map(|one| {

@@ -30,6 +30,9 @@ pub fn read_answer_line() -> Result<Option<String>, Fault> {
 
 /// Writes a line of progress, or a problem, to standard error. If that fails, there is no other place to report it.
 pub fn write_progress(line: &str) {
-    #[expect(clippy::let_underscore_must_use, reason = "nobody reads: there is no other place to say it")]
+    #[expect(
+        clippy::let_underscore_must_use,
+        reason = "the output has no reader: there is no other place to say it"
+    )]
     let _ = writeln!(io::stderr().lock(), "{line}");
 }

@@ -393,7 +393,7 @@ mod tests {
         assert_eq!(
             told(&[recipe, compliant, spring]),
             Vec::<String>::new(),
-            "of two cells nobody knows which one is meant"
+            "of two cells it is not known which one is meant"
         );
     }
 

@@ -42,7 +42,7 @@ fn commands_calibrate_verify_and_refuse() {
     assert!(exit <= 1 && found["verdict"] != "reject", "{found}");
     let number = |object: &Value, key: &str| object[key].as_f64().unwrap_or(f64::NAN);
     assert!((number(&found, "fx_px") / cell.scanner().fx_px - 1.0).abs() < 0.004, "{found}");
-    assert!(words.contains("corners: 8 of 8"), "progress is told: {words}");
+    assert!(words.contains("corners: 8 of 8"), "progress is reported: {words}");
     assert!(folder.join("pictures/residuals.png").is_file());
     let own = std::fs::read_to_string(folder.join("own.toml")).expect("written");
     let own = Intrinsics::check("own.toml", &own).expect("right");

@@ -236,7 +236,7 @@ impl Run<'_> {
                 self.judge.ended = self.judge.ended.max(self.judge.opened);
             }
             RESET => {
-                assert!(next <= self.judge.asked, "{text}: nobody asked for it");
+                assert!(next <= self.judge.asked, "{text}: no person asked for it");
                 (self.heard.epoch, self.heard.command, self.heard.done) = (next, 0, 0);
             }
             _ => {}

@@ -447,7 +447,7 @@ impl Watch for Oracles {
             self.linked_ms = cell.now_ms;
         }
         if !is_program(cell) && controller.counts().0 > 0 && !controller.is_stopped() && !has_link {
-            self.wrong(cell.now_ms, format!("epoch {} goes on without its link", controller.epoch()));
+            self.wrong(cell.now_ms, format!("epoch {} continues without its link", controller.epoch()));
         }
         let stopped_ms = controller.program_stops().last().map_or(0, |stop| stop.time_ms);
         let goes_off = is_program(cell) && cell.now_ms <= stopped_ms + PROGRAMS_MS;

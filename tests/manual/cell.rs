@@ -100,7 +100,7 @@ impl Cell {
 
     /// Changes the contents of the cell, as a person does.
     pub fn put(&self, stands: CellContents) {
-        *self.scenery.stands.lock().expect("nobody failed") = stands;
+        *self.scenery.stands.lock().expect("no thread failed") = stands;
         let CellContents::Panel(number) = stands else { return };
         self.answers.store(number, Ordering::SeqCst);
         if let Some((_, worlds)) = self.scenery.arm.get() {

@@ -53,7 +53,7 @@ pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Optio
     } else if line.contains("the store's folder") {
         words(&store.display().to_string())
     } else if line.starts_with("Enter the flange's pose") {
-        panic!("the controller answers, so nobody need read the pendant");
+        panic!("the controller answers, so no person need read the pendant");
     } else if !line.starts_with(' ') && line.contains(" [") && line.ends_with(']') {
         // The proposed answer.
         words("")

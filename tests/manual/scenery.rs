@@ -93,7 +93,7 @@ impl Scenery {
     }
 
     pub fn contents(&self) -> CellContents {
-        *self.stands.lock().expect("nobody failed")
+        *self.stands.lock().expect("no thread failed")
     }
 
     /// The flange's pose, unless the flange moves.

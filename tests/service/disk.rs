@@ -75,7 +75,7 @@ fn a_full_disk_holds_the_cell_and_a_start_on_it_states_what_to_delete() {
     service.wait("it is refused", |service| ["stopped", "aborted"].contains(&&*service.state()));
     assert_ne!(service.ctl(START).0, 0, "nothing starts on a full disk");
     std::fs::remove_file(store.join("ballast")).expect("room");
-    service.wait("it goes on", |service| {
+    service.wait("it continues", |service| {
         if service.state() == "aborted" {
             service.ctl("clear");
         }

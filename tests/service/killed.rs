@@ -59,7 +59,7 @@ fn survives(folder: &Path, after: Duration) -> bool {
     service.reset();
     service.signal(rustix::process::Signal::TERM);
     assert_eq!(service.ended().code(), Some(0));
-    let mut store = Store::create(&folder.join("cell/store")).expect("nobody holds it");
+    let mut store = Store::create(&folder.join("cell/store")).expect("it is not in use");
     assert_eq!(store.recover().expect("it is whole").intent, None);
     assert_eq!(store.open_cycles().expect("cycles"), [], "every cycle has its end");
     expected.intent.is_some()
@@ -105,7 +105,7 @@ fn broken_off(folder: &Path) -> PathBuf {
     let (exit, whole) = json(folder, cycle);
     assert_eq!(exit, 0, "{whole}");
     let mut state = State::INITIAL;
-    let mut copy = Store::create(&left).expect("nobody holds it");
+    let mut copy = Store::create(&left).expect("it is not in use");
     for event in journal(folder) {
         copy.append(&event, None).expect("written");
         state = panelprep::cycle::step(state, event).0;

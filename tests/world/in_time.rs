@@ -117,7 +117,8 @@ impl InTime {
         let Some((since_ms, written_ms)) = self.full.filter(|_| works) else { return self.full = None };
         world.counts.judged("a full disk");
         if world.now_ms() > since_ms + HELD_MS + (world.written_ms - written_ms) {
-            let what = format!("the disk was found full at {since_ms} ms, and the cell goes on in {:?}", state.at);
+            let what =
+                format!("the disk was found full at {since_ms} ms, and the cell continues in {:?}", state.at);
             world.wrong("a full disk", what);
         }
     }

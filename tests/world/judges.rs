@@ -69,7 +69,7 @@ fn leaves_the_panel(world: &mut Inside, state: &State) {
     world.counts.judged("no contact without tool and extraction");
     let (now_ms, since_ms) = (world.now_ms(), *world.dead_since_ms.get_or_insert(world.now_ms()));
     if now_ms > since_ms + DEAD_MS {
-        let what = format!("the tool or the extraction has stood still since {since_ms} ms, and contact goes on");
+        let what = format!("the tool or the extraction has stood still since {since_ms} ms, and contact continues");
         world.wrong("no contact without tool and extraction", what);
     }
 }

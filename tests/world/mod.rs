@@ -391,11 +391,11 @@ impl Running {
         };
         let start =
             LoopStart { cell: Fixture::get().setup.clone(), cycle: None, state, before: LoopMemoryStart::Boot };
-        let left = daemon::run(start, ports).map_err(|error| ("the loop goes on", error.to_string()))?.state;
+        let left = daemon::run(start, ports).map_err(|error| ("the loop continues", error.to_string()))?.state;
         if left.at.is_at_rest() {
             Ok(())
         } else {
-            Err(("the loop goes on", format!("it was left in {:?}", left.at)))
+            Err(("the loop continues", format!("it was left in {:?}", left.at)))
         }
     }
 }

@@ -82,7 +82,7 @@ impl Record<'_> {
                 let is_calm = !world.is_strange();
                 world.counts.judged("a motion's end");
                 if is_done && is_calm && world.cell.controller.is_moving() {
-                    world.wrong("a motion's end", format!("{motion:?} is told as done, and the arm moves"));
+                    world.wrong("a motion's end", format!("{motion:?} is reported as done, and the arm moves"));
                 }
                 world.counts.judged("off the panel");
                 self.contact_epoch = (is_done && motion.path == Path::Contact).then_some(motion.epoch);

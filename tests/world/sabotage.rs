@@ -71,7 +71,7 @@ pub enum Row {
 pub const ALL: [(&str, Sabotage); 36] = [
     ("the controller takes commands of ended epochs", Sabotage::Controller(Rule::EpochCheck)),
     ("the controller has no watchdog", Sabotage::Controller(Rule::Watchdog)),
-    ("the controller goes on without its link", Sabotage::Controller(Rule::LinkLoss)),
+    ("the controller continues without its link", Sabotage::Controller(Rule::LinkLoss)),
     ("a stop discards nothing", Sabotage::Controller(Rule::Discard)),
     ("a stop in contact does not retract", Sabotage::Controller(Rule::Retract)),
     ("outputs do not go off by themselves", Sabotage::Controller(Rule::OutputsOff)),

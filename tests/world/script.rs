@@ -178,7 +178,7 @@ impl Fault {
             Fault::SlowDisk { .. } => "disk slow",
             Fault::Replay(_) => "bytes replayed",
             Fault::Unheeded(_) => "abort not obeyed",
-            Fault::Away(_) => "nobody there",
+            Fault::Away(_) => "no person there",
             Fault::Jog { .. } => "jog",
             Fault::Stale { .. } => "stale screen",
             Fault::Backup => "backup",

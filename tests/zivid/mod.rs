@@ -133,7 +133,7 @@ fn a_film_that_is_not_watched_has_a_gap() {
     let mut eyes = Cameras { scanner, flange };
     let dry_s = eyes.picture().expect("a picture").time_s;
     eyes.begin_film(50.0).expect("begun");
-    let mut next = || eyes.next_film_picture().expect("it goes on").expect("it is waited for").time_s;
+    let mut next = || eyes.next_film_picture().expect("it continues").expect("it is waited for").time_s;
     let before: Vec<f64> = (0..5).map(|_| next()).collect();
     assert!(before[0] > dry_s && before.is_sorted_by(|a, b| a < b), "{dry_s} {before:?}");
     std::thread::sleep(Duration::from_millis(500));

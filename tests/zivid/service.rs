@@ -54,10 +54,10 @@ fn the_service_outlives_its_camera() {
             killed |= worker_of(service.id()).is_some_and(|id| kill_process(id, Signal::KILL).is_ok());
             killed
         });
-        service.wait("it is told", |_| {
+        service.wait("it is reported", |_| {
             log().matches("C11 the 3D camera's worker ended (signal: 9 (SIGKILL))").count() >= kill
         });
-        assert_eq!(service.state(), "idle", "nobody needed the camera");
+        assert_eq!(service.state(), "idle", "no person needed the camera");
     }
     assert!(
         log().contains("restart 3 of 3 in 10 min") && log().contains("C11 the 3D camera's worker stays down"),

@@ -91,7 +91,7 @@ mod tests {
                 assert_eq!(lockout.record_failure(ANNA, now_s), n == 5);
             }
             assert_eq!(lockout.pauses_s(ANNA, now_s + 1.0), Some(pause_s - 1.0));
-            assert_eq!(lockout.pauses_s(("ben", true), now_s), None, "another account goes on");
+            assert_eq!(lockout.pauses_s(("ben", true), now_s), None, "another account continues");
             now_s += pause_s;
         }
         lockout.record_success("anna");

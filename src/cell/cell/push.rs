@@ -165,6 +165,9 @@ mod tests {
             let found = found(&format!("[push]\n{table}")).expect_err(table);
             assert!(found.contains(problem), "{table}: {found}");
         }
-        assert!(found("[push]\nto = 'http://localhost'\ntoken_file = 'x'").is_ok(), "nobody is on the way");
+        assert!(
+            found("[push]\nto = 'http://localhost'\ntoken_file = 'x'").is_ok(),
+            "the text does not leave the computer"
+        );
     }
 }

@@ -76,7 +76,7 @@ mod tests {
         ];
         assert_eq!(removed_bound_um(&both, 2), Some(38.0));
         assert_eq!(removed_bound_um(&both[..3], 2), Some(41.0), "the second pass broke off");
-        assert_eq!(removed_bound_um(&both[..2], 2), None, "nobody knows of the second pass");
+        assert_eq!(removed_bound_um(&both[..2], 2), None, "the second pass is not known");
         assert_eq!(removed_bound_um(&[told(Kind::Abrade, 1, None)], 1), None);
     }
 }

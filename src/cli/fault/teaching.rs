@@ -17,7 +17,7 @@ pub enum TeachingFault {
         "no answer from the terminal: the files taken so far are in the folder of --live; name these files with --scan, \
          --corner and --flange to continue"
     )]
-    NobodyAnswers,
+    NoAnswer,
     /// The numbers of `--corner` and `--flange` options differ.
     #[error(
         "{found} --corner and {flanges} --flange were given: each corner picture needs the flange's pose at that picture"

@@ -114,7 +114,7 @@ fn corners(
                  cycle, and press Enter."
             ));
             if read_answer_line()?.is_none() {
-                return Err(TeachingFault::NobodyAnswers.into());
+                return Err(TeachingFault::NoAnswer.into());
             }
             let before = poses.now();
             let (picture, from_camera) = match (world, &mut camera) {

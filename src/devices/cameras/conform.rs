@@ -53,7 +53,7 @@ pub fn clips(scanner: &mut dyn Scanner, lens: &PinholeCamera, mut pass: impl FnM
     let began_s = scanner.begin_clip(10.0).expect("begun");
     let (mut last_s, mut taken) = (f64::NEG_INFINITY, 0);
     while taken < 4 {
-        let Some(next) = scanner.next_clip_picture().expect("it goes on") else {
+        let Some(next) = scanner.next_clip_picture().expect("it continues") else {
             pass();
             continue;
         };

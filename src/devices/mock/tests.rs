@@ -141,7 +141,7 @@ impl Rig {
         for _ in 0..200 {
             self.beat();
             if !self.controller.is_moving() && self.ack("Free") == 100 {
-                self.beat(); // in free time the state is told before the time passes
+                self.beat(); // in free time the state is reported before the time passes
                 return;
             }
         }

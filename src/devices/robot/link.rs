@@ -66,7 +66,7 @@ impl LineOutputs {
     pub fn set(&self, bits: u32) {
         // The handle of the line's outputs does not keep the link alive.
         let Some(orders) = self.0.upgrade() else { return };
-        #[expect(clippy::let_underscore_must_use, reason = "if the link has ended, there is nobody to report to")]
+        #[expect(clippy::let_underscore_must_use, reason = "if the link has ended, there is no receiver")]
         let _ = orders.send(LinkRequest::Line(bits));
     }
 }

@@ -25,7 +25,7 @@ fn first_loss(address: Address) -> LinkLoss {
     let report = link.next(Duration::from_secs(5));
     assert_eq!(link.open_epoch(), Err(QueueError::NotConnected));
     let Some(Report::LinkLost { why }) = report else { panic!("{report:?}") };
-    assert_eq!(link.next(Duration::from_millis(500)), None, "the same trouble is told once");
+    assert_eq!(link.next(Duration::from_millis(500)), None, "the same trouble is reported once");
     why
 }
 
@@ -84,7 +84,7 @@ fn cell(pace: ClockMode) -> (MockServer, BlockingLink) {
 /// Waits for the first report for which `found` returns a value; states and progress before it are ignored.
 fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
     for _ in 0..2_000 {
-        let report = link.next(Duration::from_secs(20)).expect("the controller goes on");
+        let report = link.next(Duration::from_secs(20)).expect("the controller continues");
         if let Some(found) = found(&report) {
             return found;
         }
@@ -120,7 +120,7 @@ fn circle(pace: ClockMode, points: usize, speed_m_s: f64) -> (Vec<mock::Executed
     let last = link.send_path((0..points).map(point).collect()).expect("a good path");
     let mut progress = Vec::new();
     loop {
-        let report = link.next(Duration::from_secs(20)).expect("the controller goes on");
+        let report = link.next(Duration::from_secs(20)).expect("the controller continues");
         match report {
             Report::State(_) => {}
             Report::Progress { done } => progress.push(done),
@@ -213,7 +213,8 @@ fn a_link_that_returns_moves_nothing() {
     // Each channel has its own socket: the state channel may report the stop before the command channel's end is
     // detected.
     wait(&mut link, |report| matches!(report, Report::LinkLost { .. } | Report::Interrupted { .. }).then_some(()));
-    while !matches!(link.next(Duration::from_secs(20)).expect("the controller goes on"), Report::Connected { .. }) {
+    while !matches!(link.next(Duration::from_secs(20)).expect("the controller continues"), Report::Connected { .. })
+    {
     }
     for _ in 0..20 {
         wait(&mut link, |report| matches!(report, Report::State(_)).then_some(()));
@@ -251,7 +252,7 @@ fn an_abort_to_a_peer_that_does_not_read_ends_the_link() {
     });
     let mut link = BlockingLink::start(address, LinkLimits::default(), ClockMode::Wall).expect("starts");
     let wait = |link: &mut BlockingLink, found: &dyn Fn(&Report) -> bool| loop {
-        let report = link.next(Duration::from_secs(5)).expect("something is told");
+        let report = link.next(Duration::from_secs(5)).expect("something is reported");
         if found(&report) {
             return report;
         }

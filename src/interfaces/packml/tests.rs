@@ -183,7 +183,7 @@ fn every_method_is_in_the_table_with_its_roles() {
     }
     let without: Vec<&str> =
         METHODS.iter().filter(|method| method.is_allowed(None)).map(|method| method.name).collect();
-    assert_eq!(without, ["Stop", "Abort"], "nobody has to log in to stop the cell");
+    assert_eq!(without, ["Stop", "Abort"], "no person has to log in to stop the cell");
     for command in Command::VARIANTS {
         let of: Vec<_> = METHODS.iter().filter(|method| method.command == *command).collect();
         assert_eq!(of.len(), 1, "{command:?} has one method");

@@ -158,7 +158,7 @@ impl EdgeNode {
         let payload = Payload {
             timestamp: Some(now.unix_ms),
             metrics: vec![self.bd_seq(now)],
-            seq: None, // nobody knows it beforehand
+            seq: None, // not known beforehand
         };
         Message { topic: self.setup.ids.death_topic(), payload: payload.encode_to_vec(), qos: 1 }
     }

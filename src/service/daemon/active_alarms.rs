@@ -104,7 +104,7 @@ mod tests {
         standing.update_alarms(&found(&[], None), 20);
         let times: Vec<i64> = standing.alarms(&[]).iter().map(|alarm| alarm.raised_unix_ms).collect();
         assert_eq!(times, [10, 11], "each is acknowledged by itself");
-        assert!(standing.alarms(&[]).iter().all(Alarm::is_active), "a cycle runs: nobody looked");
+        assert!(standing.alarms(&[]).iter().all(Alarm::is_active), "a cycle runs: no person looked");
         standing.update_alarms(&found(&[], Some(&["the scanner: no answer"])), 30);
         let active: Vec<bool> = standing.alarms(&[]).iter().map(Alarm::is_active).collect();
         assert_eq!(active, [true, false]);

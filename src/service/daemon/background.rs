@@ -164,7 +164,7 @@ mod tests {
                 begun.set(begun.get() + 1);
                 assert!(begun.get() > 2, "it fails");
                 drop(end.take());
-                assert!(ended.await.is_err(), "it is told by dropping the other side");
+                assert!(ended.await.is_err(), "it is reported by dropping the other side");
             });
             begun.get()
         });

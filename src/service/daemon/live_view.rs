@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn a_picture_is_made_only_if_a_client_watches() {
         let view = LiveView::default();
-        view.offer_picture(|| panic!("nobody has looked"));
+        view.offer_picture(|| panic!("no person has looked"));
         assert_eq!(view.newest_picture().0, 0);
         view.offer_picture(|| None);
         assert!(view.newest_picture().1.is_none());

@@ -52,7 +52,7 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     let Budget { hand_eye_mm, locate_mm, fit_mm, robot_mm, .. } = story.budget;
     assert!(locate_mm.is_some_and(|mm| (0.01..1.0).contains(&mm)), "{:?}", story.budget);
     assert!(fit_mm.is_some_and(|mm| (0.01..0.5).contains(&mm)), "{:?}", story.budget);
-    assert_eq!((hand_eye_mm, robot_mm), (None, None), "nobody measured or stated them");
+    assert_eq!((hand_eye_mm, robot_mm), (None, None), "no person measured or stated them");
 }
 
 /// The record contains every value on which the gates decide with its limit, and each corner separately.

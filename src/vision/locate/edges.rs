@@ -241,7 +241,7 @@ mod tests {
         assert_eq!(rough("ooooofoooo--fffff"), DepthEdge::At(2.5), "a flying point");
         assert_eq!(rough("oooooooooo-------"), DepthEdge::At(2.0), "a wide shadow, or the hall");
         assert_eq!(rough("ooooooo-nnnnnnfff"), DepthEdge::Not(EdgeReading::Hidden), "something before it");
-        assert_eq!(rough("ooooooooooooooooo"), DepthEdge::Not(EdgeReading::Absent), "it goes on");
+        assert_eq!(rough("ooooooooooooooooo"), DepthEdge::Not(EdgeReading::Absent), "it continues");
         assert_eq!(rough("fffffffffffffffff"), DepthEdge::Not(EdgeReading::Absent), "it is not there");
     }
 

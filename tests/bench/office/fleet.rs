@@ -125,7 +125,7 @@ fn timed(port: u16) -> bool {
     let cookie =
         answer.lines().find_map(|line| line.strip_prefix("set-cookie: ")).and_then(|line| line.split(';').next());
     let Some(cookie) = cookie else {
-        println!("  NOT MET: nobody can log in: {answer}");
+        println!("  NOT MET: no person can log in: {answer}");
         return false;
     };
     let (mut all_met, mut slowest_ms) = (true, 0.0);

@@ -88,7 +88,7 @@ const MISTAKES: [Mistake; 43] = [
         Some(20),
     ),
     mistake(
-        "nobody watches a contact without motion", "cell_submit.src",
+        "no person watches a contact without motion", "cell_submit.src",
         "IF LATE OR ($TIMER[CELL_T_STILL]>=CELL_DWELL_MS) THEN",
         "IF FALSE THEN",
         None,
@@ -274,7 +274,7 @@ const MISTAKES: [Mistake; 43] = [
         Some(0),
     ),
     mistake(
-        "another motion's command is told as executed", "cell_motion.src",
+        "another motion's command is reported as executed", "cell_motion.src",
         "    CELL_DONE=CELL_Q_ID[K]\n",
         "    CELL_DONE=CELL_Q_ID[1]\n",
         Some(0),

@@ -140,7 +140,7 @@ const SCENES: [(&str, Scene); 27] = [
         raw.controller.connect(Channel::Command)
     }),
     ("an ended epoch leaves the whole ring free", |programs| leaves_the_ring_free(programs)),
-    ("a base that is told as executed is told as set", |programs| {
+    ("a base that is reported as executed is reported as set", |programs| {
         (0..ORDERS).all(|seed| echoes_the_base(programs, seed))
     }),
     ("no path that ends in contact is left there", |programs| {
@@ -375,7 +375,11 @@ fn scenes_miss_the_mends_that_the_model_has_asked_for() {
             "  IF (NOT CELL_OPEN) OR (FREE<0) THEN\n    FREE=CELL_RING_N\n  ENDIF\n",
             "",
         ),
-        ("a base that is told as executed is told as set", "\"St/@Done\",DONE)", "\"St/@Done\",CELL_DONE_NOW( ))"),
+        (
+            "a base that is reported as executed is reported as set",
+            "\"St/@Done\",DONE)",
+            "\"St/@Done\",CELL_DONE_NOW( ))",
+        ),
     ];
     for (name, ships, before) in undone {
         let mut texts = super::texts("config/kuka");

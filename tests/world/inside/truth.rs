@@ -179,7 +179,7 @@ impl Inside {
         let Some(unreached_ms) = self.cell.unreached_ms() else { return };
         self.counts.judged("the place of a client");
         if unreached_ms > PLACE_MS && self.now_ms() > self.truth.faulty_until_ms {
-            let what = format!("nobody has reached the controller for {unreached_ms} ms, and a place is taken");
+            let what = format!("no person has reached the controller for {unreached_ms} ms, and a place is taken");
             self.wrong("the place of a client", what);
         }
     }

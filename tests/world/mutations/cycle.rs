@@ -29,7 +29,7 @@ pub(super) const ALL: [Mutation; 18] = [
         "(Some(_), _) => At::Stopped,",
     ),
     change(
-        "a start forgets an abort that nobody cleared",
+        "a start forgets an abort that no person cleared",
         REST,
         "(_, At::Aborting { cause, .. } | At::Aborted { cause } | At::Clearing { cause }) => At::Aborted { cause },",
         "(_, At::Aborting { cause, .. }) => At::Aborted { cause },",

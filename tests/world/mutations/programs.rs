@@ -22,7 +22,7 @@ pub(super) const ALL: [Mutation; 12] = [
     )
     .of_programs(),
     change(
-        "programs: an epoch goes on without its client",
+        "programs: an epoch continues without its client",
         LINK,
         "  IF CELL_OPEN THEN\n    CELL_STOP(FALSE)\n  ENDIF",
         "  IF CELL_OPEN AND CELL_STOPPED THEN\n    CELL_STOP(FALSE)\n  ENDIF",

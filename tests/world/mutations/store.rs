@@ -106,7 +106,7 @@ pub(super) const ALL: [Mutation; 19] = [
         "Ok(())",
     ),
     change(
-        "a new disc goes on from the wear of the old one",
+        "a new disc continues from the wear of the old one",
         DISCS,
         "FROM discs WHERE is_new)",
         "FROM discs WHERE id < 0)",

@@ -25,7 +25,7 @@ impl Cell {
                 }
                 Effect::Do { id, act } => {
                     never(!self.timers.contains(&(Deadline::Answer, id)), "an act without a deadline")?;
-                    never(self.state.due != Some(Due { id, act }), "an act that nobody waits for")?;
+                    never(self.state.due != Some(Due { id, act }), "an act that is not waited for")?;
                     never(event == Event::Reported(Report::Boot), "a new program acts unasked")?;
                     if let Action::Move(motion) = act {
                         // I9: each motion that is sent was committed before.
@@ -56,7 +56,7 @@ impl Cell {
                     };
                     never(unfounded, "a verdict without its film")?;
                     let is_result = matches!(verdict, Verdict::Pass | Verdict::Fail);
-                    never(is_result && self.ungraded, "a result though nobody knows what the contact did")?;
+                    never(is_result && self.ungraded, "a result though it is not known what the contact did")?;
                 }
                 Effect::Refuse { request, .. } => {
                     let untouched = self.state.at == before.at || request == Request::Reset;
@@ -117,7 +117,7 @@ impl Cell {
             Action::Move(motion) => matches!(motion.path, Path::Approach | Path::Contact),
             _ => false,
         };
-        never(self.ungraded && works, "work on a panel though nobody knows what the contact did")
+        never(self.ungraded && works, "work on a panel though it is not known what the contact did")
     }
 
     fn check_corner(&self, view: u8) -> Result<(), String> {
@@ -205,13 +205,13 @@ impl Cell {
     pub fn check_state(&mut self, before: State, event: Event) -> Result<(), String> {
         let (at, from) = (self.state.at, before.at);
         let leaves = matches!(at, At::Aborting { .. } | At::Aborted { .. } | At::Stopped | At::Held(_));
-        never(self.robot != Robot::Ready && !leaves, "the robot is not ready and the work goes on")?;
+        never(self.robot != Robot::Ready && !leaves, "the robot is not ready and the work continues")?;
         let trusted = self.state.facts.token.is_some() || self.state.facts.arm.is_some();
         never(self.robot == Robot::EmergencyStop && trusted, "trust after an emergency stop")?;
         never(self.moving.is_some_and(|moving| moving.sent - moving.done > WINDOW), "more than the window")?; // I4
         // I5
         let watched = |moving: Moving| self.timers.contains(&(Deadline::Answer, moving.id)) || self.ending;
-        never(self.moving.is_some_and(|moving| !watched(moving)), "motion that nobody watches")?;
+        never(self.moving.is_some_and(|moving| !watched(moving)), "motion that is not watched")?;
         let leaving = matches!(at, At::Holding(_) | At::Stopping { .. } | At::Aborting { .. });
         never(leaving && self.moving.is_some() && !self.ending, "the abort frame waits for something")?;
         let moves = self.moving.is_some() || self.state.intent.is_some();
@@ -219,7 +219,7 @@ impl Cell {
         if at.is_at_rest() && at != from {
             never(moves && !matches!(at, At::Aborted { .. }), "rest before the robot stands")?;
             never(self.moving.is_some() && !self.ending, "rest without an abort frame")?;
-            never(self.moving.is_some() && self.state.intent.is_none(), "a motion that nobody remembers")?;
+            never(self.moving.is_some() && self.state.intent.is_none(), "a motion without an intent")?;
             let stopped = matches!(from, At::Stopping { .. }) || event == Event::Asked(Request::Stop);
             let left = matches!(at, At::Held(_)) || (at == At::Stopped && stopped);
             never(left && (self.epoch_open || self.opening), "rest in an open epoch")?;
@@ -275,16 +275,16 @@ impl Cell {
                 never(epoch <= before.epoch && self.state.facts.epoch == Epoch::Open, "an old epoch is taken")
             }
             Report::StoreChanged | Report::StoreRestored => {
-                never(!aborts, "work goes on by a store that was changed")
+                never(!aborts, "work continues by a store that was changed")
             }
             Report::FullOverride(false) if from == At::Execute(Phase::Abrade) && !self.air => {
-                never(at == from, "contact goes on at another override")
+                never(at == from, "contact continues at another override")
             }
             Report::Contrary(_) if from.is_at_rest() => {
                 never(at != from, "a contrary output at rest changes the state")
             }
             Report::Contrary(_) if matches!(from, At::Execute(_)) => {
-                never(matches!(at, At::Execute(_)), "work goes on by what is not so any more")
+                never(matches!(at, At::Execute(_)), "work continues by what is not so any more")
             }
             Report::Trouble(_) if from.is_at_rest() => never(at != from, "trouble at rest changes the state"),
             Report::Trouble(Trouble::Store) => never(!aborts && at != At::Stopped, "motion without a journal"),

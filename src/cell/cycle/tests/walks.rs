@@ -175,5 +175,5 @@ fn without_any_one_rule_the_walks_find_what_it_kept_away() {
             None => missed.push(rule),
         }
     }
-    assert!(missed.is_empty(), "nobody misses {missed:?}");
+    assert!(missed.is_empty(), "missing: {missed:?}");
 }

@@ -78,7 +78,7 @@ fn a_camera_that_dies_is_reported_once_and_returns() {
     wait_for("the loss", || matches!(gauge.link_status(), LinkStatus::Away(_)));
     let begun = Instant::now();
     assert!(camera.picture().is_err() && camera.check_ready().is_err());
-    assert!(begun.elapsed() < Duration::from_secs(1), "nobody waits for a camera that is away");
+    assert!(begun.elapsed() < Duration::from_secs(1), "no caller waits for a camera that is away");
     assert_eq!(gauge.statistics().losses, 1);
 
     let second = loopback(SIZE, FORMAT, numbered(picture()));

@@ -126,7 +126,7 @@ fn each_wrong_command_is_refused_with_its_number() {
         (Refusal::OutOfRange, 5, [100, 100], [2.1, 1.0], [0.0; 6]),
         (Refusal::OutOfRange, 5, [0, 100], [0.1, 1.0], [0.0; 6]),
         (Refusal::OutOfRange, 6, [0, 1], [0.0; 2], [0.0; 6]),
-        (Refusal::OutOfRange, 6, [9, 1], [0.0; 2], [0.0; 6]), // nobody has listed it
+        (Refusal::OutOfRange, 6, [9, 1], [0.0; 2], [0.0; 6]), // it is not listed
         (Refusal::OutOfRange, 6, [1, 1], [0.5, 0.0], [0.0; 6]),
         (Refusal::OutOfRange, 8, [1, 0], [0.0; 2], [0.0; 6]),
         (Refusal::Unreachable, 1, [0, 0], [10.0, 0.0], [0.0, 45.5, 0.0, 0.0, 0.0, 0.0]),

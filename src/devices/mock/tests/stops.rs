@@ -204,7 +204,7 @@ fn the_e_stop_stops_at_once_and_its_release_continues_nothing() {
     rig.controller.switch_drives(true);
     rig.ask(11, 2);
     rig.beats(3);
-    assert!(rig.tool_tip().distance_mm(at) < 1e-12, "nothing goes on, nothing retracts later");
+    assert!(rig.tool_tip().distance_mm(at) < 1e-12, "nothing continues, nothing retracts later");
     // After a reset of the program there is no motion until the program is started, and the TCP position is not known.
     assert!(!rig.flag(4) && rig.states.contains("<Tcp X=\"0.000000\" Y=\"0.000000\" Z=\"0.000000\""));
     (rig.epoch, rig.id) = (2, 0);

@@ -13,7 +13,7 @@ struct Memory(Mutex<(Statement, u32)>);
 
 impl LabelStorage for Memory {
     fn now(&self) -> Result<CurrentLabels, String> {
-        let (said, saved) = self.0.lock().expect("nobody failed").clone();
+        let (said, saved) = self.0.lock().expect("no thread failed").clone();
         Ok(CurrentLabels {
             said,
             saved_at: (saved > 0).then(|| "today".to_owned()),
@@ -23,15 +23,15 @@ impl LabelStorage for Memory {
     }
 
     fn store_draft(&self, said: &Statement) -> Result<(), String> {
-        self.0.lock().expect("nobody failed").0 = said.clone();
+        self.0.lock().expect("no thread failed").0 = said.clone();
         Ok(())
     }
 
     fn save(&self, said: &Statement) -> Result<SaveResult, Vec<String>> {
         if said.author.is_empty() {
-            return Err(vec!["nobody signs".to_owned(), "and more".to_owned()]);
+            return Err(vec!["no cell signs".to_owned(), "and more".to_owned()]);
         }
-        let mut kept = self.0.lock().expect("nobody failed");
+        let mut kept = self.0.lock().expect("no thread failed");
         *kept = (said.clone(), kept.1 + 1);
         Ok(SaveResult { labels: "labels.json".to_owned(), saved_at: "today".to_owned(), former: None })
     }
@@ -119,7 +119,7 @@ fn what_is_drawn_is_kept_and_what_is_right_is_saved() {
     let (_, clip) = page.ask("GET", "clip.json", "");
     assert!(clip.contains("[[0.0,0.0],[3.5,0.0]]") && clip.contains(r#""is_draft":true"#), "{clip}");
     let (status, told) = page.ask("POST", "save", SAID);
-    assert!(status == 422 && told.contains(r#"["nobody signs","and more"]"#), "{status} {told}");
+    assert!(status == 422 && told.contains(r#"["no cell signs","and more"]"#), "{status} {told}");
     assert_eq!(page.ask("POST", "save", &SAID.replace(r#""author":"""#, r#""author":"A""#)).0, 200);
     assert!(page.ask("GET", "clip.json", "").1.contains(r#""saved_at":"today""#));
     for wrong in ["{}", "[", r#"{"author":"A","clean":true,"breaks":[],"more":1}"#] {

@@ -139,7 +139,7 @@ fn a_flood_is_bounded_and_swallows_no_stop() {
     keep(node.step(NodeEvent::Seen(shown("idle")), at(10_500)), 10_500);
     assert!(asked.iter().all(|(command, _)| *command == NodeCommand::Stop));
     assert!((10..=11).contains(&asked.len()), "{asked:?}");
-    assert_eq!(asked[0].1, 0, "the first one goes on at once");
+    assert_eq!(asked[0].1, 0, "the first one continues at once");
     assert!(asked.last().is_some_and(|(_, ms)| *ms >= 9_999), "and so does the last one: {asked:?}");
     assert_eq!(notes.len(), 20);
     let acts = node.step(NodeEvent::Seen(shown("idle")), at(60_000));

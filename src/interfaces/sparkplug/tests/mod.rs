@@ -157,7 +157,7 @@ fn numbers_count_on() {
         assert_eq!(metric(birth, "bdSeq").value, Some(WireType::Long(connection % 256)));
         assert_eq!(birth.seq, Some(0));
         node.step(NodeEvent::Lost, at(connection));
-        assert_eq!(node.step(NodeEvent::Seen(shown("held")), at(connection)), [], "nobody is told");
+        assert_eq!(node.step(NodeEvent::Seen(shown("held")), at(connection)), [], "nothing is sent");
     }
     let mut node = born(false);
     for message in 1..600_u64 {

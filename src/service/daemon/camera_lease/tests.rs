@@ -167,7 +167,7 @@ fn a_picture_is_taken_while_the_cell_rests_and_not_in_a_cycle() {
     let taken = bench.cameras.capture(CameraEye::Flange).expect("a picture");
     assert_eq!((taken.picture.width, taken.picture.rgb[5], taken.time_s), (3, [5, 10, 15], 1.0));
     assert_eq!(code(CameraEye::Scanner), "camera", "it delivers none");
-    let lent = bench.cameras.lend().expect("nobody has them");
+    let lent = bench.cameras.lend().expect("no person has them");
     assert_eq!(code(CameraEye::Flange), "busy");
     drop(lent);
     assert!(bench.cameras.capture(CameraEye::Flange).is_ok());

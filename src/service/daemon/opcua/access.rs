@@ -23,7 +23,7 @@ const ANONYMOUS_POLICY: &str = "anonymous";
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Caller {
     /// A caller without an account.
-    Nobody,
+    Anonymous,
     /// A person who logged in.
     Person {
         /// The account's name.
@@ -39,7 +39,7 @@ impl Caller {
     /// Returns the role; `None` for a caller without an account.
     pub fn role(&self) -> Option<Role> {
         match self {
-            Caller::Nobody => None,
+            Caller::Anonymous => None,
             Caller::Person { role, .. } => Some(*role),
         }
     }
@@ -47,7 +47,7 @@ impl Caller {
     /// The account's name.
     pub fn name(&self) -> Option<&str> {
         match self {
-            Caller::Nobody => None,
+            Caller::Anonymous => None,
             Caller::Person { name, .. } => Some(name),
         }
     }
@@ -96,7 +96,7 @@ impl Access {
     /// Returns the caller with this token; `None` if the token is not valid, or no longer.
     pub fn caller_of_token(&self, token: &UserToken) -> Option<Caller> {
         if token.is_anonymous() {
-            return (self.anonymous == AnonymousAccess::Read).then_some(Caller::Nobody);
+            return (self.anonymous == AnonymousAccess::Read).then_some(Caller::Anonymous);
         }
         self.valid.read().unwrap_or_else(PoisonError::into_inner).get(&token.0).cloned()
     }
@@ -209,7 +209,7 @@ impl AuthManager for Access {
 
     fn effective_user_access_level(&self, token: &UserToken, level: AccessLevel, _: &NodeId) -> AccessLevel {
         let may_look = match self.caller_of_token(token) {
-            Some(Caller::Nobody) => true,
+            Some(Caller::Anonymous) => true,
             Some(Caller::Person { role, .. }) => role.has_permission(Permission::View),
             None => false,
         };

@@ -208,7 +208,7 @@ impl Calls {
         let some = |name: String| Some(name).filter(|name| !name.is_empty());
         let operator = match caller {
             Caller::Person { printed_name, .. } => Some(printed_name.clone()),
-            Caller::Nobody => None,
+            Caller::Anonymous => None,
         };
         let part = PartNames { serial: some(serial), order: some(order), operator };
         Ok(StartRequest {

@@ -232,7 +232,7 @@ mod tests {
         let error = of().expect_err("refused").to_string();
         assert!(
             error.contains("private.pem: the file is missing"),
-            "a lost key is told, and no new certificate is made: {error}"
+            "a lost key is reported, and no new certificate is made: {error}"
         );
     }
 

@@ -82,7 +82,7 @@ impl CoreNodes {
     }
 
     fn may_read(&self, context: &RequestContext) -> bool {
-        matches!(self.calls.access.caller_of_token(&context.token), Some(Caller::Nobody | Caller::Person { .. }))
+        matches!(self.calls.access.caller_of_token(&context.token), Some(Caller::Anonymous | Caller::Person { .. }))
     }
 }
 

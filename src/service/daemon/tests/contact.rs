@@ -47,7 +47,7 @@ fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
     let contact: Vec<_> = record.intents.iter().filter(|(motion, _)| motion.path == Path::Contact).collect();
     assert!(matches!(contact[..], [(_, Some((Outcome::Cleared, _)))]), "{contact:?}");
     let abrasions = record.findings.iter().filter(|finding| finding.kind == Kind::Abrade).count();
-    assert_eq!(abrasions, 0, "what nobody knows is not found");
+    assert_eq!(abrasions, 0, "what no person knows is not found");
     let whole_mm2 = record.contacts[0].0.wears_mm2;
     assert!(whole_mm2 > 1_000.0 && record.worn_mm2 == whole_mm2, "{} of {whole_mm2}", record.worn_mm2);
 }
@@ -72,7 +72,7 @@ fn a_feedback_that_goes_off_in_contact_holds() {
         let story = cell.run(Asks::one_cycle().with(held, cycle::Request::Stop));
         let (motion, outcome, done) = story.motions(Path::Contact)[0];
         assert!(outcome == Outcome::Held && done > 2 && done < motion.waypoints, "{name}: {story}");
-        let told = story.findings.iter().find(|finding| finding.kind == Kind::Robot).expect("it is told");
+        let told = story.findings.iter().find(|finding| finding.kind == Kind::Robot).expect("it is reported");
         let Reason { code, message, .. } = &told.judgement.reasons[0];
         assert!(code == "feedback" && message.contains(&format!("the feedback {name} reads off")), "{message}");
         let found = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("what was touched");
@@ -89,7 +89,7 @@ fn a_feedback_that_never_comes_is_named() {
     {
         let story = Fake::new(Scene::Good).whose_feedback_is_dead(bit, 0).run(Asks::one_cycle());
         assert_eq!(story.outcome.verdict, Some(Verdict::Aborted), "{story}");
-        let told = story.findings.iter().find(|finding| finding.kind == Kind::Robot).expect("it is told");
+        let told = story.findings.iter().find(|finding| finding.kind == Kind::Robot).expect("it is reported");
         let Reason { code, message, .. } = &told.judgement.reasons[0];
         let names = message.contains(asked) && message.contains(&format!("the feedback {name} reads off"));
         assert!(code == "feedback" && names, "{message}");

@@ -281,7 +281,7 @@ fn a_film_continues_without_the_robot() {
     assert_eq!(seen_s, [0.0, 0.0, 2.0, 4.0, 6.0]);
     computing.abandon();
     fake.time_passes(2_000);
-    assert!(computing.ready(Duration::from_millis(200)).is_none(), "nobody waits for it any more");
+    assert!(computing.ready(Duration::from_millis(200)).is_none(), "no person waits for it any more");
 }
 
 /// Returns the next result, if one comes within a time that is long even on a busy machine.
@@ -339,7 +339,7 @@ fn a_stop_does_not_wait_for_a_computation() {
     let record = cell.serve(|cameras| Odd { go_on: Some(go_on), ..Odd::new(cameras) }, vec![], &mut script);
     assert_eq!(script.verdicts, [Verdict::Aborted, Verdict::Pass]);
     let reported = script.noted.iter().filter(|reason| reason.code == "stopped").count();
-    assert_eq!(reported, 1, "a stop on request is told as one: {:?}", script.noted);
+    assert_eq!(reported, 1, "a stop on request is reported as one: {:?}", script.noted);
     let located = record.findings.iter().filter(|finding| finding.kind == Kind::Locate).count();
     assert_eq!(located, 1, "the scan of the cycle that was stopped leaves nothing");
     let graded =

@@ -24,20 +24,16 @@ impl EarlierRemoval {
     /// Returns the checks of the removal by earlier cycles, if there were any.
     pub(super) fn checks(&self, asked: &recipe::Removal) -> Vec<Check> {
         let before = Check::new("removed in earlier cycles of this part, upper 95 % bound", "µm", self.bound_um);
-        let unknown = Check::new(
-            "earlier cycles of this part of which nobody knows how deep",
-            "",
-            self.unknown as f64,
-        )
-        .with_max(0.0, LimitSource::Program)
-        .reviews("earlier_unknown", || {
-            format!(
-                "{} earlier cycles abraded this part to an unknown depth: measure the remaining thickness; in \
+        let unknown = Check::new("earlier cycles of this part with an unknown depth", "", self.unknown as f64)
+            .with_max(0.0, LimitSource::Program)
+            .reviews("earlier_unknown", || {
+                format!(
+                    "{} earlier cycles abraded this part to an unknown depth: measure the remaining thickness; in \
                  total, {} µm may be removed",
-                self.unknown,
-                asked.max_um()
-            )
-        });
+                    self.unknown,
+                    asked.max_um()
+                )
+            });
         let is_told = *self != EarlierRemoval::default();
         [before, unknown].into_iter().filter(|_| is_told).collect()
     }

@@ -44,7 +44,7 @@ fn an_open_contact_is_bounded_by_what_was_reported_and_permitted() {
     assert_eq!(
         cleared[0].executed_bounds(),
         Some(Bounds { at_least: 7, at_most: 20 }),
-        "nobody knows more by that"
+        "no person knows more by that"
     );
     assert!(store.store_permit(30).is_err(), "no motion is open");
 }

@@ -67,7 +67,7 @@ fn the_journal_continues_where_the_disk_is_full() {
     assert!(store.is_disk_full());
     assert!(matches!(store.store_blob(b"a recipe"), Err(StoreError::Full { .. })), "what must be kept is an error");
     for done in 0..1_000 {
-        store.append(&progress(done), Some(id)).expect("the journal goes on");
+        store.append(&progress(done), Some(id)).expect("the journal continues");
     }
     let finding = Finding::new(Kind::Abrade, 1, Judgement { verdict: Verdict::Review, reasons: vec![] });
     store.store_finding(id, &finding).expect("kept");

@@ -252,7 +252,7 @@ fn a_full_disk_takes_the_reserve_and_then_nothing() {
     let mut store = Store::create(&folder.path().join("store")).expect("opens again");
     let expected: Vec<Event> = (1..=written).map(progress).collect();
     assert_eq!(store.journal().expect("reads back"), expected);
-    assert_eq!(store.append(&progress(0), None).expect("goes on"), u64::from(written) + 1);
+    assert_eq!(store.append(&progress(0), None).expect("continues"), u64::from(written) + 1);
     let mut reader = Store::open(&folder.path().join("store")).expect("for reading");
     assert!(matches!(reader.append(&progress(0), None), Err(StoreError::ReadOnly { .. })));
 }

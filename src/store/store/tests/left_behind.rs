@@ -127,7 +127,7 @@ fn no_kill_between_commit_and_head_is_a_false_alarm() {
         let mut store = Store::create(&path).expect("opens");
         assert_eq!(store.changed(), [] as [String; 0], "{}", path.display());
         assert_eq!(store.recover().expect("recovers").at, At::Stopped);
-        store.append(&progress(7), None).expect("goes on");
+        store.append(&progress(7), None).expect("continues");
         drop(store);
         assert_eq!(Store::verify(&path, false).expect("verified").differences, [] as [String; 0]);
         fs::remove_dir_all(&path).expect("removed");

@@ -71,7 +71,7 @@ mod tests {
             assert_eq!(
                 check_retracts(&arm, flange_from_tool, [(false, pose, joints)]),
                 Ok(()),
-                "nobody retracts from the air"
+                "nothing retracts from the air"
             );
             check_retracts(&arm, flange_from_tool, [(false, pose, joints), (true, pose, joints)])
         };

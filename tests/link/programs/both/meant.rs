@@ -104,7 +104,7 @@ pub const MEANT: [Meant; 4] = [
     Meant {
         name: "which message tells of a stop first",
         shown_by: 3,
-        reason: "one stop is told by an acknowledgement that refuses and by a state; the model sends both in one act, the \
+        reason: "one stop is reported by an acknowledgement that refuses and by a state; the model sends both in one act, the \
                  programs by two statements of a cycle, and the client gives the reason that reaches it first",
         kinds: &[Kind::Why],
         is_it: |both| {

@@ -66,7 +66,7 @@ impl Bench {
 
     fn until(&mut self, found: impl Fn(&Report) -> bool) {
         for _ in 0..5_000 {
-            let report = self.link.next(Duration::from_secs(20)).expect("the controller goes on");
+            let report = self.link.next(Duration::from_secs(20)).expect("the controller continues");
             if found(&report) {
                 return;
             }
@@ -288,7 +288,7 @@ fn a_simulated_clip_keeps_the_worlds_time() {
     scanner.begin_clip(2.0).expect("begun");
     let (mut times_s, until_ms) = (Vec::new(), bench.now_ms() + 1_300);
     while bench.now_ms() < until_ms {
-        times_s.extend(scanner.next_clip_picture().expect("it goes on").map(|picture| picture.time_s));
+        times_s.extend(scanner.next_clip_picture().expect("it continues").map(|picture| picture.time_s));
         bench.pass_s(0.1);
     }
     let since: Vec<f64> = times_s.iter().map(|time_s| time_s - times_s[0]).collect();

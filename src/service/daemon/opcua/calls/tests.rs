@@ -118,7 +118,7 @@ impl Cell {
     }
 
     async fn call(&self, name: &str, arguments: &[Variant], role: Option<Role>) -> CallOutcome {
-        let caller = role.map_or(Caller::Nobody, person);
+        let caller = role.map_or(Caller::Anonymous, person);
         self.calls.call(method(name).expect("such a method"), arguments, Some(&caller), "OPC UA, 10.0.0.1").await
     }
 }
@@ -223,7 +223,7 @@ async fn wrong_arguments_ask_for_nothing() {
     ] {
         let outcome = cell.call(name, &arguments, engineer).await;
         assert_eq!(status(&outcome), StatusCode::BadInvalidArgument, "{name} {arguments:?}: {outcome:?}");
-        let refusal = cell.calls.last_refusal().expect("it is told");
+        let refusal = cell.calls.last_refusal().expect("it is reported");
         assert_eq!((refusal.method, refusal.user.as_str()), (name, "engineer"));
     }
     // Only the refusals of starts whose recipe is unknown, or is not the one that was seen, go to the loop: for the

@@ -165,7 +165,7 @@ impl AtContact {
             && let Some(event) = running.next_event().expect("no fault")
         {
             let is_done = matches!(event, Event::Reported(panelprep_cell::cycle::Report::Boot));
-            assert!(!is_done, "it goes on");
+            assert!(!is_done, "it continues");
             running.process_event(event).expect("no fault");
         }
         let state = running.state;

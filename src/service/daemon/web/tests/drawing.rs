@@ -45,7 +45,7 @@ async fn what_is_drawn_is_proposed_and_not_yet_written() {
     let save = |before: &str| json!({ "text": text, "why": "wider", "before": before }).to_string();
     let saved = site.post(&engineer, "/setup/recipe/door.toml", &save(&content_hash(DOOR.as_bytes()))).await;
     assert_eq!(saved.status, StatusCode::OK, "{}", saved.body);
-    assert!(saved.body.contains(&content_hash(text.as_bytes())), "the form goes on: {}", saved.body);
+    assert!(saved.body.contains(&content_hash(text.as_bytes())), "the form continues: {}", saved.body);
     let late = site.post(&engineer, "/setup/recipe/door.toml", &save(&content_hash(b"an older text"))).await;
     assert_eq!(late.status, StatusCode::UNPROCESSABLE_ENTITY);
     assert!(late.body.contains("This recipe was changed after this page was opened"), "{}", late.body);

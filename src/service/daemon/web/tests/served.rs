@@ -46,7 +46,7 @@ fn an_address_that_is_taken_delays_nothing_and_is_served_once_it_is_free() {
     let site = PageFixture::new();
     let other = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = other.local_addr().expect("its address");
-    let page = OperatorPage::serve(parts(&site, address)).expect("it goes on").expect("an address");
+    let page = OperatorPage::serve(parts(&site, address)).expect("it continues").expect("an address");
     drop(other);
     let since = Instant::now();
     while !asked(address).is_some_and(|answer| answer.starts_with("HTTP/1.1 200")) {

@@ -41,7 +41,7 @@ async fn five_wrong_passwords_pause_the_account_and_the_audit_trail_has_them() {
     }
     let told = site.log_in("operator", PASSWORD).await.expect_err("pauses");
     assert!(told.body.contains("Too many wrong passwords. Try again in 60 s"), "{}", told.body);
-    site.log_in("engineer", PASSWORD).await.expect("another account goes on");
+    site.log_in("engineer", PASSWORD).await.expect("another account continues");
     let store = Store::open(&site.folder.path().join("store")).expect("open");
     let audit = store.audit(None, 100).expect("read");
     let refused = audit.iter().filter(|line| line.entry.what == "log in" && line.entry.refused.is_some());
