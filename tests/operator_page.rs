@@ -7,7 +7,7 @@
 use super::commands::json;
 use super::service::{Service, taught};
 use panelprep::cycle::Request;
-use panelprep::record::RequestedAction;
+use panelprep::record::{Answer, RequestedAction};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -85,6 +85,14 @@ fn holds(store: &panelprep::store::Store) -> Vec<(Option<String>, Vec<String>)> 
     holds.map(|hold| (user(&hold), hold.reasons.into_iter().map(|reason| reason.message).collect())).collect()
 }
 
+/// Returns the codes of the remarks on each start that was accepted.
+fn remarks_on_starts(store: &panelprep::store::Store) -> Vec<Vec<String>> {
+    let asked = store.requests(None, 1_000).expect("read").into_iter().map(|asked| asked.request);
+    let is_start = |wanted: &RequestedAction| matches!(wanted, RequestedAction::For(Request::Start { .. }));
+    let starts = asked.filter(|asked| is_start(&asked.wanted) && asked.answer == Some(Answer::Done));
+    starts.map(|start| start.reasons.into_iter().map(|reason| reason.code.into_owned()).collect()).collect()
+}
+
 /// A part is run from start to signature without a mouse; the focus is always visible.
 #[test]
 fn a_part_is_run_and_signed_with_the_keyboard_alone() {
@@ -100,6 +108,8 @@ fn a_part_is_run_and_signed_with_the_keyboard_alone() {
     let signed = store.person_signatures(panelprep::record::CycleId(1)).expect("read");
     assert!(signed.iter().any(|(_, signature)| signature.user == "inspector"), "{signed:?}");
     assert_eq!(holds(&store), [(Some("operator".to_owned()), vec!["a hair on the lens".to_owned()])]);
+    // The person who started stated that no person is inside, and the record contains it.
+    assert_eq!(remarks_on_starts(&store), [["stated_clear"]]);
 }
 
 /// With one pass or two, the page draws and reports what the robot executed in each.

@@ -177,6 +177,19 @@ impl CycleRecord {
         self.judgement.as_ref().is_some_and(|judgement| states_no_part(&judgement.reasons))
     }
 
+    /// Returns whether the cycle examined a part: it did not run in the air or on foam, and found the part. Only such a
+    /// record releases one.
+    pub fn has_examined_part(&self) -> bool {
+        !self.is_air_run() && !self.is_on_foam() && !self.has_no_part()
+    }
+
+    /// Returns whether one person alone may release the part: the cycle examined it, has the verdict `pass`, and nothing
+    /// in the record contradicts this verdict.
+    pub fn is_released_by_one(&self) -> bool {
+        let has_passed = self.judgement.as_ref().is_some_and(|end| end.verdict == Verdict::Pass);
+        has_passed && self.has_examined_part() && self.verdict_contradictions().is_empty()
+    }
+
     /// Returns whether the cycle was started with the statement that foam lies in the cell instead of a panel.
     pub fn is_on_foam(&self) -> bool {
         self.files.iter().any(|file| file.name == ON_FOAM)
@@ -208,6 +221,29 @@ mod tests {
             recording: None,
             events: 0,
         }
+    }
+
+    /// One person releases a part only if the record shows a film that passed over a part.
+    #[test]
+    fn one_person_releases_only_a_part_that_passed() {
+        let judged = |verdict, codes: &[&'static str]| Judgement {
+            verdict,
+            reasons: codes.iter().map(|code| Reason::new(code, "as measured")).collect(),
+        };
+        let film = || vec![Finding::new(Kind::Inspect, 1, judged(Verdict::Pass, &[]))];
+        let passed = record(judged(Verdict::Pass, &[]), film(), vec![]);
+        assert!(passed.has_examined_part() && passed.is_released_by_one());
+        let foam = KeptFile { name: ON_FOAM.to_owned(), hash: String::new() };
+        let on_foam = CycleRecord { files: vec![foam], ..passed.clone() };
+        assert!(!on_foam.has_examined_part() && !on_foam.is_released_by_one());
+        let no_part = record(judged(Verdict::Reject, &[NO_PART]), vec![], vec![]);
+        assert!(!no_part.has_examined_part() && !no_part.is_released_by_one());
+        for (verdict, findings) in [(Verdict::Fail, film()), (Verdict::Accept, film()), (Verdict::Pass, vec![])] {
+            let other = record(judged(verdict, &[]), findings, vec![]);
+            assert!(other.has_examined_part() && !other.is_released_by_one(), "{verdict:?}");
+        }
+        let running = CycleRecord { judgement: None, ..passed };
+        assert!(!running.is_released_by_one());
     }
 
     /// Calculated by hand: 3-4-12 is a Pythagorean box with diagonal 13; 13² + 84² = 85².

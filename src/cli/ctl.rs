@@ -46,6 +46,7 @@ fn to_request(ask: &CtlAsk, socket: &Path) -> Result<RequestKind, Fault> {
             part: part::parse_part_names(part.names())?,
             another_part: count.another_part,
             lost_passes: count.lost_passes,
+            is_stated_clear: false,
             own_text: RecipeTextPermission::default(),
         }),
         CtlAsk::Hold => RequestKind::Table(Request::Hold),

@@ -192,9 +192,7 @@ fn describe_end(page: &ProofPage<'_>, file: &str) -> String {
             "page: {file}; print it, sign it, and keep it with the cell's file; then store the signature with `panelprep robot \
              prove --stage {stage} --sign --out {file} --by NAME` and set signed_stage = \"{stage}\" in [robot]"
         ),
-        PageBasis::Real => {
-            format!("page: {file}; stage {stage} cannot be signed: {} rows are wrong or open", page.unproven())
-        }
+        PageBasis::Real => format!("page: {file}. {}", page.describe_unproven()),
         PageBasis::Mock => format!("page: {file}; from a rehearsal on a mock controller, nothing to sign"),
         PageBasis::Unknown | PageBasis::Unconfirmed => {
             format!("page: {file}; no controller answered at the end: do not sign the page; run the command again")

@@ -36,7 +36,7 @@ pub fn run(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
             draw(&held, (index, seen.0, seen.1), &places, folder)?;
         }
     }
-    let outcome = outcome(&correction, claims_mm.is_some());
+    let outcome = outcome(&correction, claims_mm.is_some(), taught.panel.reference);
     outcome.write(args.out.as_deref())?;
     Ok(outcome)
 }
@@ -82,7 +82,7 @@ fn draw(
     pictures::write_drawings(folder, drawn)
 }
 
-fn outcome(correction: &Correction, is_held_against_claims: bool) -> Outcome {
+fn outcome(correction: &Correction, is_held_against_claims: bool, reference: TaughtSource) -> Outcome {
     let mut outcome = Outcome::from_judgement(&correction.judgement);
     outcome.add_checks(&correction.checks);
     let pose = KukaPose::from_rigid(&correction.refined.base_from_panel);
@@ -106,6 +106,10 @@ fn outcome(correction: &Correction, is_held_against_claims: bool) -> Outcome {
         ));
     }
     outcome.add_value("base_from_panel", json!(pose));
+    if reference == TaughtSource::Drawing {
+        // As `locate` states it: the frame of a panel that was taught from its drawing is the drawing's.
+        outcome.add_value("base_from_drawing", json!(pose));
+    }
     outcome.add_value("shift_mm", json!(correction.refined.shift_mm));
     outcome.add_value("error_px", json!(correction.refined.error_px));
     outcome

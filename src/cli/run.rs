@@ -269,7 +269,8 @@ fn cycle_loader(
 ) -> Arc<Loader> {
     let one_at_a_time = Mutex::new(());
     Arc::new(move |request: StartRequest| {
-        let StartRequest { recipe: name, text, record, part, another_part, lost_passes, own_text } = request;
+        let StartRequest { recipe: name, text, record, part, another_part, lost_passes, is_stated_clear, own_text } =
+            request;
         // A file on a disk that hangs must not block the connections of clients that request a stop.
         let Ok(_turn) = one_at_a_time.try_lock() else {
             return Err(vec![Reason::new(
@@ -316,6 +317,7 @@ fn cycle_loader(
                 PreparedCycle { recording: record, ..taught_recipe.prepare_cycle(cell.clone(), &calibrated)? };
             prepared.start.recording = named;
             prepared.remarks.extend(foreign.clone());
+            prepared.remarks.extend(is_stated_clear.then(stated_clear_remark));
             Ok(prepared)
         };
         load().map_err(|fault| {
@@ -328,6 +330,12 @@ fn cycle_loader(
             vec![Reason::new(code, fault.to_string())]
         })
     })
+}
+
+/// Returns what the record of a start says if the person stated that the cell is clear.
+fn stated_clear_remark() -> Reason {
+    let message = "the person who started the cycle stated that the guard is closed and no person is inside the cell";
+    Reason::new("stated_clear", message)
 }
 
 /// Returns a reason if a recipe's text differs from the file of this name in the recipes' folder.

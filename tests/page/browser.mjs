@@ -106,7 +106,7 @@ const halts = async (page, name, expected) => {
   return Date.now() - since;
 };
 // An answer that is not the cell's own does not count as received.
-for (const status of [200, 403, 502]) {
+for (const status of [200, 403, 409, 502]) {
   await reader.route("**/request/stop", (route) => route.fulfill({ status, contentType: "text/html", body: "a proxy" }));
   await halts(reader, "stop", "no answer.*emergency stop");
   await reader.unroute("**/request/stop");

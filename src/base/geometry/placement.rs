@@ -16,14 +16,15 @@ pub struct PoseUncertainty {
 }
 
 impl PoseUncertainty {
-    /// Returns one standard deviation of a place along a direction of length 1, mm. A twist moves the place with the
-    /// arm r from the centre by ω × r + v, and along n by ω · (r × n) + v · n.
+    /// Returns one standard deviation of a place along a direction of length 1, mm; NaN if the covariance is not known.
+    /// A twist moves the place with the arm r from the centre by ω × r + v, and along n by ω · (r × n) + v · n.
     pub fn along_mm(&self, place: Point<Panel>, direction: Vector<Panel>) -> f64 {
         let arm = (self.camera_from_panel * place - self.camera_from_panel * self.centre).mm;
         let along = (self.camera_from_panel * direction).mm;
         let turning = arm.cross(&along);
         let moves = Vector6::new(turning.x, turning.y, turning.z, along.x, along.y, along.z);
-        (self.covariance * moves).dot(&moves).max(0.0).sqrt()
+        // Not `max`: it would make 0 of a NaN.
+        (self.covariance * moves).dot(&moves).clamp(0.0, f64::INFINITY).sqrt()
     }
 }
 
@@ -46,5 +47,13 @@ mod tests {
         let place = Point::at(105.0, 0.0, 0.0);
         let [normal, aside] = [Vector3::z(), Vector3::x()].map(|axis| pose.along_mm(place, Vector::new(axis)));
         assert!((normal - 0.111_803).abs() < 1e-6 && aside < 1e-12, "{normal} {aside}");
+    }
+
+    #[test]
+    fn an_unknown_covariance_is_no_certainty() {
+        let camera_from_panel = Rigid::from_isometry_unchecked(Isometry3::identity());
+        let covariance = Matrix6::repeat(f64::NAN);
+        let pose = PoseUncertainty { camera_from_panel, centre: Point::at(0.0, 0.0, 0.0), covariance };
+        assert!(pose.along_mm(Point::at(1.0, 0.0, 0.0), Vector::new(Vector3::z())).is_nan());
     }
 }

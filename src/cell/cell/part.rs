@@ -158,10 +158,7 @@ mod tests {
         ] {
             assert_eq!(has_form(name, pattern), is_right, "{name} as {pattern}");
         }
-        assert!(
-            !has_form(&"a".repeat(100_000), &"*a".repeat(5).replace('a', "b")),
-            "a long name needs no long time"
-        );
+        assert!(!has_form(&"a".repeat(100_000), &format!("{}b", "*a".repeat(5))), "a long name needs no long time");
     }
 
     #[test]

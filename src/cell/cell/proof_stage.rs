@@ -98,8 +98,8 @@ pub enum UnsignedCause {
     /// The cell's file states a lower stage.
     #[error("[robot] signed_stage is {}", .0.letter())]
     Lower(ProofStage),
-    /// The store has no signed page.
-    #[error("[robot] signed_stage is {}, but the store has no signed page of the proofs", .0.letter())]
+    /// The store has no signed page, or cannot be read.
+    #[error("[robot] signed_stage is {}, but the store has no signed page of the proofs that can be read", .0.letter())]
     NoPage(ProofStage),
     /// The store's newest signed page proves a lower stage.
     #[error(
@@ -175,7 +175,7 @@ mod tests {
             (
                 "C",
                 None,
-                "the store has no signed page of the proofs, and a cycle on a panel needs C: prove stage A",
+                "the store has no signed page of the proofs that can be read, and a cycle on a panel needs C: prove stage A",
             ),
             (
                 "C",

@@ -23,12 +23,18 @@ pub enum PoseError {
         /// The key.
         key: &'static str,
     },
-    /// The file was printed when the panel's frame was not the drawing's.
+    /// The panel's frame is the drawing's, and the file was printed for another frame.
     #[error(
-        "base_from_panel differs from base_from_drawing: an earlier version printed this file, in which the panel's frame was not \
-         the drawing's; locate the panel again"
+        "the panel is taught from its drawing, and this file does not state the same pose as base_from_panel and \
+         base_from_drawing: an earlier version printed it, or it is of a panel that was taught by a scan; locate the panel again"
     )]
-    OldFrame,
+    NotOfDrawing,
+    /// The panel's frame is not a drawing's, and the file was printed for such a frame.
+    #[error(
+        "this file states base_from_drawing, and the recipe has no [nominal]: it is of a panel that was taught from its \
+         drawing; locate the panel with this recipe"
+    )]
+    OfDrawing,
     /// The file is the output of a command that states that its pose must not be used.
     #[error("the verdict in this file is 'reject'; its {key} must not be used")]
     Rejected {
@@ -37,29 +43,29 @@ pub enum PoseError {
     },
 }
 
-/// Reads the panel's pose, base from panel: a pose, or the output of `locate` or `refine`.
+/// Reads the panel's pose, base from panel: a pose, or the output of `locate` or `refine`. `is_drawn` states whether the
+/// panel is taught from its drawing: the panel's frame is then another one.
 ///
 /// # Errors
-/// If there is no complete pose, or it was printed with the verdict `reject`.
-pub fn read_located(bytes: &[u8]) -> Result<KukaPose, PoseError> {
+/// If there is no complete pose, or it was printed with the verdict `reject` or for the other frame.
+pub fn read_located(bytes: &[u8], is_drawn: bool) -> Result<KukaPose, PoseError> {
     let key = "base_from_panel";
-    let printed: Option<LocatedFile> = parse_if_present(bytes, key)?;
-    let drawn = printed.as_ref().and_then(|printed| printed.base_from_drawing);
-    if printed.as_ref().is_some_and(|printed| drawn.is_some() && drawn != printed.base_from_panel) {
-        return Err(PoseError::OldFrame);
+    let Some(LocatedFile { base_from_panel, base_from_drawing, verdict, .. }) = parse_if_present(bytes, key)? else {
+        return parse_bare_pose(bytes, key);
+    };
+    let pose = check_verdict(base_from_panel, verdict, key)?;
+    match (is_drawn, base_from_drawing) {
+        (true, drawn) if drawn != Some(pose) => Err(PoseError::NotOfDrawing),
+        (false, Some(_)) => Err(PoseError::OfDrawing),
+        _ => Ok(pose),
     }
-    printed.map_or_else(
-        || parse_bare_pose(bytes, key),
-        |printed| check_verdict(printed.base_from_panel, printed.verdict, key),
-    )
 }
 
-/// Reads the uncertainty of the panel's pose, 95 %, mm; `None` if the file does not state it.
+/// Reads the uncertainty of the panel's pose that [`read_located`] reads, 95 %, mm; `None` if the file does not state it.
 ///
 /// # Errors
-/// As [`read_located`].
+/// If the text is not that of a pose.
 pub fn read_located_mm(bytes: &[u8]) -> Result<Option<f64>, PoseError> {
-    read_located(bytes)?;
     let printed: Option<LocatedFile> = parse_if_present(bytes, "base_from_panel")?;
     Ok(printed.and_then(|printed| printed.uncertainty_mm))
 }
@@ -157,8 +163,8 @@ mod tests {
     #[test]
     fn a_pose_is_alone_or_in_what_a_command_printed() {
         let printed = format!(r#"{{"verdict": "accept", "base_from_panel": {BARE}, "rms_mm": 0.02}}"#);
-        assert_eq!(read_located(BARE.as_bytes()), Ok(POSE));
-        assert_eq!(read_located(printed.as_bytes()), Ok(POSE));
+        assert_eq!([false, true].map(|is_drawn| read_located(BARE.as_bytes(), is_drawn)), [Ok(POSE), Ok(POSE)]);
+        assert_eq!(read_located(printed.as_bytes(), false), Ok(POSE));
         assert_eq!(read_located_mm(printed.as_bytes()), Ok(None));
         assert_eq!(read_located_mm(printed.replace("rms_mm", "uncertainty_mm").as_bytes()), Ok(Some(0.02)));
         assert_eq!(read_located_mm(BARE.as_bytes()), Ok(None));
@@ -174,7 +180,7 @@ mod tests {
 
     #[test]
     fn each_refusal_states_which_key() {
-        let located = |text: &str| read_located(text.as_bytes()).expect_err("refused").to_string();
+        let located = |text: &str| read_located(text.as_bytes(), false).expect_err("refused").to_string();
         let cases = [
             (BARE.replace("a_deg", "a_rad"), "unknown field `a_rad`, expected one of `x_mm`"),
             (BARE.replace(r#", "c_deg": 6"#, ""), "missing field `c_deg` at line 1"),
@@ -184,13 +190,6 @@ mod tests {
             (BARE.replace("2.5", "\"2.5\""), "invalid type: string \"2.5\", expected f64"),
             (format!(r#"{{"base_from_flange": {BARE}}}"#), "unknown field `base_from_flange`"),
             (r#"{"base_from_panel": null}"#.to_owned(), "base_from_panel is null"),
-            (
-                format!(
-                    r#"{{"base_from_panel": {BARE}, "base_from_drawing": {}}}"#,
-                    BARE.replacen("2.5", "3.5", 1)
-                ),
-                "base_from_panel differs from base_from_drawing",
-            ),
             (
                 format!(r#"{{"verdict": "reject", "base_from_panel": {BARE}}}"#),
                 "the verdict in this file is 'reject'",
@@ -202,6 +201,19 @@ mod tests {
             let found = located(&text);
             assert!(found.contains(expected), "{found}\nshould say: {expected}");
         }
+    }
+
+    /// The frame of a drawn panel is the drawing's; a pose that was printed for another frame would move the tool to
+    /// another place.
+    #[test]
+    fn a_pose_of_another_frame_is_refused() {
+        let of = |more: &str| format!(r#"{{"verdict": "accept", "base_from_panel": {BARE}{more}}}"#);
+        let drawn = of(&format!(r#", "base_from_drawing": {BARE}"#));
+        let old = of(&format!(r#", "base_from_drawing": {}"#, BARE.replacen("2.5", "3.5", 1)));
+        let read = |text: &str, is_drawn: bool| read_located(text.as_bytes(), is_drawn);
+        assert_eq!([read(&of(""), false), read(&drawn, true)], [Ok(POSE), Ok(POSE)]);
+        assert_eq!([read(&of(""), true), read(&old, true)], [(); 2].map(|()| Err(PoseError::NotOfDrawing)));
+        assert_eq!([read(&drawn, false), read(&old, false)], [(); 2].map(|()| Err(PoseError::OfDrawing)));
     }
 
     proptest! {

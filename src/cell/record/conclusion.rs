@@ -14,7 +14,7 @@
 //! A request states the number of findings on which it was decided ([`RequestRecord::findings`]), so that the order is
 //! recorded.
 
-use super::{Answer, CycleId, Finding, Kind, RequestRecord, RequestedAction};
+use super::{Answer, Check, CycleId, Finding, Kind, RequestRecord, RequestedAction, Severity};
 use crate::cycle::Request;
 use panelprep_base::number_text::utc_text;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
@@ -123,8 +123,8 @@ const UNUSABLE_SCAN_CODES: [&str; 2] = ["camera_moved", "other_scan"];
 
 /// Returns whether nothing, or another object than the taught panel, lay in the cell: the last localization was
 /// rejected, because the search box is empty, or because the object differs from the taught panel in its surface and in
-/// its extent. One of both alone may be a damaged part, and so is a nonconformance. A cycle with a film or an abrasion
-/// had a part.
+/// its extent, each so much that it is rejected. One of both alone may be a damaged part, and so is a nonconformance. A
+/// cycle with a film or an abrasion had a part.
 fn found_no_part(findings: &[Finding]) -> bool {
     if findings.iter().any(|finding| matches!(finding.kind, Kind::Inspect | Kind::Abrade)) {
         return false;
@@ -132,7 +132,12 @@ fn found_no_part(findings: &[Finding]) -> bool {
     let located = findings.iter().rfind(|finding| finding.kind == Kind::Locate);
     located.filter(|located| located.judgement.verdict == Verdict::Reject).is_some_and(|located| {
         let has = |code: &&str| located.judgement.reasons.iter().any(|reason| reason.code == *code);
-        let is_other = has(&"poor_fit") && OTHER_EXTENT_CODES.iter().any(has);
+        // The reasons of a rejection also list what was only doubtful.
+        let is_rejected_by = |code: &str| {
+            let breaks = |check: &Check| check.severity == Severity::Reject && !check.is_met();
+            located.checks.iter().any(|check| check.code.as_deref() == Some(code) && breaks(check))
+        };
+        let is_other = is_rejected_by("poor_fit") && OTHER_EXTENT_CODES.into_iter().any(is_rejected_by);
         (has(&"no_panel") || is_other) && !UNUSABLE_SCAN_CODES.iter().any(has)
     })
 }

@@ -39,17 +39,17 @@ pub fn picture(file: &Path, camera: &PinholeCamera) -> Result<ColorPicture, Faul
 /// Reads the pose of the recipe's panel; without a file, this is its nominal pose.
 ///
 /// # Errors
-/// If the file holds no pose, or a rejected one.
+/// If the file holds no pose, a rejected one, or one of another frame than that of the recipe's panel.
 pub fn located(file: Option<&PathBuf>, recipe: &Recipe) -> Result<Rigid<Base, Panel>, Fault> {
     let Some(file) = file else { return Ok(nominal_pose(recipe)) };
-    let pose = files::read_located(&disk::read(file)?).map_err(|error| Fault::file_fault(file, error))?;
+    let pose = files::read_located(&disk::read(file)?, recipe.nominal().is_some()).map_err(|error| Fault::file_fault(file, error))?;
     Ok(pose.to_rigid())
 }
 
 /// The uncertainty of the pose in this file, 95 %, mm; `None` if the file does not state it.
 ///
 /// # Errors
-/// As [`located`].
+/// If the file holds no pose.
 pub fn located_mm(file: &Path) -> Result<Option<f64>, Fault> {
     files::read_located_mm(&disk::read(file)?).map_err(|error| Fault::file_fault(file, error))
 }

@@ -82,6 +82,18 @@ impl ProofPage<'_> {
         self.basis() == PageBasis::Real && !self.proofs.is_empty() && self.unproven() == 0
     }
 
+    /// Returns why a page of a real controller cannot be signed, and what follows if the stage was signed before.
+    pub(super) fn describe_unproven(&self) -> String {
+        let letter = self.stage.letter();
+        let remedy = match self.count(Finding::Wrong) {
+            0 => String::new(),
+            _ => format!(
+                " If [robot] signed_stage in the cell's file states stage {letter} or a later one, remove it."
+            ),
+        };
+        format!("Stage {letter} cannot be signed: {} rows are wrong or open.{remedy}", self.unproven())
+    }
+
     fn count(&self, finding: Finding) -> usize {
         self.proofs.iter().filter(|proof| proof.finding == finding).count()
     }
@@ -133,7 +145,7 @@ impl ProofPage<'_> {
                      signed_stage = \"" (letter) "\" in [robot] of the cell's file. This page must not be changed before."
                 }
             } @else if self.basis() == PageBasis::Real {
-                p.sign { "Stage " (letter) " cannot be signed: " (self.unproven()) " rows are wrong or open." }
+                p.sign { (self.describe_unproven()) }
             }
         }
     }
@@ -142,7 +154,10 @@ impl ProofPage<'_> {
     ///
     /// Only a page of a run that has ended on one real controller can be signed.
     pub(super) fn render(&self) -> String {
-        let title = self.basis().title();
+        let title = match self.basis() {
+            PageBasis::Real if !self.is_signable() => "Tried on the controller: not proven",
+            basis => basis.title(),
+        };
         let page = html! {
             (DOCTYPE)
             html lang="en" {
@@ -192,13 +207,25 @@ mod tests {
         proofs
     }
 
-    fn is_signable(proofs: &[Proof], end: Option<ReportedController>) -> bool {
+    fn with_page<T>(
+        proofs: &[Proof],
+        end: Option<ReportedController>,
+        read: impl FnOnce(&ProofPage<'_>) -> T,
+    ) -> T {
         let cell = Cell::check("cell.toml", "[robot]\nkind = 'eki'\nhost = 'krc'").expect("good");
         let reports = (reported(ControllerKind::Real, 7), end);
-        let page = ProofPage { stage: ProofStage::A, proofs, by: "Ada", robot: cell.robot(), reports };
+        read(&ProofPage { stage: ProofStage::A, proofs, by: "Ada", robot: cell.robot(), reports })
+    }
+
+    fn is_signable(proofs: &[Proof], end: Option<ReportedController>) -> bool {
+        with_page(proofs, end, |page| is_page_signable(page, proofs.len()))
+    }
+
+    fn is_page_signable(page: &ProofPage<'_>, rows: usize) -> bool {
         let text = page.render();
-        assert_eq!(text.matches("<tr class=").count(), proofs.len(), "each row is on the page");
+        assert_eq!(text.matches("<tr class=").count(), rows, "each row is on the page");
         assert_eq!(text.contains("name, signature"), page.is_signable());
+        assert_eq!(text.contains("<h1>Proven on the controller</h1>"), page.is_signable());
         page.is_signable()
     }
 
@@ -220,6 +247,12 @@ mod tests {
         ] {
             assert!(!is_signable(&all, wrong), "{wrong:?}");
         }
+        // A stage that was signed before does not hold any more: the page says so.
+        let mut wrong = all.clone();
+        wrong[0].finding = Finding::Wrong;
+        let words = |proofs: &[Proof]| with_page(proofs, end, |page| page.describe_unproven());
+        assert!(words(&wrong).ends_with("states stage A or a later one, remove it."), "{}", words(&wrong));
+        assert!(words(&proven(0)).ends_with("rows are wrong or open."), "{}", words(&proven(0)));
         let mut empty = all;
         empty[0].evidence.clear();
         assert!(!is_signable(&empty, end), "without evidence");

@@ -69,7 +69,8 @@ fn signature(statement: &Statement) -> SignatureRows {
 fn extract_quantities(cycle: &SignedCycle) -> Option<Quantities> {
     let record = cycle.cycle_record().ok()?;
     let past = PastCycle { record, part: cycle.part.clone(), disc: None };
-    if past.record.is_air_run() {
+    // As in the cell's own trends.
+    if past.record.is_air_run() || past.record.has_no_part() {
         return None;
     }
     let value = |known: KnownQuantity| {

@@ -128,8 +128,9 @@ pub(super) const STATE: [Field; 37] = [
 ];
 
 /// Boot ids of a mock controller. The controller's programs make a boot id from its date, in seconds; these values
-/// correspond to day 0 of month 0, which no controller's clock shows.
-const MOCK_BOOT_IDS: std::ops::Range<i32> = 0..86_400;
+/// correspond to day 0 of month 0, which no controller's clock shows. 0 is the value of a controller whose programs did
+/// not begin (`CELL_INIT`), which may be a real one.
+const MOCK_BOOT_IDS: std::ops::Range<i32> = 1..86_400;
 
 impl State {
     /// Returns whether a mock controller sent this state: observations on it prove nothing about a real one.

@@ -269,7 +269,7 @@ impl AbrasionWork {
 
     /// Returns what a pass abrades of these failed grids: the grids, or areas around their breaks. An area may extend
     /// into a grid that did not fail, and this grid then counts as abraded; so no area extends into a grid that was
-    /// abraded as often as allowed.
+    /// abraded as often as allowed, or that an interrupted path of this pass has abraded already.
     fn treated(
         &self,
         cycle: &CycleSetup,
@@ -279,12 +279,10 @@ impl AbrasionWork {
         let Some(film) = perception.inspections.last().filter(|_| pass > 0) else {
             return Treated::from_grids(failed);
         };
-        if cycle.recipe.treat().by() == TreatBy::Grid {
-            return Treated::from_grids(failed);
-        }
-        let all = cycle.panel.region.ids();
-        let spared: Vec<GridId> =
-            all.filter(|grid| self.has_reached_pass_limit(grid, pass, self.most_passes)).collect();
+        let is_spared = |grid: &GridId| {
+            self.done.get(grid) == Some(&pass) || self.has_reached_pass_limit(grid, pass, self.most_passes)
+        };
+        let spared: Vec<GridId> = cycle.panel.region.ids().filter(is_spared).collect();
         treat::treated((&cycle.panel, fit), &Broken::from_film(film), (failed, &spared), &cycle.recipe)
     }
 

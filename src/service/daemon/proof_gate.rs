@@ -73,11 +73,11 @@ mod tests {
     /// A tunnel ends at an address of this computer: the state alone shows that a real controller answers.
     #[test]
     fn the_address_permits_nothing() {
-        let [mock, real] = [1, REAL_BOOT].map(cell_state);
+        let [mock, real, not_begun] = [1, REAL_BOOT, 0].map(cell_state);
         for host in ["127.0.0.1", "localhost", "172.31.1.147"] {
             let unsigned = robot(host, None);
             assert_eq!(refusal(&unsigned, ProofStage::C, Some(&mock)), None, "{host}");
-            for state in [Some(&real), None] {
+            for state in [Some(&real), Some(&not_begun), None] {
                 let why = refusal(&unsigned, ProofStage::A, state).expect("refused");
                 assert_eq!(why.code, "stage_not_signed", "{host} {state:?}");
             }

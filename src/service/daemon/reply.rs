@@ -98,8 +98,9 @@ impl Reply {
         sentences.join("; ")
     }
 
-    /// Returns whether the request certainly never entered the loop's queue: then the loop does not record it.
-    pub(super) fn was_never_queued(&self) -> bool {
+    /// Returns whether the loop may not have received the request, so that the interface records it. A service that
+    /// ended may have recorded it as well: two lines are better than none.
+    pub(super) fn may_be_unrecorded(&self) -> bool {
         let codes = ["busy", "ended", "bad_request"];
         self.state.is_none() && self.reasons.first().is_some_and(|reason| codes.contains(&&*reason.code))
     }

@@ -176,6 +176,10 @@ pub struct StartRequest {
     /// How many passes the part had in cycles that a restored store lacks, as a person stated it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost_passes: Option<u8>,
+    /// Whether the person stated on the operator's page that the guard is closed and no person is inside the cell. Only the
+    /// page asks for it; a client's line cannot state it.
+    #[serde(skip)]
+    pub is_stated_clear: bool,
     /// Whether the text may differ from the text in the recipes' folder. The interface decides this by the person's
     /// role; a client's line cannot state it.
     #[serde(skip)]

@@ -1,7 +1,7 @@
 //! What is abraded after a film: the grids that failed, or areas around their breaks (`[treat]` in the recipe).
 
 use panelprep_base::geometry::Mask;
-use panelprep_base::number_text::distinguishable_texts;
+use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_base::verdict::{Check, LimitSource, Severity};
 use panelprep_cell::panel::{GridId, TaughtPanel};
 use panelprep_cell::recipe::{Recipe, TreatBy};
@@ -88,11 +88,17 @@ pub fn checks(treated: &Treated, located_mm: Option<f64>, recipe: &Recipe) -> Op
         Some(found_mm) => {
             let [found, allowed] = distinguishable_texts(found_mm, allowed_mm, 2);
             format!(
-                "the panel is located to {found} mm, and the margin around a break contains {allowed} mm for it \
-                 (uncertainty_mm); a larger uncertainty_mm and margin_mm contain it"
+                "the panel is located to {found} mm (limit {allowed} mm, treat.uncertainty_mm), so the margin around a break \
+                 may be too small: locate the panel again, or increase uncertainty_mm and margin_mm"
             )
         }
-        None => "it is not known how well the panel is located, so the margin around a break may be too small".to_owned(),
+        None => {
+            let allowed = fixed_decimals(allowed_mm, 2);
+            format!(
+                "it is not known how well the panel is located (limit {allowed} mm, treat.uncertainty_mm), so the margin \
+                 around a break may be too small: locate the panel again"
+            )
+        }
     }))
 }
 

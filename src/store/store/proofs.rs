@@ -27,14 +27,6 @@ impl ProofsPage {
         let Self { stage, programs_sum, page_sha256, by, is_signed } = self.clone();
         RequestedAction::Proofs { stage: stage.letter().to_owned(), programs_sum, page_sha256, by, is_signed }
     }
-
-    /// Reads a row; `None` for a request of another kind.
-    fn from_action(action: RequestedAction) -> Option<Self> {
-        let RequestedAction::Proofs { stage, programs_sum, page_sha256, by, is_signed } = action else {
-            return None;
-        };
-        Some(ProofsPage { stage: stage.parse().ok()?, programs_sum, page_sha256, by, is_signed })
-    }
 }
 
 impl Store {
@@ -51,7 +43,7 @@ impl Store {
     /// Returns the newest page or signature that fits; `None` if there is none.
     ///
     /// # Errors
-    /// If the rows cannot be read.
+    /// If the rows cannot be read. A row with an unknown stage is one of them: an older one must not count in its place.
     pub fn newest_proofs(&self, fits: impl Fn(&ProofsPage) -> bool) -> Result<Option<ProofsPage>, StoreError> {
         if !self.has_table("requests")? {
             return Ok(None);
@@ -64,8 +56,15 @@ impl Store {
         let rows = read().map_err(|error| self.database_error("read the proofs of", &error))?;
         for text in rows {
             let request: RequestRecord = self.parse_stored(&text)?;
-            let page = ProofsPage::from_action(request.wanted);
-            if let Some(page) = page.filter(&fits) {
+            let RequestedAction::Proofs { stage, programs_sum, page_sha256, by, is_signed } = request.wanted else {
+                continue;
+            };
+            let stage = stage.parse().map_err(|_| StoreError::Unreadable {
+                path: self.path().to_owned(),
+                problem: format!("the stage of the proofs is \"{stage}\", valid: A, B, C"),
+            })?;
+            let page = ProofsPage { stage, programs_sum, page_sha256, by, is_signed };
+            if fits(&page) {
                 return Ok(Some(page));
             }
         }

@@ -17,7 +17,6 @@ use crate::signing::{
     SignedCycle, SignedHead, SigningError, StatedValues, Statement, StatementContent,
 };
 use panelprep_base::number_text::{printable, utc_text};
-use panelprep_base::verdict::Verdict;
 use panelprep_cell::files::hex;
 use panelprep_cell::record::CycleId;
 use rusqlite::{Connection, OptionalExtension, Row, params};
@@ -345,9 +344,10 @@ impl Store {
         }
     }
 
-    /// Checks that the record permits a release, or its withdrawal. A cycle that passed is released by one person. After
-    /// any other verdict, another person must have accepted the deviation before, and the release needs a remark. A
-    /// cycle that tested no part releases none.
+    /// Checks that the record permits a release, or its withdrawal. A cycle that passed is released by one person
+    /// (`CycleRecord::is_released_by_one`). After any other verdict, another person must have accepted the deviation
+    /// before, and the release needs a remark. A cycle that tested no part, or whose record contradicts its verdict,
+    /// releases none.
     fn check_meaning(&self, signs: &PersonSigningRequest) -> Result<(), StoreError> {
         let refused = |problem: String| {
             Err(StoreError::MeaningNotPermitted {
@@ -363,7 +363,7 @@ impl Store {
         match signs.meaning {
             Meaning::InspectedAndReleased => {}
             Meaning::ReleaseWithdrawn if !has(Meaning::InspectedAndReleased, false) => {
-                return refused("no person has released it".to_owned());
+                return refused("no person has released it; sign \"inspected and not released\"".to_owned());
             }
             Meaning::ReleaseWithdrawn if signs.remark.is_none() => {
                 return refused("state the reason in the remark".to_owned());
@@ -371,14 +371,16 @@ impl Store {
             _ => return Ok(()),
         }
         let record = self.cycle(signs.cycle)?;
-        if record.is_air_run() || record.is_on_foam() || record.has_no_part() {
-            return refused("this cycle tested no part".to_owned());
+        if !record.has_examined_part() {
+            return refused("this cycle tested no part; test the part in another cycle".to_owned());
         }
-        let verdict = record.judgement.map(|judgement| judgement.verdict);
-        if verdict == Some(Verdict::Pass) {
+        if let Some(contradiction) = record.verdict_contradictions().into_iter().next() {
+            return refused(contradiction);
+        }
+        if record.is_released_by_one() {
             return Ok(());
         }
-        let verdict = verdict.map_or("none", Verdict::keyword);
+        let verdict = record.judgement.map_or("none", |judgement| judgement.verdict.keyword());
         if !has(Meaning::DeviationAccepted, true) {
             return refused(format!(
                 "the cycle's verdict is {verdict}: another person must first sign \"deviation accepted\""

@@ -81,14 +81,12 @@ pub(super) fn coverage(
     found
 }
 
-/// Returns the fraction of these places that the disc reaches, 0…1; 1 if there are none.
-pub(super) fn reached_share(places: &[Point<Panel>], strokes: &[ContactSegment], radius_mm: f64) -> f64 {
+/// Returns the fraction of these places that the disc reaches, 0…1; `None` if there are none.
+pub(super) fn reached_share(places: &[Point<Panel>], strokes: &[ContactSegment], radius_mm: f64) -> Option<f64> {
     let is_reached =
         |place: &&Point<Panel>| strokes.iter().any(|(from, to)| foot_fraction(**place, *from, *to).1 <= radius_mm);
-    match places.len() {
-        0 => 1.0,
-        count => places.par_iter().filter(is_reached).count() as f64 / count as f64,
-    }
+    let reached = places.par_iter().filter(is_reached).count();
+    (!places.is_empty()).then(|| reached as f64 / places.len() as f64)
 }
 
 /// Returns the fraction 0…1 along a straight piece at which the piece is nearest to a point, and the distance there,

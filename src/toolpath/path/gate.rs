@@ -179,15 +179,15 @@ fn coverage(plan: &Plan) -> Vec<Check> {
     [Check::new("coverage of these grids", "", plan.coverage), of_worst].into_iter().chain(short).collect()
 }
 
-/// Checks that the disc reaches every broken place; nothing if the recipe asks for whole grids.
+/// Checks that the disc reaches every broken place; nothing if none is known: the grids are then treated as a whole.
 fn breaks(plan: &Plan) -> Vec<Check> {
     let Some(share) = plan.breaks_reached else { return vec![] };
     let check = Check::new(name::BREAKS_REACHED, "", share).with_min(1.0, LimitSource::Program);
     vec![check.reviews("break_missed", || {
         let [reached, wanted] = distinguishable_percents(share, 1.0, 2);
         format!(
-            "the disc surely reaches {reached} % of the broken places, {wanted} % are needed; a larger edge_overhang_mm \
-             reaches more near the panel's outline, and [treat] by = \"grid\" sands the whole grid"
+            "the disc surely reaches {reached} % of the broken places (limit {wanted} %): look at the planned path; permit \
+             a larger edge_overhang_mm if they lie at the panel's outline, or set [treat] by = \"grid\""
         )
     })]
 }

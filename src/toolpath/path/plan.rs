@@ -114,9 +114,9 @@ fn plan_paths(
     Ok(plan)
 }
 
-/// Returns the fraction of the broken places that the disc reaches wherever they lie within their uncertainty, 0…1;
-/// `None` if they are not named. The
-/// coverage of an area allows a part of it to be missed, and this part must not be the break.
+/// Returns the fraction of the broken places that the disc reaches if they lie anywhere within their uncertainty, 0…1;
+/// `None` if no place is known. The coverage of an area allows a part of it to be missed, and this part must not be the
+/// break.
 fn breaks_reached(
     surface: &BSplineSurface,
     treated: &Treated,
@@ -130,7 +130,7 @@ fn breaks_reached(
     };
     let all: Vec<_> = pieces.iter().flat_map(of_piece).collect();
     let surely_mm = (settings.disc_diameter_mm() / 2.0 - treated.uncertainty_mm()).max(0.0);
-    Some(reached_share(&broken, &all, surely_mm))
+    reached_share(&broken, &all, surely_mm)
 }
 
 /// Returns an area that is larger by this length on each side, mm, for laying its lines.

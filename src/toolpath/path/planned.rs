@@ -87,7 +87,8 @@ pub struct Plan {
     pub overhang: DiscOverhang,
     /// The places that it treats.
     pub treated: Treated,
-    /// Fraction of the broken places that the disc reaches, 0…1; `None` if the recipe asks for whole grids.
+    /// Fraction of the broken places that the disc reaches, 0…1; `None` if no place is known, or if the recipe asks for
+    /// whole grids.
     pub breaks_reached: Option<f64>,
     /// The costs of areas around breaks and of whole grids; `None` if they were not compared.
     pub costs: Option<TreatmentCosts>,

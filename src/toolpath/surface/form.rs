@@ -26,14 +26,17 @@
 //! place. Pose and nominal surface do not change it, and g is 1. Errors that are alike at two places cancel in it.
 //!
 //! A value v with the limit L is proven if v + U ≤ L (ISO 14253-1:2017, 5.2). Known limits: all is stated for the places
-//! that were seen; a defect that is narrower than a place counts with its mean only; U is that of single places.
+//! that were seen; a defect that is narrower than a place counts with its mean only, and points that are too far from c
+//! to belong to the surface do not count: if they are less than half of a place, neither does their defect; U is that of
+//! single places.
 
+use super::cells::CellRaster;
 use super::derivatives::Parameter;
 use super::fit::Fit;
 use super::net::sides_mm;
 use super::today::{TodaysPoint, TodaysSurfaceFit};
 use panelprep_base::geometry::statistics::NORMAL_TWO_SIDED_95;
-use panelprep_base::geometry::{Panel, PlaneZone, Point, PoseUncertainty, RasterSize, Vector};
+use panelprep_base::geometry::{Panel, PlaneZone, Point, PoseUncertainty};
 
 /// Approximate side of a place, mm: wide enough for the mean of many points, narrower than a hand's dent.
 const PLACE_MM: f64 = 20.0;
@@ -130,7 +133,7 @@ impl Form {
         let places: Vec<FormPlace> = (0..cells.sums.len())
             .filter(|index| cells.is_seen(*index))
             .filter_map(|index| {
-                let (at, mean_mm, count) = (cells.middle(index), cells.mean_mm(index), cells.sums[index].near);
+                let (at, mean_mm, count) = (cells.raster.middle(index), cells.mean_mm(index), cells.sums[index].near);
                 let normal = taught.surface.normal(at)?;
                 let pose_mm = errors.pose.along_mm(taught.surface.point(at), normal);
                 let noise_mm = scatter_mm / f64::from(count).sqrt();
@@ -156,7 +159,7 @@ impl Form {
 
     /// The largest uncertainty of the deviation at a place, 95 %, mm.
     pub fn largest_uncertainty_mm(&self) -> f64 {
-        self.places.iter().map(|place| place.deviation.uncertainty_mm).fold(0.0, f64::max)
+        self.places.iter().map(|place| place.deviation.uncertainty_mm).fold(0.0, larger)
     }
 }
 
@@ -177,11 +180,16 @@ impl Measured {
     }
 }
 
+/// Returns the larger number, and NaN if one of them is NaN: a number that is not known is not the smaller one.
+fn larger(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b { a } else { b }
+}
+
 /// Returns the largest value, with the distance to the largest upper bound as its uncertainty.
 fn largest(all: impl Iterator<Item = Measured>) -> Measured {
     let none = [f64::NEG_INFINITY; 2];
     let [value_mm, bound_mm] = all.fold(none, |[value, bound], measured| {
-        [value.max(measured.value_mm), bound.max(measured.value_mm + measured.uncertainty_mm)]
+        [larger(value, measured.value_mm), larger(bound, measured.value_mm + measured.uncertainty_mm)]
     });
     Measured { value_mm, uncertainty_mm: bound_mm - value_mm }
 }
@@ -195,12 +203,11 @@ fn profile(places: &[FormPlace]) -> Measured {
 fn flatness(taught: &Fit, places: &[FormPlace]) -> Option<Flatness> {
     let nominal: Vec<Point<Panel>> = places.iter().map(|place| taught.surface.point(place.at)).collect();
     let moved = |(place, point): (&FormPlace, &Point<Panel>)| {
-        let normal = taught.surface.normal(place.at).unwrap_or(Vector::new(nalgebra::Vector3::zeros()));
-        *point + normal * place.deviation.value_mm
+        Some(*point + taught.surface.normal(place.at)? * place.deviation.value_mm)
     };
-    let todays: Vec<Point<Panel>> = places.iter().zip(&nominal).map(moved).collect();
+    let todays = places.iter().zip(&nominal).map(moved).collect::<Option<Vec<Point<Panel>>>>()?;
     let zone = PlaneZone::compute(&todays)?;
-    let scan_mm = places.iter().map(|place| place.scan_mm).fold(0.0, f64::max);
+    let scan_mm = places.iter().map(|place| place.scan_mm).fold(0.0, larger);
     Some(Flatness {
         zone: Measured {
             value_mm: zone.minimum_mm,
@@ -222,19 +229,17 @@ struct PlaceSums {
 
 /// The region's places.
 struct PlaceCells {
-    raster: RasterSize,
+    raster: CellRaster,
     sums: Vec<PlaceSums>,
 }
 
 impl PlaceCells {
     fn count(taught: &Fit, todays: &TodaysSurfaceFit) -> PlaceCells {
-        let [width, height] = sides_mm(&taught.surface).map(|mm| (mm / PLACE_MM).round().max(1.0) as usize);
-        let mut cells =
-            PlaceCells { raster: RasterSize { width, height }, sums: vec![PlaceSums::default(); width * height] };
+        let raster = CellRaster::new(sides_mm(&taught.surface), PLACE_MM);
+        let mut cells = PlaceCells { raster, sums: vec![PlaceSums::default(); raster.count()] };
         for sample in &todays.measured.seen {
             let off_mm = sample.height_mm - todays.measured.field.height_at(sample.position);
-            let index = cells.index(sample.position);
-            let sums = &mut cells.sums[index];
+            let sums = &mut cells.sums[raster.index(sample.position)];
             sums.all += 1;
             if off_mm.abs() < todays.measured.limit_mm {
                 sums.near += 1;
@@ -243,17 +248,6 @@ impl PlaceCells {
             }
         }
         cells
-    }
-
-    fn index(&self, [u, v]: [f64; 2]) -> usize {
-        let along = |share: f64, count: usize| ((share * count as f64) as usize).min(count - 1);
-        along(v, self.raster.height) * self.raster.width + along(u, self.raster.width)
-    }
-
-    fn middle(&self, index: usize) -> Parameter {
-        let along = |cell: usize, count: usize| (cell as f64 + 0.5) / count as f64;
-        let RasterSize { width, height } = self.raster;
-        Parameter { u: along(index % width, width), v: along(index / width, height) }
     }
 
     fn is_seen(&self, index: usize) -> bool {
@@ -284,6 +278,7 @@ mod tests {
     use crate::surface::today::{correct_taught_surface, points_of};
     use crate::surface::{Fit, fit};
     use nalgebra::{Isometry3, Matrix6};
+    use panelprep_base::geometry::Rigid;
     use panelprep_cell::panel::TaughtPanel;
 
     /// Returns a taught panel of 280 × 168 mm with its surface.
@@ -298,7 +293,7 @@ mod tests {
     fn errors() -> FormErrors {
         let mut covariance = Matrix6::zeros();
         covariance[(5, 5)] = 0.02 * 0.02;
-        let camera_from_panel = panelprep_base::geometry::Rigid::from_isometry_unchecked(Isometry3::identity());
+        let camera_from_panel = Rigid::from_isometry_unchecked(Isometry3::identity());
         let pose = PoseUncertainty { camera_from_panel, centre: Point::at(0.0, 0.0, 700.0), covariance };
         FormErrors { scan_mm: 0.03, pose }
     }
@@ -364,6 +359,27 @@ mod tests {
         let found = form(Shape::Plane, |at| if is_clamped(at) { 8.0 } else { 0.0 });
         assert!((found.seen_percent - 96.4).abs() < 0.1, "{}", found.seen_percent);
         assert!(found.profile.value_mm < 0.1, "{:?}", found.profile);
+    }
+
+    /// An uncertainty that is not known at one place is not known for the panel, whatever the other places state.
+    #[test]
+    fn an_unknown_uncertainty_of_a_place_proves_nothing() {
+        let (panel, fit) = learnt(Shape::Plane);
+        let points = points_of(&fit, |_| 0.0);
+        let todays = correct_taught_surface(&fit.surface, &panel, &fit.map, (&points, 12.0)).expect("a surface");
+        let of = |errors: &FormErrors| Form::compute((&fit, 0), &todays, errors).expect("a form");
+        let unknown_scan = of(&FormErrors { scan_mm: f64::NAN, ..errors() });
+        let flat = unknown_scan.flatness.expect("a plane");
+        assert!(!unknown_scan.profile.is_surely_within(9.0) && !flat.zone.is_surely_within(9.0));
+        let mut pose = errors().pose;
+        pose.covariance[(5, 5)] = f64::NAN;
+        let unknown_pose = of(&FormErrors { pose, ..errors() });
+        assert!(!unknown_pose.profile.is_surely_within(9.0) && unknown_pose.largest_uncertainty_mm().is_nan());
+        let known = Measured { value_mm: 0.1, uncertainty_mm: 0.1 };
+        let unknown = Measured { uncertainty_mm: f64::NAN, ..known };
+        for places in [[known, unknown], [unknown, known]] {
+            assert!(!largest(places.into_iter()).is_surely_within(9.0), "{places:?}");
+        }
     }
 
     #[test]

@@ -8,6 +8,7 @@
 
 mod banded;
 mod bspline;
+mod cells;
 mod derivatives;
 pub mod dwell;
 mod equations;

@@ -7,12 +7,13 @@
 //! moved by c.
 
 use super::bspline::{BSplineSurface, SurfaceError};
+use super::cells::CellRaster;
 use super::derivatives::Parameter;
 use super::map::{DeviationMap, MapPixel};
 use super::net::sides_mm;
 use nalgebra::Point2;
 use panelprep_base::geometry::{
-    Camera, HeightSample, OrganizedCloud, Panel, Point, RasterSize, Rigid, RobustField, SmoothField, Vector,
+    Camera, HeightSample, OrganizedCloud, Panel, Point, Rigid, RobustField, SmoothField, Vector,
 };
 use panelprep_cell::panel::TaughtPanel;
 use rayon::prelude::*;
@@ -153,7 +154,7 @@ pub fn correct_taught_surface(
     let map = map.fill_region(|pixel| {
         let unit: Point2<f64> = panel.region.unit(pixel);
         let at = [unit.x, unit.y].map(|share| share.clamp(0.0, 1.0));
-        if cells.is_visible(cells.index(at)) {
+        if cells.is_visible(cells.raster.index(at)) {
             MapPixel::Fits { mm: field.height_at(at) as f32 }
         } else {
             MapPixel::Missing
@@ -175,8 +176,7 @@ pub fn correct_taught_surface(
 
 /// The region divided into cells, which state where today's surface was seen.
 struct Cells {
-    raster: RasterSize,
-    side_mm: f64,
+    raster: CellRaster,
     /// The number of points in each cell, and the number of these that belong to the surface.
     counts: Vec<[u32; 2]>,
 }
@@ -184,18 +184,12 @@ struct Cells {
 impl Cells {
     /// Creates cells of about this side.
     fn new(sides_mm: [f64; 2], cell_mm: f64) -> Self {
-        let [width, height] = sides_mm.map(|mm| ((mm / cell_mm).round() as usize).max(1));
-        let side_mm = (sides_mm[0] / width as f64).min(sides_mm[1] / height as f64);
-        Cells { raster: RasterSize { width, height }, side_mm, counts: vec![[0; 2]; width * height] }
-    }
-
-    fn index(&self, [u, v]: [f64; 2]) -> usize {
-        let along = |share: f64, count: usize| ((share * count as f64) as usize).min(count - 1);
-        along(v, self.raster.height) * self.raster.width + along(u, self.raster.width)
+        let raster = CellRaster::new(sides_mm, cell_mm);
+        Cells { raster, counts: vec![[0; 2]; raster.count()] }
     }
 
     fn count(&mut self, at: [f64; 2], is_of_surface: bool) {
-        let index = self.index(at);
+        let index = self.raster.index(at);
         self.counts[index][0] += 1;
         self.counts[index][1] += u32::from(is_of_surface);
     }
@@ -212,8 +206,8 @@ impl Cells {
     }
 
     fn largest_hole_mm(&self) -> f64 {
-        let squares = self.raster.largest_squares(|index| !self.is_visible(index));
-        f64::from(squares.into_iter().max().unwrap_or(0)) * self.side_mm
+        let squares = self.raster.size.largest_squares(|index| !self.is_visible(index));
+        f64::from(squares.into_iter().max().unwrap_or(0)) * self.raster.side_mm
     }
 }
 

@@ -1,5 +1,5 @@
 use super::*;
-use crate::record::{RequestAuthor, RequestSource};
+use crate::record::{LimitSource, RequestAuthor, RequestSource};
 use proptest::prelude::*;
 
 fn finding(kind: Kind, verdict: Verdict, code: &'static str) -> Finding {
@@ -48,16 +48,24 @@ fn a_film_that_failed_is_superseded_by_an_abrasion_and_a_later_film() {
 /// so is a part that was tested or touched before.
 #[test]
 fn a_cycle_that_found_nothing_or_another_object_examined_no_part() {
-    let located = |given: &[&'static str]| {
-        let reasons = given.iter().map(|code| Reason::new(code, "as measured")).collect();
-        Finding::new(Kind::Locate, 0, Judgement { verdict: Verdict::Reject, reasons })
+    let doubtful = |code: &str| ["points_missing", "blurred", "marks_differ"].contains(&code);
+    let located_with = |given: &[&'static str], doubtful: &dyn Fn(&str) -> bool| {
+        let check = |code: &&'static str| {
+            let severity = if doubtful(code) { Severity::Review } else { Severity::Reject };
+            let limit = Check::new(*code, "mm", 2.0).with_max(1.0, LimitSource::Program);
+            limit.with_consequence(severity, *code, || "as measured".to_owned())
+        };
+        let checks: Vec<Check> = given.iter().map(check).collect();
+        Finding::new(Kind::Locate, 0, Judgement::from_checks(&checks)).with_checks(checks)
     };
+    let located = |given: &[&'static str]| located_with(given, &doubtful);
     let concluded = |findings: &[Finding]| conclude(Verdict::Reject, findings, &[], &[]);
     for (given, is_no_part) in [
         (&["no_panel"][..], true),
         (&["poor_fit", "outline_differs", "blurred"], true),
         (&["poor_fit", "low_overlap"], true),
         (&["poor_fit"], false),
+        (&["poor_fit", "marks_differ"], false),
         (&["outline_differs", "seen_through"], false),
         (&["shift_limit"], false),
         (&["no_panel", "camera_moved"], false),
@@ -67,6 +75,9 @@ fn a_cycle_that_found_nothing_or_another_object_examined_no_part() {
         let expected: Vec<&str> = is_no_part.then_some(NO_PART).into_iter().chain(given.iter().copied()).collect();
         assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, expected), "{given:?}");
     }
+    // An overlap that is only for a person to decide is not another extent.
+    let nearly = located_with(&["poor_fit", "low_overlap"], &|code| code == "low_overlap");
+    assert_eq!(codes(&concluded(&[nearly])), ["poor_fit", "low_overlap"]);
     let after_film = [finding(Kind::Inspect, Verdict::Fail, "broke"), located(&["no_panel"])];
     assert!(!codes(&concluded(&after_film)).contains(&NO_PART));
     let found_again = [

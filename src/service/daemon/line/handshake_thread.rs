@@ -149,7 +149,7 @@ impl LineParts {
             return true;
         }
         tracing::warn!("the line requested a {word}, which was refused: {}", reply.joined_reasons());
-        if reply.was_never_queued() {
+        if reply.may_be_unrecorded() {
             self.write_audit(word, reply.joined_reasons()).await;
         }
         false
@@ -184,6 +184,7 @@ impl LineParts {
             part,
             another_part: false,
             lost_passes: None,
+            is_stated_clear: false,
             own_text: RecipeTextPermission::Allowed,
         }))
     }

@@ -218,6 +218,7 @@ impl Calls {
             part: Some(part),
             another_part: false,
             lost_passes: None,
+            is_stated_clear: false,
             own_text: RecipeTextPermission::Refused,
         })
     }

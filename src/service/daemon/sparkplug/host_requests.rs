@@ -25,7 +25,7 @@ impl HostRequests {
         let from = Some(self.origin.clone());
         let who = RequestAuthor { from, ..RequestAuthor::from_source(RequestSource::Sparkplug) };
         let reply = self.gateway.request(RequestKind::Table(request), who).await;
-        if is_noted && reply.was_never_queued() {
+        if is_noted && reply.may_be_unrecorded() {
             let refused = Some(reply.joined_reasons());
             self.write_audit(AuditNote { what: command.keyword().to_owned(), subject: None, refused }).await;
         }

@@ -16,7 +16,6 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
 use maud::{Markup, html};
-use panelprep_base::verdict::Verdict;
 use panelprep_cell::accounts::{Account, AuditEntry, Permission};
 use panelprep_cell::record::{CycleId, CycleRecord, PartNames};
 use panelprep_store::signing::{Meaning, PersonSignature, StatedValues};
@@ -31,7 +30,7 @@ const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src dat
                       frame-ancestors 'self'";
 
 /// Parses the number of a cycle; a text that is not a number gives "not found".
-async fn id(number: &str) -> Result<CycleId, Response> {
+pub(super) async fn id(number: &str) -> Result<CycleId, Response> {
     match number.parse() {
         Ok(number @ 1..) => Ok(CycleId(number)),
         _ => Err(not_found_page().await),
@@ -99,12 +98,6 @@ fn show_end(words: Language<'_>, record: &CycleRecord, part: Option<&PartNames>)
     }
 }
 
-/// Returns whether the record permits a release by one person alone.
-fn is_released_by_one(record: &CycleRecord) -> bool {
-    let has_passed = record.judgement.as_ref().is_some_and(|end| end.verdict == Verdict::Pass);
-    has_passed && !record.is_air_run() && !record.is_on_foam()
-}
-
 /// Shows the form of a signature, with the part, the result, and the values that the cell does not measure.
 fn sign_form(visitor: &Visitor, record: &CycleRecord, part: Option<&PartNames>) -> Markup {
     let words = visitor.language();
@@ -114,7 +107,7 @@ fn sign_form(visitor: &Visitor, record: &CycleRecord, part: Option<&PartNames>) 
         details #sign {
             summary { (word("cycle.sign")) }
             (show_end(words, record, part))
-            @if !is_released_by_one(record) { p.told.bad { (word("cycle.not_passed")) } }
+            @if !record.is_released_by_one() { p.told.bad { (word("cycle.not_passed")) } }
             form.narrow data-post={ "/cycle/" (id) "/sign" } data-then={ "/cycle/" (id) } {
                 label { (word("cycle.meaning")) select name="meaning" required {
                     option value="" {}

@@ -175,6 +175,7 @@ pub(super) async fn start(
         part: Some(part),
         another_part,
         lost_passes: None,
+        is_stated_clear: is_clear,
         own_text: RecipeTextPermission::Refused,
     };
     perform_request(&web, &visitor, RequestKind::Start(start)).await

@@ -1,6 +1,7 @@
 //! The signed files of a cycle, so that they can be verified on another computer without a terminal at the cell: the
 //! cell's record, the signatures of people, each with its signature, and the public key.
 
+use super::cycle;
 use super::guard::{VisitorExtension, not_found_page};
 use super::page_texts::Language;
 use super::reading::{Answer, reading};
@@ -41,21 +42,31 @@ pub(super) fn show_links(words: Language<'_>, id: CycleId, rows: &[SignatureRow]
     }
 }
 
-/// Returns the bytes of the file with this name among the signed files of a cycle.
-fn bytes_of(rows: &[SignatureRow], name: &str, read: impl Fn(&str) -> Option<Vec<u8>>) -> Option<Vec<u8>> {
+/// Returns the public keys of these signatures as one file.
+fn public_keys(rows: &[SignatureRow]) -> Option<Vec<u8>> {
+    let mut keys: Vec<&str> = rows.iter().map(|row| row.public_key.as_str()).collect();
+    keys.dedup();
+    let pem = |key: &&str| PublicKey::from_hex(key).ok()?.to_pem().ok();
+    let pems: Option<Vec<String>> = keys.iter().map(pem).collect();
+    pems.filter(|pems| !pems.is_empty()).map(|pems| pems.concat().into_bytes())
+}
+
+/// Returns the bytes of the file with this name among the signed files of a cycle; `None` if there is no such file. A
+/// signed record that is missing or damaged in the store is an error.
+fn bytes_of<E>(
+    rows: &[SignatureRow],
+    name: &str,
+    read: impl Fn(&str) -> Result<Vec<u8>, E>,
+) -> Result<Option<Vec<u8>>, E> {
     if name == PUBLIC_KEY {
-        let mut keys: Vec<&str> = rows.iter().map(|row| row.public_key.as_str()).collect();
-        keys.dedup();
-        let pem = |key: &&str| PublicKey::from_hex(key).ok()?.to_pem().ok();
-        let pems: Option<Vec<String>> = keys.iter().map(pem).collect();
-        return pems.filter(|pems| !pems.is_empty()).map(|pems| pems.concat().into_bytes());
+        return Ok(public_keys(rows));
     }
-    let (stem_of_name, ending) = name.rsplit_once('.')?;
-    let row = rows.iter().find(|row| stem(row) == stem_of_name)?;
-    match ending {
-        "json" => read(&row.record_hash),
-        "sig" => Some(row.signature.clone()),
-        _ => None,
+    let named = name.rsplit_once('.');
+    let row_of = |stem_of_name: &str| rows.iter().find(|row| stem(row) == stem_of_name);
+    match named.and_then(|(stem, ending)| Some((row_of(stem)?, ending))) {
+        Some((row, "json")) => read(&row.record_hash).map(Some),
+        Some((row, "sig")) => Ok(Some(row.signature.clone())),
+        _ => Ok(None),
     }
 }
 
@@ -65,11 +76,11 @@ pub(super) async fn file(
     Extension(visitor): VisitorExtension,
     Path((number, name)): Path<(String, String)>,
 ) -> Answer {
-    let Ok(id @ 1..) = number.parse::<i64>() else { return Err(not_found_page().await) };
+    let id = cycle::id(&number).await?;
     let asked = name.clone();
     let read = move |store: &Store| {
-        let rows = store.cycle_signatures(CycleId(id))?;
-        Ok(bytes_of(&rows, &asked, |hash| store.blob(hash).ok()))
+        let rows = store.cycle_signatures(id)?;
+        bytes_of(&rows, &asked, |hash| store.blob(hash))
     };
     let Some(bytes) = reading(&web, &visitor, read).await? else { return Err(not_found_page().await) };
     let headers = [
@@ -100,7 +111,8 @@ mod tests {
             public_key: key.public_key().hex(),
         };
         let rows = [row(5, false), row(9, true)];
-        let bytes = |name: &str| bytes_of(&rows, name, |hash| hash.starts_with("hash ").then(|| record.clone()));
+        let read = |hash: &str| if hash.starts_with("hash ") { Ok(record.clone()) } else { Err("damaged") };
+        let bytes = |name: &str| bytes_of(&rows, name, read).expect("readable");
         let pem = String::from_utf8(bytes("public-key.pem").expect("a key")).expect("text");
         let keys = PublicKey::parse_all(&pem).expect("keys");
         assert_eq!(keys, [key.public_key()], "once");
@@ -112,6 +124,8 @@ mod tests {
         for name in ["cycle-4.json", "cycle-3.pdf", "cycle-3", "cycle-3-signature-5.json", "../cycle-3.json"] {
             assert_eq!(bytes(name), None, "{name}");
         }
-        assert_eq!(bytes_of(&[], "public-key.pem", |_| None), None);
+        assert_eq!(bytes_of(&[], "public-key.pem", read), Ok(None));
+        // A damaged record is not the same as one that was never signed.
+        assert_eq!(bytes_of(&rows, "cycle-3.json", |_| Err("damaged")), Err("damaged"));
     }
 }

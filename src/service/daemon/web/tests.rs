@@ -19,7 +19,7 @@ use crate::daemon::live_view::LiveView;
 use crate::daemon::people::AccountService;
 use crate::daemon::record_source::{RecordPdf, RecordSource};
 use crate::daemon::reply::{Reply, RequestResult};
-use crate::daemon::request::Request as CellRequest;
+use crate::daemon::request::{Request as CellRequest, StartRequest};
 use crate::daemon::request_queue::request_queue;
 use crate::daemon::setup_source::{Equipment, ExaminedItem, RecipeText, SetupSource};
 use axum::Router;
@@ -199,7 +199,10 @@ impl PageFixture {
                 }
             }
         });
-        let loader = Arc::new(|_| Err(vec![Reason::new("bad_input", "no cell here")]));
+        let loader = Arc::new(|start: StartRequest| {
+            let message = format!("no cell here; stated clear: {}", start.is_stated_clear);
+            Err(vec![Reason::new("bad_input", message)])
+        });
         let (_, live) = tokio::sync::watch::channel(Arc::new(LiveState::default()));
         let gateway = Gateway::new(sender, loader, None);
         let people = Arc::new(AccountService::new(folder_of_store));

@@ -162,11 +162,10 @@ pub(super) fn signatures(sources: &RecordSources<'_>) -> Block {
     }
 }
 
-/// Returns the line to sign by hand; `None` for an air-run or a cycle on foam, which have nothing to release, or if a
+/// Returns the line to sign by hand; `None` for a cycle that examined no part, which has nothing to release, or if a
 /// signature already decides.
 pub(super) fn signature_line(sources: &RecordSources<'_>) -> Option<Vec<String>> {
-    let releases = !sources.record.is_air_run() && !sources.record.is_on_foam();
-    let is_open = releases && !sources.signatures.iter().any(|one| one.is_deciding);
+    let is_open = sources.record.has_examined_part() && !sources.signatures.iter().any(|one| one.is_deciding);
     let line = "……………………………".to_owned();
     is_open.then(|| vec![line.clone(), line.clone(), "released / not released".to_owned(), line])
 }

@@ -130,8 +130,8 @@ fn disposition_text(record: &CycleRecord) -> String {
         return "NOT ENDED: this is not the final result of the cycle".to_owned();
     };
     if record.has_no_part() {
-        return "NO PART: nothing, or another object than the taught panel, was in the cell; the part with this serial \
-                number was not examined"
+        return "NO PART: nothing, or an object that is not recognised as the taught panel, was in the cell; the part with \
+                this serial number was not examined. If it was in the cell, an inspector must look at it"
             .to_owned();
     }
     let words = match judgement.verdict {

@@ -2,7 +2,7 @@
 
 use super::*;
 use panelprep_cell::cell::ProofStage;
-use panelprep_cell::record::{RequestAuthor, RequestSource};
+use panelprep_cell::record::{Answer, RequestAuthor, RequestRecord, RequestSource, RequestedAction};
 
 fn page(stage: ProofStage, programs_sum: i32, is_signed: bool) -> ProofsPage {
     ProofsPage { stage, programs_sum, page_sha256: "ab".repeat(32), by: "Ada".to_owned(), is_signed }
@@ -33,4 +33,34 @@ fn the_newest_signature_is_read_back() {
     }
     let found = Store::open(&folder).expect("for reading").newest_proofs(|page| page.stage == ProofStage::C);
     assert_eq!(found.expect("read"), Some(page(ProofStage::C, 7, false)));
+}
+
+/// A row whose stage this version does not know hides no older signature: nothing counts as signed.
+#[test]
+fn an_unknown_stage_is_no_older_signature() {
+    let (folder, store) = new_store();
+    drop(store);
+    let folder = folder.path().join("store");
+    let who = RequestAuthor::from_source(RequestSource::Command);
+    Store::store_proofs_in(&folder, &page(ProofStage::C, 7, true), who).expect("stored");
+    let (programs_sum, is_signed) = (7, true);
+    let wanted = RequestedAction::Proofs {
+        stage: "D".to_owned(),
+        programs_sum,
+        page_sha256: String::new(),
+        by: "Ada".to_owned(),
+        is_signed,
+    };
+    let row = RequestRecord {
+        unix_ms: 0,
+        wanted,
+        who: None,
+        answer: Some(Answer::Done),
+        reasons: vec![],
+        findings: None,
+    };
+    let mut store = Store::open_for_one_row(&folder).expect("for writing");
+    store.insert_request(&row, None, None).expect("stored");
+    let found = store.newest_proofs(|page| page.is_signed);
+    assert!(found.as_ref().is_err_and(|error| error.to_string().contains("\"D\"")), "{found:?}");
 }

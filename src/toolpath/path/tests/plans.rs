@@ -53,6 +53,29 @@ fn good_plan() -> (Plan, recipe::Path) {
     (plan(&surface, &region, &grids, &outline, &settings).expect("a plan"), settings)
 }
 
+/// The tool runs on each line of a plan, also in the air between two areas. By hand, the longest line is the lift: from
+/// 3 mm, the landing height, to 40 mm, the approach. The flight has waypoints at the spacing, 10 mm. Both are below
+/// `[limits] max_step_mm`, 100 mm, and the controller's `CELL_STEP_MM`, 110 mm, which no such line may exceed.
+#[test]
+fn the_longest_line_beside_the_running_tool_is_its_lift() {
+    let (plan, settings) = good_plan();
+    let waypoints: Vec<Waypoint> = plan.paths.iter().flat_map(|path| path.waypoints.clone()).collect();
+    let lines = waypoints.windows(2).map(|pair| {
+        let length_mm = tool(&pair[0]).origin().distance_mm(tool(&pair[1]).origin());
+        (length_mm, !pair[0].contact && !pair[1].contact)
+    });
+    let in_air: Vec<f64> = lines.clone().filter(|(_, air)| *air).map(|(length_mm, _)| length_mm).collect();
+    let longest_mm = lines.map(|(length_mm, _)| length_mm).fold(0.0, f64::max);
+    let lift_mm = settings.approach_mm() - settings.landing_height_mm();
+    assert!(
+        plan.paths.len() == 3 && in_air.len() > 20,
+        "{} paths, {} lines in the air",
+        plan.paths.len(),
+        in_air.len()
+    );
+    assert!((longest_mm - lift_mm).abs() < 1e-6 && (lift_mm - 37.0).abs() < 1e-9, "{longest_mm} mm, {lift_mm} mm");
+}
+
 /// Changes the pose of one waypoint.
 fn spoil(plan: &mut Plan, path: usize, waypoint: usize, change: fn(&mut KukaPose)) {
     let waypoint = &mut plan.paths[path].waypoints[waypoint];

@@ -54,8 +54,9 @@ async function halt(name) {
   const { ok, status, told, message } = await send(`/request/${name}`);
   clearTimeout(late);
   // Only the cell's own answer says that the request arrived: it contains the cell's state.
-  if (ok && typeof told?.state === "string") say(true, word("stop.taken"));
-  else if (status === 409) say(false, message);
+  const isOfCell = typeof told?.state === "string";
+  if (ok && isOfCell) say(true, word("stop.taken"));
+  else if (status === 409 && isOfCell) say(false, message);
   else say(false, `${word("stop.no_answer")} (${message})`);
 }
 

@@ -85,6 +85,7 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
     );
     let start = site.post(&operator, "/request/start", &start(&sha256)).await;
     assert_eq!(start.status, StatusCode::CONFLICT, "the loader of this test refuses");
+    assert!(start.body.contains("stated clear: true"), "{}", start.body);
     let by = "operator, on the operator's page at 127.0.0.1";
     // A refused start is passed to the loop only for the record; no client waits for this.
     let since = std::time::Instant::now();
