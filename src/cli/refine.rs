@@ -6,6 +6,7 @@ use super::load::{self, CellFiles, CornerShot};
 use super::outcome::Outcome;
 use super::pictures;
 use panelprep_base::geometry::{Base, Flange, FlangeCamera, KukaPose, Panel, Rigid};
+use panelprep_cell::panel::TaughtSource;
 use panelprep_service::stages::corners::{CornerReference, Correction, Sighting};
 use panelprep_vision::calib::budget;
 use serde_json::json;

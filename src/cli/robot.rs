@@ -199,7 +199,7 @@ fn parse_joints(text: &str, cell: &Cell) -> Result<Joints, Fault> {
 fn pose(text: &str) -> Result<KukaPose, Fault> {
     if text.ends_with(".json") {
         let file = Path::new(text);
-        return files::read_located(&disk::read(file)?).map_err(|error| Fault::file_fault(file, error));
+        return files::read_located(&disk::read(file)?, None).map_err(|error| Fault::file_fault(file, error));
     }
     let wrong = |problem: String| Fault::NotSixNumbers {
         found: text.to_owned(),

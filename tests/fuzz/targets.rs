@@ -256,7 +256,7 @@ fn picture(bytes: &[u8]) {
 /// Checks that every pose that is read is finite.
 fn pose(bytes: &[u8]) {
     let reported = files::read_reported_flange(bytes).map(|flange| flange.base_from_flange);
-    for pose in [files::read_located(bytes), files::read_flange(bytes), reported].into_iter().flatten() {
+    for pose in [files::read_located(bytes, None), files::read_flange(bytes), reported].into_iter().flatten() {
         assert!(pose.is_finite());
     }
     drop(files::read_located_mm(bytes));

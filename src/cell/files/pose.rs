@@ -3,6 +3,7 @@
 //!
 //! JSON has no NaN, and the parser refuses numbers too large for a double, so every pose read is finite.
 
+use crate::panel::TaughtSource;
 use panelprep_base::geometry::{Joints, KukaPose};
 use serde::Deserialize;
 
@@ -43,20 +44,22 @@ pub enum PoseError {
     },
 }
 
-/// Reads the panel's pose, base from panel: a pose, or the output of `locate` or `refine`. `is_drawn` states whether the
-/// panel is taught from its drawing: the panel's frame is then another one.
+/// Reads the panel's pose, base from panel: a pose, or the output of `locate` or `refine`. A panel that is taught from
+/// its drawing has another frame: `taught_by` states the source of the recipe's panel, `None` if no recipe is given.
 ///
 /// # Errors
-/// If there is no complete pose, or it was printed with the verdict `reject` or for the other frame.
-pub fn read_located(bytes: &[u8], is_drawn: bool) -> Result<KukaPose, PoseError> {
+/// If there is no complete pose, or it was printed with the verdict `reject` or for another frame.
+pub fn read_located(bytes: &[u8], taught_by: Option<TaughtSource>) -> Result<KukaPose, PoseError> {
     let key = "base_from_panel";
-    let Some(LocatedFile { base_from_panel, base_from_drawing, verdict, .. }) = parse_if_present(bytes, key)? else {
+    let Some(LocatedFile { base_from_panel, base_from_drawing, verdict, .. }) = parse_if_present(bytes, key)?
+    else {
         return parse_bare_pose(bytes, key);
     };
     let pose = check_verdict(base_from_panel, verdict, key)?;
-    match (is_drawn, base_from_drawing) {
-        (true, drawn) if drawn != Some(pose) => Err(PoseError::NotOfDrawing),
-        (false, Some(_)) => Err(PoseError::OfDrawing),
+    match (taught_by, base_from_drawing) {
+        (Some(TaughtSource::Drawing), None) => Err(PoseError::NotOfDrawing),
+        (Some(TaughtSource::Scan), Some(_)) => Err(PoseError::OfDrawing),
+        (_, Some(drawn)) if drawn != pose => Err(PoseError::NotOfDrawing),
         _ => Ok(pose),
     }
 }
@@ -163,8 +166,10 @@ mod tests {
     #[test]
     fn a_pose_is_alone_or_in_what_a_command_printed() {
         let printed = format!(r#"{{"verdict": "accept", "base_from_panel": {BARE}, "rms_mm": 0.02}}"#);
-        assert_eq!([false, true].map(|is_drawn| read_located(BARE.as_bytes(), is_drawn)), [Ok(POSE), Ok(POSE)]);
-        assert_eq!(read_located(printed.as_bytes(), false), Ok(POSE));
+        for taught_by in [None, Some(TaughtSource::Scan), Some(TaughtSource::Drawing)] {
+            assert_eq!(read_located(BARE.as_bytes(), taught_by), Ok(POSE), "{taught_by:?}");
+        }
+        assert_eq!(read_located(printed.as_bytes(), Some(TaughtSource::Scan)), Ok(POSE));
         assert_eq!(read_located_mm(printed.as_bytes()), Ok(None));
         assert_eq!(read_located_mm(printed.replace("rms_mm", "uncertainty_mm").as_bytes()), Ok(Some(0.02)));
         assert_eq!(read_located_mm(BARE.as_bytes()), Ok(None));
@@ -180,7 +185,8 @@ mod tests {
 
     #[test]
     fn each_refusal_states_which_key() {
-        let located = |text: &str| read_located(text.as_bytes(), false).expect_err("refused").to_string();
+        let located =
+            |text: &str| read_located(text.as_bytes(), Some(TaughtSource::Scan)).expect_err("refused").to_string();
         let cases = [
             (BARE.replace("a_deg", "a_rad"), "unknown field `a_rad`, expected one of `x_mm`"),
             (BARE.replace(r#", "c_deg": 6"#, ""), "missing field `c_deg` at line 1"),
@@ -210,10 +216,13 @@ mod tests {
         let of = |more: &str| format!(r#"{{"verdict": "accept", "base_from_panel": {BARE}{more}}}"#);
         let drawn = of(&format!(r#", "base_from_drawing": {BARE}"#));
         let old = of(&format!(r#", "base_from_drawing": {}"#, BARE.replacen("2.5", "3.5", 1)));
-        let read = |text: &str, is_drawn: bool| read_located(text.as_bytes(), is_drawn);
-        assert_eq!([read(&of(""), false), read(&drawn, true)], [Ok(POSE), Ok(POSE)]);
-        assert_eq!([read(&of(""), true), read(&old, true)], [(); 2].map(|()| Err(PoseError::NotOfDrawing)));
-        assert_eq!([read(&drawn, false), read(&old, false)], [(); 2].map(|()| Err(PoseError::OfDrawing)));
+        let read = |text: &str, taught_by| read_located(text.as_bytes(), taught_by);
+        let [scan, drawing] = [TaughtSource::Scan, TaughtSource::Drawing].map(Some);
+        assert_eq!([read(&of(""), scan), read(&drawn, drawing)], [Ok(POSE), Ok(POSE)]);
+        assert_eq!([read(&of(""), None), read(&drawn, None)], [Ok(POSE), Ok(POSE)], "no recipe is given");
+        assert_eq!([read(&of(""), drawing), read(&old, drawing)], [(); 2].map(|()| Err(PoseError::NotOfDrawing)));
+        assert_eq!([read(&drawn, scan), read(&old, scan)], [(); 2].map(|()| Err(PoseError::OfDrawing)));
+        assert_eq!(read(&old, None), Err(PoseError::NotOfDrawing));
     }
 
     proptest! {

@@ -31,6 +31,11 @@ pub enum TaughtSource {
 }
 
 impl TaughtSource {
+    /// Returns the source of the recipe's panel: its drawing if the recipe has `[nominal]`.
+    pub fn from_recipe(recipe: &Recipe) -> Self {
+        recipe.nominal().map_or(TaughtSource::Scan, |_| TaughtSource::Drawing)
+    }
+
     /// The panel with which today's panel is compared, for sentences.
     pub fn describe(self) -> &'static str {
         match self {
@@ -97,7 +102,7 @@ impl TaughtPanel {
         let nominal_pose = nominal_pose(recipe);
         let panel_from_camera = nominal_pose.inverse() * base_from_camera;
         let scan = scan.transformed(&panel_from_camera);
-        let reference = recipe.nominal().map_or(TaughtSource::Scan, |_| TaughtSource::Drawing);
+        let reference = TaughtSource::from_recipe(recipe);
         let region = Region::new(recipe.region()).ok_or(LearnError::EmptyRegion)?;
         let PanelExtent { mask, outline_px, outline_from, held_px } = PanelExtent::detect(&scan, &region, recipe)?;
         let mut panel = TaughtPanel {

@@ -6,7 +6,7 @@ use crate::cli::disk;
 use crate::cli::fault::{Fault, TeachingFault};
 use panelprep_base::geometry::{Base, Camera, ColorPicture, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid};
 use panelprep_cell::files;
-use panelprep_cell::panel::nominal_pose;
+use panelprep_cell::panel::{TaughtSource, nominal_pose};
 use panelprep_cell::recipe::Recipe;
 use panelprep_service::requirements::recipe_fits::parse_plausible_recipe;
 use std::path::{Path, PathBuf};
@@ -42,7 +42,8 @@ pub fn picture(file: &Path, camera: &PinholeCamera) -> Result<ColorPicture, Faul
 /// If the file holds no pose, a rejected one, or one of another frame than that of the recipe's panel.
 pub fn located(file: Option<&PathBuf>, recipe: &Recipe) -> Result<Rigid<Base, Panel>, Fault> {
     let Some(file) = file else { return Ok(nominal_pose(recipe)) };
-    let pose = files::read_located(&disk::read(file)?, recipe.nominal().is_some()).map_err(|error| Fault::file_fault(file, error))?;
+    let pose = files::read_located(&disk::read(file)?, Some(TaughtSource::from_recipe(recipe)))
+        .map_err(|error| Fault::file_fault(file, error))?;
     Ok(pose.to_rigid())
 }
 

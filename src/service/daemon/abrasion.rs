@@ -18,7 +18,6 @@ use panelprep_base::verdict::{Check, Limit, LimitSource, Reason, Severity};
 use panelprep_cell::cycle::{Answer, Grade, Trouble};
 use panelprep_cell::files::content_hash;
 use panelprep_cell::panel::GridId;
-use panelprep_cell::recipe::TreatBy;
 use panelprep_cell::record::{Budget, EarlierPass, FirstReached, Kind, PASSES_USED};
 use panelprep_toolpath::path::approach::Approach;
 use panelprep_toolpath::path::disc::DiscWearPlan;

@@ -133,7 +133,8 @@ impl Form {
         let places: Vec<FormPlace> = (0..cells.sums.len())
             .filter(|index| cells.is_seen(*index))
             .filter_map(|index| {
-                let (at, mean_mm, count) = (cells.raster.middle(index), cells.mean_mm(index), cells.sums[index].near);
+                let (at, mean_mm, count) =
+                    (cells.raster.middle(index), cells.mean_mm(index), cells.sums[index].near);
                 let normal = taught.surface.normal(at)?;
                 let pose_mm = errors.pose.along_mm(taught.surface.point(at), normal);
                 let noise_mm = scatter_mm / f64::from(count).sqrt();
