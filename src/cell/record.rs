@@ -199,6 +199,7 @@ impl CycleRecord {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use panelprep_base::verdict::Reason;
 
     /// Returns a record with only this content.
     pub fn record(judgement: Judgement, findings: Vec<Finding>, asked: Vec<RequestRecord>) -> CycleRecord {

@@ -334,7 +334,8 @@ fn cycle_loader(
 
 /// Returns what the record of a start says if the person stated that the cell is clear.
 fn stated_clear_remark() -> Reason {
-    let message = "the person who started the cycle stated that the guard is closed and no person is inside the cell";
+    let message =
+        "the person who started the cycle stated that the guard is closed and no person is inside the cell";
     Reason::new("stated_clear", message)
 }
 

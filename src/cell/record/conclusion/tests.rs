@@ -53,7 +53,7 @@ fn a_cycle_that_found_nothing_or_another_object_examined_no_part() {
         let check = |code: &&'static str| {
             let severity = if doubtful(code) { Severity::Review } else { Severity::Reject };
             let limit = Check::new(*code, "mm", 2.0).with_max(1.0, LimitSource::Program);
-            limit.with_consequence(severity, *code, || "as measured".to_owned())
+            limit.with_consequence(severity, code, || "as measured".to_owned())
         };
         let checks: Vec<Check> = given.iter().map(check).collect();
         Finding::new(Kind::Locate, 0, Judgement::from_checks(&checks)).with_checks(checks)
