@@ -5,11 +5,10 @@ use panelprep_cell::cell::SparkplugNode;
 use panelprep_interfaces::sparkplug::Message;
 use rumqttc::{LastWill, MqttOptions, QoS, TlsConfiguration, Transport};
 use std::sync::Arc;
-use std::time::Duration;
 
-/// Time without data after which a connection is checked; the broker reports the node's death after one and a half
+/// Time without data after which a connection is checked, s; the broker reports the node's death after one and a half
 /// times this time.
-const KEEP_ALIVE: Duration = Duration::from_secs(10);
+const KEEP_ALIVE_S: u16 = 10;
 /// Largest message that is accepted from the broker, and largest message that is sent, in bytes. A command is far
 /// smaller.
 const MAX_BYTES: [usize; 2] = [16 * 1_024, 256 * 1_024];
@@ -26,8 +25,11 @@ impl BrokerConnection {
     /// If a file cannot be read or is not valid.
     pub fn read(node: &SparkplugNode) -> Result<Self, TrustError> {
         let client_id = format!("{}/{}", node.group_id, node.edge_node_id);
-        let mut options = MqttOptions::new(client_id, node.broker.clone(), node.port);
-        options.set_keep_alive(KEEP_ALIVE).set_clean_session(true).set_max_packet_size(MAX_BYTES[0], MAX_BYTES[1]);
+        let mut options = MqttOptions::new(client_id, (node.broker.clone(), node.port));
+        options
+            .set_keep_alive(KEEP_ALIVE_S)
+            .set_clean_session(true)
+            .set_max_packet_size(MAX_BYTES[0], MAX_BYTES[1]);
         if let Some(tls) = &node.tls {
             let config = trust::client_config(&tls.ca_certificate, tls.client_certificate.as_ref())?;
             let config = TlsConfiguration::Rustls(Arc::new(config));

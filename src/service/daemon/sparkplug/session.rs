@@ -5,7 +5,10 @@ use super::host_requests::HostRequests;
 use crate::daemon::alarms::Alarms;
 use crate::daemon::clock::now_unix_ms;
 use panelprep_interfaces::sparkplug::{CellView, EdgeNode, NodeAction, NodeEvent, NodeTime, values};
-use rumqttc::{AsyncClient, ConnectReturnCode, ConnectionError, EventLoop, Outgoing, Packet, SubscribeReasonCode};
+use rumqttc::{
+    AsyncClient, ConnectReturnCode, ConnectionError, EventLoop, Outgoing, Packet, PublishOptions,
+    SubscribeReasonCode,
+};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, oneshot, watch};
@@ -88,7 +91,7 @@ pub(super) async fn connected(
     node.step(NodeEvent::Connecting, parts.now());
     let options = broker.connection_options(node.last_will(parts.now()));
     // Each connection has its own client: messages that waited for an earlier connection are not sent on this one.
-    let (client, mut eventloop) = AsyncClient::new(options, MAX_WAITING);
+    let (client, mut eventloop) = AsyncClient::builder(options).capacity(MAX_WAITING).build();
     eventloop.network_options.set_connection_timeout(CONNECT_TIMEOUT_S);
     let (tell, packets) = mpsc::channel(MAX_PACKETS);
     // The task ends with this connection, because dropping a set ends its tasks.
@@ -167,7 +170,10 @@ impl Session<'_> {
                 self.perform(acts).await
             }
             rumqttc::Event::Incoming(Packet::Publish(message)) => {
-                let (topic, payload, is_retained) = (&*message.topic, &*message.payload, message.retain);
+                let Ok(topic) = str::from_utf8(&message.topic) else {
+                    return Some(SessionEnd::Lost("the broker sent a topic that is not UTF-8".to_owned()));
+                };
+                let (payload, is_retained) = (&*message.payload, message.retain);
                 let acts = self.node.step(NodeEvent::Received { topic, payload, is_retained }, self.parts.now());
                 self.perform(acts).await
             }
@@ -180,7 +186,11 @@ impl Session<'_> {
             let asking = self.parts.host_requests.clone();
             match act {
                 NodeAction::Publish(message) => {
-                    let sent = self.client.try_publish(message.topic, quality(message.qos), false, message.payload);
+                    let sent = self.client.try_publish(
+                        message.topic,
+                        message.payload,
+                        PublishOptions::new(quality(message.qos)),
+                    );
                     if sent.is_err() {
                         return Some(SessionEnd::Lost("a message could not be sent to the broker".to_owned()));
                     }
