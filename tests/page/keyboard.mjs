@@ -53,6 +53,13 @@ await to(operator, "input[name=serial]");
 await operator.keyboard.type("SN-0020");
 await presses(operator, "#start-first:enabled", "Space");
 await operator.waitForSelector("#start-second button[type=submit]:enabled");
+// A code with a space that is scanned now presses nothing.
+await to(operator, "#start-second button[type=submit]:enabled");
+await operator.keyboard.type("SN 17");
+await operator.waitForSelector("#start-second", { state: "hidden" });
+if ((await state(operator)) !== "idle") fail("a scanned code starts a cycle");
+await presses(operator, "#start-first:enabled", "Space");
+await operator.waitForSelector("#start-second button[type=submit]:enabled");
 await presses(operator, "#start-second button[type=submit]:enabled", "Space");
 step("started");
 

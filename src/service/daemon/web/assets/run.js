@@ -303,6 +303,9 @@ id("start")?.addEventListener("keydown", (event) => {
   if (fields.includes(event.target)) fields[fields.indexOf(event.target) + 1]?.focus();
 });
 
+// A space in a scanned code would press the second button: the code's other characters withdraw the question before.
+document.addEventListener("keydown", (event) => { if (startAsked !== null && event.key.length === 1 && event.key !== " ") askStart(false); });
+
 // The next part is another one, so the form is emptied after a start.
 id("start")?.addEventListener("sent", () => { for (const field of id("start").querySelectorAll("input:not([type=hidden])")) { field.value = ""; field.checked = false; } });
 
