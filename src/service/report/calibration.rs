@@ -1,13 +1,22 @@
-//! Pictures of calibrations: residuals over the picture, the corners to touch, the trend of verifications.
+//! Pictures of calibrations.
+//!
+//! - Of a lens: the residuals over the picture, and the corners to touch.
+//! - The trend of verifications, as SVG.
+//! - The remaining error over the working volume, as SVG: from above and from the side, mm in the robot's base.
+//! - The errors of a 3D camera over its picture. The part that is the same in each scan is shown as colour. Each part
+//!   of the picture contains three numbers: this amount, the remaining error, and the number of scans on which they are
+//!   based.
 
 use super::canvas::{Canvas, InkColor, PenWidth};
 use maud::{Markup, html};
-use panelprep_base::geometry::{ColorPicture, Pixel};
+use panelprep_base::geometry::{Base, Camera, ColorPicture, PinholeCamera, Pixel, Point, REFERENCE_DEPTH_MM};
 use panelprep_cell::imaging::ImagingError;
 use panelprep_vision::calib::Board;
 use panelprep_vision::calib::detect::Corners;
 use panelprep_vision::calib::health::Verification;
 use panelprep_vision::calib::intrinsics::Calibrated;
+use panelprep_vision::calib::scanner_errors::{MIN_SCANS, PicturePart, ScannerErrors};
+use rayon::prelude::*;
 
 /// The longest residual is enlarged to this fraction of the picture's width.
 const MAX_RESIDUAL_SHARE: f64 = 0.04;
@@ -106,9 +115,9 @@ pub fn draw_corners_to_touch(
     canvas.with_legend(&legend)?.finish()
 }
 
-const WIDTH: f64 = 900.0;
-const HEIGHT: f64 = 320.0;
-const MARGIN: f64 = 55.0;
+const TREND_WIDTH: f64 = 900.0;
+const TREND_HEIGHT: f64 = 320.0;
+const TREND_MARGIN: f64 = 55.0;
 
 /// Draws all verifications of a subject over time with their limits, as SVG. A verification that was struck out is
 /// a grey cross, not connected to the line, and does not affect the scale.
@@ -117,9 +126,10 @@ pub fn trend(subject: &str, verifications: &[Verification]) -> String {
     let (first, last) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
     let counts = |v: &&Verification| v.struck.is_none();
     let highest = verifications.iter().filter(counts).flat_map(|v| [v.error, v.limit]).fold(0.1, f64::max) * 1.1;
-    let x =
-        |v: &Verification| MARGIN + (WIDTH - 2.0 * MARGIN) * (v.at_unix_s as f64 - first) / (last - first).max(1.0);
-    let y = |mm: f64| HEIGHT - MARGIN - (HEIGHT - 2.0 * MARGIN) * (mm / highest).min(1.0);
+    let x = |v: &Verification| {
+        TREND_MARGIN + (TREND_WIDTH - 2.0 * TREND_MARGIN) * (v.at_unix_s as f64 - first) / (last - first).max(1.0)
+    };
+    let y = |mm: f64| TREND_HEIGHT - TREND_MARGIN - (TREND_HEIGHT - 2.0 * TREND_MARGIN) * (mm / highest).min(1.0);
     let line = |value: fn(&Verification) -> f64| {
         let points = verifications.iter().filter(counts).map(|v| format!("{:.1},{:.1}", x(v), y(value(v))));
         points.collect::<Vec<_>>().join(" ")
@@ -140,18 +150,18 @@ pub fn trend(subject: &str, verifications: &[Verification]) -> String {
     };
     let struck = verifications.iter().filter(|v| v.struck.is_some()).count();
     let days = (last - first).max(0.0) / 86_400.0;
-    let (bottom, right) = (HEIGHT - MARGIN, WIDTH - MARGIN);
+    let (bottom, right) = (TREND_HEIGHT - TREND_MARGIN, TREND_WIDTH - TREND_MARGIN);
     let svg = html! {
-        svg xmlns="http://www.w3.org/2000/svg" viewBox=(format_args!("0 0 {WIDTH} {HEIGHT}")) font-family="sans-serif"
+        svg xmlns="http://www.w3.org/2000/svg" viewBox=(format_args!("0 0 {TREND_WIDTH} {TREND_HEIGHT}")) font-family="sans-serif"
             font-size="14" {
             rect width="100%" height="100%" fill="white" {}
-            text x=(MARGIN) y="25" {
+            text x=(TREND_MARGIN) y="25" {
                 (subject) ": error at the target, mm; " (verifications.len()) " verifications over "
                 (format_args!("{days:.1}")) " days"
                 @if struck > 0 { "; grey crosses: struck out (" (struck) ")" }
             }
-            path d=(format_args!("M{MARGIN} {MARGIN}V{bottom}H{right}")) fill="none" stroke="black" {}
-            text x="5" y=(format_args!("{:.1}", MARGIN + 5.0)) { (format_args!("{highest:.2}")) }
+            path d=(format_args!("M{TREND_MARGIN} {TREND_MARGIN}V{bottom}H{right}")) fill="none" stroke="black" {}
+            text x="5" y=(format_args!("{:.1}", TREND_MARGIN + 5.0)) { (format_args!("{highest:.2}")) }
             text x="5" y=(bottom) { "0" }
             polyline points=(line(|v| v.limit)) fill="none" stroke="#d55e00" stroke-dasharray="6 4" {}
             polyline points=(line(|v| v.error)) fill="none" stroke="#0072b2" {}
@@ -160,6 +170,180 @@ pub fn trend(subject: &str, verifications: &[Verification]) -> String {
         "\n"
     };
     svg.into_string()
+}
+
+/// A place and the remaining error there.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RemainingError {
+    /// Name of the place: the picture, or the corner that was touched.
+    pub name: String,
+    /// The place.
+    pub place: Point<Base>,
+    /// The remaining error, mm.
+    pub error_mm: f64,
+}
+
+const VIEW_SIDE_PX: f64 = 420.0;
+const VIEW_MARGIN_PX: f64 = 60.0;
+const VIEW_TOP_PX: f64 = 70.0;
+/// The radius of the limit's circle, px.
+const LIMIT_RADIUS_PX: f64 = 16.0;
+const MAX_RADIUS_PX: f64 = 32.0;
+/// Colours that colour-blind people can distinguish; errors beyond the limit also have a thick rim.
+const WITHIN_LIMIT_COLOR: &str = "#0072b2";
+const BEYOND_LIMIT_COLOR: &str = "#d55e00";
+
+/// Draws two views of the same positions: along x and y, and along x and z, with x to the right. The larger the
+/// circle, the larger the error.
+pub fn error_map(title: &str, places: &[RemainingError], limit_mm: f64) -> String {
+    let width = 2.0 * (VIEW_SIDE_PX + VIEW_MARGIN_PX) + VIEW_MARGIN_PX;
+    let height = VIEW_TOP_PX + VIEW_SIDE_PX + VIEW_MARGIN_PX;
+    let worst_mm = places.iter().map(|left| left.error_mm).fold(0.0, f64::max);
+    let rms_mm = (places.iter().map(|left| left.error_mm.powi(2)).sum::<f64>() / places.len().max(1) as f64).sqrt();
+    // All axes have the same scale, so that a view is not distorted.
+    let coordinates = |axis: usize| places.iter().map(move |left| left.place.mm[axis]);
+    let bounds = [0, 1, 2].map(|axis| {
+        let (low, high) =
+            coordinates(axis).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), mm| (a.min(mm), b.max(mm)));
+        if low <= high { (low, high) } else { (0.0, 0.0) }
+    });
+    let span_mm = bounds.iter().map(|(low, high)| high - low).fold(50.0, f64::max) * 1.2;
+    let view = |(view, (across, name)): (usize, (usize, &str))| {
+        let left_px = VIEW_MARGIN_PX + view as f64 * (VIEW_SIDE_PX + VIEW_MARGIN_PX);
+        let middle = |axis: usize| (bounds[axis].0 + bounds[axis].1) / 2.0;
+        let x = |mm: f64| left_px + VIEW_SIDE_PX * (0.5 + (mm - middle(0)) / span_mm);
+        let y = |mm: f64| VIEW_TOP_PX + VIEW_SIDE_PX * (0.5 - (mm - middle(across)) / span_mm);
+        html! {
+            (frame((left_px, name), (middle(0), middle(across)), span_mm))
+            @for left in places { (circle(left, (x(left.place.mm.x), y(left.place.mm[across])), limit_mm)) }
+        }
+    };
+    let svg = html! {
+        svg xmlns="http://www.w3.org/2000/svg" viewBox=(format_args!("0 0 {width:.0} {height:.0}")) font-family="sans-serif"
+            font-size="13" {
+            rect width="100%" height="100%" fill="white" {}
+            text x=(VIEW_MARGIN_PX) y="24" font-size="16" { (title) }
+            text x=(VIEW_MARGIN_PX) y="46" {
+                (places.len()) " places, " (format_args!("{rms_mm:.3} mm rms, largest {worst_mm:.3} mm")) "; blue: at most "
+                (limit_mm) " mm, orange with a rim: above this limit; the radius of each circle shows its error"
+            }
+            @for one in [(1, "y"), (2, "z")].into_iter().enumerate() { (view(one)) }
+        }
+        "\n"
+    };
+    svg.into_string()
+}
+
+/// Draws a view's frame with its axes: ends and middle in mm.
+fn frame((left_px, name): (f64, &str), (x_mm, y_mm): (f64, f64), span_mm: f64) -> Markup {
+    let bottom = VIEW_TOP_PX + VIEW_SIDE_PX;
+    html! {
+        rect x=(left_px) y=(VIEW_TOP_PX) width=(VIEW_SIDE_PX) height=(VIEW_SIDE_PX) fill="none" stroke="#888888" {}
+        @for (share, anchor) in [(0.0, "start"), (0.5, "middle"), (1.0, "end")] {
+            @let mm = x_mm + span_mm * (share - 0.5);
+            text x=(left_px + share * VIEW_SIDE_PX) y=(bottom + 20.0) text-anchor=(anchor) {
+                @if share == 0.5 { (format_args!("x {mm:.0} mm")) } @else { (format_args!("{mm:.0}")) }
+            }
+            @let mm = y_mm + span_mm * (share - 0.5);
+            text x=(left_px - 6.0) y=(bottom - share * (VIEW_SIDE_PX - 12.0)) text-anchor="end" {
+                @if share == 0.5 { (name) " " } (format_args!("{mm:.0}"))
+            }
+        }
+    }
+}
+
+fn circle(left: &RemainingError, (cx, cy): (f64, f64), limit_mm: f64) -> Markup {
+    let radius = (LIMIT_RADIUS_PX * left.error_mm / limit_mm).clamp(2.0, MAX_RADIUS_PX);
+    let is_beyond = left.error_mm.is_nan() || left.error_mm > limit_mm;
+    let (color, rim) = if is_beyond { (BEYOND_LIMIT_COLOR, 3) } else { (WITHIN_LIMIT_COLOR, 1) };
+    html! {
+        circle cx=(format_tenths(cx)) cy=(format_tenths(cy)) r=(format_tenths(radius)) fill=(color) fill-opacity="0.45" stroke=(color)
+            stroke-width=(rim) {
+            title { (left.name) ": " (format_args!("{:.3} mm", left.error_mm)) }
+        }
+        text x=(format_tenths(cx + radius + 2.0)) y=(format_tenths(cy + 4.0)) font-size="11" { (format_args!("{:.2}", left.error_mm)) }
+    }
+}
+
+/// Formats a coordinate in a drawing.
+fn format_tenths(px: f64) -> String {
+    format!("{px:.1}")
+}
+
+/// Largest width of the drawn picture, px.
+const MAX_DEPTH_MAP_PX: usize = 1200;
+/// Smallest error that is drawn, mm.
+const MIN_DRAWN_MM: f64 = 0.01;
+const FAR_COLOR: InkColor = InkColor::VERMILLION;
+const NEAR_COLOR: InkColor = InkColor::DEEP_BLUE;
+const UNKNOWN_COLOR: InkColor = InkColor([150, 150, 150]);
+
+/// Draws the scanner's depth errors as a picture with a legend.
+///
+/// # Errors
+/// If OpenCV refuses to draw.
+pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<ColorPicture, ImagingError> {
+    let step = camera.width_px.div_ceil(MAX_DEPTH_MAP_PX).max(1);
+    let (width, height) = (camera.width_px / step, camera.height_px / step);
+    let most_mm = found.max_field_mm.max(MIN_DRAWN_MM);
+    let at_mm = |direction| found.field.map_or(0.0, |field| field.at_mm(direction));
+    let is_known = |at| found.parts.part_at(at).is_some_and(PicturePart::has_enough_scans);
+    let mut picture = ColorPicture::uniform(width, height, UNKNOWN_COLOR.0);
+    picture.rgb.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, pixels)| {
+        for (column, color) in pixels.iter_mut().enumerate() {
+            let pixel = Pixel::at((column * step) as f64, (row * step) as f64);
+            if let Some(direction) = direction(camera, pixel).filter(|at| is_known(*at)) {
+                let share = at_mm(direction) / most_mm;
+                *color = InkColor::WHITE
+                    .mix_with(if share > 0.0 { FAR_COLOR } else { NEAR_COLOR }, share.abs().min(1.0))
+                    .0;
+            }
+        }
+    });
+    let mut canvas = Canvas::from_picture(&picture)?;
+    let text_px = (height as f64 / 48.0).max(11.0);
+    for part in found.parts.iter() {
+        let [x, y] = part.direction;
+        let ray = panelprep_base::geometry::Point::<Camera>::at(x, y, 1.0);
+        let Some(at) = camera.project(ray) else { continue };
+        let (u, v) = (at.u / step as f64 - 2.2 * text_px, at.v / step as f64);
+        let line = |times: f64| Pixel::at(u, v + times * text_px);
+        if !part.has_enough_scans() {
+            canvas.label(line(0.0), &count_scans(part.scans), text_px, InkColor::WHITE)?;
+            continue;
+        }
+        canvas.label(line(-0.8), &format!("{:+.2} mm", at_mm(part.direction)), text_px, InkColor::WHITE)?;
+        canvas.label(line(0.6), &format!("left {:.2}", part.residual_mm), text_px, InkColor::WHITE)?;
+        canvas.label(line(2.0), &count_scans(part.scans), text_px, InkColor::WHITE)?;
+    }
+    let same = match found.field {
+        Some(_) => format!(
+            "error that is the same in each scan, corrected from now on; values at a distance of \
+             {REFERENCE_DEPTH_MM:.0} mm"
+        ),
+        None => "no error is the same in each scan".to_owned(),
+    };
+    let far = format!("measured {most_mm:.2} mm or more too far");
+    let near = format!("measured {most_mm:.2} mm or more too near");
+    let left = "left: remaining deviation of the scans from a plane, mm rms";
+    let unknown = format!("the board was there in fewer than {MIN_SCANS} scans");
+    let legend = [
+        (InkColor::WHITE, same.as_str()),
+        (FAR_COLOR, &far),
+        (NEAR_COLOR, &near),
+        (InkColor::WHITE, left),
+        (UNKNOWN_COLOR, &unknown),
+    ];
+    canvas.with_legend(&legend)?.finish()
+}
+
+fn count_scans(count: usize) -> String {
+    if count == 1 { "1 scan".to_owned() } else { format!("{count} scans") }
+}
+
+fn direction(camera: &PinholeCamera, pixel: Pixel) -> Option<[f64; 2]> {
+    let ray = camera.unproject::<Camera>(pixel)?.mm;
+    Some([ray.x / ray.z, ray.y / ray.z])
 }
 
 #[cfg(test)]
@@ -194,5 +378,22 @@ mod tests {
             with.contains("203.000 mm, struck out by A &amp; B: &lt;moved&gt;") && with.contains("struck out (1)")
         );
         assert!(!trend("tool", &[]).contains("NaN") && !trend("tool", &[]).contains("circle"));
+    }
+
+    /// By hand: the limit has 16 px; half of the limit 8 px, and three times the limit 32 px, the largest size, in
+    /// the other colour.
+    #[test]
+    fn an_error_is_as_large_as_its_circle() {
+        let left = |name: &str, x, error_mm| RemainingError {
+            name: name.to_owned(),
+            place: Point::at(x, 0.0, 300.0),
+            error_mm,
+        };
+        let svg = error_map("a & b", &[left("1.png", 400.0, 0.25), left("2.png", 600.0, 1.5)], 0.5);
+        assert!(svg.contains("a &amp; b") && svg.contains("2 places, 1.075 mm rms, largest 1.500 mm"), "{svg}");
+        assert_eq!(svg.matches("r=\"8.0\" fill=\"#0072b2\"").count(), 2, "in both views");
+        assert_eq!(svg.matches("r=\"32.0\" fill=\"#d55e00\"").count(), 2);
+        // The points are 200 mm apart; the drawing spans 1.2 times this distance: 420 px / 240 mm.
+        assert!(svg.contains("cx=\"95.0\"") && svg.contains("cx=\"445.0\""), "{svg}");
     }
 }

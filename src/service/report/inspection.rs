@@ -1,7 +1,6 @@
 //! The page of one water-break test, as a quality inspector signs it (ASTM F22).
 
-use super::checks::check_row;
-use super::page::{Figure, Page, Row, Section};
+use super::page::{Figure, Page, Row, Section, check_row};
 use panelprep_cell::recipe::Recipe;
 use panelprep_vision::inspect::{ComparisonReference, Inspection, name};
 

@@ -1,6 +1,6 @@
 //! The page shows what the record contains, and it fits on one sheet.
 
-use super::layout::{FontFaces, PageElement, pages};
+use super::pdf::{FontFaces, PageElement, pages};
 use super::*;
 use crate::report::page::Figure;
 use panelprep_base::verdict::{Judgement, Reason, Verdict};
@@ -186,7 +186,7 @@ fn numbers_are_in_one_form() {
     assert_eq!(locate(Some(0.0031))[1..3], ["0.003 mm", "≤ 0.250 mm"]);
     assert_eq!(locate(Some(0.0))[1..3], ["0.00 mm", "≤ 0.25 mm"]);
     let share = Check::new("coverage", "", 1.0).with_min(0.99, LimitSource::Program);
-    assert_eq!(super::numbers::row(&share, "")[1..], ["1.00", "≥ 0.99", "program"]);
+    assert_eq!(super::tables::row(&share, "")[1..], ["1.00", "≥ 0.99", "program"]);
 }
 
 #[test]
@@ -299,7 +299,7 @@ fn the_pdf_is_of_the_standard_and_the_same_for_the_same_record() {
 #[test]
 fn criteria_are_printed_as_they_are_stated() {
     let check = Check::new("coverage", "", 0.9981).with_min(0.995, LimitSource::Program);
-    assert_eq!(super::numbers::row(&check, "")[1..3], ["0.998", "≥ 0.995"]);
+    assert_eq!(super::tables::row(&check, "")[1..3], ["0.998", "≥ 0.995"]);
     let fps = recipe().process().frames_per_second();
     let limit_s = 60.0 - 1.001 / fps;
     let mut films = films();
