@@ -7,21 +7,20 @@
 //! that are checked together with one cell are compared with that cell.
 
 mod controller;
-mod describe;
 mod eki;
-mod krl;
 mod report;
 mod text;
+
+pub use controller::is_krl;
+pub use report::FileReport;
+pub use text::{DecodedText, EncodingError, decode, utf_8_error};
 
 use crate::requirements::recipe_fits::{parse_plausible_recipe, unmet_demands};
 use crate::requirements::{
     CALIBRATION_ADVICE, ProblemKind, Purpose, ReadNamed, UnmetRequirement, incomplete_files, skip_file, to_problems,
 };
-use describe::{
-    describe_archive, describe_cell, describe_correction, describe_intrinsics, describe_mount, describe_recipe,
-    describe_removal,
-};
-use panelprep_base::config::{self, Problem, Problems};
+use panelprep_base::config;
+use panelprep_base::config::{Problem, Problems};
 use panelprep_cell::cell::{
     CELL_KEYS, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RemovalCalibration, RobotCorrection,
     RobotKind, ScannerMount, TargetMount, ToolMount, ZividSettings,
@@ -29,11 +28,10 @@ use panelprep_cell::cell::{
 use panelprep_cell::recipe::RECIPE_KEYS;
 use panelprep_kuka::krl::Kss;
 use panelprep_store::office::ArchiveSettings;
-
-pub use krl::is_krl;
-pub use report::FileReport;
-use report::{RECIPE, reports_of_kind};
-pub use text::{DecodedText, EncodingError, decode, utf_8_error};
+use report::{
+    RECIPE, describe_archive, describe_cell, describe_correction, describe_intrinsics, describe_mount,
+    describe_recipe, describe_removal, reports_of_kind,
+};
 
 /// A kind of file: its name, the keys at its top, how it is checked.
 struct FileKind {
@@ -148,7 +146,7 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
     for (place, warning) in eki::differing_address_warnings(&channels) {
         reports[place].warnings.push(warning);
     }
-    for (place, report) in krl::check_krl_files(&programs, checked_for.kss) {
+    for (place, report) in controller::check_krl_files(&programs, checked_for.kss) {
         reports[place] = report;
     }
     check_recipes_against_cell(files, checked_for.read, &mut reports);
