@@ -1,23 +1,93 @@
 //! The contents that a cell's file needs for a purpose: decided here for every command.
 //!
-//! A file may omit what offline work does not need. A lack that would make a motion or a cycle refuse later is
-//! refused here before anything begins, and `panelprep check` reports it at the desk. [`unmet_requirements`] examines only the
-//! cell's file, [`incomplete_files`] also the files that it names; `check`, `doctor`, `run` and `cycle` all use these
-//! two. `panelprep doctor` checks whether devices answer.
+//! A file may omit what offline work does not need. A lack that would make a motion or a cycle refuse later is refused
+//! here before anything begins, and `panelprep check` reports it at the desk. [`unmet_requirements`] examines only the
+//! cell's file, [`incomplete_files`] also the files that it names: whether they exist, and the results of their own
+//! checks. `check`, `doctor`, `run` and `cycle` all use these two. `panelprep doctor` checks whether devices answer.
 
-mod findings;
-mod named_files;
 pub mod recipe_fits;
 
-pub use findings::{ProblemKind, Purpose, UnmetRequirement, to_problems};
-pub use named_files::{CALIBRATION_ADVICE, NamedFile, ReadNamed, is_same_correction, skip_file};
-
 use nalgebra::Isometry3;
+use panelprep_base::config::{Problem, Problems, key_line};
 use panelprep_base::geometry::{Joints, Rigid};
 use panelprep_base::number_text::{fixed_decimals, shortest_text};
-use panelprep_cell::cell::{Camera, Cell, Output, Robot, RobotKind};
+use panelprep_cell::cell::{
+    Camera, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, Output, RemovalCalibration, Robot,
+    RobotCorrection, RobotKind, ScannerMount, ToolMount, ZividSettings, ZividUse,
+};
+use panelprep_cell::files::content_hash;
 use panelprep_toolpath::path::Kinematics;
 use panelprep_toolpath::path::reach::joint_motion;
+use std::path::Path;
+
+/// The intended use of a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Purpose {
+    /// A single function of the robot.
+    Robot,
+    /// A cycle, or the cycle's path in the air.
+    Cycle,
+}
+
+impl Purpose {
+    /// Returns the commands for this use.
+    pub fn commands(self) -> &'static str {
+        match self {
+            Purpose::Robot => "`panelprep robot` and `mock-robot`",
+            Purpose::Cycle => "`panelprep cycle`, `air-run` and `run`",
+        }
+    }
+}
+
+/// A requirement that a cell's file does not state, or states with a value that is not possible.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnmetRequirement {
+    /// The key with its tables, `poses.park.a1_deg`.
+    pub key: String,
+    /// The value found, the value needed, and the action.
+    pub message: String,
+    /// The kind of the problem.
+    pub kind: ProblemKind,
+}
+
+/// The kind of problem in a cell's file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ProblemKind {
+    /// A value is missing or not possible.
+    Value,
+    /// A file that the cell's file names is missing: it may still be created.
+    MissingFile,
+    /// A file that the cell's file names exists, but is not valid.
+    WrongFile,
+    /// The programs of a real controller were not accepted: the cell may be commissioned, but no cycle starts.
+    Acceptance,
+}
+
+impl UnmetRequirement {
+    fn new(key: impl Into<String>, message: impl Into<String>) -> Self {
+        UnmetRequirement { key: key.into(), message: message.into(), kind: ProblemKind::Value }
+    }
+}
+
+/// Advice on how to make calibrations.
+pub const CALIBRATION_ADVICE: &str = "`panelprep demo` creates this file for config/cell.toml, `panelprep render` for \
+                                      another simulated cell, `panelprep calibrate` for a real cell";
+
+/// A file that a cell's file names, as its reader found it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NamedFile {
+    /// Its text.
+    Text(String),
+    /// The file does not exist.
+    Missing,
+    /// The file exists and cannot be read: the reason.
+    Unreadable(String),
+    /// The reader did not look for the file.
+    NotChecked,
+}
+
+/// Reads a named file.
+pub type ReadNamed<'a> = &'a dyn Fn(&Path) -> NamedFile;
 
 /// Returns everything that this purpose needs and the cell's file does not contain; empty if nothing is missing.
 pub fn unmet_requirements(cell: &Cell, purpose: Purpose) -> Vec<UnmetRequirement> {
@@ -43,8 +113,16 @@ pub fn unmet_requirements(cell: &Cell, purpose: Purpose) -> Vec<UnmetRequirement
 /// Returns the result of [`unmet_requirements`], the files named in the cell's file that are missing or wrong, and the missing
 /// acceptance of a real controller's programs.
 pub fn incomplete_files(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
-    let of_files = named_files::unmet_files(cell, purpose, read);
+    let of_files = unmet_files(cell, purpose, read);
     unmet_requirements(cell, purpose).into_iter().chain(of_files).chain(acceptance(cell, purpose)).collect()
+}
+
+/// Returns the problems of a file with this text, each at the line of its key, in the order of the lines.
+pub fn to_problems(text: &str, unmet: Vec<UnmetRequirement>) -> Vec<Problem> {
+    let problem = |UnmetRequirement { key, message, .. }| Problem { line: key_line(text, &key), key, message };
+    let mut problems: Vec<Problem> = unmet.into_iter().map(problem).collect();
+    problems.sort_by_key(|problem| problem.line);
+    problems
 }
 
 /// Requires the sum of the programs with which the cell was accepted. A rehearsal with `mock-robot` on this computer
@@ -228,87 +306,140 @@ fn cameras(cell: &Cell) -> Vec<UnmetRequirement> {
     wrong
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// Returns [`NamedFile::NotChecked`] for any file.
+pub fn skip_file(_: &Path) -> NamedFile {
+    NamedFile::NotChecked
+}
 
-    const WHOLE: &str = include_str!("../../config/cell.toml");
+/// The keys of files that every command reads if it reads the cell.
+const ALWAYS_READ_KEYS: [&str; 1] = ["calibration.robot_correction"];
+/// Keys of `[scanner]`.
+const SETTINGS: [(&str, ZividUse); 2] =
+    [("scanner.settings", ZividUse::Scan), ("scanner.settings_2d", ZividUse::Film)];
 
-    fn keys(text: &str, purpose: Purpose) -> Vec<String> {
-        let cell = Cell::check("cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
-        unmet_requirements(&cell, purpose).into_iter().map(|unmet| unmet.key).collect()
-    }
-
-    /// Each case is one change of the shipped cell's file, and the keys that are then reported.
-    #[test]
-    fn each_thing_that_a_cycle_would_refuse_is_named() {
-        assert_eq!(keys(WHOLE, Purpose::Cycle), [""; 0]);
-        let robot = "[robot]\nkind = \"mock\"";
-        let eki = |host: &str| WHOLE.replace(robot, &format!("[robot]\nkind = \"eki\"\nhost = \"{host}\""));
-        assert!(WHOLE.contains(robot));
-        let replaced = |from: &str, to: &str| {
-            let text = WHOLE.replacen(from, to, 1);
-            assert_ne!(text, WHOLE, "{from}");
-            text
+/// The files needed for the purpose that are missing or invalid. The message of the first missing calibration
+/// states what to do.
+fn unmet_files(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<UnmetRequirement> {
+    let needs = |key: &str| purpose == Purpose::Cycle || ALWAYS_READ_KEYS.contains(&key);
+    let correction = Correction::from_cell(cell, read);
+    let mut has_advised = false;
+    let judge = |(key, file): (String, &Path)| {
+        let name = file.display().to_string();
+        let (lack, message) = match read(file) {
+            NamedFile::NotChecked => return None,
+            NamedFile::Missing if key.starts_with("calibration.") && !std::mem::replace(&mut has_advised, true) => {
+                (
+                    ProblemKind::MissingFile,
+                    format!("names the file {name}, which does not exist; {CALIBRATION_ADVICE}"),
+                )
+            }
+            NamedFile::Missing => {
+                (ProblemKind::MissingFile, format!("names the file {name}, which does not exist"))
+            }
+            NamedFile::Unreadable(why) => {
+                (ProblemKind::WrongFile, format!("names the file {name}, which cannot be read: {why}"))
+            }
+            NamedFile::Text(text) => {
+                let problems = check_named_file(&key, &name, &text, &correction).err()?;
+                (ProblemKind::WrongFile, format!("names a file that is not valid: {}", first_problem(&problems)))
+            }
         };
-        let post = "\n[[keep_out]]\nname = \"post\"\nmin_mm = [-250, 200, 0]\nmax_mm = [-150, 300, 900]\n";
-        for (text, expected) in [
-            (replaced("park = { a1_deg = -120.0", "park = { a1_deg = -320.0"), vec!["poses.park.a1_deg"]),
-            (replaced("ready = { a1_deg = 0.0", "ready = { a1_deg = 190.0"), vec!["poses.ready.a1_deg"]),
-            (replaced("spray = 2 ", ""), vec!["io.outputs.spray"]),
-            (replaced("lens_shut = 2", ""), vec!["io.feedbacks.lens_shut"]),
-            (replaced("light_on = 5", ""), vec!["io.feedbacks.light_on"]),
-            (replaced("box_min_mm = [", "# [").replacen("box_max_mm = [", "# [", 1), vec!["limits.box_min_mm"]),
-            (replaced("flange_from_tool =", "# "), vec!["calibration.flange_from_tool"]),
-            (
-                replaced("box_min_mm = [", "box_min_mm = [0.1, -0.4, 0.0] # [").replacen(
-                    "box_max_mm = [",
-                    "box_max_mm = [0.8, 0.4, 0.9] # [",
-                    1,
-                ),
-                vec!["limits.box_max_mm"],
-            ),
-            (eki("172.31.1.147"), vec!["scanner.kind", "flange_camera.kind"]),
-            (eki("127.0.0.1"), vec![]),
-            (eki("localhost").replace("light_on = 5", ""), vec!["io.feedbacks.light_on"]),
-            (
-                replaced("[scanner]\nkind = \"simulated\"", "[scanner]\nkind = \"zivid\"\nsettings = \"a.yml\""),
-                vec!["scanner.settings_2d"],
-            ),
-            (format!("{WHOLE}{post}"), vec!["poses.park"]),
-            (replaced("spray = 2 ", "pump = 9\nspray = 2 "), vec!["io.outputs.pump"]),
-            (replaced("spray = 2 ", "pump = 9\nspray = 2 ") + "\n[io]\nmay_stay_on = [\"pump\"]\n", vec![]),
-        ] {
-            assert_eq!(keys(&text, Purpose::Cycle), expected, "{text}");
+        Some(UnmetRequirement { key, message, kind: lack })
+    };
+    named_files(cell).into_iter().filter(|(key, _)| needs(key)).filter_map(judge).collect()
+}
+
+/// Lists the named files with their keys.
+fn named_files(cell: &Cell) -> Vec<(String, &Path)> {
+    let calibrations =
+        cell.calibration().named_files().into_iter().map(|(key, file)| (format!("calibration.{key}"), file));
+    let settings = match cell.scanner() {
+        Camera::Device(zivid) => [zivid.settings.as_deref(), zivid.settings_2d.as_deref()],
+        Camera::Simulated | Camera::Recorded { .. } => [None, None],
+    };
+    let settings = SETTINGS.into_iter().zip(settings).filter_map(|((key, _), file)| Some((key.to_owned(), file?)));
+    calibrations.chain(settings).collect()
+}
+
+/// The file of the arm's correction.
+enum Correction {
+    /// The file's hash, by which calibrations name it; `None` if the cell names no such file.
+    Known(Option<String>),
+    /// The file was not read.
+    Unknown,
+}
+
+impl Correction {
+    fn from_cell(cell: &Cell, read: ReadNamed<'_>) -> Self {
+        match cell.calibration().robot_correction.as_deref().map(read) {
+            None => Correction::Known(None),
+            Some(NamedFile::Text(text)) => Correction::Known(Some(content_hash(text.as_bytes()))),
+            Some(_) => Correction::Unknown,
         }
     }
+}
 
-    /// No cycle starts on a real controller whose programs were not accepted; single functions, with which the cell is
-    /// commissioned, need no acceptance, and a rehearsal on this computer has none.
-    #[test]
-    fn a_cycle_on_a_real_controller_needs_accepted_programs() {
-        let example = include_str!("../../config/cell-example.toml");
-        let needs = |text: &str, purpose| {
-            let cell = Cell::check("cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
-            let all = incomplete_files(&cell, purpose, &skip_file);
-            all.into_iter().any(|unmet| unmet.kind == ProblemKind::Acceptance && unmet.key == "robot.programs_sum")
-        };
-        let accepted = example.replacen("# programs_sum = ", "programs_sum = ", 1);
-        assert_ne!(accepted, example);
-        let here = example.replacen("host = \"172.31.1.147\"", "host = \"127.0.0.1\"", 1);
-        assert!(needs(example, Purpose::Cycle));
-        assert!(!needs(example, Purpose::Robot) && !needs(&accepted, Purpose::Cycle));
-        assert!(!needs(&here, Purpose::Cycle) && !needs(WHOLE, Purpose::Cycle));
+/// Returns whether a mount that was measured with the robot was measured with this correction of the arm, named by
+/// its hash. If this cell has no correction, the mount must have been measured without one.
+pub fn is_same_correction<M: Mount>(mount: &MountedPose<M>, correction: Option<&str>) -> bool {
+    // A mount that a person wrote by hand was not measured with the robot.
+    let is_measured = mount.provenance.program.is_some() || mount.robot_correction.is_some();
+    !is_measured || mount.robot_correction.as_deref() == correction
+}
+
+/// Checks a file according to the key that names it.
+fn check_named_file(key: &str, name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
+    if let Some((_, usage)) = SETTINGS.into_iter().find(|(settings, _)| *settings == key) {
+        return ZividSettings::check(name, text, usage).map(drop);
     }
-
-    #[test]
-    fn a_real_cell_needs_no_feedback_of_its_light_and_its_robot_alone_needs_nothing() {
-        let example = include_str!("../../config/cell-example.toml");
-        assert_eq!(keys(example, Purpose::Cycle), [""; 0]);
-        assert_eq!(keys(&example.replacen("light_on = 21", "", 1), Purpose::Cycle), [""; 0]);
-        assert_eq!(keys("[robot]\nkind = 'eki'\nhost = 'krc'\n", Purpose::Robot), [""; 0]);
-        let bare = keys("", Purpose::Robot);
-        assert_eq!(bare.len(), 11, "five outputs, five feedbacks, the park pose: {bare:?}");
-        assert_eq!(keys("", Purpose::Cycle).len(), 17, "with the box and five calibrations");
+    match key.trim_start_matches("calibration.") {
+        "scanner" | "flange_camera" => Intrinsics::check(name, text).map(drop),
+        ScannerMount::TABLE => check_mount::<ScannerMount>(name, text, correction).map(drop),
+        FlangeCameraMount::TABLE => check_mount::<FlangeCameraMount>(name, text, correction).map(drop),
+        ToolMount::TABLE => tool(name, text, correction),
+        "robot_correction" => RobotCorrection::check(name, text).map(drop),
+        _ => RemovalCalibration::check(name, text).map(drop),
     }
 }
+
+fn check_mount<M: Mount>(name: &str, text: &str, correction: &Correction) -> Result<MountedPose<M>, Problems> {
+    let mount = MountedPose::<M>::check(name, text)?;
+    let is_ours = match correction {
+        Correction::Known(ours) => is_same_correction(&mount, ours.as_deref()),
+        Correction::Unknown => true,
+    };
+    if is_ours {
+        return Ok(mount);
+    }
+    let message = "the calibration was measured with another robot correction than [calibration] robot_correction, or \
+                   with none: calibrate again, or name that robot correction";
+    Err(problem(name, text, format!("{}.robot_correction", M::TABLE), message))
+}
+
+/// Checks a tool's file: the tool's point is not enough for a cycle, its axis must also be measured.
+fn tool(name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
+    if check_mount::<ToolMount>(name, text, correction)?.axis_measured == Some(true) {
+        return Ok(());
+    }
+    let message = "the tool's axis was not measured, and a path needs it: run `panelprep calibrate tcp` with [[axis]], or with \
+                   [[plate]] and [[flat]]";
+    Err(problem(name, text, format!("{}.axis_measured", ToolMount::TABLE), message))
+}
+
+fn problem(name: &str, text: &str, key: String, message: &str) -> Problems {
+    let problem = Problem { line: key_line(text, &key), key, message: message.to_owned() };
+    Problems { file: name.to_owned(), list: vec![problem] }
+}
+
+/// Returns the first problem with its file and line, and the number of problems.
+fn first_problem(problems: &Problems) -> String {
+    let all = problems.to_string();
+    let first = all.lines().next().unwrap_or_default().to_owned();
+    match problems.list.len() {
+        0 | 1 => first,
+        count => format!("{first} (the first of {count} problems)"),
+    }
+}
+
+#[cfg(test)]
+mod tests;
