@@ -6,16 +6,14 @@
 //!
 //! - `locate`: the panel's place, by the 3D scan · `corners`: the correction by corner pictures, and the verification
 //!   before contact · `film`: the water-break test on the pictures of a film
-//! - `survey`: the surface, and the part of the surface that the arm reaches · `form`: its profile and flatness ·
-//!   `treat`: the places to abrade after a film · `plan`: the path over them · `abrade`: the executed path ·
-//!   `removal`: the removal by the path
+//! - `survey`: the surface with its profile and flatness, and the part of the surface that the arm reaches · `treat`:
+//!   the places to abrade after a film · `plan`: the path over them · `abrade`: the executed path · `removal`: the
+//!   removal by the path
 //! - `learn`: panel and corners, derived from the content of a teaching
 
 pub mod abrade;
 pub mod corners;
 pub mod film;
-mod form;
-mod keyframes;
 pub mod learn;
 pub mod locate;
 pub mod plan;

@@ -1,32 +1,28 @@
-//! The removal of a path, as planned and as executed; and the feeds for the removal that the recipe asks for.
-
-mod checks;
-mod feeds;
-#[cfg(test)]
-mod tests;
-
-pub use checks::{EarlierRemoval, unknown};
-pub use feeds::contact_moves;
+//! The removal of a path, as planned and as executed, and its checks against the limits of the recipe; and the feeds
+//! for the removal that the recipe asks for.
+//!
+//! A move has the feeds that recipe and controller allow on it. Where these limits keep the scheduled feed from its
+//! value, the shares of the path at each limit explain an uneven removal.
 
 use super::ResultDrawing;
 use super::survey::ToolState;
 use crate::report::removal_map;
-use feeds::BoundShares;
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
-use panelprep_base::verdict::Check;
+use panelprep_base::verdict::{Check, Limit, LimitSource, Severity};
 use panelprep_cell::panel::TaughtPanel;
 use panelprep_cell::recipe::{self, Recipe, RemovalMethod};
 use panelprep_cell::record::name;
-use panelprep_toolpath::path::dwell::{self, ExecutedPose};
-use panelprep_toolpath::path::{Plan, Waypoint};
+use panelprep_toolpath::path::dwell::ExecutedPose;
+use panelprep_toolpath::path::{Plan, Waypoint, dwell};
 use panelprep_toolpath::removal::figures::MapFigures;
 use panelprep_toolpath::removal::ground::PanelGround;
 use panelprep_toolpath::removal::map::{RemovalMap, removed};
-use panelprep_toolpath::removal::model::Model;
+use panelprep_toolpath::removal::model::{FORCE_RANGE, Model, UNKNOWN};
 use panelprep_toolpath::removal::pad::PadWithDisc;
-use panelprep_toolpath::removal::schedule::{RemovalTarget, schedule};
+use panelprep_toolpath::removal::schedule::{Move, RemovalTarget, schedule};
 use panelprep_toolpath::removal::track::{Disc, IsPanelAt, path_stretches};
 use panelprep_toolpath::surface::{Fit, Parameter, Treated};
+use serde::{Deserialize, Serialize};
 
 /// Distance between the samples of a map, in radii of the disc; `SPACING_MM` are its limits, mm.
 const SPACING_RADII: f64 = 0.1;
@@ -34,6 +30,15 @@ const SPACING_MM: [f64; 2] = [0.5, 1.5];
 
 /// Distance of scheduled lines beyond the treated area, in radii of the disc.
 const OVERRUN_RADII: f64 = 0.4;
+
+/// Share of the path from which a feed limit counts as the cause of uneven removal.
+const LIMITED_FEED_SHARE: f64 = 0.1;
+
+/// A mean that is short of the target by this share needs no second pass.
+const MEAN_TOLERANCE: f64 = 0.1;
+
+/// Feeds that differ by less than this share are the same.
+const FEED_TOLERANCE: f64 = 1e-3;
 
 /// The inputs of a removal calculation.
 #[derive(Debug, Clone, Copy)]
@@ -62,6 +67,25 @@ pub struct PathRemovalTotal {
     /// The judged values of the removal.
     pub checks: Vec<Check>,
     limits_um: [f64; 2],
+}
+
+/// Removal by earlier cycles on the same part.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct EarlierRemoval {
+    /// The upper 95 % bound of the removal anywhere, µm; it counts everywhere, since the maps of earlier cycles are
+    /// not kept.
+    pub bound_um: f64,
+    /// Earlier cycles that abraded the part to an unknown depth.
+    pub unknown: usize,
+}
+
+/// Shares of the path in contact on which the feed could not be scheduled as wanted, 0…1.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct BoundShares {
+    /// Value at `min_feed_mm_s`.
+    lowest: f64,
+    /// Value at `feed_mm_s`.
+    highest: f64,
 }
 
 impl<'a> RemovalInputs<'a> {
@@ -144,8 +168,8 @@ impl<'a> RemovalInputs<'a> {
             largest_bound_um: of_part.largest_bound_um + self.earlier_removal.bound_um,
             ..of_pass
         });
-        let mut checks = checks::checks(figures.as_ref(), (asked, bounded));
-        checks.push(checks::force(force_n, &model));
+        let mut checks = removal_checks(figures.as_ref(), (asked, bounded));
+        checks.push(force_check(force_n, &model));
         checks.extend(self.earlier_removal.checks(asked));
         Some(PathRemovalTotal { map, figures, checks, limits_um: [asked.target_um(), asked.max_um()] })
     }
@@ -207,6 +231,165 @@ impl PathRemovalTotal {
     }
 }
 
+impl EarlierRemoval {
+    /// Returns the checks of the removal by earlier cycles, if there were any.
+    fn checks(&self, asked: &recipe::Removal) -> Vec<Check> {
+        let before = Check::new("removed in earlier cycles of this part, upper 95 % bound", "µm", self.bound_um);
+        let unknown = Check::new("earlier cycles of this part with an unknown depth", "", self.unknown as f64)
+            .with_max(0.0, LimitSource::Program)
+            .reviews("earlier_unknown", || {
+                format!(
+                    "{} earlier cycles abraded this part to an unknown depth: measure the remaining thickness; in \
+                 total, {} µm may be removed",
+                    self.unknown,
+                    asked.max_um()
+                )
+            });
+        let is_told = *self != EarlierRemoval::default();
+        [before, unknown].into_iter().filter(|_| is_told).collect()
+    }
+}
+
 fn waypoints(plan: &Plan) -> Vec<Waypoint> {
     plan.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect()
 }
+
+/// Returns a failed check if the recipe asks for removal but the disc's removal is not known.
+pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
+    let stated = recipe.removal().filter(|_| tool.removal.is_none())?;
+    let check = Check::new(name::REMOVED_BOUND, "µm", None)
+        .with_max(stated.max_um(), LimitSource::recipe("removal.max_um"));
+    Some(check.with_consequence_if(true, Severity::Reject, "removal_unknown", || UNKNOWN.to_owned()))
+}
+
+/// Returns the checks of the removal by a path.
+fn removal_checks(figures: Option<&MapFigures>, (asked, bounded): (&recipe::Removal, BoundShares)) -> Vec<Check> {
+    let figure = |number: fn(&MapFigures) -> f64| figures.map(number);
+    let (target_um, max_um) = (asked.target_um(), asked.max_um());
+    let passes =
+        figure(|found| found.mean_um).map(|mean_um| (target_um / mean_um - MEAN_TOLERANCE).ceil().max(1.0));
+    let (bound_um, within) = (figure(|found| found.largest_bound_um), figure(|found| found.within_percent));
+    vec![
+        Check::new(name::REMOVED_MEAN, "µm", figure(|found| found.mean_um)),
+        Check::new("uncertainty of the removal, 95 %", "%", figure(|found| found.uncertainty_percent)),
+        Check::new("expected removal, smallest 5 %", "µm", figure(|found| found.low_um)),
+        Check::new("expected removal over all passes, largest", "µm", figure(|found| found.largest_um)),
+        Check::new(name::REMOVED_BOUND, "µm", bound_um).with_max(max_um, LimitSource::recipe("removal.max_um")).or_reject(
+            "removal_too_deep",
+            || {
+                let [found, allowed] = distinguishable_texts(bound_um.unwrap_or(f64::NAN), max_um, 1);
+                format!(
+                    "at the deepest place, all passes together may remove up to {found} µm (upper 95 % bound; \
+                     limit {allowed} µm, max_um); choose a lower target_um or force_n or a higher feed_mm_s, or \
+                     measure more coupons for a more accurate k"
+                )
+            },
+        ),
+        Check::new("passes that the target takes", "", passes).with_max(1.0, LimitSource::Program).reviews("more_passes", || {
+            format!(
+                "one pass removes {} µm on average, so the target of {} µm needs {} passes (limit 1); lower {} or \
+                 raise force_n so that one pass is enough",
+                fixed_decimals(figure(|found| found.mean_um).unwrap_or(f64::NAN), 1),
+                fixed_decimals(target_um, 1),
+                fixed_decimals(passes.unwrap_or(f64::NAN), 0),
+                match asked.method() {
+                    RemovalMethod::Constant => "feed_mm_s",
+                    RemovalMethod::Scheduled => "min_feed_mm_s",
+                }
+            )
+        }),
+        Check::new(name::REMOVED_EVEN, "%", within).with_max(asked.even_percent(), LimitSource::recipe("removal.even_percent")).reviews(
+            "removal_uneven",
+            || {
+                let [found, allowed] = distinguishable_texts(within.unwrap_or(f64::NAN), asked.even_percent(), 1);
+                format!(
+                    "95 % of the treated area is expected within {found} % of the target depth (limit {allowed} %, \
+                     even_percent); {}",
+                    evenness_advice(asked, bounded)
+                )
+            },
+        ),
+    ]
+}
+
+/// Checks whether the removal model's coupons cover this force.
+fn force_check(force_n: f64, model: &Model) -> Check {
+    let holds = model.valid_force_range_n();
+    let is_beyond = holds.is_none_or(|[least_n, most_n]| !(least_n..=most_n).contains(&force_n));
+    let limit = match holds {
+        Some([least_n, _]) if force_n < least_n => Limit::AtLeast(least_n),
+        Some([_, most_n]) => Limit::AtMost(most_n),
+        None => Limit::Unlimited,
+    };
+    let check = Check::new("force of the recipe", "N", force_n).with_limit(limit, LimitSource::Program);
+    check.with_consequence_if(is_beyond, Severity::Review, "force_beyond_coupons", || {
+        let force = fixed_decimals(force_n, 1);
+        match holds {
+            Some([least_n, most_n]) => format!(
+                "the force of {force} N is outside of the range {} to {} N for which the coupons are valid; \
+                 measure coupons with this force, or with forces below and above it that differ by a factor of \
+                 {FORCE_RANGE}",
+                fixed_decimals(least_n, 1),
+                fixed_decimals(most_n, 1)
+            ),
+            None => format!(
+                "the removal model does not state the forces of its coupons, so the recipe's force of {force} N \
+                 cannot be checked; calibrate the removal again"
+            ),
+        }
+    })
+}
+
+/// Returns advice for a more even removal.
+fn evenness_advice(asked: &recipe::Removal, bounded: BoundShares) -> String {
+    let percent = |share: f64| fixed_decimals(100.0 * share, 0);
+    match asked.method() {
+        RemovalMethod::Constant => "set method = \"scheduled\" for a more even removal".to_owned(),
+        RemovalMethod::Scheduled if bounded.highest > LIMITED_FEED_SHARE => format!(
+            "{} % of the path in contact already has the highest feed: raise feed_mm_s or lower force_n for a more \
+             even removal",
+            percent(bounded.highest)
+        ),
+        RemovalMethod::Scheduled if bounded.lowest > LIMITED_FEED_SHARE => format!(
+            "{} % of the path in contact already has the lowest feed: lower min_feed_mm_s or raise force_n for a \
+             more even removal",
+            percent(bounded.lowest)
+        ),
+        RemovalMethod::Scheduled => {
+            "use a smaller step_over_mm or a larger disc for a more even removal".to_owned()
+        }
+    }
+}
+
+/// Returns the moves in contact, with the feeds that recipe and controller allow on each.
+pub fn contact_moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Vec<Move> {
+    let planning_s = settings.planning_time_ms() / 1_000.0;
+    let pairs = all.windows(2).enumerate().filter(|(_, pair)| pair[0].contact && pair[1].contact);
+    pairs
+        .map(|(index, pair)| {
+            let length_mm = pair[0].panel_from_tool.origin().distance_mm(pair[1].panel_from_tool.origin());
+            let high = settings.feed_mm_s().min(length_mm / planning_s);
+            Move { pose: index + 1, length_mm, feeds_mm_s: [asked.min_feed_mm_s().min(high), high] }
+        })
+        .collect()
+}
+
+impl BoundShares {
+    /// Computes the shares from a plan's waypoints. A move that is too short for the controller is not counted: its
+    /// highest feed is not set by the recipe.
+    fn compute(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Self {
+        let moves = contact_moves(all, asked, settings);
+        let way_mm: f64 = moves.iter().map(|own| own.length_mm).sum();
+        let share = |is_at: &dyn Fn(f64) -> bool| {
+            let at = moves.iter().filter(|own| is_at(all[own.pose].feed_mm_s));
+            at.map(|own| own.length_mm).sum::<f64>() / way_mm.max(f64::MIN_POSITIVE)
+        };
+        BoundShares {
+            lowest: share(&|feed_mm_s| feed_mm_s <= asked.min_feed_mm_s() * (1.0 + FEED_TOLERANCE)),
+            highest: share(&|feed_mm_s| feed_mm_s >= settings.feed_mm_s() * (1.0 - FEED_TOLERANCE)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::stages::plan::{self, ReachStart};
+use panelprep_base::geometry::KukaPose;
 use panelprep_base::verdict::Verdict;
 use panelprep_cell::panel::GridId;
 use panelprep_cell::record::name;
@@ -149,4 +150,26 @@ fn the_force_that_was_measured_counts() {
     let [unmeasured, as_asked, half] = [None, Some(20.0), Some(10.0)].map(mean_um);
     assert!((unmeasured - as_asked).abs() < 1e-9, "{unmeasured} {as_asked}");
     assert!((half / as_asked - 0.5).abs() < 0.02, "{half} of {as_asked}");
+}
+
+fn waypoint(x_mm: f64) -> Waypoint {
+    let pose = KukaPose { x_mm, y_mm: 0.0, z_mm: 0.0, a_deg: 0.0, b_deg: 0.0, c_deg: 0.0 };
+    Waypoint { panel_from_tool: pose.to_rigid(), contact: true, feed_mm_s: 60.0, blend_mm: 2.0 }
+}
+
+/// Calculated by hand: of four moves of 10 mm the first is at 5 mm/s, the lowest feed; the last two are at 60,
+/// the highest.
+#[test]
+fn the_shares_of_the_way_at_its_bounds() {
+    let recipe = recipe(
+        Shape::Sphere,
+        "[path]\nfeed_mm_s = 60\n[removal]\ntarget_um = 30\nmax_um = 50\nforce_n = 20\nmin_feed_mm_s = 5\n",
+    );
+    let asked = recipe.removal().expect("stated");
+    let feeds = [30.0, 5.0, 30.0, 60.0, 60.0];
+    let at = |index: usize| Waypoint { feed_mm_s: feeds[index], ..waypoint(10.0 * index as f64) };
+    let all: Vec<Waypoint> = (0..5).map(at).collect();
+    let found = BoundShares::compute(&all, asked, recipe.path());
+    assert_eq!(found, BoundShares { lowest: 0.25, highest: 0.5 });
+    assert_eq!(BoundShares::compute(&[], asked, recipe.path()), BoundShares::default());
 }
