@@ -1,24 +1,20 @@
-//! People at the operator's page: their roles, the permissions of each role, their passwords, and the pause after
-//! wrong ones.
+//! People at the operator's page: their accounts and names, their roles with the permissions of each, and the audit
+//! trail with its limit; `password` has their passwords, and the pause after wrong ones.
 //!
-//! Plain data and decisions. The store keeps accounts (`store::people`), the page uses the decisions
-//! (`daemon::web`). Stop and abort need no account: authentication must not hinder an emergency action (IEC
-//! 62443-4-2, CR 1.1 with its note on essential functions).
+//! Plain data and decisions. The store keeps accounts (`store::people`), the page uses the decisions (`daemon::web`).
+//! Stop and abort need no account: authentication must not hinder an emergency action (IEC 62443-4-2, CR 1.1 with its
+//! note on essential functions).
 
-mod line_limit;
-mod lockout;
-mod name;
 mod password;
-mod role;
 
-pub use line_limit::{LineLimit, MaxLinesPerMinute};
-pub use lockout::{Lockout, MAX_ATTEMPTS, PAUSE_S};
-pub use name::{MAX_PRINTED, NameError, checked_name};
-pub use password::{MIN_CHARACTERS, PasswordError, hash_password, is_correct_password};
-pub use role::{Permission, Role};
+pub use password::{
+    Lockout, MAX_ATTEMPTS, MIN_CHARACTERS, PAUSE_S, PasswordError, hash_password, is_correct_password,
+};
 
+use panelprep_base::config::Choice;
 use panelprep_base::number_text::printable;
 use serde::{Deserialize, Serialize};
+use strum::VariantArray;
 
 /// A person who may log in. The newest statement about an account is the valid one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -111,5 +107,245 @@ impl AuditEntry {
             after: None,
             refused: None,
         }
+    }
+}
+
+/// The longest name, in characters.
+const MAX_CHARACTERS: usize = 40;
+
+/// The longest printed name, in characters.
+pub const MAX_PRINTED: usize = 80;
+
+/// The reason why a text is not a valid account name.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "\"{}\" is not a valid account name; valid: 1 to 40 of the characters a to z, 0 to 9, dot, hyphen and \
+     underscore, beginning with a letter",
+    found.escape_debug()
+)]
+pub struct NameError {
+    /// The name as it was given.
+    pub found: String,
+}
+
+/// Checks a name and returns it unchanged.
+///
+/// # Errors
+/// If it contains characters that are not allowed, or is empty or too long.
+pub fn checked_name(name: &str) -> Result<&str, NameError> {
+    let is_plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '.' | '-' | '_');
+    let begins = name.starts_with(|c: char| c.is_ascii_lowercase());
+    if begins && name.len() <= MAX_CHARACTERS && name.chars().all(is_plain) {
+        return Ok(name);
+    }
+    Err(NameError { found: name.chars().take(2 * MAX_CHARACTERS).collect() })
+}
+
+/// What a person may do at the cell.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Hash,
+    Serialize,
+    Deserialize,
+    strum::IntoStaticStr,
+    strum::EnumString,
+    strum::VariantArray,
+    clap::ValueEnum,
+)]
+#[serde(rename_all = "lowercase")]
+#[strum(serialize_all = "lowercase")]
+pub enum Role {
+    /// A screen on the wall: it looks, and its session does not end by itself.
+    Display,
+    /// May read everything and change nothing.
+    Viewer,
+    /// May run cycles.
+    Operator,
+    /// Judges results and signs records.
+    Inspector,
+    /// The process engineer: runs cycles and changes recipes.
+    Engineer,
+    /// May manage accounts.
+    Administrator,
+}
+
+/// An action that a role may permit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, strum::VariantArray)]
+pub enum Permission {
+    /// To see states, records and trends.
+    View,
+    /// To start, hold, continue, clear and reset, and to state that a new disc is mounted.
+    Operate,
+    /// To accept a result that waits for a person.
+    Accept,
+    /// To acknowledge alarms.
+    Acknowledge,
+    /// To sign a record.
+    Sign,
+    /// To change and approve recipes.
+    Configure,
+    /// To read the audit trail.
+    Audit,
+    /// To add and change accounts.
+    ManagePeople,
+}
+
+impl Role {
+    /// Returns the roles that have this permission.
+    pub fn roles_with_permission(permission: Permission) -> impl Iterator<Item = Role> {
+        Role::VARIANTS.iter().copied().filter(move |role| role.has_permission(permission))
+    }
+
+    /// The role's keyword, as it is stored.
+    pub fn keyword(self) -> &'static str {
+        self.into()
+    }
+
+    /// Returns whether this role has the permission.
+    pub fn has_permission(self, permission: Permission) -> bool {
+        use Permission::{Accept, Acknowledge, Audit, Configure, ManagePeople, Operate, Sign, View};
+        match self {
+            Role::Display | Role::Viewer => matches!(permission, View),
+            // To accept a deviation is not the task of the person who runs the parts.
+            Role::Operator => matches!(permission, View | Operate | Acknowledge),
+            Role::Inspector => matches!(permission, View | Accept | Acknowledge | Sign | Audit),
+            Role::Engineer => matches!(permission, View | Operate | Accept | Acknowledge | Configure | Audit),
+            Role::Administrator => matches!(permission, View | Audit | ManagePeople),
+        }
+    }
+}
+
+impl Choice for Role {
+    const KEYWORDS: &'static [(&'static str, Self)] = &[
+        ("display", Role::Display),
+        ("viewer", Role::Viewer),
+        ("operator", Role::Operator),
+        ("inspector", Role::Inspector),
+        ("engineer", Role::Engineer),
+        ("administrator", Role::Administrator),
+    ];
+}
+
+const MINUTE_MS: u64 = 60_000;
+
+/// Maximum numbers of lines in a minute.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MaxLinesPerMinute {
+    /// Maximum number of lines about completed actions.
+    pub done: u32,
+    /// Maximum number of lines about refused actions.
+    pub refused: u32,
+}
+
+/// The numbers of lines that were written and not written in this minute. Times are ms of any clock that does not
+/// jump.
+#[derive(Debug, Clone, Copy)]
+pub struct LineLimit {
+    limits: MaxLinesPerMinute,
+    since_ms: u64,
+    done: u32,
+    refused: u32,
+    left_out: u64,
+}
+
+impl LineLimit {
+    /// Starts with no line in the minute that begins now.
+    pub fn new(most: MaxLinesPerMinute, now_ms: u64) -> Self {
+        LineLimit { limits: most, since_ms: now_ms, done: 0, refused: 0, left_out: 0 }
+    }
+
+    /// Returns whether this line is written; otherwise it is counted.
+    pub fn admit_line(&mut self, is_refused: bool) -> bool {
+        let (count, most) =
+            if is_refused { (&mut self.refused, self.limits.refused) } else { (&mut self.done, self.limits.done) };
+        let is_allowed = *count < most;
+        if is_allowed {
+            *count += 1;
+        } else {
+            self.left_out += 1;
+        }
+        is_allowed
+    }
+
+    /// Whether the minute is over.
+    pub fn has_minute_elapsed(&self, now_ms: u64) -> bool {
+        now_ms.saturating_sub(self.since_ms) >= MINUTE_MS
+    }
+
+    /// The number of lines that were left out in this minute.
+    pub fn left_out(&self) -> u64 {
+        self.left_out
+    }
+
+    /// Returns the time until the minute is over, ms.
+    pub fn rest_ms(&self, now_ms: u64) -> u64 {
+        MINUTE_MS.saturating_sub(now_ms.saturating_sub(self.since_ms))
+    }
+
+    /// Ends the minute if it is over: returns how many of its lines were left out, if any, and begins another minute.
+    pub fn end_elapsed_minute(&mut self, now_ms: u64) -> Option<u64> {
+        if !self.has_minute_elapsed(now_ms) {
+            return None;
+        }
+        let left_out = self.left_out;
+        *self = LineLimit::new(self.limits, now_ms);
+        (left_out > 0).then_some(left_out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_plain() {
+        for name in ["a", "anna", "anna.b-2_c", &"x".repeat(40)] {
+            assert_eq!(checked_name(name), Ok(name));
+        }
+        for name in ["", "Anna", "2anna", ".a", "a b", "änna", "a\n", "<b>", &"x".repeat(41)] {
+            assert!(checked_name(name).is_err(), "{name}");
+        }
+    }
+
+    /// Duties are separate: the person who changes accounts neither runs the cell nor signs, and the person who
+    /// signs neither runs cycles nor changes recipes.
+    #[test]
+    fn duties_are_separate() {
+        let all =
+            |permission| -> Vec<&str> { Role::roles_with_permission(permission).map(Role::keyword).collect() };
+        assert_eq!(
+            all(Permission::View),
+            ["display", "viewer", "operator", "inspector", "engineer", "administrator"]
+        );
+        assert_eq!(all(Permission::Operate), ["operator", "engineer"]);
+        assert_eq!(all(Permission::Accept), ["inspector", "engineer"]);
+        assert_eq!(all(Permission::Acknowledge), ["operator", "inspector", "engineer"]);
+        assert_eq!(all(Permission::Sign), ["inspector"]);
+        assert_eq!(all(Permission::Configure), ["engineer"]);
+        assert_eq!(all(Permission::Audit), ["inspector", "engineer", "administrator"]);
+        assert_eq!(all(Permission::ManagePeople), ["administrator"]);
+    }
+
+    #[test]
+    fn words_read_back() {
+        for role in Role::VARIANTS {
+            assert_eq!(role.keyword().parse(), Ok(*role));
+            assert!(Role::KEYWORDS.contains(&(role.keyword(), *role)), "{role:?}");
+        }
+    }
+
+    #[test]
+    fn a_flood_is_a_few_lines_and_a_number() {
+        let mut limit = LineLimit::new(MaxLinesPerMinute { done: 3, refused: 2 }, 500);
+        assert_eq!((0..10).filter(|_| limit.admit_line(true)).count(), 2);
+        assert_eq!((0..10).filter(|_| limit.admit_line(false)).count(), 3);
+        assert_eq!(limit.end_elapsed_minute(60_499), None);
+        assert_eq!(limit.end_elapsed_minute(60_500), Some(15));
+        assert!(limit.admit_line(true) && limit.admit_line(false));
+        assert_eq!(limit.end_elapsed_minute(120_500), None, "nothing was left out");
     }
 }

@@ -1,8 +1,13 @@
-//! Passwords: stored as argon2id hashes, as OWASP's cheat sheet requires (19 MiB, two passes, one lane).
+//! Passwords, and the pause of an account after several wrong ones.
+//!
+//! Passwords are stored as argon2id hashes, as OWASP's cheat sheet requires (19 MiB, two passes, one lane). During the
+//! pause no log-in is possible: further guesses are useless, and the person can log in later.
 
 use argon2::password_hash::phc::PasswordHash;
 use argon2::password_hash::{PasswordHasher, PasswordVerifier};
 use argon2::{Algorithm, Argon2, Params, Version};
+use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// The minimum length of a password (NIST SP 800-63B requires eight characters if it is the only factor; here the
 /// password is also used to sign).
@@ -74,6 +79,76 @@ fn password_hasher() -> Result<Argon2<'static>, PasswordError> {
     Ok(Argon2::new(Algorithm::Argon2id, Version::V0x13, params))
 }
 
+/// Number of wrong passwords in a row after which an account pauses.
+pub const MAX_ATTEMPTS: u32 = 5;
+/// The first pause of an account, s. The pause doubles after each further row of wrong passwords, up to an hour.
+pub const PAUSE_S: f64 = 60.0;
+const MAX_PAUSE_S: f64 = 3_600.0;
+/// Names without an account are not stored: they share a fixed number of counters, selected by a hash of the name. So
+/// invented names pause as accounts do, need no additional memory, and cannot end the pause of an account.
+const BUCKETS: u64 = 256;
+
+/// The names with recent wrong passwords. Times are seconds of any clock that does not jump.
+#[derive(Debug, Default)]
+pub struct Lockout(BTreeMap<LockoutKey, FailedAttempts>);
+
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+enum LockoutKey {
+    Account(String),
+    Bucket(u64),
+}
+
+impl LockoutKey {
+    fn new(name: &str, is_account: bool) -> Self {
+        if is_account {
+            return LockoutKey::Account(name.to_owned());
+        }
+        let mut hasher = DefaultHasher::new();
+        name.hash(&mut hasher);
+        LockoutKey::Bucket(hasher.finish() % BUCKETS)
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct FailedAttempts {
+    failures: u32,
+    /// End of the account's pause, s, if the last wrong password completed a row.
+    until_s: Option<f64>,
+}
+
+/// Returns the length of an account's pause after this number of complete rows of wrong passwords, s.
+fn pause_s(rows: u32) -> f64 {
+    (PAUSE_S * f64::from(2_u32.saturating_pow(rows.saturating_sub(1).min(16)))).min(MAX_PAUSE_S)
+}
+
+impl Lockout {
+    /// Returns how long this name still pauses, s; `None` if its password may be tried. `is_account` states whether
+    /// such an account exists.
+    pub fn pauses_s(&self, (name, is_account): (&str, bool), now_s: f64) -> Option<f64> {
+        let left_s = self.0.get(&LockoutKey::new(name, is_account))?.until_s? - now_s;
+        (left_s > 0.0).then_some(left_s)
+    }
+
+    /// Counts a wrong password; returns whether the name pauses from now on. During the pause nothing is counted,
+    /// and nothing ends the pause.
+    pub fn record_failure(&mut self, (name, is_account): (&str, bool), now_s: f64) -> bool {
+        if self.pauses_s((name, is_account), now_s).is_some() {
+            return true;
+        }
+        let who = LockoutKey::new(name, is_account);
+        let former = self.0.get(&who).map_or(0, |tried| tried.failures);
+        let wrong = former.saturating_add(1);
+        let until_s = wrong.is_multiple_of(MAX_ATTEMPTS).then(|| now_s + pause_s(wrong / MAX_ATTEMPTS));
+        self.0.insert(who, FailedAttempts { failures: wrong, until_s });
+        until_s.is_some()
+    }
+
+    /// The right password.
+    pub fn record_success(&mut self, name: &str) {
+        self.0.remove(&LockoutKey::new(name, true));
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -97,5 +172,66 @@ mod tests {
         assert_eq!(of("aaaaaaaaaaaa"), Err(PasswordError::Obvious));
         assert_eq!(of("Anna123456"), Err(PasswordError::Obvious));
         assert_eq!(of("anna and the horse"), Ok(()), "a phrase with the name in it is long enough");
+    }
+
+    const ANNA: (&str, bool) = ("anna", true);
+
+    #[test]
+    fn five_wrong_passwords_pause_an_account_for_longer_each_time() {
+        let mut lockout = Lockout::default();
+        let mut now_s = 0.0;
+        // Calculated by hand: 60 s, 120 s, 240 s, …, never more than an hour.
+        for pause_s in [60.0, 120.0, 240.0, 480.0, 960.0, 1_920.0, 3_600.0, 3_600.0] {
+            for n in 1..=5 {
+                assert_eq!(lockout.pauses_s(ANNA, now_s), None);
+                assert_eq!(lockout.record_failure(ANNA, now_s), n == 5);
+            }
+            assert_eq!(lockout.pauses_s(ANNA, now_s + 1.0), Some(pause_s - 1.0));
+            assert_eq!(lockout.pauses_s(("ben", true), now_s), None, "another account continues");
+            now_s += pause_s;
+        }
+        lockout.record_success("anna");
+        assert!(!lockout.record_failure(ANNA, now_s), "counted from the beginning");
+    }
+
+    /// An attempt that was still in progress when the pause began neither shortens nor lengthens the pause.
+    #[test]
+    fn a_wrong_password_during_the_pause_does_not_lift_it() {
+        let mut lockout = Lockout::default();
+        for _ in 0..5 {
+            lockout.record_failure(ANNA, 0.0);
+        }
+        for n in 1..200 {
+            assert!(lockout.record_failure(ANNA, f64::from(n) / 10.0));
+            assert!(lockout.pauses_s(ANNA, f64::from(n) / 10.0).is_some());
+        }
+        assert_eq!(lockout.pauses_s(ANNA, 59.0), Some(1.0));
+        assert_eq!(lockout.pauses_s(ANNA, 60.0), None);
+        assert!(!lockout.record_failure(ANNA, 60.0), "the first of the next row");
+    }
+
+    /// An account's pause grows from row to row, independent of the number of invented names that are tried meanwhile.
+    /// These names need no additional memory.
+    #[test]
+    fn made_up_names_end_no_pause_and_take_no_room() {
+        let mut lockout = Lockout::default();
+        let engineer = ("engineer", true);
+        for _ in 0..5 {
+            lockout.record_failure(engineer, 0.0);
+        }
+        for n in 0..3_000 {
+            lockout.record_failure((&format!("n{n}"), false), 1.0);
+        }
+        assert_eq!(lockout.pauses_s(engineer, 1.0), Some(59.0), "not evicted");
+        assert!(lockout.0.len() <= BUCKETS as usize + 1, "{}", lockout.0.len());
+        for _ in 0..5 {
+            lockout.record_failure(engineer, 61.0);
+        }
+        assert_eq!(lockout.pauses_s(engineer, 61.0), Some(120.0), "the second row counts as one");
+        assert_eq!(lockout.pauses_s(("ben", true), 1.0), None, "an account pauses by its own passwords alone");
+        assert!(
+            lockout.pauses_s(("n7", false), 1.0).is_some(),
+            "a name without an account cannot be told from one"
+        );
     }
 }
