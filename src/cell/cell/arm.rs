@@ -4,8 +4,7 @@
 //! basis and a spherical wrist. Without the table the arm is a KUKA KR 6 R700-2. Any other arm states all of its
 //! numbers: a number that is left out would be that of the wrong arm.
 
-use super::arm_geometry::{AXIS_ACCELERATION_TIME_S, ArmAxes, ArmGeometry, PerAxis};
-use super::arm_presets::{PRESETS, Preset};
+use super::arm_presets::{AXIS_ACCELERATION_TIME_S, ArmAxes, ArmGeometry, PRESETS, PerAxis, Preset};
 use super::robot_correction::CorrectionNumbers;
 use panelprep_base::config::{Section, Setting, settings};
 use panelprep_base::geometry::{Base, Point};

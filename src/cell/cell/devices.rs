@@ -1,4 +1,5 @@
-//! `[scanner]`, `[flange_camera]`, `[robot]`: the connected devices.
+//! `[scanner]`, `[flange_camera]`, `[robot]`: the connected devices, and the keys of a GigE camera (`kind = "gige"`)
+//! and of a Zivid (`kind = "zivid"`).
 
 use super::proof_stage::{ProofStage, SignedPage, Unsigned, UnsignedCause};
 use core::net::IpAddr;
@@ -284,4 +285,145 @@ pub(super) fn parse_robot(section: &Section<'_, '_>) -> Option<Robot> {
         stated_stage,
         signed_page: None,
     })
+}
+
+/// The pixel formats that a cell may name: monochrome, and the four Bayer orders of a colour sensor, one byte a pixel.
+pub const PIXEL_FORMATS: [&str; 5] = ["BayerRG8", "BayerGR8", "BayerGB8", "BayerBG8", "Mono8"];
+
+/// A GigE Vision camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Gige {
+    /// The serial number; without serial number and address, the only camera that is found is used.
+    pub serial: Option<String>,
+    /// IP address or host name, instead of the serial number: then no camera is searched for.
+    pub address: Option<String>,
+    /// The user set in the camera from which all other settings start; image size and position on the sensor are
+    /// never changed.
+    pub user_set: String,
+    /// One of [`PIXEL_FORMATS`].
+    pub pixel_format: &'static str,
+    /// Exposure time, µs.
+    pub exposure_us: f64,
+    /// Gain, dB; `None` for that of the user set.
+    pub gain_db: Option<f64>,
+    /// Size of a packet with its headers, bytes.
+    pub packet_bytes: u16,
+}
+
+pub(super) const GIGE: DeviceKind<'_, fn(&Section<'_, '_>) -> Option<Gige>> = DeviceKind {
+    keyword: "gige",
+    required_keys: &[(
+        "exposure_us",
+        "kind = \"gige\" needs it, in µs: take a multiple of 10000 for lamps on mains of 50 Hz, of 8333 on 60 Hz, \
+         such that the brightest parts are not saturated (`panelprep shoot corner` reports it)",
+    )],
+    keys: &["serial", "address", "user_set", "pixel_format", "exposure_us", "gain_db", "packet_bytes"],
+    parse: parse_gige,
+};
+
+fn parse_gige(section: &Section<'_, '_>) -> Option<Gige> {
+    let text = |key| section.parse::<Option<String>>(key, (), Some(None));
+    let (serial, address) = (text("serial"), text("address"));
+    let user_set = section.parse::<String>("user_set", (), Some("Default".to_owned()));
+    let pixel_format = section.parse::<&str>("pixel_format", PIXEL_FORMATS.to_vec(), Some(PIXEL_FORMATS[0]));
+    // A missing value is reported by the code that knows the kind.
+    let exposure_us = section.parse::<Option<f64>>("exposure_us", 1.0..=10e6, Some(None));
+    let gain_db = section.parse::<Option<f64>>("gain_db", 0.0..=60.0, Some(None));
+    // From the minimum of GigE Vision to the largest usual jumbo frame.
+    let packet_bytes = section.parse("packet_bytes", 576..=9_000, Some(1_400));
+    let (serial, address) = (serial?, address?);
+    if serial.is_some() && address.is_some() {
+        section.problem("address", "cannot be combined with serial; state only one of the two keys");
+        return None;
+    }
+    Some(Gige {
+        serial,
+        address,
+        user_set: user_set?,
+        pixel_format: pixel_format?,
+        exposure_us: exposure_us??,
+        gain_db: gain_db?,
+        packet_bytes: packet_bytes?,
+    })
+}
+
+/// `kind = "zivid"`: a Zivid 3D camera behind its vendor's SDK.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct ZividCamera {
+    /// The camera's serial number; without a serial number and a file camera, the only camera that is found is used.
+    pub serial: Option<String>,
+    /// A file camera, `.zfc`, instead of a real one: the SDK plays raw pictures that were recorded before.
+    pub file_camera: Option<PathBuf>,
+    /// The settings of 3D shots with colour, as Zivid Studio saves them; needed for such a shot.
+    pub settings: Option<PathBuf>,
+    /// The settings of colour pictures, as Zivid Studio saves them; needed for such a picture.
+    pub settings_2d: Option<PathBuf>,
+    /// `libpanelprep_zivid.so`; if none is stated, it is searched for like any library.
+    pub library: Option<PathBuf>,
+}
+
+/// Returns the keys that only a Zivid has, and the function that parses them; its file paths are relative to the
+/// cell's folder.
+pub(super) fn zivid_kind(
+    cell_folder: &Path,
+) -> DeviceKind<'static, impl FnOnce(&Section<'_, '_>) -> Option<ZividCamera>> {
+    let keys = &["serial", "file_camera", "settings", "settings_2d", "library"];
+    DeviceKind {
+        keyword: "zivid",
+        required_keys: &[],
+        keys,
+        parse: |section: &Section<'_, '_>| parse_zivid(cell_folder, section),
+    }
+}
+
+fn parse_zivid(cell_folder: &Path, section: &Section<'_, '_>) -> Option<ZividCamera> {
+    let text = |key| section.parse::<Option<String>>(key, (), Some(None));
+    let file = |key| Some(text(key)?.map(|name| cell_folder.join(name)));
+    let (serial, file_camera) = (text("serial"), file("file_camera"));
+    let (settings, settings_2d, library) = (file("settings"), file("settings_2d"), file("library"));
+    let (serial, file_camera) = (serial?, file_camera?);
+    if serial.is_some() && file_camera.is_some() {
+        section.problem(
+            "file_camera",
+            "cannot be combined with serial: state serial for a real camera, or file_camera for a camera simulated \
+             from a file",
+        );
+        return None;
+    }
+    Some(ZividCamera { serial, file_camera, settings: settings?, settings_2d: settings_2d?, library: library? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Camera, Cell};
+    use super::*;
+
+    #[test]
+    fn a_zivids_files_start_at_the_cells_folder() {
+        let text =
+            "[scanner]\nkind = 'zivid'\nserial = '2127A0F3'\nsettings = 'scan.yml'\nsettings_2d = '/etc/film.yml'";
+        let cell = Cell::check("cells/cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
+        let zivid = ZividCamera {
+            serial: Some("2127A0F3".to_owned()),
+            settings: Some("cells/scan.yml".into()),
+            settings_2d: Some("/etc/film.yml".into()),
+            ..ZividCamera::default()
+        };
+        assert_eq!(cell.scanner(), &Camera::Device(zivid));
+    }
+
+    #[test]
+    fn what_does_not_go_together_is_reported() {
+        let says = |text: &str| Cell::check("f", text).expect_err("refused").to_string();
+        let told = says("[scanner]\nsettings = 'scan.yml'\nlibrary = 'x.so'");
+        assert!(told.contains(
+            "f:2: scanner.settings: has no effect with kind = \"simulated\"; this key is valid only with kind = \
+             \"zivid\""
+        ));
+        assert!(told.contains("f:3: scanner.library: has no effect"), "{told}");
+        let told = says("[scanner]\nkind = 'zivid'\nserial = '1'\nfile_camera = 'a.zfc'");
+        assert!(told.contains("f:4: scanner.file_camera: cannot be combined with serial"), "{told}");
+        let told = says("[scanner]\nkind = 'zivid'\nsetings = 'scan.yml'");
+        assert!(told.contains("setings") && told.contains("settings"), "{told}");
+    }
 }

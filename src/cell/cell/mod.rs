@@ -4,80 +4,55 @@
 //! and the limits for every panel. File names are relative to the cell file's folder. A file may omit what a command
 //! does not need (offline work has no poses); the code that needs a missing value reports it. The caller reads the
 //! files.
+//!
+//! This file joins the tables. It also contains `[limits]`, the values that are valid for every panel of the cell (a
+//! recipe may override a number if its description states this), and `store`, the folder of the stored data with the
+//! time for which clips and scans are kept in it.
 
-mod address;
 mod arm;
-mod arm_geometry;
 mod arm_presets;
-mod board_size;
-mod broker;
 mod calibration;
-mod date;
 mod devices;
-mod foreign_lens;
-mod gige;
-mod lens_extent;
-mod limits;
-mod line;
-mod line_signal;
+mod lens;
+mod listen;
 mod names;
-mod office;
-mod opcua;
-mod page;
 mod part;
 mod proof_stage;
 mod provenance;
-mod push;
-mod removal;
-mod retention;
 mod robot_correction;
-mod rough;
-mod scanner_errors;
+mod servers;
 mod sparkplug;
 mod tool;
-mod zivid;
 mod zivid_settings;
 
 #[cfg(test)]
 mod tests;
 
-pub use address::authority;
 pub use arm::{Arm, ArmModel, ArmTable, KeepOut};
-pub use arm_geometry::{ArmAxes, ArmGeometry, PerAxis};
-pub use arm_presets::{PRESETS, Preset};
-pub use board_size::BoardSize;
-pub use broker::{Broker, BrokerLogin};
+pub use arm_presets::{ArmAxes, ArmGeometry, PRESETS, PerAxis, Preset};
 pub use calibration::{
-    FlangeCameraMount, Intrinsics, LensCovariance, Mount, MountedPose, ScannerMount, TargetMount, ToolMount,
+    FlangeCameraMount, Intrinsics, LensCovariance, MeasuredScanner, Mount, MountedPose, RoughMounts, ScannerMount,
+    TargetMount, ToolMount,
 };
-pub use date::Date;
-pub use devices::{Camera, MockController, Robot, RobotKind};
-pub use gige::{Gige, PIXEL_FORMATS};
-pub use lens_extent::{LensExtent, SupportedArea};
-pub use limits::{Limits, Workspace};
-pub use line::{LINE_INPUTS, Line};
-pub use line_signal::LineSignal;
-pub use names::{Feedback, InputsOutputs, LOCAL_CONTROL, Output, WARNING};
-pub use office::{CellName, Office};
-pub use opcua::{AnonymousAccess, OpcUa};
-pub use page::Page;
+pub use devices::{Camera, Gige, MockController, PIXEL_FORMATS, Robot, RobotKind, ZividCamera};
+pub use lens::{LensExtent, SupportedArea};
+pub use listen::{AnonymousAccess, OpcUa, Page};
+pub use names::{Feedback, InputsOutputs, LINE_INPUTS, LOCAL_CONTROL, Line, LineSignal, Output, WARNING};
 pub use part::{NameDemand, NameRule, PartNameError, PartRules};
 pub use proof_stage::{ProofStage, SignedPage, Unsigned, UnsignedCause};
-pub use provenance::Provenance;
-pub use push::{PushSettings, WebFolder};
-pub use removal::{RemovalCalibration, RemovalNumbers};
-pub use retention::{Retention, RetentionTime};
-pub use robot_correction::{CorrectionNumbers, GEOMETRY_NUMBERS, RobotCorrection, SMOOTH_NUMBERS};
-pub use rough::RoughMounts;
-pub use scanner_errors::MeasuredScanner;
+pub use provenance::{BoardSize, Date, Provenance};
+pub use robot_correction::{
+    CorrectionNumbers, GEOMETRY_NUMBERS, RemovalCalibration, RemovalNumbers, RobotCorrection, SMOOTH_NUMBERS,
+};
+pub use servers::{Broker, BrokerLogin, CellName, Office, PushSettings, WebFolder, authority};
 pub use sparkplug::{BrokerTls, NodeCommands, SparkplugNode};
 pub use tool::{CompliantTool, Tool, ToolAddress};
-pub use zivid::ZividCamera;
 pub use zivid_settings::{MainsFrequency, ZividSettings, ZividUse};
 
 use crate::accounts::Role;
-use panelprep_base::config::{self, Problems, Section};
-use panelprep_base::geometry::Joints;
+use panelprep_base::config::{self, Problems, Section, settings};
+use panelprep_base::geometry::{Base, Joints, Point};
+use panelprep_base::number_text::list;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -198,25 +173,25 @@ impl Cell {
     }
 
     fn parse(folder: &Path, top: &Section<'_, '_>) -> Option<Self> {
-        let store = retention::parse_store(top);
+        let store = parse_store(top);
         let socket = top.parse::<Option<String>>("socket", (), Some(None));
         let socket_role = top.parse::<Option<Role>>("socket_role", (), Some(None));
-        let scanner = devices::parse_camera(folder, &top.section("scanner"), zivid::kind(folder));
-        let flange_camera = devices::parse_camera(folder, &top.section("flange_camera"), gige::KIND);
+        let scanner = devices::parse_camera(folder, &top.section("scanner"), devices::zivid_kind(folder));
+        let flange_camera = devices::parse_camera(folder, &top.section("flange_camera"), devices::GIGE);
         let robot = devices::parse_robot(&top.section("robot"));
         let tool = tool::parse_tool(&top.section("tool"));
         let poses = names::parse_poses(&top.section("poses"));
         let io = names::parse_io(&top.section("io"));
         let calibration = CalibrationFiles::parse(folder, &top.section("calibration"));
-        let limits = limits::parse_limits(&top.section("limits"));
-        let rough = rough::parse_rough(&top.section("rough"));
+        let limits = parse_limits(&top.section("limits"));
+        let rough = calibration::parse_rough(&top.section("rough"));
         let arm = arm::parse_arm(&top.section("arm"), &top.sections("keep_out"));
-        let page = page::parse_page(folder, &top.section("page"));
-        let office = office::parse_office(folder, &top.section("office"));
-        let push = push::parse_push(folder, &top.section("push"));
+        let page = listen::parse_page(folder, &top.section("page"));
+        let office = servers::parse_office(folder, &top.section("office"));
+        let push = servers::parse_push(folder, &top.section("push"));
         let sparkplug = sparkplug::parse_sparkplug(folder, &top.section("sparkplug"));
-        let opcua = opcua::parse_opcua(folder, &top.section("opcua"));
-        let line = line::parse_line(folder, &top.section("line"), io.as_ref());
+        let opcua = listen::parse_opcua(folder, &top.section("opcua"));
+        let line = names::parse_line(folder, &top.section("line"), io.as_ref());
         let part = part::parse_part(&top.section("part"));
         top.finish();
         let store = store?;
@@ -381,4 +356,182 @@ impl Cell {
     pub fn with_signed_page(self, page: Option<SignedPage>) -> Self {
         Cell { robot: self.robot.with_signed_page(page), ..self }
     }
+}
+
+settings! {
+    /// `[limits]`. The upper limits are the program's own: a cell may be stricter, never less strict.
+    pub struct Limits {
+        /// Maximum duration of motion that is sent and not yet executed, s: the motion that the arm can still make
+        /// when the link fails.
+        window_s: f64, 0.1..=1.0, default 1.0;
+        /// Maximum number of commands that are sent and not yet executed.
+        window_commands: usize, 5..=50, default 50;
+        /// Minimum number of points that are queued before a path starts.
+        min_points: usize, 2..=50, default 5;
+        /// Time between heartbeats of the application, in both directions, ms.
+        heartbeat_ms: usize, 10..=100, default 100;
+        /// Silence after which either end stops if anything is queued, ms.
+        watchdog_ms: usize, 40..=400, default 400;
+        /// How long a localization may be used before Verify must renew it, s.
+        token_s: f64, 10.0..=600.0, default 600.0;
+        /// The time limit for a stop, after which it is a fault, s.
+        stop_deadline_s: f64, 0.5..=10.0, default 10.0;
+        /// How long the output `warning` of `[io.outputs]` is on before the first motion after a standstill, s.
+        warning_s: f64, 0.5..=30.0, default 3.0;
+        /// How long a film is watched after it is fully wet, s (ASTM F22: up to a minute); a recipe may override it.
+        observation_s: f64, 5.0..=600.0, default 60.0;
+        /// Area of broken film from which a grid fails, mm²; a recipe may override it.
+        min_break_mm2: f64, 0.1..=10_000.0, default 5.0;
+        /// Error at the tool that is used while not all parts of the error budget are measured, mm; stated, not
+        /// measured.
+        tool_error_mm: Option<f64>, 0.01..=20.0, default None;
+        /// Largest error of the last verification of a calibration with which a cycle may start, mm.
+        verify_limit_mm: f64, 0.05..=10.0, default 0.5;
+        /// Largest age of the last verification with which a cycle may start, h.
+        verify_max_age_h: f64, 0.1..=8_760.0, default 24.0;
+        /// Lower corner of the box that the tool's tip must not leave, in the base frame, mm.
+        box_min_mm: Option<[f64; 3]>, -5_000.0..=5_000.0, default None;
+        /// Upper corner of the box that the tool's tip must not leave, in the base frame, mm.
+        box_max_mm: Option<[f64; 3]>, -5_000.0..=5_000.0, default None;
+        /// Longest distance from one waypoint to the next, mm.
+        max_step_mm: f64, 1.0..=1_000.0, default 100.0;
+        /// Largest turn of the tool from one waypoint to the next, degrees.
+        max_turn_deg: f64, 0.1..=180.0, default 15.0;
+        /// Largest angle between the tool's axis and the direction in which it was taught, degrees.
+        max_tilt_deg: f64, 1.0..=90.0, default 45.0;
+        /// Fastest speed of the tool's tip, mm/s.
+        max_speed_mm_s: f64, 1.0..=2_000.0, default 250.0;
+    }
+}
+
+/// The box that the tool's tip must not leave.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Workspace {
+    /// Lower corner, mm.
+    pub min: Point<Base>,
+    /// Upper corner, mm; it exceeds the lower corner in every axis.
+    pub max: Point<Base>,
+}
+
+impl Workspace {
+    /// Returns whether the box contains this point.
+    pub fn contains(&self, point: Point<Base>) -> bool {
+        (0..3).all(|axis| (self.min.mm[axis]..=self.max.mm[axis]).contains(&point.mm[axis]))
+    }
+}
+
+impl Limits {
+    /// Returns the box for waypoints, `box_min_mm` to `box_max_mm`; `None` if the file states none.
+    pub fn workspace(&self) -> Option<Workspace> {
+        let corner = |[x_mm, y_mm, z_mm]: [f64; 3]| Point::at(x_mm, y_mm, z_mm);
+        Some(Workspace { min: corner(self.box_min_mm?), max: corner(self.box_max_mm?) })
+    }
+}
+
+fn parse_limits(section: &Section<'_, '_>) -> Option<Limits> {
+    let limits = Limits::parse(section)?;
+    let mut wrong = Vec::new();
+    if limits.min_points > limits.window_commands {
+        let (found, allowed) = (limits.min_points, limits.window_commands);
+        wrong.push(("min_points", format!("found {found}, the limit is window_commands, {allowed}")));
+    }
+    if limits.watchdog_ms < 2 * limits.heartbeat_ms {
+        let (found, allowed) = (limits.watchdog_ms, 2 * limits.heartbeat_ms);
+        wrong.push(("watchdog_ms", format!("found {found}, the minimum is {allowed}, twice heartbeat_ms")));
+    }
+    match (limits.box_min_mm, limits.box_max_mm) {
+        (Some(low), Some(high)) if (0..3).any(|axis| low[axis] >= high[axis]) => {
+            wrong.push((
+                "box_max_mm",
+                format!("{} must exceed box_min_mm {} in every axis", list(&high), list(&low)),
+            ));
+        }
+        (Some(_), None) => wrong.push(("box_max_mm", "is missing; box_min_mm is given".to_owned())),
+        (None, Some(_)) => wrong.push(("box_min_mm", "is missing; box_max_mm is given".to_owned())),
+        _ => {}
+    }
+    wrong.iter().for_each(|(key, message)| section.problem(key, message));
+    wrong.is_empty().then_some(limits)
+}
+
+/// The time for which clips and scans of a class of cycles are kept; an absent value sets no limit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RetentionTime {
+    /// Number of days before the newest cycle's end.
+    pub days: Option<usize>,
+    /// Number of newest cycles.
+    pub cycles: Option<usize>,
+}
+
+/// `[store.keep]`: how long clips and scans are kept. Pages, records and taught data are kept for ever.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Retention {
+    /// The limit for cycles that passed.
+    pub passed: RetentionTime,
+    /// The limit for cycles that ended otherwise.
+    pub failed: RetentionTime,
+}
+
+impl Retention {
+    /// Returns whether no file is ever removed.
+    pub fn is_unlimited(&self) -> bool {
+        *self == Retention::default()
+    }
+}
+
+const DAYS: std::ops::RangeInclusive<usize> = 1..=36_500;
+const CYCLES: std::ops::RangeInclusive<usize> = 1..=1_000_000;
+
+/// `[store]`.
+struct StoreTable {
+    /// Its folder.
+    pub folder: String,
+    /// How long clips and scans are kept.
+    pub retention: Retention,
+    /// The file of the key that signs records; `None` if the key is in the folder.
+    pub record_key: Option<String>,
+}
+
+/// Reads `store = "folder"`, or `[store]` with `folder`, `record_key` and `keep`.
+fn parse_store(top: &Section<'_, '_>) -> Option<StoreTable> {
+    let default = || Some("store".to_owned());
+    if !top.is_table("store") {
+        let folder = top.parse::<String>("store", (), default())?;
+        return Some(StoreTable { folder, retention: Retention::default(), record_key: None });
+    }
+    let section = top.section("store");
+    let folder = section.parse::<String>("folder", (), default());
+    let record_key = section.parse::<Option<String>>("record_key", (), Some(None));
+    let keep = parse_retention(&section.section("keep"));
+    section.finish();
+    Some(StoreTable { folder: folder?, retention: keep?, record_key: record_key? })
+}
+
+fn parse_retention(section: &Section<'_, '_>) -> Option<Retention> {
+    let [days, failed_days] =
+        ["days", "failed_days"].map(|key| section.parse::<Option<usize>>(key, DAYS, Some(None)));
+    let [cycles, failed_cycles] =
+        ["cycles", "failed_cycles"].map(|key| section.parse::<Option<usize>>(key, CYCLES, Some(None)));
+    section.finish();
+    let passed = RetentionTime { days: days?, cycles: cycles? };
+    let failed = RetentionTime { days: failed_days?, cycles: failed_cycles? };
+    let mut right = true;
+    for (key, of, min) in
+        [("failed_days", failed.days, passed.days), ("failed_cycles", failed.cycles, passed.cycles)]
+    {
+        if let (Some(found), Some(min)) = (of, min)
+            && found < min
+        {
+            let name = key.trim_start_matches("failed_");
+            section.problem(
+                key,
+                format!(
+                    "found {found}, the minimum is {min}, the value of {name}: the data of failed cycles must be \
+                     kept at least as long"
+                ),
+            );
+            right = false;
+        }
+    }
+    right.then_some(Retention { passed, failed })
 }

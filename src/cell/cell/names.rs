@@ -1,9 +1,11 @@
-//! `[poses]` and `[io]`: the user's names, and the outputs that are switched off automatically.
+//! The user's names: `[poses]`, and `[io]` with the outputs that are switched off automatically and those that report
+//! the cell's state to a line (`[io.line_outputs]`); and `[line]`, the handshake with a line by these signals, which
+//! is off until the table is present.
 
-use super::line_signal::{LineSignal, parse_line_outputs};
 use panelprep_base::config::Section;
 use panelprep_base::geometry::Joints;
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 use strum::VariantArray;
 
 /// Reads `[poses]`: axis angles, since the arm moves to a named pose by `move_j`, which accepts nothing else.
@@ -343,4 +345,150 @@ fn parse_numbers(section: &Section<'_, '_>) -> Option<BTreeMap<String, u16>> {
         }
     }
     right.then_some(named)
+}
+
+/// The signals that the line reads: outputs of the robot's controller, by their names in `[io.line_outputs]`, in
+/// the order of CELL_LINE.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, strum::IntoStaticStr, strum::EnumString, VariantArray,
+)]
+#[strum(serialize_all = "snake_case")]
+pub enum LineSignal {
+    /// `ready`: a start request is accepted for examination.
+    Ready,
+    /// `cycle_done`: the cycle is complete, and the part may be removed.
+    CycleDone,
+    /// `pass`: with `cycle_done`, the verdict is pass.
+    Pass,
+    /// `fail`: with `cycle_done`, the verdict is any other than pass.
+    Fail,
+    /// `review`: the cycle waits for a person's decision on a result.
+    Review,
+    /// `fault`: a person is needed. The controller itself sets it if it receives nothing from this program.
+    Fault,
+}
+
+impl LineSignal {
+    /// The name in the cell's file.
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+
+    /// The signal's bit in the word that is sent to the controller.
+    pub fn bit(self) -> u32 {
+        1 << (self as u32)
+    }
+}
+
+/// Reads `[io.line_outputs]`: an output for the line must not be one that the process switches.
+fn parse_line_outputs(
+    section: &Section<'_, '_>,
+    numbers: BTreeMap<String, u16>,
+    outputs: &BTreeMap<String, u16>,
+) -> Option<BTreeMap<String, u16>> {
+    let names = || LineSignal::VARIANTS.iter().map(|signal| signal.name()).collect::<Vec<_>>().join(", ");
+    let mut right = true;
+    for (name, number) in &numbers {
+        let taken = outputs.iter().find(|(_, other)| *other == number);
+        let wrong = match (name.parse::<LineSignal>(), taken) {
+            (Err(_), _) => format!("is not a signal for a line; valid: {}", names()),
+            (_, Some((output, _))) => {
+                format!("found {number}, which is already the number of {output} in [io.outputs]")
+            }
+            _ => continue,
+        };
+        section.problem(name, wrong);
+        right = false;
+    }
+    right.then_some(numbers)
+}
+
+/// The inputs that the line sets, by their names in `[io.feedbacks]`.
+pub const LINE_INPUTS: [&str; 2] = ["part_present", "start_request"];
+
+/// The data for a cycle that the line requests.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Line {
+    /// The recipe's file.
+    pub recipe: PathBuf,
+    /// The part's serial number, if each part has the same one.
+    pub serial: Option<String>,
+    /// Its work order.
+    pub order: Option<String>,
+    /// The responsible person, who is named as the operator.
+    pub operator: Option<String>,
+}
+
+pub(super) fn parse_line(
+    folder: &Path,
+    section: &Section<'_, '_>,
+    io: Option<&InputsOutputs>,
+) -> Option<Option<Line>> {
+    if !section.is_present() {
+        return Some(None);
+    }
+    let recipe = section.parse::<String>("recipe", (), None);
+    let name = |key| section.parse::<Option<String>>(key, (), Some(None));
+    let [serial, order, operator] = ["serial", "order", "operator"].map(name);
+    section.finish();
+    let io = io?;
+    let inputs = LINE_INPUTS.iter().filter(|name| !io.feedbacks().contains_key(**name));
+    let missing: Vec<String> = inputs.map(|name| format!("io.feedbacks.{name}")).collect();
+    let outputs = LineSignal::VARIANTS.iter().filter(|signal| io.line_output(**signal).is_none());
+    let missing: Vec<String> =
+        missing.into_iter().chain(outputs.map(|signal| format!("io.line_outputs.{}", signal.name()))).collect();
+    if !missing.is_empty() {
+        let message =
+            format!("the handshake with the line needs all of its signals; missing: {}", missing.join(", "));
+        section.problem("recipe", message);
+        return None;
+    }
+    Some(Some(Line { recipe: folder.join(recipe?), serial: serial?, order: order?, operator: operator? }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Cell;
+    use super::*;
+
+    const IO: &str = "[io.outputs]\ntool = 5\n[io.feedbacks]\ntool_running = 20\npart_present = 30\nstart_request = 31\n\
+                      [io.line_outputs]\nready = 40\ncycle_done = 41\npass = 42\nfail = 43\nreview = 44\nfault = 45\n";
+
+    fn read(text: &str) -> Result<Option<Line>, String> {
+        let cell = Cell::check("cells/cell.toml", text).map_err(|problems| problems.to_string())?;
+        Ok(cell.line().cloned())
+    }
+
+    #[test]
+    fn it_is_off_until_the_table_is_there() {
+        assert_eq!(read(IO), Ok(None));
+        let line =
+            read(&format!("{IO}[line]\nrecipe = 'door.toml'\norder = 'WO 7'")).expect("right").expect("a line");
+        assert_eq!((line.recipe, line.order), (PathBuf::from("cells/door.toml"), Some("WO 7".to_owned())));
+        assert_eq!((line.serial, line.operator), (None, None));
+    }
+
+    #[test]
+    fn each_mistake_is_named() {
+        for (text, words) in [
+            (format!("{IO}[line]\n"), "line.recipe: is missing"),
+            (
+                format!("{}[line]\nrecipe = 'a'", IO.replace("part_present = 30\n", "")),
+                "missing: io.feedbacks.part_present",
+            ),
+            (format!("{}[line]\nrecipe = 'a'", IO.replace("fault = 45\n", "")), "missing: io.line_outputs.fault"),
+            (
+                IO.replace("pass = 42", "pass = 5"),
+                "io.line_outputs.pass: found 5, which is already the number of tool",
+            ),
+            (
+                IO.replace("pass = 42", "passed = 42"),
+                "io.line_outputs.passed: is not a signal for a line; valid: ready",
+            ),
+            (IO.replace("pass = 42", "pass = 41"), "found 41, which is already the number of cycle_done"),
+        ] {
+            let told = read(&text).expect_err("wrong");
+            assert!(told.contains(words), "{words}: {told}");
+        }
+    }
 }

@@ -1,9 +1,49 @@
-//! The origin of a calibration's numbers: the program, the pictures, and the residual of each picture.
+//! The origin of a calibration's numbers: the day, the program, the pictures, and the residual of each picture.
+//!
+//! It includes the board to which a file refers: a verification with another board, or one of another size, would find
+//! another position.
 
 use panelprep_base::config::{Section, Setting};
+use panelprep_base::number_text::utc_day;
 use std::fmt::Write;
 use std::ops::RangeInclusive;
 use toml::de::DeValue;
+
+/// A day, `2026-05-31`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Date(String);
+
+impl Date {
+    /// Returns the day that a text names, year first; `None` if it names none.
+    pub fn parse(text: &str) -> Option<Self> {
+        let day: toml::value::Datetime = text.parse().ok()?;
+        (day.date.is_some() && day.time.is_none()).then(|| Date(day.to_string()))
+    }
+
+    /// Returns the UTC date of a time.
+    pub fn from_unix_s(unix_s: i64) -> Self {
+        Date(utc_day(unix_s))
+    }
+}
+
+impl std::fmt::Display for Date {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl Setting for Date {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let text = match value {
+            DeValue::Datetime(day) => day.to_string(),
+            DeValue::String(text) => text.to_string(),
+            _ => String::new(),
+        };
+        Date::parse(&text).ok_or_else(|| "valid: a date, such as 2026-05-31".to_owned())
+    }
+}
 
 /// The origin of a calibration's numbers; every key may be absent.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -70,5 +110,48 @@ pub(super) fn line(text: &mut String, key: &str, value: Option<impl std::fmt::Di
     if let Some(value) = value {
         #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
         let _ = writeln!(text, "{key} = {value}");
+    }
+}
+
+const SQUARE_MM: std::ops::RangeInclusive<f64> = 0.5..=500.0;
+
+/// The board, in the notation of the command line.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BoardSize {
+    /// The board's corners or squares, `9x6` or `charuco:8x6:15:4X4_50`.
+    pub board: String,
+    /// Side of a square, mm.
+    pub square_mm: f64,
+}
+
+impl std::fmt::Display for BoardSize {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "--board {} --square-mm {}", self.board, self.square_mm)
+    }
+}
+
+impl BoardSize {
+    pub(super) fn parse(section: &Section<'_, '_>) -> Option<Self> {
+        let (board, square_mm) = (section.parse("board", (), None), section.parse("square_mm", SQUARE_MM, None));
+        Some(BoardSize { board: board?, square_mm: square_mm? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Expected values from `date -u -d @…`.
+    #[test]
+    fn days_have_their_dates() {
+        for (unix_s, expected) in [
+            (-1, "1969-12-31"),
+            (0, "1970-01-01"),
+            (951_782_400, "2000-02-29"),
+            (1_709_251_199, "2024-02-29"),
+            (1_795_297_432, "2026-11-21"),
+        ] {
+            assert_eq!(Some(Date::from_unix_s(unix_s)), Date::parse(expected));
+        }
     }
 }

@@ -1,8 +1,10 @@
+//! What was measured at the arm and at the disc. This module contains both reader and writer.
+//!
 //! `[robot_correction]`: how the arm differs from its nominal geometry, as measured by `panelprep calibrate robot`.
+//! `[removal]`: how much the disc removes, as `panelprep calibrate removal` found it on coupons.
 
-use super::date::Date;
-use super::provenance::Provenance;
-use panelprep_base::config::{self, Problems, Section, Setting};
+use super::provenance::{Date, Provenance, line};
+use panelprep_base::config::{self, Problems, Section, Setting, settings};
 use std::fmt::Write;
 use toml::de::DeValue;
 
@@ -134,5 +136,145 @@ impl RobotCorrection {
         }
         self.provenance.write(&mut text, "residuals_mm");
         text
+    }
+}
+
+settings! {
+    /// The numbers of the removal model; `removal` describes each of them.
+    pub struct RemovalNumbers {
+        /// Preston's coefficient of a new disc, mm²/N.
+        preston_mm2_per_n: f64, 1e-9..=10.0, required;
+        /// Its standard deviation, percent of the coefficient.
+        preston_deviation_percent: f64, 0.0..=100.0, required;
+        /// The decrease of ln k for each square metre that the disc sweeps, 1/m².
+        wear_per_m2: f64, -100.0..=1_000.0, required;
+        /// Standard deviation of the wear, 1/m².
+        wear_deviation_per_m2: f64, 0.0..=1_000.0, required;
+        /// Correlation of ln k and the wear.
+        correlation: f64, -1.0..=1.0, required;
+        /// Standard deviation of one coupon from the model, percent.
+        coupon_deviation_percent: f64, 0.0..=100.0, required;
+        /// Rms prediction error of coupons that were left out and predicted from the others, percent.
+        left_out_percent: f64, 0.0..=1_000.0, required;
+        /// Number of coupons.
+        coupons: usize, 3..=10_000, required;
+        /// The smallest force on a coupon, N; `None` in a file that does not state it.
+        least_force_n: Option<f64>, 0.5..=500.0, default None;
+        /// The largest force on a coupon, N.
+        most_force_n: Option<f64>, 0.5..=500.0, default None;
+        /// The exponent with which the depth grows with the force; `None` if the coupons do not determine it.
+        force_power: Option<f64>, -10.0..=10.0, default None;
+        /// Its uncertainty, 95 %.
+        force_power_uncertainty: Option<f64>, 0.0..=10.0, default None;
+        /// Discs that treated the coupons; 0 if their scatter is not known.
+        discs: usize, 0..=10_000, default 0;
+        /// Standard deviation from disc to disc, percent.
+        disc_deviation_percent: Option<f64>, 0.0..=1_000.0, default None;
+        /// The pad's modulus divided by its thickness, N/mm³.
+        pad_n_mm3: f64, 1e-4..=1_000.0, required;
+        /// Diameter of the orbit, mm; 0 for a disc that does not orbit.
+        orbit_mm: f64, 0.0..=50.0, required;
+        /// Orbits a minute.
+        orbit_rev_min: f64, 0.0..=100_000.0, required;
+    }
+}
+
+/// A removal model in the form of its file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RemovalCalibration {
+    /// Its numbers.
+    pub numbers: RemovalNumbers,
+    /// Date of the calibration.
+    pub date: Option<Date>,
+    /// Program, coupons file and residuals.
+    pub provenance: Provenance,
+}
+
+impl RemovalCalibration {
+    /// Checks the text of a removal model's file.
+    ///
+    /// # Errors
+    /// Every problem with its line and key.
+    pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
+        config::parse_file(file, text, |top| {
+            let calibration = Self::parse(&top.section("removal"));
+            top.finish();
+            calibration
+        })
+    }
+
+    fn parse(section: &Section<'_, '_>) -> Option<Self> {
+        let date = section.parse("date", (), Some(None));
+        let provenance = Provenance::parse(section, "residuals_percent");
+        // Parses the remaining keys and reports unknown ones.
+        let numbers = RemovalNumbers::parse(section);
+        Some(RemovalCalibration { numbers: numbers?, date: date?, provenance: provenance? })
+    }
+
+    /// Returns the file that [`RemovalCalibration::check`] reads back to the last bit, from the numbers in the
+    /// order of [`RemovalNumbers`] and the numbers of coupons and discs. It is made by a calibration, which has checked none
+    /// of their ranges.
+    pub fn to_text(
+        numbers: &[(&'static str, f64)],
+        (coupons, discs): (usize, usize),
+        (date, provenance): (Option<Date>, &Provenance),
+    ) -> String {
+        let mut text = "[removal]\n".to_owned();
+        numbers.iter().for_each(|(key, number)| line(&mut text, key, Some(format!("{number:?}"))));
+        line(&mut text, "coupons", Some(coupons));
+        line(&mut text, "discs", Some(discs));
+        line(&mut text, "date", date);
+        provenance.write(&mut text, "residuals_percent");
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NUMBERS: [(&str, f64); 15] = [
+        ("preston_mm2_per_n", 4.123_456_789e-4),
+        ("preston_deviation_percent", 1.25),
+        ("wear_per_m2", 0.8),
+        ("wear_deviation_per_m2", 0.1),
+        ("correlation", 0.7),
+        ("coupon_deviation_percent", 3.5),
+        ("left_out_percent", 3.9),
+        ("least_force_n", 15.0),
+        ("most_force_n", 30.0),
+        ("force_power", 0.98),
+        ("force_power_uncertainty", 0.04),
+        ("disc_deviation_percent", 2.5),
+        ("pad_n_mm3", 0.05),
+        ("orbit_mm", 5.0),
+        ("orbit_rev_min", 10_000.0),
+    ];
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let provenance = Provenance { residuals: vec![1.0, 2.5], ..Provenance::default() };
+        let day = Date::from_unix_s(1_764_000_000);
+        let text = RemovalCalibration::to_text(&NUMBERS, (12, 4), (Some(day.clone()), &provenance));
+        let read = RemovalCalibration::check("removal.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
+        assert_eq!((read.numbers.least_force_n(), read.numbers.most_force_n()), (Some(15.0), Some(30.0)));
+        assert_eq!((read.numbers.preston_mm2_per_n(), read.numbers.coupons()), (4.123_456_789e-4, 12));
+        assert_eq!((read.numbers.force_power(), read.numbers.disc_deviation_percent()), (Some(0.98), Some(2.5)));
+        assert_eq!((read.numbers.discs(), read.numbers.force_power_uncertainty()), (4, Some(0.04)));
+        assert_eq!((read.date, read.provenance), (Some(day), provenance));
+    }
+
+    #[test]
+    fn each_mistake_is_named() {
+        let text = RemovalCalibration::to_text(&NUMBERS, (2, 0), (None, &Provenance::default()));
+        let wrong = text.replace("orbit_mm = 5.0", "orbit_cm = 0.5").replace("0.05", "0.0");
+        let problems = RemovalCalibration::check("f", &wrong).expect_err("refused").to_string();
+        for words in [
+            "removal.pad_n_mm3: found 0.0, valid: a number from 0.0001 to 1000",
+            "removal.coupons: found 2, valid: a whole number from 3 to 10000",
+            "removal.orbit_cm: unknown key; this length is in mm: write orbit_mm",
+        ] {
+            assert!(problems.contains(words), "{words}: {problems}");
+        }
     }
 }
