@@ -1,10 +1,8 @@
 //! Compares the data list that a cell engineer edits with the cell's file: signals, outputs that a stop switches
 //! off, flags, timers, axes, space and speeds.
 
-use super::difference::{Difference, Differences};
-use super::names::CONFIG;
-use super::planned::{AIR_ACCELERATION_M_S2, RETRACT_M_S2, RETRACT_MM, RETRACT_MM_S};
-use super::stated::{DataList, Number, stated_key};
+use super::data_list::{DataList, Number, stated_key};
+use super::{AIR_ACCELERATION_M_S2, CONFIG, Difference, Differences, RETRACT_M_S2, RETRACT_MM, RETRACT_MM_S};
 use crate::cell::{Cell, Output};
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,29 +1,83 @@
 //! Compares the controller's files with each other and with the cell's file, as pure functions of their texts.
 //!
 //! A cell is described three times: in the cell's file on the PC, in `cell_config.dat` and in the two EthernetKRL
-//! files on the controller. `compare` finds every contradiction between them, `declared` and `called` those among the
-//! controller's programs. `sum` computes the checksum with which the controller's programs identify themselves, and
-//! `stated` reads the numbers of a data list. `planned` has the numbers with which the PC plans. Nothing here
+//! files on the controller. `compare` finds every contradiction between them and among the controller's programs,
+//! `data` those of the data list with the cell's file. `data_list` reads the numbers and declarations of a data list,
+//! and `sum` computes the checksum with which the controller's programs identify themselves. This file has the names
+//! of the controller's files, the numbers with which the PC plans, and the type of a contradiction. Nothing here
 //! communicates with a controller: which programs it executes is another question, which its checksum answers.
 
-mod called;
 mod compare;
 mod data;
-mod declared;
-mod difference;
-mod names;
-mod planned;
+mod data_list;
 #[cfg(any(test, feature = "testing"))]
 #[cfg_attr(feature = "testing", allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 pub mod planted;
-mod stated;
 mod sum;
+
 #[cfg(test)]
 mod tests;
 
 pub use compare::{Comparison, ControllerFiles, among_programs, compare};
-pub use difference::Difference;
-pub use names::{COMMANDS, CONFIG, DATA, MOTION, PROGRAMS, STATES, SUBMIT, USER, is_named};
-pub use planned::{AIR_ACCELERATION_M_S2, RETRACT_M_S2, RETRACT_MM, RETRACT_MM_S};
-pub use stated::highest_acceleration_m_s2;
+pub use data_list::highest_acceleration_m_s2;
 pub use sum::{SumError, program_sum};
+
+use panelprep_base::config::Problem;
+
+/// Name of the data list that a cell engineer edits.
+pub const CONFIG: &str = "cell_config.dat";
+/// Name of the data list of the protocol.
+pub const DATA: &str = "cell_data.dat";
+/// Name of the command channel's file.
+pub const COMMANDS: &str = "CELLCMD.xml";
+/// Name of the state channel's file.
+pub const STATES: &str = "CELLSTAT.xml";
+/// Name of the robot program; its interrupts name flags and a timer by their numbers.
+pub const MOTION: &str = "cell_motion.src";
+/// Name of the program with the cell's own subroutines.
+pub const USER: &str = "cell_user.src";
+/// Name of KUKA's own program of the submit interpreter, which calls the cycle of `cell_submit.src`.
+pub const SUBMIT: &str = "sps.sub";
+/// Names of the release's files whose texts are in the sum, in the order of the sum. `CONFIG` is in the sum by its
+/// values, and `USER` by the value CELL_USER_REVISION, which states the sum of its text.
+pub const PROGRAMS: [&str; 6] =
+    [DATA, "cell_judge.src", "cell_link.src", MOTION, "cell_submit.src", "cell_tell.src"];
+
+/// Returns whether a file, given with or without its folder, has this name. The controller distinguishes no upper and
+/// lower case.
+pub fn is_named(file: &str, name: &str) -> bool {
+    file.rsplit(['/', '\\']).next().unwrap_or(file).eq_ignore_ascii_case(name)
+}
+
+/// At a stop in contact the controller's program lifts the tool off by this distance, mm: CELL_RETRACT_MM.
+pub const RETRACT_MM: f64 = 50.0;
+/// The speed of this retract, mm/s: CELL_RETRACT_VEL. In a cell whose own limit is lower, the retract may be slower.
+pub const RETRACT_MM_S: f64 = 200.0;
+/// The lowest acceleration of this retract, m/s²: CELL_RETRACT_ACC. The worst case of Abort in the safety concept counts
+/// with it: 0.2 m/s are reached and lost in 0.2 / 2 = 0.1 s.
+pub const RETRACT_M_S2: f64 = 2.0;
+/// The acceleration of each motion in the air, m/s²: CELL_ACC_MAX must allow it.
+pub const AIR_ACCELERATION_M_S2: f64 = 1.0;
+
+/// A contradiction between two files.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Difference {
+    /// The name of the controller's file, without its folder.
+    pub file: &'static str,
+    /// Line and key, the value that was found, the expected value, and what to do.
+    pub problem: Problem,
+}
+
+/// The differences found so far.
+#[derive(Default)]
+struct Differences(Vec<Difference>);
+
+impl Differences {
+    fn push(&mut self, difference: Difference) {
+        self.0.push(difference);
+    }
+
+    fn note(&mut self, file: &'static str, line: usize, key: impl Into<String>, message: impl Into<String>) {
+        self.0.push(Difference { file, problem: Problem { line, key: key.into(), message: message.into() } });
+    }
+}

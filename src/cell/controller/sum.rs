@@ -7,8 +7,8 @@
 //! gives no protection against intended deception: this is the task of the controller's own checksums of its
 //! project and of its safety configuration.
 
-use super::names::{CONFIG, DATA, PROGRAMS, USER, is_named};
-use super::stated::DataList;
+use super::data_list::DataList;
+use super::{CONFIG, DATA, PROGRAMS, USER, is_named};
 
 /// The modulus of the sum, as in the controller's programs.
 const MODULUS: i64 = 1_000_003;
