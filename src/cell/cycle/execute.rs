@@ -1,10 +1,9 @@
 //! The aim of each state, and the transition that the answer to an action causes.
 
 use super::interlocks::{
-    CLEARING, COMPLETING, LEAVE_NEEDS, LEAVING_MOTION, LEAVING_TOOL, RESETTING, Row, STARTING, UNHOLDING,
+    CLEARING, COMPLETING, LEAVE_NEEDS, LEAVING_MOTION, LEAVING_TOOL, RESETTING, Row, Rule, STARTING, UNHOLDING,
     UNHOLDING_LOCATED,
 };
-use super::rules::Rule;
 use super::turn::{Goal, TransitionStep};
 use super::{
     Action, Answer, At, Cause, Deadline, Epoch, Extraction, Film, Grade, Hold, Lens, Light, Motion, Outcome, Path,

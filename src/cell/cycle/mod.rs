@@ -31,27 +31,22 @@
 //!
 //! Sources: `ANSI/ISA-TR88.00.02` for the names of the outer states; thesis Fig. 4.30 for the order.
 
-mod effect;
 mod event;
 mod execute;
 mod facts;
 mod interlocks;
-mod recovery;
-mod restart;
-mod rules;
 mod state;
 mod step;
-mod switch;
 mod turn;
 
 #[cfg(test)]
 mod tests;
 
-pub use effect::{Action, Effect, Frames, Motion, Outcome, Path, Refusal};
-pub use event::{Answer, Deadline, Event, Film, Grade, Id, Report, Request, Robot, Trouble};
+pub use event::{
+    Action, Answer, Deadline, Effect, Event, Film, Frames, Grade, Id, Motion, Outcome, Path, Refusal, Report,
+    Request, Robot, Switch, Trouble,
+};
 pub use facts::{Epoch, Extraction, Facts, Lens, Light, Tool, Water};
 pub use interlocks::open_interlocks;
-pub use recovery::{fold_journal, recover};
 pub use state::{At, Cause, Due, Hold, Intent, Job, Phase, State, Why};
-pub use step::step;
-pub use switch::Switch;
+pub use step::{fold_journal, recover, step};

@@ -1,6 +1,7 @@
-//! One step of the table: how an event changes the state.
+//! One step of the table: how an event changes the state; the state after a restart of the program; and the recovery
+//! at program start, which folds the journal of the last process into a state, however that process ended.
 
-use super::rules::{Rule, Rules};
+use super::interlocks::{Rule, Rules};
 use super::turn::TransitionStep;
 use super::{
     Action, Answer, At, Cause, Deadline, Effect, Epoch, Event, Hold, Id, Job, Light, Phase, Refusal, Report,
@@ -304,7 +305,39 @@ impl TransitionStep {
     fn boot(&mut self) {
         self.conclude(Verdict::Aborted);
         if self.rules.is_active(Rule::BootRests) {
-            self.state = super::restart::state_after_restart(self.state);
+            self.state = state_after_restart(self.state);
         }
     }
+}
+
+/// No motion continues. An open motion, tool or water that was on, or an abort that was not cleared leads to
+/// Aborted; everything else leads to Stopped.
+fn state_after_restart(before: State) -> State {
+    let at = match (before.intent, before.at) {
+        // A restart is not an acknowledgement: what a person has not cleared stays to be cleared.
+        (_, At::Aborting { cause, .. } | At::Aborted { cause } | At::Clearing { cause }) => At::Aborted { cause },
+        // The arm was in motion, perhaps in contact, when the process ended, and nothing has reported its standstill.
+        (Some(_), _) => At::Aborted { cause: Cause::Interrupted },
+        (None, _) if before.facts.tool_may_run || before.facts.water_may_run => {
+            At::Aborted { cause: Cause::OutputsOn }
+        }
+        (None, _) => At::Stopped,
+    };
+    // The outputs were not watched while no process ran; only suspicions survive.
+    let facts = before.facts.facts_after_loss();
+    State { at, facts, due: None, job: Job { running: false, ..before.job }, ..before }
+}
+
+/// Returns the state to which a journal leads: the steps of the table are computed, but their effects are not
+/// performed.
+pub fn fold_journal(journal: impl IntoIterator<Item = Event>) -> State {
+    journal.into_iter().fold(State::INITIAL, |state, event| step(state, event).0)
+}
+
+/// Returns the state in which a program starts with this journal in its store: Aborted, or Stopped.
+///
+/// It is the same as one step of [`Report::Boot`], which the loop journals before anything else, so that a journal of
+/// many starts folds as one.
+pub fn recover(journal: impl IntoIterator<Item = Event>) -> State {
+    step(fold_journal(journal), Event::Reported(Report::Boot)).0
 }

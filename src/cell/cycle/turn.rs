@@ -1,7 +1,6 @@
 //! A step during its computation: the state, the effects so far, and the next action towards an aim.
 
-use super::interlocks::{Row, action_needs};
-use super::rules::{Rule, Rules};
+use super::interlocks::{Row, Rule, Rules, action_needs};
 use super::{
     Action, At, Deadline, Due, Effect, Facts, Id, Intent, Outcome, Phase, Refusal, Request, State, Trouble,
 };

@@ -1,6 +1,6 @@
 //! The true cell. It does not know the table's facts: it uses only its own outputs and its own arm.
 
-use super::super::rules::Rules;
+use super::super::interlocks::Rules;
 use super::super::step::step_with;
 use super::super::*;
 

@@ -1,7 +1,7 @@
 //! Scenarios of trouble with the link, the robot, or the program itself, at every station of a cycle.
 
 use super::super::*;
-use super::script::Story;
+use super::healthy::Story;
 use panelprep_base::verdict::Verdict;
 
 /// A fault while the cell is cleared or reset: the link's epoch has ended, and the next attempt succeeds.
