@@ -9,7 +9,7 @@
 //! after the last point are allowed, because PCL fills its files up to a memory page. Its writer panics when
 //! dropped before its end; the twelve lines of a binary header are written here.
 
-use super::cloud_error::{CloudFileError, check_cloud_size};
+use super::error::{CloudFileError, check_cloud_size};
 use panelprep_base::geometry::{Camera, CloudError, OrganizedCloud, PinholeCamera};
 use pcd_rs::{DataKind, FieldDef, PcdDeserialize, PcdMeta, Reader, Schema, ValueKind};
 use std::io::{BufRead, Error as IoError, ErrorKind};

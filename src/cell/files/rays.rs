@@ -5,7 +5,7 @@
 //! down. The error names what fits. If most points do fit, a point that does not was changed on its way: by a disk,
 //! a cable or a program. Distances along the ray are not checked, except for their unit.
 
-use super::cloud_error::CloudFileError;
+use super::error::CloudFileError;
 use panelprep_base::geometry::{
     Camera, OrganizedCloud, PinholeCamera, Pixel, Point, fit_lens, median, median_projection_error_px,
     sample_points,

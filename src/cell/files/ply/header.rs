@@ -1,6 +1,6 @@
 //! Reads the header of a PLY file line by line; only the parts that are used are checked strictly.
 
-use super::super::cloud_error::CloudFileError;
+use super::super::error::CloudFileError;
 
 /// The end of the header is searched within this length; real headers have 300 bytes.
 const MAX_HEADER_BYTES: usize = 1 << 16;

@@ -1,7 +1,7 @@
 //! The mesh of a PLY file: `vertex` with float or double `x y z`, and `face` with a list of vertex indices as its
 //! only list; other properties and elements are not used. `ascii` or `binary_little_endian`.
 
-use super::super::mesh_error::{MAX_TRIANGLES, MeshFileError};
+use super::super::error::{MAX_TRIANGLES, MeshFileError};
 use super::header::{Header, LaterElement, NumberType};
 use nalgebra::{Point3, Vector3};
 use panelprep_base::geometry::{LengthUnit, TriangleMesh};

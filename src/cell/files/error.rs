@@ -1,4 +1,5 @@
-//! Reasons why bytes are not an organised cloud.
+//! Reasons why bytes are not an organised cloud or not a mesh; and the detection, by their first bytes, of files of
+//! other kinds that are given as a scan, which states what they are and what to do.
 
 use panelprep_base::geometry::{CloudError, PinholeCamera};
 
@@ -221,6 +222,185 @@ pub(super) fn check_cloud_size((width, height): (u64, u64), camera: &PinholeCame
         true => Ok(()),
         false => {
             Err(CloudFileError::Size { width, height, width_px: camera.width_px, height_px: camera.height_px })
+        }
+    }
+}
+
+/// Largest number of triangles, five times that of a finely meshed panel; the memory stays below one gigabyte.
+pub const MAX_TRIANGLES: usize = 5_000_000;
+
+/// Remedy for a file of a CAD system, the same for all its kinds.
+const CONVERT: &str = "convert it to STL with the CAD system, or with FreeCAD (open it, select the panel's body, File → Export, \
+                       STL mesh), with a deviation of 0.01 mm or less";
+
+/// The reason why a drawing's file was refused: the position, what was found, what to do.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MeshFileError {
+    /// None of the forms that are read.
+    #[error("the file is not an STL, PLY or OBJ file; {CONVERT}")]
+    NoMesh,
+    /// A file of a CAD system, whose surfaces are not triangles.
+    #[error("the file is {kind}, whose surfaces are formulas, not triangles: {CONVERT}")]
+    Surfaces {
+        /// Kind of the surfaces.
+        kind: &'static str,
+    },
+    /// A binary STL file whose size is not what its header states.
+    #[error(
+        "the header of this binary STL file states {triangles} triangles, which need {needed} bytes, but the file has \
+         {found} bytes: the file is damaged or incomplete; export it again"
+    )]
+    StlSize {
+        /// Number of triangles stated.
+        triangles: u64,
+        /// Bytes of a file with as many.
+        needed: u64,
+        /// Number of bytes in the file.
+        found: u64,
+    },
+    /// A triangle, vertex or face of a binary file.
+    #[error("{what} {number}: {problem}")]
+    Record {
+        /// Kind of the record.
+        what: &'static str,
+        /// Number of the record, from 1.
+        number: usize,
+        /// The problem.
+        problem: String,
+    },
+    /// A line of a text.
+    #[error("line {line}: {problem}")]
+    Line {
+        /// Line, from 1.
+        line: usize,
+        /// The problem.
+        problem: String,
+    },
+    /// The text ends inside an object.
+    #[error("the file ends at line {line} before '{expected}': it is truncated; export it again")]
+    Ends {
+        /// The last line, from 1.
+        line: usize,
+        /// The expected content.
+        expected: &'static str,
+    },
+    /// Data after the last face.
+    #[error("{found} bytes follow the last face: header and data disagree; export the file again")]
+    Trailing {
+        /// Number of surplus bytes.
+        found: usize,
+    },
+    /// A face that is divided into triangles in several ways that differ.
+    #[error(
+        "line {line}: the face of {corners} corners is not planar and convex; export the mesh with triangles only"
+    )]
+    NotConvex {
+        /// Line, or number of the face in a binary file, from 1.
+        line: usize,
+        /// Its corners.
+        corners: usize,
+    },
+    /// Two statements of the unit that differ.
+    #[error("the file states two units, {first} and {second}; correct its comments")]
+    TwoUnits {
+        /// The first unit.
+        first: &'static str,
+        /// The second unit.
+        second: &'static str,
+    },
+    /// A statement of a unit that is not read.
+    #[error(
+        "the file states the unit {found} (valid: mm, in, m); export it in millimetres, or correct its comment"
+    )]
+    UnknownUnit {
+        /// The words of the file.
+        found: String,
+    },
+    /// A mesh without triangles.
+    #[error("the file has no triangle: it contains only points or curves; export the panel's body as a mesh")]
+    Empty,
+    /// Too many triangles.
+    #[error(
+        "the file has {found} triangles (limit {MAX_TRIANGLES}); export the mesh with a larger deviation; 0.01 mm is \
+         sufficient"
+    )]
+    TooMany {
+        /// Triangles found.
+        found: u64,
+    },
+    /// A PLY header.
+    #[error(transparent)]
+    Ply(#[from] CloudFileError),
+}
+
+const ORDERED: &str =
+    "export it as PCD, ordered (organised): one point for each pixel, in mm, in the camera's frame";
+
+/// Checks whether the text consists of rows of at least three numbers: a list of points without a picture.
+fn is_number_table(head: &str) -> bool {
+    let mut lines = head.lines().map(str::trim).filter(|line| !line.is_empty());
+    // A line of column names may come first.
+    let is_row = |line: &str| {
+        let numbers: Vec<&str> = line.split([',', ';', ' ', '\t']).filter(|word| !word.is_empty()).collect();
+        numbers.len() >= 3 && numbers.iter().all(|word| word.parse::<f64>().is_ok())
+    };
+    lines.next().is_some() && lines.next().is_some_and(is_row) && lines.next().is_some_and(is_row)
+}
+
+/// Refuses a file that is known to be of another kind.
+pub(super) fn check_kind(bytes: &[u8]) -> Result<(), CloudFileError> {
+    let other = |kind, remedy| Err(CloudFileError::OtherKind { kind, remedy });
+    let head = &bytes[..bytes.len().min(1_024)];
+    if head.starts_with(b"\x89HDF") {
+        let remedy = "open it in Zivid Studio, or with its SDK, and export it as PCD, ordered (organised): one point for each pixel, \
+                      in mm, in the camera's frame";
+        return other("an HDF5 file, as Zivid's .zdf files are", remedy);
+    }
+    // A binary STL has a header of 80 bytes and then the count of its triangles of 50 bytes.
+    let triangles = bytes.get(80..84).and_then(|count| count.try_into().ok()).map(u32::from_le_bytes);
+    if triangles.is_some_and(|count| count > 0 && bytes.len() as u64 == 84 + 50 * u64::from(count)) {
+        return other(
+            "an STL file: a surface without the camera's pixels",
+            "take a scan of the part instead; a scan has one point for each pixel",
+        );
+    }
+    let Ok(text) =
+        std::str::from_utf8(&head[..head.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1)])
+    else {
+        return Ok(());
+    };
+    if text.trim_start().starts_with("solid ") {
+        return other(
+            "an STL file: a surface without the camera's pixels",
+            "take a scan of the part instead; a scan has one point for each pixel",
+        );
+    }
+    if is_number_table(text) {
+        return other("a list of points (.xyz, .csv) without the pixel of each point", ORDERED);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn other_kinds_are_named_with_what_to_do() {
+        let words = |bytes: &[u8]| check_kind(bytes).expect_err("refused").to_string();
+        assert!(words(b"\x89HDF\r\n\x1a\n    ").contains("Zivid"));
+        let mut stl = vec![0; 80];
+        stl.extend(1_u32.to_le_bytes());
+        stl.extend([0; 50]);
+        assert!(words(&stl).contains("STL"));
+        assert!(words(b"solid part\n facet normal 0 0 1\n").contains("STL"));
+        for text in ["1 2 3\n4 5 6\n7 8 9\n", "x,y,z,r\n1,2,3,4\n1.5,2,3,4\n"] {
+            assert!(words(text.as_bytes()).contains("ordered"), "{text}");
+        }
+        for right in
+            [&b"ply\nformat ascii 1.0\nelement vertex 3\n"[..], b"# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\n", b""]
+        {
+            assert_eq!(check_kind(right), Ok(()));
         }
     }
 }
