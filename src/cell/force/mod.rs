@@ -12,24 +12,18 @@
 //! ```
 //!
 //! Forces are contact forces, N, positive if the disc presses onto the panel, unless they are stated to be the
-//! actuator's; `gravity` has the formula between them. Read in this order: `telegram` · `session` · `press` (the
-//! set-points of the tool) · `gravity` · `force_profile` (which force at which waypoint) · `watch` (readings against
-//! expected values) · `stroke` (the gate before the motion). Payload and zero are calibrated in `calib::force`.
+//! actuator's; `watch` has the formula between them. Read in this order: `telegram` · `session` · `press` (the
+//! set-points of the tool, the force at each waypoint, and the gate before the motion) · `watch` (the weight, and
+//! readings against expected values). Payload and zero are calibrated in `calib::force`.
 
-mod force_profile;
-mod gravity;
 mod press;
 mod session;
-mod stroke;
 mod telegram;
 mod watch;
 
-pub use force_profile::{ForcePhase, force_phase};
-pub use gravity::{SensorLoad, down_cosine};
-pub use press::{ForceSetPoint, SetPointRamp};
+pub use press::{ForcePhase, ForceSetPoint, MIDDLE_SHARE, SetPointRamp, TOOL_STROKE, check_stroke, force_phase};
 pub use session::{LinkLossCause, Session, SessionLimits, State};
-pub use stroke::{MIDDLE_SHARE, TOOL_STROKE, check_stroke};
 pub use telegram::{
     Command, ErrorBits, MAX_LOGIN_ECHO_BYTES, TERMINATOR, TelegramError, ToolReading, login, parse_reply,
 };
-pub use watch::{ExpectedForce, ForceWatch, WatchLimits, not_ready_reason};
+pub use watch::{ExpectedForce, ForceWatch, SensorLoad, WatchLimits, down_cosine, not_ready_reason};

@@ -1,14 +1,30 @@
-//! Compares the readings with their expected values while the arm is on a contact path.
+//! Compares the readings with their expected values while the arm is on a contact path, and computes the effect of the
+//! weight of the parts on the tool.
 //!
 //! Each deviation counts from the reading that first shows it, and is reported once it has lasted longer than the
 //! limit of the cell's file; a tool that does not go back has a limit of its own, `RETRACT_TIMEOUT`. Deviations are: a
 //! force out of its band around the set-point; no contact although the tool presses; a position outside of the
 //! middle two thirds of the stroke; a tool that does not go back. Error bits and a lost link count at once. While
 //! the set-point ramps, the band includes its values of the last moment, by which the tool may follow later.
+//!
+//! The weight of the parts on the tool acts as a function of the tool's orientation:
+//!
+//! ```text
+//! F_contact = F_actuator + m g (a · d)                                                       (1)
+//! F_actuator = F_contact − m g (a · d)                                                       (2)
+//! F_actuator = F_reading − zero                                                              (3)
+//! ```
+//!
+//! `a` is the direction in which the tool presses, its own +Z, and `d` the direction of gravity, −Z of the robot's
+//! base, both of length 1: the base must be level. If the tool points down (`a · d` = 1), the weight adds to the
+//! force; if it points up, the weight reduces the force. The payload that is sent to the tool is 0 kg, so that nothing
+//! is compensated twice.
 
-use super::force_profile::ForcePhase;
-use super::stroke::middle_mm;
+use super::press::{ForcePhase, middle_mm};
 use super::telegram::ToolReading;
+use crate::cell::CompliantTool;
+use nalgebra::Vector3;
+use panelprep_base::geometry::{Base, Rigid, STANDARD_GRAVITY_M_S2, Tool, Vector};
 use panelprep_base::number_text::fixed_decimals;
 use panelprep_base::verdict::Reason;
 use panelprep_kuka::eki::Time;
@@ -162,5 +178,173 @@ fn not_retracted_reason(reading: &ToolReading, stroke_mm: f64) -> Option<Reason>
     (reading.position_mm > allowed_mm).then(|| Reason::new("tool_stuck", words()))
 }
 
+/// The load on the actuator, and its sensor's reading without force.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SensorLoad {
+    /// Mass on the actuator: the sander with its disc, kg.
+    pub payload_kg: f64,
+    /// The sensor's reading when the actuator has no force, N.
+    pub zero_n: f64,
+}
+
+impl SensorLoad {
+    /// Returns the part of the contact force that comes from the weight, N; `downwards` is the cosine between the
+    /// tool's +Z and gravity, −1…1.
+    pub fn presses_n(&self, downwards: f64) -> f64 {
+        self.payload_kg * STANDARD_GRAVITY_M_S2 * downwards
+    }
+
+    /// Returns the contact force of a reading, N: (1) with (3).
+    pub fn contact_n(&self, reading_n: f64, downwards: f64) -> f64 {
+        reading_n - self.zero_n + self.presses_n(downwards)
+    }
+
+    /// Returns the actuator's force for this contact force, N: (2).
+    pub fn actuator_n(&self, contact_n: f64, downwards: f64) -> f64 {
+        contact_n - self.presses_n(downwards)
+    }
+}
+
+impl From<&CompliantTool> for SensorLoad {
+    fn from(tool: &CompliantTool) -> Self {
+        SensorLoad { payload_kg: tool.payload_kg, zero_n: tool.zero_n }
+    }
+}
+
+/// Returns how far a tool points down: the cosine between its +Z and gravity.
+pub fn down_cosine(base_from_tool: &Rigid<Base, Tool>) -> f64 {
+    -(*base_from_tool * Vector::<Tool>::new(Vector3::z())).mm.z
+}
+
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::super::telegram::ErrorBits;
+    use super::*;
+    use panelprep_base::geometry::KukaPose;
+
+    fn turned(b_deg: f64) -> f64 {
+        down_cosine(&KukaPose { b_deg, ..KukaPose::default() }.to_rigid())
+    }
+
+    /// By hand: 2 kg weigh 19.6133 N. Down: 20 N of contact need 0.3867 N from the actuator. Up: 39.6133 N. Level:
+    /// 20 N. At 60° from down, half of the weight presses: 10.19335 N.
+    #[test]
+    fn weight_presses_by_the_attitude() {
+        let weight = SensorLoad { payload_kg: 2.0, zero_n: 0.0 };
+        for (b_deg, actuator_n) in [(180.0, 0.3867), (0.0, 39.6133), (90.0, 20.0), (120.0, 10.193_35)] {
+            let found = weight.actuator_n(20.0, turned(b_deg));
+            assert!((found - actuator_n).abs() < 1e-9, "{b_deg}: {found}");
+        }
+    }
+
+    /// Calculated by hand: for a horizontal tool, a reading of 21.5 N with a zero of 1.5 N is a contact of 20 N;
+    /// pointing down it is 39.6133 N.
+    #[test]
+    fn a_reading_is_a_contact_force() {
+        let weight = SensorLoad { payload_kg: 2.0, zero_n: 1.5 };
+        assert!((weight.contact_n(21.5, turned(90.0)) - 20.0).abs() < 1e-9);
+        assert!((weight.contact_n(21.5, turned(180.0)) - 39.6133).abs() < 1e-9);
+    }
+
+    // The limits and readings were written by hand.
+    const LIMITS: WatchLimits = WatchLimits {
+        stroke_mm: 30.0,
+        band_n: 5.0,
+        band_within: Duration::from_millis(150),
+        contact_within: Duration::from_millis(200),
+    };
+
+    const PRESSED: ToolReading =
+        ToolReading { force_n: 20.0, position_mm: 15.0, contact: true, errors: ErrorBits(0) };
+
+    fn pressing(low_n: f64, high_n: f64) -> ExpectedForce {
+        ExpectedForce { force_phase: ForcePhase::Pressing, force_range_n: [low_n, high_n] }
+    }
+
+    /// Returns the first reason and its time; there is a reading each 50 ms.
+    fn first_reason(readings: impl Fn(u64) -> (ToolReading, f64, ExpectedForce)) -> Option<(u64, String)> {
+        let mut watch = ForceWatch::default();
+        (0..=2_000).step_by(50).find_map(|ms| {
+            let (reading, contact_n, expected) = readings(ms);
+            let reason = watch.evaluate((&reading, contact_n), expected, &LIMITS, Time::from_ms(ms))?;
+            Some((ms, reason.code.to_string()))
+        })
+    }
+
+    fn at(ms: u64, code: &str) -> Option<(u64, String)> {
+        Some((ms, code.to_owned()))
+    }
+
+    /// By hand: a band of 5 N around 20 N includes 15 and 25; 25.1 N from 500 ms on is reported at 650 ms.
+    #[test]
+    fn a_force_out_of_its_band_is_reported_once_it_lasts() {
+        let force = |contact_n: f64| {
+            first_reason(|ms| (PRESSED, if ms < 500 { 20.0 } else { contact_n }, pressing(20.0, 20.0)))
+        };
+        assert_eq!((force(25.0), force(15.0)), (None, None));
+        assert_eq!((force(25.1), force(14.9)), (at(650, "force_band"), at(650, "force_band")));
+        // Short peaks are not reported, however many there are.
+        assert_eq!(
+            first_reason(|ms| (PRESSED, if ms % 200 < 150 { 30.0 } else { 20.0 }, pressing(20.0, 20.0))),
+            None
+        );
+        // During the ramp from 5 N, all forces in between are as expected.
+        assert_eq!(first_reason(|_| (PRESSED, 2.0, pressing(5.0, 20.0))), None);
+    }
+
+    #[test]
+    fn contact_stroke_and_errors_are_reported() {
+        let lost = ToolReading { contact: false, ..PRESSED };
+        let from_500 =
+            |reading: ToolReading| move |ms| (if ms < 500 { PRESSED } else { reading }, 20.0, pressing(20.0, 20.0));
+        assert_eq!(first_reason(from_500(lost)), at(700, "no_contact"));
+        assert_eq!(
+            first_reason(|_| (lost, 0.0, pressing(20.0, 20.0))),
+            at(200, "no_contact"),
+            "a path that never touched"
+        );
+        // By hand: the middle two thirds of 30 mm are 5 to 25 mm.
+        for (position_mm, found) in
+            [(5.01, None), (24.99, None), (4.9, at(650, "tool_stroke")), (25.1, at(650, "tool_stroke"))]
+        {
+            assert_eq!(first_reason(from_500(ToolReading { position_mm, ..PRESSED })), found, "{position_mm}");
+        }
+        assert_eq!(first_reason(from_500(ToolReading { errors: ErrorBits(1), ..PRESSED })), at(500, "tool_errors"));
+    }
+
+    /// During landing, less than the set-point or no contact is allowed; too much force is reported.
+    #[test]
+    fn landing_may_have_no_contact_yet_and_never_too_much() {
+        let landing = ExpectedForce { force_phase: ForcePhase::Landing, force_range_n: [5.0, 5.0] };
+        let air = ToolReading { contact: false, ..PRESSED };
+        assert_eq!(first_reason(|_| (air, 0.0, landing)), None);
+        assert_eq!(first_reason(|_| (PRESSED, 10.1, landing)), at(150, "force_band"));
+        // Calculated by hand: a sixth of 30 mm is 5 mm; the tool has 600 ms to reach it.
+        let held = ExpectedForce { force_phase: ForcePhase::HeldBack, force_range_n: [-30.0, -30.0] };
+        let out = ToolReading { position_mm: 5.1, ..air };
+        assert_eq!(first_reason(|_| (out, 0.0, held)), at(600, "tool_stuck"));
+        assert_eq!(
+            first_reason(|ms| (if ms < 500 { out } else { ToolReading { position_mm: 5.0, ..air } }, 0.0, held)),
+            None
+        );
+    }
+
+    #[test]
+    fn a_path_begins_with_a_tool_that_is_back() {
+        let back = ToolReading { force_n: -30.0, position_mm: 0.2, contact: false, errors: ErrorBits(0) };
+        assert_eq!(not_ready_reason(&back, 30.0), None);
+        let code = |reading: ToolReading| not_ready_reason(&reading, 30.0).map(|reason| reason.code.to_string());
+        assert_eq!(code(ToolReading { contact: true, ..back }).as_deref(), Some("contact_in_air"));
+        assert_eq!(code(ToolReading { position_mm: 6.0, ..back }).as_deref(), Some("tool_stuck"));
+        assert_eq!(code(ToolReading { errors: ErrorBits(128), ..back }).as_deref(), Some("tool_errors"));
+    }
+
+    /// The tool is held back and has had enough time to go back: a contact then is not with the panel, whatever the
+    /// force.
+    #[test]
+    fn contact_in_the_air_is_reported() {
+        let held = ExpectedForce { force_phase: ForcePhase::HeldBack, force_range_n: [-30.0, -30.0] };
+        let touches = ToolReading { position_mm: 5.0, contact: true, ..PRESSED };
+        assert_eq!(first_reason(|_| (touches, 200.0, held)), at(600, "contact_in_air"));
+    }
+}
