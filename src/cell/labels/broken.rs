@@ -2,10 +2,12 @@
 //!
 //! A pixel breaks at the first moment at which its centre lies inside of an open break. The evaluated moments are the
 //! beginnings of the shapes and the times of the wet pictures: there is no observation between two pictures.
+//!
+//! `times.png` has the time of a break as a colour. A pixel that broke has blue 255; red · 256 + green is the time in
+//! hundredths of a second since the first fully wet picture. Any other pixel is black.
 
+use super::Break;
 use super::check::ClipFrame;
-use super::coded::time_to_color;
-use super::shapes::Break;
 use panelprep_base::geometry::{ColorPicture, Mask, Pixel, polygon};
 
 /// The pixels that broke, with their times.
@@ -70,10 +72,35 @@ impl BrokenPixels {
         Mask { width: self.width, height: self.height, inside }
     }
 
-    /// Returns the times at which the pixels broke, as colours: see [`coded`].
+    /// Returns the times at which the pixels broke, as colours: see [`time_to_color`].
     pub fn times(&self) -> ColorPicture {
         let rgb =
             self.since_wet_s.iter().map(|&time_s| time_to_color(time_s.is_finite().then_some(time_s))).collect();
         ColorPicture { width: self.width, height: self.height, rgb }
+    }
+}
+
+/// Converts a time to a colour.
+pub fn time_to_color(since_wet_s: Option<f64>) -> [u8; 3] {
+    since_wet_s.map_or([0; 3], |since_wet_s| {
+        let [red, green] = ((since_wet_s * 100.0).round().clamp(0.0, 65_535.0) as u16).to_be_bytes();
+        [red, green, 255]
+    })
+}
+
+/// The time that a colour encodes; `None` if the pixel did not break.
+pub fn decoded([red, green, blue]: [u8; 3]) -> Option<f64> {
+    (blue == 255).then(|| f64::from(u16::from_be_bytes([red, green])) / 100.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_survive_their_colour() {
+        for time_s in [None, Some(0.0), Some(0.25), Some(59.99), Some(600.0)] {
+            assert_eq!(decoded(time_to_color(time_s)), time_s);
+        }
     }
 }
