@@ -4,10 +4,8 @@
 //! region's centre. With an outline, the panel is everything inside that polygon and on the panel's surface, even
 //! if many points are missing. At places that a holder or clamp touches, neither surface nor outline is used.
 
-use super::error::{LearnError, WrongCorner};
-use super::nominal_pose::nominal_pose;
 use super::region::Region;
-use super::segment;
+use super::{LearnError, WrongCorner, nominal_pose, segment};
 use crate::imaging::outer_contours;
 use crate::recipe::Recipe;
 use nalgebra::Point2;
@@ -172,7 +170,7 @@ impl SearchArea<'_> {
         };
         let least = (MIN_PIECE_SHARE * largest.len() as f64) as usize;
         let parts = pieces.iter().filter(|piece| piece.len() >= least);
-        let on_one_surface = super::connected_pieces::pixels_on_main_sheet(self.scan, largest, parts);
+        let on_one_surface = super::segment::pixels_on_main_sheet(self.scan, largest, parts);
         Ok(segment::piece_to_mask(self.scan, &on_one_surface))
     }
 }

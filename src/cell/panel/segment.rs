@@ -1,9 +1,19 @@
-//! Segmentation of a scan into smooth objects: the connected piece around a seed, or the largest piece.
+//! Segmentation of a scan into smooth objects (the connected piece around a seed, or the largest piece), and which of
+//! these pieces belong to one sheet.
 //!
 //! Two neighbouring pixels belong to one object if the step in depth between them is smaller than any smooth panel
 //! causes from one pixel to the next. No shape is assumed.
+//!
+//! Missing points can divide a panel into pieces; objects in front of or behind the panel do not belong to it. The
+//! heights over the plane of least scatter are modelled as a polynomial of second order in the two directions of that
+//! plane: h(s, t) = a + b s + c t + d s² + e st + f t². The polynomial is fitted to the pieces that are known to
+//! belong to the sheet. A piece belongs to the sheet if its median height differs from this model by at most
+//! `MAX_SHEET_DISTANCE_MM`.
 
-use panelprep_base::geometry::{DIRECT_NEIGHBOURS, Frame, Mask, OrganizedCloud, RasterSize, median};
+use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
+use panelprep_base::geometry::{
+    DIRECT_NEIGHBOURS, Frame, Mask, OrganizedCloud, Panel, Point, RasterSize, Vector, median,
+};
 
 /// Neighbouring points belong to two objects if their distance exceeds the usual distance by this factor. The
 /// factor is larger than a steep panel causes, and far smaller than the gap between a panel and its fixture.
@@ -49,6 +59,128 @@ pub fn piece_to_mask<F: Frame>(cloud: &OrganizedCloud<F>, piece: &[usize]) -> Ma
     mask
 }
 
+/// A piece at a greater distance from the sheet is another object, mm. A clamp or a glued mark is thicker than this;
+/// at the ends of a gap, a real panel deviates from the model by less.
+const MAX_SHEET_DISTANCE_MM: f64 = 4.0;
+/// Largest number of points that a fit, and the height of a piece, use.
+const FIT_POINTS: usize = 4_000;
+const PIECE_POINTS: usize = 200;
+
+/// Returns the pixels of all pieces that lie on the same sheet as the largest piece.
+pub(super) fn pixels_on_main_sheet<'a>(
+    scan: &OrganizedCloud<Panel>,
+    largest: &[usize],
+    pieces: impl Iterator<Item = &'a Vec<usize>>,
+) -> Vec<usize> {
+    let pieces: Vec<&Vec<usize>> = pieces.collect();
+    let mut joined = largest.to_vec();
+    // Pieces near the first one enlarge the sheet, so that far pieces are found too.
+    for _ in 0..2 {
+        let Some(sheet) = QuadraticSheet::fit(scan, &joined) else { return joined };
+        joined = pieces
+            .iter()
+            .filter(|piece| sheet.contains_piece(scan, piece))
+            .flat_map(|piece| piece.iter().copied())
+            .collect();
+    }
+    joined
+}
+
+/// The surface of second order through points of a panel.
+pub(super) struct QuadraticSheet {
+    centre: Point3<f64>,
+    /// Two directions in the plane, and the plane's normal.
+    axes: Matrix3<f64>,
+    height: Vector6<f64>,
+    /// The radius around the points, mm, by which coordinates are scaled.
+    scale_mm: f64,
+    /// (Σ t tᵀ / n)⁻¹ of the points' terms t.
+    spread: Matrix6<f64>,
+    /// Distance of the points from the sheet, rms, mm.
+    pub(super) rms_mm: f64,
+}
+
+/// A place is no farther from the points than their own rim if tᵀ (Σ t tᵀ / n)⁻¹ t at this place is at most this
+/// value. Its mean over the points is 6, and at the corners of an evenly filled square it is 1 + 3 + 3 + 5 + 5 + 9 =
+/// 26.
+const RIM: f64 = 26.0;
+/// Steps to the intersection of a ray with the sheet, and the largest length of the last step, mm.
+const MAX_INTERSECTION_STEPS: usize = 20;
+const INTERSECTION_TOLERANCE_MM: f64 = 1e-6;
+
+impl QuadraticSheet {
+    /// Returns the intersection of the ray with the sheet; `None` far from the points.
+    pub(super) fn intersect_ray(&self, viewer: Point<Panel>, ray: Vector<Panel>) -> Option<Point<Panel>> {
+        let normal = self.axes.column(2).into_owned();
+        let slope = normal.dot(&ray.mm);
+        let mut distance = normal.dot(&(self.centre - viewer.mm)) / slope;
+        for _ in 0..MAX_INTERSECTION_STEPS {
+            let point = viewer + ray * distance;
+            let (terms, height) = self.polynomial_terms(&point.mm);
+            let step = (self.height.dot(&terms) - height) / slope;
+            distance += step;
+            if step.abs() * ray.mm.norm() <= INTERSECTION_TOLERANCE_MM {
+                let is_near = terms.dot(&(self.spread * terms)) <= RIM;
+                return (is_near && distance > 0.0).then_some(point);
+            }
+        }
+        None
+    }
+
+    /// Fits a sheet through the points at these pixels; `None` if there are too few or if they lie on a line.
+    pub(super) fn fit(scan: &OrganizedCloud<Panel>, pixels: &[usize]) -> Option<QuadraticSheet> {
+        let points: Vec<Point3<f64>> =
+            subsample(pixels, FIT_POINTS).filter_map(|i| scan.point_at(i)).map(|p| p.mm).collect();
+        let centre =
+            Point3::from(points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len().max(1) as f64);
+        let scatter: Matrix3<f64> = points.iter().map(|p| (p - centre) * (p - centre).transpose()).sum();
+        let eigen = scatter.symmetric_eigen();
+        let thinnest = eigen.eigenvalues.imin();
+        let columns =
+            [(thinnest + 1) % 3, (thinnest + 2) % 3, thinnest].map(|i| eigen.eigenvectors.column(i).into_owned());
+        let scale_mm = points.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max).max(1e-9);
+        let axes = Matrix3::from_columns(&columns);
+        let (height, spread) = (Vector6::zeros(), Matrix6::zeros());
+        let mut sheet = QuadraticSheet { centre, axes, height, scale_mm, spread, rms_mm: 0.0 };
+        let (mut squares, mut sums) = (Matrix6::zeros(), Vector6::zeros());
+        for point in &points {
+            let (terms, height) = sheet.polynomial_terms(point);
+            squares += terms * terms.transpose();
+            sums += terms * height;
+        }
+        let inverse = squares.try_inverse()?;
+        sheet.height = inverse * sums;
+        sheet.spread = inverse * points.len() as f64;
+        let off_mm = |point: &Point3<f64>| {
+            let (terms, height) = sheet.polynomial_terms(point);
+            height - sheet.height.dot(&terms)
+        };
+        let squares_mm2: f64 = points.iter().map(|point| off_mm(point).powi(2)).sum();
+        sheet.rms_mm = (squares_mm2 / points.len() as f64).sqrt();
+        Some(sheet)
+    }
+
+    fn polynomial_terms(&self, point: &Point3<f64>) -> (Vector6<f64>, f64) {
+        let at = self.axes.transpose() * (point - self.centre);
+        let (s, t) = (at.x / self.scale_mm, at.y / self.scale_mm);
+        (Vector6::new(1.0, s, t, s * s, s * t, t * t), at.z)
+    }
+
+    fn contains_piece(&self, scan: &OrganizedCloud<Panel>, piece: &[usize]) -> bool {
+        let away = |i: usize| {
+            let (terms, height) = self.polynomial_terms(&scan.point_at(i)?.mm);
+            Some(height - self.height.dot(&terms))
+        };
+        let mut heights: Vec<f64> = subsample(piece, PIECE_POINTS).filter_map(away).collect();
+        median(&mut heights).is_some_and(|height| height.abs() <= MAX_SHEET_DISTANCE_MM)
+    }
+}
+
+/// Returns about `wanted` of these pixels, evenly chosen.
+fn subsample(pixels: &[usize], wanted: usize) -> impl Iterator<Item = usize> + '_ {
+    pixels.iter().copied().step_by(pixels.len().div_ceil(wanted).max(1))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,5 +199,44 @@ mod tests {
         let pieces = find_pieces(&cloud, |_| true);
         assert_eq!(pieces.iter().map(Vec::len).collect::<Vec<_>>(), [84, 16]);
         assert!(piece_to_mask(&cloud, &pieces[1]).contains(4, 4));
+    }
+
+    /// By hand: h = 500 + x²/1000 over 0…99 × 0…49 mm without a hole of 40 × 20 mm. Seen along z through the middle
+    /// of the hole, (50, 25), the sheet is at 502.5; far outside, at (400, 25), there is no result.
+    #[test]
+    fn a_hole_is_bridged_and_nothing_is_reported_far_off() {
+        let point = |i: usize| {
+            let (x, y) = ((i % 100) as f32, (i / 100) as f32);
+            let is_hole = (30..70).contains(&(i % 100)) && (15..35).contains(&(i / 100));
+            if is_hole { [f32::NAN; 3] } else { [x, y, 500.0 + x * x / 1_000.0] }
+        };
+        let scan = OrganizedCloud::<Panel>::new(100, 50, (0..5_000).map(point).collect(), vec![[0; 3]; 5_000]);
+        let scan = scan.expect("counts agree");
+        let given: Vec<usize> = scan.valid_points().map(|(index, _)| index).collect();
+        let sheet = QuadraticSheet::fit(&scan, &given).expect("a sheet");
+        let along_z = |x: f64| sheet.intersect_ray(Point::at(x, 25.0, 0.0), Vector::new(Vector3::z()));
+        let met = along_z(50.0).expect("in the hole");
+        assert!((met.mm.z - 502.5).abs() < 1e-3 && (met.mm.x - 50.0).abs() < 1e-9, "{met:?}");
+        assert!(along_z(0.0).is_some() && along_z(400.0).is_none());
+        // A parabola over a tilted plane is not exactly a parabola, but nearly.
+        assert!(sheet.rms_mm < 0.01, "{}", sheet.rms_mm);
+    }
+
+    /// A bent sheet in two parts, with an object 20 mm in front: the object is left out. The far part lies 8 mm above
+    /// the near part's plane (x²/1000 at x = 90 mm), but on the near part's sheet.
+    #[test]
+    fn parts_of_a_bent_sheet_belong_together() {
+        let point = |i: usize| {
+            let (x, y) = ((i % 100) as f32, (i / 100) as f32);
+            let lift = if (40..50).contains(&(i % 100)) { 20.0 } else { 0.0 };
+            [x, y, 500.0 + x * x / 1_000.0 - lift]
+        };
+        let scan = OrganizedCloud::<Panel>::new(100, 50, (0..5_000).map(point).collect(), vec![[0; 3]; 5_000]);
+        let scan = scan.expect("counts agree");
+        let columns =
+            |from: usize, to: usize| (0..5_000).filter(|i| (from..to).contains(&(i % 100))).collect::<Vec<_>>();
+        let pieces = [columns(50, 90), columns(0, 40), columns(40, 50), columns(92, 100)];
+        let joined = pixels_on_main_sheet(&scan, &pieces[0], pieces.iter());
+        assert_eq!(joined.len(), 50 * (40 + 40 + 8), "all but the thing");
     }
 }
