@@ -1,20 +1,21 @@
 //! The recipe: one TOML file for each kind of panel, checked and converted to a form that contains only allowed
 //! values.
 //!
-//! Each table is declared in `tables`, key by key with range, default and meaning; this file joins the tables and
-//! checks rules that concern several keys. `config/` reads the file.
+//! Each table is declared in `film`, `path` or `place`, key by key with range, default and meaning; this file joins the
+//! tables and checks rules that concern several keys. `config/` reads the file.
 
 mod edit;
-mod tables;
+mod film;
+mod path;
+mod place;
 
 #[cfg(test)]
 mod tests;
 
 pub use edit::{DrawnShapes, EditError, with_shapes};
-pub use tables::{
-    Corner, CornerName, CornerNames, DrawingPlacement, FitMethod, Inspect, Locate, Method, Panel, Path, Pattern,
-    Process, Region, Registration, Removal, RemovalMethod, SandedReference, Surface, Treat, TreatBy,
-};
+pub use film::{Inspect, Method, Process, Region, SandedReference};
+pub use path::{FitMethod, Path, Pattern, Removal, RemovalMethod, Surface, Treat, TreatBy};
+pub use place::{Corner, CornerName, CornerNames, DrawingPlacement, Locate, Panel, Registration};
 
 use panelprep_base::config::{self, Problems, Section};
 
@@ -48,17 +49,17 @@ impl Recipe {
     }
 
     fn parse(top: &Section<'_, '_>) -> Option<Self> {
-        let panel = tables::parse_panel(top);
-        let process = tables::parse_process(&top.section("process"));
-        let locate = tables::parse_locate(&top.section("locate"));
-        let corner = tables::parse_corner(&top.section("corner"));
-        let region = tables::parse_region(&top.section("region"));
-        let inspect = tables::parse_inspect(&top.section("inspect"));
+        let panel = place::parse_panel(top);
+        let process = film::parse_process(&top.section("process"));
+        let locate = place::parse_locate(&top.section("locate"));
+        let corner = place::parse_corner(&top.section("corner"));
+        let region = film::parse_region(&top.section("region"));
+        let inspect = film::parse_inspect(&top.section("inspect"));
         let surface = Surface::parse(&top.section("surface"));
-        let path = tables::parse_path(&top.section("path"));
-        let treat = tables::parse_treat(&top.section("treat"), path.as_ref());
-        let removal = tables::parse_removal(&top.section("removal"), path.as_ref());
-        let nominal = tables::parse_nominal(&top.section("nominal"));
+        let path = path::parse_path(&top.section("path"));
+        let treat = path::parse_treat(&top.section("treat"), path.as_ref());
+        let removal = path::parse_removal(&top.section("removal"), path.as_ref());
+        let nominal = place::parse_nominal(&top.section("nominal"));
         top.finish();
         Some(Recipe {
             panel: panel?,

@@ -1,6 +1,8 @@
-//! The surface and the tool's path over it: `[surface]` and `[path]`.
+//! How the panel is abraded: the surface and the tool's path over it (`[surface]` and `[path]`), what is abraded after
+//! a film broke (`[treat]`), and the required removal (`[removal]`).
 
 use panelprep_base::config::{Choice, Section, settings};
+use panelprep_base::number_text::shortest_text;
 
 /// The method of finding the control points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -198,4 +200,141 @@ fn check_force_keys(section: &Section<'_, '_>, path: &Path) -> bool {
         }
         None => true,
     }
+}
+
+/// The places that are abraded after a grid failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TreatBy {
+    /// The whole grid.
+    Grid,
+    /// The breaks of the grid, widened.
+    Break,
+}
+
+impl Choice for TreatBy {
+    const KEYWORDS: &'static [(&'static str, Self)] = &[("grid", TreatBy::Grid), ("break", TreatBy::Break)];
+}
+
+settings! {
+    /// `[treat]`: the places that are abraded after a grid failed.
+    pub struct Treat {
+        /// What is abraded: whole grids, or areas around the breaks.
+        by: TreatBy, (), default TreatBy::Grid;
+        /// Distance by which a break is widened on the surface, mm; only with `by = "break"`, see
+        /// [`Treat::widened_mm`].
+        margin_mm: Option<f64>, 1.0..=200.0, default None;
+        /// Uncertainty of a break's outline on the panel, 95 %, mm: of the panel's pose in the film, of the break's
+        /// blurred rim, and of the tool. The program's own margin for pose and tool is 1.5 mm (`path::touching`), and
+        /// the rim is blurred by half a millimetre.
+        uncertainty_mm: f64, 0.5..=20.0, default 2.0;
+    }
+}
+
+impl Treat {
+    /// Returns the distance by which breaks are widened, mm; if the recipe does not state it, the least allowed one.
+    pub fn widened_mm(&self, path: &Path) -> f64 {
+        self.margin_mm().unwrap_or_else(|| self.least_mm(path))
+    }
+
+    /// Returns the least margin, mm: the disc's radius and the uncertainty of the outline.
+    fn least_mm(&self, path: &Path) -> f64 {
+        path.disc_diameter_mm() / 2.0 + self.uncertainty_mm()
+    }
+}
+
+/// Reads the table. If `[path]` has problems, `path` is `None` here, and the margin is not compared with the disc.
+pub(in crate::recipe) fn parse_treat(section: &Section<'_, '_>, path: Option<&Path>) -> Option<Treat> {
+    let treat = Treat::parse(section)?;
+    if treat.by() == TreatBy::Grid {
+        let lonely: Vec<&str> =
+            ["margin_mm", "uncertainty_mm"].into_iter().filter(|key| section.has_key(key)).collect();
+        lonely.iter().for_each(|key| section.problem(key, "has no effect without by = \"break\""));
+        return lonely.is_empty().then_some(treat);
+    }
+    let Some(path) = path else { return Some(treat) };
+    let (found_mm, least_mm) = (treat.widened_mm(path), treat.least_mm(path));
+    if found_mm < least_mm {
+        let [found, least] = [found_mm, least_mm].map(shortest_text);
+        let message = format!(
+            "found {found} (at least {least}: half of path.disc_diameter_mm, and uncertainty_mm): a break at the area's \
+             border would be under the disc for too short a time"
+        );
+        section.problem("margin_mm", message);
+        return None;
+    }
+    Some(treat)
+}
+
+/// The method of calculating the feed from the required removal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RemovalMethod {
+    /// No calculation: the feed makes the times under the disc even, and the resulting removal is reported.
+    Constant,
+    /// The feed on each move is calculated so that the target is removed evenly.
+    Scheduled,
+}
+
+impl Choice for RemovalMethod {
+    const KEYWORDS: &'static [(&'static str, Self)] =
+        &[("constant", RemovalMethod::Constant), ("scheduled", RemovalMethod::Scheduled)];
+}
+
+settings! {
+    /// `[removal]`: the required removal and its upper limit.
+    pub struct Removal {
+        /// The method of calculating the feed from the required removal.
+        method: RemovalMethod, (), default RemovalMethod::Constant;
+        /// Depth to remove, µm.
+        target_um: f64, 0.1..=5_000.0, required;
+        /// Largest allowed depth at any place, µm, for example the thickness of the coating or of the first ply. The
+        /// 95 % bound of the removal over all passes is compared with this depth.
+        max_um: f64, 0.1..=10_000.0, required;
+        /// Largest deviation from the target for 95 % of the treated area, percent of the target.
+        even_percent: f64, 1.0..=100.0, default 20.0;
+        /// Force of the tool on the panel, N, if the tool is a spring; the force of a compliant tool is in `[path]`.
+        force_n: Option<f64>, 0.5..=500.0, default None;
+        /// Uncertainty of this force, 95 %, percent of the force.
+        force_error_percent: f64, 0.0..=50.0, default 10.0;
+        /// Lowest feed that a schedule may use, mm/s; the highest is the path's.
+        min_feed_mm_s: f64, 0.5..=500.0, default 5.0;
+    }
+}
+
+/// Reads the table, if the recipe has one; the outer `None` means that the table has problems. If `[path]` has
+/// problems, `path` is `None` here, and the keys that depend on it are not checked.
+pub(in crate::recipe) fn parse_removal(section: &Section<'_, '_>, path: Option<&Path>) -> Option<Option<Removal>> {
+    if !section.is_present() {
+        return Some(None);
+    }
+    let removal = Removal::parse(section)?;
+    if removal.target_um() >= removal.max_um() {
+        let message =
+            format!("found {}, must be greater than target_um, {}", removal.max_um(), removal.target_um());
+        section.problem("max_um", message);
+        return None;
+    }
+    let Some(path) = path else { return Some(Some(removal)) };
+    match (path.force_n(), removal.force_n()) {
+        (Some(pressed_n), Some(_)) => {
+            section.problem(
+                "force_n",
+                format!("has no effect: the tool presses with path.force_n = {pressed_n} N; remove this key"),
+            );
+            return None;
+        }
+        (None, None) => {
+            section.problem(
+                "force_n",
+                "is missing; state the force of the tool on the panel in N, or path.force_n for a compliant tool",
+            );
+            return None;
+        }
+        _ => {}
+    }
+    if removal.min_feed_mm_s() > path.feed_mm_s() {
+        let (found, feed_limit) = (removal.min_feed_mm_s(), path.feed_mm_s());
+        section.problem("min_feed_mm_s", format!("found {found} (limit {feed_limit}, path.feed_mm_s)"));
+        return None;
+    }
+    Some(Some(removal))
 }

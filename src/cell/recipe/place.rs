@@ -1,9 +1,226 @@
-//! `[nominal]`: the panel is taught from its drawing. The table states where the drawing's frame lies at the panel's
-//! nominal place, by a pose or by datum points.
+//! The panel and its pose: its name and the parts of its outline that a person states (`[panel]`), `[locate]` and
+//! `[corner]`, and `[nominal]`.
+//!
+//! With `[nominal]` the panel is taught from its drawing. The table states where the drawing's frame lies at the
+//! panel's nominal place, by a pose or by datum points.
 
-use panelprep_base::config::Section;
-use panelprep_base::geometry::{Base, Drawing, KukaPose, Point, Rigid, fit_rigid_motion};
-use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
+use panelprep_base::config::{Choice, Section, Setting, settings};
+use panelprep_base::geometry::{Base, Drawing, KukaPose, Pixel, Point, Rigid, fit_rigid_motion, polygon};
+use panelprep_base::number_text::{distinguishable_texts, fixed_decimals, list};
+use toml::de::DeValue;
+
+/// The method of refining a pose from the search's result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Registration {
+    /// Point-to-plane registration with the outline.
+    PointToPlane,
+    /// The thesis's point-to-point ICP, for comparison.
+    Thesis,
+}
+
+impl Choice for Registration {
+    const KEYWORDS: &'static [(&'static str, Self)] =
+        &[("point-to-plane", Registration::PointToPlane), ("thesis", Registration::Thesis)];
+}
+
+settings! {
+    /// `[locate]`: where the panel is searched for, and the limits for acceptance (thesis 3.8).
+    pub struct Locate {
+        /// The method of refining the pose. The thesis's method does not state its own error: the distance of its pose
+        /// from that of the other method counts as its error.
+        method: Registration, (), default Registration::PointToPlane;
+        /// Lower corner of the search box in the base frame, mm.
+        box_min_mm: [f64; 3], -5_000.0..=5_000.0, required;
+        /// Upper corner of the search box in the base frame, mm.
+        box_max_mm: [f64; 3], -5_000.0..=5_000.0, required;
+        /// Largest shift of the panel's centre from its nominal position, mm.
+        max_shift_mm: f64, 0.0..=1_000.0, default 60.0;
+        /// Largest rotation in the panel's plane, degrees.
+        turn_limit_deg: f64, 0.0..=180.0, default 15.0;
+        /// Largest tilt of the panel's normal, degrees.
+        max_tilt_deg: f64, 0.0..=45.0, default 15.0;
+        /// Largest root mean square of the point-to-plane residuals, mm.
+        max_rms_mm: f64, 0.001..=5.0, default 0.25;
+        /// Smallest fraction of taught points found in the scan, and of the panel's points in the scan found among the
+        /// taught points, 0…1; a fifth of the panel may be hidden.
+        min_overlap: f64, 0.0..=1.0, default 0.75;
+    }
+}
+
+pub(in crate::recipe) fn parse_locate(section: &Section<'_, '_>) -> Option<Locate> {
+    let locate = Locate::parse(section)?;
+    let (low, high) = (locate.box_min_mm(), locate.box_max_mm());
+    if (0..3).any(|axis| low[axis] >= high[axis]) {
+        section
+            .problem("box_max_mm", format!("{} must exceed box_min_mm {} in every axis", list(&high), list(&low)));
+        return None;
+    }
+    Some(locate)
+}
+
+/// A corner of the panel, as the flange camera sees it at the taught pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CornerName {
+    /// The upper left corner.
+    TopLeft,
+    /// The upper right corner.
+    TopRight,
+    /// The lower right corner.
+    BottomRight,
+    /// The lower left corner.
+    BottomLeft,
+}
+
+impl Choice for CornerName {
+    const KEYWORDS: &'static [(&'static str, Self)] = &[
+        ("top-left", CornerName::TopLeft),
+        ("top-right", CornerName::TopRight),
+        ("bottom-right", CornerName::BottomRight),
+        ("bottom-left", CornerName::BottomLeft),
+    ];
+}
+
+/// The corner that each taught picture shows: one keyword for all pictures, or a list in the order of teaching.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CornerNames(Vec<CornerName>);
+
+impl CornerNames {
+    /// Returns the corner of a taught picture, counted from 0; pictures beyond the list show the last named corner.
+    pub fn for_picture(&self, picture: usize) -> CornerName {
+        self.0.get(picture).or(self.0.last()).copied().unwrap_or(CornerName::TopLeft)
+    }
+
+    /// Returns all keywords as a recipe writes them, in the order of teaching.
+    pub fn keywords(&self) -> Vec<&'static str> {
+        let word =
+            |name: &CornerName| CornerName::KEYWORDS.iter().find(|(_, known)| known == name).map(|(word, _)| *word);
+        self.0.iter().filter_map(word).collect()
+    }
+}
+
+impl From<CornerName> for CornerNames {
+    fn from(name: CornerName) -> CornerNames {
+        CornerNames(vec![name])
+    }
+}
+
+impl Setting for CornerNames {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let Some(list) = value.as_array() else { return CornerName::parse(value, &()).map(CornerNames::from) };
+        if list.is_empty() {
+            return Err("found an empty list; valid: one corner for each taught picture".to_owned());
+        }
+        list.iter().map(|item| CornerName::parse(item.get_ref(), &())).collect::<Result<_, _>>().map(CornerNames)
+    }
+}
+
+settings! {
+    /// `[corner]`: settings for reading the corner picture (thesis 3.9, Fig. 3.17).
+    pub struct Corner {
+        /// The corner of the panel that each taught picture shows.
+        which: CornerNames, (), default CornerName::TopLeft.into();
+        /// Diameter of the bilateral filter's neighbourhood, px.
+        bilateral_diameter_px: usize, 3..=31, default 9;
+        /// Largest difference between two brightnesses that are still averaged, grey levels.
+        bilateral_sigma_gray: f64, 1.0..=255.0, default 40.0;
+        /// Lowest brightness of the panel.
+        panel_gray_min: usize, 0..=255, default 0;
+        /// Highest brightness of the panel.
+        panel_gray_max: usize, 0..=255, default 110;
+        /// Length of edge beside the corner that is left out because of the rounding, mm.
+        rounding_mm: f64, 0.0..=100.0, default 8.0;
+        /// Length of each edge that is fitted, mm.
+        edge_mm: f64, 2.0..=200.0, default 25.0;
+        /// Largest correction in the camera's plane, mm.
+        max_correction_mm: f64, 0.1..=50.0, default 8.0;
+        /// If a picture indicates a smaller correction than this, mm, it is the last one.
+        settled_mm: f64, 0.05..=5.0, default 0.3;
+        /// Largest number of moves after the first picture.
+        max_moves: usize, 0..=10, default 3;
+        /// Largest distance of the corner from its position by the localization just before contact, mm.
+        verify_mm: f64, 0.05..=5.0, default 0.2;
+    }
+}
+
+pub(in crate::recipe) fn parse_corner(section: &Section<'_, '_>) -> Option<Corner> {
+    let corner = Corner::parse(section)?;
+    if corner.panel_gray_min() >= corner.panel_gray_max() {
+        section.problem("panel_gray_max", format!("must exceed panel_gray_min, {}", corner.panel_gray_min()));
+        return None;
+    }
+    Some(corner)
+}
+
+settings! {
+    /// `[panel]`: the panel's name, and a person's statements on its outline. `panel = "name"` alone is the short
+    /// form.
+    pub struct Panel {
+        /// The panel's name, under which the store has the taught data.
+        name: String, (), required;
+        /// The corners of the panel's outline, in order, px in the taught scan's picture: for a panel with an edge
+        /// that the scan does not show, because points are missing there or another object lies beside it. Without
+        /// them the scan's depths determine where the panel ends. Edges are still measured by colour within 3 px of
+        /// these lines.
+        outline_px: Vec<[f64; 2]>, 0.0..=20_000.0, default Vec::new();
+        /// The places at which holders or clamps touch the panel's edge: four corners each, px in the taught scan's
+        /// picture. The area inside is neither outline nor surface when the panel is taught or located.
+        held_px: Vec<[[f64; 2]; 4]>, 0.0..=20_000.0, default Vec::new();
+    }
+}
+
+impl Panel {
+    pub(in crate::recipe) fn name_text(&self) -> &str {
+        &self.name
+    }
+}
+
+/// Largest number of corners: an outline with more corners is a curve that no person has drawn.
+const MAX_CORNERS: usize = 200;
+/// The smallest area of a polygon that a person draws, px².
+const MIN_AREA_PX2: f64 = 16.0;
+
+pub(in crate::recipe) fn parse_panel(top: &Section<'_, '_>) -> Option<Panel> {
+    if !top.is_table("panel") {
+        let name = top.parse::<String>("panel", (), None)?;
+        return Some(Panel { name, outline_px: Vec::new(), held_px: Vec::new() });
+    }
+    let section = top.section("panel");
+    let panel = Panel::parse(&section)?;
+    let outline = &panel.outline_px;
+    if !outline.is_empty() {
+        if !(3..=MAX_CORNERS).contains(&outline.len()) {
+            let found = outline.len();
+            section.problem("outline_px", format!("found {found} corners, valid: 3 to {MAX_CORNERS}, or none"));
+            return None;
+        }
+        if let Some(problem) = polygon_problem(outline) {
+            section.problem("outline_px", format!("the outline {problem}"));
+            return None;
+        }
+    }
+    for (index, held) in panel.held_px.iter().enumerate() {
+        if let Some(problem) = polygon_problem(held) {
+            section.problem("held_px", format!("item {}: the held place {problem}", index + 1));
+            return None;
+        }
+    }
+    Some(panel)
+}
+
+/// Returns the reason why these corners do not form a simple polygon; `None` if they do.
+fn polygon_problem(corners: &[[f64; 2]]) -> Option<String> {
+    let pixels: Vec<Pixel> = corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect();
+    if let Some([first, second]) = polygon::crossing_sides(&pixels) {
+        return Some(format!("crosses itself: the sides from corner {} and from corner {}", first + 1, second + 1));
+    }
+    let area_px2 = polygon::signed_area_px2(&pixels).abs();
+    (area_px2 < MIN_AREA_PX2).then(|| {
+        let [area, needed] = distinguishable_texts(area_px2, MIN_AREA_PX2, 1);
+        format!("has an area of {area} px², at least {needed} px² are needed")
+    })
+}
 
 /// Number of datum points.
 const DATUM_COUNT_RANGE: std::ops::RangeInclusive<usize> = 3..=20;
