@@ -103,8 +103,8 @@ fn the_unit_that_ships_is_hardened_and_lets_the_program_live() {
     at("LimitNICE=-10");
     // AF_NETLINK is needed to find GigE Vision cameras: the search lists the network's interfaces with it.
     at("RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK");
-    // The kernel reports the user who sends a request on the socket. In a user namespace of its own this user would
-    // be `nobody`.
+    // The kernel reports the user who sends a request on the socket. In a user namespace of its own each user
+    // would be the overflow user, UID 65534.
     assert!(!text.lines().any(|line| line.starts_with("PrivateUsers=")));
     // The file beside the unit allows the cell's networks, and the delivered sample allows the robot's.
     at("IPAddressDeny=any");

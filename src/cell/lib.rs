@@ -11,7 +11,6 @@ pub mod accounts;
 pub mod cycle;
 
 pub mod cell;
-pub mod files;
 pub mod imaging;
 pub mod labels;
 pub mod recipe;
@@ -21,3 +20,5 @@ pub mod controller;
 pub mod force;
 pub mod line;
 pub mod panel;
+
+pub mod files;

@@ -123,7 +123,7 @@ const UNUSABLE_SCAN_CODES: [&str; 2] = ["camera_moved", "other_scan"];
 
 /// Returns whether nothing, or another object than the taught panel, lay in the cell: the last localization was
 /// rejected, because the search box is empty, or because the object differs from the taught panel in its surface and in
-/// its extent, each so much that it is rejected. One of both alone may be a damaged part, and so is a nonconformance. A
+/// its extent, and each of both is rejected. One of both alone may be a damaged part, and so is a nonconformance. A
 /// cycle with a film or an abrasion had a part.
 fn found_no_part(findings: &[Finding]) -> bool {
     if findings.iter().any(|finding| matches!(finding.kind, Kind::Inspect | Kind::Abrade)) {

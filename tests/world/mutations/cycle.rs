@@ -5,7 +5,7 @@ use super::{Mutation, change};
 const EXECUTE: &str = "src/cell/cycle/execute.rs";
 const FACTS: &str = "src/cell/cycle/facts.rs";
 const INTERLOCKS: &str = "src/cell/cycle/interlocks.rs";
-const REST: &str = "src/cell/cycle/restart.rs";
+const REST: &str = "src/cell/cycle/step.rs";
 const STEP: &str = "src/cell/cycle/step.rs";
 const TURN: &str = "src/cell/cycle/turn.rs";
 
