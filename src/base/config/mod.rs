@@ -6,25 +6,12 @@
 //! file.
 
 mod document;
-mod edit;
-mod nearest;
-mod place;
 mod problem;
-mod reading;
-mod section;
-mod settings;
-mod syntax;
 mod value;
 
 #[cfg(test)]
 mod tests;
 
-pub use document::{parse_file, top_keys};
-pub use edit::set_value;
-pub use nearest::nearest;
-pub use place::key_line;
-pub use problem::{Problem, Problems};
-pub use section::Section;
-pub use value::{Choice, Setting};
-
-pub use settings::{copy_value, settings};
+pub use document::{Section, copy_value, parse_file, settings, top_keys};
+pub use problem::{Problem, Problems, key_line, nearest};
+pub use value::{Choice, Setting, set_value};

@@ -1,7 +1,10 @@
-//! Reads one value: its kind, its range, and the description of allowed values.
+//! One value of a file: its kind, its range, and the description of allowed values.
+//!
+//! [`set_value`] sets a value in a file's text and keeps the comments.
 
 use std::ops::RangeInclusive;
 use toml::de::DeValue;
+use toml_edit::{Item, TableLike, Value};
 
 /// A kind of value with its limits.
 pub trait Setting: Sized {
@@ -154,5 +157,33 @@ impl Setting for &'static str {
             let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
             format!("found {}, valid: {}", describe_value(value), quoted.join(" or "))
         })
+    }
+}
+
+/// Sets a value of a table; an existing value is replaced, and its position and its comment are kept.
+pub fn set_value(table: &mut dyn TableLike, key: &str, value: impl Into<Value>) {
+    let mut value = value.into();
+    match table.get_mut(key) {
+        Some(before) => {
+            if let Some(before) = before.as_value() {
+                *value.decor_mut() = before.decor().clone();
+            }
+            *before = Item::Value(value);
+        }
+        None => drop(table.insert(key, Item::Value(value))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use toml_edit::DocumentMut;
+
+    #[test]
+    fn a_value_is_set_beside_its_comment() {
+        let mut document: DocumentMut = "# all\nrows = 4 # four\n".parse().expect("TOML");
+        set_value(document.as_table_mut(), "rows", 5);
+        set_value(document.as_table_mut(), "columns", 6);
+        assert_eq!(document.to_string(), "# all\nrows = 5 # four\ncolumns = 6\n");
     }
 }

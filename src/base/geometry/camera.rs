@@ -7,9 +7,8 @@
 //! unlike the thesis's print. Pixel: u = fx x' + cx, v = fy y' + cy (Eq. 3.11). Unprojection inverts (3.12) by
 //! Newton's method. One model for the whole program; equal to `cv::projectPoints`.
 
-use super::frames::Frame;
+use super::frames::{Frame, Pixel};
 use super::rigid::{Point, Vector};
-use super::units::Pixel;
 use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
 
 /// Intrinsic parameters of a camera, which a calibration determines.

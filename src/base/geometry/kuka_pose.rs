@@ -1,13 +1,12 @@
-//! KUKA's pose, X Y Z A B C: the form of wires, logs and files.
+//! KUKA's pose, X Y Z A B C, and the angles of the robot's six axes: the forms of wires, logs and files.
 //!
 //! `R = Rz(A)·Ry(B)·Rx(C)` (thesis Eq. 3.4 as corrected: r22 = cA cC + sA sB sC). Back again
 //! `A = atan2(r21, r11)`, `B = atan2(−r31, hypot(r11, r21))`, `C = atan2(r32, r33)` (Eq. 3.3 as corrected). At
 //! |B| = 90° only A ± C is defined: A is set to 0 and C carries the turn. A pose is never multiplied; it is
 //! turned into a [`Rigid`] first. Angles near the pole are noise: compare rotations, not angles.
 
-use super::frames::Frame;
+use super::frames::{Degrees, Frame};
 use super::rigid::Rigid;
-use super::units::Degrees;
 use crate::number_text::fixed_decimals;
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -61,6 +60,14 @@ impl KukaPose {
     }
 }
 
+impl std::fmt::Display for KukaPose {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [x, y, z] = [self.x_mm, self.y_mm, self.z_mm].map(|mm| fixed_decimals(mm, 3));
+        let [a, b, c] = [self.a_deg, self.b_deg, self.c_deg].map(|deg| fixed_decimals(deg, 4));
+        write!(f, "X {x} Y {y} Z {z} mm, A {a} B {b} C {c}°")
+    }
+}
+
 // Eq. 3.3, corrected
 fn angles_deg(rotation: &Rotation3<f64>) -> [f64; 3] {
     let r = rotation.matrix();
@@ -75,11 +82,40 @@ fn angles_deg(rotation: &Rotation3<f64>) -> [f64; 3] {
     [a_rad, b_rad, c_rad].map(f64::to_degrees)
 }
 
-impl std::fmt::Display for KukaPose {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let [x, y, z] = [self.x_mm, self.y_mm, self.z_mm].map(|mm| fixed_decimals(mm, 3));
-        let [a, b, c] = [self.a_deg, self.b_deg, self.c_deg].map(|deg| fixed_decimals(deg, 4));
-        write!(f, "X {x} Y {y} Z {z} mm, A {a} B {b} C {c}°")
+/// The positions of the six axes, degrees, as the controller writes them. Never wrapped: A4 and A6 turn past ±180°.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Joints {
+    /// Axis 1, degrees.
+    pub a1_deg: f64,
+    /// Axis 2, degrees.
+    pub a2_deg: f64,
+    /// Axis 3, degrees.
+    pub a3_deg: f64,
+    /// Axis 4, degrees.
+    pub a4_deg: f64,
+    /// Axis 5, degrees.
+    pub a5_deg: f64,
+    /// Axis 6, degrees.
+    pub a6_deg: f64,
+}
+
+impl Joints {
+    /// The angles of axes 1 to 6, degrees.
+    pub fn degrees(&self) -> [f64; 6] {
+        [self.a1_deg, self.a2_deg, self.a3_deg, self.a4_deg, self.a5_deg, self.a6_deg]
+    }
+
+    /// Returns the largest difference between the axis angles of the two postures, degrees.
+    pub fn max_difference_deg(&self, other: &Joints) -> f64 {
+        self.degrees().iter().zip(other.degrees()).map(|(own, other)| (own - other).abs()).fold(0.0, f64::max)
+    }
+}
+
+impl From<[f64; 6]> for Joints {
+    /// Creates joints from the angles of axes 1 to 6, degrees.
+    fn from([a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg]: [f64; 6]) -> Self {
+        Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
     }
 }
 
@@ -131,5 +167,12 @@ mod tests {
             prop_assert!((back.a_deg - a_deg).abs() < 1e-7 && (back.b_deg - b_deg).abs() < 1e-7);
             prop_assert!((back.c_deg - c_deg).abs() < 1e-7 && (back.y_mm + 2.0).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn the_axis_that_is_farthest_off_counts() {
+        let (one, other) =
+            (Joints::from([1.0, -90.0, 90.0, 0.0, 5.0, 6.0]), Joints::from([1.5, -90.0, 87.0, 0.0, 5.0, 8.0]));
+        assert_eq!((one.max_difference_deg(&other), one.max_difference_deg(&one)), (3.0, 0.0));
     }
 }

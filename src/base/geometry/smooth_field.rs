@@ -10,8 +10,7 @@
 //! number of threads.
 
 use super::basis::{DEGREE, KnotVector};
-use super::median::median;
-use super::statistics::{SIGMA_OF_MEDIAN, TUKEY, tukey_weight};
+use super::statistics::{SIGMA_OF_MEDIAN, TUKEY, median, tukey_weight};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
