@@ -3,8 +3,7 @@
 //! Numbers carry their unit. They are checked when a command is queued, against the abilities of any controller of
 //! this kind; the gate checks the cell's own limits. Nothing is clamped.
 
-use super::ids::Epoch;
-use super::word::{Keyword, intern_keyword};
+use super::ids::{Epoch, Keyword, intern_keyword};
 use panelprep_base::geometry::{Joints, KukaPose};
 use serde::{Deserialize, Serialize};
 

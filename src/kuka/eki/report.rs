@@ -1,11 +1,9 @@
 //! Reports of a session: everything that the rest of the program learns about the robot.
 
-use super::ack::Refusal;
-use super::decode::DecodeError;
 use super::framer::FrameError;
-use super::ids::{CommandId, Epoch};
-use super::state::State;
-use super::word::{Keyword, intern_keyword};
+use super::ids::{CommandId, Epoch, Keyword, intern_keyword};
+use super::schema::DecodeError;
+use super::state::{Refusal, State};
 use panelprep_base::geometry::KukaPose;
 use panelprep_base::number_text::distinguishable_texts;
 use serde::{Deserialize, Serialize};

@@ -1,11 +1,101 @@
-//! The manual's elements and attributes, with their allowed content (`eki.md` 1.2 to 1.4).
+//! The manual's elements and attributes, with their allowed content (`eki.md` 1.2 to 1.4), and the notes on problems that
+//! are found while a file is read.
+//!
+//! Keywords are read in upper or lower case, as the manual itself mixes both.
 
-use super::findings::Findings;
-use super::kinds::{Environment, Kind, PeerRole, Protocol, ReadOrder};
 use super::tree::Node;
 use panelprep_base::config::Problem;
 use std::collections::BTreeSet;
-use strum::VariantNames;
+use strum::{Display, EnumString, VariantNames};
+
+/// The role of the other machine, as the controller sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
+#[strum(ascii_case_insensitive)]
+pub enum PeerRole {
+    /// The other machine connects; the controller listens.
+    Client,
+    /// The other machine listens; the controller connects.
+    Server,
+}
+
+/// The event that ends the channel on the controller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
+#[strum(ascii_case_insensitive)]
+pub enum Environment {
+    /// Resetting or deselecting the program.
+    Program,
+    /// Cancelling the submit interpreter.
+    Submit,
+    /// Only a new I/O configuration.
+    System,
+}
+
+/// Which entry of a memory is read first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
+#[strum(ascii_case_insensitive, serialize_all = "UPPERCASE")]
+pub enum ReadOrder {
+    /// The oldest entry is read first.
+    Fifo,
+    /// The newest entry is read first.
+    Lifo,
+}
+
+/// The protocol that transfers the bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
+#[strum(ascii_case_insensitive, serialize_all = "UPPERCASE")]
+pub enum Protocol {
+    /// A stream.
+    Tcp,
+    /// Datagrams, which the manual does not recommend.
+    Udp,
+}
+
+/// The type of the values in a tag's memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
+#[strum(ascii_case_insensitive, serialize_all = "UPPERCASE")]
+pub enum Kind {
+    /// Characters.
+    #[strum(serialize = "STRING")]
+    Text,
+    /// A single-precision number, written `%f`.
+    Real,
+    /// A signed 32-bit integer.
+    Int,
+    /// 0 or 1.
+    Bool,
+    /// Six attributes X Y Z A B C.
+    Frame,
+}
+
+/// Errors and doubts in one file, in the order in which they were found.
+#[derive(Debug, Default)]
+pub struct Findings {
+    /// Entries that the controller refuses or cannot work with.
+    pub problems: Vec<Problem>,
+    /// Entries that the controller accepts but that cause problems, with all entries of `unknown`.
+    pub warnings: Vec<Problem>,
+    /// Names and texts that are in no manual.
+    pub unknown: Vec<Problem>,
+}
+
+impl Findings {
+    /// Notes a problem.
+    pub fn add_problem(&mut self, line: usize, key: impl Into<String>, message: impl Into<String>) {
+        self.problems.push(Problem { line, key: key.into(), message: message.into() });
+    }
+
+    /// Notes a warning.
+    pub fn warn(&mut self, line: usize, key: impl Into<String>, message: impl Into<String>) {
+        self.warnings.push(Problem { line, key: key.into(), message: message.into() });
+    }
+
+    /// Notes a name or a text that is in no manual, which is a warning.
+    fn unknown(&mut self, line: usize, key: impl Into<String>, message: impl Into<String>) {
+        let warning = Problem { line, key: key.into(), message: message.into() };
+        self.unknown.push(warning.clone());
+        self.warnings.push(warning);
+    }
+}
 
 /// The allowed content of an attribute, or between the tags of an element.
 enum ContentRule {

@@ -1,8 +1,7 @@
 //! The values that a file states about one channel, each with its line. Values that were noted as wrong are left
 //! out.
 
-use super::findings::Findings;
-use super::kinds::{Environment, PeerRole, Protocol, ReadOrder};
+use super::manual::{Environment, Findings, PeerRole, Protocol, ReadOrder};
 use super::tree::Node;
 use std::str::FromStr;
 

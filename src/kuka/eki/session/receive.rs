@@ -3,12 +3,10 @@
 
 use super::flow::{CommandFlow, LatePoint};
 use super::{PendingAbort, Phase, Session};
-use crate::eki::ack::Ack;
 use crate::eki::framer::Framer;
-use crate::eki::ids::{CommandId, Epoch, LAST_NUMBER, MAX_EPOCH, MAX_EPOCH_STEP};
+use crate::eki::ids::{CommandId, Epoch, LAST_NUMBER, MAX_EPOCH, MAX_EPOCH_STEP, Time};
 use crate::eki::report::{Channel, LinkLoss, Report, SequenceError, StopCause};
-use crate::eki::state::{CONTACT_OVERRIDE_PERCENT, Mode, State};
-use crate::eki::time::Time;
+use crate::eki::state::{Ack, CONTACT_OVERRIDE_PERCENT, Mode, State};
 
 impl Session {
     /// Processes bytes from the command channel.

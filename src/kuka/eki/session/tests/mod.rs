@@ -1,7 +1,6 @@
 //! Tests the session with a scripted controller, in virtual time, without a socket.
 
 mod ends;
-mod frames;
 mod link;
 mod stops;
 mod window;
