@@ -1,25 +1,18 @@
 //! Compiles KRL files to one program: names, types, memory, steps; and reports all their problems.
 //!
-//! `types` declares structures and enumerations, `data` lays out the data lists, `place` finds variables, `value` and
-//! `operate` compile expressions, `call` arguments, `body` and `motion` statements. `flow` finds variables that may be
-//! read before they are assigned, and functions that may end without RETURN; `memories` checks the memories that
-//! EthernetKRL reads.
+//! `compiler` declares structures and enumerations, `data` lays out the data lists, `place` finds variables, `value`
+//! compiles expressions, `call` arguments, `body` statements. `flow` finds variables that may be read before they are
+//! assigned, and functions that may end without RETURN, and checks the memories that EthernetKRL reads.
 
 mod body;
 mod call;
 mod compiler;
 mod data;
 mod flow;
-mod memories;
-mod motion;
-mod operate;
 mod place;
-mod types;
 mod value;
 
-use super::code::{Entry, LocalVariable, Op};
-use super::condense::Condensed;
-use super::program::Program;
+use super::code::{Condensed, Entry, LocalVariable, Op, Program};
 use super::syntax::{DeclarationContent, File, Item, Routine};
 use super::system::Kss;
 use super::types::Type;

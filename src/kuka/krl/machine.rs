@@ -6,21 +6,12 @@
 //! arm can be interrupted while it waits. An invalid value, an index outside of its array or a division by zero stops
 //! the interpreter.
 
-mod access;
-mod calculate;
-mod expression;
 mod host;
 mod interpreter;
 mod interrupt;
-mod memory;
-mod outcome;
-mod robot;
-mod stack;
 mod step;
 mod values;
 
 pub use host::{Caller, EkiAnswer, Host, MotionRequest};
-pub use interpreter::Interpreter;
+pub use interpreter::{Interpreter, Memory, StepPause, UndocumentedBehaviour};
 pub use interrupt::INTERRUPT_DEPTH;
-pub use memory::{Memory, UndocumentedBehaviour};
-pub use outcome::StepPause;

@@ -6,28 +6,20 @@
 //! variables, names that no file declares. Not read: the rest, with a warning that has the line and begins with "not
 //! checked". README.md beside this file states the source of each rule.
 //!
-//! - the text: `lex` (a line to tokens), `parse`, `declaration`, `statement`, `motion` and `expression` (lines to a
-//!   tree), `syntax` (the tree)
-//! - the meaning: `types` and `kuka_types` (and the memory that each needs), `system` (the controller's own
-//!   variables), `routines` (its own routines), `compile` (names, types, steps), `code` (the steps), `program` (all
-//!   of them), `condense` (several of them as one), `machine` (executes them)
-//! - `limits`: upper bounds of time, memory and recursion depth for any input
+//! - the text: `lex` (a line to tokens), `parse`, `statement` and `expression` (lines to a tree), `syntax` (the tree, and
+//!   upper bounds of time, memory and recursion depth for any input)
+//! - the meaning: `types` (and the memory that each needs), `system` (the controller's own variables), `routines` (its
+//!   own routines), `compile` (names, types, steps), `code` (the steps, and several of them as one), `machine` (executes
+//!   them)
 
 mod code;
 mod compile;
-mod condense;
-mod declaration;
 mod expression;
-mod kuka_types;
 mod lex;
-mod limits;
 mod machine;
-mod motion;
 mod outline;
 mod parse;
-mod program;
 mod routines;
-mod stated;
 mod statement;
 mod syntax;
 mod system;
@@ -35,16 +27,16 @@ mod system;
 mod tests;
 mod types;
 
-pub use code::{Cell, Entry, LocalVariable, Location, MemoryAddress, MemorySpace, Op, Shared};
+pub use code::{Cell, Entry, LocalVariable, Location, MemoryAddress, MemorySpace, Op, Program, Shared};
 pub use compile::{Analysis, analyse};
 pub use lex::RESERVED;
 pub use machine::{
     Caller, EkiAnswer, Host, INTERRUPT_DEPTH, Interpreter, Memory, MotionRequest, StepPause, UndocumentedBehaviour,
 };
-pub use outline::{DeclaredVariable, StatedCall, StatedCase, StatedRoutine, StatedSwitch};
+pub use outline::{
+    DeclaredVariable, StatedCall, StatedCase, StatedRoutine, StatedSwitch, StatedValue, UnreadValue,
+};
 pub use parse::parse;
-pub use program::Program;
 pub use routines::Builtin;
-pub use stated::{StatedValue, UnreadValue};
 pub use syntax::{Approximation, Binary, File, Motion};
 pub use system::{Kss, LOWEST_KSS, SYSTEM_VARIABLES, SystemVariable};

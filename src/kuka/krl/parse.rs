@@ -1,12 +1,14 @@
 //! Reads a file: its routines or its data list. If a line cannot be read, it is reported and its block continues.
 //! Thus one pass finds all problems of a file, and no problem causes another one.
 
-use super::declaration::{is_declaration, lacks_decl, parse_declaration, parse_return_type};
-use super::expression::{NotRead, ReadResult, TokenReader};
+use super::expression::{
+    NotRead, ReadResult, TokenReader, is_declaration, lacks_decl, parse_declaration, parse_return_type,
+};
 use super::lex::{RESERVED, Token, tokens};
-use super::limits::{FILE_BYTES, REPORTS};
 use super::routines::is_ethernet_krl_6_only;
-use super::syntax::{Action, Data, Declaration, File, Parameter, ReturnType, Routine, Statement};
+use super::syntax::{
+    Action, Data, Declaration, FILE_BYTES, File, Parameter, REPORTS, ReturnType, Routine, Statement,
+};
 use panelprep_base::config::Problem;
 
 /// The character that ends a text in DOS; the characters behind it do not belong to the text.

@@ -1,14 +1,13 @@
 //! Compiles data lists: variables, their addresses in shared memory, and their initial values.
 
 use super::super::code::{Cell, Shared};
-use super::super::limits::{ARRAY_VALUES, MEMORY_VALUES};
 use super::super::syntax::{
-    Action, Data, Declaration, DeclarationContent, Expression, Item, Step, Unary, VariableRef,
+    ARRAY_VALUES, Action, Data, Declaration, DeclarationContent, Expression, Item, MEMORY_VALUES, Step, Unary,
+    VariableRef,
 };
 use super::super::system;
 use super::super::types::Type;
-use super::compiler::{Compiler, SharedVariable, Variable, VariableHome, cells_u32};
-use super::types::is_visible_everywhere;
+use super::compiler::{Compiler, SharedVariable, Variable, VariableHome, cells_u32, is_visible_everywhere};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Part of a shared variable that receives a first value.

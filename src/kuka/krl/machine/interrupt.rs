@@ -4,12 +4,9 @@
 //! An interrupt with a smaller priority number interrupts one with a larger number. A trigger has the lowest priority
 //! of all.
 
-use super::super::code::Op;
-use super::super::program::Program;
+use super::super::code::{Op, Program};
 use super::host::Host;
-use super::interpreter::{Frame, Interpreter, Interrupt, InterruptEntry};
-use super::memory::Memory;
-use super::outcome::{StepError, StepFlow};
+use super::interpreter::{Frame, Interpreter, Interrupt, InterruptEntry, Memory, StepError, StepFlow};
 
 /// Priority of a trigger with PRIO=-1: the controller uses a priority that programs may not use.
 const TRIGGER_PRIORITY: i32 = 80;
