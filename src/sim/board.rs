@@ -1,11 +1,22 @@
-//! A calibration board as a camera sees it: squares and markers through a distorting lens, with pixel noise.
+//! A calibration board as a camera sees it, squares and markers through a distorting lens, with pixel noise; and pictures of
+//! it for calibration with known truth: the flange's true pose, the pose that the robot reports, and the camera's picture.
 //!
 //! Each pixel is the mean of the board over its area: 16 × 16 rays if an edge passes through it, else one ray. Grey
 //! levels of the print are not black and white, and the light falls off towards one side, as in a workshop.
+//!
+//! The fixed camera looks at a board on the flange, the flange camera at a board in the cell. Positions, tilts and
+//! turns are drawn at random as a careful operator would choose them: widely spread, with the whole board in the
+//! picture.
 
-use super::noise::{LEVEL, PixelNoise, Seed, to_byte};
+use super::noise::{LEVEL, NormalStream, PixelNoise, RandomPurpose, Seed, to_byte};
 use super::projector::Projector;
-use panelprep_base::geometry::{Board, Camera, Frame, GrayPicture, PinholeCamera, Pixel, Point, Rigid, Vector};
+use super::scanner::ScannerDistortion;
+use super::{scanner, scene};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use panelprep_base::geometry::{
+    Base, Board, Camera, Degrees, Flange, FlangeCamera, Frame, GrayPicture, OrganizedCloud, PinholeCamera, Pixel,
+    Point, Rigid, Vector,
+};
 use rayon::prelude::*;
 
 /// A marker in one square of the board.
@@ -223,5 +234,287 @@ impl Plane {
         let depth = self.axes[2].dot(&self.origin) / self.axes[2].dot(&ray.mm);
         let offset = ray.mm * depth - self.origin;
         (depth > 0.0).then(|| [self.axes[0].dot(&offset), self.axes[1].dot(&offset)])
+    }
+}
+
+/// The robot's deviation from the pose that it reports, standard deviations about and along each axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RobotNoise {
+    /// Place, mm.
+    pub shift_mm: f64,
+    /// Turn, degrees.
+    pub turn_deg: f64,
+}
+
+/// One picture's poses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoardShot<C: Frame> {
+    /// The picture's number; each number has its own noise.
+    pub index: u64,
+    /// The flange's pose that the robot reports.
+    pub base_from_flange: Rigid<Base, Flange>,
+    /// The board's true pose.
+    pub camera_from_board: Rigid<C, Board>,
+}
+
+/// A board in front of one of the cell's cameras.
+#[derive(Debug, Clone)]
+pub struct BoardCell {
+    seed: Seed,
+    print: BoardPrint,
+    robot: RobotNoise,
+    pixels: PixelNoise,
+    reduction: usize,
+}
+
+/// The board on the flange. A bracket holds it beside the arm, facing back over the arm, because the fixed camera
+/// is behind the arm. The bracket does not hold it straight.
+fn flange_from_board(print: &BoardPrint) -> Rigid<Flange, Board> {
+    // The board's Z points away from the viewer, as the flange's Z does.
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(1.5, 1.0, 2.0).map(f64::to_radians));
+    board_pose_in_hand(Vector3::new(BRACKET_MM, -9.0, 55.0), turn, print)
+}
+
+/// Distance from the flange's axis to the board's middle, mm: at this distance the arm does not hide the board.
+const BRACKET_MM: f64 = 190.0;
+
+/// The board's pose in the cell: in front of the robot, facing up.
+fn base_from_board(print: &BoardPrint) -> Rigid<Base, Board> {
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(180.0, 0.0, 0.0).map(f64::to_radians))
+        * UnitQuaternion::from_scaled_axis(Vector3::new(1.0, -2.0, 25.0).map(f64::to_radians));
+    board_pose_in_hand(Vector3::new(560.0, 40.0, 220.0), turn, print)
+}
+
+fn board_pose_in_hand<To: Frame>(
+    middle_mm: Vector3<f64>,
+    turn: UnitQuaternion<f64>,
+    print: &BoardPrint,
+) -> Rigid<To, Board> {
+    let shift = middle_mm - turn * print.centre().mm.coords;
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::from(shift), turn))
+}
+
+fn organized_cloud(camera: &PinholeCamera, points: Vec<[f32; 3]>, picture: &GrayPicture) -> OrganizedCloud<Camera> {
+    let colors = picture.gray.iter().map(|&gray| [gray; 3]).collect();
+    match OrganizedCloud::new(camera.width_px, camera.height_px, points, colors) {
+        Ok(cloud) => cloud,
+        Err(error) => unreachable!("one point and one colour a pixel were made: {error}"),
+    }
+}
+
+const MAX_DRAWS: usize = 10_000;
+/// First index of the pictures for the lens: they have their own noise.
+const LENS_INDEX: u64 = 1_000;
+/// First index of the scans for the 3D camera's own errors: they have their own noise.
+const SCANNER_INDEX: u64 = 2_000;
+/// Largest distance of the board's middle from the optical axis, as shares of its depth, across and down.
+const MAX_CENTRE_OFFSET: [f64; 2] = [0.22, 0.14];
+const MAX_CENTRE_OFFSET_WIDE: [f64; 2] = [0.42, 0.25];
+/// Minimum distance of the rim from the picture's edge, px.
+const MARGIN_PX: f64 = 12.0;
+
+impl BoardCell {
+    /// Creates a board cell with this print and a robot with these errors.
+    pub fn new(seed: u64, print: BoardPrint, robot: RobotNoise) -> Self {
+        BoardCell { seed: Seed(seed), print, robot, pixels: PixelNoise::new(Seed(seed)), reduction: 1 }
+    }
+
+    /// Returns the same cell with cameras that have fewer pixels in each direction, by this factor.
+    pub fn with_reduction(self, reduction: usize) -> Self {
+        BoardCell { reduction, ..self }
+    }
+
+    /// The fixed camera.
+    pub fn scanner(&self) -> PinholeCamera {
+        scene::scanner(self.reduction)
+    }
+
+    /// The camera on the flange.
+    pub fn flange_camera(&self) -> PinholeCamera {
+        scene::flange_camera(self.reduction)
+    }
+
+    /// The fixed camera's true pose.
+    pub fn base_from_camera(&self) -> Rigid<Base, Camera> {
+        scene::base_from_camera()
+    }
+
+    /// The true mount of the flange camera.
+    pub fn flange_from_camera(&self) -> Rigid<Flange, FlangeCamera> {
+        scene::flange_from_camera()
+    }
+
+    /// The true pose of the board that the flange camera looks at.
+    pub fn base_from_board(&self) -> Rigid<Base, Board> {
+        base_from_board(&self.print)
+    }
+
+    /// The print.
+    pub fn print(&self) -> &BoardPrint {
+        &self.print
+    }
+
+    /// Returns shots of the fixed camera with the board on the flange.
+    pub fn fixed_shots(&self, count: usize) -> Vec<BoardShot<Camera>> {
+        let flange_from_board = flange_from_board(&self.print);
+        self.take_shots(count, 0, (&self.scanner(), 760.0, MAX_CENTRE_OFFSET), |camera_from_board| {
+            scene::base_from_camera() * *camera_from_board * flange_from_board.inverse()
+        })
+    }
+
+    /// Returns shots of the fixed camera with the board held by hand at positions all over the picture.
+    pub fn scanner_shots(&self, count: usize) -> Vec<BoardShot<Camera>> {
+        let nowhere = |_: &Rigid<Camera, Board>| Rigid::from_isometry_unchecked(Isometry3::identity());
+        let mut shots = self.take_shots(count, 3, (&self.scanner(), 700.0, MAX_CENTRE_OFFSET_WIDE), nowhere);
+        shots.iter_mut().for_each(|shot| shot.index += SCANNER_INDEX);
+        shots
+    }
+
+    /// Returns shots of the flange camera with the board in the cell.
+    pub fn flange_shots(&self, count: usize) -> Vec<BoardShot<FlangeCamera>> {
+        let base_from_board = base_from_board(&self.print);
+        self.take_shots(count, 1, (&self.flange_camera(), 440.0, MAX_CENTRE_OFFSET), |camera_from_board| {
+            base_from_board * camera_from_board.inverse() * scene::flange_from_camera().inverse()
+        })
+    }
+
+    /// Returns the fixed camera's view of the board on the flange at this true pose of the flange; the robot reports
+    /// this pose without an error.
+    pub fn fixed_view(&self, index: u64, base_from_flange: Rigid<Base, Flange>) -> BoardShot<Camera> {
+        let camera_from_board =
+            scene::base_from_camera().inverse() * base_from_flange * flange_from_board(&self.print);
+        BoardShot { index, base_from_flange, camera_from_board }
+    }
+
+    /// Returns the flange camera's shot of the board in the cell from this flange pose.
+    pub fn flange_view(&self, index: u64, base_from_flange: Rigid<Base, Flange>) -> BoardShot<FlangeCamera> {
+        let base_from_camera = base_from_flange * scene::flange_from_camera();
+        let camera_from_board = base_from_camera.inverse() * base_from_board(&self.print);
+        BoardShot { index, base_from_flange, camera_from_board }
+    }
+
+    /// Returns shots for the calibration of the lens: the board is held by hand near this camera and fills the
+    /// picture.
+    pub fn lens_shots<C: Frame>(&self, camera: &PinholeCamera, count: usize) -> Vec<BoardShot<C>> {
+        // The whole rim fills about 0.8 of the picture's width if it faces the camera.
+        let [low, right, ..] = self.print.rim();
+        let distance_mm = low.distance_mm(right) * camera.fx_px / (0.8 * camera.width_px as f64);
+        let nowhere = |_: &Rigid<C, Board>| Rigid::from_isometry_unchecked(Isometry3::identity());
+        let mut shots = self.take_shots(count, 2, (camera, distance_mm, MAX_CENTRE_OFFSET), nowhere);
+        shots.iter_mut().for_each(|shot| shot.index += LENS_INDEX);
+        shots
+    }
+
+    /// The panel's middle in the frame of the fixed camera.
+    pub fn panel_middle(&self) -> Point<Camera> {
+        scene::base_from_camera().inverse() * Point::new(super::shape::CENTRE_MM.into())
+    }
+
+    fn take_shots<C: Frame>(
+        &self,
+        count: usize,
+        arrangement: u64,
+        (camera, distance_mm, reach): (&PinholeCamera, f64, [f64; 2]),
+        flange: impl Fn(&Rigid<C, Board>) -> Rigid<Base, Flange>,
+    ) -> Vec<BoardShot<C>> {
+        let mut normal = NormalStream::new(self.seed.stream(RandomPurpose::BoardPose, arrangement));
+        (0..count as u64)
+            .map(|index| {
+                let camera_from_board = self.draw(&mut normal, camera, (distance_mm, reach));
+                let shift = Vector3::from_fn(|_, _| normal.next()) * self.robot.shift_mm;
+                let turn = Vector3::from_fn(|_, _| normal.next()) * Degrees(self.robot.turn_deg).to_rad();
+                let off: Rigid<Flange, Flange> = Rigid::from_isometry_unchecked(Isometry3::new(shift, turn));
+                BoardShot { index, base_from_flange: flange(&camera_from_board) * off, camera_from_board }
+            })
+            .collect()
+    }
+
+    fn draw<C: Frame>(
+        &self,
+        normal: &mut NormalStream,
+        camera: &PinholeCamera,
+        (distance_mm, [across, down]): (f64, [f64; 2]),
+    ) -> Rigid<C, Board> {
+        for _ in 0..MAX_DRAWS {
+            let mut spread = |reach: f64| (2.0 * normal.share() - 1.0) * reach;
+            let depth = distance_mm * (1.0 + spread(0.15));
+            let middle = Vector3::new(spread(across) * depth, spread(down) * depth, depth);
+            let turn = UnitQuaternion::from_scaled_axis(Vector3::new(spread(0.65), spread(0.65), 0.0))
+                * UnitQuaternion::from_scaled_axis(Vector3::z() * spread(1.5));
+            let camera_from_board: Rigid<C, Board> = board_pose_in_hand(middle, turn, &self.print);
+            let inside = |pixel: Pixel| {
+                let within = |at: f64, size: usize| at > MARGIN_PX && at < size as f64 - MARGIN_PX;
+                within(pixel.u, camera.width_px) && within(pixel.v, camera.height_px)
+            };
+            let seen = |corner: &Point<Board>| camera.project(camera_from_board * *corner).is_some_and(inside);
+            if self.print.rim().iter().all(seen) {
+                return camera_from_board;
+            }
+        }
+        unreachable!("a board of this size fits into the picture somewhere")
+    }
+
+    /// Renders the shot as a picture.
+    pub fn picture<C: Frame>(&self, camera: &PinholeCamera, shot: &BoardShot<C>) -> GrayPicture {
+        let seed = self.seed.child(RandomPurpose::BoardPicture, shot.index);
+        self.print.picture(camera, &shot.camera_from_board, (&self.pixels, seed))
+    }
+
+    /// Computes the shot's corners without rendering, with noise of this size in each direction.
+    pub fn corners<C: Frame>(
+        &self,
+        camera: &PinholeCamera,
+        shot: &BoardShot<C>,
+        noise_px: f64,
+    ) -> Vec<(Point<Board>, Pixel)> {
+        let mut normal = NormalStream::new(self.seed.stream(RandomPurpose::BoardCorners, shot.index));
+        let corners = self.print.corners().into_iter().map(|corner| {
+            let (du, dv) = (normal.next() * noise_px, normal.next() * noise_px);
+            let Some(pixel) = camera.project(shot.camera_from_board * corner) else {
+                unreachable!("the whole board stands before the camera")
+            };
+            (corner, Pixel::at(pixel.u + du, pixel.v + dv))
+        });
+        corners.collect()
+    }
+
+    /// Returns the fixed camera's shot with its measured points, with white noise along the ray.
+    pub fn scan(&self, shot: &BoardShot<Camera>, noise_mm: f64) -> OrganizedCloud<Camera> {
+        let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
+        let mut normal = NormalStream::new(self.seed.stream(RandomPurpose::BoardScan, shot.index));
+        let points = self.print.points(&camera, &shot.camera_from_board, |_, _| normal.next() * noise_mm);
+        organized_cloud(&camera, points, &picture)
+    }
+
+    /// Returns the fixed camera's shot with all errors of a panel's scan: white noise that grows with the depth,
+    /// noise that is similar over centimetres, and this camera's constant distortion.
+    pub fn real_scan(&self, shot: &BoardShot<Camera>, distortion: &ScannerDistortion) -> OrganizedCloud<Camera> {
+        let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
+        let seed = self.seed.child(RandomPurpose::BoardScan, shot.index);
+        let (mut normal, correlated) =
+            (NormalStream::new(seed.stream(RandomPurpose::ScanRow, 0)), scanner::correlated_noise(seed, None));
+        let middle = self.print.centre().mm;
+        let points = self.print.points(&camera, &shot.camera_from_board, |[x, y], depth_mm| {
+            scanner::range_error_mm(normal.next(), depth_mm, correlated.value_at([x - middle.x, y - middle.y]))
+        });
+        distortion.distort_scan(&organized_cloud(&camera, points, &picture))
+    }
+
+    /// Returns the points of the board as a person touches them with a pointer, in the base, with noise of this
+    /// size along each axis.
+    pub fn touch_points(
+        &self,
+        base_from_board: &Rigid<Base, Board>,
+        places: &[Point<Board>],
+        noise_mm: f64,
+    ) -> Vec<Point<Base>> {
+        let mut normal = NormalStream::new(self.seed.stream(RandomPurpose::Touch, 0));
+        places
+            .iter()
+            .map(|&place| {
+                let noise = Vector3::from_fn(|_, _| normal.next()) * noise_mm;
+                Point::new((*base_from_board * place).mm + noise)
+            })
+            .collect()
     }
 }

@@ -1,25 +1,30 @@
 //! The simulated cell: the poses of all its objects, and the pictures of its two cameras.
+//!
+//! Stationary boards in the cell, one for each camera, serve to verify the cameras' calibrations every day. The stated poses
+//! of the boards contain the error of the pointer that touched them.
 
+#[cfg(test)]
+mod tests;
+
+use super::board::BoardPrint;
 use super::cast::{CastView, Rays};
-use super::drawing;
 use super::film::{Film, PanelCondition};
-use super::film_defects::{self, Grease, GreasySpot};
+use super::film_defects::{Grease, GreasySpot};
 use super::film_spec::FilmSpec;
-use super::flange;
-use super::noise::{PixelNoise, RandomPurpose, Seed};
+use super::noise::{NormalStream, PixelNoise, RandomPurpose, Seed};
 use super::projector::Projector;
 use super::real_arm::{RealArm, ReportedFlangePose};
 use super::sanding::{Sanding, SandingStrength};
-use super::scanner;
-use super::scanner_distortion::ScannerDistortion;
-use super::scene::{self, CornerView, Scene};
+use super::scanner::ScannerDistortion;
+use super::scene::{CornerView, Scene};
 use super::shape::Shape;
-use super::timing::WET_FROM_S;
 use super::truth::CellTruth;
-use super::wet_flange;
+use super::wetting::WET_FROM_S;
+use super::{appearance, film_defects, scanner, scene, shape};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep_base::geometry::{
-    Base, Camera, ColorPicture, Drawing, Flange, FlangeCamera, KukaPose, Mask, OrganizedCloud, Panel,
-    PinholeCamera, Pixel, Point, Rigid, TriangleMesh,
+    Base, Board, Camera, ColorPicture, Drawing, Flange, FlangeCamera, Frame, GrayPicture, KukaPose, Mask,
+    OrganizedCloud, Panel, PinholeCamera, Pixel, Point, Rigid, TriangleMesh,
 };
 
 /// One of the two poses of the panel at which a camera looks.
@@ -166,7 +171,7 @@ impl Cell {
     /// The drawing of the taught panel, and the place of its frame while the panel is at its nominal place.
     pub fn drawing(&self) -> (TriangleMesh, Rigid<Base, Drawing>) {
         let base_from_drawing = scene::nominal().isometry() * self.taught.panel_from_sheet();
-        (drawing::mesh(&self.taught), Rigid::from_isometry_unchecked(base_from_drawing))
+        (shape::drawing_mesh(&self.taught), Rigid::from_isometry_unchecked(base_from_drawing))
     }
 
     /// Returns the dry scan of the objects that are in the cell after teaching.
@@ -237,7 +242,7 @@ impl Cell {
         let panel = self.present.as_ref().map(|shape| (shape, base_from_panel));
         let view = CastView::new(&self.flange_camera.0, &self.flange_camera.1, &base_from_camera, panel);
         let place = KukaPose::from_rigid(base_from_panel);
-        wet_flange::capture(
+        appearance::capture_wet(
             &view,
             &self.pixels,
             self.seed.child(RandomPurpose::FlangePicture, Seed::index_of(&[place.x_mm, place.y_mm])),
@@ -253,7 +258,7 @@ impl Cell {
         let view = CastView::new(&self.flange_camera.0, &self.flange_camera.1, &base_from_camera, panel);
         let pose = KukaPose::from_rigid(base_from_flange);
         let numbers = [pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg];
-        flange::capture(
+        appearance::capture_dry(
             &view,
             &self.pixels,
             self.seed.child(RandomPurpose::FlangePicture, Seed::index_of(&numbers)),
@@ -365,5 +370,86 @@ impl Cell {
     }
 }
 
-#[cfg(test)]
-mod tests;
+/// Error of the touched position of a board along each axis, mm.
+const TOUCH_NOISE_MM: f64 = 0.03;
+
+/// A board in front of a camera.
+#[derive(Debug, Clone)]
+pub struct Target {
+    /// Its true pose.
+    pub base_from_board: Rigid<Base, Board>,
+    /// Its known pose.
+    pub known_base_from_board: Rigid<Base, Board>,
+    /// The flange's pose at which the flange camera takes its picture; without meaning for the fixed camera.
+    pub base_from_flange: Rigid<Base, Flange>,
+    /// The camera's picture of the board.
+    pub picture: GrayPicture,
+}
+
+impl Target {
+    /// The print of the board: 5 × 4 inner corners, squares of 40 mm.
+    pub fn target_print() -> BoardPrint {
+        BoardPrint::chessboard(5, 4, 40.0)
+    }
+}
+
+impl Cell {
+    /// The board beside the middle of the fixed camera's view, within reach of the arm that touches it.
+    pub fn scanner_target(&self) -> Target {
+        let camera_from_board = board_pose_at([120.0, 90.0, 690.0], [0.15, -0.2, 0.05]);
+        let base_from_board = scene::base_from_camera() * camera_from_board;
+        self.target(
+            0,
+            &self.scanner.0,
+            &camera_from_board,
+            (base_from_board, Rigid::from_isometry_unchecked(Isometry3::identity())),
+        )
+    }
+
+    /// Returns the board that lies in the cell, seen by the flange camera above it.
+    pub fn flange_target(&self) -> Target {
+        let base_from_board: Rigid<Base, Board> =
+            board_pose_at([540.0, 60.0, 200.0], [std::f64::consts::PI, 0.02, 0.0]);
+        let camera_from_board = board_pose_at([10.0, -8.0, 470.0], [0.2, 0.15, 0.1]);
+        let base_from_flange =
+            base_from_board * camera_from_board.inverse() * scene::flange_from_camera().inverse();
+        self.target(1, &self.flange_camera.0, &camera_from_board, (base_from_board, base_from_flange))
+    }
+
+    /// Returns points of a target's board as measured with the tool's tip, in the base.
+    pub fn touched_target(&self, target: &Target, places: &[Point<Board>]) -> Vec<Point<Base>> {
+        let mut normal = NormalStream::new(self.seed.stream(RandomPurpose::Touch, 2));
+        let mut touch = |&place: &Point<Board>| {
+            let noise = Vector3::from_fn(|_, _| normal.next()) * TOUCH_NOISE_MM;
+            Point::new((target.base_from_board * place).mm + noise)
+        };
+        places.iter().map(&mut touch).collect()
+    }
+
+    fn target<C: Frame>(
+        &self,
+        index: u64,
+        camera: &PinholeCamera,
+        camera_from_board: &Rigid<C, Board>,
+        (base_from_board, base_from_flange): (Rigid<Base, Board>, Rigid<Base, Flange>),
+    ) -> Target {
+        let mut normal = NormalStream::new(self.seed.stream(RandomPurpose::Touch, index));
+        let off = Vector3::from_fn(|_, _| normal.next()) * TOUCH_NOISE_MM;
+        let shot = self.seed.child(RandomPurpose::Touch, index);
+        Target {
+            base_from_board,
+            known_base_from_board: Rigid::from_isometry_unchecked(
+                Translation3::from(off) * base_from_board.isometry(),
+            ),
+            base_from_flange,
+            picture: Target::target_print().picture(camera, camera_from_board, (&self.pixels, shot)),
+        }
+    }
+}
+
+/// Returns the board's pose with its middle at a position, rotated by a rotation vector, rad.
+fn board_pose_at<To: Frame>(middle_mm: [f64; 3], turn: [f64; 3]) -> Rigid<To, Board> {
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn));
+    let shift = Vector3::from(middle_mm) - turn * Target::target_print().centre().mm.coords;
+    Rigid::from_isometry_unchecked(Isometry3::from_parts(Translation3::from(shift), turn))
+}

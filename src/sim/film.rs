@@ -11,13 +11,9 @@
 use super::appearance::{FixedColor, dry_and_wet};
 use super::cast::CastView;
 use super::film_defects::GreasySpot;
-use super::film_spec::FilmSpec;
-use super::glints_droplets::{PanelGround, TravellingSpot, TravellingSpots};
-use super::lamp::Lamp;
+use super::film_spec::{FilmSpec, Lamp, PanelGround, TravellingSpot, TravellingSpots};
 use super::noise::{PixelNoise, RandomPurpose, Seed, ValueNoise, to_byte};
-use super::runoff::RunoffPattern;
-use super::timing::{Phase, SPRAY_FROM_S, WET_FROM_S};
-use super::wetting::{PixelColors, Water, WetPixel};
+use super::wetting::{Phase, PixelColors, RunoffPattern, SPRAY_FROM_S, WET_FROM_S, Water, WetPixel};
 use panelprep_base::geometry::{ColorPicture, Mask};
 use rand::RngExt;
 use rayon::prelude::*;

@@ -3,16 +3,15 @@
 //! Pure functions from seed and scene to data: no files, no clock. It uses `geometry` alone and shares nothing else
 //! with the code under test. The panel's frame is the base at the nominal place (thesis 3.8).
 //!
-//! - `shape`, `outline`: the panel as a height field cut along an outline · `drawing`: the same as a mesh
+//! - `shape`: the panel as a height field cut along an outline, and the same as a mesh
 //! - `scene`, `fixture`: the poses of all objects
 //! - `cast`: what each pixel sees · `appearance`: its colour · `noise`: every random number
-//! - `variety`, `distractors`, `trial`: panels of many shapes among other objects, for the localization
-//! - `board`, `board_cell`, `target`: calibration boards in front of both cameras
+//! - `variety`, `trial`: panels of many shapes among other objects, for the localization
+//! - `board`: calibration boards in front of both cameras
 //! - `real_arm`: an arm that differs from the drawing
 //! - `cell`: all of it together
-//! - `scanner`, `flange`, `wet_flange`, `film`, `timing`, `wetting`, `runoff`, `lamp`, `glints_droplets`, `sanding`: the
-//!   cameras' data · `projector`: which points the 3D camera has · `film_spec`: how hard films are to read ·
-//!   `film_defects`: grease · `truth`: the truth about all of this
+//! - `scanner`, `appearance`, `film`, `wetting`, `sanding`: the cameras' data · `projector`: which points the 3D camera
+//!   has · `film_spec`: how hard films are to read · `film_defects`: grease · `truth`: the truth about all of this
 //!
 //! Not simulated: focus, the arm in view; glints and drops on the fixture.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
@@ -23,49 +22,34 @@
 
 mod appearance;
 mod board;
-mod board_cell;
 mod cast;
 mod cell;
-mod distractors;
-mod drawing;
 mod film;
 mod film_defects;
 mod film_spec;
 mod fixture;
-mod flange;
-mod glints_droplets;
-mod lamp;
 mod noise;
-mod outline;
 mod projector;
 mod real_arm;
-mod runoff;
 mod sanding;
 mod scanner;
-mod scanner_distortion;
 mod scene;
 mod shape;
-mod target;
-mod timing;
 mod trial;
 mod truth;
 mod variety;
-mod wet_flange;
 mod wetting;
 
-pub use board::{BoardPrint, Marker};
-pub use board_cell::{BoardCell, BoardShot, RobotNoise};
-pub use cell::{Cell, PanelPosition, Region, SEARCH_BOX_MM};
+pub use board::{BoardCell, BoardPrint, BoardShot, Marker, RobotNoise};
+pub use cell::{Cell, PanelPosition, Region, SEARCH_BOX_MM, Target};
 pub use film::Film;
 pub use film_defects::{Grease, GreasySpot, SpotKind};
 pub use film_spec::FilmSpec;
 pub use real_arm::{RealArm, ReportedFlangePose, TOOL_LENGTH_MM};
 pub use sanding::{Sanding, SandingStrength};
-pub use scanner::{NoiseFigures, scanner_noise};
-pub use scanner_distortion::ScannerDistortion;
+pub use scanner::{NoiseFigures, ScannerDistortion, scanner_noise};
 pub use scene::{CornerView, Scene};
 pub use shape::PanelBend;
-pub use target::Target;
-pub use timing::{Phase, SPRAY_FROM_S, WET_FROM_S};
 pub use trial::{SceneDefect, TRIAL_BOX_MM, TrialScene};
 pub use truth::{CellTruth, CornerNumbers, PlacementError, SpotNumbers, TrueSpot, TruthNumbers};
+pub use wetting::{Phase, SPRAY_FROM_S, WET_FROM_S};

@@ -18,8 +18,8 @@
 //! computes the projector's picture four times coarser.
 
 use super::cast::{PanelHit, PanelView};
-use super::distractors::Slab;
 use super::fixture;
+use super::fixture::Slab;
 use super::shape::Shape;
 use nalgebra::{Isometry3, Point3, Vector3};
 use panelprep_base::geometry::{Base, Camera, Panel, PinholeCamera, Pixel, Point, Rigid};

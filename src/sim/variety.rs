@@ -3,8 +3,7 @@
 //! one placement fits.
 
 use super::noise::Seed;
-use super::outline::Outline;
-use super::shape::{ROUNDING_MM, Relief, Shape};
+use super::shape::{Outline, ROUNDING_MM, Relief, Shape};
 use nalgebra::Vector2;
 use rand::RngExt;
 use rand_pcg::Pcg64;

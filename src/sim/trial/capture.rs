@@ -1,12 +1,10 @@
 //! A trial's scan: the panel among other objects, with glints, water or motion blur.
 
 use super::TrialScene;
-use super::contents::SceneContents;
-use super::marks::PrintedDiscs;
+use super::contents::{PrintedDiscs, SceneContents};
 use crate::appearance::dry_and_wet;
 use crate::cast::{CastView, PixelHit};
-use crate::distractors::SlabHit;
-use crate::fixture::Background;
+use crate::fixture::{Background, SlabHit};
 use crate::noise::{LEVEL, NormalStream, RandomPurpose, ValueNoise, to_bytes};
 use crate::projector::Projector;
 use crate::scanner::{LATTICE_HALF_WIDTH_MM, correlated_noise, measured};
@@ -140,7 +138,7 @@ fn add_occluders(mut sight: PixelHit, hits: &[SlabHit]) -> (PixelHit, Option<f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::distractors::Slab;
+    use crate::fixture::Slab;
     use crate::projector::tests::before_the_plate;
     use nalgebra::{Point3, Vector3};
     use panelprep_base::geometry::{Pixel, Point};

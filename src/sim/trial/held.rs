@@ -5,10 +5,8 @@
 //! Large patches and whole corners were missing, and the adapter at the upper edge caused no step of depth.
 
 use super::TrialScene;
-use super::contents::MissingPatches;
-use super::marks::PrintedDiscs;
-use super::space::sheet_points;
-use crate::distractors::Slab;
+use super::contents::{MissingPatches, PrintedDiscs, sheet_points};
+use crate::fixture::Slab;
 use crate::noise::{NormalStream, RandomPurpose, ValueNoise};
 use crate::scanner::LATTICE_HALF_WIDTH_MM;
 use crate::scene;
