@@ -7,8 +7,7 @@
 //! unlike the thesis's print. Pixel: u = fx x' + cx, v = fy y' + cy (Eq. 3.11). Unprojection inverts (3.12) by
 //! Newton's method. One model for the whole program; equal to `cv::projectPoints`.
 
-use super::frames::{Frame, Pixel};
-use super::rigid::{Point, Vector};
+use super::rigid::{Frame, Pixel, Point, Vector};
 use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
 
 /// Intrinsic parameters of a camera, which a calibration determines.
@@ -163,7 +162,7 @@ impl PinholeCamera {
 
 #[cfg(test)]
 mod tests {
-    use super::super::frames::Camera;
+    use super::super::rigid::Camera;
     use super::*;
     use proptest::prelude::*;
 

@@ -8,9 +8,8 @@
 //! linear in x/z and y/z; then Gauss–Newton runs on all nine. Points that filters moved across edges are left out once.
 
 use super::camera::PinholeCamera;
-use super::frames::{Frame, Pixel};
 use super::picture::ColorPicture;
-use super::rigid::{Point, Rigid};
+use super::rigid::{Frame, Pixel, Point, Rigid};
 use super::statistics::median;
 use nalgebra::{SMatrix, SVector, Vector2};
 use rayon::prelude::*;

@@ -8,8 +8,7 @@
 //! linear in (x, y) turns planes into other planes: no flat object can show it, but distances on a flat object can.
 
 use super::cloud::OrganizedCloud;
-use super::frames::Camera;
-use super::rigid::Point;
+use super::rigid::{Camera, Point};
 
 /// z₀ of (1), mm.
 pub const REFERENCE_DEPTH_MM: f64 = 700.0;

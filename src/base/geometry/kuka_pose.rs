@@ -5,8 +5,7 @@
 //! |B| = 90° only A ± C is defined: A is set to 0 and C carries the turn. A pose is never multiplied; it is
 //! turned into a [`Rigid`] first. Angles near the pole are noise: compare rotations, not angles.
 
-use super::frames::{Degrees, Frame};
-use super::rigid::Rigid;
+use super::rigid::{Degrees, Frame, Rigid};
 use crate::number_text::fixed_decimals;
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -121,8 +120,7 @@ impl From<[f64; 6]> for Joints {
 
 #[cfg(test)]
 mod tests {
-    use super::super::frames::{Base, Tool};
-    use super::super::rigid::Point;
+    use super::super::rigid::{Base, Point, Tool};
     use super::*;
     use nalgebra::Point3;
     use proptest::prelude::*;

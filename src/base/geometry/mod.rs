@@ -7,7 +7,6 @@ pub mod basis;
 mod camera;
 mod cloud;
 mod depth_field;
-mod frames;
 mod kuka_pose;
 mod mesh;
 mod picture;
@@ -20,13 +19,13 @@ pub mod statistics;
 pub use camera::PinholeCamera;
 pub use cloud::{CloudError, CloudLens, OrganizedCloud, fit_lens, median_projection_error_px, sample_points};
 pub use depth_field::{DepthField, FIELD_COLUMNS, FIELD_ROWS, FIELD_SIZE, FieldRectangle, REFERENCE_DEPTH_MM};
-pub use frames::{
-    Base, Board, Camera, Degrees, Drawing, Flange, FlangeCamera, Frame, Panel, Pixel, STANDARD_GRAVITY_M_S2, Tool,
-};
 pub use kuka_pose::{Joints, KukaPose};
 pub use mesh::{LengthUnit, MeshObject, TriangleMesh};
 pub use picture::{ALL_NEIGHBOURS, ColorPicture, DIRECT_NEIGHBOURS, GrayPicture, Mask, RasterSize};
 pub use plane::{Plane, PlaneZone, local_plane, local_plane_where};
-pub use rigid::{Point, PoseUncertainty, Rigid, Vector, fit_rigid_motion};
+pub use rigid::{
+    Base, Board, Camera, Degrees, Drawing, Flange, FlangeCamera, Frame, Panel, Pixel, Point, PoseUncertainty,
+    Rigid, STANDARD_GRAVITY_M_S2, Tool, Vector, fit_rigid_motion,
+};
 pub use smooth_field::{HeightSample, RobustField, SmoothField};
 pub use statistics::{median, median_in_place};

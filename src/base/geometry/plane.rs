@@ -17,8 +17,7 @@
 //! least squares (LSPL) is never narrower, and is stated beside it as an upper bound.
 
 use super::cloud::OrganizedCloud;
-use super::frames::Frame;
-use super::rigid::{Point, Vector};
+use super::rigid::{Frame, Point, Vector};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 /// A neighbour belongs to another surface if its distance from the middle point is more than this multiple of the
@@ -253,7 +252,7 @@ fn lowest_corner(rows: &[Row]) -> Option<Vector3<f64>> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::frames::Camera;
+    use super::super::rigid::Camera;
     use super::*;
     use crate::geometry::Panel;
 

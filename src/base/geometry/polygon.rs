@@ -1,7 +1,7 @@
 //! Plane polygons of pixels: inside or outside, signed area.
 
-use super::frames::Pixel;
 use super::picture::Mask;
+use super::rigid::Pixel;
 
 /// Returns true for a point inside by the even–odd rule.
 ///

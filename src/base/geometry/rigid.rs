@@ -1,15 +1,111 @@
-//! Frame-tagged points, directions and rigid transforms, and the uncertainty of a pose as the uncertainty of the places
-//! that it puts in space.
+//! Frames, angles and pixels as types; frame-tagged points, directions and rigid transforms; and the uncertainty of a pose as
+//! the uncertainty of the places that it puts in space.
+//!
+//! A frame is the reference of a measurement. Every point, direction and transform carries its frame, so that adding a
+//! camera point to a base point does not compile. Types cannot distinguish the same frame at two times: if a person
+//! bumps the panel, `Panel` before and after is one type but two poses. This is why tokens and Verify exist.
 //!
 //! `Rigid<To, From>` is the thesis's `ᵀᵒT_From` (Eq. 3.1): it maps a point of frame `From` to frame `To`. In
 //! products neighbouring frames cancel, `base_from_panel = base_from_camera * camera_from_panel`; every other order
-//! does not compile. [`Rigid::from_isometry_unchecked`] is the only function that declares numbers to be a transform between two
-//! frames: `grep claim` gives the list to review.
+//! does not compile. [`Rigid::from_isometry_unchecked`] is the only function that declares numbers to be a transform between
+//! two frames: a search for its name gives the list to review.
+//!
+//! No public function accepts two bare numbers side by side. Lengths are `f64` in mm with the unit in their name, inside
+//! tagged points and transforms. Angles cross every boundary in degrees; [`Degrees::to_rad`] is the only conversion to
+//! radians for a kernel.
 
-use super::frames::{Camera, Degrees, Frame, Panel};
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
+use serde::{Deserialize, Serialize};
 use std::marker::PhantomData;
 use std::ops::{Add, Mul, Sub};
+
+/// A coordinate frame; implemented only by the markers of this module.
+pub trait Frame: Copy + std::fmt::Debug + PartialEq + Send + Sync + 'static {
+    /// The name used in messages.
+    const NAME: &'static str;
+}
+
+macro_rules! frames {
+    ($($(#[$doc:meta])* $name:ident = $text:literal;)*) => {$(
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum $name {}
+        impl Frame for $name { const NAME: &'static str = $text; }
+    )*};
+}
+
+frames! {
+    /// The robot's base; the world, as in thesis 3.3. X forward, Z up, mm.
+    Base = "base";
+    /// The panel. At its nominal pose it coincides with `Base` (thesis 3.8).
+    Panel = "panel";
+    /// The fixed 3D camera: x right, y down, z out of the lens.
+    Camera = "camera";
+    /// The 2D camera on the flange: x right, y down, z out of the lens.
+    FlangeCamera = "flange camera";
+    /// The robot's mounting flange; Z away from the arm.
+    Flange = "flange";
+    /// The sanding tool; Z out of the pad, into the panel.
+    Tool = "tool";
+    /// The drawing of a panel: the frame of its file.
+    Drawing = "drawing";
+    /// A calibration board; origin in its first inner corner, Z away from the viewer.
+    Board = "board";
+}
+
+/// Standard gravity, m/s²: a mass of 1 kg has a weight of 9.80665 N.
+pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
+
+/// An angle in degrees.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Degrees(pub f64);
+
+impl Degrees {
+    /// Returns the angle in radians, for use in numerical code.
+    pub fn to_rad(self) -> f64 {
+        self.0.to_radians()
+    }
+
+    /// Creates an angle from radians that numerical code has computed.
+    pub fn from_rad(angle_rad: f64) -> Self {
+        Degrees(angle_rad.to_degrees())
+    }
+}
+
+impl std::fmt::Display for Degrees {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}°", crate::number_text::fixed_decimals(self.0, 3))
+    }
+}
+
+/// A position in a picture, px. Whole numbers are pixel centres, as in OpenCV; u to the right, v down.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Pixel {
+    /// Column, px.
+    pub u: f64,
+    /// Row, px.
+    pub v: f64,
+}
+
+impl Pixel {
+    /// Creates the pixel at column `u`, row `v`.
+    pub fn at(u: f64, v: f64) -> Self {
+        Pixel { u, v }
+    }
+
+    /// Calculates the distance to another pixel, px.
+    pub fn distance_px(self, other: Pixel) -> f64 {
+        (self.u - other.u).hypot(self.v - other.v)
+    }
+
+    /// The nearest whole pixel in a picture of this size; `None` outside of the picture.
+    pub fn nearest_whole(self, width: usize, height: usize) -> Option<(usize, usize)> {
+        let (column, row) = (self.u.round(), self.v.round());
+        let inside = column >= 0.0 && row >= 0.0 && column < width as f64 && row < height as f64;
+        inside.then_some((column as usize, row as usize))
+    }
+}
 
 /// A point measured in frame `F`, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -227,7 +323,6 @@ impl PoseUncertainty {
 
 #[cfg(test)]
 mod tests {
-    use super::super::frames::{Base, Camera, Panel};
     use super::*;
     use nalgebra::{Isometry3, Vector3};
     use proptest::prelude::*;
@@ -331,5 +426,20 @@ mod tests {
         let covariance = Matrix6::repeat(f64::NAN);
         let pose = PoseUncertainty { camera_from_panel, centre: Point::at(0.0, 0.0, 0.0), covariance };
         assert!(pose.along_mm(Point::at(1.0, 0.0, 0.0), Vector::new(Vector3::z())).is_nan());
+    }
+
+    /// By hand: 180° is π.
+    #[test]
+    fn degrees_become_radians_and_back() {
+        assert!((Degrees(180.0).to_rad() - std::f64::consts::PI).abs() < 1e-15);
+        assert!((Degrees::from_rad(std::f64::consts::FRAC_PI_6).0 - 30.0).abs() < 1e-12);
+    }
+
+    /// Pixel (−0.4, 1.6) is column 0, row 2; half a pixel beyond the last column is outside.
+    #[test]
+    fn whole_pixels_end_half_a_pixel_outside_the_centres() {
+        assert_eq!(Pixel::at(-0.4, 1.6).nearest_whole(4, 3), Some((0, 2)));
+        assert_eq!(Pixel::at(3.6, 1.0).nearest_whole(4, 3), None);
+        assert_eq!(Pixel::at(f64::NAN, 1.0).nearest_whole(4, 3), None);
     }
 }
