@@ -124,9 +124,9 @@ fn apply_drop(color: [u16; 3], sight: &PixelHit, shot: Seed) -> [u16; 3] {
 #[cfg(test)]
 mod tests {
     use super::super::cast::PanelHit;
-    use super::super::fixture::Background;
     use super::super::sanding::Appearance;
     use super::*;
+    use crate::scene::Background;
 
     fn sight(edge_px: f64) -> PixelHit {
         let panel = PanelHit {

@@ -9,8 +9,7 @@
 //! picture.
 
 use super::noise::{LEVEL, NormalStream, PixelNoise, RandomPurpose, Seed, to_byte};
-use super::projector::Projector;
-use super::scanner::ScannerDistortion;
+use super::scanner::{Projector, ScannerDistortion};
 use super::{scanner, scene};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep_base::geometry::{

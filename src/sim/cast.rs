@@ -8,8 +8,9 @@
 //!     edge = d / |g| px,                                                                                 (2)
 //! and the panel's share of the pixel is the part of a square pixel on the inner side of that straight line.
 
-use super::fixture::{self, Background};
 use super::sanding::{Appearance, Sanding};
+use super::scene;
+use super::scene::Background;
 use super::shape::Shape;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use panelprep_base::geometry::{Base, Camera, Frame, Panel, PinholeCamera, Pixel, Rigid};
@@ -185,7 +186,7 @@ impl<'a> CastView<'a> {
                 Some(sanding) => PanelHit { appearance: sanding.appearance_at(hit.place), ..hit },
                 None => hit,
             });
-            let background = fixture::intersect(&origin, &(base_axes * ray), pixel_rad);
+            let background = scene::intersect_fixture(&origin, &(base_axes * ray), pixel_rad);
             seen(column, PixelHit { ray, panel, background });
         }
     }

@@ -4,14 +4,14 @@
 //! with the code under test. The panel's frame is the base at the nominal place (thesis 3.8).
 //!
 //! - `shape`: the panel as a height field cut along an outline, and the same as a mesh
-//! - `scene`, `fixture`: the poses of all objects
+//! - `scene`: the poses of all objects, and the fixture
 //! - `cast`: what each pixel sees · `appearance`: its colour · `noise`: every random number
 //! - `variety`, `trial`: panels of many shapes among other objects, for the localization
 //! - `board`: calibration boards in front of both cameras
 //! - `real_arm`: an arm that differs from the drawing
 //! - `cell`: all of it together
-//! - `scanner`, `appearance`, `film`, `wetting`, `sanding`: the cameras' data · `projector`: which points the 3D camera
-//!   has · `film_spec`: how hard films are to read · `film_defects`: grease · `truth`: the truth about all of this
+//! - `scanner`, `appearance`, `film`, `wetting`, `sanding`: the cameras' data · `film_spec`: how hard films are to read ·
+//!   `film_defects`: grease · `truth`: the truth about all of this
 //!
 //! Not simulated: focus, the arm in view; glints and drops on the fixture.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
@@ -27,9 +27,7 @@ mod cell;
 mod film;
 mod film_defects;
 mod film_spec;
-mod fixture;
 mod noise;
-mod projector;
 mod real_arm;
 mod sanding;
 mod scanner;

@@ -4,8 +4,8 @@
 //! hardly a point of the dark surface around them.
 
 use crate::appearance::FixedColor;
-use crate::fixture::Slab;
 use crate::noise::{LEVEL, ValueNoise};
+use crate::scene::Slab;
 use crate::shape::Shape;
 use nalgebra::Vector2;
 use rand::RngExt;

@@ -9,16 +9,15 @@
 
 mod capture;
 mod contents;
-mod held;
 mod placement;
 
 use super::cast::Rays;
-use super::fixture::Slab;
 use super::noise::{PixelNoise, Seed};
-use super::scene;
-use super::shape::{self, PanelBend, Shape};
+use super::scene::Slab;
+use super::shape::{PanelBend, Shape};
 use super::truth::PlacementError;
-use super::variety::{self, generator};
+use super::variety::generator;
+use super::{scene, shape, variety};
 use contents::{PrintedDiscs, SceneContents, sheet_points};
 pub use contents::{SceneDefect, TRIAL_BOX_MM};
 use panelprep_base::geometry::{

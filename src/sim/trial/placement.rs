@@ -3,8 +3,8 @@
 
 use super::TrialScene;
 use super::contents::{SceneDefect, TRIAL_BOX_MM, sheet_points};
-use crate::fixture::Slab;
-use crate::projector::Projector;
+use crate::scanner::Projector;
+use crate::scene::Slab;
 use crate::shape::CENTRE_MM;
 use crate::{scene, variety};
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
