@@ -38,8 +38,8 @@ pub const CELLCMD: &str = include_str!("../../../config/kuka/CELLCMD.xml");
 /// The state channel's configuration file as it is loaded on the controller.
 pub const CELLSTAT: &str = include_str!("../../../config/kuka/CELLSTAT.xml");
 
-#[cfg(test)]
 /// Documents as a controller writes them, for the tests of this module.
+#[cfg(test)]
 mod fixture {
     use super::{CELLCMD, CELLSTAT, ChannelFile, Wire};
 
