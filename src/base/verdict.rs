@@ -1,9 +1,9 @@
 //! Verdicts, their reasons and the checks that they come from: what a gate reports, in words a person can act on.
 //!
-//! A check is one number with its unit, its limit and the source of the limit, and the consequence if the limit is not
-//! met. A gate lists its checks; the verdict, the page, the JSON and the recording are all made from that one list. A limit
-//! that is not met always has a consequence: the page prints "not allowed" beside such a value, and nothing with such
-//! a row is accepted.
+//! A check is one number with its unit, its limit and the source of the limit, and the consequence if the limit is
+//! not met. A gate lists its checks; the verdict, the page, the JSON and the recording are all made from that one
+//! list. A limit that is not met always has a consequence: the page prints "not allowed" beside such a value, and
+//! nothing with such a row is accepted.
 
 use serde::{Deserialize, Serialize, Serializer};
 use std::borrow::Cow;

@@ -1,8 +1,8 @@
-//! The panel's colour: dark composite with a twill weave, darker under a film of water; and the flange camera's pictures of
-//! the dry and of the wet panel.
+//! The panel's colour: dark composite with a twill weave, darker under a film of water; and the flange camera's
+//! pictures of the dry and of the wet panel.
 //!
-//! On the wet panel and beside its edge are drops. A drop is a disc: dark where it bends the light away, with a bright glint
-//! at its upper side. Drops on the panel's edge hang over it by a part of their radius.
+//! On the wet panel and beside its edge are drops. A drop is a disc: dark where it bends the light away, with a
+//! bright glint at its upper side. Drops on the panel's edge hang over it by a part of their radius.
 
 use super::cast::{CastView, PixelHit};
 use super::noise::{LEVEL, PixelNoise, RandomPurpose, Seed, to_bytes};

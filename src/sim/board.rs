@@ -1,5 +1,6 @@
-//! A calibration board as a camera sees it, squares and markers through a distorting lens, with pixel noise; and pictures of
-//! it for calibration with known truth: the flange's true pose, the pose that the robot reports, and the camera's picture.
+//! A calibration board as a camera sees it, squares and markers through a distorting lens, with pixel noise; and
+//! pictures of it for calibration with known truth: the flange's true pose, the pose that the robot reports, and
+//! the camera's picture.
 //!
 //! Each pixel is the mean of the board over its area: 16 × 16 rays if an edge passes through it, else one ray. Grey
 //! levels of the print are not black and white, and the light falls off towards one side, as in a workshop.

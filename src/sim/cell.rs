@@ -1,7 +1,7 @@
 //! The simulated cell: the poses of all its objects, and the pictures of its two cameras.
 //!
-//! Stationary boards in the cell, one for each camera, serve to verify the cameras' calibrations every day. The stated poses
-//! of the boards contain the error of the pointer that touched them.
+//! Stationary boards in the cell, one for each camera, serve to verify the cameras' calibrations every day. The
+//! stated poses of the boards contain the error of the pointer that touched them.
 
 #[cfg(test)]
 mod tests;

@@ -4,9 +4,9 @@
 //!     gain(u, v, t) = (1 + d sin(2π t / T)) (1 + f ξ_t) (1 − s p(x)),   p = smoothstep from 1 at |x| = w to 0 at |x| = w + e,
 //! x is the distance across the shadow's band, which travels over the picture; d, f, s are set in the film's spec.
 //!
-//! Glints, which are additive and bright, and drops, which are thick film that runs down, move over the film. Each exists
-//! for a while and then appears elsewhere; its position is a function of time only. Its speed varies periodically:
-//! x(t) = x₀ + v (t + b sin(ω t)/ω), b < 1.
+//! Glints, which are additive and bright, and drops, which are thick film that runs down, move over the film. Each
+//! exists for a while and then appears elsewhere; its position is a function of time only. Its speed varies
+//! periodically: x(t) = x₀ + v (t + b sin(ω t)/ω), b < 1.
 
 use super::noise::{RandomPurpose, Seed, smoothstep};
 use rand::RngExt;

@@ -10,8 +10,8 @@
 //! - `board`: calibration boards in front of both cameras
 //! - `real_arm`: an arm that differs from the drawing
 //! - `cell`: all of it together
-//! - `scanner`, `appearance`, `film`, `wetting`, `sanding`: the cameras' data · `film_spec`: how hard films are to read ·
-//!   `film_defects`: grease · `truth`: the truth about all of this
+//! - `scanner`, `appearance`, `film`, `wetting`, `sanding`: the cameras' data · `film_spec`: how hard films are to
+//!   read · `film_defects`: grease · `truth`: the truth about all of this
 //!
 //! Not simulated: focus, the arm in view; glints and drops on the fixture.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]

@@ -1,13 +1,13 @@
-//! The 3D camera: its projector, a shot with its noise and the colour picture on the same pixels, and the error of a poorly
-//! calibrated camera.
+//! The 3D camera: its projector, a shot with its noise and the colour picture on the same pixels, and the error of
+//! a poorly calibrated camera.
 //!
 //! A pixel has a point if the projector lights the surface that the pixel sees. Noise along the ray: white,
 //! σ = 0.055 mm · (z / 700 mm)² / cos(incidence); on the panel also correlated, value noise of 0.06 mm rms
 //! at the nodes of a square lattice of 50–85 mm, drawn anew for each shot. At the panel's edge a tenth of the
 //! pixels flies between panel and background if both are lit, and most others are missing; 0.2 % drop out anywhere.
 //!
-//! A Zivid measures a point only if both its camera and its projector see it. The projector of a Two M70 is b = 111 mm
-//! to the right of the lens and is turned by 0.113 rad towards its axis. A pixel has no point if its surface
+//! A Zivid measures a point only if both its camera and its projector see it. The projector of a Two M70 is b = 111
+//! mm to the right of the lens and is turned by 0.113 rad towards its axis. A pixel has no point if its surface
 //! - lies outside of the projector's picture,
 //! - looks away from the projector, or
 //! - is in shadow: another object is on the line to the projector, nearer to it by over 0.5 % of the depth.
@@ -18,13 +18,13 @@
 //! on the side that faces away from the projector. Colours have the room's light and no such shadows.
 //!
 //! Lines of sight end at the surfaces themselves, not at a depth map. Therefore rims are not ragged, and no slanted
-//! surface is in its own shadow. Not simulated: half-shadows, light from surface to surface, and the panel's shadow on
-//! itself, because the panel is too shallow for it. Source: geometry and rule of the vendor's own simulation,
+//! surface is in its own shadow. Not simulated: half-shadows, light from surface to surface, and the panel's shadow
+//! on itself, because the panel is too shallow for it. Source: geometry and rule of the vendor's own simulation,
 //! github.com/zivid/zivid-isaac-sim (camera_calibration.py, zivid_camera.py); for the M70 the vendor's simulation
 //! computes the projector's picture four times coarser.
 //!
-//! The error of a poor calibration is a smooth error of 1/z over the picture, the same in each scan. With the picture's half
-//! width and half height as units, the depth error at 700 mm is
+//! The error of a poor calibration is a smooth error of 1/z over the picture, the same in each scan. With the
+//! picture's half width and half height as units, the depth error at 700 mm is
 //!     c = A (X² − 0.6 Y² + 0.5 sin(2.2 X + 1.3 Y + φ)),   1/z_measured = 1/z − c / (700 mm)²,
 //! a bow with opposite signs along X and Y, and a wave added to it. Zivid states a dimension trueness of 0.2 %, and
 //! 0.06 mm of local planarity, for the Two M70; public scans of a poorly calibrated camera bow by 1.5 to 3.4 mm. The

@@ -1,9 +1,9 @@
-//! The poses of all objects: both cameras, their calibrations, the panel's two places and the taught corner poses; and the
-//! objects around the panel, which do not move with it.
+//! The poses of all objects: both cameras, their calibrations, the panel's two places and the taught corner poses;
+//! and the objects around the panel, which do not move with it.
 //!
-//! These are the fixture behind the panel, a light back plate and two posts, and flat slabs beside and in front of the panel
-//! at fixed poses in the cell. Every part of the fixture is an upright rectangle that faces the robot, at a constant X of
-//! the base frame.
+//! These are the fixture behind the panel, a light back plate and two posts, and flat slabs beside and in front of
+//! the panel at fixed poses in the cell. Every part of the fixture is an upright rectangle that faces the robot, at
+//! a constant X of the base frame.
 
 use super::noise::{NormalStream, RandomPurpose, Seed};
 use super::shape::{CENTRE_MM, Shape};

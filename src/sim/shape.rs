@@ -1,12 +1,12 @@
 //! The panel's shape: a smooth height field over a plane sheet, cut along an outline; and its drawing.
 //!
-//! Sheet coordinates (s, t, h): s to the right and t up as seen from the robot, h towards the robot, mm, origin at the
-//! panel's centre. The visible side is h(s, t), its outward normal ∝ (−∂h/∂s, −∂h/∂t, 1). The height is
+//! Sheet coordinates (s, t, h): s to the right and t up as seen from the robot, h towards the robot, mm, origin at
+//! the panel's centre. The visible side is h(s, t), its outward normal ∝ (−∂h/∂s, −∂h/∂t, 1). The height is
 //!     h = h₀ + a s²/2 + b s t + c t²/2 + d s³/6 + e s t²/2 + A sin(s/λ + φ) cos(t/μ + ψ).                  (1)
 //!
-//! The outline is a convex polygon of straight edges with rounded corners. With outward unit normals nᵢ and offsets cᵢ the
-//! straight edges are nᵢ·p = cᵢ. The rounded outline is the set of points at distance r from the polygon moved inwards by r,
-//! which keeps every edge where it is.
+//! The outline is a convex polygon of straight edges with rounded corners. With outward unit normals nᵢ and offsets
+//! cᵢ the straight edges are nᵢ·p = cᵢ. The rounded outline is the set of points at distance r from the polygon
+//! moved inwards by r, which keeps every edge where it is.
 //!
 //! The drawing is the visible surface as triangles, cut along the outline. Its frame is the sheet's.
 

@@ -1,13 +1,13 @@
-//! Water on the panel: the phases of a film and the times at which they begin; one pixel under water, when it becomes wet,
-//! and when its film breaks and closes again; and the run-off.
+//! Water on the panel: the phases of a film and the times at which they begin; one pixel under water, when it
+//! becomes wet, and when its film breaks and closes again; and the run-off.
 //!
-//! Let r be the share of the pixel that water has reached, q the share that is greasy, and b the share that a bead or
-//! droplet covers. Let o and c be the degrees to which the film has opened and closed. Each is 0…1 and linear in time.
-//! The film of the pixel is  r (1 − q (1 − b) o (1 − c)). The part without film is the bare surface: under dust until
-//! water has reached it, then washed, and as damp as its spot is.
+//! Let r be the share of the pixel that water has reached, q the share that is greasy, and b the share that a bead
+//! or droplet covers. Let o and c be the degrees to which the film has opened and closed. Each is 0…1 and linear in
+//! time. The film of the pixel is  r (1 − q (1 − b) o (1 − c)). The part without film is the bare surface: under
+//! dust until water has reached it, then washed, and as damp as its spot is.
 //!
-//! The run-off are streaks of thicker film that travel down the panel and fade as the water thins out: two copies of one
-//! streaky pattern, periodic in both directions, travel at their own speeds.
+//! The run-off are streaks of thicker film that travel down the panel and fade as the water thins out: two copies
+//! of one streaky pattern, periodic in both directions, travel at their own speeds.
 
 use super::appearance::FixedColor;
 use super::film_defects::{GreasySpot, SpotKind};

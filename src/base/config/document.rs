@@ -1,8 +1,9 @@
 //! Checks a whole file: parses it, reads its tables, and turns all findings into a list of problems.
 //!
-//! The reader takes keys from a [`Section`], one table of the file; keys that were not taken are reported as unknown.
-//! [`settings!`](crate::settings) defines a table's settings with one line for each key: name, kind, range, default and
-//! meaning. The checked struct, its accessors and its reader are made from these lines, so that they cannot differ.
+//! The reader takes keys from a [`Section`], one table of the file; keys that were not taken are reported as
+//! unknown. [`settings!`](crate::settings) defines a table's settings with one line for each key: name, kind,
+//! range, default and meaning. The checked struct, its accessors and its reader are made from these lines, so that
+//! they cannot differ.
 
 use super::problem::{Problem, Problems, line_number, nearest, syntax_problem};
 use super::value::{Setting, describe_value};

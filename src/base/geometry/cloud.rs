@@ -3,9 +3,10 @@
 //! A missing point is stored as NaN, and NaN is never returned: every access returns an `Option`. A point that a
 //! file or camera delivers as NaN, infinite or (0, 0, 0) is missing.
 //!
-//! Every point lies on the ray of its pixel, so the cloud determines the lens. With pixels (u, v) and points (x, y, z),
-//! the nine numbers of a lens minimise Σ |(u, v) − π(x, y, z)|². First a pinhole is computed, whose normal equations are
-//! linear in x/z and y/z; then Gauss–Newton runs on all nine. Points that filters moved across edges are left out once.
+//! Every point lies on the ray of its pixel, so the cloud determines the lens. With pixels (u, v) and points (x, y,
+//! z), the nine numbers of a lens minimise Σ |(u, v) − π(x, y, z)|². First a pinhole is computed, whose normal
+//! equations are linear in x/z and y/z; then Gauss–Newton runs on all nine. Points that filters moved across edges
+//! are left out once.
 
 use super::camera::PinholeCamera;
 use super::picture::ColorPicture;

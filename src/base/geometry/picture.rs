@@ -1,5 +1,5 @@
-//! Pictures as plain bytes: colour, grey and masks, row by row from the top left; neighbouring cells of such a raster,
-//! and connected components of its cells.
+//! Pictures as plain bytes: colour, grey and masks, row by row from the top left; neighbouring cells of such a
+//! raster, and connected components of its cells.
 
 /// The steps, column and row, to the four direct neighbours of a cell.
 pub const DIRECT_NEIGHBOURS: [(isize, isize); 4] = [(-1, 0), (1, 0), (0, -1), (0, 1)];

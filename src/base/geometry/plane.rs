@@ -1,10 +1,10 @@
 //! Planes of points: the local plane of a pixel's neighbourhood, and the flatness of points.
 //!
-//! The local plane gives a point and a normal of an organised cloud. The normal is the direction of least scatter of the
-//! neighbours (the eigenvector of the smallest eigenvalue of their covariance), turned towards the viewer.
+//! The local plane gives a point and a normal of an organised cloud. The normal is the direction of least scatter
+//! of the neighbours (the eigenvector of the smallest eigenvalue of their covariance), turned towards the viewer.
 //!
-//! The flatness is the least distance between two parallel planes that contain all points. With x and y along the points'
-//! plane and z across it, the planes z = a x + b y + c and z = a x + b y + c + f have the least
+//! The flatness is the least distance between two parallel planes that contain all points. With x and y along the
+//! points' plane and z across it, the planes z = a x + b y + c and z = a x + b y + c + f have the least
 //! f(a, b) = max (z − a x − b y) − min (z − a x − b y), which is convex. For each pair (i, j) of points
 //!     f(a, b) ≥ (z_i − z_j) − a (x_i − x_j) − b (y_i − y_j),                                                 (1)
 //! with equality at the highest and the lowest point for this a and b. The least f is the linear program over (1) for
@@ -12,9 +12,9 @@
 //! so far gives a lower bound of f and the next a and b, f there is an upper bound, and its pair is added. There are
 //! finitely many pairs, so the bounds meet. The distance across the planes is f / √(1 + a² + b²).
 //!
-//! This is the minimum zone of ISO 12781-1 (reference planes MZPL) and ASME Y14.5. Of all tilts it minimises f, not the
-//! distance across: for slopes up to 0.01 the two differ by less than 10⁻⁴ of the distance. The zone about the plane of
-//! least squares (LSPL) is never narrower, and is stated beside it as an upper bound.
+//! This is the minimum zone of ISO 12781-1 (reference planes MZPL) and ASME Y14.5. Of all tilts it minimises f, not
+//! the distance across: for slopes up to 0.01 the two differ by less than 10⁻⁴ of the distance. The zone about the
+//! plane of least squares (LSPL) is never narrower, and is stated beside it as an upper bound.
 
 use super::cloud::OrganizedCloud;
 use super::rigid::{Frame, Point, Vector};

@@ -1,18 +1,19 @@
-//! Frames, angles and pixels as types; frame-tagged points, directions and rigid transforms; and the uncertainty of a pose as
-//! the uncertainty of the places that it puts in space.
+//! Frames, angles and pixels as types; frame-tagged points, directions and rigid transforms; and the uncertainty of
+//! a pose as the uncertainty of the places that it puts in space.
 //!
-//! A frame is the reference of a measurement. Every point, direction and transform carries its frame, so that adding a
-//! camera point to a base point does not compile. Types cannot distinguish the same frame at two times: if a person
-//! bumps the panel, `Panel` before and after is one type but two poses. This is why tokens and Verify exist.
+//! A frame is the reference of a measurement. Every point, direction and transform carries its frame, so that
+//! adding a camera point to a base point does not compile. Types cannot distinguish the same frame at two times: if
+//! a person bumps the panel, `Panel` before and after is one type but two poses. This is why tokens and Verify
+//! exist.
 //!
 //! `Rigid<To, From>` is the thesis's `ᵀᵒT_From` (Eq. 3.1): it maps a point of frame `From` to frame `To`. In
 //! products neighbouring frames cancel, `base_from_panel = base_from_camera * camera_from_panel`; every other order
-//! does not compile. [`Rigid::from_isometry_unchecked`] is the only function that declares numbers to be a transform between
-//! two frames: a search for its name gives the list to review.
+//! does not compile. [`Rigid::from_isometry_unchecked`] is the only function that declares numbers to be a
+//! transform between two frames: a search for its name gives the list to review.
 //!
-//! No public function accepts two bare numbers side by side. Lengths are `f64` in mm with the unit in their name, inside
-//! tagged points and transforms. Angles cross every boundary in degrees; [`Degrees::to_rad`] is the only conversion to
-//! radians for a kernel.
+//! No public function accepts two bare numbers side by side. Lengths are `f64` in mm with the unit in their name,
+//! inside tagged points and transforms. Angles cross every boundary in degrees; [`Degrees::to_rad`] is the only
+//! conversion to radians for a kernel.
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};

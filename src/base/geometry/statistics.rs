@@ -1,14 +1,14 @@
 //! The median, statistical constants that all modules share, and the meaning of "95 %" for errors on a panel.
 //!
 //! An error in one direction lies within 1.96 standard deviations with 95 %. "Anywhere on the panel" is more: the
-//! largest error over the panel. A plane-to-plane error is a shift v along the normal and two tilts with the parts t₁
-//! and t₂ at the panel's edges. At the four corners the error is v ± t₁ ± t₂, at most |v| + |t₁| + |t₂|. Noise that is
-//! the same all over a rectangle gives
+//! largest error over the panel. A plane-to-plane error is a shift v along the normal and two tilts with the parts
+//! t₁ and t₂ at the panel's edges. At the four corners the error is v ± t₁ ± t₂, at most |v| + |t₁| + |t₂|. Noise
+//! that is the same all over a rectangle gives
 //!     var v = s², var t₁ = var t₂ = 3 s²,   σ at a corner = √7 s,                                                     (1)
-//! and (|v| + |t₁| + |t₂|) / (√7 s) stays below 2.35 with 94 %. Rectangles of other proportions give the same, since
-//! both tilts are counted at the edges. With all six degrees of freedom, the three in the plane add to σ but hardly to
-//! the largest error. For six degrees of freedom, Monte Carlo of the localization's covariance gives 95 % at 2.34 on
-//! panels of 250 × 180 to 600 × 400 mm. One degree of freedom alone would give 1.96.
+//! and (|v| + |t₁| + |t₂|) / (√7 s) stays below 2.35 with 94 %. Rectangles of other proportions give the same,
+//! since both tilts are counted at the edges. With all six degrees of freedom, the three in the plane add to σ but
+//! hardly to the largest error. For six degrees of freedom, Monte Carlo of the localization's covariance gives 95 %
+//! at 2.34 on panels of 250 × 180 to 600 × 400 mm. One degree of freedom alone would give 1.96.
 
 /// With a probability of 95 %, an error in one direction lies within this many standard deviations.
 pub const NORMAL_TWO_SIDED_95: f64 = 1.96;

@@ -1,5 +1,5 @@
-//! Small values that all messages share: the numbers of commands and of the epochs in which they are sent, the time of the
-//! session's clock, and fixed keywords that are read from a recording.
+//! Small values that all messages share: the numbers of commands and of the epochs in which they are sent, the time
+//! of the session's clock, and fixed keywords that are read from a recording.
 
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};

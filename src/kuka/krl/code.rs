@@ -1,13 +1,13 @@
-//! The compiled form of a program: one list of small steps for a stack machine, divided into statements; routines, memory
-//! and texts.
+//! The compiled form of a program: one list of small steps for a stack machine, divided into statements; routines,
+//! memory and texts.
 //!
 //! Between two statements another interpreter may run or an interrupt may occur; within a statement neither is
 //! possible.
 //!
-//! Steps are combined for speed: an expression without calls, a jump on the value of an expression, or an assignment of
-//! that value. The list of steps is not changed: it defines the meaning of a program, and is executed step by step if one
-//! of the steps may wait for the arm. For each step, the combined operation that begins there and the next step are stored,
-//! so that jumps lead to the same steps as before.
+//! Steps are combined for speed: an expression without calls, a jump on the value of an expression, or an
+//! assignment of that value. The list of steps is not changed: it defines the meaning of a program, and is executed
+//! step by step if one of the steps may wait for the arm. For each step, the combined operation that begins there
+//! and the next step are stored, so that jumps lead to the same steps as before.
 
 use super::routines::Builtin;
 use super::syntax::{Approximation, Binary, Motion};

@@ -1,5 +1,5 @@
-//! Reads the expressions and the declarations of a line: variables, structures, enumerations, signals, and items that are
-//! declared elsewhere. Comparisons bind weakest in KRL: `A>0 AND B` is `A>(0 AND B)`.
+//! Reads the expressions and the declarations of a line: variables, structures, enumerations, signals, and items
+//! that are declared elsewhere. Comparisons bind weakest in KRL: `A>0 AND B` is `A>(0 AND B)`.
 
 use super::lex::{RESERVED, Token};
 use super::syntax::{

@@ -6,11 +6,11 @@
 //! variables, names that no file declares. Not read: the rest, with a warning that has the line and begins with "not
 //! checked". README.md beside this file states the source of each rule.
 //!
-//! - the text: `lex` (a line to tokens), `parse`, `statement` and `expression` (lines to a tree), `syntax` (the tree, and
-//!   upper bounds of time, memory and recursion depth for any input)
-//! - the meaning: `types` (and the memory that each needs), `system` (the controller's own variables), `routines` (its
-//!   own routines), `compile` (names, types, steps), `code` (the steps, and several of them as one), `machine` (executes
-//!   them)
+//! - the text: `lex` (a line to tokens), `parse`, `statement` and `expression` (lines to a tree), `syntax` (the
+//!   tree, and upper bounds of time, memory and recursion depth for any input)
+//! - the meaning: `types` (and the memory that each needs), `system` (the controller's own variables), `routines`
+//!   (its own routines), `compile` (names, types, steps), `code` (the steps, and several of them as one), `machine`
+//!   (executes them)
 
 mod code;
 mod compile;

@@ -1,6 +1,6 @@
-//! The outline of a file: what it declares, which routines and cases it has, what its main routine calls, and the numbers
-//! that a data list states, each with its line. Another program can compare them with other files without executing
-//! anything.
+//! The outline of a file: what it declares, which routines and cases it has, what its main routine calls, and the
+//! numbers that a data list states, each with its line. Another program can compare them with other files without
+//! executing anything.
 
 use super::syntax::{Action, DeclarationContent, Expression, File, Item, Statement, Step, Unary};
 use std::fmt;

@@ -1,5 +1,5 @@
-//! Reads the statements of a routine: one line each; blocks from their first keyword to their last; motions, the parts of a
-//! spline, triggers and interrupts.
+//! Reads the statements of a routine: one line each; blocks from their first keyword to their last; motions, the
+//! parts of a spline, triggers and interrupts.
 
 use super::expression::{NotRead, ReadResult, TokenReader};
 use super::lex::Token;

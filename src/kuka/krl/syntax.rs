@@ -1,7 +1,7 @@
 //! The contents of a KRL file, as a tree. All names are in upper case; every part has its line number, from 1.
 //!
-//! The limits of this reader bound time, memory and recursion depth for any input; an input beyond a limit is reported with
-//! its line.
+//! The limits of this reader bound time, memory and recursion depth for any input; an input beyond a limit is
+//! reported with its line.
 
 use panelprep_base::config::Problem;
 

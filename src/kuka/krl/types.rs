@@ -1,10 +1,11 @@
-//! Types and the number of memory cells of each: a simple value has one, a structure those of its components in order.
+//! Types and the number of memory cells of each: a simple value has one, a structure those of its components in
+//! order.
 //!
 //! A type is declared in a routine, in a module or for all files; KUKA's own types are known everywhere and may be
-//! declared again, as a controller's data lists do. They are listed as far as programs of a cell name them. A controller
-//! declares most of them in data lists of its own (`$operate.dat`, `$config.dat`). If these are checked together with a
-//! program, their declarations count. A type that is missing here is reported as not checked, never as wrong. Sources:
-//! README.md beside this file.
+//! declared again, as a controller's data lists do. They are listed as far as programs of a cell name them. A
+//! controller declares most of them in data lists of its own (`$operate.dat`, `$config.dat`). If these are checked
+//! together with a program, their declarations count. A type that is missing here is reported as not checked, never
+//! as wrong. Sources: README.md beside this file.
 
 use super::expression::{TokenReader, parse_declaration};
 use super::lex::tokens;

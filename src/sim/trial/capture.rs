@@ -1,9 +1,9 @@
 //! A trial's scan: the panel among other objects, with glints, water or motion blur.
 //!
-//! It may have two properties of real scans of a dark plate on an adapter: a holder in the panel's own plane that touches
-//! its edge, and large patches without points, which differ from scan to scan. A structured-light camera 1.1 m above such a
-//! plate, 300×300 mm, measured points on 54 to 79 % of the plate. Large patches and whole corners were missing, and the
-//! adapter at the upper edge caused no step of depth.
+//! It may have two properties of real scans of a dark plate on an adapter: a holder in the panel's own plane that
+//! touches its edge, and large patches without points, which differ from scan to scan. A structured-light camera
+//! 1.1 m above such a plate, 300×300 mm, measured points on 54 to 79 % of the plate. Large patches and whole
+//! corners were missing, and the adapter at the upper edge caused no step of depth.
 
 use super::TrialScene;
 use super::contents::{MissingPatches, PrintedDiscs, SceneContents, sheet_points};

@@ -1,7 +1,8 @@
-//! What a trial's scene contains: the space in which the panel may be, objects, missing patches, printed marks and defects.
+//! What a trial's scene contains: the space in which the panel may be, objects, missing patches, printed marks and
+//! defects.
 //!
-//! The marks are bright discs, as on the dark plate of public scans: the camera sees and measures them, while it measures
-//! hardly a point of the dark surface around them.
+//! The marks are bright discs, as on the dark plate of public scans: the camera sees and measures them, while it
+//! measures hardly a point of the dark surface around them.
 
 use crate::appearance::FixedColor;
 use crate::noise::{LEVEL, ValueNoise};

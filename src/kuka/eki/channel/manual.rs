@@ -1,5 +1,5 @@
-//! The manual's elements and attributes, with their allowed content (`eki.md` 1.2 to 1.4), and the notes on problems that
-//! are found while a file is read.
+//! The manual's elements and attributes, with their allowed content (`eki.md` 1.2 to 1.4), and the notes on
+//! problems that are found while a file is read.
 //!
 //! Keywords are read in upper or lower case, as the manual itself mixes both.
 

@@ -1,8 +1,8 @@
-//! Epochs and deadlines. An epoch is opened above all earlier ones, in steps that the controller accepts, and ended by an
-//! abort that waits for nothing.
+//! Epochs and deadlines. An epoch is opened above all earlier ones, in steps that the controller accepts, and ended
+//! by an abort that waits for nothing.
 //!
-//! The deadlines are those of heartbeats and of the watchdog; a connection that is silent or does not obey an abort is
-//! closed. There are no deadlines in lock step, in which time passes only by heartbeats.
+//! The deadlines are those of heartbeats and of the watchdog; a connection that is silent or does not obey an abort
+//! is closed. There are no deadlines in lock step, in which time passes only by heartbeats.
 
 use super::{ClockMode, PendingAbort, Phase, QueueError, Session};
 use crate::eki::command::Request;

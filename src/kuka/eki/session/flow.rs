@@ -1,5 +1,5 @@
-//! The commands of one epoch: queued, sent, received, executed; the limits of a link, and the reasons why a command is
-//! not queued.
+//! The commands of one epoch: queued, sent, received, executed; the limits of a link, and the reasons why a command
+//! is not queued.
 //!
 //! Commands that are sent but not executed stay inside a window. The window limits their number and the time of their
 //! motion, since the arm still executes these commands when the link drops. A path's motion is counted as distance

@@ -7,11 +7,11 @@
 //!
 //! A stop reaches the arm in every state. An abort needs no unused number: the controller stops even if the abort's
 //! number is not a valid successor. The abort must be answered and obeyed within the watchdog's time, or the
-//! connections are closed, which stops the controller by its own rules. Reports never exceed what the controller has
-//! reported. Epochs that jump by more than [`MAX_EPOCH_STEP`](super::MAX_EPOCH_STEP) are refused on both sides, so that one
-//! wrong message cannot exhaust the counter. Knowledge of the controller's epoch is valid for one connection; epochs
-//! that this program opened are remembered beyond it. After a controller's cold start, or with a store that was
-//! restored from a backup, the next epoch is reached in steps.
+//! connections are closed, which stops the controller by its own rules. Reports never exceed what the controller
+//! has reported. Epochs that jump by more than [`MAX_EPOCH_STEP`](super::MAX_EPOCH_STEP) are refused on both sides,
+//! so that one wrong message cannot exhaust the counter. Knowledge of the controller's epoch is valid for one
+//! connection; epochs that this program opened are remembered beyond it. After a controller's cold start, or with a
+//! store that was restored from a backup, the next epoch is reached in steps.
 //!
 //! On the wall clock a heartbeat is sent automatically at [`Session::deadline`]. In lock step there are no deadlines:
 //! each heartbeat is requested, and grants the controller its next 100 ms.

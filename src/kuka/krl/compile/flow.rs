@@ -1,6 +1,6 @@
-//! Warnings about the flow of a routine: local variables that it may read before they are assigned, functions that can end
-//! without RETURN, and memories of EthernetKRL that are read directly after they were cleared. All are warnings, because it
-//! is not known here which paths the conditions exclude.
+//! Warnings about the flow of a routine: local variables that it may read before they are assigned, functions that
+//! can end without RETURN, and memories of EthernetKRL that are read directly after they were cleared. All are
+//! warnings, because it is not known here which paths the conditions exclude.
 //!
 //! A variable counts as assigned if every path to that point assigns it completely or in part. A variable that is
 //! passed by reference to a routine counts as assigned by that routine; EthernetKRL's readers need a variable that

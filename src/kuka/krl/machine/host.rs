@@ -1,5 +1,5 @@
-//! The controller around an interpreter: the interface to everything outside of the language, and the steps that use it:
-//! motions, waiting, braking, its own routines.
+//! The controller around an interpreter: the interface to everything outside of the language, and the steps that
+//! use it: motions, waiting, braking, its own routines.
 
 use super::interpreter::{Interpreter, Memory, StepError, StepFlow, Trigger};
 use crate::krl::code::{Cell, MemoryAddress, Op, Program};

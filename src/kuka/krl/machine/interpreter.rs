@@ -1,7 +1,8 @@
-//! The state of a run: frames, stack, local variables, interrupts; the interpreter's memory, and the result of a step.
+//! The state of a run: frames, stack, local variables, interrupts; the interpreter's memory, and the result of a
+//! step.
 //!
-//! If a cell is removed from the stack and is not of the expected kind, the reason is returned. Points that public documents
-//! do not specify are interpreted by [`UndocumentedBehaviour`].
+//! If a cell is removed from the stack and is not of the expected kind, the reason is returned. Points that public
+//! documents do not specify are interpreted by [`UndocumentedBehaviour`].
 
 use crate::krl::code::{Cell, MemoryAddress, MemorySpace, Program};
 

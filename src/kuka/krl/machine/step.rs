@@ -1,7 +1,7 @@
 //! Executes one statement: step after step until the next statement begins, or until a step must wait.
 //!
-//! A step reads and writes cells of the data lists, of a frame, and of the system. An access to a system variable may have
-//! to wait for the arm.
+//! A step reads and writes cells of the data lists, of a frame, and of the system. An access to a system variable
+//! may have to wait for the arm.
 
 use super::super::code::{Cell, MemoryAddress, MemorySpace, Op, Program};
 use super::super::system::SYSTEM_VARIABLES;

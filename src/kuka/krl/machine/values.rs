@@ -1,7 +1,7 @@
 //! Steps that pop and push values: operators and functions of the language.
 //!
-//! Steps that the compiler has combined are executed at once. Arithmetic is KRL's: INT of 32 bits with truncation, REAL of
-//! 32 bits, enumeration constants and BOOL.
+//! Steps that the compiler has combined are executed at once. Arithmetic is KRL's: INT of 32 bits with truncation,
+//! REAL of 32 bits, enumeration constants and BOOL.
 
 use super::super::code::{
     Cell, CombinedOp, CondensedValue, LocationStart, MemoryAddress, MemorySpace, Op, Program,
