@@ -10,7 +10,7 @@
 //! surfaces at half the tolerance on both sides of the nominal surface, so that its measured value is 2 · max |d|. The
 //! extremes of d are its two unequal sides. The nominal surface is placed by the localization, which is a best fit to
 //! the whole panel without datums: position and tilt of the panel do not count. *Flatness* (ISO 12781-1, MZPL): the
-//! minimum zone of the places on today's surface (`geometry/plane_zone`).
+//! minimum zone of the places on today's surface (`geometry/plane`).
 //!
 //! The uncertainty U of d, 95 %, follows from the law of propagation (JCGM 100:2008, 5.1.2) with independent parts:
 //!     U² = k² (s²/n + g σ² + p²) + N²,   k = 1.96,                                                           (2)

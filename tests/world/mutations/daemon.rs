@@ -5,7 +5,7 @@ use super::{Mutation, change};
 const ACTS: &str = "src/service/daemon/actions.rs";
 const CONTACTS: &str = "src/service/daemon/contacts.rs";
 const HANDLER: &str = "src/service/daemon/request_handler.rs";
-const JUDGEMENT: &str = "src/base/verdict/judgement.rs";
+const JUDGEMENT: &str = "src/base/verdict.rs";
 const MOVES: &str = "src/service/daemon/moves.rs";
 const REPORTS: &str = "src/service/daemon/robot_reports.rs";
 const RUN: &str = "src/service/daemon/run.rs";

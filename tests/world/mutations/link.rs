@@ -7,7 +7,7 @@ const EPOCHS: &str = "src/kuka/eki/session/epochs.rs";
 const FLOW: &str = "src/kuka/eki/session/flow.rs";
 const LIMITS: &str = "src/devices/robot/link.rs";
 const RECEIVE: &str = "src/kuka/eki/session/receive.rs";
-const TIMING: &str = "src/kuka/eki/session/timing.rs";
+const TIMING: &str = "src/kuka/eki/session/epochs.rs";
 
 pub(super) const ALL: [Mutation; 15] = [
     change(
