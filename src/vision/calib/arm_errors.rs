@@ -1,15 +1,22 @@
-//! The kinematics of an arm whose links differ slightly from their nominal geometry.
+//! The kinematics of an arm whose links differ slightly from their nominal geometry, and the true pose of its flange.
 //!
 //! Forward kinematics of six axes with an ortho-parallel basis and a spherical wrist (Brandstötter, Angerer, Hofbaur
 //! 2014). A small motion Eᵢ of six numbers follows each of the first five axes: the axis zero, its two twists, and
 //! three lengths. These numbers describe every geometric error of six axes, except the part that the frames at both
 //! ends absorb: an error before axis 1 belongs to the base, one after axis 6 to the tool. Under its weight the arm
 //! sags about axes 2 and 3 by an angle that is proportional to the lever of the load.
+//!
+//! The true pose of the flange differs from the controller's by the arm's geometry, or by a motion that varies
+//! smoothly over the volume. With the pose N that the controller reports, the flange is truly at T:
+//!     geometry, by the axis angles q:  T = N F₀(q)⁻¹ F(q),   F₀ the drawing's forward kinematics, F that with the errors    (1)
+//!     smooth, by the position p of N:  T = (exp r(p) R, p + t(p)),   r and t linear in p, held constant outside of the volume  (2)
+//! To bring the flange to T, the controller is sent the N for which (1) or (2) gives T.
 
-use super::arrangement::{Twist, exp_map};
+use super::chain::{Twist, exp_map};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use panelprep_base::geometry::{Base, Flange, Joints, Rigid};
-use panelprep_cell::cell::ArmGeometry;
+use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid};
+pub use panelprep_cell::cell::SMOOTH_NUMBERS;
+use panelprep_cell::cell::{ArmGeometry, CorrectionNumbers};
 
 /// The number of an arm's error parameters: six after each of the first five axes, and the sag of axes 2 and 3.
 pub const ARM_NUMBERS: usize = panelprep_cell::cell::GEOMETRY_NUMBERS;
@@ -123,4 +130,172 @@ impl AxisFault {
         }
         all.into()
     }
+}
+
+/// The robot's pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmPose {
+    /// The axis angles, if they are known.
+    pub joints: Option<Joints>,
+    /// The flange pose as the controller reports it.
+    pub base_from_flange: Rigid<Base, Flange>,
+}
+
+/// How the flange's true pose differs from the controller's.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Correction {
+    /// Corrects with errors of the arm's geometry.
+    Geometry {
+        /// The arm's nominal geometry.
+        geometry: ArmGeometry,
+        /// Its errors.
+        errors: [f64; ARM_NUMBERS],
+    },
+    /// Corrects with a motion that changes smoothly with the flange's position.
+    Smooth {
+        /// The middle of the measured volume, mm.
+        middle_mm: [f64; 3],
+        /// Half the size of the measured volume, mm.
+        half_mm: [f64; 3],
+        /// Rotations (rad) and shifts (mm) at the middle, and their changes along x, y, z from the middle to the
+        /// side of the volume.
+        numbers: [f64; SMOOTH_NUMBERS],
+    },
+}
+
+/// Steps of the fixed-point iteration that inverts (2); each reduces the error to about a thousandth.
+const INVERSE_STEPS: usize = 8;
+/// Maximum distance from the measured volume at which anything is measured or touched, as a fraction of the volume's
+/// half size.
+const MAX_EXTRAPOLATION: f64 = 0.1;
+
+impl Correction {
+    /// Creates the correction from these parameters and the arm's nominal geometry.
+    pub fn new(numbers: &CorrectionNumbers, geometry: ArmGeometry) -> Self {
+        match *numbers {
+            CorrectionNumbers::Geometry(errors) => Correction::Geometry { geometry, errors },
+            CorrectionNumbers::Smooth { middle_mm, half_mm, numbers } => {
+                Correction::Smooth { middle_mm, half_mm, numbers }
+            }
+        }
+    }
+
+    /// Returns the correction's parameters in the form of the file.
+    pub fn for_file(&self) -> CorrectionNumbers {
+        match *self {
+            Correction::Geometry { errors, .. } => CorrectionNumbers::Geometry(errors),
+            Correction::Smooth { middle_mm, half_mm, numbers } => {
+                CorrectionNumbers::Smooth { middle_mm, half_mm, numbers }
+            }
+        }
+    }
+
+    /// Returns the flange's true pose, (1) or (2); `None` if the correction needs axis angles and there are none.
+    pub fn base_from_flange(&self, pose: &ArmPose) -> Option<Rigid<Base, Flange>> {
+        match self {
+            // A difference between the controller's own parameters and the nominal geometry is preserved.
+            Correction::Geometry { geometry, errors } => {
+                Some(pose.base_from_flange * flange_deviation(geometry, errors, pose.joints.as_ref()?))
+            }
+            Correction::Smooth { .. } => {
+                let (turn, shift) = self.motion_at(pose.base_from_flange.origin());
+                let bare = pose.base_from_flange.isometry();
+                let place = bare.translation.vector + shift;
+                Some(Rigid::from_isometry_unchecked(Isometry3::from_parts(place.into(), turn * bare.rotation)))
+            }
+        }
+    }
+
+    /// Returns the pose that must be sent to the controller so that the flange reaches `base_from_flange`; `joints`
+    /// are the axis angles there.
+    pub fn sent_flange(&self, base_from_flange: &Rigid<Base, Flange>, joints: &Joints) -> Rigid<Base, Flange> {
+        match self {
+            Correction::Geometry { geometry, errors } => {
+                *base_from_flange * flange_deviation(geometry, errors, joints).inverse()
+            }
+            Correction::Smooth { .. } => {
+                let wanted = base_from_flange.isometry();
+                let mut place = wanted.translation.vector;
+                for _ in 0..INVERSE_STEPS {
+                    place = wanted.translation.vector - self.motion_at(Point::new(place.into())).1;
+                }
+                let (turn, _) = self.motion_at(Point::new(place.into()));
+                Rigid::from_isometry_unchecked(Isometry3::from_parts(
+                    place.into(),
+                    turn.inverse() * wanted.rotation,
+                ))
+            }
+        }
+    }
+
+    /// Returns whether the correction is valid at this pose of the flange.
+    pub fn covers(&self, base_from_flange: &Rigid<Base, Flange>) -> bool {
+        match self {
+            Correction::Geometry { .. } => true,
+            Correction::Smooth { middle_mm, half_mm, .. } => {
+                let place = base_from_flange.origin().mm;
+                (0..3)
+                    .all(|axis| (place[axis] - middle_mm[axis]).abs() <= (1.0 + MAX_EXTRAPOLATION) * half_mm[axis])
+            }
+        }
+    }
+
+    /// Returns rotation and shift of a smooth correction at a position, mm.
+    fn motion_at(&self, place: Point<Base>) -> (UnitQuaternion<f64>, nalgebra::Vector3<f64>) {
+        let Correction::Smooth { middle_mm, half_mm, numbers } = self else {
+            return (UnitQuaternion::identity(), nalgebra::Vector3::zeros());
+        };
+        let edge = 1.0 + MAX_EXTRAPOLATION;
+        let part = |axis: usize| ((place.mm[axis] - middle_mm[axis]) / half_mm[axis]).clamp(-edge, edge);
+        let by = [1.0, part(0), part(1), part(2)];
+        let twist = Twist::from_fn(|row, _| (0..4).map(|column| numbers[6 * column + row] * by[column]).sum());
+        let turn = UnitQuaternion::from_scaled_axis(twist.fixed_rows::<3>(0).into_owned());
+        (turn, twist.fixed_rows::<3>(3).into_owned())
+    }
+
+    pub(super) fn numbers(&self) -> &[f64] {
+        match self {
+            Correction::Geometry { errors, .. } => errors,
+            Correction::Smooth { numbers, .. } => numbers,
+        }
+    }
+
+    pub(super) fn with_parameters(&self, new: &[f64]) -> Self {
+        let mut changed = self.clone();
+        match &mut changed {
+            Correction::Geometry { errors, .. } => errors.copy_from_slice(new),
+            Correction::Smooth { numbers, .. } => numbers.copy_from_slice(new),
+        }
+        changed
+    }
+
+    pub(super) fn parameter_priors(&self) -> Vec<f64> {
+        match self {
+            Correction::Geometry { .. } => prior_std().to_vec(),
+            Correction::Smooth { .. } => {
+                (0..SMOOTH_NUMBERS).map(|i| if i % 6 < 3 { 8.7e-4 } else { 0.5 }).collect()
+            }
+        }
+    }
+
+    /// Returns the name of a parameter with its unit, and the factor that converts the parameter to this unit.
+    pub fn name(&self, index: usize) -> (String, f64) {
+        match self {
+            Correction::Geometry { .. } => name(index),
+            Correction::Smooth { .. } => {
+                let change = ["in the middle", "along x", "along y", "along z"][index / 6];
+                let about = ['x', 'y', 'z'][index % 3];
+                match index % 6 < 3 {
+                    true => (format!("turn about {about} {change}, °"), 1f64.to_degrees()),
+                    false => (format!("shift along {about} {change}, mm"), 1.0),
+                }
+            }
+        }
+    }
+}
+
+/// Returns the pose of the real arm's flange relative to the nominal arm's flange, at these axis angles.
+fn flange_deviation(geometry: &ArmGeometry, errors: &[f64; ARM_NUMBERS], joints: &Joints) -> Rigid<Flange, Flange> {
+    let drawn = base_from_flange(geometry, joints, &[0.0; ARM_NUMBERS]);
+    drawn.inverse() * base_from_flange(geometry, joints, errors)
 }

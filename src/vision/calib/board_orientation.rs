@@ -5,19 +5,17 @@
 //! angle,
 //!     ∠(Aᵢ⁻¹ Aⱼ) = ∠((Bᵢ Tᵢ⁻¹)(Bⱼ Tⱼ⁻¹)⁻¹),                                                                       (1)
 //! with flange poses A, board poses B and rotations T of the board. The rotations of three stations that fulfil (1)
-//! give a mount in closed form. With it each other station gets the rotation that brings its board nearest to
-//! theirs. The best solution has the least median of the distances, as in `consensus`.
+//! give a mount in closed form. With it each other station gets the rotation that brings its board nearest to theirs.
+//! The best solution has the least median of the distances, as in `adjust`.
 //!
 //! Nothing is judged here: stations that fit in no rotation stay as they are and are named by the adjustment.
 
-use super::arrangement::Arrangement;
+use super::adjust::index_triples;
 use super::board::Board;
-use super::chain::BoardObservation;
-use super::consensus::index_triples;
+use super::chain::{Arrangement, BoardObservation, board_pose};
 use super::detect::Corners;
 use super::error::CalibError;
 use super::foreign;
-use super::pose::board_pose;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use panelprep_base::geometry::{Base, Board as BoardFrame, Flange, PinholeCamera, Point, Rigid, median};
 

@@ -1,9 +1,59 @@
-//! How a corner in a station's view moves with camera mount, board, flange and lens: equation (1) of `adjust` and
-//! its derivatives, collected for each station as its part of the normal equations.
+//! The chain from camera to board: how a corner in a station's view moves with camera mount, board, flange and lens.
+//! This is equation (1) of `adjust` and its derivatives, collected for each station as its part of the normal
+//! equations.
+//!
+//! Camera and board have two arrangements (thesis Fig. 3.8): camera in the cell and board on the flange, or the
+//! reverse. In both, `camera_from_board = to_from_camera⁻¹ · to_from_holder · holder_from_board` (Eq. 3.18, 3.19).
+//! Only the middle factor moves: `base_from_flange` for a fixed camera, `flange_from_base` for one on the flange.
+//!
+//! The pose of the board in one picture, or in one 3D shot, is that of perspective-n-point (thesis 3.7) or Kabsch.
 
-use super::arrangement::Arrangement;
+use super::error::CalibError;
+use super::foreign;
 use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, SVector, Vector3};
-use panelprep_base::geometry::{Base, Board, Flange, Frame, PinholeCamera, Pixel, Point, Rigid};
+use panelprep_base::geometry::{Base, Board, Flange, Frame, PinholeCamera, Pixel, Point, Rigid, fit_rigid_motion};
+use panelprep_cell::cell::{FlangeCameraMount, Mount, ScannerMount};
+
+/// States which of camera and board moves with the flange.
+pub trait Arrangement: Mount + Copy + std::fmt::Debug {
+    /// The frame of the part that carries the board.
+    type Holder: Frame;
+    /// Whether the camera moves with the flange.
+    const EYE_IN_HAND: bool;
+
+    /// Returns the part of the chain that moves.
+    fn to_from_holder(base_from_flange: &Rigid<Base, Flange>) -> Rigid<Self::To, Self::Holder>;
+}
+
+impl Arrangement for ScannerMount {
+    type Holder = Flange;
+    const EYE_IN_HAND: bool = false;
+
+    fn to_from_holder(base_from_flange: &Rigid<Base, Flange>) -> Rigid<Base, Flange> {
+        *base_from_flange
+    }
+}
+
+impl Arrangement for FlangeCameraMount {
+    type Holder = Base;
+    const EYE_IN_HAND: bool = true;
+
+    fn to_from_holder(base_from_flange: &Rigid<Base, Flange>) -> Rigid<Flange, Base> {
+        base_from_flange.inverse()
+    }
+}
+
+/// A small motion, a rotation by `ω` rad and a shift by `v` mm, written (ω, v).
+pub(super) type Twist = nalgebra::Vector6<f64>;
+
+pub(super) fn exp_map(twist: &Twist) -> Isometry3<f64> {
+    Isometry3::new(twist.fixed_rows::<3>(3).into_owned(), twist.fixed_rows::<3>(0).into_owned())
+}
+
+pub(super) fn log(motion: &Isometry3<f64>) -> Twist {
+    let (turn, shift) = (motion.rotation.scaled_axis(), motion.translation.vector);
+    Twist::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z)
+}
 
 /// A camera's observation of the board.
 #[derive(Debug, Clone, PartialEq)]
@@ -253,5 +303,72 @@ impl Chain {
             cross += corner.jacobian(&slope).transpose() * camera.lens_slope(point)?;
         }
         Some(cross)
+    }
+}
+
+/// A board's pose with the residual of its corners: px for pixels, mm for points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoardPose<C: Frame> {
+    /// The board's pose.
+    pub camera_from_board: Rigid<C, Board>,
+    /// Root mean square of the distances between measured and computed corners.
+    pub rms: f64,
+}
+
+/// Computes the board's pose from the observation.
+///
+/// # Errors
+/// If fewer than four corners were seen, or OpenCV finds no pose.
+pub fn board_pose<C: Frame>(
+    camera: &PinholeCamera,
+    seen: &BoardObservation<C>,
+) -> Result<BoardPose<C>, CalibError> {
+    match seen {
+        BoardObservation::Pixels(corners) => {
+            let camera_from_board: Rigid<C, Board> =
+                Rigid::from_isometry_unchecked(foreign::solve_pnp(camera, corners)?);
+            let error = |&(q, found): &(Point<Board>, Pixel)| {
+                camera.project(camera_from_board * q).map_or(f64::INFINITY, |pixel| pixel.distance_px(found))
+            };
+            let rms =
+                (corners.iter().map(|corner| error(corner).powi(2)).sum::<f64>() / corners.len() as f64).sqrt();
+            Ok(BoardPose { camera_from_board, rms })
+        }
+        BoardObservation::Points(corners) => kabsch(corners),
+    }
+}
+
+/// Returns the pose that maps the board's points best onto the measured ones.
+fn kabsch<C: Frame>(corners: &[(Point<Board>, Point<C>)]) -> Result<BoardPose<C>, CalibError> {
+    if corners.len() < 4 {
+        let words = format!("{} points of the board were measured; at least 4 are needed", corners.len());
+        return Err(CalibError::Points(words));
+    }
+    let on_a_line =
+        || CalibError::Points("the measured points of the board lie on a line; show more of the board".to_owned());
+    let camera_from_board = fit_rigid_motion(corners).ok_or_else(on_a_line)?;
+    let square: f64 = corners.iter().map(|(q, p)| (camera_from_board * *q).distance_mm(*p).powi(2)).sum();
+    Ok(BoardPose { camera_from_board, rms: (square / corners.len() as f64).sqrt() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use panelprep_base::geometry::Camera;
+
+    /// Calculated by hand: a quarter turn about Z, then a shift of 100 mm along Z. The mirror image of the plane is
+    /// not a solution.
+    #[test]
+    fn measured_points_give_the_pose() {
+        let places = [[0.0, 0.0], [200.0, 0.0], [200.0, 125.0], [0.0, 125.0], [75.0, 50.0]];
+        let corners: Vec<_> = places
+            .iter()
+            .map(|&[x, y]| (Point::<Board>::at(x, y, 0.0), Point::<Camera>::at(-y, x, 100.0)))
+            .collect();
+        let pose = kabsch(&corners).expect("a pose");
+        assert!(pose.rms < 1e-9);
+        let ahead = pose.camera_from_board * Point::<Board>::at(1.0, 2.0, 3.0);
+        assert!(ahead.distance_mm(Point::at(-2.0, 1.0, 103.0)) < 1e-9, "{ahead:?}");
+        assert!(kabsch(&corners[..3]).expect_err("three").to_string().contains("4 are needed"));
     }
 }

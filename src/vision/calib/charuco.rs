@@ -1,22 +1,28 @@
 //! ChArUco boards: their markers identify the corners, even if a part of the board is covered.
 //!
-//! OpenCV's aruco module finds the markers. The corners of the squares are predicted from the corners of the
-//! markers and located by the print around them (`print`). Each located corner predicts the next ones, so a few
-//! markers are enough. If that finds too few corners, the lattice of a chessboard (`charuco_lattice`) is used,
-//! which needs no readable marker. The layout is defined in this program, so that any version reads boards printed
-//! by OpenCV before 4.6 (`legacy`) and since.
+//! OpenCV's aruco module finds the markers. The corners of the squares are predicted from the corners of the markers
+//! and located by the print around them (`print`). Each located corner predicts the next ones, so a few markers are
+//! enough. A board is accepted if the picture shows its markers between the corners. The layout is defined in this
+//! program, so that any version reads boards printed by OpenCV before 4.6 (`legacy`) and since.
+//!
+//! If that finds too few corners, the lattice of a chessboard is used, which needs no readable marker. The squares
+//! meet in corners as those of a chessboard do. `chessboard` joins them to a lattice even if blur, noise or a glare
+//! hides the markers' codes. The lattice can lie on the board in four rotations and at several positions. For each of
+//! these the grey levels at the centres of all cells are compared with the print, square by square. One assignment
+//! must be clearly the best.
 
 use super::board::{Board, Charuco, Corners};
-use super::charuco_grow::{CornerMap, Search};
-use super::charuco_lattice::{Cells, assign_lattice};
-use super::chessboard;
+use super::chessboard::Grid;
 use super::crossings::{SmoothedPicture, noise};
 use super::error::CalibError;
-use super::foreign;
-use super::placing::{DetectedCorners, refine_subpix, refine_with_model, shortest_px};
-use super::print::Print;
-use super::surface::homography_pixel;
-use panelprep_base::geometry::{GrayPicture, Pixel};
+use super::placing::{
+    BLUR_CORNERS, DetectedCorners, PRINT_PX, PRINT_SQUARES, homography_pixel, refine_subpix, refine_with_model,
+    shortest_px,
+};
+use super::print::{MatchWindow, Print};
+use super::{chessboard, foreign};
+use nalgebra::{Matrix3, Vector2, Vector3};
+use panelprep_base::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
 use panelprep_cell::imaging::ImagingError;
 use std::collections::BTreeMap;
 
@@ -271,4 +277,250 @@ pub fn marker_cells(board: &Board) -> Result<Vec<Vec<bool>>, CalibError> {
     let dictionary = foreign::dictionary_number(&charuco.dictionary).ok_or_else(unknown)?;
     let cells = (0..board.marker_squares().len()).map(|number| foreign::marker_cells(dictionary, number));
     Ok(cells.collect::<Result<_, _>>()?)
+}
+
+/// A corner is predicted from the known corners within `PREDICTION_RADIUS_SQUARES` squares, at most `MAX_NEIGHBOURS` of them.
+const PREDICTION_RADIUS_SQUARES: f64 = 2.6;
+const MAX_NEIGHBOURS: usize = 20;
+/// Limits of the search: its rounds, the standard deviation of a corner, px, and the distance of a corner from its
+/// prediction, as a share of a square's side.
+const MAX_ROUNDS: usize = 12;
+const KNOWN_PX: f64 = 0.6;
+const MOVED: f64 = 0.2;
+
+/// Positions on the board, mm, and their pixels.
+pub(super) type PointPairs = Vec<([f64; 2], Pixel)>;
+/// Corners by column and row.
+pub(super) type CornerMap = BTreeMap<(usize, usize), (Point<BoardFrame>, Pixel)>;
+
+/// The search for corners from known neighbours.
+struct Search<'a> {
+    pub picture: &'a GrayPicture,
+    pub board: &'a Board,
+    pub print: &'a Print,
+    pub smoothed: &'a SmoothedPicture,
+    pub noise: f64,
+}
+
+impl Search<'_> {
+    /// Returns all corners that are found from the known ones, each from the corners near it.
+    pub fn grow(&self, mut known: PointPairs) -> CornerMap {
+        let mut all = CornerMap::new();
+        let mut blur_px = None;
+        for _ in 0..MAX_ROUNDS {
+            let mut views: Vec<((usize, usize), MatchWindow)> = Vec::new();
+            for row in 0..self.board.rows() {
+                let columns = (0..self.board.columns()).filter(|column| !all.contains_key(&(*column, row)));
+                views.extend(columns.filter_map(|column| Some(((column, row), self.view(&known, column, row)?))));
+            }
+            let blur_px = *blur_px.get_or_insert_with(|| {
+                let step = (views.len() / BLUR_CORNERS).max(1);
+                let some: Vec<MatchWindow> = views.iter().step_by(step).map(|(_, view)| *view).collect();
+                self.print.blur_px(self.picture, &some, self.noise)
+            });
+            let found = views.into_iter().filter_map(|(at, view)| {
+                let found = self.print.match_near(self.picture, &MatchWindow { blur_px, ..view }, self.noise)?;
+                let is_near = found.pixel.distance_px(view.start) < MOVED * self.square_px(&view);
+                (found.contrast > 0.0 && found.deviation_px < KNOWN_PX && is_near).then_some((at, found.pixel))
+            });
+            let found: Vec<((usize, usize), Pixel)> = found.collect();
+            if found.is_empty() {
+                break;
+            }
+            for ((column, row), pixel) in found {
+                if let Some(q) = self.board.corner(column, row) {
+                    known.push(([q.mm.x, q.mm.y], pixel));
+                    all.insert((column, row), (q, pixel));
+                }
+            }
+        }
+        all
+    }
+
+    /// Predicts the corners that were not found from those that were found.
+    pub fn predict_missing(&self, all: &CornerMap) -> Corners {
+        let known = known_positions(all);
+        let places =
+            (0..self.board.rows()).flat_map(|row| (0..self.board.columns()).map(move |column| (column, row)));
+        let missing = places.filter(|at| !all.contains_key(at));
+        let foretold = missing.filter_map(|(column, row)| {
+            let view = self.view(&known, column, row)?;
+            view.start.nearest_whole(self.picture.width, self.picture.height)?;
+            Some((self.board.corner(column, row)?, view.start))
+        });
+        foretold.collect()
+    }
+
+    /// Returns whether the picture shows the markers at the positions that the corners predict, both in the odd rows
+    /// of squares and in the even ones. In a board's other pattern (`legacy`) every second row has the same markers at
+    /// the same positions.
+    pub fn shows_markers(&self, all: &CornerMap, cells: &Cells) -> bool {
+        let Some(markers) = self.board.markers() else { return false };
+        let (known, side) = (known_positions(all), self.board.square_mm());
+        let share = markers.marker_mm / side;
+        let mut rows: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
+        for (square, cells) in cells {
+            let corners = square_corners(*square).into_iter().filter(|at| all.contains_key(at)).count();
+            let middle = [square.0, square.1].map(|at| (at as f64 - 0.5) * side);
+            let plane = if corners >= 2 { self.plane(&known, middle) } else { None };
+            if let Some(plane) = plane {
+                let plane = plane * Matrix3::new(side, 0.0, 0.0, 0.0, side, 0.0, 0.0, 0.0, 1.0);
+                rows[square.1 % 2].push(correlation(self.smoothed, &plane, *square, (cells, share, 1)));
+            }
+        }
+        rows.iter().all(|all| all.is_empty() || all.iter().sum::<f64>() / all.len() as f64 > MIN_PRINT_CORRELATION)
+            && rows.iter().any(|all| !all.is_empty())
+    }
+
+    /// Returns a corner's view as its neighbours predict it.
+    fn view(&self, known: &PointPairs, column: usize, row: usize) -> Option<MatchWindow> {
+        let q = self.board.corner(column, row)?;
+        let place = [q.mm.x, q.mm.y];
+        let plane = self.plane(known, place)?;
+        let start = homography_pixel(&plane, place);
+        let reach_mm = PRINT_SQUARES * self.board.square_mm();
+        Some(MatchWindow { plane, place, start, reach_mm, most_px: PRINT_PX, blur_px: 1.0 })
+    }
+
+    /// Returns the homography from the board, mm, to the picture near a position, from the known corners there.
+    fn plane(&self, known: &PointPairs, [x, y]: [f64; 2]) -> Option<Matrix3<f64>> {
+        let side = self.board.square_mm();
+        let away = |place: [f64; 2]| (place[0] - x).hypot(place[1] - y);
+        let mut near: PointPairs =
+            known.iter().filter(|(place, _)| away(*place) < PREDICTION_RADIUS_SQUARES * side).copied().collect();
+        near.sort_by(|a, b| away(a.0).total_cmp(&away(b.0)));
+        near.truncate(MAX_NEIGHBOURS);
+        let reach = |axis: usize| {
+            let along = near.iter().map(|(place, _)| place[axis]);
+            along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+        };
+        if near.len() < 6 || reach(0).min(reach(1)) < 0.6 * side {
+            return None;
+        }
+        let (places, pixels): (Vec<[f64; 2]>, Vec<Pixel>) =
+            near.into_iter().map(|(place, pixel)| ([place[0] - x, place[1] - y], pixel)).unzip();
+        let shift = Matrix3::new(1.0, 0.0, -x, 0.0, 1.0, -y, 0.0, 0.0, 1.0);
+        Some(foreign::homography(&places, &pixels)? * shift)
+    }
+
+    /// Returns the shorter side of a square in this view, px.
+    fn square_px(&self, view: &MatchWindow) -> f64 {
+        let ([x, y], side) = (view.place, self.board.square_mm());
+        let there = homography_pixel(&view.plane, view.place);
+        let next =
+            [[x + side, y], [x, y + side]].map(|place| homography_pixel(&view.plane, place).distance_px(there));
+        next[0].min(next[1])
+    }
+}
+
+fn known_positions(all: &CornerMap) -> PointPairs {
+    all.values().map(|(q, pixel)| ([q.mm.x, q.mm.y], *pixel)).collect()
+}
+
+/// Returns the inner corners of a square: the square (c, r) lies between the corners (c − 1, r − 1) and (c, r).
+fn square_corners((column, row): (usize, usize)) -> Vec<(usize, usize)> {
+    let before = |index: usize| index.checked_sub(1).into_iter().chain([index]);
+    before(row).flat_map(|row| before(column).map(move |column| (column, row))).collect()
+}
+
+/// Minimum correlation of the grey levels with the print, over all squares with markers. It must exceed the
+/// second-best one by at least `ABOVE`.
+const MIN_PRINT_CORRELATION: f64 = 0.4;
+const ABOVE: f64 = 0.15;
+/// Minimum number of squares with markers that are compared.
+const MIN_SQUARES: usize = 4;
+
+/// Corners by column and row of the board.
+type LatticeCorners = Vec<((i32, i32), Pixel)>;
+
+/// The cells of each marker of a board, with the column and row of its square.
+pub(super) type Cells = Vec<((usize, usize), Vec<bool>)>;
+
+/// Assigns the seen corners of a lattice to those of the board; `None` if no position is clearly the right one.
+fn assign_lattice(smooth: &SmoothedPicture, grid: &Grid, board: &Board, cells: &Cells) -> Option<LatticeCorners> {
+    let share = board.markers()?.marker_mm / board.square_mm();
+    let mut seen: LatticeCorners = Vec::new();
+    for (index, node) in grid.nodes.iter().enumerate().filter(|(_, node)| node.is_seen) {
+        seen.push((((index % grid.columns) as i32, (index / grid.columns) as i32), node.pixel));
+    }
+    // A woven texture has more corners than a board, and would be compared at thousands of positions.
+    if 3 * seen.len() > 4 * board.count() {
+        return None;
+    }
+    let (mut wide, mut high) = (grid.columns as i32, grid.rows as i32);
+    if is_mirrored(grid) {
+        seen.iter_mut().for_each(|((column, _), _)| *column = wide - 1 - *column);
+    }
+    let (columns, rows) = (board.columns() as i32, board.rows() as i32);
+    let mut scores: Vec<(f64, LatticeCorners)> = Vec::new();
+    for _ in 0..4 {
+        for right in (-1).min(columns - wide)..=(columns - wide + 1).max(0) {
+            for down in (-1).min(rows - high)..=(rows - high + 1).max(0) {
+                let moved = seen.iter().map(|((c, r), pixel)| ((c + right, r + down), *pixel));
+                let inside: LatticeCorners =
+                    moved.filter(|((c, r), _)| (0..columns).contains(c) && (0..rows).contains(r)).collect();
+                if 4 * inside.len() >= 3 * seen.len()
+                    && let Some(score) = print_correlation(smooth, &inside, cells, share)
+                {
+                    scores.push((score, inside));
+                }
+            }
+        }
+        // Rotates by a quarter turn: (column, row) becomes (row, −column).
+        seen.iter_mut().for_each(|(at, _)| *at = (at.1, wide - 1 - at.0));
+        (wide, high) = (high, wide);
+    }
+    scores.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let second = scores.get(1).map_or(0.0, |(score, _)| *score);
+    let (best, corners) = scores.into_iter().next()?;
+    (best > MIN_PRINT_CORRELATION && best > second + ABOVE).then_some(corners)
+}
+
+fn is_mirrored(grid: &Grid) -> bool {
+    let [first, right, below] =
+        [0, grid.columns - 1, (grid.rows - 1) * grid.columns].map(|index| grid.nodes[index].pixel);
+    (right.u - first.u) * (below.v - first.v) < (right.v - first.v) * (below.u - first.u)
+}
+
+/// Returns the mean correlation of the grey levels with the print, over the squares beside the corners.
+fn print_correlation(smooth: &SmoothedPicture, corners: &LatticeCorners, cells: &Cells, share: f64) -> Option<f64> {
+    let places: Vec<[f64; 2]> = corners.iter().map(|((c, r), _)| [f64::from(*c), f64::from(*r)]).collect();
+    let pixels: Vec<Pixel> = corners.iter().map(|(_, pixel)| *pixel).collect();
+    let plane = if places.len() >= 4 { foreign::homography(&places, &pixels)? } else { return None };
+    let is_beside = |(column, row): (usize, usize)| {
+        // The square (c, r) lies between the corners (c − 1, r − 1) and (c, r).
+        let (column, row) = (column as i32, row as i32);
+        let near = |(c, r): (i32, i32)| (column - 1..=column).contains(&c) && (row - 1..=row).contains(&r);
+        corners.iter().filter(|(at, _)| near(*at)).count() >= 2
+    };
+    let squares = cells.iter().filter(|(square, _)| is_beside(*square));
+    let all: Vec<f64> =
+        squares.map(|(square, cells)| correlation(smooth, &plane, *square, (cells, share, 0))).collect();
+    (all.len() >= MIN_SQUARES).then(|| all.iter().sum::<f64>() / all.len() as f64)
+}
+
+/// Returns the correlation of the grey levels with a square's print, without `rim` cells at its border: the outermost
+/// cells are black in every marker.
+fn correlation(
+    smooth: &SmoothedPicture,
+    plane: &Matrix3<f64>,
+    square: (usize, usize),
+    (cells, share, rim): (&[bool], f64, usize),
+) -> f64 {
+    let side = (cells.len() as f64).sqrt() as usize;
+    let at = |index: usize, square: usize| {
+        square as f64 - 1.0 + (1.0 - share) / 2.0 + share * (index as f64 + 0.5) / side as f64
+    };
+    let is_inner = |index: usize| (rim..side - rim).contains(&index);
+    let pairs: Vec<(f64, f64)> = (cells.iter().enumerate())
+        .filter(|(index, _)| is_inner(index % side) && is_inner(index / side))
+        .map(|(index, is_white)| {
+            let p = plane * Vector3::new(at(index % side, square.0), at(index / side, square.1), 1.0);
+            (smooth.interpolate(Vector2::new(p.x / p.z, p.y / p.z)), f64::from(u8::from(*is_white)))
+        })
+        .collect();
+    let count = pairs.len() as f64;
+    let (gray, ink) = pairs.iter().fold((0.0, 0.0), |(g, i), pair| (g + pair.0 / count, i + pair.1 / count));
+    let sum = |of: &dyn Fn(f64, f64) -> f64| pairs.iter().map(|(g, i)| of(g - gray, i - ink)).sum::<f64>();
+    sum(&|g, i| g * i) / (sum(&|g, _| g * g) * sum(&|_, i| i * i)).sqrt().max(1e-9)
 }

@@ -2,18 +2,15 @@
 //! content.
 //!
 //! The picture is examined several times, at a small size first: a large board is found there, and the last pass
-//! examines at most [`MAX_PX`] pixels. Each pass joins crossings of edges to lattices (`crossings`, `lattice`). A
-//! lattice with the board's columns and rows is the board, even if a glare hides some of its corners. No further
-//! line of corners may follow an outer line, since a part of a larger board is not the board. Neither a white rim
-//! nor light around the board is needed. (`findChessboardCorners` combines contours: fine texture, or a glare, can
-//! occupy it for minutes. `findChessboardCornersSB` misses boards in the dark, and with a glare; it does the last
-//! pass, at a small size.)
+//! examines at most [`MAX_PX`] pixels. Each pass joins crossings of edges to lattices (`crossings`). A lattice with
+//! the board's columns and rows is the board, even if a glare hides some of its corners. No further line of corners
+//! may follow an outer line, since a part of a larger board is not the board. Neither a white rim nor light around the
+//! board is needed. (`findChessboardCorners` combines contours: fine texture, or a glare, can occupy it for minutes.
+//! `findChessboardCornersSB` misses boards in the dark, and with a glare; it does the last pass, at a small size.)
 
 use super::board::Board;
-use super::crossings::{Crossing, SmoothedPicture, crossings, noise};
-use super::foreign;
-use super::lattice::{Lattice, extent, lattices, trim_sparse_lines};
-use super::saddle;
+use super::crossings::{Crossing, Lattice, SmoothedPicture, crossings, extent, lattices, noise, trim_sparse_lines};
+use super::{foreign, saddle};
 use nalgebra::{Matrix3, Vector2, Vector3};
 use panelprep_base::geometry::{GrayPicture, Pixel};
 use panelprep_cell::imaging::ImagingError;

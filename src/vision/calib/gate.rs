@@ -1,12 +1,12 @@
 //! The gate: turns evidence into a verdict, namely which calibration may be used, which a person must look at, and
 //! which is refused.
 
-use super::arrangement::Arrangement;
+use super::chain::Arrangement;
+use super::error::PoseReading;
 use super::hand_eye::HandEye;
 use super::intrinsics::Calibrated;
 use super::lens_support::SUPPORT_PX;
-use super::pose_diagnosis::PoseReading;
-use super::robot_found::RobotFound;
+use super::robot::RobotFound;
 use super::three_points::ThreePoints;
 use super::tool::{ToolAxis, ToolPoint};
 use panelprep_base::geometry::{Point, Rigid};

@@ -1,26 +1,24 @@
-//! Hand-eye calibration from many poses, with its evidence.
+//! Hand-eye calibration from many poses, with its evidence, and the next pose that would improve it most.
 //!
-//! Pose of the board in each picture → closed-form start by consensus → joint adjustment (`adjust`) over the
-//! stations that agree → test of every station against the adjustment without it → report of those that fail
-//! (`station_diagnosis`). The result states how far off it may be, in mm at a point of the panel, from the noise that the
-//! residuals show. If the residuals of neighbouring poses are alike, several poses count as one (`alike`). `gate`
-//! judges whether that is good enough.
+//! Pose of the board in each picture → closed-form start by consensus → joint adjustment (`adjust`) over the stations
+//! that agree → test of every station against the adjustment without it → report of those that fail
+//! (`station_diagnosis`). The result states how far off it may be, in mm at a point of the panel, from the noise that
+//! the residuals show. If the residuals of neighbouring poses are alike, several poses count as one (`quantile`).
+//! `gate` judges whether that is good enough.
+//!
+//! For the next pose, every station so far is tilted and rotated about the board's centre, and moved nearer and
+//! farther. Of those that keep the whole board in the picture, the best is the one after which the uncertainty at the
+//! panel is least, as the information of (2) in `adjust` predicts it.
 
-use super::adjust::{self, MountAdjustment};
-use super::alike;
-use super::arrangement::{Arrangement, Twist, log};
+use super::adjust::{MIN_SPREAD_DEG, MountAdjustment, covariance_at};
 use super::board::Board;
-use super::chain::{LengthFactor, Station};
-use super::consensus::{self, MIN_SPREAD_DEG};
-use super::error::CalibError;
-use super::influence;
-use super::pose::{BoardPose, board_pose};
-use super::pose_diagnosis::PoseReading;
+use super::chain::{Arrangement, BoardObservation, BoardPose, LengthFactor, Station, Twist, board_pose, log};
+use super::error::{CalibError, PoseReading};
 use super::quantile::{f_quantile, radius_95};
-use super::readings;
-use super::square::{self, SquareSize};
-use super::station_diagnosis::{self, SuspectStation};
-use nalgebra::Matrix3;
+use super::square::SquareSize;
+use super::station_diagnosis::SuspectStation;
+use super::{adjust, quantile, readings, square, station_diagnosis};
+use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 use panelprep_base::geometry::{
     Base, Board as BoardFrame, Degrees, Flange, Frame, KukaPose, PinholeCamera, Point, Rigid, Vector,
 };
@@ -115,7 +113,7 @@ impl<A: Arrangement> HandEye<A> {
         let used = stations.iter().zip(&self.residuals).filter(|(_, residual)| residual.used);
         let used: Vec<&Station<A::From>> = used.map(|(station, _)| station).collect();
         let unsettled = CalibError::NotSettled { what: "the lens's share of the uncertainty" };
-        let added = influence::lens_covariance_effect(camera, &self.adjustment, &used, lens).ok_or(unsettled)?;
+        let added = adjust::lens_covariance_effect(camera, &self.adjustment, &used, lens).ok_or(unsettled)?;
         let lens_mm2 = adjust::covariance_at(&self.adjustment.to_from_camera, &added, self.stated_point);
         let covariance_mm2 =
             self.adjustment.covariance_at(self.stated_point) * self.correlated_pose_count + lens_mm2;
@@ -178,7 +176,7 @@ pub fn hand_eye<A: Arrangement>(
         [origin, right, far, low].iter().filter_map(|&(column, row)| board.corner(column, row)).collect();
     // Other readings are tried only after the poses as written fit nothing: a wrong reading can fit a few poses by
     // chance.
-    let start = consensus::start::<A>(&moved, &seen, &rim).map_err(|error| match error {
+    let start = adjust::start_by_consensus::<A>(&moved, &seen, &rim).map_err(|error| match error {
         CalibError::NoConsensus { poses: count, median_mm, .. } => {
             let readings = readings::fitting_readings::<A>(camera, board, stations, &poses);
             CalibError::NoConsensus { poses: count, median_mm, readings }
@@ -211,7 +209,7 @@ pub fn hand_eye<A: Arrangement>(
     };
     let residuals = all.residuals(&adjusted, board, &used);
     let middle = at.unwrap_or_else(|| board_centre_in_camera(board, &poses, &used));
-    let poses_each = alike::correlated_pose_count(&all.deviations(&adjusted, &used));
+    let poses_each = quantile::correlated_pose_count(&all.deviations(&adjusted, &used));
     let covariance_mm2 = adjusted.covariance_at(middle) * poses_each;
     let radius_mm = radius_95(&covariance_mm2, redundancy(&adjusted, poses_each));
     let uncertainty_mm = with_size_uncertainty(radius_mm, &adjusted, [size.as_ref(), focal.as_ref()], middle);
@@ -241,7 +239,7 @@ pub fn hand_eye<A: Arrangement>(
     Ok(HandEye {
         rms_mm,
         rms_deg: over_used(|residual| residual.angle_deg),
-        second_axis_deg: consensus::second_axis_deg(&turns),
+        second_axis_deg: adjust::second_axis_deg(&turns),
         adjustment: adjusted,
         residuals,
         stated_point: middle,
@@ -300,14 +298,14 @@ fn check_rotation_spread<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C
     if small && seen_deg > 10.0 && said_deg < seen_deg / 4.0 {
         return Err(CalibError::Radians { seen_deg });
     }
-    let spread = consensus::second_axis_deg(&said).min(consensus::second_axis_deg(&seen));
+    let spread = adjust::second_axis_deg(&said).min(adjust::second_axis_deg(&seen));
     if spread < MIN_SPREAD_DEG {
         return Err(CalibError::TooLittleRotation { about_second_axis_deg: spread, needed_deg: MIN_SPREAD_DEG });
     }
     Ok(())
 }
 
-/// Returns the maximum surprise (see [`influence::outlier_statistic`]): a station with a larger one does not belong to the
+/// Returns the maximum surprise (see [`adjust::outlier_statistic`]): a station with a larger one does not belong to the
 /// others.
 fn limit<A: Arrangement>(adjusted: &MountAdjustment<A>, stations: usize) -> f64 {
     6.0 * f_quantile(6.0, adjusted.redundancy, 1.0 - FALSE_ALARM_PROBABILITY / stations as f64)
@@ -406,7 +404,7 @@ impl<C: Frame> StationSet<'_, C> {
     ) -> f64 {
         let (station, seen) = (&self.stations[index], &self.poses[index].camera_from_board);
         let without = if used { self.leave_out(adjusted, index) } else { Some(adjusted.clone()) };
-        without.map_or(0.0, |without| influence::outlier_statistic(self.camera, &without, station, seen))
+        without.map_or(0.0, |without| adjust::outlier_statistic(self.camera, &without, station, seen))
     }
 
     /// Returns the adjustment without one used station, approximated to first order. `None` if the other stations
@@ -416,9 +414,9 @@ impl<C: Frame> StationSet<'_, C> {
         adjusted: &MountAdjustment<A>,
         index: usize,
     ) -> Option<MountAdjustment<A>> {
-        let all = influence::inverse(&adjusted.covariance)?;
-        let (gone, pull) = influence::information(self.camera, adjusted, &self.stations[index])?;
-        let covariance = influence::inverse(&(all - gone))?;
+        let all = adjust::inverse(&adjusted.covariance)?;
+        let (gone, pull) = adjust::information(self.camera, adjusted, &self.stations[index])?;
+        let covariance = adjust::inverse(&(all - gone))?;
         Some(adjusted.perturbed(&-(covariance * pull), covariance))
     }
 
@@ -429,7 +427,7 @@ impl<C: Frame> StationSet<'_, C> {
         used: &[bool],
     ) -> Vec<(Rigid<Base, Flange>, Twist)> {
         let deviation = |(station, pose): (&Station<C>, &BoardPose<C>)| {
-            let needed = influence::needed_flange(adjusted, &pose.camera_from_board);
+            let needed = adjust::needed_flange(adjusted, &pose.camera_from_board);
             (station.base_from_flange, log((station.base_from_flange.inverse() * needed).isometry()))
         };
         let chosen = self.stations.iter().zip(self.poses).zip(used).filter(|(_, used)| **used);
@@ -473,4 +471,103 @@ impl<C: Frame> StationSet<'_, C> {
         };
         self.stations.iter().zip(self.poses).zip(used).map(residual).collect()
     }
+}
+
+/// A recommended pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Suggestion {
+    /// The pose to which the flange is to go.
+    pub base_from_flange: KukaPose,
+    /// The uncertainty after this pose, mm.
+    pub uncertainty_mm: f64,
+}
+
+const TILT_DEG: f64 = 25.0;
+const NEARER: f64 = 0.8;
+/// If the board is tilted by more than this, its corners are detected poorly, degrees.
+const MAX_TILT_DEG: f64 = 50.0;
+
+/// Returns the next pose, if one was found that reduces the uncertainty.
+pub fn suggest_next_pose<A: Arrangement>(
+    camera: &PinholeCamera,
+    board: &Board,
+    stations: &[Station<A::From>],
+    found: &HandEye<A>,
+) -> Option<Suggestion> {
+    let known = adjust::inverse(&found.adjustment.covariance)?;
+    let used = stations.iter().zip(&found.residuals).filter(|(_, residual)| residual.used);
+    let mut best: Option<Suggestion> = None;
+    for (station, _) in used {
+        for change in changes() {
+            let moved = A::to_from_holder(&station.base_from_flange);
+            let seen: Rigid<A::From, panelprep_base::geometry::Board> =
+                found.adjustment.to_from_camera.inverse() * moved * found.adjustment.holder_from_board;
+            let camera_from_board = rotated_pose(&seen, board, &change);
+            let base_from_flange = adjust::needed_flange(&found.adjustment, &camera_from_board);
+            let Some(candidate) = simulate_station::<A>(camera, board, base_from_flange, &camera_from_board) else {
+                continue;
+            };
+            let Some((gain, _)) = adjust::information(camera, &found.adjustment, &candidate) else { continue };
+            let Some(covariance) = adjust::inverse(&(known + gain)) else { continue };
+            let spread = covariance_at(&found.adjustment.to_from_camera, &covariance, found.stated_point)
+                * found.correlated_pose_count;
+            let uncertainty_mm = radius_95(&spread, found.redundancy());
+            if best.is_none_or(|best| uncertainty_mm < best.uncertainty_mm) {
+                best =
+                    Some(Suggestion { base_from_flange: KukaPose::from_rigid(&base_from_flange), uncertainty_mm });
+            }
+        }
+    }
+    best.filter(|best| best.uncertainty_mm < found.uncertainty_mm)
+}
+
+/// A turn about the board's middle, and a factor on its distance.
+struct PoseChange {
+    turn: UnitQuaternion<f64>,
+    factor: f64,
+}
+
+fn changes() -> Vec<PoseChange> {
+    let axes = [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
+    let turn = |axis: &Vector3<f64>| UnitQuaternion::from_scaled_axis(axis * Degrees(TILT_DEG).to_rad());
+    [NEARER, 1.0, 1.0 / NEARER]
+        .into_iter()
+        .flat_map(|factor| axes.iter().map(move |axis| PoseChange { turn: turn(axis), factor }).collect::<Vec<_>>())
+        .collect()
+}
+
+fn rotated_pose<C: panelprep_base::geometry::Frame>(
+    camera_from_board: &Rigid<C, panelprep_base::geometry::Board>,
+    board: &Board,
+    change: &PoseChange,
+) -> Rigid<C, panelprep_base::geometry::Board> {
+    let middle = board.centre().mm.coords;
+    let about = Translation3::from(middle) * change.turn * Translation3::from(-middle);
+    let place = (*camera_from_board * board.centre()).mm.coords;
+    let shift = Translation3::from(place * (change.factor - 1.0));
+    let moved: Isometry3<f64> = shift * camera_from_board.isometry() * about;
+    Rigid::from_isometry_unchecked(moved)
+}
+
+/// Returns the station that a picture would give, or `None` if the board leaves the picture or is tilted too far.
+fn simulate_station<A: Arrangement>(
+    camera: &PinholeCamera,
+    board: &Board,
+    base_from_flange: Rigid<Base, Flange>,
+    camera_from_board: &Rigid<A::From, panelprep_base::geometry::Board>,
+) -> Option<Station<A::From>> {
+    let facing = (camera_from_board.rotation() * Vector3::z()).z;
+    if facing < Degrees(MAX_TILT_DEG).to_rad().cos() {
+        return None;
+    }
+    let corners: Option<Vec<_>> = board
+        .corners()
+        .into_iter()
+        .map(|corner| Some((corner, camera.project_inside(*camera_from_board * corner)?)))
+        .collect();
+    Some(Station {
+        name: "the next pose".to_owned(),
+        base_from_flange,
+        observation: BoardObservation::Pixels(corners?),
+    })
 }

@@ -1,29 +1,39 @@
 //! Intrinsics from pictures of a board (thesis 3.6), and how far they can be trusted.
 //!
 //! `lens_fit` minimises the reprojection error of all corners over the camera and every board's pose, among lenses
-//! that can be inverted over the whole picture. A picture with corners that fit far worse than the others'
-//! (blurred, bent board, wrong corners) is set aside with the reason, and the rest is calibrated again.
-//! `lens_choice` selects how many distortion coefficients the pictures support. The coverage of the picture and the
-//! tilts of the board show what the pictures can determine: without tilt, focal length and distance cannot be
-//! distinguished; without corners near the rim, distortion is extrapolated.
+//! that can be inverted over the whole picture. A picture with corners that fit far worse than the others' (blurred,
+//! bent board, wrong corners) is set aside with the reason, and the rest is calibrated again. [`choose`] selects how
+//! many distortion coefficients the pictures support, and [`shape`] tests whether the board is flat. The coverage of
+//! the picture and the tilts of the board show what the pictures can determine: without tilt, focal length and
+//! distance cannot be distinguished; without corners near the rim, distortion is extrapolated.
+//!
+//! Each lens model is fitted without some of the pictures and judged by its prediction of these pictures. A
+//! coefficient that the data do not support follows the noise and does not improve the prediction of left-out
+//! pictures. The simplest model that passes a test is selected: its left-out pictures are not worse than the best
+//! model's by more than the scatter of that comparison from picture to picture (the one-standard-error rule, Breiman
+//! et al. 1984).
+//!
+//! A bent board, or one with unequal squares, leaves residuals that are the same at each of its corners in all
+//! pictures, which no lens and no pose absorbs. Each corner's position on the board gets its own offset δⱼ, as in
+//! OpenCV's `calibrateCameraRO`. Lens and poses are adjusted in turn with the offsets. For fixed lens and poses each
+//! offset is
+//!     δⱼ = (Σᵢ JᵢⱼᵀJᵢⱼ)⁻¹ Σᵢ Jᵢⱼᵀ rᵢⱼ,                                                                           (1)
+//! with J the derivative of the pixel with respect to the corner's position. The part of the offsets that is a motion
+//! or another scale of the whole board belongs to the poses, and is removed from the stated offsets.
 
 use super::board::Board as BoardPattern;
-use super::board_shape;
-pub use super::board_shape::BoardShape;
 use super::detect::Corners;
 use super::error::CalibError;
-use super::foreign;
-pub use super::lens_choice::ModelTrial;
-use super::lens_fit::{self, LensFit};
-use super::lens_gram::LensGram;
-pub use super::lens_model::LensModel;
-pub use super::lens_next::NextPicture;
-pub use super::lens_support::LensSupport;
-use super::{lens_choice, lens_covariance, lens_next, lens_support};
-use nalgebra::Vector3;
+pub use super::lens_fit::LensModel;
+use super::lens_fit::{LensFit, LensGram};
+pub use super::lens_support::{LensSupport, NextPicture};
+use super::{foreign, lens_fit, lens_support};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use panelprep_base::geometry::{Board, Camera, PinholeCamera, Pixel, Point, Rigid, median};
 use panelprep_base::number_text::distinguishable_texts;
 use panelprep_cell::cell::LensCovariance;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 /// A picture with its corners.
 #[derive(Debug, Clone, PartialEq)]
@@ -94,7 +104,7 @@ pub struct Calibrated {
 impl Calibrated {
     /// Returns the picture of this board that would help most; `None` if none helps much.
     pub fn next_picture(&self, board: &BoardPattern) -> Option<NextPicture> {
-        lens_next::best_next_picture(&self.camera, board, &self.information)
+        lens_support::best_next_picture(&self.camera, board, &self.information)
     }
 }
 
@@ -187,7 +197,7 @@ fn choose_model(
         start = fit.clone().unwrap_or(start);
         fits.push((model, fit));
     }
-    let choice = lens_choice::choose(&fits, &corners).ok_or_else(|| unsettled.clone())?;
+    let choice = choose(&fits, &corners).ok_or_else(|| unsettled.clone())?;
     let chosen = fits.into_iter().find(|(model, _)| *model == choice.model).and_then(|(_, fit)| fit);
     let found = chosen.ok_or_else(|| unsettled.clone())?;
     let grams: Vec<LensGram> = corners
@@ -207,9 +217,9 @@ fn choose_model(
     // The larger of two estimates: corners that are off in the same way in each picture hardly show in the residuals of
     // the fit itself.
     let variance_px2 = (found.square / redundancy).max(left_out_square / (found.rows - poses));
-    let information = lens_covariance::information(&found.camera, &grams, variance_px2);
+    let information = lens_fit::information(&found.camera, &grams, variance_px2);
     let information = information.ok_or_else(|| unsettled.clone())?;
-    let covariance = lens_covariance::lens_covariance(&information, variance_px2).ok_or(unsettled)?;
+    let covariance = lens_fit::lens_covariance(&information, variance_px2).ok_or(unsettled)?;
     let residuals: Vec<Vec<CornerResidual>> =
         used.iter().zip(&found.poses).map(|(view, pose)| compute_residuals(&found.camera, pose, view)).collect();
     let mut each = residuals.iter().map(|view| rms_px(view));
@@ -238,7 +248,7 @@ fn choose_model(
         coverage: coverage(size, used.iter().flat_map(|view| &view.corners)),
         tilt_deg: board_tilts(&found.poses),
         residuals: residuals.concat(),
-        board_shape: board_shape::shape(choice.model, &found, &corners),
+        board_shape: shape(choice.model, &found, &corners),
         information,
     })
 }
@@ -282,4 +292,224 @@ pub fn coverage<'c>(
 fn board_tilts(poses: &[Rigid<Camera, Board>]) -> [f64; 2] {
     let tilt = |pose: &Rigid<Camera, Board>| (pose.rotation() * Vector3::z()).angle(&Vector3::z()).to_degrees();
     poses.iter().map(tilt).fold([f64::INFINITY, 0.0], |[low, high], tilt| [low.min(tilt), high.max(tilt)])
+}
+
+/// Prediction error of one lens model on the left-out pictures.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelTrial {
+    /// The model.
+    pub model: LensModel,
+    /// Root mean square distance of corners in left-out pictures, px; `None` if no such lens could be fitted.
+    pub left_out_rms_px: Option<f64>,
+    /// The relative increase of the mean square over that of the best model, as the mean over the pictures.
+    pub relative_increase: f64,
+    /// The standard error of `worse`.
+    pub worse_error: f64,
+}
+
+/// A left-out picture: the distances of its corners under the lens of the other pictures, px.
+type LeftOutDistances = Vec<f64>;
+
+/// The judged models.
+struct ModelChoice {
+    pub model: LensModel,
+    pub trials: Vec<ModelTrial>,
+    /// The distances in each picture when it was left out, under the chosen model.
+    pub left_out_distances: Vec<LeftOutDistances>,
+}
+
+/// The number of groups in which pictures are left out.
+const GROUPS: usize = 5;
+
+/// Chooses among fits of all pictures, one for each model.
+fn choose(fits: &[(LensModel, Option<LensFit>)], views: &[&Corners]) -> Option<ModelChoice> {
+    let groups = GROUPS.min(views.len());
+    let tasks: Vec<(usize, usize)> = (0..fits.len()).flat_map(|fit| (0..groups).map(move |g| (fit, g))).collect();
+    let parts: Vec<Option<Vec<(usize, LeftOutDistances)>>> = tasks
+        .par_iter()
+        .map(|&(fit, group)| {
+            let (model, found) = &fits[fit];
+            leave_group_out(*model, found.as_ref()?, views, (group, groups))
+        })
+        .collect();
+    let all: Vec<Option<Vec<LeftOutDistances>>> = parts
+        .chunks(groups)
+        .map(|parts| {
+            let parts: Vec<_> = parts.iter().cloned().collect::<Option<_>>()?;
+            let mut pictures: Vec<(usize, LeftOutDistances)> = parts.concat();
+            pictures.sort_by_key(|(index, _)| *index);
+            Some(pictures.into_iter().map(|(_, left_out)| left_out).collect())
+        })
+        .collect();
+    let best = all.iter().flatten().min_by(|a, b| square(a).total_cmp(&square(b)))?.clone();
+    let trials: Vec<ModelTrial> =
+        fits.iter().zip(&all).map(|((model, _), all)| trial(*model, all.as_ref(), &best)).collect();
+    let chosen =
+        // The first within one standard error of the best: more coefficients than the pictures prove only add
+        // uncertainty at the border.
+        trials.iter().position(|trial| trial.left_out_rms_px.is_some() && trial.relative_increase <= trial.worse_error)?;
+    Some(ModelChoice { model: trials[chosen].model, left_out_distances: all[chosen].clone()?, trials })
+}
+
+fn square(pictures: &[LeftOutDistances]) -> f64 {
+    pictures.iter().flatten().map(|px| px * px).sum()
+}
+
+fn mean_square(picture: &LeftOutDistances) -> f64 {
+    picture.iter().map(|px| px * px).sum::<f64>() / picture.len().max(1) as f64
+}
+
+fn trial(model: LensModel, pictures: Option<&Vec<LeftOutDistances>>, best: &[LeftOutDistances]) -> ModelTrial {
+    let Some(pictures) = pictures else {
+        return ModelTrial { model, left_out_rms_px: None, relative_increase: f64::INFINITY, worse_error: 0.0 };
+    };
+    let count = pictures.len() as f64;
+    let shares: Vec<f64> = pictures
+        .iter()
+        .zip(best)
+        .map(|(own, best)| mean_square(own) / mean_square(best).max(1e-12) - 1.0)
+        .collect();
+    let worse = shares.iter().sum::<f64>() / count;
+    let spread = shares.iter().map(|share| (share - worse).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+    let corners: usize = pictures.iter().map(Vec::len).sum();
+    let left_out_rms_px = Some((square(pictures) / corners.max(1) as f64).sqrt());
+    ModelTrial { model, left_out_rms_px, relative_increase: worse, worse_error: (spread / count).sqrt() }
+}
+
+/// Returns the pictures of one group under the lens of all other groups.
+fn leave_group_out(
+    model: LensModel,
+    found: &LensFit,
+    views: &[&Corners],
+    (group, groups): (usize, usize),
+) -> Option<Vec<(usize, LeftOutDistances)>> {
+    // Every fifth picture and not runs: neighbours in a series show nearly the same view and would predict each other.
+    let is_left_out = |index: usize| index % groups == group;
+    let kept: Vec<usize> = (0..views.len()).filter(|index| !is_left_out(*index)).collect();
+    let poses = kept.iter().map(|index| found.poses[*index]).collect();
+    let start = LensFit { camera: found.camera, poses, square: 0.0, rows: 0.0 };
+    let corners: Vec<&Corners> = kept.iter().map(|index| views[*index]).collect();
+    let fitted = lens_fit::fit(model, start, &corners)?;
+    let left_out = |index: usize| {
+        let (pose, _) = lens_fit::estimate_pose(&fitted.camera, views[index], found.poses[index])?;
+        let distance = |&(q, seen): &(_, panelprep_base::geometry::Pixel)| {
+            Some(fitted.camera.project(pose * q)?.distance_px(seen))
+        };
+        Some((index, views[index].iter().map(distance).collect::<Option<LeftOutDistances>>()?))
+    };
+    (0..views.len()).filter(|index| is_left_out(*index)).map(left_out).collect()
+}
+
+/// Number of rounds in which lens and board shape are adjusted in turn.
+const SHAPE_ITERATIONS: usize = 6;
+/// With fewer pictures a shape cannot be distinguished from noise.
+const MIN_SHAPE_VIEWS: usize = 6;
+/// A corner's position is an unknown if at least this number of pictures show it.
+const MIN_VIEWS_PER_CORNER: usize = 4;
+/// Corners whose distance from those of a flat board is smaller than this are good, px.
+const GOOD_SHAPE_PX: f64 = 0.08;
+/// The board is not flat only if its own shape reduces the corners' residuals to this share, or less, of those of a
+/// flat board.
+const MAX_ERROR_RATIO: f64 = 0.8;
+
+/// A board that is not flat, or not square.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoardShape {
+    /// Root mean square of the corners' distances from those of a flat board, px, calculated with the redundancy of
+    /// the fit.
+    pub flat_px: f64,
+    /// Root mean square of the corners' distances with the board's own shape, px.
+    pub fitted_rms_px: f64,
+    /// The bow of the board, from its lowest to its highest corner, mm.
+    pub bow_mm: f64,
+    /// The largest distance of a corner from its nominal position in the plane, mm.
+    pub max_in_plane_shift_mm: f64,
+}
+
+/// Returns a corner's position as a key, in thousandths of a millimetre.
+fn key(q: &Point<Board>) -> [i64; 2] {
+    [q.mm.x, q.mm.y].map(|mm| (mm * 1e3).round() as i64)
+}
+
+/// Returns the board's shape if it explains the residuals; `None` for a flat board, or if the pictures do not
+/// determine it.
+fn shape(model: LensModel, flat: &LensFit, corners: &[&Corners]) -> Option<BoardShape> {
+    let rms = |square: f64, free: f64| (2.0 * square / free).sqrt();
+    let own = model.count() as f64 + 6.0 * corners.len() as f64;
+    let flat_px = rms(flat.square, flat.rows - own);
+    if corners.len() < MIN_SHAPE_VIEWS || flat_px.is_nan() || flat_px < GOOD_SHAPE_PX {
+        return None;
+    }
+    let mut offsets: BTreeMap<[i64; 2], Vector3<f64>> = BTreeMap::new();
+    let mut fit = flat.clone();
+    for _ in 0..SHAPE_ITERATIONS {
+        offsets = solve_offsets(&fit, corners, &offsets)?;
+        let shaped: Vec<Corners> = corners.iter().map(|corners| apply_offsets(corners, &offsets)).collect();
+        fit = lens_fit::fit(model, fit, &shaped.iter().collect::<Vec<_>>())?;
+    }
+    // Seven degrees of freedom of the offsets are a motion and the scale of the whole board.
+    let free = flat.rows - own - (3 * offsets.len()) as f64 + 7.0;
+    if free < 0.25 * flat.rows {
+        return None;
+    }
+    let own_px = rms(fit.square, free);
+    let [bow_mm, beside_mm] = bow_and_shift(&offsets)?;
+    (own_px <= MAX_ERROR_RATIO * flat_px).then_some(BoardShape {
+        flat_px,
+        fitted_rms_px: own_px,
+        bow_mm,
+        max_in_plane_shift_mm: beside_mm,
+    })
+}
+
+fn apply_offsets(corners: &Corners, offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -> Corners {
+    let at = |q: &Point<Board>| Point::new(q.mm + offsets.get(&key(q)).copied().unwrap_or_default());
+    corners.iter().map(|(q, pixel)| (at(q), *pixel)).collect()
+}
+
+/// Solves equation (1), and adds the result to the offsets so far.
+fn solve_offsets(
+    fit: &LensFit,
+    corners: &[&Corners],
+    before: &BTreeMap<[i64; 2], Vector3<f64>>,
+) -> Option<BTreeMap<[i64; 2], Vector3<f64>>> {
+    let mut sums: BTreeMap<[i64; 2], (Matrix3<f64>, Vector3<f64>, usize)> = BTreeMap::new();
+    for (corners, pose) in corners.iter().zip(&fit.poses) {
+        let turn = pose.rotation().into_inner();
+        for (q, pixel) in corners.iter() {
+            let place = Point::new(q.mm + before.get(&key(q)).copied().unwrap_or_default());
+            let (seen, slope) = fit.camera.project_with_jacobian(*pose * place)?;
+            let slope = slope * turn;
+            let sum = sums.entry(key(q)).or_insert((Matrix3::zeros(), Vector3::zeros(), 0));
+            sum.0 += slope.transpose() * slope;
+            sum.1 += slope.transpose() * nalgebra::Vector2::new(pixel.u - seen.u, pixel.v - seen.v);
+            sum.2 += 1;
+        }
+    }
+    let offset = |(at, (normal, pull, seen)): ([i64; 2], (Matrix3<f64>, Vector3<f64>, usize))| {
+        let step = if seen < MIN_VIEWS_PER_CORNER { Vector3::zeros() } else { normal.cholesky()?.solve(&pull) };
+        Some((at, before.get(&at).copied().unwrap_or_default() + step))
+    };
+    sums.into_iter().map(offset).collect()
+}
+
+/// Returns the bow and the largest shift in the plane, without motion and scale of the whole board.
+fn bow_and_shift(offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -> Option<[f64; 2]> {
+    let count = offsets.len();
+    let place = |at: &[i64; 2]| [at[0] as f64 / 1e3, at[1] as f64 / 1e3];
+    let mut plane = DMatrix::zeros(count, 3);
+    let mut similar = DMatrix::zeros(2 * count, 4);
+    let (mut up, mut beside) = (DVector::zeros(count), DVector::zeros(2 * count));
+    for (row, (at, offset)) in offsets.iter().enumerate() {
+        let [x, y] = place(at);
+        plane.row_mut(row).copy_from_slice(&[1.0, x, y]);
+        similar.row_mut(2 * row).copy_from_slice(&[1.0, 0.0, x, -y]);
+        similar.row_mut(2 * row + 1).copy_from_slice(&[0.0, 1.0, y, x]);
+        up[row] = offset.z;
+        (beside[2 * row], beside[2 * row + 1]) = (offset.x, offset.y);
+    }
+    let up = &up - &plane * plane.clone().svd(true, true).solve(&up, 1e-9).ok()?;
+    let beside = &beside - &similar * similar.clone().svd(true, true).solve(&beside, 1e-9).ok()?;
+    let largest = beside.as_slice().chunks(2).map(|pair| pair[0].hypot(pair[1])).fold(0.0, f64::max);
+    Some([up.max() - up.min(), largest])
 }

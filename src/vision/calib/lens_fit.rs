@@ -1,4 +1,7 @@
-//! Fits the lens of a given model to corners: least squares that never leaves the lenses which can be inverted.
+//! Fits the lens of a given model to corners: least squares that never leaves the lenses which can be inverted. Also
+//! states how well the pictures determine the lens.
+//!
+//! A model has none to all five of the distortion coefficients.
 //!
 //! Levenberg–Marquardt minimises the reprojection error over lens and boards' poses, with the poses eliminated. A
 //! lens folds at the radius at which its distorted radius stops growing. A step to a lens that folds anywhere in
@@ -7,15 +10,84 @@
 //! over radii of the picture keeps the steps away from it. Prior knowledge of any camera is added: the principal
 //! point lies near the picture's middle, and both focal lengths are nearly equal. μ is so small that all of this
 //! counts only if the corners carry no information.
+//!
+//! The covariance of the nine parameters of a lens has the boards' poses eliminated, too. With J the derivatives of
+//! all corners with respect to the lens and Jᵢ those with respect to the pose of picture i,
+//!     C = σ² (Σ Jᵀ J − Σ Jᵀ Jᵢ (Jᵢᵀ Jᵢ)⁻¹ Jᵢᵀ J + σ² D)⁻¹.                                                      (2)
+//! A mount needs the whole of C, since principal point, tangential distortion and focal length are far from
+//! independent. D is the prior knowledge of any lens: no coefficient moves the picture's rim by more than a stated
+//! share of its radius, the principal point lies near the picture's middle, the focal lengths are nearly equal. This
+//! knowledge has an effect only if the pictures carry no information. All five coefficients are in (2) with every
+//! model, since a coefficient that was left out is not known to be zero. σ² is that of the left-out pictures, if it is
+//! the larger. OpenCV states only the roots of C's diagonal, and these roots are too large by a factor of √2 or a
+//! little more: OpenCV's σ² divides by the number of corners, although each corner has two rows.
 
 use super::adjust::scaled_inverse;
-use super::arrangement::exp_map;
+use super::chain::exp_map;
 use super::detect::Corners;
-use super::lens_gram::LensGram;
-use super::lens_model::LensModel;
-use nalgebra::{SVector, Vector6};
+use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 use panelprep_base::geometry::{Board, Camera, PinholeCamera, Rigid};
 use panelprep_cell::cell::LensCovariance;
+use strum::{IntoStaticStr, VariantArray};
+
+/// A lens model; each contains the coefficients of the models before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, IntoStaticStr, VariantArray)]
+pub enum LensModel {
+    /// No distortion.
+    #[strum(serialize = "pinhole")]
+    Pinhole,
+    /// k1.
+    #[strum(serialize = "k1")]
+    Radial1,
+    /// k1, k2.
+    #[strum(serialize = "k1k2")]
+    Radial2,
+    /// k1, k2, p1, p2.
+    #[strum(serialize = "k1k2p1p2")]
+    Tangential,
+    /// k1, k2, p1, p2, k3.
+    #[strum(serialize = "k1k2p1p2k3")]
+    Full,
+}
+
+/// The index of each coefficient among fx, fy, cx, cy, k1, k2, p1, p2, k3.
+const COEFFICIENTS: [(&str, usize, LensModel); 5] = [
+    ("k1", 4, LensModel::Radial1),
+    ("k2", 5, LensModel::Radial2),
+    ("p1", 6, LensModel::Tangential),
+    ("p2", 7, LensModel::Tangential),
+    ("k3", 8, LensModel::Full),
+];
+
+impl LensModel {
+    /// All models, the simplest first.
+    pub const ALL: &'static [LensModel] = <Self as VariantArray>::VARIANTS;
+
+    /// The model's name on the command line and in files.
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+
+    /// Returns whether the parameter at this index among fx, fy, cx, cy, k1, k2, p1, p2, k3 belongs to the model.
+    pub fn contains_parameter(self, place: usize) -> bool {
+        COEFFICIENTS.iter().find(|(_, at, _)| *at == place).is_none_or(|(_, _, model)| *model <= self)
+    }
+
+    /// Returns the number of the model's parameters, including focal lengths and principal point.
+    pub fn count(self) -> usize {
+        (0..9).filter(|place| self.contains_parameter(*place)).count()
+    }
+
+    /// Returns the coefficients that this model has and the previous model does not have.
+    pub fn added(self) -> Vec<&'static str> {
+        COEFFICIENTS.iter().filter(|(_, _, model)| *model == self).map(|(name, ..)| *name).collect()
+    }
+
+    /// Returns the coefficients that are not in the model.
+    pub fn excluded_coefficients(self) -> Vec<&'static str> {
+        COEFFICIENTS.iter().filter(|(_, _, model)| *model > self).map(|(name, ..)| *name).collect()
+    }
+}
 
 /// A lens with the pose of each picture's board.
 #[derive(Debug, Clone)]
@@ -103,7 +175,7 @@ fn restrict_to_model(model: LensModel, camera: &PinholeCamera) -> PinholeCamera 
 }
 
 /// Returns fx, fy, cx, cy, k1, k2, p1, p2, k3.
-pub(super) fn numbers(camera: &PinholeCamera) -> SVector<f64, 9> {
+fn numbers(camera: &PinholeCamera) -> SVector<f64, 9> {
     let c = camera;
     SVector::from([c.fx_px, c.fy_px, c.cx_px, c.cy_px, c.k1, c.k2, c.p1, c.p2, c.k3])
 }
@@ -128,7 +200,7 @@ fn camera_from_parameters(camera: &PinholeCamera, n: &SVector<f64, 9>) -> Pinhol
 
 /// Returns the largest undistorted radius of the picture; `None` if the lens folds before the picture's farthest
 /// corner.
-pub(super) fn undistorted_radius(camera: &PinholeCamera) -> Option<f64> {
+fn undistorted_radius(camera: &PinholeCamera) -> Option<f64> {
     if !(camera.fx_px > 1.0 && camera.fy_px > 1.0) {
         return None;
     }
@@ -210,7 +282,7 @@ impl State {
 
 /// Returns how far the principal point and the ratio of the focal lengths are from the usual values, in standard
 /// deviations, and the derivatives with respect to the lens.
-pub(super) fn prior_residuals(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
+fn prior_residuals(camera: &PinholeCamera) -> [(f64, SVector<f64, 9>); 3] {
     let [across, down] = [camera.width_px, camera.height_px].map(|size| size as f64);
     let by = |places: &[(usize, f64)]| {
         let mut slope = SVector::<f64, 9>::zeros();
@@ -235,4 +307,111 @@ fn radial_barrier(camera: &PinholeCamera, radius: f64) -> impl Iterator<Item = (
         let slope = 1.0 + k1 * by[0] + k2 * by[1] + k3 * by[2] - 0.9 * MIN_SLOPE;
         (slope, SVector::from([0.0, 0.0, 0.0, 0.0, by[0], by[1], 0.0, 0.0, by[2]]))
     })
+}
+
+/// The products of the derivatives of a picture's corners. The pose is moved on the right, by rotations in rad and
+/// shifts in mm.
+pub(super) struct LensGram {
+    /// Normal matrix of the lens parameters.
+    pub lens: LensCovariance,
+    /// Cross terms of lens and pose.
+    pub lens_pose_cross: SMatrix<f64, 9, 6>,
+    /// Normal matrix of the pose.
+    pub pose: Matrix6<f64>,
+    /// Right-hand side of the lens parameters.
+    pub lens_pull: SVector<f64, 9>,
+    /// Right-hand side of the pose.
+    pub pose_pull: Vector6<f64>,
+    /// Sum of squared residuals, px².
+    pub square: f64,
+    /// Number of residuals: two for each corner.
+    pub rows: f64,
+}
+
+impl LensGram {
+    /// Returns the part of a picture; `None` if a corner lies behind the camera.
+    pub fn compute(
+        camera: &PinholeCamera,
+        corners: &Corners,
+        camera_from_board: &Rigid<Camera, Board>,
+    ) -> Option<Self> {
+        let turn = camera_from_board.rotation().into_inner();
+        let mut gram = LensGram {
+            lens: LensCovariance::zeros(),
+            lens_pose_cross: SMatrix::zeros(),
+            pose: Matrix6::zeros(),
+            lens_pull: SVector::zeros(),
+            pose_pull: Vector6::zeros(),
+            square: 0.0,
+            rows: 2.0 * corners.len() as f64,
+        };
+        for (q, found) in corners {
+            let point = *camera_from_board * *q;
+            let (pixel, slope) = camera.project_with_jacobian(point)?;
+            let by_lens = camera.lens_slope(point)?;
+            let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
+            by_pose.fixed_columns_mut::<3>(0).copy_from(&(-slope * turn * q.mm.coords.cross_matrix()));
+            by_pose.fixed_columns_mut::<3>(3).copy_from(&(slope * turn));
+            let residual = nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v);
+            gram.lens += by_lens.transpose() * by_lens;
+            gram.lens_pose_cross += by_lens.transpose() * by_pose;
+            gram.pose += by_pose.transpose() * by_pose;
+            gram.lens_pull += by_lens.transpose() * residual;
+            gram.pose_pull += by_pose.transpose() * residual;
+            gram.square += residual.norm_squared();
+        }
+        Some(gram)
+    }
+
+    /// Returns the picture's information on the lens, with its pose eliminated.
+    pub fn information(&self) -> Option<LensCovariance> {
+        Some(self.lens - self.lens_pose_cross * scaled_inverse(&self.pose)? * self.lens_pose_cross.transpose())
+    }
+}
+
+/// Standard deviation of the displacement of the rim by radial terms, as a share of its radius.
+const RADIAL_SHARE: f64 = 0.2;
+/// Standard deviation of the displacement of the rim by tangential terms, as a share of its radius: lenses of one
+/// maker differ by a thousandth.
+const TANGENTIAL_PRIOR_SHARE: f64 = 0.01;
+
+/// Returns the information of corners and prior together, in units of `variance_px2`; `None` if a picture
+/// determines no pose.
+pub(super) fn information(camera: &PinholeCamera, grams: &[LensGram], variance_px2: f64) -> Option<LensCovariance> {
+    let mut normal = LensCovariance::zeros();
+    for gram in grams {
+        normal += gram.information()?;
+    }
+    let radius = camera.max_undistorted_radius(0.0)?;
+    for (place, power, share) in [
+        (4, 2, RADIAL_SHARE),
+        (5, 4, RADIAL_SHARE),
+        (6, 1, TANGENTIAL_PRIOR_SHARE),
+        (7, 1, TANGENTIAL_PRIOR_SHARE),
+        (8, 6, RADIAL_SHARE),
+    ] {
+        let deviation = share / radius.powi(power);
+        normal[(place, place)] += variance_px2 / deviation.powi(2);
+    }
+    for (_, by_lens) in prior_residuals(camera) {
+        normal += by_lens * by_lens.transpose() * variance_px2;
+    }
+    Some(normal)
+}
+
+/// C of (2).
+pub(super) fn lens_covariance(information: &LensCovariance, variance_px2: f64) -> Option<LensCovariance> {
+    Some(scaled_inverse(information)? * variance_px2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_model_adds_to_the_one_before() {
+        assert_eq!(LensModel::ALL.iter().map(|model| model.count()).collect::<Vec<_>>(), [4, 5, 6, 8, 9]);
+        assert_eq!(LensModel::Radial2.excluded_coefficients(), ["p1", "p2", "k3"]);
+        assert!(LensModel::Full.excluded_coefficients().is_empty());
+    }
 }

@@ -4,18 +4,17 @@
 //! the grey levels, which is several times as precise. The window of ± N px must contain only one corner and enough
 //! edge: by default N is 0.35 of the shortest distance between neighbours, 3 to 11. If N is given, the corners are
 //! those of `cornerSubPix`, as OpenCV's users know them.
+//!
+//! All corners of a board lie on a smooth surface in a picture. In poor pictures a corner is weighed against this
+//! surface by its distance from it.
 
 use super::board::{Board, Corners};
 use super::crossings::noise;
-use super::foreign;
-use super::print::Print;
-use super::saddle;
-use super::surface::{
-    CornerEstimate, MAX_SINGLE_STD_PX, MAX_SURFACE_STD_PX, PRINT_SQUARES, TERMS, WELL_PX, fit_surface,
-    inflate_uncertainty,
-};
-use nalgebra::{Vector2, Vector3};
-use panelprep_base::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
+use super::print::{MatchWindow, Print, PrintMatch};
+use super::saddle::Saddle;
+use super::{foreign, saddle};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+use panelprep_base::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
 use panelprep_cell::imaging::ImagingError;
 use std::collections::BTreeMap;
 
@@ -208,4 +207,295 @@ pub(super) fn shortest_px(corners: &Corners, square_mm: f64) -> f64 {
             .fold(f64::INFINITY, f64::min)
     };
     corners.iter().map(both).fold(f64::INFINITY, f64::min)
+}
+
+/// Minimum of the largest allowed distance of a corner from the surface through the others, px; a corner that is
+/// farther away counts as wrong. The allowed distance is at least `OUTLIER_MEDIANS` times the median distance of all
+/// corners.
+const OUTLIER_PX: f64 = 0.4;
+const OUTLIER_MEDIANS: f64 = 5.0;
+/// The allowed distance of a well-located corner is also at least this multiple of the surface's own standard
+/// deviation there.
+const MIN_DISTANCE_SIGMA: f64 = 5.0;
+/// The smallest allowed distance of a well-located corner, px: at a board's outer corners the distortion of a lens may
+/// be of a higher degree than the third.
+const MIN_OUTLIER_PX: f64 = 0.9;
+/// The largest standard deviation with which a single corner is accepted, px.
+const MAX_SINGLE_STD_PX: f64 = 0.2;
+/// The standard deviation up to which a corner is accepted if a surface through all of them supports it, px.
+pub(super) const MAX_SURFACE_STD_PX: f64 = 0.7;
+/// The largest standard deviation that a corner may have after it was combined with the surface, px.
+const MAX_COMBINED_STD_PX: f64 = 0.17;
+/// A corner with a larger standard deviation than this in the model is also located by its print, px.
+const WELL_PX: f64 = 0.08;
+/// The extent of the print that is examined around a corner, in squares; `PRINT_PX` is the limit in the picture,
+/// px.
+pub(super) const PRINT_SQUARES: f64 = 0.5;
+pub(super) const PRINT_PX: f64 = 16.0;
+/// Additional tolerance between a start position and its prediction, px.
+pub(super) const START_PX: f64 = 1.5;
+/// The number of corners at which the blur is estimated.
+pub(super) const BLUR_CORNERS: usize = 6;
+/// The standard deviation of corners from a smooth surface that prints and lenses cause, px.
+const SURFACE_STD_PX: f64 = 0.05;
+/// A corner that has lost more than this fraction of the contrast of the corners within `NEAR` squares lies at the
+/// edge of a glare. The edge displaces the corner, by `PALE_PX` if the whole contrast is lost.
+const PALE: f64 = 0.15;
+const NEAR: f64 = 2.6;
+const PALE_PX: f64 = 1.5;
+/// Light that changes within the window by more than this fraction of the contrast also shows the edge of a glare.
+const MAX_LIGHT_GRADIENT: f64 = 0.1;
+const SLANT_PX: f64 = 1.0;
+/// The model's usual residual in addition to the noise, as a share of the half contrast. With a larger one the
+/// corner's position is less certain.
+const TYPICAL_RESIDUAL: f64 = 0.06;
+/// The additional uncertainty for a residual equal to the whole half contrast, px.
+const RESIDUAL_UNCERTAINTY_PX: f64 = 2.0;
+
+/// A corner as the model locates it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CornerEstimate {
+    pub pixel: Pixel,
+    /// The standard deviation of the position along each axis, from noise and the model's residual, px.
+    pub deviation_px: f64,
+    /// White minus black there, grey levels; 0 if it is not determined.
+    pub contrast: f64,
+}
+
+impl CornerEstimate {
+    /// Returns the corner located by the print, in a picture with this noise.
+    pub fn from_match(found: &PrintMatch, noise: f64) -> Self {
+        let left = (found.residual.powi(2) - noise.powi(2)).max(0.0).sqrt() / (0.5 * found.contrast.abs());
+        CornerEstimate {
+            pixel: found.pixel,
+            deviation_px: doubt_px(found.deviation_px, left, found.light_gradient),
+            contrast: found.contrast.abs(),
+        }
+    }
+
+    /// Returns the corner located by the model of the grey levels.
+    pub fn from_saddle(found: &Saddle) -> Self {
+        let deviation_px = doubt_px(found.deviation_px, found.residual, found.light_gradient);
+        CornerEstimate { pixel: found.pixel, deviation_px, contrast: 2.0 * found.contrast.abs() }
+    }
+}
+
+/// Returns the standard deviation of a position from its deviation by noise, the model's residual as a fraction of the
+/// half contrast, and the slant of the light.
+fn doubt_px(deviation_px: f64, left: f64, slant: f64) -> f64 {
+    let of_model_px = RESIDUAL_UNCERTAINTY_PX * (left - TYPICAL_RESIDUAL).max(0.0);
+    deviation_px.hypot(of_model_px).hypot(SLANT_PX * (slant - MAX_LIGHT_GRADIENT).max(0.0))
+}
+
+/// A smooth surface through corners: the homography of a plane, and a polynomial of third degree for the bending by a
+/// lens and a board that is not exactly flat.
+pub(super) struct Surface {
+    centre: Vector2<f64>,
+    reach_mm: f64,
+    plane: Matrix3<f64>,
+    coefficients: SMatrix<f64, TERMS, 2>,
+    /// The median distance of the corners from the surface, px.
+    usual_px: f64,
+    /// The standard deviation of the corners from the surface along each axis for other reasons than noise, px.
+    rough_px: f64,
+    /// The covariance of the surface itself, by the polynomial's terms, px².
+    spread: SMatrix<f64, TERMS, TERMS>,
+}
+
+const TERMS: usize = 10;
+/// The displacement by a lens at a distance of one picture width from the middle, in picture widths.
+const LENS: f64 = 0.5;
+
+impl Surface {
+    /// Fits the surface to corners with these standard deviations along each axis; `None` if there are too few to
+    /// compare.
+    pub fn fit(corners: &Corners, deviations_px: &[f64], width_px: f64) -> Option<Self> {
+        if corners.len() < 2 * TERMS {
+            return None;
+        }
+        let middle = corners.iter().map(|(q, _)| q.mm.coords.xy()).sum::<Vector2<f64>>() / corners.len() as f64;
+        let reach_mm = corners.iter().map(|(q, _)| (q.mm.coords.xy() - middle).amax()).fold(1e-9, f64::max);
+        let places: Vec<Vector2<f64>> =
+            corners.iter().map(|(q, _)| (q.mm.coords.xy() - middle) / reach_mm).collect();
+        let pairs: Vec<[f64; 2]> = places.iter().map(|place| [place.x, place.y]).collect();
+        let pixels: Vec<Pixel> = corners.iter().map(|(_, pixel)| *pixel).collect();
+        let plane = foreign::homography(&pairs, &pixels)?;
+        let mut surface = Surface {
+            centre: middle,
+            reach_mm,
+            plane,
+            coefficients: SMatrix::zeros(),
+            usual_px: 0.0,
+            rough_px: SURFACE_STD_PX,
+            spread: SMatrix::zeros(),
+        };
+        let trust: Vec<f64> =
+            deviations_px.iter().map(|noise_px| 1.0 / (SURFACE_STD_PX.powi(2) + noise_px.powi(2))).collect();
+        // A lens bends a small board less: the usual size of the terms of third degree follows from the board's size
+        // in the picture.
+        let reach_px = places.iter().zip(&pixels).map(|(_, p)| p.distance_px(pixels[0])).fold(0.0, f64::max) / 2.0;
+        let cubic_px = LENS * reach_px.powi(3) / (width_px * width_px) + 0.01;
+        let mut usual = SMatrix::<f64, TERMS, TERMS>::identity() * 1e-6;
+        (6..TERMS).for_each(|term| usual[(term, term)] = cubic_px.powi(-2));
+        let mut weights = trust.clone();
+        for _ in 0..4 {
+            let mut normal = usual;
+            let mut pull = SMatrix::<f64, TERMS, 2>::zeros();
+            for ((place, pixel), weight) in places.iter().zip(&pixels).zip(&weights) {
+                let (by, flat) = (polynomial_terms(place), project_to_plane(&plane, place));
+                normal += by * by.transpose() * *weight;
+                pull += by * (Vector2::new(pixel.u, pixel.v) - flat).transpose() * *weight;
+            }
+            let factor = normal.cholesky()?;
+            surface.coefficients = factor.solve(&pull);
+            surface.spread = factor.inverse();
+            let apart: Vec<f64> =
+                corners.iter().map(|(q, pixel)| surface.pixel_at(*q).distance_px(*pixel)).collect();
+            surface.usual_px = median(&mut apart.clone())?;
+            // A distant corner has almost no influence (Geman and McClure).
+            let usual = surface.usual_px.max(0.02);
+            let far = |apart: &f64| (1.0 + (apart / (3.0 * usual)).powi(2)).powi(-2);
+            weights = apart.iter().zip(&trust).map(|(apart, trust)| trust * far(apart)).collect();
+        }
+        // Half of a normal distribution in two dimensions lies within 1.18 standard deviations of one axis.
+        let noise_px = median(&mut deviations_px.to_vec())?;
+        surface.rough_px =
+            ((surface.usual_px / 1.18).powi(2) - noise_px.powi(2)).max(SURFACE_STD_PX.powi(2)).sqrt();
+        Some(surface)
+    }
+
+    /// Returns the largest allowed distance of this corner from the surface, px; a corner that is farther away counts
+    /// as wrong. The limit is larger for a corner with an uncertain position, which has a smaller weight.
+    pub fn limit_px(&self, q: Point<BoardFrame>, placed: &CornerEstimate) -> f64 {
+        let is_well = placed.deviation_px < WELL_PX;
+        let own_px = if is_well { (MIN_DISTANCE_SIGMA * self.variance(q).sqrt()).max(MIN_OUTLIER_PX) } else { 0.0 };
+        let own_px = own_px.max(2.0 * placed.deviation_px).min(START_PX);
+        OUTLIER_PX.max(OUTLIER_MEDIANS * self.usual_px).max(own_px)
+    }
+
+    /// Returns the variance of the surface at a position, along each axis, px².
+    fn variance(&self, q: Point<BoardFrame>) -> f64 {
+        let terms = polynomial_terms(&self.plane_position(q));
+        (terms.transpose() * self.spread * terms)[(0, 0)]
+    }
+
+    /// Returns the mean of a corner's own position and its position on the surface, weighted by their variances;
+    /// `None` if the result is not accurate enough.
+    pub fn blend_with_surface(&self, q: Point<BoardFrame>, placed: CornerEstimate) -> Option<Pixel> {
+        let there = self.pixel_at(q);
+        let of_surface = self.rough_px.powi(2) + self.variance(q);
+        let of_own = placed.deviation_px.powi(2);
+        let own = of_surface / (of_surface + of_own);
+        if own * of_own > MAX_COMBINED_STD_PX.powi(2) {
+            return None;
+        }
+        Some(Pixel::at(there.u + own * (placed.pixel.u - there.u), there.v + own * (placed.pixel.v - there.v)))
+    }
+
+    /// Returns the view of the print around a position.
+    pub fn view(&self, q: Point<BoardFrame>, reach_mm: f64, blur_px: f64) -> MatchWindow {
+        let (scale, middle) = (1.0 / self.reach_mm, self.centre / self.reach_mm);
+        let to_place = Matrix3::new(scale, 0.0, -middle.x, 0.0, scale, -middle.y, 0.0, 0.0, 1.0);
+        let plane = self.plane * to_place;
+        MatchWindow {
+            plane,
+            place: [q.mm.x, q.mm.y],
+            start: self.pixel_at(q),
+            reach_mm,
+            most_px: PRINT_PX,
+            blur_px,
+        }
+    }
+
+    /// Returns the blur of the picture at the board, px.
+    pub fn blur_px(
+        &self,
+        picture: &GrayPicture,
+        print: &Print,
+        (corners, reach_mm): (&Corners, f64),
+        noise: f64,
+    ) -> f64 {
+        let step = (corners.len() / BLUR_CORNERS).max(1);
+        let views: Vec<MatchWindow> =
+            corners.iter().step_by(step).map(|(q, _)| self.view(*q, reach_mm, 1.0)).collect();
+        print.blur_px(picture, &views, noise)
+    }
+
+    fn plane_position(&self, q: Point<BoardFrame>) -> Vector2<f64> {
+        (q.mm.coords.xy() - self.centre) / self.reach_mm
+    }
+
+    /// Returns the pixel of a position on the board by the surface.
+    pub fn pixel_at(&self, q: Point<BoardFrame>) -> Pixel {
+        let place = self.plane_position(q);
+        let there =
+            project_to_plane(&self.plane, &place) + self.coefficients.transpose() * polynomial_terms(&place);
+        Pixel::at(there.x, there.y)
+    }
+}
+
+/// Returns the pixel of a position on the board, mm, by a homography.
+pub(super) fn homography_pixel(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Pixel {
+    let there = project_to_plane(plane, &Vector2::new(x, y));
+    Pixel::at(there.x, there.y)
+}
+
+fn project_to_plane(plane: &Matrix3<f64>, place: &Vector2<f64>) -> Vector2<f64> {
+    let p = plane * place.push(1.0);
+    p.xy() / p.z
+}
+
+fn polynomial_terms(place: &Vector2<f64>) -> SVector<f64, TERMS> {
+    let (x, y) = (place.x, place.y);
+    SVector::from([1.0, x, y, x * x, x * y, y * y, x * x * x, x * x * y, x * y * y, y * y * y])
+}
+
+/// Returns the surface through those corners that are located.
+pub(super) fn fit_surface(
+    corners: &Corners,
+    placed: &[Option<CornerEstimate>],
+    picture: &GrayPicture,
+) -> Option<Surface> {
+    let placed = corners.iter().zip(placed).filter_map(|((q, _), placed)| placed.map(|placed| (*q, placed)));
+    let (corners, deviations): (Corners, Vec<f64>) =
+        placed.map(|(q, placed)| ((q, placed.pixel), placed.deviation_px)).unzip();
+    Surface::fit(&corners, &deviations, picture.width as f64)
+}
+
+/// Increases the uncertainty of corners that have lost a part of their contrast by a glare, compared with those around
+/// them: the edge of the glare displaces them.
+pub(super) fn inflate_uncertainty(
+    corners: &Corners,
+    placed: Vec<Option<CornerEstimate>>,
+    square_mm: f64,
+) -> Vec<Option<CornerEstimate>> {
+    let known =
+        |(q, placed): (&Point<BoardFrame>, &Option<CornerEstimate>)| placed.map(|placed| (*q, placed.contrast));
+    let all: Vec<(Point<BoardFrame>, f64)> =
+        corners.iter().map(|(q, _)| q).zip(&placed).filter_map(known).collect();
+    let usual = |q: Point<BoardFrame>| {
+        let near = all.iter().filter(|(other, _)| other.distance_mm(q) < NEAR * square_mm);
+        let mut contrasts: Vec<f64> = near.map(|(_, contrast)| *contrast).collect();
+        contrasts.sort_by(f64::total_cmp);
+        contrasts.get(3 * contrasts.len() / 4).copied().unwrap_or(0.0)
+    };
+    let doubt = |(q, placed): (Point<BoardFrame>, CornerEstimate)| {
+        let lost = (1.0 - placed.contrast / usual(q).max(1.0) - PALE).max(0.0);
+        CornerEstimate { deviation_px: placed.deviation_px.hypot(PALE_PX * lost), ..placed }
+    };
+    corners.iter().zip(placed).map(|((q, _), placed)| placed.map(|placed| doubt((*q, placed)))).collect()
+}
+
+/// Removes the corners that are far from the smooth surface through the others.
+pub(super) fn remove_outliers(corners: Corners, picture: &GrayPicture) -> Corners {
+    let deviations_px = vec![0.0; corners.len()];
+    let Some(surface) = Surface::fit(&corners, &deviations_px, picture.width as f64) else { return corners };
+    corners
+        .into_iter()
+        .filter(|(q, pixel)| {
+            surface.pixel_at(*q).distance_px(*pixel)
+                <= surface
+                    .limit_px(*q, &CornerEstimate { pixel: *pixel, deviation_px: MAX_SINGLE_STD_PX, contrast: 0.0 })
+        })
+        .collect()
 }

@@ -1,9 +1,9 @@
 //! Finds how poses that fit no camera mount were probably meant.
 //!
 //! Programs write a pose in many ways: inverted, with other angles, as a rotation vector, one picture late. Each of
-//! these readings is applied to all poses, and the closed-form mount of `consensus` is tried with it. The right
-//! reading leaves tenths of a millimetre, any other one centimetres, so that the reading that fits can be named. The
-//! file is not changed: a person must correct it.
+//! these readings is applied to all poses, and the closed-form mount of `adjust` is tried with it. The right reading
+//! leaves tenths of a millimetre, any other one centimetres, so that the reading that fits can be named. The file is
+//! not changed: a person must correct it.
 //!
 //! Some mistakes have the same effect and are reported together. A mount of the other kind has the same equations as
 //! inverted poses. Left-handed axes are a point reflection up to a rotation of base and flange: each position is
@@ -15,13 +15,11 @@
 //!     (Hᵢ − Hⱼ) x + k (Hᵢ X bᵢ − Hⱼ X bⱼ) = hⱼ − hᵢ,                                                                  (1)
 //! with the moved part (H, h) of the chain, the mount (X, x) and the board's position b.
 
-use super::arrangement::Arrangement;
+use super::adjust::{MIN_TURN_RAD, index_triples, second_axis_deg};
 use super::board::Board;
-use super::chain::{BoardObservation, Station};
-use super::consensus::{MIN_TURN_RAD, index_triples, second_axis_deg};
+use super::chain::{Arrangement, BoardObservation, BoardPose, Station, board_pose};
+use super::error::{PoseInterpretation, PoseReading};
 use super::foreign;
-use super::pose::{BoardPose, board_pose};
-use super::pose_diagnosis::{PoseInterpretation, PoseReading};
 use super::tool::tool_point;
 use nalgebra::{Isometry3, Matrix4, Point3, Quaternion, Translation3, UnitQuaternion, Vector3, Vector4};
 use panelprep_base::geometry::{Base, Degrees, Flange, KukaPose, PinholeCamera, Pixel, Point, Rigid, median};

@@ -10,26 +10,28 @@
 //! nominal value. The ratio of its standard deviation after the estimate to that before states how well it is
 //! determined. The scatter is estimated from the residuals, and the size of the prior from the arm's parameters.
 //!
-//! The result is judged by cross-validation on pictures that were left out, with and without p.
+//! The result is judged by cross-validation on pictures that were left out, with and without p. It states the
+//! uncertainty of the corrected arm anywhere in its volume. Axis angles that differ from those in the file are
+//! detected first: two exchanged, a wrong sign, or those of another arm.
 
 use super::adjust::scaled_inverse;
-use super::arm_errors::ARM_NUMBERS;
+use super::arm_errors;
+use super::arm_errors::{ARM_NUMBERS, AxisFault};
+pub use super::arm_errors::{ArmPose, Correction, SMOOTH_NUMBERS};
 use super::error::CalibError;
-use super::robot_axes::axis_angle_problem;
-pub use super::robot_correction::{ArmPose, Correction, SMOOTH_NUMBERS};
-use super::robot_data::REPEAT_MM;
-pub use super::robot_data::{ArmTouch, ArmView, Rig, RigKind, RobotData, TouchTarget};
-pub use super::robot_found::{Number, RobotFound};
-use super::robot_settle::{ConvergedState, State, levenberg_marquardt};
-use super::robot_spread::spread;
-use nalgebra::Vector3;
+use super::quantile::radius_95;
+pub use super::robot_settle::{ArmTouch, ArmView, Rig, RigKind, RobotData, TouchTarget};
+use super::robot_settle::{ConvergedState, REPEAT_MM, State, levenberg_marquardt};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Vector3};
+use panelprep_base::geometry::{Base, Flange, Joints, Point, Rigid};
+use panelprep_base::number_text::distinguishable_texts;
 
 /// Minimum number of pictures: with fewer, no arm is estimated.
 pub const MIN_VIEWS: usize = 12;
 /// Number of times that the size of this arm's parameters is estimated.
 const SCALE_ITERATIONS: usize = 3;
 /// The number of groups in which pictures are left out.
-pub(super) const GROUPS: usize = 5;
+const GROUPS: usize = 5;
 
 /// Returns the initial correction: geometry if every pose has its axis angles, else smooth over the measured
 /// volume.
@@ -206,4 +208,198 @@ fn cross_validate(state: &State, data: &RobotData) -> Option<Vec<LeftOutError>> 
         }
     }
     Some(all)
+}
+
+/// One parameter of the correction.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Number {
+    /// The parameter's name, with its unit.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// The parameter's uncertainty, 95 %.
+    pub uncertainty: f64,
+    /// The parameter's standard deviation after the estimate divided by that before: 1 if the data carry no
+    /// information, 0 if they determine the parameter completely.
+    pub remaining_share: f64,
+}
+
+/// The estimated model with its evidence.
+#[derive(Debug, Clone)]
+pub struct RobotFound {
+    /// The correction.
+    pub correction: Correction,
+    /// Its numbers.
+    pub numbers: Vec<Number>,
+    /// The rigs as calculated with the correction.
+    pub rigs: Vec<Rig>,
+    /// The tip on the flange, if there were touches, mm.
+    pub tip_mm: Option<Vector3<f64>>,
+    /// The rms distance of the board from its expected position in left-out pictures, with only mounts and boards
+    /// estimated, mm.
+    pub uncorrected_left_out_mm: f64,
+    /// The rms distance of the board from its expected position in left-out pictures, with the correction, mm.
+    pub corrected_left_out_mm: f64,
+    pub(super) uncorrected: State,
+    pub(super) state: State,
+    pub(super) covariance: DMatrix<f64>,
+    pub(super) variance: f64,
+    /// The residual of a single pose that no parameter of the arm explains, along each axis, mm.
+    pub(super) scatter_mm: f64,
+}
+
+/// Returns the derivative of a position with respect to each unknown, the position in mm; `None` if the position
+/// cannot be computed.
+pub(super) fn position_jacobian(
+    state: &State,
+    covariance: &DMatrix<f64>,
+    place: &dyn Fn(&State) -> Option<Vector3<f64>>,
+) -> Option<DMatrix<f64>> {
+    let middle = place(state)?;
+    let mut slope = DMatrix::zeros(3, covariance.nrows());
+    for column in 0..covariance.nrows() {
+        let step = 0.1 * covariance[(column, column)].sqrt().max(1e-12);
+        let mut change = DVector::zeros(covariance.nrows());
+        change[column] = step;
+        slope.set_column(column, &((place(&state.perturbed(&change))? - middle) / step));
+    }
+    Some(slope)
+}
+
+/// Returns the covariance of a position, mm².
+fn spread(settled: &ConvergedState, place: &dyn Fn(&State) -> Option<Vector3<f64>>) -> Option<Matrix3<f64>> {
+    let slope = position_jacobian(&settled.state, &settled.inverse, place)?;
+    let spread = &slope * &settled.inverse * slope.transpose();
+    Some(spread.fixed_view::<3, 3>(0, 0).into_owned())
+}
+
+impl State {
+    /// Returns the tip at a pose: in the frame of the fixed camera if there is one, else in the base. The tip must
+    /// reach the position that the camera sees.
+    pub(super) fn tip_position(&self, pose: &ArmPose) -> Option<Vector3<f64>> {
+        let tip = self.correction.base_from_flange(pose)? * Point::<Flange>::new(self.tip.into());
+        let fixed = self.rigs.iter().find(|rig| rig.kind == RigKind::EyeToHand);
+        let camera_from_base = fixed.map_or_else(Isometry3::identity, |rig| rig.mount.inverse());
+        Some((camera_from_base * tip.mm).coords)
+    }
+}
+
+impl RobotFound {
+    /// Returns the uncertainty of the corrected tip's position at a pose, relative to the fixed camera (without one,
+    /// to the base), 95 %, mm. The scatter of left-out pictures is included. `None` if the correction needs axis
+    /// angles and there are none.
+    pub fn tip_uncertainty_mm(&self, pose: &ArmPose) -> Option<f64> {
+        let slope = position_jacobian(&self.state, &self.covariance, &|state| state.tip_position(pose))?;
+        Some(self.radius_mm(&(&slope * &self.covariance * slope.transpose())))
+    }
+
+    pub(super) fn radius_mm(&self, spread: &DMatrix<f64>) -> f64 {
+        let of_numbers = spread.fixed_view::<3, 3>(0, 0).into_owned();
+        radius_95(&(of_numbers + Matrix3::identity() * self.scatter_mm.powi(2)), 1e5)
+    }
+
+    /// Returns the tip on the flange without a correction, if there were touches, mm.
+    pub fn uncorrected_tip_mm(&self) -> Option<Vector3<f64>> {
+        self.uncorrected.touches.then_some(self.uncorrected.tip)
+    }
+
+    /// Returns the rigs as calculated without a correction.
+    pub fn uncorrected_rigs(&self) -> &[Rig] {
+        &self.uncorrected.rigs
+    }
+}
+
+/// The largest difference between axis angles and controller, mm and degrees, if both belong to one robot.
+const MAX_POSITION_DIFFERENCE_MM: f64 = 5.0;
+const MAX_ROTATION_DIFFERENCE_DEG: f64 = 1.0;
+/// The largest difference between the rotations of board and flange from picture to picture, degrees rms.
+const MAX_TURN_DIFFERENCE_DEG: f64 = 0.7;
+/// The largest difference between the shifts of board and flange along the axis of that rotation, mm rms.
+const MAX_SHIFT_DIFFERENCE_MM: f64 = 5.0;
+/// Rotations with a well-defined axis.
+const AXIS_DEG: (f64, f64) = (5.0, 170.0);
+
+/// Checks whether the axis angles agree with the controller's poses and the pictures. If not, returns the fault
+/// that explains the difference.
+fn axis_angle_problem(data: &RobotData) -> Option<String> {
+    if data.views.iter().all(|view| view.pose.joints.is_none()) {
+        return None;
+    }
+    let drawn = |joints: &Joints| arm_errors::base_from_flange(&data.geometry, joints, &[0.0; ARM_NUMBERS]);
+    let poses = || data.views.iter().filter_map(|view| Some((&view.pose, view.pose.joints.as_ref()?)));
+    let misfit = |mend: &dyn Fn(&Joints) -> Joints| -> (f64, f64) {
+        poses().fold((0.0, 0.0), |(mm, deg), (pose, joints)| {
+            let off = pose.base_from_flange.inverse() * drawn(&mend(joints));
+            (f64::max(mm, off.origin().mm.coords.norm()), f64::max(deg, off.turn().0))
+        })
+    };
+    let screws = |mend: &dyn Fn(&Joints) -> Joints| screw_misfit(data, &|joints| drawn(&mend(joints)));
+    let fits = |(deg, mm): (f64, f64)| deg <= MAX_TURN_DIFFERENCE_DEG && mm <= MAX_SHIFT_DIFFERENCE_MM;
+    let agrees = |mend: &dyn Fn(&Joints) -> Joints| {
+        let (mm, deg) = misfit(mend);
+        mm <= MAX_POSITION_DIFFERENCE_MM && deg <= MAX_ROTATION_DIFFERENCE_DEG
+    };
+    let is_stated = poses().any(|(pose, joints)| {
+        let off = pose.base_from_flange.inverse() * drawn(joints);
+        off.origin().mm.coords.norm() > 1e-6 || off.turn().0 > 1e-6
+    });
+    let same = |joints: &Joints| *joints;
+    let ((mm, deg), (turn_deg, shift_mm)) = (misfit(&same), screws(&same));
+    if agrees(&same) && fits((turn_deg, shift_mm)) {
+        return None;
+    }
+    let fault = AxisFault::all().into_iter().find(|fault| {
+        let mend = |joints: &Joints| fault.correct_angles(joints);
+        fits(screws(&mend)) && (!is_stated || agrees(&mend))
+    });
+    let why = match fault {
+        Some(fault) => format!("{fault} in the file; after this correction all data agree"),
+        None => {
+            "no exchange of two axes and no wrong sign explains this; check that [arm] has the lengths of this \
+             arm, and that the poses are those of the flange at these pictures, without a tool or a base"
+                .to_owned()
+        }
+    };
+    let ([mm, most_mm], [deg, most_deg]) = (
+        distinguishable_texts(mm, MAX_POSITION_DIFFERENCE_MM, 1),
+        distinguishable_texts(deg, MAX_ROTATION_DIFFERENCE_DEG, 1),
+    );
+    let [turn, most_turn] = distinguishable_texts(turn_deg, MAX_TURN_DIFFERENCE_DEG, 1);
+    let [shift, most_shift] = distinguishable_texts(shift_mm, MAX_SHIFT_DIFFERENCE_MM, 1);
+    Some(format!(
+        "axis angles and base_from_flange differ by up to {mm} mm and {deg}° (limits {most_mm} mm and \
+         {most_deg}°); between pictures, the motions of the board and of the flange by its axis angles differ by \
+         {turn}° and {shift} mm rms (limits {most_turn}° and {most_shift} mm); {why}"
+    ))
+}
+
+/// Returns the difference between the motions of a board and of the flange from picture to picture, rms: the angle
+/// of the rotation, degrees, and the shift along its axis, mm. Both are the same for a screw motion from every
+/// viewpoint, so that neither mount nor board pose is needed.
+fn screw_misfit(data: &RobotData, flange: &dyn Fn(&Joints) -> Rigid<Base, Flange>) -> (f64, f64) {
+    let (mut turns, mut shifts, mut count) = (0.0, 0.0, 0.0_f64);
+    for (rig, kind) in data.rigs.iter().map(|rig| rig.kind).enumerate() {
+        let views: Vec<&ArmView> = data.views.iter().filter(|view| view.rig == rig).collect();
+        for (one, two) in views.iter().zip(views.iter().skip(1)) {
+            let (Some(from), Some(to)) = (&one.pose.joints, &two.pose.joints) else { continue };
+            let moved = *(flange(from).inverse() * flange(to)).isometry();
+            let (from, to) = (one.camera_from_board, two.camera_from_board);
+            let seen = match kind {
+                RigKind::EyeToHand => from.inverse() * to,
+                RigKind::EyeInHand => from * to.inverse(),
+            };
+            let screw = |motion: &Isometry3<f64>| {
+                let along = motion.rotation.axis().map_or(0.0, |axis| motion.translation.vector.dot(&axis));
+                (motion.rotation.angle().to_degrees(), along)
+            };
+            let ((moved_deg, moved_mm), (seen_deg, seen_mm)) = (screw(&moved), screw(&seen));
+            turns += (moved_deg - seen_deg).powi(2);
+            // The axis of a small rotation is poorly determined, and that of half a turn has no sign.
+            let has_axis = |deg: &f64| (AXIS_DEG.0..AXIS_DEG.1).contains(deg);
+            let is_screw = has_axis(&moved_deg) && has_axis(&seen_deg);
+            shifts += if is_screw { (moved_mm - seen_mm).powi(2) } else { 0.0 };
+            count += 1.0;
+        }
+    }
+    ((turns / count.max(1.0)).sqrt(), (shifts / count.max(1.0)).sqrt())
 }

@@ -9,13 +9,13 @@
 //! The best picture is the one after which the uncertainty of the least certain determined parameter is smallest.
 
 use super::adjust::scaled_inverse;
-use super::arrangement::log;
+use super::arm_errors::ArmPose;
 use super::board::Board;
+use super::chain::log;
 use super::detect::Corners;
-use super::robot_correction::ArmPose;
-use super::robot_data::{ArmView, RigKind, information};
-use super::robot_found::RobotFound;
-use super::robot_spread;
+use super::robot;
+use super::robot::RobotFound;
+use super::robot_settle::{ArmView, RigKind, information};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3};
 use panelprep_base::geometry::{Base, Camera, Degrees, Flange, PinholeCamera, Pixel, Rigid, median};
 use rayon::prelude::*;
@@ -158,7 +158,7 @@ pub fn best_next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[Ar
     let slopes: Vec<DMatrix<f64>> = volume
         .iter()
         .filter_map(|pose| {
-            robot_spread::position_jacobian(&found.state, &found.covariance, &|state| state.tip_position(pose))
+            robot::position_jacobian(&found.state, &found.covariance, &|state| state.tip_position(pose))
         })
         .collect();
     let gains: Vec<Option<InformationGain>> =

@@ -6,13 +6,13 @@
 //!     p = X⁻¹ · Mᵢ(eᵢ) · Y · (1 + s) q,                                                                              (1)
 //! the data determine it. The method is Gauss–Newton: one step for s with mount, board and every eᵢ eliminated, then
 //! the adjustment again with squares of the new size, until s no longer changes. A lens of covariance C adds its part,
-//! as in `influence`: a wrong focal length has nearly the same effect as squares of another size. The focal length is
+//! as in `adjust`: a wrong focal length has nearly the same effect as squares of another size. The focal length is
 //! tested in the same way: motions towards the camera determine it, while the ratio of the board's size to motions
 //! across the view determines the squares.
 
-use super::adjust::{self, MountAdjustment, prior_weights, scaled_inverse};
-use super::arrangement::Arrangement;
-use super::chain::{BoardObservation, Chain, LengthFactor, Station};
+use super::adjust;
+use super::adjust::{MountAdjustment, prior_weights, scaled_inverse};
+use super::chain::{Arrangement, BoardObservation, Chain, LengthFactor, Station};
 use super::quantile::student_quantile;
 use nalgebra::{Isometry3, SMatrix, SVector};
 use panelprep_base::geometry::{Board, Frame, PinholeCamera, Point};

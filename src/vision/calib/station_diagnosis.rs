@@ -3,12 +3,10 @@
 //! A picture implies a pose of the flange. The difference from the pose in the file identifies a board that was
 //! detected upside down, two exchanged pictures, a mistyped number, and poses that are wrong altogether.
 
+use super::adjust;
 use super::adjust::MountAdjustment;
-use super::arrangement::Arrangement;
 use super::board::Board;
-use super::chain::{BoardObservation, Station};
-use super::influence;
-use super::pose::{BoardPose, board_pose};
+use super::chain::{Arrangement, BoardObservation, BoardPose, Station, board_pose};
 use nalgebra::Vector3;
 use panelprep_base::geometry::{Base, Degrees, Flange, KukaPose, PinholeCamera, Point, Rigid, median};
 use std::fmt::Write;
@@ -183,7 +181,7 @@ impl<A: Arrangement> StationTrial<'_, A> {
     }
 
     fn is_consistent_with_pose(&self, station: &Station<A::From>, pose: &BoardPose<A::From>) -> bool {
-        influence::outlier_statistic(self.camera, self.adjustment, station, &pose.camera_from_board) <= self.limit
+        adjust::outlier_statistic(self.camera, self.adjustment, station, &pose.camera_from_board) <= self.limit
     }
 
     fn diagnose(&self, index: usize, wrong: &[usize]) -> StationFault {
@@ -242,13 +240,13 @@ impl<A: Arrangement> StationTrial<'_, A> {
 
     fn diagnose_mistyped(&self, index: usize) -> StationFault {
         let off = self.stations[index].base_from_flange.inverse()
-            * influence::needed_flange(self.adjustment, &self.poses[index].camera_from_board);
+            * adjust::needed_flange(self.adjustment, &self.poses[index].camera_from_board);
         if off.origin().mm.coords.norm() < MIN_TYPO_MM && off.turn().0 < MIN_TYPO_DEG {
             return StationFault::Little;
         }
         let written = KukaPose::from_rigid(&self.stations[index].base_from_flange);
         let needed =
-            KukaPose::from_rigid(&influence::needed_flange(self.adjustment, &self.poses[index].camera_from_board));
+            KukaPose::from_rigid(&adjust::needed_flange(self.adjustment, &self.poses[index].camera_from_board));
         let fits = |pose: KukaPose| self.is_consistent(index, pose.to_rigid());
         for (key, field) in KEYS {
             let mut pose = written;

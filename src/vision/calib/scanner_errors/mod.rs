@@ -5,37 +5,25 @@
 //! - white noise, from pixel to pixel, which grows with z²;
 //! - the error that is the same in each scan (`field`): a correction, kept only if it predicts scans that were left
 //!   out;
-//! - the smooth error that differs from scan to scan (`spread`): its size and the length over which it is
+//! - the smooth error that differs from scan to scan (`field`, too): its size and the length over which it is
 //!   correlated, from means over parts of the board, since a plane through the board absorbs a part;
 //! - the board's own bow, which rotates with the board and can therefore be distinguished;
 //! - scale: distances between corners, as measured and as printed; from scan to scan the part that the smooth error
 //!   does not explain. If distances are longer on one side of the picture, planes are turned into other planes
-//!   (`tilt`), which is corrected, too.
+//!   (`field`, too), which is corrected, too.
 //!
-//! Not measured: lenses (`intrinsics`).
+//! [`checks`] is the gate: it decides whether the measured errors may be used, must be checked by a person, or are
+//! refused. Not measured: lenses (`intrinsics`).
 
-mod block;
 mod field;
-mod found;
-mod gate;
-mod parts;
-mod plane;
 mod plane_view;
-mod spread;
-mod tilt;
-
-#[cfg(test)]
-mod tests;
-
-pub use block::Block;
-pub use found::ScannerErrors;
-pub use gate::{MIN_BOARD_POSITIONS, checks};
-pub use parts::{MIN_SCANS, PicturePart, PictureParts};
-pub use plane_view::{BoardScan, PlaneView};
 
 use super::error::CalibError;
 use field::ProjectedScan;
 use panelprep_base::geometry::{Camera, DepthField, FieldRectangle, PinholeCamera, Pixel};
+use panelprep_base::number_text::distinguishable_texts;
+use panelprep_base::verdict::{Check, LimitSource};
+pub use plane_view::{Block, BoardScan, MIN_SCANS, PicturePart, PictureParts, PlaneView};
 
 /// Returns the directions of a camera's whole picture; `None` if its corners have no ray.
 pub fn direction_rectangle(camera: &PinholeCamera) -> Option<FieldRectangle> {
@@ -82,10 +70,10 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
         Some((lambda, left_out)) => (field::solve(&fits, *lambda), left_out),
         None => (None, &plain),
     };
-    let spread = spread::estimate(views, &left_out.residuals_mm).ok_or_else(none)?;
+    let spread = field::estimate_smooth_error(views, &left_out.residuals_mm).ok_or_else(none)?;
     let field =
         solved.as_ref().map(|solved| DepthField { rectangle: over, coefficients_mm: solved.coefficients_mm });
-    let tilt = tilt::estimate(views, field.as_ref()).ok_or_else(none)?;
+    let tilt = field::estimate_tilt(views, field.as_ref()).ok_or_else(none)?;
     let field = match tilt.slope_mm {
         Some(slope_mm) => Some(field.unwrap_or_else(|| DepthField::zero(over)).with_linear_term(slope_mm)),
         None => field,
@@ -116,7 +104,302 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
         covered_share: parts.covered_share(),
         parts,
         depths_mm: [depths.clone().fold(f64::INFINITY, f64::min), depths.fold(0.0, f64::max)],
-        turned_deg: gate::turned_deg(views),
+        turned_deg: turned_deg(views),
         residuals_mm: residuals,
     })
+}
+
+/// The measured errors of a camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScannerErrors {
+    /// White noise of a pixel at the reference depth, standard deviation, mm.
+    pub white_mm: f64,
+    /// The smooth error of one scan, after the correction if there is one: standard deviation, mm.
+    pub smooth_mm: f64,
+    /// Side of the squares within which the smooth error is the same, mm.
+    pub correlation_mm: f64,
+    /// The 95 % interval of `correlation_mm`, mm.
+    pub correlation_interval_mm: [f64; 2],
+    /// The longest length that the boards can show, their diagonal, mm.
+    pub board_mm: f64,
+    /// The rms deviation from the plane in scans that were left out, without a correction, mm.
+    pub left_out_uncorrected_mm: f64,
+    /// The rms deviation in left-out scans with the correction from the other scans, mm; `None` if the correction is
+    /// not better.
+    pub left_out_corrected_mm: Option<f64>,
+    /// The correction; `None` if no error is the same in each scan.
+    pub field: Option<DepthField>,
+    /// The correction's largest amount at the reference depth, at the positions of boards, mm.
+    pub max_field_mm: f64,
+    /// Bow of the board over half of its diagonal, mm.
+    pub bow_mm: f64,
+    /// The ratio of measured to printed distances, minus one, percent: the mean over scans.
+    pub scale_percent: f64,
+    /// Standard deviation of the scale from scan to scan beyond what the smooth error explains, percent.
+    pub scale_deviation_percent: f64,
+    /// The parts of the picture.
+    pub parts: PictureParts,
+    /// Share of the picture in which at least two scans show the board.
+    pub covered_share: f64,
+    /// Depths of the boards' middles, least and greatest, mm.
+    pub depths_mm: [f64; 2],
+    /// The largest difference of the board's rotations in its plane, degrees.
+    pub turned_deg: f64,
+    /// The rms residual of the board's plane after the correction, for each scan, mm.
+    pub residuals_mm: Vec<f64>,
+}
+
+/// Minimum number of scans, each with the board at another position: fewer give no information on a working volume.
+pub const MIN_BOARD_POSITIONS: usize = 8;
+/// Maximum bow of a calibration board, mm.
+const MAX_BOW_MM: f64 = 0.5;
+/// Minimum share of the picture in which at least two scans show the board.
+const MIN_COVERED_SHARE: f64 = 0.6;
+/// Minimum ratio of the largest depth to the smallest.
+const DEPTHS: f64 = 1.15;
+/// Minimum rotation of the board in its plane, degrees: with less, the board's bow is mistaken for an error of the
+/// camera.
+const MIN_BOARD_ROTATION_DEG: f64 = 40.0;
+/// Limits of the smooth error, mm: beyond the first a person must look, beyond the second the camera is not used.
+const SMOOTH_MM: [f64; 2] = [0.3, 1.0];
+/// If distances are longer or shorter by more than this, a person must look, percent.
+const SCALE_PERCENT: f64 = 0.3;
+/// A board shows lengths up to this share of its diagonal: a plane through it absorbs longer ones.
+const MAX_SHOWN_LENGTH_SHARE: f64 = 0.8;
+
+/// Returns every number that is judged.
+pub fn checks(found: &ScannerErrors) -> Vec<Check> {
+    let [review_mm, reject_mm] = SMOOTH_MM;
+    let is_bad = found.smooth_mm > reject_mm;
+    let smooth = Check::new("smooth error of a scan", "mm", found.smooth_mm)
+        .with_max(if is_bad { reject_mm } else { review_mm }, LimitSource::Program);
+    let words = || {
+        let [is, most] = distinguishable_texts(found.smooth_mm, if is_bad { reject_mm } else { review_mm }, 2);
+        format!(
+            "scans of a flat board deviate from a plane by {is} mm, differently in each scan (limit {most} mm); \
+             warm up the camera, check its exposure, and have it calibrated by its manufacturer"
+        )
+    };
+    let smooth =
+        if is_bad { smooth.or_reject("scanner_smooth", words) } else { smooth.reviews("scanner_smooth", words) };
+    vec![
+        smooth,
+        Check::new("share of the picture in which two scans have the board", "%", 100.0 * found.covered_share)
+            .with_min(100.0 * MIN_COVERED_SHARE, LimitSource::Program)
+            .reviews("scanner_covered", || {
+                let [is, least] = distinguishable_texts(100.0 * found.covered_share, 100.0 * MIN_COVERED_SHARE, 0);
+                format!(
+                    "the board covers {is} % of the picture, at least {least} % are needed; hold the board in the \
+                     corners of the picture, too"
+                )
+            }),
+        Check::new("farthest over nearest place of the board", "", found.depths_mm[1] / found.depths_mm[0])
+            .with_min(DEPTHS, LimitSource::Program)
+            .reviews("scanner_depths", || {
+                let [is, least] = distinguishable_texts(found.depths_mm[1] / found.depths_mm[0], DEPTHS, 2);
+                format!(
+                    "the farthest board is {is} times as far away as the nearest, at least {least} times is \
+                     needed; hold the board nearer and farther"
+                )
+            }),
+        Check::new("the board's turns in its plane", "°", found.turned_deg)
+            .with_min(MIN_BOARD_ROTATION_DEG, LimitSource::Program)
+            .reviews("scanner_turned", || {
+                let [is, least] = distinguishable_texts(found.turned_deg, MIN_BOARD_ROTATION_DEG, 0);
+                format!(
+                    "the board was turned by {is}° in its plane, at least {least}° are needed: otherwise its own \
+                     bow counts as an error of the camera; turn the board upright in some scans"
+                )
+            }),
+        Check::new("the board's bow", "mm", found.bow_mm).with_max(MAX_BOW_MM, LimitSource::Program).reviews(
+            "scanner_board",
+            || {
+                let [is, most] = distinguishable_texts(found.bow_mm, MAX_BOW_MM, 2);
+                format!("the board is bowed by {is} mm (limit {most} mm); use a stiff board")
+            },
+        ),
+        Check::new("scale of distances", "%", found.scale_percent.abs())
+            .with_max(SCALE_PERCENT, LimitSource::Program)
+            .reviews("scanner_scale", || {
+                let [is, most] = distinguishable_texts(found.scale_percent.abs(), SCALE_PERCENT, 2);
+                format!(
+                    "distances on the board are off by {is} % (limit {most} %); measure the board's squares, and \
+                     have the camera calibrated by its manufacturer"
+                )
+            }),
+        Check::new("length over which the smooth error is alike", "mm", found.correlation_mm)
+            .with_max(MAX_SHOWN_LENGTH_SHARE * found.board_mm, LimitSource::Program)
+            .reviews("scanner_board_small", || {
+                let [is, most] =
+                    distinguishable_texts(found.correlation_mm, MAX_SHOWN_LENGTH_SHARE * found.board_mm, 0);
+                format!(
+                    "the smooth error is correlated over {is} mm, but boards of this size reveal at most {most} \
+                     mm; use a larger board"
+                )
+            }),
+    ]
+}
+
+/// Returns the largest angle between two rotations of the board, 0 to 90°: a bow looks the same after a rotation by
+/// 180°.
+fn turned_deg(views: &[PlaneView]) -> f64 {
+    let between = |a: f64, b: f64| {
+        let off = (a - b).rem_euclid(180.0);
+        off.min(180.0 - off)
+    };
+    let pairs = views.iter().flat_map(|a| views.iter().map(move |b| between(a.turn_deg, b.turn_deg)));
+    pairs.fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    //! Scans of a rendered board by a camera with known errors.
+
+    use super::*;
+    use crate::calib::Board;
+    use panelprep_base::geometry::{Camera, OrganizedCloud, PinholeCamera};
+    use panelprep_sim::{BoardCell, BoardPrint, RobotNoise, ScannerDistortion};
+    use rayon::prelude::*;
+
+    const STILL: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
+
+    fn over(camera: &PinholeCamera) -> FieldRectangle {
+        direction_rectangle(camera).expect("rays")
+    }
+
+    /// Returns a camera's scans of a board, some of them far away and in the picture's corners.
+    fn views(seed: u64, count: usize, distortion: &ScannerDistortion) -> (Vec<PlaneView>, PinholeCamera) {
+        views_at_scale(seed, count, distortion, |_| 0.0)
+    }
+
+    /// Returns the scans of a camera with distances that are too long, by a fraction that `scale` gives for each scan.
+    fn views_at_scale(
+        seed: u64,
+        count: usize,
+        distortion: &ScannerDistortion,
+        scale: impl Fn(u64) -> f64 + Sync,
+    ) -> (Vec<PlaneView>, PinholeCamera) {
+        views_by(seed, count, distortion, |index, cloud| cloud.scaled_along_rays(|_| 1.0 + scale(index)))
+    }
+
+    /// Returns the same scans as `views` from a camera that applies this change to each of its scans.
+    fn views_by(
+        seed: u64,
+        count: usize,
+        distortion: &ScannerDistortion,
+        scanned: impl Fn(u64, OrganizedCloud<Camera>) -> OrganizedCloud<Camera> + Sync,
+    ) -> (Vec<PlaneView>, PinholeCamera) {
+        let print = BoardPrint::chessboard(8, 6, 30.0);
+        let cell = BoardCell::new(seed, print, STILL).with_reduction(4);
+        let board = Board::parse("8x6", 30.0).expect("a board");
+        let camera = cell.scanner();
+        let views = cell
+            .scanner_shots(count)
+            .par_iter()
+            .map(|shot| {
+                let corners = cell.corners(&camera, shot, 0.05);
+                let cloud: OrganizedCloud<Camera> = scanned(shot.index, cell.real_scan(shot, distortion));
+                let scan = BoardScan { cloud: &cloud, camera: &camera, board: &board, corners: &corners };
+                PlaneView::from_scan(&scan).expect("a board")
+            })
+            .collect();
+        (views, camera)
+    }
+
+    /// Returns the remainder of the true error at the positions of boards, without the part that turns planes into planes:
+    /// rms, mm.
+    fn left_mm(found: &ScannerErrors, distortion: &ScannerDistortion, views: &[PlaneView]) -> [f64; 2] {
+        let of = |value: &dyn Fn([f64; 2]) -> f64| {
+            let blocks = views.iter().flat_map(|view| &view.blocks);
+            let all: Vec<([f64; 2], f64)> = blocks.map(|block| (block.direction, value(block.direction))).collect();
+            let linear = plane_view::fit_plane(all.iter().copied()).expect("a plane");
+            field::rms(&all.iter().map(|(at, mm)| mm - plane_view::value_at(&linear, *at)).collect::<Vec<_>>())
+        };
+        let field = found.field.expect("a correction");
+        [of(&|at| distortion.distortion_at_mm(at)), of(&|at| distortion.distortion_at_mm(at) - field.at_mm(at))]
+    }
+
+    #[test]
+    fn what_is_the_same_each_time_is_found() {
+        let distortion = ScannerDistortion::new(5, 1.0);
+        let (views, camera) = views(7, 16, &distortion);
+        let found = measure(&views, over(&camera)).expect("measured");
+        println!("{found:?}");
+        let [before_mm, after_mm] = left_mm(&found, &distortion, &views);
+        println!("true error {before_mm:.3} mm rms, after the correction {after_mm:.3} mm");
+        assert!(before_mm > 0.1 && after_mm < 0.25 * before_mm, "{before_mm} {after_mm}");
+        let corrected_mm = found.left_out_corrected_mm.expect("better");
+        assert!(corrected_mm < 0.6 * found.left_out_uncorrected_mm);
+        assert!((found.white_mm - 0.055).abs() < 0.008, "{}", found.white_mm);
+    }
+
+    #[test]
+    fn nothing_is_corrected_where_nothing_is_the_same() {
+        let none = ScannerDistortion::new(5, 0.0);
+        let (views, camera) = views(11, 12, &none);
+        let found = measure(&views, over(&camera)).expect("measured");
+        println!("{found:?}");
+        assert_eq!((found.field, found.left_out_corrected_mm), (None, None));
+        assert!(found.scale_percent.abs() < 0.1 && found.bow_mm == 0.0, "{found:?}");
+        let few = measure(&views[..7], over(&camera)).expect_err("few").to_string();
+        assert!(few.contains("7 scans") && few.contains("8 are needed"), "{few}");
+    }
+
+    /// A depth error of 1 mm for each unit of the direction leaves boards flat: only the distances on the boards show
+    /// it.
+    #[test]
+    fn what_turns_planes_into_planes_is_found_by_distances() {
+        let bent = ScannerDistortion::new(5, 0.0);
+        let tilted = |cloud: OrganizedCloud<Camera>| {
+            cloud.scaled_along_rays(|[x, _, z]| {
+                1.0 / (1.0 - z * (x / z) / panelprep_base::geometry::REFERENCE_DEPTH_MM.powi(2))
+            })
+        };
+        let (views, camera) = views_by(7, 16, &bent, |_, cloud| tilted(cloud));
+        let found = measure(&views, over(&camera)).expect("measured");
+        let field = found.field.expect("a correction");
+        let slope_mm = [[0.2, 0.0], [0.0, 0.2]].map(|at| (field.at_mm(at) - field.at_mm([0.0, 0.0])) / 0.2);
+        println!("{slope_mm:?} {found:?}");
+        assert!((slope_mm[0] - 1.0).abs() < 0.2 && slope_mm[1].abs() < 0.2, "{slope_mm:?}");
+    }
+
+    /// By hand: alternating scale errors of 0.15 % and 0.05 % have a mean of 0.1 %, and each differs from it by 0.05 %.
+    /// The fit's two terms absorb a part of that. The effect of the smooth error alone on distances does not count.
+    #[test]
+    fn scale_from_scan_to_scan_is_distinguished_from_the_smooth_error() {
+        let none = ScannerDistortion::new(5, 0.0);
+        let mut alike: Vec<f64> = Vec::new();
+        for seed in 30..34 {
+            let (views, camera) = views(seed, 12, &none);
+            alike.push(measure(&views, over(&camera)).expect("measured").scale_deviation_percent);
+            let (views, camera) =
+                views_at_scale(seed, 12, &none, |index| if index % 2 == 0 { 0.0015 } else { 0.0005 });
+            let found = measure(&views, over(&camera)).expect("measured");
+            println!("{alike:?} {} {}", found.scale_percent, found.scale_deviation_percent);
+            assert!((found.scale_percent - 0.1).abs() < 0.02, "{}", found.scale_percent);
+            assert!((found.scale_deviation_percent - 0.052).abs() < 0.015, "{}", found.scale_deviation_percent);
+        }
+        assert!(alike.iter().all(|percent| *percent < 0.02), "{alike:?}");
+    }
+
+    /// The mean of the smooth error over a large area depends only on its size times its length. Calculated by hand for
+    /// the simulator's 0.06 mm rms at the nodes of a lattice of 50 to 85 mm: a node weighs a cell, so that the product
+    /// is 0.06 · √(mean of the cells' areas) = 0.06 · 68.2 = 4.1 mm².
+    #[test]
+    fn size_and_length_of_the_smooth_error_are_the_simulators() {
+        let none = ScannerDistortion::new(5, 0.0);
+        let products: Vec<f64> = (20..26)
+            .map(|seed| {
+                let (views, camera) = views(seed, 12, &none);
+                let found = measure(&views, over(&camera)).expect("measured");
+                println!(
+                    "{:.4} mm over {} mm, {:?}",
+                    found.smooth_mm, found.correlation_mm, found.correlation_interval_mm
+                );
+                found.smooth_mm * found.correlation_mm
+            })
+            .collect();
+        let mean = products.iter().sum::<f64>() / products.len() as f64;
+        assert!((mean - 4.1).abs() < 0.6, "{mean} {products:?}");
+    }
 }

@@ -1,20 +1,30 @@
-//! A scan of the flat board, reduced to blocks, each with a robust mean of 1/z and the deviation of a pixel from
-//! it.
+//! A scan of the flat board, reduced to blocks, each with a robust mean of 1/z and the deviation of a pixel from it;
+//! and for the parts of the camera's picture, how many scans show the board there and the residuals of its plane.
+//!
+//! A plane in front of the camera has a 1/z that is linear in (1, x, y). It is fitted by least squares.
 
 use super::super::board::{Board, Corners};
-use super::super::chain::BoardObservation;
+use super::super::chain::{BoardObservation, board_pose};
 use super::super::detect;
 use super::super::error::CalibError;
-use super::super::pose::board_pose;
-use super::block::Block;
-use super::plane;
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 use panelprep_base::geometry::statistics::SIGMA_OF_MEDIAN;
 use panelprep_base::geometry::{
-    Camera, DepthField, OrganizedCloud, PinholeCamera, Point, REFERENCE_DEPTH_MM, median_in_place,
+    Camera, DepthField, FieldRectangle, OrganizedCloud, PinholeCamera, Point, REFERENCE_DEPTH_MM, median_in_place,
 };
 use panelprep_base::number_text::fixed_decimals;
 use std::collections::BTreeMap;
+
+/// A block of the board's points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Block {
+    /// The block's direction, (X/Z, Y/Z).
+    pub direction: [f64; 2],
+    /// The block's position on the board, from the board's middle, mm.
+    pub position_mm: [f64; 2],
+    /// 1/z, 1/mm.
+    pub per_depth: f64,
+}
 
 /// Number of blocks along each side of the board.
 const BLOCKS: usize = 16;
@@ -95,9 +105,8 @@ impl PlaneView {
             )
         };
         let found = fit_robust_plane(&samples).ok_or_else(few)?;
-        let off_mm = |sample: &Sample| {
-            -(sample.per_depth - plane::value_at(&found, sample.direction)) / sample.per_depth.powi(2)
-        };
+        let off_mm =
+            |sample: &Sample| -(sample.per_depth - value_at(&found, sample.direction)) / sample.per_depth.powi(2);
         let mut by_block: Vec<Vec<&Sample>> = (0..BLOCKS * BLOCKS).map(|_| Vec::new()).collect();
         samples.iter().for_each(|sample| by_block[sample.block].push(sample));
         let mut counts: Vec<f64> =
@@ -110,7 +119,7 @@ impl PlaneView {
             let Some(middle_mm) = median_in_place(&mut off) else { continue };
             let mean = |value: fn(&Sample) -> f64| all.iter().map(|one| value(one)).sum::<f64>() / all.len() as f64;
             let direction = [mean(|one| one.direction[0]), mean(|one| one.direction[1])];
-            let on_plane = plane::value_at(&found, direction);
+            let on_plane = value_at(&found, direction);
             apart.extend(
                 all.iter()
                     .map(|one| (off_mm(one) - middle_mm).abs() * (one.per_depth * REFERENCE_DEPTH_MM).powi(2)),
@@ -246,11 +255,139 @@ fn samples(
 /// Returns the plane through most of the points.
 fn fit_robust_plane(samples: &[Sample]) -> Option<Vector3<f64>> {
     let all = || samples.iter().map(|one| (one.direction, one.per_depth));
-    let mut found = plane::fit(all())?;
+    let mut found = fit_plane(all())?;
     for _ in 0..2 {
-        let off = |(direction, per_depth): ([f64; 2], f64)| (per_depth - plane::value_at(&found, direction)).abs();
+        let off = |(direction, per_depth): ([f64; 2], f64)| (per_depth - value_at(&found, direction)).abs();
         let most = 4.0 * SIGMA_OF_MEDIAN * median_in_place(&mut all().map(off).collect::<Vec<f64>>())?;
-        found = plane::fit(all().filter(|one| off(*one) <= most))?;
+        found = fit_plane(all().filter(|one| off(*one) <= most))?;
     }
     Some(found)
+}
+
+/// Returns the coefficients of 1, x and y through these values; `None` if the directions determine none.
+pub(super) fn fit_plane(values: impl IntoIterator<Item = ([f64; 2], f64)>) -> Option<Vector3<f64>> {
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for ([x, y], value) in values {
+        let row = Vector3::new(1.0, x, y);
+        normal += row * row.transpose();
+        right += row * value;
+    }
+    normal.cholesky().map(|found| found.solve(&right))
+}
+
+/// Returns the plane's value at a direction.
+pub(super) fn value_at(plane: &Vector3<f64>, [x, y]: [f64; 2]) -> f64 {
+    plane.dot(&Vector3::new(1.0, x, y))
+}
+
+/// Returns the changes of these blocks' depths for a change of each coefficient, mm.
+pub(super) fn depths(blocks: &[Block]) -> DMatrix<f64> {
+    DMatrix::from_fn(blocks.len(), 3, |row, column| {
+        let Block { direction: [x, y], per_depth, .. } = blocks[row];
+        [1.0, x, y][column] / per_depth.powi(2)
+    })
+}
+
+/// Removes every linear combination of a few columns.
+pub(super) struct Projection(DMatrix<f64>);
+
+impl Projection {
+    /// Makes the projection that removes these columns.
+    pub fn orthogonal_to(columns: DMatrix<f64>) -> Self {
+        Projection(columns.qr().q())
+    }
+
+    /// Returns the residual of each column.
+    pub fn residual_of(&self, values: &DMatrix<f64>) -> DMatrix<f64> {
+        values - &self.0 * (self.0.transpose() * values)
+    }
+
+    /// Returns the trace of a covariance that remains after the projection.
+    pub fn projected_trace(&self, covariance: &DMatrix<f64>) -> f64 {
+        covariance.trace() - (self.0.transpose() * covariance * &self.0).trace()
+    }
+}
+
+/// Number of parts of the picture, across and down.
+const PARTS: [usize; 2] = [8, 6];
+/// Fewer scans in a part give no information on it.
+pub const MIN_SCANS: usize = 2;
+
+/// One part.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PicturePart {
+    /// The direction of the part's middle, (X/Z, Y/Z).
+    pub direction: [f64; 2],
+    /// Number of scans that show the board there.
+    pub scans: usize,
+    /// Deviation of left-out scans from a plane there, rms, mm, after the correction if there is one; NaN without
+    /// scans.
+    pub residual_mm: f64,
+}
+
+/// All parts of a picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PictureParts {
+    rectangle: FieldRectangle,
+    parts: Vec<PicturePart>,
+}
+
+impl PictureParts {
+    /// Returns the parts of a picture with these directions; `residuals_mm` are those of each view's blocks.
+    pub(super) fn from_views(views: &[PlaneView], residuals_mm: &[Vec<f64>], over: FieldRectangle) -> Self {
+        let mut scans = vec![0_usize; PARTS[0] * PARTS[1]];
+        let mut sums = vec![(0.0, 0.0); scans.len()];
+        for (view, residuals_mm) in views.iter().zip(residuals_mm) {
+            let mut is_here = vec![false; scans.len()];
+            for (block, residual_mm) in view.blocks.iter().zip(residuals_mm) {
+                if let Some(part) = part(block.direction, &over) {
+                    is_here[part] = true;
+                    let (squares, count) = sums[part];
+                    sums[part] = (squares + residual_mm * residual_mm, count + 1.0);
+                }
+            }
+            scans.iter_mut().zip(is_here).for_each(|(scans, is_here)| *scans += usize::from(is_here));
+        }
+        let middle = |index: usize, axis: usize| {
+            let share = (index as f64 + 0.5) / PARTS[axis] as f64;
+            over.min[axis] + share * (over.max[axis] - over.min[axis])
+        };
+        let all = scans.into_iter().zip(sums).enumerate();
+        let parts = all.map(|(index, (scans, (squares, count)))| PicturePart {
+            direction: [middle(index % PARTS[0], 0), middle(index / PARTS[0], 1)],
+            scans,
+            residual_mm: (squares / count).sqrt(),
+        });
+        PictureParts { parts: parts.collect(), rectangle: over }
+    }
+
+    /// Row by row.
+    pub fn iter(&self) -> impl Iterator<Item = &PicturePart> {
+        self.parts.iter()
+    }
+
+    /// Returns the part with this direction; `None` outside of the picture.
+    pub fn part_at(&self, direction: [f64; 2]) -> Option<&PicturePart> {
+        self.parts.get(part(direction, &self.rectangle)?)
+    }
+
+    /// Returns the share of the parts in which enough scans show the board.
+    pub(super) fn covered_share(&self) -> f64 {
+        self.iter().filter(|part| part.has_enough_scans()).count() as f64 / self.parts.len() as f64
+    }
+}
+
+impl PicturePart {
+    /// Returns whether enough scans show the board in this part.
+    pub fn has_enough_scans(&self) -> bool {
+        self.scans >= MIN_SCANS
+    }
+}
+
+fn part(direction: [f64; 2], over: &FieldRectangle) -> Option<usize> {
+    let share = |axis: usize| {
+        let share = (direction[axis] - over.min[axis]) / (over.max[axis] - over.min[axis]);
+        (0.0..1.0).contains(&share).then(|| (share * PARTS[axis] as f64) as usize)
+    };
+    Some(share(1)? * PARTS[0] + share(0)?)
 }

@@ -5,5 +5,4 @@ mod hand_eye;
 mod lenses;
 mod robot;
 mod subsets;
-mod three_points;
 mod wrong_inputs;
