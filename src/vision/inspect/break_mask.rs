@@ -9,9 +9,9 @@
 //! than a break, together with the places beside it. A small wet place within a break is a bead of water on grease and
 //! not a film; it belongs to the break.
 
-use super::film::NOT_BROKEN;
 use super::footprint::Window;
 use super::model::{FILM_ASSUMED, FILM_POWER, Model, REFLECTION_TIME_S};
+use super::thesis::NOT_BROKEN;
 use panelprep_base::geometry::{ALL_NEIGHBOURS, DIRECT_NEIGHBOURS};
 use std::collections::{BTreeSet, VecDeque};
 use std::f64::consts::PI;

@@ -1,17 +1,25 @@
 //! The end of the test: computes breaks, grids and a verdict from the history of every pixel.
+//!
+//! Breaks are the connected pieces of the broken film, each with its contour (thesis Fig. 4.17).
+//!
+//! Places that were already wet in the dry picture cannot be judged. Water that remained from rinsing darkens a place
+//! in the dry picture as a film does. Later the place is as bright as it was in that picture, like a place on which no
+//! water stays. The two differ in the dry picture. A place that was never wet was as bright as its surroundings. A wet
+//! place was darker: its ratio to the brightness of its surroundings was closer to τ than to 1.
 
 use super::InspectError;
 use super::break_mask::{FeatureSizes, FinalMask, ModelObservations, break_ratio_range, determine_breaks};
-use super::film::NOT_BROKEN;
-use super::footprint::Footprint;
+use super::footprint::{Footprint, Window};
 use super::gate::{JudgedFilm, judge};
-use super::initially_wet::{DrynessInputs, initially_wet_pixels};
 use super::observed::{ComparisonReference, GridInspection, Observation};
-use super::pieces::{Break, breaks};
 use super::sanded::SandedPlaces;
+use super::thesis::NOT_BROKEN;
 use super::watch::FilmWatch;
-use panelprep_base::geometry::Mask;
+use panelprep_base::geometry::{ALL_NEIGHBOURS, Mask, Pixel};
 use panelprep_base::verdict::{Check, Judgement};
+use panelprep_cell::imaging;
+use panelprep_cell::imaging::{ImagingError, outer_contours};
+use panelprep_cell::panel::GridId;
 use std::f64::consts::PI;
 
 /// Area of the smallest sanding disc, mm²: 25 mm in diameter.
@@ -219,5 +227,159 @@ impl Inspection {
     pub fn break_time_s(&self, column: usize, row: usize) -> Option<f64> {
         let time = self.since_wet_s[self.footprint.window_index(column, row)?];
         (time < NOT_BROKEN).then_some(f64::from(time))
+    }
+}
+
+/// One connected piece of broken film.
+#[derive(Debug, Clone)]
+pub struct Break {
+    /// Its surface, mm².
+    pub area_mm2: f64,
+    /// Time at which the first pixel of the break broke, s after the first fully wet picture.
+    pub first_seen_s: f64,
+    /// The fraction of the break over which the film had closed again at the end, 0…1.
+    pub closed_share: f64,
+    /// The grids in which the break lies, row by row.
+    pub grids: Vec<GridId>,
+    /// The outer contour of the break in the picture, px.
+    pub contour_px: Vec<Pixel>,
+}
+
+/// A break counts as closed again if at least this fraction of its area is closed.
+const CLOSED_SHARE: f64 = 0.8;
+
+impl Break {
+    /// Returns whether the film had closed over the break again at the end.
+    pub fn has_closed_again(&self) -> bool {
+        self.closed_share >= CLOSED_SHARE
+    }
+}
+
+/// Returns the breaks of a window, largest first. A piece without any surface is not a break.
+pub fn breaks(
+    footprint: &Footprint,
+    since_wet_s: &[f32],
+    is_closed: impl Fn(usize) -> bool,
+) -> Result<Vec<Break>, ImagingError> {
+    let window = footprint.window();
+    let inside = since_wet_s.iter().map(|&time| time < NOT_BROKEN).collect();
+    let pieces = imaging::connected_pieces(&Mask { width: window.width, height: window.height, inside }, true)?;
+    let mut breaks = Vec::with_capacity(pieces.len());
+    for piece in &pieces {
+        let mut area_mm2 = vec![0.0; footprint.grids().len()];
+        piece.iter().for_each(|&index| footprint.add_area(index, &mut area_mm2));
+        let touched = footprint.grids().iter().zip(&area_mm2).filter(|(_, area)| **area > 0.0);
+        breaks.push(Break {
+            area_mm2: area_mm2.iter().sum(),
+            first_seen_s: piece.iter().map(|&index| since_wet_s[index]).fold(NOT_BROKEN, f32::min).into(),
+            closed_share: piece.iter().filter(|&&index| is_closed(index)).count() as f64 / piece.len() as f64,
+            grids: touched.map(|(grid, _)| grid.id).collect(),
+            contour_px: contour(footprint, piece)?,
+        });
+    }
+    breaks.retain(|found| found.area_mm2 > 0.0);
+    breaks.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    Ok(breaks)
+}
+
+/// Returns the outer contour of a single piece. If all pieces were traced together, a piece in the hole of another
+/// piece would have no outer contour.
+fn contour(footprint: &Footprint, piece: &[usize]) -> Result<Vec<Pixel>, ImagingError> {
+    let places = || piece.iter().map(|&index| footprint.pixel_position(index));
+    let (left, right) = min_and_max(places().map(|(column, _)| column));
+    let (top, bottom) = min_and_max(places().map(|(_, row)| row));
+    let mut mask = Mask::all_outside(right - left + 1, bottom - top + 1);
+    for (column, row) in places() {
+        mask.inside[(row - top) * mask.width + column - left] = true;
+    }
+    let outer = outer_contours(&mask)?.into_iter().next().unwrap_or_default();
+    Ok(outer.into_iter().map(|pixel| Pixel::at(pixel.u + left as f64, pixel.v + top as f64)).collect())
+}
+
+fn min_and_max(values: impl Iterator<Item = usize>) -> (usize, usize) {
+    values.fold((usize::MAX, 0), |(low, high), value| (low.min(value), high.max(value)))
+}
+
+/// Fewer connected pixels are noise.
+const MIN_PIECE_PX: usize = 4;
+/// The surroundings of a place lie at this distance from it, pixels: beyond a drop's soft edge.
+const SURROUNDING_DISTANCE_PX: std::ops::RangeInclusive<usize> = 4..=9;
+/// Fraction of a place's pixels that must not have been wet in any picture.
+const MIN_NEVER_WET: f64 = 0.5;
+
+/// The data of the window's pixels.
+pub struct DrynessInputs<'a> {
+    /// Whether the pixel broke, or was not wet in any picture.
+    pub is_suspect: &'a dyn Fn(usize) -> bool,
+    /// Whether the pixel is evaluated and was not wet in any picture.
+    pub never_wet: &'a dyn Fn(usize) -> bool,
+    /// Whether the pixel is evaluated.
+    pub sees: &'a dyn Fn(usize) -> bool,
+    /// Dry brightness of a place.
+    pub dry: &'a dyn Fn(usize) -> f64,
+    /// The ratio of the brightness under a film to the dry brightness.
+    pub film: f64,
+}
+
+/// Returns the pixels that were already wet when the panel should have been dry.
+pub fn initially_wet_pixels(window: &Window, known: &DrynessInputs<'_>) -> Vec<usize> {
+    let was_wet = |piece: &Vec<usize>| {
+        let never_wet = piece.iter().filter(|i| (known.never_wet)(**i)).count() as f64;
+        piece.len() >= MIN_PIECE_PX
+            && never_wet >= MIN_NEVER_WET * piece.len() as f64
+            && mean(&surrounding_pixels(window, piece, known), known.dry)
+                .zip(mean(piece, known.dry))
+                // Halfway between the look of the dry surroundings and of a film over them: nearer to a film than to
+                // dry.
+                .is_some_and(|(around, own)| own < around * (1.0 + known.film) / 2.0)
+    };
+    window
+        .raster()
+        .connected_pieces(&ALL_NEIGHBOURS, known.is_suspect)
+        .into_iter()
+        .filter(was_wet)
+        .flatten()
+        .collect()
+}
+
+fn mean(pixels: &[usize], of: impl Fn(usize) -> f64) -> Option<f64> {
+    (!pixels.is_empty()).then(|| pixels.iter().map(|&i| of(i)).sum::<f64>() / pixels.len() as f64)
+}
+
+fn surrounding_pixels(window: &Window, piece: &[usize], known: &DrynessInputs<'_>) -> Vec<usize> {
+    let mut reached: std::collections::BTreeSet<usize> = piece.iter().copied().collect();
+    let (mut rim, mut found) = (piece.to_vec(), Vec::new());
+    for away_px in 1..=*SURROUNDING_DISTANCE_PX.end() {
+        let next: Vec<usize> = rim.iter().flat_map(|&i| window.raster().neighbours(i, &ALL_NEIGHBOURS)).collect();
+        rim = next.into_iter().filter(|&i| reached.insert(i)).collect();
+        if SURROUNDING_DISTANCE_PX.contains(&away_px) {
+            // Another drop beside it would make the surroundings look wet as well, and this one unsuspicious.
+            found.extend(rim.iter().copied().filter(|&i| (known.sees)(i) && !(known.is_suspect)(i)));
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WINDOW: Window = Window { left: 0, top: 0, width: 40, height: 40 };
+
+    /// By hand, τ = 0.6: a place of 6 × 6 px is darker than its surroundings by more or less than (1 + 0.6)/2 = 0.8.
+    #[test]
+    fn a_dark_place_was_wet_and_a_bright_one_never_was() {
+        let place = |i: usize| (17..23).contains(&(i % 40)) && (17..23).contains(&(i / 40));
+        let found = |own: f64, never_wet: &dyn Fn(usize) -> bool| {
+            let dry = |i: usize| if place(i) { own } else { 100.0 };
+            let known = DrynessInputs { is_suspect: &place, never_wet, sees: &|_| true, dry: &dry, film: 0.6 };
+            initially_wet_pixels(&WINDOW, &known).len()
+        };
+        assert_eq!([79.0, 81.0, 100.0].map(|own| found(own, &place)), [36, 0, 0]);
+        assert_eq!(
+            found(60.0, &|i| place(i) && i % 40 < 19),
+            0,
+            "most of it was wet later: it is a film that broke"
+        );
     }
 }

@@ -6,17 +6,17 @@
 //! outranks fail, since a verdict from an incomplete test would name only some of the grids. The test fails if the
 //! film broke on a grid. Grids that the recipe masks are not part of the test: a mask hides no break elsewhere, and
 //! masked grids do not pass. A break is always listed in the reasons.
+//!
+//! Two checks are made before any film runs: whether the panel is at its pose, and whether the pixels are fine enough.
 
-mod flaws;
 #[cfg(test)]
 mod tests;
 
 use super::observed::{ComparisonReference, Demands, GridInspection, Observation};
-use super::place::{MAX_OFF_PX, displaced_panel_reason, too_coarse};
-use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS};
-use flaws::{describe_flaw, worst_flaw};
+use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, Quality};
+use super::steady::MIN_OUTLINE_SEEN_PERCENT;
 use panelprep_base::number_text::distinguishable_texts;
-use panelprep_base::verdict::{Check, Judgement, Limit, LimitSource, Severity, Verdict};
+use panelprep_base::verdict::{Check, Judgement, Limit, LimitSource, Reason, Severity, Verdict};
 use panelprep_cell::recipe;
 
 /// A film must change the panel by at least this many times the clip's noise: the bound between wet and dry is at
@@ -303,4 +303,105 @@ fn describe_broken(min_break_mm2: f64, grids: &[GridInspection]) -> String {
         })
         .collect();
     format!("the film broke on {}; a grid fails from {min_break_mm2:.1} mm²", failed.join(", "))
+}
+
+/// Largest accepted distance of the panel's outline in the dry picture from its position calculated from the pose, px.
+/// If the panel is in place, the distance is a few tenths of a pixel, from the errors of pose and calibration.
+pub const MAX_OFF_PX: f64 = 1.5;
+
+/// Returns a reason if breaks that must fail a grid may be missed: the smallest break that is surely found is
+/// larger than the smallest break that fails a grid.
+pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason> {
+    // If a value is NaN, the limit is not met.
+    let is_fine = detection_limit_mm2 <= min_break_mm2;
+    (!is_fine).then(|| {
+        let message = format!(
+            "the smallest break that is reliably detected is {detection_limit_mm2:.1} mm², but a grid fails from \
+             {min_break_mm2:.1} mm² of broken film, so smaller breaks may be missed: bring the camera nearer, use \
+             all of its pixels, or, if the process allows it, state a larger min_break_mm2 in the recipe's \
+             [inspect]"
+        );
+        Reason::new("detection_limit", message)
+    })
+}
+
+/// Returns the reason if the panel is not at the place where the grids are looked for.
+pub fn displaced_panel_reason(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Option<Reason> {
+    let message = match off_px {
+        Some(off_px) if off_px <= MAX_OFF_PX => return None,
+        None if !assumed || !has_dry => return None,
+        None => "the panel is assumed to be in its nominal pose, but the dry picture cannot confirm it, because \
+                 the panel's outline has too little contrast"
+            .to_owned(),
+        Some(off_px) => {
+            let taken = if assumed { "its assumed nominal position" } else { "its located position" };
+            let [off, allowed] = distinguishable_texts(off_px, MAX_OFF_PX, 1);
+            format!(
+                "in the dry picture the panel's outline lies {off} px or more from {taken} (limit {allowed} px), \
+                 so the wrong areas would be judged"
+            )
+        }
+    };
+    let remedy =
+        if assumed { "state --located with the output of `panelprep locate`" } else { "locate the panel again" };
+    Some(Reason::new("elsewhere", format!("{message}: {remedy}")))
+}
+
+/// Returns the flaw that most pictures have; if several have the same number, the first of them.
+fn worst_flaw(quality: &Quality) -> (Flaw, Flawed) {
+    Flaw::ALL.iter().copied().zip(quality.flawed).fold((Flaw::Darker, Flawed::default()), |most, found| {
+        if found.1.pictures > most.1.pictures { found } else { most }
+    })
+}
+
+/// Describes a flaw: the worst measured value and the limit.
+fn describe_flaw(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::Inspect) -> String {
+    let [darker_percent, brighter_percent] = observation.light_limits_percent(settings);
+    let (limit, decimals) = match flaw {
+        Flaw::Darker => (darker_percent, 1),
+        Flaw::Brighter => (brighter_percent, 1),
+        Flaw::Bright => (settings.max_bright_percent(), 1),
+        Flaw::Moved => (settings.max_moved_px(), 1),
+        Flaw::Focus => (MIN_SHARPNESS, 2),
+        Flaw::Flicker => (0.0, 1),
+        Flaw::Frozen | Flaw::OutlineDisagrees => (0.0, 0),
+        Flaw::Outline => (MIN_OUTLINE_SEEN_PERCENT, 0),
+    };
+    let [worst, limit] = distinguishable_texts(worst, limit, decimals);
+    match flaw {
+        Flaw::Darker => {
+            format!(
+                "the light is up to {worst} % weaker than in the dry picture (limit {limit} %); keep the lamp \
+                 steady"
+            )
+        }
+        Flaw::Brighter => format!(
+            "the light is up to {worst} % stronger than in the dry picture (limit {limit} %; beyond it, a film \
+             that broke everywhere cannot be excluded); keep the lamp steady and shield other light"
+        ),
+        Flaw::Flicker => format!(
+            "the light varies by {worst} % from picture to picture while the surroundings of the panel became much \
+             darker or brighter; it is unknown whether lamp or water caused this; set the exposure to a multiple \
+             of 10 ms for 50 Hz mains or of 8.33 ms for 60 Hz, or use a lamp that does not flicker"
+        ),
+        Flaw::Bright => format!("up to {worst} % of the region is overexposed (limit {limit} %)"),
+        Flaw::Moved => {
+            format!("the panel is up to {worst} px from its position in the first picture (limit {limit} px)")
+        }
+        Flaw::Focus => format!(
+            "the sharpness of the panel's edge falls to {worst} of its first value (at least {limit} is needed)"
+        ),
+        Flaw::Outline => format!(
+            "only {worst} % of the panel's outline is visible (at least {limit} % are needed), so a movement of \
+             the panel cannot be detected; use surroundings with more contrast to the panel, in any colour"
+        ),
+        Flaw::OutlineDisagrees => {
+            "the visible parts of the panel's outline do not agree on its position, so a movement of the panel \
+             cannot be detected; use surroundings with more contrast to the panel, in any colour"
+                .to_owned()
+        }
+        Flaw::Frozen => {
+            "the picture is bit-identical to the picture before; the camera's image stream is frozen".to_owned()
+        }
+    }
 }

@@ -1,11 +1,9 @@
 //! The gate of a clip that is recorded to set up lamp, camera and recipe. It checks whether the light and the method's
 //! settings are suitable for the test. The findings are addressed to a person.
 
-use super::advice::Advice;
-use super::film_advice::GridContrast;
-use super::gate::{MIN_CHANGE_TO_NOISE, name};
+use super::advice::{Advice, GridContrast};
+use super::gate::{MIN_CHANGE_TO_NOISE, name, too_coarse};
 use super::observed::Demands;
-use super::place::too_coarse;
 use panelprep_base::number_text::{distinguishable_texts, fixed_decimals};
 use panelprep_base::verdict::{Check, LimitSource, Reason, Severity};
 use panelprep_cell::panel::GridId;

@@ -1,18 +1,19 @@
 //! The running test: accepts pictures one by one.
 
-use super::film::NOT_BROKEN;
 use super::footprint::{Footprint, InspectedPart};
+use super::gate::displaced_panel_reason;
 use super::model::{FilmParameters, MAX_FILM_S, MAX_PICTURES, Model};
 use super::observed::Demands;
-use super::place::displaced_panel_reason;
 use super::quality::Quality;
 use super::steady::DryOutline;
+use super::thesis::NOT_BROKEN;
 use super::{InspectError, thesis};
 use panelprep_base::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
 use panelprep_base::phase::Phase;
 use panelprep_base::verdict::Reason;
 use panelprep_cell::panel::{GridId, TaughtPanel};
-use panelprep_cell::recipe::{self, Method};
+use panelprep_cell::recipe;
+use panelprep_cell::recipe::Method;
 
 /// A panel in front of the camera that films it.
 #[derive(Debug, Clone, Copy)]

@@ -25,14 +25,22 @@
 //! middle of the gap for three seconds and did not break; such a look never becomes another look of the film.
 //!
 //! Most of a panel is film and stays film: a block that contains only such pixels is skipped.
+//!
+//! A place that is as bright as the dry panel must have the dry panel's colour, too. A film that mirrors something
+//! white adds the same amount to each channel. On a coloured panel such a place may be as bright as the dry one and
+//! not have its colour. With the channels' levels s, the dry ones d, the lamp's tint t and the place's own light r,
+//!     e = s − r t d,  r = Σ s / Σ t d,        of the dry colour:  max e − min e ≤ 6 levels + max d / 16.       (3)
+//! The bound is four times a camera's noise. On a grey panel (3) always holds: colour gives no information there.
 
 #![allow(unsafe_code, reason = "multiversion's dispatch; nothing here is unsafe by itself")]
 
 use super::kernel::{
-    BLOCK_PX, BROKE, BUSY, Block, EVER_WET_FLAG, INSIDE, LEVEL, LOOK_MASK, MOVED_FLAG, NEW_BREAK_FLAG, NO_DRY_FLAG,
-    OPEN_FLAG, OVEREXPOSED, STEPPED_FLAG, apply_gain, choose, mask, multiply_high,
+    BLOCK_PX, BROKE, BUSY, Block, CELL_PX, EVER_WET_FLAG, INSIDE, LEVEL, LOOK_MASK, MOVED_FLAG, NEW_BREAK_FLAG,
+    NO_DRY_FLAG, OPEN_FLAG, OVEREXPOSED, STEPPED_FLAG, apply_gain, choose, mask, multiply_high,
 };
+use super::light::TileLight;
 use multiversion::multiversion;
+use std::ops::Range;
 
 /// Times are counted in ticks; this is the number of ticks per second.
 pub const TICKS_PER_SECOND: f64 = 64.0;
@@ -335,4 +343,94 @@ pub fn judge(observed: BlockObservation<'_>, known: BlockState<'_>, rule: &Class
         wet_look_since: anchored,
     };
     any & NEW_BREAK_FLAG > 0
+}
+
+/// A row of tiles.
+pub struct TileRow<'a> {
+    /// The number of blocks in each row of the band.
+    pub columns: usize,
+    pub current: &'a [Block],
+    /// The picture before.
+    pub previous: &'a [Block],
+    pub dry: &'a [Block],
+    pub state: &'a mut [Block],
+    pub wet: &'a mut [Block],
+    pub past: &'a mut [BlockHistory],
+    /// For each row, the blocks with pixels of the region.
+    pub inside: &'a [Range<usize>],
+}
+
+impl TileRow<'_> {
+    /// Judges the pixels of the band; `index` is the number of its row of tiles. Returns the pixels that broke now, as
+    /// indices of the band.
+    pub fn judge(&mut self, light: &TileLight, index: usize, rule: &ClassifyParameters) -> Vec<usize> {
+        let columns = self.columns;
+        let gains = light.blocks_q12(index);
+        let bare = light.bare_light_q12(&gains);
+        // The rows of a cell share one row of gains.
+        let cells = |at: usize| at / columns / CELL_PX * columns + at % columns;
+        let mut found = Vec::new();
+        for (row, inside) in self.inside.iter().enumerate() {
+            let part = row * columns + inside.start..row * columns + inside.end;
+            let lights = row / CELL_PX * columns + inside.start..row / CELL_PX * columns + inside.end;
+            let blocks = BlockRow {
+                current: &self.current[part.clone()],
+                dry: &self.dry[part.clone()],
+                state: &self.state[part.clone()],
+                wet: &self.wet[part.clone()],
+                gain_q12: &gains[lights.clone()],
+                light_q12: &bare[lights],
+            };
+            disturbed_blocks(part.start, blocks, rule, &mut found);
+        }
+        let mut broke = Vec::new();
+        for at in found {
+            let observed = BlockObservation {
+                current: &self.current[at],
+                previous: &self.previous[at],
+                dry: &self.dry[at],
+                gain_q12: &gains[cells(at)],
+                light_q12: &bare[cells(at)],
+            };
+            let known = BlockState { state: &mut self.state[at], wet: &mut self.wet[at], past: &mut self.past[at] };
+            if judge(observed, known, rule) {
+                let new = (0..BLOCK_PX).filter(|&i| self.state[at][i] & NEW_BREAK_FLAG > 0);
+                broke.extend(new.map(|i| at * BLOCK_PX + i));
+            }
+        }
+        broke
+    }
+}
+
+/// The error in (3) that noise causes, in grey levels and as a fraction of the brightest channel.
+const NOISE_LEVELS: f64 = 6.0;
+const NOISE_SHARE: f64 = 1.0 / 16.0;
+
+/// Returns the result of (3) for a place's channels now and when it was dry.
+pub(super) fn has_dry_colour_ratio(now: [u8; 3], dry: [u8; 3], tint: [f64; 3]) -> bool {
+    let [now, dry] = [now, dry].map(|rgb| rgb.map(f64::from));
+    let lit: [f64; 3] = std::array::from_fn(|i| tint[i] * dry[i]);
+    let light = now.iter().sum::<f64>() / lit.iter().sum::<f64>().max(1.0);
+    let off: [f64; 3] = std::array::from_fn(|i| now[i] - light * lit[i]);
+    let [most, least] = [f64::max, f64::min].map(|of| off.into_iter().reduce(of).unwrap_or(0.0));
+    most - least <= NOISE_LEVELS + NOISE_SHARE * dry.into_iter().fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: a film changes a red primer of (100, 35, 35) to (58, 13, 13). With 25 levels of a white reflection
+    /// it is (83, 38, 38), r = 159/170, e = −10.5, 5.3, 5.3. The distance is 15.8 (limit 12.25). On grey the
+    /// same film has no other colour.
+    #[test]
+    fn a_white_reflection_on_red_has_not_the_dry_colour() {
+        let red = [100, 35, 35];
+        let none = [1.0; 3];
+        assert!(has_dry_colour_ratio([103, 34, 37], red, none) && has_dry_colour_ratio([80, 28, 28], red, none));
+        assert!(!has_dry_colour_ratio([83, 38, 38], red, none));
+        assert!(has_dry_colour_ratio([57; 3], [57; 3], none));
+        // A lamp that is now a fifth redder turns dry red into (120, 35, 35).
+        assert!(has_dry_colour_ratio([120, 35, 35], red, [1.2, 1.0, 1.0]));
+    }
 }

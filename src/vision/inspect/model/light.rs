@@ -9,8 +9,14 @@
 //! If the surroundings of the panel show the lamp, its change is removed from the looks before ([`super::lamp`]). A
 //! remaining loss of light is a shadow, and a remaining gain is a film that thins out: on a bare place the light is
 //! never more than the lamp's.
+//!
+//! Tiles and blocks that contain no pixel of the region are skipped. Each tile is evaluated in one channel, or in the
+//! mean of the channels: if water darkens or mirrors one channel more than the others, that channel distinguishes film
+//! from a bare place best, relative to its noise. The first wet picture decides for each tile; a tile without a dry
+//! look of its own uses the mean.
 
-use super::kernel::{BLOCK_PX, Block, CELL_PX, CELLS, Sum};
+use super::kernel::{BLOCK_PX, Block, CELL_PX, CELLS, INSIDE, LEVEL, Sum};
+use std::ops::Range;
 
 /// A tile's side, px.
 pub const TILE_PX: usize = BLOCK_PX;
@@ -156,6 +162,116 @@ fn weighted_median(sorted: &[(f64, u32)]) -> Option<f64> {
         .map(|(value, _)| *value)
 }
 
+/// A larger difference gives no more information, levels.
+const MAX_LEVELS: f64 = 40.0;
+/// A single channel is chosen only if it is better than the mean by this factor, because each tile decides from a few
+/// hundred noisy pixels.
+const MIN_CHANNEL_GAIN: f64 = 1.1;
+
+/// The weights of the channels in each view that may be chosen, and the ratio of its noise to the noise of one
+/// channel.
+#[derive(Debug, Clone)]
+pub struct Views {
+    weights: Vec<([f64; 3], f64)>,
+    columns: usize,
+    /// The view that each tile uses.
+    pub chosen: Vec<usize>,
+}
+
+impl Views {
+    /// Creates the views: first the mean with the recipe's weights, then each channel that counts in this mean.
+    pub fn new(channel_weights: [f64; 3], columns: usize, tiles: usize) -> Self {
+        let sum: f64 = channel_weights.iter().sum();
+        let mean = channel_weights.map(|weight| weight / sum);
+        let surer = |weights: [f64; 3]| 1.0 / weights.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
+        let one = |i: usize| std::array::from_fn(|channel| f64::from(u8::from(channel == i)));
+        let channels = (0..3).filter(|&i| mean[i] > 0.0).map(|i| (one(i), 1.0));
+        let weights = std::iter::once((mean, surer(mean))).chain(channels).collect();
+        Views { weights, columns, chosen: vec![0; tiles] }
+    }
+
+    /// Chooses the view of each tile from the change from dry to wet in some of the region's pixels. `changes`
+    /// contains each pixel's block and its change in each channel.
+    pub fn choose(&mut self, changes: impl Iterator<Item = (usize, [f64; 3])>) {
+        let mut said = vec![vec![0.0_f64; self.weights.len()]; self.chosen.len()];
+        for (block, change) in changes {
+            for (said, (weights, surer)) in said[self.tile_of(block)].iter_mut().zip(&self.weights) {
+                let change: f64 = (0..3).map(|i| weights[i] * change[i]).sum();
+                *said += surer * change.abs().min(MAX_LEVELS);
+            }
+        }
+        for (chosen, said) in self.chosen.iter_mut().zip(said) {
+            let best = (0..said.len()).fold(0, |best, view| if said[view] > said[best] { view } else { best });
+            *chosen = if said[best] > MIN_CHANNEL_GAIN * said[0] { best } else { 0 };
+        }
+    }
+
+    /// Returns the tile of a block.
+    pub fn tile_of(&self, block: usize) -> usize {
+        block / self.columns / TILE_PX * self.columns + block % self.columns
+    }
+
+    /// Returns the number of views.
+    pub fn count(&self) -> usize {
+        self.weights.len()
+    }
+
+    /// Returns the variance of a view's noise, from the variance of one channel and that of the mean of all three
+    /// with equal weights.
+    pub fn variance(&self, view: usize, of_channel: f64, of_mean: f64) -> f64 {
+        let squares = self.weights[view].0.iter().map(|weight| weight * weight).sum::<f64>();
+        if squares > 0.99 { of_channel } else { of_mean * 3.0 * squares }
+    }
+
+    /// Returns the weights of a view in light that is brighter by these gains; with these weights, the look is the
+    /// same as in the dry picture's light.
+    pub fn weights(&self, view: usize, gains: [f64; 3]) -> [u16; 3] {
+        std::array::from_fn(|i| (self.weights[view].0[i] / gains[i] * f64::from(LEVEL)).round() as u16)
+    }
+}
+
+/// Returns the number of columns of tiles, and of blocks, in this many pixels.
+pub fn columns(width: usize) -> usize {
+    width.div_ceil(BLOCK_PX)
+}
+
+/// Every nth row is used to estimate the light, and every nth the overexposed share: thousands of pixels remain.
+pub(super) const LIGHT_ROW_STRIDE: usize = 2;
+pub(super) const EXPOSED_ROW_STRIDE: usize = 4;
+
+/// The region's pixels in the tiles and blocks of a window.
+#[derive(Debug)]
+pub struct Region {
+    /// For each tile, the number of its pixels in the rows that are used for the light.
+    pub inside: Vec<u32>,
+    /// For each row, the blocks from the first to the last that contain a pixel of the region.
+    pub rows: Vec<Range<usize>>,
+    /// The number of the region's pixels in the rows that are used for the overexposed share.
+    pub exposed_of: u32,
+}
+
+impl Region {
+    /// Determines the region from the states of the blocks, with `columns` blocks in a row.
+    pub fn from_blocks(kept: &[Block], columns: usize) -> Self {
+        let count = |block: &Block| block.iter().filter(|state| **state & INSIDE > 0).count() as u32;
+        let counts: Vec<u32> = kept.iter().map(count).collect();
+        let row = |row: &[u32]| {
+            let first = row.iter().position(|count| *count > 0);
+            let last = row.iter().rposition(|count| *count > 0);
+            first.zip(last).map_or(0..0, |(first, last)| first..last + 1)
+        };
+        let tile = |tile: usize| {
+            let (row, column) = (tile / columns * TILE_PX, tile % columns);
+            (row..row + TILE_PX).step_by(LIGHT_ROW_STRIDE).map(|row| counts[row * columns + column]).sum()
+        };
+        Region {
+            inside: (0..counts.len() / TILE_PX).map(tile).collect(),
+            rows: counts.chunks(columns).map(row).collect(),
+            exposed_of: counts.chunks(columns).step_by(EXPOSED_ROW_STRIDE).flatten().sum(),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -209,5 +325,21 @@ mod tests {
         let blocks = light.blocks_q12(0);
         let cells = blocks[..2].as_flattened().iter().step_by(CELL_PX).map(|gain| gain / 64);
         assert_eq!(cells.collect::<Vec<u16>>(), [64, 64, 72, 88, 104, 120, 128, 128]);
+    }
+
+    /// By hand: the mean of three equal channels has 1/√3 of the noise. A change of 30 in only one channel is 10 in
+    /// the mean, 17 relative to the mean's noise: the tile uses the channel. A change of 20 in each channel is 20
+    /// in the mean, 35 relative to its noise.
+    #[test]
+    fn a_tile_looks_at_what_changes_most_against_its_noise() {
+        let chosen = |change: [f64; 3], weights: [f64; 3]| {
+            let mut views = Views::new(weights, 1, 1);
+            views.choose((0..100).map(|row| (row % 32, change)));
+            views.weights(views.chosen[0], [1.0; 3])
+        };
+        assert_eq!(chosen([0.0, 0.0, -30.0], [1.0; 3]), [0, 0, 64]);
+        assert_eq!(chosen([20.0; 3], [1.0; 3]), [21, 21, 21]);
+        assert_eq!(chosen([0.0, 0.0, 30.0], [0.5, 0.5, 0.0]), [32, 32, 0], "a channel that the recipe leaves out");
+        assert_eq!(Views::new([1.0; 3], 1, 1).weights(1, [2.0, 1.0, 1.0]), [32, 0, 0]);
     }
 }

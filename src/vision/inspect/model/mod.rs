@@ -6,47 +6,35 @@
 //!
 //! Each pixel is compared with its own wet look w, learnt from the first second of the film, and with its own dry look
 //! d, if it still has one: a place that was sanded since the dry picture has none ([`classify`]). Film may be darker
-//! than the dry panel or brighter, by place and by channel ([`views`]). All limits are multiples of the clip's own
+//! than the dry panel or brighter, by place and by channel ([`light`]). All limits are multiples of the clip's own
 //! noise ([`noise`]). The lamp's light is measured around the panel and removed from each picture ([`lamp`]). Shadows
 //! and a film that thins out are measured on the film itself and removed tile by tile ([`light`]).
 //!
 //! Memory is fixed: about 28 bytes for each pixel of the window. The model does not know grids or verdicts.
 
 mod answers;
-mod band;
 mod classify;
-mod colour;
-mod flicker;
 mod kernel;
 mod lamp;
 mod light;
-mod measurement;
 mod noise;
-mod region;
-mod sensor;
 mod shimmer;
 #[cfg(test)]
 mod tests;
-mod views;
 
 use super::footprint::Window;
-use band::TileRow;
 pub use classify::REFLECTION_TIME_S;
-use classify::{BlockHistory, ClassifyParameters, TICKS_PER_SECOND};
-use colour::has_dry_colour_ratio;
+use classify::{BlockHistory, ClassifyParameters, TICKS_PER_SECOND, TileRow, has_dry_colour_ratio};
 use kernel::{
     BLOCK_PX, BROKE, Block, EVER_WET_FLAG, INSIDE, LEVEL, LOOK_MASK, NEW_BREAK_FLAG, NO_DRY_FLAG, OPEN_FLAG,
     OVEREXPOSED, RowSelection, Sum,
 };
 use lamp::{LampGain, LampObserver};
-use light::{TILE_PX, TileLight};
-pub use measurement::PictureMeasurement;
+use light::{EXPOSED_ROW_STRIDE, LIGHT_ROW_STRIDE, Region, TILE_PX, TileLight, Views};
 use noise::Noise;
 use panelprep_base::geometry::ColorPicture;
 use rayon::prelude::*;
-use region::{EXPOSED_ROW_STRIDE, LIGHT_ROW_STRIDE, Region};
 pub use shimmer::{DIFFERENCES, Shimmer};
-use views::Views;
 
 /// Accepted ratios of a film's brightness, lowest and highest, 1/1024: first pass …
 const FIRST_PASS_RATIO_Q10: [u16; 2] = [512, 1331];
@@ -130,7 +118,7 @@ impl Model {
     /// Creates a model of the window's pixels for which `inside` is true. Those that are `sanded` no longer have a
     /// dry look of their own.
     pub fn new(window: Window, inside: &[bool], sanded: &[bool], terms: FilmParameters) -> Self {
-        let columns = views::columns(window.width);
+        let columns = light::columns(window.width);
         let tile_rows = window.height.div_ceil(TILE_PX);
         let blocks = columns * tile_rows * TILE_PX;
         let mut state = vec![[0; BLOCK_PX]; blocks];
@@ -493,4 +481,23 @@ impl Model {
 /// Converts a share below 1 to units of 1/65536.
 fn to_q16(share: f64) -> u16 {
     (share * 65_536.0).round().min(65_535.0) as u16
+}
+
+/// The measurements of one picture.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PictureMeasurement {
+    /// The light relative to the dry picture: the lamp's light if it is known, otherwise the median over the
+    /// region's film.
+    pub light: f64,
+    /// Whether `light` is the lamp's light.
+    pub is_lamp_known: bool,
+    /// The share of the region that is overexposed.
+    pub overexposed: f64,
+    /// Whether the picture is bit-equal to the previous one: the camera sends one picture again and again.
+    pub frozen: bool,
+    /// τ, measured or assumed.
+    pub film_transmission: f64,
+    /// The flicker of the lamp, percent, if it is not known whether the lamp or water changed the surroundings;
+    /// otherwise 0.
+    pub flicker_percent: f64,
 }

@@ -1,9 +1,9 @@
 //! Detects whether water moves on a place that has no dry look of its own.
 //!
-//! A film is never completely still: it runs off, carries waves and thins out. Let s be the look of a place and w its wet
-//! look. Let x₁, x₂, … be the means of s/w over a square of 4 × 4 px and spans of a second with n₁, n₂, … pictures.
-//! Let σ be the sensor's noise in such a square, measured beside the panel, where no water moves ([`super::sensor`]).
-//! Then
+//! A film is never completely still: it runs off, carries waves and thins out. Let s be the look of a place and w its
+//! wet look. Let x₁, x₂, … be the means of s/w over a square of 4 × 4 px and spans of a second with n₁, n₂, …
+//! pictures. Let σ be the sensor's noise in such a square, measured beside the panel, where no water moves
+//! ([`super::noise`]). Then
 //!     z = (x₁ − 2 x₂ + x₃) / ((σ/w) √(1/n₁ + 4/n₂ + 1/n₃)).                                                     (1)
 //! Over places that are still, z has the variance 1. The part that neighbours have in common comes from the light, and
 //! second differences cancel the change of a place that dries steadily. A shadow or a glint that passes a still place
